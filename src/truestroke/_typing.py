@@ -1,0 +1,7 @@
+"""Types that the whole package shares."""
+
+import numpy as np
+import numpy.typing as npt
+
+FloatArray = npt.NDArray[np.float64]
+"""An array of float64; its shape and unit are said where it is used."""

@@ -1,0 +1,314 @@
+"""The adaptive inverse controller (Sec. 3, Fig. 5): `command`, then `adapt`, once a tick. The C kernel does the work."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from truestroke import _check, _kernel, _kernel32
+from truestroke._check import SettingError
+from truestroke._typing import FloatArray
+from truestroke.settings import ControllerSettings
+
+State = Mapping[str, npt.NDArray[Any]]
+
+
+class Controller(Protocol):
+    """Whatever can be in the loop: a command before the tick, a measurement after it."""
+
+    def command(self, z_d: float, zdot_d: float) -> float:
+        """Voltage (V) for the desired displacement (um) and velocity (um/s) of this tick."""
+
+    def adapt(self, z_measured: float, ago: int = 0) -> None:
+        """Learn from the displacement (um) that answered the command `ago` commands before the last one."""
+
+
+@dataclass(frozen=True, slots=True)
+class Flags:
+    """What happened in the last tick.
+
+    Attributes
+    ----------
+    saturated : bool
+        The command met a voltage limit.
+    projected : bool
+        A partial slope was lifted to `slope_min`, so that the inverse is defined.
+    rejected : bool
+        The measurement was NaN, infinite or too late, and was not used.
+    held : bool
+        Adaptation is on hold.
+    """
+
+    saturated: bool
+    projected: bool
+    rejected: bool
+    held: bool
+
+    @classmethod
+    def from_bits(cls, bits: int) -> Flags:
+        """From the bit mask of a recording: 1 saturated, 2 projected, 4 rejected, 8 held."""
+        return cls(bool(bits & 1), bool(bits & 2), bool(bits & 4), bool(bits & 8))
+
+
+@dataclass(frozen=True, slots=True)
+class Counters:
+    """How often it happened since the start or the last reset: ticks, by kind."""
+
+    commands: int
+    adaptations: int
+    saturated: int
+    projected: int
+    rejected: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Diagnostics:
+    """What the controller believes after the last tick.
+
+    Attributes
+    ----------
+    innovation : float
+        e_m of (15): what the measurement said beyond the model, um.
+    weights : ndarray, shape (2 n,)
+        w = [a0, b0, a1, b1, ...] of (21), um/V.
+    partial_slopes : ndarray, shape (n,)
+        Slopes of the hysteresis branches at the last rate, as the inverse used them, um/V.
+    play_states : ndarray, shape (n,)
+        Forward play states after the last command, V.
+    trace_P : float
+        Trace of the covariance, 1/V^2.
+    """
+
+    innovation: float
+    weights: FloatArray
+    partial_slopes: FloatArray
+    play_states: FloatArray
+    trace_P: float  # noqa: N815 (the paper's symbol)
+
+
+class AdaptiveController:
+    """Feedforward through the inverse of a rate-dependent hysteresis model that learns while it runs.
+
+    One tick is `command`, the actuator, `adapt`::
+
+        x(t)   = Gamma^-1[z_d, zdot_d](t)                      (9)-(12)
+        e_m(t) = w_s'.S_d'[z_a] - w.u(t)                       (15)
+        w     += mu e_m,  P = (P - mu u'P) / lambda            (23)
+
+    Parameters
+    ----------
+    sample_rate : float
+        Ticks per second, Hz.
+    stroke : float
+        Length of the travel that is asked for, um.
+    voltage_limits : tuple[float, float]
+        Lowest and highest voltage that may leave, V at the D/A converter.
+    **settings
+        Any other member of `ControllerSettings`.
+
+    Raises
+    ------
+    SettingError
+        Names the setting, its value, the bound and the unit.
+
+    Examples
+    --------
+    A linear actuator of 10 um/V is learned in a few ticks:
+
+    >>> controller = AdaptiveController(sample_rate=2000.0, stroke=30.0, voltage_limits=(-0.6, 3.6))
+    >>> for tick in range(200):
+    ...     z_d = 15.0 + 10.0 * np.sin(0.05 * tick)
+    ...     volts = controller.command(z_d, 0.05 * 2000.0 * 10.0 * np.cos(0.05 * tick))
+    ...     controller.adapt(10.0 * volts)
+    >>> round(controller.command(20.0, 0.0), 3)
+    2.0
+    """
+
+    def __init__(
+        self, *, sample_rate: float, stroke: float, voltage_limits: tuple[float, float], **settings: Any
+    ) -> None:
+        known = ControllerSettings.__dataclass_fields__
+        for name, value in settings.items():
+            if name not in known:
+                raise SettingError(name, value, f"left out: there is no such setting; there are {', '.join(known)}")
+        self._start(
+            ControllerSettings(sample_rate=sample_rate, stroke=stroke, voltage_limits=voltage_limits, **settings)
+        )
+
+    @classmethod
+    def from_settings(cls, settings: ControllerSettings) -> AdaptiveController:
+        """A controller with these settings."""
+        controller = cls.__new__(cls)
+        controller._start(settings)
+        return controller
+
+    @classmethod
+    def paper(cls, *, sample_rate: float, stroke: float, voltage_limits: tuple[float, float]) -> AdaptiveController:
+        """The literal algorithm of the paper: the baseline that everything else is compared with.
+
+        8 plays, w(0) = [5, 0, ...], c_b = 0.007 s/um, recursive least squares with a fixed forgetting factor. Added
+        are only the guards without which it is not defined: partial slopes are lifted to `slope_min` in the inverse,
+        and P stops growing at `covariance_limit`.
+
+        Examples
+        --------
+        >>> controller = AdaptiveController.paper(sample_rate=2000.0, stroke=30.0, voltage_limits=(-0.6, 3.6))
+        >>> controller.command(10.0, 0.0)
+        2.0
+        """
+        return cls.from_settings(
+            ControllerSettings.paper(sample_rate=sample_rate, stroke=stroke, voltage_limits=voltage_limits)
+        )
+
+    def _start(self, settings: ControllerSettings) -> None:
+        self.settings = settings
+        kernel = _kernel.Kernel if settings.precision == "double" else _kernel32.Kernel
+        self._kernel = kernel(
+            thresholds=list(settings.thresholds),
+            dead_zone_thresholds=list(settings.dead_zone_thresholds),
+            dead_zone_weights=list(settings.dead_zone_weights),
+            initial_weights=list(settings.initial_weights),
+            rate_scale=settings.rate_scale,
+            forgetting=settings.forgetting,
+            regularization=settings.regularization,
+            covariance_limit=settings.covariance_limit,
+            slope_min=settings.slope_min,
+            voltage_min=settings.voltage_limits[0],
+            voltage_max=settings.voltage_limits[1],
+        )
+
+    def command(self, z_d: float, zdot_d: float) -> float:
+        """Voltage for this tick; the forward play states advance.
+
+        Parameters
+        ----------
+        z_d : float
+            Desired displacement, um.
+        zdot_d : float
+            Desired velocity, um/s.
+
+        Returns
+        -------
+        float
+            Voltage at the D/A converter, V, within `voltage_limits`.
+
+        Raises
+        ------
+        ValueError
+            z_d or zdot_d is NaN or infinite; nothing has changed.
+        """
+        return self._kernel.command(z_d, zdot_d)
+
+    def adapt(self, z_measured: float, ago: int = 0) -> None:
+        """Learn from a measurement; it may be left out for a tick.
+
+        Parameters
+        ----------
+        z_measured : float
+            Displacement, um, the mean over the tick. NaN and infinity are rejected, flagged and counted.
+        ago : int
+            How many commands were issued after the one that this measurement answers, 0 to 63. Measurements come in
+            the order of their commands; one that is older than a measurement already used is rejected.
+        """
+        self._kernel.adapt(z_measured, ago)
+
+    def process(
+        self,
+        z_d: npt.ArrayLike,
+        zdot_d: npt.ArrayLike,
+        z_measured: npt.ArrayLike | None = None,
+        *,
+        ago: int = 0,
+    ) -> FloatArray:
+        """A block of ticks: `command`, then `adapt` with the measurement that came in at that tick, for each of them.
+
+        Parameters
+        ----------
+        z_d, zdot_d : array_like, shape (ticks,)
+            Desired displacement, um, and velocity, um/s.
+        z_measured : array_like, shape (ticks,), optional
+            Measurements, um; each answers the command `ago` ticks before its own. Left out: commands alone.
+        ago : int
+            Latency between a command and its measurement, ticks, 0 to 63.
+
+        Returns
+        -------
+        ndarray, shape (ticks,)
+            Voltages, V.
+        """
+        z_d, zdot_d = _check.finite_array("z_d", z_d, "um"), _check.finite_array("zdot_d", zdot_d, "um/s")
+        volts = np.empty_like(z_d)
+        measured = None if z_measured is None else np.ascontiguousarray(z_measured, dtype=np.float64)
+        self._kernel.process(np.ascontiguousarray(z_d), np.ascontiguousarray(zdot_d), measured, volts, ago)
+        return volts
+
+    def hold(self) -> None:
+        """Stop adapting; commands go on with the weights as they are."""
+        self._kernel.hold(True)
+
+    def resume(self) -> None:
+        """Adapt again."""
+        self._kernel.hold(False)
+
+    def reset(self) -> None:
+        """Back to the first tick: plays at 0 V, w(0), P(0), counters at zero."""
+        self._kernel.reset()
+
+    def state(self) -> dict[str, npt.NDArray[Any]]:
+        """Everything that a tick leaves behind, as named arrays, for `restore`.
+
+        A run that is interrupted, saved with ``np.savez(file, **controller.state())``, restored and continued is
+        equal to the last bit to one that was not.
+        """
+        return self._kernel.state()
+
+    def restore(self, state: State) -> None:
+        """Take over a state that `state` gave, of a controller with the same settings.
+
+        Raises
+        ------
+        ValueError
+            An entry is missing, has another size, or is not finite; nothing has changed.
+        """
+        self._kernel.restore({name: np.ascontiguousarray(value) for name, value in state.items()})
+
+    @property
+    def weights(self) -> FloatArray:
+        """w = [a0, b0, a1, b1, ...] of (21), shape (2 n,), um/V."""
+        return np.asarray(self._kernel.weights(), dtype=np.float64)
+
+    @property
+    def innovation(self) -> float:
+        """e_m of (15) at the last measurement, um."""
+        return self._kernel.innovation()
+
+    @property
+    def flag_bits(self) -> int:
+        """The flags of the last tick as a bit mask: 1 saturated, 2 projected, 4 rejected, 8 held."""
+        return self._kernel.flags()
+
+    @property
+    def flags(self) -> Flags:
+        """The flags of the last tick."""
+        return Flags.from_bits(self._kernel.flags())
+
+    @property
+    def counters(self) -> Counters:
+        """How many ticks of each kind there were."""
+        return Counters(*self._kernel.counters())
+
+    @property
+    def diagnostics(self) -> Diagnostics:
+        """What the controller believes after the last tick; a copy, so that it stays as it is."""
+        arrays = [
+            np.asarray(a, dtype=np.float64)
+            for a in (self._kernel.weights(), self._kernel.slopes(), self._kernel.play())
+        ]
+        for array in arrays:
+            array.flags.writeable = False
+        weights, slopes, play = arrays
+        return Diagnostics(self._kernel.innovation(), weights, slopes, play, self._kernel.trace())

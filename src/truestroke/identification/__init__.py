@@ -1,0 +1,1 @@
+"""Weights from a record of voltage and displacement."""

@@ -1,0 +1,1 @@
+"""Simulated actuators: what the controller does not know."""
