@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -67,10 +68,10 @@ def count(argument: str, value: object, low: int, high: int) -> int:
     return int(result)
 
 
-def interval(argument: str, value: object, unit: str = "") -> tuple[float, float]:
+def interval(argument: str, value: Any, unit: str = "") -> tuple[float, float]:
     """Two finite numbers, the first below the second."""
     try:
-        first, second = value  # type: ignore[misc]
+        first, second = value
     except (TypeError, ValueError):
         raise SettingError(argument, repr(value), "a pair (low, high)", unit) from None
     low, high = number(argument, first, unit), number(argument, second, unit)

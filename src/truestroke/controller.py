@@ -1,4 +1,4 @@
-"""The adaptive inverse controller (Sec. 3, Fig. 5): `command`, then `adapt`, once a tick. The C kernel does the work."""
+"""The adaptive inverse controller (Sec. 3, Fig. 5): `command`, then `adapt`, once a tick, in the C kernel."""
 
 from __future__ import annotations
 
