@@ -1,0 +1,31 @@
+"""What an actuator tells about its timing when it is opened."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from truestroke import _check
+
+
+@dataclass(frozen=True, kw_only=True)
+class Timing:
+    """How commands and measurements follow each other.
+
+    Attributes
+    ----------
+    sample_rate : float
+        Ticks per second, Hz.
+    block : int
+        Ticks that one exchange moves, 1 to 63.
+    latency : int
+        Ticks between a command and the exchange position at which its measurement comes back, 0 to 63.
+    """
+
+    sample_rate: float
+    block: int = 1
+    latency: int = 0
+
+    def __post_init__(self) -> None:
+        _check.positive("sample_rate", self.sample_rate, "Hz")
+        _check.count("block", self.block, 1, 63)
+        _check.count("latency", self.latency, 0, 63)
