@@ -1,0 +1,71 @@
+"""Builds the wheel and uses it as a stranger would, on every supported Python that this machine has.
+
+Run by `make test`. With numpy alone beside it: `import truestroke` and a short loop. On the Python that runs this
+script also with all dependencies: the command itself.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+ROOT = Path(__file__).parent.parent
+SMOKE = """
+import sys, truestroke
+heavy = {"scipy", "h5py", "matplotlib", "rich", "click", "jinja2"} & set(sys.modules)
+assert not heavy, heavy
+c = truestroke.AdaptiveController(sample_rate=2000.0, stroke=30.0, voltage_limits=(-0.6, 3.6))
+for k in range(500):
+    c.adapt(10.0 * c.command(k % 30, 0.0))
+assert abs(10.0 * c.command(12.0, 0.0) - 12.0) < 1e-3
+print("truestroke", truestroke.__version__, "on Python", sys.version.split()[0], "with numpy alone")
+"""
+
+
+def run(*command: str | Path, **options) -> None:
+    subprocess.run([str(c) for c in command], check=True, stdin=subprocess.DEVNULL, **options)
+
+
+def pythons() -> dict[str, str]:
+    """Version -> executable: this one, and others on the PATH or of pyenv that start."""
+    found = {f"{sys.version_info.major}.{sys.version_info.minor}": sys.executable}
+    for version in ("3.11", "3.12", "3.13"):
+        candidates = [shutil.which(f"python{version}")]
+        candidates += [str(p) for p in (Path.home() / ".pyenv/versions").glob(f"{version}.*/bin/python")]
+        for candidate in filter(None, candidates):
+            works = subprocess.run([candidate, "-c", "import venv, ensurepip"], capture_output=True).returncode == 0
+            if works and version not in found:
+                found[version] = candidate
+    return found
+
+
+def build(python: str, into: Path) -> Path:
+    """The wheel that pip builds from a clean copy of what git would give."""
+    run(python, "-m", "pip", "wheel", "--quiet", "--no-deps", "--wheel-dir", into, ROOT)
+    return next(into.glob("*.whl"))
+
+
+def main() -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        wheels: dict[str, Path] = {}
+        for version, python in sorted(pythons().items()):
+            tag = "cp311" if version == "3.11" else "abi3"
+            venv = Path(folder) / version
+            run(python, "-m", "venv", venv)
+            binary = venv / ("Scripts" if os.name == "nt" else "bin")
+            if tag not in wheels:
+                wheels[tag] = build(str(binary / "python"), Path(folder) / tag)
+            run(binary / "python", "-m", "pip", "install", "--quiet", "numpy")
+            run(binary / "python", "-m", "pip", "install", "--quiet", "--no-deps", wheels[tag])
+            run(binary / "python", "-W", "error", "-c", SMOKE, cwd=folder)
+            if python == sys.executable:
+                run(binary / "python", "-m", "pip", "install", "--quiet", wheels[tag])
+                run(binary / "truestroke", "track", "--duration", "2", "--output", Path(folder) / "run", cwd=folder)
+
+
+if __name__ == "__main__":
+    main()
