@@ -9,19 +9,62 @@ weights in um/V, time in s, rates in Hz. Equation numbers are those of Tan et al
 116-123.
 """
 
+import importlib
+from typing import TYPE_CHECKING, Any
+
 from truestroke._check import SettingError
 from truestroke.controller import AdaptiveController, Controller, Counters, Diagnostics, Flags
 from truestroke.settings import ControllerSettings
+from truestroke.timing import Timing
+
+if TYPE_CHECKING:
+    from truestroke import metrics, plant, trajectories
+    from truestroke.loop import Actuator, RunInterrupted, run
+    from truestroke.recording import Recording
+    from truestroke.trajectories import Trajectory
 
 __version__ = "0.1.0"
 
 __all__ = [
+    "Actuator",
     "AdaptiveController",
     "Controller",
     "ControllerSettings",
     "Counters",
     "Diagnostics",
     "Flags",
+    "Recording",
+    "RunInterrupted",
     "SettingError",
+    "Timing",
+    "Trajectory",
     "__version__",
+    "metrics",
+    "plant",
+    "run",
+    "trajectories",
 ]
+
+# Loaded when first used, so that a controller in a small process needs nothing else.
+_LAZY = {
+    "Actuator": "loop",
+    "RunInterrupted": "loop",
+    "run": "loop",
+    "Recording": "recording",
+    "Trajectory": "trajectories",
+}
+_LAZY_MODULES = ("metrics", "plant", "trajectories")
+
+
+def __getattr__(name: str) -> Any:
+    if name in _LAZY_MODULES:
+        return importlib.import_module(f"truestroke.{name}")
+    if name in _LAZY:
+        value = getattr(importlib.import_module(f"truestroke.{_LAZY[name]}"), name)
+        globals()[name] = value
+        return value
+    raise AttributeError(f"module 'truestroke' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -1,0 +1,250 @@
+"""The loop: command, exchange, adapt, tick after tick. The page to read first."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from datetime import UTC, datetime
+from typing import Any, Protocol
+
+import numpy as np
+
+from truestroke import _check
+from truestroke._check import SettingError
+from truestroke._typing import FloatArray
+from truestroke.controller import Controller
+from truestroke.recording import Channel, Recording, versions
+from truestroke.timing import Timing
+from truestroke.trajectories import Trajectory
+
+__all__ = ["Actuator", "RunInterrupted", "Timing", "run"]
+
+SLOW_PERIOD = 0.01  # s between two entries of the slow channels
+SLOW_CHANNELS = {
+    "weights": ("um/V", "w = [a0, b0, a1, b1, ...], (21)"),
+    "partial_slopes": ("um/V", "slopes of the hysteresis branches as the inverse used them"),
+    "trace_P": ("1/V^2", "trace of the covariance"),
+}
+REJECTED = 4  # of the flag bits, the one that `adapt` sets; the others are set by `command`
+
+
+class Actuator(Protocol):
+    """Whatever can be driven: simulated or real. Two calls.
+
+    A simulated one may also have `truth`, the noise-free counterpart of what the last exchange returned (um, same
+    shape), and any one `describe()`, a dict of its settings for the recording.
+    """
+
+    def open(self) -> Timing:
+        """Be ready, at rest, and tell the timing."""
+
+    def exchange(self, volts: FloatArray) -> FloatArray:
+        """Apply one voltage (V) a tick; return as many displacements (um, each the mean over a tick).
+
+        Shape (ticks,), ticks <= block; only the last block of a run may be shorter. Entry i belongs to the command
+        `latency` ticks before volts[i].
+        """
+
+
+class RunInterrupted(RuntimeError):  # noqa: N818 (it is no error that Ctrl-C ends a run)
+    """A run ended before its time; its cause is ``__cause__``.
+
+    Attributes
+    ----------
+    recording : Recording
+        The ticks that were completed.
+    """
+
+    def __init__(self, recording: Recording, cause: BaseException) -> None:
+        self.recording = recording
+        super().__init__(f"the run ended after {recording['time'].size} ticks: {type(cause).__name__} {cause}".rstrip())
+
+
+def run(
+    trajectory: Trajectory,
+    controller: Controller,
+    actuator: Actuator,
+    progress: Callable[[int, int], None] | None = None,
+) -> Recording:
+    """Follow a trajectory.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        Desired motion.
+    controller : Controller
+        Gives the voltages and learns from the measurements. It goes on from the state that it is in.
+    actuator : Actuator
+        Is opened, then moves a block of ticks at each exchange.
+    progress : callable, optional
+        Called as progress(ticks done, all ticks), about a hundred times.
+
+    Returns
+    -------
+    Recording
+        Entry k of each channel belongs to tick k, whatever block and latency are: time [s], desired [um],
+        desired_velocity [um/s], volts [V], measured [um], and what there is of true [um], innovation [um], flags
+        (bits: 1 saturated, 2 projected, 4 rejected, 8 held). Every 10 ms, with weights_time [s]: weights [um/V],
+        partial_slopes [um/V], trace_P [1/V^2]. Where no measurement came, or it was rejected, there is NaN.
+
+    Raises
+    ------
+    SettingError
+        The sample rates of trajectory, controller and actuator differ, or block and latency are too long.
+    RunInterrupted
+        Anything went wrong on the way, or Ctrl-C was pressed: it holds the recording so far.
+
+    Examples
+    --------
+    >>> from truestroke import AdaptiveController, trajectories
+    >>> class Spring:
+    ...     def open(self):
+    ...         return Timing(sample_rate=2000.0)
+    ...     def exchange(self, volts):
+    ...         return 10.0 * volts
+    >>> wave = trajectories.sine(frequency=8.0, peak_to_peak=20.0, duration=1.0)
+    >>> controller = AdaptiveController(sample_rate=2000.0, stroke=30.0, voltage_limits=(-0.6, 3.6))
+    >>> recording = run(wave, controller, Spring())
+    >>> error = recording["measured"] - recording["desired"]
+    >>> round(float(abs(error[1000:]).max()), 3)
+    0.0
+    """
+    timing = actuator.open()
+    _check_agreement(trajectory, controller, timing)
+    notes = _Notes(trajectory, controller, actuator, timing)
+    z_d, zdot_d, volts = trajectory.position.tolist(), trajectory.velocity.tolist(), notes.volts
+    command, adapt, latency = controller.command, controller.adapt, timing.latency
+    try:
+        for start in range(0, len(z_d), timing.block):
+            stop = min(start + timing.block, len(z_d))
+            for k in range(start, stop):
+                volts[k] = command(z_d[k], zdot_d[k])
+                notes.commanded(k)
+            measured = actuator.exchange(volts[start:stop])
+            for k, z in enumerate(notes.exchanged(start, stop, measured), start):
+                if k >= latency:  # what comes back before answers no command
+                    adapt(z, stop - 1 - k + latency)
+                    notes.adapted(k - latency)
+                if k % notes.stride == 0:
+                    notes.looked(k)
+            notes.done = stop
+            if progress and notes.is_hundredth(start, stop):
+                progress(stop, len(z_d))
+    except (Exception, KeyboardInterrupt) as error:
+        raise RunInterrupted(notes.recording(interrupted=repr(error)), error) from error
+    return notes.recording()
+
+
+def _check_agreement(trajectory: Trajectory, controller: Controller, timing: Timing) -> None:
+    settings = getattr(controller, "settings", None)
+    for whose, rate in (("actuator", timing.sample_rate), ("controller", getattr(settings, "sample_rate", None))):
+        if rate is not None and rate != trajectory.sample_rate:
+            raise SettingError(
+                "trajectory.sample_rate", trajectory.sample_rate, f"{rate} Hz, that of the {whose}", "Hz"
+            )
+    _check.count("block - 1 + latency", timing.block - 1 + timing.latency, 0, 63)  # `ago` of Controller.adapt
+
+
+class _Notes:
+    """What a run writes down; a measurement goes to the tick of the command that it answers."""
+
+    def __init__(self, trajectory: Trajectory, controller: Any, actuator: Any, timing: Timing) -> None:
+        self.trajectory, self.controller, self.actuator, self.timing = trajectory, controller, actuator, timing
+        self.created = datetime.now(UTC).isoformat(timespec="seconds")
+        self.done = 0
+        ticks = len(trajectory)
+        self.volts, self.measured, self.true, self.innovation = np.full((4, ticks), np.nan)
+        self.flags = np.zeros(ticks, np.uint8)
+        self.simulated = hasattr(actuator, "truth")
+        self.innovative = hasattr(controller, "innovation")
+        self.flagged = hasattr(controller, "flag_bits")
+        self.stride = max(1, round(SLOW_PERIOD * timing.sample_rate))
+        self.slow: list[Any] = []  # what the controller believed after tick 0, stride, 2 stride, ...
+
+    def commanded(self, k: int) -> None:
+        if self.flagged:
+            self.flags[k] = self.controller.flag_bits & ~REJECTED
+
+    def exchanged(self, start: int, stop: int, measured: FloatArray) -> list[float]:
+        if measured.shape != (stop - start,):
+            raise SettingError("exchange", f"array of shape {measured.shape}", f"of shape ({stop - start},)", "um")
+        latency = self.timing.latency
+        if stop > latency:
+            first = max(latency - start, 0)  # entries before it answer no command
+            self.measured[start + first - latency : stop - latency] = measured[first:]
+            if self.simulated:
+                self.true[start + first - latency : stop - latency] = self.actuator.truth[first:]
+        values: list[float] = measured.tolist()
+        return values
+
+    def adapted(self, k: int) -> None:
+        if self.flagged and self.controller.flag_bits & REJECTED:
+            self.flags[k] |= REJECTED
+        elif self.innovative:
+            self.innovation[k] = self.controller.innovation
+
+    def looked(self, k: int) -> None:
+        source = getattr(self.controller, "diagnostics", self.controller)
+        values = ((name, getattr(source, name, None)) for name in SLOW_CHANNELS)
+        self.slow.append({name: np.array(value, np.float64) for name, value in values if value is not None})
+
+    def is_hundredth(self, start: int, stop: int) -> bool:
+        """Whether another hundredth of the run was completed between these ticks."""
+        ticks = len(self.trajectory)
+        return 100 * stop // ticks > 100 * start // ticks
+
+    def recording(self, interrupted: str | None = None) -> Recording:
+        """Of the ticks that are done."""
+        channels = {
+            "time": Channel(self.trajectory.time, "s", "start of each tick"),
+            "desired": Channel(self.trajectory.position, "um", "desired displacement"),
+            "desired_velocity": Channel(self.trajectory.velocity, "um/s", "desired velocity"),
+            "volts": Channel(self.volts, "V", "command at the D/A converter"),
+            "measured": Channel(self.measured, "um", "measured displacement, mean over the tick"),
+        }
+        if self.simulated:
+            channels["true"] = Channel(self.true, "um", "displacement without sensor noise, mean over the tick")
+        if self.innovative:
+            channels["innovation"] = Channel(self.innovation, "um", "measurement beyond the model, (15)")
+        if self.flagged:
+            channels["flags"] = Channel(self.flags, "", "bits: 1 saturated, 2 projected, 4 rejected, 8 held")
+        channels = {name: dataclasses.replace(c, data=c.data[: self.done]) for name, c in channels.items()}
+        return Recording(channels | self._slow_channels(), self._metadata(interrupted))
+
+    def _slow_channels(self) -> dict[str, Channel]:
+        slow = self.slow[: -(-self.done // self.stride)]
+        names = [name for name in SLOW_CHANNELS if slow and name in slow[0]]
+        if not names:
+            return {}
+        time = self.trajectory.time[: self.done : self.stride]
+        return {"weights_time": Channel(time, "s", "start of the tick before the weights", "weights_time")} | {
+            name: Channel(np.array([entry[name] for entry in slow]), *SLOW_CHANNELS[name], "weights_time")
+            for name in names
+        }
+
+    def _metadata(self, interrupted: str | None) -> dict[str, Any]:
+        settings = getattr(self.controller, "settings", None)
+        return {
+            "created": self.created,
+            "interrupted": interrupted,
+            "trajectory": {
+                "name": self.trajectory.name,
+                "sample_rate": self.trajectory.sample_rate,
+                "ticks": len(self.trajectory),
+                "settings": self.trajectory.settings,
+            },
+            "controller": {"name": type(self.controller).__name__, "settings": _plain_settings(settings)},
+            "plant": {"name": type(self.actuator).__name__, "settings": _describe(self.actuator)},
+            "timing": dataclasses.asdict(self.timing),
+            "versions": versions(),
+        }
+
+
+def _plain_settings(settings: Any) -> Any:
+    if dataclasses.is_dataclass(settings) and not isinstance(settings, type):
+        return dataclasses.asdict(settings)
+    return settings
+
+
+def _describe(actuator: Any) -> dict[str, object]:
+    return actuator.describe() if hasattr(actuator, "describe") else {}

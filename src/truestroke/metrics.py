@@ -1,0 +1,336 @@
+"""How well it followed: figures of merit, each with its formula.
+
+The error of tick k is e(k) = z(k) - z_d(k): the mean displacement over the tick against the desired value of that tick.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from truestroke import _check
+from truestroke._check import SettingError
+from truestroke._typing import FloatArray
+
+WINDOW = 0.25  # s, over which convergence is judged
+
+
+class Labelled(Protocol):
+    """Arrays by name: a Recording, or a dict."""
+
+    def __getitem__(self, name: str, /) -> npt.NDArray[Any]: ...
+    def __contains__(self, name: object, /) -> bool: ...
+
+
+def rmse(desired: npt.ArrayLike, measured: npt.ArrayLike) -> float:
+    """Root mean square of the error, sqrt(mean of e^2), um.
+
+    Parameters
+    ----------
+    desired, measured : array_like, shape (ticks,)
+        um, finite.
+
+    Examples
+    --------
+    >>> round(rmse([0.0, 0.0], [3.0, 4.0]), 4)
+    3.5355
+    """
+    return float(np.sqrt(np.mean(_error(desired, measured) ** 2)))
+
+
+def maximum_error(desired: npt.ArrayLike, measured: npt.ArrayLike) -> float:
+    """Largest absolute error, max of abs(e), um.
+
+    Examples
+    --------
+    >>> maximum_error([0.0, 0.0], [3.0, -4.0])
+    4.0
+    """
+    return float(np.max(np.abs(_error(desired, measured))))
+
+
+def peak_to_peak(z: npt.ArrayLike) -> float:
+    """Highest minus lowest value, max z - min z, um.
+
+    Examples
+    --------
+    >>> peak_to_peak([1.0, -2.0, 0.5])
+    3.0
+    """
+    return float(np.ptp(_check.finite_array("z", z, "um")))
+
+
+def convergence_time(time: npt.ArrayLike, error: npt.ArrayLike) -> float | None:
+    """Time after which the error stays near what it ends with, s from the start.
+
+    The smallest t for which every window of 0.25 s that begins at t or later has
+    sqrt(mean of e^2 over the window) <= 2 sqrt(mean of e^2 over the second half).
+
+    Parameters
+    ----------
+    time, error : array_like, shape (ticks,)
+        s, evenly spaced, and um; at least four windows long.
+
+    Returns
+    -------
+    float or None
+        None if even the last window exceeds it: the error never settles.
+
+    Examples
+    --------
+    >>> time = np.arange(4000) / 1000.0
+    >>> convergence_time(time, np.where(time < 0.5, 8.0, 1.0))
+    0.489
+    """
+    time, error = _check.finite_array("time", time, "s"), _check.finite_array("error", error, "um")
+    if time.size != error.size:
+        raise SettingError("error", f"array of shape {error.shape}", f"of shape {time.shape}", "um")
+    duration = time.size * (time[-1] - time[0]) / max(time.size - 1, 1) if time.size else 0.0
+    if duration < 4 * WINDOW:
+        raise SettingError("time", f"{duration:g}", f"at least {4 * WINDOW:g} s long", "s")
+    window = round(WINDOW / duration * time.size)
+    squares = np.concatenate([[0.0], np.cumsum(error**2)])
+    limit = 4 * np.mean(error[time.size // 2 :] ** 2)
+    exceeds = np.flatnonzero((squares[window:] - squares[:-window]) / window > limit * (1 + 1e-9))
+    if not exceeds.size:
+        return 0.0
+    first = int(exceeds[-1]) + 1
+    return float(time[first] - time[0]) if first + window <= time.size else None
+
+
+def phase_lag(desired: npt.ArrayLike, measured: npt.ArrayLike, sample_rate: float, frequency: float) -> float:
+    """Angle by which `measured` comes after `desired` at one frequency, degrees in (-180, 180].
+
+    Each is projected on 1, cos(w t) and sin(w t) by least squares; with D and M the complex amplitudes,
+    lag = arg(D / M).
+
+    Parameters
+    ----------
+    desired, measured : array_like, shape (ticks,)
+        um; a period or more.
+    sample_rate, frequency : float
+        Hz.
+
+    Examples
+    --------
+    >>> t = np.arange(2000) / 2000.0
+    >>> round(phase_lag(np.sin(50 * t), np.sin(50 * t - 0.1), 2000.0, 50 / (2 * np.pi)), 4)
+    5.7296
+    """
+    desired, measured = _pair(desired, measured)
+    angle = (
+        2 * np.pi * _check.positive("frequency", frequency, "Hz") / _check.positive("sample_rate", sample_rate, "Hz")
+    )
+    if angle * desired.size < 2 * np.pi:
+        raise SettingError("desired", f"{desired.size} ticks", f"at least a period, {2 * np.pi / angle:g} ticks")
+    phase = angle * np.arange(desired.size)
+    basis = np.column_stack([np.ones_like(phase), np.cos(phase), np.sin(phase)])
+    fit = np.linalg.lstsq(basis, np.column_stack([desired, measured]), rcond=None)[0]
+    d, m = fit[1] - 1j * fit[2]
+    return float(np.degrees(np.angle(d * np.conj(m))))
+
+
+def delay(desired: npt.ArrayLike, measured: npt.ArrayLike, sample_rate: float, longest: float = 50.0) -> float:
+    """Time by which `measured` comes after `desired`, ms: where their correlation coefficient peaks.
+
+    For each lag of whole ticks up to `longest`, the correlation coefficient of measured(k) and desired(k - lag) over
+    the same measured(k); the peak is that of the parabola through the highest three.
+
+    Parameters
+    ----------
+    desired, measured : array_like, shape (ticks,)
+        um; longer than 4 `longest`.
+    sample_rate : float
+        Hz.
+    longest : float
+        Largest delay looked for, either way, ms.
+
+    Raises
+    ------
+    SettingError
+        The correlation still rises at the longest delay; a motion is too short or stands still.
+
+    Examples
+    --------
+    >>> t = np.arange(4000) / 2000.0
+    >>> wave = lambda t: np.sin(50 * t) + np.sin(83 * t + 1.0)
+    >>> round(delay(wave(t), 0.5 * wave(t - 0.0013), 2000.0), 4)
+    1.3
+    """
+    desired, measured = _pair(desired, measured)
+    lags = int(
+        np.ceil(_check.positive("longest", longest, "ms") / 1000 * _check.positive("sample_rate", sample_rate, "Hz"))
+    )
+    if desired.size <= 4 * lags or not np.ptp(desired) or not np.ptp(measured):
+        raise SettingError("desired", f"{desired.size} ticks", f"a motion of more than {4 * lags} ticks")
+    inner = measured[lags:-lags]
+    ends = range(2 * lags, -1, -1)  # where desired(k - lag) begins, for lag = -lags ... lags
+    r = np.array([np.corrcoef(inner, desired[start : start + inner.size])[0, 1] for start in ends])
+    best = int(np.argmax(r))
+    if best in (0, 2 * lags):
+        raise SettingError("longest", longest, "longer: the correlation still rises there", "ms")
+    before, peak, after = r[best - 1 : best + 2]
+    vertex = 0.5 * (before - after) / (before - 2 * peak + after)
+    return float(1000 * (best - lags + vertex) / sample_rate)
+
+
+def loop_width(x: npt.ArrayLike, z: npt.ArrayLike) -> float:
+    """Largest vertical width of a hysteresis loop, % of the peak-to-peak of z.
+
+    With z_up and z_down the rising and the falling branch over x,
+    100 max over x of abs(z_down(x) - z_up(x)) / (max z - min z).
+
+    Parameters
+    ----------
+    x, z : array_like, shape (ticks,)
+        One closed cycle, starting anywhere, of the input (any unit) and the displacement, um. Slow, or the width
+        counts the phase lag, too.
+
+    Examples
+    --------
+    >>> t = np.linspace(0.0, 2 * np.pi, 2001)[:-1]
+    >>> round(loop_width(np.cos(t), np.cos(t - 0.1)), 2)  # an ellipse: 100 sin(0.1)
+    9.98
+    """
+    x, z = _pair(x, z)
+    if not np.ptp(x) or not np.ptp(z):
+        raise SettingError("x", f"{x.size} ticks", "a motion, not a rest")
+    start = int(np.argmin(x))
+    x, z = (np.append(np.roll(a, -start), a[start]) for a in (x, z))
+    top = int(np.argmax(x))
+    grid = np.linspace(x[0], x[top], 1001)
+    up, down = (_branch(grid, x[part], z[part]) for part in (slice(0, top + 1), slice(top, None)))
+    return float(100 * np.max(np.abs(down - up)) / np.ptp(z))
+
+
+def _branch(grid: FloatArray, x: FloatArray, z: FloatArray) -> FloatArray:
+    order = np.argsort(x, kind="stable")
+    return np.interp(grid, x[order], z[order])
+
+
+def _pair(first: npt.ArrayLike, second: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+    a, b = _check.finite_array("desired", first, "um"), _check.finite_array("measured", second, "um")
+    if a.shape != b.shape or not a.size:
+        raise SettingError("measured", f"array of shape {b.shape}", f"of shape {a.shape}, not empty", "um")
+    return a, b
+
+
+def _error(desired: npt.ArrayLike, measured: npt.ArrayLike) -> FloatArray:
+    z_d, z = _pair(desired, measured)
+    return z - z_d
+
+
+# ---- Of a whole recording ------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrackingSummary:
+    """The table of a run. Errors count from `counted_from_s`, convergence and flags over the whole run.
+
+    Attributes
+    ----------
+    duration_s, counted_from_s : float
+        Length of the run; time from which errors count, s.
+    peak_to_peak_um : float
+        Of the desired motion in the counted part; percentages refer to it.
+    measured_rmse_um, measured_maximum_um, measured_rmse_percent, measured_maximum_percent : float
+        Error of the measurement.
+    true_rmse_um, true_maximum_um, true_rmse_percent, true_maximum_percent : float or None
+        Error without sensor noise; None where the recording has no truth.
+    convergence_time_s : float or None
+        See `convergence_time`, of the measured error; None if it never settles or the run is shorter than 1 s.
+    ticks, missing_ticks : int
+        All ticks, and those without a measurement, which are left out.
+    saturated_ticks, projected_ticks, rejected_ticks, held_ticks : int or None
+        How often each flag was up; None where the controller has no flags.
+    """
+
+    duration_s: float
+    counted_from_s: float
+    peak_to_peak_um: float
+    measured_rmse_um: float
+    measured_maximum_um: float
+    measured_rmse_percent: float
+    measured_maximum_percent: float
+    true_rmse_um: float | None
+    true_maximum_um: float | None
+    true_rmse_percent: float | None
+    true_maximum_percent: float | None
+    convergence_time_s: float | None
+    ticks: int
+    missing_ticks: int
+    saturated_ticks: int | None
+    projected_ticks: int | None
+    rejected_ticks: int | None
+    held_ticks: int | None
+
+    def as_dict(self) -> dict[str, float | int | None]:
+        """All figures by name, for JSON."""
+        return dataclasses.asdict(self)
+
+
+def summary(recording: Labelled, start: float = 0.5) -> TrackingSummary:
+    """The figures of a run: rmse and maximum of its later part, convergence, flags.
+
+    Parameters
+    ----------
+    recording : Recording or dict of arrays
+        With time, desired, measured, and what there is of true and flags.
+    start : float
+        Part of the duration from which errors count, in [0, 1).
+
+    Raises
+    ------
+    SettingError
+        `start` is outside its bounds, or no measurement is in the counted part.
+
+    Examples
+    --------
+    >>> t = np.arange(4000) / 2000.0
+    >>> z_d = 10 + 10 * np.sin(50 * t)
+    >>> s = summary({"time": t, "desired": z_d, "measured": z_d + 0.05 + np.exp(-20 * t)})
+    >>> round(s.measured_rmse_um, 4), round(s.measured_rmse_percent, 4), s.true_rmse_um
+    (0.05, 0.25, None)
+    """
+    time, desired, measured = recording["time"], recording["desired"], recording["measured"]
+    if not 0 <= _check.number("start", start) < 1:
+        raise SettingError("start", start, "at least 0 and below 1")
+    known = np.isfinite(measured)
+    counted = known & (np.arange(time.size) >= start * time.size)
+    if not counted.any():
+        raise SettingError("recording", f"{time.size} ticks", f"one with measurements after {start:g} of its duration")
+    duration = float(time[-1] - time[0]) * time.size / max(time.size - 1, 1)
+    span = peak_to_peak(desired[counted])
+    none = dict.fromkeys(f"true_{name}" for name in ("rmse_um", "maximum_um", "rmse_percent", "maximum_percent"))
+    return TrackingSummary(
+        duration_s=duration,
+        counted_from_s=start * duration,
+        peak_to_peak_um=span,
+        **_errors("measured", desired[counted], measured[counted], span),
+        **(_errors("true", desired[counted], recording["true"][counted], span) if "true" in recording else none),
+        convergence_time_s=_settled(time[known], (measured - desired)[known]),
+        ticks=time.size,
+        missing_ticks=int(np.count_nonzero(~known)),
+        **_flag_counts(recording),
+    )
+
+
+def _errors(which: str, desired: FloatArray, z: FloatArray, span: float) -> dict[str, Any]:
+    um = {"rmse": rmse(desired, z), "maximum": maximum_error(desired, z)}
+    percent = {name: 100 * value / span if span else float("inf") for name, value in um.items()}
+    return {f"{which}_{k}_um": v for k, v in um.items()} | {f"{which}_{k}_percent": v for k, v in percent.items()}
+
+
+def _settled(time: FloatArray, error: FloatArray) -> float | None:
+    return convergence_time(time, error) if time[-1] - time[0] >= 4 * WINDOW else None
+
+
+def _flag_counts(recording: Labelled) -> dict[str, Any]:
+    bits = {"saturated_ticks": 1, "projected_ticks": 2, "rejected_ticks": 4, "held_ticks": 8}
+    if "flags" not in recording:
+        return dict.fromkeys(bits)
+    return {name: int(np.count_nonzero(recording["flags"] & bit)) for name, bit in bits.items()}

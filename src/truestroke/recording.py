@@ -1,0 +1,237 @@
+"""What a run leaves behind: labelled arrays with units, to and from HDF5."""
+
+from __future__ import annotations
+
+import functools
+import json
+import os
+import platform
+import subprocess
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from truestroke._check import SettingError
+
+FORMAT = "truestroke recording"
+FORMAT_VERSION = 1
+
+
+class RecordingError(ValueError):
+    """A file that cannot be read as a recording; the message says why."""
+
+
+@dataclass(frozen=True, eq=False)
+class Channel:
+    """One labelled array.
+
+    Attributes
+    ----------
+    data : ndarray
+        Its first axis runs over the entries of the channel `time`.
+    unit : str
+        "um", "V", ...; empty for a pure number.
+    description : str
+        What it is, in a few words.
+    time : str
+        Name of the channel that holds the times of its entries.
+    """
+
+    data: npt.NDArray[Any]
+    unit: str
+    description: str
+    time: str = "time"
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """Labelled arrays of one run, and what it was made from.
+
+    Attributes
+    ----------
+    channels : dict[str, Channel]
+        By name: time, desired, volts, measured, ...; see `truestroke.run`.
+    metadata : dict[str, Any]
+        Trajectory, controller, actuator, versions, time of creation: numbers, text, lists and dicts of them. Tuples
+        become lists and NumPy numbers plain ones, as they are in a file.
+
+    Raises
+    ------
+    SettingError
+        A channel does not fit its time channel, or the metadata cannot be written as JSON.
+
+    Examples
+    --------
+    >>> time = np.arange(4) / 2000.0
+    >>> recording = Recording(
+    ...     {"time": Channel(time, "s", "start of each tick"), "volts": Channel(2 * time, "V", "command")},
+    ...     {"trajectory": {"name": "ramp"}},
+    ... )
+    >>> recording["volts"].max(), recording.unit("volts"), "true" in recording
+    (np.float64(0.003), 'V', False)
+    >>> recording
+    Recording
+      time   s  (4,)  start of each tick
+      volts  V  (4,)  command
+    """
+
+    channels: dict[str, Channel]
+    metadata: dict[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for name, channel in self.channels.items():
+            if channel.time not in self.channels:
+                raise SettingError(f"time of channel {name}", repr(channel.time), f"one of {', '.join(self.channels)}")
+            if channel.data.shape[:1] != (length := self.channels[channel.time].data.shape[:1]):
+                raise SettingError(
+                    f"channel {name}", f"array of shape {channel.data.shape}", f"{length[0]} entries long"
+                )
+        object.__setattr__(self, "metadata", json.loads(_json(self.metadata)))
+
+    def __getitem__(self, name: str) -> npt.NDArray[Any]:
+        return self._channel(name).data
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.channels
+
+    def unit(self, name: str) -> str:
+        """Unit of a channel."""
+        return self._channel(name).unit
+
+    def _channel(self, name: str) -> Channel:
+        try:
+            return self.channels[name]
+        except KeyError:
+            raise KeyError(f"no channel {name!r}; there are {', '.join(self.channels)}") from None
+
+    def __repr__(self) -> str:
+        rows = [(n, c.unit or "-", str(c.data.shape), c.description) for n, c in self.channels.items()]
+        widths = [max(len(row[i]) for row in rows) for i in range(3)] if rows else []
+        table = ["  ".join([*(cell.ljust(w) for cell, w in zip(row, widths, strict=False)), row[3]]) for row in rows]
+        return "\n  ".join(["Recording", *table])
+
+    def save(self, path: str | Path) -> Path:
+        """Write to an HDF5 file: a dataset for each channel, unit and description as its attributes.
+
+        The file is written under a temporary name and then renamed: whatever happens, a file that was there before
+        is either as it was or complete and new.
+
+        Raises
+        ------
+        FileNotFoundError
+            There is no such folder.
+        """
+        import h5py
+
+        path = Path(path)
+        if not path.parent.is_dir():
+            raise FileNotFoundError(f"{path}: there is no folder {path.parent}")
+        draft = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+        try:
+            with h5py.File(draft, "w", track_order=True) as file:
+                self._write(file)
+            with draft.open("rb+") as written:
+                os.fsync(written.fileno())
+            draft.replace(path)
+        finally:
+            draft.unlink(missing_ok=True)
+        return path
+
+    def _write(self, file: Any) -> None:
+        file.attrs.update(format=FORMAT, format_version=FORMAT_VERSION, metadata=_json(self.metadata))
+        for key, value in self.metadata.items():  # readable in any HDF5 viewer; `load` reads the one above
+            file.attrs[f"about {key}"] = value if isinstance(value, str) else _json(value, indent=1)
+        for name, channel in self.channels.items():
+            dataset = file.create_dataset(name, data=channel.data)
+            dataset.attrs.update(unit=channel.unit, description=channel.description, time=channel.time)
+
+    @classmethod
+    def load(cls, path: str | Path) -> Recording:
+        """Read from an HDF5 file that `save` wrote.
+
+        Raises
+        ------
+        FileNotFoundError
+            There is no such file.
+        RecordingError
+            Not an HDF5 file, not a truestroke recording, damaged, or of a newer format than this version knows.
+        """
+        import h5py
+
+        path = Path(path)
+        if not path.is_file():
+            raise FileNotFoundError(f"{path}: no such file")
+        if not h5py.is_hdf5(path):
+            raise RecordingError(f"{path}: not an HDF5 file")
+        try:
+            with h5py.File(path, "r") as file:
+                return cls._read(file, path)
+        except (OSError, KeyError) as error:
+            raise RecordingError(f"{path}: the file is damaged ({error})") from error
+
+    @classmethod
+    def _read(cls, file: Any, path: Path) -> Recording:
+        if file.attrs.get("format") != FORMAT:
+            raise RecordingError(f"{path}: an HDF5 file, but not a {FORMAT}")
+        if (version := int(file.attrs["format_version"])) > FORMAT_VERSION:
+            raise RecordingError(f"{path}: format {version}, newer than {FORMAT_VERSION}; a newer truestroke reads it")
+        channels = {
+            name: Channel(data[()], data.attrs["unit"], data.attrs["description"], data.attrs["time"])
+            for name, data in file.items()
+        }
+        return cls(channels, json.loads(file.attrs["metadata"]))
+
+
+def versions() -> dict[str, str]:
+    """What computed it: versions of truestroke, NumPy, Python, the platform, and the git commit in a checkout.
+
+    Examples
+    --------
+    >>> sorted(versions().keys() - {"commit"})
+    ['numpy', 'platform', 'python', 'truestroke']
+    """
+    from importlib.metadata import version
+
+    commit = _commit()
+    return {
+        "truestroke": version("truestroke"),
+        "numpy": np.__version__,
+        "python": platform.python_version(),
+        "platform": platform.platform(),
+        **({"commit": commit} if commit else {}),
+    }
+
+
+@functools.cache
+def _commit() -> str | None:
+    """Commit of the checkout that this file is in, with "-dirty" where files differ from it; None elsewhere."""
+    root = Path(__file__).resolve().parents[2]
+    if not (root / ".git").exists():
+        return None
+    command = ["git", "-C", str(root), "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"]
+    try:
+        return subprocess.run(command, capture_output=True, text=True, check=True, timeout=5).stdout.strip() or None
+    except (OSError, subprocess.SubprocessError):
+        return None
+
+
+def _json(value: Any, indent: int | None = None) -> str:
+    try:
+        return json.dumps(value, default=_plain, allow_nan=False, indent=indent)
+    except (TypeError, ValueError) as error:
+        raise SettingError("metadata", repr(value), f"numbers, text, lists and dicts ({error})") from None
+
+
+def _plain(value: object) -> object:
+    """A NumPy value or a mapping as JSON knows it."""
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
+    if isinstance(value, Mapping):
+        return dict(value)
+    if isinstance(value, Path):
+        return str(value)
+    raise TypeError(f"a {type(value).__name__} is none of them")
