@@ -155,7 +155,7 @@ class _Notes:
         ticks = len(trajectory)
         self.volts, self.measured, self.true, self.innovation = np.full((4, ticks), np.nan)
         self.flags = np.zeros(ticks, np.uint8)
-        self.simulated = hasattr(actuator, "truth")
+        self.simulated = False  # until the actuator shows its truth
         self.innovative = hasattr(controller, "innovation")
         self.flagged = hasattr(controller, "flag_bits")
         self.stride = max(1, round(SLOW_PERIOD * timing.sample_rate))
@@ -172,8 +172,9 @@ class _Notes:
         if stop > latency:
             first = max(latency - start, 0)  # entries before it answer no command
             self.measured[start + first - latency : stop - latency] = measured[first:]
-            if self.simulated:
-                self.true[start + first - latency : stop - latency] = self.actuator.truth[first:]
+            if (truth := getattr(self.actuator, "truth", None)) is not None:
+                self.simulated = True
+                self.true[start + first - latency : stop - latency] = truth[first:]
         values: list[float] = measured.tolist()
         return values
 

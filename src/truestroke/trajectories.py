@@ -355,6 +355,9 @@ def random_wave(
     used = cutoff
     while True:
         position, velocity = _placed(time, *_butterworth(numbers, used, sample_rate), low, span, ramp)
+        rise = 15 / 8 * abs(position[time >= ramp][0]) / ramp if ramp else 0.0
+        if rise > limit:
+            raise SettingError("ramp", ramp, f"longer: at the velocity limit it takes {ramp * rise / limit:.4g} s", "s")
         peak = float(np.max(np.abs(velocity)))
         if peak <= limit:
             break
@@ -480,11 +483,12 @@ def _numbers(path: str | Path, first_row: int, rows: list[list[str]]) -> FloatAr
         raise SettingError("path", path, f"a file with at least 4 rows of numbers; it has {len(rows)}")
     table = np.empty((len(rows), len(rows[0])))
     for i, row in enumerate(rows):
+        if len(row) != len(rows[0]):
+            raise SettingError(f"{path}, row {i + first_row}", ",".join(row), f"{len(rows[0])} numbers")
         try:
             table[i] = [float(cell) for cell in row]
         except ValueError as error:
-            reason = f"{len(rows[0])} numbers" if len(row) != len(rows[0]) else f"numbers ({error})"
-            raise SettingError(f"{path}, row {i + first_row}", ",".join(row), reason) from None
+            raise SettingError(f"{path}, row {i + first_row}", ",".join(row), f"numbers ({error})") from None
     bad = np.flatnonzero(~np.isfinite(table).all(axis=1))
     if bad.size:
         raise SettingError(f"{path}, row {bad[0] + first_row}", ",".join(rows[bad[0]]), "finite numbers")

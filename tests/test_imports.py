@@ -1,0 +1,40 @@
+"""What `import truestroke` loads, and what it offers."""
+
+import subprocess
+import sys
+
+import pytest
+
+import truestroke
+
+HEAVY = ("scipy", "h5py", "matplotlib", "rich", "click", "jinja2")
+
+
+def modules_after(statement):
+    code = f"{statement}\nimport sys\nprint(*sys.modules)"
+    return set(subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split())
+
+
+def test_import_loads_numpy_alone():
+    loaded = modules_after("import truestroke")
+    assert "numpy" in loaded
+    assert loaded.isdisjoint(HEAVY)
+    assert "truestroke.loop" not in loaded
+
+
+def test_a_run_of_a_random_wave_needs_numpy_alone():
+    loaded = modules_after(
+        "import truestroke; truestroke.run; truestroke.Recording; truestroke.trajectories.random_wave()"
+    )
+    assert loaded.isdisjoint(HEAVY)
+
+
+@pytest.mark.parametrize("name", truestroke.__all__)
+def test_every_public_name_is_there(name):
+    assert getattr(truestroke, name) is not None
+    assert name in dir(truestroke)
+
+
+def test_a_wrong_name_is_an_attribute_error():
+    with pytest.raises(AttributeError, match="no attribute 'runn'"):
+        _ = truestroke.runn

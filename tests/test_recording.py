@@ -1,0 +1,121 @@
+"""Recordings: to the disk and back, to the last bit; clear refusals."""
+
+import json
+
+import h5py
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from truestroke import Recording, SettingError
+from truestroke.recording import Channel, RecordingError, versions
+
+
+def example(ticks=5, **metadata):
+    return Recording(
+        {
+            "time": Channel(np.arange(ticks) / 2000.0, "s", "start of each tick"),
+            "measured": Channel(np.linspace(0, np.nan, ticks), "um", "measured displacement"),
+            "flags": Channel(np.arange(ticks, dtype=np.uint8), "", "bits"),
+            "weights_time": Channel(np.arange(2) / 100.0, "s", "every 10 ms", "weights_time"),
+            "weights": Channel(np.arange(32.0).reshape(2, 16), "um/V", "w", "weights_time"),
+        },
+        metadata,
+    )
+
+
+def assert_equal_to_the_bit(a, b):
+    assert list(a.channels) == list(b.channels)
+    assert a.metadata == b.metadata
+    for name, channel in a.channels.items():
+        other = b.channels[name]
+        assert (channel.unit, channel.description, channel.time) == (other.unit, other.description, other.time)
+        assert (channel.data.dtype, channel.data.shape) == (other.data.dtype, other.data.shape)
+        assert channel.data.tobytes() == other.data.tobytes()
+
+
+@given(
+    data=hnp.arrays(st.sampled_from([np.float64, np.float32, np.uint8, np.int64]), st.integers(0, 20)),
+    text=st.text(st.characters(exclude_categories=["Cs"], exclude_characters="\0"), max_size=20),
+    metadata=st.recursive(
+        st.none() | st.booleans() | st.floats(allow_nan=False, allow_infinity=False) | st.text(max_size=9),
+        lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3),
+    ),
+)
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_round_trip_to_the_bit(tmp_path, data, text, metadata):
+    recording = Recording({"x": Channel(data, text, text, "x")}, {"about": metadata})
+    assert_equal_to_the_bit(recording, Recording.load(recording.save(tmp_path / "run.h5")))
+
+
+def test_round_trip_of_many_channels_keeps_their_order(tmp_path):
+    recording = example(seed=3, limits=(-0.6, np.float64(3.6)), table=np.arange(3), versions=versions())
+    assert recording.metadata["limits"] == [-0.6, 3.6]  # as JSON has it, from the start
+    loaded = Recording.load(recording.save(tmp_path / "run.h5"))
+    assert_equal_to_the_bit(recording, loaded)
+    assert loaded.unit("weights") == "um/V"
+    assert "true" not in loaded
+    assert repr(loaded).splitlines()[2].split() == ["measured", "um", "(5,)", "measured", "displacement"]
+
+
+def test_a_file_explains_itself_without_truestroke(tmp_path):
+    path = example(created="2026-01-01", controller={"name": "paper"}).save(tmp_path / "run.h5")
+    with h5py.File(path) as file:
+        assert dict(file["measured"].attrs) == {"unit": "um", "description": "measured displacement", "time": "time"}
+        assert file.attrs["about created"] == "2026-01-01"
+        assert json.loads(file.attrs["about controller"]) == {"name": "paper"}
+
+
+def test_a_crash_while_saving_leaves_the_old_file(tmp_path, monkeypatch):
+    path = example(old=True).save(tmp_path / "run.h5")
+    before = path.read_bytes()
+
+    def crash(*_args, **_kwargs):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(h5py.Group, "create_dataset", crash)
+    with pytest.raises(KeyboardInterrupt):
+        example(old=False).save(path)
+    assert path.read_bytes() == before
+    assert list(tmp_path.iterdir()) == [path]  # no draft lies about
+
+
+def test_saving_replaces(tmp_path):
+    example(old=True).save(tmp_path / "run.h5")
+    assert Recording.load(example(ticks=9).save(tmp_path / "run.h5"))["time"].size == 9
+
+
+def test_refusals_say_why(tmp_path):
+    text, foreign, newer, cut = (tmp_path / name for name in ("text.h5", "foreign.h5", "newer.h5", "cut.h5"))
+    text.write_text("time,z\n")
+    with h5py.File(foreign, "w") as file:
+        file["x"] = 1
+    with h5py.File(example().save(newer), "r+") as file:
+        file.attrs["format_version"] = 99
+    cut.write_bytes(example(ticks=5000).save(tmp_path / "whole.h5").read_bytes()[:5000])
+    for path, message in [
+        (text, "not an HDF5 file"),
+        (foreign, "not a truestroke recording"),
+        (newer, "format 99, newer than 1"),
+        (cut, "damaged"),
+    ]:
+        with pytest.raises(RecordingError, match=f"{path.name}: .*{message}"):
+            Recording.load(path)
+    with pytest.raises(FileNotFoundError, match="no such file"):
+        Recording.load(tmp_path / "none.h5")
+    with pytest.raises(FileNotFoundError, match="there is no folder"):
+        example().save(tmp_path / "no" / "run.h5")
+
+
+def test_channels_must_fit_their_time():
+    time = Channel(np.arange(3.0), "s", "")
+    with pytest.raises(SettingError, match="channel volts = array of shape \\(4,\\): must be 3 entries long"):
+        Recording({"time": time, "volts": Channel(np.zeros(4), "V", "")})
+    with pytest.raises(SettingError, match="time of channel volts = 'clock'"):
+        Recording({"time": time, "volts": Channel(np.zeros(3), "V", "", "clock")})
+    with pytest.raises(SettingError, match="metadata"):
+        example(weird=object())
+    with pytest.raises(KeyError, match="no channel 'z'; there are time, measured"):
+        example()["z"]

@@ -1,0 +1,233 @@
+"""Trajectories: bounds, exact velocity, spectrum, files."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import signal
+
+from truestroke import SettingError
+from truestroke import trajectories as tr
+
+MAKERS = {
+    "sine": lambda **kw: tr.sine(frequency=12.0, **kw),
+    "triangle": lambda **kw: tr.triangle(speed=300.0, **kw),
+    "staircase": lambda **kw: tr.staircase(**kw),
+    "random wave": lambda **kw: tr.random_wave(seed=3, **kw),
+    "slow random wave": lambda **kw: tr.random_wave(seed=3, velocity_limit=300.0, **kw),
+}
+
+
+def simpson_defect(wave):
+    """What Simpson's rule on the velocity and the step of position disagree by, um."""
+    v, z, h = wave.velocity, wave.position, 1 / wave.sample_rate
+    return np.abs(z[2:] - z[:-2] - h / 3 * (v[:-2] + 4 * v[1:-1] + v[2:]))
+
+
+@pytest.mark.parametrize("make", MAKERS.values(), ids=MAKERS)
+def test_starts_at_rest_at_zero_and_stays_in_the_stroke(make):
+    wave = make(duration=4.0)
+    assert len(wave) == 8000
+    assert wave.duration == 4.0
+    assert wave.time[1] == 1 / 2000
+    assert (wave.position[0], wave.velocity[0]) == (0.0, 0.0)
+    assert wave.position.min() > -1e-12
+    assert wave.position.max() < 30.0
+
+
+@pytest.mark.parametrize("name", ["sine", "staircase", "random wave"])
+def test_velocity_is_the_integrand_of_position(name):
+    wave = MAKERS[name](duration=2.0)
+    assert simpson_defect(wave).max() < {"sine": 2e-8, "staircase": 3e-5, "random wave": 4e-5}[name]
+    if name == "sine":  # smooth after its ramp: the defect falls as the fifth power of the tick, 4^5 = 1024
+        defects = [
+            simpson_defect(MAKERS[name](duration=2.0, sample_rate=r))[int(0.3 * r) :].max() for r in (2000, 8000)
+        ]
+        assert 900 < defects[0] / defects[1] < 1100
+
+
+def test_random_wave_against_a_fine_simulation_of_the_analogue_filter():
+    # scipy's design, each number held for 64 sub-ticks, integrated by scipy's own discretisation
+    numbers = np.random.Generator(np.random.PCG64(8)).uniform(-1.0, 1.0, 400)
+    z, zdot = tr._butterworth(numbers, 20.0, 2000.0)
+    b, a = signal.butter(4, 2 * np.pi * 20.0, analog=True)
+    system = signal.TransferFunction(b, a).to_ss()
+    t = np.arange(400 * 64) / (2000.0 * 64)
+    _, y, x = signal.lsim(system, np.repeat(numbers, 64), t, interp=False)
+    np.testing.assert_allclose(z, y[::64], atol=1e-9)
+    np.testing.assert_allclose(zdot, (x @ system.A.T @ system.C.T)[::64, 0], atol=1e-7)
+
+
+def test_spectrum_falls_as_a_butterworth_of_order_four():
+    wave = tr.random_wave(cutoff=40.0, duration=200.0, seed=5)
+    f, density = signal.welch(wave.position[500:], 2000.0, nperseg=4096, window="blackmanharris")
+    bands = [(4, 12), (30, 50), (75, 85), (150, 170), (310, 330)]
+    level = np.array([density[(f >= lo) & (f <= hi)].mean() for lo, hi in bands])
+    butterworth = np.array([np.mean(1 / (1 + (f[(f >= lo) & (f <= hi)] / 40) ** 8)) for lo, hi in bands])
+    np.testing.assert_allclose(level / level[0], butterworth / butterworth[0], rtol=0.25)
+
+
+@given(
+    seed=st.integers(0, 2**32),
+    limit=st.one_of(st.none(), st.floats(120.0, 1000.0)),
+    span=st.floats(1.0, 29.0),
+    ramp=st.sampled_from([0.0, 0.25, 0.5]),
+)
+@settings(max_examples=40, deadline=None)
+def test_random_wave_keeps_its_bounds_for_any_seed(seed, limit, span, ramp):
+    wave = tr.random_wave(seed=seed, duration=5.0, velocity_limit=limit, peak_to_peak=span, ramp=ramp)
+    after = wave.position[wave.time >= ramp]
+    assert after.min() == pytest.approx(0.7, abs=1e-9)
+    assert np.ptp(after) == pytest.approx(span, abs=1e-9)
+    assert wave.position.min() >= (0.0 if ramp else 0.7 - 1e-9)
+    assert wave.position.max() <= 0.7 + span + 1e-9
+    if limit:
+        assert wave.peak_speed <= limit
+        assert wave.settings["cutoff"] == 20.0 or wave.peak_speed > 0.7 * limit
+
+
+def test_seed_gives_the_same_bits():
+    a, b, other = (tr.random_wave(seed=s, duration=2.0, velocity_limit=300.0) for s in (7, 7, 8))
+    assert a.position.tobytes() == b.position.tobytes()
+    assert a.velocity.tobytes() == b.velocity.tobytes()
+    assert not np.array_equal(a.position, other.position)
+
+
+def test_sine_after_the_ramp():
+    wave = tr.sine(frequency=8.0, peak_to_peak=24.0, offset=13.0, duration=2.0, ramp=0.5)
+    t = wave.time[1000:]
+    np.testing.assert_allclose(wave.position[1000:], 13 + 12 * np.sin(16 * np.pi * t), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(wave.velocity[1000:], 192 * np.pi * np.cos(16 * np.pi * t), rtol=0, atol=1e-9)
+    assert abs(wave.peak_to_peak - 25.0) < 0.01  # from 0 um to 25 um
+
+
+def test_triangle_has_the_speed_exactly_between_its_corners():
+    wave = tr.triangle(frequency=4.0, peak_to_peak=20.0, duration=2.0)
+    after = wave.time >= 0.25
+    assert set(wave.velocity[after]) == {-160.0, 160.0}
+    step = np.diff(wave.position[after])
+    same = wave.velocity[after][1:] == wave.velocity[after][:-1]
+    np.testing.assert_allclose(step[same], wave.velocity[after][:-1][same] / 2000.0, atol=1e-12)
+    assert np.ptp(wave.position[after]) == pytest.approx(20.0)
+
+
+def test_staircase_rests_on_each_level():
+    wave = tr.staircase(steps=4, peak_to_peak=20.0, hold=0.2, velocity_limit=100.0, duration=4.0)
+    resting = np.unique(wave.position[wave.velocity == 0].round(9))
+    assert resting.tolist() == [0.0, 5.0, 10.0, 15.0, 20.0]
+    assert 99.9 < wave.peak_speed <= 100.0
+    assert np.abs(np.diff(wave.position)).max() <= 100.0 / 2000  # no jump anywhere
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: tr.sine(frequency=1000.0), "frequency = 1000.0 Hz: must be below half of the sample rate, 1000 Hz"),
+        (lambda: tr.sine(ramp=11.0), "ramp = 11.0 s: must be from 0 to 10 s"),
+        (lambda: tr.triangle(), "speed = None um/s: must be given"),
+        (lambda: tr.triangle(speed=1.0, frequency=1.0), "not both"),
+        (lambda: tr.staircase(steps=2.5), "steps = 2.5: must be a whole number"),
+        (lambda: tr.random_wave(cutoff=300.0), "cutoff = 300.0 Hz: must be from 0.05 to 200 Hz"),
+        (
+            lambda: tr.random_wave(velocity_limit=0.5, peak_to_peak=20.0, low=-10.0, ramp=10.0, duration=20.0),
+            "velocity_limit = 0.5",
+        ),
+        (
+            lambda: tr.random_wave(velocity_limit=50.0),
+            "ramp = 0.25 s: must be longer: at the velocity limit it takes 0.5",
+        ),
+        (lambda: tr.random_wave(seed=-1), "seed = -1"),
+        (lambda: tr.Trajectory("x", 2000.0, np.zeros(3), np.zeros(4)), r"of shape \(3,\)"),
+        (lambda: tr.Trajectory("x", 2000.0, np.array([0.0, np.nan]), np.zeros(2)), r"position\[1\]"),
+        (lambda: tr.VelocityEstimator(0.0), "sample_rate"),
+    ],
+)
+def test_bad_settings_are_named(call, message):
+    with pytest.raises(SettingError, match=message):
+        call()
+
+
+# ---- Files ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def write(tmp_path):
+    def write(text):
+        path = tmp_path / "move.csv"
+        path.write_text(text)
+        return path
+
+    return write
+
+
+def test_csv_round_trip_with_units_and_velocity(write):
+    wave = tr.sine(duration=0.5, sample_rate=1000.0)
+    rows = np.column_stack([wave.time, 1e3 * wave.position, 1e3 * wave.velocity])
+    path = write("time, z, v\n" + "\n".join(",".join(map(repr, row)) for row in rows.tolist()))
+    move = tr.from_csv(path, position="z", time="time", velocity="v", unit="nm", ramp=0.0)
+    np.testing.assert_allclose(move.position, wave.position, atol=1e-12)
+    np.testing.assert_allclose(move.velocity, wave.velocity, atol=1e-9)
+    assert move.sample_rate == 1000.0
+    guessed = tr.from_csv(path, position=1, sample_rate=1000.0, unit="nm", ramp=0.0)
+    assert np.abs(guessed.velocity - wave.velocity).max() < 1e-3 * wave.peak_speed
+
+
+def test_csv_starts_from_zero_by_the_ramp(write):
+    move = tr.from_csv(write("7.5\n" * 1000), sample_rate=1000.0)
+    assert move.position[0] == 0.0
+    assert move.position[-1] == 7.5
+    assert simpson_defect(move).max() < 1e-4
+
+
+@pytest.mark.parametrize(
+    ("text", "options", "message"),
+    [
+        ("", {}, "it is empty"),
+        ("1\n2\n3\n", {}, "at least 4 rows of numbers; it has 3"),
+        ("z\n1\n2\nnan\n4\n", {}, "row 4 = nan: must be finite"),
+        ("1\n2\nx\n4\n", {}, "row 3 = x: must be numbers"),
+        ("1,2\n2,3\n3\n4,5\n", {"position": 1}, "row 3 = 3: must be 2 numbers"),
+        ("0,1\n1,1\n2,1\n3.5,1\n4,1\n", {"position": 1, "time": 0}, "row 4 = 3.5 s: must be 3 s"),
+        ("0,1\n0,1\n0,1\n0,1\n", {"position": 1, "time": 0}, "must be above 0.0 s"),
+        ("0,1\n1,1\n2,1\n3,1\n", {}, "position = None: must be one of the columns"),
+        ("t,z\n1,1\n2,1\n3,1\n4,1\n", {"position": "y"}, "position = 'y': must be one of the columns .*: t, z"),
+        ("0,1\n1,1\n2,1\n3,1\n", {"position": 1, "time": 0, "sample_rate": 2.0}, "sample_rate = 2.0 Hz: must be 1 Hz"),
+        ("0\n1\n2\n3\n", {"sample_rate": None}, "sample_rate"),
+        ("0\n1\n2\n3\n", {"unit": "m"}, "unit = 'm': must be 'um', 'nm' or 'mm'"),
+    ],
+)
+def test_csv_errors_name_the_row_and_the_reason(write, text, options, message):
+    if "time" not in options and "sample_rate" not in options:
+        options = {**options, "sample_rate": 1.0}
+    with pytest.raises(SettingError, match=message):
+        tr.from_csv(write(text), ramp=0.0, **options)
+
+
+# ---- Sample by sample ----------------------------------------------------------------------------------------------
+
+
+def test_velocity_estimate_is_exact_for_quadratics_and_errs_as_stated():
+    rate, t = 2000.0, np.arange(4000) / 2000.0
+    estimator = tr.VelocityEstimator(rate)
+    quadratic = [estimator.update(z) for z in 3 + 2 * t - 5 * t**2]
+    np.testing.assert_allclose(quadratic[2:], (2 - 10 * t)[2:], atol=1e-8)
+    estimator.reset()
+    assert estimator.update(5.0) == 0.0  # at rest
+    estimator.reset()
+    w = 2 * np.pi * 12.0
+    error = np.array([estimator.update(z) for z in np.sin(w * t)]) - w * np.cos(w * t)
+    assert np.abs(error[10:]).max() / w == pytest.approx((w / rate) ** 2 / 3, rel=0.02)
+
+
+def test_velocity_estimate_passes_noise_as_stated():
+    noise = np.random.Generator(np.random.PCG64(1)).normal(0.0, 1e-3, 100_000)
+    estimator = tr.VelocityEstimator(2000.0)
+    assert np.std([estimator.update(z) for z in noise]) == pytest.approx(5.1, rel=0.02)
+
+
+def test_velocity_estimate_refuses_nan_and_goes_on():
+    estimator = tr.VelocityEstimator(1.0)
+    estimator.update(1.0)
+    with pytest.raises(SettingError, match="z_d"):
+        estimator.update(float("nan"))
+    assert estimator.update(3.0) == 2.0
