@@ -139,11 +139,12 @@ def test_a_missing_measurement_is_flagged_at_its_own_tick():
             assert np.flatnonzero(np.isnan(recording[name])[: 2000 - latency]).tolist() == [gone]
 
 
-@pytest.mark.parametrize("error", [OSError("cable"), KeyboardInterrupt()])
+@pytest.mark.parametrize("kind", [OSError, KeyboardInterrupt])
 @pytest.mark.parametrize(("block", "latency", "kept"), [(1, 0, 700), (64 - 8, 7, 728)])
-def test_what_was_recorded_is_kept_when_a_run_is_interrupted(tmp_path, error, block, latency, kept):
+def test_what_was_recorded_is_kept_when_a_run_is_interrupted(tmp_path, kind, block, latency, kept):
+    error = kind("cable")
     whole = run(WAVE, AdaptiveController.paper(**PAPER), Fake(block, latency))
-    with pytest.raises(RunInterrupted, match=f"ended after {kept} ticks: {type(error).__name__}") as caught:
+    with pytest.raises(RunInterrupted, match=f"ended after {kept} ticks: {kind.__name__}") as caught:
         run(WAVE, AdaptiveController.paper(**PAPER), Fake(block, latency, fails_at=700, error=error))
     assert caught.value.__cause__ is error
     part = Recording.load(caught.value.recording.save(tmp_path / "part.h5"))
@@ -194,6 +195,15 @@ def test_what_does_not_fit_together_is_refused():
         run(WAVE, AdaptiveController.paper(**PAPER | {"sample_rate": 1000.0}), Fake())
     with pytest.raises(SettingError, match=r"block - 1 \+ latency = 69: must be a whole number from 0 to 63"):
         run(WAVE, Listener(), Fake(63, 7))
+
+    class Odd(Fake):
+        def describe(self):
+            return {"gain": np.inf}
+
+    actuator = Odd()
+    with pytest.raises(SettingError, match="metadata"):
+        run(WAVE, Listener(), actuator)
+    assert actuator.sizes == []  # nothing has moved
 
     class TooMuch(Fake):
         def exchange(self, volts):

@@ -64,7 +64,7 @@ def test_a_file_explains_itself_without_truestroke(tmp_path):
     path = example(created="2026-01-01", controller={"name": "paper"}).save(tmp_path / "run.h5")
     with h5py.File(path) as file:
         assert dict(file["measured"].attrs) == {"unit": "um", "description": "measured displacement", "time": "time"}
-        assert file.attrs["about created"] == "2026-01-01"
+        assert file.attrs["about created"] == '"2026-01-01"'
         assert json.loads(file.attrs["about controller"]) == {"name": "paper"}
 
 
@@ -80,6 +80,11 @@ def test_a_crash_while_saving_leaves_the_old_file(tmp_path, monkeypatch):
         example(old=False).save(path)
     assert path.read_bytes() == before
     assert list(tmp_path.iterdir()) == [path]  # no draft lies about
+
+
+def test_metadata_may_be_long(tmp_path):
+    recording = example(table=list(range(100_000)))
+    assert_equal_to_the_bit(recording, Recording.load(recording.save(tmp_path / "run.h5")))
 
 
 def test_saving_replaces(tmp_path):

@@ -90,7 +90,7 @@ def run(
     Raises
     ------
     SettingError
-        The sample rates of trajectory, controller and actuator differ, or block and latency are too long.
+        The sample rates of trajectory, controller and actuator differ, block and latency are too long, or settings cannot be written as JSON.
     RunInterrupted
         Anything went wrong on the way, or Ctrl-C was pressed: it holds the recording so far.
 
@@ -126,7 +126,7 @@ def run(
                     adapt(z, stop - 1 - k + latency)
                     notes.adapted(k - latency)
                 if k % notes.stride == 0:
-                    notes.looked(k)
+                    notes.snapshot()
             notes.done = stop
             if progress and notes.is_hundredth(start, stop):
                 progress(stop, len(z_d))
@@ -150,7 +150,7 @@ class _Notes:
 
     def __init__(self, trajectory: Trajectory, controller: Any, actuator: Any, timing: Timing) -> None:
         self.trajectory, self.controller, self.actuator, self.timing = trajectory, controller, actuator, timing
-        self.created = datetime.now(UTC).isoformat(timespec="seconds")
+        self.metadata = _metadata(trajectory, controller, actuator, timing)
         self.done = 0
         ticks = len(trajectory)
         self.volts, self.measured, self.true, self.innovation = np.full((4, ticks), np.nan)
@@ -184,7 +184,7 @@ class _Notes:
         elif self.innovative:
             self.innovation[k] = self.controller.innovation
 
-    def looked(self, k: int) -> None:
+    def snapshot(self) -> None:
         source = getattr(self.controller, "diagnostics", self.controller)
         values = ((name, getattr(source, name, None)) for name in SLOW_CHANNELS)
         self.slow.append({name: np.array(value, np.float64) for name, value in values if value is not None})
@@ -210,7 +210,7 @@ class _Notes:
         if self.flagged:
             channels["flags"] = Channel(self.flags, "", "bits: 1 saturated, 2 projected, 4 rejected, 8 held")
         channels = {name: dataclasses.replace(c, data=c.data[: self.done]) for name, c in channels.items()}
-        return Recording(channels | self._slow_channels(), self._metadata(interrupted))
+        return Recording(channels | self._slow_channels(), self.metadata | {"interrupted": interrupted})
 
     def _slow_channels(self) -> dict[str, Channel]:
         slow = self.slow[: -(-self.done // self.stride)]
@@ -223,29 +223,24 @@ class _Notes:
             for name in names
         }
 
-    def _metadata(self, interrupted: str | None) -> dict[str, Any]:
-        settings = getattr(self.controller, "settings", None)
-        return {
-            "created": self.created,
-            "interrupted": interrupted,
-            "trajectory": {
-                "name": self.trajectory.name,
-                "sample_rate": self.trajectory.sample_rate,
-                "ticks": len(self.trajectory),
-                "settings": self.trajectory.settings,
-            },
-            "controller": {"name": type(self.controller).__name__, "settings": _plain_settings(settings)},
-            "plant": {"name": type(self.actuator).__name__, "settings": _describe(self.actuator)},
-            "timing": dataclasses.asdict(self.timing),
-            "versions": versions(),
-        }
 
-
-def _plain_settings(settings: Any) -> Any:
-    if dataclasses.is_dataclass(settings) and not isinstance(settings, type):
-        return dataclasses.asdict(settings)
-    return settings
-
-
-def _describe(actuator: Any) -> dict[str, object]:
-    return actuator.describe() if hasattr(actuator, "describe") else {}
+def _metadata(trajectory: Trajectory, controller: Any, actuator: Any, timing: Timing) -> dict[str, Any]:
+    """What is run; SettingError where it cannot be written, before anything moves."""
+    about = {
+        "created": datetime.now(UTC).isoformat(timespec="seconds"),
+        "interrupted": None,
+        "trajectory": {
+            "name": trajectory.name,
+            "sample_rate": trajectory.sample_rate,
+            "ticks": len(trajectory),
+            "settings": trajectory.settings,
+        },
+        "controller": {"name": type(controller).__name__, "settings": getattr(controller, "settings", {})},
+        "plant": {
+            "name": type(actuator).__name__,
+            "settings": actuator.describe() if hasattr(actuator, "describe") else {},
+        },
+        "timing": timing,
+        "versions": versions(),
+    }
+    return Recording({}, about).metadata

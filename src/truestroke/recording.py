@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import json
 import os
@@ -57,7 +58,7 @@ class Recording:
         By name: time, desired, volts, measured, ...; see `truestroke.run`.
     metadata : dict[str, Any]
         Trajectory, controller, actuator, versions, time of creation: numbers, text, lists and dicts of them. Tuples
-        become lists and NumPy numbers plain ones, as they are in a file.
+        become lists, NumPy numbers plain ones and dataclasses dicts, as they are in a file.
 
     Raises
     ------
@@ -144,7 +145,7 @@ class Recording:
     def _write(self, file: Any) -> None:
         file.attrs.update(format=FORMAT, format_version=FORMAT_VERSION, metadata=_json(self.metadata))
         for key, value in self.metadata.items():  # readable in any HDF5 viewer; `load` reads the one above
-            file.attrs[f"about {key}"] = value if isinstance(value, str) else _json(value, indent=1)
+            file.attrs[f"about {key}"] = _json(value, indent=1)
         for name, channel in self.channels.items():
             dataset = file.create_dataset(name, data=channel.data)
             dataset.attrs.update(unit=channel.unit, description=channel.description, time=channel.time)
@@ -227,7 +228,9 @@ def _json(value: Any, indent: int | None = None) -> str:
 
 
 def _plain(value: object) -> object:
-    """A NumPy value or a mapping as JSON knows it."""
+    """A NumPy value, a mapping or a dataclass as JSON knows it."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return dataclasses.asdict(value)
     if isinstance(value, np.generic | np.ndarray):
         return value.tolist()
     if isinstance(value, Mapping):

@@ -221,16 +221,11 @@ def triangle(
     speed = _check.positive("speed", speed, "um/s")
     cycles = _frequency(speed / (2 * span), sample_rate)  # per second
     centre = span / 2 if offset is None else _check.number("offset", offset, "um")
-    cycle = np.mod(cycles * time, 1.0)
+    cycle = np.mod(cycles * np.arange(time.size), sample_rate) / sample_rate  # corners on a tick stay there
     position = centre + span * (0.5 - np.abs(2 * cycle - 1))
     velocity = np.where(cycle < 0.5, speed, -speed)
-    settings: dict[str, object] = {
-        "speed": speed,
-        "frequency": cycles,
-        "peak_to_peak": span,
-        "offset": centre,
-        "ramp": ramp,
-    }
+    settings: dict[str, object] = {"speed": speed, "frequency": cycles, "peak_to_peak": span}
+    settings |= {"offset": centre, "ramp": ramp}
     return Trajectory("triangle", sample_rate, *_ramped(time, position, velocity, ramp), settings)
 
 
