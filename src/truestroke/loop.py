@@ -85,12 +85,14 @@ def run(
         Entry k of each channel belongs to tick k, whatever block and latency are: time [s], desired [um],
         desired_velocity [um/s], volts [V], measured [um], and what there is of true [um], innovation [um], flags
         (bits: 1 saturated, 2 projected, 4 rejected, 8 held). Every 10 ms, with weights_time [s]: weights [um/V],
-        partial_slopes [um/V], trace_P [1/V^2]. Where no measurement came, or it was rejected, there is NaN.
+        partial_slopes [um/V], trace_P [1/V^2]. NaN stands where no measurement came, and for the innovation of a
+        rejected one.
 
     Raises
     ------
     SettingError
-        The sample rates of trajectory, controller and actuator differ, block and latency are too long, or settings cannot be written as JSON.
+        The sample rates of trajectory, controller and actuator differ, block and latency are too long, or the
+        settings cannot be written as JSON.
     RunInterrupted
         Anything went wrong on the way, or Ctrl-C was pressed: it holds the recording so far.
 
