@@ -1,1 +1,11 @@
-"""Simulated actuators: what the controller does not know."""
+"""Simulated actuators: what the controller does not know.
+
+`RealisticPlant` is a driven piezo stage with a structure of its own, `MatchedPlant` the paper's plant (13). Both are
+actuators of the loop: ``open()``, then ``exchange(volts)`` tick by tick or in blocks. docs/plant.md explains them.
+"""
+
+from truestroke.plant.matched import MatchedPlant
+from truestroke.plant.realistic import RealisticPlant
+from truestroke.plant.settings import EFFECTS, Change, MatchedSettings, PlantSettings
+
+__all__ = ["EFFECTS", "Change", "MatchedPlant", "MatchedSettings", "PlantSettings", "RealisticPlant"]

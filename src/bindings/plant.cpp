@@ -1,0 +1,160 @@
+// Python's view of the simulated actuators: settings by name, arrays that the caller owns.
+#include <nanobind/nanobind.h>
+#include <nanobind/ndarray.h>
+#include <nanobind/stl/vector.h>
+
+#include <cmath>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "plant.h"
+
+namespace nb = nanobind;
+using nb::literals::operator""_a;
+
+namespace {
+
+using Input = nb::ndarray<const double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+using Output = nb::ndarray<double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+
+template <typename T> T entry(const nb::dict &d, const char *name) {
+    if (!d.contains(name)) throw std::invalid_argument(std::string("settings have no entry ") + name);
+    return nb::cast<T>(d[name]);
+}
+
+int count(const nb::dict &d, const char *name, int low, int high) {
+    int n = entry<int>(d, name);
+    if (n < low || n > high)
+        throw std::invalid_argument(std::string(name) + " must be from " + std::to_string(low) + " to " +
+                                    std::to_string(high));
+    return n;
+}
+
+uint64_t tick(const nb::dict &d, const char *name) {
+    int64_t k = entry<int64_t>(d, name);
+    return k < 0 ? TS_NEVER : static_cast<uint64_t>(k);
+}
+
+void fill(const nb::dict &d, const char *name, double *target, size_t size) {
+    auto source = entry<std::vector<double>>(d, name);
+    if (source.size() != size)
+        throw std::invalid_argument(std::string(name) + " must have " + std::to_string(size) + " entries");
+    for (size_t i = 0; i < size; i++) target[i] = source[i];
+}
+
+void same_length(size_t expected, size_t given) {
+    if (expected != given) throw std::invalid_argument("the arrays of an exchange have different lengths");
+}
+
+// Index of the first entry that is not finite, or -1: asked before anything moves.
+int64_t first_bad(const Input &volts) {
+    for (size_t k = 0; k < volts.shape(0); k++)
+        if (!std::isfinite(volts.data()[k])) return static_cast<int64_t>(k);
+    return -1;
+}
+
+ts_plant_settings plant_settings(const nb::dict &d) {
+    ts_plant_settings s{};
+#define TAKE(name) s.name = entry<double>(d, #name)
+    TAKE(sample_rate);
+    s.samples_per_tick = count(d, "samples_per_tick", 1, 1 << 20);
+    s.steps_per_tick = count(d, "steps_per_tick", s.samples_per_tick, 1 << 20);
+    TAKE(da_step), TAKE(da_low), TAKE(da_high);
+    TAKE(amplifier_gain), TAKE(amplifier_bandwidth), TAKE(stack_low), TAKE(stack_high);
+    TAKE(sensitivity), TAKE(hysteresis), TAKE(threshold_scale), TAKE(threshold_max);
+    s.plays = count(d, "plays", 1, TS_PLANT_MAX_PLAYS);
+    TAKE(asymmetry), TAKE(asymmetry_stroke);
+    TAKE(creep), TAKE(creep_shortest), TAKE(creep_longest);
+    s.creep_operators = count(d, "creep_operators", 1, TS_PLANT_MAX_CREEP);
+    TAKE(resonance), TAKE(damping), TAKE(drift), TAKE(drift_time);
+    TAKE(noise), TAKE(ad_step), TAKE(ad_low), TAKE(ad_high);
+    s.change_tick = tick(d, "change_tick");
+    TAKE(change_gain), TAKE(change_hysteresis), TAKE(ageing_gain), TAKE(ageing_hysteresis);
+#undef TAKE
+    return s;
+}
+
+class Plant {
+  public:
+    explicit Plant(const nb::dict &d) : settings_(plant_settings(d)) { reset(); }
+
+    void reset() { ts_plant_init(&p_, &settings_); }
+
+    int64_t run(const Input &volts, const Input &noise, const Output &measured, const Output &truth) {
+        size_t n = volts.shape(0);
+        same_length(n * static_cast<size_t>(settings_.samples_per_tick), noise.shape(0));
+        same_length(n, measured.shape(0));
+        same_length(n, truth.shape(0));
+        int64_t bad = first_bad(volts);
+        if (bad >= 0) return bad;
+        nb::gil_scoped_release release;
+        ts_plant_run(&p_, volts.data(), noise.data(), measured.data(), truth.data(), n);
+        return -1;
+    }
+
+  private:
+    ts_plant_settings settings_;
+    ts_plant p_{};
+};
+
+ts_matched_settings matched_settings(const nb::dict &d) {
+    ts_matched_settings s{};
+    s.plays = count(d, "plays", 1, TS_MATCHED_MAX_PLAYS);
+    s.dead_zones = count(d, "dead_zones", 1, TS_MATCHED_MAX_DEAD_ZONES);
+    size_t n = static_cast<size_t>(s.plays), m = static_cast<size_t>(s.dead_zones);
+    fill(d, "thresholds", s.thresholds, n);
+    fill(d, "a", s.a[0], n);
+    fill(d, "b", s.b[0], n);
+    fill(d, "changed_a", s.a[1], n);
+    fill(d, "changed_b", s.b[1], n);
+    fill(d, "dead_zone_thresholds", s.dead_zone_thresholds, m);
+    fill(d, "dead_zone_weights", s.dead_zone_weights, m);
+    s.rate_scale = entry<double>(d, "rate_scale");
+    s.noise = entry<double>(d, "noise");
+    s.change_tick = tick(d, "change_tick");
+    return s;
+}
+
+class Matched {
+  public:
+    explicit Matched(const nb::dict &d) : settings_(matched_settings(d)) { reset(); }
+
+    void reset() { ts_matched_init(&m_, &settings_); }
+
+    int64_t run(const Input &volts, const Input &velocity, const Input &noise, const Output &measured,
+                const Output &truth) {
+        size_t n = volts.shape(0);
+        same_length(n, velocity.shape(0));
+        same_length(n, noise.shape(0));
+        same_length(n, measured.shape(0));
+        same_length(n, truth.shape(0));
+        int64_t bad = first_bad(volts);
+        if (bad >= 0) return bad;
+        nb::gil_scoped_release release;
+        ts_matched_run(&m_, volts.data(), velocity.data(), noise.data(), measured.data(), truth.data(), n);
+        return -1;
+    }
+
+  private:
+    ts_matched_settings settings_;
+    ts_matched m_{};
+};
+
+} // namespace
+
+NB_MODULE(_plant, m) {
+    m.doc() = "The simulated actuators in C: the realistic plant and the matched plant (13).";
+    m.attr("MAX_PLAYS") = TS_PLANT_MAX_PLAYS;
+    m.attr("MAX_CREEP_OPERATORS") = TS_PLANT_MAX_CREEP;
+    m.attr("MATCHED_MAX_PLAYS") = TS_MATCHED_MAX_PLAYS;
+    m.attr("MATCHED_MAX_DEAD_ZONES") = TS_MATCHED_MAX_DEAD_ZONES;
+    nb::class_<Plant>(m, "Plant")
+        .def(nb::init<const nb::dict &>(), "settings"_a)
+        .def("reset", &Plant::reset)
+        .def("run", &Plant::run, "volts"_a, "noise"_a, "measured"_a, "truth"_a);
+    nb::class_<Matched>(m, "Matched")
+        .def(nb::init<const nb::dict &>(), "settings"_a)
+        .def("reset", &Matched::reset)
+        .def("run", &Matched::run, "volts"_a, "velocity"_a, "noise"_a, "measured"_a, "truth"_a);
+}

@@ -1,0 +1,100 @@
+"""The realistic plant: a driven piezo stage whose structure is not the controller's model, in C."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+
+from truestroke import _check, _plant
+from truestroke._check import SettingError
+from truestroke._typing import FloatArray
+from truestroke.plant.noise import Noise
+from truestroke.plant.settings import PlantSettings
+from truestroke.timing import Timing
+
+
+class RealisticPlant:
+    """Converters, amplifier, 60 plays of a smooth density, asymmetry, log creep, resonance, drift and noise.
+
+    `truestroke.plant.reference` is the same plant in readable Python; docs/plant.md explains every effect.
+
+    Parameters
+    ----------
+    settings : PlantSettings
+        Every number; the default is a stage driven by a P-885.90 stack.
+    seed : int
+        Of the sensor noise, 0 or above. The same seed gives the same bits.
+
+    Attributes
+    ----------
+    truth : ndarray, shape (ticks,)
+        Displacement without noise and A/D, the mean over each tick of the last exchange, um. Drift is part of it.
+
+    Examples
+    --------
+    >>> plant = RealisticPlant(PlantSettings().without("noise"))
+    >>> plant.open()
+    Timing(sample_rate=2000.0, block=1, latency=0)
+    >>> measured = plant.exchange(np.full(2000, 1.0))
+    >>> round(measured[-1], 3), round(plant.truth[-1], 3)
+    (9.608, 9.608)
+    """
+
+    def __init__(self, settings: PlantSettings | None = None, seed: int = 0) -> None:
+        self.settings = PlantSettings() if settings is None else settings
+        self.seed = _check.count("seed", seed, 0, 2**63 - 1)
+        self._plant = _plant.Plant(_kernel_settings(self.settings))
+        self._samples = self.settings.samples_per_tick
+        self.open()
+
+    def open(self) -> Timing:
+        """Rest at time 0, noise from its beginning; opening again repeats the same bits."""
+        self._plant.reset()
+        self._noise = Noise(self.seed)
+        self.truth: FloatArray = np.empty(0)
+        return Timing(sample_rate=self.settings.sample_rate)
+
+    def exchange(self, volts: FloatArray) -> FloatArray:
+        """Hold each voltage for a tick.
+
+        Parameters
+        ----------
+        volts : ndarray, shape (ticks,)
+            Voltages at the D/A converter, V; any number of ticks.
+
+        Returns
+        -------
+        ndarray, shape (ticks,)
+            Measured displacement, the mean over each tick, um.
+
+        Raises
+        ------
+        SettingError
+            A voltage is NaN or infinite; nothing has moved, but the noise of these ticks is used up.
+        """
+        volts = np.ascontiguousarray(volts, dtype=np.float64)
+        measured, truth = np.empty_like(volts), np.empty_like(volts)
+        bad = self._plant.run(volts, self._noise.take(volts.size * self._samples), measured, truth)
+        if bad >= 0:
+            raise SettingError(f"volts[{bad}]", volts[bad], "finite", "V")
+        self.truth = truth
+        return measured
+
+    def describe(self) -> dict[str, object]:
+        """Kind, settings and seed, as plain data for a recording."""
+        return {"kind": "realistic", "seed": self.seed, **dataclasses.asdict(self.settings)}
+
+
+def _kernel_settings(s: PlantSettings) -> dict[str, float]:
+    """The settings as the kernel names them: limits apart, no limit as infinity, no change at tick -1."""
+    flat = dataclasses.asdict(s)
+    for name in ("da", "stack", "ad"):
+        flat[f"{name}_low"], flat[f"{name}_high"] = flat.pop(f"{name}_limits") or (-math.inf, math.inf)
+    flat["creep_shortest"], flat["creep_longest"] = flat.pop("creep_span")
+    del flat["change"]
+    flat["change_tick"] = s.change.tick(s.sample_rate) if s.change else -1
+    flat["change_gain"] = s.change.gain if s.change else 1.0
+    flat["change_hysteresis"] = s.change.hysteresis if s.change else 1.0
+    return flat

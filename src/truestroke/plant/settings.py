@@ -1,0 +1,294 @@
+"""Settings of the simulated actuators: one number a member, with its unit; docs/plant.md gives the source of each."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any
+
+from truestroke import _check, _plant
+from truestroke._check import SettingError
+
+EFFECTS: Mapping[str, Mapping[str, object]] = MappingProxyType(
+    {
+        "da_quantisation": {"da_step": 0.0},
+        "da_limits": {"da_limits": None},
+        "lag": {"amplifier_bandwidth": 0.0},
+        "stack_limits": {"stack_limits": None},
+        "hysteresis": {"hysteresis": 0.0},
+        "asymmetry": {"asymmetry": 0.0},
+        "creep": {"creep": 0.0},
+        "resonance": {"resonance": 0.0},
+        "drift": {"drift": 0.0},
+        "noise": {"noise": 0.0},
+        "ad_quantisation": {"ad_step": 0.0},
+        "ad_limits": {"ad_limits": None},
+        "averaging": {"samples_per_tick": 1},
+        "change": {"change": None},
+        "ageing": {"ageing_gain": 0.0, "ageing_hysteresis": 0.0},
+    }
+)
+"""The effects of the realistic plant by name, in the order of its chain, and what switches each of them off."""
+
+# Lowest and highest value and the unit of every plain number of PlantSettings.
+_BOUNDS = {
+    "da_step": (0.0, 10.0, "V"),
+    "amplifier_gain": (1e-3, 1e6, "V/V"),
+    "amplifier_bandwidth": (0.0, 1e9, "Hz"),
+    "sensitivity": (1e-6, 1e6, "um/V"),
+    "hysteresis": (0.0, 0.95, ""),
+    "threshold_scale": (1e-3, 1e6, "V"),
+    "threshold_max": (1e-3, 1e6, "V"),
+    "asymmetry": (-0.3, 0.3, ""),
+    "asymmetry_stroke": (1e-3, 1e6, "um"),
+    "creep": (0.0, 0.2, ""),
+    "resonance": (0.0, 1e9, "Hz"),
+    "damping": (0.0, 0.99, ""),
+    "drift": (-1e3, 1e3, "um"),
+    "drift_time": (1e-3, 1e9, "s"),
+    "noise": (0.0, 1e3, "um"),
+    "ad_step": (0.0, 1e3, "um"),
+    "ageing_gain": (-1.0, 1.0, "1/h"),
+    "ageing_hysteresis": (-1.0, 1.0, "1/h"),
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Change:
+    """A sudden change of the actuator (Sec. 4.2), from the first tick that begins at `time` or later.
+
+    Attributes
+    ----------
+    time : float
+        When it happens, s.
+    gain : float
+        Factor on the sensitivity, without unit.
+    hysteresis : float
+        Factor on the hysteretic part: on the loop width at the same sensitivity (realistic plant), on the weights of
+        all plays but the first (matched plant).
+
+    Examples
+    --------
+    >>> Change(time=2.5, gain=0.8).tick(2000.0)
+    5000
+    """
+
+    time: float
+    gain: float = 1.0
+    hysteresis: float = 1.0
+
+    def __post_init__(self) -> None:
+        _check.within("change.time", self.time, 0.0, 1e9, "s")
+        _check.within("change.gain", self.gain, 0.01, 100.0)
+        _check.within("change.hysteresis", self.hysteresis, 0.0, 100.0)
+
+    def tick(self, sample_rate: float) -> int:
+        """The first tick of the changed actuator; `sample_rate` in Hz."""
+        return math.ceil(self.time * sample_rate * (1 - 1e-12))
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlantSettings:
+    """A driven piezo stage, in the order of its chain. A number at 0, or limits at None, switch their effect off.
+
+    Attributes
+    ----------
+    sample_rate : float
+        Ticks per second, Hz.
+    samples_per_tick : int
+        Samples of the displacement that one measurement averages; 1 takes the sample at the end of the tick.
+    steps_per_tick : int
+        Steps of the integration; a multiple of `samples_per_tick`.
+    da_step : float
+        Step of the D/A converter, V.
+    da_limits : tuple[float, float] or None
+        Its range, V.
+    amplifier_gain : float
+        Stack voltage over D/A voltage, V/V.
+    amplifier_bandwidth : float
+        Corner of its first-order lag, Hz; 0: no lag.
+    stack_limits : tuple[float, float] or None
+        Range of the stack voltage, V.
+    sensitivity : float
+        S: slope of the chord of the major loop over 0 to twice `threshold_max`, um per stack volt.
+    hysteresis : float
+        h: part of S that the play operators carry, without unit.
+    plays : int
+        Number of play operators.
+    threshold_scale, threshold_max : float
+        rho and R of the density exp(-r / rho), 0 < r < R, of their thresholds, stack volts.
+    asymmetry : float
+        alpha: z = y (1 + alpha (y / Y - 1)), without unit; below 0 the actuator softens with the stroke.
+    asymmetry_stroke : float
+        Y: where the asymmetry leaves the displacement as it is, um.
+    creep : float
+        gamma: creep per decade of time over the displacement, without unit.
+    creep_operators : int
+        Number of first-order operators.
+    creep_span : tuple[float, float]
+        Times between which creep is logarithmic, s.
+    resonance : float
+        First resonance of the stage under load, Hz; 0: a massless stage.
+    damping : float
+        Its damping ratio zeta, without unit.
+    drift : float
+        A: thermal expansion when warm, um.
+    drift_time : float
+        Time constant of warming up, s.
+    noise : float
+        Standard deviation of one sample of the sensor, um.
+    ad_step : float
+        Step of the A/D converter, um.
+    ad_limits : tuple[float, float] or None
+        Its range, um.
+    change : Change or None
+        A sudden change (Sec. 4.2).
+    ageing_gain, ageing_hysteresis : float
+        Relative change of the sensitivity, and of the hysteretic part, per hour, 1/h; linear in time.
+
+    Raises
+    ------
+    SettingError
+        Names the setting, its value, the bound and the unit.
+
+    Examples
+    --------
+    >>> PlantSettings().without("noise", "drift").noise
+    0.0
+    >>> PlantSettings(damping=1.5)
+    Traceback (most recent call last):
+        ...
+    truestroke._check.SettingError: damping = 1.5: must be from 0 to 0.99
+    """
+
+    sample_rate: float = 2000.0
+    samples_per_tick: int = 5
+    steps_per_tick: int = 10
+    da_step: float = 20.0 / 2**16
+    da_limits: tuple[float, float] | None = (-10.0, 10.0)
+    amplifier_gain: float = 100.0 / 3.0
+    amplifier_bandwidth: float = 2000.0
+    stack_limits: tuple[float, float] | None = (-20.0, 120.0)
+    sensitivity: float = 0.3771
+    hysteresis: float = 0.332
+    plays: int = 60
+    threshold_scale: float = 30.0
+    threshold_max: float = 60.0
+    asymmetry: float = -0.056
+    asymmetry_stroke: float = 45.0
+    creep: float = 0.015
+    creep_operators: int = 16
+    creep_span: tuple[float, float] = (1e-2, 1e3)
+    resonance: float = 900.0
+    damping: float = 0.03
+    drift: float = 0.2
+    drift_time: float = 600.0
+    noise: float = 0.030
+    ad_step: float = 100.0 / 2**16
+    ad_limits: tuple[float, float] | None = (-25.0, 75.0)
+    change: Change | None = None
+    ageing_gain: float = 0.0
+    ageing_hysteresis: float = 0.0
+
+    def __post_init__(self) -> None:
+        _check.positive("sample_rate", self.sample_rate, "Hz")
+        for name, (low, high, unit) in _BOUNDS.items():
+            object.__setattr__(self, name, _check.within(name, getattr(self, name), low, high, unit))
+        for name, unit in (("da_limits", "V"), ("stack_limits", "V"), ("ad_limits", "um")):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, _check.interval(name, getattr(self, name), unit))
+        _check.count("plays", self.plays, 1, _plant.MAX_PLAYS)
+        _check.count("creep_operators", self.creep_operators, 1, _plant.MAX_CREEP_OPERATORS)
+        _check.positive("creep_span[0]", _check.interval("creep_span", self.creep_span, "s")[0], "s")
+        samples = _check.count("samples_per_tick", self.samples_per_tick, 1, 1000)
+        steps = _check.count("steps_per_tick", self.steps_per_tick, samples, 100_000)
+        if steps % samples:
+            raise SettingError("steps_per_tick", steps, f"a multiple of samples_per_tick, {samples}")
+        if self.change is not None:
+            _check.within("hysteresis * change.hysteresis", self.hysteresis * self.change.hysteresis, 0.0, 0.95)
+
+    @property
+    def input_sensitivity(self) -> float:
+        """Slope of the chord of the major loop, um per volt at the D/A converter."""
+        return self.amplifier_gain * self.sensitivity
+
+    def without(self, *effects: str) -> PlantSettings:
+        """A copy with these effects, named as in `EFFECTS`, switched off; ``without(*EFFECTS)`` is a straight line.
+
+        Raises
+        ------
+        SettingError
+            There is no effect of that name.
+        """
+        off: dict[str, Any] = {}
+        for name in effects:
+            if name not in EFFECTS:
+                raise SettingError("effects", repr(name), f"one of {', '.join(EFFECTS)}")
+            off |= EFFECTS[name]
+        return dataclasses.replace(self, **off)
+
+
+@dataclass(frozen=True, kw_only=True)
+class MatchedSettings:
+    """The paper's plant (13), of exactly the controller's structure; defaults are the published P-885.90 (Sec. 4.3).
+
+    Attributes
+    ----------
+    sample_rate : float
+        Ticks per second, Hz.
+    a, b : tuple[float, ...]
+        a_p and b_p, um/V: the weights of the plays are a_i + rate_scale zdot_d b_i (7).
+    rate_scale : float
+        c_b, s/um.
+    thresholds : tuple[float, ...]
+        r of the plays, V at the D/A converter, ascending from 0; the default is i/8 of 1.8 V.
+    dead_zone_thresholds : tuple[float, ...]
+        d of the forward dead zones (4), um, ascending from 0.
+    dead_zone_weights : tuple[float, ...]
+        w_s of the forward dead zones (5), without unit; (1,) is a symmetric actuator.
+    noise : float
+        Standard deviation of one measurement, um.
+    change : Change or None
+        A sudden change (Sec. 4.2).
+    weight_spread : float
+        At the change every weight is also multiplied by a factor drawn uniformly from 1 - spread to 1 + spread.
+
+    Raises
+    ------
+    SettingError
+        Names the setting, its value, the bound and the unit.
+    """
+
+    sample_rate: float = 2000.0
+    a: tuple[float, ...] = (8.4, 1.3, 0.92, 0.7, 0.88, 0.74, -2.6, 2.23)
+    b: tuple[float, ...] = (-0.9, 1.03, -0.244, 0.1, 0.05, -0.02, 0.01, -0.01)
+    rate_scale: float = 0.007
+    thresholds: tuple[float, ...] = tuple(i / 8 * 1.8 for i in range(8))
+    dead_zone_thresholds: tuple[float, ...] = (0.0,)
+    dead_zone_weights: tuple[float, ...] = (1.0,)
+    noise: float = 0.05
+    change: Change | None = None
+    weight_spread: float = 0.0
+
+    def __post_init__(self) -> None:
+        _check.positive("sample_rate", self.sample_rate, "Hz")
+        thresholds = _check.ascending("thresholds", self.thresholds, "V")
+        _check.count("the number of thresholds", len(thresholds), 1, _plant.MATCHED_MAX_PLAYS)
+        corners = _check.ascending("dead_zone_thresholds", self.dead_zone_thresholds, "um")
+        _check.count("the number of dead_zone_thresholds", len(corners), 1, _plant.MATCHED_MAX_DEAD_ZONES)
+        for name, size, unit in (
+            ("a", len(thresholds), "um/V"),
+            ("b", len(thresholds), "um/V"),
+            ("dead_zone_weights", len(corners), ""),
+        ):
+            values = tuple(_check.number(name, value, unit) for value in getattr(self, name))
+            if len(values) != size:
+                raise SettingError(name, values, f"{size} numbers, one for each threshold", unit)
+        _check.within("rate_scale", self.rate_scale, 0.0, 1e6, "s/um")
+        _check.within("noise", self.noise, 0.0, 1e3, "um")
+        _check.within("weight_spread", self.weight_spread, 0.0, 1.0)
+        if self.weight_spread and self.change is None:
+            raise SettingError("weight_spread", self.weight_spread, "0 where no change is scheduled")
