@@ -39,7 +39,7 @@ class MatchedPlant:
     --------
     >>> plant = MatchedPlant(velocity=[0.0, 100.0], settings=MatchedSettings(noise=0.0))
     >>> plant.exchange(np.array([1.0, 1.0])).round(4)
-    array([10.5195, 10.4381])
+    array([10.229 , 10.0901])
     """
 
     def __init__(self, velocity: npt.ArrayLike, settings: MatchedSettings | None = None, seed: int = 0) -> None:
@@ -84,6 +84,7 @@ class MatchedPlant:
         velocity = self._velocity[self._tick : end]
         bad = self._plant.run(volts, velocity, self._noise.take(volts.size), measured, truth)
         if bad >= 0:
+            self._noise.put_back(volts.size)
             raise SettingError(f"volts[{bad}]", volts[bad], "finite", "V")
         self._tick, self.truth = end, truth
         return measured

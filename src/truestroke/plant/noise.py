@@ -34,3 +34,7 @@ class Noise:
         taken = self._chunk[self._used : end]
         self._used = end
         return taken
+
+    def put_back(self, count: int) -> None:
+        """Undo the last `take`, of `count` numbers."""
+        self._used -= count

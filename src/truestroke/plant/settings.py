@@ -170,7 +170,7 @@ class PlantSettings:
     da_step: float = 20.0 / 2**16
     da_limits: tuple[float, float] | None = (-10.0, 10.0)
     amplifier_gain: float = 100.0 / 3.0
-    amplifier_bandwidth: float = 2000.0
+    amplifier_bandwidth: float = 1000.0
     stack_limits: tuple[float, float] | None = (-20.0, 120.0)
     sensitivity: float = 0.3771
     hysteresis: float = 0.332
