@@ -75,7 +75,7 @@ def test_stack_voltage_stays_between_minus_20_and_120():
 def test_lag_is_first_order():
     _, truth = response(only("lag", sample_rate=20e3), np.ones(40))
     t = np.arange(1, 41) / 20e3
-    assert truth == pytest.approx(12.57 * (1 - np.exp(-2 * np.pi * 1000 * t)), rel=1e-12)
+    assert truth == pytest.approx(12.57 * (1 - np.exp(-2 * np.pi * 500 * t)), rel=1e-12)
 
 
 def test_hysteresis_has_the_published_slopes_and_the_loop_width_of_piezo_stacks():
@@ -86,7 +86,7 @@ def test_hysteresis_has_the_published_slopes_and_the_loop_width_of_piezo_stacks(
     assert (z[2] - z[4]) / 3.6 == pytest.approx(12.57, rel=1e-12)  # chord of the major loop: sum of a_p
 
 
-@pytest.mark.parametrize(("frequency", "low", "high"), [(1.0, 0.10, 0.14), (20.0, 0.13, 0.20)])
+@pytest.mark.parametrize(("frequency", "low", "high"), [(1.0, 0.10, 0.14), (20.0, 0.15, 0.20)])
 def test_loop_is_10_to_20_percent_wide_and_wider_when_faster(frequency, low, high):
     volts = cycles(frequency, 1.2, 4)
     _, z = response(PlantSettings(), volts)
@@ -148,7 +148,7 @@ def test_lag_and_resonance_together_follow_the_transfer_function():
     t = (np.arange(24000) + 0.5) / rate  # the hold delays by half a tick; samples are at the end of a tick
     seen = 2 * np.mean((z * np.exp(-2j * np.pi * f * (t + 0.5 / rate)))[12000:]) * 1j * np.exp(1j * np.pi * f / rate)
     u = f / 900
-    expected = 12.57 / (1 + 1j * f / 1000) / (1 - u**2 + 2j * 0.03 * u)
+    expected = 12.57 / (1 + 1j * f / 500) / (1 - u**2 + 2j * 0.03 * u)
     assert seen == pytest.approx(expected, rel=1e-3)
 
 

@@ -144,6 +144,7 @@ class Matched {
 } // namespace
 
 NB_MODULE(_plant, m) {
+    nb::set_leak_warnings(false); // a plant that lives until the interpreter ends, as in a notebook, is no leak
     m.doc() = "The simulated actuators in C: the realistic plant and the matched plant (13).";
     m.attr("MAX_PLAYS") = TS_PLANT_MAX_PLAYS;
     m.attr("MAX_CREEP_OPERATORS") = TS_PLANT_MAX_CREEP;

@@ -7,8 +7,9 @@ import dataclasses
 import numpy as np
 import numpy.typing as npt
 
-from truestroke import _check, _plant
+from truestroke import _check
 from truestroke._check import SettingError
+from truestroke._plant import Matched
 from truestroke._typing import FloatArray
 from truestroke.plant.noise import Noise
 from truestroke.plant.settings import MatchedSettings
@@ -47,7 +48,7 @@ class MatchedPlant:
         self.seed = _check.count("seed", seed, 0, 2**63 - 1)
         self._velocity = np.ascontiguousarray(_check.finite_array("velocity", velocity, "um/s"))
         self.changed_a, self.changed_b = _changed_weights(self.settings, self.seed)
-        self._plant = _plant.Matched(self._kernel_settings())
+        self._plant = Matched(self._kernel_settings())
         self.open()
 
     def open(self) -> Timing:
@@ -80,7 +81,7 @@ class MatchedPlant:
         end = self._tick + volts.size
         if end > self._velocity.size:
             raise SettingError("ticks", end, f"at most {self._velocity.size}, the length of velocity")
-        measured, truth = np.empty_like(volts), np.empty_like(volts)
+        measured, truth = np.empty(volts.shape), np.empty(volts.shape)
         velocity = self._velocity[self._tick : end]
         bad = self._plant.run(volts, velocity, self._noise.take(volts.size), measured, truth)
         if bad >= 0:

@@ -171,7 +171,7 @@ def simulate(s: PlantSettings, volts: FloatArray, noise: FloatArray) -> tuple[Fl
     --------
     >>> measured, truth = simulate(PlantSettings().without("noise"), np.full(20, 1.0), np.zeros((20, 5)))
     >>> truth[[0, 19]].round(3)
-    array([ 6.436, 12.361])
+    array([ 4.022, 12.384])
     """
     c, state = Constants.of(s), State.at_rest(s)
     measured, truth = np.zeros_like(volts), np.zeros_like(volts)

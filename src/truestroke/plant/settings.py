@@ -9,8 +9,9 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
-from truestroke import _check, _plant
+from truestroke import _check
 from truestroke._check import SettingError
+from truestroke._plant import MATCHED_MAX_DEAD_ZONES, MATCHED_MAX_PLAYS, MAX_CREEP_OPERATORS, MAX_PLAYS
 
 EFFECTS: Mapping[str, Mapping[str, object]] = MappingProxyType(
     {
@@ -170,7 +171,7 @@ class PlantSettings:
     da_step: float = 20.0 / 2**16
     da_limits: tuple[float, float] | None = (-10.0, 10.0)
     amplifier_gain: float = 100.0 / 3.0
-    amplifier_bandwidth: float = 1000.0
+    amplifier_bandwidth: float = 500.0
     stack_limits: tuple[float, float] | None = (-20.0, 120.0)
     sensitivity: float = 0.3771
     hysteresis: float = 0.332
@@ -200,8 +201,8 @@ class PlantSettings:
         for name, unit in (("da_limits", "V"), ("stack_limits", "V"), ("ad_limits", "um")):
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, _check.interval(name, getattr(self, name), unit))
-        _check.count("plays", self.plays, 1, _plant.MAX_PLAYS)
-        _check.count("creep_operators", self.creep_operators, 1, _plant.MAX_CREEP_OPERATORS)
+        _check.count("plays", self.plays, 1, MAX_PLAYS)
+        _check.count("creep_operators", self.creep_operators, 1, MAX_CREEP_OPERATORS)
         _check.positive("creep_span[0]", _check.interval("creep_span", self.creep_span, "s")[0], "s")
         samples = _check.count("samples_per_tick", self.samples_per_tick, 1, 1000)
         steps = _check.count("steps_per_tick", self.steps_per_tick, samples, 100_000)
@@ -276,9 +277,9 @@ class MatchedSettings:
     def __post_init__(self) -> None:
         _check.positive("sample_rate", self.sample_rate, "Hz")
         thresholds = _check.ascending("thresholds", self.thresholds, "V")
-        _check.count("the number of thresholds", len(thresholds), 1, _plant.MATCHED_MAX_PLAYS)
+        _check.count("the number of thresholds", len(thresholds), 1, MATCHED_MAX_PLAYS)
         corners = _check.ascending("dead_zone_thresholds", self.dead_zone_thresholds, "um")
-        _check.count("the number of dead_zone_thresholds", len(corners), 1, _plant.MATCHED_MAX_DEAD_ZONES)
+        _check.count("the number of dead_zone_thresholds", len(corners), 1, MATCHED_MAX_DEAD_ZONES)
         for name, size, unit in (
             ("a", len(thresholds), "um/V"),
             ("b", len(thresholds), "um/V"),
