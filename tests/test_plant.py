@@ -325,6 +325,10 @@ def test_matched_change_redraws_the_weights_within_their_spread():
     still, moved = MatchedPlant(velocity), changed[0]
     still.exchange(volts), moved.exchange(volts)
     assert np.array_equal(still.truth[:100], moved.truth[:100])
+    fresh = dataclasses.replace(s, change=None, weight_spread=0.0, a=moved.changed_a, b=moved.changed_b)
+    redrawn = MatchedPlant(velocity, fresh)
+    redrawn.exchange(volts)
+    assert np.array_equal(moved.truth[100:], redrawn.truth[100:])
     assert np.all(still.truth[100:] != moved.truth[100:])
     with pytest.raises(SettingError, match="at most 200"):
         moved.exchange(volts)
