@@ -170,7 +170,7 @@ def test_a_bad_state_changes_nothing(fault) -> None:
     drive(controller, 50)
     before, bad = controller.state(), controller.state()
     if fault == "missing":
-        del bad["covariance"]
+        del bad["covariance_root"]
     elif fault == "size":
         bad["weights"] = bad["weights"][:5]
     else:

@@ -74,11 +74,11 @@ ts_real ts_play_inverse(ts_real y_d, const ts_real *s, const ts_real *r, const t
 
 /* ---- Recursive least squares (23) -------------------------------------------------------------------------------- */
 
-/* w += mu e, P = (P - mu u'P) / lambda with mu = P u / (lambda + u'P u). P is m x m, symmetric, row by row.
- * pi is m reals of scratch. Where trace P would pass the limit, the division by lambda is left out for this tick.
- * Returns false, and changes nothing, where u'P u is negative or not finite (P has lost its definiteness), or where e
- * is not finite. */
-bool ts_rls_update(ts_real *w, ts_real *P, ts_real *pi, const ts_real *u, ts_real e, ts_real lambda,
+/* w += mu e, P = (P - mu u'P) / lambda with mu = P u / (lambda + u'P u), carried as a square root, P = S S' (Potter),
+ * so that P stays positive semidefinite in any precision. S is m x m, row by row; at the start it is I / sqrt(delta).
+ * f is m reals of scratch. Where trace P is past the limit, the division by lambda is left out for this tick.
+ * Returns false, and changes neither w nor S, where u'P u or e is not finite. */
+bool ts_rls_update(ts_real *w, ts_real *S, ts_real *f, const ts_real *u, ts_real e, ts_real lambda,
                    ts_real trace_limit, int m);
 
 /* ---- Controller (Sec. 3, Fig. 5) ----------------------------------------------------------------------------------- */
@@ -124,8 +124,8 @@ typedef struct {
     ts_real lagged_play[TS_MAX_PLAYS];/* play states at the tick that was measured last, V */
     ts_real u[TS_MAX_PARAMETERS];     /* (20) */
     ts_real innovation;               /* e_m, (15), um */
-    ts_real P[TS_MAX_PARAMETERS * TS_MAX_PARAMETERS]; /* 1/V^2, m x m packed at the front */
-    ts_real pi[TS_MAX_PARAMETERS];    /* scratch */
+    ts_real S[TS_MAX_PARAMETERS * TS_MAX_PARAMETERS]; /* P = S S', 1/V, m x m packed at the front */
+    ts_real f[TS_MAX_PARAMETERS];     /* scratch */
     bool hold;
     ts_flags flags;
     ts_counters counters;

@@ -108,7 +108,7 @@ void ts_controller_reset(ts_controller *c)
     int m = 2 * settings.plays;
     for (int i = 0; i < m; i++) {
         c->w[i] = settings.initial_weights[i];
-        c->P[i * m + i] = 1 / settings.regularization;
+        c->S[i * m + i] = 1 / (ts_real)sqrt(settings.regularization);
     }
     (void)rate_dependent_slopes(c, 0);
 }
@@ -151,7 +151,7 @@ ts_status ts_controller_adapt(ts_controller *c, ts_real z, int ago)
     ts_real y_a = ts_dead_zones(z, s->dead_zone_thresholds, s->dead_zone_weights, s->dead_zones);
     c->innovation = y_a - dot(c->w, c->u, 2 * s->plays); /* (15) */
     if (c->hold) return TS_OK;
-    if (!ts_rls_update(c->w, c->P, c->pi, c->u, c->innovation, s->forgetting, s->covariance_limit, 2 * s->plays)) {
+    if (!ts_rls_update(c->w, c->S, c->f, c->u, c->innovation, s->forgetting, s->covariance_limit, 2 * s->plays)) {
         c->flags.rejected = true;
         c->counters.rejected++;
         return TS_REJECTED;

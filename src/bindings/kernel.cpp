@@ -126,7 +126,7 @@ class Kernel {
         nb::dict d;
         size_t n = plays(), m = parameters();
         d["weights"] = copy_of(c_.w, {m});
-        d["covariance"] = copy_of(c_.P, {m, m});
+        d["covariance_root"] = copy_of(c_.S, {m, m});
         d["play"] = copy_of(c_.play, {n});
         d["lagged_play"] = copy_of(c_.lagged_play, {n});
         d["slopes"] = copy_of(c_.slopes, {n});
@@ -147,7 +147,7 @@ class Kernel {
         ts_controller next = c_; // so that a bad entry changes nothing
         size_t n = plays(), m = parameters();
         take(d, "weights", next.w, m);
-        take(d, "covariance", next.P, m * m);
+        take(d, "covariance_root", next.S, m * m);
         take(d, "play", next.play, n);
         take(d, "lagged_play", next.lagged_play, n);
         take(d, "slopes", next.slopes, n);
@@ -175,7 +175,7 @@ class Kernel {
     double innovation() const { return c_.innovation; }
     double trace() const {
         double sum = 0;
-        for (size_t i = 0; i < parameters(); i++) sum += c_.P[i * parameters() + i];
+        for (size_t i = 0; i < parameters() * parameters(); i++) sum += static_cast<double>(c_.S[i]) * c_.S[i];
         return sum;
     }
     int flags() const {

@@ -82,7 +82,7 @@ class ControllerSettings:
     rate_scale: float = 0.007
     forgetting: float = 0.9999
     regularization: float = 1e-3
-    covariance_limit: float = 1e9
+    covariance_limit: float = 1e6
     slope_min: float = None  # type: ignore[assignment]
     precision: Literal["double", "single"] = "double"
 
