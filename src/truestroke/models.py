@@ -1,0 +1,383 @@
+"""Hysteresis models, forward and inverse: (3), (5), (7)-(12).
+
+Symbols are the paper's: thresholds r (V) and weights w_h (um/V) of the plays, thresholds d (um) and weights w_s of the
+dead zones; a prime (') marks the parameters of the inverse. A model holds no state: the play states y (V) go in and
+come out of every step.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from truestroke import _check
+from truestroke._check import SettingError
+from truestroke._typing import FloatArray
+from truestroke.operators import dead_zone, dot, play, play_history
+
+# ---- Inverse parameters (10) -------------------------------------------------------------------------------------
+
+
+def inverse_parameters(
+    w_h: npt.ArrayLike, r: npt.ArrayLike, y0: npt.ArrayLike
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Weights, thresholds and states of the plays that undo the plays (w_h, r, y0).
+
+    ::
+
+        w'_0 = 1 / w_0,   w'_i = -w_i / (sum_{j<=i} w_j  sum_{j<i} w_j)
+        r'_i = sum_{j<=i} w_j (r_i - r_j)                                  (10)
+        y0'_i = sum_{j<=i} w_j y0_i + sum_{j>i} w_j y0_j
+
+    Parameters
+    ----------
+    w_h : array_like, shape (n,)
+        Weights, um/V; every partial sum is above 0.
+    r : array_like, shape (n,)
+        Thresholds, V, ascending from 0.
+    y0 : array_like, shape (n,)
+        Play states that the last tick left, V.
+
+    Returns
+    -------
+    w_h, r, y0 : ndarray, shape (n,)
+        Of the inverse: weights, V/um; thresholds, um; states, um.
+
+    Raises
+    ------
+    SettingError
+        A partial sum is not above 0: the model has no inverse (Sec. 6).
+
+    Examples
+    --------
+    >>> inverse_parameters([8.0, 2.0], [0.0, 0.5], [1.0, 0.5])
+    (array([ 0.125, -0.025]), array([0., 4.]), array([9., 5.]))
+    """
+    w, y = _floats(w_h), _floats(y0)
+    # The print has y0_j in the first sum; only y0_i makes (12) undo (3).
+    y_inverse = np.array([np.sum(w[: i + 1]) * y[i] + np.sum(w[i + 1 :] * y[i + 1 :]) for i in range(w.size)])
+    return _inverse_weights("w_h", w, "um/V"), _inverse_thresholds(w, _floats(r)), y_inverse
+
+
+def inverse_dead_zones(w_s: npt.ArrayLike, d: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """Weights and thresholds of the dead zones that undo the dead zones (w_s, d), by (10).
+
+    Undone twice they are themselves again.
+
+    Parameters
+    ----------
+    w_s : array_like, shape (m,)
+        Weights, without unit; every partial sum is above 0.
+    d : array_like, shape (m,)
+        Thresholds, um, ascending from 0.
+
+    Returns
+    -------
+    w_s, d : ndarray, shape (m,)
+        Of the inverse: weights, without unit; thresholds, um.
+
+    Raises
+    ------
+    SettingError
+        A partial sum is not above 0.
+
+    Examples
+    --------
+    >>> inverse_dead_zones([1.0, 0.25], [0.0, 12.0])
+    (array([ 1. , -0.2]), array([ 0., 12.]))
+    """
+    return _inverse_weights("w_s", _floats(w_s), ""), _inverse_thresholds(_floats(w_s), _floats(d))
+
+
+def _inverse_weights(name: str, w: FloatArray, unit: str) -> FloatArray:
+    sums = np.cumsum(w)
+    if not np.all(sums > 0):
+        raise SettingError(name, w, "numbers whose partial sums are all above 0", unit)
+    return np.concatenate([[1.0 / w[0]], -w[1:] / (sums[1:] * sums[:-1])])
+
+
+def _inverse_thresholds(w: FloatArray, r: FloatArray) -> FloatArray:
+    return np.array([np.sum(w[: i + 1] * (r[i] - r[: i + 1])) for i in range(w.size)])
+
+
+def _floats(value: npt.ArrayLike) -> FloatArray:
+    return np.asarray(value, dtype=np.float64)
+
+
+# ---- Inverse of the plays, one tick ------------------------------------------------------------------------------
+
+
+def play_inverse_literal(y_d: float, w_h: npt.ArrayLike, r: npt.ArrayLike, y: npt.ArrayLike) -> float:
+    """The input that brings the plays to y_d, as printed: (10), then (12).
+
+    The weights may change at every tick: (10) is computed anew from the forward states y that the last tick left.
+
+    Parameters
+    ----------
+    y_d : float
+        Desired output of the plays, um.
+    w_h, r, y : array_like, shape (n,)
+        Weights of this tick, um/V, thresholds, V, and states that the last tick left, V.
+
+    Returns
+    -------
+    float
+        x(t) = w_h' . H_r'[y_d, y0'](t), V                                 (12)
+
+    Examples
+    --------
+    >>> x = play_inverse_literal(7.0, [8.0, 2.0], [0.0, 0.5], [0.0, 0.0])
+    >>> x, float(np.dot([8.0, 2.0], play(x, [0.0, 0.5], [0.0, 0.0])))
+    (0.8, 7.0)
+    """
+    w_inverse, r_inverse, y0_inverse = inverse_parameters(w_h, r, y)
+    return float(w_inverse @ play(y_d, r_inverse, y0_inverse))
+
+
+def play_inverse(y_d: float, slopes: npt.ArrayLike, r: npt.ArrayLike, y: npt.ArrayLike) -> float:
+    """The same input in O(n), as the kernel finds it: a walk over the breakpoints of x -> w_h . H_r[x].
+
+    That function is piecewise linear and increasing. Play i begins to move at y_i + r_i on the way up and at
+    y_i - r_i on the way down; from there on the slope is w_0 + ... + w_i. The breakpoints are in order already, because
+    the states of plays that share their input are nested.
+
+    Parameters
+    ----------
+    y_d : float
+        Desired output of the plays, um.
+    slopes : array_like, shape (n,)
+        Partial sums of the weights, um/V, each above 0.
+    r, y : array_like, shape (n,)
+        Thresholds, V, and states that the last tick left, V; the state of the first play is the last input.
+
+    Returns
+    -------
+    float
+        x, V
+
+    Examples
+    --------
+    >>> play_inverse(7.0, [8.0, 10.0], [0.0, 0.5], [0.0, 0.0])
+    0.8
+    """
+    s, thresholds, states = (_floats(value).tolist() for value in (slopes, r, y))  # plain floats: no array is made
+    gap = y_d  # what is still missing at x, um: y_d - w.y, with w_j = s_j - s_{j-1} summed by parts
+    for slope, inner, outer in zip(s, states, [*states[1:], 0.0], strict=True):
+        gap -= slope * (inner - outer)
+
+    sign = -1.0 if gap < 0 else 1.0
+    x, slope = states[0], s[0]
+    for threshold, state, next_slope in zip(thresholds[1:], states[1:], s[1:], strict=True):
+        corner = state + sign * threshold  # where the next play begins to move
+        beyond = gap - slope * (corner - x)
+        if beyond * sign <= 0:
+            break
+        gap, x, slope = beyond, corner, next_slope
+    return float(x + gap / slope)
+
+
+def lift_slopes(w_h: FloatArray, slope_min: float) -> tuple[FloatArray, bool]:
+    """Partial sums of the weights, each at least `slope_min`: the guard that keeps the inverse defined (Sec. 6).
+
+    Not in the paper, which asks that negative slopes be avoided and does not say how. The weights stay as they are.
+
+    Parameters
+    ----------
+    w_h : ndarray, shape (n,)
+        Weights, um/V.
+    slope_min : float
+        Smallest slope, um/V, above 0.
+
+    Returns
+    -------
+    slopes : ndarray, shape (n,)
+        Slopes of the branches, um/V.
+    lifted : bool
+        Whether a slope had to be lifted.
+
+    Examples
+    --------
+    >>> lift_slopes(np.array([5.0, -6.0, 3.0]), 0.25)
+    (array([5.  , 0.25, 2.  ]), True)
+    """
+    sums = np.cumsum(w_h)
+    enough = sums >= slope_min
+    return np.where(enough, sums, slope_min), not bool(enough.all())
+
+
+# ---- Models ------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class PrandtlIshlinskii:
+    """A weighted sum of plays: y(t) = w_h . H_r[x, y0](t)  (3).
+
+    Attributes
+    ----------
+    r : ndarray, shape (n,)
+        Thresholds, V, ascending from 0.
+    w_h : ndarray, shape (n,)
+        Weights, um/V.
+
+    Examples
+    --------
+    >>> model = PrandtlIshlinskii(r=[0.0, 0.5], w_h=[8.0, 2.0])
+    >>> model.predict([0.8, 0.0])
+    array([7. , 0.6])
+    """
+
+    r: FloatArray
+    w_h: FloatArray
+
+    def __post_init__(self) -> None:
+        _set(self, r=_thresholds("r", self.r, "V"))
+        _set(self, w_h=_matching("w_h", self.w_h, "um/V", "r", self.r))
+
+    def step(self, x: float, y: FloatArray) -> tuple[float, FloatArray]:
+        """Output, um, and play states, V, after the input x, V; y are the states that the last tick left."""
+        y = play(x, self.r, y)
+        return float(dot(self.w_h, y)), y
+
+    def predict(self, x: npt.ArrayLike, y0: npt.ArrayLike | None = None) -> FloatArray:
+        """Output, um, shape (ticks,), for the input x, V, shape (ticks,)."""
+        return dot(play_history(x, self.r, y0), self.w_h)
+
+
+@dataclass(frozen=True, eq=False)
+class ModifiedPrandtlIshlinskii:
+    """Plays bent by dead zones: z(t) = w_s . S_d[w_h . H_r[x, y0]](t)  (5).
+
+    Attributes
+    ----------
+    r, w_h : ndarray, shape (n,)
+        Thresholds, V, ascending from 0, and weights, um/V, of the plays.
+    d, w_s : ndarray, shape (m,)
+        Thresholds, um, ascending from 0, and weights, without unit, of the dead zones.
+
+    Examples
+    --------
+    >>> model = ModifiedPrandtlIshlinskii(r=[0.0, 0.5], w_h=[8.0, 2.0], d=[0.0, 5.0], w_s=[1.0, 0.1])
+    >>> model.predict([0.8, 0.0])
+    array([7.2, 0.6])
+    """
+
+    r: FloatArray
+    w_h: FloatArray
+    d: FloatArray = (0.0,)  # type: ignore[assignment]  # any sequence; an array after __post_init__
+    w_s: FloatArray = (1.0,)  # type: ignore[assignment]
+
+    def __post_init__(self) -> None:
+        _set(self, r=_thresholds("r", self.r, "V"), d=_thresholds("d", self.d, "um"))
+        _set(self, w_h=_matching("w_h", self.w_h, "um/V", "r", self.r), w_s=_matching("w_s", self.w_s, "", "d", self.d))
+
+    def step(self, x: float, y: FloatArray) -> tuple[float, FloatArray]:
+        """Displacement, um, and play states, V, after the input x, V; y are the states that the last tick left."""
+        y = play(x, self.r, y)
+        return float(dot(dead_zone(dot(self.w_h, y), self.d), self.w_s)), y
+
+    def predict(self, x: npt.ArrayLike, y0: npt.ArrayLike | None = None) -> FloatArray:
+        """Displacement, um, shape (ticks,), for the input x, V, shape (ticks,)."""
+        return dot(dead_zone(dot(play_history(x, self.r, y0), self.w_h), self.d), self.w_s)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class RateDependentModel:
+    """The rate-dependent model and its inverse.
+
+    ::
+
+        w_h(zdot_d) = a + c_b zdot_d b                                     (7), in the scale of (20)
+        z(t)        = w_s . S_d[w_h(zdot_d) . H_r[x, y0]](t)               (8)
+        x(t)        = w_h' . H_r'[w_s' . S_d'[z_d], y0'](t)                (9)
+
+    The published b is in the scale of (20), so c_b belongs to (7) as well.
+
+    Attributes
+    ----------
+    r, a, b : ndarray, shape (n,)
+        Thresholds, V, ascending from 0; weights at rest, um/V; rate weights, um/V.
+    d, w_s : ndarray, shape (m,)
+        Thresholds, um, ascending from 0, and weights, without unit, of the dead zones.
+    rate_scale : float
+        c_b, s/um.
+
+    Examples
+    --------
+    The stack of Sec. 4.3 on the way up and down at 100 um/s, and the voltages found again:
+
+    >>> stack = RateDependentModel(
+    ...     r=np.arange(8) / 8 * 1.5,
+    ...     a=[8.4, 1.3, 0.92, 0.7, 0.88, 0.74, -2.6, 2.23],
+    ...     b=[-0.9, 1.03, -0.244, 0.1, 0.05, -0.02, 0.01, -0.01],
+    ... )
+    >>> z = stack.predict([1.0, 2.0, 1.0], [100.0, 100.0, -100.0])
+    >>> z.round(3)
+    array([10.491, 22.702, 13.237])
+    >>> stack.invert(z, [100.0, 100.0, -100.0]).round(9)
+    array([1., 2., 1.])
+    """
+
+    r: FloatArray
+    a: FloatArray
+    b: FloatArray
+    d: FloatArray = (0.0,)  # type: ignore[assignment]  # any sequence; an array after __post_init__
+    w_s: FloatArray = (1.0,)  # type: ignore[assignment]
+    rate_scale: float = 0.007
+
+    def __post_init__(self) -> None:
+        _set(self, r=_thresholds("r", self.r, "V"), d=_thresholds("d", self.d, "um"))
+        _set(self, a=_matching("a", self.a, "um/V", "r", self.r), b=_matching("b", self.b, "um/V", "r", self.r))
+        _set(self, w_s=_matching("w_s", self.w_s, "", "d", self.d))
+        _set(self, rate_scale=_check.number("rate_scale", self.rate_scale, "s/um"))
+
+    def weights(self, zdot_d: npt.ArrayLike) -> FloatArray:
+        """Weights w_h (7), um/V, shape (..., n), at the rates zdot_d, um/s, shape (...)."""
+        rate = self.rate_scale * _floats(zdot_d)[..., np.newaxis]
+        return self.a + rate * self.b
+
+    def step(self, x: float, zdot_d: float, y: FloatArray) -> tuple[float, FloatArray]:
+        """Displacement (8), um, and play states, V, after the input x, V, at the rate zdot_d, um/s."""
+        y = play(x, self.r, y)
+        return float(dot(dead_zone(dot(self.weights(zdot_d), y), self.d), self.w_s)), y
+
+    def predict(self, x: npt.ArrayLike, zdot_d: npt.ArrayLike, y0: npt.ArrayLike | None = None) -> FloatArray:
+        """Displacement (8), um, for the input x, V, and rates zdot_d, um/s, all of shape (ticks,)."""
+        y = dot(self.weights(zdot_d), play_history(x, self.r, y0))
+        return dot(dead_zone(y, self.d), self.w_s)
+
+    def invert_step(self, z_d: float, zdot_d: float, y: FloatArray) -> tuple[float, FloatArray]:
+        """Input (9), V, and play states, V, that bring the displacement to z_d, um, at the rate zdot_d, um/s.
+
+        Raises `SettingError` where a partial sum of w_s or of w_h(zdot_d) is not above 0.
+        """
+        w_s, d = inverse_dead_zones(self.w_s, self.d)
+        y_d = float(dot(dead_zone(z_d, d), w_s))  # (11)
+        x = play_inverse_literal(y_d, self.weights(zdot_d), self.r, y)  # (12)
+        return x, play(x, self.r, y)
+
+    def invert(self, z_d: npt.ArrayLike, zdot_d: npt.ArrayLike, y0: npt.ArrayLike | None = None) -> FloatArray:
+        """Input (9), V, for the displacement z_d, um, and rates zdot_d, um/s, all of shape (ticks,)."""
+        z_d, zdot_d = np.broadcast_arrays(_floats(z_d), _floats(zdot_d))
+        y = np.zeros(self.r.size) if y0 is None else _floats(y0)
+        x = np.empty(z_d.size)
+        for k in range(z_d.size):
+            x[k], y = self.invert_step(float(z_d[k]), float(zdot_d[k]), y)
+        return x
+
+
+def _set(model: object, **values: object) -> None:
+    for name, value in values.items():
+        object.__setattr__(model, name, value)
+
+
+def _thresholds(name: str, value: npt.ArrayLike, unit: str) -> FloatArray:
+    return np.array(_check.ascending(name, _check.finite_array(name, value, unit).tolist(), unit))
+
+
+def _matching(name: str, value: npt.ArrayLike, unit: str, other: str, thresholds: FloatArray) -> FloatArray:
+    array = _check.finite_array(name, value, unit)
+    if array.size != thresholds.size:
+        raise SettingError(name, array, f"{thresholds.size} numbers, one for each of {other}", unit)
+    return array
