@@ -1,0 +1,179 @@
+"""Laws: (23) against 50 digits and against batch least squares, LMS by its defining properties."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from truestroke import SettingError, _kernel, _kernel32
+from truestroke.adaptation import LMS, RLS, UpdateRefused, rls_update
+from truestroke.operators import play_history
+
+LOOP = json.loads((Path(__file__).parent / "vectors" / "loop.json").read_text())
+quick = settings(derandomize=True, max_examples=50, deadline=None)
+
+
+def regressors(case, x):
+    H = play_history(x, case["r"])
+    return np.stack([H, case["c_b"] * np.array(case["zdot_d"])[:, None] * H], axis=-1).reshape(len(x), -1)
+
+
+def run_kernel(case, kernel=_kernel, **other):
+    """The loop of Sec. 3.3 in the kernel: voltages, innovations, weights of every tick, and P after the last."""
+    k = kernel.Kernel(
+        **{
+            "thresholds": case["r"],
+            "dead_zone_thresholds": [0.0],
+            "dead_zone_weights": [1.0],
+            "initial_weights": case["w0"],
+            "rate_scale": case["c_b"],
+            "forgetting": case["lambda"],
+            "regularization": case["delta"],
+            "covariance_limit": 1e9,
+            "slope_min": 1e-3,
+            "voltage_min": -1e6,
+            "voltage_max": 1e6,
+        }
+        | other
+    )
+    x, e_m, w = [], [], []
+    for z_d, zdot_d, z_a in zip(case["z_d"], case["zdot_d"], case["z_a"], strict=True):
+        x.append(k.command(z_d, zdot_d))
+        k.adapt(z_a)
+        e_m.append(k.innovation())
+        w.append(k.weights().astype(float))
+    S = k.state()["covariance_root"].astype(float)
+    return np.array(x), np.array(e_m), np.array(w), S @ S.T
+
+
+# ---- RLS -------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("case", LOOP, ids=lambda case: f"{len(case['r'])} plays")
+def test_rls_is_the_exact_one(case) -> None:
+    law = RLS(case["w0"], forgetting=case["lambda"], regularization=case["delta"])
+    printed = np.array(case["w0"]), np.eye(len(case["w0"])) / case["delta"]
+    for u, z_a, e_m, w in zip(regressors(case, case["x"]), case["z_a"], case["e_m"], case["w"], strict=True):
+        assert z_a - law.weights @ u == pytest.approx(e_m, abs=1e-11)
+        law.update(u, e_m)
+        printed = rls_update(*printed, u, e_m, case["lambda"])
+        np.testing.assert_allclose(law.weights, w, rtol=0, atol=1e-11)
+        np.testing.assert_allclose(printed[0], w, rtol=0, atol=1e-11)
+    for P in (law.P, printed[1]):
+        np.testing.assert_allclose(P, case["P"], rtol=0, atol=1e-12 * np.max(case["P"]))
+
+
+@pytest.mark.parametrize(("kernel", "bound"), [(_kernel, 1e-11), (_kernel32, 2e-3)], ids=["double", "float"])
+@pytest.mark.parametrize("case", LOOP, ids=lambda case: f"{len(case['r'])} plays")
+def test_the_kernel_s_loop_is_the_exact_one(case, kernel, bound) -> None:
+    """Bounds in V, um and um/V; P relative to its largest entry. Errors of one tick come back in the next command."""
+    x, e_m, w, P = run_kernel(case, kernel)
+    np.testing.assert_allclose(x, case["x"], rtol=0, atol=bound)
+    np.testing.assert_allclose(e_m, case["e_m"], rtol=0, atol=bound)
+    np.testing.assert_allclose(w, case["w"], rtol=0, atol=bound)
+    np.testing.assert_allclose(P, case["P"], rtol=0, atol=bound * np.max(case["P"]))
+
+
+@pytest.mark.parametrize("case", LOOP, ids=lambda case: f"{len(case['r'])} plays")
+def test_lambda_1_is_regularised_batch_least_squares(case) -> None:
+    """min |y - U w|^2 + delta |w - w0|^2: w0 is the mean, I / delta the covariance of the prior."""
+    x, _, w_kernel, P_kernel = run_kernel(case, forgetting=1.0)
+    U, delta = regressors(case, x), case["delta"]
+    m = U.shape[1]
+    stacked = np.vstack([U, np.sqrt(delta) * np.eye(m)])
+    y = np.concatenate([case["z_a"], np.sqrt(delta) * np.array(case["w0"])])
+    batch = np.linalg.lstsq(stacked, y)[0]
+    law = RLS(case["w0"], forgetting=1.0, regularization=delta)
+    for u, z_a in zip(U, case["z_a"], strict=True):
+        law.update(u, z_a - law.weights @ u)
+    for w, P in ((law.weights, law.P), (w_kernel[-1], P_kernel)):
+        np.testing.assert_allclose(w, batch, rtol=0, atol=1e-10)
+        np.testing.assert_allclose(P @ (U.T @ U + delta * np.eye(m)), np.eye(m), rtol=0, atol=1e-9)
+
+
+def test_forgetting_is_exponentially_weighted_least_squares() -> None:
+    """The data of k ticks ago counts lambda^k; so does the prior."""
+    rng = np.random.default_rng(3)
+    U, y, lambda_ = rng.standard_normal((60, 3)), rng.standard_normal(60), 0.95
+    law = RLS([1.0, 2.0, 3.0], forgetting=lambda_, regularization=0.5)
+    for u, y_k in zip(U, y, strict=True):
+        law.update(u, y_k - law.weights @ u)
+    root = np.sqrt(lambda_ ** np.arange(59, -1, -1))
+    prior = np.sqrt(0.5 * lambda_**60) * np.eye(3)
+    batch = np.linalg.lstsq(np.vstack([root[:, None] * U, prior]), np.concatenate([root * y, prior @ [1.0, 2.0, 3.0]]))[
+        0
+    ]
+    np.testing.assert_allclose(law.weights, batch, rtol=0, atol=1e-12)
+
+
+def test_p_stops_growing_at_its_limit_and_stays_definite_at_rest() -> None:
+    law = RLS([5.0, 0.0, 0.0], forgetting=0.9, regularization=1e-3, covariance_limit=1e9)
+    u = np.array([2.0, 1.7, 0.3])
+    for _ in range(3000):
+        law.update(u, 0.01)
+    assert np.trace(law.P) <= 1e9
+    assert 0 < u @ law.P @ u < 1e-3  # 1 / 3000, had nothing been forgotten
+
+
+@pytest.mark.parametrize("make", [RLS, LMS, lambda w: LMS(w, normalised=False, step_size=0.1)])
+def test_a_law_refuses_what_is_not_finite_and_does_not_change(make) -> None:
+    law = make([1.0, 2.0])
+    for u, e_m in (([1.0, 1.0], np.nan), ([1.0, 1.0], np.inf)):
+        with pytest.raises(UpdateRefused):
+            law.update(np.array(u), e_m)
+    np.testing.assert_array_equal(law.weights, [1.0, 2.0])
+
+
+# ---- LMS -------------------------------------------------------------------------------------------------------------
+
+vectors = st.lists(st.floats(-5.0, 5.0), min_size=3, max_size=3).map(np.array)
+
+
+@quick
+@given(w=vectors, truth=vectors, u=vectors, step_size=st.floats(0.01, 1.99))
+def test_normalised_lms_never_moves_away_from_the_truth(w, truth, u, step_size) -> None:
+    """Without noise, for any u and any 0 < eta < 2."""
+    law = LMS(w, step_size=step_size)
+    law.update(u, float((truth - w) @ u))
+    assert np.linalg.norm(truth - law.weights) <= np.linalg.norm(truth - w) + 1e-12
+
+
+@quick
+@given(w=vectors, u=vectors.filter(lambda u: np.linalg.norm(u) > 0.1), y=st.floats(-30.0, 30.0))
+def test_a_full_step_explains_the_measurement_with_the_smallest_change(w, u, y) -> None:
+    law = LMS(w, step_size=1.0, regularization=0.0)
+    law.update(u, y - float(w @ u))
+    assert law.weights @ u == pytest.approx(y, abs=1e-10)
+    smallest = np.linalg.pinv(u[np.newaxis]) @ [y - w @ u]
+    np.testing.assert_allclose(law.weights - w, smallest, rtol=0, atol=1e-9)
+
+
+def test_widrow_hoff_is_stable_below_its_bound_and_not_above() -> None:
+    """eta < 2 / u'u."""
+    u, truth = np.array([1.0, 2.0]), np.array([3.0, -1.0])
+    errors = []
+    for factor in (0.95, 1.05):
+        law = LMS([0.0, 0.0], step_size=factor * 2 / (u @ u), normalised=False)
+        for _ in range(200):
+            law.update(u, float((truth - law.weights) @ u))
+        errors.append(abs((truth - law.weights) @ u))
+    assert errors[0] < 1e-6
+    assert errors[1] > 1e6
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: LMS([0.0], step_size=2.0), "step_size = 2.0: must be below 2"),
+        (lambda: LMS([0.0], step_size=-1.0, normalised=False), r"step_size = -1.0 1/V\^2: must be above 0"),
+        (lambda: RLS([0.0], forgetting=1.01), "forgetting = 1.01: must be"),
+        (lambda: RLS([0.0], regularization=0.0), r"regularization = 0.0 V\^2: must be above 0"),
+        (lambda: RLS([np.nan]), r"initial_weights\[0\] = nan um/V: must be finite"),
+    ],
+)
+def test_a_bad_law_is_named(make, words) -> None:
+    with pytest.raises(SettingError, match=words):
+        make()
