@@ -8,7 +8,7 @@ import pytest
 from scipy import signal
 
 from truestroke import SettingError
-from truestroke.baselines import ConstantGain, Pid, PidGains, tune_pid
+from truestroke.baselines import ConstantGain, Pid, PidGains, ProjectedGradient, tune_pid
 
 RATE = 2000.0
 LIMITS = (-0.6, 3.6)
@@ -125,3 +125,43 @@ def test_a_constant_gain_stays_within_the_limits():
     controller = ConstantGain(12.5, LIMITS)
     controller.adapt(99.0)
     assert [controller.command(z, 0.0) for z in (-50.0, 0.0, 25.0, 90.0)] == [-0.6, 0.0, 2.0, 3.6]
+    assert ConstantGain(10.0, LIMITS, offset=5.0).command(25.0, 0.0) == 2.0
+
+
+def projected(weights, **changes):
+    return ProjectedGradient(weights, **{"forgetting": 0.995, "slope_min": 0.5, **changes})
+
+
+def learn(law, volts, truth, thresholds):
+    """Feed the law what an actuator with the true weights answers to the voltages."""
+    state = [0.0] * len(thresholds)
+    for x in volts:
+        state = [max(x - r, min(x + r, s)) for r, s in zip(thresholds, state, strict=True)]
+        u = np.column_stack([state, np.zeros(len(state))]).ravel()
+        law.update(u, float(np.dot(truth, state) - law.weights @ u))
+
+
+def test_the_projected_gradient_finds_the_weights_and_follows_a_change():
+    t = np.arange(20_000) / RATE
+    volts = 1.3 + 1.2 * np.sin(2 * np.pi * 5 * t) * np.cos(2 * np.pi * 0.7 * t)
+    law = projected([5.0, 0, 0, 0, 0, 0])
+    for truth in ([9.0, 3.0, 1.0], [7.0, 4.0, -1.0]):
+        learn(law, volts, truth, [0.0, 0.3, 0.6])
+        np.testing.assert_allclose(law.weights[0::2], truth, atol=0.02)
+    assert not law.weights[1::2].any()
+
+
+def test_the_projected_gradient_keeps_partial_sums_positive_and_rests_at_rest():
+    t = np.arange(20_000) / RATE
+    law = projected([5.0, 0, 0, 0])
+    learn(law, 1 - np.cos(2 * np.pi * 5 * t), [2.0, -3.0], [0.0, 0.4])  # a falling branch: no inverse exists
+    assert np.cumsum(law.weights[0::2]).min() >= 0.5 - 1e-12
+    rest(law)
+    before = law.weights.copy()
+    rest(law)
+    np.testing.assert_array_equal(law.weights, before)
+
+
+def rest(law):
+    for _ in range(5000):
+        law.update(np.zeros(4), 0.3)

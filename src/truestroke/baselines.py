@@ -1,6 +1,6 @@
-"""Controllers to compare with: a constant gain, and a PID with the tuning of a textbook.
+"""What to compare with: a straight line, a PID with the tuning of a textbook, and a projected law for the inverse.
 
-The other rivals of the paper's controller are the same inverse with other settings or laws: see `truestroke.compare`.
+The other rivals of the paper's controller are its inverse with other settings or laws: see `truestroke.compare`.
 """
 
 from __future__ import annotations
@@ -16,16 +16,20 @@ from truestroke import _check
 from truestroke._check import SettingError
 from truestroke._typing import FloatArray
 
+FADED = 1e-6  # V^2: a trace of R below it is memory no more
+
 
 class ConstantGain:
-    """No compensation: the voltage is the desired displacement over the sensitivity.
+    """No compensation: the voltage is that of a straight line, x = (z_d - offset) / sensitivity.
 
     Parameters
     ----------
     sensitivity : float
-        Stroke over voltage, um/V, above 0.
+        Slope of the line, um/V, above 0.
     voltage_limits : tuple[float, float]
         Lowest and highest voltage that may leave, V.
+    offset : float
+        Displacement of the line at 0 V, um: it runs through the middle of the loop, which begins at its edge.
 
     Examples
     --------
@@ -33,14 +37,15 @@ class ConstantGain:
     2.0
     """
 
-    def __init__(self, sensitivity: float, voltage_limits: tuple[float, float]) -> None:
+    def __init__(self, sensitivity: float, voltage_limits: tuple[float, float], offset: float = 0.0) -> None:
+        self.offset = _check.number("offset", offset, "um")
         self.sensitivity = _check.positive("sensitivity", sensitivity, "um/V")
         self.voltage_limits = _check.interval("voltage_limits", voltage_limits, "V")
 
     def command(self, z_d: float, zdot_d: float) -> float:
         """Voltage, V, for the desired displacement, um; the velocity is not used."""
         low, high = self.voltage_limits
-        return min(max(_check.number("z_d", z_d, "um") / self.sensitivity, low), high)
+        return min(max((_check.number("z_d", z_d, "um") - self.offset) / self.sensitivity, low), high)
 
     def adapt(self, z_measured: float, ago: int = 0) -> None:
         """Nothing: it does not learn."""
@@ -140,6 +145,61 @@ def _kept(T_f: float, sample_rate: float) -> float:
     return math.exp(-1 / (T_f * sample_rate)) if T_f > 0 else 0.0
 
 
+class ProjectedGradient:
+    """Rate-independent law with positive partial sums: a gradient step on all that was measured, then a projection.
+
+    With s the partial sums of w_h and v the plays that belong to them (w_h.H_r = s.v), and y_a = w_s'.S_d'[z], ::
+
+        R(n) = lambda R(n-1) + v v',    q(n) = lambda q(n-1) + v y_a
+        s(n) = max(s(n-1) - (R s(n-1) - q) / trace R, slope_min)
+
+    It descends on the constrained, exponentially forgotten least squares problem, and cannot wind up: at 0 V, R fades
+    and s comes to rest. The rate weights b are left as they are. It is a `truestroke.adaptation.Law`.
+
+    Parameters
+    ----------
+    initial_weights : array_like, shape (2 n,)
+        w(0) = [a0, b0, a1, b1, ...], um/V.
+    forgetting : float
+        lambda, above 0, at most 1.
+    slope_min : float
+        Smallest partial sum, um/V.
+
+    Examples
+    --------
+    >>> law = ProjectedGradient([5.0, 0.0, 0.0, 0.0], forgetting=0.99, slope_min=0.1)
+    >>> for x, play in 500 * [(1.0, 0.5), (2.0, 1.5), (1.0, 1.5), (0.0, 0.5)]:
+    ...     u = np.array([x, 0.0, play, 0.0])
+    ...     law.update(u, 10.0 * x + 2.0 * play - law.weights @ u)
+    >>> law.weights.round(3)
+    array([10.,  0.,  2.,  0.])
+
+    References
+    ----------
+    K. Kuhnen, P. Krejci, "Identification of linear error-models with projected dynamical systems", Mathematical and
+    Computer Modelling of Dynamical Systems 10 (2004) 59-91, for the principle in continuous time.
+    """
+
+    def __init__(self, initial_weights: npt.ArrayLike, *, forgetting: float, slope_min: float) -> None:
+        self.weights = _check.finite_array("initial_weights", initial_weights, "um/V").copy()
+        self.forgetting = _check.within("forgetting", forgetting, 0.0, 1.0)
+        self.slope_min = _check.positive("slope_min", slope_min, "um/V")
+        n = self.weights.size // 2
+        self._R, self._q = np.zeros((n, n)), np.zeros(n)  # V^2, V um
+
+    def update(self, u: FloatArray, e_m: float) -> None:
+        """One step, with the regressor u of (20), V, and the error of the model e_m of (15), um."""
+        H, s = u[0::2], np.cumsum(self.weights[0::2])
+        v = H - np.append(H[1:], 0.0)
+        self._R = self.forgetting * self._R + np.outer(v, v)
+        self._q = self.forgetting * self._q + v * (e_m + float(v @ s))
+        trace = float(np.trace(self._R))
+        if trace > FADED:
+            s = np.maximum(s - (self._R @ s - self._q) / trace, self.slope_min)
+        self.weights = self.weights.copy()
+        self.weights[0::2] = np.diff(s, prepend=0.0)
+
+
 def tune_pid(
     frequency: npt.ArrayLike,
     response: npt.ArrayLike,
@@ -192,10 +252,9 @@ def tune_pid(
     best, best_error = None, math.inf
     for gains in _grid(float(np.abs(G[0])), sample_rate):
         CG = gains.response(f, sample_rate) * G
-        if all(_keeps_distance(k * CG * q, peak) for k in (1.0, spread)):
-            error = float(np.sum(np.abs(1 - CG / (1 + CG * q)) ** 2 * power))
-            if error < best_error:
-                best, best_error = gains, error
+        error = float(np.sum(np.abs(1 - CG / (1 + CG * q)) ** 2 * power))
+        if error < best_error and all(_keeps_distance(k * CG * q, peak) for k in (1.0, spread)):
+            best, best_error = gains, error
     if best is None:
         raise SettingError("sensitivity_peak", peak, "larger for this actuator: no gains of the grid keep it")
     return best
@@ -203,10 +262,10 @@ def tune_pid(
 
 def _grid(gain: float, sample_rate: float) -> list[PidGains]:
     """Gains for an actuator of that gain (um/V): corners of the integral, parts of P and D, filters."""
-    corners = 2 * np.pi * np.geomspace(sample_rate / 500, sample_rate / 8, 32)  # k_i G, rad/s
+    corners = 2 * np.pi * np.geomspace(sample_rate / 500, sample_rate / 8, 28)  # k_i G, rad/s
     parts = (0.0, 0.05, 0.2, 0.4, 0.8, 1.6)  # k_p G
-    leads = (0.0, 0.25, 1.0, 4.0)  # k_d G in ticks
-    filters = (0.0, *(np.array([0.5, 1, 1.5, 2, 3, 4, 6, 8]) / sample_rate).tolist())
+    leads = (0.0, 0.25, 1.0)  # k_d G in ticks
+    filters = (0.0, *(np.array([0.5, 1, 1.5, 2, 4, 8]) / sample_rate).tolist())
     return [
         PidGains(k_p=p / gain, k_i=w / gain, k_d=lead / sample_rate / gain, T_f=T_f)
         for w, p, lead, T_f in itertools.product(corners.tolist(), parts, leads, filters)
