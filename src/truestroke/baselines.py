@@ -264,7 +264,7 @@ def _grid(gain: float, sample_rate: float) -> list[PidGains]:
     """Gains for an actuator of that gain (um/V): corners of the integral, parts of P and D, filters."""
     corners = 2 * np.pi * np.geomspace(sample_rate / 500, sample_rate / 8, 28)  # k_i G, rad/s
     parts = (0.0, 0.05, 0.2, 0.4, 0.8, 1.6)  # k_p G
-    leads = (0.0, 0.25, 1.0)  # k_d G in ticks
+    leads = (0.0, 0.5, 1.0, 2.0)  # k_d G in ticks
     filters = (0.0, *(np.array([0.5, 1, 1.5, 2, 4, 8]) / sample_rate).tolist())
     return [
         PidGains(k_p=p / gain, k_i=w / gain, k_d=lead / sample_rate / gain, T_f=T_f)

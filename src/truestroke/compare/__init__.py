@@ -18,7 +18,7 @@ STROKE = 30.0  # um
 VOLTAGE_LIMITS = (-0.6, 3.6)  # V
 SAMPLE_RATE = 2000.0  # Hz
 SINE = 8.0  # Hz
-RIVALS = 9
+RIVALS = 8
 
 
 @dataclass(frozen=True, eq=False)

@@ -116,7 +116,6 @@ def prepare(bench: Workbench) -> Iterator[Rival]:
     yield _adaptive_inverse(bench, still)
     yield _lms(bench, moving)
     yield _paper(bench)
-    yield _paper_identified(bench, moving)
     yield Rival(
         "truestroke",
         "this package",
@@ -239,16 +238,6 @@ def _paper(bench: Workbench) -> Rival:
         "Tan et al. 2009",
         "as published: 8 plays, w(0) = [5, 0, ...], forgetting factor 0.9999; nothing identified",
         lambda: AdaptiveController.paper(**known),
-    )
-
-
-def _paper_identified(bench: Workbench, weights: FittedWeights) -> Rival:
-    settings = _started(bench, weights, rate_scale=RATE_SCALE)
-    return Rival(
-        "the paper, identified",
-        "Tan et al. 2009",
-        "its law from the rate-dependent fixed inverse, forgetting factor 0.9999",
-        lambda: AdaptiveController.from_settings(settings),
     )
 
 

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from truestroke import _check
 from truestroke._check import SettingError
 from truestroke._typing import FloatArray
+from truestroke.operators import dead_zone, play_history
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,8 +134,8 @@ def fit(
     floor = _check.positive("slope_min", slope_min)
     skip = _check.count("skip", skip, 0, x.size)
 
-    plays = _per_partial_sum(_plays(x, r))[skip:]
-    zones = _per_partial_sum(_dead_zones(z, d))[skip:]
+    plays = _per_partial_sum(play_history(x, r))[skip:]
+    zones = _per_partial_sum(dead_zone(z, d))[skip:]
     _require_excited("thresholds", r, plays, "V")
     _require_excited("dead_zone_thresholds", d, zones, "um")
     rate, top = _relative_rate(velocity, x.size)
@@ -181,22 +182,6 @@ def _given(dead_zone_weights: Sequence[float], zones: int) -> FloatArray:
             "dead_zone_weights", weights, f"{zones} numbers, the first 1, whose partial sums are all above 0"
         )
     return weights
-
-
-def _plays(x: FloatArray, r: Sequence[float]) -> FloatArray:
-    """H_r[x] of (1) at every tick, shape (ticks, n), from rest at 0 V."""
-    states = np.zeros((x.size, len(r)))
-    state = states[0] if x.size else np.zeros(len(r))
-    for row, low, high in zip(states, x[:, None] - r, x[:, None] + r, strict=True):
-        state = np.minimum(np.maximum(state, low), high, out=row)
-    return states
-
-
-def _dead_zones(z: FloatArray, d: Sequence[float]) -> FloatArray:
-    """S_d of (4) at every tick, shape (ticks, m)."""
-    columns: FloatArray = np.maximum(z[:, None] - np.asarray(d), 0.0)
-    columns[:, 0] = z
-    return columns
 
 
 def _per_partial_sum(columns: FloatArray) -> FloatArray:
