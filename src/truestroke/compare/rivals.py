@@ -27,8 +27,8 @@ from truestroke.trajectories import Trajectory, random_wave, sine, smoothstep
 PLAYS = 16
 REACH = 0.75  # largest threshold over the highest voltage; the half of Sec. 2.1 leaves four times the residual here
 RATE_SCALE = 0.007  # c_b, s/um
-FORGETTING = (0.9, 0.95, 0.98, 0.995)
-STEP_SIZES = (0.03, 0.1, 0.3, 1.0)
+FORGETTING = (0.5, 0.8, 0.9, 0.97)
+STEP_SIZES = (0.1, 0.3, 1.0)
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class Workbench:
     Attributes
     ----------
     actuator : Actuator
-        At rest whenever it is opened.
+        At rest whenever it is opened; one tick a block, no latency.
     settings : ControllerSettings
         Sample rate, stroke and voltage limits.
     seed : int
