@@ -28,6 +28,7 @@ STROKE = 30.0  # um, of the simulated stack
 VOLTAGE_LIMITS = (-0.6, 3.6)  # V at the D/A converter
 INTERRUPTED = 130  # what a shell says after Ctrl-C
 
+FILES = ("output", "figures", "as_json")  # options that do not change the run
 # What each trajectory understands: option -> argument of its function.
 SHARED = {"peak_to_peak": "peak_to_peak", "duration": "duration", "sample_rate": "sample_rate"}
 MOTIONS = {
@@ -65,16 +66,22 @@ def _complain(message: str, code: int) -> None:
     sys.exit(code)
 
 
-class Motion(click.ParamType):
-    """One of `MOTIONS`, or a CSV file that exists."""
+def _motion(context: click.Context, option: click.Parameter, value: str) -> str:
+    """`value`, if it is one of `MOTIONS` or a file."""
+    if value in MOTIONS or Path(value).is_file():
+        return value
+    raise click.BadParameter(f"{value!r} is neither one of {', '.join(MOTIONS)} nor a file.")
 
-    name = "|".join((*MOTIONS, "FILE.csv"))
 
-    def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        """`value`, if it can be a trajectory."""
-        if value in MOTIONS or Path(value).is_file():
-            return value
-        self.fail(f"{value!r} is neither one of {', '.join(MOTIONS)} nor a file.", param, ctx)
+def _pictures_option(command: Callable[..., Any]) -> Callable[..., Any]:
+    kind = click.Path(file_okay=False, path_type=Path)
+    return click.option(
+        "--figures", type=kind, metavar="FOLDER", help="Also write each picture as PNG, light and dark."
+    )(command)
+
+
+def _json_option(command: Callable[..., Any]) -> Callable[..., Any]:
+    return click.option("--json", "as_json", is_flag=True, help="Print one JSON object and nothing else.")(command)
 
 
 # ---- Commands ------------------------------------------------------------------------------------------------------
@@ -91,26 +98,24 @@ def main() -> None:
 
 @main.command()
 @click.option("--controller", type=click.Choice(["adaptive", "paper"]), default="adaptive", help="What is tested.")
-@click.option(
-    "--plant", type=click.Choice(["realistic", "matched"]), default="realistic", help="Simulated actuator: like a real "
-    "one, or of exactly the controller's structure."
-)  # fmt: skip
-@click.option("--trajectory", type=Motion(), default="random", help="Desired motion; a CSV file has columns t and z.")
-@click.option("--frequency", type=float, help="Hz; a random wave is low-passed there.  [default: 20 random, 12 sine, "
-              "4 triangle]")  # fmt: skip
-@click.option("--peak-to-peak", type=float, help="um.  [default: 28.6, sine and triangle 22.8]")
-@click.option("--duration", type=float, help="s.  [default: 20]")
-@click.option("--sample-rate", type=float, help="Hz, ticks per second.  [default: 2000, or the file's]")
-@click.option("--change-at", type=float, help="s; the actuator changes suddenly then (Sec. 4.2 of the paper).")
-@click.option("--seed", type=click.IntRange(0), default=0, help="Of the random wave and the sensor noise.")
-@click.option("--output", default="truestroke-track", help="Files to write, without ending: NAME.h5 and NAME.html.")
-@click.option("--figures", type=click.Path(file_okay=False, path_type=Path), help="Folder for the pictures as PNG, "
-              "light and dark.")  # fmt: skip
-@click.option("--json", "as_json", is_flag=True, help="Print the figures as one JSON object, nothing else.")
+@click.option("--plant", type=click.Choice(["realistic", "matched"]), default="realistic", help="What is driven: "
+              "like a real stack, or of exactly the controller's structure.")  # fmt: skip
+@click.option("--trajectory", metavar=f"[{'|'.join(MOTIONS)}|FILE.csv]", default="random", callback=_motion,
+              help="Desired motion. A file has columns t (s) and z (um), or z alone.")  # fmt: skip
+@click.option("--frequency", metavar="HZ", type=float, help="Of a sine or triangle; a random wave has its low pass "
+              "there.  [default: 20 random, 12 sine, 4 triangle]")  # fmt: skip
+@click.option("--peak-to-peak", metavar="UM", type=float, help="[default: 28.6, sine and triangle 22.8]")
+@click.option("--duration", metavar="S", type=float, help="[default: 20]")
+@click.option("--sample-rate", metavar="HZ", type=float, help="Ticks per second.  [default: 2000, or that of the file]")
+@click.option("--change-at", metavar="S", type=float, help="The actuator changes suddenly then (Sec. 4.2).")
+@click.option("--seed", metavar="N", type=click.IntRange(0), default=0, help="Of the random wave and the sensor noise.")
+@click.option("--output", metavar="NAME", default="truestroke-track", help="Write NAME.h5 and NAME.html.")
+@_pictures_option
+@_json_option
 def track(output: str, figures: Path | None, as_json: bool, **options: Any) -> None:
-    """Follow a motion with a simulated stack: a table, a recording, a page of pictures.
+    """Follow a motion with a simulated stack.
 
-    The table gives rmse and maximum error over the second half of the run.
+    Prints rmse and maximum error over the second half of the run; writes a recording and a page of pictures.
     """
     recording_file, page_file = _outputs(output)
     trajectory = _trajectory(options)
@@ -123,10 +128,9 @@ def track(output: str, figures: Path | None, as_json: bool, **options: Any) -> N
 
 @main.command()
 @click.argument("recording", type=click.Path(exists=True, dir_okay=False, path_type=Path))
-@click.option("--output", help="Page to write.  [default: RECORDING with the ending .html]")
-@click.option("--figures", type=click.Path(file_okay=False, path_type=Path), help="Folder for the pictures as PNG, "
-              "light and dark.")  # fmt: skip
-@click.option("--json", "as_json", is_flag=True, help="Print the figures as one JSON object, nothing else.")
+@click.option("--output", metavar="NAME", help="Write NAME.html.  [default: as RECORDING]")
+@_pictures_option
+@_json_option
 def report(recording: Path, output: str | None, figures: Path | None, as_json: bool) -> None:
     """Make the table and the page of a recording again."""
     from truestroke.recording import Recording, RecordingError
@@ -150,7 +154,9 @@ def _outputs(output: str) -> tuple[Path, Path]:
     if not stem.name or stem.is_dir():
         raise click.UsageError(f"--output {output}: is a folder; add a name, such as {stem / 'run1'}.")
     if not stem.parent.is_dir():
-        raise click.ClickException(f"--output {output}: there is no folder {stem.parent}; make it: mkdir -p {stem.parent}")
+        raise click.ClickException(
+            f"--output {output}: there is no folder {stem.parent}; make it: mkdir -p {stem.parent}"
+        )
     files = stem.with_name(stem.name + ".h5"), stem.with_name(stem.name + ".html")
     for file in files:
         if not os.access(file if file.exists() else file.parent, os.W_OK) or file.is_dir():
@@ -171,8 +177,16 @@ def _trajectory(options: Mapping[str, Any]) -> Trajectory:
         given.setdefault("frequency", 4.0)
     if "seed" in known:
         given["seed"] = options["seed"]
-    path = () if name in MOTIONS else (name,)
-    return getattr(trajectories, function)(*path, **{known[key]: value for key, value in given.items()})  # type: ignore[no-any-return]
+    arguments = {known[key]: value for key, value in given.items()}
+    if name not in MOTIONS:
+        arguments |= {"path": name, **_columns(Path(name))}
+    return getattr(trajectories, function)(**arguments)  # type: ignore[no-any-return]
+
+
+def _columns(path: Path) -> dict[str, int]:
+    """Time first, then position, where a file has more than one column."""
+    with path.open(encoding="utf-8", errors="replace") as file:
+        return {"time": 0, "position": 1} if "," in file.readline() else {}
 
 
 def _plant(options: Mapping[str, Any], trajectory: Trajectory) -> Actuator:
@@ -180,7 +194,9 @@ def _plant(options: Mapping[str, Any], trajectory: Trajectory) -> Actuator:
 
     at, rate = options["change_at"], trajectory.sample_rate
     if at is not None and not 0 < at < trajectory.duration:
-        raise click.UsageError(f"--change-at {at:g}: must be between 0 and the end of the run, {trajectory.duration:g} s.")
+        raise click.UsageError(
+            f"--change-at {at:g}: must be between 0 and the end of the run, {trajectory.duration:g} s."
+        )
     if options["plant"] == "matched":
         matched = MatchedSettings(
             sample_rate=rate,
@@ -199,32 +215,51 @@ def _controller(name: str, trajectory: Trajectory) -> Controller:
 
 def _run(trajectory: Trajectory, controller: Controller, plant: Actuator, rescue: Path) -> Recording:
     """The run, and the same motion with a constant gain; what there is goes to `rescue` if it is interrupted."""
+    from truestroke.loop import RunInterrupted, run
+    from truestroke.recording import Recording
+
+    try:
+        with _progress("tracking") as tell:
+            recording = run(trajectory, controller, plant, progress=tell)
+    except RunInterrupted as stop:
+        ticks = stop.recording["time"].size
+        saved = f"the {ticks} ticks so far are in {stop.recording.save(rescue)}" if ticks else "nothing was saved"
+        if isinstance(stop.__cause__, KeyboardInterrupt):
+            click.echo(f"truestroke: {saved}", err=True)
+            raise click.Abort from None
+        raise click.ClickException(f"{stop.__cause__}; {saved}") from stop
+    recording = Recording(recording.channels, recording.metadata | {"command": _command()})
+    recording.save(rescue)
+    return _with_uncompensated(recording, trajectory, plant)
+
+
+def _with_uncompensated(recording: Recording, trajectory: Trajectory, plant: Actuator) -> Recording:
+    """The recording with what the same motion would be with the constant gain that fits best."""
     import numpy as np
 
     from truestroke.baselines import ConstantGain
     from truestroke.loop import RunInterrupted, run
     from truestroke.recording import Channel, Recording
 
+    volts = recording["volts"]
+    gain = float(np.dot(recording["true"], volts) / np.dot(volts, volts))
     try:
-        with _progress("tracking") as tell:
-            recording = run(trajectory, controller, plant, progress=tell)
-        z, x = recording["true"], recording["volts"]
-        gain = ConstantGain(float(np.dot(z, x) / np.dot(x, x)), VOLTAGE_LIMITS)
-        before = run(trajectory, gain, plant)["true"]
+        before = run(trajectory, ConstantGain(gain, VOLTAGE_LIMITS), plant)["true"]
     except RunInterrupted as stop:
-        saved = stop.recording.save(rescue)
-        if isinstance(stop.__cause__, KeyboardInterrupt):
-            click.echo(f"truestroke: saved the {stop.recording['time'].size} ticks so far: {saved}", err=True)
-            raise click.Abort from None
-        raise click.ClickException(f"{stop}; the ticks so far are in {saved}") from stop
-    kept = Channel(before, "um", f"true displacement of the same motion at a constant {gain.sensitivity:.4g} um/V")
-    return Recording(recording.channels | {"uncompensated": kept}, recording.metadata | {"command": _command()})
+        raise click.Abort from stop
+    kept = Channel(before, "um", f"true displacement of the same motion at a constant gain of 1/{gain:.4g} V/um")
+    return Recording(recording.channels | {"uncompensated": kept}, recording.metadata)
 
 
 def _command() -> str:
-    """The command line as it was typed."""
+    """The command that makes the same recording: the options that were given, without those that name files."""
     context = click.get_current_context()
-    return shlex.join([*context.command_path.split(), *sys.argv[2:]])
+    words = context.command_path.split()
+    for option in context.command.params:
+        name = option.name or ""
+        if context.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE and name not in FILES:
+            words += [option.opts[0], str(context.params[name]).removesuffix(".0")]
+    return shlex.join(["truestroke", *words[1:]])
 
 
 @contextmanager
@@ -248,10 +283,11 @@ def _progress(what: str) -> Iterator[Callable[[int, int], None] | None]:
 def _finish(recording: Recording, page_file: Path, figures: Path | None, as_json: bool, recording_file: Path) -> None:
     """Page and pictures to disk, table and paths to the terminal."""
     from truestroke import metrics
-    from truestroke.report import save_page, save_pictures
 
     summary = metrics.summary(recording)
     with _progress("drawing"):
+        from truestroke.report import save_page, save_pictures
+
         save_page(recording, page_file)
         pictures = save_pictures(recording, figures) if figures else []
     if as_json:
@@ -287,8 +323,8 @@ def _table(summary: TrackingSummary) -> None:
     for name, cells in words.table(summary):
         table.add_row(name, *(text for um, percent in cells for text in (f"[bold]{um}[/] um", f"{percent} %")))
     console.print(table)
-    click.echo(f"\nconverged after  {words.convergence(summary)}")
-    click.echo(f"flags            {'; '.join(words.flags(summary)) or 'none'}\n")
+    click.echo(f"\nconverged  {words.convergence(summary)}")
+    click.echo(f"flags      {'; '.join(words.flags(summary)) or 'none'}\n")
 
 
 def _next(recording: Recording) -> str:

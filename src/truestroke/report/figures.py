@@ -90,26 +90,37 @@ def error(recording: Recording, convergence_time: float | None = None, theme: Th
     time, desired = recording["time"], recording["desired"]
     names = [name for name in ("measured", "true") if name in recording.channels]
     errors = {name: recording[name] - desired for name in names}
+    largest = max(float(np.nanmax(np.abs(e[settled(recording)]))) for e in errors.values())
+    unit, scale = ("nm", 1e3) if largest < 2 else ("µm", 1.0)
     begin = slice(0, max(2, round(_beginning(time, convergence_time) / _step(time))))
     with style.use(theme):
         figure, (first, whole) = style.panels(4.6, 2, height_ratios=[1, 1.35])
-        for axes, part, scale in ((first, begin, 1.0), (whole, slice(None), 1e3)):
+        for axes, part, factor in ((first, begin, 1.0), (whole, slice(None), scale)):
             axes.axhline(0, color=theme["muted"], lw=0.7, zorder=1.5)
             for name in names:
-                axes.plot(*style.thin(time[part], scale * errors[name][part]), color=theme[name], lw=0.8, label=name)
+                axes.plot(*style.thin(time[part], factor * errors[name][part]), color=theme[name], lw=0.8, label=name)
             _span(axes, time[part])
-        limit = 1.15e3 * max(float(np.nanmax(np.abs(e[settled(recording)]))) for e in errors.values()) or 1.0
+        limit = 1.15 * scale * largest or 1.0
         whole.set_ylim(-limit, limit)
         first.set_ylabel("error (µm)")
-        whole.set_ylabel("error (nm)")
+        whole.set_ylabel(f"error ({unit})")
         whole.set_xlabel("time (s)")
         style.title(first, "How it begins")
-        style.title(whole, "The whole run at the scale of its second half" + _off_scale(errors[names[-1]], limit / 1e3))
+        over = _off_scale(errors[names[-1]], limit / scale)
+        style.title(whole, f"The whole run at the scale of its second half{over}")
         style.legend_above(first, len(names))
-        if convergence_time is not None:
+        if convergence_time:
             panel = first if convergence_time < first.get_xlim()[1] else whole
             _mark(panel, convergence_time, f"converged at {convergence_time:.2f} s", theme)
+        _mark_change(whole, recording, theme)
     return figure
+
+
+def _mark_change(axes: Axes, recording: Recording, theme: Theme) -> None:
+    """Where the simulated actuator was made to change suddenly."""
+    change = words.change_time(recording)
+    if change is not None:
+        _mark(axes, change, f"sudden change at {change:g} s", theme)
 
 
 def _step(time: FloatArray) -> float:
@@ -164,6 +175,8 @@ def weights(recording: Recording, theme: Theme = LIGHT) -> Figure:
                 panel.plot(*style.thin(time, line, 400), color=theme.series[i % style.SERIES], ls=dash, lw=1.2)
             panel.set_ylabel(label)
             _span(panel, time)
+            if panel is axes[0]:
+                _mark_change(panel, recording, theme)
             _name_ends(panel, letter, lines[-1], theme)
         axes[-1].set_xlabel("time (s)")
     return figure

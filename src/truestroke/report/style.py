@@ -75,7 +75,7 @@ PAGE = _theme(
 THEMES = {theme.name: theme for theme in (LIGHT, DARK, PAGE)}
 
 
-def _parameters(theme: Theme) -> dict[str, Any]:
+def _parameters(theme: Theme) -> dict[Any, Any]:
     text, muted = theme["text"], theme["muted"]
     return {
         "figure.facecolor": theme["background"],
@@ -116,7 +116,9 @@ def _parameters(theme: Theme) -> dict[str, Any]:
 @contextmanager
 def use(theme: Theme) -> Iterator[None]:
     """Draw and save in `theme`; matplotlib's own settings come back afterwards."""
-    with matplotlib.rc_context({**matplotlib.rcParamsDefault, **_parameters(theme), "backend": "agg"}):
+    with matplotlib.rc_context():
+        matplotlib.rcdefaults()
+        matplotlib.rcParams.update(_parameters(theme))
         yield
 
 

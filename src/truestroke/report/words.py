@@ -70,6 +70,12 @@ def voltage_limits(recording: Recording) -> tuple[float, float] | None:
     return None if limits is None else (float(limits[0]), float(limits[1]))
 
 
+def change_time(recording: Recording) -> float | None:
+    """When the simulated actuator changes suddenly, s; None if it does not."""
+    change = _settings(recording, "plant").get("change")
+    return None if change is None else float(change["time"])
+
+
 def title(recording: Recording, summary: TrackingSummary) -> str:
     """The heading of a page: the motion and how well it was followed."""
     kind = kinds(summary)[-1]
@@ -80,13 +86,14 @@ def title(recording: Recording, summary: TrackingSummary) -> str:
 def run(recording: Recording, summary: TrackingSummary) -> str:
     """What was run, in a sentence or two."""
     motion, driver = _name(recording, "trajectory", "motion"), _name(recording, "controller", "a controller")
+    span = _settings(recording, "trajectory").get("peak_to_peak", summary.peak_to_peak_um)
     what = (
-        f"{_name(recording, 'plant', 'an actuator')} followed a {motion} of {summary.peak_to_peak_um:.1f} µm peak to "
+        f"{_name(recording, 'plant', 'an actuator')} followed a {motion} of {span:.1f} µm peak to "
         f"peak{_rate(recording)} for {summary.duration_s:.4g} s at {summary.ticks / summary.duration_s:.0f} ticks per "
         f"second, driven by {driver}."
     )
-    change = _settings(recording, "plant").get("change")
-    sudden = f" At {change['time']:g} s it changed suddenly." if change else ""
+    change = change_time(recording)
+    sudden = "" if change is None else f" At {change:g} s it changed suddenly."
     cut = " The run was interrupted." if recording.metadata.get("interrupted") else ""
     return what[0].upper() + what[1:] + sudden + cut
 
@@ -135,7 +142,7 @@ def convergence(summary: TrackingSummary) -> str:
     """When the error became small, in a few words."""
     time = summary.convergence_time_s
     if time is not None:
-        return f"{time:.2f} s"
+        return f"after {time:.2f} s" if time > 0 else "from the start"
     return "not known: the run is shorter than 1 s" if summary.duration_s < 1 else "not within the run"
 
 
@@ -143,15 +150,20 @@ def flags(summary: TrackingSummary) -> list[str]:
     """What happened on the way, in a few words for each kind of flag; empty where nothing did."""
     counts = summary.as_dict()
     return [
-        f"{what} in {count:,.0f} tick{'' if count == 1 else 's'} ({100 * count / summary.ticks:.2g} %)"
+        f"{what} in {count:,.0f} tick{'' if count == 1 else 's'} ({_percent(count / summary.ticks)})"
         for kind, what in FLAGS.items()
         if (count := counts[f"{kind}_ticks"])
     ]
 
 
+def _percent(part: float) -> str:
+    return f"{100 * part:.1f} %" if part >= 0.0005 else "below 0.1 %"
+
+
 def command(recording: Recording) -> str | None:
     """The command that makes this recording again, where a command made it."""
-    return recording.metadata.get("command")
+    made_by = recording.metadata.get("command")
+    return None if made_by is None else str(made_by)
 
 
 def footer(recording: Recording) -> str:
