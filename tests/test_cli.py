@@ -188,11 +188,11 @@ def test_ctrl_c_keeps_what_was_recorded(monkeypatch: pytest.MonkeyPatch) -> None
             raise KeyboardInterrupt
         return exchange(plant, volts)
 
-    monkeypatch.setattr(RealisticPlant, "exchange", interrupted)
-    done = call(*SHORT)
+    with monkeypatch.context() as patch:
+        patch.setattr(RealisticPlant, "exchange", interrupted)
+        done = call(*SHORT)
     assert done.exit_code == 130
     assert done.stderr == ("truestroke: the 1500 ticks so far are in truestroke-track.h5\ntruestroke: interrupted\n")
-    monkeypatch.undo()
     rest = Recording.load("truestroke-track.h5")
     assert rest["time"].size == 1500
     assert call("report", "truestroke-track.h5").exit_code == 0

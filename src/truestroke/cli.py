@@ -324,7 +324,8 @@ def _table(summary: TrackingSummary) -> None:
         table.add_row(name, *(text for um, percent in cells for text in (f"[bold]{um}[/] um", f"{percent} %")))
     console.print(table)
     click.echo(f"\nconverged  {words.convergence(summary)}")
-    click.echo(f"flags      {'; '.join(words.flags(summary)) or 'none'}\n")
+    flags = ("\n" + " " * 11).join(words.flags(summary)) or "none"
+    click.echo(f"flags      {flags}\n")
 
 
 def _next(recording: Recording) -> str:

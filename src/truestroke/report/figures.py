@@ -120,7 +120,7 @@ def _mark_change(axes: Axes, recording: Recording, theme: Theme) -> None:
     """Where the simulated actuator was made to change suddenly."""
     change = words.change_time(recording)
     if change is not None:
-        _mark(axes, change, f"sudden change at {change:g} s", theme)
+        _mark(axes, change, f"sudden change at {change:g} s", theme, height=0.14)
 
 
 def _step(time: FloatArray) -> float:
@@ -143,14 +143,14 @@ def _off_scale(error: FloatArray, limit: float) -> str:
     return f" (off scale before: up to {largest:.2g} µm)" if largest > limit else ""
 
 
-def _mark(axes: Axes, at: float, text: str, theme: Theme) -> None:
-    """A vertical line at `at` seconds with its text at the top, on the side that has room."""
+def _mark(axes: Axes, at: float, text: str, theme: Theme, height: float = 1.0) -> None:
+    """A vertical line at `at` seconds with its text at the top, or as high as said, on the side that has room."""
     left, right = axes.get_xlim()
     side = -1 if at > (left + right) / 2 else 1
     axes.axvline(at, color=theme["text"], lw=0.9, ls=(0, (4, 3)))
     axes.annotate(
         text,
-        (at, 1.0),
+        (at, height),
         xycoords=("data", "axes fraction"),
         xytext=(5 * side, -3),
         textcoords="offset points",
@@ -221,8 +221,11 @@ def loop(before: Recording, after: Recording, theme: Theme = LIGHT, seconds: flo
             panel.set_xlabel("desired displacement (µm)")
             panel.legend(loc="upper left", handlelength=1.4)
         axes[0].set_ylabel("displacement (µm)")
-        for axis in (axes[0].xaxis, axes[0].yaxis):
-            axis.set_major_locator(MaxNLocator(6))
+        (x, y), ticks = (axes[0].get_xlim(), axes[0].get_ylim()), MaxNLocator(6)
+        limits = min(x[0], y[0]), max(x[1], y[1])
+        axes[0].set(
+            xlim=limits, ylim=limits, xticks=ticks.tick_values(*limits)[1:-1], yticks=ticks.tick_values(*limits)[1:-1]
+        )
     return figure
 
 
