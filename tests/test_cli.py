@@ -146,7 +146,8 @@ def test_a_motion_from_a_file() -> None:
 @pytest.mark.parametrize(
     ("arguments", "said", "code"),
     [
-        (["track", "--duration", "-1"], "duration = -1.0 s: must be above 0 s", 2),
+        (["track", "--duration", "-1"], "'--duration': -1.0 is not in the range x>=0.5", 2),
+        (["track", "--peak-to-peak", "-3"], "peak_to_peak = -3.0 um: must be above 0 um", 2),
         (["track", "--duration", "soon"], "--duration", 2),
         (["track", "--frequency", "1e9"], "cutoff = 1000000000.0 Hz: must be", 2),
         (["track", "--trajectory", "zigzag"], "zigzag", 2),

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 STROKE = 30.0  # um, of the simulated stack
 VOLTAGE_LIMITS = (-0.6, 3.6)  # V at the D/A converter
+SHORTEST = 20  # ticks that can be drawn
 INTERRUPTED = 130  # what a shell says after Ctrl-C
 
 FILES = ("output", "figures", "as_json")  # options that do not change the run
@@ -105,7 +106,7 @@ def main() -> None:
 @click.option("--frequency", metavar="HZ", type=float, help="Of a sine or triangle; a random wave has its low pass "
               "there.  [default: 20 random, 12 sine, 4 triangle]")  # fmt: skip
 @click.option("--peak-to-peak", metavar="UM", type=float, help="[default: 28.6, sine and triangle 22.8]")
-@click.option("--duration", metavar="S", type=float, help="[default: 20]")
+@click.option("--duration", metavar="S", type=click.FloatRange(min=0.5), help="[default: 20]")
 @click.option("--sample-rate", metavar="HZ", type=float, help="Ticks per second.  [default: 2000, or that of the file]")
 @click.option("--change-at", metavar="S", type=float, help="The actuator changes suddenly then (Sec. 4.2).")
 @click.option("--seed", metavar="N", type=click.IntRange(0), default=0, help="Of the random wave and the sensor noise.")
@@ -121,6 +122,8 @@ def track(output: str, figures: Path | None, as_json: bool, **options: Any) -> N
     trajectory = _trajectory(options)
     plant = _plant(options, trajectory)
     controller = _controller(options["controller"], trajectory)
+    if len(trajectory) < SHORTEST:
+        raise click.UsageError(f"--trajectory: {len(trajectory)} ticks, a page needs at least {SHORTEST}.")
     recording = _run(trajectory, controller, plant, recording_file)
     recording.save(recording_file)
     _finish(recording, page_file, figures, as_json, recording_file)
@@ -140,6 +143,8 @@ def report(recording: Path, output: str | None, figures: Path | None, as_json: b
         loaded = Recording.load(recording)
     except RecordingError as error:
         raise click.ClickException(str(error)) from None
+    if len(loaded["time"]) < SHORTEST:
+        raise click.ClickException(f"{recording}: {len(loaded['time'])} ticks, a page needs at least {SHORTEST}")
     _finish(loaded, page_file, figures, as_json, recording)
 
 

@@ -120,7 +120,7 @@ def _mark_change(axes: Axes, recording: Recording, theme: Theme) -> None:
     """Where the simulated actuator was made to change suddenly."""
     change = words.change_time(recording)
     if change is not None:
-        _mark(axes, change, f"sudden change at {change:g} s", theme, height=0.14)
+        _mark(axes, change, f"sudden change at {change:g} s", theme, below=True)
 
 
 def _step(time: FloatArray) -> float:
@@ -143,21 +143,24 @@ def _off_scale(error: FloatArray, limit: float) -> str:
     return f" (off scale before: up to {largest:.2g} µm)" if largest > limit else ""
 
 
-def _mark(axes: Axes, at: float, text: str, theme: Theme, height: float = 1.0) -> None:
-    """A vertical line at `at` seconds with its text at the top, or as high as said, on the side that has room."""
+def _mark(axes: Axes, at: float, text: str, theme: Theme, below: bool = False) -> None:
+    """A vertical line at `at` seconds; its text at the top or bottom, in room made for it, on the side that has more."""
+    low, high = axes.get_ylim()
+    room = 0.16 * (high - low)
+    axes.set_ylim(low - room * below, high + room * (not below))
     left, right = axes.get_xlim()
     side = -1 if at > (left + right) / 2 else 1
     axes.axvline(at, color=theme["text"], lw=0.9, ls=(0, (4, 3)))
     axes.annotate(
         text,
-        (at, height),
+        (at, 0.0 if below else 1.0),
         xycoords=("data", "axes fraction"),
-        xytext=(5 * side, -3),
+        xytext=(5 * side, 3 if below else -3),
         textcoords="offset points",
         ha="left" if side > 0 else "right",
-        va="top",
+        va="bottom" if below else "top",
         fontsize=8,
-        bbox={"facecolor": theme["background"], "edgecolor": "none", "pad": 1.0},
+        bbox={"facecolor": theme["background"], "edgecolor": "none", "pad": 1.0, "alpha": 0.8},
     )
 
 
