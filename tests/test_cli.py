@@ -91,7 +91,8 @@ def test_the_same_seed_gives_the_same_bits() -> None:
         assert call(*SHORT, "--output", name, "--seed", seed).exit_code == 0
     one, two, other = (Recording.load(f"{name}.h5") for name in ("one", "two", "other"))
     np.testing.assert_array_equal(one["measured"], two["measured"])
-    assert not np.array_equal(one["measured"], other["measured"])
+    assert not np.array_equal(one["desired"], other["desired"])
+    assert not np.array_equal(one["measured"] - one["true"], other["measured"] - other["true"])
 
 
 def test_report_makes_the_same_page_again(tmp_path: Path) -> None:

@@ -83,6 +83,10 @@ def test_thinning_leaves_gaps_as_gaps() -> None:
     time, thinned = style.thin(np.arange(10_000), values, 100)
     assert np.isnan(thinned[(time > 4100) & (time < 5900)]).all()
     assert np.isfinite(thinned[(time < 3900) | (time > 6100)]).all()
+    values[::2] = np.nan
+    values[[1001, 7001]] = -3, 3
+    _, thinned = style.thin(np.arange(10_000), values, 100)
+    assert (np.nanmin(thinned), np.nanmax(thinned)) == (-3, 3)
 
 
 @given(st.lists(st.floats(-5, 5), min_size=1, max_size=16), st.floats(0.01, 3))
