@@ -120,7 +120,9 @@ def test_report_makes_the_same_page_again(tmp_path: Path) -> None:
 def test_options_reach_the_run(options: list[str], check: Any) -> None:
     done = call(*SHORT, *options)
     assert done.exit_code == 0, done.output
-    assert check(Recording.load("truestroke-track.h5")["desired"])
+    recording = Recording.load("truestroke-track.h5")
+    assert check(recording["desired"])
+    assert sorted(recording.metadata["command"].split()) == sorted(["truestroke", *SHORT, *options])
 
 
 @pytest.mark.usefixtures("_without_page")
@@ -142,6 +144,15 @@ def test_a_motion_from_a_file() -> None:
     recording = Recording.load("truestroke-track.h5")
     np.testing.assert_allclose(recording["desired"][500:], motion[500:], atol=1e-9)
     assert recording.metadata["command"] == "truestroke track --trajectory move.csv"
+
+
+def test_rest_is_a_motion_like_any_other() -> None:
+    Path("rest.csv").write_text("\n".join(["0.0"] * 1000))
+    done = call("track", "--trajectory", "rest.csv", "--sample-rate", "1000", "--json")
+    assert done.exit_code == 0, done.output
+    printed = json.loads(done.stdout, parse_constant=pytest.fail)  # no NaN or Infinity
+    assert printed["true_maximum_um"] < 0.1
+    assert printed["true_maximum_percent"] is None
 
 
 @pytest.mark.parametrize(

@@ -233,38 +233,41 @@ def _run(trajectory: Trajectory, controller: Controller, plant: Actuator, rescue
             click.echo(f"truestroke: {saved}", err=True)
             raise click.Abort from None
         raise click.ClickException(f"{stop.__cause__}; {saved}") from stop
-    recording = Recording(recording.channels, recording.metadata | {"command": _command()})
+    recording = Recording(recording.channels, recording.metadata | _as_asked())
     recording.save(rescue)
     return _with_uncompensated(recording, trajectory, plant)
 
 
 def _with_uncompensated(recording: Recording, trajectory: Trajectory, plant: Actuator) -> Recording:
-    """The recording with what the same motion would be with the constant gain that fits best."""
+    """The recording with what the same motion would be with the straight line that fits the actuator best."""
     import numpy as np
 
     from truestroke.baselines import ConstantGain
     from truestroke.loop import RunInterrupted, run
     from truestroke.recording import Channel, Recording
 
-    volts = recording["volts"]
-    gain = float(np.dot(recording["true"], volts) / np.dot(volts, volts))
+    if not np.ptp(recording["volts"]):
+        return recording  # at rest there is nothing to compare
+    (offset, gain) = np.polynomial.Polynomial.fit(recording["volts"], recording["true"], 1).convert().coef
+    line = ConstantGain(float(gain), VOLTAGE_LIMITS, offset=float(offset))
     try:
-        before = run(trajectory, ConstantGain(gain, VOLTAGE_LIMITS), plant)["true"]
+        before = run(trajectory, line, plant)["true"]
     except RunInterrupted as stop:
         raise click.Abort from stop
-    kept = Channel(before, "um", f"true displacement of the same motion at a constant gain of 1/{gain:.4g} V/um")
+    kept = Channel(before, "um", f"true displacement if z = {offset:.3g} um + {gain:.4g} um/V x were all")
     return Recording(recording.channels | {"uncompensated": kept}, recording.metadata)
 
 
-def _command() -> str:
-    """The command that makes the same recording: the options that were given, without those that name files."""
+def _as_asked() -> dict[str, Any]:
+    """For the recording: the options, and the command that repeats them, without those that name files."""
     context = click.get_current_context()
-    words = context.command_path.split()
+    words = ["truestroke", context.info_name or ""]
     for option in context.command.params:
         name = option.name or ""
         if context.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE and name not in FILES:
             words += [option.opts[0], str(context.params[name]).removesuffix(".0")]
-    return shlex.join(["truestroke", *words[1:]])
+    options = {name: value for name, value in context.params.items() if name not in FILES}
+    return {"command": shlex.join(words), "options": options}
 
 
 @contextmanager

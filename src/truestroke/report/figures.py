@@ -25,7 +25,7 @@ def displacement(recording: Recording) -> tuple[str, FloatArray]:
 
 
 def uncompensated(recording: Recording) -> Recording | None:
-    """The same wave with a constant gain in place of the controller, where the recording has kept it.
+    """The same motion with a constant gain in place of the controller, where the recording has kept it.
 
     It is kept as the channel "uncompensated", um: the true displacement of that second run.
     """
@@ -209,7 +209,7 @@ def loop(before: Recording, after: Recording, theme: Theme = LIGHT, seconds: flo
     """Displacement over desired displacement, without compensation and with it, over the last seconds of the runs."""
     with style.use(theme):
         figure, axes = style.panels(3.4, 1, 2, sharex=True, sharey=True)
-        titles = ("Before: a constant gain", "After: compensated")
+        titles = ("Before: uncompensated", "After: compensated")
         for panel, recording, title, role in zip(axes, (before, after), titles, ("before", "true"), strict=True):
             time, desired = recording["time"], recording["desired"]
             name, actual = displacement(recording)

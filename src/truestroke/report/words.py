@@ -10,6 +10,7 @@ from truestroke.recording import Recording
 
 NAMES = {
     "AdaptiveController": "the adaptive inverse controller",
+    "paper": "the adaptive inverse controller of the paper, to the letter",
     "RealisticPlant": "a simulated stack (realistic: more than the controller's model can say)",
     "MatchedPlant": "a simulated stack (matched: of exactly the controller's structure)",
 }
@@ -86,6 +87,7 @@ def title(recording: Recording, summary: TrackingSummary) -> str:
 def run(recording: Recording, summary: TrackingSummary) -> str:
     """What was run, in a sentence or two."""
     motion, driver = _name(recording, "trajectory", "motion"), _name(recording, "controller", "a controller")
+    driver = NAMES.get(_section(recording, "options").get("controller", ""), driver)
     span = _settings(recording, "trajectory").get("peak_to_peak", summary.peak_to_peak_um)
     what = (
         f"{_name(recording, 'plant', 'an actuator')} followed a {motion} of {span:.1f} µm peak to "
