@@ -1,0 +1,250 @@
+"""The pictures of a run, each a function of recordings alone that returns a matplotlib `Figure`.
+
+Every function takes `theme`, one of `truestroke.report.style.THEMES`; `truestroke.report.save` writes the figure.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from truestroke._typing import FloatArray
+from truestroke.recording import Recording
+from truestroke.report import style, words
+from truestroke.report.style import LIGHT, Theme
+
+ZOOM = 0.5  # s
+
+
+def displacement(recording: Recording) -> tuple[str, FloatArray]:
+    """What the actuator did: ("true", um) where it was simulated, else ("measured", um)."""
+    name = "true" if "true" in recording.channels else "measured"
+    return name, recording[name]
+
+
+def uncompensated(recording: Recording) -> Recording | None:
+    """The same motion with a constant gain in place of the controller, where the recording has kept it.
+
+    It is kept as the channel "uncompensated", um: the true displacement of that second run.
+    """
+    if "uncompensated" not in recording.channels:
+        return None
+    channels = {name: recording.channels[name] for name in ("time", "desired")}
+    return Recording(channels | {"true": recording.channels["uncompensated"]}, recording.metadata)
+
+
+def settled(recording: Recording) -> slice:
+    """The second half of the run, which the figures in the table are of."""
+    ticks = recording["time"].size
+    return slice(ticks // 2, ticks)
+
+
+def zoom_window(recording: Recording, width: float = ZOOM) -> slice:
+    """The ticks of `width` seconds around the largest error of the second half, or of the whole of a shorter half."""
+    time, half = recording["time"], settled(recording)
+    _, actual = displacement(recording)
+    ticks = min(round(width / _step(time)), half.stop - half.start)
+    worst = half.start + int(np.nanargmax(np.abs(actual - recording["desired"])[half]))
+    start = min(max(worst - ticks // 2, half.start), half.stop - ticks)
+    return slice(start, start + ticks)
+
+
+def tracking(recording: Recording, theme: Theme = LIGHT) -> Figure:
+    """Desired and actual displacement: the whole run, and half a second around the largest error of its second half."""
+    time, desired = recording["time"], recording["desired"]
+    name, actual = displacement(recording)
+    window = zoom_window(recording)
+    with style.use(theme):
+        figure, (whole, zoom) = style.panels(4.6, 2, height_ratios=[1, 1.35])
+        for axes, part in ((whole, slice(None)), (zoom, window)):
+            wide = 3.2 if axes is zoom else 1.6
+            axes.plot(
+                *style.thin(time[part], desired[part]), color=theme["desired"], lw=wide, label="desired", zorder=2
+            )
+            axes.plot(*style.thin(time[part], actual[part]), color=theme["true"], lw=1.0, label=name, zorder=3)
+            axes.set_ylabel("displacement (µm)")
+            _span(axes, time[part])
+        start, stop = time[window][0], time[window][-1]
+        whole.axvspan(start, stop, color=theme["alarm"], alpha=0.35, lw=0, zorder=1)
+        style.title(whole, "The whole run")
+        style.title(zoom, f"{start:.2f} to {stop:.2f} s: around the largest error of the second half (shaded above)")
+        zoom.set_xlabel("time (s)")
+        style.legend_above(whole, 2)
+    return figure
+
+
+def error(recording: Recording, convergence_time: float | None = None, theme: Theme = LIGHT) -> Figure:
+    """Measured and true error against time: how it begins (um), and the whole run at the scale of its second half (nm).
+
+    Parameters
+    ----------
+    recording : Recording
+        The run.
+    convergence_time : float, optional
+        Marked where it is given, s.
+    theme : Theme
+        Colours.
+    """
+    time, desired = recording["time"], recording["desired"]
+    names = [name for name in ("measured", "true") if name in recording.channels]
+    errors = {name: recording[name] - desired for name in names}
+    largest = max(float(np.nanmax(np.abs(e[settled(recording)]))) for e in errors.values())
+    unit, scale = ("nm", 1e3) if largest < 2 else ("µm", 1.0)
+    begin = slice(0, max(2, round(_beginning(time, convergence_time) / _step(time))))
+    with style.use(theme):
+        figure, (first, whole) = style.panels(4.6, 2, height_ratios=[1, 1.35])
+        for axes, part, factor in ((first, begin, 1.0), (whole, slice(None), scale)):
+            axes.axhline(0, color=theme["muted"], lw=0.7, zorder=1.5)
+            for name in names:
+                axes.plot(*style.thin(time[part], factor * errors[name][part]), color=theme[name], lw=0.8, label=name)
+            _span(axes, time[part])
+        limit = 1.15 * scale * largest or 1.0
+        whole.set_ylim(-limit, limit)
+        first.set_ylabel("error (µm)")
+        whole.set_ylabel(f"error ({unit})")
+        whole.set_xlabel("time (s)")
+        style.title(first, "How it begins")
+        over = _off_scale(errors[names[-1]], limit / scale)
+        style.title(whole, f"The whole run at the scale of its second half{over}")
+        style.legend_above(first, len(names))
+        if convergence_time:
+            panel = first if convergence_time < first.get_xlim()[1] else whole
+            _mark(panel, convergence_time, f"converged at {convergence_time:.2f} s", theme)
+        _mark_change(whole, recording, theme)
+    return figure
+
+
+def _mark_change(axes: Axes, recording: Recording, theme: Theme) -> None:
+    """Where the simulated actuator was made to change suddenly."""
+    change = words.change_time(recording)
+    if change is not None:
+        _mark(axes, change, f"sudden change at {change:g} s", theme, below=True)
+
+
+def _step(time: FloatArray) -> float:
+    return float(time[-1] - time[0]) / max(1, time.size - 1)
+
+
+def _span(axes: Axes, time: FloatArray) -> None:
+    """The x axis ends where the last tick ends."""
+    axes.set_xlim(time[0], time[-1] + _step(time))
+
+
+def _beginning(time: FloatArray, convergence_time: float | None) -> float:
+    """How much of the run counts as its beginning, s."""
+    wanted = 2.0 if convergence_time is None else min(max(1.0, 1.6 * convergence_time), 5.0)
+    return min(float(time[-1] - time[0]), wanted)
+
+
+def _off_scale(error: FloatArray, limit: float) -> str:
+    largest = float(np.nanmax(np.abs(error)))
+    return f" (off scale before: up to {largest:.2g} µm)" if largest > limit else ""
+
+
+def _mark(axes: Axes, at: float, text: str, theme: Theme, below: bool = False) -> None:
+    """A vertical line at `at` seconds; its text at the top or bottom, in room made for it."""
+    low, high = axes.get_ylim()
+    room = 0.16 * (high - low)
+    axes.set_ylim(low - room * below, high + room * (not below))
+    left, right = axes.get_xlim()
+    side = -1 if at > (left + right) / 2 else 1
+    axes.axvline(at, color=theme["text"], lw=0.9, ls=(0, (4, 3)))
+    axes.annotate(
+        text,
+        (at, 0.0 if below else 1.0),
+        xycoords=("data", "axes fraction"),
+        xytext=(5 * side, 3 if below else -3),
+        textcoords="offset points",
+        ha="left" if side > 0 else "right",
+        va="bottom" if below else "top",
+        fontsize=8,
+        bbox={"facecolor": theme["background"], "edgecolor": "none", "pad": 1.0, "alpha": 0.8},
+    )
+
+
+def weights(recording: Recording, theme: Theme = LIGHT) -> Figure:
+    """The adapted weights of (21) against time, a_i above and b_i below, each line with its name at its end."""
+    time, values = recording["weights_time"], recording["weights"]
+    rows = [("a", "weights a (µm/V)", values[:, 0::2])]
+    if np.any(values[:, 1::2]):
+        rows.append(("b", "rate weights b (µm/V)", values[:, 1::2]))
+    with style.use(theme):
+        figure, axes = style.panels(2.6 * len(rows), len(rows), sharex=True)
+        for panel, (letter, label, lines) in zip(axes, rows, strict=True):
+            for i, line in enumerate(lines.T):
+                dash = "-" if i < style.SERIES else (0, (5, 2))
+                panel.plot(*style.thin(time, line, 400), color=theme.series[i % style.SERIES], ls=dash, lw=1.2)
+            panel.set_ylabel(label)
+            _span(panel, time)
+            if panel is axes[0]:
+                _mark_change(panel, recording, theme)
+            _name_ends(panel, letter, lines[-1], theme)
+        axes[-1].set_xlabel("time (s)")
+    return figure
+
+
+def _name_ends(panel: Axes, letter: str, ends: FloatArray, theme: Theme) -> None:
+    """Name each line at its right end, in its colour; neighbours keep apart."""
+    low, high = panel.get_ylim()
+    height = 2.1 * 72  # pt, of a panel
+    for i, (end, y) in enumerate(zip(ends, style.spread(ends, 9.5 / height * (high - low), low, high), strict=True)):
+        colour = theme.series[i % style.SERIES]
+        panel.annotate(
+            f"{letter}{str(i).translate(str.maketrans('0123456789', '₀₁₂₃₄₅₆₇₈₉'))}",
+            (1.0, end),
+            xycoords=("axes fraction", "data"),
+            xytext=(1.03, y),
+            textcoords=("axes fraction", "data"),
+            color=colour,
+            fontsize=8,
+            va="center",
+            annotation_clip=False,
+            arrowprops={"arrowstyle": "-", "color": colour, "lw": 0.5, "shrinkA": 0, "shrinkB": 0},
+        )
+
+
+def loop(before: Recording, after: Recording, theme: Theme = LIGHT, seconds: float = 2.0) -> Figure:
+    """Displacement over desired displacement, without compensation and with it, over the last seconds of the runs."""
+    with style.use(theme):
+        figure, axes = style.panels(3.4, 1, 2, sharex=True, sharey=True)
+        titles = ("Before: uncompensated", "After: compensated")
+        for panel, recording, title, role in zip(axes, (before, after), titles, ("before", "true"), strict=True):
+            time, desired = recording["time"], recording["desired"]
+            name, actual = displacement(recording)
+            part = time > time[-1] - seconds
+            panel.axline((0, 0), slope=1, color=theme["desired"], lw=3.0, label="where it should be")
+            panel.plot(desired[part], actual[part], color=theme[role], lw=0.9, label=f"{name} displacement")
+            worst = float(np.nanmax(np.abs(actual - desired)[part]))
+            panel.set_title(title)
+            panel.text(
+                0.97, 0.05, f"largest error\n{words.length(worst)}", transform=panel.transAxes, ha="right", fontsize=9
+            )
+            panel.set_xlabel("desired displacement (µm)")
+            panel.legend(loc="upper left", handlelength=1.4)
+        axes[0].set_ylabel("displacement (µm)")
+        (x, y), ticks = (axes[0].get_xlim(), axes[0].get_ylim()), MaxNLocator(6)
+        limits = min(x[0], y[0]), max(x[1], y[1])
+        axes[0].set(
+            xlim=limits, ylim=limits, xticks=ticks.tick_values(*limits)[1:-1], yticks=ticks.tick_values(*limits)[1:-1]
+        )
+    return figure
+
+
+def voltage(recording: Recording, limits: tuple[float, float] | None = None, theme: Theme = LIGHT) -> Figure:
+    """Voltage against time with its limits (V, where given); ticks that met a limit are marked."""
+    time, volts = recording["time"], recording["volts"]
+    with style.use(theme):
+        figure, (panel,) = style.panels(2.3)
+        panel.plot(*style.thin(time, volts), color=theme["true"], lw=0.8, label="voltage at the D/A")
+        for limit, label in zip(limits or (), ("limits", None), strict=False):
+            panel.axhline(limit, color=theme["before"], lw=1.0, ls=(0, (4, 3)), label=label)
+        saturated = (recording["flags"] & 1).astype(bool) if "flags" in recording.channels else np.zeros(0, bool)
+        if saturated.any():
+            panel.plot(time[saturated], volts[saturated], ".", color=theme["before"], ms=4, label="limit met")
+        _span(panel, time)
+        panel.set_xlabel("time (s)")
+        panel.set_ylabel("voltage (V)")
+        style.legend_above(panel, len(panel.get_legend_handles_labels()[0]))
+    return figure

@@ -1,0 +1,130 @@
+"""One self-contained HTML page of a recording: what was run, the figures in a table, the pictures."""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+from xml.sax.saxutils import escape
+
+import jinja2
+import matplotlib
+from matplotlib.figure import Figure
+
+from truestroke import metrics
+from truestroke.recording import Recording
+from truestroke.report import figures, style, words
+from truestroke.report.style import LIGHT, Theme
+
+
+def pictures(recording: Recording, theme: Theme = LIGHT) -> dict[str, Figure]:
+    """Every picture that the channels of `recording` allow, by name, in the order of a page."""
+    converged = metrics.summary(recording).convergence_time_s
+    drawn = {
+        "tracking": figures.tracking(recording, theme),
+        "error": figures.error(recording, converged, theme),
+    }
+    before = figures.uncompensated(recording)
+    if before is not None:
+        drawn["loop"] = figures.loop(before, recording, theme)
+    if "weights" in recording.channels:
+        drawn["weights"] = figures.weights(recording, theme)
+    drawn["voltage"] = figures.voltage(recording, words.voltage_limits(recording), theme)
+    return drawn
+
+
+def save_pictures(recording: Recording, directory: str | Path) -> list[Path]:
+    """Write every picture as PNG, light and dark, into `directory`; the paths."""
+    directory = Path(directory)
+    directory.mkdir(parents=True, exist_ok=True)
+    return [
+        style.save(figure, directory / f"{name}-{theme.name}.png")
+        for theme in (style.LIGHT, style.DARK)
+        for name, figure in pictures(recording, theme).items()
+    ]
+
+
+def save_page(recording: Recording, path: str | Path) -> Path:
+    """Write the page of `recording` to `path`; nothing outside the file is needed to read it."""
+    path = Path(path)
+    path.write_text(page(recording), encoding="utf-8")
+    return path
+
+
+def page(recording: Recording) -> str:
+    """The page of `recording` as HTML; it is also well-formed XML."""
+    summary = metrics.summary(recording)
+    environment = jinja2.Environment(loader=jinja2.PackageLoader("truestroke.report"), autoescape=True)
+    drawn = pictures(recording, style.PAGE)
+    return environment.get_template("page.html.j2").render(
+        light=_variables(style.LIGHT),
+        dark=_variables(style.DARK),
+        title=words.title(recording, summary),
+        run=words.run(recording, summary),
+        span=words.span(summary),
+        columns=words.kinds(summary),
+        table=[{"name": name, "cells": cells} for name, cells in words.table(summary)],
+        convergence=words.convergence(summary),
+        flags=words.flags(summary),
+        peak_to_peak=f"{summary.peak_to_peak_um:.1f}",
+        simulated="true" in recording.channels,
+        figures=[
+            {"heading": heading, "caption": caption, "svg": svg(drawn[name], name, caption)}
+            for name, (heading, caption) in words.CAPTIONS.items()
+            if name in drawn
+        ],
+        command=words.command(recording),
+        settings=list(_flat(recording.metadata)),
+        footer=words.footer(recording),
+    )
+
+
+def svg(figure: Figure, name: str, description: str) -> str:
+    """The figure, drawn in the theme "page", as SVG for inside a page.
+
+    Its colours are CSS variables, its ids begin with `name` so that they are unique on the page, and it says
+    `description` to a screen reader.
+    """
+    file = io.StringIO()
+    with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": name}):
+        figure.savefig(file, format="svg", metadata={"Date": None})
+    text = file.getvalue()
+    text = text[text.index("<svg") :]
+    text = re.sub(r"<metadata>.*?</metadata>|<style type=.*?</style>|<!--.*?-->", "", text, flags=re.DOTALL)
+    text = re.sub(r'(\bid="|"#|url\(#)', rf"\g<1>{name}-", text)
+    text = re.sub(r' d="[^"]*"', lambda path: re.sub(r"(\.\d\d)\d+", r"\1", path[0]), text)
+    for variable, colour in style.PAGE.variables.items():
+        text = text.replace(colour, f"var(--{variable})")
+    box = re.search(r'viewBox="[^"]*"', text)
+    opening = (
+        f'<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" {box[0] if box else ""} '
+        f'role="img" aria-labelledby="{name}-title"><title id="{name}-title">{escape(description)}</title>'
+    )
+    return re.sub(r"<svg[^>]*>", lambda _: opening, text, count=1)
+
+
+def _variables(theme: Theme) -> str:
+    return " ".join(f"--{name}: {colour};" for name, colour in theme.variables.items())
+
+
+def _flat(metadata: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
+    """Nested settings as rows: dotted name, value in short."""
+    for name, value in metadata.items():
+        if isinstance(value, Mapping):
+            yield from _flat(value, f"{prefix}{name}.")
+        else:
+            yield prefix + name, _short(value)
+
+
+def _short(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, (list, tuple)):
+        shown = [_short(entry) for entry in value[:12]]
+        return ", ".join(shown) + (f", ... ({len(value)} in all)" if len(value) > 12 else "")
+    return str(value)
+
+
+__all__ = ["page", "pictures", "save_page", "save_pictures", "svg"]

@@ -1,0 +1,218 @@
+"""One look for all pictures: Okabe-Ito colours, a light and a dark theme, honest thinning of long lines."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+import numpy.typing as npt
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+
+from truestroke._typing import FloatArray
+
+WIDTH = 7.0  # in, two columns of a journal
+COLUMNS = 900  # pixel columns of a panel, for thinning
+ROLES = ("background", "text", "muted", "grid", "desired", "true", "measured", "before", "alarm")
+SERIES = 8
+
+
+@dataclass(frozen=True)
+class Theme:
+    """Colours by role.
+
+    Attributes
+    ----------
+    name : str
+        "light", "dark" or "page".
+    roles : Mapping[str, str]
+        Colour of each entry of `ROLES`, "#rrggbb".
+    series : tuple[str, ...]
+        Colours of numbered lines such as the weights.
+    """
+
+    name: str
+    roles: Mapping[str, str]
+    series: tuple[str, ...]
+
+    def __getitem__(self, role: str) -> str:
+        return self.roles[role]
+
+    @property
+    def variables(self) -> dict[str, str]:
+        """Every colour by the name of its CSS variable."""
+        return {**self.roles, **{f"series-{i}": colour for i, colour in enumerate(self.series)}}
+
+
+def _theme(name: str, roles: str, series: str) -> Theme:
+    return Theme(name, dict(zip(ROLES, roles.split(), strict=True)), tuple(series.split()))
+
+
+# Okabe and Ito (2008), jfly.uni-koeln.de/color. Their yellow is darkened on white and their black and blue are
+# lightened on black, for contrast.
+LIGHT = _theme(
+    "light",
+    "#ffffff #1a1a1a #5f6368 #e3e5e8 #b4b8bd #0072b2 #8fc1e3 #d55e00 #cc79a7",
+    "#0072b2 #d55e00 #009e73 #cc79a7 #e69f00 #56b4e9 #8a8000 #1a1a1a",
+)
+DARK = _theme(
+    "dark",
+    "#14171a #e8eaed #9aa0a6 #2c3136 #6b7178 #56b4e9 #2f6688 #e8804a #cc79a7",
+    "#56b4e9 #e8804a #1fbf94 #cc79a7 #e69f00 #4a90d9 #f0e442 #e8eaed",
+)
+# Colours that stand for CSS variables, so that a page can follow the reader's choice of light or dark.
+PAGE = _theme(
+    "page",
+    " ".join(f"#0f1e{i:02x}" for i in range(len(ROLES))),
+    " ".join(f"#0f2e{i:02x}" for i in range(SERIES)),
+)
+THEMES = {theme.name: theme for theme in (LIGHT, DARK, PAGE)}
+
+
+def _parameters(theme: Theme) -> dict[Any, Any]:
+    text, muted = theme["text"], theme["muted"]
+    return {
+        "figure.facecolor": theme["background"],
+        "axes.facecolor": theme["background"],
+        "text.color": text,
+        "axes.labelcolor": text,
+        "axes.titlecolor": text,
+        "axes.edgecolor": muted,
+        "xtick.color": muted,
+        "ytick.color": muted,
+        "xtick.labelcolor": text,
+        "ytick.labelcolor": text,
+        "grid.color": theme["grid"],
+        "grid.linewidth": 0.6,
+        "axes.grid": True,
+        "axes.axisbelow": True,
+        "axes.linewidth": 0.7,
+        "axes.spines.top": False,
+        "axes.spines.right": False,
+        "axes.titlelocation": "left",
+        "axes.titlesize": 9,
+        "axes.labelsize": 9,
+        "xtick.labelsize": 8,
+        "ytick.labelsize": 8,
+        "legend.fontsize": 8,
+        "legend.frameon": False,
+        "legend.labelcolor": text,
+        "font.family": "sans-serif",
+        "font.sans-serif": ["DejaVu Sans", "Helvetica", "Arial", "sans-serif"],
+        "axes.unicode_minus": True,
+        "lines.solid_joinstyle": "round",
+        "savefig.dpi": 200,
+        "svg.fonttype": "none",
+        "pdf.fonttype": 42,
+    }
+
+
+@contextmanager
+def use(theme: Theme) -> Iterator[None]:
+    """Draw and save in `theme`; matplotlib's own settings come back afterwards."""
+    with matplotlib.rc_context():
+        matplotlib.rcdefaults()
+        matplotlib.rcParams.update(_parameters(theme))
+        yield
+
+
+def panels(height: float, rows: int = 1, columns: int = 1, **options: Any) -> tuple[Figure, list[Axes]]:
+    """A figure of the standard width, `height` in inches, and its panels in reading order."""
+    figure = Figure(figsize=(WIDTH, height), layout=ConstrainedLayoutEngine(h_pad=0.07, w_pad=0.06))
+    return figure, list(np.ravel(figure.subplots(rows, columns, **options)))
+
+
+def title(axes: Axes, text: str) -> None:
+    """A plain title at the left, above the panel."""
+    axes.set_title(text, pad=5)
+
+
+def legend_above(axes: Axes, entries: int) -> None:
+    """A legend in one row above the panel, at the right, where no line is."""
+    legend = axes.legend(
+        loc="lower right", bbox_to_anchor=(1.0, 0.99), ncols=entries, borderaxespad=0.2, handlelength=1.6
+    )
+    for line in legend.get_lines():
+        line.set_linewidth(max(line.get_linewidth(), 1.5))
+
+
+def save(figure: Figure, path: str | Path) -> Path:
+    """Write a figure for publication; the ending says how: .png, .svg or .pdf.
+
+    Text stays text in SVG and PDF. The same figure gives the same bytes.
+    """
+    path = Path(path)
+    date = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
+    with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": "truestroke", "pdf.fonttype": 42}):
+        figure.savefig(path, dpi=200, metadata=date.get(path.suffix.lower()))
+    return path
+
+
+def thin(time: npt.ArrayLike, values: npt.ArrayLike, columns: int = COLUMNS) -> tuple[FloatArray, FloatArray]:
+    """Thin a long line to its lowest and highest sample in each pixel column, so that every peak survives.
+
+    Parameters
+    ----------
+    time, values : array_like, shape (samples,)
+        The line, evenly sampled; NaN in `values` is a gap.
+    columns : int
+        Pixel columns that the line fills.
+
+    Returns
+    -------
+    time, values : ndarray, shape (at most 2 columns + 2,)
+        Samples of the line in their order, with the first and the last; a line that is short enough is left whole.
+
+    Examples
+    --------
+    >>> values = np.zeros(10_000)
+    >>> values[1234] = 5.0
+    >>> t, thinned = thin(np.arange(10_000), values, columns=100)
+    >>> t.size <= 202, float(thinned.max()), float(t[thinned.argmax()])
+    (True, 5.0, 1234.0)
+    """
+    time, values = np.asarray(time, dtype=np.float64), np.asarray(values, dtype=np.float64)
+    if values.size <= 2 * columns + 2:
+        return time, values
+    starts = np.linspace(0, values.size, columns + 1).astype(int)
+    width = int(np.diff(starts).max())
+    index = np.minimum(starts[:-1, None] + np.arange(width), starts[1:, None] - 1)
+    block = values[index]
+    lowest = np.where(np.isnan(block), np.inf, block).argmin(axis=1)
+    highest = np.where(np.isnan(block), -np.inf, block).argmax(axis=1)
+    rows = np.arange(columns)
+    kept = np.unique(np.concatenate([[0], index[rows, lowest], index[rows, highest], [values.size - 1]]))
+    return time[kept], values[kept]
+
+
+def spread(positions: npt.ArrayLike, gap: float, low: float, high: float) -> FloatArray:
+    """Move label positions as little as needed so that neighbours are `gap` apart and all lie in [low, high].
+
+    Examples
+    --------
+    >>> spread([1.0, 1.1, 5.0], 1.0, 0.0, 10.0)
+    array([0.55, 1.55, 5.  ])
+    """
+    positions = np.asarray(positions, dtype=np.float64)
+    order = np.argsort(positions, kind="stable")
+    gap = min(gap, (high - low) / max(1, positions.size - 1))
+    # With y_i = position_i - i gap the condition is that y ascends: pool the neighbours that violate it.
+    groups: list[list[float]] = []  # mean, count
+    for i, position in enumerate(positions[order]):
+        groups.append([position - i * gap, 1])
+        while len(groups) > 1 and groups[-2][0] >= groups[-1][0]:
+            mean, count = groups.pop()
+            groups[-1] = [
+                (groups[-1][0] * groups[-1][1] + mean * count) / (groups[-1][1] + count),
+                groups[-1][1] + count,
+            ]
+    pooled = np.repeat([g[0] for g in groups], [int(g[1]) for g in groups])
+    result = np.empty_like(positions)
+    result[order] = np.clip(pooled, low, high - (positions.size - 1) * gap) + np.arange(positions.size) * gap
+    return result

@@ -1,0 +1,217 @@
+"""The command line: what it prints, writes, refuses, and how it ends."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+from truestroke.cli import main
+from truestroke.plant import RealisticPlant
+from truestroke.recording import Recording
+
+COMMAND = Path(sys.executable).with_name("truestroke")
+SHORT = ["track", "--duration", "2"]
+
+
+def call(*arguments: str) -> Result:
+    return CliRunner().invoke(main, list(arguments))
+
+
+@pytest.fixture(autouse=True)
+def _in_an_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.fixture
+def _without_page(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Drawing takes a second, which most tests can spare."""
+    monkeypatch.setattr("truestroke.report.save_page", lambda *_: None)
+
+
+def errors(path: Path) -> dict[str, float]:
+    """Figures of the second half, by their definition."""
+    recording = Recording.load(path)
+    half = slice(recording["time"].size // 2, None)
+    found = {}
+    for kind in ("measured", "true"):
+        error = recording[kind][half] - recording["desired"][half]
+        found |= {f"{kind}_rmse_um": np.sqrt(np.mean(error**2)), f"{kind}_maximum_um": np.abs(error).max()}
+    return found
+
+
+def test_the_command_as_a_user_runs_it() -> None:
+    done = subprocess.run([COMMAND, *SHORT, "--json"], capture_output=True, text=True, timeout=60, check=True)
+    assert done.stderr == ""  # no progress in a pipe
+    printed = json.loads(done.stdout)
+    assert done.stdout.count("\n") == 1
+    for name, value in errors(Path("truestroke-track.h5")).items():
+        assert printed[name] == pytest.approx(value, rel=1e-9), name
+    page = Path(printed["page"]).read_text()
+    assert f"{printed['true_rmse_um']:.4f}" in page
+    assert "truestroke track --duration 2<" in page  # the command that repeats it
+
+
+def test_help_comes_at_once_and_loads_nothing_heavy() -> None:
+    code = (
+        "import sys, truestroke.cli as c\n"
+        "try: c.main(['--help'])\n"
+        "except SystemExit: pass\n"
+        "print(sorted(set(sys.modules) & {'matplotlib', 'scipy', 'h5py', 'jinja2', 'rich', 'truestroke.loop'}))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
+    assert done.stdout.splitlines()[-1] == "[]"
+    assert "track" in done.stdout
+
+
+@pytest.mark.usefixtures("_without_page")
+def test_track_prints_the_table_and_where_the_page_is() -> None:
+    done = call(*SHORT, "--output", "run")
+    assert done.exit_code == 0, done.output
+    for name, value in errors(Path("run.h5")).items():
+        assert f"{value:.4f} um" in done.stdout, name
+    assert "\x1b" not in done.stdout
+    assert "converged  " in done.stdout
+    assert "run.html" in done.stdout.split("\n\n")[-2]
+    assert "truestroke track" in done.stdout.splitlines()[-1]
+    recording = Recording.load("run.h5")
+    loop = np.abs(recording["uncompensated"] - recording["desired"]).max()
+    assert loop > 5 * errors(Path("run.h5"))["true_maximum_um"]  # before is worse than after
+
+
+@pytest.mark.usefixtures("_without_page")
+def test_the_same_seed_gives_the_same_bits() -> None:
+    for name, seed in (("one", "3"), ("two", "3"), ("other", "4")):
+        assert call(*SHORT, "--output", name, "--seed", seed).exit_code == 0
+    one, two, other = (Recording.load(f"{name}.h5") for name in ("one", "two", "other"))
+    np.testing.assert_array_equal(one["measured"], two["measured"])
+    assert not np.array_equal(one["desired"], other["desired"])
+    assert not np.array_equal(one["measured"] - one["true"], other["measured"] - other["true"])
+
+
+def test_report_makes_the_same_page_again(tmp_path: Path) -> None:
+    assert call(*SHORT).exit_code == 0
+    first = Path("truestroke-track.html").read_text()
+    done = call("report", "truestroke-track.h5", "--output", "again", "--figures", "pictures")
+    assert done.exit_code == 0, done.output
+    assert Path("again.html").read_text() == first
+    assert not Path("again.h5").exists()
+    names = {path.name for path in Path("pictures").iterdir()}
+    assert {"tracking-light.png", "tracking-dark.png", "loop-light.png", "weights-dark.png"} <= names
+
+
+@pytest.mark.usefixtures("_without_page")
+@pytest.mark.parametrize(
+    ("options", "check"),
+    [
+        (["--trajectory", "sine", "--frequency", "8"], lambda z: np.ptp(z[2000:]) == pytest.approx(22.8, abs=0.01)),
+        (["--trajectory", "triangle"], lambda z: np.ptp(z) == pytest.approx(22.8, abs=0.1)),
+        (["--trajectory", "staircase", "--peak-to-peak", "10"], lambda z: z.max() == pytest.approx(10, abs=0.01)),
+        (["--sample-rate", "1000"], lambda z: z.size == 2000),
+        (["--controller", "paper", "--plant", "matched"], lambda z: z.size == 4000),
+    ],
+)
+def test_options_reach_the_run(options: list[str], check: Any) -> None:
+    done = call(*SHORT, *options)
+    assert done.exit_code == 0, done.output
+    recording = Recording.load("truestroke-track.h5")
+    assert check(recording["desired"])
+    assert sorted(recording.metadata["command"].split()) == sorted(["truestroke", *SHORT, *options])
+
+
+@pytest.mark.usefixtures("_without_page")
+@pytest.mark.parametrize("plant", ["realistic", "matched"])
+def test_a_sudden_change_shows_from_its_tick_on(plant: str) -> None:
+    for name, options in (("as_it_was", []), ("changed", ["--change-at", "1.2"])):
+        assert call(*SHORT, "--plant", plant, "--output", name, *options).exit_code == 0
+    before, after = (Recording.load(f"{name}.h5")["true"] for name in ("as_it_was", "changed"))
+    assert np.flatnonzero(before != after)[0] == 2400
+
+
+@pytest.mark.usefixtures("_without_page")
+def test_a_motion_from_a_file() -> None:
+    time = np.arange(2000) / 1000
+    motion = 10 * (1 - np.cos(2 * np.pi * 3 * time))
+    Path("move.csv").write_text("t,z\n" + "\n".join(f"{t},{z}" for t, z in zip(time, motion, strict=True)))
+    done = call("track", "--trajectory", "move.csv")
+    assert done.exit_code == 0, done.output
+    recording = Recording.load("truestroke-track.h5")
+    np.testing.assert_allclose(recording["desired"][500:], motion[500:], atol=1e-9)
+    assert recording.metadata["command"] == "truestroke track --trajectory move.csv"
+
+
+def test_rest_is_a_motion_like_any_other() -> None:
+    Path("rest.csv").write_text("\n".join(["0.0"] * 1000))
+    done = call("track", "--trajectory", "rest.csv", "--sample-rate", "1000", "--json")
+    assert done.exit_code == 0, done.output
+    printed = json.loads(done.stdout, parse_constant=pytest.fail)  # no NaN or Infinity
+    assert printed["true_maximum_um"] < 0.1
+    assert printed["true_maximum_percent"] is None
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said", "code"),
+    [
+        (["track", "--duration", "-1"], "'--duration': -1.0 is not in the range x>=0.5", 2),
+        (["track", "--peak-to-peak", "-3"], "peak_to_peak = -3.0 um: must be above 0 um", 2),
+        (["track", "--duration", "soon"], "--duration", 2),
+        (["track", "--frequency", "1e9"], "cutoff = 1000000000.0 Hz: must be", 2),
+        (["track", "--trajectory", "zigzag"], "zigzag", 2),
+        (["track", "--trajectory", "none.csv"], "none.csv", 2),
+        (["track", "--trajectory", "staircase", "--frequency", "3"], "--frequency means nothing", 2),
+        (["track", "--change-at", "99"], "--change-at 99: must be between 0 and", 2),
+        (["track", "--controller", "magic"], "magic", 2),
+        (["track", "--output", "no/such/run"], "mkdir -p no/such", 1),
+        (["track", "--output", "."], "is a folder", 2),
+        (["report", "none.h5"], "none.h5", 2),
+        (["report", __file__], "not an HDF5 file", 1),
+        (["fly"], "No such command 'fly'", 2),
+    ],
+)
+def test_errors_are_one_line_that_names_the_argument(arguments: list[str], said: str, code: int) -> None:
+    done = call(*arguments)
+    assert done.exit_code == code, done.output
+    assert said in done.stderr
+    assert done.stderr.startswith("truestroke: ")
+    assert done.stderr.count("\n") == 1
+    assert done.stdout == ""
+    assert not list(Path().iterdir())
+
+
+def test_what_cannot_be_written_is_said_before_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    Path("run.html").mkdir()
+    monkeypatch.setattr("truestroke.cli._run", lambda *_: pytest.fail("it ran"))
+    done = call("track", "--output", "run")
+    assert done.exit_code == 1
+    assert "run.html cannot be written; choose another --output" in done.stderr
+
+
+def test_ctrl_c_keeps_what_was_recorded(monkeypatch: pytest.MonkeyPatch) -> None:
+    calls = iter(range(10**6))
+    exchange = RealisticPlant.exchange
+
+    def interrupted(plant: RealisticPlant, volts: Any) -> Any:
+        if next(calls) == 1500:
+            raise KeyboardInterrupt
+        return exchange(plant, volts)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(RealisticPlant, "exchange", interrupted)
+        done = call(*SHORT)
+    assert done.exit_code == 130
+    assert done.stderr == ("truestroke: the 1500 ticks so far are in truestroke-track.h5\ntruestroke: interrupted\n")
+    rest = Recording.load("truestroke-track.h5")
+    assert rest["time"].size == 1500
+    assert call("report", "truestroke-track.h5").exit_code == 0
+
+
+def test_version() -> None:
+    from truestroke import __version__
+
+    assert call("--version").stdout == f"truestroke {__version__}\n"

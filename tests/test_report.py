@@ -1,0 +1,193 @@
+"""Pictures and page: what a reader must be able to rely on, checked on a recording made here."""
+
+from __future__ import annotations
+
+import re
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from truestroke import report
+from truestroke.recording import Channel, Recording
+from truestroke.report import style
+
+RATE, SECONDS = 2000.0, 4.0
+UNITS = {"time": "s", "desired": "um", "measured": "um", "true": "um", "volts": "V", "flags": "", "uncompensated": "um"}
+
+
+def build(simulated: bool = True) -> Recording:
+    """A run of 4 s with an error of 0.05 um at 3 Hz, one spike of 0.7 um at 3.1 s, and 12 saturated ticks."""
+    time = np.arange(int(SECONDS * RATE)) / RATE
+    desired = 14.3 * (1 - np.cos(2 * np.pi * 4 * time))
+    true = desired + 0.05 * np.sin(2 * np.pi * 3 * time) + 3.0 * np.exp(-time / 0.1)
+    true[int(3.1 * RATE)] += 0.7
+    flags = np.zeros(time.size, np.uint8)
+    flags[100:112] = 1
+    data = {
+        "time": time,
+        "desired": desired,
+        "measured": true + 0.02 * np.random.Generator(np.random.PCG64(0)).standard_normal(time.size),
+        "volts": desired / 12.6,
+        "flags": flags,
+    }
+    if simulated:
+        data |= {"true": true, "uncompensated": desired + 2 * np.sin(2 * np.pi * 4 * time)}
+    channels = {name: Channel(values, UNITS[name], name) for name, values in data.items()}
+    slow = time[::20]
+    drift = np.outer(np.ones(slow.size), np.arange(16.0)) + np.sin(slow)[:, None]
+    channels["weights_time"] = Channel(slow, "s", "time of the weights", time="weights_time")
+    channels["weights"] = Channel(drift, "um/V", "weights", time="weights_time")
+    metadata = {
+        "trajectory": {"name": "sine", "settings": {"frequency": 4.0}},
+        "controller": {"name": "AdaptiveController", "settings": {"voltage_limits": [-0.6, 3.6]}},
+        "plant": {"name": "RealisticPlant", "settings": {"seed": 7, "change": {"time": 1.5}}},
+        "versions": {"truestroke": "0.1.0"},
+        "note": "<b>not bold</b>",
+        "command": "truestroke track --seed 7",
+    }
+    return Recording(channels, metadata)
+
+
+@pytest.fixture(scope="module")
+def recording() -> Recording:
+    return build()
+
+
+@pytest.fixture(scope="module")
+def page(recording: Recording) -> str:
+    return report.page(recording)
+
+
+@given(st.integers(0, 20_000), st.integers(1, 400), st.integers(2, 20_001))
+def test_thinning_keeps_every_peak(spike: int, columns: int, samples: int) -> None:
+    spike %= samples
+    values = np.sin(np.arange(samples) / 50.0)
+    values[spike] = -9.0
+    time, thinned = style.thin(np.arange(samples), values, columns)
+    assert thinned.size <= 2 * columns + 2
+    assert time[thinned.argmin()] == spike
+    assert thinned.max() == values.max()
+    assert (time[0], time[-1]) == (0, samples - 1)
+    assert np.all(np.diff(time) > 0)
+    np.testing.assert_array_equal(thinned, values[time.astype(int)])
+
+
+def test_thinning_leaves_gaps_as_gaps() -> None:
+    values = np.ones(10_000)
+    values[4000:6000] = np.nan
+    time, thinned = style.thin(np.arange(10_000), values, 100)
+    assert np.isnan(thinned[(time > 4100) & (time < 5900)]).all()
+    assert np.isfinite(thinned[(time < 3900) | (time > 6100)]).all()
+    values[::2] = np.nan
+    values[[1001, 7001]] = -3, 3
+    _, thinned = style.thin(np.arange(10_000), values, 100)
+    assert (np.nanmin(thinned), np.nanmax(thinned)) == (-3, 3)
+
+
+@given(st.lists(st.floats(-5, 5), min_size=1, max_size=16), st.floats(0.01, 3))
+def test_labels_keep_apart_inside_the_panel_and_in_order(ends: list[float], gap: float) -> None:
+    moved = style.spread(ends, gap, -5.0, 5.0)
+    room = 10.0 / max(1, len(ends) - 1)
+    assert np.all(np.diff(np.sort(moved)) >= min(gap, room) - 1e-9)
+    assert moved.min() >= -5 - 1e-9
+    assert moved.max() <= 5 + 1e-9
+    assert np.all(np.diff(moved[np.argsort(ends, kind="stable")]) >= 0)
+
+
+@pytest.mark.parametrize("theme", [style.LIGHT, style.DARK], ids=lambda theme: theme.name)
+def test_axes_have_labels_with_units_and_lines_have_names(recording: Recording, theme: style.Theme) -> None:
+    drawn = report.pictures(recording, theme)
+    assert list(drawn) == ["tracking", "error", "loop", "weights", "voltage"]
+    for name, figure in drawn.items():
+        labels = [axes.get_ylabel() for axes in figure.axes] + [figure.axes[-1].get_xlabel()]
+        assert all(re.search(r"\((µm|nm|V|s|µm/V)\)$", label) for label in labels if label), (name, labels)
+        assert labels[0]
+        assert labels[-1]
+        assert figure.axes[0].get_legend() or name == "weights"
+        assert matplotlib.colors.to_hex(figure.get_facecolor()) == theme["background"]
+
+
+def test_pictures_leave_the_settings_of_matplotlib_alone(recording: Recording) -> None:
+    before = dict(matplotlib.rcParams)
+    report.tracking(recording, style.DARK)
+    assert dict(matplotlib.rcParams) == before
+
+
+def test_the_zoom_shows_the_largest_error_of_the_second_half(recording: Recording) -> None:
+    low, high = report.tracking(recording).axes[1].get_xlim()
+    assert low < 3.1 < high
+    assert high - low == pytest.approx(0.5, abs=0.01)
+
+
+def test_the_error_is_drawn_in_the_unit_of_its_axis(recording: Recording) -> None:
+    start, whole = report.error(recording, 0.4).axes
+    (line,) = [line for line in whole.lines if line.get_label() == "true"]
+    x, y = line.get_data()
+    assert y[x > 2].max() == pytest.approx(700, abs=60)  # nm, the spike at 3.1 s
+    assert "nm" in whole.get_ylabel()
+    assert "3 µm" in whole.get_title("left")  # how far the beginning is off the scale
+    assert any("0.40 s" in text.get_text() for text in start.texts)
+
+
+def test_without_truth_the_measured_run_is_shown() -> None:
+    measured_only = build(simulated=False)
+    drawn = report.pictures(measured_only)
+    assert "loop" not in drawn
+    assert [text.get_text() for text in drawn["tracking"].axes[0].get_legend().get_texts()] == ["desired", "measured"]
+    heads = report.page(measured_only).split("<thead>")[1].split("</thead>")[0]
+    assert "measured" in heads
+    assert "true" not in heads
+
+
+def test_the_page_needs_nothing_from_outside(page: str) -> None:
+    assert not re.search(r"""(src|href)\s*=\s*["'](?!#)""", page)
+    assert not re.search(r"@import|url\((?!#)", page)
+    assert "<script" not in page
+    assert len(page) < 1.5e6
+
+
+def test_the_page_is_well_formed_and_its_ids_are_unique(page: str) -> None:
+    root = ET.fromstring(page.split("\n", 1)[1])
+    assert root.attrib["lang"] == "en"
+    ids = [element.attrib["id"] for element in root.iter() if "id" in element.attrib]
+    assert len(ids) == len(set(ids))
+    for target in re.findall(r'"#([^"]+)"|url\(#([^)]+)\)', page):
+        assert (target[0] or target[1]) in ids
+    pictures = root.findall(".//{http://www.w3.org/2000/svg}svg")
+    assert len(pictures) == 5
+    for picture in pictures:
+        assert picture[0].tag.endswith("title")
+        assert picture[0].text
+        assert "width" not in picture.attrib  # it scales with the screen
+
+
+def test_the_page_says_the_figures_the_settings_and_the_flags(page: str, recording: Recording) -> None:
+    true, measured = (recording[name][4000:] - recording["desired"][4000:] for name in ("true", "measured"))
+    table = page.split("<tbody>")[1].split("</tbody>")[0]
+    assert f"{np.sqrt(np.mean(true**2)):.4f}" in table
+    assert f"{np.abs(measured).max():.4f}" in table
+    assert "12 ticks" in page
+    assert "truestroke track --seed 7" in page
+    assert "seed 7" in page.split("<footer>")[1]
+    assert "4 Hz" in page.split("<main>")[0]
+    assert "At 1.5 s it changed suddenly" in page
+    assert "&lt;b&gt;not bold" in page
+
+
+def test_colours_of_the_page_follow_the_reader(page: str) -> None:
+    assert "prefers-color-scheme: dark" in page
+    assert "var(--true)" in page
+    assert not re.search(r"#0f[12]e", page)  # a placeholder that was not replaced
+    assert set(re.findall(r"var\(--([a-z0-9-]+)\)", page)) <= set(style.LIGHT.variables)
+    assert set(style.LIGHT.variables) == set(style.DARK.variables) == set(style.PAGE.variables)
+
+
+@pytest.mark.parametrize("ending", ["png", "svg", "pdf"])
+def test_saved_pictures_are_repeatable(recording: Recording, tmp_path: Path, ending: str) -> None:
+    first = report.save(report.voltage(recording), tmp_path / f"one.{ending}").read_bytes()
+    assert report.save(report.voltage(recording), tmp_path / f"two.{ending}").read_bytes() == first
