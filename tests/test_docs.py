@@ -16,6 +16,7 @@ from pathlib import Path
 
 import pytest
 from sybil import Sybil
+from sybil.example import SybilFailure
 from sybil.parsers.markdown import CodeBlockParser, PythonCodeBlockParser, SkipParser
 
 import truestroke
@@ -64,15 +65,13 @@ def run_console(block: str, folder: Path) -> None:
             assert_prints(expected, done.stdout, tolerance=0.05)
 
 
-@every_page
-def test_examples_run_and_print_what_the_page_says(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def run_page(page: Path, folder: Path) -> None:
     """A text block right behind a python block is what that block prints; the blocks of a page share their names."""
-    monkeypatch.chdir(tmp_path)
     document = Sybil(
         parsers=[
             PythonCodeBlockParser(doctest_optionflags=doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE),
             CodeBlockParser(language="text", evaluator=lambda example: None),
-            CodeBlockParser(language="console", evaluator=lambda example: run_console(example.parsed, tmp_path)),
+            CodeBlockParser(language="console", evaluator=lambda example: run_console(example.parsed, folder)),
             SkipParser(),
         ]
     ).parse(page)
@@ -85,6 +84,29 @@ def test_examples_run_and_print_what_the_page_says(page: Path, tmp_path: Path, m
         with contextlib.redirect_stdout(output):
             example.evaluate()
         printed, end = output.getvalue(), example.region.end if block.startswith("```python") else -1
+
+
+@every_page
+def test_examples_run_and_print_what_the_page_says(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    run_page(page, tmp_path)
+
+
+@pytest.mark.parametrize(
+    "block",
+    [
+        "```python\nprint(2.0)\n```\n\n```text\n2.1\n```",
+        "```python\nprint('one')\n```\n\n```text\ntwo\n```",
+        "```python\nassert x == 2\n```",
+        "```python\n>>> 1 + 1\n3\n```",
+        "```console\n$ truestroke no-such-command\n```",
+    ],
+)
+def test_a_wrong_example_is_found(block: str, tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text(f"```python\nx = 1\n```\n\n{block}\n")
+    with pytest.raises((AssertionError, SybilFailure)):
+        run_page(page, tmp_path)
 
 
 # ---- Links, citations, equations, names -----------------------------------------------------------------------------
@@ -117,6 +139,15 @@ def test_citations_and_bibliography_match() -> None:
 def test_theory_states_every_equation_in_order() -> None:
     tags = [int(n) for n in re.findall(r"\\tag\{(\d+)\}", (ROOT / "docs/theory.md").read_text())]
     assert tags == list(range(1, 24))
+
+
+@every_page
+def test_mathematics_survives_github(page: Path) -> None:
+    """Between single dollars GitHub takes a backslash before punctuation for an escape, in tables a | for a border."""
+    for line in prose(page).splitlines():
+        for formula in re.findall(r"\$([^$\s](?:[^$]*[^$\s])?)\$", re.sub(r"`[^`]*`", "", line)):
+            assert not re.search(r"\\[!-/:-@\[-`{-~]", formula), formula
+            assert not (line.startswith("|") and "|" in formula), formula
 
 
 @every_page
