@@ -1,0 +1,256 @@
+"""The documentation is executed: examples, console blocks, links, citations, equations, the table of settings."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import doctest
+import io
+import os
+import re
+import shlex
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+from sybil import Sybil
+from sybil.example import SybilFailure
+from sybil.parsers.markdown import CodeBlockParser, PythonCodeBlockParser, SkipParser
+
+import truestroke
+from truestroke import ControllerSettings, SettingError, _kernel, _kernel32, settings
+
+ROOT = Path(__file__).parents[1]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").rglob("*.md"))]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
+BENCH = {"sample_rate": 2000.0, "stroke": 30.0, "voltage_limits": (-0.6, 3.6)}
+NUMBER = r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?"
+
+every_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+
+
+def prose(page: Path) -> str:
+    """The page without its fenced blocks."""
+    return re.sub(r"^(```+).*?^\1", "", page.read_text(), flags=re.MULTILINE | re.DOTALL)
+
+
+# ---- Examples ----------------------------------------------------------------------------------------------------
+
+
+def assert_prints(expected: str, printed: str, tolerance: float) -> None:
+    """Words must be equal, numbers within the relative tolerance; a `...` stands for anything."""
+    tokens = re.findall(rf"\.\.\.|{NUMBER}|[^\W\d_]+|\S", expected)
+    parts = [r".*?" if t == "..." else rf"({NUMBER})" if re.fullmatch(NUMBER, t) else re.escape(t) for t in tokens]
+    match = re.search(r"\s*".join(parts), printed, flags=re.DOTALL)
+    assert match, f"expected\n{expected}\nprinted\n{printed}"
+    numbers = [float(t) for t in tokens if re.fullmatch(NUMBER, t)]
+    assert [float(group) for group in match.groups()] == pytest.approx(numbers, rel=tolerance, abs=1e-3), printed
+
+
+def run_console(block: str, folder: Path) -> None:
+    """Run each `$ truestroke` line of the block; the lines behind it are what it prints."""
+    for command, expected in re.findall(r"^\$ (truestroke\b.*)\n?((?:(?!\$ ).*\n?)*)", block, flags=re.MULTILINE):
+        done = subprocess.run(
+            [Path(sys.executable).with_name("truestroke"), *shlex.split(command, comments=True)[1:]],
+            cwd=folder,
+            env={**os.environ, "COLUMNS": "120", "NO_COLOR": "1", "PYTHONIOENCODING": "utf-8"},
+            capture_output=True,
+            text=True,
+            timeout=300,
+            check=False,
+        )
+        assert done.returncode == 0, f"$ {command}\n{done.stdout}{done.stderr}"
+        if expected.strip():
+            assert_prints(expected, done.stdout, tolerance=0.05)
+
+
+def run_page(page: Path, folder: Path) -> None:
+    """A text block right behind a python block is what that block prints; the blocks of a page share their names."""
+    document = Sybil(
+        parsers=[
+            PythonCodeBlockParser(doctest_optionflags=doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE),
+            CodeBlockParser(language="text", evaluator=lambda example: None),
+            CodeBlockParser(language="console", evaluator=lambda example: run_console(example.parsed, folder)),
+            SkipParser(),
+        ]
+    ).parse(page)
+    printed, end = "", -1  # of the last python block
+    for example in document.examples():
+        start, block = example.region.start, document.text[example.region.start : example.region.end]
+        if block.startswith("```text") and end >= 0 and not document.text[end:start].strip("`\n "):
+            assert_prints(str(example.parsed), printed, tolerance=0.01)
+        output = io.StringIO()
+        with contextlib.redirect_stdout(output):
+            example.evaluate()
+        printed, end = output.getvalue(), example.region.end if block.startswith("```python") else -1
+
+
+@every_page
+def test_examples_run_and_print_what_the_page_says(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    run_page(page, tmp_path)
+
+
+@pytest.mark.parametrize(
+    "block",
+    [
+        "```python\nprint(2.0)\n```\n\n```text\n2.1\n```",
+        "```python\nprint('one')\n```\n\n```text\ntwo\n```",
+        "```python\nassert x == 2\n```",
+        "```python\n>>> 1 + 1\n3\n```",
+        "```console\n$ truestroke no-such-command\n```",
+    ],
+)
+def test_a_wrong_example_is_found(block: str, tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text(f"```python\nx = 1\n```\n\n{block}\n")
+    with pytest.raises((AssertionError, SybilFailure)):
+        run_page(page, tmp_path)
+
+
+# ---- Links, citations, equations, names -----------------------------------------------------------------------------
+
+
+def anchors(page: Path) -> set[str]:
+    """The anchors that GitHub makes of the headings."""
+    headings = re.findall(r"^#+ (.+?)\s*$", prose(page), flags=re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+@every_page
+def test_relative_links_and_anchors_resolve(page: Path) -> None:
+    for target in re.findall(r"\]\(([^)\s]+)\)", prose(page)):
+        if re.match(r"[a-z]+:", target):
+            continue
+        path, _, anchor = target.partition("#")
+        linked = (page.parent / path).resolve() if path else page
+        assert linked.exists(), f"{target}: there is no {linked}"
+        assert not anchor or anchor in anchors(linked), f"{target}: {linked.name} has {sorted(anchors(linked))}"
+
+
+def test_citations_and_bibliography_match() -> None:
+    keys = set(re.findall(r"^@\w+\{(\w+),", (ROOT / "docs/references.bib").read_text(), flags=re.MULTILINE))
+    cited = {key for page in PAGES for key in re.findall(r"\[@(\w+)\]", page.read_text())}
+    assert cited <= keys, "not in references.bib"
+    assert keys <= cited, "nothing cites these"
+
+
+def test_theory_states_every_equation_in_order() -> None:
+    tags = [int(n) for n in re.findall(r"\\tag\{(\d+)\}", (ROOT / "docs/theory.md").read_text())]
+    assert tags == list(range(1, 24))
+
+
+@every_page
+def test_mathematics_survives_github(page: Path) -> None:
+    """Between single dollars GitHub takes a backslash before punctuation for an escape, in tables a | for a border."""
+    for line in prose(page).splitlines():
+        for formula in re.findall(r"\$([^$\s](?:[^$]*[^$\s])?)\$", re.sub(r"`[^`]*`", "", line)):
+            assert not re.search(r"\\[!-/:-@\[-`{-~]", formula), formula
+            assert not (line.startswith("|") and "|" in formula), formula
+
+
+@every_page
+def test_code_that_a_page_names_exists(page: Path) -> None:
+    """As in `models.py:play_inverse` and `c/src/rls.c:ts_rls_update`."""
+    for path, name in re.findall(r"`([\w/]+\.(?:py|c|h)):(\w+)`", page.read_text()):
+        file = next((f for f in (ROOT / path, ROOT / "src/truestroke" / path) if f.exists()), None)
+        assert file, f"{page.name} names {path}"
+        definition = rf"^\s*(?:def|class) {name}\b" if path.endswith(".py") else rf"^[\w ]+[\s*]{name}\("
+        assert re.search(definition, file.read_text(), flags=re.MULTILINE), f"{path} does not define {name}"
+
+
+def test_every_page_is_reached_from_the_index() -> None:
+    index = (ROOT / "docs/README.md").read_text()
+    pages = [str(p.relative_to(ROOT / "docs")) for p in (ROOT / "docs").rglob("*.md")]
+    assert [p for p in pages if f"({p})" not in index and p != "README.md"] == []
+
+
+def test_house_has_every_room_on_its_layer() -> None:
+    rows = re.findall(r"^\| (\d+) \| ([^|]*) \|", (ROOT / "docs/house.md").read_text(), flags=re.MULTILINE)
+    rooms = sorted((int(layer), room) for layer, cell in rows for room in re.findall(r"`(\w+)(?:\.py|/)`", cell))
+    layers = PROJECT["tool"]["importlinter"]["contracts"][0]["layers"]
+    assert rooms == sorted((i, room) for i, layer in enumerate(layers, 1) for room in re.findall(r"\w+", layer))
+    modules = {p.stem for p in (ROOT / "src/truestroke").glob("[!.]*") if p.suffix in ("", ".py")}
+    assert modules - {"__init__", "__pycache__"} <= {room for _, room in rooms}
+
+
+def test_version_is_one() -> None:
+    citation = re.search(r"^version: \"?([\w.]+)", (ROOT / "CITATION.cff").read_text(), flags=re.MULTILINE)
+    assert citation
+    assert PROJECT["project"]["version"] == truestroke.__version__ == citation[1]
+
+
+# ---- The table of settings: C, Python and the page are equal ------------------------------------------------------
+
+
+def names(cell: str) -> list[str]:
+    return re.findall(r"`(\w+)`", cell)
+
+
+def table() -> list[dict[str, str]]:
+    lines = [line for line in (ROOT / "docs/settings.md").read_text().splitlines() if line.startswith("| ")]
+    head, *rows = [[cell.strip(" |") for cell in line.split(" | ")] for line in lines]
+    return [dict(zip(head, row, strict=True)) for row in rows]
+
+
+TABLE = table()
+
+
+def test_table_has_every_member_of_python_and_c() -> None:
+    assert [names(row["setting"])[0] for row in TABLE] == [f.name for f in dataclasses.fields(ControllerSettings)]
+    struct = re.search(r"typedef struct \{([^}]*)\} ts_settings;", (ROOT / "c/include/truestroke.h").read_text())
+    assert struct
+    members = re.findall(r"(\w+)(?:\[\w+\])?\s*[,;]", re.sub(r"/\*.*?\*/", "", struct[1]))
+    assert sorted(members) == sorted([*(n for row in TABLE for n in names(row["kernel"])), "dead_zones"])
+
+
+@pytest.mark.parametrize("row", TABLE, ids=lambda row: names(row["setting"])[0])
+def test_docstring_speaks_of_the_same_unit(row: dict[str, str]) -> None:
+    name = names(row["setting"])[0]
+    entry = re.search(rf"^    {name} : .*\n((?: {{8}}.*\n)+)", ControllerSettings.__doc__ or "", flags=re.MULTILINE)
+    assert entry
+    assert row["unit"] in ("1", "-") or re.search(rf"\b{re.escape(row['unit'])}(?!\w)", entry[1])
+
+
+@pytest.mark.parametrize("bench", [BENCH, {"sample_rate": 1e4, "stroke": 12.0, "voltage_limits": (0.0, 10.0)}])
+def test_table_states_the_defaults(bench: dict[str, object]) -> None:
+    made = vars(ControllerSettings(**bench))  # type: ignore[arg-type]
+    for row in TABLE:
+        name, default = names(row["setting"])[0], row["default"].strip("`")
+        if default != "needed":
+            assert eval(default, {**made, "range": range}) == pytest.approx(made[name]), name
+
+
+@pytest.mark.parametrize("row", [r for r in TABLE if r["bound"][0] in "[("], ids=lambda row: names(row["setting"])[0])
+def test_table_states_the_bounds(row: dict[str, str]) -> None:
+    """Closed ends are taken, what lies beyond an end is refused; by the kernel too, at its own finite ends."""
+    name, bound, inf = names(row["setting"])[0], row["bound"], float("inf")
+    low, high = (eval(end, {"inf": inf}, vars(ControllerSettings(**BENCH))) for end in bound[1:-1].split(","))  # type: ignore[arg-type]
+    step = 1 if name == "plays" else 1e-3 * max(1.0, abs(low))
+    in_kernel = names(row["kernel"]) == [name] and name != "plays"  # whose number of plays is that of the thresholds
+    for end, closed, beyond in ((low, bound[0] == "[", low - step), (high, bound[-1] == "]", high + step)):
+        if closed:
+            made = ControllerSettings(**BENCH, **{name: end})  # type: ignore[arg-type]
+            assert getattr(made, name) == end
+        outside = beyond if closed else end
+        with pytest.raises(SettingError, match=name):
+            ControllerSettings(**{**BENCH, name: outside})  # type: ignore[arg-type]
+        for kernel in (_kernel.Kernel, _kernel32.Kernel) if in_kernel and end not in (1e6, inf) else ():
+            with pytest.raises(ValueError, match=name):
+                kernel(**kernel_arguments(**{name: outside}))  # type: ignore[arg-type]
+
+
+def kernel_arguments(**changed: float) -> dict[str, object]:
+    s = ControllerSettings(**BENCH)  # type: ignore[arg-type]
+    low, high = s.voltage_limits
+    own = {name: getattr(s, name) for row in TABLE for name in names(row["kernel"]) if hasattr(s, name)}
+    del own["plays"]
+    listed = {name: list(value) if isinstance(value, tuple) else value for name, value in own.items()}
+    return {**listed, "voltage_min": low, "voltage_max": high, **changed}
+
+
+def test_capacities_are_one() -> None:
+    for kernel in (_kernel, _kernel32):
+        assert (kernel.MAX_PLAYS, kernel.MAX_DEAD_ZONES) == (settings.MAX_PLAYS, settings.MAX_DEAD_ZONES)
