@@ -34,26 +34,32 @@ typedef TS_REAL ts_real;
 #ifndef TS_MAX_DEAD_ZONES
 #define TS_MAX_DEAD_ZONES 8
 #endif
+#ifndef TS_MAX_CREEPS
+#define TS_MAX_CREEPS 8
+#endif
 #ifndef TS_HISTORY /* ticks that a measurement may come after its command, plus one */
 #define TS_HISTORY 64
 #endif
-#define TS_MAX_PARAMETERS (2 * TS_MAX_PLAYS)
+#define TS_MAX_BENDS 2
+#define TS_MAX_PARAMETERS (2 * TS_MAX_PLAYS + TS_MAX_CREEPS + 2 + TS_MAX_BENDS)
+#define TS_PACKED(m) ((m) * ((m) + 1) / 2) /* entries of the lower triangle of an m x m matrix, row by row */
 
 typedef enum {
     TS_OK = 0,
-    TS_NOT_FINITE,         /* a desired value is NaN or infinite: nothing has changed */
-    TS_REJECTED,           /* a measurement was not used: see ts_flags */
-    TS_BAD_PLAYS,          /* plays outside 1..TS_MAX_PLAYS */
-    TS_BAD_THRESHOLDS,     /* thresholds must start at 0 and ascend */
-    TS_BAD_DEAD_ZONES,     /* dead_zones outside 1..TS_MAX_DEAD_ZONES, or thresholds that do not start at 0 and ascend */
-    TS_BAD_DEAD_ZONE_WEIGHTS, /* a partial sum of the dead-zone weights is not positive */
-    TS_BAD_WEIGHTS,        /* an initial weight is not finite */
-    TS_BAD_RATE_SCALE,     /* c_b is negative or not finite */
-    TS_BAD_FORGETTING,     /* lambda outside 0 < lambda <= 1 */
-    TS_BAD_REGULARIZATION, /* delta is not positive */
-    TS_BAD_COVARIANCE_LIMIT, /* smaller than the trace of P(0) */
-    TS_BAD_SLOPE,          /* slope_min is not positive */
-    TS_BAD_VOLTAGE         /* voltage_min is not below voltage_max */
+    TS_NOT_FINITE,           /* a desired value is NaN or infinite: nothing has changed */
+    TS_REJECTED,             /* a measurement was not used: see ts_flags */
+    TS_BAD_PLAYS,            /* plays outside 1..TS_MAX_PLAYS */
+    TS_BAD_THRESHOLDS,       /* thresholds must start at 0 and ascend */
+    TS_BAD_DEAD_ZONES,       /* dead_zones outside 1..TS_MAX_DEAD_ZONES, or thresholds that do not start at 0 and ascend */
+    TS_BAD_DEAD_ZONE_WEIGHTS,/* a partial sum of the dead-zone weights is not positive */
+    TS_BAD_TERMS,            /* creeps or bends outside their capacity, or a creep coefficient outside 0 < c <= 1 */
+    TS_BAD_WEIGHTS,          /* an initial weight is not finite */
+    TS_BAD_RATE_SCALE,       /* c_b is negative or not finite */
+    TS_BAD_RLS,              /* lambda outside 0 < lambda <= 1, delta not positive, or a limit below the trace of P(0) */
+    TS_BAD_KALMAN,           /* a coefficient is out of its range, or a prior variance is not positive */
+    TS_BAD_SLOPE,            /* slope_min is not positive, or not below slope_max */
+    TS_BAD_VOLTAGE,          /* voltage_min is not below voltage_max, or slew is not positive */
+    TS_BAD_LIMIT             /* stroke, measurement_limit, smoothing or trim is out of its range */
 } ts_status;
 
 /* ---- Operators ------------------------------------------------------------------------------------------------- */
@@ -81,55 +87,146 @@ ts_real ts_play_inverse(ts_real y_d, const ts_real *s, const ts_real *r, const t
 bool ts_rls_update(ts_real *w, ts_real *S, ts_real *f, const ts_real *u, ts_real e, ts_real lambda,
                    ts_real trace_limit, int m);
 
-/* ---- Controller (Sec. 3, Fig. 5) ----------------------------------------------------------------------------------- */
+/* ---- Bounded Kalman filter --------------------------------------------------------------------------------------- */
 
 typedef struct {
+    ts_real filter;           /* per tick: coefficient of each of two poles that regressor and measurement pass through */
+    ts_real noise_rate;       /* per tick: how fast the robust estimate of the noise follows */
+    ts_real ringing_rate;     /* per tick: the same of the wary one, which makes ringing count as noise */
+    ts_real model_error;      /* um: what the model cannot explain; added to the noise */
+    ts_real forgetting;       /* per TS_FORGET_EVERY ticks: how far P and w return to the prior */
+    ts_real change_threshold; /* mean square of the normalised innovation above which the actuator has changed */
+    ts_real change_rate;      /* per tick: how fast that mean follows */
+    int refractory;           /* ticks from one change to the next */
+    ts_real change_gain;      /* relative standard deviation of a change: all weights of the plays together */
+    ts_real change_hysteresis;/* the same: all but the first together */
+    ts_real change_share;     /* how far P returns to the prior at a change, 0..1 */
+    ts_real outlier;          /* normalised innovation above which a measurement is a spike */
+    int outliers;             /* spikes in a row that are not believed */
+} ts_kalman_settings;
+
+#define TS_FORGET_EVERY 16
+
+/* A Kalman filter of weights that wander about the prior (w0, P0) as an Ornstein-Uhlenbeck process, so that P and w stay
+ * bounded under any input. Symmetric matrices are packed. One update takes two ticks: the weights move in the first, P
+ * follows in the second, so that no tick costs more than O(m^2). */
+typedef struct {
+    ts_real P[TS_PACKED(TS_MAX_PARAMETERS)];
+    ts_real u1[TS_MAX_PARAMETERS], u[TS_MAX_PARAMETERS]; /* the regressor behind one and two poles, V or um */
+    ts_real y1, y;                                       /* the measurement behind one and two poles, um */
+    ts_real Pu[TS_MAX_PARAMETERS];
+    ts_real variance;               /* of the innovation of the last update, um^2 */
+    ts_real sigma, ringing;         /* noise: um, um^2 */
+    ts_real innovation1, innovation2; /* of the last two ticks, um */
+    ts_real change;                 /* mean square of the normalised innovation */
+    int since_change, spikes, mixed;
+    bool started, pending, changed;
+    unsigned char part[TS_MAX_PARAMETERS]; /* 1: weight of the first play, 2: of another play, 0: anything else */
+} ts_kalman;
+
+/* P0 (packed) is the covariance of the prior; sigma is the first guess of the noise, um. The caller then sets `part`. */
+void ts_kalman_init(ts_kalman *k, const ts_real *P0, ts_real sigma, int m);
+
+typedef enum { TS_TICK_USED, TS_TICK_PASSED, TS_TICK_SPIKE } ts_tick;
+
+/* One tick with the regressor u and the measurement *y (NULL: none, or not to be learned from). Adds what it learned to
+ * w and leaves it in delta (m reals; zeros unless TS_TICK_USED). */
+ts_tick ts_kalman_tick(ts_kalman *k, const ts_kalman_settings *s, const ts_real *w0, const ts_real *P0, ts_real *w,
+                       ts_real *delta, const ts_real *u, const ts_real *y, bool learn, int m);
+
+/* Moves w onto g.w = value in the metric of P: w += P g (value - g.w) / (g.P g). Keeps what the data said. */
+void ts_kalman_project(const ts_kalman *k, ts_real *w, const ts_real *g, ts_real value, int m);
+
+/* ---- Controller (Sec. 3, Fig. 5) ----------------------------------------------------------------------------------- */
+
+typedef enum { TS_LAW_RLS, TS_LAW_KALMAN } ts_law;
+
+/* Parameters: [a0, b0, a1, b1, ...] of (21), b_i where rated[i]; then the weights of the terms that are known before the
+ * voltage is chosen: creeps, lag, offset, bends. */
+typedef struct {
+    /* model */
     int plays;                                         /* n, 1 */
     int dead_zones;                                    /* 1 */
+    int creeps;                                        /* 1 */
+    int bends;                                         /* 0..2 */
+    bool lag, offset;                                  /* terms zdot_d (weight in s) and 1 (um) */
+    bool rated[TS_MAX_PLAYS];                          /* whether play i has a rate weight b_i */
     ts_real thresholds[TS_MAX_PLAYS];                  /* r, V */
     ts_real dead_zone_thresholds[TS_MAX_DEAD_ZONES];   /* d', um (of the inverse: they act on displacement) */
     ts_real dead_zone_weights[TS_MAX_DEAD_ZONES];      /* w_s', 1 (of the inverse) */
-    ts_real initial_weights[TS_MAX_PARAMETERS];        /* w(0) = [a0, b0, a1, b1, ...], um/V */
+    ts_real creep[TS_MAX_CREEPS];                      /* 1 - exp(-T / tau) of each first-order state of the voltage */
     ts_real rate_scale;                                /* c_b, s/um */
-    ts_real forgetting;                                /* lambda, 1 */
-    ts_real regularization;                            /* delta, V^2: P(0) = I / delta */
-    ts_real covariance_limit;                          /* largest trace of P, 1/V^2 */
-    ts_real slope_min;                                 /* smallest partial slope of the inverse, um/V */
+    ts_real stroke;                                    /* um: bends are 4 s (1 - s), 8 s (1 - s)(1 - 2 s), s = z_d / stroke */
+    ts_real initial_weights[TS_MAX_PARAMETERS];        /* w(0), um/V; s for lag; um for offset and bends */
+    /* law */
+    ts_law law;
+    ts_real forgetting;                                /* RLS: lambda, 1 */
+    ts_real regularization;                            /* RLS: delta, V^2: P(0) = I / delta */
+    ts_real covariance_limit;                          /* RLS: largest trace of P, 1/V^2 */
+    ts_kalman_settings kalman;
+    ts_real prior[TS_PACKED(TS_MAX_PARAMETERS)];       /* Kalman: P0, packed, squares of the units of the weights */
+    ts_real first_noise;                               /* Kalman: first guess of the noise, um */
+    /* safety */
+    ts_real slope_min, slope_max;                      /* partial slopes of the inverse, um/V */
+    ts_real velocity_limit;                            /* Kalman: slopes are admissible up to this rate, um/s */
     ts_real voltage_min, voltage_max;                  /* V */
+    ts_real slew;                                      /* largest step of the voltage, V per tick; may be infinite */
+    ts_real measurement_limit;                         /* a measurement beyond it is rejected, um */
+    ts_real smoothing;                                 /* 0 <= s < 1: share of what was learned that the command still
+                                                          lacks a tick later */
+    ts_real trim;                                      /* integral of the error into the command, per tick; 0 is off */
 } ts_settings;
 
 typedef struct {      /* of the last tick */
     bool saturated;   /* the command met a voltage limit */
-    bool projected;   /* a partial slope was lifted to slope_min so that the inverse is defined */
-    bool rejected;    /* the measurement was not finite, or too late, and was not used */
+    bool projected;   /* a partial slope was brought within its limits so that the inverse is defined */
+    bool rejected;    /* the measurement was not finite, beyond its limit, a spike, or too late, and was not used */
     bool held;        /* adaptation is on hold */
+    bool changed;     /* the actuator has changed suddenly */
+    bool slewed;      /* the command met the slew limit */
 } ts_flags;
 
 typedef struct {
-    uint64_t commands, adaptations, saturated, projected, rejected;
+    uint64_t commands, adaptations, saturated, projected, rejected, changed, slewed;
 } ts_counters;
+
+/* What the model sees of the voltage: the same for the tick that is commanded and for the one that is measured. */
+typedef struct {
+    uint64_t ticks;                /* that it has seen */
+    ts_real play[TS_MAX_PLAYS];    /* play states, V; play[0] is the voltage of the last tick */
+    ts_real creep[TS_MAX_CREEPS];  /* first-order states, V */
+} ts_memory;
 
 typedef struct {
     ts_settings settings;
     /* command */
-    ts_real w[TS_MAX_PARAMETERS];     /* (21) um/V */
-    ts_real y_d;                      /* (11) um */
+    ts_real w[TS_MAX_PARAMETERS];     /* (21) and the terms */
+    ts_real carry;                    /* um: what was learned and is not yet in the command */
+    ts_real integral;                 /* um: the trim */
+    ts_real y_d;                      /* (11) less the known terms, um */
     ts_real slopes[TS_MAX_PLAYS];     /* partial sums of w_h(zdot_d) as the inverse used them, um/V */
-    ts_real play[TS_MAX_PLAYS];       /* forward play states after the last command, V; play[0] is that command */
+    ts_memory now;
     /* commands that wait for their measurement: tick k is kept at k % TS_HISTORY */
     ts_real x[TS_HISTORY];            /* V */
+    ts_real z_d[TS_HISTORY];          /* um */
     ts_real zdot_d[TS_HISTORY];       /* um/s */
+    bool limited[TS_HISTORY];         /* the voltage met a limit: such a tick does not teach */
     /* adapt */
-    uint64_t lagged_tick;             /* ticks that lagged_play has seen */
-    ts_real lagged_play[TS_MAX_PLAYS];/* play states at the tick that was measured last, V */
-    ts_real u[TS_MAX_PARAMETERS];     /* (20) */
+    ts_memory lagged;
+    ts_real u[TS_MAX_PARAMETERS];     /* (20) and the terms */
     ts_real innovation;               /* e_m, (15), um */
-    ts_real S[TS_MAX_PARAMETERS * TS_MAX_PARAMETERS]; /* P = S S', 1/V, m x m packed at the front */
-    ts_real f[TS_MAX_PARAMETERS];     /* scratch */
+    union {
+        ts_real S[TS_MAX_PARAMETERS * TS_MAX_PARAMETERS]; /* RLS: P = S S', 1/V, m x m packed at the front */
+        ts_kalman kalman;
+    } law;
+    ts_real scratch[TS_MAX_PARAMETERS];
     bool hold;
     ts_flags flags;
     ts_counters counters;
 } ts_controller;
+
+/* Number of parameters m that the settings make. */
+int ts_parameters(const ts_settings *settings);
 
 /* Checks the settings and puts the controller at rest: plays at 0 V, w(0), P(0). */
 ts_status ts_controller_init(ts_controller *c, const ts_settings *settings);
@@ -137,7 +234,13 @@ ts_status ts_controller_init(ts_controller *c, const ts_settings *settings);
 /* Back to the state after ts_controller_init. */
 void ts_controller_reset(ts_controller *c);
 
-/* Desired displacement z_d (um) and velocity zdot_d (um/s) to the command *volts, within the voltage limits. */
+/* Takes over an actuator that rests at the displacement z (um) under `volts`: the next command for z is `volts`. */
+ts_status ts_controller_start(ts_controller *c, ts_real volts, ts_real z);
+
+/* New settings while running, without a jump of the command. The model must keep its terms and thresholds. */
+ts_status ts_controller_change(ts_controller *c, const ts_settings *settings);
+
+/* Desired displacement z_d (um) and velocity zdot_d (um/s) to the command *volts, within the limits. */
 ts_status ts_controller_command(ts_controller *c, ts_real z_d, ts_real zdot_d, ts_real *volts);
 
 /* Adapts the weights to a measured displacement z (um). ago: how many commands were issued after the one that z answers

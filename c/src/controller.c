@@ -5,6 +5,9 @@
 
 /* ---- Settings ---------------------------------------------------------------------------------------------------- */
 
+static bool positive(ts_real x) { return x > 0 && isfinite(x); }
+static bool fraction(ts_real x) { return x >= 0 && x <= 1; }
+
 static bool ascends_from_zero(const ts_real *r, int n)
 {
     if (r[0] != 0) return false;
@@ -18,75 +21,245 @@ static bool partial_sums_positive(const ts_real *w, int n)
     ts_real sum = 0;
     for (int i = 0; i < n; i++) {
         sum += w[i];
-        if (!(sum > 0) || !isfinite(sum)) return false;
+        if (!positive(sum)) return false;
     }
     return true;
 }
 
-static ts_status check(const ts_settings *s)
+static ts_status check_model(const ts_settings *s)
 {
     if (s->plays < 1 || s->plays > TS_MAX_PLAYS) return TS_BAD_PLAYS;
     if (!ascends_from_zero(s->thresholds, s->plays)) return TS_BAD_THRESHOLDS;
     if (s->dead_zones < 1 || s->dead_zones > TS_MAX_DEAD_ZONES) return TS_BAD_DEAD_ZONES;
     if (!ascends_from_zero(s->dead_zone_thresholds, s->dead_zones)) return TS_BAD_DEAD_ZONES;
     if (!partial_sums_positive(s->dead_zone_weights, s->dead_zones)) return TS_BAD_DEAD_ZONE_WEIGHTS;
-    for (int i = 0; i < 2 * s->plays; i++)
+    if (s->creeps < 0 || s->creeps > TS_MAX_CREEPS || s->bends < 0 || s->bends > TS_MAX_BENDS) return TS_BAD_TERMS;
+    for (int i = 0; i < s->creeps; i++)
+        if (!(s->creep[i] > 0 && s->creep[i] <= 1)) return TS_BAD_TERMS;
+    for (int i = 0; i < ts_parameters(s); i++)
         if (!isfinite(s->initial_weights[i])) return TS_BAD_WEIGHTS;
-    if (!(s->rate_scale >= 0) || !isfinite(s->rate_scale)) return TS_BAD_RATE_SCALE;
-    if (!(s->forgetting > 0 && s->forgetting <= 1)) return TS_BAD_FORGETTING;
-    if (!(s->regularization > 0) || !isfinite(s->regularization)) return TS_BAD_REGULARIZATION;
-    if (!(s->covariance_limit >= (ts_real)(2 * s->plays) / s->regularization)) return TS_BAD_COVARIANCE_LIMIT;
-    if (!(s->slope_min > 0) || !isfinite(s->slope_min)) return TS_BAD_SLOPE;
-    if (!(s->voltage_min < s->voltage_max) || !isfinite(s->voltage_min) || !isfinite(s->voltage_max))
+    return s->rate_scale >= 0 && isfinite(s->rate_scale) ? TS_OK : TS_BAD_RATE_SCALE;
+}
+
+static ts_status check_rls(const ts_settings *s)
+{
+    bool good = s->forgetting > 0 && s->forgetting <= 1 && positive(s->regularization) && isfinite(s->covariance_limit)
+                && s->covariance_limit >= (ts_real)ts_parameters(s) / s->regularization;
+    return good ? TS_OK : TS_BAD_RLS;
+}
+
+static ts_status check_kalman(const ts_settings *s)
+{
+    const ts_kalman_settings *k = &s->kalman;
+    bool good = k->filter > 0 && k->filter <= 1 && fraction(k->noise_rate) && fraction(k->ringing_rate)
+                && fraction(k->forgetting) && fraction(k->change_rate) && fraction(k->change_share)
+                && k->model_error >= 0 && k->change_threshold > 0 && k->refractory >= 0 && k->change_gain >= 0
+                && k->change_hysteresis >= 0 && k->outlier > 0 && k->outliers >= 0 && positive(s->first_noise)
+                && positive(s->velocity_limit);
+    for (int i = 0; i < TS_PACKED(ts_parameters(s)); i++) good = good && isfinite(s->prior[i]);
+    for (int i = 0; i < ts_parameters(s); i++) good = good && s->prior[TS_PACKED(i) + i] > 0;
+    return good ? TS_OK : TS_BAD_KALMAN;
+}
+
+static ts_status check(const ts_settings *s)
+{
+    ts_status model = check_model(s);
+    if (model != TS_OK) return model;
+    ts_status law = s->law == TS_LAW_RLS ? check_rls(s) : check_kalman(s);
+    if (law != TS_OK) return law;
+    if (!positive(s->slope_min) || !(s->slope_min < s->slope_max)) return TS_BAD_SLOPE;
+    if (!(s->voltage_min < s->voltage_max) || !isfinite(s->voltage_min) || !isfinite(s->voltage_max) || !(s->slew > 0))
         return TS_BAD_VOLTAGE;
-    return TS_OK;
+    bool good = positive(s->stroke) && s->measurement_limit > 0 && s->smoothing >= 0 && s->smoothing < 1
+                && fraction(s->trim);
+    return good ? TS_OK : TS_BAD_LIMIT;
 }
 
-/* ---- The arrows of Fig. 5 ------------------------------------------------------------------------------------------ */
-
-/* (7) and its partial sums at the rate zdot_d, each at least slope_min; tells whether one had to be lifted. */
-static bool rate_dependent_slopes(ts_controller *c, ts_real zdot_d)
+/* Number of parameters that belong to plays: a_i, and b_i where play i has one. */
+static int play_parameters(const ts_settings *s)
 {
-    const ts_settings *s = &c->settings;
-    bool lifted = false;
-    ts_real sum = 0;
-    for (int i = 0; i < s->plays; i++) {
-        sum += c->w[2 * i] + s->rate_scale * zdot_d * c->w[2 * i + 1];
-        c->slopes[i] = sum >= s->slope_min ? sum : s->slope_min;
-        lifted |= !(sum >= s->slope_min);
-    }
-    return lifted;
+    int m = s->plays;
+    for (int i = 0; i < s->plays; i++) m += s->rated[i];
+    return m;
 }
 
-static ts_real within_limits(ts_controller *c, ts_real x)
+int ts_parameters(const ts_settings *s)
 {
-    const ts_settings *s = &c->settings;
-    c->flags.saturated = !(x >= s->voltage_min && x <= s->voltage_max);
-    if (!(x >= s->voltage_min)) return s->voltage_min; /* NaN, too, leaves as a voltage within limits */
-    return x <= s->voltage_max ? x : s->voltage_max;
+    return play_parameters(s) + s->creeps + s->lag + s->offset + s->bends;
 }
 
-/* The play states of the tick `tick`, from those of the last tick that was measured. */
-static void lagged_plays_to(ts_controller *c, uint64_t tick)
-{
-    for (; c->lagged_tick <= tick; c->lagged_tick++)
-        ts_play_bank(c->x[c->lagged_tick % TS_HISTORY], c->settings.thresholds, c->lagged_play, c->settings.plays);
-}
-
-/* (20) */
-static void regressor(ts_controller *c, ts_real zdot_d)
-{
-    for (int i = 0; i < c->settings.plays; i++) {
-        c->u[2 * i] = c->lagged_play[i];
-        c->u[2 * i + 1] = c->settings.rate_scale * zdot_d * c->lagged_play[i];
-    }
-}
+/* ---- Small steps --------------------------------------------------------------------------------------------------- */
 
 static ts_real dot(const ts_real *a, const ts_real *b, int n)
 {
     ts_real sum = 0;
     for (int i = 0; i < n; i++) sum += a[i] * b[i];
     return sum;
+}
+
+static ts_real through_dead_zones(const ts_settings *s, ts_real z)
+{
+    return ts_dead_zones(z, s->dead_zone_thresholds, s->dead_zone_weights, s->dead_zones);
+}
+
+/* Creep states follow the voltage of the tick before, so that they are known before the next one is chosen. */
+static void remember_creep(ts_memory *memory, const ts_settings *s)
+{
+    for (int i = 0; i < s->creeps; i++) memory->creep[i] += s->creep[i] * (memory->play[0] - memory->creep[i]);
+}
+
+static void remember_voltage(ts_memory *memory, const ts_settings *s, ts_real x)
+{
+    ts_play_bank(x, s->thresholds, memory->play, s->plays);
+    memory->ticks++;
+}
+
+/* The part of the regressor that is known before the voltage is chosen; u is the place of the first of these terms. */
+static void known_terms(const ts_settings *s, const ts_memory *memory, ts_real z_d, ts_real zdot_d, ts_real *u)
+{
+    ts_real along = z_d / s->stroke, bend = 4 * along * (1 - along);
+    for (int i = 0; i < s->creeps; i++) *u++ = memory->creep[i];
+    if (s->lag) *u++ = zdot_d;
+    if (s->offset) *u++ = 1;
+    if (s->bends > 0) *u++ = bend;
+    if (s->bends > 1) *u++ = 2 * bend * (1 - 2 * along);
+}
+
+/* (20), and the known terms. */
+static void regressor(const ts_settings *s, const ts_memory *memory, ts_real z_d, ts_real zdot_d, ts_real *u)
+{
+    for (int i = 0; i < s->plays; i++) {
+        *u++ = memory->play[i];
+        if (s->rated[i]) *u++ = s->rate_scale * zdot_d * memory->play[i];
+    }
+    known_terms(s, memory, z_d, zdot_d, u);
+}
+
+/* ---- The arrows of Fig. 5: command ----------------------------------------------------------------------------------- */
+
+/* What the plays must bring: (11), the trim and what the command still lacks of the last lesson, less the known terms. */
+static ts_real wanted_of_plays(const ts_controller *c, ts_real z_d, ts_real zdot_d)
+{
+    const ts_settings *s = &c->settings;
+    ts_real u[TS_MAX_PARAMETERS];
+    int first = play_parameters(s);
+    known_terms(s, &c->now, z_d, zdot_d, u);
+    return through_dead_zones(s, z_d) + c->integral + c->carry - dot(c->w + first, u, ts_parameters(s) - first);
+}
+
+/* (7) and its partial sums at the rate zdot_d, each within its limits; tells whether one had to be moved. */
+static bool rate_dependent_slopes(ts_controller *c, ts_real zdot_d)
+{
+    const ts_settings *s = &c->settings;
+    const ts_real *w = c->w;
+    bool moved = false;
+    ts_real sum = 0;
+    for (int i = 0; i < s->plays; i++) {
+        sum += *w++;
+        if (s->rated[i]) sum += s->rate_scale * zdot_d * *w++;
+        c->slopes[i] = !(sum >= s->slope_min) ? s->slope_min : sum > s->slope_max ? s->slope_max : sum;
+        moved |= !(sum >= s->slope_min && sum <= s->slope_max);
+    }
+    return moved;
+}
+
+/* The voltage that leaves: within the slew of the last one, and within the limits, whatever x is. */
+static ts_real within_limits(ts_controller *c, ts_real x)
+{
+    const ts_settings *s = &c->settings;
+    ts_real last = c->now.play[0];
+    bool number = x == x;
+    if (!number) x = last;
+    c->flags.slewed = x > last + s->slew || x < last - s->slew;
+    if (c->flags.slewed) x = x > last ? last + s->slew : last - s->slew;
+    c->flags.saturated = !number || x < s->voltage_min || x > s->voltage_max;
+    if (x < s->voltage_min) return s->voltage_min;
+    return x <= s->voltage_max ? x : s->voltage_max;
+}
+
+static void write_down(ts_controller *c, ts_real x, ts_real z_d, ts_real zdot_d)
+{
+    int slot = (int)(c->counters.commands % TS_HISTORY);
+    c->x[slot] = x;
+    c->z_d[slot] = z_d;
+    c->zdot_d[slot] = zdot_d;
+    c->limited[slot] = c->flags.saturated || c->flags.slewed;
+    c->counters.commands++;
+    c->counters.projected += c->flags.projected;
+    c->counters.saturated += c->flags.saturated;
+    c->counters.slewed += c->flags.slewed;
+}
+
+/* ---- The arrows of Fig. 5: adapt ------------------------------------------------------------------------------------- */
+
+/* The regressor of the next tick that was not yet measured. */
+static void next_lagged(ts_controller *c)
+{
+    const ts_settings *s = &c->settings;
+    int slot = (int)(c->lagged.ticks % TS_HISTORY);
+    remember_creep(&c->lagged, s);
+    remember_voltage(&c->lagged, s, c->x[slot]);
+    regressor(s, &c->lagged, c->z_d[slot], c->zdot_d[slot], c->u);
+}
+
+/* A tick for which no measurement came. */
+static void pass_over(ts_controller *c)
+{
+    const ts_settings *s = &c->settings;
+    next_lagged(c);
+    if (s->law == TS_LAW_KALMAN)
+        ts_kalman_tick(&c->law.kalman, &s->kalman, s->initial_weights, s->prior, c->w, c->scratch, c->u, NULL, false,
+                       ts_parameters(s));
+}
+
+/* The partial slope that is furthest outside its limits at the rate zdot_d is moved onto its limit; false where none is. */
+static bool project_slope(ts_controller *c, ts_real zdot_d)
+{
+    const ts_settings *s = &c->settings;
+    ts_real sum = 0, beyond = 0, onto = 0, g[TS_MAX_PARAMETERS] = {0};
+    int worst = -1, k = 0;
+    for (int i = 0; i < s->plays; i++) {
+        sum += c->w[k++];
+        if (s->rated[i]) sum += s->rate_scale * zdot_d * c->w[k++];
+        ts_real over = sum - s->slope_max, under = s->slope_min - sum, out = over > under ? over : under;
+        if (out > beyond) {
+            beyond = out;
+            worst = i;
+            onto = over > under ? s->slope_max : s->slope_min;
+        }
+    }
+    if (worst < 0) return false;
+    for (int i = k = 0; i <= worst; i++) {
+        g[k++] = 1;
+        if (s->rated[i]) g[k++] = s->rate_scale * zdot_d;
+    }
+    ts_kalman_project(&c->law.kalman, c->w, g, onto, ts_parameters(s));
+    return true;
+}
+
+static bool adapt_kalman(ts_controller *c, ts_real y_a, bool learn)
+{
+    const ts_settings *s = &c->settings;
+    int m = ts_parameters(s);
+    ts_real *delta = c->scratch, now[TS_MAX_PARAMETERS];
+    ts_kalman *k = &c->law.kalman;
+    ts_tick tick = ts_kalman_tick(k, &s->kalman, s->initial_weights, s->prior, c->w, delta, c->u, &y_a, learn, m);
+    if (tick == TS_TICK_USED) { /* what was learned reaches the command by and by, so that it does not ring the stage */
+        int slot = (int)((c->counters.commands - 1) % TS_HISTORY);
+        regressor(s, &c->now, c->z_d[slot], c->zdot_d[slot], now);
+        c->carry += s->smoothing * dot(delta, now, m);
+        for (int i = 0; i < 2 && project_slope(c, i ? -s->velocity_limit : s->velocity_limit); i++) {}
+        c->flags.changed = k->changed;
+        c->counters.changed += k->changed;
+    }
+    return tick != TS_TICK_SPIKE;
+}
+
+static bool adapt_rls(ts_controller *c, bool learn)
+{
+    const ts_settings *s = &c->settings;
+    return !learn || ts_rls_update(c->w, c->law.S, c->scratch, c->u, c->innovation, s->forgetting, s->covariance_limit,
+                                   ts_parameters(s));
 }
 
 /* ---- Public -------------------------------------------------------------------------------------------------------- */
@@ -100,37 +273,80 @@ ts_status ts_controller_init(ts_controller *c, const ts_settings *settings)
     return TS_OK;
 }
 
+static void start_law(ts_controller *c)
+{
+    const ts_settings *s = &c->settings;
+    int m = ts_parameters(s), k = 0;
+    if (s->law == TS_LAW_RLS) {
+        for (int i = 0; i < m; i++) c->law.S[i * m + i] = 1 / (ts_real)sqrt(s->regularization);
+        return;
+    }
+    ts_kalman_init(&c->law.kalman, s->prior, s->first_noise, m);
+    for (int i = 0; i < s->plays; i++) {
+        c->law.kalman.part[k] = i ? 2 : 1;
+        k += s->rated[i] ? 2 : 1;
+    }
+}
+
 void ts_controller_reset(ts_controller *c)
 {
     ts_settings settings = c->settings;
     memset(c, 0, sizeof *c);
     c->settings = settings;
-    int m = 2 * settings.plays;
-    for (int i = 0; i < m; i++) {
-        c->w[i] = settings.initial_weights[i];
-        c->S[i * m + i] = 1 / (ts_real)sqrt(settings.regularization);
-    }
+    memcpy(c->w, settings.initial_weights, sizeof(ts_real) * (size_t)ts_parameters(&settings));
+    start_law(c);
     (void)rate_dependent_slopes(c, 0);
+}
+
+ts_status ts_controller_start(ts_controller *c, ts_real volts, ts_real z)
+{
+    const ts_settings *s = &c->settings;
+    if (!isfinite(volts) || !isfinite(z)) return TS_NOT_FINITE;
+    ts_controller_reset(c);
+    ts_play_bank(volts, s->thresholds, c->now.play, s->plays);
+    for (int i = 0; i < s->creeps; i++) c->now.creep[i] = volts;
+    c->lagged = c->now;
+    ts_real u[TS_MAX_PARAMETERS], y = through_dead_zones(s, z);
+    int m = ts_parameters(s);
+    regressor(s, &c->now, z, 0, u);
+    ts_real missing = y - dot(c->w, u, m);
+    if (s->offset) c->w[m - 1 - s->bends] += missing; /* the unknown position is a constant until data say more */
+    else c->carry = -missing;
+    return TS_OK;
+}
+
+ts_status ts_controller_change(ts_controller *c, const ts_settings *next)
+{
+    const ts_settings *s = &c->settings;
+    ts_status status = check(next);
+    if (status != TS_OK) return status;
+    bool same = next->law == s->law && next->plays == s->plays && next->creeps == s->creeps && next->bends == s->bends
+                && next->lag == s->lag && next->offset == s->offset
+                && memcmp(next->rated, s->rated, sizeof s->rated) == 0
+                && memcmp(next->thresholds, s->thresholds, sizeof s->thresholds) == 0;
+    if (!same) return TS_BAD_TERMS;
+    c->settings = *next;
+    if (c->counters.commands == 0) return TS_OK;
+    ts_real u[TS_MAX_PARAMETERS];
+    int slot = (int)((c->counters.commands - 1) % TS_HISTORY);
+    regressor(s, &c->now, c->z_d[slot], c->zdot_d[slot], u);
+    c->carry = dot(c->w, u, ts_parameters(s)) - through_dead_zones(s, c->z_d[slot]) - c->integral;
+    return TS_OK;
 }
 
 ts_status ts_controller_command(ts_controller *c, ts_real z_d, ts_real zdot_d, ts_real *volts)
 {
     const ts_settings *s = &c->settings;
     if (!isfinite(z_d) || !isfinite(zdot_d)) return TS_NOT_FINITE;
-    uint64_t tick = c->counters.commands++;
-    if (tick >= TS_HISTORY) lagged_plays_to(c, tick - TS_HISTORY); /* before its slot is taken */
-
-    c->y_d = ts_dead_zones(z_d, s->dead_zone_thresholds, s->dead_zone_weights, s->dead_zones);
+    if (c->counters.commands >= TS_HISTORY && c->lagged.ticks <= c->counters.commands - TS_HISTORY)
+        pass_over(c); /* before its slot is taken */
+    remember_creep(&c->now, s);
+    c->y_d = wanted_of_plays(c, z_d, zdot_d);
     c->flags.projected = rate_dependent_slopes(c, zdot_d);
-    ts_real x = ts_play_inverse(c->y_d, c->slopes, s->thresholds, c->play, s->plays);
-    x = within_limits(c, x);
-    ts_play_bank(x, s->thresholds, c->play, s->plays);
-
-    c->x[tick % TS_HISTORY] = x;
-    c->zdot_d[tick % TS_HISTORY] = zdot_d;
-    c->counters.projected += c->flags.projected;
-    c->counters.saturated += c->flags.saturated;
-    *volts = x;
+    *volts = within_limits(c, ts_play_inverse(c->y_d, c->slopes, s->thresholds, c->now.play, s->plays));
+    remember_voltage(&c->now, s, *volts);
+    c->carry *= s->smoothing;
+    write_down(c, *volts, z_d, zdot_d);
     return TS_OK;
 }
 
@@ -139,25 +355,23 @@ ts_status ts_controller_adapt(ts_controller *c, ts_real z, int ago)
     const ts_settings *s = &c->settings;
     uint64_t commands = c->counters.commands;
     bool in_time = ago >= 0 && ago < TS_HISTORY && (uint64_t)ago < commands
-                   && commands - (uint64_t)ago > c->lagged_tick;
-    c->flags.rejected = !in_time || !isfinite(z);
-    if (c->flags.rejected) {
-        c->counters.rejected++;
-        return TS_REJECTED;
+                   && commands - (uint64_t)ago > c->lagged.ticks;
+    bool used = in_time && z >= -s->measurement_limit && z <= s->measurement_limit;
+    c->flags.changed = false;
+    if (used) {
+        while (c->lagged.ticks < commands - 1 - (uint64_t)ago) pass_over(c);
+        int slot = (int)(c->lagged.ticks % TS_HISTORY);
+        bool limited = c->limited[slot];
+        next_lagged(c);
+        ts_real y_a = through_dead_zones(s, z);
+        c->innovation = y_a - dot(c->w, c->u, ts_parameters(s)); /* (15) */
+        used = s->law == TS_LAW_KALMAN ? adapt_kalman(c, y_a, !c->hold && !limited) : adapt_rls(c, !c->hold);
+        if (used && !limited) c->integral += s->trim * (c->z_d[slot] - z);
     }
-    uint64_t tick = commands - 1 - (uint64_t)ago;
-    lagged_plays_to(c, tick);
-    regressor(c, c->zdot_d[tick % TS_HISTORY]);
-    ts_real y_a = ts_dead_zones(z, s->dead_zone_thresholds, s->dead_zone_weights, s->dead_zones);
-    c->innovation = y_a - dot(c->w, c->u, 2 * s->plays); /* (15) */
-    if (c->hold) return TS_OK;
-    if (!ts_rls_update(c->w, c->S, c->f, c->u, c->innovation, s->forgetting, s->covariance_limit, 2 * s->plays)) {
-        c->flags.rejected = true;
-        c->counters.rejected++;
-        return TS_REJECTED;
-    }
-    c->counters.adaptations++;
-    return TS_OK;
+    c->flags.rejected = !used;
+    c->counters.rejected += !used;
+    c->counters.adaptations += used && !c->hold;
+    return used ? TS_OK : TS_REJECTED;
 }
 
 void ts_controller_hold(ts_controller *c, bool hold)

@@ -28,22 +28,81 @@ const char *message(ts_status status) {
         case TS_BAD_THRESHOLDS: return "thresholds";
         case TS_BAD_DEAD_ZONES: return "dead_zone_thresholds";
         case TS_BAD_DEAD_ZONE_WEIGHTS: return "dead_zone_weights";
+        case TS_BAD_TERMS: return "the terms of the model";
         case TS_BAD_WEIGHTS: return "initial_weights";
         case TS_BAD_RATE_SCALE: return "rate_scale";
-        case TS_BAD_FORGETTING: return "forgetting";
-        case TS_BAD_REGULARIZATION: return "regularization";
-        case TS_BAD_COVARIANCE_LIMIT: return "covariance_limit";
-        case TS_BAD_SLOPE: return "slope_min";
-        case TS_BAD_VOLTAGE: return "voltage_limits";
+        case TS_BAD_RLS: return "forgetting, regularization or covariance_limit";
+        case TS_BAD_KALMAN: return "the settings of the Kalman filter";
+        case TS_BAD_SLOPE: return "slope_limits";
+        case TS_BAD_VOLTAGE: return "voltage_limits or slew_limit";
+        case TS_BAD_LIMIT: return "stroke, measurement_limit, smoothing or trim";
         default: return "settings";
     }
 }
 
-void fill(ts_real *target, int capacity, const std::vector<double> &source, const char *name) {
+template <typename T> T entry(const nb::dict &d, const char *name) {
+    if (!d.contains(name)) throw std::invalid_argument(std::string("settings have no entry ") + name);
+    return nb::cast<T>(d[name]);
+}
+
+ts_real real(const nb::dict &d, const char *name) { return static_cast<ts_real>(entry<double>(d, name)); }
+
+int fill(ts_real *target, int capacity, const nb::dict &d, const char *name) {
+    auto source = entry<std::vector<double>>(d, name);
     if (source.size() > static_cast<size_t>(capacity))
         throw std::invalid_argument(std::string(name) + " has " + std::to_string(source.size()) +
                                     " entries: the kernel holds at most " + std::to_string(capacity));
     for (size_t i = 0; i < source.size(); i++) target[i] = static_cast<ts_real>(source[i]);
+    return static_cast<int>(source.size());
+}
+
+// By the names of the C structs; Python has checked the values, the kernel checks them again.
+ts_settings settings_from(const nb::dict &d) {
+    ts_settings s{};
+    s.plays = fill(s.thresholds, TS_MAX_PLAYS, d, "thresholds");
+    s.dead_zones = fill(s.dead_zone_thresholds, TS_MAX_DEAD_ZONES, d, "dead_zone_thresholds");
+    fill(s.dead_zone_weights, TS_MAX_DEAD_ZONES, d, "dead_zone_weights");
+    s.creeps = fill(s.creep, TS_MAX_CREEPS, d, "creep");
+    s.bends = entry<int>(d, "bends");
+    s.lag = entry<bool>(d, "lag");
+    s.offset = entry<bool>(d, "offset");
+    auto rated = entry<std::vector<bool>>(d, "rated");
+    for (size_t i = 0; i < rated.size() && i < TS_MAX_PLAYS; i++) s.rated[i] = rated[i];
+    s.rate_scale = real(d, "rate_scale");
+    s.stroke = real(d, "stroke");
+    fill(s.initial_weights, TS_MAX_PARAMETERS, d, "initial_weights");
+    s.law = entry<bool>(d, "kalman") ? TS_LAW_KALMAN : TS_LAW_RLS;
+    s.forgetting = real(d, "forgetting");
+    s.regularization = real(d, "regularization");
+    s.covariance_limit = real(d, "covariance_limit");
+    if (s.law == TS_LAW_KALMAN) {
+        ts_kalman_settings &k = s.kalman;
+        k.filter = real(d, "filter");
+        k.noise_rate = real(d, "noise_rate");
+        k.ringing_rate = real(d, "ringing_rate");
+        k.model_error = real(d, "model_error");
+        k.forgetting = real(d, "prior_return");
+        k.change_threshold = real(d, "change_threshold");
+        k.change_rate = real(d, "change_rate");
+        k.refractory = entry<int>(d, "refractory");
+        k.change_gain = real(d, "change_gain");
+        k.change_hysteresis = real(d, "change_hysteresis");
+        k.change_share = real(d, "change_share");
+        k.outlier = real(d, "outlier");
+        k.outliers = entry<int>(d, "outliers");
+        fill(s.prior, TS_PACKED(TS_MAX_PARAMETERS), d, "prior");
+        s.first_noise = real(d, "first_noise");
+        s.velocity_limit = real(d, "velocity_limit");
+    }
+    s.slope_min = real(d, "slope_min");
+    s.slope_max = real(d, "slope_max");
+    s.voltage_min = real(d, "voltage_min");
+    s.voltage_max = real(d, "voltage_max");
+    s.slew = real(d, "slew");
+    s.measurement_limit = real(d, "measurement_limit");
+    s.smoothing = real(d, "smoothing");
+    s.trim = real(d, "trim");
+    return s;
 }
 
 void require_finite(const char *name, double value, const char *unit) {
@@ -61,28 +120,74 @@ template <typename T> nb::object copy_of(const T *data, std::vector<size_t> shap
     return nb::cast(nb::ndarray<nb::numpy, T>(owned, shape.size(), shape.data(), owner));
 }
 
+// What a tick leaves behind, by name: `visit(name, first entry, count)` for each array. One list serves saving and
+// restoring, so that they cannot differ.
+template <typename Controller, typename Visit> void each_array(Controller &c, Visit visit) {
+    size_t m = static_cast<size_t>(ts_parameters(&c.settings)), n = static_cast<size_t>(c.settings.plays);
+    size_t creeps = static_cast<size_t>(c.settings.creeps);
+    visit("weights", &c.w[0], m);
+    visit("carry", &c.carry, 1);
+    visit("integral", &c.integral, 1);
+    visit("y_d", &c.y_d, 1);
+    visit("slopes", &c.slopes[0], n);
+    visit("play", &c.now.play[0], n);
+    visit("creep", &c.now.creep[0], creeps);
+    visit("history_volts", &c.x[0], TS_HISTORY);
+    visit("history_position", &c.z_d[0], TS_HISTORY);
+    visit("history_rate", &c.zdot_d[0], TS_HISTORY);
+    visit("history_limited", &c.limited[0], TS_HISTORY);
+    visit("lagged_play", &c.lagged.play[0], n);
+    visit("lagged_creep", &c.lagged.creep[0], creeps);
+    visit("lagged_ticks", &c.lagged.ticks, 1);
+    visit("regressor", &c.u[0], m);
+    visit("innovation", &c.innovation, 1);
+    visit("hold", &c.hold, 1);
+    visit("flags", &c.flags.saturated, sizeof c.flags / sizeof(bool));
+    visit("counters", &c.counters.commands, sizeof c.counters / sizeof(uint64_t));
+    if (c.settings.law == TS_LAW_RLS) {
+        visit("covariance_root", &c.law.S[0], m * m);
+        return;
+    }
+    auto &k = c.law.kalman;
+    visit("covariance", &k.P[0], m * (m + 1) / 2);
+    visit("filtered_once", &k.u1[0], m);
+    visit("filtered", &k.u[0], m);
+    visit("measured_once", &k.y1, 1);
+    visit("measured", &k.y, 1);
+    visit("covariance_times_regressor", &k.Pu[0], m);
+    visit("innovation_variance", &k.variance, 1);
+    visit("noise", &k.sigma, 1);
+    visit("ringing", &k.ringing, 1);
+    visit("innovation_before", &k.innovation1, 1);
+    visit("innovation_before_that", &k.innovation2, 1);
+    visit("change", &k.change, 1);
+    visit("since_change", &k.since_change, 1);
+    visit("spikes", &k.spikes, 1);
+    visit("mixed", &k.mixed, 1);
+    visit("started", &k.started, 1);
+    visit("pending", &k.pending, 1);
+    visit("changed", &k.changed, 1);
+}
+
+void require(ts_status status) {
+    if (status == TS_NOT_FINITE) throw std::invalid_argument("volts and z must be finite");
+    if (status != TS_OK) throw std::invalid_argument(std::string("the kernel refuses ") + message(status));
+}
+
 class Kernel {
   public:
-    Kernel(const std::vector<double> &thresholds, const std::vector<double> &dead_zone_thresholds,
-           const std::vector<double> &dead_zone_weights, const std::vector<double> &initial_weights, double rate_scale,
-           double forgetting, double regularization, double covariance_limit, double slope_min, double voltage_min,
-           double voltage_max) {
-        ts_settings s{};
-        s.plays = static_cast<int>(thresholds.size());
-        s.dead_zones = static_cast<int>(dead_zone_thresholds.size());
-        fill(s.thresholds, TS_MAX_PLAYS, thresholds, "thresholds");
-        fill(s.dead_zone_thresholds, TS_MAX_DEAD_ZONES, dead_zone_thresholds, "dead_zone_thresholds");
-        fill(s.dead_zone_weights, TS_MAX_DEAD_ZONES, dead_zone_weights, "dead_zone_weights");
-        fill(s.initial_weights, TS_MAX_PARAMETERS, initial_weights, "initial_weights");
-        s.rate_scale = static_cast<ts_real>(rate_scale);
-        s.forgetting = static_cast<ts_real>(forgetting);
-        s.regularization = static_cast<ts_real>(regularization);
-        s.covariance_limit = static_cast<ts_real>(covariance_limit);
-        s.slope_min = static_cast<ts_real>(slope_min);
-        s.voltage_min = static_cast<ts_real>(voltage_min);
-        s.voltage_max = static_cast<ts_real>(voltage_max);
-        ts_status status = ts_controller_init(&c_, &s);
-        if (status != TS_OK) throw std::invalid_argument(std::string("the kernel refuses ") + message(status));
+    explicit Kernel(const nb::dict &settings) {
+        ts_settings s = settings_from(settings);
+        require(ts_controller_init(&c_, &s));
+    }
+
+    void start(double volts, double z) {
+        require(ts_controller_start(&c_, static_cast<ts_real>(volts), static_cast<ts_real>(z)));
+    }
+
+    void change(const nb::dict &settings) {
+        ts_settings s = settings_from(settings);
+        require(ts_controller_change(&c_, &s));
     }
 
     double command(double z_d, double zdot_d) {
@@ -119,71 +224,57 @@ class Kernel {
     void hold(bool on) { ts_controller_hold(&c_, on); }
 
     size_t plays() const { return static_cast<size_t>(c_.settings.plays); }
-    size_t parameters() const { return 2 * plays(); }
+    size_t parameters() const { return static_cast<size_t>(ts_parameters(&c_.settings)); }
 
     // Everything that a tick leaves behind, by name; restore() takes the same dictionary.
     nb::dict state() const {
         nb::dict d;
-        size_t n = plays(), m = parameters();
-        d["weights"] = copy_of(c_.w, {m});
-        d["covariance_root"] = copy_of(c_.S, {m, m});
-        d["play"] = copy_of(c_.play, {n});
-        d["lagged_play"] = copy_of(c_.lagged_play, {n});
-        d["slopes"] = copy_of(c_.slopes, {n});
-        d["regressor"] = copy_of(c_.u, {m});
-        d["history_volts"] = copy_of(c_.x, {TS_HISTORY});
-        d["history_rate"] = copy_of(c_.zdot_d, {TS_HISTORY});
-        const ts_real scalars[] = {c_.y_d, c_.innovation};
-        d["scalars"] = copy_of(scalars, {2});
-        const uint8_t flags[] = {c_.flags.saturated, c_.flags.projected, c_.flags.rejected, c_.hold};
-        d["flags"] = copy_of(flags, {4});
-        const uint64_t ticks[] = {c_.counters.commands,  c_.counters.adaptations, c_.counters.saturated,
-                                  c_.counters.projected, c_.counters.rejected,    c_.lagged_tick};
-        d["ticks"] = copy_of(ticks, {6});
+        each_array(c_, [&d](const char *name, const auto *data, size_t count) { d[name] = copy_of(data, {count}); });
         return d;
     }
 
     void restore(const nb::dict &d) {
         ts_controller next = c_; // so that a bad entry changes nothing
-        size_t n = plays(), m = parameters();
-        take(d, "weights", next.w, m);
-        take(d, "covariance_root", next.S, m * m);
-        take(d, "play", next.play, n);
-        take(d, "lagged_play", next.lagged_play, n);
-        take(d, "slopes", next.slopes, n);
-        take(d, "regressor", next.u, m);
-        take(d, "history_volts", next.x, TS_HISTORY);
-        take(d, "history_rate", next.zdot_d, TS_HISTORY);
-        ts_real scalars[2];
-        take(d, "scalars", scalars, 2);
-        next.y_d = scalars[0];
-        next.innovation = scalars[1];
-        uint8_t flags[4];
-        take(d, "flags", flags, 4);
-        next.hold = flags[3] != 0;
-        next.flags = ts_flags{flags[0] != 0, flags[1] != 0, flags[2] != 0, next.hold};
-        uint64_t ticks[6];
-        take(d, "ticks", ticks, 6);
-        next.counters = ts_counters{ticks[0], ticks[1], ticks[2], ticks[3], ticks[4]};
-        next.lagged_tick = ticks[5];
+        each_array(next, [&d](const char *name, auto *data, size_t count) { take(d, name, data, count); });
         c_ = next;
     }
 
     nb::object weights() const { return copy_of(c_.w, {parameters()}); }
     nb::object slopes() const { return copy_of(c_.slopes, {plays()}); }
-    nb::object play() const { return copy_of(c_.play, {plays()}); }
+    nb::object play() const { return copy_of(c_.now.play, {plays()}); }
     double innovation() const { return c_.innovation; }
     double trace() const {
+        size_t m = parameters();
         double sum = 0;
-        for (size_t i = 0; i < parameters() * parameters(); i++) sum += static_cast<double>(c_.S[i]) * c_.S[i];
+        if (c_.settings.law == TS_LAW_RLS)
+            for (size_t i = 0; i < m * m; i++) sum += static_cast<double>(c_.law.S[i]) * c_.law.S[i];
+        else
+            for (size_t i = 0; i < m; i++) sum += c_.law.kalman.P[i * (i + 1) / 2 + i];
         return sum;
     }
+    nb::object covariance() const { // m x m, as P of the paper
+        size_t m = parameters();
+        std::vector<double> P(m * m);
+        for (size_t i = 0; i < m; i++)
+            for (size_t j = 0; j < m; j++) {
+                double sum = 0;
+                if (c_.settings.law == TS_LAW_RLS)
+                    for (size_t k = 0; k < m; k++)
+                        sum += static_cast<double>(c_.law.S[i * m + k]) * c_.law.S[j * m + k];
+                else
+                    sum = i >= j ? c_.law.kalman.P[i * (i + 1) / 2 + j] : c_.law.kalman.P[j * (j + 1) / 2 + i];
+                P[i * m + j] = sum;
+            }
+        return copy_of(P.data(), {m, m});
+    }
+    double noise() const { return c_.settings.law == TS_LAW_KALMAN ? c_.law.kalman.sigma : NAN; }
     int flags() const {
-        return c_.flags.saturated | c_.flags.projected << 1 | c_.flags.rejected << 2 | c_.flags.held << 3;
+        return c_.flags.saturated | c_.flags.projected << 1 | c_.flags.rejected << 2 | c_.flags.held << 3 |
+               c_.flags.changed << 4 | c_.flags.slewed << 5;
     }
     nb::tuple counters() const {
-        return nb::make_tuple(c_.counters.commands, c_.counters.adaptations, c_.counters.saturated,
-                              c_.counters.projected, c_.counters.rejected);
+        const ts_counters &n = c_.counters;
+        return nb::make_tuple(n.commands, n.adaptations, n.saturated, n.projected, n.rejected, n.changed, n.slewed);
     }
 
   private:
@@ -210,14 +301,13 @@ MODULE(TS_MODULE, m) {
     m.doc() = "The C kernel: play bank, inverse, recursive least squares, controller.";
     m.attr("MAX_PLAYS") = TS_MAX_PLAYS;
     m.attr("MAX_DEAD_ZONES") = TS_MAX_DEAD_ZONES;
+    m.attr("MAX_CREEPS") = TS_MAX_CREEPS;
     m.attr("HISTORY") = TS_HISTORY;
     m.attr("REAL_BYTES") = sizeof(ts_real);
     nb::class_<Kernel>(m, "Kernel")
-        .def(nb::init<const std::vector<double> &, const std::vector<double> &, const std::vector<double> &,
-                      const std::vector<double> &, double, double, double, double, double, double, double>(),
-             nb::kw_only(), "thresholds"_a, "dead_zone_thresholds"_a, "dead_zone_weights"_a, "initial_weights"_a,
-             "rate_scale"_a, "forgetting"_a, "regularization"_a, "covariance_limit"_a, "slope_min"_a, "voltage_min"_a,
-             "voltage_max"_a)
+        .def(nb::init<const nb::dict &>(), "settings"_a)
+        .def("start", &Kernel::start, "volts"_a, "z"_a)
+        .def("change", &Kernel::change, "settings"_a)
         .def("command", &Kernel::command, "z_d"_a, "zdot_d"_a)
         .def("adapt", &Kernel::adapt, "z_measured"_a, "ago"_a = 0)
         .def("process", &Kernel::process, "z_d"_a, "zdot_d"_a, "z_measured"_a.none(), "volts"_a, "ago"_a = 0)
@@ -230,6 +320,8 @@ MODULE(TS_MODULE, m) {
         .def("play", &Kernel::play)
         .def("innovation", &Kernel::innovation)
         .def("trace", &Kernel::trace)
+        .def("covariance", &Kernel::covariance)
+        .def("noise", &Kernel::noise)
         .def("flags", &Kernel::flags)
         .def("counters", &Kernel::counters);
 }

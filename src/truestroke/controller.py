@@ -12,7 +12,7 @@ import numpy.typing as npt
 from truestroke import _check, _kernel, _kernel32
 from truestroke._check import SettingError
 from truestroke._typing import FloatArray
-from truestroke.settings import ControllerSettings
+from truestroke.settings import ControllerSettings, kernel_settings
 
 State = Mapping[str, npt.NDArray[Any]]
 
@@ -36,22 +36,28 @@ class Flags:
     saturated : bool
         The command met a voltage limit.
     projected : bool
-        A partial slope was lifted to `slope_min`, so that the inverse is defined.
+        A partial slope was brought within `slope_limits`, so that the inverse is defined.
     rejected : bool
-        The measurement was NaN, infinite or too late, and was not used.
+        The measurement was NaN, infinite, beyond `measurement_limit`, a spike or too late, and was not used.
     held : bool
         Adaptation is on hold.
+    changed : bool
+        The actuator has changed suddenly; the controller learns faster for a while.
+    slewed : bool
+        The command met the slew limit.
     """
 
     saturated: bool
     projected: bool
     rejected: bool
     held: bool
+    changed: bool
+    slewed: bool
 
     @classmethod
     def from_bits(cls, bits: int) -> Flags:
-        """From the bit mask of a recording: 1 saturated, 2 projected, 4 rejected, 8 held."""
-        return cls(bool(bits & 1), bool(bits & 2), bool(bits & 4), bool(bits & 8))
+        """From the bit mask of a recording: 1 saturated, 2 projected, 4 rejected, 8 held, 16 changed, 32 slewed."""
+        return cls(*(bool(bits >> place & 1) for place in range(6)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +69,8 @@ class Counters:
     saturated: int
     projected: int
     rejected: int
+    changed: int
+    slewed: int
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -167,19 +175,7 @@ class AdaptiveController:
     def _start(self, settings: ControllerSettings) -> None:
         self.settings = settings
         kernel = _kernel.Kernel if settings.precision == "double" else _kernel32.Kernel
-        self._kernel = kernel(
-            thresholds=list(settings.thresholds),
-            dead_zone_thresholds=list(settings.dead_zone_thresholds),
-            dead_zone_weights=list(settings.dead_zone_weights),
-            initial_weights=list(settings.initial_weights),
-            rate_scale=settings.rate_scale,
-            forgetting=settings.forgetting,
-            regularization=settings.regularization,
-            covariance_limit=settings.covariance_limit,
-            slope_min=settings.slope_min,
-            voltage_min=settings.voltage_limits[0],
-            voltage_max=settings.voltage_limits[1],
-        )
+        self._kernel = kernel(kernel_settings(settings))
 
     def command(self, z_d: float, zdot_d: float) -> float:
         """Voltage for this tick; the forward play states advance.
@@ -288,7 +284,9 @@ class AdaptiveController:
 
     @property
     def flag_bits(self) -> int:
-        """The flags of the last tick as a bit mask: 1 saturated, 2 projected, 4 rejected, 8 held."""
+        """The flags of the last tick as a bit mask: 1 saturated, 2 projected, 4 rejected, 8 held, 16 changed,
+        32 slewed.
+        """
         return self._kernel.flags()
 
     @property

@@ -3,15 +3,23 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
-from truestroke import _check
+import numpy as np
+
+from truestroke import _check, prior
 from truestroke._check import SettingError
+from truestroke._typing import FloatArray
 
 MAX_PLAYS = 32
 MAX_DEAD_ZONES = 8
+MAX_CREEPS = 8
+MAX_BENDS = 2
+RATED_STEPS = (0, 3, 5, 7)  # which of the default plays have a rate weight: the gradient matters for the first few only
+UNLIMITED = 1e9  # for a limit that is not there: finite, so that it can be written to any file
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -19,7 +27,7 @@ class ControllerSettings:
     """What a controller is told about the actuator and about how to learn.
 
     Only the first three are needed; the rest follows from them. Entries that are given as None are filled in, so that
-    a settings object always holds the numbers that are used.
+    a settings object always holds the numbers that are used. q below is stroke / (highest - lowest voltage), um/V.
 
     Attributes
     ----------
@@ -32,25 +40,69 @@ class ControllerSettings:
     plays : int
         Number of play operators, 1 to 32.
     thresholds : tuple[float, ...]
-        Thresholds r of the plays, V, ascending from 0; by default i / plays of half the highest voltage (Sec. 2.1).
+        Thresholds r of the plays, V, ascending from 0; by default `prior.thresholds`.
+    rated : tuple[int, ...]
+        Which plays have a rate weight b.
+    creep_times : tuple[float, ...]
+        Time constants of the creep states, s; () is no creep.
+    lag : bool
+        Whether the model has a term in the velocity (a delay).
+    offset : bool
+        Whether it has a constant (drift).
+    bends : int
+        Terms of asymmetry, 0 to 2: 4 s (1 - s) and 8 s (1 - s)(1 - 2 s), with s = z_d / stroke.
     dead_zone_thresholds : tuple[float, ...]
         Thresholds d' of the inverse dead zones, um, ascending from 0.
     dead_zone_weights : tuple[float, ...]
-        Weights w_s' of the inverse dead zones, without unit; (1,) is a symmetric actuator.
-    initial_sensitivity : float
-        First entry of w(0), um/V; all others are 0. By default stroke / (highest - lowest voltage).
-    initial_weights : tuple[float, ...]
-        w(0) = [a0, b0, a1, b1, ...], um/V, in place of `initial_sensitivity`.
+        Weights w_s' of the inverse dead zones, without unit; (1,) is none.
     rate_scale : float
-        c_b of (20), s/um; 0 makes the model independent of the rate.
+        c_b of (20), s/um; 0 makes the plays independent of the rate. By default 1 / (50 strokes/s).
+    initial_sensitivity : float
+        First weight of w(0), um/V; by default 1.15 q.
+    initial_weights : tuple[float, ...]
+        w(0), um/V, in place of `initial_sensitivity`: [a0, b0, a1, b1, ...] (b_i where play i is rated), then the
+        weights of the creep states (um/V), lag (s), offset (um) and bends (um). It is also the mean of the prior.
+    law : str
+        "kalman", or "rls" for (23).
+    prior_covariance : tuple[tuple[float, ...], ...]
+        Covariance of w(0), m rows of m, in the squares of the units of w; by default `prior.covariance`. Kalman only.
+    memory : float
+        Time in which what was learned fades to the prior where nothing confirms it, s. Kalman only.
+    filter_frequency : float
+        Corner of each of the two poles that regressor and measurement pass through, Hz: below the first resonance of
+        the stage. By default 300 Hz, at most 15 % of the sample rate. Kalman only.
+    model_error : float
+        What the model cannot explain, um, added to the noise; by default 0.02 % of the stroke. Kalman only.
+    change_threshold : float
+        Mean square of the normalised innovation above which the actuator has changed suddenly. Kalman only.
+    change_refractory : float
+        Least time from one change to the next, s. Kalman only.
+    change_gain, change_hysteresis : float
+        Relative standard deviation of a sudden change: of all play weights, of all but the first. Kalman only.
+    change_share : float
+        How far the covariance returns to the prior at a change, 0 to 1. Kalman only.
+    outlier : float
+        Normalised innovation above which a measurement is a spike. Kalman only.
+    outliers : int
+        Spikes in a row that are not believed. Kalman only.
     forgetting : float
-        Forgetting factor lambda of (23), above 0, at most 1.
+        Forgetting factor lambda of (23), above 0, at most 1. RLS only.
     regularization : float
-        delta of (22), V^2: P(0) = I / delta.
+        delta of (22), V^2: P(0) = I / delta. RLS only.
     covariance_limit : float
-        Largest trace of P, 1/V^2: above it the division by lambda is left out, so that P stays finite at rest.
-    slope_min : float
-        Smallest partial slope that the inverse uses, um/V; by default 5 % of stroke / (highest - lowest voltage).
+        Largest trace of P, 1/V^2: above it the division by lambda is left out. RLS only.
+    slope_limits : tuple[float, float]
+        Smallest and largest partial slope, um/V; by default 0.4 q and 4 q.
+    velocity_limit : float
+        The slopes are within their limits up to this rate, um/s; by default 50 strokes/s. Kalman only.
+    slew_limit : float
+        Fastest change of the voltage, V/s; by default 120 times the voltage range.
+    measurement_limit : float
+        A measurement beyond it, on either side, is rejected, um; by default 10 strokes.
+    smoothing_time : float
+        Time constant with which what was learned reaches the command, s; 0 is at once.
+    trim_rate : float
+        Slow feedback: integral of the error into the command, 1/s; 0 is off.
     precision : str
         "double", or "single" to compute as a microcontroller would.
 
@@ -62,8 +114,8 @@ class ControllerSettings:
     Examples
     --------
     >>> s = ControllerSettings(sample_rate=2000.0, stroke=30.0, voltage_limits=(-0.6, 3.6))
-    >>> s.plays, round(s.initial_sensitivity, 3), round(s.slope_min, 3)
-    (8, 7.143, 0.357)
+    >>> s.plays, len(s.initial_weights), round(s.initial_sensitivity, 3)
+    (17, 29, 8.214)
     >>> ControllerSettings(sample_rate=2000.0, stroke=-30.0, voltage_limits=(-0.6, 3.6))
     Traceback (most recent call last):
         ...
@@ -73,104 +125,287 @@ class ControllerSettings:
     sample_rate: float
     stroke: float
     voltage_limits: tuple[float, float]
-    plays: int = 8
+    # model
+    plays: int = 17
     thresholds: tuple[float, ...] = None  # type: ignore[assignment]  # None is filled in by __post_init__
+    rated: tuple[int, ...] = None  # type: ignore[assignment]
+    creep_times: tuple[float, ...] = (0.003, 0.03, 0.3, 3.0)
+    lag: bool = True
+    offset: bool = True
+    bends: int = 2
     dead_zone_thresholds: tuple[float, ...] = (0.0,)
     dead_zone_weights: tuple[float, ...] = (1.0,)
+    rate_scale: float = None  # type: ignore[assignment]
     initial_sensitivity: float = None  # type: ignore[assignment]
     initial_weights: tuple[float, ...] = None  # type: ignore[assignment]
-    rate_scale: float = 0.007
+    # law
+    law: Literal["kalman", "rls"] = "kalman"
+    prior_covariance: tuple[tuple[float, ...], ...] = None  # type: ignore[assignment]
+    memory: float = 5e4
+    filter_frequency: float = None  # type: ignore[assignment]
+    model_error: float = None  # type: ignore[assignment]
+    change_threshold: float = 12.0
+    change_refractory: float = 0.1
+    change_gain: float = 0.15
+    change_hysteresis: float = 0.3
+    change_share: float = 0.002
+    outlier: float = 12.0
+    outliers: int = 3
     forgetting: float = 0.9999
     regularization: float = 1e-3
     covariance_limit: float = 1e6
-    slope_min: float = None  # type: ignore[assignment]
+    # safety
+    slope_limits: tuple[float, float] = None  # type: ignore[assignment]
+    velocity_limit: float = None  # type: ignore[assignment]
+    slew_limit: float = None  # type: ignore[assignment]
+    measurement_limit: float = None  # type: ignore[assignment]
+    smoothing_time: float = 0.72e-3
+    trim_rate: float = 0.0
     precision: Literal["double", "single"] = "double"
 
     def __post_init__(self) -> None:
-        for name, value in self._checked().items():
-            object.__setattr__(self, name, value)
+        for step in (_basics, _model, _start, _kalman, _rls, _safety):
+            for name, value in step(self).items():
+                object.__setattr__(self, name, value)
 
-    def _checked(self) -> dict[str, object]:
-        low, high = _check.interval("voltage_limits", self.voltage_limits, "V")
-        stroke = _check.positive("stroke", self.stroke, "um")
-        sensitivity = stroke / (high - low)
-        plays, thresholds = self._play_thresholds(high)
-        initial, weights = self._start(plays, sensitivity)
-        regularization = _check.positive("regularization", self.regularization, "V^2")
-        limit = _check.positive("covariance_limit", self.covariance_limit, "1/V^2")
-        if limit < 2 * plays / regularization:
-            raise SettingError(
-                "covariance_limit",
-                limit,
-                f"at least the trace of P(0), {2 * plays / regularization:g} 1/V^2",
-                "1/V^2",
-            )
-        forgetting = _check.number("forgetting", self.forgetting)
-        if not 0 < forgetting <= 1:
-            raise SettingError("forgetting", forgetting, "above 0 and at most 1")
-        if self.precision not in ("double", "single"):
-            raise SettingError("precision", repr(self.precision), "'double' or 'single'")
-        return {
-            "sample_rate": _check.positive("sample_rate", self.sample_rate, "Hz"),
-            "stroke": stroke,
-            "voltage_limits": (low, high),
-            "plays": plays,
-            "thresholds": thresholds,
-            **self._dead_zones(),
-            "initial_sensitivity": initial,
-            "initial_weights": weights,
-            "rate_scale": _check.within("rate_scale", self.rate_scale, 0.0, 1e6, "s/um"),
-            "forgetting": forgetting,
-            "regularization": regularization,
-            "covariance_limit": limit,
-            "slope_min": _check.positive(
-                "slope_min", 0.05 * sensitivity if self.slope_min is None else self.slope_min, "um/V"
-            ),
-        }
+    @property
+    def parameters(self) -> int:
+        """Number m of the parameters."""
+        terms = len(self.creep_times) + self.lag + self.offset + self.bends
+        return len(self.thresholds) + len(self.rated) + terms
 
-    def _play_thresholds(self, high: float) -> tuple[int, tuple[float, ...]]:
-        if self.thresholds is not None:
-            thresholds = _check.ascending("thresholds", self.thresholds, "V")
-            return _check.count("the number of thresholds", len(thresholds), 1, MAX_PLAYS), thresholds
-        plays = _check.count("plays", self.plays, 1, MAX_PLAYS)
-        if high <= 0:
-            raise SettingError("thresholds", None, "given where the highest voltage is not above 0", "V")
-        return plays, tuple(i / plays * high / 2 for i in range(plays))
-
-    def _dead_zones(self) -> dict[str, object]:
-        thresholds = _check.ascending("dead_zone_thresholds", self.dead_zone_thresholds, "um")
-        _check.count("the number of dead_zone_thresholds", len(thresholds), 1, MAX_DEAD_ZONES)
-        weights = tuple(_check.number("dead_zone_weights", w) for w in self.dead_zone_weights)
-        if len(weights) != len(thresholds):
-            raise SettingError("dead_zone_weights", weights, f"{len(thresholds)} numbers, one for each threshold")
-        if any(sum(weights[: i + 1]) <= 0 for i in range(len(weights))):
-            raise SettingError("dead_zone_weights", weights, "numbers whose partial sums are all above 0")
-        return {"dead_zone_thresholds": thresholds, "dead_zone_weights": weights}
-
-    def _start(self, plays: int, sensitivity: float) -> tuple[float, tuple[float, ...]]:
-        if self.initial_weights is not None:
-            weights = tuple(_check.number("initial_weights", w, "um/V") for w in self.initial_weights)
-            if len(weights) != 2 * plays:
-                raise SettingError("initial_weights", weights, f"{2 * plays} numbers [a0, b0, a1, b1, ...]", "um/V")
-            return _check.positive("initial_weights[0]", weights[0], "um/V"), weights
-        initial = self.initial_sensitivity if self.initial_sensitivity is not None else sensitivity
-        initial = _check.positive("initial_sensitivity", initial, "um/V")
-        return initial, (initial, *([0.0] * (2 * plays - 1)))
+    @property
+    def q(self) -> float:
+        """stroke / (highest - lowest voltage), um/V."""
+        return self.stroke / (self.voltage_limits[1] - self.voltage_limits[0])
 
     def to_dict(self) -> dict[str, float | str | Sequence[float]]:
-        """All settings by name, as plain numbers and lists, for a recording or a file."""
+        """All settings by name, as plain numbers and tuples, for a recording or a file."""
         return dataclasses.asdict(self)
 
     @classmethod
-    def paper(cls, *, sample_rate: float, stroke: float, voltage_limits: tuple[float, float]) -> ControllerSettings:
-        """The settings of the paper: 8 plays, w(0) = [5, 0, ...], c_b = 0.007 s/um, lambda = 0.9999, delta = 1e-3."""
-        return cls(
-            sample_rate=sample_rate,
-            stroke=stroke,
-            voltage_limits=voltage_limits,
-            plays=8,
-            initial_sensitivity=5.0,
-            rate_scale=0.007,
-            forgetting=0.9999,
-            regularization=1e-3,
+    def paper(
+        cls, *, sample_rate: float, stroke: float, voltage_limits: tuple[float, float], **changes: Any
+    ) -> ControllerSettings:
+        """The settings of the paper: 8 plays, w(0) = [5, 0, ...], c_b = 0.007 s/um, lambda = 0.9999, delta = 1e-3.
+
+        Nothing else is in the model or in the way; `changes` replace any of them, for rivals of the same kind.
+        """
+        low, high = _check.interval("voltage_limits", voltage_limits, "V")
+        if high <= 0 and "thresholds" not in changes:
+            raise SettingError("thresholds", None, "given where the highest voltage is not above 0", "V")
+        plays = _check.count("plays", changes.get("plays", 8), 1, MAX_PLAYS)
+        literal: dict[str, Any] = {
+            "plays": plays,
+            "thresholds": tuple(i / plays * high / 2 for i in range(plays)),  # r_n = half of the maximum input
+            "creep_times": (),
+            "lag": False,
+            "offset": False,
+            "bends": 0,
+            "rate_scale": 0.007,
+            "initial_sensitivity": 5.0,
+            "law": "rls",
+            "slope_limits": (0.05 * stroke / (high - low), UNLIMITED),
+            "slew_limit": UNLIMITED,
+            "smoothing_time": 0.0,
+        }
+        literal["rated"] = tuple(range(len(changes.get("thresholds", literal["thresholds"]))))
+        return cls(sample_rate=sample_rate, stroke=stroke, voltage_limits=voltage_limits, **{**literal, **changes})
+
+
+# ---- What follows from what ----------------------------------------------------------------------------------------
+
+
+def _basics(s: ControllerSettings) -> dict[str, object]:
+    if s.precision not in ("double", "single"):
+        raise SettingError("precision", repr(s.precision), "'double' or 'single'")
+    if s.law not in ("kalman", "rls"):
+        raise SettingError("law", repr(s.law), "'kalman' or 'rls'")
+    return {
+        "sample_rate": _check.positive("sample_rate", s.sample_rate, "Hz"),
+        "stroke": _check.positive("stroke", s.stroke, "um"),
+        "voltage_limits": _check.interval("voltage_limits", s.voltage_limits, "V"),
+    }
+
+
+def _model(s: ControllerSettings) -> dict[str, object]:
+    low, high = s.voltage_limits
+    if s.thresholds is None:
+        thresholds = prior.thresholds(_check.count("plays", s.plays, 1, MAX_PLAYS), high - low)
+    else:
+        thresholds = _check.ascending("thresholds", s.thresholds, "V")
+    plays = _check.count("the number of thresholds", len(thresholds), 1, MAX_PLAYS)
+    rated = tuple(i for i in RATED_STEPS if i < plays) if s.rated is None else s.rated
+    creep_times = tuple(_check.positive("creep_times", tau, "s") for tau in s.creep_times)
+    _check.count("the number of creep_times", len(creep_times), 0, MAX_CREEPS)
+    rate_scale = 1 / (50 * s.stroke) if s.rate_scale is None else s.rate_scale
+    return {
+        "plays": plays,
+        "thresholds": thresholds,
+        "rated": tuple(sorted({_check.count("rated", i, 0, plays - 1) for i in rated})),
+        "creep_times": creep_times,
+        "lag": bool(s.lag),
+        "offset": bool(s.offset),
+        "bends": _check.count("bends", s.bends, 0, MAX_BENDS),
+        "rate_scale": _check.within("rate_scale", rate_scale, 0.0, 1e6, "s/um"),
+        **_dead_zones(s),
+    }
+
+
+def _dead_zones(s: ControllerSettings) -> dict[str, object]:
+    thresholds = _check.ascending("dead_zone_thresholds", s.dead_zone_thresholds, "um")
+    _check.count("the number of dead_zone_thresholds", len(thresholds), 1, MAX_DEAD_ZONES)
+    weights = tuple(_check.number("dead_zone_weights", w) for w in s.dead_zone_weights)
+    if len(weights) != len(thresholds):
+        raise SettingError("dead_zone_weights", weights, f"{len(thresholds)} numbers, one for each threshold")
+    if any(sum(weights[: i + 1]) <= 0 for i in range(len(weights))):
+        raise SettingError("dead_zone_weights", weights, "numbers whose partial sums are all above 0")
+    return {"dead_zone_thresholds": thresholds, "dead_zone_weights": weights}
+
+
+def _play_weights(s: ControllerSettings, first: float) -> FloatArray:
+    if s.law == "rls":  # (22): the first weight, all others 0
+        return np.array([first, *[0.0] * (s.plays - 1)])
+    return prior.play_weights(s.thresholds, s.voltage_limits[1] - s.voltage_limits[0], first)
+
+
+def _start(s: ControllerSettings) -> dict[str, object]:
+    """w(0), and the covariance of the prior about it."""
+    if s.initial_weights is not None:
+        weights = tuple(_check.number("initial_weights", w, "um/V") for w in s.initial_weights)
+        if len(weights) != s.parameters:
+            raise SettingError("initial_weights", weights, f"{s.parameters} numbers [a0, b0, a1, b1, ...]", "um/V")
+        first = _check.positive("initial_weights[0]", weights[0], "um/V")
+    else:
+        first = prior.FIRST_SLOPE * s.q if s.initial_sensitivity is None else s.initial_sensitivity
+        first = _check.positive("initial_sensitivity", first, "um/V")
+        a = _play_weights(s, first)
+        plays = [w for i in range(s.plays) for w in ([float(a[i]), 0.0] if i in s.rated else [float(a[i])])]
+        lag = [prior.LAG if s.law == "kalman" else 0.0] * s.lag
+        weights = (*plays, *[0.0] * len(s.creep_times), *lag, *[0.0] * (s.offset + s.bends))
+    return {"initial_sensitivity": first, "initial_weights": weights, "prior_covariance": _covariance(s, first)}
+
+
+def _covariance(s: ControllerSettings, first: float) -> tuple[tuple[float, ...], ...]:
+    if s.law == "rls":
+        return ()
+    if s.prior_covariance is None:
+        P0 = prior.covariance(
+            _play_weights(s, first),
+            s.rated,
+            q=s.q,
+            stroke=s.stroke,
+            creeps=len(s.creep_times),
+            lag=s.lag,
+            offset=s.offset,
+            bends=s.bends,
         )
+    else:
+        P0 = _check.finite_array("prior_covariance", s.prior_covariance, ndim=2)
+        if P0.shape != (s.parameters, s.parameters) or not np.allclose(P0, P0.T) or np.linalg.eigvalsh(P0).min() <= 0:
+            bound = f"symmetric and positive definite, of shape ({s.parameters}, {s.parameters})"
+            raise SettingError("prior_covariance", f"array of shape {P0.shape}", bound)
+    return tuple(tuple(row) for row in P0.tolist())
+
+
+def _kalman(s: ControllerSettings) -> dict[str, object]:
+    corner = min(300.0, 0.15 * s.sample_rate) if s.filter_frequency is None else s.filter_frequency
+    error = 2e-4 * s.stroke if s.model_error is None else s.model_error
+    return {
+        "memory": _check.positive("memory", s.memory, "s"),
+        "filter_frequency": _check.within("filter_frequency", corner, 1e-6 * s.sample_rate, 0.5 * s.sample_rate, "Hz"),
+        "model_error": _check.within("model_error", error, 0.0, s.stroke, "um"),
+        "change_threshold": _check.positive("change_threshold", s.change_threshold),
+        "change_refractory": _check.within("change_refractory", s.change_refractory, 0.0, 3600.0, "s"),
+        "change_gain": _check.within("change_gain", s.change_gain, 0.0, 1.0),
+        "change_hysteresis": _check.within("change_hysteresis", s.change_hysteresis, 0.0, 1.0),
+        "change_share": _check.within("change_share", s.change_share, 0.0, 1.0),
+        "outlier": _check.positive("outlier", s.outlier),
+        "outliers": _check.count("outliers", s.outliers, 0, 1_000_000),
+    }
+
+
+def _rls(s: ControllerSettings) -> dict[str, object]:
+    regularization = _check.positive("regularization", s.regularization, "V^2")
+    limit = _check.positive("covariance_limit", s.covariance_limit, "1/V^2")
+    trace = s.parameters / regularization
+    if limit < trace:
+        raise SettingError("covariance_limit", limit, f"at least the trace of P(0), {trace:g} 1/V^2", "1/V^2")
+    forgetting = _check.number("forgetting", s.forgetting)
+    if not 0 < forgetting <= 1:
+        raise SettingError("forgetting", forgetting, "above 0 and at most 1")
+    return {"forgetting": forgetting, "regularization": regularization, "covariance_limit": limit}
+
+
+def _safety(s: ControllerSettings) -> dict[str, object]:
+    low, high = s.voltage_limits
+    slopes = (0.4 * s.q, 4 * s.q) if s.slope_limits is None else s.slope_limits
+    slopes = _check.interval("slope_limits", slopes, "um/V")
+    _check.positive("slope_limits[0]", slopes[0], "um/V")
+    slew = 120 * (high - low) if s.slew_limit is None else s.slew_limit
+    measured = 10 * s.stroke if s.measurement_limit is None else s.measurement_limit
+    velocity = 50 * s.stroke if s.velocity_limit is None else s.velocity_limit
+    return {
+        "slope_limits": slopes,
+        "velocity_limit": _check.positive("velocity_limit", velocity, "um/s"),
+        "slew_limit": _check.positive("slew_limit", slew, "V/s"),
+        "measurement_limit": _check.positive("measurement_limit", measured, "um"),
+        "smoothing_time": _check.within("smoothing_time", s.smoothing_time, 0.0, 1.0, "s"),
+        "trim_rate": _check.within("trim_rate", s.trim_rate, 0.0, s.sample_rate, "1/s"),
+    }
+
+
+# ---- As the kernel takes them --------------------------------------------------------------------------------------
+
+
+def kernel_settings(s: ControllerSettings) -> dict[str, Any]:
+    """The settings by the names of c/include/truestroke.h, times turned into coefficients of a tick."""
+    fs = s.sample_rate
+    lower = np.tril_indices(s.parameters)
+    return {
+        "thresholds": list(s.thresholds),
+        "dead_zone_thresholds": list(s.dead_zone_thresholds),
+        "dead_zone_weights": list(s.dead_zone_weights),
+        "creep": [-math.expm1(-1 / (tau * fs)) for tau in s.creep_times],
+        "bends": s.bends,
+        "lag": s.lag,
+        "offset": s.offset,
+        "rated": [i in s.rated for i in range(s.plays)],
+        "rate_scale": s.rate_scale,
+        "stroke": s.stroke,
+        "initial_weights": list(s.initial_weights),
+        "kalman": s.law == "kalman",
+        "forgetting": s.forgetting,
+        "regularization": s.regularization,
+        "covariance_limit": s.covariance_limit,
+        "filter": -math.expm1(-2 * math.pi * s.filter_frequency / fs),
+        "noise_rate": min(1.0, NOISE_RATE / fs),
+        "ringing_rate": min(1.0, RINGING_RATE / fs),
+        "model_error": s.model_error,
+        "prior_return": min(1.0, FORGET_EVERY / (s.memory * fs)),
+        "change_threshold": s.change_threshold,
+        "change_rate": min(1.0, CHANGE_RATE / fs),
+        "refractory": round(s.change_refractory * fs),
+        "change_gain": s.change_gain,
+        "change_hysteresis": s.change_hysteresis,
+        "change_share": s.change_share,
+        "outlier": s.outlier,
+        "outliers": s.outliers,
+        "prior": np.array(s.prior_covariance)[lower].tolist() if s.law == "kalman" else [],
+        "first_noise": 1e-3 * s.stroke,
+        "velocity_limit": s.velocity_limit,
+        "slope_min": s.slope_limits[0],
+        "slope_max": s.slope_limits[1],
+        "voltage_min": s.voltage_limits[0],
+        "voltage_max": s.voltage_limits[1],
+        "slew": s.slew_limit / fs,
+        "measurement_limit": s.measurement_limit,
+        "smoothing": math.exp(-1 / (fs * s.smoothing_time)) if s.smoothing_time > 0 else 0.0,
+        "trim": s.trim_rate / fs,
+    }
+
+
+FORGET_EVERY = 16  # ticks: TS_FORGET_EVERY of the kernel
+NOISE_RATE = 2.0  # 1/s: how fast the robust estimate of the noise follows
+RINGING_RATE = 200.0  # 1/s: how fast ringing counts as noise
+CHANGE_RATE = 400.0  # 1/s: how fast the detector of a change follows

@@ -1,0 +1,160 @@
+#include "truestroke.h"
+
+#include <math.h>
+#include <string.h>
+
+void ts_kalman_init(ts_kalman *k, const ts_real *P0, ts_real sigma, int m)
+{
+    memset(k, 0, sizeof *k);
+    memcpy(k->P, P0, sizeof(ts_real) * (size_t)TS_PACKED(m));
+    k->sigma = sigma;
+    k->since_change = INT32_MAX;
+}
+
+/* P u of a packed symmetric P, each entry read once. */
+static void times(const ts_real *P, const ts_real *u, ts_real *Pu, int m)
+{
+    for (int i = 0; i < m; i++) {
+        ts_real sum = 0;
+        for (int j = 0; j < i; j++) {
+            sum += P[j] * u[j];
+            Pu[j] += P[j] * u[i];
+        }
+        Pu[i] = sum + P[i] * u[i];
+        P += i + 1;
+    }
+}
+
+static ts_real dot(const ts_real *a, const ts_real *b, int m)
+{
+    ts_real sum = 0;
+    for (int i = 0; i < m; i++) sum += a[i] * b[i];
+    return sum;
+}
+
+/* The same two poles for the regressor and the measurement: their linear relation stays, what the stage does faster
+ * than the model knows is gone. */
+static void pass_filter(ts_kalman *k, ts_real pole, const ts_real *u, ts_real y, int m)
+{
+    if (!k->started) {
+        memcpy(k->u1, u, sizeof(ts_real) * (size_t)m);
+        memcpy(k->u, u, sizeof(ts_real) * (size_t)m);
+        k->y1 = k->y = y;
+        k->started = true;
+    }
+    for (int i = 0; i < m; i++) {
+        k->u1[i] += pole * (u[i] - k->u1[i]);
+        k->u[i] += pole * (k->u1[i] - k->u[i]);
+    }
+    k->y1 += pole * (y - k->y1);
+    k->y += pole * (k->y1 - k->y);
+}
+
+/* Noise from the second difference of the innovation, d = e(k) - 2 e(k-1) + e(k-2), whose variance is 6 sigma^2 and
+ * whose mean magnitude is 1.9544 sigma: slowly and robustly (sigma), and quickly, so that ringing counts (ringing). */
+static void follow_noise(ts_kalman *k, const ts_kalman_settings *s, ts_real innovation, bool measured)
+{
+    ts_real d = innovation - 2 * k->innovation1 + k->innovation2;
+    k->innovation2 = k->innovation1;
+    k->innovation1 = innovation;
+    if (!measured) return;
+    if (d < 0) d = -d;
+    k->ringing += s->ringing_rate * (d * d / 6 - k->ringing);
+    ts_real most = (ts_real)7.84 * k->sigma;
+    if (d > most) d = most;
+    k->sigma += s->noise_rate * (d / (ts_real)1.9544 - k->sigma);
+}
+
+/* After a change the weights of the plays may be off together: all by change_gain, all but the first by
+ * change_hysteresis of their size. */
+static void admit_change(ts_kalman *k, const ts_kalman_settings *s, const ts_real *w, int m)
+{
+    ts_real gain2 = s->change_gain * s->change_gain, hysteresis2 = s->change_hysteresis * s->change_hysteresis;
+    ts_real *P = k->P;
+    for (int i = 0; i < m; i++)
+        for (int j = 0; j <= i; j++, P++)
+            if (k->part[i] && k->part[j])
+                *P += (gain2 + (k->part[i] == 2 && k->part[j] == 2 ? hysteresis2 : 0)) * w[i] * w[j];
+}
+
+/* Second tick of an update: P -= P u u'P / variance, the return to the prior, and more of it after a change. */
+static void follow_covariance(ts_kalman *k, const ts_kalman_settings *s, const ts_real *w0, const ts_real *P0,
+                              ts_real *w, int m)
+{
+    ts_real *P = k->P, inverse = 1 / k->variance, back = 0;
+    for (int i = 0; i < m; i++) {
+        ts_real gain = k->Pu[i] * inverse;
+        for (int j = 0; j <= i; j++) *P++ -= gain * k->Pu[j];
+    }
+    k->mixed += 2;
+    if (k->mixed >= TS_FORGET_EVERY) {
+        k->mixed = 0;
+        back = s->forgetting;
+        for (int i = 0; i < m; i++) w[i] += back * (w0[i] - w[i]);
+    }
+    if (k->changed) back += s->change_share;
+    if (back > 0)
+        for (int i = 0; i < TS_PACKED(m); i++) k->P[i] += back * (P0[i] - k->P[i]);
+    if (k->changed) admit_change(k, s, w, m);
+    k->pending = k->changed = false;
+}
+
+void ts_kalman_project(const ts_kalman *k, ts_real *w, const ts_real *g, ts_real value, int m)
+{
+    ts_real Pg[TS_MAX_PARAMETERS];
+    times(k->P, g, Pg, m);
+    ts_real g_Pg = dot(g, Pg, m);
+    if (!(g_Pg > 0)) return;
+    ts_real step = (value - dot(g, w, m)) / g_Pg;
+    for (int i = 0; i < m; i++) w[i] += step * Pg[i];
+}
+
+/* First tick of an update: the weights. False where P has lost its definiteness, which then starts anew. */
+static bool update(ts_kalman *k, const ts_kalman_settings *s, const ts_real *P0, ts_real *w, ts_real *delta, int m)
+{
+    times(k->P, k->u, k->Pu, m);
+    ts_real explained = dot(k->u, k->Pu, m), e = k->y - dot(k->u, w, m);
+    if (!(explained >= 0) || !isfinite(explained * e)) {
+        memcpy(k->P, P0, sizeof(ts_real) * (size_t)TS_PACKED(m));
+        return false;
+    }
+    ts_real floor = s->model_error * s->model_error, quiet = k->sigma * k->sigma;
+    ts_real noise = k->ringing / 2 > quiet ? k->ringing / 2 : quiet;
+    k->variance = explained + (noise + floor) / 2; /* every second tick is used: each stands for two */
+    ts_real gain = e / k->variance;
+    for (int i = 0; i < m; i++) w[i] += delta[i] = gain * k->Pu[i];
+
+    ts_real nu2 = e * e / (explained + (quiet + floor) / 2);
+    k->change += s->change_rate * ((nu2 < 100 ? nu2 : 100) - k->change);
+    k->changed = k->change > s->change_threshold && k->since_change >= s->refractory;
+    if (k->changed) {
+        k->since_change = 0;
+        k->change = 0;
+    }
+    k->pending = true;
+    return true;
+}
+
+ts_tick ts_kalman_tick(ts_kalman *k, const ts_kalman_settings *s, const ts_real *w0, const ts_real *P0, ts_real *w,
+                       ts_real *delta, const ts_real *u, const ts_real *y, bool learn, int m)
+{
+    ts_real predicted = dot(u, w, m), innovation = y ? *y - predicted : 0;
+    ts_tick tick = TS_TICK_PASSED;
+    memset(delta, 0, sizeof(ts_real) * (size_t)m);
+    if (y && k->started) {
+        ts_real most = s->outlier * s->outlier * (k->variance + k->sigma * k->sigma);
+        bool spike = innovation * innovation > most;
+        if (spike && k->spikes < s->outliers) {
+            tick = TS_TICK_SPIKE;
+            innovation = 0;
+        }
+        k->spikes = tick == TS_TICK_SPIKE ? k->spikes + 1 : spike ? k->spikes : 0;
+    }
+    bool measured = y && tick != TS_TICK_SPIKE;
+    follow_noise(k, s, innovation, measured);
+    pass_filter(k, s->filter, u, predicted + innovation, m);
+    if (k->since_change < s->refractory) k->since_change++;
+    if (k->pending) follow_covariance(k, s, w0, P0, w, m);
+    else if (measured && learn && update(k, s, P0, w, delta, m)) tick = TS_TICK_USED;
+    return tick;
+}
