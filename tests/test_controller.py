@@ -5,8 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-import truestroke
-from truestroke import AdaptiveController, ControllerSettings, SettingError, _kernel
+from truestroke import AdaptiveController, ControllerSettings, SettingError
 
 BASIC = {"sample_rate": 2000.0, "stroke": 30.0, "voltage_limits": (-0.6, 3.6)}
 
@@ -33,13 +32,28 @@ def drive(controller: AdaptiveController, ticks: int, start: int = 0) -> list[fl
         ("thresholds", (0.1, 0.2), ["thresholds", "V", "start at 0"]),
         ("dead_zone_thresholds", (0.0, 12.0), ["dead_zone_weights", "2 numbers"]),
         ("dead_zone_weights", (-1.0,), ["dead_zone_weights", "partial sums"]),
-        ("initial_weights", (5.0, 0.0), ["initial_weights", "16 numbers", "um/V"]),
+        ("initial_weights", (5.0, 0.0), ["initial_weights", "37 numbers", "um/V"]),
         ("initial_sensitivity", -5.0, ["initial_sensitivity", "-5.0 um/V", "above 0"]),
         ("rate_scale", -0.1, ["rate_scale", "-0.1 s/um", "from 0"]),
         ("forgetting", 1.5, ["forgetting", "1.5", "at most 1"]),
         ("regularization", 0.0, ["regularization", "V^2", "above 0"]),
         ("covariance_limit", 1.0, ["covariance_limit", "1/V^2", "trace of P(0)"]),
-        ("slope_min", 0.0, ["slope_min", "um/V", "above 0"]),
+        ("slope_limits", (0.0, 20.0), ["slope_limits", "um/V", "above 0"]),
+        ("slope_limits", (20.0, 2.0), ["slope_limits", "um/V", "low below high"]),
+        ("creep_times", (0.0,), ["creep_times", "0.0 s", "above 0"]),
+        ("rated", (24,), ["rated", "24", "from 0 to 23"]),
+        ("bends", 3, ["bends", "3", "from 0 to 2"]),
+        ("law", "lms", ["law", "'lms'", "'kalman' or 'rls'"]),
+        ("prior_covariance", ((1.0,),), ["prior_covariance", "(37, 37)", "positive definite"]),
+        ("memory", -1.0, ["memory", "-1.0 s", "above 0"]),
+        ("filter_frequency", 1500.0, ["filter_frequency", "1500.0 Hz", "1000 Hz"]),
+        ("model_error", -1.0, ["model_error", "-1.0 um", "from 0"]),
+        ("change_share", 2.0, ["change_share", "2.0", "from 0 to 1"]),
+        ("outliers", 1.5, ["outliers", "1.5", "whole number"]),
+        ("slew_limit", 0.0, ["slew_limit", "0.0 V/s", "above 0"]),
+        ("measurement_limit", 0.0, ["measurement_limit", "0.0 um", "above 0"]),
+        ("smoothing_time", 2.0, ["smoothing_time", "2.0 s", "from 0 to 1"]),
+        ("trim_rate", -1.0, ["trim_rate", "-1.0 1/s", "from 0"]),
         ("precision", "half", ["precision", "'half'", "'single'"]),
         ("lambda_", 0.99, ["lambda_", "no such setting", "forgetting"]),
     ],
@@ -57,8 +71,6 @@ def test_settings_are_frozen_complete_and_of_the_kernel_s_size() -> None:
         settings.forgetting = 0.5  # type: ignore[misc]
     assert all(value is not None for value in settings.to_dict().values())
     assert ControllerSettings(**settings.to_dict()) == settings
-    assert truestroke.settings.MAX_PLAYS == _kernel.MAX_PLAYS
-    assert truestroke.settings.MAX_DEAD_ZONES == _kernel.MAX_DEAD_ZONES
 
 
 def test_paper_is_the_literal_algorithm() -> None:
@@ -67,7 +79,10 @@ def test_paper_is_the_literal_algorithm() -> None:
     assert settings.initial_weights == (5.0, *[0.0] * 15)  # (22)
     assert settings.rate_scale == 0.007  # Sec. 3.2
     assert settings.forgetting < 1
+    assert settings.law == "rls"
     assert settings.dead_zone_weights == (1.0,)
+    assert (settings.creep_times, settings.lag, settings.offset, settings.bends) == ((), False, False, 0)
+    assert settings.smoothing_time == settings.trim_rate == 0.0
 
 
 def test_a_bad_desired_value_raises_before_anything_changes() -> None:
@@ -101,24 +116,33 @@ def test_a_bad_measurement_is_rejected_flagged_and_counted() -> None:
 
 def test_saturation_is_flagged_and_the_voltage_stays_within_limits() -> None:
     controller = AdaptiveController(**BASIC)
-    assert controller.command(1e6, 0.0) == 3.6
+    steps = np.diff(
+        [0.0] + [controller.command(1e6, 0.0) for _ in range(40)] + [controller.command(-1e6, 0.0) for _ in range(40)]
+    )
+    slew = controller.settings.slew_limit / controller.settings.sample_rate
+    assert np.abs(steps).max() == pytest.approx(slew)
+    assert controller.counters.slewed > 20
     assert controller.flags.saturated
     assert controller.command(-1e6, 0.0) == -0.6
-    assert controller.counters.saturated == 2
-    controller.command(10.0, 0.0)
+    assert controller.counters.saturated > 20
+    for _ in range(40):
+        volts = controller.command(10.0, 0.0)
+    assert -0.6 < volts < 3.6
     assert not controller.flags.saturated
+    assert not controller.flags.slewed
 
 
 def test_the_guard_keeps_the_inverse_defined_and_says_so() -> None:
     weights = [0.0] * 16
     weights[0], weights[1] = 5.0, -5.0
-    controller = AdaptiveController(**BASIC, initial_weights=tuple(weights))
+    settings = ControllerSettings.paper(**BASIC, initial_weights=tuple(weights))
+    controller = AdaptiveController.from_settings(settings)
     controller.command(10.0, 0.0)
     assert not controller.flags.projected
     controller.command(10.0, 1000.0)  # 5 - 0.007 * 1000 * 5 < 0: the singularity of Sec. 6
     assert controller.flags.projected
     assert controller.counters.projected == 1
-    assert (controller.diagnostics.partial_slopes >= controller.settings.slope_min).all()
+    assert (controller.diagnostics.partial_slopes >= settings.slope_limits[0]).all()
 
 
 def test_hold_keeps_the_weights_and_resume_lets_them_go() -> None:
@@ -194,4 +218,116 @@ def test_diagnostics_are_a_read_only_copy() -> None:
     drive(controller, 100, start=100)
     assert np.array_equal(seen.weights, kept)
     assert seen.trace_P > 0
-    assert seen.play_states.shape == seen.partial_slopes.shape == (8,)
+    assert seen.play_states.shape == seen.partial_slopes.shape == (24,)
+    assert seen.weights.shape == (37,)
+
+
+# ---- What an engineer leaves switched on for a year ------------------------------------------------------------------
+
+
+def test_a_spike_is_rejected_and_a_lasting_jump_is_believed() -> None:
+    controller = AdaptiveController(**BASIC)
+    drive(controller, 2000)
+    weights = controller.weights
+    controller.command(15.0, 0.0)
+    controller.adapt(29.0)
+    assert controller.flags.rejected
+    assert np.abs(controller.weights - weights).max() < 0.01
+    for _ in range(3):
+        controller.command(15.0, 0.0)
+        controller.adapt(16.0)
+    assert not controller.flags.rejected
+
+
+def test_an_absurd_measurement_does_no_harm() -> None:
+    for make in (AdaptiveController, AdaptiveController.paper):
+        controller = make(**BASIC)
+        drive(controller, 500)
+        for absurd in (1.7e308, -1e300, 1e4):
+            controller.command(15.0, 0.0)
+            controller.adapt(absurd)
+            assert controller.flags.rejected
+        drive(controller, 500, start=500)
+        assert np.isfinite(controller.weights).all()
+        assert abs(controller.innovation) < 0.5
+
+
+def test_a_sudden_change_is_flagged_once_and_forgotten_soon() -> None:
+    controller, memory, errors = AdaptiveController(**BASIC), 0.0, []
+    rng = np.random.default_rng(3)
+    changes = []
+    for k in range(8000):
+        gain, phase = (1.0 if k < 4000 else 0.8), 0.02 * k * (1 + 0.1 * np.sin(0.0007 * k))
+        z_d = 12.0 - 11.0 * np.cos(phase)
+        x = controller.command(z_d, 440.0 * np.sin(phase))
+        memory = max(x - 0.3, min(x + 0.3, memory))
+        z = gain * (7.0 * x + 4.0 * memory)
+        controller.adapt(z + rng.normal(0.0, 0.013))
+        errors.append(z - z_d)
+        if controller.flags.changed:
+            changes.append(k)
+    assert changes
+    assert 4000 <= changes[0] <= 4010
+    assert len(changes) <= 2
+    assert np.abs(errors[4100:]).max() < 0.25
+    assert controller.counters.changed == len(changes)
+
+
+def test_a_saturated_tick_does_not_teach() -> None:
+    controller = AdaptiveController(**BASIC)
+    drive(controller, 1000)
+    for _ in range(60):
+        controller.command(60.0, 0.0)
+        controller.adapt(20.0)
+        controller.flags  # noqa: B018
+    weights = controller.weights
+    for _ in range(100):
+        controller.command(60.0, 0.0)
+        controller.adapt(20.0)
+    assert controller.flags.saturated
+    assert np.abs(controller.weights - weights).max() < 1e-3  # but for the slow return to the prior
+
+
+@pytest.mark.parametrize("offset", [True, False])
+def test_start_takes_over_where_the_actuator_is(offset) -> None:
+    controller = AdaptiveController(**BASIC, offset=offset)
+    drive(controller, 100)
+    controller.start(volts=1.25, z=17.0)
+    assert controller.command(17.0, 0.0) == pytest.approx(1.25, abs=1e-12)
+    assert controller.counters.commands == 1
+    with pytest.raises(SettingError, match=r"volts = 9.0 V: must be from -0.6 to 3.6 V"):
+        controller.start(volts=9.0, z=0.0)
+
+
+def test_settings_change_without_a_jump() -> None:
+    changed, same = AdaptiveController(**BASIC), AdaptiveController(**BASIC)
+    drive(changed, 1000), drive(same, 1000)
+    changed.change(memory=100.0, trim_rate=10.0, slope_limits=(3.0, 25.0))
+    z_d, rate = 15.0 - 14.0 * np.cos(10.0), 280.0 * np.sin(10.0)
+    assert changed.command(z_d, rate) == pytest.approx(same.command(z_d, rate), abs=0.02)
+    assert changed.settings.trim_rate == 10.0
+    with pytest.raises(SettingError, match="plays = 5: must be left out"):
+        changed.change(plays=5)
+    with pytest.raises(SettingError, match="memory = -1"):
+        changed.change(memory=-1.0)
+    assert changed.settings.memory == 100.0
+
+
+def test_trim_removes_what_the_model_cannot_know_and_does_not_wind_up() -> None:
+    """Adaptation on hold, an actuator with 5 um of offset: the integral alone brings it home."""
+    controller = AdaptiveController(**BASIC, trim_rate=50.0)
+    controller.hold()
+    for _ in range(2000):
+        x = controller.command(10.0, 0.0)
+        z = 10.0 * x + 5.0
+        controller.adapt(z)
+    assert z == pytest.approx(10.0, abs=1e-6)
+    for _ in range(4000):  # out of reach: the integral waits
+        x = controller.command(50.0, 0.0)
+        controller.adapt(10.0 * x + 5.0)
+    back = []
+    for _ in range(2000):
+        back.append(10.0 * controller.command(10.0, 0.0) + 5.0)
+        controller.adapt(back[-1])
+    assert back[-1] == pytest.approx(10.0, abs=1e-6)
+    assert min(back[60:]) > 5.0  # no long swing to the other side

@@ -20,7 +20,8 @@ from sybil.example import SybilFailure
 from sybil.parsers.markdown import CodeBlockParser, PythonCodeBlockParser, SkipParser
 
 import truestroke
-from truestroke import ControllerSettings, SettingError, _kernel, _kernel32, settings
+from truestroke import ControllerSettings, SettingError, _kernel, _kernel32, prior
+from truestroke.settings import MAX_CREEPS, MAX_DEAD_ZONES, MAX_PLAYS, kernel_settings
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -200,10 +201,21 @@ TABLE = table()
 
 def test_table_has_every_member_of_python_and_c() -> None:
     assert [names(row["setting"])[0] for row in TABLE] == [f.name for f in dataclasses.fields(ControllerSettings)]
-    struct = re.search(r"typedef struct \{([^}]*)\} ts_settings;", (ROOT / "c/include/truestroke.h").read_text())
-    assert struct
-    members = re.findall(r"(\w+)(?:\[\w+\])?\s*[,;]", re.sub(r"/\*.*?\*/", "", struct[1]))
-    assert sorted(members) == sorted([*(n for row in TABLE for n in names(row["kernel"])), "dead_zones"])
+    header = re.sub(r"/\*.*?\*/", "", (ROOT / "c/include/truestroke.h").read_text(), flags=re.DOTALL)
+    members = set()
+    for name in ("ts_settings", "ts_kalman_settings"):
+        struct = re.search(rf"typedef struct \{{([^}}]*)\}} {name};", header)
+        assert struct
+        members |= set(re.findall(r"(\w+)(?:\[[^]]+\])?\s*[,;]", struct[1]))
+    inside = {
+        "dead_zones",
+        "kalman",
+        "noise_rate",
+        "ringing_rate",
+        "change_rate",
+        "first_noise",
+    }  # no settings of a user
+    assert members == {n for row in TABLE for n in names(row["kernel"])} | inside
 
 
 @pytest.mark.parametrize("row", TABLE, ids=lambda row: names(row["setting"])[0])
@@ -216,11 +228,12 @@ def test_docstring_speaks_of_the_same_unit(row: dict[str, str]) -> None:
 
 @pytest.mark.parametrize("bench", [BENCH, {"sample_rate": 1e4, "stroke": 12.0, "voltage_limits": (0.0, 10.0)}])
 def test_table_states_the_defaults(bench: dict[str, object]) -> None:
-    made = vars(ControllerSettings(**bench))  # type: ignore[arg-type]
+    settings = ControllerSettings(**bench)  # type: ignore[arg-type]
+    made = {**vars(settings), "q": settings.q, "prior": prior}
     for row in TABLE:
         name, default = names(row["setting"])[0], row["default"].strip("`")
-        if default != "needed":
-            assert eval(default, {**made, "range": range}) == pytest.approx(made[name]), name
+        if default != "needed" and not default.startswith("see "):
+            assert eval(default, {**made, "min": min}) == pytest.approx(made[name]), name
 
 
 @pytest.mark.parametrize("row", [r for r in TABLE if r["bound"][0] in "[("], ids=lambda row: names(row["setting"])[0])
@@ -229,7 +242,6 @@ def test_table_states_the_bounds(row: dict[str, str]) -> None:
     name, bound, inf = names(row["setting"])[0], row["bound"], float("inf")
     low, high = (eval(end, {"inf": inf}, vars(ControllerSettings(**BENCH))) for end in bound[1:-1].split(","))  # type: ignore[arg-type]
     step = 1 if name == "plays" else 1e-3 * max(1.0, abs(low))
-    in_kernel = names(row["kernel"]) == [name] and name != "plays"  # whose number of plays is that of the thresholds
     for end, closed, beyond in ((low, bound[0] == "[", low - step), (high, bound[-1] == "]", high + step)):
         if closed:
             made = ControllerSettings(**BENCH, **{name: end})  # type: ignore[arg-type]
@@ -237,20 +249,34 @@ def test_table_states_the_bounds(row: dict[str, str]) -> None:
         outside = beyond if closed else end
         with pytest.raises(SettingError, match=name):
             ControllerSettings(**{**BENCH, name: outside})  # type: ignore[arg-type]
-        for kernel in (_kernel.Kernel, _kernel32.Kernel) if in_kernel and end not in (1e6, inf) else ():
-            with pytest.raises(ValueError, match=name):
-                kernel(**kernel_arguments(**{name: outside}))  # type: ignore[arg-type]
 
 
-def kernel_arguments(**changed: float) -> dict[str, object]:
-    s = ControllerSettings(**BENCH)  # type: ignore[arg-type]
-    low, high = s.voltage_limits
-    own = {name: getattr(s, name) for row in TABLE for name in names(row["kernel"]) if hasattr(s, name)}
-    del own["plays"]
-    listed = {name: list(value) if isinstance(value, tuple) else value for name, value in own.items()}
-    return {**listed, "voltage_min": low, "voltage_max": high, **changed}
+@pytest.mark.parametrize(
+    ("name", "value", "words"),
+    [
+        ("thresholds", [0.1, 0.2], "thresholds"),
+        ("dead_zone_weights", [0.0], "dead_zone_weights"),
+        ("creep", [0.0] * 4, "terms"),
+        ("bends", 3, "terms"),
+        ("initial_weights", [float("nan")], "initial_weights"),
+        ("rate_scale", -1.0, "rate_scale"),
+        ("filter", 0.0, "Kalman"),
+        ("prior", [0.0], "Kalman"),
+        ("slope_min", 0.0, "slope_limits"),
+        ("slew", 0.0, "slew_limit"),
+        ("voltage_max", -1.0, "voltage_limits"),
+        ("smoothing", 1.0, "smoothing"),
+        ("trim", 2.0, "trim"),
+    ],
+)
+def test_the_kernels_check_again(name: str, value: object, words: str) -> None:
+    good = kernel_settings(ControllerSettings(**BENCH))  # type: ignore[arg-type]
+    for kernel in (_kernel.Kernel, _kernel32.Kernel):
+        kernel(good)
+        with pytest.raises(ValueError, match=words):
+            kernel({**good, name: value})
 
 
 def test_capacities_are_one() -> None:
     for kernel in (_kernel, _kernel32):
-        assert (kernel.MAX_PLAYS, kernel.MAX_DEAD_ZONES) == (settings.MAX_PLAYS, settings.MAX_DEAD_ZONES)
+        assert (kernel.MAX_PLAYS, kernel.MAX_DEAD_ZONES, kernel.MAX_CREEPS) == (MAX_PLAYS, MAX_DEAD_ZONES, MAX_CREEPS)

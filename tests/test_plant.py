@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import butter, find_peaks, sosfilt
 
-from truestroke import AdaptiveController, SettingError
+from truestroke import AdaptiveController, ControllerSettings, SettingError
 from truestroke.plant import EFFECTS, Change, MatchedPlant, MatchedSettings, PlantSettings, RealisticPlant, reference
 from truestroke.plant.noise import Noise
 
@@ -306,9 +306,10 @@ def test_matched_plant_is_inverted_exactly_by_a_controller_that_knows_it():
     z_d, velocity = 12 - 12 * np.cos(2 * np.pi * 3 * t), 12 * 2 * np.pi * 3 * np.sin(2 * np.pi * 3 * t)
     s = MatchedSettings(noise=0.0)
     weights = tuple(np.ravel(list(zip(s.a, s.b, strict=True))))
-    controller = AdaptiveController(
+    settings = ControllerSettings.paper(
         sample_rate=2000.0, stroke=30.0, voltage_limits=(-0.6, 3.6), thresholds=s.thresholds, initial_weights=weights
     )
+    controller = AdaptiveController.from_settings(settings)
     volts = controller.process(z_d, velocity)
     assert MatchedPlant(velocity, s).exchange(volts) == pytest.approx(z_d, abs=1e-12)
     assert np.max(np.abs(MatchedPlant(0 * velocity, s).exchange(volts) - z_d)) > 0.3  # the rate matters

@@ -141,7 +141,7 @@ ts_tick ts_kalman_tick(ts_kalman *k, const ts_kalman_settings *s, const ts_real 
     ts_real predicted = dot(u, w, m), innovation = y ? *y - predicted : 0;
     ts_tick tick = TS_TICK_PASSED;
     memset(delta, 0, sizeof(ts_real) * (size_t)m);
-    if (y && k->started) {
+    if (y && k->variance > 0) { /* after the first update: before it, the model may be far off */
         ts_real most = s->outlier * s->outlier * (k->variance + k->sigma * k->sigma);
         bool spike = innovation * innovation > most;
         if (spike && k->spikes < s->outliers) {

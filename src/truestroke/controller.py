@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -15,6 +16,14 @@ from truestroke._typing import FloatArray
 from truestroke.settings import ControllerSettings, kernel_settings
 
 State = Mapping[str, npt.NDArray[Any]]
+
+CHANGEABLE = (
+    *("memory", "filter_frequency", "model_error", "change_threshold", "change_refractory", "change_gain"),
+    *("change_hysteresis", "change_share", "outlier", "outliers", "forgetting", "covariance_limit"),
+    *("voltage_limits", "slope_limits", "velocity_limit", "slew_limit", "measurement_limit", "smoothing_time"),
+    *("trim_rate", "dead_zone_weights", "rate_scale"),
+)
+"""Settings that `AdaptiveController.change` takes."""
 
 
 class Controller(Protocol):
@@ -81,8 +90,8 @@ class Diagnostics:
     ----------
     innovation : float
         e_m of (15): what the measurement said beyond the model, um.
-    weights : ndarray, shape (2 n,)
-        w = [a0, b0, a1, b1, ...] of (21), um/V.
+    weights : ndarray, shape (m,)
+        w = [a0, b0, a1, b1, ...] of (21), um/V, and those of the other terms, as `ControllerSettings` orders them.
     partial_slopes : ndarray, shape (n,)
         Slopes of the hysteresis branches at the last rate, as the inverse used them, um/V.
     play_states : ndarray, shape (n,)
@@ -105,7 +114,11 @@ class AdaptiveController:
 
         x(t)   = Gamma^-1[z_d, zdot_d](t)                      (9)-(12)
         e_m(t) = w_s'.S_d'[z_a] - w.u(t)                       (15)
-        w     += mu e_m,  P = (P - mu u'P) / lambda            (23)
+        w     += mu e_m                                        (23)
+
+    The default law is a Kalman filter of weights that wander about a prior which follows from stroke and voltage
+    limits; it stays bounded under any input. The model has more plays than the paper's, and terms of creep, lag, offset
+    and asymmetry that are known before the voltage is chosen. `paper` is the literal algorithm.
 
     Parameters
     ----------
@@ -132,8 +145,8 @@ class AdaptiveController:
     ...     z_d = 15.0 + 10.0 * np.sin(0.05 * tick)
     ...     volts = controller.command(z_d, 0.05 * 2000.0 * 10.0 * np.cos(0.05 * tick))
     ...     controller.adapt(10.0 * volts)
-    >>> round(controller.command(20.0, 0.0), 3)
-    2.0
+    >>> round(controller.command(5.0, 0.0), 2)
+    0.5
     """
 
     def __init__(
@@ -159,8 +172,8 @@ class AdaptiveController:
         """The literal algorithm of the paper: the baseline that everything else is compared with.
 
         8 plays, w(0) = [5, 0, ...], c_b = 0.007 s/um, recursive least squares with a fixed forgetting factor. Added
-        are only the guards without which it is not defined: partial slopes are lifted to `slope_min` in the inverse,
-        and P stops growing at `covariance_limit`.
+        are only the guards without which it is not defined: partial slopes are kept above 5 % of q in the inverse,
+        P stops growing at `covariance_limit`, and a measurement beyond `measurement_limit` is rejected.
 
         Examples
         --------
@@ -254,6 +267,49 @@ class AdaptiveController:
         """Back to the first tick: plays at 0 V, w(0), P(0), counters at zero."""
         self._kernel.reset()
 
+    def start(self, volts: float, z: float) -> None:
+        """Take over an actuator that rests at z (um) under `volts` (V), without a jump: the command for z is `volts`.
+
+        Everything that was learned is forgotten, as by `reset`.
+
+        Examples
+        --------
+        >>> controller = AdaptiveController(sample_rate=2000.0, stroke=30.0, voltage_limits=(-0.6, 3.6))
+        >>> controller.start(volts=1.5, z=11.0)
+        >>> round(controller.command(11.0, 0.0), 12)
+        1.5
+        """
+        low, high = self.settings.voltage_limits
+        self._kernel.start(_check.within("volts", volts, low, high, "V"), _check.number("z", z, "um"))
+
+    def change(self, **settings: Any) -> None:
+        """Change settings while running; what was learned stays, and the command does not jump.
+
+        Parameters
+        ----------
+        **settings
+            Members of `ControllerSettings` that are about the law or about safety. The terms of the model, its
+            thresholds, the law and the precision stay as they are: for others make a new controller.
+
+        Raises
+        ------
+        SettingError
+            The setting does not exist, is out of bounds, or would change the model; nothing has changed.
+
+        Examples
+        --------
+        >>> controller = AdaptiveController(sample_rate=2000.0, stroke=30.0, voltage_limits=(-0.6, 3.6))
+        >>> controller.change(trim_rate=20.0)
+        >>> controller.settings.trim_rate
+        20.0
+        """
+        for name, value in settings.items():
+            if name not in CHANGEABLE:
+                raise SettingError(name, value, f"left out: while running one can change {', '.join(CHANGEABLE)}")
+        changed = dataclasses.replace(self.settings, **settings)
+        self._kernel.change(kernel_settings(changed))
+        self.settings = changed
+
     def state(self) -> dict[str, npt.NDArray[Any]]:
         """Everything that a tick leaves behind, as named arrays, for `restore`.
 
@@ -274,7 +330,7 @@ class AdaptiveController:
 
     @property
     def weights(self) -> FloatArray:
-        """w = [a0, b0, a1, b1, ...] of (21), shape (2 n,), um/V."""
+        """w = [a0, b0, a1, b1, ...] of (21), um/V, and those of the other terms, shape (m,)."""
         return np.asarray(self._kernel.weights(), dtype=np.float64)
 
     @property
@@ -283,10 +339,18 @@ class AdaptiveController:
         return self._kernel.innovation()
 
     @property
+    def covariance(self) -> FloatArray:
+        """P, shape (m, m), in the squares of the units of the weights (for (23): 1/V^2)."""
+        return np.asarray(self._kernel.covariance(), dtype=np.float64).reshape(self.weights.size, -1)
+
+    @property
+    def noise(self) -> float:
+        """Standard deviation of the measurement as estimated on line, um; NaN for "rls", which has no such thing."""
+        return self._kernel.noise()
+
+    @property
     def flag_bits(self) -> int:
-        """The flags of the last tick as a bit mask: 1 saturated, 2 projected, 4 rejected, 8 held, 16 changed,
-        32 slewed.
-        """
+        """The flags of the last tick: 1 saturated, 2 projected, 4 rejected, 8 held, 16 changed, 32 slewed."""
         return self._kernel.flags()
 
     @property

@@ -28,17 +28,14 @@ BEND_DEVIATION = 0.05  # of the stroke
 
 
 def thresholds(plays: int, voltage_range: float) -> tuple[float, ...]:
-    """Thresholds r, V: evenly over 0 to `REACH` of the voltage range, with one more between the first two.
+    """Thresholds r, V: evenly over 0 to `REACH` of the voltage range.
 
     Examples
     --------
-    >>> [round(r, 4) for r in thresholds(5, 4.2)]
-    [0.0, 0.1875, 0.375, 0.75, 1.125]
+    >>> [round(r, 4) for r in thresholds(4, 4.2)]
+    [0.0, 0.375, 0.75, 1.125]
     """
-    if plays < 3:
-        return tuple(i / plays * REACH * voltage_range for i in range(plays))
-    step = REACH * voltage_range / (plays - 1)
-    return (0.0, step / 2, *(i * step for i in range(1, plays - 1)))
+    return tuple(i / plays * REACH * voltage_range for i in range(plays))
 
 
 def play_weights(r: Sequence[float], voltage_range: float, first: float) -> FloatArray:
@@ -46,13 +43,15 @@ def play_weights(r: Sequence[float], voltage_range: float, first: float) -> Floa
 
     Examples
     --------
-    >>> play_weights([0.0, 0.1875, 0.375, 0.75, 1.125], 4.2, 8.2).round(3)
-    array([8.2  , 0.687, 0.824, 0.704, 0.45 ])
+    >>> play_weights([0.0, 0.375, 0.75, 1.125], 4.2, 8.0).round(3)
+    array([8.   , 1.584, 1.014, 0.649])
     """
     r_all = np.array(r)
     a = np.full(r_all.size, first)
     if r_all.size > 1:
-        widths = (np.append(r_all[2:], 2 * r_all[-1] - r_all[-2]) - r_all[:-1]) / 2
+        widths = (
+            np.append(r_all[2:], 2 * r_all[-1] - r_all[-2]) - r_all[:-1]
+        ) / 2  # of the thresholds that each stands for
         density = widths * np.exp(-r_all[1:] / voltage_range / DECAY)
         a[1:] = density / density.sum() * HYSTERESIS / FIRST_SLOPE * first
     return a
@@ -85,7 +84,7 @@ def covariance(
     --------
     >>> P0 = covariance(np.array([8.0, 2.0]), (0,), q=7.0, stroke=30.0, creeps=0, lag=False, offset=True, bends=0)
     >>> np.sqrt(np.diag(P0)).round(3)
-    array([2.801, 0.7  , 2.006, 0.9  ])
+    array([2.801, 0.7  , 1.973, 0.9  ])
     """
     hysteresis = np.append(0.0, a[1:])
     own = WEIGHT_DEVIATION[0] * a + WEIGHT_DEVIATION[1] * q
@@ -93,7 +92,8 @@ def covariance(
     of_plays = GAIN_DEVIATION**2 * np.outer(a, a) + HYSTERESIS_DEVIATION**2 * np.outer(hysteresis, hysteresis)
     of_plays += np.diag(own**2)
 
-    place, other = [], []  # of a_i among the parameters; deviation of each other parameter
+    place: list[int] = []  # of a_i among the parameters
+    other: list[float] = []  # deviation of each b_i
     for i in range(a.size):
         place.append(len(place) + len(other))
         if i in rated:

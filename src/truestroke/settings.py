@@ -18,7 +18,7 @@ MAX_PLAYS = 32
 MAX_DEAD_ZONES = 8
 MAX_CREEPS = 8
 MAX_BENDS = 2
-RATED_STEPS = (0, 3, 5, 7)  # which of the default plays have a rate weight: the gradient matters for the first few only
+RATED = (0, 3, 6, 9, 12)  # which of the plays have a rate weight: the gradient matters for the first few only
 UNLIMITED = 1e9  # for a limit that is not there: finite, so that it can be written to any file
 
 
@@ -77,8 +77,10 @@ class ControllerSettings:
         Mean square of the normalised innovation above which the actuator has changed suddenly. Kalman only.
     change_refractory : float
         Least time from one change to the next, s. Kalman only.
-    change_gain, change_hysteresis : float
-        Relative standard deviation of a sudden change: of all play weights, of all but the first. Kalman only.
+    change_gain : float
+        Relative standard deviation of a sudden change of all play weights together, 0 to 1. Kalman only.
+    change_hysteresis : float
+        The same of all but the first, 0 to 1. Kalman only.
     change_share : float
         How far the covariance returns to the prior at a change, 0 to 1. Kalman only.
     outlier : float
@@ -115,7 +117,7 @@ class ControllerSettings:
     --------
     >>> s = ControllerSettings(sample_rate=2000.0, stroke=30.0, voltage_limits=(-0.6, 3.6))
     >>> s.plays, len(s.initial_weights), round(s.initial_sensitivity, 3)
-    (17, 29, 8.214)
+    (24, 37, 8.214)
     >>> ControllerSettings(sample_rate=2000.0, stroke=-30.0, voltage_limits=(-0.6, 3.6))
     Traceback (most recent call last):
         ...
@@ -126,7 +128,7 @@ class ControllerSettings:
     stroke: float
     voltage_limits: tuple[float, float]
     # model
-    plays: int = 17
+    plays: int = 24
     thresholds: tuple[float, ...] = None  # type: ignore[assignment]  # None is filled in by __post_init__
     rated: tuple[int, ...] = None  # type: ignore[assignment]
     creep_times: tuple[float, ...] = (0.003, 0.03, 0.3, 3.0)
@@ -141,11 +143,11 @@ class ControllerSettings:
     # law
     law: Literal["kalman", "rls"] = "kalman"
     prior_covariance: tuple[tuple[float, ...], ...] = None  # type: ignore[assignment]
-    memory: float = 5e4
+    memory: float = 1e5
     filter_frequency: float = None  # type: ignore[assignment]
     model_error: float = None  # type: ignore[assignment]
     change_threshold: float = 12.0
-    change_refractory: float = 0.1
+    change_refractory: float = 0.005
     change_gain: float = 0.15
     change_hysteresis: float = 0.3
     change_share: float = 0.002
@@ -235,7 +237,7 @@ def _model(s: ControllerSettings) -> dict[str, object]:
     else:
         thresholds = _check.ascending("thresholds", s.thresholds, "V")
     plays = _check.count("the number of thresholds", len(thresholds), 1, MAX_PLAYS)
-    rated = tuple(i for i in RATED_STEPS if i < plays) if s.rated is None else s.rated
+    rated = tuple(i for i in RATED if i < plays) if s.rated is None else s.rated
     creep_times = tuple(_check.positive("creep_times", tau, "s") for tau in s.creep_times)
     _check.count("the number of creep_times", len(creep_times), 0, MAX_CREEPS)
     rate_scale = 1 / (50 * s.stroke) if s.rate_scale is None else s.rate_scale

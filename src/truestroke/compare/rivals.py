@@ -6,7 +6,6 @@ comparison, but not the waves themselves.
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
@@ -148,17 +147,16 @@ def _fitted(bench: Workbench, record: Recording, *, rate: bool) -> FittedWeights
         thresholds=[i / PLAYS * REACH * float(volts.max()) for i in range(PLAYS)],
         dead_zone_thresholds=(0.0, settings.stroke / 3, settings.stroke * 2 / 3),
         velocity=velocity if rate else None,
-        slope_min=settings.slope_min,
+        slope_min=0.05 * settings.q,
     )
 
 
 def _started(bench: Workbench, weights: FittedWeights, rate_scale: float) -> ControllerSettings:
     """The law of the paper, which stays as it is, from identified weights."""
-    settings = bench.settings
-    start = ControllerSettings.paper(
-        sample_rate=settings.sample_rate, stroke=settings.stroke, voltage_limits=settings.voltage_limits
+    s = bench.settings
+    return ControllerSettings.paper(
+        sample_rate=s.sample_rate, stroke=s.stroke, voltage_limits=s.voltage_limits, **weights.settings(rate_scale)
     )
-    return dataclasses.replace(start, **weights.settings(rate_scale))
 
 
 def _held(settings: ControllerSettings) -> AdaptiveController:
@@ -191,7 +189,7 @@ def _adaptive_inverse(bench: Workbench, weights: FittedWeights) -> Rival:
     settings = _started(bench, weights, rate_scale=0.0)
 
     def make(forgetting: float) -> Callable[[], Controller]:
-        law = ProjectedGradient(settings.initial_weights, forgetting=forgetting, slope_min=settings.slope_min)
+        law = ProjectedGradient(settings.initial_weights, forgetting=forgetting, slope_min=settings.slope_limits[0])
         return lambda: ReferenceController(settings, law)
 
     best = bench.best({forgetting: make(forgetting) for forgetting in FORGETTING})
