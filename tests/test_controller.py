@@ -194,7 +194,7 @@ def test_a_bad_state_changes_nothing(fault) -> None:
     drive(controller, 50)
     before, bad = controller.state(), controller.state()
     if fault == "missing":
-        del bad["covariance_root"]
+        del bad["lagged_play"]
     elif fault == "size":
         bad["weights"] = bad["weights"][:5]
     else:

@@ -145,8 +145,8 @@ class AdaptiveController:
     ...     z_d = 15.0 + 10.0 * np.sin(0.05 * tick)
     ...     volts = controller.command(z_d, 0.05 * 2000.0 * 10.0 * np.cos(0.05 * tick))
     ...     controller.adapt(10.0 * volts)
-    >>> round(controller.command(5.0, 0.0), 2)
-    0.5
+    >>> round(controller.command(7.5, 0.0), 2)
+    0.75
     """
 
     def __init__(

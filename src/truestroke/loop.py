@@ -25,7 +25,9 @@ SLOW_CHANNELS = {
     "partial_slopes": ("um/V", "slopes of the hysteresis branches as the inverse used them"),
     "trace_P": ("1/V^2", "trace of the covariance"),
 }
-REJECTED = 4  # of the flag bits, the one that `adapt` sets; the others are set by `command`
+FLAGS = "bits: 1 saturated, 2 projected, 4 rejected, 8 held, 16 changed, 32 slewed"
+REJECTED = 4
+FROM_ADAPT = REJECTED | 16  # of the flag bits, those that `adapt` sets; the others are set by `command`
 
 
 class Actuator(Protocol):
@@ -84,7 +86,7 @@ def run(
     Recording
         Entry k of each channel belongs to tick k, whatever block and latency are: time [s], desired [um],
         desired_velocity [um/s], volts [V], measured [um], and what there is of true [um], innovation [um], flags
-        (bits: 1 saturated, 2 projected, 4 rejected, 8 held). Every 10 ms, with weights_time [s]: weights [um/V],
+        (bits: 1 saturated, 2 projected, 4 rejected, 8 held, 16 changed, 32 slewed). Every 10 ms, with weights_time [s]: weights [um/V],
         partial_slopes [um/V], trace_P [1/V^2]. NaN stands where no measurement came, and for the innovation of a
         rejected one.
 
@@ -165,7 +167,7 @@ class _Notes:
 
     def commanded(self, k: int) -> None:
         if self.flagged:
-            self.flags[k] = self.controller.flag_bits & ~REJECTED
+            self.flags[k] = self.controller.flag_bits & ~FROM_ADAPT
 
     def exchanged(self, start: int, stop: int, measured: FloatArray) -> list[float]:
         if measured.shape != (stop - start,):
@@ -181,9 +183,9 @@ class _Notes:
         return values
 
     def adapted(self, k: int) -> None:
-        if self.flagged and self.controller.flag_bits & REJECTED:
-            self.flags[k] |= REJECTED
-        elif self.innovative:
+        bits = self.controller.flag_bits & FROM_ADAPT if self.flagged else 0
+        self.flags[k] |= bits
+        if self.innovative and not bits & REJECTED:
             self.innovation[k] = self.controller.innovation
 
     def snapshot(self) -> None:
@@ -210,7 +212,7 @@ class _Notes:
         if self.innovative:
             channels["innovation"] = Channel(self.innovation, "um", "measurement beyond the model, (15)")
         if self.flagged:
-            channels["flags"] = Channel(self.flags, "", "bits: 1 saturated, 2 projected, 4 rejected, 8 held")
+            channels["flags"] = Channel(self.flags, "", FLAGS)
         channels = {name: dataclasses.replace(c, data=c.data[: self.done]) for name, c in channels.items()}
         return Recording(channels | self._slow_channels(), self.metadata | {"interrupted": interrupted})
 

@@ -245,7 +245,7 @@ class TrackingSummary:
         See `convergence_time`, of the measured error; None if it never settles or the run is shorter than 1 s.
     ticks, missing_ticks : int
         All ticks, and those without a measurement, which are left out.
-    saturated_ticks, projected_ticks, rejected_ticks, held_ticks : int or None
+    saturated_ticks, projected_ticks, rejected_ticks, held_ticks, changed_ticks, slewed_ticks : int or None
         How often each flag was up; None where the controller has no flags.
     """
 
@@ -267,6 +267,8 @@ class TrackingSummary:
     projected_ticks: int | None
     rejected_ticks: int | None
     held_ticks: int | None
+    changed_ticks: int | None
+    slewed_ticks: int | None
 
     def as_dict(self) -> dict[str, float | int | None]:
         """All figures by name, for JSON."""
@@ -331,6 +333,7 @@ def _settled(time: FloatArray, error: FloatArray) -> float | None:
 
 def _flag_counts(recording: Labelled) -> dict[str, Any]:
     bits = {"saturated_ticks": 1, "projected_ticks": 2, "rejected_ticks": 4, "held_ticks": 8}
+    bits |= {"changed_ticks": 16, "slewed_ticks": 32}
     if "flags" not in recording:
         return dict.fromkeys(bits)
     return {name: int(np.count_nonzero(recording["flags"] & bit)) for name, bit in bits.items()}

@@ -44,7 +44,7 @@ def play_weights(r: Sequence[float], voltage_range: float, first: float) -> Floa
     Examples
     --------
     >>> play_weights([0.0, 0.375, 0.75, 1.125], 4.2, 8.0).round(3)
-    array([8.   , 1.584, 1.014, 0.649])
+    array([8.   , 1.697, 1.086, 0.695])
     """
     r_all = np.array(r)
     a = np.full(r_all.size, first)
