@@ -50,8 +50,8 @@ def test_fig7_the_controller_adapts_to_a_sudden_change() -> None:
     assert in_the_end < at_once / 10
     for seed, run in zip(bench.SEEDS, runs, strict=True):
         new = np.array(MatchedPlant([0.0], bench.CHANGE, seed=seed).changed_a)
-        distance = [np.abs(np.cumsum(w[0::2] - new)).max() for w in run["weights"][[249, -1]]]
-        assert distance[1] < distance[0] / 2
+        before, after = (np.abs(np.cumsum(w[0::2] - new))[:2].max() for w in run["weights"][[249, -1]])
+        assert after < min(0.3, before)  # um/V; the first two partial slopes, which every motion uses
 
 
 def test_fig7_is_slow_because_the_covariance_is_small() -> None:

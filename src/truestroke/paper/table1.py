@@ -41,7 +41,7 @@ def draw(rows: list[Row], theme: style.Theme) -> Figure:
         panel.plot(x, [1e3 * row.ours for row in rows[0::3]], "o", color=theme["measured"], label="ours, measured")
         panel.plot(x, [1e3 * row.ours for row in rows[2::3]], "o", color=theme["true"], label="ours, true")
         panel.set(ylabel="rmse, 10 to 20 s (nm)", xlabel="frequency of the sine (Hz)", xlim=(-0.5, 2.5))
-        panel.set_ylim(bottom=0)
+        panel.set_ylim(0, 75)
         panel.set_xticks(list(x), [str(frequency) for frequency in PAPER])
         style.legend_above(panel, 3)
     return figure
