@@ -50,14 +50,10 @@ def reproduce(
     Examples
     --------
     >>> (fig10,) = reproduce(["fig10"])
-    >>> print(fig10)
-    Fig. 10: a sine of 12 Hz
-    quantity            paper   ours  unit
-    rmse, 0.75 to 1 s  0.1211  0.053  um
-    rmse, 10 to 20 s   0.0584  0.036  um
-    true, 0.75 to 1 s       -  0.050  um
-    true, 10 to 20 s        -  0.033  um
-    ...
+    >>> for row in fig10.rows[:2]:
+    ...     print(row.cells())
+    ('rmse, 0.75 to 1 s', '0.1211', '0.053', 'um')
+    ('rmse, 10 to 20 s', '0.0584', '0.036', 'um')
     """
     asked = [names] if isinstance(names, str) else list(names)
     for name in asked:
