@@ -1,0 +1,42 @@
+"""Fig. 8: a typical convergence of the weights."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from truestroke.paper import bench
+from truestroke.paper.reproduction import Reproduction, Row
+from truestroke.plant import MatchedSettings
+from truestroke.report import figures, style
+
+
+def reproduce() -> Reproduction:
+    """The weights that the first wave ends with beside the published ones of the plant (Sec. 4.3)."""
+    plant = MatchedSettings()
+    runs = [bench.simulated_run(seed) for seed in bench.SEEDS]
+    a, b = bench.adapted(runs[0])
+    deviations = [np.abs(bench.adapted(run) - np.array([plant.a, plant.b])).max() for run in runs]
+    rows = (
+        *(Row(f"a{i}", paper, ours, "um/V") for i, (paper, ours) in enumerate(zip(plant.a, a, strict=True))),
+        *(Row(f"b{i}", paper, ours, "um/V") for i, (paper, ours) in enumerate(zip(plant.b, b, strict=True))),
+        Row("largest deviation, 5 waves", None, max(deviations), "um/V"),
+        Row("all partial slopes within 5 %", None, bench.mean([bench.settling_time(r, 8) for r in runs]), "s", 2),
+    )
+    sentence = (
+        "The weights are those of the plant, to within what 50 nm of noise leaves open; the last plays move least and "
+        "are known least."
+    )
+    return Reproduction("fig8", "Fig. 8: simulation, convergence of the weights", rows, sentence, lambda t: draw(t))
+
+
+def draw(theme: style.Theme) -> Figure:
+    """Five seconds; the plant's own weights are dashed."""
+    plant = MatchedSettings()
+    figure = figures.weights(bench.between(bench.simulated_run(bench.SEEDS[0]), 0, 5), theme)
+    for panel, weights in zip(figure.axes, (plant.a, plant.b), strict=True):
+        for weight, colour in zip(weights, theme.series, strict=True):
+            panel.axhline(weight, color=colour, lw=0.8, ls=(0, (2, 3)))
+    with style.use(theme):
+        style.title(figure.axes[0], "Dotted: the weights of the plant")
+    return figure
