@@ -177,6 +177,21 @@ class ControllerSettings:
         return len(self.thresholds) + len(self.rated) + terms
 
     @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters, in their order.
+
+        Examples
+        --------
+        >>> bench = {"sample_rate": 2000.0, "stroke": 30.0, "voltage_limits": (-0.6, 3.6)}
+        >>> ControllerSettings(**bench, plays=2, creep_times=(0.3,), bends=1).names
+        ('a0', 'b0', 'a1', 'creep 0.3 s', 'lag', 'offset', 'bend 1')
+        """
+        plays = [name for i in range(self.plays) for name in ((f"a{i}", f"b{i}") if i in self.rated else (f"a{i}",))]
+        creeps = [f"creep {tau:g} s" for tau in self.creep_times]
+        bends = [f"bend {i + 1}" for i in range(self.bends)]
+        return (*plays, *creeps, *["lag"] * self.lag, *["offset"] * self.offset, *bends)
+
+    @property
     def q(self) -> float:
         """stroke / (highest - lowest voltage), um/V."""
         return self.stroke / (self.voltage_limits[1] - self.voltage_limits[0])

@@ -165,14 +165,15 @@ def _mark(axes: Axes, at: float, text: str, theme: Theme, below: bool = False) -
 
 
 def weights(recording: Recording, theme: Theme = LIGHT) -> Figure:
-    """The adapted weights of (21) against time, a_i above and b_i below, each line with its name at its end."""
-    time, values = recording["weights_time"], recording["weights"]
-    rows = [("a", "weights a (µm/V)", values[:, 0::2])]
-    if np.any(values[:, 1::2]):
-        rows.append(("b", "rate weights b (µm/V)", values[:, 1::2]))
+    """What was learned against time, each line with its name at its end: weights a and b of the plays, other terms.
+
+    Where there are many plays, some of their partial slopes stand for the weights: they mean the same and can be told
+    apart.
+    """
+    time, rows = recording["weights_time"], _learned(recording)
     with style.use(theme):
         figure, axes = style.panels(2.6 * len(rows), len(rows), sharex=True)
-        for panel, (letter, label, lines) in zip(axes, rows, strict=True):
+        for panel, (label, names, lines) in zip(axes, rows, strict=True):
             for i, line in enumerate(lines.T):
                 dash = "-" if i < style.SERIES else (0, (5, 2))
                 panel.plot(*style.thin(time, line, 400), color=theme.series[i % style.SERIES], ls=dash, lw=1.2)
@@ -180,19 +181,45 @@ def weights(recording: Recording, theme: Theme = LIGHT) -> Figure:
             _span(panel, time)
             if panel is axes[0]:
                 _mark_change(panel, recording, theme)
-            _name_ends(panel, letter, lines[-1], theme)
+            _name_ends(panel, names, lines[-1], theme)
         axes[-1].set_xlabel("time (s)")
     return figure
 
 
-def _name_ends(panel: Axes, letter: str, ends: FloatArray, theme: Theme) -> None:
+MANY = 8  # plays that a picture can name
+
+
+def _learned(recording: Recording) -> list[tuple[str, list[str], FloatArray]]:
+    """Rows of the picture of weights: label of the axis, names of the lines, values (times, lines)."""
+    values = recording["weights"]
+    section = recording.metadata.get("controller")
+    names = list(section.get("parameters") or ()) if isinstance(section, dict) else []
+    if len(names) != values.shape[1]:  # a controller of somebody's own
+        names = [f"{letter}{i}" for i in range(values.shape[1] // 2) for letter in "ab"]
+    groups = {
+        letter: [i for i, name in enumerate(names) if name[0] == letter and name[1:].isdigit()] for letter in "ab"
+    }
+    rows = [("weights a (µm/V)", [names[i] for i in groups["a"]], values[:, groups["a"]])]
+    if len(groups["a"]) > MANY and "partial_slopes" in recording.channels:
+        slopes = recording["partial_slopes"]
+        shown = np.unique(np.linspace(0, slopes.shape[1] - 1, MANY).round().astype(int))
+        rows = [("partial slopes (µm/V)", [f"s{i}" for i in shown], slopes[:, shown])]
+    if np.any(values[:, groups["b"]]):
+        rows.append(("rate weights b (µm/V)", [names[i] for i in groups["b"]], values[:, groups["b"]]))
+    creeps = [i for i, name in enumerate(names) if name.startswith("creep")]
+    if creeps:
+        rows.append(("creep (µm/V)", [names[i].removeprefix("creep ") for i in creeps], values[:, creeps]))
+    return rows
+
+
+def _name_ends(panel: Axes, names: list[str], ends: FloatArray, theme: Theme) -> None:
     """Name each line at its right end, in its colour; neighbours keep apart."""
     low, high = panel.get_ylim()
     height = 2.1 * 72  # pt, of a panel
     for i, (end, y) in enumerate(zip(ends, style.spread(ends, 9.5 / height * (high - low), low, high), strict=True)):
-        colour = theme.series[i % style.SERIES]
+        colour, name = theme.series[i % style.SERIES], names[i]
         panel.annotate(
-            f"{letter}{str(i).translate(str.maketrans('0123456789', '₀₁₂₃₄₅₆₇₈₉'))}",
+            name[0] + name[1:].translate(SUBSCRIPTS) if name[1:].isdigit() else name,
             (1.0, end),
             xycoords=("axes fraction", "data"),
             xytext=(1.03, y),
@@ -203,6 +230,9 @@ def _name_ends(panel: Axes, letter: str, ends: FloatArray, theme: Theme) -> None
             annotation_clip=False,
             arrowprops={"arrowstyle": "-", "color": colour, "lw": 0.5, "shrinkA": 0, "shrinkB": 0},
         )
+
+
+SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 
 
 def loop(before: Recording, after: Recording, theme: Theme = LIGHT, seconds: float = 2.0) -> Figure:
