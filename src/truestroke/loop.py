@@ -87,8 +87,8 @@ def run(
         Entry k of each channel belongs to tick k, whatever block and latency are: time [s], desired [um],
         desired_velocity [um/s], volts [V], measured [um], and what there is of true [um], innovation [um], flags
         (bits: 1 saturated, 2 projected, 4 rejected, 8 held, 16 changed, 32 slewed). Every 10 ms, with weights_time
-        [s]: weights [um/V], partial_slopes [um/V], trace_P [1/V^2]. NaN stands where no measurement came, and for the innovation of a
-        rejected one.
+        [s]: weights [um/V], partial_slopes [um/V], trace_P [1/V^2]. NaN stands where no measurement came,
+        and for the innovation of a rejected one.
 
     Raises
     ------
