@@ -83,7 +83,7 @@ def errors(rows: Sequence[Row], theme: Theme = LIGHT) -> Figure:
             panel.plot(rmse, places, "o", color=theme["true"], ms=7, label="rmse", zorder=3)
             panel.plot(largest, places, "D", color=theme["before"], ms=5, label="maximum", zorder=3)
             panel.set(xscale="log", xlabel="error (nm)")
-            panel.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+            panel.xaxis.set_major_locator(LogLocator(subs=(1, 3)))
             panel.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
             panel.xaxis.set_minor_formatter(NullFormatter())
             panel.grid(axis="y", visible=False)
