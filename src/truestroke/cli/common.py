@@ -13,7 +13,7 @@ import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import click
 
@@ -158,9 +158,9 @@ def progress(what: str) -> Iterator[Callable[[int, int], None] | None]:
 
 
 def print_table(columns: Sequence[str], rows: Sequence[Sequence[str]], dim: str = "", left: str = "") -> None:
-    """First column left, the others right; a rule under the head on a terminal, plain text in a pipe.
+    """First column left, the others right, then an empty line; a rule under the head where there is a terminal.
 
-    Columns named `dim` stand back, and one named `left` is at the left, too.
+    A narrow terminal wraps the first column only. Columns named `dim` stand back; one named `left` is left, too.
     """
     from rich.box import SIMPLE_HEAD
     from rich.console import Console
@@ -169,12 +169,16 @@ def print_table(columns: Sequence[str], rows: Sequence[Sequence[str]], dim: str 
     console = Console(highlight=False)
     if not console.is_terminal and "COLUMNS" not in os.environ:
         console = Console(highlight=False, width=PIPE_WIDTH)
-    table = Table(box=SIMPLE_HEAD if console.is_terminal else None, pad_edge=False, padding=(0, 2, 0, 0))
+    box, gap = (SIMPLE_HEAD, 1) if console.is_terminal else (None, 2)
+    table = Table(box=box, pad_edge=False, padding=(0, gap, 0, 0))
     for i, name in enumerate(columns):
-        table.add_column(name, justify="right" if i and name != left else "left", style="dim" if name == dim else None)
+        side: Literal["left", "right"] = "right" if i and name != left else "left"
+        table.add_column(name, justify=side, style="dim" if name == dim else None, no_wrap=i > 0)
     for row in rows:
         table.add_row(*row)
     console.print(table)
+    if not console.is_terminal:  # where the box ends with one
+        click.echo()
 
 
 def print_text(text: str) -> None:

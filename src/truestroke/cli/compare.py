@@ -38,10 +38,9 @@ def compare(seed: int, duration: float, output: str, figures: Path | None, as_js
         return
     for columns, rows in page.tables(found.rows):
         common.print_table(columns, rows, dim="of p-p")
-        click.echo()
     common.print_files(page=page_file, pictures=figures)
     common.suggest(
         ("compare --seed 1", "another wave, other noise"),
         ("track --change-at 10", "the actuator changes suddenly"),
-        ("reproduce", "the paper's tables and figures beside ours"),
+        ("reproduce", "the paper's figures beside ours"),
     )

@@ -63,7 +63,6 @@ def _table(summary: TrackingSummary) -> None:
         for name, cells in words.table(summary)
     ]
     common.print_table(columns, rows, dim="of p-p")
-    click.echo()
     for name, text in words.course(summary):
         click.echo(f"{name:10} {text}")
     flags = ("\n" + " " * 11).join(words.flags(summary)) or "none"
@@ -81,5 +80,5 @@ def _next(recording: Recording) -> list[tuple[str, str]]:
     return [
         first,
         ("compare", "eight controllers on the same actuator"),
-        ("reproduce", "the paper's tables and figures beside ours"),
+        ("reproduce", "the paper's figures beside ours"),
     ]

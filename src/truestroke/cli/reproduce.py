@@ -32,7 +32,6 @@ def reproduce(names: tuple[str, ...], output: str, figures: Path | None, as_json
     for result in results:
         click.secho(result.title, bold=True)
         common.print_table(["quantity", "paper", "ours", "unit"], [row.cells() for row in result.rows], left="unit")
-        click.echo()
         common.print_text(result.sentence)
         click.echo()
     common.print_files(page=page_file, pictures=figures)
