@@ -1,44 +1,57 @@
-# make demo   follow the paper's random wave with a simulated stack, write the page
-# make test   everything that CI runs
+# The two commands of the README: make demo, make test.
 PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 NATIVE := $(shell find c src/bindings -name '*.c' -o -name '*.h' -o -name '*.cpp')
+OLD_PYTHON := truestroke needs Python 3.11 or newer; this is %s. Try: make PYTHON=python3.12
 
-.PHONY: demo test setup c-test lint types imports pytest wheel clean
+.PHONY: help demo test setup images c-test lint types imports pytest wheel clean
+.DEFAULT_GOAL := help
 
-demo: setup
-	$(BIN)/truestroke track
+help:  ## this list
+	@echo 'truestroke: make a piezo actuator go exactly where it is told'
+	@echo
+	@sed -n 's/^\([a-z-]*\):.*  ## \(.*\)/  make \1 \2/p' Makefile | awk '{ $$2 = sprintf("%-8s", $$2); print "  " $$0 }'
 
-test: setup lint types imports c-test pytest wheel
+demo: setup  ## follow the paper's random wave with a simulated stack; writes a page of pictures
+	@$(BIN)/truestroke track
 
-setup: $(VENV)/.ready
+test: setup lint types imports c-test pytest wheel  ## everything that CI runs
 
-$(VENV)/.ready: pyproject.toml CMakeLists.txt $(NATIVE)
-	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "truestroke needs Python 3.11 or newer; this is %s. Try: make PYTHON=python3.12" % sys.version.split()[0])'
-	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --editable '.[dev]'
+setup: $(VENV)/.ready  ## the environment that all of these use, in .venv
+
+$(VENV)/.ready: pyproject.toml CMakeLists.txt Makefile $(NATIVE)
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "$(OLD_PYTHON)" % sys.version.split()[0])'
+	@echo 'Setting up $(VENV), once; this takes a minute.'
+	@$(PYTHON) -m venv $(VENV)
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
 	@touch $@
 
-lint: setup
+images: setup  ## draw the pictures of the README again, into docs/images
+	@mkdir -p build/images
+	@$(BIN)/truestroke track --output build/images/track --figures build/images
+	@$(BIN)/truestroke compare --output build/images/compare --figures build/images
+	@cp build/images/loop-*.png build/images/errors-*.png docs/images/
+
+lint: setup  ## ruff
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 
-types: setup
+types: setup  ## mypy
 	$(BIN)/mypy
 
-imports: setup
+imports: setup  ## the rooms know each other one way only
 	$(BIN)/lint-imports
 
-c-test:
+c-test:  ## the kernel by itself, with sanitisers
 	$(MAKE) -C c test
 
-pytest: setup
+pytest: setup  ## tests in Python, with coverage
 	$(BIN)/python -m pytest -n 2 --cov --cov-report=term
 
-wheel: setup
+wheel: setup  ## a wheel, installed by itself
 	$(BIN)/python tests/wheel.py
 
-clean:
+clean:  ## remove all that these made
 	rm -rf $(VENV) build .mypy_cache .ruff_cache .pytest_cache .import_linter_cache .coverage
 	$(MAKE) -C c clean

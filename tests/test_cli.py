@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import json
+import re
+import signal
 import subprocess
 import sys
+import xml.etree.ElementTree as ET
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +15,11 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
+from truestroke import AdaptiveController
+from truestroke.baselines import ConstantGain
 from truestroke.cli import main
+from truestroke.cli.common import program
+from truestroke.compare import Rival
 from truestroke.plant import RealisticPlant
 from truestroke.recording import Recording
 
@@ -78,8 +85,13 @@ def test_track_prints_the_table_and_where_the_page_is() -> None:
         assert f"{value:.4f} um" in done.stdout, name
     assert "\x1b" not in done.stdout
     assert "converged  " in done.stdout
-    assert "run.html" in done.stdout.split("\n\n")[-2]
-    assert "truestroke track" in done.stdout.splitlines()[-1]
+    files, suggestions = done.stdout.split("\n\n")[-2:]
+    assert "run.html" in files
+    suggested = re.findall(r"^  truestroke (.*?)  ", suggestions, flags=re.MULTILINE)
+    assert {words.split()[0] for words in suggested} == {"track", "compare", "reproduce"}
+    for words in suggested:  # what is suggested exists
+        name, *options = words.split()
+        main.commands[name].make_context(name, options)
     recording = Recording.load("run.h5")
     loop = np.abs(recording["uncompensated"] - recording["desired"]).max()
     assert loop > 5 * errors(Path("run.h5"))["true_maximum_um"]  # before is worse than after
@@ -114,6 +126,7 @@ def test_report_makes_the_same_page_again(tmp_path: Path) -> None:
         (["--trajectory", "triangle"], lambda z: np.ptp(z) == pytest.approx(22.8, abs=0.1)),
         (["--trajectory", "staircase", "--peak-to-peak", "10"], lambda z: z.max() == pytest.approx(10, abs=0.01)),
         (["--sample-rate", "1000"], lambda z: z.size == 2000),
+        (["--velocity-limit", "300"], lambda z: 250 < np.abs(np.diff(z)).max() * 2000 < 310),
         (["--controller", "paper", "--plant", "matched"], lambda z: z.size == 4000),
     ],
 )
@@ -169,6 +182,11 @@ def test_rest_is_a_motion_like_any_other() -> None:
         (["track", "--controller", "magic"], "magic", 2),
         (["track", "--output", "no/such/run"], "mkdir -p no/such", 1),
         (["track", "--output", "."], "is a folder", 2),
+        (["track", "--trajectory", "sine", "--velocity-limit", "3"], "--velocity-limit means nothing", 2),
+        (["track", "--velocity-limit", "0"], "velocity_limit = 0.0 um/s: must be above 0 um/s", 2),
+        (["compare", "--duration", "0.5"], "'--duration': 0.5 is not in the range x>=1.0", 2),
+        (["compare", "--output", "no/such/run"], "mkdir -p no/such", 1),
+        (["reproduce", "fig5"], "'fig5' is not one of 'fig4', 'fig6'", 2),
         (["report", "none.h5"], "none.h5", 2),
         (["report", __file__], "not an HDF5 file", 1),
         (["fly"], "No such command 'fly'", 2),
@@ -186,29 +204,144 @@ def test_errors_are_one_line_that_names_the_argument(arguments: list[str], said:
 
 def test_what_cannot_be_written_is_said_before_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
     Path("run.html").mkdir()
-    monkeypatch.setattr("truestroke.cli._run", lambda *_: pytest.fail("it ran"))
+    monkeypatch.setattr("truestroke.cli.track._run", lambda *_: pytest.fail("it ran"))
     done = call("track", "--output", "run")
     assert done.exit_code == 1
     assert "run.html cannot be written; choose another --output" in done.stderr
 
 
-def test_ctrl_c_keeps_what_was_recorded(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture
+def _two_rivals(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Tuning takes seconds, which most tests can spare."""
+    line = Rival("line", "a ruler", "by eye", lambda: ConstantGain(12.2, (-0.6, 3.6), 3.0))
+    known = {"sample_rate": 2000.0, "stroke": 30.0, "voltage_limits": (-0.6, 3.6)}
+    paper = Rival("paper", "Tan <et al.>", "as printed", lambda: AdaptiveController.paper(**known))
+    monkeypatch.setattr("truestroke.compare.prepare", lambda bench: iter([line, paper]))
+
+
+@pytest.mark.usefixtures("_two_rivals")
+def test_compare_prints_a_table_and_writes_a_page_with_the_tuning() -> None:
+    done = call("compare", "--duration", "2", "--seed", "5", "--output", "rivals", "--figures", "pictures")
+    assert done.exit_code == 0, done.output
+    random, sine, files, _ = done.stdout.split("\n\n")
+    assert re.split(r"  +", random.splitlines()[0].strip())[:3] == ["random wave, 1 to 2 s", "rmse", "of p-p"]
+    assert sine.splitlines()[0].split()[-2:] == ["phase", "lag"]
+    found = {line.split()[0]: float(line.split()[1]) for line in random.splitlines()[1:]}
+    assert 0.3 < found["line"] < 1.5  # um: the hysteresis loop
+    assert 0.01 < found["paper"] < 0.2
+    # The same wave and noise as `track`, so the same error.
+    assert call("track", "--duration", "2", "--seed", "5", "--controller", "paper").exit_code == 0
+    assert found["paper"] == pytest.approx(errors(Path("truestroke-track.h5"))["true_rmse_um"], abs=1e-4)
+    assert "rivals.html" in files
+    page = Path("rivals.html").read_text()
+    ET.fromstring(page.split("\n", 1)[1])  # well-formed
+    for text in (
+        f"{found['paper']:.4f} µm",
+        "a ruler",
+        "by eye",
+        "Tan &lt;et al.&gt;",
+        "compare --seed 5 --duration 2<",
+    ):
+        assert text in page
+    assert page.count("<svg") == 2
+    assert {path.name for path in Path("pictures").iterdir()} == {
+        f"{name}-{theme}.png" for name in ("errors", "traces") for theme in ("light", "dark")
+    }
+
+
+@pytest.mark.usefixtures("_two_rivals")
+def test_compare_as_json() -> None:
+    done = call("compare", "--duration", "2", "--json")
+    assert done.exit_code == 0, done.output
+    printed = json.loads(done.stdout, parse_constant=pytest.fail)
+    assert [row["controller"] for row in printed["rows"]] == ["line", "line", "paper", "paper"]
+    assert [row["wave"] for row in printed["rows"]] == ["random wave", "sine"] * 2
+    assert printed["rivals"][0] == {"controller": "line", "source": "a ruler", "tuning": "by eye"}
+    assert Path(printed["page"]).is_file()
+
+
+def test_reproduce_puts_the_paper_beside_ours() -> None:
+    done = call("reproduce", "fig10", "fig6", "--figures", "pictures")
+    assert done.exit_code == 0, done.output
+    ten, six = done.stdout.index("Fig. 10"), done.stdout.index("Fig. 6")
+    assert ten < six  # in the order asked for
+    row = re.search(r"^rmse, 10 to 20 s +0\.0584 +(0\.\d+)  um", done.stdout[:six], flags=re.MULTILINE)  # Table 1
+    assert row
+    assert 0.02 < float(row[1]) < 0.08
+    page = Path("truestroke-reproduce.html").read_text()
+    ET.fromstring(page.split("\n", 1)[1])
+    assert page.count("<svg") == 2
+    assert row[1] in page
+    assert "truestroke reproduce fig10 fig6<" in page
+    assert len(list(Path("pictures").iterdir())) == 4
+
+
+def test_reproduce_as_json() -> None:
+    done = call("reproduce", "fig10", "--json")
+    assert done.exit_code == 0, done.output
+    (fig10,) = json.loads(done.stdout, parse_constant=pytest.fail)["results"]
+    assert fig10["name"] == "fig10"
+    assert 0.0584 in [row["paper"] for row in fig10["rows"]]
+
+
+@pytest.mark.usefixtures("_without_page")
+def test_recovery_is_told_apart_from_convergence() -> None:
+    for change, converged, recovered in (
+        ("1.5", r"after \d\.\d\d s|from the start", "not known: there is less than 1 s after the change at 1.5 s"),
+        ("0.4", "not known: the change comes within 1 s", "not known: there is less than 1 s before the change"),
+    ):
+        done = call(*SHORT, "--change-at", change)
+        assert done.exit_code == 0, done.output
+        assert re.search(rf"^converged  ({converged})$", done.stdout, flags=re.MULTILINE), done.stdout
+        assert f"recovered  {recovered}" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("end", "code", "said"), [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated")]
+)
+def test_what_was_recorded_is_kept(monkeypatch: pytest.MonkeyPatch, end: signal.Signals, code: int, said: str) -> None:
     calls = iter(range(10**6))
     exchange = RealisticPlant.exchange
 
     def interrupted(plant: RealisticPlant, volts: Any) -> Any:
         if next(calls) == 1500:
-            raise KeyboardInterrupt
+            signal.raise_signal(end)
         return exchange(plant, volts)
 
+    before = signal.getsignal(end)
     with monkeypatch.context() as patch:
         patch.setattr(RealisticPlant, "exchange", interrupted)
         done = call(*SHORT)
-    assert done.exit_code == 130
-    assert done.stderr == ("truestroke: the 1500 ticks so far are in truestroke-track.h5\ntruestroke: interrupted\n")
+    assert signal.getsignal(end) == before
+    assert done.exit_code == code
+    assert done.stderr == f"truestroke: the 1500 ticks so far are in truestroke-track.h5\ntruestroke: {said}\n"
     rest = Recording.load("truestroke-track.h5")
     assert rest["time"].size == 1500
     assert call("report", "truestroke-track.h5").exit_code == 0
+
+
+@pytest.mark.usefixtures("_two_rivals")
+def test_a_comparison_that_is_interrupted_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(RealisticPlant, "exchange", lambda *_: signal.raise_signal(signal.SIGTERM))
+    done = call("compare", "--duration", "2")
+    assert (done.exit_code, done.stderr) == (143, "truestroke: terminated\n")
+    assert not list(Path().iterdir())
+
+
+@pytest.mark.parametrize(
+    ("called", "on_the_path", "shown"),
+    [
+        ("/usr/bin/truestroke", "/usr/bin/truestroke", "truestroke"),
+        (".venv/bin/truestroke", None, ".venv/bin/truestroke"),
+        ("-c", None, "truestroke"),
+    ],
+)
+def test_suggestions_can_be_typed(
+    monkeypatch: pytest.MonkeyPatch, called: str, on_the_path: str | None, shown: str
+) -> None:
+    monkeypatch.setattr("sys.argv", [called])
+    monkeypatch.setattr("shutil.which", lambda name: on_the_path)
+    assert program() == shown
 
 
 def test_version() -> None:

@@ -124,3 +124,18 @@ def test_summary_with_truth_flags_and_gaps():
 def test_bad_input_is_named(call, message):
     with pytest.raises(SettingError, match=message):
         call()
+
+
+def test_recovery_is_counted_from_the_change_and_measured_by_what_was_before():
+    t = np.arange(int(10 * RATE)) / RATE
+    hum = np.sin(2 * np.pi * 100 * t)
+    size = np.select([t < 0.8, t < 6, t < 7.5], [9.0, 1.0, 5.0], 1.5)  # recovers to 1.5 times what it was, after 1.5 s
+    record = {"time": t, "desired": 20 * np.sin(t), "measured": 20 * np.sin(t) + size * hum}
+    s = metrics.summary(record, change=6.0)
+    assert (s.convergence_time_s, s.change_s) == (pytest.approx(0.8, abs=0.03), 6.0)
+    assert s.recovery_time_s == pytest.approx(1.5, abs=0.06)
+    record["measured"] = 20 * np.sin(t) + np.where(t < 7.5, size, 3.0) * hum  # stays three times as bad
+    assert metrics.summary(record, change=6.0).recovery_time_s is None
+    for change in (0.5, 9.5):
+        assert metrics.summary(record, change=change).recovery_time_s is None
+    assert metrics.summary(record).change_s is None

@@ -64,16 +64,18 @@ def peak_to_peak(z: npt.ArrayLike) -> float:
     return float(np.ptp(_check.finite_array("z", z, "um")))
 
 
-def convergence_time(time: npt.ArrayLike, error: npt.ArrayLike) -> float | None:
+def convergence_time(time: npt.ArrayLike, error: npt.ArrayLike, level: float | None = None) -> float | None:
     """Time after which the error stays near what it ends with, s from the start.
 
     The smallest t for which every window of 0.25 s that begins at t or later has
-    sqrt(mean of e^2 over the window) <= 2 sqrt(mean of e^2 over the second half).
+    sqrt(mean of e^2 over the window) <= 2 level.
 
     Parameters
     ----------
     time, error : array_like, shape (ticks,)
         s, evenly spaced, and um; at least four windows long.
+    level : float, optional
+        The rms error that it ends with, um; by default sqrt(mean of e^2 over the second half).
 
     Returns
     -------
@@ -89,12 +91,12 @@ def convergence_time(time: npt.ArrayLike, error: npt.ArrayLike) -> float | None:
     time, error = _check.finite_array("time", time, "s"), _check.finite_array("error", error, "um")
     if time.size != error.size:
         raise SettingError("error", f"array of shape {error.shape}", f"of shape {time.shape}", "um")
-    duration = time.size * (time[-1] - time[0]) / max(time.size - 1, 1) if time.size else 0.0
+    duration = _duration(time)
     if duration < 4 * WINDOW:
         raise SettingError("time", f"{duration:g}", f"at least {4 * WINDOW:g} s long", "s")
     window = round(WINDOW / duration * time.size)
     squares = np.concatenate([[0.0], np.cumsum(error**2)])
-    limit = 4 * np.mean(error[time.size // 2 :] ** 2)
+    limit = 4 * (np.mean(error[time.size // 2 :] ** 2) if level is None else _check.number("level", level, "um") ** 2)
     exceeds = np.flatnonzero((squares[window:] - squares[:-window]) / window > limit * (1 + 1e-9))
     if not exceeds.size:
         return 0.0
@@ -212,6 +214,11 @@ def _branch(grid: FloatArray, x: FloatArray, z: FloatArray) -> FloatArray:
     return np.interp(grid, x[order], z[order])
 
 
+def _duration(time: FloatArray) -> float:
+    """From the start of the first tick to the end of the last, s."""
+    return float(time[-1] - time[0]) * time.size / max(time.size - 1, 1) if time.size else 0.0
+
+
 def _pair(first: npt.ArrayLike, second: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
     a, b = _check.finite_array("desired", first, "um"), _check.finite_array("measured", second, "um")
     if a.shape != b.shape or not a.size:
@@ -229,7 +236,7 @@ def _error(desired: npt.ArrayLike, measured: npt.ArrayLike) -> FloatArray:
 
 @dataclass(frozen=True, kw_only=True)
 class TrackingSummary:
-    """The table of a run. Errors count from `counted_from_s`, convergence and flags over the whole run.
+    """The table of a run. Errors count from `counted_from_s`, flags over the whole run.
 
     Attributes
     ----------
@@ -242,7 +249,12 @@ class TrackingSummary:
     true_rmse_um, true_maximum_um, true_rmse_percent, true_maximum_percent : float or None
         Error without sensor noise; None where the recording has no truth.
     convergence_time_s : float or None
-        See `convergence_time`, of the measured error; None if it never settles or the run is shorter than 1 s.
+        See `convergence_time`, of the measured error, over the whole run, or up to the sudden change where there is
+        one; None if it never settles or there is less than 1 s of it.
+    change_s, recovery_time_s : float or None
+        When the actuator changed suddenly, and the time from then on until the error is again near what it was in the
+        second half before: the `convergence_time` of what follows, to that level. None without a change; the second
+        also if it never is, or if there is less than 1 s of either.
     ticks, missing_ticks : int
         All ticks, and those without a measurement, which are left out.
     saturated_ticks, projected_ticks, rejected_ticks, held_ticks, changed_ticks, slewed_ticks : int or None
@@ -261,6 +273,8 @@ class TrackingSummary:
     true_rmse_percent: float | None
     true_maximum_percent: float | None
     convergence_time_s: float | None
+    change_s: float | None
+    recovery_time_s: float | None
     ticks: int
     missing_ticks: int
     saturated_ticks: int | None
@@ -275,8 +289,8 @@ class TrackingSummary:
         return dataclasses.asdict(self)
 
 
-def summary(recording: Labelled, start: float = 0.5) -> TrackingSummary:
-    """The figures of a run: rmse and maximum of its later part, convergence, flags.
+def summary(recording: Labelled, start: float = 0.5, change: float | None = None) -> TrackingSummary:
+    """The figures of a run: rmse and maximum of its later part, convergence, recovery, flags.
 
     Parameters
     ----------
@@ -284,11 +298,13 @@ def summary(recording: Labelled, start: float = 0.5) -> TrackingSummary:
         With time, desired, measured, and what there is of true and flags.
     start : float
         Part of the duration from which errors count, in [0, 1).
+    change : float, optional
+        When the actuator changed suddenly, s; convergence is then judged before it and recovery after it.
 
     Raises
     ------
     SettingError
-        `start` is outside its bounds, or no measurement is in the counted part.
+        `start` or `change` is outside its bounds, or no measurement is in the counted part.
 
     Examples
     --------
@@ -305,8 +321,10 @@ def summary(recording: Labelled, start: float = 0.5) -> TrackingSummary:
     counted = known & (np.arange(time.size) >= start * time.size)
     if not counted.any():
         raise SettingError("recording", f"{time.size} ticks", f"one with measurements after {start:g} of its duration")
-    duration = float(time[-1] - time[0]) * time.size / max(time.size - 1, 1)
+    duration = _duration(time)
     span = peak_to_peak(desired[counted])
+    changed = np.inf if change is None else _check.number("change", change)
+    converged, recovered = _settled(time[known], (measured - desired)[known], changed)
     none = dict.fromkeys(f"true_{name}" for name in ("rmse_um", "maximum_um", "rmse_percent", "maximum_percent"))
     return TrackingSummary(
         duration_s=duration,
@@ -314,7 +332,9 @@ def summary(recording: Labelled, start: float = 0.5) -> TrackingSummary:
         peak_to_peak_um=span,
         **_errors("measured", desired[counted], measured[counted], span),
         **(_errors("true", desired[counted], recording["true"][counted], span) if "true" in recording else none),
-        convergence_time_s=_settled(time[known], (measured - desired)[known]),
+        convergence_time_s=converged,
+        change_s=change,
+        recovery_time_s=recovered,
         ticks=time.size,
         missing_ticks=int(np.count_nonzero(~known)),
         **_flag_counts(recording),
@@ -327,8 +347,16 @@ def _errors(which: str, desired: FloatArray, z: FloatArray, span: float) -> dict
     return {f"{which}_{k}_um": v for k, v in um.items()} | {f"{which}_{k}_percent": v for k, v in percent.items()}
 
 
-def _settled(time: FloatArray, error: FloatArray) -> float | None:
-    return convergence_time(time, error) if time[-1] - time[0] >= 4 * WINDOW else None
+def _settled(time: FloatArray, error: FloatArray, change: float) -> tuple[float | None, float | None]:
+    """Times of convergence before the change and of recovery after it, s; None where there is too little to tell."""
+    before = time < change
+    if _duration(time[before]) < 4 * WINDOW:
+        return None, None
+    converged = convergence_time(time[before], error[before])
+    if _duration(time[~before]) < 4 * WINDOW:
+        return converged, None
+    usual = error[before][np.count_nonzero(before) // 2 :]
+    return converged, convergence_time(time[~before], error[~before], level=float(np.sqrt(np.mean(usual**2))))
 
 
 def _flag_counts(recording: Labelled) -> dict[str, Any]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import escape
@@ -13,7 +13,6 @@ import jinja2
 import matplotlib
 from matplotlib.figure import Figure
 
-from truestroke import metrics
 from truestroke.recording import Recording
 from truestroke.report import figures, style, words
 from truestroke.report.style import LIGHT, Theme
@@ -21,7 +20,7 @@ from truestroke.report.style import LIGHT, Theme
 
 def pictures(recording: Recording, theme: Theme = LIGHT) -> dict[str, Figure]:
     """Every picture that the channels of `recording` allow, by name, in the order of a page."""
-    converged = metrics.summary(recording).convergence_time_s
+    converged = words.summary(recording).convergence_time_s
     drawn = {
         "tracking": figures.tracking(recording, theme),
         "error": figures.error(recording, converged, theme),
@@ -37,12 +36,17 @@ def pictures(recording: Recording, theme: Theme = LIGHT) -> dict[str, Figure]:
 
 def save_pictures(recording: Recording, directory: str | Path) -> list[Path]:
     """Write every picture as PNG, light and dark, into `directory`; the paths."""
+    return save_all(lambda theme: pictures(recording, theme), directory)
+
+
+def save_all(draw: Callable[[Theme], Mapping[str, Figure]], directory: str | Path) -> list[Path]:
+    """Write the pictures that `draw` gives by name, as NAME-light.png and NAME-dark.png; the paths."""
     directory = Path(directory)
     directory.mkdir(parents=True, exist_ok=True)
     return [
         style.save(figure, directory / f"{name}-{theme.name}.png")
         for theme in (style.LIGHT, style.DARK)
-        for name, figure in pictures(recording, theme).items()
+        for name, figure in draw(theme).items()
     ]
 
 
@@ -55,18 +59,16 @@ def save_page(recording: Recording, path: str | Path) -> Path:
 
 def page(recording: Recording) -> str:
     """The page of `recording` as HTML; it is also well-formed XML."""
-    summary = metrics.summary(recording)
-    environment = jinja2.Environment(loader=jinja2.PackageLoader("truestroke.report"), autoescape=True)
+    summary = words.summary(recording)
     drawn = pictures(recording, style.PAGE)
-    return environment.get_template("page.html.j2").render(
-        light=_variables(style.LIGHT),
-        dark=_variables(style.DARK),
+    return render(
+        "recording",
         title=words.title(recording, summary),
-        run=words.run(recording, summary),
+        lead=words.run(recording, summary),
         span=words.span(summary),
         columns=words.kinds(summary),
         table=[{"name": name, "cells": cells} for name, cells in words.table(summary)],
-        convergence=words.convergence(summary),
+        course=words.course(summary),
         flags=words.flags(summary),
         peak_to_peak=f"{summary.peak_to_peak_um:.1f}",
         simulated="true" in recording.channels,
@@ -79,6 +81,13 @@ def page(recording: Recording) -> str:
         settings=list(_flat(recording.metadata)),
         footer=words.footer(recording),
     )
+
+
+def render(template: str, **content: Any) -> str:
+    """One of the templates, in the colours of both themes."""
+    environment = jinja2.Environment(loader=jinja2.PackageLoader("truestroke.report"), autoescape=True)
+    colours = {theme.name: _variables(theme) for theme in (style.LIGHT, style.DARK)}
+    return environment.get_template(f"{template}.html.j2").render(**colours, **content)
 
 
 def svg(figure: Figure, name: str, description: str) -> str:
@@ -127,4 +136,4 @@ def _short(value: Any) -> str:
     return str(value)
 
 
-__all__ = ["page", "pictures", "save_page", "save_pictures", "svg"]
+__all__ = ["page", "pictures", "render", "save_all", "save_page", "save_pictures", "svg"]

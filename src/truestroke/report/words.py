@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from truestroke import metrics
 from truestroke.metrics import TrackingSummary
 from truestroke.recording import Recording
 
@@ -77,6 +78,11 @@ def change_time(recording: Recording) -> float | None:
     return None if change is None else float(change["time"])
 
 
+def summary(recording: Recording) -> TrackingSummary:
+    """The figures of a recording, which knows when its actuator changed."""
+    return metrics.summary(recording, change=change_time(recording))
+
+
 def title(recording: Recording, summary: TrackingSummary) -> str:
     """The heading of a page: the motion and how well it was followed."""
     kind = kinds(summary)[-1]
@@ -140,12 +146,29 @@ def table(summary: TrackingSummary) -> list[tuple[str, list[tuple[str, str]]]]:
     ]
 
 
-def convergence(summary: TrackingSummary) -> str:
-    """When the error became small, in a few words."""
-    time = summary.convergence_time_s
+def course(summary: TrackingSummary) -> list[tuple[str, str]]:
+    """When the error became small, and small again after a sudden change: rows of (name, in a few words)."""
+    rows = [("converged", _converged(summary))]
+    return rows if summary.change_s is None else [*rows, ("recovered", _recovered(summary, summary.change_s))]
+
+
+def _converged(summary: TrackingSummary) -> str:
+    time, change = summary.convergence_time_s, summary.change_s
     if time is not None:
         return f"after {time:.2f} s" if time > 0 else "from the start"
-    return "not known: the run is shorter than 1 s" if summary.duration_s < 1 else "not within the run"
+    until, end = ("the change", change) if change is not None else ("the end", summary.duration_s)
+    return f"not before {until}" if end >= 1 else f"not known: {until} comes within 1 s"
+
+
+def _recovered(summary: TrackingSummary, change: float) -> str:
+    time, left = summary.recovery_time_s, summary.duration_s - change
+    if time is not None:
+        return (
+            f"{time:.2f} s after the change at {change:g} s" if time > 0 else f"at once from the change at {change:g} s"
+        )
+    if min(left, change) < 1:
+        return f"not known: there is less than 1 s {'after' if left < 1 else 'before'} the change at {change:g} s"
+    return f"not within the {left:.4g} s after the change"
 
 
 def flags(summary: TrackingSummary) -> list[str]:

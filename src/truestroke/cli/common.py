@@ -1,0 +1,224 @@
+"""What all commands share: how they fail, where they write, how they tell their progress, how a table looks."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import shlex
+import shutil
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Literal
+
+import click
+
+from truestroke._check import SettingError
+
+FILES = ("output", "figures", "as_json")  # options that do not change the run
+INTERRUPTED, TERMINATED = 130, 143  # what a shell says after Ctrl-C and after SIGTERM
+PIPE_WIDTH = 120  # columns of a table where there is no terminal
+
+
+class Commands(click.Group):
+    """Commands in the order of the help, whose errors are one line.
+
+    Exit code 2 for a wrong argument, 1 for a failure, 130 for Ctrl-C, 143 for SIGTERM.
+    """
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """As they were added."""
+        return list(self.commands)
+
+    def main(self, *args: Any, **options: Any) -> Any:
+        """Run a command and leave with its exit code."""
+        stopped: list[int] = []
+        try:
+            with _sigterm_as_ctrl_c(stopped):
+                sys.exit(super().main(*args, **{**options, "standalone_mode": False}) or 0)
+        except click.exceptions.NoArgsIsHelpError as asked:
+            click.echo(asked.format_message())
+            sys.exit(0)
+        except click.UsageError as error:
+            where = error.ctx.command_path if error.ctx else "truestroke"
+            _complain(f"{error.format_message()} See: {where} --help", 2)
+        except (click.ClickException, SettingError) as error:
+            message = error.format_message() if isinstance(error, click.ClickException) else str(error)
+            _complain(message, 2 if isinstance(error, SettingError) else 1)
+        except OSError as error:
+            _complain(f"{error.filename or 'file'}: {error.strerror or error}", 1)
+        except (click.Abort, KeyboardInterrupt):
+            _complain("terminated" if stopped else "interrupted", TERMINATED if stopped else INTERRUPTED)
+
+
+@contextmanager
+def _sigterm_as_ctrl_c(stopped: list[int]) -> Iterator[None]:
+    """SIGTERM ends a command as Ctrl-C does, and is noted in `stopped`."""
+    if threading.current_thread() is not threading.main_thread():
+        yield  # only the main thread may set handlers
+        return
+
+    def stop(number: int, frame: object) -> None:
+        stopped.append(number)
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, stop)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def _complain(message: str, code: int) -> None:
+    click.echo(f"truestroke: {' '.join(message.split())}", err=True)
+    sys.exit(code)
+
+
+@contextmanager
+def stoppable() -> Iterator[None]:
+    """A run that was interrupted or failed, of which nothing is kept."""
+    from truestroke.loop import RunInterrupted
+
+    try:
+        yield
+    except RunInterrupted as stop:
+        if isinstance(stop.__cause__, KeyboardInterrupt):
+            raise click.Abort from None
+        raise click.ClickException(str(stop)) from stop
+
+
+# ---- Options -------------------------------------------------------------------------------------------------------
+
+
+def pictures_option(command: Callable[..., Any]) -> Callable[..., Any]:
+    """`--figures FOLDER`."""
+    kind = click.Path(file_okay=False, path_type=Path)
+    return click.option(
+        "--figures", type=kind, metavar="FOLDER", help="Also write each picture as PNG, light and dark."
+    )(command)
+
+
+def json_option(command: Callable[..., Any]) -> Callable[..., Any]:
+    """`--json`."""
+    return click.option("--json", "as_json", is_flag=True, help="Print one JSON object and nothing else.")(command)
+
+
+def outputs(output: str, *endings: str) -> list[Path]:
+    """The files to write, one for each of `endings`; an error now rather than after the run if they cannot be."""
+    stem = Path(output)
+    if stem.suffix in (".h5", ".html"):
+        stem = stem.with_suffix("")
+    if not stem.name or stem.is_dir():
+        raise click.UsageError(f"--output {output}: is a folder; add a name, such as {stem / 'run1'}.")
+    if not stem.parent.is_dir():
+        raise click.ClickException(
+            f"--output {output}: there is no folder {stem.parent}; make it: mkdir -p {stem.parent}"
+        )
+    files = [stem.with_name(stem.name + ending) for ending in endings]
+    for file in files:
+        if not os.access(file if file.exists() else file.parent, os.W_OK) or file.is_dir():
+            raise click.ClickException(f"--output {output}: {file} cannot be written; choose another --output.")
+    return files
+
+
+def as_asked() -> dict[str, Any]:
+    """For recording and page: the options, and the command that repeats them, without those that name files."""
+    context = click.get_current_context()
+    words = ["truestroke", context.info_name or ""]
+    for parameter in context.command.params:
+        name, value = parameter.name or "", context.params.get(parameter.name or "")
+        if context.get_parameter_source(name) is not click.core.ParameterSource.COMMANDLINE or name in FILES:
+            continue
+        flag = [] if isinstance(parameter, click.Argument) else [parameter.opts[0]]
+        words += flag + [str(v).removesuffix(".0") for v in (value if isinstance(value, tuple) else (value,))]
+    options = {name: value for name, value in context.params.items() if name not in FILES}
+    return {"command": shlex.join(words), "options": options}
+
+
+# ---- What is printed -----------------------------------------------------------------------------------------------
+
+
+@contextmanager
+def progress(what: str) -> Iterator[Callable[[int, int], None] | None]:
+    """A bar on stderr where that is a terminal, else nothing."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(what, total=None)
+        yield lambda done, all_of_them: bar.update(task, completed=done, total=all_of_them)
+
+
+def print_table(columns: Sequence[str], rows: Sequence[Sequence[str]], dim: str = "", left: str = "") -> None:
+    """First column left, the others right, then an empty line; a rule under the head where there is a terminal.
+
+    A narrow terminal wraps the first column only. Columns named `dim` stand back; one named `left` is left, too.
+    """
+    from rich.box import SIMPLE_HEAD
+    from rich.console import Console
+    from rich.table import Table
+
+    console = Console(highlight=False)
+    if not console.is_terminal and "COLUMNS" not in os.environ:
+        console = Console(highlight=False, width=PIPE_WIDTH)
+    box, gap = (SIMPLE_HEAD, 1) if console.is_terminal else (None, 2)
+    table = Table(box=box, pad_edge=False, padding=(0, gap, 0, 0))
+    for i, name in enumerate(columns):
+        side: Literal["left", "right"] = "right" if i and name != left else "left"
+        table.add_column(name, justify=side, style="dim" if name == dim else None, no_wrap=i > 0)
+    for row in rows:
+        table.add_row(*row)
+    console.print(table)
+    if not console.is_terminal:  # where the box ends with one
+        click.echo()
+
+
+def print_text(text: str) -> None:
+    """A paragraph, wrapped."""
+    click.echo(click.wrap_text(text, min(PIPE_WIDTH, shutil.get_terminal_size((PIPE_WIDTH, 24)).columns)))
+
+
+def print_json(value: Mapping[str, Any]) -> None:
+    """One object on one line."""
+    click.echo(json.dumps(_finite(value)))
+
+
+def _finite(value: Any) -> Any:
+    """JSON knows neither infinity nor NaN: they become null."""
+    if isinstance(value, Mapping):
+        return {key: _finite(entry) for key, entry in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_finite(entry) for entry in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def print_files(**files: Path | None) -> None:
+    """What was written, a line each: name, path."""
+    for name, path in files.items():
+        if path is not None:
+            click.echo(f"{name:10} {path}{os.sep if path.is_dir() else ''}")
+
+
+def suggest(*commands: tuple[str, str]) -> None:
+    """Commands worth typing next, each with what it shows."""
+    width = max(len(command) for command, _ in commands)
+    click.echo("\nOpen the page in a browser. What next:")
+    for command, shows in commands:
+        click.echo(f"  {program()} {command:{width}}  {shows}")
+
+
+def program() -> str:
+    """How a reader of this terminal calls truestroke: by its name, or by its path where that is not on the PATH."""
+    called = Path(sys.argv[0])
+    if called.name != "truestroke" or shutil.which("truestroke"):
+        return "truestroke"
+    path = os.path.relpath(called)
+    return path if not path.startswith("..") else str(called)

@@ -1,0 +1,46 @@
+"""`truestroke compare`: the controller among its rivals."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from truestroke.cli import common
+
+
+@click.command()
+@click.option("--seed", metavar="N", type=click.IntRange(0), default=0, help="Of the random wave and the sensor noise.")
+@click.option("--duration", metavar="S", type=click.FloatRange(min=1.0), default=20.0, help="Of the random wave; the "
+              "sine takes an eighth of it, at least 2 s.")  # fmt: skip
+@click.option("--output", metavar="NAME", default="truestroke-compare", help="Write NAME.html.")
+@common.pictures_option
+@common.json_option
+def compare(seed: int, duration: float, output: str, figures: Path | None, as_json: bool) -> None:
+    """Follow the same waves with eight controllers.
+
+    No compensation, a PID, fixed and adaptive inverses, LMS, the paper: each identified and tuned by code on the same
+    simulated stack. Prints true rmse, maximum, delay and phase lag over the second half of a random wave and a sine;
+    writes a page of pictures with the source and the tuning of each.
+    """
+    (page_file,) = common.outputs(output, ".html")
+    with common.stoppable(), common.progress("tuning and comparing") as tell:
+        from truestroke import compare as comparing
+
+        found = comparing.run(seed=seed, duration=duration, progress=tell)
+    with common.progress("drawing"):
+        from truestroke.compare import page
+
+        page.save_page(found.rows, found.rivals, page_file, common.as_asked()["command"])
+        pictures = page.save_pictures(found.rows, figures) if figures else []
+    if as_json:
+        common.print_json({**found.as_dict(), "page": str(page_file), "pictures": [str(path) for path in pictures]})
+        return
+    for columns, rows in page.tables(found.rows):
+        common.print_table(columns, rows, dim="of p-p")
+    common.print_files(page=page_file, pictures=figures)
+    common.suggest(
+        ("compare --seed 1", "another wave, other noise"),
+        ("track --change-at 10", "the actuator changes suddenly"),
+        ("reproduce", "the paper's figures beside ours"),
+    )

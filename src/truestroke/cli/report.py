@@ -1,0 +1,84 @@
+"""`truestroke report`: table and page of a recording."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from truestroke.cli import common
+
+if TYPE_CHECKING:
+    from truestroke.metrics import TrackingSummary
+    from truestroke.recording import Recording
+
+SHORTEST = 20  # ticks that can be drawn
+
+
+@click.command()
+@click.argument("recording", type=click.Path(exists=True, dir_okay=False, path_type=Path))
+@click.option("--output", metavar="NAME", help="Write NAME.html.  [default: as RECORDING]")
+@common.pictures_option
+@common.json_option
+def report(recording: Path, output: str | None, figures: Path | None, as_json: bool) -> None:
+    """Make the table and the page of a recording again."""
+    from truestroke.recording import Recording, RecordingError
+
+    (page_file,) = common.outputs(output or str(recording), ".html")
+    try:
+        loaded = Recording.load(recording)
+    except RecordingError as error:
+        raise click.ClickException(str(error)) from None
+    if len(loaded["time"]) < SHORTEST:
+        raise click.ClickException(f"{recording}: {len(loaded['time'])} ticks, a page needs at least {SHORTEST}")
+    finish(loaded, page_file, figures, as_json, recording)
+
+
+def finish(recording: Recording, page_file: Path, figures: Path | None, as_json: bool, recording_file: Path) -> None:
+    """Page and pictures to disk, table and paths to the terminal."""
+    with common.progress("drawing"):
+        from truestroke.report import save_page, save_pictures, words
+
+        save_page(recording, page_file)
+        pictures = save_pictures(recording, figures) if figures else []
+    summary = words.summary(recording)
+    if as_json:
+        files = {"recording": str(recording_file), "page": str(page_file), "pictures": [str(path) for path in pictures]}
+        common.print_json({**summary.as_dict(), **files})
+        return
+    _table(summary)
+    common.print_files(recording=recording_file, page=page_file, pictures=figures)
+    common.suggest(*_next(recording))
+
+
+def _table(summary: TrackingSummary) -> None:
+    from truestroke.report import words
+
+    columns = [words.span(summary)]
+    for kind in words.kinds(summary):
+        columns += [kind, "of p-p"]
+    rows = [
+        [name, *(text for um, percent in cells for text in (f"[bold]{um}[/] um", f"{percent} %"))]
+        for name, cells in words.table(summary)
+    ]
+    common.print_table(columns, rows, dim="of p-p")
+    for name, text in words.course(summary):
+        click.echo(f"{name:10} {text}")
+    flags = ("\n" + " " * 11).join(words.flags(summary)) or "none"
+    click.echo(f"flags      {flags}\n")
+
+
+def _next(recording: Recording) -> list[tuple[str, str]]:
+    """Commands worth typing after this one."""
+    from truestroke.report import words
+
+    if words.change_time(recording) is None:
+        first = ("track --change-at 10", "the actuator changes suddenly")
+    else:
+        first = ("track --change-at 10 --controller paper", "the same with the paper's controller")
+    return [
+        first,
+        ("compare", "eight controllers on the same actuator"),
+        ("reproduce", "the paper's figures beside ours"),
+    ]
