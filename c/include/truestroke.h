@@ -96,7 +96,7 @@ typedef struct {
     ts_real model_error;      /* um: what the model cannot explain; added to the noise */
     ts_real forgetting;       /* per TS_FORGET_EVERY ticks: how far P and w return to the prior */
     ts_real change_threshold; /* mean square of the normalised innovation above which the actuator has changed */
-    ts_real change_rate;      /* per tick: how fast that mean follows */
+    ts_real change_rate;      /* per update: how fast that mean follows */
     int refractory;           /* ticks from one change to the next */
     ts_real change_gain;      /* relative standard deviation of a change: all weights of the plays together */
     ts_real change_hysteresis;/* the same: all but the first together */
@@ -129,10 +129,10 @@ void ts_kalman_init(ts_kalman *k, const ts_real *P0, ts_real sigma, int m);
 
 typedef enum { TS_TICK_USED, TS_TICK_PASSED, TS_TICK_SPIKE } ts_tick;
 
-/* One tick with the regressor u and the measurement *y (NULL: none, or not to be learned from). Adds what it learned to
- * w and leaves it in delta (m reals; zeros unless TS_TICK_USED). */
+/* One tick with the regressor u and the measurement *y (NULL: none came). Adds what it learned to w, if anything:
+ * TS_TICK_USED. Where `learn` is false (hold, a voltage limit) w stays, and the filters start anew afterwards. */
 ts_tick ts_kalman_tick(ts_kalman *k, const ts_kalman_settings *s, const ts_real *w0, const ts_real *P0, ts_real *w,
-                       ts_real *delta, const ts_real *u, const ts_real *y, bool learn, int m);
+                       const ts_real *u, const ts_real *y, bool learn, int m);
 
 /* Moves w onto g.w = value in the metric of P: w += P g (value - g.w) / (g.P g). Keeps what the data said. */
 void ts_kalman_project(const ts_kalman *k, ts_real *w, const ts_real *g, ts_real value, int m);
@@ -156,7 +156,8 @@ typedef struct {
     ts_real dead_zone_weights[TS_MAX_DEAD_ZONES];      /* w_s', 1 (of the inverse) */
     ts_real creep[TS_MAX_CREEPS];                      /* 1 - exp(-T / tau) of each first-order state of the voltage */
     ts_real rate_scale;                                /* c_b, s/um */
-    ts_real stroke;                                    /* um: bends are 4 s (1 - s), 8 s (1 - s)(1 - 2 s), s = z_d / stroke */
+    ts_real stroke;                                    /* um: bends are 4 s (1 - s), 8 s (1 - s)(1 - 2 s), s = z_d / stroke,
+                                                          within -1 <= s <= 2 */
     ts_real initial_weights[TS_MAX_PARAMETERS];        /* w(0), um/V; s for lag; um for offset and bends */
     /* law */
     ts_law law;

@@ -1,6 +1,7 @@
 #include "truestroke.h"
 
 #include <math.h>
+#include <stddef.h>
 #include <string.h>
 
 /* ---- Settings ---------------------------------------------------------------------------------------------------- */
@@ -117,7 +118,10 @@ static void remember_voltage(ts_memory *memory, const ts_settings *s, ts_real x)
 /* The part of the regressor that is known before the voltage is chosen; u is the place of the first of these terms. */
 static void known_terms(const ts_settings *s, const ts_memory *memory, ts_real z_d, ts_real zdot_d, ts_real *u)
 {
-    ts_real along = z_d / s->stroke, bend = 4 * along * (1 - along);
+    ts_real along = z_d / s->stroke;
+    if (along < -1) along = -1; /* further out a polynomial tells nothing, and would overflow */
+    if (along > 2) along = 2;
+    ts_real bend = 4 * along * (1 - along);
     for (int i = 0; i < s->creeps; i++) *u++ = memory->creep[i];
     if (s->lag) *u++ = zdot_d;
     if (s->offset) *u++ = 1;
@@ -206,9 +210,10 @@ static void next_lagged(ts_controller *c)
 static void pass_over(ts_controller *c)
 {
     const ts_settings *s = &c->settings;
+    bool limited = c->limited[c->lagged.ticks % TS_HISTORY];
     next_lagged(c);
     if (s->law == TS_LAW_KALMAN)
-        ts_kalman_tick(&c->law.kalman, &s->kalman, s->initial_weights, s->prior, c->w, c->scratch, c->u, NULL, false,
+        ts_kalman_tick(&c->law.kalman, &s->kalman, s->initial_weights, s->prior, c->w, c->u, NULL, !limited,
                        ts_parameters(s));
 }
 
@@ -240,15 +245,11 @@ static bool project_slope(ts_controller *c, ts_real zdot_d)
 static bool adapt_kalman(ts_controller *c, ts_real y_a, bool learn)
 {
     const ts_settings *s = &c->settings;
-    int m = ts_parameters(s);
-    ts_real *delta = c->scratch, now[TS_MAX_PARAMETERS];
     ts_kalman *k = &c->law.kalman;
-    ts_tick tick = ts_kalman_tick(k, &s->kalman, s->initial_weights, s->prior, c->w, delta, c->u, &y_a, learn, m);
-    if (tick == TS_TICK_USED) { /* what was learned reaches the command by and by, so that it does not ring the stage */
-        int slot = (int)((c->counters.commands - 1) % TS_HISTORY);
-        regressor(s, &c->now, c->z_d[slot], c->zdot_d[slot], now);
-        c->carry += s->smoothing * dot(delta, now, m);
-        for (int i = 0; i < 2 && project_slope(c, i ? -s->velocity_limit : s->velocity_limit); i++) {}
+    ts_tick tick = ts_kalman_tick(k, &s->kalman, s->initial_weights, s->prior, c->w, c->u, &y_a, learn, ts_parameters(s));
+    if (tick == TS_TICK_USED) {
+        project_slope(c, s->velocity_limit); /* slopes are linear in the rate: its two ends are the worst */
+        project_slope(c, -s->velocity_limit);
         c->flags.changed = k->changed;
         c->counters.changed += k->changed;
     }
@@ -260,6 +261,35 @@ static bool adapt_rls(ts_controller *c, bool learn)
     const ts_settings *s = &c->settings;
     return !learn || ts_rls_update(c->w, c->law.S, c->scratch, c->u, c->innovation, s->forgetting, s->covariance_limit,
                                    ts_parameters(s));
+}
+
+/* What was learned reaches the command by and by, so that it does not ring the stage. */
+static void carry_on(ts_controller *c, const ts_real *before)
+{
+    const ts_settings *s = &c->settings;
+    ts_real now[TS_MAX_PARAMETERS], learned[TS_MAX_PARAMETERS];
+    int m = ts_parameters(s), slot = (int)((c->counters.commands - 1) % TS_HISTORY);
+    regressor(s, &c->now, c->z_d[slot], c->zdot_d[slot], now);
+    for (int i = 0; i < m; i++) learned[i] = c->w[i] - before[i];
+    c->carry += s->smoothing * dot(learned, now, m);
+}
+
+/* The trim. At a voltage limit it may only lead away from it; what the slew limit holds back will come by itself. */
+static void integrate(ts_controller *c, ts_real error, ts_real x, bool limited)
+{
+    const ts_settings *s = &c->settings;
+    bool back = (x >= s->voltage_max && error < 0) || (x <= s->voltage_min && error > 0);
+    if (!limited || back) c->integral += s->trim * error;
+}
+
+/* What the branches bring at the voltage of now: the forward of the inverse, with the slopes that it last used. */
+static ts_real brought_by_plays(const ts_controller *c)
+{
+    const ts_settings *s = &c->settings;
+    const ts_real *y = c->now.play, *slope = c->slopes;
+    ts_real sum = 0;
+    for (int j = 0; j + 1 < s->plays; j++) sum += slope[j] * (y[j] - y[j + 1]);
+    return sum + slope[s->plays - 1] * y[s->plays - 1];
 }
 
 /* ---- Public -------------------------------------------------------------------------------------------------------- */
@@ -290,10 +320,9 @@ static void start_law(ts_controller *c)
 
 void ts_controller_reset(ts_controller *c)
 {
-    ts_settings settings = c->settings;
-    memset(c, 0, sizeof *c);
-    c->settings = settings;
-    memcpy(c->w, settings.initial_weights, sizeof(ts_real) * (size_t)ts_parameters(&settings));
+    size_t after = offsetof(ts_controller, w); /* no copy of the settings: they are too large for a small stack */
+    memset((char *)c + after, 0, sizeof *c - after);
+    memcpy(c->w, c->settings.initial_weights, sizeof(ts_real) * (size_t)ts_parameters(&c->settings));
     start_law(c);
     (void)rate_dependent_slopes(c, 0);
 }
@@ -306,11 +335,8 @@ ts_status ts_controller_start(ts_controller *c, ts_real volts, ts_real z)
     ts_play_bank(volts, s->thresholds, c->now.play, s->plays);
     for (int i = 0; i < s->creeps; i++) c->now.creep[i] = volts;
     c->lagged = c->now;
-    ts_real u[TS_MAX_PARAMETERS], y = through_dead_zones(s, z);
-    int m = ts_parameters(s);
-    regressor(s, &c->now, z, 0, u);
-    ts_real missing = y - dot(c->w, u, m);
-    if (s->offset) c->w[m - 1 - s->bends] += missing; /* the unknown position is a constant until data say more */
+    ts_real missing = wanted_of_plays(c, z, 0) - brought_by_plays(c);
+    if (s->offset) c->w[ts_parameters(s) - 1 - s->bends] += missing; /* a constant until data say more */
     else c->carry = -missing;
     return TS_OK;
 }
@@ -327,10 +353,9 @@ ts_status ts_controller_change(ts_controller *c, const ts_settings *next)
     if (!same) return TS_BAD_TERMS;
     c->settings = *next;
     if (c->counters.commands == 0) return TS_OK;
-    ts_real u[TS_MAX_PARAMETERS];
     int slot = (int)((c->counters.commands - 1) % TS_HISTORY);
-    regressor(s, &c->now, c->z_d[slot], c->zdot_d[slot], u);
-    c->carry = dot(c->w, u, ts_parameters(s)) - through_dead_zones(s, c->z_d[slot]) - c->integral;
+    (void)rate_dependent_slopes(c, c->zdot_d[slot]);
+    c->carry += brought_by_plays(c) - wanted_of_plays(c, c->z_d[slot], c->zdot_d[slot]);
     return TS_OK;
 }
 
@@ -363,10 +388,12 @@ ts_status ts_controller_adapt(ts_controller *c, ts_real z, int ago)
         int slot = (int)(c->lagged.ticks % TS_HISTORY);
         bool limited = c->limited[slot];
         next_lagged(c);
-        ts_real y_a = through_dead_zones(s, z);
+        ts_real y_a = through_dead_zones(s, z), before[TS_MAX_PARAMETERS];
+        memcpy(before, c->w, sizeof before);
         c->innovation = y_a - dot(c->w, c->u, ts_parameters(s)); /* (15) */
         used = s->law == TS_LAW_KALMAN ? adapt_kalman(c, y_a, !c->hold && !limited) : adapt_rls(c, !c->hold);
-        if (used && !limited) c->integral += s->trim * (c->z_d[slot] - z);
+        if (used && s->smoothing > 0) carry_on(c, before);
+        if (used) integrate(c, c->z_d[slot] - z, c->x[slot], limited);
     }
     c->flags.rejected = !used;
     c->counters.rejected += !used;

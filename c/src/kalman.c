@@ -60,7 +60,8 @@ static void follow_noise(ts_kalman *k, const ts_kalman_settings *s, ts_real inno
     if (!measured) return;
     if (d < 0) d = -d;
     k->ringing += s->ringing_rate * (d * d / 6 - k->ringing);
-    ts_real most = (ts_real)7.84 * k->sigma;
+    /* Clipped at four standard deviations; what the model cannot explain keeps sigma from dying in long silence. */
+    ts_real most = (ts_real)7.84 * (k->sigma > s->model_error ? k->sigma : s->model_error);
     if (d > most) d = most;
     k->sigma += s->noise_rate * (d / (ts_real)1.9544 - k->sigma);
 }
@@ -77,22 +78,20 @@ static void admit_change(ts_kalman *k, const ts_kalman_settings *s, const ts_rea
                 *P += (gain2 + (k->part[i] == 2 && k->part[j] == 2 ? hysteresis2 : 0)) * w[i] * w[j];
 }
 
-/* Second tick of an update: P -= P u u'P / variance, the return to the prior, and more of it after a change. */
-static void follow_covariance(ts_kalman *k, const ts_kalman_settings *s, const ts_real *w0, const ts_real *P0,
-                              ts_real *w, int m)
+/* Second tick of an update: P -= P u u'P / variance, its return to the prior, and more of it after a change. */
+static void follow_covariance(ts_kalman *k, const ts_kalman_settings *s, const ts_real *P0, const ts_real *w, int m)
 {
     ts_real *P = k->P, inverse = 1 / k->variance, back = 0;
     for (int i = 0; i < m; i++) {
         ts_real gain = k->Pu[i] * inverse;
         for (int j = 0; j <= i; j++) *P++ -= gain * k->Pu[j];
     }
-    k->mixed += 2;
     if (k->mixed >= TS_FORGET_EVERY) {
         k->mixed = 0;
         back = s->forgetting;
-        for (int i = 0; i < m; i++) w[i] += back * (w0[i] - w[i]);
     }
     if (k->changed) back += s->change_share;
+    if (back > 1) back = 1;
     if (back > 0)
         for (int i = 0; i < TS_PACKED(m); i++) k->P[i] += back * (P0[i] - k->P[i]);
     if (k->changed) admit_change(k, s, w, m);
@@ -109,8 +108,9 @@ void ts_kalman_project(const ts_kalman *k, ts_real *w, const ts_real *g, ts_real
     for (int i = 0; i < m; i++) w[i] += step * Pg[i];
 }
 
-/* First tick of an update: the weights. False where P has lost its definiteness, which then starts anew. */
-static bool update(ts_kalman *k, const ts_kalman_settings *s, const ts_real *P0, ts_real *w, ts_real *delta, int m)
+/* First tick of an update: the weights, and their return to the prior. False where P has lost its definiteness, which
+ * then starts anew, and where there is nothing to divide by: no motion, no noise, no error of the model. */
+static bool update(ts_kalman *k, const ts_kalman_settings *s, const ts_real *w0, const ts_real *P0, ts_real *w, int m)
 {
     times(k->P, k->u, k->Pu, m);
     ts_real explained = dot(k->u, k->Pu, m), e = k->y - dot(k->u, w, m);
@@ -120,11 +120,16 @@ static bool update(ts_kalman *k, const ts_kalman_settings *s, const ts_real *P0,
     }
     ts_real floor = s->model_error * s->model_error, quiet = k->sigma * k->sigma;
     ts_real noise = k->ringing / 2 > quiet ? k->ringing / 2 : quiet;
-    k->variance = explained + (noise + floor) / 2; /* every second tick is used: each stands for two */
+    ts_real expected = explained + (quiet + floor) / 2; /* every second tick is used: each stands for two */
+    if (!(expected > 0)) return false;
+    k->variance = explained + (noise + floor) / 2;
     ts_real gain = e / k->variance;
-    for (int i = 0; i < m; i++) w[i] += delta[i] = gain * k->Pu[i];
+    for (int i = 0; i < m; i++) w[i] += gain * k->Pu[i];
+    k->mixed += 2;
+    if (k->mixed >= TS_FORGET_EVERY)
+        for (int i = 0; i < m; i++) w[i] += s->forgetting * (w0[i] - w[i]);
 
-    ts_real nu2 = e * e / (explained + (quiet + floor) / 2);
+    ts_real nu2 = e * e / expected;
     k->change += s->change_rate * ((nu2 < 100 ? nu2 : 100) - k->change);
     k->changed = k->change > s->change_threshold && k->since_change >= s->refractory;
     if (k->changed) {
@@ -136,11 +141,10 @@ static bool update(ts_kalman *k, const ts_kalman_settings *s, const ts_real *P0,
 }
 
 ts_tick ts_kalman_tick(ts_kalman *k, const ts_kalman_settings *s, const ts_real *w0, const ts_real *P0, ts_real *w,
-                       ts_real *delta, const ts_real *u, const ts_real *y, bool learn, int m)
+                       const ts_real *u, const ts_real *y, bool learn, int m)
 {
     ts_real predicted = dot(u, w, m), innovation = y ? *y - predicted : 0;
     ts_tick tick = TS_TICK_PASSED;
-    memset(delta, 0, sizeof(ts_real) * (size_t)m);
     if (y && k->variance > 0) { /* after the first update: before it, the model may be far off */
         ts_real most = s->outlier * s->outlier * (k->variance + k->sigma * k->sigma);
         bool spike = innovation * innovation > most;
@@ -151,10 +155,12 @@ ts_tick ts_kalman_tick(ts_kalman *k, const ts_kalman_settings *s, const ts_real 
         k->spikes = tick == TS_TICK_SPIKE ? k->spikes + 1 : spike ? k->spikes : 0;
     }
     bool measured = y && tick != TS_TICK_SPIKE;
-    follow_noise(k, s, innovation, measured);
-    pass_filter(k, s->filter, u, predicted + innovation, m);
+    if (learn) {
+        follow_noise(k, s, innovation, measured);
+        pass_filter(k, s->filter, u, predicted + innovation, m);
+    } else k->started = false; /* what must not teach must not linger in the filters either */
     if (k->since_change < s->refractory) k->since_change++;
-    if (k->pending) follow_covariance(k, s, w0, P0, w, m);
-    else if (measured && learn && update(k, s, P0, w, delta, m)) tick = TS_TICK_USED;
+    if (k->pending) follow_covariance(k, s, P0, w, m);
+    else if (measured && learn && update(k, s, w0, P0, w, m)) tick = TS_TICK_USED;
     return tick;
 }

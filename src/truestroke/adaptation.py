@@ -1,4 +1,4 @@
-"""Laws that adapt the weights: recursive least squares (19)-(23), and least mean squares (Sec. 6).
+"""Laws that adapt the weights: a bounded Kalman filter, recursive least squares (19)-(23), least mean squares (Sec. 6).
 
 A law is anything with `weights` and `update(u, e_m)`. A law of your own goes into the loop like this:
 
@@ -22,6 +22,7 @@ array([5.02   , 0.     , 0.01775, 0.     ])
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -251,3 +252,255 @@ class LMS:
             raise UpdateRefused(f"epsilon + u'u = {energy} V^2, e_m = {e_m} um")
         if energy > 0:  # at rest at 0 V, with epsilon = 0, there is nothing to learn
             self.weights = self.weights + self.step_size * e_m / energy * u
+
+
+@dataclass(frozen=True, kw_only=True)
+class KalmanSettings:
+    """Settings of `BoundedKalman`: ts_kalman_settings of the kernel, times turned into coefficients of a tick.
+
+    Attributes
+    ----------
+    filter : float
+        alpha: coefficient of each of two poles that regressor and measurement pass through, per tick, 0 to 1.
+    model_error : float
+        What the model cannot explain, um, added to the noise.
+    prior_return : float
+        epsilon: how far w and P return to the prior in `FORGET_EVERY` ticks, 0 to 1.
+    noise_rate, ringing_rate : float
+        How fast the robust estimate of the noise follows, and the wary one; per tick, 0 to 1.
+    change_threshold, change_rate, refractory
+        Mean square of the normalised innovation above which the actuator has changed; how fast that mean follows, per
+        update, 0 to 1; ticks from one change to the next.
+    change_gain, change_hysteresis, change_share : float
+        Relative standard deviation of a change of all play weights together, and of all but the first together; how far
+        P returns to the prior then, 0 to 1.
+    outlier, outliers
+        Normalised innovation above which a measurement is a spike; spikes in a row that are not believed.
+    first_noise : float
+        First guess of the noise, um.
+    """
+
+    filter: float
+    model_error: float
+    prior_return: float = 8e-8
+    noise_rate: float = 1e-3
+    ringing_rate: float = 0.1
+    change_threshold: float = 12.0
+    change_rate: float = 0.2
+    refractory: int = 10
+    change_gain: float = 0.15
+    change_hysteresis: float = 0.3
+    change_share: float = 0.002
+    outlier: float = 12.0
+    outliers: int = 3
+    first_noise: float = 0.03
+
+
+FORGET_EVERY = 16  # ticks: TS_FORGET_EVERY of the kernel
+MEAN_SECOND_DIFFERENCE = 1.9544  # mean of |d| of white noise of deviation 1: sqrt(6) sqrt(2 / pi)
+CLIP = 7.84  # of sigma: four times that mean, where the robust estimate of the noise stops to listen
+SURPRISE = 100.0  # largest normalised innovation, squared, that counts for a change: one alone must not fire it
+
+
+class BoundedKalman:
+    """A Kalman filter of weights that wander about a prior, so that it stays bounded under any input.
+
+    The weights are taken for an Ornstein-Uhlenbeck process about (w0, P0). With the regressor u and the measurement y,
+    both behind two equal poles::
+
+        e = y - w.u,   s = u'P u + R / 2                                   innovation and its variance
+        w = w + P u e / s,   P = P - P u u'P / s                           Kalman
+        w = w + epsilon (w0 - w),   P = P + epsilon (P0 - P)               return to the prior, every 16 ticks
+
+    Why each part is there:
+
+    - *Return to the prior* in place of forgetting: forgetting winds P up where nothing excites it, and a later motion
+      makes the weights jump. Here P <= P0 for ever, and where nothing confirms w it ends at w0.
+    - *Two poles* keep the stage's resonance out: a law of high gain would ring with it. The linear relation of u and y
+      stays, as both pass the same filter.
+    - *Noise on line*, R = max(sigma^2, ringing / 2) + model_error^2, from the second difference of the innovation
+      d = e(k) - 2 e(k-1) + e(k-2), which the slow errors of the model do not reach. E d^2 = 6 sigma^2, E |d| = 1.9544
+      sigma. The robust sigma clips d at four deviations; the wary one lets ringing after a jump count as noise.
+    - *Every second tick teaches*: w moves in the first, P follows in the second, so that the kernel's load is even.
+      Hence R / 2: each equation stands for two.
+    - *Spikes*: e^2 > outlier^2 (s + sigma^2) up to three times in a row is a fault of the sensor; then it is believed.
+    - *Changes*: the mean of e^2 / (u'P u + (sigma^2 + model_error^2) / 2), each at most 100, above a threshold. P then
+      grows along what actuators do: all play weights together, and the hysteresis together, in proportion to w; and by
+      a share of the prior. After that it waits for the refractory time.
+    - *What must not teach* (hold, a voltage limit) leaves w as it is, and the poles start anew behind it.
+
+    Parameters
+    ----------
+    initial_weights : array_like, shape (m,)
+        w0, um/V: the first weights and the mean of the prior.
+    prior_covariance : array_like, shape (m, m)
+        P0, symmetric and positive definite, in the squares of the units of w.
+    part : array_like of int, shape (m,)
+        1 where the weight is of the first play, 2 where it is of another play, 0 for anything else.
+    settings : KalmanSettings
+        The rest.
+
+    Attributes
+    ----------
+    weights : ndarray, shape (m,)
+        w, um/V.
+    P : ndarray, shape (m, m)
+        Covariance of w.
+    sigma : float
+        Noise of a measurement, um.
+    changed : bool
+        The last update found that the actuator has changed.
+
+    Raises
+    ------
+    SettingError
+        Names the argument, its value, the bound and the unit.
+
+    References
+    ----------
+    Jazwinski, Stochastic Processes and Filtering Theory, Academic Press 1970, ch. 7. Rousseeuw and Croux, J. Am. Stat.
+    Assoc. 88 (1993) 1273, on robust scale.
+
+    Examples
+    --------
+    One equation for two weights, of which the prior knows the second; noise of 1 um on every second tick:
+
+    >>> settings = KalmanSettings(filter=1.0, model_error=math.sqrt(2.0), first_noise=0.0, noise_rate=0, ringing_rate=0)
+    >>> law = BoundedKalman([5.0, 1.0], np.diag([3.0, 0.5]), [1, 2], settings)
+    >>> law.update(np.array([1.0, 0.0]), 4.0)
+    >>> law.weights.round(6)
+    array([8., 1.])
+    """
+
+    def __init__(
+        self,
+        initial_weights: npt.ArrayLike,
+        prior_covariance: npt.ArrayLike,
+        part: npt.ArrayLike,
+        settings: KalmanSettings,
+    ) -> None:
+        self.w0 = _check.finite_array("initial_weights", initial_weights, "um/V").copy()
+        m = self.w0.size
+        self.P0 = _check.finite_array("prior_covariance", prior_covariance, ndim=2).copy()
+        if self.P0.shape != (m, m):
+            raise SettingError("prior_covariance", f"array of shape {self.P0.shape}", f"of shape ({m}, {m})")
+        is_play, is_other = np.asarray(part) > 0, np.asarray(part) == 2
+        self._together, self._hysteresis = np.outer(is_play, is_play), np.outer(is_other, is_other)
+        self.take(settings)
+        self.weights, self.P = self.w0.copy(), self.P0.copy()
+        self.u1 = self.u = np.zeros(m)  # the regressor behind one and two poles
+        self.y1 = self.y = 0.0  # the measurement behind one and two poles, um
+        self.Pu = np.zeros(m)
+        self.variance = 0.0  # s of the last update, um^2
+        self.sigma, self.ringing = settings.first_noise, 0.0  # um, um^2
+        self.e1 = self.e2 = 0.0  # innovations of the last two ticks, um
+        self.change, self.since_change, self.spikes, self.mixed = 0.0, 2**31 - 1, 0, 0
+        self.started = self.pending = self.changed = False
+
+    def take(self, settings: KalmanSettings) -> None:
+        """New settings; w and P stay."""
+        self.settings = settings
+        gain, hysteresis = settings.change_gain, settings.change_hysteresis
+        self._change = gain * gain * self._together + hysteresis * hysteresis * self._hysteresis
+
+    def update(self, u: FloatArray, e_m: float | None, learn: bool = True) -> None:
+        """One tick with the regressor u and the innovation e_m, um; None: no measurement came.
+
+        Raises `UpdateRefused` where the measurement is a spike.
+        """
+        spike = e_m is not None and self._is_spike(e_m)
+        measured = e_m is not None and not spike
+        innovation = e_m if e_m is not None and not spike else 0.0
+        if learn:
+            self._follow_noise(innovation, measured)
+            self._filter(u, float(dot(u, self.weights)) + innovation)
+        else:
+            self.started = False
+        if self.since_change < self.settings.refractory:
+            self.since_change += 1
+        if self.pending:
+            self._follow_covariance()
+        elif measured and learn:
+            self._update_weights()
+        if spike:
+            raise UpdateRefused(f"e_m = {e_m} um is a spike")
+
+    def _is_spike(self, e_m: float) -> bool:
+        s = self.settings
+        if self.variance == 0:  # before the first update the model may be far off
+            return False
+        beyond = e_m * e_m > s.outlier * s.outlier * (self.variance + self.sigma * self.sigma)
+        spike = beyond and self.spikes < s.outliers
+        self.spikes = self.spikes + spike if beyond else 0
+        return spike
+
+    def _follow_noise(self, innovation: float, measured: bool) -> None:
+        s = self.settings
+        d = abs(innovation - 2 * self.e1 + self.e2)
+        self.e1, self.e2 = innovation, self.e1
+        if measured:
+            self.ringing += s.ringing_rate * (d * d / 6 - self.ringing)
+            clipped = min(
+                d, CLIP * max(self.sigma, s.model_error)
+            )  # model_error: so that sigma does not die in silence
+            self.sigma += s.noise_rate * (clipped / MEAN_SECOND_DIFFERENCE - self.sigma)
+
+    def _filter(self, u: FloatArray, y: float) -> None:
+        alpha = self.settings.filter
+        if not self.started:
+            self.u1, self.u, self.y1, self.y, self.started = u, u, y, y, True
+        self.u1 = self.u1 + alpha * (u - self.u1)
+        self.u = self.u + alpha * (self.u1 - self.u)
+        self.y1 += alpha * (y - self.y1)
+        self.y += alpha * (self.y1 - self.y)
+
+    def _update_weights(self) -> None:
+        """First tick of an update."""
+        s = self.settings
+        self.Pu = dot(self.P, self.u)
+        explained, e = float(dot(self.u, self.Pu)), self.y - float(dot(self.u, self.weights))
+        if not (explained >= 0 and math.isfinite(explained * e)):  # never seen: P lost its definiteness to rounding
+            self.P = self.P0.copy()
+            return
+        floor, quiet = s.model_error * s.model_error, self.sigma * self.sigma
+        expected = explained + (quiet + floor) / 2
+        if not expected > 0:  # no motion, no noise, no error of the model: nothing to divide by
+            return
+        self.variance, self.pending = explained + (max(self.ringing / 2, quiet) + floor) / 2, True
+        self.weights = self.weights + e / self.variance * self.Pu
+        self.mixed += 2
+        if self.mixed >= FORGET_EVERY:
+            self.weights = self.weights + s.prior_return * (self.w0 - self.weights)
+        self._detect_change(e * e / expected)
+
+    def _detect_change(self, surprise: float) -> None:
+        s = self.settings
+        self.change += s.change_rate * (min(surprise, SURPRISE) - self.change)
+        self.changed = self.change > s.change_threshold and self.since_change >= s.refractory
+        if self.changed:
+            self.since_change, self.change = 0, 0.0
+
+    def _follow_covariance(self) -> None:
+        """Second tick of an update."""
+        s, back = self.settings, 0.0
+        P = self.P - np.outer(self.Pu * (1 / self.variance), self.Pu)
+        if self.mixed >= FORGET_EVERY:
+            self.mixed, back = 0, s.prior_return
+        if self.changed:
+            back += s.change_share
+        if back > 0:
+            P += min(back, 1.0) * (self.P0 - P)
+        if self.changed:
+            P += self._change * self.weights[:, np.newaxis] * self.weights
+        self.P = np.tril(P) + np.tril(P, -1).T  # the kernel keeps the lower triangle
+        self.pending = self.changed = False
+
+    def project(self, g: FloatArray, value: float) -> None:
+        """Move w onto the plane g.w = value: w = w + P g (value - g.w) / (g'P g).
+
+        Of all points of the plane it is the nearest one in the metric of P^-1: what the data said weighs most.
+        """
+        Pg = dot(self.P, g)
+        g_Pg = float(dot(g, Pg))
+        if g_Pg > 0:
+            self.weights = self.weights + (value - float(dot(g, self.weights))) / g_Pg * Pg

@@ -178,33 +178,118 @@ def play_inverse(y_d: float, slopes: npt.ArrayLike, r: npt.ArrayLike, y: npt.Arr
     return float(x + gap / slope)
 
 
-def lift_slopes(w_h: FloatArray, slope_min: float) -> tuple[FloatArray, bool]:
-    """Partial sums of the weights, each at least `slope_min`: the guard that keeps the inverse defined (Sec. 6).
+def limit_slopes(slopes: FloatArray, limits: tuple[float, float]) -> tuple[FloatArray, bool]:
+    """Partial sums of the weights, each within its limits: the guard that keeps the inverse defined (Sec. 6).
 
     Not in the paper, which asks that negative slopes be avoided and does not say how. The weights stay as they are.
 
     Parameters
     ----------
-    w_h : ndarray, shape (n,)
-        Weights, um/V.
-    slope_min : float
-        Smallest slope, um/V, above 0.
+    slopes : ndarray, shape (n,)
+        Slopes of the branches, um/V.
+    limits : tuple[float, float]
+        Smallest, above 0, and largest slope, um/V.
 
     Returns
     -------
     slopes : ndarray, shape (n,)
-        Slopes of the branches, um/V.
-    lifted : bool
-        Whether a slope had to be lifted.
+        Slopes of the branches, um/V; NaN becomes the smallest.
+    moved : bool
+        Whether a slope had to be moved.
 
     Examples
     --------
-    >>> lift_slopes(np.array([5.0, -6.0, 3.0]), 0.25)
-    (array([5.  , 0.25, 2.  ]), True)
+    >>> limit_slopes(np.array([5.0, -1.0, 2.0]), (0.25, 4.0))
+    (array([4.  , 0.25, 2.  ]), True)
     """
-    sums = np.cumsum(w_h)
-    enough = sums >= slope_min
-    return np.where(enough, sums, slope_min), not bool(enough.all())
+    low, high = limits
+    within = np.where(slopes >= low, np.minimum(slopes, high), low)
+    return within, not bool(np.array_equal(within, slopes))
+
+
+# ---- Terms of the regressor --------------------------------------------------------------------------------------
+
+
+def play_terms(H: FloatArray, rate: float, rated: npt.ArrayLike) -> FloatArray:
+    """The part of the regressor (20) that the plays make: [H_0, rate H_0, H_1, ...].
+
+    Parameters
+    ----------
+    H : ndarray, shape (n,)
+        Play states, V.
+    rate : float
+        c_b zdot_d of (20), without unit.
+    rated : array_like of bool, shape (n,)
+        Which plays have a rate weight; the entries of the others are left out.
+
+    Examples
+    --------
+    >>> play_terms(np.array([1.0, 0.5]), 0.1, [True, False])
+    array([1. , 0.1, 0.5])
+    """
+    both = np.column_stack([H, rate * H])
+    terms: FloatArray = both[np.column_stack([np.ones(H.size, dtype=bool), np.asarray(rated)])]
+    return terms
+
+
+def creep_step(c: FloatArray, x: float, share: FloatArray) -> FloatArray:
+    """Creep states after a tick: first-order lags of the voltage, c + share (x - c), share = 1 - exp(-T / tau).
+
+    Parameters
+    ----------
+    c : ndarray, shape (k,)
+        States before, V.
+    x : float
+        Voltage of the last tick, V: the states are known before the next voltage is chosen.
+    share : ndarray, shape (k,)
+        1 - exp(-T / tau), above 0, at most 1.
+
+    Examples
+    --------
+    >>> creep_step(np.array([0.0, 1.0]), 2.0, np.array([0.5, 0.1]))
+    array([1. , 1.1])
+    """
+    return c + share * (x - c)
+
+
+def bends(z_d: float, stroke: float, count: int) -> list[float]:
+    """Terms of asymmetry: the first `count` of 4 s (1 - s) and 8 s (1 - s)(1 - 2 s), with s = z_d / stroke.
+
+    They act on the desired displacement, which is known before the voltage. Beyond -1 <= s <= 2 they stay as they are.
+
+    Parameters
+    ----------
+    z_d, stroke : float
+        Desired displacement and length of the travel, um.
+    count : int
+        0 to 2.
+
+    Examples
+    --------
+    >>> bends(7.5, 30.0, 2)
+    [0.75, 0.75]
+    """
+    s = min(max(z_d / stroke, -1.0), 2.0)
+    first = 4 * s * (1 - s)
+    return [first, 2 * first * (1 - 2 * s)][:count]
+
+
+def known_terms(
+    creep: FloatArray, z_d: float, zdot_d: float, *, lag: bool, offset: bool, stroke: float, bend_count: int
+) -> FloatArray:
+    """The part of the regressor that is known before the voltage is chosen, so that the inverse stays a walk.
+
+    Returns
+    -------
+    ndarray
+        Creep states, V; where asked for zdot_d, um/s (its weight is a delay, s), and 1 (an offset, um); `bends`.
+
+    Examples
+    --------
+    >>> known_terms(np.array([0.5]), 7.5, 20.0, lag=True, offset=True, stroke=30.0, bend_count=1)
+    array([ 0.5 , 20.  ,  1.  ,  0.75])
+    """
+    return np.array([*creep, *[zdot_d] * lag, *[1.0] * offset, *bends(z_d, stroke, bend_count)])
 
 
 # ---- Models ------------------------------------------------------------------------------------------------------

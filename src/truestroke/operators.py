@@ -126,5 +126,8 @@ def dot(a: FloatArray, b: FloatArray) -> FloatArray:
     >>> dot(np.array([[1.0, 2.0], [3.0, 4.0]]), np.array([10.0, 1.0]))
     array([12., 34.])
     """
-    total: FloatArray = np.cumsum(a * b, axis=-1)[..., -1]
+    products = a * b
+    if products.shape[-1] == 0:
+        return np.zeros(products.shape[:-1])
+    total: FloatArray = np.cumsum(products, axis=-1)[..., -1]
     return total

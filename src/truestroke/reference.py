@@ -7,33 +7,62 @@ some hundred times slower: `AdaptiveController` is for the loop.
 from __future__ import annotations
 
 import copy
-from dataclasses import dataclass, field
+import math
+from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 
 from truestroke import _check
 from truestroke._check import SettingError
 from truestroke._typing import FloatArray
-from truestroke.adaptation import RLS, Law, UpdateRefused
-from truestroke.models import lift_slopes, play_inverse
+from truestroke.adaptation import RLS, BoundedKalman, KalmanSettings, Law, UpdateRefused
+from truestroke.models import creep_step, known_terms, limit_slopes, play_inverse, play_terms
 from truestroke.operators import dead_zone, dot, play
-from truestroke.settings import ControllerSettings
+from truestroke.settings import ControllerSettings, kernel_settings
 
 HISTORY = 64
 """Commands that may wait for their measurement: `ago` is at most one less. TS_HISTORY of the kernel."""
 
 
-@dataclass
-class _Tick:
-    """What a tick leaves behind, in the order in which Fig. 5 makes it."""
+@dataclass(frozen=True)
+class _Command:
+    """A tick that waits for its measurement."""
 
-    play_states: FloatArray  # forward play states after the last command, V
-    partial_slopes: FloatArray  # of the inverse, um/V
-    lagged_states: FloatArray  # play states at the tick that was measured last, V
-    lagged_tick: int = 0  # ticks that lagged_states has seen
-    waiting: dict[int, tuple[float, float]] = field(default_factory=dict)  # tick: (x, zdot_d), not yet in lagged_states
-    innovation: float = 0.0  # e_m of (15), um
-    held: bool = False
+    x: float  # V
+    z_d: float  # um
+    zdot_d: float  # um/s
+    limited: bool  # the voltage met a limit
+
+
+@dataclass
+class _Memory:
+    """What the model sees of the voltage: the same for the tick that is commanded and for the one that is measured."""
+
+    play: FloatArray  # play states, V; the first is the voltage of the last tick
+    creep: FloatArray  # first-order states, V
+    ticks: int = 0  # that it has seen
+
+
+def law_of(settings: ControllerSettings) -> Law:
+    """The law that the settings ask for, at its start."""
+    s = settings
+    if s.law == "rls":
+        memory = {"forgetting": s.forgetting, "regularization": s.regularization}
+        return RLS(s.initial_weights, **memory, covariance_limit=s.covariance_limit)
+    return BoundedKalman(s.initial_weights, s.prior_covariance, _parts(s), _kalman_settings(s))
+
+
+def _parts(s: ControllerSettings) -> FloatArray:
+    """Of each parameter: 1 for the weight of the first play, 2 for that of another play, 0 for anything else."""
+    rated = [i in s.rated for i in range(s.plays)]
+    plays = play_terms(np.array([1.0, *[2.0] * (s.plays - 1)]), 0.0, rated)
+    return np.concatenate([plays, np.zeros(s.parameters - plays.size)])
+
+
+def _kalman_settings(s: ControllerSettings) -> KalmanSettings:
+    coefficients = kernel_settings(s)
+    return KalmanSettings(**{f.name: coefficients[f.name] for f in fields(KalmanSettings)})
 
 
 class ReferenceController:
@@ -44,8 +73,9 @@ class ReferenceController:
     settings : ControllerSettings
         The same settings; `precision` must be "double".
     law : Law, optional
-        What adapts the weights: an object with `weights`, shape (2 n,), um/V, and `update(u, e_m)`. By default `RLS`
-        with the forgetting factor, regularization and covariance limit of the settings.
+        What adapts the weights: an object with `weights`, shape (m,), in the order of the settings, and
+        `update(u, e_m)`. By default the one of the settings: `BoundedKalman` or `RLS`. A law of your own learns at
+        every measured tick; it takes no part in spikes, changes and the limits of the slopes.
 
     Attributes
     ----------
@@ -54,7 +84,8 @@ class ReferenceController:
     law : Law
         The law in use; `reset` puts a copy of the one that was given in its place.
     counters : dict[str, int]
-        Commands, adaptations, and saturated, projected and rejected ticks since the start or the last reset.
+        Commands, adaptations, and saturated, projected, rejected, changed and slewed ticks since the start or the last
+        reset.
 
     Raises
     ------
@@ -69,8 +100,8 @@ class ReferenceController:
     ...     z_d = 15.0 + 10.0 * np.sin(0.05 * tick)
     ...     volts = controller.command(z_d, 0.05 * 2000.0 * 10.0 * np.cos(0.05 * tick))
     ...     controller.adapt(10.0 * volts)
-    >>> round(controller.command(20.0, 0.0), 3)
-    2.0
+    >>> round(controller.command(10.0, 0.0), 3)
+    1.0
     """
 
     def __init__(self, settings: ControllerSettings, law: Law | None = None) -> None:
@@ -78,30 +109,73 @@ class ReferenceController:
             raise SettingError(
                 "precision", repr(settings.precision), "'double': NumPy states the paper in double alone"
             )
-        if law is None:
-            law = RLS(
-                settings.initial_weights,
-                forgetting=settings.forgetting,
-                regularization=settings.regularization,
-                covariance_limit=settings.covariance_limit,
-            )
-        if np.shape(law.weights) != (2 * settings.plays,):
+        law = law_of(settings) if law is None else law
+        if np.shape(law.weights) != (settings.parameters,):
             raise SettingError(
-                "law.weights", f"array of shape {np.shape(law.weights)}", f"{2 * settings.plays} numbers"
+                "law.weights", f"array of shape {np.shape(law.weights)}", f"{settings.parameters} numbers"
             )
-        self.settings = settings
         self._fresh_law = law
+        self._take(settings)
         self.reset()
+
+    def _take(self, settings: ControllerSettings) -> None:
+        self.settings = settings
+        self._c: dict[str, Any] = kernel_settings(settings)  # times turned into coefficients of a tick
+        s = settings
+        self._r, self._d, self._w_s = (np.array(v) for v in (s.thresholds, s.dead_zone_thresholds, s.dead_zone_weights))
+        self._creep, self._rated = np.array(self._c["creep"]), np.array(self._c["rated"])
+        self._of_plays = s.plays + len(s.rated)  # parameters before the known terms
 
     def reset(self) -> None:
         """Back to the first tick: plays at 0 V, the law as it was given, counters at zero, not on hold."""
         s = self.settings
         self.law = copy.deepcopy(self._fresh_law)
-        self._r, self._d, self._w_s = (np.array(v) for v in (s.thresholds, s.dead_zone_thresholds, s.dead_zone_weights))
-        slopes, _ = lift_slopes(self._rate_weights(0.0), s.slope_min)
-        self._tick = _Tick(np.zeros(s.plays), slopes, np.zeros(s.plays))
-        self.counters = dict.fromkeys(("commands", "adaptations", "saturated", "projected", "rejected"), 0)
-        self._saturated = self._projected = self._rejected = False
+        self._now = _Memory(np.zeros(s.plays), np.zeros(self._creep.size))
+        self._lagged = copy.deepcopy(self._now)
+        self._waiting: dict[int, _Command] = {}  # by tick: what self._lagged has not seen
+        self._last = _Command(0.0, 0.0, 0.0, limited=False)
+        self._carry = self._integral = self._innovation = 0.0  # um
+        kinds = ("commands", "adaptations", "saturated", "projected", "rejected", "changed", "slewed")
+        self.counters = dict.fromkeys(kinds, 0)
+        self._saturated = self._projected = self._rejected = self._held = self._changed = self._slewed = False
+        self._slopes, _ = self._rate_dependent_slopes(0.0)
+
+    def start(self, volts: float, z: float) -> None:
+        """Take over an actuator that rests at z, um, under `volts`, V: the command for z is `volts`.
+
+        What the model does not explain of z goes to the offset where there is one, otherwise into the next commands.
+        """
+        s = self.settings
+        low, high = s.voltage_limits
+        volts, z = _check.within("volts", volts, low, high, "V"), _check.number("z", z, "um")
+        self.reset()
+        self._now = _Memory(play(volts, self._r, self._now.play), np.full(self._creep.size, volts))
+        self._lagged = copy.deepcopy(self._now)
+        missing = self._wanted_of_plays(z, 0.0) - self._brought_by_plays()
+        if s.offset:
+            weights = self.weights
+            weights[s.parameters - 1 - s.bends] += missing
+            self.law.weights = weights
+        else:
+            self._carry = -missing
+
+    def change(self, settings: ControllerSettings) -> None:
+        """New settings while running, without a jump of the command. The model must keep its terms and thresholds."""
+        if self._model_of(settings) != self._model_of(self.settings):
+            raise SettingError("settings", "another model", "of the same law, terms and thresholds")
+        self._take(settings)
+        if isinstance(self.law, BoundedKalman):
+            self.law.take(_kalman_settings(settings))
+        elif isinstance(self.law, RLS):
+            self.law.forgetting, self.law.covariance_limit = settings.forgetting, settings.covariance_limit
+        if self.counters["commands"] > 0:
+            z_d, zdot_d = self._last.z_d, self._last.zdot_d
+            self._slopes, _ = self._rate_dependent_slopes(zdot_d)
+            self._carry += self._brought_by_plays() - self._wanted_of_plays(z_d, zdot_d)
+
+    @staticmethod
+    def _model_of(s: ControllerSettings) -> tuple[object, ...]:
+        return s.law, s.thresholds, s.rated, s.creep_times, s.lag, s.offset, s.bends, s.stroke, s.sample_rate
 
     # ---- The two calls ----------------------------------------------------------------------------------------------
 
@@ -114,104 +188,190 @@ class ReferenceController:
             z_d or zdot_d is NaN or infinite; nothing has changed.
         """
         z_d, zdot_d = _check.number("z_d", z_d, "um"), _check.number("zdot_d", zdot_d, "um/s")
-        s, t = self.settings, self._tick
-        y_d = self._through_dead_zones(z_d)  # (11)
-        t.partial_slopes, self._projected = lift_slopes(self._rate_weights(zdot_d), s.slope_min)  # (7)
-        x = play_inverse(y_d, t.partial_slopes, self._r, t.play_states)  # (12)
-        low, high = s.voltage_limits
-        self._saturated = not low <= x <= high
-        x = min(x, high) if x >= low else low  # NaN, too, leaves as a voltage within limits
-        t.play_states = play(x, self._r, t.play_states)  # (1)
-
-        t.waiting[self.counters["commands"]] = (x, zdot_d)
-        self.counters["commands"] += 1
-        if len(t.waiting) > HISTORY:  # the oldest is too late now for its measurement
-            self._lagged_states_to(self.counters["commands"] - 1 - HISTORY)
-        self.counters["saturated"] += self._saturated
-        self.counters["projected"] += self._projected
+        if self.counters["commands"] - self._lagged.ticks >= HISTORY:
+            self._pass_over()  # it is too late now for its measurement
+        self._see_creep(self._now)
+        y_d = self._wanted_of_plays(z_d, zdot_d)  # (11)
+        self._slopes, self._projected = self._rate_dependent_slopes(zdot_d)  # (7)
+        x = self._within_limits(play_inverse(y_d, self._slopes, self._r, self._now.play))  # (12)
+        self._see_voltage(self._now, x)  # (1)
+        self._carry *= self._c["smoothing"]
+        self._last = _Command(x, z_d, zdot_d, self._saturated or self._slewed)
+        self._waiting[self.counters["commands"]] = self._last
+        self._count(commands=True, saturated=self._saturated, projected=self._projected, slewed=self._slewed)
         return x
 
     def adapt(self, z_measured: float, ago: int = 0) -> None:
         """Learn from the displacement, um, that answered the command `ago` commands before the last one, 0 to 63.
 
-        NaN, infinity, and a measurement older than one already used are rejected, flagged and counted.
+        NaN, infinity, a spike, and a measurement older than one already used are rejected, flagged and counted.
         """
-        t, tick = self._tick, self.counters["commands"] - 1 - ago
-        in_time = 0 <= ago < HISTORY and tick in t.waiting
-        self._rejected = not (in_time and np.isfinite(z_measured))
-        if self._rejected:
-            self.counters["rejected"] += 1
-            return
-        zdot_d = self._lagged_states_to(tick)
-        u = self._regressor(zdot_d)  # (20)
-        t.innovation = self._through_dead_zones(z_measured) - float(dot(self.law.weights, u))  # (15)
-        if t.held:
-            return
-        try:
-            self.law.update(u, t.innovation)  # (23)
-        except UpdateRefused:
-            self._rejected = True
-            self.counters["rejected"] += 1
-        else:
-            self.counters["adaptations"] += 1
+        tick = self.counters["commands"] - 1 - ago
+        in_time = 0 <= ago < HISTORY and tick in self._waiting
+        self._rejected = not (in_time and abs(z_measured) <= self.settings.measurement_limit)
+        self._changed = False
+        if not self._rejected:
+            while self._lagged.ticks < tick:
+                self._pass_over()
+            command, u = self._next_lagged()  # (20)
+            self._innovation = self._through_dead_zones(z_measured) - float(dot(self.law.weights, u))  # (15)
+            before = self.law.weights
+            try:
+                self._learn(u, command.limited)  # (23)
+            except UpdateRefused:
+                self._rejected = True
+            else:
+                self._carry_on(before)
+                self._integrate(command.z_d - z_measured, command)
+        self._count(rejected=self._rejected, adaptations=not (self._rejected or self._held), changed=self._changed)
 
-    # ---- The arrows of Fig. 5 ---------------------------------------------------------------------------------------
+    def _count(self, **kinds: bool) -> None:
+        for kind, happened in kinds.items():
+            self.counters[kind] += happened
+
+    # ---- The arrows of Fig. 5: command ------------------------------------------------------------------------------
 
     def _through_dead_zones(self, z: float) -> float:
         """(11) of a desired, (14) of a measured displacement; the settings hold the dead zones of the inverse."""
         return float(dot(dead_zone(z, self._d), self._w_s))
 
-    def _rate_weights(self, zdot_d: float) -> FloatArray:
-        """(7) in the scale of (20): w_h = a + c_b zdot_d b."""
-        a, b = self.law.weights[0::2], self.law.weights[1::2]
-        return a + self.settings.rate_scale * zdot_d * b
+    def _known_terms(self, memory: _Memory, z_d: float, zdot_d: float) -> FloatArray:
+        s = self.settings
+        return known_terms(memory.creep, z_d, zdot_d, lag=s.lag, offset=s.offset, stroke=s.stroke, bend_count=s.bends)
 
-    def _lagged_states_to(self, tick: int) -> float:
-        """Bring the lagged play states to this tick, whose zdot_d is returned, um/s."""
-        t = self._tick
-        for k in range(t.lagged_tick, tick + 1):
-            x, zdot_d = t.waiting.pop(k)
-            t.lagged_states = play(x, self._r, t.lagged_states)
-        t.lagged_tick = tick + 1
-        return zdot_d
+    def _wanted_of_plays(self, z_d: float, zdot_d: float) -> float:
+        """(11), the trim, and what the command still lacks of the last lesson, less the known terms, um."""
+        known = dot(self.law.weights[self._of_plays :], self._known_terms(self._now, z_d, zdot_d))
+        return self._through_dead_zones(z_d) + self._integral + self._carry - float(known)
 
-    def _regressor(self, zdot_d: float) -> FloatArray:
-        """(20): u = [H_0, c_b zdot_d H_0, H_1, ...], with c_a = 1."""
-        H = self._tick.lagged_states
-        u: FloatArray = np.column_stack([H, self.settings.rate_scale * zdot_d * H]).ravel()
-        return u
+    def _rate_dependent_slopes(self, zdot_d: float) -> tuple[FloatArray, bool]:
+        """(7) in the scale of (20), w_h = a + c_b zdot_d b, summed up; within limits, and whether one was moved."""
+        return limit_slopes(self._slopes_at(zdot_d), self.settings.slope_limits)
+
+    def _slopes_at(self, zdot_d: float) -> FloatArray:
+        sums = np.cumsum(self.law.weights[: self._of_plays] * self._gradient(zdot_d))
+        slopes: FloatArray = sums[np.cumsum(1 + self._rated) - 1]
+        return slopes
+
+    def _gradient(self, zdot_d: float) -> FloatArray:
+        """Of the last partial slope by the weights of the plays."""
+        return play_terms(np.ones(self._r.size), self.settings.rate_scale * zdot_d, self._rated)
+
+    def _brought_by_plays(self) -> float:
+        """The forward of the inverse: what the branches bring at the voltage of now, um."""
+        y = self._now.play
+        return float(dot(self._slopes, y - np.append(y[1:], 0.0)))
+
+    def _within_limits(self, x: float) -> float:
+        """The voltage that leaves: within the slew of the last one, and within the limits, whatever x is."""
+        (low, high), last, slew = self.settings.voltage_limits, float(self._now.play[0]), self._c["slew"]
+        number = not math.isnan(x)
+        if not number:
+            x = last
+        self._slewed = x > last + slew or x < last - slew
+        if self._slewed:
+            x = last + slew if x > last else last - slew
+        self._saturated = not number or not low <= x <= high
+        return min(max(x, low), high)
+
+    # ---- What the model remembers -----------------------------------------------------------------------------------
+
+    def _see_creep(self, memory: _Memory) -> None:
+        memory.creep = creep_step(memory.creep, memory.play[0], self._creep)
+
+    def _see_voltage(self, memory: _Memory, x: float) -> None:
+        memory.play = play(x, self._r, memory.play)
+        memory.ticks += 1
+
+    def _regressor(self, memory: _Memory, z_d: float, zdot_d: float) -> FloatArray:
+        """(20): u = [H_0, c_b zdot_d H_0, H_1, ...], with c_a = 1; and the known terms."""
+        plays = play_terms(memory.play, self.settings.rate_scale * zdot_d, self._rated)
+        return np.concatenate([plays, self._known_terms(memory, z_d, zdot_d)])
+
+    def _next_lagged(self) -> tuple[_Command, FloatArray]:
+        """The next tick that was not yet measured, and its regressor."""
+        command = self._waiting.pop(self._lagged.ticks)
+        self._see_creep(self._lagged)
+        self._see_voltage(self._lagged, command.x)
+        return command, self._regressor(self._lagged, command.z_d, command.zdot_d)
+
+    def _pass_over(self) -> None:
+        """A tick for which no measurement came."""
+        command, u = self._next_lagged()
+        if isinstance(self.law, BoundedKalman):
+            self.law.update(u, None, learn=not command.limited)
+
+    # ---- The arrows of Fig. 5: adapt --------------------------------------------------------------------------------
+
+    def _learn(self, u: FloatArray, limited: bool) -> None:
+        law = self.law
+        if not isinstance(law, BoundedKalman):
+            if not self._held:
+                law.update(u, self._innovation)
+            return
+        before = law.weights
+        law.update(u, self._innovation, learn=not (self._held or limited))
+        if law.weights is not before:
+            self._project_slope(law, self.settings.velocity_limit)  # slopes are linear in the rate:
+            self._project_slope(law, -self.settings.velocity_limit)  # its two ends are the worst
+            self._changed = law.changed
+
+    def _project_slope(self, law: BoundedKalman, zdot_d: float) -> None:
+        """Move the weights so that the partial slope that is furthest outside its limits is on its limit."""
+        slopes, (low, high) = self._slopes_at(zdot_d), self.settings.slope_limits
+        out = np.maximum(slopes - high, low - slopes)
+        worst = int(np.argmax(out))
+        if out[worst] > 0:
+            g = np.zeros(self.settings.parameters)
+            g[: self._of_plays] = self._gradient(zdot_d)
+            g[worst + 1 + np.count_nonzero(self._rated[: worst + 1]) :] = 0.0
+            law.project(g, high if slopes[worst] > high else low)
+
+    def _carry_on(self, before: FloatArray) -> None:
+        """What was learned reaches the command by and by, so that it does not ring the stage."""
+        if self._c["smoothing"] > 0:
+            now = self._regressor(self._now, self._last.z_d, self._last.zdot_d)
+            self._carry += self._c["smoothing"] * float(dot(self.law.weights - before, now))
+
+    def _integrate(self, error: float, command: _Command) -> None:
+        """The trim. At a voltage limit it may only lead away from it; what the slew limit holds back will come."""
+        low, high = self.settings.voltage_limits
+        back = (command.x >= high and error < 0) or (command.x <= low and error > 0)
+        if not command.limited or back:
+            self._integral += self._c["trim"] * error
 
     # ---- Hold, and what an outsider reads ----------------------------------------------------------------------------
 
     def hold(self) -> None:
         """Stop adapting; commands go on with the weights as they are."""
-        self._tick.held = True
+        self._held = True
 
     def resume(self) -> None:
         """Adapt again."""
-        self._tick.held = False
+        self._held = False
 
     @property
     def weights(self) -> FloatArray:
-        """w = [a0, b0, a1, b1, ...] of (21), shape (2 n,), um/V."""
+        """w = [a0, b0, a1, b1, ...] of (21), um/V, and those of the other terms, shape (m,)."""
         return np.array(self.law.weights)
 
     @property
     def partial_slopes(self) -> FloatArray:
         """Slopes of the branches at the last rate, as the inverse used them, shape (n,), um/V."""
-        return self._tick.partial_slopes.copy()
+        return self._slopes.copy()
 
     @property
     def play_states(self) -> FloatArray:
         """Forward play states after the last command, shape (n,), V."""
-        return self._tick.play_states.copy()
+        return self._now.play.copy()
 
     @property
     def innovation(self) -> float:
         """e_m of (15) at the last measurement, um."""
-        return self._tick.innovation
+        return self._innovation
 
     @property
     def flag_bits(self) -> int:
-        """The flags of the last tick as a bit mask: 1 saturated, 2 projected, 4 rejected, 8 held."""
-        return self._saturated | self._projected << 1 | self._rejected << 2 | self._tick.held << 3
+        """The flags of the last tick: 1 saturated, 2 projected, 4 rejected, 8 held, 16 changed, 32 slewed."""
+        flags = (self._saturated, self._projected, self._rejected, self._held, self._changed, self._slewed)
+        return sum(bool(flag) << place for place, flag in enumerate(flags))
