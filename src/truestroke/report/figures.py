@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
 
 from truestroke._typing import FloatArray
 from truestroke.recording import Recording
@@ -90,7 +91,8 @@ def error(recording: Recording, convergence_time: float | None = None, theme: Th
     time, desired = recording["time"], recording["desired"]
     names = [name for name in ("measured", "true") if name in recording.channels]
     errors = {name: recording[name] - desired for name in names}
-    largest = max(float(np.nanmax(np.abs(e[settled(recording)]))) for e in errors.values())
+    usual = _usual(recording)
+    largest = max(float(np.nanmax(np.abs(e[usual]))) for e in errors.values())
     unit, scale = ("nm", 1e3) if largest < 2 else ("µm", 1.0)
     begin = slice(0, max(2, round(_beginning(time, convergence_time) / _step(time))))
     with style.use(theme):
@@ -114,6 +116,17 @@ def error(recording: Recording, convergence_time: float | None = None, theme: Th
             _mark(panel, convergence_time, f"converged at {convergence_time:.2f} s", theme)
         _mark_change(whole, recording, theme)
     return figure
+
+
+def _usual(recording: Recording) -> NDArray[np.bool_]:
+    """The ticks of the second half, without the quarter of a second behind a sudden change: what sets the scale."""
+    ticks = np.zeros(recording["time"].size, bool)
+    ticks[settled(recording)] = True
+    change = words.change_time(recording)
+    if change is not None:
+        after = (recording["time"] >= change) & (recording["time"] < change + 0.25)
+        ticks &= ~after if np.any(ticks & ~after) else ticks
+    return ticks
 
 
 def _mark_change(axes: Axes, recording: Recording, theme: Theme) -> None:
@@ -140,7 +153,7 @@ def _beginning(time: FloatArray, convergence_time: float | None) -> float:
 
 def _off_scale(error: FloatArray, limit: float) -> str:
     largest = float(np.nanmax(np.abs(error)))
-    return f" (off scale before: up to {largest:.2g} µm)" if largest > limit else ""
+    return f" (off scale: up to {largest:.2g} µm)" if largest > limit else ""
 
 
 def _mark(axes: Axes, at: float, text: str, theme: Theme, below: bool = False) -> None:

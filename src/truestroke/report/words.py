@@ -17,8 +17,10 @@ NAMES = {
 }
 FLAGS = {
     "saturated": "met a voltage limit",
-    "projected": "lifted a partial slope to its lower bound",
+    "slewed": "met the slew limit",
+    "projected": "brought a partial slope within its bounds",
     "rejected": "rejected the measurement",
+    "changed": "found that the actuator had changed",
     "held": "held the adaptation",
     "missing": "had no measurement",
 }
