@@ -169,7 +169,8 @@ typedef struct {
     ts_real first_noise;                               /* Kalman: first guess of the noise, um */
     /* safety */
     ts_real slope_min, slope_max;                      /* partial slopes of the inverse, um/V */
-    ts_real velocity_limit;                            /* Kalman: slopes are admissible up to this rate, um/s */
+    ts_real velocity_limit;                            /* Kalman: slopes are admissible at every rate that was commanded, up
+                                                          to this one, um/s */
     ts_real voltage_min, voltage_max;                  /* V */
     ts_real slew;                                      /* largest step of the voltage, V per tick; may be infinite */
     ts_real measurement_limit;                         /* a measurement beyond it is rejected, um */
@@ -205,6 +206,7 @@ typedef struct {
     ts_real carry;                    /* um: what was learned and is not yet in the command */
     ts_real integral;                 /* um: the trim */
     ts_real y_d;                      /* (11) less the known terms, um */
+    ts_real fastest;                  /* largest rate so far, at most velocity_limit, um/s */
     ts_real slopes[TS_MAX_PLAYS];     /* partial sums of w_h(zdot_d) as the inverse used them, um/V */
     ts_memory now;
     /* commands that wait for their measurement: tick k is kept at k % TS_HISTORY */

@@ -188,6 +188,8 @@ static void write_down(ts_controller *c, ts_real x, ts_real z_d, ts_real zdot_d)
     c->z_d[slot] = z_d;
     c->zdot_d[slot] = zdot_d;
     c->limited[slot] = c->flags.saturated || c->flags.slewed;
+    ts_real speed = zdot_d < 0 ? -zdot_d : zdot_d;
+    if (speed > c->fastest) c->fastest = speed < c->settings.velocity_limit ? speed : c->settings.velocity_limit;
     c->counters.commands++;
     c->counters.projected += c->flags.projected;
     c->counters.saturated += c->flags.saturated;
@@ -248,8 +250,8 @@ static bool adapt_kalman(ts_controller *c, ts_real y_a, bool learn)
     ts_kalman *k = &c->law.kalman;
     ts_tick tick = ts_kalman_tick(k, &s->kalman, s->initial_weights, s->prior, c->w, c->u, &y_a, learn, ts_parameters(s));
     if (tick == TS_TICK_USED) {
-        project_slope(c, s->velocity_limit); /* slopes are linear in the rate: its two ends are the worst */
-        project_slope(c, -s->velocity_limit);
+        project_slope(c, c->fastest); /* slopes are linear in the rate: its two ends are the worst */
+        project_slope(c, -c->fastest);
         c->flags.changed = k->changed;
         c->counters.changed += k->changed;
     }

@@ -129,6 +129,7 @@ template <typename Controller, typename Visit> void each_array(Controller &c, Vi
     visit("carry", &c.carry, 1);
     visit("integral", &c.integral, 1);
     visit("y_d", &c.y_d, 1);
+    visit("fastest", &c.fastest, 1);
     visit("slopes", &c.slopes[0], n);
     visit("play", &c.now.play[0], n);
     visit("creep", &c.now.creep[0], creeps);

@@ -96,7 +96,8 @@ class ControllerSettings:
     slope_limits : tuple[float, float]
         Smallest and largest partial slope, um/V; by default 0.4 q and 4 q.
     velocity_limit : float
-        The slopes are within their limits up to this rate, um/s; by default 50 strokes/s. Kalman only.
+        The slopes are within their limits at every rate that was commanded, up to this one, um/s; by default 50
+        strokes/s. Kalman only.
     slew_limit : float
         Fastest change of the voltage, V/s; by default 120 times the voltage range.
     measurement_limit : float
@@ -209,12 +210,13 @@ class ControllerSettings:
         Nothing else is in the model or in the way; `changes` replace any of them, for rivals of the same kind.
         """
         low, high = _check.interval("voltage_limits", voltage_limits, "V")
-        if high <= 0 and "thresholds" not in changes:
-            raise SettingError("thresholds", None, "given where the highest voltage is not above 0", "V")
+        if low + high <= 0 and "thresholds" not in changes:
+            raise SettingError("thresholds", None, "given where the middle of voltage_limits is not above 0 V", "V")
         plays = _check.count("plays", changes.get("plays", 8), 1, MAX_PLAYS)
         literal: dict[str, Any] = {
             "plays": plays,
-            "thresholds": tuple(i / plays * high / 2 for i in range(plays)),  # r_n = half of the maximum input
+            # r_n is half of the maximum input: the middle of the range, 1.5 V for the paper's stack
+            "thresholds": tuple(i / plays * (low + high) / 2 for i in range(plays)),
             "creep_times": (),
             "lag": False,
             "offset": False,

@@ -245,7 +245,7 @@ class MatchedSettings:
     rate_scale : float
         c_b, s/um.
     thresholds : tuple[float, ...]
-        r of the plays, V at the D/A converter, ascending from 0; the default is i/8 of 1.8 V.
+        r of the plays, V at the D/A converter, ascending from 0; the default is i/8 of 1.5 V.
     dead_zone_thresholds : tuple[float, ...]
         d of the forward dead zones (4), um, ascending from 0.
     dead_zone_weights : tuple[float, ...]
@@ -267,7 +267,7 @@ class MatchedSettings:
     a: tuple[float, ...] = (8.4, 1.3, 0.92, 0.7, 0.88, 0.74, -2.6, 2.23)
     b: tuple[float, ...] = (-0.9, 1.03, -0.244, 0.1, 0.05, -0.02, 0.01, -0.01)
     rate_scale: float = 0.007
-    thresholds: tuple[float, ...] = tuple(i / 8 * 1.8 for i in range(8))
+    thresholds: tuple[float, ...] = tuple(i / 8 * 1.5 for i in range(8))
     dead_zone_thresholds: tuple[float, ...] = (0.0,)
     dead_zone_weights: tuple[float, ...] = (1.0,)
     noise: float = 0.05
