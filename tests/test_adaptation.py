@@ -8,9 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from truestroke import SettingError, _kernel, _kernel32
+from truestroke import ControllerSettings, SettingError, _kernel, _kernel32
 from truestroke.adaptation import LMS, RLS, UpdateRefused, rls_update
 from truestroke.operators import play_history
+from truestroke.settings import kernel_settings
 
 LOOP = json.loads((Path(__file__).parent / "vectors" / "loop.json").read_text())
 quick = settings(derandomize=True, max_examples=50, deadline=None)
@@ -23,29 +24,17 @@ def regressors(case, x):
 
 def run_kernel(case, kernel=_kernel, **other):
     """The loop of Sec. 3.3 in the kernel: voltages, innovations, weights of every tick, and P after the last."""
-    k = kernel.Kernel(
-        **{
-            "thresholds": case["r"],
-            "dead_zone_thresholds": [0.0],
-            "dead_zone_weights": [1.0],
-            "initial_weights": case["w0"],
-            "rate_scale": case["c_b"],
-            "forgetting": case["lambda"],
-            "regularization": case["delta"],
-            "covariance_limit": 1e9,
-            "slope_min": 1e-3,
-            "voltage_min": -1e6,
-            "voltage_max": 1e6,
-        }
-        | other
-    )
+    wide = {"sample_rate": 1.0, "stroke": 30.0, "voltage_limits": (-1e6, 1e6), "slope_limits": (1e-3, 1e9)}
+    law = {"forgetting": case["lambda"], "regularization": case["delta"], "covariance_limit": 1e9} | other
+    start = {"thresholds": tuple(case["r"]), "initial_weights": tuple(case["w0"]), "rate_scale": case["c_b"]}
+    k = kernel.Kernel(kernel_settings(ControllerSettings.paper(**wide, **start, **law)))
     x, e_m, w = [], [], []
     for z_d, zdot_d, z_a in zip(case["z_d"], case["zdot_d"], case["z_a"], strict=True):
         x.append(k.command(z_d, zdot_d))
         k.adapt(z_a)
         e_m.append(k.innovation())
         w.append(k.weights().astype(float))
-    S = k.state()["covariance_root"].astype(float)
+    S = k.state()["covariance_root"].astype(float).reshape(len(case["w0"]), -1)
     return np.array(x), np.array(e_m), np.array(w), S @ S.T
 
 
