@@ -388,7 +388,7 @@ static void test_kalman_bounds(void)
             double x = kind == 0 ? 0 : kind == 1 ? 1 : kind == 5 ? uniform(-1, 3) : 1 + sin(0.01 * t);
             ts_real u[K_M] = {(ts_real)x, (ts_real)(0.9 * x), (ts_real)(x > 1 ? x - 1 : 0), 1};
             double y = 8 * u[0] + 2.5 * u[1] + 0.5 * u[2] + 0.5 + uniform(-0.03, 0.03);
-            if (kind == 3 && t % 50 < 3) y += 20;
+            if (kind == 3 && t % 50 > 46) y += 20;
             if (kind == 6) y = uniform(-300, 300);
             ts_real measured = (ts_real)y;
             ts_kalman_tick(&k, &s, w0, P0, w, u, kind == 4 && t > 100 ? NULL : &measured, true, K_M);
