@@ -301,6 +301,10 @@ static void test_abuse(void)
             if (kind < 0.9) ts_controller_adapt(&c, z, (int)uniform(-2, 70));
             if (k % 100 == 0) finite &= finite_state(&c);
         }
+        ts_real volts;
+        ts_controller_command(&c, sizeof(ts_real) == 8 ? (ts_real)1e200 : (ts_real)1e30, 0, &volts);
+        ts_controller_adapt(&c, 10, 0);
+        check(finite_state(&c), "an absurd desired displacement leaves a finite state");
         check(within, "every voltage is within limits and slew");
         check(finite && finite_state(&c), "the state stays finite under abuse");
         check(c.counters.rejected > 0 && c.counters.adaptations > 0, "bad measurements are counted, good ones are used");
@@ -383,7 +387,8 @@ static void test_kalman_bounds(void)
         s.model_error = (ts_real)0.006;
         ts_kalman k = exact_filter(w, P0);
         memcpy(w0, w, sizeof w);
-        bool bounded = true, spd = true, within = true;
+        bool bounded = true, spd = true, within = true, apart = true;
+        int last = -K_REFRACTORY;
         for (int t = 0; t < LENGTH; t++) {
             double x = kind == 0 ? 0 : kind == 1 ? 1 : kind == 5 ? uniform(-1, 3) : 1 + sin(0.01 * t);
             ts_real u[K_M] = {(ts_real)x, (ts_real)(0.9 * x), (ts_real)(x > 1 ? x - 1 : 0), 1};
@@ -392,6 +397,10 @@ static void test_kalman_bounds(void)
             if (kind == 6) y = uniform(-300, 300);
             ts_real measured = (ts_real)y;
             ts_kalman_tick(&k, &s, w0, P0, w, u, kind == 4 && t > 100 ? NULL : &measured, true, K_M);
+            if (k.changed && k.since_change == 0) {
+                apart &= t - last >= K_REFRACTORY;
+                last = t;
+            }
             for (int i = 0; i < K_M; i++) {
                 double sd = sqrt((double)P0[TS_PACKED(i) + i]);
                 within &= fabs((double)w[i] - (double)w0[i]) < 4 * sd;
@@ -401,6 +410,7 @@ static void test_kalman_bounds(void)
         }
         check(bounded, name[kind]);
         check(spd, "P stays positive definite");
+        check(apart && (kind != 6 || last > 0), "nonsense is a change at most once in a refractory time");
         if (kind != 6) check(within, "weights stay within what the prior holds for possible");
     }
 }
