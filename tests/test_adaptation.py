@@ -1,6 +1,7 @@
 """Laws: (23) against 50 digits and against batch least squares, LMS by its defining properties."""
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -8,9 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from truestroke import SettingError, _kernel, _kernel32
-from truestroke.adaptation import LMS, RLS, UpdateRefused, rls_update
+from truestroke import ControllerSettings, SettingError, _kernel, _kernel32
+from truestroke.adaptation import LMS, RLS, BoundedKalman, KalmanSettings, UpdateRefused, rls_update
 from truestroke.operators import play_history
+from truestroke.settings import kernel_settings
 
 LOOP = json.loads((Path(__file__).parent / "vectors" / "loop.json").read_text())
 quick = settings(derandomize=True, max_examples=50, deadline=None)
@@ -23,29 +25,17 @@ def regressors(case, x):
 
 def run_kernel(case, kernel=_kernel, **other):
     """The loop of Sec. 3.3 in the kernel: voltages, innovations, weights of every tick, and P after the last."""
-    k = kernel.Kernel(
-        **{
-            "thresholds": case["r"],
-            "dead_zone_thresholds": [0.0],
-            "dead_zone_weights": [1.0],
-            "initial_weights": case["w0"],
-            "rate_scale": case["c_b"],
-            "forgetting": case["lambda"],
-            "regularization": case["delta"],
-            "covariance_limit": 1e9,
-            "slope_min": 1e-3,
-            "voltage_min": -1e6,
-            "voltage_max": 1e6,
-        }
-        | other
-    )
+    wide = {"sample_rate": 1.0, "stroke": 30.0, "voltage_limits": (-1e6, 1e6), "slope_limits": (1e-3, 1e9)}
+    law = {"forgetting": case["lambda"], "regularization": case["delta"], "covariance_limit": 1e9} | other
+    start = {"thresholds": tuple(case["r"]), "initial_weights": tuple(case["w0"]), "rate_scale": case["c_b"]}
+    k = kernel.Kernel(kernel_settings(ControllerSettings.paper(**wide, **start, **law)))
     x, e_m, w = [], [], []
     for z_d, zdot_d, z_a in zip(case["z_d"], case["zdot_d"], case["z_a"], strict=True):
         x.append(k.command(z_d, zdot_d))
         k.adapt(z_a)
         e_m.append(k.innovation())
         w.append(k.weights().astype(float))
-    S = k.state()["covariance_root"].astype(float)
+    S = k.state()["covariance_root"].astype(float).reshape(len(case["w0"]), -1)
     return np.array(x), np.array(e_m), np.array(w), S @ S.T
 
 
@@ -125,6 +115,82 @@ def test_a_law_refuses_what_is_not_finite_and_does_not_change(make) -> None:
         with pytest.raises(UpdateRefused):
             law.update(np.array(u), e_m)
     np.testing.assert_array_equal(law.weights, [1.0, 2.0])
+
+
+# ---- Bounded Kalman filter -------------------------------------------------------------------------------------------
+
+
+def exact_kalman():
+    """The vectors of the kernel: c/tests/vectors.py states the filter in its information form, in exact fractions."""
+    text = (Path(__file__).parent.parent / "c" / "tests" / "vectors.h").read_text()
+    arrays = re.findall(r"double (K_\w+)\[\d+\] = \{([^}]*)\}", text)
+    v = {name: np.array([float(x) for x in body.split(",")[:-1]]) for name, body in arrays}
+    P = np.zeros((len(v["K_P"]) // 10 + 1, 4, 4))
+    lower = np.tril_indices(4)
+    P[:, lower[0], lower[1]] = np.vstack([v["K_P0"], v["K_P"].reshape(-1, 10)])
+    return v, P + np.swapaxes(np.tril(P, -1), 1, 2)
+
+
+EXACT = KalmanSettings(
+    filter=0.5, model_error=0.125, first_noise=0.125, noise_rate=0.0, ringing_rate=0.0, prior_return=1 / 32,
+    change_threshold=8.0, change_rate=0.25, refractory=10, change_gain=0.25, change_hysteresis=0.375,
+    change_share=0.125, outlier=1e6,
+)  # fmt: skip
+
+
+def test_the_kalman_filter_is_the_exact_one() -> None:
+    """Weights, covariance, return to the prior, and the growth after a change, which is found at the same tick."""
+    v, P = exact_kalman()
+    law = BoundedKalman(v["K_W0"], P[0], [1, 2, 2, 0], EXACT)
+    rows = zip(v["K_U"].reshape(-1, 4), v["K_Y"], v["K_W"].reshape(-1, 4), v["K_CHANGED"], strict=True)
+    for k, (u, y, w, changed) in enumerate(rows):
+        law.update(u, y - law.weights @ u)
+        np.testing.assert_allclose(law.weights, w, rtol=0, atol=1e-10)
+        assert law.changed == bool(changed)
+        if k % 2:
+            np.testing.assert_allclose(law.P, P[k // 2 + 1], rtol=0, atol=1e-11)
+    assert v["K_CHANGED"].any()
+
+
+def test_three_spikes_are_not_believed_and_a_fourth_is() -> None:
+    law = BoundedKalman([8.0, 2.0], np.eye(2), [1, 2], KalmanSettings(filter=1.0, model_error=0.006))
+    rng = np.random.default_rng(1)
+    for _ in range(200):
+        u = rng.uniform(0.5, 3.0, 2)
+        law.update(u, float((np.array([9.0, 1.0]) - law.weights) @ u) + 0.02 * rng.standard_normal())
+    before = law.weights
+    for _ in range(3):
+        with pytest.raises(UpdateRefused, match="spike"):
+            law.update(np.ones(2), 5.0)
+    assert law.weights is before
+    law.update(np.ones(2), 5.0)
+    law.update(np.ones(2), 5.0)
+    assert not np.array_equal(law.weights, before)
+
+
+@quick
+@given(seed=st.integers(0, 10_000), value=st.floats(-5.0, 5.0))
+def test_projection_is_the_nearest_point_of_the_plane_in_the_metric_of_the_data(seed, value) -> None:
+    """Against the quadratic programme, solved by its conditions (KKT): min (w - w0)' P^-1 (w - w0) with g.w = value."""
+    rng = np.random.default_rng(seed)
+    A, w0, g = rng.standard_normal((4, 4)), rng.standard_normal(4), rng.standard_normal(4)
+    P = A @ A.T + 0.1 * np.eye(4)
+    law = BoundedKalman(w0, P, [1, 2, 2, 0], EXACT)
+    law.project(g, value)
+    H = np.linalg.inv(P)
+    kkt = np.block([[H, g[:, np.newaxis]], [g, np.zeros(1)]])
+    nearest = np.linalg.solve(kkt, np.append(H @ w0, value))[:4]
+    np.testing.assert_allclose(law.weights, nearest, rtol=1e-7, atol=1e-7)
+
+
+def test_what_must_not_teach_leaves_no_trace() -> None:
+    v, P = exact_kalman()
+    taught, held = (BoundedKalman(v["K_W0"], P[0], [1, 2, 2, 0], EXACT) for _ in range(2))
+    held.update(np.full(4, 1e6), 1e9, learn=False)
+    for u, y in zip(v["K_U"].reshape(-1, 4), v["K_Y"], strict=True):
+        for law in (taught, held):
+            law.update(u, y - law.weights @ u)
+    np.testing.assert_array_equal(held.weights, taught.weights)
 
 
 # ---- LMS -------------------------------------------------------------------------------------------------------------

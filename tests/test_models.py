@@ -8,18 +8,23 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from truestroke import SettingError, _kernel, _kernel32
+from truestroke import ControllerSettings, SettingError, _kernel, _kernel32
 from truestroke.models import (
     ModifiedPrandtlIshlinskii,
     PrandtlIshlinskii,
     RateDependentModel,
+    bends,
+    creep_step,
     inverse_dead_zones,
     inverse_parameters,
-    lift_slopes,
+    known_terms,
+    limit_slopes,
     play_inverse,
     play_inverse_literal,
+    play_terms,
 )
 from truestroke.operators import dead_zone, play, play_history
+from truestroke.settings import kernel_settings
 
 VECTORS = Path(__file__).parent / "vectors"
 FORWARD = json.loads((VECTORS / "forward.json").read_text())
@@ -32,19 +37,16 @@ def rate_dependent(case) -> RateDependentModel:
 
 
 def kernel_of(case, kernel=_kernel):
-    k = kernel.Kernel(
-        thresholds=case["r"],
-        dead_zone_thresholds=case["inverse_d"],
-        dead_zone_weights=case["inverse_w_s"],
-        initial_weights=[w for pair in zip(case["a"], case["b"], strict=True) for w in pair],
+    wide = {"sample_rate": 1.0, "stroke": 30.0, "voltage_limits": (-1e6, 1e6), "slope_limits": (1e-3, 1e9)}
+    settings = ControllerSettings.paper(
+        **wide,
+        thresholds=tuple(case["r"]),
+        dead_zone_thresholds=tuple(case["inverse_d"]),
+        dead_zone_weights=tuple(case["inverse_w_s"]),
+        initial_weights=tuple(w for pair in zip(case["a"], case["b"], strict=True) for w in pair),
         rate_scale=case["c_b"],
-        forgetting=1.0,
-        regularization=1.0,
-        covariance_limit=1e9,
-        slope_min=1e-3,
-        voltage_min=-1e6,
-        voltage_max=1e6,
     )
+    k = kernel.Kernel(kernel_settings(settings))
     k.hold(True)
     return k
 
@@ -164,14 +166,48 @@ def test_the_published_stack_is_undone_within_rounding_at_every_rate() -> None:
 # ---- Limits ----------------------------------------------------------------------------------------------------------
 
 
-def test_the_singularity_has_no_inverse_and_the_guard_lifts_it() -> None:
+def test_the_singularity_has_no_inverse_and_the_guard_keeps_off_it() -> None:
     with pytest.raises(SettingError, match=r"w_h = .* um/V: must be numbers whose partial sums are all above 0"):
         inverse_parameters([1.0, -1.0], [0.0, 0.5], [0.0, 0.0])
-    slopes, lifted = lift_slopes(np.array([1.0, -1.0, 4.0]), 0.3)
-    assert lifted
-    np.testing.assert_array_equal(slopes, [1.0, 0.3, 4.0])
-    assert not lift_slopes(np.array([1.0, -0.5]), 0.3)[1]
-    np.testing.assert_array_equal(lift_slopes(np.array([np.nan, 1.0]), 0.3)[0], [0.3, 0.3])
+    slopes, moved = limit_slopes(np.array([1.0, 0.0, 4.0]), (0.3, 3.0))
+    assert moved
+    np.testing.assert_array_equal(slopes, [1.0, 0.3, 3.0])
+    assert not limit_slopes(np.array([0.3, 3.0]), (0.3, 3.0))[1]
+    slopes, moved = limit_slopes(np.array([np.nan, np.inf]), (0.3, 3.0))
+    assert moved
+    np.testing.assert_array_equal(slopes, [0.3, 3.0])
+
+
+# ---- Terms -----------------------------------------------------------------------------------------------------------
+
+
+def test_creep_states_are_the_step_response_of_a_first_order_lag() -> None:
+    """1 V from tick 0 on: 1 - exp(-t / tau) after each tick."""
+    tau, T = np.array([0.003, 0.3]), 1 / 2000.0
+    c = np.zeros(2)
+    for tick in range(1, 400):
+        c = creep_step(c, 1.0, 1 - np.exp(-T / tau))
+        np.testing.assert_allclose(c, 1 - np.exp(-tick * T / tau), rtol=1e-12)
+
+
+@quick
+@given(s=st.floats(0.0, 1.0))
+def test_bends_vanish_at_the_ends_and_are_even_and_odd_about_the_middle(s) -> None:
+    first, second = bends(30.0 * s, 30.0, 2)
+    assert bends(0.0, 30.0, 2) == bends(30.0, 30.0, 2) == [0.0, 0.0]
+    mirrored = bends(30.0 * (1 - s), 30.0, 2)
+    np.testing.assert_allclose(mirrored, [first, -second], rtol=0, atol=1e-12)
+    assert 0 <= first <= 1
+    assert abs(second) <= 0.7699  # 4 / (3 sqrt 3) at s = (1 - 1 / sqrt 3) / 2
+    assert np.isfinite(bends(1e300, 30.0, 2)).all()
+
+
+def test_the_terms_stand_in_the_order_of_the_settings() -> None:
+    assert play_terms(np.array([1.0, 2.0, 3.0]), 10.0, [True, False, True]).tolist() == [1.0, 10.0, 2.0, 3.0, 30.0]
+    terms = {"lag": True, "offset": True, "stroke": 30.0, "bend_count": 2}
+    assert known_terms(np.array([0.7]), 15.0, 50.0, **terms).tolist() == [0.7, 50.0, 1.0, 1.0, 0.0]
+    none = {"lag": False, "offset": False, "stroke": 30.0, "bend_count": 0}
+    assert known_terms(np.zeros(0), 15.0, 50.0, **none).size == 0
 
 
 @pytest.mark.parametrize(

@@ -9,8 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from truestroke import _kernel, _kernel32
+from truestroke import ControllerSettings, _kernel, _kernel32
 from truestroke.operators import dead_zone, play_history
+from truestroke.settings import kernel_settings
 
 FORWARD = json.loads((Path(__file__).parent / "vectors" / "forward.json").read_text())
 IDS = [f"{len(case['r'])} plays, {len(case['d'])} dead zones" for case in FORWARD]
@@ -18,19 +19,9 @@ IDS = [f"{len(case['r'])} plays, {len(case['d'])} dead zones" for case in FORWAR
 
 def kernel_play_history(x, r, kernel=_kernel):
     """The kernel's bank: with w_h = [1, 0, ...] it is the identity, so that z_d is the voltage."""
-    k = kernel.Kernel(
-        thresholds=list(r),
-        dead_zone_thresholds=[0.0],
-        dead_zone_weights=[1.0],
-        initial_weights=[1.0] + [0.0] * (2 * len(r) - 1),
-        rate_scale=0.0,
-        forgetting=1.0,
-        regularization=1.0,
-        covariance_limit=1e9,
-        slope_min=1e-3,
-        voltage_min=-1e6,
-        voltage_max=1e6,
-    )
+    wide = {"sample_rate": 1.0, "stroke": 30.0, "voltage_limits": (-1e6, 1e6), "slope_limits": (1e-3, 1e9)}
+    settings = ControllerSettings.paper(**wide, thresholds=tuple(r), initial_sensitivity=1.0, rate_scale=0.0)
+    k = kernel.Kernel(kernel_settings(settings))
     states = np.empty((len(x), len(r)))
     for i, x_i in enumerate(x):
         k.command(x_i, 0.0)

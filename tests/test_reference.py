@@ -16,13 +16,18 @@ STACK = RateDependentModel(  # Sec. 4.3
     a=[8.4, 1.3, 0.92, 0.7, 0.88, 0.74, -2.6, 2.23],
     b=[-0.9, 1.03, -0.244, 0.1, 0.05, -0.02, 0.01, -0.01],
 )
+PLAIN = {"creep_times": (), "lag": False, "offset": False, "bends": 0}  # no terms but the plays
 SETTINGS = {
     "paper": ControllerSettings.paper(**BASIC),
     "default": ControllerSettings(**BASIC),
-    "short memory": ControllerSettings(**BASIC, plays=5, forgetting=0.98, covariance_limit=2e4),
-    "one play": ControllerSettings(**BASIC, plays=1, forgetting=1.0),
+    "no terms": ControllerSettings(**BASIC, **PLAIN),
+    "rls with terms": ControllerSettings(**BASIC, law="rls", plays=8),
+    "slow": ControllerSettings(**BASIC | {"sample_rate": 200.0}, slew_limit=40.0),
+    "short memory": ControllerSettings(**BASIC, plays=5, rated=(1, 4), memory=0.02, change_share=1.0, bends=1),
+    "at once, trimmed": ControllerSettings(**BASIC, smoothing_time=0.0, trim_rate=20.0, slope_limits=(7.0, 9.0)),
+    "one play": ControllerSettings.paper(**BASIC, plays=1, forgetting=1.0),
     "dead zones": ControllerSettings(
-        **BASIC, dead_zone_thresholds=(0.0, 12.0, 20.0), dead_zone_weights=(1.0, -0.05, 0.03), initial_sensitivity=5.0
+        **BASIC, dead_zone_thresholds=(0.0, 12.0, 20.0), dead_zone_weights=(1.0, -0.05, 0.03), offset=False
     ),
 }
 
@@ -53,7 +58,8 @@ def observed(controller):
 
 @pytest.mark.parametrize("name", SETTINGS)
 def test_kernel_equals_numpy_to_the_last_bit(name) -> None:
-    """Saturation, guard, NaN, missing, late and repeated measurements, hold, rest: all that both show, every tick."""
+    """Limits, guard, NaN, spikes, a change, missing, late and repeated measurements, hold, rest, start, new settings:
+    all that both show, every tick."""
     rng = np.random.default_rng(len(name))
     kernel, text = AdaptiveController.from_settings(SETTINGS[name]), ReferenceController(SETTINGS[name])
     z_d, zdot_d = random_wave(rng, 2500, swing=16.0)
@@ -63,15 +69,18 @@ def test_kernel_equals_numpy_to_the_last_bit(name) -> None:
     plant = ModifiedPrandtlIshlinskii(r=STACK.r, w_h=STACK.a, d=[0, 12, 20], w_s=[1, 0.06, -0.04])
     z_a, y = np.zeros(z_d.size), np.zeros(8)
     seen = 0
+    kernel.start(1.25, 17.0), text.start(1.25, 17.0)
+    ago_most = 5 if name == "slow" else HISTORY + 3
     for k in range(z_d.size):
         x = kernel.command(z_d[k], zdot_d[k])
         assert text.command(z_d[k], zdot_d[k]) == x
         z_a[k], y = plant.step(x, y)
-        ago = int(rng.choice([0, 0, 0, 1, 5, rng.integers(-1, HISTORY + 3)]))
-        measured = z_a[max(k - ago, 0)] + 0.03 * rng.standard_normal()
+        z_a[k] *= 1.0 if k < 1400 else 0.75  # a sudden change
+        ago = int(rng.choice([0, 0, 0, 0, 1, rng.integers(-1, ago_most)])) if k < 1300 or k > 1600 else 0
+        measured = z_a[min(max(k - ago, 0), k)] + 0.03 * rng.standard_normal() + 40.0 * (rng.random() < 0.02)
         fate = rng.random()
         if fate > 0.1:
-            measured = {0: np.nan, 1: -np.inf}.get(int(fate * 100) % 25, measured)
+            measured = {0: np.nan, 1: -np.inf, 2: 1e9}.get(int(fate * 100) % 25, measured)
             kernel.adapt(measured, ago)
             text.adapt(measured, ago)
         if fate > 0.99:
@@ -81,7 +90,12 @@ def test_kernel_equals_numpy_to_the_last_bit(name) -> None:
         for ours, theirs in zip(observed(text), observed(kernel), strict=True):
             np.testing.assert_array_equal(ours, theirs, err_msg=f"tick {k}")
         seen |= text.flag_bits
-    assert seen == (0b1111 if name != "one play" else 0b1101), "every flag was met"
+        if k == 2000 and name != "paper":
+            changes = {"trim_rate": 5.0, "memory": 1.0, "dead_zone_weights": kernel.settings.dead_zone_weights}
+            kernel.change(**changes), text.change(dataclasses.replace(text.settings, **changes))
+    assert seen & 0b001101 == 0b001101, "limits, refusals and hold were met"
+    assert name not in ("paper", "no terms", "at once, trimmed") or seen & 0b000010, "slopes were limited"
+    assert text.settings.law != "kalman" or seen & 0b110000 == 0b110000, "a change and the slew limit were met"
     kernel.reset(), text.reset()
     for ours, theirs in zip(observed(text), observed(kernel), strict=True):
         np.testing.assert_array_equal(ours, theirs)
@@ -114,10 +128,11 @@ def test_single_precision_is_within_its_bound(seed) -> None:
 
 @pytest.mark.parametrize("precision", ["double", "single"])
 @pytest.mark.parametrize("ago", [0, 7])
-def test_a_block_is_sample_by_sample_and_a_saved_run_goes_on(precision, ago) -> None:
+@pytest.mark.parametrize("name", ["paper", "default"])
+def test_a_block_is_sample_by_sample_and_a_saved_run_goes_on(name, precision, ago) -> None:
     """To the last bit; blocks of uneven length, saved and restored between them."""
     rng = np.random.default_rng(5)
-    settings = dataclasses.replace(SETTINGS["default"], precision=precision)
+    settings = dataclasses.replace(SETTINGS[name], precision=precision)
     z_d, zdot_d = random_wave(rng, 700)
     measured = z_d + 0.5 * rng.standard_normal(z_d.size)
     measured[rng.random(z_d.size) < 0.05] = np.nan
@@ -168,14 +183,23 @@ def test_twenty_minutes_leave_every_state_finite_and_the_law_alive(kind, name, p
     assert controller.counters.commands == MINUTES_20
     for entry, value in controller.state().items():
         assert np.isfinite(value).all(), entry
-    # No measurement but the lost ones was refused, and P met its limit.
+    # Next to no measurement but the lost ones was refused, and P stayed within its limit.
     lost = np.count_nonzero(~np.isfinite(measured)) * MINUTES_20 // z_d.size
-    assert controller.counters.rejected == lost
-    assert controller.diagnostics.trace_P <= controller.settings.covariance_limit * 1.0001
+    assert lost <= controller.counters.rejected <= lost + 20
+    if name == "paper":
+        assert controller.diagnostics.trace_P <= controller.settings.covariance_limit * 1.0001
+        return
+    P0 = np.array(controller.settings.prior_covariance)
+    within = np.sqrt(np.diag(controller.covariance) / np.diag(P0))
+    assert within.max() < 1.0 + 1e-6
+    np.linalg.cholesky(controller.covariance)  # positive definite
+    # The measurement does not answer the voltage here, so the weights may wander; the prior and the slopes hold them.
+    deviation = (controller.weights - controller.settings.initial_weights) / np.sqrt(np.diag(P0))
+    assert np.abs(deviation).max() < 20.0
 
 
 def exactly_modelled(controller, z_d, zdot_d, noise, memory=0.0):
-    """A plant that the default thresholds can hold, 9 x + 4 H_0.45[x]; returns the true error, um, and memory, V."""
+    """A plant that the paper's thresholds can hold, 9 x + 4 H_0.45[x]; returns the true error, um, and memory, V."""
     error = np.zeros(z_d.size)
     for k, (z, v, e) in enumerate(zip(z_d.tolist(), zdot_d.tolist(), noise.tolist(), strict=True)):
         x = controller.command(z, v)
@@ -185,22 +209,23 @@ def exactly_modelled(controller, z_d, zdot_d, noise, memory=0.0):
     return error, memory
 
 
-@pytest.mark.parametrize(("precision", "minutes", "bound"), [("double", 2.0, 0.01), ("single", 0.5, 0.01)])
+@pytest.mark.parametrize(("precision", "minutes"), [("double", 1.0), ("single", 0.5)])
+@pytest.mark.parametrize(("name", "bound"), [("paper", 0.01), ("default", 0.015)])
 @pytest.mark.parametrize("z_rest", [0.0, 15.0])
-def test_after_rest_the_law_follows_again(z_rest, precision, minutes, bound) -> None:
+def test_after_rest_the_law_follows_again(z_rest, name, bound, precision, minutes) -> None:
     """True rmse in um half a second after the rest, with 20 nm noise.
 
     With P as printed the law stopped for good: in double after two minutes, in single after 0.2 s.
     """
     rng = np.random.default_rng(4)
-    controller = AdaptiveController.from_settings(dataclasses.replace(SETTINGS["default"], precision=precision))
+    controller = AdaptiveController.from_settings(dataclasses.replace(SETTINGS[name], precision=precision))
     wave = random_wave(rng, 4000)
     rest = np.full(int(minutes * 120_000), z_rest), np.zeros(int(minutes * 120_000))
     memory = 0.0
     for z_d, zdot_d in (wave, rest, wave):
         noise = 0.02 * rng.standard_normal(z_d.size)
         error, memory = exactly_modelled(controller, z_d, zdot_d, noise, memory)
-    assert controller.counters.rejected == 0
+    assert controller.counters.rejected <= 3
     assert np.sqrt(np.mean(error[1000:] ** 2)) < bound
 
 
@@ -231,5 +256,5 @@ def test_a_bad_desired_value_or_setting_is_named_and_changes_nothing() -> None:
         np.testing.assert_array_equal(ours, theirs)
     with pytest.raises(SettingError, match="precision = 'single'"):
         ReferenceController(dataclasses.replace(SETTINGS["default"], precision="single"))
-    with pytest.raises(SettingError, match=r"law.weights = array of shape \(2,\): must be 16 numbers"):
+    with pytest.raises(SettingError, match=r"law.weights = array of shape \(2,\): must be 37 numbers"):
         ReferenceController(SETTINGS["default"], RLS([5.0, 0.0]))

