@@ -496,7 +496,7 @@ static void test_project(void)
     check(multiplier < 0 && near(nearest, 0, 10), "and nearest in the metric of P^-1");
 }
 
-/* Slopes at both ends of the rates: a weight b that is too large breaks the limit at -v, one that is too small at +v. */
+/* Slopes at both ends of the rates that were commanded: a weight b that is too large breaks the limit at -v, one that is too small at +v. */
 static void test_slopes_at_both_ends(void)
 {
     for (int sign = -1; sign <= 1; sign += 2) {
@@ -506,7 +506,7 @@ static void test_slopes_at_both_ends(void)
         ts_real volts;
         ts_controller_init(&c, &s);
         for (int k = 0; k < 3; k++) {
-            ts_controller_command(&c, (ts_real)(0.1 * k), 0, &volts);
+            ts_controller_command(&c, (ts_real)(0.1 * k), k ? 0 : (ts_real)2000, &volts); /* beyond the velocity limit */
             ts_controller_adapt(&c, (ts_real)(0.1 * k), 0);
         }
         double slope = c.w[0] - 0.007 * 1500 * fabs((double)c.w[1]);

@@ -135,6 +135,7 @@ class ReferenceController:
         self._waiting: dict[int, _Command] = {}  # by tick: what self._lagged has not seen
         self._last = _Command(0.0, 0.0, 0.0, limited=False)
         self._carry = self._integral = self._innovation = 0.0  # um
+        self._fastest = 0.0  # largest rate so far, at most the velocity limit, um/s
         kinds = ("commands", "adaptations", "saturated", "projected", "rejected", "changed", "slewed")
         self.counters = dict.fromkeys(kinds, 0)
         self._saturated = self._projected = self._rejected = self._held = self._changed = self._slewed = False
@@ -196,6 +197,7 @@ class ReferenceController:
         x = self._within_limits(play_inverse(y_d, self._slopes, self._r, self._now.play))  # (12)
         self._see_voltage(self._now, x)  # (1)
         self._carry *= self._c["smoothing"]
+        self._fastest = max(self._fastest, min(abs(zdot_d), self.settings.velocity_limit))
         self._last = _Command(x, z_d, zdot_d, self._saturated or self._slewed)
         self._waiting[self.counters["commands"]] = self._last
         self._count(commands=True, saturated=self._saturated, projected=self._projected, slewed=self._slewed)
@@ -312,8 +314,8 @@ class ReferenceController:
         before = law.weights
         law.update(u, self._innovation, learn=not (self._held or limited))
         if law.weights is not before:
-            self._project_slope(law, self.settings.velocity_limit)  # slopes are linear in the rate:
-            self._project_slope(law, -self.settings.velocity_limit)  # its two ends are the worst
+            self._project_slope(law, self._fastest)  # slopes are linear in the rate:
+            self._project_slope(law, -self._fastest)  # its two ends are the worst
             self._changed = law.changed
 
     def _project_slope(self, law: BoundedKalman, zdot_d: float) -> None:
