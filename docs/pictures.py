@@ -54,10 +54,10 @@ def mark(axes: Axes, theme: Theme, time: float, words: str) -> None:
     )
 
 
-def shade(axes: Axes, theme: Theme, start: float, stop: float, words: str) -> None:
+def shade(axes: Axes, theme: Theme, start: float, stop: float, words: str, height: float) -> None:
     """A span of time, and what it is."""
     axes.axvspan(start, stop, color=theme["grid"], alpha=0.7, lw=0, zorder=0.5)
-    axes.text(start, 0.06, f" {words}", transform=axes.get_xaxis_transform(), fontsize=8)
+    axes.text(start, height, f" {words}", transform=axes.get_xaxis_transform(), fontsize=8)
 
 
 # ---- One function a picture ----------------------------------------------------------------------------------------
@@ -110,7 +110,7 @@ def sensor(runs: Runs, theme: Theme) -> Figure:
     shown["steps by 0.1 um"] = "off by 0.1 µm, which is plausible"
     for panel, (name, words) in zip(panels, shown.items(), strict=True):
         draw_error(panel, runs["failed"][name], (1.5, 3.5), 1e3, **lines(theme)["default"])
-        shade(panel, theme, 2.0, 2.5, words)
+        shade(panel, theme, 2.0, 2.5, words, 0.9)
         panel.set_ylabel("error (nm)")
     panels[0].set_ylim(-160, 160)
     panels[-1].set_xlabel("time (s)")
@@ -128,7 +128,7 @@ def stopped(runs: Runs, theme: Theme) -> Figure:
         style.title(above, f"After {pause}")
         below.set_xlabel("time (s)")
         for panel in (above, below):
-            shade(panel, theme, 61.5, 62.0, "pause")
+            shade(panel, theme, 61.5, 62.0, "pause", 0.06)
     panels[0].set_ylabel("error of paper (µm)")
     panels[2].set_ylabel("error of default (nm)")
     panels[2].set_ylim(-60, 60)
