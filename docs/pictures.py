@@ -1,0 +1,187 @@
+"""Draw the pictures of adaptation.md from the runs of its own blocks: `python docs/pictures.py` (about 15 s)."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import re
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from truestroke.recording import Recording
+from truestroke.report import style
+from truestroke.report.style import Theme
+
+DOCS = Path(__file__).parent
+Runs = Mapping[str, Any]  # the names that the page's blocks have made
+
+
+def runs_of(page: Path) -> Runs:
+    """Run the python blocks of a page; everything that they name."""
+    names: dict[str, Any] = {}
+    for block in re.findall(r"^```python\n(.*?)^```", page.read_text(), flags=re.MULTILINE | re.DOTALL):
+        with contextlib.redirect_stdout(io.StringIO()):
+            exec(block, names)
+    return names
+
+
+def draw_error(axes: Axes, run: Recording, span: tuple[float, float], scale: float, **line: Any) -> None:
+    """True error of a run within `span` s, times `scale`."""
+    kept = (run["time"] >= span[0]) & (run["time"] <= span[1])
+    axes.plot(run["time"][kept], scale * (run["true"] - run["desired"])[kept], **line)
+    axes.set_xlim(*span)
+
+
+def lines(theme: Theme) -> dict[str, dict[str, Any]]:
+    """How the rivals are drawn."""
+    return {
+        "default": {"color": theme["true"], "lw": 1.1, "label": "default", "zorder": 3},
+        "paper": {"color": theme.series[1], "lw": 1.1, "label": "paper"},
+    }
+
+
+def mark(axes: Axes, theme: Theme, time: float, words: str) -> None:
+    """A dashed line at `time`, and what it is."""
+    axes.axvline(time, color=theme["muted"], lw=0.9, ls=(0, (4, 3)), zorder=1.5)
+    place = axes.get_xaxis_transform()
+    axes.annotate(
+        words, (time, 0.06), xycoords=place, xytext=(-4, 0), textcoords="offset points", fontsize=8, ha="right"
+    )
+
+
+def shade(axes: Axes, theme: Theme, start: float, stop: float, words: str, height: float) -> None:
+    """A span of time, and what it is."""
+    axes.axvspan(start, stop, color=theme["grid"], alpha=0.7, lw=0, zorder=0.5)
+    axes.text(start, height, f" {words}", transform=axes.get_xaxis_transform(), fontsize=8)
+
+
+# ---- One function a picture ----------------------------------------------------------------------------------------
+
+
+def cold(runs: Runs, theme: Theme) -> Figure:
+    """The first second."""
+    figure, (above, paper, ours) = style.panels(5.2, 3, sharex=True, height_ratios=[1.3, 1, 1])
+    run = runs["cold"]["default"]
+    above.plot(run["time"], run["desired"], color=theme["desired"], lw=3.0, label="desired")
+    above.plot(run["time"], run["true"], color=theme["true"], lw=1.0, label="true, default")
+    draw_error(paper, runs["cold"]["paper"], (0.0, 1.0), 1.0, **lines(theme)["paper"])
+    draw_error(ours, run, (0.0, 1.0), 1e3, **lines(theme)["default"])
+    above.set_ylabel("displacement (µm)")
+    paper.set_ylabel("error (µm)")
+    ours.set(ylabel="error (nm)", xlabel="time (s)")
+    for panel, entries in ((above, 2), (paper, 1), (ours, 1)):
+        style.legend_above(panel, entries)
+    return figure
+
+
+def change(runs: Runs, theme: Theme) -> Figure:
+    """Before and after the sudden change; below, its first ticks."""
+    figure, (above, below) = style.panels(4.8, 2)
+    for name in ("paper", "default"):
+        draw_error(above, runs["changed"][name], (2.8, 4.0), 1.0, **lines(theme)[name])
+    mark(above, theme, 3.0, "sudden change")
+    above.set(ylabel="error (µm)", xlabel="time (s)")
+    run = runs["changed"]["default"]
+    after = 1e3 * (run["time"] - 3.0)
+    near = (after > -5.2) & (after < 30.2)
+    error, flags = (run["true"] - run["desired"])[near], run["flags"][near]
+    below.plot(after[near], error, **{**lines(theme)["default"], "marker": ".", "ms": 4})
+    for bit, words, colour, shape in (
+        (4, "not believed", theme["alarm"], "s"),
+        (16, "seen as a change", theme["text"], "o"),
+    ):
+        hit = flags & bit > 0
+        below.plot(after[near][hit], error[hit], ls="", marker=shape, ms=7, mfc="none", mew=1.4, c=colour, label=words)
+    below.set(ylabel="error (µm)", xlabel="time after the change (ms)", xlim=(-5, 30))
+    style.legend_above(above, 2)
+    style.legend_above(below, 3)
+    return figure
+
+
+def sensor(runs: Runs, theme: Theme) -> Figure:
+    """Three failures of the sensor, the same scale."""
+    figure, panels = style.panels(5.0, 3, sharex=True, sharey=True)
+    shown = {"no signal": "no signal", "a 5 um spike every 50 ms": "a spike of 5 µm every 50 ms"}
+    shown["steps by 0.1 um"] = "off by 0.1 µm, which is plausible"
+    for panel, (name, words) in zip(panels, shown.items(), strict=True):
+        draw_error(panel, runs["failed"][name], (1.5, 3.5), 1e3, **lines(theme)["default"])
+        shade(panel, theme, 2.0, 2.5, words, 0.9)
+        panel.set_ylabel("error (nm)")
+    panels[0].set_ylim(-160, 160)
+    panels[-1].set_xlabel("time (s)")
+    style.legend_above(panels[0], 1)
+    return figure
+
+
+def stopped(runs: Runs, theme: Theme) -> Figure:
+    """The full-stroke wave that follows a pause: paper above, default below."""
+    figure, panels = style.panels(4.6, 2, 2, sharex=True, sharey="row")
+    for column, pause in enumerate(runs["pauses"]):
+        above, below = panels[column], panels[2 + column]
+        draw_error(above, runs["stopped"][pause]["paper"], (61.5, 64.0), 1.0, **lines(theme)["paper"])
+        draw_error(below, runs["stopped"][pause]["default"], (61.5, 64.0), 1e3, **lines(theme)["default"])
+        style.title(above, f"After {pause}")
+        below.set_xlabel("time (s)")
+        for panel in (above, below):
+            shade(panel, theme, 61.5, 62.0, "pause", 0.06)
+    panels[0].set_ylabel("error of paper (µm)")
+    panels[2].set_ylabel("error of default (nm)")
+    panels[2].set_ylim(-60, 60)
+    return figure
+
+
+def limits(runs: Runs, theme: Theme) -> Figure:
+    """The sine beyond the voltage limit, and the jump."""
+    figure, (far, step, below, error) = style.panels(4.8, 2, 2, height_ratios=[1.2, 1])
+    run, jump = runs["reach"]["default"], runs["jumped"]
+    for axes, recording, span in ((far, run, (3.0, 3.5)), (step, jump["default"], (1.99, 2.05))):
+        axes.plot(recording["time"], recording["desired"], color=theme["desired"], lw=3.0, label="desired")
+        axes.plot(recording["time"], recording["true"], color=theme["true"], lw=1.0, label="true")
+        axes.set_xlim(*span)
+        style.legend_above(axes, 2)
+    step.set_ylim(-2, 20)
+    for name in ("paper", "default"):
+        draw_error(below, runs["reach"][name], (3.0, 3.5), 1.0, **lines(theme)[name])
+        draw_error(error, jump[name], (1.99, 2.05), 1.0, **lines(theme)[name])
+    error.set_ylim(-4, 4)
+    far.set_ylabel("displacement (µm)")
+    below.set_ylabel("error (µm)")
+    for axes in (below, error):
+        axes.set_xlabel("time (s)")
+        style.legend_above(axes, 2)
+    return figure
+
+
+def trim(runs: Runs, theme: Theme) -> Figure:
+    """A wrong model on hold, with four trims."""
+    figure, panels = style.panels(4.6, 2)
+    for panel, motion in zip(panels, runs["motions"], strict=True):
+        for i, rate in enumerate((0.0, 20.0, 100.0, 400.0)):
+            run = runs["trimmed"][motion, "on hold", rate]
+            line = {"color": theme.series[(7, 2, 1, 0)[i]], "lw": 1.1, "label": f"trim {rate:g} 1/s"}
+            draw_error(panel, run, (2.0, 2.5), 1.0, **line)
+        panel.set_ylabel(f"error, {motion} (µm)")
+    panels[-1].set_xlabel("time (s)")
+    style.legend_above(panels[0], 4)
+    return figure
+
+
+PICTURES: tuple[Callable[[Runs, Theme], Figure], ...] = (cold, change, sensor, stopped, limits, trim)
+
+
+def main(folder: Path = DOCS / "images" / "adaptation") -> None:
+    """Draw all of them, light and dark."""
+    runs = runs_of(DOCS / "adaptation.md")
+    folder.mkdir(parents=True, exist_ok=True)
+    for draw in PICTURES:
+        for theme in (style.LIGHT, style.DARK):
+            with style.use(theme):
+                style.save(draw(runs, theme), folder / f"{draw.__name__}-{theme.name}.png")
+
+
+if __name__ == "__main__":
+    main()
