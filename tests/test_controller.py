@@ -331,3 +331,38 @@ def test_trim_removes_what_the_model_cannot_know_and_does_not_wind_up() -> None:
         controller.adapt(back[-1])
     assert back[-1] == pytest.approx(10.0, abs=1e-6)
     assert min(back[60:]) > 5.0  # no long swing to the other side
+
+
+def test_trim_is_switched_off_without_a_trace() -> None:
+    """What the integral held goes by and by, and the actuator is where it would be without it."""
+    controller, never = AdaptiveController(**BASIC, trim_rate=100.0), AdaptiveController(**BASIC)
+    for c in (controller, never):
+        c.hold()
+    for _ in range(1000):
+        controller.adapt(10.0 * controller.command(10.0, 0.0) + 5.0)
+        never.command(10.0, 0.0)
+    before = controller.command(10.0, 0.0)
+    controller.change(trim_rate=0.0)
+    volts = [controller.command(10.0, 0.0) for _ in range(40)]
+    assert volts[0] == pytest.approx(before, abs=1e-9)
+    assert volts[-1] != pytest.approx(before, abs=0.1)
+    assert np.abs(np.diff(volts)).max() < 0.3
+
+
+def test_a_frozen_sensor_is_not_believed() -> None:
+    """The last value again and again for half a second, in motion: rejected, and the actuator stays on course."""
+    controller, memory, errors = AdaptiveController(**BASIC), 0.0, []
+    rng = np.random.default_rng(5)
+    for k in range(6000):
+        phase = 0.02 * k
+        z_d = 12.0 - 11.0 * np.cos(phase)
+        x = controller.command(z_d, 440.0 * np.sin(phase))
+        memory = max(x - 0.3, min(x + 0.3, memory))
+        z = 7.0 * x + 4.0 * memory
+        if not 4000 <= k < 5000:
+            measured = z + rng.normal(0.0, 0.013)
+        controller.adapt(measured)
+        errors.append(z - z_d)
+    assert np.abs(errors[3000:]).max() < 0.15
+    assert controller.counters.rejected > 950
+    assert controller.counters.changed == 0

@@ -182,7 +182,7 @@ typedef struct {
 typedef struct {      /* of the last tick */
     bool saturated;   /* the command met a voltage limit */
     bool projected;   /* a partial slope was brought within its limits so that the inverse is defined */
-    bool rejected;    /* the measurement was not finite, beyond its limit, a spike, or too late, and was not used */
+    bool rejected;    /* the measurement was not finite, beyond its limit, a spike, frozen or too late: not used */
     bool held;        /* adaptation is on hold */
     bool changed;     /* the actuator has changed suddenly */
     bool slewed;      /* the command met the slew limit */
@@ -218,6 +218,8 @@ typedef struct {
     ts_memory lagged;
     ts_real u[TS_MAX_PARAMETERS];     /* (20) and the terms */
     ts_real innovation;               /* e_m, (15), um */
+    ts_real z_before;                 /* um: the last measurement that differed from the one before it, */
+    ts_real predicted_before;         /* and what the model said then */
     union {
         ts_real S[TS_MAX_PARAMETERS * TS_MAX_PARAMETERS]; /* RLS: P = S S', 1/V, m x m packed at the front */
         ts_kalman kalman;

@@ -244,18 +244,32 @@ static bool project_slope(ts_controller *c, ts_real zdot_d)
     return true;
 }
 
-static bool adapt_kalman(ts_controller *c, ts_real y_a, bool learn)
+/* A sensor that gives the same number again and again while the model moves is no sensor: a live one has noise. */
+static bool frozen(ts_controller *c, ts_real z, ts_real predicted)
+{
+    if (z != c->z_before) {
+        c->z_before = z;
+        c->predicted_before = predicted;
+        return false;
+    }
+    ts_real moved = predicted - c->predicted_before;
+    ts_real still = 6 * (c->law.kalman.sigma + c->settings.kalman.model_error);
+    return moved > still || moved < -still;
+}
+
+/* y_a: NULL where there is nothing to believe. */
+static bool adapt_kalman(ts_controller *c, const ts_real *y_a, bool learn)
 {
     const ts_settings *s = &c->settings;
     ts_kalman *k = &c->law.kalman;
-    ts_tick tick = ts_kalman_tick(k, &s->kalman, s->initial_weights, s->prior, c->w, c->u, &y_a, learn, ts_parameters(s));
+    ts_tick tick = ts_kalman_tick(k, &s->kalman, s->initial_weights, s->prior, c->w, c->u, y_a, learn, ts_parameters(s));
     if (tick == TS_TICK_USED) {
         project_slope(c, c->fastest); /* slopes are linear in the rate: its two ends are the worst */
         project_slope(c, -c->fastest);
         c->flags.changed = k->changed;
         c->counters.changed += k->changed;
     }
-    return tick != TS_TICK_SPIKE;
+    return y_a && tick != TS_TICK_SPIKE;
 }
 
 static bool adapt_rls(ts_controller *c, bool learn)
@@ -360,6 +374,7 @@ ts_status ts_controller_change(ts_controller *c, const ts_settings *next)
     if (!same_model(s, next)) return TS_BAD_TERMS;
     c->settings = *next;
     if (c->counters.commands == 0) return TS_OK;
+    if (!(next->trim > 0)) c->integral = 0; /* its share goes into the carry */
     int slot = (int)((c->counters.commands - 1) % TS_HISTORY);
     (void)rate_dependent_slopes(c, c->zdot_d[slot]);
     c->carry += brought_by_plays(c) - wanted_of_plays(c, c->z_d[slot], c->zdot_d[slot]);
@@ -397,8 +412,10 @@ ts_status ts_controller_adapt(ts_controller *c, ts_real z, int ago)
         next_lagged(c);
         ts_real y_a = through_dead_zones(s, z), before[TS_MAX_PARAMETERS];
         memcpy(before, c->w, sizeof before);
-        c->innovation = y_a - dot(c->w, c->u, ts_parameters(s)); /* (15) */
-        used = s->law == TS_LAW_KALMAN ? adapt_kalman(c, y_a, !c->hold && !limited) : adapt_rls(c, !c->hold);
+        ts_real predicted = dot(c->w, c->u, ts_parameters(s));
+        c->innovation = y_a - predicted; /* (15) */
+        if (s->law == TS_LAW_RLS) used = adapt_rls(c, !c->hold);
+        else used = adapt_kalman(c, frozen(c, z, predicted) ? NULL : &y_a, !c->hold && !limited);
         if (used && s->smoothing > 0) carry_on(c, before);
         if (used) integrate(c, c->z_d[slot] - z, c->x[slot], limited);
     }

@@ -142,6 +142,8 @@ template <typename Controller, typename Visit> void each_array(Controller &c, Vi
     visit("lagged_ticks", &c.lagged.ticks, 1);
     visit("regressor", &c.u[0], m);
     visit("innovation", &c.innovation, 1);
+    visit("z_before", &c.z_before, 1);
+    visit("predicted_before", &c.predicted_before, 1);
     visit("hold", &c.hold, 1);
     visit("flags", &c.flags.saturated, sizeof c.flags / sizeof(bool));
     visit("counters", &c.counters.commands, sizeof c.counters / sizeof(uint64_t));

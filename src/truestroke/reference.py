@@ -135,6 +135,7 @@ class ReferenceController:
         self._waiting: dict[int, _Command] = {}  # by tick: what self._lagged has not seen
         self._last = _Command(0.0, 0.0, 0.0, limited=False)
         self._carry = self._integral = self._innovation = 0.0  # um
+        self._z_before = self._predicted_before = 0.0  # um: the last measurement that was new, what the model said then
         self._fastest = 0.0  # largest rate so far, at most the velocity limit, um/s
         kinds = ("commands", "adaptations", "saturated", "projected", "rejected", "changed", "slewed")
         self.counters = dict.fromkeys(kinds, 0)
@@ -170,6 +171,8 @@ class ReferenceController:
         elif isinstance(self.law, RLS):
             self.law.forgetting, self.law.covariance_limit = settings.forgetting, settings.covariance_limit
         if self.counters["commands"] > 0:
+            if not settings.trim_rate > 0:
+                self._integral = 0.0  # its share goes into the carry
             z_d, zdot_d = self._last.z_d, self._last.zdot_d
             self._slopes, _ = self._rate_dependent_slopes(zdot_d)
             self._carry += self._brought_by_plays() - self._wanted_of_plays(z_d, zdot_d)
@@ -216,10 +219,10 @@ class ReferenceController:
             while self._lagged.ticks < tick:
                 self._pass_over()
             command, u = self._next_lagged()  # (20)
-            self._innovation = self._through_dead_zones(z_measured) - float(dot(self.law.weights, u))  # (15)
-            before = self.law.weights
+            predicted, before = float(dot(self.law.weights, u)), self.law.weights
+            self._innovation = self._through_dead_zones(z_measured) - predicted  # (15)
             try:
-                self._learn(u, command.limited)  # (23)
+                self._learn(u, command.limited, self._is_frozen(z_measured, predicted))  # (23)
             except UpdateRefused:
                 self._rejected = True
             else:
@@ -305,14 +308,25 @@ class ReferenceController:
 
     # ---- The arrows of Fig. 5: adapt --------------------------------------------------------------------------------
 
-    def _learn(self, u: FloatArray, limited: bool) -> None:
+    def _is_frozen(self, z: float, predicted: float) -> bool:
+        """Whether the sensor gives the same number again and again while the model moves: a live one has noise."""
+        if not isinstance(self.law, BoundedKalman):
+            return False
+        if z != self._z_before:
+            self._z_before, self._predicted_before = z, predicted
+            return False
+        return abs(predicted - self._predicted_before) > 6 * (self.law.sigma + self.law.settings.model_error)
+
+    def _learn(self, u: FloatArray, limited: bool, frozen: bool) -> None:
         law = self.law
         if not isinstance(law, BoundedKalman):
             if not self._held:
                 law.update(u, self._innovation)
             return
         before = law.weights
-        law.update(u, self._innovation, learn=not (self._held or limited))
+        law.update(u, None if frozen else self._innovation, learn=not (self._held or limited))
+        if frozen:
+            raise UpdateRefused("the sensor stands still while the model moves")
         if law.weights is not before:
             self._project_slope(law, self._fastest)  # slopes are linear in the rate:
             self._project_slope(law, -self._fastest)  # its two ends are the worst
