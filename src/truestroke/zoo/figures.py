@@ -15,6 +15,7 @@ from truestroke.zoo.draw import SAMPLE_RATE, Run
 
 SETTLED = 0.1  # s after a change that the rmse leaves out
 SHOCK = 0.05  # s after a change that the largest error leaves out
+LONG_AFTER = 0.5  # s after a change that its own rmse ends
 START = 0.5  # s that the largest error leaves out
 
 
@@ -55,19 +56,19 @@ class Figures:
 
 def figures(run: Run, recording: Recording) -> Figures:
     """The figures of a recording of this run."""
-    desired, true = recording["desired"], recording["true"]
-    time = recording["time"]
-    error = np.abs(true - desired)
-    change = run.settings.change
-    since = time - change.time if change else np.full(time.size, -np.inf)
-    half = (time >= (run.begin + time.size / SAMPLE_RATE) / 2) & ~((since >= 0) & (since < SETTLED))
-    after, cold = (since >= SETTLED) & (since < 0.5), (time >= 0.75) & (time < 1.0)
-    counted = np.where((time >= START) & ~((since >= 0) & (since < SHOCK)), error, 0.0)
+    desired, true, time = recording["desired"], recording["true"], recording["time"]
+    error, ticks = np.abs(true - desired), np.arange(time.size)
+    since = ticks - run.change_tick if run.change_tick is not None else np.full(time.size, -1)
+    settled, shock, long_after = (round(seconds * SAMPLE_RATE) for seconds in (SETTLED, SHOCK, LONG_AFTER))
+    middle = (round(run.begin * SAMPLE_RATE) + time.size) // 2
+    half = (ticks >= middle) & ~((since >= 0) & (since < settled))
+    after, cold = (since >= settled) & (since < long_after), (time >= 0.75) & (time < 1.0)
+    counted = np.where((time >= START) & ~((since >= 0) & (since < shock)), error, 0.0)
     worst = int(np.argmax(counted))
     return Figures(
         rmse=rmse(desired[half], true[half]),
         maximum=float(error[half].max()),
-        after_change=rmse(desired[after], true[after]) if change else None,
+        after_change=rmse(desired[after], true[after]) if after.any() else None,
         cold=rmse(desired[cold], true[cold]),
         largest=float(counted[worst]),
         largest_at=float(time[worst]),
