@@ -1,6 +1,10 @@
 """The zoo: that bursts do not come back, that a draw is what was stated, that its figures are what they say."""
 
 import dataclasses
+import json
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -212,3 +216,38 @@ def test_halves_are_disjoint_and_complete():
 def test_a_wrong_controller_is_named():
     with pytest.raises(SettingError, match="controller = 'pid'"):
         zoo.record(0, 0, "pid")
+
+
+# ---- The command ---------------------------------------------------------------------------------------------------
+
+
+def command(*arguments, folder):
+    program = Path(sys.executable).with_name("truestroke")
+    return subprocess.run([program, "zoo", *arguments], cwd=folder, capture_output=True, text=True, timeout=100)
+
+
+def test_only_repeats_a_run_of_the_zoo(tmp_path):
+    """The recording that --only writes has the error that the table of the zoo has for that run."""
+    number = str(next(number for number in range(20) if not zoo.draw(SEED, number).prelude))
+    done = command("--seed", str(SEED), "--only", number, "--json", "--output", "one", folder=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    told, loaded = json.loads(done.stdout), Recording.load(tmp_path / "one.h5")
+    found = zoo.play(SEED, int(number), ("adaptive",)).figures["adaptive"]
+    assert (tmp_path / told["page"]).read_text().startswith("<!doctype html>")
+    assert loaded.metadata["zoo"]["number"] == int(number)
+    worst = np.flatnonzero(loaded["time"] == found.largest_at)[0]
+    assert abs(loaded["true"] - loaded["desired"])[worst] == found.largest
+
+
+def test_the_table_and_the_page(tmp_path):
+    arguments = ("--plants", "2", "--half", "unseen", "--seed", "5", "--controllers", "adaptive")
+    done = command(*arguments, "--output", "zoo", folder=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    for words in ("median", "worst", "largest error anywhere, default", "of 1 runs", "--seed 5 --only 1"):
+        assert words in done.stdout
+    page = (tmp_path / "zoo.html").read_text()
+    assert page.count("<svg") == 3
+    assert "truestroke zoo --plants 2 --seed 5" in page
+    wrong = command("--controllers", "pid", folder=tmp_path)
+    assert wrong.returncode == 2
+    assert wrong.stderr.count("\n") == 1

@@ -75,9 +75,9 @@ class Run:
     def words(self) -> str:
         """What happens, in a line."""
         change = self.settings.change
-        parts = [self.motion, f"after {PRELUDE:g} s of {self.prelude}" if self.prelude else ""]
+        parts = [self.motion, f"after {self.prelude}" if self.prelude else ""]
         if change:
-            parts.append(f"gain x {change.gain:.2f}, hysteresis x {change.hysteresis:.2f} at {change.time:.2f} s")
+            parts.append(f"gain {change.gain:.2f}, hysteresis {change.hysteresis:.2f} at {change.time:.2f} s")
         parts.append(f"{len(self.bursts)} dropouts" if self.bursts else "")
         return ", ".join(filter(None, parts))
 
@@ -88,7 +88,7 @@ def draw(seed: int, number: int) -> Run:
     Examples
     --------
     >>> draw(0, 2).words()
-    'sine 8 Hz, gain x 0.95, hysteresis x 0.88 at 7.49 s'
+    'sine 8 Hz, gain 0.95, hysteresis 0.88 at 7.49 s'
     """
     random = np.random.Generator(np.random.PCG64([seed, number]))
     settings = _plant(random)

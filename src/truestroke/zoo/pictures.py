@@ -25,9 +25,14 @@ PANELS = {
 }
 
 
-def worst(results: Sequence[Result], controller: str = "adaptive") -> Result:
-    """The run with the largest error anywhere."""
-    return max(results, key=lambda result: result.figures[controller].largest)
+def first(results: Sequence[Result]) -> str:
+    """The first of the controllers: the one that is looked at."""
+    return next(iter(results[0].figures))
+
+
+def worst(results: Sequence[Result]) -> Result:
+    """The run with the largest error anywhere, with the first controller."""
+    return max(results, key=lambda result: result.figures[first(results)].largest)
 
 
 def distribution(results: Sequence[Result], theme: Theme = LIGHT) -> Figure:
@@ -71,7 +76,7 @@ def largest(results: Sequence[Result], theme: Theme = LIGHT) -> Figure:
 
 def trace(result: Result, recording: Recording, seed: int, theme: Theme = LIGHT) -> Figure:
     """Motion and error of one run, in full and around its largest error."""
-    run, found = draw(seed, result.number), result.figures["adaptive"]
+    run, found = draw(seed, result.number), result.figures[first([result])]
     time, desired = recording["time"], recording["desired"]
     error = 1e3 * (recording["true"] - desired)
     near = np.abs(time - found.largest_at) < 0.15
@@ -97,7 +102,7 @@ def trace(result: Result, recording: Recording, seed: int, theme: Theme = LIGHT)
 
 
 def pictures(results: Sequence[Result], recording: Recording, seed: int, theme: Theme = LIGHT) -> dict[str, Figure]:
-    """All three by name; `recording` is that of the worst run with the default controller."""
+    """All three by name; `recording` is that of the worst run with the first controller."""
     return {
         "distribution": distribution(results, theme),
         "largest": largest(results, theme),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+import signal
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
@@ -76,6 +78,10 @@ class Line:
     worst: float
     ratio: tuple[float, float, float] | None
 
+    def as_dict(self) -> dict[str, Any]:
+        """All of it, for JSON."""
+        return dataclasses.asdict(self)
+
 
 def numbers(plants: int, half: str = "all") -> list[int]:
     """Numbers of the runs: the even ones are seen, for tuning; the odd ones are looked at when all is decided.
@@ -112,7 +118,9 @@ def record(
     if controller not in CONTROLLERS:
         raise SettingError("controller", repr(controller), f"one of {', '.join(CONTROLLERS)}")
     made = AdaptiveController.paper(**known) if controller == "paper" else AdaptiveController(**known, **settings)
-    return loop.run(drawn.trajectory, made, drawn.actuator(*without))
+    recording = loop.run(drawn.trajectory, made, drawn.actuator(*without))
+    about = {"seed": seed, "number": number, "what": drawn.words(), "without": list(without)}
+    return Recording(recording.channels, recording.metadata | {"zoo": about})
 
 
 def play(seed: int, number: int, controllers: Sequence[str] = CONTROLLERS, **settings: Any) -> Result:
@@ -164,7 +172,7 @@ def run(
             if progress:
                 progress(len(results), len(chosen))
         return results
-    with ProcessPoolExecutor(workers, mp_context=get_context("forkserver")) as pool:
+    with ProcessPoolExecutor(workers, mp_context=get_context("forkserver"), initializer=_leave_ctrl_c) as pool:
         jobs = [pool.submit(play, seed, number, controllers, **settings) for number in chosen]
         try:
             for job in as_completed(jobs):
@@ -175,6 +183,11 @@ def run(
             pool.shutdown(wait=False, cancel_futures=True)
             raise
     return sorted(results, key=lambda result: result.number)
+
+
+def _leave_ctrl_c() -> None:
+    """To the process that asked: it stops the others."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def lines(results: Iterable[Result]) -> list[Line]:
