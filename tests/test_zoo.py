@@ -233,7 +233,7 @@ def test_only_repeats_a_run_of_the_zoo(tmp_path):
     assert (done.returncode, done.stderr) == (0, "")
     told, loaded = json.loads(done.stdout), Recording.load(tmp_path / "one.h5")
     found = zoo.play(SEED, int(number), ("adaptive",)).figures["adaptive"]
-    assert (tmp_path / told["page"]).read_text().startswith("<!doctype html>")
+    assert (tmp_path / told["page"]).read_text().startswith("<!DOCTYPE html>")
     assert loaded.metadata["zoo"]["number"] == int(number)
     worst = np.flatnonzero(loaded["time"] == found.largest_at)[0]
     assert abs(loaded["true"] - loaded["desired"])[worst] == found.largest
