@@ -24,14 +24,15 @@ static double moved_play(double y, double x, double r)
 
 /* ---- Setting up -------------------------------------------------------------------------------------------------- */
 
-/* Thresholds at the quantiles of the density exp(-r / rho) on (0, R): every play has the same weight. That weight
+/* Thresholds at the quantiles q^e of the density exp(-r / rho) on (0, R): every play has the same weight. That weight
  * makes the chord of the loop over 0..2 R as steep as S. */
 static void set_plays(ts_plant *p)
 {
     const ts_plant_settings *s = &p->settings;
     double mass = -expm1(-s->threshold_max / s->threshold_scale), moving = 0;
     for (int i = 0; i < s->plays; i++) {
-        p->thresholds[i] = -s->threshold_scale * log1p(-mass * (i + 0.5) / s->plays);
+        double place = (i + 0.5) * pow((i + 0.5) / s->plays, s->threshold_exponent - 1);
+        p->thresholds[i] = -s->threshold_scale * log1p(-mass * place / s->plays);
         moving += 1 - p->thresholds[i] / s->threshold_max;
     }
     p->play_weight = s->hysteresis * s->sensitivity / moving;

@@ -42,6 +42,7 @@ typedef struct { /* 0 (or infinite limits) switches an effect off */
     int plays;                          /* 1..TS_PLANT_MAX_PLAYS */
     double threshold_scale;             /* rho of the density exp(-r / rho), stack V */
     double threshold_max;               /* R, its end, stack V */
+    double threshold_exponent;          /* e: thresholds at the quantiles q^e of that density, 1 */
     double asymmetry;                   /* alpha, 1 */
     double asymmetry_stroke;            /* Y, um */
     double creep;                       /* gamma, 1 per decade of time */

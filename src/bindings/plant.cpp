@@ -63,6 +63,7 @@ ts_plant_settings plant_settings(const nb::dict &d) {
     TAKE(da_step), TAKE(da_low), TAKE(da_high);
     TAKE(amplifier_gain), TAKE(amplifier_bandwidth), TAKE(stack_low), TAKE(stack_high);
     TAKE(sensitivity), TAKE(hysteresis), TAKE(threshold_scale), TAKE(threshold_max);
+    TAKE(threshold_exponent);
     s.plays = count(d, "plays", 1, TS_PLANT_MAX_PLAYS);
     TAKE(asymmetry), TAKE(asymmetry_stroke);
     TAKE(creep), TAKE(creep_shortest), TAKE(creep_longest);

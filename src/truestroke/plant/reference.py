@@ -16,9 +16,9 @@ from truestroke.plant.settings import PlantSettings
 
 
 def thresholds(s: PlantSettings) -> FloatArray:
-    """r_i, stack volts, shape (plays,): the quantiles (i + 1/2) / plays of the density exp(-r / rho) on (0, R)."""
+    """r_i, stack volts, shape (plays,): the quantiles ((i + 1/2) / plays)^e of the density exp(-r / rho) on (0, R)."""
     mass = 1 - math.exp(-s.threshold_max / s.threshold_scale)
-    quantiles = (np.arange(s.plays) + 0.5) / s.plays
+    quantiles = ((np.arange(s.plays) + 0.5) / s.plays) ** s.threshold_exponent
     return np.asarray(-s.threshold_scale * np.log(1 - mass * quantiles))
 
 

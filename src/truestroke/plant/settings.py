@@ -43,6 +43,7 @@ _BOUNDS = {
     "hysteresis": (0.0, 0.95, ""),
     "threshold_scale": (1e-3, 1e6, "V"),
     "threshold_max": (1e-3, 1e6, "V"),
+    "threshold_exponent": (0.1, 10.0, ""),
     "asymmetry": (-0.3, 0.3, ""),
     "asymmetry_stroke": (1e-3, 1e6, "um"),
     "creep": (0.0, 0.2, ""),
@@ -121,6 +122,8 @@ class PlantSettings:
         Number of play operators.
     threshold_scale, threshold_max : float
         rho and R of the density exp(-r / rho), 0 < r < R, of their thresholds, stack volts.
+    threshold_exponent : float
+        e: the thresholds stand at the quantiles q^e of that density; above 1 they crowd at 0, below 1 they leave it.
     asymmetry : float
         alpha: z = y (1 + alpha (y / Y - 1)), without unit; below 0 the actuator softens with the stroke.
     asymmetry_stroke : float
@@ -178,6 +181,7 @@ class PlantSettings:
     plays: int = 60
     threshold_scale: float = 30.0
     threshold_max: float = 60.0
+    threshold_exponent: float = 1.0
     asymmetry: float = -0.056
     asymmetry_stroke: float = 45.0
     creep: float = 0.015
