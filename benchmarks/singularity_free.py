@@ -1,6 +1,6 @@
-"""The singularity-free inverse against the guard of `paper()` and the default: the table of docs/decisions/0020.
+"""The singularity-free inverse against the guard of `paper()` and the default: the table of docs/decisions/0021.
 
-python benchmarks/singularity_free.py          about four minutes
+python benchmarks/singularity_free.py          about three minutes
 """
 
 from __future__ import annotations

@@ -89,7 +89,7 @@ def test_the_input_is_monotone_and_bounded_as_a_slope_passes_zero(last, history,
         answers.append(direction * (singularity_free_inverse(float(dot(w, y)) + direction, w, R, y) - y[0]))
     reach = 2 * R[1] + (1 + 2 * 2 * R[1]) / last  # to the first corner and back up what the fall has cost
     assert np.all(np.diff(answers) >= -1e-12)
-    assert 0 < answers[0]
+    assert answers[0] > 0
     assert answers[-1] <= reach + 1e-12
 
 
