@@ -16,7 +16,7 @@ A law is anything with `weights` and `update(u, e_m)`. A law of your own goes in
 2.0
 >>> controller.adapt(20.0)
 >>> controller.weights[:4]
-array([5.02   , 0.     , 0.01775, 0.     ])
+array([5.02    , 0.      , 0.018125, 0.      ])
 """
 
 from __future__ import annotations

@@ -40,7 +40,7 @@ class MatchedPlant:
     --------
     >>> plant = MatchedPlant(velocity=[0.0, 100.0], settings=MatchedSettings(noise=0.0))
     >>> plant.exchange(np.array([1.0, 1.0])).round(4)
-    array([10.229 , 10.0901])
+    array([10.6038, 10.4913])
     """
 
     def __init__(self, velocity: npt.ArrayLike, settings: MatchedSettings | None = None, seed: int = 0) -> None:
