@@ -52,8 +52,8 @@ def reproduce(
     >>> (fig10,) = reproduce(["fig10"])
     >>> for row in fig10.rows[:2]:
     ...     print(row.cells())
-    ('rmse, 0.75 to 1 s', '0.1211', '0.053', 'um')
-    ('rmse, 10 to 20 s', '0.0584', '0.036', 'um')
+    ('rmse, 0.75 to 1 s', '0.1211', '0.052', 'um')
+    ('rmse, 10 to 20 s', '0.0584', '0.033', 'um')
     """
     asked = [names] if isinstance(names, str) else list(names)
     for name in asked:

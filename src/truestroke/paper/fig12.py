@@ -17,7 +17,7 @@ def reproduce() -> Reproduction:
     )
     sentence = (
         "The wave is another one, of the same kind (the paper prints no seed); the error is smaller, as in Table 2, "
-        "with a quieter sensor."
+        "in part because our sensor is quieter."
     )
     title = "Fig. 12: tracking of a random wave"
     return Reproduction("fig12", title, rows, sentence, lambda theme: bench.picture(run, 0, 20, theme))

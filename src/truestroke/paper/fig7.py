@@ -24,7 +24,7 @@ def reproduce() -> Reproduction:
     sentence = (
         "The paper says that the controller adapts and prints no number; ours does, but slowly: by 2.5 s P has become "
         "small, and with a fixed forgetting factor of 0.9999 it takes seconds to grow again; the last plays, which "
-        "this wave hardly moves, are not relearned in 20 s."
+        "such waves hardly move, are not relearned in 20 s on four of the five."
     )
     title = "Fig. 7: simulation, sudden change at 2.5 s"
     return Reproduction("fig7", title, rows, sentence, lambda theme: draw(runs[0], theme))

@@ -21,11 +21,20 @@ def reproduce() -> Reproduction:
         *(Row(f"a{i}", paper, ours, "um/V") for i, (paper, ours) in enumerate(zip(plant.a, a, strict=True))),
         *(Row(f"b{i}", paper, ours, "um/V") for i, (paper, ours) in enumerate(zip(plant.b, b, strict=True))),
         Row("largest deviation, 5 waves", None, max(deviations), "um/V"),
-        Row("all partial slopes within 5 %", None, bench.mean([bench.settling_time(r, 8) for r in runs]), "s", 2),
+        *(
+            Row(
+                f"first {n} partial slopes within 5 %",
+                None,
+                bench.mean([bench.settling_time(r, n) for r in runs]),
+                "s",
+                2,
+            )
+            for n in (5, 8)
+        ),
     )
     sentence = (
-        "The weights are those of the plant, to within what 50 nm of noise leaves open; the last plays move least and "
-        "are known least."
+        "The weights are those of the plant, to within what 50 nm of noise leaves open; on two of the five waves the "
+        "last partial slopes wait for the first fall that is long enough to bring play 4 or 5 back."
     )
     return Reproduction("fig8", "Fig. 8: simulation, convergence of the weights", rows, sentence, lambda t: draw(t))
 

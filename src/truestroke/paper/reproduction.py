@@ -42,8 +42,8 @@ class Row:
 
         Examples
         --------
-        >>> Row("rmse, 10 to 20 s", 0.0584, 0.03571, "um").cells()
-        ('rmse, 10 to 20 s', '0.0584', '0.036', 'um')
+        >>> Row("rmse, 10 to 20 s", 0.0584, 0.03262, "um").cells()
+        ('rmse, 10 to 20 s', '0.0584', '0.033', 'um')
         """
         paper = "-" if self.paper is None else f"{self.paper:g}"
         return self.quantity, paper, f"{self.ours:.{self.digits}f}", self.unit

@@ -25,7 +25,7 @@ def reproduce() -> Reproduction:
         ]
     sentence = (
         "Ours is smaller because our sensor is quieter (13 nm a tick; with the 50 nm of Sec. 4 it meets the paper's); "
-        "half of the true error is creep, which the law with its long memory follows slowly."
+        "five sixths of the square of the true error are creep, which the law with its long memory follows slowly."
     )
     return Reproduction(
         "table1", "Table 1: sines of 22.8 um peak-to-peak", tuple(rows), sentence, lambda t: draw(rows, t)
