@@ -104,6 +104,38 @@ class Findings:
         """Plain numbers, text, lists and dicts, as JSON knows them."""
         return {key: list(v) if isinstance(v, tuple) else v for key, v in dataclasses.asdict(self).items()}
 
+    def table(self) -> list[tuple[str, str]]:
+        """What and how much, in words with units, in the order in which an engineer checks a record."""
+        jitter = "no time stamps" if self.jitter_us is None else f"jitter {_length(1e-6 * self.jitter_us, 's')}"
+        longest = f", the longest {max((s for _, s in self.gaps), default=0.0):.3g} s" if self.gaps else ""
+        delay = "not told from hysteresis" if self.delay_ms is None else f"{self.delay_ms:.3g} ms"
+        without = "" if self.hysteresis_percent is None else f", {self.hysteresis_percent:.1f} % without the delay"
+        slow, fast = self.stroke_speeds_um_s
+        clipped = f"{self.clipped_displacement} rows of displacement, {self.clipped_volts} of voltage"
+        return [
+            ("rows", f"{self.rows}, {self.duration_s:.4g} s"),
+            ("sample rate", f"{self.sample_rate_hz:.6g} Hz, {jitter}"),
+            ("gaps", f"{len(self.gaps)}{longest}"),
+            ("voltage", f"{self.voltage_v[0]:.4g} to {self.voltage_v[1]:.4g} V"),
+            ("stroke", f"{self.stroke_um:.4g} um, from {self.displacement_um[0]:.4g} um"),
+            ("straight line", f"{self.gain_um_per_v:.4g} um/V, {self.offset_um:.4g} um at 0 V"),
+            ("loop width", f"{self.loop_width_percent:.1f} % of stroke{without}"),
+            ("delay", delay + ("" if self.lag_ms is None else f" (lag of the rates: {self.lag_ms:.3g} ms)")),
+            ("noise", _length(1e-6 * self.noise_um, "m")),
+            ("rates", "{:.3g}, {:.3g}, {:.3g} um/s (median, 90 %, 99 %)".format(*self.rates_um_s)),
+            ("strokes", f"{self.strokes}, at {slow:.3g} to {fast:.3g} um/s"),
+            ("states known", f"after {self.states_known_s:.3g} s"),
+            ("clipped", clipped if self.clipped_displacement or self.clipped_volts else "none"),
+        ]
+
+
+def _length(value: float, unit: str) -> str:
+    """Seconds or metres with a prefix."""
+    for factor, prefix in ((1e9, "n"), (1e6, "u")):
+        if value * factor < 100:
+            return f"{value * factor:.3g} {prefix}{unit}"
+    return f"{value * 1e3:.3g} m{unit}"
+
 
 def examine(record: Record) -> Findings:
     """Sample rate, stroke, delay, noise, rates, gaps, clipping, and in words what the record cannot identify.

@@ -371,7 +371,7 @@ def _refuse_bad_rows(source: str, signals: Mapping[str, FloatArray], table: Tabl
 def _refuse_constant(source: str, role: str, signal: FloatArray, heading: str) -> None:
     if signal.min() == signal.max():
         told = f" ({heading})" if heading != role else ""
-        reason = f"{role}{told} is {signal[0]:g} {DEFAULT_UNITS[role]} in all {signal.size} rows"
+        reason = f"{role}{told} is {signal[0] + 0.0:g} {DEFAULT_UNITS[role]} in all {signal.size} rows"
         raise RecordError(source, f"{reason}; it must move for anything to be learnt")
 
 

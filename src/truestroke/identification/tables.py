@@ -180,7 +180,7 @@ def _header(path: Path, layout: _Layout, lines: Sequence[str], width: int) -> tu
         raise RecordError(str(path), f"{_shown(line)} is neither names nor numbers only", number, "line")
     alone = [field.strip("()[] ") for field in last]
     if len(above) > 1 and len(above[-2]) == width and all(map(is_unit, alone)):
-        return tuple(above[-2]), tuple(alone)
+        return tuple(above[-2]), tuple(map(unit, alone))
     names, units = zip(*map(name_and_unit, last), strict=True)
     return names, units
 
@@ -333,12 +333,16 @@ def _kind(array: npt.NDArray[Any]) -> str:
 def _npz(path: Path) -> Table:
     import zipfile
 
-    try:
-        file = np.load(path)
+    if not zipfile.is_zipfile(path):
+        raise RecordError(str(path), "not an NPZ file, or a damaged one")
+    with np.load(path) as file:
         names = list(file.keys())
-    except (OSError, ValueError, zipfile.BadZipFile) as error:
-        raise RecordError(str(path), f"the file is damaged ({error})") from None
-    return _arrays(path, names, [""] * len(names), lambda name: np.asarray(file[name]))
+
+    def get(name: str) -> npt.NDArray[Any]:
+        with np.load(path) as file:
+            return np.asarray(file[name])
+
+    return _arrays(path, names, [""] * len(names), get)
 
 
 def _mat(path: Path) -> Table:
