@@ -15,7 +15,7 @@ from truestroke.identification.record import GAP, Record
 from truestroke.identification.turning import Rows
 
 STROKE = 0.05  # of the voltage span: the least travel between two reversals that counts as a stroke
-SAMPLED = 1_000_000  # rows, evenly taken, that percentiles and medians are formed of
+SAMPLED = 200_000  # rows, evenly taken, that percentiles and medians are formed of
 EXCERPT = 50_000  # rows, with the most travel, in which delay and lag are sought
 FLAT = 4  # equal extreme values in a row that may be clipped
 

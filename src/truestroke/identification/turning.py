@@ -128,7 +128,7 @@ def rate_lag(x: FloatArray, z: FloatArray, longest: int) -> float | None:
     if reach < 2:
         return None
     whole = correlate(dz, dx, mode="full", method="fft")
-    c = whole[dx.size - 1 - reach : dx.size + reach]
+    c = whole[dx.size - 1 - reach : dx.size + reach] / (dx.size - np.abs(np.arange(-reach, reach + 1)))
     k = int(c.argmax())
     if k in (0, c.size - 1):
         return None
