@@ -106,7 +106,10 @@ class Findings:
 
     def table(self) -> list[tuple[str, str]]:
         """What and how much, in words with units, in the order in which an engineer checks a record."""
-        jitter = "no time stamps" if self.jitter_us is None else f"jitter {_length(1e-6 * self.jitter_us, 's')}"
+        jitter = "no time stamps"
+        if self.jitter_us is not None:  # below a millionth of the interval it is the rounding of the stamps
+            seen = 1e-6 * self.jitter_us * self.sample_rate_hz > 1e-6
+            jitter = f"jitter {_length(1e-6 * self.jitter_us, 's')}" if seen else "no jitter"
         longest = f", the longest {max((s for _, s in self.gaps), default=0.0):.3g} s" if self.gaps else ""
         delay = "not told from hysteresis" if self.delay_ms is None else f"{self.delay_ms:.3g} ms"
         without = "" if self.hysteresis_percent is None else f", {self.hysteresis_percent:.1f} % without the delay"
