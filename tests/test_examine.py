@@ -140,7 +140,7 @@ def test_gaps_are_counted_and_no_stroke_is_read_into_them() -> None:
     keep = np.r_[0:3000, 3400:6000]
     result = found(t[keep], x[keep], z[keep])
     assert result.gaps == ((2999, pytest.approx(0.401)),)
-    assert says(result, "1 gaps, the longest 0.401 s")
+    assert says(result, "1 gap, the longest 0.401 s")
 
 
 # ---- Bad records -----------------------------------------------------------------------------------------------------

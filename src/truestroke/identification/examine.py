@@ -350,6 +350,10 @@ def _warnings(found: Findings, record: Record) -> list[str]:
     return [*_of_columns(found, record), *_of_sampling(found, record), *_of_content(found)]
 
 
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}{'' if number == 1 else 's'}"
+
+
 def _of_columns(found: Findings, record: Record) -> list[str]:
     """Whether voltage and displacement are what they are said to be."""
     says = []
@@ -378,11 +382,11 @@ def _of_sampling(found: Findings, record: Record) -> list[str]:
     """What sampling, gaps and clipping spoil."""
     says = []
     if found.dropped:
-        says.append(f"{found.dropped} rows without usable numbers or time stamps are left out")
+        says.append(f"{_count(found.dropped, 'row')} without usable numbers or time stamps left out")
     if found.gaps:
         longest = max(seconds for _, seconds in found.gaps)
         says.append(
-            f"{len(found.gaps)} gaps, the longest {longest:.3g} s: the state of the plays is unknown after each"
+            f"{_count(len(found.gaps), 'gap')}, the longest {longest:.3g} s: the state of the plays is unknown after each"
         )
     if found.clipped_displacement:
         says.append(f"the displacement is clipped in {found.clipped_displacement} rows: they must not be fitted")
@@ -404,7 +408,7 @@ def _of_content(found: Findings) -> list[str]:
     """What the motion cannot identify."""
     says = []
     if found.strokes < 3:
-        says.append(f"only {found.strokes} strokes of the voltage: a loop needs three (up, down, up)")
+        says.append(f"only {_count(found.strokes, 'stroke')} of the voltage: a loop needs three (up, down, up)")
     else:
         slow, fast = found.stroke_speeds_um_s
         if fast < 2 * slow:
