@@ -386,7 +386,7 @@ def _of_sampling(found: Findings, record: Record) -> list[str]:
     if found.gaps:
         longest = max(seconds for _, seconds in found.gaps)
         says.append(
-            f"{_count(len(found.gaps), 'gap')}, the longest {longest:.3g} s: the state of the plays is unknown after each"
+            f"{_count(len(found.gaps), 'gap')}, the longest {longest:.3g} s: the plays' states are unknown after each"
         )
     if found.clipped_displacement:
         says.append(f"the displacement is clipped in {found.clipped_displacement} rows: they must not be fitted")
