@@ -5,7 +5,7 @@ from __future__ import annotations
 import click
 
 import truestroke
-from truestroke.cli import compare, report, reproduce, track, zoo
+from truestroke.cli import compare, examine, report, reproduce, track, zoo
 from truestroke.cli.common import Commands
 
 __all__ = ["main"]
@@ -20,5 +20,5 @@ def main() -> None:
     """
 
 
-for _command in (track.track, report.report, compare.compare, reproduce.reproduce, zoo.zoo):
+for _command in (track.track, report.report, compare.compare, reproduce.reproduce, zoo.zoo, examine.examine):
     main.add_command(_command)

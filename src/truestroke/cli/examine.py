@@ -1,0 +1,67 @@
+"""`truestroke examine`: what a record of voltage and displacement holds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from truestroke.cli import common
+
+if TYPE_CHECKING:
+    from truestroke.identification import Record
+
+
+def record_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """RECORD and the options that say how it is read, as `read` takes them."""
+    for option in reversed(
+        [
+            click.argument("record", type=click.Path(exists=True, dir_okay=False, path_type=Path)),
+            click.option("--volts", metavar="COLUMN", help="Column of the voltage: its name, or its number from 1."),
+            click.option("--displacement", metavar="COLUMN", help="Column of the displacement."),
+            click.option("--time", metavar="COLUMN", help="Column of the time stamps."),
+            click.option("--volts-unit", metavar="UNIT", help="V, mV, uV or kV.  [default: as the file says, else V]"),
+            click.option(
+                "--displacement-unit", metavar="UNIT", help="um, nm, mm or m.  [default: as the file says, else um]"
+            ),
+            click.option(
+                "--time-unit", metavar="UNIT", help="s, ms, us, ns or min.  [default: as the file says, else s]"
+            ),
+            click.option("--sample-rate", metavar="HZ", type=float, help="Where there is no column of time stamps."),
+            click.option("--drop-bad-rows", is_flag=True, help="Leave out rows without usable numbers or time stamps."),
+        ]
+    ):
+        command = option(command)
+    return command
+
+
+def read(record: Path, **options: Any) -> Record:
+    """The record that `record_options` name."""
+    from truestroke.identification import RecordError, read_record
+
+    try:
+        return read_record(record, **options)
+    except RecordError as error:
+        raise click.ClickException(str(error)) from None
+
+
+@click.command()
+@record_options
+@common.json_option
+def examine(record: Path, as_json: bool, **options: Any) -> None:
+    """Tell what a record of voltage and displacement holds.
+
+    Reads CSV and other text with columns, NPZ, MATLAB, Parquet, HDF5. Prints sample rate, stroke, delay, noise, rates;
+    says what the record cannot identify. A record that cannot be used is refused with its row and the reason.
+    """
+    from truestroke.identification import examine as look
+
+    found = look(read(record, **options))
+    if as_json:
+        common.print_json(found.as_dict())
+        return
+    common.print_table(("found", str(record)), found.table(), left=str(record))
+    for warning in found.warnings:
+        common.print_text(f"- {warning}")

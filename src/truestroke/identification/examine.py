@@ -1,0 +1,427 @@
+"""What a record holds, and what it cannot tell, before anything is fitted."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from truestroke._typing import FloatArray
+from truestroke.identification import turning
+from truestroke.identification.record import GAP, Record
+from truestroke.identification.turning import Rows
+
+STROKE = 0.05  # of the voltage span: the least travel between two reversals that counts as a stroke
+SAMPLED = 200_000  # rows, evenly taken, that percentiles and medians are formed of
+EXCERPT = 50_000  # rows, with the most travel, in which delay and lag are sought
+FLAT = 4  # equal extreme values in a row that may be clipped
+
+
+@dataclass(frozen=True, kw_only=True)
+class Findings:
+    """What `examine` finds in a record; None where the record does not show it.
+
+    Attributes
+    ----------
+    source : str
+        The file, or "arrays".
+    rows, dropped : int
+        Rows in use, and rows left out on request.
+    sample_rate_hz : float
+        Rows per second, gaps left out.
+    jitter_us : float or None
+        Standard deviation of the intervals between time stamps, us; None without time stamps.
+    duration_s : float
+        From first to last row.
+    gaps : tuple of (int, float)
+        Row in front of each gap, from 0, and its length, s.
+    voltage_v, displacement_um : tuple of float
+        Least and largest value.
+    stroke_um : float
+        Difference of the two displacements.
+    gain_um_per_v, offset_um : float
+        The straight line through the record: its slope, and its displacement at 0 V.
+    correlation : float
+        Of voltage and displacement.
+    loop_width_percent : float
+        Mean width of the loop, 2 (closed integral of x dz) / (travel of x), % of stroke; below 0 where the
+        displacement leads.
+    hysteresis_percent : float or None
+        The same with the delay taken out.
+    delay_ms : float or None
+        By which the displacement turns later than the voltage; the loop has no part in it (`turning.delay`).
+    lag_ms : float or None
+        Peak of the cross-correlation of the rates: delay and hysteresis together.
+    noise_um : float
+        Standard deviation of the noise of the displacement between neighbouring samples.
+    rates_um_s : tuple of float
+        Median, 90 and 99 % of |dz/dt|.
+    strokes : int
+        Movements of the voltage between two reversals, of at least 5 % of its span.
+    stroke_speeds_um_s : tuple of float
+        Mean speed of the displacement in a stroke: 5 and 95 % of the time is spent in slower ones.
+    stroke_lengths_percent : tuple of float
+        The same of their lengths, % of the voltage span.
+    states_known_s : float
+        Time at which the voltage has been at both its ends; before, the states of the widest plays are not known.
+    clipped_displacement, clipped_volts : int
+        Rows in which it stays at its largest or least value while the other one moves on.
+    warnings : tuple[str, ...]
+        What is suspicious, and what the record cannot identify, in words.
+    """
+
+    source: str
+    rows: int
+    dropped: int
+    sample_rate_hz: float
+    jitter_us: float | None
+    duration_s: float
+    gaps: tuple[tuple[int, float], ...]
+    voltage_v: tuple[float, float]
+    displacement_um: tuple[float, float]
+    stroke_um: float
+    gain_um_per_v: float
+    offset_um: float
+    correlation: float
+    loop_width_percent: float
+    hysteresis_percent: float | None
+    delay_ms: float | None
+    lag_ms: float | None
+    noise_um: float
+    rates_um_s: tuple[float, float, float]
+    strokes: int
+    stroke_speeds_um_s: tuple[float, float]
+    stroke_lengths_percent: tuple[float, float]
+    states_known_s: float
+    clipped_displacement: int
+    clipped_volts: int
+    warnings: tuple[str, ...] = ()
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain numbers, text, lists and dicts, as JSON knows them."""
+        return {key: list(v) if isinstance(v, tuple) else v for key, v in dataclasses.asdict(self).items()}
+
+    def table(self) -> list[tuple[str, str]]:
+        """What and how much, in words with units, in the order in which an engineer checks a record."""
+        jitter = "no time stamps"
+        if self.jitter_us is not None:  # below a millionth of the interval it is the rounding of the stamps
+            seen = 1e-6 * self.jitter_us * self.sample_rate_hz > 1e-6
+            jitter = f"jitter {_length(1e-6 * self.jitter_us, 's')}" if seen else "no jitter"
+        longest = f", the longest {max((s for _, s in self.gaps), default=0.0):.3g} s" if self.gaps else ""
+        delay = "not told from hysteresis" if self.delay_ms is None else f"{self.delay_ms:.3g} ms"
+        without = "" if self.hysteresis_percent is None else f", {self.hysteresis_percent:.1f} % without the delay"
+        slow, fast = self.stroke_speeds_um_s
+        clipped = f"{self.clipped_displacement} rows of displacement, {self.clipped_volts} of voltage"
+        return [
+            ("rows", f"{self.rows}, {self.duration_s:.4g} s"),
+            ("sample rate", f"{self.sample_rate_hz:.6g} Hz, {jitter}"),
+            ("gaps", f"{len(self.gaps)}{longest}"),
+            ("voltage", f"{self.voltage_v[0]:.4g} to {self.voltage_v[1]:.4g} V"),
+            ("stroke", f"{self.stroke_um:.4g} um, from {self.displacement_um[0]:.4g} um"),
+            ("straight line", f"{self.gain_um_per_v:.4g} um/V, {self.offset_um:.4g} um at 0 V"),
+            ("loop width", f"{self.loop_width_percent:.1f} % of stroke{without}"),
+            ("delay", delay + ("" if self.lag_ms is None else f" (lag of the rates: {self.lag_ms:.3g} ms)")),
+            ("noise", _length(1e-6 * self.noise_um, "m")),
+            ("rates", "{:.3g}, {:.3g}, {:.3g} um/s (median, 90 %, 99 %)".format(*self.rates_um_s)),
+            ("strokes", f"{self.strokes}, at {slow:.3g} to {fast:.3g} um/s"),
+            ("states known", f"after {self.states_known_s:.3g} s"),
+            ("clipped", clipped if self.clipped_displacement or self.clipped_volts else "none"),
+        ]
+
+
+def _length(value: float, unit: str) -> str:
+    """Seconds or metres with a prefix."""
+    for factor, prefix in ((1e9, "n"), (1e6, "u")):
+        if value * factor < 100:
+            return f"{value * factor:.3g} {prefix}{unit}"
+    return f"{value * 1e3:.3g} m{unit}"
+
+
+def examine(record: Record) -> Findings:
+    """Sample rate, stroke, delay, noise, rates, gaps, clipping, and in words what the record cannot identify.
+
+    Examples
+    --------
+    One sine of 2 Hz for 5 s, 36 um, that arrives 3 ms late:
+
+    >>> t = np.arange(5000) / 1000.0
+    >>> z = 18 - 18 * np.cos(4 * np.pi * np.maximum(t - 0.003, 0.0))
+    >>> found = examine(Record.from_arrays(1.8 - 1.8 * np.cos(4 * np.pi * t), z, sample_rate=1000.0))
+    >>> round(found.stroke_um, 2), round(found.delay_ms, 2), found.strokes
+    (36.0, 3.0, 20)
+    >>> found.warnings[1]
+    'all strokes have about the same speed (144 um/s): the record says nothing of rate dependence'
+    """
+    x, z = record.volts, record.displacement
+    span, stroke = float(np.ptp(x)), float(np.ptp(z))
+    turns = turning.reversals(x, STROKE * span)
+    gain, offset, correlation = _line(x, z)
+    noise = _noise(record)
+    delay, lag = _delay(record, turns)
+    speeds, lengths = _strokes(record, turns, span)
+    travel = float(np.abs(np.diff(x[turns])).sum())
+    findings = Findings(
+        source=record.source,
+        rows=x.size,
+        dropped=record.dropped,
+        sample_rate_hz=record.sample_rate,
+        jitter_us=_jitter(record),
+        duration_s=float(record.time[-1] - record.time[0]),
+        gaps=tuple((s.stop - 1, float(record.time[s.stop] - record.time[s.stop - 1])) for s in record.segments[:-1]),
+        voltage_v=(float(x.min()), float(x.max())),
+        displacement_um=(float(z.min()), float(z.max())),
+        stroke_um=stroke,
+        gain_um_per_v=gain,
+        offset_um=offset,
+        correlation=correlation,
+        loop_width_percent=_width(record, 0.0, travel, stroke, gain),
+        hysteresis_percent=None if delay is None else _width(record, delay, travel, stroke, gain),
+        delay_ms=None if delay is None else 1e3 * delay / record.sample_rate,
+        lag_ms=None if lag is None else 1e3 * lag / record.sample_rate,
+        noise_um=noise,
+        rates_um_s=_rates(record, noise),
+        strokes=turns.size - 1,
+        stroke_speeds_um_s=speeds,
+        stroke_lengths_percent=lengths,
+        states_known_s=_states_known(record),
+        clipped_displacement=_clipped(z, x, 0.05 * span),
+        clipped_volts=_clipped(x, z, max(0.05 * stroke, 6 * noise)),
+    )
+    return dataclasses.replace(findings, warnings=tuple(_warnings(findings, record)))
+
+
+# ---- One figure each -------------------------------------------------------------------------------------------------
+
+
+def _line(x: FloatArray, z: FloatArray) -> tuple[float, float, float]:
+    """Slope, height at 0 and correlation of the straight line, without temporary arrays."""
+    n, mx, mz = x.size, float(x.mean()), float(z.mean())
+    xx, xz, zz = float(x @ x) / n - mx * mx, float(x @ z) / n - mx * mz, float(z @ z) / n - mz * mz
+    gain = xz / xx
+    return gain, mz - gain * mx, xz / math.sqrt(xx * zz)
+
+
+def _steps(record: Record) -> FloatArray:
+    """Intervals between time stamps, s, evenly taken; gaps left out."""
+    every = max(1, record.time.size // SAMPLED)
+    steps: FloatArray = record.time[1::every] - record.time[:-1:every]
+    return steps[steps <= GAP / record.sample_rate]
+
+
+def _jitter(record: Record) -> float | None:
+    return float(1e6 * _steps(record).std()) if "time" in record.columns else None
+
+
+def _blocks(record: Record) -> list[FloatArray]:
+    """Pieces of the displacement without gaps, SAMPLED rows at most in all."""
+    length = SAMPLED // 16
+    pieces = [
+        record.displacement[a : min(a + length, s.stop)]
+        for s in record.segments
+        for a in range(s.start, s.stop, length)
+    ]
+    return [piece for piece in pieces[:: max(1, len(pieces) // 16)] if piece.size > 8]
+
+
+def _noise(record: Record) -> float:
+    """The least of the robust deviations of differences of order 2 to 6: higher ones leave less of a smooth motion.
+
+    The median of |differences| does not see the reversals or a few outliers. Noise that is slower than the samples,
+    such as mains hum, is not in it. Nor is it less than that of rounding to the steps of a converter.
+    """
+    blocks = _blocks(record)
+    if not blocks:
+        return 0.0
+    found = []
+    for order in range(2, 7):
+        differences = np.abs(np.concatenate([np.diff(block, order) for block in blocks]))
+        found.append(float(np.median(differences)) / 0.6745 / math.sqrt(math.comb(2 * order, order)))
+    jumps = np.abs(np.concatenate([np.diff(block) for block in blocks]))
+    jumps = jumps[jumps > 1e-9 * np.ptp(record.displacement)]
+    return max(min(found), float(jumps.min(initial=np.inf)) / math.sqrt(12) if _quantised(jumps) else 0.0)
+
+
+def _quantised(jumps: FloatArray) -> bool:
+    """Whether every jump is a whole number of the smallest, and most of them few: then it is a converter's step."""
+    if jumps.size == 0:
+        return False
+    ratio = jumps / jumps.min()
+    return bool(np.median(ratio) < 50 and np.median(np.abs(ratio - ratio.round())) < 0.01)
+
+
+def _delay(record: Record, turns: Rows) -> tuple[float | None, float | None]:
+    """Delay and lag in samples, from the excerpt in which the voltage travels most."""
+    travelled = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(record.volts[turns])))])
+    starts = turns[:: max(1, turns.size // 200)]
+    ends = np.minimum(starts + EXCERPT, record.volts.size - 1)
+    travels = np.interp(ends, turns, travelled) - np.interp(starts, turns, travelled)
+    start = int(starts[travels.argmax()])
+    end, every = min(start + EXCERPT, record.volts.size), 1
+    if np.count_nonzero((turns > start) & (turns < end)) < 8:  # sampled much faster than it moves
+        every = max(1, record.volts.size // EXCERPT)
+        start, end = 0, record.volts.size
+    x, z = record.volts[start:end:every], record.displacement[start:end:every]
+    inside = (turns[(turns > start) & (turns < end)] - start) // every
+    inside = np.unique(np.concatenate([[0], inside, [x.size - 1]]))
+    breaks = [(s.start - start) // every for s in record.segments if start < s.start < end]
+    delay = turning.delay(x, z, inside, breaks)
+    lag = turning.rate_lag(x, z, int(np.median(np.diff(inside)))) if not breaks else None
+    return None if delay is None else every * delay, None if lag is None else every * lag
+
+
+def _width(record: Record, shift: float, travel: float, stroke: float, gain: float) -> float:
+    """Mean width of the loop, % of stroke, of displacement over the voltage `shift` samples before."""
+    low = math.floor(shift)
+    part = shift - low
+    area = (1 - part) * _area(record, low) + part * _area(record, low + 1)
+    return 100 * math.copysign(1.0, gain) * 2 * area / (travel * stroke)
+
+
+def _area(record: Record, shift: int) -> float:
+    """Integral of x dz, um V, with x `shift` samples before; without temporary arrays of the record's size."""
+    total = 0.0
+    for s in record.segments:
+        x, z = record.volts[s], record.displacement[s]
+        x, z = (x[: x.size - shift], z[shift:]) if shift >= 0 else (x[-shift:], z[: z.size + shift])
+        if x.size > 1:  # sum of (x[k] + x[k+1]) (z[k+1] - z[k]) / 2, products of equal rows cancel
+            total += 0.5 * float(x[:-1] @ z[1:] - x[1:] @ z[:-1] + x[-1] * z[-1] - x[0] * z[0])
+            total -= 0.5 * float((x[0] + x[-1]) * (z[-1] - z[0]))  # the chord that closes the way
+    return total
+
+
+def _rates(record: Record, noise: float) -> tuple[float, float, float]:
+    """Percentiles of |dz/dt| over the shortest time in which noise makes less than a twentieth of the upper ones."""
+    z, n = record.displacement, record.displacement.size
+    every, over = max(1, n // SAMPLED), 1
+    while True:
+        moved = np.abs(z[over::every] - z[: n - over : every])
+        if noise * math.sqrt(2) <= 0.05 * np.percentile(moved, 90) or 20 * over > n:
+            break
+        over *= 2
+    median, most, nearly_all = np.percentile(moved, [50, 90, 99]) * record.sample_rate / over
+    return float(median), float(most), float(nearly_all)
+
+
+def _strokes(record: Record, turns: Rows, span: float) -> tuple[tuple[float, float], tuple[float, float]]:
+    """5 and 95 % of speeds, um/s, and lengths, % of span, of the strokes, weighted by their time."""
+    seconds = np.diff(record.time[turns])
+    speeds = np.abs(np.diff(record.displacement[turns])) / seconds
+    lengths = 100 * np.abs(np.diff(record.volts[turns])) / span
+    return _weighted(speeds, seconds), _weighted(lengths, seconds)
+
+
+def _weighted(values: FloatArray, weights: FloatArray) -> tuple[float, float]:
+    order = values.argsort()
+    share = np.cumsum(weights[order]) / weights.sum()
+    low, high = (values[order[min(int(np.searchsorted(share, p)), values.size - 1)]] for p in (0.05, 0.95))
+    return float(low), float(high)
+
+
+def _states_known(record: Record) -> float:
+    """Time from the start until the voltage has been within 1 % of both its ends, s."""
+    x, margin = record.volts, 0.01 * np.ptp(record.volts)
+    row = max(int(np.argmax(x <= x.min() + margin)), int(np.argmax(x >= x.max() - margin)))
+    return float(record.time[row] - record.time[0])
+
+
+def _clipped(signal: FloatArray, other: FloatArray, moves: float) -> int:
+    """Rows in runs at an extreme value of `signal` in which `other` moves by more than `moves`.
+
+    A run that `other` does not cross is a hold. A run that `signal` enters by a jump is a step, after which a
+    displacement still settles.
+    """
+    rows = 0
+    for extreme in (signal.min(), signal.max()):
+        at = np.flatnonzero(signal == extreme)
+        for run in np.split(at, np.flatnonzero(np.diff(at) > 1) + 1):
+            entered = abs(signal[run[0]] - signal[max(run[0] - 1, 0)])
+            if run.size >= FLAT and entered < 0.1 * np.ptp(signal) and np.ptp(other[run]) > moves:
+                rows += run.size
+    return rows
+
+
+# ---- In words --------------------------------------------------------------------------------------------------------
+
+
+def _warnings(found: Findings, record: Record) -> list[str]:
+    return [*_of_columns(found, record), *_of_sampling(found, record), *_of_content(found)]
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}{'' if number == 1 else 's'}"
+
+
+def _of_columns(found: Findings, record: Record) -> list[str]:
+    """Whether voltage and displacement are what they are said to be."""
+    says = []
+    if assumed := [f"{c.heading} in {c.unit}" for c in record.columns.values() if not c.stated]:
+        says.append(f"the units are not stated and assumed: {', '.join(assumed)}")
+    for name, size, least, largest, unit in (
+        ("displacement", found.stroke_um, 0.1, 2000.0, "um"),
+        ("voltage", found.voltage_v[1] - found.voltage_v[0], 0.05, 1500.0, "V"),
+    ):
+        if not least <= size <= largest:
+            says.append(f"the {name} moves by {size:.3g} {unit}, unlikely for a piezo actuator: is its unit right?")
+    if found.loop_width_percent < -0.5 or (
+        found.delay_ms is not None and found.delay_ms < -1500 / found.sample_rate_hz
+    ):
+        says.append("the displacement leads the voltage (its loop turns clockwise): are the columns swapped?")
+    if abs(found.correlation) < 0.7:
+        says.append(
+            f"voltage and displacement hardly move together (correlation {found.correlation:.2f}): wrong column?"
+        )
+    elif found.gain_um_per_v < 0:
+        says.append("the displacement falls as the voltage rises: turn its sign before fitting")
+    return says
+
+
+def _of_sampling(found: Findings, record: Record) -> list[str]:
+    """What sampling, gaps and clipping spoil."""
+    says = []
+    if found.dropped:
+        says.append(f"{_count(found.dropped, 'row')} without usable numbers or time stamps left out")
+    if found.gaps:
+        longest = max(seconds for _, seconds in found.gaps)
+        says.append(
+            f"{_count(len(found.gaps), 'gap')}, the longest {longest:.3g} s: the plays' states are unknown after each"
+        )
+    if found.clipped_displacement:
+        says.append(f"the displacement is clipped in {found.clipped_displacement} rows: they must not be fitted")
+    if found.clipped_volts:
+        says.append(f"the voltage seems clipped in {found.clipped_volts} rows, while the displacement moves on")
+    if found.jitter_us is None:
+        says.append("there are no time stamps: jitter and gaps cannot be seen, the given sample rate is trusted")
+    elif (error := 1e-6 * found.jitter_us * found.rates_um_s[1]) > max(found.noise_um, 1e-3 * found.stroke_um):
+        says.append(f"jitter of the time stamps makes errors of about {error:.2g} um at {found.rates_um_s[1]:.3g} um/s")
+    per_stroke = record.time.size / found.strokes
+    if per_stroke < 10:
+        says.append(f"a stroke has only {per_stroke:.1f} samples on average: turning points are missed")
+    if found.noise_um > 0.01 * found.stroke_um:
+        says.append(f"noise is {100 * found.noise_um / found.stroke_um:.1f} % of the stroke")
+    return says
+
+
+def _of_content(found: Findings) -> list[str]:
+    """What the motion cannot identify."""
+    says = []
+    if found.strokes < 3:
+        says.append(f"only {_count(found.strokes, 'stroke')} of the voltage: a loop needs three (up, down, up)")
+    else:
+        slow, fast = found.stroke_speeds_um_s
+        if fast < 2 * slow:
+            says.append(
+                f"all strokes have about the same speed ({fast:.3g} um/s): the record says nothing of rate dependence"
+            )
+        short, long = found.stroke_lengths_percent
+        if long < 1.5 * short:
+            says.append(f"all strokes are about as long ({long:.0f} % of the span): inner loops are not tested")
+    if found.delay_ms is None and found.strokes >= 3:
+        says.append("too few clean reversals to tell the delay from hysteresis")
+    if 0 <= found.loop_width_percent < 0.3:
+        says.append("there is hardly a loop: is the displacement a command, or that of a closed loop?")
+    if found.duration_s < 300:
+        says.append(f"{found.duration_s:.3g} s say nothing of creep slower than about {found.duration_s / 3:.2g} s")
+    return says

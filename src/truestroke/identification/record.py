@@ -1,0 +1,388 @@
+"""A record of voltage and displacement, read from a file and checked, before anything is fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from truestroke import _check
+from truestroke._check import SettingError
+from truestroke._typing import FloatArray
+from truestroke.identification import tables
+from truestroke.identification.tables import RecordError, Table
+
+FEWEST_ROWS = 50
+GAP = 2.5  # intervals; software-timed samples jitter by less, and one lost sample leaves no gap
+
+DEFAULT_UNITS = {"volts": "V", "displacement": "um", "time": "s"}
+NAMES = {
+    "volts": ("volts", "volt", "voltage", "v", "u", "vi", "vin", "v_in", "input", "command", "drive"),
+    "displacement": (
+        "measured",
+        "displacement",
+        "disp",
+        "z",
+        "d",
+        "do",
+        "position",
+        "pos",
+        "stroke",
+        "sensor",
+        "output",
+    ),
+    "time": ("time", "t", "timestamp"),
+}
+"""Headings by which a column is found where it is not named, in lower case."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """Where a signal came from.
+
+    Attributes
+    ----------
+    heading : str
+        The column as the file calls it, such as "column 5" or "z".
+    unit : str
+        Unit of the file.
+    stated : bool
+        Whether file or caller stated the unit; False where V, um or s is assumed.
+    """
+
+    heading: str
+    unit: str
+    stated: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """Voltage and displacement of the same instants; what is here can be fitted.
+
+    Attributes
+    ----------
+    time : ndarray, shape (rows,)
+        s, ascending.
+    volts : ndarray, shape (rows,)
+        V, not constant.
+    displacement : ndarray, shape (rows,)
+        um, not constant.
+    sample_rate : float
+        Hz: rows per second, gaps left out.
+    source : str
+        The file, or "arrays".
+    columns : Mapping[str, Column]
+        For "volts", "displacement" and, where time stamps were read, "time".
+    segments : tuple[slice, ...]
+        Rows between gaps; a gap is an interval of more than 2.5 times the median.
+    dropped : int
+        Rows left out because `drop_bad_rows` asked for it.
+    """
+
+    time: FloatArray
+    volts: FloatArray
+    displacement: FloatArray
+    sample_rate: float
+    source: str
+    columns: Mapping[str, Column] = field(default_factory=dict)
+    segments: tuple[slice, ...] = ()
+    dropped: int = 0
+
+    @classmethod
+    def from_arrays(
+        cls,
+        volts: npt.ArrayLike,
+        displacement: npt.ArrayLike,
+        *,
+        sample_rate: float | None = None,
+        time: npt.ArrayLike | None = None,
+        source: str = "arrays",
+    ) -> Record:
+        """A record from arrays in V and um, with either a sample rate (Hz) or time stamps (s).
+
+        Raises
+        ------
+        RecordError
+            As `read_record`.
+        SettingError
+            Both or neither of sample rate and time are given.
+
+        Examples
+        --------
+        >>> t = np.arange(200) / 1000.0
+        >>> record = Record.from_arrays(1 - np.cos(20 * t), 10 - 10 * np.cos(20 * t), sample_rate=1000.0)
+        >>> record.time[-1], record.segments
+        (np.float64(0.199), (slice(0, 200, None),))
+        """
+        signals = {"volts": _axis(source, "volts", volts), "displacement": _axis(source, "displacement", displacement)}
+        if (sample_rate is None) == (time is None):
+            raise SettingError("sample_rate", sample_rate, "given where there are no time stamps, and only there", "Hz")
+        if time is not None:
+            signals["time"] = _axis(source, "time", time)
+        columns = {role: Column(role, DEFAULT_UNITS[role], True) for role in signals}
+        return _checked(source, signals, columns, sample_rate, False)
+
+
+def read_record(
+    path: str | Path,
+    *,
+    volts: str | int | None = None,
+    displacement: str | int | None = None,
+    time: str | int | None = None,
+    volts_unit: str | None = None,
+    displacement_unit: str | None = None,
+    time_unit: str | None = None,
+    sample_rate: float | None = None,
+    drop_bad_rows: bool = False,
+) -> Record:
+    r"""A record from a file: text with columns, NPZ, MATLAB, Parquet, HDF5.
+
+    Parameters
+    ----------
+    path : str or Path
+        .npz, .mat, .parquet, .h5 and .hdf5 are what they say; anything else is text whose columns are separated by
+        commas, semicolons, tabs or white space.
+    volts, displacement, time : str or int, optional
+        Columns, by name or counted from 1. Left out, they are found by name (`NAMES`), else by unit. Without names,
+        two columns are voltage and displacement; three, the first of which ascends, are time, voltage, displacement.
+    volts_unit, displacement_unit, time_unit : str, optional
+        Of the file: V, mV, uV, kV; um, nm, mm, m; s, ms, us, ns, min. Left out, what the heading states, else V, um, s.
+    sample_rate : float, optional
+        Hz; needed where there is no time column. A time column is not used then.
+    drop_bad_rows : bool
+        Leave out rows that hold no finite numbers or whose time does not ascend, rather than refuse the record.
+
+    Raises
+    ------
+    RecordError
+        The record cannot be used; names the row and the reason.
+    FileNotFoundError
+        There is no such file.
+    SettingError
+        A unit is not known, or both `time` and `sample_rate` are given.
+
+    Notes
+    -----
+    Text is parsed in chunks of 1 MB into arrays of the final size: 24 bytes for each row stay in memory.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = Path(folder, "sweep.csv")
+    ...     rows = [f"{k},{3 * abs(k % 50 - 25)},{abs(k % 50 - 25) / 1000}" for k in range(100)]
+    ...     _ = path.write_text("time (ms),drive (mV),sensor (mm)\n" + "\n".join(rows))
+    ...     record = read_record(path)
+    >>> record.sample_rate, record.volts[:2], record.displacement[:2]
+    (1000.0, array([0.075, 0.072]), array([25., 24.]))
+    >>> record.columns["displacement"]
+    Column(heading='sensor', unit='mm', stated=True)
+    """
+    path = Path(path)
+    if sample_rate is not None:
+        _check.positive("sample_rate", sample_rate, "Hz")
+        if time is not None:
+            raise SettingError("sample_rate", sample_rate, "left out where a time column is named", "Hz")
+    given = {"volts": volts_unit, "displacement": displacement_unit, "time": time_unit}
+    for role, text in given.items():
+        if text is not None and tables.unit(text) not in tables.UNITS[role]:
+            raise SettingError(f"{role}_unit", repr(text), f"one of {', '.join(tables.UNITS[role])}")
+    table = tables.open_table(path)
+    wanted = {"volts": volts, "displacement": displacement, "time": time}
+    chosen = _choose(str(path), table, wanted, given, sample_rate is None)
+    signals = dict(zip(chosen, table.read(list(chosen.values()), drop_bad_rows), strict=True))
+    columns = {role: _column(str(path), table, role, index, given[role]) for role, index in chosen.items()}
+    for role, column in columns.items():
+        if (factor := tables.UNITS[role][column.unit]) != 1.0:
+            signals[role] *= factor
+    return _checked(str(path), signals, columns, sample_rate, drop_bad_rows, table)
+
+
+# ---- Which columns -------------------------------------------------------------------------------------------------
+
+
+def _choose(
+    source: str,
+    table: Table,
+    wanted: Mapping[str, str | int | None],
+    given: Mapping[str, str | None],
+    stamped: bool,
+) -> dict[str, int]:
+    """Index of the column of each signal; "time" only where time stamps are wanted."""
+    roles = ("volts", "displacement", "time") if stamped else ("volts", "displacement")
+    named = {role: _index(source, table, role, key) for role in roles if (key := wanted[role]) is not None}
+    found = dict(named)
+    for role in (role for role in roles if role not in found):
+        index = _find(source, table, role, set(named.values()), given[role]) if table.names else _by_place(table, role)
+        if index is None or index in found.values():
+            raise RecordError(source, _not_found(table, role))
+        found[role] = index
+    for role, index in found.items():
+        if index in (other for name, other in found.items() if name != role):
+            raise RecordError(source, f"{_heading(table, index)} is named twice, for {' and '.join(found)}")
+    return {role: found[role] for role in roles}
+
+
+def _index(source: str, table: Table, role: str, key: str | int) -> int:
+    """Of a column that the caller names."""
+    if isinstance(key, str):
+        matches = [i for i, name in enumerate(table.names) if name.lower() == tables.name_and_unit(key)[0].lower()]
+        if len(matches) == 1:
+            return matches[0]
+        if matches or not key.strip().isdigit():
+            many = "more than one column" if matches else "no column"
+            raise RecordError(source, f"{role}: {many} {key!r}; {_listing(table)}")
+    number = int(key)
+    if not 1 <= number <= table.width:
+        raise RecordError(source, f"{role}: no column {number}; they count from 1, {_listing(table)}")
+    return number - 1
+
+
+def _find(source: str, table: Table, role: str, taken: set[int], given: str | None) -> int | None:
+    """By name, else by unit; None where nothing fits, an error where several do."""
+    fits = [
+        i
+        for i, unit in enumerate(table.units)
+        if i not in taken and (not tables.is_unit(unit) or unit in tables.UNITS[role])
+    ]
+    for name in NAMES[role]:
+        if matches := [i for i in fits if table.names[i].lower() == name]:
+            break
+    else:
+        matches = [i for i in fits if table.units[i] in tables.UNITS[role]]
+    if len(matches) > 1:
+        several = ", ".join(_heading(table, i) for i in matches)
+        raise RecordError(source, f"{role}: several columns could be it ({several}); name one")
+    return matches[0] if matches else None
+
+
+def _by_place(table: Table, role: str) -> int | None:
+    """Of a table without names: voltage, displacement; or time, voltage, displacement."""
+    if table.width == 2:
+        return {"volts": 0, "displacement": 1}.get(role)
+    if table.width == 3 and np.all(np.diff(table.head[:, 0]) > 0):
+        return {"time": 0, "volts": 1, "displacement": 2}[role]
+    return None
+
+
+def _not_found(table: Table, role: str) -> str:
+    help_ = " or give the sample rate" if role == "time" else ""
+    return f"which column is {role}? Name it{help_}; {_listing(table)}"
+
+
+def _listing(table: Table) -> str:
+    return "there are " + ", ".join(_heading(table, i) for i in range(table.width))
+
+
+def _heading(table: Table, index: int) -> str:
+    if not table.names:
+        values = table.head[:, index]
+        return f"column {index + 1} (begins {', '.join(f'{v:g}' for v in values[:3])})"
+    unit = f" ({table.units[index]})" if table.units[index] else ""
+    return f"column {index + 1} {table.names[index]!r}{unit}"
+
+
+def _column(source: str, table: Table, role: str, index: int, given: str | None) -> Column:
+    heading = table.names[index] if table.names else f"column {index + 1}"
+    stated = table.units[index] if table.names else ""
+    if given is None and tables.is_unit(stated) and stated not in tables.UNITS[role]:
+        raise RecordError(
+            source, f"{role}: {_heading(table, index)} is in {stated}; {role} is in {' or '.join(tables.UNITS[role])}"
+        )
+    unit = tables.unit(given) if given is not None else stated
+    known = unit in tables.UNITS[role]
+    return Column(heading, unit if known else DEFAULT_UNITS[role], known)
+
+
+# ---- Checks --------------------------------------------------------------------------------------------------------
+
+
+def _axis(source: str, name: str, value: npt.ArrayLike) -> FloatArray:
+    try:
+        array = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise RecordError(source, f"{name} is no array of numbers") from None
+    if array.ndim != 1:
+        raise RecordError(source, f"{name} has shape {array.shape}; one axis is needed")
+    return array
+
+
+def _checked(
+    source: str,
+    signals: Mapping[str, FloatArray],
+    columns: Mapping[str, Column],
+    sample_rate: float | None,
+    drop: bool,
+    table: Table | None = None,
+) -> Record:
+    """The record, or the first reason why there is none."""
+    table = table or Table((), (), np.zeros((0, 0)), lambda *_: [])
+    rows = signals["volts"].size
+    for role, signal in signals.items():
+        if signal.size != rows:
+            raise RecordError(source, f"volts has {rows} rows, but {role} has {signal.size}")
+    time = signals["time"] if "time" in signals else np.arange(rows) / (sample_rate or 1.0)
+    if drop:
+        keep = _good_rows({**signals, "time": time})
+        time, signals = time[keep], {role: signal[keep] for role, signal in signals.items()}
+    else:
+        _refuse_bad_rows(source, {**signals, "time": time}, table)
+    if time.size < FEWEST_ROWS:
+        left = f" that can be used, of {rows}" if time.size < rows else ""
+        raise RecordError(source, f"{time.size} rows{left}; at least {FEWEST_ROWS} are needed")
+    for role in ("volts", "displacement"):
+        _refuse_constant(source, role, signals[role], columns[role].heading)
+    segments = _segments(time)
+    rate = sample_rate if sample_rate is not None else _rate(time, segments)
+    dropped = rows - time.size
+    return Record(time, signals["volts"], signals["displacement"], rate, source, columns, segments, dropped)
+
+
+def _good_rows(signals: Mapping[str, FloatArray]) -> npt.NDArray[np.bool_]:
+    """Rows with finite numbers whose time is later than that of every good row before."""
+    good = np.logical_and.reduce([np.isfinite(signal) for signal in signals.values()])
+    latest = np.maximum.accumulate(np.where(good, signals["time"], -np.inf))
+    good[1:] &= signals["time"][1:] > latest[:-1]
+    return np.asarray(good)
+
+
+def _refuse_bad_rows(source: str, signals: Mapping[str, FloatArray], table: Table) -> None:
+    """The first row that cannot be used, and how many there are."""
+    for role, signal in signals.items():
+        bad = ~np.isfinite(signal)
+        if bad.any():
+            number, text = table.locate(first := int(np.argmax(bad)))
+            told = f" in {text}" if text else ""
+            reason = f"{role} is {'missing or no number' if np.isnan(signal[first]) else 'infinite'}{told}"
+            raise RecordError(source, f"{reason}; drop_bad_rows leaves such rows out", number, table.where)
+    time = signals["time"]
+    late = np.diff(time) <= 0
+    if late.any():
+        number, _ = table.locate(first := int(np.argmax(late)) + 1)
+        how = "repeats" if time[first] == time[first - 1] else "is earlier than"
+        reason = f"time {time[first]:.9g} s {how} that of the row before ({late.sum()} such rows)"
+        reason += "; drop_bad_rows leaves them out, or give the sample rate instead of a time column"
+        raise RecordError(source, reason, number, table.where)
+
+
+def _refuse_constant(source: str, role: str, signal: FloatArray, heading: str) -> None:
+    if signal.min() == signal.max():
+        told = f" ({heading})" if heading != role else ""
+        reason = f"{role}{told} is {signal[0] + 0.0:g} {DEFAULT_UNITS[role]} in all {signal.size} rows"
+        raise RecordError(source, f"{reason}; it must move for anything to be learnt")
+
+
+def _segments(time: FloatArray) -> tuple[slice, ...]:
+    """Rows between intervals of more than `GAP` times the median."""
+    steps = np.diff(time)
+    ends = (np.flatnonzero(steps > GAP * np.median(steps)) + 1).tolist()
+    return tuple(slice(a, b) for a, b in zip([0, *ends], [*ends, time.size], strict=True))
+
+
+def _rate(time: FloatArray, segments: Sequence[slice]) -> float:
+    """Rows per second of the time within segments; time stamps may be rounded coarsely, so no median of intervals."""
+    spans = [(s.stop - s.start - 1, float(time[s.stop - 1] - time[s.start])) for s in segments]
+    return float(sum(n for n, _ in spans) / sum(seconds for _, seconds in spans))

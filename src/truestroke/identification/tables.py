@@ -1,0 +1,398 @@
+"""Files with columns, each opened as a `Table`: names and units first, the numbers of the chosen columns later."""
+
+from __future__ import annotations
+
+import importlib
+import itertools
+import math
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TextIO
+
+import numpy as np
+import numpy.typing as npt
+
+from truestroke._typing import FloatArray
+
+CHUNK = 1 << 20  # characters of text that are parsed at a time
+PROBE = 200  # lines of text that are looked at to find the layout
+COMMENTS = ("#", "%")
+
+
+class RecordError(ValueError):
+    """A record that cannot be used.
+
+    Attributes
+    ----------
+    source : str
+        The file, or "arrays".
+    reason : str
+        Why, and what would help.
+    row : int or None
+        Where: the line of a text file, else the row, both counted from 1; None where it is not one row.
+    """
+
+    def __init__(self, source: str, reason: str, row: int | None = None, where: str = "row") -> None:
+        self.source, self.reason, self.row = source, reason, row
+        super().__init__(f"{source}: {'' if row is None else f'{where} {row}: '}{reason}")
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """Columns of a file.
+
+    Attributes
+    ----------
+    names : tuple[str, ...]
+        Of the columns; empty where the file has none.
+    units : tuple[str, ...]
+        As the file states them; "" where it does not.
+    head : ndarray, shape (rows, columns)
+        The first rows of a file without names; empty where there are names.
+    read : callable
+        Columns by their indices -> an array each. What is not a number is NaN. A text is read no further than the
+        chunk with the first NaN unless `complete`.
+    locate : callable
+        Index of a row -> its number for people, and its text.
+    where : str
+        What that number counts: "line" or "row".
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    head: FloatArray
+    read: Callable[[Sequence[int], bool], list[FloatArray]]
+    locate: Callable[[int], tuple[int, str]] = lambda index: (index + 1, "")
+    where: str = "row"
+
+    @property
+    def width(self) -> int:
+        """Number of columns."""
+        return len(self.names) or self.head.shape[1]
+
+
+def open_table(path: Path) -> Table:
+    """The table in a file, by its ending: .npz, .mat, .parquet, .h5 or .hdf5; anything else is text."""
+    if not path.is_file():
+        raise FileNotFoundError(2, "no such file", str(path))
+    readers = {".npz": _npz, ".mat": _mat, ".parquet": _parquet, ".h5": _hdf5, ".hdf5": _hdf5}
+    return readers.get(path.suffix.lower(), _text)(path)
+
+
+# ---- Text ----------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Layout:
+    """How a text is written: encoding, separator (None: white space), decimal comma, lines before the numbers."""
+
+    path: Path
+    encoding: str
+    separator: str | None
+    comma: bool
+    lines_before: int
+
+    def open(self) -> TextIO:
+        return self.path.open(encoding=self.encoding, errors="replace")
+
+    def plain(self, line: str) -> str:
+        return line.replace(",", ".") if self.comma else line
+
+    def fields(self, line: str) -> list[str]:
+        fields = [field.strip().strip('"') for field in self.plain(line).strip().split(self.separator)]
+        return fields[:-1] if len(fields) > 1 and not fields[-1] else fields
+
+    def rows(self, file: TextIO) -> Iterator[tuple[int, str]]:
+        """Number and text of the lines with numbers."""
+        for number, line in enumerate(file, 1):
+            if number > self.lines_before and _is_row(line):
+                yield number, line
+
+
+def _is_row(line: str) -> bool:
+    return bool(line.strip()) and not line.lstrip().startswith(COMMENTS)
+
+
+def _text(path: Path) -> Table:
+    encoding = _encoding(path)
+    with path.open(encoding=encoding, errors="replace") as file:
+        lines = list(itertools.islice(file, PROBE))
+    layout = _layout(path, encoding, lines)
+    rows = [line for line in lines[layout.lines_before :] if _is_row(line)]
+    width = len(layout.fields(rows[0]))
+    names, units = _header(path, layout, lines[: layout.lines_before], width)
+    head = np.zeros((0, 0)) if names else _parse_slowly(rows, layout, range(width))
+    return Table(
+        names,
+        units,
+        head,
+        lambda columns, complete: _read_text(layout, columns, complete),
+        lambda index: _locate(layout, index),
+        "line",
+    )
+
+
+def _encoding(path: Path) -> str:
+    """Enough for a micro sign in the names: the numbers are the same in all of them."""
+    with path.open("rb") as file:
+        start = file.read(1 << 16)
+    if b"\0" in start and not start.startswith((b"\xff\xfe", b"\xfe\xff")):
+        raise RecordError(str(path), "this is no text; known endings are .csv, .txt, .npz, .mat, .parquet, .h5")
+    if start.startswith((b"\xff\xfe", b"\xfe\xff")):
+        return "utf-16"
+    try:
+        start[: start.rfind(b"\n") + 1].decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return "latin-1"
+    return "utf-8-sig"
+
+
+def _layout(path: Path, encoding: str, lines: Sequence[str]) -> _Layout:
+    """The first two rows with nothing but numbers or gaps, two columns or more and as many in each, begin the table."""
+    previous, before = 0, 0
+    for number, line in enumerate(lines):
+        if not _is_row(line):
+            continue
+        separator = next((s for s in (";", "\t", ",") if s in line), None)
+        comma = separator in (";", "\t") and "," in line and "." not in line
+        layout = _Layout(path, encoding, separator, comma, before)
+        fields = layout.fields(line)
+        width = len(fields) if len(fields) > 1 and _numeric(fields) else 0
+        if width and width == previous:
+            return layout
+        previous, before = width, number
+    raise RecordError(
+        str(path), f"no two rows with the same number of columns, two or more, in the first {PROBE} lines"
+    )
+
+
+def _header(path: Path, layout: _Layout, lines: Sequence[str], width: int) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Names and units from the line above the numbers, or from two lines: names, then units alone."""
+    numbered = [(number, line) for number, line in enumerate(lines, 1) if line.strip(" \t\r\n#%")]
+    above = [layout.fields(re.sub(r"^\s*[#%]+", "", line)) for _, line in numbered]
+    if not above or len(above[-1]) != width:
+        return (), ()
+    last = above[-1]
+    if not all(math.isnan(_number(field)) for field in last):
+        number, line = numbered[-1]
+        raise RecordError(str(path), f"{_shown(line)} is neither names nor numbers only", number, "line")
+    alone = [field.strip("()[] ") for field in last]
+    if len(above) > 1 and len(above[-2]) == width and all(map(is_unit, alone)):
+        return tuple(above[-2]), tuple(map(unit, alone))
+    names, units = zip(*map(name_and_unit, last), strict=True)
+    return names, units
+
+
+def _read_text(layout: _Layout, columns: Sequence[int], complete: bool) -> list[FloatArray]:
+    """Parse chunk by chunk into arrays of the final size, so that no more than a chunk of text is ever in memory."""
+    table = np.empty((len(columns), _count_lines(layout.path)))
+    rows = 0
+    with layout.open() as file:
+        for _ in range(layout.lines_before):
+            next(file)
+        while lines := file.readlines(CHUNK):
+            block = _parse(lines, layout, columns)
+            table[:, rows : rows + len(block)] = block.T
+            rows += len(block)
+            if not complete and not np.isfinite(block).all():
+                break
+    return list(table[:, :rows])
+
+
+def _count_lines(path: Path) -> int:
+    with path.open("rb") as file:
+        return 1 + sum(chunk.count(b"\n") or chunk.count(b"\r") for chunk in iter(lambda: file.read(1 << 20), b""))
+
+
+def _parse(lines: Sequence[str], layout: _Layout, columns: Sequence[int]) -> FloatArray:
+    if not any(map(_is_row, lines[:3])):  # loadtxt warns of nothing to read
+        lines = list(filter(_is_row, lines))
+        if not lines:
+            return np.empty((0, len(columns)))
+    plain = map(layout.plain, lines) if layout.comma else lines
+    try:
+        return np.loadtxt(plain, delimiter=layout.separator, usecols=columns, quotechar='"', ndmin=2)
+    except ValueError:
+        return _parse_slowly(lines, layout, columns)
+
+
+def _parse_slowly(lines: Sequence[str], layout: _Layout, columns: Sequence[int]) -> FloatArray:
+    """With NaN for what is missing or no number."""
+    rows = [layout.fields(line) for line in lines if _is_row(line)]
+    values = [[_number(row[c]) if c < len(row) else math.nan for c in columns] for row in rows]
+    return np.array(values, dtype=np.float64).reshape(len(values), len(columns))
+
+
+def _number(field: str) -> float:
+    try:
+        return float(field)
+    except ValueError:
+        return math.nan
+
+
+def _numeric(fields: Sequence[str]) -> bool:
+    """Numbers only; some may be missing."""
+    return all(field.lower() in ("", "nan") or not math.isnan(_number(field)) for field in fields) and not all(
+        math.isnan(_number(field)) for field in fields
+    )
+
+
+def _locate(layout: _Layout, index: int) -> tuple[int, str]:
+    with layout.open() as file:
+        number, line = next(itertools.islice(layout.rows(file), index, None))
+    return number, _shown(line)
+
+
+def _shown(line: str) -> str:
+    text = line.strip()
+    return repr(text if len(text) <= 60 else text[:57] + "...")
+
+
+# ---- Names and units -----------------------------------------------------------------------------------------------
+
+UNITS: Mapping[str, Mapping[str, float]] = {
+    "volts": {"V": 1.0, "mV": 1e-3, "uV": 1e-6, "kV": 1e3},
+    "displacement": {"um": 1.0, "nm": 1e-3, "mm": 1e3, "m": 1e6},
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0},
+}
+"""What one of each unit is in V, um and s."""
+
+_SPELLINGS = {"volt": "V", "volts": "V", "v": "V", "micron": "um", "microns": "um", "sec": "s", "seconds": "s"}
+
+
+def unit(text: str) -> str:
+    """A unit as `UNITS` spells it.
+
+    Examples
+    --------
+    >>> unit("µm"), unit("Volts"), unit("mV")
+    ('um', 'V', 'mV')
+    """
+    text = text.strip().replace("µ", "u").replace("\u03bc", "u")
+    return _SPELLINGS.get(text.lower(), text)
+
+
+def is_unit(text: str) -> bool:
+    """Whether `UNITS` has it."""
+    return any(unit(text) in units for units in UNITS.values())
+
+
+def name_and_unit(text: str) -> tuple[str, str]:
+    """Name and unit of a column from its heading.
+
+    Examples
+    --------
+    >>> name_and_unit("z (µm)"), name_and_unit("Drive [mV]"), name_and_unit("time_s"), name_and_unit("CH1")
+    (('z', 'um'), ('Drive', 'mV'), ('time', 's'), ('CH1', ''))
+    """
+    text = text.strip()
+    if match := re.fullmatch(r"(.*?)\s*[(\[]\s*([^)\]]*?)\s*[)\]]", text):
+        return match[1] or match[2], unit(match[2])
+    match = re.fullmatch(r"(.+?)\s*[_/, ]\s*([^_/, ]+)", text)
+    if match and is_unit(match[2]) and unit(match[2]) != "m":  # z_m is more often "measured" than metres
+        return match[1], unit(match[2])
+    return text, ""
+
+
+# ---- Arrays --------------------------------------------------------------------------------------------------------
+
+
+def _arrays(path: Path, names: Sequence[str], units: Sequence[str], get: Callable[[str], npt.NDArray[Any]]) -> Table:
+    """A table of arrays by name, one column each; one array with two axes is a table without names."""
+    if len(names) == 1 and (whole := get(names[0]).squeeze()).ndim == 2 and whole.dtype.kind in "iuf":
+        return Table(
+            (), (), whole[:PROBE].astype(np.float64), lambda columns, _: [_floats(whole[:, c]) for c in columns]
+        )
+
+    def read(columns: Sequence[int], _: bool) -> list[FloatArray]:
+        arrays = [get(names[c]).squeeze() for c in columns]
+        for c, array in zip(columns, arrays, strict=True):
+            if array.ndim != 1 or array.dtype.kind not in "iuf":
+                raise RecordError(str(path), f"{names[c]} is {_kind(array)}, not a row of numbers")
+            if array.size != arrays[0].size:
+                raise RecordError(
+                    str(path), f"{names[columns[0]]} has {arrays[0].size} rows, but {names[c]} has {array.size}"
+                )
+        return [_floats(array) for array in arrays]
+
+    split = [name_and_unit(name) for name in names]
+    known = tuple(stated or found for stated, (_, found) in zip(units, split, strict=True))
+    return Table(tuple(name for name, _ in split), known, np.zeros((0, 0)), read)
+
+
+def _floats(array: npt.NDArray[Any]) -> FloatArray:
+    return np.array(array, dtype=np.float64, order="C")
+
+
+def _kind(array: npt.NDArray[Any]) -> str:
+    return f"an array of shape {array.shape}" if array.dtype.kind in "iuf" else f"of type {array.dtype}"
+
+
+def _npz(path: Path) -> Table:
+    import zipfile
+
+    if not zipfile.is_zipfile(path):
+        raise RecordError(str(path), "not an NPZ file, or a damaged one")
+    with np.load(path) as file:
+        names = list(file.keys())
+
+    def get(name: str) -> npt.NDArray[Any]:
+        with np.load(path) as file:
+            return np.asarray(file[name])
+
+    return _arrays(path, names, [""] * len(names), get)
+
+
+def _mat(path: Path) -> Table:
+    import h5py
+    from scipy.io import loadmat
+
+    if h5py.is_hdf5(path):  # MATLAB 7.3
+        return _hdf5(path)
+    try:
+        held = {name: value for name, value in loadmat(path).items() if not name.startswith("__")}
+    except Exception as error:  # scipy raises many kinds
+        raise RecordError(str(path), f"the file is damaged ({error})") from None
+    return _arrays(path, list(held), [""] * len(held), lambda name: np.asarray(held[name]))
+
+
+def _hdf5(path: Path) -> Table:
+    """Every dataset, also those in groups; the attribute "unit" or "units" tells the unit, as recordings write it."""
+    import h5py
+
+    if not h5py.is_hdf5(path):
+        raise RecordError(str(path), "not an HDF5 file")
+    found: dict[str, str] = {}
+
+    def note(name: str, item: Any) -> None:
+        if isinstance(item, h5py.Dataset) and item.dtype.kind in "iuf":
+            found[name] = unit(str(item.attrs.get("unit", item.attrs.get("units", ""))))
+
+    def get(name: str) -> npt.NDArray[Any]:
+        with h5py.File(path, "r") as file:
+            return np.asarray(file[name][()])
+
+    try:
+        with h5py.File(path, "r") as file:
+            file.visititems(note)
+    except (OSError, RuntimeError) as error:
+        raise RecordError(str(path), f"the file is damaged ({error})") from None
+    return _arrays(path, list(found), list(found.values()), get)
+
+
+def _parquet(path: Path) -> Table:
+    try:
+        parquet: Any = importlib.import_module("pyarrow.parquet")
+    except ImportError:
+        raise RecordError(str(path), "reading Parquet needs pyarrow: pip install pyarrow") from None
+    try:
+        names = list(parquet.read_schema(path).names)
+    except (OSError, ValueError) as error:
+        raise RecordError(str(path), f"the file is damaged ({error})") from None
+
+    def get(name: str) -> npt.NDArray[Any]:
+        return np.asarray(parquet.read_table(path, columns=[name])[name].to_numpy())
+
+    return _arrays(path, names, [""] * len(names), get)

@@ -1,0 +1,274 @@
+"""Reading of records: every format gives the same numbers, and what cannot be used is refused in words."""
+
+from __future__ import annotations
+
+import os
+import sys
+import tracemalloc
+from collections.abc import Callable
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.io import savemat
+
+from truestroke import Recording, SettingError
+from truestroke.identification import Record, RecordError, read_record
+from truestroke.recording import Channel
+
+ROWS = 300
+T = np.arange(ROWS) / 1000.0
+V = np.round(1.8 - 1.8 * np.cos(30 * T), 6)
+Z = np.round(-5.0 + 10.0 * V, 6)
+SHARED = Path(os.environ.get("TRUESTROKE_SHARED", Path(__file__).parents[2] / "shared"))
+
+
+def text(
+    path: Path, *columns: np.ndarray, head: str = "", separator: str = ",", encoding: str = "utf-8", comma: bool = False
+) -> Path:
+    rows = "\n".join(separator.join(f"{value:.9g}" for value in row) for row in np.column_stack(columns))
+    path.write_text(head + (rows.replace(".", ",") if comma else rows) + "\n", encoding=encoding)
+    return path
+
+
+def is_the_record(record: Record) -> None:
+    np.testing.assert_allclose(record.volts, V, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(record.displacement, Z, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(record.time, T, atol=1e-9)
+    assert record.sample_rate == pytest.approx(1000.0)
+    assert record.segments == (slice(0, ROWS),)
+
+
+# ---- Formats ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "write",
+    [
+        lambda p: text(p, T, V, Z, head="time (s),V (V),z (um)\n"),
+        lambda p: text(p, Z, T, V, head="z,t,V\n"),  # any order
+        lambda p: text(p, 1e3 * T, 1e3 * V, 1e-3 * Z, head="Time [ms];Drive [mV];Sensor [mm]\n", separator=";"),
+        lambda p: text(p, T, V, Z, head="Zeit (s);U (V);Weg (µm)\n", separator=";", comma=True, encoding="latin-1"),
+        lambda p: text(p, T, V, 1e3 * Z, head="time_s\tdrive_V\tpos_nm\n", separator="\t", encoding="utf-16"),
+        lambda p: text(p, T, V, Z, head="\ufeffModel,XY1\nStart,12:30\n\nTime,CH1,CH2\n(s),(V),(µm)\n"),
+        lambda p: text(p, T, V, Z, head="# t volts z\n", separator="  "),
+        lambda p: text(p, T, V, Z),  # no header, the time ascends
+        lambda p: text(p, T, V, Z, np.zeros(ROWS), head='"t","V","z","error (um)"\n', separator=", "),
+    ],
+    ids=["units", "order", "other-units", "decimal-comma", "utf16", "preamble", "comment", "bare", "quoted"],
+)
+def test_columns_and_units_of_text_are_found(tmp_path: Path, write: Callable[[Path], Path]) -> None:
+    is_the_record(read_record(write(tmp_path / "record.csv")))
+
+
+def write_npz(path: Path) -> None:
+    np.savez(path, time=T, volts=V, z=Z, sample_rate=1000.0)
+
+
+def write_mat(path: Path) -> None:
+    savemat(path, {"t": T, "u": V[:, None], "pos_mm": 1e-3 * Z, "note": "bench 3"})
+
+
+def write_hdf5(path: Path) -> None:
+    with h5py.File(path, "w") as file:
+        for name, data, unit in (("t", T, "s"), ("run/drive", 1e3 * V[None, :], "mV"), ("run/sensor", Z, "µm")):
+            file.create_dataset(name, data=data).attrs["unit"] = unit
+
+
+def write_recording(path: Path) -> None:
+    wave = {"time": (T, "s"), "volts": (V, "V"), "desired": (0 * Z, "um"), "measured": (Z, "um"), "true": (0 * Z, "um")}
+    Recording({name: Channel(data, unit, name) for name, (data, unit) in wave.items()}).save(path)
+
+
+def write_parquet(path: Path) -> None:
+    pa = pytest.importorskip("pyarrow", reason="pyarrow is not installed")
+    pytest.importorskip("pyarrow.parquet").write_table(pa.table({"time (s)": T, "drive (V)": V, "z (um)": Z}), path)
+
+
+@pytest.mark.parametrize(
+    ("ending", "write"),
+    [
+        (".npz", write_npz),
+        (".mat", write_mat),
+        (".h5", write_hdf5),
+        (".h5", write_recording),
+        (".mat", write_hdf5),  # MATLAB 7.3 is HDF5
+        (".parquet", write_parquet),
+        (".npz", lambda path: np.savez(path, data=np.column_stack([T, V, Z]))),
+    ],
+    ids=["npz", "mat", "hdf5", "recording", "mat73", "parquet", "matrix"],
+)
+def test_binary_formats(tmp_path: Path, ending: str, write: Callable[[Path], None]) -> None:
+    path = tmp_path / f"record{ending}"
+    write(path)
+    is_the_record(read_record(path))
+
+
+def test_parquet_without_pyarrow_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pyarrow.parquet", None)
+    (tmp_path / "a.parquet").write_bytes(b"PAR1")
+    with pytest.raises(RecordError, match="pip install pyarrow"):
+        read_record(tmp_path / "a.parquet")
+
+
+@pytest.mark.parametrize("keys", [{"volts": 2, "displacement": 4}, {"volts": "a", "displacement": "B"}, {"volts": "2",
+                                  "displacement": "b (um)"}])  # fmt: skip
+def test_columns_by_number_and_name(tmp_path: Path, keys: dict[str, str | int]) -> None:
+    path = text(tmp_path / "r.txt", 0 * T, V, 7 + T, 1e-3 * Z, head="zero,a,b2,b\n")
+    is_the_record(read_record(path, sample_rate=1000.0, displacement_unit="mm", **keys))  # type: ignore[arg-type]
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.lists(st.floats(-1e6, 1e6), min_size=60, max_size=80, unique=True), st.integers(16, 400))
+def test_numbers_come_through_exactly_whatever_the_chunk(values: list[float], chunk: int) -> None:
+    import tempfile
+
+    with tempfile.TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as patch:
+        patch.setattr("truestroke.identification.tables.CHUNK", chunk)
+        path = Path(folder, "r.csv")
+        path.write_text("# by hand\n\nvolts,z\n" + "".join(f"{v!r},{-v!r}\n\n" for v in values))
+        record = read_record(path, sample_rate=10.0)
+    assert record.volts.tolist() == values
+    assert record.displacement.tolist() == [-v for v in values]
+
+
+# ---- Records that cannot be used -------------------------------------------------------------------------------------
+
+
+def changed(column: np.ndarray, row: int, value: float) -> np.ndarray:
+    column = column.copy()
+    column[row] = value
+    return column
+
+
+@pytest.mark.parametrize(
+    ("columns", "reason", "line"),
+    [
+        ((T, 0 * V + 1.8, Z), r"volts .*is 1.8 V in all 300 rows; it must move", None),
+        ((T, V, 0 * Z), r"displacement .*is 0 um in all 300 rows", None),
+        ((T, V, changed(Z, 7, np.nan)), r"line 9: displacement is missing or no number in '0.007", 9),
+        ((T, changed(V, 0, np.inf), Z), r"line 2: volts is infinite", 2),
+        ((changed(T, 20, T[19]), V, Z), r"line 22: time 0.019 s repeats that of the row before \(1 such", 22),
+        ((changed(T, 20, 0.001), V, Z), r"line 22: time 0.001 s is earlier than", 22),
+        ((T[:2], V[:2], Z[:2]), r"2 rows; at least 50 are needed", None),
+    ],
+    ids=["constant-voltage", "constant-displacement", "nan", "infinite", "repeated-time", "backwards", "two-samples"],
+)
+def test_what_cannot_be_used_is_refused(
+    tmp_path: Path, columns: tuple[np.ndarray, ...], reason: str, line: int | None
+) -> None:
+    with pytest.raises(RecordError, match=reason) as raised:
+        read_record(text(tmp_path / "bad.csv", *columns, head="t,V,z\n"))
+    assert (raised.value.row, raised.value.source) == (line, str(tmp_path / "bad.csv"))
+    arrays = [np.asarray(column) for column in columns]
+    with pytest.raises(RecordError):
+        Record.from_arrays(arrays[1], arrays[2], time=arrays[0])
+
+
+@pytest.mark.parametrize("cell", ["", "abc", "1.2.3", "1,5"])
+def test_a_bad_cell_is_named_by_its_line(tmp_path: Path, cell: str) -> None:
+    path = text(tmp_path / "bad.csv", T, V, Z, head="# bench 3\n\nt,V,z\n")
+    lines = path.read_text().splitlines()
+    lines[103] = f"0.1,{cell}" if cell == "" else f"0.1,{cell}x,3"
+    path.write_text("\n".join(lines))
+    with pytest.raises(RecordError, match=r"line 104: \w+ is missing or no number in '0\.1,") as raised:
+        read_record(path)
+    assert raised.value.row == 104
+    assert read_record(path, drop_bad_rows=True).volts.tolist() == np.delete(V, 100).tolist()
+
+
+def test_bad_rows_are_left_out_on_request_only(tmp_path: Path) -> None:
+    """Rows 10 to 14 without numbers make a gap; a time stamp far ahead of its neighbours costs what it overtakes."""
+    z, t = Z.copy(), changed(T, 200, T[199])
+    z[10:15] = np.nan
+    record = read_record(text(tmp_path / "bad.csv", t, V, z, head="t,V,z\n"), drop_bad_rows=True)
+    assert record.dropped == 6
+    assert record.segments == (slice(0, 10), slice(10, ROWS - 6))
+    assert record.volts.tolist() == np.delete(V, [*range(10, 15), 200]).tolist()
+    assert record.sample_rate == pytest.approx(1000.0, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("head", "options", "reason"),
+    [
+        (
+            "t (s),V (V),z (um)\n",
+            {"volts": 3, "displacement": 2},
+            r"volts: column 3 'z' \(um\) is in um; volts is in V",
+        ),
+        ("t,V,z\n", {"volts": "U"}, r"no column 'U'; there are column 1 't', column 2 'V', column 3 'z'"),
+        ("t,V,z\n", {"volts": 0}, r"no column 0; they count from 1"),
+        ("t,V,z\n", {"volts": 2, "displacement": 2}, r"column 2 'V' is named twice|several"),
+        ("a,V,z\n", {}, r"which column is time\? Name it or give the sample rate"),
+        ("t,V,b\n", {}, r"which column is displacement\? Name it; there are column 1 't'"),
+        ("t (s),V (um),b (um)\n", {"volts": 2}, r"volts: column 2 'V' \(um\) is in um"),
+        ("t (s),a (V),b (V)\n", {}, r"volts: several columns could be it \(column 2 'a' \(V\), column 3 'b' \(V\)\)"),
+        ("t,0.5,z\n", {}, r"line 1: 't,0.5,z' is neither names nor numbers only"),
+    ],
+)
+def test_columns_that_cannot_be_found_are_told(
+    tmp_path: Path, head: str, options: dict[str, str | int], reason: str
+) -> None:
+    with pytest.raises(RecordError, match=reason):
+        read_record(text(tmp_path / "r.csv", T, V, Z, head=head), **options)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("ending", [".csv", ".npz", ".mat", ".h5", ".parquet"])
+@pytest.mark.parametrize(
+    "content", [b"", b"no numbers here", b"\x89PNG\r\n\0\0\0\0", b"PK\3\4 torn", b"\x89HDF\r\n\x1a\n torn"]
+)
+def test_no_file_that_is_no_record_gets_further(tmp_path: Path, ending: str, content: bytes) -> None:
+    if ending == ".parquet":
+        pytest.importorskip("pyarrow", reason="pyarrow is not installed")
+    path = tmp_path / f"odd{ending}"
+    path.write_bytes(content)
+    with pytest.raises(RecordError, match="odd"):
+        read_record(path)
+    with pytest.raises(FileNotFoundError):
+        read_record(tmp_path / f"none{ending}")
+
+
+def test_settings_that_contradict_are_refused(tmp_path: Path) -> None:
+    path = text(tmp_path / "r.csv", T, V, Z, head="t,V,z\n")
+    with pytest.raises(SettingError, match="displacement_unit = 'V': must be one of um, nm, mm, m"):
+        read_record(path, displacement_unit="V")
+    with pytest.raises(SettingError, match="sample_rate = 5"):
+        read_record(path, sample_rate=5.0, time="t")
+    with pytest.raises(SettingError, match="sample_rate"):
+        Record.from_arrays(V, Z)
+    with pytest.raises(RecordError, match="volts has 300 rows, but displacement has 299"):
+        Record.from_arrays(V, Z[1:], sample_rate=1e3)
+
+
+def test_sample_rate_survives_coarse_time_stamps() -> None:
+    """3 kHz stamped in steps of 0.1 ms: intervals of 0.3 and 0.4 ms, whose median would say 3333 Hz."""
+    t = np.round(np.arange(ROWS) / 3000.0, 4)
+    assert Record.from_arrays(V, Z, time=t).sample_rate == pytest.approx(3000.0, rel=1e-3)
+
+
+def test_memory_for_text_is_that_of_the_result(tmp_path: Path) -> None:
+    """Of 400,000 rows (14 MB of text): 24 bytes a row stay; on the way some chunks of 1 MB, however long the file."""
+    rows = 400_000
+    t = np.arange(rows) / 1e4
+    block = "\n".join(f"{a:.4f},{b:.5f},{c:.4f},0.000000000" for a, b, c in zip(t, np.sin(t), np.cos(t), strict=True))
+    (tmp_path / "long.csv").write_text("t,V,z,other\n" + block)
+    del block
+    tracemalloc.start()
+    record = read_record(tmp_path / "long.csv")
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert record.time.size == rows
+    assert peak < 24 * rows + 16 * rows + 8e6  # result, temporary differences of the time, chunks
+
+
+def test_the_measured_record() -> None:
+    path = SHARED / "data/p885_91/Model_Vi_Do.dat"
+    if not path.is_file():
+        pytest.skip(f"the measured record is not at {path}; TRUESTROKE_SHARED names the folder")
+    record = read_record(path, volts=1, displacement=5, sample_rate=200.0)
+    assert record.volts.size == 8027
+    assert (record.volts.min(), record.volts.max()) == (0.0, 3.6)
+    assert record.displacement[0] == -123.059139
