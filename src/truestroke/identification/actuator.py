@@ -10,13 +10,15 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from truestroke import _check, _kernel
+from truestroke import _check, _kernel, prior
 from truestroke._check import SettingError
 from truestroke._typing import FloatArray
 from truestroke.settings import UNLIMITED, ControllerSettings, kernel_settings
 
 VELOCITY_SPAN = 0.5e-3  # s: half of the span of a central difference, at least one sample
 NEWTON_STEPS = 8
+SLOPES = 0.4, 4.0  # of the straight line's slope: limits of the partial slopes, as by default
+DRIFT = 0.1  # relative: how far an actuator may be from its record, in deviations of the default prior
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -86,7 +88,7 @@ class ActuatorModel:
     provenance: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        made = self.settings(1.0, check=True)  # ControllerSettings checks the rest, and fills in nothing
+        made = self._terms(1.0)  # checks them
         weights = np.array(made.initial_weights)
         covariance = _check.finite_array("covariance", self.covariance, ndim=2)
         if covariance.shape != (weights.size, weights.size) or not np.allclose(covariance, covariance.T):
@@ -112,7 +114,7 @@ class ActuatorModel:
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the weights, in their order."""
-        return self.settings(1.0).names
+        return self._terms(1.0).names
 
     @property
     def deviations(self) -> FloatArray:
@@ -124,19 +126,45 @@ class ActuatorModel:
         """Stroke over voltage range of the record, um/V."""
         return self.stroke / (self.voltage_range[1] - self.voltage_range[0])
 
-    def settings(self, sample_rate: float, *, check: bool = False, **changes: Any) -> ControllerSettings:
-        """Settings of a controller with this model and its weights; `changes` replace any of them.
+    def settings(self, sample_rate: float, **changes: Any) -> ControllerSettings:
+        """Settings of a controller with this model and its weights.
+
+        The delay goes into the lag, and the limits of the slopes follow from the record's stroke and voltage.
 
         Parameters
         ----------
         sample_rate : float
             Ticks per second, Hz.
-        check : bool
-            Not in the interface: whether the weights are taken as they are.
         **changes
-            Members of `ControllerSettings`, such as `voltage_limits`.
+            Members of `ControllerSettings` that replace what follows from the model, such as `voltage_limits`.
         """
-        weights = tuple(np.asarray(self.weights, dtype=np.float64).ravel().tolist())
+        w, lag = self.weights.tolist(), self.weights.size - 2 - self.bends
+        w[lag] -= self.delay
+        slopes = {"slope_limits": (SLOPES[0] * self.sensitivity, SLOPES[1] * self.sensitivity)}
+        return self._terms(sample_rate, **{"initial_weights": tuple(w), **slopes, **changes})
+
+    def start(self, sample_rate: float, **changes: Any) -> ControllerSettings:
+        """`settings` of a controller that starts at rest, with a prior as sure of the weights as the record allows.
+
+        The offset starts at 0 um with its default variance: that of the record is where the record happened to begin.
+        The covariance of the others is the record's plus `DRIFT`^2 of the default one. The record does not know the
+        load, temperature and polarisation of another day, and the model is not the actuator. The law also returns to
+        the prior, and takes sudden changes to be a share of it: too sure a prior would not follow them.
+        """
+        fixed = self.settings(sample_rate, **changes)
+        weights, offset = list(fixed.initial_weights), self.weights.size - 1 - self.bends
+        weights[offset] = 0.0
+        from_rest = {"initial_weights": tuple(weights), **changes}
+        if fixed.law != "kalman":
+            return self.settings(sample_rate, **from_rest)
+        a, _, _, _, _ = self._parts()
+        terms: dict[str, Any] = {"creeps": len(self.creep_times), "lag": True, "offset": True, "bends": self.bends}
+        default = prior.covariance(np.abs(a), self.rated, q=self.sensitivity, stroke=self.stroke, **terms)
+        P = self.covariance + DRIFT**2 * default
+        P[offset] = P[:, offset] = default[offset]
+        return self.settings(sample_rate, **{"prior_covariance": tuple(map(tuple, P.tolist())), **from_rest})
+
+    def _terms(self, sample_rate: float, **changes: Any) -> ControllerSettings:
         model: dict[str, Any] = {
             "stroke": self.stroke,
             "voltage_limits": self.voltage_range,
@@ -148,12 +176,8 @@ class ActuatorModel:
             "offset": True,
             "bends": self.bends,
             "rate_scale": self.rate_scale,
-            "initial_weights": weights,
+            "initial_weights": tuple(np.asarray(self.weights, dtype=np.float64).ravel().tolist()),
         }
-        if not check:
-            lag = len(weights) - 2 - self.bends
-            model["initial_weights"] = (*weights[:lag], weights[lag] - self.delay, *weights[lag + 1 :])
-            model["slope_limits"] = (0.4 * self.sensitivity, 4 * self.sensitivity)
         return ControllerSettings(sample_rate=sample_rate, **{**model, **changes})
 
     # ---- Forward ---------------------------------------------------------------------------------------------------

@@ -23,9 +23,10 @@ BLOCKS = 6  # of the cross-validation
 PLAYS = (8, 16, 24)
 REACHES = (0.36, 0.48)  # of the voltage range: thresholds end below this; none beyond 0.5 ever moves
 CREEP_TIMES = (0.003, 0.03, 0.3, 3.0, 30.0)  # s
-WEIGHTS = (1.0, 10.0, 100.0, 1000.0)  # of the prior: what is left is not white, and counts for less than its samples
+WEIGHTS = (1.0, 10.0, 100.0, 1000.0, 10000.0)  # of the prior: what is left is not white, and counts for less than its samples
 BETTER = 0.99  # a term, or a delay, must lower the rmse at least this far
 LONGEST_DELAY = 0.1  # s
+NEAR = 0.25  # of the stroke
 QUICK = 16  # plays of the first fit
 STEPS = 2  # Gauss-Newton
 FLOOR = 0.05  # of the straight line's slope: the smallest partial slope
@@ -176,11 +177,11 @@ def _taken(record: Any) -> tuple[FloatArray, FloatArray, float, str]:
 
 
 def _data(x: FloatArray, z: FloatArray, fs: float, shift: int = 0) -> Data:
-    """The zero is the straight line's displacement at 0 V, or the sensor's own where that is near."""
-    slope, at_rest = np.polyfit(x, z, 1)
+    """The zero is the sensor's own where the record comes near it, else the straight line's displacement at 0 V."""
     stroke = float(np.ptp(z))
     every = -(-x.size // ROWS)
-    zero = float(at_rest) if abs(at_rest) > 0.1 * stroke else 0.0
+    near = z.min() - NEAR * stroke <= 0 <= z.max() + NEAR * stroke
+    zero = 0.0 if near else float(np.polyfit(x, z, 1)[1])
     return Data(
         volts=delayed(x, shift),
         displacement=(z - zero)[::every],
@@ -272,9 +273,9 @@ def _choose(
     _, bank, full, _ = min(tried, key=lambda entry: entry[0])
     fewer = [(bank.rmse(s, w), bank, s, w) for s in _with_fewer_terms(full, fixed) for w in weights]
     tried += fewer
-    enough = min(entry[0] for entry in fewer) / BETTER
-    few = min((e for e in fewer if e[0] <= enough), key=lambda e: len(e[2].names))[2]
-    rmse, _, chosen, weight = min((e for e in fewer if e[2] == few), key=lambda e: e[0])
+    least = min(score for score, *_ in fewer)
+    most = max((e for e in fewer if e[0] <= least / BETTER), key=lambda e: len(e[2].names))[2]
+    rmse, _, chosen, weight = max((e for e in fewer if e[2] == most and e[0] <= least / BETTER), key=lambda e: e[3])
     words = tuple((f"{_words(s)}, prior x {w / noise:g}", score) for score, _, s, w in tried)
     return chosen, weight, (*words, (f"chosen: {_words(chosen)}, prior x {weight / noise:g}", rmse))
 
