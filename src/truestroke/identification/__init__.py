@@ -5,4 +5,14 @@ from truestroke.identification.least_squares import FittedWeights, fit
 from truestroke.identification.model_file import ModelFileError, load_model, save_model
 from truestroke.identification.select import HeldOut, Identified, identify
 
-__all__ = ["ActuatorModel", "FittedWeights", "HeldOut", "Identified", "ModelFileError", "fit", "identify", "load_model", "save_model"]
+__all__ = [
+    "ActuatorModel",
+    "FittedWeights",
+    "HeldOut",
+    "Identified",
+    "ModelFileError",
+    "fit",
+    "identify",
+    "load_model",
+    "save_model",
+]

@@ -97,6 +97,8 @@ class ActuatorModel:
         if np.linalg.eigvalsh(covariance).min() < -1e-9 * np.trace(covariance):
             raise SettingError("covariance", "matrix with a negative eigenvalue", "positive semidefinite")
         values: dict[str, object] = {
+            "stroke": made.stroke,
+            "rate_scale": made.rate_scale,
             "thresholds": made.thresholds,
             "rated": made.rated,
             "creep_times": made.creep_times,

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from truestroke._check import SettingError
+from truestroke._typing import FloatArray
 from truestroke.identification.actuator import ActuatorModel
 
 FORMAT, VERSION = "truestroke model", 1
@@ -75,23 +76,25 @@ def load_model(path: str | os.PathLike[str]) -> ActuatorModel:
     try:
         document = tomllib.loads(Path(path).read_text(encoding="utf-8"))
         return _model(document)
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, SettingError, _Wrong) as error:
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, SettingError, _WrongError) as error:
         raise ModelFileError(f"{os.fspath(path)}: {error}") from error
 
 
-class _Wrong(Exception):
+class _WrongError(Exception):
     pass
 
 
 def _model(document: dict[str, Any]) -> ActuatorModel:
     if document.get("format") != FORMAT:
-        raise _Wrong(f"not a {FORMAT}: format is {document.get('format')!r}")
+        raise _WrongError(f"not a {FORMAT}: format is {document.get('format')!r}")
     if document.get("version") != VERSION:
-        raise _Wrong(f"version {document.get('version')!r} of the format; this truestroke reads version {VERSION}")
-    tables = {name: document.get(name) for name in ("model", "weights", "covariance", "figures", "provenance")}
+        raise _WrongError(f"version {document.get('version')!r} of the format; this truestroke reads version {VERSION}")
+    tables: dict[str, Any] = {
+        name: document.get(name) for name in ("model", "weights", "covariance", "figures", "provenance")
+    }
     for name, table in tables.items():
         if not isinstance(table, dict):
-            raise _Wrong(f"there is no table [{name}]")
+            raise _WrongError(f"there is no table [{name}]")
     _same("model", tables["model"], KEYS)
     _same("covariance", tables["covariance"], ("lower_triangle",))
     members = {name: tables["model"][key] for key, name in KEYS.items()}
@@ -99,29 +102,35 @@ def _model(document: dict[str, Any]) -> ActuatorModel:
         if isinstance(members[name], list):
             members[name] = tuple(members[name])
         elif name in ("thresholds", "rated", "creep_times", "voltage_range"):
-            raise _Wrong(f"[model] {key} = {members[name]!r}: must be a list")
+            raise _WrongError(f"[model] {key} = {members[name]!r}: must be a list")
     model = ActuatorModel(
         **members,
-        weights=tuple(tables["weights"].values()),
+        weights=_numbers(tables["weights"].values()),
         covariance=_symmetric(tables["covariance"]["lower_triangle"], len(tables["weights"])),
         figures=tables["figures"],
         provenance=tables["provenance"],
     )
     if tuple(tables["weights"]) != model.names:
-        raise _Wrong(f"[weights] names {', '.join(tables['weights'])}: must be {', '.join(model.names)}")
+        raise _WrongError(f"[weights] names {', '.join(tables['weights'])}: must be {', '.join(model.names)}")
     return model
 
 
 def _same(table: str, found: Iterable[str], expected: Iterable[str]) -> None:
     if missing := [key for key in expected if key not in found]:
-        raise _Wrong(f"[{table}] lacks {', '.join(missing)}")
+        raise _WrongError(f"[{table}] lacks {', '.join(missing)}")
     if strange := [key for key in found if key not in expected]:
-        raise _Wrong(f"[{table}] has {', '.join(strange)}, which means nothing")
+        raise _WrongError(f"[{table}] has {', '.join(strange)}, which means nothing")
 
 
-def _symmetric(rows: Any, m: int) -> np.ndarray:
+def _numbers(entries: Iterable[Any]) -> FloatArray:
+    """As an array where all are numbers; else as they are, so that the model's check names the first that is not."""
+    values: Any = list(entries)
+    return np.array(values, dtype=np.float64) if all(isinstance(v, int | float) for v in values) else values
+
+
+def _symmetric(rows: Any, m: int) -> FloatArray:
     if not isinstance(rows, list) or [len(row) if isinstance(row, list) else -1 for row in rows] != [*range(1, m + 1)]:
-        raise _Wrong(f"[covariance] lower_triangle: must be {m} rows of 1 to {m} numbers")
+        raise _WrongError(f"[covariance] lower_triangle: must be {m} rows of 1 to {m} numbers")
     P = np.zeros((m, m))
     for i, row in enumerate(rows):
         P[i, : i + 1] = P[: i + 1, i] = row

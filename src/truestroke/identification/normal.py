@@ -32,8 +32,8 @@ def reduced(rows: FloatArray) -> FloatArray:
     """R of the QR decomposition: the same sums of squares in as many rows as there are columns."""
     R = rows[:0]
     for start in range(0, len(rows), CHUNK):  # what fits into the cache is faster
-        R = np.linalg.qr(np.vstack([R, rows[start : start + CHUNK]]), mode="r")
-    return np.asarray(R)
+        R = np.asarray(np.linalg.qr(np.vstack([R, rows[start : start + CHUNK]]), mode="r"))
+    return R
 
 
 def solve(rows: FloatArray, G: FloatArray | None = None, floor: float = 0.0) -> FloatArray:
@@ -47,7 +47,7 @@ def solve(rows: FloatArray, G: FloatArray | None = None, floor: float = 0.0) -> 
     R, t = R[:m, :m], R[:m, m]
     c = np.linalg.solve(R, t)
     if G is None or np.all(G @ c >= floor):
-        return c
+        return np.asarray(c)
     from scipy.optimize import nnls
 
     H = np.linalg.solve(R.T, G.T)  # A c - t = s, G c = H's + G c_free

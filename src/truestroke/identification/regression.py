@@ -12,6 +12,7 @@ from truestroke.identification.actuator import ActuatorModel, bend_columns, cent
 from truestroke.identification.normal import Prior
 from truestroke.settings import RATED, ControllerSettings
 
+SWEPT = 0.96  # of the voltage range
 SETTLING = 0.1  # of the record at most: what is skipped until the play states are known
 CREEP_START = 0.015  # of the stroke: deviation of what a creep state still has to go at the start
 
@@ -24,6 +25,7 @@ class Structure:
     rated: tuple[int, ...] = ()
     creep_times: tuple[float, ...] = ()
     bends: int = 0
+    rested: bool = False  # whether the actuator is taken to start at rest, so that the fit uses the start
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -60,7 +62,7 @@ class Data:
 
     @property
     def q(self) -> float:
-        """um/V"""
+        """Straight-line sensitivity, um/V."""
         return self.stroke / (self.voltage_range[1] - self.voltage_range[0])
 
     @property
@@ -68,10 +70,10 @@ class Data:
         """c_b as `ControllerSettings` has it, s/um."""
         return 1 / (50 * self.stroke)
 
-    def settled(self, largest: float) -> int:
-        """First kept row whose plays do not remember their start: the voltage has swept twice the largest threshold."""
+    def settled(self) -> int:
+        """First kept row whose plays do not remember their start: the voltage has swept nearly all of its range."""
         x = self.volts
-        swept = np.maximum.accumulate(x) - np.minimum.accumulate(x) >= 2 * largest
+        swept = np.maximum.accumulate(x) - np.minimum.accumulate(x) >= SWEPT * (x.max() - x.min())
         first = int(np.argmax(swept)) if swept[-1] else x.size
         return -(-min(first, int(SETTLING * x.size)) // self.every)
 
@@ -95,7 +97,9 @@ class Data:
     def starts(self, s: Structure, c: FloatArray) -> FloatArray:
         """What the creep states still had to go at the start of the record, um, at the full rate."""
         t = np.arange(self.volts.size) / self.sample_rate
-        return np.asarray(sum((w * np.exp(-t / tau) for w, tau in zip(c, s.creep_times, strict=True)), np.zeros_like(t)))
+        return np.asarray(
+            sum((w * np.exp(-t / tau) for w, tau in zip(c, s.creep_times, strict=True)), np.zeros_like(t))
+        )
 
     def prior(self, s: Structure) -> Prior:
         """`prior.covariance`, but lag and offset as far as the record's clock and sensor may be off."""

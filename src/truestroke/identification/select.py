@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from truestroke import _check
 from truestroke._check import SettingError
@@ -19,12 +18,18 @@ from truestroke.identification.actuator import ActuatorModel, bend_slopes
 from truestroke.identification.regression import Data, Structure, delayed, even_thresholds, plays, rated
 
 ROWS = 50_000  # of the regression at most: beyond, every so many samples; the plays see all of them
-BLOCKS = 6  # of the cross-validation
+BLOCKS = 6  # of the cross-validation: each but the first two is predicted from those before it
+FIRST = 2
 PLAYS = (8, 16, 24)
 REACHES = (0.36, 0.48)  # of the voltage range: thresholds end below this; none beyond 0.5 ever moves
+PLAYS_FROM_REST = (16, 32)
+REACHES_FROM_REST = (0.6, 0.9)  # the same where the first way up from rest is in the fit
+AT_REST = 0.02  # of the voltage range: a record that starts nearer to 0 V may start at rest
+FROM_REST = 0.5  # and is taken to, unless that makes the rmse twice as large: a controller starts at rest, too
 CREEP_TIMES = (0.003, 0.03, 0.3, 3.0, 30.0)  # s
-WEIGHTS = (1.0, 10.0, 100.0, 1000.0, 10000.0)  # of the prior: what is left is not white, and counts for less than its samples
-BETTER = 0.99  # a term, or a delay, must lower the rmse at least this far
+WEIGHTS = (1.0, 10.0, 100.0)  # of the prior, beyond the noise of the first fit
+BETTER = 0.99  # a sample of delay must lower the rmse at least this far
+ENOUGH = 1.1  # of the least rmse: the most terms that do not exceed it, as by one standard error
 LONGEST_DELAY = 0.1  # s
 NEAR = 0.25  # of the stroke
 QUICK = 16  # plays of the first fit
@@ -128,7 +133,7 @@ def identify(
     """
     x, z, fs, source = _taken(record)
     share = _check.within("held_out", held_out, 0.01, 0.5)
-    train = int(round((1 - share) * x.size))
+    train = round((1 - share) * x.size)
     shift = None if delay is None else round(_check.within("delay", delay, 0.0, x.size / fs / 4, "s") * fs)
     fixed = {
         "rate": rate,
@@ -207,7 +212,7 @@ def _quick(data: Data) -> tuple[FloatArray, float]:
     s = Structure(thresholds=even_thresholds(QUICK, 0.5 * span))
     H = plays(data.volts, s.thresholds)
     rows = np.column_stack([H[:: data.every], np.ones(len(data.displacement)), data.displacement])
-    rows = rows[data.settled(s.thresholds[-1]) :]
+    rows = rows[data.settled() :]
     names = s.names
     believed = data.prior(s).part(np.array([*range(QUICK), names.index("offset")]))
     c = normal.solve(np.vstack([normal.reduced(rows), believed.rows((0.01 * data.stroke) ** 2)]))
@@ -239,43 +244,46 @@ class _Blocks:
 
     full: Structure
     left_out: tuple[FloatArray, ...]
-    others: tuple[FloatArray, ...]
+    before: tuple[FloatArray, ...]
     rows: int
     data: Data
 
     def rmse(self, s: Structure, weight: float) -> float:
-        """Of each block as the fit to all others predicts it, um."""
+        """Of each block as the fit to all before it predicts it, um."""
         places = s.columns_in(self.full)
         pull = self.data.prior(s).rows(weight)
         columns = np.append(places, -1)
         total = 0.0
-        for left_out, others in zip(self.left_out, self.others, strict=True):
-            c = normal.solve(np.vstack([others[:, columns], pull]))
+        for left_out, before in zip(self.left_out, self.before, strict=True):
+            c = normal.solve(np.vstack([before[:, columns], pull]))
             total += normal.sum_of_squares(left_out[:, columns], c)
         return float(np.sqrt(total / self.rows))
 
 
 def _blocks(data: Data, s: Structure, guess: FloatArray) -> _Blocks:
-    rows = data.columns(s, guess)[data.settled(s.thresholds[-1]) :]
+    rows, skip = data.columns(s, guess), data.settled()
+    start, rows = normal.reduced(rows[:skip]) if s.rested else rows[:0], rows[skip:]
     parts = tuple(normal.reduced(part) for part in np.array_split(rows, BLOCKS))
-    others = tuple(normal.reduced(np.vstack([R for R in parts if R is not left_out])) for left_out in parts)
-    return _Blocks(s, parts, others, len(rows), data)
+    before = tuple(normal.reduced(np.vstack([start, *parts[:k]])) for k in range(FIRST, BLOCKS))
+    tested = sum(len(part) for part in np.array_split(rows, BLOCKS)[FIRST:])
+    return _Blocks(s, parts[FIRST:], before, tested, data)
 
 
 def _choose(
     data: Data, guess: FloatArray, fixed: dict[str, Any]
 ) -> tuple[Structure, float, tuple[tuple[str, float], ...]]:
     """Thresholds with all terms in the model, then the terms; the prior's weight, um^2, with both."""
-    noise = float(np.var(data.displacement - guess[:: data.every]))
+    left = (data.displacement - guess[:: data.every])[data.settled() :]
+    noise = float(np.var(left)) * left.size / uncertainty.effective_samples(left)  # as if it were white
     weights = [w * noise for w in WEIGHTS]
     banks = [_blocks(data, s, guess) for s in _with_all_terms(data, fixed)]
     tried = [(bank.rmse(bank.full, w), bank, bank.full, w) for bank in banks for w in weights]
-    _, bank, full, _ = min(tried, key=lambda entry: entry[0])
+    _, bank, full, _ = min(tried, key=lambda entry: entry[0] * (FROM_REST if entry[2].rested else 1.0))
     fewer = [(bank.rmse(s, w), bank, s, w) for s in _with_fewer_terms(full, fixed) for w in weights]
     tried += fewer
     least = min(score for score, *_ in fewer)
-    most = max((e for e in fewer if e[0] <= least / BETTER), key=lambda e: len(e[2].names))[2]
-    rmse, _, chosen, weight = max((e for e in fewer if e[2] == most and e[0] <= least / BETTER), key=lambda e: e[3])
+    most = max((e for e in fewer if e[0] <= ENOUGH * least), key=lambda e: len(e[2].names))[2]
+    rmse, _, chosen, weight = min((e for e in fewer if e[2] == most), key=lambda e: e[0])
     words = tuple((f"{_words(s)}, prior x {w / noise:g}", score) for score, _, s, w in tried)
     return chosen, weight, (*words, (f"chosen: {_words(chosen)}, prior x {weight / noise:g}", rmse))
 
@@ -290,12 +298,18 @@ def _with_all_terms(data: Data, fixed: dict[str, Any]) -> Iterator[Structure]:
         banks = [_check.ascending("thresholds", fixed["thresholds"], "V")]
     else:
         banks = [even_thresholds(n, reach * span) for n, reach in itertools.product(PLAYS, REACHES)]
-    for r in banks:
+    states = [False, True] if abs(data.volts[0]) <= AT_REST * span else [False]
+    if fixed["thresholds"] is None and len(states) == 2:
+        banks += [even_thresholds(n, reach * span) for n, reach in itertools.product(PLAYS_FROM_REST, REACHES_FROM_REST)]
+    for r, rested in itertools.product(banks, states):
+        if rested == (r[-1] < 0.5 * span) and fixed["thresholds"] is None:
+            continue
         yield Structure(
             thresholds=r,
             rated=() if fixed["rate"] is False else rated(len(r)),
             creep_times=times,
             bends=2 if fixed["bends"] is None else fixed["bends"],
+            rested=rested,
         )
 
 
@@ -311,7 +325,8 @@ def _with_fewer_terms(full: Structure, fixed: dict[str, Any]) -> Iterator[Struct
 def _words(s: Structure) -> str:
     creep = f"creep {', '.join(f'{tau:g}' for tau in s.creep_times)} s" if s.creep_times else "no creep"
     rate = f"{len(s.rated)} rate weights" if s.rated else "no rate"
-    return f"{len(s.thresholds)} plays to {s.thresholds[-1]:.3g} V, {rate}, {creep}, {s.bends} bends"
+    start = " from rest" if s.rested else ""
+    return f"{len(s.thresholds)} plays to {s.thresholds[-1]:.3g} V{start}, {rate}, {creep}, {s.bends} bends"
 
 
 # ---- The fit -------------------------------------------------------------------------------------------------------
@@ -325,7 +340,7 @@ class _Fit:
 
 def _fit(data: Data, s: Structure, weight: float, guess: FloatArray, delay: float, certain: bool = True) -> _Fit:
     """Gauss-Newton on the prediction error: velocity and bends follow the model's own displacement."""
-    believed, skip, z = data.prior(s), data.settled(s.thresholds[-1]), guess
+    believed, skip, z = data.prior(s), 0 if s.rested else data.settled(), guess
     first_start = len(s.names) - len(s.creep_times)
     bends = slice(first_start - s.bends, first_start)
     c = np.zeros(len(s.names))
