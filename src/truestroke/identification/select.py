@@ -14,7 +14,7 @@ from truestroke import _check
 from truestroke._check import SettingError
 from truestroke._typing import FloatArray
 from truestroke.identification import normal, uncertainty
-from truestroke.identification.actuator import ActuatorModel, bend_slopes
+from truestroke.identification.actuator import ActuatorModel, bend_slopes, play_sum
 from truestroke.identification.regression import Data, Structure, delayed, even_thresholds, plays, rated
 
 ROWS = 50_000  # of the regression at most: beyond, every so many samples; the plays see all of them
@@ -210,13 +210,15 @@ def _quick(data: Data) -> tuple[FloatArray, float]:
     """A first prediction, um, at the full rate, by plays alone; and the rmse of its fit, um."""
     span = data.voltage_range[1] - data.voltage_range[0]
     s = Structure(thresholds=even_thresholds(QUICK, 0.5 * span))
-    H = plays(data.volts, s.thresholds)
-    rows = np.column_stack([H[:: data.every], np.ones(len(data.displacement)), data.displacement])
+    rows = np.column_stack(
+        [plays(data.volts, s.thresholds, data.every), np.ones(len(data.displacement)), data.displacement]
+    )
     rows = rows[data.settled() :]
     names = s.names
     believed = data.prior(s).part(np.array([*range(QUICK), names.index("offset")]))
     c = normal.solve(np.vstack([normal.reduced(rows), believed.rows((0.01 * data.stroke) ** 2)]))
-    return H @ c[:-1] + c[-1], float(np.sqrt(normal.sum_of_squares(rows, c) / len(rows)))
+    prediction = play_sum(data.volts, 0.0, c[:-1], np.zeros(QUICK), s.thresholds) + c[-1]
+    return prediction, float(np.sqrt(normal.sum_of_squares(rows, c) / len(rows)))
 
 
 def _delay(data: Data, x: FloatArray, shift: int | None) -> tuple[Data, FloatArray, int]:
@@ -291,7 +293,7 @@ def _choose(
 def _with_all_terms(data: Data, fixed: dict[str, Any]) -> Iterator[Structure]:
     span = data.voltage_range[1] - data.voltage_range[0]
     duration = data.volts.size / data.sample_rate
-    times = tuple(tau for tau in CREEP_TIMES if 1 / data.sample_rate < tau < duration / 4)
+    times = tuple(tau for tau in CREEP_TIMES if 1 / data.sample_rate < tau < duration / 3)
     if fixed["creep_times"] is not None:
         times = tuple(_check.positive("creep_times", tau, "s") for tau in fixed["creep_times"])
     if fixed["thresholds"] is not None:
@@ -300,7 +302,9 @@ def _with_all_terms(data: Data, fixed: dict[str, Any]) -> Iterator[Structure]:
         banks = [even_thresholds(n, reach * span) for n, reach in itertools.product(PLAYS, REACHES)]
     states = [False, True] if abs(data.volts[0]) <= AT_REST * span else [False]
     if fixed["thresholds"] is None and len(states) == 2:
-        banks += [even_thresholds(n, reach * span) for n, reach in itertools.product(PLAYS_FROM_REST, REACHES_FROM_REST)]
+        banks += [
+            even_thresholds(n, reach * span) for n, reach in itertools.product(PLAYS_FROM_REST, REACHES_FROM_REST)
+        ]
     for r, rested in itertools.product(banks, states):
         if rested == (r[-1] < 0.5 * span) and fixed["thresholds"] is None:
             continue
