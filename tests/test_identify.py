@@ -140,6 +140,11 @@ def test_voltage_of_the_inverse_makes_the_displacement(stage):
     volts = model.invert(z_d, 2000.0, voltage_limits=LIMITS)
     assert model.predict(volts, 2000.0) == pytest.approx(z_d, abs=0.02 * np.ptp(z_d))
     assert LIMITS[0] <= volts.min() <= volts.max() <= LIMITS[1]
+    wave = trajectories.sine(frequency=12.0, peak_to_peak=24.0, duration=2.0)
+    plant = RealisticPlant(seed=7)
+    plant.open()
+    plant.exchange(model.invert(wave.position, 2000.0, voltage_limits=LIMITS))
+    assert np.sqrt(np.mean((plant.truth - wave.position) ** 2)) < 0.15  # open loop, um
 
 
 def test_arrays_of_the_rate_dependent_model_follow_the_text():

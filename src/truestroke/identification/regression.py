@@ -28,6 +28,11 @@ class Structure:
     rested: bool = False  # whether the actuator is taken to start at rest, so that the fit uses the start
 
     @property
+    def starts(self) -> tuple[float, ...]:
+        """Time constants, s, of creep that was under way when the record began: none at rest."""
+        return () if self.rested else self.creep_times
+
+    @property
     def names(self) -> tuple[str, ...]:
         """Names of the weights in the order of `ControllerSettings`; behind them the starts of the creep states."""
         made = ControllerSettings(
@@ -40,7 +45,7 @@ class Structure:
             creep_times=self.creep_times,
             bends=self.bends,
         )
-        return (*made.names, *[f"start {tau:g} s" for tau in self.creep_times])
+        return (*made.names, *[f"start {tau:g} s" for tau in self.starts])
 
     def columns_in(self, other: Structure) -> np.ndarray:
         """Places of this structure's coefficients among those of another that has them all."""
@@ -89,7 +94,7 @@ class Data:
         pairs = [c for i in range(n) for c in ((H[:, i : i + 1], rated[i]) if i in rated else (H[:, i : i + 1],))]
         creep = [c[::every, None] for c in creep_states(self.volts, s.creep_times, self.sample_rate)]
         t = np.arange(0, self.volts.size, every)[:, None] / self.sample_rate
-        starts = [np.exp(-t / tau) for tau in s.creep_times]
+        starts = [np.exp(-t / tau) for tau in s.starts]
         bends = bend_columns(z[::every], self.stroke)[:, : s.bends]
         target = self.displacement[:, None]
         return np.hstack([*pairs, *creep, rate, np.ones_like(t), bends, *starts, target])
@@ -97,9 +102,7 @@ class Data:
     def starts(self, s: Structure, c: FloatArray) -> FloatArray:
         """What the creep states still had to go at the start of the record, um, at the full rate."""
         t = np.arange(self.volts.size) / self.sample_rate
-        return np.asarray(
-            sum((w * np.exp(-t / tau) for w, tau in zip(c, s.creep_times, strict=True)), np.zeros_like(t))
-        )
+        return np.asarray(sum((w * np.exp(-t / tau) for w, tau in zip(c, s.starts, strict=True)), np.zeros_like(t)))
 
     def prior(self, s: Structure) -> Prior:
         """`prior.covariance`, but lag and offset as far as the record's clock and sensor may be off."""
@@ -110,7 +113,7 @@ class Data:
         lag = P.shape[0] - s.bends - 2
         P[lag, lag] = max(prior.LAG_DEVIATION, 1 / self.sample_rate) ** 2
         P[lag + 1, lag + 1] = self.stroke**2
-        m, k = P.shape[0], len(s.creep_times)
+        m, k = P.shape[0], len(s.starts)
         covariance = np.zeros((m + k, m + k))
         covariance[:m, :m] = P
         covariance[range(m, m + k), range(m, m + k)] = (CREEP_START * self.stroke) ** 2
@@ -131,7 +134,7 @@ class Data:
 
     def model(self, s: Structure, c: FloatArray, delay: float, velocity: float) -> ActuatorModel:
         """The model with these coefficients; its covariance is not known yet."""
-        m = c.size - len(s.creep_times)
+        m = c.size - len(s.starts)
         return ActuatorModel(
             thresholds=s.thresholds,
             rated=s.rated,

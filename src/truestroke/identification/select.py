@@ -17,6 +17,7 @@ from truestroke.identification import normal, uncertainty
 from truestroke.identification.actuator import ActuatorModel, bend_slopes, play_sum
 from truestroke.identification.regression import Data, Structure, delayed, even_thresholds, plays, rated
 
+SAMPLES = 500_000  # of the record at most: longer ones are replaced by means over blocks
 ROWS = 50_000  # of the regression at most: beyond, every so many samples; the plays see all of them
 BLOCKS = 6  # of the cross-validation: each but the first two is predicted from those before it
 FIRST = 2
@@ -103,7 +104,7 @@ def identify(
     ----------
     record : Record or tuple
         An object with `volts` (V), `displacement` (um), `sample_rate` (Hz) and perhaps `segments` and `source`, or
-        the first three of them. Of several segments the longest is taken.
+        the first three of them. Of several segments the longest is taken; beyond 500,000 samples, means over blocks.
     rate : bool, optional
         Whether the weights know the rate.
     creep_times : sequence of float, optional
@@ -178,7 +179,9 @@ def _taken(record: Any) -> tuple[FloatArray, FloatArray, float, str]:
             raise SettingError(name, f"{value[0]:g} throughout", "a record that moves", unit)
     if np.cov(x, z)[0, 1] <= 0:
         raise SettingError("displacement", "falls where volts rises", "one that rises; swap its sign", "um")
-    return np.ascontiguousarray(x), np.ascontiguousarray(z), _check.positive("sample_rate", sample_rate, "Hz"), source
+    fs, block = _check.positive("sample_rate", sample_rate, "Hz"), -(-x.size // SAMPLES)
+    x, z = (a[: a.size // block * block].reshape(-1, block).mean(axis=1) for a in (x, z))
+    return x, z, fs / block, source
 
 
 def _data(x: FloatArray, z: FloatArray, fs: float, shift: int = 0) -> Data:
@@ -345,7 +348,7 @@ class _Fit:
 def _fit(data: Data, s: Structure, weight: float, guess: FloatArray, delay: float, certain: bool = True) -> _Fit:
     """Gauss-Newton on the prediction error: velocity and bends follow the model's own displacement."""
     believed, skip, z = data.prior(s), 0 if s.rested else data.settled(), guess
-    first_start = len(s.names) - len(s.creep_times)
+    first_start = len(s.names) - len(s.starts)
     bends = slice(first_start - s.bends, first_start)
     c = np.zeros(len(s.names))
     for step in range(STEPS + 1):
