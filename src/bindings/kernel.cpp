@@ -297,6 +297,72 @@ class Kernel {
     ts_controller c_{};
 };
 
+// ---- Whole arrays ----------------------------------------------------------------------------------------------------
+
+std::vector<ts_real> reals(const Vector<double> &source) {
+    return std::vector<ts_real>(source.data(), source.data() + source.shape(0));
+}
+
+void require_lengths(bool equal) {
+    if (!equal) throw std::invalid_argument("arrays of one axis must have the same length");
+}
+
+using Rows = nb::ndarray<double, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
+
+// Plays (1) along x; every `every`-th row is kept, from the first. y holds the states before, then behind.
+void play_history(Vector<double> x, Vector<double> r, Output y, size_t every, Rows rows) {
+    size_t n = r.shape(0), ticks = x.shape(0);
+    require_lengths(y.shape(0) == n && rows.shape(1) == n && every > 0 && rows.shape(0) == (ticks + every - 1) / every);
+    std::vector<ts_real> thresholds = reals(r), state(y.data(), y.data() + n);
+    nb::gil_scoped_release release;
+    for (size_t k = 0; k < ticks; k++) {
+        ts_play_bank(static_cast<ts_real>(x.data()[k]), thresholds.data(), state.data(), static_cast<int>(n));
+        if (k % every == 0) std::copy(state.begin(), state.end(), rows.data() + k / every * n);
+    }
+    std::copy(state.begin(), state.end(), y.data());
+}
+
+// (a + rate b).H_r[x] along x, summed in index order.
+void play_sum(Vector<double> x, Vector<double> rate, Vector<double> a, Vector<double> b, Vector<double> r, Output y,
+              Output sums) {
+    size_t n = r.shape(0), ticks = x.shape(0);
+    require_lengths(rate.shape(0) == ticks && sums.shape(0) == ticks && a.shape(0) == n && b.shape(0) == n &&
+                    y.shape(0) == n);
+    std::vector<ts_real> thresholds = reals(r), state(y.data(), y.data() + n);
+    nb::gil_scoped_release release;
+    for (size_t k = 0; k < ticks; k++) {
+        ts_play_bank(static_cast<ts_real>(x.data()[k]), thresholds.data(), state.data(), static_cast<int>(n));
+        double sum = 0;
+        for (size_t i = 0; i < n; i++) sum += (a.data()[i] + rate.data()[k] * b.data()[i]) * state[i];
+        sums.data()[k] = sum;
+    }
+    std::copy(state.begin(), state.end(), y.data());
+}
+
+// The x for which play_sum gives y_d. Returns the first tick at which a partial sum is not above 0, or -1.
+ptrdiff_t play_invert(Vector<double> y_d, Vector<double> rate, Vector<double> a, Vector<double> b, Vector<double> r,
+                      Output y, Output x) {
+    size_t n = r.shape(0), ticks = y_d.shape(0);
+    require_lengths(rate.shape(0) == ticks && x.shape(0) == ticks && a.shape(0) == n && b.shape(0) == n &&
+                    y.shape(0) == n);
+    std::vector<ts_real> thresholds = reals(r), state(y.data(), y.data() + n), slopes(n);
+    nb::gil_scoped_release release;
+    for (size_t k = 0; k < ticks; k++) {
+        double sum = 0;
+        for (size_t i = 0; i < n; i++) {
+            sum += a.data()[i] + rate.data()[k] * b.data()[i];
+            if (!(sum > 0)) return static_cast<ptrdiff_t>(k);
+            slopes[i] = static_cast<ts_real>(sum);
+        }
+        ts_real volts = ts_play_inverse(static_cast<ts_real>(y_d.data()[k]), slopes.data(), thresholds.data(),
+                                        state.data(), static_cast<int>(n));
+        ts_play_bank(volts, thresholds.data(), state.data(), static_cast<int>(n));
+        x.data()[k] = volts;
+    }
+    std::copy(state.begin(), state.end(), y.data());
+    return -1;
+}
+
 } // namespace
 
 #define MODULE(name, variable) NB_MODULE(name, variable)
@@ -307,6 +373,9 @@ MODULE(TS_MODULE, m) {
     m.attr("MAX_CREEPS") = TS_MAX_CREEPS;
     m.attr("HISTORY") = TS_HISTORY;
     m.attr("REAL_BYTES") = sizeof(ts_real);
+    m.def("play_history", &play_history, "x"_a, "r"_a, "y"_a, "every"_a, "rows"_a);
+    m.def("play_sum", &play_sum, "x"_a, "rate"_a, "a"_a, "b"_a, "r"_a, "y"_a, "sums"_a);
+    m.def("play_invert", &play_invert, "y_d"_a, "rate"_a, "a"_a, "b"_a, "r"_a, "y"_a, "x"_a);
     nb::class_<Kernel>(m, "Kernel")
         .def(nb::init<const nb::dict &>(), "settings"_a)
         .def("start", &Kernel::start, "volts"_a, "z"_a)

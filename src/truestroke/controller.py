@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +15,9 @@ from truestroke import _check, _kernel, _kernel32
 from truestroke._check import SettingError
 from truestroke._typing import FloatArray
 from truestroke.settings import ControllerSettings, kernel_settings
+
+if TYPE_CHECKING:
+    from truestroke.identification import ActuatorModel
 
 State = Mapping[str, npt.NDArray[Any]]
 
@@ -166,6 +170,38 @@ class AdaptiveController:
         controller = cls.__new__(cls)
         controller._start(settings)
         return controller
+
+    @classmethod
+    def from_model(
+        cls,
+        model: ActuatorModel | str | os.PathLike[str],
+        *,
+        sample_rate: float,
+        voltage_limits: tuple[float, float] | None = None,
+        **settings: Any,
+    ) -> AdaptiveController:
+        """A controller that starts with an identified model, as sure of it as the record allows.
+
+        Parameters
+        ----------
+        model : ActuatorModel, str or PathLike
+            The model or its file. Displacements are counted from its `zero`.
+        sample_rate : float
+            Ticks per second, Hz.
+        voltage_limits : tuple[float, float], optional
+            Lowest and highest voltage that may leave, V; by default those of the record.
+        **settings
+            Any other member of `ControllerSettings` that is not about the model.
+
+        Notes
+        -----
+        The covariance of the prior is that of the record, plus a share of the default one, `ActuatorModel.drift`.
+        """
+        from truestroke.identification import ActuatorModel, load_model
+
+        known = model if isinstance(model, ActuatorModel) else load_model(model)
+        limits = {} if voltage_limits is None else {"voltage_limits": voltage_limits}
+        return cls.from_settings(known.start(sample_rate, **limits, **settings))
 
     @classmethod
     def paper(cls, *, sample_rate: float, stroke: float, voltage_limits: tuple[float, float]) -> AdaptiveController:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from truestroke import _check
+from truestroke import _check, _kernel
 from truestroke._check import SettingError
 from truestroke._typing import FloatArray
 from truestroke.operators import dead_zone, dot, play, play_history
@@ -429,8 +429,10 @@ class RateDependentModel:
 
     def predict(self, x: npt.ArrayLike, zdot_d: npt.ArrayLike, y0: npt.ArrayLike | None = None) -> FloatArray:
         """Displacement (8), um, for the input x, V, and rates zdot_d, um/s, all of shape (ticks,)."""
-        y = dot(self.weights(zdot_d), play_history(x, self.r, y0))
-        return dot(dead_zone(y, self.d), self.w_s)
+        x, rate, y = self._arrays(x, zdot_d, y0)
+        sums = np.empty_like(x)
+        _kernel.play_sum(x, rate, self.a, self.b, self.r, y, sums)
+        return dot(dead_zone(sums, self.d), self.w_s)
 
     def invert_step(self, z_d: float, zdot_d: float, y: FloatArray) -> tuple[float, FloatArray]:
         """Input (9), V, and play states, V, that bring the displacement to z_d, um, at the rate zdot_d, um/s.
@@ -443,13 +445,26 @@ class RateDependentModel:
         return x, play(x, self.r, y)
 
     def invert(self, z_d: npt.ArrayLike, zdot_d: npt.ArrayLike, y0: npt.ArrayLike | None = None) -> FloatArray:
-        """Input (9), V, for the displacement z_d, um, and rates zdot_d, um/s, all of shape (ticks,)."""
-        z_d, zdot_d = np.broadcast_arrays(_floats(z_d), _floats(zdot_d))
-        y = np.zeros(self.r.size) if y0 is None else _floats(y0)
-        x = np.empty(z_d.size)
-        for k in range(z_d.size):
-            x[k], y = self.invert_step(float(z_d[k]), float(zdot_d[k]), y)
+        """Input (9), V, for the displacement z_d, um, and rates zdot_d, um/s, all of shape (ticks,).
+
+        In the kernel; `invert_step` is the text.
+        """
+        z_d, rate, y = self._arrays(z_d, zdot_d, y0)
+        w_s, d = inverse_dead_zones(self.w_s, self.d)
+        x = np.empty_like(z_d)
+        bad = _kernel.play_invert(dot(dead_zone(z_d, d), w_s), rate, self.a, self.b, self.r, y, x)
+        if bad >= 0:
+            w_h = self.a + rate[bad] * self.b
+            raise SettingError(f"w_h(zdot_d[{bad}])", w_h, "numbers whose partial sums are all above 0", "um/V")
         return x
+
+    def _arrays(
+        self, values: npt.ArrayLike, zdot_d: npt.ArrayLike, y0: npt.ArrayLike | None
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Values, c_b zdot_d and play states, each an array of its own, as the kernel takes them."""
+        first, rate = np.broadcast_arrays(_floats(values), self.rate_scale * _floats(zdot_d))
+        y = np.zeros(self.r.size) if y0 is None else np.array(y0, dtype=np.float64)
+        return np.array(first, ndmin=1), np.array(rate, ndmin=1), y
 
 
 def _set(model: object, **values: object) -> None:

@@ -1,0 +1,310 @@
+"""The identified model of an actuator: voltage to displacement, displacement to voltage, on whole arrays."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from truestroke import _check, _kernel, prior
+from truestroke._check import SettingError
+from truestroke._typing import FloatArray
+from truestroke.settings import UNLIMITED, ControllerSettings, kernel_settings
+
+VELOCITY_SPAN = 0.5e-3  # s: half of the span of a central difference, at least one sample
+NEWTON_STEPS = 8
+SLOPES = 0.4, 4.0  # of the straight line's slope: limits of the partial slopes, as by default
+DRIFT = 0.1  # relative: how far an actuator may be from its record, in deviations of the default prior
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ActuatorModel:
+    """The terms of the default controller's model, with weights from a record and their covariance.
+
+    ::
+
+        z - bends(z) = (a + c_b zdot b).H_r[x] + creep.c[x] + lag zdot + offset
+
+    `x` is the voltage `delay` ago, z the displacement above `zero`, c first-order states of x, and the bends
+    4 s (1 - s) and 8 s (1 - s)(1 - 2 s) with s = z / stroke, as in `ControllerSettings`.
+
+    Attributes
+    ----------
+    thresholds : tuple[float, ...]
+        r of the plays, V, ascending from 0.
+    rated : tuple[int, ...]
+        Which plays have a rate weight.
+    creep_times : tuple[float, ...]
+        Time constants of the creep states, s.
+    bends : int
+        Terms of asymmetry, 0 to 2.
+    delay : float
+        Between voltage and displacement, s, beyond the lag.
+    rate_scale : float
+        c_b, s/um.
+    stroke : float
+        Length of the travel that the record shows, um.
+    zero : float
+        What the sensor reads where the model has its 0 um, um.
+    voltage_range : tuple[float, float]
+        Lowest and highest voltage of the record, V.
+    velocity : float
+        Fastest motion of the record, um/s.
+    weights : ndarray, shape (m,)
+        [a0, b0, a1, ...], um/V; creep, um/V; lag, s; offset, um; bends, um: the order of `ControllerSettings.names`.
+    covariance : ndarray, shape (m, m)
+        Of the weights, in the squares of their units.
+    noise : float
+        Standard deviation of what the model leaves of the record, um.
+    figures : mapping of str to float
+        What the fit reports of itself, such as "held_out_rmse_um".
+    provenance : mapping of str to str
+        Where it comes from, such as "source".
+
+    Raises
+    ------
+    SettingError
+        An entry is out of bounds or does not fit the others.
+    """
+
+    thresholds: tuple[float, ...]
+    weights: FloatArray
+    stroke: float
+    voltage_range: tuple[float, float]
+    covariance: FloatArray
+    rated: tuple[int, ...] = ()
+    creep_times: tuple[float, ...] = ()
+    bends: int = 0
+    delay: float = 0.0
+    rate_scale: float = 0.0
+    zero: float = 0.0
+    velocity: float = 0.0
+    noise: float = 0.0
+    figures: Mapping[str, float] = field(default_factory=dict)
+    provenance: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        made = self._terms(1.0)  # checks them
+        weights = np.array(made.initial_weights)
+        covariance = _check.finite_array("covariance", self.covariance, ndim=2)
+        if covariance.shape != (weights.size, weights.size) or not np.allclose(covariance, covariance.T):
+            bound = f"symmetric, of shape ({weights.size}, {weights.size})"
+            raise SettingError("covariance", f"array of shape {covariance.shape}", bound)
+        if np.linalg.eigvalsh(covariance).min() < -1e-9 * np.trace(covariance):
+            raise SettingError("covariance", "matrix with a negative eigenvalue", "positive semidefinite")
+        values: dict[str, object] = {
+            "stroke": made.stroke,
+            "rate_scale": made.rate_scale,
+            "thresholds": made.thresholds,
+            "rated": made.rated,
+            "creep_times": made.creep_times,
+            "weights": weights,
+            "covariance": covariance,
+            "voltage_range": made.voltage_limits,
+            "delay": _check.within("delay", self.delay, 0.0, 3600.0, "s"),
+            "zero": _check.number("zero", self.zero, "um"),
+            "velocity": _check.within("velocity", self.velocity, 0.0, 1e12, "um/s"),
+            "noise": _check.within("noise", self.noise, 0.0, 1e9, "um"),
+        }
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the weights, in their order."""
+        return self._terms(1.0).names
+
+    @property
+    def deviations(self) -> FloatArray:
+        """Standard deviations of the weights, in their units, shape (m,)."""
+        return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+
+    @property
+    def sensitivity(self) -> float:
+        """Stroke over voltage range of the record, um/V."""
+        return self.stroke / (self.voltage_range[1] - self.voltage_range[0])
+
+    def settings(self, sample_rate: float, **changes: Any) -> ControllerSettings:
+        """Settings of a controller with this model and its weights.
+
+        The delay goes into the lag, and the limits of the slopes follow from the record's stroke and voltage.
+
+        Parameters
+        ----------
+        sample_rate : float
+            Ticks per second, Hz.
+        **changes
+            Members of `ControllerSettings` that replace what follows from the model, such as `voltage_limits`.
+        """
+        w, lag = self.weights.tolist(), self.weights.size - 2 - self.bends
+        w[lag] -= self.delay
+        slopes = {"slope_limits": (SLOPES[0] * self.sensitivity, SLOPES[1] * self.sensitivity)}
+        return self._terms(sample_rate, **{"initial_weights": tuple(w), **slopes, **changes})
+
+    def start(self, sample_rate: float, **changes: Any) -> ControllerSettings:
+        """`settings` of a controller that starts at rest, with a prior as sure of the weights as the record allows.
+
+        The offset starts at 0 um with its default variance: that of the record is where the record happened to begin.
+        The covariance of the others is the record's plus `DRIFT`^2 of the default one. The record does not know the
+        load, temperature and polarisation of another day, and the model is not the actuator. The law also returns to
+        the prior, and takes sudden changes to be a share of it: too sure a prior would not follow them.
+        """
+        fixed = self.settings(sample_rate, **changes)
+        weights, offset = list(fixed.initial_weights), self.weights.size - 1 - self.bends
+        weights[offset] = 0.0
+        from_rest = {"initial_weights": tuple(weights), **changes}
+        if fixed.law != "kalman":
+            return self.settings(sample_rate, **from_rest)
+        a, _, _, _, _ = self._parts()
+        terms: dict[str, Any] = {"creeps": len(self.creep_times), "lag": True, "offset": True, "bends": self.bends}
+        default = prior.covariance(np.abs(a), self.rated, q=self.sensitivity, stroke=self.stroke, **terms)
+        P = self.covariance + DRIFT**2 * default
+        P[offset] = P[:, offset] = default[offset]
+        return self.settings(sample_rate, **{"prior_covariance": tuple(map(tuple, P.tolist())), **from_rest})
+
+    def _terms(self, sample_rate: float, **changes: Any) -> ControllerSettings:
+        model: dict[str, Any] = {
+            "stroke": self.stroke,
+            "voltage_limits": self.voltage_range,
+            "plays": len(self.thresholds),
+            "thresholds": self.thresholds,
+            "rated": self.rated,
+            "creep_times": self.creep_times,
+            "lag": True,
+            "offset": True,
+            "bends": self.bends,
+            "rate_scale": self.rate_scale,
+            "initial_weights": tuple(np.asarray(self.weights, dtype=np.float64).ravel().tolist()),
+        }
+        return ControllerSettings(sample_rate=sample_rate, **{**model, **changes})
+
+    # ---- Forward ---------------------------------------------------------------------------------------------------
+
+    def predict(self, volts: npt.ArrayLike, sample_rate: float) -> FloatArray:
+        """Displacement that the voltage makes, um, as the sensor of the record reads it.
+
+        The actuator is taken to have rested at the first voltage, reached from 0 V.
+
+        Parameters
+        ----------
+        volts : array_like, shape (samples,)
+            Voltage, V.
+        sample_rate : float
+            Samples per second, Hz.
+        """
+        x = _check.finite_array("volts", volts, "V")
+        fs = _check.positive("sample_rate", sample_rate, "Hz")
+        shift = round(self.delay * fs)
+        x = np.concatenate([np.full(min(shift, x.size), x[0]), x[: max(x.size - shift, 0)]]) if shift else x
+        a, b, creep, (lag, offset), bends = self._parts()
+        lag -= self.delay - shift / fs
+        known = offset + sum((w * c for w, c in zip(creep, creep_states(x, self.creep_times, fs), strict=True)), 0.0)
+        z = unbend(play_sum(x, 0.0, a, b, self.thresholds) + known, bends, self.stroke)
+        rate = central_difference(z, fs)
+        plays = play_sum(x, self.rate_scale * rate, a, b, self.thresholds)
+        return self.zero + unbend(plays + known + lag * rate, bends, self.stroke)
+
+    def _parts(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Weights a, b of all plays (b = 0 where there is none), of creep, (lag, offset), of the bends."""
+        n, w = len(self.thresholds), self.weights
+        place = np.arange(n) + np.array([sum(j < i for j in self.rated) for i in range(n)])
+        b = np.zeros(n)
+        b[list(self.rated)] = w[place[list(self.rated)] + 1] if self.rated else 0.0
+        terms = w[n + len(self.rated) :]
+        c = len(self.creep_times)
+        return w[place], b, terms[:c], terms[c : c + 2], terms[c + 2 :]
+
+    # ---- Inverse ---------------------------------------------------------------------------------------------------
+
+    def invert(
+        self,
+        displacement: npt.ArrayLike,
+        sample_rate: float,
+        *,
+        velocity: npt.ArrayLike | None = None,
+        voltage_limits: tuple[float, float] | None = None,
+        slew_limit: float = UNLIMITED,
+    ) -> FloatArray:
+        """Voltage that makes the displacement, V, found by the kernel of the controller.
+
+        Parameters
+        ----------
+        displacement : array_like, shape (samples,)
+            Desired displacement as the sensor of the record reads it, um.
+        sample_rate : float
+            Samples per second, Hz.
+        velocity : array_like, shape (samples,), optional
+            Desired velocity, um/s; by default central differences.
+        voltage_limits : tuple[float, float], optional
+            By default the range of the record, V.
+        slew_limit : float
+            Fastest change of the voltage, V/s.
+        """
+        z_d = _check.finite_array("displacement", displacement, "um") - self.zero
+        fs = _check.positive("sample_rate", sample_rate, "Hz")
+        rate = central_difference(z_d, fs) if velocity is None else _check.finite_array("velocity", velocity, "um/s")
+        limits = self.voltage_range if voltage_limits is None else voltage_limits
+        fixed = self.settings(fs, voltage_limits=limits, slew_limit=slew_limit, smoothing_time=0.0)
+        volts = np.empty_like(z_d)
+        _kernel.Kernel(kernel_settings(fixed)).process(z_d, np.ascontiguousarray(rate), None, volts)
+        return volts
+
+    def replace(self, **changes: Any) -> ActuatorModel:
+        """A copy with some members replaced."""
+        return dataclasses.replace(self, **changes)
+
+
+# ---- What the terms are made of ------------------------------------------------------------------------------------
+
+
+def play_sum(
+    x: FloatArray, rate: float | FloatArray, a: FloatArray, b: FloatArray, thresholds: tuple[float, ...]
+) -> FloatArray:
+    """(a + rate b).H_r[x] along x, natively; the plays come from rest at 0 V."""
+    sums = np.empty_like(x)
+    rates = np.ascontiguousarray(np.broadcast_to(rate, x.shape), dtype=np.float64)
+    _kernel.play_sum(np.ascontiguousarray(x), rates, a, b, np.array(thresholds), np.zeros(len(thresholds)), sums)
+    return sums
+
+
+def creep_states(x: FloatArray, times: tuple[float, ...], sample_rate: float) -> list[FloatArray]:
+    """First-order states of the voltage of the tick before, which rested at the first one; V."""
+    from scipy.signal import lfilter
+
+    before = np.concatenate([x[:1], x[:-1]])
+    shares = [-np.expm1(-1 / (tau * sample_rate)) for tau in times]
+    return [x[0] + lfilter([share], [1, share - 1], before - x[0]) for share in shares]
+
+
+def central_difference(z: FloatArray, sample_rate: float) -> FloatArray:
+    """Velocity, um/s, over a span of a millisecond or of two samples."""
+    half = max(1, round(VELOCITY_SPAN * sample_rate))
+    k = np.arange(z.size)
+    after, before = np.minimum(k + half, z.size - 1), np.maximum(k - half, 0)
+    return np.asarray((z[after] - z[before]) * sample_rate / np.maximum(after - before, 1))
+
+
+def bend_columns(z: FloatArray, stroke: float) -> FloatArray:
+    """4 s (1 - s) and 8 s (1 - s)(1 - 2 s), s = z / stroke, shape (samples, 2)."""
+    s = z / stroke
+    bend = 4 * s * (1 - s)
+    return np.column_stack([bend, 2 * bend * (1 - 2 * s)])
+
+
+def bend_slopes(z: FloatArray, stroke: float) -> FloatArray:
+    """Their derivatives by z, 1/um."""
+    s = z / stroke
+    return np.column_stack([4 - 8 * s, 8 * (1 - 6 * s + 6 * s * s)]) / stroke
+
+
+def unbend(y: FloatArray, bends: FloatArray, stroke: float) -> FloatArray:
+    """The z with z - bends(z) = y, um, by Newton's method."""
+    n, z = len(bends), y.copy()
+    for _ in range(NEWTON_STEPS if n else 0):
+        slope = np.maximum(1 - bend_slopes(z, stroke)[:, :n] @ bends, 0.1)
+        z -= (z - bend_columns(z, stroke)[:, :n] @ bends - y) / slope
+    return z

@@ -1,0 +1,173 @@
+"""The model's terms as columns of a regression, and what is believed of their coefficients beforehand."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from truestroke import _kernel, prior
+from truestroke._typing import FloatArray
+from truestroke.identification.actuator import ActuatorModel, bend_columns, central_difference, creep_states
+from truestroke.identification.normal import Prior
+from truestroke.settings import RATED, ControllerSettings
+
+SWEPT = 0.96  # of the voltage range
+SETTLING = 0.1  # of the record at most: what is skipped until the play states are known
+CREEP_START = 0.015  # of the stroke: deviation of what a creep state still has to go at the start
+
+
+@dataclass(frozen=True, kw_only=True)
+class Structure:
+    """Which terms the model has: what cross-validation chooses."""
+
+    thresholds: tuple[float, ...]
+    rated: tuple[int, ...] = ()
+    creep_times: tuple[float, ...] = ()
+    bends: int = 0
+    rested: bool = False  # whether the actuator is taken to start at rest, so that the fit uses the start
+
+    @property
+    def starts(self) -> tuple[float, ...]:
+        """Time constants, s, of creep that was under way when the record began: none at rest."""
+        return () if self.rested else self.creep_times
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the weights in the order of `ControllerSettings`; behind them the starts of the creep states."""
+        made = ControllerSettings(
+            sample_rate=1.0,
+            stroke=1.0,
+            voltage_limits=(0.0, 1.0),
+            thresholds=self.thresholds,
+            plays=len(self.thresholds),
+            rated=self.rated,
+            creep_times=self.creep_times,
+            bends=self.bends,
+        )
+        return (*made.names, *[f"start {tau:g} s" for tau in self.starts])
+
+    def columns_in(self, other: Structure) -> np.ndarray:
+        """Places of this structure's coefficients among those of another that has them all."""
+        places = {name: k for k, name in enumerate(other.names)}
+        return np.array([places[name] for name in self.names])
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Data:
+    """A record as the fit sees it: delayed voltage at the full rate, displacement of every `every`-th sample."""
+
+    volts: FloatArray  # V, already delayed
+    displacement: FloatArray  # um above `zero`
+    sample_rate: float
+    every: int
+    voltage_range: tuple[float, float]
+    stroke: float  # um
+    zero: float  # um
+
+    @property
+    def q(self) -> float:
+        """Straight-line sensitivity, um/V."""
+        return self.stroke / (self.voltage_range[1] - self.voltage_range[0])
+
+    @property
+    def rate_scale(self) -> float:
+        """c_b as `ControllerSettings` has it, s/um."""
+        return 1 / (50 * self.stroke)
+
+    def settled(self) -> int:
+        """First kept row whose plays do not remember their start: the voltage has swept nearly all of its range."""
+        x = self.volts
+        swept = np.maximum.accumulate(x) - np.minimum.accumulate(x) >= SWEPT * (x.max() - x.min())
+        first = int(np.argmax(swept)) if swept[-1] else x.size
+        return -(-min(first, int(SETTLING * x.size)) // self.every)
+
+    def columns(self, s: Structure, z: FloatArray) -> FloatArray:
+        """Columns of all coefficients and, last, the displacement. `z` is the model's own, um, at the full rate.
+
+        Velocity and bends come from the model, not from the measurement, so that its noise does not bias the weights.
+        """
+        every, n = self.every, len(s.thresholds)
+        rate = central_difference(z, self.sample_rate)[::every, None]
+        H = plays(self.volts, s.thresholds, every)
+        rated = {i: self.rate_scale * rate * H[:, i : i + 1] for i in s.rated}
+        pairs = [c for i in range(n) for c in ((H[:, i : i + 1], rated[i]) if i in rated else (H[:, i : i + 1],))]
+        creep = [c[::every, None] for c in creep_states(self.volts, s.creep_times, self.sample_rate)]
+        t = np.arange(0, self.volts.size, every)[:, None] / self.sample_rate
+        starts = [np.exp(-t / tau) for tau in s.starts]
+        bends = bend_columns(z[::every], self.stroke)[:, : s.bends]
+        target = self.displacement[:, None]
+        return np.hstack([*pairs, *creep, rate, np.ones_like(t), bends, *starts, target])
+
+    def starts(self, s: Structure, c: FloatArray) -> FloatArray:
+        """What the creep states still had to go at the start of the record, um, at the full rate."""
+        t = np.arange(self.volts.size) / self.sample_rate
+        return np.asarray(sum((w * np.exp(-t / tau) for w, tau in zip(c, s.starts, strict=True)), np.zeros_like(t)))
+
+    def prior(self, s: Structure) -> Prior:
+        """`prior.covariance`, but lag and offset as far as the record's clock and sensor may be off."""
+        low, high = self.voltage_range
+        a = prior.play_weights(s.thresholds, high - low, prior.FIRST_SLOPE * self.q)
+        terms = {"creeps": len(s.creep_times), "lag": True, "offset": True, "bends": s.bends}
+        P = prior.covariance(a, s.rated, q=self.q, stroke=self.stroke, **terms)  # type: ignore[arg-type]
+        lag = P.shape[0] - s.bends - 2
+        P[lag, lag] = max(prior.LAG_DEVIATION, 1 / self.sample_rate) ** 2
+        P[lag + 1, lag + 1] = self.stroke**2
+        m, k = P.shape[0], len(s.starts)
+        covariance = np.zeros((m + k, m + k))
+        covariance[:m, :m] = P
+        covariance[range(m, m + k), range(m, m + k)] = (CREEP_START * self.stroke) ** 2
+        mean = np.zeros(m + k)
+        mean[[s.names.index(f"a{i}") for i in range(len(a))]] = a
+        return Prior(mean, covariance)
+
+    def slopes(self, s: Structure, velocity: float) -> FloatArray:
+        """G with G c = the partial slopes at the velocities +velocity and -velocity."""
+        names = s.names
+        G = np.zeros((2, len(s.thresholds), len(names)))
+        for sign, side in zip((1, -1), G, strict=True):
+            for i in range(len(s.thresholds)):
+                side[i:, names.index(f"a{i}")] = 1
+                if i in s.rated:
+                    side[i:, names.index(f"b{i}")] = sign * self.rate_scale * velocity
+        return G.reshape(-1, len(names))
+
+    def model(self, s: Structure, c: FloatArray, delay: float, velocity: float) -> ActuatorModel:
+        """The model with these coefficients; its covariance is not known yet."""
+        m = c.size - len(s.starts)
+        return ActuatorModel(
+            thresholds=s.thresholds,
+            rated=s.rated,
+            creep_times=s.creep_times,
+            bends=s.bends,
+            weights=c[:m],
+            covariance=np.zeros((m, m)),
+            stroke=self.stroke,
+            zero=self.zero,
+            voltage_range=self.voltage_range,
+            rate_scale=self.rate_scale,
+            delay=delay,
+            velocity=velocity,
+        )
+
+
+def plays(x: FloatArray, thresholds: tuple[float, ...], every: int = 1) -> FloatArray:
+    """Play states of every `every`-th sample, natively; from rest at 0 V."""
+    rows = np.empty((-(-x.size // every), len(thresholds)))
+    _kernel.play_history(np.ascontiguousarray(x), np.array(thresholds), np.zeros(len(thresholds)), every, rows)
+    return rows
+
+
+def delayed(x: FloatArray, samples: int) -> FloatArray:
+    """x some samples ago; before the record it is the first."""
+    return np.concatenate([np.full(min(samples, x.size), x[0]), x[: max(x.size - samples, 0)]])
+
+
+def even_thresholds(n: int, largest: float) -> tuple[float, ...]:
+    """n thresholds from 0 up to below `largest`, V."""
+    return tuple(i / n * largest for i in range(n))
+
+
+def rated(n: int) -> tuple[int, ...]:
+    """Plays that have a rate weight where the rate matters."""
+    return tuple(i for i in RATED if i < n)

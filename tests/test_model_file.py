@@ -1,0 +1,69 @@
+"""A model file that cannot be used says so, with its name and the reason."""
+
+import numpy as np
+import pytest
+
+from truestroke.identification import ActuatorModel, ModelFileError, load_model, save_model
+
+MODEL = ActuatorModel(
+    thresholds=(0.0, 0.1 + 0.2),
+    rated=(1,),
+    creep_times=(1e-3,),
+    bends=1,
+    weights=np.array([8.0, 1 / 3, -1e-17, 5e-324, -1.5e-4, 1e300, 0.25]),
+    covariance=np.diag([0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7]),
+    stroke=30.0,
+    voltage_range=(-0.6, 3.6),
+    rate_scale=1 / 1500,
+    figures={"held_out_rmse_um": 0.1},
+    provenance={"source": 'C:\\new "run"\tµ\x7f.csv'},
+)
+
+
+@pytest.fixture
+def file(tmp_path):
+    save_model(tmp_path / "m.toml", MODEL)
+    return tmp_path / "m.toml"
+
+
+def test_extreme_numbers_and_strings_come_back(file):
+    again = load_model(file)
+    assert again.weights.tobytes() == MODEL.weights.tobytes()
+    assert again.thresholds == MODEL.thresholds
+    assert again.provenance == MODEL.provenance
+    assert '"a1" = 0.3333333333333333 # +- 0.45 um/V' in file.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("version = 1", "version = 2", "version 2"),
+        ('"truestroke model"', '"something"', "not a truestroke model"),
+        ("[weights]", "[wieghts]", r"no table \[weights\]"),
+        ("stroke_um = 30.0\n", "", "lacks stroke_um"),
+        ("stroke_um", "stroke_mm = 1\nstroke_um", "stroke_mm, which means nothing"),
+        ("stroke_um = 30.0", "stroke_um = -30.0", "stroke = -30.0 um: must be above 0 um"),
+        ("stroke_um = 30.0", 'stroke_um = "long"', "a number"),
+        ("rated = [1]", "rated = 1", "must be a list"),
+        ("rated = [1]", "rated = []", "initial_weights"),
+        ('"a0" =', '"a9" =', "must be a0"),
+        ('"a0" = 8.0', '"a0" = nan', "finite"),
+        ("  [0.1],\n", "", "lower_triangle"),
+        ("  [0.1],", "  [-9.0],", "positive semidefinite"),
+        ("version = 1", "version = ", "line 2"),
+    ],
+)
+def test_what_is_wrong_is_said(file, old, new, words):
+    text = file.read_text(encoding="utf-8")
+    assert old in text
+    file.write_text(text.replace(old, new, 1), encoding="utf-8")
+    with pytest.raises(ModelFileError, match=words) as error:
+        load_model(file)
+    assert str(file) in str(error.value)
+
+
+def test_a_missing_file_and_a_bad_number(tmp_path):
+    with pytest.raises(ModelFileError, match="nowhere"):
+        load_model(tmp_path / "nowhere.toml")
+    with pytest.raises(ModelFileError, match="finite"):
+        save_model(tmp_path / "m.toml", MODEL.replace(figures={"x": float("inf")}))
