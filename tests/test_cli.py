@@ -22,6 +22,7 @@ from truestroke.cli.common import program
 from truestroke.compare import Rival
 from truestroke.plant import RealisticPlant
 from truestroke.recording import Recording
+from truestroke.trajectories import random_wave
 
 COMMAND = Path(sys.executable).with_name("truestroke")
 SHORT = ["track", "--duration", "2"]
@@ -348,3 +349,23 @@ def test_version() -> None:
     from truestroke import __version__
 
     assert call("--version").stdout == f"truestroke {__version__}\n"
+
+
+def test_identify_writes_a_model_that_a_controller_starts_from(tmp_path) -> None:
+    plant = RealisticPlant(seed=2)
+    plant.open()
+    volts = random_wave(duration=10.0, peak_to_peak=28.0, seed=4).position / 12.0
+    time = np.arange(volts.size) / 2000.0
+    table = np.column_stack([time, volts, plant.exchange(volts)])
+    record, model = tmp_path / "record.csv", tmp_path / "stage.toml"
+    np.savetxt(record, table, delimiter=",", header="t (s),x (V),z (um)", comments="", fmt="%.7f")
+    done = CliRunner().invoke(main, ["identify", str(record), "--output", str(model), "--json"])
+    assert done.exit_code == 0, done.output
+    figures = json.loads(done.output)
+    assert figures["rmse_percent"] < 0.5
+    assert figures["model"] == str(model)
+    controller = AdaptiveController.from_model(model, sample_rate=2000.0, voltage_limits=(-0.6, 3.6))
+    assert controller.command(0.0, 0.0) == pytest.approx(0.0, abs=0.1)
+    lost = CliRunner().invoke(main, ["identify", str(record), "--output", str(tmp_path / "none" / "m.toml")])
+    assert lost.exit_code == 1
+    assert "no folder" in lost.output

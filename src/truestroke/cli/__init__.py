@@ -5,7 +5,7 @@ from __future__ import annotations
 import click
 
 import truestroke
-from truestroke.cli import compare, examine, report, reproduce, track, zoo
+from truestroke.cli import compare, examine, identify, report, reproduce, track, zoo
 from truestroke.cli.common import Commands
 
 __all__ = ["main"]
@@ -20,5 +20,13 @@ def main() -> None:
     """
 
 
-for _command in (track.track, report.report, compare.compare, reproduce.reproduce, zoo.zoo, examine.examine):
+for _command in (
+    track.track,
+    report.report,
+    compare.compare,
+    reproduce.reproduce,
+    zoo.zoo,
+    examine.examine,
+    identify.identify,
+):
     main.add_command(_command)
