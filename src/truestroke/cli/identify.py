@@ -24,9 +24,8 @@ def identify(record: Path, output: str, as_json: bool, **options: Any) -> None:
     Structure by blocked cross-validation; the last 40 % of the record tell how well the model predicts. Writes a model
     file that `AdaptiveController.from_model` starts from.
     """
-    from truestroke.identification import examine
+    from truestroke.identification import examine, save_model
     from truestroke.identification import identify as fit
-    from truestroke.identification import save_model
 
     target = Path(output)
     if not target.parent.is_dir():
