@@ -15,13 +15,15 @@ from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
 SMOKE = """
-import sys, truestroke
+import math, sys, truestroke
 heavy = {"scipy", "h5py", "matplotlib", "rich", "click", "jinja2"} & set(sys.modules)
 assert not heavy, heavy
 c = truestroke.AdaptiveController(sample_rate=2000.0, stroke=30.0, voltage_limits=(-0.6, 3.6))
-for k in range(500):
-    c.adapt(10.0 * c.command(k % 30, 0.0))
-assert abs(10.0 * c.command(12.0, 0.0) - 12.0) < 1e-3
+for k in range(2000):
+    z_d = 15.0 - 14.0 * math.cos(0.02 * k)
+    z = 10.0 * c.command(z_d, 560.0 * math.sin(0.02 * k))
+    c.adapt(z)
+assert abs(z - z_d) < 0.05, (z, z_d)
 print("truestroke", truestroke.__version__, "on Python", sys.version.split()[0], "with numpy alone")
 """
 
