@@ -1,6 +1,6 @@
 """The singularity-free inverse against the guard of `paper()` and the default: the table of docs/decisions/0021.
 
-python benchmarks/singularity_free.py          about three minutes
+python benchmarks/singularity_free.py          about four minutes
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 
 from truestroke import AdaptiveController, Trajectory, run, trajectories
 from truestroke.adaptation import RLS
-from truestroke.models import lift_slopes, play_inverse
+from truestroke.models import limit_slopes, play_inverse
 from truestroke.operators import play
 from truestroke.plant import MatchedPlant, RealisticPlant
 from truestroke.plant.settings import Change, MatchedSettings, PlantSettings
@@ -28,7 +28,7 @@ PAPER = AdaptiveController.paper(**USER).settings
 
 def guarded(y_d: float, w_h: np.ndarray, r: np.ndarray, y: np.ndarray) -> float:
     """The guard of `paper()`: slopes below 5 % of q are lifted to it."""
-    x = play_inverse(y_d, lift_slopes(w_h, PAPER.slope_limits[0])[0], r, y)
+    x = play_inverse(y_d, limit_slopes(np.cumsum(w_h), PAPER.slope_limits)[0], r, y)
     return float(np.clip(x, *LIMITS))
 
 
