@@ -219,8 +219,8 @@ static void pass_over(ts_controller *c)
                        ts_parameters(s));
 }
 
-/* The partial slope that is furthest outside its limits at the rate zdot_d is moved onto its limit; false where none is. */
-static bool project_slope(ts_controller *c, ts_real zdot_d)
+/* The partial slope that is furthest outside its limits at the rate zdot_d, if any, is moved onto its limit. */
+static void project_slope(ts_controller *c, ts_real zdot_d)
 {
     const ts_settings *s = &c->settings;
     ts_real sum = 0, beyond = 0, onto = 0, g[TS_MAX_PARAMETERS] = {0};
@@ -235,13 +235,12 @@ static bool project_slope(ts_controller *c, ts_real zdot_d)
             onto = over > under ? s->slope_max : s->slope_min;
         }
     }
-    if (worst < 0) return false;
+    if (worst < 0) return;
     for (int i = k = 0; i <= worst; i++) {
         g[k++] = 1;
         if (s->rated[i]) g[k++] = s->rate_scale * zdot_d;
     }
     ts_kalman_project(&c->law.kalman, c->w, g, onto, ts_parameters(s));
-    return true;
 }
 
 /* A sensor that gives the same number again and again while the model moves is no sensor: a live one has noise. */
