@@ -177,7 +177,7 @@ def test_metadata_tells_what_was_run():
     assert metadata["controller"]["name"] == "AdaptiveController"
     assert metadata["controller"]["settings"]["forgetting"] == 0.9999
     assert metadata["plant"] == {"name": "Fake", "settings": {"play": 0.2}}
-    assert metadata["timing"] == {"sample_rate": 2000.0, "block": 5, "latency": 7}
+    assert {"sample_rate": 2000.0, "block": 5, "latency": 7}.items() <= metadata["timing"].items()
     assert metadata["versions"]["truestroke"] == truestroke.__version__
 
 

@@ -19,13 +19,20 @@ class Timing:
         Ticks that one exchange moves, 1 to 63.
     latency : int
         Ticks between a command and the exchange position at which its measurement comes back, 0 to 63.
+    channels : int
+        Axes that move together, 1 to 64.
+    hardware_timed : bool
+        Whether a clock of the hardware paces the ticks; else the caller does.
     """
 
     sample_rate: float
     block: int = 1
     latency: int = 0
+    channels: int = 1
+    hardware_timed: bool = False
 
     def __post_init__(self) -> None:
         _check.positive("sample_rate", self.sample_rate, "Hz")
         _check.count("block", self.block, 1, 63)
         _check.count("latency", self.latency, 0, 63)
+        _check.count("channels", self.channels, 1, 64)
