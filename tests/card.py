@@ -39,7 +39,7 @@ class Card:
     library: Path
 
     def _read(self) -> tuple:
-        return struct.unpack("4d4q", self.file.read_bytes())
+        return struct.unpack("4d4qd", self.file.read_bytes())
 
     @property
     def volts(self) -> list[float]:
@@ -60,6 +60,10 @@ class Card:
     @property
     def resets(self) -> int:
         return self._read()[7]
+
+    @property
+    def step(self) -> float:
+        return self._read()[8]
 
     def environment(self) -> dict[str, str]:
         """For a process that shall find this card."""

@@ -212,6 +212,19 @@ def test_a_voltage_that_the_card_cannot_give_does_not_reach_it(driver, card, vol
     assert_safe(driver, card)
 
 
+def test_a_ramp_to_safety_comes_to_its_end_before_the_stop(card, monkeypatch) -> None:
+    monkeypatch.setenv("FAKE_NIDAQMX_REALTIME", "1")
+    driver = NidaqmxDriver(NidaqmxSettings(**STACK, sample_rate=200.0, converter_rate=1000.0))
+    driver.open()
+    driver.start(np.zeros(1))
+    up = np.linspace(0.0, 2.0, 20)
+    move(driver, np.concatenate([up, up[::-1]])[None, :])  # the way down is still in the buffer
+    driver.stop(np.zeros(1))
+    assert card.edges >= 5 * 80
+    assert card.step < 0.11
+    driver.close()
+
+
 # ---- Open, start, stop --------------------------------------------------------------------------------------------
 
 

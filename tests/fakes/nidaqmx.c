@@ -39,6 +39,7 @@ struct card {                 /* the file; tests/card.py reads it */
     int64_t tasks;            /* that exist, of the last process that asked */
     int64_t owner;            /* process whose task has reserved the output, or 0 */
     int64_t resets;
+    double step;              /* the largest that an output has made, V */
 };
 
 struct task {
@@ -99,6 +100,11 @@ static double gauss(void) {
     return sum;
 }
 
+static void put_out(int channel, double volts) {
+    card->step = fmax(card->step, fabs(volts - card->volts[channel]));
+    card->volts[channel] = volts;
+}
+
 /* One edge of the sample clock; 0 when the output has no sample for it. */
 static int edge(void) {
     static double measured[CHANNELS];
@@ -116,7 +122,7 @@ static int edge(void) {
         }
     }
     for (int i = 0; i < output->channels; i++)
-        card->volts[output->channel[i]] = output->buffer[output->out % output->size * CHANNELS + i];
+        put_out(output->channel[i], output->buffer[output->out % output->size * CHANNELS + i]);
     output->out++;
     card->edges++;
     for (int c = 0; c < CHANNELS; c++) {
@@ -381,7 +387,7 @@ API int32_t DAQmxResetDevice(const char *device) {
     BEGIN
     if (strcmp(device, "Dev1")) return failed(-200220);
     for (int i = 0; i < TASKS; i++) if (tasks[i]) tasks[i]->error = -88709;
-    memset(card->volts, 0, sizeof card->volts);
+    for (int c = 0; c < CHANNELS; c++) put_out(c, 0);
     card->owner = 0;
     card->resets++;
     return 0;
@@ -399,7 +405,7 @@ API int32_t DAQmxWriteAnalogF64(struct task *t, int32_t n, uint32_t start, doubl
         if (!(data[i] >= t->low && data[i] <= t->high)) return failed(-200561);
     if (reserve(t)) return last_error;
     if (!t->clocked) { /* on demand */
-        for (int i = 0; i < t->channels; i++) card->volts[t->channel[i]] = data[i * n];
+        for (int i = 0; i < t->channels; i++) put_out(t->channel[i], data[i * n]);
         *written = n;
         return 0;
     }

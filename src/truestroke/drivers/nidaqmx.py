@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -74,7 +75,7 @@ class NidaqmxSettings:
         Whether each exchange compares the samples that went out with those that came in, and fails when input has
         lost more than a tick. Switch it off for a card that counts its samples in large chunks (USB).
     timeout : float
-        Longest wait for the card, s.
+        Longest wait for the card beyond the length of a block, s; shorter than the watchdog's.
 
     Raises
     ------
@@ -101,7 +102,7 @@ class NidaqmxSettings:
     terminals: str = "default"
     clock: str = ""
     watch_clock: bool = True
-    timeout: float = 1.0
+    timeout: float = 0.2
 
     def __post_init__(self) -> None:
         channels = _check.count("outputs", len(_names("outputs", self.outputs)), 1, 64)
@@ -176,8 +177,9 @@ class NidaqmxDriver:
     def __init__(self, settings: NidaqmxSettings) -> None:
         self.settings = settings
         self._tasks: list[Any] = []  # input, output
-        self._state = "closed"  # or "open", "started": the output holds, "running": the clock runs
+        self._state = "closed"  # or "open", "started": the output holds, "running": the clock runs, "failed"
         samples = settings.block * settings.conversions
+        self._patience = settings.block / settings.sample_rate + settings.timeout  # s
         self._out, self._in = np.empty((2, len(settings.outputs), samples))
 
     def open(self) -> Timing:
@@ -230,7 +232,7 @@ class NidaqmxDriver:
         self._configure()
         held = np.repeat(np.asarray(volts, np.float64)[:, None], s.latency * s.conversions, axis=1)
         with _naming(f"starting {', '.join(s.outputs)}"):
-            _whole("write_many_sample", self._writer.write_many_sample(held, s.timeout), held.shape[1])
+            _whole("write_many_sample", self._writer.write_many_sample(held, self._patience), held.shape[1])
         self._state = "started"
 
     def _run(self) -> None:
@@ -239,8 +241,7 @@ class NidaqmxDriver:
         with _naming(f"starting {', '.join(self.settings.outputs)}"):
             ai.start()  # waits for the clock, which is the output's
             ao.start()
-            self._reader.read_many_sample(np.empty((len(self._in), 1)), 1, self.settings.timeout)
-        self._state = "running"
+            self._reader.read_many_sample(np.empty((len(self._in), 1)), 1, self._patience)
 
     def exchange(self, volts: FloatArray, measured: FloatArray) -> None:
         """Write a block of voltages (V) behind those that wait, and wait for the displacements (um) of the next."""
@@ -251,10 +252,11 @@ class NidaqmxDriver:
         s = self.settings
         shape = (len(s.outputs), s.block, s.conversions)
         self._out.reshape(shape)[:] = volts[:, :, None]
-        if self._state == "started":
+        first, self._state = self._state == "started", "failed"  # until this call has come to its end
+        if first:
             self._run()
         with _naming(f"writing to {', '.join(s.outputs)}"):
-            _whole("write_many_sample", self._writer.write_many_sample(self._out, s.timeout), self._out.shape[1])
+            _whole("write_many_sample", self._writer.write_many_sample(self._out, self._patience), self._out.shape[1])
         with _naming(f"reading from {', '.join(s.inputs)}"):
             _whole("read_many_sample", self._read(), self._in.shape[1])
             if s.watch_clock:
@@ -263,9 +265,10 @@ class NidaqmxDriver:
         self._in.reshape(shape).mean(axis=2, out=measured)
         measured *= um_per_volt[:, None]
         measured += offset[:, None]
+        self._state = "running"
 
     def _read(self) -> int:
-        count: int = self._reader.read_many_sample(self._in, self._in.shape[1], self.settings.timeout)
+        count: int = self._reader.read_many_sample(self._in, self._in.shape[1], self._patience)
         return count
 
     def _watch_clock(self) -> None:
@@ -282,8 +285,11 @@ class NidaqmxDriver:
     def stop(self, volts: FloatArray) -> None:
         """End the tasks, then write the safe `volts` (V, shape (channels,)) on demand; also after an error, also twice.
 
+        After exchanges that went well, those that wait in the buffer go out first: a ramp to safety comes to its end.
         Where the card refuses, it is reset, which passes 0 V, and asked again.
         """
+        if self._state == "running":
+            time.sleep(self.settings.latency / self.settings.sample_rate)
         self.close()
         hold(self.settings.outputs, self.settings.output_range, volts)
 
