@@ -383,6 +383,11 @@ def test_settings_are_checked(change: dict, argument: str) -> None:
         NidaqmxSettings(**(STACK | change))
 
 
+def toml() -> str:
+    """The configuration that the page shows."""
+    return re.search(r"^```toml\n(.*?)^```", (ROOT / "docs/nidaqmx.md").read_text(), flags=re.M | re.S)[1]
+
+
 def test_the_page_runs_on_the_fake_card(card, tmp_path, monkeypatch) -> None:
     """Each python block, and what the text block behind it says; its configuration makes the driver."""
     page = (ROOT / "docs/nidaqmx.md").read_text()
@@ -395,8 +400,28 @@ def test_the_page_runs_on_the_fake_card(card, tmp_path, monkeypatch) -> None:
         with contextlib.redirect_stdout(output):
             exec(code, names)
         assert_prints(printed, output.getvalue(), tolerance=0.2)
-    config = tomllib.loads(re.search(r"^```toml\n(.*?)^```", page, flags=re.M | re.S)[1])
+    config = tomllib.loads(toml())
     assert config["driver"].pop("name") == "nidaqmx"
     driver = NidaqmxDriver(NidaqmxSettings(**config["driver"]))
     assert driver.open().channels == len(config["axis"])
     driver.close()
+
+
+@pytest.mark.parametrize(
+    ("fault", "code", "words"),
+    [("", 0, ""), (f"{READ}:50:-200324", 12, "NI-DAQmx -200324"), (f"{READ}:50:hang", -signal.SIGKILL, "killed")],
+)
+def test_the_command_runs_the_configuration_of_the_page(card, tmp_path, fault, code, words) -> None:
+    pytest.importorskip("truestroke.realtime")
+    text = toml().replace("safe_voltage = 0.0", f"safe_voltage = {SAFE[0]}")
+    (tmp_path / "stage.toml").write_text(text)
+    command = [Path(sys.executable).with_name("truestroke"), "run", "--config", "stage.toml"]
+    environment = os.environ | card.environment() | {"FAKE_NIDAQMX_FAULT": fault}
+    done = subprocess.Popen(command, cwd=tmp_path, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+    printed = done.communicate(timeout=60)[0].decode()  # the watchdog, too, has ended
+    assert done.returncode == code, printed
+    assert words in printed
+    assert (card.volts[0], card.resets) == (SAFE[0], 0)
+    run = truestroke.Recording.load(tmp_path / "first.h5")
+    error = run["measured"] - run["desired"]
+    assert np.sqrt(np.nanmean(error[error.size // 2 :] ** 2)) < (0.1 if fault else 0.016)
