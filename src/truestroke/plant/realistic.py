@@ -37,7 +37,7 @@ class RealisticPlant:
     --------
     >>> plant = RealisticPlant(PlantSettings().without("noise"))
     >>> plant.open()
-    Timing(sample_rate=2000.0, block=1, latency=0)
+    Timing(sample_rate=2000.0, block=1, latency=0, channels=1, hardware_timed=False)
     >>> measured = plant.exchange(np.full(2000, 1.0))
     >>> print(f"{measured[0]:.2f} um in the first tick, {measured[-1]:.2f} um after a second")
     4.02 um in the first tick, 12.18 um after a second
