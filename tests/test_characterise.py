@@ -109,9 +109,7 @@ def test_no_rate_dependence_is_seen_where_there_is_none() -> None:
 
 def test_a_slower_amplifier_is_a_delay_and_no_rate_dependence() -> None:
     fast, slow = (realistic("asymmetry", "creep", amplifier_bandwidth=hz).branches for hz in (1000.0, 250.0))
-    deviation = np.hypot(slow.lag_deviation, fast.lag_deviation)
-    assert deviation < 0.06e-3  # s
-    assert slow.lag - fast.lag == pytest.approx(-(1 / 250 - 1 / 1000) / (2 * np.pi), abs=2.5 * deviation)
+    assert slow.lag - fast.lag == pytest.approx(-(1 / 250 - 1 / 1000) / (2 * np.pi), rel=0.3)  # s
     assert not slow.rated.any()
 
 
@@ -174,7 +172,7 @@ def test_triangles_start_slowly_and_never_jump() -> None:
     slow = wave.time[np.abs(wave.velocity) == 70.0]
     assert slow[0] == 1.0  # s: the ramp
     for speed in (70.0, 300.0):
-        assert np.sum(np.diff(wave.velocity) == -2 * speed) >= 5 - (speed == 70.0)  # upper corners
+        assert np.sum(np.diff(wave.velocity) == -2 * speed) >= 5  # upper corners
 
 
 @pytest.mark.parametrize(
@@ -235,3 +233,19 @@ def test_the_command_tells_what_it_cannot_do(tmp_path: Path, monkeypatch: pytest
     assert "0 of the speeds (200, 300 um/s) were followed" in done.output
     assert "far.h5" in done.output
     assert Recording.load("far.h5")["volts"].max() <= 3.6
+
+
+def test_the_command_keeps_what_it_has_when_the_actuator_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    healthy, ticks = RealisticPlant.exchange, iter(range(12000))
+
+    def exchange(self, volts):
+        if next(ticks, None) is None:
+            raise OSError("the cable came off")
+        return healthy(self, volts)
+
+    monkeypatch.setattr(RealisticPlant, "exchange", exchange)
+    done = call("--speeds", "200,250,300", "--duration", "2", "--output", "part")
+    assert done.exit_code == 1
+    assert "the cable came off; 12000 ticks are in part.h5" in done.output
+    assert call("--record", "part.h5", "--output", "rest").exit_code == 0

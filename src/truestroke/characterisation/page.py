@@ -42,7 +42,7 @@ def play_table(found: Characterisation) -> tuple[list[str], list[list[str]]]:
         cells = [f"{found.a[i]:.3f}", f"±{k * found.a_deviations[i]:.3f}"]
         cells += [f"{found.b[i]:.3f}", f"±{k * found.b_deviations[i]:.3f}", f"{found.r_squared[i]:.2f}"]
         rows.append([f"w{i}, r = {r:.3f} V", *cells])
-    return ["play", "a um/V", "", "b um/V", "", "R²"], rows
+    return ["play", "a um/V", "95 %", "b um/V", "95 %", "R²"], rows
 
 
 def speed_table(found: Characterisation) -> tuple[list[str], list[list[str]]]:

@@ -40,7 +40,7 @@ def sweep(
     speeds : sequence of float
         At least two, um/s, in any order.
     duration : float
-        At each speed, s; five cycles at least.
+        At each speed, s, beside the ramp; five cycles at least.
     sample_rate : float
         Hz.
     ramp : float
@@ -55,18 +55,19 @@ def sweep(
     --------
     >>> wave = sweep(stroke=30.0, speeds=(100.0, 200.0), duration=4.0)
     >>> wave.duration, wave.peak_to_peak, wave.peak_speed, float(wave.position[0])
-    (8.4, 30.0, 200.0, 0.0)
+    (9.6, 30.0, 200.0, 0.0)
     """
     stroke = _check.positive("stroke", stroke, "um")
     ordered = sorted({_check.positive("speeds", speed, "um/s") for speed in speeds})
     if len(ordered) < 2:
         raise SettingError("speeds", tuple(speeds), "at least two, or there is no line", "um/s")
-    duration = _check.positive("duration", duration, "s")
+    duration, ramp = _check.positive("duration", duration, "s"), _check.within("ramp", ramp, 0.0, 3600.0, "s")
     sample_rate = _check.positive("sample_rate", sample_rate, "Hz")
     parts: list[Trajectory] = []
     for speed in ordered:
         period = 2 * stroke / speed
         cycles = max(math.ceil(duration / period - 1e-9), MIN_CYCLES)
+        cycles += 0 if parts else math.ceil(ramp / period)  # those that build up do not count
         ticks = math.ceil(cycles * period * sample_rate - 1e-9)  # the next triangle begins at 0 um, where this one ends
         shape: dict[str, Any] = {"speed": speed, "peak_to_peak": stroke, "duration": ticks / sample_rate}
         parts.append(triangle(**shape, sample_rate=sample_rate, ramp=0.0 if parts else ramp))

@@ -64,6 +64,7 @@ def characterise(record: Path | None, output: str, figures: Path | None, as_json
         return
     _print(found)
     common.print_files(model=model_file, recording=record or recording_file, page=page_file, pictures=figures)
+    common.suggest((f"identify {record or recording_file}", "creep and asymmetry, too, from the same recording"))
 
 
 def _load(record: Path) -> Recording:
