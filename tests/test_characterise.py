@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from functools import cache
 from pathlib import Path
@@ -195,8 +196,16 @@ def test_settings_are_checked_before_anything_moves(change: dict[str, object], m
 def test_a_play_that_does_not_move_is_refused() -> None:
     with pytest.raises(SettingError, match=r"largest of thresholds = 1.9 V"):
         fit_lines(matched().recording, thresholds=(0.0, 0.5, 1.9))
+
+
+@pytest.mark.parametrize("ticks", [0, 1, 4000])
+def test_a_recording_without_passes_is_told(ticks: int) -> None:
+    whole = matched().recording.channels
+    fast = {name: c for name, c in whole.items() if c.time == "time"}
+    with pytest.raises(NotConverged, match="none complete"):
+        fit_lines(Recording({name: dataclasses.replace(c, data=c.data[:ticks]) for name, c in fast.items()}))
     with pytest.raises(SettingError, match="recording = without desired"):
-        fit_lines(Recording({"time": matched().recording.channels["time"]}))
+        fit_lines(Recording({"time": whole["time"]}))
 
 
 # ---- The command ---------------------------------------------------------------------------------------------------

@@ -260,10 +260,18 @@ def fit_lines(
         A threshold is so large that its play does not move, or the recording lacks a channel.
     NotConverged
         Fewer than two speeds were followed.
+
+    Examples
+    --------
+    The same run with fewer plays:
+
+    >>> from truestroke import characterise
+    >>> from truestroke.plant import RealisticPlant
+    >>> bench = {"stroke": 38.0, "voltage_limits": (-0.6, 3.6), "speeds": (150.0, 300.0), "duration": 1.0}
+    >>> found = characterise(RealisticPlant(), **bench)
+    >>> fit_lines(found.recording, plays=4).thresholds.round(2)
+    array([0.  , 0.38, 0.76, 1.14])
     """
-    for name in ("time", "desired", "desired_velocity", "volts", "measured"):
-        if name not in recording:
-            raise SettingError("recording", f"without {name}", "one of a run of triangles")
     by_velocity = _by_velocity(recording)
     stroke = float(np.ptp(recording["desired"])) if by_velocity else 0.0
     kept = {v: _followed(passes, TOLERANCE * stroke) for v, passes in by_velocity.items()}
@@ -297,6 +305,11 @@ def fit_lines(
 
 def _by_velocity(recording: Recording) -> dict[float, list[_Pass]]:
     """Complete passes at constant velocity, without the first of each, in the order of velocity."""
+    for name in ("time", "desired", "desired_velocity", "volts", "measured"):
+        if name not in recording:
+            raise SettingError("recording", f"without {name}", "one of a run of triangles")
+    if len(recording["time"]) < 2:
+        return {}
     velocity, rate = recording["desired_velocity"], (len(recording["time"]) - 1) / np.ptp(recording["time"])
     error = recording["measured"] - recording["desired"]
     stroke = float(np.ptp(recording["desired"]))
@@ -317,9 +330,10 @@ def _followed(passes: list[_Pass], tolerance: float) -> list[_Pass]:
 
 
 def _complaint(velocities: FloatArray, converged: npt.NDArray[np.bool_]) -> str:
-    speeds = ", ".join(f"{v:g}" for v in velocities if v > 0) or "none is complete"
+    speeds = ", ".join(f"{v:g}" for v in velocities if v > 0)
     return (
-        f"{np.count_nonzero(converged) // 2} of the speeds ({speeds} um/s) were followed within "
+        f"{np.count_nonzero(converged) // 2} of the speeds ({f'{speeds} um/s' if speeds else 'none complete'}) were "
+        "followed within "
         f"{100 * TOLERANCE:g} % of the stroke, {MIN_PASSES} times in each direction: lines need two"
     )
 
