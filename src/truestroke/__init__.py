@@ -19,6 +19,7 @@ from truestroke.timing import Timing
 
 if TYPE_CHECKING:
     from truestroke import metrics, plant, trajectories
+    from truestroke.characterisation import Characterisation, characterise
     from truestroke.loop import Actuator, RunInterrupted, run
     from truestroke.recording import Recording
     from truestroke.trajectories import Trajectory
@@ -28,6 +29,7 @@ __version__ = "0.1.0"
 __all__ = [
     "Actuator",
     "AdaptiveController",
+    "Characterisation",
     "Controller",
     "ControllerSettings",
     "Counters",
@@ -39,6 +41,7 @@ __all__ = [
     "Timing",
     "Trajectory",
     "__version__",
+    "characterise",
     "metrics",
     "plant",
     "run",
@@ -48,6 +51,8 @@ __all__ = [
 # Loaded when first used, so that a controller in a small process needs nothing else.
 _LAZY = {
     "Actuator": "loop",
+    "Characterisation": "characterisation",
+    "characterise": "characterisation",
     "RunInterrupted": "loop",
     "run": "loop",
     "Recording": "recording",

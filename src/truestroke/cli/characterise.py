@@ -1,0 +1,125 @@
+"""`truestroke characterise`: how the weights of an actuator depend on velocity."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from truestroke.cli import common
+
+if TYPE_CHECKING:
+    from truestroke.characterisation import Characterisation
+    from truestroke.loop import Actuator
+    from truestroke.recording import Recording
+    from truestroke.trajectories import Trajectory
+
+
+@click.command()
+@click.option("--plant", type=click.Choice(["realistic", "matched"]), default="realistic", help="What is driven: "
+              "like a real stack, or of exactly the controller's structure.")  # fmt: skip
+@click.option("--record", metavar="FILE", type=click.Path(exists=True, dir_okay=False, path_type=Path),
+              help="Drive nothing: take the recording of an earlier run, whole or interrupted.")  # fmt: skip
+@click.option("--speeds", metavar="UM/S,...", default="50,100,150,200,250,300", help="Of the triangles.")
+@click.option("--stroke", metavar="UM", type=float, default=38.0, help="Of the triangles, from 0 um.")
+@click.option(
+    "--voltage-limits", metavar="A B", nargs=2, type=float, default=(-0.6, 3.6), help="V at the D/A converter."
+)
+@click.option("--slew-limit", metavar="V/S", type=float, help="Fastest change of the voltage.  [default: 120 times the "
+              "voltage range]")  # fmt: skip
+@click.option("--duration", metavar="S", type=float, default=8.0, help="At each speed; five cycles at least.")
+@click.option("--plays", metavar="N", type=click.IntRange(1, 32), default=8, help="Their thresholds are spread over "
+              "the voltages that the motion takes.")  # fmt: skip
+@click.option("--seed", metavar="N", type=click.IntRange(0), default=0, help="Of the sensor noise.")
+@click.option("--output", metavar="NAME", default="truestroke-characterise", help="Write NAME.toml, NAME.h5 and "
+              "NAME.html.")  # fmt: skip
+@common.pictures_option
+@common.json_option
+def characterise(record: Path | None, output: str, figures: Path | None, as_json: bool, **options: Any) -> None:
+    """Measure how the weights of an actuator depend on velocity.
+
+    Triangles at several speeds (Sec. 2.4), and for each play a line of its weight against velocity (Fig. 4). Writes a
+    model file, the recording and a page of pictures.
+    """
+    model_file, recording_file, page_file = common.outputs(output.removesuffix(".toml"), ".toml", ".h5", ".html")
+    from truestroke.characterisation import NotConverged, fit_lines
+    from truestroke.identification import save_model
+
+    recording = _load(record) if record else _drive(options, recording_file)
+    try:
+        found = fit_lines(recording, plays=options["plays"])
+    except NotConverged as error:
+        raise click.ClickException(f"{error}; the recording is in {record or recording_file}") from None
+    save_model(model_file, found.actuator_model)
+    with common.progress("drawing"):
+        from truestroke.characterisation import page
+
+        page.save_page(found, page_file, common.as_asked()["command"])
+        drawn = page.save_pictures(found, figures) if figures else []
+    if as_json:
+        files = {"model": str(model_file), "recording": str(record or recording_file), "page": str(page_file)}
+        common.print_json({**found.as_dict(), **files, "pictures": [str(path) for path in drawn]})
+        return
+    _print(found)
+    common.print_files(model=model_file, recording=record or recording_file, page=page_file, pictures=figures)
+    common.suggest((f"identify {record or recording_file}", "creep and asymmetry, too, from the same recording"))
+
+
+def _load(record: Path) -> Recording:
+    from truestroke.recording import Recording, RecordingError
+
+    try:
+        return Recording.load(record)
+    except RecordingError as error:
+        raise click.ClickException(str(error)) from None
+
+
+def _drive(options: Mapping[str, Any], recording_file: Path) -> Recording:
+    """The run; what there is of it is saved if it is interrupted."""
+    from truestroke.characterisation.procedure import drive, sweep
+    from truestroke.loop import RunInterrupted
+    from truestroke.recording import Recording
+
+    wave = sweep(speeds=_speeds(options["speeds"]), stroke=options["stroke"], duration=options["duration"])
+    limits = {name: options[name] for name in ("voltage_limits", "slew_limit")}
+    try:
+        with common.progress("driving") as tell:
+            recording = drive(wave, _actuator(options, wave), **limits, progress=tell)
+    except RunInterrupted as stop:
+        saved = stop.recording.save(recording_file)
+        message = f"{stop.recording['time'].size} ticks are in {saved}"
+        if isinstance(stop.__cause__, KeyboardInterrupt):
+            click.echo(f"truestroke: {message}", err=True)
+            raise click.Abort from None
+        raise click.ClickException(f"{stop.__cause__}; {message}") from stop
+    recording = Recording(recording.channels, recording.metadata | common.as_asked())
+    recording.save(recording_file)
+    return recording
+
+
+def _speeds(words: str) -> list[float]:
+    """Numbers between commas."""
+    try:
+        return [float(word) for word in words.split(",")]
+    except ValueError:
+        raise click.UsageError(f"--speeds {words}: is not numbers with commas, such as 50,100,200.") from None
+
+
+def _actuator(options: Mapping[str, Any], wave: Trajectory) -> Actuator:
+    from truestroke.plant import MatchedPlant, RealisticPlant
+
+    if options["plant"] == "matched":
+        return MatchedPlant(wave.velocity, seed=options["seed"])
+    return RealisticPlant(seed=options["seed"])
+
+
+def _print(found: Characterisation) -> None:
+    from truestroke.characterisation import page
+
+    common.print_table(*page.play_table(found))
+    common.print_table(*page.speed_table(found))
+    for sentence in page.verdict(found):
+        common.print_text(f"- {sentence}")
+    click.echo()
