@@ -167,8 +167,39 @@ def test_csv_round_trip_with_units_and_velocity(write):
     np.testing.assert_allclose(move.position, wave.position, atol=1e-12)
     np.testing.assert_allclose(move.velocity, wave.velocity, atol=1e-9)
     assert move.sample_rate == 1000.0
-    guessed = tr.from_csv(path, position=1, sample_rate=1000.0, unit="nm", ramp=0.0)
+    guessed = tr.from_csv(path, position=2, sample_rate=1000.0, unit="nm", ramp=0.0)
     assert np.abs(guessed.velocity - wave.velocity).max() < 1e-3 * wave.peak_speed
+
+
+def test_columns_by_name_by_number_and_from_npz_are_one_motion(write, tmp_path):
+    wave = tr.sine(duration=0.5, sample_rate=1000.0)
+    z = [repr(v) for v in (1e3 * wave.position).tolist()]
+    path = write("volts (V),time (s),desired (nm)\n" + "\n".join(f"9,{k / 1000},{v}" for k, v in enumerate(z)))
+    arrays = tmp_path / "move.npz"
+    np.savez(arrays, time=wave.time, desired=wave.position, sample_rate=1000.0)
+    asked = (
+        {"time": "time", "position": "desired"},
+        {"time": 2, "position": 3},
+        {"time": "2", "position": "desired (nm)"},
+    )
+    moves = [tr.from_csv(path, ramp=0.0), *(tr.from_csv(path, ramp=0.0, **columns) for columns in asked)]
+    for move in (*moves, tr.from_csv(arrays, ramp=0.0)):
+        assert move.sample_rate == 1000.0
+        np.testing.assert_allclose(move.position, wave.position, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("arrays", "message"),
+    [
+        ({"z": np.array([0.0, 1.0, np.nan, 3.0])}, r"z\[2\]"),
+        ({"z": np.zeros(3)}, "at least 4 numbers"),
+        ({"z": np.array(["a"] * 5)}, "an NPZ file of numbers"),
+    ],
+)
+def test_npz_errors_name_the_array(tmp_path, arrays, message):
+    np.savez(tmp_path / "move.npz", **arrays)
+    with pytest.raises(SettingError, match=message):
+        tr.from_csv(tmp_path / "move.npz", sample_rate=1.0)
 
 
 def test_csv_starts_from_zero_by_the_ramp(write):
@@ -186,11 +217,14 @@ def test_csv_starts_from_zero_by_the_ramp(write):
         ("z\n1\n2\nnan\n4\n", {}, "row 4 = nan: must be finite"),
         ("1\n2\nx\n4\n", {}, "row 3 = x: must be numbers"),
         ("1,2\n2,3\n3\n4,5\n", {"position": 1}, "row 3 = 3: must be 2 numbers"),
-        ("0,1\n1,1\n2,1\n3.5,1\n4,1\n", {"position": 1, "time": 0}, "row 4 = 3.5 s: must be 3 s"),
-        ("0,1\n0,1\n0,1\n0,1\n", {"position": 1, "time": 0}, "must be above 0.0 s"),
-        ("0,1\n1,1\n2,1\n3,1\n", {}, "position = None: must be one of the columns"),
+        ("0,1\n1,1\n2,1\n3.5,1\n4,1\n", {"position": 2, "time": 1}, "row 4 = 3.5 s: must be 3 s"),
+        ("0,1\n0,1\n0,1\n0,1\n", {"position": 2, "time": 1}, "must be above 0.0 s"),
+        ("0,1,2\n1,1,2\n2,1,2\n3,1,2\n", {}, "position = None: must be one of the columns .*: 1, 2, 3"),
+        ("0,1\n1,1\n2,1\n3,1\n", {"position": 0}, "position = 0: must be 1 to 2: columns count from 1"),
+        ("0,1\n1,1\n2,1\n3,1\n", {"position": "3"}, "position = 3: must be 1 to 2: columns count from 1"),
+        ("t (s),z (inch)\n0,1\n1,1\n2,1\n3,1\n", {}, "unit = 'inch': must be 'um', 'nm' or 'mm'"),
         ("t,z\n1,1\n2,1\n3,1\n4,1\n", {"position": "y"}, "position = 'y': must be one of the columns .*: t, z"),
-        ("0,1\n1,1\n2,1\n3,1\n", {"position": 1, "time": 0, "sample_rate": 2.0}, "sample_rate = 2.0 Hz: must be 1 Hz"),
+        ("0,1\n1,1\n2,1\n3,1\n", {"position": 2, "time": 1, "sample_rate": 2.0}, "sample_rate = 2.0 Hz: must be 1 Hz"),
         ("0\n1\n2\n3\n", {"sample_rate": None}, "sample_rate"),
         ("0\n1\n2\n3\n", {"unit": "m"}, "unit = 'm': must be 'um', 'nm' or 'mm'"),
     ],

@@ -11,6 +11,8 @@ from __future__ import annotations
 
 import csv
 import math
+import re
+import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from itertools import accumulate
@@ -23,6 +25,7 @@ from truestroke._check import SettingError
 from truestroke._typing import FloatArray
 
 UM_PER_UNIT = {"um": 1.0, "nm": 1e-3, "mm": 1e3}
+NAMES = {"position": ("z", "desired", "position", "displacement"), "time": ("t", "time")}
 TIME_TOLERANCE = 0.01  # of a tick: how far a time in a file may lie from its even grid
 
 
@@ -402,22 +405,24 @@ def from_csv(
     position: str | int | None = None,
     time: str | int | None = None,
     velocity: str | int | None = None,
-    unit: str = "um",
+    unit: str | None = None,
     sample_rate: float | None = None,
     ramp: float = 0.25,
 ) -> Trajectory:
-    r"""A motion from a text file with comma-separated columns, with or without a line of names.
+    r"""A motion from a text file with comma-separated columns, with or without a line of names; or from an NPZ file.
 
     Parameters
     ----------
     path : str or Path
-        The file.
+        The file. One that ends in .npz has arrays for columns.
     position, time, velocity : str or int, optional
-        Columns, by name or counted from 0. The position may be left out where there is one column only. Without a
-        velocity it is the derivative of a cubic spline through the positions (not causal: it looks ahead, as a file
-        allows).
-    unit : str
-        Of the position, "um", "nm" or "mm"; of the velocity, that per second. Times are in s.
+        Columns, by name, without the unit in brackets, or counted from 1. Left out, position is the column "z",
+        "desired", "position" or "displacement", or the only one; time is "t" or "time". Without names, two columns are
+        time and position. Without a velocity it is the derivative of a cubic spline through the positions (not causal:
+        it looks ahead, as a file allows).
+    unit : str, optional
+        Of the position, "um", "nm" or "mm"; of the velocity, that per second. Left out, what the heading states, as
+        "z (nm)", else um. Times are in s.
     sample_rate : float, optional
         Hz; needed where there is no time column, and equal to that of the times where there is one.
     ramp : float
@@ -433,24 +438,29 @@ def from_csv(
     >>> import tempfile
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     path = Path(folder, "move.csv")
-    ...     _ = path.write_text("t,z\n" + "".join(f"{k / 1000},{k * k}\n" for k in range(5)))
-    ...     move = from_csv(path, position="z", time="t", unit="nm", ramp=0.0)
+    ...     _ = path.write_text("t (s),z (nm)\n" + "".join(f"{k / 1000},{k * k}\n" for k in range(5)))
+    ...     move = from_csv(path, ramp=0.0)
+    ...     same = from_csv(path, position=2, time=1, ramp=0.0)
     >>> move.sample_rate, move.position.round(4).tolist()
     (1000.0, [0.0, 0.001, 0.004, 0.009, 0.016])
-    >>> move.velocity[1:].round(4).tolist()
-    [2.0, 4.0, 6.0, 8.0]
+    >>> move.velocity[1:].round(4).tolist(), bool(np.all(same.position == move.position))
+    ([2.0, 4.0, 6.0, 8.0], True)
     """
-    if unit not in UM_PER_UNIT:
-        raise SettingError("unit", repr(unit), "'um', 'nm' or 'mm'")
-    names, first_row, rows = _read_rows(Path(path))
-    if position is None and len(names) > 1:
-        raise SettingError("position", None, f"one of the columns of {path}: {', '.join(names)}")
-    table = _numbers(path, first_row, rows)
-    z = UM_PER_UNIT[unit] * table[:, _column("position", 0 if position is None else position, names, path)]
-    rate = _rate(path, first_row, None if time is None else table[:, _column("time", time, names, path)], sample_rate)
+    headings, first_row, table = _read_npz(Path(path)) if Path(path).suffix == ".npz" else _read_text(Path(path))
+    places = {
+        "position": _column("position", position, headings, path),
+        "time": _column("time", time, headings, path),
+        "velocity": None if velocity is None else _column("velocity", velocity, headings, path),
+    }
+    if places["position"] is None:
+        raise SettingError("position", None, f"one of the columns of {path}: {_listing(headings)}")
+    found = {name: None if place is None else table[:, place] for name, place in places.items()}
+    per_unit = _um_per_unit(unit, headings[places["position"]])
+    z = per_unit * table[:, places["position"]]
+    rate = _rate(path, first_row, found["time"], sample_rate)
     seconds = np.arange(z.size) / rate
-    if velocity is not None:
-        zdot = UM_PER_UNIT[unit] * table[:, _column("velocity", velocity, names, path)]
+    if found["velocity"] is not None:
+        zdot = per_unit * found["velocity"]
     else:
         from scipy.interpolate import CubicSpline
 
@@ -460,8 +470,8 @@ def from_csv(
     return Trajectory("file", rate, *_ramped(seconds, z, zdot, ramp), settings)
 
 
-def _read_rows(path: Path) -> tuple[list[str], int, list[list[str]]]:
-    """Names of the columns (numbers where the file has none), the line of the first row, all rows as text."""
+def _read_text(path: Path) -> tuple[list[str], int, FloatArray]:
+    """Headings of the columns (empty where the file has none), the line of the first row, the numbers."""
     with path.open(newline="", encoding="utf-8-sig") as file:
         rows = [row for row in csv.reader(file) if row]
     if not rows:
@@ -469,8 +479,26 @@ def _read_rows(path: Path) -> tuple[list[str], int, list[list[str]]]:
     try:
         [float(cell) for cell in rows[0]]
     except ValueError:
-        return [cell.strip() for cell in rows[0]], 2, rows[1:]
-    return [str(i) for i in range(len(rows[0]))], 1, rows
+        return [cell.strip() for cell in rows[0]], 2, _numbers(path, 2, rows[1:])
+    return [""] * len(rows[0]), 1, _numbers(path, 1, rows)
+
+
+def _read_npz(path: Path) -> tuple[list[str], int, FloatArray]:
+    """The same of an NPZ file: its arrays of one axis, all as long as the longest."""
+    try:
+        with np.load(path) as file:
+            arrays = {name: np.asarray(file[name], dtype=np.float64) for name in file.files}
+    except (ValueError, EOFError, zipfile.BadZipFile) as error:
+        raise SettingError("path", path, f"an NPZ file of numbers ({error})") from None
+    rows = max((array.size for array in arrays.values()), default=0)
+    arrays = {name: array for name, array in arrays.items() if array.shape == (rows,)}
+    if rows < 4 or not arrays:
+        raise SettingError("path", path, "an NPZ file with arrays of one axis, of at least 4 numbers")
+    table = np.column_stack(list(arrays.values()))
+    bad = np.argwhere(~np.isfinite(table))
+    if bad.size:
+        raise SettingError(f"{path}, {list(arrays)[bad[0, 1]]}[{bad[0, 0]}]", table[tuple(bad[0])], "finite")
+    return list(arrays), 0, table
 
 
 def _numbers(path: str | Path, first_row: int, rows: list[list[str]]) -> FloatArray:
@@ -490,12 +518,42 @@ def _numbers(path: str | Path, first_row: int, rows: list[list[str]]) -> FloatAr
     return table
 
 
-def _column(argument: str, column: str | int, names: list[str], path: str | Path) -> int:
-    if isinstance(column, str) and column in names:
-        return names.index(column)
-    if isinstance(column, int) and 0 <= column < len(names):
-        return column
-    raise SettingError(argument, repr(column), f"one of the columns of {path}: {', '.join(names)}")
+def _column(argument: str, column: str | int | None, headings: list[str], path: str | Path) -> int | None:
+    """Index of a column that is named or counted from 1; of one that is left out, as its name or place tells."""
+    names = [_name_and_unit(heading)[0] for heading in headings]
+    if column is None:
+        if not any(names):
+            return {("position", 1): 0, ("time", 2): 0, ("position", 2): 1}.get((argument, len(names)))
+        known = [i for i, name in enumerate(names) if name.lower() in NAMES[argument]]
+        return 0 if argument == "position" and len(names) == 1 else known[0] if len(known) == 1 else None
+    if isinstance(column, str) and column in [name for name in (*names, *headings) if name]:
+        return (names if column in names else headings).index(column)
+    if isinstance(column, str) and column.isdigit():
+        column = int(column)
+    if isinstance(column, int) and not 1 <= column <= len(names):
+        raise SettingError(
+            argument, column, f"1 to {len(names)}: columns count from 1; {path} has {_listing(headings)}"
+        )
+    if isinstance(column, int):
+        return column - 1
+    raise SettingError(argument, repr(column), f"one of the columns of {path}: {_listing(headings)}")
+
+
+def _listing(headings: list[str]) -> str:
+    return ", ".join(heading or str(i) for i, heading in enumerate(headings, 1))
+
+
+def _name_and_unit(heading: str) -> tuple[str, str]:
+    """As in "z (nm)" and "z [nm]"."""
+    match = re.fullmatch(r"(.*?)\s*[(\[](\w+)[)\]]", heading)
+    return (match[1], match[2]) if match else (heading, "")
+
+
+def _um_per_unit(unit: str | None, heading: str) -> float:
+    stated = unit if unit is not None else _name_and_unit(heading)[1] or "um"
+    if stated not in UM_PER_UNIT:
+        raise SettingError("unit", repr(stated), "'um', 'nm' or 'mm'")
+    return UM_PER_UNIT[stated]
 
 
 def _rate(path: str | Path, first_row: int, times: FloatArray | None, sample_rate: float | None) -> float:
