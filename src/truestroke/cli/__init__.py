@@ -5,7 +5,7 @@ from __future__ import annotations
 import click
 
 import truestroke
-from truestroke.cli import characterise, compare, examine, identify, report, reproduce, track, zoo
+from truestroke.cli import characterise, compare, examine, identify, invert, refine, report, reproduce, track, zoo
 from truestroke.cli.common import Commands
 
 __all__ = ["main"]
@@ -28,6 +28,8 @@ for _command in (
     zoo.zoo,
     examine.examine,
     identify.identify,
+    invert.invert,
+    refine.refine,
     characterise.characterise,
 ):
     main.add_command(_command)

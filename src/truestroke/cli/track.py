@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import truestroke
-from truestroke.cli import common
+from truestroke.cli import common, motion
 from truestroke.cli.report import SHORTEST, finish
 
 if TYPE_CHECKING:
@@ -21,36 +21,18 @@ if TYPE_CHECKING:
 STROKE = 30.0  # um, of the simulated stack
 VOLTAGE_LIMITS = (-0.6, 3.6)  # V at the D/A converter
 
-# What each trajectory understands: option -> argument of its function.
-SHARED = {"peak_to_peak": "peak_to_peak", "duration": "duration", "sample_rate": "sample_rate"}
-MOTIONS = {
-    "random": ("random_wave", {"frequency": "cutoff", "velocity_limit": "velocity_limit", "seed": "seed", **SHARED}),
-    "sine": ("sine", {"frequency": "frequency", **SHARED}),
-    "triangle": ("triangle", {"frequency": "frequency", **SHARED}),
-    "staircase": ("staircase", {"velocity_limit": "velocity_limit", **SHARED}),
-}
-
-
-def _motion(context: click.Context, option: click.Parameter, value: str) -> str:
-    """`value`, if it is one of `MOTIONS` or a file."""
-    if value in MOTIONS or Path(value).is_file():
-        return value
-    raise click.BadParameter(f"{value!r} is neither one of {', '.join(MOTIONS)} nor a file.")
-
 
 @click.command()
 @click.option("--controller", type=click.Choice(["adaptive", "paper"]), default="adaptive", help="What is tested.")
+@click.option("--model", type=click.Path(exists=True, dir_okay=False), metavar="FILE", help="Start the adaptive "
+              "controller from a model of `truestroke identify`.")  # fmt: skip
+@click.option("--voltage-limits", type=float, nargs=2, metavar="LOW HIGH", default=VOLTAGE_LIMITS,
+              help="Lowest and highest voltage of the controller, V.")  # fmt: skip
 @click.option("--plant", type=click.Choice(["realistic", "matched"]), default="realistic", help="What is driven: "
               "like a real stack, or of exactly the controller's structure.")  # fmt: skip
-@click.option("--trajectory", metavar=f"[{'|'.join(MOTIONS)}|FILE.csv]", default="random", callback=_motion,
+@click.option("--trajectory", metavar=motion.METAVAR, default="random", callback=motion.known,
               help="Desired motion. A file has columns t (s) and z (um), or z alone.")  # fmt: skip
-@click.option("--frequency", metavar="HZ", type=float, help="Of a sine or triangle; a random wave has its low pass "
-              "there.  [default: 20 random, 12 sine, 4 triangle]")  # fmt: skip
-@click.option("--peak-to-peak", metavar="UM", type=float, help="[default: 28.6, sine and triangle 22.8]")
-@click.option("--velocity-limit", metavar="UM/S", type=float, help="The fastest that a random wave or a staircase "
-              "may be.  [default: none, staircase 300]")  # fmt: skip
-@click.option("--duration", metavar="S", type=click.FloatRange(min=0.5), help="[default: 20]")
-@click.option("--sample-rate", metavar="HZ", type=float, help="Ticks per second.  [default: 2000, or that of the file]")
+@motion.motion_options
 @click.option("--change-at", metavar="S", type=float, help="The actuator changes suddenly then (Sec. 4.2).")
 @click.option("--seed", metavar="N", type=click.IntRange(0), default=0, help="Of the random wave and the sensor noise.")
 @click.option("--output", metavar="NAME", default="truestroke-track", help="Write NAME.h5 and NAME.html.")
@@ -62,9 +44,9 @@ def track(output: str, figures: Path | None, as_json: bool, **options: Any) -> N
     Prints rmse and maximum error over the second half of the run; writes a recording and a page of pictures.
     """
     recording_file, page_file = common.outputs(output, ".h5", ".html")
-    trajectory = _trajectory(options)
+    trajectory = motion.motion(options["trajectory"], options)
     plant = _plant(options, trajectory)
-    controller = _controller(options["controller"], trajectory)
+    controller = _controller(options, trajectory)
     if len(trajectory) < SHORTEST:
         raise click.UsageError(f"--trajectory: {len(trajectory)} ticks, a page needs at least {SHORTEST}.")
     recording = _run(trajectory, controller, plant, recording_file)
@@ -73,31 +55,6 @@ def track(output: str, figures: Path | None, as_json: bool, **options: Any) -> N
 
 
 # ---- From options to the run ---------------------------------------------------------------------------------------
-
-
-def _trajectory(options: Mapping[str, Any]) -> Trajectory:
-    from truestroke import trajectories
-
-    name = options["trajectory"]
-    given = {key: value for key in ("frequency", "velocity_limit", *SHARED) if (value := options[key]) is not None}
-    function, known = MOTIONS.get(name, ("from_csv", {"sample_rate": "sample_rate"}))
-    for key in given:
-        if key not in known:
-            raise click.UsageError(f"--{key.replace('_', '-')} means nothing to --trajectory {name}: leave it out.")
-    if name == "triangle":
-        given.setdefault("frequency", 4.0)
-    if "seed" in known:
-        given["seed"] = options["seed"]
-    arguments = {known[key]: value for key, value in given.items()}
-    if name not in MOTIONS:
-        arguments |= {"path": name, **_columns(Path(name))}
-    return getattr(trajectories, function)(**arguments)  # type: ignore[no-any-return]
-
-
-def _columns(path: Path) -> dict[str, int]:
-    """Time first, then position, where a file has more than one column."""
-    with path.open(encoding="utf-8", errors="replace") as file:
-        return {"time": 0, "position": 1} if "," in file.readline() else {}
 
 
 def _plant(options: Mapping[str, Any], trajectory: Trajectory) -> Actuator:
@@ -119,9 +76,20 @@ def _plant(options: Mapping[str, Any], trajectory: Trajectory) -> Actuator:
     return RealisticPlant(PlantSettings(sample_rate=rate, change=change), seed=options["seed"])
 
 
-def _controller(name: str, trajectory: Trajectory) -> Controller:
-    make = truestroke.AdaptiveController.paper if name == "paper" else truestroke.AdaptiveController
-    return make(sample_rate=trajectory.sample_rate, stroke=STROKE, voltage_limits=VOLTAGE_LIMITS)
+def _controller(options: Mapping[str, Any], trajectory: Trajectory) -> Controller:
+    from truestroke.identification import ModelFileError
+
+    bench = {"sample_rate": trajectory.sample_rate, "voltage_limits": options["voltage_limits"]}
+    if options["model"] is None:
+        adaptive = truestroke.AdaptiveController
+        make = adaptive.paper if options["controller"] == "paper" else adaptive
+        return make(stroke=STROKE, **bench)
+    if options["controller"] == "paper":
+        raise click.UsageError("--controller paper knows no model: leave --model out.")
+    try:
+        return truestroke.AdaptiveController.from_model(options["model"], **bench)
+    except ModelFileError as error:
+        raise click.ClickException(str(error)) from None
 
 
 def _run(trajectory: Trajectory, controller: Controller, plant: Actuator, rescue: Path) -> Recording:

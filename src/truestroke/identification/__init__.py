@@ -1,26 +1,38 @@
-"""From a record of voltage and displacement to a model (Sec. 2.2 to 2.4): read, examine, identify, save."""
+"""From a record to a model (Sec. 2.2 to 2.4): read, examine, identify, save; then to a waveform, and refine."""
 
 from truestroke.identification.actuator import ActuatorModel
 from truestroke.identification.examine import Findings, examine
 from truestroke.identification.least_squares import FittedWeights, fit
 from truestroke.identification.model_file import ModelFileError, load_model, save_model
 from truestroke.identification.record import Record, read_record
+from truestroke.identification.refine import Refined, refine
 from truestroke.identification.select import HeldOut, Identified, identify
+from truestroke.identification.spans import Beyond, Span
 from truestroke.identification.tables import RecordError
+from truestroke.identification.waveform import Played, Waveform, load_waveform, save_waveform, waveform
 
 __all__ = [
     "ActuatorModel",
+    "Beyond",
     "Findings",
     "FittedWeights",
     "HeldOut",
     "Identified",
     "ModelFileError",
+    "Played",
     "Record",
     "RecordError",
+    "Refined",
+    "Span",
+    "Waveform",
     "examine",
     "fit",
     "identify",
     "load_model",
+    "load_waveform",
     "read_record",
+    "refine",
     "save_model",
+    "save_waveform",
+    "waveform",
 ]

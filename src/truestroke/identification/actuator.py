@@ -13,6 +13,7 @@ import numpy.typing as npt
 from truestroke import _check, _kernel, prior
 from truestroke._check import SettingError
 from truestroke._typing import FloatArray
+from truestroke.identification.spans import Beyond, spans
 from truestroke.settings import UNLIMITED, ControllerSettings, kernel_settings
 
 VELOCITY_SPAN = 0.5e-3  # s: half of the span of a central difference, at least one sample
@@ -148,10 +149,9 @@ class ActuatorModel:
     def start(self, sample_rate: float, **changes: Any) -> ControllerSettings:
         """`settings` of a controller that starts at rest, with a prior as sure of the weights as the record allows.
 
-        The offset starts at 0 um with its default variance: that of the record is where the record happened to begin.
-        The covariance of the others is the record's plus `DRIFT`^2 of the default one. The record does not know the
-        load, temperature and polarisation of another day, and the model is not the actuator. The law also returns to
-        the prior, and takes sudden changes to be a share of it: too sure a prior would not follow them.
+        The offset starts at 0 um: that of the record is where the record happened to begin. The prior is that of
+        `another_day`. The law also returns to the prior, and takes sudden changes to be a share of it: too sure a
+        prior would not follow them.
         """
         fixed = self.settings(sample_rate, **changes)
         weights, offset = list(fixed.initial_weights), self.weights.size - 1 - self.bends
@@ -159,12 +159,21 @@ class ActuatorModel:
         from_rest = {"initial_weights": tuple(weights), **changes}
         if fixed.law != "kalman":
             return self.settings(sample_rate, **from_rest)
-        a, _, _, _, _ = self._parts()
+        P = self.another_day()
+        return self.settings(sample_rate, **{"prior_covariance": tuple(map(tuple, P.tolist())), **from_rest})
+
+    def another_day(self) -> FloatArray:
+        """Covariance of the weights on another day than that of the record, in the squares of their units, (m, m).
+
+        That of the record plus `DRIFT`^2 of the default prior: the record does not know the load, temperature and
+        polarisation of another day, and the model is not the actuator. The offset has its default variance.
+        """
+        a, offset = self._parts()[0], self.weights.size - 1 - self.bends
         terms: dict[str, Any] = {"creeps": len(self.creep_times), "lag": True, "offset": True, "bends": self.bends}
         default = prior.covariance(np.abs(a), self.rated, q=self.sensitivity, stroke=self.stroke, **terms)
         P = self.covariance + DRIFT**2 * default
         P[offset] = P[:, offset] = default[offset]
-        return self.settings(sample_rate, **{"prior_covariance": tuple(map(tuple, P.tolist())), **from_rest})
+        return np.asarray(P)
 
     def _terms(self, sample_rate: float, **changes: Any) -> ControllerSettings:
         model: dict[str, Any] = {
@@ -231,6 +240,9 @@ class ActuatorModel:
     ) -> FloatArray:
         """Voltage that makes the displacement, V, found by the kernel of the controller.
 
+        The actuator is taken to have rested at the first voltage, as by `predict`, which undoes it: of whole ticks the
+        voltage is ahead by the delay. `beyond` tells where the voltage leaves what the model was trained on.
+
         Parameters
         ----------
         displacement : array_like, shape (samples,)
@@ -248,10 +260,59 @@ class ActuatorModel:
         fs = _check.positive("sample_rate", sample_rate, "Hz")
         rate = central_difference(z_d, fs) if velocity is None else _check.finite_array("velocity", velocity, "um/s")
         limits = self.voltage_range if voltage_limits is None else voltage_limits
-        fixed = self.settings(fs, voltage_limits=limits, slew_limit=slew_limit, smoothing_time=0.0)
-        volts = np.empty_like(z_d)
-        _kernel.Kernel(kernel_settings(fixed)).process(z_d, np.ascontiguousarray(rate), None, volts)
+        shift, w = round(self.delay * fs), self.weights.copy()
+        w[w.size - 2 - self.bends] -= self.delay - shift / fs  # the lag
+        changes = {"voltage_limits": limits, "slew_limit": slew_limit, "smoothing_time": 0.0}
+        fixed = self.settings(fs, initial_weights=tuple(w.tolist()), **changes)
+        kernel, volts = _kernel.Kernel(kernel_settings(fixed)), np.empty_like(z_d)
+        if z_d.size:
+            rest = self._rest(float(z_d[0]), fixed.voltage_limits)
+            kernel.start(rest, float(self.predict([rest], fs)[0]) - self.zero)
+        kernel.process(ahead(z_d, shift, z_d[-1:]), ahead(rate, shift, np.zeros(1)), None, volts)
         return volts
+
+    def _rest(self, z: float, limits: tuple[float, float]) -> float:
+        """Voltage within the limits under which the actuator rests at z, um above `zero`, or as near as can be."""
+        from scipy.optimize import brentq
+
+        def over(volts: float) -> float:
+            return float(self.predict([volts], 1.0)[0]) - self.zero - z
+
+        if over(limits[0]) >= 0 or over(limits[1]) <= 0:
+            return min(limits, key=lambda volts: abs(over(volts)))
+        return float(brentq(over, *limits, xtol=1e-14))
+
+    def beyond(self, volts: npt.ArrayLike, sample_rate: float) -> Beyond:
+        """Where a voltage goes beyond what the model was trained on, so that the prediction is a guess.
+
+        Parameters
+        ----------
+        volts : array_like, shape (samples,)
+            Voltage, V.
+        sample_rate : float
+            Samples per second, Hz.
+
+        Returns
+        -------
+        Beyond
+            Spans above or below `voltage_range`, V, and spans where the prediction is faster than `velocity`, um/s.
+
+        Examples
+        --------
+        >>> model = ActuatorModel(
+        ...     thresholds=(0.0,), weights=[10.0, 0.0, 0.0], covariance=np.eye(3), stroke=20.0,
+        ...     voltage_range=(0.0, 2.0), velocity=50.0,
+        ... )
+        >>> model.beyond([0.0, 1.0, 2.0, 2.5, 2.5], sample_rate=10.0).voltage
+        (Span(start=0.3, stop=0.5, worst=0.5),)
+        """
+        x = _check.finite_array("volts", volts, "V")
+        low, high = self.voltage_range
+        speed = np.abs(central_difference(self.predict(x, sample_rate), sample_rate))
+        return Beyond(
+            voltage=spans(np.maximum(x - high, low - x), sample_rate),
+            velocity=spans(speed - self.velocity, sample_rate),
+        )
 
     def replace(self, **changes: Any) -> ActuatorModel:
         """A copy with some members replaced."""
@@ -278,6 +339,11 @@ def creep_states(x: FloatArray, times: tuple[float, ...], sample_rate: float) ->
     before = np.concatenate([x[:1], x[:-1]])
     shares = [-np.expm1(-1 / (tau * sample_rate)) for tau in times]
     return [x[0] + lfilter([share], [1, share - 1], before - x[0]) for share in shares]
+
+
+def ahead(x: FloatArray, samples: int, last: FloatArray) -> FloatArray:
+    """x some samples later; behind its end it is `last`."""
+    return np.concatenate([x[samples:], np.repeat(last, min(samples, x.size))])
 
 
 def central_difference(z: FloatArray, sample_rate: float) -> FloatArray:

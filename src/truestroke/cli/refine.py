@@ -1,0 +1,94 @@
+"""`truestroke refine`: adapt a model from the recording of the waveform that was made with it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from truestroke.cli import common
+from truestroke.cli.examine import read, record_options
+from truestroke.cli.invert import figures, leave, limit_options, limits, load, model_option, tell, waveform_file
+
+if TYPE_CHECKING:
+    from truestroke.identification import Played, Refined
+
+
+@click.command()
+@record_options
+@model_option
+@click.option("--waveform", type=click.Path(exists=True, dir_okay=False, path_type=Path), metavar="FILE",
+              help="What was played, as `truestroke invert` or --next wrote it.")  # fmt: skip
+@click.option("--output", metavar="FILE", default="model.toml", help="The refined model is written there.")
+@click.option("--next", "following", metavar="NAME", help="Write the waveform of the next pass, NAME.csv or NAME.npz: "
+              "made with the refined model, and corrected by what it leaves of RECORD.")  # fmt: skip
+@limit_options
+@common.json_option
+def refine(
+    record: Path, model: Path, waveform: Path | None, output: str, following: str | None, strict: bool, as_json: bool,
+    voltage_limits: tuple[float, float] | None, slew: float | None, **options: Any,
+) -> None:  # fmt: skip
+    """Adapt a model from the recording of a waveform.
+
+    Play, record, refine, and play again: prints how far this pass was from the desired motion, and how well the old
+    and the refined model predict it. The actuator rests under the first voltage before each pass.
+    """
+    from truestroke import identification
+
+    if following and waveform is None:
+        raise click.UsageError("--next needs --waveform: the motion is in there.")
+    if not Path(output).parent.is_dir():
+        raise click.ClickException(f"--output {output}: there is no folder {Path(output).parent}")
+    target = waveform_file("--next", following) if following else None
+    known, data, played = load(model), read(record, **options), _played(waveform)
+    found = identification.refine(known, data, played=played)
+    identification.save_model(output, found.model)
+    made = None
+    if target is not None and played is not None:
+        bounds = limits(found.model, {"voltage_limits": voltage_limits, "slew": slew})
+        made = identification.waveform(found.model, played.desired, played.sample_rate, left=found.left, **bounds)
+        identification.save_waveform(target, made)
+    if as_json:
+        following_pass = {} if made is None else {**figures(made), "waveform": str(target)}
+        common.print_json({**_figures(found), "model": output, "next": following_pass})
+    else:
+        _tell(found, output)
+        if made is not None:
+            click.echo("\nnext pass")
+            tell(made)
+            click.echo(f"waveform   {target}")
+    if made is not None:
+        leave(strict, made)
+
+
+def _played(path: Path | None) -> Played | None:
+    from truestroke.identification import RecordError, load_waveform
+
+    try:
+        return None if path is None else load_waveform(path)
+    except RecordError as error:
+        raise click.ClickException(str(error)) from None
+
+
+def _figures(found: Refined) -> dict[str, Any]:
+    return {
+        "pass_rmse_um": found.rmse,
+        "pass_maximum_um": found.maximum,
+        "prediction_rmse_before_um": found.before,
+        "prediction_rmse_um": found.after,
+    }
+
+
+def _tell(found: Refined, model: str) -> None:
+    import numpy as np
+
+    lines = [("prediction, old model", found.before), ("prediction, refined", found.after)]
+    if found.rmse is not None and found.maximum is not None:
+        lines = [("this pass, rmse", found.rmse), ("this pass, maximum", found.maximum), *lines]
+    span = float(np.ptp(found.measured))
+    common.print_table(
+        ("measured minus", "um", "of p-p"),
+        [(name, f"{value:.4f} um", f"{100 * value / span:.2f} %") for name, value in lines],
+    )
+    click.echo(f"model      {model}")

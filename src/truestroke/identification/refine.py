@@ -1,0 +1,213 @@
+"""Play, record, refine: adapt a model from the recording of a waveform that was made with it."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+
+from truestroke._check import SettingError
+from truestroke._typing import FloatArray
+from truestroke.identification import normal, uncertainty
+from truestroke.identification.actuator import ActuatorModel, bend_slopes, central_difference
+from truestroke.identification.normal import Prior
+from truestroke.identification.record import Record
+from truestroke.identification.regression import Data, Structure, delayed
+from truestroke.identification.select import FLOOR, ROWS
+from truestroke.identification.waveform import Played, Waveform
+
+STEPS = 3  # Gauss-Newton
+SAME = 0.03  # of the waveform's peak-to-peak, rms: how far the recorded voltage may be from the one that was played
+WHOLE = 0.02  # samples: a shift that is nearer to a whole number is one
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Refined:
+    """What `refine` found.
+
+    Attributes
+    ----------
+    model : ActuatorModel
+        The refined one; its provenance has a line for each pass.
+    volts, measured : ndarray, shape (samples,)
+        The recording, V and um; of a waveform, at its ticks.
+    left : ndarray, shape (samples,)
+        What the refined model leaves of it, um: `waveform` takes it to correct the next pass.
+    before, after : float
+        Rmse of the old and of the refined model's prediction of the recording, um.
+    error : ndarray, shape (samples,), or None
+        Measured minus desired, um; None where the waveform is not known.
+    """
+
+    model: ActuatorModel
+    volts: FloatArray
+    measured: FloatArray
+    left: FloatArray
+    before: float
+    after: float
+    error: FloatArray | None
+
+    @property
+    def rmse(self) -> float | None:
+        """Of the pass: measured against desired, um."""
+        return None if self.error is None else _rms(self.error)
+
+    @property
+    def maximum(self) -> float | None:
+        """Largest magnitude of the same error, um."""
+        return None if self.error is None else float(np.abs(self.error).max())
+
+
+def refine(model: ActuatorModel, record: Record, *, played: Played | Waveform | None = None) -> Refined:
+    """The model adapted to a record, its structure kept, and what it leaves of the record.
+
+    Bayesian least squares: what was believed is `ActuatorModel.another_day`, all partial slopes stay positive. The
+    noise is what the fit leaves, less certain where it is coloured. The actuator is taken to have rested at the first
+    voltage, as by `predict`.
+
+    Parameters
+    ----------
+    model : ActuatorModel
+        With which the waveform was made, for one.
+    record : Record
+        Of voltage and displacement. Of several segments the longest is taken.
+    played : Played or Waveform, optional
+        The waveform that was recorded. The record may begin before it and end behind it; the voltage tells where.
+
+    Raises
+    ------
+    SettingError
+        The record is too short, or does not hold the waveform.
+
+    Examples
+    --------
+    A stack that is 10 % softer than the model:
+
+    >>> from truestroke.identification import Record, waveform
+    >>> model = ActuatorModel(
+    ...     thresholds=(0.0,), weights=[10.0, 0.0, 0.0], covariance=np.eye(3), stroke=20.0, voltage_range=(0.0, 2.0)
+    ... )
+    >>> made = waveform(model, 9.0 - 9.0 * np.cos(np.arange(400) / 20.0), sample_rate=1000.0)
+    >>> record = Record.from_arrays(made.volts, 9.0 * made.volts, sample_rate=1000.0)
+    >>> found = refine(model, record, played=made)
+    >>> round(found.rmse, 2), round(found.before, 2), round(found.after, 2), round(float(found.model.weights[0]), 2)
+    (1.07, 1.07, 0.0, 9.0)
+    """
+    x, z, fs = _longest(record) if played is None else _aligned(record, played)
+    if x.size < 200:
+        raise SettingError("record", f"{x.size} samples", "at least 200 samples")
+    before = z - model.predict(x, fs)
+    fitted = _fitted(model, x, z, fs)
+    left = z - fitted.predict(x, fs)
+    error = None if played is None else z - played.desired
+    found = Refined(model=fitted, volts=x, measured=z, left=left, before=_rms(before), after=_rms(left), error=error)
+    return _documented(found, model, str(getattr(record, "source", "")))
+
+
+def _rms(error: FloatArray) -> float:
+    return float(np.sqrt(np.mean(error**2)))
+
+
+# ---- The fit -------------------------------------------------------------------------------------------------------
+
+
+def _fitted(model: ActuatorModel, x: FloatArray, z: FloatArray, fs: float) -> ActuatorModel:
+    """Gauss-Newton on the prediction error, from the old weights."""
+    shift, every = round(model.delay * fs), -(-x.size // ROWS)
+    s = Structure(
+        thresholds=model.thresholds,
+        rated=model.rated,
+        creep_times=model.creep_times,
+        bends=model.bends,
+        rested=True,
+    )
+    low, high = model.voltage_range
+    data = Data(
+        volts=delayed(x, shift),
+        displacement=(z - model.zero)[::every],
+        sample_rate=fs,
+        every=every,
+        voltage_range=(min(low, float(x.min())), max(high, float(x.max()))),
+        stroke=model.stroke,
+        zero=model.zero,
+    )
+    believed = _believed(model, s, data, model.delay - shift / fs)
+    velocity = max(model.velocity, float(np.abs(central_difference(model.predict(x, fs), fs)).max()))
+    c, bends = believed.mean, slice(len(s.names) - s.bends, len(s.names))
+    for _ in range(STEPS):
+        z_m = data.model(s, c, 0.0, velocity).predict(data.volts, fs) - data.zero
+        rows, kept = data.columns(s, z_m), z_m[::every]
+        J = rows[:, :-1] / np.maximum(1 - bend_slopes(kept, data.stroke)[:, : s.bends] @ c[bends], 0.1)[:, None]
+        residual = rows[:, -1] - kept
+        weight = float(np.var(residual)) * residual.size / uncertainty.effective_samples(residual)
+        pulled = np.vstack([normal.reduced(np.column_stack([J, residual + J @ c])), believed.rows(weight)])
+        c = normal.solve(pulled, data.slopes(s, velocity), FLOOR * data.q)
+    made = data.model(s, c, 0.0, velocity)
+    residual = data.displacement - (made.predict(data.volts, fs) - data.zero)[::every]
+    P = uncertainty.covariance(J, residual, believed, weight)
+    return made.replace(covariance=P, delay=shift / fs, noise=_rms(residual))
+
+
+def _believed(model: ActuatorModel, s: Structure, data: Data, delay: float) -> Prior:
+    """The old weights in the scale of `data`, as sure as on another day; the offset is where the record begins."""
+    rates = [model.rate_scale / data.rate_scale if name in {f"b{i}" for i in s.rated} else 1.0 for name in s.names]
+    mean, P = model.weights * rates, model.another_day() * np.outer(rates, rates)
+    lag, offset = s.names.index("lag"), s.names.index("offset")
+    mean[lag] -= delay
+    P[offset] = P[:, offset] = 0.0
+    P[offset, offset] = data.stroke**2
+    return Prior(mean, P)
+
+
+def _documented(found: Refined, old: ActuatorModel, source: str) -> Refined:
+    """The same; the model's file tells this pass and those before."""
+    number = 1 + sum(key.startswith("pass_") for key in old.provenance)
+    told = "" if found.error is None else f"error {found.rmse:.4g} um rmse, {found.maximum:.4g} um at the most; "
+    told += f"prediction {found.before:.4g} um rmse before, {found.after:.4g} um after"
+    provenance = {**old.provenance, f"pass_{number}": f"{source}: {told}"}
+    if "held_out_rmse_um" in old.figures:  # which is not of this model
+        provenance["held_out"] = f"rmse {old.figures['held_out_rmse_um']:.4g} um, before the first pass"
+    figures = {"prediction_rmse_before_um": found.before, "prediction_rmse_um": found.after}
+    if found.rmse is not None and found.maximum is not None:
+        figures |= {"pass_rmse_um": found.rmse, "pass_maximum_um": found.maximum}
+    return dataclasses.replace(found, model=found.model.replace(figures=figures, provenance=provenance))
+
+
+# ---- The record ----------------------------------------------------------------------------------------------------
+
+
+def _longest(record: Record) -> tuple[FloatArray, FloatArray, float]:
+    rows = max(record.segments, key=lambda s: s.stop - s.start) if record.segments else slice(None)
+    return record.volts[rows], record.displacement[rows], record.sample_rate
+
+
+def _aligned(record: Record, played: Played | Waveform) -> tuple[FloatArray, FloatArray, float]:
+    """Voltage and displacement of the record at the ticks of the waveform, found by its voltage."""
+    from scipy.signal import correlate
+
+    fs, wanted = played.sample_rate, played.volts
+    start, stop = record.time[0], record.time[-1]
+    grid = start + np.arange(int((stop - start) * fs * (1 + 1e-9)) + 1) / fs
+    spare = grid.size - wanted.size
+    if spare < 0:
+        bound = f"at least as long as the waveform, {wanted.size / fs:g} s"
+        raise SettingError("record", f"{grid.size / fs:g} s", bound)
+    x = np.interp(grid, record.time, record.volts)
+    squares = np.concatenate([[0.0], np.cumsum(x**2)])
+    apart = squares[wanted.size :] - squares[: spare + 1] + np.sum(wanted**2)
+    apart -= 2 * correlate(x, wanted, mode="valid")
+    shift = float(np.argmin(apart))
+    k = int(shift)
+    if 0 < k < spare:  # between samples, where the clocks differ: the vertex of a parabola
+        bend = apart[k - 1] - 2 * apart[k] + apart[k + 1]
+        part = 0.5 * (apart[k - 1] - apart[k + 1]) / bend if bend > 0 else 0.0
+        shift += part if abs(part) > WHOLE else 0.0
+    at = np.clip(start + (shift + np.arange(wanted.size)) / fs, start, stop)
+    x, z = np.interp(at, record.time, record.volts), np.interp(at, record.time, record.displacement)
+    off = _rms(x - wanted)
+    if off > SAME * np.ptp(wanted):
+        value = f"a voltage that differs from the waveform's by {off:.3g} V rms"
+        bound = f"within {SAME * np.ptp(wanted):.3g} V of it: is it the recording of this waveform, in the same volts?"
+        raise SettingError("record", value, bound)
+    return x, z, fs

@@ -1,0 +1,212 @@
+"""From a desired displacement to a voltage waveform that can be played, and where it falls short."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from truestroke import _check
+from truestroke._check import SettingError
+from truestroke._typing import FloatArray
+from truestroke.identification.actuator import ActuatorModel
+from truestroke.identification.spans import Beyond, Span, spans
+from truestroke.settings import UNLIMITED
+
+HEADER = "time (s),volts (V),desired (um)"
+SMOOTHING = 2e-3  # s: standard deviation of the window over what a recording leaves, so that its noise is not played
+
+TOLD = 1e-4  # of the stroke: an error at a limit that is smaller is not told
+
+
+@dataclass(frozen=True, eq=False)
+class Played:
+    """A waveform as its file has it.
+
+    Attributes
+    ----------
+    volts : ndarray, shape (samples,)
+        V.
+    desired : ndarray, shape (samples,)
+        Displacement, um.
+    sample_rate : float
+        Hz.
+    """
+
+    volts: FloatArray
+    desired: FloatArray
+    sample_rate: float
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Waveform:
+    """A voltage to play, and what the model says of it.
+
+    Attributes
+    ----------
+    sample_rate : float
+        Hz.
+    volts : ndarray, shape (samples,)
+        V.
+    desired, predicted : ndarray, shape (samples,)
+        Displacement as the sensor reads it, um.
+    out_of_reach : tuple[Span, ...]
+        Where a voltage limit holds it back; `worst` is the largest error there, um.
+    too_fast : tuple[Span, ...]
+        The same of the slew limit.
+    beyond : Beyond
+        Where the prediction goes beyond what the model was trained on.
+    """
+
+    sample_rate: float
+    volts: FloatArray
+    desired: FloatArray
+    predicted: FloatArray
+    out_of_reach: tuple[Span, ...]
+    too_fast: tuple[Span, ...]
+    beyond: Beyond
+
+    @property
+    def time(self) -> FloatArray:
+        """s, shape (samples,)."""
+        return np.arange(self.volts.size) / self.sample_rate
+
+    @property
+    def rmse(self) -> float:
+        """Of the predicted displacement against the desired one, um."""
+        return float(np.sqrt(np.mean((self.predicted - self.desired) ** 2)))
+
+    @property
+    def maximum(self) -> float:
+        """Largest magnitude of the same error, um."""
+        return float(np.abs(self.predicted - self.desired).max())
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """In words, where it falls short or is a guess."""
+        told = [
+            _words("out of reach: a voltage limit holds it back", self.out_of_reach, "off by at most", "um"),
+            _words("too fast: the slew limit holds it back", self.too_fast, "off by at most", "um"),
+            _words("outside of the voltages of the record", self.beyond.voltage, "by at most", "V"),
+            _words("faster than the record", self.beyond.velocity, "by at most", "um/s"),
+        ]
+        return tuple(words for words in told if words)
+
+
+def waveform(
+    model: ActuatorModel,
+    displacement: npt.ArrayLike,
+    sample_rate: float,
+    *,
+    velocity: npt.ArrayLike | None = None,
+    voltage_limits: tuple[float, float] | None = None,
+    slew_limit: float = UNLIMITED,
+    left: npt.ArrayLike | None = None,
+) -> Waveform:
+    """The voltage that makes a displacement, and where it does not.
+
+    Parameters
+    ----------
+    model : ActuatorModel
+        Of the actuator.
+    displacement, sample_rate, velocity, voltage_limits, slew_limit
+        As in `ActuatorModel.invert`.
+    left : array_like, shape (samples,), optional
+        What the model left of the recording of this motion, um (`Refined.left`): what the model cannot explain comes
+        again, so the voltage aims as far beside. Smoothed by a Gaussian window of 2 ms, without delay.
+
+    Raises
+    ------
+    SettingError
+        An argument is out of bounds, or the arrays differ in length.
+
+    Examples
+    --------
+    >>> model = ActuatorModel(
+    ...     thresholds=(0.0,), weights=[10.0, 0.0, 0.0], covariance=np.eye(3), stroke=20.0,
+    ...     voltage_range=(0.0, 2.0), velocity=50.0,
+    ... )
+    >>> made = waveform(model, [0.0, 4.0, 8.0, 12.0, 16.0, 20.0, 24.0, 24.0], sample_rate=10.0)
+    >>> made.volts[-3:], round(made.rmse, 3)
+    (array([2., 2., 2.]), 2.0)
+    >>> made.warnings
+    ('out of reach: a voltage limit holds it back, once, 0.600 to 0.800 s, off by at most 4 um',)
+    """
+    desired = _check.finite_array("displacement", displacement, "um")
+    if desired.size < 2:
+        raise SettingError("displacement", f"array of {desired.size} samples", "at least two samples", "um")
+    unknown = np.zeros_like(desired) if left is None else smoothed(_check.finite_array("left", left, "um"), sample_rate)
+    if unknown.shape != desired.shape:
+        raise SettingError("left", f"array of {unknown.size} samples", f"as long as displacement, {desired.size}", "um")
+    limits = model.voltage_range if voltage_limits is None else voltage_limits
+    options = {"velocity": velocity, "voltage_limits": limits, "slew_limit": slew_limit}
+    volts = model.invert(desired - unknown, sample_rate, **options)  # type: ignore[arg-type]
+    predicted = model.predict(volts, sample_rate) + unknown
+    off = np.abs(predicted - desired)
+    short = off - TOLD * model.stroke
+    at_limit = (volts <= limits[0]) & (predicted > desired) | (volts >= limits[1]) & (predicted < desired)
+    slewed = np.abs(np.diff(volts, prepend=volts[0])) * sample_rate >= slew_limit * (1 - 1e-9)
+    return Waveform(
+        sample_rate=float(sample_rate),
+        volts=volts,
+        desired=desired,
+        predicted=predicted,
+        out_of_reach=spans(np.where(at_limit, short, 0.0), sample_rate, off),
+        too_fast=spans(np.where(slewed, short, 0.0), sample_rate, off),
+        beyond=model.beyond(volts, sample_rate),
+    )
+
+
+def smoothed(left: FloatArray, sample_rate: float) -> FloatArray:
+    """Without the noise of a single sample, by a Gaussian window of 2 ms."""
+    from scipy.ndimage import gaussian_filter1d
+
+    return np.asarray(gaussian_filter1d(left, SMOOTHING * sample_rate, mode="nearest"))
+
+
+def save_waveform(path: str | os.PathLike[str], made: Waveform) -> None:
+    """Write time, voltage and desired displacement to a CSV file, or to NPZ where the name ends so.
+
+    Raises
+    ------
+    SettingError
+        The name ends in neither.
+    """
+    kind = Path(path).suffix
+    if kind == ".npz":
+        np.savez(path, time=made.time, volts=made.volts, desired=made.desired, predicted=made.predicted)
+    elif kind == ".csv":
+        rows = np.column_stack([made.time, made.volts, made.desired])
+        np.savetxt(path, rows, fmt="%.12g", delimiter=",", header=HEADER, comments="")
+    else:
+        raise SettingError("path", os.fspath(path), "a name that ends in .csv or .npz")
+
+
+def load_waveform(path: str | os.PathLike[str]) -> Played:
+    """Read a waveform that `save_waveform` wrote.
+
+    Raises
+    ------
+    RecordError
+        It has no columns `volts` and `desired`, or a row that cannot be used.
+    """
+    from truestroke.identification.record import read_record
+
+    read = read_record(Path(path), volts="volts", displacement="desired", time="time")
+    return Played(read.volts, read.displacement, read.sample_rate)
+
+
+def _words(what: str, found: Sequence[Span], how_far: str, unit: str) -> str:
+    if not found:
+        return ""
+    first, worst = found[0], max(found, key=lambda span: span.worst)
+    place = f"{worst.start:.3f} to {worst.stop:.3f} s"
+    amount = f"{how_far} {worst.worst:.3g} {unit}"
+    if len(found) == 1:
+        return f"{what}, once, {place}, {amount}"
+    total = sum(span.stop - span.start for span in found)
+    return f"{what}, {len(found)} times, first at {first.start:.3f} s, {total:.3g} s in all, {amount} ({place})"

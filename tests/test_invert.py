@@ -1,0 +1,215 @@
+"""Waveforms from a model: they undo its prediction, keep the limits, and tell where they fall short."""
+
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from truestroke import SettingError, trajectories
+from truestroke.cli import main
+from truestroke.identification import ActuatorModel, load_waveform, read_record, save_model, save_waveform, waveform
+
+FS = 2000.0
+
+
+def straight(**changes):
+    """10 um/V and nothing else."""
+    return ActuatorModel(
+        thresholds=(0.0,), weights=[10.0, 0.0, 0.0], covariance=np.zeros((3, 3)), stroke=20.0,
+        voltage_range=(0.0, 2.0), velocity=100.0, **changes,
+    )  # fmt: skip
+
+
+def rich(delay=0.0, zero=0.0, lag=0.0, rate=0.6):
+    """Every term: rate weights, two creep states, an offset, two bends."""
+    terms = [8.0, -rate, 1.5, rate / 2, 1.0, 0.7, 0.5, 0.3, lag, 0.2, 0.4, -0.2]
+    return ActuatorModel(
+        thresholds=(0.0, 0.2, 0.45, 0.8), rated=(0, 1), creep_times=(0.02, 1.0), bends=2, weights=terms,
+        covariance=np.zeros((12, 12)), stroke=30.0, voltage_range=(-0.5, 3.0), rate_scale=1 / 1500, velocity=2000.0,
+        delay=delay, zero=zero,
+    )  # fmt: skip
+
+
+def rms(x):
+    return np.sqrt(np.mean(np.square(x)))
+
+
+# ---- The inverse ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("model", "within"),
+    [
+        (rich(rate=0.0), 1e-9),
+        (rich(rate=0.0, zero=-40.0), 1e-9),
+        (rich(rate=0.0, delay=0.01), 1e-9),
+        (rich(rate=0.0, delay=0.0102, lag=-1e-4), 2e-3),
+        (rich(), 0.04),  # the forward model takes the velocity from a first prediction
+    ],
+    ids=["plain", "another zero", "delay of 20 samples", "lag and a part of a sample", "rate"],
+)
+def test_the_voltage_of_a_motion_makes_the_motion(model, within):
+    """At 300 um/s, after a rest away from 0 V that is longer than the delay, with creep and bends."""
+    wave = trajectories.random_wave(duration=5.0, seed=3, peak_to_peak=20.0, velocity_limit=300.0)
+    z_d = model.zero + 3.0 + np.concatenate([np.zeros(100), wave.position])
+    volts = model.invert(z_d, FS)
+    end = -round(model.delay * FS) - 2  # where there is nothing more to look ahead to
+    assert np.ptp(volts) > 1.5
+    assert np.abs(model.predict(volts, FS) - z_d)[:end].max() < within
+
+
+def test_what_is_known_of_a_straight_line():
+    """By hand: 10 um/V, 5 samples late, from 0.3 V."""
+    z_d = np.array([3.0, 3.0, 3.0, 3.0, 3.0, 3.0, 8.0, 4.0, 4.0, 4.0, 4.0, 4.0])
+    volts = straight(delay=0.005).invert(z_d, 1000.0, velocity=np.zeros(12))
+    np.testing.assert_allclose(volts, [0.3, 0.8, *[0.4] * 10], atol=1e-12)
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    amplitude=st.floats(0.0, 80.0),
+    frequency=st.floats(0.1, 60.0),
+    low=st.floats(-1.0, 0.5),
+    span=st.floats(0.1, 2.0),
+    slew=st.floats(0.5, 500.0),
+)
+def test_limits_are_never_exceeded(amplitude, frequency, low, span, slew):
+    t = np.arange(600) / FS
+    z_d = 10.0 + amplitude * np.sign(np.sin(2 * np.pi * frequency * t)) * np.abs(np.sin(2 * np.pi * 3 * t))
+    made = waveform(rich(delay=0.003), z_d, FS, voltage_limits=(low, low + span), slew_limit=slew)
+    assert low <= made.volts.min() <= made.volts.max() <= low + span
+    assert np.abs(np.diff(made.volts)).max() <= slew / FS * (1 + 1e-9)
+    if made.maximum > 0.05 * 30.0:  # a large error has a reason
+        assert made.out_of_reach or made.too_fast
+
+
+# ---- Where it falls short ------------------------------------------------------------------------------------------
+
+
+def test_out_of_reach_is_told_where_and_how_far():
+    """0 to 26 um and back in 2.6 s at 20 um/s, of which 20 um are in reach; then below 0 um."""
+    t = np.arange(2700) / 1000.0
+    z_d = np.where(t < 2.6, 26.0 - 20.0 * np.abs(t - 1.3), -1.0)
+    made = waveform(straight(), z_d, 1000.0)
+    up, down = made.out_of_reach
+    assert up.start == pytest.approx(1.0, abs=2e-3)
+    assert up.stop == pytest.approx(1.6, abs=2e-3)
+    assert up.worst == pytest.approx(6.0, abs=0.02)
+    assert (down.start, down.stop) == (2.6, 2.7)
+    assert down.worst == pytest.approx(1.0)
+    assert made.rmse == pytest.approx(rms(np.clip(z_d, 0, 20) - z_d))
+    first, *_ = made.warnings
+    assert first == (
+        "out of reach: a voltage limit holds it back, 2 times, first at 1.001 s, 0.699 s in all, off by at most 6 um "
+        "(1.001 to 1.600 s)"
+    )
+
+
+def test_too_fast_is_told_where_and_how_far():
+    """A step of 10 um, 1 V, at 5 V/s: 0.2 s."""
+    z_d = np.where(np.arange(1000) < 300, 4.0, 14.0)
+    made = waveform(straight(), z_d, 1000.0, slew_limit=5.0)
+    (late,) = made.too_fast
+    assert (late.start, late.stop) == pytest.approx((0.3, 0.5), abs=2e-3)
+    assert late.worst == pytest.approx(10.0, abs=0.06)
+    assert made.out_of_reach == ()
+
+
+def test_what_the_record_never_showed_is_told():
+    x = np.concatenate([np.full(100, 0.5), np.linspace(0.5, 2.5, 100), np.full(100, 2.5)])
+    found = straight().beyond(x, 200.0)  # 2 V in 0.5 s: 40 um/s
+    (volts,) = found.voltage
+    assert volts.start == pytest.approx(0.875, abs=0.01)
+    assert (volts.stop, volts.worst) == (1.5, 0.5)
+    assert found.velocity == ()
+    (fast,) = straight().beyond(x, 2000.0).velocity  # ten times as fast, of 100 um/s
+    assert fast.worst == pytest.approx(300.0, rel=0.02)
+    assert (fast.start, fast.stop) == pytest.approx((0.05, 0.1), abs=2e-3)
+    made = waveform(straight(), np.full(50, 15.0), FS)
+    assert made.warnings == ()
+    assert made.beyond.voltage == made.beyond.velocity == ()
+
+
+def test_bad_arguments_are_named():
+    with pytest.raises(SettingError, match=r"displacement.*at least two"):
+        waveform(straight(), [1.0], FS)
+    with pytest.raises(SettingError, match=r"left.*as long as displacement"):
+        waveform(straight(), [1.0, 2.0], FS, left=[1.0])
+    with pytest.raises(SettingError, match=r"displacement\[1\]"):
+        waveform(straight(), [1.0, np.nan], FS)
+    with pytest.raises(SettingError, match=r"csv or .npz"):
+        save_waveform("wave.txt", waveform(straight(), [1.0, 2.0], FS))
+
+
+# ---- The command ---------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def call(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    save_model("model.toml", straight(zero=5.0))
+    return lambda *words: CliRunner().invoke(main, ["invert", *words, "--model", "model.toml"])
+
+
+def test_command_writes_what_it_says(call):
+    time = np.arange(400) / 1000.0
+    z = 12.0 - 6.0 * np.cos(15.0 * time)
+    np.savetxt("move.csv", np.column_stack([time, z]), delimiter=",", header="t,z", comments="")
+    np.savetxt("alone.csv", z)
+    for words in (["move.csv"], ["alone.csv", "--sample-rate", "1000"], ["move.csv", "--output", "wave.npz"]):
+        done = call(*words)
+        assert done.exit_code == 0, done.output
+        assert "rmse       0.0000 um" in done.stdout
+        assert "begins at 0.1 V" in done.stdout
+        file = words[-1] if words[-1].endswith("npz") else "waveform.csv"
+        played = load_waveform(file)
+        assert played.sample_rate == pytest.approx(1000.0)
+        np.testing.assert_allclose(played.desired, z, atol=1e-9)
+        np.testing.assert_allclose(played.volts, (z - 5.0) / 10.0, atol=1e-9)
+    with open("waveform.csv", encoding="utf-8") as file:
+        assert file.readline() == "time (s),volts (V),desired (um)\n"
+    with np.load("wave.npz") as arrays:
+        assert set(arrays.files) == {"time", "volts", "desired", "predicted"}
+    again = call("waveform.csv", "--output", "again.csv")  # a waveform is a trajectory
+    assert again.exit_code == 0, again.output
+    assert read_record("again.csv", displacement="desired").volts == pytest.approx(played.volts)
+
+
+def test_command_warns_and_is_strict_when_asked(call):
+    words = ["triangle", "--frequency", "1", "--peak-to-peak", "24", "--duration", "2"]
+    done = call(*words)
+    assert done.exit_code == 0
+    assert "- out of reach: a voltage limit holds it back" in done.stdout
+    done = call(*words, "--strict", "--json")
+    assert done.exit_code == 1
+    printed = json.loads(done.stdout)
+    assert printed["out_of_reach_um"][0]["worst"] == pytest.approx(4.0, abs=0.05)
+    assert len(printed["warnings"]) == 1
+    done = call(*words, "--voltage-limits", "-1", "3", "--slew", "1000", "--strict")
+    assert done.exit_code == 1
+    assert "- outside of the voltages of the record, 2 times" in done.stdout
+    assert call(*words[:3], "--duration", "2", "--peak-to-peak", "14", "--strict").exit_code == 0
+
+
+@pytest.mark.parametrize(
+    ("words", "message", "code"),
+    [
+        (["zigzag"], "neither one of random", 2),
+        (["sine", "--output", "wave.txt"], "ends in neither", 2),
+        (["sine", "--output", "no/wave.csv"], "is there a folder no", 1),
+        (["sine", "--slew", "0"], "slew_limit", 2),
+        (["sine", "--voltage-limits", "2", "1"], "voltage_limits", 2),
+        (["sine", "--model", "wrong.toml"], "not a truestroke model", 1),
+        (["wrong.toml"], "at least 4 rows", 2),
+    ],
+)
+def test_command_fails_in_one_line(call, words, message, code):
+    with open("wrong.toml", "w", encoding="utf-8") as file:
+        file.write("x = 1\n")
+    done = CliRunner().invoke(main, ["invert", "--model", "model.toml", *words])
+    assert done.exit_code == code
+    assert message in done.stderr
+    assert done.stderr.count("\n") == 1
