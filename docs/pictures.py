@@ -1,10 +1,14 @@
-"""Draw the pictures of adaptation.md from the runs of its own blocks: `python docs/pictures.py` (about 15 s)."""
+"""Draw the pictures of adaptation.md and from-model.md from their blocks: `python docs/pictures.py` (about 40 s)."""
 
 from __future__ import annotations
 
 import contextlib
 import io
 import re
+import shlex
+import subprocess
+import sys
+import tempfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -21,11 +25,16 @@ Runs = Mapping[str, Any]  # the names that the page's blocks have made
 
 
 def runs_of(page: Path) -> Runs:
-    """Run the python blocks of a page; everything that they name."""
+    """Run the blocks of a page in a folder of their own; everything that those in Python name."""
     names: dict[str, Any] = {}
-    for block in re.findall(r"^```python\n(.*?)^```", page.read_text(), flags=re.MULTILINE | re.DOTALL):
-        with contextlib.redirect_stdout(io.StringIO()):
-            exec(block, names)
+    blocks = re.findall(r"^```(python|console)\n(.*?)^```", page.read_text(), flags=re.MULTILINE | re.DOTALL)
+    with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
+        for language, block in blocks:
+            if language == "python":
+                with contextlib.redirect_stdout(io.StringIO()):
+                    exec(block, names)
+            for command in re.findall(r"^\$ truestroke (.*)", block, flags=re.MULTILINE):
+                subprocess.run([Path(sys.executable).with_name("truestroke"), *shlex.split(command)], check=True)
     return names
 
 
@@ -170,18 +179,40 @@ def trim(runs: Runs, theme: Theme) -> Figure:
     return figure
 
 
-PICTURES: tuple[Callable[[Runs, Theme], Figure], ...] = (cold, change, sensor, stopped, limits, trim)
+def passes(runs: Runs, theme: Theme) -> Figure:
+    """True rmse of each pass, with the sensor's noise."""
+    figure, (axes,) = style.panels(3.4)
+    for (stage, how), errors in runs["columns"].items():
+        colour, both = theme.series[0 if stage == "same" else 1], how != "refined"
+        line = {"ls": "-", "lw": 1.4, "ms": 4} if both else {"ls": (0, (3, 2)), "lw": 1.4, "ms": 8, "mfc": "none"}
+        words = f"{stage} stage, {'refined and corrected' if both else 'refined'}"
+        axes.semilogy(errors[:, 0], marker="o", color=colour, label=words, **line)
+    axes.axhline(SENSOR_NOISE, color=theme["muted"], lw=0.9, ls=(0, (1, 2)))
+    words, place = "noise of the sensor, a sample", (4, SENSOR_NOISE)
+    axes.annotate(words, place, xytext=(0, 4), textcoords="offset points", fontsize=8, ha="right")
+    axes.set(xlabel="pass", ylabel="true rmse (nm)", xticks=range(5))
+    axes.yaxis.set_major_formatter("{x:g}")
+    axes.legend(fontsize=8)
+    return figure
 
 
-def main(folder: Path = DOCS / "images" / "adaptation") -> None:
-    """Draw all of them, light and dark."""
-    runs = runs_of(DOCS / "adaptation.md")
-    folder.mkdir(parents=True, exist_ok=True)
-    for draw in PICTURES:
-        for theme in (style.LIGHT, style.DARK):
-            with style.use(theme):
-                style.save(draw(runs, theme), folder / f"{draw.__name__}-{theme.name}.png")
+SENSOR_NOISE = 13.4  # nm a sample, of the simulated stage
+PICTURES: dict[str, tuple[Callable[[Runs, Theme], Figure], ...]] = {
+    "adaptation": (cold, change, sensor, stopped, limits, trim),
+    "from-model": (passes,),
+}
+
+
+def main(*pages: str) -> None:
+    """Draw those of some pages, or of all, light and dark."""
+    for page in pages or PICTURES:
+        runs, folder = runs_of(DOCS / f"{page}.md"), DOCS / "images" / page
+        folder.mkdir(parents=True, exist_ok=True)
+        for draw in PICTURES[page]:
+            for theme in (style.LIGHT, style.DARK):
+                with style.use(theme):
+                    style.save(draw(runs, theme), folder / f"{draw.__name__}-{theme.name}.png")
 
 
 if __name__ == "__main__":
-    main()
+    main(*sys.argv[1:])

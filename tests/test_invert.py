@@ -10,7 +10,17 @@ from hypothesis import strategies as st
 
 from truestroke import SettingError, trajectories
 from truestroke.cli import main
-from truestroke.identification import ActuatorModel, load_waveform, read_record, save_model, save_waveform, waveform
+from truestroke.identification import (
+    ActuatorModel,
+    identify,
+    load_waveform,
+    read_record,
+    save_model,
+    save_waveform,
+    waveform,
+)
+from truestroke.plant import RealisticPlant
+from truestroke.recording import Recording
 
 FS = 2000.0
 
@@ -213,3 +223,41 @@ def test_command_fails_in_one_line(call, words, message, code):
     assert done.exit_code == code
     assert message in done.stderr
     assert done.stderr.count("\n") == 1
+
+
+# ---- A controller from the model -----------------------------------------------------------------------------------
+
+
+def test_track_starts_from_the_model(tmp_path, monkeypatch):
+    """With limits of -2 to 10 V a fresh controller has to learn the slopes."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("truestroke.report.save_page", lambda *_: None)
+    sweep = trajectories.random_wave(duration=6.0, peak_to_peak=28.0, seed=5).position / 12.0
+    stage = RealisticPlant(seed=3)
+    stage.open()
+    save_model("stage.toml", identify((sweep, stage.exchange(sweep), FS)).model)
+    errors = {}
+    for name, words in {"fresh": [], "known": ["--model", "stage.toml"]}.items():
+        options = ["--trajectory", "sine", "--duration", "1", "--voltage-limits", "-2", "10", "--output", name]
+        done = CliRunner().invoke(main, ["track", *options, *words])
+        assert done.exit_code == 0, done.output
+        recording = Recording.load(f"{name}.h5")
+        errors[name] = rms(recording["true"] - recording["desired"])
+    assert errors["known"] < errors["fresh"] / 8
+
+
+@pytest.mark.parametrize(
+    ("words", "message", "code"),
+    [
+        (["--controller", "paper"], "--controller paper knows no model", 2),
+        (["--voltage-limits", "3", "1"], "voltage_limits", 2),
+        (["--model", "none.toml"], "none.toml", 2),
+        (["--model", "wrong.toml"], "not a truestroke model", 1),
+    ],
+)
+def test_track_refuses_what_does_not_fit(call, words, message, code):
+    with open("wrong.toml", "w", encoding="utf-8") as file:
+        file.write("x = 1\n")
+    done = CliRunner().invoke(main, ["track", "--duration", "1", "--model", "model.toml", *words])
+    assert done.exit_code == code
+    assert message in done.stderr

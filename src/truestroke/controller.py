@@ -195,7 +195,7 @@ class AdaptiveController:
 
         Notes
         -----
-        The covariance of the prior is that of the record, plus a share of the default one, `ActuatorModel.drift`.
+        The covariance of the prior is that of the record, plus a share of the default one: `ActuatorModel.another_day`.
         """
         from truestroke.identification import ActuatorModel, load_model
 

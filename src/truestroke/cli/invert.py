@@ -59,9 +59,9 @@ def invert(trajectory: str, model: Path, output: str, strict: bool, as_json: boo
     made = waveform(known, wave.position + start, wave.sample_rate, velocity=wave.velocity, **limits(known, options))
     save_waveform(target, made)
     if as_json:
-        common.print_json({**figures(made), "waveform": str(target)})
+        common.print_json({**figures(made), "model_rmse_um": error_of(known), "waveform": str(target)})
     else:
-        common.print_table(("predicted", "um", "of p-p"), rows(made))
+        common.print_table(("predicted", "um", "of p-p"), rows(made, known))
         tell(made)
         click.echo(f"waveform   {target}")
     leave(strict, made)
@@ -100,10 +100,17 @@ def limits(model: ActuatorModel, options: Mapping[str, Any]) -> dict[str, Any]:
 # ---- What is printed -----------------------------------------------------------------------------------------------
 
 
-def rows(made: Waveform) -> list[tuple[str, str, str]]:
-    """Predicted error."""
+def error_of(model: ActuatorModel) -> float | None:
+    """Rmse of the model where it last met the actuator, um: held out by `identify`, or of the last pass."""
+    return model.figures.get("held_out_rmse_um", model.figures.get("prediction_rmse_um"))
+
+
+def rows(made: Waveform, model: ActuatorModel) -> list[tuple[str, str, str]]:
+    """Predicted error, and that of the model itself, which is not in it."""
     span = float(made.desired.max() - made.desired.min()) or float("nan")
     errors = {"rmse": made.rmse, "maximum": made.maximum}
+    if (of_model := error_of(model)) is not None:
+        errors["of the model itself, rmse"] = of_model
     return [(name, f"{error:.4f} um", f"{100 * error / span:.2f} %") for name, error in errors.items()]
 
 
