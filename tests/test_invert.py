@@ -138,9 +138,22 @@ def test_what_the_record_never_showed_is_told():
     (fast,) = straight().beyond(x, 2000.0).velocity  # ten times as fast, of 100 um/s
     assert fast.worst == pytest.approx(300.0, rel=0.02)
     assert (fast.start, fast.stop) == pytest.approx((0.05, 0.1), abs=2e-3)
+    (below,) = straight().beyond([0.1, -0.3, 0.1], 10.0).voltage
+    assert (below.start, below.stop, below.worst) == (0.1, 0.2, 0.3)
     made = waveform(straight(), np.full(50, 15.0), FS)
     assert made.warnings == ()
     assert made.beyond.voltage == made.beyond.velocity == ()
+
+
+def test_what_the_last_pass_left_is_aimed_beside():
+    """By hand: 1 um too far at 10 um/V."""
+    made = waveform(straight(), np.full(50, 15.0), FS, left=np.full(50, 1.0))
+    assert made.volts == pytest.approx(1.4)
+    assert made.maximum < 1e-9
+    spike = waveform(straight(), np.full(50, 15.0), FS, left=10.0 * (np.arange(50) == 25))  # noise of one sample
+    assert np.abs(spike.volts - 1.5).max() == pytest.approx(
+        1 / (np.sqrt(2 * np.pi) * 4), rel=0.02
+    )  # Gaussian, 4 samples
 
 
 def test_bad_arguments_are_named():

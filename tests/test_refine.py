@@ -133,6 +133,17 @@ def test_a_softer_actuator_an_offset_and_a_wider_range_are_learned():
     assert found.model.stroke == old.stroke
 
 
+def test_what_the_recording_does_not_tell_stays():
+    """At 6 um/s with 20 nm of noise a delay is not seen."""
+    x = np.linspace(0.5, 0.6, 400)
+    old = perfect(delay=0.0102, deviation=1e-5)
+    z = old.predict(x, FS) + 0.02 * np.random.Generator(np.random.PCG64(3)).standard_normal(x.size)
+    found = refine(old, Record.from_arrays(x, z, sample_rate=FS)).model
+    late = [model.delay - model.weights[model.names.index("lag")] for model in (old, found)]
+    assert late[1] == pytest.approx(late[0], abs=5e-5)
+    np.testing.assert_allclose(found.weights[1:4], old.weights[1:4], atol=0.05)
+
+
 def test_the_scale_of_the_rate_weights_does_not_matter():
     """The same model with b ten times as large and c_b a tenth."""
     x, z = SWEEP[:4000], 1.05 * plays(SWEEP[:4000])
