@@ -1,6 +1,7 @@
 """Waveforms from a model: they undo its prediction, keep the limits, and tell where they fall short."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -211,7 +212,8 @@ def test_command_warns_and_is_strict_when_asked(call):
     printed = json.loads(done.stdout)
     assert printed["out_of_reach_um"][0]["worst"] == pytest.approx(4.0, abs=0.05)
     assert len(printed["warnings"]) == 1
-    done = call(*words, "--voltage-limits", "-1", "3", "--slew", "1000", "--strict")
+    done = call(*words, "--voltage-limits", "-1", "3", "--slew", "1000", "--strict", "--figures", "pictures")
+    assert {path.name for path in Path("pictures").iterdir()} == {"waveform-light.png", "waveform-dark.png"}
     assert done.exit_code == 1
     assert "- outside of the voltages of the record, 2 times" in done.stdout
     assert call(*words[:3], "--duration", "2", "--peak-to-peak", "14", "--strict").exit_code == 0

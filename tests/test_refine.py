@@ -121,6 +121,14 @@ def test_a_perfect_model_stays_as_it_is(noise):
     assert np.all(np.abs(found.model.weights[:5] - [*A, CREEP]) < 4 * found.model.deviations[:5] + 1e-6)
 
 
+def test_plays_that_never_move_go_with_their_neighbours():
+    """As the prior, which is correlated along the thresholds, has it: 1 % softer everywhere."""
+    x = 0.1 + 0.1 * np.sin(np.arange(1000) / 30.0)
+    found = refine(perfect(), Record.from_arrays(x, 0.99 * perfect().predict(x, FS), sample_rate=FS))
+    np.testing.assert_allclose(found.model.weights[2:4], 0.99 * np.array(A[2:]), rtol=0.005)
+    assert found.after < 0.1 * found.before
+
+
 def test_a_softer_actuator_an_offset_and_a_wider_range_are_learned():
     x = 1.2 * SWEEP[:6000]
     old = perfect(zero=7.0)
@@ -194,6 +202,14 @@ def test_a_record_of_something_else_is_refused(volts, displacement, words):
     record = Record.from_arrays(volts(made.volts), displacement(plays(made.volts)), sample_rate=FS)
     with pytest.raises(SettingError, match=words):
         refine(perfect(), record, played=Played(made.volts, made.desired, FS))
+
+
+def test_a_gap_in_the_waveform_is_refused():
+    made = waveform(perfect(), WAVE.position[:4000], FS, voltage_limits=LIMITS)
+    kept = np.delete(np.arange(4000), slice(1500, 1600))
+    record = Record.from_arrays(made.volts[kept], plays(made.volts)[kept], time=kept / FS)
+    with pytest.raises(SettingError, match="at least as long as the waveform"):
+        refine(perfect(), record, played=made)
 
 
 def test_a_short_record_is_refused():

@@ -42,8 +42,11 @@ def limit_options(command: Callable[..., Any]) -> Callable[..., Any]:
 @click.option("--seed", metavar="N", type=click.IntRange(0), default=0, help="Of the random wave.")
 @limit_options
 @click.option("--output", metavar="NAME", default="waveform.csv", help="Write NAME.csv or NAME.npz.")
+@common.pictures_option
 @common.json_option
-def invert(trajectory: str, model: Path, output: str, strict: bool, as_json: bool, **options: Any) -> None:
+def invert(
+    trajectory: str, model: Path, output: str, figures: Path | None, strict: bool, as_json: bool, **options: Any
+) -> None:
     """Make a voltage waveform of a desired displacement.
 
     A file has columns t (s) and z (um), or z alone, as the sensor of the model's record reads it; a built-in motion
@@ -58,12 +61,20 @@ def invert(trajectory: str, model: Path, output: str, strict: bool, as_json: boo
     start = known.zero if trajectory in motion.MOTIONS else 0.0
     made = waveform(known, wave.position + start, wave.sample_rate, velocity=wave.velocity, **limits(known, options))
     save_waveform(target, made)
+    pictures = _draw(made, figures) if figures else []
     if as_json:
-        common.print_json({**figures(made), "model_rmse_um": error_of(known), "waveform": str(target)})
+        common.print_json(
+            {
+                **as_dict(made),
+                "model_rmse_um": error_of(known),
+                "waveform": str(target),
+                "pictures": [str(path) for path in pictures],
+            }
+        )
     else:
         common.print_table(("predicted", "um", "of p-p"), rows(made, known))
         tell(made)
-        click.echo(f"waveform   {target}")
+        common.print_files(waveform=target, pictures=figures)
     leave(strict, made)
 
 
@@ -123,7 +134,7 @@ def tell(made: Waveform) -> None:
         common.print_text(f"- {warning}")
 
 
-def figures(made: Waveform) -> dict[str, Any]:
+def as_dict(made: Waveform) -> dict[str, Any]:
     """For JSON."""
     import dataclasses
 
@@ -143,6 +154,13 @@ def figures(made: Waveform) -> dict[str, Any]:
         **{name: [dataclasses.asdict(span) for span in spans] for name, spans in short.items()},
         "warnings": list(made.warnings),
     }
+
+
+def _draw(made: Waveform, folder: Path) -> list[Path]:
+    from truestroke.report.page import save_all
+    from truestroke.report.waveform import waveform as draw
+
+    return save_all(lambda theme: {"waveform": draw(made, theme)}, folder)
 
 
 def leave(strict: bool, made: Waveform) -> None:

@@ -9,7 +9,7 @@ import click
 
 from truestroke.cli import common
 from truestroke.cli.examine import read, record_options
-from truestroke.cli.invert import figures, leave, limit_options, limits, load, model_option, tell, waveform_file
+from truestroke.cli.invert import as_dict, leave, limit_options, limits, load, model_option, tell, waveform_file
 
 if TYPE_CHECKING:
     from truestroke.identification import Played, Refined
@@ -50,7 +50,7 @@ def refine(
         made = identification.waveform(found.model, played.desired, played.sample_rate, left=found.left, **bounds)
         identification.save_waveform(target, made)
     if as_json:
-        following_pass = {} if made is None else {**figures(made), "waveform": str(target)}
+        following_pass = {} if made is None else {**as_dict(made), "waveform": str(target)}
         common.print_json({**_figures(found), "model": output, "next": following_pass})
     else:
         _tell(found, output)

@@ -18,6 +18,7 @@ from truestroke.identification.select import FLOOR, ROWS
 from truestroke.identification.waveform import Played, Waveform
 
 STEPS = 3  # Gauss-Newton
+QUIET = 1e-6  # of the stroke: the least noise, so that what a quiet recording does not tell stays as it was
 SAME = 0.03  # of the waveform's peak-to-peak, rms: how far the recorded voltage may be from the one that was played
 WHOLE = 0.02  # samples: a shift that is nearer to a whole number is one
 
@@ -94,7 +95,9 @@ def refine(model: ActuatorModel, record: Record, *, played: Played | Waveform | 
     >>> round(found.rmse, 2), round(found.before, 2), round(found.after, 2), round(float(found.model.weights[0]), 2)
     (1.07, 1.07, 0.0, 9.0)
     """
-    x, z, fs = _longest(record) if played is None else _aligned(record, played)
+    rows = _longest(record)
+    whole = record.volts[rows], record.displacement[rows], record.sample_rate
+    x, z, fs = whole if played is None else _aligned(record, played)
     if x.size < 200:
         raise SettingError("record", f"{x.size} samples", "at least 200 samples")
     before = z - model.predict(x, fs)
@@ -112,19 +115,12 @@ def _rms(error: FloatArray) -> float:
 # ---- The fit -------------------------------------------------------------------------------------------------------
 
 
-def _fitted(model: ActuatorModel, x: FloatArray, z: FloatArray, fs: float) -> ActuatorModel:
-    """Gauss-Newton on the prediction error, from the old weights."""
-    shift, every = round(model.delay * fs), -(-x.size // ROWS)
-    s = Structure(
-        thresholds=model.thresholds,
-        rated=model.rated,
-        creep_times=model.creep_times,
-        bends=model.bends,
-        rested=True,
-    )
+def _data(model: ActuatorModel, x: FloatArray, z: FloatArray, fs: float) -> Data:
+    """As the fit sees it; the range of the voltage grows, stroke and zero stay those that the bends are scaled with."""
     low, high = model.voltage_range
-    data = Data(
-        volts=delayed(x, shift),
+    every = -(-x.size // ROWS)
+    return Data(
+        volts=delayed(x, round(model.delay * fs)),
         displacement=(z - model.zero)[::every],
         sample_rate=fs,
         every=every,
@@ -132,21 +128,28 @@ def _fitted(model: ActuatorModel, x: FloatArray, z: FloatArray, fs: float) -> Ac
         stroke=model.stroke,
         zero=model.zero,
     )
-    believed = _believed(model, s, data, model.delay - shift / fs)
+
+
+def _fitted(model: ActuatorModel, x: FloatArray, z: FloatArray, fs: float) -> ActuatorModel:
+    """Gauss-Newton on the prediction error, from the old weights."""
+    terms = {name: getattr(model, name) for name in ("thresholds", "rated", "creep_times", "bends")}
+    s, data, delay = Structure(**terms, rested=True), _data(model, x, z, fs), round(model.delay * fs) / fs
+    believed = _believed(model, s, data, model.delay - delay)
     velocity = max(model.velocity, float(np.abs(central_difference(model.predict(x, fs), fs)).max()))
     c, bends = believed.mean, slice(len(s.names) - s.bends, len(s.names))
     for _ in range(STEPS):
         z_m = data.model(s, c, 0.0, velocity).predict(data.volts, fs) - data.zero
-        rows, kept = data.columns(s, z_m), z_m[::every]
+        rows, kept = data.columns(s, z_m), z_m[:: data.every]
         J = rows[:, :-1] / np.maximum(1 - bend_slopes(kept, data.stroke)[:, : s.bends] @ c[bends], 0.1)[:, None]
         residual = rows[:, -1] - kept
-        weight = float(np.var(residual)) * residual.size / uncertainty.effective_samples(residual)
+        noise = float(np.var(residual)) * residual.size / uncertainty.effective_samples(residual)
+        weight = max(noise, (QUIET * model.stroke) ** 2)
         pulled = np.vstack([normal.reduced(np.column_stack([J, residual + J @ c])), believed.rows(weight)])
         c = normal.solve(pulled, data.slopes(s, velocity), FLOOR * data.q)
     made = data.model(s, c, 0.0, velocity)
-    residual = data.displacement - (made.predict(data.volts, fs) - data.zero)[::every]
+    residual = data.displacement - (made.predict(data.volts, fs) - data.zero)[:: data.every]
     P = uncertainty.covariance(J, residual, believed, weight)
-    return made.replace(covariance=P, delay=shift / fs, noise=_rms(residual))
+    return made.replace(covariance=P, delay=delay, noise=_rms(residual))
 
 
 def _believed(model: ActuatorModel, s: Structure, data: Data, delay: float) -> Prior:
@@ -177,23 +180,24 @@ def _documented(found: Refined, old: ActuatorModel, source: str) -> Refined:
 # ---- The record ----------------------------------------------------------------------------------------------------
 
 
-def _longest(record: Record) -> tuple[FloatArray, FloatArray, float]:
-    rows = max(record.segments, key=lambda s: s.stop - s.start) if record.segments else slice(None)
-    return record.volts[rows], record.displacement[rows], record.sample_rate
+def _longest(record: Record) -> slice:
+    """Rows of the longest segment without a gap."""
+    return max(record.segments, key=lambda s: s.stop - s.start, default=slice(0, record.volts.size))
 
 
 def _aligned(record: Record, played: Played | Waveform) -> tuple[FloatArray, FloatArray, float]:
     """Voltage and displacement of the record at the ticks of the waveform, found by its voltage."""
     from scipy.signal import correlate
 
-    fs, wanted = played.sample_rate, played.volts
-    start, stop = record.time[0], record.time[-1]
+    fs, wanted, rows = played.sample_rate, played.volts, _longest(record)
+    time, volts, displacement = record.time[rows], record.volts[rows], record.displacement[rows]
+    start, stop = time[0], time[-1]
     grid = start + np.arange(int((stop - start) * fs * (1 + 1e-9)) + 1) / fs
     spare = grid.size - wanted.size
     if spare < 0:
         bound = f"at least as long as the waveform, {wanted.size / fs:g} s"
         raise SettingError("record", f"{grid.size / fs:g} s", bound)
-    x = np.interp(grid, record.time, record.volts)
+    x = np.interp(grid, time, volts)
     squares = np.concatenate([[0.0], np.cumsum(x**2)])
     apart = squares[wanted.size :] - squares[: spare + 1] + np.sum(wanted**2)
     apart -= 2 * correlate(x, wanted, mode="valid")
@@ -204,7 +208,7 @@ def _aligned(record: Record, played: Played | Waveform) -> tuple[FloatArray, Flo
         part = 0.5 * (apart[k - 1] - apart[k + 1]) / bend if bend > 0 else 0.0
         shift += part if abs(part) > WHOLE else 0.0
     at = np.clip(start + (shift + np.arange(wanted.size)) / fs, start, stop)
-    x, z = np.interp(at, record.time, record.volts), np.interp(at, record.time, record.displacement)
+    x, z = np.interp(at, time, volts), np.interp(at, time, displacement)
     off = _rms(x - wanted)
     if off > SAME * np.ptp(wanted):
         value = f"a voltage that differs from the waveform's by {off:.3g} V rms"

@@ -1,0 +1,37 @@
+"""The picture of a waveform that a model made."""
+
+from __future__ import annotations
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from truestroke.identification import Span, Waveform
+from truestroke.report import style
+from truestroke.report.style import LIGHT, Theme
+
+
+def waveform(made: Waveform, theme: Theme = LIGHT) -> Figure:
+    """Voltage, desired and predicted displacement, their difference; shaded where a limit holds the voltage back."""
+    error = 1e3 * (made.predicted - made.desired)
+    with style.use(theme):
+        figure, panels = style.panels(5.6, 3, sharex=True, height_ratios=[1, 1.3, 0.8])
+        volts, motion, difference = panels
+        volts.plot(*style.thin(made.time, made.volts), color=theme["text"], lw=1.0, label="voltage")
+        motion.plot(*style.thin(made.time, made.desired), color=theme["desired"], lw=3.0, label="desired")
+        motion.plot(*style.thin(made.time, made.predicted), color=theme["true"], lw=1.0, label="predicted")
+        difference.plot(*style.thin(made.time, error), color=theme["true"], lw=1.0, label="predicted minus desired")
+        entries = shade(volts, made.out_of_reach, theme["alarm"], "out of reach")
+        entries += shade(volts, made.too_fast, theme.series[4], "too fast")
+        volts.set_ylabel("voltage (V)")
+        motion.set_ylabel("displacement (µm)")
+        difference.set(ylabel="error (nm)", xlabel="time (s)")
+        for panel, count in ((volts, 1 + entries), (motion, 2), (difference, 1)):
+            style.legend_above(panel, count)
+    return figure
+
+
+def shade(axes: Axes, spans: tuple[Span, ...], colour: str, words: str) -> int:
+    """Shade the spans; how many entries of the legend that makes."""
+    for i, span in enumerate(spans):
+        axes.axvspan(span.start, span.stop, color=colour, alpha=0.4, lw=0, label=words if i == 0 else None, zorder=0.5)
+    return int(bool(spans))
