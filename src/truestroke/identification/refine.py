@@ -36,7 +36,7 @@ class Refined:
     left : ndarray, shape (samples,)
         What the refined model leaves of it, um: `waveform` takes it to correct the next pass.
     before, after : float
-        Rmse of the old and of the refined model's prediction of the recording, um.
+        Rmse of the old and of the refined model's prediction of what was fitted, um.
     error : ndarray, shape (samples,), or None
         Measured minus desired, um; None where the waveform is not known.
     """
@@ -64,8 +64,9 @@ def refine(model: ActuatorModel, record: Record, *, played: Played | Waveform | 
     """The model adapted to a record, its structure kept, and what it leaves of the record.
 
     Bayesian least squares: what was believed is `ActuatorModel.another_day`, all partial slopes stay positive. The
-    noise is what the fit leaves, less certain where it is coloured. The actuator is taken to have rested at the first
-    voltage, as by `predict`.
+    noise is what the fit leaves, less certain where it is coloured. Before a waveform the actuator is taken to have
+    rested at the first voltage, as by `predict`; of another record the part is skipped in which the plays may remember
+    what was before it.
 
     Parameters
     ----------
@@ -100,11 +101,13 @@ def refine(model: ActuatorModel, record: Record, *, played: Played | Waveform | 
     x, z, fs = whole if played is None else _aligned(record, played)
     if x.size < 200:
         raise SettingError("record", f"{x.size} samples", "at least 200 samples")
-    before = z - model.predict(x, fs)
-    fitted = _fitted(model, x, z, fs)
-    left = z - fitted.predict(x, fs)
+    data = _data(model, x, z, fs)
+    skip = 0 if played is not None else data.settled()
+    fitted = _fitted(model, data, skip)
+    before, left = z - model.predict(x, fs), z - fitted.predict(x, fs)
+    rmses = {"before": _rms(before[skip * data.every :]), "after": _rms(left[skip * data.every :])}
     error = None if played is None else z - played.desired
-    found = Refined(model=fitted, volts=x, measured=z, left=left, before=_rms(before), after=_rms(left), error=error)
+    found = Refined(model=fitted, volts=x, measured=z, left=left, error=error, **rmses)
     return _documented(found, model, str(getattr(record, "source", "")))
 
 
@@ -130,24 +133,25 @@ def _data(model: ActuatorModel, x: FloatArray, z: FloatArray, fs: float) -> Data
     )
 
 
-def _fitted(model: ActuatorModel, x: FloatArray, z: FloatArray, fs: float) -> ActuatorModel:
-    """Gauss-Newton on the prediction error, from the old weights."""
+def _fitted(model: ActuatorModel, data: Data, skip: int) -> ActuatorModel:
+    """Gauss-Newton on the prediction error of the rows behind the first `skip`, from the old weights."""
+    fs, measured = data.sample_rate, data.displacement[skip:]
     terms = {name: getattr(model, name) for name in ("thresholds", "rated", "creep_times", "bends")}
-    s, data, delay = Structure(**terms, rested=True), _data(model, x, z, fs), round(model.delay * fs) / fs
+    s, delay = Structure(**terms, rested=True), round(model.delay * fs) / fs
     believed = _believed(model, s, data, model.delay - delay)
-    velocity = max(model.velocity, float(np.abs(central_difference(model.predict(x, fs), fs)).max()))
+    velocity = max(model.velocity, float(np.abs(central_difference(model.predict(data.volts, fs), fs)).max()))
     c, bends = believed.mean, slice(len(s.names) - s.bends, len(s.names))
     for _ in range(STEPS):
         z_m = data.model(s, c, 0.0, velocity).predict(data.volts, fs) - data.zero
-        rows, kept = data.columns(s, z_m), z_m[:: data.every]
+        rows, kept = data.columns(s, z_m)[skip:], z_m[:: data.every][skip:]
         J = rows[:, :-1] / np.maximum(1 - bend_slopes(kept, data.stroke)[:, : s.bends] @ c[bends], 0.1)[:, None]
-        residual = rows[:, -1] - kept
+        residual = measured - kept
         noise = float(np.var(residual)) * residual.size / uncertainty.effective_samples(residual)
         weight = max(noise, (QUIET * model.stroke) ** 2)
         pulled = np.vstack([normal.reduced(np.column_stack([J, residual + J @ c])), believed.rows(weight)])
         c = normal.solve(pulled, data.slopes(s, velocity), FLOOR * data.q)
     made = data.model(s, c, 0.0, velocity)
-    residual = data.displacement - (made.predict(data.volts, fs) - data.zero)[:: data.every]
+    residual = measured - (made.predict(data.volts, fs) - data.zero)[:: data.every][skip:]
     P = uncertainty.covariance(J, residual, believed, weight)
     return made.replace(covariance=P, delay=delay, noise=_rms(residual))
 
