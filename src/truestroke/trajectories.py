@@ -13,12 +13,13 @@ import csv
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from itertools import accumulate
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
-from truestroke import _check
+from truestroke import _check, _loops
 from truestroke._check import SettingError
 from truestroke._typing import FloatArray
 
@@ -121,8 +122,10 @@ def smoothstep(u: FloatArray) -> tuple[FloatArray, FloatArray]:
 def _ramped(time: FloatArray, position: FloatArray, velocity: FloatArray, ramp: float) -> tuple[FloatArray, FloatArray]:
     if ramp == 0:
         return position, velocity
-    s, slope = smoothstep(time / ramp)
-    return s * position, s * velocity + slope / ramp * position
+    end = np.searchsorted(time, ramp)  # from there on s = 1
+    s, slope = smoothstep(time[:end] / ramp)
+    rising, speed = s * position[:end], s * velocity[:end] + slope / ramp * position[:end]
+    return np.concatenate([rising, position[end:]]), np.concatenate([speed, velocity[end:]])
 
 
 def _ticks(duration: float, sample_rate: float, ramp: float = 0.0) -> FloatArray:
@@ -377,11 +380,17 @@ def _butterworth(numbers: FloatArray, cutoff: float, sample_rate: float) -> tupl
         pole, others = complex(poles[i]), np.delete(poles, i)
         residue = complex(np.prod(-poles) / np.prod(pole - others))
         decay = complex(np.exp(pole / sample_rate))
-        inputs = (numbers[:-1] * (decay - 1) / pole).tolist()
-        state = np.array(list(accumulate(inputs, lambda x, u, decay=decay: decay * x + u, initial=0j)))  # type: ignore[misc]
+        inputs = numbers[:-1] * (decay - 1) / pole
+        state = np.empty(numbers.size, np.complex128)
+        _loops.first_order(decay.real, decay.imag, _pairs(inputs), _pairs(state))
         z += 2 * (residue * state).real
         zdot += 2 * (residue * pole * state).real
     return z, zdot
+
+
+def _pairs(z: npt.NDArray[np.complexfloating[Any, Any]]) -> FloatArray:
+    """The same memory as real and imaginary parts, shape (ticks, 2)."""
+    return z.view(np.float64).reshape(-1, 2)
 
 
 def _placed(
