@@ -141,7 +141,7 @@ def test_an_error_in_figures_names_its_simulation():
 
 
 def test_ctrl_c_stops_within_a_segment():
-    long = simulation(trajectory=sine(duration=5000.0))  # seconds each
+    long = simulation(trajectory=sine(duration=2000.0))  # seconds each
     threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT)).start()
     start = time.perf_counter()
     with pytest.raises(KeyboardInterrupt):
