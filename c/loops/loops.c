@@ -20,13 +20,8 @@ void ts_loop_run(const ts_loop_controller *c, const ts_loop_actuator *a, const t
 
 void ts_first_order(const double decay[2], const double *u, double *x, size_t ticks)
 {
-    double re = 0, im = 0;
-    for (size_t k = 0; k < ticks; k++) {
-        x[2 * k] = re;
-        x[2 * k + 1] = im;
-        if (k + 1 == ticks) return;
-        double next = (decay[0] * re - decay[1] * im) + u[2 * k];
-        im = (decay[0] * im + decay[1] * re) + u[2 * k + 1];
-        re = next;
+    for (size_t k = 0; k < 2 * ticks; k += 2) {
+        x[k + 2] = (decay[0] * x[k] - decay[1] * x[k + 1]) + u[k];
+        x[k + 3] = (decay[0] * x[k + 1] + decay[1] * x[k]) + u[k + 1];
     }
 }

@@ -43,8 +43,8 @@ typedef struct {
 /* `ticks` ticks: command, exchange, adapt. Goes on from the state that both are in. */
 void ts_loop_run(const ts_loop_controller *c, const ts_loop_actuator *a, const ts_loop_channels *ch, size_t ticks);
 
-/* x[0] = 0, x[k + 1] = decay x[k] + u[k]: the states of a first-order filter, all complex: pairs of real and imaginary
- * part. x: `ticks` pairs; u: ticks - 1 pairs. */
+/* x[k + 1] = decay x[k] + u[k] from a given x[0]: the states of a first-order filter, all complex: pairs of real and
+ * imaginary part. u: `ticks` pairs; x: ticks + 1 pairs. */
 void ts_first_order(const double decay[2], const double *u, double *x, size_t ticks);
 
 #ifdef __cplusplus

@@ -39,7 +39,7 @@ void first_order(double real, double imaginary, Pairs u, OutputPairs x) {
     require(u.shape(0) + 1 == x.shape(0));
     double decay[2] = {real, imaginary};
     nb::gil_scoped_release release;
-    ts_first_order(decay, u.data(), x.data(), x.shape(0));
+    ts_first_order(decay, u.data(), x.data(), u.shape(0));
 }
 
 } // namespace
