@@ -24,8 +24,8 @@ from truestroke import (
     run,
     simulate_many,
 )
-from truestroke.batch import SEGMENT
 from truestroke.plant import MatchedPlant, MatchedSettings, PlantSettings, RealisticPlant
+from truestroke.plant.noise import Noise
 from truestroke.trajectories import random_wave
 
 BENCH = {"sample_rate": 2000.0, "stroke": 30.0, "voltage_limits": (-0.6, 3.6)}
@@ -77,26 +77,29 @@ def throughput() -> None:
 def profile() -> None:
     """Of the paper's controller and the matched plant: each part by itself, and what is left of the whole."""
     controller, plant, ticks = CONTROLLERS["paper"], PLANTS["matched"], len(WAVE)
-    random, noise, rows = np.random.default_rng(0), np.empty(SEGMENT), np.empty((4, ticks))
-    channels = {"time": WAVE.time, "desired": WAVE.position, "measured": WAVE.position + 0.01}
-    channels |= {"true": WAVE.position + 0.01, "flags": np.zeros(ticks, np.uint8)}
-    pair = AdaptiveController.from_settings(controller)._kernel.native(), actuator(plant)._plant.native()
-    numbers = random.standard_normal(ticks)
-    one = [Simulation(trajectory=lambda: random_wave(seed=0, velocity_limit=300.0), controller=controller, plant=plant)]
+    noise, rows, flags = Noise(0), np.empty((5, ticks)), np.zeros(ticks, np.uint8)
+    channels = {"time": WAVE.time, "desired": WAVE.position, "flags": flags}
+    channels |= {"measured": WAVE.position + 0.01, "true": WAVE.position + 0.01}
+    made = AdaptiveController.from_settings(controller)
+    pair = made._kernel.native(), actuator(plant)._plant.native()
+    noise.fill(rows[0])
+    batch = [Simulation(trajectory=WAVE, controller=controller, plant=plant)] * RUNS
     parts = {
-        "whole": lambda: simulate_many(one * RUNS, reduce=figures, threads=1),
-        "trajectory": lambda: random_wave(seed=0, velocity_limit=300.0),
+        "the whole": partial(simulate_many, batch, reduce=figures, threads=1),
+        "kernel": lambda: made.process(WAVE.position, WAVE.velocity, channels["measured"]),
+        "kernel, plant, loop": lambda: _loops.run(*pair, WAVE.position, WAVE.velocity, *rows, flags),
+        "noise": lambda: noise.fill(rows[0]),
         "settings": lambda: (AdaptiveController.from_settings(controller), actuator(plant)),
-        "noise": lambda: [random.standard_normal(out=noise) for _ in range(0, ticks, SEGMENT)],
-        "loop": lambda: _loops.run(*pair, WAVE.position, WAVE.velocity, numbers, *rows, channels["flags"]),
         "figures": lambda: figures(0, channels),
+        "a trajectory, apart": lambda: random_wave(seed=0, velocity_limit=300.0),
     }
     whole, *each = best(*parts.values())
     costs = dict(zip(parts, [ns(whole, RUNS), *map(ns, each)], strict=True))
-    costs["the rest, Python"] = 2 * costs["whole"] - sum(costs.values())
-    print(f"\n{'paper, matched':20}{'ns a tick':>12}{'%':>8}")
+    inside = ("kernel, plant, loop", "noise", "settings", "figures")
+    costs["rest: Python"] = costs["the whole"] - sum(costs[name] for name in inside)
+    print(f"\n{'paper, matched':24}{'ns a tick':>10}{'%':>8}")
     for name, cost in costs.items():
-        print(f"{name:20}{cost:12.1f}{100 * cost / costs['whole']:8.1f}")
+        print(f"{name:24}{cost:10.1f}{100 * cost / costs['the whole']:8.1f}")
 
 
 if __name__ == "__main__":

@@ -27,7 +27,7 @@ Reduce = Callable[[int, Mapping[str, Array]], Any]
 CHANNELS = ("volts", "measured", "true", "innovation", "flags")
 """What a simulation gives, one entry a tick, as `run` records it."""
 
-SEGMENT = 4096  # ticks between two looks at whether to stop; what they read and write fits the cache
+SEGMENT = 16384  # noise numbers between two looks at whether to stop, some milliseconds; they fit the cache
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -222,15 +222,15 @@ def _simulate(
     plant, per_tick = _plant(simulation, wave)
     controller = AdaptiveController.from_settings(simulation.controller)
     pair = controller._kernel.native(), plant._plant.native()
-    noise = buffers.take("noise", SEGMENT * per_tick)
-    for start in range(0, len(wave), SEGMENT):
+    segment = max(SEGMENT // per_tick, 1)
+    noise = buffers.take("noise", segment * per_tick)
+    for start in range(0, len(wave), segment):
         if stop.is_set():
             return
-        part = slice(start, min(start + SEGMENT, len(wave)))
+        part = slice(start, min(start + segment, len(wave)))
         drawn = noise[: (part.stop - start) * per_tick]
         plant._noise.fill(drawn)
-        channels = (rows[name][part] for name in ("volts", "measured", "true", "innovation", "flags"))
-        _loops.run(*pair, wave.position[part], wave.velocity[part], drawn, *channels)
+        _loops.run(*pair, wave.position[part], wave.velocity[part], drawn, *(rows[name][part] for name in CHANNELS))
 
 
 def _plant(simulation: Simulation, wave: Trajectory) -> tuple[MatchedPlant | RealisticPlant, int]:
