@@ -12,6 +12,8 @@
 #include <string>
 #include <vector>
 
+#include "loops.h"
+#include "native.h"
 #include "truestroke.h"
 
 namespace nb = nanobind;
@@ -223,6 +225,23 @@ class Kernel {
         }
     }
 
+    // This controller as the native loop calls it.
+    static nb::capsule native(nb::object self) {
+        ts_loop_controller calls{
+            nb::inst_ptr<Kernel>(self),
+            [](void *k, double z_d, double zdot_d) {
+                ts_real x = NAN; // stays where a desired value is too large for the number type
+                ts_controller_command(&static_cast<Kernel *>(k)->c_, static_cast<ts_real>(z_d),
+                                      static_cast<ts_real>(zdot_d), &x);
+                return static_cast<double>(x);
+            },
+            [](void *k, double z) { static_cast<Kernel *>(k)->adapt(z, 0); },
+            [](void *k) { return static_cast<unsigned>(static_cast<Kernel *>(k)->flags()); },
+            [](void *k) { return static_cast<Kernel *>(k)->innovation(); },
+        };
+        return in_capsule("ts_loop_controller", calls, self);
+    }
+
     void reset() { ts_controller_reset(&c_); }
     void hold(bool on) { ts_controller_hold(&c_, on); }
 
@@ -383,6 +402,7 @@ MODULE(TS_MODULE, m) {
         .def("command", &Kernel::command, "z_d"_a, "zdot_d"_a)
         .def("adapt", &Kernel::adapt, "z_measured"_a, "ago"_a = 0)
         .def("process", &Kernel::process, "z_d"_a, "zdot_d"_a, "z_measured"_a.none(), "volts"_a, "ago"_a = 0)
+        .def("native", &Kernel::native)
         .def("reset", &Kernel::reset)
         .def("hold", &Kernel::hold, "on"_a)
         .def("state", &Kernel::state)

@@ -8,6 +8,8 @@
 #include <string>
 #include <vector>
 
+#include "loops.h"
+#include "native.h"
 #include "plant.h"
 
 namespace nb = nanobind;
@@ -94,6 +96,17 @@ class Plant {
         return -1;
     }
 
+    // This plant as the native loop calls it.
+    static nb::capsule native(nb::object self) {
+        Plant *plant = nb::inst_ptr<Plant>(self);
+        ts_loop_actuator calls{
+            plant, static_cast<size_t>(plant->settings_.samples_per_tick),
+            [](void *p, double volts, double, const double *noise, double *measured, double *truth) {
+                ts_plant_run(&static_cast<Plant *>(p)->p_, &volts, noise, measured, truth, 1);
+            }};
+        return in_capsule("ts_loop_actuator", calls, self);
+    }
+
   private:
     ts_plant_settings settings_;
     ts_plant p_{};
@@ -137,6 +150,16 @@ class Matched {
         return -1;
     }
 
+    // This plant as the native loop calls it.
+    static nb::capsule native(nb::object self) {
+        ts_loop_actuator calls{
+            nb::inst_ptr<Matched>(self), 1,
+            [](void *m, double volts, double velocity, const double *noise, double *measured, double *truth) {
+                ts_matched_run(&static_cast<Matched *>(m)->m_, &volts, &velocity, noise, measured, truth, 1);
+            }};
+        return in_capsule("ts_loop_actuator", calls, self);
+    }
+
   private:
     ts_matched_settings settings_;
     ts_matched m_{};
@@ -153,10 +176,12 @@ NB_MODULE(_plant, m) {
     m.attr("MATCHED_MAX_DEAD_ZONES") = TS_MATCHED_MAX_DEAD_ZONES;
     nb::class_<Plant>(m, "Plant")
         .def(nb::init<const nb::dict &>(), "settings"_a)
+        .def("native", &Plant::native)
         .def("reset", &Plant::reset)
         .def("run", &Plant::run, "volts"_a, "noise"_a, "measured"_a, "truth"_a);
     nb::class_<Matched>(m, "Matched")
         .def(nb::init<const nb::dict &>(), "settings"_a)
+        .def("native", &Matched::native)
         .def("reset", &Matched::reset)
         .def("run", &Matched::run, "volts"_a, "velocity"_a, "noise"_a, "measured"_a, "truth"_a);
 }

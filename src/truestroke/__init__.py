@@ -19,6 +19,7 @@ from truestroke.timing import Timing
 
 if TYPE_CHECKING:
     from truestroke import metrics, plant, trajectories
+    from truestroke.batch import Batch, Simulation, SimulationError, simulate_many
     from truestroke.characterisation import Characterisation, characterise
     from truestroke.loop import Actuator, RunInterrupted, run
     from truestroke.recording import Recording
@@ -29,6 +30,7 @@ __version__ = "0.1.0"
 __all__ = [
     "Actuator",
     "AdaptiveController",
+    "Batch",
     "Characterisation",
     "Controller",
     "ControllerSettings",
@@ -38,6 +40,8 @@ __all__ = [
     "Recording",
     "RunInterrupted",
     "SettingError",
+    "Simulation",
+    "SimulationError",
     "Timing",
     "Trajectory",
     "__version__",
@@ -45,6 +49,7 @@ __all__ = [
     "metrics",
     "plant",
     "run",
+    "simulate_many",
     "trajectories",
 ]
 
@@ -53,6 +58,10 @@ _LAZY = {
     "Actuator": "loop",
     "Characterisation": "characterisation",
     "characterise": "characterisation",
+    "Batch": "batch",
+    "Simulation": "batch",
+    "SimulationError": "batch",
+    "simulate_many": "batch",
     "RunInterrupted": "loop",
     "run": "loop",
     "Recording": "recording",

@@ -15,17 +15,19 @@ import re
 import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from itertools import accumulate
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
-from truestroke import _check
+from truestroke import _check, _loops
 from truestroke._check import SettingError
 from truestroke._typing import FloatArray
 
 UM_PER_UNIT = {"um": 1.0, "nm": 1e-3, "mm": 1e3}
 NAMES = {"position": ("z", "desired", "position", "displacement"), "time": ("t", "time")}
+BLOCK = 4096  # ticks that are filtered at a time: what they need stays in the cache
 TIME_TOLERANCE = 0.01  # of a tick: how far a time in a file may lie from its even grid
 
 
@@ -122,10 +124,14 @@ def smoothstep(u: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _ramped(time: FloatArray, position: FloatArray, velocity: FloatArray, ramp: float) -> tuple[FloatArray, FloatArray]:
+    """The same arrays, with the ramp in them."""
     if ramp == 0:
         return position, velocity
-    s, slope = smoothstep(time / ramp)
-    return s * position, s * velocity + slope / ramp * position
+    end = np.searchsorted(time, ramp)  # from there on s = 1
+    s, slope = smoothstep(time[:end] / ramp)
+    velocity[:end] = s * velocity[:end] + slope / ramp * position[:end]
+    position[:end] *= s
+    return position, velocity
 
 
 def _ticks(duration: float, sample_rate: float, ramp: float = 0.0) -> FloatArray:
@@ -353,7 +359,7 @@ def random_wave(
     used = cutoff
     while True:
         position, velocity = _placed(time, *_butterworth(numbers, used, sample_rate), low, span, ramp)
-        rise = 15 / 8 * abs(position[time >= ramp][0]) / ramp if ramp else 0.0
+        rise = 15 / 8 * abs(position[np.searchsorted(time, ramp)]) / ramp if ramp else 0.0
         if rise > limit:
             raise SettingError("ramp", ramp, f"longer: at the velocity limit it takes {ramp * rise / limit:.4g} s", "s")
         peak = float(np.max(np.abs(velocity)))
@@ -379,21 +385,33 @@ def _butterworth(numbers: FloatArray, cutoff: float, sample_rate: float) -> tupl
     for i in (0, 1):
         pole, others = complex(poles[i]), np.delete(poles, i)
         residue = complex(np.prod(-poles) / np.prod(pole - others))
-        decay = complex(np.exp(pole / sample_rate))
-        inputs = (numbers[:-1] * (decay - 1) / pole).tolist()
-        state = np.array(list(accumulate(inputs, lambda x, u, decay=decay: decay * x + u, initial=0j)))  # type: ignore[misc]
-        z += 2 * (residue * state).real
-        zdot += 2 * (residue * pole * state).real
+        decay, state = complex(np.exp(pole / sample_rate)), np.zeros(BLOCK + 1, np.complex128)
+        for start in range(0, numbers.size, BLOCK):
+            block = slice(start, start + BLOCK)
+            inputs = numbers[block] * (decay - 1) / pole
+            _loops.first_order(decay.real, decay.imag, _pairs(inputs), _pairs(state[: inputs.size + 1]))
+            x = state[: inputs.size]
+            z[block] += 2 * (residue * x).real
+            zdot[block] += 2 * (residue * pole * x).real
+            state[0] = state[inputs.size]
     return z, zdot
+
+
+def _pairs(z: npt.NDArray[np.complexfloating[Any, Any]]) -> FloatArray:
+    """The same memory as real and imaginary parts, shape (ticks, 2)."""
+    return z.view(np.float64).reshape(-1, 2)
 
 
 def _placed(
     time: FloatArray, z: FloatArray, zdot: FloatArray, low: float, span: float, ramp: float
 ) -> tuple[FloatArray, FloatArray]:
     """Scaled and shifted so that the part after the ramp runs from low to low + span; then ramped."""
-    after = z[time >= ramp]
+    after = z[np.searchsorted(time, ramp) :]
     scale = span / np.ptp(after)
-    return _ramped(time, low + scale * (z - after.min()), scale * zdot, ramp)
+    position = z - after.min()
+    position *= scale
+    position += low
+    return _ramped(time, position, scale * zdot, ramp)
 
 
 # ---- From a file, and as it comes ----------------------------------------------------------------------------------

@@ -35,6 +35,13 @@ class Noise:
         self._used = end
         return taken
 
+    def fill(self, out: FloatArray) -> None:
+        """The next numbers of the stream into `out`, shape (count,), without a copy where none were left over."""
+        left = self._chunk[self._used :][: out.size]
+        out[: left.size] = left
+        self._used += left.size
+        self._random.standard_normal(out=out[left.size :])
+
     def put_back(self, count: int) -> None:
         """Undo the last `take`, of `count` numbers."""
         self._used -= count

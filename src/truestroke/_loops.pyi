@@ -1,0 +1,18 @@
+import numpy as np
+import numpy.typing as npt
+
+from truestroke._typing import FloatArray
+
+def run(
+    controller: object,
+    actuator: object,
+    z_d: FloatArray,
+    zdot_d: FloatArray,
+    noise: FloatArray,
+    volts: FloatArray,
+    measured: FloatArray,
+    truth: FloatArray,
+    innovation: FloatArray,
+    flags: npt.NDArray[np.uint8],
+) -> None: ...
+def first_order(real: float, imaginary: float, u: FloatArray, x: FloatArray) -> None: ...
