@@ -2,11 +2,11 @@
 
 from truestroke.identification.actuator import ActuatorModel
 from truestroke.identification.examine import Findings, examine
+from truestroke.identification.identified import HeldOut, Identified, Trace, identify
 from truestroke.identification.least_squares import FittedWeights, fit
 from truestroke.identification.model_file import ModelFileError, load_model, save_model
 from truestroke.identification.record import Record, read_record
 from truestroke.identification.refine import Refined, refine
-from truestroke.identification.select import HeldOut, Identified, identify
 from truestroke.identification.spans import Beyond, Span
 from truestroke.identification.tables import RecordError
 from truestroke.identification.waveform import Played, Waveform, load_waveform, save_waveform, waveform
@@ -24,6 +24,7 @@ __all__ = [
     "RecordError",
     "Refined",
     "Span",
+    "Trace",
     "Waveform",
     "examine",
     "fit",

@@ -16,7 +16,7 @@ from truestroke._typing import FloatArray
 from truestroke.identification.spans import Beyond, spans
 from truestroke.settings import UNLIMITED, ControllerSettings, kernel_settings
 
-VELOCITY_SPAN = 0.5e-3  # s: half of the span of a central difference, at least one sample
+VELOCITY_SPAN = 0.1e-3  # s: half of the span of a central difference, at least one sample
 NEWTON_STEPS = 8
 SLOPES = 0.4, 4.0  # of the straight line's slope: limits of the partial slopes, as by default
 DRIFT = 0.1  # relative: how far an actuator may be from its record, in deviations of the default prior
@@ -347,7 +347,7 @@ def ahead(x: FloatArray, samples: int, last: FloatArray) -> FloatArray:
 
 
 def central_difference(z: FloatArray, sample_rate: float) -> FloatArray:
-    """Velocity, um/s, over a span of a millisecond or of two samples."""
+    """Velocity, um/s, over a span of 0.2 ms or of two samples."""
     half = max(1, round(VELOCITY_SPAN * sample_rate))
     k = np.arange(z.size)
     after, before = np.minimum(k + half, z.size - 1), np.maximum(k - half, 0)
@@ -355,16 +355,17 @@ def central_difference(z: FloatArray, sample_rate: float) -> FloatArray:
 
 
 def bend_columns(z: FloatArray, stroke: float) -> FloatArray:
-    """4 s (1 - s) and 8 s (1 - s)(1 - 2 s), s = z / stroke, shape (samples, 2)."""
-    s = z / stroke
+    """4 s (1 - s) and 8 s (1 - s)(1 - 2 s), s = z / stroke within -1 to 2, shape (samples, 2)."""
+    s = np.clip(z / stroke, -1.0, 2.0)
     bend = 4 * s * (1 - s)
     return np.column_stack([bend, 2 * bend * (1 - 2 * s)])
 
 
 def bend_slopes(z: FloatArray, stroke: float) -> FloatArray:
     """Their derivatives by z, 1/um."""
-    s = z / stroke
-    return np.column_stack([4 - 8 * s, 8 * (1 - 6 * s + 6 * s * s)]) / stroke
+    s = np.clip(z / stroke, -1.0, 2.0)
+    inside = s == z / stroke
+    return np.column_stack([inside * (4 - 8 * s), inside * 8 * (1 - 6 * s + 6 * s * s)]) / stroke
 
 
 def unbend(y: FloatArray, bends: FloatArray, stroke: float) -> FloatArray:

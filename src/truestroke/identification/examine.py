@@ -14,7 +14,6 @@ from truestroke.identification import turning
 from truestroke.identification.record import GAP, Record
 from truestroke.identification.turning import Rows
 
-STROKE = 0.05  # of the voltage span: the least travel between two reversals that counts as a stroke
 SAMPLED = 200_000  # rows, evenly taken, that percentiles and medians are formed of
 EXCERPT = 50_000  # rows, with the most travel, in which delay and lag are sought
 FLAT = 4  # equal extreme values in a row that may be clipped
@@ -157,7 +156,7 @@ def examine(record: Record) -> Findings:
     """
     x, z = record.volts, record.displacement
     span, stroke = float(np.ptp(x)), float(np.ptp(z))
-    turns = turning.reversals(x, STROKE * span)
+    turns = turning.reversals(x, turning.STROKE * span)
     gain, offset, correlation = _line(x, z)
     noise = _noise(record)
     delay, lag = _delay(record, turns)
@@ -365,16 +364,16 @@ def _of_columns(found: Findings, record: Record) -> list[str]:
     ):
         if not least <= size <= largest:
             says.append(f"the {name} moves by {size:.3g} {unit}, unlikely for a piezo actuator: is its unit right?")
-    if found.loop_width_percent < -0.5 or (
-        found.delay_ms is not None and found.delay_ms < -1500 / found.sample_rate_hz
-    ):
+    if not 1e-3 <= abs(found.gain_um_per_v) <= 1e3 and not says:
+        says.append(f"the gain is {found.gain_um_per_v:.3g} um/V, unlikely for a piezo actuator: are the units right?")
+    if found.loop_width_percent < -0.5:
         says.append("the displacement leads the voltage (its loop turns clockwise): are the columns swapped?")
     if abs(found.correlation) < 0.7:
         says.append(
             f"voltage and displacement hardly move together (correlation {found.correlation:.2f}): wrong column?"
         )
     elif found.gain_um_per_v < 0:
-        says.append("the displacement falls as the voltage rises: turn its sign before fitting")
+        says.append("the displacement falls as the voltage rises: turn its sign before fitting (flip_displacement)")
     return says
 
 

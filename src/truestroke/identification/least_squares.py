@@ -12,6 +12,7 @@ import numpy.typing as npt
 from truestroke import _check
 from truestroke._check import SettingError
 from truestroke._typing import FloatArray
+from truestroke.models import RateDependentModel, inverse_dead_zones
 from truestroke.operators import dead_zone, play_history
 
 
@@ -44,6 +45,12 @@ class FittedWeights:
     dead_zone_weights: FloatArray
     offset: float
     rmse: float
+
+    def model(self) -> RateDependentModel:
+        """The model (8), whose `predict` and `invert` these weights make; it knows no offset."""
+        w_s, d = inverse_dead_zones(self.dead_zone_weights, self.dead_zone_thresholds)  # undone twice: forward
+        r = np.array(self.thresholds)
+        return RateDependentModel(r=r, a=self.play_weights, b=self.rate_weights, d=d, w_s=w_s, rate_scale=1.0)
 
     def settings(self, rate_scale: float = 0.007) -> dict[str, Any]:
         """The members of `ControllerSettings` that start a controller from this model.

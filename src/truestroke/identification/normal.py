@@ -36,7 +36,7 @@ def reduced(rows: FloatArray) -> FloatArray:
     return R
 
 
-def solve(rows: FloatArray, G: FloatArray | None = None, floor: float = 0.0) -> FloatArray:
+def solve(rows: FloatArray, G: FloatArray | None = None, floor: float | FloatArray = 0.0) -> FloatArray:
     """Coefficients c that minimise the sum of squares of A c - t, rows = [A | t], subject to G c >= floor.
 
     The unconstrained solution is taken where it is admissible. Elsewhere it is a least distance problem, and so

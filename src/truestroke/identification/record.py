@@ -136,6 +136,7 @@ def read_record(
     displacement_unit: str | None = None,
     time_unit: str | None = None,
     sample_rate: float | None = None,
+    flip_displacement: bool = False,
     drop_bad_rows: bool = False,
 ) -> Record:
     r"""A record from a file: text with columns, NPZ, MATLAB, Parquet, HDF5.
@@ -152,6 +153,8 @@ def read_record(
         Of the file: V, mV, uV, kV; um, nm, mm, m; s, ms, us, ns, min. Left out, what the heading states, else V, um, s.
     sample_rate : float, optional
         Hz; needed where there is no time column. A time column is not used then.
+    flip_displacement : bool
+        Turn its sign: for a sensor that falls as the voltage rises.
     drop_bad_rows : bool
         Leave out rows that hold no finite numbers or whose time does not ascend, rather than refuse the record.
 
@@ -198,6 +201,8 @@ def read_record(
     for role, column in columns.items():
         if (factor := tables.UNITS[role][column.unit]) != 1.0:
             signals[role] *= factor
+    if flip_displacement:
+        signals["displacement"] *= -1.0
     return _checked(str(path), signals, columns, sample_rate, drop_bad_rows, table)
 
 

@@ -13,8 +13,7 @@ from truestroke.identification import normal, uncertainty
 from truestroke.identification.actuator import ActuatorModel, bend_slopes, central_difference
 from truestroke.identification.normal import Prior
 from truestroke.identification.record import Record
-from truestroke.identification.regression import Data, Structure, delayed
-from truestroke.identification.select import FLOOR, ROWS
+from truestroke.identification.regression import ROWS, Data, Structure, delayed
 from truestroke.identification.waveform import Played, Waveform
 
 STEPS = 3  # Gauss-Newton
@@ -125,6 +124,7 @@ def _data(model: ActuatorModel, x: FloatArray, z: FloatArray, fs: float) -> Data
     return Data(
         volts=delayed(x, round(model.delay * fs)),
         displacement=(z - model.zero)[::every],
+        known=np.ones(-(-z.size // every), dtype=np.bool_),
         sample_rate=fs,
         every=every,
         voltage_range=(min(low, float(x.min())), max(high, float(x.max()))),
@@ -142,15 +142,15 @@ def _fitted(model: ActuatorModel, data: Data, skip: int) -> ActuatorModel:
     velocity = max(model.velocity, float(np.abs(central_difference(model.predict(data.volts, fs), fs)).max()))
     c, bends = believed.mean, slice(len(s.names) - s.bends, len(s.names))
     for _ in range(STEPS):
-        z_m = data.model(s, c, 0.0, velocity).predict(data.volts, fs) - data.zero
+        z_m = data.model(s, c, velocity).predict(data.volts, fs) - data.zero
         rows, kept = data.columns(s, z_m)[skip:], z_m[:: data.every][skip:]
         J = rows[:, :-1] / np.maximum(1 - bend_slopes(kept, data.stroke)[:, : s.bends] @ c[bends], 0.1)[:, None]
         residual = measured - kept
         noise = float(np.var(residual)) * residual.size / uncertainty.effective_samples(residual)
         weight = max(noise, (QUIET * model.stroke) ** 2)
         pulled = np.vstack([normal.reduced(np.column_stack([J, residual + J @ c])), believed.rows(weight)])
-        c = normal.solve(pulled, data.slopes(s, velocity), FLOOR * data.q)
-    made = data.model(s, c, 0.0, velocity)
+        c = normal.solve(pulled, *data.constraints(s, velocity))
+    made = data.model(s, c, velocity)
     residual = measured - (made.predict(data.volts, fs) - data.zero)[:: data.every][skip:]
     P = uncertainty.covariance(J, residual, believed, weight)
     return made.replace(covariance=P, delay=delay, noise=_rms(residual))

@@ -3,17 +3,29 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+import numpy.typing as npt
 
 from truestroke import _kernel, prior
 from truestroke._typing import FloatArray
-from truestroke.identification.actuator import ActuatorModel, bend_columns, central_difference, creep_states
+from truestroke.identification.actuator import (
+    ActuatorModel,
+    bend_columns,
+    bend_slopes,
+    central_difference,
+    creep_states,
+)
 from truestroke.identification.normal import Prior
+from truestroke.identification.series import settled
 from truestroke.settings import RATED, ControllerSettings
 
-SWEPT = 0.96  # of the voltage range
+ROWS = 50_000  # of the regression at most: beyond, every so many samples; the plays see all of them
 SETTLING = 0.1  # of the record at most: what is skipped until the play states are known
+FLOOR = 0.05  # of the straight line's slope: the smallest partial slope
+STEEPEST = 0.2  # least slope of z - bends(z): displacement rises by 5 times what the plays say at most
+BENT = np.linspace(-0.1, 1.1, 13)  # of the stroke: where that is asked for
 CREEP_START = 0.015  # of the stroke: deviation of what a creep state still has to go at the start
 
 
@@ -32,13 +44,13 @@ class Structure:
         """Time constants, s, of creep that was under way when the record began: none at rest."""
         return () if self.rested else self.creep_times
 
-    @property
+    @cached_property
     def names(self) -> tuple[str, ...]:
         """Names of the weights in the order of `ControllerSettings`; behind them the starts of the creep states."""
         made = ControllerSettings(
             sample_rate=1.0,
             stroke=1.0,
-            voltage_limits=(0.0, 1.0),
+            voltage_limits=(0.0, 1.0 + 2.0 * self.thresholds[-1]),
             thresholds=self.thresholds,
             plays=len(self.thresholds),
             rated=self.rated,
@@ -59,11 +71,13 @@ class Data:
 
     volts: FloatArray  # V, already delayed
     displacement: FloatArray  # um above `zero`
+    known: npt.NDArray[np.bool_]  # of the same samples: whether they may be fitted
     sample_rate: float
     every: int
     voltage_range: tuple[float, float]
     stroke: float  # um
     zero: float  # um
+    fastest: float = 0.0  # um/s: `speed` of the whole record
 
     @property
     def q(self) -> float:
@@ -71,16 +85,24 @@ class Data:
         return self.stroke / (self.voltage_range[1] - self.voltage_range[0])
 
     @property
+    def speed(self) -> float:
+        """Fastest motion of these rows as a straight line would have it, um/s."""
+        return self.q * float(np.abs(central_difference(self.volts, self.sample_rate)).max())
+
+    @property
     def rate_scale(self) -> float:
-        """c_b as `ControllerSettings` has it, s/um."""
-        return 1 / (50 * self.stroke)
+        """c_b, s/um: as `ControllerSettings` has it, unless the record is faster."""
+        return 1 / max(50 * self.stroke, self.fastest)
 
     def settled(self) -> int:
-        """First kept row whose plays do not remember their start: the voltage has swept nearly all of its range."""
-        x = self.volts
-        swept = np.maximum.accumulate(x) - np.minimum.accumulate(x) >= SWEPT * (x.max() - x.min())
-        first = int(np.argmax(swept)) if swept[-1] else x.size
-        return -(-min(first, int(SETTLING * x.size)) // self.every)
+        """First kept row whose plays do not remember their start."""
+        return -(-min(settled(self.volts, float(np.ptp(self.volts))), int(SETTLING * self.volts.size)) // self.every)
+
+    def fitted(self, rested: bool) -> npt.NDArray[np.bool_]:
+        """Which kept rows are fitted: those that are known, from the start where the actuator starts at rest."""
+        rows = self.known.copy()
+        rows[: 0 if rested else self.settled()] = False
+        return rows
 
     def columns(self, s: Structure, z: FloatArray) -> FloatArray:
         """Columns of all coefficients and, last, the displacement. `z` is the model's own, um, at the full rate.
@@ -112,7 +134,7 @@ class Data:
         P = prior.covariance(a, s.rated, q=self.q, stroke=self.stroke, **terms)  # type: ignore[arg-type]
         lag = P.shape[0] - s.bends - 2
         P[lag, lag] = max(prior.LAG_DEVIATION, 1 / self.sample_rate) ** 2
-        P[lag + 1, lag + 1] = self.stroke**2
+        P[lag + 1, lag + 1] = (self.stroke + self.q * max(abs(low), abs(high))) ** 2
         m, k = P.shape[0], len(s.starts)
         covariance = np.zeros((m + k, m + k))
         covariance[:m, :m] = P
@@ -121,18 +143,25 @@ class Data:
         mean[[s.names.index(f"a{i}") for i in range(len(a))]] = a
         return Prior(mean, covariance)
 
-    def slopes(self, s: Structure, velocity: float) -> FloatArray:
-        """G with G c = the partial slopes at the velocities +velocity and -velocity."""
-        names = s.names
-        G = np.zeros((2, len(s.thresholds), len(names)))
-        for sign, side in zip((1, -1), G, strict=True):
-            for i in range(len(s.thresholds)):
+    def constraints(self, s: Structure, velocity: float) -> tuple[FloatArray, FloatArray]:
+        """G and g of G c >= g, without which there is no inverse.
+
+        The partial slopes at the velocities +velocity and -velocity are `FLOOR` q at least, and so are they at all
+        between; and z - bends(z) rises by `STEEPEST` of z at least.
+        """
+        names, n = s.names, len(s.thresholds)
+        plays, bends = np.zeros((2, n, len(names))), np.zeros((BENT.size, len(names)))
+        for sign, side in zip((1, -1), plays, strict=True):
+            for i in range(n):
                 side[i:, names.index(f"a{i}")] = 1
                 if i in s.rated:
                     side[i:, names.index(f"b{i}")] = sign * self.rate_scale * velocity
-        return G.reshape(-1, len(names))
+        first = names.index("offset") + 1
+        bends[:, first : first + s.bends] = -bend_slopes(BENT * self.stroke, self.stroke)[:, : s.bends]
+        floors = np.repeat([FLOOR * self.q, STEEPEST - 1], [2 * n, BENT.size])
+        return np.vstack([plays.reshape(-1, len(names)), bends]), floors
 
-    def model(self, s: Structure, c: FloatArray, delay: float, velocity: float) -> ActuatorModel:
+    def model(self, s: Structure, c: FloatArray, velocity: float) -> ActuatorModel:
         """The model with these coefficients; its covariance is not known yet."""
         m = c.size - len(s.starts)
         return ActuatorModel(
@@ -146,7 +175,6 @@ class Data:
             zero=self.zero,
             voltage_range=self.voltage_range,
             rate_scale=self.rate_scale,
-            delay=delay,
             velocity=velocity,
         )
 

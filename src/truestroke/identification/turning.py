@@ -11,6 +11,7 @@ from truestroke._typing import FloatArray
 
 Rows = npt.NDArray[np.int64]
 
+STROKE = 0.05  # of the voltage span: the least travel between two reversals that counts as a stroke
 WINDOW = 0.1  # of the shorter stroke beside it, that a reversal's window reaches down on either side
 POINTS = 48  # that stand for a window
 FEWEST_SIDE = 3  # samples of a window on each side of the reversal

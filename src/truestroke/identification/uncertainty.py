@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+import numpy.typing as npt
 
 from truestroke._typing import FloatArray
 from truestroke.identification.normal import Prior, reduced
 
+LAGS = 200  # of the autocorrelation at most
 SEGMENTS = 8  # of the record, for the spectrum of what is left
 
 
@@ -42,18 +46,23 @@ def covariance(J: FloatArray, residual: FloatArray, prior: Prior, weight: float)
 
 def colored(J: FloatArray, residual: FloatArray) -> FloatArray:
     """J' Omega J, corrected for the degrees of freedom that the fit took."""
+    samples, m = J.shape
+    frequencies = np.fft.rfftfreq(samples)
+    twice = np.where((frequencies > 0) & (frequencies < 0.5), 2.0, 1.0)  # for the negative frequencies
+    share = _spectrum(residual, frequencies) * twice / max(samples - m, 1)
+    F = np.fft.rfft(J, axis=0) * np.sqrt(share)[:, None]
+    return np.asarray(F.real.T @ F.real + F.imag.T @ F.imag)
+
+
+def _spectrum(residual: FloatArray, frequencies: npt.NDArray[np.floating[Any]]) -> FloatArray:
+    """Two-sided density at the frequencies, per sample, by Welch's method."""
     from scipy.signal import welch
 
-    samples, m = J.shape
-    length = max(samples // SEGMENTS, min(samples, 16))
+    length = max(residual.size // SEGMENTS, min(residual.size, 16))
     f, S = welch(residual, nperseg=length, return_onesided=False, detrend=False)
     order = np.argsort(f)
-    grid = np.fft.rfftfreq(samples)
-    spectrum = np.interp(grid, f[order][f[order] >= 0], S[order][f[order] >= 0])
-    twice = np.where((grid > 0) & (grid < 0.5), 2.0, 1.0)
-    scale = samples / max(samples - m, 1) / samples
-    F = np.fft.rfft(J, axis=0) * np.sqrt(spectrum * twice * scale)[:, None]
-    return np.asarray(F.real.T @ F.real + F.imag.T @ F.imag)
+    upper = order[f[order] >= 0]
+    return np.asarray(np.interp(frequencies, f[upper], S[upper]))
 
 
 def effective_samples(residual: FloatArray) -> float:
@@ -62,3 +71,12 @@ def effective_samples(residual: FloatArray) -> float:
 
     _, S = welch(residual, nperseg=max(residual.size // SEGMENTS, min(residual.size, 16)), return_onesided=False)
     return float(residual.size * min(1.0, S.mean() / max(S[1:4].mean(), 1e-300)))
+
+
+def autocorrelation(residual: FloatArray) -> FloatArray:
+    """Sum of e[k] e[k + lag] over sum of e[k]^2, for lags from 0, 1/4 of the samples at most, `LAGS` at most."""
+    from scipy.signal import correlate
+
+    lags = min(LAGS, residual.size // 4)
+    sums = correlate(residual, residual, mode="full", method="fft")[residual.size - 1 :][: lags + 1]
+    return np.asarray(sums / max(sums[0], 1e-300))

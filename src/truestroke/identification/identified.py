@@ -1,0 +1,248 @@
+"""From a record to a model: its structure, its weights, and how well it is known."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from truestroke import _check
+from truestroke._check import SettingError
+from truestroke._typing import FloatArray
+from truestroke.identification import uncertainty
+from truestroke.identification.actuator import ActuatorModel, central_difference
+from truestroke.identification.fitting import Fit, fit_structure
+from truestroke.identification.regression import ROWS, Data, delayed
+from truestroke.identification.select import choose, find_delay
+from truestroke.identification.series import Series, series
+
+CHOICE_ROWS = 15_000  # at most where structures are compared, as `ROWS`
+NEAR = 0.25  # of the stroke
+FEWEST = 20  # samples in each part
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """How well a model predicts, from voltage alone, the last part of a record that no choice has seen.
+
+    Attributes
+    ----------
+    rmse_um, maximum_um : float
+        Root mean square and largest magnitude of the error, um.
+    rmse_percent, maximum_percent : float
+        The same in % of the peak-to-peak displacement of the record.
+    samples : int
+        Length of that part.
+    """
+
+    rmse_um: float
+    maximum_um: float
+    rmse_percent: float
+    maximum_percent: float
+    samples: int
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """The record as it was fitted beside what the model that was fitted to its first part predicts.
+
+    Attributes
+    ----------
+    time, volts : ndarray, shape (samples,)
+        s, V.
+    displacement, predicted : ndarray, shape (samples,)
+        Measured, and predicted from the voltage alone, um.
+    held_out : ndarray of bool, shape (samples,)
+        The last part, which that model has not seen; the figures of `HeldOut` are those of its known samples.
+    known : ndarray of bool, shape (samples,)
+        False within the holes of the record, where volts and displacement are straight lines, and behind long ones
+        until the states of the plays are known again.
+    """
+
+    time: FloatArray
+    volts: FloatArray
+    displacement: FloatArray
+    predicted: FloatArray
+    held_out: npt.NDArray[np.bool_]
+    known: npt.NDArray[np.bool_]
+
+    @property
+    def residual(self) -> FloatArray:
+        """displacement - predicted, um, shape (samples,)."""
+        return self.displacement - self.predicted
+
+
+@dataclass(frozen=True, eq=False)
+class Identified:
+    """What `identify` found.
+
+    Attributes
+    ----------
+    model : ActuatorModel
+        Fitted to the whole record, with covariance, figures and provenance.
+    held_out : HeldOut
+        Of the model that the same procedure, choice of the structure included, makes of the first part of the record.
+    trace : Trace
+        The record beside the prediction of the model of `held_out`.
+    residual : ndarray, shape (rows,)
+        What the model leaves of the rows it was fitted to, um.
+    autocorrelation : ndarray, shape (lags,)
+        Of the residual, from lag 0, which is 1, in rows; beyond +-2 / sqrt(rows) it is not white.
+    effective_samples : float
+        How many independent samples the rows count for.
+    tried : tuple of (str, float)
+        What cross-validation compared, in its order: structure in words, rmse, um.
+    """
+
+    model: ActuatorModel
+    held_out: HeldOut
+    trace: Trace
+    residual: FloatArray
+    autocorrelation: FloatArray
+    effective_samples: float
+    tried: tuple[tuple[str, float], ...]
+
+
+def identify(
+    record: Any,
+    *,
+    rate: bool | None = None,
+    creep_times: Sequence[float] | None = None,
+    bends: int | None = None,
+    thresholds: Sequence[float] | None = None,
+    delay: float | None = None,
+    held_out: float = 0.4,
+) -> Identified:
+    """The model of an actuator from a record of voltage and displacement.
+
+    Least squares that are pulled to the prior of the controller, all partial slopes positive at every velocity of the
+    record. What is left out of the arguments is chosen by blocked cross-validation. All this is done twice: with
+    the first part of the record, whose model gives the figures of `HeldOut` on the last part, and with all of it. Of
+    the last part the first fit knows the range and the largest rate of the voltage, nothing of the displacement.
+
+    Parameters
+    ----------
+    record : Record or tuple
+        `Record`, or the tuple (volts in V, displacement in um, sample rate in Hz). Gaps and irregular time stamps are
+        bridged by straight lines, which are not fitted; beyond 500,000 samples, means over blocks.
+    rate : bool, optional
+        Whether the weights know the rate.
+    creep_times : sequence of float, optional
+        Time constants of the creep states, s; () is no creep.
+    bends : int, optional
+        Terms of asymmetry, 0 to 2.
+    thresholds : sequence of float, optional
+        r of the plays, V, ascending from 0.
+    delay : float, optional
+        Between voltage and displacement, s.
+    held_out : float
+        Share of the record at its end that is held out, above 0, at most 0.5.
+
+    Raises
+    ------
+    SettingError
+        An argument is out of bounds, the record is too short, voltage or displacement does not move, or the
+        displacement falls where the voltage rises.
+
+    Examples
+    --------
+    >>> t = np.arange(4000) / 1000.0
+    >>> x = 1.5 - 1.5 * np.cos(2 * np.pi * t) * np.cos(0.8 * t)
+    >>> found = identify((x, 10.0 * x, 1000.0))
+    >>> round(found.held_out.rmse_percent, 2), found.model.predict([0.0, 1.0], 1000.0).round(1)
+    (0.0, array([ 0., 10.]))
+    """
+    taken = series(record)
+    share = _check.within("held_out", held_out, 0.01, 0.5)
+    train, fs = round((1 - share) * taken.volts.size), taken.sample_rate
+    _refuse_empty(taken, train)
+    longest = taken.volts.size / fs / 4
+    shift = None if delay is None else round(_check.within("delay", delay, 0.0, longest, "s") * fs)
+    fixed = {
+        "rate": rate,
+        "creep_times": creep_times,
+        "bends": None if bends is None else _check.count("bends", bends, 0, 2),
+        "thresholds": thresholds,
+    }
+    part, _ = _found(taken, train, shift, fixed, certain=False)
+    final, tried = _found(taken, taken.volts.size, shift, fixed)
+    trace = _trace(taken, part.model.predict(taken.volts, fs), train)
+    figures, left = _held_out(trace), final.residual
+    model = _documented(final, figures, taken)
+    white = uncertainty.autocorrelation(left), uncertainty.effective_samples(left)
+    return Identified(model, figures, trace, left, *white, tried)
+
+
+def _found(
+    s: Series, samples: int, shift: int | None, fixed: Mapping[str, Any], certain: bool = True
+) -> tuple[Fit, tuple[tuple[str, float], ...]]:
+    """Delay, structure and weights from the first samples, and what was compared."""
+    coarse = _data(s, samples, CHOICE_ROWS)
+    coarse, guess, shift = find_delay(coarse, s.volts[:samples], s.displacement[:samples], shift)
+    structure, weight, tried = choose(coarse, guess, fixed)
+    fine = _data(s, samples, ROWS, shift)
+    weight *= fine.displacement.size / coarse.displacement.size  # as sure of the prior as what was compared
+    return fit_structure(fine, structure, weight, guess, shift / s.sample_rate, certain), tried
+
+
+def _refuse_empty(s: Series, train: int) -> None:
+    """Where there is nothing to learn from in the first part, or nothing to predict in the last."""
+    for name, values, unit in (("volts", s.volts, "V"), ("displacement", s.displacement, "um")):
+        if np.ptp(values[:train]) <= 1e-12 * np.abs(values).max():
+            raise SettingError(
+                name, f"{values[0]:g} in the first {train} samples", "moving before the held-out part", unit
+            )
+    for part, known in (("first", s.known[:train]), ("held-out", s.known[train:])):
+        if np.count_nonzero(known) < FEWEST:
+            found = f"{np.count_nonzero(known)} samples outside its gaps in the {part} part"
+            raise SettingError("record", found, f"one with at least {FEWEST}")
+
+
+def _data(s: Series, samples: int, rows: int, shift: int = 0) -> Data:
+    """The first samples, as the fit sees them; of the others, the range of the voltage and its rate.
+
+    The zero is the first that the record comes near: the sensor's own, the straight line's displacement at 0 V, or its
+    least displacement: bends are told from travel between 0 and the stroke.
+    """
+    x, z = s.volts[:samples], s.displacement[:samples]
+    stroke = float(np.ptp(z) * np.ptp(s.volts) / np.ptp(x))
+    every = -(-x.size // rows)
+    zeros = 0.0, float(np.polyfit(x, z, 1)[1]), float(z.min())
+    zero = next(a for a in zeros if z.min() - NEAR * stroke <= a <= z.max() + NEAR * stroke)
+    return Data(
+        volts=delayed(x, shift),
+        displacement=(z - zero)[::every],
+        known=s.known[:samples:every],
+        sample_rate=s.sample_rate,
+        every=every,
+        voltage_range=(float(s.volts.min()), float(s.volts.max())),
+        stroke=stroke,
+        zero=zero,
+        fastest=float(np.abs(central_difference(s.volts, s.sample_rate)).max()) * stroke / float(np.ptp(s.volts)),
+    )
+
+
+def _trace(s: Series, predicted: FloatArray, train: int) -> Trace:
+    held_out = np.arange(s.volts.size) >= train
+    return Trace(s.time, s.volts, s.displacement, predicted, held_out, s.known)
+
+
+def _held_out(trace: Trace) -> HeldOut:
+    error, stroke = trace.residual[trace.held_out & trace.known], float(np.ptp(trace.displacement))
+    rmse, maximum = float(np.sqrt(np.mean(error**2))), float(np.abs(error).max())
+    return HeldOut(rmse, maximum, 100 * rmse / stroke, 100 * maximum / stroke, error.size)
+
+
+def _documented(fit: Fit, held_out: HeldOut, s: Series) -> ActuatorModel:
+    """The model with what its file tells about it."""
+    from importlib.metadata import version
+
+    figures = {f"held_out_{name}": float(value) for name, value in dataclasses.asdict(held_out).items()}
+    figures |= {"record_samples": float(s.volts.size), "record_sample_rate_hz": s.sample_rate}
+    return fit.model.replace(
+        figures=figures, provenance={"source": s.source, "made_by": f"truestroke {version('truestroke')}"}
+    )

@@ -1,0 +1,139 @@
+"""A record as the fit takes it: regular samples, holes bridged and marked."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from truestroke import _check
+from truestroke._check import SettingError
+from truestroke._typing import FloatArray
+from truestroke.identification import turning
+from truestroke.identification.record import FEWEST_ROWS
+
+SAMPLES = 500_000  # of the record at most: longer ones are replaced by means over blocks
+REGULAR = 0.02  # of the interval: how far time stamps may be off, beyond the rounding of their digits
+SWEPT = 0.96  # of the voltage range: when it has been swept, the plays do not remember what was before
+SETTLING = 0.25  # of a segment behind a hole at most: what is left out until they do not
+BRIDGED = 0.2  # of a stroke's duration: a hole that is shorter hides no reversal
+
+
+@dataclass(frozen=True, eq=False)
+class Series:
+    """Regular samples of voltage and displacement.
+
+    Attributes
+    ----------
+    time, volts, displacement : ndarray, shape (samples,)
+        s, V, um. Within holes of the record, straight lines.
+    known : ndarray of bool, shape (samples,)
+        False within a hole, and behind a long one until the states of the plays are known again.
+    sample_rate : float
+        Hz.
+    source : str
+        Where it comes from.
+    """
+
+    time: FloatArray
+    volts: FloatArray
+    displacement: FloatArray
+    known: npt.NDArray[np.bool_]
+    sample_rate: float
+    source: str
+
+
+def series(record: Any) -> Series:
+    """Regular samples of a record: an object with `volts`, `displacement`, `sample_rate`, or a tuple of the three.
+
+    Where its time stamps are irregular or leave gaps, straight lines between its rows, at its own rate. A gap that is
+    longer than the record itself is shortened. Beyond 500,000 samples, means over blocks.
+
+    Raises
+    ------
+    SettingError
+        The record is too short, voltage or displacement does not move, or the displacement falls with the voltage.
+    """
+    volts, displacement, rate = (
+        record if isinstance(record, tuple) else (record.volts, record.displacement, record.sample_rate)
+    )
+    x, z = _check.finite_array("volts", volts, "V"), _check.finite_array("displacement", displacement, "um")
+    fs = _check.positive("sample_rate", rate, "Hz")
+    _refuse_useless(x, z)
+    position = _positions(record, fs)
+    time, known = np.arange(x.size) / fs, np.ones(x.size, dtype=np.bool_)
+    if position is not None:
+        time, x, z, known = _bridged(record.time, x, z, position, record.segments)
+    block = -(-x.size // SAMPLES)
+    time, x, z = (a[: a.size // block * block].reshape(-1, block).mean(axis=1) for a in (time, x, z))
+    known = np.asarray(known[: known.size // block * block].reshape(-1, block).all(axis=1), dtype=np.bool_)
+    return Series(time, x, z, known, fs / block, str(getattr(record, "source", "")))
+
+
+def _refuse_useless(x: FloatArray, z: FloatArray) -> None:
+    if z.size != x.size:
+        raise SettingError("displacement", f"array of {z.size} samples", f"as long as volts, {x.size} samples", "um")
+    if x.size < FEWEST_ROWS:
+        raise SettingError("volts", f"array of {x.size} samples", f"a record of at least {FEWEST_ROWS} samples")
+    for name, value, unit in (("volts", x, "V"), ("displacement", z, "um")):
+        if np.ptp(value) <= 1e-12 * np.abs(value).max():
+            raise SettingError(name, f"{value[0]:g} throughout", "a record that moves", unit)
+    if (x - x.mean()) @ (z - z.mean()) <= 0:
+        raise SettingError(
+            "displacement",
+            "falls where volts rises",
+            "one that rises (flip_displacement of read_record turns its sign)",
+        )
+
+
+def _positions(record: Any, fs: float) -> FloatArray | None:
+    """Time of each row in samples from the first; None where they count from 0 without a hole."""
+    segments = getattr(record, "segments", ())
+    if "time" not in getattr(record, "columns", ()) and len(segments) < 2:
+        return None
+    t = record.time
+    regular = all(_regular(t[s], fs) for s in segments)
+    if regular and len(segments) == 1:
+        return None
+    steps = np.ones(t.size - 1) if regular else np.diff(t) * fs
+    ends = np.array([s.stop - 1 for s in segments[:-1]], dtype=np.int64)
+    steps[ends] = np.minimum(np.round((t[ends + 1] - t[ends]) * fs), max(2, t.size // max(ends.size, 1)))
+    return np.concatenate([[0.0], np.cumsum(steps)])
+
+
+def _regular(t: FloatArray, fs: float) -> bool:
+    """Whether the stamps lie on a line, but for the rounding of their last digit."""
+    if t.size < 3:
+        return True
+    off = np.abs(t - np.linspace(t[0], t[-1], t.size)).max()
+    few = t[:: max(1, t.size // 10_000)]
+    digits = (d for d in 10.0 ** np.arange(0, -10, -1) if np.abs(few - np.round(few / d) * d).max() < 1e-4 * d)
+    digit = next(digits, 0.0)
+    return bool(off <= max(REGULAR / fs, 1.01 * digit))
+
+
+def _bridged(
+    t: FloatArray, x: FloatArray, z: FloatArray, position: FloatArray, segments: tuple[slice, ...]
+) -> tuple[FloatArray, FloatArray, FloatArray, npt.NDArray[np.bool_]]:
+    """Time, voltage and displacement at whole positions, and which of them are known."""
+    grid = np.arange(int(position[-1] + 1e-6) + 1, dtype=np.float64)
+    time, volts, moved = (np.interp(grid, position, a) for a in (t, x, z))
+    known = np.ones(grid.size, dtype=bool)
+    span = float(np.ptp(volts))
+    turns = turning.reversals(volts, turning.STROKE * span)
+    for before, after in itertools.pairwise(segments):
+        start, stop = int(position[before.stop - 1]) + 1, int(np.ceil(position[after.start]))
+        end = int(position[after.stop - 1]) + 1
+        known[start:stop] = False
+        if stop - start > BRIDGED * np.median(np.diff(turns)):
+            known[stop : stop + min(settled(volts[stop:end], span), int(SETTLING * (end - stop)))] = False
+    return time, volts, moved, known
+
+
+def settled(x: FloatArray, span: float) -> int:
+    """First sample at which the voltage has swept nearly all of its range `span`, V; else how many there are."""
+    swept = np.maximum.accumulate(x) - np.minimum.accumulate(x) >= SWEPT * span
+    return int(np.argmax(swept)) if x.size and swept[-1] else x.size
