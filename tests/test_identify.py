@@ -173,7 +173,7 @@ def test_arrays_of_the_rate_dependent_model_follow_the_text():
         (lambda x, z: (x, 0 * z), "displacement"),
         (lambda x, z: (x, -z), "rises"),
         (lambda x, z: (x, np.where(np.arange(z.size) == 7, np.nan, z)), r"displacement\[7\]"),
-        (lambda x, z: (x[:2], z[:2]), "200 samples"),
+        (lambda x, z: (x[:2], z[:2]), "50 samples"),
         (lambda x, z: (x, z[:-1]), "as long as"),
     ],
 )
