@@ -29,6 +29,7 @@ WEIGHTS = (1.0, 10.0, 100.0)  # of the prior, beyond the noise of the first fit
 FASTER = 2.0  # times what the rows to fit show: where the rest of the record is, a line in the rate would mislead
 BETTER = 0.99  # a sample of delay must lower the rmse at least this far
 ENOUGH = 1.1  # of the least rmse: the most terms that do not exceed it, as by one standard error
+ENOUGH_PLAYS = 1.05  # the same of the thresholds
 LONGEST_DELAY = 0.1  # s
 SEEN = 1.2  # of the least rmse: the delay that the reversals show may exceed it so far
 QUICK = 16  # plays of the first fit
@@ -121,7 +122,9 @@ def choose(
     weights = [w * noise for w in WEIGHTS]
     banks = [_blocks(data, s, guess) for s in _with_all_terms(data, fixed)]
     tried = [(bank.rmse(bank.full, w), bank, bank.full, w) for bank in banks for w in weights]
-    _, bank, full, _ = min(tried, key=lambda entry: entry[0] * (FROM_REST if entry[2].rested else 1.0))
+    scores = [score * (FROM_REST if s.rested else 1.0) for score, _, s, _ in tried]
+    good = [entry for entry, score in zip(tried, scores, strict=True) if score <= ENOUGH_PLAYS * min(scores)]
+    _, bank, full, _ = max(good, key=lambda entry: (len(entry[2].thresholds), -entry[0]))
     fewer = [(bank.rmse(s, w), bank, s, w) for s in _with_fewer_terms(full, fixed) for w in weights]
     tried += fewer
     least = min(score for score, *_ in fewer)
