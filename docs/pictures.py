@@ -1,10 +1,11 @@
-"""Draw the pictures of adaptation.md from the runs of its own blocks: `python docs/pictures.py` (about 15 s)."""
+"""Draw the pictures of adaptation.md and identify.md from their own blocks: `python docs/pictures.py` (about 20 s)."""
 
 from __future__ import annotations
 
 import contextlib
 import io
 import re
+import tempfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from matplotlib.figure import Figure
 
 from truestroke.recording import Recording
 from truestroke.report import style
+from truestroke.report.identified import save_pictures
 from truestroke.report.style import Theme
 
 DOCS = Path(__file__).parent
@@ -173,8 +175,15 @@ def trim(runs: Runs, theme: Theme) -> Figure:
 PICTURES: tuple[Callable[[Runs, Theme], Figure], ...] = (cold, change, sensor, stopped, limits, trim)
 
 
+def identified(folder: Path = DOCS / "images" / "identify") -> None:
+    """The pictures of the report on the record of identify.md."""
+    with tempfile.TemporaryDirectory() as there, contextlib.chdir(there):
+        save_pictures(runs_of(DOCS / "identify.md")["model_of_sweep"], folder)
+
+
 def main(folder: Path = DOCS / "images" / "adaptation") -> None:
     """Draw all of them, light and dark."""
+    identified()
     runs = runs_of(DOCS / "adaptation.md")
     folder.mkdir(parents=True, exist_ok=True)
     for draw in PICTURES:
