@@ -166,7 +166,7 @@ def weights(view: View, theme: Theme = LIGHT) -> Figure:
         figure = Figure(figsize=(style.WIDTH, 4.6), layout=ConstrainedLayoutEngine(h_pad=0.07, w_pad=0.05))
         grid = figure.add_gridspec(2, 1)
         for k, row in enumerate((groups[:above], groups[above:])):
-            widths = [1.6 + 0.5 * len(group.members) for group in row]
+            widths = [1.6 + (0.7 if group.labels else 0.4) * len(group.members) for group in row]
             parts = grid[k].subgridspec(1, len(row), width_ratios=widths)
             for j, group in enumerate(row):
                 _bars(figure.add_subplot(parts[j]), view, group, theme)
@@ -224,7 +224,7 @@ def _bars(panel: Axes, view: View, group: _Group, theme: Theme) -> None:
         panel.set_xlabel(f"threshold ({unit})")
     else:
         x = np.arange(len(k), dtype=np.float64)
-        panel.set_xticks(x, group.labels)
+        panel.set_xticks(x, group.labels, fontsize=7 if len(x) > 3 else None)
         panel.set_xlim(-0.6, len(k) - 0.4)
         panel.set_xlabel(group.below)
     panel.axhline(0, color=theme["muted"], lw=0.7)
