@@ -224,7 +224,7 @@ def _bars(panel: Axes, view: View, group: _Group, theme: Theme) -> None:
         panel.set_xlabel(f"threshold ({unit})")
     else:
         x = np.arange(len(k), dtype=np.float64)
-        panel.set_xticks(x, group.labels, fontsize=7 if len(x) > 3 else None)
+        panel.set_xticks(x, group.labels, fontsize=7 if len(x) > 3 else 8)
         panel.set_xlim(-0.6, len(k) - 0.4)
         panel.set_xlabel(group.below)
     panel.axhline(0, color=theme["muted"], lw=0.7)
