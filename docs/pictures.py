@@ -1,4 +1,4 @@
-"""Draw the pictures of adaptation.md and from-model.md from their blocks: `python docs/pictures.py` (about 40 s)."""
+"""Draw the pictures of adaptation, from-model and identify from the blocks of those pages (a minute)."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from matplotlib.figure import Figure
 
 from truestroke.recording import Recording
 from truestroke.report import style
+from truestroke.report.identified import save_pictures
 from truestroke.report.style import Theme
 
 DOCS = Path(__file__).parent
@@ -203,9 +204,18 @@ PICTURES: dict[str, tuple[Callable[[Runs, Theme], Figure], ...]] = {
 }
 
 
+def identified(folder: Path = DOCS / "images" / "identify") -> None:
+    """The pictures of the report on the record of identify.md."""
+    with tempfile.TemporaryDirectory() as there, contextlib.chdir(there):
+        save_pictures(runs_of(DOCS / "identify.md")["model_of_sweep"], folder)
+
+
 def main(*pages: str) -> None:
     """Draw those of some pages, or of all, light and dark."""
-    for page in pages or PICTURES:
+    for page in pages or (*PICTURES, "identify"):
+        if page == "identify":
+            identified()
+            continue
         runs, folder = runs_of(DOCS / f"{page}.md"), DOCS / "images" / page
         folder.mkdir(parents=True, exist_ok=True)
         for draw in PICTURES[page]:

@@ -1,7 +1,8 @@
-"""`truestroke identify`: from a record of voltage and displacement to a model file."""
+"""`truestroke identify`: from a record of voltage and displacement to a model file and its page."""
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,31 +18,64 @@ if TYPE_CHECKING:
 @click.command()
 @record_options
 @click.option("--output", metavar="FILE", default="model.toml", help="The model is written there.")
+@click.option("--report", metavar="FILE", help="The page is written there.  [default: as --output, .html]")
+@common.pictures_option
 @common.json_option
-def identify(record: Path, output: str, as_json: bool, **options: Any) -> None:
+def identify(
+    record: Path, output: str, report: str | None, figures: Path | None, as_json: bool, **options: Any
+) -> None:
     """Fit a model to a record of voltage and displacement.
 
     Structure by blocked cross-validation; the last 40 % of the record tell how well the model predicts. Writes a model
-    file that `AdaptiveController.from_model` starts from.
+    file that `AdaptiveController.from_model` starts from, and a page that says how far it can be trusted.
     """
     from truestroke.identification import examine, save_model
     from truestroke.identification import identify as fit
 
-    target = Path(output)
-    if not target.parent.is_dir():
-        raise click.ClickException(f"--output {output}: there is no folder {target.parent}")
+    target, page_file = _files(output, report)
     data = read(record, **options)
-    warnings = examine(data).warnings
+    findings = examine(data)
     found = fit(data)
     save_model(target, found.model)
+    with common.progress("drawing"):
+        from truestroke.report import identified
+
+        about = {"findings": findings, "model_file": target, "next_commands": tuple(_next(target))}
+        identified.save_page(found, data, page_file, **about, command=common.as_asked()["command"])
+        pictures = identified.save_pictures(found, figures) if figures else []
     if as_json:
-        common.print_json({**_figures(found), "model": str(target), "warnings": list(warnings)})
+        files = {"model": str(target), "page": str(page_file), "pictures": [str(path) for path in pictures]}
+        common.print_json({**_figures(found), **files, "warnings": list(findings.warnings)})
         return
     common.print_table(("held out, the last part", "um", "of p-p"), _rows(found))
     common.print_text(f"structure  {found.tried[-1][0]}" if found.tried else "structure  as given")
-    for warning in warnings:
+    for warning in findings.warnings:
         common.print_text(f"- {warning}")
-    click.echo(f"model      {target}")
+    common.print_files(model=target, page=page_file, pictures=figures)
+    common.suggest(*_next(target))
+
+
+def _files(output: str, report: str | None) -> tuple[Path, Path]:
+    """Model and page; an error now rather than after the fit if they cannot be written."""
+    target = Path(output)
+    page_file = target.with_suffix(".html") if report is None else Path(report)
+    for option, file in (("--output", target), ("--report", page_file)):
+        if not file.parent.is_dir():
+            raise click.ClickException(f"{option} {file}: there is no folder {file.parent}")
+        if file.is_dir():
+            raise click.UsageError(f"{option} {file}: is a folder; name a file.")
+    if page_file == target:
+        raise click.UsageError(f"--output {output}: the page would replace the model; call the model .toml.")
+    return target, page_file
+
+
+def _next(model: Path) -> list[tuple[str, str]]:
+    """Commands worth typing after this one."""
+    name = shlex.quote(str(model))
+    return [
+        (f"track --model {name}", "the controller starts from the model, on the simulated stack"),
+        (f"invert wave.csv --model {name}", "the voltage that makes a motion of yours"),
+    ]
 
 
 def _figures(found: Identified) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Figures and pages; they read recordings only.
+"""Figures and pages; they read recordings and identified models only.
 
 >>> from truestroke.report import THEMES, tracking, error, weights, loop, voltage, save, save_page
 """

@@ -1,0 +1,271 @@
+"""One self-contained HTML page of an identified model, to print and attach."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from truestroke.identification import Findings, Identified, Record, examine
+from truestroke.report import style
+from truestroke.report.identified import pictures
+from truestroke.report.identified.pictures import length
+from truestroke.report.identified.view import View
+from truestroke.report.page import render, save_all, svg
+
+CAPTIONS = {
+    "loop": (
+        "The loop",
+        "Displacement over voltage in the part of the record that the model had not seen, measured and predicted. On "
+        "the right the straight line is taken away, so that the loops open: look for places where the thin line "
+        "leaves the wide one.",
+    ),
+    "residual": (
+        "What the model leaves",
+        "Measured minus predicted displacement, by a model that was fitted to the part that is not shaded. Above: "
+        "the start is a state that nobody knows; a slope in the shaded part is creep or drift that the record was too "
+        "short to tell. Below: a bend of the median over voltage is a term that the model lacks, a slope over rate a "
+        "lag. The autocorrelation of what the fit leaves would stay in the grey band if that were noise alone.",
+    ),
+    "weights": (
+        "The weights",
+        "Each with its standard deviation, which allows for residuals that are not white. Neighbouring plays share one "
+        "slope between them: their sum is known better than each. Hollow: the record has hardly told this weight, and "
+        "its bar is that of the belief before it (grey).",
+    ),
+}
+WHITE = 0.5  # of the samples: with fewer effective ones the residual is not called white
+NOISE = 1.5  # times the noise: a residual below that is called noise
+LINE = 0.8  # of the straight line's rmse: no gain worth a model
+
+
+# ---- In words ------------------------------------------------------------------------------------------------------
+
+
+def percent(value: float) -> str:
+    """Two decimals, and more words where they would be none.
+
+    Examples
+    --------
+    >>> percent(0.357), percent(12.34), percent(0.0001)
+    ('0.36 %', '12.3 %', 'below 0.01 %')
+    """
+    if value < 0.005:
+        return "below 0.01 %"
+    return f"{value:.2f} %" if value < 10 else f"{value:.3g} %"
+
+
+def line_rmse(view: View) -> float:
+    """Of a straight line through the rest of the record, on the held-out part, um."""
+    return float(np.sqrt(np.mean(view.line_error[view.tested] ** 2)))
+
+
+def verdict(found: Identified, view: View, findings: Findings) -> str:
+    """How well the model predicts what it has not seen, in one sentence."""
+    h, line = found.held_out, line_rmse(view)
+    errors = f"{percent(h.rmse_percent)} of stroke rmse, {percent(h.maximum_percent)} at most"
+    what = "The model predicts motion that it has not seen"
+    if h.rmse_um <= NOISE * findings.noise_um:
+        return f"{what} to {errors}: as well as the noise of the sensor lets one tell."
+    if h.rmse_um >= LINE * line:
+        return f"{what} hardly better than a straight line, to {errors}: do not use it."
+    ratio = line / h.rmse_um
+    return f"{what} to {errors}: {f'{ratio:.0f}' if ratio >= 3 else f'{ratio:.1f}'} times better than a straight line."
+
+
+def whiteness(found: Identified) -> str:
+    """Whether the fit's residual is noise."""
+    n, samples = found.effective_samples, found.residual.size
+    count = f"{samples:,} samples of the fit's residual count for {n:,.0f} independent ones"
+    if n >= WHITE * samples:
+        return f"{count}: it is nearly white, nothing is left to model."
+    return f"{count}: it is not white, the model or the clock leaves something; the standard deviations allow for it."
+
+
+def notes(view: View, record: Record) -> list[str]:
+    """What of the record was not used, and which weights it has not told."""
+    says, unknown = [], np.count_nonzero(np.isnan(view.error))
+    if unknown:
+        share = percent(100 * unknown / view.time.size)
+        says.append(f"{share} of the samples lie in gaps or behind them, where the state of the actuator is not known")
+    block = round(record.sample_rate / view.model.figures["record_sample_rate_hz"])
+    if block > 1:
+        rate = view.model.figures["record_sample_rate_hz"]
+        says.append(f"means over {block} samples were used, at {rate:.4g} Hz: nothing faster is in the model")
+    untold = [name for name, hardly in zip(view.model.names, view.untold(), strict=True) if hardly]
+    if untold:
+        says.append(f"the record has hardly told {', '.join(untold)}: they are as uncertain as before it")
+    return says
+
+
+PARTS = re.compile(r"(.+?), (no rate|\d+ rate weights), (no creep|creep .+? s), (\d bends)")
+
+
+@dataclass(frozen=True)
+class Compared:
+    """A structure that cross-validation tried.
+
+    Attributes
+    ----------
+    words : str
+        The structure.
+    rmse : float
+        The least over the weights of the prior, um.
+    differs : str or None
+        The one part in which it differs from the chosen one; "" for the chosen one itself; None where more differ.
+    """
+
+    words: str
+    rmse: float
+    differs: str | None
+
+
+def structures(found: Identified) -> list[Compared]:
+    """What cross-validation compared, best first."""
+    scores: dict[str, float] = {}
+    chosen: tuple[str, ...] = ()
+    for words, rmse in found.tried:
+        name = words.removeprefix("chosen: ").rsplit(", prior", 1)[0]
+        chosen = _parts(name) if words.startswith("chosen: ") else chosen
+        scores[name] = min(rmse, scores.get(name, np.inf))
+    compared = []
+    for name, rmse in sorted(scores.items(), key=lambda entry: entry[1]):
+        other = [new for new, old in zip(_parts(name), chosen, strict=False) if new != old]
+        compared.append(Compared(name, rmse, "".join(other) if len(other) < 2 else None))
+    return compared
+
+
+def _parts(words: str) -> tuple[str, ...]:
+    match = PARTS.fullmatch(words)
+    return match.groups() if match else (words,)
+
+
+# ---- The page ------------------------------------------------------------------------------------------------------
+
+
+def save_page(found: Identified, record: Record, path: str | Path, **about: Any) -> Path:
+    """Write the page to `path`; nothing outside the file is needed to read it. Arguments as `page`."""
+    path = Path(path)
+    path.write_text(page(found, record, **about), encoding="utf-8")
+    return path
+
+
+def save_pictures(found: Identified, directory: str | Path) -> list[Path]:
+    """Write all pictures as PNG, light and dark, into `directory`; the paths."""
+    return save_all(lambda theme: pictures.pictures(found, theme), directory)
+
+
+def page(
+    found: Identified,
+    record: Record,
+    *,
+    findings: Findings | None = None,
+    model_file: str | Path | None = None,
+    next_commands: tuple[tuple[str, str], ...] = (),
+    command: str | None = None,
+) -> str:
+    """The page as HTML; it is also well-formed XML.
+
+    Parameters
+    ----------
+    found : Identified
+        What `identify(record)` returned.
+    record : Record
+        The record.
+    findings : Findings, optional
+        What `examine(record)` returned, if that is there already.
+    model_file : path, optional
+        Where the model was saved.
+    next_commands : tuple of (str, str)
+        Commands that use the model, each with what it does.
+    command : str, optional
+        What makes this page again.
+    """
+    findings, view = findings or examine(record), View.of(found)
+    drawn = pictures.pictures(found, style.PAGE)
+    h, source = found.held_out, Path(record.source).name
+    return render(
+        "identified",
+        title=f"Model of {source}",
+        lead=verdict(found, view, findings),
+        span=f"held out: {view.time[view.first]:.4g} to {view.time[-1]:.4g} s",
+        table=_figures(found, view),
+        note=f"Per cent are of the stroke, {length(view.model.stroke)}. The held-out part ({h.samples:,} of "
+        f"{view.time.size:,} samples) was predicted from voltage alone by a model of the same structure fitted to the "
+        "rest; the model in the file is fitted to all. The noise of the sensor between neighbouring samples is "
+        f"{length(findings.noise_um)}. {whiteness(found)}",
+        warnings=[_micro(text) for text in (*findings.warnings, *notes(view, record))],
+        figures=[
+            {"heading": heading, "caption": caption, "svg": svg(drawn[name], name, caption)}
+            for name, (heading, caption) in CAPTIONS.items()
+        ],
+        **_structure(found),
+        found=[(name, _micro(text)) for name, text in findings.table()],
+        weights=_weights(view),
+        model_file=None if model_file is None else str(model_file),
+        next_commands=next_commands,
+        command=command,
+        footer=_footer(view, record),
+    )
+
+
+def _figures(found: Identified, view: View) -> list[dict[str, Any]]:
+    """Rows of the table: rmse and maximum of model and straight line, um and %."""
+    line, h = view.line_error[view.tested], found.held_out
+    of_line = {"rmse": line_rmse(view), "maximum": float(np.abs(line).max())}
+    of_model = {"rmse": (h.rmse_um, h.rmse_percent), "maximum": (h.maximum_um, h.maximum_percent)}
+    return [
+        {
+            "name": name,
+            "cells": [
+                (*length(um).rsplit(maxsplit=1), percent(share))
+                for um, share in (of_model[name], (of_line[name], 100 * of_line[name] / view.model.stroke))
+            ],
+        }
+        for name in ("rmse", "maximum")
+    ]
+
+
+def _structure(found: Identified) -> dict[str, Any]:
+    """What was chosen, what of it each part is worth, and all that was tried."""
+    tried = structures(found)
+    chosen = next((one for one in tried if one.differs == ""), None)
+    if chosen is None:
+        return {"chosen": "as given", "rmse": "", "tried": [], "others": []}
+    others = [one for one in tried if one.differs]
+    return {
+        "chosen": chosen.words,
+        "rmse": length(chosen.rmse),
+        "tried": [(one.differs, length(one.rmse), _more(one.rmse, chosen.rmse)) for one in others],
+        "others": [(one.words, length(one.rmse)) for one in tried if one.differs is None],
+    }
+
+
+def _more(rmse: float, chosen: float) -> str:
+    """By how many per cent more."""
+    percents = round(100 * (rmse / chosen - 1)) if chosen > 0 else 0
+    return f"{percents:+d} %" if percents else "0 %"
+
+
+def _weights(view: View) -> list[tuple[str, str, str, str, str]]:
+    """Rows of the table of weights: name, weight, its deviation, that believed before, unit."""
+    rows = zip(view.model.names, view.model.weights, view.model.deviations, view.believed()[1], strict=True)
+    return [(name, *(f"{value:.4g}" for value in numbers), _unit(name)) for name, *numbers in rows]  # type: ignore[misc]
+
+
+def _unit(name: str) -> str:
+    return {"lag": "s", "offset": "µm"}.get(name, "µm" if name.startswith("bend") else "µm/V")
+
+
+def _micro(text: str) -> str:
+    return re.sub(r"\bum\b", "µm", text)
+
+
+def _footer(view: View, record: Record) -> str:
+    """Where the model comes from, in a line."""
+    columns = [f"{role} from {column.heading} ({column.unit})" for role, column in record.columns.items()]
+    made_by = view.model.provenance.get("made_by", "")
+    return " · ".join([record.source, *columns, *([made_by] if made_by else [])])

@@ -1,0 +1,239 @@
+"""The pictures of an identified model: its loops, what it leaves, its weights."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.ticker import MaxNLocator
+
+from truestroke._typing import FloatArray
+from truestroke.identification import Identified
+from truestroke.report import figures, style
+from truestroke.report.identified.view import View, binned
+from truestroke.report.style import LIGHT, Theme
+
+PREFIXES = ((1e-3, 1e6, "p"), (2.0, 1e3, "n"), (2e3, 1.0, "µ"), (np.inf, 1e-3, "m"))
+"""Up to how many millionths of a unit, the factor from millionths, and the prefix of the unit."""
+
+
+def scaled(largest: float, unit: str = "m") -> tuple[float, str]:
+    """Factor and unit in which to show values up to `largest`, in millionths of `unit`, such as um.
+
+    Examples
+    --------
+    >>> scaled(0.3), scaled(49.0), scaled(2000.0, "s")
+    ((1000.0, 'nm'), (1.0, 'µm'), (0.001, 'ms'))
+    """
+    prefixes = ((f, prefix) for limit, f, prefix in PREFIXES if largest < limit)
+    factor, prefix = next(prefixes)
+    return factor, prefix + unit
+
+
+def length(um: float) -> str:
+    """A length in the unit that suits it, three digits.
+
+    Examples
+    --------
+    >>> length(0.17666), length(1.0731), length(2.0e5), length(1e-9)
+    ('177 nm', '1.07 µm', '200 mm', 'below 1 pm')
+    """
+    units = ((9.995e-4, 1e6, "pm"), (0.9995, 1e3, "nm"), (999.5, 1.0, "µm"), (np.inf, 1e-3, "mm"))
+    factor, unit = next((factor, unit) for limit, factor, unit in units if um < limit)
+    return f"{factor * um:.3g} {unit}" if um >= 1e-6 else "below 1 pm"
+
+
+def volt_unit(view: View) -> tuple[float, str]:
+    """Factor and unit of voltages."""
+    largest = max(abs(v) for v in view.model.voltage_range)
+    ranges = ((1e-3, 1e6, "µV"), (0.5, 1e3, "mV"), (2e3, 1.0, "V"), (np.inf, 1e-3, "kV"))
+    return next((factor, unit) for limit, factor, unit in ranges if largest < limit)
+
+
+def pictures(found: Identified, theme: Theme = LIGHT) -> dict[str, Figure]:
+    """All, by name, in the order of the page."""
+    view = View.of(found)
+    left = residual(view, found.autocorrelation, found.residual.size, theme)
+    return {"loop": loop(view, theme), "residual": left, "weights": weights(view, theme)}
+
+
+def loop(view: View, theme: Theme = LIGHT) -> Figure:
+    """Displacement over voltage, held out: as it is, and what a straight line leaves of it."""
+    rows = view.loops()
+    x, z = view.volts[rows], view.displacement[rows]
+    line = np.asarray(np.polyval(np.polyfit(view.volts, view.displacement, 1), x), dtype=np.float64)
+    gap = np.where(np.isnan(view.error[rows]), np.nan, 0.0)
+    volts, unit = volt_unit(view)
+    with style.use(theme):
+        figure, panels = style.panels(3.5, 1, 2)
+        for panel, taken in zip(panels, (np.zeros_like(line), line), strict=True):
+            factor, length = scaled(float(np.ptp(z - taken)))
+            panel.plot(volts * x, factor * (z - taken + gap), color=theme["desired"], lw=2.4, label="measured")
+            predicted = factor * (view.predicted[rows] - taken + gap)
+            panel.plot(volts * x, predicted, color=theme["true"], lw=1.0, label="predicted")
+            panel.set_xlabel(f"voltage ({unit})")
+            panel.set_ylabel(f"displacement ({length})")
+        panels[1].set_ylabel(f"above the straight line ({length})")
+        style.title(panels[0], f"{view.time[rows[0]]:.4g} to {view.time[rows[-1]]:.4g} s, held out")
+        style.title(panels[1], "Without the straight line")
+        panels[0].legend(loc="upper left", handlelength=1.4)
+    return figure
+
+
+# ---- What is left --------------------------------------------------------------------------------------------------
+
+
+def residual(view: View, correlation: FloatArray, rows: int, theme: Theme = LIGHT) -> Figure:
+    """What the prediction leaves: against time, voltage and rate; and how what the fit leaves goes with itself."""
+    error = view.error[view.tested]
+    factor, unit = scaled(float(np.abs(error).max()))
+    volts, volt = volt_unit(view)
+    speed, length = scaled(float(np.abs(view.rate).max()))
+    with style.use(theme):
+        figure = Figure(figsize=(style.WIDTH, 4.6), layout=ConstrainedLayoutEngine(h_pad=0.07, w_pad=0.05))
+        panels = figure.subplot_mosaic("TTT;VRC", height_ratios=[1.1, 1])
+        _against_time(panels["T"], view, factor, theme)
+        _spread(panels["V"], volts * view.volts[view.tested], factor * error, theme)
+        _spread(panels["R"], speed * view.rate[view.tested], factor * error, theme)
+        panels["R"].sharey(panels["V"])
+        _correlation(panels["C"], correlation, 1.96 / np.sqrt(rows), theme)
+        panels["T"].set(xlabel="time (s)", ylabel=f"error ({unit})")
+        panels["V"].set(xlabel=f"voltage ({volt})", ylabel=f"error ({unit})")
+        panels["R"].set(xlabel=f"rate ({length}/s)")
+        style.title(panels["V"], "Held out: against voltage")
+        style.title(panels["R"], "Held out: against rate")
+        _legend(panels["V"], 3)
+    return figure
+
+
+def _against_time(panel: Axes, view: View, factor: float, theme: Theme) -> None:
+    """The whole record at the scale of its held-out part."""
+    panel.axvspan(view.time[view.first], view.time[-1], color=theme["grid"], alpha=0.6, lw=0, zorder=0.5)
+    panel.axhline(0, color=theme["muted"], lw=0.7)
+    for part, colour, label in (
+        (slice(0, view.first), theme["before"], "fitted part"),
+        (slice(view.first, None), theme["true"], "held out (shaded)"),
+    ):
+        panel.plot(*style.thin(view.time[part], factor * view.error[part]), color=colour, lw=0.7, label=label)
+    held_out, fitted = (factor * np.abs(view.error[part]) for part in (slice(view.first, None), slice(view.first)))
+    limit = 1.1 * max(float(np.nanmax(held_out)), float(np.nanpercentile(fitted, 95))) or 1.0
+    panel.set(xlim=(view.time[0], view.time[-1]), ylim=(-limit, limit))
+    most = float(np.nanmax(fitted))
+    style.title(panel, f"The record (off scale: up to {length(most / factor)})" if most > limit else "The record")
+    style.legend_above(panel, 2)
+
+
+def _spread(panel: Axes, x: FloatArray, y: FloatArray, theme: Theme) -> None:
+    """Median, 90 % and all of y in bins of x; every sample where there are few."""
+    panel.axhline(0, color=theme["muted"], lw=0.7)
+    centres, (least, low, middle, high, most) = binned(x, y)
+    if centres.size < 4 or x.size < 1000:
+        panel.plot(x, y, ".", color=theme["true"], ms=2.5, label="samples")
+        return
+    panel.fill_between(centres, least, most, color=theme["measured"], alpha=0.3, lw=0, label="all")
+    panel.fill_between(centres, low, high, color=theme["measured"], alpha=0.8, lw=0, label="90 %")
+    panel.plot(centres, middle, color=theme["true"], lw=1.4, label="median")
+
+
+def _correlation(panel: Axes, c: FloatArray, band: float, theme: Theme) -> None:
+    panel.axhspan(-band, band, color=theme["grid"], lw=0, label="95 % of white noise")
+    panel.axhline(0, color=theme["muted"], lw=0.7)
+    panel.plot(c, color=theme["true"], lw=1.0)
+    panel.set(xlabel="lag (samples)", xlim=(0, c.size - 1), ylim=(min(-0.2, 1.1 * float(c.min())), 1.05))
+    style.title(panel, "Fit: autocorrelation")
+    _legend(panel, 1)
+
+
+def _legend(panel: Axes, entries: int) -> None:
+    """Above the lines, in room made for it."""
+    low, high = panel.get_ylim()
+    panel.set_ylim(low, high + 0.16 * (high - low))
+    panel.legend(loc="upper right", ncols=entries, handlelength=1.2, fontsize=7, columnspacing=1.0, borderaxespad=0.0)
+
+
+# ---- Weights -------------------------------------------------------------------------------------------------------
+
+
+def weights(view: View, theme: Theme = LIGHT) -> Figure:
+    """Each weight +- its standard deviation, by kind; faint what was believed, where the record has hardly told."""
+    groups = _groups(view)
+    above = 2 if len(view.model.thresholds) > 1 else 1
+    with style.use(theme):
+        figure = Figure(figsize=(style.WIDTH, 4.6), layout=ConstrainedLayoutEngine(h_pad=0.07, w_pad=0.05))
+        grid = figure.add_gridspec(2, 1)
+        for k, row in enumerate((groups[:above], groups[above:])):
+            widths = [1.6 + (0.7 if group.labels else 0.4) * len(group.members) for group in row]
+            parts = grid[k].subgridspec(1, len(row), width_ratios=widths)
+            for j, group in enumerate(row):
+                _bars(figure.add_subplot(parts[j]), view, group, theme)
+        entries = {label: h for axes in figure.axes for h, label in zip(*axes.get_legend_handles_labels(), strict=True)}
+        figure.legend(list(entries.values()), list(entries), loc="outside upper right", ncols=3, handlelength=1.4)
+    return figure
+
+
+@dataclass(frozen=True)
+class _Group:
+    """Weights of one kind: heading, their places in the model, labels (None: at their thresholds), what is below."""
+
+    heading: str
+    members: list[int]
+    labels: list[str] | None = None
+    below: str = ""
+    factor: float = 1.0
+
+
+def _groups(view: View) -> list[_Group]:
+    m, n = view.model, len(view.model.thresholds)
+
+    def places(*names: str) -> list[int]:
+        return [m.names.index(name) for name in names]
+
+    def small(heading: str, members: list[int], labels: list[str], millionths: float, unit: str) -> _Group:
+        largest = float((np.abs(m.weights) + m.deviations)[members].max())
+        factor, unit = scaled(millionths * largest, unit)
+        return _Group(f"{heading} ({unit})", members, labels, "", factor * millionths)
+
+    groups = [_Group("a₀ (µm/V)", places("a0"), ["0"], f"threshold ({volt_unit(view)[1]})")]
+    if n > 1:
+        last = f"a{n - 1}".translate(figures.SUBSCRIPTS)
+        heading = f"plays a₁ to {last} (µm/V)" if n > 2 else "play a₁ (µm/V)"
+        groups.append(_Group(heading, places(*(f"a{i}" for i in range(1, n)))))
+    if m.rated:
+        groups.append(_Group("rate b (µm/V)", places(*(f"b{i}" for i in m.rated))))
+    if m.creep_times:
+        creep = places(*(name for name in m.names if name.startswith("creep")))
+        groups.append(_Group("creep (µm/V)", creep, [f"{tau:g}" for tau in m.creep_times], "time constant (s)"))
+    groups += [small("lag", places("lag"), [""], 1e6, "s"), small("offset", places("offset"), [""], 1.0, "m")]
+    if m.bends:
+        bends = [str(i + 1) for i in range(m.bends)]
+        groups.append(small("bends", places(*(f"bend {i}" for i in bends)), bends, 1.0, "m"))
+    return groups
+
+
+def _bars(panel: Axes, view: View, group: _Group, theme: Theme) -> None:
+    k, factor = group.members, group.factor
+    w, deviation, untold = factor * view.model.weights[k], factor * view.model.deviations[k], view.untold()[k]
+    mean, before = (factor * values[k] for values in view.believed())
+    if group.labels is None:
+        volts, unit = volt_unit(view)
+        x = volts * np.array([view.model.thresholds[int(view.model.names[i][1:])] for i in k])
+        panel.set_xlabel(f"threshold ({unit})")
+    else:
+        x = np.arange(len(k), dtype=np.float64)
+        panel.set_xticks(x, group.labels, fontsize=7 if len(x) > 3 else 8)
+        panel.set_xlim(-0.6, len(k) - 0.4)
+        panel.set_xlabel(group.below)
+    panel.axhline(0, color=theme["muted"], lw=0.7)
+    if untold.any():
+        low, high = (mean - before)[untold], (mean + before)[untold]
+        panel.vlines(x[untold], low, high, color=theme["desired"], alpha=0.55, lw=5.0, label="believed before ± 1 s.d.")
+    bar: dict[str, Any] = {"fmt": "o", "ms": 4, "color": theme["true"], "capsize": 2.5, "lw": 1.2}
+    for kind, fill, label in ((~untold, theme["true"], "weight ± 1 s.d."), (untold, "none", "hardly told")):
+        if kind.any():
+            panel.errorbar(x[kind], w[kind], deviation[kind], mfc=fill, label=label, **bar)
+    panel.yaxis.set_major_locator(MaxNLocator(5))
+    style.title(panel, group.heading)
