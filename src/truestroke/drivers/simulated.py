@@ -62,6 +62,14 @@ class Fault:
         _check.count("count", self.count, 1, 2**62)
 
 
+def _fault(given: Fault | Mapping[str, Any]) -> Fault:
+    if isinstance(given, Fault):
+        return given
+    for name in given.keys() - {"kind", "at", "count"}:
+        raise SettingError(f"faults.{name}", given[name], "left out; there are kind, at, count")
+    return Fault(**given)
+
+
 @dataclass(frozen=True, kw_only=True)
 class SimulatedSettings:
     """A simulated stack on each channel.
@@ -99,8 +107,7 @@ class SimulatedSettings:
 
     def __post_init__(self) -> None:
         _check.count("seed", self.seed, 0, 2**62)
-        faults = tuple(f if isinstance(f, Fault) else Fault(**f) for f in self.faults)
-        object.__setattr__(self, "faults", faults)
+        object.__setattr__(self, "faults", tuple(map(_fault, self.faults)))
         self.timing()
 
     def timing(self) -> Timing:

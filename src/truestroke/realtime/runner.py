@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import shutil
@@ -42,6 +43,7 @@ def run_realtime(
     *,
     settings: RealtimeSettings | None = None,
     about: Mapping[str, object] | None = None,
+    overwrite: bool = False,
     show: Literal["live", "lines"] | None = None,
 ) -> Outcome:
     """Follow trajectories with hardware, in real time.
@@ -58,6 +60,8 @@ def run_realtime(
         How to keep time, and when to give up.
     about : Mapping[str, object], optional
         What else belongs into the metadata.
+    overwrite : bool
+        Replace files that are there; without it they are an error.
     show : "live" or "lines", optional
         A status line on stderr.
 
@@ -74,11 +78,12 @@ def run_realtime(
         The run could not begin. The output was not touched.
     """
     settings = RealtimeSettings() if settings is None else settings
+    paths = _paths(Path(file), axes, overwrite)
     with closing(driver):
         timing = driver.open()
         clock = {"utc": datetime.now(UTC).isoformat(), "monotonic_s": time.monotonic()}
         _check_agreement(axes, timing, settings)
-        plans = _plans(driver, axes, timing, Path(file), {"realtime": settings, "clock": clock, **(about or {})})
+        plans = _plans(driver, axes, timing, paths, {"realtime": settings, "clock": clock, **(about or {})})
         with closing(Shared(_layout(axes, timing))) as shared:
             shared.count[Slot.TICKS] = len(axes[0].trajectory)
             with on_its_own(settings):
@@ -87,7 +92,7 @@ def run_realtime(
                 helpers.wait_until_ready()
                 live = _Live(driver, axes, timing, settings, shared, helpers, asked)
                 cause, reason = live.run()
-            return live.outcome(cause, reason, tuple(plan.path for plan in plans))
+            return live.outcome(cause, reason, tuple(paths))
 
 
 def _check_agreement(axes: Sequence[Axis], timing: Timing, settings: RealtimeSettings) -> None:
@@ -101,13 +106,21 @@ def _check_agreement(axes: Sequence[Axis], timing: Timing, settings: RealtimeSet
     _check.within("watchdog_timeout", settings.watchdog_timeout, 4 * timing.block / timing.sample_rate, 60.0, "s")
 
 
-def _plans(
-    driver: Any, axes: Sequence[Axis], timing: Timing, file: Path, about: Mapping[str, object]
-) -> list[recorder.Plan]:
-    """One file for each axis; SettingError or OSError now where it could not be written later."""
+def _paths(file: Path, axes: Sequence[Axis], overwrite: bool) -> list[Path]:
+    """One file for each axis."""
     if not file.parent.is_dir():
-        raise FileNotFoundError(f"{file}: there is no folder {file.parent}")
+        raise FileNotFoundError(errno.ENOENT, f"there is no folder {file.parent}", str(file))
     paths = [file if len(axes) == 1 else file.with_name(f"{file.stem}-{axis.name}{file.suffix}") for axis in axes]
+    for path in paths:
+        if path.exists() and not overwrite:
+            raise FileExistsError(errno.EEXIST, "a recording is there; choose another name, or overwrite it", str(path))
+    return paths
+
+
+def _plans(
+    driver: Any, axes: Sequence[Axis], timing: Timing, paths: list[Path], about: Mapping[str, object]
+) -> list[recorder.Plan]:
+    """What goes into each file; an error now where it could not be written later."""
     plans = []
     for axis, path in zip(axes, paths, strict=True):
         has = {"true": hasattr(driver, "truth")}
@@ -124,8 +137,9 @@ def _plans(
         )
         plans.append(plan)
     needed = sum(80 * len(a.trajectory) + 8 * len(a.trajectory) // stride(timing) * _width(a) for a in axes)
-    if (free := shutil.disk_usage(file.parent).free) < needed:
-        raise RealtimeError(f"{file.parent}: the run writes {needed / 1e6:.0f} MB, {free / 1e6:.0f} MB are free")
+    folder = paths[0].absolute().parent
+    if (free := shutil.disk_usage(folder).free) < needed:
+        raise RealtimeError(f"{folder}: the run writes {needed / 1e6:.0f} MB, {free / 1e6:.0f} MB are free")
     return plans
 
 
