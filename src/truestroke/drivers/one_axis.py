@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from types import TracebackType
 
 import numpy as np
@@ -11,7 +12,7 @@ from truestroke._check import SettingError
 from truestroke._typing import FloatArray
 from truestroke.drivers.clock import Clock
 from truestroke.drivers.guard import Guard, padded
-from truestroke.drivers.protocol import Driver
+from truestroke.drivers.protocol import Driver, DriverError
 from truestroke.timing import Timing
 
 
@@ -112,12 +113,16 @@ class OneAxis:
         if self._timing is None:
             return
         try:
-            ramp = self._guard.ramp(self._safe.tolist())
-            for start in range(0, ramp.shape[1], self._timing.block):
-                self.exchange(ramp[0, start : start + self._timing.block])
+            with contextlib.suppress(DriverError):
+                self._ramp_down(self._timing.block)
         finally:
             self._timing = None
             self._let_go()
+
+    def _ramp_down(self, block: int) -> None:
+        ramp = self._guard.ramp(self._safe.tolist())[0]
+        for start in range(0, ramp.size, block):
+            self.exchange(ramp[start : start + block])
 
     def _let_go(self) -> None:
         try:

@@ -20,7 +20,7 @@ from truestroke._typing import FloatArray
 from truestroke.drivers.protocol import DriverError
 from truestroke.timing import Timing
 
-FAULTS = ("start", "error", "nan", "short", "frozen", "hang", "slip", "abort", "stop")
+FAULTS = ("open", "start", "error", "nan", "short", "wild", "frozen", "hang", "slip", "abort", "stop")
 
 
 class Plant(Protocol):
@@ -42,9 +42,9 @@ class Fault:
     Attributes
     ----------
     kind : str
-        "error": exchange raises; "nan": the samples are lost; "short": the second half of the block is lost;
-        "frozen": the last sample repeats; "hang": exchange never returns; "slip": exchange takes three periods longer;
-        "abort": the process dies; "start", "stop": that call raises, each time.
+        "error": exchange raises; "nan": the samples are lost; "short": the second half of the block is lost; "wild":
+        they are far beyond any stroke; "frozen": the last sample repeats; "hang": exchange never returns; "slip":
+        exchange takes three periods longer; "abort": the process dies; "open", "start", "stop": that call raises.
     at : int
         First exchange that it concerns, counted from 0.
     count : int
@@ -173,6 +173,7 @@ class SimulatedDriver:
     def open(self) -> Timing:
         """The stacks at rest; the output stays where it is."""
         s = self.settings
+        self._fail("open")
         if s.register is None and self._temporary is None:
             handle, self._temporary = tempfile.mkstemp(prefix="truestroke-", suffix=".volts")
             os.close(handle)
@@ -215,6 +216,8 @@ class SimulatedDriver:
             measured[:] = np.nan
         if "short" in kinds:
             measured[:, s.block // 2 :] = np.nan
+        if "wild" in kinds:
+            measured[:] = 1e6
         if "frozen" in kinds:
             measured[:] = previous
         self._pass_time(s.block / s.sample_rate, "slip" in kinds)

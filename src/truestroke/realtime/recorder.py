@@ -18,7 +18,7 @@ from truestroke.realtime.shared import FIELDS, Helper, Shared, Slot, State, Text
 from truestroke.recording import ENDING, FORMAT, FORMAT_VERSION
 
 LOOK = 0.05  # s between two looks into the ring
-FLUSH = 0.2  # s between two flushes: with a look, what a kill may cost
+FLUSH = 0.1  # s between two flushes: with a look, what a kill may cost
 CHUNK = 2048  # entries of a chunk of the file
 ENDING_SIZE = 16384  # bytes
 LATENESS = ("us", "how late the block began that the tick is in")

@@ -33,7 +33,8 @@ from truestroke.timing import Timing
 
 BUFFER = 8.0  # s that the recorder may fall behind before the run ends
 GLANCE = 0.02  # s between two looks at the helping processes
-PATIENCE = 60.0  # s for the helping processes to start or to finish
+PATIENCE = 60.0  # s for the helping processes to start
+LAST_WORDS = 15.0  # s for the recorder to write the rest
 
 
 def run_realtime(
@@ -203,8 +204,9 @@ class _Helpers:
         self._shared.write(Text.ENDING, ending)
         self._shared.count[Slot.STATE] = State.ENDED
         try:
-            completed = self.recorder.wait(PATIENCE) == 0
+            completed = self.recorder.wait(LAST_WORDS) == 0
         except subprocess.TimeoutExpired:
+            self.recorder.kill()
             completed = False
         for axis, plan in enumerate(self._plans):
             if not completed and self._shared.count[Slot.ENDINGS + axis]:
@@ -215,8 +217,8 @@ class _Helpers:
         for process in self._all:
             if process.stdin:
                 process.stdin.close()
-            try:
-                process.wait(PATIENCE)
+            try:  # a terminal that nobody reads holds up the status line
+                process.wait(LAST_WORDS if process is self.recorder else 2.0)
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.wait()
