@@ -29,7 +29,8 @@ class Clock:
     spin : float
         How long before the block to wake up and spin, s; 0 only sleeps.
     hardware_timed : bool
-        The hardware paces the blocks: do not wait, only look how far it is from the nominal pace.
+        The hardware paces the blocks: do not wait, only look how much more than a period passed since the last one, of
+        which less is negative. Its clock may differ from ours, so nothing is summed up.
     histogram : sequence of int, optional
         Where to count, one bin more than `EDGES_US`; may be shared with another process.
 
@@ -64,12 +65,12 @@ class Clock:
         self._due = 0
 
     def start(self) -> None:
-        """The first block begins now; of hardware that paces itself, it is over in a period."""
-        self._due = monotonic_ns() + (self._period if self._hardware_timed else 0)
+        """The first block begins now."""
+        self._due = monotonic_ns()
         self.streak = 0
 
     def wait(self) -> int:
-        """Return when the block begins (of self-paced hardware at once): how late that is, ns; negative is early."""
+        """Return when the block begins, of hardware that paces itself at once; how late that is, ns."""
         due = self._due
         if not self._hardware_timed:
             rest = due - monotonic_ns() - self._spin
@@ -77,15 +78,16 @@ class Clock:
                 time.sleep(rest * 1e-9)
             while monotonic_ns() < due:
                 pass
-        late = monotonic_ns() - due
-        if abs(late) > self._period:  # of hardware, early is out of step, too
+        now = monotonic_ns()
+        late = now - due
+        if late > self._period:
             self.overruns += 1
             self.streak += 1
-            self.missed += abs(late) // self._period
-            due += late
+            self.missed += late // self._period
+            due = now
         else:
             self.streak = 0
-        self._due = due + self._period
+        self._due = (now if self._hardware_timed else due) + self._period
         self.worst = max(self.worst, late)
         self.histogram[bisect_right(_EDGES_NS, max(late, 0) - 1)] += 1
         return late

@@ -250,13 +250,14 @@ class _Live:
         self._clock = Clock(*self._pace, histogram=shared.histogram)
         self._volts = np.zeros((len(axes), timing.block))
         self._measured = np.full((len(axes), timing.block), np.nan)
-        self._ticks, self._done = len(axes[0].trajectory), 0
+        self._ticks, self._done, self._began = len(axes[0].trajectory), 0, time.monotonic()
         self._glance, self._next_glance = max(1, round(GLANCE * timing.sample_rate)), 0
 
     def run(self) -> tuple[Cause, str]:
         """All of it; why it ended. The output is safe, and the recording complete, when it returns."""
         self._count[Slot.STATE] = State.STARTING
         cause, reason = self._until_it_ends()
+        self._seconds = time.monotonic() - self._began
         self._count[Slot.STATE] = State.STOPPING
         complaint = self._stop(softly=cause is not Cause.DRIVER)
         if complaint:
@@ -270,6 +271,7 @@ class _Live:
         try:
             self._driver.start(self._safe)
             self._ramp([axis.first() for axis in self._axes])
+            self._began = time.monotonic()
             self._follow()
         except Stop as stop:
             return stop.cause, stop.reason
@@ -356,6 +358,7 @@ class _Live:
     def _ending(self, cause: Cause, reason: str) -> dict[str, Any]:
         """What the recording says at its end."""
         punctuality = {
+            "ticks_per_second": self._done / self._seconds,
             "overruns": self._clock.overruns,
             "missed_periods": self._clock.missed,
             "worst_us": self._clock.worst * 1e-3,
