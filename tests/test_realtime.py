@@ -49,14 +49,16 @@ def document(**changes: Any) -> dict[str, Any]:
     """The example, short, on a machine that may be busy."""
     made = tomllib.loads(config.example())
     made["axis"][0]["trajectory"]["duration"] = 1.0
-    made["realtime"] |= {"overrun_streak": 0, "watchdog_timeout": 20.0}
+    made["realtime"] |= {"overrun_streak": 0, "watchdog_timeout": 20.0, "cpu": min(os.sched_getaffinity(0))}
     return made | changes
 
 
 def test_the_run_of_the_example_is_the_simulation_to_the_last_bit() -> None:
+    cpus = os.sched_getaffinity(0)
     job, twin = (config.job(document(), Path()) for _ in range(2))
     outcome = run_realtime(job.driver, job.axes, job.file, settings=job.settings)
     assert outcome.cause is Cause.FINISHED
+    assert os.sched_getaffinity(0) == cpus
     assert (outcome.ticks, outcome.lost, outcome.limited) == (2000, 0, 0)
     live = Recording.load("run.h5")
     offline = run(twin.axes[0].trajectory, twin.axes[0].controller, RealisticPlant(PlantSettings(), seed=0))

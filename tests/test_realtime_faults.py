@@ -24,7 +24,7 @@ import pytest
 
 from truestroke import AdaptiveController, Recording, SettingError
 from truestroke.drivers import DriverError, Fault, SimulatedDriver, SimulatedSettings
-from truestroke.realtime import Axis, Outcome, RealtimeError, RealtimeSettings, helper, run_realtime, runner
+from truestroke.realtime import Axis, Outcome, RealtimeError, RealtimeSettings, child, helpers, run_realtime, runner
 from truestroke.trajectories import sine
 
 COMMAND = Path(sys.executable).with_name("truestroke")
@@ -143,13 +143,13 @@ ROWS = {
 
 @pytest.fixture(autouse=True)
 def _short_patience(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    real = helper.start
+    real = child.start
 
     def start(shared: Any, job: Any, *arguments: Any) -> subprocess.Popen[bytes]:
         HELPERS[job.__name__] = real(shared, job, *arguments)
         return HELPERS[job.__name__]
 
-    monkeypatch.setattr(helper, "start", start)
+    monkeypatch.setattr(child, "start", start)
     monkeypatch.chdir(tmp_path)
 
 
@@ -163,7 +163,7 @@ def test_row(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
     row = ROWS[name]
     if name == "the recorder hangs":
         monkeypatch.setattr(runner, "BUFFER", 0.4)
-        monkeypatch.setattr(runner, "LAST_WORDS", 0.5)
+        monkeypatch.setattr(helpers, "LAST_WORDS", 0.5)
     settings = SimulatedSettings(register=str(tmp_path / "volts"), faults=row.faults, **row.driver)
     bench = Bench(settings, {500: row.do} if row.do else {})
     outcome = run_realtime(
@@ -290,10 +290,14 @@ def test_a_run_whose_every_process_is_killed_leaves_all_but_the_last_half_second
 
 
 def test_what_cannot_begin_does_not_touch_the_output(monkeypatch: pytest.MonkeyPatch) -> None:
-    def begin(faults: tuple[Fault, ...] = (), channels: int = 1, file: str = "run.h5") -> None:
+    def begin(faults: tuple[Fault, ...] = (), channels: int = 1, file: str = "run.h5", **options: Any) -> None:
         np.array([0.125] * channels).tofile("volts")
         settings = SimulatedSettings(register="volts", faults=faults, channels=channels)
-        run_realtime(SimulatedDriver(settings), [axis()], file)
+        run_realtime(SimulatedDriver(settings), [axis()], file, **options)
+
+    def forbid(pid: int, policy: int, parameter: object) -> None:
+        if policy == os.SCHED_FIFO:
+            raise PermissionError
 
     with pytest.raises(DriverError, match="open: error -2"):
         begin(fault("open"))
@@ -306,6 +310,12 @@ def test_what_cannot_begin_does_not_touch_the_output(monkeypatch: pytest.MonkeyP
         patch.setattr(shutil, "disk_usage", lambda path: full)
         with pytest.raises(RealtimeError, match="the run writes 0 MB"):
             begin()
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "sched_setscheduler", forbid)
+        with pytest.raises(RealtimeError, match="priority = 50: not permitted"):
+            begin(settings=RealtimeSettings(spin=0.0, priority=50))
+    with pytest.raises(RealtimeError, match="cpu = 4095: this process may use"):
+        begin(file="cpu.h5", settings=RealtimeSettings(cpu=4095))
     Path("run.h5").write_text("precious")
     with pytest.raises(FileExistsError, match="a recording is there"):
         begin()

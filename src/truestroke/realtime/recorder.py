@@ -13,7 +13,7 @@ import numpy as np
 
 from truestroke import loop
 from truestroke._typing import FloatArray
-from truestroke.realtime.helper import Lifeline
+from truestroke.realtime.child import Lifeline
 from truestroke.realtime.shared import FIELDS, Helper, Shared, Slot, State, Text
 from truestroke.recording import ENDING, FORMAT, FORMAT_VERSION
 

@@ -7,7 +7,7 @@ import time
 
 import numpy as np
 
-from truestroke.realtime.helper import Lifeline
+from truestroke.realtime.child import Lifeline
 from truestroke.realtime.shared import FIELDS, Shared, Slot, State
 
 WINDOW = 0.5  # s over which rmse is taken

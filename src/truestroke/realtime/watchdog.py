@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable
 
 from truestroke._typing import FloatArray
-from truestroke.realtime.helper import Lifeline
+from truestroke.realtime.child import Lifeline
 from truestroke.realtime.shared import Helper, Shared, Slot, State
 
 PATIENCE = 5.0  # s that starting and stopping the hardware may take

@@ -12,7 +12,7 @@ from typing import Any
 
 from truestroke.realtime.shared import Shared
 
-_CODE = "from truestroke.realtime.helper import main; main()"
+_CODE = "from truestroke.realtime.child import main; main()"
 
 
 class Lifeline:
