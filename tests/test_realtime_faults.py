@@ -79,7 +79,8 @@ class Row:
 
     code: int
     words: str = ""
-    do: Callable[[], object] | None = None  # at exchange 500
+    do: Callable[[], object] | None = None
+    at: tuple[int, ...] = (500,)  # exchanges
     faults: tuple[Fault, ...] = ()
     wrong: Callable[[float], float] | None = None
     soft: bool = True
@@ -90,11 +91,6 @@ class Row:
 
 def send(number: int) -> Callable[[], None]:
     return lambda: os.kill(os.getpid(), number)
-
-
-def twice() -> None:
-    send(signal.SIGINT)()
-    send(signal.SIGINT)()
 
 
 def fault(kind: str, at: int = 500, count: int = FOREVER) -> tuple[Fault, ...]:
@@ -118,11 +114,12 @@ def lost(outcome: Outcome, recording: Recording) -> bool:
 
 ROWS = {
     "Ctrl-C": Row(130, "Ctrl-C", do=send(signal.SIGINT)),
-    "Ctrl-C twice": Row(130, "Ctrl-C", do=twice, soft=False),
+    "Ctrl-C twice": Row(130, "Ctrl-C; no soft stop: Ctrl-C", do=send(signal.SIGINT), at=(500, 503), soft=False),
+    "Ctrl-C in the soft start": Row(130, "Ctrl-C", do=send(signal.SIGINT), at=(3,), also=lambda o, r: o.ticks == 0),
     "SIGTERM": Row(143, "SIGTERM", do=send(signal.SIGTERM)),
     "the terminal is closed": Row(129, "terminal", do=send(signal.SIGHUP)),
     "the controller raises": Row(1, "ArithmeticError: no such voltage", wrong=fail),
-    "the controller asks for NaN": Row(1, "no number", wrong=lambda volts: math.nan),
+    "the controller asks for NaN": Row(1, "no number", wrong=lambda volts: math.nan, driver={"block": 4}),
     "the controller asks for too much": Row(0, wrong=lambda volts: 50.0, also=lambda o, r: o.limited > 0),
     "a few samples are lost": Row(0, faults=fault("nan", count=50), also=lost),
     "part of a block is lost": Row(0, faults=fault("short", 100, 20), driver={"block": 4}, also=lost),
@@ -165,7 +162,7 @@ def test_row(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
         monkeypatch.setattr(runner, "BUFFER", 0.4)
         monkeypatch.setattr(helpers, "LAST_WORDS", 0.5)
     settings = SimulatedSettings(register=str(tmp_path / "volts"), faults=row.faults, **row.driver)
-    bench = Bench(settings, {500: row.do} if row.do else {})
+    bench = Bench(settings, dict.fromkeys(row.at, row.do) if row.do else {})
     outcome = run_realtime(
         bench, [axis(row.wrong or (lambda v: v))], "run.h5", settings=RealtimeSettings(**{**PATIENT, **row.settings})
     )

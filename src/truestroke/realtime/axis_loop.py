@@ -99,7 +99,7 @@ class AxisLoop:
 
     def _look_at_sensor(self, z: float, bits: int, volts: float) -> None:
         self.lost += z != z
-        self._unusable = self._unusable + 1 if z != z or bits & REJECTED else 0
+        self._unusable = self._unusable + 1 if bits & REJECTED or not math.isfinite(z) else 0
         if self._unusable >= self._patience:
             raise Stop(Cause.SENSOR, f"axis {self.axis.name}: no usable measurement for {self._unusable} ticks")
         if z != self._last:

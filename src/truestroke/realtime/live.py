@@ -93,8 +93,7 @@ class Live:
             stop = min(start + block, self._ticks)
             for axis, row in zip(axes, volts, strict=True):
                 axis.command(start, stop, row)
-            if not self._guard(volts):
-                raise Stop(Cause.ERROR, "a controller asked for a voltage that is no number")
+            numbers = self._guard(volts)
             late = self._clock.wait() * 1e-3
             for axis, row in zip(axes, volts, strict=True):
                 axis.leaving(start, stop, row, late)
@@ -106,6 +105,8 @@ class Live:
             count[Slot.WRITTEN] = max(stop - latency, 0)
             count[Slot.SLOW_WRITTEN] = (stop - 1) // stride_ + 1
             self._beat()
+            if not numbers:
+                raise Stop(Cause.ERROR, "a controller asked for a voltage that is no number")
             self._look(stop)
 
     def _look(self, stop: int) -> None:
@@ -122,21 +123,22 @@ class Live:
             if behind + self._glance + self._timing.block > self._shared.layout.size:
                 raise Stop(Cause.RECORDER, f"the recorder is {behind / self._timing.sample_rate:.1f} s behind")
 
-    def _heed_signals(self) -> None:
-        if self._asked:
-            raise Stop(*SIGNALS[self._asked[0]])  # type: ignore[index]
+    def _heed_signals(self, expected: int = 0) -> None:
+        """End what goes on if a signal came beyond those that brought it about."""
+        if len(self._asked) > expected:
+            raise Stop(*SIGNALS[self._asked[-1]])  # type: ignore[index]
 
     def _beat(self) -> None:
         self._count[Slot.BEAT] += 1
 
     def _ramp(self, target: Sequence[float]) -> None:
-        """Bring the output near `target`, within slew; a second signal cuts it short."""
+        """Bring the output near `target`, within slew; another signal cuts it short."""
         ramp, block = self._guard.ramp(target), self._timing.block
         clock = Clock(*self._pace)
         clock.start()
+        signals = len(self._asked)
         for start in range(0, ramp.shape[1], block):
-            if len(self._asked) > 1:
-                return
+            self._heed_signals(signals)
             volts = padded(ramp[:, start : start + block], block)
             self._guard(volts)
             clock.wait()
