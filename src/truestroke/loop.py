@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable
 from datetime import UTC, datetime
 from typing import Any, Protocol
@@ -17,15 +16,25 @@ from truestroke.recording import Channel, Recording, versions
 from truestroke.timing import Timing
 from truestroke.trajectories import Trajectory
 
-__all__ = ["Actuator", "RunInterrupted", "Timing", "run"]
+__all__ = ["Actuator", "RunInterrupted", "Timing", "about", "check_agreement", "run"]
 
 SLOW_PERIOD = 0.01  # s between two entries of the slow channels
+CHANNELS = {
+    "time": ("s", "start of each tick"),
+    "desired": ("um", "desired displacement"),
+    "desired_velocity": ("um/s", "desired velocity"),
+    "volts": ("V", "command at the D/A converter"),
+    "measured": ("um", "measured displacement, mean over the tick"),
+    "true": ("um", "displacement without sensor noise, mean over the tick"),
+    "innovation": ("um", "measurement beyond the model, (15)"),
+    "flags": ("", "bits: 1 saturated, 2 projected, 4 rejected, 8 held, 16 changed, 32 slewed"),
+}
+SLOW_TIME = ("s", "start of the tick before the weights")
 SLOW_CHANNELS = {
     "weights": ("um/V", "w = [a0, b0, a1, b1, ...], (21)"),
     "partial_slopes": ("um/V", "slopes of the hysteresis branches as the inverse used them"),
     "trace_P": ("1/V^2", "trace of the covariance"),
 }
-FLAGS = "bits: 1 saturated, 2 projected, 4 rejected, 8 held, 16 changed, 32 slewed"
 REJECTED = 4
 FROM_ADAPT = REJECTED | 16  # of the flag bits, those that `adapt` sets; the others are set by `command`
 
@@ -114,7 +123,8 @@ def run(
     0.0
     """
     timing = actuator.open()
-    _check_agreement(trajectory, controller, timing)
+    check_agreement(trajectory, controller, timing)
+    _check.count("channels of the actuator", timing.channels, 1, 1)
     notes = _Notes(trajectory, controller, actuator, timing)
     z_d, zdot_d, volts = trajectory.position.tolist(), trajectory.velocity.tolist(), notes.volts
     command, adapt, latency = controller.command, controller.adapt, timing.latency
@@ -139,7 +149,8 @@ def run(
     return notes.recording()
 
 
-def _check_agreement(trajectory: Trajectory, controller: Controller, timing: Timing) -> None:
+def check_agreement(trajectory: Trajectory, controller: Controller, timing: Timing) -> None:
+    """One sample rate everywhere, and measurements that a controller can still place; SettingError otherwise."""
     settings = getattr(controller, "settings", None)
     for whose, rate in (("actuator", timing.sample_rate), ("controller", getattr(settings, "sample_rate", None))):
         if rate is not None and rate != trajectory.sample_rate:
@@ -154,7 +165,7 @@ class _Notes:
 
     def __init__(self, trajectory: Trajectory, controller: Any, actuator: Any, timing: Timing) -> None:
         self.trajectory, self.controller, self.actuator, self.timing = trajectory, controller, actuator, timing
-        self.metadata = _metadata(trajectory, controller, actuator, timing)
+        self.metadata = about(trajectory, controller, actuator, timing)
         self.done = 0
         ticks = len(trajectory)
         self.volts, self.measured, self.true, self.innovation = np.full((4, ticks), np.nan)
@@ -200,20 +211,17 @@ class _Notes:
 
     def recording(self, interrupted: str | None = None) -> Recording:
         """Of the ticks that are done."""
-        channels = {
-            "time": Channel(self.trajectory.time, "s", "start of each tick"),
-            "desired": Channel(self.trajectory.position, "um", "desired displacement"),
-            "desired_velocity": Channel(self.trajectory.velocity, "um/s", "desired velocity"),
-            "volts": Channel(self.volts, "V", "command at the D/A converter"),
-            "measured": Channel(self.measured, "um", "measured displacement, mean over the tick"),
+        arrays = {
+            "time": self.trajectory.time,
+            "desired": self.trajectory.position,
+            "desired_velocity": self.trajectory.velocity,
+            "volts": self.volts,
+            "measured": self.measured,
+            **({"true": self.true} if self.simulated else {}),
+            **({"innovation": self.innovation} if self.innovative else {}),
+            **({"flags": self.flags} if self.flagged else {}),
         }
-        if self.simulated:
-            channels["true"] = Channel(self.true, "um", "displacement without sensor noise, mean over the tick")
-        if self.innovative:
-            channels["innovation"] = Channel(self.innovation, "um", "measurement beyond the model, (15)")
-        if self.flagged:
-            channels["flags"] = Channel(self.flags, "", FLAGS)
-        channels = {name: dataclasses.replace(c, data=c.data[: self.done]) for name, c in channels.items()}
+        channels = {name: Channel(data[: self.done], *CHANNELS[name]) for name, data in arrays.items()}
         return Recording(channels | self._slow_channels(), self.metadata | {"interrupted": interrupted})
 
     def _slow_channels(self) -> dict[str, Channel]:
@@ -222,15 +230,15 @@ class _Notes:
         if not names:
             return {}
         time = self.trajectory.time[: self.done : self.stride]
-        return {"weights_time": Channel(time, "s", "start of the tick before the weights", "weights_time")} | {
+        return {"weights_time": Channel(time, *SLOW_TIME, "weights_time")} | {
             name: Channel(np.array([entry[name] for entry in slow]), *SLOW_CHANNELS[name], "weights_time")
             for name in names
         }
 
 
-def _metadata(trajectory: Trajectory, controller: Any, actuator: Any, timing: Timing) -> dict[str, Any]:
-    """What is run; SettingError where it cannot be written, before anything moves."""
-    about = {
+def about(trajectory: Trajectory, controller: Any, actuator: Any, timing: Timing) -> dict[str, Any]:
+    """Metadata of a recording: what is run; SettingError where it cannot be written, before anything moves."""
+    metadata = {
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
         "interrupted": None,
         "trajectory": {
@@ -251,4 +259,4 @@ def _metadata(trajectory: Trajectory, controller: Any, actuator: Any, timing: Ti
         "timing": timing,
         "versions": versions(),
     }
-    return Recording({}, about).metadata
+    return Recording({}, metadata).metadata

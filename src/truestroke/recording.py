@@ -20,6 +20,7 @@ from truestroke._check import SettingError
 
 FORMAT = "truestroke recording"
 FORMAT_VERSION = 1
+ENDING = "ending"  # dataset of a recording that grew while it ran: JSON that is known only at its end, bytes
 
 
 class RecordingError(ValueError):
@@ -152,7 +153,7 @@ class Recording:
 
     @classmethod
     def load(cls, path: str | Path) -> Recording:
-        """Read from an HDF5 file that `save` wrote.
+        """Read from an HDF5 file that `save` or `truestroke run` wrote, also while it is being written.
 
         Raises
         ------
@@ -169,7 +170,7 @@ class Recording:
         if not h5py.is_hdf5(path):
             raise RecordingError(f"{path}: not an HDF5 file")
         try:
-            with h5py.File(path, "r") as file:
+            with _opened(path) as file:
                 return cls._read(file, path)
         except (OSError, KeyError) as error:
             raise RecordingError(f"{path}: the file is damaged ({error})") from error
@@ -183,8 +184,31 @@ class Recording:
         channels = {
             name: Channel(data[()], data.attrs["unit"], data.attrs["description"], data.attrs["time"])
             for name, data in file.items()
+            if name != ENDING
         }
-        return cls(channels, json.loads(file.attrs["metadata"]))
+        metadata = json.loads(file.attrs["metadata"])
+        if ENDING in file:
+            metadata |= json.loads(file[ENDING][()].tobytes().rstrip(b"\0") or b"{}")
+            channels = _even(channels)
+        return cls(channels, metadata)
+
+
+def _opened(path: Path) -> Any:
+    """An HDF5 file to read, also one that is being written, or whose writer was killed."""
+    import h5py
+
+    try:
+        return h5py.File(path, "r")
+    except OSError:
+        return h5py.File(path, "r", libver="latest", swmr=True)
+
+
+def _even(channels: dict[str, Channel]) -> dict[str, Channel]:
+    """Channels of a file that is being written, cut to what all of the same time axis have."""
+    ends: dict[str, int] = {}
+    for channel in channels.values():
+        ends[channel.time] = min(ends.get(channel.time, len(channel.data)), len(channel.data))
+    return {name: dataclasses.replace(c, data=c.data[: ends[c.time]]) for name, c in channels.items()}
 
 
 def versions() -> dict[str, str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import click
 
 import truestroke
-from truestroke.cli import characterise, compare, examine, identify, invert, refine, report, reproduce, track, zoo
+from truestroke.cli import characterise, compare, examine, identify, invert, refine, report, reproduce, run, track, zoo
 from truestroke.cli.common import Commands
 
 __all__ = ["main"]
@@ -22,6 +22,7 @@ def main() -> None:
 
 for _command in (
     track.track,
+    run.run,
     report.report,
     compare.compare,
     reproduce.reproduce,

@@ -3,6 +3,8 @@
 A driver knows neither controllers nor trajectories. The libraries of the vendors are optional extras, loaded by `open`.
 """
 
+from truestroke.drivers.one_axis import OneAxis
 from truestroke.drivers.protocol import Driver, DriverError
+from truestroke.drivers.simulated import Fault, SimulatedDriver, SimulatedSettings
 
-__all__ = ["Driver", "DriverError"]
+__all__ = ["Driver", "DriverError", "Fault", "OneAxis", "SimulatedDriver", "SimulatedSettings"]

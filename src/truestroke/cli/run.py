@@ -1,0 +1,113 @@
+"""`truestroke run`: the loop in real time, on hardware or on a simulated stack."""
+
+from __future__ import annotations
+
+import itertools
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import click
+
+from truestroke.cli import common
+
+if TYPE_CHECKING:
+    from truestroke.metrics import TrackingSummary
+    from truestroke.realtime import Outcome
+    from truestroke.recording import Recording
+
+
+@click.command()
+@click.option("--config", type=click.Path(exists=True, dir_okay=False, path_type=Path), metavar="FILE",
+              help="Driver, axes, limits: TOML.")  # fmt: skip
+@click.option("--example", is_flag=True, help="Print a configuration with comments, of a simulated stack.")
+@click.option("--output", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE",
+              help="Recording, in place of the one that the configuration names.")  # fmt: skip
+@click.option("--overwrite", is_flag=True, help="Replace a recording that is there.")
+@common.json_option
+def run(config: Path | None, example: bool, output: Path | None, overwrite: bool, as_json: bool) -> int:
+    """Close the loop in real time, on hardware or on a simulated stack.
+
+    Ctrl-C ends it softly, a second Ctrl-C at once; the output is left at the safe voltage. docs/run.md has the
+    exit codes.
+    """
+    from truestroke.drivers import DriverError
+    from truestroke.realtime import Cause, RealtimeError, run_realtime
+    from truestroke.realtime import config as configuration
+
+    if example:
+        click.echo(configuration.example(), nl=False)
+        return 0
+    if config is None:
+        raise click.UsageError("--config FILE is needed; --example prints one to begin with.")
+    job = configuration.load(config)
+    show: Literal["live", "lines"] | None = None if as_json else "live" if sys.stderr.isatty() else "lines"
+    about = {"command": f"truestroke run --config {config}", "config": config.read_text(encoding="utf-8")}
+    file = job.file if output is None else output
+    try:
+        outcome = run_realtime(
+            job.driver, job.axes, file, settings=job.settings, about=about, overwrite=overwrite, show=show
+        )
+    except RealtimeError as error:
+        raise click.ClickException(str(error)) from None
+    except DriverError as error:
+        click.echo(f"truestroke: {' '.join(str(error).split())}", err=True)
+        return Cause.DRIVER.value
+    (_print_json if as_json else _print)(outcome, [axis.name for axis in job.axes])
+    if outcome.reason:
+        click.echo(f"truestroke: {' '.join(outcome.reason.split())}", err=True)
+    return outcome.cause.value
+
+
+def _summary(recording: Recording) -> TrackingSummary | None:
+    """The figures, if there is anything to take them of."""
+    from truestroke._check import SettingError
+    from truestroke.metrics import summary
+
+    try:
+        return summary(recording) if len(recording["time"]) > 1 else None
+    except SettingError:
+        return None
+
+
+def _lateness(recording: Recording) -> dict[str, float]:
+    import numpy as np
+
+    late = recording["lateness"]
+    return {f"p{p:g}": float(np.percentile(late, p)) for p in (50, 99, 99.9)} if late.size else {}
+
+
+def _print_json(outcome: Outcome, names: list[str]) -> None:
+    from truestroke.recording import Recording
+
+    axes: dict[str, Any] = {}
+    for name, file in zip(names, outcome.files, strict=True):
+        recording = Recording.load(file)
+        figures = _summary(recording)
+        axes[name] = {"recording": str(file), **(figures.as_dict() if figures else {})}
+    late = {**_lateness(recording), "worst": outcome.worst_us}
+    counts = {name: getattr(outcome, name) for name in ("ticks", "all_ticks", "overruns", "missed", "limited", "lost")}
+    ended = {"cause": outcome.cause.name.lower(), "exit_code": outcome.cause.value, "reason": outcome.reason}
+    common.print_json({**ended, **counts, "lateness_us": late, "axes": axes})
+
+
+def _print(outcome: Outcome, names: list[str]) -> None:
+    from truestroke.recording import Recording
+
+    rows = []
+    for name, file in zip(names, outcome.files, strict=True):
+        recording = Recording.load(file)
+        if figures := _summary(recording):
+            f = figures.as_dict()
+            row = (
+                (f"{f[f'measured_{k}_um']:.4f} um", f"{f[f'measured_{k}_percent']:.2f} %") for k in ("rmse", "maximum")
+            )
+            rows.append([name, *itertools.chain(*row)])
+    if rows:
+        common.print_table(["second half, measured", "rmse", "of p-p", "maximum", "of p-p"], rows, dim="of p-p")
+    late = ", ".join(f"{name} {us:.1f} us" for name, us in _lateness(recording).items())
+    click.echo(f"{'ticks':10} {outcome.ticks} of {outcome.all_ticks}; {outcome.lost} samples lost")
+    click.echo(f"{'late':10} {late or 'nothing'}; worst {outcome.worst_us:.1f} us; {outcome.overruns} overruns")
+    for file in outcome.files:
+        common.print_files(recording=file)
+    click.echo(f"\nIts page: {common.program()} report {outcome.files[0]}")

@@ -1,0 +1,87 @@
+"""The processes beside the loop: recorder, watchdog, status line."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import time
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+
+from truestroke.drivers.protocol import Driver
+from truestroke.realtime import child, recorder, status, watchdog
+from truestroke.realtime.ending import Cause
+from truestroke.realtime.process import RealtimeError
+from truestroke.realtime.settings import Axis, RealtimeSettings
+from truestroke.realtime.shared import Helper, Shared, Slot, State, Text
+
+PATIENCE = 60.0  # s for them to start
+LAST_WORDS = 15.0  # s for the recorder to write the rest
+
+
+class Helpers:
+    """Recorder, watchdog and status line, each in its process."""
+
+    def __init__(
+        self,
+        shared: Shared,
+        plans: list[recorder.Plan],
+        driver: Driver,
+        axes: Sequence[Axis],
+        settings: RealtimeSettings,
+        show: Literal["live", "lines"] | None,
+    ) -> None:
+        safe, rescue = np.array([axis.safe_voltage for axis in axes]), driver.rescue()
+        self._shared, self._plans = shared, plans
+        self.recorder = child.start(shared, recorder.record, plans)
+        self.watchdog = child.start(shared, watchdog.watch, os.getpid(), rescue, safe, settings.watchdog_timeout)
+        self._all = [self.recorder, self.watchdog]
+        if show is not None:
+            names = [axis.name for axis in axes]
+            self._all.append(child.start(shared, status.show, names, plans[0].sample_rate, show == "live"))
+
+    def wait_until_ready(self) -> None:
+        """RealtimeError if they do not come up."""
+        count, until = self._shared.count, time.monotonic() + PATIENCE
+        while not (count[Slot.RECORDER] == count[Slot.WATCHDOG] == Helper.READY):
+            if count[Slot.RECORDER] == Helper.FAILED:
+                raise RealtimeError(f"the recording cannot be written: {self._shared.read(Text.COMPLAINT)}")
+            if self.trouble() or time.monotonic() > until:
+                raise RealtimeError("recorder and watchdog did not start")
+            time.sleep(0.01)
+
+    def trouble(self) -> tuple[Cause, str] | None:
+        """Which of them no longer works, and why."""
+        if self._shared.count[Slot.RECORDER] == Helper.FAILED:
+            return Cause.RECORDER, f"the recording cannot be written: {self._shared.read(Text.COMPLAINT)}"
+        if self.recorder.poll() is not None:
+            return Cause.RECORDER, "the recorder died"
+        if self.watchdog.poll() is not None:
+            return Cause.WATCHDOG, "the watchdog died"
+        return None
+
+    def finish(self, ending: str) -> None:
+        """Let the recording be completed; where its recorder is dead, write at least how the run ended."""
+        self._shared.write(Text.ENDING, ending)
+        self._shared.count[Slot.STATE] = State.ENDED
+        try:
+            completed = self.recorder.wait(LAST_WORDS) == 0
+        except subprocess.TimeoutExpired:
+            self.recorder.kill()
+            completed = False
+        for axis, plan in enumerate(self._plans):
+            if not completed and self._shared.count[Slot.ENDINGS + axis]:
+                recorder.write_ending(plan.path, self._shared.count[Slot.ENDINGS + axis], ending)
+
+    def close(self) -> None:
+        """End them all."""
+        for process in self._all:
+            if process.stdin:
+                process.stdin.close()
+            try:  # a terminal that nobody reads holds up the status line
+                process.wait(LAST_WORDS if process is self.recorder else 2.0)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()

@@ -1,0 +1,100 @@
+"""What a run in real time is told: an axis, and how to keep time and watch."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from truestroke import _check
+from truestroke._check import SettingError
+from truestroke.controller import Controller
+from truestroke.drivers.clock import SPIN
+from truestroke.trajectories import Trajectory
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Axis:
+    """One axis: where it goes, who drives it, what it must not exceed.
+
+    Attributes
+    ----------
+    trajectory : Trajectory
+        Desired motion.
+    controller : Controller
+        Gives the voltages and learns.
+    voltage_limits : tuple[float, float]
+        Lowest and highest voltage that may leave, V at the D/A converter, whatever the controller asks for.
+    slew : float
+        Fastest change of the voltage that may leave, V/s; also of soft start and soft stop.
+    safe_voltage : float
+        Where the output starts and ends, V, within the limits.
+    name : str
+        For messages and files.
+
+    Raises
+    ------
+    SettingError
+        Names the setting, its value, the bound and the unit.
+    """
+
+    trajectory: Trajectory
+    controller: Controller
+    voltage_limits: tuple[float, float]
+    slew: float
+    safe_voltage: float = 0.0
+    name: str = "axis"
+
+    def __post_init__(self) -> None:
+        limits = _check.interval("voltage_limits", self.voltage_limits, "V")
+        object.__setattr__(self, "voltage_limits", limits)
+        _check.positive("slew", self.slew, "V/s")
+        _check.within("safe_voltage", self.safe_voltage, *limits, "V")
+        if not self.name or not all(c.isalnum() or c in "-_" for c in self.name):
+            raise SettingError(
+                "name", repr(self.name), "letters, digits, - and _, as it may become part of a file name"
+            )
+
+
+@dataclass(frozen=True, kw_only=True)
+class RealtimeSettings:
+    """How to keep time, and when to give up.
+
+    Attributes
+    ----------
+    spin : float
+        How long before a tick to wake up and spin, s; 0 only sleeps.
+    cpu : int or None
+        Processor that the loop alone uses, pinned; None leaves it to the system.
+    priority : int
+        1 to 99 runs under SCHED_FIFO, 0 does not. A loop that spins under SCHED_FIFO is stopped by the system for tens
+        of milliseconds at a time, so this needs ``spin = 0``.
+    overrun_streak : int
+        So many blocks in a row, each more than a period late, end the run; 0 never does.
+    sensor_timeout : float
+        So long without a usable measurement ends the run, s: lost, rejected by the controller, or frozen while the
+        voltage moves.
+    watchdog_timeout : float
+        So long without a tick and the watchdog kills the process and brings the output to safety, s.
+
+    Raises
+    ------
+    SettingError
+        Names the setting, its value, the bound and the unit.
+    """
+
+    spin: float = SPIN
+    cpu: int | None = None
+    priority: int = 0
+    overrun_streak: int = 20
+    sensor_timeout: float = 0.1
+    watchdog_timeout: float = 0.25
+
+    def __post_init__(self) -> None:
+        _check.within("spin", self.spin, 0.0, 0.01, "s")
+        if self.cpu is not None:
+            _check.count("cpu", self.cpu, 0, 4095)
+        _check.count("priority", self.priority, 0, 99)
+        if self.priority and self.spin:
+            raise SettingError("spin", self.spin, "0 under SCHED_FIFO (priority above 0)", "s")
+        _check.count("overrun_streak", self.overrun_streak, 0, 10**6)
+        _check.within("sensor_timeout", self.sensor_timeout, 1e-3, 3600.0, "s")
+        _check.within("watchdog_timeout", self.watchdog_timeout, 0.05, 60.0, "s")

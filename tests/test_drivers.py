@@ -1,0 +1,206 @@
+"""Guard, clock, the simulated driver and one axis of hardware in the loop."""
+
+from __future__ import annotations
+
+import math
+import pickle
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from truestroke import AdaptiveController, RunInterrupted, SettingError, Timing, run
+from truestroke.drivers import DriverError, Fault, OneAxis, SimulatedDriver, SimulatedSettings
+from truestroke.drivers.clock import Clock
+from truestroke.drivers.guard import Guard
+from truestroke.plant import RealisticPlant
+from truestroke.trajectories import random_wave
+
+LIMITS, SLEW = (-0.6, 3.6), 400.0
+AXIS = {"voltage_limits": LIMITS, "slew": SLEW}
+
+
+def controller() -> AdaptiveController:
+    return AdaptiveController(sample_rate=2000.0, stroke=30.0, voltage_limits=LIMITS, slew_limit=SLEW)
+
+
+anything = st.one_of(st.floats(-10, 10), st.floats(allow_nan=True, allow_infinity=True))
+
+
+@given(
+    asked=st.lists(st.lists(anything, min_size=3, max_size=3), min_size=1, max_size=30),
+    slew=st.floats(1.0, 1e5),
+    safe=st.floats(-0.6, 3.6),
+)
+def test_whatever_is_asked_for_limits_and_slew_hold_to_the_end_of_a_soft_stop(
+    asked: list[list[float]], slew: float, safe: float
+) -> None:
+    guard = Guard(2000.0, [LIMITS], [slew], [safe])
+    left = [safe]
+    for block in asked:
+        volts = np.array([block])
+        assert guard(volts) == (not np.isnan(block).any())
+        left += volts[0].tolist()
+    ramp = guard.ramp([safe])
+    assert guard(ramp.copy())
+    left += [*ramp[0].tolist(), safe]
+    assert min(left) >= -0.6
+    assert max(left) <= 3.6
+    assert np.abs(np.diff(left)).max() <= slew / 2000.0 * (1 + 1e-6) + 1e-12
+
+
+def test_a_soft_stop_takes_no_longer_than_slew_asks_for() -> None:
+    guard = Guard(1000.0, [(-10.0, 10.0), (-10.0, 10.0)], [100.0, 100.0], [1.0, -0.5])
+    assert guard.ramp([0.0, 0.0]).shape == (2, 9)  # 1 V at 0.1 V a tick: 9 ticks, and the tenth is the target
+
+
+def test_the_clock_is_never_early_and_counts_what_is_late() -> None:
+    clock = Clock(0.005)
+    clock.start()
+    began = time.monotonic()
+    for k in range(20):
+        clock.wait()
+        assert time.monotonic() - began >= 0.005 * k - 1e-6
+    time.sleep(0.023)
+    before = clock.overruns
+    late = clock.wait()
+    assert late > 15e6
+    assert clock.overruns == before + 1
+    assert clock.missed >= 3
+    again = time.monotonic()
+    clock.wait()  # what was lost is not hurried after
+    assert time.monotonic() - again >= 0.004
+    assert sum(clock.histogram) == 22
+
+
+def test_another_thread_that_never_rests_does_not_keep_the_clock_from_its_time() -> None:
+    import sys
+    import threading
+
+    running = True
+
+    def burn() -> None:
+        while running:
+            math.sqrt(2.0)
+
+    thread = threading.Thread(target=burn)
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(20e-6)  # as in a run
+    thread.start()
+    try:
+        clock = Clock(0.002, spin=300e-6)
+        clock.start()
+        late = sorted(clock.wait() for _ in range(200))
+    finally:
+        running = False
+        thread.join()
+        sys.setswitchinterval(interval)
+    assert late[20] < 200e3  # with the usual interval of 5 ms nearly every tick is late by ms
+
+
+def test_the_loop_on_one_axis_is_the_simulation_to_the_last_bit(tmp_path: Path) -> None:
+    wave = random_wave(duration=0.6)
+    register = tmp_path / "volts"
+    with OneAxis(SimulatedDriver(SimulatedSettings(register=str(register))), **AXIS) as axis:
+        recording = run(wave, controller(), axis)
+        assert np.fromfile(register) == recording["volts"][-1]
+    offline = run(wave, controller(), RealisticPlant())
+    for name in ("volts", "measured", "true", "innovation", "flags", "weights"):
+        np.testing.assert_array_equal(recording[name], offline[name])
+    assert np.fromfile(register) == 0.0
+    assert recording.metadata["plant"]["settings"]["axis"]["slew"] == SLEW
+
+
+class Spring:
+    """10 um/V."""
+
+    truth = np.empty(0)
+
+    def open(self) -> Timing:
+        return Timing(sample_rate=2000.0)
+
+    def exchange(self, volts: np.ndarray) -> np.ndarray:
+        self.truth = 10.0 * volts
+        return self.truth
+
+
+@pytest.mark.parametrize(("block", "latency"), [(1, 0), (1, 3), (5, 0), (8, 13)])
+def test_block_and_latency_of_the_simulated_driver(block: int, latency: int) -> None:
+    settings = SimulatedSettings(block=block, latency=latency)
+    with OneAxis(SimulatedDriver(settings, [Spring()]), **AXIS) as axis:
+        recording = run(random_wave(duration=0.6), controller(), axis)
+    answered = slice(None, -latency or None)
+    np.testing.assert_array_equal(recording["measured"][answered], 10.0 * recording["volts"][answered])
+    np.testing.assert_array_equal(recording["true"][answered], 10.0 * recording["volts"][answered])
+
+
+def test_an_interrupted_run_leaves_one_axis_at_the_safe_voltage(tmp_path: Path) -> None:
+    register = tmp_path / "volts"
+    settings = SimulatedSettings(register=str(register), faults=(Fault(kind="error", at=100, count=10**6),))
+    with (
+        pytest.raises(RunInterrupted, match="error -1"),
+        OneAxis(SimulatedDriver(settings), safe_voltage=0.25, **AXIS) as axis,
+    ):
+        run(random_wave(duration=0.6), controller(), axis)
+    assert np.fromfile(register) == 0.25
+
+
+def test_the_output_of_a_driver_can_be_rescued_by_what_was_pickled(tmp_path: Path) -> None:
+    register = tmp_path / "volts"
+    driver = SimulatedDriver(SimulatedSettings(register=str(register), channels=2))
+    driver.open()
+    driver.start(np.array([1.0, 2.0]))
+    pickle.loads(pickle.dumps(driver.rescue()))(np.array([0.5, 0.0]))
+    assert driver.output.tolist() == [0.5, 0.0]
+    driver.close()
+    driver.close()
+    assert np.fromfile(register).tolist() == [0.5, 0.0]
+
+
+@pytest.mark.parametrize("kind", ["open", "start", "stop"])
+def test_calls_that_fail_say_which(kind: str) -> None:
+    driver = SimulatedDriver(SimulatedSettings(faults=(Fault(kind=kind),)))
+
+    def use() -> None:
+        driver.open()
+        driver.start(np.zeros(1))
+        driver.stop(np.zeros(1))
+
+    with pytest.raises(DriverError, match=f"^{kind}: error -2"):
+        use()
+    driver.close()
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({"plant": {"noize": 0.0}}, "plant.noize"),
+        ({"faults": [{"kind": "error", "when": 3}]}, "faults.when"),
+        ({"faults": [{"kind": "explosion"}]}, "kind"),
+        ({"channels": 0}, "channels"),
+        ({"block": 64}, "block"),
+    ],
+)
+def test_wrong_settings_are_named(settings: dict[str, object], words: str) -> None:
+    with pytest.raises(SettingError, match=words):
+        SimulatedDriver(SimulatedSettings(**settings))  # type: ignore[arg-type]
+
+
+def test_one_axis_refuses_two() -> None:
+    axis = OneAxis(SimulatedDriver(SimulatedSettings(channels=2)), **AXIS)
+    with pytest.raises(SettingError, match="channels of the driver = 2"):
+        axis.open()
+
+
+def test_a_driver_that_paces_itself_takes_its_time() -> None:
+    driver = SimulatedDriver(SimulatedSettings(block=20, hardware_timed=True))
+    driver.open()
+    driver.start(np.zeros(1))
+    began = time.monotonic()
+    for _ in range(10):
+        driver.exchange(np.zeros((1, 20)), np.empty((1, 20)))
+    assert time.monotonic() - began >= 0.099
+    driver.close()

@@ -1,0 +1,287 @@
+"""`truestroke run`: as accurate as the simulation, each measurement with its command, a recording to read meanwhile."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import os
+import pty
+import signal
+import subprocess
+import sys
+import threading
+import time
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from truestroke import AdaptiveController, Recording, SettingError, Timing, run
+from truestroke.cli import main
+from truestroke.drivers import SimulatedDriver, SimulatedSettings
+from truestroke.drivers.clock import EDGES_US
+from truestroke.identification import ActuatorModel, save_model
+from truestroke.plant import PlantSettings, RealisticPlant
+from truestroke.realtime import Axis, Cause, RealtimeSettings, config, run_realtime, status
+from truestroke.realtime.shared import Layout, Shared, Slot, State, Text
+from truestroke.trajectories import Trajectory, random_wave, sine
+
+COMMAND = Path(sys.executable).with_name("truestroke")
+LIMITS, SLEW = (-0.6, 3.6), 400.0
+PATIENT = RealtimeSettings(overrun_streak=0, watchdog_timeout=20.0)  # a busy machine is late by ms and more
+
+
+@pytest.fixture(autouse=True)
+def _in_an_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+def axis(wave: Trajectory, name: str = "axis") -> Axis:
+    rate = wave.sample_rate
+    controller = AdaptiveController(sample_rate=rate, stroke=30.0, voltage_limits=LIMITS, slew_limit=SLEW)
+    return Axis(trajectory=wave, controller=controller, voltage_limits=LIMITS, slew=SLEW, name=name)
+
+
+def document(**changes: Any) -> dict[str, Any]:
+    """The example, short, on a machine that may be busy."""
+    made = tomllib.loads(config.example())
+    made["axis"][0]["trajectory"]["duration"] = 1.0
+    made["realtime"] |= {"overrun_streak": 0, "watchdog_timeout": 20.0, "cpu": min(os.sched_getaffinity(0))}
+    return made | changes
+
+
+def test_the_run_of_the_example_is_the_simulation_to_the_last_bit() -> None:
+    cpus = os.sched_getaffinity(0)
+    job, twin = (config.job(document(), Path()) for _ in range(2))
+    outcome = run_realtime(job.driver, job.axes, job.file, settings=job.settings)
+    assert outcome.cause is Cause.FINISHED
+    assert os.sched_getaffinity(0) == cpus
+    assert (outcome.ticks, outcome.lost, outcome.limited) == (2000, 0, 0)
+    live = Recording.load("run.h5")
+    offline = run(twin.axes[0].trajectory, twin.axes[0].controller, RealisticPlant(PlantSettings(), seed=0))
+    for name, channel in offline.channels.items():
+        assert live[name].dtype == channel.data.dtype
+        assert live.unit(name) == channel.unit
+        np.testing.assert_array_equal(live[name], channel.data, err_msg=name)
+    late = live.metadata["lateness"]
+    assert sum(late["blocks"]) == 2000 == sum(outcome.histogram)
+    below = np.searchsorted(EDGES_US, np.maximum(live["lateness"], 0), side="left")  # the histogram by another way
+    np.testing.assert_array_equal(np.bincount(below, minlength=len(EDGES_US) + 1), late["blocks"])
+    assert live.metadata["controller"] == offline.metadata["controller"]
+    assert live.metadata["versions"] == offline.metadata["versions"]
+
+
+class Spring:
+    """A stiff one: its displacement tells which command it answers."""
+
+    def __init__(self, gain: float) -> None:
+        self.gain, self.truth = gain, np.empty(0)
+
+    def open(self) -> Timing:
+        return Timing(sample_rate=1000.0)
+
+    def exchange(self, volts: np.ndarray) -> np.ndarray:
+        self.truth = self.gain * volts
+        return self.truth
+
+
+@pytest.mark.parametrize(("block", "latency", "paced"), [(1, 2, False), (7, 0, False), (20, 40, True)])
+def test_each_measurement_is_paired_with_its_command_on_each_axis(block: int, latency: int, paced: bool) -> None:
+    timing = {"sample_rate": 1000.0, "block": block, "latency": latency, "channels": 2, "hardware_timed": paced}
+    driver = SimulatedDriver(SimulatedSettings(**timing), [Spring(10.0), Spring(9.0)])
+    waves = [sine(frequency=f, peak_to_peak=12.0, duration=0.51, sample_rate=1000.0) for f in (6.0, 11.0)]
+    axes = [axis(wave, name) for wave, name in zip(waves, "xy", strict=True)]
+    began = time.monotonic()
+    outcome = run_realtime(driver, axes, "run.h5", settings=PATIENT)
+    assert time.monotonic() - began >= 0.5
+    assert [path.name for path in outcome.files] == ["run-x.h5", "run-y.h5"]
+    for path, wave, gain in zip(outcome.files, waves, (10.0, 9.0), strict=True):
+        recording = Recording.load(path)
+        answered = slice(None, -latency or None)
+        np.testing.assert_array_equal(recording["measured"][answered], gain * recording["volts"][answered])
+        np.testing.assert_array_equal(recording["true"], recording["measured"])
+        assert np.isnan(recording["measured"][510 - latency :]).all()
+        np.testing.assert_array_equal(recording["desired"], wave.position)
+        error = (recording["measured"] - recording["desired"])[255:470]
+        assert np.abs(error).max() < (0.05 if latency < 40 else 0.5)
+
+
+# ---- As a user runs it ---------------------------------------------------------------------------------------------
+
+
+def test_in_a_terminal() -> None:
+    """A status line, a file that others read meanwhile, and Ctrl-C."""
+    Path("run.toml").write_text(
+        config.example().replace("duration = 20.0 ", "duration = 90.0 ").replace("= 0.25", "= 9")
+    )
+    ours, theirs = pty.openpty()
+    process = subprocess.Popen([COMMAND, "run", "--config", "run.toml"], stderr=theirs, stdout=subprocess.PIPE)
+    os.close(theirs)
+    shown: list[bytes] = []
+    reader = threading.Thread(target=lambda: shown.extend(itertools.takewhile(bool, iter(lambda: _read(ours), b""))))
+    reader.start()
+    lengths = []
+    for _ in range(200):
+        time.sleep(0.1)
+        lengths.append(_ticks("run.h5"))
+        if lengths[-1] > 3000:
+            break
+    assert len({n for n in lengths if n}) > 2  # it grows before our eyes
+    process.send_signal(signal.SIGINT)
+    stdout, _ = process.communicate(timeout=30)
+    reader.join()
+    os.close(ours)
+    assert process.returncode == 130, b"".join(shown)
+    screen = b"".join(shown).decode()
+    assert "running" in screen
+    assert "s left   overruns" in screen
+    assert "x: rmse 0." in screen
+    assert screen.rstrip().endswith("truestroke: Ctrl-C")
+    printed = stdout.decode()
+    assert "second half" in printed
+    assert "recording  run.h5" in printed
+    reported = subprocess.run([COMMAND, "report", "run.h5", "--json"], capture_output=True, text=True, check=True)
+    assert json.loads(reported.stdout)["measured_rmse_um"] < 0.1
+
+
+def _read(terminal: int) -> bytes:
+    try:
+        return os.read(terminal, 4096)
+    except OSError:  # the other end is closed
+        return b""
+
+
+def _ticks(file: str) -> int:
+    try:
+        return len(Recording.load(file)["time"])
+    except (FileNotFoundError, ValueError):
+        return 0  # not yet
+
+
+def test_json_in_a_pipe_and_no_overwriting() -> None:
+    text = config.example().replace("duration = 20.0 ", "duration = 0.6 ").replace("= 0.25", "= 9")
+    Path("run.toml").write_text(text.replace("overrun_streak = 20", "overrun_streak = 0"))
+    command = [COMMAND, "run", "--config", "run.toml", "--json"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True)
+    assert done.stderr == ""
+    printed = json.loads(done.stdout)
+    assert (printed["cause"], printed["exit_code"], printed["ticks"]) == ("finished", 0, 1200)
+    assert printed["axes"]["x"]["true_rmse_um"] < 0.1
+    again = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert again.returncode == 1
+    assert "run.h5: a recording is there" in again.stderr
+
+
+def call(*arguments: str) -> tuple[int, str]:
+    done = CliRunner().invoke(main, ["run", *arguments])
+    return done.exit_code, done.output
+
+
+def test_what_the_command_line_refuses() -> None:
+    assert call("--example") == (0, config.example())
+    code, said = call()
+    assert code == 2
+    assert "--example prints one" in said
+    Path("run.toml").write_text(config.example().replace("seed = 0", 'faults = [{ kind = "open" }]'))
+    assert call("--config", "run.toml") == (12, "truestroke: open: error -2: the simulated device does not answer\n")
+    Path("run.toml").write_text("[driver\n")
+    code, said = call("--config", "run.toml")
+    assert code == 2
+    assert "TOML" in said
+
+
+# ---- The configuration ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"drivers": {}}, "drivers = .*there are driver, axis, realtime, recording"),
+        ({"driver": {}}, "driver.name = missing"),
+        ({"driver": {"name": "labview"}}, "driver.name = 'labview': must be one of simulated"),
+        ({"driver": {"name": "simulated", "blok": 5}}, "driver.blok = 5: must be left out; there are block"),
+        ({"axis": []}, "at least one table"),
+        ({"axis.slow": 1.0}, "axis.slow = 1.0: must be left out; there are name, stroke"),
+        ({"axis.slew": None}, "axis.slew = missing"),
+        ({"axis.stroke": None}, "axis.stroke = missing"),
+        ({"axis.safe_voltage": 5.0}, "safe_voltage = 5.0 V"),
+        ({"axis.controller": "pid"}, "axis.controller = 'pid': must be one of adaptive, paper"),
+        ({"axis.settings": {"slew_limit": 3.0}}, "axis.settings.slew_limit"),
+        ({"axis.controller": "paper", "axis.settings": {"trim_rate": 3.0}}, "there are none"),
+        ({"axis.model": "m.toml"}, "left out where there is a model"),
+        ({"axis.trajectory": 3}, r"a table \[axis.trajectory\]"),
+        ({"axis.trajectory": {"kind": "sine", "cutoff": 3.0}}, "axis.trajectory.cutoff = 3.0: must be left out"),
+        ({"axis.trajectory": {"kind": "spiral"}}, "axis.trajectory.kind = 'spiral'"),
+        ({"axis.name": "a/b"}, "name = 'a/b'"),
+        ({"realtime": {"spin": 1e-4, "priority": 50}}, "spin = 0.0001 s: must be 0 under SCHED_FIFO"),
+        ({"realtime": {"watchdog": 1.0}}, "realtime.watchdog = 1.0"),
+        ({"recording": {}}, "recording.file = missing"),
+        ({"recording": {"files": "x"}}, "recording.files"),
+    ],
+)
+def test_what_is_wrong_in_a_configuration_is_named(changes: dict[str, Any], words: str) -> None:
+    made = document()
+    for key, value in changes.items():
+        *inside, name = key.split(".")
+        table = made["axis"][0] if inside else made
+        table.pop(name, None)
+        if value is not None:
+            table[name] = value
+    with pytest.raises(SettingError, match=words):
+        config.job(made, Path())
+
+
+def test_controllers_of_a_configuration(tmp_path: Path) -> None:
+    made = document()
+    made["axis"][0] |= {"controller": "paper"}
+    (paper,) = config.job(made, Path()).axes
+    assert paper.controller.settings.law == "rls"  # type: ignore[attr-defined]
+    made["axis"][0] |= {"controller": "adaptive", "settings": {"trim_rate": 20.0}}
+    (adaptive,) = config.job(made, Path()).axes
+    assert adaptive.controller.settings.trim_rate == 20.0  # type: ignore[attr-defined]
+    assert adaptive.controller.settings.slew_limit == adaptive.slew  # type: ignore[attr-defined]
+    shape: dict[str, Any] = {"thresholds": (0.0, 0.3), "rated": (1,), "creep_times": (1e-3,), "bends": 1}
+    weights = {"weights": np.array([8.0, 1 / 3, 0.0, 0.0, 0.0, 0.0, 0.0]), "covariance": np.eye(7)}
+    model = ActuatorModel(**shape, **weights, stroke=30.0, voltage_range=LIMITS, rate_scale=1 / 1500)
+    save_model(tmp_path / "stage.toml", model)
+    for key in ("controller", "stroke", "settings"):
+        del made["axis"][0][key]
+    made["axis"][0]["model"] = "stage.toml"
+    (known,) = config.job(made, tmp_path).axes
+    assert known.controller.settings.thresholds == (0.0, 0.3)  # type: ignore[attr-defined]
+
+
+def test_axes_that_do_not_fit_together() -> None:
+    two = SimulatedSettings(channels=2)
+    waves = random_wave(duration=0.6), random_wave(duration=0.7)
+    with pytest.raises(SettingError, match="name = x, x"):
+        run_realtime(SimulatedDriver(two), [axis(waves[0], "x"), axis(waves[0], "x")], "run.h5")
+    with pytest.raises(SettingError, match="of the same length"):
+        run_realtime(SimulatedDriver(two), [axis(waves[0], "x"), axis(waves[1], "y")], "run.h5")
+    with pytest.raises(SettingError, match=r"sample_rate = 2000\.0 Hz: must be 1000\.0 Hz, that of the actuator"):
+        run_realtime(SimulatedDriver(SimulatedSettings(sample_rate=1000.0)), [axis(waves[0])], "run.h5")
+    slow = SimulatedSettings(sample_rate=2000.0, block=60)
+    with pytest.raises(SettingError, match=r"watchdog_timeout = 0.05 s: must be from 0.12 to 60 s"):
+        run_realtime(
+            SimulatedDriver(slow), [axis(waves[0])], "run.h5", settings=RealtimeSettings(watchdog_timeout=0.05)
+        )
+
+
+# ---- What is shared ------------------------------------------------------------------------------------------------
+
+
+def test_the_status_line_says_what_the_ring_holds() -> None:
+    shared = Shared(Layout(channels=2, size=1000, slow_size=1, slow_width=1))
+    assert status.line(shared, ["x", "y"], 1000.0).startswith("preparing")
+    shared.ring[0, 2], shared.ring[0, 3] = 1.5, 0.03  # volts and measured; desired is 0
+    shared.ring[1, 3] = np.nan
+    for slot, value in ((Slot.STATE, State.LIVE), (Slot.TICKS, 5000), (Slot.WRITTEN, 2700), (Slot.OVERRUNS, 4)):
+        shared.count[slot] = value
+    said = status.line(shared, ["x", "y"], 1000.0)
+    assert said == "running   2.3 s left   overruns 4   x: rmse 0.030 um, +1.500 V   y: rmse ? um, +0.000 V"
+    shared.write(Text.COMPLAINT, "µ" * 20000)
+    assert set(shared.read(Text.COMPLAINT)) <= {"µ", "\ufffd"}
+    shared.close()
