@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import struct
 import subprocess
+import time
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -31,6 +32,10 @@ def compile_library(folder: Path) -> Path:
     return target
 
 
+REGISTER = "4d4qd"
+SIZE = struct.calcsize(REGISTER)
+
+
 @dataclass(frozen=True)
 class Card:
     """What a voltmeter at the card's terminals, and the card's maker, see. Any process may look."""
@@ -39,7 +44,10 @@ class Card:
     library: Path
 
     def _read(self) -> tuple:
-        return struct.unpack("4d4qd", self.file.read_bytes())
+        deadline = time.monotonic() + 2.0
+        while len(found := self.file.read_bytes()) != SIZE and time.monotonic() < deadline:
+            time.sleep(0.01)  # the card is being made
+        return struct.unpack(REGISTER, found)
 
     @property
     def volts(self) -> list[float]:
