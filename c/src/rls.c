@@ -1,30 +1,62 @@
-#include "truestroke.h"
+#include "lanes.h"
 
 #include <math.h>
+#include <string.h>
 
-/* Potter's square root: with P = S S', f = S'u, a = lambda + f'f, (23) is mu = S f / a and
- * S' = (S - S f f' / (a + sqrt(lambda a))) / sqrt(lambda). S S' cannot lose its definiteness, whatever is rounded. */
-bool ts_rls_update(ts_real *w, ts_real *S, ts_real *f, const ts_real *u, ts_real e, ts_real lambda,
-                   ts_real trace_limit, int m)
+void ts_rls_init(ts_rls *r, ts_real delta, int m)
 {
-    ts_real f_f = 0, trace = 0;
-    for (int j = 0; j < m; j++) f[j] = 0;
-    for (int i = 0; i < m; i++)
-        for (int j = 0; j < m; j++) {
-            f[j] += S[i * m + j] * u[i];
-            trace += S[i * m + j] * S[i * m + j];
-        }
-    for (int j = 0; j < m; j++) f_f += f[j] * f[j];
-    if (!isfinite(f_f) || !isfinite(e)) return false;
+    memset(r, 0, sizeof *r);
+    for (int j = 0; j < m; j++) {
+        r->U[TS_ROW(j) + j] = 1;
+        r->D[j] = 1 / delta;
+    }
+}
 
-    ts_real a = lambda + f_f;
-    ts_real shrink = 1 / (a + (ts_real)sqrt(lambda * a));
-    ts_real growth = trace > lambda * trace_limit ? 1 : 1 / (ts_real)sqrt(lambda);
-    for (int i = 0; i < m; i++) {
-        ts_real pi = 0;
-        for (int j = 0; j < m; j++) pi += S[i * m + j] * f[j];
-        w[i] += pi / a * e;
-        for (int j = 0; j < m; j++) S[i * m + j] = growth * (S[i * m + j] - shrink * pi * f[j]);
+ts_real ts_rls_trace(const ts_rls *r, int m)
+{
+    ts_real norms[TS_PADDED(TS_MAX_PARAMETERS)];
+    for (int j = 0; j < m; j++) norms[j] = total(products(r->U + TS_ROW(j), r->U + TS_ROW(j), TS_PADDED(j + 1)));
+    return dot(r->D, norms, m);
+}
+
+/* Whether the division by lambda would take trace P past its limit. In a tick the trace grows by 1 / lambda at most, and
+ * by rounding: it is computed only where that bound has come near the limit. */
+static bool at_limit(ts_rls *r, ts_real lambda, ts_real trace_limit, int m)
+{
+    ts_real most = lambda * trace_limit;
+    if (!(r->trace_bound > 0 && r->trace_bound <= most)) r->trace_bound = ts_rls_trace(r, m);
+    bool reached = r->trace_bound > most;
+    r->trace_bound *= (1 + (ts_real)1e-5) / lambda;
+    return reached;
+}
+
+/* Bierman's U D: with P = U D U', f = U'u and g = D f, the columns of U are taken one after the other,
+ *   alpha_j = alpha_(j-1) + f_j g_j,  U_j -= f_j / alpha_(j-1) b,  b += g_j U_j (the old one),  D_j *= alpha_(j-1) / alpha_j,
+ * from alpha = lambda and b = 0; in the end alpha = lambda + u'P u and b = P u. The sum alpha is of squares, so that no
+ * rounding can make D negative. */
+bool ts_rls_update(ts_rls *r, ts_real *w, const ts_real *u, ts_real e, ts_real lambda, ts_real trace_limit, int m)
+{
+    ts_real f[TS_PADDED(TS_MAX_PARAMETERS)], g[TS_PADDED(TS_MAX_PARAMETERS)], alpha[TS_PADDED(TS_MAX_PARAMETERS) + 1];
+    alpha[0] = lambda;
+    for (int j = 0; j < m; j++) f[j] = total(products(r->U + TS_ROW(j), u, TS_PADDED(j + 1)));
+    for (int j = 0; j < m; j++) g[j] = r->D[j] * f[j];
+    for (int j = 0; j < m; j++) alpha[j + 1] = alpha[j] + f[j] * g[j];
+    if (!isfinite(alpha[m]) || !isfinite(e)) return false;
+
+    ts_real growth = at_limit(r, lambda, trace_limit, m) ? 1 : 1 / lambda, step = e / alpha[m];
+    for (int j = 0; j < m; j++) {
+        f[j] /= alpha[j];
+        r->D[j] *= growth * (alpha[j] / alpha[j + 1]);
+    }
+    for (int i = 0; i < m; i += TS_LANES) { /* eight rows of U at a time, from their diagonal to the right */
+        lanes b = zero();
+        for (int j = i; j < m; j++) {
+            ts_real *column = r->U + TS_ROW(j) + i;
+            lanes old = load(column);
+            store(column, minus(old, f[j], b));
+            b = plus(b, g[j], old);
+        }
+        store(w + i, plus(load(w + i), step, b));
     }
     return true;
 }

@@ -125,7 +125,8 @@ template <typename T> nb::object copy_of(const T *data, std::vector<size_t> shap
 // What a tick leaves behind, by name: `visit(name, first entry, count)` for each array. One list serves saving and
 // restoring, so that they cannot differ.
 template <typename Controller, typename Visit> void each_array(Controller &c, Visit visit) {
-    size_t m = static_cast<size_t>(ts_parameters(&c.settings)), n = static_cast<size_t>(c.settings.plays);
+    size_t m = static_cast<size_t>(c.parameters), n = static_cast<size_t>(c.settings.plays);
+    size_t triangle = static_cast<size_t>(TS_TRIANGLE(c.parameters));
     size_t creeps = static_cast<size_t>(c.settings.creeps);
     visit("weights", &c.w[0], m);
     visit("carry", &c.carry, 1);
@@ -150,11 +151,12 @@ template <typename Controller, typename Visit> void each_array(Controller &c, Vi
     visit("flags", &c.flags.saturated, sizeof c.flags / sizeof(bool));
     visit("counters", &c.counters.commands, sizeof c.counters / sizeof(uint64_t));
     if (c.settings.law == TS_LAW_RLS) {
-        visit("covariance_root", &c.law.S[0], m * m);
+        visit("covariance_factor", &c.law.rls.U[0], triangle);
+        visit("covariance_diagonal", &c.law.rls.D[0], m);
         return;
     }
     auto &k = c.law.kalman;
-    visit("covariance", &k.P[0], m * (m + 1) / 2);
+    visit("covariance", &k.P[0], triangle);
     visit("filtered_once", &k.u1[0], m);
     visit("filtered", &k.u[0], m);
     visit("measured_once", &k.y1, 1);
@@ -246,7 +248,7 @@ class Kernel {
     void hold(bool on) { ts_controller_hold(&c_, on); }
 
     size_t plays() const { return static_cast<size_t>(c_.settings.plays); }
-    size_t parameters() const { return static_cast<size_t>(ts_parameters(&c_.settings)); }
+    size_t parameters() const { return static_cast<size_t>(c_.parameters); }
 
     // Everything that a tick leaves behind, by name; restore() takes the same dictionary.
     nb::dict state() const {
@@ -258,6 +260,7 @@ class Kernel {
     void restore(const nb::dict &d) {
         ts_controller next = c_; // so that a bad entry changes nothing
         each_array(next, [&d](const char *name, auto *data, size_t count) { take(d, name, data, count); });
+        if (next.settings.law == TS_LAW_RLS) next.law.rls.trace_bound = 0; // of the old factors
         c_ = next;
     }
 
@@ -266,28 +269,27 @@ class Kernel {
     nb::object play() const { return copy_of(c_.now.play, {plays()}); }
     double innovation() const { return c_.innovation; }
     double trace() const {
-        size_t m = parameters();
+        if (c_.settings.law == TS_LAW_RLS) return ts_rls_trace(&c_.law.rls, c_.parameters);
         double sum = 0;
-        if (c_.settings.law == TS_LAW_RLS)
-            for (size_t i = 0; i < m * m; i++) sum += static_cast<double>(c_.law.S[i]) * c_.law.S[i];
-        else
-            for (size_t i = 0; i < m; i++) sum += c_.law.kalman.P[i * (i + 1) / 2 + i];
+        for (int i = 0; i < c_.parameters; i++) sum += c_.law.kalman.P[TS_ROW(i) + i];
         return sum;
     }
     nb::object covariance() const { // m x m, as P of the paper
-        size_t m = parameters();
-        std::vector<double> P(m * m);
-        for (size_t i = 0; i < m; i++)
-            for (size_t j = 0; j < m; j++) {
+        int m = c_.parameters;
+        std::vector<double> P(parameters() * parameters());
+        for (int i = 0; i < m; i++)
+            for (int j = 0; j <= i; j++) {
                 double sum = 0;
                 if (c_.settings.law == TS_LAW_RLS)
-                    for (size_t k = 0; k < m; k++)
-                        sum += static_cast<double>(c_.law.S[i * m + k]) * c_.law.S[j * m + k];
+                    for (int k = i; k < m; k++) {
+                        const ts_real *column = c_.law.rls.U + TS_ROW(k);
+                        sum += static_cast<double>(c_.law.rls.D[k]) * column[i] * column[j];
+                    }
                 else
-                    sum = i >= j ? c_.law.kalman.P[i * (i + 1) / 2 + j] : c_.law.kalman.P[j * (j + 1) / 2 + i];
-                P[i * m + j] = sum;
+                    sum = c_.law.kalman.P[TS_ROW(i) + j];
+                P[static_cast<size_t>(i * m + j)] = P[static_cast<size_t>(j * m + i)] = sum;
             }
-        return copy_of(P.data(), {m, m});
+        return copy_of(P.data(), {parameters(), parameters()});
     }
     double noise() const { return c_.settings.law == TS_LAW_KALMAN ? c_.law.kalman.sigma : NAN; }
     int flags() const {
@@ -341,19 +343,18 @@ void play_history(Vector<double> x, Vector<double> r, Output y, size_t every, Ro
     std::copy(state.begin(), state.end(), y.data());
 }
 
-// (a + rate b).H_r[x] along x, summed in index order.
+// (a + rate b).H_r[x] along x.
 void play_sum(Vector<double> x, Vector<double> rate, Vector<double> a, Vector<double> b, Vector<double> r, Output y,
               Output sums) {
     size_t n = r.shape(0), ticks = x.shape(0);
     require_lengths(rate.shape(0) == ticks && sums.shape(0) == ticks && a.shape(0) == n && b.shape(0) == n &&
                     y.shape(0) == n);
-    std::vector<ts_real> thresholds = reals(r), state(y.data(), y.data() + n);
+    std::vector<ts_real> thresholds = reals(r), state(y.data(), y.data() + n), weights(n);
     nb::gil_scoped_release release;
     for (size_t k = 0; k < ticks; k++) {
         ts_play_bank(static_cast<ts_real>(x.data()[k]), thresholds.data(), state.data(), static_cast<int>(n));
-        double sum = 0;
-        for (size_t i = 0; i < n; i++) sum += (a.data()[i] + rate.data()[k] * b.data()[i]) * state[i];
-        sums.data()[k] = sum;
+        for (size_t i = 0; i < n; i++) weights[i] = static_cast<ts_real>(a.data()[i] + rate.data()[k] * b.data()[i]);
+        sums.data()[k] = ts_dot(weights.data(), state.data(), static_cast<int>(n));
     }
     std::copy(state.begin(), state.end(), y.data());
 }

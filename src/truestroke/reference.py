@@ -17,7 +17,7 @@ from truestroke import _check
 from truestroke._check import SettingError
 from truestroke._typing import FloatArray
 from truestroke.adaptation import RLS, BoundedKalman, KalmanSettings, Law, UpdateRefused
-from truestroke.models import creep_step, known_terms, limit_slopes, play_inverse, play_terms
+from truestroke.models import brought, creep_step, known_terms, limit_slopes, play_inverse, play_terms
 from truestroke.operators import dead_zone, dot, play
 from truestroke.settings import ControllerSettings, kernel_settings
 
@@ -124,6 +124,7 @@ class ReferenceController:
         s = settings
         self._r, self._d, self._w_s = (np.array(v) for v in (s.thresholds, s.dead_zone_thresholds, s.dead_zone_weights))
         self._creep, self._rated = np.array(self._c["creep"]), np.array(self._c["rated"])
+        self._has_weight = np.column_stack([np.ones(s.plays, dtype=bool), self._rated])
         self._of_plays = s.plays + len(s.rated)  # parameters before the known terms
 
     def reset(self) -> None:
@@ -254,8 +255,9 @@ class ReferenceController:
         return limit_slopes(self._slopes_at(zdot_d), self.settings.slope_limits)
 
     def _slopes_at(self, zdot_d: float) -> FloatArray:
-        sums = np.cumsum(self.law.weights[: self._of_plays] * self._gradient(zdot_d))
-        slopes: FloatArray = sums[np.cumsum(1 + self._rated) - 1]
+        pairs = np.zeros((self._rated.size, 2))  # a_i, b_i
+        pairs[self._has_weight] = self.law.weights[: self._of_plays]
+        slopes: FloatArray = np.cumsum(pairs[:, 0] + self.settings.rate_scale * zdot_d * pairs[:, 1])
         return slopes
 
     def _gradient(self, zdot_d: float) -> FloatArray:
@@ -264,8 +266,7 @@ class ReferenceController:
 
     def _brought_by_plays(self) -> float:
         """The forward of the inverse: what the branches bring at the voltage of now, um."""
-        y = self._now.play
-        return float(dot(self._slopes, y - np.append(y[1:], 0.0)))
+        return float(brought(self._slopes, self._now.play))
 
     def _within_limits(self, x: float) -> float:
         """The voltage that leaves: within the slew of the last one, and within the limits, whatever x is."""
