@@ -27,6 +27,10 @@ extern "C" {
 #endif
 typedef TS_REAL ts_real;
 
+#ifndef TS_API /* before every function; c/dispatch makes the kernel static with it */
+#define TS_API
+#endif
+
 /* Capacities; a microcontroller lowers them with -D to save memory. */
 #ifndef TS_MAX_PLAYS
 #define TS_MAX_PLAYS 32
@@ -72,25 +76,25 @@ typedef enum {
 /* ---- Operators ------------------------------------------------------------------------------------------------- */
 
 /* Play operators (1): y[i] = max(x - r[i], min(x + r[i], y[i])), i = 0..n-1. r ascends from r[0] = 0. */
-void ts_play_bank(ts_real x, const ts_real *r, ts_real *y, int n);
+TS_API void ts_play_bank(ts_real x, const ts_real *r, ts_real *y, int n);
 
 /* Weighted one-sided dead zones (4), (5): sum of w[i] S_d[i](y), with S_0(y) = y. d ascends from d[0] = 0. */
-ts_real ts_dead_zones(ts_real y, const ts_real *d, const ts_real *w, int m);
+TS_API ts_real ts_dead_zones(ts_real y, const ts_real *d, const ts_real *w, int m);
 
 /* a.b of n numbers, summed in lanes: sum l takes the products l, l + TS_LANES, l + 2 TS_LANES, ..., and the sums are
  * added in halves. All sums of the kernel run like this, so that they round alike with vectors of any width. */
-ts_real ts_dot(const ts_real *a, const ts_real *b, int n);
+TS_API ts_real ts_dot(const ts_real *a, const ts_real *b, int n);
 
 /* ---- Inverse --------------------------------------------------------------------------------------------------- */
 
 /* What plays with the partial sums s of their weights bring at the states y: w.y, summed by parts. */
-ts_real ts_brought(const ts_real *s, const ts_real *y, int n);
+TS_API ts_real ts_brought(const ts_real *s, const ts_real *y, int n);
 
 /* The voltage x for which sum of w[i] H_r[i](x) = y_d, given the play states y left by the last tick; equal to (10) and
  * (12). x -> w.H(x) is piecewise linear with the slopes s[j] = w[0] + ... + w[j], and its breakpoints y[j] +- r[j] are
  * already in order, because the states of plays that share an input are nested. Requires every s[j] > 0. O(n), one
  * division. */
-ts_real ts_play_inverse(ts_real y_d, const ts_real *s, const ts_real *r, const ts_real *y, int n);
+TS_API ts_real ts_play_inverse(ts_real y_d, const ts_real *s, const ts_real *r, const ts_real *y, int n);
 
 /* ---- Recursive least squares (23) -------------------------------------------------------------------------------- */
 
@@ -103,15 +107,15 @@ typedef struct {
 } ts_rls;
 
 /* P = I / delta. */
-void ts_rls_init(ts_rls *r, ts_real delta, int m);
+TS_API void ts_rls_init(ts_rls *r, ts_real delta, int m);
 
 /* w += mu e, P = (P - mu u'P) / lambda with mu = P u / (lambda + u'P u). Where trace P is past the limit, the division by
  * lambda is left out for this tick. w and u have TS_PADDED(m) entries, those beyond m are 0. Returns false, and changes
  * neither w nor P, where u'P u or e is not finite. */
-bool ts_rls_update(ts_rls *r, ts_real *w, const ts_real *u, ts_real e, ts_real lambda, ts_real trace_limit, int m);
+TS_API bool ts_rls_update(ts_rls *r, ts_real *w, const ts_real *u, ts_real e, ts_real lambda, ts_real trace_limit, int m);
 
 /* The trace of P. */
-ts_real ts_rls_trace(const ts_rls *r, int m);
+TS_API ts_real ts_rls_trace(const ts_rls *r, int m);
 
 /* ---- Bounded Kalman filter --------------------------------------------------------------------------------------- */
 
@@ -151,17 +155,17 @@ typedef struct {
 } ts_kalman;
 
 /* P0 (packed) is the covariance of the prior; sigma is the first guess of the noise, um. The caller then sets `part`. */
-void ts_kalman_init(ts_kalman *k, const ts_real *P0, ts_real sigma, int m);
+TS_API void ts_kalman_init(ts_kalman *k, const ts_real *P0, ts_real sigma, int m);
 
 typedef enum { TS_TICK_USED, TS_TICK_PASSED, TS_TICK_SPIKE } ts_tick;
 
 /* One tick with the regressor u and the measurement *y (NULL: none came). Adds what it learned to w, if anything:
  * TS_TICK_USED. Where `learn` is false (hold, a voltage limit) w stays, and the filters start anew afterwards. */
-ts_tick ts_kalman_tick(ts_kalman *k, const ts_kalman_settings *s, const ts_real *w0, const ts_real *P0, ts_real *w,
+TS_API ts_tick ts_kalman_tick(ts_kalman *k, const ts_kalman_settings *s, const ts_real *w0, const ts_real *P0, ts_real *w,
                        const ts_real *u, const ts_real *y, bool learn, int m);
 
 /* Moves w onto g.w = value in the metric of P: w += P g (value - g.w) / (g.P g). Keeps what the data said. */
-void ts_kalman_project(const ts_kalman *k, ts_real *w, const ts_real *g, ts_real value, int m);
+TS_API void ts_kalman_project(const ts_kalman *k, ts_real *w, const ts_real *g, ts_real value, int m);
 
 /* ---- Controller (Sec. 3, Fig. 5) ----------------------------------------------------------------------------------- */
 
@@ -257,29 +261,29 @@ typedef struct {
 } ts_controller;
 
 /* Number of parameters m that the settings make. */
-int ts_parameters(const ts_settings *settings);
+TS_API int ts_parameters(const ts_settings *settings);
 
 /* Checks the settings and puts the controller at rest: plays at 0 V, w(0), P(0). */
-ts_status ts_controller_init(ts_controller *c, const ts_settings *settings);
+TS_API ts_status ts_controller_init(ts_controller *c, const ts_settings *settings);
 
 /* Back to the state after ts_controller_init. */
-void ts_controller_reset(ts_controller *c);
+TS_API void ts_controller_reset(ts_controller *c);
 
 /* Takes over an actuator that rests at the displacement z (um) under `volts`: the next command for z is `volts`. */
-ts_status ts_controller_start(ts_controller *c, ts_real volts, ts_real z);
+TS_API ts_status ts_controller_start(ts_controller *c, ts_real volts, ts_real z);
 
 /* New settings while running, without a jump of the command. The model must keep its terms and thresholds. */
-ts_status ts_controller_change(ts_controller *c, const ts_settings *settings);
+TS_API ts_status ts_controller_change(ts_controller *c, const ts_settings *settings);
 
 /* Desired displacement z_d (um) and velocity zdot_d (um/s) to the command *volts, within the limits. */
-ts_status ts_controller_command(ts_controller *c, ts_real z_d, ts_real zdot_d, ts_real *volts);
+TS_API ts_status ts_controller_command(ts_controller *c, ts_real z_d, ts_real zdot_d, ts_real *volts);
 
 /* Adapts the weights to a measured displacement z (um). ago: how many commands were issued after the one that z answers
  * (0: the last). Measurements come in the order of their commands; any of them may be missing. */
-ts_status ts_controller_adapt(ts_controller *c, ts_real z, int ago);
+TS_API ts_status ts_controller_adapt(ts_controller *c, ts_real z, int ago);
 
 /* Stops (true) and resumes (false) the adaptation; commands go on. */
-void ts_controller_hold(ts_controller *c, bool hold);
+TS_API void ts_controller_hold(ts_controller *c, bool hold);
 
 #ifdef __cplusplus
 }

@@ -12,6 +12,7 @@
 #include <string>
 #include <vector>
 
+#include "dispatch.h"
 #include "loops.h"
 #include "native.h"
 #include "truestroke.h"
@@ -388,6 +389,16 @@ ptrdiff_t play_invert(Vector<double> y_d, Vector<double> rate, Vector<double> a,
 #define MODULE(name, variable) NB_MODULE(name, variable)
 MODULE(TS_MODULE, m) {
     m.doc() = "The C kernel: play bank, inverse, recursive least squares, controller.";
+    ts_variant_use(nullptr);
+    m.def("variants", [] {
+        std::vector<std::string> names;
+        for (int i = 0; ts_variant_name(i); i++) names.push_back(ts_variant_name(i));
+        return names;
+    });
+    m.def("variant", [] { return std::string(ts_variant_in_use()); });
+    m.def("use_variant", [](const std::string &name) {
+        if (!ts_variant_use(name.c_str())) throw std::invalid_argument("this processor has no kernel variant " + name);
+    }, "name"_a);
     m.attr("MAX_PLAYS") = TS_MAX_PLAYS;
     m.attr("MAX_DEAD_ZONES") = TS_MAX_DEAD_ZONES;
     m.attr("MAX_CREEPS") = TS_MAX_CREEPS;
