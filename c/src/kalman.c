@@ -41,10 +41,12 @@ static void times(const ts_real *P, const ts_real *u, ts_real *Pu, int m)
 {
     for (int j = 0; j < m; j += TS_LANES) {
         lanes sum = zero();
-        for (int i = j; i < m; i++) sum = plus(sum, u[i], load(P + TS_ROW(i) + j));
+        const ts_real *row = P + TS_ROW(j) + j;
+        for (int i = j; i < m; row += width(i), i++) sum = plus(sum, u[i], load(row));
         store(Pu + j, sum);
     }
-    for (int i = TS_LANES; i < m; i++) Pu[i] += total(products(P + TS_ROW(i), u, i - i % TS_LANES));
+    P += TS_ROW(TS_LANES);
+    for (int i = TS_LANES; i < m; P += width(i), i++) Pu[i] += total(products(P, u, width(i) - TS_LANES));
 }
 
 /* The same two poles for the regressor and the measurement: their linear relation stays, what the stage does faster
@@ -100,11 +102,9 @@ static void follow_covariance(ts_kalman *k, const ts_kalman_settings *s, const t
 {
     ts_real root[TS_PADDED(TS_MAX_PARAMETERS)], scale = 1 / (ts_real)sqrt(k->variance), back = 0;
     for (int i = 0; i < m; i += TS_LANES) store(root + i, plus(zero(), scale, load(k->Pu + i)));
-    for (int i = 0; i < m; i++)
-        for (int j = 0; j <= i; j += TS_LANES) {
-            ts_real *P = k->P + TS_ROW(i) + j;
-            store(P, minus(load(P), root[i], load(root + j)));
-        }
+    ts_real *P = k->P;
+    for (int i = 0; i < m; P += width(i), i++)
+        for (int j = 0; j <= i; j += TS_LANES) store(P + j, minus(load(P + j), root[i], load(root + j)));
     if (k->mixed >= TS_FORGET_EVERY) {
         k->mixed = 0;
         back = s->forgetting;

@@ -68,6 +68,12 @@ static inline lanes difference(lanes x, lanes a)
     return x;
 }
 
+/* Entries of row i of a triangle: TS_ROW(i + 1) - TS_ROW(i). Whoever walks down the rows adds them up, which is faster. */
+static inline int width(int i)
+{
+    return (int)(((unsigned)i / TS_LANES + 1) * TS_LANES);
+}
+
 /* The lanes added in halves: 0 + 4, 1 + 5, 2 + 6, 3 + 7; then 0 + 2, 1 + 3; then 0 + 1. */
 static inline ts_real total(lanes x)
 {

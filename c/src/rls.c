@@ -36,27 +36,30 @@ static bool at_limit(ts_rls *r, ts_real lambda, ts_real trace_limit, int m)
  * rounding can make D negative. */
 bool ts_rls_update(ts_rls *r, ts_real *w, const ts_real *u, ts_real e, ts_real lambda, ts_real trace_limit, int m)
 {
-    ts_real f[TS_PADDED(TS_MAX_PARAMETERS)], g[TS_PADDED(TS_MAX_PARAMETERS)], alpha[TS_PADDED(TS_MAX_PARAMETERS) + 1];
-    alpha[0] = lambda;
-    for (int j = 0; j < m; j++) f[j] = total(products(r->U + TS_ROW(j), u, TS_PADDED(j + 1)));
-    for (int j = 0; j < m; j++) g[j] = r->D[j] * f[j];
-    for (int j = 0; j < m; j++) alpha[j + 1] = alpha[j] + f[j] * g[j];
-    if (!isfinite(alpha[m]) || !isfinite(e)) return false;
-
-    ts_real growth = at_limit(r, lambda, trace_limit, m) ? 1 : 1 / lambda, step = e / alpha[m];
-    for (int j = 0; j < m; j++) {
-        f[j] /= alpha[j];
-        r->D[j] *= growth * (alpha[j] / alpha[j + 1]);
+    enum { MOST = TS_PADDED(TS_MAX_PARAMETERS) };
+    ts_real step[MOST], g[MOST], shrink[MOST], alpha = lambda, inverse = 1 / lambda;
+    const ts_real *U = r->U;
+    for (int j = 0; j < m; U += width(j), j++) {
+        ts_real f = total(products(U, u, width(j))), before = alpha;
+        g[j] = r->D[j] * f;
+        step[j] = f * inverse;
+        alpha += f * g[j];
+        inverse = 1 / alpha;
+        shrink[j] = before * inverse;
     }
+    if (!isfinite(alpha) || !isfinite(e)) return false;
+
+    ts_real growth = at_limit(r, lambda, trace_limit, m) ? 1 : 1 / lambda, gain = e * inverse;
+    for (int j = 0; j < m; j++) r->D[j] *= growth * shrink[j];
     for (int i = 0; i < m; i += TS_LANES) { /* eight rows of U at a time, from their diagonal to the right */
         lanes b = zero();
-        for (int j = i; j < m; j++) {
-            ts_real *column = r->U + TS_ROW(j) + i;
+        ts_real *column = r->U + TS_ROW(i) + i;
+        for (int j = i; j < m; column += width(j), j++) {
             lanes old = load(column);
-            store(column, minus(old, f[j], b));
+            store(column, minus(old, step[j], b));
             b = plus(b, g[j], old);
         }
-        store(w + i, plus(load(w + i), step, b));
+        store(w + i, plus(load(w + i), gain, b));
     }
     return true;
 }

@@ -319,6 +319,68 @@ class Kernel {
     ts_controller c_{};
 };
 
+// ---- The two calls of a tick -----------------------------------------------------------------------------------------
+// Functions of CPython's own kind: nanobind's search for the overload would take as long as the kernel.
+
+// The values of `count` parameters, by position or by name; false, with the error set, where they do not fit.
+bool take_arguments(const char *const *names, Py_ssize_t count, PyObject **values, PyObject *const *args,
+                    Py_ssize_t positional, PyObject *keywords) {
+    Py_ssize_t given = keywords ? PyTuple_Size(keywords) : 0;
+    bool fits = positional + given <= count;
+    for (Py_ssize_t i = 0; fits && i < positional; i++) values[i] = args[i];
+    for (Py_ssize_t k = 0; fits && k < given; k++) {
+        PyObject *name = PyTuple_GetItem(keywords, k);
+        Py_ssize_t i = positional;
+        while (i < count && PyUnicode_CompareWithASCIIString(name, names[i]) != 0) i++;
+        fits = i < count;
+        if (fits) values[i] = args[positional + k];
+    }
+    for (Py_ssize_t i = 0; fits && i < count; i++) fits = values[i] != nullptr;
+    if (!fits) PyErr_Format(PyExc_TypeError, "the arguments are %s, %s", names[0], names[1]);
+    return fits;
+}
+
+Kernel *kernel_of(PyObject *self) {
+    if (nb::inst_ready(self)) return nb::inst_ptr<Kernel>(self);
+    PyErr_SetString(PyExc_TypeError, "Kernel.__init__ was not called");
+    return nullptr;
+}
+
+PyObject *command(PyObject *self, PyObject *const *args, Py_ssize_t positional, PyObject *keywords) {
+    static const char *const names[] = {"z_d", "zdot_d"};
+    PyObject *values[2] = {};
+    if (!take_arguments(names, 2, values, args, positional, keywords)) return nullptr;
+    Kernel *kernel = kernel_of(self);
+    double z_d = PyFloat_AsDouble(values[0]), zdot_d = z_d == -1 && PyErr_Occurred() ? 0 : PyFloat_AsDouble(values[1]);
+    if (!kernel || PyErr_Occurred()) return nullptr;
+    try {
+        return PyFloat_FromDouble(kernel->command(z_d, zdot_d));
+    } catch (const std::exception &e) {
+        PyErr_SetString(PyExc_ValueError, e.what());
+        return nullptr;
+    }
+}
+
+PyObject *adapt(PyObject *self, PyObject *const *args, Py_ssize_t positional, PyObject *keywords) {
+    static const char *const names[] = {"z_measured", "ago"};
+    PyObject *values[2] = {nullptr, Py_None}; // None: 0
+    if (!take_arguments(names, 2, values, args, positional, keywords)) return nullptr;
+    Kernel *kernel = kernel_of(self);
+    double z = PyFloat_AsDouble(values[0]);
+    long ago = values[1] == Py_None || (z == -1 && PyErr_Occurred()) ? 0 : PyLong_AsLong(values[1]);
+    if (!kernel || PyErr_Occurred()) return nullptr;
+    kernel->adapt(z, static_cast<int>(std::clamp(ago, -1L, static_cast<long>(TS_HISTORY)))); // both ends are refused
+    Py_INCREF(Py_None);
+    return Py_None;
+}
+
+PyMethodDef tick_calls[] = {
+    {"command", reinterpret_cast<PyCFunction>(reinterpret_cast<void (*)()>(&command)), METH_FASTCALL | METH_KEYWORDS,
+     "command($self, z_d, zdot_d)\n--\n\nVoltage, V, for z_d, um, and zdot_d, um/s."},
+    {"adapt", reinterpret_cast<PyCFunction>(reinterpret_cast<void (*)()>(&adapt)), METH_FASTCALL | METH_KEYWORDS,
+     "adapt($self, z_measured, ago=0)\n--\n\nLearn from the displacement z_measured, um."},
+};
+
 // ---- Whole arrays ----------------------------------------------------------------------------------------------------
 
 std::vector<ts_real> reals(const Vector<double> &source) {
@@ -407,12 +469,14 @@ MODULE(TS_MODULE, m) {
     m.def("play_history", &play_history, "x"_a, "r"_a, "y"_a, "every"_a, "rows"_a);
     m.def("play_sum", &play_sum, "x"_a, "rate"_a, "a"_a, "b"_a, "r"_a, "y"_a, "sums"_a);
     m.def("play_invert", &play_invert, "y_d"_a, "rate"_a, "a"_a, "b"_a, "r"_a, "y"_a, "x"_a);
-    nb::class_<Kernel>(m, "Kernel")
+    nb::class_<Kernel> kernel(m, "Kernel");
+    for (PyMethodDef &call : tick_calls)
+        kernel.attr(call.ml_name) =
+            nb::steal(PyDescr_NewMethod(reinterpret_cast<PyTypeObject *>(kernel.ptr()), &call));
+    kernel
         .def(nb::init<const nb::dict &>(), "settings"_a)
         .def("start", &Kernel::start, "volts"_a, "z"_a)
         .def("change", &Kernel::change, "settings"_a)
-        .def("command", &Kernel::command, "z_d"_a, "zdot_d"_a)
-        .def("adapt", &Kernel::adapt, "z_measured"_a, "ago"_a = 0)
         .def("process", &Kernel::process, "z_d"_a, "zdot_d"_a, "z_measured"_a.none(), "volts"_a, "ago"_a = 0)
         .def("native", &Kernel::native)
         .def("reset", &Kernel::reset)

@@ -182,9 +182,10 @@ class RLS:
             raise UpdateRefused(f"lambda + u'Pu = {alpha[-1]}, e_m = {e_m} um")
         trace = float(dot(D, dot(U.T, U.T)))
         growth = 1.0 if trace > lambda_ * self.covariance_limit else 1.0 / lambda_
-        self.weights = self.weights + e_m / alpha[-1] * b[:, -1]
-        self.U = U - f / alpha[:-1] * b[:, :-1]
-        self.D = growth * (alpha[:-1] / alpha[1:]) * D
+        inverse = 1 / alpha
+        self.weights = self.weights + e_m * inverse[-1] * b[:, -1]
+        self.U = U - f * inverse[:-1] * b[:, :-1]
+        self.D = growth * (alpha[:-1] * inverse[1:]) * D
 
 
 class LMS:
