@@ -290,15 +290,20 @@ static bool adapt_rls(ts_controller *c, bool learn)
                                    c->parameters);
 }
 
-/* What was learned reaches the command by and by, so that it does not ring the stage. */
-static void carry_on(ts_controller *c, const ts_real *before)
+/* The regressor of the last command: u where that is the tick that was measured, or else made in `room`. */
+static const ts_real *regressor_of_now(const ts_controller *c, ts_real *room)
 {
-    const ts_settings *s = &c->settings;
-    ts_real now[TS_PADDED(TS_MAX_PARAMETERS)], learned[TS_PADDED(TS_MAX_PARAMETERS)], *u = c->u;
+    if (c->lagged.ticks == c->counters.commands) return c->u;
     int slot = (int)((c->counters.commands - 1) % TS_HISTORY);
-    if (c->lagged.ticks < c->counters.commands) regressor(s, &c->now, c->z_d[slot], c->zdot_d[slot], u = now);
-    for (int i = 0; i < c->parameters; i++) learned[i] = c->w[i] - before[i];
-    c->carry += s->smoothing * dot(learned, u, c->parameters);
+    memset(room, 0, sizeof(ts_real) * TS_PADDED(TS_MAX_PARAMETERS));
+    regressor(&c->settings, &c->now, c->z_d[slot], c->zdot_d[slot], room);
+    return room;
+}
+
+/* What the model says of the regressor u, um. */
+static ts_real model(const ts_controller *c, const ts_real *u)
+{
+    return dot(c->w, u, TS_PADDED(c->parameters));
 }
 
 /* The trim. At a voltage limit it may only lead away from it; what the slew limit holds back will come by itself. */
@@ -419,13 +424,14 @@ ts_status ts_controller_adapt(ts_controller *c, ts_real z, int ago)
         int slot = (int)(c->lagged.ticks % TS_HISTORY);
         bool limited = c->limited[slot];
         next_lagged(c);
-        ts_real y_a = through_dead_zones(s, z), before[TS_MAX_PARAMETERS];
-        memcpy(before, c->w, sizeof(ts_real) * (size_t)c->parameters);
-        ts_real predicted = dot(c->w, c->u, c->parameters);
+        ts_real y_a = through_dead_zones(s, z), predicted = model(c, c->u), room[TS_PADDED(TS_MAX_PARAMETERS)];
+        const ts_real *now = s->smoothing > 0 ? regressor_of_now(c, room) : c->u;
+        ts_real before = now == c->u ? predicted : model(c, now);
         c->innovation = y_a - predicted; /* (15) */
         if (s->law == TS_LAW_RLS) used = adapt_rls(c, !c->hold);
         else used = adapt_kalman(c, frozen(c, z, predicted) ? NULL : &y_a, !c->hold && !limited);
-        if (used && s->smoothing > 0) carry_on(c, before);
+        /* What was learned reaches the command by and by, so that it does not ring the stage. */
+        if (used && s->smoothing > 0) c->carry += s->smoothing * (model(c, now) - before);
         if (used) integrate(c, c->z_d[slot] - z, c->x[slot], limited);
     }
     c->flags.rejected = !used;

@@ -120,9 +120,9 @@ void ts_kalman_project(const ts_kalman *k, ts_real *w, const ts_real *g, ts_real
 {
     ts_real Pg[TS_PADDED(TS_MAX_PARAMETERS)];
     times(k->P, g, Pg, m);
-    ts_real g_Pg = dot(g, Pg, m);
+    ts_real g_Pg = dot(g, Pg, TS_PADDED(m));
     if (!(g_Pg > 0)) return;
-    ts_real step = (value - dot(g, w, m)) / g_Pg;
+    ts_real step = (value - dot(g, w, TS_PADDED(m))) / g_Pg;
     for (int i = 0; i < m; i++) w[i] += step * Pg[i];
 }
 
@@ -131,7 +131,7 @@ void ts_kalman_project(const ts_kalman *k, ts_real *w, const ts_real *g, ts_real
 static bool update(ts_kalman *k, const ts_kalman_settings *s, const ts_real *w0, const ts_real *P0, ts_real *w, int m)
 {
     times(k->P, k->u, k->Pu, m);
-    ts_real explained = dot(k->u, k->Pu, m), e = k->y - dot(k->u, w, m);
+    ts_real explained = dot(k->u, k->Pu, TS_PADDED(m)), e = k->y - dot(k->u, w, TS_PADDED(m));
     if (!(explained >= 0) || !isfinite(explained * e)) {
         restart(k->P, P0, m);
         return false;
@@ -161,7 +161,7 @@ static bool update(ts_kalman *k, const ts_kalman_settings *s, const ts_real *w0,
 ts_tick ts_kalman_tick(ts_kalman *k, const ts_kalman_settings *s, const ts_real *w0, const ts_real *P0, ts_real *w,
                        const ts_real *u, const ts_real *y, bool learn, int m)
 {
-    ts_real predicted = dot(u, w, m), innovation = y ? *y - predicted : 0;
+    ts_real predicted = dot(u, w, TS_PADDED(m)), innovation = y ? *y - predicted : 0;
     ts_tick tick = TS_TICK_PASSED;
     if (y && k->variance > 0) { /* after the first update: before it, the model may be far off */
         ts_real most = s->outlier * s->outlier * (k->variance + k->sigma * k->sigma);

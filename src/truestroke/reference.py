@@ -220,14 +220,17 @@ class ReferenceController:
             while self._lagged.ticks < tick:
                 self._pass_over()
             command, u = self._next_lagged()  # (20)
-            predicted, before = float(dot(self.law.weights, u)), self.law.weights
+            predicted = float(dot(self.law.weights, u))
+            now = self._regressor(self._now, self._last.z_d, self._last.zdot_d)
+            before = float(dot(self.law.weights, now))
             self._innovation = self._through_dead_zones(z_measured) - predicted  # (15)
             try:
                 self._learn(u, command.limited, self._is_frozen(z_measured, predicted))  # (23)
             except UpdateRefused:
                 self._rejected = True
             else:
-                self._carry_on(before)
+                # What was learned reaches the command by and by, so that it does not ring the stage.
+                self._carry += self._c["smoothing"] * (float(dot(self.law.weights, now)) - before)
                 self._integrate(command.z_d - z_measured, command)
         self._count(rejected=self._rejected, adaptations=not (self._rejected or self._held), changed=self._changed)
 
@@ -343,12 +346,6 @@ class ReferenceController:
             g[: self._of_plays] = self._gradient(zdot_d)
             g[worst + 1 + np.count_nonzero(self._rated[: worst + 1]) :] = 0.0
             law.project(g, high if slopes[worst] > high else low)
-
-    def _carry_on(self, before: FloatArray) -> None:
-        """What was learned reaches the command by and by, so that it does not ring the stage."""
-        if self._c["smoothing"] > 0:
-            now = self._regressor(self._now, self._last.z_d, self._last.zdot_d)
-            self._carry += self._c["smoothing"] * float(dot(self.law.weights - before, now))
 
     def _integrate(self, error: float, command: _Command) -> None:
         """The trim. At a voltage limit it may only lead away from it; what the slew limit holds back will come."""
