@@ -36,7 +36,6 @@ const char *ts_variant_in_use(void);
     NOTHING(ts_rls_init, (ts_rls *r, ts_real delta, int m), (r, delta, m))                                              \
     VALUE(bool, ts_rls_update, (ts_rls *r, ts_real *w, const ts_real *u, ts_real e, ts_real lambda, ts_real limit,      \
           int m), (r, w, u, e, lambda, limit, m))                                                                       \
-    VALUE(ts_real, ts_rls_trace, (const ts_rls *r, int m), (r, m))                                                      \
     NOTHING(ts_kalman_init, (ts_kalman *k, const ts_real *P0, ts_real sigma, int m), (k, P0, sigma, m))                 \
     VALUE(ts_tick, ts_kalman_tick, (ts_kalman *k, const ts_kalman_settings *s, const ts_real *w0, const ts_real *P0,    \
           ts_real *w, const ts_real *u, const ts_real *y, bool learn, int m), (k, s, w0, P0, w, u, y, learn, m))        \

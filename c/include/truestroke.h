@@ -103,7 +103,7 @@ TS_API ts_real ts_play_inverse(ts_real y_d, const ts_real *s, const ts_real *r, 
 typedef struct {
     ts_real U[TS_TRIANGLE(TS_MAX_PARAMETERS)];   /* 1 */
     ts_real D[TS_PADDED(TS_MAX_PARAMETERS)];     /* 1/V^2 */
-    ts_real trace_bound;                         /* not below the trace of P, 1/V^2; 0: not known */
+    ts_real trace;                               /* of P, 1/V^2 */
 } ts_rls;
 
 /* P = I / delta. */
@@ -113,9 +113,6 @@ TS_API void ts_rls_init(ts_rls *r, ts_real delta, int m);
  * lambda is left out for this tick. w and u have TS_PADDED(m) entries, those beyond m are 0. Returns false, and changes
  * neither w nor P, where u'P u or e is not finite. */
 TS_API bool ts_rls_update(ts_rls *r, ts_real *w, const ts_real *u, ts_real e, ts_real lambda, ts_real trace_limit, int m);
-
-/* The trace of P. */
-TS_API ts_real ts_rls_trace(const ts_rls *r, int m);
 
 /* ---- Bounded Kalman filter --------------------------------------------------------------------------------------- */
 

@@ -62,6 +62,11 @@ static inline lanes plus_product(lanes x, lanes a, lanes b)
     return x;
 }
 
+static inline lanes square(lanes x)
+{
+    return plus_product(zero(), x, x);
+}
+
 static inline lanes difference(lanes x, lanes a)
 {
     for (int i = 0; i < TS_VECTORS; i++) x.v[i] -= a.v[i];

@@ -154,6 +154,7 @@ template <typename Controller, typename Visit> void each_array(Controller &c, Vi
     if (c.settings.law == TS_LAW_RLS) {
         visit("covariance_factor", &c.law.rls.U[0], triangle);
         visit("covariance_diagonal", &c.law.rls.D[0], m);
+        visit("covariance_trace", &c.law.rls.trace, 1);
         return;
     }
     auto &k = c.law.kalman;
@@ -261,7 +262,6 @@ class Kernel {
     void restore(const nb::dict &d) {
         ts_controller next = c_; // so that a bad entry changes nothing
         each_array(next, [&d](const char *name, auto *data, size_t count) { take(d, name, data, count); });
-        if (next.settings.law == TS_LAW_RLS) next.law.rls.trace_bound = 0; // of the old factors
         c_ = next;
     }
 
@@ -270,7 +270,7 @@ class Kernel {
     nb::object play() const { return copy_of(c_.now.play, {plays()}); }
     double innovation() const { return c_.innovation; }
     double trace() const {
-        if (c_.settings.law == TS_LAW_RLS) return ts_rls_trace(&c_.law.rls, c_.parameters);
+        if (c_.settings.law == TS_LAW_RLS) return c_.law.rls.trace;
         double sum = 0;
         for (int i = 0; i < c_.parameters; i++) sum += c_.law.kalman.P[TS_ROW(i) + i];
         return sum;

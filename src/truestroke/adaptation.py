@@ -128,6 +128,8 @@ class RLS:
         Factor of P: upper triangle with ones on its diagonal, 1.
     D : ndarray, shape (m,)
         Factor of P: its diagonal, above 0, 1/V^2.
+    trace : float
+        Trace of P, 1/V^2.
 
     Raises
     ------
@@ -163,7 +165,8 @@ class RLS:
         _check.within("forgetting", forgetting, 0.0, 1.0)
         self.covariance_limit = _check.positive("covariance_limit", covariance_limit, "1/V^2")
         delta = _check.positive("regularization", regularization, "V^2")
-        self.U, self.D = np.eye(self.weights.size), np.full(self.weights.size, 1 / delta)
+        m = self.weights.size
+        self.U, self.D, self.trace = np.eye(m), np.full(m, 1 / delta), m / delta
 
     @property
     def P(self) -> FloatArray:  # noqa: N802 (the paper's symbol)
@@ -180,12 +183,13 @@ class RLS:
         b = np.cumsum(np.column_stack([np.zeros(f.size), g * U]), axis=1)  # grows from 0 to P u
         if not (math.isfinite(alpha[-1]) and math.isfinite(e_m)):
             raise UpdateRefused(f"lambda + u'Pu = {alpha[-1]}, e_m = {e_m} um")
-        trace = float(dot(D, dot(U.T, U.T)))
-        growth = 1.0 if trace > lambda_ * self.covariance_limit else 1.0 / lambda_
+        growth = 1.0 if self.trace > lambda_ * self.covariance_limit else 1.0 / lambda_
         inverse = 1 / alpha
         self.weights = self.weights + e_m * inverse[-1] * b[:, -1]
         self.U = U - f * inverse[:-1] * b[:, :-1]
         self.D = growth * (alpha[:-1] * inverse[1:]) * D
+        diagonal = np.cumsum(self.D * (self.U * self.U), axis=1)[:, -1]  # of P
+        self.trace = float(dot(diagonal, np.ones(f.size)))
 
 
 class LMS:
