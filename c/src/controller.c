@@ -213,18 +213,18 @@ static void pass_over(ts_controller *c)
                        c->parameters);
 }
 
-/* Whether a partial slope is outside its limits at the rate zdot_d. */
+/* Whether a partial slope is outside its limits at the rate zdot_d or at -zdot_d. */
 static bool outside(const ts_controller *c, ts_real zdot_d)
 {
     const ts_settings *s = &c->settings;
     const ts_real *w = c->w;
-    ts_real rate = s->rate_scale * zdot_d, sum = 0;
+    ts_real rate = s->rate_scale * zdot_d, up = 0, down = 0;
     bool out = false;
     for (int i = 0; i < s->plays; i++) {
-        ts_real w_h = *w++;
-        if (s->rated[i]) w_h += rate * *w++;
-        sum += w_h;
-        out |= sum > s->slope_max || sum < s->slope_min;
+        ts_real a = *w++, b = s->rated[i] ? rate * *w++ : 0;
+        up += a + b;
+        down += a - b;
+        out |= (up > s->slope_max) | (up < s->slope_min) | (down > s->slope_max) | (down < s->slope_min);
     }
     return out;
 }
@@ -235,7 +235,6 @@ static void project_slope(ts_controller *c, ts_real zdot_d)
     const ts_settings *s = &c->settings;
     ts_real rate = s->rate_scale * zdot_d, sum = 0, beyond = 0, onto = 0, g[TS_PADDED(TS_MAX_PARAMETERS)] = {0};
     int worst = -1, k = 0;
-    if (!outside(c, zdot_d)) return;
     for (int i = 0; i < s->plays; i++) {
         ts_real w_h = c->w[k++];
         if (s->rated[i]) w_h += rate * c->w[k++];
@@ -275,8 +274,10 @@ static bool adapt_kalman(ts_controller *c, const ts_real *y_a, bool learn)
     ts_kalman *k = &c->law.kalman;
     ts_tick tick = ts_kalman_tick(k, &s->kalman, s->initial_weights, s->prior, c->w, c->u, y_a, learn, c->parameters);
     if (tick == TS_TICK_USED) {
-        project_slope(c, c->fastest); /* slopes are linear in the rate: its two ends are the worst */
-        project_slope(c, -c->fastest);
+        if (outside(c, c->fastest)) { /* slopes are linear in the rate: its two ends are the worst */
+            project_slope(c, c->fastest);
+            project_slope(c, -c->fastest);
+        }
         c->flags.changed = k->changed;
         c->counters.changed += k->changed;
     }
