@@ -35,8 +35,7 @@ def run_kernel(case, kernel=_kernel, **other):
         k.adapt(z_a)
         e_m.append(k.innovation())
         w.append(k.weights().astype(float))
-    S = k.state()["covariance_root"].astype(float).reshape(len(case["w0"]), -1)
-    return np.array(x), np.array(e_m), np.array(w), S @ S.T
+    return np.array(x), np.array(e_m), np.array(w), np.asarray(k.covariance(), dtype=float)
 
 
 # ---- RLS -------------------------------------------------------------------------------------------------------------

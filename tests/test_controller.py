@@ -98,6 +98,33 @@ def test_a_bad_desired_value_raises_before_anything_changes() -> None:
     assert all(np.array_equal(before[name], after[name]) for name in before)
 
 
+def test_the_two_calls_take_numbers_by_place_or_by_name_and_nothing_else() -> None:
+    controller, other = AdaptiveController(**BASIC), AdaptiveController(**BASIC)
+    assert controller.command(1, np.float32(2)) == other.command(zdot_d=2.0, z_d=True)
+    controller.adapt(2, np.int64(0)), other.adapt(ago=0, z_measured=np.float64(2.0))
+    assert np.array_equal(controller.weights, other.weights)
+    command, adapt = controller.command, controller.adapt
+    for call, args, names in [
+        (command, (), {}), (command, (1.0,), {}), (command, (1.0, 2.0, 3.0), {}), (command, (1.0, 2.0), {"z_d": 1.0}),
+        (command, (1.0,), {"rate": 1.0}), (command, ("1", 2.0), {}), (command, (1.0, None), {}),
+        (adapt, (), {}), (adapt, (1.0, 0, 0), {}), (adapt, (None,), {}), (adapt, (1.0, 0.5), {}),
+    ]:  # fmt: skip
+        with pytest.raises(TypeError):
+            call(*args, **names)
+    assert controller.counters == other.counters
+    for ago in (-1, 64, 10**15):
+        controller.adapt(1.0, ago)
+        assert controller.flags.rejected
+
+
+def test_a_subclass_may_have_its_own_command() -> None:
+    class Doubled(AdaptiveController):
+        def command(self, z_d: float, zdot_d: float) -> float:
+            return 2 * super().command(z_d, zdot_d)
+
+    assert Doubled(**BASIC).command(1.0, 0.0) == 2 * AdaptiveController(**BASIC).command(1.0, 0.0)
+
+
 def test_a_bad_measurement_is_rejected_flagged_and_counted() -> None:
     controller = AdaptiveController(**BASIC)
     drive(controller, 100)

@@ -72,7 +72,8 @@ class ForgetsAt:
     def command(self, z_d: float, zdot_d: float) -> float:
         if self.wait == 0:
             first = AdaptiveController.from_settings(bench.SETTINGS).state()
-            self.controller.restore(self.controller.state() | {"covariance_root": first["covariance_root"]})
+            factors = {name: first[name] for name in first if name.startswith("covariance_")}
+            self.controller.restore(self.controller.state() | factors)
         self.wait -= 1
         return self.controller.command(z_d, zdot_d)
 

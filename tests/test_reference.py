@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from truestroke import AdaptiveController, ControllerSettings, SettingError
+from truestroke import AdaptiveController, ControllerSettings, SettingError, _kernel
 from truestroke.adaptation import LMS, RLS
 from truestroke.models import ModifiedPrandtlIshlinskii, RateDependentModel
 from truestroke.reference import HISTORY, ReferenceController
@@ -121,6 +121,28 @@ def test_single_precision_is_within_its_bound(seed) -> None:
     single, error_single = closed_loop(AdaptiveController.from_settings(settings), z_d, zdot_d, noise)
     assert np.max(np.abs(single - double)) < 0.05
     assert np.sqrt(np.mean(error_single[5000:] ** 2)) < 1.1 * np.sqrt(np.mean(error[5000:] ** 2)) + 0.001
+
+
+@pytest.mark.parametrize("name", ["paper", "default"])
+def test_every_variant_of_the_kernel_gives_the_same_bits(name) -> None:
+    """Vectors of any width, and none: what the processor has must not show."""
+    z_d, zdot_d = random_wave(np.random.default_rng(2), 1500)
+    fastest, states = _kernel.variant(), {}
+    assert fastest == _kernel.variants()[-1]
+    try:
+        for variant in _kernel.variants():
+            _kernel.use_variant(variant)
+            controller = AdaptiveController.from_settings(SETTINGS[name])
+            volts = controller.process(z_d, zdot_d, z_d + 0.3 * np.sin(np.arange(z_d.size)))
+            states[variant] = controller.state() | {"volts": volts}
+    finally:
+        _kernel.use_variant(fastest)
+    assert {"plain", "vector"} <= set(states)
+    for variant, state in states.items():
+        for entry, value in state.items():
+            np.testing.assert_array_equal(value, states["plain"][entry], err_msg=f"{variant}: {entry}")
+    with pytest.raises(ValueError, match="no kernel variant mmx"):
+        _kernel.use_variant("mmx")
 
 
 # ---- Algebra of the interface ----------------------------------------------------------------------------------------

@@ -27,6 +27,10 @@ extern "C" {
 #endif
 typedef TS_REAL ts_real;
 
+#ifndef TS_API /* before every function; c/dispatch makes the kernel static with it */
+#define TS_API
+#endif
+
 /* Capacities; a microcontroller lowers them with -D to save memory. */
 #ifndef TS_MAX_PLAYS
 #define TS_MAX_PLAYS 32
@@ -43,6 +47,13 @@ typedef TS_REAL ts_real;
 #define TS_MAX_BENDS 2
 #define TS_MAX_PARAMETERS (2 * TS_MAX_PLAYS + TS_MAX_CREEPS + 2 + TS_MAX_BENDS)
 #define TS_PACKED(m) ((m) * ((m) + 1) / 2) /* entries of the lower triangle of an m x m matrix, row by row */
+
+/* Sums run in lanes (lanes.h), and rows are padded with zeros to whole ones. A triangle is stored row by row: row i begins
+ * at TS_ROW(i) and has TS_PADDED(i + 1) entries, of which column j is at TS_ROW(i) + j. */
+#define TS_LANES 8
+#define TS_PADDED(n) (((n) + TS_LANES - 1) / TS_LANES * TS_LANES)
+#define TS_ROW(i) (TS_PADDED((i) + 1) * ((i) - (i) / TS_LANES * (TS_LANES / 2)))
+#define TS_TRIANGLE(m) TS_ROW(m)
 
 typedef enum {
     TS_OK = 0,
@@ -65,27 +76,43 @@ typedef enum {
 /* ---- Operators ------------------------------------------------------------------------------------------------- */
 
 /* Play operators (1): y[i] = max(x - r[i], min(x + r[i], y[i])), i = 0..n-1. r ascends from r[0] = 0. */
-void ts_play_bank(ts_real x, const ts_real *r, ts_real *y, int n);
+TS_API void ts_play_bank(ts_real x, const ts_real *r, ts_real *y, int n);
 
 /* Weighted one-sided dead zones (4), (5): sum of w[i] S_d[i](y), with S_0(y) = y. d ascends from d[0] = 0. */
-ts_real ts_dead_zones(ts_real y, const ts_real *d, const ts_real *w, int m);
+TS_API ts_real ts_dead_zones(ts_real y, const ts_real *d, const ts_real *w, int m);
+
+/* a.b of n numbers, summed in lanes: sum l takes the products l, l + TS_LANES, l + 2 TS_LANES, ..., and the sums are
+ * added in halves. All sums of the kernel run like this, so that they round alike with vectors of any width. */
+TS_API ts_real ts_dot(const ts_real *a, const ts_real *b, int n);
 
 /* ---- Inverse --------------------------------------------------------------------------------------------------- */
+
+/* What plays with the partial sums s of their weights bring at the states y: w.y, summed by parts. */
+TS_API ts_real ts_brought(const ts_real *s, const ts_real *y, int n);
 
 /* The voltage x for which sum of w[i] H_r[i](x) = y_d, given the play states y left by the last tick; equal to (10) and
  * (12). x -> w.H(x) is piecewise linear with the slopes s[j] = w[0] + ... + w[j], and its breakpoints y[j] +- r[j] are
  * already in order, because the states of plays that share an input are nested. Requires every s[j] > 0. O(n), one
  * division. */
-ts_real ts_play_inverse(ts_real y_d, const ts_real *s, const ts_real *r, const ts_real *y, int n);
+TS_API ts_real ts_play_inverse(ts_real y_d, const ts_real *s, const ts_real *r, const ts_real *y, int n);
 
 /* ---- Recursive least squares (23) -------------------------------------------------------------------------------- */
 
-/* w += mu e, P = (P - mu u'P) / lambda with mu = P u / (lambda + u'P u), carried as a square root, P = S S' (Potter),
- * so that P stays positive semidefinite in any precision. S is m x m, row by row; at the start it is I / sqrt(delta).
- * f is m reals of scratch. Where trace P is past the limit, the division by lambda is left out for this tick.
- * Returns false, and changes neither w nor S, where u'P u or e is not finite. */
-bool ts_rls_update(ts_real *w, ts_real *S, ts_real *f, const ts_real *u, ts_real e, ts_real lambda,
-                   ts_real trace_limit, int m);
+/* P = U D U' (Bierman): D is a diagonal of positive numbers, so that P stays positive definite in any precision. U is
+ * unit upper triangular and stored by columns: column j is row j of a triangle. */
+typedef struct {
+    ts_real U[TS_TRIANGLE(TS_MAX_PARAMETERS)];   /* 1 */
+    ts_real D[TS_PADDED(TS_MAX_PARAMETERS)];     /* 1/V^2 */
+    ts_real trace;                               /* of P, 1/V^2 */
+} ts_rls;
+
+/* P = I / delta. */
+TS_API void ts_rls_init(ts_rls *r, ts_real delta, int m);
+
+/* w += mu e, P = (P - mu u'P) / lambda with mu = P u / (lambda + u'P u). Where trace P is past the limit, the division by
+ * lambda is left out for this tick. w and u have TS_PADDED(m) entries, those beyond m are 0. Returns false, and changes
+ * neither w nor P, where u'P u or e is not finite. */
+TS_API bool ts_rls_update(ts_rls *r, ts_real *w, const ts_real *u, ts_real e, ts_real lambda, ts_real trace_limit, int m);
 
 /* ---- Bounded Kalman filter --------------------------------------------------------------------------------------- */
 
@@ -108,13 +135,13 @@ typedef struct {
 #define TS_FORGET_EVERY 16
 
 /* A Kalman filter of weights that wander about the prior (w0, P0) as an Ornstein-Uhlenbeck process, so that P and w stay
- * bounded under any input. Symmetric matrices are packed. One update takes two ticks: the weights move in the first, P
+ * bounded under any input. w and u have TS_PADDED(m) entries, those beyond m are 0; P0 is packed. One update takes two ticks: the weights move in the first, P
  * follows in the second, so that no tick costs more than O(m^2). */
 typedef struct {
-    ts_real P[TS_PACKED(TS_MAX_PARAMETERS)];
-    ts_real u1[TS_MAX_PARAMETERS], u[TS_MAX_PARAMETERS]; /* the regressor behind one and two poles, V or um */
+    ts_real P[TS_TRIANGLE(TS_MAX_PARAMETERS)];           /* whole in the blocks of eight on the diagonal */
+    ts_real u1[TS_PADDED(TS_MAX_PARAMETERS)], u[TS_PADDED(TS_MAX_PARAMETERS)]; /* the regressor behind one and two poles, V or um */
     ts_real y1, y;                                       /* the measurement behind one and two poles, um */
-    ts_real Pu[TS_MAX_PARAMETERS];
+    ts_real Pu[TS_PADDED(TS_MAX_PARAMETERS)];
     ts_real variance;               /* of the innovation of the last update, um^2 */
     ts_real sigma, ringing;         /* noise: um, um^2 */
     ts_real innovation1, innovation2; /* of the last two ticks, um */
@@ -125,17 +152,17 @@ typedef struct {
 } ts_kalman;
 
 /* P0 (packed) is the covariance of the prior; sigma is the first guess of the noise, um. The caller then sets `part`. */
-void ts_kalman_init(ts_kalman *k, const ts_real *P0, ts_real sigma, int m);
+TS_API void ts_kalman_init(ts_kalman *k, const ts_real *P0, ts_real sigma, int m);
 
 typedef enum { TS_TICK_USED, TS_TICK_PASSED, TS_TICK_SPIKE } ts_tick;
 
 /* One tick with the regressor u and the measurement *y (NULL: none came). Adds what it learned to w, if anything:
  * TS_TICK_USED. Where `learn` is false (hold, a voltage limit) w stays, and the filters start anew afterwards. */
-ts_tick ts_kalman_tick(ts_kalman *k, const ts_kalman_settings *s, const ts_real *w0, const ts_real *P0, ts_real *w,
+TS_API ts_tick ts_kalman_tick(ts_kalman *k, const ts_kalman_settings *s, const ts_real *w0, const ts_real *P0, ts_real *w,
                        const ts_real *u, const ts_real *y, bool learn, int m);
 
 /* Moves w onto g.w = value in the metric of P: w += P g (value - g.w) / (g.P g). Keeps what the data said. */
-void ts_kalman_project(const ts_kalman *k, ts_real *w, const ts_real *g, ts_real value, int m);
+TS_API void ts_kalman_project(const ts_kalman *k, ts_real *w, const ts_real *g, ts_real value, int m);
 
 /* ---- Controller (Sec. 3, Fig. 5) ----------------------------------------------------------------------------------- */
 
@@ -201,8 +228,9 @@ typedef struct {
 
 typedef struct {
     ts_settings settings;
+    int parameters, of_plays;         /* m, and how many of them belong to plays */
     /* command */
-    ts_real w[TS_MAX_PARAMETERS];     /* (21) and the terms */
+    ts_real w[TS_PADDED(TS_MAX_PARAMETERS)]; /* (21) and the terms */
     ts_real carry;                    /* um: what was learned and is not yet in the command */
     ts_real integral;                 /* um: the trim */
     ts_real y_d;                      /* (11) less the known terms, um */
@@ -216,44 +244,43 @@ typedef struct {
     bool limited[TS_HISTORY];         /* the voltage met a limit: such a tick does not teach */
     /* adapt */
     ts_memory lagged;
-    ts_real u[TS_MAX_PARAMETERS];     /* (20) and the terms */
+    ts_real u[TS_PADDED(TS_MAX_PARAMETERS)]; /* (20) and the terms */
     ts_real innovation;               /* e_m, (15), um */
     ts_real z_before;                 /* um: the last measurement that differed from the one before it, */
     ts_real predicted_before;         /* and what the model said then */
     union {
-        ts_real S[TS_MAX_PARAMETERS * TS_MAX_PARAMETERS]; /* RLS: P = S S', 1/V, m x m packed at the front */
+        ts_rls rls;
         ts_kalman kalman;
     } law;
-    ts_real scratch[TS_MAX_PARAMETERS];
     bool hold;
     ts_flags flags;
     ts_counters counters;
 } ts_controller;
 
 /* Number of parameters m that the settings make. */
-int ts_parameters(const ts_settings *settings);
+TS_API int ts_parameters(const ts_settings *settings);
 
 /* Checks the settings and puts the controller at rest: plays at 0 V, w(0), P(0). */
-ts_status ts_controller_init(ts_controller *c, const ts_settings *settings);
+TS_API ts_status ts_controller_init(ts_controller *c, const ts_settings *settings);
 
 /* Back to the state after ts_controller_init. */
-void ts_controller_reset(ts_controller *c);
+TS_API void ts_controller_reset(ts_controller *c);
 
 /* Takes over an actuator that rests at the displacement z (um) under `volts`: the next command for z is `volts`. */
-ts_status ts_controller_start(ts_controller *c, ts_real volts, ts_real z);
+TS_API ts_status ts_controller_start(ts_controller *c, ts_real volts, ts_real z);
 
 /* New settings while running, without a jump of the command. The model must keep its terms and thresholds. */
-ts_status ts_controller_change(ts_controller *c, const ts_settings *settings);
+TS_API ts_status ts_controller_change(ts_controller *c, const ts_settings *settings);
 
 /* Desired displacement z_d (um) and velocity zdot_d (um/s) to the command *volts, within the limits. */
-ts_status ts_controller_command(ts_controller *c, ts_real z_d, ts_real zdot_d, ts_real *volts);
+TS_API ts_status ts_controller_command(ts_controller *c, ts_real z_d, ts_real zdot_d, ts_real *volts);
 
 /* Adapts the weights to a measured displacement z (um). ago: how many commands were issued after the one that z answers
  * (0: the last). Measurements come in the order of their commands; any of them may be missing. */
-ts_status ts_controller_adapt(ts_controller *c, ts_real z, int ago);
+TS_API ts_status ts_controller_adapt(ts_controller *c, ts_real z, int ago);
 
 /* Stops (true) and resumes (false) the adaptation; commands go on. */
-void ts_controller_hold(ts_controller *c, bool hold);
+TS_API void ts_controller_hold(ts_controller *c, bool hold);
 
 #ifdef __cplusplus
 }

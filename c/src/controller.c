@@ -1,4 +1,4 @@
-#include "truestroke.h"
+#include "lanes.h"
 
 #include <math.h>
 #include <stddef.h>
@@ -91,13 +91,6 @@ int ts_parameters(const ts_settings *s)
 
 /* ---- Small steps --------------------------------------------------------------------------------------------------- */
 
-static ts_real dot(const ts_real *a, const ts_real *b, int n)
-{
-    ts_real sum = 0;
-    for (int i = 0; i < n; i++) sum += a[i] * b[i];
-    return sum;
-}
-
 static ts_real through_dead_zones(const ts_settings *s, ts_real z)
 {
     return ts_dead_zones(z, s->dead_zone_thresholds, s->dead_zone_weights, s->dead_zones);
@@ -118,14 +111,15 @@ static void remember_voltage(ts_memory *memory, const ts_settings *s, ts_real x)
 /* The part of the regressor that is known before the voltage is chosen; u is the place of the first of these terms. */
 static void known_terms(const ts_settings *s, const ts_memory *memory, ts_real z_d, ts_real zdot_d, ts_real *u)
 {
+    for (int i = 0; i < s->creeps; i++) *u++ = memory->creep[i];
+    if (s->lag) *u++ = zdot_d;
+    if (s->offset) *u++ = 1;
+    if (s->bends == 0) return;
     ts_real along = z_d / s->stroke;
     if (along < -1) along = -1; /* further out a polynomial tells nothing, and would overflow */
     if (along > 2) along = 2;
     ts_real bend = 4 * along * (1 - along);
-    for (int i = 0; i < s->creeps; i++) *u++ = memory->creep[i];
-    if (s->lag) *u++ = zdot_d;
-    if (s->offset) *u++ = 1;
-    if (s->bends > 0) *u++ = bend;
+    *u++ = bend;
     if (s->bends > 1) *u++ = 2 * bend * (1 - 2 * along);
 }
 
@@ -146,9 +140,8 @@ static ts_real wanted_of_plays(const ts_controller *c, ts_real z_d, ts_real zdot
 {
     const ts_settings *s = &c->settings;
     ts_real u[TS_MAX_PARAMETERS];
-    int first = play_parameters(s);
     known_terms(s, &c->now, z_d, zdot_d, u);
-    return through_dead_zones(s, z_d) + c->integral + c->carry - dot(c->w + first, u, ts_parameters(s) - first);
+    return through_dead_zones(s, z_d) + c->integral + c->carry - dot(c->w + c->of_plays, u, c->parameters - c->of_plays);
 }
 
 /* (7) and its partial sums at the rate zdot_d, each within its limits; tells whether one had to be moved. */
@@ -157,10 +150,11 @@ static bool rate_dependent_slopes(ts_controller *c, ts_real zdot_d)
     const ts_settings *s = &c->settings;
     const ts_real *w = c->w;
     bool moved = false;
-    ts_real sum = 0;
+    ts_real rate = s->rate_scale * zdot_d, sum = 0;
     for (int i = 0; i < s->plays; i++) {
-        sum += *w++;
-        if (s->rated[i]) sum += s->rate_scale * zdot_d * *w++;
+        ts_real w_h = *w++;
+        if (s->rated[i]) w_h += rate * *w++;
+        sum += w_h;
         c->slopes[i] = !(sum >= s->slope_min) ? s->slope_min : sum > s->slope_max ? s->slope_max : sum;
         moved |= !(sum >= s->slope_min && sum <= s->slope_max);
     }
@@ -216,18 +210,35 @@ static void pass_over(ts_controller *c)
     next_lagged(c);
     if (s->law == TS_LAW_KALMAN)
         ts_kalman_tick(&c->law.kalman, &s->kalman, s->initial_weights, s->prior, c->w, c->u, NULL, !limited,
-                       ts_parameters(s));
+                       c->parameters);
+}
+
+/* Whether a partial slope is outside its limits at the rate zdot_d or at -zdot_d. */
+static bool outside(const ts_controller *c, ts_real zdot_d)
+{
+    const ts_settings *s = &c->settings;
+    const ts_real *w = c->w;
+    ts_real rate = s->rate_scale * zdot_d, up = 0, down = 0;
+    bool out = false;
+    for (int i = 0; i < s->plays; i++) {
+        ts_real a = *w++, b = s->rated[i] ? rate * *w++ : 0;
+        up += a + b;
+        down += a - b;
+        out |= (up > s->slope_max) | (up < s->slope_min) | (down > s->slope_max) | (down < s->slope_min);
+    }
+    return out;
 }
 
 /* The partial slope that is furthest outside its limits at the rate zdot_d, if any, is moved onto its limit. */
 static void project_slope(ts_controller *c, ts_real zdot_d)
 {
     const ts_settings *s = &c->settings;
-    ts_real sum = 0, beyond = 0, onto = 0, g[TS_MAX_PARAMETERS] = {0};
+    ts_real rate = s->rate_scale * zdot_d, sum = 0, beyond = 0, onto = 0, g[TS_PADDED(TS_MAX_PARAMETERS)] = {0};
     int worst = -1, k = 0;
     for (int i = 0; i < s->plays; i++) {
-        sum += c->w[k++];
-        if (s->rated[i]) sum += s->rate_scale * zdot_d * c->w[k++];
+        ts_real w_h = c->w[k++];
+        if (s->rated[i]) w_h += rate * c->w[k++];
+        sum += w_h;
         ts_real over = sum - s->slope_max, under = s->slope_min - sum, out = over > under ? over : under;
         if (out > beyond) {
             beyond = out;
@@ -238,9 +249,9 @@ static void project_slope(ts_controller *c, ts_real zdot_d)
     if (worst < 0) return;
     for (int i = k = 0; i <= worst; i++) {
         g[k++] = 1;
-        if (s->rated[i]) g[k++] = s->rate_scale * zdot_d;
+        if (s->rated[i]) g[k++] = rate;
     }
-    ts_kalman_project(&c->law.kalman, c->w, g, onto, ts_parameters(s));
+    ts_kalman_project(&c->law.kalman, c->w, g, onto, c->parameters);
 }
 
 /* A sensor that gives the same number again and again while the model moves is no sensor: a live one has noise. */
@@ -261,10 +272,12 @@ static bool adapt_kalman(ts_controller *c, const ts_real *y_a, bool learn)
 {
     const ts_settings *s = &c->settings;
     ts_kalman *k = &c->law.kalman;
-    ts_tick tick = ts_kalman_tick(k, &s->kalman, s->initial_weights, s->prior, c->w, c->u, y_a, learn, ts_parameters(s));
+    ts_tick tick = ts_kalman_tick(k, &s->kalman, s->initial_weights, s->prior, c->w, c->u, y_a, learn, c->parameters);
     if (tick == TS_TICK_USED) {
-        project_slope(c, c->fastest); /* slopes are linear in the rate: its two ends are the worst */
-        project_slope(c, -c->fastest);
+        if (outside(c, c->fastest)) { /* slopes are linear in the rate: its two ends are the worst */
+            project_slope(c, c->fastest);
+            project_slope(c, -c->fastest);
+        }
         c->flags.changed = k->changed;
         c->counters.changed += k->changed;
     }
@@ -274,19 +287,24 @@ static bool adapt_kalman(ts_controller *c, const ts_real *y_a, bool learn)
 static bool adapt_rls(ts_controller *c, bool learn)
 {
     const ts_settings *s = &c->settings;
-    return !learn || ts_rls_update(c->w, c->law.S, c->scratch, c->u, c->innovation, s->forgetting, s->covariance_limit,
-                                   ts_parameters(s));
+    return !learn || ts_rls_update(&c->law.rls, c->w, c->u, c->innovation, s->forgetting, s->covariance_limit,
+                                   c->parameters);
 }
 
-/* What was learned reaches the command by and by, so that it does not ring the stage. */
-static void carry_on(ts_controller *c, const ts_real *before)
+/* The regressor of the last command: u where that is the tick that was measured, or else made in `room`. */
+static const ts_real *regressor_of_now(const ts_controller *c, ts_real *room)
 {
-    const ts_settings *s = &c->settings;
-    ts_real now[TS_MAX_PARAMETERS], learned[TS_MAX_PARAMETERS];
-    int m = ts_parameters(s), slot = (int)((c->counters.commands - 1) % TS_HISTORY);
-    regressor(s, &c->now, c->z_d[slot], c->zdot_d[slot], now);
-    for (int i = 0; i < m; i++) learned[i] = c->w[i] - before[i];
-    c->carry += s->smoothing * dot(learned, now, m);
+    if (c->lagged.ticks == c->counters.commands) return c->u;
+    int slot = (int)((c->counters.commands - 1) % TS_HISTORY);
+    memset(room, 0, sizeof(ts_real) * TS_PADDED(TS_MAX_PARAMETERS));
+    regressor(&c->settings, &c->now, c->z_d[slot], c->zdot_d[slot], room);
+    return room;
+}
+
+/* What the model says of the regressor u, um. */
+static ts_real model(const ts_controller *c, const ts_real *u)
+{
+    return dot(c->w, u, TS_PADDED(c->parameters));
 }
 
 /* The trim. At a voltage limit it may only lead away from it; what the slew limit holds back will come by itself. */
@@ -300,11 +318,7 @@ static void integrate(ts_controller *c, ts_real error, ts_real x, bool limited)
 /* What the branches bring at the voltage of now: the forward of the inverse, with the slopes that it last used. */
 static ts_real brought_by_plays(const ts_controller *c)
 {
-    const ts_settings *s = &c->settings;
-    const ts_real *y = c->now.play, *slope = c->slopes;
-    ts_real sum = 0;
-    for (int j = 0; j + 1 < s->plays; j++) sum += slope[j] * (y[j] - y[j + 1]);
-    return sum + slope[s->plays - 1] * y[s->plays - 1];
+    return ts_brought(c->slopes, c->now.play, c->settings.plays);
 }
 
 /* ---- Public -------------------------------------------------------------------------------------------------------- */
@@ -314,6 +328,8 @@ ts_status ts_controller_init(ts_controller *c, const ts_settings *settings)
     ts_status status = check(settings);
     if (status != TS_OK) return status;
     c->settings = *settings;
+    c->parameters = ts_parameters(settings);
+    c->of_plays = play_parameters(settings);
     ts_controller_reset(c);
     return TS_OK;
 }
@@ -321,12 +337,12 @@ ts_status ts_controller_init(ts_controller *c, const ts_settings *settings)
 static void start_law(ts_controller *c)
 {
     const ts_settings *s = &c->settings;
-    int m = ts_parameters(s), k = 0;
     if (s->law == TS_LAW_RLS) {
-        for (int i = 0; i < m; i++) c->law.S[i * m + i] = 1 / (ts_real)sqrt(s->regularization);
+        ts_rls_init(&c->law.rls, s->regularization, c->parameters);
         return;
     }
-    ts_kalman_init(&c->law.kalman, s->prior, s->first_noise, m);
+    ts_kalman_init(&c->law.kalman, s->prior, s->first_noise, c->parameters);
+    int k = 0;
     for (int i = 0; i < s->plays; i++) {
         c->law.kalman.part[k] = i ? 2 : 1;
         k += s->rated[i] ? 2 : 1;
@@ -337,7 +353,7 @@ void ts_controller_reset(ts_controller *c)
 {
     size_t after = offsetof(ts_controller, w); /* no copy of the settings: they are too large for a small stack */
     memset((char *)c + after, 0, sizeof *c - after);
-    memcpy(c->w, c->settings.initial_weights, sizeof(ts_real) * (size_t)ts_parameters(&c->settings));
+    memcpy(c->w, c->settings.initial_weights, sizeof(ts_real) * (size_t)c->parameters);
     start_law(c);
     (void)rate_dependent_slopes(c, 0);
 }
@@ -351,7 +367,7 @@ ts_status ts_controller_start(ts_controller *c, ts_real volts, ts_real z)
     for (int i = 0; i < s->creeps; i++) c->now.creep[i] = volts;
     c->lagged = c->now;
     ts_real missing = wanted_of_plays(c, z, 0) - brought_by_plays(c);
-    if (s->offset) c->w[ts_parameters(s) - 1 - s->bends] += missing; /* a constant until data say more */
+    if (s->offset) c->w[c->parameters - 1 - s->bends] += missing; /* a constant until data say more */
     else c->carry = -missing;
     return TS_OK;
 }
@@ -409,13 +425,14 @@ ts_status ts_controller_adapt(ts_controller *c, ts_real z, int ago)
         int slot = (int)(c->lagged.ticks % TS_HISTORY);
         bool limited = c->limited[slot];
         next_lagged(c);
-        ts_real y_a = through_dead_zones(s, z), before[TS_MAX_PARAMETERS];
-        memcpy(before, c->w, sizeof before);
-        ts_real predicted = dot(c->w, c->u, ts_parameters(s));
+        ts_real y_a = through_dead_zones(s, z), predicted = model(c, c->u), room[TS_PADDED(TS_MAX_PARAMETERS)];
+        const ts_real *now = s->smoothing > 0 ? regressor_of_now(c, room) : c->u;
+        ts_real before = now == c->u ? predicted : model(c, now);
         c->innovation = y_a - predicted; /* (15) */
         if (s->law == TS_LAW_RLS) used = adapt_rls(c, !c->hold);
         else used = adapt_kalman(c, frozen(c, z, predicted) ? NULL : &y_a, !c->hold && !limited);
-        if (used && s->smoothing > 0) carry_on(c, before);
+        /* What was learned reaches the command by and by, so that it does not ring the stage. */
+        if (used && s->smoothing > 0) c->carry += s->smoothing * (model(c, now) - before);
         if (used) integrate(c, c->z_d[slot] - z, c->x[slot], limited);
     }
     c->flags.rejected = !used;

@@ -1,11 +1,23 @@
-#include "truestroke.h"
+#include "lanes.h"
+
+/* w.y with w[j] = s[j] - s[j-1], summed by parts: s[0] (y[0] - y[1]) + ... + s[n-1] y[n-1] */
+ts_real ts_brought(const ts_real *s, const ts_real *y, int n)
+{
+    lanes sum = zero();
+    int i = 0;
+    for (; i + TS_LANES < n; i += TS_LANES)
+        sum = plus_product(sum, load(s + i), difference(load(y + i), load(y + i + 1)));
+    ts_real slope[TS_LANES] = {0}, step[TS_LANES] = {0};
+    for (int l = 0; i + l < n; l++) {
+        slope[l] = s[i + l];
+        step[l] = y[i + l] - (i + l + 1 < n ? y[i + l + 1] : 0);
+    }
+    return total(plus_product(sum, load(slope), load(step)));
+}
 
 ts_real ts_play_inverse(ts_real y_d, const ts_real *s, const ts_real *r, const ts_real *y, int n)
 {
-    ts_real gap = y_d; /* what is still missing at x, um: y_d - w.y, with w[j] = s[j] - s[j-1] summed by parts */
-    for (int j = 0; j + 1 < n; j++) gap -= s[j] * (y[j] - y[j + 1]);
-    gap -= s[n - 1] * y[n - 1];
-
+    ts_real gap = y_d - ts_brought(s, y, n); /* what is still missing at x, um */
     ts_real sign = gap < 0 ? (ts_real)-1 : (ts_real)1;
     ts_real x = y[0]; /* r[0] = 0: the state of the first play is the last voltage */
     int j = 0;

@@ -1,35 +1,52 @@
-#include "truestroke.h"
+#include "lanes.h"
 
 #include <math.h>
 #include <string.h>
 
+/* P is symmetric, and a triangle of it is stored: row i to the end of the block of eight that holds the diagonal, so that
+ * rows are whole vectors, and the blocks on the diagonal are whole matrices. */
+
+/* P += share (P0 - P), P0 packed. */
+static void approach(ts_real *P, const ts_real *P0, ts_real share, int m)
+{
+    for (int i = 0; i < m; i++, P0 += i)
+        for (int j = 0; j <= i; j++) P[TS_ROW(i) + j] += share * (P0[j] - P[TS_ROW(i) + j]);
+}
+
+/* The other half of the blocks on the diagonal. */
+static void mirror(ts_real *P, int m)
+{
+    for (int i = 0; i < m; i++)
+        for (int j = i - i % TS_LANES; j < i; j++) P[TS_ROW(j) + i] = P[TS_ROW(i) + j];
+}
+
+static void restart(ts_real *P, const ts_real *P0, int m)
+{
+    memset(P, 0, sizeof(ts_real) * (size_t)TS_TRIANGLE(m));
+    approach(P, P0, 1, m);
+    mirror(P, m);
+}
+
 void ts_kalman_init(ts_kalman *k, const ts_real *P0, ts_real sigma, int m)
 {
     memset(k, 0, sizeof *k);
-    memcpy(k->P, P0, sizeof(ts_real) * (size_t)TS_PACKED(m));
+    restart(k->P, P0, m);
     k->sigma = sigma;
     k->since_change = INT32_MAX;
 }
 
-/* P u of a packed symmetric P, each entry read once. */
+/* P u: each block of eight columns from its diagonal down, for which P stands as it is, in order of the rows; then what
+ * is to the left of the diagonal blocks, row by row. */
 static void times(const ts_real *P, const ts_real *u, ts_real *Pu, int m)
 {
-    for (int i = 0; i < m; i++) {
-        ts_real sum = 0;
-        for (int j = 0; j < i; j++) {
-            sum += P[j] * u[j];
-            Pu[j] += P[j] * u[i];
-        }
-        Pu[i] = sum + P[i] * u[i];
-        P += i + 1;
+    for (int j = 0; j < m; j += TS_LANES) {
+        lanes sum = zero();
+        const ts_real *row = P + TS_ROW(j) + j;
+        for (int i = j; i < m; row += width(i), i++) sum = plus(sum, u[i], load(row));
+        store(Pu + j, sum);
     }
-}
-
-static ts_real dot(const ts_real *a, const ts_real *b, int m)
-{
-    ts_real sum = 0;
-    for (int i = 0; i < m; i++) sum += a[i] * b[i];
-    return sum;
+    P += TS_ROW(TS_LANES);
+    for (int i = TS_LANES; i < m; P += width(i), i++) Pu[i] += total(products(P, u, width(i) - TS_LANES));
 }
 
 /* The same two poles for the regressor and the measurement: their linear relation stays, what the stage does faster
@@ -42,9 +59,12 @@ static void pass_filter(ts_kalman *k, ts_real pole, const ts_real *u, ts_real y,
         k->y1 = k->y = y;
         k->started = true;
     }
-    for (int i = 0; i < m; i++) {
-        k->u1[i] += pole * (u[i] - k->u1[i]);
-        k->u[i] += pole * (k->u1[i] - k->u[i]);
+    for (int i = 0; i < m; i += TS_LANES) {
+        lanes once = load(k->u1 + i), twice = load(k->u + i);
+        once = plus(once, pole, difference(load(u + i), once));
+        twice = plus(twice, pole, difference(once, twice));
+        store(k->u1 + i, once);
+        store(k->u + i, twice);
     }
     k->y1 += pole * (y - k->y1);
     k->y += pole * (k->y1 - k->y);
@@ -71,40 +91,38 @@ static void follow_noise(ts_kalman *k, const ts_kalman_settings *s, ts_real inno
 static void admit_change(ts_kalman *k, const ts_kalman_settings *s, const ts_real *w, int m)
 {
     ts_real gain2 = s->change_gain * s->change_gain, hysteresis2 = s->change_hysteresis * s->change_hysteresis;
-    ts_real *P = k->P;
     for (int i = 0; i < m; i++)
-        for (int j = 0; j <= i; j++, P++)
+        for (int j = 0; j <= i; j++)
             if (k->part[i] && k->part[j])
-                *P += (gain2 + (k->part[i] == 2 && k->part[j] == 2 ? hysteresis2 : 0)) * w[i] * w[j];
+                k->P[TS_ROW(i) + j] += (gain2 + (k->part[i] == 2 && k->part[j] == 2 ? hysteresis2 : 0)) * (w[i] * w[j]);
 }
 
 /* Second tick of an update: P -= P u u'P / variance, its return to the prior, and more of it after a change. */
 static void follow_covariance(ts_kalman *k, const ts_kalman_settings *s, const ts_real *P0, const ts_real *w, int m)
 {
-    ts_real *P = k->P, inverse = 1 / k->variance, back = 0;
-    for (int i = 0; i < m; i++) {
-        ts_real gain = k->Pu[i] * inverse;
-        for (int j = 0; j <= i; j++) *P++ -= gain * k->Pu[j];
-    }
+    ts_real root[TS_PADDED(TS_MAX_PARAMETERS)], scale = 1 / (ts_real)sqrt(k->variance), back = 0;
+    for (int i = 0; i < m; i += TS_LANES) store(root + i, plus(zero(), scale, load(k->Pu + i)));
+    ts_real *P = k->P;
+    for (int i = 0; i < m; P += width(i), i++)
+        for (int j = 0; j <= i; j += TS_LANES) store(P + j, minus(load(P + j), root[i], load(root + j)));
     if (k->mixed >= TS_FORGET_EVERY) {
         k->mixed = 0;
         back = s->forgetting;
     }
     if (k->changed) back += s->change_share;
-    if (back > 1) back = 1;
-    if (back > 0)
-        for (int i = 0; i < TS_PACKED(m); i++) k->P[i] += back * (P0[i] - k->P[i]);
+    if (back > 0) approach(k->P, P0, back < 1 ? back : 1, m);
     if (k->changed) admit_change(k, s, w, m);
+    if (back > 0 || k->changed) mirror(k->P, m);
     k->pending = k->changed = false;
 }
 
 void ts_kalman_project(const ts_kalman *k, ts_real *w, const ts_real *g, ts_real value, int m)
 {
-    ts_real Pg[TS_MAX_PARAMETERS];
+    ts_real Pg[TS_PADDED(TS_MAX_PARAMETERS)];
     times(k->P, g, Pg, m);
-    ts_real g_Pg = dot(g, Pg, m);
+    ts_real g_Pg = dot(g, Pg, TS_PADDED(m));
     if (!(g_Pg > 0)) return;
-    ts_real step = (value - dot(g, w, m)) / g_Pg;
+    ts_real step = (value - dot(g, w, TS_PADDED(m))) / g_Pg;
     for (int i = 0; i < m; i++) w[i] += step * Pg[i];
 }
 
@@ -113,9 +131,9 @@ void ts_kalman_project(const ts_kalman *k, ts_real *w, const ts_real *g, ts_real
 static bool update(ts_kalman *k, const ts_kalman_settings *s, const ts_real *w0, const ts_real *P0, ts_real *w, int m)
 {
     times(k->P, k->u, k->Pu, m);
-    ts_real explained = dot(k->u, k->Pu, m), e = k->y - dot(k->u, w, m);
+    ts_real explained = dot(k->u, k->Pu, TS_PADDED(m)), e = k->y - dot(k->u, w, TS_PADDED(m));
     if (!(explained >= 0) || !isfinite(explained * e)) {
-        memcpy(k->P, P0, sizeof(ts_real) * (size_t)TS_PACKED(m));
+        restart(k->P, P0, m);
         return false;
     }
     ts_real floor = s->model_error * s->model_error, quiet = k->sigma * k->sigma;
@@ -124,7 +142,7 @@ static bool update(ts_kalman *k, const ts_kalman_settings *s, const ts_real *w0,
     if (!(expected > 0)) return false;
     k->variance = explained + (noise + floor) / 2;
     ts_real gain = e / k->variance;
-    for (int i = 0; i < m; i++) w[i] += gain * k->Pu[i];
+    for (int i = 0; i < m; i += TS_LANES) store(w + i, plus(load(w + i), gain, load(k->Pu + i)));
     k->mixed += 2;
     if (k->mixed >= TS_FORGET_EVERY)
         for (int i = 0; i < m; i++) w[i] += s->forgetting * (w0[i] - w[i]);
@@ -143,7 +161,7 @@ static bool update(ts_kalman *k, const ts_kalman_settings *s, const ts_real *w0,
 ts_tick ts_kalman_tick(ts_kalman *k, const ts_kalman_settings *s, const ts_real *w0, const ts_real *P0, ts_real *w,
                        const ts_real *u, const ts_real *y, bool learn, int m)
 {
-    ts_real predicted = dot(u, w, m), innovation = y ? *y - predicted : 0;
+    ts_real predicted = dot(u, w, TS_PADDED(m)), innovation = y ? *y - predicted : 0;
     ts_tick tick = TS_TICK_PASSED;
     if (y && k->variance > 0) { /* after the first update: before it, the model may be far off */
         ts_real most = s->outlier * s->outlier * (k->variance + k->sigma * k->sigma);

@@ -1,4 +1,4 @@
-#include "truestroke.h"
+#include "lanes.h"
 
 void ts_play_bank(ts_real x, const ts_real *r, ts_real *y, int n)
 {
@@ -11,8 +11,14 @@ void ts_play_bank(ts_real x, const ts_real *r, ts_real *y, int n)
 
 ts_real ts_dead_zones(ts_real y, const ts_real *d, const ts_real *w, int m)
 {
-    ts_real sum = w[0] * y;
+    ts_real sum[TS_LANES] = {w[0] * y};
+    if (m == 1) return sum[0];
     for (int i = 1; i < m; i++)
-        if (y > d[i]) sum += w[i] * (y - d[i]);
-    return sum;
+        if (y > d[i]) sum[i % TS_LANES] += w[i] * (y - d[i]);
+    return total(load(sum));
+}
+
+ts_real ts_dot(const ts_real *a, const ts_real *b, int n)
+{
+    return dot(a, b, n);
 }

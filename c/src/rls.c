@@ -1,30 +1,52 @@
-#include "truestroke.h"
+#include "lanes.h"
 
 #include <math.h>
+#include <string.h>
 
-/* Potter's square root: with P = S S', f = S'u, a = lambda + f'f, (23) is mu = S f / a and
- * S' = (S - S f f' / (a + sqrt(lambda a))) / sqrt(lambda). S S' cannot lose its definiteness, whatever is rounded. */
-bool ts_rls_update(ts_real *w, ts_real *S, ts_real *f, const ts_real *u, ts_real e, ts_real lambda,
-                   ts_real trace_limit, int m)
+void ts_rls_init(ts_rls *r, ts_real delta, int m)
 {
-    ts_real f_f = 0, trace = 0;
-    for (int j = 0; j < m; j++) f[j] = 0;
-    for (int i = 0; i < m; i++)
-        for (int j = 0; j < m; j++) {
-            f[j] += S[i * m + j] * u[i];
-            trace += S[i * m + j] * S[i * m + j];
-        }
-    for (int j = 0; j < m; j++) f_f += f[j] * f[j];
-    if (!isfinite(f_f) || !isfinite(e)) return false;
-
-    ts_real a = lambda + f_f;
-    ts_real shrink = 1 / (a + (ts_real)sqrt(lambda * a));
-    ts_real growth = trace > lambda * trace_limit ? 1 : 1 / (ts_real)sqrt(lambda);
-    for (int i = 0; i < m; i++) {
-        ts_real pi = 0;
-        for (int j = 0; j < m; j++) pi += S[i * m + j] * f[j];
-        w[i] += pi / a * e;
-        for (int j = 0; j < m; j++) S[i * m + j] = growth * (S[i * m + j] - shrink * pi * f[j]);
+    memset(r, 0, sizeof *r);
+    for (int j = 0; j < m; j++) {
+        r->U[TS_ROW(j) + j] = 1;
+        r->D[j] = 1 / delta;
     }
+    r->trace = (ts_real)m / delta;
+}
+
+/* Bierman's U D: with P = U D U', f = U'u and g = D f, the columns of U are taken one after the other,
+ *   alpha_j = alpha_(j-1) + f_j g_j,  U_j -= f_j / alpha_(j-1) b,  b += g_j U_j (the old one),  D_j *= alpha_(j-1) / alpha_j,
+ * from alpha = lambda and b = 0; in the end alpha = lambda + u'P u and b = P u. The sum alpha is of squares, so that no
+ * rounding can make D negative. */
+bool ts_rls_update(ts_rls *r, ts_real *w, const ts_real *u, ts_real e, ts_real lambda, ts_real trace_limit, int m)
+{
+    enum { MOST = TS_PADDED(TS_MAX_PARAMETERS) };
+    ts_real step[MOST], g[MOST], shrink[MOST], alpha = lambda, inverse = 1 / lambda;
+    const ts_real *U = r->U;
+    for (int j = 0; j < m; U += width(j), j++) {
+        ts_real f = total(products(U, u, width(j))), before = alpha;
+        g[j] = r->D[j] * f;
+        step[j] = f * inverse;
+        alpha += f * g[j];
+        inverse = 1 / alpha;
+        shrink[j] = before * inverse;
+    }
+    if (!isfinite(alpha) || !isfinite(e)) return false;
+
+    ts_real growth = r->trace > lambda * trace_limit ? 1 : 1 / lambda, gain = e * inverse;
+    for (int j = 0; j < m; j++) r->D[j] *= growth * shrink[j];
+    lanes trace = zero();
+    for (int i = 0; i < m; i += TS_LANES) { /* eight rows of U at a time, from their diagonal to the right */
+        lanes b = zero(), diagonal = zero();
+        ts_real *column = r->U + TS_ROW(i) + i;
+        for (int j = i; j < m; column += width(j), j++) {
+            lanes old = load(column), new = minus(old, step[j], b);
+            store(column, new);
+            b = plus(b, g[j], old);
+            diagonal = plus(diagonal, r->D[j], square(new));
+        }
+        store(w + i, plus(load(w + i), gain, b));
+        trace = plus(trace, 1, diagonal);
+    }
+    r->trace = total(trace);
     return true;
 }

@@ -12,6 +12,7 @@
 #include <string>
 #include <vector>
 
+#include "dispatch.h"
 #include "loops.h"
 #include "native.h"
 #include "truestroke.h"
@@ -125,7 +126,8 @@ template <typename T> nb::object copy_of(const T *data, std::vector<size_t> shap
 // What a tick leaves behind, by name: `visit(name, first entry, count)` for each array. One list serves saving and
 // restoring, so that they cannot differ.
 template <typename Controller, typename Visit> void each_array(Controller &c, Visit visit) {
-    size_t m = static_cast<size_t>(ts_parameters(&c.settings)), n = static_cast<size_t>(c.settings.plays);
+    size_t m = static_cast<size_t>(c.parameters), n = static_cast<size_t>(c.settings.plays);
+    size_t triangle = static_cast<size_t>(TS_TRIANGLE(c.parameters));
     size_t creeps = static_cast<size_t>(c.settings.creeps);
     visit("weights", &c.w[0], m);
     visit("carry", &c.carry, 1);
@@ -150,11 +152,13 @@ template <typename Controller, typename Visit> void each_array(Controller &c, Vi
     visit("flags", &c.flags.saturated, sizeof c.flags / sizeof(bool));
     visit("counters", &c.counters.commands, sizeof c.counters / sizeof(uint64_t));
     if (c.settings.law == TS_LAW_RLS) {
-        visit("covariance_root", &c.law.S[0], m * m);
+        visit("covariance_factor", &c.law.rls.U[0], triangle);
+        visit("covariance_diagonal", &c.law.rls.D[0], m);
+        visit("covariance_trace", &c.law.rls.trace, 1);
         return;
     }
     auto &k = c.law.kalman;
-    visit("covariance", &k.P[0], m * (m + 1) / 2);
+    visit("covariance", &k.P[0], triangle);
     visit("filtered_once", &k.u1[0], m);
     visit("filtered", &k.u[0], m);
     visit("measured_once", &k.y1, 1);
@@ -246,7 +250,7 @@ class Kernel {
     void hold(bool on) { ts_controller_hold(&c_, on); }
 
     size_t plays() const { return static_cast<size_t>(c_.settings.plays); }
-    size_t parameters() const { return static_cast<size_t>(ts_parameters(&c_.settings)); }
+    size_t parameters() const { return static_cast<size_t>(c_.parameters); }
 
     // Everything that a tick leaves behind, by name; restore() takes the same dictionary.
     nb::dict state() const {
@@ -266,28 +270,27 @@ class Kernel {
     nb::object play() const { return copy_of(c_.now.play, {plays()}); }
     double innovation() const { return c_.innovation; }
     double trace() const {
-        size_t m = parameters();
+        if (c_.settings.law == TS_LAW_RLS) return c_.law.rls.trace;
         double sum = 0;
-        if (c_.settings.law == TS_LAW_RLS)
-            for (size_t i = 0; i < m * m; i++) sum += static_cast<double>(c_.law.S[i]) * c_.law.S[i];
-        else
-            for (size_t i = 0; i < m; i++) sum += c_.law.kalman.P[i * (i + 1) / 2 + i];
+        for (int i = 0; i < c_.parameters; i++) sum += c_.law.kalman.P[TS_ROW(i) + i];
         return sum;
     }
     nb::object covariance() const { // m x m, as P of the paper
-        size_t m = parameters();
-        std::vector<double> P(m * m);
-        for (size_t i = 0; i < m; i++)
-            for (size_t j = 0; j < m; j++) {
+        int m = c_.parameters;
+        std::vector<double> P(parameters() * parameters());
+        for (int i = 0; i < m; i++)
+            for (int j = 0; j <= i; j++) {
                 double sum = 0;
                 if (c_.settings.law == TS_LAW_RLS)
-                    for (size_t k = 0; k < m; k++)
-                        sum += static_cast<double>(c_.law.S[i * m + k]) * c_.law.S[j * m + k];
+                    for (int k = i; k < m; k++) {
+                        const ts_real *column = c_.law.rls.U + TS_ROW(k);
+                        sum += static_cast<double>(c_.law.rls.D[k]) * column[i] * column[j];
+                    }
                 else
-                    sum = i >= j ? c_.law.kalman.P[i * (i + 1) / 2 + j] : c_.law.kalman.P[j * (j + 1) / 2 + i];
-                P[i * m + j] = sum;
+                    sum = c_.law.kalman.P[TS_ROW(i) + j];
+                P[static_cast<size_t>(i * m + j)] = P[static_cast<size_t>(j * m + i)] = sum;
             }
-        return copy_of(P.data(), {m, m});
+        return copy_of(P.data(), {parameters(), parameters()});
     }
     double noise() const { return c_.settings.law == TS_LAW_KALMAN ? c_.law.kalman.sigma : NAN; }
     int flags() const {
@@ -316,6 +319,68 @@ class Kernel {
     ts_controller c_{};
 };
 
+// ---- The two calls of a tick -----------------------------------------------------------------------------------------
+// Functions of CPython's own kind: nanobind's search for the overload would take as long as the kernel.
+
+// The values of `count` parameters, by position or by name; false, with the error set, where they do not fit.
+bool take_arguments(const char *const *names, Py_ssize_t count, PyObject **values, PyObject *const *args,
+                    Py_ssize_t positional, PyObject *keywords) {
+    Py_ssize_t given = keywords ? PyTuple_Size(keywords) : 0;
+    bool fits = positional + given <= count;
+    for (Py_ssize_t i = 0; fits && i < positional; i++) values[i] = args[i];
+    for (Py_ssize_t k = 0; fits && k < given; k++) {
+        PyObject *name = PyTuple_GetItem(keywords, k);
+        Py_ssize_t i = positional;
+        while (i < count && PyUnicode_CompareWithASCIIString(name, names[i]) != 0) i++;
+        fits = i < count;
+        if (fits) values[i] = args[positional + k];
+    }
+    for (Py_ssize_t i = 0; fits && i < count; i++) fits = values[i] != nullptr;
+    if (!fits) PyErr_Format(PyExc_TypeError, "the arguments are %s, %s", names[0], names[1]);
+    return fits;
+}
+
+Kernel *kernel_of(PyObject *self) {
+    if (nb::inst_ready(self)) return nb::inst_ptr<Kernel>(self);
+    PyErr_SetString(PyExc_TypeError, "Kernel.__init__ was not called");
+    return nullptr;
+}
+
+PyObject *command(PyObject *self, PyObject *const *args, Py_ssize_t positional, PyObject *keywords) {
+    static const char *const names[] = {"z_d", "zdot_d"};
+    PyObject *values[2] = {};
+    if (!take_arguments(names, 2, values, args, positional, keywords)) return nullptr;
+    Kernel *kernel = kernel_of(self);
+    double z_d = PyFloat_AsDouble(values[0]), zdot_d = z_d == -1 && PyErr_Occurred() ? 0 : PyFloat_AsDouble(values[1]);
+    if (!kernel || PyErr_Occurred()) return nullptr;
+    try {
+        return PyFloat_FromDouble(kernel->command(z_d, zdot_d));
+    } catch (const std::exception &e) {
+        PyErr_SetString(PyExc_ValueError, e.what());
+        return nullptr;
+    }
+}
+
+PyObject *adapt(PyObject *self, PyObject *const *args, Py_ssize_t positional, PyObject *keywords) {
+    static const char *const names[] = {"z_measured", "ago"};
+    PyObject *values[2] = {nullptr, Py_None}; // None: 0
+    if (!take_arguments(names, 2, values, args, positional, keywords)) return nullptr;
+    Kernel *kernel = kernel_of(self);
+    double z = PyFloat_AsDouble(values[0]);
+    long ago = values[1] == Py_None || (z == -1 && PyErr_Occurred()) ? 0 : PyLong_AsLong(values[1]);
+    if (!kernel || PyErr_Occurred()) return nullptr;
+    kernel->adapt(z, static_cast<int>(std::clamp(ago, -1L, static_cast<long>(TS_HISTORY)))); // both ends are refused
+    Py_INCREF(Py_None);
+    return Py_None;
+}
+
+PyMethodDef tick_calls[] = {
+    {"command", reinterpret_cast<PyCFunction>(reinterpret_cast<void (*)()>(&command)), METH_FASTCALL | METH_KEYWORDS,
+     "command($self, z_d, zdot_d)\n--\n\nVoltage, V, for z_d, um, and zdot_d, um/s."},
+    {"adapt", reinterpret_cast<PyCFunction>(reinterpret_cast<void (*)()>(&adapt)), METH_FASTCALL | METH_KEYWORDS,
+     "adapt($self, z_measured, ago=0)\n--\n\nLearn from the displacement z_measured, um."},
+};
+
 // ---- Whole arrays ----------------------------------------------------------------------------------------------------
 
 std::vector<ts_real> reals(const Vector<double> &source) {
@@ -341,19 +406,18 @@ void play_history(Vector<double> x, Vector<double> r, Output y, size_t every, Ro
     std::copy(state.begin(), state.end(), y.data());
 }
 
-// (a + rate b).H_r[x] along x, summed in index order.
+// (a + rate b).H_r[x] along x.
 void play_sum(Vector<double> x, Vector<double> rate, Vector<double> a, Vector<double> b, Vector<double> r, Output y,
               Output sums) {
     size_t n = r.shape(0), ticks = x.shape(0);
     require_lengths(rate.shape(0) == ticks && sums.shape(0) == ticks && a.shape(0) == n && b.shape(0) == n &&
                     y.shape(0) == n);
-    std::vector<ts_real> thresholds = reals(r), state(y.data(), y.data() + n);
+    std::vector<ts_real> thresholds = reals(r), state(y.data(), y.data() + n), weights(n);
     nb::gil_scoped_release release;
     for (size_t k = 0; k < ticks; k++) {
         ts_play_bank(static_cast<ts_real>(x.data()[k]), thresholds.data(), state.data(), static_cast<int>(n));
-        double sum = 0;
-        for (size_t i = 0; i < n; i++) sum += (a.data()[i] + rate.data()[k] * b.data()[i]) * state[i];
-        sums.data()[k] = sum;
+        for (size_t i = 0; i < n; i++) weights[i] = static_cast<ts_real>(a.data()[i] + rate.data()[k] * b.data()[i]);
+        sums.data()[k] = ts_dot(weights.data(), state.data(), static_cast<int>(n));
     }
     std::copy(state.begin(), state.end(), y.data());
 }
@@ -387,6 +451,16 @@ ptrdiff_t play_invert(Vector<double> y_d, Vector<double> rate, Vector<double> a,
 #define MODULE(name, variable) NB_MODULE(name, variable)
 MODULE(TS_MODULE, m) {
     m.doc() = "The C kernel: play bank, inverse, recursive least squares, controller.";
+    ts_variant_use(nullptr);
+    m.def("variants", [] {
+        std::vector<std::string> names;
+        for (int i = 0; ts_variant_name(i); i++) names.push_back(ts_variant_name(i));
+        return names;
+    });
+    m.def("variant", [] { return std::string(ts_variant_in_use()); });
+    m.def("use_variant", [](const std::string &name) {
+        if (!ts_variant_use(name.c_str())) throw std::invalid_argument("this processor has no kernel variant " + name);
+    }, "name"_a);
     m.attr("MAX_PLAYS") = TS_MAX_PLAYS;
     m.attr("MAX_DEAD_ZONES") = TS_MAX_DEAD_ZONES;
     m.attr("MAX_CREEPS") = TS_MAX_CREEPS;
@@ -395,12 +469,14 @@ MODULE(TS_MODULE, m) {
     m.def("play_history", &play_history, "x"_a, "r"_a, "y"_a, "every"_a, "rows"_a);
     m.def("play_sum", &play_sum, "x"_a, "rate"_a, "a"_a, "b"_a, "r"_a, "y"_a, "sums"_a);
     m.def("play_invert", &play_invert, "y_d"_a, "rate"_a, "a"_a, "b"_a, "r"_a, "y"_a, "x"_a);
-    nb::class_<Kernel>(m, "Kernel")
+    nb::class_<Kernel> kernel(m, "Kernel");
+    for (PyMethodDef &call : tick_calls)
+        kernel.attr(call.ml_name) =
+            nb::steal(PyDescr_NewMethod(reinterpret_cast<PyTypeObject *>(kernel.ptr()), &call));
+    kernel
         .def(nb::init<const nb::dict &>(), "settings"_a)
         .def("start", &Kernel::start, "volts"_a, "z"_a)
         .def("change", &Kernel::change, "settings"_a)
-        .def("command", &Kernel::command, "z_d"_a, "zdot_d"_a)
-        .def("adapt", &Kernel::adapt, "z_measured"_a, "ago"_a = 0)
         .def("process", &Kernel::process, "z_d"_a, "zdot_d"_a, "z_measured"_a.none(), "volts"_a, "ago"_a = 0)
         .def("native", &Kernel::native)
         .def("reset", &Kernel::reset)

@@ -31,7 +31,7 @@ import numpy.typing as npt
 from truestroke import _check
 from truestroke._check import SettingError
 from truestroke._typing import FloatArray
-from truestroke.operators import dot
+from truestroke.operators import LANES, dot
 
 
 class Law(Protocol):
@@ -105,7 +105,7 @@ class RLS:
         w(n) = w(n-1) + mu e_m(n)                                          (23)
         P(n) = (P(n-1) - mu u(n)' P(n-1)) / lambda
 
-    Two departures from the print, both in P alone. A square root S of P = S S' is carried in its place (Potter 1963):
+    Two departures from the print, both in P alone. The factors of P = U D U' are carried in its place (Bierman 1976):
     as printed, P loses its definiteness to rounding after some minutes at rest, and the law points the wrong way. And
     P does not grow past `covariance_limit`: at rest the division by lambda would end in infinity.
 
@@ -124,8 +124,12 @@ class RLS:
     ----------
     weights : ndarray, shape (m,)
         w, um/V.
-    S : ndarray, shape (m, m)
-        Square root of P, 1/V.
+    U : ndarray, shape (m, m)
+        Factor of P: upper triangle with ones on its diagonal, 1.
+    D : ndarray, shape (m,)
+        Factor of P: its diagonal, above 0, 1/V^2.
+    trace : float
+        Trace of P, 1/V^2.
 
     Raises
     ------
@@ -135,7 +139,7 @@ class RLS:
     References
     ----------
     Haykin, Adaptive Filter Theory, 3rd ed., Prentice Hall 1996, ch. 13, the paper's [22]. Bierman, Factorization
-    Methods for Discrete Sequential Estimation, Academic Press 1977, ch. 2: Potter's algorithm.
+    Methods for Discrete Sequential Estimation, Academic Press 1977, ch. 5: the U D update.
 
     Examples
     --------
@@ -160,28 +164,32 @@ class RLS:
         self.forgetting = _check.positive("forgetting", forgetting)
         _check.within("forgetting", forgetting, 0.0, 1.0)
         self.covariance_limit = _check.positive("covariance_limit", covariance_limit, "1/V^2")
-        self.S = np.eye(self.weights.size) / math.sqrt(_check.positive("regularization", regularization, "V^2"))
+        delta = _check.positive("regularization", regularization, "V^2")
+        m = self.weights.size
+        self.U, self.D, self.trace = np.eye(m), np.full(m, 1 / delta), m / delta
 
     @property
     def P(self) -> FloatArray:  # noqa: N802 (the paper's symbol)
         """Inverse of the weighted correlation of u, shape (m, m), 1/V^2."""
-        P: FloatArray = self.S @ self.S.T
+        P: FloatArray = self.U * self.D @ self.U.T
         return P
 
     def update(self, u: FloatArray, e_m: float) -> None:
         """One step of (23), with the regressor u, V, and the error of the model e_m, um."""
-        lambda_, S = self.forgetting, self.S
-        f = dot(S.T, u)
-        u_pi = float(dot(f, f))  # u'Pu
-        if not (math.isfinite(u_pi) and math.isfinite(e_m)):
-            raise UpdateRefused(f"u'Pu = {u_pi}, e_m = {e_m} um")
-        a = lambda_ + u_pi
-        pi = dot(S, f)  # P u
-        self.weights = self.weights + pi / a * e_m
-        # Squared, this is the last line of (23).
-        trace = float(dot(S.ravel(), S.ravel()))
-        growth = 1.0 if trace > lambda_ * self.covariance_limit else 1.0 / math.sqrt(lambda_)
-        self.S = growth * (S - np.outer(1.0 / (a + math.sqrt(lambda_ * a)) * pi, f))
+        lambda_, U, D = self.forgetting, self.U, self.D
+        f = dot(U.T, u)
+        g = D * f
+        alpha = np.cumsum(np.append(lambda_, f * g))  # grows from lambda to lambda + u'Pu
+        b = np.cumsum(np.column_stack([np.zeros(f.size), g * U]), axis=1)  # grows from 0 to P u
+        if not (math.isfinite(alpha[-1]) and math.isfinite(e_m)):
+            raise UpdateRefused(f"lambda + u'Pu = {alpha[-1]}, e_m = {e_m} um")
+        growth = 1.0 if self.trace > lambda_ * self.covariance_limit else 1.0 / lambda_
+        inverse = 1 / alpha
+        self.weights = self.weights + e_m * inverse[-1] * b[:, -1]
+        self.U = U - f * inverse[:-1] * b[:, :-1]
+        self.D = growth * (alpha[:-1] * inverse[1:]) * D
+        diagonal = np.cumsum(self.D * (self.U * self.U), axis=1)[:, -1]  # of P
+        self.trace = float(dot(diagonal, np.ones(f.size)))
 
 
 class LMS:
@@ -302,6 +310,23 @@ CLIP = 7.84  # of sigma: four times that mean, where the robust estimate of the 
 SURPRISE = 100.0  # largest normalised innovation, squared, that counts for a change: one alone must not fire it
 
 
+def symmetric_times(P: FloatArray, u: FloatArray) -> FloatArray:
+    """P u of a symmetric P, in the order of the kernel, which stores rows up to their block of eight on the diagonal.
+
+    Of these blocks and what is below them the columns are summed in order of the rows; then `dot` of what is to the
+    left of them, which stands for the upper triangle.
+
+    Examples
+    --------
+    >>> symmetric_times(np.array([[2.0, 1.0], [1.0, 3.0]]), np.array([1.0, 10.0]))
+    array([12., 31.])
+    """
+    block = np.arange(u.size) // LANES
+    stored, left = block[:, np.newaxis] >= block, block[:, np.newaxis] > block
+    below: FloatArray = np.cumsum(np.where(stored, P, 0.0) * u[:, np.newaxis], axis=0)[-1]
+    return below + dot(np.where(left, P, 0.0), u)
+
+
 class BoundedKalman:
     """A Kalman filter of weights that wander about a prior, so that it stays bounded under any input.
 
@@ -384,6 +409,7 @@ class BoundedKalman:
         self.P0 = _check.finite_array("prior_covariance", prior_covariance, ndim=2).copy()
         if self.P0.shape != (m, m):
             raise SettingError("prior_covariance", f"array of shape {self.P0.shape}", f"of shape ({m}, {m})")
+        self.P0 = np.tril(self.P0) + np.tril(self.P0, -1).T  # to the last bit: the kernel takes the lower triangle
         is_play, is_other = np.asarray(part) > 0, np.asarray(part) == 2
         self._together, self._hysteresis = np.outer(is_play, is_play), np.outer(is_other, is_other)
         self.take(settings)
@@ -457,7 +483,7 @@ class BoundedKalman:
     def _update_weights(self) -> None:
         """First tick of an update."""
         s = self.settings
-        self.Pu = dot(self.P, self.u)
+        self.Pu = symmetric_times(self.P, self.u)
         explained, e = float(dot(self.u, self.Pu)), self.y - float(dot(self.u, self.weights))
         if not (explained >= 0 and math.isfinite(explained * e)):  # never seen: P lost its definiteness to rounding
             self.P = self.P0.copy()
@@ -483,7 +509,8 @@ class BoundedKalman:
     def _follow_covariance(self) -> None:
         """Second tick of an update."""
         s, back = self.settings, 0.0
-        P = self.P - np.outer(self.Pu * (1 / self.variance), self.Pu)
+        root = self.Pu * (1 / math.sqrt(self.variance))
+        P = self.P - np.outer(root, root)
         if self.mixed >= FORGET_EVERY:
             self.mixed, back = 0, s.prior_return
         if self.changed:
@@ -491,8 +518,8 @@ class BoundedKalman:
         if back > 0:
             P += min(back, 1.0) * (self.P0 - P)
         if self.changed:
-            P += self._change * self.weights[:, np.newaxis] * self.weights
-        self.P = np.tril(P) + np.tril(P, -1).T  # the kernel keeps the lower triangle
+            P += self._change * np.outer(self.weights, self.weights)
+        self.P = P
         self.pending = self.changed = False
 
     def project(self, g: FloatArray, value: float) -> None:
@@ -500,7 +527,7 @@ class BoundedKalman:
 
         Of all points of the plane it is the nearest one in the metric of P^-1: what the data said weighs most.
         """
-        Pg = dot(self.P, g)
+        Pg = symmetric_times(self.P, g)
         g_Pg = float(dot(g, Pg))
         if g_Pg > 0:
             self.weights = self.weights + (value - float(dot(g, self.weights))) / g_Pg * Pg

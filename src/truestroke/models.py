@@ -163,10 +163,7 @@ def play_inverse(y_d: float, slopes: npt.ArrayLike, r: npt.ArrayLike, y: npt.Arr
     0.8
     """
     s, thresholds, states = (_floats(value).tolist() for value in (slopes, r, y))  # plain floats: no array is made
-    gap = y_d  # what is still missing at x, um: y_d - w.y, with w_j = s_j - s_{j-1} summed by parts
-    for slope, inner, outer in zip(s, states, [*states[1:], 0.0], strict=True):
-        gap -= slope * (inner - outer)
-
+    gap = y_d - float(brought(_floats(slopes), _floats(y)))  # what is still missing at x, um
     sign = -1.0 if gap < 0 else 1.0
     x, slope = states[0], s[0]
     for threshold, state, next_slope in zip(thresholds[1:], states[1:], s[1:], strict=True):
@@ -176,6 +173,24 @@ def play_inverse(y_d: float, slopes: npt.ArrayLike, r: npt.ArrayLike, y: npt.Arr
             break
         gap, x, slope = beyond, corner, next_slope
     return float(x + gap / slope)
+
+
+def brought(slopes: FloatArray, y: FloatArray) -> FloatArray:
+    """What the plays bring: w.y with w_j = s_j - s_{j-1}, summed by parts.
+
+    Parameters
+    ----------
+    slopes : ndarray, shape (n,)
+        Partial sums s of the weights, um/V.
+    y : ndarray, shape (n,)
+        Play states, V.
+
+    Examples
+    --------
+    >>> float(brought(np.array([8.0, 10.0]), np.array([1.0, 0.5])))
+    9.0
+    """
+    return dot(slopes, y - np.append(y[1:], 0.0))
 
 
 def limit_slopes(slopes: FloatArray, limits: tuple[float, float]) -> tuple[FloatArray, bool]:

@@ -17,7 +17,7 @@ from truestroke import _check
 from truestroke._check import SettingError
 from truestroke._typing import FloatArray
 from truestroke.adaptation import RLS, BoundedKalman, KalmanSettings, Law, UpdateRefused
-from truestroke.models import creep_step, known_terms, limit_slopes, play_inverse, play_terms
+from truestroke.models import brought, creep_step, known_terms, limit_slopes, play_inverse, play_terms
 from truestroke.operators import dead_zone, dot, play
 from truestroke.settings import ControllerSettings, kernel_settings
 
@@ -124,6 +124,7 @@ class ReferenceController:
         s = settings
         self._r, self._d, self._w_s = (np.array(v) for v in (s.thresholds, s.dead_zone_thresholds, s.dead_zone_weights))
         self._creep, self._rated = np.array(self._c["creep"]), np.array(self._c["rated"])
+        self._has_weight = np.column_stack([np.ones(s.plays, dtype=bool), self._rated])
         self._of_plays = s.plays + len(s.rated)  # parameters before the known terms
 
     def reset(self) -> None:
@@ -219,14 +220,17 @@ class ReferenceController:
             while self._lagged.ticks < tick:
                 self._pass_over()
             command, u = self._next_lagged()  # (20)
-            predicted, before = float(dot(self.law.weights, u)), self.law.weights
+            predicted = float(dot(self.law.weights, u))
+            now = self._regressor(self._now, self._last.z_d, self._last.zdot_d)
+            before = float(dot(self.law.weights, now))
             self._innovation = self._through_dead_zones(z_measured) - predicted  # (15)
             try:
                 self._learn(u, command.limited, self._is_frozen(z_measured, predicted))  # (23)
             except UpdateRefused:
                 self._rejected = True
             else:
-                self._carry_on(before)
+                # What was learned reaches the command by and by, so that it does not ring the stage.
+                self._carry += self._c["smoothing"] * (float(dot(self.law.weights, now)) - before)
                 self._integrate(command.z_d - z_measured, command)
         self._count(rejected=self._rejected, adaptations=not (self._rejected or self._held), changed=self._changed)
 
@@ -254,8 +258,9 @@ class ReferenceController:
         return limit_slopes(self._slopes_at(zdot_d), self.settings.slope_limits)
 
     def _slopes_at(self, zdot_d: float) -> FloatArray:
-        sums = np.cumsum(self.law.weights[: self._of_plays] * self._gradient(zdot_d))
-        slopes: FloatArray = sums[np.cumsum(1 + self._rated) - 1]
+        pairs = np.zeros((self._rated.size, 2))  # a_i, b_i
+        pairs[self._has_weight] = self.law.weights[: self._of_plays]
+        slopes: FloatArray = np.cumsum(pairs[:, 0] + self.settings.rate_scale * zdot_d * pairs[:, 1])
         return slopes
 
     def _gradient(self, zdot_d: float) -> FloatArray:
@@ -264,8 +269,7 @@ class ReferenceController:
 
     def _brought_by_plays(self) -> float:
         """The forward of the inverse: what the branches bring at the voltage of now, um."""
-        y = self._now.play
-        return float(dot(self._slopes, y - np.append(y[1:], 0.0)))
+        return float(brought(self._slopes, self._now.play))
 
     def _within_limits(self, x: float) -> float:
         """The voltage that leaves: within the slew of the last one, and within the limits, whatever x is."""
@@ -342,12 +346,6 @@ class ReferenceController:
             g[: self._of_plays] = self._gradient(zdot_d)
             g[worst + 1 + np.count_nonzero(self._rated[: worst + 1]) :] = 0.0
             law.project(g, high if slopes[worst] > high else low)
-
-    def _carry_on(self, before: FloatArray) -> None:
-        """What was learned reaches the command by and by, so that it does not ring the stage."""
-        if self._c["smoothing"] > 0:
-            now = self._regressor(self._now, self._last.z_d, self._last.zdot_d)
-            self._carry += self._c["smoothing"] * float(dot(self.law.weights - before, now))
 
     def _integrate(self, error: float, command: _Command) -> None:
         """The trim. At a voltage limit it may only lead away from it; what the slew limit holds back will come."""

@@ -1,0 +1,61 @@
+/* The kernel for several instruction sets in one library, chosen at run time: for a computer that others compile for.
+ *
+ * The kernel (c/src) is compiled several times, each as a variant of its own (variant.c); dispatch.c defines the functions
+ * of truestroke.h, which call the variant in use. All variants give the same bits, since sums run in lanes. The choice is
+ * the only global state: make it before the first thread. A microcontroller needs none of this and compiles c/src.
+ */
+#ifndef TRUESTROKE_DISPATCH_H
+#define TRUESTROKE_DISPATCH_H
+
+#include "truestroke.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* Names of the variants that this processor runs, from "plain" (C99 without vectors) to the fastest; NULL past the end. */
+const char *ts_variant_name(int i);
+
+/* Uses the variant of that name; NULL: the fastest. False, and no change, where there is none. */
+bool ts_variant_use(const char *name);
+
+const char *ts_variant_in_use(void);
+
+#ifdef __cplusplus
+}
+#endif
+
+/* Every function of truestroke.h: result, name, parameters, arguments; apart are those that return nothing. */
+#define TS_FUNCTIONS(VALUE, NOTHING)                                                                                    \
+    NOTHING(ts_play_bank, (ts_real x, const ts_real *r, ts_real *y, int n), (x, r, y, n))                               \
+    VALUE(ts_real, ts_dead_zones, (ts_real y, const ts_real *d, const ts_real *w, int m), (y, d, w, m))                 \
+    VALUE(ts_real, ts_dot, (const ts_real *a, const ts_real *b, int n), (a, b, n))                                      \
+    VALUE(ts_real, ts_brought, (const ts_real *s, const ts_real *y, int n), (s, y, n))                                  \
+    VALUE(ts_real, ts_play_inverse, (ts_real y_d, const ts_real *s, const ts_real *r, const ts_real *y, int n),         \
+          (y_d, s, r, y, n))                                                                                            \
+    NOTHING(ts_rls_init, (ts_rls *r, ts_real delta, int m), (r, delta, m))                                              \
+    VALUE(bool, ts_rls_update, (ts_rls *r, ts_real *w, const ts_real *u, ts_real e, ts_real lambda, ts_real limit,      \
+          int m), (r, w, u, e, lambda, limit, m))                                                                       \
+    NOTHING(ts_kalman_init, (ts_kalman *k, const ts_real *P0, ts_real sigma, int m), (k, P0, sigma, m))                 \
+    VALUE(ts_tick, ts_kalman_tick, (ts_kalman *k, const ts_kalman_settings *s, const ts_real *w0, const ts_real *P0,    \
+          ts_real *w, const ts_real *u, const ts_real *y, bool learn, int m), (k, s, w0, P0, w, u, y, learn, m))        \
+    NOTHING(ts_kalman_project, (const ts_kalman *k, ts_real *w, const ts_real *g, ts_real value, int m),                \
+            (k, w, g, value, m))                                                                                        \
+    VALUE(int, ts_parameters, (const ts_settings *s), (s))                                                              \
+    VALUE(ts_status, ts_controller_init, (ts_controller *c, const ts_settings *s), (c, s))                              \
+    NOTHING(ts_controller_reset, (ts_controller *c), (c))                                                               \
+    VALUE(ts_status, ts_controller_start, (ts_controller *c, ts_real volts, ts_real z), (c, volts, z))                  \
+    VALUE(ts_status, ts_controller_change, (ts_controller *c, const ts_settings *s), (c, s))                            \
+    VALUE(ts_status, ts_controller_command, (ts_controller *c, ts_real z_d, ts_real zdot_d, ts_real *volts),            \
+          (c, z_d, zdot_d, volts))                                                                                      \
+    VALUE(ts_status, ts_controller_adapt, (ts_controller *c, ts_real z, int ago), (c, z, ago))                          \
+    NOTHING(ts_controller_hold, (ts_controller *c, bool hold), (c, hold))
+
+#define TS_VALUE_MEMBER(type, name, parameters, arguments) type(*name) parameters;
+#define TS_NOTHING_MEMBER(name, parameters, arguments) void(*name) parameters;
+typedef struct {
+    const char *name;
+    TS_FUNCTIONS(TS_VALUE_MEMBER, TS_NOTHING_MEMBER)
+} ts_variant;
+
+#endif

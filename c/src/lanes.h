@@ -1,0 +1,117 @@
+/* Eight lanes: the one order in which the kernel sums, whatever the machine.
+ *
+ * A sum of products runs in TS_LANES interleaved sums, which are then added in halves. Each lane is a chain of its own, so
+ * vectors of 2, 4 or 8 numbers, and no vectors at all, round alike: every build gives the same bits.
+ */
+#ifndef TRUESTROKE_LANES_H
+#define TRUESTROKE_LANES_H
+
+#include "truestroke.h"
+
+#if !defined(__GNUC__) || defined(TS_PLAIN)
+typedef ts_real ts_vector; /* plain C99 */
+#else
+#if defined(__AVX512F__)
+#define TS_VECTOR_BYTES 64
+#elif defined(__AVX__)
+#define TS_VECTOR_BYTES 32
+#else
+#define TS_VECTOR_BYTES 16
+#endif
+#define TS_LANES_BYTES (TS_LANES * sizeof(ts_real))
+typedef ts_real ts_vector __attribute__((
+    vector_size(TS_VECTOR_BYTES < TS_LANES_BYTES ? TS_VECTOR_BYTES : TS_LANES_BYTES), aligned(sizeof(ts_real)), may_alias));
+#endif
+
+enum { TS_VECTOR = sizeof(ts_vector) / sizeof(ts_real), TS_VECTORS = TS_LANES / TS_VECTOR };
+typedef struct { ts_vector v[TS_VECTORS]; } lanes;
+
+static inline lanes load(const ts_real *a)
+{
+    lanes x;
+    for (int i = 0; i < TS_VECTORS; i++) x.v[i] = ((const ts_vector *)a)[i];
+    return x;
+}
+
+static inline void store(ts_real *a, lanes x)
+{
+    for (int i = 0; i < TS_VECTORS; i++) ((ts_vector *)a)[i] = x.v[i];
+}
+
+static inline lanes zero(void)
+{
+    return (lanes){0};
+}
+
+/* x + factor a, x - factor a, x + a b */
+static inline lanes plus(lanes x, ts_real factor, lanes a)
+{
+    for (int i = 0; i < TS_VECTORS; i++) x.v[i] += factor * a.v[i];
+    return x;
+}
+
+static inline lanes minus(lanes x, ts_real factor, lanes a)
+{
+    for (int i = 0; i < TS_VECTORS; i++) x.v[i] -= factor * a.v[i];
+    return x;
+}
+
+static inline lanes plus_product(lanes x, lanes a, lanes b)
+{
+    for (int i = 0; i < TS_VECTORS; i++) x.v[i] += a.v[i] * b.v[i];
+    return x;
+}
+
+static inline lanes square(lanes x)
+{
+    return plus_product(zero(), x, x);
+}
+
+static inline lanes difference(lanes x, lanes a)
+{
+    for (int i = 0; i < TS_VECTORS; i++) x.v[i] -= a.v[i];
+    return x;
+}
+
+/* Entries of row i of a triangle: TS_ROW(i + 1) - TS_ROW(i). Whoever walks down the rows adds them up, which is faster. */
+static inline int width(int i)
+{
+    return (int)(((unsigned)i / TS_LANES + 1) * TS_LANES);
+}
+
+/* The lanes added in halves: 0 + 4, 1 + 5, 2 + 6, 3 + 7; then 0 + 2, 1 + 3; then 0 + 1. */
+static inline ts_real total(lanes x)
+{
+    ts_real s[TS_VECTOR];
+    for (int half = TS_VECTORS / 2; half > 0; half /= 2)
+        for (int i = 0; i < half; i++) x.v[i] += x.v[i + half];
+    *(ts_vector *)s = x.v[0];
+    for (int half = TS_VECTOR / 2; half > 0; half /= 2)
+        for (int i = 0; i < half; i++) s[i] += s[i + half];
+    return s[0];
+}
+
+/* a.b of n numbers: whole blocks of lanes, n a multiple of TS_LANES; or any n. */
+static inline lanes products(const ts_real *a, const ts_real *b, int n)
+{
+    lanes sum = zero();
+    for (int i = 0; i < n; i += TS_LANES) sum = plus_product(sum, load(a + i), load(b + i));
+    return sum;
+}
+
+static inline ts_real dot(const ts_real *a, const ts_real *b, int n)
+{
+    int whole = n - n % TS_LANES;
+    lanes sum = products(a, b, whole);
+    if (whole < n) {
+        ts_real x[TS_LANES] = {0}, y[TS_LANES] = {0};
+        for (int i = whole; i < n; i++) {
+            x[i - whole] = a[i];
+            y[i - whole] = b[i];
+        }
+        sum = plus_product(sum, load(x), load(y));
+    }
+    return total(sum);
+}
+
+#endif
