@@ -4,7 +4,17 @@ A driver knows neither controllers nor trajectories. The libraries of the vendor
 """
 
 from truestroke.drivers.one_axis import OneAxis
+from truestroke.drivers.play import Recorded, play_and_record
 from truestroke.drivers.protocol import Driver, DriverError
 from truestroke.drivers.simulated import Fault, SimulatedDriver, SimulatedSettings
 
-__all__ = ["Driver", "DriverError", "Fault", "OneAxis", "SimulatedDriver", "SimulatedSettings"]
+__all__ = [
+    "Driver",
+    "DriverError",
+    "Fault",
+    "OneAxis",
+    "Recorded",
+    "SimulatedDriver",
+    "SimulatedSettings",
+    "play_and_record",
+]

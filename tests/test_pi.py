@@ -1,0 +1,429 @@
+"""The driver for controllers of PI, through the unmodified PIPython, against the fake of tests/fakes/gcs.py."""
+
+from __future__ import annotations
+
+import pickle
+import signal
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from truestroke import SettingError, plant
+from truestroke.drivers import DriverError, play_and_record
+from truestroke.drivers.pi import PiDriver, PiSettings
+from truestroke.timing import Timing
+
+if TYPE_CHECKING:
+    from controller import Fake
+
+pytest_plugins = ["controller"]
+
+ROOT = Path(__file__).parents[1]
+SAFE = np.array([2.5])  # V
+GAIN = plant.PlantSettings().amplifier_gain  # piezo volts over the plant's
+
+
+def made(fake: Fake, **change: object) -> PiDriver:
+    settings = {"host": "127.0.0.1", "port": fake.port, "output_range": (-20.0, 120.0), "timeout": 0.2} | change
+    return PiDriver(PiSettings(**settings))
+
+
+@pytest.fixture
+def driver(fake: Fake):
+    driver = made(fake)
+    yield driver
+    driver.close()
+
+
+def offline(volts: np.ndarray, **settings: object) -> np.ndarray:
+    """The stack without noise, from rest; piezo volts."""
+    quiet = plant.PlantSettings(**settings).without("noise", "ad_quantisation")
+    return plant.RealisticPlant(quiet).exchange(volts / GAIN)
+
+
+def wave(duration: float = 1.0, rate: float = 2000.0) -> np.ndarray:
+    """From 0 V to 80 V and back, at rest on both ends; V."""
+    t = np.arange(round(duration * rate)) / rate
+    return 40.0 * (1 - np.cos(2 * np.pi * t / duration)) * np.sin(2 * np.pi * 3 * t) ** 2
+
+
+def assert_safe(driver: PiDriver, fake: Fake) -> None:
+    """Stop, twice, is what a voltmeter reads; no connection is left."""
+    for _ in range(2):
+        driver.stop(SAFE)
+        assert fake.volts[0] == pytest.approx(SAFE[0])
+    driver.close()
+    assert fake.left()
+
+
+# ---- A wave is played and recorded --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("rate", "samples"), [(2000.0, 5), (2000.0, 1), (1000.0, 2), (10_000.0, 1)])
+def test_each_displacement_belongs_to_its_voltage(fake: Fake, rate: float, samples: int) -> None:
+    driver = made(fake, samples_per_tick=samples)
+    assert driver.open() == Timing(sample_rate=100.0, block=1, latency=1)
+    volts = np.repeat(np.random.default_rng(1).uniform(0.0, 100.0, 100), 20)
+    recorded = driver.play(volts[None, :], rate)
+    assert (recorded.sample_rate, fake.volts[0]) == (rate, pytest.approx(volts[-1], abs=1e-6))
+    assert np.abs(recorded.volts[0] - volts).max() < 1e-5
+    per = round(10_000 / rate)
+    fine = offline(np.repeat(volts, per), sample_rate=10_000.0, samples_per_tick=1, steps_per_tick=2)
+    true = fine.reshape(-1, samples, per // samples)[:, :, 0 if per == samples else -1].mean(1)
+    shifts = [np.std(recorded.displacement[0, 1:-1] - np.roll(true, k)[1:-1]) for k in (-1, 0, 1)]
+    assert np.argmin(shifts) == 1
+    if per == samples:
+        assert shifts[1] == pytest.approx(0.030 / np.sqrt(samples), rel=0.1)  # the sensor's noise, and nothing else
+    assert_safe(driver, fake)
+
+
+def test_axes_do_not_mix_and_each_has_its_scale(fake: Fake) -> None:
+    fake.make(axes=["A", "B"], factor=10.0)
+    driver = made(fake, axes=["B", "A"], outputs=[2, 1], volts_per_unit=10.0, um_per_unit=-1.0, offset=5.0)
+    assert driver.open().channels == 2
+    volts = np.stack([wave(), 0.5 * wave()])
+    recorded = driver.play(volts, 2000.0)
+    assert np.abs(recorded.volts - volts).max() < 1e-4
+    for x, z in zip(volts, recorded.displacement, strict=True):
+        assert np.std(z - (5.0 - offline(x))) < 0.02
+    driver.stop(np.array([30.0, 10.0]))
+    assert fake.volts == pytest.approx([10.0, 30.0])
+    driver.start(np.array([40.0, 20.0]))
+    assert fake.volts == pytest.approx([20.0, 40.0])
+    driver.close()
+
+
+def test_limits_may_be_parameters_of_the_controller(fake: Fake) -> None:
+    parameters = (0x0C000000, 0x0C000001)
+    assert made(fake, limit_parameters=parameters).open().channels == 1
+    fake.make(limits=[-20.0, 119.9])
+    with pytest.raises(DriverError, match=r"limits output 1 to -20 to 119\.9 V"):
+        made(fake, limit_parameters=parameters).open()
+
+
+@pytest.mark.parametrize(("points", "samples"), [(8 * 10_100, 5), (8 * 2100, 1)])
+def test_a_small_recorder_takes_fewer_samples(fake: Fake, points: int, samples: int) -> None:
+    fake.make(points=points)
+    driver = made(fake)
+    driver.open()
+    volts = np.full((1, 2000), 20.0)
+    volts[0, 0] = 19.0
+    noise = np.diff(driver.play(volts, 2000.0).displacement[0, 1000:]).std() / np.sqrt(2)
+    assert noise == pytest.approx(0.030 / np.sqrt(samples), rel=0.15)
+    with pytest.raises(
+        DriverError, match=r"the recorder holds \d+ samples of each source, so .* and the wave has 15 s"
+    ):
+        driver.play(np.zeros((1, 30_000)), 2000.0)
+    assert_safe(driver, fake)
+
+
+def test_ramps_lead_to_the_wave_and_back(fake: Fake) -> None:
+    volts = 30.0 + wave()
+    limits = {"voltage_limits": (-20.0, 120.0), "slew": 500.0, "safe_voltage": 5.0}
+    driver = made(fake)
+    driver.stop(np.array([5.0]))
+    recorded = play_and_record(driver, volts, 2000.0, **limits, rest=0.1)
+    assert np.abs(recorded.volts[0] - volts).max() < 1e-5
+    assert fake.volts[0] == 5.0
+    assert fake.left()
+    assert fake.step < max(np.abs(np.diff(volts)).max(), 500.0 / 2000.0, 5.0) + 1e-5  # 5 V: the first stop
+    with pytest.raises(SettingError, match=r"^volts = .*from -20 to 100 V"):
+        play_and_record(driver, volts, 2000.0, **limits | {"voltage_limits": (-20.0, 100.0)})
+
+
+class Card:
+    """Hardware without `play`: blocks of 20, a latency of 40."""
+
+    def open(self) -> Timing:
+        self.stack, self.waiting, self.safe = plant.RealisticPlant(seed=3), np.zeros(40), []
+        return Timing(sample_rate=2000.0, block=20, latency=40, hardware_timed=True)
+
+    def start(self, volts: np.ndarray) -> None:
+        self.waiting[:] = volts
+
+    def exchange(self, volts: np.ndarray, measured: np.ndarray) -> None:
+        self.waiting = np.append(self.waiting, volts / GAIN)
+        measured[0] = self.stack.exchange(self.waiting[:20])
+        self.waiting = self.waiting[20:]
+
+    def stop(self, volts: np.ndarray) -> None:
+        self.safe.append(volts.tolist())
+
+    def close(self) -> None:
+        self.safe.append("closed")
+
+
+def test_hardware_without_play_plays_block_by_block() -> None:
+    card, volts = Card(), wave()[:1999]
+    recorded = play_and_record(card, volts, 2000.0, voltage_limits=(-20.0, 120.0), slew=500.0)
+    assert np.std(recorded.displacement[0] - offline(volts)) < 0.02
+    assert card.safe == [[0.0], "closed"]
+    with pytest.raises(SettingError, match=r"sample_rate = 1000.0 Hz: must be that of the driver, 2000 Hz"):
+        play_and_record(card, volts, 1000.0, voltage_limits=(-20.0, 120.0), slew=500.0)
+    assert card.safe == [[0.0], "closed"]
+
+
+def test_one_set_point_a_tick(fake: Fake) -> None:
+    driver = made(fake)
+    driver.open()
+    driver.start(np.zeros(1))
+    volts = np.random.default_rng(2).uniform(0.0, 100.0, 200)
+    measured = np.empty((1, 200))
+    for k, x in enumerate(volts):
+        driver.exchange(np.array([[x]]), measured[:, k : k + 1])
+    fine = offline(np.repeat(volts, 5), sample_rate=10_000.0, samples_per_tick=1, steps_per_tick=2)
+    assert np.std(measured[0, 1:] - fine[4::5][:-1]) == pytest.approx(0.030, rel=0.2)
+    assert_safe(driver, fake)
+
+
+# ---- What goes wrong ----------------------------------------------------------------------------------------------
+
+BROKEN = [
+    ("SVA:1:7", r"exchanging 127.0.0.1: GCS 7: .*limits"),
+    ("SVA:1:5", r"GCS 5: .*servo"),
+    ("SVA:1:drop", r"exchanging 127.0.0.1: .*(closed the connection|reset|Broken pipe)"),
+    ("POS?:>25:drop", r"closed the connection"),
+    ("POS?:26:late", r"GCS -7: .*no answer in time"),
+    ("POS?:>25:silent", r"GCS -7"),
+    ("POS?:26:garbage", r"answer cannot be read"),
+    ("POS?:>25:1", r"GCS -7"),
+]
+
+
+def several(driver: PiDriver) -> None:
+    for _ in range(10):
+        driver.exchange(np.array([[20.0]]), np.empty((1, 1)))
+
+
+@pytest.mark.parametrize(("fault", "message"), BROKEN, ids=[f for f, _ in BROKEN])
+def test_a_fault_is_named_and_the_safe_voltage_is_reached(fake: Fake, fault: str, message: str) -> None:
+    fake.make(fault=fault)
+    driver = made(fake)
+    driver.open()
+    driver.start(np.array([10.0]))
+    assert fake.volts[0] == 10.0
+    with pytest.raises(DriverError, match=message):
+        several(driver)
+    with pytest.raises(DriverError, match="the driver is failed"):
+        driver.exchange(np.array([[20.0]]), np.empty((1, 1)))
+    assert_safe(driver, fake)
+
+
+PLAYS_BADLY = [
+    ("WAV:3:67", r"playing 127.0.0.1: GCS 67: .*longer than the controller's memory"),
+    ("WAV:3:drop", r"closed the connection|reset|Broken pipe"),
+    ("WTR:0:2", r"GCS 2: .*does not know the command"),
+    ("WGO:0:75", r"GCS 75"),
+    ("#9:0:silent", r"GCS -7"),
+    ("DRL?:0:1", r"GCS -7"),
+    ("DRR?:0:17", r"playing 127.0.0.1: .*(GCS 17|GCS -7)"),
+    ("DRR?:0:drop", r"closed the connection"),
+    ("ROWS:0:short", r"GCS -1088: .*fewer points came"),
+    ("VOLTS:0:clip", r"differs from the wave by .* V rms.*volts_per_unit"),
+]
+
+
+@pytest.mark.parametrize(("fault", "message"), PLAYS_BADLY, ids=[f for f, _ in PLAYS_BADLY])
+def test_a_wave_that_fails_ends_at_the_safe_voltage(fake: Fake, fault: str, message: str) -> None:
+    fake.make(fault=fault)
+    driver = made(fake)
+    with pytest.raises(DriverError, match=message):
+        play_and_record(driver, wave(), 2000.0, voltage_limits=(-20.0, 120.0), slew=500.0, safe_voltage=SAFE[0])
+    assert fake.volts[0] == SAFE[0]
+    assert_safe(driver, fake)
+
+
+def test_samples_without_signal_are_nan(fake: Fake) -> None:
+    fake.make(fault="NAN:0:nan")
+    driver = made(fake)
+    driver.open()
+    z = driver.play(wave()[None, :], 2000.0).displacement[0]
+    assert np.flatnonzero(np.isnan(z)).tolist() in ([79, 80, 81], [80, 81])
+    assert_safe(driver, fake)
+
+
+def test_a_wave_is_stopped_where_it_is(fake: Fake) -> None:
+    fake.make(realtime=True, fault="#9:>2:silent")
+    driver = made(fake)
+    driver.open()
+    with pytest.raises(DriverError, match="GCS -7"):
+        driver.play(np.linspace(20.0, 60.0, 8000)[None, :], 2000.0)  # for 4 s
+    assert 20.0 < fake.volts[0] < 40.0
+    before = fake.volts[0]
+    time.sleep(0.1)
+    assert fake.volts[0] > before  # it goes on, although nobody is there
+    assert_safe(driver, fake)
+    time.sleep(0.1)
+    assert fake.volts[0] == SAFE[0]
+
+
+@pytest.mark.parametrize(
+    ("volts", "rate", "message"),
+    [
+        (np.full((1, 9), 120.1), 2000.0, r"^volts = 120.1 V: must be from -20 to 120 V"),
+        (np.full((1, 9), np.nan), 2000.0, r"^volts\[0\] = nan V"),
+        (np.zeros((2, 9)), 2000.0, r"^volts = array of shape \(2, 9\)"),
+        (
+            np.zeros((1, 9)),
+            3000.0,
+            r"^sample_rate = 3000.0 Hz: must be 10000 Hz over a whole number, such as 3333.33 Hz",
+        ),
+        (np.zeros((1, 9)), 30_000.0, r"^sample_rate = 30000.0 Hz: .* such as 10000 Hz"),
+    ],
+)
+def test_a_wave_that_cannot_be_is_refused_before_it_moves(driver, fake, volts, rate, message) -> None:
+    driver.open()
+    with pytest.raises(SettingError, match=message):
+        driver.play(volts, rate)
+    assert fake.step == 0.0
+    driver.play(np.zeros((1, 9)), 2000.0)  # the driver still works
+
+
+@pytest.mark.parametrize("volts", [np.nan, 121.0])
+def test_a_set_point_that_cannot_be_does_not_reach_the_controller(driver, fake, volts) -> None:
+    driver.open()
+    driver.start(np.zeros(1))
+    with pytest.raises(DriverError, match=r"not finite|outside of output_range"):
+        driver.exchange(np.array([[volts]]), np.empty((1, 1)))
+    assert fake.step == 0.0
+    assert_safe(driver, fake)
+
+
+# ---- Open, start, stop --------------------------------------------------------------------------------------------
+
+
+def test_opening_leaves_the_output_where_it_is(driver: PiDriver, fake: Fake) -> None:
+    fake.make(volts=[33.0, 0.0])
+    driver.open()
+    assert (fake.volts[0], fake.step) == (33.0, 0.0)
+    with pytest.raises(DriverError, match="the driver is open; call start first"):
+        several(driver)
+
+
+@pytest.mark.parametrize(
+    ("controller", "settings", "message"),
+    [
+        ({"axes": ["1"]}, {"axes": ["1", "2"]}, r"opening 127.0.0.1: there is no axis 2; there are 1$"),
+        ({"servo": [True, False]}, {}, r"the servo of axis 1 is on; switch it off \(SVO 1 0\)"),
+        ({"limits": [-30.0, 130.0]}, {}, r"limits output 1 to -30 to 130 V, the settings have output_range = \(-20"),
+        ({"fault": "VMI?:0:2"}, {}, r"asking VMI\? and VMA\?, else see limit_parameters: GCS -7"),
+        ({"connections": 0}, {}, r"closed the connection; does it accept one more|reset"),
+        ({"fault": "CSV?:0:drop"}, {}, r"closed the connection"),
+    ],
+)
+def test_what_does_not_fit_is_said_at_open(fake: Fake, controller: dict, settings: dict, message: str) -> None:
+    fake.make(**controller)
+    driver = made(fake, **settings)
+    with pytest.raises(DriverError, match=message):
+        driver.open()
+    assert fake.step == 0.0
+    driver.close()
+
+
+def test_a_controller_that_is_not_there_is_named() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    driver = PiDriver(PiSettings(host="127.0.0.1", port=port, output_range=(0.0, 1.0), timeout=0.1))
+    for call in (driver.open, lambda: driver.stop(np.zeros(1))):
+        with pytest.raises(DriverError, match=r"127.0.0.1.*Connection refused"):
+            call()
+
+
+def test_a_connection_that_is_too_slow_for_the_rate_is_refused(fake: Fake) -> None:
+    fake.make(delay=0.002)
+    driver = made(fake, sample_rate=200.0)
+    driver.open()
+    with pytest.raises(DriverError, match=r"sample_rate = 200 Hz: .* take [0-9.]+ ms here, so at most \d+ Hz"):
+        driver.start(np.array([10.0]))
+    assert fake.step == 0.0
+    assert_safe(driver, fake)
+
+
+def test_stop_works_from_any_state_and_the_driver_starts_again(driver: PiDriver, fake: Fake) -> None:
+    assert_safe(driver, fake)
+    driver.open()
+    assert_safe(driver, fake)
+    driver.open()
+    driver.start(np.array([50.0]))
+    driver.stop(SAFE)
+    driver.start(np.array([50.0]))
+    driver.play(wave()[None, :], 2000.0)
+    assert_safe(driver, fake)
+    fake.make(servo=[True, False])
+    assert_safe(driver, fake)  # stop switches it off
+
+
+def test_stop_says_so_when_the_controller_refuses(driver: PiDriver, fake: Fake) -> None:
+    driver.open()
+    fake.make(fault="SVA:*:7")
+    with pytest.raises(DriverError, match=r"holding 127.0.0.1 at \[2.5\] V: GCS 7"):
+        driver.stop(SAFE)
+
+
+# ---- Another process ----------------------------------------------------------------------------------------------
+
+HANGS = """
+import sys, time
+import numpy as np
+from truestroke.drivers.pi import PiDriver, PiSettings
+driver = PiDriver(PiSettings(host="127.0.0.1", port=int(sys.argv[1]), output_range=(-20.0, 120.0)))
+driver.open()
+driver.play(np.linspace(20.0, 100.0, 60_000)[None, :], 2000.0)
+"""
+
+
+@pytest.mark.parametrize("connections", [8, 1])
+def test_rescue_stops_the_wave_of_a_process_that_is_gone(fake: Fake, connections: int) -> None:
+    fake.make(realtime=True, connections=connections, points=2**21)
+    rescue = pickle.loads(pickle.dumps(made(fake).rescue()))
+    child = subprocess.Popen([sys.executable, "-c", HANGS, str(fake.port)])
+    try:
+        end = time.monotonic() + 30
+        while fake.volts[0] < 20.0 and time.monotonic() < end:
+            time.sleep(0.01)
+        if connections == 1:  # a watchdog kills first
+            child.send_signal(signal.SIGKILL)
+            child.wait()
+        assert 20.0 <= fake.volts[0] < 60.0
+        rescue(SAFE)
+        time.sleep(0.1)
+        assert fake.volts[0] == SAFE[0]
+    finally:
+        child.kill()
+        child.wait()
+
+
+def test_a_computer_without_the_package_is_told_what_to_install(driver, monkeypatch) -> None:
+    monkeypatch.setitem(sys.modules, "pipython", None)
+    with pytest.raises(DriverError, match=r"pip install 'truestroke\[pi\]'"):
+        driver.open()
+
+
+# ---- Settings and page --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("change", "argument"),
+    [
+        ({"axes": "1"}, "axes"),
+        ({"axes": ["1", "1"]}, "axes"),
+        ({"outputs": [1, 2]}, "outputs"),
+        ({"output_range": [3.0, 3.0]}, "output_range"),
+        ({"um_per_unit": 0.0}, "um_per_unit"),
+        ({"volts_per_unit": 0.0}, "volts_per_unit"),
+        ({"offset": float("nan")}, "offset"),
+        ({"sample_rate": 0.0}, "sample_rate"),
+        ({"port": 0}, "port"),
+        ({"timeout": 0.0}, "timeout"),
+        ({"points_per_command": 0}, "points_per_command"),
+    ],
+)
+def test_settings_are_checked(change: dict, argument: str) -> None:
+    with pytest.raises(SettingError, match=f"^{argument} = "):
+        PiSettings(**({"host": "x", "output_range": (0.0, 1.0)} | change))
