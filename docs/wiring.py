@@ -77,7 +77,23 @@ def nidaqmx(theme: Theme) -> Figure:
     return figure
 
 
-PICTURES: tuple[Callable[[Theme], Figure], ...] = (nidaqmx,)
+def pi(theme: Theme) -> Figure:
+    """Computer to controller by network; the controller drives the stack and reads its sensor."""
+    figure, axes = canvas(70, 22)
+    box(axes, theme, (1, 7, 14, 8), "computer", "truestroke play")
+    box(axes, theme, (27, 2, 17, 18), "PI controller", "amplifier, sensor electronics,\nwave tables, data recorder")
+    box(axes, theme, (56, 12, 13, 8), "piezo stack", "moves the stage")
+    box(axes, theme, (56, 2, 13, 6), "sensor", "of the displacement")
+    wire(axes, theme["true"], [(15, 12.5), (27, 12.5)], "wave, V", (21, 13.8))
+    wire(axes, theme.series[2], [(27, 9.5), (15, 9.5)], "record, µm and V", (21, 8.2))
+    axes.text(21, 5.4, "network, TCP", color=theme["muted"], fontsize=7.5, ha="center", va="center")
+    wire(axes, theme.series[1], [(44, 16), (56, 16)], "high voltage", (50, 17.3))
+    wire(axes, theme["muted"], [(62.5, 12), (62.5, 8)], "µm", (64.5, 10))
+    wire(axes, theme.series[2], [(56, 5), (44, 5)], "displacement", (50, 6.3))
+    return figure
+
+
+PICTURES: tuple[Callable[[Theme], Figure], ...] = (nidaqmx, pi)
 
 
 def main(folder: Path = IMAGES) -> None:

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import pickle
+import re
+import shlex
 import signal
 import socket
 import subprocess
@@ -13,8 +17,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
+from test_docs import assert_prints
 
 from truestroke import SettingError, plant
+from truestroke.cli import main
 from truestroke.drivers import DriverError, play_and_record
 from truestroke.drivers.pi import PiDriver, PiSettings
 from truestroke.timing import Timing
@@ -359,9 +366,9 @@ def test_stop_works_from_any_state_and_the_driver_starts_again(driver: PiDriver,
     assert_safe(driver, fake)  # stop switches it off
 
 
-def test_stop_says_so_when_the_controller_refuses(driver: PiDriver, fake: Fake) -> None:
-    driver.open()
+def test_stop_says_so_when_the_controller_refuses(fake: Fake) -> None:
     fake.make(fault="SVA:*:7")
+    driver = made(fake, timeout=0.05)
     with pytest.raises(DriverError, match=r"holding 127.0.0.1 at \[2.5\] V: GCS 7"):
         driver.stop(SAFE)
 
@@ -427,3 +434,92 @@ def test_a_computer_without_the_package_is_told_what_to_install(driver, monkeypa
 def test_settings_are_checked(change: dict, argument: str) -> None:
     with pytest.raises(SettingError, match=f"^{argument} = "):
         PiSettings(**({"host": "x", "output_range": (0.0, 1.0)} | change))
+
+
+def page_blocks(fake: Fake) -> list[tuple[str, str]]:
+    """The page's python, console and toml blocks, with the text behind a python block, for the fake's address."""
+    page = (ROOT / "docs/pi.md").read_text().replace("192.168.0.5", "127.0.0.1").replace("50000", str(fake.port))
+    return re.findall(r"^```(python|console|toml|text)\n(.*?)^```", page, flags=re.M | re.S)
+
+
+def test_the_page_runs_on_the_fake_controller(fake: Fake, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each block in turn: the file, python and what it prints, the commands and what they print."""
+    monkeypatch.chdir(tmp_path)
+    names, printed = {}, ""
+    for kind, text in page_blocks(fake):
+        if kind == "toml":
+            Path("bench.toml").write_text(text)
+        elif kind == "text":
+            assert_prints(text, printed, tolerance=0.15)
+        elif kind == "python":
+            output = io.StringIO()
+            with contextlib.redirect_stdout(output):
+                exec(text, names)
+            printed = output.getvalue()
+        else:
+            for command, expected in re.findall(r"^\$ truestroke (.*)\n((?:(?!\$ ).*\n?)*)", text, flags=re.M):
+                done = CliRunner().invoke(main, shlex.split(command))
+                assert done.exit_code == 0, done.output
+                assert_prints(expected, done.output, tolerance=0.05)
+    errors = [float(line.split()[1]) for line in printed.splitlines()[1:]]
+    assert errors[-1] < 0.05 * errors[0]
+    assert (fake.volts[0], fake.left()) == (0.0, True)
+
+
+# ---- The command --------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def bench(fake: Fake, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with the page's configuration, and a wave of 2 s that begins and ends at 20 V."""
+    monkeypatch.chdir(tmp_path)
+    config = next(text for kind, text in page_blocks(fake) if kind == "toml")
+    Path("bench.toml").write_text(config.replace("safe_voltage = 0.0 ", f"safe_voltage = {SAFE[0]}"))
+    rows = np.column_stack([np.arange(4000) / 2000.0, 20.0 + np.abs(wave(2.0))])
+    np.savetxt("wave.csv", rows, delimiter=",", header="time (s),volts (V)", comments="")
+    return tmp_path
+
+
+def typed(*arguments: str) -> tuple[int, str]:
+    done = CliRunner().invoke(main, ["play", *arguments])
+    return done.exit_code, done.output
+
+
+@pytest.mark.parametrize(
+    ("change", "arguments", "message"),
+    [
+        (("[[axis]]", "[axis]"), (), "bench.toml: needs [driver] and one [[axis]] with its limits"),
+        (("slew", "slow"), (), "there is no 'slew'"),
+        (('"pi"', '"pie"'), (), "there is no driver 'pie'"),
+        (("port", "porter"), (), "unexpected keyword argument 'porter'"),
+        (("[driver]", "[driver"), (), "bench.toml: "),
+        (("voltage_limits = [-20.0, 120.0]", "voltage_limits = [-20.0, 30.0]"), (), "must be from -20 to 30 V"),
+        (("output_range = [-20.0, 120.0]", "output_range = [-30.0, 120.0]"), (), "the controller limits output 1"),
+        (("", ""), ("--output", "record.h5"), "a file .csv"),
+    ],
+)
+def test_the_command_says_what_is_wrong(bench, fake, change, arguments, message) -> None:
+    Path("bench.toml").write_text(Path("bench.toml").read_text().replace(*change))
+    code, output = typed("wave.csv", "--config", "bench.toml", *arguments)
+    assert (code in (1, 2), message in output, fake.volts[0] in (0.0, SAFE[0])) == (True, True, True), output
+    assert not Path("record.csv").exists()
+
+
+def test_a_waveform_that_is_none_is_refused(bench) -> None:
+    for rows, message in (("t,z\n0,1\n1,2\n", "no columns time"), ("time,volts\n0,1\n1,1\n5,1\n", "even steps")):
+        Path("wave.csv").write_text(rows)
+        code, output = typed("wave.csv", "--config", "bench.toml")
+        assert (code, message in output) == (1, True), output
+
+
+@pytest.mark.parametrize(("stop", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_signal_stops_the_wave_and_the_output_is_safe(bench, fake, stop, code) -> None:
+    fake.make(realtime=True)
+    command = [Path(sys.executable).with_name("truestroke"), "play", "wave.csv", "--config", "bench.toml"]
+    running = subprocess.Popen(command, stderr=subprocess.PIPE)
+    end = time.monotonic() + 30
+    while fake.volts[0] < 20.0 and time.monotonic() < end:
+        time.sleep(0.01)
+    running.send_signal(stop)
+    _, words = running.communicate(timeout=10)
+    assert (running.returncode, fake.volts[0], fake.left()) == (code, SAFE[0], True), words

@@ -5,7 +5,20 @@ from __future__ import annotations
 import click
 
 import truestroke
-from truestroke.cli import characterise, compare, examine, identify, invert, refine, report, reproduce, run, track, zoo
+from truestroke.cli import (
+    characterise,
+    compare,
+    examine,
+    identify,
+    invert,
+    play,
+    refine,
+    report,
+    reproduce,
+    run,
+    track,
+    zoo,
+)
 from truestroke.cli.common import Commands
 
 __all__ = ["main"]
@@ -30,6 +43,7 @@ for _command in (
     examine.examine,
     identify.identify,
     invert.invert,
+    play.play,
     refine.refine,
     characterise.characterise,
 ):

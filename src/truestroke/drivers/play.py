@@ -120,7 +120,7 @@ def _ramp(start: float, stop: float, step: float) -> FloatArray:
 
 def _by_blocks(driver: Driver, timing: Timing, volts: FloatArray, sample_rate: float, safe: float) -> Recorded:
     """The same through `exchange`; the latency is waited for at the end, and taken out."""
-    if sample_rate != timing.sample_rate:
+    if abs(sample_rate / timing.sample_rate - 1) > 1e-6:
         raise SettingError("sample_rate", sample_rate, f"that of the driver, {timing.sample_rate:g} Hz", "Hz")
     length, block = volts.shape[1], timing.block
     blocks = -(-(length + timing.latency) // block)

@@ -1,0 +1,115 @@
+"""`truestroke play`: play a waveform on hardware and record what it does."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from truestroke._check import SettingError
+from truestroke.cli import common
+
+if TYPE_CHECKING:
+    from truestroke._typing import FloatArray
+    from truestroke.drivers import Driver, Recorded
+
+FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
+HEADER = "time (s),volts (V),z (um)"
+AXIS = ("voltage_limits", "slew", "safe_voltage")
+
+
+@click.command()
+@click.argument("waveform", type=FILE)
+@click.option("--config", type=FILE, metavar="FILE", required=True, help="Driver and one axis with its limits: TOML.")
+@click.option("--output", metavar="FILE", default="record.csv", help="Record, CSV.")
+@click.option("--rest", metavar="S", type=click.FloatRange(0.0), default=0.5, help="Rest under the first voltage.")
+@common.json_option
+def play(waveform: Path, config: Path, output: str, rest: float, as_json: bool) -> None:
+    """Play a waveform on hardware and record what it does.
+
+    WAVEFORM has columns `time` (s) and `volts` (V), as `truestroke invert` writes them. The output goes from the safe
+    voltage to the first voltage and back from the last one, within the slew limit, and to the safe voltage whenever
+    anything fails. `truestroke identify` and `truestroke refine` read the record.
+    """
+    import numpy as np
+
+    from truestroke.drivers import DriverError, play_and_record
+
+    target = Path(output)
+    if target.suffix != ".csv" or not target.parent.is_dir():
+        raise click.UsageError(f"--output {output}: is a file .csv in a folder that is there.")
+    volts, rate = _waveform(waveform)
+    driver, limits = _bench(config)
+    try:
+        made = play_and_record(driver, volts, rate, **limits, rest=rest)
+    except DriverError as error:
+        raise click.ClickException(str(error)) from None
+    x, z = made.volts[0], made.displacement[0]
+    rows = np.column_stack([np.arange(x.size) / rate, x, z])
+    np.savetxt(target, rows, fmt="%.9g", delimiter=",", header=HEADER, comments="")
+    if as_json:
+        common.print_json({**_figures(made), "record": str(target)})
+        return
+    click.echo(f"played     {x.size} samples at {rate:g} Hz, {x.min():.4g} to {x.max():.4g} V")
+    click.echo(f"measured   {np.nanmin(z):.4g} to {np.nanmax(z):.4g} um; {np.isnan(z).sum()} samples lost")
+    common.print_files(record=target)
+
+
+def _figures(made: Recorded) -> dict[str, Any]:
+    import numpy as np
+
+    x, z = made.volts[0], made.displacement[0]
+    return {
+        "samples": x.size,
+        "lost": int(np.isnan(z).sum()),
+        "sample_rate_Hz": made.sample_rate,
+        "voltage_V": [float(x.min()), float(x.max())],
+        "displacement_um": [float(np.nanmin(z)), float(np.nanmax(z))],
+    }
+
+
+def _waveform(path: Path) -> tuple[FloatArray, float]:
+    """Voltages, V, and their sample rate, Hz."""
+    import numpy as np
+
+    from truestroke.identification.tables import RecordError, open_table
+
+    try:
+        table = open_table(path)
+        names = [name.lower() for name in table.names]
+        if not {"time", "volts"} <= set(names):
+            raise RecordError(str(path), "has no columns time (s) and volts (V)")
+        time, volts = table.read([names.index("time"), names.index("volts")], False)
+    except RecordError as error:
+        raise click.ClickException(str(error)) from None
+    steps = np.diff(time)
+    if steps.size == 0 or not (steps > 0).all() or np.ptp(steps) > 1e-3 * steps.mean():
+        raise click.ClickException(f"{path}: time does not ascend in even steps")
+    return volts, float(f"{1 / steps.mean():.9g}")
+
+
+def _bench(path: Path) -> tuple[Driver, dict[str, Any]]:
+    """Driver and limits of a configuration, as `truestroke run` has it; what else is in it is for that command."""
+    import importlib
+    import importlib.util
+
+    try:
+        document = tomllib.loads(path.read_text(encoding="utf-8"))
+        settings = dict(document["driver"])
+        name, (axis,) = settings.pop("name"), document["axis"]
+        limits = {key: axis[key] for key in AXIS if key in axis or key != "safe_voltage"}
+        if not name.isidentifier() or importlib.util.find_spec(f"truestroke.drivers.{name}") is None:
+            raise click.ClickException(f"{path}: there is no driver {name!r}")
+        module = importlib.import_module(f"truestroke.drivers.{name}")
+        kind = name.capitalize()
+        driver: Driver = getattr(module, f"{kind}Driver")(getattr(module, f"{kind}Settings")(**settings))
+    except tomllib.TOMLDecodeError as error:
+        raise click.ClickException(f"{path}: {error}") from None
+    except SettingError:
+        raise
+    except (KeyError, TypeError, ValueError) as error:
+        why = f"there is no {error}" if isinstance(error, KeyError) else str(error)
+        raise click.ClickException(f"{path}: needs [driver] and one [[axis]] with its limits; {why}") from None
+    return driver, limits
