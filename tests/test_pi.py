@@ -321,6 +321,7 @@ def test_opening_leaves_the_output_where_it_is(driver: PiDriver, fake: Fake) -> 
         ({"limits": [-30.0, 130.0]}, {}, r"limits output 1 to -30 to 130 V, the settings have output_range = \(-20"),
         ({"fault": "VMI?:0:2"}, {}, r"asking VMI\? and VMA\?, else see limit_parameters: GCS -7"),
         ({"connections": 0}, {}, r"closed the connection; does it accept one more|reset"),
+        ({"syntax": 3.0}, {}, r"speaks GCS 3, the driver GCS 2"),
         ({"fault": "CSV?:0:drop"}, {}, r"closed the connection"),
     ],
 )
@@ -364,6 +365,12 @@ def test_stop_works_from_any_state_and_the_driver_starts_again(driver: PiDriver,
     assert_safe(driver, fake)
     fake.make(servo=[True, False])
     assert_safe(driver, fake)  # stop switches it off
+
+
+@pytest.mark.parametrize("fault", ["#24:*:2", "SVO:*:2"])
+def test_what_a_controller_does_not_know_does_not_keep_it_from_the_safe_voltage(fake: Fake, fault: str) -> None:
+    fake.make(fault=fault, volts=[50.0, 0.0])
+    assert_safe(made(fake), fake)
 
 
 def test_stop_says_so_when_the_controller_refuses(fake: Fake) -> None:
@@ -466,9 +473,6 @@ def test_the_page_runs_on_the_fake_controller(fake: Fake, tmp_path: Path, monkey
     assert (fake.volts[0], fake.left()) == (0.0, True)
 
 
-# ---- The command --------------------------------------------------------------------------------------------------
-
-
 @pytest.fixture
 def bench(fake: Fake, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder with the page's configuration, and a wave of 2 s that begins and ends at 20 V."""
@@ -478,6 +482,31 @@ def bench(fake: Fake, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     rows = np.column_stack([np.arange(4000) / 2000.0, 20.0 + np.abs(wave(2.0))])
     np.savetxt("wave.csv", rows, delimiter=",", header="time (s),volts (V)", comments="")
     return tmp_path
+
+
+RUN = """
+[axis.trajectory]
+kind = "random_wave"
+sample_rate = 50.0
+cutoff = 1.0
+peak_to_peak = 10.0
+duration = 2.0
+[recording]
+file = "run.h5"
+"""
+
+
+def test_the_loop_runs_sample_by_sample(bench: Path, fake: Fake) -> None:
+    pytest.importorskip("truestroke.realtime")
+    fake.make(realtime=True)
+    config = Path("bench.toml").read_text().replace("[[axis]]", "sample_rate = 50.0\n[[axis]]\nstroke = 40.0")
+    Path("run.toml").write_text(config + RUN)
+    command = [Path(sys.executable).with_name("truestroke"), "run", "--config", "run.toml", "--json"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert (done.returncode, fake.volts[0], fake.left()) == (0, SAFE[0], True), done.stderr
+
+
+# ---- The command --------------------------------------------------------------------------------------------------
 
 
 def typed(*arguments: str) -> tuple[int, str]:

@@ -44,7 +44,7 @@ class Controller:
         self.fault, self.realtime, self.connections, self.axes = "", False, 8, ["1", "2"]
         self.limits, self.factor, self.points, self.wave_points, self.seed = [-20.0, 120.0], 1.0, 262144, 262144, 0
         self.volts, self.servo = [0.0, 0.0], [False, False]
-        self.delay = 0.0  # s, before each answer
+        self.delay, self.syntax = 0.0, 2.0  # s, before each answer; of GCS
         self.__dict__.update(settings)
         self.file = file
         self.error, self.counts = 0, {}
@@ -163,7 +163,7 @@ class Controller:
         return "(c)2015 Physik Instrumente (PI) GmbH & Co. KG, E-727.3CD (fake), 0111176619, 13.21.00.09\n"
 
     def do_CSV_(self) -> str:
-        return "2.0\n"
+        return f"{self.syntax}\n"
 
     def do_ERR_(self) -> str:
         error, self.error = self.error, 0

@@ -109,6 +109,9 @@ class PiSettings:
             raise SettingError("outputs", self.outputs, f"as many as axes, {len(self.axes)}")
         object.__setattr__(self, "axes", tuple(map(str, self.axes)))
         object.__setattr__(self, "outputs", tuple(_check.count("outputs", entry, 1, 64) for entry in outputs))
+        if self.limit_parameters is not None:
+            low, high = (_check.count("limit_parameters", entry, 1, 2**32 - 1) for entry in self.limit_parameters)
+            object.__setattr__(self, "limit_parameters", (low, high))
         object.__setattr__(self, "output_range", _check.interval("output_range", self.output_range, "V"))
         for name, unit in (("volts_per_unit", "V"), ("um_per_unit", "um")):
             if _check.number(name, getattr(self, name), unit) == 0:
@@ -236,7 +239,7 @@ class PiDriver:
             self._load(wave, rate)
             self._configure_recorder(rate)
             self._run(wave.shape[1] * rate.cycles * rate.cycle)
-            raw = self._read((wave.shape[1] + 2) * rate.samples, rate)
+            raw = self._read((wave.shape[1] + 2) * rate.samples, rate)  # it goes on behind the wave
         self._state = "open"
         return _averaged(wave, raw, rate.samples, float(sample_rate), self.settings)
 
@@ -440,6 +443,10 @@ def _connect(s: PiSettings) -> Any:
 
 
 def _check_axes(device: Any, s: PiSettings) -> None:
+    from pipython import GCS2Device
+
+    if not isinstance(device.gcsdevice, GCS2Device):
+        raise DriverError(f"opening {s.host}: the controller speaks GCS {device.qCSV():g}, the driver GCS 2")
     there = device.axes
     for axis in s.axes:
         if axis not in there:
@@ -476,14 +483,28 @@ def _set(device: Any, s: PiSettings, volts: FloatArray) -> None:
 
 
 def _stop(device: Any, s: PiSettings, volts: FloatArray) -> None:
-    device.StopAll(noraise=True)
-    device.SVO(list(s.axes), [False] * len(s.axes))
+    with _unless_it_answers():
+        device.StopAll(noraise=True)
+    with _unless_it_answers():
+        device.SVO(list(s.axes), [False] * len(s.axes))
     _set(device, s, volts)
     said = np.array(list(device.qSVA(list(s.axes)).values())) * s.volts_per_unit
     if not np.allclose(said, volts, rtol=0, atol=1e-3 * np.ptp(s.output_range)):
         raise DriverError(
             f"stopping {s.host}: the controller says {said.tolist()} V, not {np.asarray(volts).tolist()} V"
         )
+
+
+@contextmanager
+def _unless_it_answers() -> Iterator[None]:
+    """A refusal is no reason not to go on to the safe voltage; silence is, because answers would be mistaken."""
+    from pipython import GCSError
+
+    try:
+        yield
+    except GCSError as error:
+        if error.val < 0:
+            raise
 
 
 def hold(s: PiSettings, volts: FloatArray) -> None:
