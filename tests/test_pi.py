@@ -490,20 +490,21 @@ kind = "random_wave"
 sample_rate = 50.0
 cutoff = 1.0
 peak_to_peak = 10.0
-duration = 2.0
+duration = 1.0
 [recording]
 file = "run.h5"
 """
 
 
-def test_the_loop_runs_sample_by_sample(bench: Path, fake: Fake) -> None:
+@pytest.mark.parametrize(("fault", "code"), [("", 0), ("POS?:60:drop", 12)])
+def test_the_loop_runs_sample_by_sample(bench: Path, fake: Fake, fault: str, code: int) -> None:
     pytest.importorskip("truestroke.realtime")
-    fake.make(realtime=True)
+    fake.make(realtime=True, fault=fault)
     config = Path("bench.toml").read_text().replace("[[axis]]", "sample_rate = 50.0\n[[axis]]\nstroke = 40.0")
     Path("run.toml").write_text(config + RUN)
     command = [Path(sys.executable).with_name("truestroke"), "run", "--config", "run.toml", "--json"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
-    assert (done.returncode, fake.volts[0], fake.left()) == (0, SAFE[0], True), done.stderr
+    assert (done.returncode, fake.volts[0], fake.left()) == (code, SAFE[0], True), done.stderr
 
 
 # ---- The command --------------------------------------------------------------------------------------------------
