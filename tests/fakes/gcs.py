@@ -80,11 +80,11 @@ class Controller:
         """The whole wave, computed at once; shown as it goes."""
         self.waves = {i: np.repeat(self.tables[self.selected[i]], self.rates[i]) * self.factor for i in self.running}
         self.length = max(w.size for w in self.waves.values())
-        room = self.points // TABLES * self.record_rate
-        took = np.empty((4, room))
-        for i, stack in enumerate(self.stacks):
-            wave = self.waves.get(i, np.empty(0))[:room]
-            volts = np.concatenate([wave, np.full(room - wave.size, wave[-1] if wave.size else self.volts[i])])
+        room = min(self.points // TABLES * self.record_rate, self.length + 500)  # it records on, up to its memory
+        took = np.zeros((4, room))
+        for i, wave in self.waves.items():
+            stack, wave = self.stacks[i], wave[:room]
+            volts = np.concatenate([wave, np.full(room - wave.size, wave[-1])])
             z = stack.exchange(volts / GAIN)
             took[i] = np.append(self.position[i], z[:-1])  # the sensor comes before the output in a cycle
             took[2 + i] = np.append(self.volts[i], volts[:-1])
@@ -404,7 +404,7 @@ def serve(path: str) -> None:
                     break
                 if fault == "silent":
                     break
-                time.sleep(0.4 if fault == "late" else controller.delay)
+                time.sleep(1.0 if fault == "late" else controller.delay)
                 answer = "?!\n" if fault == "garbage" else answer
                 if answer is not None:
                     with contextlib.suppress(OSError):  # the other end is gone
