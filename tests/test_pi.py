@@ -521,8 +521,8 @@ def typed(*arguments: str) -> tuple[int, str]:
     [
         (("[[axis]]", "[axis]"), (), "bench.toml: needs [driver] and one [[axis]] with its limits"),
         (("slew", "slow"), (), "there is no 'slew'"),
-        (('"pi"', '"pie"'), (), "there is no driver 'pie'"),
-        (("port", "porter"), (), "unexpected keyword argument 'porter'"),
+        (('"pi"', '"pie"'), (), "driver.name = 'pie': must be one of "),
+        (("port", "porter"), (), "driver.porter = "),
         (("[driver]", "[driver"), (), "bench.toml: "),
         (("voltage_limits = [-20.0, 120.0]", "voltage_limits = [-20.0, 30.0]"), (), "must be from -20 to 30 V"),
         (("output_range = [-20.0, 120.0]", "output_range = [-30.0, 120.0]"), (), "the controller limits output 1"),

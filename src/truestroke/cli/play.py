@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from truestroke._check import SettingError
 from truestroke.cli import common
 
 if TYPE_CHECKING:
@@ -92,24 +91,13 @@ def _waveform(path: Path) -> tuple[FloatArray, float]:
 
 def _bench(path: Path) -> tuple[Driver, dict[str, Any]]:
     """Driver and limits of a configuration, as `truestroke run` has it; what else is in it is for that command."""
-    import importlib
-    import importlib.util
+    from truestroke.realtime import config
 
     try:
         document = tomllib.loads(path.read_text(encoding="utf-8"))
-        settings = dict(document["driver"])
-        name, (axis,) = settings.pop("name"), document["axis"]
+        table, (axis,) = document["driver"], document["axis"]
         limits = {key: axis[key] for key in AXIS if key in axis or key != "safe_voltage"}
-        if not name.isidentifier() or importlib.util.find_spec(f"truestroke.drivers.{name}") is None:
-            raise click.ClickException(f"{path}: there is no driver {name!r}")
-        module = importlib.import_module(f"truestroke.drivers.{name}")
-        kind = name.capitalize()
-        driver: Driver = getattr(module, f"{kind}Driver")(getattr(module, f"{kind}Settings")(**settings))
-    except tomllib.TOMLDecodeError as error:
-        raise click.ClickException(f"{path}: {error}") from None
-    except SettingError:
-        raise
-    except (KeyError, TypeError, ValueError) as error:
+    except (tomllib.TOMLDecodeError, KeyError, TypeError, ValueError) as error:
         why = f"there is no {error}" if isinstance(error, KeyError) else str(error)
         raise click.ClickException(f"{path}: needs [driver] and one [[axis]] with its limits; {why}") from None
-    return driver, limits
+    return config.driver(table), limits

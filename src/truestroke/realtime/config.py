@@ -79,21 +79,22 @@ def job(document: Mapping[str, Any], folder: Path) -> Job:
 hardware_timed, latency, name, plant, register, sample_rate, seed
     """
     _known("", document, TABLES)
-    driver = _driver(_table(document, "driver"))
+    made = driver(_table(document, "driver"))
     tables = document.get("axis")
     if not isinstance(tables, list) or not tables:
         raise SettingError("axis", tables, "at least one table [[axis]]")
     recording = _table(document, "recording")
     _known("recording.", recording, ("file",))
     return Job(
-        driver=driver,
+        driver=made,
         axes=tuple(_axis(table, folder) for table in tables),
         settings=_made("realtime.", RealtimeSettings, document.get("realtime", {})),
         file=Path(_needed("recording.", recording, "file")),
     )
 
 
-def _driver(table: Mapping[str, Any]) -> Driver:
+def driver(table: Mapping[str, Any]) -> Driver:
+    """The driver of a table [driver]: its name, and its settings."""
     given = dict(table)
     name = _one_of("driver.name", _needed("driver.", given, "name"), DRIVERS)
     module = importlib.import_module(f"truestroke.drivers.{name}")
