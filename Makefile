@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 NATIVE := $(shell find c src/bindings -name '*.c' -o -name '*.h' -o -name '*.cpp')
 OLD_PYTHON := truestroke needs Python 3.11 or newer; this is %s. Try: make PYTHON=python3.12
 
-.PHONY: help demo test setup images c-test lint types imports pytest wheel clean
+.PHONY: help demo test setup bench images c-test lint types imports pytest wheel clean
 .DEFAULT_GOAL := help
 
 help:  ## this list
@@ -26,6 +26,10 @@ $(VENV)/.ready: pyproject.toml CMakeLists.txt Makefile $(NATIVE)
 	@$(PYTHON) -m venv $(VENV)
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
 	@touch $@
+
+bench: setup  ## what a step costs here, beside what others offer
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check padasip==1.2.2 filterpy river || true  # it says what it lacks
+	@$(BIN)/truestroke bench
 
 images: setup  ## draw the pictures of the README again, into docs/images
 	@mkdir -p build/images

@@ -6,6 +6,7 @@ import click
 
 import truestroke
 from truestroke.cli import (
+    bench,
     characterise,
     compare,
     examine,
@@ -46,5 +47,6 @@ for _command in (
     play.play,
     refine.refine,
     characterise.characterise,
+    bench.bench,
 ):
     main.add_command(_command)

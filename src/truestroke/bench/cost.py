@@ -1,0 +1,109 @@
+"""What one step costs: every step is timed by itself, so that the worst ones are seen."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+WINDOWS, LONGEST = 50, 100  # the best mean is sought among so many windows of calls, none longer than that
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cost:
+    """What one step of something costs.
+
+    Attributes
+    ----------
+    what : str
+        "update" (of recursive least squares), "limit" (of the machine, for the same loads, stores and multiply-adds),
+        "command", or "tick" (command and adapt).
+    name : str
+        Of the law or of whom it is: "paper", "default", "padasip FilterRLS", ...
+    way : str
+        "C", "Python, step by step", "Python, blocks of 1000": then the figures are those of a block, divided by 1000.
+    variant : str
+        Of the kernel: "avx2", ...; "" where there is none.
+    plays, parameters : int
+        Size of the problem; no plays where there is no controller.
+    precision : str
+        "double" or "single".
+    best_ns : float
+        Mean of the best window of steps: what it takes where nothing disturbs it. The figure to form ratios of.
+    median_ns, p999_ns, worst_ns : float
+        Of all steps, each timed by itself, ns, less what the clock takes; they hold what the machine does besides.
+    steps : int
+        That were timed.
+    """
+
+    what: str
+    name: str
+    way: str
+    variant: str = ""
+    plays: int
+    parameters: int
+    precision: str = "double"
+    best_ns: float
+    median_ns: float
+    p999_ns: float
+    worst_ns: float
+    steps: int
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return asdict(self)
+
+
+def clock_ns(reads: int = 20_000) -> float:
+    """Return what reading the clock twice costs, ns: the median."""
+    now = time.perf_counter_ns
+    return float(np.median([-now() + now() for _ in range(reads)]))
+
+
+def time_steps(step: Callable[[int], object], steps: int, each: int = 1, **about: Any) -> Cost:
+    """Time step(0), step(1), ..., one by one.
+
+    Parameters
+    ----------
+    step : callable
+        Is given the number of the step.
+    steps : int
+        How many are timed; a tenth of them goes before, to warm up.
+    each : int
+        Steps of whatever is measured in one call: the figures are divided by it.
+    **about
+        What, name, way and the rest of `Cost`.
+
+    Examples
+    --------
+    >>> time_steps(abs, 1000, what="update", name="abs", way="Python", plays=0, parameters=1).steps
+    1000
+    """
+    now, taken = time.perf_counter_ns, np.empty(steps)
+    for k in range(steps // 10):
+        step(k)
+    for k in range(steps):
+        before = now()
+        step(k)
+        taken[k] = now() - before
+    taken = np.maximum(taken - clock_ns(), 0.0) / each
+    return of_times(taken, **about, steps=steps * each)
+
+
+def of_times(taken: npt.ArrayLike, steps: int, **about: Any) -> Cost:
+    """Return the cost that follows from the times of single calls, ns.
+
+    Examples
+    --------
+    >>> of_times([100.0, 100.0, 400.0], 3, what="update", name="mine", way="C", plays=0, parameters=16).median_ns
+    100.0
+    """
+    ns = np.asarray(taken, float)
+    window = max(1, min(LONGEST, ns.size // WINDOWS))
+    best = ns[: ns.size - ns.size % window].reshape(-1, window).mean(axis=1).min()
+    median, p999, worst = (float(q) for q in np.quantile(ns, [0.5, 0.999, 1.0]))
+    return Cost(**about, best_ns=float(best), median_ns=median, p999_ns=p999, worst_ns=worst, steps=steps)
