@@ -18,6 +18,7 @@ from truestroke.characterisation.lines import RATE_SCALE
 from truestroke.cli import main
 from truestroke.identification import load_model, save_model
 from truestroke.plant import MatchedPlant, MatchedSettings, PlantSettings, RealisticPlant
+from truestroke.realtime import config
 from truestroke.recording import Recording
 from truestroke.trajectories import random_wave
 
@@ -232,6 +233,18 @@ def test_the_command_writes_model_recording_and_page(tmp_path: Path, monkeypatch
     assert not (tmp_path / "again.h5").exists()
     for words in (f"{told['a'][0]:.3f}", "300 um/s", "No rate dependence", "again.toml"):
         assert words in again.output
+
+
+def test_the_command_drives_hardware_within_its_limits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("bench.toml").write_text(config.example().replace("[-0.6, 3.6]", "[-0.1, 1.5]"))
+    short = ("--stroke", "10", "--speeds", "200,300", "--duration", "1.5", "--output", "stage")
+    done = call("--config", "bench.toml", *short)
+    assert done.exit_code == 0, done.output
+    volts = Recording.load("stage.h5")["volts"]
+    assert volts.min() >= -0.1
+    assert volts.max() <= 1.5
+    assert "--plant: means nothing with --config" in call("--config", "bench.toml", "--plant", "matched").output
 
 
 def test_the_command_tells_what_it_cannot_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

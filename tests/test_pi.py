@@ -519,11 +519,11 @@ def typed(*arguments: str) -> tuple[int, str]:
 @pytest.mark.parametrize(
     ("change", "arguments", "message"),
     [
-        (("[[axis]]", "[axis]"), (), "bench.toml: needs [driver] and one [[axis]] with its limits"),
-        (("slew", "slow"), (), "there is no 'slew'"),
+        (("[[axis]]", "[axis]"), (), "bench.toml: axis = 0 tables: must be one [[axis]]"),
+        (("slew", "slow"), (), "axis.slew = missing: must be given"),
         (('"pi"', '"pie"'), (), "driver.name = 'pie': must be one of "),
         (("port", "porter"), (), "driver.porter = "),
-        (("[driver]", "[driver"), (), "bench.toml: "),
+        (("[driver]", "[driver"), (), "bench.toml = the file: must be TOML"),
         (("voltage_limits = [-20.0, 120.0]", "voltage_limits = [-20.0, 30.0]"), (), "must be from -20 to 30 V"),
         (("output_range = [-20.0, 120.0]", "output_range = [-30.0, 120.0]"), (), "the controller limits output 1"),
         (("", ""), ("--output", "record.h5"), "a file .csv"),

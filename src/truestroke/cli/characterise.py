@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
 @click.command()
 @click.option("--plant", type=click.Choice(["realistic", "matched"]), default="realistic", help="What is driven: "
               "like a real stack, or of exactly the controller's structure.")  # fmt: skip
+@click.option("--config", metavar="FILE", type=click.Path(exists=True, dir_okay=False, path_type=Path),
+              help="Drive the hardware of this configuration of `truestroke run`, within its limits.")  # fmt: skip
 @click.option("--record", metavar="FILE", type=click.Path(exists=True, dir_okay=False, path_type=Path),
               help="Drive nothing: take the recording of an earlier run, whole or interrupted.")  # fmt: skip
 @click.option("--speeds", metavar="UM/S,...", default="50,100,150,200,250,300", help="Of the triangles.")
@@ -29,6 +32,7 @@ if TYPE_CHECKING:
 )
 @click.option("--slew-limit", metavar="V/S", type=float, help="Fastest change of the voltage.  [default: 120 times the "
               "voltage range]")  # fmt: skip
+@click.option("--sample-rate", metavar="HZ", type=float, default=2000.0, help="Ticks per second: those of the driver.")
 @click.option("--duration", metavar="S", type=float, default=8.0, help="At each speed; five cycles at least.")
 @click.option("--plays", metavar="N", type=click.IntRange(1, 32), default=8, help="Their thresholds are spread over "
               "the voltages that the motion takes.")  # fmt: skip
@@ -82,11 +86,11 @@ def _drive(options: Mapping[str, Any], recording_file: Path) -> Recording:
     from truestroke.loop import RunInterrupted
     from truestroke.recording import Recording
 
-    wave = sweep(speeds=_speeds(options["speeds"]), stroke=options["stroke"], duration=options["duration"])
-    limits = {name: options[name] for name in ("voltage_limits", "slew_limit")}
+    motion = {name: options[name] for name in ("stroke", "duration", "sample_rate")}
+    wave = sweep(speeds=_speeds(options["speeds"]), **motion)
     try:
-        with common.progress("driving") as tell:
-            recording = drive(wave, _actuator(options, wave), **limits, progress=tell)
+        with common.progress("driving") as tell, _actuator(options, wave) as (actuator, limits):
+            recording = drive(wave, actuator, **limits, progress=tell)
     except RunInterrupted as stop:
         saved = stop.recording.save(recording_file)
         message = f"{stop.recording['time'].size} ticks are in {saved}"
@@ -107,12 +111,34 @@ def _speeds(words: str) -> list[float]:
         raise click.UsageError(f"--speeds {words}: is not numbers with commas, such as 50,100,200.") from None
 
 
-def _actuator(options: Mapping[str, Any], wave: Trajectory) -> Actuator:
-    from truestroke.plant import MatchedPlant, RealisticPlant
+@contextmanager
+def _actuator(options: Mapping[str, Any], wave: Trajectory) -> Iterator[tuple[Actuator, dict[str, Any]]]:
+    """What is driven, and the limits of voltage and slew."""
+    from truestroke.plant import MatchedPlant, MatchedSettings, PlantSettings, RealisticPlant
 
-    if options["plant"] == "matched":
-        return MatchedPlant(wave.velocity, seed=options["seed"])
-    return RealisticPlant(seed=options["seed"])
+    limits = {name: options[name] for name in ("voltage_limits", "slew_limit")}
+    if options["config"]:
+        with _hardware(options["config"]) as (actuator, own):
+            yield actuator, limits | own
+    elif options["plant"] == "matched":
+        matched = MatchedSettings(sample_rate=wave.sample_rate)
+        yield MatchedPlant(wave.velocity, settings=matched, seed=options["seed"]), limits
+    else:
+        yield RealisticPlant(PlantSettings(sample_rate=wave.sample_rate), seed=options["seed"]), limits
+
+
+@contextmanager
+def _hardware(file: Path) -> Iterator[tuple[Actuator, dict[str, Any]]]:
+    """One axis of hardware; the output is at the safe voltage behind it."""
+    from truestroke.drivers import OneAxis
+    from truestroke.realtime import config
+
+    for name in ("plant", "voltage_limits", "slew_limit", "seed"):
+        if click.get_current_context().get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE:
+            raise click.UsageError(f"--{name.replace('_', '-')}: means nothing with --config; the file has it.")
+    driver, limits = config.one_axis(file)
+    with OneAxis(driver, **limits) as axis:
+        yield axis, {"voltage_limits": limits["voltage_limits"], "slew_limit": limits["slew"]}
 
 
 def _print(found: Characterisation) -> None:

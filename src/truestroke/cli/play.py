@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,11 +11,10 @@ from truestroke.cli import common
 
 if TYPE_CHECKING:
     from truestroke._typing import FloatArray
-    from truestroke.drivers import Driver, Recorded
+    from truestroke.drivers import Recorded
 
 FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
 HEADER = "time (s),volts (V),z (um)"
-AXIS = ("voltage_limits", "slew", "safe_voltage")
 
 
 @click.command()
@@ -35,12 +33,13 @@ def play(waveform: Path, config: Path, output: str, rest: float, as_json: bool) 
     import numpy as np
 
     from truestroke.drivers import DriverError, play_and_record
+    from truestroke.realtime import config as configuration
 
     target = Path(output)
     if target.suffix != ".csv" or not target.parent.is_dir():
         raise click.UsageError(f"--output {output}: is a file .csv in a folder that is there.")
     volts, rate = _waveform(waveform)
-    driver, limits = _bench(config)
+    driver, limits = configuration.one_axis(config)
     try:
         made = play_and_record(driver, volts, rate, **limits, rest=rest)
     except DriverError as error:
@@ -87,17 +86,3 @@ def _waveform(path: Path) -> tuple[FloatArray, float]:
     if steps.size == 0 or not (steps > 0).all() or np.ptp(steps) > 1e-3 * steps.mean():
         raise click.ClickException(f"{path}: time does not ascend in even steps")
     return volts, float(f"{1 / steps.mean():.9g}")
-
-
-def _bench(path: Path) -> tuple[Driver, dict[str, Any]]:
-    """Driver and limits of a configuration, as `truestroke run` has it; what else is in it is for that command."""
-    from truestroke.realtime import config
-
-    try:
-        document = tomllib.loads(path.read_text(encoding="utf-8"))
-        table, (axis,) = document["driver"], document["axis"]
-        limits = {key: axis[key] for key in AXIS if key in axis or key != "safe_voltage"}
-    except (tomllib.TOMLDecodeError, KeyError, TypeError, ValueError) as error:
-        why = f"there is no {error}" if isinstance(error, KeyError) else str(error)
-        raise click.ClickException(f"{path}: needs [driver] and one [[axis]] with its limits; {why}") from None
-    return config.driver(table), limits

@@ -60,11 +60,7 @@ def load(path: str | os.PathLike[str]) -> Job:
         It cannot be read.
     """
     path = Path(path)
-    try:
-        document = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise SettingError(str(path), "the file", f"TOML ({error})") from None
-    return job(document, path.parent)
+    return job(_document(path), path.parent)
 
 
 def job(document: Mapping[str, Any], folder: Path) -> Job:
@@ -102,6 +98,39 @@ def driver(table: Mapping[str, Any]) -> Driver:
         _made("driver.", getattr(module, f"{name.capitalize()}Settings"), given, also=("name",))
     )
     return made
+
+
+def one_axis(path: str | os.PathLike[str]) -> tuple[Driver, dict[str, Any]]:
+    """Driver and limits of a configuration with one axis; what else is in it is for `truestroke run`.
+
+    Returns
+    -------
+    driver : Driver
+    limits : dict
+        voltage_limits (V), slew (V/s) and, if it is there, safe_voltage (V), as `OneAxis` takes them.
+
+    Raises
+    ------
+    SettingError, OSError
+        As `load`.
+    """
+    path = Path(path)
+    document = _document(path)
+    axes = document.get("axis")
+    if not isinstance(axes, list) or len(axes) != 1:
+        raise SettingError(f"{path}: axis", f"{len(axes) if isinstance(axes, list) else 0} tables", "one [[axis]]")
+    (axis,) = axes
+    limits = {"voltage_limits": tuple(_needed("axis.", axis, "voltage_limits")), "slew": _needed("axis.", axis, "slew")}
+    if "safe_voltage" in axis:
+        limits["safe_voltage"] = axis["safe_voltage"]
+    return driver(_table(document, "driver")), limits
+
+
+def _document(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise SettingError(str(path), "the file", f"TOML ({error})") from None
 
 
 def _axis(table: Mapping[str, Any], folder: Path) -> Axis:
