@@ -9,6 +9,7 @@ from truestroke.cli import (
     bench,
     characterise,
     compare,
+    doctor,
     examine,
     identify,
     invert,
@@ -37,6 +38,7 @@ def main() -> None:
 for _command in (
     track.track,
     run.run,
+    doctor.doctor,
     report.report,
     compare.compare,
     reproduce.reproduce,

@@ -70,7 +70,7 @@ def run_realtime(
         The run could not begin. The output was not touched.
     """
     settings = RealtimeSettings() if settings is None else settings
-    paths = _paths(Path(file), axes, overwrite)
+    paths = recordings(Path(file), axes, overwrite)
     with closing(driver):
         timing = driver.open()
         clock = {"utc": datetime.now(UTC).isoformat(), "monotonic_s": time.monotonic()}
@@ -98,8 +98,8 @@ def _check_agreement(axes: Sequence[Axis], timing: Timing, settings: RealtimeSet
     _check.within("watchdog_timeout", settings.watchdog_timeout, 4 * timing.block / timing.sample_rate, 60.0, "s")
 
 
-def _paths(file: Path, axes: Sequence[Axis], overwrite: bool) -> list[Path]:
-    """One file for each axis."""
+def recordings(file: Path, axes: Sequence[Axis], overwrite: bool) -> list[Path]:
+    """One file for each axis; OSError where it cannot be written."""
     if not file.parent.is_dir():
         raise FileNotFoundError(errno.ENOENT, f"there is no folder {file.parent}", str(file))
     paths = [file if len(axes) == 1 else file.with_name(f"{file.stem}-{axis.name}{file.suffix}") for axis in axes]
