@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
 from typing import Any, Protocol
 
@@ -37,6 +37,25 @@ SLOW_CHANNELS = {
 }
 REJECTED = 4
 FROM_ADAPT = REJECTED | 16  # of the flag bits, those that `adapt` sets; the others are set by `command`
+
+
+class Motion(Protocol):
+    """What check and metadata know of a desired motion; a `Trajectory` is one."""
+
+    @property
+    def name(self) -> str:
+        """What it is."""
+
+    @property
+    def sample_rate(self) -> float:
+        """Ticks per second, Hz."""
+
+    @property
+    def settings(self) -> Mapping[str, object]:
+        """What it was made from."""
+
+    def __len__(self) -> int:
+        """Ticks."""
 
 
 class Actuator(Protocol):
@@ -149,7 +168,7 @@ def run(
     return notes.recording()
 
 
-def check_agreement(trajectory: Trajectory, controller: Controller, timing: Timing) -> None:
+def check_agreement(trajectory: Motion, controller: Controller, timing: Timing) -> None:
     """One sample rate everywhere, and measurements that a controller can still place; SettingError otherwise."""
     settings = getattr(controller, "settings", None)
     for whose, rate in (("actuator", timing.sample_rate), ("controller", getattr(settings, "sample_rate", None))):
@@ -236,7 +255,7 @@ class _Notes:
         }
 
 
-def about(trajectory: Trajectory, controller: Any, actuator: Any, timing: Timing) -> dict[str, Any]:
+def about(trajectory: Motion, controller: Any, actuator: Any, timing: Timing) -> dict[str, Any]:
     """Metadata of a recording: what is run; SettingError where it cannot be written, before anything moves."""
     metadata = {
         "created": datetime.now(UTC).isoformat(timespec="seconds"),

@@ -18,6 +18,7 @@ from truestroke.cli import (
     report,
     reproduce,
     run,
+    serve,
     track,
     zoo,
 )
@@ -38,6 +39,7 @@ def main() -> None:
 for _command in (
     track.track,
     run.run,
+    serve.serve,
     doctor.doctor,
     report.report,
     compare.compare,

@@ -14,6 +14,7 @@ from truestroke.cli import common
 if TYPE_CHECKING:
     from truestroke.metrics import TrackingSummary
     from truestroke.realtime import Outcome
+    from truestroke.realtime.config import Job
     from truestroke.recording import Recording
 
 
@@ -31,8 +32,7 @@ def run(config: Path | None, example: bool, output: Path | None, overwrite: bool
     Ctrl-C ends it softly, a second Ctrl-C at once; the output is left at the safe voltage. docs/run.md has the
     exit codes.
     """
-    from truestroke.drivers import DriverError
-    from truestroke.realtime import Cause, RealtimeError, run_realtime
+    from truestroke.realtime import SetPoint
     from truestroke.realtime import config as configuration
 
     if example:
@@ -41,13 +41,24 @@ def run(config: Path | None, example: bool, output: Path | None, overwrite: bool
     if config is None:
         raise click.UsageError("--config FILE is needed; --example prints one to begin with.")
     job = configuration.load(config)
+    if any(isinstance(axis.trajectory, SetPoint) for axis in job.axes):
+        raise click.UsageError("a set-point is moved by others: truestroke serve --epics.")
+    return close_the_loop("run", config, job, output, overwrite, as_json)
+
+
+def close_the_loop(
+    command: str, config: Path, job: Job, output: Path | None, overwrite: bool, as_json: bool, epics: bool = False
+) -> int:
+    """Run what the configuration says, and print what became of it; the exit code."""
+    from truestroke.drivers import DriverError
+    from truestroke.realtime import Cause, RealtimeError, run_realtime
+
     show: Literal["live", "lines"] | None = None if as_json else "live" if sys.stderr.isatty() else "lines"
-    about = {"command": f"truestroke run --config {config}", "config": config.read_text(encoding="utf-8")}
+    about = {"command": f"truestroke {command} --config {config}", "config": config.read_text(encoding="utf-8")}
+    options: dict[str, Any] = {"settings": job.settings, "about": about, "overwrite": overwrite, "show": show}
     file = job.file if output is None else output
     try:
-        outcome = run_realtime(
-            job.driver, job.axes, file, settings=job.settings, about=about, overwrite=overwrite, show=show
-        )
+        outcome = run_realtime(job.driver, job.axes, file, epics=job.epics if epics else None, **options)
     except RealtimeError as error:
         raise click.ClickException(str(error)) from None
     except DriverError as error:

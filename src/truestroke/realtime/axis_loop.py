@@ -10,6 +10,7 @@ import numpy as np
 from truestroke._typing import FloatArray
 from truestroke.loop import FROM_ADAPT, REJECTED, SLOW_CHANNELS, SLOW_PERIOD
 from truestroke.realtime.ending import Cause, Stop
+from truestroke.realtime.motion import motion, numbers
 from truestroke.realtime.settings import Axis
 from truestroke.realtime.shared import FIELDS, Shared
 from truestroke.timing import Timing
@@ -33,7 +34,7 @@ class AxisLoop:
         controller: Any = axis.controller
         self._controller, self._command, self._adapt = controller, controller.command, controller.adapt
         self._flagged, self._innovative = hasattr(controller, "flag_bits"), hasattr(controller, "innovation")
-        self._z_d, self._zdot_d = _floats(axis.trajectory.position), _floats(axis.trajectory.velocity)
+        self._motion = motion(axis.trajectory, shared.targets[channel : channel + 1])
         self._size, self._slow = shared.layout.size, shared.slow[channel]
         (
             self._desired,
@@ -44,7 +45,7 @@ class AxisLoop:
             self._innovation,
             self._flags,
             self._lateness,
-        ) = (_floats(shared.ring[channel, FIELDS.index(name)]) for name in FIELDS)
+        ) = (numbers(shared.ring[channel, FIELDS.index(name)]) for name in FIELDS)
         self._latency = timing.latency
         self._stride = stride(timing)
         self._patience = max(2, round(sensor_timeout * timing.sample_rate))
@@ -58,7 +59,7 @@ class AxisLoop:
         if not (hasattr(controller, "state") and hasattr(controller, "restore")):
             return self.axis.safe_voltage
         state = controller.state()
-        volts = float(self._command(self._z_d[0], self._zdot_d[0]))
+        volts = float(self._command(*self._motion(0)))
         controller.restore(state)
         low, high = self.axis.voltage_limits
         return min(max(volts, low), high)
@@ -66,7 +67,7 @@ class AxisLoop:
     def command(self, start: int, stop: int, volts: FloatArray) -> None:
         """The voltages of ticks `start` to `stop`; a longer block holds the last one."""
         for i, k in enumerate(range(start, stop)):
-            z_d, zdot_d, row = self._z_d[k], self._zdot_d[k], k % self._size
+            (z_d, zdot_d), row = self._motion(k), k % self._size
             volts[i] = self._command(z_d, zdot_d)
             self._desired[row], self._velocity[row] = z_d, zdot_d
             self._measured[row] = self._true[row] = self._innovation[row] = math.nan
@@ -117,11 +118,6 @@ class AxisLoop:
         for value in slow_values(self._controller).values():
             row[start : start + value.size] = value.ravel()
             start += value.size
-
-
-def _floats(array: FloatArray) -> memoryview[float]:
-    """The same memory, where one number is read and written faster than by NumPy."""
-    return array.data.cast("B").cast("d")
 
 
 def slow_values(controller: Any) -> dict[str, FloatArray]:

@@ -10,12 +10,14 @@ import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from truestroke import trajectories
 from truestroke._check import SettingError
 from truestroke.controller import AdaptiveController, Controller
 from truestroke.drivers.protocol import Driver
+from truestroke.realtime.epics import EpicsSettings
+from truestroke.realtime.motion import SetPoint
 from truestroke.realtime.settings import Axis, RealtimeSettings
 from truestroke.settings import ControllerSettings
 from truestroke.trajectories import Trajectory
@@ -23,9 +25,12 @@ from truestroke.trajectories import Trajectory
 DRIVERS = tuple(
     name for name in ("simulated", "nidaqmx", "pi") if importlib.util.find_spec(f"truestroke.drivers.{name}")
 )
-MOTIONS = ("random_wave", "sine", "triangle", "staircase", "from_csv")
+MOTIONS = {
+    **{kind: getattr(trajectories, kind) for kind in ("random_wave", "sine", "triangle", "staircase", "from_csv")},
+    "set_point": SetPoint,
+}
 CONTROLLERS = ("adaptive", "paper")
-TABLES = ("driver", "axis", "realtime", "recording")
+TABLES = ("driver", "axis", "realtime", "recording", "epics")
 AXIS = ("name", "stroke", "voltage_limits", "safe_voltage", "slew", "controller", "model", "settings", "trajectory")
 
 
@@ -37,11 +42,12 @@ class Job:
     axes: tuple[Axis, ...]
     settings: RealtimeSettings
     file: Path
+    epics: EpicsSettings | None = None
 
 
-def example() -> str:
+def example(command: Literal["run", "serve"] = "run") -> str:
     """A configuration with comments, of a simulated stack."""
-    return Path(__file__).with_name("example.toml").read_text(encoding="utf-8")
+    return Path(__file__).with_name("example.toml" if command == "run" else "serve.toml").read_text(encoding="utf-8")
 
 
 def load(path: str | os.PathLike[str]) -> Job:
@@ -86,6 +92,7 @@ hardware_timed, latency, name, plant, register, sample_rate, seed
         axes=tuple(_axis(table, folder) for table in tables),
         settings=_made("realtime.", RealtimeSettings, document.get("realtime", {})),
         file=Path(_needed("recording.", recording, "file")),
+        epics=_made("epics.", EpicsSettings, _table(document, "epics")) if "epics" in document else None,
     )
 
 
@@ -142,11 +149,11 @@ def _axis(table: Mapping[str, Any], folder: Path) -> Axis:
     return Axis(trajectory=motion, controller=controller, voltage_limits=limits, slew=slew, **given)
 
 
-def _trajectory(given: dict[str, Any], folder: Path) -> Trajectory:
-    kind = _one_of("axis.trajectory.kind", _needed("axis.trajectory.", given, "kind"), MOTIONS)
+def _trajectory(given: dict[str, Any], folder: Path) -> Trajectory | SetPoint:
+    kind = _one_of("axis.trajectory.kind", _needed("axis.trajectory.", given, "kind"), tuple(MOTIONS))
     if "path" in given:
         given["path"] = folder / given["path"]
-    motion: Trajectory = _made("axis.trajectory.", getattr(trajectories, kind), given, also=("kind",))
+    motion: Trajectory | SetPoint = _made("axis.trajectory.", MOTIONS[kind], given, also=("kind",))
     return motion
 
 

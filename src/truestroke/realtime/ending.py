@@ -18,6 +18,7 @@ class Cause(Enum):
     DRIVER = 12
     RECORDER = 13
     WATCHDOG = 14
+    STOPPED = 15
     HANGUP = 129
     INTERRUPTED = 130
     TERMINATED = 143

@@ -1,4 +1,4 @@
-"""The processes beside the loop: recorder, watchdog, status line."""
+"""The processes beside the loop: recorder, watchdog, status line, server."""
 
 from __future__ import annotations
 
@@ -11,8 +11,9 @@ from typing import Literal
 import numpy as np
 
 from truestroke.drivers.protocol import Driver
-from truestroke.realtime import child, recorder, status, watchdog
+from truestroke.realtime import child, epics, recorder, status, watchdog
 from truestroke.realtime.ending import Cause
+from truestroke.realtime.epics import EpicsSettings
 from truestroke.realtime.process import RealtimeError
 from truestroke.realtime.settings import Axis, RealtimeSettings
 from truestroke.realtime.shared import Helper, Shared, Slot, State, Text
@@ -22,7 +23,7 @@ LAST_WORDS = 15.0  # s for the recorder to write the rest
 
 
 class Helpers:
-    """Recorder, watchdog and status line, each in its process."""
+    """Recorder, watchdog, status line and server, each in its process."""
 
     def __init__(
         self,
@@ -32,6 +33,7 @@ class Helpers:
         axes: Sequence[Axis],
         settings: RealtimeSettings,
         show: Literal["live", "lines"] | None,
+        server: EpicsSettings | None,
     ) -> None:
         safe, rescue = np.array([axis.safe_voltage for axis in axes]), driver.rescue()
         self._shared, self._plans = shared, plans
@@ -42,18 +44,28 @@ class Helpers:
             names = [axis.name for axis in axes]
             self._all.append(child.start(shared, status.show, names, plans[0].sample_rate, show == "live"))
 
+        self.server: subprocess.Popen[bytes] | None = None
+        if server is not None:
+            self.server = child.start(shared, epics.serve, server, epics.panels(axes, plans), plans[0].sample_rate)
+            self._all.append(self.server)
+
     def wait_until_ready(self) -> None:
         """RealtimeError if they do not come up."""
         count, until = self._shared.count, time.monotonic() + PATIENCE
-        while not (count[Slot.RECORDER] == count[Slot.WATCHDOG] == Helper.READY):
+        needed = [Slot.RECORDER, Slot.WATCHDOG] + ([Slot.SERVER] if self.server else [])
+        while any(count[slot] != Helper.READY for slot in needed):
             if count[Slot.RECORDER] == Helper.FAILED:
                 raise RealtimeError(f"the recording cannot be written: {self._shared.read(Text.COMPLAINT)}")
+            if count[Slot.SERVER] == Helper.FAILED:
+                raise RealtimeError(f"the server did not start: {self._shared.read(Text.SERVER) or 'it died'}")
             if self.trouble() or time.monotonic() > until:
                 raise RealtimeError("recorder and watchdog did not start")
             time.sleep(0.01)
 
     def trouble(self) -> tuple[Cause, str] | None:
-        """Which of them no longer works, and why."""
+        """Which of them no longer works so that the run must end, and why; the server's death is only noted."""
+        if self.server and self.server.poll() is not None:
+            self._shared.count[Slot.SERVER] = Helper.FAILED
         if self._shared.count[Slot.RECORDER] == Helper.FAILED:
             return Cause.RECORDER, f"the recording cannot be written: {self._shared.read(Text.COMPLAINT)}"
         if self.recorder.poll() is not None:

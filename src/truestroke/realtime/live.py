@@ -124,9 +124,11 @@ class Live:
                 raise Stop(Cause.RECORDER, f"the recorder is {behind / self._timing.sample_rate:.1f} s behind")
 
     def _heed_signals(self, expected: int = 0) -> None:
-        """End what goes on if a signal came beyond those that brought it about."""
+        """End what goes on if a signal came beyond those that brought it about, or an operator asks."""
         if len(self._asked) > expected:
             raise Stop(*SIGNALS[self._asked[-1]])  # type: ignore[index]
+        if self._count[Slot.STOP] and self._count[Slot.STATE] != State.STOPPING:
+            raise Stop(Cause.STOPPED, "an operator asked for it")
 
     def _beat(self) -> None:
         self._count[Slot.BEAT] += 1

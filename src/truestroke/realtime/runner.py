@@ -16,6 +16,7 @@ from truestroke._check import SettingError
 from truestroke.drivers.protocol import Driver
 from truestroke.realtime.axis_loop import slow_values, stride
 from truestroke.realtime.ending import Outcome
+from truestroke.realtime.epics import EpicsSettings
 from truestroke.realtime.helpers import Helpers
 from truestroke.realtime.live import Live
 from truestroke.realtime.process import RealtimeError, noted_signals, on_its_own, undisturbed
@@ -37,6 +38,7 @@ def run_realtime(
     about: Mapping[str, object] | None = None,
     overwrite: bool = False,
     show: Literal["live", "lines"] | None = None,
+    epics: EpicsSettings | None = None,
 ) -> Outcome:
     """Follow trajectories with hardware, in real time.
 
@@ -56,6 +58,8 @@ def run_realtime(
         Replace files that are there; without it they are an error.
     show : "live" or "lines", optional
         A status line on stderr.
+    epics : EpicsSettings, optional
+        Publish the run by EPICS, from a process of its own.
 
     Returns
     -------
@@ -74,12 +78,12 @@ def run_realtime(
     with closing(driver):
         timing = driver.open()
         clock = {"utc": datetime.now(UTC).isoformat(), "monotonic_s": time.monotonic()}
-        _check_agreement(axes, timing, settings)
+        _check_agreement(axes, timing, settings, epics)
         plans = _plans(driver, axes, timing, paths, {"realtime": settings, "clock": clock, **(about or {})})
         with closing(Shared(_layout(axes, timing))) as shared:
             shared.count[Slot.TICKS] = len(axes[0].trajectory)
             with on_its_own(settings):
-                helpers = Helpers(shared, plans, driver, axes, settings, show)
+                helpers = Helpers(shared, plans, driver, axes, settings, show, epics)
             with closing(helpers), noted_signals() as asked, undisturbed(settings):
                 helpers.wait_until_ready()
                 live = Live(driver, axes, timing, settings, shared, helpers, asked)
@@ -87,12 +91,16 @@ def run_realtime(
             return live.outcome(cause, reason, tuple(paths))
 
 
-def _check_agreement(axes: Sequence[Axis], timing: Timing, settings: RealtimeSettings) -> None:
+def _check_agreement(
+    axes: Sequence[Axis], timing: Timing, settings: RealtimeSettings, epics: EpicsSettings | None
+) -> None:
     _check.count("the number of axes", len(axes), timing.channels, timing.channels)
     if len({axis.name for axis in axes}) < len(axes):
         raise SettingError("name", ", ".join(axis.name for axis in axes), "different for each axis")
     if len({len(axis.trajectory) for axis in axes}) > 1:
         raise SettingError("trajectories", [len(axis.trajectory) for axis in axes], "of the same length", "ticks")
+    if epics is not None:
+        epics.check(axes)
     for axis in axes:
         loop.check_agreement(axis.trajectory, axis.controller, timing)
     _check.within("watchdog_timeout", settings.watchdog_timeout, 4 * timing.block / timing.sample_rate, 60.0, "s")

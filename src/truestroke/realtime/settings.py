@@ -8,6 +8,7 @@ from truestroke import _check
 from truestroke._check import SettingError
 from truestroke.controller import Controller
 from truestroke.drivers.clock import SPIN
+from truestroke.realtime.motion import SetPoint
 from truestroke.trajectories import Trajectory
 
 
@@ -17,8 +18,8 @@ class Axis:
 
     Attributes
     ----------
-    trajectory : Trajectory
-        Desired motion.
+    trajectory : Trajectory or SetPoint
+        Desired motion, known beforehand or moved by an operator.
     controller : Controller
         Gives the voltages and learns.
     voltage_limits : tuple[float, float]
@@ -36,7 +37,7 @@ class Axis:
         Names the setting, its value, the bound and the unit.
     """
 
-    trajectory: Trajectory
+    trajectory: Trajectory | SetPoint
     controller: Controller
     voltage_limits: tuple[float, float]
     slew: float

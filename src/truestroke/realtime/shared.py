@@ -1,4 +1,4 @@
-"""What the processes of a run share: counters, a ring of the last seconds, and two short texts."""
+"""What the processes of a run share: counters, targets, a ring of the last seconds, and short texts."""
 
 from __future__ import annotations
 
@@ -30,7 +30,9 @@ class Slot(IntEnum):
     WATCHDOG = 7  # a Helper
     OVERRUNS = 8
     TICKS = 9  # of the whole run
-    ENDINGS = 10  # where in each file the JSON of its end stands, one slot an axis
+    SERVER = 10  # a Helper
+    STOP = 11  # not 0: somebody asks for the end of the run
+    ENDINGS = 12  # where in each file the JSON of its end stands, one slot an axis
 
 
 class State(IntEnum):
@@ -50,6 +52,7 @@ class Text(IntEnum):
 
     ENDING = 0  # JSON for the recording, by the loop
     COMPLAINT = 1  # what the recorder failed at
+    SERVER = 2  # what the server failed at
 
 
 SLOTS = Slot.ENDINGS + 64
@@ -69,7 +72,8 @@ class Layout:
 class Shared:
     """Memory without a name, which goes when the last process that has it ends.
 
-    The loop alone writes the rings. A reader takes what was WRITTEN when it looked the time before: that has settled.
+    The loop alone writes the rings, a server alone the targets. A reader takes what was WRITTEN when it looked the time
+    before: that has settled.
 
     Attributes
     ----------
@@ -77,6 +81,8 @@ class Shared:
         The counters, by `Slot`.
     histogram : memoryview of uint64
         Blocks by lateness, see `drivers.clock.EDGES_US`.
+    targets : memoryview of float64
+        Where a `SetPoint` of each channel is sent, um; 0 at the start.
     ring : ndarray, shape (channels, fields, size)
         Tick k is at k % size.
     slow : ndarray, shape (channels, slow_size, slow_width)
@@ -86,15 +92,17 @@ class Shared:
     def __init__(self, layout: Layout, fd: int | None = None) -> None:
         self.layout = layout
         c, s = layout.channels, layout
-        sizes = (8 * SLOTS, 8 * BINS, 8 * c * len(FIELDS) * s.size, 8 * c * s.slow_size * s.slow_width, 2 * TEXT)
+        rings = (8 * c * len(FIELDS) * s.size, 8 * c * s.slow_size * s.slow_width)
+        sizes = (8 * SLOTS, 8 * BINS, 8 * c, *rings, len(Text) * TEXT)
         starts = np.concatenate([[0], np.cumsum(sizes)]).tolist()
         self.fd = os.memfd_create("truestroke") if fd is None else fd
         if fd is None:
             os.ftruncate(self.fd, starts[-1])
         parts = memoryview(mmap.mmap(self.fd, starts[-1]))
-        counts, histogram, ring, slow, self._texts = (parts[a:b] for a, b in itertools.pairwise(starts))
+        counts, histogram, targets, ring, slow, self._texts = (parts[a:b] for a, b in itertools.pairwise(starts))
         self.count: memoryview[int] = counts.cast("Q")
         self.histogram: memoryview[int] = histogram.cast("Q")
+        self.targets: memoryview[float] = targets.cast("d")
         self.ring: FloatArray = np.frombuffer(ring).reshape(c, len(FIELDS), s.size)
         self.slow: FloatArray = np.frombuffer(slow).reshape(c, s.slow_size, s.slow_width)
 

@@ -8,7 +8,7 @@ import time
 import numpy as np
 
 from truestroke.realtime.child import Lifeline
-from truestroke.realtime.shared import FIELDS, Shared, Slot, State
+from truestroke.realtime.shared import FIELDS, Helper, Shared, Slot, State
 
 WINDOW = 0.5  # s over which rmse is taken
 REFRESH = 0.1  # s between two looks
@@ -50,6 +50,8 @@ def line(shared: Shared, names: list[str], sample_rate: float) -> str:
         f"{(ticks - done) / sample_rate:.1f} s left",
         f"overruns {shared.count[Slot.OVERRUNS]}",
     ]
+    if shared.count[Slot.SERVER] == Helper.FAILED:
+        parts.append("the EPICS server is gone")
     if done:
         rows = np.arange(max(0, done - round(WINDOW * sample_rate)), done) % shared.layout.size
         for name, ring in zip(names, shared.ring, strict=True):

@@ -1,0 +1,39 @@
+"""`truestroke serve`: the loop in real time, published to a control system that may also move it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from truestroke.cli import common
+from truestroke.cli.run import close_the_loop
+
+
+@click.command()
+@click.option("--epics", is_flag=True, help="As process variables of a soft IOC.")
+@click.option("--config", type=click.Path(exists=True, dir_okay=False, path_type=Path), metavar="FILE",
+              help="As of truestroke run, with a table [epics].")  # fmt: skip
+@click.option("--example", is_flag=True, help="Print a configuration with comments, of a simulated stack.")
+@click.option("--output", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE",
+              help="Recording, in place of the one that the configuration names.")  # fmt: skip
+@click.option("--overwrite", is_flag=True, help="Replace a recording that is there.")
+@common.json_option
+def serve(epics: bool, config: Path | None, example: bool, output: Path | None, overwrite: bool, as_json: bool) -> int:
+    """Close the loop in real time and serve it: set-points and supervision, not single samples.
+
+    The server has a process of its own; the loop does not notice when it dies. docs/epics.md lists what is published.
+    """
+    from truestroke.realtime import config as configuration
+
+    if example:
+        click.echo(configuration.example("serve"), nl=False)
+        return 0
+    if not epics:
+        raise click.UsageError("--epics is needed: there is no other server yet.")
+    if config is None:
+        raise click.UsageError("--config FILE is needed; --example prints one to begin with.")
+    job = configuration.load(config)
+    if job.epics is None:
+        raise click.UsageError(f"{config}: a table [epics] is needed; --example shows one.")
+    return close_the_loop("serve --epics", config, job, output, overwrite, as_json, epics=True)
