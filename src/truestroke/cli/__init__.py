@@ -19,6 +19,7 @@ from truestroke.cli import (
     reproduce,
     run,
     serve,
+    study,
     track,
     zoo,
 )
@@ -45,6 +46,7 @@ for _command in (
     compare.compare,
     reproduce.reproduce,
     zoo.zoo,
+    study.study,
     examine.examine,
     identify.identify,
     invert.invert,

@@ -1,0 +1,102 @@
+"""`truestroke study`: many runs drawn from a file, continued where they stopped."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from truestroke.cli import common
+
+if TYPE_CHECKING:
+    from truestroke.study import Store, Study
+    from truestroke.study.executors import Work
+
+
+def _example(context: click.Context, _: click.Parameter, asked: bool) -> None:
+    if asked:
+        from truestroke.study import example
+
+        click.echo(example(), nl=False)
+        context.exit()
+
+
+@click.command()
+@click.argument("file", metavar="FILE.toml", type=click.Path(exists=True, dir_okay=False, path_type=Path))
+@click.option("--example", is_flag=True, is_eager=True, expose_value=False, callback=_example, help="Print a study to "
+              "begin with, that of Sec. 4.3, and leave.")  # fmt: skip
+@click.option("--runs", metavar="N", type=click.IntRange(1), help="In place of the number in the file.")
+@click.option("--executor", type=click.Choice(["threads", "dask", "slurm"]), default="threads", help="Where it runs.")
+@click.option("--workers", metavar="N", type=click.IntRange(1), help="Threads, processes or tasks of the job array; "
+              "by default one for each core, 16 tasks.")  # fmt: skip
+@click.option("--scheduler", metavar="ADDRESS", help="Of a dask cluster that is there, as tcp://host:8786.")
+@click.option("--report-only", is_flag=True, help="Run nothing; report what is there.")
+@click.option("--output", metavar="NAME", help="Keep results in NAME.sqlite, write NAME.html; by default FILE's name.")
+@common.pictures_option
+@common.json_option
+def study(
+    file: Path,
+    runs: int | None,
+    executor: str,
+    workers: int | None,
+    scheduler: str | None,
+    report_only: bool,
+    output: str | None,
+    figures: Path | None,
+    as_json: bool,
+) -> None:
+    """Draw many runs from the ranges in FILE.toml, play them, and report how many converge.
+
+    Results go to one file as they come. Call it again after Ctrl-C, a crash, or with more --runs: it continues.
+    """
+    if scheduler and executor != "dask":
+        raise click.UsageError("--scheduler: belongs to --executor dask.")
+    store_file, page_file = common.outputs(output or file.stem, ".sqlite", ".html")
+    from truestroke import study as studies
+    from truestroke.study.play import StudyError
+
+    asked = studies.load(file, runs)
+    try:
+        with studies.Store(store_file, asked) as store:
+            if not report_only:
+                with common.progress("playing") as tell:
+                    studies.run(asked, store, _work(executor, workers, scheduler, store_file), tell)
+            _report(store, asked, page_file, figures, as_json)
+    except KeyboardInterrupt:
+        click.echo(f"{store_file} keeps what is done; the same command continues.", err=True)
+        raise
+    except (studies.StoreError, StudyError) as error:
+        raise click.ClickException(str(error)) from error
+
+
+def _work(executor: str, workers: int | None, scheduler: str | None, store_file: Path) -> Work:
+    from truestroke.study import executors
+    from truestroke.study.slurm import slurm
+
+    if executor == "slurm":
+        return slurm(store_file.with_suffix(".slurm"), workers or 16)
+    return executors.dask(workers, scheduler) if executor == "dask" else executors.threads(workers)
+
+
+def _report(store: Store, asked: Study, page_file: Path, figures: Path | None, as_json: bool) -> None:
+    from truestroke import study as studies
+    from truestroke.study import page
+
+    rows, cost = store.rows(asked.runs), store.cost()
+    if not rows:
+        raise click.ClickException(f"{store.path} holds no run yet.")
+    with common.progress("drawing"):
+        page.save_page(asked, rows, cost, page_file, common.as_asked()["command"])
+        paths = page.save_pictures(asked, rows, figures) if figures else []
+    if as_json:
+        lines = {line.controller: line.as_dict() for line in studies.lines(asked, rows)}
+        telling = {name: [vars(one) for one in studies.telling(asked, rows, name)] for name in asked.controllers}
+        spent = {"ticks": cost[0], "seconds": cost[1]}
+        files = {"store": str(store.path), "page": str(page_file), "pictures": [str(path) for path in paths]}
+        common.print_json({"runs": len(rows), "controllers": lines, "telling": telling, "cost": spent, **files})
+        return
+    for table, _ in page.tables(asked, rows, cost):
+        common.print_table(*table)
+    common.print_text(f"{page.verdict(asked, rows)} {page.meaning(asked)}")
+    common.print_files(store=store.path, page=page_file, pictures=figures)

@@ -1,0 +1,32 @@
+"""Studies: thousands of runs drawn from stated ranges, on this machine or a cluster, that continue where they stopped.
+
+Run i of a study is always the same plant, wave and noise; docs/study.md states how a study is written.
+"""
+
+from truestroke.study.config import Draw, Study, example, load, parse
+from truestroke.study.draw import Run, draw
+from truestroke.study.play import Batch, Row, play
+from truestroke.study.run import batches, run
+from truestroke.study.store import Store, StoreError
+from truestroke.study.summary import Line, Telling, lines, telling
+
+__all__ = [
+    "Batch",
+    "Draw",
+    "Line",
+    "Row",
+    "Run",
+    "Store",
+    "StoreError",
+    "Study",
+    "Telling",
+    "batches",
+    "draw",
+    "example",
+    "lines",
+    "load",
+    "parse",
+    "play",
+    "run",
+    "telling",
+]

@@ -1,0 +1,412 @@
+"""Studies: a run is its number, whoever plays it; killed anywhere, they continue; what they say is so."""
+
+import json
+import os
+import signal
+import sqlite3
+import stat
+import subprocess
+import sys
+import time
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from truestroke import AdaptiveController, SettingError, run, study
+from truestroke.cli import main
+from truestroke.plant import MatchedPlant
+from truestroke.study import executors, pictures
+from truestroke.study import run as drive
+from truestroke.study.play import Batch, Row, StudyError
+from truestroke.study.slurm import slurm, task
+from truestroke.study.store import StoreError
+
+TRUESTROKE = Path(sys.executable).with_name("truestroke")
+SMALL = """
+runs = 40
+sample_rate = 1000.0
+record = ["rmse", "largest"]
+[plant]
+kind = "matched"
+a = { around = [8.4, 1.3, 0.92, 0.7, 0.88, 0.74, -2.6, 2.23], spread = 0.5 }
+noise = { log_uniform = [0.001, 0.1] }
+[wave]
+kind = "random_wave"
+duration = 1.0
+peak_to_peak = { choice = [10.0, 20.0] }
+velocity_limit = { uniform = [200.0, 900.0] }
+[controllers.paper]
+kind = "paper"
+stroke = 30.0
+voltage_limits = [-0.6, 3.6]
+[controllers.default]
+kind = "default"
+stroke = 30.0
+voltage_limits = [-0.6, 3.6]
+plays = { choice = [8, 16] }
+[converged]
+level = 0.01
+within = 0.7
+"""
+
+
+def source(**changed):
+    return tomllib.loads(SMALL) | changed
+
+
+SOME = study.parse(source())
+
+
+@pytest.fixture(scope="module")
+def rows():
+    """Of the small study, one after the other."""
+    return study.play(SOME, range(SOME.runs)).rows
+
+
+def in_batches(numbers, size=5):
+    return [tuple(numbers[i : i + size]) for i in range(0, len(numbers), size)]
+
+
+def gathered(batches):
+    """Rows by number; none came twice."""
+    found = [row for batch in batches for row in batch.rows]
+    assert len({row.number for row in found}) == len(found)
+    return sorted(found, key=lambda row: row.number)
+
+
+# ---- A run is its number -------------------------------------------------------------------------------------------
+
+
+def test_a_run_is_what_the_loop_gives_and_converges_by_the_stated_formula():
+    """Played with `run`; every window of 0.25 s looked at by itself."""
+    seen = set()
+    for number in range(8):
+        drawn, row = study.draw(SOME, number), study.play(SOME, [number]).rows[0]
+        for name, controller in drawn.controllers.items():
+            plant = MatchedPlant(drawn.trajectory.velocity, drawn.plant, drawn.seed)
+            recording = run(drawn.trajectory, AdaptiveController.from_settings(controller), plant)
+            error = recording["true"] - recording["desired"]
+            bad = [k for k in range(751) if np.sqrt(np.mean(error[k : k + 250] ** 2)) > 0.02]
+            expected = 0.0 if not bad else (bad[-1] + 1) / 1000 if bad[-1] < 750 else None
+            found = row.figures[name]
+            assert found["convergence_time"] == (expected if expected is None else pytest.approx(expected))
+            assert found["rmse"] == pytest.approx(np.sqrt(np.mean(error[500:] ** 2)))
+            assert found["largest"] == pytest.approx(np.abs(error).max())
+            assert row.converged(SOME, name) == (expected is not None and expected <= 0.7)
+            seen.add(row.converged(SOME, name))
+    assert seen == {True, False}
+
+
+def test_a_draw_depends_on_seed_and_number_alone():
+    other = study.parse(source(runs=7, seed=0, title="another"))
+    assert study.play(SOME, [5]).rows == study.play(other, [3, 5]).rows[1:]
+    assert study.draw(SOME, 5).plant != study.draw(SOME, 6).plant
+    assert study.draw(SOME, 5).plant != study.draw(study.parse(source(seed=1)), 5).plant
+
+
+def test_draws_are_of_the_stated_distribution():
+    runs = [study.draw(SOME, number) for number in range(300)]
+    stated = {
+        "a_0": (np.array([r.plant.a[0] for r in runs]) / 8.4, 0.5, 1.5),
+        "a_6": (np.array([r.plant.a[6] for r in runs]) / -2.6, 0.5, 1.5),
+        "noise": (np.log([r.plant.noise for r in runs]), np.log(0.001), np.log(0.1)),
+        "velocity limit": (np.array([r.told["velocity limit"] for r in runs]), 200.0, 900.0),
+    }
+    for name, (values, low, high) in stated.items():
+        part = (values - low) / (high - low)
+        assert 0 <= part.min() <= part.max() <= 1, name
+        assert np.mean(part) == pytest.approx(0.5, abs=5 / np.sqrt(12 * 300)), name
+        assert np.var(part) == pytest.approx(1 / 12, rel=0.25), name
+    assert abs(np.corrcoef(stated["a_0"][0], stated["a_6"][0])[0, 1]) < 0.3
+    assert {r.told["peak to peak"] for r in runs} == {10.0, 20.0}
+    assert {r.controllers["default"].plays for r in runs} == {8, 16}
+    assert len({r.trajectory.settings["seed"] for r in runs}) == len({r.seed for r in runs}) == 300
+
+
+def test_the_example_is_the_papers_plant_and_wave():
+    asked = study.parse(tomllib.loads(study.example()))
+    drawn = study.draw(asked, 3)
+    assert asked.runs == 10_000
+    assert np.all(np.abs(np.array(drawn.plant.a) / [8.4, 1.3, 0.92, 0.7, 0.88, 0.74, -2.6, 2.23] - 1) <= 0.3)
+    assert np.all(np.abs(np.array(drawn.plant.b) / [-0.9, 1.03, -0.244, 0.1, 0.05, -0.02, 0.01, -0.01] - 1) <= 0.3)
+    assert drawn.trajectory.duration == 20.0
+    assert 0.0 <= drawn.trajectory.position.min() <= drawn.trajectory.position.max() <= 30.0
+    assert drawn.trajectory.peak_speed <= 300.0
+
+
+def test_a_realistic_plant_that_changes():
+    plant = {"kind": "realistic", "change": {"time": {"uniform": [0.4, 0.6]}, "gain": 0.9}}
+    drawn = study.draw(study.parse(source(plant=plant, wave={"kind": "sine", "duration": 1.0})), 0)
+    assert 0.4 < drawn.plant.change.time == drawn.told["change time"] < 0.6
+    assert drawn.plant.change.gain == 0.9
+
+
+@pytest.mark.parametrize(
+    ("changed", "argument"),
+    [
+        ({"runz": 3}, "study.runz"),
+        ({"runs": 0}, "runs"),
+        ({"record": ["rsme"]}, "record"),
+        ({"plant": {"kind": "matched", "noize": 0.1}}, "plant.noize"),
+        ({"plant": {"kind": "matched", "sample_rate": 0.1}}, "plant.sample_rate"),
+        ({"plant": {"kind": "steel"}}, "plant.kind"),
+        ({"plant": {"kind": "matched", "noise": {"uniform": [2.0, 1.0]}}}, "plant.noise"),
+        ({"plant": {"kind": "matched", "noise": {"log_uniform": [0.0, 1.0]}}}, "plant.noise[0]"),
+        ({"plant": {"kind": "matched", "a": {"around": [1.0]}}}, "plant.a.spread"),
+        ({"plant": {"kind": "matched", "noise": {"uniform": [0.0, 1.0], "spread": 1.0}}}, "plant.noise.spread"),
+        ({"wave": {"kind": "random_wave", "seed": 3}}, "wave.seed"),
+        ({"controllers": {}}, "controllers"),
+        ({"controllers": {"mine": {"kind": "paper", "strok": 3.0}}}, "controllers.mine.strok"),
+        ({"converged": {"level": 0.1}}, "converged.within"),
+    ],
+)
+def test_what_is_not_known_is_an_error(changed, argument):
+    with pytest.raises(SettingError) as error:
+        study.parse(source(**changed))
+    assert error.value.argument == argument
+
+
+def test_a_run_that_cannot_be_names_itself():
+    impossible = study.parse(source(wave={"kind": "random_wave", "duration": 1.0, "velocity_limit": 1.0}))
+    with pytest.raises(StudyError, match="run 2 of the study: ramp"):
+        study.play(impossible, [2])
+
+
+# ---- Whoever plays it ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("workers", [1, 3])
+def test_threads_give_the_same_rows(rows, workers):
+    assert gathered(executors.threads(workers)(SOME, in_batches(range(40)))) == rows
+
+
+def test_dask_gives_the_same_rows_when_a_worker_is_killed():
+    """A cluster of its own; after the first result each worker process gets SIGKILL in the middle of its batch."""
+    psutil = pytest.importorskip("psutil")
+    stream = executors.dask(2)(SOME, in_batches(range(200), 25))
+    first = next(stream)
+    children = psutil.Process().children(recursive=True)
+    workers = [child for child in children if "spawn_main" in " ".join(child.cmdline())]
+    assert {key: workers[0].environ().get(key) for key in executors.TRIM} == executors.TRIM
+    for worker in workers:
+        worker.kill()
+    assert gathered([first, *stream]) == study.play(SOME, range(200)).rows
+
+
+def test_dask_gives_the_same_rows_on_a_scheduler_of_its_own_process(rows, tmp_path):
+    """As on a cluster: the scheduler here, a worker there, known by the scheduler's address alone."""
+    pytest.importorskip("distributed")
+    dask, address = [sys.executable, "-m", "dask"], tmp_path / "scheduler.json"
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    started = [
+        subprocess.Popen([*dask, "scheduler", "--port", "0", "--no-dashboard", "--scheduler-file", address], **quiet)
+    ]
+    try:
+        wait_for(address.exists)
+        wait_for(lambda: address.read_text().strip().endswith("}"))
+        known = json.loads(address.read_text())["address"]
+        started.append(subprocess.Popen([*dask, "worker", known, "--nthreads", "2", "--no-dashboard"], **quiet))
+        assert gathered(executors.dask(scheduler=known)(SOME, in_batches(range(40)))) == rows
+    finally:
+        for process in reversed(started):
+            process.terminate()
+            process.wait()
+
+
+SBATCH = """#!{python}
+import os, re, subprocess, sys
+script = sys.argv[2]
+last = int(re.search(r"--array=0-(\\d+)", open(script).read())[1])
+print(f"77;{{os.getpid()}}")
+for i in range(last + 1):
+    subprocess.Popen(["sh", script], env={{**os.environ, "SLURM_ARRAY_TASK_ID": str(i)}}, stdout=subprocess.DEVNULL)
+"""
+SQUEUE = """#!{python}
+import subprocess
+print(subprocess.run(["pgrep", "-f", "truestroke.study.slurm {folder}"], text=True, capture_output=True).stdout)
+"""
+
+
+@pytest.fixture
+def cluster(tmp_path, monkeypatch):
+    """sbatch and squeue that run the array on this machine; the folder of the arrays."""
+    folder, programs = tmp_path / "study.slurm", tmp_path / "bin"
+    programs.mkdir()
+    for name, text in (("sbatch", SBATCH), ("squeue", SQUEUE)):
+        (programs / name).write_text(text.format(python=sys.executable, folder=folder))
+        (programs / name).chmod(stat.S_IRWXU)
+    monkeypatch.setenv("PATH", f"{programs}:{os.environ['PATH']}")
+    return folder
+
+
+def test_slurm_gives_the_same_rows(rows, cluster):
+    assert gathered(slurm(cluster, 2, poll=0.1)(SOME, in_batches(range(40)))) == rows
+    logs = [log.read_text() for log in cluster.glob("*/*.log")]
+    assert not any(logs)
+
+
+def test_an_array_outlives_its_driver_and_its_tasks_go_on(rows, cluster):
+    """A task was killed in the middle of a line, and the driver is gone: another driver finds all of it."""
+    (cluster / "1").mkdir(parents=True)
+    job = {"study": SOME.source, "tasks": 2, "batches": in_batches(range(40))}
+    (cluster / "1" / "job.json").write_text(json.dumps(job))
+    task(cluster / "1", 0)
+    whole = (cluster / "1" / "task-0.jsonl").read_bytes().splitlines(keepends=True)
+    (cluster / "1" / "task-0.jsonl").write_bytes(b"".join(whole[:2]) + whole[2][:100])
+    again = slurm(cluster, 2, poll=0.1)
+    assert gathered(again(SOME, in_batches(range(40)))) == rows
+    (submitted,) = [path for path in cluster.iterdir() if path.name != "1"]
+    left = [n for numbers in json.loads((submitted / "job.json").read_text())["batches"] for n in numbers]
+    assert len(left) == 30  # two lines of five were there
+    task(cluster / "1", 0)
+    mended = (cluster / "1" / "task-0.jsonl").read_bytes().splitlines()
+    assert [json.loads(line)["rows"] for line in mended] == [json.loads(line)["rows"] for line in whole]
+
+
+def wait_for(condition, seconds=30.0):
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.05)
+
+
+# ---- Killed anywhere -----------------------------------------------------------------------------------------------
+
+
+def count(path):
+    """Runs in a store that somebody else writes."""
+    if not path.exists():
+        return 0
+    database = sqlite3.connect(f"file:{path}?mode=ro", uri=True)
+    try:
+        return database.execute("SELECT count(*) FROM run").fetchone()[0]
+    except sqlite3.OperationalError:  # not made yet
+        return 0
+    finally:
+        database.close()
+
+
+def test_a_driver_that_is_killed_continues(tmp_path):
+    """SIGKILL twice, as soon as something new is there: all is there in the end, once, as if nothing had been."""
+    file, store = tmp_path / "many.toml", tmp_path / "many.sqlite"
+    file.write_text(SMALL)
+    command = [TRUESTROKE, "study", file, "--runs", "1200", "--workers", "1", "--output", tmp_path / "many"]
+    before = 0
+    for _ in range(2):
+        driver = subprocess.Popen(command, stdout=subprocess.DEVNULL)
+        wait_for(lambda: count(store) > before or driver.poll() is not None)  # noqa: B023
+        driver.kill()
+        assert driver.wait() == -signal.SIGKILL
+        assert count(store) >= before
+        before = count(store)
+    assert 0 < before < 1200
+    done = json.loads(subprocess.run([*command, "--json"], check=True, capture_output=True).stdout)
+    assert done["runs"] == count(store) == 1200
+    asked = study.load(file, 1200)
+    with study.Store(store, asked) as kept:
+        found, (ticks, _) = kept.rows(1200), kept.cost()
+    assert ticks == 1200 * 2 * 1000  # nothing was paid twice
+    assert [row.number for row in found] == list(range(1200))
+    assert found[::7] == study.play(asked, range(0, 1200, 7)).rows
+
+
+def test_ctrl_c_keeps_what_is_there_and_says_how_to_go_on(tmp_path):
+    (tmp_path / "many.toml").write_text(SMALL)
+    command = [TRUESTROKE, "study", "many.toml", "--runs", "100000", "--workers", "1"]
+    driver = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True)
+    wait_for(lambda: count(tmp_path / "many.sqlite") > 0 or driver.poll() is not None)
+    driver.send_signal(signal.SIGINT)
+    said = driver.communicate(timeout=30)[1]
+    assert driver.returncode == 130
+    assert "many.sqlite keeps what is done; the same command continues." in said
+    assert "Traceback" not in said
+    assert count(tmp_path / "many.sqlite") > 0
+
+
+def test_a_store_counts_nothing_twice_and_belongs_to_one_study(tmp_path, rows):
+    batch = study.play(SOME, [0, 1])
+    with study.Store(tmp_path / "s", SOME) as store:
+        store.add(batch)
+        store.add(batch)
+        store.add(Batch([*batch.rows[:1], rows[7]], {"draw": 1.0}, 10))
+        assert store.rows(40) == [rows[0], rows[1], rows[7]]
+        assert store.missing(9) == [2, 3, 4, 5, 6, 8]
+        assert store.cost()[0] == 4000
+        with pytest.raises(StoreError, match="versions"):
+            store.add(Batch(batch.rows, {}, 0, {"truestroke": "0.0.1"}))
+    study.Store(tmp_path / "s", study.parse(source(runs=80, title="more of it"))).close()
+    with pytest.raises(StoreError, match="study differs in seed"):
+        study.Store(tmp_path / "s", study.parse(source(seed=1)))
+    (tmp_path / "no").write_text("this is not a database, and longer than its header of 100 bytes would be" * 3)
+    with pytest.raises(StoreError, match="not a database"):
+        study.Store(tmp_path / "no", SOME)
+
+
+def test_more_runs_are_added_to_those_that_are_there(tmp_path, rows):
+    told = []
+    with study.Store(tmp_path / "s", SOME) as store:
+        drive(study.parse(source(runs=10)), store, executors.threads(1))
+        drive(SOME, store, executors.threads(2), lambda *done: told.append(done))
+        assert store.rows(40) == rows
+    assert told == [(10, 40), (40, 40)]
+
+
+# ---- What it says --------------------------------------------------------------------------------------------------
+
+
+def made(times, told):
+    return [
+        Row(i, {"x": x, "y": float(i % 3), "same": 1.0}, {name: {"convergence_time": t, "rmse": 0.1, "largest": 1.0}
+        for name in ("paper", "default")}) for i, (t, x) in enumerate(zip(times, told, strict=True))
+    ]  # fmt: skip
+
+
+def test_shares_and_intervals():
+    """Clopper and Pearson's intervals of 8 in 10 and 10 in 10, from published tables."""
+    some = made([0.1, 0.2, 0.3, 0.7, 0.1, 0.1, 0.1, 0.1, 0.71, None], range(10))
+    line = study.lines(SOME, some)[0]
+    assert (line.runs, line.converged, line.share) == (10, 8, 0.8)
+    assert (line.low, line.high) == pytest.approx((0.4439, 0.9748), abs=1e-4)
+    assert line.time == pytest.approx((0.1, 0.56, 0.7), abs=0.02)
+    everyone = study.lines(SOME, made([0.0] * 10, range(10)))[0]
+    assert (everyone.low, everyone.high) == pytest.approx((0.6915, 1.0), abs=1e-4)
+    assert study.lines(SOME, made([None] * 3, range(3)))[0].time is None
+
+
+def test_what_tells():
+    """x is above 5.5 where a run fails, but for one pair of five by five that is the other way round."""
+    times = [0.1, 0.1, 0.1, 0.1, None, 0.1, None, None, None, None]
+    found = study.telling(SOME, made(times, range(10)), "paper")
+    assert (found[0].name, found[0].higher) == ("x", pytest.approx(24 / 25))
+    assert "same" not in [one.name for one in found]
+    assert pictures.axes_of_map(SOME, made(times, range(10))) == ("x", "y")
+    assert study.telling(SOME, made([0.1] * 4, range(4)), "paper") == []
+
+
+def test_the_command_reports(tmp_path, monkeypatch):
+    def truestroke(*words):
+        done = CliRunner().invoke(main, ["study", *words])
+        return done.exit_code, done.stdout, done.stderr
+
+    monkeypatch.chdir(tmp_path)
+
+    assert truestroke("--example")[1] == study.example()
+    (tmp_path / "small.toml").write_text(SMALL)
+    code, out, _ = truestroke("small.toml", "--json", "--figures", "pictures", "--workers", "2")
+    found = json.loads(out)
+    assert (code, found["runs"]) == (0, 40)
+    assert found["controllers"]["paper"]["converged"] < 40
+    assert found["cost"]["ticks"] == 80_000
+    assert len(found["pictures"]) == 4
+    page = (tmp_path / "small.html").read_text()
+    code, out, _ = truestroke("small.toml", "--report-only")
+    assert (tmp_path / "small.html").read_text().count("<svg") == page.count("<svg") == 2
+    assert f"Of 40 runs converged: paper in {100 * found['controllers']['paper']['share']:.2f} %" in out
+    (tmp_path / "other.toml").write_text(SMALL.replace("0.7", "0.6"))
+    code, _, said = truestroke("other.toml", "--output", "small")
+    assert (code, said.count("\n")) == (1, 1)
+    assert "small.sqlite holds another study" in said
+    assert truestroke("small.toml", "--scheduler", "tcp://here:1")[0] == 2
