@@ -54,7 +54,7 @@ def test_no_simpler_fit_predicts_a_foreign_actuator_better(maker):
 
 @pytest.mark.parametrize("seed", range(2))
 def test_beyond_its_record_a_model_still_rises_about_as_steeply(seed):
-    t, x = wave(6000, seed)
+    _, x = wave(6000, seed)
     x = 40 + 10 * x  # V, about a bias: the record shows little of the travel
     z = 0.3 * x + 0.002 * (x - 50) ** 2 * np.sign(x - 50) + 0.05 * plays(x - 40, (2.0, 6.0)).sum(axis=1)
     model = identify((x, z, 1000.0)).model
