@@ -114,10 +114,7 @@ def _run(trajectory: Trajectory, controller: Controller, plant: Actuator, rescue
     except RunInterrupted as stop:
         ticks = stop.recording["time"].size
         saved = f"the {ticks} ticks so far are in {stop.recording.save(rescue)}" if ticks else "nothing was saved"
-        if isinstance(stop.__cause__, KeyboardInterrupt):
-            click.echo(f"truestroke: {saved}", err=True)
-            raise click.Abort from None
-        raise click.ClickException(f"{stop.__cause__}; {saved}") from stop
+        common.interrupted(stop, saved)
     recording = Recording(recording.channels, recording.metadata | common.as_asked())
     recording.save(rescue)
     return _with_uncompensated(recording, trajectory, plant)
