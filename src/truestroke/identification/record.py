@@ -193,11 +193,7 @@ def read_record(
         _check.positive("sample_rate", sample_rate, "Hz")
         if time is not None:
             raise SettingError("sample_rate", sample_rate, "left out where a time column is named", "Hz")
-    scale = 1.0 if displacement_scale is None else _check.positive("displacement_scale", displacement_scale, "um")
-    if displacement_scale is not None:
-        if displacement_unit is not None:
-            raise SettingError("displacement_scale", scale, "left out where a unit is given", "um")
-        displacement_unit = "um"
+    scale, displacement_unit = _scale(displacement_scale, displacement_unit)
     given = {"volts": volts_unit, "displacement": displacement_unit, "time": time_unit}
     for role, text in given.items():
         if text is not None and tables.unit(text) not in tables.UNITS[role]:
@@ -214,6 +210,15 @@ def read_record(
     if "time" in columns and not columns["time"].stated:
         _refuse_late(str(path), float(signals["time"][0]) if signals["time"].size else 0.0)
     return _checked(str(path), signals, columns, sample_rate, drop_bad_rows, table)
+
+
+def _scale(scale: float | None, unit: str | None) -> tuple[float, str | None]:
+    """um for one of the displacement's column, beside its unit; a scale takes the place of the unit."""
+    if scale is None:
+        return 1.0, unit
+    if unit is not None:
+        raise SettingError("displacement_scale", scale, "left out where a unit is given", "um")
+    return _check.positive("displacement_scale", scale, "um"), "um"
 
 
 # ---- Which columns -------------------------------------------------------------------------------------------------
