@@ -183,6 +183,17 @@ def test_records_that_say_nothing_are_refused(change, words):
         identify((*change(x, z), fs))
 
 
+@pytest.mark.parametrize("nothing", [None, "sweep.csv", np.zeros(100), (np.zeros(100), np.zeros(100))])
+def test_what_is_no_record_is_refused(nothing):
+    with pytest.raises(SettingError, match=r"record .* must be a Record, as of read_record, or"):
+        identify(nothing)
+
+
+def test_no_samples_are_predicted_from_none(stage):
+    model = stage[0].model
+    assert model.predict([], 2000.0).shape == model.invert([], 2000.0).shape == (0,)
+
+
 def test_model_file_comes_back_to_the_last_bit(stage, tmp_path):
     model = stage[0].model
     save_model(tmp_path / "a.toml", model)

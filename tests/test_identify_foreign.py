@@ -52,6 +52,18 @@ def test_no_simpler_fit_predicts_a_foreign_actuator_better(maker):
     assert found.maximum_percent < min(largest for _, largest in others.values())
 
 
+@pytest.mark.parametrize("seed", range(2))
+def test_beyond_its_record_a_model_still_rises_about_as_steeply(seed):
+    _, x = wave(6000, seed)
+    x = 40 + 10 * x  # V, about a bias: the record shows little of the travel
+    z = 0.3 * x + 0.002 * (x - 50) ** 2 * np.sign(x - 50) + 0.05 * plays(x - 40, (2.0, 6.0)).sum(axis=1)
+    model = identify((x, z, 1000.0)).model
+    slow = np.concatenate([np.linspace(x[0], 0.0, 2000), np.linspace(0.0, 150.0, 4000)])
+    slopes = np.diff(model.predict(slow, 1000.0)[2100:]) / np.diff(slow[2100:])
+    assert slopes.min() > 0.0
+    assert slopes.max() < 10 * model.sensitivity
+
+
 @pytest.mark.parametrize("maker", MAKERS[:4])
 def test_swapped_columns_of_a_foreign_actuator_are_seen(maker):
     record = next(foreign.records(0, (getattr(foreign, maker),)))

@@ -14,6 +14,7 @@ from truestroke.cli import main
 from truestroke.identification import (
     ActuatorModel,
     identify,
+    load_model,
     load_waveform,
     read_record,
     save_model,
@@ -268,11 +269,14 @@ def test_track_starts_from_the_model(tmp_path, monkeypatch):
         (["--voltage-limits", "3", "1"], "voltage_limits", 2),
         (["--model", "none.toml"], "none.toml", 2),
         (["--model", "wrong.toml"], "not a truestroke model", 1),
+        (["--model", "other.toml"], "not the same actuator", 2),
     ],
 )
 def test_track_refuses_what_does_not_fit(call, words, message, code):
     with open("wrong.toml", "w", encoding="utf-8") as file:
         file.write("x = 1\n")
+    other = load_model(Path("model.toml"))
+    save_model("other.toml", other.replace(voltage_range=(0.0, 150.0)))
     done = CliRunner().invoke(main, ["track", "--duration", "1", "--model", "model.toml", *words])
     assert done.exit_code == code
     assert message in done.stderr

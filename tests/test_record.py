@@ -27,17 +27,33 @@ SHARED = Path(os.environ.get("TRUESTROKE_SHARED", Path(__file__).parents[2] / "s
 
 
 def text(
-    path: Path, *columns: np.ndarray, head: str = "", separator: str = ",", encoding: str = "utf-8", comma: bool = False
+    path: Path,
+    *columns: np.ndarray,
+    head: str = "",
+    separator: str = ",",
+    encoding: str = "utf-8",
+    comma: bool = False,
+    exponent: str = "",
 ) -> Path:
-    rows = "\n".join(separator.join(f"{value:.9g}" for value in row) for row in np.column_stack(columns))
+    style = ".8E" if exponent else ".9g"
+    rows = "\n".join(separator.join(f"{value:{style}}" for value in row) for row in np.column_stack(columns))
+    rows = rows.replace("E", exponent) if exponent else rows
     path.write_text(head + (rows.replace(".", ",") if comma else rows) + "\n", encoding=encoding)
+    return path
+
+
+def dated(path: Path) -> Path:
+    """Time stamps of a day on which clocks change, through the hour in which they do."""
+    start = np.datetime64("2024-03-31T01:59:59.900")
+    rows = [f"{start + np.timedelta64(k, 'ms')},{V[k]:.9g},{Z[k]:.9g}".replace("T", " ") for k in range(ROWS)]
+    path.write_text("timestamp,V,um\n" + "\n".join(rows))
     return path
 
 
 def is_the_record(record: Record) -> None:
     np.testing.assert_allclose(record.volts, V, rtol=1e-6, atol=1e-9)
     np.testing.assert_allclose(record.displacement, Z, rtol=1e-6, atol=1e-9)
-    np.testing.assert_allclose(record.time, T, atol=1e-9)
+    np.testing.assert_allclose(record.time - record.time[0], T, atol=1e-9 if record.time[0] == 0 else 1e-6)
     assert record.sample_rate == pytest.approx(1000.0)
     assert record.segments == (slice(0, ROWS),)
 
@@ -50,6 +66,9 @@ def is_the_record(record: Record) -> None:
     [
         lambda p: text(p, T, V, Z, head="time (s),V (V),z (um)\n"),
         lambda p: text(p, Z, T, V, head="z,t,V\n"),  # any order
+        lambda p: text(p, T, V, Z, head="Second,u,y\n"),
+        lambda p: dated(p),
+        lambda p: text(p, T, V, Z, head="t V z\n", separator=" ", exponent="D"),
         lambda p: text(p, 1e3 * T, 1e3 * V, 1e-3 * Z, head="Time [ms];Drive [mV];Sensor [mm]\n", separator=";"),
         lambda p: text(p, T, V, Z, head="Zeit (s);U (V);Weg (µm)\n", separator=";", comma=True, encoding="latin-1"),
         lambda p: text(p, T, V, 1e3 * Z, head="time_s\tdrive_V\tpos_nm\n", separator="\t", encoding="utf-16"),
@@ -58,7 +77,20 @@ def is_the_record(record: Record) -> None:
         lambda p: text(p, T, V, Z),  # no header, the time ascends
         lambda p: text(p, T, V, Z, np.zeros(ROWS), head='"t","V","z","error (um)"\n', separator=", "),
     ],
-    ids=["units", "order", "other-units", "decimal-comma", "utf16", "preamble", "comment", "bare", "quoted"],
+    ids=[
+        "units",
+        "order",
+        "uy",
+        "dates",
+        "fortran",
+        "other-units",
+        "decimal-comma",
+        "utf16",
+        "preamble",
+        "comment",
+        "bare",
+        "quoted",
+    ],
 )
 def test_columns_and_units_of_text_are_found(tmp_path: Path, write: Callable[[Path], Path]) -> None:
     is_the_record(read_record(write(tmp_path / "record.csv")))
@@ -70,6 +102,10 @@ def write_npz(path: Path) -> None:
 
 def write_mat(path: Path) -> None:
     savemat(path, {"t": T, "u": V[:, None], "pos_mm": 1e-3 * Z, "note": "bench 3"})
+
+
+def write_struct(path: Path) -> None:
+    savemat(path, {"run": {"time": T, "voltage": V, "position": {"um": Z}}, "notes": np.array(["a", 3], dtype=object)})
 
 
 def write_hdf5(path: Path) -> None:
@@ -93,13 +129,15 @@ def write_parquet(path: Path) -> None:
     [
         (".npz", write_npz),
         (".mat", write_mat),
+        (".mat", write_struct),
         (".h5", write_hdf5),
         (".h5", write_recording),
         (".mat", write_hdf5),  # MATLAB 7.3 is HDF5
         (".parquet", write_parquet),
+        (".npz", lambda path: np.savez(path, time=np.datetime64(0, "us") + (1e6 * T).astype(int), V=V, z=Z)),
         (".npz", lambda path: np.savez(path, data=np.column_stack([T, V, Z]))),
     ],
-    ids=["npz", "mat", "hdf5", "recording", "mat73", "parquet", "matrix"],
+    ids=["npz", "mat", "struct", "hdf5", "recording", "mat73", "parquet", "dates", "matrix"],
 )
 def test_binary_formats(tmp_path: Path, ending: str, write: Callable[[Path], None]) -> None:
     path = tmp_path / f"record{ending}"
@@ -112,6 +150,25 @@ def test_parquet_without_pyarrow_says_what_to_install(tmp_path: Path, monkeypatc
     (tmp_path / "a.parquet").write_bytes(b"PAR1")
     with pytest.raises(RecordError, match="pip install pyarrow"):
         read_record(tmp_path / "a.parquet")
+
+
+def test_a_sensor_in_volts_is_scaled(tmp_path: Path) -> None:
+    path = text(tmp_path / "scope.csv", T, V, Z / 3, head="x-axis,1,2\nsecond,Volt,Volt\n")
+    with pytest.raises(RecordError, match=r"displacement: column 3 '2' \(V\) .*displacement_scale"):
+        read_record(path, volts=2, displacement=3)
+    is_the_record(read_record(path, volts=2, displacement=3, displacement_scale=3.0))
+    assert (
+        read_record(path, volts=2, displacement=3, displacement_scale=3.0, flip_displacement=True).displacement[0] > 0
+    )
+
+
+def test_stamps_since_1970_in_an_unstated_unit_are_refused(tmp_path: Path) -> None:
+    path = text(tmp_path / "ms.csv", V, Z, head="V,z\n")
+    rows = [f"{1_700_000_000_000 + k},{line}" for k, line in enumerate(path.read_text().splitlines()[1:])]
+    path.write_text("t,V,z\n" + "\n".join(rows))
+    with pytest.raises(RecordError, match="is it in ms"):
+        read_record(path)
+    is_the_record(read_record(path, time_unit="ms"))
 
 
 @pytest.mark.parametrize("keys", [{"volts": 2, "displacement": 4}, {"volts": "a", "displacement": "B"}, {"volts": "2",
@@ -201,7 +258,7 @@ def test_bad_rows_are_left_out_on_request_only(tmp_path: Path) -> None:
         ),
         ("t,V,z\n", {"volts": "U"}, r"no column 'U'; there are column 1 't', column 2 'V', column 3 'z'"),
         ("t,V,z\n", {"volts": 0}, r"no column 0; they count from 1"),
-        ("t,V,z\n", {"volts": 2, "displacement": 2}, r"column 2 'V' is named twice|several"),
+        ("t,V,z\n", {"volts": 2, "displacement": 2}, r"column 2 'V' is named twice, for volts and displacement$"),
         ("a,V,z\n", {}, r"which column is time\? Name it or give the sample rate"),
         ("t,V,b\n", {}, r"which column is displacement\? Name it; there are column 1 't'"),
         ("t (s),V (um),b (um)\n", {"volts": 2}, r"volts: column 2 'V' \(um\) is in um"),

@@ -204,6 +204,15 @@ def test_a_record_of_something_else_is_refused(volts, displacement, words):
         refine(perfect(), record, played=Played(made.volts, made.desired, FS))
 
 
+def test_a_record_in_other_units_is_refused():
+    measured = stack(SWEEP, 1)[1]
+    model = identify((SWEEP, measured, FS)).model
+    for volts, displacement in ((1.0, 1000.0), (1.0, 0.001), (1000.0, 1.0), (0.001, 1.0), (1.0, -1.0)):
+        record = Record.from_arrays(volts * SWEEP, displacement * measured, sample_rate=FS)
+        with pytest.raises(SettingError, match="same units"):
+            refine(model, record)
+
+
 def test_a_gap_in_the_waveform_is_refused():
     made = waveform(perfect(), WAVE.position[:4000], FS, voltage_limits=LIMITS)
     kept = np.delete(np.arange(4000), slice(1500, 1600))

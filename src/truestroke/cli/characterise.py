@@ -93,11 +93,7 @@ def _drive(options: Mapping[str, Any], recording_file: Path) -> Recording:
             recording = drive(wave, actuator, **limits, progress=tell)
     except RunInterrupted as stop:
         saved = stop.recording.save(recording_file)
-        message = f"{stop.recording['time'].size} ticks are in {saved}"
-        if isinstance(stop.__cause__, KeyboardInterrupt):
-            click.echo(f"truestroke: {message}", err=True)
-            raise click.Abort from None
-        raise click.ClickException(f"{stop.__cause__}; {message}") from stop
+        common.interrupted(stop, f"{stop.recording['time'].size} ticks are in {saved}")
     recording = Recording(recording.channels, recording.metadata | common.as_asked())
     recording.save(recording_file)
     return recording

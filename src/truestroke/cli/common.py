@@ -13,11 +13,14 @@ import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, NoReturn
 
 import click
 
 from truestroke._check import SettingError
+
+if TYPE_CHECKING:
+    from truestroke.loop import RunInterrupted
 
 FILES = ("output", "figures", "as_json")  # options that do not change the run
 INTERRUPTED, TERMINATED = 130, 143  # what a shell says after Ctrl-C and after SIGTERM
@@ -71,6 +74,14 @@ def _sigterm_as_ctrl_c(stopped: list[int]) -> Iterator[None]:
         yield
     finally:
         signal.signal(signal.SIGTERM, before)
+
+
+def interrupted(stop: RunInterrupted, saved: str) -> NoReturn:
+    """End a command whose run was interrupted, telling what was saved: by Ctrl-C quietly, else with the cause."""
+    if isinstance(stop.__cause__, KeyboardInterrupt):
+        click.echo(f"truestroke: {saved}", err=True)
+        raise click.Abort from None
+    raise click.ClickException(f"{stop.__cause__}; {saved}") from stop
 
 
 def _complain(message: str, code: int) -> None:

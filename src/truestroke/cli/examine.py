@@ -29,6 +29,12 @@ def record_options(command: Callable[..., Any]) -> Callable[..., Any]:
             click.option(
                 "--time-unit", metavar="UNIT", help="s, ms, us, ns or min.  [default: as the file says, else s]"
             ),
+            click.option(
+                "--displacement-scale",
+                metavar="UM",
+                type=float,
+                help="um for one of the column, such as um/V of a sensor in V.",
+            ),
             click.option("--sample-rate", metavar="HZ", type=float, help="Where there is no column of time stamps."),
             click.option("--flip-displacement", is_flag=True, help="Turn its sign: it falls as the voltage rises."),
             click.option("--drop-bad-rows", is_flag=True, help="Leave out rows without usable numbers or time stamps."),

@@ -10,9 +10,10 @@ import click
 
 from truestroke.cli import common
 from truestroke.cli.examine import read, record_options
+from truestroke.cli.track import like_the_stack
 
 if TYPE_CHECKING:
-    from truestroke.identification import Identified
+    from truestroke.identification import ActuatorModel, Identified
 
 
 @click.command()
@@ -40,7 +41,7 @@ def identify(
     with common.progress("drawing"):
         from truestroke.report import identified
 
-        about = {"findings": findings, "model_file": target, "next_commands": tuple(_next(target))}
+        about = {"findings": findings, "model_file": target, "next_commands": tuple(_next(target, found.model))}
         identified.save_page(found, data, page_file, **about, command=common.as_asked()["command"])
         pictures = identified.save_pictures(found, figures) if figures else []
     if as_json:
@@ -52,7 +53,7 @@ def identify(
     for warning in findings.warnings:
         common.print_text(f"- {warning}")
     common.print_files(model=target, page=page_file, pictures=figures)
-    common.suggest(*_next(target))
+    common.suggest(*_next(target, found.model))
 
 
 def _files(output: str, report: str | None) -> tuple[Path, Path]:
@@ -69,13 +70,12 @@ def _files(output: str, report: str | None) -> tuple[Path, Path]:
     return target, page_file
 
 
-def _next(model: Path) -> list[tuple[str, str]]:
+def _next(file: Path, model: ActuatorModel) -> list[tuple[str, str]]:
     """Commands worth typing after this one."""
-    name = shlex.quote(str(model))
-    return [
-        (f"track --model {name}", "the controller starts from the model, on the simulated stack"),
-        (f"invert wave.csv --model {name}", "the voltage that makes a motion of yours"),
-    ]
+    name = shlex.quote(str(file))
+    track = (f"track --model {name}", "the controller starts from the model, on the simulated stack")
+    invert = (f"invert wave.csv --model {name}", "the voltage that makes a motion of yours")
+    return [track, invert] if like_the_stack(model) else [invert]
 
 
 def _figures(found: Identified) -> dict[str, Any]:

@@ -14,12 +14,15 @@ from truestroke.cli.report import SHORTEST, finish
 
 if TYPE_CHECKING:
     from truestroke.controller import Controller
+    from truestroke.identification import ActuatorModel
     from truestroke.loop import Actuator
     from truestroke.recording import Recording
     from truestroke.trajectories import Trajectory
 
 STROKE = 30.0  # um, of the simulated stack
 VOLTAGE_LIMITS = (-0.6, 3.6)  # V at the D/A converter
+SENSITIVITY = 13.0  # um/V, about that of the simulated stacks
+ALIKE = 2.5  # times more or less
 
 
 @click.command()
@@ -77,7 +80,7 @@ def _plant(options: Mapping[str, Any], trajectory: Trajectory) -> Actuator:
 
 
 def _controller(options: Mapping[str, Any], trajectory: Trajectory) -> Controller:
-    from truestroke.identification import ModelFileError
+    from truestroke.cli.invert import load
 
     bench = {"sample_rate": trajectory.sample_rate, "voltage_limits": options["voltage_limits"]}
     if options["model"] is None:
@@ -86,10 +89,18 @@ def _controller(options: Mapping[str, Any], trajectory: Trajectory) -> Controlle
         return make(stroke=STROKE, **bench)
     if options["controller"] == "paper":
         raise click.UsageError("--controller paper knows no model: leave --model out.")
-    try:
-        return truestroke.AdaptiveController.from_model(options["model"], **bench)
-    except ModelFileError as error:
-        raise click.ClickException(str(error)) from None
+    model = load(options["model"])
+    if not like_the_stack(model):
+        raise click.UsageError(
+            f"--model {options['model']}: has {model.sensitivity:.3g} um/V, the simulated stack {SENSITIVITY:.3g}: not "
+            "the same actuator. On yours, `truestroke run` starts from the model."
+        )
+    return truestroke.AdaptiveController.from_model(model, **bench)
+
+
+def like_the_stack(model: ActuatorModel) -> bool:
+    """Whether it may be a model of the simulated stack."""
+    return SENSITIVITY / ALIKE < model.sensitivity < SENSITIVITY * ALIKE
 
 
 def _run(trajectory: Trajectory, controller: Controller, plant: Actuator, rescue: Path) -> Recording:
@@ -103,10 +114,7 @@ def _run(trajectory: Trajectory, controller: Controller, plant: Actuator, rescue
     except RunInterrupted as stop:
         ticks = stop.recording["time"].size
         saved = f"the {ticks} ticks so far are in {stop.recording.save(rescue)}" if ticks else "nothing was saved"
-        if isinstance(stop.__cause__, KeyboardInterrupt):
-            click.echo(f"truestroke: {saved}", err=True)
-            raise click.Abort from None
-        raise click.ClickException(f"{stop.__cause__}; {saved}") from stop
+        common.interrupted(stop, saved)
     recording = Recording(recording.channels, recording.metadata | common.as_asked())
     recording.save(rescue)
     return _with_uncompensated(recording, trajectory, plant)

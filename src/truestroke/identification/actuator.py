@@ -17,7 +17,8 @@ from truestroke.identification.spans import Beyond, spans
 from truestroke.settings import UNLIMITED, ControllerSettings, kernel_settings
 
 VELOCITY_SPAN = 0.1e-3  # s: half of the span of a central difference, at least one sample
-NEWTON_STEPS = 8
+NEWTON_STEPS = 8  # at most
+CONVERGED = 1e-13  # of the stroke: a step that is smaller is the last
 SLOPES = 0.4, 4.0  # of the straight line's slope: limits of the partial slopes, as by default
 DRIFT = 0.1  # relative: how far an actuator may be from its record, in deviations of the default prior
 
@@ -207,6 +208,8 @@ class ActuatorModel:
         """
         x = _check.finite_array("volts", volts, "V")
         fs = _check.positive("sample_rate", sample_rate, "Hz")
+        if x.size == 0:
+            return x
         shift = round(self.delay * fs)
         x = np.concatenate([np.full(min(shift, x.size), x[0]), x[: max(x.size - shift, 0)]]) if shift else x
         a, b, creep, (lag, offset), bends = self._parts()
@@ -373,5 +376,8 @@ def unbend(y: FloatArray, bends: FloatArray, stroke: float) -> FloatArray:
     n, z = len(bends), y.copy()
     for _ in range(NEWTON_STEPS if n else 0):
         slope = np.maximum(1 - bend_slopes(z, stroke)[:, :n] @ bends, 0.1)
-        z -= (z - bend_columns(z, stroke)[:, :n] @ bends - y) / slope
+        step = (z - bend_columns(z, stroke)[:, :n] @ bends - y) / slope
+        z -= step
+        if not z.size or np.abs(step).max() <= CONVERGED * stroke:
+            break
     return z

@@ -26,6 +26,7 @@ NAMES = {
         "displacement",
         "disp",
         "z",
+        "y",
         "d",
         "do",
         "position",
@@ -36,7 +37,7 @@ NAMES = {
     ),
     "time": ("time", "t", "timestamp"),
 }
-"""Headings by which a column is found where it is not named, in lower case."""
+"""Headings by which a column is found where it is not named, in lower case; of "run/u" the part behind the group."""
 
 
 @dataclass(frozen=True)
@@ -135,6 +136,7 @@ def read_record(
     volts_unit: str | None = None,
     displacement_unit: str | None = None,
     time_unit: str | None = None,
+    displacement_scale: float | None = None,
     sample_rate: float | None = None,
     flip_displacement: bool = False,
     drop_bad_rows: bool = False,
@@ -151,6 +153,8 @@ def read_record(
         two columns are voltage and displacement; three, the first of which ascends, are time, voltage, displacement.
     volts_unit, displacement_unit, time_unit : str, optional
         Of the file: V, mV, uV, kV; um, nm, mm, m; s, ms, us, ns, min. Left out, what the heading states, else V, um, s.
+    displacement_scale : float, optional
+        um for one of the column, such as um/V of a sensor in V; in place of its unit.
     sample_rate : float, optional
         Hz; needed where there is no time column. A time column is not used then.
     flip_displacement : bool
@@ -189,6 +193,7 @@ def read_record(
         _check.positive("sample_rate", sample_rate, "Hz")
         if time is not None:
             raise SettingError("sample_rate", sample_rate, "left out where a time column is named", "Hz")
+    scale, displacement_unit = _scale(displacement_scale, displacement_unit)
     given = {"volts": volts_unit, "displacement": displacement_unit, "time": time_unit}
     for role, text in given.items():
         if text is not None and tables.unit(text) not in tables.UNITS[role]:
@@ -201,9 +206,19 @@ def read_record(
     for role, column in columns.items():
         if (factor := tables.UNITS[role][column.unit]) != 1.0:
             signals[role] *= factor
-    if flip_displacement:
-        signals["displacement"] *= -1.0
+    signals["displacement"] *= -scale if flip_displacement else scale
+    if "time" in columns and not columns["time"].stated:
+        _refuse_late(str(path), float(signals["time"][0]) if signals["time"].size else 0.0)
     return _checked(str(path), signals, columns, sample_rate, drop_bad_rows, table)
+
+
+def _scale(scale: float | None, unit: str | None) -> tuple[float, str | None]:
+    """um for one of the displacement's column, beside its unit; a scale takes the place of the unit."""
+    if scale is None:
+        return 1.0, unit
+    if unit is not None:
+        raise SettingError("displacement_scale", scale, "left out where a unit is given", "um")
+    return _check.positive("displacement_scale", scale, "um"), "um"
 
 
 # ---- Which columns -------------------------------------------------------------------------------------------------
@@ -227,7 +242,8 @@ def _choose(
         found[role] = index
     for role, index in found.items():
         if index in (other for name, other in found.items() if name != role):
-            raise RecordError(source, f"{_heading(table, index)} is named twice, for {' and '.join(found)}")
+            both = " and ".join(name for name, other in found.items() if other == index)
+            raise RecordError(source, f"{_heading(table, index)} is named twice, for {both}")
     return {role: found[role] for role in roles}
 
 
@@ -254,7 +270,7 @@ def _find(source: str, table: Table, role: str, taken: set[int], given: str | No
         if i not in taken and (not tables.is_unit(unit) or unit in tables.UNITS[role])
     ]
     for name in NAMES[role]:
-        if matches := [i for i in fits if table.names[i].lower() == name]:
+        if matches := [i for i in fits if table.names[i].lower().rsplit("/", 1)[-1] == name]:
             break
     else:
         matches = [i for i in fits if table.units[i] in tables.UNITS[role]]
@@ -286,7 +302,7 @@ def _heading(table: Table, index: int) -> str:
     if not table.names:
         values = table.head[:, index]
         return f"column {index + 1} (begins {', '.join(f'{v:g}' for v in values[:3])})"
-    unit = f" ({table.units[index]})" if table.units[index] else ""
+    unit = f" ({table.units[index]})" if table.units[index] not in ("", table.names[index]) else ""
     return f"column {index + 1} {table.names[index]!r}{unit}"
 
 
@@ -294,9 +310,9 @@ def _column(source: str, table: Table, role: str, index: int, given: str | None)
     heading = table.names[index] if table.names else f"column {index + 1}"
     stated = table.units[index] if table.names else ""
     if given is None and tables.is_unit(stated) and stated not in tables.UNITS[role]:
-        raise RecordError(
-            source, f"{role}: {_heading(table, index)} is in {stated}; {role} is in {' or '.join(tables.UNITS[role])}"
-        )
+        reason = f"{role}: {_heading(table, index)} is in {stated}; {role} is in {' or '.join(tables.UNITS[role])}"
+        help_ = "; displacement_scale says how many um one of them is" if role == "displacement" else ""
+        raise RecordError(source, reason + help_)
     unit = tables.unit(given) if given is not None else stated
     known = unit in tables.UNITS[role]
     return Column(heading, unit if known else DEFAULT_UNITS[role], known)
@@ -371,6 +387,13 @@ def _refuse_bad_rows(source: str, signals: Mapping[str, FloatArray], table: Tabl
         reason = f"time {time[first]:.9g} s {how} that of the row before ({late.sum()} such rows)"
         reason += "; drop_bad_rows leaves them out, or give the sample rate instead of a time column"
         raise RecordError(source, reason, number, table.where)
+
+
+def _refuse_late(source: str, first: float) -> None:
+    """Stamps of no stated unit that begin later than the year 5000: milliseconds and the like since 1970."""
+    if first > 1e11:
+        unit = "ms" if first < 1e14 else "us" if first < 1e17 else "ns"
+        raise RecordError(source, f"time begins at {first:.6g} s, unlikely: is it in {unit}? Say so by time_unit")
 
 
 def _refuse_constant(source: str, role: str, signal: FloatArray, heading: str) -> None:

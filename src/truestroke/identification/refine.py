@@ -19,6 +19,7 @@ from truestroke.identification.waveform import Played, Waveform
 STEPS = 3  # Gauss-Newton
 QUIET = 1e-6  # of the stroke: the least noise, so that what a quiet recording does not tell stays as it was
 SAME = 0.03  # of the waveform's peak-to-peak, rms: how far the recorded voltage may be from the one that was played
+OTHER = 0.5  # of the deviation of the displacement: a record of which more is left is not of the model's actuator
 WHOLE = 0.02  # samples: a shift that is nearer to a whole number is one
 
 
@@ -79,7 +80,7 @@ def refine(model: ActuatorModel, record: Record, *, played: Played | Waveform | 
     Raises
     ------
     SettingError
-        The record is too short, or does not hold the waveform.
+        The record is too short, does not hold the waveform, or is not of the model's actuator.
 
     Examples
     --------
@@ -105,6 +106,11 @@ def refine(model: ActuatorModel, record: Record, *, played: Played | Waveform | 
     fitted = _fitted(model, data, skip)
     before, left = z - model.predict(x, fs), z - fitted.predict(x, fs)
     rmses = {"before": _rms(before[skip * data.every :]), "after": _rms(left[skip * data.every :])}
+    if rmses["after"] > OTHER * (spread := float(np.std(z[skip * data.every :]))):
+        value = f"one of which the refined model leaves {rmses['after']:.3g} um rms"
+        raise SettingError(
+            "record", value, f"of the model's actuator, in the same units: it moves by {spread:.3g} um rms"
+        )
     error = None if played is None else z - played.desired
     found = Refined(model=fitted, volts=x, measured=z, left=left, error=error, **rmses)
     return _documented(found, model, str(getattr(record, "source", "")))

@@ -25,7 +25,7 @@ ROWS = 50_000  # of the regression at most: beyond, every so many samples; the p
 SETTLING = 0.1  # of the record at most: what is skipped until the play states are known
 FLOOR = 0.05  # of the straight line's slope: the smallest partial slope
 STEEPEST = 0.2  # least slope of z - bends(z): displacement rises by 5 times what the plays say at most
-BENT = np.linspace(-0.1, 1.1, 13)  # of the stroke: where that is asked for
+BENT = np.linspace(-1.0, 2.0, 31)  # of the stroke, all that bends know: where that is asked for, seen or not
 CREEP_START = 0.015  # of the stroke: deviation of what a creep state still has to go at the start
 
 

@@ -55,11 +55,10 @@ def series(record: Any) -> Series:
     Raises
     ------
     SettingError
-        The record is too short, voltage or displacement does not move, or the displacement falls with the voltage.
+        This is no record, or a short one, or its voltage or displacement does not move, or the displacement falls with
+        the voltage.
     """
-    volts, displacement, rate = (
-        record if isinstance(record, tuple) else (record.volts, record.displacement, record.sample_rate)
-    )
+    volts, displacement, rate = _three(record)
     x, z = _check.finite_array("volts", volts, "V"), _check.finite_array("displacement", displacement, "um")
     fs = _check.positive("sample_rate", rate, "Hz")
     _refuse_useless(x, z)
@@ -71,6 +70,18 @@ def series(record: Any) -> Series:
     time, x, z = (a[: a.size // block * block].reshape(-1, block).mean(axis=1) for a in (time, x, z))
     known = np.asarray(known[: known.size // block * block].reshape(-1, block).all(axis=1), dtype=np.bool_)
     return Series(time, x, z, known, fs / block, str(getattr(record, "source", "")))
+
+
+def _three(record: Any) -> tuple[Any, Any, Any]:
+    """Volts, displacement, sample rate."""
+    try:
+        if isinstance(record, tuple | list):
+            volts, displacement, rate = record
+            return volts, displacement, rate
+        return record.volts, record.displacement, record.sample_rate
+    except (AttributeError, ValueError):
+        bound = "a Record, as of read_record, or (volts in V, displacement in um, sample rate in Hz)"
+        raise SettingError("record", f"of type {type(record).__name__}", bound) from None
 
 
 def _refuse_useless(x: FloatArray, z: FloatArray) -> None:

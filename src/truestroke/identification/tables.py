@@ -8,6 +8,7 @@ import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -19,6 +20,8 @@ from truestroke._typing import FloatArray
 CHUNK = 1 << 20  # characters of text that are parsed at a time
 PROBE = 200  # lines of text that are looked at to find the layout
 COMMENTS = ("#", "%")
+NUMBER_WITH_D = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)[dD][+-]?\d+")
+DATE_AND_TIME = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d")
 
 
 class RecordError(ValueError):
@@ -163,9 +166,9 @@ def _layout(path: Path, encoding: str, lines: Sequence[str]) -> _Layout:
         if width and width == previous:
             return layout
         previous, before = width, number
-    raise RecordError(
-        str(path), f"no two rows with the same number of columns, two or more, in the first {PROBE} lines"
-    )
+    shown = f"; line {len(lines)} is {_shown(lines[-1])}" if lines else ""
+    reason = f"no two rows of numbers with the same number of columns, two or more, in the first {PROBE} lines"
+    raise RecordError(str(path), reason + shown)
 
 
 def _header(path: Path, layout: _Layout, lines: Sequence[str], width: int) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -226,10 +229,21 @@ def _parse_slowly(lines: Sequence[str], layout: _Layout, columns: Sequence[int])
 
 
 def _number(field: str) -> float:
+    """Of a number, with Fortran's exponent D too; of a date and time as in ISO 8601, s since 1970 (UTC if not said)."""
     try:
         return float(field)
     except ValueError:
+        if NUMBER_WITH_D.fullmatch(field):
+            return float(re.sub("[dD]", "e", field))
+        return _seconds(field) if DATE_AND_TIME.match(field) else math.nan
+
+
+def _seconds(stamp: str) -> float:
+    try:
+        moment = datetime.fromisoformat(stamp)
+    except ValueError:
         return math.nan
+    return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
 
 
 def _numeric(fields: Sequence[str]) -> bool:
@@ -259,7 +273,16 @@ UNITS: Mapping[str, Mapping[str, float]] = {
 }
 """What one of each unit is in V, um and s."""
 
-_SPELLINGS = {"volt": "V", "volts": "V", "v": "V", "micron": "um", "microns": "um", "sec": "s", "seconds": "s"}
+_SPELLINGS = {
+    "volt": "V",
+    "volts": "V",
+    "v": "V",
+    "micron": "um",
+    "microns": "um",
+    "sec": "s",
+    "second": "s",
+    "seconds": "s",
+}
 
 
 def unit(text: str) -> str:
@@ -293,7 +316,7 @@ def name_and_unit(text: str) -> tuple[str, str]:
     match = re.fullmatch(r"(.+?)\s*[_/, ]\s*([^_/, ]+)", text)
     if match and is_unit(match[2]) and unit(match[2]) != "m":  # z_m is more often "measured" than metres
         return match[1], unit(match[2])
-    return text, ""
+    return text, unit(text) if is_unit(text) and text != "m" else ""
 
 
 # ---- Arrays --------------------------------------------------------------------------------------------------------
@@ -309,7 +332,7 @@ def _arrays(path: Path, names: Sequence[str], units: Sequence[str], get: Callabl
     def read(columns: Sequence[int], _: bool) -> list[FloatArray]:
         arrays = [get(names[c]).squeeze() for c in columns]
         for c, array in zip(columns, arrays, strict=True):
-            if array.ndim != 1 or array.dtype.kind not in "iuf":
+            if array.ndim != 1 or array.dtype.kind not in "iufMm":
                 raise RecordError(str(path), f"{names[c]} is {_kind(array)}, not a row of numbers")
             if array.size != arrays[0].size:
                 raise RecordError(
@@ -323,6 +346,9 @@ def _arrays(path: Path, names: Sequence[str], units: Sequence[str], get: Callabl
 
 
 def _floats(array: npt.NDArray[Any]) -> FloatArray:
+    """Numbers; times and dates as s from the first."""
+    if array.dtype.kind in "Mm":
+        return np.asarray((array - array[:1]) / np.timedelta64(1, "s"), dtype=np.float64)
     return np.array(array, dtype=np.float64, order="C")
 
 
@@ -352,10 +378,21 @@ def _mat(path: Path) -> Table:
     if h5py.is_hdf5(path):  # MATLAB 7.3
         return _hdf5(path)
     try:
-        held = {name: value for name, value in loadmat(path).items() if not name.startswith("__")}
+        held = _flat({name: v for name, v in loadmat(path, simplify_cells=True).items() if not name.startswith("__")})
     except Exception as error:  # scipy raises many kinds
         raise RecordError(str(path), f"the file is damaged ({error})") from None
     return _arrays(path, list(held), [""] * len(held), lambda name: np.asarray(held[name]))
+
+
+def _flat(held: Mapping[str, Any], group: str = "") -> dict[str, Any]:
+    """Fields of structs by names such as "run/u"."""
+    flat: dict[str, Any] = {}
+    for name, value in held.items():
+        if isinstance(value, dict):
+            flat |= _flat(value, f"{group}{name}/")
+        elif not isinstance(value, list):  # a cell array
+            flat[group + name] = value
+    return flat
 
 
 def _hdf5(path: Path) -> Table:

@@ -71,7 +71,8 @@ def verdict(found: Identified, view: View, findings: Findings) -> str:
     if h.rmse_um <= NOISE * findings.noise_um:
         return f"{what} to {errors}: as well as the noise of the sensor lets one tell."
     if h.rmse_um >= LINE * line:
-        return f"{what} hardly better than a straight line, to {errors}: do not use it."
+        than = "worse" if h.rmse_um > line else "hardly better"
+        return f"{what} {than} than a straight line, to {errors}: do not use it."
     ratio = line / h.rmse_um
     return f"{what} to {errors}: {f'{ratio:.0f}' if ratio >= 3 else f'{ratio:.1f}'} times better than a straight line."
 
