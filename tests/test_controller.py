@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from truestroke import AdaptiveController, ControllerSettings, SettingError
+from truestroke.plant import RealisticPlant
+from truestroke.trajectories import random_wave
 
 BASIC = {"sample_rate": 2000.0, "stroke": 30.0, "voltage_limits": (-0.6, 3.6)}
 
@@ -313,6 +315,36 @@ def test_a_saturated_tick_does_not_teach() -> None:
         controller.adapt(20.0)
     assert controller.flags.saturated
     assert np.abs(controller.weights - weights).max() < 1e-3  # but for the slow return to the prior
+
+
+@pytest.mark.parametrize("precision", ["double", "single"])
+@pytest.mark.parametrize("length", [1000, 2000])
+@pytest.mark.parametrize("fault", ["sign inverted", "cable off", "100 um too little"])
+def test_no_sensor_locks_the_controller_up_for_longer_than_it_fails(fault, length, precision) -> None:
+    """Nonsense for half a second or one drives it to the limits; 0.25 s after the sensor is right all is well."""
+    rng = np.random.default_rng(7)
+    for seed in range(3):
+        controller, plant = AdaptiveController(**BASIC, precision=precision), RealisticPlant(seed=seed)
+        wave, errors = random_wave(duration=3.5, seed=seed), []
+        plant.open()
+        for k in range(wave.position.size):
+            z = plant.exchange(np.array([controller.command(wave.position[k], wave.velocity[k])]))[0]
+            nonsense = {"sign inverted": -z, "cable off": rng.normal(0.0, 0.013), "100 um too little": z - 100.0}
+            controller.adapt(nonsense[fault] if 3000 <= k < 3000 + length else z)
+            errors.append(plant.truth[0] - wave.position[k])
+        errors = np.abs(errors)
+        assert errors[3000 : 3000 + length].max() > 30.0, "it was led astray"
+        assert errors[3000 + length + 500 :].max() < 0.25
+
+
+def test_a_sensor_may_stand_still_where_the_voltage_does() -> None:
+    """At a limit, without noise, the same number comes again and again, however fast the desired motion is."""
+    controller = AdaptiveController(**BASIC)
+    for k in range(1000):
+        x = controller.command(80.0 + 10.0 * np.sin(0.5 * k), 1e4 * np.cos(0.5 * k))
+        controller.adapt(13.0 * x)
+    assert x == 3.6
+    assert controller.counters.rejected <= 3  # the first of them might be spikes
 
 
 @pytest.mark.parametrize("offset", [True, False])

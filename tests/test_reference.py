@@ -58,8 +58,8 @@ def observed(controller):
 
 @pytest.mark.parametrize("name", SETTINGS)
 def test_kernel_equals_numpy_to_the_last_bit(name) -> None:
-    """Limits, guard, NaN, spikes, a change, missing, late and repeated measurements, hold, rest, start, new settings:
-    all that both show, every tick."""
+    """Limits, guard, NaN, spikes, a change, missing, late and repeated measurements, nonsense that leads to the limits,
+    hold, rest, start, new settings: all that both show, every tick."""
     rng = np.random.default_rng(len(name))
     kernel, text = AdaptiveController.from_settings(SETTINGS[name]), ReferenceController(SETTINGS[name])
     z_d, zdot_d = random_wave(rng, 2500, swing=16.0)
@@ -78,6 +78,8 @@ def test_kernel_equals_numpy_to_the_last_bit(name) -> None:
         z_a[k] *= 1.0 if k < 1400 else 0.75  # a sudden change
         ago = int(rng.choice([0, 0, 0, 0, 1, rng.integers(-1, ago_most)])) if k < 1300 or k > 1600 else 0
         measured = z_a[min(max(k - ago, 0), k)] + 0.03 * rng.standard_normal() + 40.0 * (rng.random() < 0.02)
+        if 2100 <= k < 2250:
+            measured = 0.03 * rng.standard_normal()  # the cable is off: to the limit, and beyond the aim when it is on
         fate = rng.random()
         if fate > 0.1:
             measured = {0: np.nan, 1: -np.inf, 2: 1e9}.get(int(fate * 100) % 25, measured)

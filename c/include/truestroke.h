@@ -226,6 +226,9 @@ typedef struct {
     ts_real creep[TS_MAX_CREEPS];  /* first-order states, V */
 } ts_memory;
 
+/* After so many limited ticks beyond the desired displacement the model is held to be wrong, not the limit. */
+#define TS_BEYOND 10
+
 typedef struct {
     ts_settings settings;
     int parameters, of_plays;         /* m, and how many of them belong to plays */
@@ -241,13 +244,14 @@ typedef struct {
     ts_real x[TS_HISTORY];            /* V */
     ts_real z_d[TS_HISTORY];          /* um */
     ts_real zdot_d[TS_HISTORY];       /* um/s */
-    bool limited[TS_HISTORY];         /* the voltage met a limit: such a tick does not teach */
+    bool limited[TS_HISTORY];         /* the voltage met a limit: such a tick does not teach, but see beyond */
     /* adapt */
     ts_memory lagged;
     ts_real u[TS_PADDED(TS_MAX_PARAMETERS)]; /* (20) and the terms */
     ts_real innovation;               /* e_m, (15), um */
     ts_real z_before;                 /* um: the last measurement that differed from the one before it, */
     ts_real predicted_before;         /* and what the model said then */
+    int beyond;                       /* ticks at a voltage limit with z beyond z_d since one not limited, up to TS_BEYOND */
     union {
         ts_rls rls;
         ts_kalman kalman;

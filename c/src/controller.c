@@ -254,10 +254,10 @@ static void project_slope(ts_controller *c, ts_real zdot_d)
     ts_kalman_project(&c->law.kalman, c->w, g, onto, c->parameters);
 }
 
-/* A sensor that gives the same number again and again while the model moves is no sensor: a live one has noise. */
-static bool frozen(ts_controller *c, ts_real z, ts_real predicted)
+/* A sensor that gives the same number again and again while voltage and model move is no sensor: a live one has noise. */
+static bool frozen(ts_controller *c, ts_real z, ts_real predicted, bool stands)
 {
-    if (z != c->z_before) {
+    if (z != c->z_before || stands) {
         c->z_before = z;
         c->predicted_before = predicted;
         return false;
@@ -307,12 +307,21 @@ static ts_real model(const ts_controller *c, const ts_real *u)
     return dot(c->w, u, TS_PADDED(c->parameters));
 }
 
-/* The trim. At a voltage limit it may only lead away from it; what the slew limit holds back will come by itself. */
-static void integrate(ts_controller *c, ts_real error, ts_real x, bool limited)
+/* At a voltage limit, and already beyond the desired displacement: the model is wrong there, not the limit. */
+static bool beyond(const ts_controller *c, int slot, ts_real z)
 {
     const ts_settings *s = &c->settings;
-    bool back = (x >= s->voltage_max && error < 0) || (x <= s->voltage_min && error > 0);
-    if (!limited || back) c->integral += s->trim * error;
+    ts_real x = c->x[slot], z_d = c->z_d[slot];
+    return c->limited[slot] && ((x >= s->voltage_max && z > z_d) || (x <= s->voltage_min && z < z_d));
+}
+
+/* Whether a tick teaches. A limited one does from the tenth on that was beyond with none between that was not limited:
+ * otherwise weights that ask for more than the limit for ever would never be put right. */
+static bool teaches(ts_controller *c, bool limited, bool beyond)
+{
+    if (!limited) c->beyond = 0;
+    else if (beyond && c->beyond < TS_BEYOND) c->beyond++;
+    return !c->hold && (!limited || (beyond && c->beyond >= TS_BEYOND));
 }
 
 /* What the branches bring at the voltage of now: the forward of the inverse, with the slopes that it last used. */
@@ -423,17 +432,18 @@ ts_status ts_controller_adapt(ts_controller *c, ts_real z, int ago)
     if (used) {
         while (c->lagged.ticks < commands - 1 - (uint64_t)ago) pass_over(c);
         int slot = (int)(c->lagged.ticks % TS_HISTORY);
-        bool limited = c->limited[slot];
+        bool limited = c->limited[slot], back = beyond(c, slot, z), stands = c->x[slot] == c->lagged.play[0];
         next_lagged(c);
         ts_real y_a = through_dead_zones(s, z), predicted = model(c, c->u), room[TS_PADDED(TS_MAX_PARAMETERS)];
         const ts_real *now = s->smoothing > 0 ? regressor_of_now(c, room) : c->u;
         ts_real before = now == c->u ? predicted : model(c, now);
         c->innovation = y_a - predicted; /* (15) */
         if (s->law == TS_LAW_RLS) used = adapt_rls(c, !c->hold);
-        else used = adapt_kalman(c, frozen(c, z, predicted) ? NULL : &y_a, !c->hold && !limited);
+        else used = adapt_kalman(c, frozen(c, z, predicted, stands) ? NULL : &y_a, teaches(c, limited, back));
         /* What was learned reaches the command by and by, so that it does not ring the stage. */
         if (used && s->smoothing > 0) c->carry += s->smoothing * (model(c, now) - before);
-        if (used) integrate(c, c->z_d[slot] - z, c->x[slot], limited);
+        /* The trim: at a voltage limit only away from it; what the slew limit holds back will come by itself. */
+        if (used && (!limited || back)) c->integral += s->trim * (c->z_d[slot] - z);
     }
     c->flags.rejected = !used;
     c->counters.rejected += !used;

@@ -148,6 +148,7 @@ template <typename Controller, typename Visit> void each_array(Controller &c, Vi
     visit("innovation", &c.innovation, 1);
     visit("z_before", &c.z_before, 1);
     visit("predicted_before", &c.predicted_before, 1);
+    visit("beyond", &c.beyond, 1);
     visit("hold", &c.hold, 1);
     visit("flags", &c.flags.saturated, sizeof c.flags / sizeof(bool));
     visit("counters", &c.counters.commands, sizeof c.counters / sizeof(uint64_t));

@@ -24,6 +24,9 @@ from truestroke.settings import ControllerSettings, kernel_settings
 HISTORY = 64
 """Commands that may wait for their measurement: `ago` is at most one less. TS_HISTORY of the kernel."""
 
+BEYOND = 10
+"""Limited ticks beyond the desired displacement after which the model is held to be wrong, not the limit. TS_BEYOND."""
+
 
 @dataclass(frozen=True)
 class _Command:
@@ -137,6 +140,7 @@ class ReferenceController:
         self._last = _Command(0.0, 0.0, 0.0, limited=False)
         self._carry = self._integral = self._innovation = 0.0  # um
         self._z_before = self._predicted_before = 0.0  # um: the last measurement that was new, what the model said then
+        self._beyond = 0  # ticks at a voltage limit and beyond z_d, since one that was not limited
         self._fastest = 0.0  # largest rate so far, at most the velocity limit, um/s
         kinds = ("commands", "adaptations", "saturated", "projected", "rejected", "changed", "slewed")
         self.counters = dict.fromkeys(kinds, 0)
@@ -219,19 +223,24 @@ class ReferenceController:
         if not self._rejected:
             while self._lagged.ticks < tick:
                 self._pass_over()
+            stands = self._waiting[tick].x == self._lagged.play[0]
             command, u = self._next_lagged()  # (20)
+            limited, beyond = command.limited, self._is_beyond(command, z_measured)
             predicted = float(dot(self.law.weights, u))
             now = self._regressor(self._now, self._last.z_d, self._last.zdot_d)
             before = float(dot(self.law.weights, now))
             self._innovation = self._through_dead_zones(z_measured) - predicted  # (15)
             try:
-                self._learn(u, command.limited, self._is_frozen(z_measured, predicted))  # (23)
+                frozen = self._is_frozen(z_measured, predicted, stands)
+                self._learn(u, self._teaches(limited, beyond), frozen)  # (23)
             except UpdateRefused:
                 self._rejected = True
             else:
                 # What was learned reaches the command by and by, so that it does not ring the stage.
                 self._carry += self._c["smoothing"] * (float(dot(self.law.weights, now)) - before)
-                self._integrate(command.z_d - z_measured, command)
+                # The trim: at a voltage limit only away from it; what the slew limit holds back will come by itself.
+                if not limited or beyond:
+                    self._integral += self._c["trim"] * (command.z_d - z_measured)
         self._count(rejected=self._rejected, adaptations=not (self._rejected or self._held), changed=self._changed)
 
     def _count(self, **kinds: bool) -> None:
@@ -312,23 +321,37 @@ class ReferenceController:
 
     # ---- The arrows of Fig. 5: adapt --------------------------------------------------------------------------------
 
-    def _is_frozen(self, z: float, predicted: float) -> bool:
-        """Whether the sensor gives the same number again and again while the model moves: a live one has noise."""
+    def _is_beyond(self, command: _Command, z: float) -> bool:
+        """At a voltage limit, and already beyond the desired displacement: the model is wrong there, not the limit."""
+        low, high = self.settings.voltage_limits
+        beyond = (command.x >= high and z > command.z_d) or (command.x <= low and z < command.z_d)
+        return command.limited and beyond
+
+    def _teaches(self, limited: bool, beyond: bool) -> bool:
+        """Whether a tick teaches: a limited one does from the tenth on that was beyond, with none between not limited.
+
+        Otherwise weights that ask for more than the limit for ever would never be put right.
+        """
+        self._beyond = min(self._beyond + beyond, BEYOND) if limited else 0
+        return not self._held and (not limited or (beyond and self._beyond >= BEYOND))
+
+    def _is_frozen(self, z: float, predicted: float, stands: bool) -> bool:
+        """Whether the sensor repeats a number while voltage and model move: a live one has noise."""
         if not isinstance(self.law, BoundedKalman):
             return False
-        if z != self._z_before:
+        if z != self._z_before or stands:
             self._z_before, self._predicted_before = z, predicted
             return False
         return abs(predicted - self._predicted_before) > 6 * (self.law.sigma + self.law.settings.model_error)
 
-    def _learn(self, u: FloatArray, limited: bool, frozen: bool) -> None:
+    def _learn(self, u: FloatArray, teaches: bool, frozen: bool) -> None:
         law = self.law
         if not isinstance(law, BoundedKalman):
             if not self._held:
                 law.update(u, self._innovation)
             return
         before = law.weights
-        law.update(u, None if frozen else self._innovation, learn=not (self._held or limited))
+        law.update(u, None if frozen else self._innovation, learn=teaches)
         if frozen:
             raise UpdateRefused("the sensor stands still while the model moves")
         if law.weights is not before:
@@ -346,13 +369,6 @@ class ReferenceController:
             g[: self._of_plays] = self._gradient(zdot_d)
             g[worst + 1 + np.count_nonzero(self._rated[: worst + 1]) :] = 0.0
             law.project(g, high if slopes[worst] > high else low)
-
-    def _integrate(self, error: float, command: _Command) -> None:
-        """The trim. At a voltage limit it may only lead away from it; what the slew limit holds back will come."""
-        low, high = self.settings.voltage_limits
-        back = (command.x >= high and error < 0) or (command.x <= low and error > 0)
-        if not command.limited or back:
-            self._integral += self._c["trim"] * error
 
     # ---- Hold, and what an outsider reads ----------------------------------------------------------------------------
 
