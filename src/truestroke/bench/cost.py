@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+IDLE = 20_000  # calls of what is subtracted
 WINDOWS, LONGEST = 50, 100  # the best mean is sought among so many windows of calls, none longer than that
 
 
@@ -35,7 +36,7 @@ class Cost:
     best_ns : float
         Mean of the best window of steps: what it takes where nothing disturbs it. The figure to form ratios of.
     median_ns, p999_ns, worst_ns : float
-        Of all steps, each timed by itself, ns, less what the clock takes; they hold what the machine does besides.
+        Of all steps, each timed by itself, ns, less what clock and loop take; they hold what else the machine does.
     steps : int
         That were timed.
     """
@@ -58,13 +59,13 @@ class Cost:
         return asdict(self)
 
 
-def clock_ns(reads: int = 20_000) -> float:
-    """Return what reading the clock twice costs, ns: the median."""
-    now = time.perf_counter_ns
-    return float(np.median([-now() + now() for _ in range(reads)]))
-
-
-def time_steps(step: Callable[[int], object], steps: int, each: int = 1, **about: Any) -> Cost:
+def time_steps(
+    step: Callable[[int], object],
+    steps: int,
+    each: int = 1,
+    idle: Callable[[int], object] = abs,
+    **about: Any,
+) -> Cost:
     """Time step(0), step(1), ..., one by one.
 
     Parameters
@@ -75,6 +76,8 @@ def time_steps(step: Callable[[int], object], steps: int, each: int = 1, **about
         How many are timed; a tenth of them goes before, to warm up.
     each : int
         Steps of whatever is measured in one call: the figures are divided by it.
+    idle : callable
+        What of a step does not belong to what is measured: its median time, clock included, is subtracted.
     **about
         What, name, way and the rest of `Cost`.
 
@@ -83,15 +86,19 @@ def time_steps(step: Callable[[int], object], steps: int, each: int = 1, **about
     >>> time_steps(abs, 1000, what="update", name="abs", way="Python", plays=0, parameters=1).steps
     1000
     """
-    now, taken = time.perf_counter_ns, np.empty(steps)
     for k in range(steps // 10):
         step(k)
+    taken = np.maximum(_times(step, steps) - np.median(_times(idle, min(steps, IDLE))), 0.0) / each
+    return of_times(taken, **about, steps=steps * each)
+
+
+def _times(step: Callable[[int], object], steps: int) -> npt.NDArray[np.float64]:
+    now, taken = time.perf_counter_ns, np.empty(steps)
     for k in range(steps):
         before = now()
         step(k)
         taken[k] = now() - before
-    taken = np.maximum(taken - clock_ns(), 0.0) / each
-    return of_times(taken, **about, steps=steps * each)
+    return taken
 
 
 def of_times(taken: npt.ArrayLike, steps: int, **about: Any) -> Cost:

@@ -133,13 +133,16 @@ def ticks(settings: ControllerSettings, name: str, steps: int) -> list[Cost]:
         command(desired, rate)
         adapt(measured)
 
+    def idle(k: int) -> None:
+        _, _, _ = rows[k % len(rows)]
+
     def block(k: int) -> None:
         first = k * BLOCK % len(rows)
         part = slice(first, first + BLOCK)
         controller.process(z_d[part], zdot_d[part], z[part])
 
     return [
-        time_steps(tick, steps, way="Python, step by step", **about),
+        time_steps(tick, steps, idle=idle, way="Python, step by step", **about),
         time_steps(block, max(steps // BLOCK, 200), BLOCK, way=f"Python, blocks of {BLOCK}", **about),
     ]
 
