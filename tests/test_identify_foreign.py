@@ -273,6 +273,17 @@ def test_suspicious_records_are_fitted_and_told(tmp_path, columns, words):
     assert words in " ".join(told.stdout.split())  # however it is wrapped
 
 
+def test_clipped_rows_are_not_fitted():
+    """A sensor that ends at 94 % of the stroke: the model still tells what is above."""
+    volts, moved = np.tile(X, 2), np.tile(Z, 2)
+    top = float(np.quantile(moved, 0.97))
+    whole = identify((volts, moved, 1 / (T[1] - T[0]))).model
+    cut = identify((volts, np.minimum(moved, top), 1 / (T[1] - T[0]))).model
+    rate = 1 / (T[1] - T[0])
+    error = cut.predict(volts, rate) - whole.predict(volts, rate)
+    assert np.abs(error[moved > top]).max() < 0.02 * np.ptp(moved)
+
+
 def test_a_sensor_that_falls_is_turned(tmp_path):
     told = command(tmp_path, T, X, 5.0 - Z, options=["--flip-displacement"])
     assert told.exit_code == 0, told.stderr

@@ -12,11 +12,11 @@ import numpy as np
 from truestroke._typing import FloatArray
 from truestroke.identification import turning
 from truestroke.identification.record import GAP, Record
+from truestroke.identification.series import MOVES, clipped
 from truestroke.identification.turning import Rows
 
 SAMPLED = 200_000  # rows, evenly taken, that percentiles and medians are formed of
 EXCERPT = 50_000  # rows, with the most travel, in which delay and lag are sought
-FLAT = 4  # equal extreme values in a row that may be clipped
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -186,8 +186,8 @@ def examine(record: Record) -> Findings:
         stroke_speeds_um_s=speeds,
         stroke_lengths_percent=lengths,
         states_known_s=_states_known(record),
-        clipped_displacement=_clipped(z, x, 0.05 * span),
-        clipped_volts=_clipped(x, z, max(0.05 * stroke, 6 * noise)),
+        clipped_displacement=int(clipped(z, x, MOVES * span).sum()),
+        clipped_volts=int(clipped(x, z, max(MOVES * stroke, 6 * noise)).sum()),
     )
     return dataclasses.replace(findings, warnings=tuple(_warnings(findings, record)))
 
@@ -326,22 +326,6 @@ def _states_known(record: Record) -> float:
     return float(record.time[row] - record.time[0])
 
 
-def _clipped(signal: FloatArray, other: FloatArray, moves: float) -> int:
-    """Rows in runs at an extreme value of `signal` in which `other` moves by more than `moves`.
-
-    A run that `other` does not cross is a hold. A run that `signal` enters by a jump is a step, after which a
-    displacement still settles.
-    """
-    rows = 0
-    for extreme in (signal.min(), signal.max()):
-        at = np.flatnonzero(signal == extreme)
-        for run in np.split(at, np.flatnonzero(np.diff(at) > 1) + 1):
-            entered = abs(signal[run[0]] - signal[max(run[0] - 1, 0)])
-            if run.size >= FLAT and entered < 0.1 * np.ptp(signal) and np.ptp(other[run]) > moves:
-                rows += run.size
-    return rows
-
-
 # ---- In words --------------------------------------------------------------------------------------------------------
 
 
@@ -388,7 +372,7 @@ def _of_sampling(found: Findings, record: Record) -> list[str]:
             f"{_count(len(found.gaps), 'gap')}, the longest {longest:.3g} s: the plays' states are unknown after each"
         )
     if found.clipped_displacement:
-        says.append(f"the displacement is clipped in {found.clipped_displacement} rows: they must not be fitted")
+        says.append(f"the displacement is clipped in {found.clipped_displacement} rows: they are not fitted")
     if found.clipped_volts:
         says.append(f"the voltage seems clipped in {found.clipped_volts} rows, while the displacement moves on")
     if found.jitter_us is None:

@@ -19,6 +19,8 @@ SAMPLES = 500_000  # of the record at most: longer ones are replaced by means ov
 REGULAR = 0.02  # of the interval: how far time stamps may be off, beyond the rounding of their digits
 SWEPT = 0.96  # of the voltage range: when it has been swept, the plays do not remember what was before
 SETTLING = 0.25  # of a segment behind a hole at most: what is left out until they do not
+FLAT = 4  # equal values at an extreme that are no accident
+MOVES = 0.05  # of its span: how far the other signal moves while one is clipped
 BRIDGED = 0.2  # of a stroke's duration: a hole that is shorter hides no reversal
 
 
@@ -31,7 +33,8 @@ class Series:
     time, volts, displacement : ndarray, shape (samples,)
         s, V, um. Within holes of the record, straight lines.
     known : ndarray of bool, shape (samples,)
-        False within a hole, and behind a long one until the states of the plays are known again.
+        False within a hole, behind a long one until the states of the plays are known again, and where the
+        displacement is clipped.
     sample_rate : float
         Hz.
     source : str
@@ -63,9 +66,12 @@ def series(record: Any) -> Series:
     fs = _check.positive("sample_rate", rate, "Hz")
     _refuse_useless(x, z)
     position = _positions(record, fs)
-    time, known = np.arange(x.size) / fs, np.ones(x.size, dtype=np.bool_)
+    time, known = np.arange(x.size) / fs, ~clipped(z, x, MOVES * float(np.ptp(x)))
     if position is not None:
+        seen = known
         time, x, z, known = _bridged(record.time, x, z, position, record.segments)
+        nearest = np.round(np.interp(np.arange(time.size), position, np.arange(seen.size))).astype(np.int64)
+        known &= seen[nearest]
     block = -(-x.size // SAMPLES)
     time, x, z = (a[: a.size // block * block].reshape(-1, block).mean(axis=1) for a in (time, x, z))
     known = np.asarray(known[: known.size // block * block].reshape(-1, block).all(axis=1), dtype=np.bool_)
@@ -148,3 +154,19 @@ def settled(x: FloatArray, span: float) -> int:
     """First sample at which the voltage has swept nearly all of its range `span`, V; else how many there are."""
     swept = np.maximum.accumulate(x) - np.minimum.accumulate(x) >= SWEPT * span
     return int(np.argmax(swept)) if x.size and swept[-1] else x.size
+
+
+def clipped(signal: FloatArray, other: FloatArray, moves: float) -> npt.NDArray[np.bool_]:
+    """Rows in runs at an extreme value of `signal` in which `other` moves by more than `moves`, shape (samples,).
+
+    A run that `other` does not cross is a hold. A run that `signal` enters by a jump is a step, after which a
+    displacement still settles.
+    """
+    rows = np.zeros(signal.size, dtype=np.bool_)
+    for extreme in (signal.min(), signal.max()):
+        at = np.flatnonzero(signal == extreme)
+        for run in np.split(at, np.flatnonzero(np.diff(at) > 1) + 1):
+            entered = abs(signal[run[0]] - signal[max(run[0] - 1, 0)])
+            if run.size >= FLAT and entered < 0.1 * np.ptp(signal) and np.ptp(other[run]) > moves:
+                rows[run] = True
+    return rows
