@@ -330,6 +330,23 @@ def test_ctrl_c_keeps_what_is_there_and_says_how_to_go_on(tmp_path, executor):
     assert count(tmp_path / "many.sqlite") > 0
 
 
+@pytest.mark.parametrize(
+    ("wrong", "says"),
+    [
+        ('noise = { log_uniform = [0.001, 0.1] }|noise = "quiet"', "noise = 'quiet' um: must be a number"),
+        ("spread = 0.5 }|spread = 0.5 }\nb = 3", "plant = {"),
+        ('stroke = 30.0|stroke = "long"', "controllers.paper = {"),
+    ],
+)
+def test_what_cannot_be_drawn_is_one_line_and_claims_no_store(tmp_path, wrong, says):
+    (tmp_path / "s.toml").write_text(SMALL.replace(*wrong.split("|")))
+    done = CliRunner().invoke(main, ["study", str(tmp_path / "s.toml"), "--output", str(tmp_path / "s")])
+    assert done.exit_code == 2
+    assert done.output.startswith(f"truestroke: {says}")
+    assert len(done.output.splitlines()) == 1
+    assert not (tmp_path / "s.sqlite").exists()
+
+
 def test_whole_numbers_are_exact():
     """Beyond 2^53 a float has no odd ones, so a seed that went through one would be another's."""
     assert study.parse(source(seed=2**63 - 1)).seed == 2**63 - 1
