@@ -313,17 +313,49 @@ def test_a_driver_that_is_killed_continues(tmp_path):
     assert found[::7] == study.play(asked, range(0, 1200, 7)).rows
 
 
-def test_ctrl_c_keeps_what_is_there_and_says_how_to_go_on(tmp_path):
+@pytest.mark.parametrize("executor", ["threads", "dask"])
+def test_ctrl_c_keeps_what_is_there_and_says_how_to_go_on(tmp_path, executor):
+    """As a terminal sends it: to the driver and to all that it started."""
+    pytest.importorskip("distributed")
     (tmp_path / "many.toml").write_text(SMALL)
-    command = [TRUESTROKE, "study", "many.toml", "--runs", "100000", "--workers", "1"]
-    driver = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True)
+    command = [TRUESTROKE, "study", "many.toml", "--runs", "100000", "--workers", "1", "--executor", executor]
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE, "text": True, "start_new_session": True}
+    driver = subprocess.Popen(command, cwd=tmp_path, **quiet)
     wait_for(lambda: count(tmp_path / "many.sqlite") > 0 or driver.poll() is not None)
-    driver.send_signal(signal.SIGINT)
-    said = driver.communicate(timeout=30)[1]
+    os.killpg(driver.pid, signal.SIGINT)
+    said = driver.communicate(timeout=30)[1].split("\n")
     assert driver.returncode == 130
-    assert "many.sqlite keeps what is done; the same command continues." in said
-    assert "Traceback" not in said
+    known = ["many.sqlite keeps what is done; the same command continues.", "truestroke: interrupted"]
+    assert [line for line in said if line] == known
     assert count(tmp_path / "many.sqlite") > 0
+
+
+@pytest.mark.parametrize(
+    ("wrong", "says"),
+    [
+        ('noise = { log_uniform = [0.001, 0.1] }|noise = "quiet"', "noise = 'quiet' um: must be a number"),
+        ("spread = 0.5 }|spread = 0.5 }\nb = 3", "plant = {"),
+        ('stroke = 30.0|stroke = "long"', "controllers.paper = {"),
+    ],
+)
+def test_what_cannot_be_drawn_is_one_line_and_claims_no_store(tmp_path, wrong, says):
+    (tmp_path / "s.toml").write_text(SMALL.replace(*wrong.split("|")))
+    done = CliRunner().invoke(main, ["study", str(tmp_path / "s.toml"), "--output", str(tmp_path / "s")])
+    assert done.exit_code == 2
+    assert done.output.startswith(f"truestroke: {says}")
+    assert len(done.output.splitlines()) == 1
+    assert not (tmp_path / "s.sqlite").exists()
+
+
+def test_whole_numbers_are_exact():
+    """Beyond 2^53 a float has no odd ones, so a seed that went through one would be another's."""
+    assert study.parse(source(seed=2**63 - 1)).seed == 2**63 - 1
+    assert [MatchedPlant(np.zeros(1), seed=seed).seed for seed in (2**53 + 1, np.int64(2**62 + 1))] == [
+        2**53 + 1,
+        2**62 + 1,
+    ]
+    with pytest.raises(SettingError, match="seed"):
+        study.parse(source(seed=2**63))
 
 
 def test_a_store_counts_nothing_twice_and_belongs_to_one_study(tmp_path, rows):

@@ -62,7 +62,8 @@ def within(argument: str, value: object, low: float, high: float, unit: str = ""
 
 def count(argument: str, value: object, low: int, high: int) -> int:
     """A whole number in the closed interval [low, high]."""
-    result = number(argument, value)
+    whole = isinstance(value, (int, np.integer))  # a float does not hold all of them beyond 2^53
+    result: Any = value if whole else number(argument, value)
     if result != int(result) or not low <= result <= high:
         raise SettingError(argument, value, f"a whole number from {low} to {high}")
     return int(result)

@@ -57,6 +57,7 @@ def study(
     from truestroke.study.play import StudyError
 
     asked = studies.load(file, runs)
+    studies.draw(asked, 0)  # a setting out of its bounds is told before the file belongs to it
     try:
         with studies.Store(store_file, asked) as store:
             if not report_only:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from truestroke import _check
+from truestroke._check import SettingError
 from truestroke.plant import Change, MatchedSettings, PlantSettings
 from truestroke.settings import ControllerSettings
 from truestroke.study.config import CONTROLLERS, PLANTS, WAVES, Draw, Study
@@ -63,14 +64,26 @@ def draw(study: Study, number: int) -> Run:
     wave = _sampled(study.wave, random, "", told)
     laws = {name: _sampled(law, random, f"{name} ", told) for name, law in study.controllers.items()}
     if isinstance(change := plant.get("change"), Mapping):
-        plant["change"] = Change(**change)
+        plant["change"] = _made("plant.change", Change, change)
     rate: dict[str, Any] = {"sample_rate": study.sample_rate}
-    settings = PLANTS[plant.pop("kind")](**plant, **rate)
+    settings = _made("plant", PLANTS[plant.pop("kind")], plant | rate)
     seed = {"seed": wave_seed} if wave["kind"] == "random_wave" else {}
-    trajectory = WAVES[wave.pop("kind")](**wave, **seed, **rate)
-    controllers = {name: CONTROLLERS[law.pop("kind")](**law, **rate) for name, law in laws.items()}
+    trajectory = _made("wave", WAVES[wave.pop("kind")], wave | seed | rate)
+    controllers = {
+        name: _made(f"controllers.{name}", CONTROLLERS[law.pop("kind")], law | rate) for name, law in laws.items()
+    }
     told |= _follows(settings, trajectory)
     return Run(number, plant_seed, settings, trajectory, controllers, told)
+
+
+def _made(section: str, make: Callable[..., Any], settings: Mapping[str, Any]) -> Any:
+    """Its bounds are checked where it is made; a text or a number in place of a list may not get that far."""
+    try:
+        return make(**settings)
+    except TypeError as error:
+        raise SettingError(
+            section, dict(settings), f"numbers and lists where its settings have them: {error}"
+        ) from None
 
 
 def _sampled(

@@ -18,6 +18,8 @@ AHEAD = 2  # batches for each worker that are handed out at a time
 # Bytes that the C library keeps rather than give back to the system after each array; dask's default is 64 KiB.
 TRIM = {"MALLOC_TRIM_THRESHOLD_": str(256 * 2**20), "MALLOC_MMAP_THRESHOLD_": str(32 * 2**20)}
 
+DEAF = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"  # a terminal's Ctrl-C is for the driver alone
+
 
 class Work(Protocol):
     """An executor."""
@@ -62,7 +64,9 @@ def dask(workers: int | None = None, scheduler: str | None = None) -> Work:
         environment = config.get("distributed.nanny.pre-spawn-environ", {}) | TRIM
         with (
             config.set({"distributed.nanny.pre-spawn-environ": environment}),
-            distributed.LocalCluster(count, threads_per_worker=1, dashboard_address=None, silence_logs=50) as cluster,
+            distributed.LocalCluster(
+                count, threads_per_worker=1, dashboard_address=None, silence_logs=50, preload=[DEAF]
+            ) as cluster,
             distributed.Client(cluster, set_as_default=False) as client,
         ):
             yield from _on(client, study, batches)
@@ -75,7 +79,7 @@ def _on(client: Any, study: Study, batches: Sequence[Sequence[int]]) -> Iterator
     try:
         yield from _stream(pool, study, batches, lambda: max(1, sum(client.nthreads().values())))
     finally:
-        pool.shutdown(wait=False)  # Ctrl-C has ended the workers, too: there is nothing to wait for
+        pool.shutdown(wait=False)  # after Ctrl-C nobody wants what still runs
 
 
 def _stream(

@@ -1,0 +1,85 @@
+/* The loop over ticks against a controller and an actuator whose answers are known, and the filter in exact numbers. */
+#include <math.h>
+#include <stdbool.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "loops.h"
+
+enum { TICKS = 6 };
+static int passed, failed;
+
+static void check(bool ok, const char *what)
+{
+    if (ok) { passed++; return; }
+    failed++;
+    printf("FAILED: %s\n", what);
+}
+
+/* Commands 2 z_d; its flags are all ones after a command of an odd tick, and after a measurement above 5 it is rejected. */
+typedef struct { int commands, adaptations; unsigned flags; double last; } controller;
+
+static double command(void *self, double z_d, double zdot_d)
+{
+    controller *c = self;
+    c->flags = c->commands++ % 2 ? 0x3f : 0;
+    return 2 * z_d + zdot_d;
+}
+
+static void adapt(void *self, double z)
+{
+    controller *c = self;
+    c->adaptations++;
+    c->last = z;
+    c->flags = z > 5 ? 4 : 16;
+}
+
+static unsigned flags(void *self) { return ((controller *)self)->flags; }
+static double innovation(void *self) { return -((controller *)self)->last; }
+
+/* Measures the voltage and both its noise numbers; the truth is the velocity. */
+static void exchange(void *self, double volts, double velocity, const double *noise, double *measured, double *truth)
+{
+    ++*(int *)self;
+    *measured = volts + noise[0] + noise[1];
+    *truth = velocity;
+}
+
+static void test_loop(void)
+{
+    static const double z_d[TICKS] = {0, 1, 2, 3, 4, 5}, zdot_d[TICKS] = {1, 1, 1, 1, 1, 1};
+    static const double noise[2 * TICKS] = {0.5, 0.25, 0, 0, 0, 0, 0, 0, 0, 0, 0, -1};
+    double volts[TICKS], measured[TICKS], truth[TICKS], found[TICKS];
+    uint8_t bits[TICKS];
+    controller c = {0};
+    int exchanges = 0;
+    ts_loop_controller law = {&c, command, adapt, flags, innovation};
+    ts_loop_actuator plant = {&exchanges, 2, exchange};
+    ts_loop_channels channels = {z_d, zdot_d, noise, volts, measured, truth, found, bits};
+    ts_loop_run(&law, &plant, &channels, 0);
+    check(c.commands == 0 && exchanges == 0, "no ticks, nothing happens");
+    ts_loop_run(&law, &plant, &channels, TICKS);
+    check(c.commands == TICKS && c.adaptations == TICKS && exchanges == TICKS, "each tick once");
+    static const double expected[TICKS] = {1.75, 3, 5, 7, 9, 10};
+    check(memcmp(measured, expected, sizeof expected) == 0, "volts and the noise of each tick reach the actuator");
+    check(truth[TICKS - 1] == 1, "so does the velocity");
+    check(bits[0] == 16 && bits[1] == (0x3f & ~4), "rejected and changed are adapt's, the others command's");
+    check(bits[3] == (0x3f & ~16) && bits[4] == 4, "also where a measurement is rejected");
+    check(found[2] == -5 && isnan(found[3]), "the innovation of a rejected measurement is NaN");
+}
+
+static void test_first_order(void)
+{
+    static const double decay[2] = {0, 0.5}, u[4] = {1, 0, 0, 2}; /* decay = i / 2 */
+    double x[6] = {4, 2};                                         /* 4 + 2i -> -1 + 2i + 1 -> -1 + 0i + 2i */
+    ts_first_order(decay, u, x, 2);
+    check(x[2] == 0 && x[3] == 2 && x[4] == -1 && x[5] == 2, "x[k + 1] = decay x[k] + u[k], complex");
+}
+
+int main(void)
+{
+    test_loop();
+    test_first_order();
+    printf("loops: %d passed, %d failed\n", passed, failed);
+    return failed != 0;
+}
