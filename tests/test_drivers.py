@@ -148,6 +148,16 @@ def test_an_interrupted_run_leaves_one_axis_at_the_safe_voltage(tmp_path: Path) 
     assert np.fromfile(register) == 0.25
 
 
+def test_what_one_axis_refuses_does_not_count_as_put_out() -> None:
+    driver = SimulatedDriver(SimulatedSettings(block=4))
+    with OneAxis(driver, safe_voltage=0.25, **AXIS) as actuator:
+        rate = actuator.open().sample_rate
+        with pytest.raises(SettingError, match="volts"):
+            actuator.exchange(np.array([3.0, 3.0, math.nan, 3.0]))
+        actuator.exchange(np.array([3.0, 3.0, 3.0, 3.0]))
+        assert driver.output[0] - 0.25 <= 4 * AXIS["slew"] / rate * (1 + 1e-6)
+
+
 def test_the_output_of_a_driver_can_be_rescued_by_what_was_pickled(tmp_path: Path) -> None:
     register = tmp_path / "volts"
     driver = SimulatedDriver(SimulatedSettings(register=str(register), channels=2))

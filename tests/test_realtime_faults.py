@@ -176,6 +176,34 @@ def test_row(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
     assert_recorded(outcome, row)
 
 
+def exits() -> None:
+    raise SystemExit("the library has had enough")
+
+
+@pytest.mark.parametrize(
+    ("do", "soft"), [(send(signal.SIGINT), True), (exits, False)], ids=["first Ctrl-C", "the driver exits"]
+)
+def test_in_the_soft_stop(do: Callable[[], object], soft: bool, tmp_path: Path) -> None:
+    """A first Ctrl-C does not turn it into a step; a driver that exits does not leave the output where it is."""
+    waiting: list[Callable[[], object]] = []
+
+    def wrong(volts: float) -> float:
+        waiting.append(do)
+        return fail(volts)
+
+    def once() -> None:
+        if waiting:
+            waiting.pop()()
+
+    bench = Bench(SimulatedSettings(register=str(tmp_path / "volts")), dict.fromkeys(range(1, 9999), once))
+    outcome = run_realtime(bench, [axis(wrong)], "run.h5", settings=RealtimeSettings(**PATIENT))
+    assert not waiting  # it came about
+    assert outcome.cause.value == 1
+    assert ("no soft stop" in outcome.reason) is not soft
+    assert np.fromfile("volts") == SAFE
+    assert np.abs(np.diff(bench.left)).max() * RATE <= SLEW * (1 + 1e-6) or not soft
+
+
 def assert_recorded(outcome: Outcome, row: Row) -> None:
     recording = Recording.load("run.h5")
     assert recording.metadata["interrupted"] == (outcome.reason or None)

@@ -91,8 +91,9 @@ class OneAxis:
         if self._timing is None:
             raise SettingError("exchange", "called", "called after open")
         block = padded(np.array([volts], dtype=np.float64), self._timing.block)
-        if not self._guard(block):
+        if np.isnan(block).any():  # before the guard takes what will not leave for the last output
             raise SettingError("volts", "NaN", "a number", "V")
+        self._guard(block)
         self._clock.wait()
         self.driver.exchange(block, self._measured)
         return self._measured[0, : len(volts)].copy()

@@ -88,12 +88,13 @@ class Helpers:
                 recorder.write_ending(plan.path, self._shared.count[Slot.ENDINGS + axis], ending)
 
     def close(self) -> None:
-        """End them all."""
+        """End them all; a watchdog that rescues is not disturbed."""
+        patience = {self.recorder: LAST_WORDS, self.watchdog: PATIENCE}
         for process in self._all:
             if process.stdin:
                 process.stdin.close()
             try:  # a terminal that nobody reads holds up the status line
-                process.wait(LAST_WORDS if process is self.recorder else 2.0)
+                process.wait(patience.get(process, 2.0))
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.wait()

@@ -133,14 +133,13 @@ class Live:
     def _beat(self) -> None:
         self._count[Slot.BEAT] += 1
 
-    def _ramp(self, target: Sequence[float]) -> None:
-        """Bring the output near `target`, within slew; another signal cuts it short."""
+    def _ramp(self, target: Sequence[float], expected: int = 0) -> None:
+        """Bring the output near `target`, within slew; a signal beyond those `expected` cuts it short."""
         ramp, block = self._guard.ramp(target), self._timing.block
         clock = Clock(*self._pace)
         clock.start()
-        signals = len(self._asked)
         for start in range(0, ramp.shape[1], block):
-            self._heed_signals(signals)
+            self._heed_signals(expected)
             volts = padded(ramp[:, start : start + block], block)
             self._guard(volts)
             clock.wait()
@@ -152,12 +151,12 @@ class Live:
         complaints = []
         try:
             if softly:
-                self._ramp(self._safe.tolist())
-        except Exception as error:
+                self._ramp(self._safe.tolist(), max(1, len(self._asked)))  # the first signal asks for nothing else
+        except BaseException as error:  # a driver that exits, too
             complaints.append(f"no soft stop: {error}")
         try:
             self._driver.stop(self._safe)
-        except Exception as error:
+        except BaseException as error:
             complaints.append(f"the driver did not stop: {error}")
             try:
                 self._driver.rescue()(self._safe)
