@@ -409,7 +409,17 @@ def test_the_page_runs_on_the_fake_card(card, tmp_path, monkeypatch) -> None:
 
 @pytest.mark.parametrize(
     ("fault", "code", "words"),
-    [("", 0, ""), (f"{READ}:50:-200324", 12, "NI-DAQmx -200324"), (f"{READ}:50:hang", -signal.SIGKILL, "killed")],
+    [
+        ("", 0, ""),
+        (f"{READ}:50:nan", 0, ""),
+        (f"{READ}:50:-200324", 12, "NI-DAQmx -200324"),
+        (f"{READ}:50:-200284", 12, "NI-DAQmx -200284"),
+        (f"{READ}:50:short", 12, "the card moved"),
+        (f"{READ}:50:slip", 12, "lost edges"),
+        (f"{WRITE}:50:-200290", 12, "this computer was late"),
+        (f"{READ}:50:hang", -signal.SIGKILL, "killed"),
+    ],
+    ids=lambda value: str(value).replace(" ", "-") or "none",
 )
 def test_the_command_runs_the_configuration_of_the_page(card, tmp_path, fault, code, words) -> None:
     pytest.importorskip("truestroke.realtime")

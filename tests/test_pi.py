@@ -133,7 +133,7 @@ def test_a_small_recorder_takes_fewer_samples(fake: Fake, points: int, samples: 
 
 def test_ramps_lead_to_the_wave_and_back(fake: Fake) -> None:
     volts = 30.0 + wave()
-    limits = {"voltage_limits": (-20.0, 120.0), "slew": 500.0, "safe_voltage": 5.0}
+    limits = {"voltage_limits": (-20.0, 120.0), "slew": 5000.0, "safe_voltage": 5.0}
     driver = made(fake)
     driver.stop(np.array([5.0]))
     recorded = play_and_record(driver, volts, 2000.0, **limits, rest=0.1)
@@ -169,11 +169,11 @@ class Card:
 
 def test_hardware_without_play_plays_block_by_block() -> None:
     card, volts = Card(), wave()[:1999]
-    recorded = play_and_record(card, volts, 2000.0, voltage_limits=(-20.0, 120.0), slew=500.0)
+    recorded = play_and_record(card, volts, 2000.0, voltage_limits=(-20.0, 120.0), slew=5000.0)
     assert np.std(recorded.displacement[0] - offline(volts)) < 0.02
     assert card.safe == [[0.0], "closed"]
     with pytest.raises(SettingError, match=r"sample_rate = 1000.0 Hz: must be that of the driver, 2000 Hz"):
-        play_and_record(card, volts, 1000.0, voltage_limits=(-20.0, 120.0), slew=500.0)
+        play_and_record(card, volts, 1000.0, voltage_limits=(-20.0, 120.0), slew=5000.0)
     assert card.safe == [[0.0], "closed"]
 
 
@@ -237,12 +237,17 @@ PLAYS_BADLY = [
 ]
 
 
+def test_a_waveform_faster_than_slew_is_refused_before_anything_moves() -> None:
+    with pytest.raises(SettingError, match=r"waveform of 200 V/s: must be no faster than slew, 100 V/s"):
+        play_and_record(None, [0.0, 0.1], 2000.0, voltage_limits=(0.0, 10.0), slew=100.0)  # no driver is touched
+
+
 @pytest.mark.parametrize(("fault", "message"), PLAYS_BADLY, ids=[f for f, _ in PLAYS_BADLY])
 def test_a_wave_that_fails_ends_at_the_safe_voltage(fake: Fake, fault: str, message: str) -> None:
     fake.make(fault=fault)
     driver = made(fake)
     with pytest.raises(DriverError, match=message):
-        play_and_record(driver, wave(), 2000.0, voltage_limits=(-20.0, 120.0), slew=500.0, safe_voltage=SAFE[0])
+        play_and_record(driver, wave(), 2000.0, voltage_limits=(-20.0, 120.0), slew=5000.0, safe_voltage=SAFE[0])
     assert fake.volts[0] == SAFE[0]
     assert_safe(driver, fake)
 
@@ -497,7 +502,10 @@ file = "run.h5"
 """
 
 
-@pytest.mark.parametrize(("fault", "code"), [("", 0), ("POS?:60:drop", 12)])
+@pytest.mark.parametrize(
+    ("fault", "code"),
+    [("", 0), ("POS?:60:drop", 12), ("POS?:60:silent", -signal.SIGKILL), ("SVA:40:7", 12), ("POS?:60:nan", 0)],
+)
 def test_the_loop_runs_sample_by_sample(bench: Path, fake: Fake, fault: str, code: int) -> None:
     pytest.importorskip("truestroke.realtime")
     fake.make(realtime=True, fault=fault)

@@ -23,14 +23,14 @@ if TYPE_CHECKING:
     from truestroke.loop import RunInterrupted
 
 FILES = ("output", "figures", "as_json")  # options that do not change the run
-INTERRUPTED, TERMINATED = 130, 143  # what a shell says after Ctrl-C and after SIGTERM
+INTERRUPTED = 130  # what a shell says after Ctrl-C
 PIPE_WIDTH = 120  # columns of a table where there is no terminal
 
 
 class Commands(click.Group):
     """Commands in the order of the help, whose errors are one line.
 
-    Exit code 2 for a wrong argument, 1 for a failure, 130 for Ctrl-C, 143 for SIGTERM.
+    Exit code 2 for a wrong argument, 1 for a failure, 130 for Ctrl-C, 143 for SIGTERM, 129 for SIGHUP.
     """
 
     def list_commands(self, ctx: click.Context) -> list[str]:
@@ -55,12 +55,12 @@ class Commands(click.Group):
         except OSError as error:
             _complain(f"{error.filename or 'file'}: {error.strerror or error}", 1)
         except (click.Abort, KeyboardInterrupt):
-            _complain("terminated" if stopped else "interrupted", TERMINATED if stopped else INTERRUPTED)
+            _complain("terminated" if stopped else "interrupted", 128 + stopped[0] if stopped else INTERRUPTED)
 
 
 @contextmanager
 def _sigterm_as_ctrl_c(stopped: list[int]) -> Iterator[None]:
-    """SIGTERM ends a command as Ctrl-C does, and is noted in `stopped`."""
+    """SIGTERM, and SIGHUP of a terminal that is closed, end a command as Ctrl-C does; noted in `stopped`."""
     if threading.current_thread() is not threading.main_thread():
         yield  # only the main thread may set handlers
         return
@@ -69,11 +69,13 @@ def _sigterm_as_ctrl_c(stopped: list[int]) -> Iterator[None]:
         stopped.append(number)
         raise KeyboardInterrupt
 
-    before = signal.signal(signal.SIGTERM, stop)
+    ends = [number for number in (signal.SIGTERM, signal.SIGHUP) if signal.getsignal(number) is not signal.SIG_IGN]
+    before = {number: signal.signal(number, stop) for number in ends}  # nohup stays nohup
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def interrupted(stop: RunInterrupted, saved: str) -> NoReturn:

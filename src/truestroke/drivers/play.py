@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import signal
+import threading
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -16,6 +20,8 @@ from truestroke.drivers.protocol import Driver
 from truestroke.timing import Timing
 
 __all__ = ["Player", "Recorded", "play_and_record"]
+
+RAMP = 1.0  # s: how long a ramp over the whole of the voltage limits takes, at least
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +76,8 @@ def play_and_record(
     voltage_limits : tuple[float, float]
         Lowest and highest voltage, V: a waveform that leaves them is refused.
     slew : float
-        Speed of the ramps, V/s. The waveform is played as it is.
+        Fastest change of the voltage, V/s: a waveform that is faster is refused. The ramps take a second for the whole
+        of `voltage_limits`, or longer where the slew limit says so.
     safe_voltage : float
         Where it starts and ends, V.
     rest : float
@@ -95,7 +102,11 @@ def play_and_record(
     for value in (wave.min(), wave.max()):
         _check.within("volts", value, low, high, "V")
     safe = _check.within("safe_voltage", safe_voltage, low, high, "V")
-    step = _check.positive("slew", slew, "V/s") / _check.positive("sample_rate", sample_rate, "Hz")
+    rate = _check.positive("sample_rate", sample_rate, "Hz")
+    fastest = float(np.abs(np.diff(wave)).max()) * rate
+    if fastest > _check.positive("slew", slew, "V/s") * (1 + 1e-9):
+        raise SettingError("volts", f"waveform of {fastest:.4g} V/s", f"no faster than slew, {slew:g} V/s")
+    step = min(slew, (high - low) / RAMP) / rate
     before = np.append(_ramp(safe, wave[0], step), np.full(round(rest * sample_rate), wave[0]))
     whole = np.concatenate([before, wave, _ramp(wave[-1], safe, step)])[None, :]
     try:
@@ -105,12 +116,29 @@ def play_and_record(
         play = getattr(driver, "play", None)
         made = play(whole, sample_rate) if play else _by_blocks(driver, timing, whole, sample_rate, safe)
     finally:
-        try:
-            driver.stop(np.array([safe]))
-        finally:
-            driver.close()
+        with _deaf():
+            try:
+                driver.stop(np.array([safe]))
+            finally:
+                driver.close()
     part = slice(before.size, before.size + wave.size)
     return Recorded(made.volts[:, part], made.displacement[:, part], made.sample_rate)
+
+
+@contextmanager
+def _deaf() -> Iterator[None]:
+    """Within it, no signal that asks for the end interrupts the way to the safe voltage."""
+    if threading.current_thread() is not threading.main_thread():
+        yield  # only the main thread gets them
+        return
+    before = {
+        number: signal.signal(number, signal.SIG_IGN) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    }
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def _ramp(start: float, stop: float, step: float) -> FloatArray:
