@@ -435,3 +435,13 @@ def test_the_command_runs_the_configuration_of_the_page(card, tmp_path, fault, c
     run = truestroke.Recording.load(tmp_path / "first.h5")
     error = run["measured"] - run["desired"]
     assert np.sqrt(np.nanmean(error[error.size // 2 :] ** 2)) < (0.1 if fault else 0.016)
+
+
+def test_limits_beyond_the_range_of_the_card_are_refused_before_anything_moves(card, tmp_path) -> None:
+    (tmp_path / "stage.toml").write_text(toml().replace("[-0.6, 3.6]", "[-0.6, 12.0]"))
+    command = [Path(sys.executable).with_name("truestroke"), "run", "--config", "stage.toml"]
+    environment = os.environ | card.environment()
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 2
+    assert "voltage_limits of axis x = 12.0 V: must be from -10 to 10 V" in done.stderr
+    assert (card.volts[0], card.edges) == (0.0, 0)

@@ -79,6 +79,7 @@ def run_realtime(
         timing = driver.open()
         clock = {"utc": datetime.now(UTC).isoformat(), "monotonic_s": time.monotonic()}
         _check_agreement(axes, timing, settings, epics)
+        _check_range(axes, driver)
         plans = _plans(driver, axes, timing, paths, {"realtime": settings, "clock": clock, **(about or {})})
         with closing(Shared(_layout(axes, timing))) as shared:
             shared.count[Slot.TICKS] = len(axes[0].trajectory)
@@ -104,6 +105,15 @@ def _check_agreement(
     for axis in axes:
         loop.check_agreement(axis.trajectory, axis.controller, timing)
     _check.within("watchdog_timeout", settings.watchdog_timeout, 4 * timing.block / timing.sample_rate, 60.0, "s")
+
+
+def _check_range(axes: Sequence[Axis], driver: Driver) -> None:
+    """What may leave must be what the hardware can put out, or not even the safe voltage is sure to."""
+    reach = driver.describe().get("output_range")
+    if isinstance(reach, tuple | list):
+        for axis in axes:
+            for value in axis.voltage_limits:
+                _check.within(f"voltage_limits of axis {axis.name}", value, reach[0], reach[1], "V")
 
 
 def recordings(file: Path, axes: Sequence[Axis], overwrite: bool) -> list[Path]:
