@@ -422,7 +422,6 @@ def test_the_page_runs_on_the_fake_card(card, tmp_path, monkeypatch) -> None:
     ids=lambda value: str(value).replace(" ", "-") or "none",
 )
 def test_the_command_runs_the_configuration_of_the_page(card, tmp_path, fault, code, words) -> None:
-    pytest.importorskip("truestroke.realtime")
     text = toml().replace("safe_voltage = 0.0", f"safe_voltage = {SAFE[0]}")
     (tmp_path / "stage.toml").write_text(text)
     command = [Path(sys.executable).with_name("truestroke"), "run", "--config", "stage.toml"]

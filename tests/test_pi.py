@@ -238,6 +238,27 @@ PLAYS_BADLY = [
 ]
 
 
+def test_no_signal_interrupts_the_way_to_the_safe_voltage() -> None:
+    class Impatient:
+        left: tuple[str, ...] = ()
+
+        def open(self) -> Timing:
+            raise DriverError("no network")
+
+        def stop(self, volts: np.ndarray) -> None:
+            for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+                signal.raise_signal(number)
+            self.left = ("stopped",)
+
+        def close(self) -> None:
+            self.left += ("closed",)
+
+    driver = Impatient()
+    with pytest.raises(DriverError, match="no network"):
+        play_and_record(driver, [0.0, 0.1], 2000.0, voltage_limits=(0.0, 10.0), slew=1000.0)
+    assert driver.left == ("stopped", "closed")
+
+
 def test_a_waveform_faster_than_slew_is_refused_before_anything_moves() -> None:
     with pytest.raises(SettingError, match=r"waveform of 200 V/s: must be no faster than slew, 100 V/s"):
         play_and_record(None, [0.0, 0.1], 2000.0, voltage_limits=(0.0, 10.0), slew=100.0)  # no driver is touched
@@ -508,7 +529,6 @@ file = "run.h5"
     [("", 0), ("POS?:60:drop", 12), ("POS?:60:silent", -signal.SIGKILL), ("SVA:40:7", 12), ("POS?:60:nan", 0)],
 )
 def test_the_loop_runs_sample_by_sample(bench: Path, fake: Fake, fault: str, code: int) -> None:
-    pytest.importorskip("truestroke.realtime")
     fake.make(realtime=True, fault=fault)
     config = Path("bench.toml").read_text().replace("[[axis]]", "sample_rate = 50.0\n[[axis]]\nstroke = 40.0")
     Path("run.toml").write_text(config + RUN)
