@@ -18,19 +18,19 @@ from typing import TYPE_CHECKING, Any, Literal, NoReturn
 import click
 
 from truestroke._check import SettingError
+from truestroke.exit_codes import ExitCode
 
 if TYPE_CHECKING:
     from truestroke.loop import RunInterrupted
 
 FILES = ("output", "figures", "as_json")  # options that do not change the run
-INTERRUPTED = 130  # what a shell says after Ctrl-C
 PIPE_WIDTH = 120  # columns of a table where there is no terminal
 
 
 class Commands(click.Group):
     """Commands in the order of the help, whose errors are one line.
 
-    Exit code 2 for a wrong argument, 1 for a failure, 130 for Ctrl-C, 143 for SIGTERM, 129 for SIGHUP.
+    Exit codes are those of `ExitCode`.
     """
 
     def list_commands(self, ctx: click.Context) -> list[str]:
@@ -48,14 +48,14 @@ class Commands(click.Group):
             sys.exit(0)
         except click.UsageError as error:
             where = error.ctx.command_path if error.ctx else "truestroke"
-            _complain(f"{error.format_message()} See: {where} --help", 2)
+            _complain(f"{error.format_message()} See: {where} --help", ExitCode.USAGE)
         except (click.ClickException, SettingError) as error:
             message = error.format_message() if isinstance(error, click.ClickException) else str(error)
-            _complain(message, 2 if isinstance(error, SettingError) else 1)
+            _complain(message, ExitCode.USAGE if isinstance(error, SettingError) else ExitCode.FAILED)
         except OSError as error:
-            _complain(f"{error.filename or 'file'}: {error.strerror or error}", 1)
+            _complain(f"{error.filename or 'file'}: {error.strerror or error}", ExitCode.FAILED)
         except (click.Abort, KeyboardInterrupt):
-            _complain("terminated" if stopped else "interrupted", 128 + stopped[0] if stopped else INTERRUPTED)
+            _complain("terminated" if stopped else "interrupted", 128 + stopped[0] if stopped else ExitCode.INTERRUPTED)
 
 
 @contextmanager

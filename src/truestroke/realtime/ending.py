@@ -7,21 +7,25 @@ from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
 
+from truestroke.exit_codes import ExitCode
+
 
 class Cause(Enum):
     """Why a run ended; the value is the exit code of `truestroke run`."""
 
-    FINISHED = 0
-    ERROR = 1
-    SENSOR = 10
-    OVERRUN = 11
-    DRIVER = 12
-    RECORDER = 13
-    WATCHDOG = 14
-    STOPPED = 15
-    HANGUP = 129
-    INTERRUPTED = 130
-    TERMINATED = 143
+    FINISHED = ExitCode.OK
+    ERROR = ExitCode.FAILED
+    CHECK = ExitCode.CHECK
+    NOT_TRACKING = ExitCode.NOT_TRACKING
+    SENSOR = ExitCode.SENSOR
+    OVERRUN = ExitCode.OVERRUN
+    DRIVER = ExitCode.DRIVER
+    RECORDER = ExitCode.RECORDER
+    WATCHDOG = ExitCode.WATCHDOG
+    STOPPED = ExitCode.STOPPED
+    HANGUP = ExitCode.HANGUP
+    INTERRUPTED = ExitCode.INTERRUPTED
+    TERMINATED = ExitCode.TERMINATED
 
 
 SIGNALS = {

@@ -1,0 +1,38 @@
+"""Whether a result is good, in a word and the reasons for it: the same on the terminal, on the page and in JSON."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+Level = Literal["good", "doubtful", "bad"]
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """Whether a result is to be used.
+
+    Attributes
+    ----------
+    level : str
+        "good"; "doubtful": usable, but read the reasons; "bad": do not use it, the command exits with 4.
+    reasons : tuple[str, ...]
+        A sentence for each finding, the worst first; empty where it is good.
+
+    Examples
+    --------
+    >>> Verdict("bad", ("The command stood at a voltage limit in 97 % of the ticks.",)).is_bad
+    True
+    """
+
+    level: Level
+    reasons: tuple[str, ...] = ()
+
+    @property
+    def is_bad(self) -> bool:
+        """Whether the result is not to be used."""
+        return self.level == "bad"
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON: verdict and reasons."""
+        return {"verdict": self.level, "reasons": list(self.reasons)}
