@@ -13,7 +13,8 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 from truestroke._check import SettingError
-from truestroke.controller import AdaptiveController, Controller, Counters, Diagnostics, Flags
+from truestroke.controller import AdaptiveController, Controller, Counters, Diagnostics
+from truestroke.flags import Flags
 from truestroke.settings import ControllerSettings
 from truestroke.timing import Timing
 

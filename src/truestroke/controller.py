@@ -14,6 +14,7 @@ import numpy.typing as npt
 from truestroke import _check, _kernel, _kernel32
 from truestroke._check import SettingError
 from truestroke._typing import FloatArray
+from truestroke.flags import Flags
 from truestroke.settings import ControllerSettings, kernel_settings
 
 if TYPE_CHECKING:
@@ -38,39 +39,6 @@ class Controller(Protocol):
 
     def adapt(self, z_measured: float, ago: int = 0) -> None:
         """Learn from the displacement (um) that answered the command `ago` commands before the last one."""
-
-
-@dataclass(frozen=True, slots=True)
-class Flags:
-    """What happened in the last tick.
-
-    Attributes
-    ----------
-    saturated : bool
-        The command met a voltage limit.
-    projected : bool
-        A partial slope was brought within `slope_limits`, so that the inverse is defined.
-    rejected : bool
-        The measurement was NaN, infinite, beyond `measurement_limit`, a spike or too late, and was not used.
-    held : bool
-        Adaptation is on hold.
-    changed : bool
-        The actuator has changed suddenly; the controller learns faster for a while.
-    slewed : bool
-        The command met the slew limit.
-    """
-
-    saturated: bool
-    projected: bool
-    rejected: bool
-    held: bool
-    changed: bool
-    slewed: bool
-
-    @classmethod
-    def from_bits(cls, bits: int) -> Flags:
-        """From the bit mask of a recording: 1 saturated, 2 projected, 4 rejected, 8 held, 16 changed, 32 slewed."""
-        return cls(*(bool(bits >> place & 1) for place in range(6)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -388,7 +356,7 @@ class AdaptiveController:
 
     @property
     def flag_bits(self) -> int:
-        """The flags of the last tick: 1 saturated, 2 projected, 4 rejected, 8 held, 16 changed, 32 slewed."""
+        """The flags of the last tick as a bit mask; `truestroke.flags` and docs/conventions.md have the bits."""
         return self._kernel.flags()
 
     @property

@@ -12,6 +12,7 @@ from truestroke import _check
 from truestroke._check import SettingError
 from truestroke._typing import FloatArray
 from truestroke.controller import Controller
+from truestroke.flags import BIT, BY_ADAPT, IN_SHORT
 from truestroke.recording import Channel, Recording, versions
 from truestroke.timing import Timing
 from truestroke.trajectories import Trajectory
@@ -27,7 +28,7 @@ CHANNELS = {
     "measured": ("um", "measured displacement, mean over the tick"),
     "true": ("um", "displacement without sensor noise, mean over the tick"),
     "innovation": ("um", "measurement beyond the model, (15)"),
-    "flags": ("", "bits: 1 saturated, 2 projected, 4 rejected, 8 held, 16 changed, 32 slewed"),
+    "flags": ("", IN_SHORT),
 }
 SLOW_TIME = ("s", "start of the tick before the weights")
 SLOW_CHANNELS = {
@@ -35,8 +36,6 @@ SLOW_CHANNELS = {
     "partial_slopes": ("um/V", "slopes of the hysteresis branches as the inverse used them"),
     "trace_P": ("1/V^2", "trace of the covariance"),
 }
-REJECTED = 4
-FROM_ADAPT = REJECTED | 16  # of the flag bits, those that `adapt` sets; the others are set by `command`
 
 
 class Motion(Protocol):
@@ -114,9 +113,8 @@ def run(
     Recording
         Entry k of each channel belongs to tick k, whatever block and latency are: time [s], desired [um],
         desired_velocity [um/s], volts [V], measured [um], and what there is of true [um], innovation [um], flags
-        (bits: 1 saturated, 2 projected, 4 rejected, 8 held, 16 changed, 32 slewed). Every 10 ms, with weights_time
-        [s]: weights [um/V], partial_slopes [um/V], trace_P [1/V^2]. NaN stands where no measurement came,
-        and for the innovation of a rejected one.
+        (the bits of `truestroke.flags`). Every 10 ms, with weights_time [s]: weights [um/V], partial_slopes [um/V],
+        trace_P [1/V^2]. NaN stands where no measurement came, and for the innovation of a rejected one.
 
     Raises
     ------
@@ -197,7 +195,7 @@ class _Notes:
 
     def commanded(self, k: int) -> None:
         if self.flagged:
-            self.flags[k] = self.controller.flag_bits & ~FROM_ADAPT
+            self.flags[k] = self.controller.flag_bits & ~BY_ADAPT
 
     def exchanged(self, start: int, stop: int, measured: FloatArray) -> list[float]:
         if measured.shape != (stop - start,):
@@ -213,9 +211,9 @@ class _Notes:
         return values
 
     def adapted(self, k: int) -> None:
-        bits = self.controller.flag_bits & FROM_ADAPT if self.flagged else 0
+        bits = self.controller.flag_bits & BY_ADAPT if self.flagged else 0
         self.flags[k] |= bits
-        if self.innovative and not bits & REJECTED:
+        if self.innovative and not bits & BIT["rejected"]:
             self.innovation[k] = self.controller.innovation
 
     def snapshot(self) -> None:

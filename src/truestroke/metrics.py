@@ -15,6 +15,7 @@ import numpy.typing as npt
 from truestroke import _check
 from truestroke._check import SettingError
 from truestroke._typing import FloatArray
+from truestroke.flags import FLAGS
 
 WINDOW = 0.25  # s, over which convergence is judged
 
@@ -257,8 +258,8 @@ class TrackingSummary:
         also if it never is, or if there is less than 1 s of either.
     ticks, missing_ticks : int
         All ticks, and those without a measurement, which are left out.
-    saturated_ticks, projected_ticks, rejected_ticks, held_ticks, changed_ticks, slewed_ticks : int or None
-        How often each flag was up; None where the controller has no flags.
+    saturated_ticks, ..., oscillating_ticks : int or None
+        How often each of `truestroke.flags` was up; None where the controller has no flags.
     """
 
     duration_s: float
@@ -283,6 +284,7 @@ class TrackingSummary:
     held_ticks: int | None
     changed_ticks: int | None
     slewed_ticks: int | None
+    oscillating_ticks: int | None
 
     def as_dict(self) -> dict[str, float | int | None]:
         """All figures by name, for JSON."""
@@ -360,8 +362,6 @@ def _settled(time: FloatArray, error: FloatArray, change: float) -> tuple[float 
 
 
 def _flag_counts(recording: Labelled) -> dict[str, Any]:
-    bits = {"saturated_ticks": 1, "projected_ticks": 2, "rejected_ticks": 4, "held_ticks": 8}
-    bits |= {"changed_ticks": 16, "slewed_ticks": 32}
     if "flags" not in recording:
-        return dict.fromkeys(bits)
-    return {name: int(np.count_nonzero(recording["flags"] & bit)) for name, bit in bits.items()}
+        return {f"{flag.name}_ticks": None for flag in FLAGS}
+    return {f"{flag.name}_ticks": int(np.count_nonzero(recording["flags"] & flag.bit)) for flag in FLAGS}

@@ -402,6 +402,6 @@ class ReferenceController:
 
     @property
     def flag_bits(self) -> int:
-        """The flags of the last tick: 1 saturated, 2 projected, 4 rejected, 8 held, 16 changed, 32 slewed."""
+        """The flags of the last tick as a bit mask, in the order of `truestroke.flags`."""
         flags = (self._saturated, self._projected, self._rejected, self._held, self._changed, self._slewed)
         return sum(bool(flag) << place for place, flag in enumerate(flags))

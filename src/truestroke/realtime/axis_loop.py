@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from truestroke._typing import FloatArray
-from truestroke.loop import FROM_ADAPT, REJECTED, SLOW_CHANNELS, SLOW_PERIOD
+from truestroke.flags import BIT, BY_ADAPT
+from truestroke.loop import SLOW_CHANNELS, SLOW_PERIOD
 from truestroke.realtime.ending import Cause, Stop
 from truestroke.realtime.motion import motion, numbers
 from truestroke.realtime.settings import Axis
@@ -71,7 +72,7 @@ class AxisLoop:
             volts[i] = self._command(z_d, zdot_d)
             self._desired[row], self._velocity[row] = z_d, zdot_d
             self._measured[row] = self._true[row] = self._innovation[row] = math.nan
-            self._flags[row] = self._controller.flag_bits & ~FROM_ADAPT if self._flagged else 0
+            self._flags[row] = self._controller.flag_bits & ~BY_ADAPT if self._flagged else 0
         volts[stop - start :] = volts[stop - start - 1]
 
     def leaving(self, start: int, stop: int, volts: FloatArray, late: float) -> None:
@@ -90,9 +91,9 @@ class AxisLoop:
                 self._measured[row] = z
                 if truth is not None:
                     self._true[row] = truth[i]
-                bits = self._controller.flag_bits & FROM_ADAPT if self._flagged else 0
+                bits = self._controller.flag_bits & BY_ADAPT if self._flagged else 0
                 self._flags[row] += bits
-                if self._innovative and not bits & REJECTED:
+                if self._innovative and not bits & BIT["rejected"]:
                     self._innovation[row] = self._controller.innovation
                 self._look_at_sensor(z, bits, self._volts[row])
             if k % self._stride == 0:
@@ -100,7 +101,7 @@ class AxisLoop:
 
     def _look_at_sensor(self, z: float, bits: int, volts: float) -> None:
         self.lost += z != z
-        self._unusable = self._unusable + 1 if bits & REJECTED or not math.isfinite(z) else 0
+        self._unusable = self._unusable + 1 if bits & BIT["rejected"] or not math.isfinite(z) else 0
         if self._unusable >= self._patience:
             raise Stop(Cause.SENSOR, f"axis {self.axis.name}: no usable measurement for {self._unusable} ticks")
         if z != self._last:

@@ -12,6 +12,7 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from truestroke._typing import FloatArray
+from truestroke.flags import BIT
 from truestroke.recording import Recording
 from truestroke.report import style, words
 from truestroke.report.style import LIGHT, Theme
@@ -283,7 +284,8 @@ def voltage(recording: Recording, limits: tuple[float, float] | None = None, the
         panel.plot(*style.thin(time, volts), color=theme["true"], lw=0.8, label="voltage at the D/A")
         for limit, label in zip(limits or (), ("limits", None), strict=False):
             panel.axhline(limit, color=theme["before"], lw=1.0, ls=(0, (4, 3)), label=label)
-        saturated = (recording["flags"] & 1).astype(bool) if "flags" in recording.channels else np.zeros(0, bool)
+        flags = recording["flags"] if "flags" in recording.channels else np.zeros(time.size, np.uint8)
+        saturated = (flags & BIT["saturated"]).astype(bool)
         if saturated.any():
             panel.plot(time[saturated], volts[saturated], ".", color=theme["before"], ms=4, label="limit met")
         _span(panel, time)

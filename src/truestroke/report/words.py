@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from truestroke import metrics
+from truestroke.flags import FLAGS
 from truestroke.metrics import TrackingSummary
 from truestroke.recording import Recording
 
@@ -19,15 +20,7 @@ NAMES = {
     "PiDriver": "a controller of Physik Instrumente",
     "OneAxis": "one channel of hardware",
 }
-FLAGS = {
-    "saturated": "met a voltage limit",
-    "slewed": "met the slew limit",
-    "projected": "brought a partial slope within its bounds",
-    "rejected": "rejected the measurement",
-    "changed": "found that the actuator had changed",
-    "held": "held the adaptation",
-    "missing": "had no measurement",
-}
+HAPPENED = {flag.name: flag.words for flag in FLAGS} | {"missing": "had no measurement"}
 
 CAPTIONS = {
     "tracking": (
@@ -182,7 +175,7 @@ def flags(summary: TrackingSummary) -> list[str]:
     counts = summary.as_dict()
     return [
         f"{what} in {count:,.0f} tick{'' if count == 1 else 's'} ({_percent(count / summary.ticks)})"
-        for kind, what in FLAGS.items()
+        for kind, what in HAPPENED.items()
         if (count := counts[f"{kind}_ticks"])
     ]
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from truestroke import metrics
 from truestroke._typing import FloatArray
+from truestroke.flags import BIT
 
 Channels = Mapping[str, Any]
 
@@ -32,19 +33,19 @@ def _half(values: FloatArray) -> FloatArray:
     return values[values.size // 2 :]
 
 
-def _flagged(bit: int) -> Callable[[Channels], float]:
-    return lambda channels: 100 * float(np.mean((channels["flags"] & bit) > 0))
+def _flagged(name: str) -> Callable[[Channels], float]:
+    return lambda channels: 100 * float(np.mean((channels["flags"] & BIT[name]) > 0))
 
 
 FIGURES = {
     "rmse": Figure("rmse, second half", "um", lambda c: float(np.sqrt(np.mean(_half(error(c)) ** 2)))),
     "maximum": Figure("maximum, second half", "um", lambda c: float(np.max(np.abs(_half(error(c)))))),
     "largest": Figure("largest error anywhere", "um", lambda c: float(np.max(np.abs(error(c))))),
-    "saturated": Figure("ticks at a voltage limit", "%", _flagged(1)),
-    "projected": Figure("ticks with a projection", "%", _flagged(2)),
-    "rejected": Figure("measurements rejected", "%", _flagged(4)),
-    "changed": Figure("ticks with a change found", "%", _flagged(16)),
-    "slewed": Figure("ticks at the slew limit", "%", _flagged(32)),
+    "saturated": Figure("ticks at a voltage limit", "%", _flagged("saturated")),
+    "projected": Figure("ticks with a projection", "%", _flagged("projected")),
+    "rejected": Figure("measurements rejected", "%", _flagged("rejected")),
+    "changed": Figure("ticks with a change found", "%", _flagged("changed")),
+    "slewed": Figure("ticks at the slew limit", "%", _flagged("slewed")),
 }
 """Of the true error and the flags of a run, by name."""
 

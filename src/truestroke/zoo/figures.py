@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from truestroke._typing import FloatArray
+from truestroke.flags import BIT
 from truestroke.metrics import rmse
 from truestroke.plant import RealisticPlant
 from truestroke.recording import Recording
@@ -73,7 +74,7 @@ def figures(run: Run, recording: Recording) -> Figures:
         largest=float(counted[worst]),
         largest_at=float(time[worst]),
         ringing=_ringing(run, recording["volts"]),
-        changes=int(np.count_nonzero(recording["flags"] & 16)),
+        changes=int(np.count_nonzero(recording["flags"] & BIT["changed"])),
     )
 
 
