@@ -1,0 +1,75 @@
+"""What a motion needs, against stroke and limits, before anything moves."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from truestroke import ControllerSettings, SettingError, feasibility
+from truestroke.trajectories import Trajectory, random_wave, sine, staircase, triangle
+
+BENCH = {"sample_rate": 2000.0, "stroke": 30.0, "voltage_limits": (-0.6, 3.6)}
+SETTINGS = ControllerSettings(**BENCH)
+
+
+def test_the_demands_of_a_sine_are_those_of_the_book() -> None:
+    needs = feasibility.demands(sine(frequency=100.0, peak_to_peak=20.0, duration=1.0), SETTINGS)
+    w = 2 * np.pi * 100.0
+    assert needs.reach == pytest.approx((0.0, 20.0), abs=0.02)
+    assert needs.speed == pytest.approx(10.0 * w, rel=1e-3)
+    assert needs.acceleration == pytest.approx(10.0 * w * w, rel=0.02)
+    weights = dict(zip(SETTINGS.names, SETTINGS.initial_weights, strict=True))
+    plays = [value for name, value in weights.items() if name[0] == "a"]
+    assert needs.slew == pytest.approx(needs.speed / weights["a0"])
+    assert needs.volts == pytest.approx((0.0, needs.reach[1] / sum(plays)))
+
+
+@pytest.mark.parametrize(
+    "wave",
+    [
+        sine(frequency=8.0, peak_to_peak=28.6, duration=1.0),
+        triangle(frequency=4.0, peak_to_peak=30.0, duration=1.0),
+        staircase(peak_to_peak=20.0, velocity_limit=1000.0, duration=1.0),
+        random_wave(duration=2.0),
+    ],
+    ids=lambda wave: wave.name,
+)
+@pytest.mark.parametrize("settings", [SETTINGS, ControllerSettings.paper(**BENCH)], ids=["default", "paper"])
+def test_nothing_is_told_of_what_the_stack_can_do(wave: Trajectory, settings: ControllerSettings) -> None:
+    needs = feasibility.demands(wave, settings)
+    feasibility.check(needs, settings, slew=400.0)
+    assert feasibility.notices(needs, settings, slew=400.0) == ()
+
+
+def refused(wave: Trajectory, settings: ControllerSettings = SETTINGS, **options: object) -> str:
+    with pytest.raises(SettingError) as error:
+        feasibility.check(feasibility.demands(wave, settings), settings, **options)  # type: ignore[arg-type]
+    return str(error.value)
+
+
+def test_a_motion_longer_than_the_stroke_is_refused_with_what_it_needs() -> None:
+    said = refused(random_wave(duration=2.0, peak_to_peak=200.0), names={**feasibility.NAMES, "stroke": "axis.stroke"})
+    assert said.startswith("trajectory = ")
+    assert "must be within the stroke, 30 um" in said
+    assert "V/s); make it smaller, or change axis.stroke" in said
+
+
+def test_units_that_do_not_fit_are_refused() -> None:
+    """The weights of a model in mV; a motion that goes far below 0 um."""
+    mv = ControllerSettings(**BENCH, initial_sensitivity=8.2e-3)
+    assert "voltage_limits are -0.6 to 3.6 V" in refused(sine(frequency=8.0, peak_to_peak=20.0, duration=1.0), mv)
+    wave = sine(frequency=8.0, peak_to_peak=20.0, duration=1.0)
+    below = Trajectory("below", wave.sample_rate, -wave.position, -wave.velocity)
+    assert "about -1.7 to 0 V are needed" in refused(below)
+
+
+def test_a_motion_too_fast_for_the_slew_is_refused_or_told() -> None:
+    wave = sine(frequency=100.0, peak_to_peak=20.0, duration=1.0)
+    assert refused(wave, slew=300.0).startswith("slew_limit = 300 V/s: must be about 765 V/s for a motion")
+    needs = feasibility.demands(wave, SETTINGS)
+    feasibility.check(needs, SETTINGS)
+    (told,) = feasibility.notices(needs, SETTINGS)
+    assert told.startswith("slew_limit = 504 V/s will hold the motion back: it needs about 765 V/s")
+    tight = ControllerSettings(**BENCH | {"voltage_limits": (0.0, 2.0)}, initial_sensitivity=8.2)
+    (told,) = feasibility.notices(feasibility.demands(sine(peak_to_peak=30.0, duration=1.0), tight), tight)
+    assert told.startswith("voltage_limits = 0 to 2 V will hold the motion back: it needs about 0 to 2.")
