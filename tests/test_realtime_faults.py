@@ -104,6 +104,20 @@ def to(name: str, number: int) -> Callable[[], None]:
     return lambda: HELPERS[name].send_signal(number)
 
 
+def children(pid: int) -> list[int]:
+    return [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+
+
+def deputy_of(pid: int) -> int:
+    """The deputy is the one child of the watchdog, which is the one helper that has a child."""
+    (deputy,) = [grandchild for child in children(pid) for grandchild in children(child)]
+    return deputy
+
+
+def to_deputy(number: int) -> Callable[[], None]:
+    return lambda: os.kill(deputy_of(os.getpid()), number)
+
+
 def fill_the_disk() -> None:
     resource.prlimit(HELPERS["record"].pid, resource.RLIMIT_FSIZE, (0, 0))
 
@@ -134,7 +148,10 @@ ROWS = {
     "the disk is full": Row(13, "recording cannot be written", do=fill_the_disk),
     "the recorder dies": Row(13, "recorder died", do=to("record", signal.SIGKILL)),
     "the recorder hangs": Row(13, "s behind", do=to("record", signal.SIGSTOP)),
-    "the watchdog dies": Row(14, "watchdog died", do=to("watch", signal.SIGKILL)),
+    "the watchdog dies": Row(14, "the watchdog died", do=to("watch", signal.SIGKILL)),
+    "the watchdog is stopped (SIGSTOP)": Row(14, "the watchdog stands still", do=to("watch", signal.SIGSTOP)),
+    "the deputy of the watchdog dies": Row(14, "the deputy of the watchdog died", do=to_deputy(signal.SIGKILL)),
+    "the deputy is stopped (SIGSTOP)": Row(14, "the deputy of the watchdog stands", do=to_deputy(signal.SIGSTOP)),
 }
 
 
@@ -161,6 +178,9 @@ def test_row(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
     if name == "the recorder hangs":
         monkeypatch.setattr(runner, "BUFFER", 0.4)
         monkeypatch.setattr(helpers, "LAST_WORDS", 0.5)
+    if "(SIGSTOP)" in name:
+        monkeypatch.setattr(helpers, "BEAT", 0.25)
+        monkeypatch.setattr(helpers, "PATIENCE", 0.5)
     settings = SimulatedSettings(register=str(tmp_path / "volts"), faults=row.faults, **row.driver)
     bench = Bench(settings, dict.fromkeys(row.at, row.do) if row.do else {})
     outcome = run_realtime(
@@ -240,11 +260,29 @@ file = "run.h5"
 
 @dataclass
 class Death:
-    """How the process dies, and its exit code as a shell says it."""
+    """How the process dies, its exit code as a shell says it, and who brings the output to safety."""
 
     code: int
     do: Callable[[subprocess.Popen[str]], object] = lambda process: None
     faults: str = ""
+    by: str = "watchdog"
+
+
+def watchdog_of(process: subprocess.Popen[str]) -> int:
+    return next(child for child in children(process.pid) if children(child))
+
+
+def with_the_watchdog(number: int, last: int = signal.SIGKILL) -> Callable[[subprocess.Popen[str]], None]:
+    """This signal to the watchdog, and at once `last` to the process of the run."""
+
+    def kill(process: subprocess.Popen[str]) -> None:
+        os.kill(watchdog_of(process), number)
+        process.send_signal(last)
+
+    return kill
+
+
+DEPUTY = "deputy of the watchdog"
 
 
 DEATHS = {
@@ -252,6 +290,11 @@ DEATHS = {
     "the process is stopped (SIGSTOP)": Death(137, do=lambda process: process.send_signal(signal.SIGSTOP)),
     "the process is killed (kill -9)": Death(137, do=lambda process: process.kill()),
     "the vendor's library crashes": Death(134, faults='[{ kind = "abort", at = 1000 }]'),
+    "process and watchdog are killed together": Death(137, do=with_the_watchdog(signal.SIGKILL), by=DEPUTY),
+    "the watchdog is stopped, the process killed": Death(137, do=with_the_watchdog(signal.SIGSTOP), by=DEPUTY),
+    "process and watchdog are stopped together": Death(
+        137, do=with_the_watchdog(signal.SIGSTOP, signal.SIGSTOP), by=DEPUTY
+    ),
 }
 
 
@@ -286,23 +329,23 @@ def test_death(name: str) -> None:
     death.do(process)
     _, stderr = process.communicate(timeout=30)  # to the end of the helping processes, which share stderr
     assert process.returncode == 128 - death.code
-    assert "truestroke: watchdog: " in stderr
+    assert f"truestroke: {death.by}: " in stderr
     assert "output brought to 0.25 V" in stderr
     assert np.fromfile("volts") == 0.25
     recording = Recording.load("run.h5")
     assert recording.metadata["ended"]["cause"] == "killed"
-    assert "the watchdog brought the output to the safe voltage" in recording.metadata["interrupted"]
+    assert f"the {death.by} brought the output to the safe voltage" in recording.metadata["interrupted"]
     assert len(recording["time"]) >= (990 if death.faults else before)
 
 
 def test_a_run_whose_every_process_is_killed_leaves_all_but_the_last_half_second() -> None:
     process = started()
-    children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+    all_of_them = [deputy_of(process.pid), *children(process.pid)]
     process.send_signal(signal.SIGSTOP)
     time.sleep(0.3)  # all that the ring holds is written within that; the watchdog would bite after 1 s
     before = ticks("run.h5")
-    for pid in children:
-        os.kill(int(pid), signal.SIGKILL)
+    for pid in all_of_them:
+        os.kill(pid, signal.SIGKILL)
     process.kill()
     process.communicate(timeout=30)
     recording = Recording.load("run.h5")

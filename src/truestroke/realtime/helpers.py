@@ -1,11 +1,14 @@
-"""The processes beside the loop: recorder, watchdog, status line, server."""
+"""The processes beside the loop: recorder, watchdog with its deputy, status line, server."""
 
 from __future__ import annotations
 
 import os
+import select
+import signal
 import subprocess
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import Literal
 
 import numpy as np
@@ -16,10 +19,11 @@ from truestroke.realtime.ending import Cause
 from truestroke.realtime.epics import EpicsSettings
 from truestroke.realtime.process import RealtimeError
 from truestroke.realtime.settings import Axis, RealtimeSettings
-from truestroke.realtime.shared import Helper, Shared, Slot, State, Text
+from truestroke.realtime.shared import Helper, Pulse, Shared, Slot, State, Text
 
 PATIENCE = 60.0  # s for them to start
 LAST_WORDS = 15.0  # s for the recorder to write the rest
+BEAT = 2.0  # s without a beat after which a watchdog stands still
 
 
 class Helpers:
@@ -40,6 +44,8 @@ class Helpers:
         self.recorder = child.start(shared, recorder.record, plans)
         self.watchdog = child.start(shared, watchdog.watch, os.getpid(), rescue, safe, settings.watchdog_timeout)
         self._all = [self.recorder, self.watchdog]
+        self._pulses = {slot: Pulse() for slot in watchdog.BEATS}
+        self._deputy = -1  # a pidfd, once it is there
         if show is not None:
             names = [axis.name for axis in axes]
             self._all.append(child.start(shared, status.show, names, plans[0].sample_rate, show == "live"))
@@ -52,7 +58,7 @@ class Helpers:
     def wait_until_ready(self) -> None:
         """RealtimeError if they do not come up."""
         count, until = self._shared.count, time.monotonic() + PATIENCE
-        needed = [Slot.RECORDER, Slot.WATCHDOG] + ([Slot.SERVER] if self.server else [])
+        needed = [Slot.RECORDER, Slot.WATCHDOG, Slot.DEPUTY] + ([Slot.SERVER] if self.server else [])
         while any(count[slot] != Helper.READY for slot in needed):
             if count[Slot.RECORDER] == Helper.FAILED:
                 raise RealtimeError(f"the recording cannot be written: {self._shared.read(Text.COMPLAINT)}")
@@ -61,6 +67,8 @@ class Helpers:
             if self.trouble() or time.monotonic() > until:
                 raise RealtimeError("recorder and watchdog did not start")
             time.sleep(0.01)
+        self._pulses = {slot: Pulse() for slot in watchdog.BEATS}
+        self._deputy = os.pidfd_open(count[Slot.DEPUTY_PID])
 
     def trouble(self) -> tuple[Cause, str] | None:
         """Which of them no longer works so that the run must end, and why; the server's death is only noted."""
@@ -72,7 +80,18 @@ class Helpers:
             return Cause.RECORDER, "the recorder died"
         if self.watchdog.poll() is not None:
             return Cause.WATCHDOG, "the watchdog died"
+        if self._deputy >= 0 and select.select([self._deputy], [], [], 0)[0]:
+            return Cause.WATCHDOG, "the deputy of the watchdog died"
+        for slot, name in watchdog.NAMES.items():
+            if self._stands_still(slot):
+                return Cause.WATCHDOG, f"the {name} stands still"
         return None
+
+    def _stands_still(self, slot: Slot) -> bool:
+        """Whether a watchdog that was ready takes no looks any more: stopped, not dead."""
+        if self._deputy < 0 or self._shared.count[slot] != Helper.READY:
+            return False
+        return self._pulses[slot].still(self._shared.count[watchdog.BEATS[slot]]) > BEAT
 
     def finish(self, ending: str) -> None:
         """Let the recording be completed; where its recorder is dead, write at least how the run ended."""
@@ -88,7 +107,9 @@ class Helpers:
                 recorder.write_ending(plan.path, self._shared.count[Slot.ENDINGS + axis], ending)
 
     def close(self) -> None:
-        """End them all; a watchdog that rescues is not disturbed."""
+        """End them all; a watchdog that rescues is not disturbed, one that stands still is killed."""
+        if self._stands_still(Slot.WATCHDOG):
+            self.watchdog.kill()
         patience = {self.recorder: LAST_WORDS, self.watchdog: PATIENCE}
         for process in self._all:
             if process.stdin:
@@ -98,3 +119,14 @@ class Helpers:
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.wait()
+        self._end_deputy()
+
+    def _end_deputy(self) -> None:
+        """It ends by itself with the run, unless it is stopped."""
+        if self._deputy < 0:
+            return
+        if not select.select([self._deputy], [], [], PATIENCE if not self._stands_still(Slot.DEPUTY) else 0)[0]:
+            with suppress(ProcessLookupError):
+                signal.pidfd_send_signal(self._deputy, signal.SIGKILL)
+        os.close(self._deputy)
+        self._deputy = -1

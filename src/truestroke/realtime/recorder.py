@@ -13,6 +13,7 @@ import numpy as np
 
 from truestroke import loop
 from truestroke._typing import FloatArray
+from truestroke.realtime import watchdog
 from truestroke.realtime.child import Lifeline
 from truestroke.realtime.shared import FIELDS, Helper, Shared, Slot, State, Text
 from truestroke.recording import ENDING, FORMAT, FORMAT_VERSION
@@ -79,14 +80,7 @@ def _unexpected(shared: Shared) -> str:
     """The end of a run whose process is gone; the watchdog has a moment to act."""
     if shared.count[Slot.STATE] == State.IDLE:
         return json.dumps({"interrupted": "the run never began"})
-    patience = time.monotonic() + 3.0
-    while shared.count[Slot.WATCHDOG] == Helper.READY and time.monotonic() < patience:
-        time.sleep(LOOK)
-    known = {
-        Helper.RESCUED: "the watchdog brought the output to the safe voltage",
-        Helper.NO_RESCUE: "the watchdog could not bring the output to the safe voltage",
-    }
-    what = known.get(Helper(shared.count[Slot.WATCHDOG]), "nobody brought the output to the safe voltage")
+    what = watchdog.outcome(shared)
     return json.dumps({"interrupted": f"the process of the run was killed; {what}", "ended": {"cause": "killed"}})
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import mmap
 import os
+import time
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -32,7 +33,11 @@ class Slot(IntEnum):
     TICKS = 9  # of the whole run
     SERVER = 10  # a Helper
     STOP = 11  # not 0: somebody asks for the end of the run
-    ENDINGS = 12  # where in each file the JSON of its end stands, one slot an axis
+    DEPUTY = 12  # a Helper: the watchdog's deputy
+    WATCHDOG_BEAT = 13  # looks that they have taken: each stands still if its process does
+    DEPUTY_BEAT = 14
+    DEPUTY_PID = 15
+    ENDINGS = 16  # where in each file the JSON of its end stands, one slot an axis
 
 
 class State(IntEnum):
@@ -44,7 +49,7 @@ class State(IntEnum):
 class Helper(IntEnum):
     """What a helping process says of itself."""
 
-    ABSENT, READY, FAILED, RESCUED, NO_RESCUE = range(5)
+    ABSENT, READY, FAILED, RESCUED, NO_RESCUE, RESCUING = range(6)
 
 
 class Text(IntEnum):
@@ -53,6 +58,26 @@ class Text(IntEnum):
     ENDING = 0  # JSON for the recording, by the loop
     COMPLAINT = 1  # what the recorder failed at
     SERVER = 2  # what the server failed at
+
+
+class Pulse:
+    """For how long a counter of another process has stood still, as far as we were there to see it.
+
+    Of the time between two looks at most `SEEN` counts: where the computer itself stood still, all of us did.
+    """
+
+    SEEN = 0.25  # s
+
+    def __init__(self) -> None:
+        self._mark: object = None
+        self._still, self._looked = 0.0, time.monotonic()
+
+    def still(self, mark: object) -> float:
+        """Seconds since `mark` was another."""
+        now = time.monotonic()
+        self._still = self._still + min(now - self._looked, self.SEEN) if mark == self._mark else 0.0
+        self._mark, self._looked = mark, now
+        return self._still
 
 
 SLOTS = Slot.ENDINGS + 64
