@@ -89,7 +89,7 @@ def test_a_configuration_that_can_run_moves_nothing() -> None:
 NI = 'name = "nidaqmx"\noutputs = ["Dev1/ao0"]\ninputs = ["Dev1/ai0"]\num_per_volt = [10.0]'
 LACKS = {
     "libnidaqmx: not found": (('name = "simulated"\nregister = "volts"', NI), ("seed = 0 ", "#")),
-    "file: driver.blok = 5": (("seed = 0", "blok = 5"),),
+    "file: run.toml: driver.blok = 5": (("seed = 0", "blok = 5"),),
     "driver: SimulatedDriver: open: error -2": (("seed = 0", 'faults = [{ kind = "open" }]'),),
     "recording: run.toml: a recording is there": (('"run.h5"', '"run.toml"'),),
     "folder: ": (('"run.h5"', '"nowhere/run.h5"'),),

@@ -581,7 +581,7 @@ def typed(*arguments: str) -> tuple[int, str]:
     ("change", "arguments", "message"),
     [
         (("[[axis]]", "[axis]"), (), "bench.toml: axis = 0 tables: must be one [[axis]]"),
-        (("slew", "slow"), (), "axis.slew = missing: must be given"),
+        (("slew", "slow"), (), "axis.slow = 20000.0: must be left out; did you mean slew?"),
         (('"pi"', '"pie"'), (), "driver.name = 'pie': must be one of "),
         (("port", "porter"), (), "driver.porter = "),
         (("[driver]", "[driver"), (), "bench.toml = the file: must be TOML"),

@@ -199,12 +199,15 @@ def test_what_the_command_line_refuses() -> None:
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"drivers": {}}, "drivers = .*there are driver, axis, realtime, recording"),
+        ({"drivers": {}}, "drivers = .*did you mean driver.*There are driver, axis, realtime, recording"),
         ({"driver": {}}, "driver.name = missing"),
         ({"driver": {"name": "labview"}}, "driver.name = 'labview': must be one of simulated"),
-        ({"driver": {"name": "simulated", "blok": 5}}, "driver.blok = 5: must be left out; there are block"),
+        (
+            {"driver": {"name": "simulated", "blok": 5}},
+            "driver.blok = 5: must be left out; did you mean block.* There are block",
+        ),
         ({"axis": []}, "at least one table"),
-        ({"axis.slow": 1.0}, "axis.slow = 1.0: must be left out; there are name, stroke"),
+        ({"axis.slow": 1.0}, "axis.slow = 1.0: must be left out; did you mean slew.* There are name, stroke"),
         ({"axis.slew": None}, "axis.slew = missing"),
         ({"axis.stroke": None}, "axis.stroke = missing"),
         ({"axis.safe_voltage": 5.0}, "safe_voltage = 5.0 V"),
@@ -220,6 +223,41 @@ def test_what_the_command_line_refuses() -> None:
         ({"realtime": {"watchdog": 1.0}}, "realtime.watchdog = 1.0"),
         ({"recording": {}}, "recording.file = missing"),
         ({"recording": {"files": "x"}}, "recording.files"),
+        ({"recording": {"file": 5}}, "recording.file = 5: must be text in quotes"),
+        ({"axis": [3]}, r"axis = 3: must be a table"),
+        ({"axis": 3}, "axis = 3: must be at least one table"),
+        ({"axis.stroke": "30"}, "axis.stroke = '30' um: must be a number"),
+        ({"axis.stroke": True}, "axis.stroke = True um: must be a number"),
+        ({"axis.slew": "400"}, "axis.slew = '400' V/s: must be a number"),
+        ({"axis.slew": -4.0}, "axis.slew = -4.0 V/s: must be above 0"),
+        ({"axis.voltage_limits": 3.6}, "axis.voltage_limits = 3.6: must be a list"),
+        ({"axis.voltage_limits": [0.0]}, r"axis.voltage_limits = \[0.0\] V: must be a pair"),
+        ({"axis.voltage_limits": ["0", 3.6]}, "axis.voltage_limits = '0': must be a number"),
+        ({"axis.name": 3}, "axis.name = 3: must be text"),
+        ({"axis.settings": {"trim_rate": "3"}}, "axis.settings.trim_rate = '3': must be a number"),
+        ({"axis.settings": {"trim_rate": -3.0}}, "axis.settings.trim_rate = -3.0 1/s"),
+        ({"axis.settings": {"trim_rat": 3.0}}, "axis.settings.trim_rat .*did you mean trim_rate"),
+        ({"axis.settings": {"lag": "no"}}, "axis.settings.lag = 'no': must be true or false, without quotes"),
+        ({"axis.trajectory": {"kind": "sine", "frequency": "3"}}, "axis.trajectory.frequency = '3': must be a number"),
+        ({"axis.trajectory": {"kind": ["sine"]}}, "axis.trajectory.kind = "),
+        ({"axis.trajectory": {"kind": "from_csv", "path": 3}}, "axis.trajectory.path = 3: must be text"),
+        ({"axis.trajectory": {"kind": "from_csv", "path": "n.csv"}}, "axis.trajectory.*n.csv"),
+        ({"realtime": 3}, r"realtime = 3: must be a table \[realtime\]"),
+        ({"realtime": {"cpu": "1"}}, "realtime.cpu = '1': must be a whole number"),
+        ({"realtime": {"spin": False}}, "realtime.spin = False: must be a number"),
+        ({"realtime": {"sensor_timeout": 0.0}}, "realtime.sensor_timeout = 0.0 s"),
+        ({"driver": {"name": "simulated", "seed": "1"}}, "driver.seed = '1': must be a whole number, without quotes"),
+        ({"driver": {"name": "simulated", "plant": 3}}, "driver.plant = 3: must be a table"),
+        ({"driver": {"name": "simulated", "plant": {"nois": 0.1}}}, "driver.plant.nois .*did you mean noise"),
+        ({"driver": {"name": "simulated", "plant": {"noise": "0.1"}}}, "driver.plant.noise = '0.1' um"),
+        ({"driver": {"name": "simulated", "plant": {"change": {"tim": 1}}}}, "driver.plant.change.tim .*mean time"),
+        ({"driver": {"name": "simulated", "plant": {"change": {"gain": 1}}}}, "driver.plant.change.time = missing"),
+        ({"driver": {"name": "simulated", "faults": [3]}}, "driver.faults = 3: must be a table"),
+        ({"driver": {"name": "simulated", "faults": [{"kind": "nan", "a": 1}]}}, "driver.faults.a = 1"),
+        ({"driver": {"name": "simulated", "hardware_timed": 1}}, "driver.hardware_timed = 1: must be true or false"),
+        ({"driver": {"name": "nidaqmx", "outputs": 1, "inputs": [], "um_per_volt": 1.0}}, "driver.outputs = 1"),
+        ({"driver": {"name": "nidaqmx", "outputs": ["a/b"], "inputs": ["a/c"]}}, "driver.um_per_volt = missing"),
+        ({"epics": {"prefix": 3}}, "epics.prefix = 3: must be text"),
     ],
 )
 def test_what_is_wrong_in_a_configuration_is_named(changes: dict[str, Any], words: str) -> None:
@@ -231,6 +269,54 @@ def test_what_is_wrong_in_a_configuration_is_named(changes: dict[str, Any], word
         if value is not None:
             table[name] = value
     with pytest.raises(SettingError, match=words):
+        config.job(made, Path())
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (None, "there is no such file"),
+        ("[driver]\n", "not a truestroke model"),
+        ("\x00", "Invalid"),
+        ('format = "truestroke model"\nversion = 1\nmodel = {}\n', "no table"),
+    ],
+)
+def test_a_model_that_is_none_is_one_line(text: str | None, words: str) -> None:
+    """It was 45 lines of traceback."""
+    wanted = (
+        config.example().replace("stroke = 30.0 ", 'model = "stage.toml" ').replace("controller =", "# controller =")
+    )
+    Path("run.toml").write_text(wanted)
+    if text is not None:
+        Path("stage.toml").write_text(text)
+    code, said = call("--config", "run.toml")
+    assert (code, said.count("\n")) == (2, 1), said
+    assert said.startswith("truestroke: run.toml: axis.model = 'stage.toml': must be a model of truestroke identify")
+    assert words in said
+
+
+def test_the_file_and_the_axis_are_named_where_there_are_several() -> None:
+    text = config.example() + config.example()[config.example().index("[[axis]]") :].partition("[realtime]")[0]
+    head, _, second = text.rpartition("slew = 400.0")
+    Path("run.toml").write_text(f'{head}slew = "fast"{second}')
+    with pytest.raises(SettingError, match=r"^run.toml: \[\[axis\]\] 2: slew = 'fast' V/s: must be a number$"):
+        config.load("run.toml")
+
+
+def test_a_trajectory_takes_the_sample_rate_of_the_driver() -> None:
+    """It had to be repeated."""
+    made = document()
+    made["driver"]["sample_rate"] = 1000.0
+    (axis_,) = config.job(made, Path()).axes
+    assert (axis_.trajectory.sample_rate, len(axis_.trajectory)) == (1000.0, 1000)
+    assert axis_.controller.settings.sample_rate == 1000.0  # type: ignore[attr-defined]
+    made["axis"][0]["trajectory"]["sample_rate"] = 2000.0
+    job = config.job(made, Path())
+    with pytest.raises(SettingError, match=r"trajectory.sample_rate = 2000.0 Hz: must be 1000.0 Hz"):
+        run_realtime(job.driver, job.axes, job.file)
+    Path("move.csv").write_text("t (s),z (um)\n" + "".join(f"{k / 500},{k}\n" for k in range(9)))
+    made["axis"][0]["trajectory"] = {"kind": "from_csv", "path": "move.csv"}
+    with pytest.raises(SettingError, match=r"axis.trajectory.sample_rate = 1000.0 Hz: must be 500 Hz, as the times of"):
         config.job(made, Path())
 
 

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import difflib
+import inspect
 import itertools
 import math
-from collections.abc import Sequence
-from typing import Any
+import types
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Any, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 import numpy.typing as npt
@@ -33,9 +37,105 @@ class SettingError(ValueError):
         super().__init__(f"{argument} = {value}{' ' + unit if unit else ''}: must be {bound}")
 
 
-def number(argument: str, value: object, unit: str = "") -> float:
-    """A finite number as a float."""
+@contextmanager
+def inside(where: str, names: Mapping[str, str] = types.MappingProxyType({})) -> Iterator[None]:
+    """Name what is wrong within it by its whole path: `where` before the argument, or before what `names` call it.
+
+    >>> with inside("axis.", {"slew_limit": "slew"}):
+    ...     positive("slew_limit", -1.0, "V/s")
+    Traceback (most recent call last):
+        ...
+    truestroke._check.SettingError: axis.slew = -1.0 V/s: must be above 0 V/s
+    """
     try:
+        yield
+    except SettingError as error:
+        argument = names.get(error.argument, error.argument)
+        raise SettingError(where + argument, error.value, error.bound, error.unit) from None
+
+
+def known(given: Mapping[str, Any], names: Iterable[str]) -> None:
+    """Only names that exist; of one that does not the error says which was meant.
+
+    >>> known({"forgeting": 0.9}, ("memory", "forgetting"))
+    Traceback (most recent call last):
+        ...
+    truestroke._check.SettingError: forgeting = 0.9: must be left out; did you mean forgetting? There are memory, \
+forgetting
+    """
+    names = tuple(names)
+    for name, value in given.items():
+        if name not in names:
+            close = difflib.get_close_matches(str(name), names, 1)
+            words = f"did you mean {close[0]}? There" if close else "there"
+            raise SettingError(str(name), repr(value), f"left out; {words} are {', '.join(names) or 'none'}")
+
+
+def typed(argument: str, value: Any, hint: Any) -> None:
+    """A plain value of the type that an annotation asks for: a string is no number, and neither is a truth value.
+
+    >>> typed("stroke", "30", float)
+    Traceback (most recent call last):
+        ...
+    truestroke._check.SettingError: stroke = '30': must be a number, without quotes
+    """
+    inner = get_args(hint)
+    if get_origin(hint) in (Union, types.UnionType):
+        if not any(_fits(value, one, one) for one in inner):
+            typed(argument, value, next(one for one in inner if one is not type(None)))
+    elif not _fits(value, hint):
+        quoted = isinstance(value, str) and hint in (int, float, bool)
+        raise SettingError(argument, repr(value), f"{_KINDS[get_origin(hint) or hint][1]}{', without quotes' * quoted}")
+    elif get_origin(hint) is tuple:
+        for entry in value:
+            typed(argument, entry, inner[0])
+
+
+def needed(given: Mapping[str, Any], name: str) -> Any:
+    """The value of a name that must be there."""
+    if name not in given:
+        raise SettingError(name, "missing", "given")
+    return given[name]
+
+
+def made(make: Callable[..., Any], given: Mapping[str, Any], also: tuple[str, ...] = ()) -> Any:
+    """make(**given), where the names are its parameters and the values of their types; lists become tuples.
+
+    `also` are names that are allowed and that it does not get.
+    """
+    parameters, hints = inspect.signature(make).parameters, get_type_hints(make)
+    known(given, sorted({*parameters, *also}))
+    for name, parameter in parameters.items():
+        if parameter.default is inspect.Parameter.empty:
+            needed(given, name)
+    passed = {name: tuple(v) if isinstance(v, list) else v for name, v in given.items() if name not in also}
+    for name, value in passed.items():
+        typed(name, value, hints[name])
+    return make(**passed)
+
+
+_KINDS: dict[Any, tuple[Any, str]] = {
+    float: ((int, float), "a number"),
+    int: ((int, float), "a whole number"),
+    bool: (bool, "true or false"),
+    str: (str, "text in quotes"),
+    type(None): (type(None), "left out"),
+    tuple: ((list, tuple), "a list"),
+    Mapping: (Mapping, "a table"),
+}
+
+
+def _fits(value: Any, hint: Any, other: Any = object) -> bool:
+    """Whether the outermost type does; what is none of `_KINDS` must be `other`, and has checks of its own."""
+    kind = _KINDS.get(get_origin(hint) or hint, (other if isinstance(other, type) else object, ""))[0]
+    return isinstance(value, kind) and (kind is object or isinstance(value, bool) <= (hint is bool))
+
+
+def number(argument: str, value: object, unit: str = "") -> float:
+    """A finite number as a float; a string is none, nor is a truth value."""
+    try:
+        if isinstance(value, (str, bytes, bool, np.bool_)):
+            raise TypeError
         result = float(value)  # type: ignore[arg-type]
     except (TypeError, ValueError):
         raise SettingError(argument, repr(value), "a number", unit) from None
@@ -62,7 +162,9 @@ def within(argument: str, value: object, low: float, high: float, unit: str = ""
 
 def count(argument: str, value: object, low: int, high: int) -> int:
     """A whole number in the closed interval [low, high]."""
-    whole = isinstance(value, (int, np.integer))  # a float does not hold all of them beyond 2^53
+    whole = isinstance(value, (int, np.integer)) and not isinstance(
+        value, bool
+    )  # a float does not hold all of them beyond 2^53
     result: Any = value if whole else number(argument, value)
     if result != int(result) or not low <= result <= high:
         raise SettingError(argument, value, f"a whole number from {low} to {high}")

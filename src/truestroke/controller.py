@@ -124,10 +124,7 @@ class AdaptiveController:
     def __init__(
         self, *, sample_rate: float, stroke: float, voltage_limits: tuple[float, float], **settings: Any
     ) -> None:
-        known = ControllerSettings.__dataclass_fields__
-        for name, value in settings.items():
-            if name not in known:
-                raise SettingError(name, value, f"left out: there is no such setting; there are {', '.join(known)}")
+        _check.known(settings, ControllerSettings.__dataclass_fields__)
         self._start(
             ControllerSettings(sample_rate=sample_rate, stroke=stroke, voltage_limits=voltage_limits, **settings)
         )

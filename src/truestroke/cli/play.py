@@ -39,9 +39,9 @@ def play(waveform: Path, config: Path, output: str, rest: float, as_json: bool) 
     if target.suffix != ".csv" or not target.parent.is_dir():
         raise click.UsageError(f"--output {output}: is a file .csv in a folder that is there.")
     volts, rate = _waveform(waveform)
-    driver, limits = configuration.one_axis(config)
+    job = configuration.one_axis(config)
     try:
-        made = play_and_record(driver, volts, rate, **limits, rest=rest)
+        made = play_and_record(job.driver, volts, rate, **job.limits, rest=rest)
     except DriverError as error:
         raise click.ClickException(str(error)) from None
     x, z = made.volts[0], made.displacement[0]

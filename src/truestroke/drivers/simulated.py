@@ -65,9 +65,10 @@ class Fault:
 def _fault(given: Fault | Mapping[str, Any]) -> Fault:
     if isinstance(given, Fault):
         return given
-    for name in given.keys() - {"kind", "at", "count"}:
-        raise SettingError(f"faults.{name}", given[name], "left out; there are kind, at, count")
-    return Fault(**given)
+    _check.typed("faults", given, Mapping)
+    with _check.inside("faults."):
+        made: Fault = _check.made(Fault, given)
+        return made
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,13 +121,12 @@ class SimulatedSettings:
         from truestroke.plant import Change, PlantSettings, RealisticPlant
 
         given: dict[str, Any] = dict(self.plant)
-        known = PlantSettings.__dataclass_fields__.keys() - {"sample_rate"}
-        for name in given:
-            if name not in known:
-                raise SettingError(f"plant.{name}", given[name], f"left out; there are {', '.join(sorted(known))}")
         if isinstance(given.get("change"), Mapping):
-            given["change"] = Change(**given["change"])
-        settings = PlantSettings(sample_rate=self.sample_rate, **given)
+            with _check.inside("plant.change."):
+                given["change"] = _check.made(Change, given["change"])
+        with _check.inside("plant."):
+            _check.known(given, sorted(PlantSettings.__dataclass_fields__.keys() - {"sample_rate"}))
+            settings = PlantSettings(sample_rate=self.sample_rate, **given)
         return [RealisticPlant(settings, self.seed + channel) for channel in range(self.channels)]
 
 

@@ -76,7 +76,9 @@ def load_model(path: str | os.PathLike[str]) -> ActuatorModel:
     try:
         document = tomllib.loads(Path(path).read_text(encoding="utf-8"))
         return _model(document)
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, SettingError, _WrongError) as error:
+    except FileNotFoundError:
+        raise ModelFileError(f"{os.fspath(path)}: there is no such file") from None
+    except (OSError, RecursionError, UnicodeDecodeError, tomllib.TOMLDecodeError, SettingError, _WrongError) as error:
         raise ModelFileError(f"{os.fspath(path)}: {error}") from error
 
 

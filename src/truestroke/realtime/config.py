@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
-import inspect
 import os
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_type_hints
 
-from truestroke import trajectories
+from truestroke import _check, trajectories
 from truestroke._check import SettingError
 from truestroke.controller import AdaptiveController, Controller
 from truestroke.drivers.protocol import Driver
+from truestroke.identification import ActuatorModel, ModelFileError, load_model
 from truestroke.realtime.epics import EpicsSettings
 from truestroke.realtime.motion import SetPoint
 from truestroke.realtime.settings import Axis, RealtimeSettings
@@ -31,7 +31,10 @@ MOTIONS = {
 }
 CONTROLLERS = ("adaptive", "paper")
 TABLES = ("driver", "axis", "realtime", "recording", "epics")
-AXIS = ("name", "stroke", "voltage_limits", "safe_voltage", "slew", "controller", "model", "settings", "trajectory")
+AXIS = (
+    *("name", "stroke", "voltage_limits", "safe_voltage", "slew"),
+    *("controller", "model", "settings", "trajectory"),
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,12 +64,14 @@ def load(path: str | os.PathLike[str]) -> Job:
     Raises
     ------
     SettingError
-        A key is unknown or missing, or a value is out of its bounds.
+        A key is unknown or missing, a value of the wrong type or out of its bounds: names file and key.
     OSError
         It cannot be read.
     """
     path = Path(path)
-    return job(_document(path), path.parent)
+    document = _document(path)
+    with _check.inside(f"{path}: "):
+        return job(document, path.parent)
 
 
 def job(document: Mapping[str, Any], folder: Path) -> Job:
@@ -77,44 +82,64 @@ def job(document: Mapping[str, Any], folder: Path) -> Job:
     >>> job({"driver": {"name": "simulated", "blok": 5}}, Path())
     Traceback (most recent call last):
         ...
-    truestroke._check.SettingError: driver.blok = 5: must be left out; there are block, channels, faults, \
-hardware_timed, latency, name, plant, register, sample_rate, seed
+    truestroke._check.SettingError: driver.blok = 5: must be left out; did you mean block? There are block, channels, \
+faults, hardware_timed, latency, name, plant, register, sample_rate, seed
     """
-    _known("", document, TABLES)
-    made = driver(_table(document, "driver"))
+    _check.known(document, TABLES)
+    made, rate = driver(_table(document, "driver"))
     tables = document.get("axis")
     if not isinstance(tables, list) or not tables:
-        raise SettingError("axis", tables, "at least one table [[axis]]")
-    recording = _table(document, "recording")
-    _known("recording.", recording, ("file",))
+        raise SettingError("axis", repr(tables), "at least one table [[axis]]")
+    with _check.inside("recording."):
+        recording = _table(document, "recording")
+        _check.known(recording, ("file",))
+        file = _check.needed(recording, "file")
+        _check.typed("file", file, str)
     return Job(
         driver=made,
-        axes=tuple(_axis(table, folder) for table in tables),
-        settings=_made("realtime.", RealtimeSettings, document.get("realtime", {})),
-        file=Path(_needed("recording.", recording, "file")),
+        axes=tuple(_axis(table, place, folder, rate) for place, table in _numbered(tables)),
+        settings=_made("realtime.", RealtimeSettings, _table(document, "realtime", {})),
+        file=Path(file),
         epics=_made("epics.", EpicsSettings, _table(document, "epics")) if "epics" in document else None,
     )
 
 
-def driver(table: Mapping[str, Any]) -> Driver:
-    """The driver of a table [driver]: its name, and its settings."""
-    given = dict(table)
-    name = _one_of("driver.name", _needed("driver.", given, "name"), DRIVERS)
+def driver(table: Mapping[str, Any]) -> tuple[Driver, float]:
+    """The driver of a table [driver]: its name, and its settings; and its ticks per second, Hz."""
+    with _check.inside("driver."):
+        name = _one_of("name", _check.needed(table, "name"), DRIVERS)
     module = importlib.import_module(f"truestroke.drivers.{name}")
-    made: Driver = getattr(module, f"{name.capitalize()}Driver")(
-        _made("driver.", getattr(module, f"{name.capitalize()}Settings"), given, also=("name",))
-    )
-    return made
+    settings = _made("driver.", getattr(module, f"{name.capitalize()}Settings"), table, also=("name",))
+    with _check.inside("driver."):
+        made: Driver = getattr(module, f"{name.capitalize()}Driver")(settings)
+    return made, settings.sample_rate
 
 
-def one_axis(path: str | os.PathLike[str]) -> tuple[Driver, dict[str, Any]]:
-    """Driver and limits of a configuration with one axis; what else is in it is for `truestroke run`.
+@dataclass(frozen=True, kw_only=True)
+class OneAxisJob:
+    """What an experiment on one axis needs of a configuration: `OneAxis(job.driver, **job.limits)`.
 
-    Returns
-    -------
+    Attributes
+    ----------
     driver : Driver
+        Its hardware.
     limits : dict
         voltage_limits (V), slew (V/s) and, if it is there, safe_voltage (V), as `OneAxis` takes them.
+    name : str
+        Of the axis.
+    stroke, resonance : float, optional
+        um; Hz; where the file has them.
+    """
+
+    driver: Driver
+    limits: dict[str, Any]
+    name: str
+    stroke: float | None
+    resonance: float | None
+
+
+def one_axis(path: str | os.PathLike[str]) -> OneAxisJob:
+    """Driver, limits and what else is known of the axis of a configuration with one.
 
     Raises
     ------
@@ -123,78 +148,126 @@ def one_axis(path: str | os.PathLike[str]) -> tuple[Driver, dict[str, Any]]:
     """
     path = Path(path)
     document = _document(path)
-    axes = document.get("axis")
-    if not isinstance(axes, list) or len(axes) != 1:
-        raise SettingError(f"{path}: axis", f"{len(axes) if isinstance(axes, list) else 0} tables", "one [[axis]]")
-    (axis,) = axes
-    limits = {"voltage_limits": tuple(_needed("axis.", axis, "voltage_limits")), "slew": _needed("axis.", axis, "slew")}
-    if "safe_voltage" in axis:
-        limits["safe_voltage"] = axis["safe_voltage"]
-    return driver(_table(document, "driver")), limits
+    with _check.inside(f"{path}: "):
+        axes = document.get("axis")
+        if not isinstance(axes, list) or len(axes) != 1:
+            raise SettingError("axis", f"{len(axes) if isinstance(axes, list) else 0} tables", "one [[axis]]")
+        ((place, axis),) = _numbered(axes)
+        made, _ = driver(_table(document, "driver"))
+        with _check.inside(place):
+            _check.known(axis, AXIS)
+            return OneAxisJob(driver=made, limits=_limits(axis), **_named(axis))
+
+
+def _named(axis: Mapping[str, Any]) -> dict[str, Any]:
+    """Name, stroke (um) and resonance (Hz) of an axis."""
+    name = axis.get("name", "axis")
+    _check.typed("name", name, str)
+    units = {"stroke": "um", "resonance": "Hz"}
+    return {"name": name} | {
+        key: _check.positive(key, axis[key], unit) if key in axis else None for key, unit in units.items()
+    }
 
 
 def _document(path: Path) -> dict[str, Any]:
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise SettingError(str(path), "the file", f"TOML ({error})") from None
 
 
-def _axis(table: Mapping[str, Any], folder: Path) -> Axis:
-    _known("axis.", table, AXIS)
-    motion = _trajectory(dict(_table(table, "trajectory", "axis.")), folder)
-    given = {key: table[key] for key in ("name", "safe_voltage") if key in table}
-    limits, slew = (_needed("axis.", table, key) for key in ("voltage_limits", "slew"))
-    controller = _controller(table, motion.sample_rate, folder)
-    return Axis(trajectory=motion, controller=controller, voltage_limits=limits, slew=slew, **given)
+def _numbered(tables: list[Any]) -> Iterator[tuple[str, Mapping[str, Any]]]:
+    """Each [[axis]] with its path in messages: of one axis "axis.", else counted from 1."""
+    for number, table in enumerate(tables, 1):
+        place = "axis" if len(tables) == 1 else f"[[axis]] {number}"
+        if not isinstance(table, Mapping):
+            raise SettingError(place, repr(table), "a table [[axis]]")
+        yield place + ("." if len(tables) == 1 else ": "), table
 
 
-def _trajectory(given: dict[str, Any], folder: Path) -> Trajectory | SetPoint:
-    kind = _one_of("axis.trajectory.kind", _needed("axis.trajectory.", given, "kind"), tuple(MOTIONS))
-    if "path" in given:
-        given["path"] = folder / given["path"]
-    motion: Trajectory | SetPoint = _made("axis.trajectory.", MOTIONS[kind], given, also=("kind",))
+def _limits(axis: Mapping[str, Any]) -> dict[str, Any]:
+    """voltage_limits, slew and, if it is there, safe_voltage, of the right types."""
+    _check.typed("voltage_limits", _check.needed(axis, "voltage_limits"), tuple[float, ...])
+    low, high = _check.interval("voltage_limits", axis["voltage_limits"], "V")
+    slew = _check.positive("slew", _check.needed(axis, "slew"), "V/s")
+    limits: dict[str, Any] = {"voltage_limits": (low, high), "slew": slew}
+    if "safe_voltage" in axis:
+        limits["safe_voltage"] = _check.within("safe_voltage", axis["safe_voltage"], low, high, "V")
+    return limits
+
+
+def _axis(table: Mapping[str, Any], place: str, folder: Path, rate: float) -> Axis:
+    with _check.inside(place):
+        _check.known(table, AXIS)
+        limits, name = _limits(table), _named(table)["name"]
+        given = _table(table, "trajectory", whole="axis.trajectory")
+        with _check.inside("trajectory."):
+            motion = _trajectory(given, folder, rate)
+        controller = _controller(table, limits, motion.sample_rate, folder)
+        return Axis(trajectory=motion, controller=controller, name=name, **limits)
+
+
+def _trajectory(given: Mapping[str, Any], folder: Path, rate: float) -> Trajectory | SetPoint:
+    """The motion; its sample rate is that of the driver, Hz, unless it has one of its own."""
+    kind = _one_of("kind", _check.needed(given, "kind"), tuple(MOTIONS))
+    given = {"sample_rate": rate, **given}
+    if isinstance(given.get("path"), str):
+        given["path"] = str(folder / given["path"])
+    try:
+        motion: Trajectory | SetPoint = _made("", MOTIONS[kind], given, also=("kind",))
+    except OSError as error:
+        raise SettingError("path", repr(given["path"]), f"a file that can be read ({error.strerror})") from None
     return motion
 
 
-def _controller(table: Mapping[str, Any], sample_rate: float, folder: Path) -> Controller:
-    limits, slew = tuple(table["voltage_limits"]), table["slew"]
-    fixed: dict[str, Any] = {"sample_rate": sample_rate, "voltage_limits": limits}
-    extra = _table(table, "settings", "axis.", {})
-    own = {*fixed, "slew_limit", "stroke"}
-    _known("axis.settings.", extra, [n for n in ControllerSettings.__dataclass_fields__ if n not in own])
+def _controller(table: Mapping[str, Any], limits: Mapping[str, Any], sample_rate: float, folder: Path) -> Controller:
+    fixed: dict[str, Any] = {"sample_rate": sample_rate, "voltage_limits": limits["voltage_limits"]}
+    extra = _settings(table)
+    kind = _one_of("controller", table.get("controller", "adaptive"), CONTROLLERS)
+    renamed = {name: f"settings.{name}" for name in extra} | {"slew_limit": "slew"}
     if "model" in table:
-        for key in ("controller", "stroke"):
-            if key in table:
-                raise SettingError(f"axis.{key}", table[key], "left out where there is a model")
-        return AdaptiveController.from_model(folder / table["model"], slew_limit=slew, **fixed, **extra)
-    fixed["stroke"] = _needed("axis.", table, "stroke")
-    if _one_of("axis.controller", table.get("controller", "adaptive"), CONTROLLERS) == "adaptive":
-        return AdaptiveController(slew_limit=slew, **fixed, **extra)
-    _known("axis.settings.", extra, ())  # the literal algorithm has none
-    return AdaptiveController.paper(**fixed)
+        for key in (key for key in ("controller", "stroke") if key in table):
+            raise SettingError(key, repr(table[key]), "left out where there is a model")
+        known = _model(table["model"], folder)
+        with _check.inside("", renamed):
+            return AdaptiveController.from_model(known, slew_limit=limits["slew"], **fixed, **extra)
+    fixed["stroke"] = _check.positive("stroke", _check.needed(table, "stroke"), "um")
+    if kind == "paper":
+        with _check.inside("settings."):
+            _check.known(extra, ())  # the literal algorithm has none
+        return AdaptiveController.paper(**fixed)
+    with _check.inside("", renamed):
+        return AdaptiveController(slew_limit=limits["slew"], **fixed, **extra)
+
+
+def _settings(table: Mapping[str, Any]) -> dict[str, Any]:
+    """The table axis.settings: members of `ControllerSettings` that no key of [[axis]] stands for."""
+    with _check.inside("settings."):
+        extra = dict(_table(table, "settings", {}))
+        own = {"sample_rate", "voltage_limits", "slew_limit", "stroke", "resonance"}
+        hints = get_type_hints(ControllerSettings)
+        _check.known(extra, [name for name in ControllerSettings.__dataclass_fields__ if name not in own])
+        for name, value in extra.items():
+            _check.typed(name, value, hints[name])
+    return extra
+
+
+def _model(name: Any, folder: Path) -> ActuatorModel:
+    _check.typed("model", name, str)
+    try:
+        return load_model(folder / name)
+    except ModelFileError as error:
+        raise SettingError("model", repr(name), f"a model of truestroke identify ({error})") from None
 
 
 # ---- Tables --------------------------------------------------------------------------------------------------------
 
 
-def _table(document: Mapping[str, Any], key: str, where: str = "", default: Any = None) -> Mapping[str, Any]:
+def _table(document: Mapping[str, Any], key: str, default: Any = None, whole: str = "") -> Mapping[str, Any]:
     value = document.get(key, default)
     if not isinstance(value, Mapping):
-        raise SettingError(where + key, value, f"a table [{where + key}]")
+        raise SettingError(key, repr(value), f"a table [{whole or key}]")
     return value
-
-
-def _needed(where: str, table: Mapping[str, Any], key: str) -> Any:
-    if key not in table:
-        raise SettingError(where + key, "missing", "given")
-    return table[key]
-
-
-def _known(where: str, table: Mapping[str, Any], names: tuple[str, ...] | list[str]) -> None:
-    for key, value in table.items():
-        if key not in names:
-            raise SettingError(where + key, value, f"left out; there are {', '.join(names) or 'none'}")
 
 
 def _one_of(key: str, value: Any, names: tuple[str, ...]) -> str:
@@ -204,11 +277,6 @@ def _one_of(key: str, value: Any, names: tuple[str, ...]) -> str:
 
 
 def _made(where: str, make: Callable[..., Any], table: Mapping[str, Any], also: tuple[str, ...] = ()) -> Any:
-    """make(**table), if the keys are its parameters; `also` are keys that it does not get."""
-    parameters = inspect.signature(make).parameters
-    _known(where, table, sorted({*parameters, *also}))
-    for name, parameter in parameters.items():
-        if parameter.default is inspect.Parameter.empty:
-            _needed(where, table, name)
-    given = {key: tuple(v) if isinstance(v, list) else v for key, v in table.items() if key not in also}
-    return make(**given)
+    """What `table` describes; `also` are keys that it has for others."""
+    with _check.inside(where):
+        return _check.made(make, table, also)
