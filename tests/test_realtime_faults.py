@@ -196,6 +196,17 @@ def test_row(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
     assert_recorded(outcome, row)
 
 
+def test_a_terminal_that_closes_does_not_end_a_run_under_nohup(tmp_path: Path) -> None:
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        bench = Bench(SimulatedSettings(register=str(tmp_path / "volts")), {500: send(signal.SIGHUP)})
+        outcome = run_realtime(bench, [axis()], "run.h5", settings=RealtimeSettings(**PATIENT))
+    finally:
+        signal.signal(signal.SIGHUP, before)
+    assert outcome.cause.value == 0
+    assert np.fromfile("volts") == SAFE
+
+
 def exits() -> None:
     raise SystemExit("the library has had enough")
 

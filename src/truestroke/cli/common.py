@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import math
 import os
@@ -9,7 +10,6 @@ import shlex
 import shutil
 import signal
 import sys
-import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, Literal, NoReturn
 
 import click
 
+from truestroke import _signals, _streams
 from truestroke._check import SettingError
 from truestroke.exit_codes import ExitCode
 
@@ -38,44 +39,49 @@ class Commands(click.Group):
         return list(self.commands)
 
     def main(self, *args: Any, **options: Any) -> Any:
-        """Run a command and leave with its exit code."""
+        """Run a command and leave with its exit code, which does not depend on whether anybody reads what it prints."""
+        _streams.secure()
+        code = self._run(*args, **{**options, "standalone_mode": False})
+        unread = _streams.error("stdout")
+        if unread is not None:
+            _complain(f"stdout: {unread.strerror}; what was printed is not complete")
+            lost = unread.errno != errno.EPIPE  # a reader that has enough is none
+            code = ExitCode.FAILED if lost and code == ExitCode.OK else code
+        sys.exit(code)
+
+    def _run(self, *args: Any, **options: Any) -> int:
         stopped: list[int] = []
         try:
             with _sigterm_as_ctrl_c(stopped):
-                sys.exit(super().main(*args, **{**options, "standalone_mode": False}) or 0)
+                return int(super().main(*args, **options) or ExitCode.OK)
+        except SystemExit as end:
+            return end.code if isinstance(end.code, int) else ExitCode.OK if end.code is None else ExitCode.FAILED
         except click.exceptions.NoArgsIsHelpError as asked:
             click.echo(asked.format_message())
-            sys.exit(0)
+            return ExitCode.OK
         except click.UsageError as error:
             where = error.ctx.command_path if error.ctx else "truestroke"
-            _complain(f"{error.format_message()} See: {where} --help", ExitCode.USAGE)
+            return _complain(f"{error.format_message()} See: {where} --help", ExitCode.USAGE)
         except (click.ClickException, SettingError) as error:
             message = error.format_message() if isinstance(error, click.ClickException) else str(error)
-            _complain(message, ExitCode.USAGE if isinstance(error, SettingError) else ExitCode.FAILED)
+            return _complain(message, ExitCode.USAGE if isinstance(error, SettingError) else ExitCode.FAILED)
         except OSError as error:
-            _complain(f"{error.filename or 'file'}: {error.strerror or error}", ExitCode.FAILED)
+            return _complain(f"{error.filename or 'file'}: {error.strerror or error}", ExitCode.FAILED)
         except (click.Abort, KeyboardInterrupt):
-            _complain("terminated" if stopped else "interrupted", 128 + stopped[0] if stopped else ExitCode.INTERRUPTED)
+            code = 128 + stopped[0] if stopped else ExitCode.INTERRUPTED
+            return _complain("terminated" if stopped else "interrupted", code)
 
 
 @contextmanager
 def _sigterm_as_ctrl_c(stopped: list[int]) -> Iterator[None]:
     """SIGTERM, and SIGHUP of a terminal that is closed, end a command as Ctrl-C does; noted in `stopped`."""
-    if threading.current_thread() is not threading.main_thread():
-        yield  # only the main thread may set handlers
-        return
 
     def stop(number: int, frame: object) -> None:
         stopped.append(number)
         raise KeyboardInterrupt
 
-    ends = [number for number in (signal.SIGTERM, signal.SIGHUP) if signal.getsignal(number) is not signal.SIG_IGN]
-    before = {number: signal.signal(number, stop) for number in ends}  # nohup stays nohup
-    try:
+    with _signals.handled((signal.SIGTERM, signal.SIGHUP), stop):
         yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def interrupted(stop: RunInterrupted, saved: str) -> NoReturn:
@@ -86,9 +92,10 @@ def interrupted(stop: RunInterrupted, saved: str) -> NoReturn:
     raise click.ClickException(f"{stop.__cause__}; {saved}") from stop
 
 
-def _complain(message: str, code: int) -> None:
+def _complain(message: str, code: int = ExitCode.FAILED) -> int:
+    """One line on stderr; the exit code."""
     click.echo(f"truestroke: {' '.join(message.split())}", err=True)
-    sys.exit(code)
+    return code
 
 
 @contextmanager

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import signal
-import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-from truestroke import _check
+from truestroke import _check, _signals
 from truestroke._check import SettingError
 from truestroke._typing import FloatArray
 from truestroke.drivers.protocol import Driver
@@ -116,29 +113,13 @@ def play_and_record(
         play = getattr(driver, "play", None)
         made = play(whole, sample_rate) if play else _by_blocks(driver, timing, whole, sample_rate, safe)
     finally:
-        with _deaf():
+        with _signals.handled(_signals.ENDING, signal.SIG_IGN):  # none interrupts the way to the safe voltage
             try:
                 driver.stop(np.array([safe]))
             finally:
                 driver.close()
     part = slice(before.size, before.size + wave.size)
     return Recorded(made.volts[:, part], made.displacement[:, part], made.sample_rate)
-
-
-@contextmanager
-def _deaf() -> Iterator[None]:
-    """Within it, no signal that asks for the end interrupts the way to the safe voltage."""
-    if threading.current_thread() is not threading.main_thread():
-        yield  # only the main thread gets them
-        return
-    before = {
-        number: signal.signal(number, signal.SIG_IGN) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-    }
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def _ramp(start: float, stop: float, step: float) -> FloatArray:

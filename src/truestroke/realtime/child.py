@@ -10,6 +10,7 @@ import sys
 from collections.abc import Callable
 from typing import Any
 
+from truestroke import _streams
 from truestroke.realtime.shared import Shared
 
 _CODE = "from truestroke.realtime.child import main; main()"
@@ -45,6 +46,7 @@ def start(shared: Shared, job: Callable[..., None], *arguments: Any) -> subproce
 
 def main() -> None:
     """What the new process does."""
+    _streams.secure()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
     sys.path[:] = pickle.load(sys.stdin.buffer)

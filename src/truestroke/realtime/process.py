@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import gc
 import os
-import signal
 import sys
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from truestroke import _signals
 from truestroke.realtime.ending import SIGNALS
 from truestroke.realtime.settings import RealtimeSettings
 
@@ -22,17 +21,10 @@ class RealtimeError(RuntimeError):
 
 @contextmanager
 def noted_signals() -> Iterator[list[int]]:
-    """Signals that end a run go into the list and do nothing else; only the main thread can have them."""
+    """Signals that end a run go into the list and do nothing else; those that are ignored stay so (nohup)."""
     asked: list[int] = []
-    if threading.current_thread() is not threading.main_thread():
+    with _signals.handled(SIGNALS, lambda number, _: asked.append(number)):
         yield asked
-        return
-    before = {number: signal.signal(number, lambda n, _: asked.append(n)) for number in SIGNALS}
-    try:
-        yield asked
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 @contextmanager

@@ -130,5 +130,5 @@ def _bring_to_safety(
     else:
         shared.count[who] = Helper.RESCUED
         tell = f"{NAMES[who]}: {why}; output brought to {volts}"
-    with suppress(OSError):  # nobody reads it
-        sys.stderr.write(f"truestroke: {tell}\n")
+    sys.stderr.write(f"truestroke: {tell}\n")
+    sys.stderr.flush()
