@@ -11,7 +11,7 @@ import sys
 from typing import Any
 
 import numpy as np
-from aioca import FORMAT_CTRL, FORMAT_TIME, CANothing, caget, camonitor, caput
+from aioca import FORMAT_CTRL, FORMAT_TIME, caget, camonitor, caput
 
 PATIENCE = 20.0  # s of a busy machine
 STAGE = "TEST:STAGE:"
@@ -57,12 +57,40 @@ async def move() -> dict[str, Any]:
     for name in ("DESIRED", "MEASURED", "ERROR"):
         seen[name] = about(await get(f"Y:{name}:WAVE", format=FORMAT_CTRL))
     seen["y is moved"] = (await caget(STAGE + "Y:SETPOINT", timeout=0.5, throw=False)).ok
-    try:
-        await put("X:READBACK", 1.0)
-    except CANothing:
-        seen["read only"] = True
+    seen["written"] = await forbidden()
+    seen["written by PV Access"] = by_pv_access()
     await put("STOP", 1)
     return seen
+
+
+FORBIDDEN = (
+    *(f"{name}.{field}" for name in ("STOP", "X:SETPOINT", "X:READBACK") for field in ("DISP", "SCAN", "ASG", "PROC")),
+    *(f"X:SETPOINT.{field}" for field in ("DRVH", "DRVL", "OUT", "OMSL", "SDIS", "SIMM", "EGU")),
+    *("STOP.OUT", "STOP.SDIS", "STOP.OMSL", "X:READBACK", "X:VOLTS", "STATE", "X:WEIGHTS", "X:READBACK.INP"),
+)
+
+
+async def forbidden() -> list[str]:
+    """What a client may not write, but could, by Channel Access."""
+    done = await caput([STAGE + name for name in FORBIDDEN], 1, repeat_value=True, timeout=PATIENCE, throw=False)
+    return [str(one.name) for one in done if one.ok]
+
+
+def by_pv_access() -> list[str]:
+    """The same by PV Access, where a place shows that it answers at all."""
+    from p4p.client.thread import Context, RemoteError
+
+    written = []
+    with Context("pva") as context:
+        context.get(STAGE + "X:READBACK", timeout=PATIENCE)
+        for name in ("STOP.DISP", "X:SETPOINT.DRVH", "X:READBACK", "STATE", "X:SETPOINT"):
+            try:
+                context.put(STAGE + name, 1, timeout=PATIENCE)
+                written.append(name)
+            except RemoteError as error:
+                if "permitted" not in str(error) and "putDisabled" not in str(error):
+                    written.append(f"{name}: {error}")
+    return written
 
 
 async def lose(pid: int) -> dict[str, Any]:

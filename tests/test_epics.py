@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import ctypes
 import importlib.util
 import itertools
 import json
 import math
+import os
+import re
 import signal
 import socket
 import subprocess
@@ -73,8 +76,13 @@ def _on_ports_of_their_own(monkeypatch: pytest.MonkeyPatch) -> None:
         for variable, one in (("CA_SERVER", first), ("CA_REPEATER", second), ("PVA_SERVER", third)):
             one.bind(("127.0.0.1", 0))
             monkeypatch.setenv(f"EPICS_{variable}_PORT", str(one.getsockname()[1]))
-    monkeypatch.setenv("EPICS_CA_ADDR_LIST", "127.0.0.1")
-    monkeypatch.setenv("EPICS_CA_AUTO_ADDR_LIST", "NO")
+        one = third.getsockname()[1]
+    monkeypatch.setenv("EPICS_PVA_BROADCAST_PORT", str(one))
+    page = (Path(__file__).parents[1] / "docs/epics.md").read_text()
+    exports = re.findall(r"^export (EPICS_\w+)=(\S+)", page, flags=re.MULTILINE)  # as a reader types them
+    assert len(exports) == 4
+    for variable, value in exports:
+        monkeypatch.setenv(variable, value)
 
 
 # ---- With a client --------------------------------------------------------------------------------------------------
@@ -129,7 +137,8 @@ def test_an_operator_moves_reads_and_stops() -> None:
     assert seen["there"] == 12.0
     assert seen["beyond"] == 28.0
     assert not seen["y is moved"]
-    assert seen["read only"]
+    assert seen["written"] == []
+    assert seen["written by PV Access"] == ["X:SETPOINT"]
     units = {name: seen[name]["units"] for name in ("X:VOLTS", "X:READBACK", "X:RMSE", "X:WEIGHTS", "TIME_LEFT")}
     assert units == {"X:VOLTS": "V", "X:READBACK": "um", "X:RMSE": "um", "X:WEIGHTS": "um/V", "TIME_LEFT": "s"}
     assert (seen["X:VOLTS"]["lower_disp_limit"], seen["X:VOLTS"]["upper_disp_limit"]) == LIMITS
@@ -185,7 +194,31 @@ def run(do: dict[int, Callable[[], object]] | None = None, **changes: Any) -> An
     return run_realtime(Bench(do or {}), [axis], "run.h5", **options)
 
 
-def test_the_loop_does_not_notice_what_becomes_of_the_server(monkeypatch: pytest.MonkeyPatch) -> None:
+def outside(pid: int) -> list[tuple[str, bytes]]:
+    """Addresses of the UDP sockets of a process that are not at 127.0.0.1, and the device that each keeps to."""
+    libc, process, found = ctypes.CDLL(None, use_errno=True), os.pidfd_open(pid), []
+    for fd in map(int, os.listdir(f"/proc/{pid}/fd")):
+        if not os.readlink(f"/proc/{pid}/fd/{fd}").startswith("socket:"):
+            continue
+        copy = libc.syscall(438, process, fd, 0)  # pidfd_getfd
+        assert copy >= 0, os.strerror(ctypes.get_errno())
+        with socket.socket(fileno=copy) as one:
+            if one.type == socket.SOCK_DGRAM and one.getsockname()[0] != "127.0.0.1":
+                device = one.getsockopt(socket.SOL_SOCKET, socket.SO_BINDTODEVICE, 16)
+                found.append((one.getsockname()[0], device.rstrip(b"\0")))
+    os.close(process)
+    return found
+
+
+def test_a_server_of_this_computer_hears_nothing_from_outside(monkeypatch: pytest.MonkeyPatch) -> None:
+    servers = noted_servers(monkeypatch)
+    seen: list[tuple[str, bytes]] = []
+    run({200: lambda: seen.extend(outside(servers[0].pid))})
+    assert "0.0.0.0" in [address for address, _ in seen]  # searches of PV Access
+    assert {device for _, device in seen} == {b"lo"}
+
+
+def noted_servers(monkeypatch: pytest.MonkeyPatch) -> list[subprocess.Popen[bytes]]:
     servers: list[subprocess.Popen[bytes]] = []
 
     def start(shared: Any, job: Callable[..., None], *arguments: Any) -> subprocess.Popen[bytes]:
@@ -195,6 +228,11 @@ def test_the_loop_does_not_notice_what_becomes_of_the_server(monkeypatch: pytest
 
     original = child.start
     monkeypatch.setattr(helpers.child, "start", start)
+    return servers
+
+
+def test_the_loop_does_not_notice_what_becomes_of_the_server(monkeypatch: pytest.MonkeyPatch) -> None:
+    servers = noted_servers(monkeypatch)
     outcome = run({300: lambda: servers[0].send_signal(signal.SIGSTOP), 1200: lambda: servers[0].kill()})
     assert (outcome.cause, outcome.ticks, outcome.lost) == (Cause.FINISHED, 2000, 0)
     assert servers[0].poll() == -signal.SIGKILL

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import ctypes
 import importlib.util
+import ipaddress
 import math
 import os
 import re
+import socket
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from importlib.resources import as_file, files
 from typing import Any
 
 import numpy as np
@@ -30,6 +34,7 @@ WAVES = 5  # updates from one of the waveforms to the next
 ARRIVED = 1e-6  # um
 LAST_WORDS = 0.5  # s that clients have to hear of the end
 NAME = re.compile(r"[A-Za-z0-9_\-:]{1,30}")
+INTERFACES = ("EPICS_CAS_INTF_ADDR_LIST", "EPICS_PVAS_INTF_ADDR_LIST")  # of Channel Access, of PV Access
 LOST = "lost"  # one more state: the process of the loop is gone
 SEVERITIES = {State.STOPPING: "MINOR", State.ENDED: "MINOR"}
 
@@ -131,8 +136,9 @@ class _Server:
     """The records of a run and of its axes."""
 
     def __init__(self, shared: Shared, settings: EpicsSettings, axes: list[Panel], sample_rate: float) -> None:
-        for variable in ("EPICS_CAS_INTF_ADDR_LIST", "EPICS_PVAS_INTF_ADDR_LIST"):
+        for variable in INTERFACES:
             os.environ.setdefault(variable, settings.interface)
+        local = all(_is_loopback(address) for variable in INTERFACES for address in os.environ[variable].split())
         with _quiet():
             from softioc import asyncio_dispatcher, builder, softioc
 
@@ -142,13 +148,17 @@ class _Server:
             self._left = builder.aIn("TIME_LEFT", EGU="s", PREC=1, LOPR=0.0)
             self._overruns = builder.longIn("OVERRUNS", EGU="blocks", HIGH=1, HSV="MINOR")
             builder.aIn("SAMPLE_RATE", EGU="Hz", PREC=3, initial_value=sample_rate)
-            builder.boolOut("STOP", ZNAM="run", ONAM="stop", initial_value=0, on_update=self._stop, always_update=True)
+            stop = {"ZNAM": "run", "ONAM": "stop", "ASG": "STOP", "initial_value": 0, "always_update": True}
+            builder.boolOut("STOP", on_update=self._stop, **stop)
             self._axes = [
                 _AxisRecords(builder, shared, channel, panel, settings, sample_rate)
                 for channel, panel in enumerate(axes)
             ]
             builder.LoadDatabase()
-            softioc.iocInit(asyncio_dispatcher.AsyncioDispatcher())
+            with _guarded():
+                softioc.iocInit(asyncio_dispatcher.AsyncioDispatcher(), enable_pva=not local or _keep_to_loopback([]))
+            if local:
+                _keep_to_loopback(_datagram_sockets())
         self._rate, self._settled = sample_rate, 0
 
     def _stop(self, asked: int) -> None:
@@ -198,7 +208,7 @@ class _AxisRecords:
         if panel.moved:
             self._moving = builder.boolIn(f"{panel.name}:MOVING", ZNAM="arrived", ONAM="moving")
             out = {"DRVL": low, "DRVH": high, "EGU": "um", "PREC": 4, "always_update": True, "initial_value": 0.0}
-            builder.aOut(f"{panel.name}:SETPOINT", validate=_is_number, on_update=self._send, **out)
+            builder.aOut(f"{panel.name}:SETPOINT", ASG="OPERATOR", validate=_is_number, on_update=self._send, **out)
         self._window, self._recent = round(settings.window * rate), round(WINDOW * rate)
         wave = {"datatype": float, "length": self._window, "EGU": "um", "PREC": 4}
         self._waves = [
@@ -257,6 +267,42 @@ class _AxisRecords:
             self._show(record, math.nan)
 
 
+def _is_loopback(address: str) -> bool:
+    with suppress(ValueError):
+        return ipaddress.ip_address(address.partition(":")[0]).is_loopback
+    return address == "localhost"
+
+
+def _datagram_sockets() -> list[socket.socket]:
+    """Those of this process, each by a descriptor of its own."""
+    found = []
+    for name in os.listdir("/proc/self/fd"):
+        with suppress(OSError):  # no socket, or gone
+            one = socket.socket(fileno=os.dup(int(name)))
+            if one.type == socket.SOCK_DGRAM and one.family in (socket.AF_INET, socket.AF_INET6):
+                found.append(one)
+            else:
+                one.close()
+    return found
+
+
+def _keep_to_loopback(sockets: list[socket.socket]) -> bool:
+    """Let nothing from outside reach these, whatever address they listen at, as that of searches of PV Access is any.
+
+    Whether this system allows it: Linux from 5.7 on.
+    """
+    try:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as trial:
+            for one in (trial, *sockets):
+                one.setsockopt(socket.SOL_SOCKET, socket.SO_BINDTODEVICE, b"lo")
+    except PermissionError:
+        return False
+    finally:
+        for one in sockets:
+            one.close()
+    return True
+
+
 def _states() -> list[Any]:
     """Names and severities of the STATE record."""
     named = [(name, SEVERITIES.get(State(i), "NO_ALARM")) for i, name in enumerate(STATES)]
@@ -265,6 +311,18 @@ def _states() -> list[Any]:
 
 def _is_number(record: Any, value: float) -> bool:
     return math.isfinite(value)
+
+
+@contextmanager
+def _guarded() -> Iterator[None]:
+    """What starts within it obeys the access security of `epics.acf`, or RuntimeError."""
+    from epicscorelibs.ioc import Com, dbCore
+
+    with as_file(files("truestroke.realtime") / "epics.acf") as file:
+        if dbCore.asSetFilename(str(file).encode()) == 0:
+            yield
+    if not ctypes.c_int.in_dll(Com, "asActive").value:
+        raise RuntimeError("EPICS did not take its access security from epics.acf")
 
 
 @contextmanager
