@@ -8,10 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from truestroke import AdaptiveController, Flags, metrics, trajectories
+from truestroke import AdaptiveController, Flags, metrics, trajectories, words
 from truestroke.flags import BIT, BY_ADAPT, FLAGS
 from truestroke.loop import CHANNELS, Timing, run
-from truestroke.report import words
 
 DOCS = Path(__file__).parents[1] / "docs"
 

@@ -15,9 +15,13 @@ import numpy.typing as npt
 from truestroke import _check
 from truestroke._check import SettingError
 from truestroke._typing import FloatArray
-from truestroke.flags import FLAGS
+from truestroke.flags import BIT, FLAGS
 
 WINDOW = 0.25  # s, over which convergence is judged
+SHARE, OF_STROKE = 0.02, 0.001  # of the motion and of the stroke: what an error may be
+NOISE_LIMIT = 0.005  # of the stroke: what may pass for noise of the sensor
+AT_LIMIT = 0.01  # of the ticks of the second half: so many at a voltage limit, far from where they should be, and a run
+#                  has not converged
 
 
 class Labelled(Protocol):
@@ -103,6 +107,55 @@ def convergence_time(time: npt.ArrayLike, error: npt.ArrayLike, level: float | N
         return 0.0
     first = int(exceeds[-1]) + 1
     return float(time[first] - time[0]) if first + window <= time.size else None
+
+
+def noise(error: npt.ArrayLike) -> float:
+    """Standard deviation of the sensor's noise in an error, um: median of abs(second difference) / (0.6745 sqrt 6).
+
+    What moves slowly against the sample rate drops out of the second difference, single spikes out of the median. It
+    is at least that of the sensor's steps, the smallest one over sqrt 12.
+
+    Parameters
+    ----------
+    error : array_like
+        Or a displacement at rest, um; evenly sampled, NaN is left out.
+
+    Examples
+    --------
+    >>> t = np.arange(20_000) / 2000.0
+    >>> white = np.random.Generator(np.random.PCG64(0)).normal(0.0, 0.013, t.size)
+    >>> round(noise(white + np.sin(50 * t)), 3)
+    0.013
+    """
+    values = np.asarray(error, dtype=np.float64)
+    known = values[np.isfinite(values)]
+    if known.size < 3:
+        return 0.0
+    steps = np.abs(np.diff(known))
+    step = float(np.min(steps[steps > 0], initial=np.inf))
+    white = float(np.median(np.abs(np.diff(known, 2)))) / (0.6745 * np.sqrt(6))
+    return float(max(white, step / np.sqrt(12) if np.isfinite(step) else 0.0))
+
+
+def tolerable(span: float, stroke: float, noise: float) -> float:
+    """What an error may be, um: the largest of 2 % of the motion, 0.1 % of the stroke, and the sensor's noise.
+
+    A good run has no larger rms error, and one whose error stays above twice that has not converged
+    (docs/exit-codes.md).
+
+    Parameters
+    ----------
+    span, stroke : float
+        Peak-to-peak of the motion, and the stroke of the actuator, um.
+    noise : float
+        Standard deviation, um; it counts up to 0.5 % of the stroke, beyond which it is no noise.
+
+    Examples
+    --------
+    >>> tolerable(20.0, 30.0, 0.013), tolerable(0.05, 30.0, 0.013)
+    (0.4, 0.03)
+    """
+    return max(SHARE * span, OF_STROKE * stroke, min(noise, NOISE_LIMIT * stroke))
 
 
 def phase_lag(desired: npt.ArrayLike, measured: npt.ArrayLike, sample_rate: float, frequency: float) -> float:
@@ -251,11 +304,14 @@ class TrackingSummary:
         Error without sensor noise; None where the recording has no truth.
     convergence_time_s : float or None
         See `convergence_time`, of the measured error, over the whole run, or up to the sudden change where there is
-        one; None if it never settles or there is less than 1 s of it.
+        one, to what it ends with, but at most to what is `tolerable`. None if it never settles, if it stands at a
+        voltage limit in 1 % of the second half, farther off than that, or if there is less than 1 s of it.
     change_s, recovery_time_s : float or None
         When the actuator changed suddenly, and the time from then on until the error is again near what it was in the
         second half before: the `convergence_time` of what follows, to that level. None without a change; the second
         also if it never is, or if there is less than 1 s of either.
+    stroke_um, noise_um : float
+        Stroke of the actuator, and the sensor's noise (`noise` of the measured error).
     ticks, missing_ticks : int
         All ticks, and those without a measurement, which are left out.
     saturated_ticks, ..., oscillating_ticks : int or None
@@ -276,6 +332,8 @@ class TrackingSummary:
     convergence_time_s: float | None
     change_s: float | None
     recovery_time_s: float | None
+    stroke_um: float
+    noise_um: float
     ticks: int
     missing_ticks: int
     saturated_ticks: int | None
@@ -291,7 +349,9 @@ class TrackingSummary:
         return dataclasses.asdict(self)
 
 
-def summary(recording: Labelled, start: float = 0.5, change: float | None = None) -> TrackingSummary:
+def summary(
+    recording: Labelled, start: float = 0.5, change: float | None = None, stroke: float | None = None
+) -> TrackingSummary:
     """The figures of a run: rmse and maximum of its later part, convergence, recovery, flags.
 
     Parameters
@@ -302,6 +362,8 @@ def summary(recording: Labelled, start: float = 0.5, change: float | None = None
         Part of the duration from which errors count, in [0, 1).
     change : float, optional
         When the actuator changed suddenly, s; convergence is then judged before it and recovery after it.
+    stroke : float, optional
+        Of the actuator, um; by default the peak-to-peak of the desired motion over the whole run.
 
     Raises
     ------
@@ -326,7 +388,13 @@ def summary(recording: Labelled, start: float = 0.5, change: float | None = None
     duration = _duration(time)
     span = peak_to_peak(desired[counted])
     changed = np.inf if change is None else _check.number("change", change)
-    converged, recovered = _settled(time[known], (measured - desired)[known], changed)
+    error = measured - desired
+    whole = float(np.ptp(desired)) if stroke is None else _check.positive("stroke", stroke, "um")
+    sensor = noise(error)
+    tolerated = tolerable(span, whole, sensor), min(sensor, NOISE_LIMIT * whole)
+    converged, recovered = _settled(time[known], error[known], changed, float(np.hypot(*tolerated)))
+    if np.mean(at_limit(recording, *tolerated)[time.size // 2 :]) > AT_LIMIT:
+        converged = None
     none = dict.fromkeys(f"true_{name}" for name in ("rmse_um", "maximum_um", "rmse_percent", "maximum_percent"))
     return TrackingSummary(
         duration_s=duration,
@@ -337,6 +405,8 @@ def summary(recording: Labelled, start: float = 0.5, change: float | None = None
         convergence_time_s=converged,
         change_s=change,
         recovery_time_s=recovered,
+        stroke_um=whole,
+        noise_um=sensor,
         ticks=time.size,
         missing_ticks=int(np.count_nonzero(~known)),
         **_flag_counts(recording),
@@ -349,16 +419,35 @@ def _errors(which: str, desired: FloatArray, z: FloatArray, span: float) -> dict
     return {f"{which}_{k}_um": v for k, v in um.items()} | {f"{which}_{k}_percent": v for k, v in percent.items()}
 
 
-def _settled(time: FloatArray, error: FloatArray, change: float) -> tuple[float | None, float | None]:
+def at_limit(recording: Labelled, tolerated: float, noise: float, limit: str = "saturated") -> npt.NDArray[np.bool_]:
+    """Ticks in which a limit kept the actuator away from where it should be, by more than what is tolerable.
+
+    Parameters
+    ----------
+    recording : Recording or dict of arrays
+        With desired and measured; without flags no tick is known to be at a limit.
+    tolerated, noise : float
+        um; a limit that is met on the spot, as 0 V at rest, is none of them.
+    limit : str
+        The flag: "saturated" or "slewed".
+    """
+    if "flags" not in recording:
+        return np.zeros(recording["time"].size, bool)
+    off = np.abs(recording["measured"] - recording["desired"])
+    return np.asarray((recording["flags"] & BIT[limit] > 0) & ~(off <= tolerated + 3 * noise))
+
+
+def _settled(time: FloatArray, error: FloatArray, change: float, highest: float) -> tuple[float | None, float | None]:
     """Times of convergence before the change and of recovery after it, s; None where there is too little to tell."""
     before = time < change
     if _duration(time[before]) < 4 * WINDOW:
         return None, None
-    converged = convergence_time(time[before], error[before])
+    usual = error[before][np.count_nonzero(before) // 2 :]
+    level = min(float(np.sqrt(np.mean(usual**2))), highest)
+    converged = convergence_time(time[before], error[before], level)
     if _duration(time[~before]) < 4 * WINDOW:
         return converged, None
-    usual = error[before][np.count_nonzero(before) // 2 :]
-    return converged, convergence_time(time[~before], error[~before], level=float(np.sqrt(np.mean(usual**2))))
+    return converged, convergence_time(time[~before], error[~before], level)
 
 
 def _flag_counts(recording: Labelled) -> dict[str, Any]:

@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from truestroke import words
 from truestroke.characterisation.lines import MIN_PASSES, RATE_SCALE, TOLERANCE, Characterisation
 from truestroke.characterisation.pictures import pictures
-from truestroke.report import style, words
+from truestroke.report import style
 from truestroke.report.page import render, save_all, svg
 
 CAPTIONS = {

@@ -23,6 +23,7 @@ from truestroke.exit_codes import ExitCode
 
 if TYPE_CHECKING:
     from truestroke.loop import RunInterrupted
+    from truestroke.verdict import Verdict
 
 FILES = ("output", "figures", "as_json")  # options that do not change the run
 PIPE_WIDTH = 120  # columns of a table where there is no terminal
@@ -201,9 +202,25 @@ def print_table(columns: Sequence[str], rows: Sequence[Sequence[str]], dim: str 
         click.echo()
 
 
+def print_verdict(verdict: Verdict) -> None:
+    """The verdict in a word, in colour where there is a terminal, and each reason behind it, wrapped."""
+    from rich.console import Console
+    from rich.text import Text
+
+    style = {"good": "green", "doubtful": "bold yellow", "bad": "bold white on red"}[verdict.level]
+    word = verdict.level.upper() if verdict.is_bad else verdict.level
+    Console(highlight=False).print(Text.assemble(f"{'verdict':10} ", (word, style)))
+    for reason in verdict.reasons:
+        click.echo(click.wrap_text(reason, _width(), initial_indent=" " * 11, subsequent_indent=" " * 11))
+
+
 def print_text(text: str) -> None:
     """A paragraph, wrapped."""
-    click.echo(click.wrap_text(text, min(PIPE_WIDTH, shutil.get_terminal_size((PIPE_WIDTH, 24)).columns)))
+    click.echo(click.wrap_text(text, _width()))
+
+
+def _width() -> int:
+    return min(PIPE_WIDTH, shutil.get_terminal_size((PIPE_WIDTH, 24)).columns)
 
 
 def print_json(value: Mapping[str, Any]) -> None:

@@ -7,11 +7,14 @@ from typing import TYPE_CHECKING
 
 import click
 
+from truestroke._check import SettingError
 from truestroke.cli import common
+from truestroke.exit_codes import ExitCode
 
 if TYPE_CHECKING:
     from truestroke.metrics import TrackingSummary
     from truestroke.recording import Recording
+    from truestroke.verdict import Verdict
 
 SHORTEST = 20  # ticks that can be drawn
 
@@ -21,7 +24,7 @@ SHORTEST = 20  # ticks that can be drawn
 @click.option("--output", metavar="NAME", help="Write NAME.html.  [default: as RECORDING]")
 @common.pictures_option
 @common.json_option
-def report(recording: Path, output: str | None, figures: Path | None, as_json: bool) -> None:
+def report(recording: Path, output: str | None, figures: Path | None, as_json: bool) -> int:
     """Make the table and the page of a recording again."""
     from truestroke.recording import Recording, RecordingError
 
@@ -32,28 +35,46 @@ def report(recording: Path, output: str | None, figures: Path | None, as_json: b
         raise click.ClickException(str(error)) from None
     if len(loaded["time"]) < SHORTEST:
         raise click.ClickException(f"{recording}: {len(loaded['time'])} ticks, a page needs at least {SHORTEST}")
-    finish(loaded, page_file, figures, as_json, recording)
+    return finish(loaded, page_file, figures, as_json, recording)
 
 
-def finish(recording: Recording, page_file: Path, figures: Path | None, as_json: bool, recording_file: Path) -> None:
-    """Page and pictures to disk, table and paths to the terminal."""
+def finish(recording: Recording, page_file: Path, figures: Path | None, as_json: bool, recording_file: Path) -> int:
+    """Page and pictures to disk, verdict, table and paths to the terminal; the exit code."""
+    from truestroke import judgement
+
+    verdict = judgement.judge(recording)
+    code = ExitCode.NOT_TRACKING if verdict.is_bad else ExitCode.OK
+    try:
+        summary = judgement.summary(recording)
+    except SettingError:  # without measurements there is no figure, and nothing to draw
+        _tell_alone(verdict, as_json, recording_file)
+        return code
     with common.progress("drawing"):
-        from truestroke.report import save_page, save_pictures, words
+        from truestroke.report import save_page, save_pictures
 
         save_page(recording, page_file)
         pictures = save_pictures(recording, figures) if figures else []
-    summary = words.summary(recording)
     if as_json:
         files = {"recording": str(recording_file), "page": str(page_file), "pictures": [str(path) for path in pictures]}
-        common.print_json({**summary.as_dict(), **files})
-        return
-    _table(summary)
+        common.print_json({**verdict.as_dict(), **summary.as_dict(), **files})
+        return code
+    print_figures(summary, verdict)
     common.print_files(recording=recording_file, page=page_file, pictures=figures)
     common.suggest(*_next(recording))
+    return code
 
 
-def _table(summary: TrackingSummary) -> None:
-    from truestroke.report import words
+def _tell_alone(verdict: Verdict, as_json: bool, recording_file: Path) -> None:
+    if as_json:
+        common.print_json({**verdict.as_dict(), "recording": str(recording_file), "page": None, "pictures": []})
+    else:
+        common.print_verdict(verdict)
+        common.print_files(recording=recording_file)
+
+
+def print_figures(summary: TrackingSummary, verdict: Verdict) -> None:
+    """The table of errors, the verdict, when the error became small, and what happened on the way."""
+    from truestroke import words
 
     columns = [words.span(summary)]
     for kind in words.kinds(summary):
@@ -63,6 +84,7 @@ def _table(summary: TrackingSummary) -> None:
         for name, cells in words.table(summary)
     ]
     common.print_table(columns, rows, dim="of p-p")
+    common.print_verdict(verdict)
     for name, text in words.course(summary):
         click.echo(f"{name:10} {text}")
     flags = ("\n" + " " * 11).join(words.flags(summary)) or "none"
@@ -71,9 +93,9 @@ def _table(summary: TrackingSummary) -> None:
 
 def _next(recording: Recording) -> list[tuple[str, str]]:
     """Commands worth typing after this one."""
-    from truestroke.report import words
+    from truestroke.judgement import change_time
 
-    if words.change_time(recording) is None:
+    if change_time(recording) is None:
         first = ("track --change-at 10", "the actuator changes suddenly")
     else:
         first = ("track --change-at 10 --controller paper", "the same with the paper's controller")

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-import itertools
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
 from truestroke.cli import common
+from truestroke.cli.report import print_figures
+from truestroke.exit_codes import ExitCode
 
 if TYPE_CHECKING:
     from truestroke.metrics import TrackingSummary
     from truestroke.realtime import Outcome
     from truestroke.realtime.config import Job
     from truestroke.recording import Recording
+    from truestroke.verdict import Verdict
 
 
 @click.command()
@@ -50,8 +53,10 @@ def close_the_loop(
     command: str, config: Path, job: Job, output: Path | None, overwrite: bool, as_json: bool, epics: bool = False
 ) -> int:
     """Run what the configuration says, and print what became of it; the exit code."""
+    from truestroke import judgement
     from truestroke.drivers import DriverError
     from truestroke.realtime import Cause, RealtimeError, run_realtime
+    from truestroke.recording import Recording
 
     show: Literal["live", "lines"] | None = None if as_json else "live" if sys.stderr.isatty() else "lines"
     about = {"command": f"truestroke {command} --config {config}", "config": config.read_text(encoding="utf-8")}
@@ -64,19 +69,31 @@ def close_the_loop(
     except DriverError as error:
         click.echo(f"truestroke: {' '.join(str(error).split())}", err=True)
         return Cause.DRIVER.value
-    (_print_json if as_json else _print)(outcome, [axis.name for axis in job.axes])
+    recordings = {axis.name: Recording.load(path) for axis, path in zip(job.axes, outcome.files, strict=True)}
+    verdicts = {name: judgement.judge(recording) for name, recording in recordings.items()}
+    code = _code(outcome, judgement.worst(verdicts))
+    if as_json:
+        _print_json(outcome, recordings, verdicts, code)
+    else:
+        _print(outcome, recordings, verdicts)
     if outcome.reason:
         click.echo(f"truestroke: {' '.join(outcome.reason.split())}", err=True)
-    return outcome.cause.value
+    return code
+
+
+def _code(outcome: Outcome, verdict: Verdict) -> int:
+    """Its own, where the run ended for another cause than that it was over; 4 where that was in vain."""
+    code: int = outcome.cause.value
+    return ExitCode.NOT_TRACKING if code == ExitCode.OK and verdict.is_bad else code
 
 
 def _summary(recording: Recording) -> TrackingSummary | None:
     """The figures, if there is anything to take them of."""
+    from truestroke import judgement
     from truestroke._check import SettingError
-    from truestroke.metrics import summary
 
     try:
-        return summary(recording) if len(recording["time"]) > 1 else None
+        return judgement.summary(recording) if len(recording["time"]) > 1 else None
     except SettingError:
         return None
 
@@ -88,37 +105,38 @@ def _lateness(recording: Recording) -> dict[str, float]:
     return {f"p{p:g}": float(np.percentile(late, p)) for p in (50, 99, 99.9)} if late.size else {}
 
 
-def _print_json(outcome: Outcome, names: list[str]) -> None:
-    from truestroke.recording import Recording
+def _print_json(
+    outcome: Outcome, recordings: Mapping[str, Recording], verdicts: Mapping[str, Verdict], code: int
+) -> None:
+    from truestroke import judgement
 
     axes: dict[str, Any] = {}
-    for name, file in zip(names, outcome.files, strict=True):
-        recording = Recording.load(file)
+    for (name, recording), file in zip(recordings.items(), outcome.files, strict=True):
         figures = _summary(recording)
-        axes[name] = {"recording": str(file), **(figures.as_dict() if figures else {})}
-    late = {**_lateness(recording), "worst": outcome.worst_us}
+        axes[name] = {"recording": str(file), **verdicts[name].as_dict(), **(figures.as_dict() if figures else {})}
+    late = {**_lateness(next(iter(recordings.values()))), "worst": outcome.worst_us}
     counts = {name: getattr(outcome, name) for name in ("ticks", "all_ticks", "overruns", "missed", "limited", "lost")}
-    ended = {"cause": outcome.cause.name.lower(), "exit_code": outcome.cause.value, "reason": outcome.reason}
-    common.print_json({**ended, **counts, "lateness_us": late, "axes": axes})
+    ended = {"cause": outcome.cause.name.lower(), "exit_code": code, "reason": outcome.reason}
+    common.print_json(
+        {**judgement.worst(verdicts).as_dict(), **ended, **counts, "lateness_us": late, "axes": axes},
+    )
 
 
-def _print(outcome: Outcome, names: list[str]) -> None:
-    from truestroke.recording import Recording
-
-    rows = []
-    for name, file in zip(names, outcome.files, strict=True):
-        recording = Recording.load(file)
+def _print(outcome: Outcome, recordings: Mapping[str, Recording], verdicts: Mapping[str, Verdict]) -> None:
+    for name, recording in recordings.items():
+        if len(recordings) > 1:
+            click.echo(f"axis {name}")
         if figures := _summary(recording):
-            f = figures.as_dict()
-            row = (
-                (f"{f[f'measured_{k}_um']:.4f} um", f"{f[f'measured_{k}_percent']:.2f} %") for k in ("rmse", "maximum")
-            )
-            rows.append([name, *itertools.chain(*row)])
-    if rows:
-        common.print_table(["second half, measured", "rmse", "of p-p", "maximum", "of p-p"], rows, dim="of p-p")
-    late = ", ".join(f"{name} {us:.1f} us" for name, us in _lateness(recording).items())
+            print_figures(figures, verdicts[name])
+        else:
+            common.print_verdict(verdicts[name])
+    late = ", ".join(f"{name} {us:.1f} us" for name, us in _lateness(next(iter(recordings.values()))).items())
     click.echo(f"{'ticks':10} {outcome.ticks} of {outcome.all_ticks}; {outcome.lost} samples lost")
     click.echo(f"{'late':10} {late or 'nothing'}; worst {outcome.worst_us:.1f} us; {outcome.overruns} overruns")
+    if outcome.limited:
+        click.echo(
+            f"{'guard':10} kept {outcome.limited} voltages within limits and slew that the controller did not keep"
+        )
     for file in outcome.files:
         common.print_files(recording=file)
     click.echo(f"\nIts page: {common.program()} report {outcome.files[0]}")

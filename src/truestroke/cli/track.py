@@ -41,7 +41,7 @@ ALIKE = 2.5  # times more or less
 @click.option("--output", metavar="NAME", default="truestroke-track", help="Write NAME.h5 and NAME.html.")
 @common.pictures_option
 @common.json_option
-def track(output: str, figures: Path | None, as_json: bool, **options: Any) -> None:
+def track(output: str, figures: Path | None, as_json: bool, **options: Any) -> int:
     """Follow a motion with a simulated stack.
 
     Prints rmse and maximum error over the second half of the run; writes a recording and a page of pictures.
@@ -54,7 +54,7 @@ def track(output: str, figures: Path | None, as_json: bool, **options: Any) -> N
         raise click.UsageError(f"--trajectory: {len(trajectory)} ticks, a page needs at least {SHORTEST}.")
     recording = _run(trajectory, controller, plant, recording_file)
     recording.save(recording_file)
-    finish(recording, page_file, figures, as_json, recording_file)
+    return finish(recording, page_file, figures, as_json, recording_file)
 
 
 # ---- From options to the run ---------------------------------------------------------------------------------------

@@ -41,15 +41,14 @@ def zoo(
     output: str,
     figures: Path | None,
     as_json: bool,
-) -> None:
+) -> int:
     """Follow motions with many plants drawn at random.
 
     Each plant has its own hysteresis, creep, resonance, noise and drift, and half of them change suddenly. Prints
     median, 95th percentile and worst of the errors of the default controller and the paper's; writes a page.
     """
     if only is not None:
-        _one(seed, only, controllers[0], output, figures, as_json)
-        return
+        return _one(seed, only, controllers[0], output, figures, as_json)
     (page_file,) = common.outputs(output, ".html")
     from truestroke import zoo as zoos
     from truestroke.zoo.table import numbers
@@ -69,16 +68,17 @@ def zoo(
         table = [line.as_dict() for line in zoos.lines(results)]
         found = {"table": table, "runs": [result.as_dict() for result in results]}
         common.print_json({**found, "page": str(page_file), "pictures": [str(path) for path in paths]})
-        return
+        return 0
     common.print_table(*page.table(results))
     common.print_table(*page.worst_runs(results), left="what happened")
     for name in controllers:
         common.print_text(page.verdict(results, name))
     common.print_files(page=page_file, pictures=figures)
     common.suggest((f"zoo{f' --seed {seed}' if seed else ''} --only {number}", "recording and page of the worst run"))
+    return 0
 
 
-def _one(seed: int, number: int, controller: str, output: str, figures: Path | None, as_json: bool) -> None:
+def _one(seed: int, number: int, controller: str, output: str, figures: Path | None, as_json: bool) -> int:
     recording_file, page_file = common.outputs(output, ".h5", ".html")
     from truestroke import zoo as zoos
     from truestroke.recording import Recording
@@ -89,4 +89,4 @@ def _one(seed: int, number: int, controller: str, output: str, figures: Path | N
     recording.save(recording_file)
     if not as_json:
         click.echo(zoos.draw(seed, number).words())
-    finish(recording, page_file, figures, as_json, recording_file)
+    return finish(recording, page_file, figures, as_json, recording_file)

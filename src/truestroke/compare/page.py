@@ -10,9 +10,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
+from truestroke import words
 from truestroke.compare.rivals import Rival
 from truestroke.compare.table import Row
-from truestroke.report import style, words
+from truestroke.report import style
 from truestroke.report.figures import displacement
 from truestroke.report.page import render, save_all, svg
 from truestroke.report.style import LIGHT, Theme

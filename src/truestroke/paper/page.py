@@ -6,9 +6,10 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
+from truestroke import words
 from truestroke.paper.reproduction import Reproduction
 from truestroke.recording import Recording, versions
-from truestroke.report import style, words
+from truestroke.report import style
 from truestroke.report.page import render, svg
 
 LEAD = (

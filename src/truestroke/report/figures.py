@@ -11,10 +11,12 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
+from truestroke import words
 from truestroke._typing import FloatArray
 from truestroke.flags import BIT
+from truestroke.judgement import change_time
 from truestroke.recording import Recording
-from truestroke.report import style, words
+from truestroke.report import style
 from truestroke.report.style import LIGHT, Theme
 
 ZOOM = 0.5  # s
@@ -123,7 +125,7 @@ def _usual(recording: Recording) -> NDArray[np.bool_]:
     """The ticks of the second half, without the quarter of a second behind a sudden change: what sets the scale."""
     ticks = np.zeros(recording["time"].size, bool)
     ticks[settled(recording)] = True
-    change = words.change_time(recording)
+    change = change_time(recording)
     if change is not None:
         after = (recording["time"] >= change) & (recording["time"] < change + 0.25)
         ticks &= ~after if np.any(ticks & ~after) else ticks
@@ -132,7 +134,7 @@ def _usual(recording: Recording) -> NDArray[np.bool_]:
 
 def _mark_change(axes: Axes, recording: Recording, theme: Theme) -> None:
     """Where the simulated actuator was made to change suddenly."""
-    change = words.change_time(recording)
+    change = change_time(recording)
     if change is not None:
         _mark(axes, change, f"sudden change at {change:g} s", theme, below=True)
 

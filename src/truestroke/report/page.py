@@ -13,14 +13,15 @@ import jinja2
 import matplotlib
 from matplotlib.figure import Figure
 
+from truestroke import judgement, words
 from truestroke.recording import Recording
-from truestroke.report import figures, style, words
+from truestroke.report import figures, style
 from truestroke.report.style import LIGHT, Theme
 
 
 def pictures(recording: Recording, theme: Theme = LIGHT) -> dict[str, Figure]:
     """Every picture that the channels of `recording` allow, by name, in the order of a page."""
-    converged = words.summary(recording).convergence_time_s
+    converged = judgement.summary(recording).convergence_time_s
     drawn = {
         "tracking": figures.tracking(recording, theme),
         "error": figures.error(recording, converged, theme),
@@ -59,11 +60,13 @@ def save_page(recording: Recording, path: str | Path) -> Path:
 
 def page(recording: Recording) -> str:
     """The page of `recording` as HTML; it is also well-formed XML."""
-    summary = words.summary(recording)
-    drawn = pictures(recording, style.PAGE)
+    summary = judgement.summary(recording)
+    drawn, verdict = pictures(recording, style.PAGE), judgement.judge(recording)
     return render(
         "recording",
-        title=words.title(recording, summary),
+        title=words.title(recording, summary, verdict),
+        verdict=verdict.level,
+        reasons=[reason.replace(" um", " µm") for reason in verdict.reasons],
         lead=words.run(recording, summary),
         span=words.span(summary),
         columns=words.kinds(summary),

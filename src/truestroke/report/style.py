@@ -19,7 +19,7 @@ from truestroke._typing import FloatArray
 
 WIDTH = 7.0  # in, two columns of a journal
 COLUMNS = 900  # pixel columns of a panel, for thinning
-ROLES = ("background", "text", "muted", "grid", "desired", "true", "measured", "before", "alarm")
+ROLES = ("background", "text", "muted", "grid", "desired", "true", "measured", "before", "alarm", "wrong")
 SERIES = 8
 
 
@@ -58,12 +58,12 @@ def _theme(name: str, roles: str, series: str) -> Theme:
 # lightened on black, for contrast.
 LIGHT = _theme(
     "light",
-    "#ffffff #1a1a1a #5f6368 #e3e5e8 #b4b8bd #0072b2 #8fc1e3 #d55e00 #cc79a7",
+    "#ffffff #1a1a1a #5f6368 #e3e5e8 #b4b8bd #0072b2 #8fc1e3 #d55e00 #cc79a7 #b3261e",
     "#0072b2 #d55e00 #009e73 #cc79a7 #e69f00 #56b4e9 #8a8000 #1a1a1a",
 )
 DARK = _theme(
     "dark",
-    "#14171a #e8eaed #9aa0a6 #2c3136 #6b7178 #56b4e9 #2f6688 #e8804a #cc79a7",
+    "#14171a #e8eaed #9aa0a6 #2c3136 #6b7178 #56b4e9 #2f6688 #e8804a #cc79a7 #ff7a6e",
     "#56b4e9 #e8804a #1fbf94 #cc79a7 #e69f00 #4a90d9 #f0e442 #e8eaed",
 )
 # Colours that stand for CSS variables, so that a page can follow the reader's choice of light or dark.

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from truestroke import words
 from truestroke.recording import Recording
-from truestroke.report import style, words
+from truestroke.report import style
 from truestroke.report.page import render, save_all, svg
 from truestroke.zoo import pictures
 from truestroke.zoo.figures import START

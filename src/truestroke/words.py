@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from truestroke import metrics
 from truestroke.flags import FLAGS
+from truestroke.judgement import change_time
+from truestroke.judgement import settings as _settings
 from truestroke.metrics import TrackingSummary
 from truestroke.recording import Recording
+from truestroke.verdict import Verdict
 
 NAMES = {
     "AdaptiveController": "the adaptive inverse controller",
@@ -56,10 +58,6 @@ def _section(recording: Recording, name: str) -> Mapping[str, Any]:
     return value if isinstance(value, Mapping) else {}
 
 
-def _settings(recording: Recording, section: str) -> Mapping[str, Any]:
-    return _section(recording, section).get("settings") or {}
-
-
 def _name(recording: Recording, section: str, otherwise: str) -> str:
     name = str(_section(recording, section).get("name", otherwise))
     return NAMES.get(name, name)
@@ -71,22 +69,23 @@ def voltage_limits(recording: Recording) -> tuple[float, float] | None:
     return None if limits is None else (float(limits[0]), float(limits[1]))
 
 
-def change_time(recording: Recording) -> float | None:
-    """When the simulated actuator changes suddenly, s; None if it does not."""
-    change = _settings(recording, "plant").get("change")
-    return None if change is None else float(change["time"])
-
-
-def summary(recording: Recording) -> TrackingSummary:
-    """The figures of a recording, which knows when its actuator changed."""
-    return metrics.summary(recording, change=change_time(recording))
-
-
-def title(recording: Recording, summary: TrackingSummary) -> str:
-    """The heading of a page: the motion and how well it was followed."""
-    kind = kinds(summary)[-1]
+def title(recording: Recording, summary: TrackingSummary, verdict: Verdict) -> str:
+    """The heading of a page: the motion and how well it was followed, or that it was not."""
+    kind, motion = kinds(summary)[-1], _name(recording, "trajectory", "motion")
     rmse = length(getattr(summary, f"{kind}_rmse_um"))
-    return f"{_name(recording, 'trajectory', 'motion').capitalize()}, followed to {rmse} rmse"
+    if verdict.is_bad:
+        cut = recording.metadata.get("interrupted")
+        return f"NOT FOLLOWED{' TO THE END' if cut else ''}: {motion}, {rmse} rmse{' until then' if cut else ''}"
+    return f"{motion.capitalize()}, followed to {rmse} rmse"
+
+
+def paragraph(verdict: Verdict) -> str:
+    """The verdict in a word, and its reasons behind it.
+
+    >>> paragraph(Verdict("good")), paragraph(Verdict("doubtful", ("It was late.",)))
+    ('good', 'doubtful: It was late.')
+    """
+    return ": ".join(filter(None, (verdict.level, " ".join(verdict.reasons))))
 
 
 def run(recording: Recording, summary: TrackingSummary) -> str:

@@ -1,0 +1,311 @@
+"""The verdict of a run: the mistakes that owners make, and good runs that look odd."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from html import unescape
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from truestroke import AdaptiveController, judgement, metrics, trajectories
+from truestroke.baselines import ConstantGain
+from truestroke.cli import main
+from truestroke.cli.run import _code
+from truestroke.flags import BIT
+from truestroke.loop import Timing, run
+from truestroke.plant import Change, PlantSettings, RealisticPlant
+from truestroke.realtime.ending import Cause
+from truestroke.recording import Channel, Recording
+from truestroke.verdict import Verdict
+
+RATE, LIMITS = 2000.0, (-0.6, 3.6)
+UNITS = {"time": "s", "flags": "", "volts": "V"}
+NOISE = np.random.Generator(np.random.PCG64(0)).normal(size=40_000)
+
+
+class Wired:
+    """A stack of 10 um/V that answers at once, behind a sensor with 10 nm of noise; `wrongly` is what went wrong."""
+
+    def __init__(self, wrongly=lambda z, k: z):
+        self.wrongly, self.ticks = wrongly, 0
+
+    def open(self):
+        return Timing(sample_rate=RATE)
+
+    def exchange(self, volts):
+        k = self.ticks + np.arange(volts.size)
+        self.ticks += volts.size
+        return self.wrongly(10.0 * volts, k) + 0.01 * NOISE[k % NOISE.size]
+
+
+def followed(wrongly=lambda z, k: z, peak_to_peak=20.0, duration=2.0, **settings):
+    controller = AdaptiveController(sample_rate=RATE, stroke=30.0, voltage_limits=LIMITS, **settings)
+    wave = trajectories.sine(frequency=4.0, peak_to_peak=peak_to_peak, duration=duration)
+    return run(wave, controller, Wired(wrongly))
+
+
+def made(measured, desired=None, metadata=None, **more):
+    """A recording of these arrays; its stroke is 30 um."""
+    time = np.arange(measured.size) / RATE
+    desired = wave(measured.size) if desired is None else desired
+    arrays = {"time": time, "desired": desired, "measured": measured, **more}
+    about = {"controller": {"name": "AdaptiveController", "settings": {"stroke": 30.0}}} | (metadata or {})
+    return Recording({name: Channel(data, UNITS.get(name, "um"), name) for name, data in arrays.items()}, about)
+
+
+def wave(ticks=8000, size=10.0, frequency=4.0):
+    return size * (1 - np.cos(2 * np.pi * frequency * np.arange(ticks) / RATE))
+
+
+def noisy(z, sigma=0.013):
+    return z + sigma * NOISE[: z.size]
+
+
+def flags(ticks=8000, **parts):
+    bits = np.zeros(ticks, np.uint8)
+    for name, part in parts.items():
+        bits[part] |= BIT[name]
+    return bits
+
+
+def judged(recording):
+    verdict = judgement.judge(recording)
+    return verdict.level, " ".join(verdict.reasons)
+
+
+# ---- The mistakes of the issue -------------------------------------------------------------------------------------
+
+MISTAKES = {
+    "sign": (followed, {"wrongly": lambda z, k: -z}, "voltage limit"),
+    "gain": (followed, {"wrongly": lambda z, k: z / 20}, "voltage limit"),
+    "no sensor": (followed, {"wrongly": lambda z, k: 0 * z}, "voltage limit"),
+    "another axis": (followed, {"wrongly": lambda z, k: 5 * np.sin(k / 900)}, "voltage limit"),
+    "beyond the stroke": (followed, {"peak_to_peak": 200.0}, "voltage limit"),
+    "not zeroed": (followed, {"wrongly": lambda z, k: z + 55}, "voltage limit"),
+}
+
+
+@pytest.mark.parametrize("kind", MISTAKES)
+def test_a_mistake_of_the_owner_is_bad_and_says_why(kind):
+    make, options, why = MISTAKES[kind]
+    recording = make(**options)
+    level, text = judged(recording)
+    assert level == "bad"
+    assert why in text
+    assert "of the motion's peak-to-peak" in text
+    assert metrics.summary(recording, stroke=30.0).convergence_time_s is None
+
+
+def test_the_sensor_that_goes_against_the_motion_is_named():
+    level, text = judged(made(noisy(-wave())))
+    assert level == "bad"
+    assert "moved -1.00 times as far as desired: the sign" in text
+    assert "the unit or the gain" in judged(made(noisy(3 * wave())))[1]
+    assert "not its sensor" in judged(made(noisy(0 * wave())))[1]
+
+
+def test_a_stage_that_shakes_is_bad_however_much_its_shaking_looks_like_noise():
+    for frequency in (50.0, 80.0, 200.0, 500.0, 900.0):
+        shaking = 8.0 * np.sin(2 * np.pi * frequency * np.arange(8000) / RATE)
+        assert judged(made(noisy(wave() + shaking)))[0] == "bad", frequency
+
+
+def test_a_shaken_stage_that_the_controller_calmed_is_said():
+    level, text = judged(made(noisy(wave()), flags=flags(oscillating=slice(100, 900))))
+    assert level == "doubtful"
+    assert "10 % of the ticks" in text
+    assert "resonance" in text
+
+
+def test_alarms_in_a_row_are_no_changes_of_the_actuator():
+    assert judged(made(noisy(wave()), flags=flags(changed=[900])))[0] == "good"
+    assert "found 20 sudden changes" in judged(made(noisy(wave()), flags=flags(changed=slice(0, 8000, 400))))[1]
+
+
+def test_without_a_measurement_there_is_no_good_run():
+    z = noisy(wave())
+    for part, level in ((slice(0, 300), "good"), (slice(0, 800), "doubtful"), (slice(0, 3000), "bad")):
+        missing = z.copy()
+        missing[part] = np.nan
+        assert judged(made(missing))[0] == level, part
+        assert judged(made(z, flags=flags(rejected=part)))[0] == level, part
+    assert judged(made(np.full(8000, np.nan))) == ("bad", "No measurement came in the second half of the run.")
+    assert judged(made(np.zeros(0))) == ("bad", "Nothing was recorded.")
+
+
+def test_tracking_that_was_lost_for_a_while_or_at_the_end_is_said():
+    z = noisy(wave())
+    z[5000:5500] += 1.1
+    level, text = judged(made(z))
+    assert level == "doubtful"
+    assert "From 2.5 s on the error was" in text
+    z = noisy(wave(40_000), 0.01)
+    z[-500:] += 9.0
+    level, text = judged(made(z))
+    assert level == "bad"
+    assert text.startswith("At the end the error was 9 um rms over 0.25 s: it has not converged.")
+
+
+# ---- How it ended --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("interrupted", "cause", "level"),
+    [
+        (None, "finished", "good"),
+        ("an operator asked for it", "stopped", "good"),
+        ("Ctrl-C", "interrupted", "doubtful"),
+        ("SIGTERM", "terminated", "doubtful"),
+        ("KeyboardInterrupt()", None, "doubtful"),
+        ("the recording was not ended: it is still running, or its process was killed", None, "doubtful"),
+        ("axis x: no usable measurement for 200 ticks", "sensor", "bad"),
+        ("the process of the run was killed; the watchdog brought the output to the safe voltage", "killed", "bad"),
+        ("RuntimeError('boom')", None, "bad"),
+    ],
+)
+def test_a_run_that_did_not_end_by_itself(interrupted, cause, level):
+    about = {"interrupted": interrupted, "trajectory": {"ticks": 20_000, "sample_rate": RATE, "name": "sine"}}
+    about |= {"ended": {"cause": cause}} if cause else {}
+    found, text = judged(made(noisy(wave()), metadata=about))
+    assert found == level
+    if level != "good":
+        assert text.startswith("The run ended before its time, after 4 of 10 s: ")
+        assert interrupted == "KeyboardInterrupt()" or interrupted in text
+
+
+# ---- Good runs that look odd ---------------------------------------------------------------------------------------
+
+
+def test_good_runs_are_good():
+    assert judged(followed()) == ("good", "")
+    assert judged(followed(peak_to_peak=0.05)) == ("good", "")
+    assert judged(made(noisy(wave(400)))) == ("good", "")
+    assert judged(made(noisy(wave()))) == ("good", "")  # without flags
+
+
+def test_a_motion_in_the_noise_is_not_bad_but_one_that_did_not_happen_is():
+    tiny = wave(size=0.025)  # 50 nm peak-to-peak on 13 nm of noise
+    assert judged(made(noisy(tiny), tiny)) == ("good", "")
+    assert judged(made(noisy(0 * tiny), tiny))[0] == "bad"
+    assert judged(made(noisy(-tiny), tiny))[0] == "bad"
+
+
+def test_rest_is_good_also_at_a_limit_and_with_a_coarse_sensor():
+    rest = np.zeros(8000)
+    at_limit = flags(saturated=slice(0, 8000))
+    assert judged(made(noisy(rest), rest, flags=at_limit)) == ("good", "")
+    coarse = 0.3 * np.round(noisy(rest, 0.2) / 0.3)
+    assert judged(made(coarse, rest, metadata={"controller": {"settings": {"stroke": 100.0}}})) == ("good", "")
+    level, text = judged(made(noisy(rest) + 3.0, rest))
+    assert level == "bad"
+    assert "10 % of the stroke, at rest" in text
+
+
+def test_spikes_that_were_rejected_are_no_error_but_in_the_figures():
+    z = noisy(wave())
+    z[::100] += 40.0
+    level, text = judged(made(z, flags=flags(rejected=slice(0, 8000, 100))))
+    assert level == "doubtful"
+    assert "without them it is 0.01" in text
+
+
+def test_a_constant_gain_is_doubtful_and_a_sudden_change_is_not():
+    motion = trajectories.random_wave(cutoff=10.0, duration=3.0)
+    line = ConstantGain(13.0, LIMITS)
+    for _ in range(2):
+        recording = run(motion, line, RealisticPlant())
+        offset, gain = np.polynomial.Polynomial.fit(recording["volts"], recording["true"], 1).convert().coef
+        line = ConstantGain(float(gain), LIMITS, offset=float(offset))
+    assert judged(recording)[0] == "doubtful"
+    plant = RealisticPlant(PlantSettings(change=Change(time=2.0, gain=0.8, hysteresis=1.3)))
+    controller = AdaptiveController(sample_rate=RATE, stroke=30.0, voltage_limits=LIMITS)
+    recording = run(motion, controller, plant)
+    assert judged(recording) == ("good", "")
+    assert judgement.summary(recording).recovery_time_s is None  # less than 1 s is left
+    paper = AdaptiveController.paper(sample_rate=RATE, stroke=30.0, voltage_limits=LIMITS)
+    assert judged(run(motion, paper, RealisticPlant())) == ("good", "")
+
+
+def test_hours_take_seconds():
+    ticks = 2_000_000
+    recording = made(wave(ticks, frequency=0.01) + 0.013 * np.resize(NOISE, ticks), wave(ticks, frequency=0.01))
+    assert judged(recording) == ("good", "")
+
+
+# ---- Converged -----------------------------------------------------------------------------------------------------
+
+
+def test_converged_means_against_motion_and_noise_and_not_against_its_own_error():
+    bad = made(noisy(wave()) + 2 * np.sin(0.03 * np.arange(8000)))
+    assert judgement.summary(bad).convergence_time_s is None
+    half_as_bad = made(noisy(wave()) + 0.5 * np.sin(0.03 * np.arange(8000)))
+    assert judgement.summary(half_as_bad).convergence_time_s == 0.0
+    clipped = made(noisy(np.minimum(wave(), 19.0)), flags=flags(saturated=wave() > 19.0))
+    assert judgement.summary(clipped).convergence_time_s is None
+    assert judged(clipped)[0] == "doubtful"
+
+
+def test_several_axes_have_the_worst_verdict():
+    verdicts = {"x": judgement.judge(made(noisy(wave()))), "y": judgement.judge(made(noisy(-wave())))}
+    assert judgement.worst(verdicts).is_bad
+    assert all(reason.startswith("y: ") for reason in judgement.worst(verdicts).reasons)
+    assert judgement.worst({"x": verdicts["y"]}) == verdicts["y"]
+    assert dataclasses.asdict(judgement.worst({"x": verdicts["x"]})) == {"level": "good", "reasons": ()}
+
+
+# ---- The same words everywhere -------------------------------------------------------------------------------------
+
+AT_A_LIMIT = ["track", "--duration", "2", "--voltage-limits", "-0.6", "0.9"]
+
+
+def test_a_bad_run_is_bad_in_terminal_page_json_and_exit_code(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    done = CliRunner().invoke(main, [*AT_A_LIMIT, "--output", "x"])
+    assert done.exit_code == 4
+    reasons = judgement.judge(Recording.load("x.h5")).reasons
+    said = " ".join(done.stdout.split())
+    assert "verdict BAD" in said
+    assert all(reason in said for reason in reasons)
+    assert "converged not before the end" in said
+    page = (tmp_path / "x.html").read_text()
+    assert '<div class="verdict bad"' in page
+    assert "<h1>NOT FOLLOWED: random wave, " in page
+    assert "<title>NOT FOLLOWED: " in page
+    assert all(reason.replace(" um", " µm") in unescape(page) for reason in reasons)
+    again = CliRunner().invoke(main, ["report", "x.h5", "--json"])
+    assert again.exit_code == 4
+    told = json.loads(again.stdout)
+    assert (told["verdict"], told["reasons"]) == ("bad", list(reasons))
+
+
+def test_a_good_run_says_so(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    done = CliRunner().invoke(main, ["track", "--duration", "2", "--output", "x"])
+    assert done.exit_code == 0
+    assert "verdict    good\n" in done.stdout
+    assert '<div class="verdict good"' in (tmp_path / "x.html").read_text()
+
+
+def test_a_recording_without_measurements_has_a_verdict_in_place_of_figures(tmp_path):
+    file = made(np.full(8000, np.nan), volts=np.zeros(8000)).save(tmp_path / "x.h5")
+    done = CliRunner().invoke(main, ["report", str(file)])
+    assert done.exit_code == 4
+    assert "No measurement came in the second half of the run." in done.stdout
+    assert json.loads(CliRunner().invoke(main, ["report", str(file), "--json"]).stdout)["verdict"] == "bad"
+
+
+@pytest.mark.parametrize(
+    ("cause", "level", "code"),
+    [
+        (Cause.FINISHED, "good", 0),
+        (Cause.FINISHED, "doubtful", 0),
+        (Cause.FINISHED, "bad", 4),
+        (Cause.SENSOR, "bad", 10),
+    ],
+)
+def test_a_run_keeps_the_code_of_its_cause(cause, level, code):
+    assert _code(SimpleNamespace(cause=cause), Verdict(level)) == code
