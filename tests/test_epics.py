@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import truestroke
@@ -282,13 +282,15 @@ TARGETS = st.one_of(st.floats(-5.0, 20.0), st.sampled_from([math.nan, math.inf, 
 
 @settings(max_examples=60, deadline=None)
 @given(st.lists(st.tuples(TARGETS, st.integers(0, 200)), min_size=1, max_size=8))
+@example([(1.0, 0), (math.nan, 0)])
 def test_a_set_point_keeps_its_bounds_and_arrives(moves: list[tuple[float, int]]) -> None:
     target = memoryview(bytearray(8)).cast("d")
     motion = SetPoint(reach=REACH, speed=SPEED, ramp=RAMP, sample_rate=RATE).motion(target)
     ticks, path, goal = itertools.count(), [], 0.0
-    for asked, wait in moves:
+    for i, (asked, wait) in enumerate(moves):
         target[0] = asked
-        goal = goal if math.isnan(asked) else min(max(asked, REACH[0]), REACH[1])
+        seen = (wait or i == len(moves) - 1) and not math.isnan(asked)  # else the next one comes before a tick
+        goal = min(max(asked, REACH[0]), REACH[1]) if seen else goal
         path += [motion(next(ticks)) for _ in range(wait)]
     path += [motion(next(ticks)) for _ in range(math.ceil(1000 * (25.0 / SPEED + RAMP)) + 3)]
     z, speed = np.array(path).T
