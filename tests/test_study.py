@@ -3,13 +3,17 @@
 import json
 import os
 import signal
+import socket
 import sqlite3
+import ssl
 import stat
 import subprocess
 import sys
 import time
 import tomllib
 from pathlib import Path
+from urllib.error import HTTPError
+from urllib.request import urlopen
 
 import numpy as np
 import pytest
@@ -20,7 +24,7 @@ from truestroke.cli import main
 from truestroke.plant import MatchedPlant
 from truestroke.study import executors, pictures
 from truestroke.study import run as drive
-from truestroke.study.play import Batch, Row, StudyError
+from truestroke.study.play import Batch, Row
 from truestroke.study.slurm import slurm, task
 from truestroke.study.store import StoreError
 
@@ -169,10 +173,34 @@ def test_what_is_not_known_is_an_error(changed, argument):
     assert error.value.argument == argument
 
 
-def test_a_run_that_cannot_be_names_itself():
-    impossible = study.parse(source(wave={"kind": "random_wave", "duration": 1.0, "velocity_limit": 1.0}))
-    with pytest.raises(StudyError, match="run 2 of the study: ramp"):
-        study.play(impossible, [2])
+def test_draws_that_cannot_be_are_rows_with_their_error(tmp_path, monkeypatch):
+    """They stop nothing, are told at the end, and are not played again."""
+    limits = {"choice": [1.0, 400.0]}
+    some = source(runs=12, wave={"kind": "random_wave", "duration": 1.0, "velocity_limit": limits})
+    asked = study.parse(some)
+    found = study.play(asked, range(12))
+    wrong = {row.number: row.error for row in found.rows if row.error}
+    assert 0 < len(wrong) < 12
+    assert all(error.startswith("ramp") for error in wrong.values())
+    assert found.ticks == (12 - len(wrong)) * 2 * 1000
+    with study.Store(tmp_path / "s.sqlite", asked) as store:
+        drive(asked, store, executors.threads(2))
+        assert {row.number: row.error for row in store.failed(12)} == wrong
+        assert store.rows(12) == [row for row in found.rows if not row.error]
+        assert store.missing(12) == []
+    text = SMALL.replace("{ uniform = [200.0, 900.0] }", "{ choice = [1.0, 400.0] }").replace("runs = 40", "runs = 12")
+    (tmp_path / "s.toml").write_text(text)
+    monkeypatch.chdir(tmp_path)
+    done = CliRunner().invoke(main, ["study", "s.toml", "--output", "cli"])
+    said = " ".join(done.stdout.split())
+    assert done.exit_code == 0
+    assert "more runs could not be played, the first is run" in said
+    assert "more runs could not be played, the first is run" in (tmp_path / "cli.html").read_text()
+    told = json.loads(CliRunner().invoke(main, ["study", "s.toml", "--output", "cli", "--json"]).stdout)
+    assert told["runs"] + len(told["failed"]) == 12
+    (tmp_path / "none.toml").write_text(text.replace("400.0", "1.0"))
+    none = CliRunner().invoke(main, ["study", "none.toml"])
+    assert (none.exit_code, none.stderr.count("\n")) == (2, 1)  # all that can be drawn is impossible
 
 
 # ---- Whoever plays it ----------------------------------------------------------------------------------------------
@@ -191,9 +219,35 @@ def test_dask_gives_the_same_rows_when_a_worker_is_killed():
     children = psutil.Process().children(recursive=True)
     workers = [child for child in children if "spawn_main" in " ".join(child.cmdline())]
     assert {key: workers[0].environ().get(key) for key in executors.TRIM} == executors.TRIM
+    assert_closed_to_strangers([psutil.Process(), *workers])
     for worker in workers:
         worker.kill()
     assert gathered([first, *stream]) == study.play(SOME, range(200)).rows
+
+
+def assert_closed_to_strangers(processes):
+    """Each port is one of 127.0.0.1; it wants a certificate of theirs, or is the empty web server of a process."""
+    at = {one.laddr for process in processes for one in process.net_connections("tcp") if one.status == "LISTEN"}
+    said = []
+    for address, port in at:
+        assert address == "127.0.0.1"
+        said.append(told_a_stranger(port))
+        if "certificate" not in said[-1].lower():
+            with pytest.raises(HTTPError, match="404"):
+                urlopen(f"http://127.0.0.1:{port}/info/main/workers.html", timeout=10.0)  # no page of dask's
+    assert sum("certificate" in words.lower() for words in said) >= 3  # scheduler, and of each worker one
+
+
+def told_a_stranger(port):
+    """What somebody hears who has no certificate."""
+    context = ssl.create_default_context()
+    context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
+    with socket.create_connection(("127.0.0.1", port), 10.0) as plain:
+        try:
+            with context.wrap_socket(plain) as wrapped:
+                return f"welcome: {wrapped.recv(1)!r}"
+        except OSError as error:
+            return str(error)
 
 
 def test_dask_gives_the_same_rows_on_a_scheduler_of_its_own_process(rows, tmp_path):
@@ -202,7 +256,10 @@ def test_dask_gives_the_same_rows_on_a_scheduler_of_its_own_process(rows, tmp_pa
     dask, address = [sys.executable, "-m", "dask"], tmp_path / "scheduler.json"
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     started = [
-        subprocess.Popen([*dask, "scheduler", "--port", "0", "--no-dashboard", "--scheduler-file", address], **quiet)
+        subprocess.Popen(
+            [*dask, "scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", address],
+            **quiet,
+        )
     ]
     try:
         wait_for(address.exists)
@@ -375,6 +432,41 @@ def test_a_store_counts_nothing_twice_and_belongs_to_one_study(tmp_path, rows):
     (tmp_path / "no").write_text("this is not a database, and longer than its header of 100 bytes would be" * 3)
     with pytest.raises(StoreError, match="not a database"):
         study.Store(tmp_path / "no", SOME)
+
+
+def test_a_damaged_store_is_found(tmp_path, rows):
+    """One byte of 240 copies is another: each is found, in one line, or still tells the same."""
+    good = tmp_path / "good"
+    with study.Store(good, SOME) as store:
+        store.add(study.play(SOME, range(10)))
+        expected = store.rows(40), store.missing(40), store.cost()
+    data, random, said = bytearray(good.read_bytes()), np.random.Generator(np.random.PCG64(8)), []
+    used = np.flatnonzero(np.frombuffer(data, np.uint8))  # most of a small file is room
+    for i in range(240):
+        at = int(random.choice(used)) if i % 4 else int(random.integers(len(data)))
+        bad = bytearray(data)
+        bad[at] ^= 1 << int(random.integers(8))
+        (tmp_path / f"{i}").write_bytes(bad)
+        try:
+            with study.Store(tmp_path / f"{i}", SOME) as store:
+                assert (store.rows(40), store.missing(40), store.cost()) == expected, at
+        except StoreError as error:
+            said.append(str(error))
+    assert len(said) > 120
+    assert not any("\n" in words for words in said)
+
+
+def test_rows_that_were_taken_out_or_put_in_are_missed(tmp_path):
+    with study.Store(tmp_path / "s", SOME) as store:
+        store.add(study.play(SOME, range(3)))
+    database = sqlite3.connect(tmp_path / "s", isolation_level=None)
+    database.execute("DELETE FROM run WHERE number = 1")
+    with pytest.raises(StoreError, match="is damaged: it holds 2 runs, not 3; move it away"):
+        study.Store(tmp_path / "s", SOME)
+    database.execute("INSERT INTO run SELECT 1, told, figures, error, seal FROM run WHERE number = 0")
+    database.close()
+    with study.Store(tmp_path / "s", SOME) as store, pytest.raises(StoreError, match="run 1 is not as it was"):
+        store.rows(3)
 
 
 def test_more_runs_are_added_to_those_that_are_there(tmp_path, rows):

@@ -30,7 +30,7 @@ def _example(context: click.Context, _: click.Parameter, asked: bool) -> None:
 @click.option("--executor", type=click.Choice(["threads", "dask", "slurm"]), default="threads", help="Where it runs.")
 @click.option("--workers", metavar="N", type=click.IntRange(1), help="Threads, processes or tasks of the job array; "
               "by default one for each core, 16 tasks.")  # fmt: skip
-@click.option("--scheduler", metavar="ADDRESS", help="Of a dask cluster that is there, as tcp://host:8786.")
+@click.option("--scheduler", metavar="ADDRESS", help="Of a dask cluster that is there, as tls://host:8786.")
 @click.option("--report-only", is_flag=True, help="Run nothing; report what is there.")
 @click.option("--output", metavar="NAME", help="Keep results in NAME.sqlite, write NAME.html; by default FILE's name.")
 @common.pictures_option
@@ -57,7 +57,7 @@ def study(
     from truestroke.study.play import StudyError
 
     asked = studies.load(file, runs)
-    studies.draw(asked, 0)  # a setting out of its bounds is told before the file belongs to it
+    studies.first(asked, range(asked.runs))  # a setting out of its bounds is told before the file belongs to it
     try:
         with studies.Store(store_file, asked) as store:
             if not report_only:
@@ -84,20 +84,21 @@ def _report(store: Store, asked: Study, page_file: Path, figures: Path | None, a
     from truestroke import study as studies
     from truestroke.study import page
 
-    rows, cost = store.rows(asked.runs), store.cost()
+    rows, failed, cost = store.rows(asked.runs), store.failed(asked.runs), store.cost()
     if not rows:
-        raise click.ClickException(f"{store.path} holds no run yet.")
+        raise click.ClickException(page.failures(failed) or f"{store.path} holds no run yet.")
     with common.progress("drawing"):
-        page.save_page(asked, rows, cost, page_file, common.as_asked()["command"])
+        page.save_page(asked, rows, cost, page_file, common.as_asked()["command"], failed)
         paths = page.save_pictures(asked, rows, figures) if figures else []
     if as_json:
         lines = {line.controller: line.as_dict() for line in studies.lines(asked, rows)}
         telling = {name: [vars(one) for one in studies.telling(asked, rows, name)] for name in asked.controllers}
         spent = {"ticks": cost[0], "seconds": cost[1]}
         files = {"store": str(store.path), "page": str(page_file), "pictures": [str(path) for path in paths]}
-        common.print_json({"runs": len(rows), "controllers": lines, "telling": telling, "cost": spent, **files})
+        told = {"runs": len(rows), "failed": {row.number: row.error for row in failed}}
+        common.print_json({**told, "controllers": lines, "telling": telling, "cost": spent, **files})
         return
     for table, _ in page.tables(asked, rows, cost):
         common.print_table(*table)
-    common.print_text(f"{page.verdict(asked, rows)} {page.meaning(asked)}")
+    common.print_text(" ".join(filter(None, [page.verdict(asked, rows), page.failures(failed), page.meaning(asked)])))
     common.print_files(store=store.path, page=page_file, pictures=figures)

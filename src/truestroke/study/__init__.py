@@ -4,7 +4,7 @@ Run i of a study is always the same plant, wave and noise; docs/study.md states 
 """
 
 from truestroke.study.config import Draw, Study, example, load, parse
-from truestroke.study.draw import Run, draw
+from truestroke.study.draw import Run, draw, first
 from truestroke.study.play import Batch, Row, play
 from truestroke.study.run import batches, run
 from truestroke.study.store import Store, StoreError
@@ -23,6 +23,7 @@ __all__ = [
     "batches",
     "draw",
     "example",
+    "first",
     "lines",
     "load",
     "parse",

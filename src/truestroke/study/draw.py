@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,6 +14,8 @@ from truestroke.plant import Change, MatchedSettings, PlantSettings
 from truestroke.settings import ControllerSettings
 from truestroke.study.config import CONTROLLERS, PLANTS, WAVES, Draw, Study
 from truestroke.trajectories import Trajectory
+
+TRIES = 20  # draws of which one at least must be possible
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +76,17 @@ def draw(study: Study, number: int) -> Run:
     }
     told |= _follows(settings, trajectory)
     return Run(number, plant_seed, settings, trajectory, controllers, told)
+
+
+def first(study: Study, numbers: Sequence[int]) -> Run:
+    """The first of these runs that can be drawn, of the first `TRIES`; the error of the very first if none can."""
+    errors: list[ValueError] = []
+    for number in numbers[:TRIES]:
+        try:
+            return draw(study, number)
+        except ValueError as error:
+            errors.append(error)
+    raise errors[0]
 
 
 def _made(section: str, make: Callable[..., Any], settings: Mapping[str, Any]) -> Any:

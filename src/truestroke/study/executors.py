@@ -18,6 +18,9 @@ AHEAD = 2  # batches for each worker that are handed out at a time
 # Bytes that the C library keeps rather than give back to the system after each array; dask's default is 64 KiB.
 TRIM = {"MALLOC_TRIM_THRESHOLD_": str(256 * 2**20), "MALLOC_MMAP_THRESHOLD_": str(32 * 2**20)}
 
+# dask starts a web server without a password beside the scheduler and each worker: they show nothing.
+NO_PAGES: dict[str, list[str]] = {"distributed.scheduler.http.routes": [], "distributed.worker.http.routes": []}
+
 DEAF = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"  # a terminal's Ctrl-C is for the driver alone
 
 
@@ -45,13 +48,16 @@ def threads(workers: int | None = None) -> Work:
 
 
 def dask(workers: int | None = None, scheduler: str | None = None) -> Work:
-    """On a dask cluster: that of `scheduler` ("tcp://host:8786"), or one of processes on this machine.
+    """On a dask cluster: that of `scheduler` ("tls://host:8786"), or one of processes on this machine.
 
-    A batch whose worker dies is played again elsewhere. Workers of another cluster want the environment of `TRIM`
-    and the same version of truestroke.
+    The cluster of this machine listens at 127.0.0.1, and talks to those alone who have the certificate that it makes
+    for itself (TLS): whoever reaches a scheduler without one runs programs in its owner's name. A batch whose worker
+    dies is played again elsewhere. Workers of another cluster want the environment of `TRIM` and the same version of
+    truestroke.
     """
     try:
         distributed, config = import_module("distributed"), import_module("dask.config")
+        import_module("cryptography")
     except ImportError:
         raise SettingError("executor", "dask", "installed: pip install 'truestroke[dask]'") from None
     count = cores() if workers is None else _check.count("workers", workers, 1, 1024)
@@ -63,9 +69,15 @@ def dask(workers: int | None = None, scheduler: str | None = None) -> Work:
             return
         environment = config.get("distributed.nanny.pre-spawn-environ", {}) | TRIM
         with (
-            config.set({"distributed.nanny.pre-spawn-environ": environment}),
+            config.set({"distributed.nanny.pre-spawn-environ": environment, **NO_PAGES}),
             distributed.LocalCluster(
-                count, threads_per_worker=1, dashboard_address=None, silence_logs=50, preload=[DEAF]
+                count,
+                threads_per_worker=1,
+                dashboard_address="127.0.0.1:0",
+                scheduler_kwargs={"dashboard": False},
+                security=True,  # certificates for this cluster alone
+                silence_logs=50,
+                preload=[DEAF],
             ) as cluster,
             distributed.Client(cluster, set_as_default=False) as client,
         ):

@@ -82,6 +82,14 @@ def verdict(study: Study, rows: Sequence[Row]) -> str:
     return f"Of {len(rows)} runs converged: {'; '.join(parts)}."
 
 
+def failures(failed: Sequence[Row]) -> str:
+    """How many runs could not be played, and why the first of them; empty where all could."""
+    if not failed:
+        return ""
+    runs = "run" if len(failed) == 1 else "runs"
+    return f"{len(failed)} more {runs} could not be played, the first is run {failed[0].number}: {failed[0].error}."
+
+
 def meaning(study: Study) -> str:
     """What converged means here."""
     return (
@@ -112,14 +120,19 @@ def save_pictures(study: Study, rows: Sequence[Row], directory: str | Path) -> l
 
 
 def save_page(
-    study: Study, rows: Sequence[Row], cost: tuple[int, Mapping[str, float]], path: str | Path, command: str = ""
+    study: Study,
+    rows: Sequence[Row],
+    cost: tuple[int, Mapping[str, float]],
+    path: str | Path,
+    command: str = "",
+    failed: Sequence[Row] = (),
 ) -> Path:
     """Write the page to `path`; nothing outside the file is needed to read it."""
     drawn = pictures.pictures(study, rows, style.PAGE)
     page = render(
         "zoo",
         title=study.title,
-        lead=verdict(study, rows),
+        lead=f"{verdict(study, rows)} {failures(failed)}".strip(),
         tables=[
             {"columns": columns, "rows": cells, "note": note, "words": False}
             for (columns, cells), note in tables(study, rows, cost)

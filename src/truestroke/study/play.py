@@ -33,11 +33,14 @@ class Row:
         What was drawn, `Run.told`.
     figures : dict of str to dict
         By controller: "convergence_time" (s, None if it never settles) and what the study records.
+    error : str
+        Why there is nothing of the above: the draw cannot be, or its simulation failed; empty for all others.
     """
 
     number: int
     told: dict[str, float]
     figures: dict[str, dict[str, Number]]
+    error: str = ""
 
     def converged(self, study: Study, controller: str) -> bool:
         """Whether that controller settled to `study.level` within `study.within`."""
@@ -77,7 +80,7 @@ class Batch:
 
 
 class StudyError(RuntimeError):
-    """A run of a study failed; the message names it and says why."""
+    """An executor did not do its work; the message says which, and why."""
 
 
 def versions() -> dict[str, str]:
@@ -88,10 +91,7 @@ def versions() -> dict[str, str]:
 def play(study: Study, numbers: Iterable[int]) -> Batch:
     """Draw and run these, one after the other on one core.
 
-    Raises
-    ------
-    StudyError
-        A draw is out of bounds, or a simulation failed.
+    A draw that is out of bounds, or whose simulation fails, is a row with the error.
     """
     rows: list[Row] = []
     seconds: Counter[str] = Counter()
@@ -99,8 +99,8 @@ def play(study: Study, numbers: Iterable[int]) -> Batch:
     for number in numbers:
         try:
             row, spent, ran = _play(study, number)
-        except (ValueError, SimulationError) as error:
-            raise StudyError(f"run {number} of the study: {error.__cause__ or error}") from error
+        except (ValueError, ArithmeticError, SimulationError) as error:
+            row, spent, ran = Row(number, {}, {}, " ".join(str(error.__cause__ or error).split())), {}, 0
         rows.append(row)
         seconds.update(spent)
         ticks += ran

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from truestroke.study.config import Study
-from truestroke.study.draw import draw
+from truestroke.study.draw import first
 from truestroke.study.executors import Work, threads
 from truestroke.study.store import Store
 
@@ -32,7 +32,7 @@ def run(
     Raises
     ------
     StudyError
-        A run failed; the store keeps the others.
+        The executor did not do its work; the store keeps what it did. A run that cannot be is a row with its error.
     """
     missing = store.missing(study.runs)
     if not missing:
@@ -49,6 +49,14 @@ def run(
 
 def batches(study: Study, numbers: Sequence[int]) -> list[Sequence[int]]:
     """Split into batches of about `TICKS`, or more where there would be more than `BATCHES`."""
-    ticks = len(draw(study, numbers[0]).trajectory) * len(study.controllers)
+    ticks = _ticks(study, numbers) * len(study.controllers)
     size = max(1, TICKS // ticks, -(-len(numbers) // BATCHES))
     return [numbers[i : i + size] for i in range(0, len(numbers), size)]
+
+
+def _ticks(study: Study, numbers: Sequence[int]) -> int:
+    """Of a run, as the first that can be drawn tells; 1 where none can."""
+    try:
+        return len(first(study, numbers).trajectory)
+    except ValueError:
+        return 1

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import sqlite3
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -13,23 +15,34 @@ from typing import Any, Self
 from truestroke.study.config import Study
 from truestroke.study.play import Batch, Row, versions
 
+LAYOUT = 2  # of the tables
 TABLES = """
 CREATE TABLE IF NOT EXISTS study (name TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;
-CREATE TABLE IF NOT EXISTS run (number INTEGER PRIMARY KEY, told TEXT NOT NULL, figures TEXT NOT NULL);
-CREATE TABLE IF NOT EXISTS cost (part TEXT PRIMARY KEY, spent REAL NOT NULL) WITHOUT ROWID;
+CREATE TABLE IF NOT EXISTS run (number INTEGER PRIMARY KEY, told TEXT NOT NULL, figures TEXT NOT NULL,
+    error TEXT NOT NULL, seal TEXT NOT NULL);
+CREATE TABLE IF NOT EXISTS cost (part TEXT PRIMARY KEY, spent REAL NOT NULL, seal TEXT NOT NULL) WITHOUT ROWID;
 """
-SPEND = "INSERT INTO cost VALUES (?, ?) ON CONFLICT (part) DO UPDATE SET spent = spent + excluded.spent"
 
 
 class StoreError(RuntimeError):
-    """A file that is not the store of this study."""
+    """A file that is not the store of this study, or is damaged."""
+
+
+def seal(*values: object) -> str:
+    """What tells that a row is as it was written: a hash of its values.
+
+    >>> seal(7, "x")
+    '014d39a27f7b82ad'
+    """
+    return hashlib.blake2b("\0".join(map(str, values)).encode(), digest_size=8).hexdigest()
 
 
 class Store:
     """The results of one study.
 
     A batch is either in it or not, whenever the process is killed; a run that is in it already is not counted again.
-    Its format is plain: tables study, run (number, told, figures as JSON) and cost.
+    Its format is plain: tables study, run (number, told, figures as JSON, error) and cost. Each row has a seal, and the
+    number of rows stands in cost as "rows": a file that was damaged is found when it is opened or read.
 
     Parameters
     ----------
@@ -41,7 +54,7 @@ class Store:
     Raises
     ------
     StoreError
-        The file holds another study, or other versions made it, or it is no store.
+        The file holds another study, or other versions made it, or it is no store, or damaged.
 
     Examples
     --------
@@ -58,12 +71,13 @@ class Store:
         self.path = Path(path)
         self._database = sqlite3.connect(self.path, timeout=60.0, isolation_level=None)
         try:
-            self._database.execute("PRAGMA journal_mode = WAL")
-            self._database.executescript(TABLES)
-            self._claim({"study": study.identity(), "versions": versions()})
-        except (sqlite3.DatabaseError, StoreError) as error:
+            with self._guarded():
+                self._database.execute("PRAGMA journal_mode = WAL")
+                self._look()
+                self._claim({"study": study.identity(), "versions": versions()})
+        except StoreError:
             self.close()
-            raise error if isinstance(error, StoreError) else StoreError(f"{path}: {error}") from None
+            raise
 
     def __enter__(self) -> Self:
         return self
@@ -79,28 +93,89 @@ class Store:
         """Keep a batch, in one transaction; runs that are there already stay as they are."""
         if batch.versions != versions():
             raise StoreError(f"{self.path}: a worker has other versions: {batch.versions} there, {versions()} here")
-        rows = [(row.number, json.dumps(row.told), json.dumps(row.figures)) for row in batch.rows]
-        costs = {"ticks": batch.ticks, **{f"seconds {part}": spent for part, spent in batch.seconds.items()}}
-        with self._database as database:
+        made = [(row.number, json.dumps(row.told), json.dumps(row.figures), row.error) for row in batch.rows]
+        with self._guarded(), self._database as database:
             database.execute("BEGIN IMMEDIATE")
-            added = database.executemany("INSERT OR IGNORE INTO run VALUES (?, ?, ?)", rows).rowcount
-            if added == len(rows):  # else some of it has been paid for already
-                database.executemany(SPEND, costs.items())
+            sealed = [(*row, seal(*row)) for row in made]
+            added = database.executemany("INSERT OR IGNORE INTO run VALUES (?, ?, ?, ?, ?)", sealed).rowcount
+            costs = Counter(self._costs())
+            costs["rows"] += added
+            if added == len(sealed):  # else some of it has been paid for already
+                costs["ticks"] += batch.ticks
+                costs.update({f"seconds {part}": spent for part, spent in batch.seconds.items()})
+            spent = [(part, float(value), seal(part, float(value))) for part, value in costs.items()]
+            database.executemany("INSERT OR REPLACE INTO cost VALUES (?, ?, ?)", spent)
 
     def missing(self, runs: int) -> list[int]:
         """Numbers below `runs` that are not there."""
-        there = {number for (number,) in self._database.execute("SELECT number FROM run")}
+        with self._guarded():
+            there = {number for (number,) in self._database.execute("SELECT number FROM run")}
         return [number for number in range(runs) if number not in there]
 
     def rows(self, runs: int) -> list[Row]:
-        """All of those below `runs` that are there, by number."""
-        found = self._database.execute("SELECT number, told, figures FROM run WHERE number < ? ORDER BY number", [runs])
-        return [Row(number, json.loads(told), json.loads(figures)) for number, told, figures in found]
+        """All of those below `runs` that are there and could be played, by number."""
+        return [row for row in self._rows(runs) if not row.error]
+
+    def failed(self, runs: int) -> list[Row]:
+        """Those below `runs` that could not be played, each with its error, by number."""
+        return [row for row in self._rows(runs) if row.error]
+
+    def _rows(self, runs: int) -> list[Row]:
+        ask = "SELECT number, told, figures, error, seal FROM run WHERE number < ? ORDER BY number"
+        with self._guarded():
+            return [self._row(*found) for found in self._database.execute(ask, [runs])]
+
+    def _row(self, number: int, told: str, figures: str, error: str, sealed: str) -> Row:
+        if sealed != seal(number, told, figures, error):
+            raise self._damaged(f"run {number} is not as it was written")
+        return Row(number, json.loads(told), json.loads(figures), error)
 
     def cost(self) -> tuple[int, dict[str, float]]:
         """Ticks of controller and plant, and core seconds by part."""
-        costs = Counter(dict(self._database.execute("SELECT part, spent FROM cost")))
-        return int(costs.pop("ticks", 0)), {part.removeprefix("seconds "): spent for part, spent in costs.items()}
+        with self._guarded():
+            costs = self._costs()
+        ticks = int(costs.get("ticks", 0))
+        return ticks, {part.removeprefix("seconds "): value for part, value in costs.items() if part[:8] == "seconds "}
+
+    def _costs(self) -> dict[str, float]:
+        found = self._database.execute("SELECT part, spent, seal FROM cost").fetchall()
+        for part, spent, sealed in found:
+            if sealed != seal(part, spent):
+                raise self._damaged(f"the cost of {part!r} is not as it was written")
+        return {part: spent for part, spent, _ in found}
+
+    def _look(self) -> None:
+        """Make the tables in a new file; of one that is there look whether it is whole."""
+        database = self._database
+        (layout,) = database.execute("PRAGMA user_version").fetchone()
+        if not database.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]:
+            database.executescript(f"BEGIN IMMEDIATE; {TABLES} PRAGMA user_version = {LAYOUT}; COMMIT")
+        elif layout != LAYOUT:
+            raise StoreError(
+                f"{self.path} is not laid out as a store of this version (layout {layout}, not {LAYOUT}); choose "
+                "another --output"
+            )
+        database.execute("BEGIN")  # one moment of a file that another process may write
+        try:
+            found = [text for (text,) in database.execute("PRAGMA integrity_check(1)")]
+            if found != ["ok"]:
+                raise self._damaged(found[0])
+            (there,), said = database.execute("SELECT count(*) FROM run").fetchone(), self._costs().get("rows", 0)
+            if there != said:
+                raise self._damaged(f"it holds {there} runs, not {said:.0f}")
+        finally:
+            database.execute("ROLLBACK")
+
+    def _damaged(self, what: str) -> StoreError:
+        return StoreError(f"{self.path} is damaged: {' '.join(what.split())}; move it away and run the study again")
+
+    @contextmanager
+    def _guarded(self) -> Iterator[None]:
+        """What SQLite says is a StoreError."""
+        try:
+            yield
+        except sqlite3.DatabaseError as error:
+            raise StoreError(f"{self.path}: {error}") from None
 
     def _claim(self, about: Mapping[str, Any]) -> None:
         """From the first call on it is for nothing else."""
@@ -109,8 +184,15 @@ class Store:
             self._database.execute("INSERT OR IGNORE INTO study VALUES (?, ?)", (name, text))
             (kept,) = self._database.execute("SELECT value FROM study WHERE name = ?", (name,)).fetchone()
             if kept != text:
-                there, here = json.loads(kept), json.loads(text)
-                differ = sorted(key for key in there.keys() | here.keys() if there.get(key) != here.get(key))
-                raise StoreError(
-                    f"{self.path} holds another study: {name} differs in {', '.join(differ)}; choose another --output"
-                )
+                raise StoreError(f"{self.path} {self._another(name, kept, text)}; choose another --output")
+
+    @staticmethod
+    def _another(name: str, kept: str, text: str) -> str:
+        """How the study or versions that are there differ from ours."""
+        there, here = {}, json.loads(text)
+        with suppress(ValueError):
+            there = json.loads(kept)
+        if not isinstance(there, dict) or not there:
+            return f"is damaged: its {name} cannot be read"
+        differ = sorted(key for key in there.keys() | here.keys() if there.get(key) != here.get(key))
+        return f"holds another study: {name} differs in {', '.join(differ)}"
