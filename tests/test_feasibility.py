@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
+import truestroke
 from truestroke import ControllerSettings, SettingError, feasibility
+from truestroke.baselines import ConstantGain
+from truestroke.cli import main
 from truestroke.trajectories import Trajectory, random_wave, sine, staircase, triangle
 
 BENCH = {"sample_rate": 2000.0, "stroke": 30.0, "voltage_limits": (-0.6, 3.6)}
@@ -73,3 +79,36 @@ def test_a_motion_too_fast_for_the_slew_is_refused_or_told() -> None:
     tight = ControllerSettings(**BENCH | {"voltage_limits": (0.0, 2.0)}, initial_sensitivity=8.2)
     (told,) = feasibility.notices(feasibility.demands(sine(peak_to_peak=30.0, duration=1.0), tight), tight)
     assert told.startswith("voltage_limits = 0 to 2 V will hold the motion back: it needs about 0 to 2.")
+
+
+class Spring:
+    """10 um/V."""
+
+    def open(self) -> truestroke.Timing:
+        return truestroke.Timing(sample_rate=2000.0)
+
+    def exchange(self, volts: np.ndarray) -> np.ndarray:
+        return 10.0 * volts
+
+
+def test_a_run_tells_before_it_begins_which_limit_holds_its_motion_back() -> None:
+    wave = sine(frequency=100.0, peak_to_peak=20.0, duration=0.6)
+    with pytest.warns(
+        truestroke.LimitWarning, match=r"slew_limit = 504 V/s .* needs about 765 V/s .*; change it"
+    ) as told:
+        truestroke.run(wave, truestroke.AdaptiveController(**BENCH), Spring())
+    assert told[0].filename == __file__
+    assert len(told) == 1
+    truestroke.run(wave, truestroke.AdaptiveController(**BENCH, slew_limit=900.0), Spring())  # no word
+    truestroke.run(wave, ConstantGain(10.0, (-0.6, 3.6)), Spring())
+
+
+def test_a_command_tells_it_in_a_line_in_its_own_words(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    fast = ["track", "--trajectory", "sine", "--duration", "0.6", "--json"]
+    done = CliRunner().invoke(main, [*fast, "--frequency", "100", "--peak-to-peak", "20"])
+    (line,) = done.stderr.splitlines()
+    assert line.startswith("truestroke: slew_limit = 504 V/s will hold the motion back: it needs about 765 V/s")
+    assert line.endswith("change it, or make --trajectory slower or smaller")
+    done = CliRunner().invoke(main, [*fast, "--frequency", "4", "--voltage-limits", "-0.6", "1.9"])
+    assert done.stderr == ""  # the prior follows from the limits

@@ -141,7 +141,8 @@ def test_in_a_terminal() -> None:
     assert "x: rmse 0." in screen
     assert screen.rstrip().endswith("truestroke: Ctrl-C")
     printed = stdout.decode()
-    assert "second half" in printed
+    assert "verdict    doubtful" in printed
+    assert "90 s: Ctrl-C." in printed
     assert "recording  run.h5" in printed
     reported = subprocess.run([COMMAND, "report", "run.h5", "--json"], capture_output=True, text=True, check=True)
     assert json.loads(reported.stdout)["measured_rmse_um"] < 0.1

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from truestroke import metrics, plant, trajectories
     from truestroke.batch import Batch, Simulation, SimulationError, simulate_many
     from truestroke.characterisation import Characterisation, characterise
+    from truestroke.feasibility import LimitWarning
     from truestroke.loop import Actuator, RunInterrupted, run
     from truestroke.recording import Recording
     from truestroke.trajectories import Trajectory
@@ -38,6 +39,7 @@ __all__ = [
     "Counters",
     "Diagnostics",
     "Flags",
+    "LimitWarning",
     "Recording",
     "RunInterrupted",
     "SettingError",
@@ -63,6 +65,7 @@ _LAZY = {
     "Simulation": "batch",
     "SimulationError": "batch",
     "simulate_many": "batch",
+    "LimitWarning": "feasibility",
     "RunInterrupted": "loop",
     "run": "loop",
     "Recording": "recording",

@@ -47,6 +47,10 @@ class Motion(Protocol):
         """Desired velocity, um/s."""
 
 
+class LimitWarning(UserWarning):
+    """A limit of the controller will probably hold the motion back; `truestroke.run` gives it before it begins."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Demands:
     """What a motion needs.
@@ -251,3 +255,12 @@ def notices(
             f"({needs.speed:.4g} um/s at {gains(settings)[1]:.3g} um/V)"
         )
     return tuple(told)
+
+
+def remedied(trajectory: Motion, controller: object) -> tuple[str, ...]:
+    """The notices for this controller, each with the remedy; () of one that has no `ControllerSettings`."""
+    settings = getattr(controller, "settings", None)
+    if not isinstance(settings, ControllerSettings) or not trajectory.position.size:
+        return ()
+    found = notices(demands(trajectory, settings), settings)
+    return tuple(f"{notice}; change it, or make {NAMES['motion']} slower or smaller" for notice in found)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
 from typing import Any, Protocol
 
 import numpy as np
 
-from truestroke import _check
+from truestroke import _check, feasibility
 from truestroke._check import SettingError
 from truestroke._typing import FloatArray
 from truestroke.controller import Controller
@@ -124,6 +125,11 @@ def run(
     RunInterrupted
         Anything went wrong on the way, or Ctrl-C was pressed: it holds the recording so far.
 
+    Warns
+    -----
+    LimitWarning
+        The slew limit or the voltage limits of the controller will probably hold the motion back.
+
     Examples
     --------
     >>> from truestroke import AdaptiveController, trajectories
@@ -142,6 +148,8 @@ def run(
     timing = actuator.open()
     check_agreement(trajectory, controller, timing)
     _check.count("channels of the actuator", timing.channels, 1, 1)
+    for notice in feasibility.remedied(trajectory, controller):
+        warnings.warn(notice, feasibility.LimitWarning, stacklevel=2)
     notes = _Notes(trajectory, controller, actuator, timing)
     z_d, zdot_d, volts = trajectory.position.tolist(), trajectory.velocity.tolist(), notes.volts
     command, adapt, latency = controller.command, controller.adapt, timing.latency

@@ -10,6 +10,7 @@ import shlex
 import shutil
 import signal
 import sys
+import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -53,7 +54,7 @@ class Commands(click.Group):
     def _run(self, *args: Any, **options: Any) -> int:
         stopped: list[int] = []
         try:
-            with _sigterm_as_ctrl_c(stopped):
+            with _sigterm_as_ctrl_c(stopped), _warnings_as_lines():
                 return int(super().main(*args, **options) or ExitCode.OK)
         except SystemExit as end:
             return end.code if isinstance(end.code, int) else ExitCode.OK if end.code is None else ExitCode.FAILED
@@ -91,6 +92,29 @@ def interrupted(stop: RunInterrupted, saved: str) -> NoReturn:
         click.echo(f"truestroke: {saved}", err=True)
         raise click.Abort from None
     raise click.ClickException(f"{stop.__cause__}; {saved}") from stop
+
+
+@contextmanager
+def _warnings_as_lines() -> Iterator[None]:
+    """What a run warns of before it begins, as a line on stderr, in the words of the command that is called."""
+    from truestroke.feasibility import NAMES, LimitWarning
+
+    others = warnings.showwarning
+
+    def show(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> None:
+        if not issubclass(category, LimitWarning):
+            others(message, category, *where, **more)
+            return
+        context, text = click.get_current_context(silent=True), str(message)
+        for name in NAMES.values():
+            if context and name in context.params:
+                text = text.replace(name, f"--{name.replace('_', '-')}")
+        click.echo(f"truestroke: {text}", err=True)
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", LimitWarning)
+        warnings.showwarning = show
+        yield
 
 
 def _complain(message: str, code: int = ExitCode.FAILED) -> int:
