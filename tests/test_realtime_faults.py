@@ -159,8 +159,8 @@ ROWS = {
 def _short_patience(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     real = child.start
 
-    def start(shared: Any, job: Any, *arguments: Any) -> subprocess.Popen[bytes]:
-        HELPERS[job.__name__] = real(shared, job, *arguments)
+    def start(shared: Any, job: Any, *arguments: Any, **options: Any) -> subprocess.Popen[bytes]:
+        HELPERS[job.__name__] = real(shared, job, *arguments, **options)
         return HELPERS[job.__name__]
 
     monkeypatch.setattr(child, "start", start)

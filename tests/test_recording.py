@@ -103,7 +103,7 @@ def test_refusals_say_why(tmp_path):
     for path, message in [
         (text, "not an HDF5 file"),
         (foreign, "not a truestroke recording"),
-        (newer, "format 99, newer than 1"),
+        (newer, "format 99, newer than 2"),
         (cut, "damaged"),
     ]:
         with pytest.raises(RecordingError, match=f"{path.name}: .*{message}"):

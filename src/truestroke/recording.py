@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import errno
 import functools
+import hashlib
 import json
-import os
 import platform
 import subprocess
+import time
+import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,14 +19,17 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from truestroke import files, hdf5
 from truestroke._check import SettingError
 
 FORMAT = "truestroke recording"
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2  # from 2 on with checksums
+CHUNK = 65536  # entries of a chunk of a file that is saved at once
+TRIES, PAUSE = 10, 0.02  # s; to read a file that is being written
 ENDING = "ending"  # dataset of a recording that grew while it ran: JSON that is known only at its end, bytes
 
 
-class RecordingError(ValueError):
+class RecordingError(files.FileError):
     """A file that cannot be read as a recording; the message says why."""
 
 
@@ -120,36 +126,30 @@ class Recording:
         """Write to an HDF5 file: a dataset for each channel, unit and description as its attributes.
 
         The file is written under a temporary name and then renamed: whatever happens, a file that was there before
-        is either as it was or complete and new.
+        is either as it was or complete and new. It carries checksums of all that `load` reads.
 
         Raises
         ------
+        FileExistsError
+            A file is there that is no recording, or one that another command made; within `files.overwriting` it is
+            replaced.
         FileNotFoundError
             There is no such folder.
         """
         import h5py
 
-        path = Path(path)
-        if not path.parent.is_dir():
-            raise FileNotFoundError(f"{path}: there is no folder {path.parent}")
-        draft = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-        try:
-            with h5py.File(draft, "w", track_order=True) as file:
-                self._write(file)
-            with draft.open("rb+") as written:
-                os.fsync(written.fileno())
-            draft.replace(path)
-        finally:
-            draft.unlink(missing_ok=True)
-        return path
+        with files.writing(path, kind(self.metadata)) as draft, h5py.File(draft, **MODE) as file:
+            self._write(file)
+        return Path(path)
 
     def _write(self, file: Any) -> None:
-        file.attrs.update(format=FORMAT, format_version=FORMAT_VERSION, metadata=_json(self.metadata))
-        for key, value in self.metadata.items():  # readable in any HDF5 viewer; `load` reads the one above
-            file.attrs[f"about {key}"] = _json(value, indent=1)
+        describe(file, self.metadata)
         for name, channel in self.channels.items():
-            dataset = file.create_dataset(name, data=channel.data)
+            data = channel.data
+            chunked = {"chunks": (min(len(data), CHUNK), *data.shape[1:]), "fletcher32": True} if data.size else {}
+            dataset = file.create_dataset(name, data=data, **chunked)
             dataset.attrs.update(unit=channel.unit, description=channel.description, time=channel.time)
+        file.attrs["checksum"] = checksum(file)
 
     @classmethod
     def load(cls, path: str | Path) -> Recording:
@@ -161,19 +161,30 @@ class Recording:
             There is no such file.
         RecordingError
             Not an HDF5 file, not a truestroke recording, damaged, or of a newer format than this version knows.
+        FileTooLargeError
+            It asks for more memory than such a file can fill, or than there is.
         """
-        import h5py
-
         path = Path(path)
         if not path.is_file():
-            raise FileNotFoundError(f"{path}: no such file")
-        if not h5py.is_hdf5(path):
-            raise RecordingError(f"{path}: not an HDF5 file")
-        try:
-            with _opened(path) as file:
+            raise FileNotFoundError(errno.ENOENT, "no such file", str(path))
+        for _ in range(TRIES):
+            try:
+                return cls._load(path)
+            except RecordingError:
+                if not files.busy(path):
+                    raise
+                time.sleep(PAUSE)  # its writer was at the same place
+        return cls._load(path)
+
+    @classmethod
+    def _load(cls, path: Path) -> Recording:
+        import h5py
+
+        with files.reading(path, lambda reason: RecordingError(f"{path}: {reason}")):
+            if not h5py.is_hdf5(path):
+                raise RecordingError(f"{path}: not an HDF5 file")
+            with hdf5.opened(path) as file:
                 return cls._read(file, path)
-        except (OSError, KeyError) as error:
-            raise RecordingError(f"{path}: the file is damaged ({error})") from error
 
     @classmethod
     def _read(cls, file: Any, path: Path) -> Recording:
@@ -181,26 +192,88 @@ class Recording:
             raise RecordingError(f"{path}: an HDF5 file, but not a {FORMAT}")
         if (version := int(file.attrs["format_version"])) > FORMAT_VERSION:
             raise RecordingError(f"{path}: format {version}, newer than {FORMAT_VERSION}; a newer truestroke reads it")
+        if version > 1 and file.attrs["checksum"] != checksum(file):
+            raise RecordingError(f"{path}: the file is damaged (the checksum of what describes it is wrong)")
+        sets = {name: data for name, data in file.items() if name != ENDING}
+        files.check_size(path, "the recording", sum(data.nbytes for data in sets.values()))
         channels = {
             name: Channel(data[()], data.attrs["unit"], data.attrs["description"], data.attrs["time"])
-            for name, data in file.items()
-            if name != ENDING
+            for name, data in sets.items()
         }
         metadata = json.loads(file.attrs["metadata"])
         if ENDING in file:
-            metadata |= json.loads(file[ENDING][()].tobytes().rstrip(b"\0") or b"{}")
+            metadata |= _ending(file[ENDING][()].tobytes(), version)
             channels = _even(channels)
         return cls(channels, metadata)
 
 
-def _opened(path: Path) -> Any:
-    """An HDF5 file to read, also one that is being written, or whose writer was killed."""
-    import h5py
+MODE = {"mode": "w", "libver": "latest", "track_order": True}
+"""How a file of a recording is made: of a version of HDF5 that keeps checksums of its own tables."""
 
+
+def describe(file: Any, metadata: Mapping[str, Any]) -> None:
+    """Write format and metadata into an HDF5 file."""
+    file.attrs.update(format=FORMAT, format_version=FORMAT_VERSION, metadata=_json(metadata))
+    for key, value in metadata.items():  # readable in any HDF5 viewer; `load` reads the one above
+        file.attrs[f"about {key}"] = _json(value, indent=1)
+
+
+def checksum(file: Any) -> str:
+    """SHA-256 over all that describes an HDF5 file's channels; HDF5 itself has no checksum of texts."""
+    about = {
+        name: [
+            str(data.dtype),
+            list(data.shape[1:]),
+            *(str(data.attrs[key]) for key in ("unit", "description", "time")),
+        ]
+        for name, data in file.items()
+        if name != ENDING
+    }
+    return hashlib.sha256(json.dumps([file.attrs["metadata"], about]).encode()).hexdigest()
+
+
+def sealed(ending: str, size: int) -> bytes:
+    """JSON of an end as it stands in `ENDING`: behind it a zero, and its checksum; `{}` where it has no room."""
+    data = ending.encode()
+    if len(data) > size - 10:
+        data = b"{}"
+    return data + b"\0%08x\0" % zlib.crc32(data)
+
+
+def _ending(data: bytes, version: int) -> dict[str, Any]:
+    """What `sealed` wrote; nothing if it was not yet written."""
+    told, sum_, *_ = [*data.split(b"\0", 2), b""]
+    if version > 1 and (told or sum_) and sum_ != b"%08x" % zlib.crc32(told):
+        raise ValueError("the checksum of how the run ended is wrong")
+    found: dict[str, Any] = json.loads(told or b"{}")
+    return found
+
+
+def kind(metadata: Mapping[str, Any]) -> files.Kind:
+    """What a recording with this metadata may replace: one that the same command made, or Python."""
+    maker = _maker(metadata)
+    return files.Kind("a recording" + (f" of {maker}" if maker else ""), lambda path: _ours(path, maker))
+
+
+def _maker(metadata: Mapping[str, Any]) -> str:
+    """The command that made a recording, such as "truestroke track"; "" for Python."""
+    return " ".join(str(metadata.get("command", "")).split()[:2])
+
+
+def _ours(path: Path, maker: str) -> bool:
     try:
-        return h5py.File(path, "r")
-    except OSError:
-        return h5py.File(path, "r", libver="latest", swmr=True)
+        with hdf5.opened(path) as file:
+            return bool(file.attrs["format"] == FORMAT and _maker(json.loads(file.attrs["metadata"])) == maker)
+    except Exception:  # not one that can be read
+        return False
+
+
+def ticks(path: Path) -> int:
+    """Entries of a recording that may have been interrupted; 1 where that cannot be told."""
+    try:
+        return len(Recording.load(path)["time"])
+    except (files.FileError, OSError, KeyError):
+        return 1
 
 
 def _even(channels: dict[str, Channel]) -> dict[str, Channel]:

@@ -55,13 +55,19 @@ def close_the_loop(
     """Run what the configuration says, and print what became of it; the exit code."""
     from truestroke import judgement
     from truestroke.drivers import DriverError
+    from truestroke.files import beside
     from truestroke.realtime import Cause, RealtimeError, run_realtime
+    from truestroke.realtime.runner import recordings
     from truestroke.recording import Recording
 
     show: Literal["live", "lines"] | None = None if as_json else "live" if sys.stderr.isatty() else "lines"
     about = {"command": f"truestroke {command} --config {config}", "config": config.read_text(encoding="utf-8")}
     options: dict[str, Any] = {"settings": job.settings, "about": about, "overwrite": overwrite, "show": show}
     file = job.file if output is None else output
+    for path in recordings(file, job.axes, overwrite):
+        if path.exists():
+            told = f"recording to {beside(path)} until the run has ended; {path} stays as it is until then"
+            click.echo(f"truestroke: {told}", err=True)
     try:
         outcome = run_realtime(job.driver, job.axes, file, epics=job.epics if epics else None, **options)
     except RealtimeError as error:

@@ -7,7 +7,7 @@ import select
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from truestroke import _streams
@@ -24,8 +24,10 @@ class Lifeline:
         return bool(select.select([sys.stdin.fileno()], [], [], seconds)[0])
 
 
-def start(shared: Shared, job: Callable[..., None], *arguments: Any) -> subprocess.Popen[bytes]:
-    """Run job(lifeline, shared, *arguments) in a process of its own session.
+def start(
+    shared: Shared, job: Callable[..., None], *arguments: Any, keep: Sequence[int] = ()
+) -> subprocess.Popen[bytes]:
+    """Run job(lifeline, shared, *arguments) in a process of its own session, which has the descriptors `keep`, too.
 
     It is no fork: it has no share in the state of vendors' libraries, and does not run the caller's script again.
     Ctrl-C in the terminal does not reach it.
@@ -34,7 +36,7 @@ def start(shared: Shared, job: Callable[..., None], *arguments: Any) -> subproce
         [sys.executable, "-P", "-c", _CODE],
         stdin=subprocess.PIPE,
         stdout=subprocess.DEVNULL,
-        pass_fds=(shared.fd,),
+        pass_fds=(shared.fd, *keep),
         start_new_session=True,
     )
     assert process.stdin

@@ -35,6 +35,10 @@ SIGNALS = {
 }
 
 
+AS_ASKED = (Cause.FINISHED, Cause.STOPPED, *(cause for cause, _ in SIGNALS.values()))
+"""Ends that somebody wanted, and after which a recording is expected to be complete."""
+
+
 class Stop(Exception):  # noqa: N818 (a run that is stopped need not be an error)
     """Ends the run now."""
 

@@ -21,7 +21,8 @@ from truestroke.realtime.process import RealtimeError
 from truestroke.realtime.settings import Axis, RealtimeSettings
 from truestroke.realtime.shared import Helper, Pulse, Shared, Slot, State, Text
 
-PATIENCE = 60.0  # s for them to start
+START = 60.0  # s for them to start
+PATIENCE = 60.0  # s for a watchdog to end
 LAST_WORDS = 15.0  # s for the recorder to write the rest
 BEAT = 2.0  # s without a beat after which a watchdog stands still
 
@@ -41,7 +42,7 @@ class Helpers:
     ) -> None:
         safe, rescue = np.array([axis.safe_voltage for axis in axes]), driver.rescue()
         self._shared, self._plans = shared, plans
-        self.recorder = child.start(shared, recorder.record, plans)
+        self.recorder = child.start(shared, recorder.record, plans, keep=[plan.place.descriptor for plan in plans])
         self.watchdog = child.start(shared, watchdog.watch, os.getpid(), rescue, safe, settings.watchdog_timeout)
         self._all = [self.recorder, self.watchdog]
         self._pulses = {slot: Pulse() for slot in watchdog.BEATS}
@@ -57,7 +58,7 @@ class Helpers:
 
     def wait_until_ready(self) -> None:
         """RealtimeError if they do not come up."""
-        count, until = self._shared.count, time.monotonic() + PATIENCE
+        count, until = self._shared.count, time.monotonic() + START
         needed = [Slot.RECORDER, Slot.WATCHDOG, Slot.DEPUTY] + ([Slot.SERVER] if self.server else [])
         while any(count[slot] != Helper.READY for slot in needed):
             if count[Slot.RECORDER] == Helper.FAILED:
@@ -93,18 +94,24 @@ class Helpers:
             return False
         return self._pulses[slot].still(self._shared.count[watchdog.BEATS[slot]]) > BEAT
 
-    def finish(self, ending: str) -> None:
-        """Let the recording be completed; where its recorder is dead, write at least how the run ended."""
+    def finish(self, ending: str) -> str:
+        """Let the recording be completed; what became of it if it was not, in words."""
         self._shared.write(Text.ENDING, ending)
         self._shared.count[Slot.STATE] = State.ENDED
         try:
-            completed = self.recorder.wait(LAST_WORDS) == 0
+            if self.recorder.wait(LAST_WORDS) == 0:
+                return ""
         except subprocess.TimeoutExpired:
             self.recorder.kill()
-            completed = False
+            self.recorder.wait()
+        return f"the recording is not complete: {self._shared.read(Text.COMPLAINT) or 'the recorder died'}"
+
+    def note(self, ending: str) -> None:
+        """Write how the run ended, where the recorder no longer can."""
         for axis, plan in enumerate(self._plans):
-            if not completed and self._shared.count[Slot.ENDINGS + axis]:
-                recorder.write_ending(plan.path, self._shared.count[Slot.ENDINGS + axis], ending)
+            if offset := self._shared.count[Slot.ENDINGS + axis]:
+                with suppress(OSError):  # the disk takes nothing: the recording says that it was not ended
+                    recorder.write_ending(plan.place, offset, ending)
 
     def close(self) -> None:
         """End them all; a watchdog that rescues is not disturbed, one that stands still is killed."""

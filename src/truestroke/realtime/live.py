@@ -16,13 +16,14 @@ from truestroke.drivers.clock import EDGES_US, Clock
 from truestroke.drivers.guard import Guard, padded
 from truestroke.drivers.protocol import Driver, DriverError
 from truestroke.realtime.axis_loop import AxisLoop, stride
-from truestroke.realtime.ending import SIGNALS, Cause, Outcome, Stop
+from truestroke.realtime.ending import AS_ASKED, SIGNALS, Cause, Outcome, Stop
 from truestroke.realtime.helpers import Helpers
 from truestroke.realtime.settings import Axis, RealtimeSettings
 from truestroke.realtime.shared import Shared, Slot, State
 from truestroke.timing import Timing
 
 GLANCE = 0.02  # s between two looks at the helping processes
+LONGEST = 4000  # characters of a reason that have room in a recording
 
 
 class Live:
@@ -65,7 +66,11 @@ class Live:
             reason = "; ".join(filter(None, (reason, complaint)))
             cause = Cause.DRIVER if cause is Cause.FINISHED else cause
         self._count[Slot.WRITTEN] = self._done
-        self._helpers.finish(json.dumps(self._ending(cause, reason)))
+        if complaint := self._helpers.finish(json.dumps(self._ending(cause, reason))):
+            if cause is not Cause.RECORDER:  # which has told it already
+                reason = "; ".join(filter(None, (reason, complaint)))
+            cause = Cause.RECORDER if cause in AS_ASKED else cause
+            self._helpers.note(json.dumps(self._ending(cause, reason)))
         return cause, reason
 
     def _until_it_ends(self) -> tuple[Cause, str]:
@@ -182,7 +187,7 @@ class Live:
             "lost_samples": sum(axis.lost for axis in self._axes),
             "limited_by_the_guard": self._guard.limited,
         }
-        interrupted = None if cause is Cause.FINISHED else reason
+        interrupted = None if cause is Cause.FINISHED else reason[:LONGEST]
         return {"interrupted": interrupted, "ended": ended, "lateness": punctuality}
 
     def outcome(self, cause: Cause, reason: str, files: tuple[Path, ...]) -> Outcome:

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import errno
 import shutil
 import time
-from collections.abc import Mapping, Sequence
-from contextlib import closing
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, closing, contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal
@@ -14,6 +13,7 @@ from typing import Any, Literal
 from truestroke import _check, loop
 from truestroke._check import SettingError
 from truestroke.drivers.protocol import Driver
+from truestroke.files import Growing, beside, check_growing, grow
 from truestroke.realtime.axis_loop import slow_values, stride
 from truestroke.realtime.ending import Outcome
 from truestroke.realtime.epics import EpicsSettings
@@ -23,7 +23,7 @@ from truestroke.realtime.process import RealtimeError, noted_signals, on_its_own
 from truestroke.realtime.recorder import Plan
 from truestroke.realtime.settings import Axis, RealtimeSettings
 from truestroke.realtime.shared import Layout, Shared, Slot
-from truestroke.recording import Recording
+from truestroke.recording import Recording, ticks
 from truestroke.timing import Timing
 
 BUFFER = 8.0  # s that the recorder may fall behind before the run ends
@@ -80,16 +80,24 @@ def run_realtime(
         clock = {"utc": datetime.now(UTC).isoformat(), "monotonic_s": time.monotonic()}
         _check_agreement(axes, timing, settings, epics)
         _check_range(axes, driver)
-        plans = _plans(driver, axes, timing, paths, {"realtime": settings, "clock": clock, **(about or {})})
-        with closing(Shared(_layout(axes, timing))) as shared:
+        _check_room(axes, timing, paths[0].absolute().parent)
+        abouts = [
+            _about(driver, axis, timing, {"realtime": settings, "clock": clock, **(about or {})}) for axis in axes
+        ]
+        with grown(paths, overwrite) as (places, unused), closing(Shared(_layout(axes, timing))) as shared:
+            made = zip(axes, places, abouts, strict=True)
+            plans = [_plan(driver, axis, timing, place, about) for axis, place, about in made]
             shared.count[Slot.TICKS] = len(axes[0].trajectory)
             with on_its_own(settings):
                 helpers = Helpers(shared, plans, driver, axes, settings, show, epics)
-            with closing(helpers), noted_signals() as asked, undisturbed(settings):
-                helpers.wait_until_ready()
-                live = Live(driver, axes, timing, settings, shared, helpers, asked)
-                cause, reason = live.run()
-            return live.outcome(cause, reason, tuple(paths))
+            with closing(helpers):
+                helpers.wait_until_ready()  # Ctrl-C ends this at once: nothing has moved
+                unused.pop_all()
+                with noted_signals() as asked, undisturbed(settings):
+                    live = Live(driver, axes, timing, settings, shared, helpers, asked)
+                    cause, reason = live.run()
+            names = zip(paths, places, strict=True)
+            return live.outcome(cause, reason, tuple(p if at.where == at.final else beside(p) for p, at in names))
 
 
 def _check_agreement(
@@ -117,40 +125,56 @@ def _check_range(axes: Sequence[Axis], driver: Driver) -> None:
 
 
 def recordings(file: Path, axes: Sequence[Axis], overwrite: bool) -> list[Path]:
-    """One file for each axis; OSError where it cannot be written."""
-    if not file.parent.is_dir():
-        raise FileNotFoundError(errno.ENOENT, f"there is no folder {file.parent}", str(file))
+    """What the file of each axis is called when it is complete; OSError where it cannot be written."""
     paths = [file if len(axes) == 1 else file.with_name(f"{file.stem}-{axis.name}{file.suffix}") for axis in axes]
     for path in paths:
-        if path.exists() and not overwrite:
-            raise FileExistsError(errno.EEXIST, "a recording is there; choose another name, or overwrite it", str(path))
+        check_growing(path, overwrite, _empty)
     return paths
 
 
-def _plans(
-    driver: Any, axes: Sequence[Axis], timing: Timing, paths: list[Path], about: Mapping[str, object]
-) -> list[Plan]:
-    """What goes into each file; an error now where it could not be written later."""
-    plans = []
-    for axis, path in zip(axes, paths, strict=True):
-        has = {"true": hasattr(driver, "truth")}
-        has |= {name: hasattr(axis.controller, n) for name, n in (("innovation", "innovation"), ("flags", "flag_bits"))}
-        guard = {name: getattr(axis, name) for name in ("name", "voltage_limits", "slew", "safe_voltage")}
-        metadata = loop.about(axis.trajectory, axis.controller, driver, timing) | {"axis": guard, **about}
-        plan = Plan(
-            path=path.absolute(),
-            about=Recording({}, metadata).metadata,
-            channels=tuple(name for name in loop.CHANNELS if name != "time" and has.get(name, True)),
-            slow=tuple((name, value.shape) for name, value in slow_values(axis.controller).items()),
-            sample_rate=timing.sample_rate,
-            stride=stride(timing),
-        )
-        plans.append(plan)
+def _empty(path: Path) -> bool:
+    """Whether an earlier run left a file that has not a single tick."""
+    return ticks(path) == 0
+
+
+@contextmanager
+def grown(paths: Sequence[Path], overwrite: bool) -> Iterator[tuple[list[Growing], ExitStack]]:
+    """The files, made and locked, and what removes them at the end unless `pop_all` is called of it."""
+    with ExitStack() as opened, ExitStack() as unused:
+        places = []
+        for path in paths:
+            places.append(place := grow(path.absolute(), overwrite, _empty))
+            opened.callback(place.close)
+            unused.callback(place.discard)
+        yield places, unused
+
+
+def _about(driver: Any, axis: Axis, timing: Timing, about: Mapping[str, object]) -> dict[str, Any]:
+    """Metadata of a file; an error now where it could not be written later."""
+    guard = {name: getattr(axis, name) for name in ("name", "voltage_limits", "slew", "safe_voltage")}
+    metadata = loop.about(axis.trajectory, axis.controller, driver, timing) | {"axis": guard, **about}
+    return Recording({}, metadata).metadata
+
+
+def _plan(driver: Any, axis: Axis, timing: Timing, place: Growing, about: dict[str, Any]) -> Plan:
+    """What goes into a file."""
+    has = {"true": hasattr(driver, "truth")}
+    has |= {name: hasattr(axis.controller, n) for name, n in (("innovation", "innovation"), ("flags", "flag_bits"))}
+    return Plan(
+        place=place,
+        about=about,
+        channels=tuple(name for name in loop.CHANNELS if name != "time" and has.get(name, True)),
+        slow=tuple((name, value.shape) for name, value in slow_values(axis.controller).items()),
+        sample_rate=timing.sample_rate,
+        stride=stride(timing),
+    )
+
+
+def _check_room(axes: Sequence[Axis], timing: Timing, folder: Path) -> None:
+    """The disk has room for the whole run."""
     needed = sum(80 * len(a.trajectory) + 8 * len(a.trajectory) // stride(timing) * _width(a) for a in axes)
-    folder = paths[0].absolute().parent
     if (free := shutil.disk_usage(folder).free) < needed:
         raise RealtimeError(f"{folder}: the run writes {needed / 1e6:.0f} MB, {free / 1e6:.0f} MB are free")
-    return plans
 
 
 def _width(axis: Axis) -> int:

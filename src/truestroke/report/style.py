@@ -15,6 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
+from truestroke import files
 from truestroke._typing import FloatArray
 
 WIDTH = 7.0  # in, two columns of a journal
@@ -148,9 +149,13 @@ def save(figure: Figure, path: str | Path) -> Path:
     Text stays text in SVG and PDF. The same figure gives the same bytes.
     """
     path = Path(path)
-    date = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
-    with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": "truestroke", "pdf.fonttype": 42}):
-        figure.savefig(path, dpi=200, metadata=date.get(path.suffix.lower()))
+    maker = "truestroke"  # by which `files.PICTURE` knows it
+    about = {".svg": {"Date": None, "Creator": maker}, ".pdf": {"CreationDate": None, "Creator": maker}}
+    with (
+        files.writing(path, files.PICTURE) as draft,
+        matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": maker, "pdf.fonttype": 42}),
+    ):
+        figure.savefig(draft, dpi=200, metadata=about.get(path.suffix.lower(), {"Software": maker}))
     return path
 
 

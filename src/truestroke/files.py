@@ -1,0 +1,346 @@
+"""Every file that truestroke writes: made beside its place, complete before it has its name, never over a stranger."""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import os
+import struct
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
+from pathlib import Path
+
+LOCK = struct.Struct("@hhqqi4x")  # struct flock
+LOCKED_BYTE = 1 << 62  # far behind the end, where HDF5 and readers lock nothing
+HEAD = 4096  # bytes in which a text names what made it
+INFLATION = 1100  # bytes of data that a byte of a file may hold: more than any of the compressors makes of zeros
+SLACK = 1 << 20  # bytes that any file may hold
+
+_replacing: ContextVar[bool] = ContextVar("_replacing", default=False)
+
+
+class FileError(ValueError):
+    """A file that cannot be read as what it should be; the message names the file and says why."""
+
+
+class FileTooLargeError(FileError):
+    """A file that asks for more memory than it can fill, or than there is."""
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of file that truestroke writes.
+
+    Attributes
+    ----------
+    words : str
+        Such as "a model".
+    ours : callable
+        Whether the file of a path is one of this kind that truestroke wrote.
+    """
+
+    words: str
+    ours: Callable[[Path], bool]
+
+
+# ---- What may be replaced ------------------------------------------------------------------------------------------
+
+
+def _begins(*marks: bytes) -> Callable[[Path], bool]:
+    """Whether all of the marks are in the first bytes of a file."""
+
+    def ours(path: Path) -> bool:
+        with path.open("rb") as file:
+            head = file.read(HEAD)
+        return all(mark in head for mark in marks)
+
+    return ours
+
+
+def _arrays(path: Path) -> bool:
+    """Whether it is an NPZ of a waveform."""
+    import zipfile
+
+    try:
+        with zipfile.ZipFile(path) as file:
+            return {"volts.npy", "desired.npy", "predicted.npy"} <= set(file.namelist())
+    except (zipfile.BadZipFile, OSError, NotImplementedError):
+        return False
+
+
+def _store(path: Path) -> bool:
+    """Whether a study may go on in it: no tables of others; what is damaged is told by the study."""
+    import sqlite3
+
+    try:
+        with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as database:
+            names = {name for (name,) in database.execute("SELECT name FROM sqlite_schema WHERE type = 'table'")}
+    except sqlite3.Error:
+        return True
+    return not names or "study" in names
+
+
+PICTURES = (b"Software\0truestroke", b"<dc:title>truestroke</dc:title>", b"/Creator (truestroke)")  # PNG, SVG, PDF
+WAVEFORM_HEADER = "time (s),volts (V),desired (um)"
+MODEL = Kind("a model", _begins(b'format = "truestroke model"'))
+PAGE = Kind("a page", _begins(b'<meta name="generator" content="truestroke"'))
+PICTURE = Kind("a picture", lambda path: any(mark in path.read_bytes() for mark in PICTURES))
+STORE = Kind("a store of a study", _store)
+WAVEFORM = Kind(
+    "a waveform",
+    lambda path: _arrays(path) if path.suffix == ".npz" else _begins(WAVEFORM_HEADER.encode() + b"\n")(path),
+)
+MEASUREMENT = Kind("a measurement", lambda path: False)  # what was measured once is replaced by nobody unasked
+
+
+@contextmanager
+def overwriting(yes: bool = True) -> Iterator[None]:
+    """Within it, files of others may be replaced."""
+    before = _replacing.set(yes)
+    try:
+        yield
+    finally:
+        _replacing.reset(before)
+
+
+def check(path: str | os.PathLike[str], kind: Kind) -> Path:
+    """Where a file of `kind` goes, if it may: a link is followed.
+
+    Raises
+    ------
+    FileExistsError
+        A file is there that truestroke did not write, or not as this kind, and `overwriting` does not permit it.
+    OSError
+        There is no folder, or the place is one, or it cannot be written.
+    """
+    path = Path(path)
+    place = path.resolve() if path.is_symlink() else path
+    if not place.parent.is_dir():
+        raise FileNotFoundError(errno.ENOENT, f"there is no folder {place.parent}", str(path))
+    if place.is_dir():
+        raise IsADirectoryError(errno.EISDIR, "is a folder; name a file", str(path))
+    if not os.access(place if place.exists() else place.parent, os.W_OK):
+        raise PermissionError(errno.EACCES, "cannot be written: no permission", str(path))
+    if place.is_file() and not _replacing.get() and place.stat().st_size and not kind.ours(place):
+        what = "is there already" if kind is MEASUREMENT else f"is there and is not {kind.words} that truestroke wrote"
+        raise FileExistsError(errno.EEXIST, f"{what}; choose another name, or `overwrite` it", str(path))
+    return place
+
+
+# ---- Writing -------------------------------------------------------------------------------------------------------
+
+
+@contextmanager
+def writing(path: str | os.PathLike[str], kind: Kind) -> Iterator[Path]:
+    """A draft beside `path` to be written; it is on the disk and takes the name when the block ends, else it goes.
+
+    Whatever happens, what was there before is either as it was, or replaced by what is complete.
+
+    Raises
+    ------
+    OSError
+        As `check`, or the disk took not all of it.
+    """
+    place = check(path, kind)
+    if place.exists() and not place.is_file():  # a device or a pipe takes no other name
+        yield place
+        return
+    draft = place.with_name(f".{place.stem}.{os.getpid()}.tmp{place.suffix}")
+    try:
+        yield draft
+        _to_disk(draft)
+        if place.exists():
+            draft.chmod(place.stat().st_mode & 0o7777)
+        draft.replace(place)
+    finally:
+        draft.unlink(missing_ok=True)
+
+
+def write(path: str | os.PathLike[str], text: str, kind: Kind) -> Path:
+    """Write a text as a file of `kind`; its path."""
+    with writing(path, kind) as draft:
+        draft.write_text(text, encoding="utf-8")
+    return Path(path)
+
+
+def _to_disk(path: Path) -> None:
+    with path.open("rb+") as file:
+        os.fsync(file.fileno())
+
+
+# ---- A file that others read while it grows ------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Growing:
+    """A file that is written for a while, open and locked in this process and in those that inherit the descriptor.
+
+    Attributes
+    ----------
+    path : Path
+        Where it is written.
+    final : Path
+        What it is called when it is complete: the same, or a file that is replaced then.
+    descriptor : int
+        Of the open file, whatever name it has.
+    """
+
+    path: Path
+    final: Path
+    descriptor: int
+
+    @property
+    def where(self) -> Path:
+        """What it is called now."""
+        return self.final if self._is(self.final) else self.path
+
+    def complete(self) -> None:
+        """Bring it to the disk and give it its final name; not onto a file that another is writing."""
+        os.fsync(self.descriptor)
+        if self.path != self.final and self._is(self.path):
+            if self.final.exists() and busy(self.final):
+                raise BlockingIOError(errno.EAGAIN, f"another run writes it; this one is {self.path}", str(self.final))
+            self.path.replace(self.final)
+
+    def write(self, offset: int, data: bytes) -> None:
+        """Write bytes into the open file, all of them."""
+        while data:
+            done = os.pwrite(self.descriptor, data, offset)
+            offset, data = offset + done, data[done:]
+
+    def discard(self) -> None:
+        """Remove it: nothing was put into it."""
+        if self._is(self.path):
+            self.path.unlink()
+
+    def close(self) -> None:
+        """Let go of it."""
+        os.close(self.descriptor)
+
+    def _is(self, path: Path) -> bool:
+        """Whether a path names the open file."""
+        try:
+            return os.path.samestat(os.stat(path), os.fstat(self.descriptor))
+        except OSError:
+            return False
+
+
+def beside(final: Path) -> Path:
+    """What a file is called until it is complete and replaces `final`."""
+    return final.with_name(f"{final.stem}.new{final.suffix}")
+
+
+def check_growing(final: Path, overwrite: bool, empty: Callable[[Path], bool]) -> Path:
+    """Where a file that will be `final` is to be written: under its own name where there is none, else beside it.
+
+    Parameters
+    ----------
+    final : Path
+        Name when it is complete.
+    overwrite : bool
+        Whether it may replace what is there.
+    empty : callable
+        Whether a file that an earlier run left `beside` holds nothing that can be lost.
+
+    Raises
+    ------
+    FileExistsError
+        A file is there, or another process writes it, or an earlier one was killed and left its data beside it.
+    OSError
+        There is no folder, or the place is one.
+    """
+    if not final.parent.is_dir():
+        raise FileNotFoundError(errno.ENOENT, f"there is no folder {final.parent}", str(final))
+    if final.is_dir():
+        raise IsADirectoryError(errno.EISDIR, "is a folder; name a file", str(final))
+    if not final.exists():
+        return final
+    path = beside(final)
+    for file in (final, path):
+        if file.exists() and busy(file):
+            raise FileExistsError(errno.EEXIST, "another run is writing it; choose another name", str(file))
+    if not overwrite:
+        raise FileExistsError(errno.EEXIST, "a recording is there; choose another name, or `overwrite` it", str(final))
+    if path.exists() and not empty(path):
+        told = f"a run that ended early left it; keep it by another name (mv), or remove it, to replace {final.name}"
+        raise FileExistsError(errno.EEXIST, told, str(path))
+    return path
+
+
+def grow(final: Path, overwrite: bool, empty: Callable[[Path], bool]) -> Growing:
+    """Make and lock the file that `check_growing` finds a place for; what raises is the same."""
+    path = check_growing(final, overwrite, empty)
+    if path != final:
+        path.unlink(missing_ok=True)
+    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
+    _lock(descriptor, fcntl.F_OFD_SETLK)
+    return Growing(path, final, descriptor)
+
+
+def busy(path: Path) -> bool:
+    """Whether some process has the file as `Growing`."""
+    try:
+        descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    except OSError:
+        return False
+    try:
+        return _lock(descriptor, fcntl.F_OFD_GETLK) != fcntl.F_UNLCK
+    finally:
+        os.close(descriptor)
+
+
+def _lock(descriptor: int, command: int) -> int:
+    """Set or ask for the lock; its type. A file system without locks has none to tell of."""
+    asked = LOCK.pack(fcntl.F_WRLCK, os.SEEK_SET, LOCKED_BYTE, 1, 0)
+    try:
+        return int(LOCK.unpack(fcntl.fcntl(descriptor, command, asked))[0])
+    except OSError as error:
+        if error.errno not in (errno.ENOLCK, errno.EINVAL, errno.EOPNOTSUPP):
+            raise
+        return fcntl.F_UNLCK
+
+
+# ---- Reading -------------------------------------------------------------------------------------------------------
+
+
+@contextmanager
+def reading(path: str | os.PathLike[str], wrong: Callable[[str], FileError]) -> Iterator[None]:
+    """Whatever a library raises at a damaged file is one line: ``wrong(reason)``.
+
+    A `FileError` and an `OSError` that names its file pass.
+    """
+    try:
+        yield
+    except (FileError, FileNotFoundError, PermissionError, IsADirectoryError):
+        raise
+    except Exception as error:  # readers of foreign formats raise many kinds
+        told = " ".join(str(error).split()) or type(error).__name__
+        raise wrong(f"the file is damaged ({told[:200]})") from error
+
+
+def check_size(path: str | os.PathLike[str], what: str, size: int) -> None:
+    """Refuse before memory is taken what a file of this size cannot hold, or what this computer has no room for.
+
+    Parameters
+    ----------
+    path : str or PathLike
+        The file.
+    what : str
+        What of it is to be read.
+    size : int
+        Of that in memory, bytes.
+    """
+    held = INFLATION * Path(path).stat().st_size + SLACK
+    if size > held:
+        reason = f"of {_bytes(held)} at most, which is what a file of {_bytes(Path(path).stat().st_size)} can hold"
+    elif size > (room := os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") // 2):
+        reason = f"of {_bytes(room)} at most, half of this computer's memory"
+    else:
+        return
+    raise FileTooLargeError(f"{os.fspath(path)}: {what} asks for {_bytes(size)} of memory: must be {reason}")
+
+
+def _bytes(size: int) -> str:
+    return f"{size / 1e9:.3g} GB" if size >= 1e9 else f"{size / 1e6:.3g} MB" if size >= 1e6 else f"{size / 1e3:.3g} kB"
