@@ -57,14 +57,14 @@ def close_the_loop(
     from truestroke.drivers import DriverError
     from truestroke.files import beside
     from truestroke.realtime import Cause, RealtimeError, run_realtime
-    from truestroke.realtime.runner import recordings
+    from truestroke.realtime.runner import recordings as names_of
     from truestroke.recording import Recording
 
     show: Literal["live", "lines"] | None = None if as_json else "live" if sys.stderr.isatty() else "lines"
     about = {"command": f"truestroke {command} --config {config}", "config": config.read_text(encoding="utf-8")}
     options: dict[str, Any] = {"settings": job.settings, "about": about, "overwrite": overwrite, "show": show}
     file = job.file if output is None else output
-    for path in recordings(file, job.axes, overwrite):
+    for path in names_of(file, job.axes, overwrite):
         if path.exists():
             told = f"recording to {beside(path)} until the run has ended; {path} stays as it is until then"
             click.echo(f"truestroke: {told}", err=True)
