@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 NATIVE := $(shell find c src/bindings -name '*.c' -o -name '*.h' -o -name '*.cpp')
 OLD_PYTHON := truestroke needs Python 3.11 or newer; this is %s. Try: make PYTHON=python3.12
 
-.PHONY: help demo test setup bench images c-test lint types imports pytest wheel clean
+.PHONY: help demo test setup bench images c-test fuzz fuzz-kernel lint types imports pytest wheel clean
 .DEFAULT_GOAL := help
 
 help:  ## this list
@@ -16,7 +16,7 @@ help:  ## this list
 demo: setup  ## follow the paper's random wave with a simulated stack; writes a page of pictures
 	@$(BIN)/truestroke track
 
-test: setup lint types imports c-test pytest wheel  ## everything that CI runs
+test: setup lint types imports c-test fuzz pytest wheel  ## everything that CI runs
 
 setup: $(VENV)/.ready  ## the environment that all of these use, in .venv
 
@@ -49,6 +49,11 @@ imports: setup  ## the rooms know each other one way only
 
 c-test:  ## the kernel by itself, with sanitisers
 	$(MAKE) -C c test
+
+fuzz: fuzz-kernel  ## any input for a minute; for hours: make fuzz SECONDS=36000
+
+fuzz-kernel:
+	$(MAKE) -C c fuzz
 
 pytest: setup  ## tests in Python, with coverage
 	$(BIN)/python -m pytest -n 2 --cov --cov-report=term

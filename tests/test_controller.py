@@ -37,7 +37,7 @@ def drive(controller: AdaptiveController, ticks: int, start: int = 0) -> list[fl
         ("initial_weights", (5.0, 0.0), ["initial_weights", "37 numbers", "um/V"]),
         ("initial_sensitivity", -5.0, ["initial_sensitivity", "-5.0 um/V", "above 0"]),
         ("rate_scale", -0.1, ["rate_scale", "-0.1 s/um", "from 0"]),
-        ("forgetting", 1.5, ["forgetting", "1.5", "at most 1"]),
+        ("forgetting", 1.5, ["forgetting", "1.5", "from 0.001 to 1"]),
         ("regularization", 0.0, ["regularization", "V^2", "above 0"]),
         ("covariance_limit", 1.0, ["covariance_limit", "1/V^2", "trace of P(0)"]),
         ("slope_limits", (0.0, 20.0), ["slope_limits", "um/V", "above 0"]),

@@ -44,6 +44,7 @@ const char *ts_variant_in_use(void);
     VALUE(int, ts_parameters, (const ts_settings *s), (s))                                                              \
     VALUE(ts_status, ts_controller_init, (ts_controller *c, const ts_settings *s), (c, s))                              \
     NOTHING(ts_controller_reset, (ts_controller *c), (c))                                                               \
+    VALUE(ts_real, ts_reach, (const ts_settings *s, ts_real volts), (s, volts))                                         \
     VALUE(ts_status, ts_controller_start, (ts_controller *c, ts_real volts, ts_real z), (c, volts, z))                  \
     VALUE(ts_status, ts_controller_change, (ts_controller *c, const ts_settings *s), (c, s))                            \
     VALUE(ts_status, ts_controller_command, (ts_controller *c, ts_real z_d, ts_real zdot_d, ts_real *volts),            \

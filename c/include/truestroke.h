@@ -6,7 +6,9 @@
  * Contract
  * - C99, no allocation, no printing, no global state. The caller owns every struct; all of them are plain data without
  *   pointers, so that an assignment or memcpy is a complete copy: that is how a state is saved and restored.
- * - Every function is O(n) in the number of plays but for ts_rls_update, which is O(m^2) in the number of parameters.
+ * - A command and its inverse are O(n) in the number of plays. What learns is O(m^2) in the number of parameters, both laws
+ *   alike: ts_rls_update, ts_kalman_tick, ts_kalman_project, and so ts_controller_adapt; ts_controller_command is too at a
+ *   tick at which the TS_HISTORY-th measurement in a row is missing, and the calls that begin anew (init, reset, start).
  * - Arrays that are passed to one call may not overlap, unless the function says so.
  * - Units: displacement um, velocity um/s, voltage V at the D/A converter, weights um/V.
  * - Settings are checked once, by ts_controller_init. Not promised: any behaviour of a struct that was not initialised.
@@ -55,6 +57,10 @@ typedef TS_REAL ts_real;
 #define TS_ROW(i) (TS_PADDED((i) + 1) * ((i) - (i) / TS_LANES * (TS_LANES / 2)))
 #define TS_TRIANGLE(m) TS_ROW(m)
 
+/* No desired value (um, um/s), no weight and no setting counts for more, so that no finite argument makes a state that is not
+ * finite; a variance may be its square, and what divides may not be below its inverse. */
+#define TS_LARGEST (sizeof(ts_real) > 4 ? (ts_real)1e50 : (ts_real)1e9)
+
 typedef enum {
     TS_OK = 0,
     TS_NOT_FINITE,           /* a desired value is NaN or infinite: nothing has changed */
@@ -66,11 +72,13 @@ typedef enum {
     TS_BAD_TERMS,            /* creeps or bends outside their capacity, or a creep coefficient outside 0 < c <= 1 */
     TS_BAD_WEIGHTS,          /* an initial weight is not finite */
     TS_BAD_RATE_SCALE,       /* c_b is negative or not finite */
-    TS_BAD_RLS,              /* lambda outside 0 < lambda <= 1, delta not positive, or a limit below the trace of P(0) */
+    TS_BAD_RLS,              /* lambda outside 1e-3 <= lambda <= 1, delta not positive, or a limit below the trace of P(0) */
     TS_BAD_KALMAN,           /* a coefficient is out of its range, or a prior variance is not positive */
     TS_BAD_SLOPE,            /* slope_min is not positive, or not below slope_max */
     TS_BAD_VOLTAGE,          /* voltage_min is not below voltage_max, or slew is not positive */
-    TS_BAD_LIMIT             /* stroke, measurement_limit, smoothing or trim is out of its range */
+    TS_BAD_LIMIT,            /* stroke, measurement_limit, smoothing or trim is out of its range */
+    TS_BEYOND_REACH          /* the displacement of ts_controller_start, or the first measurement, is beyond ts_reach:
+                                nothing has changed. Zero the sensor, or subtract its reading at rest. */
 } ts_status;
 
 /* ---- Operators ------------------------------------------------------------------------------------------------- */
@@ -110,8 +118,8 @@ typedef struct {
 TS_API void ts_rls_init(ts_rls *r, ts_real delta, int m);
 
 /* w += mu e, P = (P - mu u'P) / lambda with mu = P u / (lambda + u'P u). Where trace P is past the limit, the division by
- * lambda is left out for this tick. w and u have TS_PADDED(m) entries, those beyond m are 0. Returns false, and changes
- * neither w nor P, where u'P u or e is not finite. */
+ * lambda is left out for this tick. w and u have TS_PADDED(m) entries, those beyond m are 0. Returns false, and does not
+ * change w, where u'P u or e is not finite (P is as it was), or the new P is not (nor is its trace: start it anew). */
 TS_API bool ts_rls_update(ts_rls *r, ts_real *w, const ts_real *u, ts_real e, ts_real lambda, ts_real trace_limit, int m);
 
 /* ---- Bounded Kalman filter --------------------------------------------------------------------------------------- */
@@ -251,6 +259,7 @@ typedef struct {
     ts_real innovation;               /* e_m, (15), um */
     ts_real z_before;                 /* um: the last measurement that differed from the one before it, */
     ts_real predicted_before;         /* and what the model said then */
+    ts_real resolution;               /* um: the smallest step from one measurement to a different one; 0: none so far */
     int beyond;                       /* ticks at a voltage limit with z beyond z_d since one not limited, up to TS_BEYOND */
     union {
         ts_rls rls;
@@ -270,7 +279,12 @@ TS_API ts_status ts_controller_init(ts_controller *c, const ts_settings *setting
 /* Back to the state after ts_controller_init. */
 TS_API void ts_controller_reset(ts_controller *c);
 
-/* Takes over an actuator that rests at the displacement z (um) under `volts`: the next command for z is `volts`. */
+/* How far from 0 (um) an actuator under `volts` may be: three strokes, and three times what `volts` bring of the stroke; at
+ * most measurement_limit. What is beyond is a sensor that is not zeroed, or is another's. */
+TS_API ts_real ts_reach(const ts_settings *settings, ts_real volts);
+
+/* Takes over an actuator that rests at the displacement z (um) under `volts`: the next command for z is `volts`. Refused
+ * where `volts` are beyond their limits or z is beyond ts_reach; nothing has changed then. */
 TS_API ts_status ts_controller_start(ts_controller *c, ts_real volts, ts_real z);
 
 /* New settings while running, without a jump of the command. The model must keep its terms and thresholds. */
@@ -280,7 +294,8 @@ TS_API ts_status ts_controller_change(ts_controller *c, const ts_settings *setti
 TS_API ts_status ts_controller_command(ts_controller *c, ts_real z_d, ts_real zdot_d, ts_real *volts);
 
 /* Adapts the weights to a measured displacement z (um). ago: how many commands were issued after the one that z answers
- * (0: the last). Measurements come in the order of their commands; any of them may be missing. */
+ * (0: the last). Measurements come in the order of their commands; any of them may be missing. The first one since
+ * init, reset or start, if it comes within TS_HISTORY ticks, is refused beyond ts_reach. */
 TS_API ts_status ts_controller_adapt(ts_controller *c, ts_real z, int ago);
 
 /* Stops (true) and resumes (false) the adaptation; commands go on. */

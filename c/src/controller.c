@@ -6,14 +6,15 @@
 
 /* ---- Settings ---------------------------------------------------------------------------------------------------- */
 
-static bool positive(ts_real x) { return x > 0 && isfinite(x); }
+static bool bounded(ts_real x) { return x >= -TS_LARGEST && x <= TS_LARGEST; }
+static bool positive(ts_real x) { return x >= 1 / TS_LARGEST && x <= TS_LARGEST; }
 static bool fraction(ts_real x) { return x >= 0 && x <= 1; }
 
 static bool ascends_from_zero(const ts_real *r, int n)
 {
     if (r[0] != 0) return false;
     for (int i = 1; i < n; i++)
-        if (!(r[i] > r[i - 1]) || !isfinite(r[i])) return false;
+        if (!(r[i] > r[i - 1]) || !bounded(r[i])) return false;
     return true;
 }
 
@@ -38,15 +39,30 @@ static ts_status check_model(const ts_settings *s)
     for (int i = 0; i < s->creeps; i++)
         if (!(s->creep[i] > 0 && s->creep[i] <= 1)) return TS_BAD_TERMS;
     for (int i = 0; i < ts_parameters(s); i++)
-        if (!isfinite(s->initial_weights[i])) return TS_BAD_WEIGHTS;
-    return s->rate_scale >= 0 && isfinite(s->rate_scale) ? TS_OK : TS_BAD_RATE_SCALE;
+        if (!bounded(s->initial_weights[i])) return TS_BAD_WEIGHTS;
+    return s->rate_scale >= 0 && bounded(s->rate_scale) ? TS_OK : TS_BAD_RATE_SCALE;
 }
 
 static ts_status check_rls(const ts_settings *s)
 {
-    bool good = s->forgetting > 0 && s->forgetting <= 1 && positive(s->regularization) && isfinite(s->covariance_limit)
+    bool good = s->forgetting >= (ts_real)1e-3 && s->forgetting <= 1 && positive(s->regularization) && bounded(s->covariance_limit)
                 && s->covariance_limit >= (ts_real)ts_parameters(s) / s->regularization;
     return good ? TS_OK : TS_BAD_RLS;
+}
+
+/* Variances above 0 and correlations within -1 to 1: what can be told without room for a factor. */
+static bool check_prior(const ts_real *P0, int m)
+{
+    bool good = true;
+    for (int i = 0; i < m; i++) {
+        ts_real variance = P0[TS_PACKED(i) + i];
+        good = good && variance > 0 && variance <= TS_LARGEST * TS_LARGEST;
+        for (int j = 0; j < i; j++) {
+            ts_real both = P0[TS_PACKED(i) + j];
+            good = good && both * both <= variance * P0[TS_PACKED(j) + j] * (ts_real)1.0001;
+        }
+    }
+    return good;
 }
 
 static ts_status check_kalman(const ts_settings *s)
@@ -54,12 +70,10 @@ static ts_status check_kalman(const ts_settings *s)
     const ts_kalman_settings *k = &s->kalman;
     bool good = k->filter > 0 && k->filter <= 1 && fraction(k->noise_rate) && fraction(k->ringing_rate)
                 && fraction(k->forgetting) && fraction(k->change_rate) && fraction(k->change_share)
-                && k->model_error >= 0 && k->change_threshold > 0 && k->refractory >= 0 && k->change_gain >= 0
-                && k->change_hysteresis >= 0 && k->outlier > 0 && k->outliers >= 0 && positive(s->first_noise)
+                && k->model_error >= 0 && bounded(k->model_error) && k->change_threshold > 0 && k->refractory >= 0
+                && fraction(k->change_gain) && fraction(k->change_hysteresis) && k->outlier > 0 && k->outliers >= 0 && positive(s->first_noise)
                 && positive(s->velocity_limit);
-    for (int i = 0; i < TS_PACKED(ts_parameters(s)); i++) good = good && isfinite(s->prior[i]);
-    for (int i = 0; i < ts_parameters(s); i++) good = good && s->prior[TS_PACKED(i) + i] > 0;
-    return good ? TS_OK : TS_BAD_KALMAN;
+    return good && check_prior(s->prior, ts_parameters(s)) ? TS_OK : TS_BAD_KALMAN;
 }
 
 static ts_status check(const ts_settings *s)
@@ -68,10 +82,10 @@ static ts_status check(const ts_settings *s)
     if (model != TS_OK) return model;
     ts_status law = s->law == TS_LAW_RLS ? check_rls(s) : check_kalman(s);
     if (law != TS_OK) return law;
-    if (!positive(s->slope_min) || !(s->slope_min < s->slope_max)) return TS_BAD_SLOPE;
-    if (!(s->voltage_min < s->voltage_max) || !isfinite(s->voltage_min) || !isfinite(s->voltage_max) || !(s->slew > 0))
+    if (!positive(s->slope_min) || !(s->slope_min < s->slope_max) || !positive(s->slope_max)) return TS_BAD_SLOPE;
+    if (!(s->voltage_min < s->voltage_max) || !bounded(s->voltage_min) || !bounded(s->voltage_max) || !(s->slew > 0))
         return TS_BAD_VOLTAGE;
-    bool good = positive(s->stroke) && s->measurement_limit > 0 && s->smoothing >= 0 && s->smoothing < 1
+    bool good = s->velocity_limit >= 0 && bounded(s->velocity_limit) && positive(s->stroke) && positive(s->measurement_limit) && s->smoothing >= 0 && s->smoothing < 1
                 && fraction(s->trim);
     return good ? TS_OK : TS_BAD_LIMIT;
 }
@@ -90,6 +104,11 @@ int ts_parameters(const ts_settings *s)
 }
 
 /* ---- Small steps --------------------------------------------------------------------------------------------------- */
+
+static ts_real within(ts_real x, ts_real low, ts_real high)
+{
+    return x < low ? low : x > high ? high : x;
+}
 
 static ts_real through_dead_zones(const ts_settings *s, ts_real z)
 {
@@ -115,9 +134,7 @@ static void known_terms(const ts_settings *s, const ts_memory *memory, ts_real z
     if (s->lag) *u++ = zdot_d;
     if (s->offset) *u++ = 1;
     if (s->bends == 0) return;
-    ts_real along = z_d / s->stroke;
-    if (along < -1) along = -1; /* further out a polynomial tells nothing, and would overflow */
-    if (along > 2) along = 2;
+    ts_real along = within(z_d / s->stroke, -1, 2); /* further out a polynomial tells nothing, and would overflow */
     ts_real bend = 4 * along * (1 - along);
     *u++ = bend;
     if (s->bends > 1) *u++ = 2 * bend * (1 - 2 * along);
@@ -254,16 +271,23 @@ static void project_slope(ts_controller *c, ts_real zdot_d)
     ts_kalman_project(&c->law.kalman, c->w, g, onto, c->parameters);
 }
 
-/* A sensor that gives the same number again and again while voltage and model move is no sensor: a live one has noise. */
+/* A sensor that gives the same number again and again while voltage and model move is no sensor: a live one has noise,
+ * or a converter whose steps are as large as that move. The smallest step seen tells; one beyond a twentieth of the
+ * stroke does not count. */
 static bool frozen(ts_controller *c, ts_real z, ts_real predicted, bool stands)
 {
     if (z != c->z_before || stands) {
+        ts_real step = z > c->z_before ? z - c->z_before : c->z_before - z;
+        bool first = c->lagged.ticks <= 1; /* there is none before it */
+        if (!first && step > 0 && step < c->settings.stroke / 20 && !(c->resolution > 0 && c->resolution <= step))
+            c->resolution = step;
         c->z_before = z;
         c->predicted_before = predicted;
         return false;
     }
     ts_real moved = predicted - c->predicted_before;
-    ts_real still = 6 * (c->law.kalman.sigma + c->settings.kalman.model_error);
+    ts_real noise = c->law.kalman.sigma + c->settings.kalman.model_error, still = 6 * noise;
+    if (still < c->resolution + 2 * noise) still = c->resolution + 2 * noise;
     return moved > still || moved < -still;
 }
 
@@ -287,8 +311,10 @@ static bool adapt_kalman(ts_controller *c, const ts_real *y_a, bool learn)
 static bool adapt_rls(ts_controller *c, bool learn)
 {
     const ts_settings *s = &c->settings;
-    return !learn || ts_rls_update(&c->law.rls, c->w, c->u, c->innovation, s->forgetting, s->covariance_limit,
-                                   c->parameters);
+    if (!learn) return true;
+    bool used = ts_rls_update(&c->law.rls, c->w, c->u, c->innovation, s->forgetting, s->covariance_limit, c->parameters);
+    if (!isfinite(c->law.rls.trace)) ts_rls_init(&c->law.rls, s->regularization, c->parameters);
+    return used;
 }
 
 /* The regressor of the last command: u where that is the tick that was measured, or else made in `room`. */
@@ -367,10 +393,19 @@ void ts_controller_reset(ts_controller *c)
     (void)rate_dependent_slopes(c, 0);
 }
 
+ts_real ts_reach(const ts_settings *s, ts_real volts)
+{
+    ts_real share = (volts < 0 ? -volts : volts) / (s->voltage_max - s->voltage_min);
+    ts_real reach = 3 * s->stroke * (1 + share);
+    return reach < s->measurement_limit ? reach : s->measurement_limit;
+}
+
 ts_status ts_controller_start(ts_controller *c, ts_real volts, ts_real z)
 {
     const ts_settings *s = &c->settings;
     if (!isfinite(volts) || !isfinite(z)) return TS_NOT_FINITE;
+    if (volts < s->voltage_min || volts > s->voltage_max) return TS_BAD_VOLTAGE;
+    if (!(z >= -ts_reach(s, volts) && z <= ts_reach(s, volts))) return TS_BEYOND_REACH;
     ts_controller_reset(c);
     ts_play_bank(volts, s->thresholds, c->now.play, s->plays);
     for (int i = 0; i < s->creeps; i++) c->now.creep[i] = volts;
@@ -397,10 +432,11 @@ ts_status ts_controller_change(ts_controller *c, const ts_settings *next)
     if (status != TS_OK) return status;
     if (!same_model(s, next)) return TS_BAD_TERMS;
     c->settings = *next;
-    if (c->counters.commands == 0) return TS_OK;
-    if (!(next->trim > 0)) c->integral = 0; /* its share goes into the carry */
-    int slot = (int)((c->counters.commands - 1) % TS_HISTORY);
+    bool moved = c->counters.commands > 0;
+    int slot = moved ? (int)((c->counters.commands - 1) % TS_HISTORY) : 0;
     (void)rate_dependent_slopes(c, c->zdot_d[slot]);
+    if (!moved) return TS_OK;
+    if (!(next->trim > 0)) c->integral = 0; /* its share goes into the carry */
     c->carry += brought_by_plays(c) - wanted_of_plays(c, c->z_d[slot], c->zdot_d[slot]);
     return TS_OK;
 }
@@ -409,6 +445,8 @@ ts_status ts_controller_command(ts_controller *c, ts_real z_d, ts_real zdot_d, t
 {
     const ts_settings *s = &c->settings;
     if (!isfinite(z_d) || !isfinite(zdot_d)) return TS_NOT_FINITE;
+    z_d = within(z_d, -TS_LARGEST, TS_LARGEST);
+    zdot_d = within(zdot_d, -TS_LARGEST, TS_LARGEST);
     if (c->counters.commands >= TS_HISTORY && c->lagged.ticks <= c->counters.commands - TS_HISTORY)
         pass_over(c); /* before its slot is taken */
     remember_creep(&c->now, s);
@@ -427,6 +465,10 @@ ts_status ts_controller_adapt(ts_controller *c, ts_real z, int ago)
     uint64_t commands = c->counters.commands;
     bool in_time = ago >= 0 && ago < TS_HISTORY && (uint64_t)ago < commands
                    && commands - (uint64_t)ago > c->lagged.ticks;
+    if (in_time && c->lagged.ticks == 0 && isfinite(z)) { /* the first one */
+        ts_real reach = ts_reach(s, c->x[(commands - 1 - (uint64_t)ago) % TS_HISTORY]);
+        if (z < -reach || z > reach) return TS_BEYOND_REACH;
+    }
     bool used = in_time && z >= -s->measurement_limit && z <= s->measurement_limit;
     c->flags.changed = false;
     if (used) {

@@ -79,6 +79,7 @@ static void follow_noise(ts_kalman *k, const ts_kalman_settings *s, ts_real inno
     k->innovation1 = innovation;
     if (!measured) return;
     if (d < 0) d = -d;
+    if (d > TS_LARGEST) d = TS_LARGEST;
     k->ringing += s->ringing_rate * (d * d / 6 - k->ringing);
     /* Clipped at four standard deviations; what the model cannot explain keeps sigma from dying in long silence. */
     ts_real most = (ts_real)7.84 * (k->sigma > s->model_error ? k->sigma : s->model_error);
@@ -101,7 +102,16 @@ static void admit_change(ts_kalman *k, const ts_kalman_settings *s, const ts_rea
 static void follow_covariance(ts_kalman *k, const ts_kalman_settings *s, const ts_real *P0, const ts_real *w, int m)
 {
     ts_real root[TS_PADDED(TS_MAX_PARAMETERS)], scale = 1 / (ts_real)sqrt(k->variance), back = 0;
-    for (int i = 0; i < m; i += TS_LANES) store(root + i, plus(zero(), scale, load(k->Pu + i)));
+    lanes taken = zero();
+    for (int i = 0; i < m; i += TS_LANES) {
+        lanes part = plus(zero(), scale, load(k->Pu + i));
+        store(root + i, part);
+        taken = plus_product(taken, part, part);
+    }
+    if (!(total(taken) <= TS_LARGEST * TS_LARGEST)) { /* P has lost its definiteness */
+        restart(k->P, P0, m);
+        memset(root, 0, sizeof root);
+    }
     ts_real *P = k->P;
     for (int i = 0; i < m; P += width(i), i++)
         for (int j = 0; j <= i; j += TS_LANES) store(P + j, minus(load(P + j), root[i], load(root + j)));
@@ -121,9 +131,10 @@ void ts_kalman_project(const ts_kalman *k, ts_real *w, const ts_real *g, ts_real
     ts_real Pg[TS_PADDED(TS_MAX_PARAMETERS)];
     times(k->P, g, Pg, m);
     ts_real g_Pg = dot(g, Pg, TS_PADDED(m));
-    if (!(g_Pg > 0)) return;
     ts_real step = (value - dot(g, w, TS_PADDED(m))) / g_Pg;
+    if (!(g_Pg > 0) || !isfinite(g_Pg) || !isfinite(step)) return;
     for (int i = 0; i < m; i++) w[i] += step * Pg[i];
+    bound_weights(w, m);
 }
 
 /* First tick of an update: the weights, and their return to the prior. False where P has lost its definiteness, which
@@ -140,9 +151,11 @@ static bool update(ts_kalman *k, const ts_kalman_settings *s, const ts_real *w0,
     ts_real noise = k->ringing / 2 > quiet ? k->ringing / 2 : quiet;
     ts_real expected = explained + (quiet + floor) / 2; /* every second tick is used: each stands for two */
     if (!(expected > 0)) return false;
-    k->variance = explained + (noise + floor) / 2;
-    ts_real gain = e / k->variance;
+    ts_real variance = explained + (noise + floor) / 2, gain = e / variance;
+    if (!isfinite(variance) || !isfinite(gain)) return false;
+    k->variance = variance;
     for (int i = 0; i < m; i += TS_LANES) store(w + i, plus(load(w + i), gain, load(k->Pu + i)));
+    bound_weights(w, m);
     k->mixed += 2;
     if (k->mixed >= TS_FORGET_EVERY)
         for (int i = 0; i < m; i++) w[i] += s->forgetting * (w0[i] - w[i]);

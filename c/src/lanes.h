@@ -99,6 +99,13 @@ static inline lanes products(const ts_real *a, const ts_real *b, int n)
     return sum;
 }
 
+/* Weights stay within TS_LARGEST; w has whole blocks of lanes. */
+static inline void bound_weights(ts_real *w, int m)
+{
+    if (total(products(w, w, m)) <= TS_LARGEST) return;
+    for (int i = 0; i < m; i++) w[i] = w[i] > TS_LARGEST ? TS_LARGEST : w[i] < -TS_LARGEST ? -TS_LARGEST : w[i];
+}
+
 static inline ts_real dot(const ts_real *a, const ts_real *b, int n)
 {
     int whole = n - n % TS_LANES;

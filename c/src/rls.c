@@ -20,7 +20,7 @@ void ts_rls_init(ts_rls *r, ts_real delta, int m)
 bool ts_rls_update(ts_rls *r, ts_real *w, const ts_real *u, ts_real e, ts_real lambda, ts_real trace_limit, int m)
 {
     enum { MOST = TS_PADDED(TS_MAX_PARAMETERS) };
-    ts_real step[MOST], g[MOST], shrink[MOST], alpha = lambda, inverse = 1 / lambda;
+    ts_real step[MOST], g[MOST], shrink[MOST], Pu[MOST], alpha = lambda, inverse = 1 / lambda;
     const ts_real *U = r->U;
     for (int j = 0; j < m; U += width(j), j++) {
         ts_real f = total(products(U, u, width(j))), before = alpha;
@@ -44,9 +44,12 @@ bool ts_rls_update(ts_rls *r, ts_real *w, const ts_real *u, ts_real e, ts_real l
             b = plus(b, g[j], old);
             diagonal = plus(diagonal, r->D[j], square(new));
         }
-        store(w + i, plus(load(w + i), gain, b));
+        store(Pu + i, b);
         trace = plus(trace, 1, diagonal);
     }
     r->trace = total(trace);
+    if (!isfinite(r->trace) || !isfinite(gain)) return false;
+    for (int i = 0; i < m; i += TS_LANES) store(w + i, plus(load(w + i), gain, load(Pu + i)));
+    bound_weights(w, m);
     return true;
 }

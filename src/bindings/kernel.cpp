@@ -7,6 +7,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
+#include <limits>
 #include <optional>
 #include <stdexcept>
 #include <string>
@@ -21,6 +23,9 @@ namespace nb = nanobind;
 using nb::literals::operator""_a;
 
 namespace {
+
+#define TS_QUOTED(x) #x
+#define TS_TEXT(x) TS_QUOTED(x)
 
 template <typename T> using Vector = nb::ndarray<const T, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 using Output = nb::ndarray<double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
@@ -148,6 +153,7 @@ template <typename Controller, typename Visit> void each_array(Controller &c, Vi
     visit("innovation", &c.innovation, 1);
     visit("z_before", &c.z_before, 1);
     visit("predicted_before", &c.predicted_before, 1);
+    visit("resolution", &c.resolution, 1);
     visit("beyond", &c.beyond, 1);
     visit("hold", &c.hold, 1);
     visit("flags", &c.flags.saturated, sizeof c.flags / sizeof(bool));
@@ -179,8 +185,94 @@ template <typename Controller, typename Visit> void each_array(Controller &c, Vi
     visit("changed", &k.changed, 1);
 }
 
+// What no run leaves behind; the entry is named.
+struct Inconsistent : std::invalid_argument {
+    Inconsistent(const char *name, const std::string &bound)
+        : std::invalid_argument(std::string("state entry ") + name + ": must be " + bound) {}
+};
+
+void require_range(const char *name, double value, double low, double high) {
+    if (value >= low && value <= high) return;
+    auto text = [](double x) { return std::to_string(static_cast<long long>(x)); };
+    throw Inconsistent(name, "from " + text(low) + " to " + text(high));
+}
+
+void require_all(const char *name, bool holds, const char *bound) {
+    if (!holds) throw Inconsistent(name, bound);
+}
+
+// The counters are ticks of one run: none is ahead of the one that it is part of.
+void check_counters(const ts_controller &c) {
+    const ts_counters &n = c.counters;
+    constexpr uint64_t most = uint64_t{1} << 62; // 73 million years at 2 kHz
+    bool good = n.commands <= most && n.rejected <= most && n.saturated <= n.commands && n.projected <= n.commands &&
+                n.slewed <= n.commands && n.adaptations <= n.commands && n.changed <= n.adaptations;
+    require_all("counters", good, "the counts of one run: none above that of the commands, changed not above adaptations");
+    require_all("lagged_ticks", c.lagged.ticks <= n.commands && n.commands - c.lagged.ticks <= TS_HISTORY,
+                "at most the commands that were counted, and at most " TS_TEXT(TS_HISTORY) " less");
+    require_range("beyond", c.beyond, 0, TS_BEYOND);
+}
+
+// Plays are within their thresholds of the voltage that they saw.
+void check_plays(const ts_settings &s, const char *name, const ts_real *play) {
+    ts_real rounding = sizeof(ts_real) > 4 ? static_cast<ts_real>(1e-9) : static_cast<ts_real>(1e-3);
+    for (int i = 0; i < s.plays; i++) {
+        ts_real scale = std::abs(play[0]) + s.thresholds[i];
+        require_all(name, std::abs(play[i] - play[0]) <= s.thresholds[i] + rounding * scale,
+                    "play states, each within its threshold of the first");
+    }
+}
+
+void check_kalman(const ts_controller &c) {
+    const ts_kalman &k = c.law.kalman;
+    auto not_negative = [](const char *name, ts_real value) { require_all(name, value >= 0, "0 or more"); };
+    not_negative("innovation_variance", k.variance);
+    not_negative("noise", k.sigma);
+    not_negative("ringing", k.ringing);
+    require_range("change", k.change, 0, 100);
+    require_range("since_change", k.since_change, 0, INT32_MAX);
+    require_range("spikes", k.spikes, 0, INT32_MAX);
+    require_range("mixed", k.mixed, 0, TS_FORGET_EVERY);
+    require_all("pending", !k.pending || k.variance > 0, "0 where innovation_variance is 0");
+    // Rounding may take a variance below 0 by a share of the prior's; not by more.
+    ts_real rounding = std::sqrt(std::numeric_limits<ts_real>::epsilon());
+    for (int i = 0; i < c.parameters; i++) {
+        const ts_real *row = k.P + TS_ROW(i);
+        require_all("covariance", row[i] >= -rounding * c.settings.prior[TS_PACKED(i) + i], "of variances of 0 or more");
+        for (int j = i - i % TS_LANES; j < i; j++)
+            require_all("covariance", row[j] == k.P[TS_ROW(j) + i], "symmetric");
+        for (int j = c.parameters; j < static_cast<int>(TS_PADDED(i + 1)); j++)
+            require_all("covariance", row[j] == 0, "0 beyond the last parameter");
+    }
+}
+
+void check_rls(const ts_controller &c) {
+    const ts_rls &r = c.law.rls;
+    require_all("covariance_trace", r.trace >= 0, "0 or more");
+    for (int j = 0; j < c.parameters; j++) {
+        require_all("covariance_diagonal", r.D[j] >= 0, "of numbers of 0 or more");
+        require_all("covariance_factor", r.U[TS_ROW(j) + j] == 1, "1 on its diagonal");
+        for (int i = j + 1; i < static_cast<int>(TS_PADDED(j + 1)); i++)
+            require_all("covariance_factor", r.U[TS_ROW(j) + i] == 0, "0 below its diagonal");
+    }
+}
+
+void check_state(const ts_controller &c) {
+    const ts_settings &s = c.settings;
+    check_counters(c);
+    check_plays(s, "play", c.now.play);
+    check_plays(s, "lagged_play", c.lagged.play);
+    for (int i = 0; i < s.plays; i++)
+        require_all("slopes", c.slopes[i] >= s.slope_min && c.slopes[i] <= s.slope_max, "within slope_limits");
+    require_all("fastest", c.fastest >= 0, "0 or more");
+    require_all("resolution", c.resolution >= 0, "0 or more");
+    if (s.law == TS_LAW_KALMAN) check_kalman(c);
+    else check_rls(c);
+}
+
 void require(ts_status status) {
     if (status == TS_NOT_FINITE) throw std::invalid_argument("volts and z must be finite");
+    if (status == TS_BEYOND_REACH) throw std::invalid_argument("z is beyond the reach of the stroke under these volts");
     if (status != TS_OK) throw std::invalid_argument(std::string("the kernel refuses ") + message(status));
 }
 
@@ -210,7 +302,34 @@ class Kernel {
         return volts;
     }
 
-    void adapt(double z_measured, int ago) { ts_controller_adapt(&c_, static_cast<ts_real>(z_measured), ago); }
+    ts_status adapt(double z_measured, int ago) {
+        return ts_controller_adapt(&c_, static_cast<ts_real>(z_measured), ago);
+    }
+
+    // The voltage (V) that the command `ago` commands before the last one gave.
+    double volts_of(int ago) const {
+        return c_.x[(c_.counters.commands - 1 - static_cast<uint64_t>(ago)) % TS_HISTORY];
+    }
+
+    // SettingError where the first measurement of a loop that cannot raise was beyond reach.
+    void require_reach() {
+        if (!beyond_) return;
+        auto [z, volts] = *beyond_;
+        beyond_.reset();
+        raise_beyond_reach(z, volts);
+    }
+
+    [[noreturn]] void raise_beyond_reach(double z, double volts) const {
+        nb::object error = beyond_reach(z, volts);
+        PyErr_SetObject(reinterpret_cast<PyObject *>(Py_TYPE(error.ptr())), error.ptr());
+        throw nb::python_error();
+    }
+
+    nb::object beyond_reach(double z, double volts) const {
+        return nb::module_::import_("truestroke._check").attr("beyond_reach")(
+            "z_measured", z, volts, static_cast<double>(ts_reach(&c_.settings, static_cast<ts_real>(volts))),
+            static_cast<double>(c_.settings.stroke));
+    }
 
     void process(Vector<double> z_d, Vector<double> zdot_d, std::optional<Vector<double>> z_measured, Output volts,
                  int ago) {
@@ -221,13 +340,29 @@ class Kernel {
             require_finite("z_d", static_cast<ts_real>(z_d.data()[k]), "um");
             require_finite("zdot_d", static_cast<ts_real>(zdot_d.data()[k]), "um/s");
         }
-        nb::gil_scoped_release release;
-        for (size_t k = 0; k < n; k++) {
-            ts_real x = 0;
-            ts_controller_command(&c_, static_cast<ts_real>(z_d.data()[k]), static_cast<ts_real>(zdot_d.data()[k]), &x);
-            volts.data()[k] = x;
-            if (z_measured) ts_controller_adapt(&c_, static_cast<ts_real>(z_measured->data()[k]), ago);
+        std::optional<ts_controller> before; // for a first measurement that is refused
+        if (z_measured && c_.lagged.ticks == 0) before = c_;
+        size_t k = 0;
+        bool good = true;
+        {
+            nb::gil_scoped_release release;
+            for (; k < n && good; k++) {
+                ts_real x = 0;
+                ts_controller_command(&c_, static_cast<ts_real>(z_d.data()[k]), static_cast<ts_real>(zdot_d.data()[k]),
+                                      &x);
+                volts.data()[k] = x;
+                if (z_measured) good = adapt(z_measured->data()[k], ago) != TS_BEYOND_REACH;
+            }
         }
+        if (good) return;
+        double refused = volts_of(ago);
+        c_ = *before;
+        raise_beyond_reach(z_measured->data()[k - 1], refused);
+    }
+
+    // Nothing may be thrown through the loop, which is C: require_reach tells afterwards.
+    void adapt_in_loop(double z) {
+        if (adapt(z, 0) == TS_BEYOND_REACH && !beyond_) beyond_ = {z, volts_of(0)};
     }
 
     // This controller as the native loop calls it.
@@ -240,7 +375,7 @@ class Kernel {
                                       static_cast<ts_real>(zdot_d), &x);
                 return static_cast<double>(x);
             },
-            [](void *k, double z) { static_cast<Kernel *>(k)->adapt(z, 0); },
+            [](void *k, double z) { static_cast<Kernel *>(k)->adapt_in_loop(z); },
             [](void *k) { return static_cast<unsigned>(static_cast<Kernel *>(k)->flags()); },
             [](void *k) { return static_cast<Kernel *>(k)->innovation(); },
         };
@@ -263,6 +398,7 @@ class Kernel {
     void restore(const nb::dict &d) {
         ts_controller next = c_; // so that a bad entry changes nothing
         each_array(next, [&d](const char *name, auto *data, size_t count) { take(d, name, data, count); });
+        check_state(next);
         c_ = next;
     }
 
@@ -310,14 +446,20 @@ class Kernel {
         if (!nb::try_cast(d[name], source) || source.size() != size)
             throw std::invalid_argument(std::string("state entry ") + name + " must have " + std::to_string(size) +
                                         " entries of the kernel's number type");
+        constexpr T largest = std::is_floating_point_v<T> ? static_cast<T>(TS_LARGEST * TS_LARGEST) : T{};
         for (size_t i = 0; i < size; i++)
             if constexpr (std::is_floating_point_v<T>)
-                if (!std::isfinite(source.data()[i]))
-                    throw std::invalid_argument(std::string("state entry ") + name + " is not finite");
+                require_all(name, std::abs(source.data()[i]) <= largest, "finite, and no larger than the kernel can hold");
+            else if constexpr (std::is_same_v<T, bool>) { // a byte that is neither has no meaning as a bool
+                unsigned char value;
+                std::memcpy(&value, source.data() + i, 1);
+                require_all(name, value <= 1, "of flags, each 0 or 1");
+            }
         std::copy(source.data(), source.data() + size, target);
     }
 
     ts_controller c_{};
+    std::optional<std::pair<double, double>> beyond_; // z, um, and volts, V: refused in a native loop
 };
 
 // ---- The two calls of a tick -----------------------------------------------------------------------------------------
@@ -370,7 +512,15 @@ PyObject *adapt(PyObject *self, PyObject *const *args, Py_ssize_t positional, Py
     double z = PyFloat_AsDouble(values[0]);
     long ago = values[1] == Py_None || (z == -1 && PyErr_Occurred()) ? 0 : PyLong_AsLong(values[1]);
     if (!kernel || PyErr_Occurred()) return nullptr;
-    kernel->adapt(z, static_cast<int>(std::clamp(ago, -1L, static_cast<long>(TS_HISTORY)))); // both ends are refused
+    int late = static_cast<int>(std::clamp(ago, -1L, static_cast<long>(TS_HISTORY))); // both ends are refused
+    if (kernel->adapt(z, late) == TS_BEYOND_REACH) {
+        try {
+            kernel->raise_beyond_reach(z, kernel->volts_of(late));
+        } catch (nb::python_error &error) {
+            error.restore();
+        }
+        return nullptr;
+    }
     Py_INCREF(Py_None);
     return Py_None;
 }
@@ -480,6 +630,7 @@ MODULE(TS_MODULE, m) {
         .def("change", &Kernel::change, "settings"_a)
         .def("process", &Kernel::process, "z_d"_a, "zdot_d"_a, "z_measured"_a.none(), "volts"_a, "ago"_a = 0)
         .def("native", &Kernel::native)
+        .def("require_reach", &Kernel::require_reach)
         .def("reset", &Kernel::reset)
         .def("hold", &Kernel::hold, "on"_a)
         .def("state", &Kernel::state)

@@ -164,8 +164,11 @@ class RLS:
         self.forgetting = _check.positive("forgetting", forgetting)
         _check.within("forgetting", forgetting, 0.0, 1.0)
         self.covariance_limit = _check.positive("covariance_limit", covariance_limit, "1/V^2")
-        delta = _check.positive("regularization", regularization, "V^2")
-        m = self.weights.size
+        self.regularization = _check.positive("regularization", regularization, "V^2")
+        self._begin()
+
+    def _begin(self) -> None:
+        m, delta = self.weights.size, self.regularization
         self.U, self.D, self.trace = np.eye(m), np.full(m, 1 / delta), m / delta
 
     @property
@@ -185,11 +188,15 @@ class RLS:
             raise UpdateRefused(f"lambda + u'Pu = {alpha[-1]}, e_m = {e_m} um")
         growth = 1.0 if self.trace > lambda_ * self.covariance_limit else 1.0 / lambda_
         inverse = 1 / alpha
-        self.weights = self.weights + e_m * inverse[-1] * b[:, -1]
         self.U = U - f * inverse[:-1] * b[:, :-1]
         self.D = growth * (alpha[:-1] * inverse[1:]) * D
         diagonal = np.cumsum(self.D * (self.U * self.U), axis=1)[:, -1]  # of P
         self.trace = float(dot(diagonal, np.ones(f.size)))
+        if not (math.isfinite(self.trace) and math.isfinite(e_m * inverse[-1])):
+            if not math.isfinite(self.trace):
+                self._begin()
+            raise UpdateRefused("P is too large to be told")
+        self.weights = within_largest(self.weights + e_m * inverse[-1] * b[:, -1])
 
 
 class LMS:
@@ -307,7 +314,19 @@ class KalmanSettings:
 FORGET_EVERY = 16  # ticks: TS_FORGET_EVERY of the kernel
 MEAN_SECOND_DIFFERENCE = 1.9544  # mean of |d| of white noise of deviation 1: sqrt(6) sqrt(2 / pi)
 CLIP = 7.84  # of sigma: four times that mean, where the robust estimate of the noise stops to listen
+LARGEST = 1e50  # TS_LARGEST of the kernel: no weight and no desired value counts for more
 SURPRISE = 100.0  # largest normalised innovation, squared, that counts for a change: one alone must not fire it
+
+
+def within_largest(w: FloatArray) -> FloatArray:
+    """Weights of which none is further from 0 than `LARGEST`.
+
+    Examples
+    --------
+    >>> within_largest(np.array([8.0, -1e70]))
+    array([ 8.e+00, -1.e+50])
+    """
+    return np.clip(w, -LARGEST, LARGEST)
 
 
 def symmetric_times(P: FloatArray, u: FloatArray) -> FloatArray:
@@ -462,7 +481,7 @@ class BoundedKalman:
 
     def _follow_noise(self, innovation: float, measured: bool) -> None:
         s = self.settings
-        d = abs(innovation - 2 * self.e1 + self.e2)
+        d = min(abs(innovation - 2 * self.e1 + self.e2), LARGEST)
         self.e1, self.e2 = innovation, self.e1
         if measured:
             self.ringing += s.ringing_rate * (d * d / 6 - self.ringing)
@@ -492,8 +511,12 @@ class BoundedKalman:
         expected = explained + (quiet + floor) / 2
         if not expected > 0:  # no motion, no noise, no error of the model: nothing to divide by
             return
-        self.variance, self.pending = explained + (max(self.ringing / 2, quiet) + floor) / 2, True
-        self.weights = self.weights + e / self.variance * self.Pu
+        variance = explained + (max(self.ringing / 2, quiet) + floor) / 2
+        gain = e / variance
+        if not (math.isfinite(variance) and math.isfinite(gain)):
+            return
+        self.variance, self.pending = variance, True
+        self.weights = within_largest(self.weights + gain * self.Pu)
         self.mixed += 2
         if self.mixed >= FORGET_EVERY:
             self.weights = self.weights + s.prior_return * (self.w0 - self.weights)
@@ -510,6 +533,8 @@ class BoundedKalman:
         """Second tick of an update."""
         s, back = self.settings, 0.0
         root = self.Pu * (1 / math.sqrt(self.variance))
+        if not float(dot(root, root)) <= LARGEST * LARGEST:  # never seen, as above
+            self.P, root = self.P0.copy(), np.zeros(root.size)
         P = self.P - np.outer(root, root)
         if self.mixed >= FORGET_EVERY:
             self.mixed, back = 0, s.prior_return
@@ -529,5 +554,5 @@ class BoundedKalman:
         """
         Pg = symmetric_times(self.P, g)
         g_Pg = float(dot(g, Pg))
-        if g_Pg > 0:
-            self.weights = self.weights + (value - float(dot(g, self.weights))) / g_Pg * Pg
+        if 0 < g_Pg < math.inf and math.isfinite(step := (value - float(dot(g, self.weights))) / g_Pg):
+            self.weights = within_largest(self.weights + step * Pg)

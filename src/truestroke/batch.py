@@ -244,6 +244,7 @@ def _simulate(
         drawn = noise[: (part.stop - start) * per_tick]
         plant._noise.fill(drawn)
         _loops.run(*pair, wave.position[part], wave.velocity[part], drawn, *(rows[name][part] for name in CHANNELS))
+        controller._kernel.require_reach()
 
 
 def _plant(simulation: Simulation, wave: Trajectory) -> tuple[MatchedPlant | RealisticPlant, int]:

@@ -225,6 +225,12 @@ class AdaptiveController:
         ago : int
             How many commands were issued after the one that this measurement answers, 0 to 63. Measurements come in
             the order of their commands; one that is older than a measurement already used is rejected.
+
+        Raises
+        ------
+        SettingError
+            The first measurement since the start, within 64 ticks, is further from 0 than
+            `ControllerSettings.reach` of the voltage: the sensor is not zeroed, or another's. Nothing has changed.
         """
         self._kernel.adapt(z_measured, ago)
 
@@ -275,6 +281,12 @@ class AdaptiveController:
 
         Everything that was learned is forgotten, as by `reset`.
 
+        Raises
+        ------
+        SettingError
+            `volts` are beyond their limits, or z is further from 0 than `ControllerSettings.reach` of `volts`: zero the
+            sensor, or subtract its reading at rest. Nothing has changed.
+
         Examples
         --------
         >>> controller = AdaptiveController(sample_rate=2000.0, stroke=30.0, voltage_limits=(-0.6, 3.6))
@@ -283,7 +295,9 @@ class AdaptiveController:
         1.5
         """
         low, high = self.settings.voltage_limits
-        self._kernel.start(_check.within("volts", volts, low, high, "V"), _check.number("z", z, "um"))
+        volts, z = _check.within("volts", volts, low, high, "V"), _check.number("z", z, "um")
+        self.settings.check_reach("z", z, volts)
+        self._kernel.start(volts, z)
 
     def change(self, **settings: Any) -> None:
         """Change settings while running; what was learned stays, and the command does not jump.
@@ -327,7 +341,8 @@ class AdaptiveController:
         Raises
         ------
         ValueError
-            An entry is missing, has another size, or is not finite; nothing has changed.
+            An entry is missing, has another size, is not finite, or is such as no run leaves behind (a negative
+            variance, a flag that is neither 0 nor 1, counters that contradict each other); nothing has changed.
         """
         self._kernel.restore({name: np.ascontiguousarray(value) for name, value in state.items()})
 

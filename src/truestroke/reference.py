@@ -16,7 +16,7 @@ import numpy as np
 from truestroke import _check
 from truestroke._check import SettingError
 from truestroke._typing import FloatArray
-from truestroke.adaptation import RLS, BoundedKalman, KalmanSettings, Law, UpdateRefused
+from truestroke.adaptation import LARGEST, RLS, BoundedKalman, KalmanSettings, Law, UpdateRefused
 from truestroke.models import brought, creep_step, known_terms, limit_slopes, play_inverse, play_terms
 from truestroke.operators import dead_zone, dot, play
 from truestroke.settings import ControllerSettings, kernel_settings
@@ -140,6 +140,7 @@ class ReferenceController:
         self._last = _Command(0.0, 0.0, 0.0, limited=False)
         self._carry = self._integral = self._innovation = 0.0  # um
         self._z_before = self._predicted_before = 0.0  # um: the last measurement that was new, what the model said then
+        self._resolution = 0.0  # um: the smallest step from one measurement to a different one; 0: none so far
         self._beyond = 0  # ticks at a voltage limit and beyond z_d, since one that was not limited
         self._fastest = 0.0  # largest rate so far, at most the velocity limit, um/s
         kinds = ("commands", "adaptations", "saturated", "projected", "rejected", "changed", "slewed")
@@ -155,6 +156,7 @@ class ReferenceController:
         s = self.settings
         low, high = s.voltage_limits
         volts, z = _check.within("volts", volts, low, high, "V"), _check.number("z", z, "um")
+        s.check_reach("z", z, volts)
         self.reset()
         self._now = _Memory(play(volts, self._r, self._now.play), np.full(self._creep.size, volts))
         self._lagged = copy.deepcopy(self._now)
@@ -175,11 +177,11 @@ class ReferenceController:
             self.law.take(_kalman_settings(settings))
         elif isinstance(self.law, RLS):
             self.law.forgetting, self.law.covariance_limit = settings.forgetting, settings.covariance_limit
+        z_d, zdot_d = self._last.z_d, self._last.zdot_d
+        self._slopes, _ = self._rate_dependent_slopes(zdot_d)
         if self.counters["commands"] > 0:
             if not settings.trim_rate > 0:
                 self._integral = 0.0  # its share goes into the carry
-            z_d, zdot_d = self._last.z_d, self._last.zdot_d
-            self._slopes, _ = self._rate_dependent_slopes(zdot_d)
             self._carry += self._brought_by_plays() - self._wanted_of_plays(z_d, zdot_d)
 
     @staticmethod
@@ -197,6 +199,7 @@ class ReferenceController:
             z_d or zdot_d is NaN or infinite; nothing has changed.
         """
         z_d, zdot_d = _check.number("z_d", z_d, "um"), _check.number("zdot_d", zdot_d, "um/s")
+        z_d, zdot_d = min(max(z_d, -LARGEST), LARGEST), min(max(zdot_d, -LARGEST), LARGEST)
         if self.counters["commands"] - self._lagged.ticks >= HISTORY:
             self._pass_over()  # it is too late now for its measurement
         self._see_creep(self._now)
@@ -215,9 +218,16 @@ class ReferenceController:
         """Learn from the displacement, um, that answered the command `ago` commands before the last one, 0 to 63.
 
         NaN, infinity, a spike, and a measurement older than one already used are rejected, flagged and counted.
+
+        Raises
+        ------
+        SettingError
+            The first measurement, within 64 ticks, is beyond the reach of the voltage: nothing has changed.
         """
         tick = self.counters["commands"] - 1 - ago
         in_time = 0 <= ago < HISTORY and tick in self._waiting
+        if in_time and self._lagged.ticks == 0 and math.isfinite(z_measured):
+            self.settings.check_reach("z_measured", z_measured, self._waiting[tick].x)
         self._rejected = not (in_time and abs(z_measured) <= self.settings.measurement_limit)
         self._changed = False
         if not self._rejected:
@@ -336,13 +346,18 @@ class ReferenceController:
         return not self._held and (not limited or (beyond and self._beyond >= BEYOND))
 
     def _is_frozen(self, z: float, predicted: float, stands: bool) -> bool:
-        """Whether the sensor repeats a number while voltage and model move: a live one has noise."""
+        """Whether the sensor repeats a number while voltage and model move: a live one has noise, or steps as large."""
         if not isinstance(self.law, BoundedKalman):
             return False
         if z != self._z_before or stands:
+            step = abs(z - self._z_before)
+            first = self._lagged.ticks <= 1  # there is none before it
+            if not first and 0 < step < self.settings.stroke / 20 and not 0 < self._resolution <= step:
+                self._resolution = step
             self._z_before, self._predicted_before = z, predicted
             return False
-        return abs(predicted - self._predicted_before) > 6 * (self.law.sigma + self.law.settings.model_error)
+        noise = self.law.sigma + self.law.settings.model_error
+        return abs(predicted - self._predicted_before) > max(6 * noise, self._resolution + 2 * noise)
 
     def _learn(self, u: FloatArray, teaches: bool, frozen: bool) -> None:
         law = self.law

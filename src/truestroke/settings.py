@@ -88,7 +88,7 @@ class ControllerSettings:
     outliers : int
         Spikes in a row that are not believed. Kalman only.
     forgetting : float
-        Forgetting factor lambda of (23), above 0, at most 1. RLS only.
+        Forgetting factor lambda of (23), 0.001 to 1. RLS only.
     regularization : float
         delta of (22), V^2: P(0) = I / delta. RLS only.
     covariance_limit : float
@@ -196,6 +196,24 @@ class ControllerSettings:
     def q(self) -> float:
         """stroke / (highest - lowest voltage), um/V."""
         return self.stroke / (self.voltage_limits[1] - self.voltage_limits[0])
+
+    def reach(self, volts: float) -> float:
+        """How far from 0 an actuator under `volts` (V) may be, um.
+
+        A sensor that shows more is not zeroed, or is another's. Three strokes, and three times what `volts` bring of the stroke; at most `measurement_limit`.
+
+        Examples
+        --------
+        >>> ControllerSettings(sample_rate=2000.0, stroke=30.0, voltage_limits=(0.0, 10.0)).reach(5.0)
+        135.0
+        """
+        low, high = self.voltage_limits
+        return min(3 * self.stroke * (1 + abs(volts) / (high - low)), self.measurement_limit)
+
+    def check_reach(self, argument: str, z: float, volts: float) -> None:
+        """Refuse a displacement z (um) that an actuator under `volts` (V) cannot have."""
+        if abs(z) > (reach := self.reach(volts)):
+            raise _check.beyond_reach(argument, z, volts, reach, self.stroke)
 
     def to_dict(self) -> dict[str, float | str | Sequence[float]]:
         """All settings by name, as plain numbers and tuples, for a recording or a file."""
@@ -350,9 +368,7 @@ def _rls(s: ControllerSettings) -> dict[str, object]:
     trace = s.parameters / regularization
     if limit < trace:
         raise SettingError("covariance_limit", limit, f"at least the trace of P(0), {trace:g} 1/V^2", "1/V^2")
-    forgetting = _check.number("forgetting", s.forgetting)
-    if not 0 < forgetting <= 1:
-        raise SettingError("forgetting", forgetting, "above 0 and at most 1")
+    forgetting = _check.within("forgetting", s.forgetting, 1e-3, 1.0)
     return {"forgetting": forgetting, "regularization": regularization, "covariance_limit": limit}
 
 

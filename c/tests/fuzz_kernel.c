@@ -1,0 +1,323 @@
+/* Fuzzer of the kernel: bytes become settings and a sequence of calls with any arguments; see `invariants` for what must hold.
+ *
+ * With clang it is a libFuzzer target; without it `main` below draws the bytes itself, from a seed. Both take files as
+ * arguments, to repeat what was found. */
+#include <float.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "invariants.h"
+#include "truestroke.h"
+
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
+
+static struct {
+    unsigned long long inputs, refused, commands, measured, changes, starts;
+} seen;
+
+static void report(void)
+{
+    printf("fuzz (%s): %llu inputs, %llu with refused settings; %llu commands, %llu measurements used, %llu changes, "
+           "%llu starts\n", sizeof(ts_real) == 8 ? "double" : "float", seen.inputs, seen.refused, seen.commands,
+           seen.measured, seen.changes, seen.starts);
+}
+
+/* ---- Bytes ----------------------------------------------------------------------------------------------------------- */
+
+typedef struct {
+    const uint8_t *data;
+    size_t left;
+} bytes;
+
+static unsigned byte(bytes *b)
+{
+    if (b->left == 0) return 0;
+    b->left--;
+    return *b->data++;
+}
+
+static int below(bytes *b, int n) { return (int)((byte(b) << 8 | byte(b)) % (unsigned)n); }
+
+static double between(bytes *b, double low, double high)
+{
+    return low + (high - low) * below(b, 65536) / 65535.0;
+}
+
+/* Any number: mostly one of about `size`, else an extreme one, or eight raw bytes. */
+static ts_real any(bytes *b, double size)
+{
+    static const double extremes[] = {0, -0.0, 1, -1, 1e308, -1e308, DBL_MAX, DBL_MIN, 5e-324, -5e-324, 1e-300, 1e30, -1e30,
+                                      1e12, -1e12, 1e15, 1e60, -1e60, 1e150, 3e38, 1e-38, 1e-12, NAN, INFINITY, -INFINITY};
+    unsigned kind = byte(b);
+    if (kind < 160) return (ts_real)between(b, -size, size);
+    if (kind < 220) return (ts_real)extremes[kind % (sizeof extremes / sizeof *extremes)];
+    uint8_t raw[8];
+    for (int i = 0; i < 8; i++) raw[i] = (uint8_t)byte(b);
+    double value;
+    memcpy(&value, raw, sizeof value);
+    return (ts_real)value;
+}
+
+/* ---- Settings -------------------------------------------------------------------------------------------------------- */
+
+static ts_settings sane(bytes *b)
+{
+    ts_settings s = {.plays = 1 + below(b, TS_MAX_PLAYS), .dead_zones = 1, .dead_zone_weights = {1},
+                     .rate_scale = (ts_real)7e-4, .stroke = 30, .forgetting = (ts_real)0.999, .regularization = (ts_real)1e-3,
+                     .covariance_limit = (ts_real)1e6, .slope_min = 3, .slope_max = 28, .velocity_limit = 1500,
+                     .voltage_min = (ts_real)-0.6, .voltage_max = (ts_real)3.6, .slew = (ts_real)0.25,
+                     .measurement_limit = 300, .smoothing = (ts_real)0.5, .first_noise = (ts_real)0.03};
+    for (int i = 0; i < s.plays; i++) {
+        s.thresholds[i] = (ts_real)(1.5 * i / s.plays);
+        s.rated[i] = i % 3 == 0;
+    }
+    s.law = below(b, 4) ? TS_LAW_KALMAN : TS_LAW_RLS;
+    unsigned terms = byte(b);
+    s.lag = terms & 1, s.offset = terms >> 1 & 1, s.bends = (int)(terms >> 2) % 3, s.creeps = (int)(terms >> 4) % 5;
+    for (int i = 0; i < s.creeps; i++) s.creep[i] = (ts_real)(0.15 / (1 << 2 * i));
+    s.initial_weights[0] = 8;
+    s.kalman = (ts_kalman_settings){
+        .filter = (ts_real)0.6, .noise_rate = (ts_real)1e-3, .ringing_rate = (ts_real)0.1,
+        .model_error = (ts_real)6e-3, .forgetting = (ts_real)8e-8, .change_threshold = 12,
+        .change_rate = (ts_real)0.2, .refractory = 10, .change_gain = (ts_real)0.15,
+        .change_hysteresis = (ts_real)0.3, .change_share = (ts_real)2e-3, .outlier = 12, .outliers = 3};
+    for (int i = 0; i < ts_parameters(&s); i++) s.prior[TS_PACKED(i) + i] = i ? (ts_real)0.5 : 9;
+    return s;
+}
+
+/* One entry becomes any number. */
+static void disturb(bytes *b, ts_settings *s)
+{
+    ts_kalman_settings *k = &s->kalman;
+    ts_real *const entries[] = {
+        &s->rate_scale, &s->stroke, &s->forgetting, &s->regularization, &s->covariance_limit, &s->slope_min, &s->slope_max,
+        &s->velocity_limit, &s->voltage_min, &s->voltage_max, &s->slew, &s->measurement_limit, &s->smoothing, &s->trim,
+        &s->first_noise, &k->filter, &k->noise_rate, &k->ringing_rate, &k->model_error, &k->forgetting,
+        &k->change_threshold, &k->change_rate, &k->change_gain, &k->change_hysteresis, &k->change_share, &k->outlier,
+        &s->thresholds[below(b, TS_MAX_PLAYS)], &s->creep[below(b, TS_MAX_CREEPS)],
+        &s->initial_weights[below(b, TS_MAX_PARAMETERS)], &s->prior[below(b, TS_PACKED(TS_MAX_PARAMETERS))],
+        &s->dead_zone_weights[below(b, TS_MAX_DEAD_ZONES)], &s->dead_zone_thresholds[below(b, TS_MAX_DEAD_ZONES)]};
+    enum { ENTRIES = sizeof entries / sizeof *entries };
+    int which = below(b, ENTRIES + 8);
+    if (which < ENTRIES) {
+        ts_real *entry = entries[which], value = any(b, below(b, 2) ? 1 : 100);
+        *entry = value;
+        return;
+    }
+    int number = below(b, 65536) - 32768;
+    int *const counts[] = {&s->plays, &s->dead_zones, &s->creeps, &s->bends, &k->refractory, &k->outliers};
+    if (which - ENTRIES < 6) *counts[which - ENTRIES] = number % 40;
+    else s->rated[below(b, TS_MAX_PLAYS)] ^= 1;
+}
+
+/* ---- What must hold --------------------------------------------------------------------------------------------------- */
+
+static void (*at_failure)(void);
+
+static void require(bool holds, const char *what)
+{
+    if (holds) return;
+    fprintf(stderr, "the kernel broke its word: %s\n", what);
+    if (at_failure) at_failure();
+    abort();
+}
+
+typedef struct {
+    ts_controller c;
+    bool tame;         /* only settings and desired values that somebody might use: P must stay positive definite */
+    ts_real plant[2];  /* of a plausible actuator, V */
+} bench;
+
+static void invariants(const bench *t)
+{
+    const ts_controller *c = &t->c;
+    require(finite_state(c), "the state is finite");
+    require(c->lagged.ticks <= c->counters.commands && c->counters.commands - c->lagged.ticks <= TS_HISTORY,
+            "no more commands wait than there is room for");
+    require(c->beyond >= 0 && c->beyond <= TS_BEYOND, "ticks beyond are counted up to TS_BEYOND");
+    for (int i = 0; i < c->settings.plays; i++)
+        require(c->slopes[i] >= c->settings.slope_min && c->slopes[i] <= c->settings.slope_max, "slopes are within limits");
+    if (c->settings.law == TS_LAW_KALMAN) require(symmetric(c->law.kalman.P, c->parameters), "P is symmetric");
+    else for (int i = 0; i < c->parameters; i++) require(c->law.rls.D[i] >= 0, "D is not negative");
+}
+
+/* ---- Calls ------------------------------------------------------------------------------------------------------------ */
+
+static ts_real command(bench *t, ts_real z_d, ts_real zdot_d)
+{
+    static ts_controller before;
+    ts_controller *c = &t->c;
+    const ts_settings *s = &c->settings;
+    ts_real last = c->now.play[0], volts = last;
+    bool number = isfinite(z_d) && isfinite(zdot_d);
+    if (!number) before = *c;
+    ts_status status = ts_controller_command(c, z_d, zdot_d, &volts);
+    require((status == TS_OK) == number, "a command is refused where it is not finite");
+    if (!number) require(memcmp(&before, c, sizeof before) == 0, "a refused command changes nothing");
+    else seen.commands++;
+    if (!number) return volts;
+    require(volts >= s->voltage_min && volts <= s->voltage_max, "the voltage is within its limits");
+    bool inside = last >= s->voltage_min && last <= s->voltage_max; /* not at the first tick, not at new limits */
+    require(!inside || fabs((double)volts - (double)last) <= (double)s->slew + 1e-6 * (double)(s->voltage_max - s->voltage_min),
+            "the voltage keeps to slew");
+    return volts;
+}
+
+static void adapt(bench *t, ts_real z, int ago)
+{
+    ts_controller *c = &t->c;
+    uint64_t waiting = c->counters.commands - c->lagged.ticks;
+    ts_status status = ts_controller_adapt(c, z, ago);
+    seen.measured += status == TS_OK;
+    require(status == TS_OK || status == TS_REJECTED || (status == TS_BEYOND_REACH && c->lagged.ticks == 0),
+            "a measurement is used, rejected, or the first one and beyond reach");
+    require(status != TS_OK || (ago >= 0 && (uint64_t)ago < waiting && fabs((double)z) <= (double)c->settings.measurement_limit),
+            "a measurement that is used is within limits and in time");
+}
+
+/* Ticks of a motion that somebody might ask for, with an actuator that might be there. */
+static void ticks(bench *t, bytes *b)
+{
+    int count = 1 + (int)byte(b), sensor = below(b, 12);
+    double z = between(b, -10, 40), rate = between(b, -300, 300), noise = between(b, 0, 0.1);
+    for (int k = 0; k < count; k++) {
+        z += rate * 5e-4;
+        if (z < -5 || z > 35) rate = -rate;
+        ts_real volts = command(t, (ts_real)z, (ts_real)rate);
+        ts_play_bank(volts, (ts_real[]){0, (ts_real)0.45}, t->plant, 2);
+        double truth = 9 * (double)t->plant[0] + 4 * (double)t->plant[1] + noise * ((k * 7919 % 211) / 105.0 - 1);
+        ts_real shown = sensor == 0 ? (ts_real)NAN : (ts_real)(sensor == 1 ? -truth : sensor == 2 ? 12 : truth);
+        if (sensor != 3) adapt(t, shown, sensor == 4);
+    }
+}
+
+static void start(bench *t, bytes *b)
+{
+    static ts_controller before;
+    ts_real volts = any(b, 4), z = any(b, 120);
+    before = t->c;
+    ts_status status = ts_controller_start(&t->c, volts, z);
+    seen.starts += status == TS_OK;
+    if (status != TS_OK) {
+        require(memcmp(&before, &t->c, sizeof before) == 0, "a refused start changes nothing");
+        return;
+    }
+    t->plant[0] = t->plant[1] = volts;
+    require(isfinite(volts) && fabs((double)z) <= (double)ts_reach(&t->c.settings, volts), "a start is within reach");
+}
+
+static void change(bench *t, bytes *b)
+{
+    static ts_controller before;
+    ts_settings next = t->c.settings;
+    for (int n = 1 + below(b, 3); n > 0; n--) disturb(b, &next);
+    before = t->c;
+    bool taken = ts_controller_change(&t->c, &next) == TS_OK;
+    if (!taken) require(memcmp(&before, &t->c, sizeof before) == 0, "a refused change changes nothing");
+    else t->tame = false;
+    seen.changes += taken;
+}
+
+static void call(bench *t, bytes *b)
+{
+    ts_controller *c = &t->c;
+    unsigned what = byte(b);
+    if (what < 90) ticks(t, b);
+    else if (what < 140) {
+        ts_real z_d = any(b, 60), zdot_d = any(b, 2000);
+        t->tame &= fabs((double)z_d) < 1e4 && fabs((double)zdot_d) < 1e5;
+        command(t, z_d, zdot_d);
+    } else if (what < 190) {
+        ts_real z = any(b, 300);
+        adapt(t, z, byte(b) < 200 ? 0 : below(b, 80) - 8);
+    } else if (what < 205) ts_controller_hold(c, what % 2);
+    else if (what < 215) ts_controller_reset(c);
+    else if (what < 235) start(t, b);
+    else change(t, b);
+}
+
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
+{
+    static bench t;
+    bytes b = {data, size};
+    ts_settings s = sane(&b);
+    int disturbed = below(&b, 5);
+    memset(&t, 0, sizeof t);
+    t.tame = disturbed == 0;
+    for (int n = disturbed; n > 0; n--) disturb(&b, &s);
+    if (seen.inputs++ == 0) atexit(report);
+    if (ts_controller_init(&t.c, &s) != TS_OK) {
+        seen.refused++;
+        return 0;
+    }
+    invariants(&t);
+    while (b.left > 0) {
+        call(&t, &b);
+        invariants(&t);
+    }
+    if (t.tame && s.law == TS_LAW_KALMAN && sizeof(ts_real) == 8)
+        require(definite(t.c.law.kalman.P, t.c.parameters), "P is positive definite");
+    return 0;
+}
+
+/* ---- Alone ------------------------------------------------------------------------------------------------------------ */
+
+#ifdef TS_STANDALONE
+#include <time.h>
+
+void __sanitizer_set_death_callback(void (*callback)(void));
+
+enum { LONGEST = 2048 };
+static uint8_t input[LONGEST];
+static size_t length;
+
+static void keep(void)
+{
+    FILE *file = fopen("fuzz-found.bin", "wb");
+    if (!file) return;
+    fwrite(input, 1, length, file);
+    fclose(file);
+    fprintf(stderr, "the input is in fuzz-found.bin: give it as an argument to repeat it\n");
+}
+
+static uint64_t draw(uint64_t *state) /* splitmix64 */
+{
+    uint64_t x = *state += 0x9e3779b97f4a7c15u;
+    x = (x ^ x >> 30) * 0xbf58476d1ce4e5b9u;
+    x = (x ^ x >> 27) * 0x94d049bb133111ebu;
+    return x ^ x >> 31;
+}
+
+static int repeat(const char *name)
+{
+    FILE *file = fopen(name, "rb");
+    if (!file) return perror(name), 1;
+    length = fread(input, 1, LONGEST, file);
+    fclose(file);
+    return LLVMFuzzerTestOneInput(input, length);
+}
+
+/* Arguments: seconds and seed; or files to repeat. */
+int main(int count, char **arguments)
+{
+    char *end = NULL;
+    double seconds = count > 1 ? strtod(arguments[1], &end) : 60;
+    if (count > 1 && *end) {
+        int failed = 0;
+        for (int i = 1; i < count; i++) failed |= repeat(arguments[i]);
+        return failed;
+    }
+    uint64_t state = count > 2 ? strtoull(arguments[2], NULL, 10) : 1;
+    printf("fuzz: %g s from seed %llu\n", seconds, (unsigned long long)state);
+    time_t begin = time(NULL);
+    __sanitizer_set_death_callback(keep);
+    at_failure = keep;
+    while (difftime(time(NULL), begin) < seconds) {
+        length = 16 + draw(&state) % (LONGEST - 16);
+        for (size_t i = 0; i < length; i++) input[i] = (uint8_t)draw(&state);
+        LLVMFuzzerTestOneInput(input, length);
+    }
+    return 0;
+}
+#endif

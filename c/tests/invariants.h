@@ -1,0 +1,69 @@
+/* What holds of a controller's state whatever came: for the tests and for the fuzzer. */
+#ifndef TRUESTROKE_INVARIANTS_H
+#define TRUESTROKE_INVARIANTS_H
+
+#include <math.h>
+
+#include "truestroke.h"
+
+static inline bool all_finite(const ts_real *a, int n)
+{
+    bool ok = true;
+    for (int i = 0; i < n; i++) ok &= isfinite(a[i]) != 0;
+    return ok;
+}
+
+static inline bool finite_memory(const ts_memory *memory, const ts_settings *s)
+{
+    return all_finite(memory->play, s->plays) && all_finite(memory->creep, s->creeps);
+}
+
+static inline bool finite_law(const ts_controller *c)
+{
+    int m = c->parameters;
+    if (c->settings.law == TS_LAW_RLS) {
+        const ts_rls *r = &c->law.rls;
+        return all_finite(r->U, TS_TRIANGLE(m)) && all_finite(r->D, m) && isfinite(r->trace);
+    }
+    const ts_kalman *k = &c->law.kalman;
+    const ts_real scalars[] = {k->y1, k->y, k->variance, k->sigma, k->ringing, k->innovation1, k->innovation2, k->change};
+    return all_finite(k->P, TS_TRIANGLE(m)) && all_finite(k->u1, m) && all_finite(k->u, m) && all_finite(k->Pu, m)
+           && all_finite(scalars, sizeof scalars / sizeof *scalars);
+}
+
+static inline bool finite_state(const ts_controller *c)
+{
+    const ts_settings *s = &c->settings;
+    const ts_real scalars[] = {c->carry, c->integral, c->y_d, c->fastest, c->innovation, c->z_before,
+                               c->predicted_before, c->resolution};
+    return all_finite(scalars, sizeof scalars / sizeof *scalars) && all_finite(c->w, c->parameters)
+           && all_finite(c->u, c->parameters) && all_finite(c->slopes, s->plays) && all_finite(c->x, TS_HISTORY)
+           && all_finite(c->z_d, TS_HISTORY) && all_finite(c->zdot_d, TS_HISTORY) && finite_memory(&c->now, s)
+           && finite_memory(&c->lagged, s) && finite_law(c);
+}
+
+/* Whether P is positive definite: its Cholesky factor exists. */
+static inline bool definite(const ts_real *P, int m)
+{
+    static double L[TS_MAX_PARAMETERS][TS_MAX_PARAMETERS];
+    for (int i = 0; i < m; i++)
+        for (int j = 0; j <= i; j++) {
+            double sum = P[TS_ROW(i) + j];
+            for (int k = 0; k < j; k++) sum -= L[i][k] * L[j][k];
+            if (i == j && !(sum > 0)) return false;
+            L[i][j] = i == j ? sqrt(sum) : sum / L[j][j];
+        }
+    return true;
+}
+
+/* P of the bounded law is stored twice within its blocks on the diagonal: both to the same bit. */
+static inline bool symmetric(const ts_real *P, int m)
+{
+    bool same = true;
+    for (int i = 0; i < m; i++)
+        for (int j = i - i % TS_LANES; j < i; j++)
+            same &= !(P[TS_ROW(j) + i] < P[TS_ROW(i) + j] || P[TS_ROW(j) + i] > P[TS_ROW(i) + j]);
+    return same;
+}
+
+#endif
