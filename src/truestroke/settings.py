@@ -200,7 +200,8 @@ class ControllerSettings:
     def reach(self, volts: float) -> float:
         """How far from 0 an actuator under `volts` (V) may be, um.
 
-        A sensor that shows more is not zeroed, or is another's. Three strokes, and three times what `volts` bring of the stroke; at most `measurement_limit`.
+        A sensor that shows more is not zeroed, or is another's. Three strokes, and three times what `volts` bring of
+        the stroke; at most `measurement_limit`.
 
         Examples
         --------
