@@ -241,10 +241,10 @@ def test_table_states_the_bounds(row: dict[str, str]) -> None:
     """Closed ends are taken, what lies beyond an end is refused; by the kernel too, at its own finite ends."""
     name, bound, inf = names(row["setting"])[0], row["bound"], float("inf")
     low, high = (eval(end, {"inf": inf}, vars(ControllerSettings(**BENCH))) for end in bound[1:-1].split(","))  # type: ignore[arg-type]
-    step = 1 if name == "plays" else 1e-3 * max(1.0, abs(low))
-    for end, closed, beyond in ((low, bound[0] == "[", low - step), (high, bound[-1] == "]", high + step)):
+    below, above = (1 if name == "plays" else 1e-3 * max(1.0, abs(end)) for end in (low, high))
+    for end, closed, beyond in ((low, bound[0] == "[", low - below), (high, bound[-1] == "]", high + above)):
         if closed:
-            made = ControllerSettings(**BENCH, **{name: end})  # type: ignore[arg-type]
+            made = ControllerSettings(**{**BENCH, name: end})  # type: ignore[arg-type]
             assert getattr(made, name) == end
         outside = beyond if closed else end
         with pytest.raises(SettingError, match=name):

@@ -1,5 +1,8 @@
 """What no input may do: a displacement out of reach, an impossible state, absurd numbers, coarse sensors."""
 
+import importlib.util
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -9,6 +12,7 @@ from truestroke.plant import PlantSettings, RealisticPlant
 from truestroke.reference import ReferenceController
 from truestroke.trajectories import random_wave
 
+ROOT = Path(__file__).parents[1]
 BASIC = {"sample_rate": 2000.0, "stroke": 30.0, "voltage_limits": (-0.6, 3.6)}
 REMEDY = r"within 90 um of 0 at 0 V, with a stroke of 30 um: zero the sensor, or subtract its reading at rest"
 
@@ -230,3 +234,56 @@ def test_a_coarse_sensor_that_freezes_is_not_believed() -> None:
         errors.append(plant.truth[0] - z_d)
     assert controller.counters.rejected > 900
     assert np.abs(errors[4000:]).max() < 0.5
+
+
+# ---- Settings of any kind --------------------------------------------------------------------------------------------
+
+
+def test_settings_of_any_kind_are_refused_by_name_or_run() -> None:
+    """A seeded part of benchmarks/fuzz_settings.py; before, a tenth of them raised what was no SettingError."""
+    spec = importlib.util.spec_from_file_location("fuzz_settings", ROOT / "benchmarks/fuzz_settings.py")
+    assert spec
+    assert spec.loader
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    counts, wrong = module.campaign(draws=1000, seed=1)
+    assert not wrong
+    assert counts["run"] > 100
+    assert counts["refused"] > 500
+
+
+@pytest.mark.parametrize(
+    ("setting", "value", "words"),
+    [
+        ("sample_rate", 5e-324, "sample_rate = 5e-324 Hz: must be from 1e-06 to 1e.08 Hz"),
+        ("stroke", 1e300, "stroke = 1e.300 um: must be from 1e-06 to 1e.09 um"),
+        ("stroke", 10**400, "stroke = .*: must be a number"),
+        ("voltage_limits", (0.0, 5e-324), "voltage_limits = .* at least 1e-9 V apart"),
+        ("creep_times", 0.3, "creep_times = 0.3 s: must be a sequence"),
+        ("lag", np.zeros(2), "lag = .*: must be True or False"),
+        ("law", np.zeros(2), "law = .*: must be 'kalman' or 'rls'"),
+        ("prior_covariance", np.eye(37) * 1e200, "prior_covariance = 1e.200: must be of entries up to 1e.60"),
+        ("memory", 1e-300, "memory = 1e-300 s: must be from 1e-15"),
+    ],
+)
+def test_a_setting_that_does_not_compute_is_named(setting, value, words) -> None:
+    with pytest.raises(SettingError, match=words) as caught:
+        ControllerSettings(**BASIC | {setting: value})
+    assert caught.value.argument == setting
+
+
+def test_the_paper_names_what_is_wrong_too() -> None:
+    for given in ({"stroke": "x"}, {"stroke": 1e300}, {"voltage_limits": (0.0, 1e300)}):
+        with pytest.raises(SettingError, match=next(iter(given))):
+            ControllerSettings.paper(**BASIC | given)
+    with pytest.raises(SettingError, match=r"thresholds = 1\.0 V: must be a sequence"):
+        ControllerSettings.paper(**BASIC, thresholds=1.0)
+
+
+def test_what_single_precision_cannot_hold_is_said() -> None:
+    with pytest.raises(SettingError, match=r"precision = 'single': must be wider .* measurement_limit"):
+        AdaptiveController(**BASIC, precision="single", measurement_limit=1e12)
+    controller = AdaptiveController(**BASIC, precision="single")
+    with pytest.raises(SettingError, match="precision"):
+        controller.change(measurement_limit=1e12)
+    assert controller.settings.measurement_limit == 300.0

@@ -137,7 +137,7 @@ def number(argument: str, value: object, unit: str = "") -> float:
         if isinstance(value, (str, bytes, bool, np.bool_)):
             raise TypeError
         result = float(value)  # type: ignore[arg-type]
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise SettingError(argument, repr(value), "a number", unit) from None
     if not math.isfinite(result):
         raise SettingError(argument, value, "finite", unit)
@@ -152,12 +152,45 @@ def positive(argument: str, value: object, unit: str = "") -> float:
     return result
 
 
+def sized(argument: str, value: object, unit: str = "", least: float = 1e-15, most: float = 1e15) -> float:
+    """A number above zero of a size that computes: squares and quotients of such numbers are finite.
+
+    >>> sized("memory", 1e300, "s")
+    Traceback (most recent call last):
+        ...
+    truestroke._check.SettingError: memory = 1e+300 s: must be from 1e-15 to 1e+15 s
+    """
+    return within(argument, positive(argument, value, unit), least, most, unit)
+
+
 def within(argument: str, value: object, low: float, high: float, unit: str = "") -> float:
     """A finite number in the closed interval [low, high]."""
     result = number(argument, value, unit)
     if not low <= result <= high:
         raise SettingError(argument, value, f"from {low:g} to {high:g}{' ' + unit if unit else ''}", unit)
     return result
+
+
+def one_of(argument: str, value: object, choices: Sequence[str]) -> str:
+    """One of these words."""
+    if not isinstance(value, str) or value not in choices:
+        raise SettingError(argument, repr(value), " or ".join(map(repr, choices)))
+    return value
+
+
+def flag(argument: str, value: object) -> bool:
+    """True or false; 1 and 0 are."""
+    if not isinstance(value, (bool, np.bool_, int)) or value not in (0, 1):
+        raise SettingError(argument, repr(value), "True or False")
+    return bool(value)
+
+
+def several(argument: str, value: Any, unit: str = "") -> tuple[Any, ...]:
+    """The entries of a sequence, whatever they are."""
+    try:
+        return tuple(value)
+    except TypeError:
+        raise SettingError(argument, repr(value), "a sequence of numbers", unit) from None
 
 
 def count(argument: str, value: object, low: int, high: int) -> int:
@@ -185,7 +218,7 @@ def interval(argument: str, value: Any, unit: str = "") -> tuple[float, float]:
 
 def ascending(argument: str, value: Sequence[float], unit: str = "") -> tuple[float, ...]:
     """Finite numbers that start at 0 and ascend, as thresholds do."""
-    result = tuple(number(argument, entry, unit) for entry in value)
+    result = tuple(number(argument, entry, unit) for entry in several(argument, value, unit))
     if not result or result[0] != 0 or any(b <= a for a, b in itertools.pairwise(result)):
         raise SettingError(argument, value, "numbers that start at 0 and ascend", unit)
     return result

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -77,6 +78,15 @@ class Diagnostics:
     partial_slopes: FloatArray
     play_states: FloatArray
     trace_P: float  # noqa: N815 (the paper's symbol)
+
+
+@contextmanager
+def _as_setting(settings: ControllerSettings) -> Iterator[None]:
+    """What the kernel refuses, of settings that are within their bounds, is too much for its number type."""
+    try:
+        yield
+    except ValueError as error:
+        raise SettingError("precision", repr(settings.precision), f"wider for these settings: {error}") from None
 
 
 class AdaptiveController:
@@ -189,7 +199,8 @@ class AdaptiveController:
     def _start(self, settings: ControllerSettings) -> None:
         self.settings = settings
         kernel = _kernel.Kernel if settings.precision == "double" else _kernel32.Kernel
-        self._kernel = kernel(kernel_settings(settings))
+        with _as_setting(settings):
+            self._kernel = kernel(kernel_settings(settings))
         if type(self) is AdaptiveController:  # the kernel's own calls save a frame of Python, 35 ns, at each
             vars(self).update(command=self._kernel.command, adapt=self._kernel.adapt)
 
@@ -324,7 +335,8 @@ class AdaptiveController:
             if name not in CHANGEABLE:
                 raise SettingError(name, value, f"left out: while running one can change {', '.join(CHANGEABLE)}")
         changed = dataclasses.replace(self.settings, **settings)
-        self._kernel.change(kernel_settings(changed))
+        with _as_setting(changed):
+            self._kernel.change(kernel_settings(changed))
         self.settings = changed
 
     def state(self) -> dict[str, npt.NDArray[Any]]:

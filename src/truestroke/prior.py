@@ -53,7 +53,8 @@ def play_weights(r: Sequence[float], voltage_range: float, first: float) -> Floa
             np.append(r_all[2:], 2 * r_all[-1] - r_all[-2]) - r_all[:-1]
         ) / 2  # of the thresholds that each stands for
         density = widths * np.exp(-r_all[1:] / voltage_range / DECAY)
-        a[1:] = density / density.sum() * HYSTERESIS / FIRST_SLOPE * first
+        total = density.sum() or 1.0  # thresholds so far out that nothing is expected of them
+        a[1:] = density / total * HYSTERESIS / FIRST_SLOPE * first
     return a
 
 

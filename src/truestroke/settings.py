@@ -19,6 +19,9 @@ MAX_DEAD_ZONES = 8
 MAX_CREEPS = 8
 MAX_BENDS = 2
 RATED = (0, 3, 6, 9, 12)  # which of the plays have a rate weight: the gradient matters for the first few only
+STROKES = (1e-6, 1e9)  # um
+LARGEST = 1e15  # of a setting, in its unit
+STEEPEST = 1e30  # um/V: of a slope, whatever stroke and voltage limits are
 UNLIMITED = 1e9  # for a limit that is not there: finite, so that it can be written to any file
 
 
@@ -228,7 +231,8 @@ class ControllerSettings:
 
         Nothing else is in the model or in the way; `changes` replace any of them, for rivals of the same kind.
         """
-        low, high = _check.interval("voltage_limits", voltage_limits, "V")
+        low, high = _voltage_limits(voltage_limits)
+        stroke = _check.sized("stroke", stroke, "um", *STROKES)
         if low + high <= 0 and "thresholds" not in changes:
             raise SettingError("thresholds", None, "given where the middle of voltage_limits is not above 0 V", "V")
         plays = _check.count("plays", changes.get("plays", 8), 1, MAX_PLAYS)
@@ -247,7 +251,9 @@ class ControllerSettings:
             "slew_limit": UNLIMITED,
             "smoothing_time": 0.0,
         }
-        literal["rated"] = tuple(range(len(changes.get("thresholds", literal["thresholds"]))))
+        thresholds = changes.get("thresholds")
+        known = literal["thresholds"] if thresholds is None else _check.several("thresholds", thresholds, "V")
+        literal["rated"] = tuple(range(len(known)))
         return cls(sample_rate=sample_rate, stroke=stroke, voltage_limits=voltage_limits, **{**literal, **changes})
 
 
@@ -255,15 +261,20 @@ class ControllerSettings:
 
 
 def _basics(s: ControllerSettings) -> dict[str, object]:
-    if s.precision not in ("double", "single"):
-        raise SettingError("precision", repr(s.precision), "'double' or 'single'")
-    if s.law not in ("kalman", "rls"):
-        raise SettingError("law", repr(s.law), "'kalman' or 'rls'")
     return {
-        "sample_rate": _check.positive("sample_rate", s.sample_rate, "Hz"),
-        "stroke": _check.positive("stroke", s.stroke, "um"),
-        "voltage_limits": _check.interval("voltage_limits", s.voltage_limits, "V"),
+        "precision": _check.one_of("precision", s.precision, ("double", "single")),
+        "law": _check.one_of("law", s.law, ("kalman", "rls")),
+        "sample_rate": _check.sized("sample_rate", s.sample_rate, "Hz", 1e-6, 1e8),
+        "stroke": _check.sized("stroke", s.stroke, "um", *STROKES),
+        "voltage_limits": _voltage_limits(s.voltage_limits),
     }
+
+
+def _voltage_limits(value: object) -> tuple[float, float]:
+    low, high = _check.interval("voltage_limits", value, "V")
+    if high - low < 1e-9 or max(-low, high) > 1e9:
+        raise SettingError("voltage_limits", value, "within 1e9 V of 0 and at least 1e-9 V apart", "V")
+    return low, high
 
 
 def _model(s: ControllerSettings) -> dict[str, object]:
@@ -272,18 +283,19 @@ def _model(s: ControllerSettings) -> dict[str, object]:
         thresholds = prior.thresholds(_check.count("plays", s.plays, 1, MAX_PLAYS), high - low)
     else:
         thresholds = _check.ascending("thresholds", s.thresholds, "V")
+        _check.within("thresholds", thresholds[-1], 0.0, LARGEST, "V")
     plays = _check.count("the number of thresholds", len(thresholds), 1, MAX_PLAYS)
     rated = tuple(i for i in RATED if i < plays) if s.rated is None else s.rated
-    creep_times = tuple(_check.positive("creep_times", tau, "s") for tau in s.creep_times)
+    creep_times = tuple(_check.sized("creep_times", t, "s") for t in _check.several("creep_times", s.creep_times, "s"))
     _check.count("the number of creep_times", len(creep_times), 0, MAX_CREEPS)
     rate_scale = 1 / (50 * s.stroke) if s.rate_scale is None else s.rate_scale
     return {
         "plays": plays,
         "thresholds": thresholds,
-        "rated": tuple(sorted({_check.count("rated", i, 0, plays - 1) for i in rated})),
+        "rated": tuple(sorted({_check.count("rated", i, 0, plays - 1) for i in _check.several("rated", rated)})),
         "creep_times": creep_times,
-        "lag": bool(s.lag),
-        "offset": bool(s.offset),
+        "lag": _check.flag("lag", s.lag),
+        "offset": _check.flag("offset", s.offset),
         "bends": _check.count("bends", s.bends, 0, MAX_BENDS),
         "rate_scale": _check.within("rate_scale", rate_scale, 0.0, 1e6, "s/um"),
         **_dead_zones(s),
@@ -293,10 +305,12 @@ def _model(s: ControllerSettings) -> dict[str, object]:
 def _dead_zones(s: ControllerSettings) -> dict[str, object]:
     thresholds = _check.ascending("dead_zone_thresholds", s.dead_zone_thresholds, "um")
     _check.count("the number of dead_zone_thresholds", len(thresholds), 1, MAX_DEAD_ZONES)
-    weights = tuple(_check.number("dead_zone_weights", w) for w in s.dead_zone_weights)
+    _check.within("dead_zone_thresholds", thresholds[-1], 0.0, LARGEST, "um")
+    several = _check.several("dead_zone_weights", s.dead_zone_weights)
+    weights = tuple(_check.within("dead_zone_weights", w, -LARGEST, LARGEST) for w in several)
     if len(weights) != len(thresholds):
         raise SettingError("dead_zone_weights", weights, f"{len(thresholds)} numbers, one for each threshold")
-    if any(sum(weights[: i + 1]) <= 0 for i in range(len(weights))):
+    if any(sum(weights[: i + 1]) < 1 / LARGEST for i in range(len(weights))):
         raise SettingError("dead_zone_weights", weights, "numbers whose partial sums are all above 0")
     return {"dead_zone_thresholds": thresholds, "dead_zone_weights": weights}
 
@@ -310,13 +324,14 @@ def _play_weights(s: ControllerSettings, first: float) -> FloatArray:
 def _start(s: ControllerSettings) -> dict[str, object]:
     """w(0), and the covariance of the prior about it."""
     if s.initial_weights is not None:
-        weights = tuple(_check.number("initial_weights", w, "um/V") for w in s.initial_weights)
+        several = _check.several("initial_weights", s.initial_weights, "um/V")
+        weights = tuple(_check.within("initial_weights", w, -STEEPEST, STEEPEST, "um/V") for w in several)
         if len(weights) != s.parameters:
             raise SettingError("initial_weights", weights, f"{s.parameters} numbers [a0, b0, a1, b1, ...]", "um/V")
         first = _check.positive("initial_weights[0]", weights[0], "um/V")
     else:
         first = prior.FIRST_SLOPE * s.q if s.initial_sensitivity is None else s.initial_sensitivity
-        first = _check.positive("initial_sensitivity", first, "um/V")
+        first = _check.sized("initial_sensitivity", first, "um/V", 1 / STEEPEST, STEEPEST)
         a = _play_weights(s, first)
         plays = [w for i in range(s.plays) for w in ([float(a[i]), 0.0] if i in s.rated else [float(a[i])])]
         lag = [prior.LAG if s.law == "kalman" else 0.0] * s.lag
@@ -340,6 +355,9 @@ def _covariance(s: ControllerSettings, first: float) -> tuple[tuple[float, ...],
         )
     else:
         P0 = _check.finite_array("prior_covariance", s.prior_covariance, ndim=2)
+        largest = float(np.abs(P0).max(initial=0.0))
+        if largest > STEEPEST**2:
+            raise SettingError("prior_covariance", largest, f"of entries up to {STEEPEST**2:g}")
         if P0.shape != (s.parameters, s.parameters) or not np.allclose(P0, P0.T) or np.linalg.eigvalsh(P0).min() <= 0:
             bound = f"symmetric and positive definite, of shape ({s.parameters}, {s.parameters})"
             raise SettingError("prior_covariance", f"array of shape {P0.shape}", bound)
@@ -350,22 +368,22 @@ def _kalman(s: ControllerSettings) -> dict[str, object]:
     corner = min(300.0, 0.15 * s.sample_rate) if s.filter_frequency is None else s.filter_frequency
     error = 2e-4 * s.stroke if s.model_error is None else s.model_error
     return {
-        "memory": _check.positive("memory", s.memory, "s"),
+        "memory": _check.sized("memory", s.memory, "s"),
         "filter_frequency": _check.within("filter_frequency", corner, 1e-6 * s.sample_rate, 0.5 * s.sample_rate, "Hz"),
         "model_error": _check.within("model_error", error, 0.0, s.stroke, "um"),
-        "change_threshold": _check.positive("change_threshold", s.change_threshold),
+        "change_threshold": _check.sized("change_threshold", s.change_threshold),
         "change_refractory": _check.within("change_refractory", s.change_refractory, 0.0, 3600.0, "s"),
         "change_gain": _check.within("change_gain", s.change_gain, 0.0, 1.0),
         "change_hysteresis": _check.within("change_hysteresis", s.change_hysteresis, 0.0, 1.0),
         "change_share": _check.within("change_share", s.change_share, 0.0, 1.0),
-        "outlier": _check.positive("outlier", s.outlier),
+        "outlier": _check.sized("outlier", s.outlier),
         "outliers": _check.count("outliers", s.outliers, 0, 1_000_000),
     }
 
 
 def _rls(s: ControllerSettings) -> dict[str, object]:
-    regularization = _check.positive("regularization", s.regularization, "V^2")
-    limit = _check.positive("covariance_limit", s.covariance_limit, "1/V^2")
+    regularization = _check.sized("regularization", s.regularization, "V^2")
+    limit = _check.sized("covariance_limit", s.covariance_limit, "1/V^2", most=1e18)
     trace = s.parameters / regularization
     if limit < trace:
         raise SettingError("covariance_limit", limit, f"at least the trace of P(0), {trace:g} 1/V^2", "1/V^2")
@@ -377,15 +395,16 @@ def _safety(s: ControllerSettings) -> dict[str, object]:
     low, high = s.voltage_limits
     slopes = (0.4 * s.q, 4 * s.q) if s.slope_limits is None else s.slope_limits
     slopes = _check.interval("slope_limits", slopes, "um/V")
-    _check.positive("slope_limits[0]", slopes[0], "um/V")
+    _check.sized("slope_limits[0]", slopes[0], "um/V", 1 / STEEPEST, STEEPEST)
+    _check.within("slope_limits[1]", slopes[1], 0.0, STEEPEST, "um/V")
     slew = 120 * (high - low) if s.slew_limit is None else s.slew_limit
     measured = 10 * s.stroke if s.measurement_limit is None else s.measurement_limit
     velocity = 50 * s.stroke if s.velocity_limit is None else s.velocity_limit
     return {
         "slope_limits": slopes,
-        "velocity_limit": _check.positive("velocity_limit", velocity, "um/s"),
-        "slew_limit": _check.positive("slew_limit", slew, "V/s"),
-        "measurement_limit": _check.positive("measurement_limit", measured, "um"),
+        "velocity_limit": _check.sized("velocity_limit", velocity, "um/s"),
+        "slew_limit": _check.sized("slew_limit", slew, "V/s"),
+        "measurement_limit": _check.sized("measurement_limit", measured, "um"),
         "smoothing_time": _check.within("smoothing_time", s.smoothing_time, 0.0, 1.0, "s"),
         "trim_rate": _check.within("trim_rate", s.trim_rate, 0.0, s.sample_rate, "1/s"),
     }
@@ -421,7 +440,7 @@ def kernel_settings(s: ControllerSettings) -> dict[str, Any]:
         "prior_return": min(1.0, FORGET_EVERY / (s.memory * fs)),
         "change_threshold": s.change_threshold,
         "change_rate": min(1.0, CHANGE_RATE / fs),
-        "refractory": round(s.change_refractory * fs),
+        "refractory": min(round(s.change_refractory * fs), 2**31 - 1),
         "change_gain": s.change_gain,
         "change_hysteresis": s.change_hysteresis,
         "change_share": s.change_share,
