@@ -12,6 +12,7 @@ import pytest
 from truestroke import SettingError, zoo
 from truestroke.plant import EFFECTS, RealisticPlant
 from truestroke.recording import Channel, Recording
+from truestroke.zoo import page, pictures
 from truestroke.zoo.draw import HIGHEST, LOWEST, MOTIONS, SAMPLE_RATE, VOLTAGE_LIMITS
 from truestroke.zoo.table import numbers
 
@@ -169,6 +170,44 @@ def test_a_change_is_judged_where_it_says():
     true[12200:13000] -= 3.0
     found = zoo.figures(run, recording(run, true))
     assert (found.largest, found.rmse) == (pytest.approx(2.0), pytest.approx(0.0, abs=1e-12))
+    assert found.left_out == pytest.approx(1.0)
+    true[:1000] += 0.7
+    true[12000:12100] -= 1.0
+    assert zoo.figures(run, recording(run, true)).left_out == pytest.approx(0.7)
+
+
+def test_the_sentence_of_the_zoo_names_what_it_leaves_out():
+    base = {
+        "rmse": 0.0,
+        "maximum": 0.0,
+        "after_change": None,
+        "cold": 0.0,
+        "largest_at": 1.0,
+        "ringing": 0.0,
+        "changes": 0,
+    }
+    results = [
+        zoo.Result(k, "", {"adaptive": zoo.Figures(**base, largest=0.01, left_out=left)})
+        for k, left in enumerate((0.1, 2.35, 0.3))
+    ]
+    assert page.verdict(results, "adaptive") == (
+        "Default: 0 of 3 runs have an error above 0.25 um, the first 0.5 s and the 50 ms after a change left out. In "
+        "what is left out 2 have one, up to 2.35 um."
+    )
+    assert page.worst_runs(results)[1][0][5] == "0.100"
+
+
+def test_what_is_off_the_scale_is_marked():
+    run = next(run for number in range(40) if (run := zoo.draw(0, number)).settings.change and not run.prelude)
+    true = run.trajectory.position.copy()
+    true[run.change_tick + 20] -= 2.35
+    true[4000] += 0.05
+    loaded = recording(run, true)
+    result = zoo.Result(run.number, "", {"adaptive": zoo.figures(run, loaded)})
+    texts = [text.get_text() for axes in pictures.trace(result, loaded, 0).axes for text in axes.texts]
+    assert "off scale: -2.35 µm" in texts
+    true[run.change_tick + 20] += 2.35
+    assert not any(axes.texts for axes in pictures.trace(result, recording(run, true), 0).axes)
 
 
 def test_ringing_is_what_a_jump_leaves():
@@ -186,7 +225,15 @@ def test_ringing_is_what_a_jump_leaves():
 
 def test_lines_are_quantiles_of_the_runs():
     base = zoo.Figures(
-        rmse=0.0, maximum=1.0, after_change=None, cold=1.0, largest=0.2, largest_at=1.0, ringing=0.0, changes=0
+        rmse=0.0,
+        maximum=1.0,
+        after_change=None,
+        cold=1.0,
+        largest=0.2,
+        largest_at=1.0,
+        ringing=0.0,
+        changes=0,
+        left_out=2.0,
     )
     results = [
         zoo.Result(
@@ -203,7 +250,13 @@ def test_lines_are_quantiles_of_the_runs():
     assert (line.figure, line.controller, line.runs) == ("rmse", "adaptive", 21)
     assert (line.median, line.p95, line.worst) == (11.0, 20.0, 21.0)
     assert line.ratio == pytest.approx((1.1, 2.0, 2.1))
-    assert {line.figure for line in zoo.lines(results)} == {"rmse", "maximum", "cold", "largest"}  # none has a change
+    assert {line.figure for line in zoo.lines(results)} == {
+        "rmse",
+        "maximum",
+        "cold",
+        "largest",
+        "left_out",
+    }  # none has a change
     assert zoo.beyond(results) == (19, 19)  # all but 0.1 and 0.2 um
 
 
@@ -243,7 +296,14 @@ def test_the_table_and_the_page(tmp_path):
     arguments = ("--plants", "2", "--half", "unseen", "--seed", "5", "--controllers", "adaptive")
     done = command(*arguments, "--output", "zoo", folder=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
-    for words in ("median", "worst", "largest error anywhere, default", "of 1 runs", "--seed 5 --only 1"):
+    for words in (
+        "median",
+        "worst",
+        "largest error that counts, default",
+        "left out, default",
+        "of 1 runs",
+        "--seed 5 --only 1",
+    ):
         assert words in done.stdout
     page = (tmp_path / "zoo.html").read_text()
     assert page.count("<svg") == 3

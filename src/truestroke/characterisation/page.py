@@ -7,11 +7,13 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from truestroke import words
+from truestroke import judgement, words
 from truestroke.characterisation.lines import MIN_PASSES, RATE_SCALE, TOLERANCE, Characterisation
 from truestroke.characterisation.pictures import pictures
+from truestroke.recording import Recording
 from truestroke.report import style
 from truestroke.report.page import render, save_all, svg
+from truestroke.verdict import Verdict
 
 CAPTIONS = {
     "weights": (
@@ -57,11 +59,22 @@ def speed_table(found: Characterisation) -> tuple[list[str], list[list[str]]]:
     return ["speed", "passes up", "down", "rms error um, up", "down", "followed"], rows
 
 
+def judged(found: Characterisation) -> Verdict:
+    """Whether the run is to be used: its verdict, and what of it could not be; one that was cut short is no worse."""
+    about = found.recording.metadata
+    of_run = judgement.judge(Recording(found.recording.channels, {**about, "interrupted": None, "ended": None}))
+    reasons = []
+    if left_out := [f"{v:g}" for v in found.velocities[~found.converged] if v > 0]:
+        reasons.append(f"Not followed, and left out: {', '.join(left_out)} um/s.")
+    if about.get("interrupted"):
+        reasons.append("The run was interrupted: only what was complete is in the lines.")
+    level = "doubtful" if reasons and of_run.level == "good" else of_run.level
+    return Verdict(level, (*of_run.reasons, *reasons))
+
+
 def verdict(found: Characterisation) -> list[str]:
     """What the lines mean, in sentences."""
     speed, branches, sentences = found.velocities[found.converged].max(), found.branches, []
-    if left_out := [f"{v:g}" for v in found.velocities[~found.converged] if v > 0]:
-        sentences.append(f"Not followed, and left out: {', '.join(left_out)} um/s.")
     if branches.rated.any():
         change = RATE_SCALE * speed * np.abs(branches.b[branches.rated]).max() / found.a.sum()
         sentences.append(
@@ -69,7 +82,7 @@ def verdict(found: Characterisation) -> list[str]:
             f"the sensitivity, {found.a.sum():.2f} um/V."
         )
     else:
-        sentences.append(f"No rate dependence of the weights is seen up to {speed:g} um/s.")
+        sentences.append(_rateless(found, speed))
     if branches.parted.any():
         jump = np.abs(branches.jump[branches.parted]).max()
         sentences.append(
@@ -83,6 +96,21 @@ def verdict(found: Characterisation) -> list[str]:
     return sentences
 
 
+def _rateless(found: Characterisation, speed: float) -> str:
+    """That no weight changes with speed, and what the lines lean by that do lean."""
+    leans = np.abs(found.b) > found.quantile() * found.b_deviations
+    if not leans.any():
+        return f"No rate dependence of the weights is seen up to {speed:g} um/s: no b differs from 0 by its interval."
+    i, branches = int(np.argmax(np.where(leans, np.abs(found.b), 0.0))), found.branches
+    within = f"{branches.b[i]:.3f} ± {branches.quantile * branches.b_deviations[i]:.3f} um/V"
+    through = f"{found.b[i]:.3f} ± {found.quantile() * found.b_deviations[i]:.3f}"
+    rest = "is the step between them" if branches.parted[i] else "may be a step between them: more speeds would tell"
+    return (
+        f"Within a direction no weight is seen to change with speed up to {speed:g} um/s: b of w{i} is {within} there. "
+        f"That of the line through both directions, {through}, {rest}."
+    )
+
+
 def _names(which: npt.NDArray[np.bool_]) -> str:
     return "all weights" if which.all() else ", ".join(f"w{i}" for i in np.flatnonzero(which))
 
@@ -94,11 +122,13 @@ def save_pictures(found: Characterisation, directory: str | Path) -> list[Path]:
 
 def save_page(found: Characterisation, path: str | Path, command: str | None = None) -> Path:
     """Write the page to `path`; nothing outside the file is needed to read it. `command` is what repeats it."""
-    path, drawn = Path(path), pictures(found, style.PAGE)
+    path, drawn, result = Path(path), pictures(found, style.PAGE), judged(found)
     tables = [(*play_table(found), NOTE), (*speed_table(found), SPEED_NOTE)]
     page = render(
         "zoo",
-        title="Weights against velocity",
+        title=f"{'NOT FOLLOWED: weights' if result.is_bad else 'Weights'} against velocity",
+        verdict=result.level,
+        reasons=[reason.replace(" um", " µm") for reason in result.reasons],
         lead=" ".join(verdict(found)).replace(" um", " µm"),
         tables=[
             {

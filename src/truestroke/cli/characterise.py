@@ -10,12 +10,14 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from truestroke.cli import common
+from truestroke.exit_codes import ExitCode
 
 if TYPE_CHECKING:
     from truestroke.characterisation import Characterisation
     from truestroke.loop import Actuator
     from truestroke.recording import Recording
     from truestroke.trajectories import Trajectory
+    from truestroke.verdict import Verdict
 
 
 @click.command()
@@ -41,7 +43,7 @@ if TYPE_CHECKING:
               "NAME.html.")  # fmt: skip
 @common.pictures_option
 @common.json_option
-def characterise(record: Path | None, output: str, figures: Path | None, as_json: bool, **options: Any) -> None:
+def characterise(record: Path | None, output: str, figures: Path | None, as_json: bool, **options: Any) -> int:
     """Measure how the weights of an actuator depend on velocity.
 
     Triangles at several speeds (Sec. 2.4), and for each play a line of its weight against velocity (Fig. 4). Writes a
@@ -60,15 +62,19 @@ def characterise(record: Path | None, output: str, figures: Path | None, as_json
     with common.progress("drawing"):
         from truestroke.characterisation import page
 
+        verdict = page.judged(found)
         page.save_page(found, page_file, common.as_asked()["command"])
         drawn = page.save_pictures(found, figures) if figures else []
+    code = ExitCode.NOT_TRACKING if verdict.is_bad else ExitCode.OK
     if as_json:
         files = {"model": str(model_file), "recording": str(record or recording_file), "page": str(page_file)}
-        common.print_json({**found.as_dict(), **files, "pictures": [str(path) for path in drawn]})
-        return
-    _print(found)
+        pictures = {"pictures": [str(path) for path in drawn]}
+        common.print_json({**verdict.as_dict(), **found.as_dict(), **files, **pictures})
+        return code
+    _print(found, verdict)
     common.print_files(model=model_file, recording=record or recording_file, page=page_file, pictures=figures)
     common.suggest((f"identify {record or recording_file}", "creep and asymmetry, too, from the same recording"))
+    return code
 
 
 def _load(record: Path) -> Recording:
@@ -137,11 +143,12 @@ def _hardware(file: Path) -> Iterator[tuple[Actuator, dict[str, Any]]]:
         yield axis, {"voltage_limits": job.limits["voltage_limits"], "slew_limit": job.limits["slew"]}
 
 
-def _print(found: Characterisation) -> None:
+def _print(found: Characterisation, verdict: Verdict) -> None:
     from truestroke.characterisation import page
 
     common.print_table(*page.play_table(found))
     common.print_table(*page.speed_table(found))
+    common.print_verdict(verdict)
     for sentence in page.verdict(found):
         common.print_text(f"- {sentence}")
     click.echo()

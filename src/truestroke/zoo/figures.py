@@ -38,6 +38,8 @@ class Figures:
         Largest error anywhere, but for the first 0.5 s and for 50 ms after a change.
     largest_at : float
         When, s.
+    left_out : float
+        Largest error in what `largest` leaves out: the first 0.5 s, and the 50 ms after a change.
     ringing : float
         What of `largest` no controller can take away: the change makes the displacement jump by J, and the resonance
         rings with it; abs(J) exp(-zeta w 50 ms) is left when the errors count again. Without a change 0.
@@ -51,6 +53,7 @@ class Figures:
     cold: float
     largest: float
     largest_at: float
+    left_out: float
     ringing: float
     changes: int
 
@@ -64,7 +67,8 @@ def figures(run: Run, recording: Recording) -> Figures:
     middle = (round(run.begin * SAMPLE_RATE) + time.size) // 2
     half = (ticks >= middle) & ~((since >= 0) & (since < settled))
     after, cold = (since >= settled) & (since < long_after), (time >= 0.75) & (time < 1.0)
-    counted = np.where((time >= START) & ~((since >= 0) & (since < shock)), error, 0.0)
+    counts = (time >= START) & ~((since >= 0) & (since < shock))
+    counted = np.where(counts, error, 0.0)
     worst = int(np.argmax(counted))
     return Figures(
         rmse=rmse(desired[half], true[half]),
@@ -73,6 +77,7 @@ def figures(run: Run, recording: Recording) -> Figures:
         cold=rmse(desired[cold], true[cold]),
         largest=float(counted[worst]),
         largest_at=float(time[worst]),
+        left_out=float(error[~counts].max(initial=0.0)),
         ringing=_ringing(run, recording["volts"]),
         changes=int(np.count_nonzero(recording["flags"] & BIT["changed"])),
     )

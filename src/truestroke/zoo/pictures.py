@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullFormatter
 
+from truestroke._typing import FloatArray
 from truestroke.recording import Recording
 from truestroke.report import style
 from truestroke.report.style import LIGHT, Theme
@@ -68,7 +69,7 @@ def largest(results: Sequence[Result], theme: Theme = LIGHT) -> Figure:
         panel.axhline(1e3 * LIMIT, color=theme["alarm"], lw=1.2, ls="--", label=f"{LIMIT:g} µm")
         for axis in "xy":
             _logarithmic(panel, axis)
-        panel.set(xlabel="true rmse, second half (nm)", ylabel="largest error anywhere (nm)")
+        panel.set(xlabel="true rmse, second half (nm)", ylabel="largest error that counts (nm)")
         style.title(panel, "Each run of the zoo")
         style.legend_above(panel, 3)
     return figure
@@ -89,9 +90,10 @@ def trace(result: Result, recording: Recording, seed: int, theme: Theme = LIGHT)
             below.set_xlabel("time (s)")
             if run.settings.change and time[part][0] < run.settings.change.time < time[part][-1]:
                 below.axvline(run.settings.change.time, color=theme["before"], lw=1.0, ls="--", label="change")
-                below.legend(loc="upper right")
+                below.legend(loc="lower right")
         limit = 1.3e3 * found.largest
-        for panel in panels[2:]:
+        for panel, part in zip(panels[2:], (time >= START, near), strict=True):
+            _mark_off_scale(panel, time[part], error[part], limit, theme)
             panel.axhline(0, color=theme["muted"], lw=0.7, zorder=1.5)
             panel.set_ylim(-limit, limit)
         panels[0].set_ylabel("desired (µm)")
@@ -99,6 +101,27 @@ def trace(result: Result, recording: Recording, seed: int, theme: Theme = LIGHT)
         style.title(panels[0], f"Run {result.number}, the worst: {run.motion}")
         style.title(panels[1], "Around its largest error")
     return figure
+
+
+def _mark_off_scale(panel: Axes, time: FloatArray, error: FloatArray, limit: float, theme: Theme) -> None:
+    """A triangle at the edge where the error leaves the panel, and how far it goes, um."""
+    beyond = np.abs(error) > limit
+    if not beyond.any():
+        return
+    peak = int(np.argmax(np.abs(error)))
+    side = 1 if error[peak] > 0 else -1
+    panel.plot(time[peak], side * 0.95 * limit, "^" if side > 0 else "v", color=theme["wrong"], ms=6, zorder=4)
+    panel.annotate(
+        f"off scale: {1e-3 * error[peak]:.2f} µm",
+        (time[peak], side * 0.95 * limit),
+        xytext=(-7 if time[peak] > (time[0] + time[-1]) / 2 else 7, 0),
+        textcoords="offset points",
+        ha="right" if time[peak] > (time[0] + time[-1]) / 2 else "left",
+        va="top" if side > 0 else "bottom",
+        color=theme["wrong"],
+        fontsize=8,
+        bbox={"facecolor": theme["background"], "edgecolor": "none", "pad": 1.0, "alpha": 0.85},
+    )
 
 
 def pictures(results: Sequence[Result], recording: Recording, seed: int, theme: Theme = LIGHT) -> dict[str, Figure]:
