@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -31,8 +31,9 @@ NAMES: Mapping[str, str] = {
 """The words of Python for what can be changed; other places give their own."""
 
 
-class Motion(Protocol):
-    """What is looked at of a motion; a `Trajectory` is one."""
+@runtime_checkable
+class Sampled(Protocol):
+    """What is looked at of a motion that is known; a `Trajectory` is one."""
 
     @property
     def sample_rate(self) -> float:
@@ -49,6 +50,22 @@ class Motion(Protocol):
 
 class LimitWarning(UserWarning):
     """A limit of the controller will probably hold the motion back; `truestroke.run` gives it before it begins."""
+
+
+class Pursued(Protocol):
+    """What is known of a motion that somebody will ask for; a `SetPoint` of `truestroke.realtime` is one."""
+
+    @property
+    def reach(self) -> tuple[float, float]:
+        """Lowest and highest target, um."""
+
+    @property
+    def speed(self) -> float:
+        """Highest velocity, um/s."""
+
+    @property
+    def ramp(self) -> float:
+        """From rest to full speed, s."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,12 +115,19 @@ def gains(settings: ControllerSettings) -> tuple[float, float]:
     return long_way, first
 
 
-def demands(trajectory: Motion, settings: ControllerSettings) -> Demands:
+def reach(trajectory: Sampled | Pursued) -> tuple[float, float]:
+    """Lowest and highest position of a motion, um; its start from 0 um counts."""
+    if isinstance(trajectory, Sampled):
+        return min(0.0, float(trajectory.position.min())), max(0.0, float(trajectory.position.max()))
+    return trajectory.reach
+
+
+def demands(trajectory: Sampled | Pursued, settings: ControllerSettings) -> Demands:
     """What a trajectory needs of an actuator such as the settings believe in; 0 um is at 0 V.
 
     Parameters
     ----------
-    trajectory : Trajectory
+    trajectory : Trajectory or SetPoint
         Desired motion.
     settings : ControllerSettings
         Of the controller that is to follow it.
@@ -122,10 +146,18 @@ def demands(trajectory: Motion, settings: ControllerSettings) -> Demands:
     >>> print(f"{needs.slew:.0f} V/s, the limit is {s.slew_limit:.0f} V/s")
     765 V/s, the limit is 504 V/s
     """
+    if not isinstance(trajectory, Sampled):
+        return of_bounds(
+            reach=reach(trajectory),
+            speed=trajectory.speed,
+            usual_speed=trajectory.speed,
+            acceleration=4 * trajectory.speed / trajectory.ramp,
+            settings=settings,
+        )
     speeds = np.abs(trajectory.velocity)
     changes = np.abs(np.diff(trajectory.velocity)) * trajectory.sample_rate
     return of_bounds(
-        reach=(min(0.0, float(trajectory.position.min())), max(0.0, float(trajectory.position.max()))),
+        reach=reach(trajectory),
         speed=float(speeds.max()),
         usual_speed=float(np.percentile(speeds, USUAL)),
         acceleration=float(changes.max(initial=0.0)),
@@ -159,6 +191,7 @@ def check(
     settings: ControllerSettings,
     *,
     slew: float | None = None,
+    voltage_limits: tuple[float, float] | None = None,
     names: Mapping[str, str] = NAMES,
 ) -> None:
     """Refuse a motion that the actuator cannot make, even if it moves twice as far a volt as believed.
@@ -168,9 +201,11 @@ def check(
     needs : Demands
         Of the motion.
     settings : ControllerSettings
-        Stroke and voltage limits; the slew limit, too, if `slew` does not say another.
+        Stroke and limits.
     slew : float, optional
-        Fastest change of the voltage, V/s.
+        Fastest change of the voltage where it is not that of the settings, V/s.
+    voltage_limits : tuple[float, float], optional
+        Lowest and highest voltage where they are not those of the settings, V.
     names : Mapping[str, str]
         How motion, stroke, voltage_limits and slew are called where the reader can change them.
 
@@ -192,12 +227,12 @@ def check(
 5027 um/s and 2.53e+05 um/s^2: about 612 V/s); make it smaller, or change stroke
     """
     limit = settings.slew_limit if slew is None else slew
-    low, high = settings.voltage_limits
-    reach, motion = needs.reach, names["motion"]
-    if reach[1] - reach[0] > SPARE * settings.stroke:
+    low, high = settings.voltage_limits if voltage_limits is None else voltage_limits
+    ends, motion = needs.reach, names["motion"]
+    if ends[1] - ends[0] > SPARE * settings.stroke:
         raise SettingError(
             motion,
-            f"{reach[0]:g} to {reach[1]:.6g}",
+            f"{ends[0]:g} to {ends[1]:.6g}",
             f"within the stroke, {settings.stroke:g} um (it moves at up to {needs.speed:.4g} um/s and "
             f"{needs.acceleration:.3g} um/s^2: about {needs.slew:.3g} V/s); make it smaller, "
             f"or change {names['stroke']}",
@@ -206,7 +241,7 @@ def check(
     if needs.volts[0] / DOUBT < min(low, 0.0) or needs.volts[1] / DOUBT > max(high, 0.0):
         raise SettingError(
             motion,
-            f"{reach[0]:g} to {reach[1]:.6g}",
+            f"{ends[0]:g} to {ends[1]:.6g}",
             f"within reach: about {needs.volts[0]:.3g} to {needs.volts[1]:.3g} V are needed at "
             f"{gains(settings)[0]:.3g} um/V, {names['voltage_limits']} are {low:g} to {high:g} V",
             "um",
@@ -226,6 +261,7 @@ def notices(
     settings: ControllerSettings,
     *,
     slew: float | None = None,
+    voltage_limits: tuple[float, float] | None = None,
     names: Mapping[str, str] = NAMES,
 ) -> tuple[str, ...]:
     """Tell, before the run, which limit will probably hold the motion back, and what it needs; () if none will.
@@ -241,7 +277,7 @@ def notices(
     ('slew_limit = 504 V/s will hold the motion back: it needs about 765 V/s (6283 um/s at 8.21 um/V)',)
     """
     limit = settings.slew_limit if slew is None else slew
-    low, high = settings.voltage_limits
+    low, high = settings.voltage_limits if voltage_limits is None else voltage_limits
     told = []
     if needs.volts[0] < min(low, 0.0) or needs.volts[1] > max(high, 0.0):
         told.append(
@@ -257,7 +293,7 @@ def notices(
     return tuple(told)
 
 
-def remedied(trajectory: Motion, controller: object) -> tuple[str, ...]:
+def remedied(trajectory: Sampled, controller: object) -> tuple[str, ...]:
     """The notices for this controller, each with the remedy; () of one that has no `ControllerSettings`."""
     settings = getattr(controller, "settings", None)
     if not isinstance(settings, ControllerSettings) or not trajectory.position.size:

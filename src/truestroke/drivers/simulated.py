@@ -46,7 +46,7 @@ class Fault:
         they are far beyond any stroke; "frozen": the last sample repeats; "hang": exchange never returns; "slip":
         exchange takes three periods longer; "abort": the process dies; "open", "start", "stop": that call raises.
     at : int
-        First exchange that it concerns, counted from 0.
+        First exchange that it concerns, counted from 0, and from 0 again after the axis check of `truestroke run`.
     count : int
         How many exchanges it lasts.
     """
@@ -188,6 +188,13 @@ class SimulatedDriver:
         self._exchanges = 0
         return s.timing()
 
+    def rewind(self) -> None:
+        """The stacks as `open` left them, with the same noise before them; the output stays where it is."""
+        for plant in self._plants:
+            plant.open()
+        self._late[:] = np.nan
+        self._exchanges = 0
+
     def start(self, volts: FloatArray) -> None:
         """`volts` at the outputs."""
         self._fail("start")
@@ -251,7 +258,13 @@ class SimulatedDriver:
 
     def describe(self) -> dict[str, object]:
         """The settings, as plain data."""
-        return {"kind": "simulated", **dataclasses.asdict(self.settings)}
+        return {"kind": "simulated", **dataclasses.asdict(self.settings), **self._range()}
+
+    def _range(self) -> dict[str, object]:
+        """That of the D/A converters, where they are simulated and have one."""
+        settings = getattr(self._plants[0], "settings", None)
+        limits = getattr(settings, "da_limits", None)
+        return {} if limits is None else {"output_range": limits}
 
 
 def set_register(path: str, volts: FloatArray) -> None:

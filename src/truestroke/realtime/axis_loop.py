@@ -12,8 +12,9 @@ from truestroke.flags import BIT, BY_ADAPT
 from truestroke.loop import SLOW_CHANNELS, SLOW_PERIOD
 from truestroke.realtime.ending import Cause, Stop
 from truestroke.realtime.motion import motion, numbers
-from truestroke.realtime.settings import Axis
+from truestroke.realtime.settings import Axis, RealtimeSettings
 from truestroke.realtime.shared import FIELDS, Shared
+from truestroke.realtime.supervision import Supervision
 from truestroke.timing import Timing
 
 MOVED = (
@@ -28,10 +29,12 @@ class AxisLoop:
     ----------
     lost : int
         Samples that did not come.
+    zero : float
+        What is subtracted from measurements, um.
     """
 
-    def __init__(self, axis: Axis, shared: Shared, channel: int, timing: Timing, sensor_timeout: float) -> None:
-        self.axis, self.lost = axis, 0
+    def __init__(self, axis: Axis, shared: Shared, channel: int, timing: Timing, settings: RealtimeSettings) -> None:
+        self.axis, self.lost, self.zero = axis, 0, 0.0
         controller: Any = axis.controller
         self._controller, self._command, self._adapt = controller, controller.command, controller.adapt
         self._flagged, self._innovative = hasattr(controller, "flag_bits"), hasattr(controller, "innovation")
@@ -49,10 +52,13 @@ class AxisLoop:
         ) = (numbers(shared.ring[channel, FIELDS.index(name)]) for name in FIELDS)
         self._latency = timing.latency
         self._stride = stride(timing)
-        self._patience = max(2, round(sensor_timeout * timing.sample_rate))
+        self._patience = max(2, round(settings.sensor_timeout * timing.sample_rate))
         self._moved = MOVED * (axis.voltage_limits[1] - axis.voltage_limits[0])
         self._unusable = self._same = 0
         self._last, self._volts_then = math.nan, 0.0
+        self._supervision = Supervision(axis, settings, timing.sample_rate)
+        self._error_limit, self._next_look = self._supervision.limit, self._supervision.window
+        self._ring = shared.ring[channel]
 
     def first(self) -> float:
         """The voltage of the first tick, as far as it can be known without taking it."""
@@ -81,8 +87,10 @@ class AxisLoop:
             self._volts[k % self._size], self._lateness[k % self._size] = volts[i], late
 
     def learn(self, start: int, stop: int, measured: FloatArray, truth: FloatArray | None) -> None:
-        """Adapt to what came back in ticks `start` to `stop`; raise `Stop` where the sensor is dead."""
-        latency = self._latency
+        """Adapt to what came back in ticks `start` to `stop`; raise `Stop` where the sensor is dead, the axis lost."""
+        latency, supervision = self._latency, self._supervision
+        if self.zero:
+            measured, truth = measured - self.zero, None if truth is None else truth - self.zero
         for i, z in enumerate(measured[: stop - start].tolist()):
             k = start + i
             if k >= latency:  # what comes back before answers no command
@@ -96,6 +104,11 @@ class AxisLoop:
                 if self._innovative and not bits & BIT["rejected"]:
                     self._innovation[row] = self._controller.innovation
                 self._look_at_sensor(z, bits, self._volts[row])
+                desired = self._desired[row]
+                if abs(z - desired) > self._error_limit:
+                    supervision.astray(desired, z, self._volts[row])
+                elif not supervision.idle:
+                    supervision.on_track()
             if k % self._stride == 0:
                 self._snapshot(k // self._stride)
 
@@ -113,6 +126,15 @@ class AxisLoop:
                 Cause.SENSOR,
                 f"axis {self.axis.name}: the sensor shows {z:g} um for {self._same} ticks while the voltage moves",
             )
+
+    def look_back(self, stop: int) -> None:
+        """Raise `Stop` where the sensor has not followed the voltage for a while; now and then, after tick `stop`."""
+        end, window = stop - self._latency, self._supervision.window
+        if end < self._next_look or window > self._size // 2:
+            return
+        self._next_look = end + max(1, window // 4)
+        rows = np.arange(end - window, end) % self._size
+        self._supervision.look_back(*(self._ring[FIELDS.index(n)][rows] for n in ("desired", "measured", "volts")))
 
     def _snapshot(self, entry: int) -> None:
         row, start = self._slow[entry % len(self._slow)], 0

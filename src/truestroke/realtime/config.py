@@ -34,6 +34,7 @@ TABLES = ("driver", "axis", "realtime", "recording", "epics")
 AXIS = (
     *("name", "stroke", "voltage_limits", "safe_voltage", "slew"),
     *("controller", "model", "settings", "trajectory"),
+    *("zero", "error_limit"),
 )
 
 
@@ -204,7 +205,8 @@ def _axis(table: Mapping[str, Any], place: str, folder: Path, rate: float) -> Ax
         with _check.inside("trajectory."):
             motion = _trajectory(given, folder, rate)
         controller = _controller(table, limits, motion.sample_rate, folder)
-        return Axis(trajectory=motion, controller=controller, name=name, **limits)
+        watched = {key: table[key] for key in ("zero", "error_limit") if key in table}
+        return Axis(trajectory=motion, controller=controller, name=name, **limits, **watched)
 
 
 def _trajectory(given: Mapping[str, Any], folder: Path, rate: float) -> Trajectory | SetPoint:

@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import signal
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from truestroke.exit_codes import ExitCode
+
+if TYPE_CHECKING:
+    from truestroke.realtime.axis_check import Found
 
 
 class Cause(Enum):
@@ -71,6 +76,8 @@ class Outcome:
         Voltages that only the guard kept within limits and slew.
     lost : int
         Samples that the hardware did not deliver.
+    found : Mapping[str, Found]
+        What the axis check saw, by the name of the axis: zero, noise, gain.
     """
 
     cause: Cause
@@ -84,3 +91,4 @@ class Outcome:
     histogram: tuple[int, ...]
     limited: int
     lost: int
+    found: Mapping[str, Found]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Sequence
+from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,8 @@ from truestroke._typing import FloatArray
 from truestroke.drivers.clock import EDGES_US, Clock
 from truestroke.drivers.guard import Guard, padded
 from truestroke.drivers.protocol import Driver, DriverError
+from truestroke.realtime import axis_check
+from truestroke.realtime.axis_check import Found
 from truestroke.realtime.axis_loop import AxisLoop, stride
 from truestroke.realtime.ending import AS_ASKED, SIGNALS, Cause, Outcome, Stop
 from truestroke.realtime.helpers import Helpers
@@ -41,9 +44,7 @@ class Live:
     ) -> None:
         self._driver, self._timing, self._settings, self._shared = driver, timing, settings, shared
         self._helpers, self._asked, self._count = helpers, asked, shared.count
-        self._axes = [
-            AxisLoop(axis, shared, channel, timing, settings.sensor_timeout) for channel, axis in enumerate(axes)
-        ]
+        self._axes = [AxisLoop(axis, shared, channel, timing, settings) for channel, axis in enumerate(axes)]
         self._safe = np.array([axis.safe_voltage for axis in axes])
         limits, slew = [axis.voltage_limits for axis in axes], [axis.slew for axis in axes]
         self._guard = Guard(timing.sample_rate, limits, slew, self._safe.tolist())
@@ -53,6 +54,7 @@ class Live:
         self._volts = np.zeros((len(axes), timing.block))
         self._measured = np.full((len(axes), timing.block), np.nan)
         self._ticks, self._done, self._began = len(axes[0].trajectory), 0, time.monotonic()
+        self._found = [Found() for _ in axes]
         self._glance, self._next_glance = max(1, round(GLANCE * timing.sample_rate)), 0
 
     def run(self) -> tuple[Cause, str]:
@@ -77,6 +79,7 @@ class Live:
         try:
             self._heed_signals()
             self._driver.start(self._safe)
+            self._examine()
             self._ramp([axis.first() for axis in self._axes])
             self._began = time.monotonic()
             self._follow()
@@ -87,6 +90,15 @@ class Live:
         except BaseException as error:  # a driver that exits, too, does not leave the output where it is
             return Cause.ERROR, f"{type(error).__name__}: {error}"
         return Cause.FINISHED, ""
+
+    def _examine(self) -> None:
+        """The axis check; a simulated stack is then again as it was before."""
+        axes = [axis.axis for axis in self._axes]
+        self._found = axis_check.examine(axes, self._timing, self._play, self._settings.axis_check)
+        for axis, found in zip(self._axes, self._found, strict=True):
+            axis.zero = found.zero
+        if rewind := getattr(self._driver, "rewind", None):
+            rewind()
 
     def _follow(self) -> None:
         """The ticks. Between two of them: learn from the last measurement, compute the next command, wait."""
@@ -121,6 +133,8 @@ class Live:
             raise Stop(Cause.OVERRUN, f"{self._clock.streak} blocks in a row were more than a period late")
         if stop >= self._next_glance:
             self._next_glance = stop + self._glance
+            for axis in self._axes:
+                axis.look_back(stop)
             self._count[Slot.OVERRUNS] = self._clock.overruns
             if trouble := self._helpers.trouble():
                 raise Stop(*trouble)
@@ -140,16 +154,27 @@ class Live:
 
     def _ramp(self, target: Sequence[float], expected: int = 0) -> None:
         """Bring the output near `target`, within slew; a signal beyond those `expected` cuts it short."""
-        ramp, block = self._guard.ramp(target), self._timing.block
+        self._apply(self._guard.ramp(target), expected)
+
+    def _play(self, volts: FloatArray) -> FloatArray:
+        """Apply `volts`, shape (channels, ticks), hold the last one, and return what answers them, um, same shape."""
+        latency = self._timing.latency
+        return self._apply(padded(volts, volts.shape[1] + latency))[:, latency : latency + volts.shape[1]]
+
+    def _apply(self, moves: FloatArray, expected: int = 0) -> FloatArray:
+        """Apply voltages, shape (channels, ticks), and return what came back meanwhile, um."""
+        block, came = self._timing.block, [np.empty((len(self._axes), 0))]
         clock = Clock(*self._pace)
         clock.start()
-        for start in range(0, ramp.shape[1], block):
+        for start in range(0, moves.shape[1], block):
             self._heed_signals(expected)
-            volts = padded(ramp[:, start : start + block], block)
+            volts = padded(moves[:, start : start + block], block)
             self._guard(volts)
             clock.wait()
             self._driver.exchange(volts, self._measured)
+            came.append(self._measured.copy())
             self._beat()
+        return np.concatenate(came, axis=1)
 
     def _stop(self, softly: bool) -> str:
         """Output to the safe voltages, by whatever still works; what did not, in words."""
@@ -188,7 +213,8 @@ class Live:
             "limited_by_the_guard": self._guard.limited,
         }
         interrupted = None if cause is Cause.FINISHED else reason[:LONGEST]
-        return {"interrupted": interrupted, "ended": ended, "lateness": punctuality}
+        seen = {axis.axis.name: _plain(found) for axis, found in zip(self._axes, self._found, strict=True)}
+        return {"interrupted": interrupted, "ended": ended, "lateness": punctuality, "axis_check": seen}
 
     def outcome(self, cause: Cause, reason: str, files: tuple[Path, ...]) -> Outcome:
         """For the caller."""
@@ -204,4 +230,10 @@ class Live:
             histogram=tuple(self._shared.histogram),
             limited=self._guard.limited,
             lost=sum(axis.lost for axis in self._axes),
+            found={axis.axis.name: found for axis, found in zip(self._axes, self._found, strict=True)},
         )
+
+
+def _plain(found: Found) -> dict[str, float | None]:
+    """For JSON, which has no NaN."""
+    return {name: value if value == value else None for name, value in asdict(found).items()}

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import shutil
 import time
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal
 
-from truestroke import _check, loop
+from truestroke import _check, feasibility, loop
 from truestroke._check import SettingError
 from truestroke.drivers.protocol import Driver
 from truestroke.files import Growing, beside, check_growing, grow
@@ -24,6 +25,7 @@ from truestroke.realtime.recorder import Plan
 from truestroke.realtime.settings import Axis, RealtimeSettings
 from truestroke.realtime.shared import Layout, Shared, Slot
 from truestroke.recording import Recording, ticks
+from truestroke.settings import ControllerSettings
 from truestroke.timing import Timing
 
 BUFFER = 8.0  # s that the recorder may fall behind before the run ends
@@ -72,6 +74,11 @@ def run_realtime(
         Trajectories, controllers, limits and driver do not fit together.
     DriverError, RealtimeError, OSError
         The run could not begin. The output was not touched.
+
+    Warns
+    -----
+    LimitWarning
+        A limit will probably hold the motion back; the metadata has the sentence, too, as `notices`.
     """
     settings = RealtimeSettings() if settings is None else settings
     paths = recordings(Path(file), axes, overwrite)
@@ -80,10 +87,12 @@ def run_realtime(
         clock = {"utc": datetime.now(UTC).isoformat(), "monotonic_s": time.monotonic()}
         _check_agreement(axes, timing, settings, epics)
         _check_range(axes, driver)
+        notices = _check_motions(axes)
+        for notice in notices:
+            warnings.warn(notice, feasibility.LimitWarning, stacklevel=2)
         _check_room(axes, timing, paths[0].absolute().parent)
-        abouts = [
-            _about(driver, axis, timing, {"realtime": settings, "clock": clock, **(about or {})}) for axis in axes
-        ]
+        told = {"realtime": settings, "clock": clock, "notices": notices, **(about or {})}
+        abouts = [_about(driver, axis, timing, told) for axis in axes]
         with grown(paths, overwrite) as (places, unused), closing(Shared(_layout(axes, timing))) as shared:
             made = zip(axes, places, abouts, strict=True)
             plans = [_plan(driver, axis, timing, place, about) for axis, place, about in made]
@@ -121,7 +130,29 @@ def _check_range(axes: Sequence[Axis], driver: Driver) -> None:
     if isinstance(reach, tuple | list):
         for axis in axes:
             for value in axis.voltage_limits:
-                _check.within(f"voltage_limits of axis {axis.name}", value, reach[0], reach[1], "V")
+                if not reach[0] <= value <= reach[1]:
+                    bound = f"from {reach[0]:g} to {reach[1]:g} V, the output_range of the driver; V, not mV"
+                    raise SettingError(f"voltage_limits of axis {axis.name}", value, bound, "V")
+
+
+def _check_motions(axes: Sequence[Axis]) -> list[str]:
+    """Refuse a motion that its axis cannot make; sentences on the limits that hold one back."""
+    notices: list[str] = []
+    for axis in axes:
+        settings = getattr(axis.controller, "settings", None)
+        if not isinstance(settings, ControllerSettings):
+            continue
+        told, own = axis.voltage_limits, settings.voltage_limits
+        limits: dict[str, Any] = {
+            "voltage_limits": (max(told[0], own[0]), min(told[1], own[1])),
+            "slew": min(axis.slew, settings.slew_limit),
+        }
+        words = {**feasibility.NAMES, "slew": "slew"}
+        names = {name: f"{word} of axis {axis.name}" for name, word in words.items()}
+        needs = feasibility.demands(axis.trajectory, settings)
+        feasibility.check(needs, settings, **limits, names=names)
+        notices += feasibility.notices(needs, settings, **limits, names=names)
+    return notices
 
 
 def recordings(file: Path, axes: Sequence[Axis], overwrite: bool) -> list[Path]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 from truestroke import _check
 from truestroke._check import SettingError
@@ -30,6 +31,13 @@ class Axis:
         Where the output starts and ends, V, within the limits.
     name : str
         For messages and files.
+    zero : float, "measured" or None
+        What is subtracted from all measurements, um; "measured": so much that 0 um is at 0 V, by the first ones at
+        rest; None: the same where the sensor shows a tenth of the stroke or more beside what the safe voltage explains,
+        else nothing.
+    error_limit : float or None
+        An error beyond it is one of an axis that is lost, if it lasts (`RealtimeSettings`), um; by default 30 % of the
+        motion from end to end, and at least 5 % of the stroke.
 
     Raises
     ------
@@ -43,12 +51,20 @@ class Axis:
     slew: float
     safe_voltage: float = 0.0
     name: str = "axis"
+    zero: float | Literal["measured"] | None = None
+    error_limit: float | None = None
 
     def __post_init__(self) -> None:
         limits = _check.interval("voltage_limits", self.voltage_limits, "V")
         object.__setattr__(self, "voltage_limits", limits)
         _check.positive("slew", self.slew, "V/s")
         _check.within("safe_voltage", self.safe_voltage, *limits, "V")
+        if self.zero is not None and self.zero != "measured":
+            if isinstance(self.zero, str):
+                raise SettingError("zero", repr(self.zero), '"measured", or a number', "um")
+            object.__setattr__(self, "zero", _check.number("zero", self.zero, "um"))
+        if self.error_limit is not None:
+            _check.positive("error_limit", self.error_limit, "um")
         if not self.name or not all(c.isalnum() or c in "-_" for c in self.name):
             raise SettingError(
                 "name", repr(self.name), "letters, digits, - and _, as it may become part of a file name"
@@ -75,6 +91,13 @@ class RealtimeSettings:
         voltage moves.
     watchdog_timeout : float
         So long without a tick and the watchdog kills the process and brings the output to safety, s.
+    axis_check : bool
+        Whether each axis makes a small motion before the run, that shows sign, gain and channel of its sensor. Without
+        it nothing but the supervision of the run finds a wrong one, after it has moved as far as `error_limit` allows.
+    error_time : float
+        So long with an error beyond `error_limit` ends the run, s; 0 never does.
+    limit_time : float
+        So long with such an error and the output at a voltage limit ends it, s; 0 never does.
 
     Raises
     ------
@@ -88,6 +111,9 @@ class RealtimeSettings:
     overrun_streak: int = 20
     sensor_timeout: float = 0.1
     watchdog_timeout: float = 0.25
+    axis_check: bool = True
+    error_time: float = 1.0
+    limit_time: float = 0.2
 
     def __post_init__(self) -> None:
         _check.within("spin", self.spin, 0.0, 0.01, "s")
@@ -99,3 +125,7 @@ class RealtimeSettings:
         _check.count("overrun_streak", self.overrun_streak, 0, 10**6)
         _check.within("sensor_timeout", self.sensor_timeout, 1e-3, 3600.0, "s")
         _check.within("watchdog_timeout", self.watchdog_timeout, 0.05, 60.0, "s")
+        if not isinstance(self.axis_check, bool):
+            raise SettingError("axis_check", repr(self.axis_check), "true or false")
+        _check.within("error_time", self.error_time, 0.0, 3600.0, "s")
+        _check.within("limit_time", self.limit_time, 0.0, 3600.0, "s")
