@@ -32,7 +32,7 @@ def compile_library(folder: Path) -> Path:
     return target
 
 
-REGISTER = "4d4qd"
+REGISTER = "4d4qdd4d"
 SIZE = struct.calcsize(REGISTER)
 
 
@@ -51,7 +51,9 @@ class Card:
 
     @property
     def volts(self) -> list[float]:
-        return list(self._read()[:4])
+        found = self._read()
+        expired = 0 < found[9] < time.monotonic()  # by the card's own watchdog
+        return list(found[10:14] if expired else found[:4])
 
     @property
     def edges(self) -> int:
@@ -72,6 +74,11 @@ class Card:
     @property
     def step(self) -> float:
         return self._read()[8]
+
+    @property
+    def deadline(self) -> float:
+        """When the card's own watchdog expires, s; 0 if it is not armed."""
+        return self._read()[9]
 
     def environment(self) -> dict[str, str]:
         """For a process that shall find this card."""

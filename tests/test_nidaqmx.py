@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import io
+import json
 import os
 import pickle
 import re
@@ -17,10 +19,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from test_docs import assert_prints
 
 import truestroke
-from truestroke import SettingError, plant, trajectories
+from truestroke import SettingError, doctor, plant, trajectories
+from truestroke.cli import main
 from truestroke.drivers import DriverError
 from truestroke.drivers.nidaqmx import NidaqmxDriver, NidaqmxSettings
 from truestroke.timing import Timing
@@ -346,6 +350,66 @@ def test_rescue_reaches_the_safe_voltage_when_our_process_hangs(driver, card, ki
         child.wait()
 
 
+# ---- The card's own watchdog --------------------------------------------------------------------------------------
+
+WATCHED = STACK | {"card_watchdog": 0.3}
+
+
+def test_with_every_process_killed_a_card_with_a_watchdog_brings_its_output_to_safety(card, monkeypatch) -> None:
+    """Nobody rescues. Without card_watchdog the output stays where it was."""
+    monkeypatch.setenv("FAKE_NIDAQMX_WATCHDOG", "1")
+    for extra, left in (("", 2.0), (", card_watchdog=2.0", SAFE[0])):
+        code = HANGS.replace("um_per_volt=10.0", f"um_per_volt=10.0{extra}").replace("np.zeros(1)", "np.full(1, 0.25)")
+        before = card.edges if card.file.exists() else 0
+        child = subprocess.Popen([sys.executable, "-c", code], env=os.environ | card.environment())
+        try:
+            end = time.monotonic() + 30
+            while (not card.file.exists() or card.edges < before + 2000) and time.monotonic() < end:
+                time.sleep(0.01)
+            assert card.volts[0] == 2.0  # it is kept from expiring
+        finally:
+            child.kill()
+            child.wait()
+        time.sleep(2.1 if extra else 0.0)
+        assert card.volts[0] == left
+    driver = NidaqmxDriver(NidaqmxSettings(**STACK | {"card_watchdog": 2.0}))
+    begun(driver)  # the next run clears what has expired
+    move(driver, np.full((1, 100), 2.0))
+    assert card.volts[0] == 2.0
+    driver.stop(SAFE)
+    driver.close()
+    assert (card.volts[0], card.deadline) == (SAFE[0], 0.0)
+
+
+def test_a_watchdog_that_expires_ends_the_run_at_the_safe_voltage(card, monkeypatch) -> None:
+    monkeypatch.setenv("FAKE_NIDAQMX_WATCHDOG", "1")
+    driver = begun(NidaqmxDriver(NidaqmxSettings(**WATCHED)))
+    time.sleep(0.4)
+    assert card.volts[0] == 1.0  # that of start
+    with pytest.raises(DriverError, match=r"-200678: .* \(the card's own watchdog has expired"):
+        move(driver, np.full((1, 20), 2.0))
+    assert_safe(driver, card)
+
+
+def test_a_card_tells_what_it_does_unattended(card, monkeypatch) -> None:
+    driver = NidaqmxDriver(NidaqmxSettings(**WATCHED))
+    with pytest.raises(DriverError, match=r"card_watchdog = 0.3 s: the watchdog of Dev1: NI-DAQmx -200452"):
+        driver.open()
+    assert (card.tasks, card.owner) == (0, 0)
+    plain = NidaqmxDriver(NidaqmxSettings(**STACK))
+    plain.open()
+    assert plain.unattended() == (False, "the card holds its last voltage; where it has a watchdog, set card_watchdog")
+    monkeypatch.setenv("FAKE_NIDAQMX_WATCHDOG", "1")
+    assert "and gets 0 V at power-up" in plain.unattended()[1]
+    plain.close()
+    driver.open()
+    assert driver.unattended()[0]
+    assert "the safe voltage after 0.3 s" in driver.unattended()[1]
+    driver.close()
+    with pytest.raises(SettingError, match=r"card_watchdog = 0.01 s: must be from 0.04"):
+        NidaqmxSettings(**STACK | {"card_watchdog": 0.01})
+
+
 def test_a_computer_without_the_library_of_ni_is_told_so() -> None:
     code = HANGS.replace("while", "driver.close()\nwhile")
     environment = {k: v for k, v in os.environ.items() if k != "LD_LIBRARY_PATH"}
@@ -434,6 +498,18 @@ def test_the_command_runs_the_configuration_of_the_page(card, tmp_path, fault, c
     run = truestroke.Recording.load(tmp_path / "first.h5")
     error = run["measured"] - run["desired"]
     assert np.sqrt(np.nanmean(error[error.size // 2 :] ** 2)) < (0.1 if fault else 0.016)
+
+
+def test_the_doctor_says_what_the_card_does_unattended(card, tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr(doctor, "examine", functools.partial(doctor.examine, probe=0.01))
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("FAKE_NIDAQMX_WATCHDOG", "1")
+    for extra, level, words in (("", "warning", "holds its last"), ("card_watchdog = 1.0\n", "ok", "the card's own")):
+        Path("stage.toml").write_text(toml().replace("terminals =", f"{extra}terminals ="))
+        done = CliRunner().invoke(main, ["doctor", "--config", "stage.toml", "--json"])
+        (found,) = [one for one in json.loads(done.stdout)["findings"] if one["what"] == "unattended"]
+        assert (found["level"], words in found["found"]) == (level, True)
+        assert (done.exit_code, card.volts[0]) == (0, 0.0)
 
 
 def test_limits_beyond_the_range_of_the_card_are_refused_before_anything_moves(card, tmp_path) -> None:

@@ -441,6 +441,33 @@ def test_rescue_stops_the_wave_of_a_process_that_is_gone(fake: Fake, connections
         child.wait()
 
 
+PLAYS = """
+import sys
+import numpy as np
+from truestroke.drivers import play_and_record
+from truestroke.drivers.pi import PiDriver, PiSettings
+driver = PiDriver(PiSettings(host="127.0.0.1", port=int(sys.argv[1]), output_range=(-20.0, 120.0)))
+wave = np.linspace(20.0, 60.0, 1000)
+play_and_record(driver, wave, 2000.0, voltage_limits=(-20.0, 120.0), slew=2e3, safe_voltage=2.5, rest=0.1)
+"""
+
+
+def test_a_wave_whose_every_process_is_killed_ends_at_the_safe_voltage_by_itself(fake: Fake) -> None:
+    """Its last value is the safe voltage: the controller needs nobody to come to it."""
+    fake.make(realtime=True)
+    child = subprocess.Popen([sys.executable, "-c", PLAYS, str(fake.port)])
+    end = time.monotonic() + 30
+    while fake.volts[0] < 20.0 and time.monotonic() < end:
+        time.sleep(0.01)
+    child.kill()
+    child.wait()
+    assert 20.0 <= fake.volts[0] <= 60.0
+    until = time.monotonic() + 5.0
+    while fake.volts[0] != SAFE[0] and time.monotonic() < until:
+        time.sleep(0.02)
+    assert fake.volts[0] == SAFE[0]
+
+
 def test_a_computer_without_the_package_is_told_what_to_install(driver, monkeypatch) -> None:
     monkeypatch.setitem(sys.modules, "pipython", None)
     with pytest.raises(DriverError, match=r"pip install 'truestroke\[pi\]'"):

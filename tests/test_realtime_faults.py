@@ -189,7 +189,6 @@ def test_row(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
         monkeypatch.setattr(helpers, "LAST_WORDS", 0.5)
     if "(SIGSTOP)" in name:
         monkeypatch.setattr(helpers, "BEAT", 0.25)
-        monkeypatch.setattr(helpers, "PATIENCE", 0.5)
     settings = SimulatedSettings(register=str(tmp_path / "volts"), faults=row.faults, **row.driver)
     bench = Bench(settings, dict.fromkeys(row.at, row.do) if row.do else {})
     outcome = run_realtime(
@@ -359,6 +358,9 @@ def test_death(name: str) -> None:
     assert len(recording["time"]) >= (990 if death.faults else before)
 
 
+EVERY = "every process of the run is killed"
+
+
 def test_a_run_whose_every_process_is_killed_leaves_all_but_the_last_half_second() -> None:
     process = started()
     all_of_them = [deputy_of(process.pid), *children(process.pid)]
@@ -369,6 +371,8 @@ def test_a_run_whose_every_process_is_killed_leaves_all_but_the_last_half_second
         os.kill(pid, signal.SIGKILL)
     process.kill()
     process.communicate(timeout=30)
+    assert process.returncode == 128 - 137
+    assert np.fromfile("volts") != SAFE  # as the page says
     recording = Recording.load("run.h5")
     assert len(recording["time"]) >= before
     assert "killed" in recording.metadata["interrupted"]
@@ -415,5 +419,5 @@ def test_what_cannot_begin_does_not_touch_the_output(monkeypatch: pytest.MonkeyP
 def test_the_table_of_the_page_has_these_rows_and_codes() -> None:
     page = (Path(__file__).parents[1] / "docs/run.md").read_text()
     rows = re.findall(r"^\| ([^|`]+?) \| [^|]+ \| [^|]+ \| (\d+) \|$", page, flags=re.MULTILINE)
-    ours = {name: row.code for name, row in (ROWS | DEATHS).items()}
+    ours = {name: row.code for name, row in (ROWS | DEATHS).items()} | {EVERY: 137}
     assert {name: int(code) for name, code in rows} == ours | test_supervision.ROWS

@@ -9,6 +9,10 @@
  *   FAKE_NIDAQMX_FAULT     "function:n:what": the n-th call (from 0) of that function fails; n = "*": every call.
  *                          what: an error code, or short (half the samples), nan (a burst of 7), slip (the input
  *                          misses 25 edges), hang (never returns), double (says twice as many channels)
+ *   FAKE_NIDAQMX_WATCHDOG  the card has a watchdog for its outputs, and power-up states
+ *
+ * The watchdog is the card's: when its time is over the terminals have the expiration states, whoever still runs. The
+ * file says so by `deadline` (CLOCK_MONOTONIC, s; 0: not armed) and `expiry`; tests/card.py reads it as a voltmeter would.
  */
 #define _GNU_SOURCE
 #include <fcntl.h>
@@ -29,7 +33,7 @@
 #define UM_PER_VOLT 10.0
 #define TASKS 16
 
-enum { NONE = 0, IS_OUTPUT, IS_INPUT };
+enum { NONE = 0, IS_OUTPUT, IS_INPUT, IS_WATCHDOG };
 
 struct card {                 /* the file; tests/card.py reads it */
     double volts[CHANNELS];   /* at the output terminals */
@@ -38,6 +42,8 @@ struct card {                 /* the file; tests/card.py reads it */
     int64_t owner;            /* process whose task has reserved the output, or 0 */
     int64_t resets;
     double step;              /* the largest that an output has made, V */
+    double deadline;          /* of the watchdog, s; 0 if it is not armed */
+    double expiry[CHANNELS];  /* V at the terminals from then on */
 };
 
 struct task {
@@ -98,7 +104,10 @@ static double gauss(void) {
     return sum;
 }
 
+static int expired(void) { return card->deadline > 0 && now() > card->deadline; }
+
 static void put_out(int channel, double volts) {
+    if (expired()) return; /* locked */
     card->step = fmax(card->step, fabs(volts - card->volts[channel]));
     card->volts[channel] = volts;
 }
@@ -167,6 +176,8 @@ static const char *text_of(int code) {
     case -200279: return "The application is not able to keep up with the hardware acquisition.";
     case -200284: return "Some or all of the samples requested have not yet been acquired.";
     case -200561: return "Attempted writing analog data that is too large or too small.";
+    case -200452: return "Specified property is not supported by the device or is not applicable to the task.";
+    case -200678: return "Write failed, because the watchdog timer has expired.";
     case -200220: return "Device identifier is invalid.";
     case -200170: return "Physical channel specified does not exist on this device.";
     case -200324: return "Device is not available for routing. It is possible that the device has been unplugged.";
@@ -234,6 +245,7 @@ API int32_t DAQmxCreateTask(const char *name, struct task **task) {
 }
 
 static void release(struct task *t) {
+    if (t->kind == IS_WATCHDOG && !expired()) card->deadline = 0;
     if (t == output) output = NULL;
     if (t == input) input = NULL;
     if (t->reserved && t->kind == IS_OUTPUT && card->owner == getpid()) card->owner = 0;
@@ -378,6 +390,10 @@ API int32_t DAQmxTaskControl(struct task *t, int32_t action) {
 
 API int32_t DAQmxStartTask(struct task *t) {
     BEGIN
+    if (t->kind == IS_WATCHDOG) {
+        if (!expired()) card->deadline = now() + t->timeout;
+        return 0;
+    }
     if (reserve(t)) return last_error;
     t->running = 1;
     if (t->kind == IS_INPUT) input = t;
@@ -392,12 +408,65 @@ API int32_t DAQmxStopTask(struct task *t) {
     return error ? failed(error) : 0;
 }
 
+/* ---- The card's own watchdog ------------------------------------------------------------------------------------ */
+
+API int32_t DAQmxCreateWatchdogTimerTaskEx(const char *device, const char *name, struct task **task, double timeout) {
+    (void)name;
+    BEGIN
+    if (strcmp(device, "Dev1")) return failed(-200220);
+    if (!getenv("FAKE_NIDAQMX_WATCHDOG")) return failed(-200452);
+    int i = 0;
+    while (tasks[i]) if (++i == TASKS) return failed(-50352);
+    *task = tasks[i] = calloc(1, sizeof **task);
+    tasks[i]->kind = IS_WATCHDOG, tasks[i]->timeout = timeout;
+    card->tasks++;
+    return 0;
+}
+
+API int32_t DAQmxCfgWatchdogAOExpirStates(struct task *t, const char *channels, const double *volts, const int32_t *types,
+                                          uint32_t n) {
+    BEGIN
+    uint32_t i = 0;
+    for (const char *at = channels; i < n; i++, at = strchr(at, ',') + 1) {
+        while (*at == ' ') at++;
+        if (t->kind != IS_WATCHDOG || types[i] != 10322 || sscanf(at, "Dev1/ao%d", &t->channel[i]) != 1) return failed(-200170);
+        card->expiry[t->channel[i]] = volts[i];
+        if (!strchr(at, ',')) break;
+    }
+    return i + 1 >= n ? 0 : failed(-200170);
+}
+
+API int32_t DAQmxControlWatchdogTask(struct task *t, int32_t action) {
+    BEGIN
+    if (action == 0 && expired()) return failed(-200678);
+    card->deadline = now() + t->timeout;
+    return 0;
+}
+
+API int32_t DAQmxGetWatchdogAttribute(struct task *t, const char *lines, int32_t attribute, ...) {
+    (void)t, (void)lines;
+    va_list rest;
+    va_start(rest, attribute);
+    *va_arg(rest, uint32_t *) = (uint32_t)expired();
+    va_end(rest);
+    return attribute == 0x21a8 ? 0 : failed(-200452);
+}
+
+API int32_t DAQmxGetAnalogPowerUpStatesWithOutputType(const char *channels, double *volts, int32_t *types, uint32_t *n) {
+    BEGIN
+    (void)channels;
+    if (!getenv("FAKE_NIDAQMX_WATCHDOG")) return failed(-200452);
+    for (uint32_t i = 0; i < *n; i++) volts[i] = 0, types[i] = 0;
+    return 0;
+}
+
 API int32_t DAQmxResetDevice(const char *device) {
     BEGIN
     if (strcmp(device, "Dev1")) return failed(-200220);
     for (int i = 0; i < TASKS; i++) if (tasks[i]) tasks[i]->error = -88709;
     for (int c = 0; c < CHANNELS; c++) put_out(c, 0);
     card->owner = 0;
+    card->deadline = 0;
     card->resets++;
     return 0;
 }
@@ -413,6 +482,7 @@ API int32_t DAQmxWriteAnalogF64(struct task *t, int32_t n, uint32_t start, doubl
     for (int i = 0; i < n * t->channels; i++)
         if (!(data[i] >= t->low && data[i] <= t->high)) return failed(-200561);
     if (reserve(t)) return last_error;
+    if (!t->clocked && expired()) return failed(-200678);
     if (!t->clocked) { /* on demand */
         for (int i = 0; i < t->channels; i++) put_out(t->channel[i], data[i * n]);
         *written = n;

@@ -50,12 +50,12 @@ def examine(config: Path | None = None, probe: float = machine.PROBE) -> list[Fi
     except (SettingError, OSError) as error:
         found = _finding("file", str(error), "nothing can be run without it", "truestroke run --example")
         return [found, *needs, *machine.look(probe=probe), *disk.look(Path())]
-    driver, timing = _driver(job)
+    opened, timing = _driver(job)
     period = timing.block / timing.sample_rate if timing else machine.PERIOD
     ticks = sum(len(axis.trajectory) for axis in job.axes)
     return [
         _finding("file", f"{config}: {len(job.axes)} axis, {ticks} ticks", "says what is to be run"),
-        driver,
+        *opened,
         _recording(job),
         *needs,
         *machine.look(job.settings, period, probe),
@@ -79,16 +79,23 @@ def _needed(config: Path) -> frozenset[str]:
     return frozenset(NEEDS.get(name, set()) | ({"softioc"} if "epics" in tables else set()))
 
 
-def _driver(job: configuration.Job) -> tuple[Finding, Timing | None]:
-    """Opened, which moves nothing, and closed."""
+def _driver(job: configuration.Job) -> tuple[list[Finding], Timing | None]:
+    """Opened, which moves nothing, and closed; what the hardware does when this computer stands still."""
     name, why = type(job.driver).__name__, "connects and configures; no output moves"
     try:
         with closing(job.driver) as driver:
             timing = driver.open()
+            tell = getattr(driver, "unattended", None)
+            unattended = [] if tell is None else [_unattended(*tell())]
     except (DriverError, SettingError, OSError, ImportError) as error:
-        return _finding("driver", f"{name}: {error}", why, "see the page of the driver in docs/"), None
+        return [_finding("driver", f"{name}: {error}", why, "see the page of the driver in docs/")], None
     found = f"{name} opens: {timing.channels} axis at {timing.sample_rate:g} Hz, blocks of {timing.block}"
-    return _finding("driver", found, why), timing
+    return [_finding("driver", found, why), *unattended], timing
+
+
+def _unattended(safe: bool, found: str) -> Finding:
+    why = "when the computer itself stands still, no watchdog in software acts"
+    return Finding(level=Level.OK if safe else Level.WARNING, part=PART, what="unattended", found=found, why=why)
 
 
 def _recording(job: configuration.Job) -> Finding:

@@ -6,7 +6,7 @@ import dataclasses
 import functools
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -38,6 +38,7 @@ HINTS = {
     -200220: "is the card's name, as `nidaqmx` or NI MAX lists it, that of outputs and inputs?",
     -200170: "does the card have this channel?",
     -200324: "is the card still plugged in?",
+    -200678: "the card's own watchdog has expired: this computer was late, or card_watchdog is too short",
     -50103: "another program, or an earlier run, holds the card",
     -200587: "another program, or an earlier run, holds the card",
 }
@@ -74,6 +75,9 @@ class NidaqmxSettings:
     watch_clock : bool
         Whether each exchange compares the samples that went out with those that came in, and fails when input has
         lost more than a tick. Switch it off for a card that counts its samples in large chunks (USB).
+    card_watchdog : float
+        Time without an exchange after which the card itself, by a timer of its own, puts the safe voltage out, s,
+        longer than four blocks; 0: none. Few cards have one for analogue outputs; one that has none refuses to open.
     timeout : float
         Longest wait for the card beyond the length of a block, s; shorter than the watchdog's.
 
@@ -102,6 +106,7 @@ class NidaqmxSettings:
     terminals: str = "default"
     clock: str = ""
     watch_clock: bool = True
+    card_watchdog: float = 0.0
     timeout: float = 0.2
 
     def __post_init__(self) -> None:
@@ -126,6 +131,8 @@ class NidaqmxSettings:
         if self.terminals not in TERMINALS:
             raise SettingError("terminals", self.terminals, f"one of {', '.join(TERMINALS)}")
         _check.positive("timeout", self.timeout, "s")
+        if self.card_watchdog:
+            _check.within("card_watchdog", self.card_watchdog, 4 * self.block / self.sample_rate, 3600.0, "s")
         object.__setattr__(self, "outputs", tuple(self.outputs))
         object.__setattr__(self, "inputs", tuple(self.inputs))
 
@@ -177,6 +184,7 @@ class NidaqmxDriver:
     def __init__(self, settings: NidaqmxSettings) -> None:
         self.settings = settings
         self._tasks: list[Any] = []  # input, output
+        self._dog: Any = None  # the task of the card's watchdog
         self._state = "closed"  # or "open", "started": the output holds, "running": the clock runs, "failed"
         samples = settings.block * settings.conversions
         self._patience = settings.block / settings.sample_rate + settings.timeout  # s
@@ -190,8 +198,16 @@ class NidaqmxDriver:
         DriverError
             NI-DAQmx, the Python package or the card is not there, or does not do what the settings ask.
         """
+        self._disarm()
         self._configure()
         s = self.settings
+        if s.card_watchdog:  # a card that has none says so before anything moves
+            try:
+                with self._naming_watchdog(), _watchdog(s):
+                    pass
+            except DriverError:
+                self.close()
+                raise
         return Timing(
             sample_rate=s.sample_rate,
             block=s.block,
@@ -201,7 +217,7 @@ class NidaqmxDriver:
         )
 
     def _configure(self) -> None:
-        self.close()
+        self._end_tasks()
         s = self.settings
         with _naming(f"opening {', '.join(s.outputs + s.inputs)}"):
             from nidaqmx import Task, constants, stream_readers, stream_writers
@@ -225,8 +241,9 @@ class NidaqmxDriver:
 
         The clock waits for the first exchange, so that nothing runs dry while the caller makes itself ready.
         """
-        self.close()  # gives back what open has reserved, for the write on demand
+        self._end_tasks()  # gives back what open has reserved, for the write on demand
         s = self.settings
+        self._arm(volts)
         with _naming(f"starting {', '.join(s.outputs)}"):
             _write_on_demand(s.outputs, s.output_range, volts)
         self._configure()
@@ -234,6 +251,38 @@ class NidaqmxDriver:
         with _naming(f"starting {', '.join(s.outputs)}"):
             _whole("write_many_sample", self._writer.write_many_sample(held, self._patience), held.shape[1])
         self._state = "started"
+
+    def _arm(self, safe: FloatArray) -> None:
+        """Let the card bring its outputs to `safe` by itself when no exchange comes; before other tasks reserve it."""
+        if self.settings.card_watchdog and self._dog is None:
+            with self._naming_watchdog():
+                self._dog = _watchdog(self.settings)
+                self._dog.cfg_watchdog_ao_expir_states(_expiration(self.settings.outputs, safe))
+                self._dog.start()
+                if self._dog.expired:  # in an earlier run
+                    self._dog.clear_expiration()
+
+    def _disarm(self) -> None:
+        dog, self._dog = self._dog, None
+        if dog is not None:
+            from nidaqmx.errors import Error
+
+            with suppress(Error):
+                dog.close()
+
+    def _naming_watchdog(self) -> AbstractContextManager[None]:
+        s = self.settings
+        return _naming(f"card_watchdog = {s.card_watchdog:g} s: the watchdog of {_device(s.outputs[0])}")
+
+    def unattended(self) -> tuple[bool, str]:
+        """Whether the open card brings its outputs to safety by itself when this computer stands still; in words."""
+        s = self.settings
+        if s.card_watchdog:
+            return True, f"the card's own watchdog: the safe voltage after {s.card_watchdog:g} s without an exchange"
+        return (
+            False,
+            f"the card holds its last voltage{_power_up(s.outputs)}; where it has a watchdog, set card_watchdog",
+        )
 
     def _run(self) -> None:
         """Start the clock; the conversion at its first edge comes before any voltage."""
@@ -256,6 +305,8 @@ class NidaqmxDriver:
         if first:
             self._run()
         with _naming(f"writing to {', '.join(s.outputs)}"):
+            if self._dog is not None:
+                self._dog.reset_timer()
             _whole("write_many_sample", self._writer.write_many_sample(self._out, self._patience), self._out.shape[1])
         with _naming(f"reading from {', '.join(s.inputs)}"):
             _whole("read_many_sample", self._read(), self._in.shape[1])
@@ -290,11 +341,16 @@ class NidaqmxDriver:
         """
         if self._state == "running":
             time.sleep(self.settings.latency / self.settings.sample_rate)
-        self.close()
+        self._end_tasks()
+        self._disarm()  # it does not let others write on demand
         hold(self.settings.outputs, self.settings.output_range, volts)
 
     def close(self) -> None:
         """End the tasks; the output keeps its last voltage. A second call does nothing."""
+        self._end_tasks()
+        self._disarm()
+
+    def _end_tasks(self) -> None:
         self._state = "closed"
         if not self._tasks:
             return
@@ -311,6 +367,35 @@ class NidaqmxDriver:
     def describe(self) -> dict[str, object]:
         """Kind and settings, as plain data for a recording."""
         return {"kind": "nidaqmx", **dataclasses.asdict(self.settings)}
+
+
+def _watchdog(s: NidaqmxSettings) -> Any:
+    """The task of the card's own watchdog, not yet started."""
+    from nidaqmx.system.watchdog import WatchdogTask
+
+    return WatchdogTask(_device(s.outputs[0]), timeout=s.card_watchdog)
+
+
+def _expiration(outputs: Sequence[str], volts: FloatArray) -> list[Any]:
+    from nidaqmx.constants import WatchdogAOExpirState
+    from nidaqmx.types import AOExpirationState
+
+    return [
+        AOExpirationState(output, float(value), WatchdogAOExpirState.VOLTAGE)
+        for output, value in zip(outputs, volts, strict=True)
+    ]
+
+
+def _power_up(outputs: Sequence[str]) -> str:
+    """What the card says of its outputs when it gets power, in words; empty where it says nothing."""
+    from nidaqmx.errors import Error
+    from nidaqmx.system import System
+
+    try:
+        states = System.local().get_analog_power_up_states_with_output_type(list(outputs))
+    except Error:
+        return ""
+    return f", and gets {', '.join(f'{state.power_up_state:g} V' for state in states)} at power-up"
 
 
 def _configure_output(task: Any, s: NidaqmxSettings, constants: Any) -> None:

@@ -341,6 +341,10 @@ class PiDriver:
         """Give `stop` for another process, with a connection of its own: can be pickled."""
         return functools.partial(hold, self.settings)
 
+    def unattended(self) -> tuple[bool, str]:
+        """Whether the controller brings its outputs to safety by itself when this computer stands still; in words."""
+        return False, "the controller holds its last set-point; a wave of play ends at the safe voltage by itself"
+
     def describe(self) -> dict[str, object]:
         """Kind and settings, as plain data for a recording."""
         return {"kind": "pi", **dataclasses.asdict(self.settings)}
