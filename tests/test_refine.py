@@ -6,7 +6,7 @@ import tomllib
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from scipy.signal import lfilter
+from scipy.signal import cont2discrete, lfilter
 
 from truestroke import SettingError, trajectories
 from truestroke.cli import main
@@ -286,3 +286,74 @@ def test_command_refuses_what_does_not_fit(tmp_path, monkeypatch):
         assert message in done.stderr
         assert done.stderr.count("\n") == 1
     assert (tmp_path / "model.toml").read_bytes() == before
+
+
+# ---- A pass that is worse ------------------------------------------------------------------------------------------
+
+TRIANGLE = trajectories.triangle(frequency=20.0, peak_to_peak=20.0, duration=0.6, sample_rate=FS)
+
+
+def ringing(volts, seed):
+    """Bouc and Wen's hysteresis on a stage of 900 Hz with a damping of 0.02: the refit makes it worse, pass by pass."""
+    w = 2 * np.pi * 900.0
+    b, a, _ = cont2discrete(([w * w], [1, 0.04 * w, w * w]), 1 / FS, "zoh")
+    z = lfilter(b.ravel(), a, bouc_wen(volts, seed, noise=0.0)[0])
+    return z + 0.01 * np.random.Generator(np.random.PCG64(seed)).standard_normal(z.size)
+
+
+@pytest.fixture(scope="module")
+def rung():
+    return identify((SWEEP, ringing(SWEEP, 3), FS)).model
+
+
+def test_a_pass_that_is_worse_is_undone_and_told(rung):
+    model, left, found = rung, None, []
+    for k in range(5):
+        made = waveform(model, TRIANGLE.position, FS, velocity=TRIANGLE.velocity, voltage_limits=LIMITS, left=left)
+        record = Record.from_arrays(made.volts, ringing(made.volts, 100 + k), sample_rate=FS)
+        found.append(refine(model, record, played=made))
+        model, left = found[-1].model, found[-1].left
+    worse = [bool(f.undone) for f in found]
+    assert worse == [False, False, True, False, True]
+    undone = found[2]
+    assert undone.verdict.is_bad
+    assert f"{undone.rmse:.4g} um rmse where the best one had {found[1].rmse:.4g}" in undone.undone
+    np.testing.assert_array_equal(undone.model.weights, found[0].model.weights)  # with which the best one was made
+    assert "undone" in undone.model.provenance["pass_3"]
+    assert found[3].rmse < 1.01 * found[1].rmse
+    assert undone.after == rms(undone.left)
+    assert not found[0].undone
+    assert found[0].verdict.level == "good"
+
+
+def test_another_motion_is_not_compared(rung):
+    made = waveform(rung, TRIANGLE.position, FS, velocity=TRIANGLE.velocity, voltage_limits=LIMITS)
+    best = rung.replace(
+        figures={"best_pass_um": 1e-6, "samples": 1200.0, "spread_um": float(np.std(TRIANGLE.position))}
+    )
+    record = Record.from_arrays(made.volts, ringing(made.volts, 1), sample_rate=FS)
+    found = refine(best, record, played=made)
+    assert "the refinement of this pass is not taken" in found.undone  # the model before is not known
+    np.testing.assert_array_equal(found.model.weights, rung.weights)
+    half = best.replace(figures={**best.figures, "spread_um": best.figures["spread_um"] / 2})
+    assert not refine(half, record, played=made).undone
+
+
+def test_the_command_undoes_it_and_exits_with_4(rung, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    made = waveform(rung, TRIANGLE.position, FS, velocity=TRIANGLE.velocity, voltage_limits=LIMITS)
+    first = refine(rung, Record.from_arrays(made.volts, ringing(made.volts, 1), sample_rate=FS), played=made)
+    save_model("stage1.toml", first.model)
+    assert load_model("stage1.toml").before.weights.tolist() == rung.weights.tolist()
+    save_waveform("wave.csv", made)
+    time = np.arange(made.volts.size) / FS
+    worse = ringing(made.volts, 2) + 0.5 * np.sin(60 * time)
+    np.savetxt("rec.csv", np.column_stack([time, made.volts, worse]), delimiter=",", header="t (s),v (V),z (um)")
+    options = ["--model", "stage1.toml", "--waveform", "wave.csv", "--output", "stage2.toml", "--next", "wave2.csv"]
+    done = CliRunner().invoke(main, ["refine", "rec.csv", *options])
+    assert done.exit_code == 4, done.output
+    assert "verdict    BAD" in done.output
+    assert "This pass was worse" in done.output
+    assert load_model("stage2.toml").weights.tolist() == rung.weights.tolist()
+    told = json.loads(CliRunner().invoke(main, ["refine", "rec.csv", *options[:-2], "--json"]).stdout)
+    assert told["verdict"] == "bad"

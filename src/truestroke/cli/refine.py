@@ -10,6 +10,7 @@ import click
 from truestroke.cli import common
 from truestroke.cli.examine import read, record_options
 from truestroke.cli.invert import as_dict, leave, limit_options, limits, load, model_option, tell, waveform_file
+from truestroke.exit_codes import ExitCode
 
 if TYPE_CHECKING:
     from truestroke.identification import Played, Refined
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
 def refine(
     record: Path, model: Path, waveform: Path | None, output: str, following: str | None, strict: bool, as_json: bool,
     voltage_limits: tuple[float, float] | None, slew: float | None, **options: Any,
-) -> None:  # fmt: skip
+) -> int:  # fmt: skip
     """Adapt a model from the recording of a waveform.
 
     Play, record, refine, and play again: prints how far this pass was from the desired motion, and how well the old
@@ -51,7 +52,7 @@ def refine(
         identification.save_waveform(target, made)
     if as_json:
         following_pass = {} if made is None else {**as_dict(made), "waveform": str(target)}
-        common.print_json({**_figures(found), "model": output, "next": following_pass})
+        common.print_json({**found.verdict.as_dict(), **_figures(found), "model": output, "next": following_pass})
     else:
         _tell(found, output)
         if made is not None:
@@ -60,6 +61,7 @@ def refine(
             click.echo(f"waveform   {target}")
     if made is not None:
         leave(strict, made)
+    return ExitCode.NOT_TRACKING if found.verdict.is_bad else ExitCode.OK
 
 
 def _played(path: Path | None) -> Played | None:
@@ -91,4 +93,6 @@ def _tell(found: Refined, model: str) -> None:
         ("measured minus", "um", "of p-p"),
         [(name, f"{value:.4f} um", f"{100 * value / span:.2f} %") for name, value in lines],
     )
+    if found.undone:
+        common.print_verdict(found.verdict)
     click.echo(f"model      {model}")

@@ -66,6 +66,8 @@ class ActuatorModel:
         What the fit reports of itself, such as "held_out_rmse_um".
     provenance : mapping of str to str
         Where it comes from, such as "source".
+    before : ActuatorModel or None
+        The model that `refine` made it from, so that a pass that is worse can be undone; without one of its own.
 
     Raises
     ------
@@ -88,6 +90,7 @@ class ActuatorModel:
     noise: float = 0.0
     figures: Mapping[str, float] = field(default_factory=dict)
     provenance: Mapping[str, str] = field(default_factory=dict)
+    before: ActuatorModel | None = None
 
     def __post_init__(self) -> None:
         made = self._terms(1.0)  # checks them

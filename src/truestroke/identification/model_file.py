@@ -52,16 +52,23 @@ def save_model(path: str | os.PathLike[str], model: ActuatorModel) -> None:
     ModelFileError
         A number of the model is not finite.
     """
-    lines = [f"format = {_toml(FORMAT)}", f"version = {VERSION}", "", "[model]"]
+    lines = [f"format = {_toml(FORMAT)}", f"version = {VERSION}", *_sections(model, "")]
+    if model.before is not None:
+        lines += ["", "# What it was refined from, to undo a pass that is worse", *_sections(model.before, "before.")]
+    Path(path).write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def _sections(model: ActuatorModel, prefix: str) -> list[str]:
+    """The tables of a model as lines, each behind an empty one."""
+    lines = ["", f"[{prefix}model]"]
     lines += [f"{key} = {_toml(getattr(model, name))}" for key, name in KEYS.items()]
-    lines += ["", "[weights] # +- standard deviation"]
+    lines += ["", f"[{prefix}weights] # +- standard deviation"]
     for name, weight, deviation in zip(model.names, model.weights, model.deviations, strict=True):
         lines.append(f"{_toml(name)} = {_toml(weight)} # +- {deviation:.2g} {_unit(name)}")
-    lines += ["", "[covariance] # of the weights, in the squares of their units", "lower_triangle = ["]
+    lines += ["", f"[{prefix}covariance] # of the weights, in the squares of their units", "lower_triangle = ["]
     lines += [f"  {_toml(row[: i + 1])}," for i, row in enumerate(model.covariance)]
-    lines += ["]", "", "[figures]", *_table(model.figures.items()), "", "[provenance]"]
-    lines += _table(model.provenance.items())
-    Path(path).write_text("\n".join(lines) + "\n", encoding="utf-8")
+    lines += ["]", "", f"[{prefix}figures]", *_table(model.figures.items()), "", f"[{prefix}provenance]"]
+    return lines + _table(model.provenance.items())
 
 
 def load_model(path: str | os.PathLike[str]) -> ActuatorModel:
@@ -91,6 +98,14 @@ def _model(document: dict[str, Any]) -> ActuatorModel:
         raise _WrongError(f"not a {FORMAT}: format is {document.get('format')!r}")
     if document.get("version") != VERSION:
         raise _WrongError(f"version {document.get('version')!r} of the format; this truestroke reads version {VERSION}")
+    before = document.get("before")
+    if before is not None and not isinstance(before, dict):
+        raise _WrongError("before: must be tables")
+    model = _of_tables(document)
+    return model if before is None else model.replace(before=_of_tables(before))
+
+
+def _of_tables(document: dict[str, Any]) -> ActuatorModel:
     tables: dict[str, Any] = {
         name: document.get(name) for name in ("model", "weights", "covariance", "figures", "provenance")
     }

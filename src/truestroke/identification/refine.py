@@ -15,10 +15,12 @@ from truestroke.identification.normal import Prior
 from truestroke.identification.record import Record
 from truestroke.identification.regression import ROWS, Data, Structure, delayed
 from truestroke.identification.waveform import Played, Waveform
+from truestroke.verdict import Verdict
 
 STEPS = 3  # Gauss-Newton
 QUIET = 1e-6  # of the stroke: the least noise, so that what a quiet recording does not tell stays as it was
 SAME = 0.03  # of the waveform's peak-to-peak, rms: how far the recorded voltage may be from the one that was played
+WORSE = 1.05  # times the best pass of the same motion: a pass that is worse is undone
 OTHER = 0.5  # of the deviation of the displacement: a record of which more is left is not of the model's actuator
 WHOLE = 0.02  # samples: a shift that is nearer to a whole number is one
 
@@ -39,6 +41,9 @@ class Refined:
         Rmse of the old and of the refined model's prediction of what was fitted, um.
     error : ndarray, shape (samples,), or None
         Measured minus desired, um; None where the waveform is not known.
+    undone : str
+        In a sentence, that this pass was worse than one before, and what became of it; empty where it was not. `model`
+        is then the one that was before the last refinement, or, where none is known, the one that made this pass.
     """
 
     model: ActuatorModel
@@ -48,6 +53,12 @@ class Refined:
     before: float
     after: float
     error: FloatArray | None
+    undone: str = ""
+
+    @property
+    def verdict(self) -> Verdict:
+        """Bad where the pass was worse than one before."""
+        return Verdict("bad", (self.undone,)) if self.undone else Verdict("good")
 
     @property
     def rmse(self) -> float | None:
@@ -112,8 +123,13 @@ def refine(model: ActuatorModel, record: Record, *, played: Played | Waveform | 
             "record", value, f"of the model's actuator, in the same units: it moves by {spread:.3g} um rms"
         )
     error = None if played is None else z - played.desired
-    found = Refined(model=fitted, volts=x, measured=z, left=left, error=error, **rmses)
-    return _documented(found, model, str(getattr(record, "source", "")))
+    fitted, after = fitted.replace(before=model.replace(before=None)), rmses["after"]
+    found = Refined(model=fitted, volts=x, measured=z, left=left, before=rmses["before"], after=after, error=error)
+    source = str(getattr(record, "source", ""))
+    best = _best(model, played)
+    if found.rmse is not None and found.rmse > WORSE * best:
+        return _undone(found, model, best, source, fs)
+    return _documented(found, model, source, _motion(played, min(best, found.rmse or best)))
 
 
 def _rms(error: FloatArray) -> float:
@@ -173,7 +189,36 @@ def _believed(model: ActuatorModel, s: Structure, data: Data, delay: float) -> P
     return Prior(mean, P)
 
 
-def _documented(found: Refined, old: ActuatorModel, source: str) -> Refined:
+def _motion(played: Played | Waveform | None, best: float) -> dict[str, float]:
+    """Figures by which the next pass knows whether it is of the same motion, and how good the best one was."""
+    if played is None:
+        return {}
+    return {"samples": float(played.desired.size), "spread_um": float(np.std(played.desired)), "best_pass_um": best}
+
+
+def _best(model: ActuatorModel, played: Played | Waveform | None) -> float:
+    """Rmse of the best pass of the same motion so far, um; infinite where there was none."""
+    known = model.figures.get("best_pass_um")
+    same = _motion(played, 0.0)
+    if known is None or not same or model.figures["samples"] != same["samples"]:
+        return np.inf
+    return known if np.isclose(model.figures["spread_um"], same["spread_um"], rtol=1e-3) else np.inf
+
+
+def _undone(found: Refined, old: ActuatorModel, best: float, source: str, fs: float) -> Refined:
+    """What was before: the model from which the one that made this pass was refined; if that is not known, that one."""
+    kept = old if old.before is None else old.before
+    what = "the refinement of this pass is not taken" if old.before is None else "the model is that before the last one"
+    text = f"This pass was worse, {found.rmse:.4g} um rmse where the best one had {best:.4g}: it is undone, {what}."
+    number = 1 + sum(key.startswith("pass_") for key in old.provenance)
+    provenance = {**old.provenance, f"pass_{number}": f"{source}: {text}"}
+    figures = {name: old.figures[name] for name in ("samples", "spread_um", "best_pass_um")}
+    model = kept.replace(before=None, figures={**kept.figures, **figures}, provenance=provenance)
+    left = found.measured - kept.predict(found.volts, fs)
+    return dataclasses.replace(found, model=model, left=left, after=_rms(left), undone=text)
+
+
+def _documented(found: Refined, old: ActuatorModel, source: str, motion: dict[str, float]) -> Refined:
     """The same; the model's file tells this pass and those before."""
     number = 1 + sum(key.startswith("pass_") for key in old.provenance)
     told = "" if found.error is None else f"error {found.rmse:.4g} um rmse, {found.maximum:.4g} um at the most; "
@@ -181,7 +226,7 @@ def _documented(found: Refined, old: ActuatorModel, source: str) -> Refined:
     provenance = {**old.provenance, f"pass_{number}": f"{source}: {told}"}
     if "held_out_rmse_um" in old.figures:  # which is not of this model
         provenance["held_out"] = f"rmse {old.figures['held_out_rmse_um']:.4g} um, before the first pass"
-    figures = {"prediction_rmse_before_um": found.before, "prediction_rmse_um": found.after}
+    figures = {"prediction_rmse_before_um": found.before, "prediction_rmse_um": found.after, **motion}
     if found.rmse is not None and found.maximum is not None:
         figures |= {"pass_rmse_um": found.rmse, "pass_maximum_um": found.maximum}
     return dataclasses.replace(found, model=found.model.replace(figures=figures, provenance=provenance))
