@@ -80,7 +80,7 @@ def judged(recording):
 # ---- The mistakes of the issue -------------------------------------------------------------------------------------
 
 MISTAKES = {
-    "sign": (followed, {"wrongly": lambda z, k: -z}, "voltage limit"),
+    "sign": (followed, {"wrongly": lambda z, k: -z}, "the sign of sensor or actuator is wrong"),
     "gain": (followed, {"wrongly": lambda z, k: z / 20}, "voltage limit"),
     "no sensor": (followed, {"wrongly": lambda z, k: 0 * z}, "voltage limit"),
     "another axis": (followed, {"wrongly": lambda z, k: 5 * np.sin(k / 900)}, "voltage limit"),
@@ -89,6 +89,7 @@ MISTAKES = {
 }
 
 
+@pytest.mark.filterwarnings("ignore::truestroke.LimitWarning")  # one is beyond the stroke
 @pytest.mark.parametrize("kind", MISTAKES)
 def test_a_mistake_of_the_owner_is_bad_and_says_why(kind):
     make, options, why = MISTAKES[kind]
@@ -135,6 +136,8 @@ def test_without_a_measurement_there_is_no_good_run():
         assert judged(made(z, flags=flags(rejected=part)))[0] == level, part
     assert judged(made(np.full(8000, np.nan))) == ("bad", "No measurement came in the second half of the run.")
     assert judged(made(np.zeros(0))) == ("bad", "Nothing was recorded.")
+    unanswered = made(np.zeros(0), metadata={"interrupted": "axis x: no answer to a small motion"})
+    assert judged(unanswered)[1] == "Nothing was recorded: axis x: no answer to a small motion."
 
 
 def test_tracking_that_was_lost_for_a_while_or_at_the_end_is_said():

@@ -88,17 +88,22 @@ def judge(recording: Recording) -> Verdict:
     """
     ticks = recording["time"].size
     if not ticks:
-        return Verdict("bad", ("Nothing was recorded.",))
+        return Verdict("bad", (f"Nothing was recorded{_because(recording)}.",))
     try:
         figures = summary(recording)
     except SettingError:
-        return Verdict("bad", ("No measurement came in the second half of the run.",))
+        return Verdict("bad", (f"No measurement came in the second half of the run{_because(recording)}.",))
     run = _Run(recording, figures)
     findings = [found for check in CHECKS if (found := check(run))]
     return Verdict(
         "bad" if any(level == "bad" for level, _ in findings) else "doubtful" if findings else "good",
         tuple(text for wanted in ("bad", "doubtful") for level, text in findings if level == wanted),
     )
+
+
+def _because(recording: Recording) -> str:
+    why = recording.metadata.get("interrupted")
+    return f": {str(why).rstrip('.')}" if why else ""
 
 
 def worst(verdicts: Mapping[str, Verdict]) -> Verdict:
@@ -231,11 +236,22 @@ def _gain(run: _Run) -> Finding | None:
     if abs(gain - 1) < STANDS or abs(gain - 1) < SURE * deviation:
         return None
     what = "the actuator did not follow, or this is not its sensor"
-    if gain < -0.1:
+    if gain < -0.1 or _answers_backwards(run):
         what = "the sign of sensor or actuator is wrong"
     elif gain > 1:
         what = "the unit or the gain of sensor or actuator is wrong"
+    gain = 0.0 if abs(gain) < 0.005 else gain  # no -0.00
     return "bad", f"What was measured moved {gain:.2f} times as far as desired: {what}."
+
+
+def _answers_backwards(run: _Run) -> bool:
+    """Whether the displacement goes down where the voltage goes up."""
+    if "volts" not in run.recording:
+        return False
+    volts, measured = (run.recording[name][run.usable] for name in ("volts", "measured"))
+    if not np.ptp(volts) or not np.ptp(measured):
+        return False
+    return bool(np.corrcoef(volts, measured)[0, 1] < -STANDS)
 
 
 def _unmeasured(run: _Run) -> Finding | None:

@@ -88,13 +88,14 @@ def paragraph(verdict: Verdict) -> str:
     return ": ".join(filter(None, (verdict.level, " ".join(verdict.reasons))))
 
 
-def run(recording: Recording, summary: TrackingSummary) -> str:
+def run(recording: Recording, summary: TrackingSummary, verdict: Verdict) -> str:
     """What was run, in a sentence or two."""
     motion, driver = _name(recording, "trajectory", "motion"), _name(recording, "controller", "a controller")
     driver = NAMES.get(_section(recording, "options").get("controller", ""), driver)
     span = _settings(recording, "trajectory").get("peak_to_peak", summary.peak_to_peak_um)
+    did = "was to follow" if verdict.is_bad else "followed"
     what = (
-        f"{_name(recording, 'plant', 'an actuator')} followed a {motion} of {span:.1f} µm peak to "
+        f"{_name(recording, 'plant', 'an actuator')} {did} a {motion} of {span:.1f} µm peak to "
         f"peak{_rate(recording)} for {summary.duration_s:.4g} s at {summary.ticks / summary.duration_s:.0f} ticks per "
         f"second, driven by {driver}."
     )

@@ -60,7 +60,8 @@ def finish(recording: Recording, page_file: Path, figures: Path | None, as_json:
         return code
     print_figures(summary, verdict)
     common.print_files(recording=recording_file, page=page_file, pictures=figures)
-    common.suggest(*_next(recording))
+    if not verdict.is_bad:
+        common.suggest(*_next(recording))
     return code
 
 

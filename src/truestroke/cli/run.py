@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import click
 
 from truestroke.cli import common
-from truestroke.cli.report import print_figures
+from truestroke.cli.report import SHORTEST, print_figures
 from truestroke.exit_codes import ExitCode
 
 if TYPE_CHECKING:
@@ -145,4 +145,5 @@ def _print(outcome: Outcome, recordings: Mapping[str, Recording], verdicts: Mapp
         )
     for file in outcome.files:
         common.print_files(recording=file)
-    click.echo(f"\nIts page: {common.program()} report {outcome.files[0]}")
+    if outcome.ticks >= SHORTEST:
+        click.echo(f"\nIts page: {common.program()} report {outcome.files[0]}")

@@ -67,7 +67,7 @@ def page(recording: Recording) -> str:
         title=words.title(recording, summary, verdict),
         verdict=verdict.level,
         reasons=[reason.replace(" um", " µm") for reason in verdict.reasons],
-        lead=words.run(recording, summary),
+        lead=words.run(recording, summary, verdict),
         span=words.span(summary),
         columns=words.kinds(summary),
         table=[{"name": name, "cells": cells} for name, cells in words.table(summary)],
