@@ -114,6 +114,15 @@ def test_the_loop_on_one_axis_is_the_simulation_to_the_last_bit(tmp_path: Path) 
     assert recording.metadata["plant"]["settings"]["axis"]["slew"] == SLEW
 
 
+def test_limits_beyond_the_range_of_the_driver_are_refused() -> None:
+    driver = SimulatedDriver()
+    axis = OneAxis(driver, voltage_limits=(-600.0, 3600.0), slew=SLEW)
+    with pytest.raises(SettingError, match=r"voltage_limits = -600\.0 V: must be from -10 to 10 V.*V, not mV"):
+        axis.open()
+    with OneAxis(driver, **AXIS) as axis:
+        axis.open()
+
+
 class Spring:
     """10 um/V."""
 

@@ -137,6 +137,9 @@ def lost(outcome: Outcome, recording: Recording) -> bool:
 ROWS = {
     "Ctrl-C": Row(130, "Ctrl-C", do=send(signal.SIGINT)),
     "Ctrl-C twice": Row(130, "Ctrl-C; no soft stop: Ctrl-C", do=send(signal.SIGINT), at=(500, 503), soft=False),
+    "Ctrl-C in the axis check": Row(
+        130, "Ctrl-C", do=send(signal.SIGINT), settings={"axis_check": True}, also=lambda o, r: o.ticks == 0
+    ),
     "Ctrl-C in the soft start": Row(130, "Ctrl-C", do=send(signal.SIGINT), at=(3,), also=lambda o, r: o.ticks == 0),
     "SIGTERM": Row(143, "SIGTERM", do=send(signal.SIGTERM)),
     "the terminal is closed": Row(129, "terminal", do=send(signal.SIGHUP)),

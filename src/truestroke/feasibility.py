@@ -243,7 +243,8 @@ def check(
             motion,
             f"{ends[0]:g} to {ends[1]:.6g}",
             f"within reach: about {needs.volts[0]:.3g} to {needs.volts[1]:.3g} V are needed at "
-            f"{gains(settings)[0]:.3g} um/V, {names['voltage_limits']} are {low:g} to {high:g} V",
+            f"{gains(settings)[0]:.3g} um/V, {names['voltage_limits']} are {low:g} to {high:g} V; make it smaller, or "
+            "correct the limits or the model (um, V)",
             "um",
         )
     if needs.usual_slew / DOUBT > limit:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -94,6 +94,23 @@ class Guard:
         steps = max(1, *(math.ceil(abs(move) / step) for move, step in zip(moves, self._steps, strict=True)))
         part = np.arange(1, steps) / steps
         return np.array([a + move * part for a, move in zip(self.last, moves, strict=True)]).reshape(len(moves), -1)
+
+
+def check_range(argument: str, voltage_limits: tuple[float, float], told: Mapping[str, object]) -> None:
+    """Refuse limits (V) beyond the `output_range` that a driver tells of itself, if it does.
+
+    Raises
+    ------
+    SettingError
+        One of the limits is outside.
+    """
+    reach = told.get("output_range")
+    if not isinstance(reach, tuple | list):
+        return
+    for value in voltage_limits:
+        if not reach[0] <= value <= reach[1]:
+            bound = f"from {reach[0]:g} to {reach[1]:g} V, the output_range of the driver; V, not mV"
+            raise SettingError(argument, value, bound, "V")
 
 
 def padded(volts: npt.NDArray[np.float64], ticks: int) -> FloatArray:

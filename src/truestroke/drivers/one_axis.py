@@ -11,7 +11,7 @@ from truestroke import _check
 from truestroke._check import SettingError
 from truestroke._typing import FloatArray
 from truestroke.drivers.clock import Clock
-from truestroke.drivers.guard import Guard, padded
+from truestroke.drivers.guard import Guard, check_range, padded
 from truestroke.drivers.protocol import Driver, DriverError
 from truestroke.timing import Timing
 
@@ -75,6 +75,7 @@ class OneAxis:
         try:
             if timing.channels != 1:
                 raise SettingError("channels of the driver", timing.channels, "1")
+            check_range("voltage_limits", self.voltage_limits, self.driver.describe())
             self._guard = Guard(timing.sample_rate, [self.voltage_limits], [self.slew], [self.safe_voltage])
             self._clock = Clock(timing.block / timing.sample_rate, hardware_timed=timing.hardware_timed)
             self._measured = np.full((1, timing.block), np.nan)

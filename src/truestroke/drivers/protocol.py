@@ -16,7 +16,11 @@ class DriverError(RuntimeError):
 
 
 class Driver(Protocol):
-    """Hardware of one or more axes. Arrays belong to the caller: float64, C-contiguous, axis 0 the channels."""
+    """Hardware of one or more axes. Arrays belong to the caller: float64, C-contiguous, axis 0 the channels.
+
+    One that is simulated may have `rewind()`, too, which `truestroke run` calls after its axis check: what that has
+    moved is then as `open` left it, and the output stays.
+    """
 
     def open(self) -> Timing:
         """Connect, configure, check; the output stays where it is. Raises `DriverError`."""
@@ -47,4 +51,4 @@ class Driver(Protocol):
         """
 
     def describe(self) -> dict[str, object]:
-        """Tell the settings, for the recording."""
+        """Tell the settings, for the recording; an entry `output_range` (V) bounds the voltage limits of a run."""

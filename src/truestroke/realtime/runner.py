@@ -13,6 +13,7 @@ from typing import Any, Literal
 
 from truestroke import _check, feasibility, loop
 from truestroke._check import SettingError
+from truestroke.drivers.guard import check_range
 from truestroke.drivers.protocol import Driver
 from truestroke.files import Growing, beside, check_growing, grow
 from truestroke.realtime.axis_loop import slow_values, stride
@@ -126,13 +127,8 @@ def _check_agreement(
 
 def _check_range(axes: Sequence[Axis], driver: Driver) -> None:
     """What may leave must be what the hardware can put out, or not even the safe voltage is sure to."""
-    reach = driver.describe().get("output_range")
-    if isinstance(reach, tuple | list):
-        for axis in axes:
-            for value in axis.voltage_limits:
-                if not reach[0] <= value <= reach[1]:
-                    bound = f"from {reach[0]:g} to {reach[1]:g} V, the output_range of the driver; V, not mV"
-                    raise SettingError(f"voltage_limits of axis {axis.name}", value, bound, "V")
+    for axis in axes:
+        check_range(f"voltage_limits of axis {axis.name}", axis.voltage_limits, driver.describe())
 
 
 def _check_motions(axes: Sequence[Axis]) -> list[str]:

@@ -77,25 +77,29 @@ class Supervision:
         known = np.isfinite(measured)
         if 2 * np.count_nonzero(known) < known.size:
             return  # that is said by others
-        error, measured, volts = (measured - desired)[known], measured[known], volts[known]
-        rms = [float(np.sqrt(np.mean(part**2))) for part in (error, error[-len(error) // 4 :])]
-        spread = float(volts.std()), float(measured.std())
-        if min(rms) <= LARGE * self.limit or spread[0] <= MOVED * (self._high - self._low):
+        desired, measured, volts = desired[known], measured[known], volts[known]
+        quarter = slice(-(measured.size // 4), None)  # now, too, or the worst is over
+        if not all(self._ignored(desired[s], measured[s], volts[s]) for s in (slice(None), quarter)):
             return
-        alike = float(np.mean((volts - volts.mean()) * (measured - measured.mean()))) / (spread[0] * spread[1] or 1.0)
-        if alike < ALIKE:
-            raise Stop(
-                Cause.NOT_TRACKING,
-                f"axis {self._axis.name}: tracking is lost: for {known.size / self._rate:.2g} s (error_time) the "
-                f"sensor has not followed the voltage (correlation {alike:.2f}, {volts.min():.3g} to "
-                f"{volts.max():.3g} V); it shows {measured[-1]:.4g} um, {desired[-1]:.4g} um are asked for, "
-                f"{rms[0]:.3g} um off (rms). {REMEDY}",
-            )
+        rms = np.sqrt(np.mean((measured - desired) ** 2))
+        raise Stop(
+            Cause.NOT_TRACKING,
+            f"axis {self._axis.name}: tracking is lost: for {known.size / self._rate:.2g} s (error_time) the sensor "
+            f"has not followed the voltage ({volts.min():.3g} to {volts.max():.3g} V, correlation "
+            f"{_alike(volts, measured):.2f}); it shows {measured[-1]:.4g} um, {desired[-1]:.4g} um are asked for, "
+            f"{rms:.3g} um off (rms). {REMEDY}",
+        )
+
+    def _ignored(self, desired: FloatArray, measured: FloatArray, volts: FloatArray) -> bool:
+        """Whether the sensor does not follow a voltage that moves, or should move, with an error that matters."""
+        if float(np.mean((measured - desired) ** 2)) <= (LARGE * self.limit) ** 2:
+            return False
+        moves = volts.std() > MOVED * (self._high - self._low) or desired.std() > LARGE * self.limit
+        return bool(moves and _alike(volts, measured) < ALIKE)
 
     def _stop(self, desired: float, measured: float, volts: float) -> NoReturn:
         held = self._held >= self._longest_held
         seconds = (self._held if held else self._off) / self._rate
-        where = f"with the output at a voltage limit, {volts:.4g} V," if held else f"the output is at {volts:.4g} V,"
         key = "limit_time" if held else "error_time"
         where = f"stands at a voltage limit, {volts:.4g} V" if held else f"is at {volts:.4g} V"
         raise Stop(
@@ -104,3 +108,9 @@ class Supervision:
             f"{seconds:.2g} s ({key}); the output {where}, the sensor shows {measured:.4g} um, {desired:.4g} um are "
             f"asked for. {REMEDY}; if the motion needs more than voltage_limits give, make it smaller",
         )
+
+
+def _alike(volts: FloatArray, measured: FloatArray) -> float:
+    """Their correlation; 0 of a sensor that shows the same all the time."""
+    v, z = volts - volts.mean(), measured - measured.mean()
+    return float(v @ z / (np.sqrt((v @ v) * (z @ z)) or 1.0))
