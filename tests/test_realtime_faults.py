@@ -151,6 +151,7 @@ ROWS = {
     "part of a block is lost": Row(0, faults=fault("short", 100, 20), driver={"block": 4}, also=lost),
     "the sensor delivers nothing": Row(10, "no usable measurement for 200 ticks", faults=fault("nan")),
     "the sensor delivers nonsense": Row(10, "no usable measurement for 200 ticks", faults=fault("wild")),
+    "the sensor is not zeroed": Row(10, "zero the sensor", faults=fault("wild", at=0)),
     "the sensor is frozen": Row(10, "while the voltage moves", faults=fault("frozen")),
     "the driver raises": Row(12, "exchange: error -1", faults=fault("error"), soft=False),
     "the driver raises at the start": Row(12, "start: error -2", faults=fault("start"), soft=False),

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from truestroke._check import SettingError
 from truestroke._typing import FloatArray
 from truestroke.flags import BIT, BY_ADAPT
 from truestroke.loop import SLOW_CHANNELS, SLOW_PERIOD
@@ -94,7 +95,10 @@ class AxisLoop:
         for i, z in enumerate(measured[: stop - start].tolist()):
             k = start + i
             if k >= latency:  # what comes back before answers no command
-                self._adapt(z, stop - 1 - k + latency)
+                try:
+                    self._adapt(z, stop - 1 - k + latency)
+                except SettingError as error:  # the first one, out of reach
+                    raise Stop(Cause.SENSOR, f"axis {self.axis.name}: {error}") from None
                 row = (k - latency) % self._size
                 self._measured[row] = z
                 if truth is not None:
