@@ -1,7 +1,7 @@
 """The sensor shows another axis for 1 to 5 s, then its own again: how large errors are afterwards, and how late.
 
 python benchmarks/wrong_axis.py                        200 episodes of 28 s, some five minutes
-python benchmarks/wrong_axis.py --restart              the same with a controller that begins anew when alarms come in a row
+python benchmarks/wrong_axis.py --restart              with a controller that begins anew when alarms come in a row
 """
 
 from __future__ import annotations
