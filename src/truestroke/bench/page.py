@@ -9,6 +9,7 @@ from pathlib import Path
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullFormatter
 
+from truestroke import files
 from truestroke.bench import table
 from truestroke.bench.cost import Cost
 from truestroke.report import style
@@ -111,5 +112,4 @@ def save_page(costs: Sequence[Cost], missing: Sequence[str], path: str | Path, c
         command=command,
         footer=f"{table.machine()} · made {datetime.now(UTC).isoformat(timespec='seconds')}",
     )
-    path.write_text(page, encoding="utf-8")
-    return path
+    return files.write(path, page, files.PAGE)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from truestroke import judgement, words
+from truestroke import files, judgement, words
 from truestroke.characterisation.lines import MIN_PASSES, RATE_SCALE, TOLERANCE, Characterisation
 from truestroke.characterisation.pictures import pictures
 from truestroke.recording import Recording
@@ -146,5 +146,4 @@ def save_page(found: Characterisation, path: str | Path, command: str | None = N
         command=command,
         footer=words.footer(found.recording),
     )
-    path.write_text(page, encoding="utf-8")
-    return path
+    return files.write(path, page, files.PAGE)

@@ -14,6 +14,7 @@ from truestroke.cli import common
               "tenth of them through Python, a hundredth of a rival.")  # fmt: skip
 @click.option("--output", metavar="NAME", default="truestroke-bench", help="Write NAME.html.")
 @common.pictures_option
+@common.overwrite_option
 @common.json_option
 def bench(steps: int, output: str, figures: Path | None, as_json: bool) -> None:
     """Measure what a step costs here, beside its rivals.

@@ -42,6 +42,7 @@ if TYPE_CHECKING:
 @click.option("--output", metavar="NAME", default="truestroke-characterise", help="Write NAME.toml, NAME.h5 and "
               "NAME.html.")  # fmt: skip
 @common.pictures_option
+@common.overwrite_option
 @common.json_option
 def characterise(record: Path | None, output: str, figures: Path | None, as_json: bool, **options: Any) -> int:
     """Measure how the weights of an actuator depend on velocity.
@@ -78,12 +79,9 @@ def characterise(record: Path | None, output: str, figures: Path | None, as_json
 
 
 def _load(record: Path) -> Recording:
-    from truestroke.recording import Recording, RecordingError
+    from truestroke.recording import Recording
 
-    try:
-        return Recording.load(record)
-    except RecordingError as error:
-        raise click.ClickException(str(error)) from None
+    return Recording.load(record)
 
 
 def _drive(options: Mapping[str, Any], recording_file: Path) -> Recording:
@@ -98,8 +96,8 @@ def _drive(options: Mapping[str, Any], recording_file: Path) -> Recording:
         with common.progress("driving") as tell, _actuator(options, wave) as (actuator, limits):
             recording = drive(wave, actuator, **limits, progress=tell)
     except RunInterrupted as stop:
-        saved = stop.recording.save(recording_file)
-        common.interrupted(stop, f"{stop.recording['time'].size} ticks are in {saved}")
+        recording = Recording(stop.recording.channels, stop.recording.metadata | common.as_asked())
+        common.interrupted(stop, f"{recording['time'].size} ticks are in {recording.save(recording_file)}")
     recording = Recording(recording.channels, recording.metadata | common.as_asked())
     recording.save(recording_file)
     return recording

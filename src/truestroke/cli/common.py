@@ -6,6 +6,7 @@ import errno
 import json
 import math
 import os
+import re
 import shlex
 import shutil
 import signal
@@ -18,15 +19,17 @@ from typing import TYPE_CHECKING, Any, Literal, NoReturn
 
 import click
 
-from truestroke import _signals, _streams
+from truestroke import _signals, _streams, files
 from truestroke._check import SettingError
 from truestroke.exit_codes import ExitCode
+from truestroke.files import FileError
 
 if TYPE_CHECKING:
     from truestroke.loop import RunInterrupted
     from truestroke.verdict import Verdict
 
-FILES = ("output", "figures", "as_json")  # options that do not change the run
+FILES = ("output", "figures", "overwrite", "as_json")  # options that do not change the run
+ALIASES = {"cutoff": "frequency", "slew_limit": "slew", "path": "trajectory"}  # arguments of Python by other options
 PIPE_WIDTH = 120  # columns of a table where there is no terminal
 
 
@@ -51,6 +54,18 @@ class Commands(click.Group):
             code = ExitCode.FAILED if lost and code == ExitCode.OK else code
         sys.exit(code)
 
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run the command that is asked for, and remember it for what goes wrong."""
+        try:
+            return super().invoke(ctx)
+        finally:
+            self._asked = self.commands.get(ctx.invoked_subcommand or "")
+
+    _asked: click.Command | None = None
+
+    def _failed(self, message: str, code: int) -> int:
+        return _complain(in_words_of(self._asked, message), code)
+
     def _run(self, *args: Any, **options: Any) -> int:
         stopped: list[int] = []
         try:
@@ -63,12 +78,15 @@ class Commands(click.Group):
             return ExitCode.OK
         except click.UsageError as error:
             where = error.ctx.command_path if error.ctx else "truestroke"
-            return _complain(f"{error.format_message()} See: {where} --help", ExitCode.USAGE)
-        except (click.ClickException, SettingError) as error:
-            message = error.format_message() if isinstance(error, click.ClickException) else str(error)
-            return _complain(message, ExitCode.USAGE if isinstance(error, SettingError) else ExitCode.FAILED)
+            return self._failed(f"{error.format_message()} See: {where} --help", ExitCode.USAGE)
+        except SettingError as error:
+            return self._failed(str(error), ExitCode.USAGE)
+        except click.ClickException as error:
+            return self._failed(error.format_message(), ExitCode.FAILED)
+        except FileError as error:
+            return self._failed(str(error), ExitCode.FAILED)
         except OSError as error:
-            return _complain(f"{error.filename or 'file'}: {error.strerror or error}", ExitCode.FAILED)
+            return self._failed(f"{error.filename or 'file'}: {error.strerror or error}", ExitCode.FAILED)
         except (click.Abort, KeyboardInterrupt):
             code = 128 + stopped[0] if stopped else ExitCode.INTERRUPTED
             return _complain("terminated" if stopped else "interrupted", code)
@@ -117,6 +135,21 @@ def _warnings_as_lines() -> Iterator[None]:
         yield
 
 
+def in_words_of(command: click.Command | None, text: str) -> str:
+    """A text of the library as a reader of the command line knows it: `name` of an argument becomes its option.
+
+    So does the name that a `SettingError` begins with.
+    """
+    options = [one for one in command.params if isinstance(one, click.Option)] if command else []
+    names = {one.name: one.opts[0] for one in options}
+
+    def option(match: re.Match[str]) -> str:
+        name = match[1] or match[2]
+        return names.get(name) or names.get(ALIASES.get(name, name)) or (name if match[1] else match[0])
+
+    return re.sub(r"`([a-z_]+)`|^([a-z_]+)(?= = )", option, text)
+
+
 def _complain(message: str, code: int = ExitCode.FAILED) -> int:
     """One line on stderr; the exit code."""
     click.echo(f"truestroke: {' '.join(message.split())}", err=True)
@@ -147,6 +180,17 @@ def pictures_option(command: Callable[..., Any]) -> Callable[..., Any]:
     )(command)
 
 
+def overwrite_option(command: Callable[..., Any]) -> Callable[..., Any]:
+    """`--overwrite`; the command itself need not know of it."""
+
+    def permit(context: click.Context, _: click.Parameter, yes: bool) -> None:
+        if yes:
+            context.with_resource(files.overwriting())
+
+    told = "Replace files that are there, whoever wrote them."
+    return click.option("--overwrite", is_flag=True, expose_value=False, callback=permit, help=told)(command)
+
+
 def json_option(command: Callable[..., Any]) -> Callable[..., Any]:
     """`--json`."""
     return click.option("--json", "as_json", is_flag=True, help="Print one JSON object and nothing else.")(command)
@@ -163,11 +207,21 @@ def outputs(output: str, *endings: str) -> list[Path]:
         raise click.ClickException(
             f"--output {output}: there is no folder {stem.parent}; make it: mkdir -p {stem.parent}"
         )
-    files = [stem.with_name(stem.name + ending) for ending in endings]
-    for file in files:
-        if not os.access(file if file.exists() else file.parent, os.W_OK) or file.is_dir():
-            raise click.ClickException(f"--output {output}: {file} cannot be written; choose another --output.")
-    return files
+    places = [stem.with_name(stem.name + ending) for ending in endings]
+    for place in places:
+        if not os.access(place if place.exists() else place.parent, os.W_OK) or place.is_dir():
+            raise click.ClickException(f"--output {output}: {place} cannot be written; choose another --output.")
+        files.check(place, _kind(place.suffix))
+    return places
+
+
+def _kind(ending: str) -> files.Kind:
+    """What the command that is called writes into a file with this ending."""
+    from truestroke import recording
+
+    if ending == ".h5":
+        return recording.kind({"command": f"truestroke {click.get_current_context().info_name}"})
+    return {".html": files.PAGE, ".toml": files.MODEL, ".sqlite": files.STORE}[ending]
 
 
 def as_asked() -> dict[str, Any]:
@@ -239,7 +293,9 @@ def print_verdict(verdict: Verdict) -> None:
 
 
 def print_text(text: str) -> None:
-    """A paragraph, wrapped."""
+    """A paragraph, wrapped, in the words of the command that is called."""
+    context = click.get_current_context(silent=True)
+    text = in_words_of(context.command if context else None, text)
     click.echo(click.wrap_text(text, _width()))
 
 

@@ -15,6 +15,7 @@ from truestroke.cli import common
               "sine takes an eighth of it, at least 2 s.")  # fmt: skip
 @click.option("--output", metavar="NAME", default="truestroke-compare", help="Write NAME.html.")
 @common.pictures_option
+@common.overwrite_option
 @common.json_option
 def compare(seed: int, duration: float, output: str, figures: Path | None, as_json: bool) -> None:
     """Follow the same waves with eight controllers.

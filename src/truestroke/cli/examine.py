@@ -46,12 +46,9 @@ def record_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
 def read(record: Path, **options: Any) -> Record:
     """The record that `record_options` name."""
-    from truestroke.identification import RecordError, read_record
+    from truestroke.identification import read_record
 
-    try:
-        return read_record(record, **options)
-    except RecordError as error:
-        raise click.ClickException(str(error)) from None
+    return read_record(record, **options)
 
 
 @click.command()

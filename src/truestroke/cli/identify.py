@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from truestroke import files
 from truestroke.cli import common
 from truestroke.cli.examine import read, record_options
 from truestroke.cli.track import like_the_stack
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 @click.option("--output", metavar="FILE", default="model.toml", help="The model is written there.")
 @click.option("--report", metavar="FILE", help="The page is written there.  [default: as --output, .html]")
 @common.pictures_option
+@common.overwrite_option
 @common.json_option
 def identify(
     record: Path, output: str, report: str | None, figures: Path | None, as_json: bool, **options: Any
@@ -67,6 +69,8 @@ def _files(output: str, report: str | None) -> tuple[Path, Path]:
             raise click.UsageError(f"{option} {file}: is a folder; name a file.")
     if page_file == target:
         raise click.UsageError(f"--output {output}: the page would replace the model; call the model .toml.")
+    files.check(target, files.MODEL)
+    files.check(page_file, files.PAGE)
     return target, page_file
 
 

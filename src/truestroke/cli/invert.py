@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from truestroke import files
 from truestroke.cli import common, motion
 
 if TYPE_CHECKING:
@@ -43,6 +44,7 @@ def limit_options(command: Callable[..., Any]) -> Callable[..., Any]:
 @limit_options
 @click.option("--output", metavar="NAME", default="waveform.csv", help="Write NAME.csv or NAME.npz.")
 @common.pictures_option
+@common.overwrite_option
 @common.json_option
 def invert(
     trajectory: str, model: Path, output: str, figures: Path | None, strict: bool, as_json: bool, **options: Any
@@ -80,12 +82,9 @@ def invert(
 
 def load(path: Path) -> ActuatorModel:
     """The model in a file."""
-    from truestroke.identification import ModelFileError, load_model
+    from truestroke.identification import load_model
 
-    try:
-        return load_model(path)
-    except ModelFileError as error:
-        raise click.ClickException(str(error)) from None
+    return load_model(path)
 
 
 def waveform_file(option: str, name: str) -> Path:
@@ -95,6 +94,7 @@ def waveform_file(option: str, name: str) -> Path:
         raise click.UsageError(f"{option} {name}: ends in neither .csv nor .npz.")
     if not os.access(path.parent, os.W_OK) or path.is_dir():
         raise click.ClickException(f"{option} {name}: cannot be written; is there a folder {path.parent}?")
+    files.check(path, files.WAVEFORM)
     return path
 
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from truestroke import files
 from truestroke.cli import common
 
 if TYPE_CHECKING:
@@ -22,6 +23,7 @@ HEADER = "time (s),volts (V),z (um)"
 @click.option("--config", type=FILE, metavar="FILE", required=True, help="Driver and one axis with its limits: TOML.")
 @click.option("--output", metavar="FILE", default="record.csv", help="Record, CSV.")
 @click.option("--rest", metavar="S", type=click.FloatRange(0.0), default=0.5, help="Rest under the first voltage.")
+@common.overwrite_option
 @common.json_option
 def play(waveform: Path, config: Path, output: str, rest: float, as_json: bool) -> None:
     """Play a waveform on hardware and record what it does.
@@ -38,6 +40,7 @@ def play(waveform: Path, config: Path, output: str, rest: float, as_json: bool) 
     target = Path(output)
     if target.suffix != ".csv" or not target.parent.is_dir():
         raise click.UsageError(f"--output {output}: is a file .csv in a folder that is there.")
+    files.check(target, files.MEASUREMENT)
     volts, rate = _waveform(waveform)
     job = configuration.one_axis(config)
     try:
@@ -46,7 +49,8 @@ def play(waveform: Path, config: Path, output: str, rest: float, as_json: bool) 
         raise click.ClickException(str(error)) from None
     x, z = made.volts[0], made.displacement[0]
     rows = np.column_stack([np.arange(x.size) / rate, x, z])
-    np.savetxt(target, rows, fmt="%.9g", delimiter=",", header=HEADER, comments="")
+    with files.writing(target, files.MEASUREMENT) as draft:
+        np.savetxt(draft, rows, fmt="%.9g", delimiter=",", header=HEADER, comments="")
     if as_json:
         common.print_json({**_figures(made), "record": str(target)})
         return
@@ -74,14 +78,11 @@ def _waveform(path: Path) -> tuple[FloatArray, float]:
 
     from truestroke.identification.tables import RecordError, open_table
 
-    try:
-        table = open_table(path)
-        names = [name.lower() for name in table.names]
-        if not {"time", "volts"} <= set(names):
-            raise RecordError(str(path), "has no columns time (s) and volts (V)")
-        time, volts = table.read([names.index("time"), names.index("volts")], False)
-    except RecordError as error:
-        raise click.ClickException(str(error)) from None
+    table = open_table(path)
+    names = [name.lower() for name in table.names]
+    if not {"time", "volts"} <= set(names):
+        raise RecordError(str(path), "has no columns time (s) and volts (V)")
+    time, volts = table.read([names.index("time"), names.index("volts")], False)
     steps = np.diff(time)
     if steps.size == 0 or not (steps > 0).all() or np.ptp(steps) > 1e-3 * steps.mean():
         raise click.ClickException(f"{path}: time does not ascend in even steps")

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from truestroke import files
 from truestroke.cli import common
 from truestroke.cli.examine import read, record_options
 from truestroke.cli.invert import as_dict, leave, limit_options, limits, load, model_option, tell, waveform_file
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 @click.option("--next", "following", metavar="NAME", help="Write the waveform of the next pass, NAME.csv or NAME.npz: "
               "made with the refined model, and corrected by what it leaves of RECORD.")  # fmt: skip
 @limit_options
+@common.overwrite_option
 @common.json_option
 def refine(
     record: Path, model: Path, waveform: Path | None, output: str, following: str | None, strict: bool, as_json: bool,
@@ -41,6 +43,7 @@ def refine(
         raise click.UsageError("--next needs --waveform: the motion is in there.")
     if not Path(output).parent.is_dir():
         raise click.ClickException(f"--output {output}: there is no folder {Path(output).parent}")
+    files.check(output, files.MODEL)
     target = waveform_file("--next", following) if following else None
     known, data, played = load(model), read(record, **options), _played(waveform)
     found = identification.refine(known, data, played=played)
@@ -65,12 +68,9 @@ def refine(
 
 
 def _played(path: Path | None) -> Played | None:
-    from truestroke.identification import RecordError, load_waveform
+    from truestroke.identification import load_waveform
 
-    try:
-        return None if path is None else load_waveform(path)
-    except RecordError as error:
-        raise click.ClickException(str(error)) from None
+    return None if path is None else load_waveform(path)
 
 
 def _figures(found: Refined) -> dict[str, Any]:

@@ -23,16 +23,14 @@ SHORTEST = 20  # ticks that can be drawn
 @click.argument("recording", type=click.Path(exists=True, dir_okay=False, path_type=Path))
 @click.option("--output", metavar="NAME", help="Write NAME.html.  [default: as RECORDING]")
 @common.pictures_option
+@common.overwrite_option
 @common.json_option
 def report(recording: Path, output: str | None, figures: Path | None, as_json: bool) -> int:
     """Make the table and the page of a recording again."""
-    from truestroke.recording import Recording, RecordingError
+    from truestroke.recording import Recording
 
     (page_file,) = common.outputs(output or str(recording), ".html")
-    try:
-        loaded = Recording.load(recording)
-    except RecordingError as error:
-        raise click.ClickException(str(error)) from None
+    loaded = Recording.load(recording)
     if len(loaded["time"]) < SHORTEST:
         raise click.ClickException(f"{recording}: {len(loaded['time'])} ticks, a page needs at least {SHORTEST}")
     return finish(loaded, page_file, figures, as_json, recording)

@@ -14,6 +14,7 @@ from truestroke.cli import common
 @click.argument("names", nargs=-1, type=click.Choice(paper.NAMES), metavar="[NAME]...")
 @click.option("--output", metavar="NAME", default="truestroke-reproduce", help="Write NAME.html.")
 @common.pictures_option
+@common.overwrite_option
 @common.json_option
 def reproduce(names: tuple[str, ...], output: str, figures: Path | None, as_json: bool) -> None:
     """Put the paper's tables and figures beside ours."""

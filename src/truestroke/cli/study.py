@@ -34,6 +34,7 @@ def _example(context: click.Context, _: click.Parameter, asked: bool) -> None:
 @click.option("--report-only", is_flag=True, help="Run nothing; report what is there.")
 @click.option("--output", metavar="NAME", help="Keep results in NAME.sqlite, write NAME.html; by default FILE's name.")
 @common.pictures_option
+@common.overwrite_option
 @common.json_option
 def study(
     file: Path,

@@ -40,6 +40,7 @@ ALIKE = 2.5  # times more or less
 @click.option("--seed", metavar="N", type=click.IntRange(0), default=0, help="Of the random wave and the sensor noise.")
 @click.option("--output", metavar="NAME", default="truestroke-track", help="Write NAME.h5 and NAME.html.")
 @common.pictures_option
+@common.overwrite_option
 @common.json_option
 def track(output: str, figures: Path | None, as_json: bool, **options: Any) -> int:
     """Follow a motion with a simulated stack.
@@ -106,18 +107,24 @@ def like_the_stack(model: ActuatorModel) -> bool:
 def _run(trajectory: Trajectory, controller: Controller, plant: Actuator, rescue: Path) -> Recording:
     """The run, and the same motion with a constant gain; what there is goes to `rescue` if it is interrupted."""
     from truestroke.loop import RunInterrupted, run
-    from truestroke.recording import Recording
 
     try:
         with common.progress("tracking") as tell:
             recording = run(trajectory, controller, plant, progress=tell)
     except RunInterrupted as stop:
         ticks = stop.recording["time"].size
-        saved = f"the {ticks} ticks so far are in {stop.recording.save(rescue)}" if ticks else "nothing was saved"
+        saved = f"the {ticks} ticks so far are in {_own(stop.recording).save(rescue)}" if ticks else "nothing was saved"
         common.interrupted(stop, saved)
-    recording = Recording(recording.channels, recording.metadata | common.as_asked())
+    recording = _own(recording)
     recording.save(rescue)
     return _with_uncompensated(recording, trajectory, plant)
+
+
+def _own(recording: Recording) -> Recording:
+    """With the command that made it."""
+    from truestroke.recording import Recording
+
+    return Recording(recording.channels, recording.metadata | common.as_asked())
 
 
 def _with_uncompensated(recording: Recording, trajectory: Trajectory, plant: Actuator) -> Recording:

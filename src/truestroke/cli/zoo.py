@@ -30,6 +30,7 @@ def _names(context: click.Context, option: click.Parameter, value: str) -> tuple
               "controllers; write its recording and page.")  # fmt: skip
 @click.option("--output", metavar="NAME", default="truestroke-zoo", help="Write NAME.html; with --only also NAME.h5.")
 @common.pictures_option
+@common.overwrite_option
 @common.json_option
 def zoo(
     plants: int,

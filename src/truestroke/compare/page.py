@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from truestroke import words
+from truestroke import files, words
 from truestroke.compare.rivals import Rival
 from truestroke.compare.table import Row
 from truestroke.report import style
@@ -162,8 +162,7 @@ def save_page(rows: Sequence[Row], rivals: Sequence[Rival], path: str | Path, co
         command=command,
         footer=words.footer(rows[0].recording),
     )
-    path.write_text(page, encoding="utf-8")
-    return path
+    return files.write(path, page, files.PAGE)
 
 
 def _typeset(rows: Sequence[Sequence[str]]) -> list[list[str]]:

@@ -357,7 +357,7 @@ def _of_columns(found: Findings, record: Record) -> list[str]:
             f"voltage and displacement hardly move together (correlation {found.correlation:.2f}): wrong column?"
         )
     elif found.gain_um_per_v < 0:
-        says.append("the displacement falls as the voltage rises: turn its sign before fitting (flip_displacement)")
+        says.append("the displacement falls as the voltage rises: turn its sign before fitting (`flip_displacement`)")
     return says
 
 

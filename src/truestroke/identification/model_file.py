@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from truestroke import files
 from truestroke._check import SettingError
 from truestroke._typing import FloatArray
 from truestroke.identification.actuator import ActuatorModel
@@ -33,7 +34,7 @@ KEYS = {
 """Keys of the file's table [model], and the members of `ActuatorModel` that they hold."""
 
 
-class ModelFileError(ValueError):
+class ModelFileError(files.FileError):
     """A model file that cannot be used; names the file and the reason."""
 
 
@@ -43,7 +44,7 @@ def save_model(path: str | os.PathLike[str], model: ActuatorModel) -> None:
     Parameters
     ----------
     path : str or PathLike
-        File; one that is there is replaced.
+        File; a model that is there is replaced.
     model : ActuatorModel
         `Identified.model`, for one.
 
@@ -51,11 +52,13 @@ def save_model(path: str | os.PathLike[str], model: ActuatorModel) -> None:
     ------
     ModelFileError
         A number of the model is not finite.
+    FileExistsError
+        A file is there that is no model; within `files.overwriting` it is replaced.
     """
     lines = [f"format = {_toml(FORMAT)}", f"version = {VERSION}", *_sections(model, "")]
     if model.before is not None:
         lines += ["", "# What it was refined from, to undo a pass that is worse", *_sections(model.before, "before.")]
-    Path(path).write_text("\n".join(lines) + "\n", encoding="utf-8")
+    files.write(path, "\n".join(lines) + "\n", files.MODEL)
 
 
 def _sections(model: ActuatorModel, prefix: str) -> list[str]:

@@ -290,7 +290,7 @@ def _by_place(table: Table, role: str) -> int | None:
 
 
 def _not_found(table: Table, role: str) -> str:
-    help_ = " or give the sample rate" if role == "time" else ""
+    help_ = " or give the `sample_rate`" if role == "time" else ""
     return f"which column is {role}? Name it{help_}; {_listing(table)}"
 
 
@@ -311,7 +311,7 @@ def _column(source: str, table: Table, role: str, index: int, given: str | None)
     stated = table.units[index] if table.names else ""
     if given is None and tables.is_unit(stated) and stated not in tables.UNITS[role]:
         reason = f"{role}: {_heading(table, index)} is in {stated}; {role} is in {' or '.join(tables.UNITS[role])}"
-        help_ = "; displacement_scale says how many um one of them is" if role == "displacement" else ""
+        help_ = "; `displacement_scale` says how many um one of them is" if role == "displacement" else ""
         raise RecordError(source, reason + help_)
     unit = tables.unit(given) if given is not None else stated
     known = unit in tables.UNITS[role]
@@ -378,14 +378,14 @@ def _refuse_bad_rows(source: str, signals: Mapping[str, FloatArray], table: Tabl
             number, text = table.locate(first := int(np.argmax(bad)))
             told = f" in {text}" if text else ""
             reason = f"{role} is {'missing or no number' if np.isnan(signal[first]) else 'infinite'}{told}"
-            raise RecordError(source, f"{reason}; drop_bad_rows leaves such rows out", number, table.where)
+            raise RecordError(source, f"{reason}; `drop_bad_rows` leaves such rows out", number, table.where)
     time = signals["time"]
     late = np.diff(time) <= 0
     if late.any():
         number, _ = table.locate(first := int(np.argmax(late)) + 1)
         how = "repeats" if time[first] == time[first - 1] else "is earlier than"
         reason = f"time {time[first]:.9g} s {how} that of the row before ({late.sum()} such rows)"
-        reason += "; drop_bad_rows leaves them out, or give the sample rate instead of a time column"
+        reason += "; `drop_bad_rows` leaves them out, or give the `sample_rate` instead of a time column"
         raise RecordError(source, reason, number, table.where)
 
 
@@ -393,7 +393,7 @@ def _refuse_late(source: str, first: float) -> None:
     """Stamps of no stated unit that begin later than the year 5000: milliseconds and the like since 1970."""
     if first > 1e11:
         unit = "ms" if first < 1e14 else "us" if first < 1e17 else "ns"
-        raise RecordError(source, f"time begins at {first:.6g} s, unlikely: is it in {unit}? Say so by time_unit")
+        raise RecordError(source, f"time begins at {first:.6g} s, unlikely: is it in {unit}? Say so by `time_unit`")
 
 
 def _refuse_constant(source: str, role: str, signal: FloatArray, heading: str) -> None:

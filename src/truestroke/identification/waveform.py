@@ -10,14 +10,13 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from truestroke import _check
+from truestroke import _check, files
 from truestroke._check import SettingError
 from truestroke._typing import FloatArray
 from truestroke.identification.actuator import ActuatorModel
 from truestroke.identification.spans import Beyond, Span, spans
 from truestroke.settings import UNLIMITED
 
-HEADER = "time (s),volts (V),desired (um)"
 SMOOTHING = 2e-3  # s: standard deviation of the window over what a recording leaves, so that its noise is not played
 
 TOLD = 1e-4  # of the stroke: an error at a limit that is smaller is not told
@@ -175,13 +174,17 @@ def save_waveform(path: str | os.PathLike[str], made: Waveform) -> None:
     ------
     SettingError
         The name ends in neither.
+    FileExistsError
+        A file is there that is no waveform; within `files.overwriting` it is replaced.
     """
     kind = Path(path).suffix
     if kind == ".npz":
-        np.savez(path, time=made.time, volts=made.volts, desired=made.desired, predicted=made.predicted)
+        with files.writing(path, files.WAVEFORM) as draft:
+            np.savez(draft, time=made.time, volts=made.volts, desired=made.desired, predicted=made.predicted)
     elif kind == ".csv":
         rows = np.column_stack([made.time, made.volts, made.desired])
-        np.savetxt(path, rows, fmt="%.12g", delimiter=",", header=HEADER, comments="")
+        with files.writing(path, files.WAVEFORM) as draft:
+            np.savetxt(draft, rows, fmt="%.12g", delimiter=",", header=files.WAVEFORM_HEADER, comments="")
     else:
         raise SettingError("path", os.fspath(path), "a name that ends in .csv or .npz")
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
-from truestroke import words
+from truestroke import files, words
 from truestroke.paper.reproduction import Reproduction
 from truestroke.recording import Recording, versions
 from truestroke.report import style
@@ -49,5 +49,4 @@ def save_page(results: Sequence[Reproduction], path: str | Path, command: str | 
         command=command,
         footer=words.footer(Recording({}, about)),
     )
-    path.write_text(page, encoding="utf-8")
-    return path
+    return files.write(path, page, files.PAGE)

@@ -13,7 +13,7 @@ import jinja2
 import matplotlib
 from matplotlib.figure import Figure
 
-from truestroke import judgement, words
+from truestroke import files, judgement, words
 from truestroke.recording import Recording
 from truestroke.report import figures, style
 from truestroke.report.style import LIGHT, Theme
@@ -53,9 +53,7 @@ def save_all(draw: Callable[[Theme], Mapping[str, Figure]], directory: str | Pat
 
 def save_page(recording: Recording, path: str | Path) -> Path:
     """Write the page of `recording` to `path`; nothing outside the file is needed to read it."""
-    path = Path(path)
-    path.write_text(page(recording), encoding="utf-8")
-    return path
+    return files.write(path, page(recording), files.PAGE)
 
 
 def page(recording: Recording) -> str:

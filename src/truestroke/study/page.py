@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import truestroke
+from truestroke import files
 from truestroke.report import style
 from truestroke.report.page import render, save_all, svg
 from truestroke.study import pictures
@@ -144,5 +145,4 @@ def save_page(
         command=command,
         footer=f"truestroke {truestroke.__version__}, {len(rows)} of {study.runs} runs.",
     )
-    Path(path).write_text(page, encoding="utf-8")
-    return Path(path)
+    return files.write(path, page, files.PAGE)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from truestroke import words
+from truestroke import files, words
 from truestroke.recording import Recording
 from truestroke.report import style
 from truestroke.report.page import render, save_all, svg
@@ -119,5 +119,4 @@ def save_page(
         command=command,
         footer=words.footer(recording),
     )
-    path.write_text(page, encoding="utf-8")
-    return path
+    return files.write(path, page, files.PAGE)

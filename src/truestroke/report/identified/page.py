@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from truestroke import files
 from truestroke.identification import Findings, Identified, Record, examine
 from truestroke.report import style
 from truestroke.report.identified import pictures
@@ -149,9 +150,7 @@ def _parts(words: str) -> tuple[str, ...]:
 
 def save_page(found: Identified, record: Record, path: str | Path, **about: Any) -> Path:
     """Write the page to `path`; nothing outside the file is needed to read it. Arguments as `page`."""
-    path = Path(path)
-    path.write_text(page(found, record, **about), encoding="utf-8")
-    return path
+    return files.write(path, page(found, record, **about), files.PAGE)
 
 
 def save_pictures(found: Identified, directory: str | Path) -> list[Path]:
