@@ -6,12 +6,16 @@ hours. Here they are opened as they would be had they been closed, and a checksu
 
 from __future__ import annotations
 
+import hashlib
 import io
+import json
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
+FORMAT = "truestroke recording"
+ENDING = "ending"  # dataset of a recording that grew while it ran: JSON that is known only at its end, bytes
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 SUPERBLOCK = 48  # bytes of it in version 3: signature, version, sizes, flags, four addresses, checksum
 FLAGS = 11  # where "it is open for writing" stands
@@ -44,6 +48,24 @@ def _closed(path: Path) -> bytes | None:
     head[FLAGS] = 0
     head[END] = size.to_bytes(8, "little")
     return bytes(head[:-4] + checksum(head[:-4]))
+
+
+def digest(file: Any) -> str:
+    """SHA-256 over all that describes the channels of a recording; HDF5 itself has no checksum of texts."""
+    texts = ("unit", "description", "time")
+    about = {
+        name: [str(data.dtype), list(data.shape[1:]), *(str(data.attrs[key]) for key in texts)]
+        for name, data in file.items()
+        if name != ENDING
+    }
+    return hashlib.sha256(json.dumps([file.attrs["metadata"], about]).encode()).hexdigest()
+
+
+def intact(file: Any) -> bool:
+    """Whether a file is no recording, or one of before there were checksums, or as its digest says."""
+    if file.attrs.get("format") != FORMAT or int(file.attrs["format_version"]) < 2:
+        return True
+    return bool(file.attrs["checksum"] == digest(file))
 
 
 class _Unfinished(io.FileIO):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import errno
 import functools
-import hashlib
 import json
 import platform
 import subprocess
@@ -21,12 +20,11 @@ import numpy.typing as npt
 
 from truestroke import files, hdf5
 from truestroke._check import SettingError
+from truestroke.hdf5 import ENDING, FORMAT
 
-FORMAT = "truestroke recording"
 FORMAT_VERSION = 2  # from 2 on with checksums
 CHUNK = 65536  # entries of a chunk of a file that is saved at once
 TRIES, PAUSE = 10, 0.02  # s; to read a file that is being written
-ENDING = "ending"  # dataset of a recording that grew while it ran: JSON that is known only at its end, bytes
 
 
 class RecordingError(files.FileError):
@@ -149,7 +147,7 @@ class Recording:
             chunked = {"chunks": (min(len(data), CHUNK), *data.shape[1:]), "fletcher32": True} if data.size else {}
             dataset = file.create_dataset(name, data=data, **chunked)
             dataset.attrs.update(unit=channel.unit, description=channel.description, time=channel.time)
-        file.attrs["checksum"] = checksum(file)
+        file.attrs["checksum"] = hdf5.digest(file)
 
     @classmethod
     def load(cls, path: str | Path) -> Recording:
@@ -192,7 +190,7 @@ class Recording:
             raise RecordingError(f"{path}: an HDF5 file, but not a {FORMAT}")
         if (version := int(file.attrs["format_version"])) > FORMAT_VERSION:
             raise RecordingError(f"{path}: format {version}, newer than {FORMAT_VERSION}; a newer truestroke reads it")
-        if version > 1 and file.attrs["checksum"] != checksum(file):
+        if not hdf5.intact(file):
             raise RecordingError(f"{path}: the file is damaged (the checksum of what describes it is wrong)")
         sets = {name: data for name, data in file.items() if name != ENDING}
         files.check_size(path, "the recording", sum(data.nbytes for data in sets.values()))
@@ -216,20 +214,6 @@ def describe(file: Any, metadata: Mapping[str, Any]) -> None:
     file.attrs.update(format=FORMAT, format_version=FORMAT_VERSION, metadata=_json(metadata))
     for key, value in metadata.items():  # readable in any HDF5 viewer; `load` reads the one above
         file.attrs[f"about {key}"] = _json(value, indent=1)
-
-
-def checksum(file: Any) -> str:
-    """SHA-256 over all that describes an HDF5 file's channels; HDF5 itself has no checksum of texts."""
-    about = {
-        name: [
-            str(data.dtype),
-            list(data.shape[1:]),
-            *(str(data.attrs[key]) for key in ("unit", "description", "time")),
-        ]
-        for name, data in file.items()
-        if name != ENDING
-    }
-    return hashlib.sha256(json.dumps([file.attrs["metadata"], about]).encode()).hexdigest()
 
 
 def sealed(ending: str, size: int) -> bytes:

@@ -12,7 +12,6 @@ from __future__ import annotations
 import csv
 import math
 import re
-import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,9 +20,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from truestroke import _check, _loops
+from truestroke import _check, _loops, npz
 from truestroke._check import SettingError
 from truestroke._typing import FloatArray
+from truestroke.files import FileError
 
 UM_PER_UNIT = {"um": 1.0, "nm": 1e-3, "mm": 1e3}
 NAMES = {"position": ("z", "desired", "position", "displacement"), "time": ("t", "time")}
@@ -490,8 +490,11 @@ def from_csv(
 
 def _read_text(path: Path) -> tuple[list[str], int, FloatArray]:
     """Headings of the columns (empty where the file has none), the line of the first row, the numbers."""
-    with path.open(newline="", encoding="utf-8-sig") as file:
-        rows = [row for row in csv.reader(file) if row]
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            rows = [row for row in csv.reader(file) if row]
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise SettingError("path", path, f"a text file with columns ({error})") from None
     if not rows:
         raise SettingError("path", path, "a file with at least 4 rows of numbers; it is empty")
     try:
@@ -504,9 +507,9 @@ def _read_text(path: Path) -> tuple[list[str], int, FloatArray]:
 def _read_npz(path: Path) -> tuple[list[str], int, FloatArray]:
     """The same of an NPZ file: its arrays of one axis, all as long as the longest."""
     try:
-        with np.load(path) as file:
-            arrays = {name: np.asarray(file[name], dtype=np.float64) for name in file.files}
-    except (ValueError, EOFError, zipfile.BadZipFile) as error:
+        held = npz.read(path, npz.names(path, FileError), FileError)
+        arrays = {name: np.asarray(array, dtype=np.float64) for name, array in held.items()}
+    except (ValueError, TypeError) as error:
         raise SettingError("path", path, f"an NPZ file of numbers ({error})") from None
     rows = max((array.size for array in arrays.values()), default=0)
     arrays = {name: array for name, array in arrays.items() if array.shape == (rows,)}

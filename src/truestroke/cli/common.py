@@ -25,6 +25,8 @@ from truestroke.exit_codes import ExitCode
 from truestroke.files import FileError
 
 if TYPE_CHECKING:
+    from rich.text import Text
+
     from truestroke.loop import RunInterrupted
     from truestroke.verdict import Verdict
 
@@ -256,7 +258,7 @@ def progress(what: str) -> Iterator[Callable[[int, int], None] | None]:
         yield lambda done, all_of_them: bar.update(task, completed=done, total=all_of_them)
 
 
-def print_table(columns: Sequence[str], rows: Sequence[Sequence[str]], dim: str = "", left: str = "") -> None:
+def print_table(columns: Sequence[str], rows: Sequence[Sequence[str | Text]], dim: str = "", left: str = "") -> None:
     """First column left, the others right, then an empty line; a rule under the head where there is a terminal.
 
     A narrow terminal wraps the first column only. Columns named `dim` stand back; one named `left` is left, too.
@@ -264,6 +266,7 @@ def print_table(columns: Sequence[str], rows: Sequence[Sequence[str]], dim: str 
     from rich.box import SIMPLE_HEAD
     from rich.console import Console
     from rich.table import Table
+    from rich.text import Text
 
     console = Console(highlight=False)
     if not console.is_terminal and "COLUMNS" not in os.environ:
@@ -272,9 +275,9 @@ def print_table(columns: Sequence[str], rows: Sequence[Sequence[str]], dim: str 
     table = Table(box=box, pad_edge=False, padding=(0, gap, 0, 0))
     for i, name in enumerate(columns):
         side: Literal["left", "right"] = "right" if i and name != left else "left"
-        table.add_column(name, justify=side, style="dim" if name == dim else None, no_wrap=i > 0)
+        table.add_column(Text(name), justify=side, style="dim" if name == dim else None, no_wrap=i > 0)
     for row in rows:
-        table.add_row(*row)
+        table.add_row(*(Text(cell) if isinstance(cell, str) else cell for cell in row))  # no markup
     console.print(table)
     if not console.is_terminal:  # where the box ends with one
         click.echo()

@@ -73,13 +73,15 @@ def _tell_alone(verdict: Verdict, as_json: bool, recording_file: Path) -> None:
 
 def print_figures(summary: TrackingSummary, verdict: Verdict) -> None:
     """The table of errors, the verdict, when the error became small, and what happened on the way."""
+    from rich.text import Text
+
     from truestroke import words
 
     columns = [words.span(summary)]
     for kind in words.kinds(summary):
         columns += [kind, "of p-p"]
     rows = [
-        [name, *(text for um, percent in cells for text in (f"[bold]{um}[/] um", f"{percent} %"))]
+        [name, *(text for um, percent in cells for text in (Text.assemble((um, "bold"), " um"), f"{percent} %"))]
         for name, cells in words.table(summary)
     ]
     common.print_table(columns, rows, dim="of p-p")

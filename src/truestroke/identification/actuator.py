@@ -191,7 +191,7 @@ class ActuatorModel:
             "offset": True,
             "bends": self.bends,
             "rate_scale": self.rate_scale,
-            "initial_weights": tuple(np.asarray(self.weights, dtype=np.float64).ravel().tolist()),
+            "initial_weights": tuple(_check.finite_array("weights", self.weights).tolist()),
         }
         return ControllerSettings(sample_rate=sample_rate, **{**model, **changes})
 

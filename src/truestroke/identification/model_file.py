@@ -83,9 +83,13 @@ def load_model(path: str | os.PathLike[str]) -> ActuatorModel:
         The file is not there, is no TOML, no model, of a newer version, lacks an entry, has one too many or one that
         is out of bounds.
     """
+    with files.reading(path, lambda reason: ModelFileError(f"{os.fspath(path)}: {reason}")):
+        return _read(Path(path))
+
+
+def _read(path: Path) -> ActuatorModel:
     try:
-        document = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-        return _model(document)
+        return _model(tomllib.loads(path.read_text(encoding="utf-8")))
     except FileNotFoundError:
         raise ModelFileError(f"{os.fspath(path)}: there is no such file") from None
     except (OSError, RecursionError, UnicodeDecodeError, tomllib.TOMLDecodeError, SettingError, _WrongError) as error:

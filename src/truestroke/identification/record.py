@@ -160,7 +160,8 @@ def read_record(
     flip_displacement : bool
         Turn its sign: for a sensor that falls as the voltage rises.
     drop_bad_rows : bool
-        Leave out rows that hold no finite numbers or whose time does not ascend, rather than refuse the record.
+        Leave out rows that hold no finite numbers or whose time does not ascend, rather than refuse the record. A
+        recording of truestroke needs it not: its ticks without a measurement are left out, and counted.
 
     Raises
     ------
@@ -346,7 +347,7 @@ def _checked(
         if signal.size != rows:
             raise RecordError(source, f"volts has {rows} rows, but {role} has {signal.size}")
     time = signals["time"] if "time" in signals else np.arange(rows) / (sample_rate or 1.0)
-    if drop:
+    if drop or table.marked:
         keep = _good_rows({**signals, "time": time})
         time, signals = time[keep], {role: signal[keep] for role, signal in signals.items()}
     else:

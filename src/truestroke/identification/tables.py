@@ -7,16 +7,19 @@ import itertools
 import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any, ParamSpec, TextIO, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
+from truestroke import files, hdf5, npz
 from truestroke._typing import FloatArray
 
+P = ParamSpec("P")
+R = TypeVar("R")
 CHUNK = 1 << 20  # characters of text that are parsed at a time
 PROBE = 200  # lines of text that are looked at to find the layout
 COMMENTS = ("#", "%")
@@ -24,7 +27,7 @@ NUMBER_WITH_D = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)[dD][+-]?\d+")
 DATE_AND_TIME = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d")
 
 
-class RecordError(ValueError):
+class RecordError(files.FileError):
     """A record that cannot be used.
 
     Attributes
@@ -61,6 +64,8 @@ class Table:
         Index of a row -> its number for people, and its text.
     where : str
         What that number counts: "line" or "row".
+    marked : bool
+        Whether NaN stands where nothing was measured, as in a recording of truestroke: no fault of the file.
     """
 
     names: tuple[str, ...]
@@ -69,6 +74,7 @@ class Table:
     read: Callable[[Sequence[int], bool], list[FloatArray]]
     locate: Callable[[int], tuple[int, str]] = lambda index: (index + 1, "")
     where: str = "row"
+    marked: bool = False
 
     @property
     def width(self) -> int:
@@ -81,7 +87,18 @@ def open_table(path: Path) -> Table:
     if not path.is_file():
         raise FileNotFoundError(2, "no such file", str(path))
     readers = {".npz": _npz, ".mat": _mat, ".parquet": _parquet, ".h5": _hdf5, ".hdf5": _hdf5}
-    return readers.get(path.suffix.lower(), _text)(path)
+    table = _guarded(path, readers.get(path.suffix.lower(), _text))(path)
+    return replace(table, read=_guarded(path, table.read), locate=_guarded(path, table.locate))
+
+
+def _guarded(path: Path, function: Callable[P, R]) -> Callable[P, R]:
+    """It raises a RecordError whatever the library behind it raises at a damaged file."""
+
+    def guarded(*arguments: P.args, **options: P.kwargs) -> R:
+        with files.reading(path, lambda reason: RecordError(str(path), reason)):
+            return function(*arguments, **options)
+
+    return guarded
 
 
 # ---- Text ----------------------------------------------------------------------------------------------------------
@@ -190,7 +207,9 @@ def _header(path: Path, layout: _Layout, lines: Sequence[str], width: int) -> tu
 
 def _read_text(layout: _Layout, columns: Sequence[int], complete: bool) -> list[FloatArray]:
     """Parse chunk by chunk into arrays of the final size, so that no more than a chunk of text is ever in memory."""
-    table = np.empty((len(columns), _count_lines(layout.path)))
+    length = _count_lines(layout.path)
+    files.check_size(layout.path, f"{length} lines of {len(columns)} columns", 8 * length * len(columns))
+    table = np.empty((len(columns), length))
     rows = 0
     with layout.open() as file:
         for _ in range(layout.lines_before):
@@ -357,30 +376,21 @@ def _kind(array: npt.NDArray[Any]) -> str:
 
 
 def _npz(path: Path) -> Table:
-    import zipfile
+    def wrong(reason: str) -> RecordError:
+        return RecordError(str(path), f"not an NPZ file, or a damaged one: {reason}")
 
-    if not zipfile.is_zipfile(path):
-        raise RecordError(str(path), "not an NPZ file, or a damaged one")
-    with np.load(path) as file:
-        names = list(file.keys())
-
-    def get(name: str) -> npt.NDArray[Any]:
-        with np.load(path) as file:
-            return np.asarray(file[name])
-
-    return _arrays(path, names, [""] * len(names), get)
+    names = npz.names(path, wrong)
+    return _arrays(path, names, [""] * len(names), lambda name: npz.read(path, [name], wrong)[name])
 
 
 def _mat(path: Path) -> Table:
     import h5py
-    from scipy.io import loadmat
+    from scipy.io import loadmat, whosmat
 
     if h5py.is_hdf5(path):  # MATLAB 7.3
         return _hdf5(path)
-    try:
-        held = _flat({name: v for name, v in loadmat(path, simplify_cells=True).items() if not name.startswith("__")})
-    except Exception as error:  # scipy raises many kinds
-        raise RecordError(str(path), f"the file is damaged ({error})") from None
+    files.check_size(path, "its variables", sum(8 * math.prod(shape) for _, shape, _ in whosmat(path)))
+    held = _flat({name: v for name, v in loadmat(path, simplify_cells=True).items() if not name.startswith("__")})
     return _arrays(path, list(held), [""] * len(held), lambda name: np.asarray(held[name]))
 
 
@@ -408,15 +418,16 @@ def _hdf5(path: Path) -> Table:
             found[name] = unit(str(item.attrs.get("unit", item.attrs.get("units", ""))))
 
     def get(name: str) -> npt.NDArray[Any]:
-        with h5py.File(path, "r") as file:
+        with hdf5.opened(path) as file:
+            files.check_size(path, name, file[name].nbytes)
             return np.asarray(file[name][()])
 
-    try:
-        with h5py.File(path, "r") as file:
-            file.visititems(note)
-    except (OSError, RuntimeError) as error:
-        raise RecordError(str(path), f"the file is damaged ({error})") from None
-    return _arrays(path, list(found), list(found.values()), get)
+    with hdf5.opened(path) as file:
+        marked = file.attrs.get("format") == hdf5.FORMAT
+        if not hdf5.intact(file):
+            raise RecordError(str(path), "the file is damaged (the checksum of what describes it is wrong)")
+        file.visititems(note)
+    return replace(_arrays(path, list(found), list(found.values()), get), marked=marked)
 
 
 def _parquet(path: Path) -> Table:
@@ -424,10 +435,9 @@ def _parquet(path: Path) -> Table:
         parquet: Any = importlib.import_module("pyarrow.parquet")
     except ImportError:
         raise RecordError(str(path), "reading Parquet needs pyarrow: pip install pyarrow") from None
-    try:
-        names = list(parquet.read_schema(path).names)
-    except (OSError, ValueError) as error:
-        raise RecordError(str(path), f"the file is damaged ({error})") from None
+    names = list(parquet.read_schema(path).names)
+    rows = int(parquet.read_metadata(path).num_rows)
+    files.check_size(path, f"a column of {rows} rows", 8 * rows)
 
     def get(name: str) -> npt.NDArray[Any]:
         return np.asarray(parquet.read_table(path, columns=[name])[name].to_numpy())

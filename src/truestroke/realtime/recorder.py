@@ -9,13 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from truestroke import loop
+from truestroke import hdf5, loop
 from truestroke._typing import FloatArray
 from truestroke.files import Growing
+from truestroke.hdf5 import ENDING
 from truestroke.realtime import watchdog
 from truestroke.realtime.child import Lifeline
 from truestroke.realtime.shared import FIELDS, Helper, Shared, Slot, State, Text
-from truestroke.recording import ENDING, MODE, checksum, describe, sealed
+from truestroke.recording import MODE, describe, sealed
 
 LOOK = 0.05  # s between two looks into the ring
 PIECE = 0.1  # s that a chunk of the file holds: with two looks, what a kill may cost
@@ -123,7 +124,7 @@ class File:
             self._create("weights_time", *loop.SLOW_TIME, "weights_time")
         for name, shape in plan.slow:
             self._create(name, *loop.SLOW_CHANNELS[name], "weights_time", shape)
-        self._file.attrs["checksum"] = checksum(self._file)
+        self._file.attrs["checksum"] = hdf5.digest(self._file)
         reserved = self._file.create_dataset(ENDING, data=np.zeros(ENDING_SIZE, np.uint8))
         self._file.flush()
         self.ending: int = reserved.id.get_offset()

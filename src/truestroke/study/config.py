@@ -142,7 +142,10 @@ def load(path: str | Path, runs: int | None = None) -> Study:
         source = tomllib.loads(Path(path).read_text(encoding="utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise SettingError("study", str(path), f"a TOML file: {error}") from None
-    return parse(source if runs is None else source | {"runs": runs})
+    try:
+        return parse(source if runs is None else source | {"runs": runs})
+    except SettingError as error:
+        raise SettingError(f"{path}: {error.argument}", error.value, error.bound, error.unit) from None
 
 
 def parse(source: Mapping[str, Any]) -> Study:
