@@ -259,7 +259,7 @@ def test_bad_rows_are_left_out_on_request_only(tmp_path: Path) -> None:
         ("t,V,z\n", {"volts": "U"}, r"no column 'U'; there are column 1 't', column 2 'V', column 3 'z'"),
         ("t,V,z\n", {"volts": 0}, r"no column 0; they count from 1"),
         ("t,V,z\n", {"volts": 2, "displacement": 2}, r"column 2 'V' is named twice, for volts and displacement$"),
-        ("a,V,z\n", {}, r"which column is time\? Name it or give the sample rate"),
+        ("a,V,z\n", {}, r"which column is time\? Name it or give the `sample_rate`"),
         ("t,V,b\n", {}, r"which column is displacement\? Name it; there are column 1 't'"),
         ("t (s),V (um),b (um)\n", {"volts": 2}, r"volts: column 2 'V' \(um\) is in um"),
         ("t (s),a (V),b (V)\n", {}, r"volts: several columns could be it \(column 2 'a' \(V\), column 3 'b' \(V\)\)"),
