@@ -116,7 +116,7 @@ def check(path: str | os.PathLike[str], kind: Kind) -> Path:
         There is no folder, or the place is one, or it cannot be written.
     """
     path = Path(path)
-    place = path.resolve() if path.is_symlink() else path
+    place = path.resolve() if path.is_symlink() and (path.is_file() or not path.exists()) else path
     if not place.parent.is_dir():
         raise FileNotFoundError(errno.ENOENT, f"there is no folder {place.parent}", str(path))
     if place.is_dir():

@@ -1,0 +1,200 @@
+"""What commands write: complete or not at all, and never over what truestroke did not write."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import click
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from truestroke import Recording, files
+from truestroke.cli import main
+from truestroke.cli.common import in_words_of
+from truestroke.recording import Channel
+
+
+@pytest.fixture(autouse=True)
+def _here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+def record(rows: int = 1200) -> None:
+    """A record that can be identified, rec.csv."""
+    t = np.arange(rows) / 2000.0
+    x = 1.5 - 1.5 * np.cos(2 * np.pi * 5 * t) * np.linspace(0.2, 1, rows)
+    z = 10 * x + 0.3 * np.sin(2 * np.pi * 5 * t)
+    np.savetxt("rec.csv", np.column_stack([t, x, z]), delimiter=",", header="t,V,z", comments="")
+
+
+COMMANDS: dict[str, tuple[list[str], str]] = {
+    "track": (["track", "--duration", "0.5", "--output", "out"], "out.h5"),
+    "track, page": (["track", "--duration", "0.5", "--output", "out"], "out.html"),
+    "compare": (["compare", "--duration", "1", "--output", "out"], "out.html"),
+    "reproduce": (["reproduce", "table1", "--output", "out"], "out.html"),
+    "identify": (["identify", "rec.csv", "--output", "stage.toml"], "stage.toml"),
+    "identify, page": (["identify", "rec.csv", "--report", "out.html"], "out.html"),
+    "characterise": (["characterise", "--output", "stage"], "stage.toml"),
+    "characterise, recording": (["characterise", "--output", "stage"], "stage.h5"),
+    "study": (["study", "study.toml", "--output", "out"], "out.html"),
+    "zoo": (["zoo", "--plants", "1", "--output", "out"], "out.html"),
+    "bench": (["bench", "--output", "out"], "out.html"),
+    "report": (["report", "run.h5", "--output", "out"], "out.html"),
+    "invert": (["invert", "sine", "--model", "rec.csv", "--output", "wave.csv"], "wave.csv"),
+    "refine": (["refine", "rec.csv", "--model", "rec.csv", "--output", "stage.toml"], "stage.toml"),
+    "play": (["play", "rec.csv", "--config", "rec.csv", "--output", "record.csv"], "record.csv"),
+}
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_what_truestroke_did_not_write_stays(name: str) -> None:
+    """Refused before anything is computed; the message names the option."""
+    words, target = COMMANDS[name]
+    record()
+    Path("study.toml").write_text("")
+    recording(3).save("run.h5")
+    Path(target).write_text("precious")
+    done = CliRunner().invoke(main, words)
+    assert (done.exit_code, Path(target).read_text()) == (1, "precious"), done.output
+    assert done.stderr.startswith(f"truestroke: {target}: is there ")
+    assert done.stderr.endswith("; choose another name, or --overwrite it\n")
+
+
+def test_overwrite_says_that_it_may_go_and_what_is_ours_may_always() -> None:
+    record()
+    Path("stage.toml").write_text("[driver]\n")
+    words = ["identify", "rec.csv", "--output", "stage.toml"]
+    assert CliRunner().invoke(main, words).exit_code == 1
+    assert CliRunner().invoke(main, [*words, "--overwrite"]).exit_code == 0
+    assert files.MODEL.ours(Path("stage.toml"))
+    assert CliRunner().invoke(main, words).exit_code == 0
+    assert not [name for name in os.listdir() if "tmp" in name]
+
+
+def recording(ticks: int, **metadata: object) -> Recording:
+    time = np.arange(ticks) / 2000.0
+    names = {"time": "s", "desired": "um", "volts": "V", "measured": "um"}
+    return Recording({name: Channel(time * 1.0, unit, name) for name, unit in names.items()}, metadata)
+
+
+def test_a_recording_of_another_command_stays() -> None:
+    """A measurement by `run` is no draft of `track`."""
+    recording(9, command="truestroke run --config run.toml").save("out.h5")
+    with pytest.raises(FileExistsError, match="is not a recording of truestroke track that truestroke wrote"):
+        recording(9, command="truestroke track").save("out.h5")
+    with files.overwriting():
+        recording(9, command="truestroke track").save("out.h5")
+    recording(8, command="truestroke track --seed 2").save("out.h5")
+    assert len(Recording.load("out.h5")["time"]) == 8
+
+
+@pytest.mark.parametrize("ticks", [0, 1, 2, 19])
+def test_report_of_a_short_recording_is_a_line(ticks: int) -> None:
+    recording(ticks).save("short.h5")
+    done = CliRunner().invoke(main, ["report", "short.h5"])
+    assert done.exit_code == 1
+    assert done.stderr == f"truestroke: short.h5: {ticks} ticks, a page needs at least 20\n"
+
+
+def test_a_writer_that_fails_leaves_what_was_there() -> None:
+    files.write("page.html", '<meta name="generator" content="truestroke" /> old', files.PAGE)
+
+    def fails() -> None:
+        with files.writing("page.html", files.PAGE) as draft:
+            draft.write_text("half")
+            raise OSError("no space")
+
+    with pytest.raises(OSError, match="no space"):
+        fails()
+    assert Path("page.html").read_text().endswith("old")
+    assert os.listdir() == ["page.html"]
+
+
+def test_a_link_stays_a_link_and_a_device_a_device() -> None:
+    Path("real.html").touch()
+    Path("page.html").symlink_to("real.html")
+    files.write("page.html", "new", files.PAGE)
+    assert (Path("page.html").is_symlink(), Path("real.html").read_text()) == (True, "new")
+    files.write("/dev/null", "new", files.PAGE)
+    assert Path("/dev/null").is_char_device()
+
+
+def test_pictures_are_known_by_what_made_them() -> None:
+    from truestroke.report import style
+
+    for ending in ("png", "svg", "pdf"):
+        with style.use(style.LIGHT):
+            figure, _ = style.panels(2.0)
+        path = style.save(figure, f"a.{ending}")
+        assert files.PICTURE.ours(path)
+    Path("a.png").write_bytes(b"\x89PNG another's")
+    with pytest.raises(FileExistsError):
+        style.save(figure, "a.png")
+
+
+# ---- In the words of the reader ------------------------------------------------------------------------------------
+
+
+@click.command()
+@click.option("--drop-bad-rows", is_flag=True)
+@click.option("--slew")
+def command() -> None:
+    """With two options."""
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("a.csv: bad; `drop_bad_rows` leaves it out", "a.csv: bad; --drop-bad-rows leaves it out"),
+        ("slew_limit = 0 V/s: must be above 0", "--slew = 0 V/s: must be above 0"),
+        ("`rated` = 0: must be", "rated = 0: must be"),
+        ("rated = 0: must be", "rated = 0: must be"),
+    ],
+)
+def test_the_name_of_an_argument_becomes_the_option(text: str, told: str) -> None:
+    assert in_words_of(command, text) == told
+
+
+def test_a_bad_row_names_the_option() -> None:
+    record()
+    rows = Path("rec.csv").read_text().splitlines()
+    Path("rec.csv").write_text("\n".join([*rows[:9], "0.004,oops,1", *rows[10:]]))
+    done = CliRunner().invoke(main, ["examine", "rec.csv"])
+    assert done.stderr.endswith("line 10: volts is missing or no number in '0.004,oops,1'; --drop-bad-rows leaves such "
+                                "rows out\n")  # fmt: skip
+
+
+def test_a_cell_is_no_markup() -> None:
+    """A column that is called [red] is a name."""
+    record()
+    Path("[red].csv").write_text(Path("rec.csv").read_text())
+    done = CliRunner().invoke(main, ["examine", "[red].csv"])
+    assert (done.exit_code, done.exception) == (0, None)
+    assert "[red].csv" in done.stdout
+
+
+def test_examine_and_identify_take_a_recording_with_ticks_without_a_measurement() -> None:
+    """The last ticks of `run` have none where the driver is latent; lost samples are NaN, too."""
+    record()
+    t, x, z = np.loadtxt("rec.csv", delimiter=",", skiprows=1).T
+    z[[5, 700, -1, -2]] = np.nan
+    channels = {"time": Channel(t, "s", "t"), "volts": Channel(x, "V", "x"), "measured": Channel(z, "um", "z")}
+    Recording(channels, {}).save("run.h5")
+    done = CliRunner().invoke(main, ["examine", "run.h5", "--json"])
+    assert done.exit_code == 0, done.output
+    assert json.loads(done.stdout)["dropped"] == 4
+    done = CliRunner().invoke(main, ["identify", "run.h5"])
+    assert done.exit_code == 0, done.output
+
+
+def test_it_works_from_a_shell_with_a_pipe() -> None:
+    """A name that is a pipe is written into, not replaced."""
+    record(400)
+    command = f"{Path(sys.executable).with_name('truestroke')} identify rec.csv --output /dev/stdout --report page.html"
+    done = subprocess.run(f"{command} | cat", shell=True, capture_output=True, text=True, timeout=60, check=False)
+    assert 'format = "truestroke model"' in done.stdout, done.stderr
