@@ -10,7 +10,7 @@ MODEL = ActuatorModel(
     rated=(1,),
     creep_times=(1e-3,),
     bends=1,
-    weights=np.array([8.0, 1 / 3, -1e-17, 5e-324, -1.5e-4, 1e300, 0.25]),
+    weights=np.array([8.0, 1 / 3, -1e-17, 5e-324, -1.5e-4, 1e29, 0.25]),
     covariance=np.diag([0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7]),
     stroke=30.0,
     voltage_range=(-0.6, 3.6),
@@ -67,3 +67,17 @@ def test_a_missing_file_and_a_bad_number(tmp_path):
         load_model(tmp_path / "nowhere.toml")
     with pytest.raises(ModelFileError, match="finite"):
         save_model(tmp_path / "m.toml", MODEL.replace(figures={"x": float("inf")}))
+
+
+def test_what_a_model_was_refined_from_comes_back_with_it(tmp_path):
+    refined = MODEL.replace(weights=2 * MODEL.weights, before=MODEL, provenance={"pass_1": "better"})
+    save_model(tmp_path / "m.toml", refined)
+    again = load_model(tmp_path / "m.toml")
+    np.testing.assert_array_equal(again.weights, refined.weights)
+    np.testing.assert_array_equal(again.before.weights, MODEL.weights)
+    np.testing.assert_array_equal(again.before.covariance, MODEL.covariance)
+    assert (again.before.provenance, again.before.before) == (MODEL.provenance, None)
+    text = (tmp_path / "m.toml").read_text()
+    (tmp_path / "m.toml").write_text(text.replace("[before.weights]", "[before.masses]"))
+    with pytest.raises(ModelFileError, match=r"m.toml: there is no table \[before.weights\]"):
+        load_model(tmp_path / "m.toml")

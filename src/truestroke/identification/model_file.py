@@ -109,16 +109,16 @@ def _model(document: dict[str, Any]) -> ActuatorModel:
     if before is not None and not isinstance(before, dict):
         raise _WrongError("before: must be tables")
     model = _of_tables(document)
-    return model if before is None else model.replace(before=_of_tables(before))
+    return model if before is None else model.replace(before=_of_tables(before, "before."))
 
 
-def _of_tables(document: dict[str, Any]) -> ActuatorModel:
+def _of_tables(document: dict[str, Any], prefix: str = "") -> ActuatorModel:
     tables: dict[str, Any] = {
         name: document.get(name) for name in ("model", "weights", "covariance", "figures", "provenance")
     }
     for name, table in tables.items():
         if not isinstance(table, dict):
-            raise _WrongError(f"there is no table [{name}]")
+            raise _WrongError(f"there is no table [{prefix}{name}]")
     _same("model", tables["model"], KEYS)
     _same("covariance", tables["covariance"], ("lower_triangle",))
     members = {name: tables["model"][key] for key, name in KEYS.items()}
