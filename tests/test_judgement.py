@@ -237,6 +237,14 @@ def test_a_constant_gain_is_doubtful_and_a_sudden_change_is_not():
     assert judged(run(motion, paper, RealisticPlant())) == ("good", "")
 
 
+def test_metadata_from_anywhere_do_no_harm():
+    for stroke in ("30", None, -1, 0.0, [1]):
+        assert judged(made(noisy(wave()), metadata={"controller": {"settings": {"stroke": stroke}}})) == ("good", "")
+    for trajectory in ("sine", None, {"ticks": "x", "sample_rate": 0}):
+        about = {"interrupted": "x", "trajectory": trajectory, "ended": "no table"}
+        assert judged(made(noisy(wave()), metadata=about)) == ("bad", "The run ended before its time, after 4 s: x.")
+
+
 def test_hours_take_seconds():
     ticks = 2_000_000
     recording = made(wave(ticks, frequency=0.01) + 0.013 * np.resize(NOISE, ticks), wave(ticks, frequency=0.01))

@@ -41,13 +41,18 @@ def settings(recording: Recording, section: str) -> Mapping[str, Any]:
 def change_time(recording: Recording) -> float | None:
     """When the simulated actuator changes suddenly, s; None if it does not."""
     change = settings(recording, "plant").get("change")
-    return None if change is None else float(change["time"])
+    return _positive(change.get("time")) if isinstance(change, Mapping) else None
 
 
 def summary(recording: Recording) -> TrackingSummary:
     """The figures of a recording, which knows its stroke, and when its actuator changed."""
-    stroke = settings(recording, "controller").get("stroke")
-    return metrics.summary(recording, change=change_time(recording), stroke=None if stroke is None else float(stroke))
+    stroke = _positive(settings(recording, "controller").get("stroke"))
+    return metrics.summary(recording, change=change_time(recording), stroke=stroke)
+
+
+def _positive(value: object) -> float | None:
+    """A number of the metadata, if it is one: files come from anywhere."""
+    return float(value) if isinstance(value, int | float) and np.isfinite(value) and value > 0 else None
 
 
 # ---- The verdict ---------------------------------------------------------------------------------------------------
@@ -177,8 +182,9 @@ def _ending(run: _Run) -> Finding | None:
     cause = ended.get("cause") if isinstance(ended, Mapping) else None
     if not why or cause == "stopped":
         return None
-    asked = about.get("trajectory", {})
-    of = f" of {asked['ticks'] / asked['sample_rate']:.4g}" if {"ticks", "sample_rate"} <= set(asked) else ""
+    asked = about.get("trajectory")
+    ticks, rate = (_positive(asked.get(n)) if isinstance(asked, Mapping) else None for n in ("ticks", "sample_rate"))
+    of = f" of {ticks / rate:.4g}" if ticks and rate else ""
     person = cause in BY_A_PERSON or str(why).startswith("KeyboardInterrupt")
     unended = cause is None and "not ended" in str(why)
     words = "Ctrl-C" if str(why).startswith("KeyboardInterrupt") else str(why).rstrip(".")
