@@ -458,7 +458,7 @@ def test_the_page_runs_on_the_fake_card(card, tmp_path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
     names: dict = {}
     blocks = re.findall(r"^```python\n(.*?)^```\n\nIt prints[^\n]*\n\n```text\n(.*?)^```", page, flags=re.M | re.S)
-    assert len(blocks) == page.count("```python") == 2
+    assert len(blocks) == page.count("```python") == 1
     for code, printed in blocks:
         output = io.StringIO()
         with contextlib.redirect_stdout(output):
@@ -469,6 +469,37 @@ def test_the_page_runs_on_the_fake_card(card, tmp_path, monkeypatch) -> None:
     driver = NidaqmxDriver(NidaqmxSettings(**config["driver"]))
     assert driver.open().channels == len(config["axis"])
     driver.close()
+
+
+def commission(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, change: tuple[str, str] = ("", "")) -> tuple[int, str]:
+    monkeypatch.chdir(tmp_path)
+    Path("stage.toml").write_text(toml().replace(*change))
+    done = CliRunner().invoke(main, ["commission", "--config", "stage.toml", "--yes"])
+    return done.exit_code, done.output
+
+
+def test_the_first_volts_of_the_page(card, tmp_path, monkeypatch) -> None:
+    expected = re.search(
+        r"^\$ truestroke commission[^\n]*\n(.*?)^```", (ROOT / "docs/nidaqmx.md").read_text(), re.M | re.S
+    )[1]
+    code, printed = commission(tmp_path, monkeypatch)
+    assert code == 0, printed
+    assert_prints(expected, printed, tolerance=0.2)
+    assert card.volts[0] == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (("um_per_volt = 10.0", "um_per_volt = -10.0"), "more voltage makes the displacement smaller"),
+        (("um_per_volt = 10.0", "um_per_volt = 100.0"), "the gain is 9"),
+        (("Dev1/ai0", "Dev1/ai1"), "no answer to steps"),
+    ],
+)
+def test_wrong_wiring_is_found_by_the_first_volts(card, tmp_path, monkeypatch, change, words) -> None:
+    code, printed = commission(tmp_path, monkeypatch, change)
+    assert (code, card.volts[0]) == (3, pytest.approx(0.0, abs=1e-9)), printed
+    assert words in " ".join(printed.split())
 
 
 @pytest.mark.parametrize(

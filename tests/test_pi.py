@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import json
 import pickle
 import re
 import shlex
@@ -642,3 +643,19 @@ def test_a_signal_stops_the_wave_and_the_output_is_safe(bench, fake, stop, code)
     running.send_signal(stop)
     _, words = running.communicate(timeout=10)
     assert (running.returncode, fake.volts[0], fake.left()) == (code, SAFE[0], True), words
+
+
+@pytest.mark.parametrize(("change", "code"), [(("", ""), 0), (("[[axis]]", "um_per_unit = -1.0\n[[axis]]"), 3)])
+def test_the_first_volts(bench: Path, fake: Fake, monkeypatch: pytest.MonkeyPatch, change, code: int) -> None:
+    monkeypatch.setattr(PiDriver, "_time_of_a_tick", lambda self: 1e-3)  # late ticks do not matter to it
+    text = Path("bench.toml").read_text().replace("[[axis]]", "sample_rate = 200.0\n[[axis]]").replace(*change)
+    Path("bench.toml").write_text(text)
+    done = CliRunner().invoke(main, ["commission", "--config", "bench.toml", "--yes", "--json"])
+    assert (done.exit_code, fake.volts[0], fake.left()) == (code, SAFE[0], True), done.output
+    printed = json.loads(done.stdout)
+    if code == 0:
+        assert printed["gain_um_per_V"] == pytest.approx(0.273, rel=0.1)
+        assert printed["resonance_Hz"] is None
+        assert 35.0 < printed["written"]["axis.stroke"] < 50.0
+    else:
+        assert "turn the sign" in printed["reasons"][0]

@@ -8,6 +8,7 @@ import truestroke
 from truestroke.cli import (
     bench,
     characterise,
+    commission,
     compare,
     doctor,
     examine,
@@ -39,6 +40,7 @@ def main() -> None:
 
 for _command in (
     track.track,
+    commission.commission,
     run.run,
     serve.serve,
     doctor.doctor,

@@ -32,10 +32,13 @@ MOTIONS = {
 CONTROLLERS = ("adaptive", "paper")
 TABLES = ("driver", "axis", "realtime", "recording", "epics")
 AXIS = (
-    *("name", "stroke", "voltage_limits", "safe_voltage", "slew"),
+    *("name", "stroke", "resonance", "voltage_limits", "safe_voltage", "slew"),
     *("controller", "model", "settings", "trajectory"),
     *("zero", "error_limit"),
 )
+
+
+BELOW = 0.4  # of the first resonance: the corner of the law's filter
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -130,6 +133,10 @@ class OneAxisJob:
         Of the axis.
     stroke, resonance : float, optional
         um; Hz; where the file has them.
+    model : bool
+        Whether the stroke is that of a model.
+    zero : float, "measured" or None
+        What is subtracted from the sensor, um, as of `Axis`.
     """
 
     driver: Driver
@@ -137,6 +144,8 @@ class OneAxisJob:
     name: str
     stroke: float | None
     resonance: float | None
+    model: bool = False
+    zero: float | str | None = None
 
 
 def one_axis(path: str | os.PathLike[str]) -> OneAxisJob:
@@ -157,7 +166,8 @@ def one_axis(path: str | os.PathLike[str]) -> OneAxisJob:
         made, _ = driver(_table(document, "driver"))
         with _check.inside(place):
             _check.known(axis, AXIS)
-            return OneAxisJob(driver=made, limits=_limits(axis), **_named(axis))
+            known: dict[str, Any] = {"model": "model" in axis, "zero": axis.get("zero")}
+            return OneAxisJob(driver=made, limits=_limits(axis), **known, **_named(axis))
 
 
 def _named(axis: Mapping[str, Any]) -> dict[str, Any]:
@@ -224,7 +234,7 @@ def _trajectory(given: Mapping[str, Any], folder: Path, rate: float) -> Trajecto
 
 def _controller(table: Mapping[str, Any], limits: Mapping[str, Any], sample_rate: float, folder: Path) -> Controller:
     fixed: dict[str, Any] = {"sample_rate": sample_rate, "voltage_limits": limits["voltage_limits"]}
-    extra = _settings(table)
+    extra = _below(_named(table)["resonance"], sample_rate) | _settings(table)
     kind = _one_of("controller", table.get("controller", "adaptive"), CONTROLLERS)
     renamed = {name: f"settings.{name}" for name in extra} | {"slew_limit": "slew"}
     if "model" in table:
@@ -236,10 +246,15 @@ def _controller(table: Mapping[str, Any], limits: Mapping[str, Any], sample_rate
     fixed["stroke"] = _check.positive("stroke", _check.needed(table, "stroke"), "um")
     if kind == "paper":
         with _check.inside("settings."):
-            _check.known(extra, ())  # the literal algorithm has none
+            _check.known(_settings(table), ())  # the literal algorithm has none
         return AdaptiveController.paper(**fixed)
     with _check.inside("", renamed):
         return AdaptiveController(slew_limit=limits["slew"], **fixed, **extra)
+
+
+def _below(resonance: float | None, sample_rate: float) -> dict[str, float]:
+    """Settings that keep the law's filter below the first resonance, Hz: what it learns there excites it."""
+    return {} if resonance is None else {"filter_frequency": min(300.0, 0.15 * sample_rate, BELOW * resonance)}
 
 
 def _settings(table: Mapping[str, Any]) -> dict[str, Any]:

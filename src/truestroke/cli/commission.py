@@ -1,0 +1,139 @@
+"""`truestroke commission`: the guided first volts of an axis."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from truestroke.cli import common
+from truestroke.exit_codes import ExitCode
+
+if TYPE_CHECKING:
+    from truestroke.commissioning import Findings
+    from truestroke.drivers import OneAxis
+    from truestroke.realtime.config import OneAxisJob
+
+
+@click.command()
+@click.option("--config", type=click.Path(exists=True, dir_okay=False, path_type=Path), metavar="FILE", required=True,
+              help="Driver and one axis with its limits: TOML, as of truestroke run.")  # fmt: skip
+@click.option("--output", metavar="FILE", default="commission.html", help="Page, HTML.")
+@click.option(
+    "--yes", is_flag=True, help="Ask nothing: move through the whole range, take the stroke that is proposed."
+)
+@common.overwrite_option
+@common.json_option
+def commission(config: Path, output: str, yes: bool, as_json: bool) -> int:
+    """Guide the first volts of an axis, and write what they show into the configuration.
+
+    Steps from the safe voltage that begin tiny: noise, polarity, gain, latency, first resonance. Then, if you agree,
+    the whole range of voltage_limits. The output ends at the safe voltage whatever happens. FILE as it was stays beside
+    it as FILE.bak.
+    """
+    from truestroke.commissioning import AnswerError
+    from truestroke.drivers import DriverError, OneAxis
+    from truestroke.realtime import config as configuration
+
+    (page,) = common.outputs(output, ".html")
+    job = configuration.one_axis(config)
+    if not (yes or sys.stdin.isatty()):
+        raise click.UsageError("nobody is there to agree before the axis moves: --yes does, for scripts.")
+    axis = OneAxis(job.driver, **job.limits)
+    try:
+        found = _measured(axis, job, yes, as_json)
+    except AnswerError as error:
+        return _failed(str(error), as_json)
+    except DriverError as error:
+        click.echo(f"truestroke: {' '.join(str(error).split())}", err=True)
+        return ExitCode.DRIVER
+    return _told(found, config, page, as_json)
+
+
+def _measured(axis: OneAxis, job: OneAxisJob, yes: bool, as_json: bool) -> Findings:
+    """All steps, with a question before each that a person must decide."""
+    from truestroke.commissioning import Findings, small_steps, whole_range
+    from truestroke.commissioning.findings import small_rows
+    from truestroke.commissioning.procedure import STEPS
+
+    tell = _tell(as_json)
+    low, high = axis.voltage_limits
+    first = STEPS[-1] * (high - low)
+    _agree(
+        f"Steps from {axis.safe_voltage:g} V by {1e3 * STEPS[0] * (high - low):.2g} mV to at most {first:.2g} V?", yes
+    )
+    small = small_steps(axis, job.stroke, tell)
+    if not as_json:
+        _print_rows(small_rows(small, job.stroke, job.limits))
+    travel = small.gain.gain * (high - low)
+    _agree(f"The whole range, {low:g} to {high:g} V, roughly {travel:.2g} um?", yes)
+    whole = whole_range(axis, small, tell)
+    about: dict[str, Any] = {"name": job.name, "small": small, "whole": whole, "limits": job.limits, "zero": job.zero}
+    found = Findings(**about, asked=job.stroke)
+    return Findings(**about, asked=job.stroke, stroke=_stroke(found, job, yes))
+
+
+def _stroke(found: Findings, job: OneAxisJob, yes: bool) -> float | None:
+    """As it is, or what somebody says where there is none or it is beyond reach."""
+    if job.model or (found.asked is not None and not found.beyond):
+        return found.asked
+    if yes:
+        return found.proposed
+    why = "No stroke is given" if found.asked is None else f"The stroke of {found.asked:g} um is beyond reach"
+    question = f"{why}; the axis reaches {found.whole.high:.4g} um from rest. Stroke in um"
+    kind = click.FloatRange(0.0, found.whole.reach, min_open=True)
+    return float(click.prompt(question, type=kind, default=found.proposed, err=True))
+
+
+def _agree(question: str, yes: bool) -> None:
+    if not yes:
+        click.confirm(question, abort=True, err=True)
+
+
+def _tell(as_json: bool) -> Callable[[str], None]:
+    """What is being done, on a terminal."""
+    shown = sys.stderr.isatty() and not as_json
+    return lambda what: click.echo(f"\r\x1b[K{what} ...\r", nl=False, err=True) if shown else None
+
+
+def _print_rows(rows: list[list[str]]) -> None:
+    if sys.stderr.isatty():
+        click.echo("\r\x1b[K", nl=False, err=True)
+    for name, found, beside in rows:
+        click.echo(f"{name:10} {found:26} {beside}")
+
+
+def _failed(reason: str, as_json: bool) -> int:
+    from truestroke.verdict import Verdict
+
+    verdict = Verdict("bad", (reason,))
+    if as_json:
+        common.print_json({**verdict.as_dict(), "exit_code": int(ExitCode.CHECK)})
+    else:
+        _print_rows([])
+        common.print_verdict(verdict)
+    return ExitCode.CHECK
+
+
+def _told(found: Findings, config: Path, page: Path, as_json: bool) -> int:
+    """Configuration, page and the rest of the lines."""
+    from truestroke.commissioning.changes import write
+    from truestroke.commissioning.page import save_page
+
+    changes, verdict = found.changes(), found.verdict()
+    backup = write(config, changes) if changes else None
+    lines = [f"{table}.{key} = {value:g}" for (table, key), (value, _) in changes.items()]
+    save_page(found, page, lines, common.as_asked()["command"])
+    if as_json:
+        written = {f"{table}.{key}": value for (table, key), (value, _) in changes.items()}
+        files = {"config": str(config), "backup": backup and str(backup), "page": str(page)}
+        common.print_json({**verdict.as_dict(), **found.as_dict(), "written": written, **files})
+        return ExitCode.OK
+    _print_rows(found.rows()[-2:])
+    common.print_verdict(verdict)
+    click.echo(f"{'written':10} {f'{config}: ' + ', '.join(lines) if changes else 'nothing'}")
+    common.print_files(before=backup, page=page)
+    return ExitCode.OK
