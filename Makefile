@@ -22,9 +22,10 @@ setup: $(VENV)/.ready  ## the environment that all of these use, in .venv
 
 $(VENV)/.ready: pyproject.toml CMakeLists.txt Makefile $(NATIVE)
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "$(OLD_PYTHON)" % sys.version.split()[0])'
-	@echo 'Setting up $(VENV), once; this takes a minute.'
-	@$(PYTHON) -m venv $(VENV)
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
+	@echo 'Setting up $(VENV), once: one to three minutes where nothing else runs; pip compiles the kernel and fetches what it lacks.'
+	@begin=$$(date +%s); $(PYTHON) -m venv $(VENV) && \
+	  $(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]' && \
+	  echo "That took $$(($$(date +%s) - begin)) s."
 	@touch $@
 
 bench: setup  ## what a step costs here, beside what others offer

@@ -181,7 +181,7 @@ def test_draws_that_cannot_be_are_rows_with_their_error(tmp_path, monkeypatch):
     found = study.play(asked, range(12))
     wrong = {row.number: row.error for row in found.rows if row.error}
     assert 0 < len(wrong) < 12
-    assert all(error.startswith("ramp") for error in wrong.values())
+    assert all(error.startswith("wave.ramp") for error in wrong.values())
     assert found.ticks == (12 - len(wrong)) * 2 * 1000
     with study.Store(tmp_path / "s.sqlite", asked) as store:
         drive(asked, store, executors.threads(2))
@@ -390,9 +390,9 @@ def test_ctrl_c_keeps_what_is_there_and_says_how_to_go_on(tmp_path, executor):
 @pytest.mark.parametrize(
     ("wrong", "says"),
     [
-        ('noise = { log_uniform = [0.001, 0.1] }|noise = "quiet"', "noise = 'quiet' um: must be a number"),
+        ('noise = { log_uniform = [0.001, 0.1] }|noise = "quiet"', "plant.noise = 'quiet' um: must be a number"),
         ("spread = 0.5 }|spread = 0.5 }\nb = 3", "plant = {"),
-        ('stroke = 30.0|stroke = "long"', "controllers.paper = {"),
+        ('stroke = 30.0|stroke = "long"', "controllers.paper.stroke = 'long' um: must be a number"),
     ],
 )
 def test_what_cannot_be_drawn_is_one_line_and_claims_no_store(tmp_path, wrong, says):

@@ -92,7 +92,8 @@ def first(study: Study, numbers: Sequence[int]) -> Run:
 def _made(section: str, make: Callable[..., Any], settings: Mapping[str, Any]) -> Any:
     """Its bounds are checked where it is made; a text or a number in place of a list may not get that far."""
     try:
-        return make(**settings)
+        with _check.inside(f"{section}."):
+            return make(**settings)
     except TypeError as error:
         raise SettingError(
             section, dict(settings), f"numbers and lists where its settings have them: {error}"

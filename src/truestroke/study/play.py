@@ -80,7 +80,7 @@ class Batch:
 
 
 class StudyError(RuntimeError):
-    """An executor did not do its work; the message says which, and why."""
+    """An executor did not do its work, or a simulation failed that should not; the message says why."""
 
 
 def versions() -> dict[str, str]:
@@ -91,7 +91,12 @@ def versions() -> dict[str, str]:
 def play(study: Study, numbers: Iterable[int]) -> Batch:
     """Draw and run these, one after the other on one core.
 
-    A draw that is out of bounds, or whose simulation fails, is a row with the error.
+    A draw that is out of bounds, or whose simulation finds it so, is a row with the error.
+
+    Raises
+    ------
+    StudyError
+        A simulation failed for a reason that lies not in the draw.
     """
     rows: list[Row] = []
     seconds: Counter[str] = Counter()
@@ -100,7 +105,10 @@ def play(study: Study, numbers: Iterable[int]) -> Batch:
         try:
             row, spent, ran = _play(study, number)
         except (ValueError, ArithmeticError, SimulationError) as error:
-            row, spent, ran = Row(number, {}, {}, " ".join(str(error.__cause__ or error).split())), {}, 0
+            why = error.__cause__ or error
+            if not isinstance(why, (ValueError, ArithmeticError)):  # no fault of the draw
+                raise StudyError(f"run {number} of the study: {type(why).__name__}: {why}") from error
+            row, spent, ran = Row(number, {}, {}, " ".join(str(why).split())), {}, 0
         rows.append(row)
         seconds.update(spent)
         ticks += ran

@@ -176,6 +176,8 @@ class Store:
             yield
         except sqlite3.DatabaseError as error:
             raise StoreError(f"{self.path}: {error}") from None
+        except UnicodeDecodeError:
+            raise self._damaged("it holds bytes that are no text") from None
 
     def _claim(self, about: Mapping[str, Any]) -> None:
         """From the first call on it is for nothing else."""
