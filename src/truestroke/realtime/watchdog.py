@@ -21,6 +21,7 @@ from truestroke.realtime.child import Lifeline
 from truestroke.realtime.shared import Helper, Pulse, Shared, Slot, State
 
 PATIENCE = 5.0  # s that starting and stopping the hardware may take
+SETTLING = 1.0  # s between two ticks of axis check and soft start
 LOOK = 0.1  # s between two looks, or less
 GRACE = 0.5  # s without a beat of the watchdog after which its deputy acts
 RESCUE = 15.0  # s that bringing the output to safety may take
@@ -69,7 +70,7 @@ def _until_it_is_lost(lifeline: Lifeline, shared: Shared, process: int, timeout:
         if state == State.ENDED:
             return ""
         still = pulse.still((count[Slot.BEAT], state))
-        if state != State.IDLE and still > (timeout if state == State.LIVE else max(timeout, PATIENCE)):
+        if state != State.IDLE and still > _patience(shared, state, timeout):
             break
         gone = lifeline.gone(look)
     if count[Slot.STATE] in (State.IDLE, State.ENDED):
@@ -78,6 +79,13 @@ def _until_it_is_lost(lifeline: Lifeline, shared: Shared, process: int, timeout:
         return "the process is gone"
     _kill(process)
     return f"no tick for {timeout:g} s: killed the process"
+
+
+def _patience(shared: Shared, state: int, timeout: float) -> float:
+    """s without a tick: what the hardware needs to start and to stop, and once it ticks before the run, `SETTLING`."""
+    if state == State.LIVE:
+        return timeout
+    return max(timeout, SETTLING if state == State.STARTING and shared.count[Slot.BEAT] else PATIENCE)
 
 
 def _failed(shared: Shared, watchdog: int) -> str:
