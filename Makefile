@@ -1,11 +1,12 @@
 # The two commands of the README: make demo, make test.
 PYTHON ?= python3
 VENV ?= .venv
+MINUTES ?= 1
 BIN := $(VENV)/bin
 NATIVE := $(shell find c src/bindings -name '*.c' -o -name '*.h' -o -name '*.cpp')
 OLD_PYTHON := truestroke needs Python 3.11 or newer; this is %s. Try: make PYTHON=python3.12
 
-.PHONY: help demo test setup bench images c-test fuzz fuzz-kernel lint types imports pytest wheel clean
+.PHONY: help demo test setup bench images c-test fuzz fuzz-kernel fuzz-readers lint types imports pytest wheel clean
 .DEFAULT_GOAL := help
 
 help:  ## this list
@@ -51,10 +52,13 @@ imports: setup  ## the rooms know each other one way only
 c-test:  ## the kernel by itself, with sanitisers
 	$(MAKE) -C c test
 
-fuzz: fuzz-kernel  ## any input for a minute; for hours: make fuzz SECONDS=36000
+fuzz: fuzz-kernel fuzz-readers  ## any input for a minute; for hours: make fuzz SECONDS=36000
 
 fuzz-kernel:
 	$(MAKE) -C c fuzz
+
+fuzz-readers: setup
+	$(BIN)/python benchmarks/fuzz_readers.py --minutes $(MINUTES)
 
 pytest: setup  ## tests in Python, with coverage
 	$(BIN)/python -m pytest -n 2 --cov --cov-report=term

@@ -9,6 +9,8 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+import os
+import re
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -21,6 +23,8 @@ SUPERBLOCK = 48  # bytes of it in version 3: signature, version, sizes, flags, f
 FLAGS = 11  # where "it is open for writing" stands
 END = slice(28, 36)  # where the file ended when it was opened
 WORD = 0xFFFFFFFF
+HEAP = b"GCOL\1\0\0\0"  # begins a heap of texts
+BLOCK = 1 << 24  # bytes that are looked at at a time
 
 
 @contextmanager
@@ -28,6 +32,7 @@ def opened(path: Path) -> Iterator[Any]:
     """An HDF5 file to read."""
     import h5py
 
+    _check_heaps(path)
     with ExitStack() as held:
         try:
             file = h5py.File(path, "r")
@@ -48,6 +53,29 @@ def _closed(path: Path) -> bytes | None:
     head[FLAGS] = 0
     head[END] = size.to_bytes(8, "little")
     return bytes(head[:-4] + checksum(head[:-4]))
+
+
+def _check_heaps(path: Path) -> None:
+    """ValueError where HDF5 would walk in a circle for ever: a heap of texts with an object of no size."""
+    with path.open("rb") as file:
+        for start in range(0, os.fstat(file.fileno()).st_size, BLOCK):
+            file.seek(start)
+            block = file.read(BLOCK + len(HEAP) - 1)
+            for found in re.finditer(re.escape(HEAP), block):
+                file.seek(start + found.start())
+                size = int.from_bytes(file.read(16)[8:], "little")
+                file.seek(start + found.start())
+                _walk(file.read(min(size, BLOCK)))
+
+
+def _walk(heap: bytes) -> None:
+    """Over the objects of a heap: each has index, size and data; the size of the free room, index 0, is all of it."""
+    place = 16
+    while len(heap) - place >= 16:
+        index, size = (int.from_bytes(heap[place + a : place + b], "little") for a, b in ((0, 2), (8, 16)))
+        if index == size == 0:
+            raise ValueError("a heap of texts has an object of no size")
+        place += 16 + (size + 7) // 8 * 8 if index else size
 
 
 def digest(file: Any) -> str:

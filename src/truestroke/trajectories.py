@@ -139,7 +139,8 @@ def _ticks(duration: float, sample_rate: float, ramp: float = 0.0) -> FloatArray
     duration = _check.positive("duration", duration, "s")
     sample_rate = _check.positive("sample_rate", sample_rate, "Hz")
     _check.within("ramp", ramp, 0.0, duration / 2, "s")
-    return np.arange(_check.count("duration * sample_rate", round(duration * sample_rate), 2, 10**9)) / sample_rate
+    ticks = _check.number("duration * sample_rate", duration * sample_rate)
+    return np.arange(_check.count("duration * sample_rate", round(ticks), 2, 10**9)) / sample_rate
 
 
 # ---- Periodic motions ----------------------------------------------------------------------------------------------

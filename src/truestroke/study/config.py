@@ -160,7 +160,7 @@ def parse(source: Mapping[str, Any]) -> Study:
     _known("study", source, KEYS, required=("runs", "plant", "wave", "controllers", "converged"))
     converged, record = _table(source, "converged"), source.get("record", ["rmse", "maximum"])
     _known("converged", converged, ("level", "within"), required=("level", "within"))
-    if not isinstance(record, list) or [name for name in record if name not in FIGURES]:
+    if not isinstance(record, list) or [name for name in record if not isinstance(name, str) or name not in FIGURES]:
         raise SettingError("record", record, f"a list of {', '.join(FIGURES)}")
     controllers = _table(source, "controllers")
     if not controllers:
@@ -201,7 +201,7 @@ def _table(source: Mapping[str, Any], name: str) -> Mapping[str, Any]:
 def _section(name: str, table: Mapping[str, Any], kinds: Mapping[str, Callable[..., Any]]) -> dict[str, Any]:
     """Plant, wave or controller: its kind is known, and so is each of its settings."""
     kind = table.get("kind", "")
-    if kind not in kinds:
+    if not isinstance(kind, str) or kind not in kinds:
         raise SettingError(f"{name}.kind", repr(kind), f"one of {', '.join(kinds)}")
     made = ControllerSettings if kinds is CONTROLLERS else kinds[kind]
     settings = inspect.signature(made).parameters
