@@ -18,7 +18,7 @@ OFF = 1 << 62  # ticks: of what is switched off
 LARGE = 1 / 3  # of the error limit: rms of a sensor that no longer follows the voltage, and now
 MOVED = 0.05  # of the voltage range: standard deviation of a voltage that the sensor should follow
 ALIKE = 0.5  # correlation of voltage and sensor: a stack with any hysteresis has more than 0.9
-REMEDY = "Look at sensor, cable, sign and amplifier"
+REMEDY = "Look at sensor, cable, sign and amplifier, and whether the stage shakes"
 
 
 def error_limit(axis: Axis) -> float:
