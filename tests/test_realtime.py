@@ -229,6 +229,8 @@ def test_what_the_command_line_refuses() -> None:
         ({"axis": 3}, "axis = 3: must be at least one table"),
         ({"axis.stroke": "30"}, "axis.stroke = '30' um: must be a number"),
         ({"axis.stroke": True}, "axis.stroke = True um: must be a number"),
+        ({"axis.resonance": "180"}, "axis.resonance = '180' Hz: must be a number"),
+        ({"axis.resonance": -1.0}, "axis.resonance = -1.0 Hz: must be above 0"),
         ({"axis.slew": "400"}, "axis.slew = '400' V/s: must be a number"),
         ({"axis.slew": -4.0}, "axis.slew = -4.0 V/s: must be above 0"),
         ({"axis.voltage_limits": 3.6}, "axis.voltage_limits = 3.6: must be a list"),
@@ -319,6 +321,16 @@ def test_a_trajectory_takes_the_sample_rate_of_the_driver() -> None:
     made["axis"][0]["trajectory"] = {"kind": "from_csv", "path": "move.csv"}
     with pytest.raises(SettingError, match=r"axis.trajectory.sample_rate = 1000.0 Hz: must be 500 Hz, as the times of"):
         config.job(made, Path())
+
+
+def test_the_law_learns_below_the_resonance() -> None:
+    made = document()
+    made["axis"][0]["resonance"] = 120.0
+    (soft,) = config.job(made, Path()).axes
+    assert soft.controller.settings.filter_frequency <= 60.0  # type: ignore[attr-defined]
+    made["axis"][0]["settings"] = {"filter_frequency": 90.0}
+    (told,) = config.job(made, Path()).axes
+    assert told.controller.settings.filter_frequency == 90.0  # type: ignore[attr-defined]
 
 
 def test_controllers_of_a_configuration(tmp_path: Path) -> None:

@@ -41,7 +41,7 @@ class Rest:
 def rest(z: FloatArray, sample_rate: float) -> Rest:
     """Zero, noise and drift of a record at rest (um, NaN where a sample was lost), `sample_rate` in Hz.
 
-    >>> rest(np.array([1.0, 2.0, 1.0, 2.0, np.nan]), 1000.0).lost
+    >>> rest(np.array([1.0, 2.0, 1.0, 2.0, np.nan]), 1000.0).lost.__round__(2)
     0.2
     """
     used = np.isfinite(z)

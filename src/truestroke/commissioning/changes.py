@@ -29,7 +29,7 @@ def changed(text: str, changes: Changes) -> str:
     Examples
     --------
     >>> text = "[[axis]] # of the stage\nname = 'x'\n[axis.trajectory]\nkind = 'sine'\n"
-    >>> print(changed(text, {("axis", "stroke"): (30.0, "um")}).partition(" # found")[0])
+    >>> print(changed(text, {("axis", "stroke"): (30.0, "um")}).partition(" # um")[0])
     [[axis]] # of the stage
     name = 'x'
     stroke = 30.0

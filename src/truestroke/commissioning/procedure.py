@@ -134,7 +134,7 @@ def small_steps(axis: OneAxis, stroke: float | None = None, tell: Callable[[str]
     >>> axis = OneAxis(SimulatedDriver(), voltage_limits=(-0.6, 3.6), slew=400.0)
     >>> found = small_steps(axis, stroke=30.0)
     >>> print(f"{found.gain.gain:.0f} um/V")
-    8 um/V
+    9 um/V
     """
     with _opened(axis) as bench:
         tell("rest")

@@ -236,7 +236,7 @@ def _controller(table: Mapping[str, Any], limits: Mapping[str, Any], sample_rate
     fixed: dict[str, Any] = {"sample_rate": sample_rate, "voltage_limits": limits["voltage_limits"]}
     extra = _below(_named(table)["resonance"], sample_rate) | _settings(table)
     kind = _one_of("controller", table.get("controller", "adaptive"), CONTROLLERS)
-    renamed = {name: f"settings.{name}" for name in extra} | {"slew_limit": "slew"}
+    renamed = {name: f"settings.{name}" for name in extra} | {"slew_limit": "slew", "resonance": "resonance"}
     if "model" in table:
         for key in (key for key in ("controller", "stroke") if key in table):
             raise SettingError(key, repr(table[key]), "left out where there is a model")
@@ -253,8 +253,12 @@ def _controller(table: Mapping[str, Any], limits: Mapping[str, Any], sample_rate
 
 
 def _below(resonance: float | None, sample_rate: float) -> dict[str, float]:
-    """Settings that keep the law's filter below the first resonance, Hz: what it learns there excites it."""
-    return {} if resonance is None else {"filter_frequency": min(300.0, 0.15 * sample_rate, BELOW * resonance)}
+    """What a first resonance, Hz, means to the controller: what its law learns there would excite it."""
+    if resonance is None:
+        return {}
+    if "resonance" in ControllerSettings.__dataclass_fields__:
+        return {"resonance": resonance}
+    return {"filter_frequency": min(300.0, 0.15 * sample_rate, BELOW * resonance)}
 
 
 def _settings(table: Mapping[str, Any]) -> dict[str, Any]:
