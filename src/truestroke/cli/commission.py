@@ -71,7 +71,8 @@ def _measured(axis: OneAxis, job: OneAxisJob, yes: bool, as_json: bool) -> Findi
     travel = small.gain.gain * (high - low)
     _agree(f"The whole range, {low:g} to {high:g} V, roughly {travel:.2g} um?", yes)
     whole = whole_range(axis, small, tell)
-    about: dict[str, Any] = {"name": job.name, "small": small, "whole": whole, "limits": job.limits, "zero": job.zero}
+    about: dict[str, Any] = {"name": job.name, "small": small, "whole": whole, "limits": job.limits}
+    about |= {"zero": job.zero, "resonance": job.resonance}
     found = Findings(**about, asked=job.stroke)
     return Findings(**about, asked=job.stroke, stroke=_stroke(found, job, yes))
 

@@ -30,6 +30,8 @@ class Findings:
         The stroke of the configuration, um.
     stroke : float or None
         The stroke as it was decided, um.
+    resonance : float or None
+        That of the configuration, Hz.
     zero : float, "measured" or None
         What the configuration subtracts from the sensor, um.
     """
@@ -40,6 +42,7 @@ class Findings:
     limits: dict[str, Any]
     asked: float | None = None
     stroke: float | None = None
+    resonance: float | None = None
     zero: float | str | None = None
 
     @property
@@ -104,7 +107,7 @@ class Findings:
         made: dict[tuple[str, str], tuple[float, str]] = {}
         if self.stroke is not None and self.stroke != self.asked:
             made["axis", "stroke"] = self.stroke, "um, within reach"
-        if self.small.resonance.frequency is not None:
+        if self.small.resonance.frequency is not None and not self._as_told():
             made["axis", "resonance"] = (
                 float(f"{self.small.resonance.frequency:.4g}"),
                 "Hz, first resonance of the stage",
@@ -112,6 +115,13 @@ class Findings:
         if self.shifted:
             made["axis", "zero"] = float(f"{self.small.rest.zero:.6g}"), "um, what the sensor shows at rest"
         return made
+
+    def _as_told(self) -> bool:
+        """Whether the resonance of the configuration is the one that was found."""
+        found = self.small.resonance
+        if self.resonance is None or found.frequency is None or found.uncertainty is None:
+            return False
+        return abs(self.resonance - found.frequency) <= 2 * found.uncertainty
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON: figures with their unit in the name."""
