@@ -28,6 +28,7 @@ from truestroke.files import FileError
 UM_PER_UNIT = {"um": 1.0, "nm": 1e-3, "mm": 1e3}
 NAMES = {"position": ("z", "desired", "position", "displacement"), "time": ("t", "time")}
 BLOCK = 4096  # ticks that are filtered at a time: what they need stays in the cache
+FARTHEST = 1e9  # um of a motion in a file
 TIME_TOLERANCE = 0.01  # of a tick: how far a time in a file may lie from its even grid
 
 
@@ -476,6 +477,8 @@ def from_csv(
     found = {name: None if place is None else table[:, place] for name, place in places.items()}
     per_unit = _um_per_unit(unit, headings[places["position"]])
     z = per_unit * table[:, places["position"]]
+    farthest = int(np.argmax(np.abs(z)))
+    _check.within(f"{path}, row {farthest + first_row}", z[farthest], -FARTHEST, FARTHEST, "um")
     rate = _rate(path, first_row, found["time"], sample_rate)
     seconds = np.arange(z.size) / rate
     if found["velocity"] is not None:
@@ -523,20 +526,26 @@ def _read_npz(path: Path) -> tuple[list[str], int, FloatArray]:
     return list(arrays), 0, table
 
 
+def _told(row: list[str]) -> str:
+    """A row in one line that is not too long."""
+    text = " ".join(",".join(row).split())
+    return text if len(text) <= 80 else text[:77] + "..."
+
+
 def _numbers(path: str | Path, first_row: int, rows: list[list[str]]) -> FloatArray:
     if len(rows) < 4:
         raise SettingError("path", path, f"a file with at least 4 rows of numbers; it has {len(rows)}")
     table = np.empty((len(rows), len(rows[0])))
     for i, row in enumerate(rows):
         if len(row) != len(rows[0]):
-            raise SettingError(f"{path}, row {i + first_row}", ",".join(row), f"{len(rows[0])} numbers")
+            raise SettingError(f"{path}, row {i + first_row}", _told(row), f"{len(rows[0])} numbers")
         try:
             table[i] = [float(cell) for cell in row]
         except ValueError as error:
-            raise SettingError(f"{path}, row {i + first_row}", ",".join(row), f"numbers ({error})") from None
+            raise SettingError(f"{path}, row {i + first_row}", _told(row), f"numbers ({error})") from None
     bad = np.flatnonzero(~np.isfinite(table).all(axis=1))
     if bad.size:
-        raise SettingError(f"{path}, row {bad[0] + first_row}", ",".join(rows[bad[0]]), "finite numbers")
+        raise SettingError(f"{path}, row {bad[0] + first_row}", _told(rows[bad[0]]), "finite numbers")
     return table
 
 
