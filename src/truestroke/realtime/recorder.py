@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 from dataclasses import dataclass
 from typing import Any
@@ -21,6 +22,7 @@ from truestroke.recording import MODE, describe, sealed
 LOOK = 0.05  # s between two looks into the ring
 PIECE = 0.1  # s that a chunk of the file holds: with two looks, what a kill may cost
 PAGE = 4096  # bytes that a disk takes whole or not at all; none of HDF5's tables lies across the end of one
+CHECKSUM = 4  # bytes of that of a chunk
 ENDING_SIZE = 16384  # bytes
 LATENESS = ("us", "how late the block began that the tick is in")
 NEVER_ENDED = "the recording was not ended: it is still running, or its process was killed"
@@ -93,6 +95,19 @@ def write_ending(place: Growing, offset: int, ending: str) -> None:
     place.write(offset, sealed(ending, ENDING_SIZE))
 
 
+def piece(entries: float, size: int) -> int:
+    """Entries of `size` bytes in a chunk, about as many, so that little of its pages, or of its part of one, is empty.
+
+    Examples
+    --------
+    >>> piece(200, 8), piece(10, 424)
+    (255, 9)
+    """
+    whole = max(1, round(entries)) * size + CHECKSUM
+    room = PAGE // (PAGE // whole) if whole <= PAGE else whole // PAGE * PAGE
+    return max(1, (room - CHECKSUM) // size)
+
+
 class File:
     """A recording that grows, by HDF5's single-writer multiple-reader mode.
 
@@ -112,8 +127,9 @@ class File:
 
         self.plan, self._h5py = plan, h5py
         self._name = f"/proc/self/fd/{plan.place.descriptor}"  # the file that is locked, whatever has its name
-        self._piece = max(1, round(PIECE * plan.sample_rate))
-        self._slow_piece = max(1, round(PIECE * plan.sample_rate / plan.stride))
+        widest = max((math.prod(shape) for _, shape in plan.slow), default=1)
+        self._piece = piece(PIECE * plan.sample_rate, 8)
+        self._slow_piece = piece(PIECE * plan.sample_rate / plan.stride, 8 * widest)
         self._file = h5py.File(self._name, **MODE, fs_strategy="page", fs_page_size=PAGE)
         describe(self._file, {**plan.about, "interrupted": NEVER_ENDED})
         self._sets: dict[str, Any] = {}  # kept open: HDF5 tells a failure to write only where one is used or flushed

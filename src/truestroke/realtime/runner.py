@@ -29,6 +29,7 @@ from truestroke.recording import Recording, ticks
 from truestroke.settings import ControllerSettings
 from truestroke.timing import Timing
 
+ROOM = 1.3  # bytes on the disk for one of data
 BUFFER = 8.0  # s that the recorder may fall behind before the run ends
 
 
@@ -200,6 +201,7 @@ def _plan(driver: Any, axis: Axis, timing: Timing, place: Growing, about: dict[s
 def _check_room(axes: Sequence[Axis], timing: Timing, folder: Path) -> None:
     """The disk has room for the whole run."""
     needed = sum(80 * len(a.trajectory) + 8 * len(a.trajectory) // stride(timing) * _width(a) for a in axes)
+    needed = round(ROOM * needed)
     if (free := shutil.disk_usage(folder).free) < needed:
         raise RealtimeError(f"{folder}: the run writes {needed / 1e6:.0f} MB, {free / 1e6:.0f} MB are free")
 
