@@ -130,7 +130,8 @@ class File:
         widest = max((math.prod(shape) for _, shape in plan.slow), default=1)
         self._piece = piece(PIECE * plan.sample_rate, 8)
         self._slow_piece = piece(PIECE * plan.sample_rate / plan.stride, 8 * widest)
-        self._file = h5py.File(self._name, **MODE, fs_strategy="page", fs_page_size=PAGE)
+        paged = {"fs_strategy": "page", "fs_page_size": PAGE}
+        self._file = h5py.File(self._name, **MODE, **paged, rdcc_nbytes=0)  # a cache of chunks: 1 MB of each dataset
         describe(self._file, {**plan.about, "interrupted": NEVER_ENDED})
         self._sets: dict[str, Any] = {}  # kept open: HDF5 tells a failure to write only where one is used or flushed
         for name in ("time", *plan.channels):
