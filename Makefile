@@ -30,7 +30,6 @@ $(VENV)/.ready: pyproject.toml CMakeLists.txt Makefile $(NATIVE)
 	@touch $@
 
 bench: setup  ## what a step costs here, beside what others offer
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check padasip==1.2.2 filterpy river || true  # it says what it lacks
 	@$(BIN)/truestroke bench
 
 images: setup  ## draw the pictures of the README again, into docs/images

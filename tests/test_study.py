@@ -16,6 +16,7 @@ from urllib.error import HTTPError
 from urllib.request import urlopen
 
 import numpy as np
+import psutil
 import pytest
 from click.testing import CliRunner
 
@@ -213,7 +214,6 @@ def test_threads_give_the_same_rows(rows, workers):
 
 def test_dask_gives_the_same_rows_when_a_worker_is_killed():
     """A cluster of its own; after the first result each worker process gets SIGKILL in the middle of its batch."""
-    psutil = pytest.importorskip("psutil")
     stream = executors.dask(2)(SOME, in_batches(range(200), 25))
     first = next(stream)
     children = psutil.Process().children(recursive=True)
@@ -252,7 +252,6 @@ def told_a_stranger(port):
 
 def test_dask_gives_the_same_rows_on_a_scheduler_of_its_own_process(rows, tmp_path):
     """As on a cluster: the scheduler here, a worker there, known by the scheduler's address alone."""
-    pytest.importorskip("distributed")
     dask, address = [sys.executable, "-m", "dask"], tmp_path / "scheduler.json"
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     started = [
@@ -373,7 +372,6 @@ def test_a_driver_that_is_killed_continues(tmp_path):
 @pytest.mark.parametrize("executor", ["threads", "dask"])
 def test_ctrl_c_keeps_what_is_there_and_says_how_to_go_on(tmp_path, executor):
     """As a terminal sends it: to the driver and to all that it started."""
-    pytest.importorskip("distributed")
     (tmp_path / "many.toml").write_text(SMALL)
     command = [TRUESTROKE, "study", "many.toml", "--runs", "100000", "--workers", "1", "--executor", executor]
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE, "text": True, "start_new_session": True}

@@ -434,7 +434,7 @@ def _parquet(path: Path) -> Table:
     try:
         parquet: Any = importlib.import_module("pyarrow.parquet")
     except ImportError:
-        raise RecordError(str(path), "reading Parquet needs pyarrow: pip install pyarrow") from None
+        raise RecordError(str(path), "reading Parquet needs pyarrow: pip install 'truestroke[parquet]'") from None
     names = list(parquet.read_schema(path).names)
     rows = int(parquet.read_metadata(path).num_rows)
     files.check_size(path, f"a column of {rows} rows", 8 * rows)
