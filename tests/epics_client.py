@@ -35,6 +35,15 @@ async def until(name: str, value: float, tolerance: float = 0.0) -> float:
     raise TimeoutError(f"{name} is {shown}, not {value}")
 
 
+async def whole(name: str, length: int) -> None:
+    """Wait until a wave has as many ticks as it ever shows."""
+    for _ in range(round(PATIENCE / 0.05)):
+        if len(await get(name)) == length:
+            return
+        await asyncio.sleep(0.05)
+    raise TimeoutError(f"{name} does not show {length} ticks")
+
+
 def about(value: Any) -> dict[str, Any]:
     names = ("units", "severity", "lower_disp_limit", "upper_disp_limit", "lower_ctrl_limit", "upper_ctrl_limit")
     return {"value": np.asarray(value).tolist(), **{name: getattr(value, name, None) for name in names}}
@@ -54,6 +63,7 @@ async def move() -> dict[str, Any]:
     seen["beyond"] = float(await get("X:SETPOINT"))
     for name in ("X:VOLTS", "X:READBACK", "X:RMSE", "OVERRUNS", "SAMPLE_RATE", "TIME_LEFT", "Y:READBACK", "X:WEIGHTS"):
         seen[name] = about(await get(name, format=FORMAT_CTRL))
+    await whole("Y:DESIRED:WAVE", 1000)
     for name in ("DESIRED", "MEASURED", "ERROR"):
         seen[name] = about(await get(f"Y:{name}:WAVE", format=FORMAT_CTRL))
     seen["y is moved"] = (await caget(STAGE + "Y:SETPOINT", timeout=0.5, throw=False)).ok

@@ -310,13 +310,15 @@ def test_what_was_recorded_is_kept(monkeypatch: pytest.MonkeyPatch, end: signal.
             signal.raise_signal(end)
         return exchange(plant, volts)
 
-    before = signal.getsignal(end)
-    if before is signal.SIG_IGN:
-        pytest.skip(f"{end.name} is ignored here, as under nohup, and stays ignored")
-    with monkeypatch.context() as patch:
-        patch.setattr(RealisticPlant, "exchange", interrupted)
-        done = call(*SHORT)
-    assert signal.getsignal(end) == before
+    usual = signal.default_int_handler if end is signal.SIGINT else signal.SIG_DFL
+    before = signal.signal(end, usual)  # under nohup it is ignored, and would stay so
+    try:
+        with monkeypatch.context() as patch:
+            patch.setattr(RealisticPlant, "exchange", interrupted)
+            done = call(*SHORT)
+        assert signal.getsignal(end) == usual
+    finally:
+        signal.signal(end, before)
     assert done.exit_code == code
     assert done.stderr == f"truestroke: the 1500 ticks so far are in truestroke-track.h5\ntruestroke: {said}\n"
     rest = Recording.load("truestroke-track.h5")

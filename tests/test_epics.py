@@ -221,8 +221,8 @@ def test_a_server_of_this_computer_hears_nothing_from_outside(monkeypatch: pytes
 def noted_servers(monkeypatch: pytest.MonkeyPatch) -> list[subprocess.Popen[bytes]]:
     servers: list[subprocess.Popen[bytes]] = []
 
-    def start(shared: Any, job: Callable[..., None], *arguments: Any) -> subprocess.Popen[bytes]:
-        process = original(shared, job, *arguments)
+    def start(shared: Any, job: Callable[..., None], *arguments: Any, **options: Any) -> subprocess.Popen[bytes]:
+        process = original(shared, job, *arguments, **options)
         servers.extend([process] if job is epics.serve else [])
         return process
 

@@ -243,7 +243,7 @@ TOP = 0.7 * Z.max()
         ((T, X, np.where(np.arange(T.size) == 7, np.nan, Z)), "line 9: displacement is missing"),
         ((T[:2], X[:2], Z[:2]), "2 rows; at least 50"),
         ((np.where(np.arange(T.size) == 20, T[19], T), X, Z), "line 22: time 0.038 s repeats"),
-        ((T, X, -Z), "flip_displacement"),
+        ((T, X, -Z), "must be one that rises (--flip-displacement turns its sign)"),
         ((T, np.where(T < 2, 0.0, X), np.where(T < 2, 0.0, Z)), "moving before the held-out part"),
     ],
     ids=["constant", "nan", "two-rows", "repeated", "falls", "late-start"],

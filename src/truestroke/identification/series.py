@@ -102,7 +102,7 @@ def _refuse_useless(x: FloatArray, z: FloatArray) -> None:
         raise SettingError(
             "displacement",
             "falls where volts rises",
-            "one that rises (`flip_displacement` of read_record turns its sign)",
+            "one that rises (`flip_displacement` turns its sign)",
         )
 
 
