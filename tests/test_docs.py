@@ -214,6 +214,7 @@ def test_table_has_every_member_of_python_and_c() -> None:
         "ringing_rate",
         "change_rate",
         "first_noise",
+        "oscillation",
     }  # no settings of a user
     assert members == {n for row in TABLE for n in names(row["kernel"])} | inside
 

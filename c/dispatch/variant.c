@@ -5,6 +5,7 @@
 #include "../src/inverse.c"
 #include "../src/rls.c"
 #include "../src/kalman.c"
+#include "../src/oscillation.c"
 #include "../src/controller.c"
 
 #include "dispatch.h"

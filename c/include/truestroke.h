@@ -125,7 +125,8 @@ TS_API bool ts_rls_update(ts_rls *r, ts_real *w, const ts_real *u, ts_real e, ts
 /* ---- Bounded Kalman filter --------------------------------------------------------------------------------------- */
 
 typedef struct {
-    ts_real filter;           /* per tick: coefficient of each of two poles that regressor and measurement pass through */
+    ts_real filter;           /* per tick: coefficient of each of two poles that regressor and measurement pass through,
+                                 at the start: see ts_kalman */
     ts_real noise_rate;       /* per tick: how fast the robust estimate of the noise follows */
     ts_real ringing_rate;     /* per tick: the same of the wary one, which makes ringing count as noise */
     ts_real model_error;      /* um: what the model cannot explain; added to the noise */
@@ -150,6 +151,8 @@ typedef struct {
     ts_real u1[TS_PADDED(TS_MAX_PARAMETERS)], u[TS_PADDED(TS_MAX_PARAMETERS)]; /* the regressor behind one and two poles, V or um */
     ts_real y1, y;                                       /* the measurement behind one and two poles, um */
     ts_real Pu[TS_PADDED(TS_MAX_PARAMETERS)];
+    ts_real filter;                 /* per tick: the coefficient of the two poles that is in force */
+    ts_real disturbance;            /* um^2: of what is known to be no error of the model: ringing */
     ts_real variance;               /* of the innovation of the last update, um^2 */
     ts_real sigma, ringing;         /* noise: um, um^2 */
     ts_real innovation1, innovation2; /* of the last two ticks, um */
@@ -159,8 +162,12 @@ typedef struct {
     unsigned char part[TS_MAX_PARAMETERS]; /* 1: weight of the first play, 2: of another play, 0: anything else */
 } ts_kalman;
 
-/* P0 (packed) is the covariance of the prior; sigma is the first guess of the noise, um. The caller then sets `part`. */
+/* P0 (packed) is the covariance of the prior; sigma is the first guess of the noise, um. The caller then sets `part` and
+ * `filter`. */
 TS_API void ts_kalman_init(ts_kalman *k, const ts_real *P0, ts_real sigma, int m);
+
+/* The covariance is that of the prior again, and the filters start anew; the noise stays. */
+TS_API void ts_kalman_doubt(ts_kalman *k, const ts_real *P0, int m);
 
 typedef enum { TS_TICK_USED, TS_TICK_PASSED, TS_TICK_SPIKE } ts_tick;
 
@@ -171,6 +178,49 @@ TS_API ts_tick ts_kalman_tick(ts_kalman *k, const ts_kalman_settings *s, const t
 
 /* Moves w onto g.w = value in the metric of P: w += P g (value - g.w) / (g.P g). Keeps what the data said. */
 TS_API void ts_kalman_project(const ts_kalman *k, ts_real *w, const ts_real *g, ts_real value, int m);
+
+/* ---- Self-excited oscillation -------------------------------------------------------------------------------------- */
+
+#define TS_HALF_WAVES 12
+#define TS_PI ((ts_real)3.14159265358979323846)
+
+typedef struct {
+    ts_real tick;        /* s; 0: the law does not watch the stage */
+    ts_real corner;      /* cycles per tick: the highest frequency that is looked for */
+    ts_real fast, slow;  /* per tick: coefficients of the poles between which the error passes */
+    ts_real motion_rate; /* per tick: how fast the means of the motion follow */
+    ts_real noise_share; /* of the noise of a measurement, three standard deviations between the poles */
+    ts_real floor, large;/* um: an oscillation below `floor` is not looked at, one above `large` need not grow */
+} ts_oscillation_settings;
+
+/* Finds an oscillation of the error that grows, faster than the motion and slower than the corner of the law's filter:
+ * then the stage rings at a resonance that the law excites. Of each half-wave of the error between the poles the peak
+ * and the length are kept. */
+typedef struct {
+    ts_real fast, slow, slower;     /* um: the error behind one pole, and what two others take from it: the motion's */
+    ts_real speed, acceleration;    /* um/s: means of |zdot_d| and of |its change in a tick| */
+    ts_real zdot_d;                 /* of the tick before, um/s */
+    ts_real error, h;               /* um: of the tick before, and between the poles */
+    ts_real time;                   /* s: since the start */
+    ts_real peak, steepest;         /* um, um per tick: of this half-wave so far */
+    ts_real peaks[TS_HALF_WAVES];   /* um: of the half-waves before it, the newest first */
+    int lengths[TS_HALF_WAVES];     /* ticks: of the same */
+    int sign, length;               /* of this half-wave; sign 0: none has begun */
+    int missed;                     /* ticks before this one of which there is no error */
+    int regular;                    /* half-waves before it of about one length, up to TS_HALF_WAVES */
+    bool started, found;
+} ts_oscillation;
+
+/* A tick of which there is no measurement (NULL), or the error of one that is not believed: only a jump is seen in it. */
+TS_API void ts_oscillation_miss(ts_oscillation *o, const ts_oscillation_settings *s, const ts_real *error);
+
+/* One tick: error (um), motion (um/s), standard deviation of a measurement (um). Returns the frequency of an oscillation
+ * that grows, cycles per tick, or 0. */
+TS_API ts_real ts_oscillation_tick(ts_oscillation *o, const ts_oscillation_settings *s, ts_real error, ts_real zdot_d,
+                                   ts_real noise);
+
+/* Cycles per tick of the last n half-waves, 1 <= n <= o->regular. */
+TS_API ts_real ts_oscillation_frequency(const ts_oscillation *o, int n);
 
 /* ---- Controller (Sec. 3, Fig. 5) ----------------------------------------------------------------------------------- */
 
@@ -202,6 +252,8 @@ typedef struct {
     ts_kalman_settings kalman;
     ts_real prior[TS_PACKED(TS_MAX_PARAMETERS)];       /* Kalman: P0, packed, squares of the units of the weights */
     ts_real first_noise;                               /* Kalman: first guess of the noise, um */
+    ts_oscillation_settings oscillation;               /* Kalman */
+    ts_real resonance;                                 /* Kalman: first of the stage, cycles per tick; 0: not known */
     /* safety */
     ts_real slope_min, slope_max;                      /* partial slopes of the inverse, um/V */
     ts_real velocity_limit;                            /* Kalman: slopes are admissible at every rate that was commanded, up
@@ -221,10 +273,11 @@ typedef struct {      /* of the last tick */
     bool held;        /* adaptation is on hold */
     bool changed;     /* the actuator has changed suddenly */
     bool slewed;      /* the command met the slew limit */
+    bool oscillating; /* the law had made the stage ring: learning rests until the ringing is measured */
 } ts_flags;
 
 typedef struct {
-    uint64_t commands, adaptations, saturated, projected, rejected, changed, slewed;
+    uint64_t commands, adaptations, saturated, projected, rejected, changed, slewed, oscillating;
 } ts_counters;
 
 /* What the model sees of the voltage: the same for the tick that is commanded and for the one that is measured. */
@@ -236,6 +289,18 @@ typedef struct {
 
 /* After so many limited ticks beyond the desired displacement the model is held to be wrong, not the limit. */
 #define TS_BEYOND 10
+
+/* What is known of the stage's first resonance, and what follows from it; at first what the settings say. */
+typedef struct {
+    ts_real resonance;             /* cycles per tick; 0: not known */
+    ts_real inertia;               /* 1 / (w0^2 T), s: displacement that a change of zdot_d in a tick takes */
+    ts_real smoothing;             /* as in the settings */
+    ts_real rest;                  /* ticks until learning begins again */
+    ts_real age;                   /* s since `newer` was kept */
+    ts_real newer[TS_MAX_PARAMETERS], older[TS_MAX_PARAMETERS]; /* weights of before, to go back to */
+} ts_stage;
+
+#define TS_KEEP 0.03 /* s: how often the weights are kept */
 
 typedef struct {
     ts_settings settings;
@@ -252,6 +317,7 @@ typedef struct {
     ts_real x[TS_HISTORY];            /* V */
     ts_real z_d[TS_HISTORY];          /* um */
     ts_real zdot_d[TS_HISTORY];       /* um/s */
+    ts_real inertia[TS_HISTORY];      /* um: what the stage's inertia asks for */
     bool limited[TS_HISTORY];         /* the voltage met a limit: such a tick does not teach, but see beyond */
     /* adapt */
     ts_memory lagged;
@@ -265,6 +331,8 @@ typedef struct {
         ts_rls rls;
         ts_kalman kalman;
     } law;
+    ts_oscillation oscillation;       /* Kalman */
+    ts_stage stage;                   /* Kalman */
     bool hold;
     ts_flags flags;
     ts_counters counters;

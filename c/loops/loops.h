@@ -16,7 +16,7 @@ extern "C" {
 #endif
 
 /* A controller: the two calls of the Python protocol. `flags` are the bits of the last tick: 1 saturated, 2 projected,
- * 4 rejected, 8 held, 16 changed, 32 slewed. */
+ * 4 rejected, 8 held, 16 changed, 32 slewed, 64 oscillating. */
 typedef struct {
     void *self;
     double (*command)(void *self, double z_d, double zdot_d);

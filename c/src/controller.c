@@ -4,6 +4,11 @@
 #include <stddef.h>
 #include <string.h>
 
+#define LOWER ((ts_real)0.7)      /* how far the law's filter comes down where it was not low enough */
+#define NOT_BELOW ((ts_real)0.2) /* of the resonance that is known: what is slower is the motion's error */
+#define REST_PERIODS 6            /* of the oscillation: how long learning rests at the most, */
+#define REST_HALF_WAVES 7         /* and after how many of the ringing it goes on */
+
 /* ---- Settings ---------------------------------------------------------------------------------------------------- */
 
 static bool bounded(ts_real x) { return x >= -TS_LARGEST && x <= TS_LARGEST; }
@@ -73,6 +78,12 @@ static ts_status check_kalman(const ts_settings *s)
                 && k->model_error >= 0 && bounded(k->model_error) && k->change_threshold > 0 && k->refractory >= 0
                 && fraction(k->change_gain) && fraction(k->change_hysteresis) && k->outlier > 0 && k->outliers >= 0 && positive(s->first_noise)
                 && positive(s->velocity_limit);
+    const ts_oscillation_settings *o = &s->oscillation;
+    if (o->tick != 0)
+        good = good && positive(o->tick) && o->corner > 0 && o->corner <= 1 && fraction(o->fast) && fraction(o->slow)
+               && fraction(o->motion_rate) && o->noise_share >= 0 && bounded(o->noise_share) && o->floor > 0 && bounded(o->floor)
+               && o->large > 0 && bounded(o->large);
+    good = good && (s->resonance >= (ts_real)1e-6 || !(s->resonance < 0 || s->resonance > 0)) && s->resonance <= 1 && (o->tick > 0 || !(s->resonance > 0));
     return good && check_prior(s->prior, ts_parameters(s)) ? TS_OK : TS_BAD_KALMAN;
 }
 
@@ -152,13 +163,32 @@ static void regressor(const ts_settings *s, const ts_memory *memory, ts_real z_d
 
 /* ---- The arrows of Fig. 5: command ----------------------------------------------------------------------------------- */
 
-/* What the plays must bring: (11), the trim and what the command still lacks of the last lesson, less the known terms. */
-static ts_real wanted_of_plays(const ts_controller *c, ts_real z_d, ts_real zdot_d)
+/* The term of the inertia where the first resonance is at `frequency` cycles per tick, s; 0: not known. */
+static ts_real inertia_of(const ts_settings *s, ts_real frequency)
+{
+    ts_real w = 2 * TS_PI * frequency;
+    return frequency > 0 ? s->oscillation.tick / (w * w) : 0;
+}
+
+/* What the motion from the tick before to zdot_d takes of the stage's inertia, um: z'' / w0^2, within a tenth of the
+ * stroke. */
+static ts_real inertial(const ts_controller *c, ts_real zdot_d)
+{
+    if (!(c->stage.inertia > 0) || c->counters.commands == 0) return 0;
+    int slot = (int)((c->counters.commands - 1) % TS_HISTORY);
+    ts_real z = c->stage.inertia * (zdot_d - c->zdot_d[slot]), most = c->settings.stroke / 10;
+    return z < -most ? -most : z > most ? most : z;
+}
+
+/* What the plays must bring: (11), the inertia, the trim and what the command still lacks of the last lesson, less the
+ * known terms. */
+static ts_real wanted_of_plays(const ts_controller *c, ts_real z_d, ts_real zdot_d, ts_real inertia)
 {
     const ts_settings *s = &c->settings;
     ts_real u[TS_MAX_PARAMETERS];
     known_terms(s, &c->now, z_d, zdot_d, u);
-    return through_dead_zones(s, z_d) + c->integral + c->carry - dot(c->w + c->of_plays, u, c->parameters - c->of_plays);
+    return through_dead_zones(s, z_d) + inertia + c->integral + c->carry
+           - dot(c->w + c->of_plays, u, c->parameters - c->of_plays);
 }
 
 /* (7) and its partial sums at the rate zdot_d, each within its limits; tells whether one had to be moved. */
@@ -192,12 +222,13 @@ static ts_real within_limits(ts_controller *c, ts_real x)
     return x <= s->voltage_max ? x : s->voltage_max;
 }
 
-static void write_down(ts_controller *c, ts_real x, ts_real z_d, ts_real zdot_d)
+static void write_down(ts_controller *c, ts_real x, ts_real z_d, ts_real zdot_d, ts_real inertia)
 {
     int slot = (int)(c->counters.commands % TS_HISTORY);
     c->x[slot] = x;
     c->z_d[slot] = z_d;
     c->zdot_d[slot] = zdot_d;
+    c->inertia[slot] = inertia;
     c->limited[slot] = c->flags.saturated || c->flags.slewed;
     ts_real speed = zdot_d < 0 ? -zdot_d : zdot_d;
     if (speed > c->fastest) c->fastest = speed < c->settings.velocity_limit ? speed : c->settings.velocity_limit;
@@ -225,9 +256,9 @@ static void pass_over(ts_controller *c)
     const ts_settings *s = &c->settings;
     bool limited = c->limited[c->lagged.ticks % TS_HISTORY];
     next_lagged(c);
-    if (s->law == TS_LAW_KALMAN)
-        ts_kalman_tick(&c->law.kalman, &s->kalman, s->initial_weights, s->prior, c->w, c->u, NULL, !limited,
-                       c->parameters);
+    if (s->law != TS_LAW_KALMAN) return;
+    ts_kalman_tick(&c->law.kalman, &s->kalman, s->initial_weights, s->prior, c->w, c->u, NULL, !limited, c->parameters);
+    ts_oscillation_miss(&c->oscillation, &s->oscillation, NULL);
 }
 
 /* Whether a partial slope is outside its limits at the rate zdot_d or at -zdot_d. */
@@ -356,6 +387,106 @@ static ts_real brought_by_plays(const ts_controller *c)
     return ts_brought(c->slopes, c->now.play, c->settings.plays);
 }
 
+/* The command for the last tick stays as it was, whatever has changed: the difference goes by and by. */
+static void keep_command(ts_controller *c)
+{
+    bool moved = c->counters.commands > 0;
+    int slot = moved ? (int)((c->counters.commands - 1) % TS_HISTORY) : 0;
+    (void)rate_dependent_slopes(c, c->zdot_d[slot]);
+    if (moved) c->carry += brought_by_plays(c) - wanted_of_plays(c, c->z_d[slot], c->zdot_d[slot], c->inertia[slot]);
+}
+
+/* ---- What the law must not do: make the stage ring ------------------------------------------------------------------- */
+
+/* The weights of now are those to go back to; at the start there are none of before. */
+static void keep_weights(ts_controller *c, bool start)
+{
+    size_t size = sizeof(ts_real) * (size_t)c->parameters;
+    memcpy(c->stage.older, start ? c->w : c->stage.newer, size);
+    memcpy(c->stage.newer, c->w, size);
+    c->stage.age = 0;
+}
+
+/* What follows from a resonance that was found: the law's filter ends at half of it, or lower than now where it was not
+ * low enough; what is learned takes a period of it to reach the command, which knows the inertia. */
+static void adopt_resonance(ts_controller *c, ts_real frequency, bool lower)
+{
+    const ts_settings *s = &c->settings;
+    ts_kalman *k = &c->law.kalman;
+    ts_real w = TS_PI * frequency, pole = w / (1 + w), smoothing = 1 / (1 + frequency);
+    ts_real next = LOWER * k->filter, least = pole / 8;
+    if (lower && pole > next) pole = next > least ? next : least;
+    k->filter = pole < s->kalman.filter ? pole : s->kalman.filter;
+    if (c->stage.smoothing < smoothing) c->stage.smoothing = smoothing;
+    c->stage.resonance = frequency;
+    c->stage.inertia = inertia_of(s, frequency);
+}
+
+/* The first time: back to the weights of before, and unsure of them. Then learning rests, with a lower filter, until the
+ * ringing has told its frequency. */
+static void retreat(ts_controller *c, ts_real frequency)
+{
+    if (!c->oscillation.found) {
+        memcpy(c->w, c->stage.older, sizeof(ts_real) * (size_t)c->parameters);
+        keep_weights(c, true);
+        ts_kalman_doubt(&c->law.kalman, c->settings.prior, c->parameters);
+    }
+    adopt_resonance(c, frequency, c->oscillation.found);
+    keep_command(c);
+    c->stage.rest = 1 + REST_PERIODS / frequency;
+    c->oscillation.regular = 0;
+    c->oscillation.found = true;
+    c->counters.oscillating++;
+}
+
+/* What rings at the resonance is noise to the law: what the filter leaves of its variance, in as many ticks as half a
+ * half-wave has, four times over because it is not white. */
+static void count_ringing(ts_controller *c)
+{
+    const ts_oscillation *o = &c->oscillation;
+    ts_kalman *k = &c->law.kalman;
+    ts_real f = c->stage.resonance;
+    if (!(f > 0) || o->length != 0) return; /* once in a half-wave */
+    ts_real ratio = o->regular >= 2 ? ts_oscillation_frequency(o, 2) / f : 0;
+    if (ratio < (ts_real)0.7 || ratio > (ts_real)1.4) {
+        k->disturbance /= 2;
+        return;
+    }
+    ts_real w = 2 * TS_PI * f * (1 - k->filter) / k->filter, left = o->peaks[0] / (1 + w * w);
+    k->disturbance = left * left / (2 * f);
+}
+
+/* Standard deviation of a measurement, um: as it is now, and no less than the sensor's steps. */
+static ts_real noise_of(const ts_controller *c)
+{
+    const ts_kalman *k = &c->law.kalman;
+    ts_real variance = k->sigma * k->sigma;
+    if (variance < (ts_real)0.5 * k->ringing) variance = (ts_real)0.5 * k->ringing;
+    ts_real noise = (ts_real)sqrt(variance);
+    return noise < c->resolution ? c->resolution : noise;
+}
+
+/* One tick: whether the law has made the stage ring, and what to do about it. */
+static void watch_stage(ts_controller *c, ts_real error, ts_real zdot_d, bool limited)
+{
+    const ts_settings *s = &c->settings;
+    ts_oscillation *o = &c->oscillation;
+    ts_real found = ts_oscillation_tick(o, &s->oscillation, error, zdot_d, noise_of(c));
+    if (limited) o->sign = o->regular = 0; /* what a limit does is not the law's doing */
+    count_ringing(c);
+    if (c->stage.rest > 0) {
+        c->stage.rest = o->regular >= REST_HALF_WAVES || c->stage.rest < 1 ? 0 : c->stage.rest - 1;
+        if (!(c->stage.rest > 0) && o->regular >= 4)
+            adopt_resonance(c, ts_oscillation_frequency(o, o->regular < 6 ? 4 : 6), false);
+    } else if (found > 0 && !limited && found > NOT_BELOW * c->stage.resonance && !c->hold) {
+        retreat(c, found);
+    } else {
+        c->stage.age += s->oscillation.tick;
+        if (c->stage.age > (ts_real)TS_KEEP && o->regular < 3) keep_weights(c, false);
+    }
+    c->flags.oscillating = c->stage.rest > 0;
+}
+
 /* ---- Public -------------------------------------------------------------------------------------------------------- */
 
 ts_status ts_controller_init(ts_controller *c, const ts_settings *settings)
@@ -367,6 +498,17 @@ ts_status ts_controller_init(ts_controller *c, const ts_settings *settings)
     c->of_plays = play_parameters(settings);
     ts_controller_reset(c);
     return TS_OK;
+}
+
+/* The stage as the settings say it. */
+static void forget_stage(ts_controller *c)
+{
+    const ts_settings *s = &c->settings;
+    c->stage.smoothing = s->smoothing;
+    if (s->law != TS_LAW_KALMAN) return;
+    c->stage.resonance = s->resonance;
+    c->stage.inertia = inertia_of(s, s->resonance);
+    c->law.kalman.filter = s->kalman.filter;
 }
 
 static void start_law(ts_controller *c)
@@ -390,6 +532,8 @@ void ts_controller_reset(ts_controller *c)
     memset((char *)c + after, 0, sizeof *c - after);
     memcpy(c->w, c->settings.initial_weights, sizeof(ts_real) * (size_t)c->parameters);
     start_law(c);
+    forget_stage(c);
+    keep_weights(c, true);
     (void)rate_dependent_slopes(c, 0);
 }
 
@@ -410,9 +554,10 @@ ts_status ts_controller_start(ts_controller *c, ts_real volts, ts_real z)
     ts_play_bank(volts, s->thresholds, c->now.play, s->plays);
     for (int i = 0; i < s->creeps; i++) c->now.creep[i] = volts;
     c->lagged = c->now;
-    ts_real missing = wanted_of_plays(c, z, 0) - brought_by_plays(c);
+    ts_real missing = wanted_of_plays(c, z, 0, 0) - brought_by_plays(c);
     if (s->offset) c->w[c->parameters - 1 - s->bends] += missing; /* a constant until data say more */
     else c->carry = -missing;
+    keep_weights(c, true);
     return TS_OK;
 }
 
@@ -425,19 +570,23 @@ static bool same_model(const ts_settings *a, const ts_settings *b)
     return same;
 }
 
+static bool same_stage(const ts_settings *a, const ts_settings *b)
+{
+    return !(a->kalman.filter < b->kalman.filter || a->kalman.filter > b->kalman.filter || a->smoothing < b->smoothing
+             || a->smoothing > b->smoothing || a->resonance < b->resonance || a->resonance > b->resonance);
+}
+
 ts_status ts_controller_change(ts_controller *c, const ts_settings *next)
 {
     const ts_settings *s = &c->settings;
     ts_status status = check(next);
     if (status != TS_OK) return status;
     if (!same_model(s, next)) return TS_BAD_TERMS;
+    bool as_it_was = same_stage(s, next);
     c->settings = *next;
-    bool moved = c->counters.commands > 0;
-    int slot = moved ? (int)((c->counters.commands - 1) % TS_HISTORY) : 0;
-    (void)rate_dependent_slopes(c, c->zdot_d[slot]);
-    if (!moved) return TS_OK;
+    if (!as_it_was) forget_stage(c);
     if (!(next->trim > 0)) c->integral = 0; /* its share goes into the carry */
-    c->carry += brought_by_plays(c) - wanted_of_plays(c, c->z_d[slot], c->zdot_d[slot]);
+    keep_command(c);
     return TS_OK;
 }
 
@@ -450,12 +599,13 @@ ts_status ts_controller_command(ts_controller *c, ts_real z_d, ts_real zdot_d, t
     if (c->counters.commands >= TS_HISTORY && c->lagged.ticks <= c->counters.commands - TS_HISTORY)
         pass_over(c); /* before its slot is taken */
     remember_creep(&c->now, s);
-    c->y_d = wanted_of_plays(c, z_d, zdot_d);
+    ts_real inertia = inertial(c, zdot_d);
+    c->y_d = wanted_of_plays(c, z_d, zdot_d, inertia);
     c->flags.projected = rate_dependent_slopes(c, zdot_d);
     *volts = within_limits(c, ts_play_inverse(c->y_d, c->slopes, s->thresholds, c->now.play, s->plays));
     remember_voltage(&c->now, s, *volts);
-    c->carry *= s->smoothing;
-    write_down(c, *volts, z_d, zdot_d);
+    c->carry *= c->stage.smoothing;
+    write_down(c, *volts, z_d, zdot_d, inertia);
     return TS_OK;
 }
 
@@ -476,16 +626,19 @@ ts_status ts_controller_adapt(ts_controller *c, ts_real z, int ago)
         int slot = (int)(c->lagged.ticks % TS_HISTORY);
         bool limited = c->limited[slot], back = beyond(c, slot, z), stands = c->x[slot] == c->lagged.play[0];
         next_lagged(c);
-        ts_real y_a = through_dead_zones(s, z), predicted = model(c, c->u), room[TS_PADDED(TS_MAX_PARAMETERS)];
-        const ts_real *now = s->smoothing > 0 ? regressor_of_now(c, room) : c->u;
+        ts_real y_a = through_dead_zones(s, z) + c->inertia[slot], predicted = model(c, c->u), room[TS_PADDED(TS_MAX_PARAMETERS)];
+        const ts_real *now = c->stage.smoothing > 0 ? regressor_of_now(c, room) : c->u;
         ts_real before = now == c->u ? predicted : model(c, now);
         c->innovation = y_a - predicted; /* (15) */
         if (s->law == TS_LAW_RLS) used = adapt_rls(c, !c->hold);
-        else used = adapt_kalman(c, frozen(c, z, predicted, stands) ? NULL : &y_a, teaches(c, limited, back));
+        else used = adapt_kalman(c, frozen(c, z, predicted, stands) ? NULL : &y_a, teaches(c, limited, back) && !(c->stage.rest > 0));
         /* What was learned reaches the command by and by, so that it does not ring the stage. */
-        if (used && s->smoothing > 0) c->carry += s->smoothing * (model(c, now) - before);
+        if (used && c->stage.smoothing > 0) c->carry += c->stage.smoothing * (model(c, now) - before);
         /* The trim: at a voltage limit only away from it; what the slew limit holds back will come by itself. */
         if (used && (!limited || back)) c->integral += s->trim * (c->z_d[slot] - z);
+        ts_real error = z - c->z_d[slot];
+        if (!used) ts_oscillation_miss(&c->oscillation, &s->oscillation, &error);
+        else if (s->law == TS_LAW_KALMAN && s->oscillation.tick > 0) watch_stage(c, error, c->zdot_d[slot], limited);
     }
     c->flags.rejected = !used;
     c->counters.rejected += !used;

@@ -35,6 +35,14 @@ void ts_kalman_init(ts_kalman *k, const ts_real *P0, ts_real sigma, int m)
     k->since_change = INT32_MAX;
 }
 
+void ts_kalman_doubt(ts_kalman *k, const ts_real *P0, int m)
+{
+    restart(k->P, P0, m);
+    k->started = k->pending = k->changed = false;
+    k->change = 0;
+    k->variance = 0;
+}
+
 /* P u: each block of eight columns from its diagonal down, for which P stands as it is, in order of the rows; then what
  * is to the left of the diagonal blocks, row by row. */
 static void times(const ts_real *P, const ts_real *u, ts_real *Pu, int m)
@@ -147,7 +155,7 @@ static bool update(ts_kalman *k, const ts_kalman_settings *s, const ts_real *w0,
         restart(k->P, P0, m);
         return false;
     }
-    ts_real floor = s->model_error * s->model_error, quiet = k->sigma * k->sigma;
+    ts_real floor = s->model_error * s->model_error + k->disturbance, quiet = k->sigma * k->sigma;
     ts_real noise = k->ringing / 2 > quiet ? k->ringing / 2 : quiet;
     ts_real expected = explained + (quiet + floor) / 2; /* every second tick is used: each stands for two */
     if (!(expected > 0)) return false;
@@ -188,7 +196,7 @@ ts_tick ts_kalman_tick(ts_kalman *k, const ts_kalman_settings *s, const ts_real 
     bool measured = y && tick != TS_TICK_SPIKE;
     if (learn) {
         follow_noise(k, s, innovation, measured);
-        pass_filter(k, s->filter, u, predicted + innovation, m);
+        pass_filter(k, k->filter, u, predicted + innovation, m);
     } else k->started = false; /* what must not teach must not linger in the filters either */
     if (k->since_change < s->refractory) k->since_change++;
     if (k->pending) follow_covariance(k, s, P0, w, m);

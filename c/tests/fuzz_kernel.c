@@ -83,6 +83,12 @@ static ts_settings sane(bytes *b)
         .change_rate = (ts_real)0.2, .refractory = 10, .change_gain = (ts_real)0.15,
         .change_hysteresis = (ts_real)0.3, .change_share = (ts_real)2e-3, .outlier = 12, .outliers = 3};
     for (int i = 0; i < ts_parameters(&s); i++) s.prior[TS_PACKED(i) + i] = i ? (ts_real)0.5 : 9;
+    unsigned stage = byte(b);
+    if (stage & 3) /* three of four watch it, some are told its resonance */
+        s.oscillation = (ts_oscillation_settings){
+            .tick = (ts_real)5e-4, .corner = (ts_real)0.17, .fast = (ts_real)0.6, .slow = (ts_real)0.05,
+            .motion_rate = (ts_real)5e-3, .noise_share = 2, .floor = (ts_real)0.15, .large = (ts_real)0.6};
+    if ((stage & 3) == 3) s.resonance = (ts_real)(stage >> 2) / 128;
     return s;
 }
 
@@ -90,7 +96,9 @@ static ts_settings sane(bytes *b)
 static void disturb(bytes *b, ts_settings *s)
 {
     ts_kalman_settings *k = &s->kalman;
+    ts_oscillation_settings *o = &s->oscillation;
     ts_real *const entries[] = {
+        &o->tick, &o->corner, &o->fast, &o->slow, &o->motion_rate, &o->noise_share, &o->floor, &o->large, &s->resonance,
         &s->rate_scale, &s->stroke, &s->forgetting, &s->regularization, &s->covariance_limit, &s->slope_min, &s->slope_max,
         &s->velocity_limit, &s->voltage_min, &s->voltage_max, &s->slew, &s->measurement_limit, &s->smoothing, &s->trim,
         &s->first_noise, &k->filter, &k->noise_rate, &k->ringing_rate, &k->model_error, &k->forgetting,

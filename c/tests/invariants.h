@@ -26,7 +26,12 @@ static inline bool finite_law(const ts_controller *c)
         return all_finite(r->U, TS_TRIANGLE(m)) && all_finite(r->D, m) && isfinite(r->trace);
     }
     const ts_kalman *k = &c->law.kalman;
-    const ts_real scalars[] = {k->y1, k->y, k->variance, k->sigma, k->ringing, k->innovation1, k->innovation2, k->change};
+    const ts_oscillation *o = &c->oscillation;
+    const ts_stage *g = &c->stage;
+    const ts_real scalars[] = {k->y1, k->y, k->variance, k->sigma, k->ringing, k->innovation1, k->innovation2, k->change,
+                               k->filter, k->disturbance, o->fast, o->slow, o->slower, o->speed, o->acceleration, o->zdot_d,
+                               o->error, o->h, o->peak, o->steepest, g->resonance, g->inertia, g->smoothing, g->rest, g->age};
+    if (!all_finite(o->peaks, TS_HALF_WAVES) || !all_finite(g->newer, m) || !all_finite(g->older, m)) return false;
     return all_finite(k->P, TS_TRIANGLE(m)) && all_finite(k->u1, m) && all_finite(k->u, m) && all_finite(k->Pu, m)
            && all_finite(scalars, sizeof scalars / sizeof *scalars);
 }
@@ -38,7 +43,7 @@ static inline bool finite_state(const ts_controller *c)
                                c->predicted_before, c->resolution};
     return all_finite(scalars, sizeof scalars / sizeof *scalars) && all_finite(c->w, c->parameters)
            && all_finite(c->u, c->parameters) && all_finite(c->slopes, s->plays) && all_finite(c->x, TS_HISTORY)
-           && all_finite(c->z_d, TS_HISTORY) && all_finite(c->zdot_d, TS_HISTORY) && finite_memory(&c->now, s)
+           && all_finite(c->z_d, TS_HISTORY) && all_finite(c->inertia, TS_HISTORY) && all_finite(c->zdot_d, TS_HISTORY) && finite_memory(&c->now, s)
            && finite_memory(&c->lagged, s) && finite_law(c);
 }
 

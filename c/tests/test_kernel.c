@@ -331,6 +331,7 @@ static ts_kalman exact_filter(ts_real *w, ts_real *P0)
     copy(w, K_W0, K_M);
     copy(P0, K_P0, TS_PACKED(K_M));
     ts_kalman_init(&k, P0, (ts_real)0.125, K_M);
+    k.filter = EXACT.filter;
     for (int i = 0; i < K_M - 1; i++) k.part[i] = i ? 2 : 1;
     return k;
 }

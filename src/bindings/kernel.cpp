@@ -101,6 +101,16 @@ ts_settings settings_from(const nb::dict &d) {
         fill(s.prior, TS_PACKED(TS_MAX_PARAMETERS), d, "prior");
         s.first_noise = real(d, "first_noise");
         s.velocity_limit = real(d, "velocity_limit");
+        ts_oscillation_settings &o = s.oscillation;
+        o.tick = real(d, "tick");
+        o.corner = real(d, "corner");
+        o.fast = real(d, "fast");
+        o.slow = real(d, "slow");
+        o.motion_rate = real(d, "motion_rate");
+        o.noise_share = real(d, "noise_share");
+        o.floor = real(d, "floor");
+        o.large = real(d, "large");
+        s.resonance = real(d, "resonance");
     }
     s.slope_min = real(d, "slope_min");
     s.slope_max = real(d, "slope_max");
@@ -145,6 +155,7 @@ template <typename Controller, typename Visit> void each_array(Controller &c, Vi
     visit("history_volts", &c.x[0], TS_HISTORY);
     visit("history_position", &c.z_d[0], TS_HISTORY);
     visit("history_rate", &c.zdot_d[0], TS_HISTORY);
+    visit("history_inertia", &c.inertia[0], TS_HISTORY);
     visit("history_limited", &c.limited[0], TS_HISTORY);
     visit("lagged_play", &c.lagged.play[0], n);
     visit("lagged_creep", &c.lagged.creep[0], creeps);
@@ -177,12 +188,42 @@ template <typename Controller, typename Visit> void each_array(Controller &c, Vi
     visit("innovation_before", &k.innovation1, 1);
     visit("innovation_before_that", &k.innovation2, 1);
     visit("change", &k.change, 1);
+    visit("filter", &k.filter, 1);
+    visit("disturbance", &k.disturbance, 1);
     visit("since_change", &k.since_change, 1);
     visit("spikes", &k.spikes, 1);
     visit("mixed", &k.mixed, 1);
     visit("started", &k.started, 1);
     visit("pending", &k.pending, 1);
     visit("changed", &k.changed, 1);
+    auto &o = c.oscillation;
+    visit("error_fast", &o.fast, 1);
+    visit("error_slow", &o.slow, 1);
+    visit("error_slower", &o.slower, 1);
+    visit("error_between", &o.h, 1);
+    visit("error_before", &o.error, 1);
+    visit("mean_speed", &o.speed, 1);
+    visit("mean_acceleration", &o.acceleration, 1);
+    visit("rate_before", &o.zdot_d, 1);
+    visit("oscillation_time", &o.time, 1);
+    visit("half_wave_peak", &o.peak, 1);
+    visit("half_wave_steepest", &o.steepest, 1);
+    visit("half_wave_peaks", &o.peaks[0], TS_HALF_WAVES);
+    visit("half_wave_lengths", &o.lengths[0], TS_HALF_WAVES);
+    visit("half_wave_sign", &o.sign, 1);
+    visit("half_wave_length", &o.length, 1);
+    visit("half_waves_regular", &o.regular, 1);
+    visit("half_wave_missed", &o.missed, 1);
+    visit("oscillation_started", &o.started, 1);
+    visit("oscillation_found", &o.found, 1);
+    auto &g = c.stage;
+    visit("resonance", &g.resonance, 1);
+    visit("inertia", &g.inertia, 1);
+    visit("smoothing", &g.smoothing, 1);
+    visit("rest", &g.rest, 1);
+    visit("weights_age", &g.age, 1);
+    visit("weights_newer", &g.newer[0], m);
+    visit("weights_older", &g.older[0], m);
 }
 
 // What no run leaves behind; the entry is named.
@@ -206,7 +247,7 @@ void check_counters(const ts_controller &c) {
     const ts_counters &n = c.counters;
     constexpr uint64_t most = uint64_t{1} << 62; // 73 million years at 2 kHz
     bool good = n.commands <= most && n.rejected <= most && n.saturated <= n.commands && n.projected <= n.commands &&
-                n.slewed <= n.commands && n.adaptations <= n.commands && n.changed <= n.adaptations;
+                n.slewed <= n.commands && n.oscillating <= n.commands && n.adaptations <= n.commands && n.changed <= n.adaptations;
     require_all("counters", good, "the counts of one run: none above that of the commands, changed not above adaptations");
     require_all("lagged_ticks", c.lagged.ticks <= n.commands && n.commands - c.lagged.ticks <= TS_HISTORY,
                 "at most the commands that were counted, and at most " TS_TEXT(TS_HISTORY) " less");
@@ -233,6 +274,24 @@ void check_kalman(const ts_controller &c) {
     require_range("since_change", k.since_change, 0, INT32_MAX);
     require_range("spikes", k.spikes, 0, INT32_MAX);
     require_range("mixed", k.mixed, 0, TS_FORGET_EVERY);
+    require_all("filter", k.filter > 0 && k.filter <= 1, "above 0, at most 1");
+    not_negative("disturbance", k.disturbance);
+    const ts_oscillation &o = c.oscillation;
+    not_negative("mean_speed", o.speed);
+    not_negative("mean_acceleration", o.acceleration);
+    not_negative("oscillation_time", o.time);
+    not_negative("half_wave_peak", o.peak);
+    require_range("half_wave_sign", o.sign, -1, 1);
+    require_range("half_wave_length", o.length, 0, INT32_MAX);
+    require_range("half_wave_missed", o.missed, 0, 1 << 20);
+    require_range("half_waves_regular", o.regular, 0, TS_HALF_WAVES);
+    for (int i = 0; i < TS_HALF_WAVES; i++) require_range("half_wave_lengths", o.lengths[i], i < o.regular, INT32_MAX);
+    const ts_stage &g = c.stage;
+    require_all("resonance", g.resonance >= 0 && g.resonance <= 1, "from 0 to 1");
+    not_negative("inertia", g.inertia);
+    require_all("smoothing", g.smoothing >= 0 && g.smoothing < 1, "0 or more, below 1");
+    not_negative("rest", g.rest);
+    not_negative("weights_age", g.age);
     require_all("pending", !k.pending || k.variance > 0, "0 where innovation_variance is 0");
     // Rounding may take a variance below 0 by a share of the prior's; not by more.
     ts_real rounding = std::sqrt(std::numeric_limits<ts_real>::epsilon());
@@ -429,14 +488,19 @@ class Kernel {
             }
         return copy_of(P.data(), {parameters(), parameters()});
     }
+    // Of the first resonance that was told or found, and of the corner of the law's filter, cycles per tick; NaN for
+    // the first where none is known, for both where the law is not the Kalman filter.
+    double resonance() const { return c_.stage.resonance > 0 ? c_.stage.resonance : NAN; }
+    double filter() const { return c_.settings.law == TS_LAW_KALMAN ? c_.law.kalman.filter : NAN; }
     double noise() const { return c_.settings.law == TS_LAW_KALMAN ? c_.law.kalman.sigma : NAN; }
     int flags() const {
         return c_.flags.saturated | c_.flags.projected << 1 | c_.flags.rejected << 2 | c_.flags.held << 3 |
-               c_.flags.changed << 4 | c_.flags.slewed << 5;
+               c_.flags.changed << 4 | c_.flags.slewed << 5 | c_.flags.oscillating << 6;
     }
     nb::tuple counters() const {
         const ts_counters &n = c_.counters;
-        return nb::make_tuple(n.commands, n.adaptations, n.saturated, n.projected, n.rejected, n.changed, n.slewed);
+        return nb::make_tuple(n.commands, n.adaptations, n.saturated, n.projected, n.rejected, n.changed, n.slewed,
+                              n.oscillating);
     }
 
   private:
@@ -642,6 +706,8 @@ MODULE(TS_MODULE, m) {
         .def("trace", &Kernel::trace)
         .def("covariance", &Kernel::covariance)
         .def("noise", &Kernel::noise)
+        .def("resonance", &Kernel::resonance)
+        .def("filter", &Kernel::filter)
         .def("flags", &Kernel::flags)
         .def("counters", &Kernel::counters);
 }

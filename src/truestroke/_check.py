@@ -234,7 +234,7 @@ def finite_array(argument: str, value: npt.ArrayLike, unit: str = "", ndim: int 
     """An array of finite numbers with `ndim` axes."""
     try:
         result = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise SettingError(argument, repr(value), "an array of numbers", unit) from None
     if result.ndim != ndim:
         raise SettingError(argument, f"array of shape {result.shape}", f"an array with {ndim} axis", unit)

@@ -392,6 +392,10 @@ class BoundedKalman:
         Covariance of w.
     sigma : float
         Noise of a measurement, um.
+    filter : float
+        The coefficient of the poles that is in force; at first that of the settings.
+    disturbance : float
+        Variance of what is known to be no error of the model, such as ringing, um^2; added to the noise.
     changed : bool
         The last update found that the actuator has changed.
 
@@ -432,6 +436,8 @@ class BoundedKalman:
         is_play, is_other = np.asarray(part) > 0, np.asarray(part) == 2
         self._together, self._hysteresis = np.outer(is_play, is_play), np.outer(is_other, is_other)
         self.take(settings)
+        self.filter = settings.filter
+        self.disturbance = 0.0
         self.weights, self.P = self.w0.copy(), self.P0.copy()
         self.u1 = self.u = np.zeros(m)  # the regressor behind one and two poles
         self.y1 = self.y = 0.0  # the measurement behind one and two poles, um
@@ -443,10 +449,16 @@ class BoundedKalman:
         self.started = self.pending = self.changed = False
 
     def take(self, settings: KalmanSettings) -> None:
-        """New settings; w and P stay."""
+        """New settings; w, P and the filter in force stay."""
         self.settings = settings
         gain, hysteresis = settings.change_gain, settings.change_hysteresis
         self._change = gain * gain * self._together + hysteresis * hysteresis * self._hysteresis
+
+    def doubt(self) -> None:
+        """The covariance is that of the prior again, and the filters start anew; the noise stays."""
+        self.P = self.P0.copy()
+        self.started = self.pending = self.changed = False
+        self.change = self.variance = 0.0
 
     def update(self, u: FloatArray, e_m: float | None, learn: bool = True) -> None:
         """One tick with the regressor u and the innovation e_m, um; None: no measurement came.
@@ -491,7 +503,7 @@ class BoundedKalman:
             self.sigma += s.noise_rate * (clipped / MEAN_SECOND_DIFFERENCE - self.sigma)
 
     def _filter(self, u: FloatArray, y: float) -> None:
-        alpha = self.settings.filter
+        alpha = self.filter
         if not self.started:
             self.u1, self.u, self.y1, self.y, self.started = u, u, y, y, True
         self.u1 = self.u1 + alpha * (u - self.u1)
@@ -507,7 +519,7 @@ class BoundedKalman:
         if not (explained >= 0 and math.isfinite(explained * e)):  # never seen: P lost its definiteness to rounding
             self.P = self.P0.copy()
             return
-        floor, quiet = s.model_error * s.model_error, self.sigma * self.sigma
+        floor, quiet = s.model_error * s.model_error + self.disturbance, self.sigma * self.sigma
         expected = explained + (quiet + floor) / 2
         if not expected > 0:  # no motion, no noise, no error of the model: nothing to divide by
             return

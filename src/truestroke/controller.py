@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -27,7 +28,7 @@ CHANGEABLE = (
     *("memory", "filter_frequency", "model_error", "change_threshold", "change_refractory", "change_gain"),
     *("change_hysteresis", "change_share", "outlier", "outliers", "forgetting", "covariance_limit"),
     *("voltage_limits", "slope_limits", "velocity_limit", "slew_limit", "measurement_limit", "smoothing_time"),
-    *("trim_rate", "dead_zone_weights", "rate_scale"),
+    *("trim_rate", "dead_zone_weights", "rate_scale", "resonance"),
 )
 """Settings that `AdaptiveController.change` takes."""
 
@@ -53,6 +54,7 @@ class Counters:
     rejected: int
     changed: int
     slewed: int
+    oscillating: int
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -334,6 +336,8 @@ class AdaptiveController:
         for name, value in settings.items():
             if name not in CHANGEABLE:
                 raise SettingError(name, value, f"left out: while running one can change {', '.join(CHANGEABLE)}")
+        if "resonance" in settings:  # what follows from it, where it is not given
+            settings = {"filter_frequency": None, "smoothing_time": None, **settings}
         changed = dataclasses.replace(self.settings, **settings)
         with _as_setting(changed):
             self._kernel.change(kernel_settings(changed))
@@ -374,6 +378,16 @@ class AdaptiveController:
         return np.asarray(self._kernel.covariance(), dtype=np.float64).reshape(self.weights.size, -1)
 
     @property
+    def resonance(self) -> float:
+        """First resonance of the stage, Hz: as told, or as found when the law excited it; NaN where it is not known."""
+        return self._kernel.resonance() * self.settings.sample_rate
+
+    @property
+    def filter_frequency(self) -> float:
+        """Corner of the law's filter in force, Hz: lower than told where the law excited a resonance; NaN for "rls"."""
+        return -math.log1p(-self._kernel.filter()) * self.settings.sample_rate / (2 * math.pi)
+
+    @property
     def noise(self) -> float:
         """Standard deviation of the measurement as estimated on line, um; NaN for "rls", which has no such thing."""
         return self._kernel.noise()
@@ -391,7 +405,7 @@ class AdaptiveController:
     @property
     def counters(self) -> Counters:
         """How many ticks of each kind there were."""
-        return Counters(*self._kernel.counters())
+        return Counters(*map(int, self._kernel.counters()))
 
     @property
     def diagnostics(self) -> Diagnostics:

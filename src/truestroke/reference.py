@@ -19,10 +19,17 @@ from truestroke._typing import FloatArray
 from truestroke.adaptation import LARGEST, RLS, BoundedKalman, KalmanSettings, Law, UpdateRefused
 from truestroke.models import brought, creep_step, known_terms, limit_slopes, play_inverse, play_terms
 from truestroke.operators import dead_zone, dot, play
+from truestroke.oscillation import OscillationDetector, OscillationSettings
 from truestroke.settings import ControllerSettings, kernel_settings
 
 HISTORY = 64
 """Commands that may wait for their measurement: `ago` is at most one less. TS_HISTORY of the kernel."""
+
+LOWER = 0.7  # how far the law's filter comes down where it was not low enough
+NOT_BELOW = 0.2  # of the resonance that is known: what is slower is the motion's error
+REST_PERIODS = 6  # of the oscillation: how long learning rests at the most,
+REST_HALF_WAVES = 7  # and after how many of the ringing it goes on
+KEEP = 0.03  # s: how often the weights are kept
 
 BEYOND = 10
 """Limited ticks beyond the desired displacement after which the model is held to be wrong, not the limit. TS_BEYOND."""
@@ -35,7 +42,22 @@ class _Command:
     x: float  # V
     z_d: float  # um
     zdot_d: float  # um/s
+    inertia: float  # um: what the stage's inertia asks for
     limited: bool  # the voltage met a limit
+
+
+@dataclass
+class _Stage:
+    """What is known of the stage's first resonance, and what follows from it; at first what the settings say."""
+
+    detector: OscillationDetector
+    older: FloatArray  # weights to go back to
+    newer: FloatArray
+    resonance: float = 0.0  # cycles per tick; 0: not known
+    inertia: float = 0.0  # 1 / (w0^2 T), s: displacement that a change of zdot_d in a tick takes
+    smoothing: float = 0.0  # share of what was learned that the command still lacks a tick later
+    rest: float = 0.0  # ticks until learning begins again
+    age: float = 0.0  # s since `newer` was kept
 
 
 @dataclass
@@ -129,6 +151,7 @@ class ReferenceController:
         self._creep, self._rated = np.array(self._c["creep"]), np.array(self._c["rated"])
         self._has_weight = np.column_stack([np.ones(s.plays, dtype=bool), self._rated])
         self._of_plays = s.plays + len(s.rated)  # parameters before the known terms
+        self._oscillation = OscillationSettings(**{f.name: self._c[f.name] for f in fields(OscillationSettings)})
 
     def reset(self) -> None:
         """Back to the first tick: plays at 0 V, the law as it was given, counters at zero, not on hold."""
@@ -137,15 +160,18 @@ class ReferenceController:
         self._now = _Memory(np.zeros(s.plays), np.zeros(self._creep.size))
         self._lagged = copy.deepcopy(self._now)
         self._waiting: dict[int, _Command] = {}  # by tick: what self._lagged has not seen
-        self._last = _Command(0.0, 0.0, 0.0, limited=False)
+        self._last = _Command(0.0, 0.0, 0.0, 0.0, limited=False)
         self._carry = self._integral = self._innovation = 0.0  # um
         self._z_before = self._predicted_before = 0.0  # um: the last measurement that was new, what the model said then
         self._resolution = 0.0  # um: the smallest step from one measurement to a different one; 0: none so far
         self._beyond = 0  # ticks at a voltage limit and beyond z_d, since one that was not limited
         self._fastest = 0.0  # largest rate so far, at most the velocity limit, um/s
-        kinds = ("commands", "adaptations", "saturated", "projected", "rejected", "changed", "slewed")
+        kinds = ("commands", "adaptations", "saturated", "projected", "rejected", "changed", "slewed", "oscillating")
         self.counters = dict.fromkeys(kinds, 0)
         self._saturated = self._projected = self._rejected = self._held = self._changed = self._slewed = False
+        self._oscillating = False
+        self._stage = _Stage(OscillationDetector(self._oscillation), self.law.weights, self.law.weights)
+        self._forget_stage()
         self._slopes, _ = self._rate_dependent_slopes(0.0)
 
     def start(self, volts: float, z: float) -> None:
@@ -160,29 +186,31 @@ class ReferenceController:
         self.reset()
         self._now = _Memory(play(volts, self._r, self._now.play), np.full(self._creep.size, volts))
         self._lagged = copy.deepcopy(self._now)
-        missing = self._wanted_of_plays(z, 0.0) - self._brought_by_plays()
+        missing = self._wanted_of_plays(z, 0.0, 0.0) - self._brought_by_plays()
         if s.offset:
             weights = self.weights
             weights[s.parameters - 1 - s.bends] += missing
             self.law.weights = weights
         else:
             self._carry = -missing
+        self._stage.older = self._stage.newer = self.weights
 
     def change(self, settings: ControllerSettings) -> None:
         """New settings while running, without a jump of the command. The model must keep its terms and thresholds."""
         if self._model_of(settings) != self._model_of(self.settings):
             raise SettingError("settings", "another model", "of the same law, terms and thresholds")
+        before = self._c
         self._take(settings)
+        self._stage.detector.settings = self._oscillation
+        if any(before[name] != self._c[name] for name in ("filter", "smoothing", "resonance")):
+            self._forget_stage()
         if isinstance(self.law, BoundedKalman):
             self.law.take(_kalman_settings(settings))
         elif isinstance(self.law, RLS):
             self.law.forgetting, self.law.covariance_limit = settings.forgetting, settings.covariance_limit
-        z_d, zdot_d = self._last.z_d, self._last.zdot_d
-        self._slopes, _ = self._rate_dependent_slopes(zdot_d)
-        if self.counters["commands"] > 0:
-            if not settings.trim_rate > 0:
-                self._integral = 0.0  # its share goes into the carry
-            self._carry += self._brought_by_plays() - self._wanted_of_plays(z_d, zdot_d)
+        if not settings.trim_rate > 0:
+            self._integral = 0.0  # its share goes into the carry
+        self._keep_command()
 
     @staticmethod
     def _model_of(s: ControllerSettings) -> tuple[object, ...]:
@@ -203,13 +231,14 @@ class ReferenceController:
         if self.counters["commands"] - self._lagged.ticks >= HISTORY:
             self._pass_over()  # it is too late now for its measurement
         self._see_creep(self._now)
-        y_d = self._wanted_of_plays(z_d, zdot_d)  # (11)
+        inertia = self._inertial(zdot_d)
+        y_d = self._wanted_of_plays(z_d, zdot_d, inertia)  # (11)
         self._slopes, self._projected = self._rate_dependent_slopes(zdot_d)  # (7)
         x = self._within_limits(play_inverse(y_d, self._slopes, self._r, self._now.play))  # (12)
         self._see_voltage(self._now, x)  # (1)
-        self._carry *= self._c["smoothing"]
+        self._carry *= self._stage.smoothing
         self._fastest = max(self._fastest, min(abs(zdot_d), self.settings.velocity_limit))
-        self._last = _Command(x, z_d, zdot_d, self._saturated or self._slewed)
+        self._last = _Command(x, z_d, zdot_d, inertia, self._saturated or self._slewed)
         self._waiting[self.counters["commands"]] = self._last
         self._count(commands=True, saturated=self._saturated, projected=self._projected, slewed=self._slewed)
         return x
@@ -239,18 +268,21 @@ class ReferenceController:
             predicted = float(dot(self.law.weights, u))
             now = self._regressor(self._now, self._last.z_d, self._last.zdot_d)
             before = float(dot(self.law.weights, now))
-            self._innovation = self._through_dead_zones(z_measured) - predicted  # (15)
+            self._innovation = self._through_dead_zones(z_measured) + command.inertia - predicted  # (15)
             try:
                 frozen = self._is_frozen(z_measured, predicted, stands)
-                self._learn(u, self._teaches(limited, beyond), frozen)  # (23)
+                teaches = self._teaches(limited, beyond) and not self._stage.rest > 0
+                self._learn(u, teaches, frozen)  # (23)
             except UpdateRefused:
                 self._rejected = True
+                self._stage.detector.miss(z_measured - command.z_d)
             else:
                 # What was learned reaches the command by and by, so that it does not ring the stage.
-                self._carry += self._c["smoothing"] * (float(dot(self.law.weights, now)) - before)
+                self._carry += self._stage.smoothing * (float(dot(self.law.weights, now)) - before)
                 # The trim: at a voltage limit only away from it; what the slew limit holds back will come by itself.
                 if not limited or beyond:
                     self._integral += self._c["trim"] * (command.z_d - z_measured)
+                self._watch_stage(z_measured - command.z_d, command.zdot_d, limited)
         self._count(rejected=self._rejected, adaptations=not (self._rejected or self._held), changed=self._changed)
 
     def _count(self, **kinds: bool) -> None:
@@ -267,10 +299,17 @@ class ReferenceController:
         s = self.settings
         return known_terms(memory.creep, z_d, zdot_d, lag=s.lag, offset=s.offset, stroke=s.stroke, bend_count=s.bends)
 
-    def _wanted_of_plays(self, z_d: float, zdot_d: float) -> float:
-        """(11), the trim, and what the command still lacks of the last lesson, less the known terms, um."""
+    def _inertial(self, zdot_d: float) -> float:
+        """What the motion from the tick before takes of the stage's inertia, z'' / w0^2, um: within stroke / 10."""
+        if not self._stage.inertia > 0 or self.counters["commands"] == 0:
+            return 0.0
+        most = self.settings.stroke / 10
+        return min(max(self._stage.inertia * (zdot_d - self._last.zdot_d), -most), most)
+
+    def _wanted_of_plays(self, z_d: float, zdot_d: float, inertia: float) -> float:
+        """(11), the inertia, the trim and what the command still lacks of the last lesson, less the known terms, um."""
         known = dot(self.law.weights[self._of_plays :], self._known_terms(self._now, z_d, zdot_d))
-        return self._through_dead_zones(z_d) + self._integral + self._carry - float(known)
+        return self._through_dead_zones(z_d) + inertia + self._integral + self._carry - float(known)
 
     def _rate_dependent_slopes(self, zdot_d: float) -> tuple[FloatArray, bool]:
         """(7) in the scale of (20), w_h = a + c_b zdot_d b, summed up; within limits, and whether one was moved."""
@@ -328,6 +367,7 @@ class ReferenceController:
         command, u = self._next_lagged()
         if isinstance(self.law, BoundedKalman):
             self.law.update(u, None, learn=not command.limited)
+            self._stage.detector.miss(None)
 
     # ---- The arrows of Fig. 5: adapt --------------------------------------------------------------------------------
 
@@ -385,6 +425,96 @@ class ReferenceController:
             g[worst + 1 + np.count_nonzero(self._rated[: worst + 1]) :] = 0.0
             law.project(g, high if slopes[worst] > high else low)
 
+    # ---- What the law must not do: make the stage ring ---------------------------------------------------------------
+
+    def _keep_command(self) -> None:
+        """The command for the last tick stays as it was, whatever has changed: the difference goes by and by."""
+        last = self._last
+        self._slopes, _ = self._rate_dependent_slopes(last.zdot_d)
+        if self.counters["commands"] > 0:
+            self._carry += self._brought_by_plays() - self._wanted_of_plays(last.z_d, last.zdot_d, last.inertia)
+
+    def _inertia_of(self, frequency: float) -> float:
+        """1 / (w0^2 T), s, of a first resonance at `frequency`, cycles per tick; 0: not known."""
+        w = 2 * math.pi * frequency
+        return self._oscillation.tick / (w * w) if frequency > 0 else 0.0
+
+    def _forget_stage(self) -> None:
+        """The stage as the settings say it."""
+        stage, law = self._stage, self.law
+        stage.smoothing, stage.resonance, stage.inertia = self._c["smoothing"], 0.0, 0.0
+        if isinstance(law, BoundedKalman):
+            stage.resonance, law.filter = self._c["resonance"], self._c["filter"]
+            stage.inertia = self._inertia_of(stage.resonance)
+
+    def _adopt_resonance(self, frequency: float, lower: bool) -> None:
+        """What follows from a resonance that was found, cycles per tick.
+
+        The law's filter ends at half of it, or lower than now where it was not low enough; what is learned takes a
+        period of it to reach the command, which knows the inertia.
+        """
+        law, w = self.law, math.pi * frequency
+        assert isinstance(law, BoundedKalman)
+        pole = w / (1 + w)
+        if lower:
+            pole = min(pole, max(LOWER * law.filter, pole / 8))
+        law.filter = min(pole, self._c["filter"])
+        self._stage.smoothing = max(self._stage.smoothing, 1 / (1 + frequency))
+        self._stage.resonance, self._stage.inertia = frequency, self._inertia_of(frequency)
+
+    def _retreat(self, frequency: float) -> None:
+        """The first time: back to the weights of before, and unsure of them; then rest, with a lower filter."""
+        law, stage = self.law, self._stage
+        assert isinstance(law, BoundedKalman)
+        if not stage.detector.found:
+            law.weights = stage.newer = stage.older
+            stage.age = 0.0
+            law.doubt()
+        self._adopt_resonance(frequency, stage.detector.found)
+        self._keep_command()
+        stage.rest = 1 + REST_PERIODS / frequency
+        stage.detector.regular, stage.detector.found = 0, True
+        self._count(oscillating=True)
+
+    def _count_ringing(self, law: BoundedKalman) -> None:
+        """What rings at the resonance is noise to the law: once in a half-wave.
+
+        What the filter leaves of its variance, in as many ticks as half a half-wave has, four times over because it is
+        not white.
+        """
+        f, detector = self._stage.resonance, self._stage.detector
+        if not f > 0 or detector.length != 0:
+            return
+        ratio = detector.frequency(2) / f if detector.regular >= 2 else 0.0
+        if not 0.7 <= ratio <= 1.4:
+            law.disturbance /= 2
+            return
+        w = 2 * math.pi * f * (1 - law.filter) / law.filter
+        left = detector.peaks[0] / (1 + w * w)
+        law.disturbance = left * left / (2 * f)
+
+    def _watch_stage(self, error: float, zdot_d: float, limited: bool) -> None:
+        """One tick: whether the law has made the stage ring, and what to do about it."""
+        law, stage, detector = self.law, self._stage, self._stage.detector
+        if not isinstance(law, BoundedKalman) or not self._oscillation.tick > 0:
+            return
+        noise = max(math.sqrt(max(law.sigma * law.sigma, 0.5 * law.ringing)), self._resolution)
+        found = detector.update(error, zdot_d, noise)
+        if limited:
+            detector.sign = detector.regular = 0  # what a limit does is not the law's doing
+        self._count_ringing(law)
+        if stage.rest > 0:
+            stage.rest = 0.0 if detector.regular >= REST_HALF_WAVES or stage.rest < 1 else stage.rest - 1
+            if not stage.rest > 0 and detector.regular >= 4:
+                self._adopt_resonance(detector.frequency(4 if detector.regular < 6 else 6), False)
+        elif found > 0 and not limited and found > NOT_BELOW * stage.resonance and not self._held:
+            self._retreat(found)
+        else:
+            stage.age += self._oscillation.tick
+            if stage.age > KEEP and detector.regular < 3:
+                stage.older, stage.newer, stage.age = stage.newer, law.weights, 0.0
+        self._oscillating = stage.rest > 0
+
     # ---- Hold, and what an outsider reads ----------------------------------------------------------------------------
 
     def hold(self) -> None:
@@ -418,5 +548,6 @@ class ReferenceController:
     @property
     def flag_bits(self) -> int:
         """The flags of the last tick as a bit mask, in the order of `truestroke.flags`."""
-        flags = (self._saturated, self._projected, self._rejected, self._held, self._changed, self._slewed)
+        adapted = (self._rejected, self._held, self._changed)
+        flags = (self._saturated, self._projected, *adapted, self._slewed, self._oscillating)
         return sum(bool(flag) << place for place, flag in enumerate(flags))

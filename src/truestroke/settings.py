@@ -73,7 +73,10 @@ class ControllerSettings:
         Time in which what was learned fades to the prior where nothing confirms it, s. Kalman only.
     filter_frequency : float
         Corner of each of the two poles that regressor and measurement pass through, Hz: below the first resonance of
-        the stage. By default 300 Hz, at most 15 % of the sample rate. Kalman only.
+        the stage. By default 300 Hz, at most 15 % of the sample rate and half the resonance. Kalman only.
+    resonance : float
+        First resonance of the stage under its load, Hz, at most half the sample rate; 0: not known. With it the command
+        knows the stage's inertia, and the law's filter ends below it. Kalman only.
     model_error : float
         What the model cannot explain, um, added to the noise; by default 0.02 % of the stroke. Kalman only.
     change_threshold : float
@@ -106,7 +109,8 @@ class ControllerSettings:
     measurement_limit : float
         A measurement beyond it, on either side, is rejected, um; by default 10 strokes.
     smoothing_time : float
-        Time constant with which what was learned reaches the command, s; 0 is at once.
+        Time constant with which what was learned reaches the command, s; 0 is at once. By default 0.72 ms, at least
+        0.216 periods of the resonance.
     trim_rate : float
         Slow feedback: integral of the error into the command, 1/s; 0 is off.
     precision : str
@@ -149,6 +153,7 @@ class ControllerSettings:
     prior_covariance: tuple[tuple[float, ...], ...] = None  # type: ignore[assignment]
     memory: float = 1e5
     filter_frequency: float = None  # type: ignore[assignment]
+    resonance: float = 0.0
     model_error: float = None  # type: ignore[assignment]
     change_threshold: float = 12.0
     change_refractory: float = 0.005
@@ -165,7 +170,7 @@ class ControllerSettings:
     velocity_limit: float = None  # type: ignore[assignment]
     slew_limit: float = None  # type: ignore[assignment]
     measurement_limit: float = None  # type: ignore[assignment]
-    smoothing_time: float = 0.72e-3
+    smoothing_time: float = None  # type: ignore[assignment]
     trim_rate: float = 0.0
     precision: Literal["double", "single"] = "double"
 
@@ -364,12 +369,23 @@ def _covariance(s: ControllerSettings, first: float) -> tuple[tuple[float, ...],
     return tuple(tuple(row) for row in P0.tolist())
 
 
+def _resonance(s: ControllerSettings) -> float:
+    resonance, least, most = _check.number("resonance", s.resonance, "Hz"), 1e-6 * s.sample_rate, s.sample_rate / 2
+    if resonance != 0 and not least <= resonance <= most:
+        bound = f"from {least:g} to {most:g} Hz, half the sample rate, or 0 where it is not known or above that"
+        raise SettingError("resonance", resonance, bound, "Hz")
+    return resonance
+
+
 def _kalman(s: ControllerSettings) -> dict[str, object]:
-    corner = min(300.0, 0.15 * s.sample_rate) if s.filter_frequency is None else s.filter_frequency
+    resonance, corner = _resonance(s), s.filter_frequency
+    if corner is None:
+        corner = min(widest_filter(s.sample_rate), resonance / 2 or math.inf)
     error = 2e-4 * s.stroke if s.model_error is None else s.model_error
     return {
         "memory": _check.sized("memory", s.memory, "s"),
         "filter_frequency": _check.within("filter_frequency", corner, 1e-6 * s.sample_rate, 0.5 * s.sample_rate, "Hz"),
+        "resonance": resonance,
         "model_error": _check.within("model_error", error, 0.0, s.stroke, "um"),
         "change_threshold": _check.sized("change_threshold", s.change_threshold),
         "change_refractory": _check.within("change_refractory", s.change_refractory, 0.0, 3600.0, "s"),
@@ -398,6 +414,9 @@ def _safety(s: ControllerSettings) -> dict[str, object]:
     _check.sized("slope_limits[0]", slopes[0], "um/V", 1 / STEEPEST, STEEPEST)
     _check.within("slope_limits[1]", slopes[1], 0.0, STEEPEST, "um/V")
     slew = 120 * (high - low) if s.slew_limit is None else s.slew_limit
+    smoothing = s.smoothing_time
+    if smoothing is None:
+        smoothing = min(1.0, max(SMOOTHING, SMOOTHING_PERIODS / s.resonance)) if s.resonance else SMOOTHING
     measured = 10 * s.stroke if s.measurement_limit is None else s.measurement_limit
     velocity = 50 * s.stroke if s.velocity_limit is None else s.velocity_limit
     return {
@@ -405,7 +424,7 @@ def _safety(s: ControllerSettings) -> dict[str, object]:
         "velocity_limit": _check.sized("velocity_limit", velocity, "um/s"),
         "slew_limit": _check.sized("slew_limit", slew, "V/s"),
         "measurement_limit": _check.sized("measurement_limit", measured, "um"),
-        "smoothing_time": _check.within("smoothing_time", s.smoothing_time, 0.0, 1.0, "s"),
+        "smoothing_time": _check.within("smoothing_time", smoothing, 0.0, 1.0, "s"),
         "trim_rate": _check.within("trim_rate", s.trim_rate, 0.0, s.sample_rate, "1/s"),
     }
 
@@ -457,10 +476,36 @@ def kernel_settings(s: ControllerSettings) -> dict[str, Any]:
         "measurement_limit": s.measurement_limit,
         "smoothing": math.exp(-1 / (fs * s.smoothing_time)) if s.smoothing_time > 0 else 0.0,
         "trim": s.trim_rate / fs,
+        "resonance": s.resonance / fs,
+        **_oscillation(s),
     }
+
+
+def _oscillation(s: ControllerSettings) -> dict[str, float]:
+    """Of the frequencies and sizes that an oscillation of the law's own making has."""
+    fs, corner = s.sample_rate, max(s.filter_frequency, widest_filter(s.sample_rate))
+    fast = -math.expm1(-2 * math.pi * corner / fs)
+    return {
+        "tick": 1 / fs,
+        "corner": min(1.15 * corner / fs, 1.0),
+        "fast": fast,
+        "slow": -math.expm1(-2 * math.pi * corner / 20 / fs),
+        "motion_rate": min(1.0, MOTION_RATE / fs),
+        "noise_share": 3 * math.sqrt(fast / (2 - fast)),
+        "floor": 0.005 * s.stroke,
+        "large": 0.02 * s.stroke,
+    }
+
+
+def widest_filter(sample_rate: float) -> float:
+    """Corner of the law's filter where no resonance is known, Hz."""
+    return min(300.0, 0.15 * sample_rate)
 
 
 FORGET_EVERY = 16  # ticks: TS_FORGET_EVERY of the kernel
 NOISE_RATE = 2.0  # 1/s: how fast the robust estimate of the noise follows
 RINGING_RATE = 200.0  # 1/s: how fast ringing counts as noise
+SMOOTHING = 0.72e-3  # s: smoothing_time where no resonance is known
+SMOOTHING_PERIODS = 0.216  # of the resonance: the same ratio to the corner of the law's filter
+MOTION_RATE = 10.0  # 1/s: how fast the means of the motion follow
 CHANGE_RATE = 400.0  # 1/s: how fast the detector of a change follows
