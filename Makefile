@@ -6,13 +6,13 @@ BIN := $(VENV)/bin
 NATIVE := $(shell find c src/bindings -name '*.c' -o -name '*.h' -o -name '*.cpp')
 OLD_PYTHON := truestroke needs Python 3.11 or newer; this is %s. Try: make PYTHON=python3.12
 
-.PHONY: help demo test setup bench images c-test fuzz fuzz-kernel fuzz-readers lint types imports pytest wheel clean
+.PHONY: help demo test setup bench images c-test fuzz fuzz-kernel fuzz-readers lint types imports pytest coverage wheel clean
 .DEFAULT_GOAL := help
 
 help:  ## this list
 	@echo 'truestroke: make a piezo actuator go exactly where it is told'
 	@echo
-	@sed -n 's/^\([a-z-]*\):.*  ## \(.*\)/  make \1 \2/p' Makefile | awk '{ $$2 = sprintf("%-8s", $$2); print "  " $$0 }'
+	@sed -n 's/^\([a-z-]*\):.*  ## \(.*\)/  make \1 \2/p' Makefile | awk '{ $$2 = sprintf("%-12s", $$2); print "  " $$0 }'
 
 demo: setup  ## follow the paper's random wave with a simulated stack; writes a page of pictures
 	@$(BIN)/truestroke track
@@ -59,8 +59,11 @@ fuzz-kernel:
 fuzz-readers: setup
 	$(BIN)/python benchmarks/fuzz_readers.py --minutes $(MINUTES)
 
-pytest: setup  ## tests in Python, with coverage
-	$(BIN)/python -m pytest -n 2 --cov --cov-report=term
+pytest: setup  ## tests in Python
+	$(BIN)/python -m pytest -n 2 --dist loadgroup --no-loadscope-reorder --durations=10
+
+coverage: setup  ## the same, with the lines that none of them runs; takes longer
+	$(BIN)/python -m pytest -n 2 --dist loadgroup --no-loadscope-reorder --cov --cov-report=term
 
 wheel: setup  ## a wheel, installed by itself
 	$(BIN)/python tests/wheel.py

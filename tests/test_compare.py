@@ -1,5 +1,6 @@
 """The table of rivals: its figures are right, its rivals no straw men, and the documentation shows what it gives."""
 
+import inspect
 import itertools
 import json
 import re
@@ -7,16 +8,21 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
+from printed import assert_prints
 
 from truestroke.baselines import ConstantGain
+from truestroke.cli import main
 from truestroke.compare import Workbench, compare, prepare, run
 from truestroke.plant import RealisticPlant
 from truestroke.settings import ControllerSettings
 from truestroke.timing import Timing
 from truestroke.trajectories import random_wave, sine
 
+pytestmark = pytest.mark.xdist_group("compare")  # one comparison for all
 LIMITS = (-0.6, 3.6)
-PAGE = Path(__file__).parents[1] / "docs" / "compare.md"
+ROOT = Path(__file__).parents[1]
+PAGE = ROOT / "docs" / "compare.md"
 
 
 class Late:
@@ -133,3 +139,17 @@ def test_the_documentation_shows_this_table(comparison):
             abs=0.002,
         )
         assert cells[4:] == pytest.approx([wave.delay_ms, on_sine.phase_lag_deg], abs=0.03)
+
+
+def test_the_readme_shows_what_the_command_prints(comparison, monkeypatch, tmp_path):
+    """With its defaults, which are those of `run`; tests/test_cli.py runs the command itself."""
+    command, expected = re.search(
+        r"^\$ truestroke (compare.*)\n((?:.+\n)+?)```", (ROOT / "README.md").read_text(), re.M
+    ).groups()
+    asked = []
+    monkeypatch.setattr("truestroke.compare.run", lambda progress, **options: asked.append(options) or comparison)
+    monkeypatch.chdir(tmp_path)
+    done = CliRunner().invoke(main, command.split(), env={"COLUMNS": "120", "NO_COLOR": "1"})
+    assert done.exit_code == 0, done.output
+    assert asked == [{name: inspect.signature(run).parameters[name].default for name in ("seed", "duration")}]
+    assert_prints(expected, done.output, tolerance=0.05)

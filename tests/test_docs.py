@@ -15,6 +15,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from printed import assert_prints
 from sybil import Sybil
 from sybil.example import SybilFailure
 from sybil.parsers.markdown import CodeBlockParser, PythonCodeBlockParser, SkipParser
@@ -27,7 +28,6 @@ ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").rglob("*.md"))]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 BENCH = {"sample_rate": 2000.0, "stroke": 30.0, "voltage_limits": (-0.6, 3.6)}
-NUMBER = r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?"
 
 every_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 
@@ -38,16 +38,6 @@ def prose(page: Path) -> str:
 
 
 # ---- Examples ----------------------------------------------------------------------------------------------------
-
-
-def assert_prints(expected: str, printed: str, tolerance: float) -> None:
-    """Words must be equal, numbers within the relative tolerance; a `...` stands for anything."""
-    tokens = re.findall(rf"\.\.\.|{NUMBER}|[^\W\d_]+|\S", expected)
-    parts = [r".*?" if t == "..." else rf"({NUMBER})" if re.fullmatch(NUMBER, t) else re.escape(t) for t in tokens]
-    match = re.search(r"\s*".join(parts), printed, flags=re.DOTALL)
-    assert match, f"expected\n{expected}\nprinted\n{printed}"
-    numbers = [float(t) for t in tokens if re.fullmatch(NUMBER, t)]
-    assert [float(group) for group in match.groups()] == pytest.approx(numbers, rel=tolerance, abs=1e-3), printed
 
 
 def run_console(block: str, folder: Path) -> None:

@@ -1,4 +1,4 @@
-"""A minute in real time: no memory is taken, no sample is lost. Lateness is that of the machine, and not judged."""
+"""Half a minute in real time: no memory is taken, no sample is lost. Lateness is the machine's, and not judged."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ SOAK = Path(__file__).parents[1] / "benchmarks/soak.py"
 
 
 @pytest.mark.soak
-def test_a_minute_in_real_time() -> None:
+def test_half_a_minute_in_real_time() -> None:
     done = subprocess.run(
-        [sys.executable, SOAK, "--minutes", "1", "--json"], capture_output=True, text=True, timeout=300, check=False
+        [sys.executable, SOAK, "--minutes", "0.5", "--json"], capture_output=True, text=True, timeout=300, check=False
     )
     assert done.returncode == 0, done.stdout + done.stderr
     found = json.loads(done.stdout)
-    assert (found["ticks"], found["lost"]) == (120_000, 0)
+    assert (found["ticks"], found["lost"]) == (60_000, 0)
     assert found["axes"]["axis"]["true_rmse_um"] < 0.05

@@ -214,7 +214,7 @@ def test_threads_give_the_same_rows(rows, workers):
 
 def test_dask_gives_the_same_rows_when_a_worker_is_killed():
     """A cluster of its own; after the first result each worker process gets SIGKILL in the middle of its batch."""
-    stream = executors.dask(2)(SOME, in_batches(range(200), 25))
+    stream = executors.dask(2)(SOME, in_batches(range(80), 10))
     first = next(stream)
     children = psutil.Process().children(recursive=True)
     workers = [child for child in children if "spawn_main" in " ".join(child.cmdline())]
@@ -222,7 +222,7 @@ def test_dask_gives_the_same_rows_when_a_worker_is_killed():
     assert_closed_to_strangers([psutil.Process(), *workers])
     for worker in workers:
         worker.kill()
-    assert gathered([first, *stream]) == study.play(SOME, range(200)).rows
+    assert gathered([first, *stream]) == study.play(SOME, range(80)).rows
 
 
 def assert_closed_to_strangers(processes):
