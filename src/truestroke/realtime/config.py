@@ -38,9 +38,6 @@ AXIS = (
 )
 
 
-BELOW = 0.4  # of the first resonance: the corner of the law's filter
-
-
 @dataclass(frozen=True, kw_only=True)
 class Job:
     """What `run_realtime` needs."""
@@ -234,15 +231,16 @@ def _trajectory(given: Mapping[str, Any], folder: Path, rate: float) -> Trajecto
 
 def _controller(table: Mapping[str, Any], limits: Mapping[str, Any], sample_rate: float, folder: Path) -> Controller:
     fixed: dict[str, Any] = {"sample_rate": sample_rate, "voltage_limits": limits["voltage_limits"]}
-    extra = _below(_named(table)["resonance"], sample_rate) | _settings(table)
+    known = _named(table)["resonance"]
+    extra = ({} if known is None else {"resonance": known}) | _settings(table)
     kind = _one_of("controller", table.get("controller", "adaptive"), CONTROLLERS)
     renamed = {name: f"settings.{name}" for name in extra} | {"slew_limit": "slew", "resonance": "resonance"}
     if "model" in table:
         for key in (key for key in ("controller", "stroke") if key in table):
             raise SettingError(key, repr(table[key]), "left out where there is a model")
-        known = _model(table["model"], folder)
+        model = _model(table["model"], folder)
         with _check.inside("", renamed):
-            return AdaptiveController.from_model(known, slew_limit=limits["slew"], **fixed, **extra)
+            return AdaptiveController.from_model(model, slew_limit=limits["slew"], **fixed, **extra)
     fixed["stroke"] = _check.positive("stroke", _check.needed(table, "stroke"), "um")
     if kind == "paper":
         with _check.inside("settings."):
@@ -250,15 +248,6 @@ def _controller(table: Mapping[str, Any], limits: Mapping[str, Any], sample_rate
         return AdaptiveController.paper(**fixed)
     with _check.inside("", renamed):
         return AdaptiveController(slew_limit=limits["slew"], **fixed, **extra)
-
-
-def _below(resonance: float | None, sample_rate: float) -> dict[str, float]:
-    """What a first resonance, Hz, means to the controller: what its law learns there would excite it."""
-    if resonance is None:
-        return {}
-    if "resonance" in ControllerSettings.__dataclass_fields__:
-        return {"resonance": resonance}
-    return {"filter_frequency": min(300.0, 0.15 * sample_rate, BELOW * resonance)}
 
 
 def _settings(table: Mapping[str, Any]) -> dict[str, Any]:
