@@ -60,7 +60,8 @@ def test_on_this_computer() -> None:
     assert code == 0
     for name, entry in found.items():
         assert name in table
-        assert f"{name}: {entry['command']}" in table or not entry["command"]
+        measured_again = name == "lateness"  # what else this computer does may differ from one call to the next
+        assert f"{name}: {entry['command']}" in table or not entry["command"] or measured_again
 
 
 # ---- A configuration -----------------------------------------------------------------------------------------------
