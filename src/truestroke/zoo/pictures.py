@@ -90,7 +90,7 @@ def trace(result: Result, recording: Recording, seed: int, theme: Theme = LIGHT)
             below.set_xlabel("time (s)")
             if run.settings.change and time[part][0] < run.settings.change.time < time[part][-1]:
                 below.axvline(run.settings.change.time, color=theme["before"], lw=1.0, ls="--", label="change")
-                below.legend(loc="lower right")
+                below.legend(loc="upper right")
         limit = 1.3e3 * found.largest
         for panel, part in zip(panels[2:], (time >= START, near), strict=True):
             _mark_off_scale(panel, time[part], error[part], limit, theme)
