@@ -18,10 +18,12 @@ from truestroke import AdaptiveController, judgement, metrics, trajectories
 from truestroke.baselines import ConstantGain
 from truestroke.cli import main
 from truestroke.cli.run import _code
+from truestroke.drivers import SimulatedDriver, SimulatedSettings
 from truestroke.flags import BIT
+from truestroke.judgement import judge
 from truestroke.loop import Timing, run
 from truestroke.plant import Change, PlantSettings, RealisticPlant
-from truestroke.realtime import config
+from truestroke.realtime import Axis, RealtimeSettings, config, run_realtime
 from truestroke.realtime.ending import Cause
 from truestroke.recording import Channel, Recording
 from truestroke.verdict import Verdict
@@ -123,7 +125,36 @@ def test_a_shaken_stage_that_the_controller_calmed_is_said():
     level, text = judged(made(noisy(wave()), flags=flags(oscillating=slice(100, 900))))
     assert level == "doubtful"
     assert "10 % of the ticks" in text
-    assert "resonance" in text
+    assert "`resonance` (Hz)" in text
+
+
+def test_a_shaken_stage_is_told_with_the_resonance_that_was_found():
+    for known, name in ((79.31, "x"), ({"x": 79.31, "y": None}, "x")):
+        about = {"resonance": known, "axis": {"name": name}}
+        text = judged(made(noisy(wave()), flags=flags(oscillating=slice(100, 900)), metadata=about))[1]
+        assert "at about 79 Hz" in text
+        assert "`resonance = 79` (Hz)" in text
+    for known in ("79", {"y": 79.31}, -79.31, None, [79.31]):
+        about = {"resonance": known, "axis": {"name": "x"}}
+        text = judged(made(noisy(wave()), flags=flags(oscillating=slice(100, 900)), metadata=about))[1]
+        assert "`resonance` (Hz)" in text
+
+
+def test_runs_write_down_the_resonance_that_they_found(tmp_path):
+    soft = PlantSettings(resonance=80.0)
+    sine = trajectories.sine(frequency=10.0, peak_to_peak=20.0, duration=1.0)
+
+    def controller():
+        return AdaptiveController(sample_rate=RATE, stroke=30.0, voltage_limits=(-0.6, 3.6), slew_limit=1000.0)
+
+    axis = Axis(trajectory=sine, controller=controller(), voltage_limits=(-0.6, 3.6), slew=1000.0)
+    settings = RealtimeSettings(watchdog_timeout=9.0, overrun_streak=0)
+    file = tmp_path / "soft.h5"
+    run_realtime(SimulatedDriver(SimulatedSettings(plant={"resonance": 80.0})), [axis], file, settings=settings)
+    for recording in (run(sine, controller(), RealisticPlant(soft)), Recording.load(file)):
+        assert "`resonance = 79` (Hz)" in " ".join(judge(recording).reasons)
+    quiet = trajectories.sine(frequency=2.0, peak_to_peak=1.0, duration=0.5)
+    assert run(quiet, controller(), RealisticPlant()).metadata["resonance"] is None
 
 
 def test_alarms_in_a_row_are_no_changes_of_the_actuator():

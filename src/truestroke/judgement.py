@@ -287,11 +287,22 @@ def _oscillated(run: _Run) -> Finding | None:
     count = run.figures.oscillating_ticks
     if not count:
         return None
-    share = _percent(count / run.figures.ticks)
+    share, frequency = _percent(count / run.figures.ticks), _resonance(run.recording)
+    at, tell = (f" at about {frequency} Hz", f" = {frequency}") if frequency else ("", "")
     return "doubtful", (
-        f"The stage oscillated by the controller's own doing: it was held back in {share} of the ticks. Its resonance "
-        "is lower than the controller takes it to be; tell it (`resonance`)."
+        f"The stage oscillated{at} by the controller's own doing, which was held back in {share} of the ticks. Tell "
+        f"its resonance before the run: `resonance{tell}` (Hz) of the axis or controller; `truestroke commission` "
+        "measures it."
     )
+
+
+def _resonance(recording: Recording) -> str:
+    """First resonance that the controller knew at the end, Hz, in two digits; empty where it knew none."""
+    known, axis = (recording.metadata.get(name) for name in ("resonance", "axis"))
+    if isinstance(known, Mapping):  # of a run in real time: of each axis
+        known = known.get(axis.get("name")) if isinstance(axis, Mapping) else None
+    found = _positive(known)
+    return f"{float(f'{found:.2g}'):g}" if found else ""
 
 
 def _alarmed(run: _Run) -> Finding | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
@@ -247,7 +248,8 @@ class _Notes:
             **({"flags": self.flags} if self.flagged else {}),
         }
         channels = {name: Channel(data[: self.done], *CHANNELS[name]) for name, data in arrays.items()}
-        return Recording(channels | self._slow_channels(), self.metadata | {"interrupted": interrupted})
+        ending = {"interrupted": interrupted, "resonance": resonance(self.controller)}
+        return Recording(channels | self._slow_channels(), self.metadata | ending)
 
     def _slow_channels(self) -> dict[str, Channel]:
         slow = self.slow[: -(-self.done // self.stride)]
@@ -259,6 +261,12 @@ class _Notes:
             name: Channel(np.array([entry[name] for entry in slow]), *SLOW_CHANNELS[name], "weights_time")
             for name in names
         }
+
+
+def resonance(controller: Any) -> float | None:
+    """First resonance of the stage, Hz, that the controller was told or has found by now; None if it knows none."""
+    known = getattr(controller, "resonance", None)
+    return known if isinstance(known, float) and math.isfinite(known) else None
 
 
 def about(trajectory: Motion, controller: Any, actuator: Any, timing: Timing) -> dict[str, Any]:

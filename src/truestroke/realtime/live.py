@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from truestroke import loop
 from truestroke._typing import FloatArray
 from truestroke.drivers.clock import EDGES_US, Clock
 from truestroke.drivers.guard import Guard, padded
@@ -214,7 +215,9 @@ class Live:
         }
         interrupted = None if cause is Cause.FINISHED else reason[:LONGEST]
         seen = {axis.axis.name: _plain(found) for axis, found in zip(self._axes, self._found, strict=True)}
-        return {"interrupted": interrupted, "ended": ended, "lateness": punctuality, "axis_check": seen}
+        known = {axis.axis.name: loop.resonance(axis.axis.controller) for axis in self._axes}
+        about = {"axis_check": seen, "resonance": known}
+        return {"interrupted": interrupted, "ended": ended, "lateness": punctuality, **about}
 
     def outcome(self, cause: Cause, reason: str, files: tuple[Path, ...]) -> Outcome:
         """For the caller."""
