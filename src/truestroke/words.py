@@ -17,7 +17,7 @@ NAMES = {
     "paper": "the adaptive inverse controller of the paper, to the letter",
     "RealisticPlant": "a simulated stack (realistic: more than the controller's model can say)",
     "MatchedPlant": "a simulated stack (matched: of exactly the controller's structure)",
-    "SimulatedDriver": "a simulated stack, in real time",
+    "SimulatedDriver": "a simulated stack in real time",
     "NidaqmxDriver": "hardware behind an NI-DAQmx card",
     "PiDriver": "a controller of Physik Instrumente",
     "OneAxis": "one channel of hardware",

@@ -12,7 +12,7 @@ from truestroke.characterisation.lines import MIN_PASSES, RATE_SCALE, TOLERANCE,
 from truestroke.characterisation.pictures import pictures
 from truestroke.recording import Recording
 from truestroke.report import style
-from truestroke.report.page import render, save_all, svg
+from truestroke.report.page import render, save_all, sentence, svg
 from truestroke.verdict import Verdict
 
 CAPTIONS = {
@@ -128,7 +128,7 @@ def save_page(found: Characterisation, path: str | Path, command: str | None = N
         "zoo",
         title=f"{'NOT FOLLOWED: weights' if result.is_bad else 'Weights'} against velocity",
         verdict=result.level,
-        reasons=[reason.replace(" um", " µm") for reason in result.reasons],
+        reasons=[sentence(reason) for reason in result.reasons],
         lead=" ".join(verdict(found)).replace(" um", " µm"),
         tables=[
             {

@@ -10,7 +10,7 @@ from truestroke import files
 from truestroke.commissioning.findings import Findings
 from truestroke.commissioning.pictures import pictures
 from truestroke.report import style
-from truestroke.report.page import render, svg
+from truestroke.report.page import render, sentence, svg
 
 CAPTIONS = {
     "steps": (
@@ -61,7 +61,7 @@ def save_page(found: Findings, path: Path, written: list[str], command: str) -> 
         lead=f"Steps of up to {found.small.gain.step:.3g} V from {safe:g} V, then slowly to {high:g} and {low:g} V.",
         verdict=verdict.level,
         verdict_words=WORDS[verdict.level],
-        reasons=[reason.replace(" um", " µm") for reason in verdict.reasons],
+        reasons=[sentence(reason) for reason in verdict.reasons],
         tables=[{"columns": ["", "found", ""], "rows": rows, "words": True, "note": ""}],
         figures=[
             {"heading": heading, "caption": caption, "svg": svg(drawn[name], name, caption)}

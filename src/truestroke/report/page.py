@@ -11,6 +11,7 @@ from xml.sax.saxutils import escape
 
 import jinja2
 import matplotlib
+from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from truestroke import files, judgement, words
@@ -56,6 +57,18 @@ def save_page(recording: Recording, path: str | Path) -> Path:
     return files.write(path, page(recording), files.PAGE)
 
 
+def sentence(reason: str) -> Markup:
+    """A sentence of the terminal as HTML: lengths in µm, keys and commands as code.
+
+    Examples
+    --------
+    >>> print(sentence("1 um < 2 um: change `um_per_volt = 10`, or um_per_unit"))
+    1 µm &lt; 2 µm: change <code>um_per_volt = 10</code>, or um_per_unit
+    """
+    parts = re.split("`([^`]*)`", re.sub(r" um\b", " µm", reason))  # text, code, text, ...
+    return Markup("").join(Markup("<code>{}</code>").format(p) if i % 2 else p for i, p in enumerate(parts))
+
+
 def page(recording: Recording) -> str:
     """The page of `recording` as HTML; it is also well-formed XML."""
     summary = judgement.summary(recording)
@@ -64,7 +77,7 @@ def page(recording: Recording) -> str:
         "recording",
         title=words.title(recording, summary, verdict),
         verdict=verdict.level,
-        reasons=[reason.replace(" um", " µm") for reason in verdict.reasons],
+        reasons=[sentence(reason) for reason in verdict.reasons],
         lead=words.run(recording, summary, verdict),
         span=words.span(summary),
         columns=words.kinds(summary),
