@@ -227,7 +227,7 @@ def ascending(argument: str, value: Sequence[float], unit: str = "") -> tuple[fl
 def beyond_reach(argument: str, z: float, volts: float, reach: float, stroke: float) -> SettingError:
     """The error of a displacement that an actuator under `volts` cannot have."""
     where = f"within {reach:g} um of 0 at {volts:g} V, with a stroke of {stroke:g} um"
-    return SettingError(argument, z, f"{where}: zero the sensor, or subtract its reading at rest", "um")
+    return SettingError(argument, float(f"{z:.6g}"), f"{where}: zero the sensor, or subtract its reading at rest", "um")
 
 
 def finite_array(argument: str, value: npt.ArrayLike, unit: str = "", ndim: int = 1) -> FloatArray:
