@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 NATIVE := $(shell find c src/bindings -name '*.c' -o -name '*.h' -o -name '*.cpp')
 OLD_PYTHON := truestroke needs Python 3.11 or newer; this is %s. Try: make PYTHON=python3.12
 
-.PHONY: help demo test setup bench images c-test fuzz fuzz-kernel fuzz-readers lint types imports pytest coverage wheel clean
+.PHONY: help demo test setup bench images c-test fuzz fuzz-again fuzz-kernel fuzz-readers lint types imports pytest coverage wheel clean
 .DEFAULT_GOAL := help
 
 help:  ## this list
@@ -17,7 +17,7 @@ help:  ## this list
 demo: setup  ## follow the paper's random wave with a simulated stack; writes a page of pictures
 	@$(BIN)/truestroke track
 
-test: setup lint types imports c-test fuzz pytest wheel  ## everything that CI runs
+test: setup lint types imports c-test fuzz-again pytest wheel  ## everything that CI runs
 
 setup: $(VENV)/.ready  ## the environment that all of these use, in .venv
 
@@ -52,6 +52,10 @@ c-test:  ## the kernel by itself, with sanitisers
 	$(MAKE) -C c test
 
 fuzz: fuzz-kernel fuzz-readers  ## any input for a minute; for hours: make fuzz SECONDS=36000
+
+fuzz-again: setup  ## the same input each time, as CI runs it
+	$(MAKE) -C c fuzz SEED=1
+	$(BIN)/python benchmarks/fuzz_readers.py --cases 4000
 
 fuzz-kernel:
 	$(MAKE) -C c fuzz

@@ -264,3 +264,9 @@ def test_velocity_estimate_refuses_nan_and_goes_on():
     with pytest.raises(SettingError, match="z_d"):
         estimator.update(float("nan"))
     assert estimator.update(3.0) == 2.0
+
+
+@pytest.mark.parametrize("absurd", [{"peak_to_peak": 1e300}, {"low": -1e300}])
+def test_a_wave_beyond_a_kilometre_is_refused_by_name(absurd) -> None:
+    with pytest.raises(SettingError, match=next(iter(absurd))):
+        tr.random_wave(duration=1.0, **absurd)

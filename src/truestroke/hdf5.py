@@ -56,7 +56,7 @@ def _closed(path: Path) -> bytes | None:
 
 
 def _check_heaps(path: Path) -> None:
-    """ValueError where HDF5 would walk in a circle for ever: a heap of texts with an object of no size."""
+    """ValueError where HDF5 would walk in a circle for ever: a heap of texts with an object of no size, or too large."""
     with path.open("rb") as file:
         for start in range(0, os.fstat(file.fileno()).st_size, BLOCK):
             file.seek(start)
@@ -65,16 +65,18 @@ def _check_heaps(path: Path) -> None:
                 file.seek(start + found.start())
                 size = int.from_bytes(file.read(16)[8:], "little")
                 file.seek(start + found.start())
-                _walk(file.read(min(size, BLOCK)))
+                _walk(file.read(min(size, BLOCK)), size)
 
 
-def _walk(heap: bytes) -> None:
+def _walk(heap: bytes, whole: int) -> None:
     """Over the objects of a heap: each has index, size and data; the size of the free room, index 0, is all of it."""
     place = 16
     while len(heap) - place >= 16:
         index, size = (int.from_bytes(heap[place + a : place + b], "little") for a, b in ((0, 2), (8, 16)))
         if index == size == 0:
             raise ValueError("a heap of texts has an object of no size")
+        if size > whole - place:
+            raise ValueError("a heap of texts has an object that is larger than the heap")
         place += 16 + (size + 7) // 8 * 8 if index else size
 
 

@@ -28,7 +28,7 @@ from truestroke.files import FileError
 UM_PER_UNIT = {"um": 1.0, "nm": 1e-3, "mm": 1e3}
 NAMES = {"position": ("z", "desired", "position", "displacement"), "time": ("t", "time")}
 BLOCK = 4096  # ticks that are filtered at a time: what they need stays in the cache
-FARTHEST = 1e9  # um of a motion in a file
+FARTHEST = 1e9  # um of a motion
 TIME_TOLERANCE = 0.01  # of a tick: how far a time in a file may lie from its even grid
 
 
@@ -352,8 +352,8 @@ def random_wave(
     """
     time = _ticks(duration, sample_rate, ramp)
     cutoff = _check.within("cutoff", cutoff, 1 / duration, sample_rate / 10, "Hz")
-    span = _check.positive("peak_to_peak", peak_to_peak, "um")
-    low = _check.number("low", low, "um")
+    span = _check.within("peak_to_peak", _check.positive("peak_to_peak", peak_to_peak, "um"), 0.0, FARTHEST, "um")
+    low = _check.within("low", low, -FARTHEST, FARTHEST, "um")
     seed = _check.count("seed", seed, 0, 2**63 - 1)
     numbers = np.random.Generator(np.random.PCG64(seed)).uniform(-1.0, 1.0, time.size)
     numbers[time < ramp] = 0.0  # a wave that began earlier could leave its bounds during the ramp
