@@ -64,10 +64,10 @@ fuzz-readers: setup
 	$(BIN)/python benchmarks/fuzz_readers.py --minutes $(MINUTES)
 
 pytest: setup  ## tests in Python
-	$(BIN)/python -m pytest -n 2 --dist loadgroup --no-loadscope-reorder --durations=10
+	$(BIN)/python -m pytest -n 2 --no-loadscope-reorder --durations=10
 
 coverage: setup  ## the same, with the lines that none of them runs; takes longer
-	$(BIN)/python -m pytest -n 2 --dist loadgroup --no-loadscope-reorder --cov --cov-report=term
+	$(BIN)/python -m pytest -n 2 --no-loadscope-reorder --cov --cov-report=term
 
 wheel: setup  ## a wheel, installed by itself
 	$(BIN)/python tests/wheel.py

@@ -12,7 +12,6 @@ from truestroke.adaptation import RLS
 from truestroke.bench import rivals, suite, table
 from truestroke.bench.cost import Cost, of_times
 
-pytestmark = pytest.mark.xdist_group("bench")  # one benchmark for all
 ROOT = Path(__file__).parents[1]
 
 

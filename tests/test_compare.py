@@ -19,7 +19,6 @@ from truestroke.settings import ControllerSettings
 from truestroke.timing import Timing
 from truestroke.trajectories import random_wave, sine
 
-pytestmark = pytest.mark.xdist_group("compare")  # one comparison for all
 LIMITS = (-0.6, 3.6)
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "compare.md"
