@@ -56,7 +56,7 @@ def _closed(path: Path) -> bytes | None:
 
 
 def _check_heaps(path: Path) -> None:
-    """ValueError where HDF5 would walk in a circle for ever: a heap of texts with an object of no size, or too large."""
+    """ValueError where HDF5 would walk in a circle for ever: a heap of texts with an object of no size or too large."""
     with path.open("rb") as file:
         for start in range(0, os.fstat(file.fileno()).st_size, BLOCK):
             file.seek(start)
