@@ -407,15 +407,14 @@ static void keep_weights(ts_controller *c, bool start)
     c->stage.age = 0;
 }
 
-/* What follows from a resonance that was found: the law's filter ends at half of it, or lower than now where it was not
- * low enough; what is learned takes a period of it to reach the command, which knows the inertia. */
-static void adopt_resonance(ts_controller *c, ts_real frequency, bool lower)
+/* What follows from a resonance that was found: the law's filter ends at half of it, and is no higher than `highest`
+ * unless that is far lower; what is learned takes a period of it to reach the command, which knows the inertia. */
+static void adopt_resonance(ts_controller *c, ts_real frequency, ts_real highest)
 {
     const ts_settings *s = &c->settings;
     ts_kalman *k = &c->law.kalman;
     ts_real w = TS_PI * frequency, pole = w / (1 + w), smoothing = 1 / (1 + frequency);
-    ts_real next = LOWER * k->filter, least = pole / 8;
-    if (lower && pole > next) pole = next > least ? next : least;
+    if (pole > highest) pole = highest > pole / 8 ? highest : pole / 8;
     k->filter = pole < s->kalman.filter ? pole : s->kalman.filter;
     if (c->stage.smoothing < smoothing) c->stage.smoothing = smoothing;
     c->stage.resonance = frequency;
@@ -431,7 +430,7 @@ static void retreat(ts_controller *c, ts_real frequency)
         keep_weights(c, true);
         ts_kalman_doubt(&c->law.kalman, c->settings.prior, c->parameters);
     }
-    adopt_resonance(c, frequency, c->oscillation.found);
+    adopt_resonance(c, frequency, c->oscillation.found ? LOWER * c->law.kalman.filter : 1);
     keep_command(c);
     c->stage.rest = 1 + REST_PERIODS / frequency;
     c->oscillation.regular = 0;
@@ -477,7 +476,8 @@ static void watch_stage(ts_controller *c, ts_real error, ts_real zdot_d, bool li
     if (c->stage.rest > 0) {
         c->stage.rest = o->regular >= REST_HALF_WAVES || c->stage.rest < 1 ? 0 : c->stage.rest - 1;
         if (!(c->stage.rest > 0) && o->regular >= 4)
-            adopt_resonance(c, ts_oscillation_frequency(o, o->regular < 6 ? 4 : 6), false);
+            adopt_resonance(c, ts_oscillation_frequency(o, o->regular < 6 ? 4 : 6),
+                            c->counters.oscillating > 1 ? c->law.kalman.filter : 1);
     } else if (found > 0 && !limited && found > NOT_BELOW * c->stage.resonance && !c->hold) {
         retreat(c, found);
     } else {

@@ -447,17 +447,17 @@ class ReferenceController:
             stage.resonance, law.filter = self._c["resonance"], self._c["filter"]
             stage.inertia = self._inertia_of(stage.resonance)
 
-    def _adopt_resonance(self, frequency: float, lower: bool) -> None:
+    def _adopt_resonance(self, frequency: float, highest: float) -> None:
         """What follows from a resonance that was found, cycles per tick.
 
-        The law's filter ends at half of it, or lower than now where it was not low enough; what is learned takes a
-        period of it to reach the command, which knows the inertia.
+        The law's filter ends at half of it, and is no higher than `highest` unless that is far lower; what is learned
+        takes a period of it to reach the command, which knows the inertia.
         """
         law, w = self.law, math.pi * frequency
         assert isinstance(law, BoundedKalman)
         pole = w / (1 + w)
-        if lower:
-            pole = min(pole, max(LOWER * law.filter, pole / 8))
+        if pole > highest:
+            pole = max(highest, pole / 8)
         law.filter = min(pole, self._c["filter"])
         self._stage.smoothing = max(self._stage.smoothing, 1 / (1 + frequency))
         self._stage.resonance, self._stage.inertia = frequency, self._inertia_of(frequency)
@@ -470,7 +470,7 @@ class ReferenceController:
             law.weights = stage.newer = stage.older
             stage.age = 0.0
             law.doubt()
-        self._adopt_resonance(frequency, stage.detector.found)
+        self._adopt_resonance(frequency, LOWER * law.filter if stage.detector.found else 1.0)
         self._keep_command()
         stage.rest = 1 + REST_PERIODS / frequency
         stage.detector.regular, stage.detector.found = 0, True
@@ -506,7 +506,10 @@ class ReferenceController:
         if stage.rest > 0:
             stage.rest = 0.0 if detector.regular >= REST_HALF_WAVES or stage.rest < 1 else stage.rest - 1
             if not stage.rest > 0 and detector.regular >= 4:
-                self._adopt_resonance(detector.frequency(4 if detector.regular < 6 else 6), False)
+                again = self.counters["oscillating"] > 1
+                self._adopt_resonance(
+                    detector.frequency(4 if detector.regular < 6 else 6), law.filter if again else 1.0
+                )
         elif found > 0 and not limited and found > NOT_BELOW * stage.resonance and not self._held:
             self._retreat(found)
         else:
