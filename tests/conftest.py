@@ -16,6 +16,8 @@ SHARED = ("test_compare.py", "test_bench.py")
 
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # children inherit it
     signal.signal(signal.SIGINT, signal.default_int_handler)
+if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:  # under nohup
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
