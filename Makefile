@@ -45,7 +45,7 @@ lint: setup  ## ruff
 types: setup  ## mypy
 	$(BIN)/mypy
 
-imports: setup  ## the rooms know each other one way only
+imports: setup  ## packages import one way only
 	$(BIN)/lint-imports
 
 c-test:  ## the kernel by itself, with sanitisers

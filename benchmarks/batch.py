@@ -26,7 +26,7 @@ from truestroke import (
 )
 from truestroke.plant import MatchedPlant, MatchedSettings, PlantSettings, RealisticPlant
 from truestroke.plant.noise import Noise
-from truestroke.trajectories import random_wave
+from truestroke.signals.trajectories import random_wave
 
 BENCH = {"sample_rate": 2000.0, "stroke": 30.0, "voltage_limits": (-0.6, 3.6)}
 CONTROLLERS = {"paper": ControllerSettings.paper(**BENCH), "default": ControllerSettings(**BENCH)}

@@ -17,11 +17,11 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from truestroke import study
 from truestroke.report import style
 from truestroke.report.page import save_all
-from truestroke.study import executors
-from truestroke.study.config import Study
+from truestroke.studies import study
+from truestroke.studies.study import executors
+from truestroke.studies.study.config import Study
 
 SEC43 = tomllib.loads(study.example())
 PLAYS, PLANTS, SAMPLES, ROUNDS = (4, 8, 16, 24, 32), (25, 50, 100, 200), 6, 3

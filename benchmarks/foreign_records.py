@@ -11,7 +11,7 @@ import numpy as np
 from scipy.signal import bessel, chirp, cont2discrete, lfilter, sawtooth, sosfilt
 
 from truestroke.identification import Record, identify
-from truestroke.operators import play_history
+from truestroke.model.operators import play_history
 
 SHARE = 0.6  # of the record, at its start, that all are fitted to
 

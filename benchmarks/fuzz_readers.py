@@ -30,12 +30,13 @@ import h5py
 import numpy as np
 from scipy.io import savemat
 
-from truestroke import Recording, SettingError, hdf5, trajectories
-from truestroke.files import FileError
+from truestroke import Recording, SettingError, trajectories
+from truestroke.base import hdf5
+from truestroke.base.files import FileError
 from truestroke.identification import ActuatorModel, load_model, load_waveform, read_record, save_model
-from truestroke.realtime import config
-from truestroke.recording import MODE, Channel
-from truestroke.study import config as study
+from truestroke.runtime.realtime import config
+from truestroke.signals.recording import MODE, Channel
+from truestroke.studies.study import config as study
 
 MEMORY = 3 << 30  # bytes that a reader may have, of which the libraries take one
 SECONDS = 20  # that a file may take

@@ -14,7 +14,7 @@ import numpy as np
 
 from truestroke import AdaptiveController, trajectories
 from truestroke.plant import RealisticPlant
-from truestroke.zoo.draw import BLEND, SAMPLE_RATE, STROKE, VOLTAGE_LIMITS, draw, joined
+from truestroke.studies.zoo.draw import BLEND, SAMPLE_RATE, STROKE, VOLTAGE_LIMITS, draw, joined
 
 KINDS = ("random 20 Hz", "rest", "sine 8 Hz", "random 10 Hz", "small sine", "sine 1 Hz")
 PIECE = 10.0  # s

@@ -13,12 +13,12 @@ from itertools import product
 import numpy as np
 
 from truestroke import AdaptiveController, Trajectory, run, trajectories
-from truestroke.adaptation import RLS
-from truestroke.models import limit_slopes, play_inverse
-from truestroke.operators import play
+from truestroke.control.adaptation import RLS
+from truestroke.model.models import limit_slopes, play_inverse
+from truestroke.model.operators import play
+from truestroke.model.singularity_free import singularity_free_inverse
 from truestroke.plant import MatchedPlant, RealisticPlant
 from truestroke.plant.settings import Change, MatchedSettings, PlantSettings
-from truestroke.singularity_free import singularity_free_inverse
 
 LIMITS = (-0.6, 3.6)  # V
 STACK = MatchedSettings()  # the published P-885.90

@@ -20,7 +20,7 @@ import random
 import numpy as np
 
 from truestroke import AdaptiveController
-from truestroke.trajectories import random_wave
+from truestroke.signals.trajectories import random_wave
 
 STROKE, LOW, HIGH = 30.0, -0.6, 3.6
 RANGE = HIGH - LOW

@@ -8,9 +8,9 @@ Seconds do not repeat on shared machines; the ratios of one run do. Each figure 
 import timeit
 
 from truestroke import AdaptiveController, ControllerSettings
-from truestroke.loop import run
 from truestroke.plant import RealisticPlant
-from truestroke.trajectories import random_wave
+from truestroke.runtime.loop import run
+from truestroke.signals.trajectories import random_wave
 
 BENCH = {"sample_rate": 2000.0, "stroke": 30.0, "voltage_limits": (-0.6, 3.6)}
 ROUNDS = 7

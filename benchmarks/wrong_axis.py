@@ -15,7 +15,7 @@ import numpy as np
 
 from truestroke import AdaptiveController
 from truestroke.plant import RealisticPlant
-from truestroke.trajectories import random_wave
+from truestroke.signals.trajectories import random_wave
 
 BASIC = {"sample_rate": 2000.0, "stroke": 30.0, "voltage_limits": (-0.6, 3.6)}
 WRONG = 6000  # tick at which the sensor becomes the wrong one

@@ -16,10 +16,10 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from truestroke.recording import Recording
 from truestroke.report import style
 from truestroke.report.identified import save_pictures
 from truestroke.report.style import Theme
+from truestroke.signals.recording import Recording
 
 DOCS = Path(__file__).parent
 Runs = Mapping[str, Any]  # the names that the page's blocks have made

@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from truestroke import ControllerSettings, SettingError, _kernel, _kernel32
-from truestroke.adaptation import LMS, RLS, BoundedKalman, KalmanSettings, UpdateRefused, rls_update
-from truestroke.operators import play_history
-from truestroke.settings import kernel_settings
+from truestroke.control.adaptation import LMS, RLS, BoundedKalman, KalmanSettings, UpdateRefused, rls_update
+from truestroke.control.settings import kernel_settings
+from truestroke.model.operators import play_history
 
 LOOP = json.loads((Path(__file__).parent / "vectors" / "loop.json").read_text())
 quick = settings(derandomize=True, max_examples=50, deadline=None)

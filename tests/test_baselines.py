@@ -8,7 +8,7 @@ import pytest
 from scipy import signal
 
 from truestroke import SettingError
-from truestroke.baselines import ConstantGain, Pid, PidGains, ProjectedGradient, tune_pid
+from truestroke.control.baselines import ConstantGain, Pid, PidGains, ProjectedGradient, tune_pid
 
 RATE = 2000.0
 LIMITS = (-0.6, 3.6)

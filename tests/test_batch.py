@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from truestroke import AdaptiveController, ControllerSettings, Simulation, SimulationError, metrics, run, simulate_many
-from truestroke.batch import CHANNELS, SEGMENT
 from truestroke.plant import Change, MatchedPlant, MatchedSettings, PlantSettings, RealisticPlant
 from truestroke.plant.noise import Noise
-from truestroke.trajectories import random_wave, sine
+from truestroke.runtime.batch import CHANNELS, SEGMENT
+from truestroke.signals.trajectories import random_wave, sine
 
 RANGE = {"stroke": 30.0, "voltage_limits": (-0.6, 3.6)}
 PAPER = ControllerSettings.paper(sample_rate=2000.0, **RANGE)

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from truestroke.adaptation import RLS
-from truestroke.bench import rivals, suite, table
-from truestroke.bench.cost import Cost, of_times
+from truestroke.control.adaptation import RLS
+from truestroke.studies.bench import rivals, suite, table
+from truestroke.studies.bench.cost import Cost, of_times
 
 ROOT = Path(__file__).parents[1]
 

@@ -13,14 +13,14 @@ from click.testing import CliRunner
 from scipy.stats import linregress, t
 
 from truestroke import Characterisation, RunInterrupted, SettingError, Timing, characterise
-from truestroke.characterisation import NotConverged, fit_lines, page, sweep
-from truestroke.characterisation.lines import RATE_SCALE
 from truestroke.cli import main
 from truestroke.identification import load_model, save_model
 from truestroke.plant import MatchedPlant, MatchedSettings, PlantSettings, RealisticPlant
-from truestroke.realtime import config
-from truestroke.recording import Recording
-from truestroke.trajectories import random_wave
+from truestroke.runtime.realtime import config
+from truestroke.signals.recording import Recording
+from truestroke.signals.trajectories import random_wave
+from truestroke.studies.characterisation import NotConverged, fit_lines, page, sweep
+from truestroke.studies.characterisation.lines import RATE_SCALE
 
 A_P = np.array([8.4, 1.3, 0.92, 0.7, 0.88, 0.74, -2.6, 2.23])  # um/V, Sec. 4.3
 B_P = np.array([-0.9, 1.03, -0.244, 0.1, 0.05, -0.02, 0.01, -0.01])

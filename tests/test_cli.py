@@ -16,13 +16,13 @@ import pytest
 from click.testing import CliRunner, Result
 
 from truestroke import AdaptiveController
-from truestroke.baselines import ConstantGain
 from truestroke.cli import main
 from truestroke.cli.common import program
-from truestroke.compare import Rival
+from truestroke.control.baselines import ConstantGain
 from truestroke.plant import RealisticPlant
-from truestroke.recording import Recording
-from truestroke.trajectories import random_wave
+from truestroke.signals.recording import Recording
+from truestroke.signals.trajectories import random_wave
+from truestroke.studies.compare import Rival
 
 COMMAND = Path(sys.executable).with_name("truestroke")
 SHORT = ["track", "--duration", "2"]
@@ -71,7 +71,7 @@ def test_help_comes_at_once_and_loads_nothing_heavy() -> None:
         "import sys, truestroke.cli as c\n"
         "try: c.main(['--help'])\n"
         "except SystemExit: pass\n"
-        "print(sorted(set(sys.modules) & {'matplotlib', 'scipy', 'h5py', 'jinja2', 'rich', 'truestroke.loop'}))"
+        "print(sorted(set(sys.modules) & {'matplotlib', 'scipy', 'h5py', 'jinja2', 'rich', 'truestroke.runtime.loop'}))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
     assert done.stdout.splitlines()[-1] == "[]"
@@ -217,7 +217,7 @@ def _two_rivals(monkeypatch: pytest.MonkeyPatch) -> None:
     line = Rival("line", "a ruler", "by eye", lambda: ConstantGain(12.2, (-0.6, 3.6), 3.0))
     known = {"sample_rate": 2000.0, "stroke": 30.0, "voltage_limits": (-0.6, 3.6)}
     paper = Rival("paper", "Tan <et al.>", "as printed", lambda: AdaptiveController.paper(**known))
-    monkeypatch.setattr("truestroke.compare.prepare", lambda bench: iter([line, paper]))
+    monkeypatch.setattr("truestroke.studies.compare.prepare", lambda bench: iter([line, paper]))
 
 
 @pytest.mark.usefixtures("_two_rivals")

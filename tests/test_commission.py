@@ -16,13 +16,13 @@ import pytest
 from click.testing import CliRunner
 
 from truestroke.cli import main
-from truestroke.commissioning import AnswerError, Findings, small_steps, whole_range
-from truestroke.commissioning.changes import write
-from truestroke.commissioning.resonance import resonance
-from truestroke.drivers import OneAxis, SimulatedDriver, SimulatedSettings
 from truestroke.plant import PlantSettings, RealisticPlant
-from truestroke.realtime import config
-from truestroke.timing import Timing
+from truestroke.runtime.commissioning import AnswerError, Findings, small_steps, whole_range
+from truestroke.runtime.commissioning.changes import write
+from truestroke.runtime.commissioning.resonance import resonance
+from truestroke.runtime.drivers import OneAxis, SimulatedDriver, SimulatedSettings
+from truestroke.runtime.realtime import config
+from truestroke.signals.timing import Timing
 
 COMMAND = Path(sys.executable).with_name("truestroke")
 LIMITS = (-0.6, 3.6)

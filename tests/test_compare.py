@@ -11,13 +11,13 @@ import pytest
 from click.testing import CliRunner
 from printed import assert_prints
 
-from truestroke.baselines import ConstantGain
 from truestroke.cli import main
-from truestroke.compare import Workbench, compare, prepare, run
+from truestroke.control.baselines import ConstantGain
+from truestroke.control.settings import ControllerSettings
 from truestroke.plant import RealisticPlant
-from truestroke.settings import ControllerSettings
-from truestroke.timing import Timing
-from truestroke.trajectories import random_wave, sine
+from truestroke.signals.timing import Timing
+from truestroke.signals.trajectories import random_wave, sine
+from truestroke.studies.compare import Workbench, compare, prepare, run
 
 LIMITS = (-0.6, 3.6)
 ROOT = Path(__file__).parents[1]
@@ -146,7 +146,9 @@ def test_the_readme_shows_what_the_command_prints(comparison, monkeypatch, tmp_p
         r"^\$ truestroke (compare.*)\n((?:.+\n)+?)```", (ROOT / "README.md").read_text(), re.M
     ).groups()
     asked = []
-    monkeypatch.setattr("truestroke.compare.run", lambda progress, **options: asked.append(options) or comparison)
+    monkeypatch.setattr(
+        "truestroke.studies.compare.run", lambda progress, **options: asked.append(options) or comparison
+    )
     monkeypatch.chdir(tmp_path)
     done = CliRunner().invoke(main, command.split(), env={"COLUMNS": "120", "NO_COLOR": "1"})
     assert done.exit_code == 0, done.output

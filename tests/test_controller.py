@@ -7,7 +7,7 @@ import pytest
 
 from truestroke import AdaptiveController, ControllerSettings, SettingError
 from truestroke.plant import RealisticPlant
-from truestroke.trajectories import random_wave
+from truestroke.signals.trajectories import random_wave
 
 BASIC = {"sample_rate": 2000.0, "stroke": 30.0, "voltage_limits": (-0.6, 3.6)}
 

@@ -12,11 +12,12 @@ import h5py
 import numpy as np
 import pytest
 
-from truestroke import Recording, hdf5, trajectories
-from truestroke._check import SettingError
-from truestroke.files import FileError
+from truestroke import Recording, trajectories
+from truestroke.base import hdf5
+from truestroke.base.checks import SettingError
+from truestroke.base.files import FileError
 from truestroke.identification import RecordError, load_model, read_record
-from truestroke.recording import Channel
+from truestroke.signals.recording import Channel
 
 FUZZ = Path(__file__).parents[1] / "benchmarks/fuzz_readers.py"
 

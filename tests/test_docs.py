@@ -21,8 +21,9 @@ from sybil.example import SybilFailure
 from sybil.parsers.markdown import CodeBlockParser, PythonCodeBlockParser, SkipParser
 
 import truestroke
-from truestroke import ControllerSettings, SettingError, _kernel, _kernel32, prior
-from truestroke.settings import MAX_CREEPS, MAX_DEAD_ZONES, MAX_PLAYS, kernel_settings
+from truestroke import ControllerSettings, SettingError, _kernel, _kernel32
+from truestroke.control.settings import MAX_CREEPS, MAX_DEAD_ZONES, MAX_PLAYS, kernel_settings
+from truestroke.model import prior
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").rglob("*.md"))]

@@ -17,10 +17,10 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from truestroke import doctor
 from truestroke.cli import main
-from truestroke.doctor import Finding, Level, disk, drivers, examine, machine
-from truestroke.realtime import RealtimeSettings, config
+from truestroke.runtime import doctor
+from truestroke.runtime.doctor import Finding, Level, disk, drivers, examine, machine
+from truestroke.runtime.realtime import RealtimeSettings, config
 
 
 @pytest.fixture(autouse=True)

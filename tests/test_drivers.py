@@ -13,11 +13,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from truestroke import AdaptiveController, RunInterrupted, SettingError, Timing, run
-from truestroke.drivers import DriverError, Fault, OneAxis, SimulatedDriver, SimulatedSettings
-from truestroke.drivers.clock import Clock
-from truestroke.drivers.guard import Guard
 from truestroke.plant import RealisticPlant
-from truestroke.trajectories import random_wave
+from truestroke.runtime.drivers import DriverError, Fault, OneAxis, SimulatedDriver, SimulatedSettings
+from truestroke.runtime.drivers.clock import Clock
+from truestroke.runtime.drivers.guard import Guard
+from truestroke.signals.trajectories import random_wave
 
 LIMITS, SLEW = (-0.6, 3.6), 400.0
 AXIS = {"voltage_limits": LIMITS, "slew": SLEW}

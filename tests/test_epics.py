@@ -27,9 +27,9 @@ from hypothesis import strategies as st
 import truestroke
 from truestroke import AdaptiveController, Recording, SettingError
 from truestroke.cli import main
-from truestroke.drivers import SimulatedDriver, SimulatedSettings
 from truestroke.plant import PlantSettings, RealisticPlant
-from truestroke.realtime import (
+from truestroke.runtime.drivers import SimulatedDriver, SimulatedSettings
+from truestroke.runtime.realtime import (
     Axis,
     Cause,
     EpicsSettings,
@@ -42,7 +42,7 @@ from truestroke.realtime import (
     helpers,
     run_realtime,
 )
-from truestroke.trajectories import sine
+from truestroke.signals.trajectories import sine
 
 COMMAND = Path(sys.executable).with_name("truestroke")
 LIMITS = (-0.6, 3.6)

@@ -18,7 +18,7 @@ from truestroke import plant, trajectories
 from truestroke.cli import main
 from truestroke.identification import Findings, Record, examine, read_record
 from truestroke.identification.turning import reversals
-from truestroke.operators import play_history
+from truestroke.model.operators import play_history
 
 SHARED = Path(os.environ.get("TRUESTROKE_SHARED", Path(__file__).parents[2] / "shared"))
 MEASURED = SHARED / "data/p885_91/Model_Vi_Do.dat"

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from truestroke.exit_codes import ExitCode
-from truestroke.realtime.ending import Cause
+from truestroke.base.exit_codes import ExitCode
+from truestroke.runtime.realtime.ending import Cause
 
 
 def test_documentation_lists_each_code() -> None:

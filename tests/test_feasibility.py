@@ -9,10 +9,11 @@ import pytest
 from click.testing import CliRunner
 
 import truestroke
-from truestroke import ControllerSettings, SettingError, feasibility
-from truestroke.baselines import ConstantGain
+from truestroke import ControllerSettings, SettingError
 from truestroke.cli import main
-from truestroke.trajectories import Trajectory, random_wave, sine, staircase, triangle
+from truestroke.control import feasibility
+from truestroke.control.baselines import ConstantGain
+from truestroke.signals.trajectories import Trajectory, random_wave, sine, staircase, triangle
 
 BENCH = {"sample_rate": 2000.0, "stroke": 30.0, "voltage_limits": (-0.6, 3.6)}
 SETTINGS = ControllerSettings(**BENCH)

@@ -15,10 +15,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from truestroke import AdaptiveController, Recording, files
-from truestroke.drivers import DriverError, Fault, SimulatedDriver, SimulatedSettings
-from truestroke.realtime import Axis, RealtimeSettings, run_realtime
-from truestroke.trajectories import sine
+from truestroke import AdaptiveController, Recording
+from truestroke.base import files
+from truestroke.runtime.drivers import DriverError, Fault, SimulatedDriver, SimulatedSettings
+from truestroke.runtime.realtime import Axis, RealtimeSettings, run_realtime
+from truestroke.signals.trajectories import sine
 
 COMMAND = Path(sys.executable).with_name("truestroke")
 FAKES = Path(__file__).with_name("fakes")

@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from truestroke import AdaptiveController, Flags, metrics, trajectories, words
-from truestroke.flags import BIT, BY_ADAPT, FLAGS
-from truestroke.loop import CHANNELS, Timing, run
+from truestroke import AdaptiveController, Flags, metrics, trajectories
+from truestroke.base.flags import BIT, BY_ADAPT, FLAGS
+from truestroke.report import words
+from truestroke.runtime.loop import CHANNELS, Timing, run
 
 DOCS = Path(__file__).parents[1] / "docs"
 

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from truestroke import AdaptiveController, ControllerSettings, RunInterrupted, SettingError, metrics, run
-from truestroke.batch import Simulation, SimulationError, simulate_many
+from truestroke.control.reference import ReferenceController
 from truestroke.plant import PlantSettings, RealisticPlant
-from truestroke.reference import ReferenceController
-from truestroke.trajectories import random_wave
+from truestroke.runtime.batch import Simulation, SimulationError, simulate_many
+from truestroke.signals.trajectories import random_wave
 
 ROOT = Path(__file__).parents[1]
 BASIC = {"sample_rate": 2000.0, "stroke": 30.0, "voltage_limits": (-0.6, 3.6)}

@@ -9,8 +9,8 @@ import pytest
 
 from truestroke import AdaptiveController, SettingError, run, trajectories
 from truestroke.identification import identify, load_model, save_model
-from truestroke.models import RateDependentModel, play_inverse_literal
-from truestroke.operators import play
+from truestroke.model.models import RateDependentModel, play_inverse_literal
+from truestroke.model.operators import play
 from truestroke.plant import RealisticPlant
 
 R, A = (0.0, 0.2, 0.45, 0.8), (8.0, 1.5, 1.0, 0.7)  # V, um/V

@@ -10,7 +10,7 @@ from scipy.optimize import lsq_linear, minimize
 
 from truestroke.cli import main
 from truestroke.identification import Record, examine, fit, identify, normal
-from truestroke.models import ModifiedPrandtlIshlinskii
+from truestroke.model.models import ModifiedPrandtlIshlinskii
 
 SPEC = importlib.util.spec_from_file_location(
     "foreign_records", Path(__file__).parents[1] / "benchmarks/foreign_records.py"

@@ -19,12 +19,12 @@ def test_import_loads_numpy_alone():
     loaded = modules_after("import truestroke")
     assert "numpy" in loaded
     assert loaded.isdisjoint(HEAVY)
-    assert "truestroke.loop" not in loaded
+    assert "truestroke.runtime.loop" not in loaded
 
 
 def test_a_run_of_a_random_wave_needs_numpy_alone():
     loaded = modules_after(
-        "import truestroke; truestroke.run; truestroke.Recording; truestroke.trajectories.random_wave()"
+        "import truestroke; truestroke.run; truestroke.Recording; truestroke.signals.trajectories.random_wave()"
     )
     assert loaded.isdisjoint(HEAVY)
 

@@ -22,7 +22,7 @@ from truestroke.identification import (
     waveform,
 )
 from truestroke.plant import RealisticPlant
-from truestroke.recording import Recording
+from truestroke.signals.recording import Recording
 
 FS = 2000.0
 

@@ -14,19 +14,20 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from truestroke import AdaptiveController, judgement, metrics, trajectories
-from truestroke.baselines import ConstantGain
+from truestroke import AdaptiveController, metrics, trajectories
+from truestroke.base.flags import BIT
+from truestroke.base.verdict import Verdict
 from truestroke.cli import main
 from truestroke.cli.run import _code
-from truestroke.drivers import SimulatedDriver, SimulatedSettings
-from truestroke.flags import BIT
-from truestroke.judgement import judge
-from truestroke.loop import Timing, run
+from truestroke.control.baselines import ConstantGain
 from truestroke.plant import Change, PlantSettings, RealisticPlant
-from truestroke.realtime import Axis, RealtimeSettings, config, run_realtime
-from truestroke.realtime.ending import Cause
-from truestroke.recording import Channel, Recording
-from truestroke.verdict import Verdict
+from truestroke.runtime.drivers import SimulatedDriver, SimulatedSettings
+from truestroke.runtime.loop import Timing, run
+from truestroke.runtime.realtime import Axis, RealtimeSettings, config, run_realtime
+from truestroke.runtime.realtime.ending import Cause
+from truestroke.signals import judgement
+from truestroke.signals.judgement import judge
+from truestroke.signals.recording import Channel, Recording
 
 RATE, LIMITS = 2000.0, (-0.6, 3.6)
 UNITS = {"time": "s", "flags": "", "volts": "V"}

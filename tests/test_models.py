@@ -9,7 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from truestroke import ControllerSettings, SettingError, _kernel, _kernel32
-from truestroke.models import (
+from truestroke.control.settings import kernel_settings
+from truestroke.model.models import (
     ModifiedPrandtlIshlinskii,
     PrandtlIshlinskii,
     RateDependentModel,
@@ -23,8 +24,7 @@ from truestroke.models import (
     play_inverse_literal,
     play_terms,
 )
-from truestroke.operators import dead_zone, play, play_history
-from truestroke.settings import kernel_settings
+from truestroke.model.operators import dead_zone, play, play_history
 
 VECTORS = Path(__file__).parent / "vectors"
 FORWARD = json.loads((VECTORS / "forward.json").read_text())

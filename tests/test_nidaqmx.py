@@ -23,11 +23,12 @@ from click.testing import CliRunner
 from test_docs import assert_prints
 
 import truestroke
-from truestroke import SettingError, doctor, plant, trajectories
+from truestroke import SettingError, plant, trajectories
 from truestroke.cli import main
-from truestroke.drivers import DriverError
-from truestroke.drivers.nidaqmx import NidaqmxDriver, NidaqmxSettings
-from truestroke.timing import Timing
+from truestroke.runtime import doctor
+from truestroke.runtime.drivers import DriverError
+from truestroke.runtime.drivers.nidaqmx import NidaqmxDriver, NidaqmxSettings
+from truestroke.signals.timing import Timing
 
 if TYPE_CHECKING:
     from card import Card
@@ -316,7 +317,7 @@ def test_stop_resets_a_card_that_refuses(driver, card, monkeypatch) -> None:
 
 HANGS = """
 import numpy as np
-from truestroke.drivers.nidaqmx import NidaqmxDriver, NidaqmxSettings
+from truestroke.runtime.drivers.nidaqmx import NidaqmxDriver, NidaqmxSettings
 driver = NidaqmxDriver(NidaqmxSettings(outputs=["Dev1/ao0"], inputs=["Dev1/ai0"], um_per_volt=10.0))
 driver.open()
 driver.start(np.zeros(1))

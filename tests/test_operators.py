@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from truestroke import ControllerSettings, _kernel, _kernel32
-from truestroke.operators import dead_zone, play_history
-from truestroke.settings import kernel_settings
+from truestroke.control.settings import kernel_settings
+from truestroke.model.operators import dead_zone, play_history
 
 FORWARD = json.loads((Path(__file__).parent / "vectors" / "forward.json").read_text())
 IDS = [f"{len(case['r'])} plays, {len(case['d'])} dead zones" for case in FORWARD]

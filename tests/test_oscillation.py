@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from truestroke import AdaptiveController, ControllerSettings, SettingError, run
+from truestroke.control.reference import ReferenceController
 from truestroke.plant import Change, PlantSettings, RealisticPlant
-from truestroke.reference import ReferenceController
-from truestroke.trajectories import random_wave, sine, triangle
+from truestroke.signals.trajectories import random_wave, sine, triangle
 
 BENCH = {"sample_rate": 2000.0, "stroke": 30.0, "voltage_limits": (-0.6, 3.6)}
 

@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from truestroke import Recording, files
+from truestroke import Recording
+from truestroke.base import files
 from truestroke.cli import main
 from truestroke.cli.common import in_words_of
-from truestroke.recording import Channel
+from truestroke.signals.recording import Channel
 
 
 @pytest.fixture(autouse=True)

@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from truestroke import AdaptiveController, SettingError, paper
-from truestroke.operators import play_history
-from truestroke.paper import bench, fig4
+from truestroke import AdaptiveController, SettingError
+from truestroke.model.operators import play_history
 from truestroke.plant import MatchedPlant, PlantSettings, RealisticPlant
-from truestroke.recording import Channel, Recording
 from truestroke.report.style import LIGHT
+from truestroke.signals.recording import Channel, Recording
+from truestroke.studies import paper
+from truestroke.studies.paper import bench, fig4
 
 A_P = [8.4, 1.3, 0.92, 0.7, 0.88, 0.74, -2.6, 2.23]  # um/V, Sec. 4.3
 B_P = [-0.9, 1.03, -0.244, 0.1, 0.05, -0.02, 0.01, -0.01]

@@ -24,9 +24,9 @@ from test_docs import assert_prints
 import truestroke
 from truestroke import SettingError, plant, trajectories
 from truestroke.cli import main
-from truestroke.drivers import DriverError, play_and_record
-from truestroke.drivers.pi import PiDriver, PiSettings
-from truestroke.timing import Timing
+from truestroke.runtime.drivers import DriverError, play_and_record
+from truestroke.runtime.drivers.pi import PiDriver, PiSettings
+from truestroke.signals.timing import Timing
 
 if TYPE_CHECKING:
     from controller import Fake
@@ -414,7 +414,7 @@ def test_stop_says_so_when_the_controller_refuses(fake: Fake) -> None:
 HANGS = """
 import sys, time
 import numpy as np
-from truestroke.drivers.pi import PiDriver, PiSettings
+from truestroke.runtime.drivers.pi import PiDriver, PiSettings
 driver = PiDriver(PiSettings(host="127.0.0.1", port=int(sys.argv[1]), output_range=(-20.0, 120.0)))
 driver.open()
 driver.play(np.linspace(20.0, 100.0, 60_000)[None, :], 2000.0)
@@ -445,8 +445,8 @@ def test_rescue_stops_the_wave_of_a_process_that_is_gone(fake: Fake, connections
 PLAYS = """
 import sys
 import numpy as np
-from truestroke.drivers import play_and_record
-from truestroke.drivers.pi import PiDriver, PiSettings
+from truestroke.runtime.drivers import play_and_record
+from truestroke.runtime.drivers.pi import PiDriver, PiSettings
 driver = PiDriver(PiSettings(host="127.0.0.1", port=int(sys.argv[1]), output_range=(-20.0, 120.0)))
 wave = np.linspace(20.0, 60.0, 1000)
 play_and_record(driver, wave, 2000.0, voltage_limits=(-20.0, 120.0), slew=2e3, safe_voltage=2.5, rest=0.1)

@@ -21,13 +21,13 @@ from click.testing import CliRunner
 
 from truestroke import AdaptiveController, Recording, SettingError, Timing, run
 from truestroke.cli import main
-from truestroke.drivers import SimulatedDriver, SimulatedSettings
-from truestroke.drivers.clock import EDGES_US
 from truestroke.identification import ActuatorModel, save_model
 from truestroke.plant import PlantSettings, RealisticPlant
-from truestroke.realtime import Axis, Cause, RealtimeSettings, config, run_realtime, status
-from truestroke.realtime.shared import Layout, Shared, Slot, State, Text
-from truestroke.trajectories import Trajectory, random_wave, sine
+from truestroke.runtime.drivers import SimulatedDriver, SimulatedSettings
+from truestroke.runtime.drivers.clock import EDGES_US
+from truestroke.runtime.realtime import Axis, Cause, RealtimeSettings, config, run_realtime, status
+from truestroke.runtime.realtime.shared import Layout, Shared, Slot, State, Text
+from truestroke.signals.trajectories import Trajectory, random_wave, sine
 
 COMMAND = Path(sys.executable).with_name("truestroke")
 LIMITS, SLEW = (-0.6, 3.6), 400.0

@@ -25,9 +25,18 @@ import pytest
 import test_supervision
 
 from truestroke import AdaptiveController, Recording, SettingError
-from truestroke.drivers import DriverError, Fault, SimulatedDriver, SimulatedSettings
-from truestroke.realtime import Axis, Outcome, RealtimeError, RealtimeSettings, child, helpers, run_realtime, runner
-from truestroke.trajectories import sine
+from truestroke.runtime.drivers import DriverError, Fault, SimulatedDriver, SimulatedSettings
+from truestroke.runtime.realtime import (
+    Axis,
+    Outcome,
+    RealtimeError,
+    RealtimeSettings,
+    child,
+    helpers,
+    run_realtime,
+    runner,
+)
+from truestroke.signals.trajectories import sine
 
 COMMAND = Path(sys.executable).with_name("truestroke")
 LIMITS, SLEW, SAFE, RATE = (-0.6, 3.6), 100.0, 0.25, 2000.0

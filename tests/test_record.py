@@ -17,7 +17,7 @@ from scipy.io import savemat
 
 from truestroke import Recording, SettingError
 from truestroke.identification import Record, RecordError, read_record
-from truestroke.recording import Channel
+from truestroke.signals.recording import Channel
 
 ROWS = 300
 T = np.arange(ROWS) / 1000.0

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from truestroke import Recording, SettingError
-from truestroke.recording import Channel, RecordingError, versions
+from truestroke.signals.recording import Channel, RecordingError, versions
 
 
 def example(ticks=5, **metadata):

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from truestroke import AdaptiveController, ControllerSettings, SettingError, _kernel
-from truestroke.adaptation import LMS, RLS
-from truestroke.models import ModifiedPrandtlIshlinskii, RateDependentModel
-from truestroke.reference import HISTORY, ReferenceController
+from truestroke.control.adaptation import LMS, RLS
+from truestroke.control.reference import HISTORY, ReferenceController
+from truestroke.model.models import ModifiedPrandtlIshlinskii, RateDependentModel
 
 BASIC = {"sample_rate": 2000.0, "stroke": 30.0, "voltage_limits": (-0.6, 3.6)}
 STACK = RateDependentModel(  # Sec. 4.3

@@ -13,8 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from truestroke import report
-from truestroke.recording import Channel, Recording
 from truestroke.report import style
+from truestroke.signals.recording import Channel, Recording
 
 RATE, SECONDS = 2000.0, 4.0
 UNITS = {"time": "s", "desired": "um", "measured": "um", "true": "um", "volts": "V", "flags": "", "uncompensated": "um"}

@@ -5,12 +5,12 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from truestroke._check import SettingError
-from truestroke.models import play_inverse_literal
-from truestroke.operators import dot, play, play_history
+from truestroke.base.checks import SettingError
+from truestroke.model.models import play_inverse_literal
+from truestroke.model.operators import dot, play, play_history
+from truestroke.model.singularity_free import mapped_weights, singularity_free_inverse
 from truestroke.plant import MatchedPlant
 from truestroke.plant.settings import MatchedSettings
-from truestroke.singularity_free import mapped_weights, singularity_free_inverse
 
 R = np.array([0.0, 0.2, 0.5, 0.9, 1.4])  # V
 LIMITS = (-2.0, 4.0)  # V

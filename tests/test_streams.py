@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from truestroke import _signals
+from truestroke.base import interrupts
 
 COMMAND = str(Path(sys.executable).with_name("truestroke"))
 CONFIG = """
@@ -81,7 +81,7 @@ def test_nohup_stays_nohup(monkeypatch: pytest.MonkeyPatch) -> None:
     heard: list[int] = []
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:
-        with _signals.handled(_signals.ENDING, lambda number, _: heard.append(number)):
+        with interrupts.handled(interrupts.ENDING, lambda number, _: heard.append(number)):
             os.kill(os.getpid(), signal.SIGHUP)
             os.kill(os.getpid(), signal.SIGTERM)
         assert heard == [signal.SIGTERM]

@@ -20,14 +20,15 @@ import psutil
 import pytest
 from click.testing import CliRunner
 
-from truestroke import AdaptiveController, SettingError, run, study
+from truestroke import AdaptiveController, SettingError, run
 from truestroke.cli import main
 from truestroke.plant import MatchedPlant
-from truestroke.study import executors, pictures
-from truestroke.study import run as drive
-from truestroke.study.play import Batch, Row
-from truestroke.study.slurm import slurm, task
-from truestroke.study.store import StoreError
+from truestroke.studies import study
+from truestroke.studies.study import executors, pictures
+from truestroke.studies.study import run as drive
+from truestroke.studies.study.play import Batch, Row
+from truestroke.studies.study.slurm import slurm, task
+from truestroke.studies.study.store import StoreError
 
 TRUESTROKE = Path(sys.executable).with_name("truestroke")
 SMALL = """
@@ -282,7 +283,7 @@ for i in range(last + 1):
 """
 SQUEUE = """#!{python}
 import subprocess
-print(subprocess.run(["pgrep", "-f", "truestroke.study.slurm {folder}"], text=True, capture_output=True).stdout)
+print(subprocess.run(["pgrep", "-f", "truestroke.studies.study.slurm {folder}"], text=True, capture_output=True).stdout)
 """
 
 

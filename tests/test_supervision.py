@@ -19,15 +19,15 @@ import numpy as np
 import pytest
 
 from truestroke import AdaptiveController, Recording, SettingError, Timing
-from truestroke.drivers import SimulatedDriver, SimulatedSettings
-from truestroke.drivers.guard import Guard, padded
 from truestroke.identification import ActuatorModel, save_model
 from truestroke.plant import Change, PlantSettings, RealisticPlant
-from truestroke.realtime import Axis, Outcome, RealtimeSettings, SetPoint, config, run_realtime
-from truestroke.realtime.axis_check import Found, examine
-from truestroke.realtime.ending import Cause, Stop
-from truestroke.realtime.supervision import Supervision, error_limit
-from truestroke.trajectories import Trajectory, sine, staircase
+from truestroke.runtime.drivers import SimulatedDriver, SimulatedSettings
+from truestroke.runtime.drivers.guard import Guard, padded
+from truestroke.runtime.realtime import Axis, Outcome, RealtimeSettings, SetPoint, config, run_realtime
+from truestroke.runtime.realtime.axis_check import Found, examine
+from truestroke.runtime.realtime.ending import Cause, Stop
+from truestroke.runtime.realtime.supervision import Supervision, error_limit
+from truestroke.signals.trajectories import Trajectory, sine, staircase
 
 if TYPE_CHECKING:
     from card import Card

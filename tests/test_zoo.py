@@ -9,12 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from truestroke import SettingError, zoo
+from truestroke import SettingError
 from truestroke.plant import EFFECTS, RealisticPlant
-from truestroke.recording import Channel, Recording
-from truestroke.zoo import page, pictures
-from truestroke.zoo.draw import HIGHEST, LOWEST, MOTIONS, SAMPLE_RATE, VOLTAGE_LIMITS
-from truestroke.zoo.table import numbers
+from truestroke.signals.recording import Channel, Recording
+from truestroke.studies import zoo
+from truestroke.studies.zoo import page, pictures
+from truestroke.studies.zoo.draw import HIGHEST, LOWEST, MOTIONS, SAMPLE_RATE, VOLTAGE_LIMITS
+from truestroke.studies.zoo.table import numbers
 
 SEED = 7  # of the small zoo in CI; neither half of it was used for tuning
 

@@ -385,7 +385,7 @@ class Kernel {
     }
 
     nb::object beyond_reach(double z, double volts) const {
-        return nb::module_::import_("truestroke._check").attr("beyond_reach")(
+        return nb::module_::import_("truestroke.base.checks").attr("beyond_reach")(
             "z_measured", z, volts, static_cast<double>(ts_reach(&c_.settings, static_cast<ts_real>(volts))),
             static_cast<double>(c_.settings.stroke));
     }

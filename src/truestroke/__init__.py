@@ -12,20 +12,21 @@ weights in um/V, time in s, rates in Hz. Equation numbers are those of Tan et al
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from truestroke._check import SettingError
-from truestroke.controller import AdaptiveController, Controller, Counters, Diagnostics
-from truestroke.flags import Flags
-from truestroke.settings import ControllerSettings
-from truestroke.timing import Timing
+from truestroke.base.checks import SettingError
+from truestroke.base.flags import Flags
+from truestroke.control.controller import AdaptiveController, Controller, Counters, Diagnostics
+from truestroke.control.settings import ControllerSettings
+from truestroke.signals.timing import Timing
 
 if TYPE_CHECKING:
-    from truestroke import metrics, plant, trajectories
-    from truestroke.batch import Batch, Simulation, SimulationError, simulate_many
-    from truestroke.characterisation import Characterisation, characterise
-    from truestroke.feasibility import LimitWarning
-    from truestroke.loop import Actuator, RunInterrupted, run
-    from truestroke.recording import Recording
-    from truestroke.trajectories import Trajectory
+    from truestroke import plant
+    from truestroke.control.feasibility import LimitWarning
+    from truestroke.runtime.batch import Batch, Simulation, SimulationError, simulate_many
+    from truestroke.runtime.loop import Actuator, RunInterrupted, run
+    from truestroke.signals import metrics, trajectories
+    from truestroke.signals.recording import Recording
+    from truestroke.signals.trajectories import Trajectory
+    from truestroke.studies.characterisation import Characterisation, characterise
 
 __version__ = "0.1.0"
 
@@ -58,25 +59,25 @@ __all__ = [
 
 # Loaded when first used, so that a controller in a small process needs nothing else.
 _LAZY = {
-    "Actuator": "loop",
-    "Characterisation": "characterisation",
-    "characterise": "characterisation",
-    "Batch": "batch",
-    "Simulation": "batch",
-    "SimulationError": "batch",
-    "simulate_many": "batch",
-    "LimitWarning": "feasibility",
-    "RunInterrupted": "loop",
-    "run": "loop",
-    "Recording": "recording",
-    "Trajectory": "trajectories",
+    "Actuator": "runtime.loop",
+    "Characterisation": "studies.characterisation",
+    "characterise": "studies.characterisation",
+    "Batch": "runtime.batch",
+    "Simulation": "runtime.batch",
+    "SimulationError": "runtime.batch",
+    "simulate_many": "runtime.batch",
+    "LimitWarning": "control.feasibility",
+    "RunInterrupted": "runtime.loop",
+    "run": "runtime.loop",
+    "Recording": "signals.recording",
+    "Trajectory": "signals.trajectories",
 }
-_LAZY_MODULES = ("metrics", "plant", "trajectories")
+_LAZY_MODULES = {"metrics": "signals.metrics", "plant": "plant", "trajectories": "signals.trajectories"}
 
 
 def __getattr__(name: str) -> Any:
     if name in _LAZY_MODULES:
-        return importlib.import_module(f"truestroke.{name}")
+        return importlib.import_module(f"truestroke.{_LAZY_MODULES[name]}")
     if name in _LAZY:
         value = getattr(importlib.import_module(f"truestroke.{_LAZY[name]}"), name)
         globals()[name] = value

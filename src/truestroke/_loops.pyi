@@ -1,7 +1,7 @@
 import numpy as np
 import numpy.typing as npt
 
-from truestroke._typing import FloatArray
+from truestroke.base.typing import FloatArray
 
 def run(
     controller: object,

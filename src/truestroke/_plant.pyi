@@ -1,6 +1,6 @@
 from collections.abc import Mapping
 
-from truestroke._typing import FloatArray
+from truestroke.base.typing import FloatArray
 
 MAX_PLAYS: int
 MAX_CREEP_OPERATORS: int

@@ -14,9 +14,10 @@ from pathlib import Path
 
 import numpy as np
 
-from truestroke import Recording, files
-from truestroke.realtime import recorder
-from truestroke.realtime.shared import FIELDS, Layout, Shared, Slot, State, Text
+from truestroke import Recording
+from truestroke.base import files
+from truestroke.runtime.realtime import recorder
+from truestroke.runtime.realtime.shared import FIELDS, Layout, Shared, Slot, State, Text
 
 TICKS, RATE, STEP = 230, 500.0, 60
 CHANNELS = ("desired", "desired_velocity", "volts", "measured", "innovation", "flags")

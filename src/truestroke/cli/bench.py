@@ -23,8 +23,8 @@ def bench(steps: int, output: str, figures: Path | None, as_json: bool) -> None:
     limit for it; ticks of the paper's and the default controller in C and through Python. Writes a page.
     """
     (page_file,) = common.outputs(output, ".html")
-    from truestroke import bench as benches
-    from truestroke.bench import page, table
+    from truestroke.studies import bench as benches
+    from truestroke.studies.bench import page, table
 
     with common.progress("timing") as tell:
         costs, missing = benches.run(steps, progress=tell)

@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from truestroke.base.exit_codes import ExitCode
 from truestroke.cli import common
-from truestroke.exit_codes import ExitCode
 
 if TYPE_CHECKING:
-    from truestroke.characterisation import Characterisation
-    from truestroke.loop import Actuator
-    from truestroke.recording import Recording
-    from truestroke.trajectories import Trajectory
-    from truestroke.verdict import Verdict
+    from truestroke.base.verdict import Verdict
+    from truestroke.runtime.loop import Actuator
+    from truestroke.signals.recording import Recording
+    from truestroke.signals.trajectories import Trajectory
+    from truestroke.studies.characterisation import Characterisation
 
 
 @click.command()
@@ -51,8 +51,8 @@ def characterise(record: Path | None, output: str, figures: Path | None, as_json
     model file, the recording and a page of pictures.
     """
     model_file, recording_file, page_file = common.outputs(output.removesuffix(".toml"), ".toml", ".h5", ".html")
-    from truestroke.characterisation import NotConverged, fit_lines
     from truestroke.identification import save_model
+    from truestroke.studies.characterisation import NotConverged, fit_lines
 
     recording = _load(record) if record else _drive(options, recording_file)
     try:
@@ -61,7 +61,7 @@ def characterise(record: Path | None, output: str, figures: Path | None, as_json
         raise click.ClickException(f"{error}; the recording is in {record or recording_file}") from None
     save_model(model_file, found.actuator_model)
     with common.progress("drawing"):
-        from truestroke.characterisation import page
+        from truestroke.studies.characterisation import page
 
         verdict = page.judged(found)
         page.save_page(found, page_file, common.as_asked()["command"])
@@ -79,16 +79,16 @@ def characterise(record: Path | None, output: str, figures: Path | None, as_json
 
 
 def _load(record: Path) -> Recording:
-    from truestroke.recording import Recording
+    from truestroke.signals.recording import Recording
 
     return Recording.load(record)
 
 
 def _drive(options: Mapping[str, Any], recording_file: Path) -> Recording:
     """The run; what there is of it is saved if it is interrupted."""
-    from truestroke.characterisation.procedure import drive, sweep
-    from truestroke.loop import RunInterrupted
-    from truestroke.recording import Recording
+    from truestroke.runtime.loop import RunInterrupted
+    from truestroke.signals.recording import Recording
+    from truestroke.studies.characterisation.procedure import drive, sweep
 
     motion = {name: options[name] for name in ("stroke", "duration", "sample_rate")}
     wave = sweep(speeds=_speeds(options["speeds"]), **motion)
@@ -130,8 +130,8 @@ def _actuator(options: Mapping[str, Any], wave: Trajectory) -> Iterator[tuple[Ac
 @contextmanager
 def _hardware(file: Path) -> Iterator[tuple[Actuator, dict[str, Any]]]:
     """One axis of hardware; the output is at the safe voltage behind it."""
-    from truestroke.drivers import OneAxis
-    from truestroke.realtime import config
+    from truestroke.runtime.drivers import OneAxis
+    from truestroke.runtime.realtime import config
 
     for name in ("plant", "voltage_limits", "slew_limit", "seed"):
         if click.get_current_context().get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE:
@@ -142,7 +142,7 @@ def _hardware(file: Path) -> Iterator[tuple[Actuator, dict[str, Any]]]:
 
 
 def _print(found: Characterisation, verdict: Verdict) -> None:
-    from truestroke.characterisation import page
+    from truestroke.studies.characterisation import page
 
     common.print_table(*page.play_table(found))
     common.print_table(*page.speed_table(found))

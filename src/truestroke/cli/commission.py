@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from truestroke.base.exit_codes import ExitCode
 from truestroke.cli import common
-from truestroke.exit_codes import ExitCode
 
 if TYPE_CHECKING:
-    from truestroke.commissioning import Findings
-    from truestroke.drivers import OneAxis
-    from truestroke.realtime.config import OneAxisJob
+    from truestroke.runtime.commissioning import Findings
+    from truestroke.runtime.drivers import OneAxis
+    from truestroke.runtime.realtime.config import OneAxisJob
 
 
 @click.command()
@@ -34,9 +34,9 @@ def commission(config: Path, output: str, yes: bool, as_json: bool) -> int:
     the whole range of voltage_limits. The output ends at the safe voltage whatever happens. FILE as it was stays beside
     it as FILE.bak.
     """
-    from truestroke.commissioning import AnswerError
-    from truestroke.drivers import DriverError, OneAxis
-    from truestroke.realtime import config as configuration
+    from truestroke.runtime.commissioning import AnswerError
+    from truestroke.runtime.drivers import DriverError, OneAxis
+    from truestroke.runtime.realtime import config as configuration
 
     (page,) = common.outputs(output, ".html")
     job = configuration.one_axis(config)
@@ -55,9 +55,9 @@ def commission(config: Path, output: str, yes: bool, as_json: bool) -> int:
 
 def _measured(axis: OneAxis, job: OneAxisJob, yes: bool, as_json: bool) -> Findings:
     """All steps, with a question before each that a person must decide."""
-    from truestroke.commissioning import Findings, small_steps, whole_range
-    from truestroke.commissioning.findings import small_rows
-    from truestroke.commissioning.procedure import STEPS
+    from truestroke.runtime.commissioning import Findings, small_steps, whole_range
+    from truestroke.runtime.commissioning.findings import small_rows
+    from truestroke.runtime.commissioning.procedure import STEPS
 
     tell = _tell(as_json)
     low, high = axis.voltage_limits
@@ -108,7 +108,7 @@ def _print_rows(rows: list[list[str]]) -> None:
 
 
 def _failed(reason: str, as_json: bool) -> int:
-    from truestroke.verdict import Verdict
+    from truestroke.base.verdict import Verdict
 
     verdict = Verdict("bad", (reason,))
     if as_json:
@@ -121,8 +121,8 @@ def _failed(reason: str, as_json: bool) -> int:
 
 def _told(found: Findings, config: Path, page: Path, as_json: bool) -> int:
     """Configuration, page and the rest of the lines."""
-    from truestroke.commissioning.changes import write
-    from truestroke.commissioning.page import save_page
+    from truestroke.runtime.commissioning.changes import write
+    from truestroke.runtime.commissioning.page import save_page
 
     changes, verdict = found.changes(), found.verdict()
     backup = write(config, changes) if changes else None

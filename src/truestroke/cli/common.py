@@ -19,16 +19,16 @@ from typing import TYPE_CHECKING, Any, Literal, NoReturn
 
 import click
 
-from truestroke import _signals, _streams, files
-from truestroke._check import SettingError
-from truestroke.exit_codes import ExitCode
-from truestroke.files import FileError
+from truestroke.base import files, interrupts, streams
+from truestroke.base.checks import SettingError
+from truestroke.base.exit_codes import ExitCode
+from truestroke.base.files import FileError
 
 if TYPE_CHECKING:
     from rich.text import Text
 
-    from truestroke.loop import RunInterrupted
-    from truestroke.verdict import Verdict
+    from truestroke.base.verdict import Verdict
+    from truestroke.runtime.loop import RunInterrupted
 
 FILES = ("output", "figures", "overwrite", "as_json")  # options that do not change the run
 ALIASES = {"cutoff": "frequency", "slew_limit": "slew", "path": "trajectory"}  # arguments of Python by other options
@@ -47,9 +47,9 @@ class Commands(click.Group):
 
     def main(self, *args: Any, **options: Any) -> Any:
         """Run a command and leave with its exit code, which does not depend on whether anybody reads what it prints."""
-        _streams.secure()
+        streams.secure()
         code = self._run(*args, **{**options, "standalone_mode": False})
-        unread = _streams.error("stdout")
+        unread = streams.error("stdout")
         if unread is not None:
             _complain(f"stdout: {unread.strerror}; what was printed is not complete")
             lost = unread.errno != errno.EPIPE  # a reader that has enough is none
@@ -102,7 +102,7 @@ def _sigterm_as_ctrl_c(stopped: list[int]) -> Iterator[None]:
         stopped.append(number)
         raise KeyboardInterrupt
 
-    with _signals.handled((signal.SIGTERM, signal.SIGHUP), stop):
+    with interrupts.handled((signal.SIGTERM, signal.SIGHUP), stop):
         yield
 
 
@@ -117,7 +117,7 @@ def interrupted(stop: RunInterrupted, saved: str) -> NoReturn:
 @contextmanager
 def _warnings_as_lines() -> Iterator[None]:
     """What a run warns of before it begins, as a line on stderr, in the words of the command that is called."""
-    from truestroke.feasibility import NAMES, LimitWarning
+    from truestroke.control.feasibility import NAMES, LimitWarning
 
     others = warnings.showwarning
 
@@ -161,7 +161,7 @@ def _complain(message: str, code: int = ExitCode.FAILED) -> int:
 @contextmanager
 def stoppable() -> Iterator[None]:
     """A run that was interrupted or failed, of which nothing is kept."""
-    from truestroke.loop import RunInterrupted
+    from truestroke.runtime.loop import RunInterrupted
 
     try:
         yield
@@ -219,7 +219,7 @@ def outputs(output: str, *endings: str) -> list[Path]:
 
 def _kind(ending: str) -> files.Kind:
     """What the command that is called writes into a file with this ending."""
-    from truestroke import recording
+    from truestroke.signals import recording
 
     if ending == ".h5":
         return recording.kind({"command": f"truestroke {click.get_current_context().info_name}"})

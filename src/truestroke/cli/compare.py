@@ -26,11 +26,11 @@ def compare(seed: int, duration: float, output: str, figures: Path | None, as_js
     """
     (page_file,) = common.outputs(output, ".html")
     with common.stoppable(), common.progress("tuning and comparing") as tell:
-        from truestroke import compare as comparing
+        from truestroke.studies import compare as comparing
 
         found = comparing.run(seed=seed, duration=duration, progress=tell)
     with common.progress("drawing"):
-        from truestroke.compare import page
+        from truestroke.studies.compare import page
 
         page.save_page(found.rows, found.rivals, page_file, common.as_asked()["command"])
         pictures = page.save_pictures(found.rows, figures) if figures else []

@@ -11,7 +11,7 @@ import click
 from truestroke.cli import common
 
 if TYPE_CHECKING:
-    from truestroke.doctor import Finding
+    from truestroke.runtime.doctor import Finding
 
 
 @click.command()
@@ -24,7 +24,7 @@ def doctor(config: Path | None, as_json: bool) -> int:
     No output moves. Takes about two seconds, one of which measures how late an empty loop is. Exit code 1 if the
     configuration needs something that is missing, else 0.
     """
-    from truestroke.doctor import Level, examine
+    from truestroke.runtime.doctor import Level, examine
 
     findings = examine(config)
     lacking = [finding for finding in findings if config and finding.required and finding.level is Level.MISSING]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from truestroke import files
+from truestroke.base import files
 from truestroke.cli import common
 from truestroke.cli.examine import read, record_options
 from truestroke.cli.track import like_the_stack

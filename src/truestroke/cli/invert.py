@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from truestroke import files
+from truestroke.base import files
 from truestroke.cli import common, motion
 
 if TYPE_CHECKING:
@@ -100,7 +100,7 @@ def waveform_file(option: str, name: str) -> Path:
 
 def limits(model: ActuatorModel, options: Mapping[str, Any]) -> dict[str, Any]:
     """The arguments of `waveform` that `limit_options` ask for."""
-    from truestroke.settings import UNLIMITED
+    from truestroke.control.settings import UNLIMITED
 
     return {
         "voltage_limits": options["voltage_limits"] or model.voltage_range,

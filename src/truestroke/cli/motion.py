@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 if TYPE_CHECKING:
-    from truestroke.trajectories import Trajectory
+    from truestroke.signals.trajectories import Trajectory
 
 # What each motion understands: option -> argument of its function.
 SHARED = {"peak_to_peak": "peak_to_peak", "duration": "duration", "sample_rate": "sample_rate"}
@@ -49,7 +49,7 @@ def motion_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
 def motion(name: str, options: Mapping[str, Any], **of_file: Any) -> Trajectory:
     """The motion that `name`, the options and, of a file, further arguments of `trajectories.from_csv` describe."""
-    from truestroke import trajectories
+    from truestroke.signals import trajectories
 
     given = {key: value for key in ("frequency", "velocity_limit", *SHARED) if (value := options[key]) is not None}
     function, understood = MOTIONS.get(name, ("from_csv", {"sample_rate": "sample_rate"}))

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from truestroke import files
+from truestroke.base import files
 from truestroke.cli import common
 
 if TYPE_CHECKING:
-    from truestroke._typing import FloatArray
-    from truestroke.drivers import Recorded
+    from truestroke.base.typing import FloatArray
+    from truestroke.runtime.drivers import Recorded
 
 FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
 HEADER = "time (s),volts (V),z (um)"
@@ -34,8 +34,8 @@ def play(waveform: Path, config: Path, output: str, rest: float, as_json: bool) 
     """
     import numpy as np
 
-    from truestroke.drivers import DriverError, play_and_record
-    from truestroke.realtime import config as configuration
+    from truestroke.runtime.drivers import DriverError, play_and_record
+    from truestroke.runtime.realtime import config as configuration
 
     target = Path(output)
     if target.suffix != ".csv" or not target.parent.is_dir():

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from truestroke import files
+from truestroke.base import files
+from truestroke.base.exit_codes import ExitCode
 from truestroke.cli import common
 from truestroke.cli.examine import read, record_options
 from truestroke.cli.invert import as_dict, leave, limit_options, limits, load, model_option, tell, waveform_file
-from truestroke.exit_codes import ExitCode
 
 if TYPE_CHECKING:
     from truestroke.identification import Played, Refined

@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING
 
 import click
 
-from truestroke._check import SettingError
+from truestroke.base.checks import SettingError
+from truestroke.base.exit_codes import ExitCode
 from truestroke.cli import common
-from truestroke.exit_codes import ExitCode
 
 if TYPE_CHECKING:
-    from truestroke.metrics import TrackingSummary
-    from truestroke.recording import Recording
-    from truestroke.verdict import Verdict
+    from truestroke.base.verdict import Verdict
+    from truestroke.signals.metrics import TrackingSummary
+    from truestroke.signals.recording import Recording
 
 SHORTEST = 20  # ticks that can be drawn
 
@@ -27,7 +27,7 @@ SHORTEST = 20  # ticks that can be drawn
 @common.json_option
 def report(recording: Path, output: str | None, figures: Path | None, as_json: bool) -> int:
     """Make the table and the page of a recording again."""
-    from truestroke.recording import Recording
+    from truestroke.signals.recording import Recording
 
     (page_file,) = common.outputs(output or str(recording), ".html")
     loaded = Recording.load(recording)
@@ -38,7 +38,7 @@ def report(recording: Path, output: str | None, figures: Path | None, as_json: b
 
 def finish(recording: Recording, page_file: Path, figures: Path | None, as_json: bool, recording_file: Path) -> int:
     """Page and pictures to disk, verdict, table and paths to the terminal; the exit code."""
-    from truestroke import judgement
+    from truestroke.signals import judgement
 
     verdict = judgement.judge(recording)
     code = ExitCode.NOT_TRACKING if verdict.is_bad else ExitCode.OK
@@ -75,7 +75,7 @@ def print_figures(summary: TrackingSummary, verdict: Verdict) -> None:
     """The table of errors, the verdict, when the error became small, and what happened on the way."""
     from rich.text import Text
 
-    from truestroke import words
+    from truestroke.report import words
 
     columns = [words.span(summary)]
     for kind in words.kinds(summary):
@@ -94,7 +94,7 @@ def print_figures(summary: TrackingSummary, verdict: Verdict) -> None:
 
 def _next(recording: Recording) -> list[tuple[str, str]]:
     """Commands worth typing after this one."""
-    from truestroke.judgement import change_time
+    from truestroke.signals.judgement import change_time
 
     if change_time(recording) is None:
         first = ("track --change-at 10", "the actuator changes suddenly")

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import click
 
-from truestroke import paper
 from truestroke.cli import common
+from truestroke.studies import paper
 
 
 @click.command()
@@ -22,7 +22,7 @@ def reproduce(names: tuple[str, ...], output: str, figures: Path | None, as_json
     with common.stoppable(), common.progress("reproducing") as tell:
         results = paper.reproduce(names, progress=tell)
     with common.progress("drawing"):
-        from truestroke.paper.page import save_page
+        from truestroke.studies.paper.page import save_page
 
         save_page(results, page_file, common.as_asked()["command"])
         pictures = [path for result in results for path in result.save(figures)] if figures else []

@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
+from truestroke.base.exit_codes import ExitCode
 from truestroke.cli import common
 from truestroke.cli.report import SHORTEST, print_figures
-from truestroke.exit_codes import ExitCode
 
 if TYPE_CHECKING:
-    from truestroke.metrics import TrackingSummary
-    from truestroke.realtime import Outcome
-    from truestroke.realtime.config import Job
-    from truestroke.recording import Recording
-    from truestroke.verdict import Verdict
+    from truestroke.base.verdict import Verdict
+    from truestroke.runtime.realtime import Outcome
+    from truestroke.runtime.realtime.config import Job
+    from truestroke.signals.metrics import TrackingSummary
+    from truestroke.signals.recording import Recording
 
 
 @click.command()
@@ -35,8 +35,8 @@ def run(config: Path | None, example: bool, output: Path | None, overwrite: bool
     Ctrl-C ends it softly, a second Ctrl-C at once; the output is left at the safe voltage. docs/run.md has the
     exit codes.
     """
-    from truestroke.realtime import SetPoint
-    from truestroke.realtime import config as configuration
+    from truestroke.runtime.realtime import SetPoint
+    from truestroke.runtime.realtime import config as configuration
 
     if example:
         click.echo(configuration.example(), nl=False)
@@ -53,12 +53,12 @@ def close_the_loop(
     command: str, config: Path, job: Job, output: Path | None, overwrite: bool, as_json: bool, epics: bool = False
 ) -> int:
     """Run what the configuration says, and print what became of it; the exit code."""
-    from truestroke import judgement
-    from truestroke.drivers import DriverError
-    from truestroke.files import beside
-    from truestroke.realtime import Cause, RealtimeError, run_realtime
-    from truestroke.realtime.runner import recordings as names_of
-    from truestroke.recording import Recording
+    from truestroke.base.files import beside
+    from truestroke.runtime.drivers import DriverError
+    from truestroke.runtime.realtime import Cause, RealtimeError, run_realtime
+    from truestroke.runtime.realtime.runner import recordings as names_of
+    from truestroke.signals import judgement
+    from truestroke.signals.recording import Recording
 
     show: Literal["live", "lines"] | None = None if as_json else "live" if sys.stderr.isatty() else "lines"
     about = {"command": f"truestroke {command} --config {config}", "config": config.read_text(encoding="utf-8")}
@@ -95,8 +95,8 @@ def _code(outcome: Outcome, verdict: Verdict) -> int:
 
 def _summary(recording: Recording) -> TrackingSummary | None:
     """The figures, if there is anything to take them of."""
-    from truestroke import judgement
-    from truestroke._check import SettingError
+    from truestroke.base.checks import SettingError
+    from truestroke.signals import judgement
 
     try:
         return judgement.summary(recording) if len(recording["time"]) > 1 else None
@@ -114,7 +114,7 @@ def _lateness(recording: Recording) -> dict[str, float]:
 def _print_json(
     outcome: Outcome, recordings: Mapping[str, Recording], verdicts: Mapping[str, Verdict], code: int
 ) -> None:
-    from truestroke import judgement
+    from truestroke.signals import judgement
 
     axes: dict[str, Any] = {}
     for (name, recording), file in zip(recordings.items(), outcome.files, strict=True):

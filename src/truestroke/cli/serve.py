@@ -24,7 +24,7 @@ def serve(epics: bool, config: Path | None, example: bool, output: Path | None, 
 
     The server has a process of its own; the loop does not notice when it dies. docs/epics.md lists what is published.
     """
-    from truestroke.realtime import config as configuration
+    from truestroke.runtime.realtime import config as configuration
 
     if example:
         click.echo(configuration.example("serve"), nl=False)

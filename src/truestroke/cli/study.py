@@ -10,13 +10,13 @@ import click
 from truestroke.cli import common
 
 if TYPE_CHECKING:
-    from truestroke.study import Store, Study
-    from truestroke.study.executors import Work
+    from truestroke.studies.study import Store, Study
+    from truestroke.studies.study.executors import Work
 
 
 def _example(context: click.Context, _: click.Parameter, asked: bool) -> None:
     if asked:
-        from truestroke.study import example
+        from truestroke.studies.study import example
 
         click.echo(example(), nl=False)
         context.exit()
@@ -54,8 +54,8 @@ def study(
     if scheduler and executor != "dask":
         raise click.UsageError("--scheduler: belongs to --executor dask.")
     store_file, page_file = common.outputs(output or file.stem, ".sqlite", ".html")
-    from truestroke import study as studies
-    from truestroke.study.play import StudyError
+    from truestroke.studies import study as studies
+    from truestroke.studies.study.play import StudyError
 
     asked = studies.load(file, runs)
     studies.first(asked, range(asked.runs))  # a setting out of its bounds is told before the file belongs to it
@@ -73,8 +73,8 @@ def study(
 
 
 def _work(executor: str, workers: int | None, scheduler: str | None, store_file: Path) -> Work:
-    from truestroke.study import executors
-    from truestroke.study.slurm import slurm
+    from truestroke.studies.study import executors
+    from truestroke.studies.study.slurm import slurm
 
     if executor == "slurm":
         return slurm(store_file.with_suffix(".slurm"), workers or 16)
@@ -82,8 +82,8 @@ def _work(executor: str, workers: int | None, scheduler: str | None, store_file:
 
 
 def _report(store: Store, asked: Study, page_file: Path, figures: Path | None, as_json: bool) -> None:
-    from truestroke import study as studies
-    from truestroke.study import page
+    from truestroke.studies import study as studies
+    from truestroke.studies.study import page
 
     rows, failed, cost = store.rows(asked.runs), store.failed(asked.runs), store.cost()
     if not rows:

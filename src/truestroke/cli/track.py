@@ -13,11 +13,11 @@ from truestroke.cli import common, motion
 from truestroke.cli.report import SHORTEST, finish
 
 if TYPE_CHECKING:
-    from truestroke.controller import Controller
+    from truestroke.control.controller import Controller
     from truestroke.identification import ActuatorModel
-    from truestroke.loop import Actuator
-    from truestroke.recording import Recording
-    from truestroke.trajectories import Trajectory
+    from truestroke.runtime.loop import Actuator
+    from truestroke.signals.recording import Recording
+    from truestroke.signals.trajectories import Trajectory
 
 STROKE = 30.0  # um, of the simulated stack
 VOLTAGE_LIMITS = (-0.6, 3.6)  # V at the D/A converter
@@ -106,7 +106,7 @@ def like_the_stack(model: ActuatorModel) -> bool:
 
 def _run(trajectory: Trajectory, controller: Controller, plant: Actuator, rescue: Path) -> Recording:
     """The run, and the same motion with a constant gain; what there is goes to `rescue` if it is interrupted."""
-    from truestroke.loop import RunInterrupted, run
+    from truestroke.runtime.loop import RunInterrupted, run
 
     try:
         with common.progress("tracking") as tell:
@@ -122,7 +122,7 @@ def _run(trajectory: Trajectory, controller: Controller, plant: Actuator, rescue
 
 def _own(recording: Recording) -> Recording:
     """With the command that made it."""
-    from truestroke.recording import Recording
+    from truestroke.signals.recording import Recording
 
     return Recording(recording.channels, recording.metadata | common.as_asked())
 
@@ -131,9 +131,9 @@ def _with_uncompensated(recording: Recording, trajectory: Trajectory, plant: Act
     """The recording with what the same motion would be with the straight line that fits the actuator best."""
     import numpy as np
 
-    from truestroke.baselines import ConstantGain
-    from truestroke.loop import RunInterrupted, run
-    from truestroke.recording import Channel, Recording
+    from truestroke.control.baselines import ConstantGain
+    from truestroke.runtime.loop import RunInterrupted, run
+    from truestroke.signals.recording import Channel, Recording
 
     if not np.ptp(recording["volts"]):
         return recording  # at rest there is nothing to compare

@@ -51,15 +51,15 @@ def zoo(
     if only is not None:
         return _one(seed, only, controllers[0], output, figures, as_json)
     (page_file,) = common.outputs(output, ".html")
-    from truestroke import zoo as zoos
-    from truestroke.zoo.table import numbers
+    from truestroke.studies import zoo as zoos
+    from truestroke.studies.zoo.table import numbers
 
     if not numbers(plants, half):
         raise click.UsageError(f"--plants {plants}: the {half} half of it is empty.")
     with common.stoppable(), common.progress("following") as tell:
         results = zoos.run(plants, seed, controllers, half, workers, progress=tell)
     with common.stoppable(), common.progress("drawing"):
-        from truestroke.zoo import page, pictures
+        from truestroke.studies.zoo import page, pictures
 
         number = pictures.worst(results).number
         worst = zoos.record(seed, number, controllers[0])
@@ -81,8 +81,8 @@ def zoo(
 
 def _one(seed: int, number: int, controller: str, output: str, figures: Path | None, as_json: bool) -> int:
     recording_file, page_file = common.outputs(output, ".h5", ".html")
-    from truestroke import zoo as zoos
-    from truestroke.recording import Recording
+    from truestroke.signals.recording import Recording
+    from truestroke.studies import zoo as zoos
 
     with common.stoppable(), common.progress("following"):
         recording = zoos.record(seed, number, controller)

@@ -1,13 +1,13 @@
 """From a record to a model (Sec. 2.2 to 2.4): read, examine, identify, save; then to a waveform, and refine."""
 
-from truestroke.identification.actuator import ActuatorModel
+from truestroke.control.actuator import ActuatorModel
+from truestroke.control.model_file import ModelFileError, load_model, save_model
+from truestroke.control.spans import Beyond, Span
 from truestroke.identification.examine import Findings, examine
 from truestroke.identification.identified import HeldOut, Identified, Trace, identify
 from truestroke.identification.least_squares import FittedWeights, fit
-from truestroke.identification.model_file import ModelFileError, load_model, save_model
 from truestroke.identification.record import Record, read_record
 from truestroke.identification.refine import Refined, refine
-from truestroke.identification.spans import Beyond, Span
 from truestroke.identification.tables import RecordError
 from truestroke.identification.waveform import Played, Waveform, load_waveform, save_waveform, waveform
 

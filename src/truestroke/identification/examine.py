@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from truestroke._typing import FloatArray
+from truestroke.base.typing import FloatArray
 from truestroke.identification import turning
 from truestroke.identification.record import GAP, Record
 from truestroke.identification.series import MOVES, clipped

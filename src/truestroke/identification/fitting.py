@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from truestroke._typing import FloatArray
+from truestroke.base.typing import FloatArray
+from truestroke.control.actuator import ActuatorModel, bend_slopes
 from truestroke.identification import normal, uncertainty
-from truestroke.identification.actuator import ActuatorModel, bend_slopes
 from truestroke.identification.regression import Data, Structure
 
 STEPS = 2  # Gauss-Newton

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from truestroke import _check
-from truestroke._check import SettingError
-from truestroke._typing import FloatArray
+from truestroke.base import checks
+from truestroke.base.checks import SettingError
+from truestroke.base.typing import FloatArray
+from truestroke.control.actuator import ActuatorModel, central_difference
 from truestroke.identification import uncertainty
-from truestroke.identification.actuator import ActuatorModel, central_difference
 from truestroke.identification.fitting import Fit, fit_structure
 from truestroke.identification.regression import ROWS, Data, delayed
 from truestroke.identification.select import choose, find_delay
@@ -157,15 +157,15 @@ def identify(
     (0.0, array([ 0., 10.]))
     """
     taken = series(record)
-    share = _check.within("held_out", held_out, 0.01, 0.5)
+    share = checks.within("held_out", held_out, 0.01, 0.5)
     train, fs = round((1 - share) * taken.volts.size), taken.sample_rate
     _refuse_empty(taken, train)
     longest = taken.volts.size / fs / 4
-    shift = None if delay is None else round(_check.within("delay", delay, 0.0, longest, "s") * fs)
+    shift = None if delay is None else round(checks.within("delay", delay, 0.0, longest, "s") * fs)
     fixed = {
         "rate": rate,
         "creep_times": creep_times,
-        "bends": None if bends is None else _check.count("bends", bends, 0, 2),
+        "bends": None if bends is None else checks.count("bends", bends, 0, 2),
         "thresholds": thresholds,
     }
     part, _ = _found(taken, train, shift, fixed, certain=False)

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from truestroke import _check
-from truestroke._check import SettingError
-from truestroke._typing import FloatArray
-from truestroke.models import RateDependentModel, inverse_dead_zones
-from truestroke.operators import dead_zone, play_history
+from truestroke.base import checks
+from truestroke.base.checks import SettingError
+from truestroke.base.typing import FloatArray
+from truestroke.model.models import RateDependentModel, inverse_dead_zones
+from truestroke.model.operators import dead_zone, play_history
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +60,7 @@ class FittedWeights:
         rate_scale : float
             c_b of (20), s/um; 0 leaves the rate weights out.
         """
-        scale = _check.within("rate_scale", rate_scale, 0.0, 1e6, "s/um")
+        scale = checks.within("rate_scale", rate_scale, 0.0, 1e6, "s/um")
         rate = self.rate_weights / scale if scale else np.zeros_like(self.rate_weights)
         return {
             "plays": len(self.thresholds),
@@ -139,12 +139,12 @@ def fit(
     K. Kuhnen, "Modeling, identification and compensation of complex hysteretic nonlinearities: a modified
     Prandtl-Ishlinskii approach", European Journal of Control 9 (2003) 407-418, solves it as a quadratic programme.
     """
-    x = _check.finite_array("volts", volts, "V")
+    x = checks.finite_array("volts", volts, "V")
     z = _same_length("displacement", displacement, x.size, "um")
-    r = _check.ascending("thresholds", thresholds, "V")
-    d = _check.ascending("dead_zone_thresholds", dead_zone_thresholds, "um")
-    floor = _check.positive("slope_min", slope_min)
-    skip = _check.count("skip", skip, 0, x.size)
+    r = checks.ascending("thresholds", thresholds, "V")
+    d = checks.ascending("dead_zone_thresholds", dead_zone_thresholds, "um")
+    floor = checks.positive("slope_min", slope_min)
+    skip = checks.count("skip", skip, 0, x.size)
 
     plays = _per_partial_sum(play_history(x, r))[skip:]
     zones = _per_partial_sum(dead_zone(z, d))[skip:]
@@ -172,7 +172,7 @@ def fit(
 
 
 def _same_length(argument: str, value: npt.ArrayLike, ticks: int, unit: str) -> FloatArray:
-    array = _check.finite_array(argument, value, unit)
+    array = checks.finite_array(argument, value, unit)
     if array.size != ticks:
         raise SettingError(argument, f"array of {array.size} ticks", f"an array of {ticks} ticks, as volts is", unit)
     return array
@@ -183,12 +183,12 @@ def _relative_rate(velocity: npt.ArrayLike | None, ticks: int) -> tuple[FloatArr
     if velocity is None:
         return None, 1.0
     rate = _same_length("velocity", velocity, ticks, "um/s")
-    top = _check.positive("the largest |velocity|", np.abs(rate).max(initial=0.0), "um/s")
+    top = checks.positive("the largest |velocity|", np.abs(rate).max(initial=0.0), "um/s")
     return rate[:, None] / top, top
 
 
 def _given(dead_zone_weights: Sequence[float], zones: int) -> FloatArray:
-    weights = _check.finite_array("dead_zone_weights", dead_zone_weights)
+    weights = checks.finite_array("dead_zone_weights", dead_zone_weights)
     if weights.size != zones or weights[0] != 1 or np.any(np.cumsum(weights) <= 0):
         raise SettingError(
             "dead_zone_weights", weights, f"{zones} numbers, the first 1, whose partial sums are all above 0"

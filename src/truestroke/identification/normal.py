@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from truestroke._typing import FloatArray
+from truestroke.base.typing import FloatArray
 
 CHUNK = 64  # rows: so few that BLAS starts no threads, which on a busy machine cost twenty times the time
 

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from truestroke import _check
-from truestroke._check import SettingError
-from truestroke._typing import FloatArray
+from truestroke.base import checks
+from truestroke.base.checks import SettingError
+from truestroke.base.typing import FloatArray
 from truestroke.identification import tables
 from truestroke.identification.tables import RecordError, Table
 
@@ -191,7 +191,7 @@ def read_record(
     """
     path = Path(path)
     if sample_rate is not None:
-        _check.positive("sample_rate", sample_rate, "Hz")
+        checks.positive("sample_rate", sample_rate, "Hz")
         if time is not None:
             raise SettingError("sample_rate", sample_rate, "left out where a time column is named", "Hz")
     scale, displacement_unit = _scale(displacement_scale, displacement_unit)
@@ -219,7 +219,7 @@ def _scale(scale: float | None, unit: str | None) -> tuple[float, str | None]:
         return 1.0, unit
     if unit is not None:
         raise SettingError("displacement_scale", scale, "left out where a unit is given", "um")
-    return _check.positive("displacement_scale", scale, "um"), "um"
+    return checks.positive("displacement_scale", scale, "um"), "um"
 
 
 # ---- Which columns -------------------------------------------------------------------------------------------------

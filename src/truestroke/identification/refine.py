@@ -7,15 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from truestroke._check import SettingError
-from truestroke._typing import FloatArray
+from truestroke.base.checks import SettingError
+from truestroke.base.typing import FloatArray
+from truestroke.base.verdict import Verdict
+from truestroke.control.actuator import ActuatorModel, bend_slopes, central_difference
 from truestroke.identification import normal, uncertainty
-from truestroke.identification.actuator import ActuatorModel, bend_slopes, central_difference
 from truestroke.identification.normal import Prior
 from truestroke.identification.record import Record
 from truestroke.identification.regression import ROWS, Data, Structure, delayed
 from truestroke.identification.waveform import Played, Waveform
-from truestroke.verdict import Verdict
 
 STEPS = 3  # Gauss-Newton
 QUIET = 1e-6  # of the stroke: the least noise, so that what a quiet recording does not tell stays as it was

@@ -8,18 +8,19 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from truestroke import _kernel, prior
-from truestroke._typing import FloatArray
-from truestroke.identification.actuator import (
+from truestroke import _kernel
+from truestroke.base.typing import FloatArray
+from truestroke.control.actuator import (
     ActuatorModel,
     bend_columns,
     bend_slopes,
     central_difference,
     creep_states,
 )
+from truestroke.control.settings import RATED, ControllerSettings
 from truestroke.identification.normal import Prior
 from truestroke.identification.series import settled
-from truestroke.settings import RATED, ControllerSettings
+from truestroke.model import prior
 
 ROWS = 50_000  # of the regression at most: beyond, every so many samples; the plays see all of them
 SETTLING = 0.1  # of the record at most: what is skipped until the play states are known

@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from truestroke import _check
-from truestroke._typing import FloatArray
+from truestroke.base import checks
+from truestroke.base.typing import FloatArray
+from truestroke.control.actuator import play_sum
 from truestroke.identification import normal, turning, uncertainty
-from truestroke.identification.actuator import play_sum
 from truestroke.identification.regression import Data, Structure, delayed, even_thresholds, plays, rated
 
 BLOCKS = 6  # of the cross-validation: each but the first three is predicted from those before it
@@ -139,9 +139,9 @@ def _with_all_terms(data: Data, fixed: Mapping[str, Any]) -> Iterator[Structure]
     duration = data.volts.size / data.sample_rate
     times = tuple(tau for tau in CREEP_TIMES if 1 / data.sample_rate < tau < duration / 3)
     if fixed["creep_times"] is not None:
-        times = tuple(_check.positive("creep_times", tau, "s") for tau in fixed["creep_times"])
+        times = tuple(checks.positive("creep_times", tau, "s") for tau in fixed["creep_times"])
     if fixed["thresholds"] is not None:
-        banks = [_check.ascending("thresholds", fixed["thresholds"], "V")]
+        banks = [checks.ascending("thresholds", fixed["thresholds"], "V")]
     else:
         banks = [even_thresholds(n, reach * span) for n, reach in itertools.product(PLAYS, REACHES)]
     states = [False, True] if abs(data.volts[0]) <= AT_REST * span else [False]

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from truestroke import _check
-from truestroke._check import SettingError
-from truestroke._typing import FloatArray
+from truestroke.base import checks
+from truestroke.base.checks import SettingError
+from truestroke.base.typing import FloatArray
 from truestroke.identification import turning
 from truestroke.identification.record import FEWEST_ROWS
 
@@ -62,8 +62,8 @@ def series(record: Any) -> Series:
         the voltage.
     """
     volts, displacement, rate = _three(record)
-    x, z = _check.finite_array("volts", volts, "V"), _check.finite_array("displacement", displacement, "um")
-    fs = _check.positive("sample_rate", rate, "Hz")
+    x, z = checks.finite_array("volts", volts, "V"), checks.finite_array("displacement", displacement, "um")
+    fs = checks.positive("sample_rate", rate, "Hz")
     _refuse_useless(x, z)
     position = _positions(record, fs)
     time, known = np.arange(x.size) / fs, ~clipped(z, x, MOVES * float(np.ptp(x)))

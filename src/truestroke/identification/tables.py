@@ -15,8 +15,8 @@ from typing import Any, ParamSpec, TextIO, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from truestroke import files, hdf5, npz
-from truestroke._typing import FloatArray
+from truestroke.base import files, hdf5, npz
+from truestroke.base.typing import FloatArray
 
 P = ParamSpec("P")
 R = TypeVar("R")

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from truestroke._typing import FloatArray
+from truestroke.base.typing import FloatArray
 
 Rows = npt.NDArray[np.int64]
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from truestroke._typing import FloatArray
+from truestroke.base.typing import FloatArray
 from truestroke.identification.normal import Prior, reduced
 
 LAGS = 200  # of the autocorrelation at most

@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from truestroke import _check, files
-from truestroke._check import SettingError
-from truestroke._typing import FloatArray
-from truestroke.identification.actuator import ActuatorModel
-from truestroke.identification.spans import Beyond, Span, spans
-from truestroke.settings import UNLIMITED
+from truestroke.base import checks, files
+from truestroke.base.checks import SettingError
+from truestroke.base.typing import FloatArray
+from truestroke.control.actuator import ActuatorModel
+from truestroke.control.settings import UNLIMITED
+from truestroke.control.spans import Beyond, Span, spans
 
 SMOOTHING = 2e-3  # s: standard deviation of the window over what a recording leaves, so that its noise is not played
 
@@ -135,10 +135,10 @@ def waveform(
     >>> made.warnings
     ('out of reach: a voltage limit holds it back, once, 0.600 to 0.800 s, off by at most 4 um',)
     """
-    desired = _check.finite_array("displacement", displacement, "um")
+    desired = checks.finite_array("displacement", displacement, "um")
     if desired.size < 2:
         raise SettingError("displacement", f"array of {desired.size} samples", "at least two samples", "um")
-    unknown = np.zeros_like(desired) if left is None else smoothed(_check.finite_array("left", left, "um"), sample_rate)
+    unknown = np.zeros_like(desired) if left is None else smoothed(checks.finite_array("left", left, "um"), sample_rate)
     if unknown.shape != desired.shape:
         raise SettingError("left", f"array of {unknown.size} samples", f"as long as displacement, {desired.size}", "um")
     limits = model.voltage_range if voltage_limits is None else voltage_limits

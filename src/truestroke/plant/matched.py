@@ -7,13 +7,13 @@ import dataclasses
 import numpy as np
 import numpy.typing as npt
 
-from truestroke import _check
-from truestroke._check import SettingError
 from truestroke._plant import Matched
-from truestroke._typing import FloatArray
+from truestroke.base import checks
+from truestroke.base.checks import SettingError
+from truestroke.base.typing import FloatArray
 from truestroke.plant.noise import Noise
 from truestroke.plant.settings import MatchedSettings
-from truestroke.timing import Timing
+from truestroke.signals.timing import Timing
 
 
 class MatchedPlant:
@@ -45,8 +45,8 @@ class MatchedPlant:
 
     def __init__(self, velocity: npt.ArrayLike, settings: MatchedSettings | None = None, seed: int = 0) -> None:
         self.settings = MatchedSettings() if settings is None else settings
-        self.seed = _check.count("seed", seed, 0, 2**63 - 1)
-        self._velocity = np.ascontiguousarray(_check.finite_array("velocity", velocity, "um/s"))
+        self.seed = checks.count("seed", seed, 0, 2**63 - 1)
+        self._velocity = np.ascontiguousarray(checks.finite_array("velocity", velocity, "um/s"))
         self.changed_a, self.changed_b = _changed_weights(self.settings, self.seed)
         self._plant = Matched(self._kernel_settings())
         self.open()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from truestroke._typing import FloatArray
+from truestroke.base.typing import FloatArray
 
 _CHUNK = 16384
 

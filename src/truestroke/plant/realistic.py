@@ -7,13 +7,13 @@ import math
 
 import numpy as np
 
-from truestroke import _check
-from truestroke._check import SettingError
 from truestroke._plant import Plant
-from truestroke._typing import FloatArray
+from truestroke.base import checks
+from truestroke.base.checks import SettingError
+from truestroke.base.typing import FloatArray
 from truestroke.plant.noise import Noise
 from truestroke.plant.settings import PlantSettings
-from truestroke.timing import Timing
+from truestroke.signals.timing import Timing
 
 
 class RealisticPlant:
@@ -45,7 +45,7 @@ class RealisticPlant:
 
     def __init__(self, settings: PlantSettings | None = None, seed: int = 0) -> None:
         self.settings = PlantSettings() if settings is None else settings
-        self.seed = _check.count("seed", seed, 0, 2**63 - 1)
+        self.seed = checks.count("seed", seed, 0, 2**63 - 1)
         self._plant = Plant(_kernel_settings(self.settings))
         self._samples = self.settings.samples_per_tick
         self.open()

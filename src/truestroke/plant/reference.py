@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from truestroke._typing import FloatArray
+from truestroke.base.typing import FloatArray
 from truestroke.plant.settings import PlantSettings
 
 

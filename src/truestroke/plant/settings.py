@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
-from truestroke import _check
-from truestroke._check import SettingError
 from truestroke._plant import MATCHED_MAX_DEAD_ZONES, MATCHED_MAX_PLAYS, MAX_CREEP_OPERATORS, MAX_PLAYS
+from truestroke.base import checks
+from truestroke.base.checks import SettingError
 
 EFFECTS: Mapping[str, Mapping[str, object]] = MappingProxyType(
     {
@@ -83,9 +83,9 @@ class Change:
     hysteresis: float = 1.0
 
     def __post_init__(self) -> None:
-        _check.within("change.time", self.time, 0.0, 1e9, "s")
-        _check.within("change.gain", self.gain, 0.01, 100.0)
-        _check.within("change.hysteresis", self.hysteresis, 0.0, 100.0)
+        checks.within("change.time", self.time, 0.0, 1e9, "s")
+        checks.within("change.gain", self.gain, 0.01, 100.0)
+        checks.within("change.hysteresis", self.hysteresis, 0.0, 100.0)
 
     def tick(self, sample_rate: float) -> int:
         """The first tick of the changed actuator; `sample_rate` in Hz."""
@@ -165,7 +165,7 @@ class PlantSettings:
     >>> PlantSettings(damping=1.5)
     Traceback (most recent call last):
         ...
-    truestroke._check.SettingError: damping = 1.5: must be from 0 to 0.99
+    truestroke.SettingError: damping = 1.5: must be from 0 to 0.99
     """
 
     sample_rate: float = 2000.0
@@ -199,21 +199,21 @@ class PlantSettings:
     ageing_hysteresis: float = 0.0
 
     def __post_init__(self) -> None:
-        _check.positive("sample_rate", self.sample_rate, "Hz")
+        checks.positive("sample_rate", self.sample_rate, "Hz")
         for name, (low, high, unit) in _BOUNDS.items():
-            object.__setattr__(self, name, _check.within(name, getattr(self, name), low, high, unit))
+            object.__setattr__(self, name, checks.within(name, getattr(self, name), low, high, unit))
         for name, unit in (("da_limits", "V"), ("stack_limits", "V"), ("ad_limits", "um")):
             if getattr(self, name) is not None:
-                object.__setattr__(self, name, _check.interval(name, getattr(self, name), unit))
-        _check.count("plays", self.plays, 1, MAX_PLAYS)
-        _check.count("creep_operators", self.creep_operators, 1, MAX_CREEP_OPERATORS)
-        _check.positive("creep_span[0]", _check.interval("creep_span", self.creep_span, "s")[0], "s")
-        samples = _check.count("samples_per_tick", self.samples_per_tick, 1, 1000)
-        steps = _check.count("steps_per_tick", self.steps_per_tick, samples, 100_000)
+                object.__setattr__(self, name, checks.interval(name, getattr(self, name), unit))
+        checks.count("plays", self.plays, 1, MAX_PLAYS)
+        checks.count("creep_operators", self.creep_operators, 1, MAX_CREEP_OPERATORS)
+        checks.positive("creep_span[0]", checks.interval("creep_span", self.creep_span, "s")[0], "s")
+        samples = checks.count("samples_per_tick", self.samples_per_tick, 1, 1000)
+        steps = checks.count("steps_per_tick", self.steps_per_tick, samples, 100_000)
         if steps % samples:
             raise SettingError("steps_per_tick", steps, f"a multiple of samples_per_tick, {samples}")
         if self.change is not None:
-            _check.within("hysteresis * change.hysteresis", self.hysteresis * self.change.hysteresis, 0.0, 0.95)
+            checks.within("hysteresis * change.hysteresis", self.hysteresis * self.change.hysteresis, 0.0, 0.95)
 
     @property
     def input_sensitivity(self) -> float:
@@ -279,21 +279,21 @@ class MatchedSettings:
     weight_spread: float = 0.0
 
     def __post_init__(self) -> None:
-        _check.positive("sample_rate", self.sample_rate, "Hz")
-        thresholds = _check.ascending("thresholds", self.thresholds, "V")
-        _check.count("the number of thresholds", len(thresholds), 1, MATCHED_MAX_PLAYS)
-        corners = _check.ascending("dead_zone_thresholds", self.dead_zone_thresholds, "um")
-        _check.count("the number of dead_zone_thresholds", len(corners), 1, MATCHED_MAX_DEAD_ZONES)
+        checks.positive("sample_rate", self.sample_rate, "Hz")
+        thresholds = checks.ascending("thresholds", self.thresholds, "V")
+        checks.count("the number of thresholds", len(thresholds), 1, MATCHED_MAX_PLAYS)
+        corners = checks.ascending("dead_zone_thresholds", self.dead_zone_thresholds, "um")
+        checks.count("the number of dead_zone_thresholds", len(corners), 1, MATCHED_MAX_DEAD_ZONES)
         for name, size, unit in (
             ("a", len(thresholds), "um/V"),
             ("b", len(thresholds), "um/V"),
             ("dead_zone_weights", len(corners), ""),
         ):
-            values = tuple(_check.number(name, value, unit) for value in getattr(self, name))
+            values = tuple(checks.number(name, value, unit) for value in getattr(self, name))
             if len(values) != size:
                 raise SettingError(name, values, f"{size} numbers, one for each threshold", unit)
-        _check.within("rate_scale", self.rate_scale, 0.0, 1e6, "s/um")
-        _check.within("noise", self.noise, 0.0, 1e3, "um")
-        _check.within("weight_spread", self.weight_spread, 0.0, 1.0)
+        checks.within("rate_scale", self.rate_scale, 0.0, 1e6, "s/um")
+        checks.within("noise", self.noise, 0.0, 1e3, "um")
+        checks.within("weight_spread", self.weight_spread, 0.0, 1.0)
         if self.weight_spread and self.change is None:
             raise SettingError("weight_spread", self.weight_spread, "0 where no change is scheduled")

@@ -11,13 +11,12 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from truestroke import words
-from truestroke._typing import FloatArray
-from truestroke.flags import BIT
-from truestroke.judgement import change_time
-from truestroke.recording import Recording
-from truestroke.report import style
+from truestroke.base.flags import BIT
+from truestroke.base.typing import FloatArray
+from truestroke.report import style, words
 from truestroke.report.style import LIGHT, Theme
+from truestroke.signals.judgement import change_time
+from truestroke.signals.recording import Recording
 
 ZOOM = 0.5  # s
 

@@ -14,10 +14,11 @@ import matplotlib
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-from truestroke import files, judgement, words
-from truestroke.recording import Recording
-from truestroke.report import figures, style
+from truestroke.base import files
+from truestroke.report import figures, style, words
 from truestroke.report.style import LIGHT, Theme
+from truestroke.signals import judgement
+from truestroke.signals.recording import Recording
 
 
 def pictures(recording: Recording, theme: Theme = LIGHT) -> dict[str, Figure]:

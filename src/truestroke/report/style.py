@@ -15,8 +15,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from truestroke import files
-from truestroke._typing import FloatArray
+from truestroke.base import files
+from truestroke.base.typing import FloatArray
 
 WIDTH = 7.0  # in, two columns of a journal
 COLUMNS = 900  # pixel columns of a panel, for thinning

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from truestroke import files
+from truestroke.base import files
 from truestroke.identification import Findings, Identified, Record, examine
 from truestroke.report import style
 from truestroke.report.identified import pictures

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import MaxNLocator
 
-from truestroke._typing import FloatArray
+from truestroke.base.typing import FloatArray
 from truestroke.identification import Identified
 from truestroke.report import figures, style
 from truestroke.report.identified.view import View, binned

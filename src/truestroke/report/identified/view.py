@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from truestroke import prior
-from truestroke._typing import FloatArray
+from truestroke.base.typing import FloatArray
+from truestroke.control.actuator import central_difference
 from truestroke.identification import ActuatorModel, Identified
-from truestroke.identification.actuator import central_difference
 from truestroke.identification.turning import reversals
+from truestroke.model import prior
 
 STROKES = 20  # of the voltage that a picture of loops can show
 POINTS = 3000  # of a loop's line

@@ -1,0 +1,1 @@
+"""What everything else stands on: checks, files, verdicts, exit codes."""

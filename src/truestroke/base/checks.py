@@ -1,0 +1,247 @@
+"""Checks of arguments: an error names the argument, its value, the bound and the unit."""
+
+from __future__ import annotations
+
+import difflib
+import inspect
+import itertools
+import math
+import types
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Any, Union, get_args, get_origin, get_type_hints
+
+import numpy as np
+import numpy.typing as npt
+
+from truestroke.base.typing import FloatArray
+
+
+class SettingError(ValueError):
+    """An argument outside its bounds.
+
+    Attributes
+    ----------
+    argument : str
+        Name of the argument.
+    value : object
+        What was given.
+    bound : str
+        What is allowed, in words.
+    unit : str
+        Unit of value and bound; empty for a pure number.
+    """
+
+    def __init__(self, argument: str, value: object, bound: str, unit: str = "") -> None:
+        self.argument, self.value, self.bound, self.unit = argument, value, bound, unit
+        super().__init__(f"{argument} = {value}{' ' + unit if unit else ''}: must be {bound}")
+
+
+SettingError.__module__ = "truestroke"  # where a user finds it: what a traceback shows
+
+
+@contextmanager
+def inside(where: str, names: Mapping[str, str] = types.MappingProxyType({})) -> Iterator[None]:
+    """Name what is wrong within it by its whole path: `where` before the argument, or before what `names` call it.
+
+    >>> with inside("axis.", {"slew_limit": "slew"}):
+    ...     positive("slew_limit", -1.0, "V/s")
+    Traceback (most recent call last):
+        ...
+    truestroke.SettingError: axis.slew = -1.0 V/s: must be above 0 V/s
+    """
+    try:
+        yield
+    except SettingError as error:
+        argument = names.get(error.argument, error.argument)
+        raise SettingError(where + argument, error.value, error.bound, error.unit) from None
+
+
+def known(given: Mapping[str, Any], names: Iterable[str]) -> None:
+    """Only names that exist; of one that does not the error says which was meant.
+
+    >>> known({"forgeting": 0.9}, ("memory", "forgetting"))
+    Traceback (most recent call last):
+        ...
+    truestroke.SettingError: forgeting = 0.9: must be left out; did you mean forgetting? There are memory, \
+forgetting
+    """
+    names = tuple(names)
+    for name, value in given.items():
+        if name not in names:
+            close = difflib.get_close_matches(str(name), names, 1)
+            words = f"did you mean {close[0]}? There" if close else "there"
+            raise SettingError(str(name), repr(value), f"left out; {words} are {', '.join(names) or 'none'}")
+
+
+def typed(argument: str, value: Any, hint: Any) -> None:
+    """A plain value of the type that an annotation asks for: a string is no number, and neither is a truth value.
+
+    >>> typed("stroke", "30", float)
+    Traceback (most recent call last):
+        ...
+    truestroke.SettingError: stroke = '30': must be a number, without quotes
+    """
+    inner = get_args(hint)
+    if get_origin(hint) in (Union, types.UnionType):
+        if not any(_fits(value, one, one) for one in inner):
+            typed(argument, value, next(one for one in inner if one is not type(None)))
+    elif not _fits(value, hint):
+        quoted = isinstance(value, str) and hint in (int, float, bool)
+        raise SettingError(argument, repr(value), f"{_KINDS[get_origin(hint) or hint][1]}{', without quotes' * quoted}")
+    elif get_origin(hint) is tuple:
+        for entry in value:
+            typed(argument, entry, inner[0])
+
+
+def needed(given: Mapping[str, Any], name: str) -> Any:
+    """The value of a name that must be there."""
+    if name not in given:
+        raise SettingError(name, "missing", "given")
+    return given[name]
+
+
+def made(make: Callable[..., Any], given: Mapping[str, Any], also: tuple[str, ...] = ()) -> Any:
+    """make(**given), where the names are its parameters and the values of their types; lists become tuples.
+
+    `also` are names that are allowed and that it does not get.
+    """
+    parameters, hints = inspect.signature(make).parameters, get_type_hints(make)
+    known(given, sorted({*parameters, *also}))
+    for name, parameter in parameters.items():
+        if parameter.default is inspect.Parameter.empty:
+            needed(given, name)
+    passed = {name: tuple(v) if isinstance(v, list) else v for name, v in given.items() if name not in also}
+    for name, value in passed.items():
+        typed(name, value, hints[name])
+    return make(**passed)
+
+
+_KINDS: dict[Any, tuple[Any, str]] = {
+    float: ((int, float), "a number"),
+    int: ((int, float), "a whole number"),
+    bool: (bool, "true or false"),
+    str: (str, "text in quotes"),
+    type(None): (type(None), "left out"),
+    tuple: ((list, tuple), "a list"),
+    Mapping: (Mapping, "a table"),
+}
+
+
+def _fits(value: Any, hint: Any, other: Any = object) -> bool:
+    """Whether the outermost type does; what is none of `_KINDS` must be `other`, and has checks of its own."""
+    kind = _KINDS.get(get_origin(hint) or hint, (other if isinstance(other, type) else object, ""))[0]
+    return isinstance(value, kind) and (kind is object or isinstance(value, bool) <= (hint is bool))
+
+
+def number(argument: str, value: object, unit: str = "") -> float:
+    """A finite number as a float; a string is none, nor is a truth value."""
+    try:
+        if isinstance(value, (str, bytes, bool, np.bool_)):
+            raise TypeError
+        result = float(value)  # type: ignore[arg-type]
+    except (TypeError, ValueError, OverflowError):
+        raise SettingError(argument, repr(value), "a number", unit) from None
+    if not math.isfinite(result):
+        raise SettingError(argument, value, "finite", unit)
+    return result
+
+
+def positive(argument: str, value: object, unit: str = "") -> float:
+    """A finite number above zero."""
+    result = number(argument, value, unit)
+    if result <= 0:
+        raise SettingError(argument, value, f"above 0{' ' + unit if unit else ''}", unit)
+    return result
+
+
+def sized(argument: str, value: object, unit: str = "", least: float = 1e-15, most: float = 1e15) -> float:
+    """A number above zero of a size that computes: squares and quotients of such numbers are finite.
+
+    >>> sized("memory", 1e300, "s")
+    Traceback (most recent call last):
+        ...
+    truestroke.SettingError: memory = 1e+300 s: must be from 1e-15 to 1e+15 s
+    """
+    return within(argument, positive(argument, value, unit), least, most, unit)
+
+
+def within(argument: str, value: object, low: float, high: float, unit: str = "") -> float:
+    """A finite number in the closed interval [low, high]."""
+    result = number(argument, value, unit)
+    if not low <= result <= high:
+        raise SettingError(argument, value, f"from {low:g} to {high:g}{' ' + unit if unit else ''}", unit)
+    return result
+
+
+def one_of(argument: str, value: object, choices: Sequence[str]) -> str:
+    """One of these words."""
+    if not isinstance(value, str) or value not in choices:
+        raise SettingError(argument, repr(value), " or ".join(map(repr, choices)))
+    return value
+
+
+def flag(argument: str, value: object) -> bool:
+    """True or false; 1 and 0 are."""
+    if not isinstance(value, (bool, np.bool_, int)) or value not in (0, 1):
+        raise SettingError(argument, repr(value), "True or False")
+    return bool(value)
+
+
+def several(argument: str, value: Any, unit: str = "") -> tuple[Any, ...]:
+    """The entries of a sequence, whatever they are."""
+    try:
+        return tuple(value)
+    except TypeError:
+        raise SettingError(argument, repr(value), "a sequence of numbers", unit) from None
+
+
+def count(argument: str, value: object, low: int, high: int) -> int:
+    """A whole number in the closed interval [low, high]."""
+    whole = isinstance(value, (int, np.integer)) and not isinstance(
+        value, bool
+    )  # a float does not hold all of them beyond 2^53
+    result: Any = value if whole else number(argument, value)
+    if result != int(result) or not low <= result <= high:
+        raise SettingError(argument, value, f"a whole number from {low} to {high}")
+    return int(result)
+
+
+def interval(argument: str, value: Any, unit: str = "") -> tuple[float, float]:
+    """Two finite numbers, the first below the second."""
+    try:
+        first, second = value
+    except (TypeError, ValueError):
+        raise SettingError(argument, repr(value), "a pair (low, high)", unit) from None
+    low, high = number(argument, first, unit), number(argument, second, unit)
+    if not low < high:
+        raise SettingError(argument, value, "a pair (low, high) with low below high", unit)
+    return low, high
+
+
+def ascending(argument: str, value: Sequence[float], unit: str = "") -> tuple[float, ...]:
+    """Finite numbers that start at 0 and ascend, as thresholds do."""
+    result = tuple(number(argument, entry, unit) for entry in several(argument, value, unit))
+    if not result or result[0] != 0 or any(b <= a for a, b in itertools.pairwise(result)):
+        raise SettingError(argument, value, "numbers that start at 0 and ascend", unit)
+    return result
+
+
+def beyond_reach(argument: str, z: float, volts: float, reach: float, stroke: float) -> SettingError:
+    """The error of a displacement that an actuator under `volts` cannot have."""
+    where = f"within {reach:g} um of 0 at {volts:g} V, with a stroke of {stroke:g} um"
+    return SettingError(argument, float(f"{z:.6g}"), f"{where}: zero the sensor, or subtract its reading at rest", "um")
+
+
+def finite_array(argument: str, value: npt.ArrayLike, unit: str = "", ndim: int = 1) -> FloatArray:
+    """An array of finite numbers with `ndim` axes."""
+    try:
+        result = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise SettingError(argument, repr(value), "an array of numbers", unit) from None
+    if result.ndim != ndim:
+        raise SettingError(argument, f"array of shape {result.shape}", f"an array with {ndim} axis", unit)
+    bad = np.flatnonzero(~np.isfinite(result))
+    if bad.size:
+        raise SettingError(f"{argument}[{bad[0]}]", result.flat[bad[0]], "finite", unit)
+    return result

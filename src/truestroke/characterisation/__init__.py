@@ -1,6 +1,0 @@
-"""Sec. 2.4 on any actuator: triangles at several speeds, and for each play a line of its weight against velocity."""
-
-from truestroke.characterisation.lines import Characterisation, NotConverged, fit_lines
-from truestroke.characterisation.procedure import characterise, sweep
-
-__all__ = ["Characterisation", "NotConverged", "characterise", "fit_lines", "sweep"]

@@ -1,6 +1,0 @@
-"""The guided first volts of an axis: polarity, gain, noise, latency, first resonance, range; each with its bound."""
-
-from truestroke.commissioning.findings import Findings
-from truestroke.commissioning.procedure import AnswerError, Range, Small, small_steps, whole_range
-
-__all__ = ["AnswerError", "Findings", "Range", "Small", "small_steps", "whole_range"]

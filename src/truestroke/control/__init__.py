@@ -1,0 +1,1 @@
+"""The controller: settings, adaptation laws, the NumPy text, the kernel."""

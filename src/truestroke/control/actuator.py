@@ -1,0 +1,388 @@
+"""The identified model of an actuator: voltage to displacement, displacement to voltage, on whole arrays."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from truestroke import _kernel
+from truestroke.base import checks
+from truestroke.base.checks import SettingError
+from truestroke.base.typing import FloatArray
+from truestroke.control.settings import UNLIMITED, ControllerSettings, kernel_settings
+from truestroke.control.spans import Beyond, spans
+from truestroke.model import prior
+
+VELOCITY_SPAN = 0.1e-3  # s: half of the span of a central difference, at least one sample
+NEWTON_STEPS = 8  # at most
+CONVERGED = 1e-13  # of the stroke: a step that is smaller is the last
+SLOPES = 0.4, 4.0  # of the straight line's slope: limits of the partial slopes, as by default
+DRIFT = 0.1  # relative: how far an actuator may be from its record, in deviations of the default prior
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ActuatorModel:
+    """The terms of the default controller's model, with weights from a record and their covariance.
+
+    ::
+
+        z - bends(z) = (a + c_b zdot b).H_r[x] + creep.c[x] + lag zdot + offset
+
+    `x` is the voltage `delay` ago, z the displacement above `zero`, c first-order states of x, and the bends
+    4 s (1 - s) and 8 s (1 - s)(1 - 2 s) with s = z / stroke, as in `ControllerSettings`.
+
+    Attributes
+    ----------
+    thresholds : tuple[float, ...]
+        r of the plays, V, ascending from 0.
+    rated : tuple[int, ...]
+        Which plays have a rate weight.
+    creep_times : tuple[float, ...]
+        Time constants of the creep states, s.
+    bends : int
+        Terms of asymmetry, 0 to 2.
+    delay : float
+        Between voltage and displacement, s, beyond the lag.
+    rate_scale : float
+        c_b, s/um.
+    stroke : float
+        Length of the travel that the record shows, um.
+    zero : float
+        What the sensor reads where the model has its 0 um, um.
+    voltage_range : tuple[float, float]
+        Lowest and highest voltage of the record, V.
+    velocity : float
+        Fastest motion of the record, um/s.
+    weights : ndarray, shape (m,)
+        [a0, b0, a1, ...], um/V; creep, um/V; lag, s; offset, um; bends, um: the order of `ControllerSettings.names`.
+    covariance : ndarray, shape (m, m)
+        Of the weights, in the squares of their units.
+    noise : float
+        Standard deviation of what the model leaves of the record, um.
+    figures : mapping of str to float
+        What the fit reports of itself, such as "held_out_rmse_um".
+    provenance : mapping of str to str
+        Where it comes from, such as "source".
+    before : ActuatorModel or None
+        The model that `refine` made it from, so that a pass that is worse can be undone; without one of its own.
+
+    Raises
+    ------
+    SettingError
+        An entry is out of bounds or does not fit the others.
+    """
+
+    thresholds: tuple[float, ...]
+    weights: FloatArray
+    stroke: float
+    voltage_range: tuple[float, float]
+    covariance: FloatArray
+    rated: tuple[int, ...] = ()
+    creep_times: tuple[float, ...] = ()
+    bends: int = 0
+    delay: float = 0.0
+    rate_scale: float = 0.0
+    zero: float = 0.0
+    velocity: float = 0.0
+    noise: float = 0.0
+    figures: Mapping[str, float] = field(default_factory=dict)
+    provenance: Mapping[str, str] = field(default_factory=dict)
+    before: ActuatorModel | None = None
+
+    def __post_init__(self) -> None:
+        made = self._terms(1.0)  # checks them
+        weights = np.array(made.initial_weights)
+        covariance = checks.finite_array("covariance", self.covariance, ndim=2)
+        if covariance.shape != (weights.size, weights.size) or not np.allclose(covariance, covariance.T):
+            bound = f"symmetric, of shape ({weights.size}, {weights.size})"
+            raise SettingError("covariance", f"array of shape {covariance.shape}", bound)
+        if np.linalg.eigvalsh(covariance).min() < -1e-9 * np.trace(covariance):
+            raise SettingError("covariance", "matrix with a negative eigenvalue", "positive semidefinite")
+        values: dict[str, object] = {
+            "stroke": made.stroke,
+            "rate_scale": made.rate_scale,
+            "thresholds": made.thresholds,
+            "rated": made.rated,
+            "creep_times": made.creep_times,
+            "weights": weights,
+            "covariance": covariance,
+            "voltage_range": made.voltage_limits,
+            "delay": checks.within("delay", self.delay, 0.0, 3600.0, "s"),
+            "zero": checks.number("zero", self.zero, "um"),
+            "velocity": checks.within("velocity", self.velocity, 0.0, 1e12, "um/s"),
+            "noise": checks.within("noise", self.noise, 0.0, 1e9, "um"),
+        }
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the weights, in their order."""
+        return self._terms(1.0).names
+
+    @property
+    def deviations(self) -> FloatArray:
+        """Standard deviations of the weights, in their units, shape (m,)."""
+        return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+
+    @property
+    def sensitivity(self) -> float:
+        """Stroke over voltage range of the record, um/V."""
+        return self.stroke / (self.voltage_range[1] - self.voltage_range[0])
+
+    def settings(self, sample_rate: float, **changes: Any) -> ControllerSettings:
+        """Settings of a controller with this model and its weights.
+
+        The delay goes into the lag, and the limits of the slopes follow from the record's stroke and voltage.
+
+        Parameters
+        ----------
+        sample_rate : float
+            Ticks per second, Hz.
+        **changes
+            Members of `ControllerSettings` that replace what follows from the model, such as `voltage_limits`.
+        """
+        w, lag = self.weights.tolist(), self.weights.size - 2 - self.bends
+        w[lag] -= self.delay
+        slopes = {"slope_limits": (SLOPES[0] * self.sensitivity, SLOPES[1] * self.sensitivity)}
+        return self._terms(sample_rate, **{"initial_weights": tuple(w), **slopes, **changes})
+
+    def start(self, sample_rate: float, **changes: Any) -> ControllerSettings:
+        """`settings` of a controller that starts at rest, with a prior as sure of the weights as the record allows.
+
+        The offset starts at 0 um: that of the record is where the record happened to begin. The prior is that of
+        `another_day`. The law also returns to the prior, and takes sudden changes to be a share of it: too sure a
+        prior would not follow them.
+        """
+        fixed = self.settings(sample_rate, **changes)
+        weights, offset = list(fixed.initial_weights), self.weights.size - 1 - self.bends
+        weights[offset] = 0.0
+        from_rest = {"initial_weights": tuple(weights), **changes}
+        if fixed.law != "kalman":
+            return self.settings(sample_rate, **from_rest)
+        P = self.another_day()
+        return self.settings(sample_rate, **{"prior_covariance": tuple(map(tuple, P.tolist())), **from_rest})
+
+    def another_day(self) -> FloatArray:
+        """Covariance of the weights on another day than that of the record, in the squares of their units, (m, m).
+
+        That of the record plus `DRIFT`^2 of the default prior: the record does not know the load, temperature and
+        polarisation of another day, and the model is not the actuator. The offset has its default variance.
+        """
+        a, offset = self._parts()[0], self.weights.size - 1 - self.bends
+        terms: dict[str, Any] = {"creeps": len(self.creep_times), "lag": True, "offset": True, "bends": self.bends}
+        default = prior.covariance(np.abs(a), self.rated, q=self.sensitivity, stroke=self.stroke, **terms)
+        P = self.covariance + DRIFT**2 * default
+        P[offset] = P[:, offset] = default[offset]
+        return np.asarray(P)
+
+    def _terms(self, sample_rate: float, **changes: Any) -> ControllerSettings:
+        model: dict[str, Any] = {
+            "stroke": self.stroke,
+            "voltage_limits": self.voltage_range,
+            "plays": len(self.thresholds),
+            "thresholds": self.thresholds,
+            "rated": self.rated,
+            "creep_times": self.creep_times,
+            "lag": True,
+            "offset": True,
+            "bends": self.bends,
+            "rate_scale": self.rate_scale,
+            "initial_weights": tuple(checks.finite_array("weights", self.weights).tolist()),
+        }
+        return ControllerSettings(sample_rate=sample_rate, **{**model, **changes})
+
+    # ---- Forward ---------------------------------------------------------------------------------------------------
+
+    def predict(self, volts: npt.ArrayLike, sample_rate: float) -> FloatArray:
+        """Displacement that the voltage makes, um, as the sensor of the record reads it.
+
+        The actuator is taken to have rested at the first voltage, reached from 0 V.
+
+        Parameters
+        ----------
+        volts : array_like, shape (samples,)
+            Voltage, V.
+        sample_rate : float
+            Samples per second, Hz.
+        """
+        x = checks.finite_array("volts", volts, "V")
+        fs = checks.positive("sample_rate", sample_rate, "Hz")
+        if x.size == 0:
+            return x
+        shift = round(self.delay * fs)
+        x = np.concatenate([np.full(min(shift, x.size), x[0]), x[: max(x.size - shift, 0)]]) if shift else x
+        a, b, creep, (lag, offset), bends = self._parts()
+        lag -= self.delay - shift / fs
+        known = offset + sum((w * c for w, c in zip(creep, creep_states(x, self.creep_times, fs), strict=True)), 0.0)
+        z = unbend(play_sum(x, 0.0, a, b, self.thresholds) + known, bends, self.stroke)
+        rate = central_difference(z, fs)
+        plays = play_sum(x, self.rate_scale * rate, a, b, self.thresholds)
+        return self.zero + unbend(plays + known + lag * rate, bends, self.stroke)
+
+    def _parts(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Weights a, b of all plays (b = 0 where there is none), of creep, (lag, offset), of the bends."""
+        n, w = len(self.thresholds), self.weights
+        place = np.arange(n) + np.array([sum(j < i for j in self.rated) for i in range(n)])
+        b = np.zeros(n)
+        b[list(self.rated)] = w[place[list(self.rated)] + 1] if self.rated else 0.0
+        terms = w[n + len(self.rated) :]
+        c = len(self.creep_times)
+        return w[place], b, terms[:c], terms[c : c + 2], terms[c + 2 :]
+
+    # ---- Inverse ---------------------------------------------------------------------------------------------------
+
+    def invert(
+        self,
+        displacement: npt.ArrayLike,
+        sample_rate: float,
+        *,
+        velocity: npt.ArrayLike | None = None,
+        voltage_limits: tuple[float, float] | None = None,
+        slew_limit: float = UNLIMITED,
+    ) -> FloatArray:
+        """Voltage that makes the displacement, V, found by the kernel of the controller.
+
+        The actuator is taken to have rested at the first voltage, as by `predict`, which undoes it: of whole ticks the
+        voltage is ahead by the delay. `beyond` tells where the voltage leaves what the model was trained on.
+
+        Parameters
+        ----------
+        displacement : array_like, shape (samples,)
+            Desired displacement as the sensor of the record reads it, um.
+        sample_rate : float
+            Samples per second, Hz.
+        velocity : array_like, shape (samples,), optional
+            Desired velocity, um/s; by default central differences.
+        voltage_limits : tuple[float, float], optional
+            By default the range of the record, V.
+        slew_limit : float
+            Fastest change of the voltage, V/s.
+        """
+        z_d = checks.finite_array("displacement", displacement, "um") - self.zero
+        fs = checks.positive("sample_rate", sample_rate, "Hz")
+        rate = central_difference(z_d, fs) if velocity is None else checks.finite_array("velocity", velocity, "um/s")
+        limits = self.voltage_range if voltage_limits is None else voltage_limits
+        shift, w = round(self.delay * fs), self.weights.copy()
+        w[w.size - 2 - self.bends] -= self.delay - shift / fs  # the lag
+        changes = {"voltage_limits": limits, "slew_limit": slew_limit, "smoothing_time": 0.0}
+        fixed = self.settings(fs, initial_weights=tuple(w.tolist()), **changes)
+        kernel, volts = _kernel.Kernel(kernel_settings(fixed)), np.empty_like(z_d)
+        if z_d.size:
+            rest = self._rest(float(z_d[0]), fixed.voltage_limits)
+            kernel.start(rest, float(self.predict([rest], fs)[0]) - self.zero)
+        kernel.process(ahead(z_d, shift, z_d[-1:]), ahead(rate, shift, np.zeros(1)), None, volts)
+        return volts
+
+    def _rest(self, z: float, limits: tuple[float, float]) -> float:
+        """Voltage within the limits under which the actuator rests at z, um above `zero`, or as near as can be."""
+        from scipy.optimize import brentq
+
+        def over(volts: float) -> float:
+            return float(self.predict([volts], 1.0)[0]) - self.zero - z
+
+        if over(limits[0]) >= 0 or over(limits[1]) <= 0:
+            return min(limits, key=lambda volts: abs(over(volts)))
+        return float(brentq(over, *limits, xtol=1e-14))
+
+    def beyond(self, volts: npt.ArrayLike, sample_rate: float) -> Beyond:
+        """Where a voltage goes beyond what the model was trained on, so that the prediction is a guess.
+
+        Parameters
+        ----------
+        volts : array_like, shape (samples,)
+            Voltage, V.
+        sample_rate : float
+            Samples per second, Hz.
+
+        Returns
+        -------
+        Beyond
+            Spans above or below `voltage_range`, V, and spans where the prediction is faster than `velocity`, um/s.
+
+        Examples
+        --------
+        >>> model = ActuatorModel(
+        ...     thresholds=(0.0,), weights=[10.0, 0.0, 0.0], covariance=np.eye(3), stroke=20.0,
+        ...     voltage_range=(0.0, 2.0), velocity=50.0,
+        ... )
+        >>> model.beyond([0.0, 1.0, 2.0, 2.5, 2.5], sample_rate=10.0).voltage
+        (Span(start=0.3, stop=0.5, worst=0.5),)
+        """
+        x = checks.finite_array("volts", volts, "V")
+        low, high = self.voltage_range
+        speed = np.abs(central_difference(self.predict(x, sample_rate), sample_rate))
+        return Beyond(
+            voltage=spans(np.maximum(x - high, low - x), sample_rate),
+            velocity=spans(speed - self.velocity, sample_rate),
+        )
+
+    def replace(self, **changes: Any) -> ActuatorModel:
+        """A copy with some members replaced."""
+        return dataclasses.replace(self, **changes)
+
+
+# ---- What the terms are made of ------------------------------------------------------------------------------------
+
+
+def play_sum(
+    x: FloatArray, rate: float | FloatArray, a: FloatArray, b: FloatArray, thresholds: tuple[float, ...]
+) -> FloatArray:
+    """(a + rate b).H_r[x] along x, natively; the plays come from rest at 0 V."""
+    sums = np.empty_like(x)
+    rates = np.ascontiguousarray(np.broadcast_to(rate, x.shape), dtype=np.float64)
+    _kernel.play_sum(np.ascontiguousarray(x), rates, a, b, np.array(thresholds), np.zeros(len(thresholds)), sums)
+    return sums
+
+
+def creep_states(x: FloatArray, times: tuple[float, ...], sample_rate: float) -> list[FloatArray]:
+    """First-order states of the voltage of the tick before, which rested at the first one; V."""
+    from scipy.signal import lfilter
+
+    before = np.concatenate([x[:1], x[:-1]])
+    shares = [-np.expm1(-1 / (tau * sample_rate)) for tau in times]
+    return [x[0] + lfilter([share], [1, share - 1], before - x[0]) for share in shares]
+
+
+def ahead(x: FloatArray, samples: int, last: FloatArray) -> FloatArray:
+    """x some samples later; behind its end it is `last`."""
+    return np.concatenate([x[samples:], np.repeat(last, min(samples, x.size))])
+
+
+def central_difference(z: FloatArray, sample_rate: float) -> FloatArray:
+    """Velocity, um/s, over a span of 0.2 ms or of two samples."""
+    half = max(1, round(VELOCITY_SPAN * sample_rate))
+    k = np.arange(z.size)
+    after, before = np.minimum(k + half, z.size - 1), np.maximum(k - half, 0)
+    return np.asarray((z[after] - z[before]) * sample_rate / np.maximum(after - before, 1))
+
+
+def bend_columns(z: FloatArray, stroke: float) -> FloatArray:
+    """4 s (1 - s) and 8 s (1 - s)(1 - 2 s), s = z / stroke within -1 to 2, shape (samples, 2)."""
+    s = np.clip(z / stroke, -1.0, 2.0)
+    bend = 4 * s * (1 - s)
+    return np.column_stack([bend, 2 * bend * (1 - 2 * s)])
+
+
+def bend_slopes(z: FloatArray, stroke: float) -> FloatArray:
+    """Their derivatives by z, 1/um."""
+    s = np.clip(z / stroke, -1.0, 2.0)
+    inside = s == z / stroke
+    return np.column_stack([inside * (4 - 8 * s), inside * 8 * (1 - 6 * s + 6 * s * s)]) / stroke
+
+
+def unbend(y: FloatArray, bends: FloatArray, stroke: float) -> FloatArray:
+    """The z with z - bends(z) = y, um, by Newton's method."""
+    n, z = len(bends), y.copy()
+    for _ in range(NEWTON_STEPS if n else 0):
+        slope = np.maximum(1 - bend_slopes(z, stroke)[:, :n] @ bends, 0.1)
+        step = (z - bend_columns(z, stroke)[:, :n] @ bends - y) / slope
+        z -= step
+        if not z.size or np.abs(step).max() <= CONVERGED * stroke:
+            break
+    return z

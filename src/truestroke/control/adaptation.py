@@ -1,0 +1,570 @@
+"""Laws that adapt the weights: a bounded Kalman filter, recursive least squares (19)-(23), least mean squares (Sec. 6).
+
+A law is anything with `weights` and `update(u, e_m)`. A law of your own goes into the loop like this:
+
+>>> class SignError:
+...     "Sign-error LMS: the weights take steps of one size."
+...     def __init__(self, initial_weights, step_size):
+...         self.weights, self.step_size = np.array(initial_weights), step_size
+...     def update(self, u, e_m):
+...         self.weights = self.weights + self.step_size * np.sign(e_m) * u
+>>> from truestroke import ControllerSettings
+>>> from truestroke.control.reference import ReferenceController
+>>> settings = ControllerSettings.paper(sample_rate=2000.0, stroke=30.0, voltage_limits=(-0.6, 3.6))
+>>> controller = ReferenceController(settings, SignError(settings.initial_weights, step_size=0.01))
+>>> controller.command(10.0, 0.0)
+2.0
+>>> controller.adapt(20.0)
+>>> controller.weights[:4]
+array([5.02    , 0.      , 0.018125, 0.      ])
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from truestroke.base import checks
+from truestroke.base.checks import SettingError
+from truestroke.base.typing import FloatArray
+from truestroke.model.operators import LANES, dot
+
+
+class Law(Protocol):
+    """What adapts the weights.
+
+    Attributes
+    ----------
+    weights : ndarray, shape (m,)
+        w = [a0, b0, a1, b1, ...] of (21), um/V.
+    """
+
+    weights: FloatArray
+
+    def update(self, u: FloatArray, e_m: float) -> None:
+        """Learn from the regressor u of (20), V, and the error of the model e_m of (15), um.
+
+        Raises `UpdateRefused`, and changes nothing, where it cannot.
+        """
+
+
+class UpdateRefused(ArithmeticError):  # noqa: N818 (nothing is broken: one measurement is not used)
+    """A law did not use a measurement, and has not changed."""
+
+
+def rls_update(
+    w: FloatArray, P: FloatArray, u: FloatArray, e_m: float, lambda_: float
+) -> tuple[FloatArray, FloatArray]:
+    """One step of recursive least squares as printed, (23).
+
+    This is the statement; `RLS` computes the same in a way that survives rounding.
+
+    Parameters
+    ----------
+    w : ndarray, shape (m,)
+        Weights of the last tick, um/V.
+    P : ndarray, shape (m, m)
+        Inverse of the weighted correlation of u, symmetric, 1/V^2.
+    u : ndarray, shape (m,)
+        Regressor (20), V.
+    e_m : float
+        Error of the model (15), um.
+    lambda_ : float
+        Forgetting factor, above 0, at most 1.
+
+    Returns
+    -------
+    w, P : ndarray
+        Of this tick.
+
+    Examples
+    --------
+    >>> rls_update(np.array([5.0, 0.0]), np.eye(2), np.array([1.0, 1.0]), 3.0, 1.0)
+    (array([6., 1.]), array([[ 0.66666667, -0.33333333],
+           [-0.33333333,  0.66666667]]))
+    """
+    pi = P @ u
+    mu = pi / (lambda_ + u @ pi)
+    w = w + mu * e_m  # the print has mu u e_m; mu is the gain vector already
+    P = P / lambda_ - np.outer(mu, u @ P) / lambda_
+    return w, P
+
+
+class RLS:
+    """Recursive least squares with a forgetting factor.
+
+    ::
+
+        w(0) = [5, 0, ...],   P(0) = I / delta                             (22)
+        pi   = P(n-1) u(n)
+        mu   = pi / (lambda + u(n)' pi)
+        w(n) = w(n-1) + mu e_m(n)                                          (23)
+        P(n) = (P(n-1) - mu u(n)' P(n-1)) / lambda
+
+    Two departures from the print, both in P alone. The factors of P = U D U' are carried in its place (Bierman 1976):
+    as printed, P loses its definiteness to rounding after some minutes at rest, and the law points the wrong way. And
+    P does not grow past `covariance_limit`: at rest the division by lambda would end in infinity.
+
+    Parameters
+    ----------
+    initial_weights : array_like, shape (m,)
+        w(0), um/V.
+    forgetting : float
+        lambda, above 0, at most 1; 1 is infinite memory.
+    regularization : float
+        delta, V^2, above 0: small where the signal is large against the noise.
+    covariance_limit : float
+        Largest trace of P, 1/V^2.
+
+    Attributes
+    ----------
+    weights : ndarray, shape (m,)
+        w, um/V.
+    U : ndarray, shape (m, m)
+        Factor of P: upper triangle with ones on its diagonal, 1.
+    D : ndarray, shape (m,)
+        Factor of P: its diagonal, above 0, 1/V^2.
+    trace : float
+        Trace of P, 1/V^2.
+
+    Raises
+    ------
+    SettingError
+        Names the argument, its value, the bound and the unit.
+
+    References
+    ----------
+    Haykin, Adaptive Filter Theory, 3rd ed., Prentice Hall 1996, ch. 13, the paper's [22]. Bierman, Factorization
+    Methods for Discrete Sequential Estimation, Academic Press 1977, ch. 5: the U D update.
+
+    Examples
+    --------
+    Two exact equations and next to no prior give the two unknowns:
+
+    >>> law = RLS([0.0, 0.0], forgetting=1.0, regularization=1e-9)
+    >>> for u, y in [((1.0, 1.0), 5.0), ((1.0, -1.0), 1.0)]:
+    ...     law.update(np.array(u), y - np.dot(law.weights, u))
+    >>> law.weights.round(6)
+    array([3., 2.])
+    """
+
+    def __init__(
+        self,
+        initial_weights: npt.ArrayLike,
+        *,
+        forgetting: float = 0.9999,
+        regularization: float = 1e-3,
+        covariance_limit: float = 1e6,
+    ) -> None:
+        self.weights = checks.finite_array("initial_weights", initial_weights, "um/V").copy()
+        self.forgetting = checks.positive("forgetting", forgetting)
+        checks.within("forgetting", forgetting, 0.0, 1.0)
+        self.covariance_limit = checks.positive("covariance_limit", covariance_limit, "1/V^2")
+        self.regularization = checks.positive("regularization", regularization, "V^2")
+        self._begin()
+
+    def _begin(self) -> None:
+        m, delta = self.weights.size, self.regularization
+        self.U, self.D, self.trace = np.eye(m), np.full(m, 1 / delta), m / delta
+
+    @property
+    def P(self) -> FloatArray:  # noqa: N802 (the paper's symbol)
+        """Inverse of the weighted correlation of u, shape (m, m), 1/V^2."""
+        P: FloatArray = self.U * self.D @ self.U.T
+        return P
+
+    def update(self, u: FloatArray, e_m: float) -> None:
+        """One step of (23), with the regressor u, V, and the error of the model e_m, um."""
+        lambda_, U, D = self.forgetting, self.U, self.D
+        f = dot(U.T, u)
+        g = D * f
+        alpha = np.cumsum(np.append(lambda_, f * g))  # grows from lambda to lambda + u'Pu
+        b = np.cumsum(np.column_stack([np.zeros(f.size), g * U]), axis=1)  # grows from 0 to P u
+        if not (math.isfinite(alpha[-1]) and math.isfinite(e_m)):
+            raise UpdateRefused(f"lambda + u'Pu = {alpha[-1]}, e_m = {e_m} um")
+        growth = 1.0 if self.trace > lambda_ * self.covariance_limit else 1.0 / lambda_
+        inverse = 1 / alpha
+        self.U = U - f * inverse[:-1] * b[:, :-1]
+        self.D = growth * (alpha[:-1] * inverse[1:]) * D
+        diagonal = np.cumsum(self.D * (self.U * self.U), axis=1)[:, -1]  # of P
+        self.trace = float(dot(diagonal, np.ones(f.size)))
+        if not (math.isfinite(self.trace) and math.isfinite(e_m * inverse[-1])):
+            if not math.isfinite(self.trace):
+                self._begin()
+            raise UpdateRefused("P is too large to be told")
+        self.weights = within_largest(self.weights + e_m * inverse[-1] * b[:, -1])
+
+
+class LMS:
+    """Least mean squares, normalised (NLMS) or as Widrow and Hoff wrote it.
+
+    ::
+
+        w(n) = w(n-1) + eta u(n) e_m(n) / (epsilon + u(n)' u(n))           normalised
+        w(n) = w(n-1) + eta u(n) e_m(n)                                    Widrow-Hoff
+
+    The normalised law is stable for 0 < eta < 2 whatever the size of u; without noise it learns fastest at eta = 1, and
+    a smaller eta averages more noise away. Widrow-Hoff is stable for 0 < eta < 2 / max u'u, in 1/V^2: a bound that
+    depends on the trajectory, so that it cannot be checked beforehand. More robust to sudden changes than RLS, with a
+    larger error in the steady state (Sec. 6). Leaky and sign variants are not here.
+
+    Parameters
+    ----------
+    initial_weights : array_like, shape (m,)
+        w(0), um/V.
+    step_size : float
+        eta, above 0: below 2 and without unit where normalised, otherwise in 1/V^2.
+    normalised : bool
+        Divide by the energy of u.
+    regularization : float
+        epsilon, V^2, 0 or more: what keeps the division harmless where u is small.
+
+    Attributes
+    ----------
+    weights : ndarray, shape (m,)
+        w, um/V.
+
+    Raises
+    ------
+    SettingError
+        Names the argument, its value, the bound and the unit.
+
+    References
+    ----------
+    Haykin, Adaptive Filter Theory, 3rd ed., Prentice Hall 1996, ch. 9.
+
+    Examples
+    --------
+    >>> law = LMS([0.0, 0.0], step_size=1.0, regularization=0.0)
+    >>> law.update(np.array([1.0, 2.0]), 10.0)
+    >>> law.weights, float(np.dot(law.weights, [1.0, 2.0]))
+    (array([2., 4.]), 10.0)
+    """
+
+    def __init__(
+        self,
+        initial_weights: npt.ArrayLike,
+        *,
+        step_size: float = 0.5,
+        normalised: bool = True,
+        regularization: float = 1e-3,
+    ) -> None:
+        self.weights = checks.finite_array("initial_weights", initial_weights, "um/V").copy()
+        self.step_size = checks.positive("step_size", step_size, "" if normalised else "1/V^2")
+        if normalised and self.step_size >= 2:
+            raise SettingError("step_size", step_size, "below 2 for the normalised law")
+        self.normalised = normalised
+        self.regularization = checks.within("regularization", regularization, 0.0, math.inf, "V^2")
+
+    def update(self, u: FloatArray, e_m: float) -> None:
+        """One step, with the regressor u, V, and the error of the model e_m, um."""
+        energy = self.regularization + float(dot(u, u)) if self.normalised else 1.0
+        if not (energy < math.inf and math.isfinite(e_m)):
+            raise UpdateRefused(f"epsilon + u'u = {energy} V^2, e_m = {e_m} um")
+        if energy > 0:  # at rest at 0 V, with epsilon = 0, there is nothing to learn
+            self.weights = self.weights + self.step_size * e_m / energy * u
+
+
+@dataclass(frozen=True, kw_only=True)
+class KalmanSettings:
+    """Settings of `BoundedKalman`: ts_kalman_settings of the kernel, times turned into coefficients of a tick.
+
+    Attributes
+    ----------
+    filter : float
+        alpha: coefficient of each of two poles that regressor and measurement pass through, per tick, 0 to 1.
+    model_error : float
+        What the model cannot explain, um, added to the noise.
+    prior_return : float
+        epsilon: how far w and P return to the prior in `FORGET_EVERY` ticks, 0 to 1.
+    noise_rate, ringing_rate : float
+        How fast the robust estimate of the noise follows, and the wary one; per tick, 0 to 1.
+    change_threshold, change_rate, refractory
+        Mean square of the normalised innovation above which the actuator has changed; how fast that mean follows, per
+        update, 0 to 1; ticks from one change to the next.
+    change_gain, change_hysteresis, change_share : float
+        Relative standard deviation of a change of all play weights together, and of all but the first together; how far
+        P returns to the prior then, 0 to 1.
+    outlier, outliers
+        Normalised innovation above which a measurement is a spike; spikes in a row that are not believed.
+    first_noise : float
+        First guess of the noise, um.
+    """
+
+    filter: float
+    model_error: float
+    prior_return: float = 8e-8
+    noise_rate: float = 1e-3
+    ringing_rate: float = 0.1
+    change_threshold: float = 12.0
+    change_rate: float = 0.2
+    refractory: int = 10
+    change_gain: float = 0.15
+    change_hysteresis: float = 0.3
+    change_share: float = 0.002
+    outlier: float = 12.0
+    outliers: int = 3
+    first_noise: float = 0.03
+
+
+FORGET_EVERY = 16  # ticks: TS_FORGET_EVERY of the kernel
+MEAN_SECOND_DIFFERENCE = 1.9544  # mean of |d| of white noise of deviation 1: sqrt(6) sqrt(2 / pi)
+CLIP = 7.84  # of sigma: four times that mean, where the robust estimate of the noise stops to listen
+LARGEST = 1e50  # TS_LARGEST of the kernel: no weight and no desired value counts for more
+SURPRISE = 100.0  # largest normalised innovation, squared, that counts for a change: one alone must not fire it
+
+
+def within_largest(w: FloatArray) -> FloatArray:
+    """Weights of which none is further from 0 than `LARGEST`.
+
+    Examples
+    --------
+    >>> within_largest(np.array([8.0, -1e70]))
+    array([ 8.e+00, -1.e+50])
+    """
+    return np.clip(w, -LARGEST, LARGEST)
+
+
+def symmetric_times(P: FloatArray, u: FloatArray) -> FloatArray:
+    """P u of a symmetric P, in the order of the kernel, which stores rows up to their block of eight on the diagonal.
+
+    Of these blocks and what is below them the columns are summed in order of the rows; then `dot` of what is to the
+    left of them, which stands for the upper triangle.
+
+    Examples
+    --------
+    >>> symmetric_times(np.array([[2.0, 1.0], [1.0, 3.0]]), np.array([1.0, 10.0]))
+    array([12., 31.])
+    """
+    block = np.arange(u.size) // LANES
+    stored, left = block[:, np.newaxis] >= block, block[:, np.newaxis] > block
+    below: FloatArray = np.cumsum(np.where(stored, P, 0.0) * u[:, np.newaxis], axis=0)[-1]
+    return below + dot(np.where(left, P, 0.0), u)
+
+
+class BoundedKalman:
+    """A Kalman filter of weights that wander about a prior, so that it stays bounded under any input.
+
+    The weights are taken for an Ornstein-Uhlenbeck process about (w0, P0). With the regressor u and the measurement y,
+    both behind two equal poles::
+
+        e = y - w.u,   s = u'P u + R / 2                                   innovation and its variance
+        w = w + P u e / s,   P = P - P u u'P / s                           Kalman
+        w = w + epsilon (w0 - w),   P = P + epsilon (P0 - P)               return to the prior, every 16 ticks
+
+    Why each part is there:
+
+    - *Return to the prior* in place of forgetting: forgetting winds P up where nothing excites it, and a later motion
+      makes the weights jump. Here P <= P0 for ever, and where nothing confirms w it ends at w0.
+    - *Two poles* keep the stage's resonance out: a law of high gain would ring with it. The linear relation of u and y
+      stays, as both pass the same filter.
+    - *Noise on line*, R = max(sigma^2, ringing / 2) + model_error^2, from the second difference of the innovation
+      d = e(k) - 2 e(k-1) + e(k-2), which the slow errors of the model do not reach. E d^2 = 6 sigma^2, E |d| = 1.9544
+      sigma. The robust sigma clips d at four deviations; the wary one lets ringing after a jump count as noise.
+    - *Every second tick teaches*: w moves in the first, P follows in the second, so that the kernel's load is even.
+      Hence R / 2: each equation stands for two.
+    - *Spikes*: e^2 > outlier^2 (s + sigma^2) up to three times in a row is a fault of the sensor; then it is believed.
+    - *Changes*: the mean of e^2 / (u'P u + (sigma^2 + model_error^2) / 2), each at most 100, above a threshold. P then
+      grows along what actuators do: all play weights together, and the hysteresis together, in proportion to w; and by
+      a share of the prior. After that it waits for the refractory time.
+    - *What must not teach* (hold, a voltage limit) leaves w as it is, and the poles start anew behind it.
+
+    Parameters
+    ----------
+    initial_weights : array_like, shape (m,)
+        w0, um/V: the first weights and the mean of the prior.
+    prior_covariance : array_like, shape (m, m)
+        P0, symmetric and positive definite, in the squares of the units of w.
+    part : array_like of int, shape (m,)
+        1 where the weight is of the first play, 2 where it is of another play, 0 for anything else.
+    settings : KalmanSettings
+        The rest.
+
+    Attributes
+    ----------
+    weights : ndarray, shape (m,)
+        w, um/V.
+    P : ndarray, shape (m, m)
+        Covariance of w.
+    sigma : float
+        Noise of a measurement, um.
+    filter : float
+        The coefficient of the poles that is in force; at first that of the settings.
+    disturbance : float
+        Variance of what is known to be no error of the model, such as ringing, um^2; added to the noise.
+    changed : bool
+        The last update found that the actuator has changed.
+
+    Raises
+    ------
+    SettingError
+        Names the argument, its value, the bound and the unit.
+
+    References
+    ----------
+    Jazwinski, Stochastic Processes and Filtering Theory, Academic Press 1970, ch. 7. Rousseeuw and Croux, J. Am. Stat.
+    Assoc. 88 (1993) 1273, on robust scale.
+
+    Examples
+    --------
+    One equation for two weights, of which the prior knows the second; noise of 1 um on every second tick:
+
+    >>> settings = KalmanSettings(filter=1.0, model_error=math.sqrt(2.0), first_noise=0.0, noise_rate=0, ringing_rate=0)
+    >>> law = BoundedKalman([5.0, 1.0], np.diag([3.0, 0.5]), [1, 2], settings)
+    >>> law.update(np.array([1.0, 0.0]), 4.0)
+    >>> law.weights.round(6)
+    array([8., 1.])
+    """
+
+    def __init__(
+        self,
+        initial_weights: npt.ArrayLike,
+        prior_covariance: npt.ArrayLike,
+        part: npt.ArrayLike,
+        settings: KalmanSettings,
+    ) -> None:
+        self.w0 = checks.finite_array("initial_weights", initial_weights, "um/V").copy()
+        m = self.w0.size
+        self.P0 = checks.finite_array("prior_covariance", prior_covariance, ndim=2).copy()
+        if self.P0.shape != (m, m):
+            raise SettingError("prior_covariance", f"array of shape {self.P0.shape}", f"of shape ({m}, {m})")
+        self.P0 = np.tril(self.P0) + np.tril(self.P0, -1).T  # to the last bit: the kernel takes the lower triangle
+        is_play, is_other = np.asarray(part) > 0, np.asarray(part) == 2
+        self._together, self._hysteresis = np.outer(is_play, is_play), np.outer(is_other, is_other)
+        self.take(settings)
+        self.filter = settings.filter
+        self.disturbance = 0.0
+        self.weights, self.P = self.w0.copy(), self.P0.copy()
+        self.u1 = self.u = np.zeros(m)  # the regressor behind one and two poles
+        self.y1 = self.y = 0.0  # the measurement behind one and two poles, um
+        self.Pu = np.zeros(m)
+        self.variance = 0.0  # s of the last update, um^2
+        self.sigma, self.ringing = settings.first_noise, 0.0  # um, um^2
+        self.e1 = self.e2 = 0.0  # innovations of the last two ticks, um
+        self.change, self.since_change, self.spikes, self.mixed = 0.0, 2**31 - 1, 0, 0
+        self.started = self.pending = self.changed = False
+
+    def take(self, settings: KalmanSettings) -> None:
+        """New settings; w, P and the filter in force stay."""
+        self.settings = settings
+        gain, hysteresis = settings.change_gain, settings.change_hysteresis
+        self._change = gain * gain * self._together + hysteresis * hysteresis * self._hysteresis
+
+    def doubt(self) -> None:
+        """The covariance is that of the prior again, and the filters start anew; the noise stays."""
+        self.P = self.P0.copy()
+        self.started = self.pending = self.changed = False
+        self.change = self.variance = 0.0
+
+    def update(self, u: FloatArray, e_m: float | None, learn: bool = True) -> None:
+        """One tick with the regressor u and the innovation e_m, um; None: no measurement came.
+
+        Raises `UpdateRefused` where the measurement is a spike.
+        """
+        spike = e_m is not None and self._is_spike(e_m)
+        measured = e_m is not None and not spike
+        innovation = e_m if e_m is not None and not spike else 0.0
+        if learn:
+            self._follow_noise(innovation, measured)
+            self._filter(u, float(dot(u, self.weights)) + innovation)
+        else:
+            self.started = False
+        if self.since_change < self.settings.refractory:
+            self.since_change += 1
+        if self.pending:
+            self._follow_covariance()
+        elif measured and learn:
+            self._update_weights()
+        if spike:
+            raise UpdateRefused(f"e_m = {e_m} um is a spike")
+
+    def _is_spike(self, e_m: float) -> bool:
+        s = self.settings
+        if self.variance == 0:  # before the first update the model may be far off
+            return False
+        beyond = e_m * e_m > s.outlier * s.outlier * (self.variance + self.sigma * self.sigma)
+        spike = beyond and self.spikes < s.outliers
+        self.spikes = self.spikes + spike if beyond else 0
+        return spike
+
+    def _follow_noise(self, innovation: float, measured: bool) -> None:
+        s = self.settings
+        d = min(abs(innovation - 2 * self.e1 + self.e2), LARGEST)
+        self.e1, self.e2 = innovation, self.e1
+        if measured:
+            self.ringing += s.ringing_rate * (d * d / 6 - self.ringing)
+            clipped = min(
+                d, CLIP * max(self.sigma, s.model_error)
+            )  # model_error: so that sigma does not die in silence
+            self.sigma += s.noise_rate * (clipped / MEAN_SECOND_DIFFERENCE - self.sigma)
+
+    def _filter(self, u: FloatArray, y: float) -> None:
+        alpha = self.filter
+        if not self.started:
+            self.u1, self.u, self.y1, self.y, self.started = u, u, y, y, True
+        self.u1 = self.u1 + alpha * (u - self.u1)
+        self.u = self.u + alpha * (self.u1 - self.u)
+        self.y1 += alpha * (y - self.y1)
+        self.y += alpha * (self.y1 - self.y)
+
+    def _update_weights(self) -> None:
+        """First tick of an update."""
+        s = self.settings
+        self.Pu = symmetric_times(self.P, self.u)
+        explained, e = float(dot(self.u, self.Pu)), self.y - float(dot(self.u, self.weights))
+        if not (explained >= 0 and math.isfinite(explained * e)):  # never seen: P lost its definiteness to rounding
+            self.P = self.P0.copy()
+            return
+        floor, quiet = s.model_error * s.model_error + self.disturbance, self.sigma * self.sigma
+        expected = explained + (quiet + floor) / 2
+        if not expected > 0:  # no motion, no noise, no error of the model: nothing to divide by
+            return
+        variance = explained + (max(self.ringing / 2, quiet) + floor) / 2
+        gain = e / variance
+        if not (math.isfinite(variance) and math.isfinite(gain)):
+            return
+        self.variance, self.pending = variance, True
+        self.weights = within_largest(self.weights + gain * self.Pu)
+        self.mixed += 2
+        if self.mixed >= FORGET_EVERY:
+            self.weights = self.weights + s.prior_return * (self.w0 - self.weights)
+        self._detect_change(e * e / expected)
+
+    def _detect_change(self, surprise: float) -> None:
+        s = self.settings
+        self.change += s.change_rate * (min(surprise, SURPRISE) - self.change)
+        self.changed = self.change > s.change_threshold and self.since_change >= s.refractory
+        if self.changed:
+            self.since_change, self.change = 0, 0.0
+
+    def _follow_covariance(self) -> None:
+        """Second tick of an update."""
+        s, back = self.settings, 0.0
+        root = self.Pu * (1 / math.sqrt(self.variance))
+        if not float(dot(root, root)) <= LARGEST * LARGEST:  # never seen, as above
+            self.P, root = self.P0.copy(), np.zeros(root.size)
+        P = self.P - np.outer(root, root)
+        if self.mixed >= FORGET_EVERY:
+            self.mixed, back = 0, s.prior_return
+        if self.changed:
+            back += s.change_share
+        if back > 0:
+            P += min(back, 1.0) * (self.P0 - P)
+        if self.changed:
+            P += self._change * np.outer(self.weights, self.weights)
+        self.P = P
+        self.pending = self.changed = False
+
+    def project(self, g: FloatArray, value: float) -> None:
+        """Move w onto the plane g.w = value: w = w + P g (value - g.w) / (g'P g).
+
+        Of all points of the plane it is the nearest one in the metric of P^-1: what the data said weighs most.
+        """
+        Pg = symmetric_times(self.P, g)
+        g_Pg = float(dot(g, Pg))
+        if 0 < g_Pg < math.inf and math.isfinite(step := (value - float(dot(g, self.weights))) / g_Pg):
+            self.weights = within_largest(self.weights + step * Pg)

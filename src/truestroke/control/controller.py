@@ -1,0 +1,422 @@
+"""The adaptive inverse controller (Sec. 3, Fig. 5): `command`, then `adapt`, once a tick, in the C kernel."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from truestroke import _kernel, _kernel32
+from truestroke.base import checks
+from truestroke.base.checks import SettingError
+from truestroke.base.flags import Flags
+from truestroke.base.typing import FloatArray
+from truestroke.control.settings import ControllerSettings, kernel_settings
+
+if TYPE_CHECKING:
+    from truestroke.control.actuator import ActuatorModel
+
+State = Mapping[str, npt.NDArray[Any]]
+
+CHANGEABLE = (
+    *("memory", "filter_frequency", "model_error", "change_threshold", "change_refractory", "change_gain"),
+    *("change_hysteresis", "change_share", "outlier", "outliers", "forgetting", "covariance_limit"),
+    *("voltage_limits", "slope_limits", "velocity_limit", "slew_limit", "measurement_limit", "smoothing_time"),
+    *("trim_rate", "dead_zone_weights", "rate_scale", "resonance"),
+)
+"""Settings that `AdaptiveController.change` takes."""
+
+
+class Controller(Protocol):
+    """Whatever can be in the loop: a command before the tick, a measurement after it."""
+
+    def command(self, z_d: float, zdot_d: float) -> float:
+        """Voltage (V) for the desired displacement (um) and velocity (um/s) of this tick."""
+
+    def adapt(self, z_measured: float, ago: int = 0) -> None:
+        """Learn from the displacement (um) that answered the command `ago` commands before the last one."""
+
+
+@dataclass(frozen=True, slots=True)
+class Counters:
+    """How often it happened since the start or the last reset: ticks, by kind."""
+
+    commands: int
+    adaptations: int
+    saturated: int
+    projected: int
+    rejected: int
+    changed: int
+    slewed: int
+    oscillating: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Diagnostics:
+    """What the controller believes after the last tick.
+
+    Attributes
+    ----------
+    innovation : float
+        e_m of (15): what the measurement said beyond the model, um.
+    weights : ndarray, shape (m,)
+        w = [a0, b0, a1, b1, ...] of (21), um/V, and those of the other terms, as `ControllerSettings` orders them.
+    partial_slopes : ndarray, shape (n,)
+        Slopes of the hysteresis branches at the last rate, as the inverse used them, um/V.
+    play_states : ndarray, shape (n,)
+        Forward play states after the last command, V.
+    trace_P : float
+        Trace of the covariance, 1/V^2.
+    """
+
+    innovation: float
+    weights: FloatArray
+    partial_slopes: FloatArray
+    play_states: FloatArray
+    trace_P: float  # noqa: N815 (the paper's symbol)
+
+
+@contextmanager
+def _as_setting(settings: ControllerSettings) -> Iterator[None]:
+    """What the kernel refuses, of settings that are within their bounds, is too much for its number type."""
+    try:
+        yield
+    except ValueError as error:
+        raise SettingError("precision", repr(settings.precision), f"wider for these settings: {error}") from None
+
+
+class AdaptiveController:
+    """Feedforward through the inverse of a rate-dependent hysteresis model that learns while it runs.
+
+    One tick is `command`, the actuator, `adapt`::
+
+        x(t)   = Gamma^-1[z_d, zdot_d](t)                      (9)-(12)
+        e_m(t) = w_s'.S_d'[z_a] - w.u(t)                       (15)
+        w     += mu e_m                                        (23)
+
+    The default law is a Kalman filter of weights that wander about a prior which follows from stroke and voltage
+    limits; it stays bounded under any input. The model has more plays than the paper's, and terms of creep, lag, offset
+    and asymmetry that are known before the voltage is chosen. `paper` is the literal algorithm.
+
+    Parameters
+    ----------
+    sample_rate : float
+        Ticks per second, Hz.
+    stroke : float
+        Length of the travel that is asked for, um.
+    voltage_limits : tuple[float, float]
+        Lowest and highest voltage that may leave, V at the D/A converter.
+    **settings
+        Any other member of `ControllerSettings`.
+
+    Raises
+    ------
+    SettingError
+        Names the setting, its value, the bound and the unit.
+
+    Examples
+    --------
+    A linear actuator of 10 um/V is learned in a few ticks:
+
+    >>> controller = AdaptiveController(sample_rate=2000.0, stroke=30.0, voltage_limits=(-0.6, 3.6))
+    >>> for tick in range(200):
+    ...     z_d = 15.0 + 10.0 * np.sin(0.05 * tick)
+    ...     volts = controller.command(z_d, 0.05 * 2000.0 * 10.0 * np.cos(0.05 * tick))
+    ...     controller.adapt(10.0 * volts)
+    >>> round(controller.command(7.5, 0.0), 2)
+    0.75
+    """
+
+    def __init__(
+        self, *, sample_rate: float, stroke: float, voltage_limits: tuple[float, float], **settings: Any
+    ) -> None:
+        checks.known(settings, ControllerSettings.__dataclass_fields__)
+        self._start(
+            ControllerSettings(sample_rate=sample_rate, stroke=stroke, voltage_limits=voltage_limits, **settings)
+        )
+
+    @classmethod
+    def from_settings(cls, settings: ControllerSettings) -> AdaptiveController:
+        """A controller with these settings."""
+        controller = cls.__new__(cls)
+        controller._start(settings)
+        return controller
+
+    @classmethod
+    def from_model(
+        cls,
+        model: ActuatorModel | str | os.PathLike[str],
+        *,
+        sample_rate: float,
+        voltage_limits: tuple[float, float] | None = None,
+        **settings: Any,
+    ) -> AdaptiveController:
+        """A controller that starts with an identified model, as sure of it as the record allows.
+
+        Parameters
+        ----------
+        model : ActuatorModel, str or PathLike
+            The model or its file. Displacements are counted from its `zero`.
+        sample_rate : float
+            Ticks per second, Hz.
+        voltage_limits : tuple[float, float], optional
+            Lowest and highest voltage that may leave, V; by default those of the record.
+        **settings
+            Any other member of `ControllerSettings` that is not about the model.
+
+        Notes
+        -----
+        The covariance of the prior is that of the record, plus a share of the default one: `ActuatorModel.another_day`.
+        """
+        from truestroke.control.actuator import ActuatorModel
+        from truestroke.control.model_file import load_model
+
+        known = model if isinstance(model, ActuatorModel) else load_model(model)
+        limits = {} if voltage_limits is None else {"voltage_limits": voltage_limits}
+        return cls.from_settings(known.start(sample_rate, **limits, **settings))
+
+    @classmethod
+    def paper(cls, *, sample_rate: float, stroke: float, voltage_limits: tuple[float, float]) -> AdaptiveController:
+        """The literal algorithm of the paper: the baseline that everything else is compared with.
+
+        8 plays, w(0) = [5, 0, ...], c_b = 0.007 s/um, recursive least squares with a fixed forgetting factor. Added
+        are only the guards without which it is not defined: partial slopes are kept above 5 % of q in the inverse,
+        P stops growing at `covariance_limit`, and a measurement beyond `measurement_limit` is rejected.
+
+        Examples
+        --------
+        >>> controller = AdaptiveController.paper(sample_rate=2000.0, stroke=30.0, voltage_limits=(-0.6, 3.6))
+        >>> controller.command(10.0, 0.0)
+        2.0
+        """
+        return cls.from_settings(
+            ControllerSettings.paper(sample_rate=sample_rate, stroke=stroke, voltage_limits=voltage_limits)
+        )
+
+    def _start(self, settings: ControllerSettings) -> None:
+        self.settings = settings
+        kernel = _kernel.Kernel if settings.precision == "double" else _kernel32.Kernel
+        with _as_setting(settings):
+            self._kernel = kernel(kernel_settings(settings))
+        if type(self) is AdaptiveController:  # the kernel's own calls save a frame of Python, 35 ns, at each
+            vars(self).update(command=self._kernel.command, adapt=self._kernel.adapt)
+
+    def command(self, z_d: float, zdot_d: float) -> float:
+        """Voltage for this tick; the forward play states advance.
+
+        Parameters
+        ----------
+        z_d : float
+            Desired displacement, um.
+        zdot_d : float
+            Desired velocity, um/s.
+
+        Returns
+        -------
+        float
+            Voltage at the D/A converter, V, within `voltage_limits`.
+
+        Raises
+        ------
+        ValueError
+            z_d or zdot_d is NaN or infinite; nothing has changed.
+        """
+        return self._kernel.command(z_d, zdot_d)
+
+    def adapt(self, z_measured: float, ago: int = 0) -> None:
+        """Learn from a measurement; it may be left out for a tick.
+
+        Parameters
+        ----------
+        z_measured : float
+            Displacement, um, the mean over the tick. NaN and infinity are rejected, flagged and counted.
+        ago : int
+            How many commands were issued after the one that this measurement answers, 0 to 63. Measurements come in
+            the order of their commands; one that is older than a measurement already used is rejected.
+
+        Raises
+        ------
+        SettingError
+            The first measurement since the start, within 64 ticks, is further from 0 than
+            `ControllerSettings.reach` of the voltage: the sensor is not zeroed, or another's. Nothing has changed.
+        """
+        self._kernel.adapt(z_measured, ago)
+
+    def process(
+        self,
+        z_d: npt.ArrayLike,
+        zdot_d: npt.ArrayLike,
+        z_measured: npt.ArrayLike | None = None,
+        *,
+        ago: int = 0,
+    ) -> FloatArray:
+        """A block of ticks: `command`, then `adapt` with the measurement that came in at that tick, for each of them.
+
+        Parameters
+        ----------
+        z_d, zdot_d : array_like, shape (ticks,)
+            Desired displacement, um, and velocity, um/s.
+        z_measured : array_like, shape (ticks,), optional
+            Measurements, um; each answers the command `ago` ticks before its own. Left out: commands alone.
+        ago : int
+            Latency between a command and its measurement, ticks, 0 to 63.
+
+        Returns
+        -------
+        ndarray, shape (ticks,)
+            Voltages, V.
+        """
+        z_d, zdot_d = checks.finite_array("z_d", z_d, "um"), checks.finite_array("zdot_d", zdot_d, "um/s")
+        volts = np.empty_like(z_d)
+        measured = None if z_measured is None else np.ascontiguousarray(z_measured, dtype=np.float64)
+        self._kernel.process(np.ascontiguousarray(z_d), np.ascontiguousarray(zdot_d), measured, volts, ago)
+        return volts
+
+    def hold(self) -> None:
+        """Stop adapting; commands go on with the weights as they are."""
+        self._kernel.hold(True)
+
+    def resume(self) -> None:
+        """Adapt again."""
+        self._kernel.hold(False)
+
+    def reset(self) -> None:
+        """Back to the first tick: plays at 0 V, w(0), P(0), counters at zero."""
+        self._kernel.reset()
+
+    def start(self, volts: float, z: float) -> None:
+        """Take over an actuator that rests at z (um) under `volts` (V), without a jump: the command for z is `volts`.
+
+        Everything that was learned is forgotten, as by `reset`.
+
+        Raises
+        ------
+        SettingError
+            `volts` are beyond their limits, or z is further from 0 than `ControllerSettings.reach` of `volts`: zero the
+            sensor, or subtract its reading at rest. Nothing has changed.
+
+        Examples
+        --------
+        >>> controller = AdaptiveController(sample_rate=2000.0, stroke=30.0, voltage_limits=(-0.6, 3.6))
+        >>> controller.start(volts=1.5, z=11.0)
+        >>> round(controller.command(11.0, 0.0), 12)
+        1.5
+        """
+        low, high = self.settings.voltage_limits
+        volts, z = checks.within("volts", volts, low, high, "V"), checks.number("z", z, "um")
+        self.settings.check_reach("z", z, volts)
+        self._kernel.start(volts, z)
+
+    def change(self, **settings: Any) -> None:
+        """Change settings while running; what was learned stays, and the command does not jump.
+
+        Parameters
+        ----------
+        **settings
+            Members of `ControllerSettings` that are about the law or about safety. The terms of the model, its
+            thresholds, the law and the precision stay as they are: for others make a new controller.
+
+        Raises
+        ------
+        SettingError
+            The setting does not exist, is out of bounds, or would change the model; nothing has changed.
+
+        Examples
+        --------
+        >>> controller = AdaptiveController(sample_rate=2000.0, stroke=30.0, voltage_limits=(-0.6, 3.6))
+        >>> controller.change(trim_rate=20.0)
+        >>> controller.settings.trim_rate
+        20.0
+        """
+        for name, value in settings.items():
+            if name not in CHANGEABLE:
+                raise SettingError(name, value, f"left out: while running one can change {', '.join(CHANGEABLE)}")
+        if "resonance" in settings:  # what follows from it, where it is not given
+            settings = {"filter_frequency": None, "smoothing_time": None, **settings}
+        changed = dataclasses.replace(self.settings, **settings)
+        with _as_setting(changed):
+            self._kernel.change(kernel_settings(changed))
+        self.settings = changed
+
+    def state(self) -> dict[str, npt.NDArray[Any]]:
+        """Everything that a tick leaves behind, as named arrays, for `restore`.
+
+        A run that is interrupted, saved with ``np.savez(file, **controller.state())``, restored and continued is
+        equal to the last bit to one that was not.
+        """
+        return self._kernel.state()
+
+    def restore(self, state: State) -> None:
+        """Take over a state that `state` gave, of a controller with the same settings.
+
+        Raises
+        ------
+        ValueError
+            An entry is missing, has another size, is not finite, or is such as no run leaves behind (a negative
+            variance, a flag that is neither 0 nor 1, counters that contradict each other); nothing has changed.
+        """
+        self._kernel.restore({name: np.ascontiguousarray(value) for name, value in state.items()})
+
+    @property
+    def weights(self) -> FloatArray:
+        """w = [a0, b0, a1, b1, ...] of (21), um/V, and those of the other terms, shape (m,)."""
+        return np.asarray(self._kernel.weights(), dtype=np.float64)
+
+    @property
+    def innovation(self) -> float:
+        """e_m of (15) at the last measurement, um."""
+        return self._kernel.innovation()
+
+    @property
+    def covariance(self) -> FloatArray:
+        """P, shape (m, m), in the squares of the units of the weights (for (23): 1/V^2)."""
+        return np.asarray(self._kernel.covariance(), dtype=np.float64).reshape(self.weights.size, -1)
+
+    @property
+    def resonance(self) -> float:
+        """First resonance of the stage, Hz: as told, or as found when the law excited it; NaN where it is not known."""
+        return self._kernel.resonance() * self.settings.sample_rate
+
+    @property
+    def filter_frequency(self) -> float:
+        """Corner of the law's filter in force, Hz: lower than told where the law excited a resonance; NaN for "rls"."""
+        return -math.log1p(-self._kernel.filter()) * self.settings.sample_rate / (2 * math.pi)
+
+    @property
+    def noise(self) -> float:
+        """Standard deviation of the measurement as estimated on line, um; NaN for "rls", which has no such thing."""
+        return self._kernel.noise()
+
+    @property
+    def flag_bits(self) -> int:
+        """The flags of the last tick as a bit mask; `truestroke.base.flags` and docs/conventions.md have the bits."""
+        return self._kernel.flags()
+
+    @property
+    def flags(self) -> Flags:
+        """The flags of the last tick."""
+        return Flags.from_bits(self._kernel.flags())
+
+    @property
+    def counters(self) -> Counters:
+        """How many ticks of each kind there were."""
+        return Counters(*map(int, self._kernel.counters()))
+
+    @property
+    def diagnostics(self) -> Diagnostics:
+        """What the controller believes after the last tick; a copy, so that it stays as it is."""
+        arrays = [
+            np.asarray(a, dtype=np.float64)
+            for a in (self._kernel.weights(), self._kernel.slopes(), self._kernel.play())
+        ]
+        for array in arrays:
+            array.flags.writeable = False
+        weights, slopes, play = arrays
+        return Diagnostics(self._kernel.innovation(), weights, slopes, play, self._kernel.trace())

@@ -1,0 +1,303 @@
+"""What a motion needs of voltage and slew, before anything moves; whether stroke and limits allow it.
+
+The numbers are those of what a controller believes before its first measurement: z = gain * x on a long way, and the
+slope after a reversal, which is the first weight, where the voltage has to be fastest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+
+from truestroke.base.checks import SettingError
+from truestroke.base.typing import FloatArray
+from truestroke.control.settings import ControllerSettings
+from truestroke.model import prior
+
+SPARE = 1.1  # a motion may be longer than the stroke by so much
+DOUBT = (
+    2.0  # an actuator may move so many times further a volt than believed: what it cannot follow even then is refused
+)
+USUAL = 95.0  # percent of the ticks: a slew that is exceeded in more of them is not one of short moves
+NAMES: Mapping[str, str] = {
+    "motion": "trajectory",
+    "stroke": "stroke",
+    "voltage_limits": "voltage_limits",
+    "slew": "slew_limit",
+}
+"""The words of Python for what can be changed; other places give their own."""
+
+
+@runtime_checkable
+class Sampled(Protocol):
+    """What is looked at of a motion that is known; a `Trajectory` is one."""
+
+    @property
+    def sample_rate(self) -> float:
+        """Ticks per second, Hz."""
+
+    @property
+    def position(self) -> FloatArray:
+        """Desired displacement, um."""
+
+    @property
+    def velocity(self) -> FloatArray:
+        """Desired velocity, um/s."""
+
+
+class LimitWarning(UserWarning):
+    """A limit of the controller will probably hold the motion back; `truestroke.run` gives it before it begins."""
+
+
+class Pursued(Protocol):
+    """What is known of a motion that somebody will ask for; a `SetPoint` of `truestroke.runtime.realtime` is one."""
+
+    @property
+    def reach(self) -> tuple[float, float]:
+        """Lowest and highest target, um."""
+
+    @property
+    def speed(self) -> float:
+        """Highest velocity, um/s."""
+
+    @property
+    def ramp(self) -> float:
+        """From rest to full speed, s."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Demands:
+    """What a motion needs.
+
+    Attributes
+    ----------
+    reach : tuple[float, float]
+        Lowest and highest position, um.
+    speed, usual_speed : float
+        Largest absolute velocity, and that which 95 % of the ticks keep to, um/s.
+    acceleration : float
+        Largest absolute acceleration, um/s^2.
+    volts : tuple[float, float]
+        Lowest and highest voltage, V, as the settings believe.
+    slew, usual_slew : float
+        Fastest change of the voltage, and that which 95 % of the ticks keep to, V/s.
+    """
+
+    reach: tuple[float, float]
+    speed: float
+    usual_speed: float
+    acceleration: float
+    volts: tuple[float, float]
+    slew: float
+    usual_slew: float
+
+
+def gains(settings: ControllerSettings) -> tuple[float, float]:
+    """What the settings believe of the actuator, um/V: the gain on a long way, and the slope after a reversal.
+
+    Those of the first weights; "rls" starts with a number of the paper, and is counted with the prior if that is more.
+
+    Examples
+    --------
+    >>> s = ControllerSettings(sample_rate=2000.0, stroke=30.0, voltage_limits=(-0.6, 3.6))
+    >>> [round(gain, 2) for gain in gains(s)]
+    [11.79, 8.21]
+    """
+    places = np.cumsum([0, *(1 + (i in settings.rated) for i in range(settings.plays - 1))])
+    plays = np.asarray(settings.initial_weights)[places] * sum(settings.dead_zone_weights)
+    long_way, first = float(plays.sum()), float(plays[0])
+    if settings.law == "rls":
+        first = max(first, prior.FIRST_SLOPE * settings.q)
+        long_way = max(long_way, first + prior.HYSTERESIS * settings.q)
+    return long_way, first
+
+
+def reach(trajectory: Sampled | Pursued) -> tuple[float, float]:
+    """Lowest and highest position of a motion, um; its start from 0 um counts."""
+    if isinstance(trajectory, Sampled):
+        return min(0.0, float(trajectory.position.min())), max(0.0, float(trajectory.position.max()))
+    return trajectory.reach
+
+
+def demands(trajectory: Sampled | Pursued, settings: ControllerSettings) -> Demands:
+    """What a trajectory needs of an actuator such as the settings believe in; 0 um is at 0 V.
+
+    Parameters
+    ----------
+    trajectory : Trajectory or SetPoint
+        Desired motion.
+    settings : ControllerSettings
+        Of the controller that is to follow it.
+
+    Returns
+    -------
+    Demands
+
+    Examples
+    --------
+    A sine of 100 Hz is faster than the default slew limit:
+
+    >>> from truestroke.signals import trajectories
+    >>> s = ControllerSettings(sample_rate=2000.0, stroke=30.0, voltage_limits=(-0.6, 3.6))
+    >>> needs = demands(trajectories.sine(frequency=100.0, peak_to_peak=20.0, duration=1.0), s)
+    >>> print(f"{needs.slew:.0f} V/s, the limit is {s.slew_limit:.0f} V/s")
+    765 V/s, the limit is 504 V/s
+    """
+    if not isinstance(trajectory, Sampled):
+        return of_bounds(
+            reach=reach(trajectory),
+            speed=trajectory.speed,
+            usual_speed=trajectory.speed,
+            acceleration=4 * trajectory.speed / trajectory.ramp,
+            settings=settings,
+        )
+    speeds = np.abs(trajectory.velocity)
+    changes = np.abs(np.diff(trajectory.velocity)) * trajectory.sample_rate
+    return of_bounds(
+        reach=reach(trajectory),
+        speed=float(speeds.max()),
+        usual_speed=float(np.percentile(speeds, USUAL)),
+        acceleration=float(changes.max(initial=0.0)),
+        settings=settings,
+    )
+
+
+def of_bounds(
+    *,
+    reach: tuple[float, float],
+    speed: float,
+    usual_speed: float,
+    acceleration: float,
+    settings: ControllerSettings,
+) -> Demands:
+    """The same of a motion of which only bounds are known: um, um/s, um/s, um/s^2."""
+    long_way, first = gains(settings)
+    return Demands(
+        reach=reach,
+        speed=speed,
+        usual_speed=usual_speed,
+        acceleration=acceleration,
+        volts=(reach[0] / long_way, reach[1] / long_way),
+        slew=speed / first,
+        usual_slew=usual_speed / first,
+    )
+
+
+def check(
+    needs: Demands,
+    settings: ControllerSettings,
+    *,
+    slew: float | None = None,
+    voltage_limits: tuple[float, float] | None = None,
+    names: Mapping[str, str] = NAMES,
+) -> None:
+    """Refuse a motion that the actuator cannot make, even if it moves twice as far a volt as believed.
+
+    Parameters
+    ----------
+    needs : Demands
+        Of the motion.
+    settings : ControllerSettings
+        Stroke and limits.
+    slew : float, optional
+        Fastest change of the voltage where it is not that of the settings, V/s.
+    voltage_limits : tuple[float, float], optional
+        Lowest and highest voltage where they are not those of the settings, V.
+    names : Mapping[str, str]
+        How motion, stroke, voltage_limits and slew are called where the reader can change them.
+
+    Raises
+    ------
+    SettingError
+        The motion is longer than the stroke, needs voltages beyond the limits, or is too fast for the slew limit in
+        more than 5 % of the ticks. It names the first of them, and what the motion needs.
+
+    Examples
+    --------
+    >>> from truestroke.signals import trajectories
+    >>> s = ControllerSettings(sample_rate=2000.0, stroke=30.0, voltage_limits=(-0.6, 3.6))
+    >>> wave = trajectories.sine(frequency=8.0, peak_to_peak=200.0, duration=1.0)
+    >>> check(demands(wave, s), s)
+    Traceback (most recent call last):
+        ...
+    truestroke.SettingError: trajectory = 0 to 199.992 um: must be within the stroke, 30 um (it moves at up to \
+5027 um/s and 2.53e+05 um/s^2: about 612 V/s); make it smaller, or change stroke
+    """
+    limit = settings.slew_limit if slew is None else slew
+    low, high = settings.voltage_limits if voltage_limits is None else voltage_limits
+    ends, motion = needs.reach, names["motion"]
+    if ends[1] - ends[0] > SPARE * settings.stroke:
+        raise SettingError(
+            motion,
+            f"{ends[0]:g} to {ends[1]:.6g}",
+            f"within the stroke, {settings.stroke:g} um (it moves at up to {needs.speed:.4g} um/s and "
+            f"{needs.acceleration:.3g} um/s^2: about {needs.slew:.3g} V/s); make it smaller, "
+            f"or change {names['stroke']}",
+            "um",
+        )
+    if needs.volts[0] / DOUBT < min(low, 0.0) or needs.volts[1] / DOUBT > max(high, 0.0):
+        raise SettingError(
+            motion,
+            f"{ends[0]:g} to {ends[1]:.6g}",
+            f"within reach: about {needs.volts[0]:.3g} to {needs.volts[1]:.3g} V are needed at "
+            f"{gains(settings)[0]:.3g} um/V, {names['voltage_limits']} are {low:g} to {high:g} V; make it smaller, or "
+            "correct the limits or the model (um, V)",
+            "um",
+        )
+    if needs.usual_slew / DOUBT > limit:
+        raise SettingError(
+            names["slew"],
+            f"{limit:g}",
+            f"about {needs.slew:.3g} V/s for a motion at up to {needs.speed:.4g} um/s and "
+            f"{needs.acceleration:.3g} um/s^2 (at {gains(settings)[1]:.3g} um/V); raise it, or make {motion} slower",
+            "V/s",
+        )
+
+
+def notices(
+    needs: Demands,
+    settings: ControllerSettings,
+    *,
+    slew: float | None = None,
+    voltage_limits: tuple[float, float] | None = None,
+    names: Mapping[str, str] = NAMES,
+) -> tuple[str, ...]:
+    """Tell, before the run, which limit will probably hold the motion back, and what it needs; () if none will.
+
+    Parameters as those of `check`.
+
+    Examples
+    --------
+    >>> from truestroke.signals import trajectories
+    >>> s = ControllerSettings(sample_rate=2000.0, stroke=30.0, voltage_limits=(-0.6, 3.6))
+    >>> fast = trajectories.sine(frequency=100.0, peak_to_peak=20.0, duration=1.0)
+    >>> notices(demands(fast, s), s)
+    ('slew_limit = 504 V/s will hold the motion back: it needs about 765 V/s (6283 um/s at 8.21 um/V)',)
+    """
+    limit = settings.slew_limit if slew is None else slew
+    low, high = settings.voltage_limits if voltage_limits is None else voltage_limits
+    told = []
+    if needs.volts[0] < min(low, 0.0) or needs.volts[1] > max(high, 0.0):
+        told.append(
+            f"{names['voltage_limits']} = {low:g} to {high:g} V will hold the motion back: it needs about "
+            f"{needs.volts[0]:.3g} to {needs.volts[1]:.3g} V ({needs.reach[0]:.4g} to {needs.reach[1]:.4g} um at "
+            f"{gains(settings)[0]:.3g} um/V)"
+        )
+    if needs.slew > limit:
+        told.append(
+            f"{names['slew']} = {limit:g} V/s will hold the motion back: it needs about {needs.slew:.3g} V/s "
+            f"({needs.speed:.4g} um/s at {gains(settings)[1]:.3g} um/V)"
+        )
+    return tuple(told)
+
+
+def remedied(trajectory: Sampled, controller: object) -> tuple[str, ...]:
+    """The notices for this controller, each with the remedy; () of one that has no `ControllerSettings`."""
+    settings = getattr(controller, "settings", None)
+    if not isinstance(settings, ControllerSettings) or not trajectory.position.size:
+        return ()
+    found = notices(demands(trajectory, settings), settings)
+    return tuple(f"{notice}; change it, or make {NAMES['motion']} slower or smaller" for notice in found)

@@ -1,0 +1,185 @@
+"""An actuator's model as a TOML file that people read and that comes back to the last bit."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import tomllib
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from truestroke.base import files
+from truestroke.base.checks import SettingError
+from truestroke.base.typing import FloatArray
+from truestroke.control.actuator import ActuatorModel
+
+FORMAT, VERSION = "truestroke model", 1
+KEYS = {
+    "thresholds_V": "thresholds",
+    "rated": "rated",
+    "creep_times_s": "creep_times",
+    "bends": "bends",
+    "delay_s": "delay",
+    "rate_scale_s_per_um": "rate_scale",
+    "stroke_um": "stroke",
+    "zero_um": "zero",
+    "voltage_range_V": "voltage_range",
+    "velocity_um_per_s": "velocity",
+    "noise_um": "noise",
+}
+"""Keys of the file's table [model], and the members of `ActuatorModel` that they hold."""
+
+
+class ModelFileError(files.FileError):
+    """A model file that cannot be used; names the file and the reason."""
+
+
+def save_model(path: str | os.PathLike[str], model: ActuatorModel) -> None:
+    """Write the model to a TOML file.
+
+    Parameters
+    ----------
+    path : str or PathLike
+        File; a model that is there is replaced.
+    model : ActuatorModel
+        `Identified.model`, for one.
+
+    Raises
+    ------
+    ModelFileError
+        A number of the model is not finite.
+    FileExistsError
+        A file is there that is no model; within `files.overwriting` it is replaced.
+    """
+    lines = [f"format = {_toml(FORMAT)}", f"version = {VERSION}", *_sections(model, "")]
+    if model.before is not None:
+        lines += ["", "# What it was refined from, to undo a pass that is worse", *_sections(model.before, "before.")]
+    files.write(path, "\n".join(lines) + "\n", files.MODEL)
+
+
+def _sections(model: ActuatorModel, prefix: str) -> list[str]:
+    """The tables of a model as lines, each behind an empty one."""
+    lines = ["", f"[{prefix}model]"]
+    lines += [f"{key} = {_toml(getattr(model, name))}" for key, name in KEYS.items()]
+    lines += ["", f"[{prefix}weights] # +- standard deviation"]
+    for name, weight, deviation in zip(model.names, model.weights, model.deviations, strict=True):
+        lines.append(f"{_toml(name)} = {_toml(weight)} # +- {deviation:.2g} {_unit(name)}")
+    lines += ["", f"[{prefix}covariance] # of the weights, in the squares of their units", "lower_triangle = ["]
+    lines += [f"  {_toml(row[: i + 1])}," for i, row in enumerate(model.covariance)]
+    lines += ["]", "", f"[{prefix}figures]", *_table(model.figures.items()), "", f"[{prefix}provenance]"]
+    return lines + _table(model.provenance.items())
+
+
+def load_model(path: str | os.PathLike[str]) -> ActuatorModel:
+    """Read a model that `save_model` wrote, perhaps edited since.
+
+    Raises
+    ------
+    ModelFileError
+        The file is not there, is no TOML, no model, of a newer version, lacks an entry, has one too many or one that
+        is out of bounds.
+    """
+    with files.reading(path, lambda reason: ModelFileError(f"{os.fspath(path)}: {reason}")):
+        return _read(Path(path))
+
+
+def _read(path: Path) -> ActuatorModel:
+    try:
+        return _model(tomllib.loads(path.read_text(encoding="utf-8")))
+    except FileNotFoundError:
+        raise ModelFileError(f"{os.fspath(path)}: there is no such file") from None
+    except (OSError, RecursionError, UnicodeDecodeError, tomllib.TOMLDecodeError, SettingError, _WrongError) as error:
+        raise ModelFileError(f"{os.fspath(path)}: {error}") from error
+
+
+class _WrongError(Exception):
+    pass
+
+
+def _model(document: dict[str, Any]) -> ActuatorModel:
+    if document.get("format") != FORMAT:
+        raise _WrongError(f"not a {FORMAT}: format is {document.get('format')!r}")
+    if document.get("version") != VERSION:
+        raise _WrongError(f"version {document.get('version')!r} of the format; this truestroke reads version {VERSION}")
+    before = document.get("before")
+    if before is not None and not isinstance(before, dict):
+        raise _WrongError("before: must be tables")
+    model = _of_tables(document)
+    return model if before is None else model.replace(before=_of_tables(before, "before."))
+
+
+def _of_tables(document: dict[str, Any], prefix: str = "") -> ActuatorModel:
+    tables: dict[str, Any] = {
+        name: document.get(name) for name in ("model", "weights", "covariance", "figures", "provenance")
+    }
+    for name, table in tables.items():
+        if not isinstance(table, dict):
+            raise _WrongError(f"there is no table [{prefix}{name}]")
+    _same("model", tables["model"], KEYS)
+    _same("covariance", tables["covariance"], ("lower_triangle",))
+    members = {name: tables["model"][key] for key, name in KEYS.items()}
+    for key, name in KEYS.items():
+        if isinstance(members[name], list):
+            members[name] = tuple(members[name])
+        elif name in ("thresholds", "rated", "creep_times", "voltage_range"):
+            raise _WrongError(f"[model] {key} = {members[name]!r}: must be a list")
+    model = ActuatorModel(
+        **members,
+        weights=_numbers(tables["weights"].values()),
+        covariance=_symmetric(tables["covariance"]["lower_triangle"], len(tables["weights"])),
+        figures=tables["figures"],
+        provenance=tables["provenance"],
+    )
+    if tuple(tables["weights"]) != model.names:
+        raise _WrongError(f"[weights] names {', '.join(tables['weights'])}: must be {', '.join(model.names)}")
+    return model
+
+
+def _same(table: str, found: Iterable[str], expected: Iterable[str]) -> None:
+    if missing := [key for key in expected if key not in found]:
+        raise _WrongError(f"[{table}] lacks {', '.join(missing)}")
+    if strange := [key for key in found if key not in expected]:
+        raise _WrongError(f"[{table}] has {', '.join(strange)}, which means nothing")
+
+
+def _numbers(entries: Iterable[Any]) -> FloatArray:
+    """As an array where all are numbers; else as they are, so that the model's check names the first that is not."""
+    values: Any = list(entries)
+    return np.array(values, dtype=np.float64) if all(isinstance(v, int | float) for v in values) else values
+
+
+def _symmetric(rows: Any, m: int) -> FloatArray:
+    if not isinstance(rows, list) or [len(row) if isinstance(row, list) else -1 for row in rows] != [*range(1, m + 1)]:
+        raise _WrongError(f"[covariance] lower_triangle: must be {m} rows of 1 to {m} numbers")
+    P = np.zeros((m, m))
+    for i, row in enumerate(rows):
+        P[i, : i + 1] = P[: i + 1, i] = row
+    return P
+
+
+# ---- TOML ----------------------------------------------------------------------------------------------------------
+
+
+def _table(entries: Iterable[tuple[str, Any]]) -> list[str]:
+    return [f"{_toml(key)} = {_toml(value)}" for key, value in entries]
+
+
+def _toml(value: Any) -> str:
+    """A string, number or flat list; floats so that they come back to the last bit."""
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    if isinstance(value, int | np.integer):
+        return str(int(value))
+    if isinstance(value, float | np.floating):
+        if not math.isfinite(value):
+            raise ModelFileError(f"{value} in the model: only finite numbers are written")
+        return repr(float(value))
+    return f"[{', '.join(_toml(entry) for entry in value)}]"
+
+
+def _unit(name: str) -> str:
+    return {"lag": "s", "offset": "um"}.get(name, "um" if name.startswith("bend") else "um/V")

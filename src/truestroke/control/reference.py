@@ -1,0 +1,556 @@
+"""The whole controller in NumPy: what the C kernel does, readable beside the paper (Sec. 3, Fig. 5).
+
+It is the oracle of the kernel's tests, equal to it to the last bit, and the place to try a law or a model first. It is
+some hundred times slower: `AdaptiveController` is for the loop.
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from truestroke.base import checks
+from truestroke.base.checks import SettingError
+from truestroke.base.typing import FloatArray
+from truestroke.control.adaptation import LARGEST, RLS, BoundedKalman, KalmanSettings, Law, UpdateRefused
+from truestroke.control.oscillation import OscillationDetector, OscillationSettings
+from truestroke.control.settings import ControllerSettings, kernel_settings
+from truestroke.model.models import brought, creep_step, known_terms, limit_slopes, play_inverse, play_terms
+from truestroke.model.operators import dead_zone, dot, play
+
+HISTORY = 64
+"""Commands that may wait for their measurement: `ago` is at most one less. TS_HISTORY of the kernel."""
+
+LOWER = 0.7  # how far the law's filter comes down where it was not low enough
+NOT_BELOW = 0.2  # of the resonance that is known: what is slower is the motion's error
+REST_PERIODS = 6  # of the oscillation: how long learning rests at the most,
+REST_HALF_WAVES = 7  # and after how many of the ringing it goes on
+KEEP = 0.03  # s: how often the weights are kept
+
+BEYOND = 10
+"""Limited ticks beyond the desired displacement after which the model is held to be wrong, not the limit. TS_BEYOND."""
+
+
+@dataclass(frozen=True)
+class _Command:
+    """A tick that waits for its measurement."""
+
+    x: float  # V
+    z_d: float  # um
+    zdot_d: float  # um/s
+    inertia: float  # um: what the stage's inertia asks for
+    limited: bool  # the voltage met a limit
+
+
+@dataclass
+class _Stage:
+    """What is known of the stage's first resonance, and what follows from it; at first what the settings say."""
+
+    detector: OscillationDetector
+    older: FloatArray  # weights to go back to
+    newer: FloatArray
+    resonance: float = 0.0  # cycles per tick; 0: not known
+    inertia: float = 0.0  # 1 / (w0^2 T), s: displacement that a change of zdot_d in a tick takes
+    smoothing: float = 0.0  # share of what was learned that the command still lacks a tick later
+    rest: float = 0.0  # ticks until learning begins again
+    age: float = 0.0  # s since `newer` was kept
+
+
+@dataclass
+class _Memory:
+    """What the model sees of the voltage: the same for the tick that is commanded and for the one that is measured."""
+
+    play: FloatArray  # play states, V; the first is the voltage of the last tick
+    creep: FloatArray  # first-order states, V
+    ticks: int = 0  # that it has seen
+
+
+def law_of(settings: ControllerSettings) -> Law:
+    """The law that the settings ask for, at its start."""
+    s = settings
+    if s.law == "rls":
+        memory = {"forgetting": s.forgetting, "regularization": s.regularization}
+        return RLS(s.initial_weights, **memory, covariance_limit=s.covariance_limit)
+    return BoundedKalman(s.initial_weights, s.prior_covariance, _parts(s), _kalman_settings(s))
+
+
+def _parts(s: ControllerSettings) -> FloatArray:
+    """Of each parameter: 1 for the weight of the first play, 2 for that of another play, 0 for anything else."""
+    rated = [i in s.rated for i in range(s.plays)]
+    plays = play_terms(np.array([1.0, *[2.0] * (s.plays - 1)]), 0.0, rated)
+    return np.concatenate([plays, np.zeros(s.parameters - plays.size)])
+
+
+def _kalman_settings(s: ControllerSettings) -> KalmanSettings:
+    coefficients = kernel_settings(s)
+    return KalmanSettings(**{f.name: coefficients[f.name] for f in fields(KalmanSettings)})
+
+
+class ReferenceController:
+    """`AdaptiveController` in NumPy, with any law.
+
+    Parameters
+    ----------
+    settings : ControllerSettings
+        The same settings; `precision` must be "double".
+    law : Law, optional
+        What adapts the weights: an object with `weights`, shape (m,), in the order of the settings, and
+        `update(u, e_m)`. By default the one of the settings: `BoundedKalman` or `RLS`. A law of your own learns at
+        every measured tick; it takes no part in spikes, changes and the limits of the slopes.
+
+    Attributes
+    ----------
+    settings : ControllerSettings
+        As given.
+    law : Law
+        The law in use; `reset` puts a copy of the one that was given in its place.
+    counters : dict[str, int]
+        Commands, adaptations, and saturated, projected, rejected, changed and slewed ticks since the start or the last
+        reset.
+
+    Raises
+    ------
+    SettingError
+        `precision` is not "double", or the law has another number of weights than the settings.
+
+    Examples
+    --------
+    >>> settings = ControllerSettings(sample_rate=2000.0, stroke=30.0, voltage_limits=(-0.6, 3.6))
+    >>> controller = ReferenceController(settings)
+    >>> for tick in range(200):
+    ...     z_d = 15.0 + 10.0 * np.sin(0.05 * tick)
+    ...     volts = controller.command(z_d, 0.05 * 2000.0 * 10.0 * np.cos(0.05 * tick))
+    ...     controller.adapt(10.0 * volts)
+    >>> round(controller.command(10.0, 0.0), 2)
+    1.0
+    """
+
+    def __init__(self, settings: ControllerSettings, law: Law | None = None) -> None:
+        if settings.precision != "double":
+            raise SettingError(
+                "precision", repr(settings.precision), "'double': NumPy states the paper in double alone"
+            )
+        law = law_of(settings) if law is None else law
+        if np.shape(law.weights) != (settings.parameters,):
+            raise SettingError(
+                "law.weights", f"array of shape {np.shape(law.weights)}", f"{settings.parameters} numbers"
+            )
+        self._fresh_law = law
+        self._take(settings)
+        self.reset()
+
+    def _take(self, settings: ControllerSettings) -> None:
+        self.settings = settings
+        self._c: dict[str, Any] = kernel_settings(settings)  # times turned into coefficients of a tick
+        s = settings
+        self._r, self._d, self._w_s = (np.array(v) for v in (s.thresholds, s.dead_zone_thresholds, s.dead_zone_weights))
+        self._creep, self._rated = np.array(self._c["creep"]), np.array(self._c["rated"])
+        self._has_weight = np.column_stack([np.ones(s.plays, dtype=bool), self._rated])
+        self._of_plays = s.plays + len(s.rated)  # parameters before the known terms
+        self._oscillation = OscillationSettings(**{f.name: self._c[f.name] for f in fields(OscillationSettings)})
+
+    def reset(self) -> None:
+        """Back to the first tick: plays at 0 V, the law as it was given, counters at zero, not on hold."""
+        s = self.settings
+        self.law = copy.deepcopy(self._fresh_law)
+        self._now = _Memory(np.zeros(s.plays), np.zeros(self._creep.size))
+        self._lagged = copy.deepcopy(self._now)
+        self._waiting: dict[int, _Command] = {}  # by tick: what self._lagged has not seen
+        self._last = _Command(0.0, 0.0, 0.0, 0.0, limited=False)
+        self._carry = self._integral = self._innovation = 0.0  # um
+        self._z_before = self._predicted_before = 0.0  # um: the last measurement that was new, what the model said then
+        self._resolution = 0.0  # um: the smallest step from one measurement to a different one; 0: none so far
+        self._beyond = 0  # ticks at a voltage limit and beyond z_d, since one that was not limited
+        self._fastest = 0.0  # largest rate so far, at most the velocity limit, um/s
+        kinds = ("commands", "adaptations", "saturated", "projected", "rejected", "changed", "slewed", "oscillating")
+        self.counters = dict.fromkeys(kinds, 0)
+        self._saturated = self._projected = self._rejected = self._held = self._changed = self._slewed = False
+        self._oscillating = False
+        self._stage = _Stage(OscillationDetector(self._oscillation), self.law.weights, self.law.weights)
+        self._forget_stage()
+        self._slopes, _ = self._rate_dependent_slopes(0.0)
+
+    def start(self, volts: float, z: float) -> None:
+        """Take over an actuator that rests at z, um, under `volts`, V: the command for z is `volts`.
+
+        What the model does not explain of z goes to the offset where there is one, otherwise into the next commands.
+        """
+        s = self.settings
+        low, high = s.voltage_limits
+        volts, z = checks.within("volts", volts, low, high, "V"), checks.number("z", z, "um")
+        s.check_reach("z", z, volts)
+        self.reset()
+        self._now = _Memory(play(volts, self._r, self._now.play), np.full(self._creep.size, volts))
+        self._lagged = copy.deepcopy(self._now)
+        missing = self._wanted_of_plays(z, 0.0, 0.0) - self._brought_by_plays()
+        if s.offset:
+            weights = self.weights
+            weights[s.parameters - 1 - s.bends] += missing
+            self.law.weights = weights
+        else:
+            self._carry = -missing
+        self._stage.older = self._stage.newer = self.weights
+
+    def change(self, settings: ControllerSettings) -> None:
+        """New settings while running, without a jump of the command. The model must keep its terms and thresholds."""
+        if self._model_of(settings) != self._model_of(self.settings):
+            raise SettingError("settings", "another model", "of the same law, terms and thresholds")
+        before = self._c
+        self._take(settings)
+        self._stage.detector.settings = self._oscillation
+        if any(before[name] != self._c[name] for name in ("filter", "smoothing", "resonance")):
+            self._forget_stage()
+        if isinstance(self.law, BoundedKalman):
+            self.law.take(_kalman_settings(settings))
+        elif isinstance(self.law, RLS):
+            self.law.forgetting, self.law.covariance_limit = settings.forgetting, settings.covariance_limit
+        if not settings.trim_rate > 0:
+            self._integral = 0.0  # its share goes into the carry
+        self._keep_command()
+
+    @staticmethod
+    def _model_of(s: ControllerSettings) -> tuple[object, ...]:
+        return s.law, s.thresholds, s.rated, s.creep_times, s.lag, s.offset, s.bends, s.stroke, s.sample_rate
+
+    # ---- The two calls ----------------------------------------------------------------------------------------------
+
+    def command(self, z_d: float, zdot_d: float) -> float:
+        """Voltage, V, for the desired displacement z_d, um, and velocity zdot_d, um/s; the play states advance.
+
+        Raises
+        ------
+        SettingError
+            z_d or zdot_d is NaN or infinite; nothing has changed.
+        """
+        z_d, zdot_d = checks.number("z_d", z_d, "um"), checks.number("zdot_d", zdot_d, "um/s")
+        z_d, zdot_d = min(max(z_d, -LARGEST), LARGEST), min(max(zdot_d, -LARGEST), LARGEST)
+        if self.counters["commands"] - self._lagged.ticks >= HISTORY:
+            self._pass_over()  # it is too late now for its measurement
+        self._see_creep(self._now)
+        inertia = self._inertial(zdot_d)
+        y_d = self._wanted_of_plays(z_d, zdot_d, inertia)  # (11)
+        self._slopes, self._projected = self._rate_dependent_slopes(zdot_d)  # (7)
+        x = self._within_limits(play_inverse(y_d, self._slopes, self._r, self._now.play))  # (12)
+        self._see_voltage(self._now, x)  # (1)
+        self._carry *= self._stage.smoothing
+        self._fastest = max(self._fastest, min(abs(zdot_d), self.settings.velocity_limit))
+        self._last = _Command(x, z_d, zdot_d, inertia, self._saturated or self._slewed)
+        self._waiting[self.counters["commands"]] = self._last
+        self._count(commands=True, saturated=self._saturated, projected=self._projected, slewed=self._slewed)
+        return x
+
+    def adapt(self, z_measured: float, ago: int = 0) -> None:
+        """Learn from the displacement, um, that answered the command `ago` commands before the last one, 0 to 63.
+
+        NaN, infinity, a spike, and a measurement older than one already used are rejected, flagged and counted.
+
+        Raises
+        ------
+        SettingError
+            The first measurement, within 64 ticks, is beyond the reach of the voltage: nothing has changed.
+        """
+        tick = self.counters["commands"] - 1 - ago
+        in_time = 0 <= ago < HISTORY and tick in self._waiting
+        if in_time and self._lagged.ticks == 0 and math.isfinite(z_measured):
+            self.settings.check_reach("z_measured", z_measured, self._waiting[tick].x)
+        self._rejected = not (in_time and abs(z_measured) <= self.settings.measurement_limit)
+        self._changed = False
+        if not self._rejected:
+            while self._lagged.ticks < tick:
+                self._pass_over()
+            stands = self._waiting[tick].x == self._lagged.play[0]
+            command, u = self._next_lagged()  # (20)
+            limited, beyond = command.limited, self._is_beyond(command, z_measured)
+            predicted = float(dot(self.law.weights, u))
+            now = self._regressor(self._now, self._last.z_d, self._last.zdot_d)
+            before = float(dot(self.law.weights, now))
+            self._innovation = self._through_dead_zones(z_measured) + command.inertia - predicted  # (15)
+            try:
+                frozen = self._is_frozen(z_measured, predicted, stands)
+                teaches = self._teaches(limited, beyond) and not self._stage.rest > 0
+                self._learn(u, teaches, frozen)  # (23)
+            except UpdateRefused:
+                self._rejected = True
+                self._stage.detector.miss(z_measured - command.z_d)
+            else:
+                # What was learned reaches the command by and by, so that it does not ring the stage.
+                self._carry += self._stage.smoothing * (float(dot(self.law.weights, now)) - before)
+                # The trim: at a voltage limit only away from it; what the slew limit holds back will come by itself.
+                if not limited or beyond:
+                    self._integral += self._c["trim"] * (command.z_d - z_measured)
+                self._watch_stage(z_measured - command.z_d, command.zdot_d, limited)
+        self._count(rejected=self._rejected, adaptations=not (self._rejected or self._held), changed=self._changed)
+
+    def _count(self, **kinds: bool) -> None:
+        for kind, happened in kinds.items():
+            self.counters[kind] += happened
+
+    # ---- The arrows of Fig. 5: command ------------------------------------------------------------------------------
+
+    def _through_dead_zones(self, z: float) -> float:
+        """(11) of a desired, (14) of a measured displacement; the settings hold the dead zones of the inverse."""
+        return float(dot(dead_zone(z, self._d), self._w_s))
+
+    def _known_terms(self, memory: _Memory, z_d: float, zdot_d: float) -> FloatArray:
+        s = self.settings
+        return known_terms(memory.creep, z_d, zdot_d, lag=s.lag, offset=s.offset, stroke=s.stroke, bend_count=s.bends)
+
+    def _inertial(self, zdot_d: float) -> float:
+        """What the motion from the tick before takes of the stage's inertia, z'' / w0^2, um: within stroke / 10."""
+        if not self._stage.inertia > 0 or self.counters["commands"] == 0:
+            return 0.0
+        most = self.settings.stroke / 10
+        return min(max(self._stage.inertia * (zdot_d - self._last.zdot_d), -most), most)
+
+    def _wanted_of_plays(self, z_d: float, zdot_d: float, inertia: float) -> float:
+        """(11), the inertia, the trim and what the command still lacks of the last lesson, less the known terms, um."""
+        known = dot(self.law.weights[self._of_plays :], self._known_terms(self._now, z_d, zdot_d))
+        return self._through_dead_zones(z_d) + inertia + self._integral + self._carry - float(known)
+
+    def _rate_dependent_slopes(self, zdot_d: float) -> tuple[FloatArray, bool]:
+        """(7) in the scale of (20), w_h = a + c_b zdot_d b, summed up; within limits, and whether one was moved."""
+        return limit_slopes(self._slopes_at(zdot_d), self.settings.slope_limits)
+
+    def _slopes_at(self, zdot_d: float) -> FloatArray:
+        pairs = np.zeros((self._rated.size, 2))  # a_i, b_i
+        pairs[self._has_weight] = self.law.weights[: self._of_plays]
+        slopes: FloatArray = np.cumsum(pairs[:, 0] + self.settings.rate_scale * zdot_d * pairs[:, 1])
+        return slopes
+
+    def _gradient(self, zdot_d: float) -> FloatArray:
+        """Of the last partial slope by the weights of the plays."""
+        return play_terms(np.ones(self._r.size), self.settings.rate_scale * zdot_d, self._rated)
+
+    def _brought_by_plays(self) -> float:
+        """The forward of the inverse: what the branches bring at the voltage of now, um."""
+        return float(brought(self._slopes, self._now.play))
+
+    def _within_limits(self, x: float) -> float:
+        """The voltage that leaves: within the slew of the last one, and within the limits, whatever x is."""
+        (low, high), last, slew = self.settings.voltage_limits, float(self._now.play[0]), self._c["slew"]
+        number = not math.isnan(x)
+        if not number:
+            x = last
+        self._slewed = x > last + slew or x < last - slew
+        if self._slewed:
+            x = last + slew if x > last else last - slew
+        self._saturated = not number or not low <= x <= high
+        return min(max(x, low), high)
+
+    # ---- What the model remembers -----------------------------------------------------------------------------------
+
+    def _see_creep(self, memory: _Memory) -> None:
+        memory.creep = creep_step(memory.creep, memory.play[0], self._creep)
+
+    def _see_voltage(self, memory: _Memory, x: float) -> None:
+        memory.play = play(x, self._r, memory.play)
+        memory.ticks += 1
+
+    def _regressor(self, memory: _Memory, z_d: float, zdot_d: float) -> FloatArray:
+        """(20): u = [H_0, c_b zdot_d H_0, H_1, ...], with c_a = 1; and the known terms."""
+        plays = play_terms(memory.play, self.settings.rate_scale * zdot_d, self._rated)
+        return np.concatenate([plays, self._known_terms(memory, z_d, zdot_d)])
+
+    def _next_lagged(self) -> tuple[_Command, FloatArray]:
+        """The next tick that was not yet measured, and its regressor."""
+        command = self._waiting.pop(self._lagged.ticks)
+        self._see_creep(self._lagged)
+        self._see_voltage(self._lagged, command.x)
+        return command, self._regressor(self._lagged, command.z_d, command.zdot_d)
+
+    def _pass_over(self) -> None:
+        """A tick for which no measurement came."""
+        command, u = self._next_lagged()
+        if isinstance(self.law, BoundedKalman):
+            self.law.update(u, None, learn=not command.limited)
+            self._stage.detector.miss(None)
+
+    # ---- The arrows of Fig. 5: adapt --------------------------------------------------------------------------------
+
+    def _is_beyond(self, command: _Command, z: float) -> bool:
+        """At a voltage limit, and already beyond the desired displacement: the model is wrong there, not the limit."""
+        low, high = self.settings.voltage_limits
+        beyond = (command.x >= high and z > command.z_d) or (command.x <= low and z < command.z_d)
+        return command.limited and beyond
+
+    def _teaches(self, limited: bool, beyond: bool) -> bool:
+        """Whether a tick teaches: a limited one does from the tenth on that was beyond, with none between not limited.
+
+        Otherwise weights that ask for more than the limit for ever would never be put right.
+        """
+        self._beyond = min(self._beyond + beyond, BEYOND) if limited else 0
+        return not self._held and (not limited or (beyond and self._beyond >= BEYOND))
+
+    def _is_frozen(self, z: float, predicted: float, stands: bool) -> bool:
+        """Whether the sensor repeats a number while voltage and model move: a live one has noise, or steps as large."""
+        if not isinstance(self.law, BoundedKalman):
+            return False
+        if z != self._z_before or stands:
+            step = abs(z - self._z_before)
+            first = self._lagged.ticks <= 1  # there is none before it
+            if not first and 0 < step < self.settings.stroke / 20 and not 0 < self._resolution <= step:
+                self._resolution = step
+            self._z_before, self._predicted_before = z, predicted
+            return False
+        noise = self.law.sigma + self.law.settings.model_error
+        return abs(predicted - self._predicted_before) > max(6 * noise, self._resolution + 2 * noise)
+
+    def _learn(self, u: FloatArray, teaches: bool, frozen: bool) -> None:
+        law = self.law
+        if not isinstance(law, BoundedKalman):
+            if not self._held:
+                law.update(u, self._innovation)
+            return
+        before = law.weights
+        law.update(u, None if frozen else self._innovation, learn=teaches)
+        if frozen:
+            raise UpdateRefused("the sensor stands still while the model moves")
+        if law.weights is not before:
+            self._project_slope(law, self._fastest)  # slopes are linear in the rate:
+            self._project_slope(law, -self._fastest)  # its two ends are the worst
+            self._changed = law.changed
+
+    def _project_slope(self, law: BoundedKalman, zdot_d: float) -> None:
+        """Move the weights so that the partial slope that is furthest outside its limits is on its limit."""
+        slopes, (low, high) = self._slopes_at(zdot_d), self.settings.slope_limits
+        out = np.maximum(slopes - high, low - slopes)
+        worst = int(np.argmax(out))
+        if out[worst] > 0:
+            g = np.zeros(self.settings.parameters)
+            g[: self._of_plays] = self._gradient(zdot_d)
+            g[worst + 1 + np.count_nonzero(self._rated[: worst + 1]) :] = 0.0
+            law.project(g, high if slopes[worst] > high else low)
+
+    # ---- What the law must not do: make the stage ring ---------------------------------------------------------------
+
+    def _keep_command(self) -> None:
+        """The command for the last tick stays as it was, whatever has changed: the difference goes by and by."""
+        last = self._last
+        self._slopes, _ = self._rate_dependent_slopes(last.zdot_d)
+        if self.counters["commands"] > 0:
+            self._carry += self._brought_by_plays() - self._wanted_of_plays(last.z_d, last.zdot_d, last.inertia)
+
+    def _inertia_of(self, frequency: float) -> float:
+        """1 / (w0^2 T), s, of a first resonance at `frequency`, cycles per tick; 0: not known."""
+        w = 2 * math.pi * frequency
+        return self._oscillation.tick / (w * w) if frequency > 0 else 0.0
+
+    def _forget_stage(self) -> None:
+        """The stage as the settings say it."""
+        stage, law = self._stage, self.law
+        stage.smoothing, stage.resonance, stage.inertia = self._c["smoothing"], 0.0, 0.0
+        if isinstance(law, BoundedKalman):
+            stage.resonance, law.filter = self._c["resonance"], self._c["filter"]
+            stage.inertia = self._inertia_of(stage.resonance)
+
+    def _adopt_resonance(self, frequency: float, highest: float) -> None:
+        """What follows from a resonance that was found, cycles per tick.
+
+        The law's filter ends at half of it, and is no higher than `highest` unless that is far lower; what is learned
+        takes a period of it to reach the command, which knows the inertia.
+        """
+        law, w = self.law, math.pi * frequency
+        assert isinstance(law, BoundedKalman)
+        pole = w / (1 + w)
+        if pole > highest:
+            pole = max(highest, pole / 8)
+        law.filter = min(pole, self._c["filter"])
+        self._stage.smoothing = max(self._stage.smoothing, 1 / (1 + frequency))
+        self._stage.resonance, self._stage.inertia = frequency, self._inertia_of(frequency)
+
+    def _retreat(self, frequency: float) -> None:
+        """The first time: back to the weights of before, and unsure of them; then rest, with a lower filter."""
+        law, stage = self.law, self._stage
+        assert isinstance(law, BoundedKalman)
+        if not stage.detector.found:
+            law.weights = stage.newer = stage.older
+            stage.age = 0.0
+            law.doubt()
+        self._adopt_resonance(frequency, LOWER * law.filter if stage.detector.found else 1.0)
+        self._keep_command()
+        stage.rest = 1 + REST_PERIODS / frequency
+        stage.detector.regular, stage.detector.found = 0, True
+        self._count(oscillating=True)
+
+    def _count_ringing(self, law: BoundedKalman) -> None:
+        """What rings at the resonance is noise to the law: once in a half-wave.
+
+        What the filter leaves of its variance, in as many ticks as half a half-wave has, four times over because it is
+        not white.
+        """
+        f, detector = self._stage.resonance, self._stage.detector
+        if not f > 0 or detector.length != 0:
+            return
+        ratio = detector.frequency(2) / f if detector.regular >= 2 else 0.0
+        if not 0.7 <= ratio <= 1.4:
+            law.disturbance /= 2
+            return
+        w = 2 * math.pi * f * (1 - law.filter) / law.filter
+        left = detector.peaks[0] / (1 + w * w)
+        law.disturbance = left * left / (2 * f)
+
+    def _watch_stage(self, error: float, zdot_d: float, limited: bool) -> None:
+        """One tick: whether the law has made the stage ring, and what to do about it."""
+        law, stage, detector = self.law, self._stage, self._stage.detector
+        if not isinstance(law, BoundedKalman) or not self._oscillation.tick > 0:
+            return
+        noise = max(math.sqrt(max(law.sigma * law.sigma, 0.5 * law.ringing)), self._resolution)
+        found = detector.update(error, zdot_d, noise)
+        if limited:
+            detector.sign = detector.regular = 0  # what a limit does is not the law's doing
+        self._count_ringing(law)
+        if stage.rest > 0:
+            stage.rest = 0.0 if detector.regular >= REST_HALF_WAVES or stage.rest < 1 else stage.rest - 1
+            if not stage.rest > 0 and detector.regular >= 4:
+                again = self.counters["oscillating"] > 1
+                self._adopt_resonance(
+                    detector.frequency(4 if detector.regular < 6 else 6), law.filter if again else 1.0
+                )
+        elif found > 0 and not limited and found > NOT_BELOW * stage.resonance and not self._held:
+            self._retreat(found)
+        else:
+            stage.age += self._oscillation.tick
+            if stage.age > KEEP and detector.regular < 3:
+                stage.older, stage.newer, stage.age = stage.newer, law.weights, 0.0
+        self._oscillating = stage.rest > 0
+
+    # ---- Hold, and what an outsider reads ----------------------------------------------------------------------------
+
+    def hold(self) -> None:
+        """Stop adapting; commands go on with the weights as they are."""
+        self._held = True
+
+    def resume(self) -> None:
+        """Adapt again."""
+        self._held = False
+
+    @property
+    def weights(self) -> FloatArray:
+        """w = [a0, b0, a1, b1, ...] of (21), um/V, and those of the other terms, shape (m,)."""
+        return np.array(self.law.weights)
+
+    @property
+    def partial_slopes(self) -> FloatArray:
+        """Slopes of the branches at the last rate, as the inverse used them, shape (n,), um/V."""
+        return self._slopes.copy()
+
+    @property
+    def play_states(self) -> FloatArray:
+        """Forward play states after the last command, shape (n,), V."""
+        return self._now.play.copy()
+
+    @property
+    def innovation(self) -> float:
+        """e_m of (15) at the last measurement, um."""
+        return self._innovation
+
+    @property
+    def flag_bits(self) -> int:
+        """The flags of the last tick as a bit mask, in the order of `truestroke.base.flags`."""
+        adapted = (self._rejected, self._held, self._changed)
+        flags = (self._saturated, self._projected, *adapted, self._slewed, self._oscillating)
+        return sum(bool(flag) << place for place, flag in enumerate(flags))

@@ -1,0 +1,72 @@
+"""Where something goes too far: spans of time, each with its worst."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from truestroke.base.typing import FloatArray
+
+MERGED = 0.002  # s: spans nearer than this are one
+
+
+@dataclass(frozen=True)
+class Span:
+    """A stretch of time in which something goes too far.
+
+    Attributes
+    ----------
+    start, stop : float
+        s; stop is the end of the last sample.
+    worst : float
+        How far at the most, in the unit of what is exceeded.
+    """
+
+    start: float
+    stop: float
+    worst: float
+
+
+@dataclass(frozen=True)
+class Beyond:
+    """Where a prediction goes beyond what its model was trained on.
+
+    Attributes
+    ----------
+    voltage : tuple[Span, ...]
+        Outside of the range of the record, V.
+    velocity : tuple[Span, ...]
+        Faster than the record, um/s.
+    """
+
+    voltage: tuple[Span, ...]
+    velocity: tuple[Span, ...]
+
+
+def spans(excess: FloatArray, sample_rate: float, worst: FloatArray | None = None) -> tuple[Span, ...]:
+    """Spans in which `excess` is above 0; those that are nearer than 2 ms are one.
+
+    Parameters
+    ----------
+    excess : ndarray, shape (samples,)
+        How far something is beyond its bound.
+    sample_rate : float
+        Hz.
+    worst : ndarray, shape (samples,), optional
+        Whose maximum is `Span.worst`; by default `excess`.
+
+    Examples
+    --------
+    >>> spans(np.array([-1.0, 2.0, 3.0, -1.0]), sample_rate=2.0)
+    (Span(start=0.5, stop=1.5, worst=3.0),)
+    """
+    at = np.flatnonzero(excess > 0)
+    if not at.size:
+        return ()
+    told = excess if worst is None else worst
+    parts = np.split(at, np.flatnonzero(np.diff(at) > max(1.0, MERGED * sample_rate)) + 1)
+    return tuple(
+        Span(float(part[0] / sample_rate), float((part[-1] + 1) / sample_rate), float(told[part].max()))
+        for part in parts
+    )

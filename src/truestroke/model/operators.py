@@ -1,0 +1,141 @@
+"""The two operators that everything is built from: play (1), (2) and one-sided dead zone (4)."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from truestroke.base.typing import FloatArray
+
+
+def play(x: float, r: npt.ArrayLike, y: npt.ArrayLike) -> FloatArray:
+    """Play operators after one more sample: the slack of a gear train, one for each threshold.
+
+    ::
+
+        y(t) = H_r[x, y0](t) = max{x(t) - r, min{x(t) + r, y(t - T)}}      (1)
+
+    The first sample is the same formula with y0 in place of y(t - T), which is (2).
+
+    Parameters
+    ----------
+    x : float
+        Input of this tick, V.
+    r : array_like, shape (n,)
+        Thresholds, V, 0 or more.
+    y : array_like, shape (n,)
+        States that the last tick left, V; y0 at the first tick.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        States after this tick, V.
+
+    Examples
+    --------
+    >>> play(1.0, [0.0, 0.25, 0.5], [0.0, 0.0, 0.0])
+    array([1.  , 0.75, 0.5 ])
+    """
+    r = np.asarray(r, dtype=np.float64)
+    states: FloatArray = np.maximum(x - r, np.minimum(x + r, y))
+    return states
+
+
+def play_history(x: npt.ArrayLike, r: npt.ArrayLike, y0: npt.ArrayLike | None = None) -> FloatArray:
+    """Play operators (1), (2) along a whole record.
+
+    Parameters
+    ----------
+    x : array_like, shape (ticks,)
+        Input, V.
+    r : array_like, shape (n,)
+        Thresholds, V, 0 or more.
+    y0 : array_like, shape (n,), optional
+        States before the first tick, V; 0 by default.
+
+    Returns
+    -------
+    ndarray, shape (ticks, n)
+        States after each tick, V.
+
+    Examples
+    --------
+    Up to 2 V and back to 1 V; the second play follows only when its slack is taken up:
+
+    >>> play_history([2.0, 1.0], [0.0, 0.75])
+    array([[2.  , 1.25],
+           [1.  , 1.25]])
+    """
+    x, r = np.asarray(x, dtype=np.float64), np.asarray(r, dtype=np.float64)
+    states = np.empty((x.size, r.size))
+    y = np.zeros(r.size) if y0 is None else np.asarray(y0, dtype=np.float64)
+    for k in range(x.size):
+        states[k] = y = play(x[k], r, y)
+    return states
+
+
+def dead_zone(y: npt.ArrayLike, d: npt.ArrayLike) -> FloatArray:
+    """One-sided dead zones: what bends the loop so that it is not symmetrical.
+
+    ::
+
+        S_d[y] = max{y - d, 0}  for d > 0,   y  for d = 0                  (4)
+
+    Parameters
+    ----------
+    y : array_like, shape (...)
+        Input, um.
+    d : array_like, shape (m,)
+        Thresholds, um, 0 or more.
+
+    Returns
+    -------
+    ndarray, shape (..., m)
+        Output of each dead zone, um.
+
+    Examples
+    --------
+    >>> dead_zone([-3.0, 15.0], [0.0, 12.0, 20.0])
+    array([[-3.,  0.,  0.],
+           [15.,  3.,  0.]])
+    """
+    y, d = np.asarray(y, dtype=np.float64)[..., np.newaxis], np.asarray(d, dtype=np.float64)
+    return np.where(d > 0, np.maximum(y - d, 0.0), y)
+
+
+LANES = 8
+"""Interleaved sums in which all sums of products run: TS_LANES of the kernel."""
+
+
+def dot(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Sum of products over the last axis, in the order of the C kernel: eight interleaved sums, then their total.
+
+    ``a @ b`` sums in an order of its own, and adaptation makes rounding visible after some thousand ticks. With `dot`
+    the kernel and the NumPy text agree to the last bit, whatever vectors the processor has.
+
+    Parameters
+    ----------
+    a : ndarray, shape (..., n)
+        Weights or states.
+    b : ndarray, shape (..., n)
+        The other factor.
+
+    Returns
+    -------
+    ndarray, shape (...)
+        a . b
+
+    Examples
+    --------
+    >>> dot(np.array([[1.0, 2.0], [3.0, 4.0]]), np.array([10.0, 1.0]))
+    array([12., 34.])
+    """
+    products = a * b
+    *outer, n = products.shape
+    blocks = max(1, -(-n // LANES))
+    padded = np.zeros((*outer, blocks * LANES))
+    padded[..., :n] = products
+    lanes: FloatArray = np.cumsum(padded.reshape(*outer, blocks, LANES), axis=-2)[..., -1, :]
+    for half in (4, 2, 1):
+        lanes = lanes[..., :half] + lanes[..., half:]
+    return lanes[..., 0]

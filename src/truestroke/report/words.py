@@ -1,0 +1,202 @@
+"""What a recording says, in words: shared by the page and the command line."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from truestroke.base.flags import FLAGS
+from truestroke.base.verdict import Verdict
+from truestroke.signals.judgement import change_time
+from truestroke.signals.judgement import settings as _settings
+from truestroke.signals.metrics import TrackingSummary
+from truestroke.signals.recording import Recording
+
+NAMES = {
+    "AdaptiveController": "the adaptive inverse controller",
+    "paper": "the adaptive inverse controller of the paper, to the letter",
+    "RealisticPlant": "a simulated stack (realistic: more than the controller's model can say)",
+    "MatchedPlant": "a simulated stack (matched: of exactly the controller's structure)",
+    "SimulatedDriver": "a simulated stack in real time",
+    "NidaqmxDriver": "hardware behind an NI-DAQmx card",
+    "PiDriver": "a controller of Physik Instrumente",
+    "OneAxis": "one channel of hardware",
+}
+HAPPENED = {flag.name: flag.words for flag in FLAGS} | {"missing": "had no measurement"}
+
+CAPTIONS = {
+    "tracking": (
+        "Tracking",
+        "Desired motion and what the actuator did. Look at the lower panel: where the coloured line leaves the grey "
+        "one is the worst half second of the second half.",
+    ),
+    "error": (
+        "Error",
+        "Displacement minus desired displacement. Look above at how soon it becomes small, below at whether it stays "
+        "so; note that the scales differ.",
+    ),
+    "loop": (
+        "Hysteresis, before and after",
+        "Displacement over desired displacement in the last seconds of the same wave, first with a constant gain in "
+        "place of the controller. A loop that has closed to a straight line is hysteresis that has been compensated.",
+    ),
+    "weights": (
+        "Weights",
+        "What the controller has learned about the actuator. Look for lines that become level; a jump is a "
+        "change of the actuator or of what its motion excites.",
+    ),
+    "voltage": (
+        "Voltage",
+        "What the controller asked for. A line that touches the limits had no travel left.",
+    ),
+}
+
+
+def _section(recording: Recording, name: str) -> Mapping[str, Any]:
+    """A section of the metadata, empty where there is none."""
+    value = recording.metadata.get(name)
+    return value if isinstance(value, Mapping) else {}
+
+
+def _name(recording: Recording, section: str, otherwise: str) -> str:
+    name = str(_section(recording, section).get("name", otherwise))
+    return NAMES.get(name, name)
+
+
+def voltage_limits(recording: Recording) -> tuple[float, float] | None:
+    """Lowest and highest voltage that the controller may ask for, V."""
+    limits = _settings(recording, "controller").get("voltage_limits")
+    return None if limits is None else (float(limits[0]), float(limits[1]))
+
+
+def title(recording: Recording, summary: TrackingSummary, verdict: Verdict) -> str:
+    """The heading of a page: the motion and how well it was followed, or that it was not."""
+    kind, motion = kinds(summary)[-1], _name(recording, "trajectory", "motion")
+    rmse = length(getattr(summary, f"{kind}_rmse_um"))
+    if verdict.is_bad:
+        cut = recording.metadata.get("interrupted")
+        return f"NOT FOLLOWED{' TO THE END' if cut else ''}: {motion}, {rmse} rmse{' until then' if cut else ''}"
+    return f"{motion.capitalize()}, followed to {rmse} rmse"
+
+
+def paragraph(verdict: Verdict) -> str:
+    """The verdict in a word, and its reasons behind it.
+
+    >>> paragraph(Verdict("good")), paragraph(Verdict("doubtful", ("It was late.",)))
+    ('good', 'doubtful: It was late.')
+    """
+    return ": ".join(filter(None, (verdict.level, " ".join(verdict.reasons))))
+
+
+def run(recording: Recording, summary: TrackingSummary, verdict: Verdict) -> str:
+    """What was run, in a sentence or two."""
+    motion, driver = _name(recording, "trajectory", "motion"), _name(recording, "controller", "a controller")
+    driver = NAMES.get(_section(recording, "options").get("controller", ""), driver)
+    span = _settings(recording, "trajectory").get("peak_to_peak", summary.peak_to_peak_um)
+    did = "was to follow" if verdict.is_bad else "followed"
+    what = (
+        f"{_name(recording, 'plant', 'an actuator')} {did} a {motion} of {span:.1f} µm peak to "
+        f"peak{_rate(recording)} for {summary.duration_s:.4g} s at {summary.ticks / summary.duration_s:.0f} ticks per "
+        f"second, driven by {driver}."
+    )
+    change = change_time(recording)
+    sudden = "" if change is None else f" At {change:g} s it changed suddenly."
+    cut = " The run was interrupted." if recording.metadata.get("interrupted") else ""
+    return what[0].upper() + what[1:] + sudden + cut
+
+
+def _rate(recording: Recording) -> str:
+    settings = _settings(recording, "trajectory")
+    frequency = settings.get("frequency", settings.get("cutoff"))
+    return "" if frequency is None else f" and {'up to about ' if 'cutoff' in settings else ''}{frequency:g} Hz"
+
+
+def length(um: float) -> str:
+    """A length in the unit that suits it.
+
+    >>> length(0.0391), length(2.5)
+    ('39 nm', '2.50 µm')
+    """
+    return f"{1e3 * um:.0f} nm" if um < 0.9995 else f"{um:.2f} µm"
+
+
+def span(summary: TrackingSummary) -> str:
+    """The time over which the figures in the table are taken."""
+    return f"{summary.counted_from_s:.4g} to {summary.duration_s:.4g} s"
+
+
+def kinds(summary: TrackingSummary) -> list[str]:
+    """The kinds of error that are known: measured, and true where it was simulated."""
+    return ["measured"] if summary.true_rmse_um is None else ["measured", "true"]
+
+
+def table(summary: TrackingSummary) -> list[tuple[str, list[tuple[str, str]]]]:
+    """Rows of (name, cells), each cell (um, % of peak-to-peak), in the order of `kinds`."""
+    figures = summary.as_dict()
+    return [
+        (
+            row,
+            [
+                (f"{figures[f'{kind}_{row}_um']:.4f}", f"{figures[f'{kind}_{row}_percent']:.2f}")
+                for kind in kinds(summary)
+            ],
+        )
+        for row in ("rmse", "maximum")
+    ]
+
+
+def course(summary: TrackingSummary) -> list[tuple[str, str]]:
+    """When the error became small, and small again after a sudden change: rows of (name, in a few words)."""
+    rows = [("converged", _converged(summary))]
+    return rows if summary.change_s is None else [*rows, ("recovered", _recovered(summary, summary.change_s))]
+
+
+def _converged(summary: TrackingSummary) -> str:
+    time, change = summary.convergence_time_s, summary.change_s
+    if time is not None:
+        return f"after {time:.2f} s" if time > 0 else "from the start"
+    until, end = ("the change", change) if change is not None else ("the end", summary.duration_s)
+    return f"not before {until}" if end >= 1 else f"not known: {until} comes within 1 s"
+
+
+def _recovered(summary: TrackingSummary, change: float) -> str:
+    time, left = summary.recovery_time_s, summary.duration_s - change
+    if time is not None:
+        return (
+            f"{time:.2f} s after the change at {change:g} s" if time > 0 else f"at once from the change at {change:g} s"
+        )
+    if min(left, change) < 1:
+        return f"not known: there is less than 1 s {'after' if left < 1 else 'before'} the change at {change:g} s"
+    return f"not within the {left:.4g} s after the change"
+
+
+def flags(summary: TrackingSummary) -> list[str]:
+    """What happened on the way, in a few words for each kind of flag; empty where nothing did."""
+    counts = summary.as_dict()
+    return [
+        f"{what} in {count:,.0f} tick{'' if count == 1 else 's'} ({_percent(count / summary.ticks)})"
+        for kind, what in HAPPENED.items()
+        if (count := counts[f"{kind}_ticks"])
+    ]
+
+
+def _percent(part: float) -> str:
+    return f"{100 * part:.1f} %" if part >= 0.0005 else "below 0.1 %"
+
+
+def command(recording: Recording) -> str | None:
+    """The command that makes this recording again, where a command made it."""
+    made_by = recording.metadata.get("command")
+    return None if made_by is None else str(made_by)
+
+
+def footer(recording: Recording) -> str:
+    """Versions, seed and date in a line."""
+    versions = _section(recording, "versions")
+    known = [f"{name} {versions[name]}" for name in ("truestroke", "numpy", "python") if name in versions]
+    if "commit" in versions:
+        known[0] += f" ({versions['commit'][:12]})"
+    seed = _settings(recording, "plant").get("seed")
+    if seed is not None:
+        known.append(f"seed {seed}")
+    return " · ".join([*known, *([f"made {recording.metadata['created']}"] if "created" in recording.metadata else [])])

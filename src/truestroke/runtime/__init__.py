@@ -1,0 +1,1 @@
+"""What runs: the loop, batches, drivers, real time, the first volts."""

@@ -1,0 +1,154 @@
+"""What a sensor says at rest, and how it answers small steps: noise, polarity, gain, latency, with uncertainties."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from truestroke.base.typing import FloatArray
+
+SEEN = 8.0  # standard errors: an answer smaller than that is none
+SETTLED = 0.5  # of a level: its last part, that is taken for the displacement
+ONSET = 6.0  # standard deviations of the noise by which the answer leaves rest
+
+
+@dataclass(frozen=True)
+class Rest:
+    """A sensor under constant voltage.
+
+    Attributes
+    ----------
+    zero : float
+        Mean, um.
+    noise : float
+        Standard deviation of a tick about a straight line, um.
+    drift : float
+        Slope of that line, um/s.
+    lost : float
+        Share of ticks without a sample.
+    frozen : bool
+        Whether it shows the same to the last bit all the time.
+    """
+
+    zero: float
+    noise: float
+    drift: float
+    lost: float
+    frozen: bool
+
+
+def rest(z: FloatArray, sample_rate: float) -> Rest:
+    """Zero, noise and drift of a record at rest (um, NaN where a sample was lost), `sample_rate` in Hz.
+
+    >>> rest(np.array([1.0, 2.0, 1.0, 2.0, np.nan]), 1000.0).lost.__round__(2)
+    0.2
+    """
+    used = np.isfinite(z)
+    if used.sum() < 3:
+        return Rest(np.nan, np.nan, np.nan, float(1 - used.mean()), False)
+    t, kept = np.flatnonzero(used) / sample_rate, z[used]
+    slope, offset = np.polyfit(t - t.mean(), kept, 1)
+    noise = float(np.std(kept - offset - slope * (t - t.mean()), ddof=2))
+    return Rest(float(kept.mean()), noise, float(slope), float(1 - used.mean()), bool(np.ptp(kept) == 0))
+
+
+@dataclass(frozen=True)
+class Gain:
+    """The answer to steps of one height.
+
+    Attributes
+    ----------
+    step : float
+        V.
+    gain, uncertainty : float
+        um/V, and its standard error, from how much the steps differ.
+    seen : bool
+        Whether the answer is there at all.
+    """
+
+    step: float
+    gain: float
+    uncertainty: float
+
+    @property
+    def seen(self) -> bool:
+        """Whether there is an answer, or only noise and motion of others."""
+        return abs(self.gain) > SEEN * self.uncertainty
+
+
+def gain(volts: FloatArray, z: FloatArray, latency: int) -> Gain:
+    """Gain from levels of voltage that alternate, each held for some time.
+
+    Parameters
+    ----------
+    volts : ndarray, shape (ticks,)
+        V.
+    z : ndarray, shape (ticks,)
+        um, NaN where a sample was lost; entry i answers entry i - latency.
+    latency : int
+        Ticks, roughly: the first half of each level is not used.
+
+    Returns
+    -------
+    Gain
+        Of each change of level, compared with the mean of the levels before and after, so that a drift does not count.
+
+    Examples
+    --------
+    >>> volts = np.tile(np.repeat([0.0, 0.1], 50), 4)
+    >>> found = gain(volts, 8.0 * volts + 1e-4 * np.arange(400), 0)
+    >>> print(f"{found.gain:.3f} um/V, {found.seen}")
+    8.000 um/V, True
+    """
+    levels = _levels(volts, z, latency)
+    if len(levels) < 4:
+        return Gain(0.0, 0.0, np.inf)
+    v, mean = np.array(levels).T
+    steps = v[1:-1] - 0.5 * (v[:-2] + v[2:])
+    moves = mean[1:-1] - 0.5 * (mean[:-2] + mean[2:])
+    ratios = (moves / steps)[np.isfinite(moves)]
+    if ratios.size < 3:
+        return Gain(float(np.ptp(v)), 0.0, np.inf)
+    error = max(float(np.std(ratios, ddof=1) / np.sqrt(ratios.size)), 1e-12)
+    return Gain(float(np.ptp(v)), float(ratios.mean()), error)
+
+
+def _levels(volts: FloatArray, z: FloatArray, latency: int) -> list[tuple[float, float]]:
+    """Voltage and settled mean of each level; ramps between them are none."""
+    edges = np.flatnonzero(np.diff(volts)) + 1
+    levels = []
+    for start, stop in zip([0, *edges], [*edges, volts.size], strict=True):
+        if stop - start < 4:
+            continue
+        part = z[min(start + latency + int(SETTLED * (stop - start)), z.size) : stop + latency]
+        levels.append((float(volts[start]), float(np.nanmean(part)) if np.isfinite(part).any() else np.nan))
+    return levels
+
+
+def onset(volts: FloatArray, z: FloatArray, noise: float) -> int | None:
+    """Ticks from the first step to the first sample of the record that shows it; None where none does.
+
+    Parameters
+    ----------
+    volts : ndarray, shape (ticks,)
+        V, at rest until the first step.
+    z : ndarray, shape (ticks,)
+        Record of the same ticks, um.
+    noise : float
+        Standard deviation of a tick, um.
+
+    Examples
+    --------
+    >>> volts = np.repeat([0.0, 0.1, 0.0], 40)
+    >>> onset(volts, 8.0 * np.roll(volts, 5), noise=0.01)
+    5
+    """
+    edges = np.flatnonzero(np.diff(volts)) + 1
+    if not edges.size:
+        return None
+    before = z[: edges[0]]
+    away = np.abs(z - np.nanmean(before)) > max(ONSET * noise, 1e-3 * float(np.nanmax(z) - np.nanmin(z)))
+    away[: edges[0]] = False
+    both = np.flatnonzero(away[:-1] & away[1:])  # one sample alone is a spike
+    return int(both[0] - edges[0]) if both.size else None

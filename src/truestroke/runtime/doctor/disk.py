@@ -1,0 +1,121 @@
+"""Shared memory, and the folder that the recording goes to."""
+
+from __future__ import annotations
+
+import mmap
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from truestroke.runtime.doctor.finding import Finding, Level
+
+PART = "permissions"
+SHARED = 64 * 2**20  # bytes: more than a run of several axes takes
+WRITE = 32 * 2**20  # bytes that are written to measure the disk
+BYTES = 80  # of a tick of an axis in the recording
+RATE = BYTES * 2000.0  # bytes/s of an axis at 2 kHz
+ROOM = 2**30  # bytes below which a full disk is near
+READER = "import h5py, sys; f = h5py.File(sys.argv[1], libver='latest', swmr=True); assert len(f['a']) == 3"
+
+
+def look(folder: Path, needed: float = 0.0) -> list[Finding]:
+    """Shared memory; room for `needed` bytes, speed, and HDF5 with a writer and a reader in `folder`."""
+    return [_shared_memory(), *_disk(folder, needed)]
+
+
+def _shared_memory() -> Finding:
+    level, found = Level.OK, f"{SHARED // 2**20} MiB and a handle of a process"
+    try:
+        fd = os.memfd_create("truestroke-doctor")
+        try:
+            os.ftruncate(fd, SHARED)
+            with mmap.mmap(fd, SHARED) as memory:
+                memory[:: mmap.PAGESIZE] = bytes(-(-SHARED // mmap.PAGESIZE))
+        finally:
+            os.close(fd)
+        os.close(os.pidfd_open(os.getpid()))
+    except (OSError, ValueError, AttributeError) as error:
+        level, found = Level.MISSING, str(error)
+    why = "memfd and pidfd: how loop, recorder and watchdog know of each other"
+    command = "" if level is Level.OK else "Linux 5.3 or newer; a container needs a profile that allows pidfd_open"
+    return Finding(level=level, part=PART, what="shared memory", found=found, why=why, command=command, required=True)
+
+
+def _disk(folder: Path, needed: float) -> list[Finding]:
+    try:
+        with tempfile.TemporaryDirectory(prefix=".truestroke-", dir=folder) as scratch:
+            return [_room(folder, needed), _speed(Path(scratch)), _swmr(Path(scratch))]
+    except OSError as error:
+        found = f"{folder}: {error.strerror or error}"
+        command = f"mkdir -p {folder}" if not folder.exists() else "choose another folder in [recording]"
+        why = "the recording grows while the run goes on"
+        return [
+            Finding(level=Level.MISSING, part=PART, what="folder", found=found, why=why, command=command, required=True)
+        ]
+
+
+def _room(folder: Path, needed: float) -> Finding:
+    free = shutil.disk_usage(folder).free
+    level = Level.MISSING if free < needed else Level.WARNING if free < ROOM else Level.OK
+    hours = free / RATE / 3600
+    asked = f", {needed / 1e6:.0f} MB needed" if needed else f": {hours:.0f} h of an axis at 2 kHz"
+    return Finding(
+        level=level,
+        part=PART,
+        what="room on the disk",
+        found=f"{free / 1e9:.1f} GB{asked}",
+        why="a disk that is full ends the run",
+        command="" if level is Level.OK else "choose another disk in [recording], or delete something",
+        required=level is Level.MISSING,
+    )
+
+
+def _speed(scratch: Path) -> Finding:
+    began, block = time.monotonic(), os.urandom(2**20)
+    with (scratch / "speed").open("wb") as file:
+        for _ in range(WRITE // len(block)):
+            file.write(block)
+        file.flush()
+        os.fsync(file.fileno())
+    speed = WRITE / (time.monotonic() - began)
+    slow = speed < 10 * RATE
+    return Finding(
+        level=Level.WARNING if slow else Level.OK,
+        part=PART,
+        what="speed of the disk",
+        found=f"{speed / 1e6:.0f} MB/s",
+        why=f"an axis at 2 kHz writes {RATE / 1e6:g} MB/s; a recorder 8 s behind ends the run",
+        command="record to a local disk" if slow else "",
+    )
+
+
+def _swmr(scratch: Path) -> Finding:
+    """A file that one process writes and another reads."""
+    import h5py
+
+    level, found, path = Level.OK, "read while it was written", scratch / "swmr.h5"
+    try:
+        with h5py.File(path, "w", libver="latest") as file:
+            data = file.create_dataset("a", (0,), "f8", maxshape=(None,), chunks=(64,))
+            file.swmr_mode = True
+            data.resize((3,))
+            file.flush()
+            reader = [sys.executable, "-c", READER, str(path)]
+            done = subprocess.run(reader, capture_output=True, text=True, timeout=30, check=False)
+            if done.returncode:
+                level, found = Level.MISSING, (done.stderr.strip().splitlines() or ["no reason given"])[-1]
+    except (OSError, subprocess.TimeoutExpired) as error:
+        level, found = Level.MISSING, " ".join(str(error).split())
+    return Finding(
+        level=level,
+        part=PART,
+        what="HDF5 SWMR",
+        found=found,
+        why="others read the recording while it grows; network disks often cannot",
+        command="" if level is Level.OK else "record to a local disk, or: export HDF5_USE_FILE_LOCKING=FALSE",
+        required=True,
+    )

@@ -1,0 +1,107 @@
+"""All that the doctor looks at, of this computer alone or for one configuration."""
+
+from __future__ import annotations
+
+import tomllib
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+from truestroke.base.checks import SettingError
+from truestroke.runtime.doctor import disk, drivers, machine
+from truestroke.runtime.doctor.finding import Finding, Level
+from truestroke.runtime.drivers.protocol import DriverError
+from truestroke.runtime.realtime import config as configuration
+from truestroke.runtime.realtime.runner import recordings
+from truestroke.signals.timing import Timing
+
+PART = "configuration"
+NEEDS = {"nidaqmx": {"nidaqmx", drivers.NI_LIBRARY}, "pi": {"pipython"}}
+
+
+def examine(config: Path | None = None, probe: float = machine.PROBE) -> list[Finding]:
+    """Look at drivers, real-time settings and permissions; with a configuration, at what it needs.
+
+    No output moves: of the hardware that a configuration names the driver is opened and closed.
+
+    Parameters
+    ----------
+    config : Path, optional
+        TOML of `truestroke run`. What it cannot do without is `required`.
+    probe : float
+        How long lateness is measured, s.
+
+    Returns
+    -------
+    list[Finding]
+        In the order of the table.
+
+    Examples
+    --------
+    >>> findings = examine(probe=0.01)
+    >>> sorted({finding.part for finding in findings})
+    ['drivers', 'permissions', 'real time']
+    """
+    if config is None:
+        return [*drivers.look(), *machine.look(probe=probe), *disk.look(Path())]
+    needs = drivers.look(_needed(config))
+    try:
+        job = configuration.load(config)
+    except (SettingError, OSError) as error:
+        found = _finding("file", str(error), "nothing can be run without it", "truestroke run --example")
+        return [found, *needs, *machine.look(probe=probe), *disk.look(Path())]
+    opened, timing = _driver(job)
+    period = timing.block / timing.sample_rate if timing else machine.PERIOD
+    ticks = sum(len(axis.trajectory) for axis in job.axes)
+    return [
+        _finding("file", f"{config}: {len(job.axes)} axis, {ticks} ticks", "says what is to be run"),
+        *opened,
+        _recording(job),
+        *needs,
+        *machine.look(job.settings, period, probe),
+        *disk.look(job.file.absolute().parent, disk.BYTES * ticks),
+    ]
+
+
+def _finding(what: str, found: str, why: str, command: str = "") -> Finding:
+    """Missing if there is a command to give."""
+    level = Level.MISSING if command else Level.OK
+    return Finding(level=level, part=PART, what=what, found=found, why=why, command=command, required=True)
+
+
+def _needed(config: Path) -> frozenset[str]:
+    """The packages behind what the file names, also where it is otherwise not in order."""
+    try:
+        tables: dict[str, Any] = tomllib.loads(config.read_text(encoding="utf-8"))
+        name = tables["driver"]["name"]
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, KeyError, TypeError):
+        return frozenset()
+    return frozenset(NEEDS.get(name, set()) | ({"softioc"} if "epics" in tables else set()))
+
+
+def _driver(job: configuration.Job) -> tuple[list[Finding], Timing | None]:
+    """Opened, which moves nothing, and closed; what the hardware does when this computer stands still."""
+    name, why = type(job.driver).__name__, "connects and configures; no output moves"
+    try:
+        with closing(job.driver) as driver:
+            timing = driver.open()
+            tell = getattr(driver, "unattended", None)
+            unattended = [] if tell is None else [_unattended(*tell())]
+    except (DriverError, SettingError, OSError, ImportError) as error:
+        return [_finding("driver", f"{name}: {error}", why, "see the page of the driver in docs/")], None
+    found = f"{name} opens: {timing.channels} axis at {timing.sample_rate:g} Hz, blocks of {timing.block}"
+    return [_finding("driver", found, why), *unattended], timing
+
+
+def _unattended(safe: bool, found: str) -> Finding:
+    why = "when the computer itself stands still, no watchdog in software acts"
+    return Finding(level=Level.OK if safe else Level.WARNING, part=PART, what="unattended", found=found, why=why)
+
+
+def _recording(job: configuration.Job) -> Finding:
+    why = "no recording is replaced unless asked for"
+    try:
+        files = recordings(job.file, job.axes, overwrite=False)
+    except OSError as error:
+        return _finding("recording", f"{error.filename}: {error.strerror}", why, "another name in [recording]")
+    return _finding("recording", ", ".join(map(str, files)), why)

@@ -1,0 +1,20 @@
+"""Drivers of hardware, behind one protocol: open, start, exchange, stop, close.
+
+A driver knows neither controllers nor trajectories. The libraries of the vendors are optional extras, loaded by `open`.
+"""
+
+from truestroke.runtime.drivers.one_axis import OneAxis
+from truestroke.runtime.drivers.play import Recorded, play_and_record
+from truestroke.runtime.drivers.protocol import Driver, DriverError
+from truestroke.runtime.drivers.simulated import Fault, SimulatedDriver, SimulatedSettings
+
+__all__ = [
+    "Driver",
+    "DriverError",
+    "Fault",
+    "OneAxis",
+    "Recorded",
+    "SimulatedDriver",
+    "SimulatedSettings",
+    "play_and_record",
+]

@@ -1,0 +1,118 @@
+"""The last line before the output: limits and slew, whatever was asked for."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from truestroke.base import checks
+from truestroke.base.checks import SettingError
+from truestroke.base.typing import FloatArray
+
+ROUNDING = 1e-9  # of the slew step: what a controller that keeps the same limit may differ by
+
+
+class Guard:
+    """Keeps the voltages that leave within limits and slew. It knows nothing but these and the last output.
+
+    Parameters
+    ----------
+    sample_rate : float
+        Ticks per second, Hz.
+    voltage_limits : sequence of (float, float)
+        Lowest and highest voltage of each axis, V.
+    slew : sequence of float
+        Fastest change of each axis, V/s; may be infinite.
+    volts : sequence of float
+        What is at the outputs now, V.
+
+    Attributes
+    ----------
+    last : list[float]
+        What is at the outputs, V.
+    limited : int
+        How many voltages it has changed.
+
+    Examples
+    --------
+    >>> guard = Guard(1000.0, [(0.0, 1.0)], [100.0], [0.5])
+    >>> volts = np.array([[0.55, 0.9, math.nan, 0.68]])
+    >>> guard(volts)
+    False
+    >>> volts.round(6).tolist(), guard.limited
+    ([[0.55, 0.65, 0.65, 0.68]], 2)
+    """
+
+    def __init__(
+        self,
+        sample_rate: float,
+        voltage_limits: Sequence[tuple[float, float]],
+        slew: Sequence[float],
+        volts: Sequence[float],
+    ) -> None:
+        rate = checks.positive("sample_rate", sample_rate, "Hz")
+        self._limits = [checks.interval("voltage_limits", pair, "V") for pair in voltage_limits]
+        for value in slew:
+            if not value > 0:
+                raise SettingError("slew", value, "above 0 V/s", "V/s")
+        self._steps = [value / rate * (1 + ROUNDING) for value in slew]
+        self.last = [checks.within("volts", v, *limits, "V") for v, limits in zip(volts, self._limits, strict=True)]
+        self.limited = 0
+
+    def __call__(self, volts: FloatArray) -> bool:
+        """Bring `volts` (V, shape (channels, ticks)) in place within limits and slew; False if one was no number.
+
+        In place of what is not a number the last output is held.
+        """
+        numbers = True
+        for channel, row in enumerate(volts):
+            (low, high), step, last = self._limits[channel], self._steps[channel], self.last[channel]
+            for k, asked in enumerate(row.tolist()):
+                x = asked
+                if x != x:
+                    numbers, x = False, last
+                x = min(max(x, low, last - step), high, last + step)
+                if x != asked:
+                    row[k] = x
+                    self.limited += 1
+                last = x
+            self.last[channel] = last
+        return numbers
+
+    def ramp(self, target: Sequence[float]) -> FloatArray:
+        """Straight lines from the last output to `target` (V): shape (channels, ticks), as short as slew allows.
+
+        The target itself is the next step behind the ramp.
+
+        >>> Guard(1000.0, [(0.0, 1.0)], [100.0], [0.5]).ramp([0.25]).round(6).tolist()
+        [[0.416667, 0.333333]]
+        """
+        moves = [(b - a) for a, b in zip(self.last, target, strict=True)]
+        steps = max(1, *(math.ceil(abs(move) / step) for move, step in zip(moves, self._steps, strict=True)))
+        part = np.arange(1, steps) / steps
+        return np.array([a + move * part for a, move in zip(self.last, moves, strict=True)]).reshape(len(moves), -1)
+
+
+def check_range(argument: str, voltage_limits: tuple[float, float], told: Mapping[str, object]) -> None:
+    """Refuse limits (V) beyond the `output_range` that a driver tells of itself, if it does.
+
+    Raises
+    ------
+    SettingError
+        One of the limits is outside.
+    """
+    reach = told.get("output_range")
+    if not isinstance(reach, tuple | list):
+        return
+    for value in voltage_limits:
+        if not reach[0] <= value <= reach[1]:
+            bound = f"from {reach[0]:g} to {reach[1]:g} V, the output_range of the driver; V, not mV"
+            raise SettingError(argument, value, bound, "V")
+
+
+def padded(volts: npt.NDArray[np.float64], ticks: int) -> FloatArray:
+    """`volts`, shape (channels, up to ticks), held at its last entry until it is `ticks` long."""
+    return np.ascontiguousarray(np.pad(volts, ((0, 0), (0, ticks - volts.shape[1])), mode="edge"))

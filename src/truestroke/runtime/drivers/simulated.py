@@ -1,0 +1,273 @@
+"""The simulated plant behind the protocol of hardware, with faults on demand."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import os
+import tempfile
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from truestroke.base import checks
+from truestroke.base.checks import SettingError
+from truestroke.base.typing import FloatArray
+from truestroke.runtime.drivers.protocol import DriverError
+from truestroke.signals.timing import Timing
+
+FAULTS = ("open", "start", "error", "nan", "short", "wild", "frozen", "hang", "slip", "abort", "stop")
+
+
+class Plant(Protocol):
+    """What is driven on each channel: an actuator of the loop."""
+
+    truth: FloatArray
+
+    def open(self) -> Timing:
+        """Be at rest."""
+
+    def exchange(self, volts: FloatArray) -> FloatArray:
+        """Move."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fault:
+    """What goes wrong, for tests and rehearsals.
+
+    Attributes
+    ----------
+    kind : str
+        "error": exchange raises; "nan": the samples are lost; "short": the second half of the block is lost; "wild":
+        they are far beyond any stroke; "frozen": the last sample repeats; "hang": exchange never returns; "slip":
+        exchange takes three periods longer; "abort": the process dies; "open", "start", "stop": that call raises.
+    at : int
+        First exchange that it concerns, counted from 0, and from 0 again after the axis check of `truestroke run`.
+    count : int
+        How many exchanges it lasts.
+    """
+
+    kind: str
+    at: int = 0
+    count: int = 1
+
+    def __post_init__(self) -> None:
+        if self.kind not in FAULTS:
+            raise SettingError("kind", repr(self.kind), f"one of {', '.join(FAULTS)}")
+        checks.count("at", self.at, 0, 2**62)
+        checks.count("count", self.count, 1, 2**62)
+
+
+def _fault(given: Fault | Mapping[str, Any]) -> Fault:
+    if isinstance(given, Fault):
+        return given
+    checks.typed("faults", given, Mapping)
+    with checks.inside("faults."):
+        made: Fault = checks.made(Fault, given)
+        return made
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimulatedSettings:
+    """A simulated stack on each channel.
+
+    Attributes
+    ----------
+    sample_rate : float
+        Ticks per second, Hz.
+    block, latency : int
+        Ticks that an exchange moves; ticks from a command to its measurement.
+    channels : int
+        Stacks.
+    seed : int
+        Of the noise of the first one; each other one has the next.
+    hardware_timed : bool
+        Whether exchange lasts as long as its block, as a card with a clock of its own makes it.
+    register : str or None
+        File that shows what is at the outputs (float64, V, one for each channel), also to other processes; by default a
+        temporary one. It stays as it is when the process dies, as the D/A converter of a card does.
+    plant : Mapping[str, object]
+        Members of `plant.PlantSettings`.
+    faults : tuple[Fault, ...]
+        What goes wrong.
+    """
+
+    sample_rate: float = 2000.0
+    block: int = 1
+    latency: int = 0
+    channels: int = 1
+    seed: int = 0
+    hardware_timed: bool = False
+    register: str | None = None
+    plant: Mapping[str, object] = field(default_factory=dict)
+    faults: tuple[Fault, ...] = ()
+
+    def __post_init__(self) -> None:
+        checks.count("seed", self.seed, 0, 2**62)
+        object.__setattr__(self, "faults", tuple(map(_fault, self.faults)))
+        self.timing()
+
+    def timing(self) -> Timing:
+        """What `open` tells."""
+        names = [entry.name for entry in dataclasses.fields(Timing)]
+        return Timing(**{name: getattr(self, name) for name in names})
+
+    def plants(self) -> list[Plant]:
+        """A realistic stack for each channel."""
+        from truestroke.plant import Change, PlantSettings, RealisticPlant
+
+        given: dict[str, Any] = dict(self.plant)
+        if isinstance(given.get("change"), Mapping):
+            with checks.inside("plant.change."):
+                given["change"] = checks.made(Change, given["change"])
+        with checks.inside("plant."):
+            checks.known(given, sorted(PlantSettings.__dataclass_fields__.keys() - {"sample_rate"}))
+            settings = PlantSettings(sample_rate=self.sample_rate, **given)
+        return [RealisticPlant(settings, self.seed + channel) for channel in range(self.channels)]
+
+
+class SimulatedDriver:
+    """Simulated stacks as hardware: `truestroke.runtime.drivers.Driver`.
+
+    The plant knows no time but that of its ticks: the measurements are those of `truestroke.run`, to the last bit.
+
+    Parameters
+    ----------
+    settings : SimulatedSettings
+        Timing, noise, faults.
+    plants : sequence of Plant, optional
+        What is driven instead of the stacks that the settings describe.
+
+    Attributes
+    ----------
+    truth : ndarray, shape (channels, block)
+        Noise-free counterpart of the last `measured`, um.
+
+    Examples
+    --------
+    >>> driver = SimulatedDriver(SimulatedSettings(plant={"noise": 0.0}))
+    >>> driver.open().sample_rate
+    2000.0
+    >>> driver.start(np.zeros(1))
+    >>> volts, measured = np.ones((1, 1)), np.empty((1, 1))
+    >>> driver.exchange(volts, measured)
+    >>> print(f"{measured[0, 0]:.1f} um, output at {driver.output[0]:g} V")
+    4.0 um, output at 1 V
+    >>> driver.stop(np.zeros(1))
+    >>> print(f"output at {driver.output[0]:g} V")
+    output at 0 V
+    >>> driver.close()
+    """
+
+    def __init__(self, settings: SimulatedSettings | None = None, plants: Sequence[Plant] | None = None) -> None:
+        self.settings = SimulatedSettings() if settings is None else settings
+        self._plants = self.settings.plants() if plants is None else list(plants)
+        if len(self._plants) != self.settings.channels:
+            raise SettingError("plants", len(self._plants), f"{self.settings.channels}, one for each channel")
+        self._temporary: str | None = None
+
+    def open(self) -> Timing:
+        """The stacks at rest; the output stays where it is."""
+        s = self.settings
+        self._fail("open")
+        if s.register is None and self._temporary is None:
+            handle, self._temporary = tempfile.mkstemp(prefix="truestroke-", suffix=".volts")
+            os.close(handle)
+        self._path = s.register or self._temporary or ""
+        if not Path(self._path).exists() or Path(self._path).stat().st_size != 8 * s.channels:
+            set_register(self._path, np.zeros(s.channels))
+        self.output = np.memmap(self._path, np.float64, "r+", shape=(s.channels,))
+        for plant in self._plants:
+            plant.open()
+        self.truth = np.empty((s.channels, s.block))
+        self._late = np.full((2, s.channels, s.latency), np.nan)  # measured and true of the commands before
+        self._exchanges = 0
+        return s.timing()
+
+    def rewind(self) -> None:
+        """The stacks as `open` left them, with the same noise before them; the output stays where it is."""
+        for plant in self._plants:
+            plant.open()
+        self._late[:] = np.nan
+        self._exchanges = 0
+
+    def start(self, volts: FloatArray) -> None:
+        """`volts` at the outputs."""
+        self._fail("start")
+        self.output[:] = volts
+        self._over = time.monotonic()
+
+    def exchange(self, volts: FloatArray, measured: FloatArray) -> None:
+        """Move the stacks by a block."""
+        s = self.settings
+        kinds = {f.kind for f in s.faults if f.at <= self._exchanges < f.at + f.count}
+        self._exchanges += 1
+        if "error" in kinds:
+            raise DriverError("exchange: error -1: the simulated connection is lost")
+        while "hang" in kinds:
+            time.sleep(1.0)
+        if "abort" in kinds:
+            os.abort()
+        previous = measured[:, -1:].copy()
+        self.output[:] = volts[:, -1]
+        for channel, plant in enumerate(self._plants):
+            new = np.array([plant.exchange(volts[channel]), plant.truth])
+            both = np.concatenate([self._late[:, channel], new], axis=1)
+            measured[channel], self.truth[channel] = both[:, : s.block]
+            self._late[:, channel] = both[:, s.block :]
+        if "nan" in kinds:
+            measured[:] = np.nan
+        if "short" in kinds:
+            measured[:, s.block // 2 :] = np.nan
+        if "wild" in kinds:
+            measured[:] = 1e6
+        if "frozen" in kinds:
+            measured[:] = previous
+        self._pass_time(s.block / s.sample_rate, "slip" in kinds)
+
+    def _pass_time(self, period: float, slips: bool) -> None:
+        if slips:
+            time.sleep(3 * period)
+            self._over += 3 * period
+        if self.settings.hardware_timed:
+            self._over += period
+            time.sleep(max(self._over - time.monotonic(), 0.0))
+
+    def stop(self, volts: FloatArray) -> None:
+        """`volts` at the outputs."""
+        self._fail("stop")
+        self.output[:] = volts
+
+    def _fail(self, call: str) -> None:
+        if any(fault.kind == call for fault in self.settings.faults):
+            raise DriverError(f"{call}: error -2: the simulated device does not answer")
+
+    def close(self) -> None:
+        """Forget the temporary register, if there is one."""
+        if self._temporary is not None:
+            Path(self._temporary).unlink(missing_ok=True)
+            self._temporary = None
+
+    def rescue(self) -> Callable[[FloatArray], None]:
+        """Write to the register from another process."""
+        return functools.partial(set_register, self._path)
+
+    def describe(self) -> dict[str, object]:
+        """The settings, as plain data."""
+        return {"kind": "simulated", **dataclasses.asdict(self.settings), **self._range()}
+
+    def _range(self) -> dict[str, object]:
+        """That of the D/A converters, where they are simulated and have one."""
+        settings = getattr(self._plants[0], "settings", None)
+        limits = getattr(settings, "da_limits", None)
+        return {} if limits is None else {"output_range": limits}
+
+
+def set_register(path: str, volts: FloatArray) -> None:
+    """Bring simulated outputs to `volts` (V, shape (channels,))."""
+    with open(path, "r+b" if Path(path).exists() else "wb") as file:
+        file.write(np.asarray(volts, dtype=np.float64).tobytes())

@@ -1,0 +1,206 @@
+"""The recorder: a process that takes the ticks out of the ring and appends them to a file that others can read."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from truestroke.base import hdf5
+from truestroke.base.files import Growing
+from truestroke.base.hdf5 import ENDING
+from truestroke.base.typing import FloatArray
+from truestroke.runtime import loop
+from truestroke.runtime.realtime import watchdog
+from truestroke.runtime.realtime.child import Lifeline
+from truestroke.runtime.realtime.shared import FIELDS, Helper, Shared, Slot, State, Text
+from truestroke.signals.recording import MODE, describe, sealed
+
+LOOK = 0.05  # s between two looks into the ring
+PIECE = 0.1  # s that a chunk of the file holds: with two looks, what a kill may cost
+PAGE = 4096  # bytes that a disk takes whole or not at all; none of HDF5's tables lies across the end of one
+CHECKSUM = 4  # bytes of that of a chunk
+ENDING_SIZE = 16384  # bytes
+LATENESS = ("us", "how late the block began that the tick is in")
+NEVER_ENDED = "the recording was not ended: it is still running, or its process was killed"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plan:
+    """One file: its place and metadata, the channels that there are, the slow ones with the shape of an entry."""
+
+    place: Growing
+    about: dict[str, Any]
+    channels: tuple[str, ...]
+    slow: tuple[tuple[str, tuple[int, ...]], ...]
+    sample_rate: float
+    stride: int
+
+
+def record(lifeline: Lifeline, shared: Shared, plans: list[Plan]) -> None:
+    """Append until the run has ended, or its process is gone; a failure is told through `Text.COMPLAINT`.
+
+    A file that replaces another takes its name at the very end, and only if something was recorded.
+    """
+    try:
+        files = [File(plan) for plan in plans]
+        for axis, file in enumerate(files):
+            shared.count[Slot.ENDINGS + axis] = file.ending
+        shared.count[Slot.RECORDER] = Helper.READY
+        _append(lifeline, shared, files)
+        for file in files:
+            file.close()
+        ending = shared.read(Text.ENDING) or _unexpected(shared)
+        for file in files:
+            write_ending(file.plan.place, file.ending, ending)
+            if file.ticks:
+                file.plan.place.complete()
+    except Exception as error:
+        shared.write(Text.COMPLAINT, " ".join(str(error).split()))
+        shared.count[Slot.RECORDER] = Helper.FAILED
+        os._exit(1)  # at a regular exit HDF5 would try again to write; what is flushed is complete
+
+
+def _append(lifeline: Lifeline, shared: Shared, files: list[File]) -> None:
+    settled, gone = (0, 0), False
+    while True:
+        over = gone or shared.count[Slot.STATE] == State.ENDED  # before the counters are read: nothing comes later
+        written = shared.count[Slot.WRITTEN], shared.count[Slot.SLOW_WRITTEN]
+        settled = written if over else settled
+        for axis, file in enumerate(files):
+            file.append(shared.ring[axis], shared.slow[axis], *settled, over)
+        shared.count[Slot.SAVED], shared.count[Slot.SLOW_SAVED] = files[0].ticks, files[0].entries
+        if over:
+            return
+        settled = written
+        gone = lifeline.gone(LOOK)
+
+
+def _unexpected(shared: Shared) -> str:
+    """The end of a run whose process is gone; the watchdog has a moment to act."""
+    if shared.count[Slot.STATE] == State.IDLE:
+        return json.dumps({"interrupted": "the run never began"})
+    what = watchdog.outcome(shared)
+    return json.dumps({"interrupted": f"the process of the run was killed; {what}", "ended": {"cause": "killed"}})
+
+
+def write_ending(place: Growing, offset: int, ending: str) -> None:
+    """Write how the run ended to the room that is kept for it, by any process, without HDF5 and on a full disk.
+
+    Into the file that is open, whatever name it has by now.
+    """
+    place.write(offset, sealed(ending, ENDING_SIZE))
+
+
+def piece(entries: float, size: int) -> int:
+    """Entries of `size` bytes in a chunk, about as many, so that little of its pages, or of its part of one, is empty.
+
+    Examples
+    --------
+    >>> piece(200, 8), piece(10, 424)
+    (255, 9)
+    """
+    whole = max(1, round(entries)) * size + CHECKSUM
+    room = PAGE // (PAGE // whole) if whole <= PAGE else whole // PAGE * PAGE
+    return max(1, (room - CHECKSUM) // size)
+
+
+class File:
+    """A recording that grows, by HDF5's single-writer multiple-reader mode.
+
+    Each chunk is written whole and once, before the lengths that readers go by: what they see is never half written,
+    and what a full disk refuses is not said to be there.
+
+    Attributes
+    ----------
+    ending : int
+        Where in the file the bytes of `recording.ENDING` are.
+    ticks : int
+        What is in the file, and has been taken by the system.
+    """
+
+    def __init__(self, plan: Plan) -> None:
+        import h5py
+
+        self.plan, self._h5py = plan, h5py
+        self._name = f"/proc/self/fd/{plan.place.descriptor}"  # the file that is locked, whatever has its name
+        widest = max((math.prod(shape) for _, shape in plan.slow), default=1)
+        self._piece = piece(PIECE * plan.sample_rate, 8)
+        self._slow_piece = piece(PIECE * plan.sample_rate / plan.stride, 8 * widest)
+        paged = {"fs_strategy": "page", "fs_page_size": PAGE}
+        self._file = h5py.File(self._name, **MODE, **paged, rdcc_nbytes=0)  # a cache of chunks: 1 MB of each dataset
+        describe(self._file, {**plan.about, "interrupted": NEVER_ENDED})
+        self._sets: dict[str, Any] = {}  # kept open: HDF5 tells a failure to write only where one is used or flushed
+        for name in ("time", *plan.channels):
+            self._create(name, *loop.CHANNELS[name], "time", dtype=np.uint8 if name == "flags" else np.float64)
+        self._create("lateness", *LATENESS, "time")
+        if plan.slow:
+            self._create("weights_time", *loop.SLOW_TIME, "weights_time")
+        for name, shape in plan.slow:
+            self._create(name, *loop.SLOW_CHANNELS[name], "weights_time", shape)
+        self._file.attrs["checksum"] = hdf5.digest(self._file)
+        reserved = self._file.create_dataset(ENDING, data=np.zeros(ENDING_SIZE, np.uint8))
+        self._file.flush()
+        self.ending: int = reserved.id.get_offset()
+        self._file.swmr_mode = True
+        self.ticks = self.entries = 0
+
+    def _create(
+        self, name: str, unit: str, description: str, time: str, shape: tuple[int, ...] = (), dtype: Any = np.float64
+    ) -> None:
+        chunk = self._slow_piece if time == "weights_time" else self._piece
+        sizes = {"shape": (0, *shape), "maxshape": (None, *shape), "chunks": (chunk, *shape)}
+        dataset = self._file.create_dataset(name, dtype=dtype, fletcher32=True, **sizes)
+        dataset.attrs.update(unit=unit, description=description, time=time)
+        self._sets[name] = dataset
+
+    def append(self, ring: FloatArray, slow: FloatArray, ticks: int, entries: int, last: bool) -> None:
+        """Add what is new of `ticks` ticks and `entries` slow entries: whole chunks, if it is not the last time."""
+        if not last:
+            ticks, entries = ticks - ticks % self._piece, entries - entries % self._slow_piece
+        if ticks <= self.ticks and entries <= self.entries:
+            return
+        self._append_ticks(ring, ticks)
+        self._append_slow(slow, entries)
+        for dataset in self._sets.values():
+            dataset.flush()
+        self._file.flush()
+        self.ticks, self.entries = ticks, entries
+
+    def _append_ticks(self, ring: FloatArray, ticks: int) -> None:
+        new = np.arange(self.ticks, ticks)
+        if new.size:
+            rows = ring[:, new % ring.shape[1]]
+            self._extend("time", new / self.plan.sample_rate)
+            for name in (*self.plan.channels, "lateness"):
+                self._extend(name, rows[FIELDS.index(name)])
+
+    def _append_slow(self, slow: FloatArray, entries: int) -> None:
+        new = np.arange(self.entries, entries)
+        if new.size and self.plan.slow:
+            rows = slow[new % len(slow)]
+            self._extend("weights_time", new * self.plan.stride / self.plan.sample_rate)
+            start = 0
+            for name, shape in self.plan.slow:
+                width = int(np.prod(shape))
+                self._extend(name, rows[:, start : start + width].reshape(-1, *shape))
+                start += width
+
+    def _extend(self, name: str, values: FloatArray) -> None:
+        dataset = self._sets[name]
+        length = len(dataset)
+        dataset.resize(length + len(values), axis=0)
+        dataset[length:] = values
+
+    def close(self) -> None:
+        """Complete: an ordinary HDF5 file. It is opened once more, as HDF5 does not tell every failure at the end."""
+        lengths = {name: len(dataset) for name, dataset in self._sets.items()}
+        self._file.close()
+        with self._h5py.File(self._name, "r") as file:
+            short = [name for name, length in lengths.items() if len(file[name]) != length]
+        if short:
+            raise OSError(f"{', '.join(short)}: not all of it is in the file")

@@ -1,0 +1,222 @@
+"""The loop in real time: pace, safety, recording. `run_realtime` is the page to read; docs/run.md says what it does."""
+
+from __future__ import annotations
+
+import shutil
+import time
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, closing, contextmanager
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Literal
+
+from truestroke.base import checks
+from truestroke.base.checks import SettingError
+from truestroke.base.files import Growing, beside, check_growing, grow
+from truestroke.control import feasibility
+from truestroke.control.settings import ControllerSettings
+from truestroke.runtime import loop
+from truestroke.runtime.drivers.guard import check_range
+from truestroke.runtime.drivers.protocol import Driver
+from truestroke.runtime.realtime.axis_loop import slow_values, stride
+from truestroke.runtime.realtime.ending import Outcome
+from truestroke.runtime.realtime.epics import EpicsSettings
+from truestroke.runtime.realtime.helpers import Helpers
+from truestroke.runtime.realtime.live import Live
+from truestroke.runtime.realtime.process import RealtimeError, noted_signals, on_its_own, undisturbed
+from truestroke.runtime.realtime.recorder import Plan
+from truestroke.runtime.realtime.settings import Axis, RealtimeSettings
+from truestroke.runtime.realtime.shared import Layout, Shared, Slot
+from truestroke.signals.recording import Recording, ticks
+from truestroke.signals.timing import Timing
+
+ROOM = 1.3  # bytes on the disk for one of data
+BUFFER = 8.0  # s that the recorder may fall behind before the run ends
+
+
+def run_realtime(
+    driver: Driver,
+    axes: Sequence[Axis],
+    file: str | Path,
+    *,
+    settings: RealtimeSettings | None = None,
+    about: Mapping[str, object] | None = None,
+    overwrite: bool = False,
+    show: Literal["live", "lines"] | None = None,
+    epics: EpicsSettings | None = None,
+) -> Outcome:
+    """Follow trajectories with hardware, in real time.
+
+    Parameters
+    ----------
+    driver : Driver
+        Hardware of as many channels as there are axes.
+    axes : sequence of Axis
+        Trajectory, controller and limits of each channel; trajectories of the same length.
+    file : str or Path
+        Recording, readable while it grows. Of several axes each has its own, with its name before the ending.
+    settings : RealtimeSettings, optional
+        How to keep time, and when to give up.
+    about : Mapping[str, object], optional
+        What else belongs into the metadata.
+    overwrite : bool
+        Replace files that are there; without it they are an error.
+    show : "live" or "lines", optional
+        A status line on stderr.
+    epics : EpicsSettings, optional
+        Publish the run by EPICS, from a process of its own.
+
+    Returns
+    -------
+    Outcome
+        Why it ended and how punctual it was. Whatever happened, the output is at the safe voltages.
+
+    Raises
+    ------
+    SettingError
+        Trajectories, controllers, limits and driver do not fit together.
+    DriverError, RealtimeError, OSError
+        The run could not begin. The output was not touched.
+
+    Warns
+    -----
+    LimitWarning
+        A limit will probably hold the motion back; the metadata has the sentence, too, as `notices`.
+    """
+    settings = RealtimeSettings() if settings is None else settings
+    paths = recordings(Path(file), axes, overwrite)
+    with closing(driver):
+        timing = driver.open()
+        clock = {"utc": datetime.now(UTC).isoformat(), "monotonic_s": time.monotonic()}
+        _check_agreement(axes, timing, settings, epics)
+        _check_range(axes, driver)
+        notices = _check_motions(axes)
+        for notice in notices:
+            warnings.warn(notice, feasibility.LimitWarning, stacklevel=2)
+        _check_room(axes, timing, paths[0].absolute().parent)
+        told = {"realtime": settings, "clock": clock, "notices": notices, **(about or {})}
+        abouts = [_about(driver, axis, timing, told) for axis in axes]
+        with grown(paths, overwrite) as (places, unused), closing(Shared(_layout(axes, timing))) as shared:
+            made = zip(axes, places, abouts, strict=True)
+            plans = [_plan(driver, axis, timing, place, about) for axis, place, about in made]
+            shared.count[Slot.TICKS] = len(axes[0].trajectory)
+            with on_its_own(settings):
+                helpers = Helpers(shared, plans, driver, axes, settings, show, epics)
+            with closing(helpers):
+                helpers.wait_until_ready()  # Ctrl-C ends this at once: nothing has moved
+                unused.pop_all()
+                with noted_signals() as asked, undisturbed(settings):
+                    live = Live(driver, axes, timing, settings, shared, helpers, asked)
+                    cause, reason = live.run()
+            names = zip(paths, places, strict=True)
+            return live.outcome(cause, reason, tuple(p if at.where == at.final else beside(p) for p, at in names))
+
+
+def _check_agreement(
+    axes: Sequence[Axis], timing: Timing, settings: RealtimeSettings, epics: EpicsSettings | None
+) -> None:
+    checks.count("the number of axes", len(axes), timing.channels, timing.channels)
+    if len({axis.name for axis in axes}) < len(axes):
+        raise SettingError("name", ", ".join(axis.name for axis in axes), "different for each axis")
+    if len({len(axis.trajectory) for axis in axes}) > 1:
+        raise SettingError("trajectories", [len(axis.trajectory) for axis in axes], "of the same length", "ticks")
+    if epics is not None:
+        epics.check(axes)
+    for axis in axes:
+        loop.check_agreement(axis.trajectory, axis.controller, timing)
+    checks.within("watchdog_timeout", settings.watchdog_timeout, 4 * timing.block / timing.sample_rate, 60.0, "s")
+
+
+def _check_range(axes: Sequence[Axis], driver: Driver) -> None:
+    """What may leave must be what the hardware can put out, or not even the safe voltage is sure to."""
+    for axis in axes:
+        check_range(f"voltage_limits of axis {axis.name}", axis.voltage_limits, driver.describe())
+
+
+def _check_motions(axes: Sequence[Axis]) -> list[str]:
+    """Refuse a motion that its axis cannot make; sentences on the limits that hold one back."""
+    notices: list[str] = []
+    for axis in axes:
+        settings = getattr(axis.controller, "settings", None)
+        if not isinstance(settings, ControllerSettings):
+            continue
+        told, own = axis.voltage_limits, settings.voltage_limits
+        limits: dict[str, Any] = {
+            "voltage_limits": (max(told[0], own[0]), min(told[1], own[1])),
+            "slew": min(axis.slew, settings.slew_limit),
+        }
+        words = {**feasibility.NAMES, "slew": "slew"}
+        names = {name: f"{word} of axis {axis.name}" for name, word in words.items()}
+        needs = feasibility.demands(axis.trajectory, settings)
+        feasibility.check(needs, settings, **limits, names=names)
+        notices += feasibility.notices(needs, settings, **limits, names=names)
+    return notices
+
+
+def recordings(file: Path, axes: Sequence[Axis], overwrite: bool) -> list[Path]:
+    """What the file of each axis is called when it is complete; OSError where it cannot be written."""
+    paths = [file if len(axes) == 1 else file.with_name(f"{file.stem}-{axis.name}{file.suffix}") for axis in axes]
+    for path in paths:
+        check_growing(path, overwrite, _empty)
+    return paths
+
+
+def _empty(path: Path) -> bool:
+    """Whether an earlier run left a file that has not a single tick."""
+    return ticks(path) == 0
+
+
+@contextmanager
+def grown(paths: Sequence[Path], overwrite: bool) -> Iterator[tuple[list[Growing], ExitStack]]:
+    """The files, made and locked, and what removes them at the end unless `pop_all` is called of it."""
+    with ExitStack() as opened, ExitStack() as unused:
+        places = []
+        for path in paths:
+            places.append(place := grow(path.absolute(), overwrite, _empty))
+            opened.callback(place.close)
+            unused.callback(place.discard)
+        yield places, unused
+
+
+def _about(driver: Any, axis: Axis, timing: Timing, about: Mapping[str, object]) -> dict[str, Any]:
+    """Metadata of a file; an error now where it could not be written later."""
+    guard = {name: getattr(axis, name) for name in ("name", "voltage_limits", "slew", "safe_voltage")}
+    metadata = loop.about(axis.trajectory, axis.controller, driver, timing) | {"axis": guard, **about}
+    return Recording({}, metadata).metadata
+
+
+def _plan(driver: Any, axis: Axis, timing: Timing, place: Growing, about: dict[str, Any]) -> Plan:
+    """What goes into a file."""
+    has = {"true": hasattr(driver, "truth")}
+    has |= {name: hasattr(axis.controller, n) for name, n in (("innovation", "innovation"), ("flags", "flag_bits"))}
+    return Plan(
+        place=place,
+        about=about,
+        channels=tuple(name for name in loop.CHANNELS if name != "time" and has.get(name, True)),
+        slow=tuple((name, value.shape) for name, value in slow_values(axis.controller).items()),
+        sample_rate=timing.sample_rate,
+        stride=stride(timing),
+    )
+
+
+def _check_room(axes: Sequence[Axis], timing: Timing, folder: Path) -> None:
+    """The disk has room for the whole run."""
+    needed = sum(80 * len(a.trajectory) + 8 * len(a.trajectory) // stride(timing) * _width(a) for a in axes)
+    needed = round(ROOM * needed)
+    if (free := shutil.disk_usage(folder).free) < needed:
+        raise RealtimeError(f"{folder}: the run writes {needed / 1e6:.0f} MB, {free / 1e6:.0f} MB are free")
+
+
+def _width(axis: Axis) -> int:
+    return sum(value.size for value in slow_values(axis.controller).values())
+
+
+def _layout(axes: Sequence[Axis], timing: Timing) -> Layout:
+    size = round(BUFFER * timing.sample_rate) + timing.block + timing.latency
+    return Layout(
+        channels=len(axes),
+        size=size,
+        slow_size=size // stride(timing) + 2,
+        slow_width=max(_width(axis) for axis in axes),
+    )

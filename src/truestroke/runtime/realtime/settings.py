@@ -1,0 +1,131 @@
+"""What a run in real time is told: an axis, and how to keep time and watch."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from truestroke.base import checks
+from truestroke.base.checks import SettingError
+from truestroke.control.controller import Controller
+from truestroke.runtime.drivers.clock import SPIN
+from truestroke.runtime.realtime.motion import SetPoint
+from truestroke.signals.trajectories import Trajectory
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Axis:
+    """One axis: where it goes, who drives it, what it must not exceed.
+
+    Attributes
+    ----------
+    trajectory : Trajectory or SetPoint
+        Desired motion, known beforehand or moved by an operator.
+    controller : Controller
+        Gives the voltages and learns.
+    voltage_limits : tuple[float, float]
+        Lowest and highest voltage that may leave, V at the D/A converter, whatever the controller asks for.
+    slew : float
+        Fastest change of the voltage that may leave, V/s; also of soft start and soft stop.
+    safe_voltage : float
+        Where the output starts and ends, V, within the limits.
+    name : str
+        For messages and files.
+    zero : float, "measured" or None
+        What is subtracted from all measurements, um; "measured": so much that 0 um is at 0 V, by the first ones at
+        rest; None: the same where the sensor shows a tenth of the stroke or more beside what the safe voltage explains,
+        else nothing.
+    error_limit : float or None
+        An error beyond it is one of an axis that is lost, if it lasts (`RealtimeSettings`), um; by default 30 % of the
+        motion from end to end, and at least 5 % of the stroke.
+
+    Raises
+    ------
+    SettingError
+        Names the setting, its value, the bound and the unit.
+    """
+
+    trajectory: Trajectory | SetPoint
+    controller: Controller
+    voltage_limits: tuple[float, float]
+    slew: float
+    safe_voltage: float = 0.0
+    name: str = "axis"
+    zero: float | Literal["measured"] | None = None
+    error_limit: float | None = None
+
+    def __post_init__(self) -> None:
+        limits = checks.interval("voltage_limits", self.voltage_limits, "V")
+        object.__setattr__(self, "voltage_limits", limits)
+        checks.positive("slew", self.slew, "V/s")
+        checks.within("safe_voltage", self.safe_voltage, *limits, "V")
+        if self.zero is not None and self.zero != "measured":
+            if isinstance(self.zero, str):
+                raise SettingError("zero", repr(self.zero), '"measured", or a number', "um")
+            object.__setattr__(self, "zero", checks.number("zero", self.zero, "um"))
+        if self.error_limit is not None:
+            checks.positive("error_limit", self.error_limit, "um")
+        if not self.name or not all(c.isalnum() or c in "-_" for c in self.name):
+            raise SettingError(
+                "name", repr(self.name), "letters, digits, - and _, as it may become part of a file name"
+            )
+
+
+@dataclass(frozen=True, kw_only=True)
+class RealtimeSettings:
+    """How to keep time, and when to give up.
+
+    Attributes
+    ----------
+    spin : float
+        How long before a tick to wake up and spin, s; 0 only sleeps.
+    cpu : int or None
+        Processor that the loop alone uses, pinned; None leaves it to the system.
+    priority : int
+        1 to 99 runs under SCHED_FIFO, 0 does not. A loop that spins under SCHED_FIFO is stopped by the system for tens
+        of milliseconds at a time, so this needs ``spin = 0``.
+    overrun_streak : int
+        So many blocks in a row, each more than a period late, end the run; 0 never does.
+    sensor_timeout : float
+        So long without a usable measurement ends the run, s: lost, rejected by the controller, or frozen while the
+        voltage moves.
+    watchdog_timeout : float
+        So long without a tick and the watchdog kills the process and brings the output to safety, s.
+    axis_check : bool
+        Whether each axis makes a small motion before the run, that shows sign, gain and channel of its sensor. Without
+        it nothing but the supervision of the run finds a wrong one, after it has moved as far as `error_limit` allows.
+    error_time : float
+        So long with an error beyond `error_limit` ends the run, s; 0 never does.
+    limit_time : float
+        So long with such an error and the output at a voltage limit ends it, s; 0 never does.
+
+    Raises
+    ------
+    SettingError
+        Names the setting, its value, the bound and the unit.
+    """
+
+    spin: float = SPIN
+    cpu: int | None = None
+    priority: int = 0
+    overrun_streak: int = 20
+    sensor_timeout: float = 0.1
+    watchdog_timeout: float = 0.25
+    axis_check: bool = True
+    error_time: float = 1.0
+    limit_time: float = 0.2
+
+    def __post_init__(self) -> None:
+        checks.within("spin", self.spin, 0.0, 0.01, "s")
+        if self.cpu is not None:
+            checks.count("cpu", self.cpu, 0, 4095)
+        checks.count("priority", self.priority, 0, 99)
+        if self.priority and self.spin:
+            raise SettingError("spin", self.spin, "0 under SCHED_FIFO (priority above 0)", "s")
+        checks.count("overrun_streak", self.overrun_streak, 0, 10**6)
+        checks.within("sensor_timeout", self.sensor_timeout, 1e-3, 3600.0, "s")
+        checks.within("watchdog_timeout", self.watchdog_timeout, 0.05, 60.0, "s")
+        if not isinstance(self.axis_check, bool):
+            raise SettingError("axis_check", repr(self.axis_check), "true or false")
+        checks.within("error_time", self.error_time, 0.0, 3600.0, "s")
+        checks.within("limit_time", self.limit_time, 0.0, 3600.0, "s")

@@ -1,0 +1,148 @@
+"""What the processes of a run share: counters, targets, a ring of the last seconds, and short texts."""
+
+from __future__ import annotations
+
+import itertools
+import mmap
+import os
+import time
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+
+from truestroke.base.typing import FloatArray
+from truestroke.runtime.drivers.clock import EDGES_US
+
+FIELDS = ("desired", "desired_velocity", "volts", "measured", "true", "innovation", "flags", "lateness")
+TEXT = 16384  # bytes of a text
+
+
+class Slot(IntEnum):
+    """The counters."""
+
+    BEAT = 0  # blocks begun: stands still if the loop does
+    WRITTEN = 1  # ticks that are complete in the ring
+    SAVED = 2  # ticks that the recorder has taken out of it
+    SLOW_WRITTEN = 3  # entries of the slow ring
+    SLOW_SAVED = 4
+    STATE = 5  # a State
+    RECORDER = 6  # a Helper
+    WATCHDOG = 7  # a Helper
+    OVERRUNS = 8
+    TICKS = 9  # of the whole run
+    SERVER = 10  # a Helper
+    STOP = 11  # not 0: somebody asks for the end of the run
+    DEPUTY = 12  # a Helper: the watchdog's deputy
+    WATCHDOG_BEAT = 13  # looks that they have taken: each stands still if its process does
+    DEPUTY_BEAT = 14
+    DEPUTY_PID = 15
+    ENDINGS = 16  # where in each file the JSON of its end stands, one slot an axis
+
+
+class State(IntEnum):
+    """Where the run is; between IDLE and ENDED the output may be anywhere."""
+
+    IDLE, STARTING, LIVE, STOPPING, ENDED = range(5)
+
+
+class Helper(IntEnum):
+    """What a helping process says of itself."""
+
+    ABSENT, READY, FAILED, RESCUED, NO_RESCUE, RESCUING = range(6)
+
+
+class Text(IntEnum):
+    """The texts."""
+
+    ENDING = 0  # JSON for the recording, by the loop
+    COMPLAINT = 1  # what the recorder failed at
+    SERVER = 2  # what the server failed at
+
+
+class Pulse:
+    """For how long a counter of another process has stood still, as far as we were there to see it.
+
+    Of the time between two looks at most `SEEN` counts: where the computer itself stood still, all of us did.
+    """
+
+    SEEN = 0.25  # s
+
+    def __init__(self) -> None:
+        self._mark: object = None
+        self._still, self._looked = 0.0, time.monotonic()
+
+    def still(self, mark: object) -> float:
+        """Seconds since `mark` was another."""
+        now = time.monotonic()
+        self._still = self._still + min(now - self._looked, self.SEEN) if mark == self._mark else 0.0
+        self._mark, self._looked = mark, now
+        return self._still
+
+
+SLOTS = Slot.ENDINGS + 64
+BINS = len(EDGES_US) + 1
+
+
+@dataclass(frozen=True, kw_only=True)
+class Layout:
+    """Sizes of the shared memory: axes, ticks in the ring, entries of the slow ring, numbers in each of them."""
+
+    channels: int
+    size: int
+    slow_size: int
+    slow_width: int
+
+
+class Shared:
+    """Memory without a name, which goes when the last process that has it ends.
+
+    The loop alone writes the rings, a server alone the targets. A reader takes what was WRITTEN when it looked the time
+    before: that has settled.
+
+    Attributes
+    ----------
+    count : memoryview of uint64
+        The counters, by `Slot`.
+    histogram : memoryview of uint64
+        Blocks by lateness, see `drivers.clock.EDGES_US`.
+    targets : memoryview of float64
+        Where a `SetPoint` of each channel is sent, um; 0 at the start.
+    ring : ndarray, shape (channels, fields, size)
+        Tick k is at k % size.
+    slow : ndarray, shape (channels, slow_size, slow_width)
+        What the controllers believe.
+    """
+
+    def __init__(self, layout: Layout, fd: int | None = None) -> None:
+        self.layout = layout
+        c, s = layout.channels, layout
+        rings = (8 * c * len(FIELDS) * s.size, 8 * c * s.slow_size * s.slow_width)
+        sizes = (8 * SLOTS, 8 * BINS, 8 * c, *rings, len(Text) * TEXT)
+        starts = np.concatenate([[0], np.cumsum(sizes)]).tolist()
+        self.fd = os.memfd_create("truestroke") if fd is None else fd
+        if fd is None:
+            os.ftruncate(self.fd, starts[-1])
+        parts = memoryview(mmap.mmap(self.fd, starts[-1]))
+        counts, histogram, targets, ring, slow, self._texts = (parts[a:b] for a, b in itertools.pairwise(starts))
+        self.count: memoryview[int] = counts.cast("Q")
+        self.histogram: memoryview[int] = histogram.cast("Q")
+        self.targets: memoryview[float] = targets.cast("d")
+        self.ring: FloatArray = np.frombuffer(ring).reshape(c, len(FIELDS), s.size)
+        self.slow: FloatArray = np.frombuffer(slow).reshape(c, s.slow_size, s.slow_width)
+
+    def __reduce__(self) -> tuple[type[Shared], tuple[Layout, int]]:
+        return Shared, (self.layout, self.fd)  # to a process that has inherited the descriptor
+
+    def write(self, text: Text, value: str) -> None:
+        """Leave a text for the others, cut to what has room."""
+        data = value.encode()[: TEXT - 1]
+        self._texts[text * TEXT : text * TEXT + len(data) + 1] = data + b"\0"
+
+    def read(self, text: Text) -> str:
+        """A text that another has left, or an empty one."""
+        return bytes(self._texts[text * TEXT : (text + 1) * TEXT]).split(b"\0")[0].decode(errors="replace")
+
+    def close(self) -> None:
+        """Let go of the descriptor; the memory itself goes with the arrays."""
+        os.close(self.fd)

@@ -1,0 +1,142 @@
+"""The watchdog and its deputy: they end our process when the loop stands still, and bring the output to safety.
+
+Each has a process and a session of its own. The watchdog acts at once; its deputy acts when nothing comes of that,
+because the watchdog is gone, or stands still, or takes too long. The loop looks whether both of them still beat.
+"""
+
+from __future__ import annotations
+
+import os
+import select
+import signal
+import sys
+import time
+import warnings
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+
+from truestroke.base.typing import FloatArray
+from truestroke.runtime.realtime.child import Lifeline
+from truestroke.runtime.realtime.shared import Helper, Pulse, Shared, Slot, State
+
+PATIENCE = 5.0  # s that starting and stopping the hardware may take
+SETTLING = 1.0  # s between two ticks of axis check and soft start
+LOOK = 0.1  # s between two looks, or less
+GRACE = 0.5  # s without a beat of the watchdog after which its deputy acts
+RESCUE = 15.0  # s that bringing the output to safety may take
+NAMES = {Slot.WATCHDOG: "watchdog", Slot.DEPUTY: "deputy of the watchdog"}
+BEATS = {Slot.WATCHDOG: Slot.WATCHDOG_BEAT, Slot.DEPUTY: Slot.DEPUTY_BEAT}
+
+
+def watch(
+    lifeline: Lifeline, shared: Shared, pid: int, rescue: Callable[[FloatArray], None], safe: FloatArray, timeout: float
+) -> None:
+    """Look at the beat until the run has ended; without one for `timeout` seconds, kill `pid` and rescue.
+
+    The process being gone is enough, whatever ended it.
+    """
+    process, first = os.pidfd_open(pid), os.pidfd_open(os.getpid())
+    protect()
+    with warnings.catch_warnings():  # of threads that a library of linear algebra has begun; the deputy uses none
+        warnings.simplefilter("ignore", DeprecationWarning)
+        deputy = os.fork()
+    if deputy == 0:
+        os.setsid()
+        shared.count[Slot.DEPUTY_PID] = os.getpid()
+        why = _until_it_is_lost(lifeline, shared, process, timeout + GRACE, Slot.DEPUTY)
+        if why and (failed := _failed(shared, first)):
+            _bring_to_safety(shared, rescue, safe, f"{why}, {failed}", Slot.DEPUTY)
+        os._exit(0)
+    if why := _until_it_is_lost(lifeline, shared, process, timeout, Slot.WATCHDOG):
+        _bring_to_safety(shared, rescue, safe, why, Slot.WATCHDOG)
+
+
+def protect() -> bool:
+    """Keep the system from choosing this process when memory runs out; whether it is allowed to us."""
+    with suppress(OSError):
+        Path("/proc/self/oom_score_adj").write_text("-1000")
+        return True
+    return False
+
+
+def _until_it_is_lost(lifeline: Lifeline, shared: Shared, process: int, timeout: float, who: Slot) -> str:
+    """Why the output has to be brought to safety now: the process is gone, or killed here; "" at the end of the run."""
+    count, pulse, look, gone = shared.count, Pulse(), min(timeout / 8, LOOK), False
+    count[who] = Helper.READY
+    while not gone:
+        count[BEATS[who]] += 1
+        state = count[Slot.STATE]
+        if state == State.ENDED:
+            return ""
+        still = pulse.still((count[Slot.BEAT], state))
+        if state != State.IDLE and still > _patience(shared, state, timeout):
+            break
+        gone = lifeline.gone(look)
+    if count[Slot.STATE] in (State.IDLE, State.ENDED):
+        return ""
+    if gone:
+        return "the process is gone"
+    _kill(process)
+    return f"no tick for {timeout:g} s: killed the process"
+
+
+def _patience(shared: Shared, state: int, timeout: float) -> float:
+    """s without a tick: what the hardware needs to start and to stop, and once it ticks before the run, `SETTLING`."""
+    if state == State.LIVE:
+        return timeout
+    return max(timeout, SETTLING if state == State.STARTING and shared.count[Slot.BEAT] else PATIENCE)
+
+
+def _failed(shared: Shared, watchdog: int) -> str:
+    """How the watchdog, of this pidfd, failed to bring the output to safety, once it has; "" if it did not."""
+    count, pulse, began = shared.count, Pulse(), time.monotonic()
+    while count[Slot.WATCHDOG] not in (Helper.RESCUED, Helper.NO_RESCUE):
+        if select.select([watchdog], [], [], GRACE / 10)[0]:
+            if count[Slot.WATCHDOG] in (Helper.RESCUED, Helper.NO_RESCUE):
+                break
+            return "and so is the watchdog"
+        count[Slot.DEPUTY_BEAT] += 1
+        still = pulse.still((count[Slot.WATCHDOG], count[Slot.WATCHDOG_BEAT]))
+        if still > (RESCUE if count[Slot.WATCHDOG] == Helper.RESCUING else GRACE):
+            _kill(watchdog)
+            return f"the watchdog stood still for {time.monotonic() - began:.1f} s"
+    return ""
+
+
+def outcome(shared: Shared) -> str:
+    """In words, what the two have done after the process was gone; they have a moment for it."""
+    began = time.monotonic()
+    while True:
+        states = {slot: shared.count[slot] for slot in NAMES}
+        for slot, state in states.items():
+            if state in (Helper.RESCUED, Helper.NO_RESCUE):
+                could = "brought" if state == Helper.RESCUED else "could not bring"
+                return f"the {NAMES[slot]} {could} the output to the safe voltage"
+        if time.monotonic() - began > (RESCUE + PATIENCE if Helper.RESCUING in states.values() else 3.0):
+            return "nobody brought the output to the safe voltage"
+        time.sleep(LOOK / 2)
+
+
+def _kill(process: int) -> None:
+    """By its pidfd; wait until it has let go of the hardware."""
+    with suppress(ProcessLookupError):
+        signal.pidfd_send_signal(process, signal.SIGKILL)
+    select.select([process], [], [], 1.0)
+
+
+def _bring_to_safety(
+    shared: Shared, rescue: Callable[[FloatArray], None], safe: FloatArray, why: str, who: Slot
+) -> None:
+    volts = ", ".join(f"{v:g} V" for v in safe)
+    shared.count[who] = Helper.RESCUING
+    try:
+        rescue(safe)
+    except Exception as error:
+        shared.count[who] = Helper.NO_RESCUE
+        tell = f"{NAMES[who]}: {why}; THE OUTPUT IS NOT SAFE, not at {volts}: {' '.join(str(error).split())}"
+    else:
+        shared.count[who] = Helper.RESCUED
+        tell = f"{NAMES[who]}: {why}; output brought to {volts}"
+    sys.stderr.write(f"truestroke: {tell}\n")
+    sys.stderr.flush()

@@ -1,0 +1,1 @@
+"""Signals over time: trajectories, recordings, their figures."""

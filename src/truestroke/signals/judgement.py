@@ -1,0 +1,344 @@
+"""Whether a run is good: from its recording, the same for every command; docs/exit-codes.md has the thresholds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from truestroke.base.checks import SettingError
+from truestroke.base.flags import BIT
+from truestroke.base.typing import FloatArray
+from truestroke.base.verdict import Level, Verdict
+from truestroke.signals import metrics
+from truestroke.signals.metrics import WINDOW, TrackingSummary
+from truestroke.signals.recording import Recording
+
+NOT_FOLLOWED = 5  # times what is tolerable: 10 % of the motion, and the run is bad
+LIMITED, STUCK = 0.01, 0.2  # of the ticks of the second half, at a limit and far off: doubtful, bad
+UNSEEN, BLIND = 0.05, 0.25  # of the measurements, missing or rejected: doubtful, bad
+ALARMS = 2.0  # changes of the actuator that were found, per second: more are none of the actuator
+STANDS = 0.5  # of the desired motion: an actuator that moves less did not follow, however small the error is in um
+SURE = 4.0  # standard deviations
+COLOURED = 100  # samples of an error that count as one
+BY_A_PERSON = ("interrupted", "terminated", "hangup")
+
+
+# ---- What a recording knows of its run -----------------------------------------------------------------------------
+
+
+def settings(recording: Recording, section: str) -> Mapping[str, Any]:
+    """Settings in a section of the metadata ("controller", "plant", ...); empty where there are none."""
+    value = recording.metadata.get(section)
+    found = value.get("settings") if isinstance(value, Mapping) else None
+    return found if isinstance(found, Mapping) else {}
+
+
+def change_time(recording: Recording) -> float | None:
+    """When the simulated actuator changes suddenly, s; None if it does not."""
+    change = settings(recording, "plant").get("change")
+    return _positive(change.get("time")) if isinstance(change, Mapping) else None
+
+
+def summary(recording: Recording) -> TrackingSummary:
+    """The figures of a recording, which knows its stroke, and when its actuator changed."""
+    stroke = _positive(settings(recording, "controller").get("stroke"))
+    return metrics.summary(recording, change=change_time(recording), stroke=stroke)
+
+
+def _positive(value: object) -> float | None:
+    """A number of the metadata, if it is one: files come from anywhere."""
+    return float(value) if isinstance(value, int | float) and np.isfinite(value) and value > 0 else None
+
+
+# ---- The verdict ---------------------------------------------------------------------------------------------------
+
+Finding = tuple[Level, str]
+
+
+def judge(recording: Recording) -> Verdict:
+    """Whether the run of a recording is good, and why not.
+
+    Errors are those of the second half that are not the sensor's noise; measurements that the controller rejected count
+    as missing. Where the recording has the truth, its error counts, too.
+
+    Parameters
+    ----------
+    recording : Recording
+        Whole or interrupted, with time, desired and measured; flags, true displacement and metadata as there are.
+
+    Returns
+    -------
+    Verdict
+        With a sentence for each finding, lengths in um.
+
+    Examples
+    --------
+    >>> from truestroke.signals.recording import Channel
+    >>> time = np.arange(4000) / 2000.0
+    >>> wave = 10 - 10 * np.cos(50 * time)
+    >>> def made(measured):
+    ...     arrays = {"time": (time, "s"), "desired": (wave, "um"), "measured": (measured, "um")}
+    ...     return Recording({name: Channel(data, unit, name) for name, (data, unit) in arrays.items()})
+    >>> judge(made(1.001 * wave))
+    Verdict(level='good', reasons=())
+    >>> for reason in judge(made(0 * wave)).reasons:
+    ...     print(reason)
+    The error is 12.3 um rmse, 61.4 % of the motion's peak-to-peak.
+    What was measured moved 0.00 times as far as desired: the actuator did not follow, or this is not its sensor.
+    """
+    ticks = recording["time"].size
+    if not ticks:
+        return Verdict("bad", (f"Nothing was recorded{_because(recording)}.",))
+    try:
+        figures = summary(recording)
+    except SettingError:
+        return Verdict("bad", (f"No measurement came in the second half of the run{_because(recording)}.",))
+    run = _Run(recording, figures)
+    findings = [found for check in CHECKS if (found := check(run))]
+    return Verdict(
+        "bad" if any(level == "bad" for level, _ in findings) else "doubtful" if findings else "good",
+        tuple(text for wanted in ("bad", "doubtful") for level, text in findings if level == wanted),
+    )
+
+
+def _because(recording: Recording) -> str:
+    why = recording.metadata.get("interrupted")
+    return f": {str(why).rstrip('.')}" if why else ""
+
+
+def worst(verdicts: Mapping[str, Verdict]) -> Verdict:
+    """One verdict of several runs, by name: the worst level, and all reasons, each with the name before it.
+
+    Examples
+    --------
+    >>> worst({"x": Verdict("good"), "y": Verdict("doubtful", ("It was late.",))})
+    Verdict(level='doubtful', reasons=('y: It was late.',))
+    """
+    levels = [verdict.level for verdict in verdicts.values()]
+    level: Level = "bad" if "bad" in levels else "doubtful" if "doubtful" in levels else "good"
+    one = len(verdicts) == 1
+    reasons = (r if one else f"{name}: {r}" for name, verdict in verdicts.items() for r in verdict.reasons)
+    return Verdict(level, tuple(reasons))
+
+
+@dataclass(frozen=True, eq=False)
+class _Run:
+    """A recording, its figures, and what the checks share."""
+
+    recording: Recording
+    figures: TrackingSummary
+
+    @cached_property
+    def half(self) -> slice:
+        return slice(self.figures.ticks // 2, self.figures.ticks)
+
+    @cached_property
+    def rejected(self) -> npt.NDArray[np.bool_]:
+        """Ticks whose measurement the controller did not believe."""
+        if "flags" not in self.recording:
+            return np.zeros(self.figures.ticks, bool)
+        return np.asarray(self.recording["flags"] & BIT["rejected"] > 0, bool)
+
+    @cached_property
+    def usable(self) -> npt.NDArray[np.bool_]:
+        return np.asarray(np.isfinite(self.recording["measured"]) & ~self.rejected, bool)
+
+    @cached_property
+    def error(self) -> FloatArray:
+        """Measured minus desired, um; NaN where there is nothing usable."""
+        return np.where(self.usable, self.recording["measured"] - self.recording["desired"], np.nan)
+
+    @cached_property
+    def noise(self) -> float:
+        return min(metrics.noise(self.error), metrics.NOISE_LIMIT * self.figures.stroke_um)
+
+    @cached_property
+    def tolerable(self) -> float:
+        return metrics.tolerable(self.figures.peak_to_peak_um, self.figures.stroke_um, self.noise)
+
+    @cached_property
+    def rmse(self) -> float:
+        """Of the second half, without the sensor's noise, um; that of the truth, if it is larger."""
+        measured = float(np.sqrt(max(0.0, _rms(self.error[self.half]) ** 2 - self.noise**2)))
+        return max(measured, self.figures.true_rmse_um or 0.0)
+
+    def windows(self) -> FloatArray:
+        """Rms of the usable errors in each window of 0.25 s, one behind the other to the end, um; of less, one."""
+        error, length = self.error, round(WINDOW / self.figures.duration_s * self.figures.ticks)
+        length = min(max(length, 1), error.size)
+        blocks = error[error.size % length :].reshape(-1, length)
+        return np.sqrt(np.maximum(0.0, np.array([_rms(block) for block in blocks]) ** 2 - self.noise**2))
+
+
+def _ending(run: _Run) -> Finding | None:
+    """How it ended, if not by itself; an operator who ends a set-point is no fault."""
+    about = run.recording.metadata
+    why, ended = about.get("interrupted"), about.get("ended")
+    cause = ended.get("cause") if isinstance(ended, Mapping) else None
+    if not why or cause == "stopped":
+        return None
+    asked = about.get("trajectory")
+    ticks, rate = (_positive(asked.get(n)) if isinstance(asked, Mapping) else None for n in ("ticks", "sample_rate"))
+    of = f" of {ticks / rate:.4g}" if ticks and rate else ""
+    person = cause in BY_A_PERSON or str(why).startswith("KeyboardInterrupt")
+    unended = cause is None and "not ended" in str(why)
+    words = "Ctrl-C" if str(why).startswith("KeyboardInterrupt") else str(why).rstrip(".")
+    text = f"The run ended before its time, after {run.figures.duration_s:.4g}{of} s: {words}."
+    return "doubtful" if person or unended else "bad", text
+
+
+def _saturated(run: _Run) -> Finding | None:
+    return _limited(run, "saturated", "stood at a voltage limit")
+
+
+def _slewed(run: _Run) -> Finding | None:
+    if _saturated(run):
+        return None  # a command that comes back from there is fast, too
+    found = _limited(run, "slewed", "met the slew limit")
+    return found and ("doubtful", found[1])
+
+
+def _limited(run: _Run, flag: str, words: str) -> Finding | None:
+    far = metrics.at_limit(run.recording, run.tolerable, run.noise, flag)
+    share = float(np.mean(far[run.half]))
+    if share <= LIMITED:
+        return None
+    all_of_them = float(np.mean(run.recording["flags"] & BIT[flag] > 0))
+    off = np.nanmax(np.where(far, np.abs(run.recording["measured"] - run.recording["desired"]), 0.0))
+    text = f"The command {words} in {_percent(all_of_them)} of the ticks, and was off by up to {off:.3g} um there."
+    return "bad" if share > STUCK else "doubtful", text
+
+
+def _missed(run: _Run) -> Finding | None:
+    """The error of the second half."""
+    if run.rmse <= run.tolerable:
+        return None
+    span, stroke = run.figures.peak_to_peak_um, run.figures.stroke_um
+    of = (
+        f"{_percent(run.rmse / span)} of the motion's peak-to-peak"
+        if span
+        else f"{_percent(run.rmse / stroke)} of the \
+stroke, at rest"
+    )
+    level: Level = "bad" if run.rmse > NOT_FOLLOWED * run.tolerable else "doubtful"
+    return level, f"The error is {run.rmse:.3g} um rmse, {of}."
+
+
+def _gain(run: _Run) -> Finding | None:
+    """Whether what was measured is the motion at all, also where that is small."""
+    known = run.usable[run.half]
+    desired, measured = (run.recording[name][run.half][known] for name in ("desired", "measured"))
+    spread = float(np.std(desired)) if known.any() else 0.0
+    if not spread:
+        return None
+    gain = float(np.mean((desired - desired.mean()) * measured)) / spread**2
+    residual = measured - measured.mean() - gain * (desired - desired.mean())
+    deviation = float(np.std(residual)) / spread / np.sqrt(max(1.0, known.sum() / COLOURED))
+    if abs(gain - 1) < STANDS or abs(gain - 1) < SURE * deviation:
+        return None
+    what = "the actuator did not follow, or this is not its sensor"
+    if gain < -0.1 or _answers_backwards(run):
+        what = "the sign of sensor or actuator is wrong"
+    elif gain > 1:
+        what = "the unit or the gain of sensor or actuator is wrong"
+    gain = 0.0 if abs(gain) < 0.005 else gain  # no -0.00
+    return "bad", f"What was measured moved {gain:.2f} times as far as desired: {what}."
+
+
+def _answers_backwards(run: _Run) -> bool:
+    """Whether the displacement goes down where the voltage goes up."""
+    if "volts" not in run.recording:
+        return False
+    volts, measured = (run.recording[name][run.usable] for name in ("volts", "measured"))
+    if not np.ptp(volts) or not np.ptp(measured):
+        return False
+    return bool(np.corrcoef(volts, measured)[0, 1] < -STANDS)
+
+
+def _unmeasured(run: _Run) -> Finding | None:
+    return _unusable(~np.isfinite(run.recording["measured"]), "No measurement came in")
+
+
+def _rejected(run: _Run) -> Finding | None:
+    finite = np.isfinite(run.recording["measured"])
+    found = _unusable(run.rejected & finite, "The controller rejected the measurement in")
+    if found:
+        return found
+    kept = _rms(run.error[run.half])
+    if run.figures.measured_rmse_um > run.tolerable >= kept:  # the figures hold what nobody believes
+        return "doubtful", f"Rejected measurements are in the measured error: without them it is {kept:.3g} um rmse."
+    return None
+
+
+def _unusable(ticks: npt.NDArray[np.bool_], words: str) -> Finding | None:
+    share = float(np.mean(ticks))
+    if share <= UNSEEN:
+        return None
+    return "bad" if share > BLIND else "doubtful", f"{words} {_percent(share)} of the ticks."
+
+
+def _oscillated(run: _Run) -> Finding | None:
+    """Whether the kernel found a stage that it shook itself."""
+    count = run.figures.oscillating_ticks
+    if not count:
+        return None
+    share, frequency = _percent(count / run.figures.ticks), _resonance(run.recording)
+    at, tell = (f" at about {frequency} Hz", f" = {frequency}") if frequency else ("", "")
+    return "doubtful", (
+        f"The stage oscillated{at} by the controller's own doing, which was held back in {share} of the ticks. Tell "
+        f"its resonance before the run: `resonance{tell}` (Hz) of the axis or controller; `truestroke commission` "
+        "measures it."
+    )
+
+
+def _resonance(recording: Recording) -> str:
+    """First resonance that the controller knew at the end, Hz, in two digits; empty where it knew none."""
+    known, axis = (recording.metadata.get(name) for name in ("resonance", "axis"))
+    if isinstance(known, Mapping):  # of a run in real time: of each axis
+        known = known.get(axis.get("name")) if isinstance(axis, Mapping) else None
+    found = _positive(known)
+    return f"{float(f'{found:.2g}'):g}" if found else ""
+
+
+def _alarmed(run: _Run) -> Finding | None:
+    count = run.figures.changed_ticks or 0
+    if count <= max(3.0, ALARMS * run.figures.duration_s):
+        return None
+    return "doubtful", (
+        f"The controller found {count} sudden changes of the actuator in {run.figures.duration_s:.4g} s: the stage "
+        "oscillates, or the sensor jumps."
+    )
+
+
+def _unsettled(run: _Run) -> Finding | None:
+    """Errors that come and go, where the rmse of the whole half forgives them."""
+    if run.figures.duration_s < 4 * WINDOW or run.rmse > NOT_FOLLOWED * run.tolerable:
+        return None
+    windows = run.windows()
+    half = windows.size // 2
+    worst = half + int(np.argmax(windows[half:]))
+    if windows[-1] > 2 * run.tolerable:
+        level: Level = "bad" if windows[-1] > 2 * NOT_FOLLOWED * run.tolerable else "doubtful"
+        return level, f"At the end the error was {windows[-1]:.3g} um rms over {WINDOW:g} s: it has not converged."
+    if windows[worst] > 2 * run.tolerable:
+        at = run.figures.duration_s - WINDOW * (windows.size - worst)
+        return "doubtful", f"From {at:.4g} s on the error was {windows[worst]:.3g} um rms over {WINDOW:g} s."
+    return None
+
+
+CHECKS = (_ending, _saturated, _missed, _gain, _unmeasured, _rejected, _oscillated, _unsettled, _slewed, _alarmed)
+
+
+def _rms(error: FloatArray) -> float:
+    """Of what is no NaN; 0 where there is nothing."""
+    known = error[np.isfinite(error)]
+    return float(np.sqrt(np.mean(known**2))) if known.size else 0.0
+
+
+def _percent(part: float) -> str:
+    return f"{100 * part:.3g} %" if part < 10 else f"{100 * part:.0f} %"

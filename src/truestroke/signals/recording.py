@@ -1,0 +1,321 @@
+"""What a run leaves behind: labelled arrays with units, to and from HDF5."""
+
+from __future__ import annotations
+
+import dataclasses
+import errno
+import functools
+import json
+import platform
+import subprocess
+import time
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from truestroke.base import files, hdf5
+from truestroke.base.checks import SettingError
+from truestroke.base.hdf5 import ENDING, FORMAT
+
+FORMAT_VERSION = 2  # from 2 on with checksums
+CHUNK = 65536  # entries of a chunk of a file that is saved at once
+TRIES, PAUSE = 10, 0.02  # s; to read a file that is being written
+
+
+class RecordingError(files.FileError):
+    """A file that cannot be read as a recording; the message says why."""
+
+
+@dataclass(frozen=True, eq=False)
+class Channel:
+    """One labelled array.
+
+    Attributes
+    ----------
+    data : ndarray
+        Its first axis runs over the entries of the channel `time`.
+    unit : str
+        "um", "V", ...; empty for a pure number.
+    description : str
+        What it is, in a few words.
+    time : str
+        Name of the channel that holds the times of its entries.
+    """
+
+    data: npt.NDArray[Any]
+    unit: str
+    description: str
+    time: str = "time"
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """Labelled arrays of one run, and what it was made from.
+
+    Attributes
+    ----------
+    channels : dict[str, Channel]
+        By name: time, desired, volts, measured, ...; see `truestroke.run`.
+    metadata : dict[str, Any]
+        Trajectory, controller, actuator, versions, time of creation: numbers, text, lists and dicts of them. Tuples
+        become lists, NumPy numbers plain ones and dataclasses dicts, as they are in a file.
+
+    Raises
+    ------
+    SettingError
+        A channel does not fit its time channel, or the metadata cannot be written as JSON.
+
+    Examples
+    --------
+    >>> time = np.arange(4) / 2000.0
+    >>> recording = Recording(
+    ...     {"time": Channel(time, "s", "start of each tick"), "volts": Channel(2 * time, "V", "command")},
+    ...     {"trajectory": {"name": "ramp"}},
+    ... )
+    >>> recording["volts"].max(), recording.unit("volts"), "true" in recording
+    (np.float64(0.003), 'V', False)
+    >>> recording
+    Recording
+      time   s  (4,)  start of each tick
+      volts  V  (4,)  command
+    """
+
+    channels: dict[str, Channel]
+    metadata: dict[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for name, channel in self.channels.items():
+            if channel.time not in self.channels:
+                raise SettingError(f"time of channel {name}", repr(channel.time), f"one of {', '.join(self.channels)}")
+            if channel.data.shape[:1] != (length := self.channels[channel.time].data.shape[:1]):
+                raise SettingError(
+                    f"channel {name}", f"array of shape {channel.data.shape}", f"{length[0]} entries long"
+                )
+        object.__setattr__(self, "metadata", json.loads(_json(self.metadata)))
+
+    def __getitem__(self, name: str) -> npt.NDArray[Any]:
+        return self._channel(name).data
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.channels
+
+    def unit(self, name: str) -> str:
+        """Unit of a channel."""
+        return self._channel(name).unit
+
+    def _channel(self, name: str) -> Channel:
+        try:
+            return self.channels[name]
+        except KeyError:
+            raise KeyError(f"no channel {name!r}; there are {', '.join(self.channels)}") from None
+
+    def __repr__(self) -> str:
+        rows = [(n, c.unit or "-", str(c.data.shape), c.description) for n, c in self.channels.items()]
+        widths = [max(len(row[i]) for row in rows) for i in range(3)] if rows else []
+        table = ["  ".join([*(cell.ljust(w) for cell, w in zip(row, widths, strict=False)), row[3]]) for row in rows]
+        return "\n  ".join(["Recording", *table])
+
+    def save(self, path: str | Path) -> Path:
+        """Write to an HDF5 file: a dataset for each channel, unit and description as its attributes.
+
+        The file is written under a temporary name and then renamed: whatever happens, a file that was there before
+        is either as it was or complete and new. It carries checksums of all that `load` reads.
+
+        Raises
+        ------
+        FileExistsError
+            A file is there that is no recording, or one that another command made; within `files.overwriting` it is
+            replaced.
+        FileNotFoundError
+            There is no such folder.
+        """
+        import h5py
+
+        with files.writing(path, kind(self.metadata)) as draft, h5py.File(draft, **MODE) as file:
+            self._write(file)
+        return Path(path)
+
+    def _write(self, file: Any) -> None:
+        describe(file, self.metadata)
+        for name, channel in self.channels.items():
+            data = channel.data
+            chunked = {"chunks": (min(len(data), CHUNK), *data.shape[1:]), "fletcher32": True} if data.size else {}
+            dataset = file.create_dataset(name, data=data, **chunked)
+            dataset.attrs.update(unit=channel.unit, description=channel.description, time=channel.time)
+        file.attrs["checksum"] = hdf5.digest(file)
+
+    @classmethod
+    def load(cls, path: str | Path) -> Recording:
+        """Read from an HDF5 file that `save` or `truestroke run` wrote, also while it is being written.
+
+        Raises
+        ------
+        FileNotFoundError
+            There is no such file.
+        RecordingError
+            Not an HDF5 file, not a truestroke recording, damaged, or of a newer format than this version knows.
+        FileTooLargeError
+            It asks for more memory than such a file can fill, or than there is.
+        """
+        path = Path(path)
+        if not path.is_file():
+            raise FileNotFoundError(errno.ENOENT, "no such file", str(path))
+        for _ in range(TRIES):
+            try:
+                return cls._load(path)
+            except RecordingError:
+                if not files.busy(path):
+                    raise
+                time.sleep(PAUSE)  # its writer was at the same place
+        return cls._load(path)
+
+    @classmethod
+    def _load(cls, path: Path) -> Recording:
+        import h5py
+
+        with files.reading(path, lambda reason: RecordingError(f"{path}: {reason}")):
+            if not h5py.is_hdf5(path):
+                raise RecordingError(f"{path}: not an HDF5 file")
+            with hdf5.opened(path) as file:
+                return cls._read(file, path)
+
+    @classmethod
+    def _read(cls, file: Any, path: Path) -> Recording:
+        if file.attrs.get("format") != FORMAT:
+            raise RecordingError(f"{path}: an HDF5 file, but not a {FORMAT}")
+        if (version := int(file.attrs["format_version"])) > FORMAT_VERSION:
+            raise RecordingError(f"{path}: format {version}, newer than {FORMAT_VERSION}; a newer truestroke reads it")
+        if not hdf5.intact(file):
+            raise RecordingError(f"{path}: the file is damaged (the checksum of what describes it is wrong)")
+        sets = {name: data for name, data in file.items() if name != ENDING}
+        files.check_size(path, "the recording", sum(data.nbytes for data in sets.values()))
+        channels = {
+            name: Channel(data[()], data.attrs["unit"], data.attrs["description"], data.attrs["time"])
+            for name, data in sets.items()
+        }
+        metadata = json.loads(file.attrs["metadata"])
+        if ENDING in file:
+            metadata |= _ending(file[ENDING][()].tobytes(), version)
+            channels = _even(channels)
+        return cls(channels, metadata)
+
+
+MODE = {"mode": "w", "libver": "latest", "track_order": True}
+"""How a file of a recording is made: of a version of HDF5 that keeps checksums of its own tables."""
+
+
+def describe(file: Any, metadata: Mapping[str, Any]) -> None:
+    """Write format and metadata into an HDF5 file."""
+    file.attrs.update(format=FORMAT, format_version=FORMAT_VERSION, metadata=_json(metadata))
+    for key, value in metadata.items():  # readable in any HDF5 viewer; `load` reads the one above
+        file.attrs[f"about {key}"] = _json(value, indent=1)
+
+
+def sealed(ending: str, size: int) -> bytes:
+    """JSON of an end as it stands in `ENDING`: behind it a zero, and its checksum; `{}` where it has no room."""
+    data = ending.encode()
+    if len(data) > size - 10:
+        data = b"{}"
+    return data + b"\0%08x\0" % zlib.crc32(data)
+
+
+def _ending(data: bytes, version: int) -> dict[str, Any]:
+    """What `sealed` wrote; nothing if it was not yet written."""
+    told, sum_, *_ = [*data.split(b"\0", 2), b""]
+    if version > 1 and (told or sum_) and sum_ != b"%08x" % zlib.crc32(told):
+        raise ValueError("the checksum of how the run ended is wrong")
+    found: dict[str, Any] = json.loads(told or b"{}")
+    return found
+
+
+def kind(metadata: Mapping[str, Any]) -> files.Kind:
+    """What a recording with this metadata may replace: one that the same command made, or Python."""
+    maker = _maker(metadata)
+    return files.Kind("a recording" + (f" of {maker}" if maker else ""), lambda path: _ours(path, maker))
+
+
+def _maker(metadata: Mapping[str, Any]) -> str:
+    """The command that made a recording, such as "truestroke track"; "" for Python."""
+    return " ".join(str(metadata.get("command", "")).split()[:2])
+
+
+def _ours(path: Path, maker: str) -> bool:
+    try:
+        with hdf5.opened(path) as file:
+            return bool(file.attrs["format"] == FORMAT and _maker(json.loads(file.attrs["metadata"])) == maker)
+    except Exception:  # not one that can be read
+        return False
+
+
+def ticks(path: Path) -> int:
+    """Entries of a recording that may have been interrupted; 1 where that cannot be told."""
+    try:
+        return len(Recording.load(path)["time"])
+    except (files.FileError, OSError, KeyError):
+        return 1
+
+
+def _even(channels: dict[str, Channel]) -> dict[str, Channel]:
+    """Channels of a file that is being written, cut to what all of the same time axis have."""
+    ends: dict[str, int] = {}
+    for channel in channels.values():
+        ends[channel.time] = min(ends.get(channel.time, len(channel.data)), len(channel.data))
+    return {name: dataclasses.replace(c, data=c.data[: ends[c.time]]) for name, c in channels.items()}
+
+
+def versions() -> dict[str, str]:
+    """What computed it: versions of truestroke, NumPy, Python, the platform, and the git commit in a checkout.
+
+    Examples
+    --------
+    >>> sorted(versions().keys() - {"commit"})
+    ['numpy', 'platform', 'python', 'truestroke']
+    """
+    from importlib.metadata import version
+
+    commit = _commit()
+    return {
+        "truestroke": version("truestroke"),
+        "numpy": np.__version__,
+        "python": platform.python_version(),
+        "platform": platform.platform(),
+        **({"commit": commit} if commit else {}),
+    }
+
+
+@functools.cache
+def _commit() -> str | None:
+    """Commit of the checkout that this file is in, with "-dirty" where files differ from it; None elsewhere."""
+    root = Path(__file__).resolve().parents[3]
+    if not (root / ".git").exists():
+        return None
+    command = ["git", "-C", str(root), "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"]
+    try:
+        return subprocess.run(command, capture_output=True, text=True, check=True, timeout=5).stdout.strip() or None
+    except (OSError, subprocess.SubprocessError):
+        return None
+
+
+def _json(value: Any, indent: int | None = None) -> str:
+    try:
+        return json.dumps(value, default=_plain, allow_nan=False, indent=indent)
+    except (TypeError, ValueError) as error:
+        raise SettingError("metadata", repr(value), f"numbers, text, lists and dicts ({error})") from None
+
+
+def _plain(value: object) -> object:
+    """A NumPy value, a mapping or a dataclass as JSON knows it."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return dataclasses.asdict(value)
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
+    if isinstance(value, Mapping):
+        return dict(value)
+    if isinstance(value, Path):
+        return str(value)
+    raise TypeError(f"a {type(value).__name__} is none of them")

@@ -1,0 +1,115 @@
+"""Pictures and page of the costs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, NullFormatter
+
+from truestroke.base import files
+from truestroke.report import style
+from truestroke.report.page import render, save_all, svg
+from truestroke.report.style import LIGHT, Theme
+from truestroke.studies.bench import table
+from truestroke.studies.bench.cost import Cost
+
+CAPTIONS = {
+    "updates": (
+        "The same recursive least squares",
+        "One update of 16 parameters, from the best window of steps (dot) to the 99.9th percentile of single steps "
+        "(bar). On a machine that has other work the percentile tells of that work. Mind the scale.",
+    ),
+    "ticks": (
+        "A tick of the controller",
+        "Command and adapt against the number of plays, best window of steps, double.",
+    ),
+}
+NOTE = (
+    "best: mean of the best window of steps, which is what ratios are made of; median, 99.9 % and worst: of single "
+    "steps, less what reading the clock takes. Seconds do not repeat on shared machines; ratios of one run do."
+)
+WAYS = {"C": ("true", "o"), "Python, blocks of 1000": ("before", "s"), "Python, step by step": ("measured", "D")}
+
+
+def updates(costs: Sequence[Cost], theme: Theme = LIGHT) -> Figure:
+    """Each update as a bar from its best window to its 99.9th percentile."""
+    found = [c for c in table.updates(costs) if c.precision == "double"]
+    names = [
+        "limit of the machine" if c.what == "limit" else ", ".join(filter(None, (c.name, c.variant))) for c in found
+    ]
+    with style.use(theme):
+        figure, (panel,) = style.panels(0.9 + 0.3 * len(found))
+        for place, c in enumerate(found):
+            own = c.way == "C" and c.what == "update"
+            colour = theme["true"] if own else theme["muted"] if c.what == "limit" else theme["before"]
+            panel.hlines(place, c.best_ns, max(c.p999_ns, c.best_ns), color=theme["desired"], lw=2, zorder=2)
+            panel.plot(c.best_ns, place, "o", color=colour, ms=7, zorder=3)
+            panel.annotate(f"{c.best_ns:.0f}", (c.best_ns, place), (-7, 0), textcoords="offset points", ha="right",
+                           va="center", fontsize=8, color=theme["text"])  # fmt: skip
+        panel.set(xscale="log", xlabel="one update (ns)", yticks=range(len(names)), yticklabels=names)
+        panel.set_xlim(left=min((c.best_ns for c in found), default=1.0) / 3)
+        panel.invert_yaxis()
+        panel.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
+        panel.grid(axis="y", visible=False)
+    return figure
+
+
+def ticks(costs: Sequence[Cost], theme: Theme = LIGHT) -> Figure:
+    """Cost of a tick against plays, a panel for each law."""
+    with style.use(theme):
+        figure, panels = style.panels(3.2, 1, 2, sharey=True)
+        for panel, law in zip(panels, ("paper", "default"), strict=True):
+            for way, (role, marker) in WAYS.items():
+                found = [c for c in _fastest(costs) if (c.what, c.name, c.way) == ("tick", law, way)]
+                found.sort(key=lambda c: c.plays)
+                if found:
+                    xs, ys = [c.plays for c in found], [c.best_ns for c in found]
+                    panel.plot(xs, ys, marker=marker, ms=4.5, lw=1.4, color=theme[role], label=way)
+            panel.set(yscale="log", xlabel="plays")
+            panel.yaxis.set_major_formatter(FuncFormatter(lambda y, _: f"{y:g}"))
+            panel.yaxis.set_minor_formatter(NullFormatter())
+            style.title(panel, f"{law}")
+        panels[0].set(ylabel="one tick (ns)", yticks=[50, 100, 200, 500, 1000, 2000])
+        panels[1].legend(loc="lower right")
+    return figure
+
+
+def _fastest(costs: Sequence[Cost]) -> list[Cost]:
+    """Of the variants in C, the fastest alone; double."""
+    own = table.reference(costs)
+    return [c for c in costs if c.precision == "double" and c.variant in ("", own.variant if own else "")]
+
+
+def pictures(costs: Sequence[Cost], theme: Theme = LIGHT) -> dict[str, Figure]:
+    """Both by name."""
+    return {"updates": updates(costs, theme), "ticks": ticks(costs, theme)}
+
+
+def save_pictures(costs: Sequence[Cost], directory: str | Path) -> list[Path]:
+    """Write both as PNG, light and dark, into `directory`; the paths."""
+    return save_all(lambda theme: pictures(costs, theme), directory)
+
+
+def save_page(costs: Sequence[Cost], missing: Sequence[str], path: str | Path, command: str | None = None) -> Path:
+    """Write the page to `path`; nothing outside the file is needed to read it."""
+    path, drawn = Path(path), pictures(costs, style.PAGE)
+    notes = [NOTE, " ".join(["Not measured.", *missing]) if missing else NOTE]
+    page = render(
+        "zoo",
+        title="What a step costs",
+        lead=table.verdict(costs),
+        tables=[
+            {"columns": columns, "rows": rows, "note": note, "words": False}
+            for (columns, rows), note in zip((table.update_table(costs), table.tick_table(costs)), notes, strict=True)
+        ],
+        figures=[
+            {"heading": heading, "caption": caption, "svg": svg(drawn[name], name, caption)}
+            for name, (heading, caption) in CAPTIONS.items()
+        ],
+        command=command,
+        footer=f"{table.machine()} · made {datetime.now(UTC).isoformat(timespec='seconds')}",
+    )
+    return files.write(path, page, files.PAGE)

@@ -1,0 +1,181 @@
+"""Pictures and page of controllers compared on the same actuator and waves."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+from truestroke.base import files
+from truestroke.report import style, words
+from truestroke.report.figures import displacement
+from truestroke.report.page import render, save_all, svg
+from truestroke.report.style import LIGHT, Theme
+from truestroke.studies.compare.rivals import Rival
+from truestroke.studies.compare.table import Row
+
+SECONDS = 1.0  # of the end of a run that is drawn
+CAPTIONS = {
+    "errors": (
+        "Errors",
+        "Root mean square and largest error of each controller over the second half of each run; further left is "
+        "better. Mind the scale, which is logarithmic.",
+    ),
+    "traces": (
+        "Errors against time",
+        "Displacement minus desired displacement in the last second of the first wave, all at one scale. Look at the "
+        "shape: what follows the motion is hysteresis, what is fast is resonance, what stays is creep.",
+    ),
+}
+NOTE = (
+    "All errors are of the second half of a run; per cent are of the peak-to-peak value of the desired motion in that "
+    "time. A positive delay or phase lag means that the actuator comes late."
+)
+
+
+def tables(rows: Sequence[Row]) -> list[tuple[list[str], list[list[str]]]]:
+    """A table for each wave, as text: its columns, the first of which names wave and time, and its rows.
+
+    Errors are true where the actuator is simulated, else measured.
+    """
+    result = []
+    for wave in _waves(rows):
+        of_wave = [row for row in rows if row.wave == wave]
+        has_phase = of_wave[0].phase_lag_deg is not None
+        columns = [f"{wave}, {words.span(of_wave[0].summary)}", "rmse", "of p-p", "maximum", "of p-p", "delay"]
+        result.append((columns + ["phase lag"] * has_phase, [_cells(row) for row in of_wave]))
+    return result
+
+
+def _waves(rows: Sequence[Row]) -> list[str]:
+    return list(dict.fromkeys(row.wave for row in rows))
+
+
+def _cells(row: Row) -> list[str]:
+    (rmse, rmse_percent), (maximum, maximum_percent) = (cells[-1] for _, cells in words.table(row.summary))
+    lag = [] if row.phase_lag_deg is None else [f"{_signed(row.phase_lag_deg)}°"]
+    errors = [f"{rmse} um", f"{rmse_percent} %", f"{maximum} um", f"{maximum_percent} %"]
+    return [row.controller, *errors, f"{_signed(row.delay_ms)} ms", *lag]
+
+
+def _signed(value: float) -> str:
+    return f"{round(value, 2) + 0.0:.2f}"  # -0.00 is 0.00
+
+
+def _error(row: Row, name: str) -> float:
+    """Of the true displacement where it is known, um."""
+    return float(getattr(row.summary, f"{words.kinds(row.summary)[-1]}_{name}_um"))
+
+
+def errors(rows: Sequence[Row], theme: Theme = LIGHT) -> Figure:
+    """The rmse and maximum of each controller, a panel for each wave, on a logarithmic scale, nm."""
+    waves, names = _waves(rows), list(dict.fromkeys(row.controller for row in rows))
+    with style.use(theme):
+        figure, panels = style.panels(1.1 + 0.3 * len(names), 1, len(waves), sharey=True, sharex=True)
+        for panel, wave in zip(panels, waves, strict=True):
+            of_wave = [row for row in rows if row.wave == wave]
+            places = [names.index(row.controller) for row in of_wave]
+            rmse, largest = (np.array([1e3 * _error(row, name) for row in of_wave]) for name in ("rmse", "maximum"))
+            panel.hlines(places, rmse, largest, color=theme["desired"], lw=2, zorder=2)
+            panel.plot(rmse, places, "o", color=theme["true"], ms=7, label="rmse", zorder=3)
+            panel.plot(largest, places, "D", color=theme["before"], ms=5, label="maximum", zorder=3)
+            panel.set(xscale="log", xlabel="error (nm)")
+            panel.xaxis.set_major_locator(LogLocator(subs=(1, 3)))
+            panel.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
+            panel.xaxis.set_minor_formatter(NullFormatter())
+            panel.grid(axis="y", visible=False)
+            style.title(panel, wave)
+        panels[0].set(yticks=range(len(names)), yticklabels=names, ylim=(len(names) - 0.4, -0.6))
+        style.legend_above(panels[-1], 2)
+    return figure
+
+
+def traces(rows: Sequence[Row], theme: Theme = LIGHT) -> Figure:
+    """The error of each controller in the last second of the first wave, all panels at one scale, nm."""
+    first = [row for row in rows if row.wave == rows[0].wave]
+    limit = 2e3 * float(np.median([_error(row, "maximum") for row in first]))
+    with style.use(theme):
+        height = -(-len(first) // 2)
+        figure, panels = style.panels(0.8 + 1.05 * height, height, 2, sharex=True, sharey=True, squeeze=False)
+        for panel, row in zip(panels, first, strict=False):
+            _trace(panel, row, limit, theme)
+        for panel in panels[len(first) :]:
+            panel.set_visible(False)
+        figure.supylabel("error (nm)", fontsize=9)
+        for panel in panels[-2:]:
+            panel.set_xlabel("time (s)")
+    return figure
+
+
+def _trace(panel: Axes, row: Row, limit: float, theme: Theme) -> None:
+    time, desired = row.recording["time"], row.recording["desired"]
+    _, actual = displacement(row.recording)
+    part = time >= time[-1] - SECONDS
+    error = 1e3 * (actual - desired)[part]
+    panel.axhline(0, color=theme["muted"], lw=0.7, zorder=1.5)
+    panel.plot(*style.thin(time[part], error), color=theme["true"], lw=0.9)
+    panel.set(xlim=(time[part][0], time[part][-1]), ylim=(-limit, limit))
+    beyond = ", off scale" if np.max(np.abs(error)) > limit else ""
+    style.title(panel, f"{row.controller}: {words.length(_error(row, 'rmse'))} rmse{beyond}")
+
+
+def pictures(rows: Sequence[Row], theme: Theme = LIGHT) -> dict[str, Figure]:
+    """Both pictures by name."""
+    return {"errors": errors(rows, theme), "traces": traces(rows, theme)}
+
+
+def save_pictures(rows: Sequence[Row], directory: str | Path) -> list[Path]:
+    """Write both as PNG, light and dark, into `directory`; the paths."""
+    return save_all(lambda theme: pictures(rows, theme), directory)
+
+
+def save_page(rows: Sequence[Row], rivals: Sequence[Rival], path: str | Path, command: str | None = None) -> Path:
+    """Write the page of a comparison to `path`; nothing outside the file is needed to read it.
+
+    Parameters
+    ----------
+    rows : sequence of Row
+        Controller by controller, each with all waves.
+    rivals : sequence of Rival
+        The controllers with source and tuning.
+    path : path
+        Of the page.
+    command : str, optional
+        What makes this page again.
+    """
+    path, drawn = Path(path), pictures(rows, style.PAGE)
+    page = render(
+        "comparison",
+        title=f"{len(rivals)} controllers on the same actuator",
+        lead=_lead(rows),
+        tables=[{"columns": columns, "rows": _typeset(cells)} for columns, cells in tables(rows)],
+        note=NOTE,
+        figures=[
+            {"heading": heading, "caption": caption, "svg": svg(drawn[name], name, caption)}
+            for name, (heading, caption) in CAPTIONS.items()
+        ],
+        rivals=rivals,
+        command=command,
+        footer=words.footer(rows[0].recording),
+    )
+    return files.write(path, page, files.PAGE)
+
+
+def _typeset(rows: Sequence[Sequence[str]]) -> list[list[str]]:
+    return [[cell.replace(" um", " µm") for cell in row] for row in rows]
+
+
+def _lead(rows: Sequence[Row]) -> str:
+    best: Mapping[str, Row] = {
+        wave: min((row for row in rows if row.wave == wave), key=lambda row: _error(row, "rmse"))
+        for wave in _waves(rows)
+    }
+    smallest = "; ".join(
+        f"on the {wave} {row.controller}, {words.length(_error(row, 'rmse'))}" for wave, row in best.items()
+    )
+    kind = {"true": "what the actuator really did, without sensor noise", "measured": "what the sensor says"}
+    return f"Errors are {kind[words.kinds(rows[0].summary)[-1]]}. The smallest rmse: {smallest}."

@@ -1,0 +1,148 @@
+"""Tables and page of a study."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import truestroke
+from truestroke.base import files
+from truestroke.report import style
+from truestroke.report.page import render, save_all, svg
+from truestroke.studies.study import pictures
+from truestroke.studies.study.config import Study
+from truestroke.studies.study.figures import FIGURES
+from truestroke.studies.study.play import Row
+from truestroke.studies.study.summary import Line, lines, telling
+
+SHOWN = 5  # drawn numbers that tell most
+CAPTIONS = {
+    "times": (
+        "How soon",
+        "Part of all runs that have converged by then. The line ends where what is left has failed.",
+    ),
+    "failures": (
+        "Where it fails",
+        "The runs in cells of the two drawn numbers that tell most of failing: the deeper the colour, the larger the "
+        "share that did not converge. No run fell where there is no cell.",
+    ),
+}
+
+Table = tuple[list[str], list[list[str]]]
+
+
+def shares(study: Study, rows: Sequence[Row]) -> Table:
+    """Columns and rows, as text: who converged, how often, how soon."""
+    columns = ["controller", "runs", "converged", "%", "95 % interval", "time, s: median", "95 %", "longest"]
+    return columns, [_share(line) for line in lines(study, rows)]
+
+
+def _share(line: Line) -> list[str]:
+    interval = f"{100 * line.low:.2f} to {100 * line.high:.2f}"
+    time = [f"{value:.2f}" for value in line.time] if line.time else ["", "", ""]
+    return [line.controller, str(line.runs), str(line.converged), f"{100 * line.share:.2f}", interval, *time]
+
+
+def recorded(study: Study, rows: Sequence[Row]) -> Table:
+    """Columns and rows, as text: quantiles of what was recorded, over all runs."""
+    found = []
+    for name in study.record:
+        figure = FIGURES[name]
+        for line in lines(study, rows):
+            values = [f"{value:.4f}" for value in line.figures[name]]
+            found.append([f"{figure.words} ({figure.unit}), {line.controller}", *values])
+    return ["over all runs", "median", "95 %", "largest"], found
+
+
+def tells(study: Study, rows: Sequence[Row]) -> Table:
+    """Columns and rows, as text: what runs that fail have in common, controller by controller."""
+    found = [
+        [one.name, name, f"{one.higher:.2f}"]
+        for name in study.controllers
+        for one in telling(study, rows, name)[:SHOWN]
+    ]
+    return ["number drawn", "controller", "higher in a failed run"], found
+
+
+def costs(runs: int, seconds: Mapping[str, float]) -> Table:
+    """Columns and rows, as text: time of the processor by part."""
+    whole = sum(seconds.values()) or 1.0
+    found = [
+        [part, f"{spent:.1f}", f"{100 * spent / whole:.0f}", f"{1e3 * spent / runs:.2f}"]
+        for part, spent in [*seconds.items(), ("all", whole)]
+    ]
+    return ["part", "core seconds", "%", "ms a run"], found
+
+
+def verdict(study: Study, rows: Sequence[Row]) -> str:
+    """In a sentence."""
+    parts = [
+        f"{line.controller} in {100 * line.share:.2f} % ({100 * line.low:.2f} to {100 * line.high:.2f})"
+        for line in lines(study, rows)
+    ]
+    return f"Of {len(rows)} runs converged: {'; '.join(parts)}."
+
+
+def failures(failed: Sequence[Row]) -> str:
+    """How many runs could not be played, and why the first of them; empty where all could."""
+    if not failed:
+        return ""
+    runs = "run" if len(failed) == 1 else "runs"
+    return f"{len(failed)} more {runs} could not be played, the first is run {failed[0].number}: {failed[0].error}."
+
+
+def meaning(study: Study) -> str:
+    """What converged means here."""
+    return (
+        f"Converged: from some time of at most {study.within:g} s on, every 0.25 s has a true rms error of at most "
+        f"{2e3 * study.level:g} nm. Intervals are exact binomial ones."
+    )
+
+
+def tables(study: Study, rows: Sequence[Row], cost: tuple[int, Mapping[str, float]]) -> list[tuple[Table, str]]:
+    """Each with a note, those with a row."""
+    ticks, seconds = cost
+    each = 1e9 * sum(seconds.values()) / ticks
+    found = [
+        (shares(study, rows), meaning(study)),
+        (recorded(study, rows), "True displacement; the second half is that of the run."),
+        (
+            tells(study, rows),
+            "Probability that the number is higher in a run that failed than in one that converged: 0.5 tells nothing.",
+        ),
+        (costs(len(rows), seconds), f"{ticks / 1e6:.0f} million ticks of controller and plant, {each:.0f} ns each."),
+    ]
+    return [(table, note) for table, note in found if table[1]]
+
+
+def save_pictures(study: Study, rows: Sequence[Row], directory: str | Path) -> list[Path]:
+    """Write all as PNG, light and dark, into `directory`; the paths."""
+    return save_all(lambda theme: pictures.pictures(study, rows, theme), directory)
+
+
+def save_page(
+    study: Study,
+    rows: Sequence[Row],
+    cost: tuple[int, Mapping[str, float]],
+    path: str | Path,
+    command: str = "",
+    failed: Sequence[Row] = (),
+) -> Path:
+    """Write the page to `path`; nothing outside the file is needed to read it."""
+    drawn = pictures.pictures(study, rows, style.PAGE)
+    page = render(
+        "zoo",
+        title=study.title,
+        lead=f"{verdict(study, rows)} {failures(failed)}".strip(),
+        tables=[
+            {"columns": columns, "rows": cells, "note": note, "words": False}
+            for (columns, cells), note in tables(study, rows, cost)
+        ],
+        figures=[
+            {"heading": heading, "caption": caption, "svg": svg(drawn[name], name, caption)}
+            for name, (heading, caption) in CAPTIONS.items()
+        ],
+        command=command,
+        footer=f"truestroke {truestroke.__version__}, {len(rows)} of {study.runs} runs.",
+    )
+    return files.write(path, page, files.PAGE)

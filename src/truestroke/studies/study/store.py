@@ -1,0 +1,200 @@
+"""One file that results stream into: a SQLite database, a transaction a batch, a row a run."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import sqlite3
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+from truestroke.studies.study.config import Study
+from truestroke.studies.study.play import Batch, Row, versions
+
+LAYOUT = 2  # of the tables
+TABLES = """
+CREATE TABLE IF NOT EXISTS study (name TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;
+CREATE TABLE IF NOT EXISTS run (number INTEGER PRIMARY KEY, told TEXT NOT NULL, figures TEXT NOT NULL,
+    error TEXT NOT NULL, seal TEXT NOT NULL);
+CREATE TABLE IF NOT EXISTS cost (part TEXT PRIMARY KEY, spent REAL NOT NULL, seal TEXT NOT NULL) WITHOUT ROWID;
+"""
+
+
+class StoreError(RuntimeError):
+    """A file that is not the store of this study, or is damaged."""
+
+
+def seal(*values: object) -> str:
+    """What tells that a row is as it was written: a hash of its values.
+
+    >>> seal(7, "x")
+    '014d39a27f7b82ad'
+    """
+    return hashlib.blake2b("\0".join(map(str, values)).encode(), digest_size=8).hexdigest()
+
+
+class Store:
+    """The results of one study.
+
+    A batch is either in it or not, whenever the process is killed; a run that is in it already is not counted again.
+    Its format is plain: tables study, run (number, told, figures as JSON, error) and cost. Each row has a seal, and the
+    number of rows stands in cost as "rows": a file that was damaged is found when it is opened or read.
+
+    Parameters
+    ----------
+    path : path
+        Of the file; made if it is not there.
+    study : Study
+        Whose results it holds.
+
+    Raises
+    ------
+    StoreError
+        The file holds another study, or other versions made it, or it is no store, or damaged.
+
+    Examples
+    --------
+    >>> import tempfile, tomllib
+    >>> from truestroke.studies.study import example, parse, play
+    >>> study = parse(tomllib.loads(example()))
+    >>> with Store(Path(tempfile.mkdtemp()) / "study.sqlite", study) as store:
+    ...     store.add(play(study, [0, 2]))
+    ...     store.missing(4)
+    [1, 3]
+    """
+
+    def __init__(self, path: str | Path, study: Study) -> None:
+        self.path = Path(path)
+        self._database = sqlite3.connect(self.path, timeout=60.0, isolation_level=None)
+        try:
+            with self._guarded():
+                self._database.execute("PRAGMA journal_mode = WAL")
+                self._look()
+                self._claim({"study": study.identity(), "versions": versions()})
+        except StoreError:
+            self.close()
+            raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Also twice."""
+        self._database.close()
+
+    def add(self, batch: Batch) -> None:
+        """Keep a batch, in one transaction; runs that are there already stay as they are."""
+        if batch.versions != versions():
+            raise StoreError(f"{self.path}: a worker has other versions: {batch.versions} there, {versions()} here")
+        made = [(row.number, json.dumps(row.told), json.dumps(row.figures), row.error) for row in batch.rows]
+        with self._guarded(), self._database as database:
+            database.execute("BEGIN IMMEDIATE")
+            sealed = [(*row, seal(*row)) for row in made]
+            added = database.executemany("INSERT OR IGNORE INTO run VALUES (?, ?, ?, ?, ?)", sealed).rowcount
+            costs = Counter(self._costs())
+            costs["rows"] += added
+            if added == len(sealed):  # else some of it has been paid for already
+                costs["ticks"] += batch.ticks
+                costs.update({f"seconds {part}": spent for part, spent in batch.seconds.items()})
+            spent = [(part, float(value), seal(part, float(value))) for part, value in costs.items()]
+            database.executemany("INSERT OR REPLACE INTO cost VALUES (?, ?, ?)", spent)
+
+    def missing(self, runs: int) -> list[int]:
+        """Numbers below `runs` that are not there."""
+        with self._guarded():
+            there = {number for (number,) in self._database.execute("SELECT number FROM run")}
+        return [number for number in range(runs) if number not in there]
+
+    def rows(self, runs: int) -> list[Row]:
+        """All of those below `runs` that are there and could be played, by number."""
+        return [row for row in self._rows(runs) if not row.error]
+
+    def failed(self, runs: int) -> list[Row]:
+        """Those below `runs` that could not be played, each with its error, by number."""
+        return [row for row in self._rows(runs) if row.error]
+
+    def _rows(self, runs: int) -> list[Row]:
+        ask = "SELECT number, told, figures, error, seal FROM run WHERE number < ? ORDER BY number"
+        with self._guarded():
+            return [self._row(*found) for found in self._database.execute(ask, [runs])]
+
+    def _row(self, number: int, told: str, figures: str, error: str, sealed: str) -> Row:
+        if sealed != seal(number, told, figures, error):
+            raise self._damaged(f"run {number} is not as it was written")
+        return Row(number, json.loads(told), json.loads(figures), error)
+
+    def cost(self) -> tuple[int, dict[str, float]]:
+        """Ticks of controller and plant, and core seconds by part."""
+        with self._guarded():
+            costs = self._costs()
+        ticks = int(costs.get("ticks", 0))
+        return ticks, {part.removeprefix("seconds "): value for part, value in costs.items() if part[:8] == "seconds "}
+
+    def _costs(self) -> dict[str, float]:
+        found = self._database.execute("SELECT part, spent, seal FROM cost").fetchall()
+        for part, spent, sealed in found:
+            if sealed != seal(part, spent):
+                raise self._damaged(f"the cost of {part!r} is not as it was written")
+        return {part: spent for part, spent, _ in found}
+
+    def _look(self) -> None:
+        """Make the tables in a new file; of one that is there look whether it is whole."""
+        database = self._database
+        (layout,) = database.execute("PRAGMA user_version").fetchone()
+        if not database.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]:
+            database.executescript(f"BEGIN IMMEDIATE; {TABLES} PRAGMA user_version = {LAYOUT}; COMMIT")
+        elif layout != LAYOUT:
+            raise StoreError(
+                f"{self.path} is not laid out as a store of this version (layout {layout}, not {LAYOUT}); choose "
+                "another --output"
+            )
+        database.execute("BEGIN")  # one moment of a file that another process may write
+        try:
+            found = [text for (text,) in database.execute("PRAGMA integrity_check(1)")]
+            if found != ["ok"]:
+                raise self._damaged(found[0])
+            (there,), said = database.execute("SELECT count(*) FROM run").fetchone(), self._costs().get("rows", 0)
+            if there != said:
+                raise self._damaged(f"it holds {there} runs, not {said:.0f}")
+        finally:
+            database.execute("ROLLBACK")
+
+    def _damaged(self, what: str) -> StoreError:
+        return StoreError(f"{self.path} is damaged: {' '.join(what.split())}; move it away and run the study again")
+
+    @contextmanager
+    def _guarded(self) -> Iterator[None]:
+        """What SQLite says is a StoreError."""
+        try:
+            yield
+        except sqlite3.DatabaseError as error:
+            raise StoreError(f"{self.path}: {error}") from None
+        except UnicodeDecodeError:
+            raise self._damaged("it holds bytes that are no text") from None
+
+    def _claim(self, about: Mapping[str, Any]) -> None:
+        """From the first call on it is for nothing else."""
+        for name, value in about.items():
+            text = json.dumps(value, sort_keys=True)
+            self._database.execute("INSERT OR IGNORE INTO study VALUES (?, ?)", (name, text))
+            (kept,) = self._database.execute("SELECT value FROM study WHERE name = ?", (name,)).fetchone()
+            if kept != text:
+                raise StoreError(f"{self.path} {self._another(name, kept, text)}; choose another --output")
+
+    @staticmethod
+    def _another(name: str, kept: str, text: str) -> str:
+        """How the study or versions that are there differ from ours."""
+        there, here = {}, json.loads(text)
+        with suppress(ValueError):
+            there = json.loads(kept)
+        if not isinstance(there, dict) or not there:
+            return f"is damaged: its {name} cannot be read"
+        differ = sorted(key for key in there.keys() | here.keys() if there.get(key) != here.get(key))
+        return f"holds another study: {name} differs in {', '.join(differ)}"

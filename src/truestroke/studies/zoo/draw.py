@@ -1,0 +1,244 @@
+"""The distribution: which plants and motions there are, and how likely each is. docs/zoo.md states it in a table."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from truestroke.base.typing import FloatArray
+from truestroke.plant import Change, PlantSettings, RealisticPlant
+from truestroke.signals import trajectories
+from truestroke.signals.trajectories import Trajectory, smoothstep
+from truestroke.studies.zoo.dropouts import Dropouts
+
+SAMPLE_RATE = 2000.0  # Hz
+STROKE = 30.0  # um
+VOLTAGE_LIMITS = (-0.6, 3.6)  # V
+MARGIN = 0.15  # V that a motion leaves of each voltage limit
+LOWEST, HIGHEST = 0.7, 29.3  # um: the paper's 28.6 um peak to peak
+DURATION = 10.0  # s of a motion
+PRELUDE = 60.0  # s of rest or of one small sine before it
+BEFORE = 4.0  # s of another full motion before the prelude, in half of those runs
+BLEND = 0.3  # s from one part of a motion to the next
+MOTIONS = ("random 10 Hz", "random 20 Hz", "sine 1 Hz", "sine 4 Hz", "sine 8 Hz", "sine 12 Hz", "triangle", "staircase")
+BLIND = 0.06  # s after a change in which the sensor does not drop out: nothing can be learned without it
+
+
+@dataclass(frozen=True, kw_only=True)
+class Run:
+    """One draw: a plant, a motion, and what happens on the way.
+
+    Attributes
+    ----------
+    seed, number : int
+        Of the zoo, and of the run in it: the same two give the same run, to the bit.
+    settings : PlantSettings
+        The plant, with its sudden change if there is one.
+    reach : tuple[float, float]
+        Lowest and highest position that is asked for, um.
+    motion : str
+        One of `MOTIONS`.
+    prelude : str
+        "", "rest" or "small sine": what comes before the motion.
+    trajectory : Trajectory
+        All of it.
+    begin : float
+        When the motion proper begins, s; the first half of what follows is not judged for rmse.
+    bursts : tuple of (int, int)
+        Sensor dropouts: first tick of each, and the first after it.
+    """
+
+    seed: int
+    number: int
+    settings: PlantSettings
+    reach: tuple[float, float]
+    motion: str
+    prelude: str
+    trajectory: Trajectory
+    begin: float
+    bursts: tuple[tuple[int, int], ...]
+
+    @property
+    def change_tick(self) -> int | None:
+        """First tick of the changed actuator."""
+        change = self.settings.change
+        return None if change is None else change.tick(SAMPLE_RATE)
+
+    def actuator(self, *without: str) -> Dropouts:
+        """The plant, at rest; effects named as in `truestroke.plant.EFFECTS` can be switched off."""
+        return Dropouts(RealisticPlant(self.settings.without(*without), seed=self.number), list(self.bursts))
+
+    def words(self) -> str:
+        """What happens, in a line."""
+        change = self.settings.change
+        parts = [self.motion, f"after {self.prelude}" if self.prelude else ""]
+        if change:
+            parts.append(f"gain {change.gain:.2f}, hysteresis {change.hysteresis:.2f} at {change.time:.2f} s")
+        parts.append(f"{len(self.bursts)} dropouts" if self.bursts else "")
+        return ", ".join(filter(None, parts))
+
+
+def draw(seed: int, number: int) -> Run:
+    """The run of this number.
+
+    Examples
+    --------
+    >>> draw(0, 2).words()
+    'sine 8 Hz, gain 0.95, hysteresis 0.88 at 7.49 s'
+    """
+    random = np.random.Generator(np.random.PCG64([seed, number]))
+    settings = _plant(random)
+    motion = MOTIONS[random.integers(len(MOTIONS))]
+    prelude = ("rest", "small sine", *[""] * 6)[random.integers(8)]
+    changes, drops = random.random() < 0.5, random.random() < 0.2
+    if prelude and motion not in ("random 10 Hz", "random 20 Hz", "staircase"):  # a full-stroke wave comes after it
+        motion = MOTIONS[random.integers(2)]
+    before = BEFORE if prelude and random.random() < 0.5 else 0.0
+    begin = before + PRELUDE if prelude else 0.0
+    if changes:
+        time = begin + random.uniform(1.5, DURATION - 1.5)
+        change = Change(time=time, gain=random.uniform(0.8, 1.2), hysteresis=random.uniform(0.6, 1.4))
+        settings = dataclasses.replace(settings, change=change)
+    reach = _reach(settings, begin + DURATION)
+    trajectory = _trajectory(random, motion, prelude, before, reach)
+    run = Run(
+        seed=seed,
+        number=number,
+        settings=settings,
+        reach=reach,
+        motion=motion,
+        prelude=prelude,
+        trajectory=trajectory,
+        begin=begin,
+        bursts=(),
+    )
+    return dataclasses.replace(run, bursts=_bursts(random, run)) if drops else run
+
+
+# ---- The plant -----------------------------------------------------------------------------------------------------
+
+
+def _plant(random: np.random.Generator) -> PlantSettings:
+    def log_uniform(low: float, high: float) -> float:
+        return float(low * (high / low) ** random.random())
+
+    gain = PlantSettings().amplifier_gain
+    hysteresis = random.uniform(0.20, 0.45)
+    slope = random.uniform(6.0, 11.0) / (1 - hysteresis)  # of the chord: only its linear part moves at first contact
+    threshold_max = gain * random.uniform(1.0, 1.8)
+    drift_time = log_uniform(10.0, 300.0)
+    return PlantSettings(
+        sensitivity=slope / gain,
+        hysteresis=hysteresis,
+        threshold_max=threshold_max,
+        threshold_scale=threshold_max * log_uniform(0.2, 5.0),
+        threshold_exponent=log_uniform(0.5, 2.0),
+        asymmetry=random.uniform(-0.05, 0.05),
+        asymmetry_stroke=STROKE,
+        creep=random.uniform(0.03, 0.12) / 4,
+        creep_span=(1e-2, 1e2),
+        amplifier_bandwidth=log_uniform(500.0, 5000.0),
+        resonance=log_uniform(400.0, 2000.0),
+        damping=log_uniform(0.01, 0.08),
+        noise=random.uniform(0.010, 0.060),
+        drift=random.uniform(-0.001, 0.001) * STROKE * drift_time,
+        drift_time=drift_time,
+    )
+
+
+def _reach(s: PlantSettings, duration: float) -> tuple[float, float]:
+    """Lowest and highest position that the plant holds within the voltage limits, before and after its change, um.
+
+    A slow move up and down again without creep and drift; creep and drift are added as what they can be at most.
+    """
+    still = s.without("lag", "creep", "resonance", "drift", "noise", "da_quantisation", "ad_quantisation", "change")
+    drift = -s.drift * math.expm1(-duration / s.drift_time)
+    crept = s.creep * 4 * HIGHEST
+    low, high = LOWEST, HIGHEST
+    changes = [None] if s.change is None else [None, dataclasses.replace(s.change, time=0.0)]
+    for change in changes:
+        plant = RealisticPlant(dataclasses.replace(still, change=change))
+        up = np.linspace(0.0, VOLTAGE_LIMITS[1] - MARGIN, 700)
+        plant.exchange(up)
+        enough = int(np.searchsorted(plant.truth, HIGHEST - min(drift, 0.0), side="right"))
+        high = min(high, float(plant.truth[-1]) + min(drift, 0.0))
+        plant.open()
+        top = up[min(enough, up.size - 1)]
+        plant.exchange(np.append(up[up < top], np.linspace(top, VOLTAGE_LIMITS[0] + MARGIN, 700)))
+        low = max(low, float(plant.truth[-1]) + max(drift, 0.0) + 0.5 * crept)
+    return low, high
+
+
+# ---- The motion ----------------------------------------------------------------------------------------------------
+
+Piece = tuple[FloatArray, FloatArray, int]  # position (um), velocity (um/s), tick at which it begins
+
+
+def _trajectory(
+    random: np.random.Generator, motion: str, prelude: str, before: float, reach: tuple[float, float]
+) -> Trajectory:
+    low, high = reach
+    settings: dict[str, object] = {"motion": motion, "prelude": prelude, "reach": reach}
+    wave = _motion(random, motion, reach, DURATION)
+    if not prelude:
+        return Trajectory(f"zoo, {motion}", SAMPLE_RATE, *joined([(wave.position, wave.velocity, 0)]), settings)
+    pieces: list[Piece] = []
+    if before:
+        first = _motion(random, "random 20 Hz", reach, before + BLEND)
+        pieces.append((first.position, first.velocity, 0))
+    time = np.arange(round((PRELUDE + BLEND) * SAMPLE_RATE)) / SAMPLE_RATE
+    size, omega = random.uniform(0.3, 1.5) / 2, 2 * math.pi * random.uniform(1.0, 8.0)
+    level = random.uniform(low + size, high - size)
+    size = size if prelude == "small sine" else 0.0
+    small = level + size * np.sin(omega * time), size * omega * np.cos(omega * time)
+    pieces.append((*small, round(before * SAMPLE_RATE)))
+    pieces.append((wave.position, wave.velocity, round((before + PRELUDE) * SAMPLE_RATE)))
+    return Trajectory(f"zoo, {prelude}, {motion}", SAMPLE_RATE, *joined(pieces), settings)
+
+
+def joined(pieces: Sequence[Piece]) -> tuple[FloatArray, FloatArray]:
+    """Position and velocity from rest at 0 um through pieces that blend within `BLEND`, by s(u) of `smoothstep`.
+
+    z = z_1 + s (z_2 - z_1), hence the velocity v_1 + s (v_2 - v_1) + s' (z_2 - z_1).
+    """
+    ticks = max(start + position.size for position, _, start in pieces)
+    z, v = np.zeros(ticks), np.zeros(ticks)
+    for position, velocity, start in pieces:
+        stop = start + position.size
+        s, slope = smoothstep(np.arange(position.size) / (BLEND * SAMPLE_RATE))
+        v[start:stop] += s * (velocity - v[start:stop]) + slope / BLEND * (position - z[start:stop])
+        z[start:stop] += s * (position - z[start:stop])
+    return z, v
+
+
+def _motion(random: np.random.Generator, motion: str, reach: tuple[float, float], duration: float) -> Trajectory:
+    low, span = reach[0], reach[1] - reach[0]
+    kind, _, rest = motion.partition(" ")
+    shared = {"duration": duration, "sample_rate": SAMPLE_RATE}
+    if kind == "random":
+        cutoff, seed = float(rest.removesuffix(" Hz")), int(random.integers(2**32))
+        return trajectories.random_wave(cutoff=cutoff, peak_to_peak=span, low=low, seed=seed, ramp=0.0, **shared)
+    if kind == "staircase":
+        steps = int(random.integers(2, 11))
+        move = {"hold": random.uniform(0.03, 0.3), "velocity_limit": random.uniform(300.0, 1000.0)}
+        stairs = trajectories.staircase(steps=steps, peak_to_peak=span, **move, **shared)
+        return dataclasses.replace(stairs, position=stairs.position + low)  # `joined` leads there
+    size = span * random.uniform(0.4, 1.0)
+    place = {"peak_to_peak": size, "offset": random.uniform(low + size / 2, low + span - size / 2), "ramp": 0.0}
+    if kind == "triangle":
+        return trajectories.triangle(frequency=random.uniform(0.5, 4.0), **place, **shared)
+    return trajectories.sine(frequency=float(rest.removesuffix(" Hz")), **place, **shared)
+
+
+def _bursts(random: np.random.Generator, run: Run) -> tuple[tuple[int, int], ...]:
+    """About one burst a second, 1 to 200 ticks long, but not just after the change."""
+    starts = np.flatnonzero(random.random(len(run.trajectory)) < 1 / SAMPLE_RATE)
+    bursts = [(int(start), int(start + 200 ** random.random())) for start in starts]
+    if run.change_tick is None:
+        return tuple(bursts)
+    first, last = run.change_tick, run.change_tick + round(BLIND * SAMPLE_RATE)
+    return tuple(burst for burst in bursts if burst[1] <= first or burst[0] >= last)

@@ -1,0 +1,140 @@
+"""What the zoo looks like: how the errors are distributed, the largest of each run, and the worst run."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, NullFormatter
+
+from truestroke.base.typing import FloatArray
+from truestroke.report import style
+from truestroke.report.style import LIGHT, Theme
+from truestroke.signals.recording import Recording
+from truestroke.studies.zoo.draw import draw
+from truestroke.studies.zoo.figures import START
+from truestroke.studies.zoo.table import LIMIT, Result
+
+NAMES = {"adaptive": "default", "paper": "the paper"}
+ROLES = {"adaptive": "true", "paper": "before"}
+PANELS = {
+    "rmse": "rmse, second half",
+    "after_change": "0.1 to 0.5 s after a change",
+    "cold": "0.75 to 1 s from a cold start",
+}
+
+
+def first(results: Sequence[Result]) -> str:
+    """The first of the controllers: the one that is looked at."""
+    return next(iter(results[0].figures))
+
+
+def worst(results: Sequence[Result]) -> Result:
+    """The run with the largest error anywhere, with the first controller."""
+    return max(results, key=lambda result: result.figures[first(results)].largest)
+
+
+def distribution(results: Sequence[Result], theme: Theme = LIGHT) -> Figure:
+    """Part of the runs whose error is at most so much, nm on a logarithmic scale."""
+    with style.use(theme):
+        figure, panels = style.panels(2.7, 1, 3, sharey=True)
+        for panel, (name, title) in zip(panels, PANELS.items(), strict=True):
+            for controller in results[0].figures:
+                values = [getattr(result.figures[controller], name) for result in results]
+                ascending = np.sort([1e3 * value for value in values if value is not None])
+                part = 100 * np.arange(1, ascending.size + 1) / max(ascending.size, 1)
+                panel.step(
+                    ascending, part, where="post", color=theme[ROLES[controller]], label=NAMES[controller], lw=1.4
+                )
+            _logarithmic(panel, "x")
+            panel.set(xlabel="true rmse (nm)", ylim=(0, 101))
+            style.title(panel, title)
+        panels[0].set_ylabel("runs with at most that (%)")
+        panels[-1].legend(loc="lower right")
+    return figure
+
+
+def largest(results: Sequence[Result], theme: Theme = LIGHT) -> Figure:
+    """The largest error of each run against its rmse, nm, both logarithmic."""
+    markers = {"adaptive": "o", "paper": "D"}
+    with style.use(theme):
+        figure, (panel,) = style.panels(3.4)
+        for controller in results[0].figures:
+            found = [result.figures[controller] for result in results]
+            rmse, highest = [1e3 * f.rmse for f in found], [1e3 * f.largest for f in found]
+            colour, name = theme[ROLES[controller]], NAMES[controller]
+            panel.plot(rmse, highest, markers[controller], color=colour, ms=4.5, alpha=0.75, label=name)
+        panel.axhline(1e3 * LIMIT, color=theme["alarm"], lw=1.2, ls="--", label=f"{LIMIT:g} µm")
+        for axis in "xy":
+            _logarithmic(panel, axis)
+        panel.set(xlabel="true rmse, second half (nm)", ylabel="largest error that counts (nm)")
+        style.title(panel, "Each run of the zoo")
+        style.legend_above(panel, 3)
+    return figure
+
+
+def trace(result: Result, recording: Recording, seed: int, theme: Theme = LIGHT) -> Figure:
+    """Motion and error of one run, in full and around its largest error."""
+    run, found = draw(seed, result.number), result.figures[first([result])]
+    time, desired = recording["time"], recording["desired"]
+    error = 1e3 * (recording["true"] - desired)
+    near = np.abs(time - found.largest_at) < 0.15
+    with style.use(theme):
+        figure, panels = style.panels(4.2, 2, 2, sharex="col")
+        for column, part in enumerate((time >= START, near)):
+            above, below = panels[column], panels[2 + column]
+            above.plot(*style.thin(time[part], desired[part]), color=theme["true"], lw=1.0)
+            below.plot(*style.thin(time[part], error[part]), color=theme["true"], lw=0.9)
+            below.set_xlabel("time (s)")
+            if run.settings.change and time[part][0] < run.settings.change.time < time[part][-1]:
+                below.axvline(run.settings.change.time, color=theme["before"], lw=1.0, ls="--", label="change")
+                below.legend(loc="upper right")
+        limit = 1.3e3 * found.largest
+        for panel, part in zip(panels[2:], (time >= START, near), strict=True):
+            _mark_off_scale(panel, time[part], error[part], limit, theme)
+            panel.axhline(0, color=theme["muted"], lw=0.7, zorder=1.5)
+            panel.set_ylim(-limit, limit)
+        panels[0].set_ylabel("desired (µm)")
+        panels[2].set_ylabel("true error (nm)")
+        style.title(panels[0], f"Run {result.number}, the worst: {run.motion}")
+        style.title(panels[1], "Around its largest error")
+    return figure
+
+
+def _mark_off_scale(panel: Axes, time: FloatArray, error: FloatArray, limit: float, theme: Theme) -> None:
+    """A triangle at the edge where the error leaves the panel, and how far it goes, um."""
+    beyond = np.abs(error) > limit
+    if not beyond.any():
+        return
+    peak = int(np.argmax(np.abs(error)))
+    side = 1 if error[peak] > 0 else -1
+    panel.plot(time[peak], side * 0.95 * limit, "^" if side > 0 else "v", color=theme["wrong"], ms=6, zorder=4)
+    panel.annotate(
+        f"off scale: {1e-3 * error[peak]:.2f} µm",
+        (time[peak], side * 0.95 * limit),
+        xytext=(-7 if time[peak] > (time[0] + time[-1]) / 2 else 7, 0),
+        textcoords="offset points",
+        ha="right" if time[peak] > (time[0] + time[-1]) / 2 else "left",
+        va="top" if side > 0 else "bottom",
+        color=theme["wrong"],
+        fontsize=8,
+        bbox={"facecolor": theme["background"], "edgecolor": "none", "pad": 1.0, "alpha": 0.85},
+    )
+
+
+def pictures(results: Sequence[Result], recording: Recording, seed: int, theme: Theme = LIGHT) -> dict[str, Figure]:
+    """All three by name; `recording` is that of the worst run with the first controller."""
+    return {
+        "distribution": distribution(results, theme),
+        "largest": largest(results, theme),
+        "worst": trace(worst(results), recording, seed, theme),
+    }
+
+
+def _logarithmic(panel: Axes, axis: str) -> None:
+    (panel.set_xscale if axis == "x" else panel.set_yscale)("log")
+    which = panel.xaxis if axis == "x" else panel.yaxis
+    which.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
+    which.set_minor_formatter(NullFormatter())
