@@ -7,7 +7,7 @@ if c is large enough, and so it has an inverse Gamma'^-1 by (10). What is sought
     x = Gamma'^-1[y_d + c x]
 
 Source: [23] of the paper; its text was not at hand. This is a reconstruction from its title, from what Sec. 6 says of
-it, and from first principles (docs/decisions/0021-singularity-free.md).
+it, and from first principles (docs/decisions/0021-singularity-free-inverse.md).
 """
 
 from __future__ import annotations
