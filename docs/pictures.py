@@ -1,4 +1,4 @@
-"""Draw the pictures of adaptation, from-model and identify from the blocks of those pages (a minute)."""
+"""Make the pictures of adaptation, from-model and identify from the blocks of those pages (a minute)."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def runs_of(page: Path) -> Runs:
     return names
 
 
-def draw_error(axes: Axes, run: Recording, span: tuple[float, float], scale: float, **line: Any) -> None:
+def plot_error(axes: Axes, run: Recording, span: tuple[float, float], scale: float, **line: Any) -> None:
     """True error of a run within `span` s, times `scale`."""
     kept = (run["time"] >= span[0]) & (run["time"] <= span[1])
     axes.plot(run["time"][kept], scale * (run["true"] - run["desired"])[kept], **line)
@@ -47,7 +47,7 @@ def draw_error(axes: Axes, run: Recording, span: tuple[float, float], scale: flo
 
 
 def lines(theme: Theme) -> dict[str, dict[str, Any]]:
-    """How the rivals are drawn."""
+    """The line style of each law."""
     return {
         "default": {"color": theme["true"], "lw": 1.1, "label": "default", "zorder": 3},
         "paper": {"color": theme.series[1], "lw": 1.1, "label": "paper"},
@@ -78,8 +78,8 @@ def cold(runs: Runs, theme: Theme) -> Figure:
     run = runs["cold"]["default"]
     above.plot(run["time"], run["desired"], color=theme["desired"], lw=3.0, label="desired")
     above.plot(run["time"], run["true"], color=theme["true"], lw=1.0, label="true, default")
-    draw_error(paper, runs["cold"]["paper"], (0.0, 1.0), 1.0, **lines(theme)["paper"])
-    draw_error(ours, run, (0.0, 1.0), 1e3, **lines(theme)["default"])
+    plot_error(paper, runs["cold"]["paper"], (0.0, 1.0), 1.0, **lines(theme)["paper"])
+    plot_error(ours, run, (0.0, 1.0), 1e3, **lines(theme)["default"])
     above.set_ylabel("displacement (µm)")
     paper.set_ylabel("error (µm)")
     ours.set(ylabel="error (nm)", xlabel="time (s)")
@@ -92,7 +92,7 @@ def change(runs: Runs, theme: Theme) -> Figure:
     """Before and after the sudden change; below, its first ticks."""
     figure, (above, below) = style.panels(4.8, 2)
     for name in ("paper", "default"):
-        draw_error(above, runs["changed"][name], (2.8, 4.0), 1.0, **lines(theme)[name])
+        plot_error(above, runs["changed"][name], (2.8, 4.0), 1.0, **lines(theme)[name])
     mark(above, theme, 3.0, "sudden change")
     above.set(ylabel="error (µm)", xlabel="time (s)")
     run = runs["changed"]["default"]
@@ -101,8 +101,8 @@ def change(runs: Runs, theme: Theme) -> Figure:
     error, flags = (run["true"] - run["desired"])[near], run["flags"][near]
     below.plot(after[near], error, **{**lines(theme)["default"], "marker": ".", "ms": 4})
     for bit, words, colour, shape in (
-        (4, "not believed", theme["alarm"], "s"),
-        (16, "seen as a change", theme["text"], "o"),
+        (4, "rejected", theme["alarm"], "s"),
+        (16, "detected as a change", theme["text"], "o"),
     ):
         hit = flags & bit > 0
         below.plot(after[near][hit], error[hit], ls="", marker=shape, ms=7, mfc="none", mew=1.4, c=colour, label=words)
@@ -116,9 +116,9 @@ def sensor(runs: Runs, theme: Theme) -> Figure:
     """Three failures of the sensor, the same scale."""
     figure, panels = style.panels(5.0, 3, sharex=True, sharey=True)
     shown = {"no signal": "no signal", "a 5 um spike every 50 ms": "a spike of 5 µm every 50 ms"}
-    shown["steps by 0.1 um"] = "off by 0.1 µm, which is plausible"
+    shown["steps by 0.1 um"] = "off by 0.1 µm (plausible)"
     for panel, (name, words) in zip(panels, shown.items(), strict=True):
-        draw_error(panel, runs["failed"][name], (1.5, 3.5), 1e3, **lines(theme)["default"])
+        plot_error(panel, runs["failed"][name], (1.5, 3.5), 1e3, **lines(theme)["default"])
         shade(panel, theme, 2.0, 2.5, words, 0.9)
         panel.set_ylabel("error (nm)")
     panels[0].set_ylim(-160, 160)
@@ -132,8 +132,8 @@ def stopped(runs: Runs, theme: Theme) -> Figure:
     figure, panels = style.panels(4.6, 2, 2, sharex=True, sharey="row")
     for column, pause in enumerate(runs["pauses"]):
         above, below = panels[column], panels[2 + column]
-        draw_error(above, runs["stopped"][pause]["paper"], (61.5, 64.0), 1.0, **lines(theme)["paper"])
-        draw_error(below, runs["stopped"][pause]["default"], (61.5, 64.0), 1e3, **lines(theme)["default"])
+        plot_error(above, runs["stopped"][pause]["paper"], (61.5, 64.0), 1.0, **lines(theme)["paper"])
+        plot_error(below, runs["stopped"][pause]["default"], (61.5, 64.0), 1e3, **lines(theme)["default"])
         style.title(above, f"After {pause}")
         below.set_xlabel("time (s)")
         for panel in (above, below):
@@ -155,8 +155,8 @@ def limits(runs: Runs, theme: Theme) -> Figure:
         style.legend_above(axes, 2)
     step.set_ylim(-2, 20)
     for name in ("paper", "default"):
-        draw_error(below, runs["reach"][name], (3.0, 3.5), 1.0, **lines(theme)[name])
-        draw_error(error, jump[name], (1.99, 2.05), 1.0, **lines(theme)[name])
+        plot_error(below, runs["reach"][name], (3.0, 3.5), 1.0, **lines(theme)[name])
+        plot_error(error, jump[name], (1.99, 2.05), 1.0, **lines(theme)[name])
     error.set_ylim(-4, 4)
     far.set_ylabel("displacement (µm)")
     below.set_ylabel("error (µm)")
@@ -173,7 +173,7 @@ def trim(runs: Runs, theme: Theme) -> Figure:
         for i, rate in enumerate((0.0, 20.0, 100.0, 400.0)):
             run = runs["trimmed"][motion, "on hold", rate]
             line = {"color": theme.series[(7, 2, 1, 0)[i]], "lw": 1.1, "label": f"trim {rate:g} 1/s"}
-            draw_error(panel, run, (2.0, 2.5), 1.0, **line)
+            plot_error(panel, run, (2.0, 2.5), 1.0, **line)
         panel.set_ylabel(f"error, {motion} (µm)")
     panels[-1].set_xlabel("time (s)")
     style.legend_above(panels[0], 4)
@@ -218,10 +218,10 @@ def main(*pages: str) -> None:
             continue
         runs, folder = runs_of(DOCS / f"{page}.md"), DOCS / "images" / page
         folder.mkdir(parents=True, exist_ok=True)
-        for draw in PICTURES[page]:
+        for plot in PICTURES[page]:
             for theme in (style.LIGHT, style.DARK):
                 with style.use(theme):
-                    style.save(draw(runs, theme), folder / f"{draw.__name__}-{theme.name}.png")
+                    style.save(plot(runs, theme), folder / f"{plot.__name__}-{theme.name}.png")
 
 
 if __name__ == "__main__":
