@@ -47,7 +47,7 @@ def drive(controller: AdaptiveController, ticks: int, start: int = 0) -> list[fl
         ("bends", 3, ["bends", "3", "from 0 to 2"]),
         ("law", "lms", ["law", "'lms'", "'kalman' or 'rls'"]),
         ("prior_covariance", ((1.0,),), ["prior_covariance", "(37, 37)", "positive definite"]),
-        ("memory", -1.0, ["memory", "-1.0 s", "above 0"]),
+        ("prior_return_time", -1.0, ["prior_return_time", "-1.0 s", "above 0"]),
         ("filter_frequency", 1500.0, ["filter_frequency", "1500.0 Hz", "1000 Hz"]),
         ("model_error", -1.0, ["model_error", "-1.0 um", "from 0"]),
         ("change_share", 2.0, ["change_share", "2.0", "from 0 to 1"]),
@@ -363,15 +363,15 @@ def test_start_takes_over_where_the_actuator_is(offset) -> None:
 def test_settings_change_without_a_jump() -> None:
     changed, same = AdaptiveController(**BASIC), AdaptiveController(**BASIC)
     drive(changed, 1000), drive(same, 1000)
-    changed.change(memory=100.0, trim_rate=10.0, slope_limits=(3.0, 25.0))
+    changed.change(prior_return_time=100.0, trim_rate=10.0, slope_limits=(3.0, 25.0))
     z_d, rate = 15.0 - 14.0 * np.cos(10.0), 280.0 * np.sin(10.0)
     assert changed.command(z_d, rate) == pytest.approx(same.command(z_d, rate), abs=0.02)
     assert changed.settings.trim_rate == 10.0
     with pytest.raises(SettingError, match="plays = 5: must be left out"):
         changed.change(plays=5)
-    with pytest.raises(SettingError, match="memory = -1"):
-        changed.change(memory=-1.0)
-    assert changed.settings.memory == 100.0
+    with pytest.raises(SettingError, match="prior_return_time = -1"):
+        changed.change(prior_return_time=-1.0)
+    assert changed.settings.prior_return_time == 100.0
 
 
 def test_trim_removes_what_the_model_cannot_know_and_does_not_wind_up() -> None:

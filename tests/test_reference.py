@@ -23,7 +23,7 @@ SETTINGS = {
     "no terms": ControllerSettings(**BASIC, **PLAIN),
     "rls with terms": ControllerSettings(**BASIC, law="rls", plays=8),
     "slow": ControllerSettings(**BASIC | {"sample_rate": 200.0}, slew_limit=40.0),
-    "short memory": ControllerSettings(**BASIC, plays=5, rated=(1, 4), memory=0.02, change_share=1.0, bends=1),
+    "soon back": ControllerSettings(**BASIC, plays=5, rated=(1, 4), prior_return_time=0.02, change_share=1.0, bends=1),
     "at once, trimmed": ControllerSettings(**BASIC, smoothing_time=0.0, trim_rate=20.0, slope_limits=(7.0, 9.0)),
     "one play": ControllerSettings.paper(**BASIC, plays=1, forgetting=1.0),
     "dead zones": ControllerSettings(
@@ -93,7 +93,8 @@ def test_kernel_equals_numpy_to_the_last_bit(name) -> None:
             np.testing.assert_array_equal(ours, theirs, err_msg=f"tick {k}")
         seen |= text.flag_bits
         if k == 2000 and name != "paper":
-            changes = {"trim_rate": 5.0, "memory": 1.0, "dead_zone_weights": kernel.settings.dead_zone_weights}
+            same = kernel.settings.dead_zone_weights
+            changes = {"trim_rate": 5.0, "prior_return_time": 1.0, "dead_zone_weights": same}
             kernel.change(**changes), text.change(dataclasses.replace(text.settings, **changes))
     assert seen & 0b001101 == 0b001101, "limits, refusals and hold were met"
     assert name not in ("paper", "no terms", "at once, trimmed") or seen & 0b000010, "slopes were limited"

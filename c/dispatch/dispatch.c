@@ -2,16 +2,12 @@
 
 #include <string.h>
 
-extern const ts_variant ts_variant_plain, ts_variant_vector, ts_variant_avx2, ts_variant_avx512;
+extern const ts_variant ts_variant_plain, ts_variant_vector, ts_variant_avx2;
 
 #ifdef TS_X86
-static const ts_variant *const variants[] = {&ts_variant_plain, &ts_variant_vector, &ts_variant_avx2, &ts_variant_avx512};
+static const ts_variant *const variants[] = {&ts_variant_plain, &ts_variant_vector, &ts_variant_avx2};
 
-static int supported(void)
-{
-    if (!__builtin_cpu_supports("avx2")) return 2;
-    return __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512vl") ? 4 : 3;
-}
+static int supported(void) { return __builtin_cpu_supports("avx2") ? 3 : 2; }
 #else
 static const ts_variant *const variants[] = {&ts_variant_plain, &ts_variant_vector}; /* NEON is in every 64-bit ARM */
 

@@ -11,7 +11,7 @@
  *   tick at which the TS_HISTORY-th measurement in a row is missing, and the calls that begin anew (init, reset, start).
  * - Arrays that are passed to one call may not overlap, unless the function says so.
  * - Units: displacement um, velocity um/s, voltage V at the D/A converter, weights um/V.
- * - Settings are checked once, by ts_controller_init. Not promised: any behaviour of a struct that was not initialised.
+ * - Settings are checked by ts_controller_init and ts_controller_change, never in a tick. Not promised: any behaviour of a struct that was not initialised.
  * - TS_REAL is double or float; the whole program uses one.
  */
 #ifndef TRUESTROKE_H
@@ -63,7 +63,7 @@ typedef TS_REAL ts_real;
 
 typedef enum {
     TS_OK = 0,
-    TS_NOT_FINITE,           /* a desired value is NaN or infinite: nothing has changed */
+    TS_NOT_FINITE,           /* a desired value, or an argument of ts_controller_start, is NaN or infinite: nothing has changed */
     TS_REJECTED,             /* a measurement was not used: see ts_flags */
     TS_BAD_PLAYS,            /* plays outside 1..TS_MAX_PLAYS */
     TS_BAD_THRESHOLDS,       /* thresholds must start at 0 and ascend */
@@ -130,7 +130,7 @@ typedef struct {
     ts_real noise_rate;       /* per tick: how fast the robust estimate of the noise follows */
     ts_real ringing_rate;     /* per tick: the same of the wary one, which makes ringing count as noise */
     ts_real model_error;      /* um: what the model cannot explain; added to the noise */
-    ts_real forgetting;       /* per TS_FORGET_EVERY ticks: how far P and w return to the prior */
+    ts_real prior_return;     /* per TS_FORGET_EVERY ticks: how far P and w return to the prior */
     ts_real change_threshold; /* mean square of the normalised innovation above which the actuator has changed */
     ts_real change_rate;      /* per update: how fast that mean follows */
     int refractory;           /* ticks from one change to the next */

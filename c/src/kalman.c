@@ -125,7 +125,7 @@ static void follow_covariance(ts_kalman *k, const ts_kalman_settings *s, const t
         for (int j = 0; j <= i; j += TS_LANES) store(P + j, minus(load(P + j), root[i], load(root + j)));
     if (k->mixed >= TS_FORGET_EVERY) {
         k->mixed = 0;
-        back = s->forgetting;
+        back = s->prior_return;
     }
     if (k->changed) back += s->change_share;
     if (back > 0) approach(k->P, P0, back < 1 ? back : 1, m);
@@ -166,7 +166,7 @@ static bool update(ts_kalman *k, const ts_kalman_settings *s, const ts_real *w0,
     bound_weights(w, m);
     k->mixed += 2;
     if (k->mixed >= TS_FORGET_EVERY)
-        for (int i = 0; i < m; i++) w[i] += s->forgetting * (w0[i] - w[i]);
+        for (int i = 0; i < m; i++) w[i] += s->prior_return * (w0[i] - w[i]);
 
     ts_real nu2 = e * e / expected;
     k->change += s->change_rate * ((nu2 < 100 ? nu2 : 100) - k->change);

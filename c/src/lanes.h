@@ -11,9 +11,7 @@
 #if !defined(__GNUC__) || defined(TS_PLAIN)
 typedef ts_real ts_vector; /* plain C99 */
 #else
-#if defined(__AVX512F__)
-#define TS_VECTOR_BYTES 64
-#elif defined(__AVX__)
+#if defined(__AVX__)
 #define TS_VECTOR_BYTES 32
 #else
 #define TS_VECTOR_BYTES 16

@@ -79,7 +79,7 @@ static ts_settings sane(bytes *b)
     s.initial_weights[0] = 8;
     s.kalman = (ts_kalman_settings){
         .filter = (ts_real)0.6, .noise_rate = (ts_real)1e-3, .ringing_rate = (ts_real)0.1,
-        .model_error = (ts_real)6e-3, .forgetting = (ts_real)8e-8, .change_threshold = 12,
+        .model_error = (ts_real)6e-3, .prior_return = (ts_real)8e-8, .change_threshold = 12,
         .change_rate = (ts_real)0.2, .refractory = 10, .change_gain = (ts_real)0.15,
         .change_hysteresis = (ts_real)0.3, .change_share = (ts_real)2e-3, .outlier = 12, .outliers = 3};
     for (int i = 0; i < ts_parameters(&s); i++) s.prior[TS_PACKED(i) + i] = i ? (ts_real)0.5 : 9;
@@ -101,7 +101,7 @@ static void disturb(bytes *b, ts_settings *s)
         &o->tick, &o->corner, &o->fast, &o->slow, &o->motion_rate, &o->noise_share, &o->floor, &o->large, &s->resonance,
         &s->rate_scale, &s->stroke, &s->forgetting, &s->regularization, &s->covariance_limit, &s->slope_min, &s->slope_max,
         &s->velocity_limit, &s->voltage_min, &s->voltage_max, &s->slew, &s->measurement_limit, &s->smoothing, &s->trim,
-        &s->first_noise, &k->filter, &k->noise_rate, &k->ringing_rate, &k->model_error, &k->forgetting,
+        &s->first_noise, &k->filter, &k->noise_rate, &k->ringing_rate, &k->model_error, &k->prior_return,
         &k->change_threshold, &k->change_rate, &k->change_gain, &k->change_hysteresis, &k->change_share, &k->outlier,
         &s->thresholds[below(b, TS_MAX_PLAYS)], &s->creep[below(b, TS_MAX_CREEPS)],
         &s->initial_weights[below(b, TS_MAX_PARAMETERS)], &s->prior[below(b, TS_PACKED(TS_MAX_PARAMETERS))],

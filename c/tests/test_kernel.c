@@ -61,7 +61,7 @@ static ts_settings kalman_settings(void)
     s.smoothing = (ts_real)0.5, s.first_noise = (ts_real)0.03, s.initial_weights[0] = 8;
     s.kalman = (ts_kalman_settings){
         .filter = (ts_real)0.6, .noise_rate = (ts_real)1e-3, .ringing_rate = (ts_real)0.1,
-        .model_error = (ts_real)6e-3, .forgetting = (ts_real)1e-6, .change_threshold = 12,
+        .model_error = (ts_real)6e-3, .prior_return = (ts_real)1e-6, .change_threshold = 12,
         .change_rate = (ts_real)0.2, .refractory = 10, .change_gain = (ts_real)0.15,
         .change_hysteresis = (ts_real)0.3, .change_share = (ts_real)2e-3, .outlier = 12, .outliers = 3};
     static const double sd[] = {0.2, 1, 3e-4, 0.9, 1.5, 1.5}; /* creep, creep, lag, offset, bends */
@@ -320,7 +320,7 @@ static void test_rest(void)
 /* ---- The bounded law ------------------------------------------------------------------------------------------------ */
 
 static const ts_kalman_settings EXACT = { /* of vectors.py: the noise is fixed, (0.125 um)^2 + (0.125 um)^2 */
-    .filter = (ts_real)0.5, .model_error = (ts_real)0.125, .forgetting = (ts_real)0.03125, .change_threshold = 8,
+    .filter = (ts_real)0.5, .model_error = (ts_real)0.125, .prior_return = (ts_real)0.03125, .change_threshold = 8,
     .change_rate = (ts_real)0.25, .refractory = K_REFRACTORY, .change_gain = (ts_real)0.25,
     .change_hysteresis = (ts_real)0.375, .change_share = (ts_real)0.125, .outlier = (ts_real)1e6, .outliers = 3};
 
@@ -371,7 +371,7 @@ static void test_kalman_bounds(void)
     for (int kind = 0; kind < 7; kind++) {
         ts_real w[TS_PADDED(K_M)], w0[TS_PADDED(K_M)], P0[TS_PACKED(K_M)];
         ts_kalman_settings s = EXACT;
-        s.outlier = 12, s.noise_rate = (ts_real)1e-3, s.ringing_rate = (ts_real)0.1, s.forgetting = (ts_real)1e-6;
+        s.outlier = 12, s.noise_rate = (ts_real)1e-3, s.ringing_rate = (ts_real)0.1, s.prior_return = (ts_real)1e-6;
         s.model_error = (ts_real)0.006;
         ts_kalman k = exact_filter(w, P0);
         memcpy(w0, w, sizeof w);
@@ -530,7 +530,7 @@ static void test_hold(void)
 {
     ts_controller c;
     ts_settings s = kalman_settings();
-    s.kalman.forgetting = (ts_real)0.01;
+    s.kalman.prior_return = (ts_real)0.01;
     ts_real plant[2] = {0}, w[TS_MAX_PARAMETERS];
     bool same = true;
     ts_controller_init(&c, &s);

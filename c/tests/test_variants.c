@@ -42,7 +42,7 @@ static ts_settings settings(int plays, bool kalman)
     s.creeps = 2, s.bends = 2, s.lag = true, s.offset = true, s.creep[0] = (ts_real)0.15, s.creep[1] = (ts_real)0.0017;
     s.kalman = (ts_kalman_settings){
         .filter = (ts_real)0.6, .noise_rate = (ts_real)1e-3, .ringing_rate = (ts_real)0.1,
-        .model_error = (ts_real)6e-3, .forgetting = (ts_real)1e-6, .change_threshold = 12,
+        .model_error = (ts_real)6e-3, .prior_return = (ts_real)1e-6, .change_threshold = 12,
         .change_rate = (ts_real)0.2, .refractory = 10, .change_gain = (ts_real)0.15,
         .change_hysteresis = (ts_real)0.3, .change_share = (ts_real)2e-3, .outlier = 12, .outliers = 3};
     int m = ts_parameters(&s);

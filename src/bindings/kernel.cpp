@@ -89,7 +89,7 @@ ts_settings settings_from(const nb::dict &d) {
         k.noise_rate = real(d, "noise_rate");
         k.ringing_rate = real(d, "ringing_rate");
         k.model_error = real(d, "model_error");
-        k.forgetting = real(d, "prior_return");
+        k.prior_return = real(d, "prior_return");
         k.change_threshold = real(d, "change_threshold");
         k.change_rate = real(d, "change_rate");
         k.refractory = entry<int>(d, "refractory");

@@ -60,10 +60,10 @@ def inside(where: str, names: Mapping[str, str] = types.MappingProxyType({})) ->
 def known(given: Mapping[str, Any], names: Iterable[str]) -> None:
     """Only names that exist; of one that does not the error says which was meant.
 
-    >>> known({"forgeting": 0.9}, ("memory", "forgetting"))
+    >>> known({"forgeting": 0.9}, ("prior_return_time", "forgetting"))
     Traceback (most recent call last):
         ...
-    truestroke.SettingError: forgeting = 0.9: must be left out; did you mean forgetting? There are memory, \
+    truestroke.SettingError: forgeting = 0.9: must be left out; did you mean forgetting? There are prior_return_time, \
 forgetting
     """
     names = tuple(names)
@@ -158,10 +158,10 @@ def positive(argument: str, value: object, unit: str = "") -> float:
 def sized(argument: str, value: object, unit: str = "", least: float = 1e-15, most: float = 1e15) -> float:
     """A number above zero of a size that computes: squares and quotients of such numbers are finite.
 
-    >>> sized("memory", 1e300, "s")
+    >>> sized("prior_return_time", 1e300, "s")
     Traceback (most recent call last):
         ...
-    truestroke.SettingError: memory = 1e+300 s: must be from 1e-15 to 1e+15 s
+    truestroke.SettingError: prior_return_time = 1e+300 s: must be from 1e-15 to 1e+15 s
     """
     return within(argument, positive(argument, value, unit), least, most, unit)
 

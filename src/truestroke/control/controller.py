@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 State = Mapping[str, npt.NDArray[Any]]
 
 CHANGEABLE = (
-    *("memory", "filter_frequency", "model_error", "change_threshold", "change_refractory", "change_gain"),
+    *("prior_return_time", "filter_frequency", "model_error", "change_threshold", "change_refractory", "change_gain"),
     *("change_hysteresis", "change_share", "outlier", "outliers", "forgetting", "covariance_limit"),
     *("voltage_limits", "slope_limits", "velocity_limit", "slew_limit", "measurement_limit", "smoothing_time"),
     *("trim_rate", "dead_zone_weights", "rate_scale", "resonance"),

@@ -70,7 +70,7 @@ class ControllerSettings:
         "kalman", or "rls" for (23).
     prior_covariance : tuple[tuple[float, ...], ...]
         Covariance of w(0), m rows of m, in the squares of the units of w; by default `prior.covariance`. Kalman only.
-    memory : float
+    prior_return_time : float
         Time in which what was learned fades to the prior where nothing confirms it, s. Kalman only.
     filter_frequency : float
         Corner of each of the two poles that regressor and measurement pass through, Hz: below the first resonance of
@@ -152,7 +152,7 @@ class ControllerSettings:
     # law
     law: Literal["kalman", "rls"] = "kalman"
     prior_covariance: tuple[tuple[float, ...], ...] = None  # type: ignore[assignment]
-    memory: float = 1e5
+    prior_return_time: float = 1e5
     filter_frequency: float = None  # type: ignore[assignment]
     resonance: float = 0.0
     model_error: float = None  # type: ignore[assignment]
@@ -384,7 +384,7 @@ def _kalman(s: ControllerSettings) -> dict[str, object]:
         corner = min(widest_filter(s.sample_rate), resonance / 2 or math.inf)
     error = 2e-4 * s.stroke if s.model_error is None else s.model_error
     return {
-        "memory": checks.sized("memory", s.memory, "s"),
+        "prior_return_time": checks.sized("prior_return_time", s.prior_return_time, "s"),
         "filter_frequency": checks.within("filter_frequency", corner, 1e-6 * s.sample_rate, 0.5 * s.sample_rate, "Hz"),
         "resonance": resonance,
         "model_error": checks.within("model_error", error, 0.0, s.stroke, "um"),
@@ -457,7 +457,7 @@ def kernel_settings(s: ControllerSettings) -> dict[str, Any]:
         "noise_rate": min(1.0, NOISE_RATE / fs),
         "ringing_rate": min(1.0, RINGING_RATE / fs),
         "model_error": s.model_error,
-        "prior_return": min(1.0, FORGET_EVERY / (s.memory * fs)),
+        "prior_return": min(1.0, FORGET_EVERY / (s.prior_return_time * fs)),
         "change_threshold": s.change_threshold,
         "change_rate": min(1.0, CHANGE_RATE / fs),
         "refractory": min(round(s.change_refractory * fs), 2**31 - 1),
