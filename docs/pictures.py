@@ -16,6 +16,7 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from truestroke.base.files import overwriting
 from truestroke.report import style
 from truestroke.report.identified import save_pictures
 from truestroke.report.style import Theme
@@ -211,7 +212,7 @@ def identified(folder: Path = DOCS / "images" / "identify") -> None:
 
 
 def main(*pages: str) -> None:
-    """Draw those of some pages, or of all, light and dark."""
+    """Make those of some pages, or of all, light and dark."""
     for page in pages or (*PICTURES, "identify"):
         if page == "identify":
             identified()
@@ -225,4 +226,5 @@ def main(*pages: str) -> None:
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    with overwriting():  # those in the repository
+        main(*sys.argv[1:])
