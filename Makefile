@@ -30,7 +30,7 @@ $(VENV)/.ready: pyproject.toml CMakeLists.txt Makefile $(NATIVE)
 	@touch $@
 
 bench: setup  ## what a step costs here, beside what others offer
-	@$(BIN)/truestroke bench
+	@$(BIN)/python -m benchmarks.bench
 
 images: setup  ## draw the pictures of the README again, into docs/images
 	@mkdir -p build/images

@@ -11,12 +11,12 @@ from concurrent.futures import ProcessPoolExecutor
 from itertools import product
 
 import numpy as np
+from singularity_free_inverse import singularity_free_inverse
 
 from truestroke import AdaptiveController, Trajectory, run, trajectories
 from truestroke.control.adaptation import RLS
 from truestroke.model.models import limit_slopes, play_inverse
 from truestroke.model.operators import play
-from truestroke.model.singularity_free import singularity_free_inverse
 from truestroke.plant import MatchedPlant, RealisticPlant
 from truestroke.plant.settings import Change, MatchedSettings, PlantSettings
 

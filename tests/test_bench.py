@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from benchmarks.bench import rivals, suite, table
+from benchmarks.bench.cost import Cost, of_times
 
 from truestroke.control.adaptation import RLS
-from truestroke.studies.bench import rivals, suite, table
-from truestroke.studies.bench.cost import Cost, of_times
 
 ROOT = Path(__file__).parents[1]
 
@@ -60,9 +60,9 @@ def test_without_the_sources_the_rest_is_still_measured(monkeypatch, tmp_path):
 @pytest.fixture(scope="module")
 def found(tmp_path_factory):
     folder = tmp_path_factory.mktemp("bench")
-    command = [Path(sys.executable).with_name("truestroke"), "bench", "--steps", "10000", "--json"]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=True)
-    assert (folder / "truestroke-bench.html").stat().st_size > 20_000
+    command = [sys.executable, "-m", "benchmarks.bench", "--steps", "10000", "--json", "--output", folder / "bench"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
+    assert (folder / "bench.html").stat().st_size > 20_000
     return json.loads(done.stdout)
 
 

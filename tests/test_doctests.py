@@ -13,6 +13,7 @@ NATIVE = {"truestroke._kernel", "truestroke._kernel32", "truestroke._plant"}
 MODULES = ["truestroke"] + [
     m.name for m in pkgutil.walk_packages(truestroke.__path__, "truestroke.") if m.name not in NATIVE
 ]
+MODULES += ["benchmarks.bench.cost", "benchmarks.singularity_free_inverse"]
 
 
 @pytest.mark.parametrize("name", MODULES)

@@ -42,7 +42,6 @@ COMMANDS: dict[str, tuple[list[str], str]] = {
     "characterise, recording": (["characterise", "--output", "stage"], "stage.h5"),
     "study": (["study", "study.toml", "--output", "out"], "out.html"),
     "zoo": (["zoo", "--plants", "1", "--output", "out"], "out.html"),
-    "bench": (["bench", "--output", "out"], "out.html"),
     "report": (["report", "run.h5", "--output", "out"], "out.html"),
     "invert": (["invert", "sine", "--model", "rec.csv", "--output", "wave.csv"], "wave.csv"),
     "refine": (["refine", "rec.csv", "--model", "rec.csv", "--output", "stage.toml"], "stage.toml"),

@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
+from benchmarks.singularity_free_inverse import mapped_weights, singularity_free_inverse
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from truestroke.base.checks import SettingError
 from truestroke.model.models import play_inverse_literal
 from truestroke.model.operators import dot, play, play_history
-from truestroke.model.singularity_free import mapped_weights, singularity_free_inverse
 from truestroke.plant import MatchedPlant
 from truestroke.plant.settings import MatchedSettings
 

@@ -6,7 +6,6 @@ import click
 
 import truestroke
 from truestroke.cli import (
-    bench,
     characterise,
     commission,
     compare,
@@ -55,6 +54,5 @@ for _command in (
     play.play,
     refine.refine,
     characterise.characterise,
-    bench.bench,
 ):
     main.add_command(_command)

@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
+from benchmarks.bench import table
+from benchmarks.bench.cost import Cost
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullFormatter
 
@@ -13,8 +15,6 @@ from truestroke.base import files
 from truestroke.report import style
 from truestroke.report.page import render, save_all, svg
 from truestroke.report.style import LIGHT, Theme
-from truestroke.studies.bench import table
-from truestroke.studies.bench.cost import Cost
 
 CAPTIONS = {
     "updates": (

@@ -12,6 +12,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from benchmarks.bench import rivals
+from benchmarks.bench.cost import Cost, of_times, time_steps
 
 from truestroke import AdaptiveController, ControllerSettings
 from truestroke.base.typing import FloatArray
@@ -19,14 +21,12 @@ from truestroke.control.reference import ReferenceController
 from truestroke.plant import RealisticPlant
 from truestroke.runtime import loop
 from truestroke.signals import trajectories
-from truestroke.studies.bench import rivals
-from truestroke.studies.bench.cost import Cost, of_times, time_steps
 
 PLAYS = (4, 8, 16, 24, 32)
 BLOCK = 1000
 STAGE: dict[str, Any] = {"sample_rate": 2000.0, "stroke": 30.0, "voltage_limits": (-0.6, 3.6)}
 LAWS: dict[str, Callable[..., ControllerSettings]] = {"paper": ControllerSettings.paper, "default": ControllerSettings}
-SOURCES = Path(__file__).parents[4] / "c"
+SOURCES = Path(__file__).parents[2] / "c"
 NUMBERS = {"double": "double", "float": "single"}
 
 

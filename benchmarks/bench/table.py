@@ -6,9 +6,10 @@ import platform
 from collections.abc import Sequence
 from pathlib import Path
 
+from benchmarks.bench import rivals
+from benchmarks.bench.cost import Cost
+
 import truestroke
-from truestroke.studies.bench import rivals
-from truestroke.studies.bench.cost import Cost
 
 Table = tuple[list[str], list[list[str]]]
 FIGURES = ["best, ns", "median", "99.9 %", "worst, us"]
