@@ -9,80 +9,35 @@ weights in um/V, time in s, rates in Hz. Equation numbers are those of Tan et al
 116-123.
 """
 
+import ast
 import importlib
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
-from truestroke.base.checks import SettingError
-from truestroke.base.flags import Flags
-from truestroke.control.controller import AdaptiveController, Controller, Counters, Diagnostics
-from truestroke.control.settings import ControllerSettings
-from truestroke.signals.timing import Timing
-
-if TYPE_CHECKING:
-    from truestroke import plant
-    from truestroke.control.feasibility import LimitWarning
-    from truestroke.runtime.batch import Batch, Simulation, SimulationError, simulate_many
-    from truestroke.runtime.loop import Actuator, RunInterrupted, run
-    from truestroke.signals import metrics, trajectories
-    from truestroke.signals.recording import Recording
-    from truestroke.signals.trajectories import Trajectory
-    from truestroke.studies.characterisation import Characterisation, characterise
+from truestroke.control.controller import AdaptiveController as AdaptiveController  # what all need; loads NumPy alone
 
 __version__ = "0.1.0"
 
-__all__ = [
-    "Actuator",
-    "AdaptiveController",
-    "Batch",
-    "Characterisation",
-    "Controller",
-    "ControllerSettings",
-    "Counters",
-    "Diagnostics",
-    "Flags",
-    "LimitWarning",
-    "Recording",
-    "RunInterrupted",
-    "SettingError",
-    "Simulation",
-    "SimulationError",
-    "Timing",
-    "Trajectory",
-    "__version__",
-    "characterise",
-    "metrics",
-    "plant",
-    "run",
-    "simulate_many",
-    "trajectories",
-]
 
-# Loaded when first used, so that a controller in a small process needs nothing else.
-_LAZY = {
-    "Actuator": "runtime.loop",
-    "Characterisation": "studies.characterisation",
-    "characterise": "studies.characterisation",
-    "Batch": "runtime.batch",
-    "Simulation": "runtime.batch",
-    "SimulationError": "runtime.batch",
-    "simulate_many": "runtime.batch",
-    "LimitWarning": "control.feasibility",
-    "RunInterrupted": "runtime.loop",
-    "run": "runtime.loop",
-    "Recording": "signals.recording",
-    "Trajectory": "signals.trajectories",
-}
-_LAZY_MODULES = {"metrics": "signals.metrics", "plant": "plant", "trajectories": "signals.trajectories"}
+def _places() -> dict[str, str]:
+    """Public name -> module or package that has it, as `__init__.pyi` states them."""
+    stub = ast.parse(Path(__file__).with_suffix(".pyi").read_text(encoding="utf-8"))
+    imports = (node for node in stub.body if isinstance(node, ast.ImportFrom))
+    return {entry.name: str(node.module) for node in imports for entry in node.names}
+
+
+_PLACES = _places()
+__all__ = sorted([*_PLACES, "__version__"])
 
 
 def __getattr__(name: str) -> Any:
-    if name in _LAZY_MODULES:
-        return importlib.import_module(f"truestroke.{_LAZY_MODULES[name]}")
-    if name in _LAZY:
-        value = getattr(importlib.import_module(f"truestroke.{_LAZY[name]}"), name)
-        globals()[name] = value
-        return value
-    raise AttributeError(f"module 'truestroke' has no attribute {name!r}")
+    """A public name, loaded when it is first used, so that a controller in a small process needs nothing else."""
+    if name not in _PLACES:
+        raise AttributeError(f"module 'truestroke' has no attribute {name!r}")
+    place = vars(importlib.import_module(_PLACES[name]))
+    value = place[name] if name in place else importlib.import_module(f"{_PLACES[name]}.{name}")
+    globals()[name] = value
+    return value
 
 
 def __dir__() -> list[str]:

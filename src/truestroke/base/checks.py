@@ -6,18 +6,23 @@ import difflib
 import inspect
 import itertools
 import math
+import os
 import types
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any, Union, get_args, get_origin, get_type_hints
+from pathlib import Path
+from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 import numpy.typing as npt
 
+from truestroke.base.errors import TruestrokeError
 from truestroke.base.typing import FloatArray
 
+T = TypeVar("T")
 
-class SettingError(ValueError):
+
+class SettingError(TruestrokeError, ValueError):
     """An argument outside its bounds.
 
     Attributes
@@ -35,9 +40,6 @@ class SettingError(ValueError):
     def __init__(self, argument: str, value: object, bound: str, unit: str = "") -> None:
         self.argument, self.value, self.bound, self.unit = argument, value, bound, unit
         super().__init__(f"{argument} = {value}{' ' + unit if unit else ''}: must be {bound}")
-
-
-SettingError.__module__ = "truestroke"  # where a user finds it: what a traceback shows
 
 
 @contextmanager
@@ -141,7 +143,7 @@ def number(argument: str, value: object, unit: str = "") -> float:
             raise TypeError
         result = float(value)  # type: ignore[arg-type]
     except (TypeError, ValueError, OverflowError):
-        raise SettingError(argument, repr(value), "a number", unit) from None
+        raise SettingError(argument, told(value), "a number", unit) from None
     if not math.isfinite(result):
         raise SettingError(argument, value, "finite", unit)
     return result
@@ -174,6 +176,59 @@ def within(argument: str, value: object, low: float, high: float, unit: str = ""
     return result
 
 
+def instance(argument: str, value: Any, kind: type[T] | tuple[type[T], ...], words: str) -> T:
+    """A value of this class, or of one of these; `words` say what it is and where it comes from.
+
+    >>> instance("settings", {"noise": 0.0}, slice, "a slice, such as slice(3)")
+    Traceback (most recent call last):
+        ...
+    truestroke.SettingError: settings = {'noise': 0.0}: must be a slice, such as slice(3)
+    """
+    if not isinstance(value, kind):
+        raise SettingError(argument, told(value), words)
+    return value
+
+
+def able(argument: str, value: Any, methods: Sequence[str], words: str) -> None:
+    """An object that has these methods; a class is none, but can be called where that is asked.
+
+    >>> able("actuator", [1.0], ("open", "exchange"), "an actuator")
+    Traceback (most recent call last):
+        ...
+    truestroke.SettingError: actuator = [1.0]: must be an actuator; it has no open(), no exchange()
+    """
+    missing = [name for name in methods if not callable(getattr(value, name, None))]
+    if isinstance(value, type) and "__call__" not in methods:
+        raise SettingError(argument, told(value), f"{words}; call the class to make one")
+    if missing:
+        lack = f"; it has {', '.join(f'no {name}()' for name in missing)}" if "__call__" not in methods else ""
+        raise SettingError(argument, told(value), words + lack)
+
+
+def path(argument: str, value: Any) -> Path:
+    """A path of a file.
+
+    >>> path("path", 3)
+    Traceback (most recent call last):
+        ...
+    truestroke.SettingError: path = 3: must be the path of a file, such as "run.h5"
+    """
+    if not isinstance(value, (str, os.PathLike)):
+        raise SettingError(argument, told(value), 'the path of a file, such as "run.h5"')
+    return Path(value)
+
+
+def told(value: Any) -> str:
+    """A value of a wrong type: itself where that is short, else what it is."""
+    if isinstance(value, type):
+        return f"the class {value.__name__}"
+    if isinstance(value, np.ndarray):
+        return f"array of shape {value.shape}"
+    text = repr(value)
+    short = len(text) <= 60 and " at 0x" not in text and "\n" not in text
+    return text if short else f"object of class {type(value).__name__}"
+
+
 def one_of(argument: str, value: object, choices: Sequence[str]) -> str:
     """One of these words."""
     if not isinstance(value, str) or value not in choices:
@@ -188,12 +243,12 @@ def flag(argument: str, value: object) -> bool:
     return bool(value)
 
 
-def several(argument: str, value: Any, unit: str = "") -> tuple[Any, ...]:
+def several(argument: str, value: Any, unit: str = "", of: str = "numbers") -> tuple[Any, ...]:
     """The entries of a sequence, whatever they are."""
     try:
         return tuple(value)
     except TypeError:
-        raise SettingError(argument, repr(value), "a sequence of numbers", unit) from None
+        raise SettingError(argument, told(value), f"a sequence of {of}", unit) from None
 
 
 def count(argument: str, value: object, low: int, high: int) -> int:
@@ -212,7 +267,7 @@ def interval(argument: str, value: Any, unit: str = "") -> tuple[float, float]:
     try:
         first, second = value
     except (TypeError, ValueError):
-        raise SettingError(argument, repr(value), "a pair (low, high)", unit) from None
+        raise SettingError(argument, told(value), "a pair (low, high)", unit) from None
     low, high = number(argument, first, unit), number(argument, second, unit)
     if not low < high:
         raise SettingError(argument, value, "a pair (low, high) with low below high", unit)
@@ -238,7 +293,7 @@ def finite_array(argument: str, value: npt.ArrayLike, unit: str = "", ndim: int 
     try:
         result = np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
-        raise SettingError(argument, repr(value), "an array of numbers", unit) from None
+        raise SettingError(argument, told(value), "an array of numbers", unit) from None
     if result.ndim != ndim:
         raise SettingError(argument, f"array of shape {result.shape}", f"an array with {ndim} axis", unit)
     bad = np.flatnonzero(~np.isfinite(result))

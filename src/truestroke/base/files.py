@@ -12,6 +12,8 @@ from contextvars import ContextVar
 from dataclasses import dataclass
 from pathlib import Path
 
+from truestroke.base.errors import TruestrokeError
+
 LOCK = struct.Struct("@hhqqi4x")  # struct flock
 LOCKED_BYTE = 1 << 62  # far behind the end, where HDF5 and readers lock nothing
 HEAD = 4096  # bytes in which a text names what made it
@@ -21,7 +23,7 @@ SLACK = 1 << 20  # bytes that any file may hold
 _replacing: ContextVar[bool] = ContextVar("_replacing", default=False)
 
 
-class FileError(ValueError):
+class FileError(TruestrokeError, ValueError):
     """A file that cannot be read as what it should be; the message names the file and says why."""
 
 

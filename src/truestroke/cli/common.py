@@ -21,8 +21,8 @@ import click
 
 from truestroke.base import files, interrupts, streams
 from truestroke.base.checks import SettingError
+from truestroke.base.errors import TruestrokeError
 from truestroke.base.exit_codes import ExitCode
-from truestroke.base.files import FileError
 
 if TYPE_CHECKING:
     from rich.text import Text
@@ -85,7 +85,7 @@ class Commands(click.Group):
             return self._failed(str(error), ExitCode.USAGE)
         except click.ClickException as error:
             return self._failed(error.format_message(), ExitCode.FAILED)
-        except FileError as error:
+        except TruestrokeError as error:
             return self._failed(str(error), ExitCode.FAILED)
         except OSError as error:
             return self._failed(f"{error.filename or 'file'}: {error.strerror or error}", ExitCode.FAILED)

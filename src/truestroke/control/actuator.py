@@ -24,6 +24,8 @@ CONVERGED = 1e-13  # of the stroke: a step that is smaller is the last
 SLOPES = 0.4, 4.0  # of the straight line's slope: limits of the partial slopes, as by default
 DRIFT = 0.1  # relative: how far an actuator may be from its record, in deviations of the default prior
 
+EXPECTED = "an ActuatorModel, such as of truestroke.load_model(path) or identify(record).model"
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ActuatorModel:

@@ -30,6 +30,7 @@ import numpy.typing as npt
 
 from truestroke.base import checks
 from truestroke.base.checks import SettingError
+from truestroke.base.errors import TruestrokeError
 from truestroke.base.typing import FloatArray
 from truestroke.model.operators import LANES, dot
 
@@ -52,7 +53,7 @@ class Law(Protocol):
         """
 
 
-class UpdateRefused(ArithmeticError):  # noqa: N818 (nothing is broken: one measurement is not used)
+class UpdateRefused(TruestrokeError, ArithmeticError):  # noqa: N818 (nothing is broken: one measurement is not used)
     """A law did not use a measurement, and has not changed."""
 
 

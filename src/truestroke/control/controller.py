@@ -145,6 +145,8 @@ class AdaptiveController:
     @classmethod
     def from_settings(cls, settings: ControllerSettings) -> AdaptiveController:
         """A controller with these settings."""
+        words = "a ControllerSettings; AdaptiveController(sample_rate=, ...) takes its members"
+        checks.instance("settings", settings, ControllerSettings, words)
         controller = cls.__new__(cls)
         controller._start(settings)
         return controller

@@ -13,6 +13,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from truestroke.base.checks import SettingError
+from truestroke.base.errors import shown_as_public
 from truestroke.base.typing import FloatArray
 from truestroke.control.settings import ControllerSettings
 from truestroke.model import prior
@@ -48,6 +49,7 @@ class Sampled(Protocol):
         """Desired velocity, um/s."""
 
 
+@shown_as_public
 class LimitWarning(UserWarning):
     """A limit of the controller will probably hold the motion back; `truestroke.run` gives it before it begins."""
 

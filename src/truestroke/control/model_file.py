@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from truestroke.base import files
+from truestroke.base import checks, files
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
 from truestroke.control.actuator import ActuatorModel
@@ -55,6 +55,9 @@ def save_model(path: str | os.PathLike[str], model: ActuatorModel) -> None:
     FileExistsError
         A file is there that is no model; within `files.overwriting` it is replaced.
     """
+    words = "an ActuatorModel, such as identify(record).model; the order is path, model"
+    checks.instance("model", model, ActuatorModel, words)
+    checks.path("path", path)
     lines = [f"format = {_toml(FORMAT)}", f"version = {VERSION}", *_sections(model, "")]
     if model.before is not None:
         lines += ["", "# What it was refined from, to undo a pass that is worse", *_sections(model.before, "before.")]
@@ -83,6 +86,7 @@ def load_model(path: str | os.PathLike[str]) -> ActuatorModel:
         The file is not there, is no TOML, no model, of a newer version, lacks an entry, has one too many or one that
         is out of bounds.
     """
+    checks.path("path", path)
     with files.reading(path, lambda reason: ModelFileError(f"{os.fspath(path)}: {reason}")):
         return _read(Path(path))
 

@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from truestroke.base import checks
 from truestroke.base.typing import FloatArray
 from truestroke.identification import turning
-from truestroke.identification.record import GAP, Record
+from truestroke.identification.record import EXPECTED, GAP, Record
 from truestroke.identification.series import MOVES, clipped
 from truestroke.identification.turning import Rows
 
@@ -154,6 +155,7 @@ def examine(record: Record) -> Findings:
     >>> found.warnings[1]
     'all strokes have about the same speed (144 um/s): the record says nothing of rate dependence'
     """
+    checks.instance("record", record, Record, EXPECTED)
     x, z = record.volts, record.displacement
     span, stroke = float(np.ptp(x)), float(np.ptp(z))
     turns = turning.reversals(x, turning.STROKE * span)

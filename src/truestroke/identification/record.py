@@ -39,6 +39,8 @@ NAMES = {
 }
 """Headings by which a column is found where it is not named, in lower case; of "run/u" the part behind the group."""
 
+EXPECTED = "a Record, such as of truestroke.read_record(path)"
+
 
 @dataclass(frozen=True)
 class Column:
@@ -189,7 +191,7 @@ def read_record(
     >>> record.columns["displacement"]
     Column(heading='sensor', unit='mm', stated=True)
     """
-    path = Path(path)
+    path = checks.path("path", path)
     if sample_rate is not None:
         checks.positive("sample_rate", sample_rate, "Hz")
         if time is not None:

@@ -7,13 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from truestroke.base import checks
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
 from truestroke.base.verdict import Verdict
+from truestroke.control import actuator
 from truestroke.control.actuator import ActuatorModel, bend_slopes, central_difference
 from truestroke.identification import normal, uncertainty
 from truestroke.identification.normal import Prior
-from truestroke.identification.record import Record
+from truestroke.identification.record import EXPECTED, Record
 from truestroke.identification.regression import ROWS, Data, Structure, delayed
 from truestroke.identification.waveform import Played, Waveform
 
@@ -107,6 +109,10 @@ def refine(model: ActuatorModel, record: Record, *, played: Played | Waveform | 
     >>> round(found.rmse, 2), round(found.before, 2), round(found.after, 2), round(float(found.model.weights[0]), 2)
     (1.07, 1.07, 0.0, 9.0)
     """
+    checks.instance("model", model, ActuatorModel, actuator.EXPECTED)
+    checks.instance("record", record, Record, EXPECTED)
+    if played is not None:
+        checks.instance("played", played, (Played, Waveform), "a waveform, such as of truestroke.load_waveform(path)")
     rows = _longest(record)
     whole = record.volts[rows], record.displacement[rows], record.sample_rate
     x, z, fs = whole if played is None else _aligned(record, played)

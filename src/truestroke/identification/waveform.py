@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +12,7 @@ import numpy.typing as npt
 from truestroke.base import checks, files
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
+from truestroke.control import actuator
 from truestroke.control.actuator import ActuatorModel
 from truestroke.control.settings import UNLIMITED
 from truestroke.control.spans import Beyond, Span, spans
@@ -135,6 +135,7 @@ def waveform(
     >>> made.warnings
     ('out of reach: a voltage limit holds it back, once, 0.600 to 0.800 s, off by at most 4 um',)
     """
+    checks.instance("model", model, ActuatorModel, actuator.EXPECTED)
     desired = checks.finite_array("displacement", displacement, "um")
     if desired.size < 2:
         raise SettingError("displacement", f"array of {desired.size} samples", "at least two samples", "um")
@@ -177,7 +178,8 @@ def save_waveform(path: str | os.PathLike[str], made: Waveform) -> None:
     FileExistsError
         A file is there that is no waveform; within `files.overwriting` it is replaced.
     """
-    kind = Path(path).suffix
+    checks.instance("made", made, Waveform, "a Waveform, as truestroke.waveform gives; the order is path, waveform")
+    kind = checks.path("path", path).suffix
     if kind == ".npz":
         with files.writing(path, files.WAVEFORM) as draft:
             np.savez(draft, time=made.time, volts=made.volts, desired=made.desired, predicted=made.predicted)
@@ -199,7 +201,7 @@ def load_waveform(path: str | os.PathLike[str]) -> Played:
     """
     from truestroke.identification.record import read_record
 
-    read = read_record(Path(path), volts="volts", displacement="desired", time="time")
+    read = read_record(checks.path("path", path), volts="volts", displacement="desired", time="time")
     return Played(read.volts, read.displacement, read.sample_rate)
 
 

@@ -44,7 +44,8 @@ class MatchedPlant:
     """
 
     def __init__(self, velocity: npt.ArrayLike, settings: MatchedSettings | None = None, seed: int = 0) -> None:
-        self.settings = MatchedSettings() if settings is None else settings
+        given = MatchedSettings() if settings is None else settings
+        self.settings = checks.instance("settings", given, MatchedSettings, "a MatchedSettings")
         self.seed = checks.count("seed", seed, 0, 2**63 - 1)
         self._velocity = np.ascontiguousarray(checks.finite_array("velocity", velocity, "um/s"))
         self.changed_a, self.changed_b = _changed_weights(self.settings, self.seed)

@@ -44,7 +44,8 @@ class RealisticPlant:
     """
 
     def __init__(self, settings: PlantSettings | None = None, seed: int = 0) -> None:
-        self.settings = PlantSettings() if settings is None else settings
+        given = PlantSettings() if settings is None else settings
+        self.settings = checks.instance("settings", given, PlantSettings, "a PlantSettings")
         self.seed = checks.count("seed", seed, 0, 2**63 - 1)
         self._plant = Plant(_kernel_settings(self.settings))
         self._samples = self.settings.samples_per_tick

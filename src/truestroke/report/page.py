@@ -14,7 +14,7 @@ import matplotlib
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-from truestroke.base import files
+from truestroke.base import checks, files
 from truestroke.report import figures, style, words
 from truestroke.report.style import LIGHT, Theme
 from truestroke.signals import judgement
@@ -55,7 +55,9 @@ def save_all(draw: Callable[[Theme], Mapping[str, Figure]], directory: str | Pat
 
 def save_page(recording: Recording, path: str | Path) -> Path:
     """Write the page of `recording` to `path`; nothing outside the file is needed to read it."""
-    return files.write(path, page(recording), files.PAGE)
+    order = "a Recording, such as of truestroke.run or Recording.load(path); the order is recording, path"
+    checks.instance("recording", recording, Recording, order)
+    return files.write(checks.path("path", path), page(recording), files.PAGE)
 
 
 def sentence(reason: str) -> Markup:

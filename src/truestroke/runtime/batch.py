@@ -16,6 +16,7 @@ import numpy.typing as npt
 from truestroke import _loops
 from truestroke.base import checks
 from truestroke.base.checks import SettingError
+from truestroke.base.errors import TruestrokeError
 from truestroke.control.controller import AdaptiveController
 from truestroke.control.settings import ControllerSettings
 from truestroke.plant import MatchedPlant, MatchedSettings, PlantSettings, RealisticPlant
@@ -47,6 +48,11 @@ class Simulation:
         Of a `MatchedPlant`, which gets the velocity of the trajectory, or a `RealisticPlant`.
     seed : int
         Of the plant.
+
+    Raises
+    ------
+    SettingError
+        A member is not of its kind.
     """
 
     trajectory: Trajectory | Callable[[], Trajectory]
@@ -54,8 +60,14 @@ class Simulation:
     plant: MatchedSettings | PlantSettings
     seed: int = 0
 
+    def __post_init__(self) -> None:
+        if not isinstance(self.trajectory, Trajectory):
+            checks.able("trajectory", self.trajectory, ("__call__",), "a Trajectory, or a function that returns one")
+        checks.instance("controller", self.controller, ControllerSettings, "a ControllerSettings")
+        checks.instance("plant", self.plant, (MatchedSettings, PlantSettings), "a MatchedSettings or a PlantSettings")
 
-class SimulationError(RuntimeError):
+
+class SimulationError(TruestrokeError, RuntimeError):
     """A simulation of a batch failed; ``__cause__`` is the reason.
 
     Attributes
@@ -140,7 +152,11 @@ def simulate_many(
     >>> [round(rmse, 3) for rmse in batch.results]
     [0.01, 0.01, 0.01, 0.01]
     """
-    queue = list(simulations)
+    queue = list(checks.several("simulations", simulations, of="Simulation"))
+    for index, simulation in enumerate(queue):
+        checks.instance(
+            f"simulations[{index}]", simulation, Simulation, "a Simulation(trajectory=, controller=, plant=)"
+        )
     count = len(os.sched_getaffinity(0)) if threads is None else checks.count("threads", threads, 1, 1024)
     names = record if record is not None else () if reduce else ("measured", "true")
     batch = Batch(np.zeros(len(queue), np.int64), _arrays(queue, names, out or {}), [None] * len(queue))

@@ -12,6 +12,7 @@ import numpy as np
 
 from truestroke.base import checks
 from truestroke.base.checks import SettingError
+from truestroke.base.errors import TruestrokeError
 from truestroke.base.flags import BIT, BY_ADAPT, IN_SHORT
 from truestroke.base.typing import FloatArray
 from truestroke.control import feasibility
@@ -78,7 +79,7 @@ class Actuator(Protocol):
         """
 
 
-class RunInterrupted(RuntimeError):  # noqa: N818 (it is no error that Ctrl-C ends a run)
+class RunInterrupted(TruestrokeError, RuntimeError):  # noqa: N818 (it is no error that Ctrl-C ends a run)
     """A run ended before its time; its cause is ``__cause__``.
 
     Attributes
@@ -122,8 +123,8 @@ def run(
     Raises
     ------
     SettingError
-        The sample rates of trajectory, controller and actuator differ, block and latency are too long, or the
-        settings cannot be written as JSON.
+        An argument is not of its kind, the sample rates of trajectory, controller and actuator differ, block and
+        latency are too long, or the settings cannot be written as JSON.
     RunInterrupted
         Anything went wrong on the way, or Ctrl-C was pressed: it holds the recording so far.
 
@@ -148,7 +149,8 @@ def run(
     >>> round(float(abs(error[1000:]).max()), 3)
     0.0
     """
-    timing = actuator.open()
+    _check_types(trajectory, controller, actuator)
+    timing = checks.instance("actuator.open()", actuator.open(), Timing, "a Timing(sample_rate=...)")
     check_agreement(trajectory, controller, timing)
     checks.count("channels of the actuator", timing.channels, 1, 1)
     for notice in feasibility.remedied(trajectory, controller):
@@ -175,6 +177,15 @@ def run(
     except (Exception, KeyboardInterrupt) as error:
         raise RunInterrupted(notes.recording(interrupted=repr(error)), error) from error
     return notes.recording()
+
+
+def _check_types(trajectory: Trajectory, controller: Controller, actuator: Actuator) -> None:
+    """SettingError where an argument is none of its kind, before anything moves; two that are swapped are such."""
+    order = "; the order is trajectory, controller, actuator"
+    made = f"a Trajectory, such as of truestroke.trajectories.sine(){order}"
+    checks.instance("trajectory", trajectory, Trajectory, made)
+    checks.able("controller", controller, ("command", "adapt"), f"a controller, such as an AdaptiveController{order}")
+    checks.able("actuator", actuator, ("open", "exchange"), f"an actuator, such as a plant.RealisticPlant{order}")
 
 
 def check_agreement(trajectory: Motion, controller: Controller, timing: Timing) -> None:
@@ -209,8 +220,9 @@ class _Notes:
             self.flags[k] = self.controller.flag_bits & ~BY_ADAPT
 
     def exchanged(self, start: int, stop: int, measured: FloatArray) -> list[float]:
-        if measured.shape != (stop - start,):
-            raise SettingError("exchange", f"array of shape {measured.shape}", f"of shape ({stop - start},)", "um")
+        if (shape := getattr(measured, "shape", None)) != (stop - start,):
+            given = f"a {type(measured).__name__}" if shape is None else f"array of shape {shape}"
+            raise SettingError("exchange", given, f"of shape ({stop - start},)", "um")
         latency = self.timing.latency
         if stop > latency:
             first = max(latency - start, 0)  # entries before it answer no command

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from truestroke.base import checks
 from truestroke.base.checks import SettingError
 from truestroke.base.flags import BIT
 from truestroke.base.typing import FloatArray
@@ -91,6 +92,7 @@ def judge(recording: Recording) -> Verdict:
     The error is 12.3 um rmse, 61.4 % of the motion's peak-to-peak.
     What was measured moved 0.00 times as far as desired: the actuator did not follow, or this is not its sensor.
     """
+    checks.instance("recording", recording, Recording, "a Recording, such as of truestroke.run or Recording.load(path)")
     ticks = recording["time"].size
     if not ticks:
         return Verdict("bad", (f"Nothing was recorded{_because(recording)}.",))

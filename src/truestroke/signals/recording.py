@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from truestroke.base import files, hdf5
+from truestroke.base import checks, files, hdf5
 from truestroke.base.checks import SettingError
 from truestroke.base.hdf5 import ENDING, FORMAT
 
@@ -136,6 +136,7 @@ class Recording:
         """
         import h5py
 
+        checks.path("path", path)
         with files.writing(path, kind(self.metadata)) as draft, h5py.File(draft, **MODE) as file:
             self._write(file)
         return Path(path)
@@ -162,7 +163,7 @@ class Recording:
         FileTooLargeError
             It asks for more memory than such a file can fill, or than there is.
         """
-        path = Path(path)
+        path = checks.path("path", path)
         if not path.is_file():
             raise FileNotFoundError(errno.ENOENT, "no such file", str(path))
         for _ in range(TRIES):

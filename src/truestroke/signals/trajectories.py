@@ -467,7 +467,8 @@ def from_csv(
     >>> move.velocity[1:].round(4).tolist(), bool(np.all(same.position == move.position))
     ([2.0, 4.0, 6.0, 8.0], True)
     """
-    headings, first_row, table = _read_npz(Path(path)) if Path(path).suffix == ".npz" else _read_text(Path(path))
+    path = checks.path("path", path)
+    headings, first_row, table = _read_npz(path) if path.suffix == ".npz" else _read_text(path)
     places = {
         "position": _column("position", position, headings, path),
         "time": _column("time", time, headings, path),

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from truestroke.base import checks, interrupts
+from truestroke.base.errors import TruestrokeError
 from truestroke.base.typing import FloatArray
 from truestroke.runtime.commissioning import answer
 from truestroke.runtime.commissioning.answer import Gain, Rest
@@ -35,7 +36,7 @@ ENDS = 0.15  # of the gain of small steps: a sensor that shows less is at its en
 LOST = 0.1  # of the samples: with more of them lost nothing is commissioned
 
 
-class AnswerError(RuntimeError):
+class AnswerError(TruestrokeError, RuntimeError):
     """The axis does not answer as it was told: what was seen, and what to look at, in a sentence or two."""
 
 

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Protocol
 
+from truestroke.base.errors import TruestrokeError
 from truestroke.base.typing import FloatArray
 from truestroke.signals.timing import Timing
 
 __all__ = ["Driver", "DriverError"]
 
 
-class DriverError(RuntimeError):
+class DriverError(TruestrokeError, RuntimeError):
     """The hardware, its library or its connection failed; the message names the call, the vendor's code and text."""
 
 

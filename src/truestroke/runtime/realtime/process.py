@@ -9,13 +9,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from truestroke.base import interrupts
+from truestroke.base.errors import TruestrokeError
 from truestroke.runtime.realtime.ending import SIGNALS
 from truestroke.runtime.realtime.settings import RealtimeSettings
 
 SWITCH = 20e-6  # s that another thread may keep the interpreter's lock when the loop wakes up
 
 
-class RealtimeError(RuntimeError):
+class RealtimeError(TruestrokeError, RuntimeError):
     """The run could not begin; the output was not touched."""
 
 

@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from truestroke.base import checks
 from truestroke.base.checks import SettingError
+from truestroke.base.errors import TruestrokeError
 from truestroke.base.typing import FloatArray
 from truestroke.control.settings import MAX_PLAYS
 from truestroke.identification import ActuatorModel
@@ -25,7 +26,7 @@ COMPLETE = 0.9  # of the stroke: what a pass must travel at constant speed
 RATE_SCALE = 0.007  # s/um, that of the published weights
 
 
-class NotConverged(RuntimeError):  # noqa: N818 (as RunInterrupted: what happened)
+class NotConverged(TruestrokeError, RuntimeError):  # noqa: N818 (as RunInterrupted: what happened)
     """Fewer than two speeds were followed well enough for a line.
 
     Attributes

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 
+from truestroke.base import checks
 from truestroke.control.controller import Controller
 from truestroke.runtime.loop import Actuator, run
 from truestroke.signals import metrics
@@ -91,7 +92,9 @@ def compare(
     right sine 0.0 0.0
     wrong sine 5.567 0.0
     """
-    waves = list(trajectories)
+    checks.able("make_actuator", make_actuator, ("__call__",), "a function that gives an actuator")
+    waves = checks.several("trajectories", trajectories, of="Trajectory")
+    checks.instance("controllers", controllers, Mapping, "a mapping of names to functions that give a controller")
     rows = []
     for name, make in controllers.items():
         for wave in waves:

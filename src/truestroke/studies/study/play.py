@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 import truestroke
+from truestroke.base.errors import TruestrokeError
 from truestroke.runtime.batch import Simulation, SimulationError, simulate_many
 from truestroke.studies.study.config import Study
 from truestroke.studies.study.draw import draw
@@ -79,7 +80,7 @@ class Batch:
         return cls(**{**known, "rows": [Row(**row) for row in known["rows"]]})
 
 
-class StudyError(RuntimeError):
+class StudyError(TruestrokeError, RuntimeError):
     """An executor did not do its work, or a simulation failed that should not; the message says why."""
 
 

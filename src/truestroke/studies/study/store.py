@@ -12,6 +12,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
+from truestroke.base.errors import TruestrokeError
 from truestroke.studies.study.config import Study
 from truestroke.studies.study.play import Batch, Row, versions
 
@@ -24,7 +25,7 @@ CREATE TABLE IF NOT EXISTS cost (part TEXT PRIMARY KEY, spent REAL NOT NULL, sea
 """
 
 
-class StoreError(RuntimeError):
+class StoreError(TruestrokeError, RuntimeError):
     """A file that is not the store of this study, or is damaged."""
 
 

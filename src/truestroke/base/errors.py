@@ -1,0 +1,38 @@
+"""The base class of all errors that truestroke raises: `except truestroke.TruestrokeError` catches them."""
+
+from __future__ import annotations
+
+import copyreg
+from typing import Any
+
+
+class TruestrokeError(Exception):
+    """Whatever truestroke raises of its own derives from it; each is also of the kind of Python that fits.
+
+    Examples
+    --------
+    >>> import truestroke
+    >>> try:
+    ...     truestroke.AdaptiveController(sample_rate=0.0, stroke=30.0, voltage_limits=(-0.6, 3.6))
+    ... except truestroke.TruestrokeError as error:
+    ...     print(type(error), isinstance(error, ValueError))
+    <class 'truestroke.SettingError'> True
+    """
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        shown_as_public(cls)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickled without a call of `__init__`, which takes other arguments than a message."""
+        return copyreg.__newobj__, (type(self), *self.args), self.__dict__  # type: ignore[attr-defined]
+
+
+def shown_as_public(cls: type) -> type:
+    """The same class, named in tracebacks as a user imports it: `truestroke.SettingError`, wherever it is defined."""
+    if cls.__module__.startswith("truestroke."):
+        cls.__module__ = "truestroke"
+    return cls
+
+
+shown_as_public(TruestrokeError)
