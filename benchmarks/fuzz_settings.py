@@ -76,7 +76,7 @@ def value(rng: np.random.Generator, name: str) -> Any:
         size = int(rng.choice([37, 5]))
         scale = float(10.0 ** rng.uniform(-200, 200))
         return scale * np.diag(10.0 ** rng.uniform(-3, rng.choice([3.0, 100.0]), size))
-    if name in ("rated", "creep_times", "dead_zone_weights", "initial_weights"):
+    if name in ("rate_dependent", "creep_times", "dead_zone_weights", "initial_weights"):
         return tuple(one(rng) for _ in range(rng.choice([0, 1, 2, 5, 9, 37])))
     return one(rng)
 

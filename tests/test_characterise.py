@@ -98,7 +98,7 @@ def test_the_model_drives_another_motion_without_a_sensor(tmp_path: Path) -> Non
 
 def test_no_rate_dependence_is_seen_where_there_is_none() -> None:
     for found in (realistic("asymmetry", "creep"), realistic()):
-        assert not found.branches.rated.any()
+        assert not found.branches.rate_dependent.any()
         sentence = page.verdict(found)[0]
         leans = bool(np.any(np.abs(found.b) > found.quantile() * found.b_deviations))
         assert ("No rate dependence" in sentence) is not leans  # never beside a b that is not 0 by its interval
@@ -110,14 +110,14 @@ def test_no_rate_dependence_is_seen_where_there_is_none() -> None:
     assert np.abs(symmetrical.b).max() < 0.05
     assert np.abs(symmetrical.branches.jump).max() < 0.1 < 0.5 < np.abs(real.branches.jump).max()
     assert real.branches.parted.any()
-    assert matched().branches.rated[:3].all()
+    assert matched().branches.rate_dependent[:3].all()
     assert not matched().branches.parted.any()
 
 
 def test_a_slower_amplifier_is_a_delay_and_no_rate_dependence() -> None:
     fast, slow = (realistic("asymmetry", "creep", amplifier_bandwidth=hz).branches for hz in (1000.0, 250.0))
     assert slow.lag - fast.lag == pytest.approx(-(1 / 250 - 1 / 1000) / (2 * np.pi), rel=0.3)  # s
-    assert not slow.rated.any()
+    assert not slow.rate_dependent.any()
 
 
 def test_zero_point_of_the_sensor_and_lost_samples_do_not_matter() -> None:

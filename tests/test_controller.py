@@ -43,8 +43,8 @@ def drive(controller: AdaptiveController, ticks: int, start: int = 0) -> list[fl
         ("slope_limits", (0.0, 20.0), ["slope_limits", "um/V", "above 0"]),
         ("slope_limits", (20.0, 2.0), ["slope_limits", "um/V", "low below high"]),
         ("creep_times", (0.0,), ["creep_times", "0.0 s", "above 0"]),
-        ("rated", (24,), ["rated", "24", "from 0 to 23"]),
-        ("bends", 3, ["bends", "3", "from 0 to 2"]),
+        ("rate_dependent", (24,), ["rate_dependent", "24", "from 0 to 23"]),
+        ("asymmetry", 3, ["asymmetry", "3", "from 0 to 2"]),
         ("law", "lms", ["law", "'lms'", "'kalman' or 'rls'"]),
         ("prior_covariance", ((1.0,),), ["prior_covariance", "(37, 37)", "positive definite"]),
         ("prior_return_time", -1.0, ["prior_return_time", "-1.0 s", "above 0"]),
@@ -85,7 +85,7 @@ def test_paper_is_the_literal_algorithm() -> None:
     assert settings.forgetting < 1
     assert settings.law == "rls"
     assert settings.dead_zone_weights == (1.0,)
-    assert (settings.creep_times, settings.lag, settings.offset, settings.bends) == ((), False, False, 0)
+    assert (settings.creep_times, settings.lag, settings.offset, settings.asymmetry) == ((), False, False, 0)
     assert settings.smoothing_time == settings.trim_rate == 0.0
 
 

@@ -249,7 +249,7 @@ def test_table_states_the_bounds(row: dict[str, str]) -> None:
         ("thresholds", [0.1, 0.2], "thresholds"),
         ("dead_zone_weights", [0.0], "dead_zone_weights"),
         ("creep", [0.0] * 4, "terms"),
-        ("bends", 3, "terms"),
+        ("asymmetry", 3, "terms"),
         ("initial_weights", [float("nan")], "initial_weights"),
         ("rate_scale", -1.0, "rate_scale"),
         ("filter", 0.0, "Kalman"),

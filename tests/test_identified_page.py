@@ -23,7 +23,7 @@ from truestroke.report.identified.view import View
 SHARED = Path(os.environ.get("TRUESTROKE_SHARED", Path(__file__).parents[2] / "shared"))
 MEASURED = SHARED / "data/p885_91/Model_Vi_Do.dat"
 PLAYS = {0.0: 8.0, 0.2: 1.5, 0.45: 1.0, 0.8: 0.7}  # V: um/V
-PLAIN = {"thresholds": tuple(PLAYS), "rate": False, "creep_times": (), "bends": 0, "delay": 0.0}
+PLAIN = {"thresholds": tuple(PLAYS), "rate": False, "creep_times": (), "asymmetry": 0, "delay": 0.0}
 
 
 def signals(samples, noise=0.01):
@@ -100,7 +100,7 @@ def test_the_numbers_are_those_that_were_found(found, record):
         (3000, 1.0, 0.0, {**PLAIN, "thresholds": (0.0,)}),
         (3000, 1.0, 3.0, {"thresholds": tuple(PLAYS)}),
         (1000, 1e-6, 0.0, {"rate": True, "creep_times": (0.1,)}),
-        (1000, 100.0, 0.0, {"bends": 1}),
+        (1000, 100.0, 0.0, {"asymmetry": 1}),
     ],
 )
 def test_a_page_of_every_record(samples, scale, gap, options):
@@ -156,10 +156,10 @@ def test_the_verdict_is_of_the_held_out_part(found, record):
 
 
 def test_what_each_part_of_the_structure_is_worth(found):
-    best = "16 plays to 1.6 V, 5 rate weights, creep 0.3, 3 s, 2 bends"
+    best = "16 plays to 1.6 V, 5 rate weights, creep 0.3, 3 s, 2 asymmetry terms"
     tried = [(f"{best}, prior x 10", 0.2), (f"{best}, prior x 1", 0.1)]
     tried += [(best.replace("5 rate weights", "no rate") + f", prior x {w}", 0.5) for w in (1, 10)]
-    tried += [("8 plays to 1.6 V, 3 rate weights, creep 0.3, 3 s, 2 bends, prior x 1", 0.05)]
+    tried += [("8 plays to 1.6 V, 3 rate weights, creep 0.3, 3 s, 2 asymmetry terms, prior x 1", 0.05)]
     tried += [(best.replace("creep 0.3, 3 s", "no creep") + ", prior x 1", 0.4), (f"chosen: {best}, prior x 1", 0.1)]
     compared = structures(dataclasses.replace(found, tried=tuple(tried)))
     assert [(one.differs, one.rmse) for one in compared] == [

@@ -42,7 +42,7 @@ def record(samples, seed, noise=0.0, colour=0.0, rate=1000.0):
     return x, plays(x) + noise * e, rate
 
 
-KNOWN = {"thresholds": R, "creep_times": (), "bends": 0, "rate": False, "delay": 0.0}
+KNOWN = {"thresholds": R, "creep_times": (), "asymmetry": 0, "rate": False, "delay": 0.0}
 
 
 def test_weights_are_recovered_and_the_rest_is_zero():
@@ -74,7 +74,7 @@ def test_error_and_claim_fall_with_the_length_of_the_record():
 
 def test_delay_offset_and_an_unknown_start_are_found():
     x, z, fs = record(6000, 2, 0.01)
-    late = identify((x[1000:], z[1000 - 7 : -7] - 80.0, fs), rate=False, creep_times=(), bends=0)
+    late = identify((x[1000:], z[1000 - 7 : -7] - 80.0, fs), rate=False, creep_times=(), asymmetry=0)
     lag = late.model.weights[late.model.names.index("lag")]
     assert late.model.delay - lag == pytest.approx(7e-3, abs=1e-3)
     assert late.held_out.rmse_um < 0.1

@@ -91,7 +91,7 @@ def test_both_sides_of_a_hole_are_fitted():
     z = plays(x) @ A + 0.01 * np.random.Generator(np.random.PCG64(2)).standard_normal(t.size)
     keep = np.r_[0:2000, 2600:6000]
     found = identify(
-        Record.from_arrays(x[keep], z[keep], time=t[keep]), thresholds=R, creep_times=(), bends=0, rate=False
+        Record.from_arrays(x[keep], z[keep], time=t[keep]), thresholds=R, creep_times=(), asymmetry=0, rate=False
     )
     np.testing.assert_allclose(found.model.weights[:4], A, atol=0.05)
     trace = found.trace
@@ -109,7 +109,7 @@ def test_time_stamps_that_jitter_are_used_and_rounded_ones_are_not_believed():
     z = plays(x) @ A
     rows = np.arange(0, 60000, 20) + np.random.Generator(np.random.PCG64(4)).integers(-8, 9, 3000)
     rows[0] = 0
-    known = {"thresholds": R, "creep_times": (), "bends": 0, "rate": False, "delay": 0.0}
+    known = {"thresholds": R, "creep_times": (), "asymmetry": 0, "rate": False, "delay": 0.0}
     stamped = identify(Record.from_arrays(x[rows], z[rows], time=t[rows]), **known)
     trusted = identify(Record.from_arrays(x[rows], z[rows], sample_rate=500.0), **known)
     for other in (stamped, trusted):  # rate-independent plays do not care for the clock: both are good
@@ -143,7 +143,9 @@ def test_constrained_least_squares_against_a_general_solver():
 def test_a_falling_branch_becomes_the_nearest_that_has_an_inverse():
     _, x = wave(3000, 6)
     z = plays(x, (0.0, 0.3, 0.6)) @ [4.0, -5.0, 9.0]
-    model = identify((x, z, 1000.0), thresholds=(0.0, 0.3, 0.6), creep_times=(), bends=0, rate=False, delay=0.0).model
+    model = identify(
+        (x, z, 1000.0), thresholds=(0.0, 0.3, 0.6), creep_times=(), asymmetry=0, rate=False, delay=0.0
+    ).model
     slopes = np.cumsum(model.weights[:3])
     assert slopes.min() == pytest.approx(0.05 * np.ptp(z) / np.ptp(x), rel=1e-6)  # the bound, and it is met
 
@@ -209,7 +211,7 @@ def test_whiteness_of_what_is_left():
     """White noise, and noise of first order whose lag k is 0.9^k, with (1 - 0.9) / (1 + 0.9) as many samples."""
     _, x = wave(8000, 11)
     e = np.random.Generator(np.random.PCG64(12)).standard_normal(x.size)
-    known = {"thresholds": R, "creep_times": (), "bends": 0, "rate": False, "delay": 0.0}
+    known = {"thresholds": R, "creep_times": (), "asymmetry": 0, "rate": False, "delay": 0.0}
     white = identify((x, plays(x) @ A + 0.1 * e, 1000.0), **known)
     assert white.autocorrelation[0] == 1.0
     assert np.mean(np.abs(white.autocorrelation[1:]) < 2 / np.sqrt(white.residual.size)) > 0.9

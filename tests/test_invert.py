@@ -36,10 +36,10 @@ def straight(**changes):
 
 
 def rich(delay=0.0, zero=0.0, lag=0.0, rate=0.6):
-    """Every term: rate weights, two creep states, an offset, two bends."""
+    """Every term: rate weights, two creep states, an offset, two terms of asymmetry."""
     terms = [8.0, -rate, 1.5, rate / 2, 1.0, 0.7, 0.5, 0.3, lag, 0.2, 0.4, -0.2]
     return ActuatorModel(
-        thresholds=(0.0, 0.2, 0.45, 0.8), rated=(0, 1), creep_times=(0.02, 1.0), bends=2, weights=terms,
+        thresholds=(0.0, 0.2, 0.45, 0.8), rate_dependent=(0, 1), creep_times=(0.02, 1.0), asymmetry=2, weights=terms,
         covariance=np.zeros((12, 12)), stroke=30.0, voltage_range=(-0.5, 3.0), rate_scale=1 / 1500, velocity=2000.0,
         delay=delay, zero=zero,
     )  # fmt: skip
@@ -64,7 +64,7 @@ def rms(x):
     ids=["plain", "another zero", "delay of 20 samples", "lag and a part of a sample", "rate"],
 )
 def test_the_voltage_of_a_motion_makes_the_motion(model, within):
-    """At 300 um/s, after a rest away from 0 V that is longer than the delay, with creep and bends."""
+    """At 300 um/s, after a rest away from 0 V that is longer than the delay, with creep and asymmetry."""
     wave = trajectories.random_wave(duration=5.0, seed=3, peak_to_peak=20.0, velocity_limit=300.0)
     z_d = model.zero + 3.0 + np.concatenate([np.zeros(100), wave.position])
     volts = model.invert(z_d, FS)

@@ -7,9 +7,9 @@ from truestroke.identification import ActuatorModel, ModelFileError, load_model,
 
 MODEL = ActuatorModel(
     thresholds=(0.0, 0.1 + 0.2),
-    rated=(1,),
+    rate_dependent=(1,),
     creep_times=(1e-3,),
-    bends=1,
+    asymmetry=1,
     weights=np.array([8.0, 1 / 3, -1e-17, 5e-324, -1.5e-4, 1e29, 0.25]),
     covariance=np.diag([0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7]),
     stroke=30.0,
@@ -34,6 +34,16 @@ def test_extreme_numbers_and_strings_come_back(file):
     assert '"a1" = 0.3333333333333333 # +- 0.45 um/V' in file.read_text(encoding="utf-8")
 
 
+def test_a_file_with_the_old_names_is_read(file):
+    text = file.read_text(encoding="utf-8")
+    for new, old in (("rate_dependent =", "rated ="), ("asymmetry =", "bends ="), ('"asymmetry 1"', '"bend 1"')):
+        assert new in text
+        text = text.replace(new, old)
+    file.write_text(text, encoding="utf-8")
+    again = load_model(file)
+    assert (again.rate_dependent, again.asymmetry, again.names) == ((1,), 1, MODEL.names)
+
+
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
@@ -44,8 +54,8 @@ def test_extreme_numbers_and_strings_come_back(file):
         ("stroke_um", "stroke_mm = 1\nstroke_um", "stroke_mm, which means nothing"),
         ("stroke_um = 30.0", "stroke_um = -30.0", "stroke = -30.0 um: must be above 0 um"),
         ("stroke_um = 30.0", 'stroke_um = "long"', "a number"),
-        ("rated = [1]", "rated = 1", "must be a list"),
-        ("rated = [1]", "rated = []", "initial_weights"),
+        ("rate_dependent = [1]", "rate_dependent = 1", "must be a list"),
+        ("rate_dependent = [1]", "rate_dependent = []", "initial_weights"),
         ('"a0" =', '"a9" =', "must be a0"),
         ('"a0" = 8.0', '"a0" = nan', "finite"),
         ("  [0.1],\n", "", "lower_triangle"),

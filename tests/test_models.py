@@ -14,7 +14,7 @@ from truestroke.model.models import (
     ModifiedPrandtlIshlinskii,
     PrandtlIshlinskii,
     RateDependentModel,
-    bends,
+    asymmetry_terms,
     creep_step,
     inverse_dead_zones,
     inverse_parameters,
@@ -192,21 +192,21 @@ def test_creep_states_are_the_step_response_of_a_first_order_lag() -> None:
 
 @quick
 @given(s=st.floats(0.0, 1.0))
-def test_bends_vanish_at_the_ends_and_are_even_and_odd_about_the_middle(s) -> None:
-    first, second = bends(30.0 * s, 30.0, 2)
-    assert bends(0.0, 30.0, 2) == bends(30.0, 30.0, 2) == [0.0, 0.0]
-    mirrored = bends(30.0 * (1 - s), 30.0, 2)
+def test_asymmetry_vanishes_at_the_ends_and_is_even_and_odd_about_the_middle(s) -> None:
+    first, second = asymmetry_terms(30.0 * s, 30.0, 2)
+    assert asymmetry_terms(0.0, 30.0, 2) == asymmetry_terms(30.0, 30.0, 2) == [0.0, 0.0]
+    mirrored = asymmetry_terms(30.0 * (1 - s), 30.0, 2)
     np.testing.assert_allclose(mirrored, [first, -second], rtol=0, atol=1e-12)
     assert 0 <= first <= 1
     assert abs(second) <= 0.7699  # 4 / (3 sqrt 3) at s = (1 - 1 / sqrt 3) / 2
-    assert np.isfinite(bends(1e300, 30.0, 2)).all()
+    assert np.isfinite(asymmetry_terms(1e300, 30.0, 2)).all()
 
 
 def test_the_terms_stand_in_the_order_of_the_settings() -> None:
     assert play_terms(np.array([1.0, 2.0, 3.0]), 10.0, [True, False, True]).tolist() == [1.0, 10.0, 2.0, 3.0, 30.0]
-    terms = {"lag": True, "offset": True, "stroke": 30.0, "bend_count": 2}
+    terms = {"lag": True, "offset": True, "stroke": 30.0, "asymmetry": 2}
     assert known_terms(np.array([0.7]), 15.0, 50.0, **terms).tolist() == [0.7, 50.0, 1.0, 1.0, 0.0]
-    none = {"lag": False, "offset": False, "stroke": 30.0, "bend_count": 0}
+    none = {"lag": False, "offset": False, "stroke": 30.0, "asymmetry": 0}
     assert known_terms(np.zeros(0), 15.0, 50.0, **none).size == 0
 
 

@@ -149,8 +149,8 @@ def command() -> None:
     [
         ("a.csv: bad; `drop_bad_rows` leaves it out", "a.csv: bad; --drop-bad-rows leaves it out"),
         ("slew_limit = 0 V/s: must be above 0", "--slew = 0 V/s: must be above 0"),
-        ("`rated` = 0: must be", "rated = 0: must be"),
-        ("rated = 0: must be", "rated = 0: must be"),
+        ("`rate_dependent` = 0: must be", "rate_dependent = 0: must be"),
+        ("rate_dependent = 0: must be", "rate_dependent = 0: must be"),
     ],
 )
 def test_the_name_of_an_argument_becomes_the_option(text: str, told: str) -> None:

@@ -342,7 +342,7 @@ def test_controllers_of_a_configuration(tmp_path: Path) -> None:
     (adaptive,) = config.job(made, Path()).axes
     assert adaptive.controller.settings.trim_rate == 20.0  # type: ignore[attr-defined]
     assert adaptive.controller.settings.slew_limit == adaptive.slew  # type: ignore[attr-defined]
-    shape: dict[str, Any] = {"thresholds": (0.0, 0.3), "rated": (1,), "creep_times": (1e-3,), "bends": 1}
+    shape: dict[str, Any] = {"thresholds": (0.0, 0.3), "rate_dependent": (1,), "creep_times": (1e-3,), "asymmetry": 1}
     weights = {"weights": np.array([8.0, 1 / 3, 0.0, 0.0, 0.0, 0.0, 0.0]), "covariance": np.eye(7)}
     model = ActuatorModel(**shape, **weights, stroke=30.0, voltage_range=LIMITS, rate_scale=1 / 1500)
     save_model(tmp_path / "stage.toml", model)

@@ -16,14 +16,16 @@ STACK = RateDependentModel(  # Sec. 4.3
     a=[8.4, 1.3, 0.92, 0.7, 0.88, 0.74, -2.6, 2.23],
     b=[-0.9, 1.03, -0.244, 0.1, 0.05, -0.02, 0.01, -0.01],
 )
-PLAIN = {"creep_times": (), "lag": False, "offset": False, "bends": 0}  # no terms but the plays
+PLAIN = {"creep_times": (), "lag": False, "offset": False, "asymmetry": 0}  # no terms but the plays
 SETTINGS = {
     "paper": ControllerSettings.paper(**BASIC),
     "default": ControllerSettings(**BASIC),
     "no terms": ControllerSettings(**BASIC, **PLAIN),
     "rls with terms": ControllerSettings(**BASIC, law="rls", plays=8),
     "slow": ControllerSettings(**BASIC | {"sample_rate": 200.0}, slew_limit=40.0),
-    "soon back": ControllerSettings(**BASIC, plays=5, rated=(1, 4), prior_return_time=0.02, change_share=1.0, bends=1),
+    "soon back": ControllerSettings(
+        **BASIC, plays=5, rate_dependent=(1, 4), prior_return_time=0.02, change_share=1.0, asymmetry=1
+    ),
     "at once, trimmed": ControllerSettings(**BASIC, smoothing_time=0.0, trim_rate=20.0, slope_limits=(7.0, 9.0)),
     "one play": ControllerSettings.paper(**BASIC, plays=1, forgetting=1.0),
     "dead zones": ControllerSettings(

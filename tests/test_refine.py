@@ -156,8 +156,8 @@ def test_the_scale_of_the_rate_weights_does_not_matter():
     """The same model with b ten times as large and c_b a tenth."""
     x, z = SWEEP[:4000], 1.05 * plays(SWEEP[:4000])
     weights, P = np.array([8.0, 0.2, 1.5, 1.0, 0.7, CREEP, 0.0, 0.0]), 1e-4 * np.eye(8)
-    rated = {"rated": (0,), "rate_scale": 1 / 1500}
-    one = perfect().replace(weights=weights, covariance=P, **rated)
+    rate_dependent = {"rate_dependent": (0,), "rate_scale": 1 / 1500}
+    one = perfect().replace(weights=weights, covariance=P, **rate_dependent)
     scale = np.where(np.arange(8) == 1, 10.0, 1.0)
     other = one.replace(weights=weights * scale, covariance=P * np.outer(scale, scale), rate_scale=1 / 15000)
     record = Record.from_arrays(x, z, sample_rate=FS)

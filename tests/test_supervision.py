@@ -403,7 +403,7 @@ REFUSED = {
 
 @pytest.mark.parametrize("name", REFUSED)
 def test_it_is_refused_and_nothing_moves(name: str) -> None:
-    shape: dict[str, Any] = {"thresholds": (0.0, 300.0), "rated": (1,), "creep_times": (1e-3,), "bends": 1}
+    shape: dict[str, Any] = {"thresholds": (0.0, 300.0), "rate_dependent": (1,), "creep_times": (1e-3,), "asymmetry": 1}
     weights = {"weights": np.array([8e-3, 1 / 3e3, 0.0, 0.0, 0.0, 0.0, 0.0]), "covariance": 1e-6 * np.eye(7)}
     limits = {"stroke": 30.0, "voltage_range": (-600.0, 3600.0), "rate_scale": 1 / 1500}
     save_model(Path("mv.toml"), ActuatorModel(**shape, **weights, **limits))

@@ -108,12 +108,12 @@ static ts_settings settings(int plays, bool paper)
                      .measurement_limit = 300};
     for (int i = 0; i < plays; i++) {
         s.thresholds[i] = (ts_real)(i * 1.8 / plays);
-        s.rated[i] = paper || i < 5;
+        s.rate_dependent[i] = paper || i < 5;
     }
     s.initial_weights[0] = 8;
     if (paper) return s;
     s.law = TS_LAW_KALMAN;
-    s.creeps = 4, s.bends = 2, s.lag = true, s.offset = true;
+    s.creeps = 4, s.asymmetry = 2, s.lag = true, s.offset = true;
     for (int i = 0; i < 4; i++) s.creep[i] = (ts_real)(0.15 * pow(0.1, i));
     s.slope_min = 3, s.slope_max = 28, s.velocity_limit = 1500, s.slew = (ts_real)0.25, s.smoothing = (ts_real)0.5;
     s.first_noise = (ts_real)0.03;

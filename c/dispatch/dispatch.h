@@ -30,7 +30,7 @@ const char *ts_variant_in_use(void);
     NOTHING(ts_play_bank, (ts_real x, const ts_real *r, ts_real *y, int n), (x, r, y, n))                               \
     VALUE(ts_real, ts_dead_zones, (ts_real y, const ts_real *d, const ts_real *w, int m), (y, d, w, m))                 \
     VALUE(ts_real, ts_dot, (const ts_real *a, const ts_real *b, int n), (a, b, n))                                      \
-    VALUE(ts_real, ts_brought, (const ts_real *s, const ts_real *y, int n), (s, y, n))                                  \
+    VALUE(ts_real, ts_weighted_sum, (const ts_real *s, const ts_real *y, int n), (s, y, n))                                  \
     VALUE(ts_real, ts_play_inverse, (ts_real y_d, const ts_real *s, const ts_real *r, const ts_real *y, int n),         \
           (y_d, s, r, y, n))                                                                                            \
     NOTHING(ts_rls_init, (ts_rls *r, ts_real delta, int m), (r, delta, m))                                              \

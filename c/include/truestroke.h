@@ -46,8 +46,8 @@ typedef TS_REAL ts_real;
 #ifndef TS_HISTORY /* ticks that a measurement may come after its command, plus one */
 #define TS_HISTORY 64
 #endif
-#define TS_MAX_BENDS 2
-#define TS_MAX_PARAMETERS (2 * TS_MAX_PLAYS + TS_MAX_CREEPS + 2 + TS_MAX_BENDS)
+#define TS_MAX_ASYMMETRY 2
+#define TS_MAX_PARAMETERS (2 * TS_MAX_PLAYS + TS_MAX_CREEPS + 2 + TS_MAX_ASYMMETRY)
 #define TS_PACKED(m) ((m) * ((m) + 1) / 2) /* entries of the lower triangle of an m x m matrix, row by row */
 
 /* Sums run in lanes (lanes.h), and rows are padded with zeros to whole ones. A triangle is stored row by row: row i begins
@@ -69,7 +69,7 @@ typedef enum {
     TS_BAD_THRESHOLDS,       /* thresholds must start at 0 and ascend */
     TS_BAD_DEAD_ZONES,       /* dead_zones outside 1..TS_MAX_DEAD_ZONES, or thresholds that do not start at 0 and ascend */
     TS_BAD_DEAD_ZONE_WEIGHTS,/* a partial sum of the dead-zone weights is not positive */
-    TS_BAD_TERMS,            /* creeps or bends outside their capacity, or a creep coefficient outside 0 < c <= 1 */
+    TS_BAD_TERMS,            /* creeps or asymmetry outside their range, or a creep coefficient outside 0 < c <= 1 */
     TS_BAD_WEIGHTS,          /* an initial weight is not finite */
     TS_BAD_RATE_SCALE,       /* c_b is negative or not finite */
     TS_BAD_RLS,              /* lambda outside 1e-3 <= lambda <= 1, delta not positive, or a limit below the trace of P(0) */
@@ -95,8 +95,8 @@ TS_API ts_real ts_dot(const ts_real *a, const ts_real *b, int n);
 
 /* ---- Inverse --------------------------------------------------------------------------------------------------- */
 
-/* What plays with the partial sums s of their weights bring at the states y: w.y, summed by parts. */
-TS_API ts_real ts_brought(const ts_real *s, const ts_real *y, int n);
+/* Weighted sum w.y of the play states y, from the partial sums s of the weights, summed by parts. */
+TS_API ts_real ts_weighted_sum(const ts_real *s, const ts_real *y, int n);
 
 /* The voltage x for which sum of w[i] H_r[i](x) = y_d, given the play states y left by the last tick; equal to (10) and
  * (12). x -> w.H(x) is piecewise linear with the slopes s[j] = w[0] + ... + w[j], and its breakpoints y[j] +- r[j] are
@@ -226,24 +226,24 @@ TS_API ts_real ts_oscillation_frequency(const ts_oscillation *o, int n);
 
 typedef enum { TS_LAW_RLS, TS_LAW_KALMAN } ts_law;
 
-/* Parameters: [a0, b0, a1, b1, ...] of (21), b_i where rated[i]; then the weights of the terms that are known before the
- * voltage is chosen: creeps, lag, offset, bends. */
+/* Parameters: [a0, b0, a1, b1, ...] of (21), b_i where rate_dependent[i]; then the weights of the terms that are known before the
+ * voltage is chosen: creeps, lag, offset, asymmetry. */
 typedef struct {
     /* model */
     int plays;                                         /* n, 1 */
     int dead_zones;                                    /* 1 */
     int creeps;                                        /* 1 */
-    int bends;                                         /* 0..2 */
+    int asymmetry;                                     /* number of its terms, 0..2 */
     bool lag, offset;                                  /* terms zdot_d (weight in s) and 1 (um) */
-    bool rated[TS_MAX_PLAYS];                          /* whether play i has a rate weight b_i */
+    bool rate_dependent[TS_MAX_PLAYS];                          /* whether play i has a rate weight b_i */
     ts_real thresholds[TS_MAX_PLAYS];                  /* r, V */
     ts_real dead_zone_thresholds[TS_MAX_DEAD_ZONES];   /* d', um (of the inverse: they act on displacement) */
     ts_real dead_zone_weights[TS_MAX_DEAD_ZONES];      /* w_s', 1 (of the inverse) */
     ts_real creep[TS_MAX_CREEPS];                      /* 1 - exp(-T / tau) of each first-order state of the voltage */
     ts_real rate_scale;                                /* c_b, s/um */
-    ts_real stroke;                                    /* um: bends are 4 s (1 - s), 8 s (1 - s)(1 - 2 s), s = z_d / stroke,
+    ts_real stroke;                                    /* um: the asymmetry terms are 4 s (1 - s), 8 s (1 - s)(1 - 2 s), s = z_d / stroke,
                                                           within -1 <= s <= 2 */
-    ts_real initial_weights[TS_MAX_PARAMETERS];        /* w(0), um/V; s for lag; um for offset and bends */
+    ts_real initial_weights[TS_MAX_PARAMETERS];        /* w(0), um/V; s for lag; um for offset and asymmetry */
     /* law */
     ts_law law;
     ts_real forgetting;                                /* RLS: lambda, 1 */

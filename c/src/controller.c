@@ -40,7 +40,7 @@ static ts_status check_model(const ts_settings *s)
     if (s->dead_zones < 1 || s->dead_zones > TS_MAX_DEAD_ZONES) return TS_BAD_DEAD_ZONES;
     if (!ascends_from_zero(s->dead_zone_thresholds, s->dead_zones)) return TS_BAD_DEAD_ZONES;
     if (!partial_sums_positive(s->dead_zone_weights, s->dead_zones)) return TS_BAD_DEAD_ZONE_WEIGHTS;
-    if (s->creeps < 0 || s->creeps > TS_MAX_CREEPS || s->bends < 0 || s->bends > TS_MAX_BENDS) return TS_BAD_TERMS;
+    if (s->creeps < 0 || s->creeps > TS_MAX_CREEPS || s->asymmetry < 0 || s->asymmetry > TS_MAX_ASYMMETRY) return TS_BAD_TERMS;
     for (int i = 0; i < s->creeps; i++)
         if (!(s->creep[i] > 0 && s->creep[i] <= 1)) return TS_BAD_TERMS;
     for (int i = 0; i < ts_parameters(s); i++)
@@ -105,13 +105,13 @@ static ts_status check(const ts_settings *s)
 static int play_parameters(const ts_settings *s)
 {
     int m = s->plays;
-    for (int i = 0; i < s->plays; i++) m += s->rated[i];
+    for (int i = 0; i < s->plays; i++) m += s->rate_dependent[i];
     return m;
 }
 
 int ts_parameters(const ts_settings *s)
 {
-    return play_parameters(s) + s->creeps + s->lag + s->offset + s->bends;
+    return play_parameters(s) + s->creeps + s->lag + s->offset + s->asymmetry;
 }
 
 /* ---- Small steps --------------------------------------------------------------------------------------------------- */
@@ -144,11 +144,11 @@ static void known_terms(const ts_settings *s, const ts_memory *memory, ts_real z
     for (int i = 0; i < s->creeps; i++) *u++ = memory->creep[i];
     if (s->lag) *u++ = zdot_d;
     if (s->offset) *u++ = 1;
-    if (s->bends == 0) return;
+    if (s->asymmetry == 0) return;
     ts_real along = within(z_d / s->stroke, -1, 2); /* further out a polynomial tells nothing, and would overflow */
-    ts_real bend = 4 * along * (1 - along);
-    *u++ = bend;
-    if (s->bends > 1) *u++ = 2 * bend * (1 - 2 * along);
+    ts_real first = 4 * along * (1 - along);
+    *u++ = first;
+    if (s->asymmetry > 1) *u++ = 2 * first * (1 - 2 * along);
 }
 
 /* (20), and the known terms. */
@@ -156,7 +156,7 @@ static void regressor(const ts_settings *s, const ts_memory *memory, ts_real z_d
 {
     for (int i = 0; i < s->plays; i++) {
         *u++ = memory->play[i];
-        if (s->rated[i]) *u++ = s->rate_scale * zdot_d * memory->play[i];
+        if (s->rate_dependent[i]) *u++ = s->rate_scale * zdot_d * memory->play[i];
     }
     known_terms(s, memory, z_d, zdot_d, u);
 }
@@ -180,7 +180,7 @@ static ts_real inertial(const ts_controller *c, ts_real zdot_d)
     return z < -most ? -most : z > most ? most : z;
 }
 
-/* What the plays must bring: (11), the inertia, the trim and what the command still lacks of the last lesson, less the
+/* The displacement wanted of the plays, um: (11), the inertia, the trim and what the command still lacks of the last lesson, less the
  * known terms. */
 static ts_real wanted_of_plays(const ts_controller *c, ts_real z_d, ts_real zdot_d, ts_real inertia)
 {
@@ -200,7 +200,7 @@ static bool rate_dependent_slopes(ts_controller *c, ts_real zdot_d)
     ts_real rate = s->rate_scale * zdot_d, sum = 0;
     for (int i = 0; i < s->plays; i++) {
         ts_real w_h = *w++;
-        if (s->rated[i]) w_h += rate * *w++;
+        if (s->rate_dependent[i]) w_h += rate * *w++;
         sum += w_h;
         c->slopes[i] = !(sum >= s->slope_min) ? s->slope_min : sum > s->slope_max ? s->slope_max : sum;
         moved |= !(sum >= s->slope_min && sum <= s->slope_max);
@@ -269,7 +269,7 @@ static bool outside(const ts_controller *c, ts_real zdot_d)
     ts_real rate = s->rate_scale * zdot_d, up = 0, down = 0;
     bool out = false;
     for (int i = 0; i < s->plays; i++) {
-        ts_real a = *w++, b = s->rated[i] ? rate * *w++ : 0;
+        ts_real a = *w++, b = s->rate_dependent[i] ? rate * *w++ : 0;
         up += a + b;
         down += a - b;
         out |= (up > s->slope_max) | (up < s->slope_min) | (down > s->slope_max) | (down < s->slope_min);
@@ -285,7 +285,7 @@ static void project_slope(ts_controller *c, ts_real zdot_d)
     int worst = -1, k = 0;
     for (int i = 0; i < s->plays; i++) {
         ts_real w_h = c->w[k++];
-        if (s->rated[i]) w_h += rate * c->w[k++];
+        if (s->rate_dependent[i]) w_h += rate * c->w[k++];
         sum += w_h;
         ts_real over = sum - s->slope_max, under = s->slope_min - sum, out = over > under ? over : under;
         if (out > beyond) {
@@ -297,7 +297,7 @@ static void project_slope(ts_controller *c, ts_real zdot_d)
     if (worst < 0) return;
     for (int i = k = 0; i <= worst; i++) {
         g[k++] = 1;
-        if (s->rated[i]) g[k++] = rate;
+        if (s->rate_dependent[i]) g[k++] = rate;
     }
     ts_kalman_project(&c->law.kalman, c->w, g, onto, c->parameters);
 }
@@ -381,10 +381,10 @@ static bool teaches(ts_controller *c, bool limited, bool beyond)
     return !c->hold && (!limited || (beyond && c->beyond >= TS_BEYOND));
 }
 
-/* What the branches bring at the voltage of now: the forward of the inverse, with the slopes that it last used. */
-static ts_real brought_by_plays(const ts_controller *c)
+/* Displacement of the plays at the present voltage, um: the forward of the inverse, with the slopes that it last used. */
+static ts_real sum_of_plays(const ts_controller *c)
 {
-    return ts_brought(c->slopes, c->now.play, c->settings.plays);
+    return ts_weighted_sum(c->slopes, c->now.play, c->settings.plays);
 }
 
 /* The command for the last tick stays as it was, whatever has changed: the difference goes by and by. */
@@ -393,7 +393,7 @@ static void keep_command(ts_controller *c)
     bool moved = c->counters.commands > 0;
     int slot = moved ? (int)((c->counters.commands - 1) % TS_HISTORY) : 0;
     (void)rate_dependent_slopes(c, c->zdot_d[slot]);
-    if (moved) c->carry += brought_by_plays(c) - wanted_of_plays(c, c->z_d[slot], c->zdot_d[slot], c->inertia[slot]);
+    if (moved) c->carry += sum_of_plays(c) - wanted_of_plays(c, c->z_d[slot], c->zdot_d[slot], c->inertia[slot]);
 }
 
 /* ---- What the law must not do: make the stage ring ------------------------------------------------------------------- */
@@ -522,7 +522,7 @@ static void start_law(ts_controller *c)
     int k = 0;
     for (int i = 0; i < s->plays; i++) {
         c->law.kalman.part[k] = i ? 2 : 1;
-        k += s->rated[i] ? 2 : 1;
+        k += s->rate_dependent[i] ? 2 : 1;
     }
 }
 
@@ -554,8 +554,8 @@ ts_status ts_controller_start(ts_controller *c, ts_real volts, ts_real z)
     ts_play_bank(volts, s->thresholds, c->now.play, s->plays);
     for (int i = 0; i < s->creeps; i++) c->now.creep[i] = volts;
     c->lagged = c->now;
-    ts_real missing = wanted_of_plays(c, z, 0, 0) - brought_by_plays(c);
-    if (s->offset) c->w[c->parameters - 1 - s->bends] += missing; /* a constant until data say more */
+    ts_real missing = wanted_of_plays(c, z, 0, 0) - sum_of_plays(c);
+    if (s->offset) c->w[c->parameters - 1 - s->asymmetry] += missing; /* a constant until data say more */
     else c->carry = -missing;
     keep_weights(c, true);
     return TS_OK;
@@ -563,10 +563,10 @@ ts_status ts_controller_start(ts_controller *c, ts_real volts, ts_real z)
 
 static bool same_model(const ts_settings *a, const ts_settings *b)
 {
-    bool same = a->law == b->law && a->plays == b->plays && a->creeps == b->creeps && a->bends == b->bends
+    bool same = a->law == b->law && a->plays == b->plays && a->creeps == b->creeps && a->asymmetry == b->asymmetry
                 && a->lag == b->lag && a->offset == b->offset;
     for (int i = 0; same && i < a->plays; i++)
-        same = a->rated[i] == b->rated[i] && !(a->thresholds[i] < b->thresholds[i] || a->thresholds[i] > b->thresholds[i]);
+        same = a->rate_dependent[i] == b->rate_dependent[i] && !(a->thresholds[i] < b->thresholds[i] || a->thresholds[i] > b->thresholds[i]);
     return same;
 }
 

@@ -1,7 +1,7 @@
 #include "lanes.h"
 
 /* w.y with w[j] = s[j] - s[j-1], summed by parts: s[0] (y[0] - y[1]) + ... + s[n-1] y[n-1] */
-ts_real ts_brought(const ts_real *s, const ts_real *y, int n)
+ts_real ts_weighted_sum(const ts_real *s, const ts_real *y, int n)
 {
     lanes sum = zero();
     int i = 0;
@@ -17,7 +17,7 @@ ts_real ts_brought(const ts_real *s, const ts_real *y, int n)
 
 ts_real ts_play_inverse(ts_real y_d, const ts_real *s, const ts_real *r, const ts_real *y, int n)
 {
-    ts_real gap = y_d - ts_brought(s, y, n); /* what is still missing at x, um */
+    ts_real gap = y_d - ts_weighted_sum(s, y, n); /* what is still missing at x, um */
     ts_real sign = gap < 0 ? (ts_real)-1 : (ts_real)1;
     ts_real x = y[0]; /* r[0] = 0: the state of the first play is the last voltage */
     int j = 0;

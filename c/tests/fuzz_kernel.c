@@ -70,11 +70,11 @@ static ts_settings sane(bytes *b)
                      .measurement_limit = 300, .smoothing = (ts_real)0.5, .first_noise = (ts_real)0.03};
     for (int i = 0; i < s.plays; i++) {
         s.thresholds[i] = (ts_real)(1.5 * i / s.plays);
-        s.rated[i] = i % 3 == 0;
+        s.rate_dependent[i] = i % 3 == 0;
     }
     s.law = below(b, 4) ? TS_LAW_KALMAN : TS_LAW_RLS;
     unsigned terms = byte(b);
-    s.lag = terms & 1, s.offset = terms >> 1 & 1, s.bends = (int)(terms >> 2) % 3, s.creeps = (int)(terms >> 4) % 5;
+    s.lag = terms & 1, s.offset = terms >> 1 & 1, s.asymmetry = (int)(terms >> 2) % 3, s.creeps = (int)(terms >> 4) % 5;
     for (int i = 0; i < s.creeps; i++) s.creep[i] = (ts_real)(0.15 / (1 << 2 * i));
     s.initial_weights[0] = 8;
     s.kalman = (ts_kalman_settings){
@@ -114,9 +114,9 @@ static void disturb(bytes *b, ts_settings *s)
         return;
     }
     int number = below(b, 65536) - 32768;
-    int *const counts[] = {&s->plays, &s->dead_zones, &s->creeps, &s->bends, &k->refractory, &k->outliers};
+    int *const counts[] = {&s->plays, &s->dead_zones, &s->creeps, &s->asymmetry, &k->refractory, &k->outliers};
     if (which - ENTRIES < 6) *counts[which - ENTRIES] = number % 40;
-    else s->rated[below(b, TS_MAX_PLAYS)] ^= 1;
+    else s->rate_dependent[below(b, TS_MAX_PLAYS)] ^= 1;
 }
 
 /* ---- What must hold --------------------------------------------------------------------------------------------------- */

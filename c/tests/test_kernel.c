@@ -44,7 +44,7 @@ static ts_settings settings(void)
                      .measurement_limit = 300};
     for (int i = 0; i < s.plays; i++) {
         s.thresholds[i] = (ts_real)(i * 0.225);
-        s.rated[i] = true;
+        s.rate_dependent[i] = true;
     }
     s.initial_weights[0] = 5;
     return s;
@@ -55,7 +55,7 @@ static ts_settings kalman_settings(void)
 {
     ts_settings s = settings();
     s.law = TS_LAW_KALMAN;
-    s.creeps = 2, s.bends = 2, s.lag = true, s.offset = true;
+    s.creeps = 2, s.asymmetry = 2, s.lag = true, s.offset = true;
     s.creep[0] = (ts_real)0.15, s.creep[1] = (ts_real)0.0017;
     s.slope_min = 3, s.slope_max = 28, s.velocity_limit = 1500, s.slew = (ts_real)0.25;
     s.smoothing = (ts_real)0.5, s.first_noise = (ts_real)0.03, s.initial_weights[0] = 8;
@@ -64,7 +64,7 @@ static ts_settings kalman_settings(void)
         .model_error = (ts_real)6e-3, .prior_return = (ts_real)1e-6, .change_threshold = 12,
         .change_rate = (ts_real)0.2, .refractory = 10, .change_gain = (ts_real)0.15,
         .change_hysteresis = (ts_real)0.3, .change_share = (ts_real)2e-3, .outlier = 12, .outliers = 3};
-    static const double sd[] = {0.2, 1, 3e-4, 0.9, 1.5, 1.5}; /* creep, creep, lag, offset, bends */
+    static const double sd[] = {0.2, 1, 3e-4, 0.9, 1.5, 1.5}; /* creep, creep, lag, offset, asymmetry */
     for (int i = 0; i < 22; i++) {
         double d = i == 0 ? 3 : i < 16 ? 1 : sd[i - 16];
         s.prior[TS_PACKED(i) + i] = (ts_real)(d * d);

@@ -34,12 +34,12 @@ static ts_settings settings(int plays, bool kalman)
                      .smoothing = (ts_real)0.5, .trim = (ts_real)0.001, .first_noise = (ts_real)0.03};
     for (int i = 0; i < plays; i++) {
         s.thresholds[i] = (ts_real)(1.8 * i / plays);
-        s.rated[i] = !kalman || i % 3 == 0;
+        s.rate_dependent[i] = !kalman || i % 3 == 0;
     }
     s.initial_weights[0] = 8;
     if (!kalman) return s;
     s.law = TS_LAW_KALMAN;
-    s.creeps = 2, s.bends = 2, s.lag = true, s.offset = true, s.creep[0] = (ts_real)0.15, s.creep[1] = (ts_real)0.0017;
+    s.creeps = 2, s.asymmetry = 2, s.lag = true, s.offset = true, s.creep[0] = (ts_real)0.15, s.creep[1] = (ts_real)0.0017;
     s.kalman = (ts_kalman_settings){
         .filter = (ts_real)0.6, .noise_rate = (ts_real)1e-3, .ringing_rate = (ts_real)0.1,
         .model_error = (ts_real)6e-3, .prior_return = (ts_real)1e-6, .change_threshold = 12,

@@ -71,11 +71,11 @@ ts_settings settings_from(const nb::dict &d) {
     s.dead_zones = fill(s.dead_zone_thresholds, TS_MAX_DEAD_ZONES, d, "dead_zone_thresholds");
     fill(s.dead_zone_weights, TS_MAX_DEAD_ZONES, d, "dead_zone_weights");
     s.creeps = fill(s.creep, TS_MAX_CREEPS, d, "creep");
-    s.bends = entry<int>(d, "bends");
+    s.asymmetry = entry<int>(d, "asymmetry");
     s.lag = entry<bool>(d, "lag");
     s.offset = entry<bool>(d, "offset");
-    auto rated = entry<std::vector<bool>>(d, "rated");
-    for (size_t i = 0; i < rated.size() && i < TS_MAX_PLAYS; i++) s.rated[i] = rated[i];
+    auto rate_dependent = entry<std::vector<bool>>(d, "rate_dependent");
+    for (size_t i = 0; i < rate_dependent.size() && i < TS_MAX_PLAYS; i++) s.rate_dependent[i] = rate_dependent[i];
     s.rate_scale = real(d, "rate_scale");
     s.stroke = real(d, "stroke");
     fill(s.initial_weights, TS_MAX_PARAMETERS, d, "initial_weights");

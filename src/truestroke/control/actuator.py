@@ -33,20 +33,20 @@ class ActuatorModel:
 
     ::
 
-        z - bends(z) = (a + c_b zdot b).H_r[x] + creep.c[x] + lag zdot + offset
+        z - asymmetry(z) = (a + c_b zdot b).H_r[x] + creep.c[x] + lag zdot + offset
 
-    `x` is the voltage `delay` ago, z the displacement above `zero`, c first-order states of x, and the bends
+    `x` is the voltage `delay` ago, z the displacement above `zero`, c first-order states of x, and asymmetry
     4 s (1 - s) and 8 s (1 - s)(1 - 2 s) with s = z / stroke, as in `ControllerSettings`.
 
     Attributes
     ----------
     thresholds : tuple[float, ...]
         r of the plays, V, ascending from 0.
-    rated : tuple[int, ...]
+    rate_dependent : tuple[int, ...]
         Which plays have a rate weight.
     creep_times : tuple[float, ...]
         Time constants of the creep states, s.
-    bends : int
+    asymmetry : int
         Terms of asymmetry, 0 to 2.
     delay : float
         Between voltage and displacement, s, beyond the lag.
@@ -61,7 +61,8 @@ class ActuatorModel:
     velocity : float
         Fastest motion of the record, um/s.
     weights : ndarray, shape (m,)
-        [a0, b0, a1, ...], um/V; creep, um/V; lag, s; offset, um; bends, um: the order of `ControllerSettings.names`.
+        [a0, b0, a1, ...], um/V; creep, um/V; lag, s; offset, um; asymmetry, um: in the order
+        of `ControllerSettings.names`.
     covariance : ndarray, shape (m, m)
         Of the weights, in the squares of their units.
     noise : float
@@ -84,9 +85,9 @@ class ActuatorModel:
     stroke: float
     voltage_range: tuple[float, float]
     covariance: FloatArray
-    rated: tuple[int, ...] = ()
+    rate_dependent: tuple[int, ...] = ()
     creep_times: tuple[float, ...] = ()
-    bends: int = 0
+    asymmetry: int = 0
     delay: float = 0.0
     rate_scale: float = 0.0
     zero: float = 0.0
@@ -109,7 +110,7 @@ class ActuatorModel:
             "stroke": made.stroke,
             "rate_scale": made.rate_scale,
             "thresholds": made.thresholds,
-            "rated": made.rated,
+            "rate_dependent": made.rate_dependent,
             "creep_times": made.creep_times,
             "weights": weights,
             "covariance": covariance,
@@ -149,7 +150,7 @@ class ActuatorModel:
         **changes
             Members of `ControllerSettings` that replace what follows from the model, such as `voltage_limits`.
         """
-        w, lag = self.weights.tolist(), self.weights.size - 2 - self.bends
+        w, lag = self.weights.tolist(), self.weights.size - 2 - self.asymmetry
         w[lag] -= self.delay
         slopes = {"slope_limits": (SLOPES[0] * self.sensitivity, SLOPES[1] * self.sensitivity)}
         return self._terms(sample_rate, **{"initial_weights": tuple(w), **slopes, **changes})
@@ -162,7 +163,7 @@ class ActuatorModel:
         prior would not follow them.
         """
         fixed = self.settings(sample_rate, **changes)
-        weights, offset = list(fixed.initial_weights), self.weights.size - 1 - self.bends
+        weights, offset = list(fixed.initial_weights), self.weights.size - 1 - self.asymmetry
         weights[offset] = 0.0
         from_rest = {"initial_weights": tuple(weights), **changes}
         if fixed.law != "kalman":
@@ -176,9 +177,14 @@ class ActuatorModel:
         That of the record plus `DRIFT`^2 of the default prior: the record does not know the load, temperature and
         polarisation of another day, and the model is not the actuator. The offset has its default variance.
         """
-        a, offset = self._parts()[0], self.weights.size - 1 - self.bends
-        terms: dict[str, Any] = {"creeps": len(self.creep_times), "lag": True, "offset": True, "bends": self.bends}
-        default = prior.covariance(np.abs(a), self.rated, q=self.sensitivity, stroke=self.stroke, **terms)
+        a, offset = self._parts()[0], self.weights.size - 1 - self.asymmetry
+        terms: dict[str, Any] = {
+            "creeps": len(self.creep_times),
+            "lag": True,
+            "offset": True,
+            "asymmetry": self.asymmetry,
+        }
+        default = prior.covariance(np.abs(a), self.rate_dependent, q=self.sensitivity, stroke=self.stroke, **terms)
         P = self.covariance + DRIFT**2 * default
         P[offset] = P[:, offset] = default[offset]
         return np.asarray(P)
@@ -189,11 +195,11 @@ class ActuatorModel:
             "voltage_limits": self.voltage_range,
             "plays": len(self.thresholds),
             "thresholds": self.thresholds,
-            "rated": self.rated,
+            "rate_dependent": self.rate_dependent,
             "creep_times": self.creep_times,
             "lag": True,
             "offset": True,
-            "bends": self.bends,
+            "asymmetry": self.asymmetry,
             "rate_scale": self.rate_scale,
             "initial_weights": tuple(checks.finite_array("weights", self.weights).tolist()),
         }
@@ -219,21 +225,21 @@ class ActuatorModel:
             return x
         shift = round(self.delay * fs)
         x = np.concatenate([np.full(min(shift, x.size), x[0]), x[: max(x.size - shift, 0)]]) if shift else x
-        a, b, creep, (lag, offset), bends = self._parts()
+        a, b, creep, (lag, offset), asymmetry = self._parts()
         lag -= self.delay - shift / fs
         known = offset + sum((w * c for w, c in zip(creep, creep_states(x, self.creep_times, fs), strict=True)), 0.0)
-        z = unbend(play_sum(x, 0.0, a, b, self.thresholds) + known, bends, self.stroke)
+        z = solve_asymmetry(play_sum(x, 0.0, a, b, self.thresholds) + known, asymmetry, self.stroke)
         rate = central_difference(z, fs)
         plays = play_sum(x, self.rate_scale * rate, a, b, self.thresholds)
-        return self.zero + unbend(plays + known + lag * rate, bends, self.stroke)
+        return self.zero + solve_asymmetry(plays + known + lag * rate, asymmetry, self.stroke)
 
     def _parts(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Weights a, b of all plays (b = 0 where there is none), of creep, (lag, offset), of the bends."""
+        """Weights a, b of all plays (b = 0 where there is none), of creep, (lag, offset), of the asymmetry."""
         n, w = len(self.thresholds), self.weights
-        place = np.arange(n) + np.array([sum(j < i for j in self.rated) for i in range(n)])
+        place = np.arange(n) + np.array([sum(j < i for j in self.rate_dependent) for i in range(n)])
         b = np.zeros(n)
-        b[list(self.rated)] = w[place[list(self.rated)] + 1] if self.rated else 0.0
-        terms = w[n + len(self.rated) :]
+        b[list(self.rate_dependent)] = w[place[list(self.rate_dependent)] + 1] if self.rate_dependent else 0.0
+        terms = w[n + len(self.rate_dependent) :]
         c = len(self.creep_times)
         return w[place], b, terms[:c], terms[c : c + 2], terms[c + 2 :]
 
@@ -271,7 +277,7 @@ class ActuatorModel:
         rate = central_difference(z_d, fs) if velocity is None else checks.finite_array("velocity", velocity, "um/s")
         limits = self.voltage_range if voltage_limits is None else voltage_limits
         shift, w = round(self.delay * fs), self.weights.copy()
-        w[w.size - 2 - self.bends] -= self.delay - shift / fs  # the lag
+        w[w.size - 2 - self.asymmetry] -= self.delay - shift / fs  # the lag
         changes = {"voltage_limits": limits, "slew_limit": slew_limit, "smoothing_time": 0.0}
         fixed = self.settings(fs, initial_weights=tuple(w.tolist()), **changes)
         kernel, volts = _kernel.Kernel(kernel_settings(fixed)), np.empty_like(z_d)
@@ -364,26 +370,26 @@ def central_difference(z: FloatArray, sample_rate: float) -> FloatArray:
     return np.asarray((z[after] - z[before]) * sample_rate / np.maximum(after - before, 1))
 
 
-def bend_columns(z: FloatArray, stroke: float) -> FloatArray:
+def asymmetry_columns(z: FloatArray, stroke: float) -> FloatArray:
     """4 s (1 - s) and 8 s (1 - s)(1 - 2 s), s = z / stroke within -1 to 2, shape (samples, 2)."""
     s = np.clip(z / stroke, -1.0, 2.0)
-    bend = 4 * s * (1 - s)
-    return np.column_stack([bend, 2 * bend * (1 - 2 * s)])
+    first = 4 * s * (1 - s)
+    return np.column_stack([first, 2 * first * (1 - 2 * s)])
 
 
-def bend_slopes(z: FloatArray, stroke: float) -> FloatArray:
+def asymmetry_slopes(z: FloatArray, stroke: float) -> FloatArray:
     """Their derivatives by z, 1/um."""
     s = np.clip(z / stroke, -1.0, 2.0)
     inside = s == z / stroke
     return np.column_stack([inside * (4 - 8 * s), inside * 8 * (1 - 6 * s + 6 * s * s)]) / stroke
 
 
-def unbend(y: FloatArray, bends: FloatArray, stroke: float) -> FloatArray:
-    """The z with z - bends(z) = y, um, by Newton's method."""
-    n, z = len(bends), y.copy()
+def solve_asymmetry(y: FloatArray, asymmetry: FloatArray, stroke: float) -> FloatArray:
+    """The z with z - asymmetry(z) = y, um, by Newton's method."""
+    n, z = len(asymmetry), y.copy()
     for _ in range(NEWTON_STEPS if n else 0):
-        slope = np.maximum(1 - bend_slopes(z, stroke)[:, :n] @ bends, 0.1)
-        step = (z - bend_columns(z, stroke)[:, :n] @ bends - y) / slope
+        slope = np.maximum(1 - asymmetry_slopes(z, stroke)[:, :n] @ asymmetry, 0.1)
+        step = (z - asymmetry_columns(z, stroke)[:, :n] @ asymmetry - y) / slope
         z -= step
         if not z.size or np.abs(step).max() <= CONVERGED * stroke:
             break

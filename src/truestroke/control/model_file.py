@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import re
 import tomllib
 from collections.abc import Iterable
 from pathlib import Path
@@ -20,9 +21,9 @@ from truestroke.control.actuator import ActuatorModel
 FORMAT, VERSION = "truestroke model", 1
 KEYS = {
     "thresholds_V": "thresholds",
-    "rated": "rated",
+    "rate_dependent": "rate_dependent",
     "creep_times_s": "creep_times",
-    "bends": "bends",
+    "asymmetry": "asymmetry",
     "delay_s": "delay",
     "rate_scale_s_per_um": "rate_scale",
     "stroke_um": "stroke",
@@ -32,6 +33,8 @@ KEYS = {
     "noise_um": "noise",
 }
 """Keys of the file's table [model], and the members of `ActuatorModel` that they hold."""
+OLD_KEYS = {"rated": "rate_dependent", "bends": "asymmetry"}
+"""Keys of files that an earlier version wrote; it also named the weights of the asymmetry "bend 1", "bend 2"."""
 
 
 class ModelFileError(files.FileError):
@@ -123,13 +126,15 @@ def _of_tables(document: dict[str, Any], prefix: str = "") -> ActuatorModel:
     for name, table in tables.items():
         if not isinstance(table, dict):
             raise _WrongError(f"there is no table [{prefix}{name}]")
+    tables["model"] = {OLD_KEYS.get(key, key): value for key, value in tables["model"].items()}
+    tables["weights"] = {re.sub("^bend ", "asymmetry ", name): value for name, value in tables["weights"].items()}
     _same("model", tables["model"], KEYS)
     _same("covariance", tables["covariance"], ("lower_triangle",))
     members = {name: tables["model"][key] for key, name in KEYS.items()}
     for key, name in KEYS.items():
         if isinstance(members[name], list):
             members[name] = tuple(members[name])
-        elif name in ("thresholds", "rated", "creep_times", "voltage_range"):
+        elif name in ("thresholds", "rate_dependent", "creep_times", "voltage_range"):
             raise _WrongError(f"[model] {key} = {members[name]!r}: must be a list")
     model = ActuatorModel(
         **members,
@@ -186,4 +191,4 @@ def _toml(value: Any) -> str:
 
 
 def _unit(name: str) -> str:
-    return {"lag": "s", "offset": "um"}.get(name, "um" if name.startswith("bend") else "um/V")
+    return {"lag": "s", "offset": "um"}.get(name, "um" if name.startswith("asymmetry") else "um/V")

@@ -19,7 +19,7 @@ from truestroke.base.typing import FloatArray
 from truestroke.control.adaptation import LARGEST, RLS, BoundedKalman, KalmanSettings, Law, UpdateRefused
 from truestroke.control.oscillation import OscillationDetector, OscillationSettings
 from truestroke.control.settings import ControllerSettings, kernel_settings
-from truestroke.model.models import brought, creep_step, known_terms, limit_slopes, play_inverse, play_terms
+from truestroke.model.models import creep_step, known_terms, limit_slopes, play_inverse, play_terms, weighted_sum
 from truestroke.model.operators import dead_zone, dot, play
 
 HISTORY = 64
@@ -80,8 +80,8 @@ def law_of(settings: ControllerSettings) -> Law:
 
 def _parts(s: ControllerSettings) -> FloatArray:
     """Of each parameter: 1 for the weight of the first play, 2 for that of another play, 0 for anything else."""
-    rated = [i in s.rated for i in range(s.plays)]
-    plays = play_terms(np.array([1.0, *[2.0] * (s.plays - 1)]), 0.0, rated)
+    rate_dependent = [i in s.rate_dependent for i in range(s.plays)]
+    plays = play_terms(np.array([1.0, *[2.0] * (s.plays - 1)]), 0.0, rate_dependent)
     return np.concatenate([plays, np.zeros(s.parameters - plays.size)])
 
 
@@ -148,9 +148,9 @@ class ReferenceController:
         self._c: dict[str, Any] = kernel_settings(settings)  # times turned into coefficients of a tick
         s = settings
         self._r, self._d, self._w_s = (np.array(v) for v in (s.thresholds, s.dead_zone_thresholds, s.dead_zone_weights))
-        self._creep, self._rated = np.array(self._c["creep"]), np.array(self._c["rated"])
-        self._has_weight = np.column_stack([np.ones(s.plays, dtype=bool), self._rated])
-        self._of_plays = s.plays + len(s.rated)  # parameters before the known terms
+        self._creep, self._rate_dependent = np.array(self._c["creep"]), np.array(self._c["rate_dependent"])
+        self._has_weight = np.column_stack([np.ones(s.plays, dtype=bool), self._rate_dependent])
+        self._of_plays = s.plays + len(s.rate_dependent)  # parameters before the known terms
         self._oscillation = OscillationSettings(**{f.name: self._c[f.name] for f in fields(OscillationSettings)})
 
     def reset(self) -> None:
@@ -186,10 +186,10 @@ class ReferenceController:
         self.reset()
         self._now = _Memory(play(volts, self._r, self._now.play), np.full(self._creep.size, volts))
         self._lagged = copy.deepcopy(self._now)
-        missing = self._wanted_of_plays(z, 0.0, 0.0) - self._brought_by_plays()
+        missing = self._wanted_of_plays(z, 0.0, 0.0) - self._sum_of_plays()
         if s.offset:
             weights = self.weights
-            weights[s.parameters - 1 - s.bends] += missing
+            weights[s.parameters - 1 - s.asymmetry] += missing
             self.law.weights = weights
         else:
             self._carry = -missing
@@ -214,7 +214,17 @@ class ReferenceController:
 
     @staticmethod
     def _model_of(s: ControllerSettings) -> tuple[object, ...]:
-        return s.law, s.thresholds, s.rated, s.creep_times, s.lag, s.offset, s.bends, s.stroke, s.sample_rate
+        return (
+            s.law,
+            s.thresholds,
+            s.rate_dependent,
+            s.creep_times,
+            s.lag,
+            s.offset,
+            s.asymmetry,
+            s.stroke,
+            s.sample_rate,
+        )
 
     # ---- The two calls ----------------------------------------------------------------------------------------------
 
@@ -297,7 +307,9 @@ class ReferenceController:
 
     def _known_terms(self, memory: _Memory, z_d: float, zdot_d: float) -> FloatArray:
         s = self.settings
-        return known_terms(memory.creep, z_d, zdot_d, lag=s.lag, offset=s.offset, stroke=s.stroke, bend_count=s.bends)
+        return known_terms(
+            memory.creep, z_d, zdot_d, lag=s.lag, offset=s.offset, stroke=s.stroke, asymmetry=s.asymmetry
+        )
 
     def _inertial(self, zdot_d: float) -> float:
         """What the motion from the tick before takes of the stage's inertia, z'' / w0^2, um: within stroke / 10."""
@@ -316,18 +328,18 @@ class ReferenceController:
         return limit_slopes(self._slopes_at(zdot_d), self.settings.slope_limits)
 
     def _slopes_at(self, zdot_d: float) -> FloatArray:
-        pairs = np.zeros((self._rated.size, 2))  # a_i, b_i
+        pairs = np.zeros((self._rate_dependent.size, 2))  # a_i, b_i
         pairs[self._has_weight] = self.law.weights[: self._of_plays]
         slopes: FloatArray = np.cumsum(pairs[:, 0] + self.settings.rate_scale * zdot_d * pairs[:, 1])
         return slopes
 
     def _gradient(self, zdot_d: float) -> FloatArray:
         """Of the last partial slope by the weights of the plays."""
-        return play_terms(np.ones(self._r.size), self.settings.rate_scale * zdot_d, self._rated)
+        return play_terms(np.ones(self._r.size), self.settings.rate_scale * zdot_d, self._rate_dependent)
 
-    def _brought_by_plays(self) -> float:
-        """The forward of the inverse: what the branches bring at the voltage of now, um."""
-        return float(brought(self._slopes, self._now.play))
+    def _sum_of_plays(self) -> float:
+        """Displacement of the plays at the present voltage, um: the forward of the inverse."""
+        return float(weighted_sum(self._slopes, self._now.play))
 
     def _within_limits(self, x: float) -> float:
         """The voltage that leaves: within the slew of the last one, and within the limits, whatever x is."""
@@ -352,7 +364,7 @@ class ReferenceController:
 
     def _regressor(self, memory: _Memory, z_d: float, zdot_d: float) -> FloatArray:
         """(20): u = [H_0, c_b zdot_d H_0, H_1, ...], with c_a = 1; and the known terms."""
-        plays = play_terms(memory.play, self.settings.rate_scale * zdot_d, self._rated)
+        plays = play_terms(memory.play, self.settings.rate_scale * zdot_d, self._rate_dependent)
         return np.concatenate([plays, self._known_terms(memory, z_d, zdot_d)])
 
     def _next_lagged(self) -> tuple[_Command, FloatArray]:
@@ -422,7 +434,7 @@ class ReferenceController:
         if out[worst] > 0:
             g = np.zeros(self.settings.parameters)
             g[: self._of_plays] = self._gradient(zdot_d)
-            g[worst + 1 + np.count_nonzero(self._rated[: worst + 1]) :] = 0.0
+            g[worst + 1 + np.count_nonzero(self._rate_dependent[: worst + 1]) :] = 0.0
             law.project(g, high if slopes[worst] > high else low)
 
     # ---- What the law must not do: make the stage ring ---------------------------------------------------------------
@@ -432,7 +444,7 @@ class ReferenceController:
         last = self._last
         self._slopes, _ = self._rate_dependent_slopes(last.zdot_d)
         if self.counters["commands"] > 0:
-            self._carry += self._brought_by_plays() - self._wanted_of_plays(last.z_d, last.zdot_d, last.inertia)
+            self._carry += self._sum_of_plays() - self._wanted_of_plays(last.z_d, last.zdot_d, last.inertia)
 
     def _inertia_of(self, frequency: float) -> float:
         """1 / (w0^2 T), s, of a first resonance at `frequency`, cycles per tick; 0: not known."""

@@ -18,8 +18,8 @@ from truestroke.model import prior
 MAX_PLAYS = 32
 MAX_DEAD_ZONES = 8
 MAX_CREEPS = 8
-MAX_BENDS = 2
-RATED = (0, 3, 6, 9, 12)  # which of the plays have a rate weight: the gradient matters for the first few only
+MAX_ASYMMETRY = 2
+RATE_DEPENDENT = (0, 3, 6, 9, 12)  # which of the plays have a rate weight: the gradient matters for the first few only
 STROKES = (1e-6, 1e9)  # um
 LARGEST = 1e15  # of a setting, in its unit
 STEEPEST = 1e30  # um/V: of a slope, whatever stroke and voltage limits are
@@ -45,7 +45,7 @@ class ControllerSettings:
         Number of play operators, 1 to 32.
     thresholds : tuple[float, ...]
         Thresholds r of the plays, V, ascending from 0; by default `prior.thresholds`.
-    rated : tuple[int, ...]
+    rate_dependent : tuple[int, ...]
         Which plays have a rate weight b.
     creep_times : tuple[float, ...]
         Time constants of the creep states, s; () is no creep.
@@ -53,7 +53,7 @@ class ControllerSettings:
         Whether the model has a term in the velocity (a delay).
     offset : bool
         Whether it has a constant (drift).
-    bends : int
+    asymmetry : int
         Terms of asymmetry, 0 to 2: 4 s (1 - s) and 8 s (1 - s)(1 - 2 s), with s = z_d / stroke.
     dead_zone_thresholds : tuple[float, ...]
         Thresholds d' of the inverse dead zones, um, ascending from 0.
@@ -64,8 +64,9 @@ class ControllerSettings:
     initial_sensitivity : float
         First weight of w(0), um/V; by default 1.15 q.
     initial_weights : tuple[float, ...]
-        w(0), um/V, in place of `initial_sensitivity`: [a0, b0, a1, b1, ...] (b_i where play i is rated), then the
-        weights of the creep states (um/V), lag (s), offset (um) and bends (um). It is also the mean of the prior.
+        w(0), um/V, in place of `initial_sensitivity`: [a0, b0, a1, b1, ...] (b_i where play i is rate-dependent),
+        then the weights of the creep states (um/V), lag (s), offset (um) and asymmetry (um). It is also the mean of the
+        prior.
     law : str
         "kalman", or "rls" for (23).
     prior_covariance : tuple[tuple[float, ...], ...]
@@ -139,11 +140,11 @@ class ControllerSettings:
     # model
     plays: int = 24
     thresholds: tuple[float, ...] = None  # type: ignore[assignment]  # None is filled in by __post_init__
-    rated: tuple[int, ...] = None  # type: ignore[assignment]
+    rate_dependent: tuple[int, ...] = None  # type: ignore[assignment]
     creep_times: tuple[float, ...] = (0.003, 0.03, 0.3, 3.0)
     lag: bool = True
     offset: bool = True
-    bends: int = 2
+    asymmetry: int = 2
     dead_zone_thresholds: tuple[float, ...] = (0.0,)
     dead_zone_weights: tuple[float, ...] = (1.0,)
     rate_scale: float = None  # type: ignore[assignment]
@@ -183,8 +184,8 @@ class ControllerSettings:
     @property
     def parameters(self) -> int:
         """Number m of the parameters."""
-        terms = len(self.creep_times) + self.lag + self.offset + self.bends
-        return len(self.thresholds) + len(self.rated) + terms
+        terms = len(self.creep_times) + self.lag + self.offset + self.asymmetry
+        return len(self.thresholds) + len(self.rate_dependent) + terms
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -193,13 +194,15 @@ class ControllerSettings:
         Examples
         --------
         >>> bench = {"sample_rate": 2000.0, "stroke": 30.0, "voltage_limits": (-0.6, 3.6)}
-        >>> ControllerSettings(**bench, plays=2, creep_times=(0.3,), bends=1).names
-        ('a0', 'b0', 'a1', 'creep 0.3 s', 'lag', 'offset', 'bend 1')
+        >>> ControllerSettings(**bench, plays=2, creep_times=(0.3,), asymmetry=1).names
+        ('a0', 'b0', 'a1', 'creep 0.3 s', 'lag', 'offset', 'asymmetry 1')
         """
-        plays = [name for i in range(self.plays) for name in ((f"a{i}", f"b{i}") if i in self.rated else (f"a{i}",))]
+        plays = [
+            name for i in range(self.plays) for name in ((f"a{i}", f"b{i}") if i in self.rate_dependent else (f"a{i}",))
+        ]
         creeps = [f"creep {tau:g} s" for tau in self.creep_times]
-        bends = [f"bend {i + 1}" for i in range(self.bends)]
-        return (*plays, *creeps, *["lag"] * self.lag, *["offset"] * self.offset, *bends)
+        asymmetry = [f"asymmetry {i + 1}" for i in range(self.asymmetry)]
+        return (*plays, *creeps, *["lag"] * self.lag, *["offset"] * self.offset, *asymmetry)
 
     @property
     def q(self) -> float:
@@ -249,7 +252,7 @@ class ControllerSettings:
             "creep_times": (),
             "lag": False,
             "offset": False,
-            "bends": 0,
+            "asymmetry": 0,
             "rate_scale": 0.007,
             "initial_sensitivity": 5.0,
             "law": "rls",
@@ -259,7 +262,7 @@ class ControllerSettings:
         }
         thresholds = changes.get("thresholds")
         known = literal["thresholds"] if thresholds is None else checks.several("thresholds", thresholds, "V")
-        literal["rated"] = tuple(range(len(known)))
+        literal["rate_dependent"] = tuple(range(len(known)))
         return cls(sample_rate=sample_rate, stroke=stroke, voltage_limits=voltage_limits, **{**literal, **changes})
 
 
@@ -291,18 +294,25 @@ def _model(s: ControllerSettings) -> dict[str, object]:
         thresholds = checks.ascending("thresholds", s.thresholds, "V")
         checks.within("thresholds", thresholds[-1], 0.0, LARGEST, "V")
     plays = checks.count("the number of thresholds", len(thresholds), 1, MAX_PLAYS)
-    rated = tuple(i for i in RATED if i < plays) if s.rated is None else s.rated
+    rate_dependent = tuple(i for i in RATE_DEPENDENT if i < plays) if s.rate_dependent is None else s.rate_dependent
     creep_times = tuple(checks.sized("creep_times", t, "s") for t in checks.several("creep_times", s.creep_times, "s"))
     checks.count("the number of creep_times", len(creep_times), 0, MAX_CREEPS)
     rate_scale = 1 / (50 * s.stroke) if s.rate_scale is None else s.rate_scale
     return {
         "plays": plays,
         "thresholds": thresholds,
-        "rated": tuple(sorted({checks.count("rated", i, 0, plays - 1) for i in checks.several("rated", rated)})),
+        "rate_dependent": tuple(
+            sorted(
+                {
+                    checks.count("rate_dependent", i, 0, plays - 1)
+                    for i in checks.several("rate_dependent", rate_dependent)
+                }
+            )
+        ),
         "creep_times": creep_times,
         "lag": checks.flag("lag", s.lag),
         "offset": checks.flag("offset", s.offset),
-        "bends": checks.count("bends", s.bends, 0, MAX_BENDS),
+        "asymmetry": checks.count("asymmetry", s.asymmetry, 0, MAX_ASYMMETRY),
         "rate_scale": checks.within("rate_scale", rate_scale, 0.0, 1e6, "s/um"),
         **_dead_zones(s),
     }
@@ -339,9 +349,9 @@ def _start(s: ControllerSettings) -> dict[str, object]:
         first = prior.FIRST_SLOPE * s.q if s.initial_sensitivity is None else s.initial_sensitivity
         first = checks.sized("initial_sensitivity", first, "um/V", 1 / STEEPEST, STEEPEST)
         a = _play_weights(s, first)
-        plays = [w for i in range(s.plays) for w in ([float(a[i]), 0.0] if i in s.rated else [float(a[i])])]
+        plays = [w for i in range(s.plays) for w in ([float(a[i]), 0.0] if i in s.rate_dependent else [float(a[i])])]
         lag = [prior.LAG if s.law == "kalman" else 0.0] * s.lag
-        weights = (*plays, *[0.0] * len(s.creep_times), *lag, *[0.0] * (s.offset + s.bends))
+        weights = (*plays, *[0.0] * len(s.creep_times), *lag, *[0.0] * (s.offset + s.asymmetry))
     return {"initial_sensitivity": first, "initial_weights": weights, "prior_covariance": _covariance(s, first)}
 
 
@@ -351,13 +361,13 @@ def _covariance(s: ControllerSettings, first: float) -> tuple[tuple[float, ...],
     if s.prior_covariance is None:
         P0 = prior.covariance(
             _play_weights(s, first),
-            s.rated,
+            s.rate_dependent,
             q=s.q,
             stroke=s.stroke,
             creeps=len(s.creep_times),
             lag=s.lag,
             offset=s.offset,
-            bends=s.bends,
+            asymmetry=s.asymmetry,
         )
     else:
         P0 = checks.finite_array("prior_covariance", s.prior_covariance, ndim=2)
@@ -442,10 +452,10 @@ def kernel_settings(s: ControllerSettings) -> dict[str, Any]:
         "dead_zone_thresholds": list(s.dead_zone_thresholds),
         "dead_zone_weights": list(s.dead_zone_weights),
         "creep": [-math.expm1(-1 / (tau * fs)) for tau in s.creep_times],
-        "bends": s.bends,
+        "asymmetry": s.asymmetry,
         "lag": s.lag,
         "offset": s.offset,
-        "rated": [i in s.rated for i in range(s.plays)],
+        "rate_dependent": [i in s.rate_dependent for i in range(s.plays)],
         "rate_scale": s.rate_scale,
         "stroke": s.stroke,
         "initial_weights": list(s.initial_weights),

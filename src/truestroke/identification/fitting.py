@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from truestroke.base.typing import FloatArray
-from truestroke.control.actuator import ActuatorModel, bend_slopes
+from truestroke.control.actuator import ActuatorModel, asymmetry_slopes
 from truestroke.identification import normal, uncertainty
 from truestroke.identification.regression import Data, Structure
 
@@ -36,7 +36,8 @@ def fit_structure(
     weight : float
         Variance, um^2, with which the precision of the prior is multiplied.
     guess : ndarray, shape (samples,)
-        A first prediction, um above `Data.zero`: velocity and bends follow it in the first step, then the model's own.
+        A first prediction, um above `Data.zero`: velocity and asymmetry follow it in the first step, then the
+        model's own.
     delay : float
         Which `data` has taken out of the voltage, s.
     certain : bool
@@ -64,6 +65,6 @@ def _linearised(data: Data, s: Structure, z: FloatArray, c: FloatArray | None) -
         return C, measured, velocity
     predicted = z[:: data.every][data.fitted(s.rested)]
     first = s.names.index("offset") + 1
-    straight = 1 - bend_slopes(predicted, data.stroke)[:, : s.bends] @ c[first : first + s.bends]
+    straight = 1 - asymmetry_slopes(predicted, data.stroke)[:, : s.asymmetry] @ c[first : first + s.asymmetry]
     J = C / np.maximum(straight, 0.1)[:, None]
     return J, measured - predicted + J @ c, velocity

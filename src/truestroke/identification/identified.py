@@ -112,7 +112,7 @@ def identify(
     *,
     rate: bool | None = None,
     creep_times: Sequence[float] | None = None,
-    bends: int | None = None,
+    asymmetry: int | None = None,
     thresholds: Sequence[float] | None = None,
     delay: float | None = None,
     held_out: float = 0.4,
@@ -133,7 +133,7 @@ def identify(
         Whether the weights know the rate.
     creep_times : sequence of float, optional
         Time constants of the creep states, s; () is no creep.
-    bends : int, optional
+    asymmetry : int, optional
         Terms of asymmetry, 0 to 2.
     thresholds : sequence of float, optional
         r of the plays, V, ascending from 0.
@@ -165,7 +165,7 @@ def identify(
     fixed = {
         "rate": rate,
         "creep_times": creep_times,
-        "bends": None if bends is None else checks.count("bends", bends, 0, 2),
+        "asymmetry": None if asymmetry is None else checks.count("asymmetry", asymmetry, 0, 2),
         "thresholds": thresholds,
     }
     part, _ = _found(taken, train, shift, fixed, certain=False)
@@ -206,7 +206,7 @@ def _data(s: Series, samples: int, rows: int, shift: int = 0) -> Data:
     """The first samples, as the fit sees them; of the others, the range of the voltage and its rate.
 
     The zero is the first that the record comes near: the sensor's own, the straight line's displacement at 0 V, or its
-    least displacement: bends are told from travel between 0 and the stroke.
+    least displacement: asymmetry is estimated from travel between 0 and the stroke.
     """
     x, z = s.volts[:samples], s.displacement[:samples]
     stroke = float(np.ptp(z) * np.ptp(s.volts) / np.ptp(x))

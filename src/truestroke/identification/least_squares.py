@@ -65,11 +65,11 @@ class FittedWeights:
         return {
             "plays": len(self.thresholds),
             "thresholds": self.thresholds,
-            "rated": tuple(range(len(self.thresholds))),
+            "rate_dependent": tuple(range(len(self.thresholds))),
             "creep_times": (),
             "lag": False,
             "offset": False,
-            "bends": 0,
+            "asymmetry": 0,
             "dead_zone_thresholds": self.dead_zone_thresholds,
             "dead_zone_weights": tuple(self.dead_zone_weights.tolist()),
             "initial_weights": tuple(np.column_stack([self.play_weights, rate]).ravel().tolist()),

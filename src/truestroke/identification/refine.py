@@ -12,7 +12,7 @@ from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
 from truestroke.base.verdict import Verdict
 from truestroke.control import actuator
-from truestroke.control.actuator import ActuatorModel, bend_slopes, central_difference
+from truestroke.control.actuator import ActuatorModel, asymmetry_slopes, central_difference
 from truestroke.identification import normal, uncertainty
 from truestroke.identification.normal import Prior
 from truestroke.identification.record import EXPECTED, Record
@@ -146,7 +146,7 @@ def _rms(error: FloatArray) -> float:
 
 
 def _data(model: ActuatorModel, x: FloatArray, z: FloatArray, fs: float) -> Data:
-    """As the fit sees it; the range of the voltage grows, stroke and zero stay those that the bends are scaled with."""
+    """As the fit sees it; the range of the voltage grows, stroke and zero stay: they scale the asymmetry."""
     low, high = model.voltage_range
     every = -(-x.size // ROWS)
     return Data(
@@ -164,15 +164,18 @@ def _data(model: ActuatorModel, x: FloatArray, z: FloatArray, fs: float) -> Data
 def _fitted(model: ActuatorModel, data: Data, skip: int) -> ActuatorModel:
     """Gauss-Newton on the prediction error of the rows behind the first `skip`, from the old weights."""
     fs, measured = data.sample_rate, data.displacement[skip:]
-    terms = {name: getattr(model, name) for name in ("thresholds", "rated", "creep_times", "bends")}
+    terms = {name: getattr(model, name) for name in ("thresholds", "rate_dependent", "creep_times", "asymmetry")}
     s, delay = Structure(**terms, rested=True), round(model.delay * fs) / fs
     believed = _believed(model, s, data, model.delay - delay)
     velocity = max(model.velocity, float(np.abs(central_difference(model.predict(data.volts, fs), fs)).max()))
-    c, bends = believed.mean, slice(len(s.names) - s.bends, len(s.names))
+    c, asymmetry = believed.mean, slice(len(s.names) - s.asymmetry, len(s.names))
     for _ in range(STEPS):
         z_m = data.model(s, c, velocity).predict(data.volts, fs) - data.zero
         rows, kept = data.columns(s, z_m)[skip:], z_m[:: data.every][skip:]
-        J = rows[:, :-1] / np.maximum(1 - bend_slopes(kept, data.stroke)[:, : s.bends] @ c[bends], 0.1)[:, None]
+        J = (
+            rows[:, :-1]
+            / np.maximum(1 - asymmetry_slopes(kept, data.stroke)[:, : s.asymmetry] @ c[asymmetry], 0.1)[:, None]
+        )
         residual = measured - kept
         noise = float(np.var(residual)) * residual.size / uncertainty.effective_samples(residual)
         weight = max(noise, (QUIET * model.stroke) ** 2)
@@ -186,7 +189,9 @@ def _fitted(model: ActuatorModel, data: Data, skip: int) -> ActuatorModel:
 
 def _believed(model: ActuatorModel, s: Structure, data: Data, delay: float) -> Prior:
     """The old weights in the scale of `data`, as sure as on another day; the offset is where the record begins."""
-    rates = [model.rate_scale / data.rate_scale if name in {f"b{i}" for i in s.rated} else 1.0 for name in s.names]
+    rates = [
+        model.rate_scale / data.rate_scale if name in {f"b{i}" for i in s.rate_dependent} else 1.0 for name in s.names
+    ]
     mean, P = model.weights * rates, model.another_day() * np.outer(rates, rates)
     lag, offset = s.names.index("lag"), s.names.index("offset")
     mean[lag] -= delay

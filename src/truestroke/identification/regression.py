@@ -12,12 +12,12 @@ from truestroke import _kernel
 from truestroke.base.typing import FloatArray
 from truestroke.control.actuator import (
     ActuatorModel,
-    bend_columns,
-    bend_slopes,
+    asymmetry_columns,
+    asymmetry_slopes,
     central_difference,
     creep_states,
 )
-from truestroke.control.settings import RATED, ControllerSettings
+from truestroke.control.settings import RATE_DEPENDENT, ControllerSettings
 from truestroke.identification.normal import Prior
 from truestroke.identification.series import settled
 from truestroke.model import prior
@@ -25,8 +25,8 @@ from truestroke.model import prior
 ROWS = 50_000  # of the regression at most: beyond, every so many samples; the plays see all of them
 SETTLING = 0.1  # of the record at most: what is skipped until the play states are known
 FLOOR = 0.05  # of the straight line's slope: the smallest partial slope
-STEEPEST = 0.2  # least slope of z - bends(z): displacement rises by 5 times what the plays say at most
-BENT = np.linspace(-1.0, 2.0, 31)  # of the stroke, all that bends know: where that is asked for, seen or not
+STEEPEST = 0.2  # least slope of z - asymmetry(z): displacement rises by 5 times what the plays say at most
+CURVED = np.linspace(-1.0, 2.0, 31)  # of the stroke, all that the asymmetry covers, seen or not
 CREEP_START = 0.015  # of the stroke: deviation of what a creep state still has to go at the start
 
 
@@ -35,9 +35,9 @@ class Structure:
     """Which terms the model has: what cross-validation chooses."""
 
     thresholds: tuple[float, ...]
-    rated: tuple[int, ...] = ()
+    rate_dependent: tuple[int, ...] = ()
     creep_times: tuple[float, ...] = ()
-    bends: int = 0
+    asymmetry: int = 0
     rested: bool = False  # whether the actuator is taken to start at rest, so that the fit uses the start
 
     @property
@@ -54,9 +54,9 @@ class Structure:
             voltage_limits=(0.0, 1.0 + 2.0 * self.thresholds[-1]),
             thresholds=self.thresholds,
             plays=len(self.thresholds),
-            rated=self.rated,
+            rate_dependent=self.rate_dependent,
             creep_times=self.creep_times,
-            bends=self.bends,
+            asymmetry=self.asymmetry,
         )
         return (*made.names, *[f"start {tau:g} s" for tau in self.starts])
 
@@ -108,19 +108,23 @@ class Data:
     def columns(self, s: Structure, z: FloatArray) -> FloatArray:
         """Columns of all coefficients and, last, the displacement. `z` is the model's own, um, at the full rate.
 
-        Velocity and bends come from the model, not from the measurement, so that its noise does not bias the weights.
+        Velocity and asymmetry come from the model, not from the measurement, whose noise would bias the weights.
         """
         every, n = self.every, len(s.thresholds)
         rate = central_difference(z, self.sample_rate)[::every, None]
         H = plays(self.volts, s.thresholds, every)
-        rated = {i: self.rate_scale * rate * H[:, i : i + 1] for i in s.rated}
-        pairs = [c for i in range(n) for c in ((H[:, i : i + 1], rated[i]) if i in rated else (H[:, i : i + 1],))]
+        rate_dependent = {i: self.rate_scale * rate * H[:, i : i + 1] for i in s.rate_dependent}
+        pairs = [
+            c
+            for i in range(n)
+            for c in ((H[:, i : i + 1], rate_dependent[i]) if i in rate_dependent else (H[:, i : i + 1],))
+        ]
         creep = [c[::every, None] for c in creep_states(self.volts, s.creep_times, self.sample_rate)]
         t = np.arange(0, self.volts.size, every)[:, None] / self.sample_rate
         starts = [np.exp(-t / tau) for tau in s.starts]
-        bends = bend_columns(z[::every], self.stroke)[:, : s.bends]
+        asymmetry = asymmetry_columns(z[::every], self.stroke)[:, : s.asymmetry]
         target = self.displacement[:, None]
-        return np.hstack([*pairs, *creep, rate, np.ones_like(t), bends, *starts, target])
+        return np.hstack([*pairs, *creep, rate, np.ones_like(t), asymmetry, *starts, target])
 
     def starts(self, s: Structure, c: FloatArray) -> FloatArray:
         """What the creep states still had to go at the start of the record, um, at the full rate."""
@@ -131,9 +135,9 @@ class Data:
         """`prior.covariance`, but lag and offset as far as the record's clock and sensor may be off."""
         low, high = self.voltage_range
         a = prior.play_weights(s.thresholds, high - low, prior.FIRST_SLOPE * self.q)
-        terms = {"creeps": len(s.creep_times), "lag": True, "offset": True, "bends": s.bends}
-        P = prior.covariance(a, s.rated, q=self.q, stroke=self.stroke, **terms)  # type: ignore[arg-type]
-        lag = P.shape[0] - s.bends - 2
+        terms = {"creeps": len(s.creep_times), "lag": True, "offset": True, "asymmetry": s.asymmetry}
+        P = prior.covariance(a, s.rate_dependent, q=self.q, stroke=self.stroke, **terms)  # type: ignore[arg-type]
+        lag = P.shape[0] - s.asymmetry - 2
         P[lag, lag] = max(prior.LAG_DEVIATION, 1 / self.sample_rate) ** 2
         P[lag + 1, lag + 1] = (self.stroke + self.q * max(abs(low), abs(high))) ** 2
         m, k = P.shape[0], len(s.starts)
@@ -148,28 +152,30 @@ class Data:
         """G and g of G c >= g, without which there is no inverse.
 
         The partial slopes at the velocities +velocity and -velocity are `FLOOR` q at least, and so are they at all
-        between; and z - bends(z) rises by `STEEPEST` of z at least.
+        between; and z - asymmetry(z) rises by `STEEPEST` of z at least.
         """
         names, n = s.names, len(s.thresholds)
-        plays, bends = np.zeros((2, n, len(names))), np.zeros((BENT.size, len(names)))
+        plays, asymmetry = np.zeros((2, n, len(names))), np.zeros((CURVED.size, len(names)))
         for sign, side in zip((1, -1), plays, strict=True):
             for i in range(n):
                 side[i:, names.index(f"a{i}")] = 1
-                if i in s.rated:
+                if i in s.rate_dependent:
                     side[i:, names.index(f"b{i}")] = sign * self.rate_scale * velocity
         first = names.index("offset") + 1
-        bends[:, first : first + s.bends] = -bend_slopes(BENT * self.stroke, self.stroke)[:, : s.bends]
-        floors = np.repeat([FLOOR * self.q, STEEPEST - 1], [2 * n, BENT.size])
-        return np.vstack([plays.reshape(-1, len(names)), bends]), floors
+        asymmetry[:, first : first + s.asymmetry] = -asymmetry_slopes(CURVED * self.stroke, self.stroke)[
+            :, : s.asymmetry
+        ]
+        floors = np.repeat([FLOOR * self.q, STEEPEST - 1], [2 * n, CURVED.size])
+        return np.vstack([plays.reshape(-1, len(names)), asymmetry]), floors
 
     def model(self, s: Structure, c: FloatArray, velocity: float) -> ActuatorModel:
         """The model with these coefficients; its covariance is not known yet."""
         m = c.size - len(s.starts)
         return ActuatorModel(
             thresholds=s.thresholds,
-            rated=s.rated,
+            rate_dependent=s.rate_dependent,
             creep_times=s.creep_times,
-            bends=s.bends,
+            asymmetry=s.asymmetry,
             weights=c[:m],
             covariance=np.zeros((m, m)),
             stroke=self.stroke,
@@ -197,6 +203,6 @@ def even_thresholds(n: int, largest: float) -> tuple[float, ...]:
     return tuple(i / n * largest for i in range(n))
 
 
-def rated(n: int) -> tuple[int, ...]:
+def rate_dependent(n: int) -> tuple[int, ...]:
     """Plays that have a rate weight where the rate matters."""
-    return tuple(i for i in RATED if i < n)
+    return tuple(i for i in RATE_DEPENDENT if i < n)

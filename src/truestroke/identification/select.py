@@ -14,7 +14,7 @@ from truestroke.base import checks
 from truestroke.base.typing import FloatArray
 from truestroke.control.actuator import play_sum
 from truestroke.identification import normal, turning, uncertainty
-from truestroke.identification.regression import Data, Structure, delayed, even_thresholds, plays, rated
+from truestroke.identification.regression import Data, Structure, delayed, even_thresholds, plays, rate_dependent
 
 BLOCKS = 6  # of the cross-validation: each but the first three is predicted from those before it
 FIRST = 3
@@ -154,24 +154,26 @@ def _with_all_terms(data: Data, fixed: Mapping[str, Any]) -> Iterator[Structure]
             continue
         yield Structure(
             thresholds=r,
-            rated=() if fixed["rate"] is False else rated(len(r)),
+            rate_dependent=() if fixed["rate"] is False else rate_dependent(len(r)),
             creep_times=times,
-            bends=2 if fixed["bends"] is None else fixed["bends"],
+            asymmetry=2 if fixed["asymmetry"] is None else fixed["asymmetry"],
             rested=rested,
         )
 
 
 def _with_fewer_terms(full: Structure, fixed: Mapping[str, Any]) -> Iterator[Structure]:
-    rates = [full.rated] if fixed["rate"] is not None else [(), full.rated]
+    rates = [full.rate_dependent] if fixed["rate"] is not None else [(), full.rate_dependent]
     times = full.creep_times
     creeps = [times] if fixed["creep_times"] is not None else sorted({(), times[len(times) // 2 :], times}, key=len)
-    bends = [full.bends] if fixed["bends"] is not None else [0, 1, 2]
-    for rate, creep, n in itertools.product(rates, creeps, bends):
-        yield dataclasses.replace(full, rated=rate, creep_times=creep, bends=n)
+    asymmetry = [full.asymmetry] if fixed["asymmetry"] is not None else [0, 1, 2]
+    for rate, creep, n in itertools.product(rates, creeps, asymmetry):
+        yield dataclasses.replace(full, rate_dependent=rate, creep_times=creep, asymmetry=n)
 
 
 def _words(s: Structure) -> str:
     creep = f"creep {', '.join(f'{tau:g}' for tau in s.creep_times)} s" if s.creep_times else "no creep"
-    rate = f"{len(s.rated)} rate weights" if s.rated else "no rate"
+    rate = f"{len(s.rate_dependent)} rate weights" if s.rate_dependent else "no rate"
     start = " from rest" if s.rested else ""
-    return f"{len(s.thresholds)} plays to {s.thresholds[-1]:.3g} V{start}, {rate}, {creep}, {s.bends} bends"
+    return (
+        f"{len(s.thresholds)} plays to {s.thresholds[-1]:.3g} V{start}, {rate}, {creep}, {s.asymmetry} asymmetry terms"
+    )

@@ -164,7 +164,7 @@ def play_inverse(y_d: float, slopes: npt.ArrayLike, r: npt.ArrayLike, y: npt.Arr
     0.8
     """
     s, thresholds, states = (_floats(value).tolist() for value in (slopes, r, y))  # plain floats: no array is made
-    gap = y_d - float(brought(_floats(slopes), _floats(y)))  # what is still missing at x, um
+    gap = y_d - float(weighted_sum(_floats(slopes), _floats(y)))  # what is still missing at x, um
     sign = -1.0 if gap < 0 else 1.0
     x, slope = states[0], s[0]
     for threshold, state, next_slope in zip(thresholds[1:], states[1:], s[1:], strict=True):
@@ -176,8 +176,8 @@ def play_inverse(y_d: float, slopes: npt.ArrayLike, r: npt.ArrayLike, y: npt.Arr
     return float(x + gap / slope)
 
 
-def brought(slopes: FloatArray, y: FloatArray) -> FloatArray:
-    """What the plays bring: w.y with w_j = s_j - s_{j-1}, summed by parts.
+def weighted_sum(slopes: FloatArray, y: FloatArray) -> FloatArray:
+    """Weighted sum of the plays, um: w.y with w_j = s_j - s_{j-1}, summed by parts.
 
     Parameters
     ----------
@@ -188,7 +188,7 @@ def brought(slopes: FloatArray, y: FloatArray) -> FloatArray:
 
     Examples
     --------
-    >>> float(brought(np.array([8.0, 10.0]), np.array([1.0, 0.5])))
+    >>> float(weighted_sum(np.array([8.0, 10.0]), np.array([1.0, 0.5])))
     9.0
     """
     return dot(slopes, y - np.append(y[1:], 0.0))
@@ -226,7 +226,7 @@ def limit_slopes(slopes: FloatArray, limits: tuple[float, float]) -> tuple[Float
 # ---- Terms of the regressor --------------------------------------------------------------------------------------
 
 
-def play_terms(H: FloatArray, rate: float, rated: npt.ArrayLike) -> FloatArray:
+def play_terms(H: FloatArray, rate: float, rate_dependent: npt.ArrayLike) -> FloatArray:
     """The part of the regressor (20) that the plays make: [H_0, rate H_0, H_1, ...].
 
     Parameters
@@ -235,7 +235,7 @@ def play_terms(H: FloatArray, rate: float, rated: npt.ArrayLike) -> FloatArray:
         Play states, V.
     rate : float
         c_b zdot_d of (20), without unit.
-    rated : array_like of bool, shape (n,)
+    rate_dependent : array_like of bool, shape (n,)
         Which plays have a rate weight; the entries of the others are left out.
 
     Examples
@@ -244,7 +244,7 @@ def play_terms(H: FloatArray, rate: float, rated: npt.ArrayLike) -> FloatArray:
     array([1. , 0.1, 0.5])
     """
     both = np.column_stack([H, rate * H])
-    terms: FloatArray = both[np.column_stack([np.ones(H.size, dtype=bool), np.asarray(rated)])]
+    terms: FloatArray = both[np.column_stack([np.ones(H.size, dtype=bool), np.asarray(rate_dependent)])]
     return terms
 
 
@@ -268,7 +268,7 @@ def creep_step(c: FloatArray, x: float, share: FloatArray) -> FloatArray:
     return c + share * (x - c)
 
 
-def bends(z_d: float, stroke: float, count: int) -> list[float]:
+def asymmetry_terms(z_d: float, stroke: float, count: int) -> list[float]:
     """Terms of asymmetry: the first `count` of 4 s (1 - s) and 8 s (1 - s)(1 - 2 s), with s = z_d / stroke.
 
     They act on the desired displacement, which is known before the voltage. Beyond -1 <= s <= 2 they stay as they are.
@@ -282,7 +282,7 @@ def bends(z_d: float, stroke: float, count: int) -> list[float]:
 
     Examples
     --------
-    >>> bends(7.5, 30.0, 2)
+    >>> asymmetry_terms(7.5, 30.0, 2)
     [0.75, 0.75]
     """
     s = min(max(z_d / stroke, -1.0), 2.0)
@@ -291,21 +291,22 @@ def bends(z_d: float, stroke: float, count: int) -> list[float]:
 
 
 def known_terms(
-    creep: FloatArray, z_d: float, zdot_d: float, *, lag: bool, offset: bool, stroke: float, bend_count: int
+    creep: FloatArray, z_d: float, zdot_d: float, *, lag: bool, offset: bool, stroke: float, asymmetry: int
 ) -> FloatArray:
     """The part of the regressor that is known before the voltage is chosen, so that the inverse stays a walk.
 
     Returns
     -------
     ndarray
-        Creep states, V; where asked for zdot_d, um/s (its weight is a delay, s), and 1 (an offset, um); `bends`.
+        Creep states, V; where asked for zdot_d, um/s (its weight is a delay, s), and 1 (an offset, um); then
+        `asymmetry_terms`.
 
     Examples
     --------
-    >>> known_terms(np.array([0.5]), 7.5, 20.0, lag=True, offset=True, stroke=30.0, bend_count=1)
+    >>> known_terms(np.array([0.5]), 7.5, 20.0, lag=True, offset=True, stroke=30.0, asymmetry=1)
     array([ 0.5 , 20.  ,  1.  ,  0.75])
     """
-    return np.array([*creep, *[zdot_d] * lag, *[1.0] * offset, *bends(z_d, stroke, bend_count)])
+    return np.array([*creep, *[zdot_d] * lag, *[1.0] * offset, *asymmetry_terms(z_d, stroke, asymmetry)])
 
 
 # ---- Models ------------------------------------------------------------------------------------------------------

@@ -24,7 +24,7 @@ RATE_DEVIATION = 0.1  # of q: of each rate weight
 CREEP_DEVIATION = 0.03  # of q: of each creep weight
 LAG, LAG_DEVIATION = -0.15e-3, 0.2e-3  # s
 OFFSET_DEVIATION = 0.03  # of the stroke
-BEND_DEVIATION = 0.05  # of the stroke
+ASYMMETRY_DEVIATION = 0.05  # of the stroke
 
 
 def thresholds(plays: int, voltage_range: float) -> tuple[float, ...]:
@@ -59,7 +59,15 @@ def play_weights(r: Sequence[float], voltage_range: float, first: float) -> Floa
 
 
 def covariance(
-    a: FloatArray, rated: Sequence[int], *, q: float, stroke: float, creeps: int, lag: bool, offset: bool, bends: int
+    a: FloatArray,
+    rate_dependent: Sequence[int],
+    *,
+    q: float,
+    stroke: float,
+    creeps: int,
+    lag: bool,
+    offset: bool,
+    asymmetry: int,
 ) -> FloatArray:
     """Covariance P0 of the parameters, shape (m, m), in the squares of their units.
 
@@ -67,23 +75,23 @@ def covariance(
     ----------
     a : ndarray, shape (n,)
         Weights of the plays that are believed in, um/V.
-    rated : sequence of int
+    rate_dependent : sequence of int
         Which plays have a rate weight.
     q : float
         stroke / (highest - lowest voltage), um/V.
     stroke : float
         um
-    creeps, lag, offset, bends
+    creeps, lag, offset, asymmetry
         The terms of the model, as in `ControllerSettings`.
 
     Returns
     -------
     ndarray, shape (m, m)
-        In the order of the parameters: [a0, b0, a1, b1, ...], creeps, lag, offset, bends.
+        In the order of the parameters: [a0, b0, a1, b1, ...], creeps, lag, offset, asymmetry.
 
     Examples
     --------
-    >>> P0 = covariance(np.array([8.0, 2.0]), (0,), q=7.0, stroke=30.0, creeps=0, lag=False, offset=True, bends=0)
+    >>> P0 = covariance(np.array([8.0, 2.0]), (0,), q=7.0, stroke=30.0, creeps=0, lag=False, offset=True, asymmetry=0)
     >>> np.sqrt(np.diag(P0)).round(3)
     array([2.801, 0.7  , 1.973, 0.9  ])
     """
@@ -97,11 +105,11 @@ def covariance(
     other: list[float] = []  # deviation of each b_i
     for i in range(a.size):
         place.append(len(place) + len(other))
-        if i in rated:
+        if i in rate_dependent:
             other.append(RATE_DEVIATION * q)
     others = np.setdiff1d(np.arange(len(place) + len(other)), place)
     terms = [CREEP_DEVIATION * q] * creeps + [LAG_DEVIATION] * lag + [OFFSET_DEVIATION * stroke] * offset
-    terms += [BEND_DEVIATION * stroke] * bends
+    terms += [ASYMMETRY_DEVIATION * stroke] * asymmetry
     m = len(place) + len(other) + len(terms)
     P0 = np.zeros((m, m))
     P0[np.ix_(place, place)] = of_plays

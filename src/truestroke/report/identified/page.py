@@ -103,7 +103,7 @@ def notes(view: View, record: Record) -> list[str]:
     return says
 
 
-PARTS = re.compile(r"(.+?), (no rate|\d+ rate weights), (no creep|creep .+? s), (\d bends)")
+PARTS = re.compile(r"(.+?), (no rate|\d+ rate weights), (no creep|creep .+? s), (\d asymmetry terms)")
 
 
 @dataclass(frozen=True)
@@ -257,7 +257,7 @@ def _weights(view: View) -> list[tuple[str, str, str, str, str]]:
 
 
 def _unit(name: str) -> str:
-    return {"lag": "s", "offset": "µm"}.get(name, "µm" if name.startswith("bend") else "µm/V")
+    return {"lag": "s", "offset": "µm"}.get(name, "µm" if name.startswith("asymmetry") else "µm/V")
 
 
 def _micro(text: str) -> str:

@@ -202,15 +202,15 @@ def _groups(view: View) -> list[_Group]:
         last = f"a{n - 1}".translate(figures.SUBSCRIPTS)
         heading = f"plays a₁ to {last} (µm/V)" if n > 2 else "play a₁ (µm/V)"
         groups.append(_Group(heading, places(*(f"a{i}" for i in range(1, n)))))
-    if m.rated:
-        groups.append(_Group("rate b (µm/V)", places(*(f"b{i}" for i in m.rated))))
+    if m.rate_dependent:
+        groups.append(_Group("rate b (µm/V)", places(*(f"b{i}" for i in m.rate_dependent))))
     if m.creep_times:
         creep = places(*(name for name in m.names if name.startswith("creep")))
         groups.append(_Group("creep (µm/V)", creep, [f"{tau:g}" for tau in m.creep_times], "time constant (s)"))
     groups += [small("lag", places("lag"), [""], 1e6, "s"), small("offset", places("offset"), [""], 1.0, "m")]
-    if m.bends:
-        bends = [str(i + 1) for i in range(m.bends)]
-        groups.append(small("bends", places(*(f"bend {i}" for i in bends)), bends, 1.0, "m"))
+    if m.asymmetry:
+        asymmetry = [str(i + 1) for i in range(m.asymmetry)]
+        groups.append(small("asymmetry", places(*(f"asymmetry {i}" for i in asymmetry)), asymmetry, 1.0, "m"))
     return groups
 
 

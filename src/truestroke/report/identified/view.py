@@ -90,7 +90,14 @@ class View:
         a = prior.play_weights(m.thresholds, span, prior.FIRST_SLOPE * m.sensitivity)
         creeps = len(m.creep_times)
         P = prior.covariance(
-            a, m.rated, q=m.sensitivity, stroke=m.stroke, creeps=creeps, lag=True, offset=True, bends=m.bends
+            a,
+            m.rate_dependent,
+            q=m.sensitivity,
+            stroke=m.stroke,
+            creeps=creeps,
+            lag=True,
+            offset=True,
+            asymmetry=m.asymmetry,
         )
         mean, deviation = np.zeros(len(P)), np.sqrt(np.diag(P))
         mean[[m.names.index(f"a{i}") for i in range(a.size)]] = a

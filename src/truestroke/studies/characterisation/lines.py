@@ -64,7 +64,7 @@ class Branches(NamedTuple):
     quantile: float
 
     @property
-    def rated(self) -> npt.NDArray[np.bool_]:
+    def rate_dependent(self) -> npt.NDArray[np.bool_]:
         """Which weights change with speed."""
         return np.asarray(np.abs(self.b) > self.quantile * self.b_deviations)
 
@@ -191,7 +191,7 @@ class Characterisation:
         plant = self.recording.metadata.get("plant", {}).get("name", "")
         return ActuatorModel(
             thresholds=tuple(self.thresholds.tolist()),
-            rated=tuple(range(self.thresholds.size)),
+            rate_dependent=tuple(range(self.thresholds.size)),
             weights=self.coefficients,
             covariance=self.covariance,
             rate_scale=RATE_SCALE,

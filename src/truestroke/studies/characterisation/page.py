@@ -76,11 +76,11 @@ def judged(found: Characterisation) -> Verdict:
 def verdict(found: Characterisation) -> list[str]:
     """What the lines mean, in sentences."""
     speed, branches, sentences = found.velocities[found.converged].max(), found.branches, []
-    if branches.rated.any():
-        change = RATE_SCALE * speed * np.abs(branches.b[branches.rated]).max() / found.a.sum()
+    if branches.rate_dependent.any():
+        change = RATE_SCALE * speed * np.abs(branches.b[branches.rate_dependent]).max() / found.a.sum()
         sentences.append(
-            f"Speed changes {_names(branches.rated)}: at {speed:g} um/s the largest change is {100 * change:.1f} % of "
-            f"the sensitivity, {found.a.sum():.2f} um/V."
+            f"Speed changes {_names(branches.rate_dependent)}: at {speed:g} um/s the largest change is "
+            f"{100 * change:.1f} % of the sensitivity, {found.a.sum():.2f} um/V."
         )
     else:
         sentences.append(_rateless(found, speed))
