@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from truestroke import AdaptiveController, RunInterrupted, SettingError, Timing, run
+from truestroke.base import toml
 from truestroke.plant import RealisticPlant
 from truestroke.runtime.drivers import DriverError, Fault, OneAxis, SimulatedDriver, SimulatedSettings
 from truestroke.runtime.drivers.clock import Clock
@@ -205,7 +206,7 @@ def test_calls_that_fail_say_which(kind: str) -> None:
 )
 def test_wrong_settings_are_named(settings: dict[str, object], words: str) -> None:
     with pytest.raises(SettingError, match=words):
-        SimulatedDriver(SimulatedSettings(**settings))  # type: ignore[arg-type]
+        SimulatedDriver(toml.decode(SimulatedSettings, settings))
 
 
 def test_one_axis_refuses_two() -> None:

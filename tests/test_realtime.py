@@ -205,7 +205,7 @@ def test_what_the_command_line_refuses() -> None:
         ({"driver": {"name": "labview"}}, "driver.name = 'labview': must be one of simulated"),
         (
             {"driver": {"name": "simulated", "blok": 5}},
-            "driver.blok = 5: must be left out; did you mean block.* There are block",
+            "driver.blok = 5: must be left out; did you mean block.* There are name, sample_rate, block",
         ),
         ({"axis": []}, "at least one table"),
         ({"axis.slow": 1.0}, "axis.slow = 1.0: must be left out; did you mean slew.* There are name, stroke"),
@@ -216,7 +216,7 @@ def test_what_the_command_line_refuses() -> None:
         ({"axis.settings": {"slew_limit": 3.0}}, "axis.settings.slew_limit"),
         ({"axis.controller": "paper", "axis.settings": {"trim_rate": 3.0}}, "there are none"),
         ({"axis.model": "m.toml"}, "left out where there is a model"),
-        ({"axis.trajectory": 3}, r"a table \[axis.trajectory\]"),
+        ({"axis.trajectory": 3}, "axis.trajectory = 3: must be a table"),
         ({"axis.trajectory": {"kind": "sine", "cutoff": 3.0}}, "axis.trajectory.cutoff = 3.0: must be left out"),
         ({"axis.trajectory": {"kind": "spiral"}}, "axis.trajectory.kind = 'spiral'"),
         ({"axis.name": "a/b"}, "name = 'a/b'"),
@@ -226,16 +226,16 @@ def test_what_the_command_line_refuses() -> None:
         ({"recording": {"files": "x"}}, "recording.files"),
         ({"recording": {"file": 5}}, "recording.file = 5: must be text in quotes"),
         ({"axis": [3]}, r"axis = 3: must be a table"),
-        ({"axis": 3}, "axis = 3: must be at least one table"),
-        ({"axis.stroke": "30"}, "axis.stroke = '30' um: must be a number"),
+        ({"axis": 3}, "axis = 3: must be a list"),
+        ({"axis.stroke": "30"}, "axis.stroke = '30' um: must be a number, without quotes"),
         ({"axis.stroke": True}, "axis.stroke = True um: must be a number"),
         ({"axis.resonance": "180"}, "axis.resonance = '180' Hz: must be a number"),
-        ({"axis.resonance": -1.0}, "axis.resonance = -1.0 Hz: must be above 0"),
+        ({"axis.resonance": -1.0}, "axis.resonance = -1.0 Hz: must be from 0 to 1e"),
         ({"axis.slew": "400"}, "axis.slew = '400' V/s: must be a number"),
         ({"axis.slew": -4.0}, "axis.slew = -4.0 V/s: must be above 0"),
-        ({"axis.voltage_limits": 3.6}, "axis.voltage_limits = 3.6: must be a list"),
-        ({"axis.voltage_limits": [0.0]}, r"axis.voltage_limits = \[0.0\] V: must be a pair"),
-        ({"axis.voltage_limits": ["0", 3.6]}, "axis.voltage_limits = '0': must be a number"),
+        ({"axis.voltage_limits": 3.6}, "axis.voltage_limits = 3.6 V: must be a list"),
+        ({"axis.voltage_limits": [0.0]}, r"axis.voltage_limits = \(0.0,\) V: must be a pair"),
+        ({"axis.voltage_limits": ["0", 3.6]}, "axis.voltage_limits = '0' V: must be a number, without quotes"),
         ({"axis.name": 3}, "axis.name = 3: must be text"),
         ({"axis.settings": {"trim_rate": "3"}}, "axis.settings.trim_rate = '3': must be a number"),
         ({"axis.settings": {"trim_rate": -3.0}}, "axis.settings.trim_rate = -3.0 1/s"),
@@ -245,14 +245,17 @@ def test_what_the_command_line_refuses() -> None:
         ({"axis.trajectory": {"kind": ["sine"]}}, "axis.trajectory.kind = "),
         ({"axis.trajectory": {"kind": "from_csv", "path": 3}}, "axis.trajectory.path = 3: must be text"),
         ({"axis.trajectory": {"kind": "from_csv", "path": "n.csv"}}, "axis.trajectory.*n.csv"),
-        ({"realtime": 3}, r"realtime = 3: must be a table \[realtime\]"),
+        ({"realtime": 3}, "realtime = 3: must be a table"),
         ({"realtime": {"cpu": "1"}}, "realtime.cpu = '1': must be a whole number"),
         ({"realtime": {"spin": False}}, "realtime.spin = False: must be a number"),
         ({"realtime": {"sensor_timeout": 0.0}}, "realtime.sensor_timeout = 0.0 s"),
         ({"driver": {"name": "simulated", "seed": "1"}}, "driver.seed = '1': must be a whole number, without quotes"),
         ({"driver": {"name": "simulated", "plant": 3}}, "driver.plant = 3: must be a table"),
         ({"driver": {"name": "simulated", "plant": {"nois": 0.1}}}, "driver.plant.nois .*did you mean noise"),
-        ({"driver": {"name": "simulated", "plant": {"noise": "0.1"}}}, "driver.plant.noise = '0.1' um"),
+        (
+            {"driver": {"name": "simulated", "plant": {"noise": "0.1"}}},
+            "driver.plant.noise = '0.1': must be a number, without quotes",
+        ),
         ({"driver": {"name": "simulated", "plant": {"change": {"tim": 1}}}}, "driver.plant.change.tim .*mean time"),
         ({"driver": {"name": "simulated", "plant": {"change": {"gain": 1}}}}, "driver.plant.change.time = missing"),
         ({"driver": {"name": "simulated", "faults": [3]}}, "driver.faults = 3: must be a table"),
@@ -279,9 +282,9 @@ def test_what_is_wrong_in_a_configuration_is_named(changes: dict[str, Any], word
     ("text", "words"),
     [
         (None, "there is no such file"),
-        ("[driver]\n", "not a truestroke model"),
+        ("[driver]\n", "format = None: must be 'truestroke model'"),
         ("\x00", "Invalid"),
-        ('format = "truestroke model"\nversion = 1\nmodel = {}\n', "no table"),
+        ('format = "truestroke model"\nversion = 1\nmodel = {}\n', "weights = missing"),
     ],
 )
 def test_a_model_that_is_none_is_one_line(text: str | None, words: str) -> None:
@@ -302,7 +305,7 @@ def test_the_file_and_the_axis_are_named_where_there_are_several() -> None:
     text = config.example() + config.example()[config.example().index("[[axis]]") :].partition("[realtime]")[0]
     head, _, second = text.rpartition("slew = 400.0")
     Path("run.toml").write_text(f'{head}slew = "fast"{second}')
-    with pytest.raises(SettingError, match=r"^run.toml: \[\[axis\]\] 2: slew = 'fast' V/s: must be a number$"):
+    with pytest.raises(SettingError, match=r"^run.toml: \[\[axis\]\] 2: slew = 'fast' V/s: must be a number, "):
         config.load("run.toml")
 
 

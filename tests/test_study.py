@@ -153,7 +153,7 @@ def test_a_realistic_plant_that_changes():
 @pytest.mark.parametrize(
     ("changed", "argument"),
     [
-        ({"runz": 3}, "study.runz"),
+        ({"runz": 3}, "runz"),
         ({"runs": 0}, "runs"),
         ({"record": ["rsme"]}, "record"),
         ({"plant": {"kind": "matched", "noize": 0.1}}, "plant.noize"),

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import difflib
-import inspect
 import itertools
 import math
 import os
 import types
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -73,67 +72,8 @@ forgetting
         if name not in names:
             close = difflib.get_close_matches(str(name), names, 1)
             words = f"did you mean {close[0]}? There" if close else "there"
-            raise SettingError(str(name), repr(value), f"left out; {words} are {', '.join(names) or 'none'}")
-
-
-def typed(argument: str, value: Any, hint: Any) -> None:
-    """A plain value of the type that an annotation asks for: a string is no number, and neither is a truth value.
-
-    >>> typed("stroke", "30", float)
-    Traceback (most recent call last):
-        ...
-    truestroke.SettingError: stroke = '30': must be a number, without quotes
-    """
-    inner = get_args(hint)
-    if get_origin(hint) in (Union, types.UnionType):
-        if not any(_fits(value, one, one) for one in inner):
-            typed(argument, value, next(one for one in inner if one is not type(None)))
-    elif not _fits(value, hint):
-        quoted = isinstance(value, str) and hint in (int, float, bool)
-        raise SettingError(argument, repr(value), f"{_KINDS[get_origin(hint) or hint][1]}{', without quotes' * quoted}")
-    elif get_origin(hint) is tuple:
-        for entry in value:
-            typed(argument, entry, inner[0])
-
-
-def needed(given: Mapping[str, Any], name: str) -> Any:
-    """The value of a name that must be there."""
-    if name not in given:
-        raise SettingError(name, "missing", "given")
-    return given[name]
-
-
-def made(make: Callable[..., Any], given: Mapping[str, Any], also: tuple[str, ...] = ()) -> Any:
-    """make(**given), where the names are its parameters and the values of their types; lists become tuples.
-
-    `also` are names that are allowed and that it does not get.
-    """
-    parameters, hints = inspect.signature(make).parameters, get_type_hints(make)
-    known(given, sorted({*parameters, *also}))
-    for name, parameter in parameters.items():
-        if parameter.default is inspect.Parameter.empty:
-            needed(given, name)
-    passed = {name: tuple(v) if isinstance(v, list) else v for name, v in given.items() if name not in also}
-    for name, value in passed.items():
-        typed(name, value, hints[name])
-    return make(**passed)
-
-
-_KINDS: dict[Any, tuple[Any, str]] = {
-    float: ((int, float), "a number"),
-    int: ((int, float), "a whole number"),
-    bool: (bool, "true or false"),
-    str: (str, "text in quotes"),
-    type(None): (type(None), "left out"),
-    tuple: ((list, tuple), "a list"),
-    Mapping: (Mapping, "a table"),
-}
-
-
-def _fits(value: Any, hint: Any, other: Any = object) -> bool:
-    """Whether the outermost type does; what is none of `_KINDS` must be `other`, and has checks of its own."""
-    kind = _KINDS.get(get_origin(hint) or hint, (other if isinstance(other, type) else object, ""))[0]
-    return isinstance(value, kind) and (kind is object or isinstance(value, bool) <= (hint is bool))
+            shown = "a table" if isinstance(value, Mapping) else repr(value)
+            raise SettingError(str(name), shown, f"left out; {words} are {', '.join(names) or 'none'}")
 
 
 def number(argument: str, value: object, unit: str = "") -> float:

@@ -136,9 +136,9 @@ def _hardware(file: Path) -> Iterator[tuple[Actuator, dict[str, Any]]]:
     for name in ("plant", "voltage_limits", "slew_limit", "seed"):
         if click.get_current_context().get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE:
             raise click.UsageError(f"--{name.replace('_', '-')}: means nothing with --config; the file has it.")
-    job = config.one_axis(file)
-    with OneAxis(job.driver, **job.limits) as axis:
-        yield axis, {"voltage_limits": job.limits["voltage_limits"], "slew_limit": job.limits["slew"]}
+    driver, table = config.one_axis(file)
+    with OneAxis(driver, **table.limits) as axis:
+        yield axis, {"voltage_limits": table.voltage_limits, "slew_limit": table.slew}
 
 
 def _print(found: Characterisation, verdict: Verdict) -> None:

@@ -15,7 +15,7 @@ from truestroke.cli import common
 if TYPE_CHECKING:
     from truestroke.runtime.commissioning import Findings
     from truestroke.runtime.drivers import OneAxis
-    from truestroke.runtime.realtime.config import OneAxisJob
+    from truestroke.runtime.realtime.config import AxisTable
 
 
 @click.command()
@@ -39,12 +39,12 @@ def commission(config: Path, output: str, yes: bool, as_json: bool) -> int:
     from truestroke.runtime.realtime import config as configuration
 
     (page,) = common.outputs(output, ".html")
-    job = configuration.one_axis(config)
+    driver, table = configuration.one_axis(config)
     if not (yes or sys.stdin.isatty()):
         raise click.UsageError("nobody is there to agree before the axis moves: --yes does, for scripts.")
-    axis = OneAxis(job.driver, **job.limits)
+    axis = OneAxis(driver, **table.limits)
     try:
-        found = _measured(axis, job, yes, as_json)
+        found = _measured(axis, table, yes, as_json)
     except AnswerError as error:
         return _failed(str(error), as_json)
     except DriverError as error:
@@ -53,7 +53,7 @@ def commission(config: Path, output: str, yes: bool, as_json: bool) -> int:
     return _told(found, config, page, as_json)
 
 
-def _measured(axis: OneAxis, job: OneAxisJob, yes: bool, as_json: bool) -> Findings:
+def _measured(axis: OneAxis, table: AxisTable, yes: bool, as_json: bool) -> Findings:
     """All steps, with a question before each that a person must decide."""
     from truestroke.runtime.commissioning import Findings, small_steps, whole_range
     from truestroke.runtime.commissioning.findings import small_rows
@@ -65,21 +65,21 @@ def _measured(axis: OneAxis, job: OneAxisJob, yes: bool, as_json: bool) -> Findi
     _agree(
         f"Steps from {axis.safe_voltage:g} V by {1e3 * STEPS[0] * (high - low):.2g} mV to at most {first:.2g} V?", yes
     )
-    small = small_steps(axis, job.stroke, tell)
+    small = small_steps(axis, table.stroke, tell)
     if not as_json:
-        _print_rows(small_rows(small, job.stroke, job.limits))
+        _print_rows(small_rows(small, table.stroke, table.limits))
     travel = small.gain.gain * (high - low)
     _agree(f"The whole range, {low:g} to {high:g} V, roughly {travel:.2g} um?", yes)
     whole = whole_range(axis, small, tell)
-    about: dict[str, Any] = {"name": job.name, "small": small, "whole": whole, "limits": job.limits}
-    about |= {"zero": job.zero, "resonance": job.resonance}
-    found = Findings(**about, asked=job.stroke)
-    return Findings(**about, asked=job.stroke, stroke=_stroke(found, job, yes))
+    about: dict[str, Any] = {"name": table.name, "small": small, "whole": whole, "limits": table.limits}
+    about |= {"zero": table.zero, "resonance": table.resonance or None}
+    found = Findings(**about, asked=table.stroke)
+    return Findings(**about, asked=table.stroke, stroke=_stroke(found, table, yes))
 
 
-def _stroke(found: Findings, job: OneAxisJob, yes: bool) -> float | None:
+def _stroke(found: Findings, table: AxisTable, yes: bool) -> float | None:
     """As it is, or what somebody says where there is none or it is beyond reach."""
-    if job.model or (found.asked is not None and not found.beyond):
+    if table.model or (found.asked is not None and not found.beyond):
         return found.asked
     if yes:
         return found.proposed

@@ -42,9 +42,9 @@ def play(waveform: Path, config: Path, output: str, rest: float, as_json: bool) 
         raise click.UsageError(f"--output {output}: is a file .csv in a folder that is there.")
     files.check(target, files.MEASUREMENT)
     volts, rate = _waveform(waveform)
-    job = configuration.one_axis(config)
+    driver, axis = configuration.one_axis(config)
     try:
-        made = play_and_record(job.driver, volts, rate, **job.limits, rest=rest)
+        made = play_and_record(driver, volts, rate, **axis.limits, rest=rest)
     except DriverError as error:
         raise click.ClickException(str(error)) from None
     x, z = made.volts[0], made.displacement[0]

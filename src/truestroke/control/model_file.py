@@ -6,14 +6,14 @@ import json
 import math
 import os
 import re
-import tomllib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from truestroke.base import checks, files
+from truestroke.base import checks, files, toml
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
 from truestroke.control.actuator import ActuatorModel
@@ -96,63 +96,57 @@ def load_model(path: str | os.PathLike[str]) -> ActuatorModel:
 
 def _read(path: Path) -> ActuatorModel:
     try:
-        return _model(tomllib.loads(path.read_text(encoding="utf-8")))
+        return _model(toml.read(path))
     except FileNotFoundError:
         raise ModelFileError(f"{os.fspath(path)}: there is no such file") from None
-    except (OSError, RecursionError, UnicodeDecodeError, tomllib.TOMLDecodeError, SettingError, _WrongError) as error:
-        raise ModelFileError(f"{os.fspath(path)}: {error}") from error
+    except (OSError, SettingError) as error:
+        raise ModelFileError(f"{os.fspath(path)}: {str(error).removeprefix(f'{os.fspath(path)} = ')}") from error
 
 
-class _WrongError(Exception):
-    pass
+@dataclass(frozen=True, kw_only=True)
+class _Tables:
+    """The tables that a model consists of."""
+
+    model: Mapping[str, Any]
+    weights: Mapping[str, Any]
+    covariance: _Covariance
+    figures: Mapping[str, Any]
+    provenance: Mapping[str, Any]
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Covariance:
+    lower_triangle: tuple[tuple[Any, ...], ...]
 
 
 def _model(document: dict[str, Any]) -> ActuatorModel:
-    if document.get("format") != FORMAT:
-        raise _WrongError(f"not a {FORMAT}: format is {document.get('format')!r}")
-    if document.get("version") != VERSION:
-        raise _WrongError(f"version {document.get('version')!r} of the format; this truestroke reads version {VERSION}")
-    before = document.get("before")
-    if before is not None and not isinstance(before, dict):
-        raise _WrongError("before: must be tables")
-    model = _of_tables(document)
-    return model if before is None else model.replace(before=_of_tables(before, "before."))
+    for key, wanted in (("format", FORMAT), ("version", VERSION)):
+        if document.get(key) != wanted:
+            raise SettingError(key, repr(document.get(key)), f"{wanted!r}: else it is not a {FORMAT} of this version")
+    model = _of_tables(toml.decode(_Tables, document, also=("format", "version", "before")))
+    if "before" not in document:
+        return model
+    before = toml.value("before", document["before"], _Tables)
+    with checks.inside("before."):
+        return model.replace(before=_of_tables(before))
 
 
-def _of_tables(document: dict[str, Any], prefix: str = "") -> ActuatorModel:
-    tables: dict[str, Any] = {
-        name: document.get(name) for name in ("model", "weights", "covariance", "figures", "provenance")
-    }
-    for name, table in tables.items():
-        if not isinstance(table, dict):
-            raise _WrongError(f"there is no table [{prefix}{name}]")
-    tables["model"] = {OLD_KEYS.get(key, key): value for key, value in tables["model"].items()}
-    tables["weights"] = {re.sub("^bend ", "asymmetry ", name): value for name, value in tables["weights"].items()}
-    _same("model", tables["model"], KEYS)
-    _same("covariance", tables["covariance"], ("lower_triangle",))
-    members = {name: tables["model"][key] for key, name in KEYS.items()}
-    for key, name in KEYS.items():
-        if isinstance(members[name], list):
-            members[name] = tuple(members[name])
-        elif name in ("thresholds", "rate_dependent", "creep_times", "voltage_range"):
-            raise _WrongError(f"[model] {key} = {members[name]!r}: must be a list")
+def _of_tables(tables: _Tables) -> ActuatorModel:
+    entries = {OLD_KEYS.get(key, key): value for key, value in tables.model.items()}
+    weights = {re.sub("^bend ", "asymmetry ", name): value for name, value in tables.weights.items()}
+    with checks.inside("model.", {name: key for key, name in KEYS.items()}):
+        checks.known(entries, KEYS)
+        members = toml.arguments(ActuatorModel, {name: toml.needed(entries, key) for key, name in KEYS.items()})
     model = ActuatorModel(
         **members,
-        weights=_numbers(tables["weights"].values()),
-        covariance=_symmetric(tables["covariance"]["lower_triangle"], len(tables["weights"])),
-        figures=tables["figures"],
-        provenance=tables["provenance"],
+        weights=_numbers(weights.values()),
+        covariance=_symmetric(tables.covariance.lower_triangle, len(weights)),
+        figures=tables.figures,
+        provenance=tables.provenance,
     )
-    if tuple(tables["weights"]) != model.names:
-        raise _WrongError(f"[weights] names {', '.join(tables['weights'])}: must be {', '.join(model.names)}")
+    if tuple(weights) != model.names:
+        raise SettingError("weights", ", ".join(weights), ", ".join(model.names))
     return model
-
-
-def _same(table: str, found: Iterable[str], expected: Iterable[str]) -> None:
-    if missing := [key for key in expected if key not in found]:
-        raise _WrongError(f"[{table}] lacks {', '.join(missing)}")
-    if strange := [key for key in found if key not in expected]:
-        raise _WrongError(f"[{table}] has {', '.join(strange)}, which means nothing")
 
 
 def _numbers(entries: Iterable[Any]) -> FloatArray:
@@ -161,9 +155,9 @@ def _numbers(entries: Iterable[Any]) -> FloatArray:
     return np.array(values, dtype=np.float64) if all(isinstance(v, int | float) for v in values) else values
 
 
-def _symmetric(rows: Any, m: int) -> FloatArray:
-    if not isinstance(rows, list) or [len(row) if isinstance(row, list) else -1 for row in rows] != [*range(1, m + 1)]:
-        raise _WrongError(f"[covariance] lower_triangle: must be {m} rows of 1 to {m} numbers")
+def _symmetric(rows: tuple[tuple[Any, ...], ...], m: int) -> FloatArray:
+    if [len(row) for row in rows] != [*range(1, m + 1)]:
+        raise SettingError("covariance.lower_triangle", f"{len(rows)} rows", f"{m} rows of 1 to {m} numbers")
     P = np.zeros((m, m))
     for i, row in enumerate(rows):
         P[i, : i + 1] = P[: i + 1, i] = row

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import tomllib
 from contextlib import closing
 from pathlib import Path
-from typing import Any
 
+from truestroke.base import toml
 from truestroke.base.checks import SettingError
 from truestroke.runtime.doctor import disk, drivers, machine
 from truestroke.runtime.doctor.finding import Finding, Level
@@ -72,9 +71,9 @@ def _finding(what: str, found: str, why: str, command: str = "") -> Finding:
 def _needed(config: Path) -> frozenset[str]:
     """The packages behind what the file names, also where it is otherwise not in order."""
     try:
-        tables: dict[str, Any] = tomllib.loads(config.read_text(encoding="utf-8"))
+        tables = toml.read(config)
         name = tables["driver"]["name"]
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, KeyError, TypeError):
+    except (OSError, SettingError, KeyError, TypeError):
         return frozenset()
     return frozenset(NEEDS.get(name, set()) | ({"softioc"} if "epics" in tables else set()))
 

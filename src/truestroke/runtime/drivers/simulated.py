@@ -10,11 +10,11 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
-from truestroke.base import checks
+from truestroke.base import checks, toml
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
 from truestroke.runtime.drivers.protocol import DriverError
@@ -62,15 +62,6 @@ class Fault:
         checks.count("count", self.count, 1, 2**62)
 
 
-def _fault(given: Fault | Mapping[str, Any]) -> Fault:
-    if isinstance(given, Fault):
-        return given
-    checks.typed("faults", given, Mapping)
-    with checks.inside("faults."):
-        made: Fault = checks.made(Fault, given)
-        return made
-
-
 @dataclass(frozen=True, kw_only=True)
 class SimulatedSettings:
     """A simulated stack on each channel.
@@ -108,7 +99,6 @@ class SimulatedSettings:
 
     def __post_init__(self) -> None:
         checks.count("seed", self.seed, 0, 2**62)
-        object.__setattr__(self, "faults", tuple(map(_fault, self.faults)))
         self.timing()
 
     def timing(self) -> Timing:
@@ -118,15 +108,10 @@ class SimulatedSettings:
 
     def plants(self) -> list[Plant]:
         """A realistic stack for each channel."""
-        from truestroke.plant import Change, PlantSettings, RealisticPlant
+        from truestroke.plant import PlantSettings, RealisticPlant
 
-        given: dict[str, Any] = dict(self.plant)
-        if isinstance(given.get("change"), Mapping):
-            with checks.inside("plant.change."):
-                given["change"] = checks.made(Change, given["change"])
         with checks.inside("plant."):
-            checks.known(given, sorted(PlantSettings.__dataclass_fields__.keys() - {"sample_rate"}))
-            settings = PlantSettings(sample_rate=self.sample_rate, **given)
+            settings = toml.decode(PlantSettings, self.plant, sample_rate=self.sample_rate)
         return [RealisticPlant(settings, self.seed + channel) for channel in range(self.channels)]
 
 

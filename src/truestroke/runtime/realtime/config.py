@@ -5,13 +5,12 @@ from __future__ import annotations
 import importlib
 import importlib.util
 import os
-import tomllib
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal, get_type_hints
+from typing import Any, Literal
 
-from truestroke.base import checks
+from truestroke.base import checks, toml
 from truestroke.base.checks import SettingError
 from truestroke.control.controller import AdaptiveController, Controller
 from truestroke.control.settings import ControllerSettings
@@ -30,13 +29,57 @@ MOTIONS = {
     **{kind: getattr(trajectories, kind) for kind in ("random_wave", "sine", "triangle", "staircase", "from_csv")},
     "set_point": SetPoint,
 }
-CONTROLLERS = ("adaptive", "paper")
-TABLES = ("driver", "axis", "realtime", "recording", "epics")
-AXIS = (
-    *("name", "stroke", "resonance", "voltage_limits", "safe_voltage", "slew"),
-    *("controller", "model", "settings", "trajectory"),
-    *("zero", "error_limit"),
-)
+OWN = ("sample_rate", "voltage_limits", "slew_limit", "stroke", "resonance")
+"""Members of `ControllerSettings` that other keys stand for."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class AxisTable:
+    """A table [[axis]], and what docs/run.md says of each key."""
+
+    name: str = "axis"
+    stroke: float | None = field(default=None, metadata={"unit": "um"})
+    resonance: float = field(default=0.0, metadata={"unit": "Hz"})
+    voltage_limits: tuple[float, ...] = field(metadata={"unit": "V"})
+    safe_voltage: float = field(default=0.0, metadata={"unit": "V"})
+    slew: float = field(metadata={"unit": "V/s"})
+    controller: Literal["adaptive", "paper"] | None = None
+    model: str | None = None
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    trajectory: Mapping[str, Any] = field(default_factory=dict)
+    zero: Literal["measured"] | float | None = field(default=None, metadata={"unit": "um"})
+    error_limit: float | None = field(default=None, metadata={"unit": "um"})
+
+    def __post_init__(self) -> None:
+        low, high = checks.interval("voltage_limits", self.voltage_limits, "V")
+        checks.positive("slew", self.slew, "V/s")
+        checks.within("safe_voltage", self.safe_voltage, low, high, "V")
+        checks.within("resonance", self.resonance, 0.0, 1e9, "Hz")
+        if self.stroke is not None:
+            checks.positive("stroke", self.stroke, "um")
+
+    @property
+    def limits(self) -> dict[str, Any]:
+        """voltage_limits (V), slew (V/s) and safe_voltage (V), as `OneAxis` takes them."""
+        return {name: getattr(self, name) for name in ("voltage_limits", "slew", "safe_voltage")}
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordingTable:
+    """The table [recording]."""
+
+    file: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Document:
+    """The tables of a configuration; what those of driver and axes hold is read with the help of the others."""
+
+    driver: Mapping[str, Any]
+    axis: tuple[Mapping[str, Any], ...]
+    realtime: RealtimeSettings = field(default_factory=RealtimeSettings)
+    recording: RecordingTable
+    epics: EpicsSettings | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,10 +113,9 @@ def load(path: str | os.PathLike[str]) -> Job:
     OSError
         It cannot be read.
     """
-    path = Path(path)
-    document = _document(path)
-    with checks.inside(f"{path}: "):
-        return job(document, path.parent)
+    document = toml.read(path)
+    with checks.inside(f"{os.fspath(path)}: "):
+        return job(document, Path(path).parent)
 
 
 def job(document: Mapping[str, Any], folder: Path) -> Job:
@@ -81,213 +123,109 @@ def job(document: Mapping[str, Any], folder: Path) -> Job:
 
     Examples
     --------
-    >>> job({"driver": {"name": "simulated", "blok": 5}}, Path())
+    >>> job({"driver": {"name": "simulated", "blok": 5}, "axis": [{}], "recording": {"file": "run.h5"}}, Path())
     Traceback (most recent call last):
         ...
-    truestroke.SettingError: driver.blok = 5: must be left out; did you mean block? There are block, channels, \
-faults, hardware_timed, latency, name, plant, register, sample_rate, seed
+    truestroke.SettingError: driver.blok = 5: must be left out; did you mean block? There are name, sample_rate, \
+block, latency, channels, seed, hardware_timed, register, plant, faults
     """
-    checks.known(document, TABLES)
-    made, rate = driver(_table(document, "driver"))
-    tables = document.get("axis")
-    if not isinstance(tables, list) or not tables:
-        raise SettingError("axis", repr(tables), "at least one table [[axis]]")
-    with checks.inside("recording."):
-        recording = _table(document, "recording")
-        checks.known(recording, ("file",))
-        file = checks.needed(recording, "file")
-        checks.typed("file", file, str)
-    return Job(
-        driver=made,
-        axes=tuple(_axis(table, place, folder, rate) for place, table in _numbered(tables)),
-        settings=_made("realtime.", RealtimeSettings, _table(document, "realtime", {})),
-        file=Path(file),
-        epics=_made("epics.", EpicsSettings, _table(document, "epics")) if "epics" in document else None,
-    )
+    read = toml.decode(Document, document)
+    made, rate = driver(read.driver)
+    axes = []
+    for place, given in _placed(read.axis):
+        with checks.inside(place):
+            axes.append(_axis(toml.decode(AxisTable, given), folder, rate))
+    return Job(driver=made, axes=tuple(axes), settings=read.realtime, file=Path(read.recording.file), epics=read.epics)
 
 
 def driver(table: Mapping[str, Any]) -> tuple[Driver, float]:
     """The driver of a table [driver]: its name, and its settings; and its ticks per second, Hz."""
     with checks.inside("driver."):
-        name = _one_of("name", checks.needed(table, "name"), DRIVERS)
-    module = importlib.import_module(f"truestroke.runtime.drivers.{name}")
-    settings = _made("driver.", getattr(module, f"{name.capitalize()}Settings"), table, also=("name",))
-    with checks.inside("driver."):
+        name = _one_of("name", toml.needed(table, "name"), DRIVERS)
+        module = importlib.import_module(f"truestroke.runtime.drivers.{name}")
+        settings = toml.decode(getattr(module, f"{name.capitalize()}Settings"), table, also=("name",))
         made: Driver = getattr(module, f"{name.capitalize()}Driver")(settings)
     return made, settings.sample_rate
 
 
-@dataclass(frozen=True, kw_only=True)
-class OneAxisJob:
-    """What an experiment on one axis needs of a configuration: `OneAxis(job.driver, **job.limits)`.
-
-    Attributes
-    ----------
-    driver : Driver
-        Its hardware.
-    limits : dict
-        voltage_limits (V), slew (V/s) and, if it is there, safe_voltage (V), as `OneAxis` takes them.
-    name : str
-        Of the axis.
-    stroke, resonance : float, optional
-        um; Hz; where the file has them.
-    model : bool
-        Whether the stroke is that of a model.
-    zero : float, "measured" or None
-        What is subtracted from the sensor, um, as of `Axis`.
-    """
-
-    driver: Driver
-    limits: dict[str, Any]
-    name: str
-    stroke: float | None
-    resonance: float | None
-    model: bool = False
-    zero: float | str | None = None
-
-
-def one_axis(path: str | os.PathLike[str]) -> OneAxisJob:
-    """Driver, limits and what else is known of the axis of a configuration with one.
+def one_axis(path: str | os.PathLike[str]) -> tuple[Driver, AxisTable]:
+    """Driver and axis of a configuration with one, for an experiment: `OneAxis(driver, **axis.limits)`.
 
     Raises
     ------
     SettingError, OSError
         As `load`.
     """
-    path = Path(path)
-    document = _document(path)
-    with checks.inside(f"{path}: "):
+    document = toml.read(path)
+    with checks.inside(f"{os.fspath(path)}: "):
         axes = document.get("axis")
         if not isinstance(axes, list) or len(axes) != 1:
             raise SettingError("axis", f"{len(axes) if isinstance(axes, list) else 0} tables", "one [[axis]]")
-        ((place, axis),) = _numbered(axes)
-        made, _ = driver(_table(document, "driver"))
-        with checks.inside(place):
-            checks.known(axis, AXIS)
-            known: dict[str, Any] = {"model": "model" in axis, "zero": axis.get("zero")}
-            return OneAxisJob(driver=made, limits=_limits(axis), **known, **_named(axis))
+        made, _ = driver(toml.value("driver", toml.needed(document, "driver"), Mapping))
+        return made, toml.value("axis", axes[0], AxisTable)
 
 
-def _named(axis: Mapping[str, Any]) -> dict[str, Any]:
-    """Name, stroke (um) and resonance (Hz) of an axis."""
-    name = axis.get("name", "axis")
-    checks.typed("name", name, str)
-    units = {"stroke": "um", "resonance": "Hz"}
-    return {"name": name} | {
-        key: checks.positive(key, axis[key], unit) if key in axis else None for key, unit in units.items()
-    }
-
-
-def _document(path: Path) -> dict[str, Any]:
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise SettingError(str(path), "the file", f"TOML ({error})") from None
-
-
-def _numbered(tables: list[Any]) -> Iterator[tuple[str, Mapping[str, Any]]]:
+def _placed(tables: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, Mapping[str, Any]]]:
     """Each [[axis]] with its path in messages: of one axis "axis.", else counted from 1."""
+    if not tables:
+        raise SettingError("axis", "[]", "at least one table [[axis]]")
     for number, table in enumerate(tables, 1):
-        place = "axis" if len(tables) == 1 else f"[[axis]] {number}"
-        if not isinstance(table, Mapping):
-            raise SettingError(place, repr(table), "a table [[axis]]")
-        yield place + ("." if len(tables) == 1 else ": "), table
+        yield ("axis." if len(tables) == 1 else f"[[axis]] {number}: "), table
 
 
-def _limits(axis: Mapping[str, Any]) -> dict[str, Any]:
-    """voltage_limits, slew and, if it is there, safe_voltage, of the right types."""
-    checks.typed("voltage_limits", checks.needed(axis, "voltage_limits"), tuple[float, ...])
-    low, high = checks.interval("voltage_limits", axis["voltage_limits"], "V")
-    slew = checks.positive("slew", checks.needed(axis, "slew"), "V/s")
-    limits: dict[str, Any] = {"voltage_limits": (low, high), "slew": slew}
-    if "safe_voltage" in axis:
-        limits["safe_voltage"] = checks.within("safe_voltage", axis["safe_voltage"], low, high, "V")
-    return limits
-
-
-def _axis(table: Mapping[str, Any], place: str, folder: Path, rate: float) -> Axis:
-    with checks.inside(place):
-        checks.known(table, AXIS)
-        limits, name = _limits(table), _named(table)["name"]
-        given = _table(table, "trajectory", whole="axis.trajectory")
-        with checks.inside("trajectory."):
-            motion = _trajectory(given, folder, rate)
-        controller = _controller(table, limits, motion.sample_rate, folder)
-        watched = {key: table[key] for key in ("zero", "error_limit") if key in table}
-        return Axis(trajectory=motion, controller=controller, name=name, **limits, **watched)
+def _axis(table: AxisTable, folder: Path, rate: float) -> Axis:
+    with checks.inside("trajectory."):
+        motion = _trajectory(table.trajectory, folder, rate)
+    controller = _controller(table, motion.sample_rate, folder)
+    watched: dict[str, Any] = {"zero": table.zero, "error_limit": table.error_limit}
+    return Axis(trajectory=motion, controller=controller, name=table.name, **table.limits, **watched)
 
 
 def _trajectory(given: Mapping[str, Any], folder: Path, rate: float) -> Trajectory | SetPoint:
     """The motion; its sample rate is that of the driver, Hz, unless it has one of its own."""
-    kind = _one_of("kind", checks.needed(given, "kind"), tuple(MOTIONS))
+    kind = _one_of("kind", toml.needed(given, "kind"), tuple(MOTIONS))
     given = {"sample_rate": rate, **given}
     if isinstance(given.get("path"), str):
         given["path"] = str(folder / given["path"])
     try:
-        motion: Trajectory | SetPoint = _made("", MOTIONS[kind], given, also=("kind",))
+        motion: Trajectory | SetPoint = toml.decode(MOTIONS[kind], given, also=("kind",))
     except OSError as error:
         raise SettingError("path", repr(given["path"]), f"a file that can be read ({error.strerror})") from None
     return motion
 
 
-def _controller(table: Mapping[str, Any], limits: Mapping[str, Any], sample_rate: float, folder: Path) -> Controller:
-    fixed: dict[str, Any] = {"sample_rate": sample_rate, "voltage_limits": limits["voltage_limits"]}
-    known = _named(table)["resonance"]
-    extra = ({} if known is None else {"resonance": known}) | _settings(table)
-    kind = _one_of("controller", table.get("controller", "adaptive"), CONTROLLERS)
-    renamed = {name: f"settings.{name}" for name in extra} | {"slew_limit": "slew", "resonance": "resonance"}
-    if "model" in table:
-        for key in (key for key in ("controller", "stroke") if key in table):
-            raise SettingError(key, repr(table[key]), "left out where there is a model")
-        model = _model(table["model"], folder)
+def _controller(table: AxisTable, sample_rate: float, folder: Path) -> Controller:
+    fixed: dict[str, Any] = {"sample_rate": sample_rate, "voltage_limits": table.voltage_limits}
+    with checks.inside("settings."):
+        # the literal algorithm has none
+        names = (
+            [] if table.controller == "paper" else [n for n in ControllerSettings.__dataclass_fields__ if n not in OWN]
+        )
+        checks.known(table.settings, names)
+        settings = toml.arguments(ControllerSettings, table.settings)
+    own = {"slew_limit": table.slew, "resonance": table.resonance, **settings}
+    renamed = {name: f"settings.{name}" for name in settings} | {"slew_limit": "slew"}
+    if table.model is not None:
+        for key in (key for key in ("controller", "stroke") if getattr(table, key) is not None):
+            raise SettingError(key, repr(getattr(table, key)), "left out where there is a model")
+        model = _model(table.model, folder)
         with checks.inside("", renamed):
-            return AdaptiveController.from_model(model, slew_limit=limits["slew"], **fixed, **extra)
-    fixed["stroke"] = checks.positive("stroke", checks.needed(table, "stroke"), "um")
-    if kind == "paper":
-        with checks.inside("settings."):
-            checks.known(_settings(table), ())  # the literal algorithm has none
+            return AdaptiveController.from_model(model, **fixed, **own)
+    fixed["stroke"] = toml.needed({} if table.stroke is None else {"stroke": table.stroke}, "stroke")
+    if table.controller == "paper":
         return AdaptiveController.paper(**fixed)
     with checks.inside("", renamed):
-        return AdaptiveController(slew_limit=limits["slew"], **fixed, **extra)
+        return AdaptiveController(**fixed, **own)
 
 
-def _settings(table: Mapping[str, Any]) -> dict[str, Any]:
-    """The table axis.settings: members of `ControllerSettings` that no key of [[axis]] stands for."""
-    with checks.inside("settings."):
-        extra = dict(_table(table, "settings", {}))
-        own = {"sample_rate", "voltage_limits", "slew_limit", "stroke", "resonance"}
-        hints = get_type_hints(ControllerSettings)
-        checks.known(extra, [name for name in ControllerSettings.__dataclass_fields__ if name not in own])
-        for name, value in extra.items():
-            checks.typed(name, value, hints[name])
-    return extra
-
-
-def _model(name: Any, folder: Path) -> ActuatorModel:
-    checks.typed("model", name, str)
+def _model(name: str, folder: Path) -> ActuatorModel:
     try:
         return load_model(folder / name)
     except ModelFileError as error:
         raise SettingError("model", repr(name), f"a model of truestroke identify ({error})") from None
 
 
-# ---- Tables --------------------------------------------------------------------------------------------------------
-
-
-def _table(document: Mapping[str, Any], key: str, default: Any = None, whole: str = "") -> Mapping[str, Any]:
-    value = document.get(key, default)
-    if not isinstance(value, Mapping):
-        raise SettingError(key, repr(value), f"a table [{whole or key}]")
-    return value
-
-
 def _one_of(key: str, value: Any, names: tuple[str, ...]) -> str:
     if value not in names:
         raise SettingError(key, repr(value), f"one of {', '.join(names)}")
     return str(value)
-
-
-def _made(where: str, make: Callable[..., Any], table: Mapping[str, Any], also: tuple[str, ...] = ()) -> Any:
-    """What `table` describes; `also` are keys that it has for others."""
-    with checks.inside(where):
-        return checks.made(make, table, also)

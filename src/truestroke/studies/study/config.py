@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import inspect
-import tomllib
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from truestroke.base import checks
+from truestroke.base import checks, toml
 from truestroke.base.checks import SettingError
 from truestroke.control.settings import ControllerSettings
 from truestroke.plant import MatchedSettings, PlantSettings
@@ -34,7 +33,6 @@ CONTROLLERS: dict[str, Callable[..., ControllerSettings]] = {
     "default": ControllerSettings,
     "paper": ControllerSettings.paper,
 }
-KEYS = ("title", "runs", "seed", "sample_rate", "record", "plant", "wave", "controllers", "converged")
 MOST = 100_000_000  # runs
 
 
@@ -139,14 +137,45 @@ def load(path: str | Path, runs: int | None = None) -> Study:
     SettingError
         The file is not TOML, a key is not known, a value is out of its bounds.
     """
-    try:
-        source = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise SettingError("study", str(path), f"a TOML file: {error}") from None
-    try:
+    source = toml.read(path)
+    with checks.inside(f"{path}: "):
         return parse(source if runs is None else source | {"runs": runs})
-    except SettingError as error:
-        raise SettingError(f"{path}: {error.argument}", error.value, error.bound, error.unit) from None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Converged:
+    """The table [converged]: um of the true error, s."""
+
+    level: float = field(metadata={"unit": "um"})
+    within: float = field(metadata={"unit": "s"})
+
+    def __post_init__(self) -> None:
+        checks.positive("level", self.level, "um")
+        checks.positive("within", self.within, "s")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Document:
+    """The tables of a study; those whose values may be drawn are read with the help of their kinds."""
+
+    title: str = "A study"
+    runs: int
+    seed: int = 0
+    sample_rate: float = field(default=2000.0, metadata={"unit": "Hz"})
+    record: tuple[str, ...] = ("rmse", "maximum")
+    plant: Mapping[str, Any]
+    wave: Mapping[str, Any]
+    controllers: Mapping[str, Any]
+    converged: Converged
+
+    def __post_init__(self) -> None:
+        checks.count("runs", self.runs, 1, MOST)
+        checks.count("seed", self.seed, 0, 2**63 - 1)
+        checks.positive("sample_rate", self.sample_rate, "Hz")
+        for name in self.record:
+            checks.one_of("record", name, tuple(FIGURES))
+        if not self.controllers:
+            raise SettingError("controllers", "{}", "at least one, as in [controllers.paper]")
 
 
 def parse(source: Mapping[str, Any]) -> Study:
@@ -154,49 +183,22 @@ def parse(source: Mapping[str, Any]) -> Study:
 
     Examples
     --------
+    >>> import tomllib
     >>> study = parse(tomllib.loads(example()))
     >>> study.runs, study.plant["noise"]
     (10000, Draw(kind='uniform', values=(0.01, 0.06), spread=0.0))
     """
-    _known("study", source, KEYS, required=("runs", "plant", "wave", "controllers", "converged"))
-    converged, record = _table(source, "converged"), source.get("record", ["rmse", "maximum"])
-    _known("converged", converged, ("level", "within"), required=("level", "within"))
-    if not isinstance(record, list) or [name for name in record if not isinstance(name, str) or name not in FIGURES]:
-        raise SettingError("record", record, f"a list of {', '.join(FIGURES)}")
-    controllers = _table(source, "controllers")
-    if not controllers:
-        raise SettingError("controllers", "{}", "at least one, as in [controllers.paper]")
+    read = toml.decode(Document, source)
+    controllers = {name: toml.value(f"controllers.{name}", v, Mapping) for name, v in read.controllers.items()}
     return Study(
-        title=str(source.get("title", "A study")),
-        runs=checks.count("runs", source["runs"], 1, MOST),
-        seed=checks.count("seed", source.get("seed", 0), 0, 2**63 - 1),
-        sample_rate=checks.positive("sample_rate", source.get("sample_rate", 2000.0), "Hz"),
-        record=tuple(record),
-        plant=_section("plant", _table(source, "plant"), PLANTS),
-        wave=_section("wave", _table(source, "wave"), WAVES),
-        controllers={
-            name: _section(f"controllers.{name}", _table(controllers, name), CONTROLLERS) for name in controllers
-        },
-        level=checks.positive("converged.level", converged["level"], "um"),
-        within=checks.positive("converged.within", converged["within"], "s"),
+        **{name: getattr(read, name) for name in ("title", "runs", "seed", "sample_rate", "record")},
+        plant=_section("plant", read.plant, PLANTS),
+        wave=_section("wave", read.wave, WAVES),
+        controllers={name: _section(f"controllers.{name}", given, CONTROLLERS) for name, given in controllers.items()},
+        level=read.converged.level,
+        within=read.converged.within,
         source=source,
     )
-
-
-def _known(name: str, table: Mapping[str, Any], keys: Iterable[str], required: Iterable[str] = ()) -> None:
-    for key in table:
-        if key not in (keys := tuple(keys)):
-            raise SettingError(f"{name}.{key}", repr(table[key]), f"left out: the keys are {', '.join(keys)}")
-    for key in required:
-        if key not in table:
-            raise SettingError(f"{name}.{key}", "nothing", "given")
-
-
-def _table(source: Mapping[str, Any], name: str) -> Mapping[str, Any]:
-    table = source[name]
-    if not isinstance(table, Mapping):
-        raise SettingError(name, repr(table), f"a table, [{name}]")
-    return table
 
 
 def _section(name: str, table: Mapping[str, Any], kinds: Mapping[str, Callable[..., Any]]) -> dict[str, Any]:
@@ -206,7 +208,8 @@ def _section(name: str, table: Mapping[str, Any], kinds: Mapping[str, Callable[.
         raise SettingError(f"{name}.kind", repr(kind), f"one of {', '.join(kinds)}")
     made = ControllerSettings if kinds is CONTROLLERS else kinds[kind]
     settings = inspect.signature(made).parameters
-    _known(name, table, ("kind", *(key for key in settings if key not in ("seed", "sample_rate"))))
+    with checks.inside(f"{name}."):
+        checks.known(table, ("kind", *(key for key in settings if key not in ("seed", "sample_rate"))))
     return {key: _value(f"{name}.{key}", value) for key, value in table.items()}
 
 
@@ -220,7 +223,8 @@ def _value(name: str, value: Any) -> Any:
     if not kinds:
         return {key: _value(f"{name}.{key}", inner) for key, inner in value.items()}
     kind = kinds[0]
-    _known(name, value, (kind, "spread") if kind == "around" else (kind,), required=(kind,))
+    with checks.inside(f"{name}."):
+        checks.known(value, (kind, "spread") if kind == "around" else (kind,))
     if kind == "choice":
         if not isinstance(value[kind], list) or not value[kind]:
             raise SettingError(name, value[kind], "a list of values to choose from")

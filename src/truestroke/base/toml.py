@@ -1,0 +1,151 @@
+"""TOML into what declares it: a dataclass or a function. One decoder, whose errors name the key by its whole path."""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+import os
+import tomllib
+import types
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+
+from truestroke.base import checks
+from truestroke.base.checks import SettingError
+
+Made = TypeVar("Made")
+
+_KINDS: dict[Any, tuple[Any, str]] = {
+    float: ((int, float), "a number"),
+    int: ((int, float), "a whole number"),
+    bool: (bool, "true or false"),
+    str: (str, "text in quotes"),
+    type(None): (type(None), "left out"),
+    tuple: ((list, tuple), "a list"),
+    Mapping: (Mapping, "a table"),
+}
+"""Of the type of an annotation the types of values that it takes, and how they are called."""
+
+
+def read(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """The tables of a TOML file.
+
+    Raises
+    ------
+    SettingError
+        It is no TOML; names file and line.
+    OSError
+        It cannot be read.
+    """
+    try:
+        return tomllib.loads(Path(path).read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise SettingError(os.fspath(path), "the file", f"TOML ({error})") from None
+
+
+def needed(given: Mapping[str, Any], name: str) -> Any:
+    """The value of a key that must be there."""
+    if name not in given:
+        raise SettingError(name, "missing", "given")
+    return given[name]
+
+
+def decode(make: Callable[..., Made], given: Mapping[str, Any], also: tuple[str, ...] = (), **fixed: Any) -> Made:
+    """What a table describes: ``make(**given, **fixed)``.
+
+    Parameters
+    ----------
+    make : callable
+        A dataclass, or a function with annotations: its parameters are the keys.
+    given : mapping
+        The table. Lists become tuples, inner tables the dataclasses of their annotations.
+    also : tuple of str
+        Keys that are allowed, and that `make` does not get.
+    **fixed
+        Arguments that are no keys.
+
+    Raises
+    ------
+    SettingError
+        A key is unknown or missing, a value has the wrong type, or `make` refuses it.
+
+    Examples
+    --------
+    >>> @dataclasses.dataclass
+    ... class Stage:
+    ...     stroke: float
+    ...     name: str = "x"
+    >>> decode(Stage, {"stroke": 30.0})
+    Stage(stroke=30.0, name='x')
+    >>> decode(Stage, {"strok": 30.0})
+    Traceback (most recent call last):
+        ...
+    truestroke.SettingError: strok = 30.0: must be left out; did you mean stroke? There are stroke, name
+    """
+    parameters = inspect.signature(make).parameters
+    checks.known(given, (*also, *(name for name in parameters if name not in fixed)))
+    for name, parameter in parameters.items():
+        if parameter.default is inspect.Parameter.empty and name not in fixed:
+            needed(given, name)
+    return make(**arguments(make, {name: given[name] for name in given if name not in also}), **fixed)
+
+
+def arguments(make: Callable[..., object], given: Mapping[str, Any]) -> dict[str, Any]:
+    """The values of some parameters of `make`, as their annotations ask for them."""
+    hints, fields = get_type_hints(make), dataclasses.fields(make) if dataclasses.is_dataclass(make) else ()
+    units = {field.name: str(field.metadata.get("unit", "")) for field in fields}
+    return {name: value(name, entry, hints[name], units.get(name, "")) for name, entry in given.items()}
+
+
+def value(name: str, given: Any, hint: Any, unit: str = "") -> Any:
+    """A value as an annotation asks for it: a string is no number, and neither is a truth value.
+
+    >>> value("stroke", "30", float, "um")
+    Traceback (most recent call last):
+        ...
+    truestroke.SettingError: stroke = '30' um: must be a number, without quotes
+    """
+    origin, inner = get_origin(hint), get_args(hint)
+    if origin in (Union, types.UnionType) and (fitting := [one for one in inner if _fits(given, one)]):
+        return value(name, given, fitting[0], unit)
+    if not _fits(given, hint):
+        quoted = isinstance(given, str) and {int, float, bool} & {hint, *inner}
+        raise SettingError(name, repr(given), f"{_called(hint)}{', without quotes' if quoted else ''}", unit)
+    if _outer(hint) is tuple:
+        return tuple(value(name, entry, inner[0], unit) for entry in given)
+    if dataclasses.is_dataclass(hint) and isinstance(given, Mapping):
+        with checks.inside(f"{name}."):
+            return decode(hint, given)  # type: ignore[arg-type]
+    return given
+
+
+def _outer(hint: Any) -> Any:
+    """An annotation without its brackets; a dataclass is a table."""
+    outer = get_origin(hint) or hint
+    return Mapping if dataclasses.is_dataclass(outer) else outer
+
+
+def _kind(hint: Any) -> tuple[Any, str]:
+    """The entry of `_KINDS` for an annotation; values of other types have checks of their own."""
+    outer = _outer(hint)
+    return _KINDS.get(outer, (outer if isinstance(outer, type) and outer is not Any else object, ""))
+
+
+def _called(hint: Any) -> str:
+    """What an annotation asks for, in words."""
+    if get_origin(hint) in (Union, types.UnionType):
+        return " or ".join(filter(None, (_called(one) for one in get_args(hint) if one is not type(None))))
+    return f"one of {', '.join(get_args(hint))}" if get_origin(hint) is Literal else _kind(hint)[1]
+
+
+def _fits(given: Any, hint: Any) -> bool:
+    """Whether the outermost type does."""
+    if get_origin(hint) is Literal:
+        return given in get_args(hint)
+    if get_origin(hint) in (Union, types.UnionType):
+        return False
+    if isinstance(hint, type) and dataclasses.is_dataclass(hint) and isinstance(given, hint):
+        return True
+    kinds = _kind(hint)[0]
+    return isinstance(given, kinds) and (kinds is object or isinstance(given, bool) <= (hint is bool))
