@@ -8,12 +8,11 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from running import COMMAND, started, ticks
 
 from truestroke import AdaptiveController, Recording
 from truestroke.base import files
@@ -21,7 +20,6 @@ from truestroke.runtime.drivers import DriverError, Fault, SimulatedDriver, Simu
 from truestroke.runtime.realtime import Axis, RealtimeSettings, run_realtime
 from truestroke.signals.trajectories import sine
 
-COMMAND = Path(sys.executable).with_name("truestroke")
 FAKES = Path(__file__).with_name("fakes")
 CONFIG = """
 [driver]
@@ -35,7 +33,7 @@ slew = 400.0
 [axis.trajectory]
 kind = "sine"
 frequency = 4.0
-duration = DURATION
+duration = 60.0
 [realtime]
 overrun_streak = 0
 watchdog_timeout = 9.0
@@ -74,7 +72,7 @@ def test_what_is_said_to_be_saved_is_there_whichever_write_fails(bad_disk: Path)
 
 @pytest.mark.parametrize("kind", [errno.ENOSPC, errno.EIO])
 def test_a_run_whose_disk_fails_ends_with_13(bad_disk: Path, kind: int) -> None:
-    process = started(env=environment(bad_disk))
+    process = started(CONFIG, env=environment(bad_disk))
     state = np.memmap("disk", np.int64, "r+")
     state[0] = kind
     _, stderr = process.communicate(timeout=30)
@@ -91,36 +89,12 @@ def test_a_run_whose_disk_fails_ends_with_13(bad_disk: Path, kind: int) -> None:
 
 def test_a_disk_that_fails_at_the_very_end_is_told(bad_disk: Path) -> None:
     """Only the last step to the disk fails: without it nothing is sure to be there."""
-    process = started(env=environment(bad_disk), duration=1.0)
+    process = started(CONFIG.replace("60.0", "1.0"), there=lambda: ticks("run.h5") > 200, env=environment(bad_disk))
     with pytest.raises(subprocess.TimeoutExpired):
         process.communicate(timeout=0.3)
     np.memmap("disk", np.int64, "r+")[:2] = errno.EIO, 250
     _, stderr = process.communicate(timeout=30)
     assert process.returncode == 13, stderr
-
-
-def started(*options: str, env: dict[str, str] | None = None, duration: float = 60.0) -> subprocess.Popen[str]:
-    """`truestroke run` in a process, when at least 0.1 s are in its file."""
-    Path("run.toml").write_text(CONFIG.replace("DURATION", str(duration)))
-    there = Path("run.new.h5" if "--overwrite" in options else "run.h5")
-    command = [COMMAND, "run", "--config", "run.toml", *options]
-    process = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True, env=env)
-    until(lambda: ticks(there) > 200)
-    return process
-
-
-def until(true: Callable[[], bool], seconds: float = 30.0) -> None:
-    end = time.monotonic() + seconds
-    while not true():
-        assert time.monotonic() < end, "it did not come about"
-        time.sleep(0.02)
-
-
-def ticks(file: Path) -> int:
-    try:
-        return len(Recording.load(file)["time"])
-    except (FileNotFoundError, ValueError):
-        return 0
 
 
 # ---- A recording that is replaced ----------------------------------------------------------------------------------
@@ -132,7 +106,7 @@ def again(*options: str) -> subprocess.CompletedProcess[str]:
 
 
 def test_one_that_is_being_written_is_refused_at_once() -> None:
-    process = started()
+    process = started(CONFIG)
     for options in (["--overwrite"], []):
         done = again(*options)
         assert done.returncode == 1
@@ -171,25 +145,25 @@ def record(wave: object, fault: str = "", overwrite: bool = False) -> str:
 
 def test_kill_9_while_it_replaces_one_keeps_both_and_the_terminal_says_where() -> None:
     Path("run.h5").write_text("precious")
-    process = started("--overwrite")
+    process = started(CONFIG, "--overwrite")
     children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
     process.send_signal(signal.SIGSTOP)
-    before = ticks(Path("run.new.h5"))
+    before = ticks("run.new.h5")
     for pid in (*children, str(process.pid)):
         os.kill(int(pid), signal.SIGKILL)
     _, stderr = process.communicate(timeout=30)
     assert "run.new.h5 until the run has ended" in stderr
     assert Path("run.h5").read_text() == "precious"
-    assert ticks(Path("run.new.h5")) >= before > 200
+    assert ticks("run.new.h5") >= before > 200
     done = again("--overwrite")
     assert done.returncode == 1
     assert "truestroke: run.new.h5: a run that ended early left it" in done.stderr
-    assert ticks(Path("run.new.h5")) >= before
+    assert ticks("run.new.h5") >= before
 
 
 def test_the_end_is_written_to_the_file_that_is_open() -> None:
     """And not to one that has its name by now."""
-    process = started()
+    process = started(CONFIG)
     Path("run.h5").rename("moved.h5")
     Path("run.h5").write_text("another's")
     process.send_signal(signal.SIGINT)
@@ -199,13 +173,11 @@ def test_the_end_is_written_to_the_file_that_is_open() -> None:
 
 
 def test_ctrl_c_before_it_begins_leaves_nothing() -> None:
-    Path("run.toml").write_text(CONFIG.replace("DURATION", "60.0"))
-    process = subprocess.Popen([COMMAND, "run", "--config", "run.toml"], stderr=subprocess.PIPE, text=True)
-    until(lambda: Path("run.h5").exists())
+    process = started(CONFIG, there=Path("run.h5").exists)
     process.send_signal(signal.SIGINT)
     process.communicate(timeout=20)
     assert process.returncode == 130
-    assert not Path("run.h5").exists() or ticks(Path("run.h5")) == 0  # it may have begun
+    assert not Path("run.h5").exists() or ticks("run.h5") == 0  # it may have begun
 
 
 def test_a_lock_goes_with_its_process() -> None:

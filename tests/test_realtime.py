@@ -8,7 +8,6 @@ import os
 import pty
 import signal
 import subprocess
-import sys
 import threading
 import time
 import tomllib
@@ -18,6 +17,7 @@ from typing import Any
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from running import COMMAND, ticks
 
 from truestroke import AdaptiveController, Recording, SettingError, Timing, run
 from truestroke.cli import main
@@ -29,7 +29,6 @@ from truestroke.runtime.realtime import Axis, Cause, RealtimeSettings, config, r
 from truestroke.runtime.realtime.shared import Layout, Shared, Slot, State, Text
 from truestroke.signals.trajectories import Trajectory, random_wave, sine
 
-COMMAND = Path(sys.executable).with_name("truestroke")
 LIMITS, SLEW = (-0.6, 3.6), 400.0
 PATIENT = RealtimeSettings(overrun_streak=0, watchdog_timeout=20.0)  # a busy machine is late by ms and more
 
@@ -126,7 +125,7 @@ def test_in_a_terminal() -> None:
     lengths = []
     for _ in range(200):
         time.sleep(0.1)
-        lengths.append(_ticks("run.h5"))
+        lengths.append(ticks("run.h5"))
         if lengths[-1] > 3000:
             break
     assert len({n for n in lengths if n}) > 2  # it grows before our eyes
@@ -153,13 +152,6 @@ def _read(terminal: int) -> bytes:
         return os.read(terminal, 4096)
     except OSError:  # the other end is closed
         return b""
-
-
-def _ticks(file: str) -> int:
-    try:
-        return len(Recording.load(file)["time"])
-    except (FileNotFoundError, ValueError):
-        return 0  # not yet
 
 
 def test_json_in_a_pipe_and_no_overwriting() -> None:

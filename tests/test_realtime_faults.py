@@ -13,7 +13,6 @@ import resource
 import shutil
 import signal
 import subprocess
-import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -23,6 +22,7 @@ from typing import Any
 import numpy as np
 import pytest
 import test_supervision
+from running import started, ticks
 
 from truestroke import AdaptiveController, Recording, SettingError
 from truestroke.runtime.drivers import DriverError, Fault, SimulatedDriver, SimulatedSettings
@@ -38,7 +38,6 @@ from truestroke.runtime.realtime import (
 )
 from truestroke.signals.trajectories import sine
 
-COMMAND = Path(sys.executable).with_name("truestroke")
 LIMITS, SLEW, SAFE, RATE = (-0.6, 3.6), 100.0, 0.25, 2000.0
 FOREVER = 10**6
 PATIENT = {"overrun_streak": 0, "watchdog_timeout": 20.0, "axis_check": False}  # a busy machine is late by ms and more
@@ -331,33 +330,14 @@ DEATHS = {
 }
 
 
-def started(faults: str = "") -> subprocess.Popen[str]:
-    """`truestroke run` in a process, when at least 0.25 s are in its file."""
-    Path("run.toml").write_text(CONFIG.replace("FAULTS", f"faults = {faults}" if faults else ""))
-    process = subprocess.Popen([COMMAND, "run", "--config", "run.toml"], stderr=subprocess.PIPE, text=True)
-    until(lambda: ticks("run.h5") > 500)
-    return process
-
-
-def until(true: Callable[[], bool], seconds: float = 30.0) -> None:
-    end = time.monotonic() + seconds
-    while not true():
-        assert time.monotonic() < end, "it did not come about"
-        time.sleep(0.05)
-
-
-def ticks(file: str) -> int:
-    """What another process sees in the file now."""
-    try:
-        return len(Recording.load(file)["time"])
-    except (FileNotFoundError, ValueError):
-        return 0  # not yet
+def configured(faults: str = "") -> str:
+    return CONFIG.replace("FAULTS", f"faults = {faults}" if faults else "")
 
 
 @pytest.mark.parametrize("name", DEATHS)
 def test_death(name: str) -> None:
     death = DEATHS[name]
-    process = started(death.faults)
+    process = started(configured(death.faults))
     before = ticks("run.h5")
     death.do(process)
     _, stderr = process.communicate(timeout=30)  # to the end of the helping processes, which share stderr
@@ -375,7 +355,7 @@ EVERY = "every process of the run is killed"
 
 
 def test_a_run_whose_every_process_is_killed_leaves_all_but_the_last_half_second() -> None:
-    process = started()
+    process = started(configured())
     all_of_them = [deputy_of(process.pid), *children(process.pid)]
     process.send_signal(signal.SIGSTOP)
     time.sleep(0.3)  # all that the ring holds is written within that; the watchdog would bite after 1 s

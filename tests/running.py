@@ -1,0 +1,41 @@
+"""`truestroke run` in a process of its own, and what another process sees of its recording."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from truestroke import FileError, Recording
+
+COMMAND = Path(sys.executable).with_name("truestroke")
+
+
+def started(
+    config: str, *options: str, there: Callable[[], bool] | None = None, env: dict[str, str] | None = None
+) -> subprocess.Popen[str]:
+    """The process, with this text as its configuration, when `there`: by default when 500 ticks are in its file."""
+    Path("run.toml").write_text(config)
+    command = [COMMAND, "run", "--config", "run.toml", *options]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True, env=env)
+    file = "run.new.h5" if "--overwrite" in options else "run.h5"
+    until(there or (lambda: ticks(file) > 500))
+    return process
+
+
+def until(true: Callable[[], bool], seconds: float = 30.0) -> None:
+    """Wait; fail where it takes longer."""
+    end = time.monotonic() + seconds
+    while not true():
+        assert time.monotonic() < end, "it did not come about"
+        time.sleep(0.02)
+
+
+def ticks(file: str | Path) -> int:
+    """What another process sees in the file now."""
+    try:
+        return len(Recording.load(file)["time"])
+    except (FileNotFoundError, FileError):
+        return 0  # not yet
