@@ -44,8 +44,8 @@ bench: setup  ## what a step costs here, beside what others offer
 
 images: setup  ## draw the pictures of the README again, into docs/images
 	@mkdir -p build/images
-	@$(BIN)/truestroke track --output build/images/track --figures build/images
-	@$(BIN)/truestroke compare --output build/images/compare --figures build/images
+	@$(BIN)/truestroke track --output build/images/track --plots build/images
+	@$(BIN)/truestroke compare --output build/images/compare --plots build/images
 	@cp build/images/loop-*.png build/images/errors-*.png docs/images/
 
 lint: setup  ## ruff

@@ -18,7 +18,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from truestroke.report import style
-from truestroke.report.page import save_all
+from truestroke.report.page import save_plots
 from truestroke.studies import study
 from truestroke.studies.study import executors
 from truestroke.studies.study.config import Study
@@ -100,7 +100,7 @@ def main() -> None:
         print(f"{n:7}{threads:12.2f}{dask:9.2f}  {gains}")
     parts = million(of_a_run(study.parse(SEC43)))
     if len(sys.argv) > 1:
-        save_all(lambda theme: {"growth": picture(theme, by_plays, by_plants, parts)}, sys.argv[1])
+        save_plots(lambda theme: {"growth": picture(theme, by_plays, by_plants, parts)}, sys.argv[1])
 
 
 def picture(theme: style.Theme, by_plays: dict, by_plants: dict, parts: tuple[float, float]) -> Figure:

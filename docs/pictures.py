@@ -18,7 +18,8 @@ from matplotlib.figure import Figure
 
 from truestroke.base.files import overwriting
 from truestroke.report import style
-from truestroke.report.identified import save_pictures
+from truestroke.report.identified import plots as model_plots
+from truestroke.report.page import save_plots
 from truestroke.report.style import Theme
 from truestroke.signals.recording import Recording
 
@@ -208,7 +209,8 @@ PICTURES: dict[str, tuple[Callable[[Runs, Theme], Figure], ...]] = {
 def identified(folder: Path = DOCS / "images" / "identify") -> None:
     """The pictures of the report on the record of identify.md."""
     with tempfile.TemporaryDirectory() as there, contextlib.chdir(there):
-        save_pictures(runs_of(DOCS / "identify.md")["model_of_sweep"], folder)
+        model = runs_of(DOCS / "identify.md")["model_of_sweep"]
+        save_plots(lambda theme: model_plots.plots(model, theme), folder)
 
 
 def main(*pages: str) -> None:

@@ -225,7 +225,7 @@ def call(*arguments: str):
 
 def test_the_command_writes_model_recording_and_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    done = call("--speeds", "100,200,300", "--duration", "2", "--output", "stage", "--figures", "pictures", "--json")
+    done = call("--speeds", "100,200,300", "--duration", "2", "--output", "stage", "--plots", "pictures", "--json")
     assert done.exit_code == 0, done.output
     told = json.loads(done.output)
     assert sorted(p.name for p in tmp_path.iterdir()) == ["pictures", "stage.h5", "stage.html", "stage.toml"]

@@ -40,7 +40,7 @@ def _in_an_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
 @pytest.fixture
 def _without_page(monkeypatch: pytest.MonkeyPatch) -> None:
     """Drawing takes a second, which most tests can spare."""
-    monkeypatch.setattr("truestroke.report.save_page", lambda *_: None)
+    monkeypatch.setattr("truestroke.cli.common.save_page", lambda *_: [])
 
 
 def errors(path: Path) -> dict[str, float]:
@@ -111,7 +111,7 @@ def test_the_same_seed_gives_the_same_bits() -> None:
 def test_report_makes_the_same_page_again(tmp_path: Path) -> None:
     assert call(*SHORT).exit_code == 0
     first = Path("truestroke-track.html").read_text()
-    done = call("report", "truestroke-track.h5", "--output", "again", "--figures", "pictures")
+    done = call("report", "truestroke-track.h5", "--output", "again", "--plots", "pictures")
     assert done.exit_code == 0, done.output
     assert Path("again.html").read_text() == first
     assert not Path("again.h5").exists()
@@ -222,7 +222,7 @@ def _two_rivals(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("_two_rivals")
 def test_compare_prints_a_table_and_writes_a_page_with_the_tuning() -> None:
-    done = call("compare", "--duration", "2", "--seed", "5", "--output", "rivals", "--figures", "pictures")
+    done = call("compare", "--duration", "2", "--seed", "5", "--output", "rivals", "--plots", "pictures")
     assert done.exit_code == 0, done.output
     random, sine, files, _ = done.stdout.split("\n\n")
     assert re.split(r"  +", random.splitlines()[0].strip())[:3] == ["random wave, 1 to 2 s", "rmse", "of p-p"]
@@ -262,7 +262,7 @@ def test_compare_as_json() -> None:
 
 
 def test_reproduce_puts_the_paper_beside_ours() -> None:
-    done = call("reproduce", "fig10", "fig6", "--figures", "pictures")
+    done = call("reproduce", "fig10", "fig6", "--plots", "pictures")
     assert done.exit_code == 0, done.output
     ten, six = done.stdout.index("Fig. 10"), done.stdout.index("Fig. 6")
     assert ten < six  # in the order asked for

@@ -15,9 +15,9 @@ import pytest
 
 from truestroke.cli.identify import _files
 from truestroke.identification import HeldOut, Record, examine, identify, read_record
-from truestroke.report.identified import page, save_pictures
+from truestroke.report.identified import model_page
 from truestroke.report.identified.page import line_rmse, structures, verdict
-from truestroke.report.identified.pictures import pictures
+from truestroke.report.identified.plots import plots
 from truestroke.report.identified.view import View
 
 SHARED = Path(os.environ.get("TRUESTROKE_SHARED", Path(__file__).parents[2] / "shared"))
@@ -67,7 +67,7 @@ def cells(html):
 
 
 def test_the_numbers_are_those_that_were_found(found, record):
-    html = page(found, record, model_file="stage.toml", next_commands=(("track", "drives it"),))
+    html = model_page(found, record, model_file="stage.toml", next_commands=(("track", "drives it"),)).html()
     rows = {row[0]: row[1:] for row in cells(html)}
     h = found.held_out
     first = X.size - h.samples
@@ -106,7 +106,7 @@ def test_the_numbers_are_those_that_were_found(found, record):
 def test_a_page_of_every_record(samples, scale, gap, options):
     time = T[:samples] + gap * (T[:samples] >= 2.4)
     record = Record.from_arrays(scale * X[:samples], scale * Z[:samples], time=time)
-    html = page(identify(record, **options), record)
+    html = model_page(identify(record, **options), record).html()
     root = ElementTree.fromstring(re.sub("^<!DOCTYPE html>", "", html))
     svg = "{http://www.w3.org/2000/svg}"
     assert [picture.find(f"{svg}title") is not None for picture in root.iter(f"{svg}svg")] == [True] * 3
@@ -123,13 +123,13 @@ def test_a_long_record_keeps_its_peaks_on_a_small_page():
     record = Record.from_arrays(repeated, z, sample_rate=1000.0)
     found = identify(record, **PLAIN)
     view = View.of(found)
-    line = pictures(found)["residual"].axes[0].get_lines()[-1].get_ydata()
-    assert np.abs(line).max() == pytest.approx(1e3 * found.held_out.maximum_um)  # nm
+    line = plots(found)["residual"].axes[0].get_lines()[-1].get_ydata()
+    assert np.abs(line).max() == pytest.approx(found.held_out.maximum_um)  # um, as the label says
     assert found.held_out.maximum_um == pytest.approx(1.5, abs=0.2)  # half of it: means over two
     shown = view.loops()
     assert np.all(view.tested[shown])
     assert np.ptp(view.volts[shown]) == pytest.approx(np.ptp(X[300:]), rel=0.1)
-    html = page(found, record)
+    html = model_page(found, record).html()
     assert len(html) < 2e6
     assert "means over 2 samples were used, at 500 Hz" in html
 
@@ -138,7 +138,7 @@ def test_a_play_that_never_moves_is_not_told(record):
     found = identify(record, **{**PLAIN, "thresholds": (*PLAYS, 9.0)})
     told = dict(zip(found.model.names, ~View.of(found).untold(), strict=True))
     assert told == {"a0": True, "a1": True, "a2": True, "a3": True, "a4": False, "lag": True, "offset": True}
-    assert "the record has hardly told a4:" in page(found, record)
+    assert "the record has hardly told a4:" in model_page(found, record).html()
 
 
 def test_the_verdict_is_of_the_held_out_part(found, record):
@@ -183,7 +183,7 @@ def command(*arguments, folder):
 
 def test_the_command_writes_model_page_and_pictures(tmp_path):
     np.savetxt(tmp_path / "sweep.csv", np.column_stack([T, X, Z])[:600], delimiter=",", header="time (s),V (V),z (um)")
-    done = command("sweep.csv", "--output", "stage.toml", "--figures", "drawn", folder=tmp_path)
+    done = command("sweep.csv", "--output", "stage.toml", "--plots", "drawn", folder=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     for words in ("model      stage.toml", "page       stage.html", "track --model stage.toml", "invert wave.csv"):
         assert words in done.stdout
@@ -206,7 +206,7 @@ def test_the_measured_stack(tmp_path):
     found = identify(record)
     view = View.of(found)
     assert 100 * line_rmse(view) / view.model.stroke == pytest.approx(6.8, abs=0.1)  # as its README says
-    words = text(page(found, record))
+    words = text(model_page(found, record).html())
     assert f"{found.held_out.rmse_percent:.2f} % of stroke rmse" in words
     assert "the record says nothing of rate dependence" in words
-    assert len(save_pictures(found, tmp_path)) == 6
+    assert len(model_page(found, record).save_plots(tmp_path)) == 6

@@ -213,7 +213,7 @@ def test_command_warns_and_is_strict_when_asked(call):
     printed = json.loads(done.stdout)
     assert printed["out_of_reach_um"][0]["worst"] == pytest.approx(4.0, abs=0.05)
     assert len(printed["warnings"]) == 1
-    done = call(*words, "--voltage-limits", "-1", "3", "--slew", "1000", "--strict", "--figures", "pictures")
+    done = call(*words, "--voltage-limits", "-1", "3", "--slew", "1000", "--strict", "--plots", "pictures")
     assert {path.name for path in Path("pictures").iterdir()} == {"waveform-light.png", "waveform-dark.png"}
     assert done.exit_code == 1
     assert "- outside of the voltages of the record, 2 times" in done.stdout
@@ -247,7 +247,7 @@ def test_command_fails_in_one_line(call, words, message, code):
 def test_track_starts_from_the_model(tmp_path, monkeypatch):
     """With limits of -2 to 10 V a fresh controller has to learn the slopes."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("truestroke.report.save_page", lambda *_: None)
+    monkeypatch.setattr("truestroke.cli.common.save_page", lambda *_: [])
     sweep = trajectories.random_wave(duration=6.0, peak_to_peak=28.0, seed=5).position / 12.0
     stage = RealisticPlant(seed=3)
     stage.open()

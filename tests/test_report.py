@@ -60,7 +60,7 @@ def recording() -> Recording:
 
 @pytest.fixture(scope="module")
 def page(recording: Recording) -> str:
-    return report.page(recording)
+    return report.run_page(recording).html()
 
 
 @given(st.integers(0, 20_000), st.integers(1, 400), st.integers(2, 20_001))
@@ -101,7 +101,7 @@ def test_labels_keep_apart_inside_the_panel_and_in_order(ends: list[float], gap:
 
 @pytest.mark.parametrize("theme", [style.LIGHT, style.DARK], ids=lambda theme: theme.name)
 def test_axes_have_labels_with_units_and_lines_have_names(recording: Recording, theme: style.Theme) -> None:
-    drawn = report.pictures(recording, theme)
+    drawn = report.run_plots(recording, theme)
     assert list(drawn) == ["tracking", "error", "loop", "weights", "voltage"]
     for name, figure in drawn.items():
         labels = [axes.get_ylabel() for axes in figure.axes] + [figure.axes[-1].get_xlabel()]
@@ -136,10 +136,10 @@ def test_the_error_is_drawn_in_the_unit_of_its_axis(recording: Recording) -> Non
 
 def test_without_truth_the_measured_run_is_shown() -> None:
     measured_only = build(simulated=False)
-    drawn = report.pictures(measured_only)
+    drawn = report.run_plots(measured_only)
     assert "loop" not in drawn
     assert [text.get_text() for text in drawn["tracking"].axes[0].get_legend().get_texts()] == ["desired", "measured"]
-    heads = report.page(measured_only).split("<thead>")[1].split("</thead>")[0]
+    heads = report.run_page(measured_only).html().split("<thead>")[1].split("</thead>")[0]
     assert "measured" in heads
     assert "true" not in heads
 

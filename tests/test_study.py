@@ -518,7 +518,7 @@ def test_the_command_reports(tmp_path, monkeypatch):
 
     assert truestroke("--example")[1] == study.example()
     (tmp_path / "small.toml").write_text(SMALL)
-    code, out, _ = truestroke("small.toml", "--json", "--figures", "pictures", "--workers", "2")
+    code, out, _ = truestroke("small.toml", "--json", "--plots", "pictures", "--workers", "2")
     found = json.loads(out)
     assert (code, found["runs"]) == (0, 40)
     assert found["controllers"]["paper"]["converged"] < 40

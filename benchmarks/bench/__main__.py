@@ -27,9 +27,10 @@ def main() -> None:
     if asked.steps < 10_000:
         parser.error(f"--steps = {asked.steps}: must be at least 10000")
     costs, missing = suite.run(asked.steps)
-    path = page.save_page(costs, missing, asked.output.with_suffix(".html"), f"{parser.prog} --steps {asked.steps}")
+    made = page.page(costs, missing, f"{parser.prog} --steps {asked.steps}")
+    path = made.save(asked.output.with_suffix(".html"))
     if asked.plots:
-        page.save_pictures(costs, asked.plots)
+        made.save_plots(asked.plots)
     if asked.json:
         print(json.dumps({"machine": table.machine(), "costs": [c.as_dict() for c in costs], "missing": missing}))
         return

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from datetime import UTC, datetime
-from pathlib import Path
 
 from benchmarks.bench import table
 from benchmarks.bench.cost import Cost
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullFormatter
 
-from truestroke.base import files
 from truestroke.report import style
-from truestroke.report.page import render, save_all, svg
+from truestroke.report.page import Page, Section, Table, captioned
 from truestroke.report.style import LIGHT, Theme
 
 CAPTIONS = {
@@ -88,28 +86,18 @@ def pictures(costs: Sequence[Cost], theme: Theme = LIGHT) -> dict[str, Figure]:
     return {"updates": updates(costs, theme), "ticks": ticks(costs, theme)}
 
 
-def save_pictures(costs: Sequence[Cost], directory: str | Path) -> list[Path]:
-    """Write both as PNG, light and dark, into `directory`; the paths."""
-    return save_all(lambda theme: pictures(costs, theme), directory)
-
-
-def save_page(costs: Sequence[Cost], missing: Sequence[str], path: str | Path, command: str | None = None) -> Path:
-    """Write the page to `path`; nothing outside the file is needed to read it."""
-    path, drawn = Path(path), pictures(costs, style.PAGE)
+def page(costs: Sequence[Cost], missing: Sequence[str], command: str | None = None) -> Page:
+    """The page of the costs; `missing` says what could not be measured, `command` is what repeats it."""
     notes = [NOTE, " ".join(["Not measured.", *missing]) if missing else NOTE]
-    page = render(
-        "zoo",
+    found = zip((table.update_table(costs), table.tick_table(costs)), notes, strict=True)
+    return Page(
         title="What a step costs",
         lead=table.verdict(costs),
-        tables=[
-            {"columns": columns, "rows": rows, "note": note, "words": False}
-            for (columns, rows), note in zip((table.update_table(costs), table.tick_table(costs)), notes, strict=True)
+        sections=[
+            Section(tables=[Table(columns=columns, rows=rows, note=note) for (columns, rows), note in found]),
+            *captioned(CAPTIONS),
         ],
-        figures=[
-            {"heading": heading, "caption": caption, "svg": svg(drawn[name], name, caption)}
-            for name, (heading, caption) in CAPTIONS.items()
-        ],
+        plots=lambda theme: pictures(costs, theme),
         command=command,
         footer=f"{table.machine()} · made {datetime.now(UTC).isoformat(timespec='seconds')}",
     )
-    return files.write(path, page, files.PAGE)

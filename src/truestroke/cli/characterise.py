@@ -41,10 +41,10 @@ if TYPE_CHECKING:
 @click.option("--seed", metavar="N", type=click.IntRange(0), default=0, help="Of the sensor noise.")
 @click.option("--output", metavar="NAME", default="truestroke-characterise", help="Write NAME.toml, NAME.h5 and "
               "NAME.html.")  # fmt: skip
-@common.pictures_option
+@common.plots_option
 @common.overwrite_option
 @common.json_option
-def characterise(record: Path | None, output: str, figures: Path | None, as_json: bool, **options: Any) -> int:
+def characterise(record: Path | None, output: str, plots: Path | None, as_json: bool, **options: Any) -> int:
     """Measure how the weights of an actuator depend on velocity.
 
     Triangles at several speeds (Sec. 2.4), and for each play a line of its weight against velocity (Fig. 4). Writes a
@@ -64,16 +64,15 @@ def characterise(record: Path | None, output: str, figures: Path | None, as_json
         from truestroke.studies.characterisation import page
 
         verdict = page.judged(found)
-        page.save_page(found, page_file, common.as_asked()["command"])
-        drawn = page.save_pictures(found, figures) if figures else []
+        made = page.page(found, common.as_asked()["command"])
+        pictures = common.save_page(made, page_file, plots)
     code = ExitCode.NOT_TRACKING if verdict.is_bad else ExitCode.OK
     if as_json:
         files = {"model": str(model_file), "recording": str(record or recording_file), "page": str(page_file)}
-        pictures = {"pictures": [str(path) for path in drawn]}
-        common.print_json({**verdict.as_dict(), **found.as_dict(), **files, **pictures})
+        common.print_json({**verdict.as_dict(), **found.as_dict(), **files, "pictures": pictures})
         return code
     _print(found, verdict)
-    common.print_files(model=model_file, recording=record or recording_file, page=page_file, pictures=figures)
+    common.print_files(model=model_file, recording=record or recording_file, page=page_file, pictures=plots)
     common.suggest((f"identify {record or recording_file}", "creep and asymmetry, too, from the same recording"))
     return code
 

@@ -122,12 +122,12 @@ def _failed(reason: str, as_json: bool) -> int:
 def _told(found: Findings, config: Path, page: Path, as_json: bool) -> int:
     """Configuration, page and the rest of the lines."""
     from truestroke.runtime.commissioning.changes import write
-    from truestroke.runtime.commissioning.page import save_page
+    from truestroke.runtime.commissioning.page import page as page_of
 
     changes, verdict = found.changes(), found.verdict()
     backup = write(config, changes) if changes else None
     lines = [f"{table}.{key} = {value:g}" for (table, key), (value, _) in changes.items()]
-    save_page(found, page, lines, common.as_asked()["command"])
+    page_of(found, lines, common.as_asked()["command"]).save(page)
     if as_json:
         written = {f"{table}.{key}": value for (table, key), (value, _) in changes.items()}
         files = {"config": str(config), "backup": backup and str(backup), "page": str(page)}

@@ -28,9 +28,10 @@ if TYPE_CHECKING:
     from rich.text import Text
 
     from truestroke.base.verdict import Verdict
+    from truestroke.report import Page
     from truestroke.runtime.loop import RunInterrupted
 
-FILES = ("output", "figures", "overwrite", "as_json")  # options that do not change the run
+FILES = ("output", "plots", "figures", "overwrite", "as_json")  # options that do not change the run
 ALIASES = {"cutoff": "frequency", "slew_limit": "slew", "path": "trajectory"}  # arguments of Python by other options
 PIPE_WIDTH = 120  # columns of a table where there is no terminal
 
@@ -174,12 +175,17 @@ def stoppable() -> Iterator[None]:
 # ---- Options -------------------------------------------------------------------------------------------------------
 
 
-def pictures_option(command: Callable[..., Any]) -> Callable[..., Any]:
-    """`--figures FOLDER`."""
+def plots_option(command: Callable[..., Any]) -> Callable[..., Any]:
+    """`--plots FOLDER`; its old name `--figures` is hidden."""
+
+    def as_plots(context: click.Context, _: click.Parameter, folder: Path | None) -> None:
+        if folder is not None:
+            context.default_map = {"plots": folder}
+
     kind = click.Path(file_okay=False, path_type=Path)
-    return click.option(
-        "--figures", type=kind, metavar="FOLDER", help="Also write each picture as PNG, light and dark."
-    )(command)
+    old = click.option("--figures", type=kind, hidden=True, is_eager=True, expose_value=False, callback=as_plots)
+    new = click.option("--plots", type=kind, metavar="FOLDER", help="Also write each plot as PNG, light and dark.")
+    return old(new(command))
 
 
 def overwrite_option(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -240,7 +246,13 @@ def as_asked() -> dict[str, Any]:
     return {"command": shlex.join(words), "options": options}
 
 
-# ---- What is printed -----------------------------------------------------------------------------------------------
+# ---- What is written and printed -----------------------------------------------------------------------------------
+
+
+def save_page(page: Page, file: Path, plots: Path | None) -> list[str]:
+    """Write a page and, where a folder is given, its plots; the paths of these."""
+    page.save(file)
+    return [str(path) for path in page.save_plots(plots)] if plots else []
 
 
 @contextmanager

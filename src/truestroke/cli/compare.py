@@ -14,10 +14,10 @@ from truestroke.cli import common
 @click.option("--duration", metavar="S", type=click.FloatRange(min=1.0), default=20.0, help="Of the random wave; the "
               "sine takes an eighth of it, at least 2 s.")  # fmt: skip
 @click.option("--output", metavar="NAME", default="truestroke-compare", help="Write NAME.html.")
-@common.pictures_option
+@common.plots_option
 @common.overwrite_option
 @common.json_option
-def compare(seed: int, duration: float, output: str, figures: Path | None, as_json: bool) -> None:
+def compare(seed: int, duration: float, output: str, plots: Path | None, as_json: bool) -> None:
     """Follow the same waves with eight controllers.
 
     No compensation, a PID, fixed and adaptive inverses, LMS, the paper: each identified and tuned by code on the same
@@ -32,14 +32,14 @@ def compare(seed: int, duration: float, output: str, figures: Path | None, as_js
     with common.progress("drawing"):
         from truestroke.studies.compare import page
 
-        page.save_page(found.rows, found.rivals, page_file, common.as_asked()["command"])
-        pictures = page.save_pictures(found.rows, figures) if figures else []
+        made = page.page(found.rows, found.rivals, common.as_asked()["command"])
+        pictures = common.save_page(made, page_file, plots)
     if as_json:
-        common.print_json({**found.as_dict(), "page": str(page_file), "pictures": [str(path) for path in pictures]})
+        common.print_json({**found.as_dict(), "page": str(page_file), "pictures": pictures})
         return
     for columns, rows in page.tables(found.rows):
         common.print_table(columns, rows, dim="of p-p")
-    common.print_files(page=page_file, pictures=figures)
+    common.print_files(page=page_file, pictures=plots)
     common.suggest(
         ("compare --seed 1", "another wave, other noise"),
         ("track --change-at 10", "the actuator changes suddenly"),

@@ -21,12 +21,10 @@ if TYPE_CHECKING:
 @record_options
 @click.option("--output", metavar="FILE", default="model.toml", help="The model is written there.")
 @click.option("--report", metavar="FILE", help="The page is written there.  [default: as --output, .html]")
-@common.pictures_option
+@common.plots_option
 @common.overwrite_option
 @common.json_option
-def identify(
-    record: Path, output: str, report: str | None, figures: Path | None, as_json: bool, **options: Any
-) -> None:
+def identify(record: Path, output: str, report: str | None, plots: Path | None, as_json: bool, **options: Any) -> None:
     """Fit a model to a record of voltage and displacement.
 
     Structure by blocked cross-validation; the last 40 % of the record tell how well the model predicts. Writes a model
@@ -43,18 +41,24 @@ def identify(
     with common.progress("drawing"):
         from truestroke.report import identified
 
-        about = {"findings": findings, "model_file": target, "next_commands": tuple(_next(target, found.model))}
-        identified.save_page(found, data, page_file, **about, command=common.as_asked()["command"])
-        pictures = identified.save_pictures(found, figures) if figures else []
+        made = identified.model_page(
+            found,
+            data,
+            findings=findings,
+            model_file=target,
+            next_commands=tuple(_next(target, found.model)),
+            command=common.as_asked()["command"],
+        )
+        pictures = common.save_page(made, page_file, plots)
     if as_json:
-        files = {"model": str(target), "page": str(page_file), "pictures": [str(path) for path in pictures]}
+        files = {"model": str(target), "page": str(page_file), "pictures": pictures}
         common.print_json({**_figures(found), **files, "warnings": list(findings.warnings)})
         return
     common.print_table(("held out, the last part", "um", "of p-p"), _rows(found))
     common.print_text(f"structure  {found.tried[-1][0]}" if found.tried else "structure  as given")
     for warning in findings.warnings:
         common.print_text(f"- {warning}")
-    common.print_files(model=target, page=page_file, pictures=figures)
+    common.print_files(model=target, page=page_file, pictures=plots)
     common.suggest(*_next(target, found.model))
 
 

@@ -43,11 +43,11 @@ def limit_options(command: Callable[..., Any]) -> Callable[..., Any]:
 @click.option("--seed", metavar="N", type=click.IntRange(0), default=0, help="Of the random wave.")
 @limit_options
 @click.option("--output", metavar="NAME", default="waveform.csv", help="Write NAME.csv or NAME.npz.")
-@common.pictures_option
+@common.plots_option
 @common.overwrite_option
 @common.json_option
 def invert(
-    trajectory: str, model: Path, output: str, figures: Path | None, strict: bool, as_json: bool, **options: Any
+    trajectory: str, model: Path, output: str, plots: Path | None, strict: bool, as_json: bool, **options: Any
 ) -> None:
     """Make a voltage waveform of a desired displacement.
 
@@ -63,7 +63,7 @@ def invert(
     start = known.zero if trajectory in motion.MOTIONS else 0.0
     made = waveform(known, wave.position + start, wave.sample_rate, velocity=wave.velocity, **limits(known, options))
     save_waveform(target, made)
-    pictures = _draw(made, figures) if figures else []
+    pictures = _save_plot(made, plots) if plots else []
     if as_json:
         common.print_json(
             {
@@ -76,7 +76,7 @@ def invert(
     else:
         common.print_table(("predicted", "um", "of p-p"), rows(made, known))
         tell(made)
-        common.print_files(waveform=target, pictures=figures)
+        common.print_files(waveform=target, pictures=plots)
     leave(strict, made)
 
 
@@ -156,11 +156,11 @@ def as_dict(made: Waveform) -> dict[str, Any]:
     }
 
 
-def _draw(made: Waveform, folder: Path) -> list[Path]:
-    from truestroke.report.page import save_all
-    from truestroke.report.waveform import waveform as draw
+def _save_plot(made: Waveform, folder: Path) -> list[Path]:
+    from truestroke.report.page import save_plots
+    from truestroke.report.waveform import waveform
 
-    return save_all(lambda theme: {"waveform": draw(made, theme)}, folder)
+    return save_plots(lambda theme: {"waveform": waveform(made, theme)}, folder)
 
 
 def leave(strict: bool, made: Waveform) -> None:

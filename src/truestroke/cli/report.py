@@ -22,10 +22,10 @@ SHORTEST = 20  # ticks that can be drawn
 @click.command()
 @click.argument("recording", type=click.Path(exists=True, dir_okay=False, path_type=Path))
 @click.option("--output", metavar="NAME", help="Write NAME.html.  [default: as RECORDING]")
-@common.pictures_option
+@common.plots_option
 @common.overwrite_option
 @common.json_option
-def report(recording: Path, output: str | None, figures: Path | None, as_json: bool) -> int:
+def report(recording: Path, output: str | None, plots: Path | None, as_json: bool) -> int:
     """Make the table and the page of a recording again."""
     from truestroke.signals.recording import Recording
 
@@ -33,10 +33,10 @@ def report(recording: Path, output: str | None, figures: Path | None, as_json: b
     loaded = Recording.load(recording)
     if len(loaded["time"]) < SHORTEST:
         raise click.ClickException(f"{recording}: {len(loaded['time'])} ticks, a page needs at least {SHORTEST}")
-    return finish(loaded, page_file, figures, as_json, recording)
+    return finish(loaded, page_file, plots, as_json, recording)
 
 
-def finish(recording: Recording, page_file: Path, figures: Path | None, as_json: bool, recording_file: Path) -> int:
+def finish(recording: Recording, page_file: Path, plots: Path | None, as_json: bool, recording_file: Path) -> int:
     """Page and pictures to disk, verdict, table and paths to the terminal; the exit code."""
     from truestroke.signals import judgement
 
@@ -48,16 +48,15 @@ def finish(recording: Recording, page_file: Path, figures: Path | None, as_json:
         _tell_alone(verdict, as_json, recording_file)
         return code
     with common.progress("drawing"):
-        from truestroke.report import save_page, save_pictures
+        from truestroke.report import run_page
 
-        save_page(recording, page_file)
-        pictures = save_pictures(recording, figures) if figures else []
+        pictures = common.save_page(run_page(recording), page_file, plots)
     if as_json:
-        files = {"recording": str(recording_file), "page": str(page_file), "pictures": [str(path) for path in pictures]}
+        files = {"recording": str(recording_file), "page": str(page_file), "pictures": pictures}
         common.print_json({**verdict.as_dict(), **summary.as_dict(), **files})
         return code
     print_figures(summary, verdict)
-    common.print_files(recording=recording_file, page=page_file, pictures=figures)
+    common.print_files(recording=recording_file, page=page_file, pictures=plots)
     if not verdict.is_bad:
         common.suggest(*_next(recording))
     return code

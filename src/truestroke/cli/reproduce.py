@@ -13,29 +13,28 @@ from truestroke.studies import paper
 @click.command()
 @click.argument("names", nargs=-1, type=click.Choice(paper.NAMES), metavar="[NAME]...")
 @click.option("--output", metavar="NAME", default="truestroke-reproduce", help="Write NAME.html.")
-@common.pictures_option
+@common.plots_option
 @common.overwrite_option
 @common.json_option
-def reproduce(names: tuple[str, ...], output: str, figures: Path | None, as_json: bool) -> None:
+def reproduce(names: tuple[str, ...], output: str, plots: Path | None, as_json: bool) -> None:
     """Put the paper's tables and figures beside ours."""
     (page_file,) = common.outputs(output, ".html")
     with common.stoppable(), common.progress("reproducing") as tell:
         results = paper.reproduce(names, progress=tell)
     with common.progress("drawing"):
-        from truestroke.studies.paper.page import save_page
+        from truestroke.studies.paper.page import page
 
-        save_page(results, page_file, common.as_asked()["command"])
-        pictures = [path for result in results for path in result.save(figures)] if figures else []
+        pictures = common.save_page(page(results, common.as_asked()["command"]), page_file, plots)
     if as_json:
         found = [result.as_dict() for result in results]
-        common.print_json({"results": found, "page": str(page_file), "pictures": [str(path) for path in pictures]})
+        common.print_json({"results": found, "page": str(page_file), "pictures": pictures})
         return
     for result in results:
         click.secho(result.title, bold=True)
         common.print_table(["quantity", "paper", "ours", "unit"], [row.cells() for row in result.rows], left="unit")
         common.print_text(result.sentence)
         click.echo()
-    common.print_files(page=page_file, pictures=figures)
+    common.print_files(page=page_file, pictures=plots)
     common.suggest(("compare", "eight controllers on the same actuator"), ("track", "one run with all its pictures"))
 
 

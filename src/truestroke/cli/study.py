@@ -33,7 +33,7 @@ def _example(context: click.Context, _: click.Parameter, asked: bool) -> None:
 @click.option("--scheduler", metavar="ADDRESS", help="Of a dask cluster that is there, as tls://host:8786.")
 @click.option("--report-only", is_flag=True, help="Run nothing; report what is there.")
 @click.option("--output", metavar="NAME", help="Keep results in NAME.sqlite, write NAME.html; by default FILE's name.")
-@common.pictures_option
+@common.plots_option
 @common.overwrite_option
 @common.json_option
 def study(
@@ -44,7 +44,7 @@ def study(
     scheduler: str | None,
     report_only: bool,
     output: str | None,
-    figures: Path | None,
+    plots: Path | None,
     as_json: bool,
 ) -> None:
     """Draw many runs from the ranges in FILE.toml, play them, and report how many converge.
@@ -64,7 +64,7 @@ def study(
             if not report_only:
                 with common.progress("playing") as tell:
                     studies.run(asked, store, _work(executor, workers, scheduler, store_file), tell)
-            _report(store, asked, page_file, figures, as_json)
+            _report(store, asked, page_file, plots, as_json)
     except KeyboardInterrupt:
         click.echo(f"{store_file} keeps what is done; the same command continues.", err=True)
         raise
@@ -81,7 +81,7 @@ def _work(executor: str, workers: int | None, scheduler: str | None, store_file:
     return executors.dask(workers, scheduler) if executor == "dask" else executors.threads(workers)
 
 
-def _report(store: Store, asked: Study, page_file: Path, figures: Path | None, as_json: bool) -> None:
+def _report(store: Store, asked: Study, page_file: Path, plots: Path | None, as_json: bool) -> None:
     from truestroke.studies import study as studies
     from truestroke.studies.study import page
 
@@ -89,17 +89,17 @@ def _report(store: Store, asked: Study, page_file: Path, figures: Path | None, a
     if not rows:
         raise click.ClickException(page.failures(failed) or f"{store.path} holds no run yet.")
     with common.progress("drawing"):
-        page.save_page(asked, rows, cost, page_file, common.as_asked()["command"], failed)
-        paths = page.save_pictures(asked, rows, figures) if figures else []
+        made = page.page(asked, rows, cost, common.as_asked()["command"], failed)
+        paths = common.save_page(made, page_file, plots)
     if as_json:
         lines = {line.controller: line.as_dict() for line in studies.lines(asked, rows)}
         telling = {name: [vars(one) for one in studies.telling(asked, rows, name)] for name in asked.controllers}
         spent = {"ticks": cost[0], "seconds": cost[1]}
-        files = {"store": str(store.path), "page": str(page_file), "pictures": [str(path) for path in paths]}
+        files = {"store": str(store.path), "page": str(page_file), "pictures": paths}
         told = {"runs": len(rows), "failed": {row.number: row.error for row in failed}}
         common.print_json({**told, "controllers": lines, "telling": telling, "cost": spent, **files})
         return
     for table, _ in page.tables(asked, rows, cost):
         common.print_table(*table)
     common.print_text(" ".join(filter(None, [page.verdict(asked, rows), page.failures(failed), page.meaning(asked)])))
-    common.print_files(store=store.path, page=page_file, pictures=figures)
+    common.print_files(store=store.path, page=page_file, pictures=plots)

@@ -39,10 +39,10 @@ ALIKE = 2.5  # times more or less
 @click.option("--change-at", metavar="S", type=float, help="The actuator changes suddenly then (Sec. 4.2).")
 @click.option("--seed", metavar="N", type=click.IntRange(0), default=0, help="Of the random wave and the sensor noise.")
 @click.option("--output", metavar="NAME", default="truestroke-track", help="Write NAME.h5 and NAME.html.")
-@common.pictures_option
+@common.plots_option
 @common.overwrite_option
 @common.json_option
-def track(output: str, figures: Path | None, as_json: bool, **options: Any) -> int:
+def track(output: str, plots: Path | None, as_json: bool, **options: Any) -> int:
     """Follow a motion with a simulated stack.
 
     Prints rmse and maximum error over the second half of the run; writes a recording and a page of pictures.
@@ -55,7 +55,7 @@ def track(output: str, figures: Path | None, as_json: bool, **options: Any) -> i
         raise click.UsageError(f"--trajectory: {len(trajectory)} ticks, a page needs at least {SHORTEST}.")
     recording = _run(trajectory, controller, plant, recording_file)
     recording.save(recording_file)
-    return finish(recording, page_file, figures, as_json, recording_file)
+    return finish(recording, page_file, plots, as_json, recording_file)
 
 
 # ---- From options to the run ---------------------------------------------------------------------------------------

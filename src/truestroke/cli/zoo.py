@@ -29,7 +29,7 @@ def _names(context: click.Context, option: click.Parameter, value: str) -> tuple
 @click.option("--only", metavar="NUMBER", type=click.IntRange(0), help="Play this run alone, with the first of the "
               "controllers; write its recording and page.")  # fmt: skip
 @click.option("--output", metavar="NAME", default="truestroke-zoo", help="Write NAME.html; with --only also NAME.h5.")
-@common.pictures_option
+@common.plots_option
 @common.overwrite_option
 @common.json_option
 def zoo(
@@ -40,7 +40,7 @@ def zoo(
     workers: int,
     only: int | None,
     output: str,
-    figures: Path | None,
+    plots: Path | None,
     as_json: bool,
 ) -> int:
     """Follow motions with many plants drawn at random.
@@ -49,7 +49,7 @@ def zoo(
     median, 95th percentile and worst of the errors of the default controller and the paper's; writes a page.
     """
     if only is not None:
-        return _one(seed, only, controllers[0], output, figures, as_json)
+        return _one(seed, only, controllers[0], output, plots, as_json)
     (page_file,) = common.outputs(output, ".html")
     from truestroke.studies import zoo as zoos
     from truestroke.studies.zoo.table import numbers
@@ -63,23 +63,23 @@ def zoo(
 
         number = pictures.worst(results).number
         worst = zoos.record(seed, number, controllers[0])
-        page.save_page(results, worst, seed, page_file, common.as_asked()["command"])
-        paths = page.save_pictures(results, worst, seed, figures) if figures else []
+        made = page.page(results, worst, seed, common.as_asked()["command"])
+        paths = common.save_page(made, page_file, plots)
     if as_json:
         table = [line.as_dict() for line in zoos.lines(results)]
         found = {"table": table, "runs": [result.as_dict() for result in results]}
-        common.print_json({**found, "page": str(page_file), "pictures": [str(path) for path in paths]})
+        common.print_json({**found, "page": str(page_file), "pictures": paths})
         return 0
     common.print_table(*page.table(results))
     common.print_table(*page.worst_runs(results), left="what happened")
     for name in controllers:
         common.print_text(page.verdict(results, name))
-    common.print_files(page=page_file, pictures=figures)
+    common.print_files(page=page_file, pictures=plots)
     common.suggest((f"zoo{f' --seed {seed}' if seed else ''} --only {number}", "recording and page of the worst run"))
     return 0
 
 
-def _one(seed: int, number: int, controller: str, output: str, figures: Path | None, as_json: bool) -> int:
+def _one(seed: int, number: int, controller: str, output: str, plots: Path | None, as_json: bool) -> int:
     recording_file, page_file = common.outputs(output, ".h5", ".html")
     from truestroke.signals.recording import Recording
     from truestroke.studies import zoo as zoos
@@ -90,4 +90,4 @@ def _one(seed: int, number: int, controller: str, output: str, figures: Path | N
     recording.save(recording_file)
     if not as_json:
         click.echo(zoos.draw(seed, number).words())
-    return finish(recording, page_file, figures, as_json, recording_file)
+    return finish(recording, page_file, plots, as_json, recording_file)

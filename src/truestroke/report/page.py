@@ -1,12 +1,13 @@
-"""One self-contained HTML page of a recording: what was run, the figures in a table, the pictures."""
+"""One class for every page: a self-contained HTML file of a title, a verdict, tables, plots and what repeats it."""
 
 from __future__ import annotations
 
 import io
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Literal
 from xml.sax.saxutils import escape
 
 import jinja2
@@ -15,96 +16,160 @@ from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from truestroke.base import checks, files
-from truestroke.report import figures, style, words
-from truestroke.report.style import LIGHT, Theme
-from truestroke.signals import judgement
-from truestroke.signals.recording import Recording
+from truestroke.base.verdict import Verdict
+from truestroke.report import style, units
+from truestroke.report.style import Theme
+
+Plots = Callable[[Theme], Mapping[str, Figure]]
+"""Makes all plots of a page, by name, in one theme."""
 
 
-def pictures(recording: Recording, theme: Theme = LIGHT) -> dict[str, Figure]:
-    """Every picture that the channels of `recording` allow, by name, in the order of a page."""
-    converged = judgement.summary(recording).convergence_time_s
-    drawn = {
-        "tracking": figures.tracking(recording, theme),
-        "error": figures.error(recording, converged, theme),
-    }
-    before = figures.uncompensated(recording)
-    if before is not None:
-        drawn["loop"] = figures.loop(before, recording, theme)
-    if "weights" in recording.channels:
-        drawn["weights"] = figures.weights(recording, theme)
-    drawn["voltage"] = figures.voltage(recording, words.voltage_limits(recording), theme)
-    return drawn
+@dataclass(frozen=True)
+class Number:
+    """A cell of a summary: a value with its unit, and its share of the stroke, as text."""
+
+    value: str
+    unit: str
+    share: str
 
 
-def save_pictures(recording: Recording, directory: str | Path) -> list[Path]:
-    """Write every picture as PNG, light and dark, into `directory`; the paths."""
-    return save_all(lambda theme: pictures(recording, theme), directory)
+@dataclass(frozen=True, kw_only=True)
+class Table:
+    """A table, as text; lengths may say um.
+
+    Attributes
+    ----------
+    columns : sequence of str
+        Heads; empty for a table without.
+    rows : sequence of sequences of str or Number
+        The first entry of a row is its head. In a row of two, where there are more columns, the second spans the rest.
+    kind : str
+        "summary": the few numbers that a reader looks for; "numbers": right-aligned; "words": left-aligned.
+    text : bool
+        Whether the last column is text.
+    note : str
+        Below it.
+    """
+
+    columns: Sequence[str] = ()
+    rows: Sequence[Sequence[str | Number]]
+    kind: Literal["summary", "numbers", "words"] = "numbers"
+    text: bool = False
+    note: str = ""
 
 
-def save_all(draw: Callable[[Theme], Mapping[str, Figure]], directory: str | Path) -> list[Path]:
-    """Write the pictures that `draw` gives by name, as NAME-light.png and NAME-dark.png; the paths."""
+@dataclass(frozen=True, kw_only=True)
+class Section:
+    """A part of a page, shown in this order: heading, text, list, tables, code, plot with its caption.
+
+    Attributes
+    ----------
+    heading, text : str
+        Empty for none.
+    items : sequence of str
+        Of a list.
+    tables : sequence of Table
+        One below the other.
+    code : str
+        Commands, as they are typed.
+    plot, caption : str
+        Name of a plot and what to look for in it. The section is left out where the page makes no such plot.
+    beside : bool
+        Half as wide as the page, beside its neighbour.
+    folded : bool
+        Behind all others; only its heading is seen until it is opened.
+    """
+
+    heading: str = ""
+    text: str = ""
+    items: Sequence[str] = ()
+    tables: Sequence[Table] = ()
+    code: str = ""
+    plot: str = ""
+    caption: str = ""
+    beside: bool = False
+    folded: bool = False
+
+
+def captioned(captions: Mapping[str, tuple[str, str]]) -> list[Section]:
+    """A section for each plot, of (heading, caption) by its name."""
+    return [Section(heading=heading, plot=name, caption=text) for name, (heading, text) in captions.items()]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Page:
+    """A page; nothing outside its file is needed to read it.
+
+    Attributes
+    ----------
+    title, lead : str
+        The heading, and the result in a sentence.
+    sections : sequence of Section
+        In their order.
+    plots : callable
+        plots(theme) makes the plots that sections name.
+    verdict : Verdict or None
+        Shown above all sections, with its reasons.
+    remark : str
+        Behind the level of the verdict: what it means.
+    command : str or None
+        What makes the page again.
+    footer : str
+        Where it comes from, in a line.
+    """
+
+    title: str
+    lead: str
+    sections: Sequence[Section]
+    plots: Plots
+    verdict: Verdict | None = None
+    remark: str = ""
+    command: str | None = None
+    footer: str = ""
+
+    def html(self) -> str:
+        """The page as HTML; it is also well-formed XML."""
+        made = self.plots(style.PAGE)
+        shown = [section for section in self.sections if not section.plot or section.plot in made]
+        environment = jinja2.Environment(loader=jinja2.PackageLoader("truestroke.report"), autoescape=True)
+        environment.filters["typeset"] = typeset
+        return environment.get_template("page.html.j2").render(
+            page=self,
+            sections=shown,
+            svgs={s.plot: svg(made[s.plot], s.plot, s.caption or s.heading) for s in shown if s.plot},
+            **{theme.name: _variables(theme) for theme in (style.LIGHT, style.DARK)},
+        )
+
+    def save(self, path: str | Path) -> Path:
+        """Write the page to `path`, which is returned."""
+        return files.write(checks.path("path", path), self.html(), files.PAGE)
+
+    def save_plots(self, directory: str | Path) -> list[Path]:
+        """Write all plots as PNG, light and dark, into `directory`; the paths."""
+        return save_plots(self.plots, directory)
+
+
+def save_plots(plots: Plots, directory: str | Path) -> list[Path]:
+    """Write the figures that `plots` makes as NAME-light.png and NAME-dark.png into `directory`; the paths."""
     directory = Path(directory)
     directory.mkdir(parents=True, exist_ok=True)
     return [
         style.save(figure, directory / f"{name}-{theme.name}.png")
         for theme in (style.LIGHT, style.DARK)
-        for name, figure in draw(theme).items()
+        for name, figure in plots(theme).items()
     ]
 
 
-def save_page(recording: Recording, path: str | Path) -> Path:
-    """Write the page of `recording` to `path`; nothing outside the file is needed to read it."""
-    order = "a Recording, such as of truestroke.run or Recording.load(path); the order is recording, path"
-    checks.instance("recording", recording, Recording, order)
-    return files.write(checks.path("path", path), page(recording), files.PAGE)
-
-
-def sentence(reason: str) -> Markup:
-    """A sentence of the terminal as HTML: lengths in µm, keys and commands as code.
+def typeset(text: str) -> Markup:
+    """A sentence of the terminal as HTML: um as µm; what stands in backticks as code, to the letter.
 
     Examples
     --------
-    >>> print(sentence("1 um < 2 um: change `um_per_volt = 10`, or um_per_unit"))
-    1 µm &lt; 2 µm: change <code>um_per_volt = 10</code>, or um_per_unit
+    >>> print(typeset("at most 1 um < 2 um/s: change `um_per_volt = 10 # um`, or um_per_unit"))
+    at most 1 µm &lt; 2 µm/s: change <code>um_per_volt = 10 # um</code>, or um_per_unit
     """
-    parts = re.split("`([^`]*)`", re.sub(r" um\b", " µm", reason))  # text, code, text, ...
-    return Markup("").join(Markup("<code>{}</code>").format(p) if i % 2 else p for i, p in enumerate(parts))
-
-
-def page(recording: Recording) -> str:
-    """The page of `recording` as HTML; it is also well-formed XML."""
-    summary = judgement.summary(recording)
-    drawn, verdict = pictures(recording, style.PAGE), judgement.judge(recording)
-    return render(
-        "recording",
-        title=words.title(recording, summary, verdict),
-        verdict=verdict.level,
-        reasons=[sentence(reason) for reason in verdict.reasons],
-        lead=words.run(recording, summary, verdict),
-        span=words.span(summary),
-        columns=words.kinds(summary),
-        table=[{"name": name, "cells": cells} for name, cells in words.table(summary)],
-        course=words.course(summary),
-        flags=words.flags(summary),
-        peak_to_peak=f"{summary.peak_to_peak_um:.1f}",
-        simulated="true" in recording.channels,
-        figures=[
-            {"heading": heading, "caption": caption, "svg": svg(drawn[name], name, caption)}
-            for name, (heading, caption) in words.CAPTIONS.items()
-            if name in drawn
-        ],
-        command=words.command(recording),
-        settings=list(_flat(recording.metadata)),
-        footer=words.footer(recording),
-    )
-
-
-def render(template: str, **content: Any) -> str:
-    """One of the templates, in the colours of both themes."""
-    environment = jinja2.Environment(loader=jinja2.PackageLoader("truestroke.report"), autoescape=True)
-    colours = {theme.name: _variables(theme) for theme in (style.LIGHT, style.DARK)}
-    return environment.get_template(f"{template}.html.j2").render(**colours, **content)
+    parts = enumerate(re.split("`([^`]*)`", text))  # text, code, text, ...
+    return Markup("").join(Markup("<code>{}</code>").format(part) if i % 2 else units.micro(part) for i, part in parts)
 
 
 def svg(figure: Figure, name: str, description: str) -> str:
@@ -133,24 +198,3 @@ def svg(figure: Figure, name: str, description: str) -> str:
 
 def _variables(theme: Theme) -> str:
     return " ".join(f"--{name}: {colour};" for name, colour in theme.variables.items())
-
-
-def _flat(metadata: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
-    """Nested settings as rows: dotted name, value in short."""
-    for name, value in metadata.items():
-        if isinstance(value, Mapping):
-            yield from _flat(value, f"{prefix}{name}.")
-        else:
-            yield prefix + name, _short(value)
-
-
-def _short(value: Any) -> str:
-    if isinstance(value, float):
-        return f"{value:.6g}"
-    if isinstance(value, (list, tuple)):
-        shown = [_short(entry) for entry in value[:12]]
-        return ", ".join(shown) + (f", ... ({len(value)} in all)" if len(value) > 12 else "")
-    return str(value)
-
-
-__all__ = ["page", "pictures", "render", "save_all", "save_page", "save_pictures", "svg"]

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from datetime import UTC, datetime
 from typing import Any
 
 from truestroke.base.flags import FLAGS
 from truestroke.base.verdict import Verdict
+from truestroke.report import units
 from truestroke.signals.judgement import change_time
 from truestroke.signals.judgement import settings as _settings
 from truestroke.signals.metrics import TrackingSummary
-from truestroke.signals.recording import Recording
+from truestroke.signals.recording import Recording, versions
 
 NAMES = {
     "AdaptiveController": "the adaptive inverse controller",
@@ -21,6 +23,11 @@ NAMES = {
     "NidaqmxDriver": "hardware behind an NI-DAQmx card",
     "PiDriver": "a controller of Physik Instrumente",
     "OneAxis": "one channel of hardware",
+}
+REMARKS = {
+    "good": "It was followed as it should be.",
+    "doubtful": "Read this before you use the figures.",
+    "bad": "Do not use the figures of this run.",
 }
 HAPPENED = {flag.name: flag.words for flag in FLAGS} | {"missing": "had no measurement"}
 
@@ -72,7 +79,7 @@ def voltage_limits(recording: Recording) -> tuple[float, float] | None:
 def title(recording: Recording, summary: TrackingSummary, verdict: Verdict) -> str:
     """The heading of a page: the motion and how well it was followed, or that it was not."""
     kind, motion = kinds(summary)[-1], _name(recording, "trajectory", "motion")
-    rmse = length(getattr(summary, f"{kind}_rmse_um"))
+    rmse = units.length(getattr(summary, f"{kind}_rmse_um"))
     if verdict.is_bad:
         cut = recording.metadata.get("interrupted")
         return f"NOT FOLLOWED{' TO THE END' if cut else ''}: {motion}, {rmse} rmse{' until then' if cut else ''}"
@@ -95,7 +102,7 @@ def run(recording: Recording, summary: TrackingSummary, verdict: Verdict) -> str
     span = _settings(recording, "trajectory").get("peak_to_peak", summary.peak_to_peak_um)
     did = "was to follow" if verdict.is_bad else "followed"
     what = (
-        f"{_name(recording, 'plant', 'an actuator')} {did} a {motion} of {span:.1f} µm peak to "
+        f"{_name(recording, 'plant', 'an actuator')} {did} a {motion} of {span:.1f} um peak to "
         f"peak{_rate(recording)} for {summary.duration_s:.4g} s at {summary.ticks / summary.duration_s:.0f} ticks per "
         f"second, driven by {driver}."
     )
@@ -109,15 +116,6 @@ def _rate(recording: Recording) -> str:
     settings = _settings(recording, "trajectory")
     frequency = settings.get("frequency", settings.get("cutoff"))
     return "" if frequency is None else f" and {'up to about ' if 'cutoff' in settings else ''}{frequency:g} Hz"
-
-
-def length(um: float) -> str:
-    """A length in the unit that suits it.
-
-    >>> length(0.0391), length(2.5)
-    ('39 nm', '2.50 µm')
-    """
-    return f"{1e3 * um:.0f} nm" if um < 0.9995 else f"{um:.2f} µm"
 
 
 def span(summary: TrackingSummary) -> str:
@@ -191,12 +189,26 @@ def command(recording: Recording) -> str | None:
 
 
 def footer(recording: Recording) -> str:
-    """Versions, seed and date in a line."""
-    versions = _section(recording, "versions")
-    known = [f"{name} {versions[name]}" for name in ("truestroke", "numpy", "python") if name in versions]
-    if "commit" in versions:
-        known[0] += f" ({versions['commit'][:12]})"
+    """Versions, seed and date of a recording in a line."""
     seed = _settings(recording, "plant").get("seed")
-    if seed is not None:
-        known.append(f"seed {seed}")
-    return " · ".join([*known, *([f"made {recording.metadata['created']}"] if "created" in recording.metadata else [])])
+    known = [] if seed is None else [f"seed {seed}"]
+    return made(_section(recording, "versions"), recording.metadata.get("created"), *known)
+
+
+def made_now() -> str:
+    """Versions and date of what is computed now, in a line."""
+    return made(versions(), datetime.now(UTC).isoformat(timespec="seconds"))
+
+
+def made(versions: Mapping[str, str], created: str | None, *known: str) -> str:
+    """Versions, what else is known, and date in a line.
+
+    Examples
+    --------
+    >>> made({"truestroke": "0.1.0", "python": "3.12.1"}, "2026-01-31T12:00:00+00:00", "seed 7")
+    'truestroke 0.1.0 · python 3.12.1 · seed 7 · made 2026-01-31T12:00:00+00:00'
+    """
+    shown = [f"{name} {versions[name]}" for name in ("truestroke", "numpy", "python") if name in versions]
+    if "commit" in versions:
+        shown[0] += f" ({versions['commit'][:12]})"
+    return " · ".join([*shown, *known, *([f"made {created}"] if created else [])])

@@ -5,17 +5,14 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from truestroke.base import files
 from truestroke.identification import Findings, Identified, Record, examine
-from truestroke.report import style
-from truestroke.report.identified import pictures
-from truestroke.report.identified.pictures import length
+from truestroke.report.identified import plots
 from truestroke.report.identified.view import View
-from truestroke.report.page import render, save_all, svg
+from truestroke.report.page import Number, Page, Section, Table, captioned
+from truestroke.report.units import length
 
 CAPTIONS = {
     "loop": (
@@ -38,6 +35,11 @@ CAPTIONS = {
         "its bar is that of the belief before it (grey).",
     ),
 }
+CHOSEN = (
+    "Chosen by blocked cross-validation within the fitted part: each block is predicted from those before it. A start "
+    "from rest is preferred, as a controller starts so; of structures that predict about as well, the one with the "
+    "most terms is taken: the prior holds what the record does not tell."
+)
 WHITE = 0.5  # of the samples: with fewer effective ones the residual is not called white
 NOISE = 1.5  # times the noise: a residual below that is called noise
 LINE = 0.8  # of the straight line's rmse: no gain worth a model
@@ -148,17 +150,7 @@ def _parts(words: str) -> tuple[str, ...]:
 # ---- The page ------------------------------------------------------------------------------------------------------
 
 
-def save_page(found: Identified, record: Record, path: str | Path, **about: Any) -> Path:
-    """Write the page to `path`; nothing outside the file is needed to read it. Arguments as `page`."""
-    return files.write(path, page(found, record, **about), files.PAGE)
-
-
-def save_pictures(found: Identified, directory: str | Path) -> list[Path]:
-    """Write all pictures as PNG, light and dark, into `directory`; the paths."""
-    return save_all(lambda theme: pictures.pictures(found, theme), directory)
-
-
-def page(
+def model_page(
     found: Identified,
     record: Record,
     *,
@@ -166,8 +158,8 @@ def page(
     model_file: str | Path | None = None,
     next_commands: tuple[tuple[str, str], ...] = (),
     command: str | None = None,
-) -> str:
-    """The page as HTML; it is also well-formed XML.
+) -> Page:
+    """The page of an identified model.
 
     Parameters
     ----------
@@ -183,65 +175,80 @@ def page(
         Commands that use the model, each with what it does.
     command : str, optional
         What makes this page again.
+
+    Returns
+    -------
+    Page
+        `save` writes it, `save_plots` writes its plots.
     """
     findings, view = findings or examine(record), View.of(found)
-    drawn = pictures.pictures(found, style.PAGE)
-    h, source = found.held_out, Path(record.source).name
-    return render(
-        "identified",
-        title=f"Model of {source}",
+    found_in_record = Table(rows=findings.table(), kind="words")
+    sections = [
+        Section(tables=[_errors(found, view, findings)]),
+        _warnings([*findings.warnings, *notes(view, record)]),
+        *captioned(CAPTIONS),
+        *_structure(found),
+        Section(heading="The record", tables=[found_in_record], beside=True),
+        _model_file(model_file, next_commands),
+        Section(heading="All weights", tables=[_weights(view)], folded=True),
+    ]
+    return Page(
+        title=f"Model of {Path(record.source).name}",
         lead=verdict(found, view, findings),
-        span=f"held out: {view.time[view.first]:.4g} to {view.time[-1]:.4g} s",
-        table=_figures(found, view),
-        note=f"Per cent are of the stroke, {length(view.model.stroke)}. The held-out part ({h.samples:,} of "
-        f"{view.time.size:,} samples) was predicted from voltage alone by a model of the same structure fitted to the "
-        "rest; the model in the file is fitted to all. The noise of the sensor between neighbouring samples is "
-        f"{length(findings.noise_um)}. {whiteness(found)}",
-        warnings=[_micro(text) for text in (*findings.warnings, *notes(view, record))],
-        figures=[
-            {"heading": heading, "caption": caption, "svg": svg(drawn[name], name, caption)}
-            for name, (heading, caption) in CAPTIONS.items()
-        ],
-        **_structure(found),
-        found=[(name, _micro(text)) for name, text in findings.table()],
-        weights=_weights(view),
-        model_file=None if model_file is None else str(model_file),
-        next_commands=next_commands,
+        sections=[section for section in sections if section],
+        plots=lambda theme: plots.plots(found, theme),
         command=command,
         footer=_footer(view, record),
     )
 
 
-def _figures(found: Identified, view: View) -> list[dict[str, Any]]:
-    """Rows of the table: rmse and maximum of model and straight line, um and %."""
-    line, h = view.line_error[view.tested], found.held_out
+def _errors(found: Identified, view: View, findings: Findings) -> Table:
+    """Rmse and maximum of model and straight line, with their per cent."""
+    line, h, stroke = view.line_error[view.tested], found.held_out, view.model.stroke
     of_line = {"rmse": line_rmse(view), "maximum": float(np.abs(line).max())}
     of_model = {"rmse": (h.rmse_um, h.rmse_percent), "maximum": (h.maximum_um, h.maximum_percent)}
-    return [
-        {
-            "name": name,
-            "cells": [
-                (*length(um).rsplit(maxsplit=1), percent(share))
-                for um, share in (of_model[name], (of_line[name], 100 * of_line[name] / view.model.stroke))
-            ],
-        }
-        for name in ("rmse", "maximum")
+    rows: list[list[str | Number]] = [
+        [name, _number(*of_model[name]), _number(um, 100 * um / stroke)] for name, um in of_line.items()
     ]
+    return Table(
+        columns=[f"held out: {view.time[view.first]:.4g} to {view.time[-1]:.4g} s", "this model", "a straight line"],
+        rows=rows,
+        kind="summary",
+        note=f"Per cent are of the stroke, {length(stroke)}. The held-out part ({h.samples:,} of "
+        f"{view.time.size:,} samples) was predicted from voltage alone by a model of the same structure fitted to the "
+        "rest; the model in the file is fitted to all. The noise of the sensor between neighbouring samples is "
+        f"{length(findings.noise_um)}. {whiteness(found)}",
+    )
 
 
-def _structure(found: Identified) -> dict[str, Any]:
-    """What was chosen, what of it each part is worth, and all that was tried."""
+def _number(um: float, percents: float) -> Number:
+    value, unit = length(um).split()
+    return Number(value, unit, percent(percents))
+
+
+def _warnings(texts: list[str]) -> Section | None:
+    return Section(heading="What this record cannot tell", items=texts) if texts else None
+
+
+def _structure(found: Identified) -> list[Section | None]:
+    """What was chosen and what each part of it is worth; folded, all that was tried."""
     tried = structures(found)
     chosen = next((one for one in tried if one.differs == ""), None)
     if chosen is None:
-        return {"chosen": "as given", "rmse": "", "tried": [], "others": []}
-    others = [one for one in tried if one.differs]
-    return {
-        "chosen": chosen.words,
-        "rmse": length(chosen.rmse),
-        "tried": [(one.differs, length(one.rmse), _more(one.rmse, chosen.rmse)) for one in others],
-        "others": [(one.words, length(one.rmse)) for one in tried if one.differs is None],
-    }
+        return [Section(heading="The structure", text="as given", beside=True)]
+    parts = [(one.differs, length(one.rmse), _more(one.rmse, chosen.rmse)) for one in tried if one.differs]
+    table = Table(
+        columns=["with this instead", "rmse", ""],
+        rows=[("as chosen", length(chosen.rmse), ""), *parts],
+        note=CHOSEN,
+    )
+    others = [(one.words, length(one.rmse)) for one in tried if one.differs is None]
+    return [
+        Section(heading="The structure", text=chosen.words, tables=[table] if parts else [], beside=True),
+        Section(heading="All other structures that were tried", tables=[Table(rows=others)], folded=True)
+        if others
+        else None,
+    ]
 
 
 def _more(rmse: float, chosen: float) -> str:
@@ -250,22 +257,32 @@ def _more(rmse: float, chosen: float) -> str:
     return f"{percents:+d} %" if percents else "0 %"
 
 
-def _weights(view: View) -> list[tuple[str, str, str, str, str]]:
-    """Rows of the table of weights: name, weight, its deviation, that believed before, unit."""
-    rows = zip(view.model.names, view.model.weights, view.model.deviations, view.believed()[1], strict=True)
-    return [(name, *(f"{value:.4g}" for value in numbers), _unit(name)) for name, *numbers in rows]  # type: ignore[misc]
+def _model_file(file: str | Path | None, next_commands: tuple[tuple[str, str], ...]) -> Section | None:
+    if file is None:
+        return None
+    return Section(
+        heading="The model file, and what next",
+        text=f"`{file}` holds weights, covariance and these figures.",
+        code="".join(f"# {shows}\ntruestroke {command}\n" for command, shows in next_commands),
+    )
+
+
+def _weights(view: View) -> Table:
+    """Each weight, its deviation, that of the prior, and the unit."""
+    found = zip(view.model.names, view.model.weights, view.model.deviations, view.believed()[1], strict=True)
+    return Table(
+        columns=["weight", "value", "s.d.", "believed before, s.d.", "unit"],
+        rows=[(name, *(f"{value:.4g}" for value in numbers), _unit(name)) for name, *numbers in found],
+        text=True,
+    )
 
 
 def _unit(name: str) -> str:
-    return {"lag": "s", "offset": "µm"}.get(name, "µm" if name.startswith("asymmetry") else "µm/V")
-
-
-def _micro(text: str) -> str:
-    return re.sub(r"\bum\b", "µm", text)
+    return {"lag": "s", "offset": "um"}.get(name, "um" if name.startswith("asymmetry") else "um/V")
 
 
 def _footer(view: View, record: Record) -> str:
     """Where the model comes from, in a line."""
-    columns = [f"{role} from {column.heading} ({column.unit})" for role, column in record.columns.items()]
+    columns = [f"{role} from `{column.heading}` ({column.unit})" for role, column in record.columns.items()]
     made_by = view.model.provenance.get("made_by", "")
     return " · ".join([record.source, *columns, *([made_by] if made_by else [])])

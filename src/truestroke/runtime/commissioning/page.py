@@ -2,13 +2,8 @@
 
 from __future__ import annotations
 
-from datetime import UTC, datetime
-from pathlib import Path
-
-import truestroke
-from truestroke.base import files
-from truestroke.report import style
-from truestroke.report.page import render, sentence, svg
+from truestroke.report import words
+from truestroke.report.page import Page, Section, Table, captioned
 from truestroke.runtime.commissioning.findings import Findings
 from truestroke.runtime.commissioning.pictures import pictures
 
@@ -35,39 +30,32 @@ CAPTIONS = {
 WORDS = {"good": "The axis answers as it was told.", "doubtful": "Read this before you use the axis."}
 
 
-def save_page(found: Findings, path: Path, written: list[str], command: str) -> Path:
-    """Write the page to `path`; nothing outside the file is needed to read it.
+def page(found: Findings, written: list[str], command: str) -> Page:
+    """The page of an axis.
 
     Parameters
     ----------
     found : Findings
         The axis.
-    path : Path
-        HTML.
     written : list[str]
         What went into the configuration, a line each.
     command : str
         What repeats it.
     """
-    drawn, verdict = pictures(found, style.PAGE), found.verdict()
     keys = [["written", "-", "nothing: the configuration is as it was"]] if not written else []
     keys += [["written", *line.split(" = ", 1)] for line in written]
-    rows = [[cell.replace(" um", " µm") for cell in row] for row in [*found.rows(), *keys]]
-    safe = found.limits.get("safe_voltage", 0.0)
+    safe, verdict = found.limits.get("safe_voltage", 0.0), found.verdict()
     low, high = found.limits["voltage_limits"]
-    page = render(
-        "zoo",
+    return Page(
         title=f"Axis {found.name}, commissioned",
         lead=f"Steps of up to {found.small.gain.step:.3g} V from {safe:g} V, then slowly to {high:g} and {low:g} V.",
-        verdict=verdict.level,
-        verdict_words=WORDS[verdict.level],
-        reasons=[sentence(reason) for reason in verdict.reasons],
-        tables=[{"columns": ["", "found", ""], "rows": rows, "words": True, "note": ""}],
-        figures=[
-            {"heading": heading, "caption": caption, "svg": svg(drawn[name], name, caption)}
-            for name, (heading, caption) in CAPTIONS.items()
+        verdict=verdict,
+        remark=WORDS[verdict.level],
+        sections=[
+            Section(tables=[Table(columns=["", "found", ""], rows=[*found.rows(), *keys], text=True)]),
+            *captioned(CAPTIONS),
         ],
+        plots=lambda theme: pictures(found, theme),
         command=command,
-        footer=f"truestroke {truestroke.__version__} · made {datetime.now(UTC).isoformat(timespec='seconds')}",
+        footer=words.made_now(),
     )
-    return files.write(path, page, files.PAGE)

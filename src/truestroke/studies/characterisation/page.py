@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import numpy.typing as npt
 
-from truestroke.base import files
 from truestroke.base.verdict import Verdict
-from truestroke.report import style, words
-from truestroke.report.page import render, save_all, sentence, svg
+from truestroke.report import words
+from truestroke.report.page import Page, Section, Table, captioned
 from truestroke.signals import judgement
 from truestroke.signals.recording import Recording
 from truestroke.studies.characterisation.lines import MIN_PASSES, RATE_SCALE, TOLERANCE, Characterisation
@@ -116,35 +113,19 @@ def _names(which: npt.NDArray[np.bool_]) -> str:
     return "all weights" if which.all() else ", ".join(f"w{i}" for i in np.flatnonzero(which))
 
 
-def save_pictures(found: Characterisation, directory: str | Path) -> list[Path]:
-    """Write all as PNG, light and dark, into `directory`; the paths."""
-    return save_all(lambda theme: pictures(found, theme), directory)
-
-
-def save_page(found: Characterisation, path: str | Path, command: str | None = None) -> Path:
-    """Write the page to `path`; nothing outside the file is needed to read it. `command` is what repeats it."""
-    path, drawn, result = Path(path), pictures(found, style.PAGE), judged(found)
-    tables = [(*play_table(found), NOTE), (*speed_table(found), SPEED_NOTE)]
-    page = render(
-        "zoo",
+def page(found: Characterisation, command: str | None = None) -> Page:
+    """The page of a characterisation; `command` is what repeats it."""
+    result, tables = judged(found), [(*play_table(found), NOTE), (*speed_table(found), SPEED_NOTE)]
+    return Page(
         title=f"{'NOT FOLLOWED: weights' if result.is_bad else 'Weights'} against velocity",
-        verdict=result.level,
-        reasons=[sentence(reason) for reason in result.reasons],
-        lead=" ".join(verdict(found)).replace(" um", " µm"),
-        tables=[
-            {
-                "columns": [c.replace(" um", " µm") for c in columns],
-                "rows": rows,
-                "words": False,
-                "note": note.replace("um", "µm"),
-            }
-            for columns, rows, note in tables
+        lead=" ".join(verdict(found)),
+        verdict=result,
+        remark=words.REMARKS[result.level],
+        sections=[
+            Section(tables=[Table(columns=columns, rows=rows, note=note) for columns, rows, note in tables]),
+            *captioned(CAPTIONS),
         ],
-        figures=[
-            {"heading": heading, "caption": caption, "svg": svg(drawn[name], name, caption)}
-            for name, (heading, caption) in CAPTIONS.items()
-        ],
+        plots=lambda theme: pictures(found, theme),
         command=command,
         footer=words.footer(found.recording),
     )
-    return files.write(path, page, files.PAGE)

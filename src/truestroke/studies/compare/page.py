@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from truestroke.base import files
-from truestroke.report import style, words
-from truestroke.report.figures import displacement
-from truestroke.report.page import render, save_all, svg
+from truestroke.report import style, units, words
+from truestroke.report.page import Page, Section, Table, captioned
+from truestroke.report.plots import displacement
 from truestroke.report.style import LIGHT, Theme
 from truestroke.studies.compare.rivals import Rival
 from truestroke.studies.compare.table import Row
@@ -120,7 +119,7 @@ def _trace(panel: Axes, row: Row, limit: float, theme: Theme) -> None:
     panel.plot(*style.thin(time[part], error), color=theme["true"], lw=0.9)
     panel.set(xlim=(time[part][0], time[part][-1]), ylim=(-limit, limit))
     beyond = ", off scale" if np.max(np.abs(error)) > limit else ""
-    style.title(panel, f"{row.controller}: {words.length(_error(row, 'rmse'))} rmse{beyond}")
+    style.title(panel, f"{row.controller}: {units.length(_error(row, 'rmse'))} rmse{beyond}")
 
 
 def pictures(rows: Sequence[Row], theme: Theme = LIGHT) -> dict[str, Figure]:
@@ -128,13 +127,8 @@ def pictures(rows: Sequence[Row], theme: Theme = LIGHT) -> dict[str, Figure]:
     return {"errors": errors(rows, theme), "traces": traces(rows, theme)}
 
 
-def save_pictures(rows: Sequence[Row], directory: str | Path) -> list[Path]:
-    """Write both as PNG, light and dark, into `directory`; the paths."""
-    return save_all(lambda theme: pictures(rows, theme), directory)
-
-
-def save_page(rows: Sequence[Row], rivals: Sequence[Rival], path: str | Path, command: str | None = None) -> Path:
-    """Write the page of a comparison to `path`; nothing outside the file is needed to read it.
+def page(rows: Sequence[Row], rivals: Sequence[Rival], command: str | None = None) -> Page:
+    """The page of a comparison.
 
     Parameters
     ----------
@@ -142,31 +136,26 @@ def save_page(rows: Sequence[Row], rivals: Sequence[Rival], path: str | Path, co
         Controller by controller, each with all waves.
     rivals : sequence of Rival
         The controllers with source and tuning.
-    path : path
-        Of the page.
     command : str, optional
         What makes this page again.
     """
-    path, drawn = Path(path), pictures(rows, style.PAGE)
-    page = render(
-        "comparison",
+    by_wave = [Table(columns=columns, rows=cells) for columns, cells in tables(rows)]
+    made_ready = [(rival.name, rival.source, rival.tuning) for rival in rivals]
+    return Page(
         title=f"{len(rivals)} controllers on the same actuator",
         lead=_lead(rows),
-        tables=[{"columns": columns, "rows": _typeset(cells)} for columns, cells in tables(rows)],
-        note=NOTE,
-        figures=[
-            {"heading": heading, "caption": caption, "svg": svg(drawn[name], name, caption)}
-            for name, (heading, caption) in CAPTIONS.items()
+        sections=[
+            Section(tables=[*by_wave[:-1], dataclasses.replace(by_wave[-1], note=NOTE)]),
+            *captioned(CAPTIONS),
+            Section(
+                heading="The rivals, and how each was made ready",
+                tables=[Table(columns=["controller", "source", "tuning"], rows=made_ready, kind="words")],
+            ),
         ],
-        rivals=rivals,
+        plots=lambda theme: pictures(rows, theme),
         command=command,
         footer=words.footer(rows[0].recording),
     )
-    return files.write(path, page, files.PAGE)
-
-
-def _typeset(rows: Sequence[Sequence[str]]) -> list[list[str]]:
-    return [[cell.replace(" um", " µm") for cell in row] for row in rows]
 
 
 def _lead(rows: Sequence[Row]) -> str:
@@ -175,7 +164,7 @@ def _lead(rows: Sequence[Row]) -> str:
         for wave in _waves(rows)
     }
     smallest = "; ".join(
-        f"on the {wave} {row.controller}, {words.length(_error(row, 'rmse'))}" for wave, row in best.items()
+        f"on the {wave} {row.controller}, {units.length(_error(row, 'rmse'))}" for wave, row in best.items()
     )
     kind = {"true": "what the actuator really did, without sensor noise", "measured": "what the sensor says"}
     return f"Errors are {kind[words.kinds(rows[0].summary)[-1]]}. The smallest rmse: {smallest}."

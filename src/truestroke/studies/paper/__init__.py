@@ -63,9 +63,11 @@ def reproduce(
     results = []
     for done, name in enumerate(asked, 1):
         result: Reproduction = importlib.import_module(f"truestroke.studies.paper.{name}").reproduce()
-        if output is not None:
-            result.save(output)
         results.append(result)
         if progress is not None:
             progress(done, len(asked))
+    if output is not None:
+        from truestroke.report.page import save_plots
+
+        save_plots(lambda theme: {result.name: result.draw(theme) for result in results}, output)
     return results

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from truestroke.report import figures
+from truestroke.report import plots
 from truestroke.studies.paper import bench
 from truestroke.studies.paper.reproduction import Reproduction, Row
 
@@ -21,4 +21,4 @@ def reproduce() -> Reproduction:
         "largest strokes, so their weights follow creep and asymmetry for as long as the run lasts."
     )
     title = "Fig. 11: convergence of the weights, random wave"
-    return Reproduction("fig11", title, rows, sentence, lambda theme: figures.weights(runs[0], theme))
+    return Reproduction("fig11", title, rows, sentence, lambda theme: plots.weights(runs[0], theme))

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from truestroke.plant import MatchedSettings
-from truestroke.report import figures, style
+from truestroke.report import plots, style
 from truestroke.studies.paper import bench
 from truestroke.studies.paper.reproduction import Reproduction, Row
 
@@ -42,7 +42,7 @@ def reproduce() -> Reproduction:
 def draw(theme: style.Theme) -> Figure:
     """Five seconds; the plant's own weights are dashed."""
     plant = MatchedSettings()
-    figure = figures.weights(bench.between(bench.simulated_run(bench.SEEDS[0]), 0, 5), theme)
+    figure = plots.weights(bench.between(bench.simulated_run(bench.SEEDS[0]), 0, 5), theme)
     for panel, weights in zip(figure.axes, (plant.a, plant.b), strict=True):
         for weight, colour in zip(weights, theme.series, strict=True):
             panel.axhline(weight, color=colour, lw=0.8, ls=(0, (2, 3)))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -77,15 +76,6 @@ class Reproduction:
         """Everything but the picture, as plain numbers and text, for JSON."""
         rows = [{"quantity": r.quantity, "paper": r.paper, "ours": r.ours, "unit": r.unit} for r in self.rows]
         return {"name": self.name, "title": self.title, "rows": rows, "sentence": self.sentence}
-
-    def save(self, folder: str | Path) -> list[Path]:
-        """Draw NAME-light.png and NAME-dark.png into `folder`; their paths."""
-        from truestroke.report import style
-
-        folder = Path(folder)
-        folder.mkdir(parents=True, exist_ok=True)
-        themes = (style.LIGHT, style.DARK)
-        return [style.save(self.draw(theme), folder / f"{self.name}-{theme.name}.png") for theme in themes]
 
     def __str__(self) -> str:
         table = [("quantity", "paper", "ours", "unit"), *(row.cells() for row in self.rows)]

@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 
 import truestroke
-from truestroke.base import files
-from truestroke.report import style
-from truestroke.report.page import render, save_all, svg
+from truestroke.report.page import Page, Section, Table, captioned
 from truestroke.studies.study import pictures
 from truestroke.studies.study.config import Study
 from truestroke.studies.study.figures import FIGURES
@@ -28,10 +25,10 @@ CAPTIONS = {
     ),
 }
 
-Table = tuple[list[str], list[list[str]]]
+Cells = tuple[list[str], list[list[str]]]
 
 
-def shares(study: Study, rows: Sequence[Row]) -> Table:
+def shares(study: Study, rows: Sequence[Row]) -> Cells:
     """Columns and rows, as text: who converged, how often, how soon."""
     columns = ["controller", "runs", "converged", "%", "95 % interval", "time, s: median", "95 %", "longest"]
     return columns, [_share(line) for line in lines(study, rows)]
@@ -43,7 +40,7 @@ def _share(line: Line) -> list[str]:
     return [line.controller, str(line.runs), str(line.converged), f"{100 * line.share:.2f}", interval, *time]
 
 
-def recorded(study: Study, rows: Sequence[Row]) -> Table:
+def recorded(study: Study, rows: Sequence[Row]) -> Cells:
     """Columns and rows, as text: quantiles of what was recorded, over all runs."""
     found = []
     for name in study.record:
@@ -54,7 +51,7 @@ def recorded(study: Study, rows: Sequence[Row]) -> Table:
     return ["over all runs", "median", "95 %", "largest"], found
 
 
-def tells(study: Study, rows: Sequence[Row]) -> Table:
+def tells(study: Study, rows: Sequence[Row]) -> Cells:
     """Columns and rows, as text: what runs that fail have in common, controller by controller."""
     found = [
         [one.name, name, f"{one.higher:.2f}"]
@@ -64,7 +61,7 @@ def tells(study: Study, rows: Sequence[Row]) -> Table:
     return ["number drawn", "controller", "higher in a failed run"], found
 
 
-def costs(runs: int, seconds: Mapping[str, float]) -> Table:
+def costs(runs: int, seconds: Mapping[str, float]) -> Cells:
     """Columns and rows, as text: time of the processor by part."""
     whole = sum(seconds.values()) or 1.0
     found = [
@@ -99,7 +96,7 @@ def meaning(study: Study) -> str:
     )
 
 
-def tables(study: Study, rows: Sequence[Row], cost: tuple[int, Mapping[str, float]]) -> list[tuple[Table, str]]:
+def tables(study: Study, rows: Sequence[Row], cost: tuple[int, Mapping[str, float]]) -> list[tuple[Cells, str]]:
     """Each with a note, those with a row."""
     ticks, seconds = cost
     each = 1e9 * sum(seconds.values()) / ticks
@@ -115,34 +112,20 @@ def tables(study: Study, rows: Sequence[Row], cost: tuple[int, Mapping[str, floa
     return [(table, note) for table, note in found if table[1]]
 
 
-def save_pictures(study: Study, rows: Sequence[Row], directory: str | Path) -> list[Path]:
-    """Write all as PNG, light and dark, into `directory`; the paths."""
-    return save_all(lambda theme: pictures.pictures(study, rows, theme), directory)
-
-
-def save_page(
+def page(
     study: Study,
     rows: Sequence[Row],
     cost: tuple[int, Mapping[str, float]],
-    path: str | Path,
     command: str = "",
     failed: Sequence[Row] = (),
-) -> Path:
-    """Write the page to `path`; nothing outside the file is needed to read it."""
-    drawn = pictures.pictures(study, rows, style.PAGE)
-    page = render(
-        "zoo",
+) -> Page:
+    """The page of a study; `command` is what repeats it."""
+    found = [Table(columns=columns, rows=cells, note=note) for (columns, cells), note in tables(study, rows, cost)]
+    return Page(
         title=study.title,
         lead=f"{verdict(study, rows)} {failures(failed)}".strip(),
-        tables=[
-            {"columns": columns, "rows": cells, "note": note, "words": False}
-            for (columns, cells), note in tables(study, rows, cost)
-        ],
-        figures=[
-            {"heading": heading, "caption": caption, "svg": svg(drawn[name], name, caption)}
-            for name, (heading, caption) in CAPTIONS.items()
-        ],
+        sections=[Section(tables=found), *captioned(CAPTIONS)],
+        plots=lambda theme: pictures.pictures(study, rows, theme),
         command=command,
         footer=f"truestroke {truestroke.__version__}, {len(rows)} of {study.runs} runs.",
     )
-    return files.write(path, page, files.PAGE)

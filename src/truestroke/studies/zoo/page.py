@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 
-from truestroke.base import files
-from truestroke.report import style, words
-from truestroke.report.page import render, save_all, svg
+from truestroke.report import words
+from truestroke.report.page import Page, Section, Table, captioned
 from truestroke.signals.recording import Recording
 from truestroke.studies.zoo import pictures
 from truestroke.studies.zoo.figures import SHOCK, START
@@ -78,15 +76,8 @@ def verdict(results: Sequence[Result], controller: str) -> str:
     return f"{text}. In what is left out {sum(e > LIMIT for e in outside)} have one, up to {max(outside):.2f} um."
 
 
-def save_pictures(results: Sequence[Result], recording: Recording, seed: int, directory: str | Path) -> list[Path]:
-    """Write all as PNG, light and dark, into `directory`; the paths."""
-    return save_all(lambda theme: pictures.pictures(results, recording, seed, theme), directory)
-
-
-def save_page(
-    results: Sequence[Result], recording: Recording, seed: int, path: str | Path, command: str | None = None
-) -> Path:
-    """Write the page to `path`; nothing outside the file is needed to read it.
+def page(results: Sequence[Result], recording: Recording, seed: int, command: str | None = None) -> Page:
+    """The page of the zoo.
 
     Parameters
     ----------
@@ -96,27 +87,17 @@ def save_page(
         Of the worst run, with the first controller.
     seed : int
         Of the zoo.
-    path : path
-        Of the page.
     command : str, optional
         What makes this page again.
     """
-    path, drawn = Path(path), pictures.pictures(results, recording, seed, style.PAGE)
-    columns, rows = table(results)
-    worst_columns, worst_rows = worst_runs(results)
-    page = render(
-        "zoo",
+    (columns, rows), (worst_columns, worst_rows) = table(results), worst_runs(results)
+    found = Table(columns=columns, rows=rows, note=NOTE)
+    worst = Table(columns=worst_columns, rows=worst_rows, note=WORST_NOTE, text=True)
+    return Page(
         title=f"{len(results)} plants, drawn at random",
-        lead=" ".join(verdict(results, name) for name in results[0].figures).replace(" um", " µm"),
-        tables=[
-            {"columns": [c.replace(" um", " µm") for c in columns], "rows": rows, "note": NOTE, "words": False},
-            {"columns": worst_columns, "rows": worst_rows, "note": WORST_NOTE, "words": True},
-        ],
-        figures=[
-            {"heading": heading, "caption": caption, "svg": svg(drawn[name], name, caption)}
-            for name, (heading, caption) in CAPTIONS.items()
-        ],
+        lead=" ".join(verdict(results, name) for name in results[0].figures),
+        sections=[Section(tables=[found, worst]), *captioned(CAPTIONS)],
+        plots=lambda theme: pictures.pictures(results, recording, seed, theme),
         command=command,
         footer=words.footer(recording),
     )
-    return files.write(path, page, files.PAGE)

@@ -1,4 +1,4 @@
-"""The pictures of a run, each a function of recordings alone that returns a matplotlib `Figure`.
+"""The plots of a run, each a function of recordings alone that returns a matplotlib `Figure`.
 
 Every function takes `theme`, one of `truestroke.report.style.THEMES`; `truestroke.report.save` writes the figure.
 """
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from truestroke.base.flags import BIT
 from truestroke.base.typing import FloatArray
-from truestroke.report import style, words
+from truestroke.report import style, units
 from truestroke.report.style import LIGHT, Theme
 from truestroke.signals.judgement import change_time
 from truestroke.signals.recording import Recording
@@ -95,7 +95,8 @@ def error(recording: Recording, convergence_time: float | None = None, theme: Th
     errors = {name: recording[name] - desired for name in names}
     usual = _usual(recording)
     largest = max(float(np.nanmax(np.abs(e[usual]))) for e in errors.values())
-    unit, scale = ("nm", 1e3) if largest < 2 else ("µm", 1.0)
+    factor, unit = units.scaled(1e-6 * largest, "m")
+    scale = 1e-6 * factor
     begin = slice(0, max(2, round(_beginning(time, convergence_time) / _step(time))))
     with style.use(theme):
         figure, (first, whole) = style.panels(4.6, 2, height_ratios=[1, 1.35])
@@ -264,7 +265,7 @@ def loop(before: Recording, after: Recording, theme: Theme = LIGHT, seconds: flo
             worst = float(np.nanmax(np.abs(actual - desired)[part]))
             panel.set_title(title)
             panel.text(
-                0.97, 0.05, f"largest error\n{words.length(worst)}", transform=panel.transAxes, ha="right", fontsize=9
+                0.97, 0.05, f"largest error\n{units.length(worst)}", transform=panel.transAxes, ha="right", fontsize=9
             )
             panel.set_xlabel("desired displacement (µm)")
             panel.legend(loc="upper left", handlelength=1.4)

@@ -13,48 +13,24 @@ from matplotlib.ticker import MaxNLocator
 
 from truestroke.base.typing import FloatArray
 from truestroke.identification import Identified
-from truestroke.report import figures, style
+from truestroke.report import plots as run_plots
+from truestroke.report import style, units
 from truestroke.report.identified.view import View, binned
 from truestroke.report.style import LIGHT, Theme
 
-PREFIXES = ((1e-3, 1e6, "p"), (2.0, 1e3, "n"), (2e3, 1.0, "µ"), (np.inf, 1e-3, "m"))
-"""Up to how many millionths of a unit, the factor from millionths, and the prefix of the unit."""
 
-
-def scaled(largest: float, unit: str = "m") -> tuple[float, str]:
-    """Factor and unit in which to show values up to `largest`, in millionths of `unit`, such as um.
-
-    Examples
-    --------
-    >>> scaled(0.3), scaled(49.0), scaled(2000.0, "s")
-    ((1000.0, 'nm'), (1.0, 'µm'), (0.001, 'ms'))
-    """
-    prefixes = ((f, prefix) for limit, f, prefix in PREFIXES if largest < limit)
-    factor, prefix = next(prefixes)
-    return factor, prefix + unit
-
-
-def length(um: float) -> str:
-    """A length in the unit that suits it, three digits.
-
-    Examples
-    --------
-    >>> length(0.17666), length(1.0731), length(2.0e5), length(1e-9)
-    ('177 nm', '1.07 µm', '200 mm', 'below 1 pm')
-    """
-    units = ((9.995e-4, 1e6, "pm"), (0.9995, 1e3, "nm"), (999.5, 1.0, "µm"), (np.inf, 1e-3, "mm"))
-    factor, unit = next((factor, unit) for limit, factor, unit in units if um < limit)
-    return f"{factor * um:.3g} {unit}" if um >= 1e-6 else "below 1 pm"
+def lengths(largest: float) -> tuple[float, str]:
+    """Factor from um, and unit, in which to show lengths up to `largest` um."""
+    factor, unit = units.scaled(1e-6 * largest, "m")
+    return 1e-6 * factor, unit
 
 
 def volt_unit(view: View) -> tuple[float, str]:
     """Factor and unit of voltages."""
-    largest = max(abs(v) for v in view.model.voltage_range)
-    ranges = ((1e-3, 1e6, "µV"), (0.5, 1e3, "mV"), (2e3, 1.0, "V"), (np.inf, 1e-3, "kV"))
-    return next((factor, unit) for limit, factor, unit in ranges if largest < limit)
+    return units.scaled(max(abs(v) for v in view.model.voltage_range), "V")
 
 
-def pictures(found: Identified, theme: Theme = LIGHT) -> dict[str, Figure]:
+def plots(found: Identified, theme: Theme = LIGHT) -> dict[str, Figure]:
     """All, by name, in the order of the page."""
     view = View.of(found)
     left = residual(view, found.autocorrelation, found.residual.size, theme)
@@ -71,7 +47,7 @@ def loop(view: View, theme: Theme = LIGHT) -> Figure:
     with style.use(theme):
         figure, panels = style.panels(3.5, 1, 2)
         for panel, taken in zip(panels, (np.zeros_like(line), line), strict=True):
-            factor, length = scaled(float(np.ptp(z - taken)))
+            factor, length = lengths(float(np.ptp(z - taken)))
             panel.plot(volts * x, factor * (z - taken + gap), color=theme["desired"], lw=2.4, label="measured")
             predicted = factor * (view.predicted[rows] - taken + gap)
             panel.plot(volts * x, predicted, color=theme["true"], lw=1.0, label="predicted")
@@ -90,9 +66,9 @@ def loop(view: View, theme: Theme = LIGHT) -> Figure:
 def residual(view: View, correlation: FloatArray, rows: int, theme: Theme = LIGHT) -> Figure:
     """What the prediction leaves: against time, voltage and rate; and how what the fit leaves goes with itself."""
     error = view.error[view.tested]
-    factor, unit = scaled(float(np.abs(error).max()))
+    factor, unit = lengths(float(np.abs(error).max()))
     volts, volt = volt_unit(view)
-    speed, length = scaled(float(np.abs(view.rate).max()))
+    speed, length = lengths(float(np.abs(view.rate).max()))
     with style.use(theme):
         figure = Figure(figsize=(style.WIDTH, 4.6), layout=ConstrainedLayoutEngine(h_pad=0.07, w_pad=0.05))
         panels = figure.subplot_mosaic("TTT;VRC", height_ratios=[1.1, 1])
@@ -123,7 +99,7 @@ def _against_time(panel: Axes, view: View, factor: float, theme: Theme) -> None:
     limit = 1.1 * max(float(np.nanmax(held_out)), float(np.nanpercentile(fitted, 95))) or 1.0
     panel.set(xlim=(view.time[0], view.time[-1]), ylim=(-limit, limit))
     most = float(np.nanmax(fitted))
-    style.title(panel, f"The record (off scale: up to {length(most / factor)})" if most > limit else "The record")
+    style.title(panel, f"The record (off scale: up to {units.length(most / factor)})" if most > limit else "The record")
     style.legend_above(panel, 2)
 
 
@@ -192,14 +168,14 @@ def _groups(view: View) -> list[_Group]:
     def places(*names: str) -> list[int]:
         return [m.names.index(name) for name in names]
 
-    def small(heading: str, members: list[int], labels: list[str], millionths: float, unit: str) -> _Group:
+    def small(heading: str, members: list[int], labels: list[str], si: float, unit: str) -> _Group:
         largest = float((np.abs(m.weights) + m.deviations)[members].max())
-        factor, unit = scaled(millionths * largest, unit)
-        return _Group(f"{heading} ({unit})", members, labels, "", factor * millionths)
+        factor, unit = units.scaled(si * largest, unit)
+        return _Group(f"{heading} ({unit})", members, labels, "", factor * si)
 
     groups = [_Group("a₀ (µm/V)", places("a0"), ["0"], f"threshold ({volt_unit(view)[1]})")]
     if n > 1:
-        last = f"a{n - 1}".translate(figures.SUBSCRIPTS)
+        last = f"a{n - 1}".translate(run_plots.SUBSCRIPTS)
         heading = f"plays a₁ to {last} (µm/V)" if n > 2 else "play a₁ (µm/V)"
         groups.append(_Group(heading, places(*(f"a{i}" for i in range(1, n)))))
     if m.rate_dependent:
@@ -207,10 +183,10 @@ def _groups(view: View) -> list[_Group]:
     if m.creep_times:
         creep = places(*(name for name in m.names if name.startswith("creep")))
         groups.append(_Group("creep (µm/V)", creep, [f"{tau:g}" for tau in m.creep_times], "time constant (s)"))
-    groups += [small("lag", places("lag"), [""], 1e6, "s"), small("offset", places("offset"), [""], 1.0, "m")]
+    groups += [small("lag", places("lag"), [""], 1.0, "s"), small("offset", places("offset"), [""], 1e-6, "m")]
     if m.asymmetry:
-        asymmetry = [str(i + 1) for i in range(m.asymmetry)]
-        groups.append(small("asymmetry", places(*(f"asymmetry {i}" for i in asymmetry)), asymmetry, 1.0, "m"))
+        terms = [str(i + 1) for i in range(m.asymmetry)]
+        groups.append(small("asymmetry", places(*(f"asymmetry {i}" for i in terms)), terms, 1e-6, "m"))
     return groups
 
 

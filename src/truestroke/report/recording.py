@@ -1,0 +1,108 @@
+"""The page of a run, from its recording alone."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from matplotlib.figure import Figure
+
+from truestroke.base import checks
+from truestroke.report import plots, words
+from truestroke.report.page import Number, Page, Section, Table, captioned
+from truestroke.report.style import LIGHT, Theme
+from truestroke.signals import judgement
+from truestroke.signals.metrics import TrackingSummary
+from truestroke.signals.recording import Recording
+
+
+def run_page(recording: Recording) -> Page:
+    """The page of a run: its errors, its verdict, its plots and all its settings.
+
+    Parameters
+    ----------
+    recording : Recording
+        Of at least 20 ticks, with a measurement in the second half.
+
+    Returns
+    -------
+    Page
+        `save` writes it, `save_plots` writes its plots.
+    """
+    summary, verdict = judgement.summary(recording), judgement.judge(recording)
+    settings = Table(rows=list(_flat(recording.metadata)), kind="words")
+    return Page(
+        title=words.title(recording, summary, verdict),
+        lead=words.run(recording, summary, verdict),
+        verdict=verdict,
+        remark=words.REMARKS[verdict.level],
+        sections=[
+            Section(tables=[_table(summary)]),
+            *captioned(words.CAPTIONS),
+            Section(heading="All settings", tables=[settings], folded=True),
+        ],
+        plots=lambda theme: run_plots(recording, theme),
+        command=words.command(recording),
+        footer=words.footer(recording),
+    )
+
+
+def save_page(recording: Recording, path: str | Path) -> Path:
+    """Write the page of a run to `path`, which is returned; nothing outside the file is needed to read it."""
+    order = "a Recording, such as of truestroke.run or Recording.load(path); the order is recording, path"
+    checks.instance("recording", recording, Recording, order)
+    return run_page(recording).save(path)
+
+
+def run_plots(recording: Recording, theme: Theme = LIGHT) -> dict[str, Figure]:
+    """Every plot that the channels of `recording` allow, by name, in the order of the page."""
+    converged = judgement.summary(recording).convergence_time_s
+    made = {
+        "tracking": plots.tracking(recording, theme),
+        "error": plots.error(recording, converged, theme),
+    }
+    before = plots.uncompensated(recording)
+    if before is not None:
+        made["loop"] = plots.loop(before, recording, theme)
+    if "weights" in recording.channels:
+        made["weights"] = plots.weights(recording, theme)
+    made["voltage"] = plots.voltage(recording, words.voltage_limits(recording), theme)
+    return made
+
+
+def _table(summary: TrackingSummary) -> Table:
+    """Errors, when they became small, and what happened on the way."""
+    flags = words.flags(summary) or ["none: no limit was met, nothing was rejected"]
+    note = (
+        f"Per cent are of the peak-to-peak value of the desired motion in that time, {summary.peak_to_peak_um:.1f} um."
+    )
+    if summary.true_rmse_um is not None:
+        note += " Measured is what the sensor says, with its noise; true is what the simulated actuator did."
+    errors: list[Sequence[str | Number]] = [
+        [row, *(Number(um, "um", f"{share} %") for um, share in cells)] for row, cells in words.table(summary)
+    ]
+    return Table(
+        columns=[words.span(summary), *words.kinds(summary)],
+        rows=[*errors, *words.course(summary), ("flags", "\n".join(flags))],
+        kind="summary",
+        note=note,
+    )
+
+
+def _flat(metadata: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
+    """Nested settings as rows: dotted name, value in short."""
+    for name, value in metadata.items():
+        if isinstance(value, Mapping):
+            yield from _flat(value, f"{prefix}{name}.")
+        else:
+            yield prefix + name, _short(value)
+
+
+def _short(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, (list, tuple)):
+        shown = [_short(entry) for entry in value[:12]]
+        return ", ".join(shown) + (f", ... ({len(value)} in all)" if len(value) > 12 else "")
+    return str(value)
