@@ -80,13 +80,17 @@ def _walk(heap: bytes, whole: int) -> None:
         place += 16 + (size + 7) // 8 * 8 if index else size
 
 
+def channels(file: Any) -> dict[str, Any]:
+    """Datasets of a recording that are channels: they have a unit; an index of columns and the `ENDING` have none."""
+    return {name: data for name, data in file.items() if "unit" in data.attrs}
+
+
 def digest(file: Any) -> str:
     """SHA-256 over all that describes the channels of a recording; HDF5 itself has no checksum of texts."""
     texts = ("unit", "description", "time")
     about = {
         name: [str(data.dtype), list(data.shape[1:]), *(str(data.attrs[key]) for key in texts)]
-        for name, data in file.items()
-        if name != ENDING
+        for name, data in channels(file).items()
     }
     return hashlib.sha256(json.dumps([file.attrs["metadata"], about]).encode()).hexdigest()
 

@@ -20,15 +20,14 @@ from truestroke.base.errors import TruestrokeError
 from truestroke.control.controller import AdaptiveController
 from truestroke.control.settings import ControllerSettings
 from truestroke.plant import MatchedPlant, MatchedSettings, PlantSettings, RealisticPlant
+from truestroke.runtime.ticks import SIMULATED
+from truestroke.signals.channels import dtype
 from truestroke.signals.trajectories import Trajectory
 
-__all__ = ["CHANNELS", "Batch", "Simulation", "SimulationError", "simulate_many"]
+__all__ = ["Batch", "Simulation", "SimulationError", "simulate_many"]
 
 Array = npt.NDArray[Any]
 Reduce = Callable[[int, Mapping[str, Array]], Any]
-
-CHANNELS = ("volts", "measured", "true", "innovation", "flags")
-"""What a simulation gives, one entry a tick, as `run` records it."""
 
 SEGMENT = 16384  # noise numbers between two looks at whether to stop, some milliseconds; they fit the cache
 
@@ -120,11 +119,11 @@ def simulate_many(
     simulations : iterable of Simulation
         In any mixture of plants, settings, seeds, lengths and sample rates.
     record : sequence of str, optional
-        Channels to keep, of `CHANNELS`; by default measured and true, and none where there is `reduce`.
+        Channels to keep, of `ticks.SIMULATED`; by default measured and true, and none where there is `reduce`.
     reduce : callable, optional
         Called as reduce(index, channels) in the thread that ran the simulation, to keep figures in place of arrays:
         memory then does not grow with the number of ticks. channels maps the names of a recording (time, desired,
-        desired_velocity and `CHANNELS`) to arrays of shape (ticks,), which are used again when it has returned.
+        desired_velocity and `SIMULATED`) to arrays of shape (ticks,), which are used again when it has returned.
     out : mapping of str to ndarray, optional
         Arrays to fill in place of new ones, for any of the recorded channels: shape (runs, longest), C-contiguous,
         float64, flags uint8.
@@ -187,13 +186,14 @@ def _arrays(queue: Sequence[Simulation], names: Sequence[str], out: Mapping[str,
     shape = (len(queue), max(lengths, default=0))
     arrays = {}
     for name in names:
-        if name not in CHANNELS:
-            raise SettingError("record", repr(name), f"of {', '.join(CHANNELS)}")
-        dtype = np.dtype(np.uint8 if name == "flags" else np.float64)
-        array = arrays[name] = out[name] if name in out else np.empty(shape, dtype)
-        if array.shape != shape or array.dtype != dtype or not array.flags.c_contiguous:
+        if name not in SIMULATED:
+            raise SettingError("record", repr(name), f"of {', '.join(SIMULATED)}")
+        array = arrays[name] = out[name] if name in out else np.empty(shape, dtype(name))
+        if array.shape != shape or array.dtype != dtype(name) or not array.flags.c_contiguous:
             found = f"{array.dtype} array of shape {array.shape}"
-            raise SettingError(f"out[{name!r}]", found, f"a C-contiguous {dtype} array of shape {shape}")
+            raise SettingError(
+                f"out[{name!r}]", found, f"a C-contiguous {np.dtype(dtype(name))} array of shape {shape}"
+            )
     return arrays
 
 
@@ -206,7 +206,7 @@ class _Buffers(threading.local):
     def take(self, name: str, size: int) -> Array:
         """Shape (size,), with anything in it."""
         if name not in self.arrays or self.arrays[name].size < size:
-            self.arrays[name] = np.empty(size, np.uint8 if name == "flags" else np.float64)
+            self.arrays[name] = np.empty(size, dtype(name))
         return self.arrays[name][:size]
 
 
@@ -228,7 +228,7 @@ def _run(
         for name, array in batch.channels.items():
             array[index, ticks:] = 0 if name == "flags" else np.nan
         rows = {name: array[index, :ticks] for name, array in batch.channels.items()}
-        rows |= {name: buffers.take(name, ticks) for name in CHANNELS if name not in rows}
+        rows |= {name: buffers.take(name, ticks) for name in SIMULATED if name not in rows}
         _simulate(simulation, wave, rows, buffers, stop)
         if reduce and not stop.is_set():
             motion = {
@@ -260,7 +260,7 @@ def _simulate(
         part = slice(start, min(start + segment, len(wave)))
         drawn = noise[: (part.stop - start) * per_tick]
         plant._noise.fill(drawn)
-        _loops.run(*pair, wave.position[part], wave.velocity[part], drawn, *(rows[name][part] for name in CHANNELS))
+        _loops.run(*pair, wave.position[part], wave.velocity[part], drawn, *(rows[name][part] for name in SIMULATED))
         controller._kernel.require_reach()
 
 

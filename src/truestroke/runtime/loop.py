@@ -13,33 +13,16 @@ import numpy as np
 from truestroke.base import checks
 from truestroke.base.checks import SettingError
 from truestroke.base.errors import TruestrokeError
-from truestroke.base.flags import BIT, BY_ADAPT, IN_SHORT
 from truestroke.base.typing import FloatArray
 from truestroke.control import feasibility
 from truestroke.control.controller import Controller
-from truestroke.signals.recording import Channel, Recording, versions
+from truestroke.runtime.ticks import SIMULATED, SlowLayout, TickRecorder, recorded, stride
+from truestroke.signals.channels import channel, dtype
+from truestroke.signals.recording import Recording, versions
 from truestroke.signals.timing import Timing
 from truestroke.signals.trajectories import Trajectory
 
 __all__ = ["Actuator", "RunInterrupted", "Timing", "about", "check_agreement", "run"]
-
-SLOW_PERIOD = 0.01  # s between two entries of the slow channels
-CHANNELS = {
-    "time": ("s", "start of each tick"),
-    "desired": ("um", "desired displacement"),
-    "desired_velocity": ("um/s", "desired velocity"),
-    "volts": ("V", "command at the D/A converter"),
-    "measured": ("um", "measured displacement, mean over the tick"),
-    "true": ("um", "displacement without sensor noise, mean over the tick"),
-    "innovation": ("um", "measurement beyond the model, (15)"),
-    "flags": ("", IN_SHORT),
-}
-SLOW_TIME = ("s", "start of the tick before the weights")
-SLOW_CHANNELS = {
-    "weights": ("um/V", "w = [a0, b0, a1, b1, ...], (21)"),
-    "partial_slopes": ("um/V", "slopes of the hysteresis branches as the inverse used them"),
-    "trace_P": ("1/V^2", "trace of the covariance"),
-}
 
 
 class Motion(Protocol):
@@ -155,28 +138,27 @@ def run(
     checks.count("channels of the actuator", timing.channels, 1, 1)
     for notice in feasibility.remedied(trajectory, controller):
         warnings.warn(notice, feasibility.LimitWarning, stacklevel=2)
-    notes = _Notes(trajectory, controller, actuator, timing)
-    z_d, zdot_d, volts = trajectory.position.tolist(), trajectory.velocity.tolist(), notes.volts
-    command, adapt, latency = controller.command, controller.adapt, timing.latency
+    metadata = about(trajectory, controller, actuator, timing)
+    log = _Log(trajectory, controller, timing)
+    command, adapt = controller.command, controller.adapt
+    z_d, zdot_d, volts = trajectory.position.tolist(), trajectory.velocity.tolist(), log.rows["volts"]
+    end, done = len(trajectory), 0
     try:
-        for start in range(0, len(z_d), timing.block):
-            stop = min(start + timing.block, len(z_d))
+        for start in range(0, end, timing.block):
+            stop = min(start + timing.block, end)
             for k in range(start, stop):
                 volts[k] = command(z_d[k], zdot_d[k])
-                notes.commanded(k)
-            measured = actuator.exchange(volts[start:stop])
-            for k, z in enumerate(notes.exchanged(start, stop, measured), start):
-                if k >= latency:  # what comes back before answers no command
-                    adapt(z, stop - 1 - k + latency)
-                    notes.adapted(k - latency)
-                if k % notes.stride == 0:
-                    notes.snapshot()
-            notes.done = stop
-            if progress and notes.is_hundredth(start, stop):
-                progress(stop, len(z_d))
+                log.ticks.commanded(k)
+            measured = _checked(actuator.exchange(volts[start:stop]), stop - start)
+            for _, z, ago in log.ticks.answers(start, stop, measured, getattr(actuator, "truth", None)):
+                adapt(z, ago)
+            done = stop
+            if progress and 100 * stop // end > 100 * start // end:
+                progress(stop, end)
     except (Exception, KeyboardInterrupt) as error:
-        raise RunInterrupted(notes.recording(interrupted=repr(error)), error) from error
-    return notes.recording()
+        metadata["interrupted"] = repr(error)
+        raise RunInterrupted(log.recording(done, metadata, controller, actuator), error) from error
+    return log.recording(done, metadata, controller, actuator)
 
 
 def _check_types(trajectory: Trajectory, controller: Controller, actuator: Actuator) -> None:
@@ -199,26 +181,16 @@ def check_agreement(trajectory: Motion, controller: Controller, timing: Timing) 
     checks.count("block - 1 + latency", timing.block - 1 + timing.latency, 0, 63)  # `ago` of Controller.adapt
 
 
-class _Notes:
-    """What a run writes down; a measurement goes to the tick of the command that it answers."""
+def _checked(measured: FloatArray, ticks: int) -> FloatArray:
+    if measured.shape != (ticks,):
+        raise SettingError("exchange", f"array of shape {measured.shape}", f"of shape ({ticks},)", "um")
+    return measured
 
-    def __init__(self, trajectory: Trajectory, controller: Any, actuator: Any, timing: Timing) -> None:
-        self.trajectory, self.controller, self.actuator, self.timing = trajectory, controller, actuator, timing
-        self.metadata = about(trajectory, controller, actuator, timing)
-        self.done = 0
-        ticks = len(trajectory)
-        self.volts, self.measured, self.true, self.innovation = np.full((4, ticks), np.nan)
-        self.flags = np.zeros(ticks, np.uint8)
-        self.simulated = False  # until the actuator shows its truth
-        self.innovative = hasattr(controller, "innovation")
-        self.flagged = hasattr(controller, "flag_bits")
-        self.stride = max(1, round(SLOW_PERIOD * timing.sample_rate))
-        self.slow: list[Any] = []  # what the controller believed after tick 0, stride, 2 stride, ...
 
-    def commanded(self, k: int) -> None:
-        if self.flagged:
-            self.flags[k] = self.controller.flag_bits & ~BY_ADAPT
+class _Log:
+    """The arrays of a run, and what fills them."""
 
+<<<<<<< HEAD
     def exchanged(self, start: int, stop: int, measured: FloatArray) -> list[float]:
         if (shape := getattr(measured, "shape", None)) != (stop - start,):
             given = f"a {type(measured).__name__}" if shape is None else f"array of shape {shape}"
@@ -232,49 +204,26 @@ class _Notes:
                 self.true[start + first - latency : stop - latency] = truth[first:]
         values: list[float] = measured.tolist()
         return values
+=======
+    def __init__(self, trajectory: Trajectory, controller: Controller, timing: Timing) -> None:
+        self.trajectory, self.stride, self.layout = trajectory, stride(timing), SlowLayout.of(controller)
+        size = len(trajectory)
+        self.rows = {name: np.full(size, 0 if name == "flags" else np.nan, dtype(name)) for name in SIMULATED}
+        self.slow = np.empty((-(-size // self.stride), self.layout.width))
+        self.ticks = TickRecorder(controller, timing, self.rows, self.slow)
+>>>>>>> 52b113c (wip)
 
-    def adapted(self, k: int) -> None:
-        bits = self.controller.flag_bits & BY_ADAPT if self.flagged else 0
-        self.flags[k] |= bits
-        if self.innovative and not bits & BIT["rejected"]:
-            self.innovation[k] = self.controller.innovation
-
-    def snapshot(self) -> None:
-        source = getattr(self.controller, "diagnostics", self.controller)
-        values = ((name, getattr(source, name, None)) for name in SLOW_CHANNELS)
-        self.slow.append({name: np.array(value, np.float64) for name, value in values if value is not None})
-
-    def is_hundredth(self, start: int, stop: int) -> bool:
-        """Whether another hundredth of the run was completed between these ticks."""
-        ticks = len(self.trajectory)
-        return 100 * stop // ticks > 100 * start // ticks
-
-    def recording(self, interrupted: str | None = None) -> Recording:
+    def recording(self, done: int, metadata: dict[str, Any], controller: Any, actuator: Any) -> Recording:
         """Of the ticks that are done."""
-        arrays = {
-            "time": self.trajectory.time,
-            "desired": self.trajectory.position,
-            "desired_velocity": self.trajectory.velocity,
-            "volts": self.volts,
-            "measured": self.measured,
-            **({"true": self.true} if self.simulated else {}),
-            **({"innovation": self.innovation} if self.innovative else {}),
-            **({"flags": self.flags} if self.flagged else {}),
-        }
-        channels = {name: Channel(data[: self.done], *CHANNELS[name]) for name, data in arrays.items()}
-        ending = {"interrupted": interrupted, "resonance": resonance(self.controller)}
-        return Recording(channels | self._slow_channels(), self.metadata | ending)
-
-    def _slow_channels(self) -> dict[str, Channel]:
-        slow = self.slow[: -(-self.done // self.stride)]
-        names = [name for name in SLOW_CHANNELS if slow and name in slow[0]]
-        if not names:
-            return {}
-        time = self.trajectory.time[: self.done : self.stride]
-        return {"weights_time": Channel(time, *SLOW_TIME, "weights_time")} | {
-            name: Channel(np.array([entry[name] for entry in slow]), *SLOW_CHANNELS[name], "weights_time")
-            for name in names
-        }
+        motion = {"desired": self.trajectory.position, "desired_velocity": self.trajectory.velocity}
+        names = recorded(controller, done > 0 and getattr(actuator, "truth", None) is not None)
+        arrays = {"time": self.trajectory.time, **{name: (motion | self.rows)[name] for name in names}}
+        channels = {name: channel(name, data[:done]) for name, data in arrays.items()}
+        if self.layout.width:
+            slow = self.layout.split(self.slow[: -(-done // self.stride)])
+            arrays = {"weights_time": self.trajectory.time[: done : self.stride], **slow}
+            channels |= {name: channel(name, data, "weights_time") for name, data in arrays.items()}
+        return Recording(channels, metadata | {"resonance": resonance(controller)})
 
 
 def resonance(controller: Any) -> float | None:

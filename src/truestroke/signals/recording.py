@@ -10,17 +10,17 @@ import platform
 import subprocess
 import time
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from truestroke.base import checks, files, hdf5
 from truestroke.base.checks import SettingError
 from truestroke.base.hdf5 import ENDING, FORMAT
+from truestroke.signals.channels import Array, Channel, Signals, index_names
 
 FORMAT_VERSION = 2  # from 2 on with checksums
 CHUNK = 65536  # entries of a chunk of a file that is saved at once
@@ -31,31 +31,9 @@ class RecordingError(files.FileError):
     """A file that cannot be read as a recording; the message says why."""
 
 
-@dataclass(frozen=True, eq=False)
-class Channel:
-    """One labelled array.
-
-    Attributes
-    ----------
-    data : ndarray
-        Its first axis runs over the entries of the channel `time`.
-    unit : str
-        "um", "V", ...; empty for a pure number.
-    description : str
-        What it is, in a few words.
-    time : str
-        Name of the channel that holds the times of its entries.
-    """
-
-    data: npt.NDArray[Any]
-    unit: str
-    description: str
-    time: str = "time"
-
-
-@dataclass(frozen=True, eq=False)
-class Recording:
-    """Labelled arrays of one run, and what it was made from.
+@dataclass(frozen=True, eq=False, repr=False)
+class Recording(Signals, Mapping[str, Array]):
+    """Labelled arrays of one run, a mapping of names to arrays, and what it was made from.
 
     Attributes
     ----------
@@ -77,8 +55,8 @@ class Recording:
     ...     {"time": Channel(time, "s", "start of each tick"), "volts": Channel(2 * time, "V", "command")},
     ...     {"trajectory": {"name": "ramp"}},
     ... )
-    >>> recording["volts"].max(), recording.unit("volts"), "true" in recording
-    (np.float64(0.003), 'V', False)
+    >>> recording["volts"].max(), recording.unit("volts"), "true" in recording, list(recording)
+    (np.float64(0.003), 'V', False, ['time', 'volts'])
     >>> recording
     Recording
       time   s  (4,)  start of each tick
@@ -88,21 +66,24 @@ class Recording:
     channels: dict[str, Channel]
     metadata: dict[str, Any] = field(default_factory=dict)
 
+    __hash__, __eq__ = object.__hash__, object.__eq__  # of arrays a mapping cannot tell whether they are equal
+
     def __post_init__(self) -> None:
-        for name, channel in self.channels.items():
-            if channel.time not in self.channels:
-                raise SettingError(f"time of channel {name}", repr(channel.time), f"one of {', '.join(self.channels)}")
-            if channel.data.shape[:1] != (length := self.channels[channel.time].data.shape[:1]):
-                raise SettingError(
-                    f"channel {name}", f"array of shape {channel.data.shape}", f"{length[0]} entries long"
-                )
+        super().__post_init__()
         object.__setattr__(self, "metadata", json.loads(_json(self.metadata)))
 
-    def __getitem__(self, name: str) -> npt.NDArray[Any]:
+    def labelled(self) -> Mapping[str, Channel]:
+        """The same as `channels`."""
+        return self.channels
+
+    def __getitem__(self, name: str) -> Array:
         return self._channel(name).data
 
-    def __contains__(self, name: object) -> bool:
-        return name in self.channels
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.channels)
+
+    def __len__(self) -> int:
+        return len(self.channels)
 
     def unit(self, name: str) -> str:
         """Unit of a channel."""
@@ -113,12 +94,6 @@ class Recording:
             return self.channels[name]
         except KeyError:
             raise KeyError(f"no channel {name!r}; there are {', '.join(self.channels)}") from None
-
-    def __repr__(self) -> str:
-        rows = [(n, c.unit or "-", str(c.data.shape), c.description) for n, c in self.channels.items()]
-        widths = [max(len(row[i]) for row in rows) for i in range(3)] if rows else []
-        table = ["  ".join([*(cell.ljust(w) for cell, w in zip(row, widths, strict=False)), row[3]]) for row in rows]
-        return "\n  ".join(["Recording", *table])
 
     def save(self, path: str | Path) -> Path:
         """Write to an HDF5 file: a dataset for each channel, unit and description as its attributes.
@@ -146,9 +121,8 @@ class Recording:
         for name, channel in self.channels.items():
             data = channel.data
             chunked = {"chunks": (min(len(data), CHUNK), *data.shape[1:]), "fletcher32": True} if data.size else {}
-            dataset = file.create_dataset(name, data=data, **chunked)
-            dataset.attrs.update(unit=channel.unit, description=channel.description, time=channel.time)
-        file.attrs["checksum"] = hdf5.digest(file)
+            create(file, name, channel, **chunked)
+        seal(file)
 
     @classmethod
     def load(cls, path: str | Path) -> Recording:
@@ -193,7 +167,7 @@ class Recording:
             raise RecordingError(f"{path}: format {version}, newer than {FORMAT_VERSION}; a newer truestroke reads it")
         if not hdf5.intact(file):
             raise RecordingError(f"{path}: the file is damaged (the checksum of what describes it is wrong)")
-        sets = {name: data for name, data in file.items() if name != ENDING}
+        sets = hdf5.channels(file)
         files.check_size(path, "the recording", sum(data.nbytes for data in sets.values()))
         channels = {
             name: Channel(data[()], data.attrs["unit"], data.attrs["description"], data.attrs["time"])
@@ -215,6 +189,28 @@ def describe(file: Any, metadata: Mapping[str, Any]) -> None:
     file.attrs.update(format=FORMAT, format_version=FORMAT_VERSION, metadata=_json(metadata))
     for key, value in metadata.items():  # readable in any HDF5 viewer; `load` reads the one above
         file.attrs[f"about {key}"] = _json(value, indent=1)
+
+
+def create(file: Any, name: str, channel: Channel, **storage: Any) -> Any:
+    """The dataset of a channel, with its attributes; `storage` as in `h5py.Group.create_dataset`."""
+    dataset = file.create_dataset(name, data=channel.data, **storage)
+    dataset.attrs.update(unit=channel.unit, description=channel.description, time=channel.time)
+    return dataset
+
+
+def seal(file: Any) -> None:
+    """When all channels are there: their axes as HDF5's dimension scales, as xarray reads them, and the checksum."""
+    sets = hdf5.channels(file)
+    for time in {data.attrs["time"] for data in sets.values()}:
+        sets[time].make_scale(time)
+    for name, data in sets.items():
+        if data.attrs["time"] != name:
+            data.dims[0].attach_scale(sets[data.attrs["time"]])
+        for axis, index in enumerate(index_names(name, data.ndim), 1):
+            scale = file.create_dataset(index, data=np.arange(data.shape[axis]))
+            scale.make_scale(index)
+            data.dims[axis].attach_scale(scale)
+    file.attrs["checksum"] = hdf5.digest(file)
 
 
 def sealed(ending: str, size: int) -> bytes:

@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 
 from truestroke.base.checks import SettingError
-from truestroke.base.flags import BIT, BY_ADAPT
+from truestroke.base.flags import BIT
 from truestroke.base.typing import FloatArray
-from truestroke.runtime.loop import SLOW_CHANNELS, SLOW_PERIOD
 from truestroke.runtime.realtime.ending import Cause, Stop
 from truestroke.runtime.realtime.motion import motion, numbers
 from truestroke.runtime.realtime.settings import Axis, RealtimeSettings
 from truestroke.runtime.realtime.shared import FIELDS, Shared
 from truestroke.runtime.realtime.supervision import Supervision
+from truestroke.runtime.ticks import TICK, TickRecorder
 from truestroke.signals.timing import Timing
 
 MOVED = (
@@ -38,28 +38,19 @@ class AxisLoop:
         self.axis, self.lost, self.zero = axis, 0, 0.0
         controller: Any = axis.controller
         self._controller, self._command, self._adapt = controller, controller.command, controller.adapt
-        self._flagged, self._innovative = hasattr(controller, "flag_bits"), hasattr(controller, "innovation")
         self._motion = motion(axis.trajectory, shared.targets[channel : channel + 1])
-        self._size, self._slow = shared.layout.size, shared.slow[channel]
-        (
-            self._desired,
-            self._velocity,
-            self._volts,
-            self._measured,
-            self._true,
-            self._innovation,
-            self._flags,
-            self._lateness,
-        ) = (numbers(shared.ring[channel, FIELDS.index(name)]) for name in FIELDS)
+        self._size, self._ring = shared.layout.size, shared.ring[channel]
+        rows = {name: self._ring[FIELDS.index(name)] for name in FIELDS}
+        self._ticks = TickRecorder(controller, timing, {name: rows[name] for name in TICK}, shared.slow[channel])
+        noted = ("desired", "desired_velocity", "volts", "lateness")
+        self._desired, self._velocity, self._volts, self._lateness = (numbers(rows[name]) for name in noted)
         self._latency = timing.latency
-        self._stride = stride(timing)
         self._patience = max(2, round(settings.sensor_timeout * timing.sample_rate))
         self._moved = MOVED * (axis.voltage_limits[1] - axis.voltage_limits[0])
         self._unusable = self._same = 0
         self._last, self._volts_then = math.nan, 0.0
         self._supervision = Supervision(axis, settings, timing.sample_rate)
         self._error_limit, self._next_look = self._supervision.limit, self._supervision.window
-        self._ring = shared.ring[channel]
 
     def first(self) -> float:
         """The voltage of the first tick, as far as it can be known without taking it."""
@@ -78,8 +69,7 @@ class AxisLoop:
             (z_d, zdot_d), row = self._motion(k), k % self._size
             volts[i] = self._command(z_d, zdot_d)
             self._desired[row], self._velocity[row] = z_d, zdot_d
-            self._measured[row] = self._true[row] = self._innovation[row] = math.nan
-            self._flags[row] = self._controller.flag_bits & ~BY_ADAPT if self._flagged else 0
+            self._ticks.commanded(k)
         volts[stop - start :] = volts[stop - start - 1]
 
     def leaving(self, start: int, stop: int, volts: FloatArray, late: float) -> None:
@@ -89,36 +79,26 @@ class AxisLoop:
 
     def learn(self, start: int, stop: int, measured: FloatArray, truth: FloatArray | None) -> None:
         """Adapt to what came back in ticks `start` to `stop`; raise `Stop` where the sensor is dead, the axis lost."""
-        latency, supervision = self._latency, self._supervision
+        supervision = self._supervision
         if self.zero:
             measured, truth = measured - self.zero, None if truth is None else truth - self.zero
-        for i, z in enumerate(measured[: stop - start].tolist()):
-            k = start + i
-            if k >= latency:  # what comes back before answers no command
-                try:
-                    self._adapt(z, stop - 1 - k + latency)
-                except SettingError as error:  # the first one, out of reach
-                    raise Stop(Cause.SENSOR, f"axis {self.axis.name}: {error}") from None
-                row = (k - latency) % self._size
-                self._measured[row] = z
-                if truth is not None:
-                    self._true[row] = truth[i]
-                bits = self._controller.flag_bits & BY_ADAPT if self._flagged else 0
-                self._flags[row] += bits
-                if self._innovative and not bits & BIT["rejected"]:
-                    self._innovation[row] = self._controller.innovation
-                self._look_at_sensor(z, bits, self._volts[row])
-                desired = self._desired[row]
-                if abs(z - desired) > self._error_limit:
-                    supervision.astray(desired, z, self._volts[row])
-                elif not supervision.idle:
-                    supervision.on_track()
-            if k % self._stride == 0:
-                self._snapshot(k // self._stride)
+        for k, z, ago in self._ticks.answers(start, stop, measured[: stop - start], truth):
+            try:
+                self._adapt(z, ago)
+            except SettingError as error:  # the first one, out of reach
+                raise Stop(Cause.SENSOR, f"axis {self.axis.name}: {error}") from None
+            row = k % self._size
+            self._look_at_sensor(z, self._volts[row])
+            desired = self._desired[row]
+            if abs(z - desired) > self._error_limit:
+                supervision.astray(desired, z, self._volts[row])
+            elif not supervision.idle:
+                supervision.on_track()
 
-    def _look_at_sensor(self, z: float, bits: int, volts: float) -> None:
+    def _look_at_sensor(self, z: float, volts: float) -> None:
         self.lost += z != z
-        self._unusable = self._unusable + 1 if bits & BIT["rejected"] or not math.isfinite(z) else 0
+        rejected = getattr(self._controller, "flag_bits", 0) & BIT["rejected"]
+        self._unusable = self._unusable + 1 if rejected or not math.isfinite(z) else 0
         if self._unusable >= self._patience:
             raise Stop(Cause.SENSOR, f"axis {self.axis.name}: no usable measurement for {self._unusable} ticks")
         if z != self._last:
@@ -139,21 +119,3 @@ class AxisLoop:
         self._next_look = end + max(1, window // 4)
         rows = np.arange(end - window, end) % self._size
         self._supervision.look_back(*(self._ring[FIELDS.index(n)][rows] for n in ("desired", "measured", "volts")))
-
-    def _snapshot(self, entry: int) -> None:
-        row, start = self._slow[entry % len(self._slow)], 0
-        for value in slow_values(self._controller).values():
-            row[start : start + value.size] = value.ravel()
-            start += value.size
-
-
-def slow_values(controller: Any) -> dict[str, FloatArray]:
-    """What the controller believes, of `loop.SLOW_CHANNELS` what it has."""
-    source = getattr(controller, "diagnostics", controller)
-    values = ((name, getattr(source, name, None)) for name in SLOW_CHANNELS)
-    return {name: np.asarray(value, np.float64) for name, value in values if value is not None}
-
-
-def stride(timing: Timing) -> int:
-    """Ticks from one slow entry to the next."""
-    return max(1, round(SLOW_PERIOD * timing.sample_rate))

@@ -19,7 +19,7 @@ from truestroke.runtime.drivers.guard import Guard, padded
 from truestroke.runtime.drivers.protocol import Driver, DriverError
 from truestroke.runtime.realtime import axis_check
 from truestroke.runtime.realtime.axis_check import Found
-from truestroke.runtime.realtime.axis_loop import AxisLoop, stride
+from truestroke.runtime.realtime.axis_loop import AxisLoop
 from truestroke.runtime.realtime.ending import AS_ASKED, SIGNALS, Cause, Outcome, Stop
 from truestroke.runtime.realtime.helpers import Helpers
 from truestroke.runtime.realtime.settings import Axis, RealtimeSettings

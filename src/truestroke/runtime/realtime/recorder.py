@@ -10,33 +10,32 @@ from typing import Any
 
 import numpy as np
 
-from truestroke.base import hdf5
 from truestroke.base.files import Growing
 from truestroke.base.hdf5 import ENDING
 from truestroke.base.typing import FloatArray
-from truestroke.runtime import loop
 from truestroke.runtime.realtime import watchdog
 from truestroke.runtime.realtime.child import Lifeline
 from truestroke.runtime.realtime.shared import FIELDS, Helper, Shared, Slot, State, Text
-from truestroke.signals.recording import MODE, describe, sealed
+from truestroke.runtime.ticks import SlowLayout
+from truestroke.signals.channels import channel, dtype
+from truestroke.signals.recording import MODE, create, describe, seal, sealed
 
 LOOK = 0.05  # s between two looks into the ring
 PIECE = 0.1  # s that a chunk of the file holds: with two looks, what a kill may cost
 PAGE = 4096  # bytes that a disk takes whole or not at all; none of HDF5's tables lies across the end of one
 CHECKSUM = 4  # bytes of that of a chunk
 ENDING_SIZE = 16384  # bytes
-LATENESS = ("us", "how late the block began that the tick is in")
 NEVER_ENDED = "the recording was not ended: it is still running, or its process was killed"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Plan:
-    """One file: its place and metadata, the channels that there are, the slow ones with the shape of an entry."""
+    """One file: its place and metadata, and the channels that there are."""
 
     place: Growing
     about: dict[str, Any]
     channels: tuple[str, ...]
-    slow: tuple[tuple[str, tuple[int, ...]], ...]
+    slow: SlowLayout
     sample_rate: float
     stride: int
 
@@ -128,35 +127,31 @@ class File:
 
         self.plan, self._h5py = plan, h5py
         self._name = f"/proc/self/fd/{plan.place.descriptor}"  # the file that is locked, whatever has its name
-        widest = max((math.prod(shape) for _, shape in plan.slow), default=1)
+        slow = plan.slow.shapes
+        widest = max(map(math.prod, slow.values()), default=1)
         self._piece = piece(PIECE * plan.sample_rate, 8)
         self._slow_piece = piece(PIECE * plan.sample_rate / plan.stride, 8 * widest)
         paged = {"fs_strategy": "page", "fs_page_size": PAGE}
         self._file = h5py.File(self._name, **MODE, **paged, rdcc_nbytes=0)  # a cache of chunks: 1 MB of each dataset
         describe(self._file, {**plan.about, "interrupted": NEVER_ENDED})
         self._sets: dict[str, Any] = {}  # kept open: HDF5 tells a failure to write only where one is used or flushed
-        for name in ("time", *plan.channels):
-            self._create(name, *loop.CHANNELS[name], "time", dtype=np.uint8 if name == "flags" else np.float64)
-        self._create("lateness", *LATENESS, "time")
-        if plan.slow:
-            self._create("weights_time", *loop.SLOW_TIME, "weights_time")
-        for name, shape in plan.slow:
-            self._create(name, *loop.SLOW_CHANNELS[name], "weights_time", shape)
-        self._file.attrs["checksum"] = hdf5.digest(self._file)
+        for name in ("time", *plan.channels, "lateness"):
+            self._create(name, self._piece)
+        for name, shape in {"weights_time": (), **slow}.items() if slow else ():
+            self._create(name, self._slow_piece, shape, "weights_time")
+        seal(self._file)
         reserved = self._file.create_dataset(ENDING, data=np.zeros(ENDING_SIZE, np.uint8))
+        self._file.flush()
+        reserved.make_scale(ENDING)  # of its own axis: no reader has to invent one
         self._file.flush()
         self.ending: int = reserved.id.get_offset()
         self._file.swmr_mode = True
         self.ticks = self.entries = 0
 
-    def _create(
-        self, name: str, unit: str, description: str, time: str, shape: tuple[int, ...] = (), dtype: Any = np.float64
-    ) -> None:
-        chunk = self._slow_piece if time == "weights_time" else self._piece
-        sizes = {"shape": (0, *shape), "maxshape": (None, *shape), "chunks": (chunk, *shape)}
-        dataset = self._file.create_dataset(name, dtype=dtype, fletcher32=True, **sizes)
-        dataset.attrs.update(unit=unit, description=description, time=time)
-        self._sets[name] = dataset
+    def _create(self, name: str, piece: int, shape: tuple[int, ...] = (), time: str = "time") -> None:
+        sizes = {"maxshape": (None, *shape), "chunks": (piece, *shape)}
+        empty = channel(name, np.empty((0, *shape), dtype(name)), time)
+        self._sets[name] = create(self._file, name, empty, fletcher32=True, **sizes)
 
     def append(self, ring: FloatArray, slow: FloatArray, ticks: int, entries: int, last: bool) -> None:
         """Add what is new of `ticks` ticks and `entries` slow entries: whole chunks, if it is not the last time."""
@@ -181,14 +176,10 @@ class File:
 
     def _append_slow(self, slow: FloatArray, entries: int) -> None:
         new = np.arange(self.entries, entries)
-        if new.size and self.plan.slow:
-            rows = slow[new % len(slow)]
+        if new.size and self.plan.slow.width:
             self._extend("weights_time", new * self.plan.stride / self.plan.sample_rate)
-            start = 0
-            for name, shape in self.plan.slow:
-                width = int(np.prod(shape))
-                self._extend(name, rows[:, start : start + width].reshape(-1, *shape))
-                start += width
+            for name, values in self.plan.slow.split(slow[new % len(slow)]).items():
+                self._extend(name, values)
 
     def _extend(self, name: str, values: FloatArray) -> None:
         dataset = self._sets[name]

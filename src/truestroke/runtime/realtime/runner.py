@@ -19,7 +19,6 @@ from truestroke.control.settings import ControllerSettings
 from truestroke.runtime import loop
 from truestroke.runtime.drivers.guard import check_range
 from truestroke.runtime.drivers.protocol import Driver
-from truestroke.runtime.realtime.axis_loop import slow_values, stride
 from truestroke.runtime.realtime.ending import Outcome
 from truestroke.runtime.realtime.epics import EpicsSettings
 from truestroke.runtime.realtime.helpers import Helpers
@@ -188,13 +187,11 @@ def _about(driver: Any, axis: Axis, timing: Timing, about: Mapping[str, object])
 
 def _plan(driver: Any, axis: Axis, timing: Timing, place: Growing, about: dict[str, Any]) -> Plan:
     """What goes into a file."""
-    has = {"true": hasattr(driver, "truth")}
-    has |= {name: hasattr(axis.controller, n) for name, n in (("innovation", "innovation"), ("flags", "flag_bits"))}
     return Plan(
         place=place,
         about=about,
-        channels=tuple(name for name in loop.CHANNELS if name != "time" and has.get(name, True)),
-        slow=tuple((name, value.shape) for name, value in slow_values(axis.controller).items()),
+        channels=recorded(axis.controller, simulated=hasattr(driver, "truth")),
+        slow=SlowLayout.of(axis.controller),
         sample_rate=timing.sample_rate,
         stride=stride(timing),
     )
@@ -202,14 +199,13 @@ def _plan(driver: Any, axis: Axis, timing: Timing, place: Growing, about: dict[s
 
 def _check_room(axes: Sequence[Axis], timing: Timing, folder: Path) -> None:
     """The disk has room for the whole run."""
-    needed = sum(80 * len(a.trajectory) + 8 * len(a.trajectory) // stride(timing) * _width(a) for a in axes)
+    needed = sum(
+        80 * len(a.trajectory) + 8 * len(a.trajectory) // stride(timing) * SlowLayout.of(a.controller).width
+        for a in axes
+    )
     needed = round(ROOM * needed)
     if (free := shutil.disk_usage(folder).free) < needed:
         raise RealtimeError(f"{folder}: the run writes {needed / 1e6:.0f} MB, {free / 1e6:.0f} MB are free")
-
-
-def _width(axis: Axis) -> int:
-    return sum(value.size for value in slow_values(axis.controller).values())
 
 
 def _layout(axes: Sequence[Axis], timing: Timing) -> Layout:
@@ -218,5 +214,5 @@ def _layout(axes: Sequence[Axis], timing: Timing) -> Layout:
         channels=len(axes),
         size=size,
         slow_size=size // stride(timing) + 2,
-        slow_width=max(_width(axis) for axis in axes),
+        slow_width=max(SlowLayout.of(axis.controller).width for axis in axes),
     )

@@ -13,8 +13,9 @@ import numpy as np
 
 from truestroke.base.typing import FloatArray
 from truestroke.runtime.drivers.clock import EDGES_US
+from truestroke.runtime.ticks import TICK
 
-FIELDS = ("desired", "desired_velocity", "volts", "measured", "true", "innovation", "flags", "lateness")
+FIELDS = (*TICK, "lateness")
 TEXT = 16384  # bytes of a text
 
 

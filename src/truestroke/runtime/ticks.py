@@ -1,0 +1,145 @@
+"""What is recorded of each tick, and to which tick a measurement belongs: the same in the loop and in real time.
+
+The native loop of `simulate_many` (c/loops) fills the same channels; a test compares its bits with those of `run`.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from truestroke.base.flags import BIT, BY_ADAPT
+from truestroke.base.typing import FloatArray
+from truestroke.signals.channels import Array
+from truestroke.signals.timing import Timing
+
+SLOW_PERIOD = 0.01  # s between two entries of the slow channels
+DESIRED = ("desired", "desired_velocity")
+SIMULATED = ("volts", "measured", "true", "innovation", "flags")
+TICK = (*DESIRED, *SIMULATED)
+"""Channels with an entry each tick, beside the time. NaN stands where no measurement came, and for the innovation of a
+rejected one."""
+SLOW = ("weights", "partial_slopes", "trace_P")
+"""Channels with an entry each `SLOW_PERIOD`: what the controller has learned."""
+
+
+def stride(timing: Timing) -> int:
+    """Ticks from one slow entry to the next."""
+    return max(1, round(SLOW_PERIOD * timing.sample_rate))
+
+
+def recorded(controller: Any, simulated: bool) -> tuple[str, ...]:
+    """Those of `TICK` that there are: flags and innovation as the controller has them, the truth of a simulation."""
+    there = {"true": simulated, "innovation": _innovative(controller), "flags": _flagged(controller)}
+    return tuple(name for name in TICK if there.get(name, True))
+
+
+def _innovative(controller: Any) -> bool:
+    return hasattr(controller, "innovation")
+
+
+def _flagged(controller: Any) -> bool:
+    return hasattr(controller, "flag_bits")
+
+
+@dataclass(frozen=True)
+class SlowLayout:
+    """The slow channels that a controller has, side by side in rows of numbers.
+
+    Attributes
+    ----------
+    shapes : Mapping[str, tuple[int, ...]]
+        Of an entry of each channel.
+    """
+
+    shapes: Mapping[str, tuple[int, ...]]
+
+    @classmethod
+    def of(cls, controller: Any) -> SlowLayout:
+        """That of a controller: what it or its `diagnostics` has of `SLOW`."""
+        return cls({name: value.shape for name, value in _slow_values(controller).items()})
+
+    @property
+    def width(self) -> int:
+        """Numbers of a row."""
+        return sum(map(math.prod, self.shapes.values()))
+
+    def split(self, rows: FloatArray) -> dict[str, FloatArray]:
+        """Entries of each channel, from rows of shape (entries, width or more)."""
+        ends = itertools.accumulate(map(math.prod, self.shapes.values()))
+        return {
+            name: rows[:, end - math.prod(shape) : end].reshape(-1, *shape)
+            for (name, shape), end in zip(self.shapes.items(), ends, strict=True)
+        }
+
+
+def _slow_values(controller: Any) -> dict[str, FloatArray]:
+    source = getattr(controller, "diagnostics", controller)
+    values = ((name, getattr(source, name, None)) for name in SLOW)
+    return {name: np.asarray(value, np.float64) for name, value in values if value is not None}
+
+
+class TickRecorder:
+    """Writes down what commands and measurements leave behind, tick by tick.
+
+    Parameters
+    ----------
+    controller : Controller
+        Whose flags, innovation and weights are recorded, as far as it has them.
+    timing : Timing
+        With a latency of L ticks, entry k of an exchange is recorded at tick k - L, whose command it answers.
+    rows : Mapping[str, ndarray]
+        Arrays of `TICK`, all of one size: tick k is at k modulo that size.
+    slow : ndarray, shape (entries, width)
+        The slow channels as `SlowLayout` has them: entry j, of tick j `stride`, is at j modulo the entries.
+    """
+
+    def __init__(self, controller: Any, timing: Timing, rows: Mapping[str, Array], slow: FloatArray) -> None:
+        self._controller, self._latency, self._slow = controller, timing.latency, slow
+        self._flagged, self._innovative = _flagged(controller), _innovative(controller)
+        self._stride, self._size = stride(timing), rows["volts"].size
+        memory = {name: memoryview(row) for name, row in rows.items()}  # faster than NumPy, number by number
+        self._measured, self._true = memory["measured"], memory["true"]
+        self._innovation, self._flags = memory["innovation"], memory["flags"]
+
+    def commanded(self, k: int) -> None:
+        """After the command of tick k: its flags; nothing is measured yet."""
+        row = k % self._size
+        self._measured[row] = self._true[row] = self._innovation[row] = math.nan
+        self._flags[row] = self._controller.flag_bits & ~BY_ADAPT if self._flagged else 0
+
+    def answers(
+        self, start: int, stop: int, measured: FloatArray, truth: FloatArray | None = None
+    ) -> Iterator[tuple[int, float, int]]:
+        """Of the measurements that ticks `start` to `stop` brought: the tick each belongs to, its value, um, its age.
+
+        The loop adapts to each; what that leaves behind is recorded when the next one is asked for.
+        """
+        for i, z in enumerate(measured.tolist()):
+            k = start + i - self._latency
+            if k >= 0:  # what comes back before answers no command
+                row = k % self._size
+                self._measured[row] = z
+                if truth is not None:
+                    self._true[row] = truth[i]
+                yield k, z, stop - 1 - k  # the age is `ago` of Controller.adapt
+                self._adapted(row)
+            if (start + i) % self._stride == 0:
+                self._snapshot((start + i) // self._stride)
+
+    def _adapted(self, row: int) -> None:
+        bits = self._controller.flag_bits & BY_ADAPT if self._flagged else 0
+        self._flags[row] += bits
+        if self._innovative and not bits & BIT["rejected"]:
+            self._innovation[row] = self._controller.innovation
+
+    def _snapshot(self, entry: int) -> None:
+        row, start = self._slow[entry % len(self._slow)] if self._slow.size else self._slow, 0
+        for value in _slow_values(self._controller).values():
+            row[start : start + value.size] = value.ravel()
+            start += value.size
