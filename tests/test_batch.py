@@ -12,7 +12,8 @@ import pytest
 from truestroke import AdaptiveController, ControllerSettings, Simulation, SimulationError, metrics, run, simulate_many
 from truestroke.plant import Change, MatchedPlant, MatchedSettings, PlantSettings, RealisticPlant
 from truestroke.plant.noise import Noise
-from truestroke.runtime.batch import CHANNELS, SEGMENT
+from truestroke.runtime.batch import SEGMENT
+from truestroke.runtime.ticks import SIMULATED
 from truestroke.signals.trajectories import random_wave, sine
 
 RANGE = {"stroke": 30.0, "voltage_limits": (-0.6, 3.6)}
@@ -61,12 +62,12 @@ def test_every_kind_of_pair_gives_the_bits_of_run_for_any_number_of_threads():
     simulations, seen = kinds(), 0
     recordings = [alone(s) for s in simulations]
     for threads in (1, 2, 5):
-        batch = simulate_many(simulations, record=CHANNELS, threads=threads)
+        batch = simulate_many(simulations, record=SIMULATED, threads=threads)
         for i, recording in enumerate(recordings):
             ticks = batch.ticks[i]
             assert ticks == recording["time"].size
             seen |= int(np.bitwise_or.reduce(recording["flags"]))
-            for name in CHANNELS:
+            for name in SIMULATED:
                 np.testing.assert_array_equal(batch[name][i, :ticks], recording[name], f"{name} of {i}", strict=True)
                 rest = batch[name][i, ticks:]
                 assert np.all(rest == 0 if name == "flags" else np.isnan(rest))

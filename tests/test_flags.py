@@ -11,7 +11,8 @@ import pytest
 from truestroke import AdaptiveController, Flags, metrics, trajectories
 from truestroke.base.flags import BIT, BY_ADAPT, FLAGS
 from truestroke.report import words
-from truestroke.runtime.loop import CHANNELS, Timing, run
+from truestroke.runtime.loop import Timing, run
+from truestroke.signals.channels import QUANTITIES
 
 DOCS = Path(__file__).parents[1] / "docs"
 
@@ -20,7 +21,7 @@ def test_the_table_for_readers_is_the_one_of_the_code():
     rows = re.findall(r"^\| (\d) \| (\d+) \| `(\w+)` \| (.+) \|$", (DOCS / "conventions.md").read_text(), re.MULTILINE)
     assert rows == [(str(i), str(flag.bit), flag.name, flag.meaning) for i, flag in enumerate(FLAGS)]
     assert sum(flag.bit for flag in FLAGS) < 256  # a byte a tick
-    assert all(f"{flag.bit} {flag.name}" in CHANNELS["flags"][1] for flag in FLAGS)
+    assert all(f"{flag.bit} {flag.name}" in QUANTITIES["flags"][1] for flag in FLAGS)
 
 
 def test_every_bit_is_a_member_and_is_counted_and_said():

@@ -8,6 +8,7 @@ from scipy import signal
 
 from truestroke import SettingError
 from truestroke import trajectories as tr
+from truestroke.signals.tables import RecordError
 
 MAKERS = {
     "sine": lambda **kw: tr.sine(frequency=12.0, **kw),
@@ -191,14 +192,14 @@ def test_columns_by_name_by_number_and_from_npz_are_one_motion(write, tmp_path):
 @pytest.mark.parametrize(
     ("arrays", "message"),
     [
-        ({"z": np.array([0.0, 1.0, np.nan, 3.0])}, r"z\[2\]"),
-        ({"z": np.zeros(3)}, "at least 4 numbers"),
-        ({"z": np.array(["a"] * 5)}, "an NPZ file of numbers"),
+        ({"z": np.array([0.0, 1.0, np.nan, 3.0])}, "row 3: position is missing or no number"),
+        ({"z": np.zeros(3)}, "3 rows; at least 4 are needed"),
+        ({"z": np.array(["a"] * 5)}, "z is of type <U1, not a row of numbers"),
     ],
 )
 def test_npz_errors_name_the_array(tmp_path, arrays, message):
     np.savez(tmp_path / "move.npz", **arrays)
-    with pytest.raises(SettingError, match=message):
+    with pytest.raises(RecordError, match=message):
         tr.from_csv(tmp_path / "move.npz", sample_rate=1.0)
 
 
@@ -212,27 +213,35 @@ def test_csv_starts_from_zero_by_the_ramp(write):
 @pytest.mark.parametrize(
     ("text", "options", "message"),
     [
-        ("", {}, "it is empty"),
-        ("1\n2\n3\n", {}, "at least 4 rows of numbers; it has 3"),
-        ("z\n1\n2\nnan\n4\n", {}, "row 4 = nan: must be finite"),
-        ("1\n2\nx\n4\n", {}, "row 3 = x: must be numbers"),
-        ("1,2\n2,3\n3\n4,5\n", {"position": 1}, "row 3 = 3: must be 2 numbers"),
-        ("0,1\n1,1\n2,1\n3.5,1\n4,1\n", {"position": 2, "time": 1}, "row 4 = 3.5 s: must be 3 s"),
+        ("", {}, "no two rows of numbers with the same number of columns"),
+        ("1\n2\n3\n", {}, "3 rows; at least 4 are needed"),
+        ("z\n1\n2\nnan\n4\n", {}, "line 4: position is missing or no number in 'nan'"),
+        ("1\n2\nx\n4\n", {}, "line 3: position is missing or no number in 'x'"),
+        ("1\n2\ninf\n4\n", {}, "line 3: position is infinite"),
+        ("1,2\n2,3\n3\n4,5\n", {"position": 2}, "line 3: position is missing or no number in '3'"),
+        ("0,1\n1,1\n2,1\n3.5,1\n4,1\n", {"position": 2, "time": 1}, "line 4 = 3.5 s: must be 3 s"),
+        ("t (ms),z\n0,1\n1,1\n2,1\n3.5,1\n4,1\n", {}, "line 5 = 0.0035 s: must be 0.003 s"),
+        ("t,z,desired\n0,1,1\n1,1,1\n2,1,1\n3,1,1\n", {}, "position: several columns could be it"),
+        ("t,error (um)\n0,1\n1,1\n2,1\n3,1\n", {}, "which column is position"),
         ("0,1\n0,1\n0,1\n0,1\n", {"position": 2, "time": 1}, "must be above 0.0 s"),
-        ("0,1,2\n1,1,2\n2,1,2\n3,1,2\n", {}, "position = None: must be one of the columns .*: 1, 2, 3"),
-        ("0,1\n1,1\n2,1\n3,1\n", {"position": 0}, "position = 0: must be 1 to 2: columns count from 1"),
-        ("0,1\n1,1\n2,1\n3,1\n", {"position": "3"}, "position = 3: must be 1 to 2: columns count from 1"),
-        ("t (s),z (inch)\n0,1\n1,1\n2,1\n3,1\n", {}, "unit = 'inch': must be 'um', 'nm' or 'mm'"),
-        ("t,z\n1,1\n2,1\n3,1\n4,1\n", {"position": "y"}, "position = 'y': must be one of the columns .*: t, z"),
+        ("0,1,2\n1,1,2\n2,1,2\n3,1,2\n", {}, r"which column is position\? Name it; there are column 1 \(begins 0"),
+        ("0,1\n1,1\n2,1\n3,1\n", {"position": 0}, "position: no column 0; they count from 1"),
+        ("0,1\n1,1\n2,1\n3,1\n", {"position": "3"}, "position: no column 3; they count from 1"),
+        ("t (s),z (inch)\n0,1\n1,1\n2,1\n3,1\n", {}, "is in inch; position is in um or nm or mm or m"),
+        (
+            "t,z\n1,1\n2,1\n3,1\n4,1\n",
+            {"position": "y"},
+            "position: no column 'y'; there are column 1 't'",
+        ),
         ("0,1\n1,1\n2,1\n3,1\n", {"position": 2, "time": 1, "sample_rate": 2.0}, "sample_rate = 2.0 Hz: must be 1 Hz"),
-        ("0\n1\n2\n3\n", {"sample_rate": None}, "sample_rate"),
-        ("0\n1\n2\n3\n", {"unit": "m"}, "unit = 'm': must be 'um', 'nm' or 'mm'"),
+        ("0\n1\n2\n3\n", {"sample_rate": None}, "which column is time"),
+        ("0\n1\n2\n3\n", {"unit": "inch"}, "unit = 'inch': must be one of um, nm, mm, m"),
     ],
 )
 def test_csv_errors_name_the_row_and_the_reason(write, text, options, message):
-    if "time" not in options and "sample_rate" not in options:
+    if "time" not in options and "sample_rate" not in options and "t" not in text:
         options = {**options, "sample_rate": 1.0}
-    with pytest.raises(SettingError, match=message):
+    with pytest.raises((SettingError, RecordError), match=message):
         tr.from_csv(write(text), ramp=0.0, **options)
 
 

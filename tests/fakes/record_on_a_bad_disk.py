@@ -18,6 +18,7 @@ from truestroke import Recording
 from truestroke.base import files
 from truestroke.runtime.realtime import recorder
 from truestroke.runtime.realtime.shared import FIELDS, Layout, Shared, Slot, State, Text
+from truestroke.runtime.ticks import SlowLayout
 
 TICKS, RATE, STEP = 230, 500.0, 60
 CHANNELS = ("desired", "desired_velocity", "volts", "measured", "innovation", "flags")
@@ -61,7 +62,7 @@ def one(kind: int, passes: int, old: bytes) -> tuple[int, Shared]:
     pid = os.fork()
     if not pid:
         place = files.grow(Path("run.h5").absolute(), True, lambda path: True)
-        sizes = {"sample_rate": RATE, "stride": 5, "channels": CHANNELS, "slow": (("weights", (3,)),)}
+        sizes = {"sample_rate": RATE, "stride": 5, "channels": CHANNELS, "slow": SlowLayout({"weights": (3,)})}
         STATE[:] = kind, passes, 0, 0
         recorder.record(Feed(told), told, [recorder.Plan(place=place, about={"a": 1}, **sizes)])
         os._exit(0)

@@ -76,7 +76,7 @@ def _waveform(path: Path) -> tuple[FloatArray, float]:
     """Voltages, V, and their sample rate, Hz."""
     import numpy as np
 
-    from truestroke.identification.tables import RecordError, open_table
+    from truestroke.signals.tables import RecordError, open_table
 
     table = open_table(path)
     names = [name.lower() for name in table.names]

@@ -8,8 +8,8 @@ from truestroke.identification.identified import HeldOut, Identified, Trace, ide
 from truestroke.identification.least_squares import FittedWeights, fit
 from truestroke.identification.record import Record, read_record
 from truestroke.identification.refine import Refined, refine
-from truestroke.identification.tables import RecordError
 from truestroke.identification.waveform import Played, Waveform, load_waveform, save_waveform, waveform
+from truestroke.signals.tables import RecordError
 
 __all__ = [
     "ActuatorModel",

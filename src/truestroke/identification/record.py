@@ -12,14 +12,14 @@ import numpy.typing as npt
 from truestroke.base import checks
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
-from truestroke.identification import tables
-from truestroke.identification.tables import RecordError, Table
+from truestroke.signals import tables
+from truestroke.signals.columns import Column, Wanted, read_columns, refuse_bad_rows
+from truestroke.signals.tables import RecordError, Table
 
 FEWEST_ROWS = 50
 GAP = 2.5  # intervals; software-timed samples jitter by less, and one lost sample leaves no gap
 
-DEFAULT_UNITS = {"volts": "V", "displacement": "um", "time": "s"}
-NAMES = {
+HEADINGS = {
     "volts": ("volts", "volt", "voltage", "v", "u", "vi", "vin", "v_in", "input", "command", "drive"),
     "displacement": (
         "measured",
@@ -37,28 +37,9 @@ NAMES = {
     ),
     "time": ("time", "t", "timestamp"),
 }
-"""Headings by which a column is found where it is not named, in lower case; of "run/u" the part behind the group."""
+"""By which a column is found where it is not named, the best first."""
 
 EXPECTED = "a Record, such as of truestroke.read_record(path)"
-
-
-@dataclass(frozen=True)
-class Column:
-    """Where a signal came from.
-
-    Attributes
-    ----------
-    heading : str
-        The column as the file calls it, such as "column 5" or "z".
-    unit : str
-        Unit of the file.
-    stated : bool
-        Whether file or caller stated the unit; False where V, um or s is assumed.
-    """
-
-    heading: str
-    unit: str
-    stated: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +106,7 @@ class Record:
             raise SettingError("sample_rate", sample_rate, "given where there are no time stamps, and only there", "Hz")
         if time is not None:
             signals["time"] = _axis(source, "time", time)
-        columns = {role: Column(role, DEFAULT_UNITS[role], True) for role in signals}
+        columns = {role: Column(role, next(iter(tables.UNITS[role])), True) for role in signals}
         return _checked(source, signals, columns, sample_rate, False)
 
 
@@ -151,8 +132,8 @@ def read_record(
         .npz, .mat, .parquet, .h5 and .hdf5 are what they say; anything else is text whose columns are separated by
         commas, semicolons, tabs or white space.
     volts, displacement, time : str or int, optional
-        Columns, by name or counted from 1. Left out, they are found by name (`NAMES`), else by unit. Without names,
-        two columns are voltage and displacement; three, the first of which ascends, are time, voltage, displacement.
+        Columns, by name or counted from 1. Left out, they are found by heading (`HEADINGS`), else by unit. Without
+        names, two columns are voltage and displacement; three, the first of which ascends, are time and these two.
     volts_unit, displacement_unit, time_unit : str, optional
         Of the file: V, mV, uV, kV; um, nm, mm, m; s, ms, us, ns, min. Left out, what the heading states, else V, um, s.
     displacement_scale : float, optional
@@ -197,22 +178,23 @@ def read_record(
         if time is not None:
             raise SettingError("sample_rate", sample_rate, "left out where a time column is named", "Hz")
     scale, displacement_unit = _scale(displacement_scale, displacement_unit)
-    given = {"volts": volts_unit, "displacement": displacement_unit, "time": time_unit}
-    for role, text in given.items():
-        if text is not None and tables.unit(text) not in tables.UNITS[role]:
-            raise SettingError(f"{role}_unit", repr(text), f"one of {', '.join(tables.UNITS[role])}")
+    asked = {"volts": (volts, volts_unit), "displacement": (displacement, displacement_unit), "time": (time, time_unit)}
+    wanted = [Wanted(role, tables.UNITS[role], HEADINGS[role], *keys) for role, keys in asked.items()]
     table = tables.open_table(path)
-    wanted = {"volts": volts, "displacement": displacement, "time": time}
-    chosen = _choose(str(path), table, wanted, given, sample_rate is None)
-    signals = dict(zip(chosen, table.read(list(chosen.values()), drop_bad_rows), strict=True))
-    columns = {role: _column(str(path), table, role, index, given[role]) for role, index in chosen.items()}
-    for role, column in columns.items():
-        if (factor := tables.UNITS[role][column.unit]) != 1.0:
-            signals[role] *= factor
+    used = wanted[: 2 if sample_rate is not None else 3]
+    signals, columns = read_columns(path, table, used, _places(table), drop_bad_rows)
     signals["displacement"] *= -scale if flip_displacement else scale
     if "time" in columns and not columns["time"].stated:
-        _refuse_late(str(path), float(signals["time"][0]) if signals["time"].size else 0.0)
+        _refuse_far(str(path), float(signals["time"][0]) if signals["time"].size else 0.0)
     return _checked(str(path), signals, columns, sample_rate, drop_bad_rows, table)
+
+
+def _places(table: Table) -> tuple[str, ...]:
+    """Of a table without names: voltage, displacement; or time, voltage, displacement."""
+    if table.width == 2:
+        return "volts", "displacement"
+    ascends = not table.names and table.width == 3 and np.all(np.diff(table.head[:, 0]) > 0)
+    return ("time", "volts", "displacement") if ascends else ()
 
 
 def _scale(scale: float | None, unit: str | None) -> tuple[float, str | None]:
@@ -222,103 +204,6 @@ def _scale(scale: float | None, unit: str | None) -> tuple[float, str | None]:
     if unit is not None:
         raise SettingError("displacement_scale", scale, "left out where a unit is given", "um")
     return checks.positive("displacement_scale", scale, "um"), "um"
-
-
-# ---- Which columns -------------------------------------------------------------------------------------------------
-
-
-def _choose(
-    source: str,
-    table: Table,
-    wanted: Mapping[str, str | int | None],
-    given: Mapping[str, str | None],
-    stamped: bool,
-) -> dict[str, int]:
-    """Index of the column of each signal; "time" only where time stamps are wanted."""
-    roles = ("volts", "displacement", "time") if stamped else ("volts", "displacement")
-    named = {role: _index(source, table, role, key) for role in roles if (key := wanted[role]) is not None}
-    found = dict(named)
-    for role in (role for role in roles if role not in found):
-        index = _find(source, table, role, set(named.values()), given[role]) if table.names else _by_place(table, role)
-        if index is None or index in found.values():
-            raise RecordError(source, _not_found(table, role))
-        found[role] = index
-    for role, index in found.items():
-        if index in (other for name, other in found.items() if name != role):
-            both = " and ".join(name for name, other in found.items() if other == index)
-            raise RecordError(source, f"{_heading(table, index)} is named twice, for {both}")
-    return {role: found[role] for role in roles}
-
-
-def _index(source: str, table: Table, role: str, key: str | int) -> int:
-    """Of a column that the caller names."""
-    if isinstance(key, str):
-        matches = [i for i, name in enumerate(table.names) if name.lower() == tables.name_and_unit(key)[0].lower()]
-        if len(matches) == 1:
-            return matches[0]
-        if matches or not key.strip().isdigit():
-            many = "more than one column" if matches else "no column"
-            raise RecordError(source, f"{role}: {many} {key!r}; {_listing(table)}")
-    number = int(key)
-    if not 1 <= number <= table.width:
-        raise RecordError(source, f"{role}: no column {number}; they count from 1, {_listing(table)}")
-    return number - 1
-
-
-def _find(source: str, table: Table, role: str, taken: set[int], given: str | None) -> int | None:
-    """By name, else by unit; None where nothing fits, an error where several do."""
-    fits = [
-        i
-        for i, unit in enumerate(table.units)
-        if i not in taken and (not tables.is_unit(unit) or unit in tables.UNITS[role])
-    ]
-    for name in NAMES[role]:
-        if matches := [i for i in fits if table.names[i].lower().rsplit("/", 1)[-1] == name]:
-            break
-    else:
-        matches = [i for i in fits if table.units[i] in tables.UNITS[role]]
-    if len(matches) > 1:
-        several = ", ".join(_heading(table, i) for i in matches)
-        raise RecordError(source, f"{role}: several columns could be it ({several}); name one")
-    return matches[0] if matches else None
-
-
-def _by_place(table: Table, role: str) -> int | None:
-    """Of a table without names: voltage, displacement; or time, voltage, displacement."""
-    if table.width == 2:
-        return {"volts": 0, "displacement": 1}.get(role)
-    if table.width == 3 and np.all(np.diff(table.head[:, 0]) > 0):
-        return {"time": 0, "volts": 1, "displacement": 2}[role]
-    return None
-
-
-def _not_found(table: Table, role: str) -> str:
-    help_ = " or give the `sample_rate`" if role == "time" else ""
-    return f"which column is {role}? Name it{help_}; {_listing(table)}"
-
-
-def _listing(table: Table) -> str:
-    return "there are " + ", ".join(_heading(table, i) for i in range(table.width))
-
-
-def _heading(table: Table, index: int) -> str:
-    if not table.names:
-        values = table.head[:, index]
-        return f"column {index + 1} (begins {', '.join(f'{v:g}' for v in values[:3])})"
-    unit = f" ({table.units[index]})" if table.units[index] not in ("", table.names[index]) else ""
-    return f"column {index + 1} {table.names[index]!r}{unit}"
-
-
-def _column(source: str, table: Table, role: str, index: int, given: str | None) -> Column:
-    heading = table.names[index] if table.names else f"column {index + 1}"
-    stated = table.units[index] if table.names else ""
-    if given is None and tables.is_unit(stated) and stated not in tables.UNITS[role]:
-        reason = f"{role}: {_heading(table, index)} is in {stated}; {role} is in {' or '.join(tables.UNITS[role])}"
-        help_ = "; `displacement_scale` says how many um one of them is" if role == "displacement" else ""
-        raise RecordError(source, reason + help_)
-    unit = tables.unit(given) if given is not None else stated
-    known = unit in tables.UNITS[role]
-    return Column(heading, unit if known else DEFAULT_UNITS[role], known)
 
 
 # ---- Checks --------------------------------------------------------------------------------------------------------
@@ -353,7 +238,8 @@ def _checked(
         keep = _good_rows({**signals, "time": time})
         time, signals = time[keep], {role: signal[keep] for role, signal in signals.items()}
     else:
-        _refuse_bad_rows(source, {**signals, "time": time}, table)
+        refuse_bad_rows(source, {**signals, "time": time}, table, "; `drop_bad_rows` leaves such rows out")
+        _refuse_late_rows(source, time, table)
     if time.size < FEWEST_ROWS:
         left = f" that can be used, of {rows}" if time.size < rows else ""
         raise RecordError(source, f"{time.size} rows{left}; at least {FEWEST_ROWS} are needed")
@@ -373,16 +259,8 @@ def _good_rows(signals: Mapping[str, FloatArray]) -> npt.NDArray[np.bool_]:
     return np.asarray(good)
 
 
-def _refuse_bad_rows(source: str, signals: Mapping[str, FloatArray], table: Table) -> None:
-    """The first row that cannot be used, and how many there are."""
-    for role, signal in signals.items():
-        bad = ~np.isfinite(signal)
-        if bad.any():
-            number, text = table.locate(first := int(np.argmax(bad)))
-            told = f" in {text}" if text else ""
-            reason = f"{role} is {'missing or no number' if np.isnan(signal[first]) else 'infinite'}{told}"
-            raise RecordError(source, f"{reason}; `drop_bad_rows` leaves such rows out", number, table.where)
-    time = signals["time"]
+def _refuse_late_rows(source: str, time: FloatArray, table: Table) -> None:
+    """The first row whose time does not ascend, and how many there are."""
     late = np.diff(time) <= 0
     if late.any():
         number, _ = table.locate(first := int(np.argmax(late)) + 1)
@@ -392,7 +270,7 @@ def _refuse_bad_rows(source: str, signals: Mapping[str, FloatArray], table: Tabl
         raise RecordError(source, reason, number, table.where)
 
 
-def _refuse_late(source: str, first: float) -> None:
+def _refuse_far(source: str, first: float) -> None:
     """Stamps of no stated unit that begin later than the year 5000: milliseconds and the like since 1970."""
     if first > 1e11:
         unit = "ms" if first < 1e14 else "us" if first < 1e17 else "ns"
@@ -402,7 +280,7 @@ def _refuse_late(source: str, first: float) -> None:
 def _refuse_constant(source: str, role: str, signal: FloatArray, heading: str) -> None:
     if signal.min() == signal.max():
         told = f" ({heading})" if heading != role else ""
-        reason = f"{role}{told} is {signal[0] + 0.0:g} {DEFAULT_UNITS[role]} in all {signal.size} rows"
+        reason = f"{role}{told} is {signal[0] + 0.0:g} {next(iter(tables.UNITS[role]))} in all {signal.size} rows"
         raise RecordError(source, f"{reason}; it must move for anything to be learnt")
 
 

@@ -103,7 +103,9 @@ class TickRecorder:
         self._controller, self._latency, self._slow = controller, timing.latency, slow
         self._flagged, self._innovative = _flagged(controller), _innovative(controller)
         self._stride, self._size = stride(timing), rows["volts"].size
-        memory = {name: memoryview(row) for name, row in rows.items()}  # faster than NumPy, number by number
+        memory: dict[str, memoryview[Any]] = {
+            name: row.data for name, row in rows.items()
+        }  # faster than NumPy, number by number
         self._measured, self._true = memory["measured"], memory["true"]
         self._innovation, self._flags = memory["innovation"], memory["flags"]
 

@@ -22,6 +22,8 @@ from truestroke.base.checks import SettingError
 from truestroke.base.hdf5 import ENDING, FORMAT
 from truestroke.signals.channels import Array, Channel, Signals, index_names
 
+__all__ = ["Channel", "Recording", "RecordingError", "versions"]
+
 FORMAT_VERSION = 2  # from 2 on with checksums
 CHUNK = 65536  # entries of a chunk of a file that is saved at once
 TRIES, PAUSE = 10, 0.02  # s; to read a file that is being written
@@ -201,15 +203,15 @@ def create(file: Any, name: str, channel: Channel, **storage: Any) -> Any:
 def seal(file: Any) -> None:
     """When all channels are there: their axes as HDF5's dimension scales, as xarray reads them, and the checksum."""
     sets = hdf5.channels(file)
-    for time in {data.attrs["time"] for data in sets.values()}:
-        sets[time].make_scale(time)
+    for axis in dict.fromkeys(data.attrs["time"] for data in sets.values()):
+        sets[axis].make_scale(axis)
     for name, data in sets.items():
         if data.attrs["time"] != name:
             data.dims[0].attach_scale(sets[data.attrs["time"]])
-        for axis, index in enumerate(index_names(name, data.ndim), 1):
-            scale = file.create_dataset(index, data=np.arange(data.shape[axis]))
+        for dimension, index in enumerate(index_names(name, data.ndim), 1):
+            scale = file.create_dataset(index, data=np.arange(data.shape[dimension]))
             scale.make_scale(index)
-            data.dims[axis].attach_scale(scale)
+            data.dims[dimension].attach_scale(scale)
     file.attrs["checksum"] = hdf5.digest(file)
 
 

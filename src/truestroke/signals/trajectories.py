@@ -9,9 +9,7 @@ which leaves 0 and reaches 1 without velocity or acceleration; its velocity is s
 
 from __future__ import annotations
 
-import csv
 import math
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,13 +19,13 @@ import numpy as np
 import numpy.typing as npt
 
 from truestroke import _loops
-from truestroke.base import checks, npz
+from truestroke.base import checks
 from truestroke.base.checks import SettingError
-from truestroke.base.files import FileError
 from truestroke.base.typing import FloatArray
+from truestroke.signals.columns import Wanted, read_columns, refuse_bad_rows
+from truestroke.signals.tables import UNITS, RecordError, Table, open_table
 
-UM_PER_UNIT = {"um": 1.0, "nm": 1e-3, "mm": 1e3}
-NAMES = {"position": ("z", "desired", "position", "displacement"), "time": ("t", "time")}
+HEADINGS = {"position": ("z", "desired", "position", "displacement"), "time": ("t", "time")}
 BLOCK = 4096  # ticks that are filtered at a time: what they need stays in the cache
 FARTHEST = 1e9  # um of a motion
 TIME_TOLERANCE = 0.01  # of a tick: how far a time in a file may lie from its even grid
@@ -430,20 +428,20 @@ def from_csv(
     sample_rate: float | None = None,
     ramp: float = 0.25,
 ) -> Trajectory:
-    r"""A motion from a text file with comma-separated columns, with or without a line of names; or from an NPZ file.
+    r"""A motion from a file with columns: text, NPZ, MATLAB, Parquet, HDF5, as `read_record` reads them.
 
     Parameters
     ----------
     path : str or Path
-        The file. One that ends in .npz has arrays for columns.
+        The file; its ending says what it is.
     position, time, velocity : str or int, optional
-        Columns, by name, without the unit in brackets, or counted from 1. Left out, position is the column "z",
-        "desired", "position" or "displacement", or the only one; time is "t" or "time". Without names, two columns are
-        time and position. Without a velocity it is the derivative of a cubic spline through the positions (not causal:
-        it looks ahead, as a file allows).
+        Columns, by name or counted from 1. Left out, position is the column "z", "desired", "position" or
+        "displacement", or the only one; time is "t" or "time". Without names, two columns are time and position.
+        Without a velocity it is the derivative of a cubic spline through the positions (not causal: it looks ahead, as
+        a file allows).
     unit : str, optional
-        Of the position, "um", "nm" or "mm"; of the velocity, that per second. Left out, what the heading states, as
-        "z (nm)", else um. Times are in s.
+        Of the position, um, nm, mm or m; of the velocity, that per second. Left out, what the heading states, as
+        "z (nm)", else um. Times are in the unit that their heading states, else s.
     sample_rate : float, optional
         Hz; needed where there is no time column, and equal to that of the times where there is one.
     ramp : float
@@ -452,7 +450,11 @@ def from_csv(
     Raises
     ------
     SettingError
-        Names the file, the row and the reason: not a number, times that are not even, fewer than 4 rows.
+        Names the argument, its value and the bound: times that are not even, a motion that is too far.
+    RecordError
+        Names the file, the row and the reason: not a number, a column that is not found, fewer than 4 rows.
+    FileNotFoundError
+        There is no such file.
 
     Examples
     --------
@@ -468,23 +470,27 @@ def from_csv(
     ([2.0, 4.0, 6.0, 8.0], True)
     """
     path = checks.path("path", path)
-    headings, first_row, table = _read_npz(path) if path.suffix == ".npz" else _read_text(path)
-    places = {
-        "position": _column("position", position, headings, path),
-        "time": _column("time", time, headings, path),
-        "velocity": None if velocity is None else _column("velocity", velocity, headings, path),
-    }
-    if places["position"] is None:
-        raise SettingError("position", None, f"one of the columns of {path}: {_listing(headings)}")
-    found = {name: None if place is None else table[:, place] for name, place in places.items()}
-    per_unit = _um_per_unit(unit, headings[places["position"]])
-    z = per_unit * table[:, places["position"]]
+    with checks.inside("", {"position_unit": "unit"}):
+        place = Wanted("position", UNITS["displacement"], HEADINGS["position"], position, unit, certain=True)
+    wanted = [
+        place,
+        Wanted("time", UNITS["time"], HEADINGS["time"], time, needed=sample_rate is None, certain=True),
+    ]
+    if velocity is not None:
+        wanted.append(Wanted("velocity", {"um/s": 1.0}, key=velocity, unit="um/s"))
+    table = open_table(path, narrowest=1)
+    places = {1: ("position",), 2: ("time", "position")}.get(table.width, ())
+    signals, columns = read_columns(path, table, wanted, places)
+    refuse_bad_rows(str(path), signals, table)
+    z = signals["position"]
+    if z.size < 4:
+        raise RecordError(str(path), f"{z.size} rows; at least 4 are needed")
     farthest = int(np.argmax(np.abs(z)))
-    checks.within(f"{path}, row {farthest + first_row}", z[farthest], -FARTHEST, FARTHEST, "um")
-    rate = _rate(path, first_row, found["time"], sample_rate)
+    checks.within(_row(path, table, farthest), z[farthest], -FARTHEST, FARTHEST, "um")
+    rate = _rate(path, table, signals.get("time"), sample_rate)
     seconds = np.arange(z.size) / rate
-    if found["velocity"] is not None:
-        zdot = per_unit * found["velocity"]
+    if "velocity" in signals:
+        zdot = UNITS["displacement"][columns["position"].unit] * signals["velocity"]
     else:
         from scipy.interpolate import CubicSpline
 
@@ -494,115 +500,22 @@ def from_csv(
     return Trajectory("file", rate, *_ramped(seconds, z, zdot, ramp), settings)
 
 
-def _read_text(path: Path) -> tuple[list[str], int, FloatArray]:
-    """Headings of the columns (empty where the file has none), the line of the first row, the numbers."""
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            rows = [row for row in csv.reader(file) if row]
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise SettingError("path", path, f"a text file with columns ({error})") from None
-    if not rows:
-        raise SettingError("path", path, "a file with at least 4 rows of numbers; it is empty")
-    try:
-        [float(cell) for cell in rows[0]]
-    except ValueError:
-        return [cell.strip() for cell in rows[0]], 2, _numbers(path, 2, rows[1:])
-    return [""] * len(rows[0]), 1, _numbers(path, 1, rows)
+def _row(path: str | Path, table: Table, index: int) -> str:
+    return f"{path}, {table.where} {table.locate(index)[0]}"
 
 
-def _read_npz(path: Path) -> tuple[list[str], int, FloatArray]:
-    """The same of an NPZ file: its arrays of one axis, all as long as the longest."""
-    try:
-        held = npz.read(path, npz.names(path, FileError), FileError)
-        arrays = {name: np.asarray(array, dtype=np.float64) for name, array in held.items()}
-    except (ValueError, TypeError) as error:
-        raise SettingError("path", path, f"an NPZ file of numbers ({error})") from None
-    rows = max((array.size for array in arrays.values()), default=0)
-    arrays = {name: array for name, array in arrays.items() if array.shape == (rows,)}
-    if rows < 4 or not arrays:
-        raise SettingError("path", path, "an NPZ file with arrays of one axis, of at least 4 numbers")
-    table = np.column_stack(list(arrays.values()))
-    bad = np.argwhere(~np.isfinite(table))
-    if bad.size:
-        raise SettingError(f"{path}, {list(arrays)[bad[0, 1]]}[{bad[0, 0]}]", table[tuple(bad[0])], "finite")
-    return list(arrays), 0, table
-
-
-def _told(row: list[str]) -> str:
-    """A row in one line that is not too long."""
-    text = " ".join(",".join(row).split())
-    return text if len(text) <= 80 else text[:77] + "..."
-
-
-def _numbers(path: str | Path, first_row: int, rows: list[list[str]]) -> FloatArray:
-    if len(rows) < 4:
-        raise SettingError("path", path, f"a file with at least 4 rows of numbers; it has {len(rows)}")
-    table = np.empty((len(rows), len(rows[0])))
-    for i, row in enumerate(rows):
-        if len(row) != len(rows[0]):
-            raise SettingError(f"{path}, row {i + first_row}", _told(row), f"{len(rows[0])} numbers")
-        try:
-            table[i] = [float(cell) for cell in row]
-        except ValueError as error:
-            raise SettingError(f"{path}, row {i + first_row}", _told(row), f"numbers ({error})") from None
-    bad = np.flatnonzero(~np.isfinite(table).all(axis=1))
-    if bad.size:
-        raise SettingError(f"{path}, row {bad[0] + first_row}", _told(rows[bad[0]]), "finite numbers")
-    return table
-
-
-def _column(argument: str, column: str | int | None, headings: list[str], path: str | Path) -> int | None:
-    """Index of a column that is named or counted from 1; of one that is left out, as its name or place tells."""
-    names = [_name_and_unit(heading)[0] for heading in headings]
-    if column is None:
-        if not any(names):
-            return {("position", 1): 0, ("time", 2): 0, ("position", 2): 1}.get((argument, len(names)))
-        known = [i for i, name in enumerate(names) if name.lower() in NAMES[argument]]
-        return 0 if argument == "position" and len(names) == 1 else known[0] if len(known) == 1 else None
-    if isinstance(column, str) and column in [name for name in (*names, *headings) if name]:
-        return (names if column in names else headings).index(column)
-    if isinstance(column, str) and column.isdigit():
-        column = int(column)
-    if isinstance(column, int) and not 1 <= column <= len(names):
-        raise SettingError(
-            argument, column, f"1 to {len(names)}: columns count from 1; {path} has {_listing(headings)}"
-        )
-    if isinstance(column, int):
-        return column - 1
-    raise SettingError(argument, repr(column), f"one of the columns of {path}: {_listing(headings)}")
-
-
-def _listing(headings: list[str]) -> str:
-    return ", ".join(heading or str(i) for i, heading in enumerate(headings, 1))
-
-
-def _name_and_unit(heading: str) -> tuple[str, str]:
-    """As in "z (nm)" and "z [nm]"."""
-    match = re.fullmatch(r"(.*?)\s*[(\[](\w+)[)\]]", heading)
-    return (match[1], match[2]) if match else (heading, "")
-
-
-def _um_per_unit(unit: str | None, heading: str) -> float:
-    stated = unit if unit is not None else _name_and_unit(heading)[1] or "um"
-    if stated not in UM_PER_UNIT:
-        raise SettingError("unit", repr(stated), "'um', 'nm' or 'mm'")
-    return UM_PER_UNIT[stated]
-
-
-def _rate(path: str | Path, first_row: int, times: FloatArray | None, sample_rate: float | None) -> float:
+def _rate(path: str | Path, table: Table, times: FloatArray | None, sample_rate: float | None) -> float:
     """Sample rate of even times, Hz; the given one where there are no times."""
     if times is None:
-        if sample_rate is None:
-            raise SettingError("sample_rate", None, "given where the file has no time column", "Hz")
         return checks.positive("sample_rate", sample_rate, "Hz")
     tick = (times[-1] - times[0]) / (times.size - 1)
     if not tick > 0:
-        raise SettingError(f"{path}, row {times.size - 1 + first_row}", times[-1], f"above {times[0]} s", "s")
+        raise SettingError(_row(path, table, times.size - 1), times[-1], f"above {times[0]} s", "s")
     even = times[0] + tick * np.arange(times.size)
     off = np.abs(times - even)
     worst = int(np.argmax(off))
     if off[worst] > TIME_TOLERANCE * tick:
-        raise SettingError(f"{path}, row {worst + first_row}", times[worst], f"{even[worst]:g} s: times are even", "s")
+        raise SettingError(_row(path, table, worst), times[worst], f"{even[worst]:g} s: times are even", "s")
     if sample_rate is None:
         return float(round(1 / tick, 6))
     if abs(sample_rate * tick - 1) > TIME_TOLERANCE / times.size:

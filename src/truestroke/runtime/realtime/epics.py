@@ -101,7 +101,7 @@ def panels(axes: Sequence[Axis], plans: Sequence[Plan]) -> list[Panel]:
         motion = axis.trajectory
         moved = isinstance(motion, SetPoint)
         reach = motion.reach if isinstance(motion, SetPoint) else (motion.position.min(), motion.position.max())
-        shapes = dict(plan.slow)
+        shapes = plan.slow.shapes
         made.append(
             Panel(
                 name=axis.name.upper(),

@@ -24,6 +24,7 @@ from truestroke.runtime.realtime.ending import AS_ASKED, SIGNALS, Cause, Outcome
 from truestroke.runtime.realtime.helpers import Helpers
 from truestroke.runtime.realtime.settings import Axis, RealtimeSettings
 from truestroke.runtime.realtime.shared import Shared, Slot, State
+from truestroke.runtime.ticks import stride
 from truestroke.signals.timing import Timing
 
 GLANCE = 0.02  # s between two looks at the helping processes

@@ -27,6 +27,7 @@ from truestroke.runtime.realtime.process import RealtimeError, noted_signals, on
 from truestroke.runtime.realtime.recorder import Plan
 from truestroke.runtime.realtime.settings import Axis, RealtimeSettings
 from truestroke.runtime.realtime.shared import Layout, Shared, Slot
+from truestroke.runtime.ticks import SlowLayout, recorded, stride
 from truestroke.signals.recording import Recording, ticks
 from truestroke.signals.timing import Timing
 

@@ -1,4 +1,4 @@
-"""Files with columns, each opened as a `Table`: names and units first, the numbers of the chosen columns later."""
+"""Files with columns: opened as a `Table` of names and units, from which the columns that are wanted are then read."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Any, ParamSpec, TextIO, TypeVar
 
@@ -28,7 +29,7 @@ DATE_AND_TIME = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d")
 
 
 class RecordError(files.FileError):
-    """A record that cannot be used.
+    """A file with columns, or a record in arrays, that cannot be used.
 
     Attributes
     ----------
@@ -82,12 +83,15 @@ class Table:
         return len(self.names) or self.head.shape[1]
 
 
-def open_table(path: Path) -> Table:
-    """The table in a file, by its ending: .npz, .mat, .parquet, .h5 or .hdf5; anything else is text."""
+def open_table(path: Path, narrowest: int = 2) -> Table:
+    """The table in a file, by its ending: .npz, .mat, .parquet, .h5 or .hdf5; anything else is text.
+
+    A text has `narrowest` columns or more.
+    """
     if not path.is_file():
         raise FileNotFoundError(2, "no such file", str(path))
     readers = {".npz": _npz, ".mat": _mat, ".parquet": _parquet, ".h5": _hdf5, ".hdf5": _hdf5}
-    table = _guarded(path, readers.get(path.suffix.lower(), _text))(path)
+    table = _guarded(path, readers.get(path.suffix.lower(), partial(_text, narrowest=narrowest)))(path)
     return replace(table, read=_guarded(path, table.read), locate=_guarded(path, table.locate))
 
 
@@ -135,11 +139,11 @@ def _is_row(line: str) -> bool:
     return bool(line.strip()) and not line.lstrip().startswith(COMMENTS)
 
 
-def _text(path: Path) -> Table:
+def _text(path: Path, narrowest: int) -> Table:
     encoding = _encoding(path)
     with path.open(encoding=encoding, errors="replace") as file:
         lines = list(itertools.islice(file, PROBE))
-    layout = _layout(path, encoding, lines)
+    layout = _layout(path, encoding, lines, narrowest)
     rows = [line for line in lines[layout.lines_before :] if _is_row(line)]
     width = len(layout.fields(rows[0]))
     names, units = _header(path, layout, lines[: layout.lines_before], width)
@@ -169,8 +173,8 @@ def _encoding(path: Path) -> str:
     return "utf-8-sig"
 
 
-def _layout(path: Path, encoding: str, lines: Sequence[str]) -> _Layout:
-    """The first two rows with nothing but numbers or gaps, two columns or more and as many in each, begin the table."""
+def _layout(path: Path, encoding: str, lines: Sequence[str], narrowest: int) -> _Layout:
+    """The first two rows with nothing but numbers or gaps, and as many columns in each, begin the table."""
     previous, before = 0, 0
     for number, line in enumerate(lines):
         if not _is_row(line):
@@ -179,12 +183,13 @@ def _layout(path: Path, encoding: str, lines: Sequence[str]) -> _Layout:
         comma = separator in (";", "\t") and "," in line and "." not in line
         layout = _Layout(path, encoding, separator, comma, before)
         fields = layout.fields(line)
-        width = len(fields) if len(fields) > 1 and _numeric(fields) else 0
+        width = len(fields) if len(fields) >= narrowest and _numeric(fields) else 0
         if width and width == previous:
             return layout
         previous, before = width, number
     shown = f"; line {len(lines)} is {_shown(lines[-1])}" if lines else ""
-    reason = f"no two rows of numbers with the same number of columns, two or more, in the first {PROBE} lines"
+    columns = "the same number of columns, two or more" if narrowest > 1 else "the same number of columns"
+    reason = f"no two rows of numbers with {columns}, in the first {PROBE} lines"
     raise RecordError(str(path), reason + shown)
 
 

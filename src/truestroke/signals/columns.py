@@ -1,0 +1,179 @@
+"""Which columns of a file are which signals, by heading, unit or place, and their numbers in our units."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from truestroke.base.checks import SettingError
+from truestroke.base.typing import FloatArray
+from truestroke.signals.tables import RecordError, Table, is_unit, name_and_unit, unit
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """A signal that is looked for among the columns of a file.
+
+    Attributes
+    ----------
+    role : str
+        What it is: "volts", "displacement", ...
+    units : Mapping[str, float]
+        Those it can have in a file, and what one of each is in the first, which is assumed where none is stated.
+    headings : tuple[str, ...]
+        By which its column is found where it is not named, in lower case, the best first; of "run/u" the part behind
+        the group.
+    key : str, int or None
+        The column that the caller names, or its number from 1.
+    unit : str or None
+        Unit that the caller states.
+    needed : bool
+        Whether there must be one.
+    certain : bool
+        For what will be put out: no heading is better than another, none is found by its unit alone, and a unit that is
+        not known is refused.
+    """
+
+    role: str
+    units: Mapping[str, float]
+    headings: tuple[str, ...] = ()
+    key: str | int | None = None
+    unit: str | None = None
+    needed: bool = True
+    certain: bool = False
+
+    def __post_init__(self) -> None:
+        if self.unit is not None and unit(self.unit) not in self.units:
+            raise SettingError(f"{self.role}_unit", repr(self.unit), f"one of {', '.join(self.units)}")
+
+
+@dataclass(frozen=True)
+class Column:
+    """Where a signal came from.
+
+    Attributes
+    ----------
+    heading : str
+        The column as the file calls it, such as "column 5" or "z".
+    unit : str
+        Unit of the file.
+    stated : bool
+        Whether file or caller stated the unit; False where V, um or s is assumed.
+    """
+
+    heading: str
+    unit: str
+    stated: bool
+
+
+def read_columns(
+    path: Path, table: Table, wanted: Sequence[Wanted], places: Sequence[str], complete: bool = False
+) -> tuple[dict[str, FloatArray], dict[str, Column]]:
+    """Signals by their role, in the first of their units, and where they came from.
+
+    `places` are the roles of the columns of a file without names, from the left. What is not a number is NaN; a text is
+    read no further than the chunk with the first NaN unless `complete`.
+
+    Raises
+    ------
+    RecordError
+        A column is not found, is found twice, or is in a unit of something else.
+    """
+    source, found = str(path), {w.role: _named(str(path), table, w) for w in wanted if w.key is not None}
+    named = set(found.values())
+    for w in wanted:
+        if w.role in found:
+            continue
+        index = _find(source, table, w, named) if table.names else _placed(w.role, places)
+        if index is not None and index not in found.values():
+            found[w.role] = index
+        elif w.needed:
+            raise RecordError(source, _not_found(table, w.role))
+    for role, index in found.items():
+        if both := " and ".join(other for other, place in found.items() if place == index and other != role):
+            raise RecordError(source, f"{_heading(table, index)} is named twice, for {role} and {both}")
+    chosen = {w.role: w for w in wanted if w.role in found}
+    columns = {role: _column(source, table, w, found[role]) for role, w in chosen.items()}
+    signals = dict(zip(chosen, table.read([found[role] for role in chosen], complete), strict=True))
+    for role, column in columns.items():
+        if (factor := chosen[role].units[column.unit]) != 1.0:
+            signals[role] *= factor
+    return signals, columns
+
+
+def _placed(role: str, places: Sequence[str]) -> int | None:
+    return places.index(role) if role in places else None
+
+
+def _named(source: str, table: Table, wanted: Wanted) -> int:
+    """Index of a column that the caller names."""
+    key, role = wanted.key, wanted.role
+    if isinstance(key, str):
+        matches = [i for i, name in enumerate(table.names) if name.lower() == name_and_unit(key)[0].lower()]
+        if len(matches) == 1:
+            return matches[0]
+        if matches or not key.strip().isdigit():
+            many = "more than one column" if matches else "no column"
+            raise RecordError(source, f"{role}: {many} {key!r}; {_listing(table)}")
+    number = int(key or 0)
+    if not 1 <= number <= table.width:
+        raise RecordError(source, f"{role}: no column {number}; they count from 1, {_listing(table)}")
+    return number - 1
+
+
+def _find(source: str, table: Table, wanted: Wanted, taken: set[int]) -> int | None:
+    """By heading, else by unit; None where nothing fits, an error where several do."""
+    fits = [i for i, u in enumerate(table.units) if i not in taken and (not is_unit(u) or u in wanted.units)]
+    last = [table.names[i].lower().rsplit("/", 1)[-1] for i in fits]
+    choices = [wanted.headings] if wanted.certain else [(heading,) for heading in wanted.headings]
+    by_heading = ([i for i, name in zip(fits, last, strict=True) if name in choice] for choice in choices)
+    matches = next(filter(None, by_heading), [])
+    if not matches and not wanted.certain:
+        matches = [i for i in fits if table.units[i] in wanted.units]
+    if len(matches) > 1:
+        several = ", ".join(_heading(table, i) for i in matches)
+        raise RecordError(source, f"{wanted.role}: several columns could be it ({several}); name one")
+    return matches[0] if matches else None
+
+
+def _not_found(table: Table, role: str) -> str:
+    help_ = " or give the `sample_rate`" if role == "time" else ""
+    return f"which column is {role}? Name it{help_}; {_listing(table)}"
+
+
+def _listing(table: Table) -> str:
+    return "there are " + ", ".join(_heading(table, i) for i in range(table.width))
+
+
+def _heading(table: Table, index: int) -> str:
+    if not table.names:
+        values = table.head[:, index]
+        return f"column {index + 1} (begins {', '.join(f'{v:g}' for v in values[:3])})"
+    unit = f" ({table.units[index]})" if table.units[index] not in ("", table.names[index]) else ""
+    return f"column {index + 1} {table.names[index]!r}{unit}"
+
+
+def _column(source: str, table: Table, wanted: Wanted, index: int) -> Column:
+    heading, stated = (table.names[index], table.units[index]) if table.names else (f"column {index + 1}", "")
+    foreign = stated and stated not in wanted.units and (wanted.certain or is_unit(stated))
+    if wanted.unit is None and foreign:
+        reason = f"{wanted.role}: {_heading(table, index)} is in {stated}; {wanted.role} is in "
+        help_ = "; `displacement_scale` says how many um one of them is" if wanted.role == "displacement" else ""
+        raise RecordError(source, reason + " or ".join(wanted.units) + help_)
+    used = stated if wanted.unit is None else unit(wanted.unit)
+    known = used in wanted.units
+    return Column(heading, used if known else next(iter(wanted.units)), known)
+
+
+def refuse_bad_rows(source: str, signals: Mapping[str, FloatArray], table: Table, remedy: str = "") -> None:
+    """RecordError for the first row with what is no finite number; `remedy` says what would help."""
+    for role, signal in signals.items():
+        bad = ~np.isfinite(signal)
+        if bad.any():
+            number, text = table.locate(first := int(np.argmax(bad)))
+            shown = f" in {text}" if text else ""
+            reason = f"{role} is {'missing or no number' if np.isnan(signal[first]) else 'infinite'}{shown}"
+            raise RecordError(source, reason + remedy, number, table.where)
