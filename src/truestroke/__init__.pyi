@@ -26,7 +26,6 @@ from truestroke.identification.record import Record as Record
 from truestroke.identification.record import read_record as read_record
 from truestroke.identification.refine import Refined as Refined
 from truestroke.identification.refine import refine as refine
-from truestroke.identification.tables import RecordError as RecordError
 from truestroke.identification.waveform import Waveform as Waveform
 from truestroke.identification.waveform import load_waveform as load_waveform
 from truestroke.identification.waveform import save_waveform as save_waveform
@@ -48,6 +47,7 @@ from truestroke.signals import trajectories as trajectories
 from truestroke.signals.judgement import judge as judge
 from truestroke.signals.recording import Recording as Recording
 from truestroke.signals.recording import RecordingError as RecordingError
+from truestroke.signals.tables import RecordError as RecordError
 from truestroke.signals.timing import Timing as Timing
 from truestroke.signals.trajectories import Trajectory as Trajectory
 from truestroke.studies.characterisation.lines import Characterisation as Characterisation

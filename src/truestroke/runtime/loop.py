@@ -182,36 +182,21 @@ def check_agreement(trajectory: Motion, controller: Controller, timing: Timing) 
 
 
 def _checked(measured: FloatArray, ticks: int) -> FloatArray:
-    if measured.shape != (ticks,):
-        raise SettingError("exchange", f"array of shape {measured.shape}", f"of shape ({ticks},)", "um")
+    if (shape := getattr(measured, "shape", None)) != (ticks,):
+        given = f"a {type(measured).__name__}" if shape is None else f"array of shape {shape}"
+        raise SettingError("exchange", given, f"an array of shape ({ticks},)", "um")
     return measured
 
 
 class _Log:
     """The arrays of a run, and what fills them."""
 
-<<<<<<< HEAD
-    def exchanged(self, start: int, stop: int, measured: FloatArray) -> list[float]:
-        if (shape := getattr(measured, "shape", None)) != (stop - start,):
-            given = f"a {type(measured).__name__}" if shape is None else f"array of shape {shape}"
-            raise SettingError("exchange", given, f"of shape ({stop - start},)", "um")
-        latency = self.timing.latency
-        if stop > latency:
-            first = max(latency - start, 0)  # entries before it answer no command
-            self.measured[start + first - latency : stop - latency] = measured[first:]
-            if (truth := getattr(self.actuator, "truth", None)) is not None:
-                self.simulated = True
-                self.true[start + first - latency : stop - latency] = truth[first:]
-        values: list[float] = measured.tolist()
-        return values
-=======
     def __init__(self, trajectory: Trajectory, controller: Controller, timing: Timing) -> None:
         self.trajectory, self.stride, self.layout = trajectory, stride(timing), SlowLayout.of(controller)
         size = len(trajectory)
         self.rows = {name: np.full(size, 0 if name == "flags" else np.nan, dtype(name)) for name in SIMULATED}
         self.slow = np.empty((-(-size // self.stride), self.layout.width))
         self.ticks = TickRecorder(controller, timing, self.rows, self.slow)
->>>>>>> 52b113c (wip)
 
     def recording(self, done: int, metadata: dict[str, Any], controller: Any, actuator: Any) -> Recording:
         """Of the ticks that are done."""
