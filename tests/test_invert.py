@@ -229,7 +229,7 @@ def test_command_warns_and_is_strict_when_asked(call):
         (["sine", "--slew", "0"], "--slew = 0.0", 2),
         (["sine", "--voltage-limits", "2", "1"], "--voltage-limits", 2),
         (["sine", "--model", "wrong.toml"], "not a truestroke model", 1),
-        (["wrong.toml"], "at least 4 rows", 2),
+        (["wrong.toml"], "no two rows of numbers", 1),
     ],
 )
 def test_command_fails_in_one_line(call, words, message, code):

@@ -184,7 +184,7 @@ def check_agreement(trajectory: Motion, controller: Controller, timing: Timing) 
 def _checked(measured: FloatArray, ticks: int) -> FloatArray:
     if (shape := getattr(measured, "shape", None)) != (ticks,):
         given = f"a {type(measured).__name__}" if shape is None else f"array of shape {shape}"
-        raise SettingError("exchange", given, f"an array of shape ({ticks},)", "um")
+        raise SettingError("exchange", given, f"of shape ({ticks},)", "um")
     return measured
 
 
