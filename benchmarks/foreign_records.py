@@ -189,7 +189,7 @@ def staircase(rng: np.random.Generator) -> Made:
 
 
 def software_timed(rng: np.random.Generator) -> Made:
-    """Bent plays: reversal curves, jitter, coarse sensor, noise on the voltage, 3 holes, 100 Hz"""
+    """Plays and a parabola: reversal curves, jitter, coarse sensor, noise on the voltage, 3 holes, 100 Hz"""
     t = clock(80.0, 100.0)
     v = 1 - up_and_down(t + 2.0, 0.25) * (0.1 + 0.9 * np.floor((t + 2) / 4) / 20)
     z = np.interp(t + rng.uniform(-2e-3, 2e-3, t.size), t, 40 * stop_elements(v, rng))

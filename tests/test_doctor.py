@@ -201,7 +201,7 @@ def full(monkeypatch: pytest.MonkeyPatch) -> None:
     [
         ("HDF5 SWMR", broken_reader, "unable to lock file"),
         ("shared memory", no_handles, "not permitted"),
-        ("room on the disk", full, "1 MB needed"),
+        ("space on the disk", full, "1 MB needed"),
     ],
 )
 def test_each_permission(

@@ -202,7 +202,7 @@ def test_tracking_that_was_lost_for_a_while_or_at_the_end_is_said():
         ("KeyboardInterrupt()", None, "doubtful"),
         ("the recording was not ended: it is still running, or its process was killed", None, "doubtful"),
         ("axis x: no usable measurement for 200 ticks", "sensor", "bad"),
-        ("the process of the run was killed; the watchdog brought the output to the safe voltage", "killed", "bad"),
+        ("the process of the run was killed; the watchdog set the output to the safe voltage", "killed", "bad"),
         ("RuntimeError('boom')", None, "bad"),
     ],
 )

@@ -158,7 +158,7 @@ ROWS = {
     "a few samples are lost": Row(0, faults=fault("nan", count=50), also=lost),
     "part of a block is lost": Row(0, faults=fault("short", 100, 20), driver={"block": 4}, also=lost),
     "the sensor delivers nothing": Row(10, "no usable measurement for 200 ticks", faults=fault("nan")),
-    "the sensor delivers nonsense": Row(10, "no usable measurement for 200 ticks", faults=fault("wild")),
+    "the sensor delivers unusable values": Row(10, "no usable measurement for 200 ticks", faults=fault("wild")),
     "the sensor is not zeroed": Row(10, "zero the sensor", faults=fault("wild", at=0)),
     "the sensor is frozen": Row(10, "while the voltage moves", faults=fault("frozen")),
     "the driver raises": Row(12, "exchange: error -1", faults=fault("error"), soft=False),
@@ -347,7 +347,7 @@ def test_death(name: str) -> None:
     assert np.fromfile("volts") == 0.25
     recording = Recording.load("run.h5")
     assert recording.metadata["ended"]["cause"] == "killed"
-    assert f"the {death.by} brought the output to the safe voltage" in recording.metadata["interrupted"]
+    assert f"the {death.by} set the output to the safe voltage" in recording.metadata["interrupted"]
     assert len(recording["time"]) >= (990 if death.faults else before)
 
 

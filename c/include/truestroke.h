@@ -268,7 +268,7 @@ typedef struct {
 
 typedef struct {      /* of the last tick */
     bool saturated;   /* the command met a voltage limit */
-    bool projected;   /* a partial slope was brought within its limits so that the inverse is defined */
+    bool projected;   /* a partial slope was limited to its limits so that the inverse is defined */
     bool rejected;    /* the measurement was not finite, beyond its limit, a spike, frozen or too late: not used */
     bool held;        /* adaptation is on hold */
     bool changed;     /* the actuator has changed suddenly */

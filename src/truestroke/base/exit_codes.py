@@ -30,6 +30,6 @@ class ExitCode(IntEnum):
     STOPPED = 15, "An operator asked for the end."
     HANGUP = 129, "The terminal was closed."
     INTERRUPTED = 130, "Ctrl-C."
-    ABORTED = 134, "The vendor's library crashed; the watchdog brought the output to the safe voltage."
-    KILLED = 137, "The process was killed or hung; the watchdog brought the output to the safe voltage."
+    ABORTED = 134, "The vendor's library crashed; the watchdog set the output to the safe voltage."
+    KILLED = 137, "The process was killed or hung; the watchdog set the output to the safe voltage."
     TERMINATED = 143, "SIGTERM."

@@ -50,7 +50,7 @@ class Flags:
 
     saturated: bool = _flag("the command met a voltage limit", "met a voltage limit")
     projected: bool = _flag(
-        "a partial slope was brought within `slope_limits`, so that the inverse is defined",
+        "a partial slope was limited to `slope_limits`, so that the inverse is defined",
         "brought a partial slope within its bounds",
     )
     rejected: bool = _flag(

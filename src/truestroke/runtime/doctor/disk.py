@@ -66,7 +66,7 @@ def _room(folder: Path, needed: float) -> Finding:
     return Finding(
         level=level,
         part=PART,
-        what="room on the disk",
+        what="space on the disk",
         found=f"{free / 1e9:.1f} GB{asked}",
         why="a disk that is full ends the run",
         command="" if level is Level.OK else "choose another disk in [recording], or delete something",

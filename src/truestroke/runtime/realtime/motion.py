@@ -32,7 +32,7 @@ class SetPoint:
         From rest to full speed, s: the acceleration is at most ``2 * speed / ramp``, twice that where the motion is
         reversed.
     duration : float
-        Longest run, s: the recording must have room on the disk.
+        Longest run, s: the recording must have space on the disk.
     sample_rate : float
         Ticks per second, Hz.
 

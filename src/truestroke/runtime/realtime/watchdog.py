@@ -111,10 +111,10 @@ def outcome(shared: Shared) -> str:
         states = {slot: shared.count[slot] for slot in NAMES}
         for slot, state in states.items():
             if state in (Helper.RESCUED, Helper.NO_RESCUE):
-                could = "brought" if state == Helper.RESCUED else "could not bring"
+                could = "set" if state == Helper.RESCUED else "could not set"
                 return f"the {NAMES[slot]} {could} the output to the safe voltage"
         if time.monotonic() - began > (RESCUE + PATIENCE if Helper.RESCUING in states.values() else 3.0):
-            return "nobody brought the output to the safe voltage"
+            return "nothing set the output to the safe voltage"
         time.sleep(LOOK / 2)
 
 
