@@ -159,15 +159,6 @@ def test_every_page_is_reached_from_the_index() -> None:
     assert [p for p in pages if f"({p})" not in index and p != "README.md"] == []
 
 
-def test_house_has_every_room_on_its_layer() -> None:
-    rows = re.findall(r"^\| (\d+) \| ([^|]*) \|", (ROOT / "docs/house.md").read_text(), flags=re.MULTILINE)
-    rooms = sorted((int(layer), room) for layer, cell in rows for room in re.findall(r"`(\w+)(?:\.py|/)`", cell))
-    layers = PROJECT["tool"]["importlinter"]["contracts"][0]["layers"]
-    assert rooms == sorted((i, room) for i, layer in enumerate(layers, 1) for room in re.findall(r"\w+", layer))
-    modules = {p.stem for p in (ROOT / "src/truestroke").glob("[!.]*") if p.suffix in ("", ".py")}
-    assert modules - {"__init__", "__pycache__"} <= {room for _, room in rooms}
-
-
 def test_version_is_one() -> None:
     citation = re.search(r"^version: \"?([\w.]+)", (ROOT / "CITATION.cff").read_text(), flags=re.MULTILINE)
     assert citation
