@@ -1,9 +1,8 @@
-"""The documentation is executed: examples, console blocks, links, citations, equations, the table of settings."""
+"""The documentation is executed: examples, console blocks, links, citations, equations."""
 
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import doctest
 import io
 import os
@@ -21,14 +20,10 @@ from sybil.example import SybilFailure
 from sybil.parsers.markdown import CodeBlockParser, PythonCodeBlockParser, SkipParser
 
 import truestroke
-from truestroke import ControllerSettings, SettingError, _kernel, _kernel32
-from truestroke.control.settings import MAX_CREEPS, MAX_DEAD_ZONES, MAX_PLAYS, kernel_settings
-from truestroke.model import prior
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").rglob("*.md"))]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
-BENCH = {"sample_rate": 2000.0, "stroke": 30.0, "voltage_limits": (-0.6, 3.6)}
 
 every_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 
@@ -163,103 +158,3 @@ def test_version_is_one() -> None:
     citation = re.search(r"^version: \"?([\w.]+)", (ROOT / "CITATION.cff").read_text(), flags=re.MULTILINE)
     assert citation
     assert PROJECT["project"]["version"] == truestroke.__version__ == citation[1]
-
-
-# ---- The table of settings: C, Python and the page are equal ------------------------------------------------------
-
-
-def names(cell: str) -> list[str]:
-    return re.findall(r"`(\w+)`", cell)
-
-
-def table() -> list[dict[str, str]]:
-    lines = [line for line in (ROOT / "docs/settings.md").read_text().splitlines() if line.startswith("| ")]
-    head, *rows = [[cell.strip(" |") for cell in line.split(" | ")] for line in lines]
-    return [dict(zip(head, row, strict=True)) for row in rows]
-
-
-TABLE = table()
-
-
-def test_table_has_every_member_of_python_and_c() -> None:
-    assert [names(row["setting"])[0] for row in TABLE] == [f.name for f in dataclasses.fields(ControllerSettings)]
-    header = re.sub(r"/\*.*?\*/", "", (ROOT / "c/include/truestroke.h").read_text(), flags=re.DOTALL)
-    members = set()
-    for name in ("ts_settings", "ts_kalman_settings"):
-        struct = re.search(rf"typedef struct \{{([^}}]*)\}} {name};", header)
-        assert struct
-        members |= set(re.findall(r"(\w+)(?:\[[^]]+\])?\s*[,;]", struct[1]))
-    inside = {
-        "dead_zones",
-        "kalman",
-        "noise_rate",
-        "ringing_rate",
-        "change_rate",
-        "first_noise",
-        "oscillation",
-    }  # no settings of a user
-    assert members == {n for row in TABLE for n in names(row["kernel"])} | inside
-
-
-@pytest.mark.parametrize("row", TABLE, ids=lambda row: names(row["setting"])[0])
-def test_docstring_speaks_of_the_same_unit(row: dict[str, str]) -> None:
-    name = names(row["setting"])[0]
-    entry = re.search(rf"^    {name} : .*\n((?: {{8}}.*\n)+)", ControllerSettings.__doc__ or "", flags=re.MULTILINE)
-    assert entry
-    assert row["unit"] in ("1", "-") or re.search(rf"\b{re.escape(row['unit'])}(?!\w)", entry[1])
-
-
-@pytest.mark.parametrize("bench", [BENCH, {"sample_rate": 1e4, "stroke": 12.0, "voltage_limits": (0.0, 10.0)}])
-def test_table_states_the_defaults(bench: dict[str, object]) -> None:
-    settings = ControllerSettings(**bench)  # type: ignore[arg-type]
-    made = {**vars(settings), "q": settings.q, "prior": prior}
-    for row in TABLE:
-        name, default = names(row["setting"])[0], row["default"].strip("`")
-        if default != "needed" and not default.startswith("see "):
-            assert eval(default, {**made, "min": min}) == pytest.approx(made[name]), name
-
-
-@pytest.mark.parametrize("row", [r for r in TABLE if r["bound"][0] in "[("], ids=lambda row: names(row["setting"])[0])
-def test_table_states_the_bounds(row: dict[str, str]) -> None:
-    """Closed ends are taken, what lies beyond an end is refused; by the kernel too, at its own finite ends."""
-    name, bound, inf = names(row["setting"])[0], row["bound"], float("inf")
-    low, high = (eval(end, {"inf": inf}, vars(ControllerSettings(**BENCH))) for end in bound[1:-1].split(","))  # type: ignore[arg-type]
-    below, above = (1 if name == "plays" else 1e-3 * max(1.0, abs(end)) for end in (low, high))
-    for end, closed, beyond in ((low, bound[0] == "[", low - below), (high, bound[-1] == "]", high + above)):
-        if closed:
-            made = ControllerSettings(**{**BENCH, name: end})  # type: ignore[arg-type]
-            assert getattr(made, name) == end
-        outside = beyond if closed else end
-        with pytest.raises(SettingError, match=name):
-            ControllerSettings(**{**BENCH, name: outside})  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize(
-    ("name", "value", "words"),
-    [
-        ("thresholds", [0.1, 0.2], "thresholds"),
-        ("dead_zone_weights", [0.0], "dead_zone_weights"),
-        ("creep", [0.0] * 4, "terms"),
-        ("asymmetry", 3, "terms"),
-        ("initial_weights", [float("nan")], "initial_weights"),
-        ("rate_scale", -1.0, "rate_scale"),
-        ("filter", 0.0, "Kalman"),
-        ("prior", [0.0], "Kalman"),
-        ("slope_min", 0.0, "slope_limits"),
-        ("slew", 0.0, "slew_limit"),
-        ("voltage_max", -1.0, "voltage_limits"),
-        ("smoothing", 1.0, "smoothing"),
-        ("trim", 2.0, "trim"),
-    ],
-)
-def test_the_kernels_check_again(name: str, value: object, words: str) -> None:
-    good = kernel_settings(ControllerSettings(**BENCH))  # type: ignore[arg-type]
-    for kernel in (_kernel.Kernel, _kernel32.Kernel):
-        kernel(good)
-        with pytest.raises(ValueError, match=words):
-            kernel({**good, name: value})
-
-
-def test_capacities_are_one() -> None:
-    for kernel in (_kernel, _kernel32):
-        assert (kernel.MAX_PLAYS, kernel.MAX_DEAD_ZONES, kernel.MAX_CREEPS) == (MAX_PLAYS, MAX_DEAD_ZONES, MAX_CREEPS)

@@ -355,7 +355,8 @@ TS_API ts_real ts_reach(const ts_settings *settings, ts_real volts);
  * where `volts` are beyond their limits or z is beyond ts_reach; nothing has changed then. */
 TS_API ts_status ts_controller_start(ts_controller *c, ts_real volts, ts_real z);
 
-/* New settings while running, without a jump of the command. The model must keep its terms and thresholds. */
+/* New settings while running, without a jump of the command. Law, terms, thresholds, creep times, stroke, tick and prior stay
+ * as they are: TS_BAD_TERMS, and nothing has changed, where one of them differs. */
 TS_API ts_status ts_controller_change(ts_controller *c, const ts_settings *settings);
 
 /* Desired displacement z_d (um) and velocity zdot_d (um/s) to the command *volts, within the limits. */

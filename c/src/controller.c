@@ -561,19 +561,31 @@ ts_status ts_controller_start(ts_controller *c, ts_real volts, ts_real z)
     return TS_OK;
 }
 
+static bool equal(const ts_real *a, const ts_real *b, int n)
+{
+    bool same = true;
+    for (int i = 0; i < n; i++) same = same && !(a[i] < b[i] || a[i] > b[i]);
+    return same;
+}
+
+/* What a law has learned belongs to its terms, thresholds, times and prior. */
 static bool same_model(const ts_settings *a, const ts_settings *b)
 {
-    bool same = a->law == b->law && a->plays == b->plays && a->creeps == b->creeps && a->asymmetry == b->asymmetry
-                && a->lag == b->lag && a->offset == b->offset;
-    for (int i = 0; same && i < a->plays; i++)
-        same = a->rate_dependent[i] == b->rate_dependent[i] && !(a->thresholds[i] < b->thresholds[i] || a->thresholds[i] > b->thresholds[i]);
-    return same;
+    bool same = a->law == b->law && a->plays == b->plays && a->dead_zones == b->dead_zones && a->creeps == b->creeps
+                && a->asymmetry == b->asymmetry && a->lag == b->lag && a->offset == b->offset;
+    for (int i = 0; same && i < a->plays; i++) same = a->rate_dependent[i] == b->rate_dependent[i];
+    int m = same ? ts_parameters(a) : 0;
+    return same && equal(a->thresholds, b->thresholds, a->plays) && equal(a->creep, b->creep, a->creeps)
+           && equal(a->dead_zone_thresholds, b->dead_zone_thresholds, a->dead_zones) && equal(&a->stroke, &b->stroke, 1)
+           && equal(a->initial_weights, b->initial_weights, m) && equal(&a->regularization, &b->regularization, 1)
+           && equal(&a->oscillation.tick, &b->oscillation.tick, 1)
+           && equal(a->prior, b->prior, a->law == TS_LAW_KALMAN ? TS_PACKED(m) : 0);
 }
 
 static bool same_stage(const ts_settings *a, const ts_settings *b)
 {
-    return !(a->kalman.filter < b->kalman.filter || a->kalman.filter > b->kalman.filter || a->smoothing < b->smoothing
-             || a->smoothing > b->smoothing || a->resonance < b->resonance || a->resonance > b->resonance);
+    return equal(&a->kalman.filter, &b->kalman.filter, 1) && equal(&a->smoothing, &b->smoothing, 1)
+           && equal(&a->resonance, &b->resonance, 1);
 }
 
 ts_status ts_controller_change(ts_controller *c, const ts_settings *next)

@@ -12,6 +12,7 @@
 #include <optional>
 #include <stdexcept>
 #include <string>
+#include <type_traits>
 #include <vector>
 
 #include "dispatch.h"
@@ -48,78 +49,31 @@ const char *message(ts_status status) {
     }
 }
 
-template <typename T> T entry(const nb::dict &d, const char *name) {
-    if (!d.contains(name)) throw std::invalid_argument(std::string("settings have no entry ") + name);
-    return nb::cast<T>(d[name]);
+// One member of the C settings from an entry of the dictionary, whatever its type.
+template <typename T> void read(const char *name, nb::handle value, T &member) {
+    if constexpr (std::is_same_v<T, ts_real>) member = static_cast<ts_real>(nb::cast<double>(value));
+    else if constexpr (std::is_enum_v<T>) member = static_cast<T>(nb::cast<int>(value));
+    else member = nb::cast<T>(value);
 }
 
-ts_real real(const nb::dict &d, const char *name) { return static_cast<ts_real>(entry<double>(d, name)); }
-
-int fill(ts_real *target, int capacity, const nb::dict &d, const char *name) {
-    auto source = entry<std::vector<double>>(d, name);
-    if (source.size() > static_cast<size_t>(capacity))
-        throw std::invalid_argument(std::string(name) + " has " + std::to_string(source.size()) +
-                                    " entries: the kernel holds at most " + std::to_string(capacity));
-    for (size_t i = 0; i < source.size(); i++) target[i] = static_cast<ts_real>(source[i]);
-    return static_cast<int>(source.size());
+template <typename T, size_t N> void read(const char *name, nb::handle value, T (&member)[N]) {
+    size_t count = 0;
+    for (nb::handle entry : nb::cast<nb::iterable>(value)) {
+        if (count == N)
+            throw std::invalid_argument(std::string(name) + ": the kernel holds at most " + std::to_string(N) + " entries");
+        read(name, entry, member[count++]);
+    }
 }
 
-// By the names of the C structs; Python has checked the values, the kernel checks them again.
+// By the names of the C structs; what is not given is 0. Python has checked the values, the kernel checks them again.
 ts_settings settings_from(const nb::dict &d) {
     ts_settings s{};
-    s.plays = fill(s.thresholds, TS_MAX_PLAYS, d, "thresholds");
-    s.dead_zones = fill(s.dead_zone_thresholds, TS_MAX_DEAD_ZONES, d, "dead_zone_thresholds");
-    fill(s.dead_zone_weights, TS_MAX_DEAD_ZONES, d, "dead_zone_weights");
-    s.creeps = fill(s.creep, TS_MAX_CREEPS, d, "creep");
-    s.asymmetry = entry<int>(d, "asymmetry");
-    s.lag = entry<bool>(d, "lag");
-    s.offset = entry<bool>(d, "offset");
-    auto rate_dependent = entry<std::vector<bool>>(d, "rate_dependent");
-    for (size_t i = 0; i < rate_dependent.size() && i < TS_MAX_PLAYS; i++) s.rate_dependent[i] = rate_dependent[i];
-    s.rate_scale = real(d, "rate_scale");
-    s.stroke = real(d, "stroke");
-    fill(s.initial_weights, TS_MAX_PARAMETERS, d, "initial_weights");
-    s.law = entry<bool>(d, "kalman") ? TS_LAW_KALMAN : TS_LAW_RLS;
-    s.forgetting = real(d, "forgetting");
-    s.regularization = real(d, "regularization");
-    s.covariance_limit = real(d, "covariance_limit");
-    if (s.law == TS_LAW_KALMAN) {
-        ts_kalman_settings &k = s.kalman;
-        k.filter = real(d, "filter");
-        k.noise_rate = real(d, "noise_rate");
-        k.ringing_rate = real(d, "ringing_rate");
-        k.model_error = real(d, "model_error");
-        k.prior_return = real(d, "prior_return");
-        k.change_threshold = real(d, "change_threshold");
-        k.change_rate = real(d, "change_rate");
-        k.refractory = entry<int>(d, "refractory");
-        k.change_gain = real(d, "change_gain");
-        k.change_hysteresis = real(d, "change_hysteresis");
-        k.change_share = real(d, "change_share");
-        k.outlier = real(d, "outlier");
-        k.outliers = entry<int>(d, "outliers");
-        fill(s.prior, TS_PACKED(TS_MAX_PARAMETERS), d, "prior");
-        s.first_noise = real(d, "first_noise");
-        s.velocity_limit = real(d, "velocity_limit");
-        ts_oscillation_settings &o = s.oscillation;
-        o.tick = real(d, "tick");
-        o.corner = real(d, "corner");
-        o.fast = real(d, "fast");
-        o.slow = real(d, "slow");
-        o.motion_rate = real(d, "motion_rate");
-        o.noise_share = real(d, "noise_share");
-        o.floor = real(d, "floor");
-        o.large = real(d, "large");
-        s.resonance = real(d, "resonance");
-    }
-    s.slope_min = real(d, "slope_min");
-    s.slope_max = real(d, "slope_max");
-    s.voltage_min = real(d, "voltage_min");
-    s.voltage_max = real(d, "voltage_max");
-    s.slew = real(d, "slew");
-    s.measurement_limit = real(d, "measurement_limit");
-    s.smoothing = real(d, "smoothing");
-    s.trim = real(d, "trim");
+    size_t known = 0;
+#define MEMBER(name, member)                                                                                            \
+    if (d.contains(name)) read(name, d[name], s.member), known++;
+#include "members.inc"
+#undef MEMBER
+    if (known != d.size()) throw std::invalid_argument("settings have an entry that the kernel has not");
     return s;
 }
 
@@ -676,6 +630,11 @@ MODULE(TS_MODULE, m) {
     m.def("use_variant", [](const std::string &name) {
         if (!ts_variant_use(name.c_str())) throw std::invalid_argument("this processor has no kernel variant " + name);
     }, "name"_a);
+    nb::list members;
+#define MEMBER(name, member) members.append(name);
+#include "members.inc"
+#undef MEMBER
+    m.attr("SETTINGS") = nb::tuple(members);
     m.attr("MAX_PLAYS") = TS_MAX_PLAYS;
     m.attr("MAX_DEAD_ZONES") = TS_MAX_DEAD_ZONES;
     m.attr("MAX_CREEPS") = TS_MAX_CREEPS;

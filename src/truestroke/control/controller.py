@@ -8,7 +8,7 @@ import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, Unpack
 
 import numpy as np
 import numpy.typing as npt
@@ -18,20 +18,13 @@ from truestroke.base import checks
 from truestroke.base.checks import SettingError
 from truestroke.base.flags import Flags
 from truestroke.base.typing import FloatArray
-from truestroke.control.settings import ControllerSettings, kernel_settings
+from truestroke.control.options import ChangeableOptions, SettingsOptions
+from truestroke.control.settings import CHANGEABLE, SETTINGS, ControllerSettings, kernel_settings
 
 if TYPE_CHECKING:
     from truestroke.control.actuator import ActuatorModel
 
 State = Mapping[str, npt.NDArray[Any]]
-
-CHANGEABLE = (
-    *("prior_return_time", "filter_frequency", "model_error", "change_threshold", "change_refractory", "change_gain"),
-    *("change_hysteresis", "change_share", "outlier", "outliers", "forgetting", "covariance_limit"),
-    *("voltage_limits", "slope_limits", "velocity_limit", "slew_limit", "measurement_limit", "smoothing_time"),
-    *("trim_rate", "dead_zone_weights", "rate_scale", "resonance"),
-)
-"""Settings that `AdaptiveController.change` takes."""
 
 
 class Controller(Protocol):
@@ -135,12 +128,16 @@ class AdaptiveController:
     """
 
     def __init__(
-        self, *, sample_rate: float, stroke: float, voltage_limits: tuple[float, float], **settings: Any
+        self,
+        *,
+        sample_rate: float,
+        stroke: float,
+        voltage_limits: tuple[float, float],
+        **settings: Unpack[SettingsOptions],
     ) -> None:
-        checks.known(settings, ControllerSettings.__dataclass_fields__)
-        self._start(
-            ControllerSettings(sample_rate=sample_rate, stroke=stroke, voltage_limits=voltage_limits, **settings)
-        )
+        checks.known(settings, SETTINGS)
+        others: dict[str, Any] = {**settings}  # None is filled in
+        self._start(ControllerSettings(sample_rate=sample_rate, stroke=stroke, voltage_limits=voltage_limits, **others))
 
     @classmethod
     def from_settings(cls, settings: ControllerSettings) -> AdaptiveController:
@@ -158,7 +155,7 @@ class AdaptiveController:
         *,
         sample_rate: float,
         voltage_limits: tuple[float, float] | None = None,
-        **settings: Any,
+        **settings: Unpack[SettingsOptions],
     ) -> AdaptiveController:
         """A controller that starts with an identified model, as sure of it as the record allows.
 
@@ -182,6 +179,7 @@ class AdaptiveController:
 
         known = model if isinstance(model, ActuatorModel) else load_model(model)
         limits = {} if voltage_limits is None else {"voltage_limits": voltage_limits}
+        checks.known(settings, SETTINGS)
         return cls.from_settings(known.start(sample_rate, **limits, **settings))
 
     @classmethod
@@ -316,11 +314,15 @@ class AdaptiveController:
         self.settings.check_reach("z", z, volts)
         self._kernel.start(volts, z)
 
-    def change(self, **settings: Any) -> None:
+    def change(
+        self, *, voltage_limits: tuple[float, float] | None = None, **settings: Unpack[ChangeableOptions]
+    ) -> None:
         """Change settings while running; what was learned stays, and the command does not jump.
 
         Parameters
         ----------
+        voltage_limits : tuple[float, float], optional
+            Lowest and highest voltage that may leave, V.
         **settings
             Members of `ControllerSettings` that are about the law or about safety. The terms of the model, its
             thresholds, the law and the precision stay as they are: for others make a new controller.
@@ -337,12 +339,16 @@ class AdaptiveController:
         >>> controller.settings.trim_rate
         20.0
         """
-        for name, value in settings.items():
-            if name not in CHANGEABLE:
-                raise SettingError(name, value, f"left out: while running one can change {', '.join(CHANGEABLE)}")
-        if "resonance" in settings:  # what follows from it, where it is not given
-            settings = {"filter_frequency": None, "smoothing_time": None, **settings}
-        changed = dataclasses.replace(self.settings, **settings)
+        given: dict[str, Any] = (
+            {**settings} if voltage_limits is None else {"voltage_limits": voltage_limits, **settings}
+        )
+        checks.known(given, SETTINGS)
+        for name in given.keys() - set(CHANGEABLE):
+            words = f"left out: it is fixed while a controller runs, which can change {', '.join(CHANGEABLE)}"
+            raise SettingError(name, given[name], words, SETTINGS[name].unit)
+        if "resonance" in given:  # what follows from it, where it is not given
+            given = {"filter_frequency": None, "smoothing_time": None, **given}
+        changed = dataclasses.replace(self.settings, **given)
         with _as_setting(changed):
             self._kernel.change(kernel_settings(changed))
         self.settings = changed

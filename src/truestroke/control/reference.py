@@ -18,7 +18,7 @@ from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
 from truestroke.control.adaptation import LARGEST, RLS, BoundedKalman, KalmanSettings, Law, UpdateRefused
 from truestroke.control.oscillation import OscillationDetector, OscillationSettings
-from truestroke.control.settings import ControllerSettings, kernel_settings
+from truestroke.control.settings import CHANGEABLE, SETTINGS, ControllerSettings, kernel_settings
 from truestroke.model.models import creep_step, known_terms, limit_slopes, play_inverse, play_terms, weighted_sum
 from truestroke.model.operators import dead_zone, dot, play
 
@@ -86,8 +86,9 @@ def _parts(s: ControllerSettings) -> FloatArray:
 
 
 def _kalman_settings(s: ControllerSettings) -> KalmanSettings:
-    coefficients = kernel_settings(s)
-    return KalmanSettings(**{f.name: coefficients[f.name] for f in fields(KalmanSettings)})
+    members = kernel_settings(s)
+    names = {f.name: f"kalman.{f.name}" for f in fields(KalmanSettings)} | {"first_noise": "first_noise"}
+    return KalmanSettings(**{name: members[member] for name, member in names.items()})
 
 
 class ReferenceController:
@@ -151,7 +152,9 @@ class ReferenceController:
         self._creep, self._rate_dependent = np.array(self._c["creep"]), np.array(self._c["rate_dependent"])
         self._has_weight = np.column_stack([np.ones(s.plays, dtype=bool), self._rate_dependent])
         self._of_plays = s.plays + len(s.rate_dependent)  # parameters before the known terms
-        self._oscillation = OscillationSettings(**{f.name: self._c[f.name] for f in fields(OscillationSettings)})
+        self._oscillation = OscillationSettings(
+            **{f.name: self._c[f"oscillation.{f.name}"] for f in fields(OscillationSettings)}
+        )
 
     def reset(self) -> None:
         """Back to the first tick: plays at 0 V, the law as it was given, counters at zero, not on hold."""
@@ -196,13 +199,21 @@ class ReferenceController:
         self._stage.older = self._stage.newer = self.weights
 
     def change(self, settings: ControllerSettings) -> None:
-        """New settings while running, without a jump of the command. The model must keep its terms and thresholds."""
-        if self._model_of(settings) != self._model_of(self.settings):
-            raise SettingError("settings", "another model", "of the same law, terms and thresholds")
+        """New settings while running, without a jump of the command; only those in `CHANGEABLE` may differ.
+
+        Raises
+        ------
+        SettingError
+            Another differs; nothing has changed.
+        """
+        for name in SETTINGS.keys() - set(CHANGEABLE):
+            if getattr(settings, name) != getattr(self.settings, name):
+                words = "as it was: a controller that runs keeps its law, model and prior"
+                raise SettingError(name, getattr(settings, name), words, SETTINGS[name].unit)
         before = self._c
         self._take(settings)
         self._stage.detector.settings = self._oscillation
-        if any(before[name] != self._c[name] for name in ("filter", "smoothing", "resonance")):
+        if any(before[name] != self._c[name] for name in ("kalman.filter", "smoothing", "resonance")):
             self._forget_stage()
         if isinstance(self.law, BoundedKalman):
             self.law.take(_kalman_settings(settings))
@@ -211,20 +222,6 @@ class ReferenceController:
         if not settings.trim_rate > 0:
             self._integral = 0.0  # its share goes into the carry
         self._keep_command()
-
-    @staticmethod
-    def _model_of(s: ControllerSettings) -> tuple[object, ...]:
-        return (
-            s.law,
-            s.thresholds,
-            s.rate_dependent,
-            s.creep_times,
-            s.lag,
-            s.offset,
-            s.asymmetry,
-            s.stroke,
-            s.sample_rate,
-        )
 
     # ---- The two calls ----------------------------------------------------------------------------------------------
 
@@ -456,7 +453,7 @@ class ReferenceController:
         stage, law = self._stage, self.law
         stage.smoothing, stage.resonance, stage.inertia = self._c["smoothing"], 0.0, 0.0
         if isinstance(law, BoundedKalman):
-            stage.resonance, law.filter = self._c["resonance"], self._c["filter"]
+            stage.resonance, law.filter = self._c["resonance"], self._c["kalman.filter"]
             stage.inertia = self._inertia_of(stage.resonance)
 
     def _adopt_resonance(self, frequency: float, highest: float) -> None:
@@ -470,7 +467,7 @@ class ReferenceController:
         pole = w / (1 + w)
         if pole > highest:
             pole = max(highest, pole / 8)
-        law.filter = min(pole, self._c["filter"])
+        law.filter = min(pole, self._c["kalman.filter"])
         self._stage.smoothing = max(self._stage.smoothing, 1 / (1 + frequency))
         self._stage.resonance, self._stage.inertia = frequency, self._inertia_of(frequency)
 

@@ -1,4 +1,4 @@
-"""The controller's settings: one frozen object, a unit on every member."""
+"""The controller's settings: one frozen object, each setting declared once, in `SETTINGS`."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ from typing import Any, Literal
 
 import numpy as np
 
-from truestroke.base import checks
+from truestroke.base import checks, declared
 from truestroke.base.checks import SettingError
+from truestroke.base.declared import FLAG, FOLLOWS, HUGE, SHARE, Bound, Setting, Times, between, bound, sized, whole
 from truestroke.base.typing import FloatArray
 from truestroke.model import prior
 
@@ -20,103 +21,322 @@ MAX_DEAD_ZONES = 8
 MAX_CREEPS = 8
 MAX_ASYMMETRY = 2
 RATE_DEPENDENT = (0, 3, 6, 9, 12)  # which of the plays have a rate weight: the gradient matters for the first few only
-STROKES = (1e-6, 1e9)  # um
-LARGEST = 1e15  # of a setting, in its unit
 STEEPEST = 1e30  # um/V: of a slope, whatever stroke and voltage limits are
 UNLIMITED = 1e9  # for a limit that is not there: finite, so that it can be written to any file
 
+FORGET_EVERY = 16  # ticks: TS_FORGET_EVERY of the kernel
+NOISE_RATE = 2.0  # 1/s: how fast the robust estimate of the noise follows
+RINGING_RATE = 200.0  # 1/s: how fast ringing counts as noise
+SMOOTHING = 0.72e-3  # s: smoothing_time where no resonance is known
+SMOOTHING_PERIODS = 0.216  # of the resonance: the same ratio to the corner of the law's filter
+MOTION_RATE = 10.0  # 1/s: how fast the means of the motion follow
+CHANGE_RATE = 400.0  # 1/s: how fast the detector of a change follows
 
+
+# ---- Bounds that are not those of one number -------------------------------------------------------------------------
+
+
+@bound("low < high, each in [-1e9, 1e9]")
+def _voltages(_: Any, name: str, value: Any, unit: str) -> tuple[float, float]:
+    low, high = checks.interval(name, value, unit)
+    if high - low < 1e-9 or max(-low, high) > 1e9:
+        raise SettingError(name, value, "within 1e9 V of 0 and at least 1e-9 V apart", unit)
+    return low, high
+
+
+@bound("0, or from 1e-6 * sample_rate to 0.5 * sample_rate")
+def _resonances(s: ControllerSettings, name: str, value: Any, unit: str) -> float:
+    frequency, least, most = checks.number(name, value, unit), 1e-6 * s.sample_rate, s.sample_rate / 2
+    if frequency != 0 and not least <= frequency <= most:
+        words = f"from {least:g} to {most:g} Hz, half the sample rate, or 0 where it is not known or above that"
+        raise SettingError(name, frequency, words, unit)
+    return frequency
+
+
+@bound(f"[1, {MAX_PLAYS}]")
+def _number_of_plays(s: ControllerSettings, name: str, value: Any, unit: str) -> int:
+    if s.thresholds is None:
+        return checks.count(name, value, 1, MAX_PLAYS)
+    return len(declared.checked(SETTINGS, "thresholds", s.thresholds))
+
+
+@bound("each in [0, plays - 1]")
+def _indices_of_plays(s: ControllerSettings, name: str, value: Any, unit: str) -> tuple[int, ...]:
+    return tuple(sorted({checks.count(name, i, 0, s.plays - 1) for i in checks.several(name, value)}))
+
+
+@bound(f"each in [1e-15, 1e15], up to {MAX_CREEPS}")
+def _times(_: Any, name: str, value: Any, unit: str) -> tuple[float, ...]:
+    found = tuple(checks.sized(name, time, unit) for time in checks.several(name, value, unit))
+    checks.count(f"the number of {name}", len(found), 0, MAX_CREEPS)
+    return found
+
+
+@bound("partial sums above 0")
+def _dead_zone_weights(s: ControllerSettings, name: str, value: Any, unit: str) -> tuple[float, ...]:
+    weights = tuple(checks.within(name, w, -HUGE, HUGE) for w in checks.several(name, value))
+    if len(weights) != len(s.dead_zone_thresholds):
+        raise SettingError(name, weights, f"{len(s.dead_zone_thresholds)} numbers, one for each threshold")
+    if any(sum(weights[: i + 1]) < 1 / HUGE for i in range(len(weights))):
+        raise SettingError(name, weights, "numbers whose partial sums are all above 0")
+    return weights
+
+
+@bound("[1e-30, 1e30]")
+def _first_weight(s: ControllerSettings, name: str, value: Any, unit: str) -> float:
+    if s.initial_weights is None:
+        return checks.sized(name, value, unit, 1 / STEEPEST, STEEPEST)
+    weights = _all_weights.check(s, "initial_weights", s.initial_weights, unit)
+    return checks.positive("initial_weights[0]", weights[0], unit)
+
+
+@bound("each in [-1e30, 1e30]")
+def _all_weights(s: ControllerSettings, name: str, value: Any, unit: str) -> tuple[float, ...]:
+    weights = tuple(checks.within(name, w, -STEEPEST, STEEPEST, unit) for w in checks.several(name, value, unit))
+    if len(weights) != s.parameters:
+        raise SettingError(name, weights, f"{s.parameters} numbers [a0, b0, a1, b1, ...]", unit)
+    return weights
+
+
+@bound("symmetric, positive definite")
+def _covariances(s: ControllerSettings, name: str, value: Any, unit: str) -> tuple[tuple[float, ...], ...]:
+    if s.law == "rls":
+        return ()
+    P0, m = checks.finite_array(name, value, ndim=2), s.parameters
+    largest = float(np.abs(P0).max(initial=0.0))
+    if largest > STEEPEST**2:
+        raise SettingError(name, largest, f"of entries up to {STEEPEST**2:g}")
+    good = P0.shape == (m, m) and np.allclose(P0, P0.T)
+    # The default is not tested: it is positive definite but for rounding.
+    if not good or (s.prior_covariance is not None and np.linalg.eigvalsh(P0).min() <= 0):
+        words = f"symmetric and positive definite, of shape ({m}, {m})"
+        raise SettingError(name, f"array of shape {P0.shape}", words)
+    return tuple(tuple(row) for row in P0.tolist())
+
+
+@bound("at least the trace of P(0), up to 1e18")
+def _traces(s: ControllerSettings, name: str, value: Any, unit: str) -> float:
+    limit, trace = checks.sized(name, value, unit, most=1e18), s.parameters / s.regularization
+    if limit < trace:
+        raise SettingError(name, limit, f"at least the trace of P(0), {trace:g} {unit}", unit)
+    return limit
+
+
+@bound("0 < low < high <= 1e30")
+def _slopes(_: Any, name: str, value: Any, unit: str) -> tuple[float, float]:
+    low, high = checks.interval(name, value, unit)
+    checks.sized(f"{name}[0]", low, unit, 1 / STEEPEST, STEEPEST)
+    return low, checks.within(f"{name}[1]", high, 0.0, STEEPEST, unit)
+
+
+# ---- Defaults that follow from other settings ------------------------------------------------------------------------
+
+
+def default_thresholds(s: ControllerSettings) -> tuple[float, ...]:
+    """`prior.thresholds`: evenly over 0 to 36 % of the voltage range."""
+    return prior.thresholds(s.plays, s.voltage_range)
+
+
+def default_rate_dependent(s: ControllerSettings) -> tuple[int, ...]:
+    """`(0, 3, 6, 9, 12)`, as far as there are plays."""
+    return tuple(i for i in RATE_DEPENDENT if i < s.plays)
+
+
+def default_rate_scale(s: ControllerSettings) -> float:
+    """`1 / (50 * stroke)`."""
+    return 1 / (50 * s.stroke)
+
+
+def default_weights(s: ControllerSettings) -> tuple[float, ...]:
+    """`prior.play_weights` and the lag of the prior; for "rls" the first weight alone."""
+    a = _play_weights(s)
+    plays = [w for i in range(s.plays) for w in ([float(a[i]), 0.0] if i in s.rate_dependent else [float(a[i])])]
+    lag = [prior.LAG if s.law == "kalman" else 0.0] * s.lag
+    return (*plays, *[0.0] * len(s.creep_times), *lag, *[0.0] * (s.offset + s.asymmetry))
+
+
+def _play_weights(s: ControllerSettings) -> FloatArray:
+    if s.law == "rls":  # (22): the first weight, all others 0
+        return np.array([s.initial_sensitivity, *[0.0] * (s.plays - 1)])
+    return prior.play_weights(s.thresholds, s.voltage_range, s.initial_sensitivity)
+
+
+def default_covariance(s: ControllerSettings) -> FloatArray | None:
+    """`prior.covariance` of `prior.play_weights`."""
+    if s.law == "rls":
+        return None
+    terms: dict[str, Any] = {"lag": s.lag, "offset": s.offset, "asymmetry": s.asymmetry}
+    creeps = len(s.creep_times)
+    return prior.covariance(_play_weights(s), s.rate_dependent, q=s.q, stroke=s.stroke, creeps=creeps, **terms)
+
+
+def default_filter_frequency(s: ControllerSettings) -> float:
+    """300 Hz, at most 15 % of the sample rate and half the resonance."""
+    return min(widest_filter(s.sample_rate), s.resonance / 2 or math.inf)
+
+
+def default_slope_limits(s: ControllerSettings) -> tuple[float, float]:
+    """`(0.4 * q, 4 * q)`."""
+    return 0.4 * s.q, 4 * s.q
+
+
+def default_smoothing_time(s: ControllerSettings) -> float:
+    """0.72 ms, at least 0.216 periods of the resonance."""
+    return min(1.0, max(SMOOTHING, SMOOTHING_PERIODS / s.resonance)) if s.resonance else SMOOTHING
+
+
+def widest_filter(sample_rate: float) -> float:
+    """Corner of the law's filter where no resonance is known, Hz."""
+    return min(300.0, 0.15 * sample_rate)
+
+
+# ---- The declaration -------------------------------------------------------------------------------------------------
+
+
+def _kalman(meaning: str, unit: str, bound: Bound, member: str = "{name}", **others: Any) -> Setting:
+    """A setting of the Kalman filter, which may change while running."""
+    return Setting(meaning, unit, bound, law="kalman", changeable=True, kernel=f"kalman.{member}", **others)
+
+
+def _per_tick(value: float, s: ControllerSettings) -> float:
+    return value / s.sample_rate
+
+
+# fmt: off
+SETTINGS: declared.Table = {
+    # actuator
+    "sample_rate": Setting("Ticks per second", "Hz", sized(1e-6, 1e8), kernel=""),
+    "stroke": Setting("Length of the travel that is asked for", "um", sized(1e-6, 1e9)),
+    "voltage_limits": Setting(
+        "Lowest and highest voltage that may leave the controller, at the D/A converter", "V", _voltages,
+        changeable=True, kernel="voltage_min voltage_max",
+    ),
+    "resonance": Setting(
+        "First resonance of the stage under its load, 0 where it is not known; with it the command knows the stage's "
+        "inertia, and the law's filter ends below it", "Hz", _resonances,
+        law="kalman", changeable=True, convert=_per_tick,
+    ),
+    # model
+    "plays": Setting("Number of play operators", "", _number_of_plays),
+    "thresholds": Setting("Thresholds r of the plays", "V", declared.ascending(MAX_PLAYS), default_thresholds),
+    "rate_dependent": Setting(
+        "Which plays have a rate weight b", "", _indices_of_plays, default_rate_dependent,
+        convert=lambda chosen, s: [i in chosen for i in range(s.plays)],
+    ),
+    "creep_times": Setting(
+        "Time constants of the creep states; () is no creep", "s", _times, kernel="creep creeps",
+        convert=lambda taus, s: ([-math.expm1(-1 / (tau * s.sample_rate)) for tau in taus], len(taus)),
+    ),
+    "lag": Setting("Whether the model has a term in the velocity (a delay)", "", FLAG),
+    "offset": Setting("Whether it has a constant (drift)", "", FLAG),
+    "asymmetry": Setting(
+        "Number of asymmetry terms: 4 s (1 - s) and 8 s (1 - s)(1 - 2 s), s = z_d / stroke", "", whole(0, MAX_ASYMMETRY)
+    ),
+    "dead_zone_thresholds": Setting(
+        "Thresholds d' of the inverse dead zones", "um", declared.ascending(MAX_DEAD_ZONES),
+        kernel="dead_zone_thresholds dead_zones", convert=lambda d, _: (d, len(d)),
+    ),
+    "dead_zone_weights": Setting(
+        "Weights w_s' of the inverse dead zones; (1.0,) is none", "", _dead_zone_weights, changeable=True
+    ),
+    "rate_scale": Setting(
+        "c_b of (20); 0 makes the plays independent of the rate", "s/um", between(0, 1e6), default_rate_scale,
+        changeable=True,
+    ),
+    # law
+    "law": Setting(
+        'What adapts the weights: the Kalman filter, or "rls" for (23)', "", declared.word("kalman", "rls"),
+        convert=lambda law, _: ("rls", "kalman").index(law),
+    ),
+    "initial_sensitivity": Setting(
+        "First weight of w(0)", "um/V", _first_weight, Times(prior.FIRST_SLOPE, "q"), kernel=""
+    ),
+    "initial_weights": Setting(
+        "w(0) in place of `initial_sensitivity`, the mean of the prior: [a0, b0, a1, b1, ...] (b_i where play i is "
+        "rate-dependent), then creep (um/V), lag (s), offset (um) and asymmetry (um)", "um/V", _all_weights,
+        default_weights,
+    ),
+    "prior_covariance": Setting(
+        "Covariance P0 of w(0), m rows of m, in the squares of the units of w", "", _covariances, default_covariance,
+        law="kalman", kernel="prior", convert=lambda P0, s: np.array(P0)[np.tril_indices(len(P0))] if P0 else [],
+    ),
+    "prior_return_time": _kalman(
+        "Time in which the weights return to the prior where nothing confirms them", "s", sized(), "prior_return",
+        convert=lambda time, s: min(1.0, FORGET_EVERY / (time * s.sample_rate)),
+    ),
+    "filter_frequency": _kalman(
+        "Corner of each of the two poles that regressor and measurement pass through", "Hz",
+        between(Times(1e-6, "sample_rate"), Times(0.5, "sample_rate")), "filter", rule=default_filter_frequency,
+        convert=lambda corner, s: -math.expm1(-2 * math.pi * corner / s.sample_rate),
+    ),
+    "model_error": _kalman(
+        "What the model cannot explain, added to the noise", "um", between(0, Times(1, "stroke")),
+        rule=Times(2e-4, "stroke"),
+    ),
+    "change_threshold": _kalman(
+        "Mean square of the normalised innovation above which the actuator has changed suddenly", "", sized()
+    ),
+    "change_refractory": _kalman(
+        "Least time from one change to the next", "s", between(0, 3600), "refractory",
+        convert=lambda time, s: min(round(time * s.sample_rate), 2**31 - 1),
+    ),
+    "change_gain": _kalman("Relative standard deviation of a sudden change of all play weights together", "", SHARE),
+    "change_hysteresis": _kalman("The same of all play weights but the first", "", SHARE),
+    "change_share": _kalman("How far the covariance returns to the prior at a change", "", SHARE),
+    "outlier": _kalman("Normalised innovation above which a measurement is a spike", "", sized()),
+    "outliers": _kalman("Spikes in a row that are rejected", "", whole(0, 1_000_000)),
+    "forgetting": Setting(
+        "Forgetting factor lambda of (23)", "", between(1e-3, 1), law="rls", changeable=True
+    ),
+    "regularization": Setting(
+        "delta of (22): P(0) = I / delta", "V^2", Bound("above 0, up to 1e15", sized().check), law="rls"
+    ),
+    "covariance_limit": Setting(
+        "Largest trace of P: above it the division by lambda is left out", "1/V^2", _traces, law="rls", changeable=True
+    ),
+    # safety
+    "slope_limits": Setting(
+        "Smallest and largest partial slope", "um/V", _slopes, default_slope_limits, changeable=True,
+        kernel="slope_min slope_max",
+    ),
+    "velocity_limit": Setting(
+        "The slopes are within their limits at every rate that was commanded, up to this one", "um/s", sized(),
+        Times(50, "stroke"), law="kalman", changeable=True,
+    ),
+    "slew_limit": Setting(
+        "Fastest change of the voltage", "V/s", sized(), Times(120, "voltage_range"), changeable=True,
+        kernel="slew", convert=_per_tick,
+    ),
+    "measurement_limit": Setting(
+        "A measurement beyond it, on either side, is rejected", "um", sized(), Times(10, "stroke"), changeable=True
+    ),
+    "smoothing_time": Setting(
+        "Time constant with which a change of the weights reaches the command; 0 is at once", "s", SHARE,
+        default_smoothing_time, changeable=True, kernel="smoothing",
+        convert=lambda time, s: math.exp(-1 / (s.sample_rate * time)) if time > 0 else 0.0,
+    ),
+    "trim_rate": Setting(
+        "Slow feedback: integral of the error into the command; 0 is off", "1/s", between(0, Times(1, "sample_rate")),
+        changeable=True, kernel="trim", convert=_per_tick,
+    ),
+    "precision": Setting(
+        'Number type; "single" computes as a microcontroller would', "", declared.word("double", "single"), kernel=""
+    ),
+}
+# fmt: on
+"""The declaration: a setting more is a line here, a field of `ControllerSettings`, and a member of ts_settings in C."""
+
+CHANGEABLE = tuple(name for name, setting in SETTINGS.items() if setting.changeable)
+"""Settings that a controller's `change` takes."""
+
+
+@declared.documented(SETTINGS)
 @dataclass(frozen=True, kw_only=True)
 class ControllerSettings:
     """What a controller is told about the actuator and about how to learn.
 
     Only the first three are needed; the rest follows from them. Entries that are given as None are filled in, so that
-    a settings object always holds the numbers that are used. q below is stroke / (highest - lowest voltage), um/V.
-
-    Attributes
-    ----------
-    sample_rate : float
-        Ticks per second, Hz.
-    stroke : float
-        Length of the travel that is asked for, um.
-    voltage_limits : tuple[float, float]
-        Lowest and highest voltage that may leave the controller, V at the D/A converter.
-    plays : int
-        Number of play operators, 1 to 32.
-    thresholds : tuple[float, ...]
-        Thresholds r of the plays, V, ascending from 0; by default `prior.thresholds`.
-    rate_dependent : tuple[int, ...]
-        Which plays have a rate weight b.
-    creep_times : tuple[float, ...]
-        Time constants of the creep states, s; () is no creep.
-    lag : bool
-        Whether the model has a term in the velocity (a delay).
-    offset : bool
-        Whether it has a constant (drift).
-    asymmetry : int
-        Terms of asymmetry, 0 to 2: 4 s (1 - s) and 8 s (1 - s)(1 - 2 s), with s = z_d / stroke.
-    dead_zone_thresholds : tuple[float, ...]
-        Thresholds d' of the inverse dead zones, um, ascending from 0.
-    dead_zone_weights : tuple[float, ...]
-        Weights w_s' of the inverse dead zones, without unit; (1,) is none.
-    rate_scale : float
-        c_b of (20), s/um; 0 makes the plays independent of the rate. By default 1 / (50 strokes/s).
-    initial_sensitivity : float
-        First weight of w(0), um/V; by default 1.15 q.
-    initial_weights : tuple[float, ...]
-        w(0), um/V, in place of `initial_sensitivity`: [a0, b0, a1, b1, ...] (b_i where play i is rate-dependent),
-        then the weights of the creep states (um/V), lag (s), offset (um) and asymmetry (um). It is also the mean of the
-        prior.
-    law : str
-        "kalman", or "rls" for (23).
-    prior_covariance : tuple[tuple[float, ...], ...]
-        Covariance of w(0), m rows of m, in the squares of the units of w; by default `prior.covariance`. Kalman only.
-    prior_return_time : float
-        Time in which what was learned fades to the prior where nothing confirms it, s. Kalman only.
-    filter_frequency : float
-        Corner of each of the two poles that regressor and measurement pass through, Hz: below the first resonance of
-        the stage. By default 300 Hz, at most 15 % of the sample rate and half the resonance. Kalman only.
-    resonance : float
-        First resonance of the stage under its load, Hz, at most half the sample rate; 0: not known. With it the command
-        knows the stage's inertia, and the law's filter ends below it. Kalman only.
-    model_error : float
-        What the model cannot explain, um, added to the noise; by default 0.02 % of the stroke. Kalman only.
-    change_threshold : float
-        Mean square of the normalised innovation above which the actuator has changed suddenly. Kalman only.
-    change_refractory : float
-        Least time from one change to the next, s. Kalman only.
-    change_gain : float
-        Relative standard deviation of a sudden change of all play weights together, 0 to 1. Kalman only.
-    change_hysteresis : float
-        The same of all but the first, 0 to 1. Kalman only.
-    change_share : float
-        How far the covariance returns to the prior at a change, 0 to 1. Kalman only.
-    outlier : float
-        Normalised innovation above which a measurement is a spike. Kalman only.
-    outliers : int
-        Spikes in a row that are not believed. Kalman only.
-    forgetting : float
-        Forgetting factor lambda of (23), 0.001 to 1. RLS only.
-    regularization : float
-        delta of (22), V^2: P(0) = I / delta. RLS only.
-    covariance_limit : float
-        Largest trace of P, 1/V^2: above it the division by lambda is left out. RLS only.
-    slope_limits : tuple[float, float]
-        Smallest and largest partial slope, um/V; by default 0.4 q and 4 q.
-    velocity_limit : float
-        The slopes are within their limits at every rate that was commanded, up to this one, um/s; by default 50
-        strokes/s. Kalman only.
-    slew_limit : float
-        Fastest change of the voltage, V/s; by default 120 times the voltage range.
-    measurement_limit : float
-        A measurement beyond it, on either side, is rejected, um; by default 10 strokes.
-    smoothing_time : float
-        Time constant with which what was learned reaches the command, s; 0 is at once. By default 0.72 ms, at least
-        0.216 periods of the resonance.
-    trim_rate : float
-        Slow feedback: integral of the error into the command, 1/s; 0 is off.
-    precision : str
-        "double", or "single" to compute as a microcontroller would.
+    a settings object always holds the numbers that are used. q is stroke / voltage_range, um/V.
 
     Raises
     ------
@@ -137,26 +357,24 @@ class ControllerSettings:
     sample_rate: float
     stroke: float
     voltage_limits: tuple[float, float]
-    # model
+    resonance: float = 0.0
     plays: int = 24
-    thresholds: tuple[float, ...] = None  # type: ignore[assignment]  # None is filled in by __post_init__
-    rate_dependent: tuple[int, ...] = None  # type: ignore[assignment]
+    thresholds: tuple[float, ...] = FOLLOWS
+    rate_dependent: tuple[int, ...] = FOLLOWS
     creep_times: tuple[float, ...] = (0.003, 0.03, 0.3, 3.0)
     lag: bool = True
     offset: bool = True
     asymmetry: int = 2
     dead_zone_thresholds: tuple[float, ...] = (0.0,)
     dead_zone_weights: tuple[float, ...] = (1.0,)
-    rate_scale: float = None  # type: ignore[assignment]
-    initial_sensitivity: float = None  # type: ignore[assignment]
-    initial_weights: tuple[float, ...] = None  # type: ignore[assignment]
-    # law
+    rate_scale: float = FOLLOWS
     law: Literal["kalman", "rls"] = "kalman"
-    prior_covariance: tuple[tuple[float, ...], ...] = None  # type: ignore[assignment]
+    initial_sensitivity: float = FOLLOWS
+    initial_weights: tuple[float, ...] = FOLLOWS
+    prior_covariance: tuple[tuple[float, ...], ...] = FOLLOWS
     prior_return_time: float = 1e5
-    filter_frequency: float = None  # type: ignore[assignment]
-    resonance: float = 0.0
-    model_error: float = None  # type: ignore[assignment]
+    filter_frequency: float = FOLLOWS
+    model_error: float = FOLLOWS
     change_threshold: float = 12.0
     change_refractory: float = 0.005
     change_gain: float = 0.15
@@ -167,19 +385,16 @@ class ControllerSettings:
     forgetting: float = 0.9999
     regularization: float = 1e-3
     covariance_limit: float = 1e6
-    # safety
-    slope_limits: tuple[float, float] = None  # type: ignore[assignment]
-    velocity_limit: float = None  # type: ignore[assignment]
-    slew_limit: float = None  # type: ignore[assignment]
-    measurement_limit: float = None  # type: ignore[assignment]
-    smoothing_time: float = None  # type: ignore[assignment]
+    slope_limits: tuple[float, float] = FOLLOWS
+    velocity_limit: float = FOLLOWS
+    slew_limit: float = FOLLOWS
+    measurement_limit: float = FOLLOWS
+    smoothing_time: float = FOLLOWS
     trim_rate: float = 0.0
     precision: Literal["double", "single"] = "double"
 
     def __post_init__(self) -> None:
-        for step in (_basics, _model, _start, _kalman, _rls, _safety):
-            for name, value in step(self).items():
-                object.__setattr__(self, name, value)
+        declared.complete(self, SETTINGS)
 
     @property
     def parameters(self) -> int:
@@ -206,8 +421,13 @@ class ControllerSettings:
 
     @property
     def q(self) -> float:
-        """stroke / (highest - lowest voltage), um/V."""
-        return self.stroke / (self.voltage_limits[1] - self.voltage_limits[0])
+        """stroke / voltage_range, um/V."""
+        return self.stroke / self.voltage_range
+
+    @property
+    def voltage_range(self) -> float:
+        """Highest less lowest voltage, V."""
+        return self.voltage_limits[1] - self.voltage_limits[0]
 
     def reach(self, volts: float) -> float:
         """How far from 0 an actuator under `volts` (V) may be, um.
@@ -220,8 +440,7 @@ class ControllerSettings:
         >>> ControllerSettings(sample_rate=2000.0, stroke=30.0, voltage_limits=(0.0, 10.0)).reach(5.0)
         135.0
         """
-        low, high = self.voltage_limits
-        return min(3 * self.stroke * (1 + abs(volts) / (high - low)), self.measurement_limit)
+        return min(3 * self.stroke * (1 + abs(volts) / self.voltage_range), self.measurement_limit)
 
     def check_reach(self, argument: str, z: float, volts: float) -> None:
         """Refuse a displacement z (um) that an actuator under `volts` (V) cannot have."""
@@ -240,8 +459,8 @@ class ControllerSettings:
 
         Nothing else is in the model or in the way; `changes` replace any of them, for rivals of the same kind.
         """
-        low, high = _voltage_limits(voltage_limits)
-        stroke = checks.sized("stroke", stroke, "um", *STROKES)
+        low, high = declared.checked(SETTINGS, "voltage_limits", voltage_limits)
+        stroke = declared.checked(SETTINGS, "stroke", stroke)
         if low + high <= 0 and "thresholds" not in changes:
             raise SettingError("thresholds", None, "given where the middle of voltage_limits is not above 0 V", "V")
         plays = checks.count("plays", changes.get("plays", 8), 1, MAX_PLAYS)
@@ -266,257 +485,30 @@ class ControllerSettings:
         return cls(sample_rate=sample_rate, stroke=stroke, voltage_limits=voltage_limits, **{**literal, **changes})
 
 
-# ---- What follows from what ----------------------------------------------------------------------------------------
-
-
-def _basics(s: ControllerSettings) -> dict[str, object]:
-    return {
-        "precision": checks.one_of("precision", s.precision, ("double", "single")),
-        "law": checks.one_of("law", s.law, ("kalman", "rls")),
-        "sample_rate": checks.sized("sample_rate", s.sample_rate, "Hz", 1e-6, 1e8),
-        "stroke": checks.sized("stroke", s.stroke, "um", *STROKES),
-        "voltage_limits": _voltage_limits(s.voltage_limits),
-    }
-
-
-def _voltage_limits(value: object) -> tuple[float, float]:
-    low, high = checks.interval("voltage_limits", value, "V")
-    if high - low < 1e-9 or max(-low, high) > 1e9:
-        raise SettingError("voltage_limits", value, "within 1e9 V of 0 and at least 1e-9 V apart", "V")
-    return low, high
-
-
-def _model(s: ControllerSettings) -> dict[str, object]:
-    low, high = s.voltage_limits
-    if s.thresholds is None:
-        thresholds = prior.thresholds(checks.count("plays", s.plays, 1, MAX_PLAYS), high - low)
-    else:
-        thresholds = checks.ascending("thresholds", s.thresholds, "V")
-        checks.within("thresholds", thresholds[-1], 0.0, LARGEST, "V")
-    plays = checks.count("the number of thresholds", len(thresholds), 1, MAX_PLAYS)
-    rate_dependent = tuple(i for i in RATE_DEPENDENT if i < plays) if s.rate_dependent is None else s.rate_dependent
-    creep_times = tuple(checks.sized("creep_times", t, "s") for t in checks.several("creep_times", s.creep_times, "s"))
-    checks.count("the number of creep_times", len(creep_times), 0, MAX_CREEPS)
-    rate_scale = 1 / (50 * s.stroke) if s.rate_scale is None else s.rate_scale
-    return {
-        "plays": plays,
-        "thresholds": thresholds,
-        "rate_dependent": tuple(
-            sorted(
-                {
-                    checks.count("rate_dependent", i, 0, plays - 1)
-                    for i in checks.several("rate_dependent", rate_dependent)
-                }
-            )
-        ),
-        "creep_times": creep_times,
-        "lag": checks.flag("lag", s.lag),
-        "offset": checks.flag("offset", s.offset),
-        "asymmetry": checks.count("asymmetry", s.asymmetry, 0, MAX_ASYMMETRY),
-        "rate_scale": checks.within("rate_scale", rate_scale, 0.0, 1e6, "s/um"),
-        **_dead_zones(s),
-    }
-
-
-def _dead_zones(s: ControllerSettings) -> dict[str, object]:
-    thresholds = checks.ascending("dead_zone_thresholds", s.dead_zone_thresholds, "um")
-    checks.count("the number of dead_zone_thresholds", len(thresholds), 1, MAX_DEAD_ZONES)
-    checks.within("dead_zone_thresholds", thresholds[-1], 0.0, LARGEST, "um")
-    several = checks.several("dead_zone_weights", s.dead_zone_weights)
-    weights = tuple(checks.within("dead_zone_weights", w, -LARGEST, LARGEST) for w in several)
-    if len(weights) != len(thresholds):
-        raise SettingError("dead_zone_weights", weights, f"{len(thresholds)} numbers, one for each threshold")
-    if any(sum(weights[: i + 1]) < 1 / LARGEST for i in range(len(weights))):
-        raise SettingError("dead_zone_weights", weights, "numbers whose partial sums are all above 0")
-    return {"dead_zone_thresholds": thresholds, "dead_zone_weights": weights}
-
-
-def _play_weights(s: ControllerSettings, first: float) -> FloatArray:
-    if s.law == "rls":  # (22): the first weight, all others 0
-        return np.array([first, *[0.0] * (s.plays - 1)])
-    return prior.play_weights(s.thresholds, s.voltage_limits[1] - s.voltage_limits[0], first)
-
-
-def _start(s: ControllerSettings) -> dict[str, object]:
-    """w(0), and the covariance of the prior about it."""
-    if s.initial_weights is not None:
-        several = checks.several("initial_weights", s.initial_weights, "um/V")
-        weights = tuple(checks.within("initial_weights", w, -STEEPEST, STEEPEST, "um/V") for w in several)
-        if len(weights) != s.parameters:
-            raise SettingError("initial_weights", weights, f"{s.parameters} numbers [a0, b0, a1, b1, ...]", "um/V")
-        first = checks.positive("initial_weights[0]", weights[0], "um/V")
-    else:
-        first = prior.FIRST_SLOPE * s.q if s.initial_sensitivity is None else s.initial_sensitivity
-        first = checks.sized("initial_sensitivity", first, "um/V", 1 / STEEPEST, STEEPEST)
-        a = _play_weights(s, first)
-        plays = [w for i in range(s.plays) for w in ([float(a[i]), 0.0] if i in s.rate_dependent else [float(a[i])])]
-        lag = [prior.LAG if s.law == "kalman" else 0.0] * s.lag
-        weights = (*plays, *[0.0] * len(s.creep_times), *lag, *[0.0] * (s.offset + s.asymmetry))
-    return {"initial_sensitivity": first, "initial_weights": weights, "prior_covariance": _covariance(s, first)}
-
-
-def _covariance(s: ControllerSettings, first: float) -> tuple[tuple[float, ...], ...]:
-    if s.law == "rls":
-        return ()
-    if s.prior_covariance is None:
-        P0 = prior.covariance(
-            _play_weights(s, first),
-            s.rate_dependent,
-            q=s.q,
-            stroke=s.stroke,
-            creeps=len(s.creep_times),
-            lag=s.lag,
-            offset=s.offset,
-            asymmetry=s.asymmetry,
-        )
-    else:
-        P0 = checks.finite_array("prior_covariance", s.prior_covariance, ndim=2)
-        largest = float(np.abs(P0).max(initial=0.0))
-        if largest > STEEPEST**2:
-            raise SettingError("prior_covariance", largest, f"of entries up to {STEEPEST**2:g}")
-        if P0.shape != (s.parameters, s.parameters) or not np.allclose(P0, P0.T) or np.linalg.eigvalsh(P0).min() <= 0:
-            bound = f"symmetric and positive definite, of shape ({s.parameters}, {s.parameters})"
-            raise SettingError("prior_covariance", f"array of shape {P0.shape}", bound)
-    return tuple(tuple(row) for row in P0.tolist())
-
-
-def _resonance(s: ControllerSettings) -> float:
-    resonance, least, most = checks.number("resonance", s.resonance, "Hz"), 1e-6 * s.sample_rate, s.sample_rate / 2
-    if resonance != 0 and not least <= resonance <= most:
-        bound = f"from {least:g} to {most:g} Hz, half the sample rate, or 0 where it is not known or above that"
-        raise SettingError("resonance", resonance, bound, "Hz")
-    return resonance
-
-
-def _kalman(s: ControllerSettings) -> dict[str, object]:
-    resonance, corner = _resonance(s), s.filter_frequency
-    if corner is None:
-        corner = min(widest_filter(s.sample_rate), resonance / 2 or math.inf)
-    error = 2e-4 * s.stroke if s.model_error is None else s.model_error
-    return {
-        "prior_return_time": checks.sized("prior_return_time", s.prior_return_time, "s"),
-        "filter_frequency": checks.within("filter_frequency", corner, 1e-6 * s.sample_rate, 0.5 * s.sample_rate, "Hz"),
-        "resonance": resonance,
-        "model_error": checks.within("model_error", error, 0.0, s.stroke, "um"),
-        "change_threshold": checks.sized("change_threshold", s.change_threshold),
-        "change_refractory": checks.within("change_refractory", s.change_refractory, 0.0, 3600.0, "s"),
-        "change_gain": checks.within("change_gain", s.change_gain, 0.0, 1.0),
-        "change_hysteresis": checks.within("change_hysteresis", s.change_hysteresis, 0.0, 1.0),
-        "change_share": checks.within("change_share", s.change_share, 0.0, 1.0),
-        "outlier": checks.sized("outlier", s.outlier),
-        "outliers": checks.count("outliers", s.outliers, 0, 1_000_000),
-    }
-
-
-def _rls(s: ControllerSettings) -> dict[str, object]:
-    regularization = checks.sized("regularization", s.regularization, "V^2")
-    limit = checks.sized("covariance_limit", s.covariance_limit, "1/V^2", most=1e18)
-    trace = s.parameters / regularization
-    if limit < trace:
-        raise SettingError("covariance_limit", limit, f"at least the trace of P(0), {trace:g} 1/V^2", "1/V^2")
-    forgetting = checks.within("forgetting", s.forgetting, 1e-3, 1.0)
-    return {"forgetting": forgetting, "regularization": regularization, "covariance_limit": limit}
-
-
-def _safety(s: ControllerSettings) -> dict[str, object]:
-    low, high = s.voltage_limits
-    slopes = (0.4 * s.q, 4 * s.q) if s.slope_limits is None else s.slope_limits
-    slopes = checks.interval("slope_limits", slopes, "um/V")
-    checks.sized("slope_limits[0]", slopes[0], "um/V", 1 / STEEPEST, STEEPEST)
-    checks.within("slope_limits[1]", slopes[1], 0.0, STEEPEST, "um/V")
-    slew = 120 * (high - low) if s.slew_limit is None else s.slew_limit
-    smoothing = s.smoothing_time
-    if smoothing is None:
-        smoothing = min(1.0, max(SMOOTHING, SMOOTHING_PERIODS / s.resonance)) if s.resonance else SMOOTHING
-    measured = 10 * s.stroke if s.measurement_limit is None else s.measurement_limit
-    velocity = 50 * s.stroke if s.velocity_limit is None else s.velocity_limit
-    return {
-        "slope_limits": slopes,
-        "velocity_limit": checks.sized("velocity_limit", velocity, "um/s"),
-        "slew_limit": checks.sized("slew_limit", slew, "V/s"),
-        "measurement_limit": checks.sized("measurement_limit", measured, "um"),
-        "smoothing_time": checks.within("smoothing_time", smoothing, 0.0, 1.0, "s"),
-        "trim_rate": checks.within("trim_rate", s.trim_rate, 0.0, s.sample_rate, "1/s"),
-    }
-
-
-# ---- As the kernel takes them --------------------------------------------------------------------------------------
+# ---- As the kernel takes them ----------------------------------------------------------------------------------------
 
 
 def kernel_settings(s: ControllerSettings) -> dict[str, Any]:
-    """The settings by the names of c/include/truestroke.h, times turned into coefficients of a tick."""
-    fs = s.sample_rate
-    lower = np.tril_indices(s.parameters)
-    return {
-        "thresholds": list(s.thresholds),
-        "dead_zone_thresholds": list(s.dead_zone_thresholds),
-        "dead_zone_weights": list(s.dead_zone_weights),
-        "creep": [-math.expm1(-1 / (tau * fs)) for tau in s.creep_times],
-        "asymmetry": s.asymmetry,
-        "lag": s.lag,
-        "offset": s.offset,
-        "rate_dependent": [i in s.rate_dependent for i in range(s.plays)],
-        "rate_scale": s.rate_scale,
-        "stroke": s.stroke,
-        "initial_weights": list(s.initial_weights),
-        "kalman": s.law == "kalman",
-        "forgetting": s.forgetting,
-        "regularization": s.regularization,
-        "covariance_limit": s.covariance_limit,
-        "filter": -math.expm1(-2 * math.pi * s.filter_frequency / fs),
-        "noise_rate": min(1.0, NOISE_RATE / fs),
-        "ringing_rate": min(1.0, RINGING_RATE / fs),
-        "model_error": s.model_error,
-        "prior_return": min(1.0, FORGET_EVERY / (s.prior_return_time * fs)),
-        "change_threshold": s.change_threshold,
-        "change_rate": min(1.0, CHANGE_RATE / fs),
-        "refractory": min(round(s.change_refractory * fs), 2**31 - 1),
-        "change_gain": s.change_gain,
-        "change_hysteresis": s.change_hysteresis,
-        "change_share": s.change_share,
-        "outlier": s.outlier,
-        "outliers": s.outliers,
-        "prior": np.array(s.prior_covariance)[lower].tolist() if s.law == "kalman" else [],
-        "first_noise": 1e-3 * s.stroke,
-        "velocity_limit": s.velocity_limit,
-        "slope_min": s.slope_limits[0],
-        "slope_max": s.slope_limits[1],
-        "voltage_min": s.voltage_limits[0],
-        "voltage_max": s.voltage_limits[1],
-        "slew": s.slew_limit / fs,
-        "measurement_limit": s.measurement_limit,
-        "smoothing": math.exp(-1 / (fs * s.smoothing_time)) if s.smoothing_time > 0 else 0.0,
-        "trim": s.trim_rate / fs,
-        "resonance": s.resonance / fs,
-        **_oscillation(s),
-    }
+    """The members of ts_settings in c/include/truestroke.h: coefficients of a tick; 0 what belongs to another law."""
+    return declared.kernel_values(s, SETTINGS, s.law) | _derived(s)
 
 
-def _oscillation(s: ControllerSettings) -> dict[str, float]:
-    """Of the frequencies and sizes that an oscillation of the law's own making has."""
+def _derived(s: ControllerSettings) -> dict[str, float]:
+    """What the Kalman law needs beside its settings: rates of its estimates, and what an oscillation looks like."""
     fs, corner = s.sample_rate, max(s.filter_frequency, widest_filter(s.sample_rate))
     fast = -math.expm1(-2 * math.pi * corner / fs)
-    return {
-        "tick": 1 / fs,
-        "corner": min(1.15 * corner / fs, 1.0),
-        "fast": fast,
-        "slow": -math.expm1(-2 * math.pi * corner / 20 / fs),
-        "motion_rate": min(1.0, MOTION_RATE / fs),
-        "noise_share": 3 * math.sqrt(fast / (2 - fast)),
-        "floor": 0.005 * s.stroke,
-        "large": 0.02 * s.stroke,
+    members = {
+        "first_noise": 1e-3 * s.stroke,
+        "kalman.noise_rate": min(1.0, NOISE_RATE / fs),
+        "kalman.ringing_rate": min(1.0, RINGING_RATE / fs),
+        "kalman.change_rate": min(1.0, CHANGE_RATE / fs),
+        "oscillation.tick": 1 / fs,
+        "oscillation.corner": min(1.15 * corner / fs, 1.0),
+        "oscillation.fast": fast,
+        "oscillation.slow": -math.expm1(-2 * math.pi * corner / 20 / fs),
+        "oscillation.motion_rate": min(1.0, MOTION_RATE / fs),
+        "oscillation.noise_share": 3 * math.sqrt(fast / (2 - fast)),
+        "oscillation.floor": 0.005 * s.stroke,
+        "oscillation.large": 0.02 * s.stroke,
     }
-
-
-def widest_filter(sample_rate: float) -> float:
-    """Corner of the law's filter where no resonance is known, Hz."""
-    return min(300.0, 0.15 * sample_rate)
-
-
-FORGET_EVERY = 16  # ticks: TS_FORGET_EVERY of the kernel
-NOISE_RATE = 2.0  # 1/s: how fast the robust estimate of the noise follows
-RINGING_RATE = 200.0  # 1/s: how fast ringing counts as noise
-SMOOTHING = 0.72e-3  # s: smoothing_time where no resonance is known
-SMOOTHING_PERIODS = 0.216  # of the resonance: the same ratio to the corner of the law's filter
-MOTION_RATE = 10.0  # 1/s: how fast the means of the motion follow
-CHANGE_RATE = 400.0  # 1/s: how fast the detector of a change follows
+    return members if s.law == "kalman" else dict.fromkeys(members, 0.0)

@@ -1,0 +1,48 @@
+"""Keywords of controllers for type checkers; written by tests/settings_texts.py from the declaration."""
+
+from typing import Literal, TypedDict
+
+
+class ChangeableOptions(TypedDict, total=False):
+    """Members of `ControllerSettings` that may change while running, but `voltage_limits`."""
+
+    resonance: float
+    dead_zone_weights: tuple[float, ...]
+    rate_scale: float | None
+    prior_return_time: float
+    filter_frequency: float | None
+    model_error: float | None
+    change_threshold: float
+    change_refractory: float
+    change_gain: float
+    change_hysteresis: float
+    change_share: float
+    outlier: float
+    outliers: int
+    forgetting: float
+    covariance_limit: float
+    slope_limits: tuple[float, float] | None
+    velocity_limit: float | None
+    slew_limit: float | None
+    measurement_limit: float | None
+    smoothing_time: float | None
+    trim_rate: float
+
+
+class SettingsOptions(ChangeableOptions, total=False):
+    """Members of `ControllerSettings` but the three that are needed."""
+
+    plays: int
+    thresholds: tuple[float, ...] | None
+    rate_dependent: tuple[int, ...] | None
+    creep_times: tuple[float, ...]
+    lag: bool
+    offset: bool
+    asymmetry: int
+    dead_zone_thresholds: tuple[float, ...]
+    law: Literal["kalman", "rls"]
+    initial_sensitivity: float | None
+    initial_weights: tuple[float, ...] | None
+    prior_covariance: tuple[tuple[float, ...], ...] | None
+    regularization: float
+    precision: Literal["double", "single"]
