@@ -55,12 +55,12 @@ def passes(actuator, model, count, correct):
     """True rmse and maximum of each pass, um."""
     errors, left = [], None
     for k in range(count):
-        made = waveform(model, WAVE.position, FS, velocity=WAVE.velocity, voltage_limits=LIMITS, left=left)
+        made = waveform(model, WAVE.position, FS, velocity=WAVE.velocity, voltage_limits=LIMITS, residual=left)
         true, measured = actuator(made.volts, 100 + k)
         errors.append((rms(true - WAVE.position), np.abs(true - WAVE.position).max()))
         found = refine(model, Record.from_arrays(made.volts, measured, sample_rate=FS), played=made)
         assert found.rmse == rms(measured - WAVE.position)
-        model, left = found.model, found.left if correct else None
+        model, left = found.model, found.residual if correct else None
     return np.array(errors)
 
 
@@ -163,7 +163,7 @@ def test_the_scale_of_the_rate_weights_does_not_matter():
     record = Record.from_arrays(x, z, sample_rate=FS)
     found = [refine(model, record) for model in (one, other)]
     assert found[0].before == pytest.approx(found[1].before, rel=1e-9)
-    np.testing.assert_allclose(found[0].left, found[1].left, atol=0.02)
+    np.testing.assert_allclose(found[0].residual, found[1].residual, atol=0.02)
 
 
 # ---- Where the waveform is in the record ---------------------------------------------------------------------------
@@ -201,7 +201,7 @@ def test_a_record_of_something_else_is_refused(volts, displacement, words):
     made = waveform(perfect(), WAVE.position[:4000], FS, voltage_limits=LIMITS)
     record = Record.from_arrays(volts(made.volts), displacement(plays(made.volts)), sample_rate=FS)
     with pytest.raises(SettingError, match=words):
-        refine(perfect(), record, played=Played(made.volts, made.desired, FS))
+        refine(perfect(), record, played=Played(volts=made.volts, desired=made.desired, sample_rate=FS))
 
 
 def test_a_record_in_other_units_is_refused():
@@ -309,10 +309,10 @@ def rung():
 def test_a_pass_that_is_worse_is_undone_and_told(rung):
     model, left, found = rung, None, []
     for k in range(5):
-        made = waveform(model, TRIANGLE.position, FS, velocity=TRIANGLE.velocity, voltage_limits=LIMITS, left=left)
+        made = waveform(model, TRIANGLE.position, FS, velocity=TRIANGLE.velocity, voltage_limits=LIMITS, residual=left)
         record = Record.from_arrays(made.volts, ringing(made.volts, 100 + k), sample_rate=FS)
         found.append(refine(model, record, played=made))
-        model, left = found[-1].model, found[-1].left
+        model, left = found[-1].model, found[-1].residual
     worse = [bool(f.undone) for f in found]
     assert worse == [False, False, True, False, True]
     undone = found[2]
@@ -321,7 +321,7 @@ def test_a_pass_that_is_worse_is_undone_and_told(rung):
     np.testing.assert_array_equal(undone.model.weights, found[0].model.weights)  # with which the best one was made
     assert "undone" in undone.model.provenance["pass_3"]
     assert found[3].rmse < 1.01 * found[1].rmse
-    assert undone.after == rms(undone.left)
+    assert undone.after == rms(undone.residual)
     assert not found[0].undone
     assert found[0].verdict.level == "good"
 

@@ -137,7 +137,7 @@ def test_staircase_rests_on_each_level():
             "ramp = 0.25 s: must be longer: at the velocity limit it takes 0.5",
         ),
         (lambda: tr.random_wave(seed=-1), "seed = -1"),
-        (lambda: tr.Trajectory("x", 2000.0, np.zeros(3), np.zeros(4)), r"of shape \(3,\)"),
+        (lambda: tr.Trajectory("x", 2000.0, np.zeros(3), np.zeros(4)), r"velocity = .* \(4,\): must be 3 ent"),
         (lambda: tr.Trajectory("x", 2000.0, np.array([0.0, np.nan]), np.zeros(2)), r"position\[1\]"),
         (lambda: tr.VelocityEstimator(0.0), "sample_rate"),
     ],

@@ -51,7 +51,9 @@ def refine(
     made = None
     if target is not None and played is not None:
         bounds = limits(found.model, {"voltage_limits": voltage_limits, "slew": slew})
-        made = identification.waveform(found.model, played.desired, played.sample_rate, left=found.left, **bounds)
+        made = identification.waveform(
+            found.model, played.desired, played.sample_rate, residual=found.residual, **bounds
+        )
         identification.save_waveform(target, made)
     if as_json:
         following_pass = {} if made is None else {**as_dict(made), "waveform": str(target)}

@@ -46,29 +46,20 @@ class HeldOut:
     samples: int
 
 
-@dataclass(frozen=True, eq=False)
-class Trace:
+@dataclass(frozen=True, eq=False, repr=False)
+class Trace(Series):
     """The record as it was fitted beside what the model that was fitted to its first part predicts.
 
     Attributes
     ----------
-    time, volts : ndarray, shape (samples,)
-        s, V.
-    displacement, predicted : ndarray, shape (samples,)
-        Measured, and predicted from the voltage alone, um.
+    predicted : ndarray, shape (samples,)
+        Displacement predicted from the voltage alone, um.
     held_out : ndarray of bool, shape (samples,)
         The last part, which that model has not seen; the figures of `HeldOut` are those of its known samples.
-    known : ndarray of bool, shape (samples,)
-        False within the holes of the record, where volts and displacement are straight lines, and behind long ones
-        until the states of the plays are known again.
     """
 
-    time: FloatArray
-    volts: FloatArray
-    displacement: FloatArray
     predicted: FloatArray
     held_out: npt.NDArray[np.bool_]
-    known: npt.NDArray[np.bool_]
 
     @property
     def residual(self) -> FloatArray:
@@ -170,7 +161,8 @@ def identify(
     }
     part, _ = _found(taken, train, shift, fixed, certain=False)
     final, tried = _found(taken, taken.volts.size, shift, fixed)
-    trace = _trace(taken, part.model.predict(taken.volts, fs), train)
+    predicted, last = part.model.predict(taken.volts, fs), np.arange(taken.volts.size) >= train
+    trace = Trace(**vars(taken), predicted=predicted, held_out=last)
     figures, left = _held_out(trace), final.residual
     model = _documented(final, figures, taken)
     white = uncertainty.autocorrelation(left), uncertainty.effective_samples(left)
@@ -224,11 +216,6 @@ def _data(s: Series, samples: int, rows: int, shift: int = 0) -> Data:
         zero=zero,
         fastest=float(np.abs(central_difference(s.volts, s.sample_rate)).max()) * stroke / float(np.ptp(s.volts)),
     )
-
-
-def _trace(s: Series, predicted: FloatArray, train: int) -> Trace:
-    held_out = np.arange(s.volts.size) >= train
-    return Trace(s.time, s.volts, s.displacement, predicted, held_out, s.known)
 
 
 def _held_out(trace: Trace) -> HeldOut:

@@ -13,6 +13,7 @@ from truestroke.base import checks
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
 from truestroke.signals import tables
+from truestroke.signals.channels import Signals
 from truestroke.signals.columns import Column, Wanted, read_columns, refuse_bad_rows
 from truestroke.signals.tables import RecordError, Table
 
@@ -42,8 +43,8 @@ HEADINGS = {
 EXPECTED = "a Record, such as of truestroke.read_record(path)"
 
 
-@dataclass(frozen=True, eq=False)
-class Record:
+@dataclass(frozen=True, eq=False, repr=False)
+class Record(Signals):
     """Voltage and displacement of the same instants; what is here can be fitted.
 
     Attributes

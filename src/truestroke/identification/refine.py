@@ -17,7 +17,8 @@ from truestroke.identification import normal, uncertainty
 from truestroke.identification.normal import Prior
 from truestroke.identification.record import EXPECTED, Record
 from truestroke.identification.regression import ROWS, Data, Structure, delayed
-from truestroke.identification.waveform import Played, Waveform
+from truestroke.identification.waveform import Played
+from truestroke.signals.channels import Sampled
 
 STEPS = 3  # Gauss-Newton
 QUIET = 1e-6  # of the stroke: the least noise, so that what a quiet recording does not tell stays as it was
@@ -27,18 +28,20 @@ OTHER = 0.5  # of the deviation of the displacement: a record of which more is l
 WHOLE = 0.02  # samples: a shift that is nearer to a whole number is one
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Refined:
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class Refined(Sampled):
     """What `refine` found.
 
     Attributes
     ----------
     model : ActuatorModel
         The refined one; its provenance has a line for each pass.
+    sample_rate : float
+        Hz.
     volts, measured : ndarray, shape (samples,)
         The recording, V and um; of a waveform, at its ticks.
-    left : ndarray, shape (samples,)
-        What the refined model leaves of it, um: `waveform` takes it to correct the next pass.
+    residual : ndarray, shape (samples,)
+        Measured minus what the refined model predicts, um: `waveform` takes it to correct the next pass.
     before, after : float
         Rmse of the old and of the refined model's prediction of what was fitted, um.
     error : ndarray, shape (samples,), or None
@@ -49,9 +52,10 @@ class Refined:
     """
 
     model: ActuatorModel
+    sample_rate: float
     volts: FloatArray
     measured: FloatArray
-    left: FloatArray
+    residual: FloatArray
     before: float
     after: float
     error: FloatArray | None
@@ -73,7 +77,7 @@ class Refined:
         return None if self.error is None else float(np.abs(self.error).max())
 
 
-def refine(model: ActuatorModel, record: Record, *, played: Played | Waveform | None = None) -> Refined:
+def refine(model: ActuatorModel, record: Record, *, played: Played | None = None) -> Refined:
     """The model adapted to a record, its structure kept, and what it leaves of the record.
 
     Bayesian least squares: what was believed is `ActuatorModel.another_day`, all partial slopes stay positive. The
@@ -87,7 +91,7 @@ def refine(model: ActuatorModel, record: Record, *, played: Played | Waveform | 
         With which the waveform was made, for one.
     record : Record
         Of voltage and displacement. Of several segments the longest is taken.
-    played : Played or Waveform, optional
+    played : Played, optional
         The waveform that was recorded. The record may begin before it and end behind it; the voltage tells where.
 
     Raises
@@ -112,7 +116,7 @@ def refine(model: ActuatorModel, record: Record, *, played: Played | Waveform | 
     checks.instance("model", model, ActuatorModel, actuator.EXPECTED)
     checks.instance("record", record, Record, EXPECTED)
     if played is not None:
-        checks.instance("played", played, (Played, Waveform), "a waveform, such as of truestroke.load_waveform(path)")
+        checks.instance("played", played, Played, "a waveform, such as of truestroke.load_waveform(path)")
     rows = _longest(record)
     whole = record.volts[rows], record.displacement[rows], record.sample_rate
     x, z, fs = whole if played is None else _aligned(record, played)
@@ -121,20 +125,19 @@ def refine(model: ActuatorModel, record: Record, *, played: Played | Waveform | 
     data = _data(model, x, z, fs)
     skip = 0 if played is not None else data.settled()
     fitted = _fitted(model, data, skip)
-    before, left = z - model.predict(x, fs), z - fitted.predict(x, fs)
-    rmses = {"before": _rms(before[skip * data.every :]), "after": _rms(left[skip * data.every :])}
+    before, residual = z - model.predict(x, fs), z - fitted.predict(x, fs)
+    rmses = {"before": _rms(before[skip * data.every :]), "after": _rms(residual[skip * data.every :])}
     if rmses["after"] > OTHER * (spread := float(np.std(z[skip * data.every :]))):
         value = f"one of which the refined model leaves {rmses['after']:.3g} um rms"
-        raise SettingError(
-            "record", value, f"of the model's actuator, in the same units: it moves by {spread:.3g} um rms"
-        )
+        bound = f"of the model's actuator, in the same units: it moves by {spread:.3g} um rms"
+        raise SettingError("record", value, bound)
     error = None if played is None else z - played.desired
-    fitted, after = fitted.replace(before=model.replace(before=None)), rmses["after"]
-    found = Refined(model=fitted, volts=x, measured=z, left=left, before=rmses["before"], after=after, error=error)
+    fitted = fitted.replace(before=model.replace(before=None))
+    found = Refined(model=fitted, sample_rate=fs, volts=x, measured=z, residual=residual, error=error, **rmses)
     source = str(getattr(record, "source", ""))
     best = _best(model, played)
     if found.rmse is not None and found.rmse > WORSE * best:
-        return _undone(found, model, best, source, fs)
+        return _undone(found, model, best, source)
     return _documented(found, model, source, _motion(played, min(best, found.rmse or best)))
 
 
@@ -200,14 +203,14 @@ def _believed(model: ActuatorModel, s: Structure, data: Data, delay: float) -> P
     return Prior(mean, P)
 
 
-def _motion(played: Played | Waveform | None, best: float) -> dict[str, float]:
+def _motion(played: Played | None, best: float) -> dict[str, float]:
     """Figures by which the next pass knows whether it is of the same motion, and how good the best one was."""
     if played is None:
         return {}
     return {"samples": float(played.desired.size), "spread_um": float(np.std(played.desired)), "best_pass_um": best}
 
 
-def _best(model: ActuatorModel, played: Played | Waveform | None) -> float:
+def _best(model: ActuatorModel, played: Played | None) -> float:
     """Rmse of the best pass of the same motion so far, um; infinite where there was none."""
     known = model.figures.get("best_pass_um")
     same = _motion(played, 0.0)
@@ -216,7 +219,7 @@ def _best(model: ActuatorModel, played: Played | Waveform | None) -> float:
     return known if np.isclose(model.figures["spread_um"], same["spread_um"], rtol=1e-3) else np.inf
 
 
-def _undone(found: Refined, old: ActuatorModel, best: float, source: str, fs: float) -> Refined:
+def _undone(found: Refined, old: ActuatorModel, best: float, source: str) -> Refined:
     """What was before: the model from which the one that made this pass was refined; if that is not known, that one."""
     kept = old if old.before is None else old.before
     what = "the refinement of this pass is not taken" if old.before is None else "the model is that before the last one"
@@ -225,8 +228,8 @@ def _undone(found: Refined, old: ActuatorModel, best: float, source: str, fs: fl
     provenance = {**old.provenance, f"pass_{number}": f"{source}: {text}"}
     figures = {name: old.figures[name] for name in ("samples", "spread_um", "best_pass_um")}
     model = kept.replace(before=None, figures={**kept.figures, **figures}, provenance=provenance)
-    left = found.measured - kept.predict(found.volts, fs)
-    return dataclasses.replace(found, model=model, left=left, after=_rms(left), undone=text)
+    residual = found.measured - kept.predict(found.volts, found.sample_rate)
+    return dataclasses.replace(found, model=model, residual=residual, after=_rms(residual), undone=text)
 
 
 def _documented(found: Refined, old: ActuatorModel, source: str, motion: dict[str, float]) -> Refined:
@@ -251,7 +254,7 @@ def _longest(record: Record) -> slice:
     return max(record.segments, key=lambda s: s.stop - s.start, default=slice(0, record.volts.size))
 
 
-def _aligned(record: Record, played: Played | Waveform) -> tuple[FloatArray, FloatArray, float]:
+def _aligned(record: Record, played: Played) -> tuple[FloatArray, FloatArray, float]:
     """Voltage and displacement of the record at the ticks of the waveform, found by its voltage."""
     from scipy.signal import correlate
 

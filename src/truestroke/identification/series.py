@@ -14,6 +14,7 @@ from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
 from truestroke.identification import turning
 from truestroke.identification.record import FEWEST_ROWS
+from truestroke.signals.channels import Signals
 
 SAMPLES = 500_000  # of the record at most: longer ones are replaced by means over blocks
 REGULAR = 0.02  # of the interval: how far time stamps may be off, beyond the rounding of their digits
@@ -24,8 +25,8 @@ MOVES = 0.05  # of its span: how far the other signal moves while one is clipped
 BRIDGED = 0.2  # of a stroke's duration: a hole that is shorter hides no reversal
 
 
-@dataclass(frozen=True, eq=False)
-class Series:
+@dataclass(frozen=True, eq=False, repr=False)
+class Series(Signals):
     """Regular samples of voltage and displacement.
 
     Attributes

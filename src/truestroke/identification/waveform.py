@@ -16,42 +16,40 @@ from truestroke.control import actuator
 from truestroke.control.actuator import ActuatorModel
 from truestroke.control.settings import UNLIMITED
 from truestroke.control.spans import Beyond, Span, spans
+from truestroke.signals import metrics
+from truestroke.signals.channels import Sampled
 
-SMOOTHING = 2e-3  # s: standard deviation of the window over what a recording leaves, so that its noise is not played
+SMOOTHING = 2e-3  # s: standard deviation of the window over a residual, so that its noise is not put out
 
-TOLD = 1e-4  # of the stroke: an error at a limit that is smaller is not told
+NOTICED = 1e-4  # of the stroke: an error at a limit that is smaller is not reported
 
 
-@dataclass(frozen=True, eq=False)
-class Played:
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class Played(Sampled):
     """A waveform as its file has it.
 
     Attributes
     ----------
+    sample_rate : float
+        Hz.
     volts : ndarray, shape (samples,)
         V.
     desired : ndarray, shape (samples,)
-        Displacement, um.
-    sample_rate : float
-        Hz.
+        Displacement as the sensor reads it, um.
     """
 
+    sample_rate: float
     volts: FloatArray
     desired: FloatArray
-    sample_rate: float
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Waveform:
-    """A voltage to play, and what the model says of it.
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class Waveform(Played):
+    """A voltage for playback, and what the model says of it.
 
     Attributes
     ----------
-    sample_rate : float
-        Hz.
-    volts : ndarray, shape (samples,)
-        V.
-    desired, predicted : ndarray, shape (samples,)
+    predicted : ndarray, shape (samples,)
         Displacement as the sensor reads it, um.
     out_of_reach : tuple[Span, ...]
         Where a voltage limit holds it back; `worst` is the largest error there, um.
@@ -61,39 +59,31 @@ class Waveform:
         Where the prediction goes beyond what the model was trained on.
     """
 
-    sample_rate: float
-    volts: FloatArray
-    desired: FloatArray
     predicted: FloatArray
     out_of_reach: tuple[Span, ...]
     too_fast: tuple[Span, ...]
     beyond: Beyond
 
     @property
-    def time(self) -> FloatArray:
-        """s, shape (samples,)."""
-        return np.arange(self.volts.size) / self.sample_rate
-
-    @property
     def rmse(self) -> float:
         """Of the predicted displacement against the desired one, um."""
-        return float(np.sqrt(np.mean((self.predicted - self.desired) ** 2)))
+        return metrics.rmse(self.desired, self.predicted)
 
     @property
     def maximum(self) -> float:
         """Largest magnitude of the same error, um."""
-        return float(np.abs(self.predicted - self.desired).max())
+        return metrics.maximum_error(self.desired, self.predicted)
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """In words, where it falls short or is a guess."""
-        told = [
+        found = [
             _words("out of reach: a voltage limit holds it back", self.out_of_reach, "off by at most", "um"),
             _words("too fast: the slew limit holds it back", self.too_fast, "off by at most", "um"),
             _words("outside of the voltages of the record", self.beyond.voltage, "by at most", "V"),
             _words("faster than the record", self.beyond.velocity, "by at most", "um/s"),
         ]
-        return tuple(words for words in told if words)
+        return tuple(words for words in found if words)
 
 
 def waveform(
@@ -104,7 +94,7 @@ def waveform(
     velocity: npt.ArrayLike | None = None,
     voltage_limits: tuple[float, float] | None = None,
     slew_limit: float = UNLIMITED,
-    left: npt.ArrayLike | None = None,
+    residual: npt.ArrayLike | None = None,
 ) -> Waveform:
     """The voltage that makes a displacement, and where it does not.
 
@@ -114,9 +104,9 @@ def waveform(
         Of the actuator.
     displacement, sample_rate, velocity, voltage_limits, slew_limit
         As in `ActuatorModel.invert`.
-    left : array_like, shape (samples,), optional
-        What the model left of the recording of this motion, um (`Refined.left`): what the model cannot explain comes
-        again, so the voltage aims as far beside. Smoothed by a Gaussian window of 2 ms, without delay.
+    residual : array_like, shape (samples,), optional
+        Of the recording of this motion, um (`Refined.residual`): what the model cannot explain comes again, so the
+        voltage aims as far beside. Smoothed by a Gaussian window of 2 ms, without delay.
 
     Raises
     ------
@@ -139,15 +129,18 @@ def waveform(
     desired = checks.finite_array("displacement", displacement, "um")
     if desired.size < 2:
         raise SettingError("displacement", f"array of {desired.size} samples", "at least two samples", "um")
-    unknown = np.zeros_like(desired) if left is None else smoothed(checks.finite_array("left", left, "um"), sample_rate)
+    unknown = np.zeros_like(desired)
+    if residual is not None:
+        unknown = smoothed(checks.finite_array("residual", residual, "um"), sample_rate)
     if unknown.shape != desired.shape:
-        raise SettingError("left", f"array of {unknown.size} samples", f"as long as displacement, {desired.size}", "um")
+        bound = f"as long as displacement, {desired.size}"
+        raise SettingError("residual", f"array of {unknown.size} samples", bound, "um")
     limits = model.voltage_range if voltage_limits is None else voltage_limits
     options = {"velocity": velocity, "voltage_limits": limits, "slew_limit": slew_limit}
     volts = model.invert(desired - unknown, sample_rate, **options)  # type: ignore[arg-type]
     predicted = model.predict(volts, sample_rate) + unknown
     off = np.abs(predicted - desired)
-    short = off - TOLD * model.stroke
+    short = off - NOTICED * model.stroke
     at_limit = (volts <= limits[0]) & (predicted > desired) | (volts >= limits[1]) & (predicted < desired)
     slewed = np.abs(np.diff(volts, prepend=volts[0])) * sample_rate >= slew_limit * (1 - 1e-9)
     return Waveform(
@@ -161,11 +154,11 @@ def waveform(
     )
 
 
-def smoothed(left: FloatArray, sample_rate: float) -> FloatArray:
+def smoothed(residual: FloatArray, sample_rate: float) -> FloatArray:
     """Without the noise of a single sample, by a Gaussian window of 2 ms."""
     from scipy.ndimage import gaussian_filter1d
 
-    return np.asarray(gaussian_filter1d(left, SMOOTHING * sample_rate, mode="nearest"))
+    return np.asarray(gaussian_filter1d(residual, SMOOTHING * sample_rate, mode="nearest"))
 
 
 def save_waveform(path: str | os.PathLike[str], made: Waveform) -> None:
@@ -202,7 +195,7 @@ def load_waveform(path: str | os.PathLike[str]) -> Played:
     from truestroke.identification.record import read_record
 
     read = read_record(checks.path("path", path), volts="volts", displacement="desired", time="time")
-    return Played(read.volts, read.displacement, read.sample_rate)
+    return Played(sample_rate=read.sample_rate, volts=read.volts, desired=read.displacement)
 
 
 def _words(what: str, found: Sequence[Span], how_far: str, unit: str) -> str:

@@ -22,6 +22,7 @@ from truestroke import _loops
 from truestroke.base import checks
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
+from truestroke.signals.channels import Sampled
 from truestroke.signals.columns import Wanted, read_columns, refuse_bad_rows
 from truestroke.signals.tables import UNITS, RecordError, Table, open_table
 
@@ -31,8 +32,8 @@ FARTHEST = 1e9  # um of a motion
 TIME_TOLERANCE = 0.01  # of a tick: how far a time in a file may lie from its even grid
 
 
-@dataclass(frozen=True, eq=False)
-class Trajectory:
+@dataclass(frozen=True, eq=False, repr=False)
+class Trajectory(Sampled):
     """A desired motion.
 
     Attributes
@@ -68,23 +69,7 @@ class Trajectory:
             object.__setattr__(self, argument, array)
         if not self.position.size:
             raise SettingError("position", "an empty array", "at least one tick", "um")
-        if self.velocity.shape != self.position.shape:
-            raise SettingError(
-                "velocity", f"array of shape {self.velocity.shape}", f"of shape {self.position.shape}", "um/s"
-            )
-
-    def __len__(self) -> int:
-        return int(self.position.size)
-
-    @property
-    def time(self) -> FloatArray:
-        """Start of each tick, s, shape (ticks,)."""
-        return np.arange(len(self)) / self.sample_rate
-
-    @property
-    def duration(self) -> float:
-        """Seconds."""
-        return len(self) / self.sample_rate
+        super().__post_init__()
 
     @property
     def peak_to_peak(self) -> float:
