@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -126,14 +127,15 @@ def refine(model: ActuatorModel, record: Record, *, played: Played | None = None
     skip = 0 if played is not None else data.settled()
     fitted = _fitted(model, data, skip)
     before, residual = z - model.predict(x, fs), z - fitted.predict(x, fs)
-    rmses = {"before": _rms(before[skip * data.every :]), "after": _rms(residual[skip * data.every :])}
-    if rmses["after"] > OTHER * (spread := float(np.std(z[skip * data.every :]))):
-        value = f"one of which the refined model leaves {rmses['after']:.3g} um rms"
+    old, new = (_rms(error[skip * data.every :]) for error in (before, residual))
+    if new > OTHER * (spread := float(np.std(z[skip * data.every :]))):
+        value = f"one of which the refined model leaves {new:.3g} um rms"
         bound = f"of the model's actuator, in the same units: it moves by {spread:.3g} um rms"
         raise SettingError("record", value, bound)
     error = None if played is None else z - played.desired
     fitted = fitted.replace(before=model.replace(before=None))
-    found = Refined(model=fitted, sample_rate=fs, volts=x, measured=z, residual=residual, error=error, **rmses)
+    signals: dict[str, Any] = {"volts": x, "measured": z, "residual": residual, "error": error}
+    found = Refined(model=fitted, sample_rate=fs, before=old, after=new, **signals)
     source = str(getattr(record, "source", ""))
     best = _best(model, played)
     if found.rmse is not None and found.rmse > WORSE * best:
