@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import functools
 import importlib.metadata
 import json
@@ -103,7 +104,7 @@ def test_a_configuration_that_cannot_run_is_told_why(complaint: str, monkeypatch
     def nowhere(name: str) -> None:
         raise OSError(name)
 
-    monkeypatch.setattr(drivers.ctypes, "CDLL", nowhere)  # tests of the card may have loaded the fake one
+    monkeypatch.setattr(ctypes, "CDLL", nowhere)  # tests of the card may have loaded the fake one
     code, said = call(*write(*LACKS[complaint]))
     assert code == 1
     assert f"run.toml needs {complaint}" in said
@@ -123,7 +124,7 @@ def test_a_missing_package_is_told_with_the_command(monkeypatch: pytest.MonkeyPa
     Path("serve.toml").write_text(config.example("serve"))
     code, said = call("--config", "serve.toml")
     assert code == 1
-    assert "serve.toml needs softioc: not installed" in said
+    assert "serve.toml needs softioc: not found" in said
     assert f"softioc (required): {sys.executable} -m pip install 'softioc>=4.7'" in said
 
 

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from truestroke import AdaptiveController, RunInterrupted, SettingError, Timing, run
 from truestroke.base import toml
 from truestroke.plant import RealisticPlant
-from truestroke.runtime.drivers import DriverError, Fault, OneAxis, SimulatedDriver, SimulatedSettings
+from truestroke.runtime.drivers import DriverError, Fault, OneAxis, SimulatedDriver, SimulatedSettings, playback
 from truestroke.runtime.drivers.clock import Clock
 from truestroke.runtime.drivers.guard import Guard
 from truestroke.signals.trajectories import random_wave
@@ -224,3 +224,37 @@ def test_a_driver_that_paces_itself_takes_its_time() -> None:
         driver.exchange(np.zeros((1, 20)), np.empty((1, 20)))
     assert time.monotonic() - began >= 0.099
     driver.close()
+
+
+def test_a_playback_that_is_interrupted_ramps_to_the_safe_voltage_within_slew() -> None:
+    class Interrupted(SimulatedDriver):
+        """The output of each tick, and Ctrl-C in the middle."""
+
+        def __init__(self) -> None:
+            super().__init__()
+            self.went: list[float] = []
+
+        def exchange(self, volts: np.ndarray, measured: np.ndarray) -> None:
+            super().exchange(volts, measured)
+            self.went.append(float(volts[0, -1]))
+            if len(self.went) == 2200:
+                raise KeyboardInterrupt
+
+    driver = Interrupted()
+    with pytest.raises(KeyboardInterrupt):
+        playback(driver, np.linspace(0.0, 3.0, 2000), 2000.0, **AXIS, rest=0.5)
+    assert driver.went[2199] > 1.0
+    assert driver.output[0] == 0.0
+    assert len(driver.went) > 2205
+    assert np.abs(np.diff(driver.went)).max() <= SLEW / 2000.0 * (1 + 1e-6)
+
+
+def test_a_playback_is_paced_and_answers_its_own_voltages() -> None:
+    began, volts = time.monotonic(), np.linspace(0.0, 1.0, 500)
+    settings = SimulatedSettings(block=20, latency=40, plant={"noise": 0.0, "drift": 0.0})
+    slow = playback(SimulatedDriver(settings), volts, 2000.0, **AXIS, rest=0.1)
+    assert time.monotonic() - began > (500 + 200) / 2000.0
+    at_once = playback(SimulatedDriver(SimulatedSettings(plant=settings.plant)), volts, 2000.0, **AXIS, rest=0.1)
+    assert np.array_equal(slow.displacement, at_once.displacement)
+    with pytest.raises(SettingError, match=r"voltage_limits = -20.0 V: must be from -10 to 10 V"):
+        playback(SimulatedDriver(), volts, 2000.0, voltage_limits=(-20.0, 20.0), slew=SLEW)

@@ -24,7 +24,7 @@ from test_docs import assert_prints
 import truestroke
 from truestroke import SettingError, plant, trajectories
 from truestroke.cli import main
-from truestroke.runtime.drivers import DriverError, play_and_record
+from truestroke.runtime.drivers import DriverError, playback
 from truestroke.runtime.drivers.pi import PiDriver, PiSettings
 from truestroke.signals.timing import Timing
 
@@ -80,7 +80,7 @@ def test_each_displacement_belongs_to_its_voltage(fake: Fake, rate: float, sampl
     driver = made(fake, samples_per_tick=samples)
     assert driver.open() == Timing(sample_rate=10.0, block=1, latency=1)
     volts = np.repeat(np.random.default_rng(1).uniform(0.0, 100.0, 100), 20)
-    recorded = driver.play(volts[None, :], rate)
+    recorded = driver.playback(volts[None, :], rate)
     assert (recorded.sample_rate, fake.volts[0]) == (rate, pytest.approx(volts[-1], abs=1e-6))
     assert np.abs(recorded.volts[0] - volts).max() < 1e-5
     per = round(10_000 / rate)
@@ -98,7 +98,7 @@ def test_axes_do_not_mix_and_each_has_its_scale(fake: Fake) -> None:
     driver = made(fake, axes=["B", "A"], outputs=[2, 1], volts_per_unit=10.0, um_per_unit=-1.0, offset=5.0)
     assert driver.open().channels == 2
     volts = np.stack([wave(), 0.5 * wave()])
-    recorded = driver.play(volts, 2000.0)
+    recorded = driver.playback(volts, 2000.0)
     assert np.abs(recorded.volts - volts).max() < 1e-4
     for x, z in zip(volts, recorded.displacement, strict=True):
         assert np.sqrt(np.mean((z - (5.0 - offline(x))) ** 2)) < 0.02
@@ -124,12 +124,12 @@ def test_a_small_recorder_takes_fewer_samples(fake: Fake, points: int, samples: 
     driver.open()
     volts = np.full((1, 2000), 20.0)
     volts[0, 0] = 19.0
-    noise = np.diff(driver.play(volts, 2000.0).displacement[0, 1000:]).std() / np.sqrt(2)
+    noise = np.diff(driver.playback(volts, 2000.0).displacement[0, 1000:]).std() / np.sqrt(2)
     assert noise == pytest.approx(0.030 / np.sqrt(samples), rel=0.15)
     with pytest.raises(
         DriverError, match=r"the recorder holds \d+ samples of each source, so .* and the wave has 15 s"
     ):
-        driver.play(np.zeros((1, 30_000)), 2000.0)
+        driver.playback(np.zeros((1, 30_000)), 2000.0)
     assert_safe(driver, fake)
 
 
@@ -138,17 +138,20 @@ def test_ramps_lead_to_the_wave_and_back(fake: Fake) -> None:
     limits = {"voltage_limits": (-20.0, 120.0), "slew": 5000.0, "safe_voltage": 5.0}
     driver = made(fake)
     driver.stop(np.array([5.0]))
-    recorded = play_and_record(driver, volts, 2000.0, **limits, rest=0.1)
+    recorded = playback(driver, volts, 2000.0, **limits, rest=0.1)
     assert np.abs(recorded.volts[0] - volts).max() < 1e-5
     assert fake.volts[0] == 5.0
     assert fake.left()
     assert fake.step < max(np.abs(np.diff(volts)).max(), 500.0 / 2000.0, 5.0) + 1e-5  # 5 V: the first stop
     with pytest.raises(SettingError, match=r"^volts = .*from -20 to 100 V"):
-        play_and_record(driver, volts, 2000.0, **limits | {"voltage_limits": (-20.0, 100.0)})
+        playback(driver, volts, 2000.0, **limits | {"voltage_limits": (-20.0, 100.0)})
 
 
 class Card:
-    """Hardware without `play`: blocks of 20, a latency of 40."""
+    """Hardware without `playback`: blocks of 20, a latency of 40."""
+
+    def describe(self) -> dict[str, object]:
+        return {"output_range": (-100.0, 200.0)}
 
     def open(self) -> Timing:
         self.stack, self.waiting, self.safe = plant.RealisticPlant(seed=3), np.zeros(40), []
@@ -169,13 +172,13 @@ class Card:
         self.safe.append("closed")
 
 
-def test_hardware_without_play_plays_block_by_block() -> None:
+def test_hardware_without_playback_takes_block_by_block() -> None:
     card, volts = Card(), wave()[:1999]
-    recorded = play_and_record(card, volts, 2000.0, voltage_limits=(-20.0, 120.0), slew=5000.0)
+    recorded = playback(card, volts, 2000.0, voltage_limits=(-20.0, 120.0), slew=5000.0)
     assert np.std(recorded.displacement[0] - offline(volts)) < 0.02
     assert card.safe == [[0.0], "closed"]
     with pytest.raises(SettingError, match=r"sample_rate = 1000.0 Hz: must be that of the driver, 2000 Hz"):
-        play_and_record(card, volts, 1000.0, voltage_limits=(-20.0, 120.0), slew=5000.0)
+        playback(card, volts, 1000.0, voltage_limits=(-20.0, 120.0), slew=5000.0)
     assert card.safe == [[0.0], "closed"]
 
 
@@ -244,6 +247,12 @@ def test_no_signal_interrupts_the_way_to_the_safe_voltage() -> None:
         left: tuple[str, ...] = ()
 
         def open(self) -> Timing:
+            return Timing(sample_rate=2000.0)
+
+        def describe(self) -> dict[str, object]:
+            return {}
+
+        def start(self, volts: np.ndarray) -> None:
             raise DriverError("no network")
 
         def stop(self, volts: np.ndarray) -> None:
@@ -256,13 +265,13 @@ def test_no_signal_interrupts_the_way_to_the_safe_voltage() -> None:
 
     driver = Impatient()
     with pytest.raises(DriverError, match="no network"):
-        play_and_record(driver, [0.0, 0.1], 2000.0, voltage_limits=(0.0, 10.0), slew=1000.0)
+        playback(driver, [0.0, 0.1], 2000.0, voltage_limits=(0.0, 10.0), slew=1000.0)
     assert driver.left == ("stopped", "closed")
 
 
 def test_a_waveform_faster_than_slew_is_refused_before_anything_moves() -> None:
     with pytest.raises(SettingError, match=r"waveform of 200 V/s: must be no faster than slew, 100 V/s"):
-        play_and_record(None, [0.0, 0.1], 2000.0, voltage_limits=(0.0, 10.0), slew=100.0)  # no driver is touched
+        playback(None, [0.0, 0.1], 2000.0, voltage_limits=(0.0, 10.0), slew=100.0)  # no driver is touched
 
 
 @pytest.mark.parametrize(("fault", "message"), PLAYS_BADLY, ids=[f for f, _ in PLAYS_BADLY])
@@ -270,7 +279,7 @@ def test_a_wave_that_fails_ends_at_the_safe_voltage(fake: Fake, fault: str, mess
     fake.make(fault=fault)
     driver = made(fake)
     with pytest.raises(DriverError, match=message):
-        play_and_record(driver, wave(), 2000.0, voltage_limits=(-20.0, 120.0), slew=5000.0, safe_voltage=SAFE[0])
+        playback(driver, wave(), 2000.0, voltage_limits=(-20.0, 120.0), slew=5000.0, safe_voltage=SAFE[0])
     assert fake.volts[0] == SAFE[0]
     assert_safe(driver, fake)
 
@@ -279,7 +288,7 @@ def test_samples_without_signal_are_nan(fake: Fake) -> None:
     fake.make(fault="NAN:0:nan")
     driver = made(fake)
     driver.open()
-    z = driver.play(wave()[None, :], 2000.0).displacement[0]
+    z = driver.playback(wave()[None, :], 2000.0).displacement[0]
     assert np.flatnonzero(np.isnan(z)).tolist() in ([79, 80, 81], [80, 81])
     assert_safe(driver, fake)
 
@@ -289,7 +298,7 @@ def test_a_wave_is_stopped_where_it_is(fake: Fake) -> None:
     driver = made(fake)
     driver.open()
     with pytest.raises(DriverError, match="GCS -7"):
-        driver.play(np.linspace(20.0, 60.0, 8000)[None, :], 2000.0)  # for 4 s
+        driver.playback(np.linspace(20.0, 60.0, 8000)[None, :], 2000.0)  # for 4 s
     assert 20.0 < fake.volts[0] < 40.0
     before = fake.volts[0]
     time.sleep(0.1)
@@ -316,9 +325,9 @@ def test_a_wave_is_stopped_where_it_is(fake: Fake) -> None:
 def test_a_wave_that_cannot_be_is_refused_before_it_moves(driver, fake, volts, rate, message) -> None:
     driver.open()
     with pytest.raises(SettingError, match=message):
-        driver.play(volts, rate)
+        driver.playback(volts, rate)
     assert fake.step == 0.0
-    driver.play(np.zeros((1, 9)), 2000.0)  # the driver still works
+    driver.playback(np.zeros((1, 9)), 2000.0)  # the driver still works
 
 
 @pytest.mark.parametrize("volts", [np.nan, 121.0])
@@ -390,7 +399,7 @@ def test_stop_works_from_any_state_and_the_driver_starts_again(driver: PiDriver,
     driver.start(np.array([50.0]))
     driver.stop(SAFE)
     driver.start(np.array([50.0]))
-    driver.play(wave()[None, :], 2000.0)
+    driver.playback(wave()[None, :], 2000.0)
     assert_safe(driver, fake)
     fake.make(servo=[True, False])
     assert_safe(driver, fake)  # stop switches it off
@@ -417,7 +426,7 @@ import numpy as np
 from truestroke.runtime.drivers.pi import PiDriver, PiSettings
 driver = PiDriver(PiSettings(host="127.0.0.1", port=int(sys.argv[1]), output_range=(-20.0, 120.0)))
 driver.open()
-driver.play(np.linspace(20.0, 100.0, 60_000)[None, :], 2000.0)
+driver.playback(np.linspace(20.0, 100.0, 60_000)[None, :], 2000.0)
 """
 
 
@@ -445,11 +454,11 @@ def test_rescue_stops_the_wave_of_a_process_that_is_gone(fake: Fake, connections
 PLAYS = """
 import sys
 import numpy as np
-from truestroke.runtime.drivers import play_and_record
+from truestroke.runtime.drivers import playback
 from truestroke.runtime.drivers.pi import PiDriver, PiSettings
 driver = PiDriver(PiSettings(host="127.0.0.1", port=int(sys.argv[1]), output_range=(-20.0, 120.0)))
 wave = np.linspace(20.0, 60.0, 1000)
-play_and_record(driver, wave, 2000.0, voltage_limits=(-20.0, 120.0), slew=2e3, safe_voltage=2.5, rest=0.1)
+playback(driver, wave, 2000.0, voltage_limits=(-20.0, 120.0), slew=2e3, safe_voltage=2.5, rest=0.1)
 """
 
 

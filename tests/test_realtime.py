@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 import json
 import os
@@ -194,7 +195,7 @@ def test_what_the_command_line_refuses() -> None:
     [
         ({"drivers": {}}, "drivers = .*did you mean driver.*There are driver, axis, realtime, recording"),
         ({"driver": {}}, "driver.name = missing"),
-        ({"driver": {"name": "labview"}}, "driver.name = 'labview': must be one of simulated"),
+        ({"driver": {"name": "labview"}}, "driver.name = 'labview': must be one of nidaqmx, pi, simulated"),
         (
             {"driver": {"name": "simulated", "blok": 5}},
             "driver.blok = 5: must be left out; did you mean block.* There are name, sample_rate, block",
@@ -379,3 +380,54 @@ def test_the_status_line_says_what_the_ring_holds() -> None:
     shared.write(Text.COMPLAINT, "µ" * 20000)
     assert set(shared.read(Text.COMPLAINT)) <= {"µ", "\ufffd"}
     shared.close()
+
+
+# ---- A driver of another package -----------------------------------------------------------------------------------
+
+FOREIGN = """
+from dataclasses import dataclass
+from truestroke.runtime.drivers import SimulatedDriver, SimulatedSettings
+from truestroke.runtime.drivers.registry import package
+
+@dataclass(frozen=True, kw_only=True)
+class StageSettings:
+    port: str
+    sample_rate: float = 1000.0
+
+class StageDriver(SimulatedDriver):
+    Settings = StageSettings
+    needs = (package("stagelib", "talks to the stage"),)
+
+    def __init__(self, settings):
+        super().__init__(SimulatedSettings(sample_rate=settings.sample_rate))
+        self._port = settings.port
+
+    def describe(self):
+        return super().describe() | {"port": self._port}
+"""
+
+
+def test_a_driver_of_another_package_is_run_by_its_name(tmp_path: Path) -> None:
+    """A distribution that is installed: a module, and metadata with an entry point."""
+    told = tmp_path / "site" / "stage-1.0.dist-info"
+    told.mkdir(parents=True)
+    (told / "METADATA").write_text("Metadata-Version: 2.1\nName: stage\nVersion: 1.0\n")
+    (told / "entry_points.txt").write_text("[truestroke.drivers]\nmystage = foreign_stage:StageDriver\n")
+    (told.parent / "foreign_stage.py").write_text(FOREIGN)
+    text = config.example().replace('name = "simulated"', 'name = "mystage"\nport = "COM3"').replace("seed = 0 ", "# ")
+    text = text.replace("sample_rate = 2000.0", "sample_rate = 1000.0").replace("duration = 20.0", "duration = 1.0")
+    Path("run.toml").write_text(text)
+    run = functools.partial(
+        subprocess.run, env={**os.environ, "PYTHONPATH": str(told.parent)}, capture_output=True, text=True, check=False
+    )
+    done = run([COMMAND, "run", "--config", "run.toml"])
+    assert done.returncode == 0, done.stderr
+    assert Recording.load("run.h5").metadata["plant"]["settings"]["port"] == "COM3"
+    Path("run.toml").write_text(text.replace('port = "COM3"', "prot = 3"))
+    done = run([COMMAND, "run", "--config", "run.toml"])
+    assert "driver.prot = 3: must be left out; did you mean port? There are name, port, sample_rate" in done.stderr
+    Path("run.toml").write_text(text.replace('"mystage"', '"mystag"'))
+    done = run([COMMAND, "run", "--config", "run.toml"])
+    assert "driver.name = 'mystag': must be one of mystage, nidaqmx, pi, simulated" in done.stderr
+    done = run([COMMAND, "doctor", "--json"])
+    assert "stagelib" in {finding["what"] for finding in json.loads(done.stdout)["findings"]}

@@ -9,7 +9,6 @@ import os
 import re
 import shlex
 import shutil
-import signal
 import sys
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -70,9 +69,8 @@ class Commands(click.Group):
         return _complain(in_words_of(self._asked, message), code)
 
     def _run(self, *args: Any, **options: Any) -> int:
-        stopped: list[int] = []
         try:
-            with _sigterm_as_ctrl_c(stopped), _warnings_as_lines():
+            with interrupts.as_ctrl_c() as stopped, _warnings_as_lines():
                 return int(super().main(*args, **options) or ExitCode.OK)
         except SystemExit as end:
             return end.code if isinstance(end.code, int) else ExitCode.OK if end.code is None else ExitCode.FAILED
@@ -93,18 +91,6 @@ class Commands(click.Group):
         except (click.Abort, KeyboardInterrupt):
             code = 128 + stopped[0] if stopped else ExitCode.INTERRUPTED
             return _complain("terminated" if stopped else "interrupted", code)
-
-
-@contextmanager
-def _sigterm_as_ctrl_c(stopped: list[int]) -> Iterator[None]:
-    """SIGTERM, and SIGHUP of a terminal that is closed, end a command as Ctrl-C does; noted in `stopped`."""
-
-    def stop(number: int, frame: object) -> None:
-        stopped.append(number)
-        raise KeyboardInterrupt
-
-    with interrupts.handled((signal.SIGTERM, signal.SIGHUP), stop):
-        yield
 
 
 def interrupted(stop: RunInterrupted, saved: str) -> NoReturn:

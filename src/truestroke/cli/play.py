@@ -34,7 +34,7 @@ def play(waveform: Path, config: Path, output: str, rest: float, as_json: bool) 
     """
     import numpy as np
 
-    from truestroke.runtime.drivers import DriverError, play_and_record
+    from truestroke.runtime.drivers import DriverError, playback
     from truestroke.runtime.realtime import config as configuration
 
     target = Path(output)
@@ -44,7 +44,7 @@ def play(waveform: Path, config: Path, output: str, rest: float, as_json: bool) 
     volts, rate = _waveform(waveform)
     driver, axis = configuration.one_axis(config)
     try:
-        made = play_and_record(driver, volts, rate, **axis.limits, rest=rest)
+        made = playback(driver, volts, rate, **axis.limits, rest=rest)
     except DriverError as error:
         raise click.ClickException(str(error)) from None
     x, z = made.volts[0], made.displacement[0]

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from truestroke.base import checks, interrupts
 from truestroke.base.errors import TruestrokeError
 from truestroke.base.typing import FloatArray
 from truestroke.runtime.commissioning import answer
 from truestroke.runtime.commissioning.answer import Gain, Rest
 from truestroke.runtime.commissioning.resonance import Resonance, resonance
 from truestroke.runtime.drivers.one_axis import OneAxis
-from truestroke.runtime.drivers.protocol import DriverError
 from truestroke.signals.timing import Timing
 
 STEPS = (0.001, 0.003, 0.01, 0.02, 0.05)  # of the voltage range: how the first steps grow
@@ -363,13 +360,5 @@ class _Bench:
 @contextmanager
 def _opened(axis: OneAxis) -> Iterator[_Bench]:
     """Open, and closed behind: no signal interrupts the way to the safe voltage."""
-    checks.within("safe_voltage", axis.safe_voltage, *axis.voltage_limits, "V")
-    try:
+    with axis:
         yield _Bench(axis, axis.open())
-    finally:
-        with interrupts.handled(interrupts.ENDING, signal.SIG_IGN):
-            try:
-                axis.close()
-            except DriverError:
-                axis.driver.rescue()(np.array([axis.safe_voltage]))
-                raise

@@ -10,12 +10,12 @@ from truestroke.base.checks import SettingError
 from truestroke.runtime.doctor import disk, drivers, machine
 from truestroke.runtime.doctor.finding import Finding, Level
 from truestroke.runtime.drivers.protocol import DriverError
+from truestroke.runtime.drivers.registry import Need
 from truestroke.runtime.realtime import config as configuration
 from truestroke.runtime.realtime.runner import recordings
 from truestroke.signals.timing import Timing
 
 PART = "configuration"
-NEEDS = {"nidaqmx": {"nidaqmx", drivers.NI_LIBRARY}, "pi": {"pipython"}}
 
 
 def examine(config: Path | None = None, probe: float = machine.PROBE) -> list[Finding]:
@@ -68,14 +68,14 @@ def _finding(what: str, found: str, why: str, command: str = "") -> Finding:
     return Finding(level=level, part=PART, what=what, found=found, why=why, command=command, required=True)
 
 
-def _needed(config: Path) -> frozenset[str]:
+def _needed(config: Path) -> tuple[Need, ...]:
     """The packages behind what the file names, also where it is otherwise not in order."""
     try:
         tables = toml.read(config)
-        name = tables["driver"]["name"]
+        needs = drivers.of(tables["driver"]["name"])
     except (OSError, SettingError, KeyError, TypeError):
-        return frozenset()
-    return frozenset(NEEDS.get(name, set()) | ({"softioc"} if "epics" in tables else set()))
+        return ()
+    return (*needs, drivers.SERVER) if "epics" in tables else needs
 
 
 def _driver(job: configuration.Job) -> tuple[list[Finding], Timing | None]:

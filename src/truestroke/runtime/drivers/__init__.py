@@ -4,7 +4,7 @@ A driver knows neither controllers nor trajectories. The libraries of the vendor
 """
 
 from truestroke.runtime.drivers.one_axis import OneAxis
-from truestroke.runtime.drivers.play import Recorded, play_and_record
+from truestroke.runtime.drivers.playback import Recorded, playback
 from truestroke.runtime.drivers.protocol import Driver, DriverError
 from truestroke.runtime.drivers.simulated import Fault, SimulatedDriver, SimulatedSettings
 
@@ -16,5 +16,5 @@ __all__ = [
     "Recorded",
     "SimulatedDriver",
     "SimulatedSettings",
-    "play_and_record",
+    "playback",
 ]

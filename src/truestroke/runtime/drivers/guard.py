@@ -4,15 +4,45 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from truestroke.base import checks
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
 
 ROUNDING = 1e-9  # of the slew step: what a controller that keeps the same limit may differ by
+
+
+@dataclass(frozen=True, kw_only=True)
+class Limits:
+    """What an output must not exceed.
+
+    Attributes
+    ----------
+    voltage_limits : tuple[float, float]
+        Lowest and highest voltage that may leave, V.
+    slew : float
+        Fastest change, V/s.
+    safe_voltage : float
+        Where the output starts and ends, V, within the limits.
+
+    Raises
+    ------
+    SettingError
+        One is out of its bounds.
+    """
+
+    voltage_limits: tuple[float, float]
+    slew: float
+    safe_voltage: float = 0.0
+
+    def __post_init__(self) -> None:
+        limits = checks.interval("voltage_limits", self.voltage_limits, "V")
+        object.__setattr__(self, "voltage_limits", limits)
+        object.__setattr__(self, "slew", checks.positive("slew", self.slew, "V/s"))
+        object.__setattr__(self, "safe_voltage", checks.within("safe_voltage", self.safe_voltage, *limits, "V"))
 
 
 class Guard:
@@ -111,8 +141,3 @@ def check_range(argument: str, voltage_limits: tuple[float, float], told: Mappin
         if not reach[0] <= value <= reach[1]:
             bound = f"from {reach[0]:g} to {reach[1]:g} V, the output_range of the driver; V, not mV"
             raise SettingError(argument, value, bound, "V")
-
-
-def padded(volts: npt.NDArray[np.float64], ticks: int) -> FloatArray:
-    """`volts`, shape (channels, up to ticks), held at its last entry until it is `ticks` long."""
-    return np.ascontiguousarray(np.pad(volts, ((0, 0), (0, ticks - volts.shape[1])), mode="edge"))

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import ctypes
+import ctypes.util
 import dataclasses
 import functools
+import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
@@ -16,6 +19,7 @@ from truestroke.base import checks
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
 from truestroke.runtime.drivers.protocol import DriverError
+from truestroke.runtime.drivers.registry import Need, package
 from truestroke.signals.timing import Timing
 
 __all__ = ["NidaqmxDriver", "NidaqmxSettings"]
@@ -180,6 +184,17 @@ class NidaqmxDriver:
     settings : NidaqmxSettings
         Channels, rates, ranges, sensors.
     """
+
+    Settings = NidaqmxSettings
+    needs = (
+        package("nidaqmx", "drives cards of National Instruments"),
+        Need(
+            "libnidaqmx",
+            "the driver of National Instruments, below the package nidaqmx",
+            lambda: _library(),
+            f"{sys.executable} -m nidaqmx installdriver",
+        ),
+    )
 
     def __init__(self, settings: NidaqmxSettings) -> None:
         self.settings = settings
@@ -367,6 +382,13 @@ class NidaqmxDriver:
     def describe(self) -> dict[str, object]:
         """Kind and settings, as plain data for a recording."""
         return {"kind": "nidaqmx", **dataclasses.asdict(self.settings)}
+
+
+def _library() -> str:
+    """That of NI as the package nidaqmx finds it, or on the loader's path."""
+    with suppress(OSError):
+        return ctypes.util.find_library("nidaqmx") or str(ctypes.CDLL("libnidaqmx.so.1")._name)
+    return ""
 
 
 def _watchdog(s: NidaqmxSettings) -> Any:

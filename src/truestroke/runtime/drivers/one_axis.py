@@ -7,11 +7,12 @@ from types import TracebackType
 
 import numpy as np
 
-from truestroke.base import checks
+from truestroke.base import interrupts
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
 from truestroke.runtime.drivers.clock import Clock
-from truestroke.runtime.drivers.guard import Guard, check_range, padded
+from truestroke.runtime.drivers.guard import Guard, Limits, check_range
+from truestroke.runtime.drivers.paced import Paced, let_go
 from truestroke.runtime.drivers.protocol import Driver, DriverError
 from truestroke.signals.timing import Timing
 
@@ -55,10 +56,9 @@ class OneAxis:
     def __init__(
         self, driver: Driver, *, voltage_limits: tuple[float, float], slew: float, safe_voltage: float = 0.0
     ) -> None:
-        self.driver = driver
-        self.voltage_limits = checks.interval("voltage_limits", voltage_limits, "V")
-        self.slew = checks.positive("slew", slew, "V/s")
-        self.safe_voltage = checks.within("safe_voltage", safe_voltage, *self.voltage_limits, "V")
+        limits = Limits(voltage_limits=voltage_limits, slew=slew, safe_voltage=safe_voltage)
+        self.driver, self.voltage_limits = driver, limits.voltage_limits
+        self.slew, self.safe_voltage = limits.slew, limits.safe_voltage
         self._safe = np.array([self.safe_voltage])
         self._timing: Timing | None = None
 
@@ -77,27 +77,39 @@ class OneAxis:
                 raise SettingError("channels of the driver", timing.channels, "1")
             check_range("voltage_limits", self.voltage_limits, self.driver.describe())
             self._guard = Guard(timing.sample_rate, [self.voltage_limits], [self.slew], [self.safe_voltage])
-            self._clock = Clock(timing.block / timing.sample_rate, hardware_timed=timing.hardware_timed)
-            self._measured = np.full((1, timing.block), np.nan)
             self.driver.start(self._safe)
         except BaseException:
-            self._let_go()
+            let_go(self.driver, self._safe)
             raise
         self._timing = timing
-        self._clock.start()
+        clock = Clock(timing.block / timing.sample_rate, hardware_timed=timing.hardware_timed)
+        self._paced = Paced(self.driver, timing, self._guard, clock)
         return timing
 
     def exchange(self, volts: FloatArray) -> FloatArray:
         """Apply `volts` (V, shape (ticks,), up to a block) within limits and slew; return the displacements, um."""
+        return self._paced.exchange(self._checked(volts))[0, : len(volts)]
+
+    def apply(self, volts: FloatArray) -> FloatArray:
+        """`volts` (V, shape (ticks,)), however long, block by block.
+
+        Returns
+        -------
+        ndarray, shape (ticks,)
+            What answers each of them, um: the last voltage is held until all of it has come.
+        """
+        checked = self._checked(volts)
+        latency = self._timing.latency if self._timing else 0
+        came = self._paced.apply(np.pad(checked, ((0, 0), (0, latency)), mode="edge"))
+        return came[0, latency : latency + len(volts)]
+
+    def _checked(self, volts: FloatArray) -> FloatArray:
         if self._timing is None:
             raise SettingError("exchange", "called", "called after open")
-        block = padded(np.array([volts], dtype=np.float64), self._timing.block)
-        if np.isnan(block).any():  # before the guard takes what will not leave for the last output
+        row = np.array([volts], dtype=np.float64)
+        if np.isnan(row).any():  # before the guard takes what will not leave for the last output
             raise SettingError("volts", "NaN", "a number", "V")
-        self._guard(block)
-        self._clock.wait()
-        self.driver.exchange(block, self._measured)
-        return self._measured[0, : len(volts)].copy()
+        return row
 
     @property
     def truth(self) -> FloatArray:
@@ -111,23 +123,16 @@ class OneAxis:
         return {**self.driver.describe(), "axis": own}
 
     def close(self) -> None:
-        """Bring the output to the safe voltage, within slew where the driver still works, and let go."""
+        """Bring the output to the safe voltage, within slew where the driver still works, and let go.
+
+        No signal interrupts it.
+        """
         if self._timing is None:
             return
-        try:
-            with contextlib.suppress(DriverError):
-                self._ramp_down(self._timing.block)
-        finally:
-            self._timing = None
-            self._let_go()
-
-    def _ramp_down(self, block: int) -> None:
-        ramp = self._guard.ramp(self._safe.tolist())[0]
-        for start in range(0, ramp.size, block):
-            self.exchange(ramp[start : start + block])
-
-    def _let_go(self) -> None:
-        try:
-            self.driver.stop(self._safe)
-        finally:
-            self.driver.close()
+        with interrupts.ignored():
+            try:
+                with contextlib.suppress(DriverError):
+                    self._paced.apply(self._guard.ramp(self._safe.tolist()))
+            finally:
+                self._timing = None
+                let_go(self.driver, self._safe)

@@ -18,8 +18,9 @@ import numpy.typing as npt
 from truestroke.base import checks
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
-from truestroke.runtime.drivers.play import Recorded
+from truestroke.runtime.drivers.playback import Recorded
 from truestroke.runtime.drivers.protocol import DriverError
+from truestroke.runtime.drivers.registry import package
 from truestroke.signals.timing import Timing
 
 __all__ = ["PiDriver", "PiSettings"]
@@ -68,9 +69,9 @@ class PiSettings:
     um_per_unit, offset : float
         Displacement over position of ``POS?`` and recorder, um, not 0; displacement at position 0, um.
     sample_rate : float
-        Ticks per second of `exchange`, Hz. The connection must be fast enough; `play` has a rate of its own.
+        Ticks per second of `exchange`, Hz. The connection must be fast enough; `playback` has a rate of its own.
     samples_per_tick : int
-        Most samples of the recorder that are averaged for a tick of `play`; fewer if its memory is too small.
+        Most samples of the recorder that are averaged for a tick of `playback`; fewer if its memory is too small.
     points_per_command : int
         Points of a wave in one command; controllers accept some 70.
     timeout : float
@@ -134,9 +135,9 @@ class _Rate:
 
 
 class PiDriver:
-    """The protocol of `drivers.Driver` over a controller of PI in open loop, and `play`; see docs/pi.md.
+    """The protocol of `drivers.Driver` over a controller of PI in open loop, and `playback`; see docs/pi.md.
 
-    `play` is what these controllers are good at: the wave is in their memory, and their own clock puts it out and
+    `playback` is what these controllers are good at: the wave is in their memory, and their own clock puts it out and
     records. `exchange` sends a set-point and asks for the position at each tick, which is slow, and timed by the
     caller: it reads the position that the last set-point has led to, then sends the next, so the latency is one tick.
 
@@ -145,6 +146,9 @@ class PiDriver:
     settings : PiSettings
         Address, axes, limits, sensor.
     """
+
+    Settings = PiSettings
+    needs = (package("pipython", "drives controllers of Physik Instrumente"),)
 
     def __init__(self, settings: PiSettings) -> None:
         self.settings = settings
@@ -206,10 +210,10 @@ class PiDriver:
             measured[:, 0] = self._position()
             self._set(volts[:, 0])
 
-    def play(self, volts: npt.ArrayLike, sample_rate: float) -> Recorded:
+    def playback(self, volts: npt.ArrayLike, sample_rate: float) -> Recorded:
         """Play a wave from the controller's memory and record it; the output then stays at its last voltage.
 
-        It begins with a step if the output is elsewhere: `truestroke.runtime.drivers.play_and_record` ramps.
+        It begins with a step if the output is elsewhere: `truestroke.runtime.drivers.playback` ramps.
 
         Parameters
         ----------
@@ -232,7 +236,7 @@ class PiDriver:
             The controller refuses, its memory is too small, or it did not put out what was sent.
         """
         if self._state != "started":
-            self._needs("open", "play")
+            self._needs("open", "playback")
         wave = _wave(volts, self.settings)
         with self._working("playing"):
             rate = self._rate(wave.shape[1], sample_rate)
@@ -343,7 +347,7 @@ class PiDriver:
 
     def unattended(self) -> tuple[bool, str]:
         """Whether the controller brings its outputs to safety by itself when this computer stands still; in words."""
-        return False, "the controller holds its last set-point; a wave of play ends at the safe voltage by itself"
+        return False, "the controller holds its last set-point; a wave of playback ends at the safe voltage by itself"
 
     def describe(self) -> dict[str, object]:
         """Kind and settings, as plain data for a recording."""

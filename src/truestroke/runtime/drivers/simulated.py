@@ -148,6 +148,8 @@ class SimulatedDriver:
     >>> driver.close()
     """
 
+    Settings = SimulatedSettings
+
     def __init__(self, settings: SimulatedSettings | None = None, plants: Sequence[Plant] | None = None) -> None:
         self.settings = SimulatedSettings() if settings is None else settings
         self._plants = self.settings.plants() if plants is None else list(plants)

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import pickle
 import select
-import signal
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from truestroke.base import streams
+from truestroke.base import interrupts, streams
 from truestroke.runtime.realtime.shared import Shared
 
 _CODE = "from truestroke.runtime.realtime.child import main; main()"
@@ -49,8 +48,7 @@ def start(
 def main() -> None:
     """What the new process does."""
     streams.secure()
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, signal.SIG_IGN)
+    interrupts.ignore()
     sys.path[:] = pickle.load(sys.stdin.buffer)
     job, arguments = pickle.load(sys.stdin.buffer)
     job(Lifeline(), *arguments)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
-import importlib.util
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -15,6 +13,8 @@ from truestroke.base.checks import SettingError
 from truestroke.control.controller import AdaptiveController, Controller
 from truestroke.control.settings import ControllerSettings
 from truestroke.identification import ActuatorModel, ModelFileError, load_model
+from truestroke.runtime.drivers import registry
+from truestroke.runtime.drivers.guard import Limits
 from truestroke.runtime.drivers.protocol import Driver
 from truestroke.runtime.realtime.epics import EpicsSettings
 from truestroke.runtime.realtime.motion import SetPoint
@@ -22,9 +22,6 @@ from truestroke.runtime.realtime.settings import Axis, RealtimeSettings
 from truestroke.signals import trajectories
 from truestroke.signals.trajectories import Trajectory
 
-DRIVERS = tuple(
-    name for name in ("simulated", "nidaqmx", "pi") if importlib.util.find_spec(f"truestroke.runtime.drivers.{name}")
-)
 MOTIONS = {
     **{kind: getattr(trajectories, kind) for kind in ("random_wave", "sine", "triangle", "staircase", "from_csv")},
     "set_point": SetPoint,
@@ -51,9 +48,7 @@ class AxisTable:
     error_limit: float | None = field(default=None, metadata={"unit": "um"})
 
     def __post_init__(self) -> None:
-        low, high = checks.interval("voltage_limits", self.voltage_limits, "V")
-        checks.positive("slew", self.slew, "V/s")
-        checks.within("safe_voltage", self.safe_voltage, low, high, "V")
+        Limits(**self.limits)
         checks.within("resonance", self.resonance, 0.0, 1e9, "Hz")
         if self.stroke is not None:
             checks.positive("stroke", self.stroke, "um")
@@ -141,10 +136,9 @@ block, latency, channels, seed, hardware_timed, register, plant, faults
 def driver(table: Mapping[str, Any]) -> tuple[Driver, float]:
     """The driver of a table [driver]: its name, and its settings; and its ticks per second, Hz."""
     with checks.inside("driver."):
-        name = _one_of("name", toml.needed(table, "name"), DRIVERS)
-        module = importlib.import_module(f"truestroke.runtime.drivers.{name}")
-        settings = toml.decode(getattr(module, f"{name.capitalize()}Settings"), table, also=("name",))
-        made: Driver = getattr(module, f"{name.capitalize()}Driver")(settings)
+        found = registry.find(toml.needed(table, "name"))
+        settings = toml.decode(found.Settings, table, also=("name",))
+        made: Driver = found(settings)
     return made, settings.sample_rate
 
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import signal
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from truestroke.base import interrupts
 from truestroke.base.exit_codes import ExitCode
 
 if TYPE_CHECKING:
@@ -33,11 +33,7 @@ class Cause(Enum):
     TERMINATED = ExitCode.TERMINATED
 
 
-SIGNALS = {
-    signal.SIGINT: (Cause.INTERRUPTED, "Ctrl-C"),
-    signal.SIGTERM: (Cause.TERMINATED, "SIGTERM"),
-    signal.SIGHUP: (Cause.HANGUP, "the terminal is gone"),
-}
+SIGNALS = {number: (Cause(128 + number), words) for number, words in interrupts.ENDING.items()}
 
 
 AS_ASKED = (Cause.FINISHED, Cause.STOPPED, *(cause for cause, _ in SIGNALS.values()))

@@ -15,7 +15,8 @@ import numpy as np
 from truestroke.base.typing import FloatArray
 from truestroke.runtime import loop
 from truestroke.runtime.drivers.clock import EDGES_US, Clock
-from truestroke.runtime.drivers.guard import Guard, padded
+from truestroke.runtime.drivers.guard import Guard
+from truestroke.runtime.drivers.paced import Paced, padded
 from truestroke.runtime.drivers.protocol import Driver, DriverError
 from truestroke.runtime.realtime import axis_check
 from truestroke.runtime.realtime.axis_check import Found
@@ -147,7 +148,7 @@ class Live:
     def _heed_signals(self, expected: int = 0) -> None:
         """End what goes on if a signal came beyond those that brought it about, or an operator asks."""
         if len(self._asked) > expected:
-            raise Stop(*SIGNALS[self._asked[-1]])  # type: ignore[index]
+            raise Stop(*SIGNALS[self._asked[-1]])
         if self._count[Slot.STOP] and self._count[Slot.STATE] != State.STOPPING:
             raise Stop(Cause.STOPPED, "an operator asked for it")
 
@@ -165,18 +166,8 @@ class Live:
 
     def _apply(self, moves: FloatArray, expected: int = 0) -> FloatArray:
         """Apply voltages, shape (channels, ticks), and return what came back meanwhile, um."""
-        block, came = self._timing.block, [np.empty((len(self._axes), 0))]
-        clock = Clock(*self._pace)
-        clock.start()
-        for start in range(0, moves.shape[1], block):
-            self._heed_signals(expected)
-            volts = padded(moves[:, start : start + block], block)
-            self._guard(volts)
-            clock.wait()
-            self._driver.exchange(volts, self._measured)
-            came.append(self._measured.copy())
-            self._beat()
-        return np.concatenate(came, axis=1)
+        paced = Paced(self._driver, self._timing, self._guard, Clock(*self._pace))
+        return paced.apply(moves, before=lambda: self._heed_signals(expected), after=self._beat)
 
     def _stop(self, softly: bool) -> str:
         """Output to the safe voltages, by whatever still works; what did not, in words."""

@@ -1,4 +1,4 @@
-"""Our process while the loop runs: signals noted, collector and scheduler out of the way."""
+"""Our process while the loop runs: collector and scheduler out of the way."""
 
 from __future__ import annotations
 
@@ -8,9 +8,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from truestroke.base import interrupts
 from truestroke.base.errors import TruestrokeError
-from truestroke.runtime.realtime.ending import SIGNALS
 from truestroke.runtime.realtime.settings import RealtimeSettings
 
 SWITCH = 20e-6  # s that another thread may keep the interpreter's lock when the loop wakes up
@@ -18,14 +16,6 @@ SWITCH = 20e-6  # s that another thread may keep the interpreter's lock when the
 
 class RealtimeError(TruestrokeError, RuntimeError):
     """The run could not begin; the output was not touched."""
-
-
-@contextmanager
-def noted_signals() -> Iterator[list[int]]:
-    """Signals that end a run go into the list and do nothing else; those that are ignored stay so (nohup)."""
-    asked: list[int] = []
-    with interrupts.handled(SIGNALS, lambda number, _: asked.append(number)):
-        yield asked
 
 
 @contextmanager

@@ -11,7 +11,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal
 
-from truestroke.base import checks
+from truestroke.base import checks, interrupts
 from truestroke.base.checks import SettingError
 from truestroke.base.files import Growing, beside, check_growing, grow
 from truestroke.control import feasibility
@@ -23,7 +23,7 @@ from truestroke.runtime.realtime.ending import Outcome
 from truestroke.runtime.realtime.epics import EpicsSettings
 from truestroke.runtime.realtime.helpers import Helpers
 from truestroke.runtime.realtime.live import Live
-from truestroke.runtime.realtime.process import RealtimeError, noted_signals, on_its_own, undisturbed
+from truestroke.runtime.realtime.process import RealtimeError, on_its_own, undisturbed
 from truestroke.runtime.realtime.recorder import Plan
 from truestroke.runtime.realtime.settings import Axis, RealtimeSettings
 from truestroke.runtime.realtime.shared import Layout, Shared, Slot
@@ -106,7 +106,7 @@ def run_realtime(
             with closing(helpers):
                 helpers.wait_until_ready()  # Ctrl-C ends this at once: nothing has moved
                 unused.pop_all()
-                with noted_signals() as asked, undisturbed(settings):
+                with interrupts.noted() as asked, undisturbed(settings):
                     live = Live(driver, axes, timing, settings, shared, helpers, asked)
                     cause, reason = live.run()
             names = zip(paths, places, strict=True)

@@ -9,6 +9,7 @@ from truestroke.base import checks
 from truestroke.base.checks import SettingError
 from truestroke.control.controller import Controller
 from truestroke.runtime.drivers.clock import SPIN
+from truestroke.runtime.drivers.guard import Limits
 from truestroke.runtime.realtime.motion import SetPoint
 from truestroke.signals.trajectories import Trajectory
 
@@ -55,10 +56,8 @@ class Axis:
     error_limit: float | None = None
 
     def __post_init__(self) -> None:
-        limits = checks.interval("voltage_limits", self.voltage_limits, "V")
-        object.__setattr__(self, "voltage_limits", limits)
-        checks.positive("slew", self.slew, "V/s")
-        checks.within("safe_voltage", self.safe_voltage, *limits, "V")
+        limits = Limits(voltage_limits=self.voltage_limits, slew=self.slew, safe_voltage=self.safe_voltage)
+        object.__setattr__(self, "voltage_limits", limits.voltage_limits)
         if self.zero is not None and self.zero != "measured":
             if isinstance(self.zero, str):
                 raise SettingError("zero", repr(self.zero), '"measured", or a number', "um")

@@ -1,22 +1,23 @@
-"""Play a waveform on hardware and record what it does: one pass of play, record, refine."""
+"""A waveform put out by hardware, and what it does, recorded: one pass of playback, record, refine."""
 
 from __future__ import annotations
 
-import signal
-import time
+import dataclasses
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-from truestroke.base import checks, interrupts
+from truestroke.base import checks
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
+from truestroke.runtime.drivers.guard import Limits, check_range
+from truestroke.runtime.drivers.one_axis import OneAxis
+from truestroke.runtime.drivers.paced import let_go
 from truestroke.runtime.drivers.protocol import Driver
-from truestroke.signals.timing import Timing
 
-__all__ = ["Player", "Recorded", "play_and_record"]
+__all__ = ["Player", "Recorded", "playback"]
 
 RAMP = 1.0  # s: how long a ramp over the whole of the voltage limits takes, at least
 
@@ -41,13 +42,13 @@ class Recorded:
 
 
 class Player(Driver, Protocol):
-    """A driver whose hardware plays a whole waveform by itself."""
+    """A driver whose hardware puts out a whole waveform by itself."""
 
-    def play(self, volts: npt.ArrayLike, sample_rate: float) -> Recorded:
+    def playback(self, volts: npt.ArrayLike, sample_rate: float) -> Recorded:
         """Put out `volts` (V, shape (channels, samples)), record the displacement; without `start`."""
 
 
-def play_and_record(
+def playback(
     driver: Driver,
     volts: npt.ArrayLike,
     sample_rate: float,
@@ -57,10 +58,11 @@ def play_and_record(
     safe_voltage: float = 0.0,
     rest: float = 0.5,
 ) -> Recorded:
-    """Play a waveform on hardware of one channel, from the safe voltage and back to it.
+    """Put out a waveform by hardware of one channel and record what it does, from the safe voltage and back to it.
 
-    The output ramps to the first voltage, rests there, plays, and ramps back. A driver that has `play` plays it all at
-    once on its own clock; others do so block by block, paced by this computer where they have no clock.
+    The output ramps to the first voltage, rests there, follows the waveform, and ramps back. A driver that has
+    `playback` does all of it on its own clock; others take it block by block, as `OneAxis`: within limits and slew,
+    paced by this computer where they have no clock.
 
     Parameters
     ----------
@@ -69,9 +71,9 @@ def play_and_record(
     volts : array_like, shape (samples,)
         V.
     sample_rate : float
-        Hz. Hardware that plays block by block must have the same.
+        Hz. Hardware that takes it block by block must have the same.
     voltage_limits : tuple[float, float]
-        Lowest and highest voltage, V: a waveform that leaves them is refused.
+        Lowest and highest voltage, V: a waveform beyond them is refused.
     slew : float
         Fastest change of the voltage, V/s: a waveform that is faster is refused. The ramps take a second for the whole
         of `voltage_limits`, or longer where the slew limit says so.
@@ -93,31 +95,20 @@ def play_and_record(
         The hardware failed.
     """
     wave = checks.finite_array("volts", volts, "V")
-    low, high = checks.interval("voltage_limits", voltage_limits, "V")
+    limits = Limits(voltage_limits=voltage_limits, slew=slew, safe_voltage=safe_voltage)
+    (low, high), safe = limits.voltage_limits, limits.safe_voltage
     if wave.size < 2:
         raise SettingError("volts", f"array of {wave.size} samples", "at least two samples", "V")
     for value in (wave.min(), wave.max()):
         checks.within("volts", value, low, high, "V")
-    safe = checks.within("safe_voltage", safe_voltage, low, high, "V")
     rate = checks.positive("sample_rate", sample_rate, "Hz")
     fastest = float(np.abs(np.diff(wave)).max()) * rate
-    if fastest > checks.positive("slew", slew, "V/s") * (1 + 1e-9):
+    if fastest > limits.slew * (1 + 1e-9):
         raise SettingError("volts", f"waveform of {fastest:.4g} V/s", f"no faster than slew, {slew:g} V/s")
     step = min(slew, (high - low) / RAMP) / rate
     before = np.append(_ramp(safe, wave[0], step), np.full(round(rest * sample_rate), wave[0]))
-    whole = np.concatenate([before, wave, _ramp(wave[-1], safe, step)])[None, :]
-    try:
-        timing = driver.open()
-        if timing.channels != 1:
-            raise SettingError("channels of the driver", timing.channels, "1")
-        play = getattr(driver, "play", None)
-        made = play(whole, sample_rate) if play else _by_blocks(driver, timing, whole, sample_rate, safe)
-    finally:
-        with interrupts.handled(interrupts.ENDING, signal.SIG_IGN):  # none interrupts the way to the safe voltage
-            try:
-                driver.stop(np.array([safe]))
-            finally:
-                driver.close()
+    whole = np.concatenate([before, wave, _ramp(wave[-1], safe, step)])
+    made = (_at_once if hasattr(driver, "playback") else _by_blocks)(driver, whole, rate, limits)
     part = slice(before.size, before.size + wave.size)
     return Recorded(made.volts[:, part], made.displacement[:, part], made.sample_rate)
 
@@ -127,21 +118,23 @@ def _ramp(start: float, stop: float, step: float) -> FloatArray:
     return np.linspace(start, stop, int(np.ceil(abs(stop - start) / step)) + 2)
 
 
-def _by_blocks(driver: Driver, timing: Timing, volts: FloatArray, sample_rate: float, safe: float) -> Recorded:
-    """The same through `exchange`; the latency is waited for at the end, and taken out."""
-    if abs(sample_rate / timing.sample_rate - 1) > 1e-6:
-        raise SettingError("sample_rate", sample_rate, f"that of the driver, {timing.sample_rate:g} Hz", "Hz")
-    length, block = volts.shape[1], timing.block
-    blocks = -(-(length + timing.latency) // block)
-    commands = np.pad(volts, ((0, 0), (0, blocks * block - length)), mode="edge")
-    measured = np.empty_like(commands)
-    driver.start(np.array([safe]))
-    due = time.monotonic()
-    for k in range(0, blocks * block, block):
-        part = np.full((1, block), np.nan)
-        driver.exchange(np.ascontiguousarray(commands[:, k : k + block]), part)
-        measured[:, k : k + block] = part
-        due += block / sample_rate
-        if not timing.hardware_timed:
-            time.sleep(max(due - time.monotonic(), 0.0))
-    return Recorded(volts, measured[:, timing.latency : timing.latency + length], sample_rate)
+def _at_once(driver: Any, volts: FloatArray, sample_rate: float, limits: Limits) -> Recorded:
+    """By the hardware's own memory and clock."""
+    try:
+        timing = driver.open()
+        if timing.channels != 1:
+            raise SettingError("channels of the driver", timing.channels, "1")
+        check_range("voltage_limits", limits.voltage_limits, driver.describe())
+        made: Recorded = driver.playback(volts[None, :], sample_rate)
+        return made
+    finally:
+        let_go(driver, np.array([limits.safe_voltage]))
+
+
+def _by_blocks(driver: Driver, volts: FloatArray, sample_rate: float, limits: Limits) -> Recorded:
+    """Through `exchange`; the latency is waited for at the end, and taken out."""
+    with OneAxis(driver, **dataclasses.asdict(limits)) as axis:
+        timing = axis.open()
+        if abs(sample_rate / timing.sample_rate - 1) > 1e-6:
+            raise SettingError("sample_rate", sample_rate, f"that of the driver, {timing.sample_rate:g} Hz", "Hz")
+        return Recorded(volts[None, :], axis.apply(volts)[None, :], sample_rate)
