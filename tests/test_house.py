@@ -1,4 +1,4 @@
-"""docs/house.md is true: its packages are those of the code, in the order of imports, and its lists of files are complete."""
+"""docs/house.md is true: its packages are those of the code, in order of imports; its lists of files are complete."""
 
 from __future__ import annotations
 
