@@ -5,6 +5,8 @@ Every function takes `theme`, one of `truestroke.report.style.THEMES`; `truestro
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -181,7 +183,7 @@ def _mark(axes: Axes, at: float, text: str, theme: Theme, below: bool = False) -
 
 
 def weights(recording: Recording, theme: Theme = LIGHT) -> Figure:
-    """What was learned against time, each line with its name at its end: weights a and b of the plays, other terms.
+    """What was learned against time, each line with its name at the right: weights a and b of the plays, other terms.
 
     Where there are many plays, some of their partial slopes stand for the weights: they mean the same and can be told
     apart.
@@ -190,14 +192,15 @@ def weights(recording: Recording, theme: Theme = LIGHT) -> Figure:
     with style.use(theme):
         figure, axes = style.panels(2.6 * len(rows), len(rows), sharex=True)
         for panel, (label, names, lines) in zip(axes, rows, strict=True):
-            for i, line in enumerate(lines.T):
-                dash = "-" if i < style.SERIES else (0, (5, 2))
-                panel.plot(*style.thin(time, line, 400), color=theme.series[i % style.SERIES], ls=dash, lw=1.2)
+            for i, (name, line) in enumerate(zip(names, lines.T, strict=True)):
+                look: dict[str, Any] = {"color": theme.series[i % style.SERIES], "lw": 1.2}
+                look["ls"] = "-" if i < style.SERIES else (0, (5, 2))
+                panel.plot(*style.thin(time, line, 400), label=subscript(name), **look)
             panel.set_ylabel(label)
             _span(panel, time)
             if panel is axes[0]:
                 _mark_change(panel, recording, theme)
-            _name_ends(panel, names, lines[-1], theme)
+            style.legend_right(panel, lines[-1])
         axes[-1].set_xlabel("time (s)")
     return figure
 
@@ -228,27 +231,10 @@ def _learned(recording: Recording) -> list[tuple[str, list[str], FloatArray]]:
     return rows
 
 
-def _name_ends(panel: Axes, names: list[str], ends: FloatArray, theme: Theme) -> None:
-    """Name each line at its right end, in its colour; neighbours keep apart."""
-    low, high = panel.get_ylim()
-    height = 2.1 * 72  # pt, of a panel
-    for i, (end, y) in enumerate(zip(ends, style.spread(ends, 9.5 / height * (high - low), low, high), strict=True)):
-        colour, name = theme.series[i % style.SERIES], names[i]
-        panel.annotate(
-            name[0] + name[1:].translate(SUBSCRIPTS) if name[1:].isdigit() else name,
-            (1.0, end),
-            xycoords=("axes fraction", "data"),
-            xytext=(1.03, y),
-            textcoords=("axes fraction", "data"),
-            color=colour,
-            fontsize=8,
-            va="center",
-            annotation_clip=False,
-            arrowprops={"arrowstyle": "-", "color": colour, "lw": 0.5, "shrinkA": 0, "shrinkB": 0},
-        )
-
-
-SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
+def subscript(name: str) -> str:
+    """A weight's name as in print, such as a₁₂; others as they are."""
+    digits = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
+    return name[0] + name[1:].translate(digits) if name[1:].isdigit() else name
 
 
 def loop(before: Recording, after: Recording, theme: Theme = LIGHT, seconds: float = 2.0) -> Figure:

@@ -143,6 +143,20 @@ def legend_above(axes: Axes, entries: int) -> None:
         line.set_linewidth(max(line.get_linewidth(), 1.5))
 
 
+def legend_right(axes: Axes, ends: npt.ArrayLike) -> None:
+    """Names of the lines at the right of the panel, in their colours, in the order of their `ends`, the highest first."""
+    lines, names = axes.get_legend_handles_labels()
+    order = np.argsort(-np.asarray(ends), kind="stable")
+    axes.legend(
+        [lines[i] for i in order],
+        [names[i] for i in order],
+        loc="center left",
+        bbox_to_anchor=(1.0, 0.5),
+        labelcolor="linecolor",
+        handlelength=1.2,
+    )
+
+
 def save(figure: Figure, path: str | Path) -> Path:
     """Write a figure for publication; the ending says how: .png, .svg or .pdf.
 
@@ -194,30 +208,3 @@ def thin(time: npt.ArrayLike, values: npt.ArrayLike, columns: int = COLUMNS) -> 
     rows = np.arange(columns)
     kept = np.unique(np.concatenate([[0], index[rows, lowest], index[rows, highest], [values.size - 1]]))
     return time[kept], values[kept]
-
-
-def spread(positions: npt.ArrayLike, gap: float, low: float, high: float) -> FloatArray:
-    """Move label positions as little as needed so that neighbours are `gap` apart and all lie in [low, high].
-
-    Examples
-    --------
-    >>> spread([1.0, 1.1, 5.0], 1.0, 0.0, 10.0)
-    array([0.55, 1.55, 5.  ])
-    """
-    positions = np.asarray(positions, dtype=np.float64)
-    order = np.argsort(positions, kind="stable")
-    gap = min(gap, (high - low) / max(1, positions.size - 1))
-    # With y_i = position_i - i gap the condition is that y ascends: pool the neighbours that violate it.
-    groups: list[list[float]] = []  # mean, count
-    for i, position in enumerate(positions[order]):
-        groups.append([position - i * gap, 1])
-        while len(groups) > 1 and groups[-2][0] >= groups[-1][0]:
-            mean, count = groups.pop()
-            groups[-1] = [
-                (groups[-1][0] * groups[-1][1] + mean * count) / (groups[-1][1] + count),
-                groups[-1][1] + count,
-            ]
-    pooled = np.repeat([g[0] for g in groups], [int(g[1]) for g in groups])
-    result = np.empty_like(positions)
-    result[order] = np.clip(pooled, low, high - (positions.size - 1) * gap) + np.arange(positions.size) * gap
-    return result

@@ -175,7 +175,7 @@ def _groups(view: View) -> list[_Group]:
 
     groups = [_Group("a₀ (µm/V)", places("a0"), ["0"], f"threshold ({volt_unit(view)[1]})")]
     if n > 1:
-        last = f"a{n - 1}".translate(run_plots.SUBSCRIPTS)
+        last = run_plots.subscript(f"a{n - 1}")
         heading = f"plays a₁ to {last} (µm/V)" if n > 2 else "play a₁ (µm/V)"
         groups.append(_Group(heading, places(*(f"a{i}" for i in range(1, n)))))
     if m.rate_dependent:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from truestroke.report import words
 from truestroke.report.page import Page, Section, Table, captioned
 from truestroke.runtime.commissioning.findings import Findings
-from truestroke.runtime.commissioning.pictures import pictures
+from truestroke.runtime.commissioning.plots import plots
 
 CAPTIONS = {
     "steps": (
@@ -55,7 +55,7 @@ def page(found: Findings, written: list[str], command: str) -> Page:
             Section(tables=[Table(columns=["", "found", ""], rows=[*found.rows(), *keys], text=True)]),
             *captioned(CAPTIONS),
         ],
-        plots=lambda theme: pictures(found, theme),
+        plots=lambda theme: plots(found, theme),
         command=command,
         footer=words.made_now(),
     )

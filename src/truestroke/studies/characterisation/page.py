@@ -11,7 +11,7 @@ from truestroke.report.page import Page, Section, Table, captioned
 from truestroke.signals import judgement
 from truestroke.signals.recording import Recording
 from truestroke.studies.characterisation.lines import MIN_PASSES, RATE_SCALE, TOLERANCE, Characterisation
-from truestroke.studies.characterisation.pictures import pictures
+from truestroke.studies.characterisation.plots import plots
 
 CAPTIONS = {
     "weights": (
@@ -125,7 +125,7 @@ def page(found: Characterisation, command: str | None = None) -> Page:
             Section(tables=[Table(columns=columns, rows=rows, note=note) for columns, rows, note in tables]),
             *captioned(CAPTIONS),
         ],
-        plots=lambda theme: pictures(found, theme),
+        plots=lambda theme: plots(found, theme),
         command=command,
         footer=words.footer(found.recording),
     )

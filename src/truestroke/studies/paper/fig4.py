@@ -11,7 +11,7 @@ from truestroke.base.typing import FloatArray
 from truestroke.plant import MatchedPlant, MatchedSettings, PlantSettings, RealisticPlant
 from truestroke.report import style
 from truestroke.studies.characterisation import Characterisation, characterise, sweep
-from truestroke.studies.characterisation.pictures import draw_lines, draw_points, name_ends
+from truestroke.studies.characterisation.plots import name_weights, plot_lines, plot_points
 from truestroke.studies.paper import bench
 from truestroke.studies.paper.reproduction import Reproduction, Row
 
@@ -72,11 +72,11 @@ def draw(theme: style.Theme) -> Figure:
         figure, axes = style.panels(5.2, 2, 2, sharex=True, height_ratios=[1, 2])
         for column, found in enumerate((matched(), realistic())):
             panels = [axes[column], axes[column + 2]]
-            draw_points(panels, found, theme)
+            plot_points(panels, found, theme)
             for sign in (-1, 1):
                 a, b = branch(found, sign) if column else (np.array(plant.a), np.array(plant.b))
-                draw_lines(panels, np.array([0.0, sign * found.velocities.max()]), a, b, theme)
-            name_ends(panels, found.weights[-1], theme)
+                plot_lines(panels, np.array([0.0, sign * found.velocities.max()]), a, b, theme)
+            name_weights(panels, found.weights[-1])
             panels[1].set_xlabel("desired velocity (µm/s)")
         style.title(axes[0], "Matched plant; lines: its own weights (7)")
         style.title(axes[1], "Realistic plant; lines: best fit of each branch")

@@ -1,4 +1,4 @@
-"""Pictures: the first steps, the answer to a step, its ringing by frequency, and the whole range."""
+"""Plots: the first steps, the answer to a step, its ringing by frequency, and the whole range."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from truestroke.runtime.commissioning.findings import Findings
 BEFORE, AFTER = 0.01, 0.1  # s about the step that is shown
 
 
-def pictures(found: Findings, theme: Theme) -> dict[str, Figure]:
+def plots(found: Findings, theme: Theme) -> dict[str, Figure]:
     """All of them by name, in the order of the page."""
     return {
         "steps": steps(found, theme),

@@ -1,4 +1,4 @@
-"""Pictures: weights against velocity as in Fig. 4, and the loops at each speed."""
+"""Plots: weights against velocity as in Fig. 4, and the loops at each speed."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from truestroke.report.style import Theme
 from truestroke.studies.characterisation.lines import RATE_SCALE, Characterisation
 
 
-def pictures(found: Characterisation, theme: Theme) -> dict[str, Figure]:
+def plots(found: Characterisation, theme: Theme) -> dict[str, Figure]:
     """All of them by name, in the order of the page."""
     return {"weights": weights(found, theme), "loops": loops(found, theme)}
 
@@ -24,16 +24,16 @@ def weights(found: Characterisation, theme: Theme) -> Figure:
     with style.use(theme):
         figure, panels = style.panels(5.4, 2, sharex=True, height_ratios=[1, 2])
         ends = np.array([-1.0, 1.0]) * np.abs(found.velocities).max()
-        draw_points(panels, found, theme)
-        draw_lines(panels, ends, found.a, found.b, theme)
-        name_ends(panels, found.a + RATE_SCALE * ends[1] * found.b, theme)
+        plot_points(panels, found, theme)
+        plot_lines(panels, ends, found.a, found.b, theme)
+        name_weights(panels, found.a + RATE_SCALE * ends[1] * found.b)
         for panel in panels:
             panel.set_ylabel("weights (µm/V)")
         panels[1].set_xlabel("desired velocity (µm/s)")
     return figure
 
 
-def draw_points(panels: list[Axes], found: Characterisation, theme: Theme) -> None:
+def plot_points(panels: list[Axes], found: Characterisation, theme: Theme) -> None:
     """Means with twice their standard error; hollow where the speed was not followed."""
     errors = 2 * found.deviations / np.sqrt(np.maximum(found.passes, 1))[:, None]
     for i in range(found.thresholds.size):
@@ -42,6 +42,7 @@ def draw_points(panels: list[Axes], found: Characterisation, theme: Theme) -> No
             line: dict[str, Any] = {
                 "color": _colour(theme, i),
                 "mfc": face,
+                "label": None if face else f"$w_{{{i}}}$",
                 "fmt": "o",
                 "ms": 3.5,
                 "elinewidth": 0.8,
@@ -50,19 +51,16 @@ def draw_points(panels: list[Axes], found: Characterisation, theme: Theme) -> No
             panels[i > 0].errorbar(x, y, bar, **line)
 
 
-def draw_lines(panels: list[Axes], ends: FloatArray, a: FloatArray, b: FloatArray, theme: Theme) -> None:
+def plot_lines(panels: list[Axes], ends: FloatArray, a: FloatArray, b: FloatArray, theme: Theme) -> None:
     """The lines (7) between two velocities, um/s."""
     for i in range(a.size):
         panels[i > 0].plot(ends, a[i] + RATE_SCALE * ends * b[i], color=_colour(theme, i), lw=1.0)
 
 
-def name_ends(panels: list[Axes], ends: FloatArray, theme: Theme) -> None:
-    """The name of each weight at the right, at about the height where it ends, um/V."""
-    for panel, first, heights in ((panels[0], 0, ends[:1]), (panels[1], 1, ends[1:])):
-        low, high = panel.get_ylim()
-        for i, y in enumerate(style.spread(heights, 0.06 * (high - low), low, high), first):
-            place: dict[str, Any] = {"transform": panel.get_yaxis_transform(), "va": "center", "fontsize": 8}
-            panel.text(1.02, y, f"$w_{{{i}}}$", color=_colour(theme, i), **place)
+def name_weights(panels: list[Axes], ends: FloatArray) -> None:
+    """The name of each weight at the right, in the order in which they end, um/V."""
+    style.legend_right(panels[0], ends[:1])
+    style.legend_right(panels[1], ends[1:])
 
 
 def loops(found: Characterisation, theme: Theme) -> Figure:
