@@ -15,6 +15,8 @@ import pytest
 
 from truestroke.cli.identify import _files
 from truestroke.identification import HeldOut, Record, examine, identify, read_record
+from truestroke.identification.regression import Structure
+from truestroke.identification.select import Tried
 from truestroke.report.identified import model_page
 from truestroke.report.identified.page import line_rmse, structures, verdict
 from truestroke.report.identified.plots import plots
@@ -156,19 +158,22 @@ def test_the_verdict_is_of_the_held_out_part(found, record):
 
 
 def test_what_each_part_of_the_structure_is_worth(found):
-    best = "16 plays to 1.6 V, 5 rate weights, creep 0.3, 3 s, 2 asymmetry terms"
-    tried = [(f"{best}, prior x 10", 0.2), (f"{best}, prior x 1", 0.1)]
-    tried += [(best.replace("5 rate weights", "no rate") + f", prior x {w}", 0.5) for w in (1, 10)]
-    tried += [("8 plays to 1.6 V, 3 rate weights, creep 0.3, 3 s, 2 asymmetry terms, prior x 1", 0.05)]
-    tried += [(best.replace("creep 0.3, 3 s", "no creep") + ", prior x 1", 0.4), (f"chosen: {best}, prior x 1", 0.1)]
-    compared = structures(dataclasses.replace(found, tried=tuple(tried)))
+    best = Structure(
+        thresholds=tuple(np.arange(16) * 0.1), rate_dependent=(0, 4, 8), creep_times=(0.3, 3.0), asymmetry=2
+    )
+    small = dataclasses.replace(best, thresholds=best.thresholds[:8], rate_dependent=())
+    tried = [Tried(best, 10, 0.2), Tried(best, 1, 0.1), Tried(small, 1, 0.05)]
+    tried += [Tried(dataclasses.replace(best, rate_dependent=()), w, 0.5) for w in (1, 10)]
+    tried += [Tried(dataclasses.replace(best, creep_times=()), 1, 0.4), Tried(best, 1, 0.1)]
+    compared = structures(tried)
     assert [(one.differs, one.rmse) for one in compared] == [
         (None, 0.05),
         ("", 0.1),
         ("no creep", 0.4),
         ("no rate", 0.5),
     ]
-    assert any(one.differs == "" for one in structures(found))
+    assert compared[1].words == "16 plays to 1.5 V, 3 rate weights, creep 0.3, 3 s, 2 asymmetry terms"
+    assert any(one.differs == "" for one in structures(found.tried))
 
 
 def command(*arguments, folder):

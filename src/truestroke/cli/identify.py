@@ -55,7 +55,8 @@ def identify(record: Path, output: str, report: str | None, plots: Path | None, 
         common.print_json({**_figures(found), **files, "warnings": list(findings.warnings)})
         return
     common.print_table(("held out, the last part", "um", "of p-p"), _rows(found))
-    common.print_text(f"structure  {found.tried[-1][0]}" if found.tried else "structure  as given")
+    chosen = found.tried[-1]
+    common.print_text(f"structure  chosen: {', '.join(chosen.parts)}, prior x {chosen.prior:g}")
     for warning in findings.warnings:
         common.print_text(f"- {warning}")
     common.print_files(model=target, page=page_file, pictures=plots)

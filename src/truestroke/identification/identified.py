@@ -17,7 +17,7 @@ from truestroke.control.actuator import ActuatorModel, central_difference
 from truestroke.identification import uncertainty
 from truestroke.identification.fitting import Fit, fit_structure
 from truestroke.identification.regression import ROWS, Data, delayed
-from truestroke.identification.select import choose, find_delay
+from truestroke.identification.select import Tried, choose, find_delay
 from truestroke.identification.series import Series, series
 
 CHOICE_ROWS = 15_000  # at most where structures are compared, as `ROWS`
@@ -85,8 +85,8 @@ class Identified:
         Of the residual, from lag 0, which is 1, in rows; beyond +-2 / sqrt(rows) it is not white.
     effective_samples : float
         How many independent samples the rows count for.
-    tried : tuple of (str, float)
-        What cross-validation compared, in its order: structure in words, rmse, um.
+    tried : tuple of Tried
+        What cross-validation compared, in its order; the last is what was chosen.
     """
 
     model: ActuatorModel
@@ -95,7 +95,7 @@ class Identified:
     residual: FloatArray
     autocorrelation: FloatArray
     effective_samples: float
-    tried: tuple[tuple[str, float], ...]
+    tried: tuple[Tried, ...]
 
 
 def identify(
@@ -171,7 +171,7 @@ def identify(
 
 def _found(
     s: Series, samples: int, shift: int | None, fixed: Mapping[str, Any], certain: bool = True
-) -> tuple[Fit, tuple[tuple[str, float], ...]]:
+) -> tuple[Fit, tuple[Tried, ...]]:
     """Delay, structure and weights from the first samples, and what was compared."""
     coarse = _data(s, samples, CHOICE_ROWS)
     coarse, guess, shift = find_delay(coarse, s.volts[:samples], s.displacement[:samples], shift)

@@ -35,6 +35,36 @@ SEEN = 1.2  # of the least rmse: the delay that the reversals show may exceed it
 QUICK = 16  # plays of the first fit
 
 
+@dataclass(frozen=True)
+class Tried:
+    """A structure that cross-validation compared.
+
+    Attributes
+    ----------
+    structure : Structure
+        Which terms.
+    prior : float
+        Weight of the prior, times the noise.
+    rmse : float
+        Of what was predicted, um.
+    """
+
+    structure: Structure
+    prior: float
+    rmse: float
+
+    @property
+    def parts(self) -> tuple[str, str, str, str]:
+        """The structure in words: plays, rate weights, creep, asymmetry."""
+        s = self.structure
+        return (
+            f"{len(s.thresholds)} plays to {s.thresholds[-1]:.3g} V{' from rest' if s.rested else ''}",
+            f"{len(s.rate_dependent)} rate weights" if s.rate_dependent else "no rate",
+            f"creep {', '.join(f'{tau:g}' for tau in s.creep_times)} s" if s.creep_times else "no creep",
+            f"{s.asymmetry} asymmetry terms",
+        )
+
+
 def first_prediction(data: Data) -> tuple[FloatArray, float]:
     """A first prediction, um, at the full rate, by plays alone; and the rmse of its fit, um."""
     span = data.voltage_range[1] - data.voltage_range[0]
@@ -111,10 +141,8 @@ def _blocks(data: Data, s: Structure, guess: FloatArray) -> _Blocks:
     return _Blocks(s, parts[FIRST:], before, tested, data)
 
 
-def choose(
-    data: Data, guess: FloatArray, fixed: Mapping[str, Any]
-) -> tuple[Structure, float, tuple[tuple[str, float], ...]]:
-    """Thresholds with all terms in the model, then the terms; the prior's weight, um^2, with both."""
+def choose(data: Data, guess: FloatArray, fixed: Mapping[str, Any]) -> tuple[Structure, float, tuple[Tried, ...]]:
+    """The structure (thresholds with all terms, then the terms), its prior's weight, um^2, and all that was tried."""
     if fixed["rate"] is None and data.fastest > FASTER * data.speed:
         fixed = {**fixed, "rate": False}
     left = (data.displacement - guess[:: data.every])[data.fitted(rested=False)]
@@ -129,9 +157,9 @@ def choose(
     tried += fewer
     least = min(score for score, *_ in fewer)
     most = max((e for e in fewer if e[0] <= ENOUGH * least), key=lambda e: len(e[2].names))[2]
-    rmse, _, chosen, weight = min((e for e in fewer if e[2] == most), key=lambda e: e[0])
-    words = tuple((f"{_words(s)}, prior x {w / noise:g}", score) for score, _, s, w in tried)
-    return chosen, weight, (*words, (f"chosen: {_words(chosen)}, prior x {weight / noise:g}", rmse))
+    best = min((e for e in fewer if e[2] == most), key=lambda e: e[0])
+    _, _, chosen, weight = best
+    return chosen, weight, tuple(Tried(s, w / noise, score) for score, _, s, w in (*tried, best))
 
 
 def _with_all_terms(data: Data, fixed: Mapping[str, Any]) -> Iterator[Structure]:
@@ -168,12 +196,3 @@ def _with_fewer_terms(full: Structure, fixed: Mapping[str, Any]) -> Iterator[Str
     asymmetry = [full.asymmetry] if fixed["asymmetry"] is not None else [0, 1, 2]
     for rate, creep, n in itertools.product(rates, creeps, asymmetry):
         yield dataclasses.replace(full, rate_dependent=rate, creep_times=creep, asymmetry=n)
-
-
-def _words(s: Structure) -> str:
-    creep = f"creep {', '.join(f'{tau:g}' for tau in s.creep_times)} s" if s.creep_times else "no creep"
-    rate = f"{len(s.rate_dependent)} rate weights" if s.rate_dependent else "no rate"
-    start = " from rest" if s.rested else ""
-    return (
-        f"{len(s.thresholds)} plays to {s.thresholds[-1]:.3g} V{start}, {rate}, {creep}, {s.asymmetry} asymmetry terms"
-    )

@@ -144,7 +144,7 @@ def legend_above(axes: Axes, entries: int) -> None:
 
 
 def legend_right(axes: Axes, ends: npt.ArrayLike) -> None:
-    """Names of the lines at the right of the panel, in their colours, in the order of their `ends`, the highest first."""
+    """Names of the lines at the right of the panel, in their colours, in the order of their `ends`, highest first."""
     lines, names = axes.get_legend_handles_labels()
     order = np.argsort(-np.asarray(ends), kind="stable")
     axes.legend(

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from truestroke.identification import Findings, Identified, Record, examine
+from truestroke.identification.select import Tried
 from truestroke.report.identified import plots
 from truestroke.report.identified.view import View
 from truestroke.report.page import Number, Page, Section, Table, captioned
@@ -105,9 +106,6 @@ def notes(view: View, record: Record) -> list[str]:
     return says
 
 
-PARTS = re.compile(r"(.+?), (no rate|\d+ rate weights), (no creep|creep .+? s), (\d asymmetry terms)")
-
-
 @dataclass(frozen=True)
 class Compared:
     """A structure that cross-validation tried.
@@ -127,24 +125,16 @@ class Compared:
     differs: str | None
 
 
-def structures(found: Identified) -> list[Compared]:
-    """What cross-validation compared, best first."""
-    scores: dict[str, float] = {}
-    chosen: tuple[str, ...] = ()
-    for words, rmse in found.tried:
-        name = words.removeprefix("chosen: ").rsplit(", prior", 1)[0]
-        chosen = _parts(name) if words.startswith("chosen: ") else chosen
-        scores[name] = min(rmse, scores.get(name, np.inf))
+def structures(tried: Sequence[Tried]) -> list[Compared]:
+    """What cross-validation compared, best first; the last of `tried` was chosen."""
+    least: dict[tuple[str, ...], float] = {}
+    for one in tried:
+        least[one.parts] = min(one.rmse, least.get(one.parts, np.inf))
     compared = []
-    for name, rmse in sorted(scores.items(), key=lambda entry: entry[1]):
-        other = [new for new, old in zip(_parts(name), chosen, strict=False) if new != old]
-        compared.append(Compared(name, rmse, "".join(other) if len(other) < 2 else None))
+    for parts, rmse in sorted(least.items(), key=lambda entry: entry[1]):
+        other = [new for new, old in zip(parts, tried[-1].parts, strict=True) if new != old]
+        compared.append(Compared(", ".join(parts), rmse, "".join(other) if len(other) < 2 else None))
     return compared
-
-
-def _parts(words: str) -> tuple[str, ...]:
-    match = PARTS.fullmatch(words)
-    return match.groups() if match else (words,)
 
 
 # ---- The page ------------------------------------------------------------------------------------------------------
@@ -232,10 +222,8 @@ def _warnings(texts: list[str]) -> Section | None:
 
 def _structure(found: Identified) -> list[Section | None]:
     """What was chosen and what each part of it is worth; folded, all that was tried."""
-    tried = structures(found)
-    chosen = next((one for one in tried if one.differs == ""), None)
-    if chosen is None:
-        return [Section(heading="The structure", text="as given", beside=True)]
+    tried = structures(found.tried)
+    chosen = next(one for one in tried if one.differs == "")
     parts = [(one.differs, length(one.rmse), _more(one.rmse, chosen.rmse)) for one in tried if one.differs]
     table = Table(
         columns=["with this instead", "rmse", ""],
