@@ -1,15 +1,20 @@
 """What every test finds: Ctrl-C ends a process, also where a shell that runs in the background has it ignored.
 
 The longest tests begin first, so that none of them is what all the others wait for. The tests of a file whose tests
-share a long computation are played by one process.
+share a long computation are played by one process. Every page that a test writes says µm and never um.
 """
 
 from __future__ import annotations
 
+import re
 import signal
+from pathlib import Path
+from typing import Any
 
 import pytest
 from xdist.scheduler import LoadScopeScheduling
+
+from truestroke.base import files
 
 LONG = ("test_soak.py", "test_compare.py", "test_bench.py", "test_docs.py", "test_study.py")
 SHARED = ("test_compare.py", "test_bench.py")
@@ -34,3 +39,17 @@ class ByComputation(LoadScopeScheduling):
 
 def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> ByComputation:
     return ByComputation(config, log)
+
+
+@pytest.fixture(autouse=True)
+def _pages_say_one_micrometre(monkeypatch: pytest.MonkeyPatch) -> None:
+    """On a page: µm alone, never um, and not within a word; commands and quotations keep what they say."""
+    write = files.write
+
+    def checked(path: str | Path, text: str, kind: Any) -> Path:
+        if kind is files.PAGE:
+            shown = re.sub(r"<[^>]*>", " ", re.sub(r"(?s)<(style|pre|code)\b.*?</\1>", " ", text))
+            assert not re.findall(r".{0,30}(?:\bum\b|\w[µ\u03bc]m\b|\u03bcm).{0,20}", shown)
+        return write(path, text, kind)
+
+    monkeypatch.setattr(files, "write", checked)

@@ -132,7 +132,7 @@ class Page:
         made = self.plots(style.PAGE)
         shown = [section for section in self.sections if not section.plot or section.plot in made]
         environment = jinja2.Environment(loader=jinja2.PackageLoader("truestroke.report"), autoescape=True)
-        environment.filters["typeset"] = typeset
+        environment.filters |= {"typeset": typeset, "micro": units.micro}
         return environment.get_template("page.html.j2").render(
             page=self,
             sections=shown,
@@ -161,7 +161,7 @@ def save_plots(plots: Plots, directory: str | Path) -> list[Path]:
 
 
 def typeset(text: str) -> Markup:
-    """A sentence of the terminal as HTML: um as µm; what stands in backticks as code, to the letter.
+    """A text of the terminal as HTML: um as µm; what stands in backticks as code, to the letter.
 
     Examples
     --------
@@ -191,7 +191,7 @@ def svg(figure: Figure, name: str, description: str) -> str:
     box = re.search(r'viewBox="[^"]*"', text)
     opening = (
         f'<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" {box[0] if box else ""} '
-        f'role="img" aria-labelledby="{name}-title"><title id="{name}-title">{escape(description)}</title>'
+        f'role="img" aria-labelledby="{name}-title"><title id="{name}-title">{escape(units.micro(description))}</title>'
     )
     return re.sub(r"<svg[^>]*>", lambda _: opening, text, count=1)
 

@@ -97,8 +97,7 @@ def error(recording: Recording, convergence_time: float | None = None, theme: Th
     errors = {name: recording[name] - desired for name in names}
     usual = _usual(recording)
     largest = max(float(np.nanmax(np.abs(e[usual]))) for e in errors.values())
-    factor, unit = units.scaled(1e-6 * largest, "m")
-    scale = 1e-6 * factor
+    scale, unit = units.scaled_length(largest)
     begin = slice(0, max(2, round(_beginning(time, convergence_time) / _step(time))))
     with style.use(theme):
         figure, (first, whole) = style.panels(4.6, 2, height_ratios=[1, 1.35])

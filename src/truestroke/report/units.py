@@ -30,6 +30,18 @@ def length(um: float) -> str:
     return EngFormatter(unit="m")(float(f"{1e-6 * um:.3g}"))
 
 
+def scaled_length(largest: float) -> tuple[float, str]:
+    """Factor from um, and unit, in which to show lengths up to `largest` um.
+
+    Examples
+    --------
+    >>> scaled_length(0.3), scaled_length(49.0)
+    ((1000.0, 'nm'), (1.0, 'µm'))
+    """
+    factor, unit = scaled(1e-6 * largest, "m")
+    return float(f"{1e-6 * factor:.3g}"), unit
+
+
 def scaled(largest: float, unit: str) -> tuple[float, str]:
     """Factor and unit in which to show values up to `largest` of `unit`.
 

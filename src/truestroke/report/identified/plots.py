@@ -19,12 +19,6 @@ from truestroke.report.identified.view import View, binned
 from truestroke.report.style import LIGHT, Theme
 
 
-def lengths(largest: float) -> tuple[float, str]:
-    """Factor from um, and unit, in which to show lengths up to `largest` um."""
-    factor, unit = units.scaled(1e-6 * largest, "m")
-    return 1e-6 * factor, unit
-
-
 def volt_unit(view: View) -> tuple[float, str]:
     """Factor and unit of voltages."""
     return units.scaled(max(abs(v) for v in view.model.voltage_range), "V")
@@ -47,7 +41,7 @@ def loop(view: View, theme: Theme = LIGHT) -> Figure:
     with style.use(theme):
         figure, panels = style.panels(3.5, 1, 2)
         for panel, taken in zip(panels, (np.zeros_like(line), line), strict=True):
-            factor, length = lengths(float(np.ptp(z - taken)))
+            factor, length = units.scaled_length(float(np.ptp(z - taken)))
             panel.plot(volts * x, factor * (z - taken + gap), color=theme["desired"], lw=2.4, label="measured")
             predicted = factor * (view.predicted[rows] - taken + gap)
             panel.plot(volts * x, predicted, color=theme["true"], lw=1.0, label="predicted")
@@ -66,9 +60,9 @@ def loop(view: View, theme: Theme = LIGHT) -> Figure:
 def residual(view: View, correlation: FloatArray, rows: int, theme: Theme = LIGHT) -> Figure:
     """What the prediction leaves: against time, voltage and rate; and how what the fit leaves goes with itself."""
     error = view.error[view.tested]
-    factor, unit = lengths(float(np.abs(error).max()))
+    factor, unit = units.scaled_length(float(np.abs(error).max()))
     volts, volt = volt_unit(view)
-    speed, length = lengths(float(np.abs(view.rate).max()))
+    speed, length = units.scaled_length(float(np.abs(view.rate).max()))
     with style.use(theme):
         figure = Figure(figsize=(style.WIDTH, 4.6), layout=ConstrainedLayoutEngine(h_pad=0.07, w_pad=0.05))
         panels = figure.subplot_mosaic("TTT;VRC", height_ratios=[1.1, 1])
