@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from truestroke.base.checks import SettingError
-from truestroke.report import style
+from truestroke.report import style, units
 from truestroke.report.style import LIGHT, Theme
 from truestroke.signals.channels import Channel, Signals
 
@@ -42,7 +42,7 @@ def signals(held: Signals, names: Sequence[str] = (), theme: Theme = LIGHT) -> F
             for i, (label, line) in enumerate(columns.items()):
                 colour = theme.series[i % style.SERIES]
                 panel.plot(*style.thin(channels[time].data, line), color=colour, lw=0.8, label=label)
-            panel.set_ylabel(f"{', '.join(lines)} ({unit.replace('um', 'µm')})" if unit else ", ".join(lines))
+            panel.set_ylabel(f"{', '.join(lines)} ({units.micro(unit)})" if unit else ", ".join(lines))
             if len(columns) <= NAMED:
                 style.legend_above(panel, len(columns))
         axes[-1].set_xlabel("time (s)")
