@@ -57,7 +57,7 @@ def drive(controller: AdaptiveController, ticks: int, start: int = 0) -> list[fl
         ("smoothing_time", 2.0, ["smoothing_time", "2.0 s", "from 0 to 1"]),
         ("trim_rate", -1.0, ["trim_rate", "-1.0 1/s", "from 0"]),
         ("precision", "half", ["precision", "'half'", "'single'"]),
-        ("lambda_", 0.99, ["lambda_", "left out; there are sample_rate", "forgetting"]),
+        ("lambda_", 0.99, ["lambda_", "left out; there are", "sample_rate", "forgetting"]),
         ("forgeting", 0.99, ["forgeting = 0.99", "did you mean forgetting?"]),
         ("stroke", "30", ["stroke = '30' um", "a number"]),
     ],

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from truestroke import ControllerSettings, SettingError, _kernel, _kernel32
 from truestroke.control.settings import kernel_settings
+from truestroke.model.layout import Layout
 from truestroke.model.models import (
     ModifiedPrandtlIshlinskii,
     PrandtlIshlinskii,
@@ -193,21 +194,36 @@ def test_creep_states_are_the_step_response_of_a_first_order_lag() -> None:
 @quick
 @given(s=st.floats(0.0, 1.0))
 def test_asymmetry_vanishes_at_the_ends_and_is_even_and_odd_about_the_middle(s) -> None:
-    first, second = asymmetry_terms(30.0 * s, 30.0, 2)
-    assert asymmetry_terms(0.0, 30.0, 2) == asymmetry_terms(30.0, 30.0, 2) == [0.0, 0.0]
-    mirrored = asymmetry_terms(30.0 * (1 - s), 30.0, 2)
+    first, second = asymmetry_terms(30.0 * s, 30.0)
+    assert asymmetry_terms(0.0, 30.0) == asymmetry_terms(30.0, 30.0) == (0.0, 0.0)
+    mirrored = asymmetry_terms(30.0 * (1 - s), 30.0)
     np.testing.assert_allclose(mirrored, [first, -second], rtol=0, atol=1e-12)
     assert 0 <= first <= 1
     assert abs(second) <= 0.7699  # 4 / (3 sqrt 3) at s = (1 - 1 / sqrt 3) / 2
-    assert np.isfinite(asymmetry_terms(1e300, 30.0, 2)).all()
+    assert np.isfinite(asymmetry_terms(1e300, 30.0)).all()
 
 
-def test_the_terms_stand_in_the_order_of_the_settings() -> None:
-    assert play_terms(np.array([1.0, 2.0, 3.0]), 10.0, [True, False, True]).tolist() == [1.0, 10.0, 2.0, 3.0, 30.0]
-    terms = {"lag": True, "offset": True, "stroke": 30.0, "asymmetry": 2}
-    assert known_terms(np.array([0.7]), 15.0, 50.0, **terms).tolist() == [0.7, 50.0, 1.0, 1.0, 0.0]
-    none = {"lag": False, "offset": False, "stroke": 30.0, "asymmetry": 0}
-    assert known_terms(np.zeros(0), 15.0, 50.0, **none).size == 0
+def test_the_terms_stand_in_the_order_of_the_layout() -> None:
+    layout = Layout(thresholds=(0.0, 0.2, 0.4), rate_dependent=(0, 2), creep_times=(0.3,), asymmetry=2)
+    states = np.array([1.0, 2.0, 3.0])
+    assert play_terms(layout, states, 10.0).tolist() == [1.0, 10.0, 2.0, 3.0, 30.0]
+    assert known_terms(layout, np.array([0.7]), 15.0, 50.0, 30.0).tolist() == [0.7, 50.0, 1.0, 1.0, 0.0]
+    none = Layout(thresholds=(0.0,), lag=False, offset=False)
+    assert known_terms(none, np.zeros(0), 15.0, 50.0, 30.0).size == 0
+
+
+def test_terms_along_a_record_are_those_of_each_sample() -> None:
+    layout = Layout(thresholds=(0.0, 0.2), rate_dependent=(1,), creep_times=(0.3,), asymmetry=1)
+    states, creep, z, rate = (
+        np.arange(6.0).reshape(2, 3),
+        np.array([[0.1, 0.2, 0.3]]),
+        5.0 * np.arange(3),
+        np.arange(3.0),
+    )
+    plays, known = play_terms(layout, states, rate), known_terms(layout, creep, z, rate, 30.0)
+    for k in range(3):
+        assert plays[:, k].tolist() == play_terms(layout, states[:, k], float(rate[k])).tolist()
+        assert known[:, k].tolist() == known_terms(layout, creep[:, k], float(z[k]), float(rate[k]), 30.0).tolist()
 
 
 @pytest.mark.parametrize(

@@ -113,7 +113,7 @@ static ts_settings settings(int plays, bool paper)
     s.initial_weights[0] = 8;
     if (paper) return s;
     s.law = TS_LAW_KALMAN;
-    s.creeps = 4, s.asymmetry = 2, s.lag = true, s.offset = true;
+    s.terms[TS_CREEP] = 4, s.terms[TS_LAG] = 1, s.terms[TS_OFFSET] = 1, s.terms[TS_ASYMMETRY] = 2;
     for (int i = 0; i < 4; i++) s.creep[i] = (ts_real)(0.15 * pow(0.1, i));
     s.slope_min = 3, s.slope_max = 28, s.velocity_limit = 1500, s.slew = (ts_real)0.25, s.smoothing = (ts_real)0.5;
     s.first_noise = (ts_real)0.03;

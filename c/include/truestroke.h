@@ -47,7 +47,17 @@ typedef TS_REAL ts_real;
 #define TS_HISTORY 64
 #endif
 #define TS_MAX_ASYMMETRY 2
-#define TS_MAX_PARAMETERS (2 * TS_MAX_PLAYS + TS_MAX_CREEPS + 2 + TS_MAX_ASYMMETRY)
+
+/* The terms that are known before the voltage is chosen, in the order of their weights, and how many each has at most. */
+typedef enum {
+    TS_CREEP,     /* first-order states of the voltage, V; weights in um/V */
+    TS_LAG,       /* zdot_d; s */
+    TS_OFFSET,    /* 1; um */
+    TS_ASYMMETRY, /* 4 s (1 - s), 8 s (1 - s)(1 - 2 s), s = z_d / stroke within -1 <= s <= 2; um */
+    TS_TERMS
+} ts_term;
+#define TS_MOST_WEIGHTS {TS_MAX_CREEPS, 1, 1, TS_MAX_ASYMMETRY}
+#define TS_MAX_PARAMETERS (2 * TS_MAX_PLAYS + TS_MAX_CREEPS + 1 + 1 + TS_MAX_ASYMMETRY)
 #define TS_PACKED(m) ((m) * ((m) + 1) / 2) /* entries of the lower triangle of an m x m matrix, row by row */
 
 /* Sums run in lanes (lanes.h), and rows are padded with zeros to whole ones. A triangle is stored row by row: row i begins
@@ -69,7 +79,7 @@ typedef enum {
     TS_BAD_THRESHOLDS,       /* thresholds must start at 0 and ascend */
     TS_BAD_DEAD_ZONES,       /* dead_zones outside 1..TS_MAX_DEAD_ZONES, or thresholds that do not start at 0 and ascend */
     TS_BAD_DEAD_ZONE_WEIGHTS,/* a partial sum of the dead-zone weights is not positive */
-    TS_BAD_TERMS,            /* creeps or asymmetry outside their range, or a creep coefficient outside 0 < c <= 1 */
+    TS_BAD_TERMS,            /* a term has more weights than TS_MOST_WEIGHTS or fewer than 0, or a creep coefficient outside 0 < c <= 1 */
     TS_BAD_WEIGHTS,          /* an initial weight is not finite */
     TS_BAD_RATE_SCALE,       /* c_b is negative or not finite */
     TS_BAD_RLS,              /* lambda outside 1e-3 <= lambda <= 1, delta not positive, or a limit below the trace of P(0) */
@@ -226,24 +236,21 @@ TS_API ts_real ts_oscillation_frequency(const ts_oscillation *o, int n);
 
 typedef enum { TS_LAW_RLS, TS_LAW_KALMAN } ts_law;
 
-/* Parameters: [a0, b0, a1, b1, ...] of (21), b_i where rate_dependent[i]; then the weights of the terms that are known before the
- * voltage is chosen: creeps, lag, offset, asymmetry. */
+/* Parameters: [a0, b0, a1, b1, ...] of (21), b_i where rate_dependent[i]; then the weights of the known terms, in
+ * the order of ts_term. */
 typedef struct {
     /* model */
     int plays;                                         /* n, 1 */
     int dead_zones;                                    /* 1 */
-    int creeps;                                        /* 1 */
-    int asymmetry;                                     /* number of its terms, 0..2 */
-    bool lag, offset;                                  /* terms zdot_d (weight in s) and 1 (um) */
-    bool rate_dependent[TS_MAX_PLAYS];                          /* whether play i has a rate weight b_i */
+    int terms[TS_TERMS];                               /* number of weights of each known term, 1 */
+    bool rate_dependent[TS_MAX_PLAYS];                 /* whether play i has a rate weight b_i */
     ts_real thresholds[TS_MAX_PLAYS];                  /* r, V */
     ts_real dead_zone_thresholds[TS_MAX_DEAD_ZONES];   /* d', um (of the inverse: they act on displacement) */
     ts_real dead_zone_weights[TS_MAX_DEAD_ZONES];      /* w_s', 1 (of the inverse) */
     ts_real creep[TS_MAX_CREEPS];                      /* 1 - exp(-T / tau) of each first-order state of the voltage */
     ts_real rate_scale;                                /* c_b, s/um */
-    ts_real stroke;                                    /* um: the asymmetry terms are 4 s (1 - s), 8 s (1 - s)(1 - 2 s), s = z_d / stroke,
-                                                          within -1 <= s <= 2 */
-    ts_real initial_weights[TS_MAX_PARAMETERS];        /* w(0), um/V; s for lag; um for offset and asymmetry */
+    ts_real stroke;                                    /* um */
+    ts_real initial_weights[TS_MAX_PARAMETERS];        /* w(0), um/V; known terms: see ts_term */
     /* law */
     ts_law law;
     ts_real forgetting;                                /* RLS: lambda, 1 */

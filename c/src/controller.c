@@ -40,8 +40,10 @@ static ts_status check_model(const ts_settings *s)
     if (s->dead_zones < 1 || s->dead_zones > TS_MAX_DEAD_ZONES) return TS_BAD_DEAD_ZONES;
     if (!ascends_from_zero(s->dead_zone_thresholds, s->dead_zones)) return TS_BAD_DEAD_ZONES;
     if (!partial_sums_positive(s->dead_zone_weights, s->dead_zones)) return TS_BAD_DEAD_ZONE_WEIGHTS;
-    if (s->creeps < 0 || s->creeps > TS_MAX_CREEPS || s->asymmetry < 0 || s->asymmetry > TS_MAX_ASYMMETRY) return TS_BAD_TERMS;
-    for (int i = 0; i < s->creeps; i++)
+    static const int most[TS_TERMS] = TS_MOST_WEIGHTS;
+    for (int i = 0; i < TS_TERMS; i++)
+        if (s->terms[i] < 0 || s->terms[i] > most[i]) return TS_BAD_TERMS;
+    for (int i = 0; i < s->terms[TS_CREEP]; i++)
         if (!(s->creep[i] > 0 && s->creep[i] <= 1)) return TS_BAD_TERMS;
     for (int i = 0; i < ts_parameters(s); i++)
         if (!bounded(s->initial_weights[i])) return TS_BAD_WEIGHTS;
@@ -101,17 +103,18 @@ static ts_status check(const ts_settings *s)
     return good ? TS_OK : TS_BAD_LIMIT;
 }
 
-/* Number of parameters that belong to plays: a_i, and b_i where play i has one. */
-static int play_parameters(const ts_settings *s)
+/* Place of the first weight of a known term: behind a_i of all plays, b_i of those that have one, and the terms before it. */
+static int column(const ts_settings *s, ts_term term)
 {
     int m = s->plays;
     for (int i = 0; i < s->plays; i++) m += s->rate_dependent[i];
+    for (int i = 0; i < (int)term; i++) m += s->terms[i];
     return m;
 }
 
 int ts_parameters(const ts_settings *s)
 {
-    return play_parameters(s) + s->creeps + s->lag + s->offset + s->asymmetry;
+    return column(s, TS_TERMS);
 }
 
 /* ---- Small steps --------------------------------------------------------------------------------------------------- */
@@ -129,7 +132,7 @@ static ts_real through_dead_zones(const ts_settings *s, ts_real z)
 /* Creep states follow the voltage of the tick before, so that they are known before the next one is chosen. */
 static void remember_creep(ts_memory *memory, const ts_settings *s)
 {
-    for (int i = 0; i < s->creeps; i++) memory->creep[i] += s->creep[i] * (memory->play[0] - memory->creep[i]);
+    for (int i = 0; i < s->terms[TS_CREEP]; i++) memory->creep[i] += s->creep[i] * (memory->play[0] - memory->creep[i]);
 }
 
 static void remember_voltage(ts_memory *memory, const ts_settings *s, ts_real x)
@@ -141,14 +144,13 @@ static void remember_voltage(ts_memory *memory, const ts_settings *s, ts_real x)
 /* The part of the regressor that is known before the voltage is chosen; u is the place of the first of these terms. */
 static void known_terms(const ts_settings *s, const ts_memory *memory, ts_real z_d, ts_real zdot_d, ts_real *u)
 {
-    for (int i = 0; i < s->creeps; i++) *u++ = memory->creep[i];
-    if (s->lag) *u++ = zdot_d;
-    if (s->offset) *u++ = 1;
-    if (s->asymmetry == 0) return;
-    ts_real along = within(z_d / s->stroke, -1, 2); /* further out a polynomial tells nothing, and would overflow */
-    ts_real first = 4 * along * (1 - along);
-    *u++ = first;
-    if (s->asymmetry > 1) *u++ = 2 * first * (1 - 2 * along);
+    const int *n = s->terms;
+    ts_real along = within(z_d / s->stroke, -1, 2); /* further out a polynomial is no model, and would overflow */
+    ts_real first = 4 * along * (1 - along), asymmetry[TS_MAX_ASYMMETRY] = {first, 2 * first * (1 - 2 * along)};
+    for (int i = 0; i < n[TS_CREEP]; i++) *u++ = memory->creep[i];
+    for (int i = 0; i < n[TS_LAG]; i++) *u++ = zdot_d;
+    for (int i = 0; i < n[TS_OFFSET]; i++) *u++ = 1;
+    for (int i = 0; i < n[TS_ASYMMETRY]; i++) *u++ = asymmetry[i];
 }
 
 /* (20), and the known terms. */
@@ -495,7 +497,7 @@ ts_status ts_controller_init(ts_controller *c, const ts_settings *settings)
     if (status != TS_OK) return status;
     c->settings = *settings;
     c->parameters = ts_parameters(settings);
-    c->of_plays = play_parameters(settings);
+    c->of_plays = column(settings, TS_CREEP);
     ts_controller_reset(c);
     return TS_OK;
 }
@@ -552,10 +554,10 @@ ts_status ts_controller_start(ts_controller *c, ts_real volts, ts_real z)
     if (!(z >= -ts_reach(s, volts) && z <= ts_reach(s, volts))) return TS_BEYOND_REACH;
     ts_controller_reset(c);
     ts_play_bank(volts, s->thresholds, c->now.play, s->plays);
-    for (int i = 0; i < s->creeps; i++) c->now.creep[i] = volts;
+    for (int i = 0; i < s->terms[TS_CREEP]; i++) c->now.creep[i] = volts;
     c->lagged = c->now;
     ts_real missing = wanted_of_plays(c, z, 0, 0) - sum_of_plays(c);
-    if (s->offset) c->w[c->parameters - 1 - s->asymmetry] += missing; /* a constant until data say more */
+    if (s->terms[TS_OFFSET]) c->w[column(s, TS_OFFSET)] += missing; /* a constant until data say more */
     else c->carry = -missing;
     keep_weights(c, true);
     return TS_OK;
@@ -571,11 +573,11 @@ static bool equal(const ts_real *a, const ts_real *b, int n)
 /* What a law has learned belongs to its terms, thresholds, times and prior. */
 static bool same_model(const ts_settings *a, const ts_settings *b)
 {
-    bool same = a->law == b->law && a->plays == b->plays && a->dead_zones == b->dead_zones && a->creeps == b->creeps
-                && a->asymmetry == b->asymmetry && a->lag == b->lag && a->offset == b->offset;
+    bool same = a->law == b->law && a->plays == b->plays && a->dead_zones == b->dead_zones;
+    for (int i = 0; i < TS_TERMS; i++) same = same && a->terms[i] == b->terms[i];
     for (int i = 0; same && i < a->plays; i++) same = a->rate_dependent[i] == b->rate_dependent[i];
     int m = same ? ts_parameters(a) : 0;
-    return same && equal(a->thresholds, b->thresholds, a->plays) && equal(a->creep, b->creep, a->creeps)
+    return same && equal(a->thresholds, b->thresholds, a->plays) && equal(a->creep, b->creep, a->terms[TS_CREEP])
            && equal(a->dead_zone_thresholds, b->dead_zone_thresholds, a->dead_zones) && equal(&a->stroke, &b->stroke, 1)
            && equal(a->initial_weights, b->initial_weights, m) && equal(&a->regularization, &b->regularization, 1)
            && equal(&a->oscillation.tick, &b->oscillation.tick, 1)

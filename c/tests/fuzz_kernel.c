@@ -74,8 +74,9 @@ static ts_settings sane(bytes *b)
     }
     s.law = below(b, 4) ? TS_LAW_KALMAN : TS_LAW_RLS;
     unsigned terms = byte(b);
-    s.lag = terms & 1, s.offset = terms >> 1 & 1, s.asymmetry = (int)(terms >> 2) % 3, s.creeps = (int)(terms >> 4) % 5;
-    for (int i = 0; i < s.creeps; i++) s.creep[i] = (ts_real)(0.15 / (1 << 2 * i));
+    s.terms[TS_LAG] = terms & 1, s.terms[TS_OFFSET] = terms >> 1 & 1;
+    s.terms[TS_ASYMMETRY] = (int)(terms >> 2) % 3, s.terms[TS_CREEP] = (int)(terms >> 4) % 5;
+    for (int i = 0; i < s.terms[TS_CREEP]; i++) s.creep[i] = (ts_real)(0.15 / (1 << 2 * i));
     s.initial_weights[0] = 8;
     s.kalman = (ts_kalman_settings){
         .filter = (ts_real)0.6, .noise_rate = (ts_real)1e-3, .ringing_rate = (ts_real)0.1,
@@ -114,7 +115,7 @@ static void disturb(bytes *b, ts_settings *s)
         return;
     }
     int number = below(b, 65536) - 32768;
-    int *const counts[] = {&s->plays, &s->dead_zones, &s->creeps, &s->asymmetry, &k->refractory, &k->outliers};
+    int *const counts[] = {&s->plays, &s->dead_zones, &s->terms[TS_CREEP], &s->terms[TS_ASYMMETRY], &k->refractory, &k->outliers};
     if (which - ENTRIES < 6) *counts[which - ENTRIES] = number % 40;
     else s->rate_dependent[below(b, TS_MAX_PLAYS)] ^= 1;
 }

@@ -55,7 +55,7 @@ static ts_settings kalman_settings(void)
 {
     ts_settings s = settings();
     s.law = TS_LAW_KALMAN;
-    s.creeps = 2, s.asymmetry = 2, s.lag = true, s.offset = true;
+    s.terms[TS_CREEP] = 2, s.terms[TS_LAG] = 1, s.terms[TS_OFFSET] = 1, s.terms[TS_ASYMMETRY] = 2;
     s.creep[0] = (ts_real)0.15, s.creep[1] = (ts_real)0.0017;
     s.slope_min = 3, s.slope_max = 28, s.velocity_limit = 1500, s.slew = (ts_real)0.25;
     s.smoothing = (ts_real)0.5, s.first_noise = (ts_real)0.03, s.initial_weights[0] = 8;
@@ -550,9 +550,9 @@ static void test_start_and_change(void)
     for (int kind = 0; kind < 4; kind++) { /* with and without an offset; slopes within limits or clamped */
         ts_controller c;
         ts_settings s = kalman_settings();
-        s.offset = kind % 2;
+        s.terms[TS_OFFSET] = kind % 2;
         if (kind > 1) s.slope_min = 10;
-        if (!s.offset) for (int i = 19; i < 21; i++) s.prior[TS_PACKED(i) + i] = 2;
+        if (!s.terms[TS_OFFSET]) for (int i = 19; i < 21; i++) s.prior[TS_PACKED(i) + i] = 2;
         ts_real volts, first;
         check(ts_controller_init(&c, &s) == TS_OK, "init");
         check(ts_controller_start(&c, (ts_real)1.25, 17) == TS_OK, "start");

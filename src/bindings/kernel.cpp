@@ -97,7 +97,7 @@ template <typename T> nb::object copy_of(const T *data, std::vector<size_t> shap
 template <typename Controller, typename Visit> void each_array(Controller &c, Visit visit) {
     size_t m = static_cast<size_t>(c.parameters), n = static_cast<size_t>(c.settings.plays);
     size_t triangle = static_cast<size_t>(TS_TRIANGLE(c.parameters));
-    size_t creeps = static_cast<size_t>(c.settings.creeps);
+    size_t creeps = static_cast<size_t>(c.settings.terms[TS_CREEP]);
     visit("weights", &c.w[0], m);
     visit("carry", &c.carry, 1);
     visit("integral", &c.integral, 1);

@@ -129,7 +129,7 @@ def documented(table: Table) -> Callable[[C], C]:
 
     def decorate(cls: C) -> C:
         fields = {f.name: f for f in dataclasses.fields(cls)}
-        if tuple(fields) != tuple(table):
+        if fields.keys() != table.keys():
             raise TypeError(f"{cls.__name__}: fields and table differ in {sorted(fields.keys() ^ table.keys())}")
         lines = [
             f"{name} : {fields[name].type}\n        {s.meaning}{', ' + s.unit if s.unit else ''}: {s.bound.text}; "

@@ -17,6 +17,8 @@ from truestroke.base.typing import FloatArray
 from truestroke.control.settings import UNLIMITED, ControllerSettings, kernel_settings
 from truestroke.control.spans import Beyond, spans
 from truestroke.model import prior
+from truestroke.model.layout import Layout
+from truestroke.model.models import asymmetry_terms, known_terms
 
 VELOCITY_SPAN = 0.1e-3  # s: half of the span of a central difference, at least one sample
 NEWTON_STEPS = 8  # at most
@@ -28,7 +30,7 @@ EXPECTED = "an ActuatorModel, such as of truestroke.load_model(path) or identify
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class ActuatorModel:
+class ActuatorModel(Layout):
     """The terms of the default controller's model, with weights from a record and their covariance.
 
     ::
@@ -42,12 +44,8 @@ class ActuatorModel:
     ----------
     thresholds : tuple[float, ...]
         r of the plays, V, ascending from 0.
-    rate_dependent : tuple[int, ...]
-        Which plays have a rate weight.
-    creep_times : tuple[float, ...]
-        Time constants of the creep states, s.
-    asymmetry : int
-        Terms of asymmetry, 0 to 2.
+    rate_dependent, creep_times, lag, offset, asymmetry
+        The terms, as in `Layout`; by default lag and offset alone.
     delay : float
         Between voltage and displacement, s, beyond the lag.
     rate_scale : float
@@ -80,14 +78,10 @@ class ActuatorModel:
         An entry is out of bounds or does not fit the others.
     """
 
-    thresholds: tuple[float, ...]
     weights: FloatArray
     stroke: float
     voltage_range: tuple[float, float]
     covariance: FloatArray
-    rate_dependent: tuple[int, ...] = ()
-    creep_times: tuple[float, ...] = ()
-    asymmetry: int = 0
     delay: float = 0.0
     rate_scale: float = 0.0
     zero: float = 0.0
@@ -98,7 +92,7 @@ class ActuatorModel:
     before: ActuatorModel | None = None
 
     def __post_init__(self) -> None:
-        made = self._terms(1.0)  # checks them
+        made = self._settings(1.0)  # checks the terms
         weights = np.array(made.initial_weights)
         covariance = checks.finite_array("covariance", self.covariance, ndim=2)
         if covariance.shape != (weights.size, weights.size) or not np.allclose(covariance, covariance.T):
@@ -109,9 +103,7 @@ class ActuatorModel:
         values: dict[str, object] = {
             "stroke": made.stroke,
             "rate_scale": made.rate_scale,
-            "thresholds": made.thresholds,
-            "rate_dependent": made.rate_dependent,
-            "creep_times": made.creep_times,
+            **made.terms,
             "weights": weights,
             "covariance": covariance,
             "voltage_range": made.voltage_limits,
@@ -122,11 +114,6 @@ class ActuatorModel:
         }
         for name, value in values.items():
             object.__setattr__(self, name, value)
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the weights, in their order."""
-        return self._terms(1.0).names
 
     @property
     def deviations(self) -> FloatArray:
@@ -150,10 +137,14 @@ class ActuatorModel:
         **changes
             Members of `ControllerSettings` that replace what follows from the model, such as `voltage_limits`.
         """
-        w, lag = self.weights.tolist(), self.weights.size - 2 - self.asymmetry
-        w[lag] -= self.delay
         slopes = {"slope_limits": (SLOPES[0] * self.sensitivity, SLOPES[1] * self.sensitivity)}
-        return self._terms(sample_rate, **{"initial_weights": tuple(w), **slopes, **changes})
+        return self._settings(sample_rate, **{"initial_weights": self._delayed(self.delay), **slopes, **changes})
+
+    def _delayed(self, delay: float) -> tuple[float, ...]:
+        """The weights with a delay, s, in the lag."""
+        w = self.weights.copy()
+        w[self.columns["lag"]] -= delay
+        return tuple(w.tolist())
 
     def start(self, sample_rate: float, **changes: Any) -> ControllerSettings:
         """`settings` of a controller that starts at rest, with a prior as sure of the weights as the record allows.
@@ -163,9 +154,9 @@ class ActuatorModel:
         prior would not follow them.
         """
         fixed = self.settings(sample_rate, **changes)
-        weights, offset = list(fixed.initial_weights), self.weights.size - 1 - self.asymmetry
-        weights[offset] = 0.0
-        from_rest = {"initial_weights": tuple(weights), **changes}
+        weights = np.array(fixed.initial_weights)
+        weights[self.columns["offset"]] = 0.0
+        from_rest = {"initial_weights": tuple(weights.tolist()), **changes}
         if fixed.law != "kalman":
             return self.settings(sample_rate, **from_rest)
         P = self.another_day()
@@ -177,29 +168,18 @@ class ActuatorModel:
         That of the record plus `DRIFT`^2 of the default prior: the record does not know the load, temperature and
         polarisation of another day, and the model is not the actuator. The offset has its default variance.
         """
-        a, offset = self._parts()[0], self.weights.size - 1 - self.asymmetry
-        terms: dict[str, Any] = {
-            "creeps": len(self.creep_times),
-            "lag": True,
-            "offset": True,
-            "asymmetry": self.asymmetry,
-        }
-        default = prior.covariance(np.abs(a), self.rate_dependent, q=self.sensitivity, stroke=self.stroke, **terms)
+        default = prior.covariance(self, np.abs(self.weights[self.a]), q=self.sensitivity, stroke=self.stroke)
         P = self.covariance + DRIFT**2 * default
-        P[offset] = P[:, offset] = default[offset]
+        offset = self.columns["offset"]
+        P[offset], P[:, offset] = default[offset], default[:, offset]
         return np.asarray(P)
 
-    def _terms(self, sample_rate: float, **changes: Any) -> ControllerSettings:
+    def _settings(self, sample_rate: float, **changes: Any) -> ControllerSettings:
         model: dict[str, Any] = {
             "stroke": self.stroke,
             "voltage_limits": self.voltage_range,
             "plays": len(self.thresholds),
-            "thresholds": self.thresholds,
-            "rate_dependent": self.rate_dependent,
-            "creep_times": self.creep_times,
-            "lag": True,
-            "offset": True,
-            "asymmetry": self.asymmetry,
+            **self.terms,
             "rate_scale": self.rate_scale,
             "initial_weights": tuple(checks.finite_array("weights", self.weights).tolist()),
         }
@@ -225,23 +205,17 @@ class ActuatorModel:
             return x
         shift = round(self.delay * fs)
         x = np.concatenate([np.full(min(shift, x.size), x[0]), x[: max(x.size - shift, 0)]]) if shift else x
-        a, b, creep, (lag, offset), asymmetry = self._parts()
-        lag -= self.delay - shift / fs
-        known = offset + sum((w * c for w, c in zip(creep, creep_states(x, self.creep_times, fs), strict=True)), 0.0)
-        z = solve_asymmetry(play_sum(x, 0.0, a, b, self.thresholds) + known, asymmetry, self.stroke)
-        rate = central_difference(z, fs)
-        plays = play_sum(x, self.rate_scale * rate, a, b, self.thresholds)
-        return self.zero + solve_asymmetry(plays + known + lag * rate, asymmetry, self.stroke)
+        w = np.array(self._delayed(self.delay - shift / fs))
+        a, b = self.of_all_plays(w)
+        creep = creep_states(x, self.creep_times, fs)
 
-    def _parts(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Weights a, b of all plays (b = 0 where there is none), of creep, (lag, offset), of the asymmetry."""
-        n, w = len(self.thresholds), self.weights
-        place = np.arange(n) + np.array([sum(j < i for j in self.rate_dependent) for i in range(n)])
-        b = np.zeros(n)
-        b[list(self.rate_dependent)] = w[place[list(self.rate_dependent)] + 1] if self.rate_dependent else 0.0
-        terms = w[n + len(self.rate_dependent) :]
-        c = len(self.creep_times)
-        return w[place], b, terms[:c], terms[c : c + 2], terms[c + 2 :]
+        def response(velocity: FloatArray) -> FloatArray:
+            plays = play_sum(x, self.rate_scale * velocity, a, b, self.thresholds)
+            known = known_terms(self, creep, np.zeros_like(x), velocity, self.stroke)  # at 0 um there is no asymmetry
+            return solve_asymmetry(plays + w[self.of_plays :] @ known, w[self.columns["asymmetry"]], self.stroke)
+
+        z = response(np.zeros_like(x))
+        return self.zero + response(central_difference(z, fs))
 
     # ---- Inverse ---------------------------------------------------------------------------------------------------
 
@@ -276,10 +250,9 @@ class ActuatorModel:
         fs = checks.positive("sample_rate", sample_rate, "Hz")
         rate = central_difference(z_d, fs) if velocity is None else checks.finite_array("velocity", velocity, "um/s")
         limits = self.voltage_range if voltage_limits is None else voltage_limits
-        shift, w = round(self.delay * fs), self.weights.copy()
-        w[w.size - 2 - self.asymmetry] -= self.delay - shift / fs  # the lag
+        shift = round(self.delay * fs)
         changes = {"voltage_limits": limits, "slew_limit": slew_limit, "smoothing_time": 0.0}
-        fixed = self.settings(fs, initial_weights=tuple(w.tolist()), **changes)
+        fixed = self.settings(fs, initial_weights=self._delayed(self.delay - shift / fs), **changes)
         kernel, volts = _kernel.Kernel(kernel_settings(fixed)), np.empty_like(z_d)
         if z_d.size:
             rest = self._rest(float(z_d[0]), fixed.voltage_limits)
@@ -370,26 +343,19 @@ def central_difference(z: FloatArray, sample_rate: float) -> FloatArray:
     return np.asarray((z[after] - z[before]) * sample_rate / np.maximum(after - before, 1))
 
 
-def asymmetry_columns(z: FloatArray, stroke: float) -> FloatArray:
-    """4 s (1 - s) and 8 s (1 - s)(1 - 2 s), s = z / stroke within -1 to 2, shape (samples, 2)."""
-    s = np.clip(z / stroke, -1.0, 2.0)
-    first = 4 * s * (1 - s)
-    return np.column_stack([first, 2 * first * (1 - 2 * s)])
-
-
 def asymmetry_slopes(z: FloatArray, stroke: float) -> FloatArray:
-    """Their derivatives by z, 1/um."""
+    """Derivatives of `asymmetry_terms` by z, 1/um, shape (2, samples)."""
     s = np.clip(z / stroke, -1.0, 2.0)
     inside = s == z / stroke
-    return np.column_stack([inside * (4 - 8 * s), inside * 8 * (1 - 6 * s + 6 * s * s)]) / stroke
+    return np.array([inside * (4 - 8 * s), inside * 8 * (1 - 6 * s + 6 * s * s)]) / stroke
 
 
 def solve_asymmetry(y: FloatArray, asymmetry: FloatArray, stroke: float) -> FloatArray:
     """The z with z - asymmetry(z) = y, um, by Newton's method."""
     n, z = len(asymmetry), y.copy()
     for _ in range(NEWTON_STEPS if n else 0):
-        slope = np.maximum(1 - asymmetry_slopes(z, stroke)[:, :n] @ asymmetry, 0.1)
-        step = (z - asymmetry_columns(z, stroke)[:, :n] @ asymmetry - y) / slope
+        slope = np.maximum(1 - asymmetry @ asymmetry_slopes(z, stroke)[:n], 0.1)
+        step = (z - asymmetry @ np.array(asymmetry_terms(z, stroke)[:n]) - y) / slope
         z -= step
         if not z.size or np.abs(step).max() <= CONVERGED * stroke:
             break

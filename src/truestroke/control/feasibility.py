@@ -108,8 +108,7 @@ def gains(settings: ControllerSettings) -> tuple[float, float]:
     >>> [round(gain, 2) for gain in gains(s)]
     [11.79, 8.21]
     """
-    places = np.cumsum([0, *(1 + (i in settings.rate_dependent) for i in range(settings.plays - 1))])
-    plays = np.asarray(settings.initial_weights)[places] * sum(settings.dead_zone_weights)
+    plays = np.asarray(settings.initial_weights)[settings.a] * sum(settings.dead_zone_weights)
     long_way, first = float(plays.sum()), float(plays[0])
     if settings.law == "rls":
         first = max(first, prior.FIRST_SLOPE * settings.q)

@@ -17,6 +17,7 @@ from truestroke.base import checks, files, toml
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
 from truestroke.control.actuator import ActuatorModel
+from truestroke.model.layout import TERMS
 
 FORMAT, VERSION = "truestroke model", 1
 KEYS = {
@@ -72,8 +73,8 @@ def _sections(model: ActuatorModel, prefix: str) -> list[str]:
     lines = ["", f"[{prefix}model]"]
     lines += [f"{key} = {_toml(getattr(model, name))}" for key, name in KEYS.items()]
     lines += ["", f"[{prefix}weights] # +- standard deviation"]
-    for name, weight, deviation in zip(model.names, model.weights, model.deviations, strict=True):
-        lines.append(f"{_toml(name)} = {_toml(weight)} # +- {deviation:.2g} {_unit(name)}")
+    for name, unit, weight, deviation in zip(model.names, model.units, model.weights, model.deviations, strict=True):
+        lines.append(f"{_toml(name)} = {_toml(weight)} # +- {deviation:.2g} {unit}")
     lines += ["", f"[{prefix}covariance] # of the weights, in the squares of their units", "lower_triangle = ["]
     lines += [f"  {_toml(row[: i + 1])}," for i, row in enumerate(model.covariance)]
     lines += ["]", "", f"[{prefix}figures]", *_table(model.figures.items()), "", f"[{prefix}provenance]"]
@@ -137,6 +138,9 @@ def _of_tables(tables: _Tables) -> ActuatorModel:
     with checks.inside("model.", {name: key for key, name in KEYS.items()}):
         checks.known(entries, KEYS)
         members = toml.arguments(ActuatorModel, {name: toml.needed(entries, key) for key, name in KEYS.items()})
+    members |= {
+        term.setting: name in weights for name, term in TERMS.items() if term.most == 1
+    }  # flags: by the weights
     model = ActuatorModel(
         **members,
         weights=_numbers(weights.values()),
@@ -182,7 +186,3 @@ def _toml(value: Any) -> str:
             raise ModelFileError(f"{value} in the model: only finite numbers are written")
         return repr(float(value))
     return f"[{', '.join(_toml(entry) for entry in value)}]"
-
-
-def _unit(name: str) -> str:
-    return {"lag": "s", "offset": "um"}.get(name, "um" if name.startswith("asymmetry") else "um/V")

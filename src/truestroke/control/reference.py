@@ -75,14 +75,8 @@ def law_of(settings: ControllerSettings) -> Law:
     if s.law == "rls":
         memory = {"forgetting": s.forgetting, "regularization": s.regularization}
         return RLS(s.initial_weights, **memory, covariance_limit=s.covariance_limit)
-    return BoundedKalman(s.initial_weights, s.prior_covariance, _parts(s), _kalman_settings(s))
-
-
-def _parts(s: ControllerSettings) -> FloatArray:
-    """Of each parameter: 1 for the weight of the first play, 2 for that of another play, 0 for anything else."""
-    rate_dependent = [i in s.rate_dependent for i in range(s.plays)]
-    plays = play_terms(np.array([1.0, *[2.0] * (s.plays - 1)]), 0.0, rate_dependent)
-    return np.concatenate([plays, np.zeros(s.parameters - plays.size)])
+    part = s.vector([1.0, *[2.0] * (s.plays - 1)])  # 1 for the weight of the first play, 2 for that of another
+    return BoundedKalman(s.initial_weights, s.prior_covariance, part, _kalman_settings(s))
 
 
 def _kalman_settings(s: ControllerSettings) -> KalmanSettings:
@@ -149,9 +143,7 @@ class ReferenceController:
         self._c: dict[str, Any] = kernel_settings(settings)  # times turned into coefficients of a tick
         s = settings
         self._r, self._d, self._w_s = (np.array(v) for v in (s.thresholds, s.dead_zone_thresholds, s.dead_zone_weights))
-        self._creep, self._rate_dependent = np.array(self._c["creep"]), np.array(self._c["rate_dependent"])
-        self._has_weight = np.column_stack([np.ones(s.plays, dtype=bool), self._rate_dependent])
-        self._of_plays = s.plays + len(s.rate_dependent)  # parameters before the known terms
+        self._creep = np.array(self._c["creep"])
         self._oscillation = OscillationSettings(
             **{f.name: self._c[f"oscillation.{f.name}"] for f in fields(OscillationSettings)}
         )
@@ -192,7 +184,7 @@ class ReferenceController:
         missing = self._wanted_of_plays(z, 0.0, 0.0) - self._sum_of_plays()
         if s.offset:
             weights = self.weights
-            weights[s.parameters - 1 - s.asymmetry] += missing
+            weights[s.columns["offset"]] += missing
             self.law.weights = weights
         else:
             self._carry = -missing
@@ -303,10 +295,7 @@ class ReferenceController:
         return float(dot(dead_zone(z, self._d), self._w_s))
 
     def _known_terms(self, memory: _Memory, z_d: float, zdot_d: float) -> FloatArray:
-        s = self.settings
-        return known_terms(
-            memory.creep, z_d, zdot_d, lag=s.lag, offset=s.offset, stroke=s.stroke, asymmetry=s.asymmetry
-        )
+        return known_terms(self.settings, memory.creep, z_d, zdot_d, self.settings.stroke)
 
     def _inertial(self, zdot_d: float) -> float:
         """What the motion from the tick before takes of the stage's inertia, z'' / w0^2, um: within stroke / 10."""
@@ -317,7 +306,7 @@ class ReferenceController:
 
     def _wanted_of_plays(self, z_d: float, zdot_d: float, inertia: float) -> float:
         """(11), the inertia, the trim and what the command still lacks of the last lesson, less the known terms, um."""
-        known = dot(self.law.weights[self._of_plays :], self._known_terms(self._now, z_d, zdot_d))
+        known = dot(self.law.weights[self.settings.of_plays :], self._known_terms(self._now, z_d, zdot_d))
         return self._through_dead_zones(z_d) + inertia + self._integral + self._carry - float(known)
 
     def _rate_dependent_slopes(self, zdot_d: float) -> tuple[FloatArray, bool]:
@@ -325,14 +314,9 @@ class ReferenceController:
         return limit_slopes(self._slopes_at(zdot_d), self.settings.slope_limits)
 
     def _slopes_at(self, zdot_d: float) -> FloatArray:
-        pairs = np.zeros((self._rate_dependent.size, 2))  # a_i, b_i
-        pairs[self._has_weight] = self.law.weights[: self._of_plays]
-        slopes: FloatArray = np.cumsum(pairs[:, 0] + self.settings.rate_scale * zdot_d * pairs[:, 1])
+        a, b = self.settings.of_all_plays(self.law.weights)
+        slopes: FloatArray = np.cumsum(a + self.settings.rate_scale * zdot_d * b)
         return slopes
-
-    def _gradient(self, zdot_d: float) -> FloatArray:
-        """Of the last partial slope by the weights of the plays."""
-        return play_terms(np.ones(self._r.size), self.settings.rate_scale * zdot_d, self._rate_dependent)
 
     def _sum_of_plays(self) -> float:
         """Displacement of the plays at the present voltage, um: the forward of the inverse."""
@@ -361,7 +345,7 @@ class ReferenceController:
 
     def _regressor(self, memory: _Memory, z_d: float, zdot_d: float) -> FloatArray:
         """(20): u = [H_0, c_b zdot_d H_0, H_1, ...], with c_a = 1; and the known terms."""
-        plays = play_terms(memory.play, self.settings.rate_scale * zdot_d, self._rate_dependent)
+        plays = play_terms(self.settings, memory.play, self.settings.rate_scale * zdot_d)
         return np.concatenate([plays, self._known_terms(memory, z_d, zdot_d)])
 
     def _next_lagged(self) -> tuple[_Command, FloatArray]:
@@ -429,9 +413,9 @@ class ReferenceController:
         out = np.maximum(slopes - high, low - slopes)
         worst = int(np.argmax(out))
         if out[worst] > 0:
-            g = np.zeros(self.settings.parameters)
-            g[: self._of_plays] = self._gradient(zdot_d)
-            g[worst + 1 + np.count_nonzero(self._rate_dependent[: worst + 1]) :] = 0.0
+            s = self.settings  # the gradient of that slope by the weights
+            rate = s.rate_scale * zdot_d
+            g = s.vector(np.arange(s.plays) <= worst, np.where(s.rate_plays <= worst, rate, 0.0))
             law.project(g, high if slopes[worst] > high else low)
 
     # ---- What the law must not do: make the stage ring ---------------------------------------------------------------

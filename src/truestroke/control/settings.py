@@ -12,14 +12,12 @@ import numpy as np
 
 from truestroke.base import checks, declared
 from truestroke.base.checks import SettingError
-from truestroke.base.declared import FLAG, FOLLOWS, HUGE, SHARE, Bound, Setting, Times, between, bound, sized, whole
+from truestroke.base.declared import FOLLOWS, HUGE, SHARE, Bound, Setting, Times, between, bound, sized, whole
 from truestroke.base.typing import FloatArray
-from truestroke.model import prior
+from truestroke.model import layout, prior
+from truestroke.model.layout import MAX_PLAYS, Layout
 
-MAX_PLAYS = 32
 MAX_DEAD_ZONES = 8
-MAX_CREEPS = 8
-MAX_ASYMMETRY = 2
 RATE_DEPENDENT = (0, 3, 6, 9, 12)  # which of the plays have a rate weight: the gradient matters for the first few only
 STEEPEST = 1e30  # um/V: of a slope, whatever stroke and voltage limits are
 UNLIMITED = 1e9  # for a limit that is not there: finite, so that it can be written to any file
@@ -63,13 +61,6 @@ def _number_of_plays(s: ControllerSettings, name: str, value: Any, unit: str) ->
 @bound("each in [0, plays - 1]")
 def _indices_of_plays(s: ControllerSettings, name: str, value: Any, unit: str) -> tuple[int, ...]:
     return tuple(sorted({checks.count(name, i, 0, s.plays - 1) for i in checks.several(name, value)}))
-
-
-@bound(f"each in [1e-15, 1e15], up to {MAX_CREEPS}")
-def _times(_: Any, name: str, value: Any, unit: str) -> tuple[float, ...]:
-    found = tuple(checks.sized(name, time, unit) for time in checks.several(name, value, unit))
-    checks.count(f"the number of {name}", len(found), 0, MAX_CREEPS)
-    return found
 
 
 @bound("partial sums above 0")
@@ -150,9 +141,7 @@ def default_rate_scale(s: ControllerSettings) -> float:
 def default_weights(s: ControllerSettings) -> tuple[float, ...]:
     """`prior.play_weights` and the lag of the prior; for "rls" the first weight alone."""
     a = _play_weights(s)
-    plays = [w for i in range(s.plays) for w in ([float(a[i]), 0.0] if i in s.rate_dependent else [float(a[i])])]
-    lag = [prior.LAG if s.law == "kalman" else 0.0] * s.lag
-    return (*plays, *[0.0] * len(s.creep_times), *lag, *[0.0] * (s.offset + s.asymmetry))
+    return tuple((prior.mean(s, a) if s.law == "kalman" else s.vector(a)).tolist())
 
 
 def _play_weights(s: ControllerSettings) -> FloatArray:
@@ -165,9 +154,7 @@ def default_covariance(s: ControllerSettings) -> FloatArray | None:
     """`prior.covariance` of `prior.play_weights`."""
     if s.law == "rls":
         return None
-    terms: dict[str, Any] = {"lag": s.lag, "offset": s.offset, "asymmetry": s.asymmetry}
-    creeps = len(s.creep_times)
-    return prior.covariance(_play_weights(s), s.rate_dependent, q=s.q, stroke=s.stroke, creeps=creeps, **terms)
+    return prior.covariance(s, _play_weights(s), q=s.q, stroke=s.stroke)
 
 
 def default_filter_frequency(s: ControllerSettings) -> float:
@@ -223,15 +210,7 @@ SETTINGS: declared.Table = {
         "Which plays have a rate weight b", "", _indices_of_plays, default_rate_dependent,
         convert=lambda chosen, s: [i in chosen for i in range(s.plays)],
     ),
-    "creep_times": Setting(
-        "Time constants of the creep states; () is no creep", "s", _times, kernel="creep creeps",
-        convert=lambda taus, s: ([-math.expm1(-1 / (tau * s.sample_rate)) for tau in taus], len(taus)),
-    ),
-    "lag": Setting("Whether the model has a term in the velocity (a delay)", "", FLAG),
-    "offset": Setting("Whether it has a constant (drift)", "", FLAG),
-    "asymmetry": Setting(
-        "Number of asymmetry terms: 4 s (1 - s) and 8 s (1 - s)(1 - 2 s), s = z_d / stroke", "", whole(0, MAX_ASYMMETRY)
-    ),
+    **layout.SETTINGS,
     "dead_zone_thresholds": Setting(
         "Thresholds d' of the inverse dead zones", "um", declared.ascending(MAX_DEAD_ZONES),
         kernel="dead_zone_thresholds dead_zones", convert=lambda d, _: (d, len(d)),
@@ -332,7 +311,7 @@ CHANGEABLE = tuple(name for name, setting in SETTINGS.items() if setting.changea
 
 @declared.documented(SETTINGS)
 @dataclass(frozen=True, kw_only=True)
-class ControllerSettings:
+class ControllerSettings(Layout):
     """What a controller is told about the actuator and about how to learn.
 
     Only the first three are needed; the rest follows from them. Entries that are given as None are filled in, so that
@@ -362,8 +341,6 @@ class ControllerSettings:
     thresholds: tuple[float, ...] = FOLLOWS
     rate_dependent: tuple[int, ...] = FOLLOWS
     creep_times: tuple[float, ...] = (0.003, 0.03, 0.3, 3.0)
-    lag: bool = True
-    offset: bool = True
     asymmetry: int = 2
     dead_zone_thresholds: tuple[float, ...] = (0.0,)
     dead_zone_weights: tuple[float, ...] = (1.0,)
@@ -397,29 +374,6 @@ class ControllerSettings:
         declared.complete(self, SETTINGS)
 
     @property
-    def parameters(self) -> int:
-        """Number m of the parameters."""
-        terms = len(self.creep_times) + self.lag + self.offset + self.asymmetry
-        return len(self.thresholds) + len(self.rate_dependent) + terms
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the parameters, in their order.
-
-        Examples
-        --------
-        >>> bench = {"sample_rate": 2000.0, "stroke": 30.0, "voltage_limits": (-0.6, 3.6)}
-        >>> ControllerSettings(**bench, plays=2, creep_times=(0.3,), asymmetry=1).names
-        ('a0', 'b0', 'a1', 'creep 0.3 s', 'lag', 'offset', 'asymmetry 1')
-        """
-        plays = [
-            name for i in range(self.plays) for name in ((f"a{i}", f"b{i}") if i in self.rate_dependent else (f"a{i}",))
-        ]
-        creeps = [f"creep {tau:g} s" for tau in self.creep_times]
-        asymmetry = [f"asymmetry {i + 1}" for i in range(self.asymmetry)]
-        return (*plays, *creeps, *["lag"] * self.lag, *["offset"] * self.offset, *asymmetry)
-
-    @property
     def q(self) -> float:
         """stroke / voltage_range, um/V."""
         return self.stroke / self.voltage_range
@@ -449,7 +403,8 @@ class ControllerSettings:
 
     def to_dict(self) -> dict[str, float | str | Sequence[float]]:
         """All settings by name, as plain numbers and tuples, for a recording or a file."""
-        return dataclasses.asdict(self)
+        values = dataclasses.asdict(self)
+        return {name: values[name] for name in SETTINGS}
 
     @classmethod
     def paper(

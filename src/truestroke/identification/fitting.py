@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from truestroke.base.typing import FloatArray
-from truestroke.control.actuator import ActuatorModel, asymmetry_slopes
+from truestroke.control.actuator import ActuatorModel
 from truestroke.identification import normal, uncertainty
 from truestroke.identification.regression import Data, Structure
 
@@ -43,7 +43,7 @@ def fit_structure(
     certain : bool
         Whether the covariance is wanted.
     """
-    believed, m = data.prior(s), len(s.names) - len(s.starts)
+    believed, m = data.prior(s), s.parameters
     c, z = None, guess
     for _ in range(STEPS + 1):
         J, target, velocity = _linearised(data, s, z, c)
@@ -60,11 +60,9 @@ def _linearised(data: Data, s: Structure, z: FloatArray, c: FloatArray | None) -
     """J and t so that J c = t has the next coefficients, from the last ones and their prediction; velocity, um/s."""
     rows = data.columns(s, z)[data.fitted(s.rested)]
     C, measured = rows[:, :-1], rows[:, -1]
-    velocity = float(np.abs(C[:, s.names.index("lag")]).max())
+    velocity = float(np.abs(C[:, s.columns["lag"]]).max())
     if c is None:
         return C, measured, velocity
     predicted = z[:: data.every][data.fitted(s.rested)]
-    first = s.names.index("offset") + 1
-    straight = 1 - asymmetry_slopes(predicted, data.stroke)[:, : s.asymmetry] @ c[first : first + s.asymmetry]
-    J = C / np.maximum(straight, 0.1)[:, None]
+    J = data.derivative(s, C, predicted, c)
     return J, measured - predicted + J @ c, velocity

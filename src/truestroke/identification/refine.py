@@ -13,7 +13,7 @@ from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
 from truestroke.base.verdict import Verdict
 from truestroke.control import actuator
-from truestroke.control.actuator import ActuatorModel, asymmetry_slopes, central_difference
+from truestroke.control.actuator import ActuatorModel, central_difference
 from truestroke.identification import normal, uncertainty
 from truestroke.identification.normal import Prior
 from truestroke.identification.record import EXPECTED, Record
@@ -169,18 +169,14 @@ def _data(model: ActuatorModel, x: FloatArray, z: FloatArray, fs: float) -> Data
 def _fitted(model: ActuatorModel, data: Data, skip: int) -> ActuatorModel:
     """Gauss-Newton on the prediction error of the rows behind the first `skip`, from the old weights."""
     fs, measured = data.sample_rate, data.displacement[skip:]
-    terms = {name: getattr(model, name) for name in ("thresholds", "rate_dependent", "creep_times", "asymmetry")}
-    s, delay = Structure(**terms, rested=True), round(model.delay * fs) / fs
+    s, delay = Structure(**model.terms, rested=True), round(model.delay * fs) / fs
     believed = _believed(model, s, data, model.delay - delay)
     velocity = max(model.velocity, float(np.abs(central_difference(model.predict(data.volts, fs), fs)).max()))
-    c, asymmetry = believed.mean, slice(len(s.names) - s.asymmetry, len(s.names))
+    c = believed.mean
     for _ in range(STEPS):
         z_m = data.model(s, c, velocity).predict(data.volts, fs) - data.zero
         rows, kept = data.columns(s, z_m)[skip:], z_m[:: data.every][skip:]
-        J = (
-            rows[:, :-1]
-            / np.maximum(1 - asymmetry_slopes(kept, data.stroke)[:, : s.asymmetry] @ c[asymmetry], 0.1)[:, None]
-        )
+        J = data.derivative(s, rows[:, :-1], kept, c)
         residual = measured - kept
         noise = float(np.var(residual)) * residual.size / uncertainty.effective_samples(residual)
         weight = max(noise, (QUIET * model.stroke) ** 2)
@@ -194,13 +190,12 @@ def _fitted(model: ActuatorModel, data: Data, skip: int) -> ActuatorModel:
 
 def _believed(model: ActuatorModel, s: Structure, data: Data, delay: float) -> Prior:
     """The old weights in the scale of `data`, as sure as on another day; the offset is where the record begins."""
-    rates = [
-        model.rate_scale / data.rate_scale if name in {f"b{i}" for i in s.rate_dependent} else 1.0 for name in s.names
-    ]
+    rates = np.ones(s.parameters)
+    rates[s.b] = model.rate_scale / data.rate_scale
     mean, P = model.weights * rates, model.another_day() * np.outer(rates, rates)
-    lag, offset = s.names.index("lag"), s.names.index("offset")
-    mean[lag] -= delay
-    P[offset] = P[:, offset] = 0.0
+    offset = s.columns["offset"]
+    mean[s.columns["lag"]] -= delay
+    P[offset], P[:, offset] = 0.0, 0.0
     P[offset, offset] = data.stroke**2
     return Prior(mean, P)
 

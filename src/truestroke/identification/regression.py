@@ -1,26 +1,21 @@
-"""The model's terms as columns of a regression, and what is believed of their coefficients beforehand."""
+"""The model's terms as columns of a regression, and the prior of their coefficients."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 
 from truestroke import _kernel
 from truestroke.base.typing import FloatArray
-from truestroke.control.actuator import (
-    ActuatorModel,
-    asymmetry_columns,
-    asymmetry_slopes,
-    central_difference,
-    creep_states,
-)
-from truestroke.control.settings import RATE_DEPENDENT, ControllerSettings
+from truestroke.control.actuator import ActuatorModel, asymmetry_slopes, central_difference, creep_states
+from truestroke.control.settings import RATE_DEPENDENT
 from truestroke.identification.normal import Prior
 from truestroke.identification.series import settled
 from truestroke.model import prior
+from truestroke.model.layout import TERMS, Layout
+from truestroke.model.models import known_terms, play_terms
 
 ROWS = 50_000  # of the regression at most: beyond, every so many samples; the plays see all of them
 SETTLING = 0.1  # of the record at most: what is skipped until the play states are known
@@ -31,13 +26,9 @@ CREEP_START = 0.015  # of the stroke: deviation of what a creep state still has 
 
 
 @dataclass(frozen=True, kw_only=True)
-class Structure:
+class Structure(Layout):
     """Which terms the model has: what cross-validation chooses."""
 
-    thresholds: tuple[float, ...]
-    rate_dependent: tuple[int, ...] = ()
-    creep_times: tuple[float, ...] = ()
-    asymmetry: int = 0
     rested: bool = False  # whether the actuator is taken to start at rest, so that the fit uses the start
 
     @property
@@ -45,25 +36,15 @@ class Structure:
         """Time constants, s, of creep that was under way when the record began: none at rest."""
         return () if self.rested else self.creep_times
 
-    @cached_property
-    def names(self) -> tuple[str, ...]:
-        """Names of the weights in the order of `ControllerSettings`; behind them the starts of the creep states."""
-        made = ControllerSettings(
-            sample_rate=1.0,
-            stroke=1.0,
-            voltage_limits=(0.0, 1.0 + 2.0 * self.thresholds[-1]),
-            thresholds=self.thresholds,
-            plays=len(self.thresholds),
-            rate_dependent=self.rate_dependent,
-            creep_times=self.creep_times,
-            asymmetry=self.asymmetry,
-        )
-        return (*made.names, *[f"start {tau:g} s" for tau in self.starts])
+    @property
+    def coefficients(self) -> tuple[str, ...]:
+        """Names of what is fitted: the weights, and behind them the starts of the creep states."""
+        return (*self.names, *[f"start {tau:g} s" for tau in self.starts])
 
     def columns_in(self, other: Structure) -> np.ndarray:
         """Places of this structure's coefficients among those of another that has them all."""
-        places = {name: k for k, name in enumerate(other.names)}
-        return np.array([places[name] for name in self.names])
+        places = {name: k for k, name in enumerate(other.coefficients)}
+        return np.array([places[name] for name in self.coefficients])
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -110,21 +91,19 @@ class Data:
 
         Velocity and asymmetry come from the model, not from the measurement, whose noise would bias the weights.
         """
-        every, n = self.every, len(s.thresholds)
-        rate = central_difference(z, self.sample_rate)[::every, None]
-        H = plays(self.volts, s.thresholds, every)
-        rate_dependent = {i: self.rate_scale * rate * H[:, i : i + 1] for i in s.rate_dependent}
-        pairs = [
-            c
-            for i in range(n)
-            for c in ((H[:, i : i + 1], rate_dependent[i]) if i in rate_dependent else (H[:, i : i + 1],))
-        ]
-        creep = [c[::every, None] for c in creep_states(self.volts, s.creep_times, self.sample_rate)]
-        t = np.arange(0, self.volts.size, every)[:, None] / self.sample_rate
+        every = self.every
+        rate = central_difference(z, self.sample_rate)[::every]
+        H = plays(self.volts, s.thresholds, every).T
+        creep = [c[::every] for c in creep_states(self.volts, s.creep_times, self.sample_rate)]
+        t = np.arange(0, self.volts.size, every) / self.sample_rate
+        known = known_terms(s, creep, z[::every], rate, self.stroke)
         starts = [np.exp(-t / tau) for tau in s.starts]
-        asymmetry = asymmetry_columns(z[::every], self.stroke)[:, : s.asymmetry]
-        target = self.displacement[:, None]
-        return np.hstack([*pairs, *creep, rate, np.ones_like(t), asymmetry, *starts, target])
+        return np.column_stack([*play_terms(s, H, self.rate_scale * rate), *known, *starts, self.displacement])
+
+    def derivative(self, s: Structure, columns: FloatArray, predicted: FloatArray, c: FloatArray) -> FloatArray:
+        """Derivative of the prediction by the coefficients: the columns over the slope of z - asymmetry(z)."""
+        slope = 1 - c[s.columns["asymmetry"]] @ asymmetry_slopes(predicted, self.stroke)[: s.asymmetry]
+        return np.asarray(columns / np.maximum(slope, 0.1)[:, None])
 
     def starts(self, s: Structure, c: FloatArray) -> FloatArray:
         """What the creep states still had to go at the start of the record, um, at the full rate."""
@@ -135,18 +114,14 @@ class Data:
         """`prior.covariance`, but lag and offset as far as the record's clock and sensor may be off."""
         low, high = self.voltage_range
         a = prior.play_weights(s.thresholds, high - low, prior.FIRST_SLOPE * self.q)
-        terms = {"creeps": len(s.creep_times), "lag": True, "offset": True, "asymmetry": s.asymmetry}
-        P = prior.covariance(a, s.rate_dependent, q=self.q, stroke=self.stroke, **terms)  # type: ignore[arg-type]
-        lag = P.shape[0] - s.asymmetry - 2
-        P[lag, lag] = max(prior.LAG_DEVIATION, 1 / self.sample_rate) ** 2
-        P[lag + 1, lag + 1] = (self.stroke + self.q * max(abs(low), abs(high))) ** 2
-        m, k = P.shape[0], len(s.starts)
-        covariance = np.zeros((m + k, m + k))
-        covariance[:m, :m] = P
-        covariance[range(m, m + k), range(m, m + k)] = (CREEP_START * self.stroke) ** 2
-        mean = np.zeros(m + k)
-        mean[[s.names.index(f"a{i}") for i in range(len(a))]] = a
-        return Prior(mean, covariance)
+        known = prior.covariance(s, a, q=self.q, stroke=self.stroke)
+        lag, offset = s.columns["lag"], s.columns["offset"]
+        known[lag, lag] = max(TERMS["lag"].deviation, 1 / self.sample_rate) ** 2
+        known[offset, offset] = (self.stroke + self.q * max(abs(low), abs(high))) ** 2
+        starts = np.full(len(s.starts), (CREEP_START * self.stroke) ** 2)
+        covariance = np.diag(np.append(np.zeros(s.parameters), starts))
+        covariance[: s.parameters, : s.parameters] = known
+        return Prior(np.append(s.vector(a), np.zeros_like(starts)), covariance)
 
     def constraints(self, s: Structure, velocity: float) -> tuple[FloatArray, FloatArray]:
         """G and g of G c >= g, without which there is no inverse.
@@ -154,28 +129,22 @@ class Data:
         The partial slopes at the velocities +velocity and -velocity are `FLOOR` q at least, and so are they at all
         between; and z - asymmetry(z) rises by `STEEPEST` of z at least.
         """
-        names, n = s.names, len(s.thresholds)
-        plays, asymmetry = np.zeros((2, n, len(names))), np.zeros((CURVED.size, len(names)))
+        n, size = len(s.thresholds), len(s.coefficients)
+        plays, asymmetry = np.zeros((2, n, size)), np.zeros((CURVED.size, size))
         for sign, side in zip((1, -1), plays, strict=True):
             for i in range(n):
-                side[i:, names.index(f"a{i}")] = 1
-                if i in s.rate_dependent:
-                    side[i:, names.index(f"b{i}")] = sign * self.rate_scale * velocity
-        first = names.index("offset") + 1
-        asymmetry[:, first : first + s.asymmetry] = -asymmetry_slopes(CURVED * self.stroke, self.stroke)[
-            :, : s.asymmetry
-        ]
+                side[i, : s.parameters] = s.vector(
+                    np.arange(n) <= i, sign * self.rate_scale * velocity * (s.rate_plays <= i)
+                )
+        asymmetry[:, s.columns["asymmetry"]] = -asymmetry_slopes(CURVED * self.stroke, self.stroke)[: s.asymmetry].T
         floors = np.repeat([FLOOR * self.q, STEEPEST - 1], [2 * n, CURVED.size])
-        return np.vstack([plays.reshape(-1, len(names)), asymmetry]), floors
+        return np.vstack([plays.reshape(-1, size), asymmetry]), floors
 
     def model(self, s: Structure, c: FloatArray, velocity: float) -> ActuatorModel:
         """The model with these coefficients; its covariance is not known yet."""
-        m = c.size - len(s.starts)
+        m = s.parameters
         return ActuatorModel(
-            thresholds=s.thresholds,
-            rate_dependent=s.rate_dependent,
-            creep_times=s.creep_times,
-            asymmetry=s.asymmetry,
+            **s.terms,
             weights=c[:m],
             covariance=np.zeros((m, m)),
             stroke=self.stroke,

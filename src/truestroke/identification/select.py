@@ -73,8 +73,7 @@ def first_prediction(data: Data) -> tuple[FloatArray, float]:
         [plays(data.volts, s.thresholds, data.every), np.ones(len(data.displacement)), data.displacement]
     )
     rows = rows[data.fitted(rested=False)]
-    names = s.names
-    believed = data.prior(s).part(np.array([*range(QUICK), names.index("offset")]))
+    believed = data.prior(s).part(np.append(s.a, s.columns["offset"].start))
     c = normal.solve(np.vstack([normal.reduced(rows), believed.rows((0.01 * data.stroke) ** 2)]))
     prediction = play_sum(data.volts, 0.0, c[:-1], np.zeros(QUICK), s.thresholds) + c[-1]
     return prediction, float(np.sqrt(normal.sum_of_squares(rows, c) / len(rows)))
@@ -156,7 +155,7 @@ def choose(data: Data, guess: FloatArray, fixed: Mapping[str, Any]) -> tuple[Str
     fewer = [(bank.rmse(s, w), bank, s, w) for s in _with_fewer_terms(full, fixed) for w in weights]
     tried += fewer
     least = min(score for score, *_ in fewer)
-    most = max((e for e in fewer if e[0] <= ENOUGH * least), key=lambda e: len(e[2].names))[2]
+    most = max((e for e in fewer if e[0] <= ENOUGH * least), key=lambda e: len(e[2].coefficients))[2]
     best = min((e for e in fewer if e[2] == most), key=lambda e: e[0])
     _, _, chosen, weight = best
     return chosen, weight, tuple(Tried(s, w / noise, score) for score, _, s, w in (*tried, best))

@@ -7,7 +7,9 @@ come out of every step.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +18,7 @@ from truestroke import _kernel
 from truestroke.base import checks
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
+from truestroke.model.layout import Layout
 from truestroke.model.operators import dead_zone, dot, play, play_history
 
 # ---- Inverse parameters (10) -------------------------------------------------------------------------------------
@@ -226,25 +229,25 @@ def limit_slopes(slopes: FloatArray, limits: tuple[float, float]) -> tuple[Float
 # ---- Terms of the regressor --------------------------------------------------------------------------------------
 
 
-def play_terms(H: FloatArray, rate: float, rate_dependent: npt.ArrayLike) -> FloatArray:
-    """The part of the regressor (20) that the plays make: [H_0, rate H_0, H_1, ...].
+def play_terms(layout: Layout, H: FloatArray, rate: float | FloatArray) -> FloatArray:
+    """The part of the regressor (20) that the plays make: [H_0, rate H_0, H_1, ...], with c_a = 1.
 
     Parameters
     ----------
-    H : ndarray, shape (n,)
-        Play states, V.
-    rate : float
-        c_b zdot_d of (20), without unit.
-    rate_dependent : array_like of bool, shape (n,)
+    layout : Layout
         Which plays have a rate weight; the entries of the others are left out.
+    H : ndarray, shape (n,) or (n, samples)
+        Play states, V.
+    rate : float or ndarray, shape (samples,)
+        c_b zdot_d of (20), without unit.
 
     Examples
     --------
-    >>> play_terms(np.array([1.0, 0.5]), 0.1, [True, False])
+    >>> play_terms(Layout(thresholds=(0.0, 0.5), rate_dependent=(0,)), np.array([1.0, 0.5]), 0.1)
     array([1. , 0.1, 0.5])
     """
-    both = np.column_stack([H, rate * H])
-    terms: FloatArray = both[np.column_stack([np.ones(H.size, dtype=bool), np.asarray(rate_dependent)])]
+    terms = np.empty((layout.of_plays, *H.shape[1:]))
+    terms[layout.a], terms[layout.b] = H, rate * H[layout.rate_plays]
     return terms
 
 
@@ -268,45 +271,66 @@ def creep_step(c: FloatArray, x: float, share: FloatArray) -> FloatArray:
     return c + share * (x - c)
 
 
-def asymmetry_terms(z_d: float, stroke: float, count: int) -> list[float]:
-    """Terms of asymmetry: the first `count` of 4 s (1 - s) and 8 s (1 - s)(1 - 2 s), with s = z_d / stroke.
+def asymmetry_terms(z_d: float | FloatArray, stroke: float) -> tuple[FloatArray, FloatArray]:
+    """Terms of asymmetry: 4 s (1 - s) and 8 s (1 - s)(1 - 2 s), with s = z_d / stroke within -1 <= s <= 2.
 
-    They act on the desired displacement, which is known before the voltage. Beyond -1 <= s <= 2 they stay as they are.
+    They act on the desired displacement, which is known before the voltage.
 
     Parameters
     ----------
-    z_d, stroke : float
-        Desired displacement and length of the travel, um.
-    count : int
-        0 to 2.
+    z_d : float or ndarray
+        Desired displacement, um.
+    stroke : float
+        Length of the travel, um.
 
     Examples
     --------
-    >>> asymmetry_terms(7.5, 30.0, 2)
+    >>> [float(term) for term in asymmetry_terms(7.5, 30.0)]
     [0.75, 0.75]
     """
-    s = min(max(z_d / stroke, -1.0), 2.0)
+    s = np.minimum(np.maximum(z_d / stroke, -1.0), 2.0)
     first = 4 * s * (1 - s)
-    return [first, 2 * first * (1 - 2 * s)][:count]
+    return first, 2 * first * (1 - 2 * s)
 
 
 def known_terms(
-    creep: FloatArray, z_d: float, zdot_d: float, *, lag: bool, offset: bool, stroke: float, asymmetry: int
+    layout: Layout,
+    creep: Sequence[Any] | FloatArray,
+    z_d: float | FloatArray,
+    zdot_d: float | FloatArray,
+    stroke: float,
 ) -> FloatArray:
     """The part of the regressor that is known before the voltage is chosen, so that the inverse stays a walk.
 
+    Parameters
+    ----------
+    layout : Layout
+        Which terms the model has.
+    creep : array_like, shape (k,) or (k, samples)
+        Creep states, V.
+    z_d, zdot_d : float or ndarray, shape (samples,)
+        Desired displacement, um, and velocity, um/s.
+    stroke : float
+        Length of the travel, um.
+
     Returns
     -------
-    ndarray
-        Creep states, V; where asked for zdot_d, um/s (its weight is a delay, s), and 1 (an offset, um); then
-        `asymmetry_terms`.
+    ndarray, shape (terms,) or (terms, samples)
+        In the order of `layout.TERMS`; times a weight each is in um.
 
     Examples
     --------
-    >>> known_terms(np.array([0.5]), 7.5, 20.0, lag=True, offset=True, stroke=30.0, asymmetry=1)
+    >>> layout = Layout(thresholds=(0.0,), creep_times=(0.3,), asymmetry=1)
+    >>> known_terms(layout, np.array([0.5]), 7.5, 20.0, stroke=30.0)
     array([ 0.5 , 20.  ,  1.  ,  0.75])
     """
-    return np.array([*creep, *[zdot_d] * lag, *[1.0] * offset, *asymmetry_terms(z_d, stroke, asymmetry)])
+    terms: dict[str, Sequence[Any] | FloatArray] = {
+        "creep": creep,
+        "lag": [zdot_d],
+        "offset": [np.ones_like(z_d)],
+        "asymmetry": asymmetry_terms(z_d, stroke),
+    }
+    return np.array([entry for name, count in layout.counts.items() for entry in terms[name][:count]])
 
 
 # ---- Models ------------------------------------------------------------------------------------------------------

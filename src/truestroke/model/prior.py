@@ -1,7 +1,8 @@
-"""What is believed of an actuator before the first measurement: from stroke and voltage limits alone.
+"""What is expected of an actuator before the first measurement: from stroke and voltage limits alone.
 
 Every number here is relative: to the quotient q = stroke / (highest - lowest voltage), um/V, which is the slope of an
-actuator that needs the whole voltage range for the stroke, to the stroke, or to the voltage range.
+actuator that needs the whole voltage range for the stroke, to the stroke, or to the voltage range. Those of the known
+terms are in `layout.TERMS`.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from truestroke.base.typing import FloatArray
+from truestroke.model.layout import TERMS, Layout
 
 FIRST_SLOPE = 1.15  # of q: slope at first contact
 HYSTERESIS = 0.5  # of q: sum of the weights of all other plays
@@ -21,10 +23,6 @@ HYSTERESIS_DEVIATION = 0.5  # relative: of all weights but the first together
 WEIGHT_DEVIATION = 0.6, 0.05  # relative, and of q: of each weight but the first by itself
 FIRST_DEVIATION = 0.01  # of q: of the first weight by itself
 RATE_DEVIATION = 0.1  # of q: of each rate weight
-CREEP_DEVIATION = 0.03  # of q: of each creep weight
-LAG, LAG_DEVIATION = -0.15e-3, 0.2e-3  # s
-OFFSET_DEVIATION = 0.03  # of the stroke
-ASYMMETRY_DEVIATION = 0.05  # of the stroke
 
 
 def thresholds(plays: int, voltage_range: float) -> tuple[float, ...]:
@@ -58,40 +56,34 @@ def play_weights(r: Sequence[float], voltage_range: float, first: float) -> Floa
     return a
 
 
-def covariance(
-    a: FloatArray,
-    rate_dependent: Sequence[int],
-    *,
-    q: float,
-    stroke: float,
-    creeps: int,
-    lag: bool,
-    offset: bool,
-    asymmetry: int,
-) -> FloatArray:
-    """Covariance P0 of the parameters, shape (m, m), in the squares of their units.
+def mean(layout: Layout, a: FloatArray) -> FloatArray:
+    """Expected weights, shape (m,): `a` of the plays, no rate weights, and those of `layout.TERMS`."""
+    return layout.vector(a, **{name: term.mean for name, term in TERMS.items()})
+
+
+def covariance(layout: Layout, a: FloatArray, *, q: float, stroke: float) -> FloatArray:
+    """Covariance P0 of the weights, shape (m, m), in the squares of their units.
 
     Parameters
     ----------
+    layout : Layout
+        Which terms the model has.
     a : ndarray, shape (n,)
-        Weights of the plays that are believed in, um/V.
-    rate_dependent : sequence of int
-        Which plays have a rate weight.
+        Expected weights of the plays, um/V.
     q : float
         stroke / (highest - lowest voltage), um/V.
     stroke : float
         um
-    creeps, lag, offset, asymmetry
-        The terms of the model, as in `ControllerSettings`.
 
     Returns
     -------
     ndarray, shape (m, m)
-        In the order of the parameters: [a0, b0, a1, b1, ...], creeps, lag, offset, asymmetry.
+        In the order of the weights.
 
     Examples
     --------
-    >>> P0 = covariance(np.array([8.0, 2.0]), (0,), q=7.0, stroke=30.0, creeps=0, lag=False, offset=True, asymmetry=0)
+    >>> layout = Layout(thresholds=(0.0, 0.4), rate_dependent=(0,), lag=False)
+    >>> P0 = covariance(layout, np.array([8.0, 2.0]), q=7.0, stroke=30.0)
     >>> np.sqrt(np.diag(P0)).round(3)
     array([2.801, 0.7  , 1.973, 0.9  ])
     """
@@ -99,20 +91,8 @@ def covariance(
     own = WEIGHT_DEVIATION[0] * a + WEIGHT_DEVIATION[1] * q
     own[0] = FIRST_DEVIATION * q
     of_plays = GAIN_DEVIATION**2 * np.outer(a, a) + HYSTERESIS_DEVIATION**2 * np.outer(hysteresis, hysteresis)
-    of_plays += np.diag(own**2)
-
-    place: list[int] = []  # of a_i among the parameters
-    other: list[float] = []  # deviation of each b_i
-    for i in range(a.size):
-        place.append(len(place) + len(other))
-        if i in rate_dependent:
-            other.append(RATE_DEVIATION * q)
-    others = np.setdiff1d(np.arange(len(place) + len(other)), place)
-    terms = [CREEP_DEVIATION * q] * creeps + [LAG_DEVIATION] * lag + [OFFSET_DEVIATION * stroke] * offset
-    terms += [ASYMMETRY_DEVIATION * stroke] * asymmetry
-    m = len(place) + len(other) + len(terms)
-    P0 = np.zeros((m, m))
-    P0[np.ix_(place, place)] = of_plays
-    P0[others, others] = np.square(other)
-    P0[range(m - len(terms), m), range(m - len(terms), m)] = np.square(terms)
+    scale = {"um/V": q, "um": stroke}
+    known = {name: term.deviation * scale.get(term.unit, 1.0) for name, term in TERMS.items()}
+    P0 = np.diag(np.square(layout.vector(0.0, RATE_DEVIATION * q, **known)))
+    P0[np.ix_(layout.a, layout.a)] = of_plays + np.diag(own**2)
     return P0

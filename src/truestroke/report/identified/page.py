@@ -257,16 +257,13 @@ def _model_file(file: str | Path | None, next_commands: tuple[tuple[str, str], .
 
 def _weights(view: View) -> Table:
     """Each weight, its deviation, that of the prior, and the unit."""
-    found = zip(view.model.names, view.model.weights, view.model.deviations, view.believed()[1], strict=True)
+    m = view.model
+    found = zip(m.names, m.weights, m.deviations, view.believed()[1], m.units, strict=True)
     return Table(
         columns=["weight", "value", "s.d.", "believed before, s.d.", "unit"],
-        rows=[(name, *(f"{value:.4g}" for value in numbers), _unit(name)) for name, *numbers in found],
+        rows=[(name, *(f"{value:.4g}" for value in numbers), unit) for name, *numbers, unit in found],
         text=True,
     )
-
-
-def _unit(name: str) -> str:
-    return {"lag": "s", "offset": "um"}.get(name, "um" if name.startswith("asymmetry") else "um/V")
 
 
 def _footer(view: View, record: Record) -> str:

@@ -13,6 +13,7 @@ from matplotlib.ticker import MaxNLocator
 
 from truestroke.base.typing import FloatArray
 from truestroke.identification import Identified
+from truestroke.model.layout import TERMS
 from truestroke.report import plots as run_plots
 from truestroke.report import style, units
 from truestroke.report.identified.view import View, binned
@@ -159,28 +160,25 @@ class _Group:
 def _groups(view: View) -> list[_Group]:
     m, n = view.model, len(view.model.thresholds)
 
-    def places(*names: str) -> list[int]:
-        return [m.names.index(name) for name in names]
-
     def small(heading: str, members: list[int], labels: list[str], si: float, unit: str) -> _Group:
         largest = float((np.abs(m.weights) + m.deviations)[members].max())
         factor, unit = units.scaled(si * largest, unit)
         return _Group(f"{heading} ({unit})", members, labels, "", factor * si)
 
-    groups = [_Group("a₀ (µm/V)", places("a0"), ["0"], f"threshold ({volt_unit(view)[1]})")]
+    groups = [_Group("a₀ (µm/V)", [0], ["0"], f"threshold ({volt_unit(view)[1]})")]
     if n > 1:
         last = run_plots.subscript(f"a{n - 1}")
         heading = f"plays a₁ to {last} (µm/V)" if n > 2 else "play a₁ (µm/V)"
-        groups.append(_Group(heading, places(*(f"a{i}" for i in range(1, n)))))
+        groups.append(_Group(heading, m.a[1:].tolist()))
     if m.rate_dependent:
-        groups.append(_Group("rate b (µm/V)", places(*(f"b{i}" for i in m.rate_dependent))))
-    if m.creep_times:
-        creep = places(*(name for name in m.names if name.startswith("creep")))
-        groups.append(_Group("creep (µm/V)", creep, [f"{tau:g}" for tau in m.creep_times], "time constant (s)"))
-    groups += [small("lag", places("lag"), [""], 1.0, "s"), small("offset", places("offset"), [""], 1e-6, "m")]
-    if m.asymmetry:
-        terms = [str(i + 1) for i in range(m.asymmetry)]
-        groups.append(small("asymmetry", places(*(f"asymmetry {i}" for i in terms)), terms, 1e-6, "m"))
+        groups.append(_Group("rate b (µm/V)", m.b.tolist()))
+    for name, term in TERMS.items():
+        members = list(range(m.parameters))[m.columns[name]]
+        if term.unit == "um/V" and members:
+            groups.append(_Group("creep (µm/V)", members, [f"{tau:g}" for tau in m.creep_times], "time constant (s)"))
+        elif members:
+            labels = [""] if term.most == 1 else [str(i + 1) for i in range(len(members))]
+            groups.append(small(name, members, labels, 1e-6 if term.unit == "um" else 1.0, term.unit.lstrip("u")))
     return groups
 
 

@@ -12,6 +12,7 @@ from truestroke.control.actuator import central_difference
 from truestroke.identification import ActuatorModel, Identified
 from truestroke.identification.turning import reversals
 from truestroke.model import prior
+from truestroke.model.layout import TERMS
 
 STROKES = 20  # of the voltage that a picture of loops can show
 POINTS = 3000  # of a loop's line
@@ -88,23 +89,11 @@ class View:
         m = self.model
         span = m.voltage_range[1] - m.voltage_range[0]
         a = prior.play_weights(m.thresholds, span, prior.FIRST_SLOPE * m.sensitivity)
-        creeps = len(m.creep_times)
-        P = prior.covariance(
-            a,
-            m.rate_dependent,
-            q=m.sensitivity,
-            stroke=m.stroke,
-            creeps=creeps,
-            lag=True,
-            offset=True,
-            asymmetry=m.asymmetry,
-        )
-        mean, deviation = np.zeros(len(P)), np.sqrt(np.diag(P))
-        mean[[m.names.index(f"a{i}") for i in range(a.size)]] = a
+        deviation = np.sqrt(np.diag(prior.covariance(m, a, q=m.sensitivity, stroke=m.stroke)))
         interval = 1 / m.figures["record_sample_rate_hz"]
-        deviation[m.names.index("lag")] = max(prior.LAG_DEVIATION, interval)  # the clock of the record
-        deviation[m.names.index("offset")] = m.stroke  # its sensor
-        return mean, deviation
+        deviation[m.columns["lag"]] = max(TERMS["lag"].deviation, interval)  # the clock of the record
+        deviation[m.columns["offset"]] = m.stroke  # its sensor
+        return m.vector(a), deviation
 
     def untold(self) -> NDArray[np.bool_]:
         """Which weights the record has hardly told: as uncertain as they were before."""

@@ -14,8 +14,8 @@ from truestroke.base import checks
 from truestroke.base.checks import SettingError
 from truestroke.base.errors import TruestrokeError
 from truestroke.base.typing import FloatArray
-from truestroke.control.settings import MAX_PLAYS
 from truestroke.identification import ActuatorModel
+from truestroke.model.layout import MAX_PLAYS
 from truestroke.model.models import RateDependentModel
 from truestroke.model.operators import play_history
 from truestroke.signals.recording import Recording
