@@ -13,12 +13,11 @@ from truestroke.base import declared
 from truestroke.control.reference import ReferenceController
 from truestroke.control.settings import (
     CHANGEABLE,
-    MAX_CREEPS,
     MAX_DEAD_ZONES,
-    MAX_PLAYS,
     SETTINGS,
     kernel_settings,
 )
+from truestroke.model.layout import MAX_CREEPS, MAX_PLAYS
 
 BENCH = {"sample_rate": 2000.0, "stroke": 30.0, "voltage_limits": (-0.6, 3.6)}
 KERNELS = (_kernel.Kernel, _kernel32.Kernel)
