@@ -90,7 +90,7 @@ def test_every_member_of_the_kernels_settings_is_given(make) -> None:
         ("thresholds", [0.0] * 33, "thresholds: the kernel holds at most 32"),
         ("dead_zone_weights", [0.0], "dead_zone_weights"),
         ("creep", [0.0] * 4, "terms"),
-        ("asymmetry", 3, "terms"),
+        ("terms", [4, 1, 1, 3], "terms"),
         ("initial_weights", [float("nan")], "initial_weights"),
         ("rate_scale", -1.0, "rate_scale"),
         ("kalman.filter", 0.0, "Kalman"),
