@@ -4,8 +4,10 @@
 #include <nanobind/stl/vector.h>
 
 #include <cmath>
+#include <cstring>
 #include <stdexcept>
 #include <string>
+#include <type_traits>
 #include <vector>
 
 #include "loops.h"
@@ -47,6 +49,17 @@ void fill(const nb::dict &d, const char *name, double *target, size_t size) {
 
 void same_length(size_t expected, size_t given) {
     if (expected != given) throw std::invalid_argument("the arrays of an exchange have different lengths");
+}
+
+// A plant as bytes and back: the structs are plain data. Only what `pickled` gave may come back.
+template <typename T> nb::bytes pickled(const T &plant) {
+    static_assert(std::is_trivially_copyable_v<T>);
+    return nb::bytes(reinterpret_cast<const char *>(&plant), sizeof plant);
+}
+
+template <typename T> void unpickle(T &place, const nb::bytes &bytes) {
+    if (bytes.size() != sizeof(T)) throw std::invalid_argument("the plant was pickled by another version");
+    std::memcpy(static_cast<void *>(&place), bytes.c_str(), sizeof(T));
 }
 
 // Index of the first entry that is not finite, or -1: asked before anything moves.
@@ -176,11 +189,15 @@ NB_MODULE(_plant, m) {
     m.attr("MATCHED_MAX_DEAD_ZONES") = TS_MATCHED_MAX_DEAD_ZONES;
     nb::class_<Plant>(m, "Plant")
         .def(nb::init<const nb::dict &>(), "settings"_a)
+        .def("__getstate__", &pickled<Plant>)
+        .def("__setstate__", &unpickle<Plant>)
         .def("native", &Plant::native)
         .def("reset", &Plant::reset)
         .def("run", &Plant::run, "volts"_a, "noise"_a, "measured"_a, "truth"_a);
     nb::class_<Matched>(m, "Matched")
         .def(nb::init<const nb::dict &>(), "settings"_a)
+        .def("__getstate__", &pickled<Matched>)
+        .def("__setstate__", &unpickle<Matched>)
         .def("native", &Matched::native)
         .def("reset", &Matched::reset)
         .def("run", &Matched::run, "volts"_a, "velocity"_a, "noise"_a, "measured"_a, "truth"_a);

@@ -30,6 +30,7 @@ import numpy.typing as npt
 
 from truestroke.base import checks
 from truestroke.base.checks import SettingError
+from truestroke.base.copies import deep
 from truestroke.base.errors import TruestrokeError
 from truestroke.base.typing import FloatArray
 from truestroke.model.operators import LANES, dot
@@ -152,6 +153,8 @@ class RLS:
     >>> law.weights.round(6)
     array([3., 2.])
     """
+
+    __copy__ = deep
 
     def __init__(
         self,
@@ -420,6 +423,8 @@ class BoundedKalman:
     >>> law.weights.round(6)
     array([8., 1.])
     """
+
+    __copy__ = deep
 
     def __init__(
         self,

@@ -16,6 +16,7 @@ import numpy.typing as npt
 from truestroke import _kernel, _kernel32
 from truestroke.base import checks
 from truestroke.base.checks import SettingError
+from truestroke.base.copies import deep
 from truestroke.base.flags import Flags
 from truestroke.base.typing import FloatArray
 from truestroke.control.options import ChangeableOptions, SettingsOptions
@@ -207,6 +208,21 @@ class AdaptiveController:
             self._kernel = kernel(kernel_settings(settings))
         if type(self) is AdaptiveController:  # the kernel's own calls save a frame of Python, 35 ns, at each
             vars(self).update(command=self._kernel.command, adapt=self._kernel.adapt)
+
+    __copy__ = deep
+
+    def __getstate__(self) -> dict[str, Any]:
+        own = {
+            name: value
+            for name, value in vars(self).items()
+            if name != "_kernel" and getattr(value, "__self__", None) is not self._kernel
+        }
+        return {"own": own, "kernel": self._kernel.state()}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state["own"])
+        self._start(self.settings)
+        self._kernel.restore(state["kernel"])
 
     def command(self, z_d: float, zdot_d: float) -> float:
         """Voltage for this tick; the forward play states advance.

@@ -15,6 +15,7 @@ import numpy as np
 
 from truestroke.base import checks
 from truestroke.base.checks import SettingError
+from truestroke.base.copies import deep
 from truestroke.base.typing import FloatArray
 from truestroke.control.adaptation import LARGEST, RLS, BoundedKalman, KalmanSettings, Law, UpdateRefused
 from truestroke.control.oscillation import OscillationDetector, OscillationSettings
@@ -123,6 +124,8 @@ class ReferenceController:
     >>> round(controller.command(10.0, 0.0), 2)
     1.0
     """
+
+    __copy__ = deep
 
     def __init__(self, settings: ControllerSettings, law: Law | None = None) -> None:
         if settings.precision != "double":

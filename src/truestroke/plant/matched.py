@@ -10,6 +10,7 @@ import numpy.typing as npt
 from truestroke._plant import Matched
 from truestroke.base import checks
 from truestroke.base.checks import SettingError
+from truestroke.base.copies import deep
 from truestroke.base.typing import FloatArray
 from truestroke.plant.noise import Noise
 from truestroke.plant.settings import MatchedSettings
@@ -42,6 +43,8 @@ class MatchedPlant:
     >>> plant.exchange(np.array([1.0, 1.0])).round(4)
     array([10.6038, 10.4913])
     """
+
+    __copy__ = deep
 
     def __init__(self, velocity: npt.ArrayLike, settings: MatchedSettings | None = None, seed: int = 0) -> None:
         given = MatchedSettings() if settings is None else settings

@@ -10,6 +10,7 @@ import numpy as np
 from truestroke._plant import Plant
 from truestroke.base import checks
 from truestroke.base.checks import SettingError
+from truestroke.base.copies import deep
 from truestroke.base.typing import FloatArray
 from truestroke.plant.noise import Noise
 from truestroke.plant.settings import PlantSettings
@@ -42,6 +43,8 @@ class RealisticPlant:
     >>> print(f"{measured[0]:.2f} um in the first tick, {measured[-1]:.2f} um after a second")
     4.02 um in the first tick, 12.18 um after a second
     """
+
+    __copy__ = deep
 
     def __init__(self, settings: PlantSettings | None = None, seed: int = 0) -> None:
         given = PlantSettings() if settings is None else settings
