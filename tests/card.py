@@ -11,8 +11,9 @@ from pathlib import Path
 
 import pytest
 
+from truestroke.base.declared import kernel_values
 from truestroke.plant import PlantSettings
-from truestroke.plant.realistic import _kernel_settings
+from truestroke.plant.settings import PLANT_SETTINGS
 
 ROOT = Path(__file__).parents[1]
 SONAME = "libnidaqmx.so.1"
@@ -20,7 +21,7 @@ SONAME = "libnidaqmx.so.1"
 
 def compile_library(folder: Path) -> Path:
     """The fake library in `folder`, with the default stack at 10 kHz: one sample a step of the converters."""
-    plant = _kernel_settings(PlantSettings(sample_rate=10_000.0, samples_per_tick=1, steps_per_tick=2))
+    plant = kernel_values(PlantSettings(sample_rate=10_000.0, samples_per_tick=1, steps_per_tick=2), PLANT_SETTINGS)
     members = ", ".join(f".{name} = {value!r}" for name, value in plant.items())
     members = members.replace("-inf", "-INFINITY").replace(" inf", " INFINITY").replace("-1,", "TS_NEVER,")
     sources = [ROOT / "tests/fakes/nidaqmx.c", ROOT / "c/plant/plant.c"]

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 
 import numpy as np
 
 from truestroke._plant import Plant
-from truestroke.base import checks
+from truestroke.base import checks, declared
 from truestroke.base.checks import SettingError
 from truestroke.base.copies import deep
 from truestroke.base.typing import FloatArray
 from truestroke.plant.noise import Noise
-from truestroke.plant.settings import PlantSettings
+from truestroke.plant.settings import PLANT_SETTINGS, PlantSettings
 from truestroke.signals.timing import Timing
 
 
@@ -50,7 +49,7 @@ class RealisticPlant:
         given = PlantSettings() if settings is None else settings
         self.settings = checks.instance("settings", given, PlantSettings, "a PlantSettings")
         self.seed = checks.count("seed", seed, 0, 2**63 - 1)
-        self._plant = Plant(_kernel_settings(self.settings))
+        self._plant = Plant(declared.kernel_values(self.settings, PLANT_SETTINGS))
         self._samples = self.settings.samples_per_tick
         self.open()
 
@@ -92,16 +91,3 @@ class RealisticPlant:
     def describe(self) -> dict[str, object]:
         """Kind, settings and seed, as plain data for a recording."""
         return {"kind": "realistic", "seed": self.seed, **dataclasses.asdict(self.settings)}
-
-
-def _kernel_settings(s: PlantSettings) -> dict[str, float]:
-    """The settings as the kernel names them: limits apart, no limit as infinity, no change at tick -1."""
-    flat = dataclasses.asdict(s)
-    for name in ("da", "stack", "ad"):
-        flat[f"{name}_low"], flat[f"{name}_high"] = flat.pop(f"{name}_limits") or (-math.inf, math.inf)
-    flat["creep_shortest"], flat["creep_longest"] = flat.pop("creep_span")
-    del flat["change"]
-    flat["change_tick"] = s.change.tick(s.sample_rate) if s.change else -1
-    flat["change_gain"] = s.change.gain if s.change else 1.0
-    flat["change_hysteresis"] = s.change.hysteresis if s.change else 1.0
-    return flat

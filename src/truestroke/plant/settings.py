@@ -10,8 +10,9 @@ from types import MappingProxyType
 from typing import Any
 
 from truestroke._plant import MATCHED_MAX_DEAD_ZONES, MATCHED_MAX_PLAYS, MAX_CREEP_OPERATORS, MAX_PLAYS
-from truestroke.base import checks
+from truestroke.base import checks, declared
 from truestroke.base.checks import SettingError
+from truestroke.base.declared import Setting, between, bound, whole
 
 EFFECTS: Mapping[str, Mapping[str, object]] = MappingProxyType(
     {
@@ -33,29 +34,6 @@ EFFECTS: Mapping[str, Mapping[str, object]] = MappingProxyType(
     }
 )
 """The effects of the realistic plant by name, in the order of its chain, and what switches each of them off."""
-
-# Lowest and highest value and the unit of every plain number of PlantSettings.
-_BOUNDS = {
-    "da_step": (0.0, 10.0, "V"),
-    "amplifier_gain": (1e-3, 1e6, "V/V"),
-    "amplifier_bandwidth": (0.0, 1e9, "Hz"),
-    "sensitivity": (1e-6, 1e6, "um/V"),
-    "hysteresis": (0.0, 0.95, ""),
-    "threshold_scale": (1e-3, 1e6, "V"),
-    "threshold_max": (1e-3, 1e6, "V"),
-    "threshold_exponent": (0.1, 10.0, ""),
-    "asymmetry": (-0.3, 0.3, ""),
-    "asymmetry_stroke": (1e-3, 1e6, "um"),
-    "creep": (0.0, 0.2, ""),
-    "resonance": (0.0, 1e9, "Hz"),
-    "damping": (0.0, 0.99, ""),
-    "drift": (-1e3, 1e3, "um"),
-    "drift_time": (1e-3, 1e9, "s"),
-    "noise": (0.0, 1e3, "um"),
-    "ad_step": (0.0, 1e3, "um"),
-    "ageing_gain": (-1.0, 1.0, "1/h"),
-    "ageing_hysteresis": (-1.0, 1.0, "1/h"),
-}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,66 +70,98 @@ class Change:
         return math.ceil(self.time * sample_rate * (1 - 1e-12))
 
 
+@bound("above 0")
+def _rate(_: Any, name: str, value: Any, unit: str) -> float:
+    return checks.positive(name, value, unit)
+
+
+@bound("a multiple of samples_per_tick, up to 100000")
+def _steps(s: PlantSettings, name: str, value: Any, unit: str) -> int:
+    steps = checks.count(name, value, s.samples_per_tick, 100_000)
+    if steps % s.samples_per_tick:
+        raise SettingError(name, steps, f"a multiple of samples_per_tick, {s.samples_per_tick}")
+    return steps
+
+
+@bound("low < high, or None")
+def _limits(_: Any, name: str, value: Any, unit: str) -> tuple[float, float] | None:
+    return None if value is None else checks.interval(name, value, unit)
+
+
+@bound("0 < low < high")
+def _span(_: Any, name: str, value: Any, unit: str) -> tuple[float, float]:
+    low, high = checks.interval(name, value, unit)
+    return checks.positive(f"{name}[0]", low, unit), high
+
+
+@bound("a Change, or None")
+def _change(s: PlantSettings, name: str, value: Any, unit: str) -> Change | None:
+    if value is not None:
+        change = checks.instance(name, value, Change, "a Change, or None")
+        checks.within("hysteresis * change.hysteresis", s.hysteresis * change.hysteresis, 0.0, 0.95)
+    return value  # type: ignore[no-any-return]
+
+
+def _unlimited(limits: tuple[float, float] | None, _: PlantSettings) -> tuple[float, float]:
+    return limits or (-math.inf, math.inf)
+
+
+def _changes(change: Change | None, s: PlantSettings) -> tuple[float, ...]:
+    return (change.tick(s.sample_rate), change.gain, change.hysteresis) if change else (-1, 1.0, 1.0)
+
+
+# fmt: off
+PLANT_SETTINGS: declared.Table = {
+    "sample_rate": Setting("Ticks per second", "Hz", _rate),
+    "samples_per_tick": Setting(
+        "Samples of the displacement that one measurement averages; 1 takes the sample at the end of the tick", "",
+        whole(1, 1000),
+    ),
+    "steps_per_tick": Setting("Steps of the integration", "", _steps),
+    "da_step": Setting("Step of the D/A converter", "V", between(0, 10)),
+    "da_limits": Setting("Range of the D/A converter", "V", _limits, kernel="da_low da_high", convert=_unlimited),
+    "amplifier_gain": Setting("Stack voltage over D/A voltage", "V/V", between(1e-3, 1e6)),
+    "amplifier_bandwidth": Setting("Corner of the amplifier's first-order lag; 0 is no lag", "Hz", between(0, 1e9)),
+    "stack_limits": Setting("Range at the stack", "V", _limits, kernel="stack_low stack_high", convert=_unlimited),
+    "sensitivity": Setting(
+        "S: slope of the chord of the major loop over 0 to twice `threshold_max`, at the stack", "um/V",
+        between(1e-6, 1e6),
+    ),
+    "hysteresis": Setting("h: part of S that the play operators carry", "", between(0, 0.95)),
+    "plays": Setting("Number of play operators", "", whole(1, MAX_PLAYS)),
+    "threshold_scale": Setting("rho of the density exp(-r / rho), 0 < r < R, of their thresholds, at the stack", "V",
+                               between(1e-3, 1e6)),
+    "threshold_max": Setting("R of it, at the stack", "V", between(1e-3, 1e6)),
+    "threshold_exponent": Setting(
+        "e: thresholds stand at the quantiles q^e of that density; above 1 they crowd at 0, below 1 they leave it", "",
+        between(0.1, 10),
+    ),
+    "asymmetry": Setting(
+        "alpha: z = y (1 + alpha (y / Y - 1)); below 0 the actuator softens with the stroke", "", between(-0.3, 0.3)
+    ),
+    "asymmetry_stroke": Setting("Y: where the asymmetry leaves the displacement as it is", "um", between(1e-3, 1e6)),
+    "creep": Setting("gamma: creep per decade of time over the displacement", "", between(0, 0.2)),
+    "creep_operators": Setting("Number of first-order operators", "", whole(1, MAX_CREEP_OPERATORS)),
+    "creep_span": Setting("Span in which creep is logarithmic", "s", _span, kernel="creep_shortest creep_longest"),
+    "resonance": Setting("First resonance of the stage under load; 0 is a massless stage", "Hz", between(0, 1e9)),
+    "damping": Setting("Its damping ratio zeta", "", between(0, 0.99)),
+    "drift": Setting("A: thermal expansion when warm", "um", between(-1e3, 1e3)),
+    "drift_time": Setting("Time constant of warming up", "s", between(1e-3, 1e9)),
+    "noise": Setting("Standard deviation of one sample of the sensor", "um", between(0, 1e3)),
+    "ad_step": Setting("Step of the A/D converter", "um", between(0, 1e3)),
+    "ad_limits": Setting("Range of the A/D converter", "um", _limits, kernel="ad_low ad_high", convert=_unlimited),
+    "change": Setting("A sudden change (Sec. 4.2)", "", _change, kernel="change_tick change_gain change_hysteresis",
+                      convert=_changes),
+    "ageing_gain": Setting("Relative change of the sensitivity per hour, linear in time", "1/h", between(-1, 1)),
+    "ageing_hysteresis": Setting("The same of the hysteretic part", "1/h", between(-1, 1)),
+}
+# fmt: on
+
+
+@declared.documented(PLANT_SETTINGS)
 @dataclass(frozen=True, kw_only=True)
 class PlantSettings:
     """A driven piezo stage, in the order of its chain. A number at 0, or limits at None, switch their effect off.
-
-    Attributes
-    ----------
-    sample_rate : float
-        Ticks per second, Hz.
-    samples_per_tick : int
-        Samples of the displacement that one measurement averages; 1 takes the sample at the end of the tick.
-    steps_per_tick : int
-        Steps of the integration; a multiple of `samples_per_tick`.
-    da_step : float
-        Step of the D/A converter, V.
-    da_limits : tuple[float, float] or None
-        Its range, V.
-    amplifier_gain : float
-        Stack voltage over D/A voltage, V/V.
-    amplifier_bandwidth : float
-        Corner of its first-order lag, Hz; 0: no lag.
-    stack_limits : tuple[float, float] or None
-        Range of the stack voltage, V.
-    sensitivity : float
-        S: slope of the chord of the major loop over 0 to twice `threshold_max`, um per stack volt.
-    hysteresis : float
-        h: part of S that the play operators carry, without unit.
-    plays : int
-        Number of play operators.
-    threshold_scale, threshold_max : float
-        rho and R of the density exp(-r / rho), 0 < r < R, of their thresholds, stack volts.
-    threshold_exponent : float
-        e: the thresholds stand at the quantiles q^e of that density; above 1 they crowd at 0, below 1 they leave it.
-    asymmetry : float
-        alpha: z = y (1 + alpha (y / Y - 1)), without unit; below 0 the actuator softens with the stroke.
-    asymmetry_stroke : float
-        Y: where the asymmetry leaves the displacement as it is, um.
-    creep : float
-        gamma: creep per decade of time over the displacement, without unit.
-    creep_operators : int
-        Number of first-order operators.
-    creep_span : tuple[float, float]
-        Times between which creep is logarithmic, s.
-    resonance : float
-        First resonance of the stage under load, Hz; 0: a massless stage.
-    damping : float
-        Its damping ratio zeta, without unit.
-    drift : float
-        A: thermal expansion when warm, um.
-    drift_time : float
-        Time constant of warming up, s.
-    noise : float
-        Standard deviation of one sample of the sensor, um.
-    ad_step : float
-        Step of the A/D converter, um.
-    ad_limits : tuple[float, float] or None
-        Its range, um.
-    change : Change or None
-        A sudden change (Sec. 4.2).
-    ageing_gain, ageing_hysteresis : float
-        Relative change of the sensitivity, and of the hysteretic part, per hour, 1/h; linear in time.
 
     Raises
     ------
@@ -199,21 +209,7 @@ class PlantSettings:
     ageing_hysteresis: float = 0.0
 
     def __post_init__(self) -> None:
-        checks.positive("sample_rate", self.sample_rate, "Hz")
-        for name, (low, high, unit) in _BOUNDS.items():
-            object.__setattr__(self, name, checks.within(name, getattr(self, name), low, high, unit))
-        for name, unit in (("da_limits", "V"), ("stack_limits", "V"), ("ad_limits", "um")):
-            if getattr(self, name) is not None:
-                object.__setattr__(self, name, checks.interval(name, getattr(self, name), unit))
-        checks.count("plays", self.plays, 1, MAX_PLAYS)
-        checks.count("creep_operators", self.creep_operators, 1, MAX_CREEP_OPERATORS)
-        checks.positive("creep_span[0]", checks.interval("creep_span", self.creep_span, "s")[0], "s")
-        samples = checks.count("samples_per_tick", self.samples_per_tick, 1, 1000)
-        steps = checks.count("steps_per_tick", self.steps_per_tick, samples, 100_000)
-        if steps % samples:
-            raise SettingError("steps_per_tick", steps, f"a multiple of samples_per_tick, {samples}")
-        if self.change is not None:
-            checks.within("hysteresis * change.hysteresis", self.hysteresis * self.change.hysteresis, 0.0, 0.95)
+        declared.complete(self, PLANT_SETTINGS)
 
     @property
     def input_sensitivity(self) -> float:
