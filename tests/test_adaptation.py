@@ -182,7 +182,7 @@ def test_projection_is_the_nearest_point_of_the_plane_in_the_metric_of_the_data(
     np.testing.assert_allclose(law.weights, nearest, rtol=1e-7, atol=1e-7)
 
 
-def test_what_must_not_teach_leaves_no_trace() -> None:
+def test_a_tick_that_is_not_used_leaves_no_trace() -> None:
     v, P = exact_kalman()
     taught, held = (BoundedKalman(v["K_W0"], P[0], [1, 2, 2, 0], EXACT) for _ in range(2))
     held.update(np.full(4, 1e6), 1e9, learn=False)

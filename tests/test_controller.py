@@ -304,7 +304,7 @@ def test_a_sudden_change_is_flagged_once_and_forgotten_soon() -> None:
     assert controller.counters.changed == len(changes)
 
 
-def test_a_saturated_tick_does_not_teach() -> None:
+def test_a_saturated_tick_is_not_used() -> None:
     controller = AdaptiveController(**BASIC)
     drive(controller, 1000)
     for _ in range(60):

@@ -150,7 +150,7 @@ BAD_STATES = {
     "change": [("change", 0, 1e9)],
     "since_change": [("since_change", 0, -5)],
     "spikes": [("spikes", 0, -(2**31))],
-    "mixed": [("mixed", 0, 2**31 - 1)],
+    "since_return": [("since_return", 0, 2**31 - 1)],
     "play": [("play", 3, 40.0), ("play", 0, 1e300)],
     "slopes": [("slopes", 0, 0.0), ("slopes", 2, -1.0)],
     "weights": [("weights", 0, np.nan), ("weights", 0, 1e200)],

@@ -1,4 +1,5 @@
-/* The kernel for several instruction sets in one library, chosen at run time: for a computer that others compile for.
+/* The kernel for several instruction sets in one library, chosen at run time: for binaries that are compiled for other
+ * computers.
  *
  * The kernel (c/src) is compiled several times, each as a variant of its own (variant.c); dispatch.c defines the functions
  * of truestroke.h, which call the variant in use. All variants give the same bits, since sums run in lanes. The choice is

@@ -6,9 +6,10 @@
  * Contract
  * - C99, no allocation, no printing, no global state. The caller owns every struct; all of them are plain data without
  *   pointers, so that an assignment or memcpy is a complete copy: that is how a state is saved and restored.
- * - A command and its inverse are O(n) in the number of plays. What learns is O(m^2) in the number of parameters, both laws
- *   alike: ts_rls_update, ts_kalman_tick, ts_kalman_project, and so ts_controller_adapt; ts_controller_command is too at a
- *   tick at which the TS_HISTORY-th measurement in a row is missing, and the calls that begin anew (init, reset, start).
+ * - A command and its inverse are O(n) in the number of plays. Adaptation is O(m^2) in the number of parameters, with
+ *   both laws: ts_rls_update, ts_kalman_tick, ts_kalman_project, and so ts_controller_adapt; ts_controller_command is
+ *   too at a tick at which the TS_HISTORY-th measurement in a row is missing, and the calls that reset the state (init,
+ *   reset, start).
  * - Arrays that are passed to one call may not overlap, unless the function says so.
  * - Units: displacement um, velocity um/s, voltage V at the D/A converter, weights um/V.
  * - Settings are checked by ts_controller_init and ts_controller_change, never in a tick. Not promised: any behaviour of a struct that was not initialised.
@@ -67,8 +68,8 @@ typedef enum {
 #define TS_ROW(i) (TS_PADDED((i) + 1) * ((i) - (i) / TS_LANES * (TS_LANES / 2)))
 #define TS_TRIANGLE(m) TS_ROW(m)
 
-/* No desired value (um, um/s), no weight and no setting counts for more, so that no finite argument makes a state that is not
- * finite; a variance may be its square, and what divides may not be below its inverse. */
+/* Largest desired value (um, um/s), weight and setting, so that no finite argument makes a state that is not finite; a
+ * variance may be its square, and a divisor may not be below its inverse. */
 #define TS_LARGEST (sizeof(ts_real) > 4 ? (ts_real)1e50 : (ts_real)1e9)
 
 typedef enum {
@@ -108,7 +109,7 @@ TS_API ts_real ts_dot(const ts_real *a, const ts_real *b, int n);
 /* Weighted sum w.y of the play states y, from the partial sums s of the weights, summed by parts. */
 TS_API ts_real ts_weighted_sum(const ts_real *s, const ts_real *y, int n);
 
-/* The voltage x for which sum of w[i] H_r[i](x) = y_d, given the play states y left by the last tick; equal to (10) and
+/* The voltage x for which sum of w[i] H_r[i](x) = y_d, given the play states y after the last tick; equal to (10) and
  * (12). x -> w.H(x) is piecewise linear with the slopes s[j] = w[0] + ... + w[j], and its breakpoints y[j] +- r[j] are
  * already in order, because the states of plays that share an input are nested. Requires every s[j] > 0. O(n), one
  * division. */
@@ -127,9 +128,10 @@ typedef struct {
 /* P = I / delta. */
 TS_API void ts_rls_init(ts_rls *r, ts_real delta, int m);
 
-/* w += mu e, P = (P - mu u'P) / lambda with mu = P u / (lambda + u'P u). Where trace P is past the limit, the division by
- * lambda is left out for this tick. w and u have TS_PADDED(m) entries, those beyond m are 0. Returns false, and does not
- * change w, where u'P u or e is not finite (P is as it was), or the new P is not (nor is its trace: start it anew). */
+/* w += mu e, P = (P - mu u'P) / lambda with mu = P u / (lambda + u'P u). Where trace P exceeds the limit, the division
+ * by lambda is omitted in this tick. w and u have TS_PADDED(m) entries, those beyond m are 0. Returns false, and does
+ * not change w, where u'P u or e is not finite (P is as it was), or the new P is not (nor is its trace: start it
+ * anew). */
 TS_API bool ts_rls_update(ts_rls *r, ts_real *w, const ts_real *u, ts_real e, ts_real lambda, ts_real trace_limit, int m);
 
 /* ---- Bounded Kalman filter --------------------------------------------------------------------------------------- */
@@ -138,7 +140,7 @@ typedef struct {
     ts_real filter;           /* per tick: coefficient of each of two poles that regressor and measurement pass through,
                                  at the start: see ts_kalman */
     ts_real noise_rate;       /* per tick: how fast the robust estimate of the noise follows */
-    ts_real ringing_rate;     /* per tick: the same of the wary one, which makes ringing count as noise */
+    ts_real ringing_rate;     /* per tick: the same of the fast one, which makes ringing count as noise */
     ts_real model_error;      /* um: what the model cannot explain; added to the noise */
     ts_real prior_return;     /* per TS_FORGET_EVERY ticks: how far P and w return to the prior */
     ts_real change_threshold; /* mean square of the normalised innovation above which the actuator has changed */
@@ -148,26 +150,26 @@ typedef struct {
     ts_real change_hysteresis;/* the same: all but the first together */
     ts_real change_share;     /* how far P returns to the prior at a change, 0..1 */
     ts_real outlier;          /* normalised innovation above which a measurement is a spike */
-    int outliers;             /* spikes in a row that are not believed */
+    int outliers;             /* spikes in a row that are rejected */
 } ts_kalman_settings;
 
 #define TS_FORGET_EVERY 16
 
-/* A Kalman filter of weights that wander about the prior (w0, P0) as an Ornstein-Uhlenbeck process, so that P and w stay
- * bounded under any input. w and u have TS_PADDED(m) entries, those beyond m are 0; P0 is packed. One update takes two ticks: the weights move in the first, P
- * follows in the second, so that no tick costs more than O(m^2). */
+/* A Kalman filter of weights that are an Ornstein-Uhlenbeck process about the prior (w0, P0), so that P and w stay
+ * bounded under any input. w and u have TS_PADDED(m) entries, those beyond m are 0; P0 is packed. One update takes two
+ * ticks: the weights move in the first, P follows in the second, so that no tick costs more than O(m^2). */
 typedef struct {
     ts_real P[TS_TRIANGLE(TS_MAX_PARAMETERS)];           /* whole in the blocks of eight on the diagonal */
     ts_real u1[TS_PADDED(TS_MAX_PARAMETERS)], u[TS_PADDED(TS_MAX_PARAMETERS)]; /* the regressor behind one and two poles, V or um */
     ts_real y1, y;                                       /* the measurement behind one and two poles, um */
     ts_real Pu[TS_PADDED(TS_MAX_PARAMETERS)];
-    ts_real filter;                 /* per tick: the coefficient of the two poles that is in force */
-    ts_real disturbance;            /* um^2: of what is known to be no error of the model: ringing */
+    ts_real filter;                 /* per tick: the present coefficient of the two poles */
+    ts_real disturbance;            /* um^2: of an innovation that is no error of the model: ringing */
     ts_real variance;               /* of the innovation of the last update, um^2 */
     ts_real sigma, ringing;         /* noise: um, um^2 */
     ts_real innovation1, innovation2; /* of the last two ticks, um */
     ts_real change;                 /* mean square of the normalised innovation */
-    int since_change, spikes, mixed;
+    int since_change, spikes, since_return;
     bool started, pending, changed;
     unsigned char part[TS_MAX_PARAMETERS]; /* 1: weight of the first play, 2: of another play, 0: anything else */
 } ts_kalman;
@@ -181,12 +183,12 @@ TS_API void ts_kalman_doubt(ts_kalman *k, const ts_real *P0, int m);
 
 typedef enum { TS_TICK_USED, TS_TICK_PASSED, TS_TICK_SPIKE } ts_tick;
 
-/* One tick with the regressor u and the measurement *y (NULL: none came). Adds what it learned to w, if anything:
+/* One tick with the regressor u and the measurement *y (NULL: none came). Adds the update to w, if there is one:
  * TS_TICK_USED. Where `learn` is false (hold, a voltage limit) w stays, and the filters start anew afterwards. */
 TS_API ts_tick ts_kalman_tick(ts_kalman *k, const ts_kalman_settings *s, const ts_real *w0, const ts_real *P0, ts_real *w,
                        const ts_real *u, const ts_real *y, bool learn, int m);
 
-/* Moves w onto g.w = value in the metric of P: w += P g (value - g.w) / (g.P g). Keeps what the data said. */
+/* Moves w onto g.w = value in the metric of P: w += P g (value - g.w) / (g.P g). */
 TS_API void ts_kalman_project(const ts_kalman *k, ts_real *w, const ts_real *g, ts_real value, int m);
 
 /* ---- Self-excited oscillation -------------------------------------------------------------------------------------- */
@@ -195,19 +197,19 @@ TS_API void ts_kalman_project(const ts_kalman *k, ts_real *w, const ts_real *g, 
 #define TS_PI ((ts_real)3.14159265358979323846)
 
 typedef struct {
-    ts_real tick;        /* s; 0: the law does not watch the stage */
+    ts_real tick;        /* s; 0: the detector is off */
     ts_real corner;      /* cycles per tick: the highest frequency that is looked for */
     ts_real fast, slow;  /* per tick: coefficients of the poles between which the error passes */
     ts_real motion_rate; /* per tick: how fast the means of the motion follow */
     ts_real noise_share; /* of the noise of a measurement, three standard deviations between the poles */
-    ts_real floor, large;/* um: an oscillation below `floor` is not looked at, one above `large` need not grow */
+    ts_real floor, large;/* um: an oscillation below `floor` is ignored, one above `large` need not grow */
 } ts_oscillation_settings;
 
 /* Finds an oscillation of the error that grows, faster than the motion and slower than the corner of the law's filter:
- * then the stage rings at a resonance that the law excites. Of each half-wave of the error between the poles the peak
- * and the length are kept. */
+ * then the law excites a resonance of the stage. Of each half-wave of the error between the poles the peak and the
+ * length are kept. */
 typedef struct {
-    ts_real fast, slow, slower;     /* um: the error behind one pole, and what two others take from it: the motion's */
+    ts_real fast, slow, slower;     /* um: error after one pole; its slow part, the motion's */
     ts_real speed, acceleration;    /* um/s: means of |zdot_d| and of |its change in a tick| */
     ts_real zdot_d;                 /* of the tick before, um/s */
     ts_real error, h;               /* um: of the tick before, and between the poles */
@@ -221,7 +223,7 @@ typedef struct {
     bool started, found;
 } ts_oscillation;
 
-/* A tick of which there is no measurement (NULL), or the error of one that is not believed: only a jump is seen in it. */
+/* A tick without a measurement (NULL), or the error of one that was rejected: it is checked for a jump only. */
 TS_API void ts_oscillation_miss(ts_oscillation *o, const ts_oscillation_settings *s, const ts_real *error);
 
 /* One tick: error (um), motion (um/s), standard deviation of a measurement (um). Returns the frequency of an oscillation
@@ -268,7 +270,7 @@ typedef struct {
     ts_real voltage_min, voltage_max;                  /* V */
     ts_real slew;                                      /* largest step of the voltage, V per tick; may be infinite */
     ts_real measurement_limit;                         /* a measurement beyond it is rejected, um */
-    ts_real smoothing;                                 /* 0 <= s < 1: share of what was learned that the command still
+    ts_real smoothing;                                 /* 0 <= s < 1: share of a learned change that the command still
                                                           lacks a tick later */
     ts_real trim;                                      /* integral of the error into the command, per tick; 0 is off */
 } ts_settings;
@@ -280,31 +282,32 @@ typedef struct {      /* of the last tick */
     bool held;        /* adaptation is on hold */
     bool changed;     /* the actuator has changed suddenly */
     bool slewed;      /* the command met the slew limit */
-    bool oscillating; /* the law had made the stage ring: learning rests until the ringing is measured */
+    bool oscillating; /* self-excited oscillation: adaptation pauses until its frequency is measured */
 } ts_flags;
 
 typedef struct {
     uint64_t commands, adaptations, saturated, projected, rejected, changed, slewed, oscillating;
 } ts_counters;
 
-/* What the model sees of the voltage: the same for the tick that is commanded and for the one that is measured. */
+/* States of the model that depend on the voltage: the same for the tick that is commanded and for the one that is
+ * measured. */
 typedef struct {
-    uint64_t ticks;                /* that it has seen */
+    uint64_t ticks;                /* so far */
     ts_real play[TS_MAX_PLAYS];    /* play states, V; play[0] is the voltage of the last tick */
     ts_real creep[TS_MAX_CREEPS];  /* first-order states, V */
 } ts_memory;
 
-/* After so many limited ticks beyond the desired displacement the model is held to be wrong, not the limit. */
+/* After so many limited ticks beyond the desired displacement the model is considered wrong, not the limit. */
 #define TS_BEYOND 10
 
-/* What is known of the stage's first resonance, and what follows from it; at first what the settings say. */
+/* The stage's first resonance, and the quantities that follow from it; at first from the settings. */
 typedef struct {
     ts_real resonance;             /* cycles per tick; 0: not known */
     ts_real inertia;               /* 1 / (w0^2 T), s: displacement that a change of zdot_d in a tick takes */
     ts_real smoothing;             /* as in the settings */
     ts_real rest;                  /* ticks until learning begins again */
     ts_real age;                   /* s since `newer` was kept */
-    ts_real newer[TS_MAX_PARAMETERS], older[TS_MAX_PARAMETERS]; /* weights of before, to go back to */
+    ts_real newer[TS_MAX_PARAMETERS], older[TS_MAX_PARAMETERS]; /* earlier weights, to be restored */
 } ts_stage;
 
 #define TS_KEEP 0.03 /* s: how often the weights are kept */
@@ -314,7 +317,7 @@ typedef struct {
     int parameters, of_plays;         /* m, and how many of them belong to plays */
     /* command */
     ts_real w[TS_PADDED(TS_MAX_PARAMETERS)]; /* (21) and the terms */
-    ts_real carry;                    /* um: what was learned and is not yet in the command */
+    ts_real bumpless;                 /* um: bumpless transfer: learned, not yet in the command */
     ts_real integral;                 /* um: the trim */
     ts_real y_d;                      /* (11) less the known terms, um */
     ts_real fastest;                  /* largest rate so far, at most velocity_limit, um/s */
@@ -324,14 +327,14 @@ typedef struct {
     ts_real x[TS_HISTORY];            /* V */
     ts_real z_d[TS_HISTORY];          /* um */
     ts_real zdot_d[TS_HISTORY];       /* um/s */
-    ts_real inertia[TS_HISTORY];      /* um: what the stage's inertia asks for */
-    bool limited[TS_HISTORY];         /* the voltage met a limit: such a tick does not teach, but see beyond */
+    ts_real inertia[TS_HISTORY];      /* um: for the stage's inertia */
+    bool limited[TS_HISTORY];         /* the voltage met a limit: the tick is not used, but see beyond */
     /* adapt */
     ts_memory lagged;
     ts_real u[TS_PADDED(TS_MAX_PARAMETERS)]; /* (20) and the terms */
     ts_real innovation;               /* e_m, (15), um */
     ts_real z_before;                 /* um: the last measurement that differed from the one before it, */
-    ts_real predicted_before;         /* and what the model said then */
+    ts_real predicted_before;         /* and the model's value then */
     ts_real resolution;               /* um: the smallest step from one measurement to a different one; 0: none so far */
     int beyond;                       /* ticks at a voltage limit with z beyond z_d since one not limited, up to TS_BEYOND */
     union {
@@ -354,12 +357,12 @@ TS_API ts_status ts_controller_init(ts_controller *c, const ts_settings *setting
 /* Back to the state after ts_controller_init. */
 TS_API void ts_controller_reset(ts_controller *c);
 
-/* How far from 0 (um) an actuator under `volts` may be: three strokes, and three times what `volts` bring of the stroke; at
- * most measurement_limit. What is beyond is a sensor that is not zeroed, or is another's. */
+/* How far from 0 (um) an actuator under `volts` may be: three strokes, and three times the part of the stroke that
+ * corresponds to `volts`; at most measurement_limit. Beyond it the sensor is not zeroed, or is that of another axis. */
 TS_API ts_real ts_reach(const ts_settings *settings, ts_real volts);
 
-/* Takes over an actuator that rests at the displacement z (um) under `volts`: the next command for z is `volts`. Refused
- * where `volts` are beyond their limits or z is beyond ts_reach; nothing has changed then. */
+/* Starts with an actuator that rests at the displacement z (um) under `volts`: the next command for z is `volts`.
+ * Refused where `volts` are beyond their limits or z is beyond ts_reach; nothing has changed then. */
 TS_API ts_status ts_controller_start(ts_controller *c, ts_real volts, ts_real z);
 
 /* New settings while running, without a jump of the command. Law, terms, thresholds, creep times, stroke, tick and prior stay
@@ -369,8 +372,8 @@ TS_API ts_status ts_controller_change(ts_controller *c, const ts_settings *setti
 /* Desired displacement z_d (um) and velocity zdot_d (um/s) to the command *volts, within the limits. */
 TS_API ts_status ts_controller_command(ts_controller *c, ts_real z_d, ts_real zdot_d, ts_real *volts);
 
-/* Adapts the weights to a measured displacement z (um). ago: how many commands were issued after the one that z answers
- * (0: the last). Measurements come in the order of their commands; any of them may be missing. The first one since
+/* Adapts the weights to a measured displacement z (um). ago: number of commands that were issued after the one of z (0:
+ * the last). Measurements come in the order of their commands; any of them may be missing. The first one since
  * init, reset or start, if it comes within TS_HISTORY ticks, is refused beyond ts_reach. */
 TS_API ts_status ts_controller_adapt(ts_controller *c, ts_real z, int ago);
 

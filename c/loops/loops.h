@@ -1,8 +1,8 @@
 /* Loops over ticks, for simulation: controller against actuator, and the filter behind the random waves.
  *
  * Contract
- * - C99, no allocation, no printing, no global state; the caller owns everything. A loop touches only what it is given,
- *   so each thread may run one.
+ * - C99, no allocation, no printing, no global state; the caller owns everything. A loop uses its arguments only, so
+ *   each thread may run one.
  * - Units: displacement um, velocity um/s, voltage V at the D/A converter. Arrays may not overlap.
  */
 #ifndef TRUESTROKE_LOOPS_H
@@ -40,7 +40,7 @@ typedef struct {
     uint8_t *flags;
 } ts_loop_channels;
 
-/* `ticks` ticks: command, exchange, adapt. Goes on from the state that both are in. */
+/* `ticks` ticks: command, exchange, adapt. Continues from the present state of both. */
 void ts_loop_run(const ts_loop_controller *c, const ts_loop_actuator *a, const ts_loop_channels *ch, size_t ticks);
 
 /* x[k + 1] = decay x[k] + u[k] from a given x[0]: the states of a first-order filter, all complex: pairs of real and

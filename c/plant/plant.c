@@ -97,7 +97,7 @@ static void set_weights(ts_plant *p)
     p->play_weight_now = gain * hysteresis * p->play_weight;
 }
 
-/* Hysteresis and asymmetry: the displacement that the stack voltage asks for, um. Four sums, for speed. */
+/* Hysteresis and asymmetry: the displacement for the stack voltage, um. Four sums, for speed. */
 static double strain(ts_plant *p)
 {
     const ts_plant_settings *s = &p->settings;
@@ -122,7 +122,8 @@ static void advance_creep(ts_plant *p, double from, double to)
 }
 
 /* z'' + 2 zeta omega z' + omega^2 z = omega^2 u, where u goes from `from` to `to` as the stack voltage does: as
- * rest + part exp(-t / tau), exact but where a play or the asymmetry bends it within the step. Without lag u is `to`. */
+ * rest + part exp(-t / tau), exact unless a play or the asymmetry changes the slope within the step. Without lag u is
+ * `to`. */
 static void advance_stage(ts_plant *p, double from, double to)
 {
     if (!(p->settings.resonance > 0)) {

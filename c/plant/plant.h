@@ -1,4 +1,4 @@
-/* Simulated actuators: what the controller does not know.
+/* Simulated actuators, unknown to the controller.
  *
  * ts_plant is a driven piezo stage with a structure of its own (docs/plant.md says every formula and every number);
  * ts_matched is the paper's plant (13), of exactly the controller's structure.
@@ -6,7 +6,7 @@
  * Contract
  * - C99, no allocation, no printing, no global state. Each struct is plain data without pointers: copy it, keep
  *   thousands of them, run each in a thread of its own.
- * - The caller brings the randomness: standard normal numbers. The same numbers give the same result to the bit, in
+ * - The caller supplies the randomness: standard normal numbers. The same numbers give the same result to the bit, in
  *   blocks of any length. `volts` and `velocity` must be finite.
  * - Units: displacement um, voltage V, time s, rates Hz. volts is at the D/A converter, before the amplifier.
  * - Arrays may not overlap. Not promised: any behaviour of a struct that was not initialised.
@@ -38,7 +38,7 @@ typedef struct { /* 0 (or infinite limits) switches an effect off */
     double amplifier_bandwidth;         /* Hz */
     double stack_low, stack_high;       /* V at the stack */
     double sensitivity;                 /* S, um per stack V */
-    double hysteresis;                  /* h, part of S that the plays carry, 1 */
+    double hysteresis;                  /* h, part of S that comes from the plays, 1 */
     int plays;                          /* 1..TS_PLANT_MAX_PLAYS */
     double threshold_scale;             /* rho of the density exp(-r / rho), stack V */
     double threshold_max;               /* R, its end, stack V */

@@ -4,10 +4,10 @@
 #include <stddef.h>
 #include <string.h>
 
-#define LOWER ((ts_real)0.7)      /* how far the law's filter comes down where it was not low enough */
-#define NOT_BELOW ((ts_real)0.2) /* of the resonance that is known: what is slower is the motion's error */
-#define REST_PERIODS 6            /* of the oscillation: how long learning rests at the most, */
-#define REST_HALF_WAVES 7         /* and after how many of the ringing it goes on */
+#define LOWER ((ts_real)0.7)      /* factor of the filter's corner where it was not low enough */
+#define NOT_BELOW ((ts_real)0.2) /* of the known resonance: a slower error is that of the motion */
+#define REST_PERIODS 6            /* of the oscillation: longest pause of adaptation, */
+#define REST_HALF_WAVES 7         /* and half-waves of the ringing after which it continues */
 
 /* ---- Settings ---------------------------------------------------------------------------------------------------- */
 
@@ -57,7 +57,7 @@ static ts_status check_rls(const ts_settings *s)
     return good ? TS_OK : TS_BAD_RLS;
 }
 
-/* Variances above 0 and correlations within -1 to 1: what can be told without room for a factor. */
+/* Variances above 0 and correlations within -1 to 1: the checks that need no factorisation. */
 static bool check_prior(const ts_real *P0, int m)
 {
     bool good = true;
@@ -145,7 +145,7 @@ static void remember_voltage(ts_memory *memory, const ts_settings *s, ts_real x)
 static void known_terms(const ts_settings *s, const ts_memory *memory, ts_real z_d, ts_real zdot_d, ts_real *u)
 {
     const int *n = s->terms;
-    ts_real along = within(z_d / s->stroke, -1, 2); /* further out a polynomial is no model, and would overflow */
+    ts_real along = within(z_d / s->stroke, -1, 2); /* further out a polynomial is meaningless, and would overflow */
     ts_real first = 4 * along * (1 - along), asymmetry[TS_MAX_ASYMMETRY] = {first, 2 * first * (1 - 2 * along)};
     for (int i = 0; i < n[TS_CREEP]; i++) *u++ = memory->creep[i];
     for (int i = 0; i < n[TS_LAG]; i++) *u++ = zdot_d;
@@ -172,7 +172,7 @@ static ts_real inertia_of(const ts_settings *s, ts_real frequency)
     return frequency > 0 ? s->oscillation.tick / (w * w) : 0;
 }
 
-/* What the motion from the tick before to zdot_d takes of the stage's inertia, um: z'' / w0^2, within a tenth of the
+/* The term of the stage's inertia for the motion from the tick before to zdot_d, um: z'' / w0^2, within a tenth of the
  * stroke. */
 static ts_real inertial(const ts_controller *c, ts_real zdot_d)
 {
@@ -182,18 +182,18 @@ static ts_real inertial(const ts_controller *c, ts_real zdot_d)
     return z < -most ? -most : z > most ? most : z;
 }
 
-/* The displacement wanted of the plays, um: (11), the inertia, the trim and what the command still lacks of the last lesson, less the
+/* The displacement wanted of the plays, um: (11), the inertia, the trim and the bumpless transfer, less the
  * known terms. */
 static ts_real wanted_of_plays(const ts_controller *c, ts_real z_d, ts_real zdot_d, ts_real inertia)
 {
     const ts_settings *s = &c->settings;
     ts_real u[TS_MAX_PARAMETERS];
     known_terms(s, &c->now, z_d, zdot_d, u);
-    return through_dead_zones(s, z_d) + inertia + c->integral + c->carry
+    return through_dead_zones(s, z_d) + inertia + c->integral + c->bumpless
            - dot(c->w + c->of_plays, u, c->parameters - c->of_plays);
 }
 
-/* (7) and its partial sums at the rate zdot_d, each within its limits; tells whether one had to be moved. */
+/* (7) and its partial sums at the rate zdot_d, each within its limits; returns whether one was moved. */
 static bool rate_dependent_slopes(ts_controller *c, ts_real zdot_d)
 {
     const ts_settings *s = &c->settings;
@@ -210,7 +210,7 @@ static bool rate_dependent_slopes(ts_controller *c, ts_real zdot_d)
     return moved;
 }
 
-/* The voltage that leaves: within the slew of the last one, and within the limits, whatever x is. */
+/* The output voltage: within the slew of the last one, and within the limits, whatever x is. */
 static ts_real within_limits(ts_controller *c, ts_real x)
 {
     const ts_settings *s = &c->settings;
@@ -304,9 +304,8 @@ static void project_slope(ts_controller *c, ts_real zdot_d)
     ts_kalman_project(&c->law.kalman, c->w, g, onto, c->parameters);
 }
 
-/* A sensor that gives the same number again and again while voltage and model move is no sensor: a live one has noise,
- * or a converter whose steps are as large as that move. The smallest step seen tells; one beyond a twentieth of the
- * stroke does not count. */
+/* A frozen sensor: it repeats the same number while voltage and model move. A working one has noise, or a converter
+ * whose steps are as large as that move: the smallest step so far, unless it is beyond a twentieth of the stroke. */
 static bool frozen(ts_controller *c, ts_real z, ts_real predicted, bool stands)
 {
     if (z != c->z_before || stands) {
@@ -324,7 +323,7 @@ static bool frozen(ts_controller *c, ts_real z, ts_real predicted, bool stands)
     return moved > still || moved < -still;
 }
 
-/* y_a: NULL where there is nothing to believe. */
+/* y_a: NULL where the measurement is missing or rejected. */
 static bool adapt_kalman(ts_controller *c, const ts_real *y_a, bool learn)
 {
     const ts_settings *s = &c->settings;
@@ -360,7 +359,7 @@ static const ts_real *regressor_of_now(const ts_controller *c, ts_real *room)
     return room;
 }
 
-/* What the model says of the regressor u, um. */
+/* The model's displacement for the regressor u, um. */
 static ts_real model(const ts_controller *c, const ts_real *u)
 {
     return dot(c->w, u, TS_PADDED(c->parameters));
@@ -374,9 +373,9 @@ static bool beyond(const ts_controller *c, int slot, ts_real z)
     return c->limited[slot] && ((x >= s->voltage_max && z > z_d) || (x <= s->voltage_min && z < z_d));
 }
 
-/* Whether a tick teaches. A limited one does from the tenth on that was beyond with none between that was not limited:
- * otherwise weights that ask for more than the limit for ever would never be put right. */
-static bool teaches(ts_controller *c, bool limited, bool beyond)
+/* Whether a tick is used for adaptation. A limited one is, from the tenth on that was beyond without an unlimited one
+ * between: otherwise weights that always demand more than the limit would never be corrected. */
+static bool adapts(ts_controller *c, bool limited, bool beyond)
 {
     if (!limited) c->beyond = 0;
     else if (beyond && c->beyond < TS_BEYOND) c->beyond++;
@@ -389,18 +388,18 @@ static ts_real sum_of_plays(const ts_controller *c)
     return ts_weighted_sum(c->slopes, c->now.play, c->settings.plays);
 }
 
-/* The command for the last tick stays as it was, whatever has changed: the difference goes by and by. */
+/* Bumpless transfer: the command for the last tick stays as it was; the difference decays. */
 static void keep_command(ts_controller *c)
 {
     bool moved = c->counters.commands > 0;
     int slot = moved ? (int)((c->counters.commands - 1) % TS_HISTORY) : 0;
     (void)rate_dependent_slopes(c, c->zdot_d[slot]);
-    if (moved) c->carry += sum_of_plays(c) - wanted_of_plays(c, c->z_d[slot], c->zdot_d[slot], c->inertia[slot]);
+    if (moved) c->bumpless += sum_of_plays(c) - wanted_of_plays(c, c->z_d[slot], c->zdot_d[slot], c->inertia[slot]);
 }
 
-/* ---- What the law must not do: make the stage ring ------------------------------------------------------------------- */
+/* ---- Self-excited oscillation of the stage ------------------------------------------------------------------------ */
 
-/* The weights of now are those to go back to; at the start there are none of before. */
+/* The present weights are those to be restored; at the start there are no earlier ones. */
 static void keep_weights(ts_controller *c, bool start)
 {
     size_t size = sizeof(ts_real) * (size_t)c->parameters;
@@ -409,8 +408,9 @@ static void keep_weights(ts_controller *c, bool start)
     c->stage.age = 0;
 }
 
-/* What follows from a resonance that was found: the law's filter ends at half of it, and is no higher than `highest`
- * unless that is far lower; what is learned takes a period of it to reach the command, which knows the inertia. */
+/* Quantities that follow from a measured resonance: the law's filter ends at half of it, and is no higher than
+ * `highest` unless that is far lower; a learned change takes a period of it to reach the command, which includes the
+ * inertia. */
 static void adopt_resonance(ts_controller *c, ts_real frequency, ts_real highest)
 {
     const ts_settings *s = &c->settings;
@@ -423,8 +423,8 @@ static void adopt_resonance(ts_controller *c, ts_real frequency, ts_real highest
     c->stage.inertia = inertia_of(s, frequency);
 }
 
-/* The first time: back to the weights of before, and unsure of them. Then learning rests, with a lower filter, until the
- * ringing has told its frequency. */
+/* The first time: earlier weights are restored, with the covariance of the prior. Then adaptation pauses, with a lower
+ * filter, until the frequency of the ringing is measured. */
 static void retreat(ts_controller *c, ts_real frequency)
 {
     if (!c->oscillation.found) {
@@ -440,8 +440,8 @@ static void retreat(ts_controller *c, ts_real frequency)
     c->counters.oscillating++;
 }
 
-/* What rings at the resonance is noise to the law: what the filter leaves of its variance, in as many ticks as half a
- * half-wave has, four times over because it is not white. */
+/* Ringing at the resonance counts as noise: its variance after the filter, over the ticks of half a half-wave, times
+ * four because it is not white. */
 static void count_ringing(ts_controller *c)
 {
     const ts_oscillation *o = &c->oscillation;
@@ -467,13 +467,13 @@ static ts_real noise_of(const ts_controller *c)
     return noise < c->resolution ? c->resolution : noise;
 }
 
-/* One tick: whether the law has made the stage ring, and what to do about it. */
+/* One tick of the detection of a self-excited oscillation, and the reaction to it. */
 static void watch_stage(ts_controller *c, ts_real error, ts_real zdot_d, bool limited)
 {
     const ts_settings *s = &c->settings;
     ts_oscillation *o = &c->oscillation;
     ts_real found = ts_oscillation_tick(o, &s->oscillation, error, zdot_d, noise_of(c));
-    if (limited) o->sign = o->regular = 0; /* what a limit does is not the law's doing */
+    if (limited) o->sign = o->regular = 0; /* the law does not cause the error at a limit */
     count_ringing(c);
     if (c->stage.rest > 0) {
         c->stage.rest = o->regular >= REST_HALF_WAVES || c->stage.rest < 1 ? 0 : c->stage.rest - 1;
@@ -502,7 +502,7 @@ ts_status ts_controller_init(ts_controller *c, const ts_settings *settings)
     return TS_OK;
 }
 
-/* The stage as the settings say it. */
+/* The stage according to the settings. */
 static void forget_stage(ts_controller *c)
 {
     const ts_settings *s = &c->settings;
@@ -557,8 +557,8 @@ ts_status ts_controller_start(ts_controller *c, ts_real volts, ts_real z)
     for (int i = 0; i < s->terms[TS_CREEP]; i++) c->now.creep[i] = volts;
     c->lagged = c->now;
     ts_real missing = wanted_of_plays(c, z, 0, 0) - sum_of_plays(c);
-    if (s->terms[TS_OFFSET]) c->w[column(s, TS_OFFSET)] += missing; /* a constant until data say more */
-    else c->carry = -missing;
+    if (s->terms[TS_OFFSET]) c->w[column(s, TS_OFFSET)] += missing; /* a constant until there are data */
+    else c->bumpless = -missing;
     keep_weights(c, true);
     return TS_OK;
 }
@@ -599,7 +599,7 @@ ts_status ts_controller_change(ts_controller *c, const ts_settings *next)
     bool as_it_was = same_stage(s, next);
     c->settings = *next;
     if (!as_it_was) forget_stage(c);
-    if (!(next->trim > 0)) c->integral = 0; /* its share goes into the carry */
+    if (!(next->trim > 0)) c->integral = 0; /* its share goes into the bumpless transfer */
     keep_command(c);
     return TS_OK;
 }
@@ -618,7 +618,7 @@ ts_status ts_controller_command(ts_controller *c, ts_real z_d, ts_real zdot_d, t
     c->flags.projected = rate_dependent_slopes(c, zdot_d);
     *volts = within_limits(c, ts_play_inverse(c->y_d, c->slopes, s->thresholds, c->now.play, s->plays));
     remember_voltage(&c->now, s, *volts);
-    c->carry *= c->stage.smoothing;
+    c->bumpless *= c->stage.smoothing;
     write_down(c, *volts, z_d, zdot_d, inertia);
     return TS_OK;
 }
@@ -645,10 +645,10 @@ ts_status ts_controller_adapt(ts_controller *c, ts_real z, int ago)
         ts_real before = now == c->u ? predicted : model(c, now);
         c->innovation = y_a - predicted; /* (15) */
         if (s->law == TS_LAW_RLS) used = adapt_rls(c, !c->hold);
-        else used = adapt_kalman(c, frozen(c, z, predicted, stands) ? NULL : &y_a, teaches(c, limited, back) && !(c->stage.rest > 0));
-        /* What was learned reaches the command by and by, so that it does not ring the stage. */
-        if (used && c->stage.smoothing > 0) c->carry += c->stage.smoothing * (model(c, now) - before);
-        /* The trim: at a voltage limit only away from it; what the slew limit holds back will come by itself. */
+        else used = adapt_kalman(c, frozen(c, z, predicted, stands) ? NULL : &y_a, adapts(c, limited, back) && !(c->stage.rest > 0));
+        /* A learned change reaches the command gradually, so that it does not excite the stage. */
+        if (used && c->stage.smoothing > 0) c->bumpless += c->stage.smoothing * (model(c, now) - before);
+        /* The trim: at a voltage limit only away from it; the slew limit only delays. */
         if (used && (!limited || back)) c->integral += s->trim * (c->z_d[slot] - z);
         ts_real error = z - c->z_d[slot];
         if (!used) ts_oscillation_miss(&c->oscillation, &s->oscillation, &error);

@@ -17,7 +17,7 @@ ts_real ts_weighted_sum(const ts_real *s, const ts_real *y, int n)
 
 ts_real ts_play_inverse(ts_real y_d, const ts_real *s, const ts_real *r, const ts_real *y, int n)
 {
-    ts_real gap = y_d - ts_weighted_sum(s, y, n); /* what is still missing at x, um */
+    ts_real gap = y_d - ts_weighted_sum(s, y, n); /* remaining difference at x, um */
     ts_real sign = gap < 0 ? (ts_real)-1 : (ts_real)1;
     ts_real x = y[0]; /* r[0] = 0: the state of the first play is the last voltage */
     int j = 0;

@@ -43,8 +43,8 @@ void ts_kalman_doubt(ts_kalman *k, const ts_real *P0, int m)
     k->variance = 0;
 }
 
-/* P u: each block of eight columns from its diagonal down, for which P stands as it is, in order of the rows; then what
- * is to the left of the diagonal blocks, row by row. */
+/* P u: each block of eight columns from its diagonal down, for which P is stored as it is, in order of the rows; then
+ * the part before the diagonal blocks, row by row. */
 static void times(const ts_real *P, const ts_real *u, ts_real *Pu, int m)
 {
     for (int j = 0; j < m; j += TS_LANES) {
@@ -57,8 +57,8 @@ static void times(const ts_real *P, const ts_real *u, ts_real *Pu, int m)
     for (int i = TS_LANES; i < m; P += width(i), i++) Pu[i] += total(products(P, u, width(i) - TS_LANES));
 }
 
-/* The same two poles for the regressor and the measurement: their linear relation stays, what the stage does faster
- * than the model knows is gone. */
+/* The same two poles for the regressor and the measurement: their linear relation stays, the fast dynamics of the
+ * stage, which are not in the model, are removed. */
 static void pass_filter(ts_kalman *k, ts_real pole, const ts_real *u, ts_real y, int m)
 {
     if (!k->started) {
@@ -89,7 +89,7 @@ static void follow_noise(ts_kalman *k, const ts_kalman_settings *s, ts_real inno
     if (d < 0) d = -d;
     if (d > TS_LARGEST) d = TS_LARGEST;
     k->ringing += s->ringing_rate * (d * d / 6 - k->ringing);
-    /* Clipped at four standard deviations; what the model cannot explain keeps sigma from dying in long silence. */
+    /* Clipped at four standard deviations; the model error keeps sigma above 0 at rest. */
     ts_real most = (ts_real)7.84 * (k->sigma > s->model_error ? k->sigma : s->model_error);
     if (d > most) d = most;
     k->sigma += s->noise_rate * (d / (ts_real)1.9544 - k->sigma);
@@ -116,15 +116,15 @@ static void follow_covariance(ts_kalman *k, const ts_kalman_settings *s, const t
         store(root + i, part);
         taken = plus_product(taken, part, part);
     }
-    if (!(total(taken) <= TS_LARGEST * TS_LARGEST)) { /* P has lost its definiteness */
+    if (!(total(taken) <= TS_LARGEST * TS_LARGEST)) { /* P is no longer definite */
         restart(k->P, P0, m);
         memset(root, 0, sizeof root);
     }
     ts_real *P = k->P;
     for (int i = 0; i < m; P += width(i), i++)
         for (int j = 0; j <= i; j += TS_LANES) store(P + j, minus(load(P + j), root[i], load(root + j)));
-    if (k->mixed >= TS_FORGET_EVERY) {
-        k->mixed = 0;
+    if (k->since_return >= TS_FORGET_EVERY) {
+        k->since_return = 0;
         back = s->prior_return;
     }
     if (k->changed) back += s->change_share;
@@ -145,8 +145,8 @@ void ts_kalman_project(const ts_kalman *k, ts_real *w, const ts_real *g, ts_real
     bound_weights(w, m);
 }
 
-/* First tick of an update: the weights, and their return to the prior. False where P has lost its definiteness, which
- * then starts anew, and where there is nothing to divide by: no motion, no noise, no error of the model. */
+/* First tick of an update: the weights, and their return to the prior. False where P is no longer definite, which then
+ * starts anew, and where the divisor is 0: no motion, no noise, no error of the model. */
 static bool update(ts_kalman *k, const ts_kalman_settings *s, const ts_real *w0, const ts_real *P0, ts_real *w, int m)
 {
     times(k->P, k->u, k->Pu, m);
@@ -164,8 +164,8 @@ static bool update(ts_kalman *k, const ts_kalman_settings *s, const ts_real *w0,
     k->variance = variance;
     for (int i = 0; i < m; i += TS_LANES) store(w + i, plus(load(w + i), gain, load(k->Pu + i)));
     bound_weights(w, m);
-    k->mixed += 2;
-    if (k->mixed >= TS_FORGET_EVERY)
+    k->since_return += 2;
+    if (k->since_return >= TS_FORGET_EVERY)
         for (int i = 0; i < m; i++) w[i] += s->prior_return * (w0[i] - w[i]);
 
     ts_real nu2 = e * e / expected;
@@ -197,7 +197,7 @@ ts_tick ts_kalman_tick(ts_kalman *k, const ts_kalman_settings *s, const ts_real 
     if (learn) {
         follow_noise(k, s, innovation, measured);
         pass_filter(k, k->filter, u, predicted + innovation, m);
-    } else k->started = false; /* what must not teach must not linger in the filters either */
+    } else k->started = false; /* a tick that is not used must not stay in the filters either */
     if (k->since_change < s->refractory) k->since_change++;
     if (k->pending) follow_covariance(k, s, P0, w, m);
     else if (measured && learn && update(k, s, w0, P0, w, m)) tick = TS_TICK_USED;

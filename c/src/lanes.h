@@ -1,4 +1,4 @@
-/* Eight lanes: the one order in which the kernel sums, whatever the machine.
+/* Eight lanes: the one order in which the kernel sums, on every machine.
  *
  * A sum of products runs in TS_LANES interleaved sums, which are then added in halves. Each lane is a chain of its own, so
  * vectors of 2, 4 or 8 numbers, and no vectors at all, round alike: every build gives the same bits.
@@ -71,7 +71,7 @@ static inline lanes difference(lanes x, lanes a)
     return x;
 }
 
-/* Entries of row i of a triangle: TS_ROW(i + 1) - TS_ROW(i). Whoever walks down the rows adds them up, which is faster. */
+/* Entries of row i of a triangle: TS_ROW(i + 1) - TS_ROW(i). A loop over the rows adds them up, which is faster. */
 static inline int width(int i)
 {
     return (int)(((unsigned)i / TS_LANES + 1) * TS_LANES);

@@ -1,6 +1,6 @@
 #include "lanes.h"
 
-#define COLD ((ts_real)0.2)      /* s: so long the law is so unsure that an oscillation grows fivefold in a half-wave */
+#define COLD ((ts_real)0.2)      /* s: with the first covariance an oscillation grows fivefold in a half-wave */
 #define TS_LONGEST_GAP (1 << 20) /* ticks that count as missed at the most */
 
 static ts_real size_of(ts_real x)

@@ -172,7 +172,7 @@ static void test_copies(void)
     check(memcmp(&a, &fresh, sizeof a) == 0, "reset equals fresh");
 }
 
-/* The same measurements, once at once and once `late` ticks later with `ago`, teach the same when commands do not
+/* The same measurements, once at once and once `late` ticks later with `ago`, have the same effect when commands do not
  * depend on what was learned (a held first pass gives them). */
 static void test_latency(void)
 {
@@ -504,7 +504,7 @@ static void test_slopes_at_both_ends(void)
 
 /* ---- Safety of the command ------------------------------------------------------------------------------------------- */
 
-static void test_limited_tick_does_not_teach(void)
+static void test_limited_tick_is_not_used(void)
 {
     ts_controller c;
     ts_settings s = kalman_settings();
@@ -516,7 +516,7 @@ static void test_limited_tick_does_not_teach(void)
         ts_controller_command(&c, k < 50 ? 100 : -100, 0, &volts);
         ts_controller_adapt(&c, (ts_real)uniform(10, 20), 0);
     }
-    check(memcmp(w, c.w, sizeof(ts_real) * (size_t)ts_parameters(&s)) == 0, "what a limit withholds does not teach");
+    check(memcmp(w, c.w, sizeof(ts_real) * (size_t)ts_parameters(&s)) == 0, "a limited tick does not change the weights");
     plant[0] = volts, plant[1] = volts + (ts_real)0.45;
     double worst = 0;
     for (int k = 2000; k < 2600; k++) {
@@ -621,7 +621,7 @@ int main(void)
     test_silence();
     test_project();
     test_slopes_at_both_ends();
-    test_limited_tick_does_not_teach();
+    test_limited_tick_is_not_used();
     test_hold();
     test_start_and_change();
     test_trim();

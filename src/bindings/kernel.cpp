@@ -99,7 +99,7 @@ template <typename Controller, typename Visit> void each_array(Controller &c, Vi
     size_t triangle = static_cast<size_t>(TS_TRIANGLE(c.parameters));
     size_t creeps = static_cast<size_t>(c.settings.terms[TS_CREEP]);
     visit("weights", &c.w[0], m);
-    visit("carry", &c.carry, 1);
+    visit("bumpless", &c.bumpless, 1);
     visit("integral", &c.integral, 1);
     visit("y_d", &c.y_d, 1);
     visit("fastest", &c.fastest, 1);
@@ -146,7 +146,7 @@ template <typename Controller, typename Visit> void each_array(Controller &c, Vi
     visit("disturbance", &k.disturbance, 1);
     visit("since_change", &k.since_change, 1);
     visit("spikes", &k.spikes, 1);
-    visit("mixed", &k.mixed, 1);
+    visit("since_return", &k.since_return, 1);
     visit("started", &k.started, 1);
     visit("pending", &k.pending, 1);
     visit("changed", &k.changed, 1);
@@ -227,7 +227,7 @@ void check_kalman(const ts_controller &c) {
     require_range("change", k.change, 0, 100);
     require_range("since_change", k.since_change, 0, INT32_MAX);
     require_range("spikes", k.spikes, 0, INT32_MAX);
-    require_range("mixed", k.mixed, 0, TS_FORGET_EVERY);
+    require_range("since_return", k.since_return, 0, TS_FORGET_EVERY);
     require_all("filter", k.filter > 0 && k.filter <= 1, "above 0, at most 1");
     not_negative("disturbance", k.disturbance);
     const ts_oscillation &o = c.oscillation;

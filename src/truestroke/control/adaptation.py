@@ -1,6 +1,6 @@
 """Laws that adapt the weights: a bounded Kalman filter, recursive least squares (19)-(23), least mean squares (Sec. 6).
 
-A law is anything with `weights` and `update(u, e_m)`. A law of your own goes into the loop like this:
+A law is an object with `weights` and `update(u, e_m)`. A law of your own is used like this:
 
 >>> class SignError:
 ...     "Sign-error LMS: the weights take steps of one size."
@@ -48,7 +48,7 @@ class Law(Protocol):
     weights: FloatArray
 
     def update(self, u: FloatArray, e_m: float) -> None:
-        """Learn from the regressor u of (20), V, and the error of the model e_m of (15), um.
+        """Adapt to the regressor u of (20), V, and the error of the model e_m of (15), um.
 
         Raises `UpdateRefused`, and changes nothing, where it cannot.
         """
@@ -63,7 +63,7 @@ def rls_update(
 ) -> tuple[FloatArray, FloatArray]:
     """One step of recursive least squares as printed, (23).
 
-    This is the statement; `RLS` computes the same in a way that survives rounding.
+    This is the statement; `RLS` computes the same in a form that is robust to rounding.
 
     Parameters
     ----------
@@ -107,9 +107,9 @@ class RLS:
         w(n) = w(n-1) + mu e_m(n)                                          (23)
         P(n) = (P(n-1) - mu u(n)' P(n-1)) / lambda
 
-    Two departures from the print, both in P alone. The factors of P = U D U' are carried in its place (Bierman 1976):
-    as printed, P loses its definiteness to rounding after some minutes at rest, and the law points the wrong way. And
-    P does not grow past `covariance_limit`: at rest the division by lambda would end in infinity.
+    Two departures from the print, both in P alone. The factors of P = U D U' are stored in its place (Bierman 1976): as
+    printed, P loses its definiteness by rounding after some minutes at rest, and the gain has the wrong sign. And P
+    does not grow beyond `covariance_limit`: at rest the division by lambda would end in infinity.
 
     Parameters
     ----------
@@ -145,7 +145,7 @@ class RLS:
 
     Examples
     --------
-    Two exact equations and next to no prior give the two unknowns:
+    Two exact equations and almost no prior give the two unknowns:
 
     >>> law = RLS([0.0, 0.0], forgetting=1.0, regularization=1e-9)
     >>> for u, y in [((1.0, 1.0), 5.0), ((1.0, -1.0), 1.0)]:
@@ -199,7 +199,7 @@ class RLS:
         if not (math.isfinite(self.trace) and math.isfinite(e_m * inverse[-1])):
             if not math.isfinite(self.trace):
                 self._begin()
-            raise UpdateRefused("P is too large to be told")
+            raise UpdateRefused("P is too large to be computed")
         self.weights = within_largest(self.weights + e_m * inverse[-1] * b[:, -1])
 
 
@@ -225,7 +225,7 @@ class LMS:
     normalised : bool
         Divide by the energy of u.
     regularization : float
-        epsilon, V^2, 0 or more: what keeps the division harmless where u is small.
+        epsilon, V^2, 0 or more: keeps the division harmless where u is small.
 
     Attributes
     ----------
@@ -286,7 +286,7 @@ class KalmanSettings:
     prior_return : float
         epsilon: how far w and P return to the prior in `FORGET_EVERY` ticks, 0 to 1.
     noise_rate, ringing_rate : float
-        How fast the robust estimate of the noise follows, and the wary one; per tick, 0 to 1.
+        How fast the robust estimate of the noise follows, and the fast one; per tick, 0 to 1.
     change_threshold, change_rate, refractory
         Mean square of the normalised innovation above which the actuator has changed; how fast that mean follows, per
         update, 0 to 1; ticks from one change to the next.
@@ -294,7 +294,7 @@ class KalmanSettings:
         Relative standard deviation of a change of all play weights together, and of all but the first together; how far
         P returns to the prior then, 0 to 1.
     outlier, outliers
-        Normalised innovation above which a measurement is a spike; spikes in a row that are not believed.
+        Normalised innovation above which a measurement is a spike; spikes in a row that are rejected.
     first_noise : float
         First guess of the noise, um.
     """
@@ -317,9 +317,9 @@ class KalmanSettings:
 
 FORGET_EVERY = 16  # ticks: TS_FORGET_EVERY of the kernel
 MEAN_SECOND_DIFFERENCE = 1.9544  # mean of |d| of white noise of deviation 1: sqrt(6) sqrt(2 / pi)
-CLIP = 7.84  # of sigma: four times that mean, where the robust estimate of the noise stops to listen
-LARGEST = 1e50  # TS_LARGEST of the kernel: no weight and no desired value counts for more
-SURPRISE = 100.0  # largest normalised innovation, squared, that counts for a change: one alone must not fire it
+CLIP = 7.84  # of sigma: four times that mean, at which the robust estimate of the noise clips
+LARGEST = 1e50  # TS_LARGEST of the kernel: largest weight and desired value
+SURPRISE = 100.0  # largest normalised innovation, squared, that counts for a change: one alone must not trigger it
 
 
 def within_largest(w: FloatArray) -> FloatArray:
@@ -336,8 +336,8 @@ def within_largest(w: FloatArray) -> FloatArray:
 def symmetric_times(P: FloatArray, u: FloatArray) -> FloatArray:
     """P u of a symmetric P, in the order of the kernel, which stores rows up to their block of eight on the diagonal.
 
-    Of these blocks and what is below them the columns are summed in order of the rows; then `dot` of what is to the
-    left of them, which stands for the upper triangle.
+    Of these blocks and what is below them the columns are summed in order of the rows; then `dot` of the part before
+    them, in place of the upper triangle.
 
     Examples
     --------
@@ -351,31 +351,31 @@ def symmetric_times(P: FloatArray, u: FloatArray) -> FloatArray:
 
 
 class BoundedKalman:
-    """A Kalman filter of weights that wander about a prior, so that it stays bounded under any input.
+    """A Kalman filter of weights that vary about a prior, so that it stays bounded under any input.
 
-    The weights are taken for an Ornstein-Uhlenbeck process about (w0, P0). With the regressor u and the measurement y,
-    both behind two equal poles::
+    The weights are modelled as an Ornstein-Uhlenbeck process about (w0, P0). With the regressor u and the measurement
+    y, both after two equal poles::
 
         e = y - w.u,   s = u'P u + R / 2                                   innovation and its variance
         w = w + P u e / s,   P = P - P u u'P / s                           Kalman
         w = w + epsilon (w0 - w),   P = P + epsilon (P0 - P)               return to the prior, every 16 ticks
 
-    Why each part is there:
+    The purpose of each part:
 
     - *Return to the prior* in place of forgetting: forgetting winds P up where nothing excites it, and a later motion
-      makes the weights jump. Here P <= P0 for ever, and where nothing confirms w it ends at w0.
-    - *Two poles* keep the stage's resonance out: a law of high gain would ring with it. The linear relation of u and y
-      stays, as both pass the same filter.
+      makes the weights jump. Here P <= P0 always holds, and without informative measurements w ends at w0.
+    - *Two poles* remove the stage's resonance: a law of high gain would excite it. The linear relation of u and y
+      stays, because both pass the same filter.
     - *Noise on line*, R = max(sigma^2, ringing / 2) + model_error^2, from the second difference of the innovation
-      d = e(k) - 2 e(k-1) + e(k-2), which the slow errors of the model do not reach. E d^2 = 6 sigma^2, E |d| = 1.9544
-      sigma. The robust sigma clips d at four deviations; the wary one lets ringing after a jump count as noise.
-    - *Every second tick teaches*: w moves in the first, P follows in the second, so that the kernel's load is even.
-      Hence R / 2: each equation stands for two.
-    - *Spikes*: e^2 > outlier^2 (s + sigma^2) up to three times in a row is a fault of the sensor; then it is believed.
+      d = e(k) - 2 e(k-1) + e(k-2), in which the slow errors of the model vanish. E d^2 = 6 sigma^2, E |d| = 1.9544
+      sigma. The robust sigma clips d at four deviations; the fast one counts ringing after a jump as noise.
+    - *Every second tick is used*: w moves in the first, P follows in the second, so that the kernel's load is even.
+      Hence R / 2: each equation counts for two.
+    - *Spikes*: e^2 > outlier^2 (s + sigma^2) up to three times in a row is a fault of the sensor; the fourth is used.
     - *Changes*: the mean of e^2 / (u'P u + (sigma^2 + model_error^2) / 2), each at most 100, above a threshold. P then
-      grows along what actuators do: all play weights together, and the hysteresis together, in proportion to w; and by
-      a share of the prior. After that it waits for the refractory time.
-    - *What must not teach* (hold, a voltage limit) leaves w as it is, and the poles start anew behind it.
+      grows in the usual directions of a change: all play weights together, and the hysteresis together, in proportion
+      to w; and by a share of the prior. After that it waits for the refractory time.
+    - *Ticks that are not used* (hold, a voltage limit) do not change w, and the poles start anew after them.
 
     Parameters
     ----------
@@ -397,11 +397,11 @@ class BoundedKalman:
     sigma : float
         Noise of a measurement, um.
     filter : float
-        The coefficient of the poles that is in force; at first that of the settings.
+        The present coefficient of the poles; at first that of the settings.
     disturbance : float
-        Variance of what is known to be no error of the model, such as ringing, um^2; added to the noise.
+        Variance of an innovation that is no error of the model, such as ringing, um^2; added to the noise.
     changed : bool
-        The last update found that the actuator has changed.
+        The last update detected a change of the actuator.
 
     Raises
     ------
@@ -415,7 +415,7 @@ class BoundedKalman:
 
     Examples
     --------
-    One equation for two weights, of which the prior knows the second; noise of 1 um on every second tick:
+    One equation for two weights, of which the prior gives the second; noise of 1 um on every second tick:
 
     >>> settings = KalmanSettings(filter=1.0, model_error=math.sqrt(2.0), first_noise=0.0, noise_rate=0, ringing_rate=0)
     >>> law = BoundedKalman([5.0, 1.0], np.diag([3.0, 0.5]), [1, 2], settings)
@@ -451,11 +451,11 @@ class BoundedKalman:
         self.variance = 0.0  # s of the last update, um^2
         self.sigma, self.ringing = settings.first_noise, 0.0  # um, um^2
         self.e1 = self.e2 = 0.0  # innovations of the last two ticks, um
-        self.change, self.since_change, self.spikes, self.mixed = 0.0, 2**31 - 1, 0, 0
+        self.change, self.since_change, self.spikes, self.since_return = 0.0, 2**31 - 1, 0, 0
         self.started = self.pending = self.changed = False
 
     def take(self, settings: KalmanSettings) -> None:
-        """New settings; w, P and the filter in force stay."""
+        """New settings; w, P and the present filter stay."""
         self.settings = settings
         gain, hysteresis = settings.change_gain, settings.change_hysteresis
         self._change = gain * gain * self._together + hysteresis * hysteresis * self._hysteresis
@@ -503,9 +503,7 @@ class BoundedKalman:
         self.e1, self.e2 = innovation, self.e1
         if measured:
             self.ringing += s.ringing_rate * (d * d / 6 - self.ringing)
-            clipped = min(
-                d, CLIP * max(self.sigma, s.model_error)
-            )  # model_error: so that sigma does not die in silence
+            clipped = min(d, CLIP * max(self.sigma, s.model_error))  # model_error: for rest
             self.sigma += s.noise_rate * (clipped / MEAN_SECOND_DIFFERENCE - self.sigma)
 
     def _filter(self, u: FloatArray, y: float) -> None:
@@ -522,7 +520,7 @@ class BoundedKalman:
         s = self.settings
         self.Pu = symmetric_times(self.P, self.u)
         explained, e = float(dot(self.u, self.Pu)), self.y - float(dot(self.u, self.weights))
-        if not (explained >= 0 and math.isfinite(explained * e)):  # never seen: P lost its definiteness to rounding
+        if not (explained >= 0 and math.isfinite(explained * e)):  # never observed: P is no longer definite
             self.P = self.P0.copy()
             return
         floor, quiet = s.model_error * s.model_error + self.disturbance, self.sigma * self.sigma
@@ -535,8 +533,8 @@ class BoundedKalman:
             return
         self.variance, self.pending = variance, True
         self.weights = within_largest(self.weights + gain * self.Pu)
-        self.mixed += 2
-        if self.mixed >= FORGET_EVERY:
+        self.since_return += 2
+        if self.since_return >= FORGET_EVERY:
             self.weights = self.weights + s.prior_return * (self.w0 - self.weights)
         self._detect_change(e * e / expected)
 
@@ -551,11 +549,11 @@ class BoundedKalman:
         """Second tick of an update."""
         s, back = self.settings, 0.0
         root = self.Pu * (1 / math.sqrt(self.variance))
-        if not float(dot(root, root)) <= LARGEST * LARGEST:  # never seen, as above
+        if not float(dot(root, root)) <= LARGEST * LARGEST:  # never observed, as above
             self.P, root = self.P0.copy(), np.zeros(root.size)
         P = self.P - np.outer(root, root)
-        if self.mixed >= FORGET_EVERY:
-            self.mixed, back = 0, s.prior_return
+        if self.since_return >= FORGET_EVERY:
+            self.since_return, back = 0, s.prior_return
         if self.changed:
             back += s.change_share
         if back > 0:
@@ -568,7 +566,7 @@ class BoundedKalman:
     def project(self, g: FloatArray, value: float) -> None:
         """Move w onto the plane g.w = value: w = w + P g (value - g.w) / (g'P g).
 
-        Of all points of the plane it is the nearest one in the metric of P^-1: what the data said weighs most.
+        Of all points of the plane it is the nearest one in the metric of P^-1: informative data weigh most.
         """
         Pg = symmetric_times(self.P, g)
         g_Pg = float(dot(g, Pg))

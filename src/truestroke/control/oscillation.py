@@ -1,11 +1,11 @@
-"""An oscillation that the law makes itself: how it is found in the error, half-wave by half-wave."""
+"""Self-excited oscillation: its detection in the error, half-wave by half-wave."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 
-COLD = 0.2  # s: so long the law is so unsure that an oscillation grows fivefold in a half-wave
+COLD = 0.2  # s: with the first covariance an oscillation grows fivefold in a half-wave
 LONGEST_GAP = 1 << 20  # ticks that count as missed at the most: TS_LONGEST_GAP of the kernel
 HALF_WAVES = 12  # that are kept: TS_HALF_WAVES of the kernel
 
@@ -17,9 +17,9 @@ class OscillationSettings:
     Attributes
     ----------
     tick : float
-        Length of a tick, s; 0: nothing is looked for.
+        Length of a tick, s; 0: the detector is off.
     corner : float
-        Highest frequency that is looked for, cycles per tick.
+        Highest frequency that is detected, cycles per tick.
     fast, slow : float
         Coefficients of the poles between which the error passes, per tick, 0 to 1.
     motion_rate : float
@@ -27,7 +27,7 @@ class OscillationSettings:
     noise_share : float
         Three standard deviations of the noise between the poles, in those of a measurement.
     floor, large : float
-        Peak below which an oscillation is not looked at, and above which it need not grow, um.
+        Peak below which an oscillation is ignored, and above which it need not grow, um.
     """
 
     tick: float
@@ -43,18 +43,18 @@ class OscillationSettings:
 class OscillationDetector:
     """Finds an oscillation of the error that grows, faster than the motion and below the corner of the law's filter.
 
-    Then the stage rings at a resonance that the law excites: its phase there turns what should correct the error into
-    what feeds it. The error passes a band: one pole against noise, two against what the motion does. Half-waves are of
-    about one length where one takes at most one and a half times the time of the other. An oscillation grows where
+    Then the law excites a resonance of the stage: because of its phase there the correction increases the error. The
+    error passes a band: one pole against noise, two against the error of the motion. Half-waves are of about one length
+    where one takes at most one and a half times the time of the other. An oscillation grows where
 
     - of six half-waves in a row the last peak is 1.8 times the first one, and none is below 3/4 of the one before it;
     - or, below a third of the corner, where there is no time for six: three peaks grow by 1.5 each, or the half-wave
       that goes on is already far larger than two before it, or, in the first 0.2 s, than one, and no jump;
     - or twelve are large and do not decay.
 
-    It begins small, unlike what a sensor shows that fails: the first of these peaks is below a tenth of the stroke, and
+    It begins small, unlike the error of a sensor failure: the first of these peaks is below a tenth of the stroke, and
     the slow part of the error below a fifth. It is one of the stage where its frequency is above 2.5 times that of the
-    motion, mean |change of zdot_d| / (2 pi mean |zdot_d|), and it is at least half as fast as the motion. Once one was
+    motion, mean |change of zdot_d| / (2 pi mean |zdot_d|), and it is at least half as fast as the motion. After one was
     `found`, only six half-waves that grow threefold, or twelve, are another.
 
     Parameters
@@ -65,7 +65,7 @@ class OscillationDetector:
     Attributes
     ----------
     found : bool
-        Whether one was found before; whoever acts upon it sets this.
+        Whether one was found before; set by the caller that reacts to it.
 
     Examples
     --------
@@ -83,7 +83,7 @@ class OscillationDetector:
 
     def __init__(self, settings: OscillationSettings) -> None:
         self.settings = settings
-        self.fast = self.slow = self.slower = self.h = 0.0  # um: behind the poles, and between them
+        self.fast = self.slow = self.slower = self.h = 0.0  # um: after the poles, and between them
         self.error = 0.0  # um: of the tick before
         self.time = 0.0  # s: since the start
         self.speed = self.acceleration = self.zdot_d = 0.0  # um/s
@@ -123,7 +123,7 @@ class OscillationDetector:
         return frequency if self._is_of_the_stage(frequency, peak) else 0.0
 
     def miss(self, error: float | None) -> None:
-        """A tick without a measurement (None), or the error of one that is not believed: only a jump is seen in it."""
+        """A tick without a measurement (None), or the error of one that was rejected: it is checked for a jump only."""
         self.missed = min(self.missed + 1, LONGEST_GAP)
         if error is not None:
             self.steepest = max(self.steepest, self.settings.fast * abs(error - self.error))

@@ -1,6 +1,6 @@
-"""The whole controller in NumPy: what the C kernel does, readable beside the paper (Sec. 3, Fig. 5).
+"""The whole controller in NumPy: the algorithm of the C kernel, readable beside the paper (Sec. 3, Fig. 5).
 
-It is the oracle of the kernel's tests, equal to it to the last bit, and the place to try a law or a model first. It is
+The kernel's tests compare with it to the last bit. Use it to try a law or a model first. It is
 some hundred times slower: `AdaptiveController` is for the loop.
 """
 
@@ -26,14 +26,14 @@ from truestroke.model.operators import dead_zone, dot, play
 HISTORY = 64
 """Commands that may wait for their measurement: `ago` is at most one less. TS_HISTORY of the kernel."""
 
-LOWER = 0.7  # how far the law's filter comes down where it was not low enough
-NOT_BELOW = 0.2  # of the resonance that is known: what is slower is the motion's error
-REST_PERIODS = 6  # of the oscillation: how long learning rests at the most,
-REST_HALF_WAVES = 7  # and after how many of the ringing it goes on
+LOWER = 0.7  # factor of the filter's corner where it was not low enough
+NOT_BELOW = 0.2  # of the known resonance: a slower error is that of the motion
+REST_PERIODS = 6  # of the oscillation: longest pause of adaptation,
+REST_HALF_WAVES = 7  # and half-waves of the ringing after which it continues
 KEEP = 0.03  # s: how often the weights are kept
 
 BEYOND = 10
-"""Limited ticks beyond the desired displacement after which the model is held to be wrong, not the limit. TS_BEYOND."""
+"""Limited ticks beyond the desired displacement after which the model is considered wrong, not the limit. TS_BEYOND."""
 
 
 @dataclass(frozen=True)
@@ -43,35 +43,35 @@ class _Command:
     x: float  # V
     z_d: float  # um
     zdot_d: float  # um/s
-    inertia: float  # um: what the stage's inertia asks for
+    inertia: float  # um: for the stage's inertia
     limited: bool  # the voltage met a limit
 
 
 @dataclass
 class _Stage:
-    """What is known of the stage's first resonance, and what follows from it; at first what the settings say."""
+    """The stage's first resonance, and the quantities that follow from it; at first from the settings."""
 
     detector: OscillationDetector
-    older: FloatArray  # weights to go back to
+    older: FloatArray  # earlier weights, to be restored
     newer: FloatArray
     resonance: float = 0.0  # cycles per tick; 0: not known
     inertia: float = 0.0  # 1 / (w0^2 T), s: displacement that a change of zdot_d in a tick takes
-    smoothing: float = 0.0  # share of what was learned that the command still lacks a tick later
+    smoothing: float = 0.0  # share of a learned change that the command still lacks a tick later
     rest: float = 0.0  # ticks until learning begins again
     age: float = 0.0  # s since `newer` was kept
 
 
 @dataclass
 class _Memory:
-    """What the model sees of the voltage: the same for the tick that is commanded and for the one that is measured."""
+    """States of the model that depend on the voltage: of the commanded and of the measured tick."""
 
     play: FloatArray  # play states, V; the first is the voltage of the last tick
     creep: FloatArray  # first-order states, V
-    ticks: int = 0  # that it has seen
+    ticks: int = 0  # so far
 
 
 def law_of(settings: ControllerSettings) -> Law:
-    """The law that the settings ask for, at its start."""
+    """The law of the settings, at its start."""
     s = settings
     if s.law == "rls":
         memory = {"forgetting": s.forgetting, "regularization": s.regularization}
@@ -95,8 +95,8 @@ class ReferenceController:
         The same settings; `precision` must be "double".
     law : Law, optional
         What adapts the weights: an object with `weights`, shape (m,), in the order of the settings, and
-        `update(u, e_m)`. By default the one of the settings: `BoundedKalman` or `RLS`. A law of your own learns at
-        every measured tick; it takes no part in spikes, changes and the limits of the slopes.
+        `update(u, e_m)`. By default the one of the settings: `BoundedKalman` or `RLS`. A law of your own is updated at
+        every measured tick; spikes, changes and the limits of the slopes are those of `BoundedKalman` alone.
 
     Attributes
     ----------
@@ -157,10 +157,10 @@ class ReferenceController:
         self.law = copy.deepcopy(self._fresh_law)
         self._now = _Memory(np.zeros(s.plays), np.zeros(self._creep.size))
         self._lagged = copy.deepcopy(self._now)
-        self._waiting: dict[int, _Command] = {}  # by tick: what self._lagged has not seen
+        self._waiting: dict[int, _Command] = {}  # by tick: not yet in self._lagged
         self._last = _Command(0.0, 0.0, 0.0, 0.0, limited=False)
-        self._carry = self._integral = self._innovation = 0.0  # um
-        self._z_before = self._predicted_before = 0.0  # um: the last measurement that was new, what the model said then
+        self._bumpless = self._integral = self._innovation = 0.0  # um
+        self._z_before = self._predicted_before = 0.0  # um: the last new measurement, the model's value then
         self._resolution = 0.0  # um: the smallest step from one measurement to a different one; 0: none so far
         self._beyond = 0  # ticks at a voltage limit and beyond z_d, since one that was not limited
         self._fastest = 0.0  # largest rate so far, at most the velocity limit, um/s
@@ -173,9 +173,10 @@ class ReferenceController:
         self._slopes, _ = self._rate_dependent_slopes(0.0)
 
     def start(self, volts: float, z: float) -> None:
-        """Take over an actuator that rests at z, um, under `volts`, V: the command for z is `volts`.
+        """Start with an actuator that rests at z, um, under `volts`, V: the command for z is `volts`.
 
-        What the model does not explain of z goes to the offset where there is one, otherwise into the next commands.
+        The difference between z and the model is added to the offset where there is one, otherwise to the next
+        commands.
         """
         s = self.settings
         low, high = s.voltage_limits
@@ -190,7 +191,7 @@ class ReferenceController:
             weights[s.columns["offset"]] += missing
             self.law.weights = weights
         else:
-            self._carry = -missing
+            self._bumpless = -missing
         self._stage.older = self._stage.newer = self.weights
 
     def change(self, settings: ControllerSettings) -> None:
@@ -215,7 +216,7 @@ class ReferenceController:
         elif isinstance(self.law, RLS):
             self.law.forgetting, self.law.covariance_limit = settings.forgetting, settings.covariance_limit
         if not settings.trim_rate > 0:
-            self._integral = 0.0  # its share goes into the carry
+            self._integral = 0.0  # its share goes into the bumpless transfer
         self._keep_command()
 
     # ---- The two calls ----------------------------------------------------------------------------------------------
@@ -231,14 +232,14 @@ class ReferenceController:
         z_d, zdot_d = checks.number("z_d", z_d, "um"), checks.number("zdot_d", zdot_d, "um/s")
         z_d, zdot_d = min(max(z_d, -LARGEST), LARGEST), min(max(zdot_d, -LARGEST), LARGEST)
         if self.counters["commands"] - self._lagged.ticks >= HISTORY:
-            self._pass_over()  # it is too late now for its measurement
+            self._pass_over()  # a measurement of it would be too late now
         self._see_creep(self._now)
         inertia = self._inertial(zdot_d)
         y_d = self._wanted_of_plays(z_d, zdot_d, inertia)  # (11)
         self._slopes, self._projected = self._rate_dependent_slopes(zdot_d)  # (7)
         x = self._within_limits(play_inverse(y_d, self._slopes, self._r, self._now.play))  # (12)
         self._see_voltage(self._now, x)  # (1)
-        self._carry *= self._stage.smoothing
+        self._bumpless *= self._stage.smoothing
         self._fastest = max(self._fastest, min(abs(zdot_d), self.settings.velocity_limit))
         self._last = _Command(x, z_d, zdot_d, inertia, self._saturated or self._slewed)
         self._waiting[self.counters["commands"]] = self._last
@@ -246,7 +247,7 @@ class ReferenceController:
         return x
 
     def adapt(self, z_measured: float, ago: int = 0) -> None:
-        """Learn from the displacement, um, that answered the command `ago` commands before the last one, 0 to 63.
+        """Adapt to the displacement, um, measured for the command `ago` commands before the last one, 0 to 63.
 
         NaN, infinity, a spike, and a measurement older than one already used are rejected, flagged and counted.
 
@@ -273,15 +274,15 @@ class ReferenceController:
             self._innovation = self._through_dead_zones(z_measured) + command.inertia - predicted  # (15)
             try:
                 frozen = self._is_frozen(z_measured, predicted, stands)
-                teaches = self._teaches(limited, beyond) and not self._stage.rest > 0
-                self._learn(u, teaches, frozen)  # (23)
+                adapts = self._adapts(limited, beyond) and not self._stage.rest > 0
+                self._learn(u, adapts, frozen)  # (23)
             except UpdateRefused:
                 self._rejected = True
                 self._stage.detector.miss(z_measured - command.z_d)
             else:
-                # What was learned reaches the command by and by, so that it does not ring the stage.
-                self._carry += self._stage.smoothing * (float(dot(self.law.weights, now)) - before)
-                # The trim: at a voltage limit only away from it; what the slew limit holds back will come by itself.
+                # A learned change reaches the command gradually, so that it does not excite the stage.
+                self._bumpless += self._stage.smoothing * (float(dot(self.law.weights, now)) - before)
+                # The trim: at a voltage limit only away from it; the slew limit only delays.
                 if not limited or beyond:
                     self._integral += self._c["trim"] * (command.z_d - z_measured)
                 self._watch_stage(z_measured - command.z_d, command.zdot_d, limited)
@@ -301,16 +302,16 @@ class ReferenceController:
         return known_terms(self.settings, memory.creep, z_d, zdot_d, self.settings.stroke)
 
     def _inertial(self, zdot_d: float) -> float:
-        """What the motion from the tick before takes of the stage's inertia, z'' / w0^2, um: within stroke / 10."""
+        """The term of the stage's inertia for the motion from the tick before, z'' / w0^2, um: within stroke / 10."""
         if not self._stage.inertia > 0 or self.counters["commands"] == 0:
             return 0.0
         most = self.settings.stroke / 10
         return min(max(self._stage.inertia * (zdot_d - self._last.zdot_d), -most), most)
 
     def _wanted_of_plays(self, z_d: float, zdot_d: float, inertia: float) -> float:
-        """(11), the inertia, the trim and what the command still lacks of the last lesson, less the known terms, um."""
+        """(11), the inertia, the trim and the bumpless transfer, less the known terms, um."""
         known = dot(self.law.weights[self.settings.of_plays :], self._known_terms(self._now, z_d, zdot_d))
-        return self._through_dead_zones(z_d) + inertia + self._integral + self._carry - float(known)
+        return self._through_dead_zones(z_d) + inertia + self._integral + self._bumpless - float(known)
 
     def _rate_dependent_slopes(self, zdot_d: float) -> tuple[FloatArray, bool]:
         """(7) in the scale of (20), w_h = a + c_b zdot_d b, summed up; within limits, and whether one was moved."""
@@ -326,7 +327,7 @@ class ReferenceController:
         return float(weighted_sum(self._slopes, self._now.play))
 
     def _within_limits(self, x: float) -> float:
-        """The voltage that leaves: within the slew of the last one, and within the limits, whatever x is."""
+        """The output voltage: within the slew of the last one, and within the limits, whatever x is."""
         (low, high), last, slew = self.settings.voltage_limits, float(self._now.play[0]), self._c["slew"]
         number = not math.isnan(x)
         if not number:
@@ -337,7 +338,7 @@ class ReferenceController:
         self._saturated = not number or not low <= x <= high
         return min(max(x, low), high)
 
-    # ---- What the model remembers -----------------------------------------------------------------------------------
+    # ---- States of the model ----------------------------------------------------------------------------------------
 
     def _see_creep(self, memory: _Memory) -> None:
         memory.creep = creep_step(memory.creep, memory.play[0], self._creep)
@@ -373,16 +374,16 @@ class ReferenceController:
         beyond = (command.x >= high and z > command.z_d) or (command.x <= low and z < command.z_d)
         return command.limited and beyond
 
-    def _teaches(self, limited: bool, beyond: bool) -> bool:
-        """Whether a tick teaches: a limited one does from the tenth on that was beyond, with none between not limited.
+    def _adapts(self, limited: bool, beyond: bool) -> bool:
+        """Whether a tick is used: a limited one from the tenth on that was beyond without an unlimited one between.
 
-        Otherwise weights that ask for more than the limit for ever would never be put right.
+        Otherwise weights that always demand more than the limit would never be corrected.
         """
         self._beyond = min(self._beyond + beyond, BEYOND) if limited else 0
         return not self._held and (not limited or (beyond and self._beyond >= BEYOND))
 
     def _is_frozen(self, z: float, predicted: float, stands: bool) -> bool:
-        """Whether the sensor repeats a number while voltage and model move: a live one has noise, or steps as large."""
+        """Whether the sensor repeats a number while voltage and model move: others have noise, or steps as large."""
         if not isinstance(self.law, BoundedKalman):
             return False
         if z != self._z_before or stands:
@@ -395,16 +396,16 @@ class ReferenceController:
         noise = self.law.sigma + self.law.settings.model_error
         return abs(predicted - self._predicted_before) > max(6 * noise, self._resolution + 2 * noise)
 
-    def _learn(self, u: FloatArray, teaches: bool, frozen: bool) -> None:
+    def _learn(self, u: FloatArray, adapts: bool, frozen: bool) -> None:
         law = self.law
         if not isinstance(law, BoundedKalman):
             if not self._held:
                 law.update(u, self._innovation)
             return
         before = law.weights
-        law.update(u, None if frozen else self._innovation, learn=teaches)
+        law.update(u, None if frozen else self._innovation, learn=adapts)
         if frozen:
-            raise UpdateRefused("the sensor stands still while the model moves")
+            raise UpdateRefused("the sensor is frozen while the model moves")
         if law.weights is not before:
             self._project_slope(law, self._fastest)  # slopes are linear in the rate:
             self._project_slope(law, -self._fastest)  # its two ends are the worst
@@ -421,14 +422,14 @@ class ReferenceController:
             g = s.vector(np.arange(s.plays) <= worst, np.where(s.rate_plays <= worst, rate, 0.0))
             law.project(g, high if slopes[worst] > high else low)
 
-    # ---- What the law must not do: make the stage ring ---------------------------------------------------------------
+    # ---- Self-excited oscillation of the stage -----------------------------------------------------------------------
 
     def _keep_command(self) -> None:
-        """The command for the last tick stays as it was, whatever has changed: the difference goes by and by."""
+        """Bumpless transfer: the command for the last tick stays as it was; the difference decays."""
         last = self._last
         self._slopes, _ = self._rate_dependent_slopes(last.zdot_d)
         if self.counters["commands"] > 0:
-            self._carry += self._sum_of_plays() - self._wanted_of_plays(last.z_d, last.zdot_d, last.inertia)
+            self._bumpless += self._sum_of_plays() - self._wanted_of_plays(last.z_d, last.zdot_d, last.inertia)
 
     def _inertia_of(self, frequency: float) -> float:
         """1 / (w0^2 T), s, of a first resonance at `frequency`, cycles per tick; 0: not known."""
@@ -436,7 +437,7 @@ class ReferenceController:
         return self._oscillation.tick / (w * w) if frequency > 0 else 0.0
 
     def _forget_stage(self) -> None:
-        """The stage as the settings say it."""
+        """The stage according to the settings."""
         stage, law = self._stage, self.law
         stage.smoothing, stage.resonance, stage.inertia = self._c["smoothing"], 0.0, 0.0
         if isinstance(law, BoundedKalman):
@@ -444,10 +445,10 @@ class ReferenceController:
             stage.inertia = self._inertia_of(stage.resonance)
 
     def _adopt_resonance(self, frequency: float, highest: float) -> None:
-        """What follows from a resonance that was found, cycles per tick.
+        """The quantities that follow from a measured resonance, cycles per tick.
 
-        The law's filter ends at half of it, and is no higher than `highest` unless that is far lower; what is learned
-        takes a period of it to reach the command, which knows the inertia.
+        The law's filter ends at half of it, and is no higher than `highest` unless that is far lower; a learned change
+        takes a period of it to reach the command, which includes the inertia.
         """
         law, w = self.law, math.pi * frequency
         assert isinstance(law, BoundedKalman)
@@ -459,7 +460,7 @@ class ReferenceController:
         self._stage.resonance, self._stage.inertia = frequency, self._inertia_of(frequency)
 
     def _retreat(self, frequency: float) -> None:
-        """The first time: back to the weights of before, and unsure of them; then rest, with a lower filter."""
+        """The first time: earlier weights, the covariance of the prior; then a pause, with a lower filter."""
         law, stage = self.law, self._stage
         assert isinstance(law, BoundedKalman)
         if not stage.detector.found:
@@ -473,10 +474,9 @@ class ReferenceController:
         self._count(oscillating=True)
 
     def _count_ringing(self, law: BoundedKalman) -> None:
-        """What rings at the resonance is noise to the law: once in a half-wave.
+        """Ringing at the resonance counts as noise: once in a half-wave.
 
-        What the filter leaves of its variance, in as many ticks as half a half-wave has, four times over because it is
-        not white.
+        Its variance after the filter, over the ticks of half a half-wave, times four because it is not white.
         """
         f, detector = self._stage.resonance, self._stage.detector
         if not f > 0 or detector.length != 0:
@@ -490,14 +490,14 @@ class ReferenceController:
         law.disturbance = left * left / (2 * f)
 
     def _watch_stage(self, error: float, zdot_d: float, limited: bool) -> None:
-        """One tick: whether the law has made the stage ring, and what to do about it."""
+        """One tick of the detection of a self-excited oscillation, and the reaction to it."""
         law, stage, detector = self.law, self._stage, self._stage.detector
         if not isinstance(law, BoundedKalman) or not self._oscillation.tick > 0:
             return
         noise = max(math.sqrt(max(law.sigma * law.sigma, 0.5 * law.ringing)), self._resolution)
         found = detector.update(error, zdot_d, noise)
         if limited:
-            detector.sign = detector.regular = 0  # what a limit does is not the law's doing
+            detector.sign = detector.regular = 0  # the law does not cause the error at a limit
         self._count_ringing(law)
         if stage.rest > 0:
             stage.rest = 0.0 if detector.regular >= REST_HALF_WAVES or stage.rest < 1 else stage.rest - 1
@@ -514,10 +514,10 @@ class ReferenceController:
                 stage.older, stage.newer, stage.age = stage.newer, law.weights, 0.0
         self._oscillating = stage.rest > 0
 
-    # ---- Hold, and what an outsider reads ----------------------------------------------------------------------------
+    # ---- Hold, and diagnostics ---------------------------------------------------------------------------------------
 
     def hold(self) -> None:
-        """Stop adapting; commands go on with the weights as they are."""
+        """Stop adapting; commands continue with the weights as they are."""
         self._held = True
 
     def resume(self) -> None:
