@@ -80,7 +80,7 @@ def nidaqmx(theme: Theme) -> Figure:
 def pi(theme: Theme) -> Figure:
     """Computer to controller by network; the controller drives the stack and reads its sensor."""
     figure, axes = canvas(70, 22)
-    box(axes, theme, (1, 7, 14, 8), "computer", "truestroke play")
+    box(axes, theme, (1, 7, 14, 8), "computer", "truestroke playback")
     box(axes, theme, (27, 2, 17, 18), "PI controller", "amplifier, sensor electronics,\nwave tables, data recorder")
     box(axes, theme, (56, 12, 13, 8), "piezo stack", "moves the stage")
     box(axes, theme, (56, 2, 13, 6), "sensor", "of the displacement")

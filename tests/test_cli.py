@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
-from truestroke import AdaptiveController
+from truestroke import AdaptiveController, cli
 from truestroke.cli import main
-from truestroke.cli.common import program
+from truestroke.cli.common import RENAMED, program
 from truestroke.control.baselines import ConstantGain
 from truestroke.plant import RealisticPlant
 from truestroke.signals.recording import Recording
@@ -179,7 +179,7 @@ def test_rest_is_a_motion_like_any_other() -> None:
         (["track", "--trajectory", "zigzag"], "zigzag", 2),
         (["track", "--trajectory", "none.csv"], "none.csv", 2),
         (["track", "--trajectory", "staircase", "--frequency", "3"], "--frequency means nothing", 2),
-        (["track", "--change-at", "99"], "--change-at 99: must be between 0 and", 2),
+        (["track", "--change-at", "99"], "--change-at = 99.0 s: must be between 0 and", 2),
         (["track", "--controller", "magic"], "magic", 2),
         (["track", "--output", "no/such/run"], "mkdir -p no/such", 1),
         (["track", "--output", "."], "is a folder", 2),
@@ -374,3 +374,14 @@ def test_identify_writes_a_model_that_a_controller_starts_from(tmp_path) -> None
     lost = CliRunner().invoke(main, ["identify", str(record), "--output", str(tmp_path / "none" / "m.toml")])
     assert lost.exit_code == 1
     assert "no folder" in lost.output
+
+
+def test_no_command_imports_another_and_old_names_are_hidden() -> None:
+    folder = Path(cli.__file__).parent
+    for name in main.commands:
+        imports = re.findall(r"from truestroke\.cli(?:\.(\w+))? import ([\w, ]+)", (folder / f"{name}.py").read_text())
+        named = {word for package, words in imports for word in (package or words).split(", ")}
+        assert named.isdisjoint(main.commands), f"{name} imports {named}"
+    for old, new in RENAMED.items():
+        assert CliRunner().invoke(main, [old, "--help"]).output == CliRunner().invoke(main, [new, "--help"]).output
+        assert f"\n  {old} " not in CliRunner().invoke(main, ["--help"]).output

@@ -18,7 +18,7 @@ from truestroke import AdaptiveController, metrics, trajectories
 from truestroke.base.flags import BIT
 from truestroke.base.verdict import Verdict
 from truestroke.cli import main
-from truestroke.cli.run import _code
+from truestroke.cli.realtime import _code
 from truestroke.control.baselines import ConstantGain
 from truestroke.plant import Change, PlantSettings, RealisticPlant
 from truestroke.runtime.drivers import SimulatedDriver, SimulatedSettings

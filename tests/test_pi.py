@@ -610,7 +610,7 @@ def test_the_loop_is_as_accurate_as_offline(bench: Path, fake: Fake) -> None:
 
 
 def typed(*arguments: str) -> tuple[int, str]:
-    done = CliRunner().invoke(main, ["play", *arguments])
+    done = CliRunner().invoke(main, ["playback", *arguments])
     return done.exit_code, done.output
 
 

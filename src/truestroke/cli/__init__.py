@@ -13,7 +13,7 @@ from truestroke.cli import (
     examine,
     identify,
     invert,
-    play,
+    playback,
     refine,
     report,
     reproduce,
@@ -51,7 +51,7 @@ for _command in (
     examine.examine,
     identify.identify,
     invert.invert,
-    play.play,
+    playback.playback,
     refine.refine,
     characterise.characterise,
 ):

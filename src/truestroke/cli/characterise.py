@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from truestroke.base.exit_codes import ExitCode
-from truestroke.cli import common
+from truestroke.cli import common, results
 
 if TYPE_CHECKING:
     from truestroke.base.verdict import Verdict
@@ -23,9 +23,9 @@ if TYPE_CHECKING:
 @click.command()
 @click.option("--plant", type=click.Choice(["realistic", "matched"]), default="realistic", help="What is driven: "
               "like a real stack, or of exactly the controller's structure.")  # fmt: skip
-@click.option("--config", metavar="FILE", type=click.Path(exists=True, dir_okay=False, path_type=Path),
+@click.option("--config", metavar="FILE", type=common.FILE,
               help="Drive the hardware of this configuration of `truestroke run`, within its limits.")  # fmt: skip
-@click.option("--record", metavar="FILE", type=click.Path(exists=True, dir_okay=False, path_type=Path),
+@click.option("--record", metavar="FILE", type=common.FILE,
               help="Drive nothing: take the recording of an earlier run, whole or interrupted.")  # fmt: skip
 @click.option("--speeds", metavar="UM/S,...", default="50,100,150,200,250,300", help="Of the triangles.")
 @click.option("--stroke", metavar="UM", type=float, default=38.0, help="Of the triangles, from 0 um.")
@@ -86,7 +86,6 @@ def _load(record: Path) -> Recording:
 def _drive(options: Mapping[str, Any], recording_file: Path) -> Recording:
     """The run; what there is of it is saved if it is interrupted."""
     from truestroke.runtime.loop import RunInterrupted
-    from truestroke.signals.recording import Recording
     from truestroke.studies.characterisation.procedure import drive, sweep
 
     motion = {name: options[name] for name in ("stroke", "duration", "sample_rate")}
@@ -95,9 +94,9 @@ def _drive(options: Mapping[str, Any], recording_file: Path) -> Recording:
         with common.progress("driving") as tell, _actuator(options, wave) as (actuator, limits):
             recording = drive(wave, actuator, **limits, progress=tell)
     except RunInterrupted as stop:
-        recording = Recording(stop.recording.channels, stop.recording.metadata | common.as_asked())
+        recording = results.own(stop.recording)
         common.interrupted(stop, f"{recording['time'].size} ticks are in {recording.save(recording_file)}")
-    recording = Recording(recording.channels, recording.metadata | common.as_asked())
+    recording = results.own(recording)
     recording.save(recording_file)
     return recording
 
@@ -113,17 +112,14 @@ def _speeds(words: str) -> list[float]:
 @contextmanager
 def _actuator(options: Mapping[str, Any], wave: Trajectory) -> Iterator[tuple[Actuator, dict[str, Any]]]:
     """What is driven, and the limits of voltage and slew."""
-    from truestroke.plant import MatchedPlant, MatchedSettings, PlantSettings, RealisticPlant
+    from truestroke.studies.tracking import stack
 
     limits = {name: options[name] for name in ("voltage_limits", "slew_limit")}
     if options["config"]:
         with _hardware(options["config"]) as (actuator, own):
             yield actuator, limits | own
-    elif options["plant"] == "matched":
-        matched = MatchedSettings(sample_rate=wave.sample_rate)
-        yield MatchedPlant(wave.velocity, settings=matched, seed=options["seed"]), limits
     else:
-        yield RealisticPlant(PlantSettings(sample_rate=wave.sample_rate), seed=options["seed"]), limits
+        yield stack(options["plant"], wave, options["seed"]), limits
 
 
 @contextmanager

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.option("--config", type=click.Path(exists=True, dir_okay=False, path_type=Path), metavar="FILE", required=True,
+@click.option("--config", type=common.FILE, metavar="FILE", required=True,
               help="Driver and one axis with its limits: TOML, as of truestroke run.")  # fmt: skip
 @click.option("--output", metavar="FILE", default="commission.html", help="Page, HTML.")
 @click.option(

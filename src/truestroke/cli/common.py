@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 
 FILES = ("output", "plots", "figures", "overwrite", "as_json")  # options that do not change the run
 ALIASES = {"cutoff": "frequency", "slew_limit": "slew", "path": "trajectory"}  # arguments of Python by other options
+RENAMED = {"play": "playback"}  # commands by their old names, for one version
+FILE = click.Path(exists=True, dir_okay=False, path_type=Path)  # one that is there
 PIPE_WIDTH = 120  # columns of a table where there is no terminal
 
 
@@ -44,6 +46,10 @@ class Commands(click.Group):
     def list_commands(self, ctx: click.Context) -> list[str]:
         """As they were added."""
         return list(self.commands)
+
+    def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
+        """By its name, or by its old one."""
+        return super().resolve_command(ctx, [RENAMED.get(args[0], args[0]), *args[1:]])
 
     def main(self, *args: Any, **options: Any) -> Any:
         """Run a command and leave with its exit code, which does not depend on whether anybody reads what it prints."""

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.option("--config", type=click.Path(exists=True, dir_okay=False, path_type=Path), metavar="FILE",
+@click.option("--config", type=common.FILE, metavar="FILE",
               help="Also look at what this configuration of truestroke run needs.")  # fmt: skip
 @common.json_option
 def doctor(config: Path | None, as_json: bool) -> int:

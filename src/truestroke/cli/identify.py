@@ -9,16 +9,14 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from truestroke.base import files
-from truestroke.cli import common
-from truestroke.cli.examine import read, record_options
-from truestroke.cli.track import like_the_stack
+from truestroke.cli import common, records
 
 if TYPE_CHECKING:
     from truestroke.identification import ActuatorModel, Identified
 
 
 @click.command()
-@record_options
+@records.record_options
 @click.option("--output", metavar="FILE", default="model.toml", help="The model is written there.")
 @click.option("--report", metavar="FILE", help="The page is written there.  [default: as --output, .html]")
 @common.plots_option
@@ -34,7 +32,7 @@ def identify(record: Path, output: str, report: str | None, plots: Path | None, 
     from truestroke.identification import identify as fit
 
     target, page_file = _files(output, report)
-    data = read(record, **options)
+    data = records.read(record, **options)
     findings = examine(data)
     found = fit(data)
     save_model(target, found.model)
@@ -81,6 +79,8 @@ def _files(output: str, report: str | None) -> tuple[Path, Path]:
 
 def _next(file: Path, model: ActuatorModel) -> list[tuple[str, str]]:
     """Commands worth typing after this one."""
+    from truestroke.studies.tracking import like_the_stack
+
     name = shlex.quote(str(file))
     track = (f"track --model {name}", "the controller starts from the model, on the simulated stack")
     invert = (f"invert wave.csv --model {name}", "the voltage that makes a motion of yours")

@@ -9,23 +9,21 @@ import click
 
 from truestroke.base import files
 from truestroke.base.exit_codes import ExitCode
-from truestroke.cli import common
-from truestroke.cli.examine import read, record_options
-from truestroke.cli.invert import as_dict, leave, limit_options, limits, load, model_option, tell, waveform_file
+from truestroke.cli import common, records, waveforms
 
 if TYPE_CHECKING:
     from truestroke.identification import Played, Refined
 
 
 @click.command()
-@record_options
-@model_option
-@click.option("--waveform", type=click.Path(exists=True, dir_okay=False, path_type=Path), metavar="FILE",
+@records.record_options
+@waveforms.model_option
+@click.option("--waveform", type=common.FILE, metavar="FILE",
               help="What was played, as `truestroke invert` or --next wrote it.")  # fmt: skip
 @click.option("--output", metavar="FILE", default="model.toml", help="The refined model is written there.")
 @click.option("--next", "following", metavar="NAME", help="Write the waveform of the next pass, NAME.csv or NAME.npz: "
               "made with the refined model, and corrected by what it leaves of RECORD.")  # fmt: skip
-@limit_options
+@waveforms.limit_options
 @common.overwrite_option
 @common.json_option
 def refine(
@@ -44,28 +42,28 @@ def refine(
     if not Path(output).parent.is_dir():
         raise click.ClickException(f"--output {output}: there is no folder {Path(output).parent}")
     files.check(output, files.MODEL)
-    target = waveform_file("--next", following) if following else None
-    known, data, played = load(model), read(record, **options), _played(waveform)
+    target = waveforms.waveform_file("--next", following) if following else None
+    known, data, played = waveforms.load(model), records.read(record, **options), _played(waveform)
     found = identification.refine(known, data, played=played)
     identification.save_model(output, found.model)
     made = None
     if target is not None and played is not None:
-        bounds = limits(found.model, {"voltage_limits": voltage_limits, "slew": slew})
+        bounds = waveforms.limits(found.model, {"voltage_limits": voltage_limits, "slew": slew})
         made = identification.waveform(
             found.model, played.desired, played.sample_rate, residual=found.residual, **bounds
         )
         identification.save_waveform(target, made)
     if as_json:
-        following_pass = {} if made is None else {**as_dict(made), "waveform": str(target)}
+        following_pass = {} if made is None else {**waveforms.as_dict(made), "waveform": str(target)}
         common.print_json({**found.verdict.as_dict(), **_figures(found), "model": output, "next": following_pass})
     else:
         _tell(found, output)
         if made is not None:
             click.echo("\nnext pass")
-            tell(made)
+            waveforms.tell(made)
             click.echo(f"waveform   {target}")
     if made is not None:
-        leave(strict, made)
+        waveforms.leave(strict, made)
     return ExitCode.NOT_TRACKING if found.verdict.is_bad else ExitCode.OK
 
 

@@ -6,18 +6,12 @@ from pathlib import Path
 
 import click
 
-from truestroke.cli import common
-from truestroke.cli.run import close_the_loop
+from truestroke.cli import common, realtime
 
 
 @click.command()
 @click.option("--epics", is_flag=True, help="As process variables of a soft IOC.")
-@click.option("--config", type=click.Path(exists=True, dir_okay=False, path_type=Path), metavar="FILE",
-              help="As of truestroke run, with a table [epics].")  # fmt: skip
-@click.option("--example", is_flag=True, help="Print a configuration with comments, of a simulated stack.")
-@click.option("--output", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE",
-              help="Recording, in place of the one that the configuration names.")  # fmt: skip
-@click.option("--overwrite", is_flag=True, help="Replace a recording that is there.")
+@realtime.realtime_options
 @common.json_option
 def serve(epics: bool, config: Path | None, example: bool, output: Path | None, overwrite: bool, as_json: bool) -> int:
     """Close the loop in real time and serve it: set-points and supervision, not single samples.
@@ -36,4 +30,4 @@ def serve(epics: bool, config: Path | None, example: bool, output: Path | None, 
     job = configuration.load(config)
     if job.epics is None:
         raise click.UsageError(f"{config}: a table [epics] is needed; --example shows one.")
-    return close_the_loop("serve --epics", config, job, output, overwrite, as_json, epics=True)
+    return realtime.close_the_loop("serve --epics", config, job, output, overwrite, as_json, epics=True)

@@ -23,7 +23,7 @@ def _example(context: click.Context, _: click.Parameter, asked: bool) -> None:
 
 
 @click.command()
-@click.argument("file", metavar="FILE.toml", type=click.Path(exists=True, dir_okay=False, path_type=Path))
+@click.argument("file", metavar="FILE.toml", type=common.FILE)
 @click.option("--example", is_flag=True, is_eager=True, expose_value=False, callback=_example, help="Print a study to "
               "begin with, that of Sec. 4.3, and leave.")  # fmt: skip
 @click.option("--runs", metavar="N", type=click.IntRange(1), help="In place of the number in the file.")

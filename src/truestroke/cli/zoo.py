@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from truestroke.cli import common
-from truestroke.cli.report import finish
+from truestroke.cli import results as shown
 
 
 def _names(context: click.Context, option: click.Parameter, value: str) -> tuple[str, ...]:
@@ -81,13 +81,12 @@ def zoo(
 
 def _one(seed: int, number: int, controller: str, output: str, plots: Path | None, as_json: bool) -> int:
     recording_file, page_file = common.outputs(output, ".h5", ".html")
-    from truestroke.signals.recording import Recording
     from truestroke.studies import zoo as zoos
 
     with common.stoppable(), common.progress("following"):
         recording = zoos.record(seed, number, controller)
-    recording = Recording(recording.channels, recording.metadata | common.as_asked())
+    recording = shown.own(recording)
     recording.save(recording_file)
     if not as_json:
         click.echo(zoos.draw(seed, number).words())
-    return finish(recording, page_file, plots, as_json, recording_file)
+    return shown.finish(recording, page_file, plots, as_json, recording_file)

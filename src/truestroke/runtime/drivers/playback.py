@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-from truestroke.base import checks
+from truestroke.base import checks, files
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
 from truestroke.runtime.drivers.guard import Limits, check_range
 from truestroke.runtime.drivers.one_axis import OneAxis
 from truestroke.runtime.drivers.paced import let_go
 from truestroke.runtime.drivers.protocol import Driver
+from truestroke.signals.tables import RecordError, open_table
 
 __all__ = ["Player", "Recorded", "playback"]
 
@@ -39,6 +41,44 @@ class Recorded:
     volts: FloatArray
     displacement: FloatArray
     sample_rate: float
+
+    def as_dict(self) -> dict[str, Any]:
+        """Of the first channel, for JSON: the unit is in the name."""
+        x, z = self.volts[0], self.displacement[0]
+        return {
+            "samples": x.size,
+            "lost": int(np.isnan(z).sum()),
+            "sample_rate_Hz": self.sample_rate,
+            "voltage_V": [float(x.min()), float(x.max())],
+            "displacement_um": [float(np.nanmin(z)), float(np.nanmax(z))],
+        }
+
+
+def read_waveform(path: Path) -> tuple[FloatArray, float]:
+    """Voltages, V, and their sample rate, Hz, of a file with columns `time` (s) and `volts` (V).
+
+    Raises
+    ------
+    RecordError
+        It has no such columns, or its time does not ascend in even steps.
+    """
+    table = open_table(path)
+    names = [name.lower() for name in table.names]
+    if not {"time", "volts"} <= set(names):
+        raise RecordError(str(path), "has no columns time (s) and volts (V)")
+    time, volts = table.read([names.index("time"), names.index("volts")], False)
+    steps = np.diff(time)
+    if steps.size == 0 or not (steps > 0).all() or np.ptp(steps) > 1e-3 * steps.mean():
+        raise RecordError(str(path), "time does not ascend in even steps")
+    return volts, float(f"{1 / steps.mean():.9g}")
+
+
+def save_record(path: Path, made: Recorded) -> None:
+    """Write the first channel as CSV, as `read_record` takes it."""
+    x, z = made.volts[0], made.displacement[0]
+    rows = np.column_stack([np.arange(x.size) / made.sample_rate, x, z])
+    with files.writing(path, files.MEASUREMENT) as draft:
+        np.savetxt(draft, rows, fmt="%.9g", delimiter=",", header="time (s),volts (V),z (um)", comments="")
 
 
 class Player(Driver, Protocol):

@@ -1,0 +1,52 @@
+"""`truestroke playback`: a waveform put out by hardware, and what it does, recorded."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from truestroke.base import files
+from truestroke.cli import common
+
+
+@click.command()
+@click.argument("waveform", type=common.FILE)
+@click.option(
+    "--config", type=common.FILE, metavar="FILE", required=True, help="Driver and one axis with its limits: TOML."
+)
+@click.option("--output", metavar="FILE", default="record.csv", help="Record, CSV.")
+@click.option("--rest", metavar="S", type=click.FloatRange(0.0), default=0.5, help="Rest under the first voltage.")
+@common.overwrite_option
+@common.json_option
+def playback(waveform: Path, config: Path, output: str, rest: float, as_json: bool) -> None:
+    """Put a waveform out by hardware and record what it does.
+
+    WAVEFORM has columns `time` (s) and `volts` (V), as `truestroke invert` writes them. The output goes from the safe
+    voltage to the first voltage and back from the last one, within the slew limit, and to the safe voltage whenever
+    anything fails. `truestroke identify` and `truestroke refine` read the record.
+    """
+    from truestroke.runtime.drivers import DriverError
+    from truestroke.runtime.drivers import playback as play_back
+    from truestroke.runtime.drivers.playback import read_waveform, save_record
+    from truestroke.runtime.realtime import config as configuration
+
+    target = Path(output)
+    if target.suffix != ".csv" or not target.parent.is_dir():
+        raise click.UsageError(f"--output {output}: is a file .csv in a folder that is there.")
+    files.check(target, files.MEASUREMENT)
+    volts, rate = read_waveform(waveform)
+    driver, axis = configuration.one_axis(config)
+    try:
+        made = play_back(driver, volts, rate, **axis.limits, rest=rest)
+    except DriverError as error:
+        raise click.ClickException(str(error)) from None
+    save_record(target, made)
+    found = made.as_dict()
+    if as_json:
+        common.print_json({**found, "record": str(target)})
+        return
+    (low, high), (lowest, highest) = found["voltage_V"], found["displacement_um"]
+    click.echo(f"played     {found['samples']} samples at {rate:g} Hz, {low:.4g} to {high:.4g} V")
+    click.echo(f"measured   {lowest:.4g} to {highest:.4g} um; {found['lost']} samples lost")
+    common.print_files(record=target)

@@ -1,0 +1,136 @@
+"""The loop in real time, by the commands that close it: `run`, and `serve`, which publishes it."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import click
+
+from truestroke.base.exit_codes import ExitCode
+from truestroke.cli import common, results
+
+if TYPE_CHECKING:
+    from truestroke.base.verdict import Verdict
+    from truestroke.runtime.realtime import Outcome
+    from truestroke.runtime.realtime.config import Job
+    from truestroke.signals.metrics import TrackingSummary
+    from truestroke.signals.recording import Recording
+
+
+def realtime_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Configuration and recording, as `close_the_loop` takes them."""
+    recording = click.Path(dir_okay=False, path_type=Path)
+    for option in reversed(
+        [
+            click.option("--config", type=common.FILE, metavar="FILE", help="Driver, axes, limits: TOML."),
+            click.option("--example", is_flag=True, help="Print a configuration with comments, of a simulated stack."),
+            click.option("--output", type=recording, metavar="FILE", help="Recording, in place of the one that the "
+                         "configuration names."),
+            click.option("--overwrite", is_flag=True, help="Replace a recording that is there."),
+        ]
+    ):  # fmt: skip
+        command = option(command)
+    return command
+
+
+def close_the_loop(
+    command: str, config: Path, job: Job, output: Path | None, overwrite: bool, as_json: bool, epics: bool = False
+) -> int:
+    """Run what the configuration says, and print what became of it; the exit code."""
+    from truestroke.base.files import beside
+    from truestroke.runtime.drivers import DriverError
+    from truestroke.runtime.realtime import Cause, RealtimeError, run_realtime
+    from truestroke.runtime.realtime.runner import recordings as names_of
+    from truestroke.signals import judgement
+    from truestroke.signals.recording import Recording
+
+    show: Literal["live", "lines"] | None = None if as_json else "live" if sys.stderr.isatty() else "lines"
+    about = {"command": f"truestroke {command} --config {config}", "config": config.read_text(encoding="utf-8")}
+    options: dict[str, Any] = {"settings": job.settings, "about": about, "overwrite": overwrite, "show": show}
+    file = job.file if output is None else output
+    for path in names_of(file, job.axes, overwrite):
+        if path.exists():
+            told = f"recording to {beside(path)} until the run has ended; {path} stays as it is until then"
+            click.echo(f"truestroke: {told}", err=True)
+    try:
+        outcome = run_realtime(job.driver, job.axes, file, epics=job.epics if epics else None, **options)
+    except RealtimeError as error:
+        raise click.ClickException(str(error)) from None
+    except DriverError as error:
+        click.echo(f"truestroke: {' '.join(str(error).split())}", err=True)
+        return Cause.DRIVER.value
+    recordings = {axis.name: Recording.load(path) for axis, path in zip(job.axes, outcome.files, strict=True)}
+    verdicts = {name: judgement.judge(recording) for name, recording in recordings.items()}
+    code = _code(outcome, judgement.worst(verdicts))
+    if as_json:
+        _print_json(outcome, recordings, verdicts, code)
+    else:
+        _print(outcome, recordings, verdicts)
+    if outcome.reason:
+        click.echo(f"truestroke: {' '.join(outcome.reason.split())}", err=True)
+    return code
+
+
+def _code(outcome: Outcome, verdict: Verdict) -> int:
+    """Its own, where the run ended for another cause than that it was over; 4 where that was in vain."""
+    code: int = outcome.cause.value
+    return ExitCode.NOT_TRACKING if code == ExitCode.OK and verdict.is_bad else code
+
+
+def _summary(recording: Recording) -> TrackingSummary | None:
+    """The figures, if there is anything to take them of."""
+    from truestroke.base.checks import SettingError
+    from truestroke.signals import judgement
+
+    try:
+        return judgement.summary(recording) if len(recording["time"]) > 1 else None
+    except SettingError:
+        return None
+
+
+def _lateness(recording: Recording) -> dict[str, float]:
+    import numpy as np
+
+    late = recording["lateness"]
+    return {f"p{p:g}": float(np.percentile(late, p)) for p in (50, 99, 99.9)} if late.size else {}
+
+
+def _print_json(
+    outcome: Outcome, recordings: Mapping[str, Recording], verdicts: Mapping[str, Verdict], code: int
+) -> None:
+    from truestroke.signals import judgement
+
+    axes: dict[str, Any] = {}
+    for (name, recording), file in zip(recordings.items(), outcome.files, strict=True):
+        figures = _summary(recording)
+        axes[name] = {"recording": str(file), **verdicts[name].as_dict(), **(figures.as_dict() if figures else {})}
+    late = {**_lateness(next(iter(recordings.values()))), "worst": outcome.worst_us}
+    counts = {name: getattr(outcome, name) for name in ("ticks", "all_ticks", "overruns", "missed", "limited", "lost")}
+    ended = {"cause": outcome.cause.name.lower(), "exit_code": code, "reason": outcome.reason}
+    common.print_json(
+        {**judgement.worst(verdicts).as_dict(), **ended, **counts, "lateness_us": late, "axes": axes},
+    )
+
+
+def _print(outcome: Outcome, recordings: Mapping[str, Recording], verdicts: Mapping[str, Verdict]) -> None:
+    for name, recording in recordings.items():
+        if len(recordings) > 1:
+            click.echo(f"axis {name}")
+        if figures := _summary(recording):
+            results.print_figures(figures, verdicts[name])
+        else:
+            common.print_verdict(verdicts[name])
+    late = ", ".join(f"{name} {us:.1f} us" for name, us in _lateness(next(iter(recordings.values()))).items())
+    click.echo(f"{'ticks':10} {outcome.ticks} of {outcome.all_ticks}; {outcome.lost} samples lost")
+    click.echo(f"{'late':10} {late or 'nothing'}; worst {outcome.worst_us:.1f} us; {outcome.overruns} overruns")
+    if outcome.limited:
+        click.echo(
+            f"{'guard':10} kept {outcome.limited} voltages within limits and slew that the controller did not keep"
+        )
+    for file in outcome.files:
+        common.print_files(recording=file)
+    if outcome.ticks >= results.SHORTEST:
+        click.echo(f"\nIts page: {common.program()} report {outcome.files[0]}")

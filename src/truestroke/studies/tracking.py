@@ -1,0 +1,66 @@
+"""The simulated stack that commands drive, and what the same motion would be without compensation."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+
+from truestroke.base.checks import SettingError
+from truestroke.control.actuator import ActuatorModel
+from truestroke.control.baselines import ConstantGain
+from truestroke.plant import Change, MatchedPlant, MatchedSettings, PlantSettings, RealisticPlant
+from truestroke.runtime.loop import run
+from truestroke.signals.recording import Channel, Recording
+from truestroke.signals.trajectories import Trajectory
+
+STROKE = 30.0  # um, of the simulated stack
+VOLTAGE_LIMITS = (-0.6, 3.6)  # V at the D/A converter
+SENSITIVITY = 13.0  # um/V, about that of the simulated stacks
+ALIKE = 2.5  # times more or less
+
+
+def like_the_stack(model: ActuatorModel) -> bool:
+    """Whether it may be a model of the simulated stack."""
+    return SENSITIVITY / ALIKE < model.sensitivity < SENSITIVITY * ALIKE
+
+
+def stack(
+    kind: Literal["realistic", "matched"], trajectory: Trajectory, seed: int, change_at: float | None = None
+) -> RealisticPlant | MatchedPlant:
+    """A plant at the sample rate of a motion; it changes suddenly at `change_at`, s (Sec. 4.2).
+
+    Raises
+    ------
+    SettingError
+        `change_at` is not within the motion.
+    """
+    rate = trajectory.sample_rate
+    if change_at is not None and not 0 < change_at < trajectory.duration:
+        raise SettingError("change_at", change_at, f"between 0 and the end of the run, {trajectory.duration:g} s", "s")
+    if kind == "matched":
+        matched = MatchedSettings(
+            sample_rate=rate,
+            change=None if change_at is None else Change(time=change_at),
+            weight_spread=0.0 if change_at is None else 0.3,
+        )
+        return MatchedPlant(velocity=trajectory.velocity, settings=matched, seed=seed)
+    change = None if change_at is None else Change(time=change_at, gain=0.8, hysteresis=1.3)
+    return RealisticPlant(PlantSettings(sample_rate=rate, change=change), seed=seed)
+
+
+def with_uncompensated(recording: Recording, trajectory: Trajectory, plant: RealisticPlant | MatchedPlant) -> Recording:
+    """The recording with what the same motion would be with the straight line that fits the actuator best.
+
+    Raises
+    ------
+    RunInterrupted
+        As `run`.
+    """
+    if not np.ptp(recording["volts"]):
+        return recording  # at rest there is nothing to compare
+    (offset, gain) = np.polynomial.Polynomial.fit(recording["volts"], recording["true"], 1).convert().coef
+    line = ConstantGain(float(gain), VOLTAGE_LIMITS, offset=float(offset))
+    before = run(trajectory, line, plant)["true"]
+    kept = Channel(before, "um", f"true displacement if z = {offset:.3g} um + {gain:.4g} um/V x were all")
+    return Recording(recording.channels | {"uncompensated": kept}, recording.metadata)
