@@ -143,7 +143,7 @@ def test_a_recording_is_a_mapping_of_names_to_arrays():
     assert recording != example()  # arrays do not tell
     page = recording._repr_html_()
     assert all(name in page for name in recording)
-    assert "um/V" in page
+    assert "µm/V" in page
 
 
 def test_a_data_frame_has_the_channels_of_one_time_axis():

@@ -73,7 +73,7 @@ ts_settings settings_from(const nb::dict &d) {
     if (d.contains(name)) read(name, d[name], s.member), known++;
 #include "members.inc"
 #undef MEMBER
-    if (known != d.size()) throw std::invalid_argument("settings have an entry that the kernel has not");
+    if (known != d.size()) throw nb::type_error("settings have an entry that the kernel has not: it was compiled from another header");
     return s;
 }
 

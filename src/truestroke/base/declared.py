@@ -15,6 +15,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from truestroke.base import checks
+from truestroke.base.display import quantity
 
 TINY, HUGE = 1e-15, 1e15  # of a setting, in its unit: squares and quotients of such numbers are finite
 
@@ -122,6 +123,11 @@ def kernel_values(settings: Any, table: Table, law: str = "") -> dict[str, Any]:
             value = [] if np.ndim(value) else 0
         values.update(zip(members, value if len(members) > 1 else [value], strict=False))
     return values
+
+
+def rows(settings: Any, table: Table) -> list[tuple[str, str]]:
+    """Name and value with its unit, of each setting, to be displayed."""
+    return [(name, quantity(getattr(settings, name), setting.unit)) for name, setting in table.items()]
 
 
 def documented(table: Table) -> Callable[[C], C]:

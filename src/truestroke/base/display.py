@@ -1,68 +1,84 @@
-"""How an object shows itself: names, values and units on one screen, as text and as a small table in a notebook."""
+"""How an object shows itself: a title and a small table, as text on one screen and as HTML in a notebook."""
 
 from __future__ import annotations
 
-import html as _html
+import html
+import re
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 WIDTH = 120  # characters of a line
-FEW = 6  # entries of a sequence that are shown; of a longer one the first, the last and their number
+FEW = 6  # entries of a sequence that are shown; of a longer one two, the last, and how many there are
 
-Row = tuple[str, Any, str]
-"""Name, value and unit of one line; the unit is empty for a pure number or a word."""
+Rows = Sequence[Sequence[str]]
 
 
-def as_text(title: str, rows: Sequence[Row]) -> str:
-    """A title, and a line of name, value and unit for each row.
+class Displayed:
+    """What has a `_display`: its title, and rows of a name and other cells; `repr` and a notebook show them."""
+
+    def _display(self) -> tuple[str, Rows]:
+        raise NotImplementedError
+
+    def __repr__(self) -> str:
+        return as_text(*self._display())
+
+    def _repr_html_(self) -> str:
+        return as_html(*self._display())
+
+
+def as_text(title: str, rows: Rows) -> str:
+    """The title, and a line for each row, in columns.
 
     Examples
     --------
-    >>> print(as_text("Stage", [("stroke", 30.0, "um"), ("voltage_limits", (-0.6, 3.6), "V"), ("law", "rls", "")]))
+    >>> print(as_text("Stage", [("stroke", quantity(30.0, "um")), ("limits", quantity((-0.6, 3.6), "V"))]))
     Stage
-      stroke          30 um
-      voltage_limits  (-0.6, 3.6) V
-      law             rls
+      stroke  30 um
+      limits  (-0.6, 3.6) V
     """
-    width = max((len(name) for name, _, _ in rows), default=0)
-    lines = [f"  {name:<{width}}  {shown(value)} {unit}".rstrip() for name, value, unit in rows]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=False)]
+    lines = ["  " + "  ".join(map(str.ljust, row, widths)).rstrip() for row in rows]
     return "\n".join([title, *(line if len(line) <= WIDTH else f"{line[: WIDTH - 3]}..." for line in lines)])
 
 
-def as_html(title: str, rows: Sequence[Row]) -> str:
-    """The same as a table for a notebook, where um is written µm.
+def as_html(title: str, rows: Rows) -> str:
+    """The same as a table; it says µm.
 
     Examples
     --------
-    >>> as_html("Stage", [("stroke", 30.0, "um")])
+    >>> as_html("Stage", [("stroke", "30 um")])
     '<table><caption>Stage</caption><tr><th>stroke</th><td>30 µm</td></tr></table>'
     """
-    cells = [(name, f"{shown(value)} {unit.replace('um', 'µm')}".strip()) for name, value, unit in rows]
-    body = "".join(f"<tr><th>{_html.escape(name)}</th><td>{_html.escape(cell)}</td></tr>" for name, cell in cells)
-    return f"<table><caption>{_html.escape(title)}</caption>{body}</table>"
+    escaped = [[re.sub(r"\bum\b", "µm", html.escape(cell)) for cell in row] for row in rows]
+    body = "".join(f"<tr><th>{name}</th>{''.join(f'<td>{c}</td>' for c in cells)}</tr>" for name, *cells in escaped)
+    return f"<table><caption>{html.escape(title)}</caption>{body}</table>"
 
 
-def shown(value: Any) -> str:
-    """A value in a few characters: six digits of a number, the ends of a long sequence, the shape of a matrix.
+def quantity(value: Any, unit: str = "") -> str:
+    """A value with its unit in a few characters: six digits, the ends of a long sequence, the shape of a matrix.
 
     Examples
     --------
-    >>> shown(1 / 3), shown(True), shown((0.0, 1.5)), shown(range(37)), shown(np.eye(3)), shown(None)
-    ('0.333333', 'yes', '(0, 1.5)', '37: 0, 1, ... 36', 'matrix of 3 x 3', '-')
+    >>> quantity(1 / 3, "um"), quantity(True), quantity((0.0, 1.5), "V"), quantity(range(37)), quantity(np.eye(3))
+    ('0.333333 um', 'yes', '(0, 1.5) V', '37: 0, 1, ... 36', 'matrix of 3 x 3')
+    >>> quantity(None), quantity(np.nan, "Hz")
+    ('-', '-')
     """
-    if value is None:
+    number = isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
+    if value is None or (number and not np.isfinite(value)):
         return "-"
     if isinstance(value, (bool, np.bool_)):
         return "yes" if value else "no"
-    if isinstance(value, (int, float, np.number)):
-        return f"{value:.6g}" if isinstance(value, (float, np.floating)) else str(value)
-    if isinstance(value, str) or not isinstance(value, (Sequence, np.ndarray)):
-        return str(value)
-    array = np.asarray(value)
-    if array.ndim > 1:
-        return f"matrix of {' x '.join(map(str, array.shape))}"
-    if array.size <= FEW:
-        return f"({', '.join(map(shown, value))})"
-    return f"{array.size}: {shown(value[0])}, {shown(value[1])}, ... {shown(value[-1])}"
+    if number:
+        text = f"{value:.6g}" if isinstance(value, (float, np.floating)) else str(value)
+    elif isinstance(value, str) or not isinstance(value, (Sequence, np.ndarray)):
+        text = str(value)
+    elif np.ndim(value) > 1:
+        text = f"matrix of {' x '.join(map(str, np.shape(value)))}"
+    elif len(value) <= FEW:
+        text = f"({', '.join(map(quantity, value))})"
+    else:
+        text = f"{len(value)}: {quantity(value[0])}, {quantity(value[1])}, ... {quantity(value[-1])}"
+    return f"{text} {unit}".rstrip()

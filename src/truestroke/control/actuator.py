@@ -13,6 +13,7 @@ import numpy.typing as npt
 from truestroke import _kernel
 from truestroke.base import checks
 from truestroke.base.checks import SettingError
+from truestroke.base.display import Displayed, Rows, quantity
 from truestroke.base.typing import FloatArray
 from truestroke.control.settings import UNLIMITED, ControllerSettings, kernel_settings
 from truestroke.control.spans import Beyond, spans
@@ -29,8 +30,8 @@ DRIFT = 0.1  # relative: how far an actuator may be from its record, in deviatio
 EXPECTED = "an ActuatorModel, such as of truestroke.load_model(path) or identify(record).model"
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class ActuatorModel(Layout):
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class ActuatorModel(Displayed, Layout):
     """The terms of the default controller's model, with weights from a record and their covariance.
 
     ::
@@ -114,6 +115,20 @@ class ActuatorModel(Layout):
         }
         for name, value in values.items():
             object.__setattr__(self, name, value)
+
+    def _display(self) -> tuple[str, Rows]:
+        units = {
+            **{"stroke": "um", "voltage_range": "V", "velocity": "um/s", "zero": "um", "delay": "s", "noise": "um"},
+            **{"thresholds": "V", "rate_dependent": "", "creep_times": "s", "rate_scale": "s/um"},
+        }
+        rows = [(name, quantity(getattr(self, name), unit)) for name, unit in units.items()]
+        first = f"{self.weights[0]:.6g} +- {self.deviations[0]:.2g} um/V"
+        facts = {**self.figures, **self.provenance}
+        return f"ActuatorModel: {len(self.thresholds)} plays, {self.weights.size} weights", [
+            *rows,
+            ("weight a0", first),
+            *[(name, quantity(value)) for name, value in facts.items()],
+        ]
 
     @property
     def deviations(self) -> FloatArray:

@@ -14,12 +14,15 @@ import numpy.typing as npt
 
 from truestroke.base import checks
 from truestroke.base.checks import SettingError
+from truestroke.base.display import Displayed, Rows, quantity
 from truestroke.base.typing import FloatArray
 
 FADED = 1e-6  # V^2: a trace of R below it is memory no more
 
+GAINS = {"k_p": "V/um", "k_i": "V/(um s)", "k_d": "V s/um", "T_f": "s"}  # and their units
 
-class ConstantGain:
+
+class ConstantGain(Displayed):
     """No compensation: the voltage is that of a straight line, x = (z_d - offset) / sensitivity.
 
     Parameters
@@ -41,6 +44,10 @@ class ConstantGain:
         self.offset = checks.number("offset", offset, "um")
         self.sensitivity = checks.positive("sensitivity", sensitivity, "um/V")
         self.voltage_limits = checks.interval("voltage_limits", voltage_limits, "V")
+
+    def _display(self) -> tuple[str, Rows]:
+        values = {"sensitivity": "um/V", "offset": "um", "voltage_limits": "V"}
+        return "ConstantGain", [(name, quantity(getattr(self, name), unit)) for name, unit in values.items()]
 
     def command(self, z_d: float, zdot_d: float) -> float:
         """Voltage, V, for the desired displacement, um; the velocity is not used."""
@@ -69,7 +76,7 @@ class PidGains:
     T_f: float
 
     def __post_init__(self) -> None:
-        for name, unit in (("k_p", "V/um"), ("k_i", "V/(um s)"), ("k_d", "V s/um"), ("T_f", "s")):
+        for name, unit in GAINS.items():
             checks.within(name, getattr(self, name), 0.0, math.inf, unit)
 
     def response(self, frequency: FloatArray, sample_rate: float) -> npt.NDArray[np.complex128]:
@@ -80,7 +87,7 @@ class PidGains:
         return np.asarray(terms * ((1 - keep) / (1 - keep * delay)) ** 2)
 
 
-class Pid:
+class Pid(Displayed):
     """Feedback alone: a PID on the displacement that was measured in the last tick.
 
     The error passes two equal low passes before the three terms. While the voltage is at a limit the integral moves
@@ -119,6 +126,11 @@ class Pid:
         self._measured = 0.0  # um
         self._once = self._twice = 0.0  # the error after one and after both low passes, um
         self._integral = 0.0  # V
+
+    def _display(self) -> tuple[str, Rows]:
+        gains = [(name, quantity(getattr(self.gains, name), unit)) for name, unit in GAINS.items()]
+        limits = ("voltage_limits", quantity(self.voltage_limits, "V"))
+        return "Pid", [*gains, ("sample_rate", quantity(self.sample_rate, "Hz")), limits]
 
     def command(self, z_d: float, zdot_d: float) -> float:
         """Voltage, V, for the desired displacement, um; the velocity is not used."""

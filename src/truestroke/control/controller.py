@@ -14,9 +14,10 @@ import numpy as np
 import numpy.typing as npt
 
 from truestroke import _kernel, _kernel32
-from truestroke.base import checks
+from truestroke.base import checks, declared
 from truestroke.base.checks import SettingError
 from truestroke.base.copies import deep
+from truestroke.base.display import Displayed, Rows, quantity
 from truestroke.base.flags import Flags
 from truestroke.base.typing import FloatArray
 from truestroke.control.options import ChangeableOptions, SettingsOptions
@@ -77,6 +78,21 @@ class Diagnostics:
     trace_P: float  # noqa: N815 (the paper's symbol)
 
 
+def controller_rows(
+    settings: ControllerSettings, weights: FloatArray, innovation: float, counters: Mapping[str, int]
+) -> list[tuple[str, str]]:
+    """What a controller shows of itself: settings of the actuator, first weight and offset, counts."""
+    told = ("sample_rate", "stroke", "voltage_limits", "slew_limit", "measurement_limit", "smoothing_time", "trim_rate")
+    names = dict(zip(settings.names, weights.tolist(), strict=True))
+    shown = [name for name in ("a0", "offset") if name in names]
+    return [
+        *declared.rows(settings, {name: SETTINGS[name] for name in told}),
+        *[(f"weight {name}", quantity(names[name], settings.units[settings.names.index(name)])) for name in shown],
+        ("innovation", quantity(innovation, "um")),
+        *[(name, quantity(count, "ticks")) for name, count in counters.items()],
+    ]
+
+
 @contextmanager
 def _as_setting(settings: ControllerSettings) -> Iterator[None]:
     """What the kernel refuses, of settings that are within their bounds, is too much for its number type."""
@@ -86,7 +102,7 @@ def _as_setting(settings: ControllerSettings) -> Iterator[None]:
         raise SettingError("precision", repr(settings.precision), f"wider for these settings: {error}") from None
 
 
-class AdaptiveController:
+class AdaptiveController(Displayed):
     """Feedforward through the inverse of a rate-dependent hysteresis model that learns while it runs.
 
     One tick is `command`, the actuator, `adapt`::
@@ -210,6 +226,13 @@ class AdaptiveController:
             vars(self).update(command=self._kernel.command, adapt=self._kernel.adapt)
 
     __copy__ = deep
+
+    def _display(self) -> tuple[str, Rows]:
+        found = [("resonance", quantity(self.resonance, "Hz")), ("noise", quantity(self.noise, "um"))]
+        return f"{type(self).__name__}: {self.settings.summary}", [
+            *controller_rows(self.settings, self.weights, self.innovation, dataclasses.asdict(self.counters)),
+            *found,
+        ]
 
     def __getstate__(self) -> dict[str, Any]:
         own = {

@@ -16,8 +16,10 @@ import numpy as np
 from truestroke.base import checks
 from truestroke.base.checks import SettingError
 from truestroke.base.copies import deep
+from truestroke.base.display import Displayed, Rows
 from truestroke.base.typing import FloatArray
 from truestroke.control.adaptation import LARGEST, RLS, BoundedKalman, KalmanSettings, Law, UpdateRefused
+from truestroke.control.controller import controller_rows
 from truestroke.control.oscillation import OscillationDetector, OscillationSettings
 from truestroke.control.settings import CHANGEABLE, SETTINGS, ControllerSettings, kernel_settings
 from truestroke.model.models import creep_step, known_terms, limit_slopes, play_inverse, play_terms, weighted_sum
@@ -86,7 +88,7 @@ def _kalman_settings(s: ControllerSettings) -> KalmanSettings:
     return KalmanSettings(**{name: members[member] for name, member in names.items()})
 
 
-class ReferenceController:
+class ReferenceController(Displayed):
     """`AdaptiveController` in NumPy, with any law.
 
     Parameters
@@ -126,6 +128,10 @@ class ReferenceController:
     """
 
     __copy__ = deep
+
+    def _display(self) -> tuple[str, Rows]:
+        title = f"ReferenceController: {type(self.law).__name__}, {self.settings.summary}"
+        return title, controller_rows(self.settings, self.weights, self._innovation, self.counters)
 
     def __init__(self, settings: ControllerSettings, law: Law | None = None) -> None:
         if settings.precision != "double":

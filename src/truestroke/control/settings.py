@@ -13,6 +13,7 @@ import numpy as np
 from truestroke.base import checks, declared
 from truestroke.base.checks import SettingError
 from truestroke.base.declared import FOLLOWS, HUGE, SHARE, Bound, Setting, Times, between, bound, sized, whole
+from truestroke.base.display import Displayed, Rows
 from truestroke.base.typing import FloatArray
 from truestroke.model import layout, prior
 from truestroke.model.layout import MAX_PLAYS, Layout
@@ -310,8 +311,8 @@ CHANGEABLE = tuple(name for name, setting in SETTINGS.items() if setting.changea
 
 
 @declared.documented(SETTINGS)
-@dataclass(frozen=True, kw_only=True)
-class ControllerSettings(Layout):
+@dataclass(frozen=True, kw_only=True, repr=False)
+class ControllerSettings(Displayed, Layout):
     """What a controller is told about the actuator and about how to learn.
 
     Only the first three are needed; the rest follows from them. Entries that are given as None are filled in, so that
@@ -400,6 +401,14 @@ class ControllerSettings(Layout):
         """Refuse a displacement z (um) that an actuator under `volts` (V) cannot have."""
         if abs(z) > (reach := self.reach(volts)):
             raise checks.beyond_reach(argument, z, volts, reach, self.stroke)
+
+    def _display(self) -> tuple[str, Rows]:
+        return f"ControllerSettings: {self.summary}", declared.rows(self, SETTINGS)
+
+    @property
+    def summary(self) -> str:
+        """Law and model in a line, as controllers show them."""
+        return f"{self.law}, {self.plays} plays, {self.parameters} weights, {self.precision} precision"
 
     def to_dict(self) -> dict[str, float | str | Sequence[float]]:
         """All settings by name, as plain numbers and tuples, for a recording or a file."""

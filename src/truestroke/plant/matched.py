@@ -8,16 +8,17 @@ import numpy as np
 import numpy.typing as npt
 
 from truestroke._plant import Matched
-from truestroke.base import checks
+from truestroke.base import checks, declared
 from truestroke.base.checks import SettingError
 from truestroke.base.copies import deep
+from truestroke.base.display import Displayed, Rows
 from truestroke.base.typing import FloatArray
 from truestroke.plant.noise import Noise
-from truestroke.plant.settings import MatchedSettings
+from truestroke.plant.settings import MATCHED_SETTINGS, MatchedSettings
 from truestroke.signals.timing import Timing
 
 
-class MatchedPlant:
+class MatchedPlant(Displayed):
     """z_a = w_s . S_d[(a_p + c_b zdot_d b_p) . H_r[x]], equation (13), plus white noise.
 
     A controller of the same structure can invert it exactly, so it tells nothing about a real actuator. Its weights
@@ -45,6 +46,10 @@ class MatchedPlant:
     """
 
     __copy__ = deep
+
+    def _display(self) -> tuple[str, Rows]:
+        ticks = ("ticks", f"{self._tick} of {self._velocity.size}")
+        return f"MatchedPlant: seed {self.seed}", [*declared.rows(self.settings, MATCHED_SETTINGS), ticks]
 
     def __init__(self, velocity: npt.ArrayLike, settings: MatchedSettings | None = None, seed: int = 0) -> None:
         given = MatchedSettings() if settings is None else settings

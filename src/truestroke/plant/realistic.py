@@ -10,13 +10,14 @@ from truestroke._plant import Plant
 from truestroke.base import checks, declared
 from truestroke.base.checks import SettingError
 from truestroke.base.copies import deep
+from truestroke.base.display import Displayed, Rows
 from truestroke.base.typing import FloatArray
 from truestroke.plant.noise import Noise
 from truestroke.plant.settings import PLANT_SETTINGS, PlantSettings
 from truestroke.signals.timing import Timing
 
 
-class RealisticPlant:
+class RealisticPlant(Displayed):
     """Converters, amplifier, 60 plays of a smooth density, asymmetry, log creep, resonance, drift and noise.
 
     `truestroke.plant.reference` is the same plant in readable Python; docs/plant.md explains every effect.
@@ -44,6 +45,9 @@ class RealisticPlant:
     """
 
     __copy__ = deep
+
+    def _display(self) -> tuple[str, Rows]:
+        return f"RealisticPlant: seed {self.seed}", declared.rows(self.settings, PLANT_SETTINGS)
 
     def __init__(self, settings: PlantSettings | None = None, seed: int = 0) -> None:
         given = PlantSettings() if settings is None else settings

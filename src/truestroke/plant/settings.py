@@ -12,7 +12,7 @@ from typing import Any
 from truestroke._plant import MATCHED_MAX_DEAD_ZONES, MATCHED_MAX_PLAYS, MAX_CREEP_OPERATORS, MAX_PLAYS
 from truestroke.base import checks, declared
 from truestroke.base.checks import SettingError
-from truestroke.base.declared import Setting, between, bound, whole
+from truestroke.base.declared import Bound, Setting, ascending, between, bound, whole
 
 EFFECTS: Mapping[str, Mapping[str, object]] = MappingProxyType(
     {
@@ -95,11 +95,11 @@ def _span(_: Any, name: str, value: Any, unit: str) -> tuple[float, float]:
 
 
 @bound("a Change, or None")
-def _change(s: PlantSettings, name: str, value: Any, unit: str) -> Change | None:
-    if value is not None:
-        change = checks.instance(name, value, Change, "a Change, or None")
+def _change(s: PlantSettings | MatchedSettings, name: str, value: Any, unit: str) -> Change | None:
+    change = None if value is None else checks.instance(name, value, Change, "a Change, or None")
+    if change and isinstance(s, PlantSettings):
         checks.within("hysteresis * change.hysteresis", s.hysteresis * change.hysteresis, 0.0, 0.95)
-    return value  # type: ignore[no-any-return]
+    return change
 
 
 def _unlimited(limits: tuple[float, float] | None, _: PlantSettings) -> tuple[float, float]:
@@ -232,30 +232,51 @@ class PlantSettings:
         return dataclasses.replace(self, **off)
 
 
+def _one_for_each(of: str) -> Bound:
+    @bound(f"as many numbers as {of}")
+    def check(s: MatchedSettings, name: str, value: Any, unit: str) -> tuple[float, ...]:
+        size = len(getattr(s, of))
+        values = tuple(checks.number(name, entry, unit) for entry in checks.several(name, value, unit))
+        if len(values) != size:
+            raise SettingError(name, values, f"{size} numbers, one for each threshold", unit)
+        return values
+
+    return check
+
+
+@bound("[0, 1], 0 without a change")
+def _spread(s: MatchedSettings, name: str, value: Any, unit: str) -> float:
+    spread = checks.within(name, value, 0.0, 1.0)
+    if spread and s.change is None:
+        raise SettingError(name, value, "0 where no change is scheduled")
+    return spread
+
+
+# fmt: off
+MATCHED_SETTINGS: declared.Table = {
+    "sample_rate": Setting("Ticks per second", "Hz", _rate),
+    "thresholds": Setting("r of the plays, at the D/A converter", "V", ascending(MATCHED_MAX_PLAYS)),
+    "a": Setting("a_p: weights of the plays are a_i + rate_scale zdot_d b_i (7)", "um/V", _one_for_each("thresholds")),
+    "b": Setting("b_p", "um/V", _one_for_each("thresholds")),
+    "rate_scale": Setting("c_b", "s/um", between(0, 1e6)),
+    "dead_zone_thresholds": Setting("d of the forward dead zones (4)", "um", ascending(MATCHED_MAX_DEAD_ZONES)),
+    "dead_zone_weights": Setting(
+        "w_s of the forward dead zones (5); (1,) is a symmetric actuator", "", _one_for_each("dead_zone_thresholds")
+    ),
+    "noise": Setting("Standard deviation of one measurement", "um", between(0, 1e3)),
+    "change": Setting("A sudden change (Sec. 4.2)", "", _change),
+    "weight_spread": Setting(
+        "At the change each weight is also multiplied by a factor sampled uniformly from 1 - spread to 1 + spread", "",
+        _spread,
+    ),
+}
+# fmt: on
+
+
+@declared.documented(MATCHED_SETTINGS)
 @dataclass(frozen=True, kw_only=True)
 class MatchedSettings:
     """The paper's plant (13), of exactly the controller's structure; defaults are the published P-885.90 (Sec. 4.3).
-
-    Attributes
-    ----------
-    sample_rate : float
-        Ticks per second, Hz.
-    a, b : tuple[float, ...]
-        a_p and b_p, um/V: the weights of the plays are a_i + rate_scale zdot_d b_i (7).
-    rate_scale : float
-        c_b, s/um.
-    thresholds : tuple[float, ...]
-        r of the plays, V at the D/A converter, ascending from 0; the default is i/8 of 1.5 V.
-    dead_zone_thresholds : tuple[float, ...]
-        d of the forward dead zones (4), um, ascending from 0.
-    dead_zone_weights : tuple[float, ...]
-        w_s of the forward dead zones (5), without unit; (1,) is a symmetric actuator.
-    noise : float
-        Standard deviation of one measurement, um.
-    change : Change or None
-        A sudden change (Sec. 4.2).
-    weight_spread : float
-        At the change every weight is also multiplied by a factor drawn uniformly from 1 - spread to 1 + spread.
 
     Raises
     ------
@@ -264,10 +285,10 @@ class MatchedSettings:
     """
 
     sample_rate: float = 2000.0
+    thresholds: tuple[float, ...] = tuple(i / 8 * 1.5 for i in range(8))
     a: tuple[float, ...] = (8.4, 1.3, 0.92, 0.7, 0.88, 0.74, -2.6, 2.23)
     b: tuple[float, ...] = (-0.9, 1.03, -0.244, 0.1, 0.05, -0.02, 0.01, -0.01)
     rate_scale: float = 0.007
-    thresholds: tuple[float, ...] = tuple(i / 8 * 1.5 for i in range(8))
     dead_zone_thresholds: tuple[float, ...] = (0.0,)
     dead_zone_weights: tuple[float, ...] = (1.0,)
     noise: float = 0.05
@@ -275,21 +296,4 @@ class MatchedSettings:
     weight_spread: float = 0.0
 
     def __post_init__(self) -> None:
-        checks.positive("sample_rate", self.sample_rate, "Hz")
-        thresholds = checks.ascending("thresholds", self.thresholds, "V")
-        checks.count("the number of thresholds", len(thresholds), 1, MATCHED_MAX_PLAYS)
-        corners = checks.ascending("dead_zone_thresholds", self.dead_zone_thresholds, "um")
-        checks.count("the number of dead_zone_thresholds", len(corners), 1, MATCHED_MAX_DEAD_ZONES)
-        for name, size, unit in (
-            ("a", len(thresholds), "um/V"),
-            ("b", len(thresholds), "um/V"),
-            ("dead_zone_weights", len(corners), ""),
-        ):
-            values = tuple(checks.number(name, value, unit) for value in getattr(self, name))
-            if len(values) != size:
-                raise SettingError(name, values, f"{size} numbers, one for each threshold", unit)
-        checks.within("rate_scale", self.rate_scale, 0.0, 1e6, "s/um")
-        checks.within("noise", self.noise, 0.0, 1e3, "um")
-        checks.within("weight_spread", self.weight_spread, 0.0, 1.0)
-        if self.weight_spread and self.change is None:
-            raise SettingError("weight_spread", self.weight_spread, "0 where no change is scheduled")
+        declared.complete(self, MATCHED_SETTINGS)

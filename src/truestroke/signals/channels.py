@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import html
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -12,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from truestroke.base.checks import SettingError
+from truestroke.base.display import Displayed, Rows
 from truestroke.base.flags import IN_SHORT
 from truestroke.base.typing import FloatArray
 
@@ -80,7 +80,7 @@ def dtype(name: str) -> npt.DTypeLike:
     return np.uint8 if name == "flags" else np.float64
 
 
-class Signals:
+class Signals(Displayed):
     """Arrays over common times: what a recording, a trajectory, a record, a waveform can all do.
 
     A subclass is a dataclass with `time`, s; its attributes that `QUANTITIES` names are the signals.
@@ -101,19 +101,9 @@ class Signals:
             if one.data.shape[:1] != (length := channels[one.time].data.shape[:1]):
                 raise SettingError(f"channel {name}", f"array of shape {one.data.shape}", f"{length[0]} entries long")
 
-    def _rows(self) -> list[tuple[str, str, str, str]]:
-        return [(name, c.unit or "-", str(c.data.shape), c.description) for name, c in self.labelled().items()]
-
-    def __repr__(self) -> str:
-        rows = self._rows()
-        widths = [max((len(row[i]) for row in rows), default=0) for i in range(3)]
-        table = ["  ".join([*(cell.ljust(w) for cell, w in zip(row, widths, strict=False)), row[3]]) for row in rows]
-        return "\n  ".join([type(self).__name__, *table])
-
-    def _repr_html_(self) -> str:
-        rows = "".join(f"<tr>{''.join(f'<td>{html.escape(c)}</td>' for c in row)}</tr>" for row in self._rows())
-        head = "<tr><th>channel</th><th>unit</th><th>shape</th><th>description</th></tr>"
-        return f"<table><caption>{type(self).__name__}</caption>{head}{rows}</table>"
+    def _display(self) -> tuple[str, Rows]:
+        rows = [(name, c.unit or "-", str(c.data.shape), c.description) for name, c in self.labelled().items()]
+        return type(self).__name__, rows
 
     def to_dataframe(self, time: str = "time") -> pandas.DataFrame:
         """The channels over one time axis as columns of a pandas data frame (extra `pandas`), with that time as index.
