@@ -13,6 +13,7 @@ from truestroke.control.settings import kernel_settings
 from truestroke.model.layout import Layout
 from truestroke.model.models import (
     ModifiedPrandtlIshlinskii,
+    Motion,
     PrandtlIshlinskii,
     RateDependentModel,
     asymmetry_terms,
@@ -207,9 +208,9 @@ def test_the_terms_stand_in_the_order_of_the_layout() -> None:
     layout = Layout(thresholds=(0.0, 0.2, 0.4), rate_dependent=(0, 2), creep_times=(0.3,), asymmetry=2)
     states = np.array([1.0, 2.0, 3.0])
     assert play_terms(layout, states, 10.0).tolist() == [1.0, 10.0, 2.0, 3.0, 30.0]
-    assert known_terms(layout, np.array([0.7]), 15.0, 50.0, 30.0).tolist() == [0.7, 50.0, 1.0, 1.0, 0.0]
+    assert known_terms(layout, np.array([0.7]), Motion(15.0, 50.0), 30.0).tolist() == [0.7, 50.0, 1.0, 1.0, 0.0]
     none = Layout(thresholds=(0.0,), lag=False, offset=False)
-    assert known_terms(none, np.zeros(0), 15.0, 50.0, 30.0).size == 0
+    assert known_terms(none, np.zeros(0), Motion(15.0, 50.0), 30.0).size == 0
 
 
 def test_terms_along_a_record_are_those_of_each_sample() -> None:
@@ -220,10 +221,12 @@ def test_terms_along_a_record_are_those_of_each_sample() -> None:
         5.0 * np.arange(3),
         np.arange(3.0),
     )
-    plays, known = play_terms(layout, states, rate), known_terms(layout, creep, z, rate, 30.0)
+    plays, known = play_terms(layout, states, rate), known_terms(layout, creep, Motion(z, rate), 30.0)
     for k in range(3):
         assert plays[:, k].tolist() == play_terms(layout, states[:, k], float(rate[k])).tolist()
-        assert known[:, k].tolist() == known_terms(layout, creep[:, k], float(z[k]), float(rate[k]), 30.0).tolist()
+        assert (
+            known[:, k].tolist() == known_terms(layout, creep[:, k], Motion(float(z[k]), float(rate[k])), 30.0).tolist()
+        )
 
 
 @pytest.mark.parametrize(

@@ -142,7 +142,7 @@ typedef struct {
     ts_real noise_rate;       /* per tick: how fast the robust estimate of the noise follows */
     ts_real ringing_rate;     /* per tick: the same of the fast one, which makes ringing count as noise */
     ts_real model_error;      /* um: what the model cannot explain; added to the noise */
-    ts_real prior_return;     /* per TS_FORGET_EVERY ticks: how far P and w return to the prior */
+    ts_real prior_return;     /* per TS_RETURN_EVERY ticks: how far P and w return to the prior */
     ts_real change_threshold; /* mean square of the normalised innovation above which the actuator has changed */
     ts_real change_rate;      /* per update: how fast that mean follows */
     int refractory;           /* ticks from one change to the next */
@@ -153,7 +153,7 @@ typedef struct {
     int outliers;             /* spikes in a row that are rejected */
 } ts_kalman_settings;
 
-#define TS_FORGET_EVERY 16
+#define TS_RETURN_EVERY 16
 
 /* A Kalman filter of weights that are an Ornstein-Uhlenbeck process about the prior (w0, P0), so that P and w stay
  * bounded under any input. w and u have TS_PADDED(m) entries, those beyond m are 0; P0 is packed. One update takes two
@@ -179,7 +179,7 @@ typedef struct {
 TS_API void ts_kalman_init(ts_kalman *k, const ts_real *P0, ts_real sigma, int m);
 
 /* The covariance is that of the prior again, and the filters start anew; the noise stays. */
-TS_API void ts_kalman_doubt(ts_kalman *k, const ts_real *P0, int m);
+TS_API void ts_kalman_reset_covariance(ts_kalman *k, const ts_real *P0, int m);
 
 typedef enum { TS_TICK_USED, TS_TICK_PASSED, TS_TICK_SPIKE } ts_tick;
 
@@ -310,6 +310,13 @@ typedef struct {
     ts_real newer[TS_MAX_PARAMETERS], older[TS_MAX_PARAMETERS]; /* earlier weights, to be restored */
 } ts_stage;
 
+/* What is wanted of a tick. */
+typedef struct {
+    ts_real z_d;                   /* um */
+    ts_real zdot_d;                /* um/s */
+    ts_real inertia;               /* um: what the stage's inertia asks for */
+} ts_motion;
+
 #define TS_KEEP 0.03 /* s: how often the weights are kept */
 
 typedef struct {
@@ -325,9 +332,7 @@ typedef struct {
     ts_memory now;
     /* commands that wait for their measurement: tick k is kept at k % TS_HISTORY */
     ts_real x[TS_HISTORY];            /* V */
-    ts_real z_d[TS_HISTORY];          /* um */
-    ts_real zdot_d[TS_HISTORY];       /* um/s */
-    ts_real inertia[TS_HISTORY];      /* um: for the stage's inertia */
+    ts_motion motion[TS_HISTORY];
     bool limited[TS_HISTORY];         /* the voltage met a limit: the tick is not used, but see beyond */
     /* adapt */
     ts_memory lagged;

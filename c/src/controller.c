@@ -142,28 +142,34 @@ static void remember_voltage(ts_memory *memory, const ts_settings *s, ts_real x)
 }
 
 /* The part of the regressor that is known before the voltage is chosen; u is the place of the first of these terms. */
-static void known_terms(const ts_settings *s, const ts_memory *memory, ts_real z_d, ts_real zdot_d, ts_real *u)
+static void known_terms(const ts_settings *s, const ts_memory *memory, const ts_motion *d, ts_real *u)
 {
     const int *n = s->terms;
-    ts_real along = within(z_d / s->stroke, -1, 2); /* further out a polynomial is meaningless, and would overflow */
+    ts_real along = within(d->z_d / s->stroke, -1, 2); /* further out a polynomial is meaningless, and would overflow */
     ts_real first = 4 * along * (1 - along), asymmetry[TS_MAX_ASYMMETRY] = {first, 2 * first * (1 - 2 * along)};
     for (int i = 0; i < n[TS_CREEP]; i++) *u++ = memory->creep[i];
-    for (int i = 0; i < n[TS_LAG]; i++) *u++ = zdot_d;
+    for (int i = 0; i < n[TS_LAG]; i++) *u++ = d->zdot_d;
     for (int i = 0; i < n[TS_OFFSET]; i++) *u++ = 1;
     for (int i = 0; i < n[TS_ASYMMETRY]; i++) *u++ = asymmetry[i];
 }
 
 /* (20), and the known terms. */
-static void regressor(const ts_settings *s, const ts_memory *memory, ts_real z_d, ts_real zdot_d, ts_real *u)
+static void regressor(const ts_settings *s, const ts_memory *memory, const ts_motion *d, ts_real *u)
 {
     for (int i = 0; i < s->plays; i++) {
         *u++ = memory->play[i];
-        if (s->rate_dependent[i]) *u++ = s->rate_scale * zdot_d * memory->play[i];
+        if (s->rate_dependent[i]) *u++ = s->rate_scale * d->zdot_d * memory->play[i];
     }
-    known_terms(s, memory, z_d, zdot_d, u);
+    known_terms(s, memory, d, u);
 }
 
 /* ---- The arrows of Fig. 5: command ----------------------------------------------------------------------------------- */
+
+/* Where the motion of the last command is kept; 0 before the first. */
+static int last_slot(const ts_controller *c)
+{
+    return c->counters.commands > 0 ? (int)((c->counters.commands - 1) % TS_HISTORY) : 0;
+}
 
 /* The term of the inertia where the first resonance is at `frequency` cycles per tick, s; 0: not known. */
 static ts_real inertia_of(const ts_settings *s, ts_real frequency)
@@ -177,19 +183,18 @@ static ts_real inertia_of(const ts_settings *s, ts_real frequency)
 static ts_real inertial(const ts_controller *c, ts_real zdot_d)
 {
     if (!(c->stage.inertia > 0) || c->counters.commands == 0) return 0;
-    int slot = (int)((c->counters.commands - 1) % TS_HISTORY);
-    ts_real z = c->stage.inertia * (zdot_d - c->zdot_d[slot]), most = c->settings.stroke / 10;
+    ts_real z = c->stage.inertia * (zdot_d - c->motion[last_slot(c)].zdot_d), most = c->settings.stroke / 10;
     return z < -most ? -most : z > most ? most : z;
 }
 
 /* The displacement wanted of the plays, um: (11), the inertia, the trim and the bumpless transfer, less the
  * known terms. */
-static ts_real wanted_of_plays(const ts_controller *c, ts_real z_d, ts_real zdot_d, ts_real inertia)
+static ts_real wanted_of_plays(const ts_controller *c, const ts_motion *d)
 {
     const ts_settings *s = &c->settings;
     ts_real u[TS_MAX_PARAMETERS];
-    known_terms(s, &c->now, z_d, zdot_d, u);
-    return through_dead_zones(s, z_d) + inertia + c->integral + c->bumpless
+    known_terms(s, &c->now, d, u);
+    return through_dead_zones(s, d->z_d) + d->inertia + c->integral + c->bumpless
            - dot(c->w + c->of_plays, u, c->parameters - c->of_plays);
 }
 
@@ -224,15 +229,13 @@ static ts_real within_limits(ts_controller *c, ts_real x)
     return x <= s->voltage_max ? x : s->voltage_max;
 }
 
-static void write_down(ts_controller *c, ts_real x, ts_real z_d, ts_real zdot_d, ts_real inertia)
+static void write_down(ts_controller *c, ts_real x, const ts_motion *d)
 {
     int slot = (int)(c->counters.commands % TS_HISTORY);
     c->x[slot] = x;
-    c->z_d[slot] = z_d;
-    c->zdot_d[slot] = zdot_d;
-    c->inertia[slot] = inertia;
+    c->motion[slot] = *d;
     c->limited[slot] = c->flags.saturated || c->flags.slewed;
-    ts_real speed = zdot_d < 0 ? -zdot_d : zdot_d;
+    ts_real speed = d->zdot_d < 0 ? -d->zdot_d : d->zdot_d;
     if (speed > c->fastest) c->fastest = speed < c->settings.velocity_limit ? speed : c->settings.velocity_limit;
     c->counters.commands++;
     c->counters.projected += c->flags.projected;
@@ -249,7 +252,7 @@ static void next_lagged(ts_controller *c)
     int slot = (int)(c->lagged.ticks % TS_HISTORY);
     remember_creep(&c->lagged, s);
     remember_voltage(&c->lagged, s, c->x[slot]);
-    regressor(s, &c->lagged, c->z_d[slot], c->zdot_d[slot], c->u);
+    regressor(s, &c->lagged, &c->motion[slot], c->u);
 }
 
 /* A tick for which no measurement came. */
@@ -353,9 +356,8 @@ static bool adapt_rls(ts_controller *c, bool learn)
 static const ts_real *regressor_of_now(const ts_controller *c, ts_real *room)
 {
     if (c->lagged.ticks == c->counters.commands) return c->u;
-    int slot = (int)((c->counters.commands - 1) % TS_HISTORY);
     memset(room, 0, sizeof(ts_real) * TS_PADDED(TS_MAX_PARAMETERS));
-    regressor(&c->settings, &c->now, c->z_d[slot], c->zdot_d[slot], room);
+    regressor(&c->settings, &c->now, &c->motion[last_slot(c)], room);
     return room;
 }
 
@@ -369,7 +371,7 @@ static ts_real model(const ts_controller *c, const ts_real *u)
 static bool beyond(const ts_controller *c, int slot, ts_real z)
 {
     const ts_settings *s = &c->settings;
-    ts_real x = c->x[slot], z_d = c->z_d[slot];
+    ts_real x = c->x[slot], z_d = c->motion[slot].z_d;
     return c->limited[slot] && ((x >= s->voltage_max && z > z_d) || (x <= s->voltage_min && z < z_d));
 }
 
@@ -391,10 +393,9 @@ static ts_real sum_of_plays(const ts_controller *c)
 /* Bumpless transfer: the command for the last tick stays as it was; the difference decays. */
 static void keep_command(ts_controller *c)
 {
-    bool moved = c->counters.commands > 0;
-    int slot = moved ? (int)((c->counters.commands - 1) % TS_HISTORY) : 0;
-    (void)rate_dependent_slopes(c, c->zdot_d[slot]);
-    if (moved) c->bumpless += sum_of_plays(c) - wanted_of_plays(c, c->z_d[slot], c->zdot_d[slot], c->inertia[slot]);
+    const ts_motion *last = &c->motion[last_slot(c)];
+    (void)rate_dependent_slopes(c, last->zdot_d);
+    if (c->counters.commands > 0) c->bumpless += sum_of_plays(c) - wanted_of_plays(c, last);
 }
 
 /* ---- Self-excited oscillation of the stage ------------------------------------------------------------------------ */
@@ -430,7 +431,7 @@ static void retreat(ts_controller *c, ts_real frequency)
     if (!c->oscillation.found) {
         memcpy(c->w, c->stage.older, sizeof(ts_real) * (size_t)c->parameters);
         keep_weights(c, true);
-        ts_kalman_doubt(&c->law.kalman, c->settings.prior, c->parameters);
+        ts_kalman_reset_covariance(&c->law.kalman, c->settings.prior, c->parameters);
     }
     adopt_resonance(c, frequency, c->oscillation.found ? LOWER * c->law.kalman.filter : 1);
     keep_command(c);
@@ -556,7 +557,7 @@ ts_status ts_controller_start(ts_controller *c, ts_real volts, ts_real z)
     ts_play_bank(volts, s->thresholds, c->now.play, s->plays);
     for (int i = 0; i < s->terms[TS_CREEP]; i++) c->now.creep[i] = volts;
     c->lagged = c->now;
-    ts_real missing = wanted_of_plays(c, z, 0, 0) - sum_of_plays(c);
+    ts_real missing = wanted_of_plays(c, &(ts_motion){.z_d = z}) - sum_of_plays(c);
     if (s->terms[TS_OFFSET]) c->w[column(s, TS_OFFSET)] += missing; /* a constant until there are data */
     else c->bumpless = -missing;
     keep_weights(c, true);
@@ -613,13 +614,13 @@ ts_status ts_controller_command(ts_controller *c, ts_real z_d, ts_real zdot_d, t
     if (c->counters.commands >= TS_HISTORY && c->lagged.ticks <= c->counters.commands - TS_HISTORY)
         pass_over(c); /* before its slot is taken */
     remember_creep(&c->now, s);
-    ts_real inertia = inertial(c, zdot_d);
-    c->y_d = wanted_of_plays(c, z_d, zdot_d, inertia);
+    ts_motion d = {z_d, zdot_d, inertial(c, zdot_d)};
+    c->y_d = wanted_of_plays(c, &d);
     c->flags.projected = rate_dependent_slopes(c, zdot_d);
     *volts = within_limits(c, ts_play_inverse(c->y_d, c->slopes, s->thresholds, c->now.play, s->plays));
     remember_voltage(&c->now, s, *volts);
     c->bumpless *= c->stage.smoothing;
-    write_down(c, *volts, z_d, zdot_d, inertia);
+    write_down(c, *volts, &d);
     return TS_OK;
 }
 
@@ -640,7 +641,8 @@ ts_status ts_controller_adapt(ts_controller *c, ts_real z, int ago)
         int slot = (int)(c->lagged.ticks % TS_HISTORY);
         bool limited = c->limited[slot], back = beyond(c, slot, z), stands = c->x[slot] == c->lagged.play[0];
         next_lagged(c);
-        ts_real y_a = through_dead_zones(s, z) + c->inertia[slot], predicted = model(c, c->u), room[TS_PADDED(TS_MAX_PARAMETERS)];
+        const ts_motion *d = &c->motion[slot];
+        ts_real y_a = through_dead_zones(s, z) + d->inertia, predicted = model(c, c->u), room[TS_PADDED(TS_MAX_PARAMETERS)];
         const ts_real *now = c->stage.smoothing > 0 ? regressor_of_now(c, room) : c->u;
         ts_real before = now == c->u ? predicted : model(c, now);
         c->innovation = y_a - predicted; /* (15) */
@@ -649,10 +651,10 @@ ts_status ts_controller_adapt(ts_controller *c, ts_real z, int ago)
         /* A learned change reaches the command gradually, so that it does not excite the stage. */
         if (used && c->stage.smoothing > 0) c->bumpless += c->stage.smoothing * (model(c, now) - before);
         /* The trim: at a voltage limit only away from it; the slew limit only delays. */
-        if (used && (!limited || back)) c->integral += s->trim * (c->z_d[slot] - z);
-        ts_real error = z - c->z_d[slot];
+        if (used && (!limited || back)) c->integral += s->trim * (d->z_d - z);
+        ts_real error = z - d->z_d;
         if (!used) ts_oscillation_miss(&c->oscillation, &s->oscillation, &error);
-        else if (s->law == TS_LAW_KALMAN && s->oscillation.tick > 0) watch_stage(c, error, c->zdot_d[slot], limited);
+        else if (s->law == TS_LAW_KALMAN && s->oscillation.tick > 0) watch_stage(c, error, d->zdot_d, limited);
     }
     c->flags.rejected = !used;
     c->counters.rejected += !used;

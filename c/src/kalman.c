@@ -35,7 +35,7 @@ void ts_kalman_init(ts_kalman *k, const ts_real *P0, ts_real sigma, int m)
     k->since_change = INT32_MAX;
 }
 
-void ts_kalman_doubt(ts_kalman *k, const ts_real *P0, int m)
+void ts_kalman_reset_covariance(ts_kalman *k, const ts_real *P0, int m)
 {
     restart(k->P, P0, m);
     k->started = k->pending = k->changed = false;
@@ -123,7 +123,7 @@ static void follow_covariance(ts_kalman *k, const ts_kalman_settings *s, const t
     ts_real *P = k->P;
     for (int i = 0; i < m; P += width(i), i++)
         for (int j = 0; j <= i; j += TS_LANES) store(P + j, minus(load(P + j), root[i], load(root + j)));
-    if (k->since_return >= TS_FORGET_EVERY) {
+    if (k->since_return >= TS_RETURN_EVERY) {
         k->since_return = 0;
         back = s->prior_return;
     }
@@ -165,7 +165,7 @@ static bool update(ts_kalman *k, const ts_kalman_settings *s, const ts_real *w0,
     for (int i = 0; i < m; i += TS_LANES) store(w + i, plus(load(w + i), gain, load(k->Pu + i)));
     bound_weights(w, m);
     k->since_return += 2;
-    if (k->since_return >= TS_FORGET_EVERY)
+    if (k->since_return >= TS_RETURN_EVERY)
         for (int i = 0; i < m; i++) w[i] += s->prior_return * (w0[i] - w[i]);
 
     ts_real nu2 = e * e / expected;

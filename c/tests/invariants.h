@@ -43,7 +43,7 @@ static inline bool finite_state(const ts_controller *c)
                                c->predicted_before, c->resolution};
     return all_finite(scalars, sizeof scalars / sizeof *scalars) && all_finite(c->w, c->parameters)
            && all_finite(c->u, c->parameters) && all_finite(c->slopes, s->plays) && all_finite(c->x, TS_HISTORY)
-           && all_finite(c->z_d, TS_HISTORY) && all_finite(c->inertia, TS_HISTORY) && all_finite(c->zdot_d, TS_HISTORY) && finite_memory(&c->now, s)
+           && all_finite(&c->motion[0].z_d, TS_HISTORY * sizeof(ts_motion) / sizeof(ts_real)) && finite_memory(&c->now, s)
            && finite_memory(&c->lagged, s) && finite_law(c);
 }
 

@@ -413,7 +413,7 @@ static void test_spikes_and_changes(void)
     memcpy(&before, &c, sizeof c);
     ts_real expected = 9 * plant[0] + 4 * plant[1];
     for (int k = 0; k < 4; k++) {
-        ts_controller_command(&c, c.z_d[(c.counters.commands - 1) % TS_HISTORY], 0, &volts);
+        ts_controller_command(&c, c.motion[(c.counters.commands - 1) % TS_HISTORY].z_d, 0, &volts);
         ts_status status = ts_controller_adapt(&c, expected + 10, 0);
         check((status == TS_REJECTED) == (k < 3) && c.flags.rejected == (k < 3), "three spikes are not believed, a fourth is");
     }

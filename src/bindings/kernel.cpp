@@ -107,9 +107,7 @@ template <typename Controller, typename Visit> void each_array(Controller &c, Vi
     visit("play", &c.now.play[0], n);
     visit("creep", &c.now.creep[0], creeps);
     visit("history_volts", &c.x[0], TS_HISTORY);
-    visit("history_position", &c.z_d[0], TS_HISTORY);
-    visit("history_rate", &c.zdot_d[0], TS_HISTORY);
-    visit("history_inertia", &c.inertia[0], TS_HISTORY);
+    visit("history_motion", &c.motion[0].z_d, TS_HISTORY * sizeof(ts_motion) / sizeof(ts_real));
     visit("history_limited", &c.limited[0], TS_HISTORY);
     visit("lagged_play", &c.lagged.play[0], n);
     visit("lagged_creep", &c.lagged.creep[0], creeps);
@@ -227,7 +225,7 @@ void check_kalman(const ts_controller &c) {
     require_range("change", k.change, 0, 100);
     require_range("since_change", k.since_change, 0, INT32_MAX);
     require_range("spikes", k.spikes, 0, INT32_MAX);
-    require_range("since_return", k.since_return, 0, TS_FORGET_EVERY);
+    require_range("since_return", k.since_return, 0, TS_RETURN_EVERY);
     require_all("filter", k.filter > 0 && k.filter <= 1, "above 0, at most 1");
     not_negative("disturbance", k.disturbance);
     const ts_oscillation &o = c.oscillation;

@@ -19,7 +19,7 @@ from truestroke.control.settings import UNLIMITED, ControllerSettings, kernel_se
 from truestroke.control.spans import Beyond, spans
 from truestroke.model import prior
 from truestroke.model.layout import Layout
-from truestroke.model.models import asymmetry_terms, known_terms
+from truestroke.model.models import Motion, asymmetry_terms, known_terms
 
 VELOCITY_SPAN = 0.1e-3  # s: half of the span of a central difference, at least one sample
 NEWTON_STEPS = 8  # at most
@@ -226,7 +226,8 @@ class ActuatorModel(Displayed, Layout):
 
         def response(velocity: FloatArray) -> FloatArray:
             plays = play_sum(x, self.rate_scale * velocity, a, b, self.thresholds)
-            known = known_terms(self, creep, np.zeros_like(x), velocity, self.stroke)  # at 0 um there is no asymmetry
+            motion = Motion(np.zeros_like(x), velocity)  # at 0 um there is no asymmetry
+            known = known_terms(self, creep, motion, self.stroke)
             return solve_asymmetry(plays + w[self.of_plays :] @ known, w[self.columns["asymmetry"]], self.stroke)
 
         z = response(np.zeros_like(x))

@@ -284,7 +284,7 @@ class KalmanSettings:
     model_error : float
         What the model cannot explain, um, added to the noise.
     prior_return : float
-        epsilon: how far w and P return to the prior in `FORGET_EVERY` ticks, 0 to 1.
+        epsilon: how far w and P return to the prior in `RETURN_EVERY` ticks, 0 to 1.
     noise_rate, ringing_rate : float
         How fast the robust estimate of the noise follows, and the fast one; per tick, 0 to 1.
     change_threshold, change_rate, refractory
@@ -315,7 +315,7 @@ class KalmanSettings:
     first_noise: float = 0.03
 
 
-FORGET_EVERY = 16  # ticks: TS_FORGET_EVERY of the kernel
+RETURN_EVERY = 16  # ticks: TS_RETURN_EVERY of the kernel
 MEAN_SECOND_DIFFERENCE = 1.9544  # mean of |d| of white noise of deviation 1: sqrt(6) sqrt(2 / pi)
 CLIP = 7.84  # of sigma: four times that mean, at which the robust estimate of the noise clips
 LARGEST = 1e50  # TS_LARGEST of the kernel: largest weight and desired value
@@ -460,7 +460,7 @@ class BoundedKalman:
         gain, hysteresis = settings.change_gain, settings.change_hysteresis
         self._change = gain * gain * self._together + hysteresis * hysteresis * self._hysteresis
 
-    def doubt(self) -> None:
+    def reset_covariance(self) -> None:
         """The covariance is that of the prior again, and the filters start anew; the noise stays."""
         self.P = self.P0.copy()
         self.started = self.pending = self.changed = False
@@ -534,7 +534,7 @@ class BoundedKalman:
         self.variance, self.pending = variance, True
         self.weights = within_largest(self.weights + gain * self.Pu)
         self.since_return += 2
-        if self.since_return >= FORGET_EVERY:
+        if self.since_return >= RETURN_EVERY:
             self.weights = self.weights + s.prior_return * (self.w0 - self.weights)
         self._detect_change(e * e / expected)
 
@@ -552,7 +552,7 @@ class BoundedKalman:
         if not float(dot(root, root)) <= LARGEST * LARGEST:  # never observed, as above
             self.P, root = self.P0.copy(), np.zeros(root.size)
         P = self.P - np.outer(root, root)
-        if self.since_return >= FORGET_EVERY:
+        if self.since_return >= RETURN_EVERY:
             self.since_return, back = 0, s.prior_return
         if self.changed:
             back += s.change_share

@@ -22,7 +22,15 @@ from truestroke.control.adaptation import LARGEST, RLS, BoundedKalman, KalmanSet
 from truestroke.control.controller import controller_rows
 from truestroke.control.oscillation import OscillationDetector, OscillationSettings
 from truestroke.control.settings import CHANGEABLE, SETTINGS, ControllerSettings, kernel_settings
-from truestroke.model.models import creep_step, known_terms, limit_slopes, play_inverse, play_terms, weighted_sum
+from truestroke.model.models import (
+    Motion,
+    creep_step,
+    known_terms,
+    limit_slopes,
+    play_inverse,
+    play_terms,
+    weighted_sum,
+)
 from truestroke.model.operators import dead_zone, dot, play
 
 HISTORY = 64
@@ -43,8 +51,7 @@ class _Command:
     """A tick that waits for its measurement."""
 
     x: float  # V
-    z_d: float  # um
-    zdot_d: float  # um/s
+    motion: Motion
     inertia: float  # um: for the stage's inertia
     limited: bool  # the voltage met a limit
 
@@ -164,7 +171,7 @@ class ReferenceController(Displayed):
         self._now = _Memory(np.zeros(s.plays), np.zeros(self._creep.size))
         self._lagged = copy.deepcopy(self._now)
         self._waiting: dict[int, _Command] = {}  # by tick: not yet in self._lagged
-        self._last = _Command(0.0, 0.0, 0.0, 0.0, limited=False)
+        self._last = _Command(0.0, Motion(0.0, 0.0), 0.0, limited=False)
         self._bumpless = self._integral = self._innovation = 0.0  # um
         self._z_before = self._predicted_before = 0.0  # um: the last new measurement, the model's value then
         self._resolution = 0.0  # um: the smallest step from one measurement to a different one; 0: none so far
@@ -191,7 +198,7 @@ class ReferenceController(Displayed):
         self.reset()
         self._now = _Memory(play(volts, self._r, self._now.play), np.full(self._creep.size, volts))
         self._lagged = copy.deepcopy(self._now)
-        missing = self._wanted_of_plays(z, 0.0, 0.0) - self._sum_of_plays()
+        missing = self._wanted_of_plays(Motion(z, 0.0), 0.0) - self._sum_of_plays()
         if s.offset:
             weights = self.weights
             weights[s.columns["offset"]] += missing
@@ -240,14 +247,14 @@ class ReferenceController(Displayed):
         if self.counters["commands"] - self._lagged.ticks >= HISTORY:
             self._pass_over()  # a measurement of it would be too late now
         self._see_creep(self._now)
-        inertia = self._inertial(zdot_d)
-        y_d = self._wanted_of_plays(z_d, zdot_d, inertia)  # (11)
+        motion, inertia = Motion(z_d, zdot_d), self._inertial(zdot_d)
+        y_d = self._wanted_of_plays(motion, inertia)  # (11)
         self._slopes, self._projected = self._rate_dependent_slopes(zdot_d)  # (7)
         x = self._within_limits(play_inverse(y_d, self._slopes, self._r, self._now.play))  # (12)
         self._see_voltage(self._now, x)  # (1)
         self._bumpless *= self._stage.smoothing
         self._fastest = max(self._fastest, min(abs(zdot_d), self.settings.velocity_limit))
-        self._last = _Command(x, z_d, zdot_d, inertia, self._saturated or self._slewed)
+        self._last = _Command(x, motion, inertia, self._saturated or self._slewed)
         self._waiting[self.counters["commands"]] = self._last
         self._count(commands=True, saturated=self._saturated, projected=self._projected, slewed=self._slewed)
         return x
@@ -275,7 +282,7 @@ class ReferenceController(Displayed):
             command, u = self._next_lagged()  # (20)
             limited, beyond = command.limited, self._is_beyond(command, z_measured)
             predicted = float(dot(self.law.weights, u))
-            now = self._regressor(self._now, self._last.z_d, self._last.zdot_d)
+            now = self._regressor(self._now, self._last.motion)
             before = float(dot(self.law.weights, now))
             self._innovation = self._through_dead_zones(z_measured) + command.inertia - predicted  # (15)
             try:
@@ -284,14 +291,14 @@ class ReferenceController(Displayed):
                 self._learn(u, adapts, frozen)  # (23)
             except UpdateRefused:
                 self._rejected = True
-                self._stage.detector.miss(z_measured - command.z_d)
+                self._stage.detector.miss(z_measured - command.motion.z_d)
             else:
                 # A learned change reaches the command gradually, so that it does not excite the stage.
                 self._bumpless += self._stage.smoothing * (float(dot(self.law.weights, now)) - before)
                 # The trim: at a voltage limit only away from it; the slew limit only delays.
                 if not limited or beyond:
-                    self._integral += self._c["trim"] * (command.z_d - z_measured)
-                self._watch_stage(z_measured - command.z_d, command.zdot_d, limited)
+                    self._integral += self._c["trim"] * (command.motion.z_d - z_measured)
+                self._watch_stage(z_measured - command.motion.z_d, command.motion.zdot_d, limited)
         self._count(rejected=self._rejected, adaptations=not (self._rejected or self._held), changed=self._changed)
 
     def _count(self, **kinds: bool) -> None:
@@ -304,20 +311,19 @@ class ReferenceController(Displayed):
         """(11) of a desired, (14) of a measured displacement; the settings hold the dead zones of the inverse."""
         return float(dot(dead_zone(z, self._d), self._w_s))
 
-    def _known_terms(self, memory: _Memory, z_d: float, zdot_d: float) -> FloatArray:
-        return known_terms(self.settings, memory.creep, z_d, zdot_d, self.settings.stroke)
-
     def _inertial(self, zdot_d: float) -> float:
         """The term of the stage's inertia for the motion from the tick before, z'' / w0^2, um: within stroke / 10."""
         if not self._stage.inertia > 0 or self.counters["commands"] == 0:
             return 0.0
         most = self.settings.stroke / 10
-        return min(max(self._stage.inertia * (zdot_d - self._last.zdot_d), -most), most)
+        change = float(zdot_d - self._last.motion.zdot_d)
+        return min(max(self._stage.inertia * change, -most), most)
 
-    def _wanted_of_plays(self, z_d: float, zdot_d: float, inertia: float) -> float:
+    def _wanted_of_plays(self, motion: Motion, inertia: float) -> float:
         """(11), the inertia, the trim and the bumpless transfer, less the known terms, um."""
-        known = dot(self.law.weights[self.settings.of_plays :], self._known_terms(self._now, z_d, zdot_d))
-        return self._through_dead_zones(z_d) + inertia + self._integral + self._bumpless - float(known)
+        s = self.settings
+        known = dot(self.law.weights[s.of_plays :], known_terms(s, self._now.creep, motion, s.stroke))
+        return self._through_dead_zones(motion.z_d) + inertia + self._integral + self._bumpless - float(known)
 
     def _rate_dependent_slopes(self, zdot_d: float) -> tuple[FloatArray, bool]:
         """(7) in the scale of (20), w_h = a + c_b zdot_d b, summed up; within limits, and whether one was moved."""
@@ -353,17 +359,18 @@ class ReferenceController(Displayed):
         memory.play = play(x, self._r, memory.play)
         memory.ticks += 1
 
-    def _regressor(self, memory: _Memory, z_d: float, zdot_d: float) -> FloatArray:
+    def _regressor(self, memory: _Memory, motion: Motion) -> FloatArray:
         """(20): u = [H_0, c_b zdot_d H_0, H_1, ...], with c_a = 1; and the known terms."""
-        plays = play_terms(self.settings, memory.play, self.settings.rate_scale * zdot_d)
-        return np.concatenate([plays, self._known_terms(memory, z_d, zdot_d)])
+        s = self.settings
+        plays = play_terms(s, memory.play, s.rate_scale * motion.zdot_d)
+        return np.concatenate([plays, known_terms(s, memory.creep, motion, s.stroke)])
 
     def _next_lagged(self) -> tuple[_Command, FloatArray]:
         """The next tick that was not yet measured, and its regressor."""
         command = self._waiting.pop(self._lagged.ticks)
         self._see_creep(self._lagged)
         self._see_voltage(self._lagged, command.x)
-        return command, self._regressor(self._lagged, command.z_d, command.zdot_d)
+        return command, self._regressor(self._lagged, command.motion)
 
     def _pass_over(self) -> None:
         """A tick for which no measurement came."""
@@ -377,7 +384,7 @@ class ReferenceController(Displayed):
     def _is_beyond(self, command: _Command, z: float) -> bool:
         """At a voltage limit, and already beyond the desired displacement: the model is wrong there, not the limit."""
         low, high = self.settings.voltage_limits
-        beyond = (command.x >= high and z > command.z_d) or (command.x <= low and z < command.z_d)
+        beyond = (command.x >= high and z > command.motion.z_d) or (command.x <= low and z < command.motion.z_d)
         return command.limited and beyond
 
     def _adapts(self, limited: bool, beyond: bool) -> bool:
@@ -433,9 +440,9 @@ class ReferenceController(Displayed):
     def _keep_command(self) -> None:
         """Bumpless transfer: the command for the last tick stays as it was; the difference decays."""
         last = self._last
-        self._slopes, _ = self._rate_dependent_slopes(last.zdot_d)
+        self._slopes, _ = self._rate_dependent_slopes(last.motion.zdot_d)
         if self.counters["commands"] > 0:
-            self._bumpless += self._sum_of_plays() - self._wanted_of_plays(last.z_d, last.zdot_d, last.inertia)
+            self._bumpless += self._sum_of_plays() - self._wanted_of_plays(last.motion, last.inertia)
 
     def _inertia_of(self, frequency: float) -> float:
         """1 / (w0^2 T), s, of a first resonance at `frequency`, cycles per tick; 0: not known."""
@@ -472,7 +479,7 @@ class ReferenceController(Displayed):
         if not stage.detector.found:
             law.weights = stage.newer = stage.older
             stage.age = 0.0
-            law.doubt()
+            law.reset_covariance()
         self._adopt_resonance(frequency, LOWER * law.filter if stage.detector.found else 1.0)
         self._keep_command()
         stage.rest = 1 + REST_PERIODS / frequency

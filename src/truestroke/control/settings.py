@@ -15,6 +15,7 @@ from truestroke.base.checks import SettingError
 from truestroke.base.declared import FOLLOWS, HUGE, SHARE, Bound, Setting, Times, between, bound, sized, whole
 from truestroke.base.display import Displayed, Rows
 from truestroke.base.typing import FloatArray
+from truestroke.control.adaptation import RETURN_EVERY
 from truestroke.model import layout, prior
 from truestroke.model.layout import MAX_PLAYS, Layout
 
@@ -23,7 +24,6 @@ RATE_DEPENDENT = (0, 3, 6, 9, 12)  # which of the plays have a rate weight: the 
 STEEPEST = 1e30  # um/V: of a slope, whatever stroke and voltage limits are
 UNLIMITED = 1e9  # for a limit that is not there: finite, so that it can be written to any file
 
-FORGET_EVERY = 16  # ticks: TS_FORGET_EVERY of the kernel
 NOISE_RATE = 2.0  # 1/s: how fast the robust estimate of the noise follows
 RINGING_RATE = 200.0  # 1/s: how fast ringing counts as noise
 SMOOTHING = 0.72e-3  # s: smoothing_time where no resonance is known
@@ -242,7 +242,7 @@ SETTINGS: declared.Table = {
     ),
     "prior_return_time": _kalman(
         "Time in which the weights return to the prior where nothing confirms them", "s", sized(), "prior_return",
-        convert=lambda time, s: min(1.0, FORGET_EVERY / (time * s.sample_rate)),
+        convert=lambda time, s: min(1.0, RETURN_EVERY / (time * s.sample_rate)),
     ),
     "filter_frequency": _kalman(
         "Corner of each of the two poles that regressor and measurement pass through", "Hz",

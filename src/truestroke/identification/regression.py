@@ -15,7 +15,7 @@ from truestroke.identification.normal import Prior
 from truestroke.identification.series import settled
 from truestroke.model import prior
 from truestroke.model.layout import TERMS, Layout
-from truestroke.model.models import known_terms, play_terms
+from truestroke.model.models import Motion, known_terms, play_terms
 
 ROWS = 50_000  # of the regression at most: beyond, every so many samples; the plays see all of them
 SETTLING = 0.1  # of the record at most: what is skipped until the play states are known
@@ -96,7 +96,7 @@ class Data:
         H = plays(self.volts, s.thresholds, every).T
         creep = [c[::every] for c in creep_states(self.volts, s.creep_times, self.sample_rate)]
         t = np.arange(0, self.volts.size, every) / self.sample_rate
-        known = known_terms(s, creep, z[::every], rate, self.stroke)
+        known = known_terms(s, creep, Motion(z[::every], rate), self.stroke)
         starts = [np.exp(-t / tau) for tau in s.starts]
         return np.column_stack([*play_terms(s, H, self.rate_scale * rate), *known, *starts, self.displacement])
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -293,13 +293,14 @@ def asymmetry_terms(z_d: float | FloatArray, stroke: float) -> tuple[FloatArray,
     return first, 2 * first * (1 - 2 * s)
 
 
-def known_terms(
-    layout: Layout,
-    creep: Sequence[Any] | FloatArray,
-    z_d: float | FloatArray,
-    zdot_d: float | FloatArray,
-    stroke: float,
-) -> FloatArray:
+class Motion(NamedTuple):
+    """What the known terms take of the desired motion: numbers at a tick, arrays along a record."""
+
+    z_d: Any  # um
+    zdot_d: Any  # um/s
+
+
+def known_terms(layout: Layout, creep: Sequence[Any] | FloatArray, motion: Motion, stroke: float) -> FloatArray:
     """The part of the regressor that is known before the voltage is chosen, so that the inverse stays a walk.
 
     Parameters
@@ -308,8 +309,8 @@ def known_terms(
         Which terms the model has.
     creep : array_like, shape (k,) or (k, samples)
         Creep states, V.
-    z_d, zdot_d : float or ndarray, shape (samples,)
-        Desired displacement, um, and velocity, um/s.
+    motion : Motion
+        Desired motion.
     stroke : float
         Length of the travel, um.
 
@@ -321,14 +322,14 @@ def known_terms(
     Examples
     --------
     >>> layout = Layout(thresholds=(0.0,), creep_times=(0.3,), asymmetry=1)
-    >>> known_terms(layout, np.array([0.5]), 7.5, 20.0, stroke=30.0)
+    >>> known_terms(layout, np.array([0.5]), Motion(7.5, 20.0), stroke=30.0)
     array([ 0.5 , 20.  ,  1.  ,  0.75])
     """
     terms: dict[str, Sequence[Any] | FloatArray] = {
         "creep": creep,
-        "lag": [zdot_d],
-        "offset": [np.ones_like(z_d)],
-        "asymmetry": asymmetry_terms(z_d, stroke),
+        "lag": [motion.zdot_d],
+        "offset": [np.ones_like(motion.z_d)],
+        "asymmetry": asymmetry_terms(motion.z_d, stroke),
     }
     return np.array([entry for name, count in layout.counts.items() for entry in terms[name][:count]])
 
