@@ -308,6 +308,8 @@ def with_the_watchdog(number: int, last: int = signal.SIGKILL) -> Callable[[subp
     """This signal to the watchdog, and at once `last` to the process of the run."""
 
     def kill(process: subprocess.Popen[str]) -> None:
+        process.send_signal(signal.SIGSTOP)  # else it may see the watchdog gone, and end by itself
+        os.waitpid(process.pid, os.WUNTRACED)
         os.kill(watchdog_of(process), number)
         process.send_signal(last)
 

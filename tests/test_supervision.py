@@ -22,7 +22,8 @@ from truestroke import AdaptiveController, Recording, SettingError, Timing
 from truestroke.identification import ActuatorModel, save_model
 from truestroke.plant import Change, PlantSettings, RealisticPlant
 from truestroke.runtime.drivers import SimulatedDriver, SimulatedSettings
-from truestroke.runtime.drivers.guard import Guard, padded
+from truestroke.runtime.drivers.guard import Guard
+from truestroke.runtime.drivers.paced import padded
 from truestroke.runtime.realtime import Axis, Outcome, RealtimeSettings, SetPoint, config, run_realtime
 from truestroke.runtime.realtime.axis_check import Found, examine
 from truestroke.runtime.realtime.ending import Cause, Stop

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from truestroke.base.verdict import Verdict
-from truestroke.runtime.commissioning.procedure import GAINS, Range, Small
+from truestroke.runtime.commissioning.procedure import Range, Small
+from truestroke.runtime.gains import COMMISSIONING
 
 MARGIN = 0.9  # of what is reached: the stroke that is proposed
 ZERO = 0.01  # of what is reached: a zero beyond it goes into the configuration
@@ -152,7 +153,7 @@ def small_rows(small: Small, stroke: float | None, limits: dict[str, Any]) -> li
     bounds = (
         "no stroke was given"
         if expected is None
-        else f"{GAINS[0] * expected:.3g} to {GAINS[1] * expected:.3g} by stroke and limits"
+        else f"{COMMISSIONING[0] * expected:.3g} to {COMMISSIONING[1] * expected:.3g} by stroke and limits"
     )
     known = s.resonance.frequency is not None
     return [

@@ -14,12 +14,12 @@ from truestroke.runtime.commissioning import answer
 from truestroke.runtime.commissioning.answer import Gain, Rest
 from truestroke.runtime.commissioning.resonance import Resonance, resonance
 from truestroke.runtime.drivers.one_axis import OneAxis
+from truestroke.runtime.gains import COMMISSIONING
 from truestroke.signals.timing import Timing
 
 STEPS = (0.001, 0.003, 0.01, 0.02, 0.05)  # of the voltage range: how the first steps grow
 ENOUGH = 2  # which of them is the last one where the answer is clear
 CLEAR = 0.03  # of the gain: the standard error of a clear answer
-GAINS = (0.2, 4.0)  # of stroke over voltage range: what the gain of small steps may be
 CYCLES = 4  # of each first step
 HOLD, RING = 0.06, 0.25  # s that a level is held, of the first steps and of those that ring
 RINGING = 0.02  # of the voltage range: a step that rings, at most
@@ -219,7 +219,7 @@ def _first_steps(bench: _Bench, rest: Rest, stroke: float | None) -> tuple[tuple
     expected = None if stroke is None else stroke / bench.span
     for i, part in enumerate(STEPS):
         step = part * bench.span * bench.up
-        level = None if expected is None else _level(step, GAINS[1] * expected, rest)
+        level = None if expected is None else _level(step, COMMISSIONING[1] * expected, rest)
         records.append(bench.steps(step, level, rest))
         found = answer.gain(records[-1].volts, records[-1].z, bench.timing.latency)
         gains.append(found)
@@ -229,7 +229,7 @@ def _first_steps(bench: _Bench, rest: Rest, stroke: float | None) -> tuple[tuple
                 break
     if not (gains[-1].seen and _steady(gains)):
         _no_answer(gains, rest, bench, records[-1])
-    if expected is not None and gains[-1].gain < GAINS[0] * expected:
+    if expected is not None and gains[-1].gain < COMMISSIONING[0] * expected:
         raise AnswerError(_wrong_gain(gains[-1], expected, bench))
     path = Record(*(np.concatenate([getattr(record, name) for record in records]) for name in ("volts", "z")))
     return tuple(gains), path
@@ -248,12 +248,12 @@ def _possible(found: Gain, expected: float | None, bench: _Bench) -> None:
             f"more voltage makes the displacement smaller, by {-found.gain:.3g} um/V, in steps of {found.step:.3g} V: "
             "turn the sign of the sensor in [driver] (um_per_volt, um_per_unit), or that of the amplifier"
         )
-    if expected is not None and found.gain - 4 * found.uncertainty > GAINS[1] * expected:
+    if expected is not None and found.gain - 4 * found.uncertainty > COMMISSIONING[1] * expected:
         raise AnswerError(_wrong_gain(found, expected, bench))
 
 
 def _wrong_gain(found: Gain, expected: float, bench: _Bench) -> str:
-    (low, high), stroke = (share * expected for share in GAINS), expected * bench.span
+    (low, high), stroke = (share * expected for share in COMMISSIONING), expected * bench.span
     return (
         f"the gain is {found.gain:.3g} um/V; stroke over voltage_limits is {expected:.3g} um/V ({stroke:.4g} um over "
         f"{bench.span:.4g} V), which allows {low:.3g} to {high:.3g}: look at um_per_volt (um_per_unit), stroke, limits"

@@ -14,6 +14,7 @@ import numpy as np
 from truestroke.base.typing import FloatArray
 from truestroke.control import feasibility
 from truestroke.control.settings import ControllerSettings
+from truestroke.runtime import gains
 from truestroke.runtime.realtime.ending import Cause, Stop
 from truestroke.runtime.realtime.settings import Axis
 from truestroke.signals.timing import Timing
@@ -21,7 +22,6 @@ from truestroke.signals.trajectories import smoothstep
 
 FIRST = 0.004  # of the stroke: believed displacement of the first probe
 LARGEST = 0.035  # of the stroke: what the last one may be
-ALIKE = 8.0, 4.5  # times less, and more, than believed: not the gain of an axis with this stroke and these limits
 CLEAR, AT_ONCE = 3.0, 12.0  # times its doubt: an answer that stands out; one that needs no larger probe
 REPEATED = 4  # times that a probe is repeated where the answer is not clear
 LARGE_OFFSET = 0.1  # of the stroke: a reading at rest that is so far off is no position, the sensor was not zeroed
@@ -252,7 +252,7 @@ class _Answer:
 def _judge(a: _Answer, channel: int, answers: FloatArray, axes: Sequence[Axis]) -> None:
     """`Stop` where the answer is not that of the axis that the settings describe."""
     gain, doubt = a.seen / a.volts, a.doubt / abs(a.volts)
-    low, high = min(a.settings.q, a.believed) / ALIKE[0], max(a.settings.q, a.believed) * ALIKE[1]
+    low, high = min(a.settings.q, a.believed) * gains.RUN[0], max(a.settings.q, a.believed) * gains.RUN[1]
     if abs(gain) <= CLEAR * doubt:
         raise Stop(Cause.CHECK, _no_answer(a, channel, answers, axes))
     if gain < 0:
