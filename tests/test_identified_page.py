@@ -136,11 +136,11 @@ def test_a_long_record_keeps_its_peaks_on_a_small_page():
     assert "means over 2 samples were used, at 500 Hz" in html
 
 
-def test_a_play_that_never_moves_is_not_told(record):
+def test_a_play_that_never_moves_is_known_from_the_prior(record):
     found = identify(record, **{**PLAIN, "thresholds": (*PLAYS, 9.0)})
-    told = dict(zip(found.model.names, ~View.of(found).untold(), strict=True))
+    told = dict(zip(found.model.names, ~View.of(found).from_prior(), strict=True))
     assert told == {"a0": True, "a1": True, "a2": True, "a3": True, "a4": False, "lag": True, "offset": True}
-    assert "the record has hardly told a4:" in model_page(found, record).html()
+    assert "the record is hardly informative about a4:" in model_page(found, record).html()
 
 
 def test_the_verdict_is_of_the_held_out_part(found, record):
@@ -151,7 +151,7 @@ def test_the_verdict_is_of_the_held_out_part(found, record):
         h = HeldOut(rmse, 3 * rmse, 100 * rmse / view.model.stroke, 300 * rmse / view.model.stroke, 1200)
         return verdict(dataclasses.replace(found, held_out=h), view, findings)
 
-    assert "as well as the noise of the sensor" in said(findings.noise_um)
+    assert "within the noise of the sensor" in said(findings.noise_um)
     assert "5 times better than a straight line" in said(line / 5)
     assert "hardly better than a straight line" in said(0.9 * line)
     assert "worse than a straight line" in said(2 * line)

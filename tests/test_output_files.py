@@ -90,12 +90,21 @@ def test_a_recording_of_another_command_stays() -> None:
     assert len(Recording.load("out.h5")["time"]) == 8
 
 
-@pytest.mark.parametrize("ticks", [0, 1, 2, 19])
+@pytest.mark.parametrize("ticks", [2, 19])
 def test_report_of_a_short_recording_is_a_line(ticks: int) -> None:
     recording(ticks).save("short.h5")
     done = CliRunner().invoke(main, ["report", "short.h5"])
     assert done.exit_code == 1
     assert done.stderr == f"truestroke: short.h5: {ticks} ticks, a page needs at least 20\n"
+
+
+@pytest.mark.parametrize(("ticks", "why"), [(0, "Nothing was recorded."), (1, "No measurement came in")])
+def test_report_of_nothing_is_a_bad_verdict(ticks: int, why: str) -> None:
+    recording(ticks).save("empty.h5")
+    done = CliRunner().invoke(main, ["report", "empty.h5"])
+    assert done.exit_code == 4
+    assert why in done.stdout
+    assert not Path("empty.html").exists()
 
 
 def test_a_writer_that_fails_leaves_what_was_there() -> None:

@@ -287,7 +287,7 @@ def print_table(columns: Sequence[str], rows: Sequence[Sequence[str | Text]], di
         click.echo()
 
 
-def print_verdict(verdict: Verdict) -> None:
+def print_verdict(verdict: Verdict, reasons: bool = True) -> None:
     """The verdict in a word, in colour where there is a terminal, and each reason behind it, wrapped."""
     from rich.console import Console
     from rich.text import Text
@@ -295,7 +295,7 @@ def print_verdict(verdict: Verdict) -> None:
     style = {"good": "green", "doubtful": "bold yellow", "bad": "bold white on red"}[verdict.level]
     word = verdict.level.upper() if verdict.is_bad else verdict.level
     Console(highlight=False).print(Text.assemble(f"{'verdict':10} ", (word, style)))
-    for reason in verdict.reasons:
+    for reason in verdict.reasons if reasons else ():
         click.echo(click.wrap_text(reason, _width(), initial_indent=" " * 11, subsequent_indent=" " * 11))
 
 

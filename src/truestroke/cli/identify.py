@@ -50,7 +50,7 @@ def identify(record: Path, output: str, report: str | None, plots: Path | None, 
         pictures = common.save_page(made, page_file, plots)
     if as_json:
         files = {"model": str(target), "page": str(page_file), "pictures": pictures}
-        common.print_json({**_figures(found), **files, "warnings": list(findings.warnings)})
+        common.print_json({**_metrics(found), **files, "warnings": list(findings.warnings)})
         return
     common.print_table(("held out, the last part", "um", "of p-p"), _rows(found))
     chosen = found.tried[-1]
@@ -87,7 +87,7 @@ def _next(file: Path, model: ActuatorModel) -> list[tuple[str, str]]:
     return [track, invert] if like_the_stack(model) else [invert]
 
 
-def _figures(found: Identified) -> dict[str, Any]:
+def _metrics(found: Identified) -> dict[str, Any]:
     import dataclasses
 
     return dataclasses.asdict(found.held_out) | {"effective_samples": found.effective_samples}

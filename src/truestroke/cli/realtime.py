@@ -81,7 +81,7 @@ def _code(outcome: Outcome, verdict: Verdict) -> int:
 
 
 def _summary(recording: Recording) -> TrackingSummary | None:
-    """The figures, if there is anything to take them of."""
+    """The metrics, if there is anything to take them of."""
     from truestroke.base.checks import SettingError
     from truestroke.signals import judgement
 
@@ -105,8 +105,8 @@ def _print_json(
 
     axes: dict[str, Any] = {}
     for (name, recording), file in zip(recordings.items(), outcome.files, strict=True):
-        figures = _summary(recording)
-        axes[name] = {"recording": str(file), **verdicts[name].as_dict(), **(figures.as_dict() if figures else {})}
+        summary = _summary(recording)
+        axes[name] = {"recording": str(file), **verdicts[name].as_dict(), **(summary.as_dict() if summary else {})}
     late = {**_lateness(next(iter(recordings.values()))), "worst": outcome.worst_us}
     counts = {name: getattr(outcome, name) for name in ("ticks", "all_ticks", "overruns", "missed", "limited", "lost")}
     ended = {"cause": outcome.cause.name.lower(), "exit_code": code, "reason": outcome.reason}
@@ -119,10 +119,10 @@ def _print(outcome: Outcome, recordings: Mapping[str, Recording], verdicts: Mapp
     for name, recording in recordings.items():
         if len(recordings) > 1:
             click.echo(f"axis {name}")
-        if figures := _summary(recording):
-            results.print_figures(figures, verdicts[name])
-        else:
-            common.print_verdict(verdicts[name])
+        if summary := _summary(recording):
+            results.print_metrics(summary, verdicts[name])
+        else:  # where it ended before the first tick, stderr has the reason
+            common.print_verdict(verdicts[name], reasons=outcome.ticks > 0)
     late = ", ".join(f"{name} {us:.1f} us" for name, us in _lateness(next(iter(recordings.values()))).items())
     click.echo(f"{'ticks':10} {outcome.ticks} of {outcome.all_ticks}; {outcome.lost} samples lost")
     click.echo(f"{'late':10} {late or 'nothing'}; worst {outcome.worst_us:.1f} us; {outcome.overruns} overruns")

@@ -55,7 +55,7 @@ def refine(
         identification.save_waveform(target, made)
     if as_json:
         following_pass = {} if made is None else {**waveforms.as_dict(made), "waveform": str(target)}
-        common.print_json({**found.verdict.as_dict(), **_figures(found), "model": output, "next": following_pass})
+        common.print_json({**found.verdict.as_dict(), **_metrics(found), "model": output, "next": following_pass})
     else:
         _tell(found, output)
         if made is not None:
@@ -73,7 +73,7 @@ def _played(path: Path | None) -> Played | None:
     return None if path is None else load_waveform(path)
 
 
-def _figures(found: Refined) -> dict[str, Any]:
+def _metrics(found: Refined) -> dict[str, Any]:
     return {
         "pass_rmse_um": found.rmse,
         "pass_maximum_um": found.maximum,

@@ -20,9 +20,4 @@ def report(recording: Path, output: str | None, plots: Path | None, as_json: boo
     from truestroke.signals.recording import Recording
 
     (page_file,) = common.outputs(output or str(recording), ".html")
-    loaded = Recording.load(recording)
-    if len(loaded["time"]) < results.SHORTEST:
-        raise click.ClickException(
-            f"{recording}: {len(loaded['time'])} ticks, a page needs at least {results.SHORTEST}"
-        )
-    return results.finish(loaded, page_file, plots, as_json, recording)
+    return results.finish(Recording.load(recording), page_file, plots, as_json, recording)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from truestroke.signals.metrics import TrackingSummary
     from truestroke.signals.recording import Recording
 
-SHORTEST = 20  # ticks that can be drawn
+SHORTEST = 20  # ticks that can be plotted
 
 
 def own(recording: Recording) -> Recording:
@@ -28,11 +28,15 @@ def finish(recording: Recording, page_file: Path, plots: Path | None, as_json: b
     """Page and pictures to disk, verdict, table and paths to the terminal; the exit code."""
     from truestroke.signals import judgement
 
-    verdict = judgement.judge(recording)
+    verdict, ticks = judgement.judge(recording), len(recording["time"])
     code = ExitCode.NOT_TRACKING if verdict.is_bad else ExitCode.OK
+    if ticks < SHORTEST and not verdict.is_bad:
+        raise click.ClickException(f"{recording_file}: {ticks} ticks, a page needs at least {SHORTEST}")
     try:
-        summary = judgement.summary(recording)
-    except SettingError:  # without measurements there is no figure, and nothing to draw
+        summary = judgement.summary(recording) if ticks >= SHORTEST else None
+    except SettingError:
+        summary = None
+    if summary is None:  # without measurements there are no metrics, and nothing to plot
         _tell_alone(verdict, as_json, recording_file)
         return code
     with common.progress("drawing"):
@@ -43,7 +47,7 @@ def finish(recording: Recording, page_file: Path, plots: Path | None, as_json: b
         files = {"recording": str(recording_file), "page": str(page_file), "pictures": pictures}
         common.print_json({**verdict.as_dict(), **summary.as_dict(), **files})
         return code
-    print_figures(summary, verdict)
+    print_metrics(summary, verdict)
     common.print_files(recording=recording_file, page=page_file, pictures=plots)
     if not verdict.is_bad:
         common.suggest(*_next(recording))
@@ -58,7 +62,7 @@ def _tell_alone(verdict: Verdict, as_json: bool, recording_file: Path) -> None:
         common.print_files(recording=recording_file)
 
 
-def print_figures(summary: TrackingSummary, verdict: Verdict) -> None:
+def print_metrics(summary: TrackingSummary, verdict: Verdict) -> None:
     """The table of errors, the verdict, when the error became small, and what happened on the way."""
     from rich.text import Text
 

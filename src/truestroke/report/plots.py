@@ -41,7 +41,7 @@ def uncompensated(recording: Recording) -> Recording | None:
 
 
 def settled(recording: Recording) -> slice:
-    """The second half of the run, which the figures in the table are of."""
+    """The second half of the run, which the metrics in the table are of."""
     ticks = recording["time"].size
     return slice(ticks // 2, ticks)
 

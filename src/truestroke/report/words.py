@@ -26,8 +26,8 @@ NAMES = {
 }
 REMARKS = {
     "good": "It was followed as it should be.",
-    "doubtful": "Read this before you use the figures.",
-    "bad": "Do not use the figures of this run.",
+    "doubtful": "Read this before you use the metrics.",
+    "bad": "Do not use the metrics of this run.",
 }
 HAPPENED = {flag.name: flag.words for flag in FLAGS} | {"missing": "had no measurement"}
 
@@ -119,7 +119,7 @@ def _rate(recording: Recording) -> str:
 
 
 def span(summary: TrackingSummary) -> str:
-    """The time over which the figures in the table are taken."""
+    """The time over which the metrics in the table are taken."""
     return f"{summary.counted_from_s:.4g} to {summary.duration_s:.4g} s"
 
 
@@ -130,14 +130,11 @@ def kinds(summary: TrackingSummary) -> list[str]:
 
 def table(summary: TrackingSummary) -> list[tuple[str, list[tuple[str, str]]]]:
     """Rows of (name, cells), each cell (um, % of peak-to-peak), in the order of `kinds`."""
-    figures = summary.as_dict()
+    found = summary.as_dict()
     return [
         (
             row,
-            [
-                (f"{figures[f'{kind}_{row}_um']:.4f}", f"{figures[f'{kind}_{row}_percent']:.2f}")
-                for kind in kinds(summary)
-            ],
+            [(f"{found[f'{kind}_{row}_um']:.4f}", f"{found[f'{kind}_{row}_percent']:.2f}") for kind in kinds(summary)],
         )
         for row in ("rmse", "maximum")
     ]

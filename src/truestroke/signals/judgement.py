@@ -46,7 +46,7 @@ def change_time(recording: Recording) -> float | None:
 
 
 def summary(recording: Recording) -> TrackingSummary:
-    """The figures of a recording, which knows its stroke, and when its actuator changed."""
+    """The metrics of a recording, which knows its stroke, and when its actuator changed."""
     stroke = _positive(settings(recording, "controller").get("stroke"))
     return metrics.summary(recording, change=change_time(recording), stroke=stroke)
 
@@ -97,10 +97,10 @@ def judge(recording: Recording) -> Verdict:
     if not ticks:
         return Verdict("bad", (f"Nothing was recorded{_because(recording)}.",))
     try:
-        figures = summary(recording)
+        measured = summary(recording)
     except SettingError:
         return Verdict("bad", (f"No measurement came in the second half of the run{_because(recording)}.",))
-    run = _Run(recording, figures)
+    run = _Run(recording, measured)
     findings = [found for check in CHECKS if (found := check(run))]
     return Verdict(
         "bad" if any(level == "bad" for level, _ in findings) else "doubtful" if findings else "good",
@@ -130,20 +130,20 @@ def worst(verdicts: Mapping[str, Verdict]) -> Verdict:
 
 @dataclass(frozen=True, eq=False)
 class _Run:
-    """A recording, its figures, and what the checks share."""
+    """A recording, its metrics, and what the checks share."""
 
     recording: Recording
-    figures: TrackingSummary
+    metrics: TrackingSummary
 
     @cached_property
     def half(self) -> slice:
-        return slice(self.figures.ticks // 2, self.figures.ticks)
+        return slice(self.metrics.ticks // 2, self.metrics.ticks)
 
     @cached_property
     def rejected(self) -> npt.NDArray[np.bool_]:
-        """Ticks whose measurement the controller did not believe."""
+        """Ticks whose measurement the controller rejected."""
         if "flags" not in self.recording:
-            return np.zeros(self.figures.ticks, bool)
+            return np.zeros(self.metrics.ticks, bool)
         return np.asarray(self.recording["flags"] & BIT["rejected"] > 0, bool)
 
     @cached_property
@@ -157,21 +157,21 @@ class _Run:
 
     @cached_property
     def noise(self) -> float:
-        return min(metrics.noise(self.error), metrics.NOISE_LIMIT * self.figures.stroke_um)
+        return min(metrics.noise(self.error), metrics.NOISE_LIMIT * self.metrics.stroke_um)
 
     @cached_property
     def tolerable(self) -> float:
-        return metrics.tolerable(self.figures.peak_to_peak_um, self.figures.stroke_um, self.noise)
+        return metrics.tolerable(self.metrics.peak_to_peak_um, self.metrics.stroke_um, self.noise)
 
     @cached_property
     def rmse(self) -> float:
         """Of the second half, without the sensor's noise, um; that of the truth, if it is larger."""
         measured = float(np.sqrt(max(0.0, _rms(self.error[self.half]) ** 2 - self.noise**2)))
-        return max(measured, self.figures.true_rmse_um or 0.0)
+        return max(measured, self.metrics.true_rmse_um or 0.0)
 
     def windows(self) -> FloatArray:
         """Rms of the usable errors in each window of 0.25 s, one behind the other to the end, um; of less, one."""
-        error, length = self.error, round(WINDOW / self.figures.duration_s * self.figures.ticks)
+        error, length = self.error, round(WINDOW / self.metrics.duration_s * self.metrics.ticks)
         length = min(max(length, 1), error.size)
         blocks = error[error.size % length :].reshape(-1, length)
         return np.sqrt(np.maximum(0.0, np.array([_rms(block) for block in blocks]) ** 2 - self.noise**2))
@@ -190,7 +190,7 @@ def _ending(run: _Run) -> Finding | None:
     person = cause in BY_A_PERSON or str(why).startswith("KeyboardInterrupt")
     unended = cause is None and "not ended" in str(why)
     words = "Ctrl-C" if str(why).startswith("KeyboardInterrupt") else str(why).rstrip(".")
-    text = f"The run ended before its time, after {run.figures.duration_s:.4g}{of} s: {words}."
+    text = f"The run ended before its time, after {run.metrics.duration_s:.4g}{of} s: {words}."
     return "doubtful" if person or unended else "bad", text
 
 
@@ -220,7 +220,7 @@ def _missed(run: _Run) -> Finding | None:
     """The error of the second half."""
     if run.rmse <= run.tolerable:
         return None
-    span, stroke = run.figures.peak_to_peak_um, run.figures.stroke_um
+    span, stroke = run.metrics.peak_to_peak_um, run.metrics.stroke_um
     of = (
         f"{_percent(run.rmse / span)} of the motion's peak-to-peak"
         if span
@@ -272,7 +272,7 @@ def _rejected(run: _Run) -> Finding | None:
     if found:
         return found
     kept = _rms(run.error[run.half])
-    if run.figures.measured_rmse_um > run.tolerable >= kept:  # the figures hold what nobody believes
+    if run.metrics.measured_rmse_um > run.tolerable >= kept:  # the metrics hold what was rejected
         return "doubtful", f"Rejected measurements are in the measured error: without them it is {kept:.3g} um rmse."
     return None
 
@@ -286,10 +286,10 @@ def _unusable(ticks: npt.NDArray[np.bool_], words: str) -> Finding | None:
 
 def _oscillated(run: _Run) -> Finding | None:
     """Whether the kernel found a stage that it shook itself."""
-    count = run.figures.oscillating_ticks
+    count = run.metrics.oscillating_ticks
     if not count:
         return None
-    share, frequency = _percent(count / run.figures.ticks), _resonance(run.recording)
+    share, frequency = _percent(count / run.metrics.ticks), _resonance(run.recording)
     at, tell = (f" at about {frequency} Hz", f" = {frequency}") if frequency else ("", "")
     return "doubtful", (
         f"The stage oscillated{at} by the controller's own doing, which was held back in {share} of the ticks. Tell "
@@ -308,18 +308,18 @@ def _resonance(recording: Recording) -> str:
 
 
 def _alarmed(run: _Run) -> Finding | None:
-    count = run.figures.changed_ticks or 0
-    if count <= max(3.0, ALARMS * run.figures.duration_s):
+    count = run.metrics.changed_ticks or 0
+    if count <= max(3.0, ALARMS * run.metrics.duration_s):
         return None
     return "doubtful", (
-        f"The controller found {count} sudden changes of the actuator in {run.figures.duration_s:.4g} s: the stage "
+        f"The controller found {count} sudden changes of the actuator in {run.metrics.duration_s:.4g} s: the stage "
         "oscillates, or the sensor jumps."
     )
 
 
 def _unsettled(run: _Run) -> Finding | None:
     """Errors that come and go, where the rmse of the whole half forgives them."""
-    if run.figures.duration_s < 4 * WINDOW or run.rmse > NOT_FOLLOWED * run.tolerable:
+    if run.metrics.duration_s < 4 * WINDOW or run.rmse > NOT_FOLLOWED * run.tolerable:
         return None
     windows = run.windows()
     half = windows.size // 2
@@ -328,7 +328,7 @@ def _unsettled(run: _Run) -> Finding | None:
         level: Level = "bad" if windows[-1] > 2 * NOT_FOLLOWED * run.tolerable else "doubtful"
         return level, f"At the end the error was {windows[-1]:.3g} um rms over {WINDOW:g} s: it has not converged."
     if windows[worst] > 2 * run.tolerable:
-        at = run.figures.duration_s - WINDOW * (windows.size - worst)
+        at = run.metrics.duration_s - WINDOW * (windows.size - worst)
         return "doubtful", f"From {at:.4g} s on the error was {windows[worst]:.3g} um rms over {WINDOW:g} s."
     return None
 

@@ -17,29 +17,29 @@ from truestroke.report.units import length
 
 CAPTIONS = {
     "loop": (
-        "The loop",
+        "Hysteresis loop",
         "Displacement over voltage in the part of the record that the model had not seen, measured and predicted. On "
         "the right the straight line is taken away, so that the loops open: look for places where the thin line "
         "leaves the wide one.",
     ),
     "residual": (
-        "What the model leaves",
+        "Residual",
         "Measured minus predicted displacement, by a model that was fitted to the part that is not shaded. Above: "
-        "the start is a state that nobody knows; a slope in the shaded part is creep or drift that the record was too "
-        "short to tell. Below: a bend of the median over voltage is a term that the model lacks, a slope over rate a "
-        "lag. The autocorrelation of what the fit leaves would stay in the grey band if that were noise alone.",
+        "the state at the start is not known; a slope in the shaded part is creep or drift for which the record is too "
+        "short. Below: a bend of the median over voltage is a term that the model lacks, a slope over rate a lag. The "
+        "autocorrelation of the fit's residual would stay in the grey band if the residual were noise alone.",
     ),
     "weights": (
-        "The weights",
+        "Weights",
         "Each with its standard deviation, which allows for residuals that are not white. Neighbouring plays share one "
-        "slope between them: their sum is known better than each. Hollow: the record has hardly told this weight, and "
-        "its bar is that of the belief before it (grey).",
+        "slope between them: their sum is known better than each. Hollow: the record is hardly informative about this "
+        "weight, and its bar is that of the prior (grey).",
     ),
 }
 CHOSEN = (
     "Chosen by blocked cross-validation within the fitted part: each block is predicted from those before it. A start "
     "from rest is preferred, as a controller starts so; of structures that predict about as well, the one with the "
-    "most terms is taken: the prior holds what the record does not tell."
+    "most terms is taken: the prior holds the weights about which the record is hardly informative."
 )
 WHITE = 0.5  # of the samples: with fewer effective ones the residual is not called white
 NOISE = 1.5  # times the noise: a residual below that is called noise
@@ -73,7 +73,7 @@ def verdict(found: Identified, view: View, findings: Findings) -> str:
     errors = f"{percent(h.rmse_percent)} of stroke rmse, {percent(h.maximum_percent)} at most"
     what = "The model predicts motion that it has not seen"
     if h.rmse_um <= NOISE * findings.noise_um:
-        return f"{what} to {errors}: as well as the noise of the sensor lets one tell."
+        return f"{what} to {errors}: within the noise of the sensor."
     if h.rmse_um >= LINE * line:
         than = "worse" if h.rmse_um > line else "hardly better"
         return f"{what} {than} than a straight line, to {errors}: do not use it."
@@ -86,12 +86,12 @@ def whiteness(found: Identified) -> str:
     n, samples = found.effective_samples, found.residual.size
     count = f"{samples:,} samples of the fit's residual count for {n:,.0f} independent ones"
     if n >= WHITE * samples:
-        return f"{count}: it is nearly white, nothing is left to model."
-    return f"{count}: it is not white, the model or the clock leaves something; the standard deviations allow for it."
+        return f"{count}: it is nearly white, there is nothing more to model."
+    return f"{count}: it is not white, because of the model or of the clock; the standard deviations allow for it."
 
 
 def notes(view: View, record: Record) -> list[str]:
-    """What of the record was not used, and which weights it has not told."""
+    """What of the record was not used, and about which weights it is hardly informative."""
     says, unknown = [], np.count_nonzero(np.isnan(view.error))
     if unknown:
         share = percent(100 * unknown / view.time.size)
@@ -100,9 +100,10 @@ def notes(view: View, record: Record) -> list[str]:
     if block > 1:
         rate = view.model.figures["record_sample_rate_hz"]
         says.append(f"means over {block} samples were used, at {rate:.4g} Hz: nothing faster is in the model")
-    untold = [name for name, hardly in zip(view.model.names, view.untold(), strict=True) if hardly]
-    if untold:
-        says.append(f"the record has hardly told {', '.join(untold)}: they are as uncertain as before it")
+    from_prior = [name for name, hardly in zip(view.model.names, view.from_prior(), strict=True) if hardly]
+    if from_prior:
+        names = ", ".join(from_prior)
+        says.append(f"the record is hardly informative about {names}: their deviation is that of the prior")
     return says
 
 
@@ -178,7 +179,7 @@ def model_page(
         _warnings([*findings.warnings, *notes(view, record)]),
         *captioned(CAPTIONS),
         *_structure(found),
-        Section(heading="The record", tables=[found_in_record], beside=True),
+        Section(heading="Record", tables=[found_in_record], beside=True),
         _model_file(model_file, next_commands),
         Section(heading="All weights", tables=[_weights(view)], folded=True),
     ]
@@ -217,7 +218,7 @@ def _number(um: float, percents: float) -> Number:
 
 
 def _warnings(texts: list[str]) -> Section | None:
-    return Section(heading="What this record cannot tell", items=texts) if texts else None
+    return Section(heading="Limits of this record", items=texts) if texts else None
 
 
 def _structure(found: Identified) -> list[Section | None]:
@@ -232,8 +233,8 @@ def _structure(found: Identified) -> list[Section | None]:
     )
     others = [(one.words, length(one.rmse)) for one in tried if one.differs is None]
     return [
-        Section(heading="The structure", text=chosen.words, tables=[table] if parts else [], beside=True),
-        Section(heading="All other structures that were tried", tables=[Table(rows=others)], folded=True)
+        Section(heading="Structure", text=chosen.words, tables=[table] if parts else [], beside=True),
+        Section(heading="Other structures that were compared", tables=[Table(rows=others)], folded=True)
         if others
         else None,
     ]
@@ -249,8 +250,8 @@ def _model_file(file: str | Path | None, next_commands: tuple[tuple[str, str], .
     if file is None:
         return None
     return Section(
-        heading="The model file, and what next",
-        text=f"`{file}` holds weights, covariance and these figures.",
+        heading="Model file and next commands",
+        text=f"`{file}` holds weights, covariance and these metrics.",
         code="".join(f"# {shows}\ntruestroke {command}\n" for command, shows in next_commands),
     )
 
@@ -258,9 +259,9 @@ def _model_file(file: str | Path | None, next_commands: tuple[tuple[str, str], .
 def _weights(view: View) -> Table:
     """Each weight, its deviation, that of the prior, and the unit."""
     m = view.model
-    found = zip(m.names, m.weights, m.deviations, view.believed()[1], m.units, strict=True)
+    found = zip(m.names, m.weights, m.deviations, view.prior()[1], m.units, strict=True)
     return Table(
-        columns=["weight", "value", "s.d.", "believed before, s.d.", "unit"],
+        columns=["weight", "value", "s.d.", "prior, s.d.", "unit"],
         rows=[(name, *(f"{value:.4g}" for value in numbers), unit) for name, *numbers, unit in found],
         text=True,
     )

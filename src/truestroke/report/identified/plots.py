@@ -1,4 +1,4 @@
-"""The pictures of an identified model: its loops, what it leaves, its weights."""
+"""The plots of an identified model: its loops, its residual, its weights."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def loop(view: View, theme: Theme = LIGHT) -> Figure:
     return figure
 
 
-# ---- What is left --------------------------------------------------------------------------------------------------
+# ---- Residual ------------------------------------------------------------------------------------------------------
 
 
 def residual(view: View, correlation: FloatArray, rows: int, theme: Theme = LIGHT) -> Figure:
@@ -130,14 +130,16 @@ def _legend(panel: Axes, entries: int) -> None:
 
 
 def weights(view: View, theme: Theme = LIGHT) -> Figure:
-    """Each weight +- its standard deviation, by kind; faint what was believed, where the record has hardly told."""
+    """Each weight +- its standard deviation, by kind; faint the prior, where the record is hardly informative."""
     groups = _groups(view)
     above = 2 if len(view.model.thresholds) > 1 else 1
     with style.use(theme):
         figure = Figure(figsize=(style.WIDTH, 4.6), layout=ConstrainedLayoutEngine(h_pad=0.07, w_pad=0.05))
         grid = figure.add_gridspec(2, 1)
         for k, row in enumerate((groups[:above], groups[above:])):
-            widths = [1.6 + (0.7 if group.labels else 0.4) * len(group.members) for group in row]
+            widths = [
+                max(1.6 + (0.7 if group.labels else 0.4) * len(group.members), 0.26 * len(group.heading)) for group in row
+            ]
             parts = grid[k].subgridspec(1, len(row), width_ratios=widths)
             for j, group in enumerate(row):
                 _bars(figure.add_subplot(parts[j]), view, group, theme)
@@ -184,8 +186,8 @@ def _groups(view: View) -> list[_Group]:
 
 def _bars(panel: Axes, view: View, group: _Group, theme: Theme) -> None:
     k, factor = group.members, group.factor
-    w, deviation, untold = factor * view.model.weights[k], factor * view.model.deviations[k], view.untold()[k]
-    mean, before = (factor * values[k] for values in view.believed())
+    w, deviation, from_prior = factor * view.model.weights[k], factor * view.model.deviations[k], view.from_prior()[k]
+    mean, before = (factor * values[k] for values in view.prior())
     if group.labels is None:
         volts, unit = volt_unit(view)
         x = volts * np.array([view.model.thresholds[int(view.model.names[i][1:])] for i in k])
@@ -196,11 +198,11 @@ def _bars(panel: Axes, view: View, group: _Group, theme: Theme) -> None:
         panel.set_xlim(-0.6, len(k) - 0.4)
         panel.set_xlabel(group.below)
     panel.axhline(0, color=theme["muted"], lw=0.7)
-    if untold.any():
-        low, high = (mean - before)[untold], (mean + before)[untold]
-        panel.vlines(x[untold], low, high, color=theme["desired"], alpha=0.55, lw=5.0, label="believed before ± 1 s.d.")
+    if from_prior.any():
+        low, high = (mean - before)[from_prior], (mean + before)[from_prior]
+        panel.vlines(x[from_prior], low, high, color=theme["desired"], alpha=0.55, lw=5.0, label="prior ± 1 s.d.")
     bar: dict[str, Any] = {"fmt": "o", "ms": 4, "color": theme["true"], "capsize": 2.5, "lw": 1.2}
-    for kind, fill, label in ((~untold, theme["true"], "weight ± 1 s.d."), (untold, "none", "hardly told")):
+    for kind, fill, label in ((~from_prior, theme["true"], "weight ± 1 s.d."), (from_prior, "none", "hardly informed")):
         if kind.any():
             panel.errorbar(x[kind], w[kind], deviation[kind], mfc=fill, label=label, **bar)
     panel.yaxis.set_major_locator(MaxNLocator(5))

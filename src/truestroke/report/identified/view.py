@@ -11,13 +11,13 @@ from truestroke.base.typing import FloatArray
 from truestroke.control.actuator import central_difference
 from truestroke.identification import ActuatorModel, Identified
 from truestroke.identification.turning import reversals
-from truestroke.model import prior
+from truestroke.model import prior as priors
 from truestroke.model.layout import TERMS
 
 STROKES = 20  # of the voltage that a picture of loops can show
 POINTS = 3000  # of a loop's line
 FEWEST = 8  # samples of a bin
-TOLD = 0.7  # of the prior's deviation: a weight less well known than that has hardly been told by the record
+PRIOR_SHARE = 0.7  # of the prior's deviation: about a weight with more the record is hardly informative
 
 Rows = NDArray[np.intp]
 
@@ -84,20 +84,20 @@ class View:
         step = int(turns[-1] - turns[0]) // POINTS + 1
         return np.asarray(self.first + np.union1d(np.arange(turns[0], turns[-1] + 1, step), turns))
 
-    def believed(self) -> tuple[FloatArray, FloatArray]:
+    def prior(self) -> tuple[FloatArray, FloatArray]:
         """What the fit was pulled to: mean and standard deviation of each weight, in their units."""
         m = self.model
         span = m.voltage_range[1] - m.voltage_range[0]
-        a = prior.play_weights(m.thresholds, span, prior.FIRST_SLOPE * m.sensitivity)
-        deviation = np.sqrt(np.diag(prior.covariance(m, a, q=m.sensitivity, stroke=m.stroke)))
+        a = priors.play_weights(m.thresholds, span, priors.FIRST_SLOPE * m.sensitivity)
+        deviation = np.sqrt(np.diag(priors.covariance(m, a, q=m.sensitivity, stroke=m.stroke)))
         interval = 1 / m.figures["record_sample_rate_hz"]
         deviation[m.columns["lag"]] = max(TERMS["lag"].deviation, interval)  # the clock of the record
         deviation[m.columns["offset"]] = m.stroke  # its sensor
         return m.vector(a), deviation
 
-    def untold(self) -> NDArray[np.bool_]:
-        """Which weights the record has hardly told: as uncertain as they were before."""
-        return np.asarray(self.model.deviations > TOLD * self.believed()[1])
+    def from_prior(self) -> NDArray[np.bool_]:
+        """Which weights the record is hardly informative about: as uncertain as the prior."""
+        return np.asarray(self.model.deviations > PRIOR_SHARE * self.prior()[1])
 
 
 def binned(x: FloatArray, y: FloatArray, bins: int = 36) -> tuple[FloatArray, FloatArray]:
