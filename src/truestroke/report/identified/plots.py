@@ -138,7 +138,8 @@ def weights(view: View, theme: Theme = LIGHT) -> Figure:
         grid = figure.add_gridspec(2, 1)
         for k, row in enumerate((groups[:above], groups[above:])):
             widths = [
-                max(1.6 + (0.7 if group.labels else 0.4) * len(group.members), 0.26 * len(group.heading)) for group in row
+                max(1.6 + (0.7 if group.labels else 0.4) * len(group.members), 0.26 * len(group.heading))
+                for group in row
             ]
             parts = grid[k].subgridspec(1, len(row), width_ratios=widths)
             for j, group in enumerate(row):
