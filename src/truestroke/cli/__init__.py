@@ -2,30 +2,20 @@
 
 from __future__ import annotations
 
+import importlib
+
 import click
 
 import truestroke
-from truestroke.cli import (
-    characterise,
-    commission,
-    compare,
-    doctor,
-    examine,
-    identify,
-    invert,
-    playback,
-    refine,
-    report,
-    reproduce,
-    run,
-    serve,
-    study,
-    track,
-    zoo,
-)
 from truestroke.cli.common import Commands
 
 __all__ = ["main"]
+
+COMMANDS = (
+    *("track", "commission", "run", "serve", "doctor", "report", "compare", "reproduce", "zoo", "study"),
+    *("examine", "identify", "invert", "playback", "refine", "characterise"),
+)
+"""In the order of the help; each is a function in the module of its name."""
 
 
 @click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"], "show_default": True})
@@ -37,22 +27,5 @@ def main() -> None:
     """
 
 
-for _command in (
-    track.track,
-    commission.commission,
-    run.run,
-    serve.serve,
-    doctor.doctor,
-    report.report,
-    compare.compare,
-    reproduce.reproduce,
-    zoo.zoo,
-    study.study,
-    examine.examine,
-    identify.identify,
-    invert.invert,
-    playback.playback,
-    refine.refine,
-    characterise.characterise,
-):
-    main.add_command(_command)
+for _name in COMMANDS:
+    main.add_command(getattr(importlib.import_module(f"truestroke.cli.{_name}"), _name))

@@ -42,7 +42,7 @@ def _shared_memory() -> Finding:
         level, found = Level.MISSING, str(error)
     why = "memfd and pidfd: how loop, recorder and watchdog know of each other"
     command = "" if level is Level.OK else "Linux 5.3 or newer; a container needs a profile that allows pidfd_open"
-    return Finding(level=level, part=PART, what="shared memory", found=found, why=why, command=command, required=True)
+    return Finding(PART, "shared memory", why, found=found, level=level, command=command, required=True)
 
 
 def _disk(folder: Path, needed: float) -> list[Finding]:
@@ -53,9 +53,7 @@ def _disk(folder: Path, needed: float) -> list[Finding]:
         found = f"{folder}: {error.strerror or error}"
         command = f"mkdir -p {folder}" if not folder.exists() else "choose another folder in [recording]"
         why = "the recording grows while the run goes on"
-        return [
-            Finding(level=Level.MISSING, part=PART, what="folder", found=found, why=why, command=command, required=True)
-        ]
+        return [Finding(PART, "folder", why, found=found, level=Level.MISSING, command=command, required=True)]
 
 
 def _room(folder: Path, needed: float) -> Finding:
@@ -64,12 +62,12 @@ def _room(folder: Path, needed: float) -> Finding:
     hours = free / RATE / 3600
     asked = f", {needed / 1e6:.0f} MB needed" if needed else f": {hours:.0f} h of an axis at 2 kHz"
     return Finding(
-        level=level,
-        part=PART,
-        what="space on the disk",
+        PART,
+        "space on the disk",
+        "a disk that is full ends the run",
         found=f"{free / 1e9:.1f} GB{asked}",
-        why="a disk that is full ends the run",
-        command="" if level is Level.OK else "choose another disk in [recording], or delete something",
+        level=level,
+        command="choose another disk in [recording], or delete something",
         required=level is Level.MISSING,
     )
 
@@ -84,12 +82,12 @@ def _speed(scratch: Path) -> Finding:
     speed = WRITE / (time.monotonic() - began)
     slow = speed < 10 * RATE
     return Finding(
-        level=Level.WARNING if slow else Level.OK,
-        part=PART,
-        what="speed of the disk",
+        PART,
+        "speed of the disk",
+        f"an axis at 2 kHz writes {RATE / 1e6:g} MB/s; a recorder 8 s behind ends the run",
         found=f"{speed / 1e6:.0f} MB/s",
-        why=f"an axis at 2 kHz writes {RATE / 1e6:g} MB/s; a recorder 8 s behind ends the run",
-        command="record to a local disk" if slow else "",
+        level=Level.WARNING if slow else Level.OK,
+        command="record to a local disk",
     )
 
 
@@ -111,11 +109,11 @@ def _swmr(scratch: Path) -> Finding:
     except (OSError, subprocess.TimeoutExpired) as error:
         level, found = Level.MISSING, " ".join(str(error).split())
     return Finding(
-        level=level,
-        part=PART,
-        what="HDF5 SWMR",
+        PART,
+        "HDF5 SWMR",
+        "others read the recording while it grows; network disks often cannot",
         found=found,
-        why="others read the recording while it grows; network disks often cannot",
-        command="" if level is Level.OK else "record to a local disk, or: export HDF5_USE_FILE_LOCKING=FALSE",
+        level=level,
+        command="record to a local disk, or: export HDF5_USE_FILE_LOCKING=FALSE",
         required=True,
     )

@@ -32,11 +32,11 @@ def of(name: str) -> tuple[Need, ...]:
 def _finding(need: Need, required: bool) -> Finding:
     found = need.found()
     return Finding(
-        level=Level.OK if found else Level.MISSING,
-        part="drivers",
-        what=need.what,
+        "drivers",
+        need.what,
+        need.why,
         found=found or "not found",
-        why=need.why,
-        command="" if found else need.command,
+        level=Level.OK if found else Level.MISSING,
+        command=need.command,
         required=required,
     )

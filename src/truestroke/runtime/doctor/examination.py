@@ -65,7 +65,7 @@ def examine(config: Path | None = None, probe: float = machine.PROBE) -> list[Fi
 def _finding(what: str, found: str, why: str, command: str = "") -> Finding:
     """Missing if there is a command to give."""
     level = Level.MISSING if command else Level.OK
-    return Finding(level=level, part=PART, what=what, found=found, why=why, command=command, required=True)
+    return Finding(PART, what, why, found=found, level=level, command=command, required=True)
 
 
 def _needed(config: Path) -> tuple[Need, ...]:
@@ -94,7 +94,7 @@ def _driver(job: configuration.Job) -> tuple[list[Finding], Timing | None]:
 
 def _unattended(safe: bool, found: str) -> Finding:
     why = "when the computer itself stands still, no watchdog in software acts"
-    return Finding(level=Level.OK if safe else Level.WARNING, part=PART, what="unattended", found=found, why=why)
+    return Finding(PART, "unattended", why, found=found, level=Level.OK if safe else Level.WARNING)
 
 
 def _recording(job: configuration.Job) -> Finding:

@@ -15,35 +15,39 @@ class Level(StrEnum):
     MISSING = "missing"
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Finding:
     """What was looked at, and what helps.
 
     Attributes
     ----------
-    level : Level
-        OK; WARNING: there, but it may hurt; MISSING: not there.
     part : str
-        What it belongs to: "drivers", "real time", "disk", "configuration".
+        What it belongs to: "drivers", "real time", "permissions", "configuration".
     what : str
         What was looked at.
-    found : str
-        What was found, with unit.
     why : str
         Why it matters.
+    found : str
+        What was found, with unit.
+    level : Level
+        OK; WARNING: there, but it may hurt; MISSING: not there.
     command : str
-        What installs or repairs it; empty where nothing need be done, or no command does it.
+        What installs or repairs it; dropped where it is OK; empty where no command does it.
     required : bool
         Whether the configuration cannot be run without it.
     """
 
-    level: Level
     part: str
     what: str
-    found: str
     why: str
+    found: str
+    level: Level = Level.OK
     command: str = ""
     required: bool = False
+
+    def __post_init__(self) -> None:
+        if self.level is Level.OK:
+            object.__setattr__(self, "command", "")
 
 
 def read(path: str) -> str:

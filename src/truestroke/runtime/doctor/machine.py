@@ -49,9 +49,7 @@ def _processors(cpu: int | None) -> Finding:
         level, found = (Level.OK if len(mine) > 1 else Level.WARNING), usable
         command = "" if len(mine) == there or len(mine) > 1 else f"taskset -pc 0-{there - 1} $$"
     why = "the loop spins on one; recorder and watchdog need another"
-    return Finding(
-        level=level, part=PART, what="processors", found=found, why=why, command=command, required=cpu is not None
-    )
+    return Finding(PART, "processors", why, found=found, level=level, command=command, required=cpu is not None)
 
 
 def _quota() -> Finding:
@@ -59,12 +57,12 @@ def _quota() -> Finding:
     quota, _, period = read("/sys/fs/cgroup/cpu.max").partition(" ")
     limited = quota.isdigit()
     return Finding(
-        level=Level.WARNING if limited else Level.OK,
-        part=PART,
-        what="processor quota",
+        PART,
+        "processor quota",
+        "who has used up its share of a period is stopped for the rest of it, up to 100 ms",
         found=f"{int(quota) / int(period):g} processors" if limited else "none",
-        why="who has used up its share of a period is stopped for the rest of it, up to 100 ms",
-        command="start the container without --cpus" if limited else "",
+        level=Level.WARNING if limited else Level.OK,
+        command="start the container without --cpus",
     )
 
 
@@ -73,12 +71,12 @@ def _governor() -> Finding:
     governors = sorted({read(str(file)) for file in files})
     slow = [name for name in governors if name != "performance"]
     return Finding(
-        level=Level.WARNING if slow else Level.OK,
-        part=PART,
-        what="frequency governor",
+        PART,
+        "frequency governor",
+        "a processor that has slowed down takes longer over a tick",
         found=", ".join(governors) or "not in this system's hands",
-        why="a processor that has slowed down takes longer over a tick",
-        command="sudo cpupower frequency-set -g performance" if slow else "",
+        level=Level.WARNING if slow else Level.OK,
+        command="sudo cpupower frequency-set -g performance",
     )
 
 
@@ -92,12 +90,12 @@ def _priority(required: bool) -> Finding:
     except OSError:
         permitted = False
     return Finding(
-        level=Level.OK if permitted else Level.MISSING,
-        part=PART,
-        what="real-time priority",
+        PART,
+        "real-time priority",
+        "priority in [realtime], of use with PREEMPT_RT",
         found=f"SCHED_FIFO {'permitted' if permitted else 'refused'}, ulimit -r {_limit(limit)}",
-        why="priority in [realtime], of use with PREEMPT_RT",
-        command="" if permitted else f"echo '{os.environ.get('USER', '*')} - rtprio 99' | sudo tee -a {LIMITS}",
+        level=Level.OK if permitted else Level.MISSING,
+        command=f"echo '{os.environ.get('USER', '*')} - rtprio 99' | sudo tee -a {LIMITS}",
         required=required,
     )
 
@@ -110,12 +108,12 @@ def _memory() -> Finding:
     swaps = read("/proc/swaps").splitlines()[1:]
     limit = resource.getrlimit(resource.RLIMIT_MEMLOCK)[0]
     return Finding(
-        level=Level.WARNING if swaps else Level.OK,
-        part=PART,
-        what="memory",
+        PART,
+        "memory",
+        "a page that has been swapped out stops a tick for milliseconds",
         found=f"{'swap in use' if swaps else 'no swap'}, memlock {_limit(limit, 2**20)} MiB".replace("ed MiB", "ed"),
-        why="a page that has been swapped out stops a tick for milliseconds",
-        command="sudo swapoff -a" if swaps else "",
+        level=Level.WARNING if swaps else Level.OK,
+        command="sudo swapoff -a",
     )
 
 
@@ -124,14 +122,12 @@ def _preemption() -> Finding:
     fully = read("/sys/kernel/realtime") == "1" or "PREEMPT_RT" in version
     found = "PREEMPT_RT" if fully else next((word for word in version.split() if "PREEMPT" in word), "not preemptible")
     return Finding(
-        level=Level.OK if fully else Level.MISSING,
-        part=PART,
-        what="PREEMPT_RT",
+        PART,
+        "PREEMPT_RT",
+        "bounds lateness; without it the rare tick is late by ms",
         found=f"{found}, Linux {release}",
-        why="bounds lateness; without it the rare tick is late by ms",
-        command=""
-        if fully
-        else "Debian: sudo apt install linux-image-rt-amd64; Ubuntu: sudo pro enable realtime-kernel",
+        level=Level.OK if fully else Level.MISSING,
+        command="Debian: sudo apt install linux-image-rt-amd64; Ubuntu: sudo pro enable realtime-kernel",
     )
 
 
@@ -141,11 +137,11 @@ def _clock_source() -> Finding:
     slow = source in SLOW_CLOCKS
     switch = slow and "tsc" in available.split()
     return Finding(
-        level=Level.WARNING if slow else Level.OK,
-        part=PART,
-        what="clock source",
+        PART,
+        "clock source",
+        "the loop reads it while it spins; a slow one takes microseconds",
         found=source or "unknown",
-        why="the loop reads it while it spins; a slow one takes microseconds",
+        level=Level.WARNING if slow else Level.OK,
         command=f"echo tsc | sudo tee {folder}current_clocksource" if switch else "",
     )
 
@@ -154,11 +150,11 @@ def _timer_slack(spin: float) -> Finding:
     text = read("/proc/self/timerslack_ns")
     slack = int(text) if text.isdigit() else SLACK
     return Finding(
-        level=Level.OK if slack <= max(SLACK, 0.5e9 * spin) else Level.WARNING,
-        part=PART,
-        what="timer slack",
+        PART,
+        "timer slack",
+        f"a sleeper may wake so much later; the loop wakes {1e6 * spin:g} us early",
         found=f"{slack / 1000:g} us",
-        why=f"a sleeper may wake so much later; the loop wakes {1e6 * spin:g} us early",
+        level=Level.OK if slack <= max(SLACK, 0.5e9 * spin) else Level.WARNING,
         command="" if slack <= SLACK else f"echo {SLACK} | sudo tee /proc/$PPID/timerslack_ns",
     )
 
@@ -168,11 +164,11 @@ def _kernel_variant() -> Finding:
     variant = getattr(_kernel, "variant", lambda: "portable")()
     there = getattr(_kernel, "variants", lambda: [variant])()
     return Finding(
-        level=Level.OK,
-        part=PART,
-        what="truestroke's kernel",
+        PART,
+        "truestroke's kernel",
+        "the instructions that command and adapt are made of",
         found=f"{variant} of {', '.join(there)}",
-        why="the instructions that command and adapt are made of",
+        level=Level.OK,
     )
 
 
@@ -191,15 +187,15 @@ def _lateness(settings: RealtimeSettings, period: float, probe: float) -> Findin
     middle, high = np.percentile(late, [50, 99])
     bad = clock.overruns > 0 or high > (LATE if asked.spin else LATE + 200.0)
     return Finding(
-        level=Level.WARNING if bad else Level.OK,
-        part=PART,
-        what="lateness",
+        PART,
+        "lateness",
+        "what the rest adds up to, of an empty loop",
         found=f"{1 / period:g} Hz for {probe:g} s: median {middle:.1f} us, p99 {high:.1f} us, worst "
         f"{clock.worst * 1e-3:.0f} us, {clock.overruns} overruns",
-        why="what the rest adds up to, of an empty loop",
-        command="end other programs; pin the loop: cpu = 1 in [realtime]" if bad else "",
+        level=Level.WARNING if bad else Level.OK,
+        command="end other programs; pin the loop: cpu = 1 in [realtime]",
     )
 
 
 def _unmeasured(reason: str) -> Finding:
-    return Finding(level=Level.WARNING, part=PART, what="lateness", found=f"not measured: {reason}", why="")
+    return Finding(PART, "lateness", "", found=f"not measured: {reason}", level=Level.WARNING)
