@@ -101,6 +101,46 @@ def simulation(**members):
 
 # What was done, and what the error says of it.
 MISTAKES = {
+    "a desired position as text": (lambda: controller().command("30", 0.0), "z_d = '30' um: must be a number"),
+    "no desired velocity": (lambda: controller().command(30.0, None), "zdot_d = None um/s: must be a number"),
+    "arrays to command": (
+        lambda: controller().command(VOLTS, VOLTS),
+        r"z_d = array of shape \(400,\) um: must",
+    ),
+    "an infinite desired velocity": (lambda: controller().command(1.0, np.inf), "zdot_d = inf um/s: must be finite"),
+    "a measurement as text": (lambda: controller().adapt("3"), "z_measured = '3' um: must be a number"),
+    "an age as text": (lambda: controller().adapt(3.0, "1"), "ago = '1': must be a number"),
+    "words as measurements": (
+        lambda: controller().process([1.0], [0.0], ["x"]),
+        r"z_measured = \['x'\] um: must",
+    ),
+    "a state without entries": (lambda: controller().restore({}), "state = 0 entries: must be what `state` gave"),
+    "no state": (lambda: controller().restore(None), "state = None: must be what `state` gave"),
+    "text to a plant": (lambda: plant.RealisticPlant().exchange("x"), "volts = 'x' V: must be an array of numbers"),
+    "a table to a plant": (
+        lambda: plant.RealisticPlant().exchange(np.eye(2)),
+        r"volts = array of shape \(2, 2\)",
+    ),
+    "a number as progress": (
+        lambda: truestroke.run(WAVE, controller(), plant.RealisticPlant(), 3),
+        "progress = 3: must be a function of ticks done",
+    ),
+    "a number as reduce": (lambda: truestroke.simulate_many([], reduce=3), "reduce = 3: must be a function of index"),
+    "a wave to summarise": (
+        lambda: truestroke.metrics.summary(MODEL),
+        "recording = object of class Act",
+    ),
+    "arrays as a recording": (
+        lambda: truestroke.Recording({"volts": VOLTS}),
+        r"channels\['volts'\] = array",
+    ),
+    "a list as a recording": (lambda: truestroke.Recording([VOLTS]), "channels = .*a mapping of names to Channel"),
+    "one threshold": (lambda: MODEL.replace(thresholds=0.0), "thresholds = 0.0 V: must be a sequence of numbers"),
+    "yes as rate": (lambda: truestroke.identify(RECORD, rate="yes"), "rate = 'yes': must be True or False"),
+    "a controller to compare": (
+        lambda: truestroke.compare(plant.RealisticPlant, [WAVE], {"ours": controller()}),
+        r"controllers\['ours'\] = object of class AdaptiveController: must be a function that gives a controller",
+    ),
     "an array as the trajectory": (
         lambda: truestroke.run(np.zeros(100), controller(), plant.RealisticPlant()),
         r"trajectory = array of shape \(100,\): must be a Trajectory, such as of truestroke.trajectories",

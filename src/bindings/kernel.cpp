@@ -505,18 +505,36 @@ Kernel *kernel_of(PyObject *self) {
     return nullptr;
 }
 
+// What a call says of an argument that is no finite number: SettingError in the words of `checks`, in place of the error
+// that is set; that one where the number is one.
+PyObject *refused(const char *name, PyObject *value, const char *unit) {
+    PyObject *type, *before, *trace;
+    PyErr_Fetch(&type, &before, &trace);
+    try {
+        nb::module_::import_("truestroke.base.checks").attr("number")(name, nb::handle(value), unit);
+        PyErr_Restore(type, before, trace);
+    } catch (nb::python_error &error) {
+        Py_XDECREF(type), Py_XDECREF(before), Py_XDECREF(trace);
+        error.restore();
+    }
+    return nullptr;
+}
+
 PyObject *command(PyObject *self, PyObject *const *args, Py_ssize_t positional, PyObject *keywords) {
     static const char *const names[] = {"z_d", "zdot_d"};
     PyObject *values[2] = {};
     if (!take_arguments(names, 2, values, args, positional, keywords)) return nullptr;
     Kernel *kernel = kernel_of(self);
-    double z_d = PyFloat_AsDouble(values[0]), zdot_d = z_d == -1 && PyErr_Occurred() ? 0 : PyFloat_AsDouble(values[1]);
-    if (!kernel || PyErr_Occurred()) return nullptr;
+    if (!kernel) return nullptr;
+    double z_d = PyFloat_AsDouble(values[0]);
+    if (z_d == -1 && PyErr_Occurred()) return refused("z_d", values[0], "um");
+    double zdot_d = PyFloat_AsDouble(values[1]);
+    if (zdot_d == -1 && PyErr_Occurred()) return refused("zdot_d", values[1], "um/s");
     try {
         return PyFloat_FromDouble(kernel->command(z_d, zdot_d));
     } catch (const std::exception &e) {
         PyErr_SetString(PyExc_ValueError, e.what());
-        return nullptr;
+        return std::isfinite(z_d) ? refused("zdot_d", values[1], "um/s") : refused("z_d", values[0], "um");
     }
 }
 
@@ -525,9 +543,11 @@ PyObject *adapt(PyObject *self, PyObject *const *args, Py_ssize_t positional, Py
     PyObject *values[2] = {nullptr, Py_None}; // None: 0
     if (!take_arguments(names, 2, values, args, positional, keywords)) return nullptr;
     Kernel *kernel = kernel_of(self);
+    if (!kernel) return nullptr;
     double z = PyFloat_AsDouble(values[0]);
-    long ago = values[1] == Py_None || (z == -1 && PyErr_Occurred()) ? 0 : PyLong_AsLong(values[1]);
-    if (!kernel || PyErr_Occurred()) return nullptr;
+    if (z == -1 && PyErr_Occurred()) return refused("z_measured", values[0], "um");
+    long ago = values[1] == Py_None ? 0 : PyLong_AsLong(values[1]);
+    if (ago == -1 && PyErr_Occurred()) return refused("ago", values[1], "");
     int late = static_cast<int>(std::clamp(ago, -1L, static_cast<long>(TS_HISTORY))); // both ends are refused
     if (kernel->adapt(z, late) == TS_BEYOND_REACH) {
         try {

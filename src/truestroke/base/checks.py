@@ -228,6 +228,17 @@ def beyond_reach(argument: str, z: float, volts: float, reach: float, stroke: fl
     return SettingError(argument, float(f"{z:.6g}"), f"{where}: zero the sensor, or subtract its reading at rest", "um")
 
 
+def signal(argument: str, value: npt.ArrayLike, unit: str = "") -> FloatArray:
+    """A contiguous array of one axis; a number is one of one entry. What is not finite is for the caller to find."""
+    try:
+        result = np.ascontiguousarray(value, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise SettingError(argument, told(value), "an array of numbers", unit) from None
+    if result.ndim != 1:
+        raise SettingError(argument, f"array of shape {result.shape}", "an array with 1 axis", unit)
+    return result
+
+
 def finite_array(argument: str, value: npt.ArrayLike, unit: str = "", ndim: int = 1) -> FloatArray:
     """An array of finite numbers with `ndim` axes."""
     try:

@@ -193,7 +193,7 @@ class ActuatorModel(Displayed, Layout):
         model: dict[str, Any] = {
             "stroke": self.stroke,
             "voltage_limits": self.voltage_range,
-            "plays": len(self.thresholds),
+            "plays": len(checks.several("thresholds", self.thresholds, "V")),
             **self.terms,
             "rate_scale": self.rate_scale,
             "initial_weights": tuple(checks.finite_array("weights", self.weights).tolist()),

@@ -264,8 +264,8 @@ class AdaptiveController(Displayed):
 
         Raises
         ------
-        ValueError
-            z_d or zdot_d is NaN or infinite; nothing has changed.
+        SettingError
+            z_d or zdot_d is no number, NaN or infinite; nothing has changed.
         """
         return self._kernel.command(z_d, zdot_d)
 
@@ -314,7 +314,7 @@ class AdaptiveController(Displayed):
         """
         z_d, zdot_d = checks.finite_array("z_d", z_d, "um"), checks.finite_array("zdot_d", zdot_d, "um/s")
         volts = np.empty_like(z_d)
-        measured = None if z_measured is None else np.ascontiguousarray(z_measured, dtype=np.float64)
+        measured = None if z_measured is None else checks.signal("z_measured", z_measured, "um")
         self._kernel.process(np.ascontiguousarray(z_d), np.ascontiguousarray(zdot_d), measured, volts, ago)
         return volts
 
@@ -405,11 +405,16 @@ class AdaptiveController(Displayed):
 
         Raises
         ------
-        ValueError
+        SettingError
             An entry is missing, has another size, is not finite, or is such as no run leaves behind (a negative
             variance, a flag that is neither 0 nor 1, counters that contradict each other); nothing has changed.
         """
-        self._kernel.restore({name: np.ascontiguousarray(value) for name, value in state.items()})
+        checks.able("state", state, ("items",), "what `state` gave, or numpy.load of its file")
+        arrays = {name: np.ascontiguousarray(value) for name, value in state.items()}
+        try:
+            self._kernel.restore(arrays)
+        except ValueError as error:
+            raise SettingError("state", f"{len(arrays)} entries", f"what `state` gave: {error}") from None
 
     @property
     def weights(self) -> FloatArray:

@@ -148,6 +148,8 @@ def identify(
     (0.0, array([ 0., 10.]))
     """
     taken = series(record)
+    if rate is not None:
+        checks.flag("rate", rate)
     share = checks.within("held_out", held_out, 0.01, 0.5)
     train, fs = round((1 - share) * taken.volts.size), taken.sample_rate
     _refuse_empty(taken, train)

@@ -86,7 +86,7 @@ class MatchedPlant(Displayed):
         SettingError
             A voltage is NaN or infinite, or the trajectory is over; nothing has moved.
         """
-        volts = np.ascontiguousarray(volts, dtype=np.float64)
+        volts = checks.signal("volts", volts, "V")
         end = self._tick + volts.size
         if end > self._velocity.size:
             raise SettingError("ticks", end, f"at most {self._velocity.size}, the length of velocity")

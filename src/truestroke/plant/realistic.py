@@ -82,7 +82,7 @@ class RealisticPlant(Displayed):
         SettingError
             A voltage is NaN or infinite; nothing has moved.
         """
-        volts = np.ascontiguousarray(volts, dtype=np.float64)
+        volts = checks.signal("volts", volts, "V")
         measured, truth = np.empty(volts.shape), np.empty(volts.shape)
         noise = self._noise.take(volts.size * self._samples)
         bad = self._plant.run(volts, noise, measured, truth)

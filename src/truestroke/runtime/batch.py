@@ -156,6 +156,8 @@ def simulate_many(
         checks.instance(
             f"simulations[{index}]", simulation, Simulation, "a Simulation(trajectory=, controller=, plant=)"
         )
+    if reduce is not None:
+        checks.able("reduce", reduce, ("__call__",), "a function of index and channels")
     count = len(os.sched_getaffinity(0)) if threads is None else checks.count("threads", threads, 1, 1024)
     names = record if record is not None else () if reduce else ("measured", "true")
     batch = Batch(np.zeros(len(queue), np.int64), _arrays(queue, names, out or {}), [None] * len(queue))

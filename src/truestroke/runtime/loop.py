@@ -132,7 +132,7 @@ def run(
     >>> round(float(abs(error[1000:]).max()), 3)
     0.0
     """
-    _check_types(trajectory, controller, actuator)
+    _check_types(trajectory, controller, actuator, progress)
     timing = checks.instance("actuator.open()", actuator.open(), Timing, "a Timing(sample_rate=...)")
     check_agreement(trajectory, controller, timing)
     checks.count("channels of the actuator", timing.channels, 1, 1)
@@ -161,13 +161,15 @@ def run(
     return log.recording(done, metadata, controller, actuator)
 
 
-def _check_types(trajectory: Trajectory, controller: Controller, actuator: Actuator) -> None:
+def _check_types(trajectory: Trajectory, controller: Controller, actuator: Actuator, progress: Any) -> None:
     """SettingError where an argument is none of its kind, before anything moves; two that are swapped are such."""
     order = "; the order is trajectory, controller, actuator"
     made = f"a Trajectory, such as of truestroke.trajectories.sine(){order}"
     checks.instance("trajectory", trajectory, Trajectory, made)
     checks.able("controller", controller, ("command", "adapt"), f"a controller, such as an AdaptiveController{order}")
     checks.able("actuator", actuator, ("open", "exchange"), f"an actuator, such as a plant.RealisticPlant{order}")
+    if progress is not None:
+        checks.able("progress", progress, ("__call__",), "a function of ticks done and all ticks")
 
 
 def check_agreement(trajectory: Motion, controller: Controller, timing: Timing) -> None:

@@ -378,6 +378,7 @@ def summary(
     >>> round(s.measured_rmse_um, 4), round(s.measured_rmse_percent, 4), s.true_rmse_um
     (0.05, 0.25, None)
     """
+    checks.able("recording", recording, ("__getitem__",), "a Recording, or a mapping of names to arrays")
     time, desired, measured = recording["time"], recording["desired"], recording["measured"]
     if not 0 <= checks.number("start", start) < 1:
         raise SettingError("start", start, "at least 0 and below 1")

@@ -71,6 +71,9 @@ class Recording(Signals, Mapping[str, Array]):
     __hash__, __eq__ = object.__hash__, object.__eq__  # of arrays a mapping cannot tell whether they are equal
 
     def __post_init__(self) -> None:
+        checks.instance("channels", self.channels, Mapping, "a mapping of names to Channel")
+        for name, channel in self.channels.items():
+            checks.instance(f"channels[{name!r}]", channel, Channel, "a Channel(data, unit, description)")
         super().__post_init__()
         object.__setattr__(self, "metadata", json.loads(_json(self.metadata)))
 

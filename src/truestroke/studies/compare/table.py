@@ -95,6 +95,8 @@ def compare(
     checks.able("make_actuator", make_actuator, ("__call__",), "a function that gives an actuator")
     waves = checks.several("trajectories", trajectories, of="Trajectory")
     checks.instance("controllers", controllers, Mapping, "a mapping of names to functions that give a controller")
+    for name, make in controllers.items():
+        checks.able(f"controllers[{name!r}]", make, ("__call__",), "a function that gives a controller")
     rows = []
     for name, make in controllers.items():
         for wave in waves:
