@@ -214,7 +214,7 @@ MISTAKES = {
     ),
     "a path to refine": (lambda: truestroke.refine(MODEL, "run.h5"), "record = 'run.h5': must be a Record"),
     "an array as what was played": (
-        lambda: truestroke.refine(MODEL, RECORD, played=VOLTS),
+        lambda: truestroke.refine(MODEL, RECORD, waveform=VOLTS),
         "played = array.*a waveform",
     ),
     "the path of a model to waveform": (
@@ -230,7 +230,7 @@ MISTAKES = {
         "model = 'stage.toml': must be an ActuatorModel.*the order is path, model",
     ),
     "no path of a model": (lambda: truestroke.load_model(None), "path = None: must be the path of a file"),
-    "an array to save as a waveform": (lambda: truestroke.save_waveform("w.csv", VOLTS), "must be a Waveform"),
+    "an array to save as a waveform": (lambda: truestroke.save_waveform("w.csv", VOLTS), "must be a PredictedWaveform"),
     "a number as the path of a waveform": (lambda: truestroke.load_waveform(7), "path = 7: must be the path of a file"),
     "a number as the path of a recording": (
         lambda: truestroke.Recording.load(7),

@@ -12,8 +12,8 @@ from truestroke import SettingError, trajectories
 from truestroke.cli import main
 from truestroke.identification import (
     ActuatorModel,
-    Played,
     Record,
+    Waveform,
     identify,
     load_model,
     refine,
@@ -58,7 +58,7 @@ def passes(actuator, model, count, correct):
         made = waveform(model, WAVE.position, FS, velocity=WAVE.velocity, voltage_limits=LIMITS, residual=left)
         true, measured = actuator(made.volts, 100 + k)
         errors.append((rms(true - WAVE.position), np.abs(true - WAVE.position).max()))
-        found = refine(model, Record.from_arrays(made.volts, measured, sample_rate=FS), played=made)
+        found = refine(model, Record.from_arrays(made.volts, measured, sample_rate=FS), waveform=made)
         assert found.rmse == rms(measured - WAVE.position)
         model, left = found.model, found.residual if correct else None
     return np.array(errors)
@@ -182,7 +182,7 @@ def recorded(x, z, before, rate, noise=0.0):
 def test_the_waveform_is_found_in_the_record(before, rate):
     made = waveform(perfect(), WAVE.position[:4000], FS, voltage_limits=LIMITS)
     z = plays(made.volts)
-    found = refine(perfect(), recorded(made.volts, z, before, rate, noise=1e-3), played=made)
+    found = refine(perfect(), recorded(made.volts, z, before, rate, noise=1e-3), waveform=made)
     assert found.measured.size == 4000
     assert np.abs(found.measured - z)[:-5].max() < 0.03  # of 1300 um/s: 25 us
     assert found.rmse == pytest.approx(rms(z - WAVE.position[:4000]), abs=0.005)
@@ -201,7 +201,7 @@ def test_a_record_of_something_else_is_refused(volts, displacement, words):
     made = waveform(perfect(), WAVE.position[:4000], FS, voltage_limits=LIMITS)
     record = Record.from_arrays(volts(made.volts), displacement(plays(made.volts)), sample_rate=FS)
     with pytest.raises(SettingError, match=words):
-        refine(perfect(), record, played=Played(volts=made.volts, desired=made.desired, sample_rate=FS))
+        refine(perfect(), record, waveform=Waveform(volts=made.volts, desired=made.desired, sample_rate=FS))
 
 
 def test_a_record_in_other_units_is_refused():
@@ -218,7 +218,7 @@ def test_a_gap_in_the_waveform_is_refused():
     kept = np.delete(np.arange(4000), slice(1500, 1600))
     record = Record.from_arrays(made.volts[kept], plays(made.volts)[kept], time=kept / FS)
     with pytest.raises(SettingError, match="at least as long as the waveform"):
-        refine(perfect(), record, played=made)
+        refine(perfect(), record, waveform=made)
 
 
 def test_a_short_record_is_refused():
@@ -311,7 +311,7 @@ def test_a_pass_that_is_worse_is_undone_and_told(rung):
     for k in range(5):
         made = waveform(model, TRIANGLE.position, FS, velocity=TRIANGLE.velocity, voltage_limits=LIMITS, residual=left)
         record = Record.from_arrays(made.volts, ringing(made.volts, 100 + k), sample_rate=FS)
-        found.append(refine(model, record, played=made))
+        found.append(refine(model, record, waveform=made))
         model, left = found[-1].model, found[-1].residual
     worse = [bool(f.undone) for f in found]
     assert worse == [False, False, True, False, True]
@@ -332,17 +332,17 @@ def test_another_motion_is_not_compared(rung):
         figures={"best_pass_um": 1e-6, "samples": 1200.0, "spread_um": float(np.std(TRIANGLE.position))}
     )
     record = Record.from_arrays(made.volts, ringing(made.volts, 1), sample_rate=FS)
-    found = refine(best, record, played=made)
+    found = refine(best, record, waveform=made)
     assert "the refinement of this pass is not taken" in found.undone  # the model before is not known
     np.testing.assert_array_equal(found.model.weights, rung.weights)
     half = best.replace(figures={**best.figures, "spread_um": best.figures["spread_um"] / 2})
-    assert not refine(half, record, played=made).undone
+    assert not refine(half, record, waveform=made).undone
 
 
 def test_the_command_undoes_it_and_exits_with_4(rung, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     made = waveform(rung, TRIANGLE.position, FS, velocity=TRIANGLE.velocity, voltage_limits=LIMITS)
-    first = refine(rung, Record.from_arrays(made.volts, ringing(made.volts, 1), sample_rate=FS), played=made)
+    first = refine(rung, Record.from_arrays(made.volts, ringing(made.volts, 1), sample_rate=FS), waveform=made)
     save_model("stage1.toml", first.model)
     assert load_model("stage1.toml").before.weights.tolist() == rung.weights.tolist()
     save_waveform("wave.csv", made)

@@ -26,6 +26,7 @@ from truestroke.identification.record import Record as Record
 from truestroke.identification.record import read_record as read_record
 from truestroke.identification.refine import Refined as Refined
 from truestroke.identification.refine import refine as refine
+from truestroke.identification.waveform import PredictedWaveform as PredictedWaveform
 from truestroke.identification.waveform import Waveform as Waveform
 from truestroke.identification.waveform import load_waveform as load_waveform
 from truestroke.identification.waveform import save_waveform as save_waveform

@@ -10,7 +10,7 @@ import click
 from truestroke.cli import common, motion, waveforms
 
 if TYPE_CHECKING:
-    from truestroke.identification import Waveform
+    from truestroke.identification import PredictedWaveform
 
 
 @click.command()
@@ -59,7 +59,7 @@ def invert(
     waveforms.leave(strict, made)
 
 
-def _save_plot(made: Waveform, folder: Path) -> list[Path]:
+def _save_plot(made: PredictedWaveform, folder: Path) -> list[Path]:
     from truestroke.report.page import save_plots
     from truestroke.report.waveform import waveform
 

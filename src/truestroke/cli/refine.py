@@ -12,14 +12,14 @@ from truestroke.base.exit_codes import ExitCode
 from truestroke.cli import common, records, waveforms
 
 if TYPE_CHECKING:
-    from truestroke.identification import Played, Refined
+    from truestroke.identification import Refined
 
 
 @click.command()
 @records.record_options
 @waveforms.model_option
 @click.option("--waveform", type=common.FILE, metavar="FILE",
-              help="What was played, as `truestroke invert` or --next wrote it.")  # fmt: skip
+              help="What was put out, as `truestroke invert` or --next wrote it.")  # fmt: skip
 @click.option("--output", metavar="FILE", default="model.toml", help="The refined model is written there.")
 @click.option("--next", "following", metavar="NAME", help="Write the waveform of the next pass, NAME.csv or NAME.npz: "
               "made with the refined model, and corrected by what it leaves of RECORD.")  # fmt: skip
@@ -43,14 +43,15 @@ def refine(
         raise click.ClickException(f"--output {output}: there is no folder {Path(output).parent}")
     files.check(output, files.MODEL)
     target = waveforms.waveform_file("--next", following) if following else None
-    known, data, played = waveforms.load(model), records.read(record, **options), _played(waveform)
-    found = identification.refine(known, data, played=played)
+    known, data = waveforms.load(model), records.read(record, **options)
+    wanted = None if waveform is None else identification.load_waveform(waveform)
+    found = identification.refine(known, data, waveform=wanted)
     identification.save_model(output, found.model)
     made = None
-    if target is not None and played is not None:
+    if target is not None and wanted is not None:
         bounds = waveforms.limits(found.model, {"voltage_limits": voltage_limits, "slew": slew})
         made = identification.waveform(
-            found.model, played.desired, played.sample_rate, residual=found.residual, **bounds
+            found.model, wanted.desired, wanted.sample_rate, residual=found.residual, **bounds
         )
         identification.save_waveform(target, made)
     if as_json:
@@ -65,12 +66,6 @@ def refine(
     if made is not None:
         waveforms.leave(strict, made)
     return ExitCode.NOT_TRACKING if found.verdict.is_bad else ExitCode.OK
-
-
-def _played(path: Path | None) -> Played | None:
-    from truestroke.identification import load_waveform
-
-    return None if path is None else load_waveform(path)
 
 
 def _metrics(found: Refined) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from truestroke.base import files
 from truestroke.cli import common
 
 if TYPE_CHECKING:
-    from truestroke.identification import ActuatorModel, Waveform
+    from truestroke.identification import ActuatorModel, PredictedWaveform
 
 
 def model_option(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -73,7 +73,7 @@ def error_of(model: ActuatorModel) -> float | None:
     return model.figures.get("held_out_rmse_um", model.figures.get("prediction_rmse_um"))
 
 
-def rows(made: Waveform, model: ActuatorModel) -> list[tuple[str, str, str]]:
+def rows(made: PredictedWaveform, model: ActuatorModel) -> list[tuple[str, str, str]]:
     """Predicted error, and that of the model itself, which is not in it."""
     span = float(made.desired.max() - made.desired.min()) or float("nan")
     errors = {"rmse": made.rmse, "maximum": made.maximum}
@@ -82,7 +82,7 @@ def rows(made: Waveform, model: ActuatorModel) -> list[tuple[str, str, str]]:
     return [(name, f"{error:.4f} um", f"{100 * error / span:.2f} %") for name, error in errors.items()]
 
 
-def tell(made: Waveform) -> None:
+def tell(made: PredictedWaveform) -> None:
     """Voltages and warnings."""
     x, rate = made.volts, made.sample_rate
     click.echo(f"voltage    {x.min():.4g} to {x.max():.4g} V, begins at {x[0]:.4g} V")
@@ -91,7 +91,7 @@ def tell(made: Waveform) -> None:
         common.print_text(f"- {warning}")
 
 
-def as_dict(made: Waveform) -> dict[str, Any]:
+def as_dict(made: PredictedWaveform) -> dict[str, Any]:
     """For JSON."""
     short = {
         "out_of_reach_um": made.out_of_reach,
@@ -111,7 +111,7 @@ def as_dict(made: Waveform) -> dict[str, Any]:
     }
 
 
-def leave(strict: bool, made: Waveform) -> None:
+def leave(strict: bool, made: PredictedWaveform) -> None:
     """Exit code 1 where that was asked for."""
     if strict and made.warnings:
         click.get_current_context().exit(1)

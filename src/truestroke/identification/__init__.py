@@ -8,7 +8,7 @@ from truestroke.identification.identified import HeldOut, Identified, Trace, ide
 from truestroke.identification.least_squares import FittedWeights, fit
 from truestroke.identification.record import Record, read_record
 from truestroke.identification.refine import Refined, refine
-from truestroke.identification.waveform import Played, Waveform, load_waveform, save_waveform, waveform
+from truestroke.identification.waveform import PredictedWaveform, Waveform, load_waveform, save_waveform, waveform
 from truestroke.signals.tables import RecordError
 
 __all__ = [
@@ -19,7 +19,7 @@ __all__ = [
     "HeldOut",
     "Identified",
     "ModelFileError",
-    "Played",
+    "PredictedWaveform",
     "Record",
     "RecordError",
     "Refined",

@@ -1,4 +1,4 @@
-"""What a record holds, and what it cannot tell, before anything is fitted."""
+"""What a record holds, and what it cannot identify, before anything is fitted."""
 
 from __future__ import annotations
 

@@ -280,8 +280,8 @@ def _refuse_far(source: str, first: float) -> None:
 
 def _refuse_constant(source: str, role: str, signal: FloatArray, heading: str) -> None:
     if signal.min() == signal.max():
-        told = f" ({heading})" if heading != role else ""
-        reason = f"{role}{told} is {signal[0] + 0.0:g} {next(iter(tables.UNITS[role]))} in all {signal.size} rows"
+        column = f" ({heading})" if heading != role else ""
+        reason = f"{role}{column} is {signal[0] + 0.0:g} {next(iter(tables.UNITS[role]))} in all {signal.size} rows"
         raise RecordError(source, f"{reason}; it must move for anything to be learnt")
 
 

@@ -18,12 +18,14 @@ from truestroke.identification import normal, uncertainty
 from truestroke.identification.normal import Prior
 from truestroke.identification.record import EXPECTED, Record
 from truestroke.identification.regression import ROWS, Data, Structure, delayed
-from truestroke.identification.waveform import Played
+from truestroke.identification.waveform import Waveform
 from truestroke.signals.channels import Sampled
 
 STEPS = 3  # Gauss-Newton
-QUIET = 1e-6  # of the stroke: the least noise, so that what a quiet recording does not tell stays as it was
-SAME = 0.03  # of the waveform's peak-to-peak, rms: how far the recorded voltage may be from the one that was played
+QUIET = (
+    1e-6  # of the stroke: the least noise, so that weights that a quiet recording does not identify stay as they were
+)
+SAME = 0.03  # of the waveform's peak-to-peak, rms: how far the recorded voltage may be from the one that was put out
 WORSE = 1.05  # times the best pass of the same motion: a pass that is worse is undone
 OTHER = 0.5  # of the deviation of the displacement: a record of which more is left is not of the model's actuator
 WHOLE = 0.02  # samples: a shift that is nearer to a whole number is one
@@ -78,7 +80,7 @@ class Refined(Sampled):
         return None if self.error is None else float(np.abs(self.error).max())
 
 
-def refine(model: ActuatorModel, record: Record, *, played: Played | None = None) -> Refined:
+def refine(model: ActuatorModel, record: Record, *, waveform: Waveform | None = None) -> Refined:
     """The model adapted to a record, its structure kept, and what it leaves of the record.
 
     Bayesian least squares: what was believed is `ActuatorModel.another_day`, all partial slopes stay positive. The
@@ -92,8 +94,8 @@ def refine(model: ActuatorModel, record: Record, *, played: Played | None = None
         With which the waveform was made, for one.
     record : Record
         Of voltage and displacement. Of several segments the longest is taken.
-    played : Played, optional
-        The waveform that was recorded. The record may begin before it and end behind it; the voltage tells where.
+    waveform : Waveform, optional
+        The waveform that was recorded. The record may begin before it and end behind it; the voltage says where.
 
     Raises
     ------
@@ -110,21 +112,21 @@ def refine(model: ActuatorModel, record: Record, *, played: Played | None = None
     ... )
     >>> made = waveform(model, 9.0 - 9.0 * np.cos(np.arange(400) / 20.0), sample_rate=1000.0)
     >>> record = Record.from_arrays(made.volts, 9.0 * made.volts, sample_rate=1000.0)
-    >>> found = refine(model, record, played=made)
+    >>> found = refine(model, record, waveform=made)
     >>> round(found.rmse, 2), round(found.before, 2), round(found.after, 2), round(float(found.model.weights[0]), 2)
     (1.07, 1.07, 0.0, 9.0)
     """
     checks.instance("model", model, ActuatorModel, actuator.EXPECTED)
     checks.instance("record", record, Record, EXPECTED)
-    if played is not None:
-        checks.instance("played", played, Played, "a waveform, such as of truestroke.load_waveform(path)")
+    if waveform is not None:
+        checks.instance("waveform", waveform, Waveform, "a waveform, such as of truestroke.load_waveform(path)")
     rows = _longest(record)
     whole = record.volts[rows], record.displacement[rows], record.sample_rate
-    x, z, fs = whole if played is None else _aligned(record, played)
+    x, z, fs = whole if waveform is None else _aligned(record, waveform)
     if x.size < 200:
         raise SettingError("record", f"{x.size} samples", "at least 200 samples")
     data = _data(model, x, z, fs)
-    skip = 0 if played is not None else data.settled()
+    skip = 0 if waveform is not None else data.settled()
     fitted = _fitted(model, data, skip)
     before, residual = z - model.predict(x, fs), z - fitted.predict(x, fs)
     old, new = (_rms(error[skip * data.every :]) for error in (before, residual))
@@ -132,15 +134,15 @@ def refine(model: ActuatorModel, record: Record, *, played: Played | None = None
         value = f"one of which the refined model leaves {new:.3g} um rms"
         bound = f"of the model's actuator, in the same units: it moves by {spread:.3g} um rms"
         raise SettingError("record", value, bound)
-    error = None if played is None else z - played.desired
+    error = None if waveform is None else z - waveform.desired
     fitted = fitted.replace(before=model.replace(before=None))
     signals: dict[str, Any] = {"volts": x, "measured": z, "residual": residual, "error": error}
     found = Refined(model=fitted, sample_rate=fs, before=old, after=new, **signals)
     source = str(getattr(record, "source", ""))
-    best = _best(model, played)
+    best = _best(model, waveform)
     if found.rmse is not None and found.rmse > WORSE * best:
         return _undone(found, model, best, source)
-    return _documented(found, model, source, _motion(played, min(best, found.rmse or best)))
+    return _documented(found, model, source, _motion(waveform, min(best, found.rmse or best)))
 
 
 def _rms(error: FloatArray) -> float:
@@ -200,17 +202,17 @@ def _believed(model: ActuatorModel, s: Structure, data: Data, delay: float) -> P
     return Prior(mean, P)
 
 
-def _motion(played: Played | None, best: float) -> dict[str, float]:
+def _motion(waveform: Waveform | None, best: float) -> dict[str, float]:
     """Figures by which the next pass knows whether it is of the same motion, and how good the best one was."""
-    if played is None:
+    if waveform is None:
         return {}
-    return {"samples": float(played.desired.size), "spread_um": float(np.std(played.desired)), "best_pass_um": best}
+    return {"samples": float(waveform.desired.size), "spread_um": float(np.std(waveform.desired)), "best_pass_um": best}
 
 
-def _best(model: ActuatorModel, played: Played | None) -> float:
+def _best(model: ActuatorModel, waveform: Waveform | None) -> float:
     """Rmse of the best pass of the same motion so far, um; infinite where there was none."""
     known = model.figures.get("best_pass_um")
-    same = _motion(played, 0.0)
+    same = _motion(waveform, 0.0)
     if known is None or not same or model.figures["samples"] != same["samples"]:
         return np.inf
     return known if np.isclose(model.figures["spread_um"], same["spread_um"], rtol=1e-3) else np.inf
@@ -230,11 +232,11 @@ def _undone(found: Refined, old: ActuatorModel, best: float, source: str) -> Ref
 
 
 def _documented(found: Refined, old: ActuatorModel, source: str, motion: dict[str, float]) -> Refined:
-    """The same; the model's file tells this pass and those before."""
+    """The same, with this pass in the provenance of the model, behind those before."""
     number = 1 + sum(key.startswith("pass_") for key in old.provenance)
-    told = "" if found.error is None else f"error {found.rmse:.4g} um rmse, {found.maximum:.4g} um at the most; "
-    told += f"prediction {found.before:.4g} um rmse before, {found.after:.4g} um after"
-    provenance = {**old.provenance, f"pass_{number}": f"{source}: {told}"}
+    words = "" if found.error is None else f"error {found.rmse:.4g} um rmse, {found.maximum:.4g} um at the most; "
+    words += f"prediction {found.before:.4g} um rmse before, {found.after:.4g} um after"
+    provenance = {**old.provenance, f"pass_{number}": f"{source}: {words}"}
     if "held_out_rmse_um" in old.figures:  # which is not of this model
         provenance["held_out"] = f"rmse {old.figures['held_out_rmse_um']:.4g} um, before the first pass"
     figures = {"prediction_rmse_before_um": found.before, "prediction_rmse_um": found.after, **motion}
@@ -251,11 +253,11 @@ def _longest(record: Record) -> slice:
     return max(record.segments, key=lambda s: s.stop - s.start, default=slice(0, record.volts.size))
 
 
-def _aligned(record: Record, played: Played) -> tuple[FloatArray, FloatArray, float]:
+def _aligned(record: Record, waveform: Waveform) -> tuple[FloatArray, FloatArray, float]:
     """Voltage and displacement of the record at the ticks of the waveform, found by its voltage."""
     from scipy.signal import correlate
 
-    fs, wanted, rows = played.sample_rate, played.volts, _longest(record)
+    fs, wanted, rows = waveform.sample_rate, waveform.volts, _longest(record)
     time, volts, displacement = record.time[rows], record.volts[rows], record.displacement[rows]
     start, stop = time[0], time[-1]
     grid = start + np.arange(int((stop - start) * fs * (1 + 1e-9)) + 1) / fs

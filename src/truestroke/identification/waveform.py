@@ -1,4 +1,4 @@
-"""From a desired displacement to a voltage waveform that can be played, and where it falls short."""
+"""From a desired displacement to a voltage waveform, and where it falls short."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ NOTICED = 1e-4  # of the stroke: an error at a limit that is smaller is not repo
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class Played(Sampled):
+class Waveform(Sampled):
     """A waveform as its file has it.
 
     Attributes
@@ -44,7 +44,7 @@ class Played(Sampled):
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class Waveform(Played):
+class PredictedWaveform(Waveform):
     """A voltage for playback, and what the model says of it.
 
     Attributes
@@ -95,7 +95,7 @@ def waveform(
     voltage_limits: tuple[float, float] | None = None,
     slew_limit: float = UNLIMITED,
     residual: npt.ArrayLike | None = None,
-) -> Waveform:
+) -> PredictedWaveform:
     """The voltage that makes a displacement, and where it does not.
 
     Parameters
@@ -143,7 +143,7 @@ def waveform(
     short = off - NOTICED * model.stroke
     at_limit = (volts <= limits[0]) & (predicted > desired) | (volts >= limits[1]) & (predicted < desired)
     slewed = np.abs(np.diff(volts, prepend=volts[0])) * sample_rate >= slew_limit * (1 - 1e-9)
-    return Waveform(
+    return PredictedWaveform(
         sample_rate=float(sample_rate),
         volts=volts,
         desired=desired,
@@ -161,7 +161,7 @@ def smoothed(residual: FloatArray, sample_rate: float) -> FloatArray:
     return np.asarray(gaussian_filter1d(residual, SMOOTHING * sample_rate, mode="nearest"))
 
 
-def save_waveform(path: str | os.PathLike[str], made: Waveform) -> None:
+def save_waveform(path: str | os.PathLike[str], made: PredictedWaveform) -> None:
     """Write time, voltage and desired displacement to a CSV file, or to NPZ where the name ends so.
 
     Raises
@@ -171,7 +171,12 @@ def save_waveform(path: str | os.PathLike[str], made: Waveform) -> None:
     FileExistsError
         A file is there that is no waveform; within `files.overwriting` it is replaced.
     """
-    checks.instance("made", made, Waveform, "a Waveform, as truestroke.waveform gives; the order is path, waveform")
+    checks.instance(
+        "made",
+        made,
+        PredictedWaveform,
+        "a PredictedWaveform, as truestroke.waveform gives; the order is path, waveform",
+    )
     kind = checks.path("path", path).suffix
     if kind == ".npz":
         with files.writing(path, files.WAVEFORM) as draft:
@@ -184,7 +189,7 @@ def save_waveform(path: str | os.PathLike[str], made: Waveform) -> None:
         raise SettingError("path", os.fspath(path), "a name that ends in .csv or .npz")
 
 
-def load_waveform(path: str | os.PathLike[str]) -> Played:
+def load_waveform(path: str | os.PathLike[str]) -> Waveform:
     """Read a waveform that `save_waveform` wrote.
 
     Raises
@@ -195,7 +200,7 @@ def load_waveform(path: str | os.PathLike[str]) -> Played:
     from truestroke.identification.record import read_record
 
     read = read_record(checks.path("path", path), volts="volts", displacement="desired", time="time")
-    return Played(sample_rate=read.sample_rate, volts=read.volts, desired=read.displacement)
+    return Waveform(sample_rate=read.sample_rate, volts=read.volts, desired=read.displacement)
 
 
 def _words(what: str, found: Sequence[Span], how_far: str, unit: str) -> str:

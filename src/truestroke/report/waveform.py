@@ -5,12 +5,12 @@ from __future__ import annotations
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from truestroke.identification import Span, Waveform
+from truestroke.identification import PredictedWaveform, Span
 from truestroke.report import style
 from truestroke.report.style import LIGHT, Theme
 
 
-def waveform(made: Waveform, theme: Theme = LIGHT) -> Figure:
+def waveform(made: PredictedWaveform, theme: Theme = LIGHT) -> Figure:
     """Voltage, desired and predicted displacement, their difference; shaded where a limit holds the voltage back."""
     error = 1e3 * (made.predicted - made.desired)
     with style.use(theme):

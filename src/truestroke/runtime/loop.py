@@ -52,7 +52,7 @@ class Actuator(Protocol):
     """
 
     def open(self) -> Timing:
-        """Be ready, at rest, and tell the timing."""
+        """Be ready, at rest; the timing."""
 
     def exchange(self, volts: FloatArray) -> FloatArray:
         """Apply one voltage (V) a tick; return as many displacements (um, each the mean over a tick).
@@ -214,7 +214,7 @@ class _Log:
 
 
 def resonance(controller: Any) -> float | None:
-    """First resonance of the stage, Hz, that the controller was told or has found by now; None if it knows none."""
+    """First resonance of the stage, Hz, of the controller's settings or found by it; None if it has none."""
     known = getattr(controller, "resonance", None)
     return known if isinstance(known, float) and math.isfinite(known) else None
 

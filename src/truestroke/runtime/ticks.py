@@ -118,7 +118,7 @@ class TickRecorder:
     def answers(
         self, start: int, stop: int, measured: FloatArray, truth: FloatArray | None = None
     ) -> Iterator[tuple[int, float, int]]:
-        """Of the measurements that ticks `start` to `stop` brought: the tick each belongs to, its value, um, its age.
+        """Each measurement of an exchange, ticks `start` to `stop`: the tick it belongs to, its value, um, its age.
 
         The loop adapts to each; what that leaves behind is recorded when the next one is asked for.
         """

@@ -6,8 +6,9 @@ The error of tick k is e(k) = z(k) - z_d(k): the mean displacement over the tick
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -24,11 +25,8 @@ AT_LIMIT = 0.01  # of the ticks of the second half: so many at a voltage limit, 
 #                  has not converged
 
 
-class Labelled(Protocol):
-    """Arrays by name: a Recording, or a dict."""
-
-    def __getitem__(self, name: str, /) -> npt.NDArray[Any]: ...
-    def __contains__(self, name: object, /) -> bool: ...
+Labelled = Mapping[str, npt.NDArray[Any]]
+"""Arrays by name: a Recording, or a dict."""
 
 
 def rmse(desired: npt.ArrayLike, measured: npt.ArrayLike) -> float:
@@ -439,7 +437,7 @@ def at_limit(recording: Labelled, tolerated: float, noise: float, limit: str = "
 
 
 def _settled(time: FloatArray, error: FloatArray, change: float, highest: float) -> tuple[float | None, float | None]:
-    """Times of convergence before the change and of recovery after it, s; None where there is too little to tell."""
+    """Times of convergence before the change and of recovery after it, s; None where there is too little of it."""
     before = time < change
     if _duration(time[before]) < 4 * WINDOW:
         return None, None

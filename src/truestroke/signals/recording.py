@@ -68,7 +68,7 @@ class Recording(Signals, Mapping[str, Array]):
     channels: dict[str, Channel]
     metadata: dict[str, Any] = field(default_factory=dict)
 
-    __hash__, __eq__ = object.__hash__, object.__eq__  # of arrays a mapping cannot tell whether they are equal
+    __hash__, __eq__ = object.__hash__, object.__eq__  # arrays have no single answer to ==
 
     def __post_init__(self) -> None:
         checks.instance("channels", self.channels, Mapping, "a mapping of names to Channel")
@@ -228,10 +228,10 @@ def sealed(ending: str, size: int) -> bytes:
 
 def _ending(data: bytes, version: int) -> dict[str, Any]:
     """What `sealed` wrote; nothing if it was not yet written."""
-    told, sum_, *_ = [*data.split(b"\0", 2), b""]
-    if version > 1 and (told or sum_) and sum_ != b"%08x" % zlib.crc32(told):
+    text, sum_, *_ = [*data.split(b"\0", 2), b""]
+    if version > 1 and (text or sum_) and sum_ != b"%08x" % zlib.crc32(text):
         raise ValueError("the checksum of how the run ended is wrong")
-    found: dict[str, Any] = json.loads(told or b"{}")
+    found: dict[str, Any] = json.loads(text or b"{}")
     return found
 
 
@@ -255,7 +255,7 @@ def _ours(path: Path, maker: str) -> bool:
 
 
 def ticks(path: Path) -> int:
-    """Entries of a recording that may have been interrupted; 1 where that cannot be told."""
+    """Entries of a recording that may have been interrupted; 1 where it cannot be read."""
     try:
         return len(Recording.load(path)["time"])
     except (files.FileError, OSError, KeyError):

@@ -411,7 +411,7 @@ def _flat(held: Mapping[str, Any], group: str = "") -> dict[str, Any]:
 
 
 def _hdf5(path: Path) -> Table:
-    """Every dataset, also those in groups; the attribute "unit" or "units" tells the unit, as recordings write it."""
+    """Every dataset, also those in groups; the attribute "unit" or "units" is its unit, as in recordings."""
     import h5py
 
     if not h5py.is_hdf5(path):

@@ -1,4 +1,4 @@
-"""What an actuator tells about its timing when it is opened."""
+"""The timing of an actuator, which `open` returns."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where the actuator is told to go: position and exact velocity, tick by tick.
+"""The desired motion: position and exact velocity, tick by tick.
 
 Every motion starts at 0 um at rest. One that would start elsewhere is multiplied by the quintic smoothstep
 
@@ -314,7 +314,7 @@ def random_wave(
     low : float
         Lowest position after the ramp, um.
     velocity_limit : float, optional
-        Peak speed that is allowed, um/s. It lowers the cut-off, not the stroke; `settings["cutoff"]` tells the one
+        Peak speed that is allowed, um/s. It lowers the cut-off, not the stroke; `settings["cutoff"]` is the one
         in use. The paper asks for 300 um/s in Sec. 4.3; 20 Hz alone gives about 1300 um/s.
     ramp : float
         Time from 0 um to the middle, s, at most half of the duration.

@@ -41,7 +41,7 @@ class Plan:
 
 
 def record(lifeline: Lifeline, shared: Shared, plans: list[Plan]) -> None:
-    """Append until the run has ended, or its process is gone; a failure is told through `Text.COMPLAINT`.
+    """Append until the run has ended, or its process is gone; a failure is written to `Text.COMPLAINT`.
 
     A file that replaces another takes its name at the very end, and only if something was recorded.
     """
@@ -134,7 +134,7 @@ class File:
         paged = {"fs_strategy": "page", "fs_page_size": PAGE}
         self._file = h5py.File(self._name, **MODE, **paged, rdcc_nbytes=0)  # a cache of chunks: 1 MB of each dataset
         describe(self._file, {**plan.about, "interrupted": NEVER_ENDED})
-        self._sets: dict[str, Any] = {}  # kept open: HDF5 tells a failure to write only where one is used or flushed
+        self._sets: dict[str, Any] = {}  # kept open: HDF5 reports a failure to write only where one is used or flushed
         for name in ("time", *plan.channels, "lateness"):
             self._create(name, self._piece)
         for name, shape in {"weights_time": (), **slow}.items() if slow else ():
@@ -188,7 +188,7 @@ class File:
         dataset[length:] = values
 
     def close(self) -> None:
-        """Complete: an ordinary HDF5 file. It is opened once more, as HDF5 does not tell every failure at the end."""
+        """Complete: an ordinary HDF5 file. It is opened once more, as HDF5 does not report every failure at the end."""
         lengths = {name: len(dataset) for name, dataset in self._sets.items()}
         self._file.close()
         with self._h5py.File(self._name, "r") as file:
