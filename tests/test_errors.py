@@ -213,9 +213,9 @@ MISTAKES = {
         "model = object of class Record: must be an ActuatorModel",
     ),
     "a path to refine": (lambda: truestroke.refine(MODEL, "run.h5"), "record = 'run.h5': must be a Record"),
-    "an array as what was played": (
+    "an array as a waveform to refine by": (
         lambda: truestroke.refine(MODEL, RECORD, waveform=VOLTS),
-        "played = array.*a waveform",
+        "waveform = array.*a waveform",
     ),
     "the path of a model to waveform": (
         lambda: truestroke.waveform("stage.toml", VOLTS, 1000.0),

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import xarray
 from click.testing import CliRunner
 from running import COMMAND, ticks
 
@@ -66,6 +67,10 @@ def test_the_run_of_the_example_is_the_simulation_to_the_last_bit() -> None:
         assert live[name].dtype == channel.data.dtype
         assert live.unit(name) == channel.unit
         np.testing.assert_array_equal(live[name], channel.data, err_msg=name)
+    with xarray.open_dataset("run.h5") as file:  # by its dimension scales
+        entries = {"time": 2000, "weights_time": 100, "weights_index": 37, "partial_slopes_index": 24}
+        assert {name: size for name, size in file.sizes.items() if name != "ending"} == entries
+        assert file["measured"].dims == ("time",)
     late = live.metadata["lateness"]
     assert sum(late["blocks"]) == 2000 == sum(outcome.histogram)
     below = np.searchsorted(EDGES_US, np.maximum(live["lateness"], 0), side="left")  # the histogram by another way

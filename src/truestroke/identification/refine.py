@@ -22,9 +22,7 @@ from truestroke.identification.waveform import Waveform
 from truestroke.signals.channels import Sampled
 
 STEPS = 3  # Gauss-Newton
-QUIET = (
-    1e-6  # of the stroke: the least noise, so that weights that a quiet recording does not identify stay as they were
-)
+QUIET = 1e-6  # of the stroke: the least noise, so that weights that a quiet recording does not identify stay
 SAME = 0.03  # of the waveform's peak-to-peak, rms: how far the recorded voltage may be from the one that was put out
 WORSE = 1.05  # times the best pass of the same motion: a pass that is worse is undone
 OTHER = 0.5  # of the deviation of the displacement: a record of which more is left is not of the model's actuator
