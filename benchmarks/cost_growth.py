@@ -20,7 +20,7 @@ from matplotlib.figure import Figure
 from truestroke.report import style
 from truestroke.report.page import save_plots
 from truestroke.studies import study
-from truestroke.studies.study import executors
+from truestroke.studies.engine import executors
 from truestroke.studies.study.config import Study
 
 SEC43 = tomllib.loads(study.example())
@@ -35,7 +35,7 @@ def with_plays(plays: int) -> Study:
 
 def of_a_run(asked: Study) -> dict[str, float]:
     """Least time of the processor of several rounds, ms, by part: draw, default, paper."""
-    found = [study.play(asked, range(SAMPLES)).seconds for _ in range(ROUNDS)]
+    found = [study.simulate(asked, range(SAMPLES)).seconds for _ in range(ROUNDS)]
     return {part: min(1e3 * one[part] / SAMPLES for one in found) for part in found[0]}
 
 
@@ -59,7 +59,7 @@ def of_a_driver() -> tuple[float, float]:
     for _ in stream:
         pass
     batch = 1e3 * (time.perf_counter() - start) / empty
-    rows = study.play(study.parse(SEC43 | {"wave": {"kind": "sine", "duration": 1.0}}), range(100)).rows
+    rows = study.simulate(study.parse(SEC43 | {"wave": {"kind": "sine", "duration": 1.0}}), range(100)).rows
     with tempfile.TemporaryDirectory() as folder, study.Store(Path(folder) / "s", asked) as store:
         start = time.perf_counter()
         store.add(study.Batch(rows, {}, 0))
@@ -79,8 +79,8 @@ def million(run: dict[str, float]) -> tuple[float, float]:
 
 def main() -> None:
     print(f"{platform.machine()}, {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}, {time.strftime('%Y-%m-%d')}\n")
-    print(f"{'plays':>6}{'draw, ms':>10}{'default':>9}{'paper':>7}{'ns a tick: default':>20}{'paper':>7}")
-    by_plays, ticks = {}, len(study.draw(study.parse(SEC43), 0).trajectory)
+    print(f"{'plays':>6}{'sample, ms':>10}{'default':>9}{'paper':>7}{'ns a tick: default':>20}{'paper':>7}")
+    by_plays, ticks = {}, len(study.sample(study.parse(SEC43), 0).trajectory)
     for plays in PLAYS:
         one = by_plays[plays] = of_a_run(with_plays(plays))
         each = f"{1e6 * one['default'] / ticks:20.0f}{1e6 * one['paper'] / ticks:7.0f}"
@@ -106,7 +106,7 @@ def main() -> None:
 def picture(theme: style.Theme, by_plays: dict, by_plants: dict, parts: tuple[float, float]) -> Figure:
     with style.use(theme):
         figure, (left, middle, right) = style.panels(2.8, 1, 3)
-        for colour, name in zip(theme.series, ("default", "paper", "draw"), strict=False):
+        for colour, name in zip(theme.series, ("default", "paper", "sample"), strict=False):
             left.plot(PLAYS, [by_plays[n][name] for n in PLAYS], "o-", color=colour, ms=3.5, label=name)
         left.set(xlabel="plays", ylabel="time of a run (ms)", ylim=(0, None), xticks=PLAYS)
         left.legend(loc="upper left")

@@ -14,7 +14,7 @@ import numpy as np
 
 from truestroke import AdaptiveController, trajectories
 from truestroke.plant import RealisticPlant
-from truestroke.studies.zoo.draw import BLEND, SAMPLE_RATE, STROKE, VOLTAGE_LIMITS, draw, joined
+from truestroke.studies.robustness.sample import BLEND, SAMPLE_RATE, STROKE, VOLTAGE_LIMITS, joined, sample
 
 KINDS = ("random 20 Hz", "rest", "sine 8 Hz", "random 10 Hz", "small sine", "sine 1 Hz")
 PIECE = 10.0  # s
@@ -59,12 +59,12 @@ def main():
     for name, default in (("--minutes", 60), ("--seed", 0), ("--number", 0)):
         arguments.add_argument(name, type=int, default=default)
     asked = arguments.parse_args()
-    run = draw(asked.seed, asked.number)
-    plant = RealisticPlant(run.settings.without("change"), seed=asked.number)
+    run = sample(asked.seed, asked.number)
+    plant = RealisticPlant(run.plant.without("change"), seed=asked.number)
     plant.open()
     controller = AdaptiveController(sample_rate=SAMPLE_RATE, stroke=STROKE, voltage_limits=VOLTAGE_LIMITS)
     random, waves, worst, began = np.random.default_rng(asked.seed), [], 0.0, time.perf_counter()
-    names, z_d, zdot_d = pieces(random, run.reach, 6 * asked.minutes)
+    names, z_d, zdot_d = pieces(random, run.sampled["reach"], 6 * asked.minutes)
     ticks = round(PIECE * SAMPLE_RATE)
     for k, name in enumerate(names):
         part = slice(k * ticks, (k + 1) * ticks)

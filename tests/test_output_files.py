@@ -41,7 +41,7 @@ COMMANDS: dict[str, tuple[list[str], str]] = {
     "characterise": (["characterise", "--output", "stage"], "stage.toml"),
     "characterise, recording": (["characterise", "--output", "stage"], "stage.h5"),
     "study": (["study", "study.toml", "--output", "out"], "out.html"),
-    "zoo": (["zoo", "--plants", "1", "--output", "out"], "out.html"),
+    "robustness": (["robustness", "--plants", "1", "--output", "out"], "out.html"),
     "report": (["report", "run.h5", "--output", "out"], "out.html"),
     "invert": (["invert", "sine", "--model", "rec.csv", "--output", "wave.csv"], "wave.csv"),
     "refine": (["refine", "rec.csv", "--model", "rec.csv", "--output", "stage.toml"], "stage.toml"),

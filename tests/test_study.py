@@ -1,4 +1,4 @@
-"""Studies: a run is its number, whoever plays it; killed anywhere, they continue; what they say is so."""
+"""Studies: a run is its number, whoever simulates it; killed anywhere, they continue; what they say is so."""
 
 import json
 import os
@@ -24,11 +24,9 @@ from truestroke import AdaptiveController, SettingError, run
 from truestroke.cli import main
 from truestroke.plant import MatchedPlant
 from truestroke.studies import study
-from truestroke.studies.study import executors, pictures
-from truestroke.studies.study import run as drive
-from truestroke.studies.study.play import Batch, Row
-from truestroke.studies.study.slurm import slurm, task
-from truestroke.studies.study.store import StoreError
+from truestroke.studies.engine import Batch, Row, StoreError, StudyError, executors
+from truestroke.studies.engine import run as drive
+from truestroke.studies.study import plots
 
 TRUESTROKE = Path(sys.executable).with_name("truestroke")
 SMALL = """
@@ -69,7 +67,7 @@ SOME = study.parse(source())
 @pytest.fixture(scope="module")
 def rows():
     """Of the small study, one after the other."""
-    return study.play(SOME, range(SOME.runs)).rows
+    return study.simulate(SOME, range(SOME.runs)).rows
 
 
 def in_batches(numbers, size=5):
@@ -87,39 +85,39 @@ def gathered(batches):
 
 
 def test_a_run_is_what_the_loop_gives_and_converges_by_the_stated_formula():
-    """Played with `run`; every window of 0.25 s looked at by itself."""
+    """Simulated with `run`; every window of 0.25 s looked at by itself."""
     seen = set()
     for number in range(8):
-        drawn, row = study.draw(SOME, number), study.play(SOME, [number]).rows[0]
-        for name, controller in drawn.controllers.items():
-            plant = MatchedPlant(drawn.trajectory.velocity, drawn.plant, drawn.seed)
-            recording = run(drawn.trajectory, AdaptiveController.from_settings(controller), plant)
+        sampled, row = study.sample(SOME, number), study.simulate(SOME, [number]).rows[0]
+        for name, controller in sampled.controllers.items():
+            plant = MatchedPlant(sampled.trajectory.velocity, sampled.plant, sampled.seed)
+            recording = run(sampled.trajectory, AdaptiveController.from_settings(controller), plant)
             error = recording["true"] - recording["desired"]
             bad = [k for k in range(751) if np.sqrt(np.mean(error[k : k + 250] ** 2)) > 0.02]
             expected = 0.0 if not bad else (bad[-1] + 1) / 1000 if bad[-1] < 750 else None
-            found = row.figures[name]
+            found = row.metrics[name]
             assert found["convergence_time"] == (expected if expected is None else pytest.approx(expected))
             assert found["rmse"] == pytest.approx(np.sqrt(np.mean(error[500:] ** 2)))
             assert found["largest"] == pytest.approx(np.abs(error).max())
-            assert row.converged(SOME, name) == (expected is not None and expected <= 0.7)
-            seen.add(row.converged(SOME, name))
+            assert SOME.has_converged(row, name) == (expected is not None and expected <= 0.7)
+            seen.add(SOME.has_converged(row, name))
     assert seen == {True, False}
 
 
-def test_a_draw_depends_on_seed_and_number_alone():
+def test_a_sample_depends_on_seed_and_number_alone():
     other = study.parse(source(runs=7, seed=0, title="another"))
-    assert study.play(SOME, [5]).rows == study.play(other, [3, 5]).rows[1:]
-    assert study.draw(SOME, 5).plant != study.draw(SOME, 6).plant
-    assert study.draw(SOME, 5).plant != study.draw(study.parse(source(seed=1)), 5).plant
+    assert study.simulate(SOME, [5]).rows == study.simulate(other, [3, 5]).rows[1:]
+    assert study.sample(SOME, 5).plant != study.sample(SOME, 6).plant
+    assert study.sample(SOME, 5).plant != study.sample(study.parse(source(seed=1)), 5).plant
 
 
-def test_draws_are_of_the_stated_distribution():
-    runs = [study.draw(SOME, number) for number in range(300)]
+def test_samples_are_of_the_stated_distribution():
+    runs = [study.sample(SOME, number) for number in range(300)]
     stated = {
         "a_0": (np.array([r.plant.a[0] for r in runs]) / 8.4, 0.5, 1.5),
         "a_6": (np.array([r.plant.a[6] for r in runs]) / -2.6, 0.5, 1.5),
         "noise": (np.log([r.plant.noise for r in runs]), np.log(0.001), np.log(0.1)),
-        "velocity limit": (np.array([r.told["velocity limit"] for r in runs]), 200.0, 900.0),
+        "velocity limit": (np.array([r.sampled["velocity limit"] for r in runs]), 200.0, 900.0),
     }
     for name, (values, low, high) in stated.items():
         part = (values - low) / (high - low)
@@ -127,27 +125,27 @@ def test_draws_are_of_the_stated_distribution():
         assert np.mean(part) == pytest.approx(0.5, abs=5 / np.sqrt(12 * 300)), name
         assert np.var(part) == pytest.approx(1 / 12, rel=0.25), name
     assert abs(np.corrcoef(stated["a_0"][0], stated["a_6"][0])[0, 1]) < 0.3
-    assert {r.told["peak to peak"] for r in runs} == {10.0, 20.0}
+    assert {r.sampled["peak to peak"] for r in runs} == {10.0, 20.0}
     assert {r.controllers["default"].plays for r in runs} == {8, 16}
     assert len({r.trajectory.settings["seed"] for r in runs}) == len({r.seed for r in runs}) == 300
 
 
 def test_the_example_is_the_papers_plant_and_wave():
     asked = study.parse(tomllib.loads(study.example()))
-    drawn = study.draw(asked, 3)
+    sampled = study.sample(asked, 3)
     assert asked.runs == 10_000
-    assert np.all(np.abs(np.array(drawn.plant.a) / [8.4, 1.3, 0.92, 0.7, 0.88, 0.74, -2.6, 2.23] - 1) <= 0.3)
-    assert np.all(np.abs(np.array(drawn.plant.b) / [-0.9, 1.03, -0.244, 0.1, 0.05, -0.02, 0.01, -0.01] - 1) <= 0.3)
-    assert drawn.trajectory.duration == 20.0
-    assert 0.0 <= drawn.trajectory.position.min() <= drawn.trajectory.position.max() <= 30.0
-    assert drawn.trajectory.peak_speed <= 300.0
+    assert np.all(np.abs(np.array(sampled.plant.a) / [8.4, 1.3, 0.92, 0.7, 0.88, 0.74, -2.6, 2.23] - 1) <= 0.3)
+    assert np.all(np.abs(np.array(sampled.plant.b) / [-0.9, 1.03, -0.244, 0.1, 0.05, -0.02, 0.01, -0.01] - 1) <= 0.3)
+    assert sampled.trajectory.duration == 20.0
+    assert 0.0 <= sampled.trajectory.position.min() <= sampled.trajectory.position.max() <= 30.0
+    assert sampled.trajectory.peak_speed <= 300.0
 
 
 def test_a_realistic_plant_that_changes():
     plant = {"kind": "realistic", "change": {"time": {"uniform": [0.4, 0.6]}, "gain": 0.9}}
-    drawn = study.draw(study.parse(source(plant=plant, wave={"kind": "sine", "duration": 1.0})), 0)
-    assert 0.4 < drawn.plant.change.time == drawn.told["change time"] < 0.6
-    assert drawn.plant.change.gain == 0.9
+    sampled = study.sample(study.parse(source(plant=plant, wave={"kind": "sine", "duration": 1.0})), 0)
+    assert 0.4 < sampled.plant.change.time == sampled.sampled["change time"] < 0.6
+    assert sampled.plant.change.gain == 0.9
 
 
 @pytest.mark.parametrize(
@@ -175,12 +173,12 @@ def test_what_is_not_known_is_an_error(changed, argument):
     assert error.value.argument == argument
 
 
-def test_draws_that_cannot_be_are_rows_with_their_error(tmp_path, monkeypatch):
-    """They stop nothing, are told at the end, and are not played again."""
+def test_impossible_samples_are_rows_with_their_error(tmp_path, monkeypatch):
+    """They stop nothing, are named at the end, and are not simulated again."""
     limits = {"choice": [1.0, 400.0]}
     some = source(runs=12, wave={"kind": "random_wave", "duration": 1.0, "velocity_limit": limits})
     asked = study.parse(some)
-    found = study.play(asked, range(12))
+    found = study.simulate(asked, range(12))
     wrong = {row.number: row.error for row in found.rows if row.error}
     assert 0 < len(wrong) < 12
     assert all(error.startswith("wave.ramp") for error in wrong.values())
@@ -189,23 +187,23 @@ def test_draws_that_cannot_be_are_rows_with_their_error(tmp_path, monkeypatch):
         drive(asked, store, executors.threads(2))
         assert {row.number: row.error for row in store.failed(12)} == wrong
         assert store.rows(12) == [row for row in found.rows if not row.error]
-        assert store.missing(12) == []
+        assert store.missing(range(12)) == []
     text = SMALL.replace("{ uniform = [200.0, 900.0] }", "{ choice = [1.0, 400.0] }").replace("runs = 40", "runs = 12")
     (tmp_path / "s.toml").write_text(text)
     monkeypatch.chdir(tmp_path)
     done = CliRunner().invoke(main, ["study", "s.toml", "--output", "cli"])
     said = " ".join(done.stdout.split())
-    assert done.exit_code == 0
-    assert "more runs could not be played, the first is run" in said
-    assert "more runs could not be played, the first is run" in (tmp_path / "cli.html").read_text()
-    told = json.loads(CliRunner().invoke(main, ["study", "s.toml", "--output", "cli", "--json"]).stdout)
-    assert told["runs"] + len(told["failed"]) == 12
+    assert done.exit_code == 4  # a fifth or more of the runs is missing
+    assert "more runs could not be simulated, the first is run" in said
+    assert "more runs could not be simulated, the first is run" in (tmp_path / "cli.html").read_text()
+    found = json.loads(CliRunner().invoke(main, ["study", "s.toml", "--output", "cli", "--json"]).stdout)
+    assert found["runs"] + len(found["failed"]) == 12
     (tmp_path / "none.toml").write_text(text.replace("400.0", "1.0"))
     none = CliRunner().invoke(main, ["study", "none.toml"])
-    assert (none.exit_code, none.stderr.count("\n")) == (2, 1)  # all that can be drawn is impossible
+    assert (none.exit_code, none.stderr.count("\n")) == (2, 1)  # all that can be sampled is impossible
 
 
-# ---- Whoever plays it ----------------------------------------------------------------------------------------------
+# ---- Whoever simulates it ------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("workers", [1, 3])
@@ -223,7 +221,7 @@ def test_dask_gives_the_same_rows_when_a_worker_is_killed():
     assert_closed_to_strangers([psutil.Process(), *workers])
     for worker in workers:
         worker.kill()
-    assert gathered([first, *stream]) == study.play(SOME, range(80)).rows
+    assert gathered([first, *stream]) == study.simulate(SOME, range(80)).rows
 
 
 def assert_closed_to_strangers(processes):
@@ -274,53 +272,62 @@ def test_dask_gives_the_same_rows_on_a_scheduler_of_its_own_process(rows, tmp_pa
 
 
 SBATCH = """#!{python}
-import os, re, subprocess, sys
-script = sys.argv[2]
-last = int(re.search(r"--array=0-(\\d+)", open(script).read())[1])
-print(f"77;{{os.getpid()}}")
-for i in range(last + 1):
-    subprocess.Popen(["sh", script], env={{**os.environ, "SLURM_ARRAY_TASK_ID": str(i)}}, stdout=subprocess.DEVNULL)
+import pathlib, subprocess, sys
+if "--test-only" in sys.argv:
+    sys.exit("sbatch: error: invalid partition specified" if "wrong" in sys.stdin.read() else 0)
+script = pathlib.Path(sys.argv[1]).read_text()  # which is removed when this returns
+quiet = {{"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}}
+job = subprocess.Popen(["sh", "-c", script], start_new_session=True, **quiet)
+print(f"Submitted batch job {{job.pid}}")
 """
-SQUEUE = """#!{python}
-import subprocess
-print(subprocess.run(["pgrep", "-f", "truestroke.studies.study.slurm {folder}"], text=True, capture_output=True).stdout)
+SCANCEL = """#!{python}
+import os, signal, sys
+os.killpg(int(sys.argv[1]), signal.SIGTERM)
 """
 
 
 @pytest.fixture
 def cluster(tmp_path, monkeypatch):
-    """sbatch and squeue that run the array on this machine; the folder of the arrays."""
-    folder, programs = tmp_path / "study.slurm", tmp_path / "bin"
+    """sbatch and scancel that run the jobs on this machine; the folder of certificates and logs."""
+    programs = tmp_path / "bin"
     programs.mkdir()
-    for name, text in (("sbatch", SBATCH), ("squeue", SQUEUE)):
-        (programs / name).write_text(text.format(python=sys.executable, folder=folder))
+    for name, text in (("sbatch", SBATCH), ("scancel", SCANCEL)):
+        (programs / name).write_text(text.format(python=sys.executable))
         (programs / name).chmod(stat.S_IRWXU)
     monkeypatch.setenv("PATH", f"{programs}:{os.environ['PATH']}")
-    return folder
+    return tmp_path / "study.slurm"
 
 
-def test_slurm_gives_the_same_rows(rows, cluster):
-    assert gathered(slurm(cluster, 2, poll=0.1)(SOME, in_batches(range(40)))) == rows
-    logs = [log.read_text() for log in cluster.glob("*/*.log")]
-    assert not any(logs)
+def workers_of(folder):
+    """Processes of jobs whose certificates are in this folder."""
+    alive = psutil.process_iter(["cmdline"])
+    return [one for one in alive if str(folder) in " ".join(one.info["cmdline"] or [])]
 
 
-def test_an_array_outlives_its_driver_and_its_tasks_go_on(rows, cluster):
-    """A task was killed in the middle of a line, and the driver is gone: another driver finds all of it."""
-    (cluster / "1").mkdir(parents=True)
-    job = {"study": SOME.source, "tasks": 2, "batches": in_batches(range(40))}
-    (cluster / "1" / "job.json").write_text(json.dumps(job))
-    task(cluster / "1", 0)
-    whole = (cluster / "1" / "task-0.jsonl").read_bytes().splitlines(keepends=True)
-    (cluster / "1" / "task-0.jsonl").write_bytes(b"".join(whole[:2]) + whole[2][:100])
-    again = slurm(cluster, 2, poll=0.1)
-    assert gathered(again(SOME, in_batches(range(40)))) == rows
-    (submitted,) = [path for path in cluster.iterdir() if path.name != "1"]
-    left = [n for numbers in json.loads((submitted / "job.json").read_text())["batches"] for n in numbers]
-    assert len(left) == 30  # two lines of five were there
-    task(cluster / "1", 0)
-    mended = (cluster / "1" / "task-0.jsonl").read_bytes().splitlines()
-    assert [json.loads(line)["rows"] for line in mended] == [json.loads(line)["rows"] for line in whole]
+def test_slurm_gives_the_same_rows_when_a_job_is_killed(cluster):
+    """As at its time limit: the job is submitted again, its batch is simulated again."""
+    ctrl_c = signal.getsignal(signal.SIGINT)
+    stream = executors.slurm(cluster, 1)(SOME, in_batches(range(80), 10))
+    assert signal.getsignal(signal.SIGINT) is ctrl_c
+    first = next(stream)
+    killed = workers_of(cluster)
+    for worker in killed:
+        worker.kill()
+    assert gathered([first, *stream]) == study.simulate(SOME, range(80)).rows
+    wait_for(lambda: not workers_of(cluster))  # the jobs end with the study
+    assert killed
+
+
+def test_jobs_that_slurm_refuses_are_an_error(cluster, monkeypatch):
+    monkeypatch.setitem(executors.TRIM, "PARTITION", "wrong")
+    with pytest.raises(StudyError, match="sbatch refuses the jobs of this study: sbatch: error: invalid partition"):
+        next(executors.slurm(cluster, 1)(SOME, [(0,)]))
+
+
+def test_without_slurm_there_is_an_error(tmp_path, monkeypatch):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(SettingError, match="executor = slurm: must be on a machine that has sbatch"):
+        executors.slurm(tmp_path)
 
 
 def wait_for(condition, seconds=30.0):
@@ -367,7 +374,7 @@ def test_a_driver_that_is_killed_continues(tmp_path):
         found, (ticks, _) = kept.rows(1200), kept.cost()
     assert ticks == 1200 * 2 * 1000  # nothing was paid twice
     assert [row.number for row in found] == list(range(1200))
-    assert found[::7] == study.play(asked, range(0, 1200, 7)).rows
+    assert found[::7] == study.simulate(asked, range(0, 1200, 7)).rows
 
 
 @pytest.mark.parametrize("executor", ["threads", "dask"])
@@ -394,7 +401,7 @@ def test_ctrl_c_keeps_what_is_there_and_says_how_to_go_on(tmp_path, executor):
         ('stroke = 30.0|stroke = "long"', "controllers.paper.stroke = 'long' um: must be a number"),
     ],
 )
-def test_what_cannot_be_drawn_is_one_line_and_claims_no_store(tmp_path, wrong, says):
+def test_what_cannot_be_sampled_is_one_line_and_claims_no_store(tmp_path, wrong, says):
     (tmp_path / "s.toml").write_text(SMALL.replace(*wrong.split("|")))
     done = CliRunner().invoke(main, ["study", str(tmp_path / "s.toml"), "--output", str(tmp_path / "s")])
     assert done.exit_code == 2
@@ -415,13 +422,13 @@ def test_whole_numbers_are_exact():
 
 
 def test_a_store_counts_nothing_twice_and_belongs_to_one_study(tmp_path, rows):
-    batch = study.play(SOME, [0, 1])
+    batch = study.simulate(SOME, [0, 1])
     with study.Store(tmp_path / "s", SOME) as store:
         store.add(batch)
         store.add(batch)
-        store.add(Batch([*batch.rows[:1], rows[7]], {"draw": 1.0}, 10))
+        store.add(Batch([*batch.rows[:1], rows[7]], {"sample": 1.0}, 10))
         assert store.rows(40) == [rows[0], rows[1], rows[7]]
-        assert store.missing(9) == [2, 3, 4, 5, 6, 8]
+        assert store.missing(range(9)) == [2, 3, 4, 5, 6, 8]
         assert store.cost()[0] == 4000
         with pytest.raises(StoreError, match="versions"):
             store.add(Batch(batch.rows, {}, 0, {"truestroke": "0.0.1"}))
@@ -437,8 +444,8 @@ def test_a_damaged_store_is_found(tmp_path, rows):
     """One byte of 240 copies is another: each is found, in one line, or still tells the same."""
     good = tmp_path / "good"
     with study.Store(good, SOME) as store:
-        store.add(study.play(SOME, range(10)))
-        expected = store.rows(40), store.missing(40), store.cost()
+        store.add(study.simulate(SOME, range(10)))
+        expected = store.rows(40), store.missing(range(40)), store.cost()
     data, random, said = bytearray(good.read_bytes()), np.random.Generator(np.random.PCG64(8)), []
     used = np.flatnonzero(np.frombuffer(data, np.uint8))  # most of a small file is room
     for i in range(240):
@@ -448,7 +455,7 @@ def test_a_damaged_store_is_found(tmp_path, rows):
         (tmp_path / f"{i}").write_bytes(bad)
         try:
             with study.Store(tmp_path / f"{i}", SOME) as store:
-                assert (store.rows(40), store.missing(40), store.cost()) == expected, at
+                assert (store.rows(40), store.missing(range(40)), store.cost()) == expected, at
         except StoreError as error:
             said.append(str(error))
     assert len(said) > 120
@@ -457,33 +464,33 @@ def test_a_damaged_store_is_found(tmp_path, rows):
 
 def test_rows_that_were_taken_out_or_put_in_are_missed(tmp_path):
     with study.Store(tmp_path / "s", SOME) as store:
-        store.add(study.play(SOME, range(3)))
+        store.add(study.simulate(SOME, range(3)))
     database = sqlite3.connect(tmp_path / "s", isolation_level=None)
     database.execute("DELETE FROM run WHERE number = 1")
     with pytest.raises(StoreError, match="is damaged: it holds 2 runs, not 3; move it away"):
         study.Store(tmp_path / "s", SOME)
-    database.execute("INSERT INTO run SELECT 1, told, figures, error, seal FROM run WHERE number = 0")
+    database.execute("INSERT INTO run SELECT 1, sampled, metrics, error, seal FROM run WHERE number = 0")
     database.close()
     with study.Store(tmp_path / "s", SOME) as store, pytest.raises(StoreError, match="run 1 is not as it was"):
         store.rows(3)
 
 
 def test_more_runs_are_added_to_those_that_are_there(tmp_path, rows):
-    told = []
+    calls = []
     with study.Store(tmp_path / "s", SOME) as store:
         drive(study.parse(source(runs=10)), store, executors.threads(1))
-        drive(SOME, store, executors.threads(2), lambda *done: told.append(done))
+        drive(SOME, store, executors.threads(2), lambda *done: calls.append(done))
         assert store.rows(40) == rows
-    assert told == [(10, 40), (40, 40)]
+    assert calls == [(10, 40), (40, 40)]
 
 
 # ---- What it says --------------------------------------------------------------------------------------------------
 
 
-def made(times, told):
+def made(times, sampled):
     return [
         Row(i, {"x": x, "y": float(i % 3), "same": 1.0}, {name: {"convergence_time": t, "rmse": 0.1, "largest": 1.0}
-        for name in ("paper", "default")}) for i, (t, x) in enumerate(zip(times, told, strict=True))
+        for name in ("paper", "default")}) for i, (t, x) in enumerate(zip(times, sampled, strict=True))
     ]  # fmt: skip
 
 
@@ -499,14 +506,14 @@ def test_shares_and_intervals():
     assert study.lines(SOME, made([None] * 3, range(3)))[0].time is None
 
 
-def test_what_tells():
+def test_what_is_informative():
     """x is above 5.5 where a run fails, but for one pair of five by five that is the other way round."""
     times = [0.1, 0.1, 0.1, 0.1, None, 0.1, None, None, None, None]
-    found = study.telling(SOME, made(times, range(10)), "paper")
+    found = study.informative(SOME, made(times, range(10)), "paper")
     assert (found[0].name, found[0].higher) == ("x", pytest.approx(24 / 25))
     assert "same" not in [one.name for one in found]
-    assert pictures.axes_of_map(SOME, made(times, range(10))) == ("x", "y")
-    assert study.telling(SOME, made([0.1] * 4, range(4)), "paper") == []
+    assert plots.axes_of_map(SOME, made(times, range(10))) == ("x", "y")
+    assert study.informative(SOME, made([0.1] * 4, range(4)), "paper") == []
 
 
 def test_the_command_reports(tmp_path, monkeypatch):

@@ -55,7 +55,7 @@ from truestroke.studies.characterisation.lines import Characterisation as Charac
 from truestroke.studies.characterisation.lines import NotConverged as NotConverged
 from truestroke.studies.characterisation.procedure import characterise as characterise
 from truestroke.studies.compare.table import compare as compare
-from truestroke.studies.study.play import StudyError as StudyError
-from truestroke.studies.study.store import StoreError as StoreError
+from truestroke.studies.engine.rows import StudyError as StudyError
+from truestroke.studies.engine.store import StoreError as StoreError
 
 __version__: str

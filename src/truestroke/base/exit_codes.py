@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from enum import IntEnum
 
+from truestroke.base.verdict import Verdict
+
 
 class ExitCode(IntEnum):
     """Exit code of a command; `meaning` is its line in docs/exit-codes.md."""
@@ -16,6 +18,11 @@ class ExitCode(IntEnum):
         code._value_ = value
         code.meaning = meaning
         return code
+
+    @classmethod
+    def of(cls, verdict: Verdict) -> ExitCode:
+        """Of a command that did what was asked, whose result has this verdict."""
+        return cls.NOT_TRACKING if verdict.is_bad else cls.OK
 
     OK = 0, "It did what was asked, and the verdict is not bad."
     FAILED = 1, "An error that none of the others names; nothing was overwritten."

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -27,6 +28,20 @@ class Verdict:
 
     level: Level
     reasons: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, findings: Iterable[tuple[Level, str]]) -> Verdict:
+        """As bad as the worst finding; the reasons of each level in their order.
+
+        Examples
+        --------
+        >>> Verdict.of([("doubtful", "It was late."), ("bad", "It did not move.")])
+        Verdict(level='bad', reasons=('It did not move.', 'It was late.'))
+        """
+        found = list(findings)
+        levels: tuple[Level, ...] = ("bad", "doubtful")
+        worst: Level = next((level for level in levels if any(level == one for one, _ in found)), "good")
+        return cls(worst, tuple(reason for level in levels for one, reason in found if one == level))
 
     @property
     def is_bad(self) -> bool:

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 FILES = ("output", "plots", "figures", "overwrite", "as_json")  # options that do not change the run
 ALIASES = {"cutoff": "frequency", "slew_limit": "slew", "path": "trajectory"}  # arguments of Python by other options
-RENAMED = {"play": "playback"}  # commands by their old names, for one version
+RENAMED = {"play": "playback", "zoo": "robustness"}  # commands by their old names, for one version
 FILE = click.Path(exists=True, dir_okay=False, path_type=Path)  # one that is there
 PIPE_WIDTH = 120  # columns of a table where there is no terminal
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from truestroke.base.exit_codes import ExitCode
 from truestroke.cli import common
 
 
@@ -17,7 +18,7 @@ from truestroke.cli import common
 @common.plots_option
 @common.overwrite_option
 @common.json_option
-def compare(seed: int, duration: float, output: str, plots: Path | None, as_json: bool) -> None:
+def compare(seed: int, duration: float, output: str, plots: Path | None, as_json: bool) -> int:
     """Follow the same waves with eight controllers.
 
     No compensation, a PID, fixed and adaptive inverses, LMS, the paper: each identified and tuned by code on the same
@@ -29,19 +30,23 @@ def compare(seed: int, duration: float, output: str, plots: Path | None, as_json
         from truestroke.studies import compare as comparing
 
         found = comparing.run(seed=seed, duration=duration, progress=tell)
-    with common.progress("drawing"):
+    verdict = comparing.judge(found.rows)
+    code = ExitCode.of(verdict)
+    with common.progress("plotting"):
         from truestroke.studies.compare import page
 
         made = page.page(found.rows, found.rivals, common.as_asked()["command"])
         pictures = common.save_page(made, page_file, plots)
     if as_json:
         common.print_json({**found.as_dict(), "page": str(page_file), "pictures": pictures})
-        return
+        return code
     for columns, rows in page.tables(found.rows):
         common.print_table(columns, rows, dim="of p-p")
+    common.print_verdict(verdict)
     common.print_files(page=page_file, pictures=plots)
     common.suggest(
         ("compare --seed 1", "another wave, other noise"),
         ("track --change-at 10", "the actuator changes suddenly"),
         ("reproduce", "the paper's figures beside ours"),
     )
+    return code

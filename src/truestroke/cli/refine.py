@@ -65,7 +65,7 @@ def refine(
             click.echo(f"waveform   {target}")
     if made is not None:
         waveforms.leave(strict, made)
-    return ExitCode.NOT_TRACKING if found.verdict.is_bad else ExitCode.OK
+    return ExitCode.of(found.verdict)
 
 
 def _metrics(found: Refined) -> dict[str, Any]:

@@ -29,7 +29,7 @@ def finish(recording: Recording, page_file: Path, plots: Path | None, as_json: b
     from truestroke.signals import judgement
 
     verdict, ticks = judgement.judge(recording), len(recording["time"])
-    code = ExitCode.NOT_TRACKING if verdict.is_bad else ExitCode.OK
+    code = ExitCode.of(verdict)
     if ticks < SHORTEST and not verdict.is_bad:
         raise click.ClickException(f"{recording_file}: {ticks} ticks, a page needs at least {SHORTEST}")
     try:

@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING
 
 import click
 
+from truestroke.base.exit_codes import ExitCode
 from truestroke.cli import common
 
 if TYPE_CHECKING:
+    from truestroke.studies.engine.executors import Work
     from truestroke.studies.study import Store, Study
-    from truestroke.studies.study.executors import Work
 
 
 def _example(context: click.Context, _: click.Parameter, asked: bool) -> None:
@@ -28,8 +29,8 @@ def _example(context: click.Context, _: click.Parameter, asked: bool) -> None:
               "begin with, that of Sec. 4.3, and leave.")  # fmt: skip
 @click.option("--runs", metavar="N", type=click.IntRange(1), help="In place of the number in the file.")
 @click.option("--executor", type=click.Choice(["threads", "dask", "slurm"]), default="threads", help="Where it runs.")
-@click.option("--workers", metavar="N", type=click.IntRange(1), help="Threads, processes or tasks of the job array; "
-              "by default one for each core, 16 tasks.")  # fmt: skip
+@click.option("--workers", metavar="N", type=click.IntRange(1), help="Threads, processes or jobs of one core; by "
+              "default one for each core here, 16 jobs.")  # fmt: skip
 @click.option("--scheduler", metavar="ADDRESS", help="Of a dask cluster that is there, as tls://host:8786.")
 @click.option("--report-only", is_flag=True, help="Run nothing; report what is there.")
 @click.option("--output", metavar="NAME", help="Keep results in NAME.sqlite, write NAME.html; by default FILE's name.")
@@ -46,8 +47,8 @@ def study(
     output: str | None,
     plots: Path | None,
     as_json: bool,
-) -> None:
-    """Draw many runs from the ranges in FILE.toml, play them, and report how many converge.
+) -> int:
+    """Sample many runs from the distributions in FILE.toml, simulate them, and report how many converge.
 
     Results go to one file as they come. Call it again after Ctrl-C, a crash, or with more --runs: it continues.
     """
@@ -55,51 +56,53 @@ def study(
         raise click.UsageError("--scheduler: belongs to --executor dask.")
     store_file, page_file = common.outputs(output or file.stem, ".sqlite", ".html")
     from truestroke.studies import study as studies
-    from truestroke.studies.study.play import StudyError
 
     asked = studies.load(file, runs)
     studies.first(asked, range(asked.runs))  # a setting out of its bounds is told before the file belongs to it
     try:
         with studies.Store(store_file, asked) as store:
             if not report_only:
-                with common.progress("playing") as tell:
+                with common.progress("simulating") as tell:
                     studies.run(asked, store, _work(executor, workers, scheduler, store_file), tell)
-            _report(store, asked, page_file, plots, as_json)
+            return _report(store, asked, page_file, plots, as_json)
     except KeyboardInterrupt:
         click.echo(f"{store_file} keeps what is done; the same command continues.", err=True)
         raise
-    except (studies.StoreError, StudyError) as error:
+    except (studies.StoreError, studies.StudyError) as error:
         raise click.ClickException(str(error)) from error
 
 
 def _work(executor: str, workers: int | None, scheduler: str | None, store_file: Path) -> Work:
-    from truestroke.studies.study import executors
-    from truestroke.studies.study.slurm import slurm
+    from truestroke.studies.engine import executors
 
     if executor == "slurm":
-        return slurm(store_file.with_suffix(".slurm"), workers or 16)
+        return executors.slurm(store_file.with_suffix(".slurm"), workers or 16)
     return executors.dask(workers, scheduler) if executor == "dask" else executors.threads(workers)
 
 
-def _report(store: Store, asked: Study, page_file: Path, plots: Path | None, as_json: bool) -> None:
+def _report(store: Store, asked: Study, page_file: Path, plots: Path | None, as_json: bool) -> int:
     from truestroke.studies import study as studies
     from truestroke.studies.study import page
 
     rows, failed, cost = store.rows(asked.runs), store.failed(asked.runs), store.cost()
     if not rows:
         raise click.ClickException(page.failures(failed) or f"{store.path} holds no run yet.")
-    with common.progress("drawing"):
+    verdict = studies.judge(asked, rows, failed)
+    with common.progress("plotting"):
         made = page.page(asked, rows, cost, common.as_asked()["command"], failed)
         paths = common.save_page(made, page_file, plots)
     if as_json:
         lines = {line.controller: line.as_dict() for line in studies.lines(asked, rows)}
-        telling = {name: [vars(one) for one in studies.telling(asked, rows, name)] for name in asked.controllers}
+        numbers = {name: [vars(one) for one in studies.informative(asked, rows, name)] for name in asked.controllers}
         spent = {"ticks": cost[0], "seconds": cost[1]}
         files = {"store": str(store.path), "page": str(page_file), "pictures": paths}
-        told = {"runs": len(rows), "failed": {row.number: row.error for row in failed}}
-        common.print_json({**told, "controllers": lines, "telling": telling, "cost": spent, **files})
-        return
+        runs = {"runs": len(rows), "failed": {row.number: row.error for row in failed}}
+        found = {**verdict.as_dict(), **runs, "controllers": lines, "informative": numbers, "cost": spent}
+        common.print_json({**found, **files})
+        return ExitCode.of(verdict)
     for table, _ in page.tables(asked, rows, cost):
         common.print_table(*table)
-    common.print_text(" ".join(filter(None, [page.verdict(asked, rows), page.failures(failed), page.meaning(asked)])))
+    common.print_text(" ".join(filter(None, [page.result(asked, rows), page.failures(failed), page.meaning(asked)])))
+    common.print_verdict(verdict)
     common.print_files(store=store.path, page=page_file, pictures=plots)
+    return ExitCode.of(verdict)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -28,6 +29,8 @@ class RealisticPlant(Displayed):
         Every number; the default is a stage driven by a P-885.90 stack.
     seed : int
         Of the sensor noise, 0 or above. The same seed gives the same bits.
+    dropouts : sequence of (int, int)
+        Bursts without a measurement (NaN; the truth goes on): first tick of each, and the first after it.
 
     Attributes
     ----------
@@ -49,18 +52,22 @@ class RealisticPlant(Displayed):
     def _display(self) -> tuple[str, Rows]:
         return f"RealisticPlant: seed {self.seed}", declared.rows(self.settings, PLANT_SETTINGS)
 
-    def __init__(self, settings: PlantSettings | None = None, seed: int = 0) -> None:
+    def __init__(
+        self, settings: PlantSettings | None = None, seed: int = 0, dropouts: Sequence[tuple[int, int]] = ()
+    ) -> None:
         given = PlantSettings() if settings is None else settings
         self.settings = checks.instance("settings", given, PlantSettings, "a PlantSettings")
         self.seed = checks.count("seed", seed, 0, 2**63 - 1)
         self._plant = Plant(declared.kernel_values(self.settings, PLANT_SETTINGS))
         self._samples = self.settings.samples_per_tick
+        ticks = [(checks.count("dropouts", a, 0, 10**9), checks.count("dropouts", b, 0, 10**9)) for a, b in dropouts]
+        self.dropouts = tuple(ticks)
         self.open()
 
     def open(self) -> Timing:
         """Rest at time 0, noise from its beginning; opening again repeats the same bits."""
         self._plant.reset()
-        self._noise = Noise(self.seed)
+        self._noise = Noise(self.seed, [(self._samples * a, self._samples * b) for a, b in self.dropouts])
         self.truth: FloatArray = np.empty(0)
         return Timing(sample_rate=self.settings.sample_rate)
 
@@ -93,5 +100,6 @@ class RealisticPlant(Displayed):
         return measured
 
     def describe(self) -> dict[str, object]:
-        """Kind, settings and seed, as plain data for a recording."""
-        return {"kind": "realistic", "seed": self.seed, **dataclasses.asdict(self.settings)}
+        """Kind, settings, seed and dropouts, as plain data for a recording."""
+        dropouts = {"dropouts": [list(burst) for burst in self.dropouts]} if self.dropouts else {}
+        return {"kind": "realistic", "seed": self.seed, **dataclasses.asdict(self.settings), **dropouts}

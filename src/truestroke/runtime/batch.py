@@ -47,6 +47,8 @@ class Simulation:
         Of a `MatchedPlant`, which gets the velocity of the trajectory, or a `RealisticPlant`.
     seed : int
         Of the plant.
+    dropouts : tuple of (int, int)
+        Bursts without a measurement, of a `RealisticPlant`: first tick of each, and the first after it.
 
     Raises
     ------
@@ -58,6 +60,7 @@ class Simulation:
     controller: ControllerSettings
     plant: MatchedSettings | PlantSettings
     seed: int = 0
+    dropouts: tuple[tuple[int, int], ...] = ()
 
     def __post_init__(self) -> None:
         if not isinstance(self.trajectory, Trajectory):
@@ -269,5 +272,8 @@ def _simulate(
 def _plant(simulation: Simulation, wave: Trajectory) -> tuple[MatchedPlant | RealisticPlant, int]:
     """The plant and how many standard normal numbers it takes for a tick."""
     if isinstance(simulation.plant, MatchedSettings):
+        if simulation.dropouts:
+            raise SettingError("dropouts", simulation.dropouts, "empty for a matched plant")
         return MatchedPlant(wave.velocity, simulation.plant, simulation.seed), 1
-    return RealisticPlant(simulation.plant, simulation.seed), simulation.plant.samples_per_tick
+    plant = RealisticPlant(simulation.plant, simulation.seed, simulation.dropouts)
+    return plant, simulation.plant.samples_per_tick

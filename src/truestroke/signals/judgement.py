@@ -101,11 +101,7 @@ def judge(recording: Recording) -> Verdict:
     except SettingError:
         return Verdict("bad", (f"No measurement came in the second half of the run{_because(recording)}.",))
     run = _Run(recording, measured)
-    findings = [found for check in CHECKS if (found := check(run))]
-    return Verdict(
-        "bad" if any(level == "bad" for level, _ in findings) else "doubtful" if findings else "good",
-        tuple(text for wanted in ("bad", "doubtful") for level, text in findings if level == wanted),
-    )
+    return Verdict.of(found for check in CHECKS if (found := check(run)))
 
 
 def _because(recording: Recording) -> str:

@@ -10,9 +10,9 @@ from truestroke.control.settings import ControllerSettings
 from truestroke.runtime.loop import Actuator
 from truestroke.signals.trajectories import random_wave, sine
 from truestroke.studies.compare.rivals import Rival, Workbench, prepare
-from truestroke.studies.compare.table import Row, compare
+from truestroke.studies.compare.table import Row, compare, judge
 
-__all__ = ["Comparison", "Rival", "Row", "Workbench", "compare", "prepare", "run"]
+__all__ = ["Comparison", "Rival", "Row", "Workbench", "compare", "judge", "prepare", "run"]
 
 STROKE = 30.0  # um
 VOLTAGE_LIMITS = (-0.6, 3.6)  # V
@@ -39,6 +39,7 @@ class Comparison:
     def as_dict(self) -> dict[str, Any]:
         """All figures and settings as plain numbers and text, for JSON."""
         return {
+            **judge(self.rows).as_dict(),
             "rivals": [{"controller": r.name, "source": r.source, "tuning": r.tuning} for r in self.rivals],
             "rows": [row.as_dict() for row in self.rows],
         }

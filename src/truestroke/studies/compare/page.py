@@ -15,7 +15,7 @@ from truestroke.report.page import Page, Section, Table, captioned
 from truestroke.report.plots import displacement
 from truestroke.report.style import LIGHT, Theme
 from truestroke.studies.compare.rivals import Rival
-from truestroke.studies.compare.table import Row
+from truestroke.studies.compare.table import Row, judge
 
 SECONDS = 1.0  # of the end of a run that is drawn
 CAPTIONS = {
@@ -144,6 +144,7 @@ def page(rows: Sequence[Row], rivals: Sequence[Rival], command: str | None = Non
     return Page(
         title=f"{len(rivals)} controllers on the same actuator",
         lead=_lead(rows),
+        verdict=judge(rows),
         sections=[
             Section(tables=[*by_wave[:-1], dataclasses.replace(by_wave[-1], note=NOTE)]),
             *captioned(CAPTIONS),

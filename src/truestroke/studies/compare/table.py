@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from truestroke.base import checks
+from truestroke.base.verdict import Verdict
 from truestroke.control.controller import Controller
 from truestroke.runtime.loop import Actuator, run
-from truestroke.signals import metrics
+from truestroke.signals import judgement, metrics
 from truestroke.signals.metrics import TrackingSummary
 from truestroke.signals.recording import Recording
 from truestroke.signals.trajectories import Trajectory
@@ -28,6 +29,8 @@ class Row:
         Time by which the motion comes after the desired one, ms.
     phase_lag_deg : float or None
         Angle by which it comes after, degrees, where the wave has one frequency.
+    verdict : Verdict
+        Of the run, as `truestroke.judge` has it.
     recording : Recording
         The whole run, for pictures.
     """
@@ -37,6 +40,7 @@ class Row:
     summary: TrackingSummary
     delay_ms: float
     phase_lag_deg: float | None
+    verdict: Verdict
     recording: Recording = field(repr=False)
 
     def as_dict(self) -> dict[str, object]:
@@ -47,6 +51,7 @@ class Row:
             **self.summary.as_dict(),
             "delay_ms": self.delay_ms,
             "phase_lag_deg": self.phase_lag_deg,
+            **self.verdict.as_dict(),
         }
 
 
@@ -119,5 +124,11 @@ def _row(name: str, recording: Recording, wave: Trajectory) -> Row:
         phase_lag_deg=None
         if not isinstance(frequency, float)
         else metrics.phase_lag(*pair, wave.sample_rate, frequency),
+        verdict=judgement.judge(recording),
         recording=recording,
     )
+
+
+def judge(rows: Sequence[Row]) -> Verdict:
+    """Of the last of the controllers over all waves: the others are there to be compared with."""
+    return judgement.worst({row.wave: row.verdict for row in rows if row.controller == rows[-1].controller})

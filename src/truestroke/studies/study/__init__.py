@@ -1,33 +1,33 @@
-"""Studies: thousands of runs drawn from stated ranges, on this machine or a cluster, that continue where they stopped.
+"""Studies from a file: a TOML table states the distribution of plants, waves and controllers, and what converged means.
 
 Run i of a study is always the same plant, wave and noise; docs/study.md states how a study is written.
 """
 
-from truestroke.studies.study.config import Draw, Study, example, load, parse
-from truestroke.studies.study.draw import Run, draw, first
-from truestroke.studies.study.play import Batch, Row, play
-from truestroke.studies.study.run import batches, run
-from truestroke.studies.study.store import Store, StoreError
-from truestroke.studies.study.summary import Line, Telling, lines, telling
+from truestroke.studies.engine import Batch, Row, Run, Store, StoreError, StudyError, batches, first, run, simulate
+from truestroke.studies.study.config import Study, example, load, parse
+from truestroke.studies.study.sample import Distribution, sample
+from truestroke.studies.study.summary import Informative, Line, informative, judge, lines
 
 __all__ = [
     "Batch",
-    "Draw",
+    "Distribution",
+    "Informative",
     "Line",
     "Row",
     "Run",
     "Store",
     "StoreError",
     "Study",
-    "Telling",
+    "StudyError",
     "batches",
-    "draw",
     "example",
     "first",
+    "informative",
+    "judge",
     "lines",
     "load",
     "parse",
-    "play",
     "run",
-    "telling",
+    "sample",
+    "simulate",
 ]

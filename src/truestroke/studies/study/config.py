@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -9,73 +10,32 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from truestroke.base import checks, toml
 from truestroke.base.checks import SettingError
 from truestroke.control.settings import ControllerSettings
-from truestroke.plant import MatchedSettings, PlantSettings
-from truestroke.signals import trajectories
-from truestroke.studies.study.figures import FIGURES
+from truestroke.signals import metrics
+from truestroke.studies.engine import Channels, Number, Row, Run
+from truestroke.studies.study.metrics import METRICS, error
+from truestroke.studies.study.sample import CONTROLLERS, DISTRIBUTIONS, PLANTS, WAVES, Distribution, sample
 
-DRAWS = ("uniform", "log_uniform", "choice", "around")
-WAVES: dict[str, Callable[..., trajectories.Trajectory]] = {
-    "random_wave": trajectories.random_wave,
-    "sine": trajectories.sine,
-    "triangle": trajectories.triangle,
-    "staircase": trajectories.staircase,
-}
-PLANTS: dict[str, type[MatchedSettings] | type[PlantSettings]] = {
-    "matched": MatchedSettings,
-    "realistic": PlantSettings,
-}
-CONTROLLERS: dict[str, Callable[..., ControllerSettings]] = {
-    "default": ControllerSettings,
-    "paper": ControllerSettings.paper,
-}
 MOST = 100_000_000  # runs
 
 
-@dataclass(frozen=True)
-class Draw:
-    """A value that is drawn for each run anew.
+@dataclass(frozen=True, kw_only=True)
+class Converged:
+    """A run has, if its `metrics.convergence_time` to `level` (um, of the true error) is at most `within` (s)."""
 
-    Attributes
-    ----------
-    kind : str
-        "uniform" or "log_uniform" (values are the ends), "choice" (of values), "around" (each of values by itself
-        times a factor that is uniform from 1 - spread to 1 + spread).
-    values : tuple
-        In the unit of what is drawn.
-    spread : float
-        Of "around".
-    """
+    level: float = field(metadata={"unit": "um"})
+    within: float = field(metadata={"unit": "s"})
 
-    kind: str
-    values: tuple[Any, ...]
-    spread: float = 0.0
-
-    def sample(self, random: np.random.Generator) -> Any:
-        """One value.
-
-        Examples
-        --------
-        >>> Draw("uniform", (1.0, 2.0)).sample(np.random.default_rng(0)).__round__(3)
-        1.637
-        """
-        if self.kind == "choice":
-            return self.values[random.integers(len(self.values))]
-        if self.kind == "around":
-            factors = 1 + self.spread * random.uniform(-1.0, 1.0, len(self.values))
-            return tuple((factors * self.values).tolist())
-        low, high = self.values
-        part = random.random()
-        return float(low * (high / low) ** part if self.kind == "log_uniform" else low + (high - low) * part)
+    def __post_init__(self) -> None:
+        checks.positive("level", self.level, "um")
+        checks.positive("within", self.within, "s")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Study:
-    """One study. Values of plant, wave and controllers are plain, a `Draw`, or a mapping of such.
+    """One study. Values of plant, wave and controllers are plain, a `Distribution`, or a mapping of such.
 
     Attributes
     ----------
@@ -84,37 +44,63 @@ class Study:
     runs : int
         How many; their numbers are 0 to runs - 1.
     seed : int
-        Of all draws.
+        Of all that is sampled.
     sample_rate : float
         Hz.
     record : tuple of str
-        Figures to keep of each run, of `FIGURES`.
+        Metrics to keep of each run, of `METRICS`.
     plant, wave : mapping
         "kind" and settings.
     controllers : mapping of str to mapping
         Each by its name: "kind" and settings.
-    level, within : float
-        A run has converged if its `metrics.convergence_time` to `level` (um, of the true error) is at most
-        `within` (s).
+    converged : Converged
+        What that means here.
     source : mapping
         All of it as it stood in the file.
     """
 
-    title: str
+    title: str = "A study"
     runs: int
-    seed: int
-    sample_rate: float
-    record: tuple[str, ...]
+    seed: int = 0
+    sample_rate: float = field(default=2000.0, metadata={"unit": "Hz"})
+    record: tuple[str, ...] = ("rmse", "maximum")
     plant: Mapping[str, Any]
     wave: Mapping[str, Any]
-    controllers: Mapping[str, Mapping[str, Any]]
-    level: float
-    within: float
+    controllers: Mapping[str, Any]
+    converged: Converged
     source: Mapping[str, Any]
+
+    def __post_init__(self) -> None:
+        checks.count("runs", self.runs, 1, MOST)
+        checks.count("seed", self.seed, 0, 2**63 - 1)
+        checks.positive("sample_rate", self.sample_rate, "Hz")
+        for name in self.record:
+            checks.one_of("record", name, tuple(METRICS))
+        if not self.controllers:
+            raise SettingError("controllers", "{}", "at least one, as in [controllers.paper]")
 
     def identity(self) -> dict[str, Any]:
         """What a store belongs to: everything but the title and the number of runs."""
         return {key: value for key, value in self.source.items() if key not in ("title", "runs")}
+
+    @property
+    def numbers(self) -> range:
+        """Of the runs."""
+        return range(self.runs)
+
+    def sample(self, number: int) -> Run:
+        """The run of this number; see `sample`."""
+        return sample(self, number)
+
+    def metrics(self, run: Run, channels: Channels) -> dict[str, Number]:
+        """Time of convergence, s (None if it never converges), and what is recorded."""
+        time = metrics.convergence_time(channels["time"], error(channels), self.converged.level)
+        return {"convergence_time": time} | {name: METRICS[name].of(channels) for name in self.record}
+
+    def has_converged(self, row: Row, controller: str) -> bool:
+        """Whether that controller has."""
+        time = row.metrics[controller]["convergence_time"]
+        return time is not None and time <= self.converged.within
 
 
 def example() -> str:
@@ -142,42 +128,6 @@ def load(path: str | Path, runs: int | None = None) -> Study:
         return parse(source if runs is None else source | {"runs": runs})
 
 
-@dataclass(frozen=True, kw_only=True)
-class Converged:
-    """The table [converged]: um of the true error, s."""
-
-    level: float = field(metadata={"unit": "um"})
-    within: float = field(metadata={"unit": "s"})
-
-    def __post_init__(self) -> None:
-        checks.positive("level", self.level, "um")
-        checks.positive("within", self.within, "s")
-
-
-@dataclass(frozen=True, kw_only=True)
-class Document:
-    """The tables of a study; those whose values may be drawn are read with the help of their kinds."""
-
-    title: str = "A study"
-    runs: int
-    seed: int = 0
-    sample_rate: float = field(default=2000.0, metadata={"unit": "Hz"})
-    record: tuple[str, ...] = ("rmse", "maximum")
-    plant: Mapping[str, Any]
-    wave: Mapping[str, Any]
-    controllers: Mapping[str, Any]
-    converged: Converged
-
-    def __post_init__(self) -> None:
-        checks.count("runs", self.runs, 1, MOST)
-        checks.count("seed", self.seed, 0, 2**63 - 1)
-        checks.positive("sample_rate", self.sample_rate, "Hz")
-        for name in self.record:
-            checks.one_of("record", name, tuple(FIGURES))
-        if not self.controllers:
-            raise SettingError("controllers", "{}", "at least one, as in [controllers.paper]")
-
-
 def parse(source: Mapping[str, Any]) -> Study:
     """A study from what its file says.
 
@@ -186,18 +136,15 @@ def parse(source: Mapping[str, Any]) -> Study:
     >>> import tomllib
     >>> study = parse(tomllib.loads(example()))
     >>> study.runs, study.plant["noise"]
-    (10000, Draw(kind='uniform', values=(0.01, 0.06), spread=0.0))
+    (10000, Distribution(kind='uniform', values=(0.01, 0.06), spread=0.0))
     """
-    read = toml.decode(Document, source)
+    read = toml.decode(Study, source, source=source)
     controllers = {name: toml.value(f"controllers.{name}", v, Mapping) for name, v in read.controllers.items()}
-    return Study(
-        **{name: getattr(read, name) for name in ("title", "runs", "seed", "sample_rate", "record")},
+    return dataclasses.replace(
+        read,
         plant=_section("plant", read.plant, PLANTS),
         wave=_section("wave", read.wave, WAVES),
         controllers={name: _section(f"controllers.{name}", given, CONTROLLERS) for name, given in controllers.items()},
-        level=read.converged.level,
-        within=read.converged.within,
-        source=source,
     )
 
 
@@ -214,12 +161,12 @@ def _section(name: str, table: Mapping[str, Any], kinds: Mapping[str, Callable[.
 
 
 def _value(name: str, value: Any) -> Any:
-    """A plain value, a draw, or a table of such."""
+    """A plain value, a distribution, or a table of such."""
     if isinstance(value, list):
         return tuple(value)
     if not isinstance(value, Mapping):
         return value
-    kinds = [key for key in value if key in DRAWS]
+    kinds = [key for key in value if key in DISTRIBUTIONS]
     if not kinds:
         return {key: _value(f"{name}.{key}", inner) for key, inner in value.items()}
     kind = kinds[0]
@@ -228,11 +175,11 @@ def _value(name: str, value: Any) -> Any:
     if kind == "choice":
         if not isinstance(value[kind], list) or not value[kind]:
             raise SettingError(name, value[kind], "a list of values to choose from")
-        return Draw(kind, tuple(tuple(v) if isinstance(v, list) else v for v in value[kind]))
+        return Distribution(kind, tuple(tuple(v) if isinstance(v, list) else v for v in value[kind]))
     if kind == "around":
         values = tuple(checks.finite_array(name, value[kind]).tolist())
-        return Draw(kind, values, checks.within(f"{name}.spread", value.get("spread"), 0.0, 1.0))
+        return Distribution(kind, values, checks.within(f"{name}.spread", value.get("spread"), 0.0, 1.0))
     ends = checks.interval(name, value[kind])
     if kind == "log_uniform":
         checks.positive(f"{name}[0]", ends[0])
-    return Draw(kind, ends)
+    return Distribution(kind, ends)

@@ -6,22 +6,22 @@ from collections.abc import Mapping, Sequence
 
 import truestroke
 from truestroke.report.page import Page, Section, Table, captioned
-from truestroke.studies.study import pictures
+from truestroke.studies.engine import Row
+from truestroke.studies.study import plots
 from truestroke.studies.study.config import Study
-from truestroke.studies.study.figures import FIGURES
-from truestroke.studies.study.play import Row
-from truestroke.studies.study.summary import Line, lines, telling
+from truestroke.studies.study.metrics import METRICS
+from truestroke.studies.study.summary import Line, informative, judge, lines
 
-SHOWN = 5  # drawn numbers that tell most
+SHOWN = 5  # sampled numbers, the most informative
 CAPTIONS = {
     "times": (
         "How soon",
-        "Part of all runs that have converged by then. The line ends where what is left has failed.",
+        "Part of all runs that have converged by then. The line ends where all others have failed.",
     ),
     "failures": (
         "Where it fails",
-        "The runs in cells of the two drawn numbers that tell most of failing: the deeper the colour, the larger the "
-        "share that did not converge. No run fell where there is no cell.",
+        "The runs in cells of the two sampled numbers that are most informative about failure: the deeper the colour, "
+        "the larger the share that did not converge. There is no run where there is no cell.",
     ),
 }
 
@@ -44,21 +44,21 @@ def recorded(study: Study, rows: Sequence[Row]) -> Cells:
     """Columns and rows, as text: quantiles of what was recorded, over all runs."""
     found = []
     for name in study.record:
-        figure = FIGURES[name]
+        metric = METRICS[name]
         for line in lines(study, rows):
-            values = [f"{value:.4f}" for value in line.figures[name]]
-            found.append([f"{figure.words} ({figure.unit}), {line.controller}", *values])
+            values = [f"{value:.4f}" for value in line.metrics[name]]
+            found.append([f"{metric.words} ({metric.unit}), {line.controller}", *values])
     return ["over all runs", "median", "95 %", "largest"], found
 
 
-def tells(study: Study, rows: Sequence[Row]) -> Cells:
+def most_informative(study: Study, rows: Sequence[Row]) -> Cells:
     """Columns and rows, as text: what runs that fail have in common, controller by controller."""
     found = [
         [one.name, name, f"{one.higher:.2f}"]
         for name in study.controllers
-        for one in telling(study, rows, name)[:SHOWN]
+        for one in informative(study, rows, name)[:SHOWN]
     ]
-    return ["number drawn", "controller", "higher in a failed run"], found
+    return ["sampled number", "controller", "higher in a failed run"], found
 
 
 def costs(runs: int, seconds: Mapping[str, float]) -> Cells:
@@ -71,8 +71,8 @@ def costs(runs: int, seconds: Mapping[str, float]) -> Cells:
     return ["part", "core seconds", "%", "ms a run"], found
 
 
-def verdict(study: Study, rows: Sequence[Row]) -> str:
-    """In a sentence."""
+def result(study: Study, rows: Sequence[Row]) -> str:
+    """Who converged how often, in a sentence."""
     parts = [
         f"{line.controller} in {100 * line.share:.2f} % ({100 * line.low:.2f} to {100 * line.high:.2f})"
         for line in lines(study, rows)
@@ -81,18 +81,19 @@ def verdict(study: Study, rows: Sequence[Row]) -> str:
 
 
 def failures(failed: Sequence[Row]) -> str:
-    """How many runs could not be played, and why the first of them; empty where all could."""
+    """How many runs could not be simulated, and why the first of them; empty where all could."""
     if not failed:
         return ""
     runs = "run" if len(failed) == 1 else "runs"
-    return f"{len(failed)} more {runs} could not be played, the first is run {failed[0].number}: {failed[0].error}."
+    return f"{len(failed)} more {runs} could not be simulated, the first is run {failed[0].number}: {failed[0].error}."
 
 
 def meaning(study: Study) -> str:
     """What converged means here."""
+    within, level = study.converged.within, study.converged.level
     return (
-        f"Converged: from some time of at most {study.within:g} s on, every 0.25 s has a true rms error of at most "
-        f"{2e3 * study.level:g} nm. Intervals are exact binomial ones."
+        f"Converged: from some time of at most {within:g} s on, every 0.25 s has a true rms error of at most "
+        f"{2e3 * level:g} nm. Intervals are exact binomial ones."
     )
 
 
@@ -104,8 +105,8 @@ def tables(study: Study, rows: Sequence[Row], cost: tuple[int, Mapping[str, floa
         (shares(study, rows), meaning(study)),
         (recorded(study, rows), "True displacement; the second half is that of the run."),
         (
-            tells(study, rows),
-            "Probability that the number is higher in a run that failed than in one that converged: 0.5 tells nothing.",
+            most_informative(study, rows),
+            "Probability that the number is higher in a run that failed than in one that converged: 0.5 says nothing.",
         ),
         (costs(len(rows), seconds), f"{ticks / 1e6:.0f} million ticks of controller and plant, {each:.0f} ns each."),
     ]
@@ -123,9 +124,10 @@ def page(
     found = [Table(columns=columns, rows=cells, note=note) for (columns, cells), note in tables(study, rows, cost)]
     return Page(
         title=study.title,
-        lead=f"{verdict(study, rows)} {failures(failed)}".strip(),
+        lead=f"{result(study, rows)} {failures(failed)}".strip(),
+        verdict=judge(study, rows, failed),
         sections=[Section(tables=found), *captioned(CAPTIONS)],
-        plots=lambda theme: pictures.pictures(study, rows, theme),
+        plots=lambda theme: plots.plots(study, rows, theme),
         command=command,
         footer=f"truestroke {truestroke.__version__}, {len(rows)} of {study.runs} runs.",
     )

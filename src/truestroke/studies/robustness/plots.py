@@ -1,4 +1,4 @@
-"""What the zoo looks like: how the errors are distributed, the largest of each run, and the worst run."""
+"""How the errors of a robustness study are distributed, the largest of each run, and the worst run."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from matplotlib.ticker import FuncFormatter, NullFormatter
 from truestroke.base.typing import FloatArray
 from truestroke.report import style
 from truestroke.report.style import LIGHT, Theme
+from truestroke.signals.judgement import change_time
 from truestroke.signals.recording import Recording
-from truestroke.studies.zoo.draw import draw
-from truestroke.studies.zoo.figures import START
-from truestroke.studies.zoo.table import LIMIT, Result
+from truestroke.studies.engine import Row
+from truestroke.studies.robustness.metrics import START
+from truestroke.studies.robustness.table import LIMIT, NAMES, values
 
-NAMES = {"adaptive": "default", "paper": "the paper"}
 ROLES = {"adaptive": "true", "paper": "before"}
 PANELS = {
     "rmse": "rmse, second half",
@@ -26,24 +26,13 @@ PANELS = {
 }
 
 
-def first(results: Sequence[Result]) -> str:
-    """The first of the controllers: the one that is looked at."""
-    return next(iter(results[0].figures))
-
-
-def worst(results: Sequence[Result]) -> Result:
-    """The run with the largest error anywhere, with the first controller."""
-    return max(results, key=lambda result: result.figures[first(results)].largest)
-
-
-def distribution(results: Sequence[Result], theme: Theme = LIGHT) -> Figure:
+def distribution(rows: Sequence[Row], theme: Theme = LIGHT) -> Figure:
     """Part of the runs whose error is at most so much, nm on a logarithmic scale."""
     with style.use(theme):
         figure, panels = style.panels(2.7, 1, 3, sharey=True)
         for panel, (name, title) in zip(panels, PANELS.items(), strict=True):
-            for controller in results[0].figures:
-                values = [getattr(result.figures[controller], name) for result in results]
-                ascending = np.sort([1e3 * value for value in values if value is not None])
+            for controller in rows[0].metrics:
+                ascending = np.sort([1e3 * value for value in values(rows, controller, name)])
                 part = 100 * np.arange(1, ascending.size + 1) / max(ascending.size, 1)
                 panel.step(
                     ascending, part, where="post", color=theme[ROLES[controller]], label=NAMES[controller], lw=1.4
@@ -56,31 +45,32 @@ def distribution(results: Sequence[Result], theme: Theme = LIGHT) -> Figure:
     return figure
 
 
-def largest(results: Sequence[Result], theme: Theme = LIGHT) -> Figure:
+def largest(rows: Sequence[Row], theme: Theme = LIGHT) -> Figure:
     """The largest error of each run against its rmse, nm, both logarithmic."""
     markers = {"adaptive": "o", "paper": "D"}
     with style.use(theme):
         figure, (panel,) = style.panels(3.4)
-        for controller in results[0].figures:
-            found = [result.figures[controller] for result in results]
-            rmse, highest = [1e3 * f.rmse for f in found], [1e3 * f.largest for f in found]
+        for controller in rows[0].metrics:
+            rmse, highest = ([1e3 * v for v in values(rows, controller, name)] for name in ("rmse", "largest"))
             colour, name = theme[ROLES[controller]], NAMES[controller]
             panel.plot(rmse, highest, markers[controller], color=colour, ms=4.5, alpha=0.75, label=name)
         panel.axhline(1e3 * LIMIT, color=theme["alarm"], lw=1.2, ls="--", label=f"{LIMIT:g} µm")
         for axis in "xy":
             _logarithmic(panel, axis)
         panel.set(xlabel="true rmse, second half (nm)", ylabel="largest error that counts (nm)")
-        style.title(panel, "Each run of the zoo")
+        style.title(panel, "Each run")
         style.legend_above(panel, 3)
     return figure
 
 
-def trace(result: Result, recording: Recording, seed: int, theme: Theme = LIGHT) -> Figure:
+def trace(row: Row, recording: Recording, theme: Theme = LIGHT) -> Figure:
     """Motion and error of one run, in full and around its largest error."""
-    run, found = draw(seed, result.number), result.figures[first([result])]
+    found = next(iter(row.metrics.values()))
+    highest, at = (float(found[name] or 0.0) for name in ("largest", "largest_at"))
+    change = change_time(recording)
     time, desired = recording["time"], recording["desired"]
     error = 1e3 * (recording["true"] - desired)
-    near = np.abs(time - found.largest_at) < 0.15
+    near = np.abs(time - at) < 0.15
     with style.use(theme):
         figure, panels = style.panels(4.2, 2, 2, sharex="col")
         for column, part in enumerate((time >= START, near)):
@@ -88,17 +78,17 @@ def trace(result: Result, recording: Recording, seed: int, theme: Theme = LIGHT)
             above.plot(*style.thin(time[part], desired[part]), color=theme["true"], lw=1.0)
             below.plot(*style.thin(time[part], error[part]), color=theme["true"], lw=0.9)
             below.set_xlabel("time (s)")
-            if run.settings.change and time[part][0] < run.settings.change.time < time[part][-1]:
-                below.axvline(run.settings.change.time, color=theme["before"], lw=1.0, ls="--", label="change")
+            if change is not None and time[part][0] < change < time[part][-1]:
+                below.axvline(change, color=theme["before"], lw=1.0, ls="--", label="change")
                 below.legend(loc="upper right")
-        limit = 1.3e3 * found.largest
+        limit = 1.3e3 * highest
         for panel, part in zip(panels[2:], (time >= START, near), strict=True):
             _mark_off_scale(panel, time[part], error[part], limit, theme)
             panel.axhline(0, color=theme["muted"], lw=0.7, zorder=1.5)
             panel.set_ylim(-limit, limit)
         panels[0].set_ylabel("desired (µm)")
         panels[2].set_ylabel("true error (nm)")
-        style.title(panels[0], f"Run {result.number}, the worst: {run.motion}")
+        style.title(panels[0], f"Run {row.number}, the worst: {row.sampled['motion']}")
         style.title(panels[1], "Around its largest error")
     return figure
 
@@ -124,12 +114,12 @@ def _mark_off_scale(panel: Axes, time: FloatArray, error: FloatArray, limit: flo
     )
 
 
-def pictures(results: Sequence[Result], recording: Recording, seed: int, theme: Theme = LIGHT) -> dict[str, Figure]:
+def plots(rows: Sequence[Row], worst: Row, recording: Recording, theme: Theme = LIGHT) -> dict[str, Figure]:
     """All three by name; `recording` is that of the worst run with the first controller."""
     return {
-        "distribution": distribution(results, theme),
-        "largest": largest(results, theme),
-        "worst": trace(worst(results), recording, seed, theme),
+        "distribution": distribution(rows, theme),
+        "largest": largest(rows, theme),
+        "worst": trace(worst, recording, theme),
     }
 
 

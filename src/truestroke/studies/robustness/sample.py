@@ -1,19 +1,21 @@
-"""The distribution: which plants and motions there are, and how likely each is. docs/zoo.md states it in a table."""
+"""The distribution: which plants and motions there are, and how likely each is; docs/robustness.md states it."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, cast
 
 import numpy as np
 
+from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
+from truestroke.control.settings import ControllerSettings
 from truestroke.plant import Change, PlantSettings, RealisticPlant
 from truestroke.signals import trajectories
 from truestroke.signals.trajectories import Trajectory, smoothstep
-from truestroke.studies.zoo.dropouts import Dropouts
+from truestroke.studies.engine import Run
 
 SAMPLE_RATE = 2000.0  # Hz
 STROKE = 30.0  # um
@@ -28,70 +30,44 @@ MOTIONS = ("random 10 Hz", "random 20 Hz", "sine 1 Hz", "sine 4 Hz", "sine 8 Hz"
 BLIND = 0.06  # s after a change in which the sensor does not drop out: nothing can be learned without it
 
 
-@dataclass(frozen=True, kw_only=True)
-class Run:
-    """One draw: a plant, a motion, and what happens on the way.
+CONTROLLERS: dict[str, Callable[..., ControllerSettings]] = {
+    "adaptive": ControllerSettings,
+    "paper": ControllerSettings.paper,
+}
+KNOWN = {"sample_rate": SAMPLE_RATE, "stroke": STROKE, "voltage_limits": VOLTAGE_LIMITS}  # to each controller
 
-    Attributes
+
+def sample(seed: int, number: int, controllers: Iterable[str] = CONTROLLERS, **settings: Any) -> Run:
+    """The run of this number: a plant, a motion, and what happens on the way.
+
+    Parameters
     ----------
     seed, number : int
-        Of the zoo, and of the run in it: the same two give the same run, to the bit.
-    settings : PlantSettings
-        The plant, with its sudden change if there is one.
-    reach : tuple[float, float]
-        Lowest and highest position that is asked for, um.
-    motion : str
-        One of `MOTIONS`.
-    prelude : str
-        "", "rest" or "small sine": what comes before the motion.
-    trajectory : Trajectory
-        All of it.
-    begin : float
-        When the motion proper begins, s; the first half of what follows is not judged for rmse.
-    bursts : tuple of (int, int)
-        Sensor dropouts: first tick of each, and the first after it.
-    """
+        Of the study, and of the run in it: the same two give the same run, to the bit.
+    controllers : iterable of str
+        Of `CONTROLLERS`.
+    **settings
+        Of the adaptive controller, for trying others.
 
-    seed: int
-    number: int
-    settings: PlantSettings
-    reach: tuple[float, float]
-    motion: str
-    prelude: str
-    trajectory: Trajectory
-    begin: float
-    bursts: tuple[tuple[int, int], ...]
-
-    @property
-    def change_tick(self) -> int | None:
-        """First tick of the changed actuator."""
-        change = self.settings.change
-        return None if change is None else change.tick(SAMPLE_RATE)
-
-    def actuator(self, *without: str) -> Dropouts:
-        """The plant, at rest; effects named as in `truestroke.plant.EFFECTS` can be switched off."""
-        return Dropouts(RealisticPlant(self.settings.without(*without), seed=self.number), list(self.bursts))
-
-    def words(self) -> str:
-        """What happens, in a line."""
-        change = self.settings.change
-        parts = [self.motion, f"after {self.prelude}" if self.prelude else ""]
-        if change:
-            parts.append(f"gain {change.gain:.2f}, hysteresis {change.hysteresis:.2f} at {change.time:.2f} s")
-        parts.append(f"{len(self.bursts)} dropouts" if self.bursts else "")
-        return ", ".join(filter(None, parts))
-
-
-def draw(seed: int, number: int) -> Run:
-    """The run of this number.
+    Returns
+    -------
+    Run
+        Its `sampled` has: what, in a line; motion, one of `MOTIONS`; prelude, "", "rest" or "small sine": what comes
+        before the motion; reach, lowest and highest position that is asked for, um; begin, when the motion proper
+        begins, s: the first half of what follows is not judged for rmse.
 
     Examples
     --------
-    >>> draw(0, 2).words()
+    >>> sample(0, 2).sampled["what"]
     'sine 8 Hz, gain 0.95, hysteresis 0.88 at 7.49 s'
     """
+    laws = {}
+    for name in controllers:
+        if name not in CONTROLLERS:
+            raise SettingError("controller", repr(name), f"one of {', '.join(CONTROLLERS)}")
+        laws[name] = CONTROLLERS[name](**KNOWN, **settings if name == "adaptive" else {})
     random = np.random.Generator(np.random.PCG64([seed, number]))
-    settings = _plant(random)
+    plant = _plant(random)
     motion = MOTIONS[random.integers(len(MOTIONS))]
     prelude = ("rest", "small sine", *[""] * 6)[random.integers(8)]
     changes, drops = random.random() < 0.5, random.random() < 0.2
@@ -102,21 +78,43 @@ def draw(seed: int, number: int) -> Run:
     if changes:
         time = begin + random.uniform(1.5, DURATION - 1.5)
         change = Change(time=time, gain=random.uniform(0.8, 1.2), hysteresis=random.uniform(0.6, 1.4))
-        settings = dataclasses.replace(settings, change=change)
-    reach = _reach(settings, begin + DURATION)
+        plant = dataclasses.replace(plant, change=change)
+    reach = _reach(plant, begin + DURATION)
     trajectory = _trajectory(random, motion, prelude, before, reach)
-    run = Run(
-        seed=seed,
+    dropouts = _dropouts(random, len(trajectory), change_tick(plant)) if drops else ()
+    return Run(
         number=number,
-        settings=settings,
-        reach=reach,
-        motion=motion,
-        prelude=prelude,
+        seed=number,
+        plant=plant,
         trajectory=trajectory,
-        begin=begin,
-        bursts=(),
+        controllers=laws,
+        sampled={
+            "what": _what(motion, prelude, plant.change, len(dropouts)),
+            "motion": motion,
+            "prelude": prelude,
+            "reach": list(reach),
+            "begin": begin,
+        },
+        dropouts=dropouts,
     )
-    return dataclasses.replace(run, bursts=_bursts(random, run)) if drops else run
+
+
+def plant_of(run: Run) -> PlantSettings:
+    """Its plant, which `sample` makes a realistic one."""
+    return cast(PlantSettings, run.plant)
+
+
+def change_tick(plant: PlantSettings) -> int | None:
+    """First tick of the changed actuator; None if it does not change."""
+    return None if plant.change is None else plant.change.tick(SAMPLE_RATE)
+
+
+def _what(motion: str, prelude: str, change: Change | None, dropouts: int) -> str:
+    parts = [motion, f"after {prelude}" if prelude else ""]
+    if change:
+        parts.append(f"gain {change.gain:.2f}, hysteresis {change.hysteresis:.2f} at {change.time:.2f} s")
+    parts.append(f"{dropouts} dropouts" if dropouts else "")
+    return ", ".join(filter(None, parts))
 
 
 # ---- The plant -----------------------------------------------------------------------------------------------------
@@ -185,7 +183,7 @@ def _trajectory(
     settings: dict[str, object] = {"motion": motion, "prelude": prelude, "reach": reach}
     wave = _motion(random, motion, reach, DURATION)
     if not prelude:
-        return Trajectory(f"zoo, {motion}", SAMPLE_RATE, *joined([(wave.position, wave.velocity, 0)]), settings)
+        return Trajectory(f"robustness, {motion}", SAMPLE_RATE, *joined([(wave.position, wave.velocity, 0)]), settings)
     pieces: list[Piece] = []
     if before:
         first = _motion(random, "random 20 Hz", reach, before + BLEND)
@@ -197,7 +195,7 @@ def _trajectory(
     small = level + size * np.sin(omega * time), size * omega * np.cos(omega * time)
     pieces.append((*small, round(before * SAMPLE_RATE)))
     pieces.append((wave.position, wave.velocity, round((before + PRELUDE) * SAMPLE_RATE)))
-    return Trajectory(f"zoo, {prelude}, {motion}", SAMPLE_RATE, *joined(pieces), settings)
+    return Trajectory(f"robustness, {prelude}, {motion}", SAMPLE_RATE, *joined(pieces), settings)
 
 
 def joined(pieces: Sequence[Piece]) -> tuple[FloatArray, FloatArray]:
@@ -234,11 +232,11 @@ def _motion(random: np.random.Generator, motion: str, reach: tuple[float, float]
     return trajectories.sine(frequency=float(rest.removesuffix(" Hz")), **place, **shared)
 
 
-def _bursts(random: np.random.Generator, run: Run) -> tuple[tuple[int, int], ...]:
+def _dropouts(random: np.random.Generator, ticks: int, change: int | None) -> tuple[tuple[int, int], ...]:
     """About one burst a second, 1 to 200 ticks long, but not just after the change."""
-    starts = np.flatnonzero(random.random(len(run.trajectory)) < 1 / SAMPLE_RATE)
+    starts = np.flatnonzero(random.random(ticks) < 1 / SAMPLE_RATE)
     bursts = [(int(start), int(start + 200 ** random.random())) for start in starts]
-    if run.change_tick is None:
+    if change is None:
         return tuple(bursts)
-    first, last = run.change_tick, run.change_tick + round(BLIND * SAMPLE_RATE)
-    return tuple(burst for burst in bursts if burst[1] <= first or burst[0] >= last)
+    last = change + round(BLIND * SAMPLE_RATE)
+    return tuple(burst for burst in bursts if burst[1] <= change or burst[0] >= last)

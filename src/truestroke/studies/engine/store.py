@@ -6,20 +6,19 @@ import hashlib
 import json
 import sqlite3
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
 from truestroke.base.errors import TruestrokeError
-from truestroke.studies.study.config import Study
-from truestroke.studies.study.play import Batch, Row, versions
+from truestroke.studies.engine.rows import Batch, Row, Study, versions
 
-LAYOUT = 2  # of the tables
+LAYOUT = 3  # of the tables
 TABLES = """
 CREATE TABLE IF NOT EXISTS study (name TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;
-CREATE TABLE IF NOT EXISTS run (number INTEGER PRIMARY KEY, told TEXT NOT NULL, figures TEXT NOT NULL,
+CREATE TABLE IF NOT EXISTS run (number INTEGER PRIMARY KEY, sampled TEXT NOT NULL, metrics TEXT NOT NULL,
     error TEXT NOT NULL, seal TEXT NOT NULL);
 CREATE TABLE IF NOT EXISTS cost (part TEXT PRIMARY KEY, spent REAL NOT NULL, seal TEXT NOT NULL) WITHOUT ROWID;
 """
@@ -42,13 +41,13 @@ class Store:
     """The results of one study.
 
     A batch is either in it or not, whenever the process is killed; a run that is in it already is not counted again.
-    Its format is plain: tables study, run (number, told, figures as JSON, error) and cost. Each row has a seal, and the
-    number of rows stands in cost as "rows": a file that was damaged is found when it is opened or read.
+    Its format is plain: tables study, run (number, sampled, metrics as JSON, error) and cost. Each row has a seal, and
+    the number of rows stands in cost as "rows": a file that was damaged is found when it is opened or read.
 
     Parameters
     ----------
     path : path
-        Of the file; made if it is not there.
+        Of the file; made if it is not there. ":memory:" keeps nothing.
     study : Study
         Whose results it holds.
 
@@ -60,11 +59,11 @@ class Store:
     Examples
     --------
     >>> import tempfile, tomllib
-    >>> from truestroke.studies.study import example, parse, play
+    >>> from truestroke.studies.study import example, parse, simulate
     >>> study = parse(tomllib.loads(example()))
     >>> with Store(Path(tempfile.mkdtemp()) / "study.sqlite", study) as store:
-    ...     store.add(play(study, [0, 2]))
-    ...     store.missing(4)
+    ...     store.add(simulate(study, [0, 2]))
+    ...     store.missing(range(4))
     [1, 3]
     """
 
@@ -94,7 +93,7 @@ class Store:
         """Keep a batch, in one transaction; runs that are there already stay as they are."""
         if batch.versions != versions():
             raise StoreError(f"{self.path}: a worker has other versions: {batch.versions} there, {versions()} here")
-        made = [(row.number, json.dumps(row.told), json.dumps(row.figures), row.error) for row in batch.rows]
+        made = [(row.number, json.dumps(row.sampled), json.dumps(row.metrics), row.error) for row in batch.rows]
         with self._guarded(), self._database as database:
             database.execute("BEGIN IMMEDIATE")
             sealed = [(*row, seal(*row)) for row in made]
@@ -107,29 +106,29 @@ class Store:
             spent = [(part, float(value), seal(part, float(value))) for part, value in costs.items()]
             database.executemany("INSERT OR REPLACE INTO cost VALUES (?, ?, ?)", spent)
 
-    def missing(self, runs: int) -> list[int]:
-        """Numbers below `runs` that are not there."""
+    def missing(self, numbers: Sequence[int]) -> list[int]:
+        """Those of these that are not there."""
         with self._guarded():
             there = {number for (number,) in self._database.execute("SELECT number FROM run")}
-        return [number for number in range(runs) if number not in there]
+        return [number for number in numbers if number not in there]
 
     def rows(self, runs: int) -> list[Row]:
-        """All of those below `runs` that are there and could be played, by number."""
+        """All of those below `runs` that are there and were simulated, by number."""
         return [row for row in self._rows(runs) if not row.error]
 
     def failed(self, runs: int) -> list[Row]:
-        """Those below `runs` that could not be played, each with its error, by number."""
+        """Those below `runs` that could not be simulated, each with its error, by number."""
         return [row for row in self._rows(runs) if row.error]
 
     def _rows(self, runs: int) -> list[Row]:
-        ask = "SELECT number, told, figures, error, seal FROM run WHERE number < ? ORDER BY number"
+        ask = "SELECT number, sampled, metrics, error, seal FROM run WHERE number < ? ORDER BY number"
         with self._guarded():
             return [self._row(*found) for found in self._database.execute(ask, [runs])]
 
-    def _row(self, number: int, told: str, figures: str, error: str, sealed: str) -> Row:
-        if sealed != seal(number, told, figures, error):
+    def _row(self, number: int, sampled: str, metrics: str, error: str, sealed: str) -> Row:
+        if sealed != seal(number, sampled, metrics, error):
             raise self._damaged(f"run {number} is not as it was written")
-        return Row(number, json.loads(told), json.loads(figures), error)
+        return Row(number, json.loads(sampled), json.loads(metrics), error)
 
     def cost(self) -> tuple[int, dict[str, float]]:
         """Ticks of controller and plant, and core seconds by part."""

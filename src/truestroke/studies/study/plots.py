@@ -1,4 +1,4 @@
-"""What a study looks like: how soon runs converge, and the map of where they do not."""
+"""How soon the runs of a study converge, and the map of where they do not."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from matplotlib.patches import Patch, Rectangle
 
 from truestroke.report import style
 from truestroke.report.style import LIGHT, Theme
+from truestroke.studies.engine import Row
 from truestroke.studies.study.config import Study
-from truestroke.studies.study.play import Row
-from truestroke.studies.study.summary import telling
+from truestroke.studies.study.summary import informative
 
 CELLS = (22, 12)  # of the map
-UNLIKE = 0.5  # correlation of two numbers that do not say the same
+UNLIKE = 0.5  # largest correlation of two numbers that are not the same
 FAINT = 0.3  # opacity of a cell in which hardly any run failed
 
 
@@ -24,15 +24,16 @@ def times(study: Study, rows: Sequence[Row], theme: Theme = LIGHT) -> Figure:
     """Part of all runs that have converged after so many seconds."""
     with style.use(theme):
         figure, (panel,) = style.panels(2.9)
+        within = study.converged.within
         for colour, name in zip(theme.series, study.controllers, strict=False):
-            settled = [row.figures[name]["convergence_time"] for row in rows if row.converged(study, name)]
+            settled = [row.metrics[name]["convergence_time"] for row in rows if study.has_converged(row, name)]
             ascending = np.sort(np.array(settled, float))
             part = 100 * np.arange(1, ascending.size + 1) / len(rows)
-            ends = np.append(ascending, study.within), np.append(part, part[-1] if part.size else 0.0)
+            ends = np.append(ascending, within), np.append(part, part[-1] if part.size else 0.0)
             panel.step(*ends, where="post", color=colour, label=name, lw=1.5)
-        panel.set(xlabel="time (s)", ylabel="runs that have converged (%)", ylim=(0, 101), xlim=(0, study.within))
+        panel.set(xlabel="time (s)", ylabel="runs that have converged (%)", ylim=(0, 101), xlim=(0, within))
         panel.set_xscale("symlog", linthresh=0.1)
-        ticks = [t for t in (0, 0.1, 0.3, 1, 3, 10, 30, 100) if t <= study.within]
+        ticks = [t for t in (0, 0.1, 0.3, 1, 3, 10, 30, 100) if t <= within]
         panel.set_xticks(ticks, [f"{t:g}" for t in ticks])
         panel.set_xticks([], minor=True)
         style.legend_above(panel, len(study.controllers))
@@ -40,29 +41,29 @@ def times(study: Study, rows: Sequence[Row], theme: Theme = LIGHT) -> Figure:
 
 
 def axes_of_map(study: Study, rows: Sequence[Row]) -> tuple[str, str]:
-    """The most telling number, of the controller that fails most often, and the next that says something else.
+    """The most informative number, of the controller that fails most often, and the next that is not the same.
 
-    Something else: its correlation with the first is at most 0.5. Where none fails, what was drawn last counts.
+    Not the same: its correlation with the first is at most 0.5. Where none fails, what was sampled last counts.
     """
-    most = max(study.controllers, key=lambda name: sum(not row.converged(study, name) for row in rows))
-    names = [one.name for one in telling(study, rows, most)]
-    names += [name for name in reversed(rows[0].told) if name not in names]
-    first = [row.told[names[0]] for row in rows]
+    most = max(study.controllers, key=lambda name: sum(not study.has_converged(row, name) for row in rows))
+    names = [one.name for one in informative(study, rows, most)]
+    names += [name for name in reversed(rows[0].sampled) if name not in names]
+    first = [row.sampled[names[0]] for row in rows]
     for name in names[1:]:
-        values = [row.told[name] for row in rows]
+        values = [row.sampled[name] for row in rows]
         if np.ptp(first) and np.ptp(values) and abs(np.corrcoef(first, values)[0, 1]) <= UNLIKE:
             return names[0], name
     return names[0], names[-1]
 
 
 def failures(study: Study, rows: Sequence[Row], theme: Theme = LIGHT) -> Figure:
-    """Share of the runs that failed, over two drawn numbers, a panel for each controller."""
+    """Share of the runs that failed, over two sampled numbers, a panel for each controller."""
     x_name, y_name = axes_of_map(study, rows)
-    x, y = (np.array([row.told[name] for row in rows]) for name in (x_name, y_name))
+    x, y = (np.array([row.sampled[name] for row in rows]) for name in (x_name, y_name))
     with style.use(theme):
         figure, panels = style.panels(3.3, 1, len(study.controllers), sharex=True, sharey=True)
         for panel, name in zip(panels, study.controllers, strict=True):
-            failed = np.array([not row.converged(study, name) for row in rows])
+            failed = np.array([not study.has_converged(row, name) for row in rows])
             _cells(panel, x, y, failed, theme)
             panel.set_xlabel(_label(x_name))
             style.title(panel, f"{name}: {np.sum(failed)} of {len(rows)} failed")
@@ -96,6 +97,6 @@ def _label(name: str) -> str:
     return f"{name} ({unit})" if unit else name
 
 
-def pictures(study: Study, rows: Sequence[Row], theme: Theme = LIGHT) -> dict[str, Figure]:
+def plots(study: Study, rows: Sequence[Row], theme: Theme = LIGHT) -> dict[str, Figure]:
     """Both by name."""
     return {"times": times(study, rows, theme), "failures": failures(study, rows, theme)}

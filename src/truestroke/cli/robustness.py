@@ -1,0 +1,96 @@
+"""`truestroke robustness`: the controller on many plants."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from truestroke.base.exit_codes import ExitCode
+from truestroke.cli import common
+from truestroke.cli import results as shown
+
+
+def _names(context: click.Context, option: click.Parameter, value: str) -> tuple[str, ...]:
+    """The controllers, each one that exists, none twice."""
+    names = tuple(dict.fromkeys(value.split(",")))
+    for name in names:
+        if name not in ("adaptive", "paper"):
+            raise click.BadParameter(f"{name!r} is not one of adaptive, paper.")
+    return names
+
+
+@click.command()
+@click.option("--plants", metavar="N", type=click.IntRange(1), default=200, help="How many are sampled.")
+@click.option("--seed", metavar="N", type=click.IntRange(0), default=0, help="Of all that is sampled.")
+@click.option("--controllers", metavar="NAMES", default="adaptive,paper", callback=_names, help="Of adaptive, paper.")
+@click.option("--half", type=click.Choice(["all", "seen", "unseen"]), default="all", help="Even numbers are seen, for "
+              "tuning; odd ones are not.")  # fmt: skip
+@click.option("--workers", metavar="N", type=click.IntRange(1), default=2, help="Threads.")
+@click.option("--only", metavar="NUMBER", type=click.IntRange(0), help="Simulate this run alone, with the first of the "
+              "controllers; write its recording and page.")  # fmt: skip
+@click.option("--output", metavar="NAME", default="truestroke-robustness", help="Write NAME.html; with --only also "
+              "NAME.h5.")  # fmt: skip
+@common.plots_option
+@common.overwrite_option
+@common.json_option
+def robustness(
+    plants: int,
+    seed: int,
+    controllers: tuple[str, ...],
+    half: str,
+    workers: int,
+    only: int | None,
+    output: str,
+    plots: Path | None,
+    as_json: bool,
+) -> int:
+    """Follow motions with many plants sampled at random.
+
+    Each plant has its own hysteresis, creep, resonance, noise and drift, and half of them change suddenly. Prints
+    median, 95th percentile and worst of the errors of the default controller and the paper's; writes a page.
+    """
+    if only is not None:
+        return _one(seed, only, controllers[0], output, plots, as_json)
+    (page_file,) = common.outputs(output, ".html")
+    from truestroke.studies import robustness as studies
+
+    asked = studies.Robustness(seed=seed, numbers=studies.numbers(plants, half), controllers=controllers)
+    if not asked.numbers:
+        raise click.UsageError(f"--plants {plants}: the {half} half of it is empty.")
+    with common.progress("simulating") as tell:
+        rows = studies.run(asked, workers, tell)
+    verdict = studies.judge(rows)
+    with common.stoppable(), common.progress("plotting"):
+        from truestroke.studies.robustness import page
+
+        number = page.worst_first(rows)[0].number
+        worst = studies.record(seed, number, controllers[0])
+        paths = common.save_page(page.page(rows, worst, common.as_asked()["command"]), page_file, plots)
+    if as_json:
+        runs = [{"number": row.number, "what": row.sampled["what"], **row.metrics} for row in rows]
+        found = {"table": [line.as_dict() for line in studies.lines(rows)], "runs": runs}
+        common.print_json({**verdict.as_dict(), **found, "page": str(page_file), "pictures": paths})
+        return ExitCode.of(verdict)
+    common.print_table(*page.table(rows))
+    common.print_table(*page.worst_runs(rows), left="what happened")
+    for name in controllers:
+        common.print_text(studies.sentence(rows, name))
+    common.print_verdict(verdict)
+    common.print_files(page=page_file, pictures=plots)
+    again = f"robustness{f' --seed {seed}' if seed else ''} --only {number}"
+    common.suggest((again, "recording and page of the worst run"))
+    return ExitCode.of(verdict)
+
+
+def _one(seed: int, number: int, controller: str, output: str, plots: Path | None, as_json: bool) -> int:
+    recording_file, page_file = common.outputs(output, ".h5", ".html")
+    from truestroke.studies import robustness as studies
+
+    with common.stoppable(), common.progress("simulating"):
+        recording = studies.record(seed, number, controller)
+    recording = shown.own(recording)
+    recording.save(recording_file)
+    if not as_json:
+        click.echo(recording.metadata["robustness"]["what"])
+    return shown.finish(recording, page_file, plots, as_json, recording_file)
