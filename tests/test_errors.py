@@ -241,6 +241,10 @@ MISTAKES = {
         lambda: truestroke.save_page("run.html", truestroke.Recording({})),
         "recording = 'run.html': must be a Recording.*the order is recording, path",
     ),
+    "a plant to play back on": (
+        lambda: truestroke.playback(plant.RealisticPlant(), VOLTS, 2000.0, voltage_limits=(-0.6, 3.6), slew=400.0),
+        r"driver = object of class RealisticPlant: must be a driver.*no start\(\), no stop\(\), no close\(\)",
+    ),
     "a wave to characterise": (
         lambda: truestroke.characterise(WAVE, stroke=30.0, voltage_limits=(-0.6, 3.6)),
         "actuator = object of class Trajectory: must be an actuator",

@@ -37,6 +37,7 @@ from truestroke.runtime.batch import Simulation as Simulation
 from truestroke.runtime.batch import SimulationError as SimulationError
 from truestroke.runtime.batch import simulate_many as simulate_many
 from truestroke.runtime.commissioning.procedure import AnswerError as AnswerError
+from truestroke.runtime.drivers.playback import playback as playback
 from truestroke.runtime.drivers.protocol import Driver as Driver
 from truestroke.runtime.drivers.protocol import DriverError as DriverError
 from truestroke.runtime.loop import Actuator as Actuator

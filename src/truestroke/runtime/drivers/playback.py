@@ -130,7 +130,7 @@ def playback(
     Raises
     ------
     SettingError
-        An argument is out of its bounds.
+        An argument is out of its bounds or not of its kind.
     DriverError
         The hardware failed.
     """
@@ -145,6 +145,8 @@ def playback(
     fastest = float(np.abs(np.diff(wave)).max()) * rate
     if fastest > limits.slew * (1 + 1e-9):
         raise SettingError("volts", f"waveform of {fastest:.4g} V/s", f"no faster than slew, {slew:g} V/s")
+    calls = ("open", "start", "exchange", "stop", "close")
+    checks.able("driver", driver, calls, "a driver, such as drivers.SimulatedDriver; the order is driver, volts")
     step = min(slew, (high - low) / RAMP) / rate
     before = np.append(_ramp(safe, wave[0], step), np.full(round(rest * sample_rate), wave[0]))
     whole = np.concatenate([before, wave, _ramp(wave[-1], safe, step)])
