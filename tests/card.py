@@ -13,7 +13,7 @@ import pytest
 
 from truestroke.base.declared import kernel_values
 from truestroke.plant import PlantSettings
-from truestroke.plant.settings import PLANT_SETTINGS
+from truestroke.plant.settings import NEVER, PLANT_SETTINGS
 
 ROOT = Path(__file__).parents[1]
 SONAME = "libnidaqmx.so.1"
@@ -23,7 +23,7 @@ def compile_library(folder: Path) -> Path:
     """The fake library in `folder`, with the default stack at 10 kHz: one sample a step of the converters."""
     plant = kernel_values(PlantSettings(sample_rate=10_000.0, samples_per_tick=1, steps_per_tick=2), PLANT_SETTINGS)
     members = ", ".join(f".{name} = {value!r}" for name, value in plant.items())
-    members = members.replace("-inf", "-INFINITY").replace(" inf", " INFINITY").replace("-1,", "TS_NEVER,")
+    members = members.replace("-inf", "-INFINITY").replace(" inf", " INFINITY").replace(str(NEVER), "TS_NEVER")
     sources = [ROOT / "tests/fakes/nidaqmx.c", ROOT / "c/plant/plant.c"]
     target = folder / SONAME
     flags = ["-std=gnu11", "-O2", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC", f"-Wl,-soname,{SONAME}"]

@@ -11,7 +11,6 @@ import dataclasses
 import re
 from pathlib import Path
 
-from truestroke.base.declared import default_text
 from truestroke.control.settings import SETTINGS, ControllerSettings
 
 ROOT = Path(__file__).parents[1]
@@ -23,11 +22,14 @@ HEAD = ("setting", "unit", "default", "bound", "law", "changeable", "kernel", "m
 def table() -> str:
     """The settings as rows of Markdown."""
     rows = [HEAD, ("---",) * len(HEAD)]
-    for name, setting in SETTINGS.items():
-        members = ", ".join(f"`{member}`" for member in setting.members(name)) or "-"
-        default, changeable = default_text(FIELDS[name], setting), "yes" if setting.changeable else "-"
-        bound, law = setting.bound.text, setting.law or "all"
-        rows.append((f"`{name}`", setting.unit or "-", default, bound, law, changeable, members, setting.meaning))
+    for setting in ControllerSettings(sample_rate=1.0, stroke=1.0, voltage_limits=(0.0, 1.0)).describe():
+        shown = {
+            "setting": f"`{setting['name']}`",
+            "unit": setting["unit"] or "-",
+            "changeable": "yes" if setting["changeable"] else "-",
+            "kernel": ", ".join(f"`{member}`" for member in setting["kernel"]) or "-",
+        }
+        rows.append(tuple(str({**setting, **shown}[column]) for column in HEAD))
     return "".join(f"| {' | '.join(row)} |\n" for row in rows)
 
 

@@ -18,6 +18,7 @@
 #include "dispatch.h"
 #include "loops.h"
 #include "native.h"
+#include "settings.h"
 #include "truestroke.h"
 
 namespace nb = nanobind;
@@ -49,31 +50,14 @@ const char *message(ts_status status) {
     }
 }
 
-// One member of the C settings from an entry of the dictionary, whatever its type.
-template <typename T> void read(const char *name, nb::handle value, T &member) {
-    if constexpr (std::is_same_v<T, ts_real>) member = static_cast<ts_real>(nb::cast<double>(value));
-    else if constexpr (std::is_enum_v<T>) member = static_cast<T>(nb::cast<int>(value));
-    else member = nb::cast<T>(value);
-}
-
-template <typename T, size_t N> void read(const char *name, nb::handle value, T (&member)[N]) {
-    size_t count = 0;
-    for (nb::handle entry : nb::cast<nb::iterable>(value)) {
-        if (count == N)
-            throw std::invalid_argument(std::string(name) + ": the kernel holds at most " + std::to_string(N) + " entries");
-        read(name, entry, member[count++]);
-    }
-}
-
-// By the names of the C structs; what is not given is 0. Python has checked the values, the kernel checks them again.
+// Python has checked the values, the kernel checks them again.
 ts_settings settings_from(const nb::dict &d) {
     ts_settings s{};
-    size_t known = 0;
-#define MEMBER(name, member)                                                                                            \
-    if (d.contains(name)) read(name, d[name], s.member), known++;
-#include "members.inc"
+    Reader read(d);
+#define MEMBER(name, member) read(name, s.member);
+#include "ts_settings.inc"
 #undef MEMBER
-    if (known != d.size()) throw nb::type_error("settings have an entry that the kernel has not: it was compiled from another header");
+    read.finish();
     return s;
 }
 
@@ -650,7 +634,7 @@ MODULE(TS_MODULE, m) {
     }, "name"_a);
     nb::list members;
 #define MEMBER(name, member) members.append(name);
-#include "members.inc"
+#include "ts_settings.inc"
 #undef MEMBER
     m.attr("SETTINGS") = nb::tuple(members);
     m.attr("MAX_PLAYS") = TS_MAX_PLAYS;

@@ -1,6 +1,6 @@
-"""Lists the members of ts_settings, those of structs within it too: MEMBER("kalman.filter", kalman.filter) a line.
+"""Lists the members of a C struct, those of structs within it too: MEMBER("kalman.filter", kalman.filter) a line.
 
-    python members.py truestroke.h members.inc
+    python members.py truestroke.h ts_settings ts_settings.inc
 
 so that the binding copies settings by name, whatever members the header has.
 """
@@ -15,12 +15,12 @@ def members(header: str, struct: str, prefix: str = "") -> Iterator[str]:
     """Paths of the members of a struct, in order."""
     (body,) = re.findall(rf"typedef struct \{{([^}}]*)\}} {struct};", header)
     for kind, names in re.findall(r"(\w+) ([^;]+);", body):
-        for name in re.findall(r"(\w+)(?:\[[^]]*\])?(?:,|$)", names):
+        for name in re.findall(r"(\w+)(?:\[[^]]*\])*(?:,|$)", names):
             within = re.search(rf"\}} {kind};", header) and kind != "ts_law"
             yield from members(header, kind, f"{prefix}{name}.") if within else [prefix + name]
 
 
 if __name__ == "__main__":
     text = re.sub(r"/\*.*?\*/", "", Path(sys.argv[1]).read_text(encoding="utf-8"), flags=re.DOTALL)
-    lines = (f'MEMBER("{path}", {path})\n' for path in members(text, "ts_settings"))
-    Path(sys.argv[2]).write_text("".join(lines), encoding="utf-8")
+    lines = (f'MEMBER("{path}", {path})\n' for path in members(text, sys.argv[2]))
+    Path(sys.argv[3]).write_text("".join(lines), encoding="utf-8")

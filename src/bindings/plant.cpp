@@ -1,18 +1,17 @@
 // Python's view of the simulated actuators: settings by name, arrays that the caller owns.
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
-#include <nanobind/stl/vector.h>
 
 #include <cmath>
 #include <cstring>
 #include <stdexcept>
 #include <string>
 #include <type_traits>
-#include <vector>
 
 #include "loops.h"
 #include "native.h"
 #include "plant.h"
+#include "settings.h"
 
 namespace nb = nanobind;
 using nb::literals::operator""_a;
@@ -22,29 +21,10 @@ namespace {
 using Input = nb::ndarray<const double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 using Output = nb::ndarray<double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 
-template <typename T> T entry(const nb::dict &d, const char *name) {
-    if (!d.contains(name)) throw std::invalid_argument(std::string("settings have no entry ") + name);
-    return nb::cast<T>(d[name]);
-}
-
-int count(const nb::dict &d, const char *name, int low, int high) {
-    int n = entry<int>(d, name);
-    if (n < low || n > high)
+void within(const char *name, int value, int low, int high) {
+    if (value < low || value > high)
         throw std::invalid_argument(std::string(name) + " must be from " + std::to_string(low) + " to " +
                                     std::to_string(high));
-    return n;
-}
-
-uint64_t tick(const nb::dict &d, const char *name) {
-    int64_t k = entry<int64_t>(d, name);
-    return k < 0 ? TS_NEVER : static_cast<uint64_t>(k);
-}
-
-void fill(const nb::dict &d, const char *name, double *target, size_t size) {
-    auto source = entry<std::vector<double>>(d, name);
-    if (source.size() != size)
-        throw std::invalid_argument(std::string(name) + " must have " + std::to_string(size) + " entries");
-    for (size_t i = 0; i < size; i++) target[i] = source[i];
 }
 
 void same_length(size_t expected, size_t given) {
@@ -71,23 +51,15 @@ int64_t first_bad(const Input &volts) {
 
 ts_plant_settings plant_settings(const nb::dict &d) {
     ts_plant_settings s{};
-#define TAKE(name) s.name = entry<double>(d, #name)
-    TAKE(sample_rate);
-    s.samples_per_tick = count(d, "samples_per_tick", 1, 1 << 20);
-    s.steps_per_tick = count(d, "steps_per_tick", s.samples_per_tick, 1 << 20);
-    TAKE(da_step), TAKE(da_low), TAKE(da_high);
-    TAKE(amplifier_gain), TAKE(amplifier_bandwidth), TAKE(stack_low), TAKE(stack_high);
-    TAKE(sensitivity), TAKE(hysteresis), TAKE(threshold_scale), TAKE(threshold_max);
-    TAKE(threshold_exponent);
-    s.plays = count(d, "plays", 1, TS_PLANT_MAX_PLAYS);
-    TAKE(asymmetry), TAKE(asymmetry_stroke);
-    TAKE(creep), TAKE(creep_shortest), TAKE(creep_longest);
-    s.creep_operators = count(d, "creep_operators", 1, TS_PLANT_MAX_CREEP);
-    TAKE(resonance), TAKE(damping), TAKE(drift), TAKE(drift_time);
-    TAKE(noise), TAKE(ad_step), TAKE(ad_low), TAKE(ad_high);
-    s.change_tick = tick(d, "change_tick");
-    TAKE(change_gain), TAKE(change_hysteresis), TAKE(ageing_gain), TAKE(ageing_hysteresis);
-#undef TAKE
+    Reader read(d);
+#define MEMBER(name, member) read(name, s.member);
+#include "ts_plant_settings.inc"
+#undef MEMBER
+    read.finish();
+    within("samples_per_tick", s.samples_per_tick, 1, 1 << 20);
+    within("steps_per_tick", s.steps_per_tick, s.samples_per_tick, 1 << 20);
+    within("plays", s.plays, 1, TS_PLANT_MAX_PLAYS);
+    within("creep_operators", s.creep_operators, 1, TS_PLANT_MAX_CREEP);
     return s;
 }
 
@@ -127,19 +99,13 @@ class Plant {
 
 ts_matched_settings matched_settings(const nb::dict &d) {
     ts_matched_settings s{};
-    s.plays = count(d, "plays", 1, TS_MATCHED_MAX_PLAYS);
-    s.dead_zones = count(d, "dead_zones", 1, TS_MATCHED_MAX_DEAD_ZONES);
-    size_t n = static_cast<size_t>(s.plays), m = static_cast<size_t>(s.dead_zones);
-    fill(d, "thresholds", s.thresholds, n);
-    fill(d, "a", s.a[0], n);
-    fill(d, "b", s.b[0], n);
-    fill(d, "changed_a", s.a[1], n);
-    fill(d, "changed_b", s.b[1], n);
-    fill(d, "dead_zone_thresholds", s.dead_zone_thresholds, m);
-    fill(d, "dead_zone_weights", s.dead_zone_weights, m);
-    s.rate_scale = entry<double>(d, "rate_scale");
-    s.noise = entry<double>(d, "noise");
-    s.change_tick = tick(d, "change_tick");
+    Reader read(d);
+#define MEMBER(name, member) read(name, s.member);
+#include "ts_matched_settings.inc"
+#undef MEMBER
+    read.finish();
+    within("plays", s.plays, 1, TS_MATCHED_MAX_PLAYS);
+    within("dead_zones", s.dead_zones, 1, TS_MATCHED_MAX_DEAD_ZONES);
     return s;
 }
 

@@ -130,6 +130,19 @@ def rows(settings: Any, table: Table) -> list[tuple[str, str]]:
     return [(name, quantity(getattr(settings, name), setting.unit)) for name, setting in table.items()]
 
 
+def described(settings: Any, table: Table) -> list[dict[str, Any]]:
+    """The declaration as plain data, with the value of each setting: for tables and exports."""
+    fields = {field.name: field for field in dataclasses.fields(settings)}
+    return [
+        {
+            **{"name": name, "value": getattr(settings, name), "unit": s.unit, "bound": s.bound.text},
+            **{"default": default_text(fields[name], s), "law": s.law or "all", "changeable": s.changeable},
+            **{"kernel": s.members(name), "meaning": s.meaning},
+        }
+        for name, s in table.items()
+    ]
+
+
 def documented(table: Table) -> Callable[[C], C]:
     """Give the docstring of a dataclass its section Attributes, from the table, which has a row for each field."""
 

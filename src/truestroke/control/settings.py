@@ -410,6 +410,23 @@ class ControllerSettings(Displayed, Layout):
         """Law and model in a line, as controllers show them."""
         return f"{self.law}, {self.plays} plays, {self.parameters} weights, {self.precision} precision"
 
+    def describe(self) -> list[dict[str, Any]]:
+        """The declaration of each setting, with its value here: of new settings the table of all defaults.
+
+        Returns
+        -------
+        list of dict
+            name, value, unit, bound, default, law, changeable, kernel (members of ts_settings in C) and meaning.
+
+        Examples
+        --------
+        >>> s = ControllerSettings(sample_rate=2000.0, stroke=30.0, voltage_limits=(-0.6, 3.6))
+        >>> slew = next(row for row in s.describe() if row["name"] == "slew_limit")
+        >>> slew["value"], slew["unit"], slew["default"], slew["kernel"]
+        (504.0, 'V/s', '`120 * voltage_range`', ['slew'])
+        """
+        return declared.described(self, SETTINGS)
+
     def to_dict(self) -> dict[str, float | str | Sequence[float]]:
         """All settings by name, as plain numbers and tuples, for a recording or a file."""
         values = dataclasses.asdict(self)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import dataclasses
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -10,15 +10,13 @@ import numpy.typing as npt
 from truestroke._plant import Matched
 from truestroke.base import checks, declared
 from truestroke.base.checks import SettingError
-from truestroke.base.copies import deep
-from truestroke.base.display import Displayed, Rows
 from truestroke.base.typing import FloatArray
-from truestroke.plant.noise import Noise
 from truestroke.plant.settings import MATCHED_SETTINGS, MatchedSettings
+from truestroke.plant.simulated import Simulated, checked_seed
 from truestroke.signals.timing import Timing
 
 
-class MatchedPlant(Displayed):
+class MatchedPlant(Simulated):
     """z_a = w_s . S_d[(a_p + c_b zdot_d b_p) . H_r[x]], equation (13), plus white noise.
 
     A controller of the same structure can invert it exactly, so it tells nothing about a real actuator. Its weights
@@ -45,81 +43,40 @@ class MatchedPlant(Displayed):
     array([10.6038, 10.4913])
     """
 
-    __copy__ = deep
-
-    def _display(self) -> tuple[str, Rows]:
-        ticks = ("ticks", f"{self._tick} of {self._velocity.size}")
-        return f"MatchedPlant: seed {self.seed}", [*declared.rows(self.settings, MATCHED_SETTINGS), ticks]
+    kind = "matched"
+    table = MATCHED_SETTINGS
 
     def __init__(self, velocity: npt.ArrayLike, settings: MatchedSettings | None = None, seed: int = 0) -> None:
         given = MatchedSettings() if settings is None else settings
-        self.settings = checks.instance("settings", given, MatchedSettings, "a MatchedSettings")
-        self.seed = checks.count("seed", seed, 0, 2**63 - 1)
+        self.settings = s = checks.instance("settings", given, MatchedSettings, "a MatchedSettings")
         self._velocity = np.ascontiguousarray(checks.finite_array("velocity", velocity, "um/s"))
-        self.changed_a, self.changed_b = _changed_weights(self.settings, self.seed)
-        self._plant = Matched(self._kernel_settings())
-        self.open()
+        self.changed_a, self.changed_b = _changed_weights(s, checked_seed(seed))
+        weights: dict[str, Any] = {"a": (s.a, self.changed_a), "b": (s.b, self.changed_b)}
+        super().__init__(Matched({**declared.kernel_values(s, MATCHED_SETTINGS), **weights}), seed)
 
     def open(self) -> Timing:
         """Rest at time 0, noise from its beginning; opening again repeats the same bits."""
-        self._plant.reset()
-        self._noise = Noise(self.seed)
         self._tick = 0
-        self.truth: FloatArray = np.empty(0)
-        return Timing(sample_rate=self.settings.sample_rate)
+        return super().open()
 
     def exchange(self, volts: FloatArray) -> FloatArray:
-        """Hold each voltage for a tick.
-
-        Parameters
-        ----------
-        volts : ndarray, shape (ticks,)
-            Voltages at the D/A converter, V; any number of ticks.
-
-        Returns
-        -------
-        ndarray, shape (ticks,)
-            Measured displacement of each tick, um.
-
-        Raises
-        ------
-        SettingError
-            A voltage is NaN or infinite, or the trajectory is over; nothing has moved.
-        """
+        """As `RealisticPlant.exchange`; a SettingError, too, where `velocity` is over."""
         volts = checks.signal("volts", volts, "V")
         end = self._tick + volts.size
         if end > self._velocity.size:
             raise SettingError("ticks", end, f"at most {self._velocity.size}, the length of velocity")
-        measured, truth = np.empty(volts.shape), np.empty(volts.shape)
-        velocity = self._velocity[self._tick : end]
-        bad = self._plant.run(volts, velocity, self._noise.take(volts.size), measured, truth)
-        if bad >= 0:
-            self._noise.put_back(volts.size)
-            raise SettingError(f"volts[{bad}]", volts[bad], "finite", "V")
-        self._tick, self.truth = end, truth
+        measured = super().exchange(volts)
+        self._tick = end
         return measured
 
-    def describe(self) -> dict[str, object]:
-        """Kind, settings and seed, as plain data for a recording."""
-        changed = {} if self.settings.change is None else {"changed_a": self.changed_a, "changed_b": self.changed_b}
-        return {"kind": "matched", "seed": self.seed, **dataclasses.asdict(self.settings), **changed}
+    def _run(self, volts: FloatArray, noise: FloatArray, measured: FloatArray, truth: FloatArray) -> int:
+        velocity = self._velocity[self._tick :][: volts.size]
+        return int(self._plant.run(volts, velocity, noise, measured, truth))
 
-    def _kernel_settings(self) -> dict[str, float | list[float]]:
-        s = self.settings
-        return {
-            "plays": len(s.thresholds),
-            "thresholds": list(s.thresholds),
-            "a": list(s.a),
-            "b": list(s.b),
-            "changed_a": self.changed_a,
-            "changed_b": self.changed_b,
-            "rate_scale": s.rate_scale,
-            "dead_zones": len(s.dead_zone_thresholds),
-            "dead_zone_thresholds": list(s.dead_zone_thresholds),
-            "dead_zone_weights": list(s.dead_zone_weights),
-            "noise": s.noise,
-            "change_tick": s.change.tick(s.sample_rate) if s.change else -1,
-        }
+    def describe(self) -> dict[str, object]:
+        """Kind, settings and seed, as plain data for a recording; the weights after a change, if there is one."""
+        changed = {} if self.settings.change is None else {"changed_a": self.changed_a, "changed_b": self.changed_b}
+        return super().describe() | changed
 
 
 def _changed_weights(s: MatchedSettings, seed: int) -> tuple[list[float], list[float]]:

@@ -2,23 +2,16 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
-
-import numpy as np
 
 from truestroke._plant import Plant
 from truestroke.base import checks, declared
-from truestroke.base.checks import SettingError
-from truestroke.base.copies import deep
-from truestroke.base.display import Displayed, Rows
-from truestroke.base.typing import FloatArray
 from truestroke.plant.noise import Noise
 from truestroke.plant.settings import PLANT_SETTINGS, PlantSettings
-from truestroke.signals.timing import Timing
+from truestroke.plant.simulated import Simulated
 
 
-class RealisticPlant(Displayed):
+class RealisticPlant(Simulated):
     """Converters, amplifier, 60 plays of a smooth density, asymmetry, log creep, resonance, drift and noise.
 
     `truestroke.plant.reference` is the same plant in readable Python; docs/plant.md explains every effect.
@@ -47,59 +40,22 @@ class RealisticPlant(Displayed):
     4.02 um in the first tick, 12.18 um after a second
     """
 
-    __copy__ = deep
-
-    def _display(self) -> tuple[str, Rows]:
-        return f"RealisticPlant: seed {self.seed}", declared.rows(self.settings, PLANT_SETTINGS)
+    kind = "realistic"
+    table = PLANT_SETTINGS
 
     def __init__(
         self, settings: PlantSettings | None = None, seed: int = 0, dropouts: Sequence[tuple[int, int]] = ()
     ) -> None:
         given = PlantSettings() if settings is None else settings
         self.settings = checks.instance("settings", given, PlantSettings, "a PlantSettings")
-        self.seed = checks.count("seed", seed, 0, 2**63 - 1)
-        self._plant = Plant(declared.kernel_values(self.settings, PLANT_SETTINGS))
         self._samples = self.settings.samples_per_tick
         ticks = [(checks.count("dropouts", a, 0, 10**9), checks.count("dropouts", b, 0, 10**9)) for a, b in dropouts]
         self.dropouts = tuple(ticks)
-        self.open()
+        super().__init__(Plant(declared.kernel_values(self.settings, PLANT_SETTINGS)), seed)
 
-    def open(self) -> Timing:
-        """Rest at time 0, noise from its beginning; opening again repeats the same bits."""
-        self._plant.reset()
-        self._noise = Noise(self.seed, [(self._samples * a, self._samples * b) for a, b in self.dropouts])
-        self.truth: FloatArray = np.empty(0)
-        return Timing(sample_rate=self.settings.sample_rate)
-
-    def exchange(self, volts: FloatArray) -> FloatArray:
-        """Hold each voltage for a tick.
-
-        Parameters
-        ----------
-        volts : ndarray, shape (ticks,)
-            Voltages at the D/A converter, V; any number of ticks.
-
-        Returns
-        -------
-        ndarray, shape (ticks,)
-            Measured displacement, the mean over each tick, um.
-
-        Raises
-        ------
-        SettingError
-            A voltage is NaN or infinite; nothing has moved.
-        """
-        volts = checks.signal("volts", volts, "V")
-        measured, truth = np.empty(volts.shape), np.empty(volts.shape)
-        noise = self._noise.take(volts.size * self._samples)
-        bad = self._plant.run(volts, noise, measured, truth)
-        if bad >= 0:
-            self._noise.put_back(noise.size)
-            raise SettingError(f"volts[{bad}]", volts[bad], "finite", "V")
-        self.truth = truth
-        return measured
+    def _random(self) -> Noise:
+        return Noise(self.seed, [(self._samples * a, self._samples * b) for a, b in self.dropouts])
 
     def describe(self) -> dict[str, object]:
         """Kind, settings, seed and dropouts, as plain data for a recording."""
-        dropouts = {"dropouts": [list(burst) for burst in self.dropouts]} if self.dropouts else {}
-        return {"kind": "realistic", "seed": self.seed, **dataclasses.asdict(self.settings), **dropouts}
+        return super().describe() | ({"dropouts": [list(burst) for burst in self.dropouts]} if self.dropouts else {})

@@ -14,6 +14,8 @@ from truestroke.base import checks, declared
 from truestroke.base.checks import SettingError
 from truestroke.base.declared import Bound, Setting, ascending, between, bound, whole
 
+NEVER = 2**64 - 1  # a tick: TS_NEVER of the kernel
+
 EFFECTS: Mapping[str, Mapping[str, object]] = MappingProxyType(
     {
         "da_quantisation": {"da_step": 0.0},
@@ -107,7 +109,7 @@ def _unlimited(limits: tuple[float, float] | None, _: PlantSettings) -> tuple[fl
 
 
 def _changes(change: Change | None, s: PlantSettings) -> tuple[float, ...]:
-    return (change.tick(s.sample_rate), change.gain, change.hysteresis) if change else (-1, 1.0, 1.0)
+    return (change.tick(s.sample_rate), change.gain, change.hysteresis) if change else (NEVER, 1.0, 1.0)
 
 
 # fmt: off
@@ -254,20 +256,30 @@ def _spread(s: MatchedSettings, name: str, value: Any, unit: str) -> float:
 
 # fmt: off
 MATCHED_SETTINGS: declared.Table = {
-    "sample_rate": Setting("Ticks per second", "Hz", _rate),
-    "thresholds": Setting("r of the plays, at the D/A converter", "V", ascending(MATCHED_MAX_PLAYS)),
-    "a": Setting("a_p: weights of the plays are a_i + rate_scale zdot_d b_i (7)", "um/V", _one_for_each("thresholds")),
-    "b": Setting("b_p", "um/V", _one_for_each("thresholds")),
+    "sample_rate": Setting("Ticks per second", "Hz", _rate, kernel=""),
+    "thresholds": Setting(
+        "r of the plays, at the D/A converter", "V", ascending(MATCHED_MAX_PLAYS), kernel="thresholds plays",
+        convert=lambda r, _: (r, len(r)),
+    ),
+    "a": Setting(
+        "a_p: weights of the plays are a_i + rate_scale zdot_d b_i (7)", "um/V", _one_for_each("thresholds"), kernel=""
+    ),
+    "b": Setting("b_p", "um/V", _one_for_each("thresholds"), kernel=""),
     "rate_scale": Setting("c_b", "s/um", between(0, 1e6)),
-    "dead_zone_thresholds": Setting("d of the forward dead zones (4)", "um", ascending(MATCHED_MAX_DEAD_ZONES)),
+    "dead_zone_thresholds": Setting(
+        "d of the forward dead zones (4)", "um", ascending(MATCHED_MAX_DEAD_ZONES),
+        kernel="dead_zone_thresholds dead_zones", convert=lambda d, _: (d, len(d)),
+    ),
     "dead_zone_weights": Setting(
         "w_s of the forward dead zones (5); (1,) is a symmetric actuator", "", _one_for_each("dead_zone_thresholds")
     ),
     "noise": Setting("Standard deviation of one measurement", "um", between(0, 1e3)),
-    "change": Setting("A sudden change (Sec. 4.2)", "", _change),
+    "change": Setting(
+        "A sudden change (Sec. 4.2)", "", _change, kernel="change_tick", convert=lambda c, s: _changes(c, s)[0],
+    ),
     "weight_spread": Setting(
         "At the change each weight is also multiplied by a factor sampled uniformly from 1 - spread to 1 + spread", "",
-        _spread,
+        _spread, kernel="",
     ),
 }
 # fmt: on
