@@ -134,12 +134,6 @@ class ReferenceController(Displayed):
     1.0
     """
 
-    __copy__ = deep
-
-    def _display(self) -> tuple[str, Rows]:
-        title = f"ReferenceController: {type(self.law).__name__}, {self.settings.summary}"
-        return title, controller_rows(self.settings, self.weights, self._innovation, self.counters)
-
     def __init__(self, settings: ControllerSettings, law: Law | None = None) -> None:
         if settings.precision != "double":
             raise SettingError(
@@ -528,6 +522,12 @@ class ReferenceController(Displayed):
         self._oscillating = stage.rest > 0
 
     # ---- Hold, and diagnostics ---------------------------------------------------------------------------------------
+
+    __copy__ = deep
+
+    def _display(self) -> tuple[str, Rows]:
+        title = f"ReferenceController: {type(self.law).__name__}, {self.settings.summary}"
+        return title, controller_rows(self.settings, self.weights, self._innovation, self.counters)
 
     def hold(self) -> None:
         """Stop adapting; commands continue with the weights as they are."""
