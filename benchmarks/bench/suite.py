@@ -79,9 +79,9 @@ def _parts(steps: int) -> Iterator[Callable[[], list[Cost]]]:
 
 
 def native(steps: int) -> list[Cost]:
-    """Time the kernel in C, and the machine's limit for its update: compiles and runs c/bench."""
+    """Time the kernel in C, and the machine's limit for its update: compiles and runs benchmarks/bench/kernel."""
     make = shutil.which("make")
-    if make is None or not (SOURCES / "bench").is_dir():
+    if make is None or not (SOURCES / "Makefile").is_file():
         raise NotHere("The kernel in C: needs a checkout of the sources, make and a C compiler.")
     quiet = {name: value for name, value in os.environ.items() if name not in ("MAKEFLAGS", "MAKELEVEL")}
     command = [make, "--silent", "-C", str(SOURCES), "bench", f"CALLS={steps}"]
