@@ -70,7 +70,8 @@ def test_a_vector_is_taken_apart_again(layout) -> None:
 
 @pytest.mark.parametrize("name", TERMS)
 def test_the_prior_of_a_term_follows_from_its_row(name) -> None:
-    settings = ControllerSettings(sample_rate=2000.0, stroke=30.0, voltage_limits=(-0.6, 3.6))
+    on = {term.setting: True for term in TERMS.values() if term.most == 1}
+    settings = ControllerSettings(sample_rate=2000.0, stroke=30.0, voltage_limits=(-0.6, 3.6), **on)
     scale = {"um/V": settings.q, "um": settings.stroke}.get(TERMS[name].unit, 1.0)
     P = np.array(settings.prior_covariance)
     columns = settings.columns[name]

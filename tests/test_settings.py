@@ -17,6 +17,7 @@ from truestroke.control.settings import (
     SETTINGS,
     kernel_settings,
 )
+from truestroke.model import layout
 from truestroke.model.layout import MAX_CREEPS, MAX_PLAYS
 
 BENCH = {"sample_rate": 2000.0, "stroke": 30.0, "voltage_limits": (-0.6, 3.6)}
@@ -146,7 +147,7 @@ def other(settings: ControllerSettings, name: str) -> ControllerSettings:
     else:
         changed = not value if isinstance(value, bool) else 0.9 * value or 1.0
     given = {f.name: getattr(settings, f.name) for f in dataclasses.fields(settings)} | {name: changed}
-    if name in ("plays", "rate_dependent", "lag", "offset", "asymmetry", "law"):
+    if name in ("plays", "rate_dependent", "law", *layout.SETTINGS.keys() - {"creep_times"}):
         given |= dict.fromkeys(("initial_weights", "prior_covariance"))
     if name == "plays":
         given |= dict.fromkeys(("thresholds", "rate_dependent"))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -153,9 +153,9 @@ class ActuatorModel(Displayed, Layout):
             Members of `ControllerSettings` that replace what follows from the model, such as `voltage_limits`.
         """
         slopes = {"slope_limits": (SLOPES[0] * self.sensitivity, SLOPES[1] * self.sensitivity)}
-        return self._settings(sample_rate, **{"initial_weights": self._delayed(self.delay), **slopes, **changes})
+        return self._settings(sample_rate, **{"initial_weights": self.delayed(self.delay), **slopes, **changes})
 
-    def _delayed(self, delay: float) -> tuple[float, ...]:
+    def delayed(self, delay: float) -> tuple[float, ...]:
         """The weights with a delay, s, in the lag."""
         w = self.weights.copy()
         w[self.columns["lag"]] -= delay
@@ -220,15 +220,13 @@ class ActuatorModel(Displayed, Layout):
             return x
         shift = round(self.delay * fs)
         x = np.concatenate([np.full(min(shift, x.size), x[0]), x[: max(x.size - shift, 0)]]) if shift else x
-        w = np.array(self._delayed(self.delay - shift / fs))
+        w = np.array(self.delayed(self.delay - shift / fs))
         a, b = self.of_all_plays(w)
         creep = creep_states(x, self.creep_times, fs)
 
         def response(velocity: FloatArray) -> FloatArray:
             plays = play_sum(x, self.rate_scale * velocity, a, b, self.thresholds)
-            motion = Motion(np.zeros_like(x), velocity)  # at 0 um there is no asymmetry
-            known = known_terms(self, creep, motion, self.stroke)
-            return solve_asymmetry(plays + w[self.of_plays :] @ known, w[self.columns["asymmetry"]], self.stroke)
+            return displacement(self, w, plays, creep, velocity)
 
         z = response(np.zeros_like(x))
         return self.zero + response(central_difference(z, fs))
@@ -268,7 +266,7 @@ class ActuatorModel(Displayed, Layout):
         limits = self.voltage_range if voltage_limits is None else voltage_limits
         shift = round(self.delay * fs)
         changes = {"voltage_limits": limits, "slew_limit": slew_limit, "smoothing_time": 0.0}
-        fixed = self.settings(fs, initial_weights=self._delayed(self.delay - shift / fs), **changes)
+        fixed = self.settings(fs, initial_weights=self.delayed(self.delay - shift / fs), **changes)
         kernel, volts = _kernel.Kernel(kernel_settings(fixed)), np.empty_like(z_d)
         if z_d.size:
             rest = self._rest(float(z_d[0]), fixed.voltage_limits)
@@ -322,6 +320,15 @@ class ActuatorModel(Displayed, Layout):
     def replace(self, **changes: Any) -> ActuatorModel:
         """A copy with some members replaced."""
         return dataclasses.replace(self, **changes)
+
+
+def displacement(
+    model: ActuatorModel, w: FloatArray, plays: FloatArray, creep: Sequence[Any] | FloatArray, velocity: FloatArray
+) -> FloatArray:
+    """Displacement above `zero`, um, of the sum of the plays, um, the creep states, V, and the velocity, um/s."""
+    motion = Motion(np.zeros_like(velocity), velocity)  # at 0 um there is no asymmetry
+    known = known_terms(model, creep, motion, model.stroke)
+    return solve_asymmetry(plays + w[model.of_plays :] @ known, w[model.columns["asymmetry"]], model.stroke)
 
 
 # ---- What the terms are made of ------------------------------------------------------------------------------------

@@ -23,7 +23,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -52,6 +52,33 @@ class Law(Protocol):
 
         Raises `UpdateRefused`, and changes nothing, where it cannot.
         """
+
+
+@runtime_checkable
+class FilteringLaw(Law, Protocol):
+    """A law that also passes measurement and regressor through a filter: `BoundedKalman`.
+
+    The controller projects its weights, rejects spikes and frozen sensors, and lowers its filter below a resonance.
+    """
+
+    settings: KalmanSettings
+    filter: float
+    sigma: float
+    ringing: float
+    disturbance: float
+    changed: bool
+
+    def update(self, u: FloatArray, e_m: float | None, learn: bool = True) -> None:
+        """One tick; None: no measurement. `learn` tells whether the weights may change."""
+
+    def take(self, settings: KalmanSettings) -> None:
+        """New settings; what was learned stays."""
+
+    def project(self, g: FloatArray, value: float) -> None:
+        """The weights on the plane g.w = value."""
+
+    def reset_covariance(self) -> None:
+        """The covariance of the prior again."""
 
 
 class UpdateRefused(TruestrokeError, ArithmeticError):  # noqa: N818 (nothing is broken: one measurement is not used)

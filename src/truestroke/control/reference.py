@@ -18,7 +18,7 @@ from truestroke.base.checks import SettingError
 from truestroke.base.copies import deep
 from truestroke.base.display import Displayed, Rows
 from truestroke.base.typing import FloatArray
-from truestroke.control.adaptation import LARGEST, RLS, BoundedKalman, KalmanSettings, Law, UpdateRefused
+from truestroke.control.adaptation import LARGEST, RLS, BoundedKalman, FilteringLaw, KalmanSettings, Law, UpdateRefused
 from truestroke.control.controller import controller_rows
 from truestroke.control.oscillation import OscillationDetector, OscillationSettings
 from truestroke.control.settings import CHANGEABLE, SETTINGS, ControllerSettings, kernel_settings
@@ -162,6 +162,7 @@ class ReferenceController(Displayed):
         """Back to the first tick: plays at 0 V, the law as it was given, counters at zero, not on hold."""
         s = self.settings
         self.law = copy.deepcopy(self._fresh_law)
+        self._filtering = self.law if isinstance(self.law, FilteringLaw) else None
         self._now = _Memory(np.zeros(s.plays), np.zeros(self._creep.size))
         self._lagged = copy.deepcopy(self._now)
         self._waiting: dict[int, _Command] = {}  # by tick: not yet in self._lagged
@@ -218,8 +219,8 @@ class ReferenceController(Displayed):
         self._stage.detector.settings = self._oscillation
         if any(before[name] != self._c[name] for name in ("kalman.filter", "smoothing", "resonance")):
             self._forget_stage()
-        if isinstance(self.law, BoundedKalman):
-            self.law.take(_kalman_settings(settings))
+        if self._filtering is not None:
+            self._filtering.take(_kalman_settings(settings))
         elif isinstance(self.law, RLS):
             self.law.forgetting, self.law.covariance_limit = settings.forgetting, settings.covariance_limit
         if not settings.trim_rate > 0:
@@ -369,8 +370,8 @@ class ReferenceController(Displayed):
     def _pass_over(self) -> None:
         """A tick for which no measurement came."""
         command, u = self._next_lagged()
-        if isinstance(self.law, BoundedKalman):
-            self.law.update(u, None, learn=not command.limited)
+        if self._filtering is not None:
+            self._filtering.update(u, None, learn=not command.limited)
             self._stage.detector.miss(None)
 
     # ---- The arrows of Fig. 5: adapt --------------------------------------------------------------------------------
@@ -391,7 +392,8 @@ class ReferenceController(Displayed):
 
     def _is_frozen(self, z: float, predicted: float, stands: bool) -> bool:
         """Whether the sensor repeats a number while voltage and model move: others have noise, or steps as large."""
-        if not isinstance(self.law, BoundedKalman):
+        law = self._filtering
+        if law is None:
             return False
         if z != self._z_before or stands:
             step = abs(z - self._z_before)
@@ -400,14 +402,14 @@ class ReferenceController(Displayed):
                 self._resolution = step
             self._z_before, self._predicted_before = z, predicted
             return False
-        noise = self.law.sigma + self.law.settings.model_error
+        noise = law.sigma + law.settings.model_error
         return abs(predicted - self._predicted_before) > max(6 * noise, self._resolution + 2 * noise)
 
     def _learn(self, u: FloatArray, adapts: bool, frozen: bool) -> None:
-        law = self.law
-        if not isinstance(law, BoundedKalman):
+        law = self._filtering
+        if law is None:
             if not self._held:
-                law.update(u, self._innovation)
+                self.law.update(u, self._innovation)
             return
         before = law.weights
         law.update(u, None if frozen else self._innovation, learn=adapts)
@@ -418,7 +420,7 @@ class ReferenceController(Displayed):
             self._project_slope(law, -self._fastest)  # its two ends are the worst
             self._changed = law.changed
 
-    def _project_slope(self, law: BoundedKalman, zdot_d: float) -> None:
+    def _project_slope(self, law: FilteringLaw, zdot_d: float) -> None:
         """Move the weights so that the partial slope that is furthest outside its limits is on its limit."""
         slopes, (low, high) = self._slopes_at(zdot_d), self.settings.slope_limits
         out = np.maximum(slopes - high, low - slopes)
@@ -445,20 +447,19 @@ class ReferenceController(Displayed):
 
     def _forget_stage(self) -> None:
         """The stage according to the settings."""
-        stage, law = self._stage, self.law
+        stage, law = self._stage, self._filtering
         stage.smoothing, stage.resonance, stage.inertia = self._c["smoothing"], 0.0, 0.0
-        if isinstance(law, BoundedKalman):
+        if law is not None:
             stage.resonance, law.filter = self._c["resonance"], self._c["kalman.filter"]
             stage.inertia = self._inertia_of(stage.resonance)
 
-    def _adopt_resonance(self, frequency: float, highest: float) -> None:
+    def _adopt_resonance(self, law: FilteringLaw, frequency: float, highest: float) -> None:
         """The quantities that follow from a measured resonance, cycles per tick.
 
         The law's filter ends at half of it, and is no higher than `highest` unless that is far lower; a learned change
         takes a period of it to reach the command, which includes the inertia.
         """
-        law, w = self.law, math.pi * frequency
-        assert isinstance(law, BoundedKalman)
+        w = math.pi * frequency
         pole = w / (1 + w)
         if pole > highest:
             pole = max(highest, pole / 8)
@@ -466,21 +467,20 @@ class ReferenceController(Displayed):
         self._stage.smoothing = max(self._stage.smoothing, 1 / (1 + frequency))
         self._stage.resonance, self._stage.inertia = frequency, self._inertia_of(frequency)
 
-    def _retreat(self, frequency: float) -> None:
+    def _retreat(self, law: FilteringLaw, frequency: float) -> None:
         """The first time: earlier weights, the covariance of the prior; then a pause, with a lower filter."""
-        law, stage = self.law, self._stage
-        assert isinstance(law, BoundedKalman)
+        stage = self._stage
         if not stage.detector.found:
             law.weights = stage.newer = stage.older
             stage.age = 0.0
             law.reset_covariance()
-        self._adopt_resonance(frequency, LOWER * law.filter if stage.detector.found else 1.0)
+        self._adopt_resonance(law, frequency, LOWER * law.filter if stage.detector.found else 1.0)
         self._keep_command()
         stage.rest = 1 + REST_PERIODS / frequency
         stage.detector.regular, stage.detector.found = 0, True
         self._count(oscillating=True)
 
-    def _count_ringing(self, law: BoundedKalman) -> None:
+    def _count_ringing(self, law: FilteringLaw) -> None:
         """Ringing at the resonance counts as noise: once in a half-wave.
 
         Its variance after the filter, over the ticks of half a half-wave, times four because it is not white.
@@ -498,8 +498,8 @@ class ReferenceController(Displayed):
 
     def _watch_stage(self, error: float, zdot_d: float, limited: bool) -> None:
         """One tick of the detection of a self-excited oscillation, and the reaction to it."""
-        law, stage, detector = self.law, self._stage, self._stage.detector
-        if not isinstance(law, BoundedKalman) or not self._oscillation.tick > 0:
+        law, stage, detector = self._filtering, self._stage, self._stage.detector
+        if law is None or not self._oscillation.tick > 0:
             return
         noise = max(math.sqrt(max(law.sigma * law.sigma, 0.5 * law.ringing)), self._resolution)
         found = detector.update(error, zdot_d, noise)
@@ -510,11 +510,10 @@ class ReferenceController(Displayed):
             stage.rest = 0.0 if detector.regular >= REST_HALF_WAVES or stage.rest < 1 else stage.rest - 1
             if not stage.rest > 0 and detector.regular >= 4:
                 again = self.counters["oscillating"] > 1
-                self._adopt_resonance(
-                    detector.frequency(4 if detector.regular < 6 else 6), law.filter if again else 1.0
-                )
+                found = detector.frequency(4 if detector.regular < 6 else 6)
+                self._adopt_resonance(law, found, law.filter if again else 1.0)
         elif found > 0 and not limited and found > NOT_BELOW * stage.resonance and not self._held:
-            self._retreat(found)
+            self._retreat(law, found)
         else:
             stage.age += self._oscillation.tick
             if stage.age > KEEP and detector.regular < 3:

@@ -64,9 +64,9 @@ def spans(excess: FloatArray, sample_rate: float, worst: FloatArray | None = Non
     at = np.flatnonzero(excess > 0)
     if not at.size:
         return ()
-    told = excess if worst is None else worst
+    worst = excess if worst is None else worst
     parts = np.split(at, np.flatnonzero(np.diff(at) > max(1.0, MERGED * sample_rate)) + 1)
     return tuple(
-        Span(float(part[0] / sample_rate), float((part[-1] + 1) / sample_rate), float(told[part].max()))
+        Span(float(part[0] / sample_rate), float((part[-1] + 1) / sample_rate), float(worst[part].max()))
         for part in parts
     )

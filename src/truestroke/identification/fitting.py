@@ -43,16 +43,16 @@ def fit_structure(
     certain : bool
         Whether the covariance is wanted.
     """
-    believed, m = data.prior(s), s.parameters
+    prior, m = data.prior(s), s.parameters
     c, z = None, guess
     for _ in range(STEPS + 1):
         J, target, velocity = _linearised(data, s, z, c)
-        pull = np.vstack([normal.reduced(np.column_stack([J, target])), believed.rows(weight)])
+        pull = np.vstack([normal.reduced(np.column_stack([J, target])), prior.rows(weight)])
         c = normal.solve(pull, *data.constraints(s, velocity))
         model = data.model(s, c, velocity)
         z = model.predict(data.volts, data.sample_rate) - data.zero + data.starts(s, c[m:])
     residual = (data.displacement - z[:: data.every])[data.fitted(s.rested)]
-    P = uncertainty.covariance(J, residual, believed, weight)[:m, :m] if certain else np.zeros((m, m))
+    P = uncertainty.covariance(J, residual, prior, weight)[:m, :m] if certain else np.zeros((m, m))
     return Fit(model.replace(covariance=P, delay=delay, noise=float(np.sqrt(np.mean(residual**2)))), residual)
 
 

@@ -13,7 +13,7 @@ CHUNK = 64  # rows: so few that BLAS starts no threads, which on a busy machine 
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """mean +- root: what is believed of the coefficients before the record; root root' is the covariance."""
+    """Mean and covariance of the coefficients before the record."""
 
     mean: FloatArray
     covariance: FloatArray

@@ -81,7 +81,7 @@ class Refined(Sampled):
 def refine(model: ActuatorModel, record: Record, *, waveform: Waveform | None = None) -> Refined:
     """The model adapted to a record, its structure kept, and what it leaves of the record.
 
-    Bayesian least squares: what was believed is `ActuatorModel.another_day`, all partial slopes stay positive. The
+    Bayesian least squares: the prior is `ActuatorModel.another_day`, all partial slopes stay positive. The
     noise is what the fit leaves, less certain where it is coloured. Before a waveform the actuator is taken to have
     rested at the first voltage, as by `predict`; of another record the part is skipped in which the plays may remember
     what was before it.
@@ -170,9 +170,9 @@ def _fitted(model: ActuatorModel, data: Data, skip: int) -> ActuatorModel:
     """Gauss-Newton on the prediction error of the rows behind the first `skip`, from the old weights."""
     fs, measured = data.sample_rate, data.displacement[skip:]
     s, delay = Structure(**model.terms, rested=True), round(model.delay * fs) / fs
-    believed = _believed(model, s, data, model.delay - delay)
+    prior = _prior(model, s, data, model.delay - delay)
     velocity = max(model.velocity, float(np.abs(central_difference(model.predict(data.volts, fs), fs)).max()))
-    c = believed.mean
+    c = prior.mean
     for _ in range(STEPS):
         z_m = data.model(s, c, velocity).predict(data.volts, fs) - data.zero
         rows, kept = data.columns(s, z_m)[skip:], z_m[:: data.every][skip:]
@@ -180,15 +180,15 @@ def _fitted(model: ActuatorModel, data: Data, skip: int) -> ActuatorModel:
         residual = measured - kept
         noise = float(np.var(residual)) * residual.size / uncertainty.effective_samples(residual)
         weight = max(noise, (QUIET * model.stroke) ** 2)
-        pulled = np.vstack([normal.reduced(np.column_stack([J, residual + J @ c])), believed.rows(weight)])
+        pulled = np.vstack([normal.reduced(np.column_stack([J, residual + J @ c])), prior.rows(weight)])
         c = normal.solve(pulled, *data.constraints(s, velocity))
     made = data.model(s, c, velocity)
     residual = measured - (made.predict(data.volts, fs) - data.zero)[:: data.every][skip:]
-    P = uncertainty.covariance(J, residual, believed, weight)
+    P = uncertainty.covariance(J, residual, prior, weight)
     return made.replace(covariance=P, delay=delay, noise=_rms(residual))
 
 
-def _believed(model: ActuatorModel, s: Structure, data: Data, delay: float) -> Prior:
+def _prior(model: ActuatorModel, s: Structure, data: Data, delay: float) -> Prior:
     """The old weights in the scale of `data`, as sure as on another day; the offset is where the record begins."""
     rates = np.ones(s.parameters)
     rates[s.b] = model.rate_scale / data.rate_scale

@@ -73,8 +73,8 @@ def first_prediction(data: Data) -> tuple[FloatArray, float]:
         [plays(data.volts, s.thresholds, data.every), np.ones(len(data.displacement)), data.displacement]
     )
     rows = rows[data.fitted(rested=False)]
-    believed = data.prior(s).part(np.append(s.a, s.columns["offset"].start))
-    c = normal.solve(np.vstack([normal.reduced(rows), believed.rows((0.01 * data.stroke) ** 2)]))
+    prior = data.prior(s).part(np.append(s.a, s.columns["offset"].start))
+    c = normal.solve(np.vstack([normal.reduced(rows), prior.rows((0.01 * data.stroke) ** 2)]))
     prediction = play_sum(data.volts, 0.0, c[:-1], np.zeros(QUICK), s.thresholds) + c[-1]
     return prediction, float(np.sqrt(normal.sum_of_squares(rows, c) / len(rows)))
 

@@ -32,7 +32,7 @@ def covariance(J: FloatArray, residual: FloatArray, prior: Prior, weight: float)
     residual : ndarray, shape (samples,)
         What the fit leaves, um.
     prior : Prior
-        What was believed before.
+        Of the coefficients.
     weight : float
         Variance, um^2, that the prior's precision was multiplied with.
     """

@@ -1,1 +1,1 @@
-"""The model of the actuator: operators, weights, what is believed before the first measurement."""
+"""The model of the actuator: operators, weights, prior."""

@@ -66,13 +66,8 @@ class _Step:
         self.late = round(model.delay * sample_rate)
         self.shares = -np.expm1(-1 / (np.array(model.creep_times) * sample_rate))
         self.thresholds = np.array(model.thresholds)
-        weights = dict(zip(model.names, model.weights.tolist(), strict=True))
-        self.a = np.array([weights[f"a{i}"] for i in range(self.plays)])
-        self.b = np.array([weights.get(f"b{i}", 0.0) for i in range(self.plays)])
-        self.creep = np.array([weights[name] for name in model.names if name.startswith("creep")])
-        self.asymmetry = np.array([weights[name] for name in model.names if name.startswith("asymmetry")])
-        self.lag = weights["lag"] - (model.delay - self.late / sample_rate)
-        self.offset = weights["offset"]
+        self.w = np.array(model.delayed(model.delay - self.late / sample_rate))
+        self.a, self.b = model.of_all_plays(self.w)
         self.states = [
             *(f"play[{i}]" for i in range(self.plays)),
             *(f"creep[{i}]" for i in range(self.creeps)),
@@ -85,14 +80,15 @@ class _Step:
         line = np.append(held, volts)
         x = line[0]
         p = play(x, self.thresholds, p)
-        still = self._unbent(p @ self.a + self.creep @ c + self.offset)
+        still = self._displacement(p, c, 0.0)
         velocity = (still - before[0]) * self.fs
-        slopes = self.a + self.model.rate_scale * velocity * self.b
-        z = self._unbent(p @ slopes + self.creep @ c + self.offset + self.lag * velocity)
+        z = self._displacement(p, c, velocity)
         return np.concatenate([p, c + self.shares * (x - c), line[1:], [still]]), self.model.zero + z
 
-    def _unbent(self, y: float) -> float:
-        return float(actuator.solve_asymmetry(np.array([y]), self.asymmetry, self.model.stroke)[0])
+    def _displacement(self, p: FloatArray, c: FloatArray, velocity: float) -> float:
+        plays = p @ (self.a + self.model.rate_scale * velocity * self.b)
+        made = actuator.displacement(self.model, self.w, np.array([plays]), c[:, None], np.array([velocity]))
+        return float(made[0])
 
 
 def actuator_system(driven: Any, name: str = "actuator") -> control.NonlinearIOSystem:

@@ -15,7 +15,7 @@ from truestroke.base.checks import SettingError
 from truestroke.base.errors import TruestrokeError
 from truestroke.base.typing import FloatArray
 from truestroke.identification import ActuatorModel
-from truestroke.model.layout import MAX_PLAYS
+from truestroke.model.layout import MAX_PLAYS, Layout
 from truestroke.model.models import RateDependentModel
 from truestroke.model.operators import play_history
 from truestroke.signals.recording import Recording
@@ -130,34 +130,39 @@ class Characterisation:
     recording: Recording
 
     @property
+    def layout(self) -> Layout:
+        """Places of the coefficients."""
+        return _layout(self.thresholds)
+
+    @property
     def a(self) -> FloatArray:
         """Weights at rest, um/V, shape (n,)."""
-        return self.coefficients[:-2:2]
+        return self.coefficients[self.layout.a]
 
     @property
     def b(self) -> FloatArray:
         """Rate weights, um/V, shape (n,)."""
-        return self.coefficients[1:-2:2]
+        return self.coefficients[self.layout.b]
 
     @property
     def a_deviations(self) -> FloatArray:
         """Standard deviations of a, um/V, shape (n,)."""
-        return np.sqrt(np.diag(self.covariance)[:-2:2])
+        return np.sqrt(np.diag(self.covariance)[self.layout.a])
 
     @property
     def b_deviations(self) -> FloatArray:
         """Standard deviations of b, um/V, shape (n,)."""
-        return np.sqrt(np.diag(self.covariance)[1:-2:2])
+        return np.sqrt(np.diag(self.covariance)[self.layout.b])
 
     @property
     def lag(self) -> float:
         """What the velocity adds to the displacement, s; below 0, a delay."""
-        return float(self.coefficients[-2])
+        return float(self.coefficients[self.layout.columns["lag"]].sum())
 
     @property
     def offset(self) -> float:
         """Displacement at 0 V, um."""
-        return float(self.coefficients[-1])
+        return float(self.coefficients[self.layout.columns["offset"]].sum())
 
     def quantile(self, confidence: float = 0.95) -> float:
         """Standard deviations of a and b to either side that hold the truth so often: Student's t."""
@@ -190,8 +195,7 @@ class Characterisation:
         volts = self.recording["volts"]
         plant = self.recording.metadata.get("plant", {}).get("name", "")
         return ActuatorModel(
-            thresholds=tuple(self.thresholds.tolist()),
-            rate_dependent=tuple(range(self.thresholds.size)),
+            **self.layout.terms,
             weights=self.coefficients,
             covariance=self.covariance,
             rate_scale=RATE_SCALE,
@@ -298,7 +302,7 @@ def fit_lines(
         coefficients=coefficients,
         covariance=covariance,
         r_squared=r_squared[:-1],
-        misfit=_misfit(H, recording["measured"], used, coefficients),
+        misfit=_misfit(H, recording["measured"], used, coefficients, _layout(r)),
         stroke=stroke,
         recording=recording,
     )
@@ -383,14 +387,19 @@ def _regression(X: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatAr
     return np.asarray(B), np.asarray(np.kron(S, np.linalg.inv(X.T @ X)))
 
 
+def _layout(thresholds: FloatArray) -> Layout:
+    """All plays depend on the rate; beside them there are lag and offset."""
+    return Layout(thresholds=tuple(thresholds.tolist()), rate_dependent=tuple(range(thresholds.size)))
+
+
 def _quantile(confidence: float, freedom: int) -> float:
     from scipy.stats import t
 
     return float(t.ppf((1 + confidence) / 2, freedom))
 
 
-def _misfit(H: FloatArray, z: FloatArray, used: list[_Pass], coefficients: FloatArray) -> float:
-    a, b, (lag, offset) = coefficients[:-2:2], coefficients[1:-2:2], coefficients[-2:]
+def _misfit(H: FloatArray, z: FloatArray, used: list[_Pass], coefficients: FloatArray, layout: Layout) -> float:
+    (a, b), (lag, offset) = layout.of_all_plays(coefficients), coefficients[layout.of_plays :]
     left = [z[p.ticks] - H[p.ticks] @ (a + RATE_SCALE * p.velocity * b) - offset - lag * p.velocity for p in used]
     return _rms(np.concatenate(left))
 
