@@ -62,9 +62,9 @@ def test_an_npz_that_asks_for_7_tib_is_refused(tmp_path: Path) -> None:
     with zipfile.ZipFile(tmp_path / "huge.npz", "w") as file:
         for name in ("time", "volts", "z"):
             file.writestr(f"{name}.npy", header.getvalue())
-    with pytest.raises(RecordError, match=r"asks for 8000000000000 bytes: must be \d+ at most, as are there"):
+    with pytest.raises(RecordError, match=r"needs 8000000000000 bytes: must be \d+ at most, as in the file"):
         read_record(tmp_path / "huge.npz")
-    with pytest.raises(RecordError, match="asks for 8000000000000 bytes"):
+    with pytest.raises(RecordError, match="needs 8000000000000 bytes"):
         trajectories.from_csv(tmp_path / "huge.npz")
 
 
@@ -72,7 +72,7 @@ def test_an_hdf5_that_asks_for_more_than_it_can_hold_is_refused(tmp_path: Path) 
     with h5py.File(tmp_path / "huge.h5", "w") as file:
         for name in ("time", "volts", "z"):
             file.create_dataset(name, shape=(10**9,), chunks=(1000,), dtype=float)
-    with pytest.raises(FileError, match=r"huge.h5: \w+ asks for 8 GB of memory: must be of .* MB at most"):
+    with pytest.raises(FileError, match=r"huge.h5: \w+ needs 8 GB of memory: must be of .* MB at most"):
         read_record(tmp_path / "huge.h5")
     path = recording(tmp_path / "run.h5")
     with h5py.File(path, "r+", libver="latest") as file:
@@ -81,7 +81,7 @@ def test_an_hdf5_that_asks_for_more_than_it_can_hold_is_refused(tmp_path: Path) 
             del file[name]
             file.create_dataset(name, shape=(10**9,), chunks=(1000,), dtype=float).attrs.update(attributes)
         file.attrs["checksum"] = hdf5.digest(file)
-    with pytest.raises(FileError, match="the recording asks for 16 GB of memory"):
+    with pytest.raises(FileError, match="the recording needs 16 GB of memory"):
         Recording.load(path)
 
 

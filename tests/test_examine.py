@@ -173,9 +173,9 @@ def test_clipping_is_told_from_holding() -> None:
 
 def test_what_it_cannot_identify_is_said() -> None:
     one = found(*actuator(sine))
-    assert says(one, "nothing of rate dependence")
+    assert says(one, "not informative about rate dependence")
     assert says(one, "inner loops are not tested")
-    assert says(one, "6 s say nothing of creep slower than about 2 s")
+    assert says(one, "6 s are too short for creep slower than about 2 s")
     many = found(*actuator(several, noise=0.01))
     assert not says(many, "rate dependence")
     assert not says(many, "inner loops")
@@ -226,7 +226,7 @@ def test_the_measured_record() -> None:
     assert result.strokes == 81
     assert result.delay_ms == pytest.approx(20.4, abs=1.0)
     assert result.clipped_displacement == 0
-    assert says(result, "nothing of rate dependence")
+    assert says(result, "not informative about rate dependence")
     swapped = examine(read_record(MEASURED, volts=5, displacement=1, sample_rate=200.0))
     assert says(swapped, "are the columns swapped?")
 

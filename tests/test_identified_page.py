@@ -213,5 +213,5 @@ def test_the_measured_stack(tmp_path):
     assert 100 * line_rmse(view) / view.model.stroke == pytest.approx(6.8, abs=0.1)  # as its README says
     words = text(model_page(found, record).html())
     assert f"{found.held_out.rmse_percent:.2f} % of stroke rmse" in words
-    assert "the record says nothing of rate dependence" in words
+    assert "the record is not informative about rate dependence" in words
     assert len(model_page(found, record).save_plots(tmp_path)) == 6

@@ -115,7 +115,7 @@ def test_out_of_reach_is_told_where_and_how_far():
     assert made.rmse == pytest.approx(rms(np.clip(z_d, 0, 20) - z_d))
     first, *_ = made.warnings
     assert first == (
-        "out of reach: a voltage limit holds it back, 2 times, first at 1.001 s, 0.699 s in all, off by at most 6 um "
+        "out of reach: a voltage limit bounds it, 2 times, first at 1.001 s, 0.699 s in all, off by at most 6 um "
         "(1.001 to 1.600 s)"
     )
 
@@ -207,7 +207,7 @@ def test_command_warns_and_is_strict_when_asked(call):
     words = ["triangle", "--frequency", "1", "--peak-to-peak", "24", "--duration", "2"]
     done = call(*words)
     assert done.exit_code == 0
-    assert "- out of reach: a voltage limit holds it back" in done.stdout
+    assert "- out of reach: a voltage limit bounds it" in done.stdout
     done = call(*words, "--strict", "--json")
     assert done.exit_code == 1
     printed = json.loads(done.stdout)

@@ -160,7 +160,7 @@ def test_runs_write_down_the_resonance_that_they_found(tmp_path):
 
 def test_alarms_in_a_row_are_no_changes_of_the_actuator():
     assert judged(made(noisy(wave()), flags=flags(changed=[900])))[0] == "good"
-    assert "found 20 sudden changes" in judged(made(noisy(wave()), flags=flags(changed=slice(0, 8000, 400))))[1]
+    assert "detected 20 sudden changes" in judged(made(noisy(wave()), flags=flags(changed=slice(0, 8000, 400))))[1]
 
 
 def test_without_a_measurement_there_is_no_good_run():

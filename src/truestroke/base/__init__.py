@@ -1,1 +1,1 @@
-"""What everything else stands on: checks, files, verdicts, exit codes."""
+"""The base of all other packages: checks, files, verdicts, exit codes."""

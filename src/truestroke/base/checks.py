@@ -59,7 +59,7 @@ def inside(where: str, names: Mapping[str, str] = types.MappingProxyType({})) ->
 
 
 def known(given: Mapping[str, Any], names: Iterable[str]) -> None:
-    """Only names that exist; of one that does not the error says which was meant.
+    """Only names that exist; for another one the error suggests the nearest.
 
     >>> known({"forgeting": 0.9}, ("prior_return_time", "forgetting"))
     Traceback (most recent call last):
@@ -117,7 +117,7 @@ def within(argument: str, value: object, low: float, high: float, unit: str = ""
 
 
 def instance(argument: str, value: Any, kind: type[T] | tuple[type[T], ...], words: str) -> T:
-    """A value of this class, or of one of these; `words` say what it is and where it comes from.
+    """A value of this class, or of one of these; `words` describe it and how to make one.
 
     >>> instance("settings", {"noise": 0.0}, slice, "a slice, such as slice(3)")
     Traceback (most recent call last):
@@ -184,7 +184,7 @@ def flag(argument: str, value: object) -> bool:
 
 
 def several(argument: str, value: Any, unit: str = "", of: str = "numbers") -> tuple[Any, ...]:
-    """The entries of a sequence, whatever they are."""
+    """The entries of a sequence, of any kind."""
     try:
         return tuple(value)
     except TypeError:

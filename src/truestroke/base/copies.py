@@ -1,4 +1,4 @@
-"""Copies of objects whose state goes on: controllers, laws, plants."""
+"""Copies of objects with their state: controllers, laws, plants."""
 
 from __future__ import annotations
 

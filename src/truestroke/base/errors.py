@@ -7,7 +7,7 @@ from typing import Any
 
 
 class TruestrokeError(Exception):
-    """Whatever truestroke raises of its own derives from it; each is also of the kind of Python that fits.
+    """Base class of all errors of truestroke; each is also of the kind of Python that fits.
 
     Examples
     --------

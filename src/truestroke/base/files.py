@@ -17,18 +17,18 @@ from truestroke.base.errors import TruestrokeError
 LOCK = struct.Struct("@hhqqi4x")  # struct flock
 LOCKED_BYTE = 1 << 62  # far behind the end, where HDF5 and readers lock nothing
 HEAD = 4096  # bytes in which a text names what made it
-INFLATION = 1100  # bytes of data that a byte of a file may hold: more than any of the compressors makes of zeros
+INFLATION = 1100  # bytes of data in a byte of a file, at most: more than any compressor reaches with zeros
 SLACK = 1 << 20  # bytes that any file may hold
 
 _replacing: ContextVar[bool] = ContextVar("_replacing", default=False)
 
 
 class FileError(TruestrokeError, ValueError):
-    """A file that cannot be read as what it should be; the message names the file and says why."""
+    """A file that cannot be read as the expected kind; the message names the file and the reason."""
 
 
 class FileTooLargeError(FileError):
-    """A file that asks for more memory than it can fill, or than there is."""
+    """A file that needs more memory than its size allows, or than this computer has."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ def _arrays(path: Path) -> bool:
 
 
 def _store(path: Path) -> bool:
-    """Whether a study may go on in it: no tables of others; what is damaged is told by the study."""
+    """Whether a study may continue in it: no tables of others; the study reports damage."""
     import sqlite3
 
     try:
@@ -94,7 +94,7 @@ WAVEFORM = Kind(
     "a waveform",
     lambda path: _arrays(path) if path.suffix == ".npz" else _begins(WAVEFORM_HEADER.encode() + b"\n")(path),
 )
-MEASUREMENT = Kind("a measurement", lambda path: False)  # what was measured once is replaced by nobody unasked
+MEASUREMENT = Kind("a measurement", lambda path: False)  # a measurement is replaced on request only
 
 
 @contextmanager
@@ -108,7 +108,7 @@ def overwriting(yes: bool = True) -> Iterator[None]:
 
 
 def check(path: str | os.PathLike[str], kind: Kind) -> Path:
-    """Where a file of `kind` goes, if it may: a link is followed.
+    """Path of a file of `kind` to be written, if permitted: a link is followed.
 
     Raises
     ------
@@ -136,9 +136,9 @@ def check(path: str | os.PathLike[str], kind: Kind) -> Path:
 
 @contextmanager
 def writing(path: str | os.PathLike[str], kind: Kind) -> Iterator[Path]:
-    """A draft beside `path` to be written; it is on the disk and takes the name when the block ends, else it goes.
+    """A draft beside `path` to be written; it is synchronised and renamed when the block ends, and removed at an error.
 
-    Whatever happens, what was there before is either as it was, or replaced by what is complete.
+    A file of that name is either unchanged, or replaced by a complete one.
 
     Raises
     ------
@@ -199,7 +199,7 @@ class Growing:
         return self.final if self._is(self.final) else self.path
 
     def complete(self) -> None:
-        """Bring it to the disk and give it its final name; not onto a file that another is writing."""
+        """Synchronise it and give it its final name; not onto a file that another process writes."""
         os.fsync(self.descriptor)
         if self.path != self.final and self._is(self.path):
             if self.final.exists() and busy(self.final):
@@ -244,12 +244,12 @@ def check_growing(final: Path, overwrite: bool, empty: Callable[[Path], bool]) -
     overwrite : bool
         Whether it may replace what is there.
     empty : callable
-        Whether a file that an earlier run left `beside` holds nothing that can be lost.
+        Whether a file of an earlier run `beside` it contains no data.
 
     Raises
     ------
     FileExistsError
-        A file is there, or another process writes it, or an earlier one was killed and left its data beside it.
+        The file exists, or another process writes it, or the data of a killed process are beside it.
     OSError
         There is no folder, or the place is one.
     """
@@ -294,7 +294,7 @@ def busy(path: Path) -> bool:
 
 
 def _lock(descriptor: int, command: int) -> int:
-    """Set or ask for the lock; its type. A file system without locks has none to tell of."""
+    """Set or ask for the lock; its type. A file system without locks reports none."""
     asked = LOCK.pack(fcntl.F_WRLCK, os.SEEK_SET, LOCKED_BYTE, 1, 0)
     try:
         return int(LOCK.unpack(fcntl.fcntl(descriptor, command, asked))[0])
@@ -309,7 +309,7 @@ def _lock(descriptor: int, command: int) -> int:
 
 @contextmanager
 def reading(path: str | os.PathLike[str], wrong: Callable[[str], FileError]) -> Iterator[None]:
-    """Whatever a library raises at a damaged file is one line: ``wrong(reason)``.
+    """Every error of a library at a damaged file becomes one line: ``wrong(reason)``.
 
     A `FileError` and an `OSError` that names its file pass.
     """
@@ -323,7 +323,7 @@ def reading(path: str | os.PathLike[str], wrong: Callable[[str], FileError]) -> 
 
 
 def check_size(path: str | os.PathLike[str], what: str, size: int) -> None:
-    """Refuse before memory is taken what a file of this size cannot hold, or what this computer has no room for.
+    """Refuse, before memory is allocated, data that a file of this size cannot contain or this computer cannot store.
 
     Parameters
     ----------
@@ -341,7 +341,7 @@ def check_size(path: str | os.PathLike[str], what: str, size: int) -> None:
         reason = f"of {_bytes(room)} at most, half of this computer's memory"
     else:
         return
-    raise FileTooLargeError(f"{os.fspath(path)}: {what} asks for {_bytes(size)} of memory: must be {reason}")
+    raise FileTooLargeError(f"{os.fspath(path)}: {what} needs {_bytes(size)} of memory: must be {reason}")
 
 
 def _bytes(size: int) -> str:

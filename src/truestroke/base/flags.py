@@ -1,4 +1,4 @@
-"""The flags of a tick: each one is a line of `Flags`, and everything else that knows them reads it there."""
+"""The flags of a tick: each one is a line of `Flags`; all other code reads them there."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class Flags:
     saturated: bool = _flag("the command met a voltage limit", "met a voltage limit")
     projected: bool = _flag(
         "a partial slope was limited to `slope_limits`, so that the inverse is defined",
-        "brought a partial slope within its bounds",
+        "limited a partial slope to its bounds",
     )
     rejected: bool = _flag(
         "the measurement was not finite, beyond `measurement_limit`, a spike, too late, or refused by the law, and was "
@@ -67,8 +67,8 @@ class Flags:
     )
     slewed: bool = _flag("the command met the slew limit", "met the slew limit")
     oscillating: bool = _flag(
-        "the stage oscillates by the controller's own doing; it does not learn, and the corner of its filter is lower",
-        "held back an oscillation of its own making",
+        "the controller excites an oscillation of the stage; adaptation pauses, and the corner of its filter is lower",
+        "stopped a self-excited oscillation",
         by_adapt=True,
     )
 

@@ -20,7 +20,7 @@ FORMAT = "truestroke recording"
 ENDING = "ending"  # dataset of a recording that grew while it ran: JSON that is known only at its end, bytes
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 SUPERBLOCK = 48  # bytes of it in version 3: signature, version, sizes, flags, four addresses, checksum
-FLAGS = 11  # where "it is open for writing" stands
+FLAGS = 11  # place of the mark "open for writing"
 END = slice(28, 36)  # where the file ended when it was opened
 WORD = 0xFFFFFFFF
 HEAP = b"GCOL\1\0\0\0"  # begins a heap of texts
@@ -56,7 +56,7 @@ def _closed(path: Path) -> bytes | None:
 
 
 def _check_heaps(path: Path) -> None:
-    """ValueError where HDF5 would walk in a circle for ever: a heap of texts with an object of no size or too large."""
+    """ValueError where HDF5 would loop endlessly: a heap of texts with an object of no size or too large."""
     with path.open("rb") as file:
         for start in range(0, os.fstat(file.fileno()).st_size, BLOCK):
             file.seek(start)
@@ -69,7 +69,7 @@ def _check_heaps(path: Path) -> None:
 
 
 def _walk(heap: bytes, whole: int) -> None:
-    """Over the objects of a heap: each has index, size and data; the size of the free room, index 0, is all of it."""
+    """Over the objects of a heap: each has index, size and data; the size of the free space, index 0, is all of it."""
     place = 16
     while len(heap) - place >= 16:
         index, size = (int.from_bytes(heap[place + a : place + b], "little") for a, b in ((0, 2), (8, 16)))
@@ -96,7 +96,7 @@ def digest(file: Any) -> str:
 
 
 def intact(file: Any) -> bool:
-    """Whether a file is no recording, or one of before there were checksums, or as its digest says."""
+    """Whether a file is no recording, or one without checksums, or matches its digest."""
     if file.attrs.get("format") != FORMAT or int(file.attrs["format_version"]) < 2:
         return True
     return bool(file.attrs["checksum"] == digest(file))

@@ -1,4 +1,4 @@
-"""Signals that ask a program to end, handled for a while and given back: the one place that knows them."""
+"""Signals that ask a program to end, and temporary handlers of them: the one place that names them."""
 
 from __future__ import annotations
 

@@ -46,5 +46,5 @@ def _size(file: zipfile.ZipFile, name: str, member: zipfile.ZipInfo, wrong: Call
         shape, _, dtype = HEADERS[version](stream)
     size = int(math.prod(shape) * dtype.itemsize)
     if size > member.file_size:
-        raise wrong(f"{name} of shape {shape} asks for {size} bytes: must be {member.file_size} at most, as are there")
+        raise wrong(f"{name} of shape {shape} needs {size} bytes: must be {member.file_size} at most, as in the file")
     return size

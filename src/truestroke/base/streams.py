@@ -1,4 +1,4 @@
-"""Standard streams that may be closed, full or read by nobody: what is done does not depend on them."""
+"""Standard streams that may be closed, full or without a reader: they do not change what a command does."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 
 class _Forgiving(io.FileIO):
-    """A descriptor whose first error is kept, and everything behind it dropped."""
+    """A descriptor whose first error is kept; later output is dropped."""
 
     error: OSError | None = None
 

@@ -61,7 +61,7 @@ def decode(make: Callable[..., Made], given: Mapping[str, Any], also: tuple[str,
     given : mapping
         The table. Lists become tuples, inner tables the dataclasses of their annotations.
     also : tuple of str
-        Keys that are allowed, and that `make` does not get.
+        Keys that are allowed, but not passed to `make`.
     **fixed
         Arguments that are no keys.
 
@@ -92,14 +92,14 @@ def decode(make: Callable[..., Made], given: Mapping[str, Any], also: tuple[str,
 
 
 def arguments(make: Callable[..., object], given: Mapping[str, Any]) -> dict[str, Any]:
-    """The values of some parameters of `make`, as their annotations ask for them."""
+    """The values of some parameters of `make`, of the types of their annotations."""
     hints, fields = get_type_hints(make), dataclasses.fields(make) if dataclasses.is_dataclass(make) else ()
     units = {field.name: str(field.metadata.get("unit", "")) for field in fields}
     return {name: value(name, entry, hints[name], units.get(name, "")) for name, entry in given.items()}
 
 
 def value(name: str, given: Any, hint: Any, unit: str = "") -> Any:
-    """A value as an annotation asks for it: a string is no number, and neither is a truth value.
+    """A value of the type of an annotation: a string is no number, and neither is a truth value.
 
     >>> value("stroke", "30", float, "um")
     Traceback (most recent call last):
@@ -133,7 +133,7 @@ def _kind(hint: Any) -> tuple[Any, str]:
 
 
 def _called(hint: Any) -> str:
-    """What an annotation asks for, in words."""
+    """The type of an annotation, in words."""
     if get_origin(hint) in (Union, types.UnionType):
         return " or ".join(filter(None, (_called(one) for one in get_args(hint) if one is not type(None))))
     return f"one of {', '.join(get_args(hint))}" if get_origin(hint) is Literal else _kind(hint)[1]

@@ -4,4 +4,4 @@ import numpy as np
 import numpy.typing as npt
 
 FloatArray = npt.NDArray[np.float64]
-"""An array of float64; its shape and unit are said where it is used."""
+"""An array of float64; its shape and unit are stated where it is used."""

@@ -22,7 +22,7 @@ class Verdict:
 
     Examples
     --------
-    >>> Verdict("bad", ("The command stood at a voltage limit in 97 % of the ticks.",)).is_bad
+    >>> Verdict("bad", ("The command was at a voltage limit in 97 % of the ticks.",)).is_bad
     True
     """
 

@@ -65,7 +65,7 @@ class ActuatorModel(Displayed, Layout):
     covariance : ndarray, shape (m, m)
         Of the weights, in the squares of their units.
     noise : float
-        Standard deviation of what the model leaves of the record, um.
+        Standard deviation of the residual of the record, um.
     figures : mapping of str to float
         What the fit reports of itself, such as "held_out_rmse_um".
     provenance : mapping of str to str
@@ -180,7 +180,7 @@ class ActuatorModel(Displayed, Layout):
     def another_day(self) -> FloatArray:
         """Covariance of the weights on another day than that of the record, in the squares of their units, (m, m).
 
-        That of the record plus `DRIFT`^2 of the default prior: the record does not know the load, temperature and
+        That of the record plus `DRIFT`^2 of the default prior: the record does not contain the load, temperature and
         polarisation of another day, and the model is not the actuator. The offset has its default variance.
         """
         default = prior.covariance(self, np.abs(self.weights[self.a]), q=self.sensitivity, stroke=self.stroke)
@@ -245,7 +245,7 @@ class ActuatorModel(Displayed, Layout):
         """Voltage that makes the displacement, V, found by the kernel of the controller.
 
         The actuator is taken to have rested at the first voltage, as by `predict`, which undoes it: of whole ticks the
-        voltage is ahead by the delay. `beyond` tells where the voltage leaves what the model was trained on.
+        voltage is ahead by the delay. `beyond` gives the spans in which the model extrapolates.
 
         Parameters
         ----------
@@ -286,7 +286,7 @@ class ActuatorModel(Displayed, Layout):
         return float(brentq(over, *limits, xtol=1e-14))
 
     def beyond(self, volts: npt.ArrayLike, sample_rate: float) -> Beyond:
-        """Where a voltage goes beyond what the model was trained on, so that the prediction is a guess.
+        """Spans in which a voltage is beyond the record of the model, so that the prediction is an extrapolation.
 
         Parameters
         ----------
@@ -354,7 +354,7 @@ def creep_states(x: FloatArray, times: tuple[float, ...], sample_rate: float) ->
 
 
 def ahead(x: FloatArray, samples: int, last: FloatArray) -> FloatArray:
-    """x some samples later; behind its end it is `last`."""
+    """x some samples later; after its end it is `last`."""
     return np.concatenate([x[samples:], np.repeat(last, min(samples, x.size))])
 
 

@@ -472,8 +472,8 @@ class BoundedKalman:
         self.filter = settings.filter
         self.disturbance = 0.0
         self.weights, self.P = self.w0.copy(), self.P0.copy()
-        self.u1 = self.u = np.zeros(m)  # the regressor behind one and two poles
-        self.y1 = self.y = 0.0  # the measurement behind one and two poles, um
+        self.u1 = self.u = np.zeros(m)  # the regressor after one and two poles
+        self.y1 = self.y = 0.0  # the measurement after one and two poles, um
         self.Pu = np.zeros(m)
         self.variance = 0.0  # s of the last update, um^2
         self.sigma, self.ringing = settings.first_noise, 0.0  # um, um^2

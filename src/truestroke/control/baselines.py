@@ -1,6 +1,6 @@
 """What to compare with: a straight line, a PID with the tuning of a textbook, and a projected law for the inverse.
 
-The other rivals of the paper's controller are its inverse with other settings or laws: see `studies.compare`.
+The other controllers of the comparison are the paper's inverse with other settings or laws: see `studies.compare`.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class ConstantGain(Displayed):
     sensitivity : float
         Slope of the line, um/V, above 0.
     voltage_limits : tuple[float, float]
-        Lowest and highest voltage that may leave, V.
+        Lowest and highest output voltage, V.
     offset : float
         Displacement of the line at 0 V, um: it runs through the middle of the loop, which begins at its edge.
 
@@ -100,7 +100,7 @@ class Pid(Displayed):
     sample_rate : float
         Ticks per second, Hz.
     voltage_limits : tuple[float, float]
-        Lowest and highest voltage that may leave, V.
+        Lowest and highest output voltage, V.
 
     Examples
     --------
@@ -147,7 +147,7 @@ class Pid(Displayed):
         return volts
 
     def adapt(self, z_measured: float, ago: int = 0) -> None:
-        """Take the measurement, um, for the next command; NaN and infinity leave the last one in place."""
+        """Take the measurement, um, for the next command; NaN and infinity are ignored."""
         if math.isfinite(z_measured):
             self._measured = z_measured
 
@@ -160,13 +160,13 @@ def _kept(T_f: float, sample_rate: float) -> float:
 class ProjectedGradient:
     """Rate-independent law with positive partial sums: a gradient step on all that was measured, then a projection.
 
-    With s the partial sums of w_h and v the plays that belong to them (w_h.H_r = s.v), and y_a = w_s'.S_d'[z], ::
+    With s the partial sums of w_h and v the corresponding plays (w_h.H_r = s.v), and y_a = w_s'.S_d'[z], ::
 
         R(n) = lambda R(n-1) + v v',    q(n) = lambda q(n-1) + v y_a
         s(n) = max(s(n-1) - (R s(n-1) - q) / trace R, slope_min)
 
     It descends on the constrained, exponentially forgotten least squares problem, and cannot wind up: at 0 V, R fades
-    and s comes to rest. The rate weights b are left as they are. It is a `truestroke.control.adaptation.Law`.
+    and s comes to rest. The rate weights b do not change. It is a `truestroke.control.adaptation.Law`.
 
     Parameters
     ----------
@@ -240,7 +240,7 @@ def tune_pid(
     spectrum : array_like, shape (n,)
         Power spectrum of the desired motion, any unit.
     sensitivity_peak : float
-        Largest M_s, above 1; textbooks ask for 1.4 to 2.
+        Largest M_s, above 1; textbooks recommend 1.4 to 2.
     gain_spread : float
         Largest gain, in units of that of `response`, at least 1.
 

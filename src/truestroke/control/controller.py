@@ -30,13 +30,13 @@ State = Mapping[str, npt.NDArray[Any]]
 
 
 class Controller(Protocol):
-    """Whatever can be in the loop: a command before the tick, a measurement after it."""
+    """A controller of the loop: a command before the tick, a measurement after it."""
 
     def command(self, z_d: float, zdot_d: float) -> float:
         """Voltage (V) for the desired displacement (um) and velocity (um/s) of this tick."""
 
     def adapt(self, z_measured: float, ago: int = 0) -> None:
-        """Learn from the displacement (um) that answered the command `ago` commands before the last one."""
+        """Adapt to the displacement (um) measured for the command `ago` commands before the last one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,12 +55,12 @@ class Counters:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Diagnostics:
-    """What the controller believes after the last tick.
+    """State of the model after the last tick.
 
     Attributes
     ----------
     innovation : float
-        e_m of (15): what the measurement said beyond the model, um.
+        e_m of (15): measurement minus model, um.
     weights : ndarray, shape (m,)
         w = [a0, b0, a1, b1, ...] of (21), um/V, and those of the other terms, as `ControllerSettings` orders them.
     partial_slopes : ndarray, shape (n,)
@@ -111,7 +111,7 @@ class AdaptiveController(Displayed):
         e_m(t) = w_s'.S_d'[z_a] - w.u(t)                       (15)
         w     += mu e_m                                        (23)
 
-    The default law is a Kalman filter of weights that wander about a prior which follows from stroke and voltage
+    The default law is a Kalman filter of weights that vary about a prior, which follows from stroke and voltage
     limits; it stays bounded under any input. The model has more plays than the paper's, and terms of creep, lag, offset
     and asymmetry that are known before the voltage is chosen. `paper` is the literal algorithm.
 
@@ -122,7 +122,7 @@ class AdaptiveController(Displayed):
     stroke : float
         Length of the travel that is asked for, um.
     voltage_limits : tuple[float, float]
-        Lowest and highest voltage that may leave, V at the D/A converter.
+        Lowest and highest output voltage, V at the D/A converter.
     **settings
         Any other member of `ControllerSettings`.
 
@@ -183,7 +183,7 @@ class AdaptiveController(Displayed):
         sample_rate : float
             Ticks per second, Hz.
         voltage_limits : tuple[float, float], optional
-            Lowest and highest voltage that may leave, V; by default those of the record.
+            Lowest and highest output voltage, V; by default those of the record.
         **settings
             Any other member of `ControllerSettings` that is not about the model.
 
@@ -270,14 +270,14 @@ class AdaptiveController(Displayed):
         return self._kernel.command(z_d, zdot_d)
 
     def adapt(self, z_measured: float, ago: int = 0) -> None:
-        """Learn from a measurement; it may be left out for a tick.
+        """Adapt to a measurement; it may be left out for a tick.
 
         Parameters
         ----------
         z_measured : float
             Displacement, um, the mean over the tick. NaN and infinity are rejected, flagged and counted.
         ago : int
-            How many commands were issued after the one that this measurement answers, 0 to 63. Measurements come in
+            Number of commands that were issued after the one of this measurement, 0 to 63. Measurements come in
             the order of their commands; one that is older than a measurement already used is rejected.
 
         Raises
@@ -303,7 +303,7 @@ class AdaptiveController(Displayed):
         z_d, zdot_d : array_like, shape (ticks,)
             Desired displacement, um, and velocity, um/s.
         z_measured : array_like, shape (ticks,), optional
-            Measurements, um; each answers the command `ago` ticks before its own. Left out: commands alone.
+            Measurements, um; each belongs to the command `ago` ticks before its own. Left out: commands alone.
         ago : int
             Latency between a command and its measurement, ticks, 0 to 63.
 
@@ -331,7 +331,7 @@ class AdaptiveController(Displayed):
         self._kernel.reset()
 
     def start(self, volts: float, z: float) -> None:
-        """Take over an actuator that rests at z (um) under `volts` (V), without a jump: the command for z is `volts`.
+        """Start with an actuator that rests at z (um) under `volts` (V), without a jump: the command for z is `volts`.
 
         Everything that was learned is forgotten, as by `reset`.
 
@@ -361,7 +361,7 @@ class AdaptiveController(Displayed):
         Parameters
         ----------
         voltage_limits : tuple[float, float], optional
-            Lowest and highest voltage that may leave, V.
+            Lowest and highest output voltage, V.
         **settings
             Members of `ControllerSettings` that are about the law or about safety. The terms of the model, its
             thresholds, the law and the precision stay as they are: for others make a new controller.
@@ -393,7 +393,7 @@ class AdaptiveController(Displayed):
         self.settings = changed
 
     def state(self) -> dict[str, npt.NDArray[Any]]:
-        """Everything that a tick leaves behind, as named arrays, for `restore`.
+        """The complete state after a tick, as named arrays, for `restore`.
 
         A run that is interrupted, saved with ``np.savez(file, **controller.state())``, restored and continued is
         equal to the last bit to one that was not.
@@ -401,12 +401,12 @@ class AdaptiveController(Displayed):
         return self._kernel.state()
 
     def restore(self, state: State) -> None:
-        """Take over a state that `state` gave, of a controller with the same settings.
+        """Restore a state of `state`, of a controller with the same settings.
 
         Raises
         ------
         SettingError
-            An entry is missing, has another size, is not finite, or is such as no run leaves behind (a negative
+            An entry is missing, has another size, is not finite, or is impossible (a negative
             variance, a flag that is neither 0 nor 1, counters that contradict each other); nothing has changed.
         """
         checks.able("state", state, ("items",), "what `state` gave, or numpy.load of its file")
@@ -433,17 +433,17 @@ class AdaptiveController(Displayed):
 
     @property
     def resonance(self) -> float:
-        """First resonance of the stage, Hz: as told, or as found when the law excited it; NaN where it is not known."""
+        """First resonance of the stage, Hz: as set, or as measured when the law excited it; NaN where not known."""
         return self._kernel.resonance() * self.settings.sample_rate
 
     @property
     def filter_frequency(self) -> float:
-        """Corner of the law's filter in force, Hz: lower than told where the law excited a resonance; NaN for "rls"."""
+        """Present corner of the law's filter, Hz: lower than set where the law excited a resonance; NaN for "rls"."""
         return -math.log1p(-self._kernel.filter()) * self.settings.sample_rate / (2 * math.pi)
 
     @property
     def noise(self) -> float:
-        """Standard deviation of the measurement as estimated on line, um; NaN for "rls", which has no such thing."""
+        """Standard deviation of the measurement as estimated on line, um; NaN for "rls", which has no estimate."""
         return self._kernel.noise()
 
     @property
@@ -463,7 +463,7 @@ class AdaptiveController(Displayed):
 
     @property
     def diagnostics(self) -> Diagnostics:
-        """What the controller believes after the last tick; a copy, so that it stays as it is."""
+        """State of the model after the last tick; a copy, so that it stays as it is."""
         arrays = [
             np.asarray(a, dtype=np.float64)
             for a in (self._kernel.weights(), self._kernel.slopes(), self._kernel.play())

@@ -1,6 +1,6 @@
 """What a motion needs of voltage and slew, before anything moves; whether stroke and limits allow it.
 
-The numbers are those of what a controller believes before its first measurement: z = gain * x on a long way, and the
+The numbers are those of the controller's prior: z = gain * x on a long way, and the
 slope after a reversal, which is the first weight, where the voltage has to be fastest.
 """
 
@@ -29,7 +29,7 @@ NAMES: Mapping[str, str] = {
     "voltage_limits": "voltage_limits",
     "slew": "slew_limit",
 }
-"""The words of Python for what can be changed; other places give their own."""
+"""The words of Python for what can be changed; other callers give their own."""
 
 
 @runtime_checkable
@@ -55,7 +55,7 @@ class LimitWarning(UserWarning):
 
 
 class Pursued(Protocol):
-    """What is known of a motion that somebody will ask for; a `SetPoint` of `truestroke.runtime.realtime` is one."""
+    """Bounds of a motion that is given during the run; a `SetPoint` of `truestroke.runtime.realtime` is one."""
 
     @property
     def reach(self) -> tuple[float, float]:
@@ -83,7 +83,7 @@ class Demands:
     acceleration : float
         Largest absolute acceleration, um/s^2.
     volts : tuple[float, float]
-        Lowest and highest voltage, V, as the settings believe.
+        Lowest and highest voltage, V, according to the prior of the settings.
     slew, usual_slew : float
         Fastest change of the voltage, and that which 95 % of the ticks keep to, V/s.
     """
@@ -98,7 +98,7 @@ class Demands:
 
 
 def gains(settings: ControllerSettings) -> tuple[float, float]:
-    """What the settings believe of the actuator, um/V: the gain on a long way, and the slope after a reversal.
+    """The prior of the actuator, um/V: the gain on a long way, and the slope after a reversal.
 
     Those of the first weights; "rls" starts with a number of the paper, and is counted with the prior if that is more.
 
@@ -124,7 +124,7 @@ def reach(trajectory: Sampled | Pursued) -> tuple[float, float]:
 
 
 def demands(trajectory: Sampled | Pursued, settings: ControllerSettings) -> Demands:
-    """What a trajectory needs of an actuator such as the settings believe in; 0 um is at 0 V.
+    """What a trajectory needs of an actuator according to the prior of the settings; 0 um is at 0 V.
 
     Parameters
     ----------
@@ -195,7 +195,7 @@ def check(
     voltage_limits: tuple[float, float] | None = None,
     names: Mapping[str, str] = NAMES,
 ) -> None:
-    """Refuse a motion that the actuator cannot make, even if it moves twice as far a volt as believed.
+    """Refuse a motion that the actuator cannot make, even if it moves twice as far a volt as in the prior.
 
     Parameters
     ----------
@@ -266,7 +266,7 @@ def notices(
     voltage_limits: tuple[float, float] | None = None,
     names: Mapping[str, str] = NAMES,
 ) -> tuple[str, ...]:
-    """Tell, before the run, which limit will probably hold the motion back, and what it needs; () if none will.
+    """Report, before the run, which limit will probably slow the motion, and what it needs; () if none will.
 
     Parameters as those of `check`.
 

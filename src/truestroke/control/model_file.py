@@ -69,7 +69,7 @@ def save_model(path: str | os.PathLike[str], model: ActuatorModel) -> None:
 
 
 def _sections(model: ActuatorModel, prefix: str) -> list[str]:
-    """The tables of a model as lines, each behind an empty one."""
+    """The tables of a model as lines, each after an empty one."""
     lines = ["", f"[{prefix}model]"]
     lines += [f"{key} = {_toml(getattr(model, name))}" for key, name in KEYS.items()]
     lines += ["", f"[{prefix}weights] # +- standard deviation"]

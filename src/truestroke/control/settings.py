@@ -313,7 +313,7 @@ CHANGEABLE = tuple(name for name, setting in SETTINGS.items() if setting.changea
 @declared.documented(SETTINGS)
 @dataclass(frozen=True, kw_only=True, repr=False)
 class ControllerSettings(Displayed, Layout):
-    """What a controller is told about the actuator and about how to learn.
+    """The actuator's data and the parameters of the adaptation.
 
     Only the first three are needed; the rest follows from them. Entries that are given as None are filled in, so that
     a settings object always holds the numbers that are used. q is stroke / voltage_range, um/V.
@@ -387,8 +387,8 @@ class ControllerSettings(Displayed, Layout):
     def reach(self, volts: float) -> float:
         """How far from 0 an actuator under `volts` (V) may be, um.
 
-        A sensor that shows more is not zeroed, or is another's. Three strokes, and three times what `volts` bring of
-        the stroke; at most `measurement_limit`.
+        With a larger reading the sensor is not zeroed, or is that of another axis. Three strokes, and three times the
+        part of the stroke; at most `measurement_limit`.
 
         Examples
         --------
@@ -438,7 +438,7 @@ class ControllerSettings(Displayed, Layout):
     ) -> ControllerSettings:
         """The settings of the paper: 8 plays, w(0) = [5, 0, ...], c_b = 0.007 s/um, lambda = 0.9999, delta = 1e-3.
 
-        Nothing else is in the model or in the way; `changes` replace any of them, for rivals of the same kind.
+        The model and the law have no other parts; `changes` replace any of them, for comparisons.
         """
         low, high = declared.checked(SETTINGS, "voltage_limits", voltage_limits)
         stroke = declared.checked(SETTINGS, "stroke", stroke)

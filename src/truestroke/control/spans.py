@@ -1,4 +1,4 @@
-"""Where something goes too far: spans of time, each with its worst."""
+"""Spans of time in which a limit is exceeded, each with its largest excess."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ MERGED = 0.002  # s: spans nearer than this are one
 
 @dataclass(frozen=True)
 class Span:
-    """A stretch of time in which something goes too far.
+    """A span of time in which a limit is exceeded.
 
     Attributes
     ----------
@@ -30,7 +30,7 @@ class Span:
 
 @dataclass(frozen=True)
 class Beyond:
-    """Where a prediction goes beyond what its model was trained on.
+    """Spans in which a prediction is beyond the record of its model.
 
     Attributes
     ----------

@@ -101,17 +101,17 @@ class Findings:
     warnings: tuple[str, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain numbers, text, lists and dicts, as JSON knows them."""
+        """Plain numbers, text, lists and dicts, the types of JSON."""
         return {key: list(v) if isinstance(v, tuple) else v for key, v in dataclasses.asdict(self).items()}
 
     def table(self) -> list[tuple[str, str]]:
-        """What and how much, in words with units, in the order in which an engineer checks a record."""
+        """Names and values, with units, in the order in which an engineer checks a record."""
         jitter = "no time stamps"
         if self.jitter_us is not None:  # below a millionth of the interval it is the rounding of the stamps
             seen = 1e-6 * self.jitter_us * self.sample_rate_hz > 1e-6
             jitter = f"jitter {_length(1e-6 * self.jitter_us, 's')}" if seen else "no jitter"
         longest = f", the longest {max((s for _, s in self.gaps), default=0.0):.3g} s" if self.gaps else ""
-        delay = "not told from hysteresis" if self.delay_ms is None else f"{self.delay_ms:.3g} ms"
+        delay = "not separable from hysteresis" if self.delay_ms is None else f"{self.delay_ms:.3g} ms"
         without = "" if self.hysteresis_percent is None else f", {self.hysteresis_percent:.1f} % without the delay"
         slow, fast = self.stroke_speeds_um_s
         clipped = f"{self.clipped_displacement} rows of displacement, {self.clipped_volts} of voltage"
@@ -153,7 +153,7 @@ def examine(record: Record) -> Findings:
     >>> round(found.stroke_um, 2), round(found.delay_ms, 2), found.strokes
     (36.0, 3.0, 20)
     >>> found.warnings[1]
-    'all strokes have about the same speed (144 um/s): the record says nothing of rate dependence'
+    'all strokes have about the same speed (144 um/s): the record is not informative about rate dependence'
     """
     checks.instance("record", record, Record, EXPECTED)
     x, z = record.volts, record.displacement
@@ -194,7 +194,7 @@ def examine(record: Record) -> Findings:
     return dataclasses.replace(findings, warnings=tuple(_warnings(findings, record)))
 
 
-# ---- One figure each -------------------------------------------------------------------------------------------------
+# ---- Single quantities -----------------------------------------------------------------------------------------------
 
 
 def _line(x: FloatArray, z: FloatArray) -> tuple[float, float, float]:
@@ -228,9 +228,9 @@ def _blocks(record: Record) -> list[FloatArray]:
 
 
 def _noise(record: Record) -> float:
-    """The least of the robust deviations of differences of order 2 to 6: higher ones leave less of a smooth motion.
+    """The least of the robust deviations of differences of order 2 to 6: higher ones contain less of a smooth motion.
 
-    The median of |differences| does not see the reversals or a few outliers. Noise that is slower than the samples,
+    The median of |differences| is robust to the reversals and a few outliers. Noise that is slower than the samples,
     such as mains hum, is not in it. Nor is it less than that of rounding to the steps of a converter.
     """
     blocks = _blocks(record)
@@ -340,7 +340,7 @@ def _count(number: int, what: str) -> str:
 
 
 def _of_columns(found: Findings, record: Record) -> list[str]:
-    """Whether voltage and displacement are what they are said to be."""
+    """Whether voltage and displacement are plausible as such."""
     says = []
     if assumed := [f"{c.heading} in {c.unit}" for c in record.columns.values() if not c.stated]:
         says.append(f"the units are not stated and assumed: {', '.join(assumed)}")
@@ -378,7 +378,7 @@ def _of_sampling(found: Findings, record: Record) -> list[str]:
     if found.clipped_volts:
         says.append(f"the voltage seems clipped in {found.clipped_volts} rows, while the displacement moves on")
     if found.jitter_us is None:
-        says.append("there are no time stamps: jitter and gaps cannot be seen, the given sample rate is trusted")
+        says.append("there are no time stamps: jitter and gaps cannot be measured, the given sample rate is used")
     elif (error := 1e-6 * found.jitter_us * found.rates_um_s[1]) > max(found.noise_um, 1e-3 * found.stroke_um):
         says.append(f"jitter of the time stamps makes errors of about {error:.2g} um at {found.rates_um_s[1]:.3g} um/s")
     per_stroke = record.time.size / found.strokes
@@ -398,15 +398,16 @@ def _of_content(found: Findings) -> list[str]:
         slow, fast = found.stroke_speeds_um_s
         if fast < 2 * slow:
             says.append(
-                f"all strokes have about the same speed ({fast:.3g} um/s): the record says nothing of rate dependence"
+                f"all strokes have about the same speed ({fast:.3g} um/s): the record is not informative about rate "
+                "dependence"
             )
         short, long = found.stroke_lengths_percent
         if long < 1.5 * short:
             says.append(f"all strokes are about as long ({long:.0f} % of the span): inner loops are not tested")
     if found.delay_ms is None and found.strokes >= 3:
-        says.append("too few clean reversals to tell the delay from hysteresis")
+        says.append("too few clean reversals to separate the delay from hysteresis")
     if 0 <= found.loop_width_percent < 0.3:
         says.append("there is hardly a loop: is the displacement a command, or that of a closed loop?")
     if found.duration_s < 300:
-        says.append(f"{found.duration_s:.3g} s say nothing of creep slower than about {found.duration_s / 3:.2g} s")
+        says.append(f"{found.duration_s:.3g} s are too short for creep slower than about {found.duration_s / 3:.2g} s")
     return says

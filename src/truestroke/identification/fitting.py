@@ -16,7 +16,7 @@ STEPS = 2  # Gauss-Newton
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A fitted model, and what it leaves of the rows of `Data.fitted`, um."""
+    """A fitted model, and its residual in the rows of `Data.fitted`, um."""
 
     model: ActuatorModel
     residual: FloatArray

@@ -27,7 +27,7 @@ FEWEST = 20  # samples in each part
 
 @dataclass(frozen=True)
 class HeldOut:
-    """How well a model predicts, from voltage alone, the last part of a record that no choice has seen.
+    """Errors of a model that predicts, from voltage alone, the last part of a record, unused for any choice.
 
     Attributes
     ----------
@@ -55,7 +55,7 @@ class Trace(Series):
     predicted : ndarray, shape (samples,)
         Displacement predicted from the voltage alone, um.
     held_out : ndarray of bool, shape (samples,)
-        The last part, which that model has not seen; the figures of `HeldOut` are those of its known samples.
+        The last part, not used for that model; the errors of `HeldOut` are those of its known samples.
     """
 
     predicted: FloatArray
@@ -74,13 +74,13 @@ class Identified:
     Attributes
     ----------
     model : ActuatorModel
-        Fitted to the whole record, with covariance, figures and provenance.
+        Fitted to the whole record, with covariance, metrics and provenance.
     held_out : HeldOut
         Of the model that the same procedure, choice of the structure included, makes of the first part of the record.
     trace : Trace
         The record beside the prediction of the model of `held_out`.
     residual : ndarray, shape (rows,)
-        What the model leaves of the rows it was fitted to, um.
+        Residual in the rows to which it was fitted, um.
     autocorrelation : ndarray, shape (lags,)
         Of the residual, from lag 0, which is 1, in rows; beyond +-2 / sqrt(rows) it is not white.
     effective_samples : float
@@ -111,9 +111,9 @@ def identify(
     """The model of an actuator from a record of voltage and displacement.
 
     Least squares that are pulled to the prior of the controller, all partial slopes positive at every velocity of the
-    record. What is left out of the arguments is chosen by blocked cross-validation. All this is done twice: with
-    the first part of the record, whose model gives the figures of `HeldOut` on the last part, and with all of it. Of
-    the last part the first fit knows the range and the largest rate of the voltage, nothing of the displacement.
+    record. Omitted arguments are chosen by blocked cross-validation. All this is done twice: with
+    the first part of the record, whose model gives the errors of `HeldOut` on the last part, and with all of it. Of
+    the last part the first fit uses the range and the largest rate of the voltage, but not the displacement.
 
     Parameters
     ----------
@@ -121,7 +121,7 @@ def identify(
         `Record`, or the tuple (volts in V, displacement in um, sample rate in Hz). Gaps and irregular time stamps are
         bridged by straight lines, which are not fitted; beyond 500,000 samples, means over blocks.
     rate : bool, optional
-        Whether the weights know the rate.
+        Whether the weights depend on the rate.
     creep_times : sequence of float, optional
         Time constants of the creep states, s; () is no creep.
     asymmetry : int, optional
@@ -197,7 +197,7 @@ def _refuse_empty(s: Series, train: int) -> None:
 
 
 def _data(s: Series, samples: int, rows: int, shift: int = 0) -> Data:
-    """The first samples, as the fit sees them; of the others, the range of the voltage and its rate.
+    """The first samples for the fit; of the others, the range of the voltage and its rate.
 
     The zero is the first that the record comes near: the sensor's own, the straight line's displacement at 0 V, or its
     least displacement: asymmetry is estimated from travel between 0 and the stroke.

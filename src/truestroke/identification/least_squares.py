@@ -25,9 +25,9 @@ class FittedWeights:
     thresholds : tuple[float, ...]
         r of the plays, V, n of them.
     play_weights : ndarray, shape (n,)
-        a of (7), um/V; the play weights w_h where the fit knows no rate.
+        a of (7), um/V; the play weights w_h in a fit without rate.
     rate_weights : ndarray, shape (n,)
-        b of (7), (um/V)/(um/s); zero where the fit knows no rate.
+        b of (7), (um/V)/(um/s); zero in a fit without rate.
     dead_zone_thresholds : tuple[float, ...]
         d' of the inverse dead zones, um.
     dead_zone_weights : ndarray
@@ -35,7 +35,7 @@ class FittedWeights:
     offset : float
         Displacement that the record shows at rest, um; 0 where none was fitted.
     rmse : float
-        Root mean square of what the fit leaves of (6), um.
+        Root mean square of the residual of (6), um.
     """
 
     thresholds: tuple[float, ...]
@@ -47,7 +47,7 @@ class FittedWeights:
     rmse: float
 
     def model(self) -> RateDependentModel:
-        """The model (8), whose `predict` and `invert` these weights make; it knows no offset."""
+        """The model (8), with `predict` and `invert`; it has no offset."""
         w_s, d = inverse_dead_zones(self.dead_zone_weights, self.dead_zone_thresholds)  # undone twice: forward
         r = np.array(self.thresholds)
         return RateDependentModel(r=r, a=self.play_weights, b=self.rate_weights, d=d, w_s=w_s, rate_scale=1.0)
@@ -112,7 +112,7 @@ def fit(
     dead_zone_weights : sequence of float, optional
         w_s' from another record (Sec. 2.2 takes a sine of 8 Hz), kept as they are; left out, they are fitted.
     velocity : array_like, shape (ticks,), optional
-        Velocity zdot, um/s; left out, the model does not know the rate.
+        Velocity zdot, um/s; left out, the model does not depend on the rate.
     offset : bool
         Fit a constant too, for a sensor whose zero is not that of the actuator.
     skip : int
@@ -211,14 +211,14 @@ def _require_excited(argument: str, thresholds: Sequence[float], columns: FloatA
 def _bounded_least_squares(
     free: FloatArray, columns: FloatArray, target: FloatArray, floor: float
 ) -> tuple[FloatArray, FloatArray, float]:
-    """Coefficients of `free` and, at least `floor`, of `columns`, and the root mean square of what they leave."""
+    """Coefficients of `free` and, at least `floor`, of `columns`, and the root mean square of their residual."""
     from scipy.optimize import nnls
 
     rows, f, n = target.size, free.shape[1], columns.shape[1]
     if rows <= f + n:
         raise SettingError("volts", f"array with {rows} ticks to fit", f"longer than {f + n} ticks")
     shifted = target - columns @ np.full(n, floor)
-    # The last rows of R know nothing of `free`: it is eliminated, and follows afterwards.
+    # The last rows of R do not contain `free`: it is eliminated, and follows afterwards.
     R: FloatArray = np.asarray(np.linalg.qr(np.column_stack([free, columns, shifted]), mode="r"))
     above, residual = nnls(R[f:, f:-1], R[f:, -1])
     return np.linalg.solve(R[:f, :f], R[:f, -1] - R[:f, f:-1] @ above), floor + above, float(residual / np.sqrt(rows))

@@ -64,7 +64,7 @@ class Record(Signals):
     segments : tuple[slice, ...]
         Rows between gaps; a gap is an interval of more than 2.5 times the median.
     dropped : int
-        Rows left out because `drop_bad_rows` asked for it.
+        Rows left out by `drop_bad_rows`.
     """
 
     time: FloatArray
@@ -130,7 +130,7 @@ def read_record(
     Parameters
     ----------
     path : str or Path
-        .npz, .mat, .parquet, .h5 and .hdf5 are what they say; anything else is text whose columns are separated by
+        .npz, .mat, .parquet, .h5 and .hdf5 are files of these formats; any other is text whose columns are separated by
         commas, semicolons, tabs or white space.
     volts, displacement, time : str or int, optional
         Columns, by name or counted from 1. Left out, they are found by heading (`HEADINGS`), else by unit. Without
@@ -145,7 +145,7 @@ def read_record(
         Turn its sign: for a sensor that falls as the voltage rises.
     drop_bad_rows : bool
         Leave out rows that hold no finite numbers or whose time does not ascend, rather than refuse the record. A
-        recording of truestroke needs it not: its ticks without a measurement are left out, and counted.
+        recording of truestroke does not need it: its ticks without a measurement are left out, and counted.
 
     Raises
     ------

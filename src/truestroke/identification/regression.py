@@ -20,8 +20,8 @@ from truestroke.model.models import Motion, known_terms, play_terms
 ROWS = 50_000  # of the regression at most: beyond, every so many samples; the plays see all of them
 SETTLING = 0.1  # of the record at most: what is skipped until the play states are known
 FLOOR = 0.05  # of the straight line's slope: the smallest partial slope
-STEEPEST = 0.2  # least slope of z - asymmetry(z): displacement rises by 5 times what the plays say at most
-CURVED = np.linspace(-1.0, 2.0, 31)  # of the stroke, all that the asymmetry covers, seen or not
+STEEPEST = 0.2  # least slope of z - asymmetry(z): displacement rises by at most 5 times the weighted sum of the plays
+CURVED = np.linspace(-1.0, 2.0, 31)  # of the stroke, the whole range of the asymmetry, in the record or not
 CREEP_START = 0.015  # of the stroke: deviation of what a creep state still has to go at the start
 
 
@@ -38,7 +38,7 @@ class Structure(Layout):
 
     @property
     def coefficients(self) -> tuple[str, ...]:
-        """Names of what is fitted: the weights, and behind them the starts of the creep states."""
+        """Names of the coefficients: the weights, and after them the starts of the creep states."""
         return (*self.names, *[f"start {tau:g} s" for tau in self.starts])
 
     def columns_in(self, other: Structure) -> np.ndarray:
@@ -49,7 +49,7 @@ class Structure(Layout):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Data:
-    """A record as the fit sees it: delayed voltage at the full rate, displacement of every `every`-th sample."""
+    """A record prepared for the fit: delayed voltage at the full rate, displacement of every `every`-th sample."""
 
     volts: FloatArray  # V, already delayed
     displacement: FloatArray  # um above `zero`

@@ -104,7 +104,7 @@ def find_delay(data: Data, x: FloatArray, z: FloatArray, shift: int | None) -> t
 
 
 def _seen_delay(x: FloatArray, z: FloatArray) -> float | None:
-    """That of the turns of displacement behind those of voltage, in samples."""
+    """Delay of the reversals of displacement after those of voltage, in samples."""
     turns = turning.reversals(x, turning.STROKE * np.ptp(x))
     return turning.delay(x, z, turns, ())
 

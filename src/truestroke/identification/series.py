@@ -19,7 +19,7 @@ from truestroke.signals.channels import Signals
 SAMPLES = 500_000  # of the record at most: longer ones are replaced by means over blocks
 REGULAR = 0.02  # of the interval: how far time stamps may be off, beyond the rounding of their digits
 SWEPT = 0.96  # of the voltage range: when it has been swept, the plays do not remember what was before
-SETTLING = 0.25  # of a segment behind a hole at most: what is left out until they do not
+SETTLING = 0.25  # of a segment after a hole at most: excluded until they do not
 FLAT = 4  # equal values at an extreme that are no accident
 MOVES = 0.05  # of its span: how far the other signal moves while one is clipped
 BRIDGED = 0.2  # of a stroke's duration: a hole that is shorter hides no reversal
@@ -34,7 +34,7 @@ class Series(Signals):
     time, volts, displacement : ndarray, shape (samples,)
         s, V, um. Within holes of the record, straight lines.
     known : ndarray of bool, shape (samples,)
-        False within a hole, behind a long one until the states of the plays are known again, and where the
+        False within a hole, after a long one until the states of the plays are known again, and where the
         displacement is clipped.
     sample_rate : float
         Hz.

@@ -13,7 +13,7 @@ Rows = npt.NDArray[np.int64]
 
 STROKE = 0.05  # of the voltage span: the least travel between two reversals that counts as a stroke
 WINDOW = 0.1  # of the shorter stroke beside it, that a reversal's window reaches down on either side
-POINTS = 48  # that stand for a window
+POINTS = 48  # of a window
 FEWEST_SIDE = 3  # samples of a window on each side of the reversal
 MOST_REVERSALS = 200  # that are looked at, evenly over the record
 
@@ -104,7 +104,7 @@ def _top(x: FloatArray, k: int) -> tuple[float, float]:
 
 
 def _left(x: FloatArray, rows: FloatArray, values: FloatArray, tops: FloatArray, d: float) -> float:
-    """Sum of squares that the best parabolas leave at the delay `d`."""
+    """Sum of squares of the residual of the best parabolas at the delay `d`."""
     times = rows - d
     drop = np.interp(times, np.arange(x.size), x) - tops[:, 1:]
     drop /= np.abs(drop).max(axis=1, keepdims=True)
@@ -119,7 +119,7 @@ def _left(x: FloatArray, rows: FloatArray, values: FloatArray, tops: FloatArray,
 def rate_lag(x: FloatArray, z: FloatArray, longest: int) -> float | None:
     """Samples by which the rate of `z` lags that of `x`: the peak of their cross-correlation, by a parabola.
 
-    Delay and hysteresis both make it: a rate-independent loop lags by a part of its period, whatever that is.
+    Delay and hysteresis both make it: a rate-independent loop lags by a part of its period, of any length.
     """
     from scipy.signal import correlate
 

@@ -45,18 +45,18 @@ class Waveform(Sampled):
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class PredictedWaveform(Waveform):
-    """A voltage for playback, and what the model says of it.
+    """A voltage for playback, and its prediction by the model.
 
     Attributes
     ----------
     predicted : ndarray, shape (samples,)
         Displacement as the sensor reads it, um.
     out_of_reach : tuple[Span, ...]
-        Where a voltage limit holds it back; `worst` is the largest error there, um.
+        Where a voltage limit bounds it; `worst` is the largest error there, um.
     too_fast : tuple[Span, ...]
         The same of the slew limit.
     beyond : Beyond
-        Where the prediction goes beyond what the model was trained on.
+        Spans in which the prediction is beyond the record of the model.
     """
 
     predicted: FloatArray
@@ -76,10 +76,10 @@ class PredictedWaveform(Waveform):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """In words, where it falls short or is a guess."""
+        """In words, where it cannot follow or extrapolates."""
         found = [
-            _words("out of reach: a voltage limit holds it back", self.out_of_reach, "off by at most", "um"),
-            _words("too fast: the slew limit holds it back", self.too_fast, "off by at most", "um"),
+            _words("out of reach: a voltage limit bounds it", self.out_of_reach, "off by at most", "um"),
+            _words("too fast: the slew limit bounds it", self.too_fast, "off by at most", "um"),
             _words("outside of the voltages of the record", self.beyond.voltage, "by at most", "V"),
             _words("faster than the record", self.beyond.velocity, "by at most", "um/s"),
         ]
@@ -123,7 +123,7 @@ def waveform(
     >>> made.volts[-3:], round(made.rmse, 3)
     (array([2., 2., 2.]), 2.0)
     >>> made.warnings
-    ('out of reach: a voltage limit holds it back, once, 0.600 to 0.800 s, off by at most 4 um',)
+    ('out of reach: a voltage limit bounds it, once, 0.600 to 0.800 s, off by at most 4 um',)
     """
     checks.instance("model", model, ActuatorModel, actuator.EXPECTED)
     desired = checks.finite_array("displacement", displacement, "um")

@@ -42,7 +42,7 @@ def inverse_parameters(
     r : array_like, shape (n,)
         Thresholds, V, ascending from 0.
     y0 : array_like, shape (n,)
-        Play states that the last tick left, V.
+        Play states after the last tick, V.
 
     Returns
     -------
@@ -114,16 +114,16 @@ def _floats(value: npt.ArrayLike) -> FloatArray:
 
 
 def play_inverse_literal(y_d: float, w_h: npt.ArrayLike, r: npt.ArrayLike, y: npt.ArrayLike) -> float:
-    """The input that brings the plays to y_d, as printed: (10), then (12).
+    """The input for which the weighted sum of the plays is y_d, as printed: (10), then (12).
 
-    The weights may change at every tick: (10) is computed anew from the forward states y that the last tick left.
+    The weights may change at every tick: (10) is computed anew from the forward states y after the last tick.
 
     Parameters
     ----------
     y_d : float
         Desired output of the plays, um.
     w_h, r, y : array_like, shape (n,)
-        Weights of this tick, um/V, thresholds, V, and states that the last tick left, V.
+        Weights of this tick, um/V, thresholds, V, and states after the last tick, V.
 
     Returns
     -------
@@ -154,7 +154,7 @@ def play_inverse(y_d: float, slopes: npt.ArrayLike, r: npt.ArrayLike, y: npt.Arr
     slopes : array_like, shape (n,)
         Partial sums of the weights, um/V, each above 0.
     r, y : array_like, shape (n,)
-        Thresholds, V, and states that the last tick left, V; the state of the first play is the last input.
+        Thresholds, V, and states after the last tick, V; the state of the first play is the last input.
 
     Returns
     -------
@@ -200,7 +200,8 @@ def weighted_sum(slopes: FloatArray, y: FloatArray) -> FloatArray:
 def limit_slopes(slopes: FloatArray, limits: tuple[float, float]) -> tuple[FloatArray, bool]:
     """Partial sums of the weights, each within its limits: the guard that keeps the inverse defined (Sec. 6).
 
-    Not in the paper, which asks that negative slopes be avoided and does not say how. The weights stay as they are.
+    Not in the paper, which requires that negative slopes be avoided and does not specify how. The weights stay as they
+    are.
 
     Parameters
     ----------
@@ -230,7 +231,7 @@ def limit_slopes(slopes: FloatArray, limits: tuple[float, float]) -> tuple[Float
 
 
 def play_terms(layout: Layout, H: FloatArray, rate: float | FloatArray) -> FloatArray:
-    """The part of the regressor (20) that the plays make: [H_0, rate H_0, H_1, ...], with c_a = 1.
+    """The part of the regressor (20) of the plays: [H_0, rate H_0, H_1, ...], with c_a = 1.
 
     Parameters
     ----------
@@ -363,7 +364,7 @@ class PrandtlIshlinskii:
         _set(self, w_h=_matching("w_h", self.w_h, "um/V", "r", self.r))
 
     def step(self, x: float, y: FloatArray) -> tuple[float, FloatArray]:
-        """Output, um, and play states, V, after the input x, V; y are the states that the last tick left."""
+        """Output, um, and play states, V, after the input x, V; y are the states after the last tick."""
         y = play(x, self.r, y)
         return float(dot(self.w_h, y)), y
 
@@ -374,7 +375,7 @@ class PrandtlIshlinskii:
 
 @dataclass(frozen=True, eq=False)
 class ModifiedPrandtlIshlinskii:
-    """Plays bent by dead zones: z(t) = w_s . S_d[w_h . H_r[x, y0]](t)  (5).
+    """Plays and dead zones: z(t) = w_s . S_d[w_h . H_r[x, y0]](t)  (5).
 
     Attributes
     ----------
@@ -400,7 +401,7 @@ class ModifiedPrandtlIshlinskii:
         _set(self, w_h=_matching("w_h", self.w_h, "um/V", "r", self.r), w_s=_matching("w_s", self.w_s, "", "d", self.d))
 
     def step(self, x: float, y: FloatArray) -> tuple[float, FloatArray]:
-        """Displacement, um, and play states, V, after the input x, V; y are the states that the last tick left."""
+        """Displacement, um, and play states, V, after the input x, V; y are the states after the last tick."""
         y = play(x, self.r, y)
         return float(dot(dead_zone(dot(self.w_h, y), self.d), self.w_s)), y
 
@@ -477,7 +478,7 @@ class RateDependentModel:
         return dot(dead_zone(sums, self.d), self.w_s)
 
     def invert_step(self, z_d: float, zdot_d: float, y: FloatArray) -> tuple[float, FloatArray]:
-        """Input (9), V, and play states, V, that bring the displacement to z_d, um, at the rate zdot_d, um/s.
+        """Input (9), V, and play states, V, for the displacement z_d, um, at the rate zdot_d, um/s.
 
         Raises `SettingError` where a partial sum of w_s or of w_h(zdot_d) is not above 0.
         """

@@ -24,7 +24,7 @@ def play(x: float, r: npt.ArrayLike, y: npt.ArrayLike) -> FloatArray:
     r : array_like, shape (n,)
         Thresholds, V, 0 or more.
     y : array_like, shape (n,)
-        States that the last tick left, V; y0 at the first tick.
+        States after the last tick, V; y0 at the first tick.
 
     Returns
     -------
@@ -75,7 +75,7 @@ def play_history(x: npt.ArrayLike, r: npt.ArrayLike, y0: npt.ArrayLike | None = 
 
 
 def dead_zone(y: npt.ArrayLike, d: npt.ArrayLike) -> FloatArray:
-    """One-sided dead zones: what bends the loop so that it is not symmetrical.
+    """One-sided dead zones, which make the loop asymmetric.
 
     ::
 
@@ -111,7 +111,7 @@ def dot(a: FloatArray, b: FloatArray) -> FloatArray:
     """Sum of products over the last axis, in the order of the C kernel: eight interleaved sums, then their total.
 
     ``a @ b`` sums in an order of its own, and adaptation makes rounding visible after some thousand ticks. With `dot`
-    the kernel and the NumPy text agree to the last bit, whatever vectors the processor has.
+    the kernel and the NumPy text agree to the last bit, with vectors of any width.
 
     Parameters
     ----------

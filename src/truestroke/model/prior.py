@@ -49,7 +49,7 @@ def play_weights(r: Sequence[float], voltage_range: float, first: float) -> Floa
     if r_all.size > 1:
         widths = (
             np.append(r_all[2:], 2 * r_all[-1] - r_all[-2]) - r_all[:-1]
-        ) / 2  # of the thresholds that each stands for
+        ) / 2  # of the range of thresholds of each
         density = widths * np.exp(-r_all[1:] / voltage_range / DECAY)
         total = density.sum() or 1.0  # thresholds so far out that nothing is expected of them
         a[1:] = density / total * HYSTERESIS / FIRST_SLOPE * first

@@ -1,4 +1,4 @@
-"""Simulated actuators: what the controller does not know.
+"""Simulated actuators, unknown to the controller.
 
 `RealisticPlant` is a driven piezo stage with a structure of its own, `MatchedPlant` the paper's plant (13). Both are
 actuators of the loop: ``open()``, then ``exchange(volts)`` tick by tick or in blocks. docs/plant.md explains them.

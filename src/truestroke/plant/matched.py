@@ -19,8 +19,8 @@ from truestroke.signals.timing import Timing
 class MatchedPlant(Simulated):
     """z_a = w_s . S_d[(a_p + c_b zdot_d b_p) . H_r[x]], equation (13), plus white noise.
 
-    A controller of the same structure can invert it exactly, so it tells nothing about a real actuator. Its weights
-    follow the *desired* velocity, as (13) has it, so it is told the whole trajectory's velocity beforehand.
+    A controller of the same structure can invert it exactly, so it proves nothing about a real actuator. Its weights
+    follow the *desired* velocity, as in (13), so it takes the velocity of the whole trajectory beforehand.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ class MatchedPlant(Simulated):
 
 
 def _changed_weights(s: MatchedSettings, seed: int) -> tuple[list[float], list[float]]:
-    """a_p and b_p after the change, um/V; drawn from a stream of their own, apart from the noise."""
+    """a_p and b_p after the change, um/V; sampled from a random stream of their own, not that of the noise."""
     if s.change is None:
         return list(s.a), list(s.b)
     random = np.random.Generator(np.random.PCG64([seed, 1]))

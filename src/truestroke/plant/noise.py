@@ -1,4 +1,4 @@
-"""Standard normal numbers from a seed, drawn in chunks: cheap tick by tick, the same numbers in any block.
+"""Standard normal numbers from a seed, sampled in chunks: cheap tick by tick, the same numbers in any block.
 
 A sensor that drops out has NaN for its noise: the measurement is NaN then, and the truth is what it was.
 """

@@ -23,7 +23,7 @@ def thresholds(s: PlantSettings) -> FloatArray:
 
 
 def play_weight(s: PlantSettings) -> float:
-    """Weight w of each play, um per stack volt: the plays carry the part h of the chord S over 0..2 R.
+    """Weight w of each play, um per stack volt: the plays give the part h of the chord S over 0..2 R.
 
     On that branch a play of threshold r moves by 2 R - 2 r, so the chord is (1 - h) S + w sum(1 - r_i / R) = S.
     """
@@ -38,14 +38,14 @@ def creep_time_constants(s: PlantSettings) -> FloatArray:
 
 
 def creep_weight(s: PlantSettings) -> float:
-    """Weight of each creep operator: gamma times the decades that it stands for."""
+    """Weight of each creep operator: gamma times its decades."""
     return s.creep * math.log10(s.creep_span[1] / s.creep_span[0]) / s.creep_operators
 
 
 def stage_transition(s: PlantSettings, step: float) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Phi, G_c, G_e of (z, z'/omega) over a `step` (s) in which u(t) = c + e exp(-t / tau), tau of the amplifier.
 
-    z'' + 2 zeta omega z' + omega^2 z = omega^2 u. Exact: the exponential of the system that carries c and e along.
+    z'' + 2 zeta omega z' + omega^2 z = omega^2 u. Exact: the exponential of the system extended by c and e.
     """
     from scipy.linalg import expm
 
@@ -91,7 +91,7 @@ class Constants:
 
 @dataclass
 class State:
-    """What a tick leaves behind: stack volts, play states (V), creep operators (um), stage (z, z'/omega) (um)."""
+    """State after a tick: stack volts, play states (V), creep operators (um), stage (z, z'/omega) (um)."""
 
     x: float
     y: FloatArray
@@ -125,7 +125,7 @@ def follow(s: PlantSettings, c: Constants, state: State, before: float, now: flo
     crept = c.creep_weight * float(np.sum(state.creep))
     state.creep = c.creep_decay * state.creep + (1 - c.creep_decay) * (before + now) / 2
     u0, u1 = before + crept, now + c.creep_weight * float(np.sum(state.creep))
-    part = (u0 - u1) / (1 - c.lag) if s.amplifier_bandwidth else 0.0  # u bends as the stack voltage does
+    part = (u0 - u1) / (1 - c.lag) if s.amplifier_bandwidth else 0.0  # u has the shape of the stack voltage
     phi, from_rest, from_part = c.stage
     moved = phi @ state.stage + from_rest * (u1 - part * c.lag) + from_part * part
     state.stage = moved if s.resonance else np.array([u1, 0.0])

@@ -129,19 +129,19 @@ PLANT_SETTINGS: declared.Table = {
         "S: slope of the chord of the major loop over 0 to twice `threshold_max`, at the stack", "um/V",
         between(1e-6, 1e6),
     ),
-    "hysteresis": Setting("h: part of S that the play operators carry", "", between(0, 0.95)),
+    "hysteresis": Setting("h: part of S that comes from the play operators", "", between(0, 0.95)),
     "plays": Setting("Number of play operators", "", whole(1, MAX_PLAYS)),
     "threshold_scale": Setting("rho of the density exp(-r / rho), 0 < r < R, of their thresholds, at the stack", "V",
                                between(1e-3, 1e6)),
     "threshold_max": Setting("R of it, at the stack", "V", between(1e-3, 1e6)),
     "threshold_exponent": Setting(
-        "e: thresholds stand at the quantiles q^e of that density; above 1 they crowd at 0, below 1 they leave it", "",
+        "e: thresholds are at the quantiles q^e of that density; above 1 they are dense at 0, below 1 sparse", "",
         between(0.1, 10),
     ),
     "asymmetry": Setting(
         "alpha: z = y (1 + alpha (y / Y - 1)); below 0 the actuator softens with the stroke", "", between(-0.3, 0.3)
     ),
-    "asymmetry_stroke": Setting("Y: where the asymmetry leaves the displacement as it is", "um", between(1e-3, 1e6)),
+    "asymmetry_stroke": Setting("Y: displacement that the asymmetry does not change", "um", between(1e-3, 1e6)),
     "creep": Setting("gamma: creep per decade of time over the displacement", "", between(0, 0.2)),
     "creep_operators": Setting("Number of first-order operators", "", whole(1, MAX_CREEP_OPERATORS)),
     "creep_span": Setting("Span in which creep is logarithmic", "s", _span, kernel="creep_shortest creep_longest"),

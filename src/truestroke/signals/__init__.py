@@ -1,1 +1,1 @@
-"""Signals over time: trajectories, recordings, their figures."""
+"""Signals over time: trajectories, recordings, their metrics."""

@@ -59,7 +59,7 @@ class Channel:
     unit : str
         "um", "V", ...; empty for a pure number.
     description : str
-        What it is, in a few words.
+        Its meaning, in a few words.
     time : str
         Name of the channel that holds the times of its entries.
     """
@@ -157,7 +157,7 @@ class Signals(Displayed):
 
 
 def index_names(name: str, ndim: int) -> list[str]:
-    """Names of the axes of a channel behind that of time.
+    """Names of the axes of a channel after that of time.
 
     >>> index_names("weights", 2)
     ['weights_index']

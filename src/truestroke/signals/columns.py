@@ -24,7 +24,7 @@ class Wanted:
     units : Mapping[str, float]
         Those it can have in a file, and what one of each is in the first, which is assumed where none is stated.
     headings : tuple[str, ...]
-        By which its column is found where it is not named, in lower case, the best first; of "run/u" the part behind
+        By which its column is found if it is not given, in lower case, the best first; of "run/u" the part after
         the group.
     key : str, int or None
         The column that the caller names, or its number from 1.
@@ -169,7 +169,7 @@ def _column(source: str, table: Table, wanted: Wanted, index: int) -> Column:
 
 
 def refuse_bad_rows(source: str, signals: Mapping[str, FloatArray], table: Table, remedy: str = "") -> None:
-    """RecordError for the first row with what is no finite number; `remedy` says what would help."""
+    """RecordError for the first row with a value that is no finite number; `remedy` is the advice."""
     for role, signal in signals.items():
         bad = ~np.isfinite(signal)
         if bad.any():

@@ -29,7 +29,7 @@ COLOURED = 100  # samples of an error that count as one
 BY_A_PERSON = ("interrupted", "terminated", "hangup")
 
 
-# ---- What a recording knows of its run -----------------------------------------------------------------------------
+# ---- Data of the run in a recording --------------------------------------------------------------------------------
 
 
 def settings(recording: Recording, section: str) -> Mapping[str, Any]:
@@ -166,7 +166,7 @@ class _Run:
         return max(measured, self.metrics.true_rmse_um or 0.0)
 
     def windows(self) -> FloatArray:
-        """Rms of the usable errors in each window of 0.25 s, one behind the other to the end, um; of less, one."""
+        """Rms of the usable errors in each window of 0.25 s, one after the other, um; of a shorter run, one."""
         error, length = self.error, round(WINDOW / self.metrics.duration_s * self.metrics.ticks)
         length = min(max(length, 1), error.size)
         blocks = error[error.size % length :].reshape(-1, length)
@@ -191,7 +191,7 @@ def _ending(run: _Run) -> Finding | None:
 
 
 def _saturated(run: _Run) -> Finding | None:
-    return _limited(run, "saturated", "stood at a voltage limit")
+    return _limited(run, "saturated", "was at a voltage limit")
 
 
 def _slewed(run: _Run) -> Finding | None:
@@ -208,7 +208,7 @@ def _limited(run: _Run, flag: str, words: str) -> Finding | None:
         return None
     all_of_them = float(np.mean(run.recording["flags"] & BIT[flag] > 0))
     off = np.nanmax(np.where(far, np.abs(run.recording["measured"] - run.recording["desired"]), 0.0))
-    text = f"The command {words} in {_percent(all_of_them)} of the ticks, and was off by up to {off:.3g} um there."
+    text = f"The command {words} in {_percent(all_of_them)} of the ticks, with an error of up to {off:.3g} um there."
     return "bad" if share > STUCK else "doubtful", text
 
 
@@ -281,21 +281,21 @@ def _unusable(ticks: npt.NDArray[np.bool_], words: str) -> Finding | None:
 
 
 def _oscillated(run: _Run) -> Finding | None:
-    """Whether the kernel found a stage that it shook itself."""
+    """Whether the kernel detected an oscillation that the law excites."""
     count = run.metrics.oscillating_ticks
     if not count:
         return None
     share, frequency = _percent(count / run.metrics.ticks), _resonance(run.recording)
     at, tell = (f" at about {frequency} Hz", f" = {frequency}") if frequency else ("", "")
     return "doubtful", (
-        f"The stage oscillated{at} by the controller's own doing, which was held back in {share} of the ticks. Tell "
+        f"The controller excited an oscillation of the stage{at}, and was stopped in {share} of the ticks. Set "
         f"its resonance before the run: `resonance{tell}` (Hz) of the axis or controller; `truestroke commission` "
         "measures it."
     )
 
 
 def _resonance(recording: Recording) -> str:
-    """First resonance that the controller knew at the end, Hz, in two digits; empty where it knew none."""
+    """First resonance in the controller at the end, Hz, in two digits; empty without one."""
     known, axis = (recording.metadata.get(name) for name in ("resonance", "axis"))
     if isinstance(known, Mapping):  # of a run in real time: of each axis
         known = known.get(axis.get("name")) if isinstance(axis, Mapping) else None
@@ -308,13 +308,13 @@ def _alarmed(run: _Run) -> Finding | None:
     if count <= max(3.0, ALARMS * run.metrics.duration_s):
         return None
     return "doubtful", (
-        f"The controller found {count} sudden changes of the actuator in {run.metrics.duration_s:.4g} s: the stage "
+        f"The controller detected {count} sudden changes of the actuator in {run.metrics.duration_s:.4g} s: the stage "
         "oscillates, or the sensor jumps."
     )
 
 
 def _unsettled(run: _Run) -> Finding | None:
-    """Errors that come and go, where the rmse of the whole half forgives them."""
+    """Temporary errors, which the rmse of the whole half does not show."""
     if run.metrics.duration_s < 4 * WINDOW or run.rmse > NOT_FOLLOWED * run.tolerable:
         return None
     windows = run.windows()

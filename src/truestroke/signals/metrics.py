@@ -1,4 +1,4 @@
-"""How well it followed: figures of merit, each with its formula.
+"""Metrics of a run, each with its formula.
 
 The error of tick k is e(k) = z(k) - z_d(k): the mean displacement over the tick against the desired value of that tick.
 """
@@ -206,7 +206,7 @@ def delay(desired: npt.ArrayLike, measured: npt.ArrayLike, sample_rate: float, l
     Raises
     ------
     SettingError
-        The correlation still rises at the longest delay; a motion is too short or stands still.
+        The correlation still rises at the longest delay; a motion is too short or constant.
 
     Examples
     --------
@@ -302,7 +302,7 @@ class TrackingSummary:
         Error without sensor noise; None where the recording has no truth.
     convergence_time_s : float or None
         See `convergence_time`, of the measured error, over the whole run, or up to the sudden change where there is
-        one, to what it ends with, but at most to what is `tolerable`. None if it never settles, if it stands at a
+        one, to its final value, but at most to `tolerable`. None if it never settles, if it is at a
         voltage limit in 1 % of the second half, farther off than that, or if there is less than 1 s of it.
     change_s, recovery_time_s : float or None
         When the actuator changed suddenly, and the time from then on until the error is again near what it was in the
@@ -343,14 +343,14 @@ class TrackingSummary:
     oscillating_ticks: int | None
 
     def as_dict(self) -> dict[str, float | int | None]:
-        """All figures by name, for JSON."""
+        """All metrics by name, for JSON."""
         return dataclasses.asdict(self)
 
 
 def summary(
     recording: Labelled, start: float = 0.5, change: float | None = None, stroke: float | None = None
 ) -> TrackingSummary:
-    """The figures of a run: rmse and maximum of its later part, convergence, recovery, flags.
+    """The metrics of a run: rmse and maximum of its later part, convergence, recovery, flags.
 
     Parameters
     ----------

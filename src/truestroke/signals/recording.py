@@ -1,4 +1,4 @@
-"""What a run leaves behind: labelled arrays with units, to and from HDF5."""
+"""The recording of a run: labelled arrays with units, to and from HDF5."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ TRIES, PAUSE = 10, 0.02  # s; to read a file that is being written
 
 
 class RecordingError(files.FileError):
-    """A file that cannot be read as a recording; the message says why."""
+    """A file that cannot be read as a recording; the message states the reason."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -103,8 +103,8 @@ class Recording(Signals, Mapping[str, Array]):
     def save(self, path: str | Path) -> Path:
         """Write to an HDF5 file: a dataset for each channel, unit and description as its attributes.
 
-        The file is written under a temporary name and then renamed: whatever happens, a file that was there before
-        is either as it was or complete and new. It carries checksums of all that `load` reads.
+        The file is written under a temporary name and then renamed: an existing file is either unchanged or replaced by
+        a complete one. It has checksums of all data that `load` reads.
 
         Raises
         ------
@@ -138,9 +138,9 @@ class Recording(Signals, Mapping[str, Array]):
         FileNotFoundError
             There is no such file.
         RecordingError
-            Not an HDF5 file, not a truestroke recording, damaged, or of a newer format than this version knows.
+            Not an HDF5 file, not a truestroke recording, damaged, or of a newer format than this version reads.
         FileTooLargeError
-            It asks for more memory than such a file can fill, or than there is.
+            It needs more memory than its size allows, or than this computer has.
         """
         path = checks.path("path", path)
         if not path.is_file():
@@ -219,7 +219,7 @@ def seal(file: Any) -> None:
 
 
 def sealed(ending: str, size: int) -> bytes:
-    """JSON of an end as it stands in `ENDING`: behind it a zero, and its checksum; `{}` where it has no room."""
+    """JSON of an end as in `ENDING`: after it a zero, and its checksum; `{}` where the space does not suffice."""
     data = ending.encode()
     if len(data) > size - 10:
         data = b"{}"
@@ -311,7 +311,7 @@ def _json(value: Any, indent: int | None = None) -> str:
 
 
 def _plain(value: object) -> object:
-    """A NumPy value, a mapping or a dataclass as JSON knows it."""
+    """A NumPy value, a mapping or a dataclass as a type of JSON."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         return dataclasses.asdict(value)
     if isinstance(value, np.generic | np.ndarray):

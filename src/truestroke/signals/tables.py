@@ -66,7 +66,7 @@ class Table:
     where : str
         What that number counts: "line" or "row".
     marked : bool
-        Whether NaN stands where nothing was measured, as in a recording of truestroke: no fault of the file.
+        Whether NaN marks a missing measurement, as in a recording of truestroke: no fault of the file.
     """
 
     names: tuple[str, ...]
@@ -96,7 +96,7 @@ def open_table(path: Path, narrowest: int = 2) -> Table:
 
 
 def _guarded(path: Path, function: Callable[P, R]) -> Callable[P, R]:
-    """It raises a RecordError whatever the library behind it raises at a damaged file."""
+    """It raises a RecordError for every error of its library at a damaged file."""
 
     def guarded(*arguments: P.args, **options: P.kwargs) -> R:
         with files.reading(path, lambda reason: RecordError(str(path), reason)):

@@ -151,7 +151,7 @@ def sine(
     duration, sample_rate : float
         s, Hz.
     offset : float, optional
-        Centre, um; by default half of peak_to_peak, so that the sine stands on 0 um.
+        Centre, um; by default half of peak_to_peak, so that the sine begins at 0 um.
     ramp : float
         Time in which the motion builds up from 0 um, s, at most half of the duration.
 
@@ -340,7 +340,7 @@ def random_wave(
     low = checks.within("low", low, -FARTHEST, FARTHEST, "um")
     seed = checks.count("seed", seed, 0, 2**63 - 1)
     numbers = np.random.Generator(np.random.PCG64(seed)).uniform(-1.0, 1.0, time.size)
-    numbers[time < ramp] = 0.0  # a wave that began earlier could leave its bounds during the ramp
+    numbers[time < ramp] = 0.0  # a wave that begins earlier could exceed its bounds during the ramp
     limit = math.inf if velocity_limit is None else checks.positive("velocity_limit", velocity_limit, "um/s")
     used = cutoff
     while True:
@@ -418,7 +418,7 @@ def from_csv(
     Parameters
     ----------
     path : str or Path
-        The file; its ending says what it is.
+        The file; its ending determines the format.
     position, time, velocity : str or int, optional
         Columns, by name or counted from 1. Left out, position is the column "z", "desired", "position" or
         "displacement", or the only one; time is "t" or "time". Without names, two columns are time and position.
@@ -534,7 +534,7 @@ class VelocityEstimator:
         self.reset()
 
     def reset(self) -> None:
-        """Forget all samples."""
+        """Discard all samples."""
         self._last: float | None = None  # z(k-1)
         self._step: float | None = None  # z(k-1) - z(k-2)
 

@@ -124,7 +124,7 @@ def actuator_system(driven: Any, name: str = "actuator") -> control.NonlinearIOS
         if tick == 0:
             driven.open()
         elif tick != next_tick:
-            bound = f"{next_tick / timing.sample_rate:g} s: an actuator goes on from tick to tick"
+            bound = f"{next_tick / timing.sample_rate:g} s: an actuator continues from tick to tick"
             raise SettingError("t", t, bound, "s")
         next_tick = tick + 1
         return np.asarray(driven.exchange(np.array([u[0]])))
