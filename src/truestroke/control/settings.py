@@ -6,7 +6,7 @@ import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, Unpack
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from truestroke.base.declared import FOLLOWS, HUGE, SHARE, Bound, Setting, Times
 from truestroke.base.display import Displayed, Rows
 from truestroke.base.typing import FloatArray
 from truestroke.control.adaptation import RETURN_EVERY
+from truestroke.control.options import SettingsOptions
 from truestroke.model import layout, prior
 from truestroke.model.layout import MAX_PLAYS, Layout
 
@@ -434,7 +435,12 @@ class ControllerSettings(Displayed, Layout):
 
     @classmethod
     def paper(
-        cls, *, sample_rate: float, stroke: float, voltage_limits: tuple[float, float], **changes: Any
+        cls,
+        *,
+        sample_rate: float,
+        stroke: float,
+        voltage_limits: tuple[float, float],
+        **changes: Unpack[SettingsOptions],
     ) -> ControllerSettings:
         """The settings of the paper: 8 plays, w(0) = [5, 0, ...], c_b = 0.007 s/um, lambda = 0.9999, delta = 1e-3.
 
