@@ -63,20 +63,16 @@ def tracking(recording: Recording, theme: Theme = LIGHT) -> Figure:
     window = zoom_window(recording)
     with style.use(theme):
         figure, (whole, zoom) = style.panels(4.6, 2, height_ratios=[1, 1.35])
-        for axes, part in ((whole, slice(None)), (zoom, window)):
-            wide = 3.2 if axes is zoom else 1.6
-            axes.plot(
-                *style.thin(time[part], desired[part]), color=theme["desired"], lw=wide, label="desired", zorder=2
-            )
-            axes.plot(*style.thin(time[part], actual[part]), color=theme["true"], lw=1.0, label=name, zorder=3)
-            axes.set_ylabel("displacement (µm)")
+        for axes, part, wide in ((whole, slice(None), 1.6), (zoom, window, 3.2)):
+            axes.plot(*style.thin(time[part], desired[part]), color=theme["desired"], lw=wide, label="desired")
+            axes.plot(*style.thin(time[part], actual[part]), color=theme["true"], lw=1.0, label=name)
             _span(axes, time[part])
         start, stop = time[window][0], time[window][-1]
         whole.axvspan(start, stop, color=theme["alarm"], alpha=0.35, lw=0, zorder=1)
-        style.title(whole, "The whole run")
-        style.title(zoom, f"{start:.2f} to {stop:.2f} s: around the largest error of the second half (shaded above)")
-        zoom.set_xlabel("time (s)")
-        style.legend_above(whole, 2)
+        whole.set(title="The whole run", ylabel="displacement (µm)")
+        around = f"{start:.2f} to {stop:.2f} s: around the largest error of the second half (shaded above)"
+        zoom.set(title=around, xlabel="time (s)", ylabel="displacement (µm)")
+        style.legend_above(whole)
     return figure
 
 
@@ -102,19 +98,15 @@ def error(recording: Recording, convergence_time: float | None = None, theme: Th
     with style.use(theme):
         figure, (first, whole) = style.panels(4.6, 2, height_ratios=[1, 1.35])
         for axes, part, factor in ((first, begin, 1.0), (whole, slice(None), scale)):
-            axes.axhline(0, color=theme["muted"], lw=0.7, zorder=1.5)
+            style.zero(axes, theme)
             for name in names:
                 axes.plot(*style.thin(time[part], factor * errors[name][part]), color=theme[name], lw=0.8, label=name)
             _span(axes, time[part])
         limit = 1.15 * scale * largest or 1.0
-        whole.set_ylim(-limit, limit)
-        first.set_ylabel("error (µm)")
-        whole.set_ylabel(f"error ({unit})")
-        whole.set_xlabel("time (s)")
-        style.title(first, "How it begins")
-        over = _off_scale(errors[names[-1]], limit / scale)
-        style.title(whole, f"The whole run at the scale of its second half{over}")
-        style.legend_above(first, len(names))
+        first.set(title="How it begins", ylabel="error (µm)")
+        title = f"The whole run at the scale of its second half{_off_scale(errors[names[-1]], limit / scale)}"
+        whole.set(title=title, ylim=(-limit, limit), ylabel=f"error ({unit})", xlabel="time (s)")
+        style.legend_above(first)
         if convergence_time:
             panel = first if convergence_time < first.get_xlim()[1] else whole
             _mark(panel, convergence_time, f"converged at {convergence_time:.2f} s", theme)
@@ -247,19 +239,14 @@ def loop(before: Recording, after: Recording, theme: Theme = LIGHT, seconds: flo
             part = time > time[-1] - seconds
             panel.axline((0, 0), slope=1, color=theme["desired"], lw=3.0, label="where it should be")
             panel.plot(desired[part], actual[part], color=theme[role], lw=0.9, label=f"{name} displacement")
-            worst = float(np.nanmax(np.abs(actual - desired)[part]))
-            panel.set_title(title)
-            panel.text(
-                0.97, 0.05, f"largest error\n{units.length(worst)}", transform=panel.transAxes, ha="right", fontsize=9
-            )
-            panel.set_xlabel("desired displacement (µm)")
+            worst = f"largest error\n{units.length(float(np.nanmax(np.abs(actual - desired)[part])))}"
+            panel.text(0.97, 0.05, worst, transform=panel.transAxes, ha="right", fontsize=9)
+            panel.set(title=title, xlabel="desired displacement (µm)")
             panel.legend(loc="upper left", handlelength=1.4)
-        axes[0].set_ylabel("displacement (µm)")
-        (x, y), ticks = (axes[0].get_xlim(), axes[0].get_ylim()), MaxNLocator(6)
-        limits = min(x[0], y[0]), max(x[1], y[1])
-        axes[0].set(
-            xlim=limits, ylim=limits, xticks=ticks.tick_values(*limits)[1:-1], yticks=ticks.tick_values(*limits)[1:-1]
-        )
+        low, high = zip(axes[0].get_xlim(), axes[0].get_ylim(), strict=True)
+        limits = min(low), max(high)
+        ticks = MaxNLocator(6).tick_values(*limits)[1:-1]
+        axes[0].set(ylabel="displacement (µm)", xlim=limits, ylim=limits, xticks=ticks, yticks=ticks)
     return figure
 
 
@@ -276,7 +263,6 @@ def voltage(recording: Recording, limits: tuple[float, float] | None = None, the
         if saturated.any():
             panel.plot(time[saturated], volts[saturated], ".", color=theme["before"], ms=4, label="limit met")
         _span(panel, time)
-        panel.set_xlabel("time (s)")
-        panel.set_ylabel("voltage (V)")
-        style.legend_above(panel, len(panel.get_legend_handles_labels()[0]))
+        panel.set(xlabel="time (s)", ylabel="voltage (V)")
+        style.legend_above(panel)
     return figure

@@ -44,6 +44,6 @@ def signals(held: Signals, names: Sequence[str] = (), theme: Theme = LIGHT) -> F
                 panel.plot(*style.thin(channels[time].data, line), color=colour, lw=0.8, label=label)
             panel.set_ylabel(f"{', '.join(lines)} ({units.micro(unit)})" if unit else ", ".join(lines))
             if len(columns) <= NAMED:
-                style.legend_above(panel, len(columns))
+                style.legend_above(panel)
         axes[-1].set_xlabel("time (s)")
     return figure

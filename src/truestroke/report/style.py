@@ -98,6 +98,7 @@ def _parameters(theme: Theme) -> dict[Any, Any]:
         "axes.spines.right": False,
         "axes.titlelocation": "left",
         "axes.titlesize": 9,
+        "axes.titlepad": 5,
         "axes.labelsize": 9,
         "xtick.labelsize": 8,
         "ytick.labelsize": 8,
@@ -134,10 +135,16 @@ def title(axes: Axes, text: str) -> None:
     axes.set_title(text, pad=5)
 
 
-def legend_above(axes: Axes, entries: int) -> None:
+def zero(axes: Axes, theme: Theme) -> None:
+    """A thin line at 0, behind what is plotted."""
+    axes.axhline(0, color=theme["muted"], lw=0.7, zorder=1.5)
+
+
+def legend_above(axes: Axes, entries: int | None = None) -> None:
     """A legend in one row above the panel, at the right, where no line is."""
+    columns = len(axes.get_legend_handles_labels()[0])
     legend = axes.legend(
-        loc="lower right", bbox_to_anchor=(1.0, 0.99), ncols=entries, borderaxespad=0.2, handlelength=1.6
+        loc="lower right", bbox_to_anchor=(1.0, 0.99), ncols=columns, borderaxespad=0.2, handlelength=1.6
     )
     for line in legend.get_lines():
         line.set_linewidth(max(line.get_linewidth(), 1.5))

@@ -20,18 +20,17 @@ def waveform(made: PredictedWaveform, theme: Theme = LIGHT) -> Figure:
         motion.plot(*style.thin(made.time, made.desired), color=theme["desired"], lw=3.0, label="desired")
         motion.plot(*style.thin(made.time, made.predicted), color=theme["true"], lw=1.0, label="predicted")
         difference.plot(*style.thin(made.time, error), color=theme["true"], lw=1.0, label="predicted minus desired")
-        entries = shade(volts, made.out_of_reach, theme["alarm"], "out of reach")
-        entries += shade(volts, made.too_fast, theme.series[4], "too fast")
-        volts.set_ylabel("voltage (V)")
-        motion.set_ylabel("displacement (µm)")
+        shade(volts, made.out_of_reach, theme["alarm"], "out of reach")
+        shade(volts, made.too_fast, theme.series[4], "too fast")
+        volts.set(ylabel="voltage (V)")
+        motion.set(ylabel="displacement (µm)")
         difference.set(ylabel="error (nm)", xlabel="time (s)")
-        for panel, count in ((volts, 1 + entries), (motion, 2), (difference, 1)):
-            style.legend_above(panel, count)
+        for panel in panels:
+            style.legend_above(panel)
     return figure
 
 
-def shade(axes: Axes, spans: tuple[Span, ...], colour: str, words: str) -> int:
-    """Shade the spans; how many entries of the legend that makes."""
+def shade(axes: Axes, spans: tuple[Span, ...], colour: str, words: str) -> None:
+    """Shade the spans, with one entry of the legend."""
     for i, span in enumerate(spans):
         axes.axvspan(span.start, span.stop, color=colour, alpha=0.4, lw=0, label=words if i == 0 else None, zorder=0.5)
-    return int(bool(spans))

@@ -46,11 +46,9 @@ def loop(view: View, theme: Theme = LIGHT) -> Figure:
             panel.plot(volts * x, factor * (z - taken + gap), color=theme["desired"], lw=2.4, label="measured")
             predicted = factor * (view.predicted[rows] - taken + gap)
             panel.plot(volts * x, predicted, color=theme["true"], lw=1.0, label="predicted")
-            panel.set_xlabel(f"voltage ({unit})")
-            panel.set_ylabel(f"displacement ({length})")
-        panels[1].set_ylabel(f"above the straight line ({length})")
-        style.title(panels[0], f"{view.time[rows[0]]:.4g} to {view.time[rows[-1]]:.4g} s, held out")
-        style.title(panels[1], "Without the straight line")
+            panel.set(xlabel=f"voltage ({unit})", ylabel=f"displacement ({length})")
+        panels[0].set(title=f"{view.time[rows[0]]:.4g} to {view.time[rows[-1]]:.4g} s, held out")
+        panels[1].set(title="Without the straight line", ylabel=f"above the straight line ({length})")
         panels[0].legend(loc="upper left", handlelength=1.4)
     return figure
 
@@ -73,10 +71,8 @@ def residual(view: View, correlation: FloatArray, rows: int, theme: Theme = LIGH
         panels["R"].sharey(panels["V"])
         _correlation(panels["C"], correlation, 1.96 / np.sqrt(rows), theme)
         panels["T"].set(xlabel="time (s)", ylabel=f"error ({unit})")
-        panels["V"].set(xlabel=f"voltage ({volt})", ylabel=f"error ({unit})")
-        panels["R"].set(xlabel=f"rate ({length}/s)")
-        style.title(panels["V"], "Held out: against voltage")
-        style.title(panels["R"], "Held out: against rate")
+        panels["V"].set(title="Held out: against voltage", xlabel=f"voltage ({volt})", ylabel=f"error ({unit})")
+        panels["R"].set(title="Held out: against rate", xlabel=f"rate ({length}/s)")
         _legend(panels["V"], 3)
     return figure
 
@@ -84,7 +80,7 @@ def residual(view: View, correlation: FloatArray, rows: int, theme: Theme = LIGH
 def _against_time(panel: Axes, view: View, factor: float, theme: Theme) -> None:
     """The whole record at the scale of its held-out part."""
     panel.axvspan(view.time[view.first], view.time[-1], color=theme["grid"], alpha=0.6, lw=0, zorder=0.5)
-    panel.axhline(0, color=theme["muted"], lw=0.7)
+    style.zero(panel, theme)
     for part, colour, label in (
         (slice(0, view.first), theme["before"], "fitted part"),
         (slice(view.first, None), theme["true"], "held out (shaded)"),
@@ -92,15 +88,15 @@ def _against_time(panel: Axes, view: View, factor: float, theme: Theme) -> None:
         panel.plot(*style.thin(view.time[part], factor * view.error[part]), color=colour, lw=0.7, label=label)
     held_out, fitted = (factor * np.abs(view.error[part]) for part in (slice(view.first, None), slice(view.first)))
     limit = 1.1 * max(float(np.nanmax(held_out)), float(np.nanpercentile(fitted, 95))) or 1.0
-    panel.set(xlim=(view.time[0], view.time[-1]), ylim=(-limit, limit))
     most = float(np.nanmax(fitted))
-    style.title(panel, f"The record (off scale: up to {units.length(most / factor)})" if most > limit else "The record")
-    style.legend_above(panel, 2)
+    title = f"The record (off scale: up to {units.length(most / factor)})" if most > limit else "The record"
+    panel.set(title=title, xlim=(view.time[0], view.time[-1]), ylim=(-limit, limit))
+    style.legend_above(panel)
 
 
 def _spread(panel: Axes, x: FloatArray, y: FloatArray, theme: Theme) -> None:
     """Median, 90 % and all of y in bins of x; every sample where there are few."""
-    panel.axhline(0, color=theme["muted"], lw=0.7)
+    style.zero(panel, theme)
     centres, (least, low, middle, high, most) = binned(x, y)
     if centres.size < 4 or x.size < 1000:
         panel.plot(x, y, ".", color=theme["true"], ms=2.5, label="samples")
@@ -112,10 +108,10 @@ def _spread(panel: Axes, x: FloatArray, y: FloatArray, theme: Theme) -> None:
 
 def _correlation(panel: Axes, c: FloatArray, band: float, theme: Theme) -> None:
     panel.axhspan(-band, band, color=theme["grid"], lw=0, label="95 % of white noise")
-    panel.axhline(0, color=theme["muted"], lw=0.7)
+    style.zero(panel, theme)
     panel.plot(c, color=theme["true"], lw=1.0)
-    panel.set(xlabel="lag (samples)", xlim=(0, c.size - 1), ylim=(min(-0.2, 1.1 * float(c.min())), 1.05))
-    style.title(panel, "Fit: autocorrelation")
+    bottom = min(-0.2, 1.1 * float(c.min()))
+    panel.set(title="Fit: autocorrelation", xlabel="lag (samples)", xlim=(0, c.size - 1), ylim=(bottom, 1.05))
     _legend(panel, 1)
 
 
@@ -198,7 +194,7 @@ def _bars(panel: Axes, view: View, group: _Group, theme: Theme) -> None:
         panel.set_xticks(x, group.labels, fontsize=7 if len(x) > 3 else 8)
         panel.set_xlim(-0.6, len(k) - 0.4)
         panel.set_xlabel(group.below)
-    panel.axhline(0, color=theme["muted"], lw=0.7)
+    style.zero(panel, theme)
     if from_prior.any():
         low, high = (mean - before)[from_prior], (mean + before)[from_prior]
         panel.vlines(x[from_prior], low, high, color=theme["desired"], alpha=0.55, lw=5.0, label="prior ± 1 s.d.")
@@ -207,4 +203,4 @@ def _bars(panel: Axes, view: View, group: _Group, theme: Theme) -> None:
         if kind.any():
             panel.errorbar(x[kind], w[kind], deviation[kind], mfc=fill, label=label, **bar)
     panel.yaxis.set_major_locator(MaxNLocator(5))
-    style.title(panel, group.heading)
+    panel.set(title=group.heading)

@@ -10,11 +10,11 @@ from truestroke.runtime.commissioning.plots import plots
 CAPTIONS = {
     "steps": (
         "The first steps",
-        "Voltage from the safe voltage up and back, in steps that grow until the answer is clear, and the "
+        "Voltage from the safe voltage up and back, in steps that grow until the response is clear, and the "
         "displacement. Both must go the same way.",
     ),
     "answer": (
-        "Answer to a step",
+        "Step response",
         "The first of the steps that ring, at time 0, and a stage with one resonance behind a lag and a delay, fitted "
         "to all of them. Look for points that leave the line.",
     ),
@@ -27,7 +27,7 @@ CAPTIONS = {
         "Slowly to the voltage limits and back. The loop is hysteresis; the band is the stroke.",
     ),
 }
-WORDS = {"good": "The axis answers as it was told.", "doubtful": "Read this before you use the axis."}
+WORDS = {"good": "The axis responds as configured.", "doubtful": "Read this before you use the axis."}
 
 
 def page(found: Findings, written: list[str], command: str) -> Page:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -33,9 +31,8 @@ def steps(found: Findings, theme: Theme) -> Figure:
         figure, (volts, z) = style.panels(4.2, 2, sharex=True, height_ratios=[1, 2])
         volts.plot(*style.thin(t, 1e3 * record.volts), color=theme["measured"], lw=1.0)
         z.plot(*style.thin(t, record.z - found.small.rest.zero), color=theme["true"], lw=0.8)
-        volts.set_ylabel("voltage (mV)")
-        z.set_ylabel("displacement (µm)")
-        z.set_xlabel("time (s)")
+        volts.set(ylabel="voltage (mV)")
+        z.set(xlabel="time (s)", ylabel="displacement (µm)")
     return figure
 
 
@@ -48,13 +45,11 @@ def answer(found: Findings, theme: Theme) -> Figure:
     t = 1e3 * (np.arange(record.volts.size)[part] - first) / rate
     with style.use(theme):
         figure, (axes,) = style.panels(3.4)
-        axes.plot(t, record.z[part] - found.small.rest.zero, ".", ms=3, color=theme["true"], label="measured")
-        axes.plot(
-            t, found.small.resonance.fit[part] - found.small.rest.zero, lw=1.2, color=theme["measured"], label="fit"
-        )
+        measured, fit = (z[part] - found.small.rest.zero for z in (record.z, found.small.resonance.fit))
+        axes.plot(t, measured, ".", ms=3, color=theme["true"], label="measured")
+        axes.plot(t, fit, lw=1.2, color=theme["measured"], label="fit")
         axes.axvline(0.0, color=theme["muted"], lw=0.8, ls=":")
-        axes.set_xlabel("time from the step (ms)")
-        axes.set_ylabel("displacement (µm)")
+        axes.set(xlabel="time from the step (ms)", ylabel="displacement (µm)")
         axes.legend(loc="lower right")
     return figure
 
@@ -71,10 +66,10 @@ def ringing(found: Findings, theme: Theme) -> Figure:
         axes.set_ylim(0.3 * measured.min(), 4 * measured.max())
         if known is not None:
             axes.axvline(known, color=theme["muted"], lw=0.8, ls=":")
-            place: dict[str, Any] = {"xytext": (4, 0), "textcoords": "offset points", "fontsize": 8}
-            axes.annotate(f"{known:.4g} Hz", (known, 2 * measured.max()), **place)
-        axes.set_xlabel("frequency (Hz)")
-        axes.set_ylabel("velocity (µm/s, rms)")
+            axes.annotate(
+                f"{known:.4g} Hz", (known, 2 * measured.max()), (4, 0), textcoords="offset points", fontsize=8
+            )
+        axes.set(xlabel="frequency (Hz)", ylabel="velocity (µm/s, rms)")
         axes.legend(loc="lower left")
     return figure
 
@@ -100,13 +95,7 @@ def whole(found: Findings, theme: Theme) -> Figure:
         axes.plot(volts[::every], z[::every], color=theme["true"], lw=1.0)
         if found.stroke is not None:
             axes.axhspan(0.0, found.stroke, color=theme["grid"], lw=0, zorder=0)
-            axes.annotate(
-                f"stroke {found.stroke:g} µm",
-                (volts.min(), found.stroke),
-                xytext=(0, 3),
-                textcoords="offset points",
-                fontsize=8,
-            )
-        axes.set_xlabel("voltage (V)")
-        axes.set_ylabel("displacement (µm)")
+            corner = (volts.min(), found.stroke)
+            axes.annotate(f"stroke {found.stroke:g} µm", corner, (0, 3), textcoords="offset points", fontsize=8)
+        axes.set(xlabel="voltage (V)", ylabel="displacement (µm)")
     return figure

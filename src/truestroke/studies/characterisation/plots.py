@@ -27,9 +27,8 @@ def weights(found: Characterisation, theme: Theme) -> Figure:
         plot_points(panels, found, theme)
         plot_lines(panels, ends, found.a, found.b, theme)
         name_weights(panels, found.a + RATE_SCALE * ends[1] * found.b)
-        for panel in panels:
-            panel.set_ylabel("weights (µm/V)")
-        panels[1].set_xlabel("desired velocity (µm/s)")
+        panels[0].set(ylabel="weights (µm/V)")
+        panels[1].set(ylabel="weights (µm/V)", xlabel="desired velocity (µm/s)")
     return figure
 
 
@@ -39,16 +38,9 @@ def plot_points(panels: list[Axes], found: Characterisation, theme: Theme) -> No
     for i in range(found.thresholds.size):
         for kept, face in ((found.converged, None), (~found.converged, "none")):
             x, y, bar = found.velocities[kept], found.weights[kept, i], np.nan_to_num(errors[kept, i])
-            line: dict[str, Any] = {
-                "color": _colour(theme, i),
-                "mfc": face,
-                "label": None if face else f"$w_{{{i}}}$",
-                "fmt": "o",
-                "ms": 3.5,
-                "elinewidth": 0.8,
-                "capsize": 1.5,
-            }
-            panels[i > 0].errorbar(x, y, bar, **line)
+            look: dict[str, Any] = {"color": _colour(theme, i), "mfc": face, "fmt": "o", "ms": 3.5}
+            look |= {"elinewidth": 0.8, "capsize": 1.5, "label": None if face else f"$w_{{{i}}}$"}
+            panels[i > 0].errorbar(x, y, bar, **look)
 
 
 def plot_lines(panels: list[Axes], ends: FloatArray, a: FloatArray, b: FloatArray, theme: Theme) -> None:
@@ -74,10 +66,9 @@ def loops(found: Characterisation, theme: Theme) -> Figure:
             last = np.flatnonzero(np.abs(velocity) == speed)[-round(found.cycle(speed)) :]
             for panel, z in ((above, measured[last]), (below, measured[last] - line(volts[last]))):
                 panel.plot(volts[last], z, color=_colour(theme, i), lw=0.9, label=f"{speed:g}")
-        above.set_ylabel("displacement (µm)")
+        above.set(title="Speeds (µm/s)", ylabel="displacement (µm)")
         below.set(ylabel="beyond a straight line (µm)", xlabel="voltage (V)")
-        style.legend_above(above, int(np.count_nonzero(found.velocities > 0)))
-        style.title(above, "Speeds (µm/s)")
+        style.legend_above(above)
     return figure
 
 

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from matplotlib.ticker import LogLocator
 
 from truestroke.report import style, units, words
 from truestroke.report.page import Page, Section, Table, captioned
@@ -82,14 +82,13 @@ def errors(rows: Sequence[Row], theme: Theme = LIGHT) -> Figure:
             panel.hlines(places, rmse, largest, color=theme["desired"], lw=2, zorder=2)
             panel.plot(rmse, places, "o", color=theme["true"], ms=7, label="rmse", zorder=3)
             panel.plot(largest, places, "D", color=theme["before"], ms=5, label="maximum", zorder=3)
-            panel.set(xscale="log", xlabel="error (nm)")
+            panel.set(title=wave, xscale="log", xlabel="error (nm)")
             panel.xaxis.set_major_locator(LogLocator(subs=(1, 3)))
-            panel.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
-            panel.xaxis.set_minor_formatter(NullFormatter())
+            panel.xaxis.set_major_formatter("{x:g}")
+            panel.xaxis.set_minor_formatter("")
             panel.grid(axis="y", visible=False)
-            style.title(panel, wave)
         panels[0].set(yticks=range(len(names)), yticklabels=names, ylim=(len(names) - 0.4, -0.6))
-        style.legend_above(panels[-1], 2)
+        style.legend_above(panels[-1])
     return figure
 
 
@@ -115,11 +114,11 @@ def _trace(panel: Axes, row: Row, limit: float, theme: Theme) -> None:
     _, actual = displacement(row.recording)
     part = time >= time[-1] - SECONDS
     error = 1e3 * (actual - desired)[part]
-    panel.axhline(0, color=theme["muted"], lw=0.7, zorder=1.5)
+    style.zero(panel, theme)
     panel.plot(*style.thin(time[part], error), color=theme["true"], lw=0.9)
-    panel.set(xlim=(time[part][0], time[part][-1]), ylim=(-limit, limit))
     beyond = ", off scale" if np.max(np.abs(error)) > limit else ""
-    style.title(panel, f"{row.controller}: {units.length(_error(row, 'rmse'))} rmse{beyond}")
+    title = f"{row.controller}: {units.length(_error(row, 'rmse'))} rmse{beyond}"
+    panel.set(title=title, xlim=(time[part][0], time[part][-1]), ylim=(-limit, limit))
 
 
 def pictures(rows: Sequence[Row], theme: Theme = LIGHT) -> dict[str, Figure]:
