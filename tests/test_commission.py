@@ -17,6 +17,7 @@ from click.testing import CliRunner
 
 from truestroke.cli import main
 from truestroke.plant import PlantSettings, RealisticPlant
+from truestroke.runtime import gains
 from truestroke.runtime.commissioning import AnswerError, Findings, small_steps, whole_range
 from truestroke.runtime.commissioning.changes import write
 from truestroke.runtime.commissioning.resonance import resonance
@@ -296,3 +297,7 @@ def test_a_signal_leaves_the_safe_voltage(number: int, code: int) -> None:
     assert process.returncode == code
     assert np.fromfile("volts").tolist() == [0.0]
     assert not Path("run.toml.bak").exists()
+
+
+def test_an_axis_that_is_commissioned_passes_the_check_of_every_run() -> None:
+    assert gains.RUN[0] < gains.COMMISSIONING[0] < 1.0 < gains.COMMISSIONING[1] < gains.RUN[1]

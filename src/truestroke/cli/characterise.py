@@ -60,7 +60,7 @@ def characterise(record: Path | None, output: str, plots: Path | None, as_json: 
     except NotConverged as error:
         raise click.ClickException(f"{error}; the recording is in {record or recording_file}") from None
     save_model(model_file, found.actuator_model)
-    with common.progress("drawing"):
+    with common.progress("plotting"):
         from truestroke.studies.characterisation import page
 
         verdict = page.judged(found)

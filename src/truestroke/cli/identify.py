@@ -36,7 +36,7 @@ def identify(record: Path, output: str, report: str | None, plots: Path | None, 
     findings = examine(data)
     found = fit(data)
     save_model(target, found.model)
-    with common.progress("drawing"):
+    with common.progress("plotting"):
         from truestroke.report import identified
 
         made = identified.model_page(

@@ -32,7 +32,7 @@ def refine(
 ) -> int:  # fmt: skip
     """Adapt a model from the recording of a waveform.
 
-    Play, record, refine, and play again: prints how far this pass was from the desired motion, and how well the old
+    Playback, record, refine, and again: prints how far this pass was from the desired motion, and how well the old
     and the refined model predict it. The actuator rests under the first voltage before each pass.
     """
     from truestroke import identification

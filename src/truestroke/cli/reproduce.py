@@ -21,7 +21,7 @@ def reproduce(names: tuple[str, ...], output: str, plots: Path | None, as_json: 
     (page_file,) = common.outputs(output, ".html")
     with common.stoppable(), common.progress("reproducing") as tell:
         results = paper.reproduce(names, progress=tell)
-    with common.progress("drawing"):
+    with common.progress("plotting"):
         from truestroke.studies.paper.page import page
 
         pictures = common.save_page(page(results, common.as_asked()["command"]), page_file, plots)

@@ -39,7 +39,7 @@ def finish(recording: Recording, page_file: Path, plots: Path | None, as_json: b
     if summary is None:  # without measurements there are no metrics, and nothing to plot
         _tell_alone(verdict, as_json, recording_file)
         return code
-    with common.progress("drawing"):
+    with common.progress("plotting"):
         from truestroke.report import run_page
 
         pictures = common.save_page(run_page(recording), page_file, plots)

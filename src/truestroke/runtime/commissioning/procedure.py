@@ -295,7 +295,7 @@ class _Bench:
         self._last, self._tick, self._beyond = self.safe, axis.slew / self.rate, 0
         self._random = np.random.default_rng(0)  # levels of uneven length: nothing periodic keeps pace with them
 
-    def play(self, volts: FloatArray, within: tuple[float, float] | None = None) -> Record:
+    def apply(self, volts: FloatArray, within: tuple[float, float] | None = None) -> Record:
         """Put `volts` out, and hold the last until its answer has come."""
         block = self.timing.block
         blocks = -(-(volts.size + self.timing.latency) // block)
@@ -321,7 +321,7 @@ class _Bench:
 
     def hold(self, seconds: float) -> Record:
         """Stay where it is."""
-        return self.play(np.full(max(round(seconds * self.rate), 20), self._last))
+        return self.apply(np.full(max(round(seconds * self.rate), 20), self._last))
 
     def settled(self, record: Record) -> float:
         """Mean of the end of a record, um; NaN where nothing came."""
@@ -331,7 +331,7 @@ class _Bench:
     def go(self, target: float, within: tuple[float, float] | None) -> Record:
         """Slowly to a voltage, and stay there for `HOLD`."""
         tick = min(self._tick, self.span / WHOLE / self.rate)
-        return self.play(self._level(target, HOLD, tick), within)
+        return self.apply(self._level(target, HOLD, tick), within)
 
     def steps(self, step: float, level: float | None, rest: Rest) -> Record:
         """Up and down `CYCLES` times."""
@@ -348,7 +348,7 @@ class _Bench:
             parts.append(self._level(target, hold * (1 + 0.4 * self._random.random()), self._tick))
             self._last = target
         within = None if level is None else (rest.zero - level, rest.zero + level)
-        return self.play(np.concatenate(parts), within)
+        return self.apply(np.concatenate(parts), within)
 
     def _level(self, target: float, hold: float, tick: float) -> FloatArray:
         """From the last voltage to `target`, by at most `tick` (V) a tick, and held for `hold` s."""

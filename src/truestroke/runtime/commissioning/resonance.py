@@ -58,7 +58,7 @@ def resonance(volts: FloatArray, z: FloatArray, sample_rate: float, onset: float
     """Find the first resonance in the answer to steps.
 
     What lies above half the sample rate looks like a lower frequency; it is told from one by where in the first ticks
-    the answer begins, which the model knows. Where both explain the record about as well, neither is believed.
+    the answer begins, which the model knows. Where both explain the record about as well, neither is taken.
 
     Parameters
     ----------

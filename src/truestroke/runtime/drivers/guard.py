@@ -46,7 +46,7 @@ class Limits:
 
 
 class Guard:
-    """Keeps the voltages that leave within limits and slew. It knows nothing but these and the last output.
+    """Keeps the voltages that leave within limits and slew, from these and the last output alone.
 
     Parameters
     ----------

@@ -338,7 +338,7 @@ class NidaqmxDriver:
         return count
 
     def _watch_clock(self) -> None:
-        """Input and output have seen the same edges, or measurements belong to other commands than we believe."""
+        """Input and output have seen the same edges, or measurements belong to other commands than is assumed."""
         ai, ao = self._tasks
         generated = ao.out_stream.total_samp_per_chan_generated  # asked first: the input can only be further
         acquired = ai.in_stream.total_samp_per_chan_acquired
@@ -499,7 +499,7 @@ def _whole(call: str, count: int, wanted: int) -> None:
 
 @contextmanager
 def _naming(call: str) -> Iterator[None]:
-    """What NI-DAQmx raises, as a DriverError that says what we were at, and what to do."""
+    """What NI-DAQmx raises, as a DriverError with the call and the remedy."""
     try:
         from nidaqmx.errors import DaqError, Error
     except ImportError as error:

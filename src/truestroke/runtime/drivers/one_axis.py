@@ -20,7 +20,7 @@ from truestroke.signals.timing import Timing
 class OneAxis:
     """A driver of one channel as an actuator, for `truestroke.run` on hardware.
 
-    Limits and slew are enforced here, whatever the controller asks for. It has neither the watchdog nor the running
+    Limits and slew are enforced here for every command. It has neither the watchdog nor the running
     record of `truestroke run`: use it for short experiments that somebody watches, in a ``with`` block, which leaves
     the output at the safe voltage.
 

@@ -546,7 +546,7 @@ def hold(s: PiSettings, volts: FloatArray) -> None:
 
 @contextmanager
 def _naming(doing: str) -> Iterator[None]:
-    """What PIPython raises, as a DriverError that says what we were at, and what to do."""
+    """What PIPython raises, as a DriverError with the call and the remedy."""
     try:
         from pipython import GCSError
     except ImportError as error:

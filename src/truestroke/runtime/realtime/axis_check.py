@@ -1,7 +1,7 @@
 """The axis check: a small, slow motion before the run shows that the axis is the one that the settings describe.
 
 First the sensor at rest, then one axis after the other: up and back by so little that even an actuator that moves ten
-times further a volt than believed stays within 5 % of the stroke, and then, with what was seen, by a little more.
+times further a volt than expected stays within 5 % of the stroke, and then, with what was seen, by a little more.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from truestroke.runtime.realtime.settings import Axis
 from truestroke.signals.timing import Timing
 from truestroke.signals.trajectories import smoothstep
 
-FIRST = 0.004  # of the stroke: believed displacement of the first probe
+FIRST = 0.004  # of the stroke: expected displacement of the first probe
 LARGEST = 0.035  # of the stroke: what the last one may be
-CLEAR, AT_ONCE = 3.0, 12.0  # times its doubt: an answer that stands out; one that needs no larger probe
+CLEAR, AT_ONCE = 3.0, 12.0  # times its uncertainty: an answer that stands out; one that needs no larger probe
 REPEATED = 4  # times that a probe is repeated where the answer is not clear
 LARGE_OFFSET = 0.1  # of the stroke: a reading at rest that is so far off is no position, the sensor was not zeroed
 QUIET, RESTLESS = 0.005, 0.05  # of the stroke: noise, or motion within the window, at rest; of an axis that is not
@@ -32,7 +32,7 @@ FEWEST = 8  # ticks of a window, whatever the sample rate
 PATIENCE = 5.0  # s for the axis to come to rest
 CHORD = 0.5, 3.0  # times the slope of a small motion: the gain on a long way
 
-Play = Callable[[FloatArray], FloatArray]
+Move = Callable[[FloatArray], FloatArray]
 """Voltages of all axes, shape (channels, ticks), to the displacements that answer them, NaN where none came."""
 
 
@@ -61,7 +61,7 @@ class Found:
     probe: float = 0.0
 
 
-def examine(axes: Sequence[Axis], timing: Timing, play: Play, probing: bool) -> list[Found]:
+def examine(axes: Sequence[Axis], timing: Timing, move: Move, probing: bool) -> list[Found]:
     """Look at all axes at their safe voltages, and move each of them a little.
 
     Parameters
@@ -70,7 +70,7 @@ def examine(axes: Sequence[Axis], timing: Timing, play: Play, probing: bool) -> 
         The outputs stand at their safe voltages; there they stand again afterwards.
     timing : Timing
         Of the driver.
-    play : Play
+    move : Move
         Moves the outputs.
     probing : bool
         Whether to move; without it only those axes are looked at whose `zero` is to be measured.
@@ -82,18 +82,18 @@ def examine(axes: Sequence[Axis], timing: Timing, play: Play, probing: bool) -> 
     """
     if not probing and all(axis.zero != "measured" for axis in axes):
         return [Found(zero=axis.zero if isinstance(axis.zero, float) else 0.0) for axis in axes]
-    bench = _Bench(axes, timing, play)
+    bench = _Bench(axes, timing, move)
     rests = bench.at_rest()
     found = []
     for channel, (axis, (rest, noise)) in enumerate(zip(axes, rests, strict=True)):
-        gain, probe = bench.probe(channel, noise) if probing and _told(axis) else (float("nan"), 0.0)
+        gain, probe = bench.probe(channel, noise) if probing and _known(axis) else (float("nan"), 0.0)
         zero = _zero(axis, rest, gain)
         found.append(Found(rest=rest, noise=noise, zero=zero, gain=gain, probe=probe))
     return found
 
 
-def _told(axis: Axis) -> ControllerSettings | None:
-    """What the controller was told of the axis; a controller of another kind knows no stroke to compare with."""
+def _known(axis: Axis) -> ControllerSettings | None:
+    """The settings of its controller; a controller of another kind knows no stroke to compare with."""
     settings = getattr(axis.controller, "settings", None)
     return settings if isinstance(settings, ControllerSettings) else None
 
@@ -102,7 +102,7 @@ def _zero(axis: Axis, rest: float, gain: float) -> float:
     """What to subtract, um: so that 0 um is at 0 V, where the sensor does not say that by itself."""
     if isinstance(axis.zero, float):
         return axis.zero
-    settings = _told(axis)
+    settings = _known(axis)
     slope = gain if gain == gain or settings is None else feasibility.gains(settings)[1]
     here = axis.safe_voltage * (slope if slope == slope else 0.0)
     if axis.zero is None:
@@ -116,8 +116,8 @@ def _zero(axis: Axis, rest: float, gain: float) -> float:
 class _Bench:
     """All axes at their safe voltages, and the motions of one of them."""
 
-    def __init__(self, axes: Sequence[Axis], timing: Timing, play: Play) -> None:
-        self._axes, self._play, self._rate = axes, play, timing.sample_rate
+    def __init__(self, axes: Sequence[Axis], timing: Timing, move: Move) -> None:
+        self._axes, self._move, self._rate = axes, move, timing.sample_rate
         self._safe = np.array([[axis.safe_voltage] for axis in axes])
         self._window = self._ticks(WINDOW)
 
@@ -125,7 +125,7 @@ class _Bench:
         return max(FEWEST, round(seconds * self._rate))
 
     def _hold(self, ticks: int) -> FloatArray:
-        return self._play(np.repeat(self._safe, ticks, axis=1))
+        return self._move(np.repeat(self._safe, ticks, axis=1))
 
     def at_rest(self) -> list[tuple[float, float]]:
         """Reading and noise of each axis, um, when all of them are quiet."""
@@ -142,33 +142,40 @@ class _Bench:
 
     def probe(self, channel: int, noise: float) -> tuple[float, float]:
         """The gain of an axis, um/V, and the largest probe, V; `Stop` where it is not that of the settings."""
-        axis, settings = self._axes[channel], _told(self._axes[channel])
+        axis, settings = self._axes[channel], _known(self._axes[channel])
         assert settings
-        believed = feasibility.gains(settings)[0]
-        first, most = (share * settings.stroke / believed for share in (FIRST, LARGEST))
+        expected_gain = feasibility.gains(settings)[0]
+        first, most = (share * settings.stroke / expected_gain for share in (FIRST, LARGEST))
         sign = 1.0 if axis.safe_voltage + most <= axis.voltage_limits[1] else -1.0
         volts = sign * first
         while True:
             grows = 3.0 * abs(volts) <= most  # then there is no need to look twice at an answer that leaves room
-            answers, doubt = self._answers(channel, volts, noise, LARGEST * settings.stroke / 3.0 if grows else 0.0)
-            seen = abs(answers[channel]) + doubt
+            answers, uncertainty = self._answers(
+                channel, volts, noise, LARGEST * settings.stroke / 3.0 if grows else 0.0
+            )
+            seen = abs(answers[channel]) + uncertainty
             largest = min(most, abs(volts) * LARGEST * settings.stroke / seen) if seen else most
-            if abs(answers[channel]) > AT_ONCE * doubt or largest < 1.2 * abs(volts):
+            if abs(answers[channel]) > AT_ONCE * uncertainty or largest < 1.2 * abs(volts):
                 break
             volts = sign * min(largest, 3.0 * abs(volts))
-        _judge(_Answer(axis, settings, volts, float(answers[channel]), doubt, believed), channel, answers, self._axes)
+        _judge(
+            _Answer(axis, settings, volts, float(answers[channel]), uncertainty, expected_gain),
+            channel,
+            answers,
+            self._axes,
+        )
         return float(answers[channel] / volts), float(volts)
 
     def _answers(self, channel: int, volts: float, noise: float, small: float) -> tuple[FloatArray, float]:
-        """What all sensors answer, um, and the doubt in that of `channel`; again until it is clear, or `small`, um."""
+        """Answers of all sensors and the uncertainty of `channel`, um; repeated until it is clear, or `small`, um."""
         seen: list[FloatArray] = []
         for _ in range(REPEATED):
             seen += self._twice(channel, volts)
             answers, spread = np.mean(seen, axis=0), float(np.std(seen, axis=0)[channel])
-            doubt = max(spread, 1.3 * noise / np.sqrt(self._window)) / np.sqrt(len(seen) - 1)
-            if abs(answers[channel]) > AT_ONCE * doubt or abs(answers[channel]) + doubt < small:
+            uncertainty = max(spread, 1.3 * noise / np.sqrt(self._window)) / np.sqrt(len(seen) - 1)
+            if abs(answers[channel]) > AT_ONCE * uncertainty or abs(answers[channel]) + uncertainty < small:
                 break
-        return answers, float(doubt)
+        return answers, float(uncertainty)
 
     def _twice(self, channel: int, volts: float) -> list[FloatArray]:
         """Up by `volts` and back, twice: two answers of all sensors, um, each without what drifts meanwhile."""
@@ -180,7 +187,7 @@ class _Bench:
         ends = np.cumsum([part.size for part in parts])
         moves = np.repeat(self._safe, ends[-1], axis=1)
         moves[channel] += volts * np.concatenate(parts)
-        rows = list(zip(self._axes, self._play(moves), strict=True))
+        rows = list(zip(self._axes, self._move(moves), strict=True))
         low, top, middle, high, last = (
             np.array([_middle(axis, row[end - window : end]) for axis, row in rows]) for end in ends[[0, 2, 4, 6, 8]]
         )
@@ -211,14 +218,14 @@ def _motion(axis: Axis, seen: FloatArray) -> tuple[float, float]:
 def _unrest(axis: Axis, seen: FloatArray) -> float:
     """How far an axis is from rest, as a part of its stroke; 0 of one that has not told it."""
     moved, noise = _motion(axis, seen)
-    settings = _told(axis)
+    settings = _known(axis)
     return max(moved, noise) / settings.stroke if settings else 0.0
 
 
 def _restless(axis: Axis, seen: FloatArray) -> str:
     """What is said of an axis that does not come to rest."""
     moved, noise = _motion(axis, seen)
-    settings = _told(axis)
+    settings = _known(axis)
     most = RESTLESS * settings.stroke if settings else np.inf
     return (
         f"axis {axis.name}: at {axis.safe_voltage:g} V it does not come to rest within {PATIENCE:g} s: the sensor "
@@ -236,24 +243,24 @@ class _Answer:
     settings: ControllerSettings
     volts: float  # V of the probe
     seen: float  # um
-    doubt: float  # um
-    believed: float  # um/V
+    uncertainty: float  # um
+    expected: float  # um/V
 
     @property
     def probe(self) -> str:
         """It, and what was expected, in words."""
         return (
             f"axis {self.axis.name}: to a probe of {self.volts:+.3g} V the sensor should answer about "
-            f"{self.believed * self.volts:+.3g} um (stroke {self.settings.stroke:g} um, voltage_limits "
+            f"{self.expected * self.volts:+.3g} um (stroke {self.settings.stroke:g} um, voltage_limits "
             f"{self.settings.voltage_limits[0]:g} to {self.settings.voltage_limits[1]:g} V)"
         )
 
 
 def _judge(a: _Answer, channel: int, answers: FloatArray, axes: Sequence[Axis]) -> None:
     """`Stop` where the answer is not that of the axis that the settings describe."""
-    gain, doubt = a.seen / a.volts, a.doubt / abs(a.volts)
-    low, high = min(a.settings.q, a.believed) * gains.RUN[0], max(a.settings.q, a.believed) * gains.RUN[1]
-    if abs(gain) <= CLEAR * doubt:
+    gain, uncertainty = a.seen / a.volts, a.uncertainty / abs(a.volts)
+    low, high = min(a.settings.q, a.expected) * gains.RUN[0], max(a.settings.q, a.expected) * gains.RUN[1]
+    if abs(gain) <= CLEAR * uncertainty:
         raise Stop(Cause.CHECK, _no_answer(a, channel, answers, axes))
     if gain < 0:
         raise Stop(
@@ -261,7 +268,7 @@ def _judge(a: _Answer, channel: int, answers: FloatArray, axes: Sequence[Axis]) 
             f"{a.probe}; it answers {a.seen:+.3g} um: the sign is wrong. Change the sign of um_per_volt (um_per_unit) "
             "in [driver], or the polarity of the amplifier",
         )
-    if not low - doubt <= gain <= high + doubt:
+    if not low - uncertainty <= gain <= high + uncertainty:
         raise Stop(
             Cause.CHECK,
             f"{a.probe}; it answers {a.seen:+.3g} um: {gain:.3g} um/V, where stroke and voltage_limits allow {low:.3g} "
@@ -271,14 +278,14 @@ def _judge(a: _Answer, channel: int, answers: FloatArray, axes: Sequence[Axis]) 
 
 
 def _no_answer(a: _Answer, channel: int, answers: FloatArray, axes: Sequence[Axis]) -> str:
-    expected = a.believed * a.volts
+    expected = a.expected * a.volts
     loud = [axes[i].name for i, seen in enumerate(answers) if i != channel and abs(seen) > 0.3 * abs(expected)]
     remedy = "look at inputs and outputs in [driver], at cables, and whether amplifier and sensor are switched on"
     if loud:
         remedy = f"the sensor of axis {loud[0]} answers instead: inputs or outputs in [driver] are swapped"
     return (
-        f"axis {a.axis.name}: no answer to a probe of {a.volts:+.3g} V: the sensor shows {a.seen:+.2g} um, doubtful by "
-        f"{a.doubt:.2g} um, where about {expected:+.3g} um are expected; {remedy}"
+        f"axis {a.axis.name}: no answer to a probe of {a.volts:+.3g} V: the sensor shows {a.seen:+.2g} um, "
+        f"uncertain by {a.uncertainty:.2g} um, where about {expected:+.3g} um are expected; {remedy}"
     )
 
 

@@ -1,4 +1,4 @@
-"""One axis within the loop: its controller, its row of the ring, and whether its sensor lives."""
+"""One axis within the loop: its controller, its row of the ring, and the failure of its sensor."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from truestroke.runtime.ticks import TICK, TickRecorder
 from truestroke.signals.timing import Timing
 
 MOVED = (
-    0.01  # of the voltage range: a sensor that shows the same to the last bit while the voltage moves so far is dead
+    0.01  # of the voltage range: a sensor that shows the same to the last bit while the voltage moves so far has failed
 )
 
 
@@ -78,7 +78,7 @@ class AxisLoop:
             self._volts[k % self._size], self._lateness[k % self._size] = volts[i], late
 
     def learn(self, start: int, stop: int, measured: FloatArray, truth: FloatArray | None) -> None:
-        """Adapt to what came back in ticks `start` to `stop`; raise `Stop` where the sensor is dead, the axis lost."""
+        """Adapt to the measurements of ticks `start` to `stop`; `Stop` where the sensor fails, or tracking is lost."""
         supervision = self._supervision
         if self.zero:
             measured, truth = measured - self.zero, None if truth is None else truth - self.zero

@@ -97,7 +97,7 @@ class Live:
     def _examine(self) -> None:
         """The axis check; a simulated stack is then again as it was before."""
         axes = [axis.axis for axis in self._axes]
-        self._found = axis_check.examine(axes, self._timing, self._play, self._settings.axis_check)
+        self._found = axis_check.examine(axes, self._timing, self._move, self._settings.axis_check)
         for axis, found in zip(self._axes, self._found, strict=True):
             axis.zero = found.zero
         if rewind := getattr(self._driver, "rewind", None):
@@ -159,7 +159,7 @@ class Live:
         """Bring the output near `target`, within slew; a signal beyond those `expected` cuts it short."""
         self._apply(self._guard.ramp(target), expected)
 
-    def _play(self, volts: FloatArray) -> FloatArray:
+    def _move(self, volts: FloatArray) -> FloatArray:
         """Apply `volts`, shape (channels, ticks), hold the last one, and return what answers them, um, same shape."""
         latency = self._timing.latency
         return self._apply(padded(volts, volts.shape[1] + latency))[:, latency : latency + volts.shape[1]]

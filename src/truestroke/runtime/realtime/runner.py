@@ -1,4 +1,4 @@
-"""The loop in real time: pace, safety, recording. `run_realtime` is the page to read; docs/run.md says what it does."""
+"""The loop in real time: pace, safety, recording. Begin with `run_realtime`; docs/run.md describes it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a run in real time is told: an axis, and how to keep time and watch."""
+"""Settings of a run in real time: its axes, its clock and its supervision."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from truestroke.signals.trajectories import Trajectory
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Axis:
-    """One axis: where it goes, who drives it, what it must not exceed.
+    """One axis: motion, controller, limits.
 
     Attributes
     ----------

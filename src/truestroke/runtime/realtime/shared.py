@@ -112,7 +112,7 @@ class Shared:
     ring : ndarray, shape (channels, fields, size)
         Tick k is at k % size.
     slow : ndarray, shape (channels, slow_size, slow_width)
-        What the controllers believe.
+        What the controllers have estimated.
     """
 
     def __init__(self, layout: Layout, fd: int | None = None) -> None:

@@ -61,7 +61,7 @@ def protect() -> bool:
 
 
 def _until_it_is_lost(lifeline: Lifeline, shared: Shared, process: int, timeout: float, who: Slot) -> str:
-    """Why the output has to be brought to safety now: the process is gone, or killed here; "" at the end of the run."""
+    """Why the safe voltage has to be set now: the process is gone, or killed here; "" at the end of the run."""
     count, pulse, look, gone = shared.count, Pulse(), min(timeout / 8, LOOK), False
     count[who] = Helper.READY
     while not gone:
