@@ -345,7 +345,7 @@ def test_death(name: str) -> None:
     _, stderr = process.communicate(timeout=30)  # to the end of the helping processes, which share stderr
     assert process.returncode == 128 - death.code
     assert f"truestroke: {death.by}: " in stderr
-    assert "output brought to 0.25 V" in stderr
+    assert "output set to 0.25 V" in stderr
     assert np.fromfile("volts") == 0.25
     recording = Recording.load("run.h5")
     assert recording.metadata["ended"]["cause"] == "killed"

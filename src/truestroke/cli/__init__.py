@@ -21,7 +21,7 @@ COMMANDS = (
 @click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"], "show_default": True})
 @click.version_option(truestroke.__version__, "-V", "--version", message="truestroke %(version)s")
 def main() -> None:
-    """Make a piezo actuator go exactly where it is told.
+    """Make a piezo actuator follow a desired motion exactly.
 
     Begin with `truestroke track`: it needs no arguments and no hardware.
     """

@@ -1,4 +1,4 @@
-"""What all commands share: how they fail, where they write, how they tell their progress, how a table looks."""
+"""Common parts of all commands: errors, files, progress, tables."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ class Commands(click.Group):
 
 
 def interrupted(stop: RunInterrupted, saved: str) -> NoReturn:
-    """End a command whose run was interrupted, telling what was saved: by Ctrl-C quietly, else with the cause."""
+    """End a command whose run was interrupted, with the saved files: by Ctrl-C quietly, else with the cause."""
     if isinstance(stop.__cause__, KeyboardInterrupt):
         click.echo(f"truestroke: {saved}", err=True)
         raise click.Abort from None
@@ -187,7 +187,7 @@ def overwrite_option(command: Callable[..., Any]) -> Callable[..., Any]:
         if yes:
             context.with_resource(files.overwriting())
 
-    told = "Replace files that are there, whoever wrote them."
+    told = "Replace existing files, of any origin."
     return click.option("--overwrite", is_flag=True, expose_value=False, callback=permit, help=told)(command)
 
 

@@ -1,4 +1,4 @@
-"""`truestroke compare`: the controller among its rivals."""
+"""`truestroke compare`: eight controllers on the same waves."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
               help="Also look at what this configuration of truestroke run needs.")  # fmt: skip
 @common.json_option
 def doctor(config: Path | None, as_json: bool) -> int:
-    """Look at drivers, real-time settings and permissions, and tell what helps.
+    """Check drivers, real-time settings and permissions, and print the remedies.
 
     No output moves. Takes about two seconds, one of which measures how late an empty loop is. Exit code 1 if the
     configuration needs something that is missing, else 0.

@@ -14,7 +14,7 @@ from truestroke.cli import common, records
 @records.record_options
 @common.json_option
 def examine(record: Path, as_json: bool, **options: Any) -> None:
-    """Tell what a record of voltage and displacement holds.
+    """Examine a record of voltage and displacement.
 
     Reads CSV and other text with columns, NPZ, MATLAB, Parquet, HDF5. Prints sample rate, stroke, delay, noise, rates;
     says what the record cannot identify. A record that cannot be used is refused with its row and the reason.

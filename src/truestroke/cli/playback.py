@@ -47,6 +47,6 @@ def playback(waveform: Path, config: Path, output: str, rest: float, as_json: bo
         common.print_json({**found, "record": str(target)})
         return
     (low, high), (lowest, highest) = found["voltage_V"], found["displacement_um"]
-    click.echo(f"played     {found['samples']} samples at {rate:g} Hz, {low:.4g} to {high:.4g} V")
+    click.echo(f"output     {found['samples']} samples at {rate:g} Hz, {low:.4g} to {high:.4g} V")
     click.echo(f"measured   {lowest:.4g} to {highest:.4g} um; {found['lost']} samples lost")
     common.print_files(record=target)

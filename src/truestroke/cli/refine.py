@@ -22,7 +22,7 @@ if TYPE_CHECKING:
               help="What was put out, as `truestroke invert` or --next wrote it.")  # fmt: skip
 @click.option("--output", metavar="FILE", default="model.toml", help="The refined model is written there.")
 @click.option("--next", "following", metavar="NAME", help="Write the waveform of the next pass, NAME.csv or NAME.npz: "
-              "made with the refined model, and corrected by what it leaves of RECORD.")  # fmt: skip
+              "made with the refined model, and corrected by its residual in RECORD.")  # fmt: skip
 @waveforms.limit_options
 @common.overwrite_option
 @common.json_option

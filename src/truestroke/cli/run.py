@@ -15,7 +15,7 @@ from truestroke.cli import common, realtime
 def run(config: Path | None, example: bool, output: Path | None, overwrite: bool, as_json: bool) -> int:
     """Close the loop in real time, on hardware or on a simulated stack.
 
-    Ctrl-C ends it softly, a second Ctrl-C at once; the output is left at the safe voltage. docs/run.md has the
+    Ctrl-C ends it softly, a second Ctrl-C at once; the output stays at the safe voltage. docs/run.md has the
     exit codes.
     """
     from truestroke.runtime.realtime import SetPoint

@@ -1,4 +1,4 @@
-"""`truestroke study`: many runs drawn from a file, continued where they stopped."""
+"""`truestroke study`: many random runs of a file, continued where they stopped."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def study(
     from truestroke.studies import study as studies
 
     asked = studies.load(file, runs)
-    studies.first(asked, range(asked.runs))  # a setting out of its bounds is told before the file belongs to it
+    studies.first(asked, range(asked.runs))  # a setting out of its bounds is reported before the file belongs to it
     try:
         with studies.Store(store_file, asked) as store:
             if not report_only:

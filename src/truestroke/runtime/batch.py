@@ -29,7 +29,7 @@ __all__ = ["Batch", "Simulation", "SimulationError", "simulate_many"]
 Array = npt.NDArray[Any]
 Reduce = Callable[[int, Mapping[str, Array]], Any]
 
-SEGMENT = 16384  # noise numbers between two looks at whether to stop, some milliseconds; they fit the cache
+SEGMENT = 16384  # noise numbers between two checks whether to stop, some milliseconds; they fit the cache
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -115,7 +115,7 @@ def simulate_many(
     threads: int | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Batch:
-    """Run simulations in threads; each gives the same bits as `run`, whatever the number of threads.
+    """Run simulations in threads; each gives the same bits as `run`, for any number of threads.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ def simulate_many(
     record : sequence of str, optional
         Channels to keep, of `ticks.SIMULATED`; by default measured and true, and none where there is `reduce`.
     reduce : callable, optional
-        Called as reduce(index, channels) in the thread that ran the simulation, to keep figures in place of arrays:
+        Called as reduce(index, channels) in the thread that ran the simulation, to keep metrics in place of arrays:
         memory then does not grow with the number of ticks. channels maps the names of a recording (time, desired,
         desired_velocity and `SIMULATED`) to arrays of shape (ticks,), which are used again when it has returned.
     out : mapping of str to ndarray, optional

@@ -26,7 +26,7 @@ __all__ = ["Actuator", "RunInterrupted", "Timing", "about", "check_agreement", "
 
 
 class Motion(Protocol):
-    """What check and metadata know of a desired motion; a `Trajectory` is one."""
+    """A desired motion for check and metadata; a `Trajectory` is one."""
 
     @property
     def name(self) -> str:
@@ -45,7 +45,7 @@ class Motion(Protocol):
 
 
 class Actuator(Protocol):
-    """Whatever can be driven: simulated or real. Two calls.
+    """An actuator, simulated or real: two calls.
 
     A simulated one may also have `truth`, the noise-free counterpart of what the last exchange returned (um, same
     shape), and any one `describe()`, a dict of its settings for the recording.
@@ -89,7 +89,7 @@ def run(
     trajectory : Trajectory
         Desired motion.
     controller : Controller
-        Gives the voltages and learns from the measurements. It goes on from the state that it is in.
+        Gives the voltages and adapts to the measurements. It continues from its present state.
     actuator : Actuator
         Is opened, then moves a block of ticks at each exchange.
     progress : callable, optional
@@ -98,10 +98,10 @@ def run(
     Returns
     -------
     Recording
-        Entry k of each channel belongs to tick k, whatever block and latency are: time [s], desired [um],
+        Entry k of each channel belongs to tick k, for any block and latency: time [s], desired [um],
         desired_velocity [um/s], volts [V], measured [um], and what there is of true [um], innovation [um], flags
         (the bits of `base.flags`). Every 10 ms, with weights_time [s]: weights [um/V], partial_slopes [um/V],
-        trace_P [1/V^2]. NaN stands where no measurement came, and for the innovation of a rejected one.
+        trace_P [1/V^2]. NaN marks a missing measurement, and the innovation of a rejected one.
 
     Raises
     ------

@@ -85,14 +85,14 @@ def _slow_values(controller: Any) -> dict[str, FloatArray]:
 
 
 class TickRecorder:
-    """Writes down what commands and measurements leave behind, tick by tick.
+    """Records commands and measurements, tick by tick.
 
     Parameters
     ----------
     controller : Controller
         Whose flags, innovation and weights are recorded, as far as it has them.
     timing : Timing
-        With a latency of L ticks, entry k of an exchange is recorded at tick k - L, whose command it answers.
+        With a latency of L ticks, entry k of an exchange is recorded at tick k - L, that of its command.
     rows : Mapping[str, ndarray]
         Arrays of `TICK`, all of one size: tick k is at k modulo that size.
     slow : ndarray, shape (entries, width)
@@ -120,11 +120,11 @@ class TickRecorder:
     ) -> Iterator[tuple[int, float, int]]:
         """Each measurement of an exchange, ticks `start` to `stop`: the tick it belongs to, its value, um, its age.
 
-        The loop adapts to each; what that leaves behind is recorded when the next one is asked for.
+        The loop adapts to each; the result is recorded when the next one is requested.
         """
         for i, z in enumerate(measured.tolist()):
             k = start + i - self._latency
-            if k >= 0:  # what comes back before answers no command
+            if k >= 0:  # earlier ones belong to no command
                 row = k % self._size
                 self._measured[row] = z
                 if truth is not None:

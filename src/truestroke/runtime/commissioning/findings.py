@@ -83,8 +83,8 @@ class Findings:
         told = s.timing.latency
         if abs(s.latency - told) > s.unsure:
             reasons.append(
-                f"The answer comes {s.latency:.1f} ticks after its command, the driver says {told}: a controller that "
-                "is told wrongly errs by the motion in that time."
+                f"The response comes {s.latency:.1f} ticks after its command, the driver states {told}: with a wrong "
+                "latency the error is the motion in that time."
             )
         if s.resonance.doubtful:
             reasons.append(f"The first resonance is not known: {s.resonance.reason}.")
@@ -125,7 +125,7 @@ class Findings:
         return abs(self.resonance - found.frequency) <= 2 * found.uncertainty
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON: figures with their unit in the name."""
+        """For JSON: values with their unit in the name."""
         s = self.small
         return {
             "noise_um": s.rest.noise,

@@ -34,7 +34,7 @@ LOST = 0.1  # of the samples: with more of them lost nothing is commissioned
 
 
 class AnswerError(TruestrokeError, RuntimeError):
-    """The axis does not answer as it was told: what was seen, and what to look at, in a sentence or two."""
+    """The axis does not respond as configured: the measurement and what to check, in a sentence or two."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +52,7 @@ class Small:
     Attributes
     ----------
     timing : Timing
-        As the driver tells it.
+        As the driver states it.
     rest : Rest
         Of the sensor, before anything moves.
     gains : tuple[Gain, ...]

@@ -23,7 +23,7 @@ READER = "import h5py, sys; f = h5py.File(sys.argv[1], libver='latest', swmr=Tru
 
 
 def look(folder: Path, needed: float = 0.0) -> list[Finding]:
-    """Shared memory; room for `needed` bytes, speed, and HDF5 with a writer and a reader in `folder`."""
+    """Shared memory; space for `needed` bytes, speed, and HDF5 with a writer and a reader in `folder`."""
     return [_shared_memory(), *_disk(folder, needed)]
 
 

@@ -17,7 +17,7 @@ from truestroke.signals.timing import Timing
 
 
 class Paced:
-    """Voltages to an open, started driver: what leaves passes the guard, and waits for the clock.
+    """Voltages to an open, started driver: they pass the guard, and wait for the clock.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ def padded(volts: npt.NDArray[np.float64], ticks: int) -> FloatArray:
 
 
 def let_go(driver: Driver, safe: FloatArray) -> None:
-    """Bring the output to the `safe` voltages (V, shape (channels,)) and close; no signal interrupts that.
+    """Set the output to the `safe` voltages (V, shape (channels,)) and close; no signal interrupts that.
 
     Where `stop` fails, by the rescue of the driver; its error is raised all the same.
     """
@@ -74,7 +74,7 @@ def let_go(driver: Driver, safe: FloatArray) -> None:
         try:
             driver.stop(safe)
         except DriverError:
-            with suppress(DriverError, OSError):  # the first one is what the caller hears of
+            with suppress(DriverError, OSError):  # the caller gets the first one
                 driver.rescue()(safe)
             raise
         finally:

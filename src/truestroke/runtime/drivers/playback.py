@@ -107,7 +107,7 @@ def playback(
     Parameters
     ----------
     driver : Driver
-        Closed; it is closed again in the end, with the output at the safe voltage, whatever happens.
+        Closed; it is closed again at the end, with the output at the safe voltage, in every case.
     volts : array_like, shape (samples,)
         V.
     sample_rate : float
@@ -116,7 +116,7 @@ def playback(
         Lowest and highest voltage, V: a waveform beyond them is refused.
     slew : float
         Fastest change of the voltage, V/s: a waveform that is faster is refused. The ramps take a second for the whole
-        of `voltage_limits`, or longer where the slew limit says so.
+        of `voltage_limits`, or longer because of the slew limit.
     safe_voltage : float
         Where it starts and ends, V.
     rest : float

@@ -27,17 +27,17 @@ class Driver(Protocol):
         """Connect, configure, check; the output stays where it is. Raises `DriverError`."""
 
     def start(self, volts: FloatArray) -> None:
-        """Bring the output to `volts` (V, shape (channels,)), hold it there, start the clocks."""
+        """Set the output to `volts` (V, shape (channels,)), hold it there, start the clocks."""
 
     def exchange(self, volts: FloatArray, measured: FloatArray) -> None:
         """Apply `volts` (V), fill `measured` (um, means over the ticks), both of shape (channels, block).
 
-        Returns when the block is over. Entry i of `measured` answers the command `latency` ticks before volts[:, i];
+        Returns when the block is over. Entry i of `measured` belongs to the command `latency` ticks before volts[:, i];
         a lost sample is NaN. Raises `DriverError`.
         """
 
     def stop(self, volts: FloatArray) -> None:
-        """Bring the output to the safe `volts` (V, shape (channels,)) and stop the clocks.
+        """Set the output to the safe `volts` (V, shape (channels,)) and stop the clocks.
 
         Works from any state, after an error too, and a second time.
         """
@@ -46,10 +46,10 @@ class Driver(Protocol):
         """Let go of the hardware; a second call does nothing."""
 
     def rescue(self) -> Callable[[FloatArray], None]:
-        """Give a function that brings the outputs to safe volts (V, shape (channels,)) from another process.
+        """Return a function that sets the outputs to safe volts (V, shape (channels,)) from another process.
 
         It can be pickled and makes a connection of its own: the watchdog calls it after it has ended our process.
         """
 
     def describe(self) -> dict[str, object]:
-        """Tell the settings, for the recording; an entry `output_range` (V) bounds the voltage limits of a run."""
+        """Return the settings, for the recording; an entry `output_range` (V) bounds the voltage limits of a run."""

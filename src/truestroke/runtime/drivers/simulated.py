@@ -1,4 +1,4 @@
-"""The simulated plant behind the protocol of hardware, with faults on demand."""
+"""The simulated plant with the protocol of hardware, with faults on demand."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Plant(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class Fault:
-    """What goes wrong, for tests and rehearsals.
+    """A fault, for tests and rehearsals.
 
     Attributes
     ----------
@@ -84,7 +84,7 @@ class SimulatedSettings:
     plant : Mapping[str, object]
         Members of `plant.PlantSettings`.
     faults : tuple[Fault, ...]
-        What goes wrong.
+        Faults of the run.
     """
 
     sample_rate: float = 2000.0
@@ -102,7 +102,7 @@ class SimulatedSettings:
         self.timing()
 
     def timing(self) -> Timing:
-        """What `open` tells."""
+        """The result of `open`."""
         names = [entry.name for entry in dataclasses.fields(Timing)]
         return Timing(**{name: getattr(self, name) for name in names})
 
@@ -118,7 +118,7 @@ class SimulatedSettings:
 class SimulatedDriver:
     """Simulated stacks as hardware: `truestroke.runtime.drivers.Driver`.
 
-    The plant knows no time but that of its ticks: the measurements are those of `truestroke.run`, to the last bit.
+    The time of the plant is that of its ticks alone: the measurements are those of `truestroke.run`, to the last bit.
 
     Parameters
     ----------
@@ -234,7 +234,7 @@ class SimulatedDriver:
             raise DriverError(f"{call}: error -2: the simulated device does not answer")
 
     def close(self) -> None:
-        """Forget the temporary register, if there is one."""
+        """Delete the temporary register, if there is one."""
         if self._temporary is not None:
             Path(self._temporary).unlink(missing_ok=True)
             self._temporary = None
@@ -255,6 +255,6 @@ class SimulatedDriver:
 
 
 def set_register(path: str, volts: FloatArray) -> None:
-    """Bring simulated outputs to `volts` (V, shape (channels,))."""
+    """Set simulated outputs to `volts` (V, shape (channels,))."""
     with open(path, "r+b" if Path(path).exists() else "wb") as file:
         file.write(np.asarray(volts, dtype=np.float64).tobytes())

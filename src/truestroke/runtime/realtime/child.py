@@ -1,4 +1,4 @@
-"""Processes beside the loop: started fresh, told when the loop's process is gone."""
+"""Processes beside the loop: started fresh, notified when the loop's process has ended."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ _CODE = "from truestroke.runtime.realtime.child import main; main()"
 
 
 class Lifeline:
-    """A pipe that nobody writes to: it ends with the process that started us."""
+    """A pipe without a writer: it ends with the process that started us."""
 
     def gone(self, seconds: float) -> bool:
-        """Sleep, unless the process that started us is gone, or goes meanwhile: then True at once."""
+        """Sleep, unless the process that started us has ended, or ends meanwhile: then True at once."""
         return bool(select.select([sys.stdin.fileno()], [], [], seconds)[0])
 
 

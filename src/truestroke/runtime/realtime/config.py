@@ -27,7 +27,7 @@ MOTIONS = {
     "set_point": SetPoint,
 }
 OWN = ("sample_rate", "voltage_limits", "slew_limit", "stroke", "resonance")
-"""Members of `ControllerSettings` that other keys stand for."""
+"""Members of `ControllerSettings` that other keys replace."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,7 +99,7 @@ def load(path: str | os.PathLike[str]) -> Job:
     Parameters
     ----------
     path : str or PathLike
-        TOML; files that it names are looked for beside it, the recording goes to the current folder.
+        TOML; the files that it names are relative to it, the recording is written to the current folder.
 
     Raises
     ------

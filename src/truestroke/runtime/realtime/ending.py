@@ -37,7 +37,7 @@ SIGNALS = {number: (Cause(128 + number), words) for number, words in interrupts.
 
 
 AS_ASKED = (Cause.FINISHED, Cause.STOPPED, *(cause for cause, _ in SIGNALS.values()))
-"""Ends that somebody wanted, and after which a recording is expected to be complete."""
+"""Ends on request, after which a recording is expected to be complete."""
 
 
 class Stop(Exception):  # noqa: N818 (a run that is stopped need not be an error)

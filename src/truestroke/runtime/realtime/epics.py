@@ -32,7 +32,7 @@ from truestroke.runtime.realtime.status import STATES, WINDOW
 REFRESH = 0.1  # s between two updates
 WAVES = 5  # updates from one of the waveforms to the next
 ARRIVED = 1e-6  # um
-LAST_WORDS = 0.5  # s that clients have to hear of the end
+LAST_WORDS = 0.5  # s for clients to read the end
 NAME = re.compile(r"[A-Za-z0-9_\-:]{1,30}")
 INTERFACES = ("EPICS_CAS_INTF_ADDR_LIST", "EPICS_PVAS_INTF_ADDR_LIST")  # of Channel Access, of PV Access
 LOST = "lost"  # one more state: the process of the loop is gone
@@ -85,7 +85,7 @@ class EpicsSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class Panel:
-    """What the server knows of an axis: name, voltages, the range of the displacement, size of the weights."""
+    """Data of an axis for the server: name, voltages, the range of the displacement, size of the weights."""
 
     name: str
     voltage_limits: tuple[float, float]
@@ -177,7 +177,7 @@ class _Server:
         self._settled = count[Slot.WRITTEN]
 
     def end(self, lost: bool) -> None:
-        """The last that clients hear."""
+        """The last update of the clients."""
         self._state.set(len(STATES) if lost else State.ENDED)
         for axis in self._axes:
             axis.invalidate()

@@ -24,7 +24,7 @@ from truestroke.runtime.realtime.shared import Helper, Pulse, Shared, Slot, Stat
 START = 60.0  # s for them to start
 PATIENCE = 60.0  # s for a watchdog to end
 LAST_WORDS = 15.0  # s for the recorder to write the rest
-BEAT = 2.0  # s without a beat after which a watchdog stands still
+BEAT = 2.0  # s without a beat after which a watchdog counts as stopped
 
 
 class Helpers:
@@ -95,7 +95,7 @@ class Helpers:
         return self._pulses[slot].still(self._shared.count[watchdog.BEATS[slot]]) > BEAT
 
     def finish(self, ending: str) -> str:
-        """Let the recording be completed; what became of it if it was not, in words."""
+        """Let the recording be completed; in words, its state if it was not."""
         self._shared.write(Text.ENDING, ending)
         self._shared.count[Slot.STATE] = State.ENDED
         try:
@@ -114,7 +114,7 @@ class Helpers:
                     recorder.write_ending(plan.place, offset, ending)
 
     def close(self) -> None:
-        """End them all; a watchdog that rescues is not disturbed, one that stands still is killed."""
+        """End them all; a watchdog that rescues is not disturbed, one that has stopped is killed."""
         if self._stands_still(Slot.WATCHDOG):
             self.watchdog.kill()
         patience = {self.recorder: LAST_WORDS, self.watchdog: PATIENCE}

@@ -1,4 +1,4 @@
-"""Where an axis is to be at each tick: a trajectory that is known, or a set-point that somebody moves."""
+"""Desired motion of an axis: a trajectory that is known, or a set-point that changes during the run."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class SetPoint:
     Attributes
     ----------
     reach : tuple[float, float]
-        Lowest and highest target, um, with 0 between them; targets beyond are brought to the nearer one.
+        Lowest and highest target, um, with 0 between them; targets beyond are limited to the nearer one.
     speed : float
         Highest velocity, um/s.
     ramp : float

@@ -21,8 +21,8 @@ from truestroke.signals.channels import channel, dtype
 from truestroke.signals.recording import MODE, create, describe, seal, sealed
 
 LOOK = 0.05  # s between two looks into the ring
-PIECE = 0.1  # s that a chunk of the file holds: with two looks, what a kill may cost
-PAGE = 4096  # bytes that a disk takes whole or not at all; none of HDF5's tables lies across the end of one
+PIECE = 0.1  # s that a chunk of the file holds: with two cycles, the longest loss by a kill
+PAGE = 4096  # bytes that a disk writes whole or not at all; none of HDF5's tables crosses the end of one
 CHECKSUM = 4  # bytes of that of a chunk
 ENDING_SIZE = 16384  # bytes
 NEVER_ENDED = "the recording was not ended: it is still running, or its process was killed"
@@ -88,9 +88,9 @@ def _unexpected(shared: Shared) -> str:
 
 
 def write_ending(place: Growing, offset: int, ending: str) -> None:
-    """Write how the run ended to the room that is kept for it, by any process, without HDF5 and on a full disk.
+    """Write the end of the run to the space reserved for it, by any process, without HDF5 and on a full disk.
 
-    Into the file that is open, whatever name it has by now.
+    Into the open file, under any name.
     """
     place.write(offset, sealed(ending, ENDING_SIZE))
 
@@ -111,8 +111,8 @@ def piece(entries: float, size: int) -> int:
 class File:
     """A recording that grows, by HDF5's single-writer multiple-reader mode.
 
-    Each chunk is written whole and once, before the lengths that readers go by: what they see is never half written,
-    and what a full disk refuses is not said to be there.
+    Each chunk is written whole and once, before the lengths that readers use: they never read a half written chunk, or
+    one that a full disk refused.
 
     Attributes
     ----------

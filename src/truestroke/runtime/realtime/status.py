@@ -1,4 +1,4 @@
-"""The status line: a process that reads what the loop writes and tells it on stderr."""
+"""The status line: a process that reads the data of the loop and prints them on stderr."""
 
 from __future__ import annotations
 

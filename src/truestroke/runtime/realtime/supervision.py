@@ -22,7 +22,7 @@ REMEDY = "Look at sensor, cable, sign and amplifier, and whether the stage shake
 
 
 def error_limit(axis: Axis) -> float:
-    """How far an axis may be off, um: as it was told, or 30 % of the motion, and at least 5 % of the stroke."""
+    """Largest error of an axis, um: as configured, or 30 % of the motion, and at least 5 % of the stroke."""
     if axis.error_limit is not None:
         return axis.error_limit
     low, high = feasibility.reach(axis.trajectory)
@@ -76,7 +76,7 @@ class Supervision:
         """The last ticks, um, um, V: `Stop` where the sensor does not follow the voltage and the axis is off."""
         known = np.isfinite(measured)
         if 2 * np.count_nonzero(known) < known.size:
-            return  # that is said by others
+            return  # others report that
         desired, measured, volts = desired[known], measured[known], volts[known]
         quarter = slice(-(measured.size // 4), None)  # now, too, or the worst is over
         if not all(self._ignored(desired[s], measured[s], volts[s]) for s in (slice(None), quarter)):
