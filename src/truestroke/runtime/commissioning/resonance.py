@@ -94,7 +94,7 @@ def resonance(volts: FloatArray, z: FloatArray, sample_rate: float, onset: float
         if best.frequency > 0.5 * sample_rate:
             reason = f"it seems to lie at {best.frequency:.4g} Hz, above half the sample rate of {sample_rate:g} Hz"
         elif rivals := [fit for fit in others if not record.better(best, fit)]:
-            reason = f"it is {best.frequency:.4g} or {rivals[0].frequency:.4g} Hz, the record does not tell which"
+            reason = f"it is {best.frequency:.4g} or {rivals[0].frequency:.4g} Hz, the record does not distinguish them"
     return record.found(best, reason, noise)
 
 
@@ -130,7 +130,7 @@ def step_means(ticks: int, sample_rate: float, model: tuple[float, float, float,
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    """Parameters, the record by the model, the squares that are left (um^2), variance of log frequency."""
+    """Parameters, the record by the model, the sum of squares of the residual (um^2), variance of log frequency."""
 
     frequency: float
     damping: float
@@ -159,7 +159,7 @@ class _Record:
         return rest
 
     def solve(self, model: tuple[float, float, float, float]) -> tuple[FloatArray, float]:
-        """What a model leaves of the record, um, and its gain, um/V."""
+        """Residual of a model, um, and its gain, um/V."""
         fast = self._beyond(answer(self.volts, step_means(self.volts.size, self.rate, model))[self.used])
         gain = float(fast @ self._rest) / max(float(fast @ fast), 1e-300)
         return self._rest - gain * fast, gain

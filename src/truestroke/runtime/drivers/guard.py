@@ -1,4 +1,4 @@
-"""The last line before the output: limits and slew, whatever was asked for."""
+"""The last check before the output: limits and slew, for any request."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Limits:
     Attributes
     ----------
     voltage_limits : tuple[float, float]
-        Lowest and highest voltage that may leave, V.
+        Lowest and highest output voltage, V.
     slew : float
         Fastest change, V/s.
     safe_voltage : float
@@ -93,7 +93,7 @@ class Guard:
         self.limited = 0
 
     def __call__(self, volts: FloatArray) -> bool:
-        """Bring `volts` (V, shape (channels, ticks)) in place within limits and slew; False if one was no number.
+        """Limit `volts` (V, shape (channels, ticks)) in place to limits and slew; False if one was no number.
 
         In place of what is not a number the last output is held.
         """
@@ -115,7 +115,7 @@ class Guard:
     def ramp(self, target: Sequence[float]) -> FloatArray:
         """Straight lines from the last output to `target` (V): shape (channels, ticks), as short as slew allows.
 
-        The target itself is the next step behind the ramp.
+        The target itself is the next step after the ramp.
 
         >>> Guard(1000.0, [(0.0, 1.0)], [100.0], [0.5]).ramp([0.25]).round(6).tolist()
         [[0.416667, 0.333333]]
@@ -127,7 +127,7 @@ class Guard:
 
 
 def check_range(argument: str, voltage_limits: tuple[float, float], told: Mapping[str, object]) -> None:
-    """Refuse limits (V) beyond the `output_range` that a driver tells of itself, if it does.
+    """Refuse limits (V) beyond the `output_range` of a driver, if it has one.
 
     Raises
     ------

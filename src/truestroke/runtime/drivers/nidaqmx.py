@@ -173,7 +173,7 @@ def _for_each(argument: str, value: Any, channels: int, unit: str) -> tuple[floa
 
 
 class NidaqmxDriver:
-    """The protocol of `truestroke.runtime.drivers.Driver` over a NI-DAQmx card; docs/nidaqmx.md says how to begin.
+    """The protocol of `truestroke.runtime.drivers.Driver` over a NI-DAQmx card; docs/nidaqmx.md has the first steps.
 
     The output takes its samples from a buffer and never repeats one: when this computer is late it stops, at the
     last voltage, with an error. Edge i of its clock also converts the input, just before sample i goes out; the first
@@ -211,12 +211,12 @@ class NidaqmxDriver:
         Raises
         ------
         DriverError
-            NI-DAQmx, the Python package or the card is not there, or does not do what the settings ask.
+            NI-DAQmx, the Python package or the card is not there, or does not support the settings.
         """
         self._disarm()
         self._configure()
         s = self.settings
-        if s.card_watchdog:  # a card that has none says so before anything moves
+        if s.card_watchdog:  # a card without one refuses before anything moves
             try:
                 with self._naming_watchdog(), _watchdog(s):
                     pass
@@ -252,7 +252,7 @@ class NidaqmxDriver:
             self._writer = stream_writers.AnalogMultiChannelWriter(self._tasks[1].out_stream)
 
     def start(self, volts: FloatArray) -> None:
-        """Bring the output to `volts` (V, shape (channels,)) and hold it there.
+        """Set the output to `volts` (V, shape (channels,)) and hold it there.
 
         The clock waits for the first exchange, so that nothing runs dry while the caller makes itself ready.
         """
@@ -268,7 +268,7 @@ class NidaqmxDriver:
         self._state = "started"
 
     def _arm(self, safe: FloatArray) -> None:
-        """Let the card bring its outputs to `safe` by itself when no exchange comes; before other tasks reserve it."""
+        """Let the card set its outputs to `safe` itself when no exchange comes; before other tasks reserve it."""
         if self.settings.card_watchdog and self._dog is None:
             with self._naming_watchdog():
                 self._dog = _watchdog(self.settings)
@@ -290,7 +290,7 @@ class NidaqmxDriver:
         return _naming(f"card_watchdog = {s.card_watchdog:g} s: the watchdog of {_device(s.outputs[0])}")
 
     def unattended(self) -> tuple[bool, str]:
-        """Whether the open card brings its outputs to safety by itself when this computer stands still; in words."""
+        """Whether the open card sets its outputs to the safe voltages itself when this computer stops; in words."""
         s = self.settings
         if s.card_watchdog:
             return True, f"the card's own watchdog: the safe voltage after {s.card_watchdog:g} s without an exchange"
@@ -308,10 +308,10 @@ class NidaqmxDriver:
             self._reader.read_many_sample(np.empty((len(self._in), 1)), 1, self._patience)
 
     def exchange(self, volts: FloatArray, measured: FloatArray) -> None:
-        """Write a block of voltages (V) behind those that wait, and wait for the displacements (um) of the next."""
+        """Write a block of voltages (V) after those that wait, and wait for the displacements (um) of the next."""
         if self._state not in ("started", "running"):
             raise DriverError(f"exchange: the driver is {self._state}; call start first")
-        if not np.isfinite(volts).all():  # what a converter makes of it is not defined
+        if not np.isfinite(volts).all():  # the output of a converter is then not defined
             raise DriverError(f"writing to {', '.join(self.settings.outputs)}: a voltage is not finite")
         s = self.settings
         shape = (len(s.outputs), s.block, s.conversions)
@@ -372,7 +372,7 @@ class NidaqmxDriver:
         from nidaqmx.errors import Error
 
         while self._tasks:
-            with suppress(Error):  # of a task that had failed before; it is gone all the same
+            with suppress(Error):  # of a task that had failed before; it is closed all the same
                 self._tasks.pop().close()
 
     def rescue(self) -> Callable[[FloatArray], None]:
@@ -409,7 +409,7 @@ def _expiration(outputs: Sequence[str], volts: FloatArray) -> list[Any]:
 
 
 def _power_up(outputs: Sequence[str]) -> str:
-    """What the card says of its outputs when it gets power, in words; empty where it says nothing."""
+    """The card's outputs at power-up, in words; empty where it does not state them."""
     from nidaqmx.errors import Error
     from nidaqmx.system import System
 

@@ -21,7 +21,7 @@ class OneAxis:
     """A driver of one channel as an actuator, for `truestroke.run` on hardware.
 
     Limits and slew are enforced here for every command. It has neither the watchdog nor the running
-    record of `truestroke run`: use it for short experiments that somebody watches, in a ``with`` block, which leaves
+    record of `truestroke run`: use it for short experiments under supervision, in a ``with`` block, which leaves
     the output at the safe voltage.
 
     Parameters
@@ -29,7 +29,7 @@ class OneAxis:
     driver : Driver
         Hardware of one channel.
     voltage_limits : tuple[float, float]
-        Lowest and highest voltage that may leave, V.
+        Lowest and highest output voltage, V.
     slew : float
         Fastest change of the voltage, V/s.
     safe_voltage : float
@@ -69,7 +69,7 @@ class OneAxis:
         self.close()
 
     def open(self) -> Timing:
-        """Open the driver, from anew if it was open, and bring the output to the safe voltage."""
+        """Open the driver, again if it was open, and set the output to the safe voltage."""
         self.close()
         timing = self.driver.open()
         try:
@@ -96,7 +96,7 @@ class OneAxis:
         Returns
         -------
         ndarray, shape (ticks,)
-            What answers each of them, um: the last voltage is held until all of it has come.
+            Displacement for each of them, um: the last voltage is held until all have arrived.
         """
         checked = self._checked(volts)
         latency = self._timing.latency if self._timing else 0
@@ -107,7 +107,7 @@ class OneAxis:
         if self._timing is None:
             raise SettingError("exchange", "called", "called after open")
         row = np.array([volts], dtype=np.float64)
-        if np.isnan(row).any():  # before the guard takes what will not leave for the last output
+        if np.isnan(row).any():  # before the guard takes a voltage that is not output for the last output
             raise SettingError("volts", "NaN", "a number", "V")
         return row
 
@@ -123,7 +123,7 @@ class OneAxis:
         return {**self.driver.describe(), "axis": own}
 
     def close(self) -> None:
-        """Bring the output to the safe voltage, within slew where the driver still works, and let go.
+        """Set the output to the safe voltage, within slew where the driver still works, and close.
 
         No signal interrupts it.
         """

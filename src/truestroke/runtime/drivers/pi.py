@@ -173,12 +173,12 @@ class PiDriver:
         return Timing(sample_rate=s.sample_rate, block=1, latency=1, channels=len(s.axes))
 
     def start(self, volts: FloatArray) -> None:
-        """Bring the output to `volts` (V, shape (channels,)), if the connection is fast enough for the ticks.
+        """Set the output to `volts` (V, shape (channels,)), if the connection is fast enough for the ticks.
 
         Raises
         ------
         DriverError
-            A set-point and a position take longer than two thirds of a tick; the message tells the rate that works.
+            A set-point and a position take longer than two thirds of a tick; the message names a rate that works.
         """
         if self._state != "started":
             self._needs("open", "start")
@@ -187,7 +187,7 @@ class PiDriver:
             if took * MARGIN * self.settings.sample_rate > 1:
                 raise DriverError(
                     f"starting: sample_rate = {self.settings.sample_rate:g} Hz: a set-point and a position take "
-                    f"{1e3 * took:.2g} ms here, so at most {1 / (took * MARGIN):.2g} Hz; a wave that is played has no "
+                    f"{1e3 * took:.2g} ms here, so at most {1 / (took * MARGIN):.2g} Hz; a generated wave has no "
                     "such bound"
                 )
             self._set(volts)
@@ -211,7 +211,7 @@ class PiDriver:
             self._set(volts[:, 0])
 
     def playback(self, volts: npt.ArrayLike, sample_rate: float) -> Recorded:
-        """Play a wave from the controller's memory and record it; the output then stays at its last voltage.
+        """Output a wave from the controller's memory and record it; the output then stays at its last voltage.
 
         It begins with a step if the output is elsewhere: `truestroke.runtime.drivers.playback` ramps.
 
@@ -226,7 +226,7 @@ class PiDriver:
         -------
         Recorded
             Voltage that the controller has recorded, V, and displacement, um, means over each sample. The recorded
-            voltage tells where the wave begins, so sample i of the displacement is that under sample i of the wave.
+            voltage locates the start of the wave, so sample i of the displacement is that under sample i of the wave.
 
         Raises
         ------
@@ -243,7 +243,7 @@ class PiDriver:
             self._load(wave, rate)
             self._configure_recorder(rate)
             self._run(wave.shape[1] * rate.cycles * rate.cycle)
-            raw = self._read((wave.shape[1] + 2) * rate.samples, rate)  # it goes on behind the wave
+            raw = self._read((wave.shape[1] + 2) * rate.samples, rate)  # it continues after the wave
         self._state = "open"
         return _averaged(wave, raw, rate.samples, float(sample_rate), self.settings)
 
@@ -346,7 +346,7 @@ class PiDriver:
         return functools.partial(hold, self.settings)
 
     def unattended(self) -> tuple[bool, str]:
-        """Whether the controller brings its outputs to safety by itself when this computer stands still; in words."""
+        """Whether the controller sets its outputs to the safe voltages itself when this computer stops; in words."""
         return False, "the controller holds its last set-point; a wave of playback ends at the safe voltage by itself"
 
     def describe(self) -> dict[str, object]:
@@ -360,7 +360,7 @@ class PiDriver:
 
     @contextmanager
     def _working(self, doing: str) -> Iterator[None]:
-        """Whatever is raised in here leaves the driver "failed": what comes next on this connection is not known."""
+        """After an error in here the driver is "failed": the next answer on this connection is not known."""
         before, self._state = self._state, "failed"
         try:
             with _naming(f"{doing} {self.settings.host}"):
@@ -418,7 +418,7 @@ def _connect(s: PiSettings) -> Any:
     from pipython.pidevice.interfaces.pisocket import PISocket
 
     class Socket(PISocket):  # type: ignore[misc]
-        """Where PISocket would wait for ever, or spin: connecting, a connection that is closed at the other end."""
+        """For cases in which PISocket would wait or spin: connecting, a connection closed at the other end."""
 
         def ConnectTCPIP(self, ipaddress: str, ipport: int = 50000) -> None:  # noqa: N802
             self._socket = socket.create_connection((ipaddress, ipport), s.timeout)
@@ -505,7 +505,7 @@ def _stop(device: Any, s: PiSettings, volts: FloatArray) -> None:
 
 @contextmanager
 def _unless_it_answers() -> Iterator[None]:
-    """A refusal is no reason not to go on to the safe voltage; silence is, because answers would be mistaken."""
+    """After a refusal the way to the safe voltage continues; after no answer it does not: answers would be mistaken."""
     from pipython import GCSError
 
     try:

@@ -73,7 +73,7 @@ class AxisLoop:
         volts[stop - start :] = volts[stop - start - 1]
 
     def leaving(self, start: int, stop: int, volts: FloatArray, late: float) -> None:
-        """Note what leaves after the guard, `late` us after its time."""
+        """Record the output after the guard, `late` us after its time."""
         for i, k in enumerate(range(start, stop)):
             self._volts[k % self._size], self._lateness[k % self._size] = volts[i], late
 

@@ -28,8 +28,8 @@ from truestroke.runtime.realtime.shared import Shared, Slot, State
 from truestroke.runtime.ticks import stride
 from truestroke.signals.timing import Timing
 
-GLANCE = 0.02  # s between two looks at the helping processes
-LONGEST = 4000  # characters of a reason that have room in a recording
+GLANCE = 0.02  # s between two checks of the helping processes
+LONGEST = 4000  # characters of a reason that fit in a recording
 
 
 class Live:
@@ -72,7 +72,7 @@ class Live:
             cause = Cause.DRIVER if cause is Cause.FINISHED else cause
         self._count[Slot.WRITTEN] = self._done
         if complaint := self._helpers.finish(json.dumps(self._ending(cause, reason))):
-            if cause is not Cause.RECORDER:  # which has told it already
+            if cause is not Cause.RECORDER:  # which has reported it already
                 reason = "; ".join(filter(None, (reason, complaint)))
             cause = Cause.RECORDER if cause in AS_ASKED else cause
             self._helpers.note(json.dumps(self._ending(cause, reason)))
@@ -130,7 +130,7 @@ class Live:
             self._look(stop)
 
     def _look(self, stop: int) -> None:
-        """End the run where somebody or something asks for it."""
+        """End the run on a request, of a person or a process."""
         self._heed_signals()
         if 0 < self._settings.overrun_streak <= self._clock.streak:
             raise Stop(Cause.OVERRUN, f"{self._clock.streak} blocks in a row were more than a period late")
@@ -146,7 +146,7 @@ class Live:
                 raise Stop(Cause.RECORDER, f"the recorder is {behind / self._timing.sample_rate:.1f} s behind")
 
     def _heed_signals(self, expected: int = 0) -> None:
-        """End what goes on if a signal came beyond those that brought it about, or an operator asks."""
+        """End a ramp if a signal came beyond those that caused it, or an operator asks."""
         if len(self._asked) > expected:
             raise Stop(*SIGNALS[self._asked[-1]])
         if self._count[Slot.STOP] and self._count[Slot.STATE] != State.STOPPING:
@@ -156,11 +156,11 @@ class Live:
         self._count[Slot.BEAT] += 1
 
     def _ramp(self, target: Sequence[float], expected: int = 0) -> None:
-        """Bring the output near `target`, within slew; a signal beyond those `expected` cuts it short."""
+        """Move the output to near `target`, within slew; a signal beyond those `expected` ends it early."""
         self._apply(self._guard.ramp(target), expected)
 
     def _move(self, volts: FloatArray) -> FloatArray:
-        """Apply `volts`, shape (channels, ticks), hold the last one, and return what answers them, um, same shape."""
+        """Apply `volts`, shape (channels, ticks), hold the last one, and return the displacements, um, same shape."""
         latency = self._timing.latency
         return self._apply(padded(volts, volts.shape[1] + latency))[:, latency : latency + volts.shape[1]]
 
@@ -170,7 +170,7 @@ class Live:
         return paced.apply(moves, before=lambda: self._heed_signals(expected), after=self._beat)
 
     def _stop(self, softly: bool) -> str:
-        """Output to the safe voltages, by whatever still works; what did not, in words."""
+        """Output to the safe voltages, by all means that still work; those that failed, in words."""
         complaints = []
         try:
             if softly:
@@ -188,7 +188,7 @@ class Live:
         return "; ".join(complaints)
 
     def _ending(self, cause: Cause, reason: str) -> dict[str, Any]:
-        """What the recording says at its end."""
+        """The end of the run for the recording."""
         punctuality = {
             "ticks_per_second": self._done / self._seconds,
             "overruns": self._clock.overruns,

@@ -70,7 +70,7 @@ def run_realtime(
     Returns
     -------
     Outcome
-        Why it ended and how punctual it was. Whatever happened, the output is at the safe voltages.
+        The cause of its end and its punctuality. The output is at the safe voltages in every case.
 
     Raises
     ------
@@ -129,7 +129,7 @@ def _check_agreement(
 
 
 def _check_range(axes: Sequence[Axis], driver: Driver) -> None:
-    """What may leave must be what the hardware can put out, or not even the safe voltage is sure to."""
+    """Refuse voltage limits beyond the range of the hardware: else even the safe voltage could fail."""
     for axis in axes:
         check_range(f"voltage_limits of axis {axis.name}", axis.voltage_limits, driver.describe())
 
@@ -187,7 +187,7 @@ def _about(driver: Any, axis: Axis, timing: Timing, about: Mapping[str, object])
 
 
 def _plan(driver: Any, axis: Axis, timing: Timing, place: Growing, about: dict[str, Any]) -> Plan:
-    """What goes into a file."""
+    """The metadata of a file."""
     return Plan(
         place=place,
         about=about,
@@ -199,7 +199,7 @@ def _plan(driver: Any, axis: Axis, timing: Timing, place: Growing, about: dict[s
 
 
 def _check_room(axes: Sequence[Axis], timing: Timing, folder: Path) -> None:
-    """The disk has room for the whole run."""
+    """The disk has space for the whole run."""
     needed = sum(
         80 * len(a.trajectory) + 8 * len(a.trajectory) // stride(timing) * SlowLayout.of(a.controller).width
         for a in axes

@@ -25,9 +25,9 @@ class Axis:
     controller : Controller
         Gives the voltages and learns.
     voltage_limits : tuple[float, float]
-        Lowest and highest voltage that may leave, V at the D/A converter, whatever the controller asks for.
+        Lowest and highest output voltage, V at the D/A converter, for any command of the controller.
     slew : float
-        Fastest change of the voltage that may leave, V/s; also of soft start and soft stop.
+        Fastest change of the output voltage, V/s; also of soft start and soft stop.
     safe_voltage : float
         Where the output starts and ends, V, within the limits.
     name : str
@@ -89,7 +89,7 @@ class RealtimeSettings:
         So long without a usable measurement ends the run, s: lost, rejected by the controller, or frozen while the
         voltage moves.
     watchdog_timeout : float
-        So long without a tick and the watchdog kills the process and brings the output to safety, s.
+        After this time without a tick the watchdog kills the process and sets the output to the safe voltage, s.
     axis_check : bool
         Whether each axis makes a small motion before the run, that shows sign, gain and channel of its sensor. Without
         it nothing but the supervision of the run finds a wrong one, after it has moved as far as `error_limit` allows.

@@ -22,7 +22,7 @@ TEXT = 16384  # bytes of a text
 class Slot(IntEnum):
     """The counters."""
 
-    BEAT = 0  # blocks begun: stands still if the loop does
+    BEAT = 0  # blocks begun: constant if the loop has stopped
     WRITTEN = 1  # ticks that are complete in the ring
     SAVED = 2  # ticks that the recorder has taken out of it
     SLOW_WRITTEN = 3  # entries of the slow ring
@@ -35,7 +35,7 @@ class Slot(IntEnum):
     SERVER = 10  # a Helper
     STOP = 11  # not 0: somebody asks for the end of the run
     DEPUTY = 12  # a Helper: the watchdog's deputy
-    WATCHDOG_BEAT = 13  # looks that they have taken: each stands still if its process does
+    WATCHDOG_BEAT = 13  # checks that they have made: constant if the process has stopped
     DEPUTY_BEAT = 14
     DEPUTY_PID = 15
     ENDINGS = 16  # where in each file the JSON of its end stands, one slot an axis
@@ -48,7 +48,7 @@ class State(IntEnum):
 
 
 class Helper(IntEnum):
-    """What a helping process says of itself."""
+    """State of a helping process."""
 
     ABSENT, READY, FAILED, RESCUED, NO_RESCUE, RESCUING = range(6)
 
@@ -62,9 +62,9 @@ class Text(IntEnum):
 
 
 class Pulse:
-    """For how long a counter of another process has stood still, as far as we were there to see it.
+    """For how long a counter of another process has been constant, as far as this process was running.
 
-    Of the time between two looks at most `SEEN` counts: where the computer itself stood still, all of us did.
+    Of the time between two checks at most `SEEN` counts: if the computer itself stopped, all processes did.
     """
 
     SEEN = 0.25  # s
@@ -136,7 +136,7 @@ class Shared:
         return Shared, (self.layout, self.fd)  # to a process that has inherited the descriptor
 
     def write(self, text: Text, value: str) -> None:
-        """Leave a text for the others, cut to what has room."""
+        """Leave a text for the others, cut to the space."""
         data = value.encode()[: TEXT - 1]
         self._texts[text * TEXT : text * TEXT + len(data) + 1] = data + b"\0"
 
@@ -145,5 +145,5 @@ class Shared:
         return bytes(self._texts[text * TEXT : (text + 1) * TEXT]).split(b"\0")[0].decode(errors="replace")
 
     def close(self) -> None:
-        """Let go of the descriptor; the memory itself goes with the arrays."""
+        """Close the descriptor; the memory itself is freed with the arrays."""
         os.close(self.fd)

@@ -1,7 +1,7 @@
-"""The watchdog and its deputy: they end our process when the loop stands still, and bring the output to safety.
+"""The watchdog and its deputy: they end the process when the loop stops, and set the output to the safe voltage.
 
-Each has a process and a session of its own. The watchdog acts at once; its deputy acts when nothing comes of that,
-because the watchdog is gone, or stands still, or takes too long. The loop looks whether both of them still beat.
+Each has a process and a session of its own. The watchdog acts at once; its deputy acts when the watchdog has ended, or
+stopped, or takes too long. The loop checks the heartbeats of both.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def watch(
 ) -> None:
     """Look at the beat until the run has ended; without one for `timeout` seconds, kill `pid` and rescue.
 
-    The process being gone is enough, whatever ended it.
+    The end of the process suffices, for any cause.
     """
     process, first = os.pidfd_open(pid), os.pidfd_open(os.getpid())
     protect()
@@ -89,7 +89,7 @@ def _patience(shared: Shared, state: int, timeout: float) -> float:
 
 
 def _failed(shared: Shared, watchdog: int) -> str:
-    """How the watchdog, of this pidfd, failed to bring the output to safety, once it has; "" if it did not."""
+    """How the watchdog, of this pidfd, failed to set the output to the safe voltage; "" if it did not fail."""
     count, pulse, began = shared.count, Pulse(), time.monotonic()
     while count[Slot.WATCHDOG] not in (Helper.RESCUED, Helper.NO_RESCUE):
         if select.select([watchdog], [], [], GRACE / 10)[0]:
@@ -105,7 +105,7 @@ def _failed(shared: Shared, watchdog: int) -> str:
 
 
 def outcome(shared: Shared) -> str:
-    """In words, what the two have done after the process was gone; they have a moment for it."""
+    """In words, what the two have done after the end of the process; they have a moment for it."""
     began = time.monotonic()
     while True:
         states = {slot: shared.count[slot] for slot in NAMES}
@@ -137,6 +137,6 @@ def _bring_to_safety(
         tell = f"{NAMES[who]}: {why}; THE OUTPUT IS NOT SAFE, not at {volts}: {' '.join(str(error).split())}"
     else:
         shared.count[who] = Helper.RESCUED
-        tell = f"{NAMES[who]}: {why}; output brought to {volts}"
+        tell = f"{NAMES[who]}: {why}; output set to {volts}"
     sys.stderr.write(f"truestroke: {tell}\n")
     sys.stderr.flush()
