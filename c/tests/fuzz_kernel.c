@@ -1,6 +1,6 @@
 /* Fuzzer of the kernel: bytes become settings and a sequence of calls with any arguments; see `invariants` for what must hold.
  *
- * With clang it is a libFuzzer target; without it `main` below draws the bytes itself, from a seed. Both take files as
+ * With clang it is a libFuzzer target; without it `main` below generates the bytes itself, from a seed. Both take files as
  * arguments, to repeat what was found. */
 #include <float.h>
 #include <stdio.h>
@@ -85,7 +85,7 @@ static ts_settings sane(bytes *b)
         .change_hysteresis = (ts_real)0.3, .change_share = (ts_real)2e-3, .outlier = 12, .outliers = 3};
     for (int i = 0; i < ts_parameters(&s); i++) s.prior[TS_PACKED(i) + i] = i ? (ts_real)0.5 : 9;
     unsigned stage = byte(b);
-    if (stage & 3) /* three of four watch it, some are told its resonance */
+    if (stage & 3) /* three of four watch it, some are given its resonance */
         s.oscillation = (ts_oscillation_settings){
             .tick = (ts_real)5e-4, .corner = (ts_real)0.17, .fast = (ts_real)0.6, .slow = (ts_real)0.05,
             .motion_rate = (ts_real)5e-3, .noise_share = 2, .floor = (ts_real)0.15, .large = (ts_real)0.6};
@@ -127,14 +127,14 @@ static void (*at_failure)(void);
 static void require(bool holds, const char *what)
 {
     if (holds) return;
-    fprintf(stderr, "the kernel broke its word: %s\n", what);
+    fprintf(stderr, "the kernel violated: %s\n", what);
     if (at_failure) at_failure();
     abort();
 }
 
 typedef struct {
     ts_controller c;
-    bool tame;         /* only settings and desired values that somebody might use: P must stay positive definite */
+    bool tame;         /* only settings and desired values that are realistic: P must stay positive definite */
     ts_real plant[2];  /* of a plausible actuator, V */
 } bench;
 
@@ -290,7 +290,7 @@ static void keep(void)
     fprintf(stderr, "the input is in fuzz-found.bin: give it as an argument to repeat it\n");
 }
 
-static uint64_t draw(uint64_t *state) /* splitmix64 */
+static uint64_t random_bits(uint64_t *state) /* splitmix64 */
 {
     uint64_t x = *state += 0x9e3779b97f4a7c15u;
     x = (x ^ x >> 30) * 0xbf58476d1ce4e5b9u;
@@ -323,8 +323,8 @@ int main(int count, char **arguments)
     __sanitizer_set_death_callback(keep);
     at_failure = keep;
     while (difftime(time(NULL), begin) < seconds) {
-        length = 16 + draw(&state) % (LONGEST - 16);
-        for (size_t i = 0; i < length; i++) input[i] = (uint8_t)draw(&state);
+        length = 16 + random_bits(&state) % (LONGEST - 16);
+        for (size_t i = 0; i < length; i++) input[i] = (uint8_t)random_bits(&state);
         LLVMFuzzerTestOneInput(input, length);
     }
     return 0;

@@ -363,11 +363,11 @@ static void test_kalman(void)
     check(changes, "its change is found in the same tick");
 }
 
-/* What a year may bring: rest, one position, one sine, spikes, no measurement at all, nonsense. */
+/* What a year may bring: rest, one position, one sine, spikes, no measurement at all, wrong readings. */
 static void test_kalman_bounds(void)
 {
     enum { LENGTH = 60000 };
-    static const char *name[] = {"rest", "one position", "one sine", "spikes", "no sensor", "wave", "nonsense"};
+    static const char *name[] = {"rest", "one position", "one sine", "spikes", "no sensor", "wave", "wrong readings"};
     for (int kind = 0; kind < 7; kind++) {
         ts_real w[TS_PADDED(K_M)], w0[TS_PADDED(K_M)], P0[TS_PACKED(K_M)];
         ts_kalman_settings s = EXACT;
@@ -398,7 +398,7 @@ static void test_kalman_bounds(void)
         }
         check(bounded, name[kind]);
         check(spd, "P stays positive definite");
-        check(apart && (kind != 6 || last > 0), "nonsense is a change at most once in a refractory time");
+        check(apart && (kind != 6 || last > 0), "wrong readings are a change at most once in a refractory time");
         if (kind != 6) check(within, "weights stay within what the prior holds for possible");
     }
 }
@@ -415,7 +415,7 @@ static void test_spikes_and_changes(void)
     for (int k = 0; k < 4; k++) {
         ts_controller_command(&c, c.motion[(c.counters.commands - 1) % TS_HISTORY].z_d, 0, &volts);
         ts_status status = ts_controller_adapt(&c, expected + 10, 0);
-        check((status == TS_REJECTED) == (k < 3) && c.flags.rejected == (k < 3), "three spikes are not believed, a fourth is");
+        check((status == TS_REJECTED) == (k < 3) && c.flags.rejected == (k < 3), "three spikes are rejected, a fourth is used");
     }
     memcpy(&c, &before, sizeof c);
     uint64_t fired = c.counters.changed, last = 0;
@@ -512,7 +512,7 @@ static void test_limited_tick_is_not_used(void)
     ts_controller_init(&c, &s);
     for (int k = 0; k < 2000; k++) tick(&c, plant, k);
     memcpy(w, c.w, sizeof w);
-    for (int k = 0; k < 100; k++) { /* far away: first the slew, then the voltage limit; the sensor tells nonsense */
+    for (int k = 0; k < 100; k++) { /* far away: first the slew, then the voltage limit; the sensor gives wrong readings */
         ts_controller_command(&c, k < 50 ? 100 : -100, 0, &volts);
         ts_controller_adapt(&c, (ts_real)uniform(10, 20), 0);
     }
@@ -585,13 +585,13 @@ static void test_trim(void)
         ts_controller_command(&c, 10, 0, &volts);
         ts_controller_adapt(&c, z = 10 * volts + 3, 0);
     }
-    check(near(z, 10, 1e-3 / EPS), "the trim brings it home");
+    check(near(z, 10, 1e-3 / EPS), "the trim removes the error");
     for (int k = 0; k < 5000; k++) { /* out of reach: no windup */
         ts_controller_command(&c, 50, 0, &volts);
         ts_controller_adapt(&c, 10 * volts + 3, 0);
     }
     check(fabs((double)c.integral) < 30, "out of reach the integral waits");
-    for (int k = 0; k < 1000; k++) { /* a sensor that is wrong but alive drives it to the limit */
+    for (int k = 0; k < 1000; k++) { /* a plausible sensor error drives it to the limit */
         ts_controller_command(&c, 10, 0, &volts);
         ts_controller_adapt(&c, (ts_real)(-50 + uniform(-0.01, 0.01)), 0);
     }

@@ -124,7 +124,7 @@ def _actuator(options: Mapping[str, Any], wave: Trajectory) -> Iterator[tuple[Ac
 
 @contextmanager
 def _hardware(file: Path) -> Iterator[tuple[Actuator, dict[str, Any]]]:
-    """One axis of hardware; the output is at the safe voltage behind it."""
+    """One axis of hardware; the output is at the safe voltage afterwards."""
     from truestroke.runtime.drivers import OneAxis
     from truestroke.runtime.realtime import config
 

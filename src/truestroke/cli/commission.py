@@ -31,7 +31,7 @@ def commission(config: Path, output: str, yes: bool, as_json: bool) -> int:
     """Guide the first volts of an axis, and write what they show into the configuration.
 
     Steps from the safe voltage that begin tiny: noise, polarity, gain, latency, first resonance. Then, if you agree,
-    the whole range of voltage_limits. The output ends at the safe voltage whatever happens. FILE as it was stays beside
+    the whole range of voltage_limits. The output ends at the safe voltage in every case. FILE as it was stays beside
     it as FILE.bak.
     """
     from truestroke.runtime.commissioning import AnswerError
@@ -41,7 +41,7 @@ def commission(config: Path, output: str, yes: bool, as_json: bool) -> int:
     (page,) = common.outputs(output, ".html")
     driver, table = configuration.one_axis(config)
     if not (yes or sys.stdin.isatty()):
-        raise click.UsageError("nobody is there to agree before the axis moves: --yes does, for scripts.")
+        raise click.UsageError("there is no terminal to agree before the axis moves: use --yes in scripts.")
     axis = OneAxis(driver, **table.limits)
     try:
         found = _measured(axis, table, yes, as_json)
@@ -78,7 +78,7 @@ def _measured(axis: OneAxis, table: AxisTable, yes: bool, as_json: bool) -> Find
 
 
 def _stroke(found: Findings, table: AxisTable, yes: bool) -> float | None:
-    """As it is, or what somebody says where there is none or it is beyond reach."""
+    """As it is, or the answer of the user where there is none or it is beyond reach."""
     if table.model or (found.asked is not None and not found.beyond):
         return found.asked
     if yes:

@@ -63,7 +63,7 @@ class Commands(click.Group):
         sys.exit(code)
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run the command that is asked for, and remember it for what goes wrong."""
+        """Run the command that is asked for, and remember it for error messages."""
         try:
             return super().invoke(ctx)
         finally:

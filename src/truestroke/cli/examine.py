@@ -17,7 +17,7 @@ def examine(record: Path, as_json: bool, **options: Any) -> None:
     """Examine a record of voltage and displacement.
 
     Reads CSV and other text with columns, NPZ, MATLAB, Parquet, HDF5. Prints sample rate, stroke, delay, noise, rates;
-    says what the record cannot identify. A record that cannot be used is refused with its row and the reason.
+    lists what the record cannot identify. A record that cannot be used is refused with its row and the reason.
     """
     from truestroke.identification import examine as look
 

@@ -26,7 +26,7 @@ def identify(record: Path, output: str, report: str | None, plots: Path | None, 
     """Fit a model to a record of voltage and displacement.
 
     Structure by blocked cross-validation; the last 40 % of the record measure how well the model predicts. Writes a
-    model file that `AdaptiveController.from_model` starts from, and a page that says how far it can be trusted.
+    model file that `AdaptiveController.from_model` starts from, and a page with its uncertainty.
     """
     from truestroke.identification import examine, save_model
     from truestroke.identification import identify as fit

@@ -29,8 +29,8 @@ def invert(
     """Make a voltage waveform of a desired displacement.
 
     A file has columns t (s) and z (um), or z alone, as the sensor of the model's record reads it; a built-in motion
-    begins at the model's zero. The actuator is taken to rest under the first voltage. Says where the motion is out of
-    reach or too fast, and where the model guesses.
+    begins at the model's zero. The actuator is assumed to rest under the first voltage. Reports where the motion is out
+    of reach or too fast, and where the model extrapolates.
     """
     from truestroke.identification import save_waveform, waveform
 

@@ -39,7 +39,7 @@ def realtime_options(command: Callable[..., Any]) -> Callable[..., Any]:
 def close_the_loop(
     command: str, config: Path, job: Job, output: Path | None, overwrite: bool, as_json: bool, epics: bool = False
 ) -> int:
-    """Run what the configuration says, and print what became of it; the exit code."""
+    """Run the configuration, and print the result; the exit code."""
     from truestroke.base.files import beside
     from truestroke.runtime.drivers import DriverError
     from truestroke.runtime.realtime import Cause, RealtimeError, run_realtime

@@ -16,7 +16,7 @@ from truestroke.cli import common, realtime
 def serve(epics: bool, config: Path | None, example: bool, output: Path | None, overwrite: bool, as_json: bool) -> int:
     """Close the loop in real time and serve it: set-points and supervision, not single samples.
 
-    The server has a process of its own; the loop does not notice when it dies. docs/epics.md lists what is published.
+    The server has a process of its own; its end does not affect the loop. docs/epics.md lists what is published.
     """
     from truestroke.runtime.realtime import config as configuration
 

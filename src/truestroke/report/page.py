@@ -73,11 +73,11 @@ class Section:
     code : str
         Commands, as they are typed.
     plot, caption : str
-        Name of a plot and what to look for in it. The section is left out where the page makes no such plot.
+        Name of a plot and its explanation. The section is left out where the page makes no such plot.
     beside : bool
         Half as wide as the page, beside its neighbour.
     folded : bool
-        Behind all others; only its heading is seen until it is opened.
+        After all others; only its heading is shown until it is opened.
     """
 
     heading: str = ""
@@ -111,7 +111,7 @@ class Page:
     verdict : Verdict or None
         Shown above all sections, with its reasons.
     remark : str
-        Behind the level of the verdict: what it means.
+        After the level of the verdict: its meaning.
     command : str or None
         What makes the page again.
     footer : str
@@ -161,7 +161,7 @@ def save_plots(plots: Plots, directory: str | Path) -> list[Path]:
 
 
 def typeset(text: str) -> Markup:
-    """A text of the terminal as HTML: um as µm; what stands in backticks as code, to the letter.
+    """A text of the terminal as HTML: um as µm; text in backticks as code, unchanged.
 
     Examples
     --------

@@ -115,7 +115,7 @@ def error(recording: Recording, convergence_time: float | None = None, theme: Th
 
 
 def _usual(recording: Recording) -> NDArray[np.bool_]:
-    """The ticks of the second half, without the quarter of a second behind a sudden change: what sets the scale."""
+    """The ticks of the second half, without the quarter of a second after a sudden change: they set the scale."""
     ticks = np.zeros(recording["time"].size, bool)
     ticks[settled(recording)] = True
     change = change_time(recording)
@@ -174,10 +174,10 @@ def _mark(axes: Axes, at: float, text: str, theme: Theme, below: bool = False) -
 
 
 def weights(recording: Recording, theme: Theme = LIGHT) -> Figure:
-    """What was learned against time, each line with its name at the right: weights a and b of the plays, other terms.
+    """Learned weights against time, each line with its name at the right: weights a and b of the plays, other terms.
 
-    Where there are many plays, some of their partial slopes stand for the weights: they mean the same and can be told
-    apart.
+    Where there are many plays, some of their partial slopes replace the weights: they have the same meaning and are
+    distinguishable.
     """
     time, rows = recording["weights_time"], _learned(recording)
     with style.use(theme):
@@ -204,7 +204,7 @@ def _learned(recording: Recording) -> list[tuple[str, list[str], FloatArray]]:
     values = recording["weights"]
     section = recording.metadata.get("controller")
     names = list(section.get("parameters") or ()) if isinstance(section, dict) else []
-    if len(names) != values.shape[1]:  # a controller of somebody's own
+    if len(names) != values.shape[1]:  # a controller of a user
         names = [f"{letter}{i}" for i in range(values.shape[1] // 2) for letter in "ab"]
     groups = {
         letter: [i for i, name in enumerate(names) if name[0] == letter and name[1:].isdigit()] for letter in "ab"

@@ -78,7 +78,7 @@ def _table(summary: TrackingSummary) -> Table:
         f"Per cent are of the peak-to-peak value of the desired motion in that time, {summary.peak_to_peak_um:.1f} um."
     )
     if summary.true_rmse_um is not None:
-        note += " Measured is what the sensor says, with its noise; true is what the simulated actuator did."
+        note += " Measured is the reading of the sensor, with its noise; true is the motion of the simulated actuator."
     errors: list[Sequence[str | Number]] = [
         [row, *(Number(um, "um", f"{share} %") for um, share in cells)] for row, cells in words.table(summary)
     ]

@@ -1,4 +1,4 @@
-"""One look for all pictures: Okabe-Ito colours, a light and a dark theme, honest thinning of long lines."""
+"""One look for all pictures: Okabe-Ito colours, a light and a dark theme, thinning of long lines."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ DARK = _theme(
     "#14171a #e8eaed #9aa0a6 #2c3136 #6b7178 #56b4e9 #2f6688 #e8804a #cc79a7 #ff7a6e",
     "#56b4e9 #e8804a #1fbf94 #cc79a7 #e69f00 #4a90d9 #f0e442 #e8eaed",
 )
-# Colours that stand for CSS variables, so that a page can follow the reader's choice of light or dark.
+# Colours that are replaced by CSS variables, so that a page can follow the reader's choice of light or dark.
 PAGE = _theme(
     "page",
     " ".join(f"#0f1e{i:02x}" for i in range(len(ROLES))),

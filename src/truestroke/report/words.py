@@ -1,4 +1,4 @@
-"""What a recording says, in words: shared by the page and the command line."""
+"""Sentences on a recording: shared by the page and the command line."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from truestroke.signals.recording import Recording, versions
 NAMES = {
     "AdaptiveController": "the adaptive inverse controller",
     "paper": "the adaptive inverse controller of the paper, to the letter",
-    "RealisticPlant": "a simulated stack (realistic: more than the controller's model can say)",
+    "RealisticPlant": "a simulated stack (realistic: more than the controller's model can describe)",
     "MatchedPlant": "a simulated stack (matched: of exactly the controller's structure)",
     "SimulatedDriver": "a simulated stack in real time",
-    "NidaqmxDriver": "hardware behind an NI-DAQmx card",
+    "NidaqmxDriver": "hardware with an NI-DAQmx card",
     "PiDriver": "a controller of Physik Instrumente",
     "OneAxis": "one channel of hardware",
 }
@@ -54,7 +54,7 @@ CAPTIONS = {
     ),
     "voltage": (
         "Voltage",
-        "What the controller asked for. A line that touches the limits had no travel left.",
+        "The command of the controller. A line that touches the limits had no travel left.",
     ),
 }
 
@@ -71,7 +71,7 @@ def _name(recording: Recording, section: str, otherwise: str) -> str:
 
 
 def voltage_limits(recording: Recording) -> tuple[float, float] | None:
-    """Lowest and highest voltage that the controller may ask for, V."""
+    """Lowest and highest voltage of the controller, V."""
     limits = _settings(recording, "controller").get("voltage_limits")
     return None if limits is None else (float(limits[0]), float(limits[1]))
 
@@ -87,7 +87,7 @@ def title(recording: Recording, summary: TrackingSummary, verdict: Verdict) -> s
 
 
 def paragraph(verdict: Verdict) -> str:
-    """The verdict in a word, and its reasons behind it.
+    """The verdict in a word, and its reasons after it.
 
     >>> paragraph(Verdict("good")), paragraph(Verdict("doubtful", ("It was late.",)))
     ('good', 'doubtful: It was late.')
@@ -166,7 +166,7 @@ def _recovered(summary: TrackingSummary, change: float) -> str:
 
 
 def flags(summary: TrackingSummary) -> list[str]:
-    """What happened on the way, in a few words for each kind of flag; empty where nothing did."""
+    """The events of the run, in a few words for each kind of flag; empty without events."""
     counts = summary.as_dict()
     return [
         f"{what} in {count:,.0f} tick{'' if count == 1 else 's'} ({_percent(count / summary.ticks)})"

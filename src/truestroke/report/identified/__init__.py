@@ -1,4 +1,4 @@
-"""The page of an identified model: how well it predicts, what it is made of, what its record could not tell.
+"""The page of an identified model: prediction errors, structure, and what its record could not identify.
 
 >>> from truestroke.report.identified import model_page
 """

@@ -18,7 +18,7 @@ from truestroke.report.units import length
 CAPTIONS = {
     "loop": (
         "Hysteresis loop",
-        "Displacement over voltage in the part of the record that the model had not seen, measured and predicted. On "
+        "Displacement over voltage in the held-out part of the record, measured and predicted. On "
         "the right the straight line is taken away, so that the loops open: look for places where the thin line "
         "leaves the wide one.",
     ),
@@ -68,7 +68,7 @@ def line_rmse(view: View) -> float:
 
 
 def verdict(found: Identified, view: View, findings: Findings) -> str:
-    """How well the model predicts what it has not seen, in one sentence."""
+    """The prediction error of the model on held-out data, in one sentence."""
     h, line = found.held_out, line_rmse(view)
     errors = f"{percent(h.rmse_percent)} of stroke rmse, {percent(h.maximum_percent)} at most"
     what = "The model predicts motion that it has not seen"
@@ -95,7 +95,7 @@ def notes(view: View, record: Record) -> list[str]:
     says, unknown = [], np.count_nonzero(np.isnan(view.error))
     if unknown:
         share = percent(100 * unknown / view.time.size)
-        says.append(f"{share} of the samples lie in gaps or behind them, where the state of the actuator is not known")
+        says.append(f"{share} of the samples are in gaps or after them, where the state of the actuator is not known")
     block = round(record.sample_rate / view.model.figures["record_sample_rate_hz"])
     if block > 1:
         rate = view.model.figures["record_sample_rate_hz"]
@@ -222,7 +222,7 @@ def _warnings(texts: list[str]) -> Section | None:
 
 
 def _structure(found: Identified) -> list[Section | None]:
-    """What was chosen and what each part of it is worth; folded, all that was tried."""
+    """The chosen structure and the effect of each part; folded, all structures that were tried."""
     tried = structures(found.tried)
     chosen = next(one for one in tried if one.differs == "")
     parts = [(one.differs, length(one.rmse), _more(one.rmse, chosen.rmse)) for one in tried if one.differs]

@@ -33,7 +33,7 @@ def plots(found: Identified, theme: Theme = LIGHT) -> dict[str, Figure]:
 
 
 def loop(view: View, theme: Theme = LIGHT) -> Figure:
-    """Displacement over voltage, held out: as it is, and what a straight line leaves of it."""
+    """Displacement over voltage, held out: as it is, and the residual of a straight line."""
     rows = view.loops()
     x, z = view.volts[rows], view.displacement[rows]
     line = np.asarray(np.polyval(np.polyfit(view.volts, view.displacement, 1), x), dtype=np.float64)
@@ -57,7 +57,7 @@ def loop(view: View, theme: Theme = LIGHT) -> Figure:
 
 
 def residual(view: View, correlation: FloatArray, rows: int, theme: Theme = LIGHT) -> Figure:
-    """What the prediction leaves: against time, voltage and rate; and how what the fit leaves goes with itself."""
+    """Prediction error against time, voltage and rate; and the autocorrelation of the residual of the fit."""
     error = view.error[view.tested]
     factor, unit = units.scaled_length(float(np.abs(error).max()))
     volts, volt = volt_unit(view)

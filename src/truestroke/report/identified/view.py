@@ -24,7 +24,7 @@ Rows = NDArray[np.intp]
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class View:
-    """The samples that `identify` used, and what the model that was fitted to their first part makes of them.
+    """The samples that `identify` used, and their prediction by the model that was fitted to their first part.
 
     Attributes
     ----------

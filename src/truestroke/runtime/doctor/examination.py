@@ -1,4 +1,4 @@
-"""All that the doctor looks at, of this computer alone or for one configuration."""
+"""All checks of the doctor, of this computer alone or for one configuration."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ PART = "configuration"
 
 
 def examine(config: Path | None = None, probe: float = machine.PROBE) -> list[Finding]:
-    """Look at drivers, real-time settings and permissions; with a configuration, at what it needs.
+    """Check drivers, real-time settings and permissions; with a configuration, its requirements.
 
     No output moves: of the hardware that a configuration names the driver is opened and closed.
 

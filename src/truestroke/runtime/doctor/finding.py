@@ -8,7 +8,7 @@ from pathlib import Path
 
 
 class Level(StrEnum):
-    """How it stands."""
+    """The result of a check."""
 
     OK = "ok"
     WARNING = "warning"
@@ -30,7 +30,7 @@ class Finding:
     found : str
         What was found, with unit.
     level : Level
-        OK; WARNING: there, but it may hurt; MISSING: not there.
+        OK; WARNING: present, but it may cause late ticks; MISSING: not present.
     command : str
         What installs or repairs it; dropped where it is OK; empty where no command does it.
     required : bool

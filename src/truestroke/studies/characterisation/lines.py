@@ -107,7 +107,7 @@ class Characterisation:
     r_squared : ndarray, shape (n,)
         Coefficient of determination of each line; near 0 where the velocity does not matter.
     misfit : float
-        rms of what the lines leave of the displacement in the passes, um.
+        rms residual of the lines in the displacement of the passes, um.
     stroke : float
         Of the triangles, um.
     recording : Recording
@@ -208,7 +208,7 @@ class Characterisation:
         )
 
     def as_dict(self) -> dict[str, Any]:
-        """All figures as plain numbers, for JSON."""
+        """All results as plain numbers, for JSON."""
         arrays = (
             "thresholds",
             "velocities",
@@ -329,7 +329,7 @@ def _by_velocity(recording: Recording) -> dict[float, list[_Pass]]:
 
 
 def _followed(passes: list[_Pass], tolerance: float) -> list[_Pass]:
-    """Those behind the last one whose error is larger."""
+    """Those after the last one whose error is larger."""
     behind = [i + 1 for i, p in enumerate(passes) if not p.error <= tolerance]
     return passes[behind[-1] if behind else 0 :]
 

@@ -103,7 +103,7 @@ def characterise(
     stroke : float
         From 0 um to there, um. The larger, the more plays move.
     voltage_limits : tuple[float, float]
-        Lowest and highest voltage that may leave, V at the D/A converter.
+        Lowest and highest output voltage, V at the D/A converter.
     speeds, duration, sample_rate, ramp
         As in `sweep`: um/s, s, Hz, s.
     slew_limit : float, optional

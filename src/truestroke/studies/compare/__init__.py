@@ -1,4 +1,4 @@
-"""The paper's controller among its rivals, on the same actuator and the same waves."""
+"""Comparison of eight controllers on the same actuator and the same waves."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Comparison:
     rivals: list[Rival]
 
     def as_dict(self) -> dict[str, Any]:
-        """All figures and settings as plain numbers and text, for JSON."""
+        """All metrics and settings as plain numbers and text, for JSON."""
         return {
             **judge(self.rows).as_dict(),
             "rivals": [{"controller": r.name, "source": r.source, "tuning": r.tuning} for r in self.rivals],
@@ -51,7 +51,7 @@ def run(
     plant: Callable[[int], Actuator] | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Comparison:
-    """Make all rivals ready, then compare them on a random wave of 20 Hz and a sine of 8 Hz.
+    """Identify and tune all controllers, then compare them on a random wave of 20 Hz and a sine of 8 Hz.
 
     Parameters
     ----------

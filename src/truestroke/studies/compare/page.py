@@ -17,7 +17,7 @@ from truestroke.report.style import LIGHT, Theme
 from truestroke.studies.compare.rivals import Rival
 from truestroke.studies.compare.table import Row, judge
 
-SECONDS = 1.0  # of the end of a run that is drawn
+SECONDS = 1.0  # of the end of a run that is plotted
 CAPTIONS = {
     "errors": (
         "Errors",
@@ -148,7 +148,7 @@ def page(rows: Sequence[Row], rivals: Sequence[Rival], command: str | None = Non
             Section(tables=[*by_wave[:-1], dataclasses.replace(by_wave[-1], note=NOTE)]),
             *captioned(CAPTIONS),
             Section(
-                heading="The rivals, and how each was made ready",
+                heading="Identification and tuning of each controller",
                 tables=[Table(columns=["controller", "source", "tuning"], rows=made_ready, kind="words")],
             ),
         ],
@@ -166,5 +166,5 @@ def _lead(rows: Sequence[Row]) -> str:
     smallest = "; ".join(
         f"on the {wave} {row.controller}, {units.length(_error(row, 'rmse'))}" for wave, row in best.items()
     )
-    kind = {"true": "what the actuator really did, without sensor noise", "measured": "what the sensor says"}
+    kind = {"true": "true motion, without sensor noise", "measured": "reading of the sensor"}
     return f"Errors are {kind[words.kinds(rows[0].summary)[-1]]}. The smallest rmse: {smallest}."

@@ -1,4 +1,4 @@
-"""The rivals of the paper's controller, each made ready as its owner would: identified and tuned on the same actuator.
+"""The controllers of the comparison, each identified and tuned on the same actuator, as a user would do it.
 
 What an owner may use: the actuator for a few seconds before the comparison, and waves of the same kind as those of the
 comparison, but not the waves themselves.
@@ -41,7 +41,7 @@ class Rival:
     source : str
         Where it is from.
     tuning : str
-        How it was made ready, with the settings that came out.
+        How it was identified and tuned, with the resulting settings.
     make : callable
         Gives a fresh controller.
     """
@@ -91,7 +91,7 @@ class Workbench:
 
 
 def prepare(bench: Workbench) -> Iterator[Rival]:
-    """All rivals, in the order of the table, made ready one after the other.
+    """All controllers, in the order of the table, identified and tuned one after the other.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ def prepare(bench: Workbench) -> Iterator[Rival]:
 
 
 def _straight_line(bench: Workbench) -> ConstantGain:
-    """Through a random wave; a slow sine of half the stroke, played with a guess, tells how many volts it takes."""
+    """Through a random wave; a slow sine of half the stroke, with a guessed gain, gives its voltage."""
     s = bench.settings
     slow = sine(frequency=2.0, peak_to_peak=s.stroke / 2, duration=2.0, sample_rate=s.sample_rate)
     line = ConstantGain(s.stroke / s.voltage_limits[1], s.voltage_limits)

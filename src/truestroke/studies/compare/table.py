@@ -17,7 +17,7 @@ from truestroke.signals.trajectories import Trajectory
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Row:
-    """One controller on one wave. All figures are of the second half of the run.
+    """One controller on one wave. All metrics are of the second half of the run.
 
     Attributes
     ----------

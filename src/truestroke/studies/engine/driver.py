@@ -1,4 +1,4 @@
-"""The driver: what is missing goes to an executor, what comes back into the store."""
+"""The driver: missing runs go to an executor, their results into the store."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from truestroke.studies.engine.executors import Work, threads
 from truestroke.studies.engine.rows import Run, Study
 from truestroke.studies.engine.store import Store
 
-TICKS = 1_000_000  # of controller and plant in a batch: a quarter of a second or more, so handing it round costs little
-BATCHES = 10_000  # at most: one driver hands them round
+TICKS = 1_000_000  # of controller and plant in a batch: a quarter of a second or more: cheap to distribute
+BATCHES = 10_000  # at most: one driver distributes them
 TRIES = 20  # samples of which one at least must be possible
 
 

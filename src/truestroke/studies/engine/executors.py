@@ -162,7 +162,7 @@ def _certificates(distributed: Any, folder: str) -> Iterator[Any]:
 
 
 def _accepted(script: str) -> None:
-    """Ask SLURM first: dask would wait for ever for jobs that were refused."""
+    """Ask SLURM first: dask would wait endlessly for jobs that were refused."""
     asked = subprocess.run(["sbatch", "--test-only"], input=script, text=True, capture_output=True, check=False)
     if asked.returncode:
         raise StudyError(f"sbatch refuses the jobs of this study: {' '.join(asked.stderr.split())}")

@@ -29,7 +29,7 @@ class StoreError(TruestrokeError, RuntimeError):
 
 
 def seal(*values: object) -> str:
-    """What tells that a row is as it was written: a hash of its values.
+    """Seal of a row as it was written: a hash of its values.
 
     >>> seal(7, "x")
     '014d39a27f7b82ad'
@@ -171,7 +171,7 @@ class Store:
 
     @contextmanager
     def _guarded(self) -> Iterator[None]:
-        """What SQLite says is a StoreError."""
+        """An error of SQLite is a StoreError."""
         try:
             yield
         except sqlite3.DatabaseError as error:

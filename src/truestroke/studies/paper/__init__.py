@@ -24,7 +24,7 @@ def reproduce(
     output: str | Path | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> list[Reproduction]:
-    """Run what the paper ran, and put its figures beside ours.
+    """Repeat the runs of the paper, and print its numbers beside ours.
 
     Runs that several of them need are made once. All ten take about 15 s.
 
