@@ -635,7 +635,10 @@ def test_the_command_says_what_is_wrong(bench, fake, change, arguments, message)
 
 
 def test_a_waveform_that_is_none_is_refused(bench) -> None:
-    for rows, message in (("t,z\n0,1\n1,2\n", "no columns time"), ("time,volts\n0,1\n1,1\n5,1\n", "even steps")):
+    for rows, message in (
+        ("t,z\n0,1\n1,2\n", "which column is volts"),
+        ("time,volts\n0,1\n1,1\n5,1\n", "as even times are"),
+    ):
         Path("wave.csv").write_text(rows)
         code, output = typed("wave.csv", "--config", "bench.toml")
         assert (code, message in output) == (1, True), output

@@ -8,9 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
+from truestroke.base import checks
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
 from truestroke.signals.tables import RecordError, Table, is_unit, name_and_unit, unit
+
+TIME_TOLERANCE = 0.01  # of a tick: how far a time in a file may lie from its even grid
 
 
 @dataclass(frozen=True)
@@ -177,3 +180,28 @@ def refuse_bad_rows(source: str, signals: Mapping[str, FloatArray], table: Table
             shown = f" in {text}" if text else ""
             reason = f"{role} is {'missing or no number' if np.isnan(signal[first]) else 'infinite'}{shown}"
             raise RecordError(source, reason + remedy, number, table.where)
+
+
+def even_rate(path: str | Path, table: Table, times: FloatArray | None, sample_rate: float | None = None) -> float:
+    """Sample rate of even times, Hz; the given one where there are no times."""
+    if times is None:
+        return checks.positive("sample_rate", sample_rate, "Hz")
+    if times.size < 2:
+        raise RecordError(str(path), f"{times.size} rows; two at least have a sample rate")
+    tick = (times[-1] - times[0]) / (times.size - 1)
+    if not tick > 0:
+        raise _uneven(path, table, times, times.size - 1, f"above {times[0]} s")
+    even = times[0] + tick * np.arange(times.size)
+    off = np.abs(times - even)
+    worst = int(np.argmax(off))
+    if off[worst] > TIME_TOLERANCE * tick:
+        raise _uneven(path, table, times, worst, f"{even[worst]:g} s, as even times are")
+    if sample_rate is None:
+        return float(round(1 / tick, 6))
+    if abs(sample_rate * tick - 1) > TIME_TOLERANCE / times.size:
+        raise SettingError("sample_rate", sample_rate, f"{1 / tick:g} Hz, as the times of {path}", "Hz")
+    return float(sample_rate)
+
+
+def _uneven(path: str | Path, table: Table, times: FloatArray, row: int, bound: str) -> RecordError:
+    return RecordError(str(path), f"time is {times[row]:.9g} s: must be {bound}", table.locate(row)[0], table.where)

@@ -23,13 +23,12 @@ from truestroke.base import checks
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
 from truestroke.signals.channels import Sampled
-from truestroke.signals.columns import Wanted, read_columns, refuse_bad_rows
-from truestroke.signals.tables import UNITS, RecordError, Table, open_table
+from truestroke.signals.columns import Wanted, even_rate, read_columns, refuse_bad_rows
+from truestroke.signals.tables import UNITS, RecordError, open_table
 
 HEADINGS = {"position": ("z", "desired", "position", "displacement"), "time": ("t", "time")}
 BLOCK = 4096  # ticks that are filtered at a time: what they need stays in the cache
 FARTHEST = 1e9  # um of a motion
-TIME_TOLERANCE = 0.01  # of a tick: how far a time in a file may lie from its even grid
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -435,9 +434,9 @@ def from_csv(
     Raises
     ------
     SettingError
-        Names the argument, its value and the bound: times that are not even, a motion that is too far.
+        Names the argument, its value and the bound, such as of a motion that goes too far.
     RecordError
-        Names the file, the row and the reason: not a number, a column that is not found, fewer than 4 rows.
+        Names the file, the row and the reason: not a number, times that are not even, a column that is not found.
     FileNotFoundError
         There is no such file.
 
@@ -471,8 +470,9 @@ def from_csv(
     if z.size < 4:
         raise RecordError(str(path), f"{z.size} rows; at least 4 are needed")
     farthest = int(np.argmax(np.abs(z)))
-    checks.within(_row(path, table, farthest), z[farthest], -FARTHEST, FARTHEST, "um")
-    rate = _rate(path, table, signals.get("time"), sample_rate)
+    row = f"{path}, {table.where} {table.locate(farthest)[0]}"
+    checks.within(row, z[farthest], -FARTHEST, FARTHEST, "um")
+    rate = even_rate(path, table, signals.get("time"), sample_rate)
     seconds = np.arange(z.size) / rate
     if "velocity" in signals:
         zdot = UNITS["displacement"][columns["position"].unit] * signals["velocity"]
@@ -483,29 +483,6 @@ def from_csv(
     checks.within("ramp", ramp, 0.0, z.size / rate / 2, "s")
     settings = {"path": str(path), "position": position, "time": time, "velocity": velocity, "unit": unit, "ramp": ramp}
     return Trajectory("file", rate, *_ramped(seconds, z, zdot, ramp), settings)
-
-
-def _row(path: str | Path, table: Table, index: int) -> str:
-    return f"{path}, {table.where} {table.locate(index)[0]}"
-
-
-def _rate(path: str | Path, table: Table, times: FloatArray | None, sample_rate: float | None) -> float:
-    """Sample rate of even times, Hz; the given one where there are no times."""
-    if times is None:
-        return checks.positive("sample_rate", sample_rate, "Hz")
-    tick = (times[-1] - times[0]) / (times.size - 1)
-    if not tick > 0:
-        raise SettingError(_row(path, table, times.size - 1), times[-1], f"above {times[0]} s", "s")
-    even = times[0] + tick * np.arange(times.size)
-    off = np.abs(times - even)
-    worst = int(np.argmax(off))
-    if off[worst] > TIME_TOLERANCE * tick:
-        raise SettingError(_row(path, table, worst), times[worst], f"{even[worst]:g} s: times are even", "s")
-    if sample_rate is None:
-        return float(round(1 / tick, 6))
-    if abs(sample_rate * tick - 1) > TIME_TOLERANCE / times.size:
-        raise SettingError("sample_rate", sample_rate, f"{1 / tick:g} Hz, as the times of {path}", "Hz")
-    return float(sample_rate)
 
 
 class VelocityEstimator:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from truestroke.base.typing import FloatArray
 from truestroke.control.actuator import central_difference
-from truestroke.identification import ActuatorModel, Identified
+from truestroke.identification import ActuatorModel, Identified, Trace
 from truestroke.identification.turning import reversals
 from truestroke.model import prior as priors
 from truestroke.model.layout import TERMS
@@ -22,16 +22,14 @@ PRIOR_SHARE = 0.7  # of the prior's deviation: about a weight with more the reco
 Rows = NDArray[np.intp]
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class View:
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class View(Trace):
     """The samples that `identify` used, and their prediction by the model that was fitted to their first part.
 
     Attributes
     ----------
     model : ActuatorModel
         As found, fitted to all of them.
-    time, volts, displacement, predicted : ndarray, shape (samples,)
-        s, V, um, um; displacement and what is predicted of it from voltage alone.
     error : ndarray, shape (samples,)
         Measured minus predicted displacement, um; NaN in gaps of the record.
     line_error : ndarray, shape (samples,)
@@ -45,10 +43,6 @@ class View:
     """
 
     model: ActuatorModel
-    time: FloatArray
-    volts: FloatArray
-    displacement: FloatArray
-    predicted: FloatArray
     error: FloatArray
     line_error: FloatArray
     rate: FloatArray
@@ -62,11 +56,8 @@ class View:
         fitted = ~trace.held_out & trace.known
         line = np.polyfit(trace.volts[fitted], trace.displacement[fitted], 1)
         return cls(
+            **vars(trace),
             model=found.model,
-            time=trace.time,
-            volts=trace.volts,
-            displacement=trace.displacement,
-            predicted=trace.predicted,
             error=np.where(trace.known, trace.residual, np.nan),
             line_error=np.where(trace.known, trace.displacement - np.polyval(line, trace.volts), np.nan),
             rate=central_difference(trace.predicted, found.model.figures["record_sample_rate_hz"]),

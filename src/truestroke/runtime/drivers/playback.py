@@ -17,7 +17,8 @@ from truestroke.runtime.drivers.guard import Limits, check_range
 from truestroke.runtime.drivers.one_axis import OneAxis
 from truestroke.runtime.drivers.paced import let_go
 from truestroke.runtime.drivers.protocol import Driver
-from truestroke.signals.tables import RecordError, open_table
+from truestroke.signals.columns import Wanted, even_rate, read_columns, refuse_bad_rows
+from truestroke.signals.tables import UNITS, open_table
 
 __all__ = ["Player", "Recorded", "playback"]
 
@@ -60,17 +61,13 @@ def read_waveform(path: Path) -> tuple[FloatArray, float]:
     Raises
     ------
     RecordError
-        It has no such columns, or its time does not ascend in even steps.
+        It has no such columns, a row that is no number, or times that are not even.
     """
     table = open_table(path)
-    names = [name.lower() for name in table.names]
-    if not {"time", "volts"} <= set(names):
-        raise RecordError(str(path), "has no columns time (s) and volts (V)")
-    time, volts = table.read([names.index("time"), names.index("volts")], False)
-    steps = np.diff(time)
-    if steps.size == 0 or not (steps > 0).all() or np.ptp(steps) > 1e-3 * steps.mean():
-        raise RecordError(str(path), "time does not ascend in even steps")
-    return volts, float(f"{1 / steps.mean():.9g}")
+    wanted = [Wanted(role, UNITS[role], (role,), certain=True) for role in ("volts", "time")]
+    signals, _ = read_columns(path, table, wanted, ())
+    refuse_bad_rows(str(path), signals, table)
+    return signals["volts"], even_rate(path, table, signals["time"])
 
 
 def save_record(path: Path, made: Recorded) -> None:
