@@ -263,9 +263,9 @@ def _simulate(
         if stop.is_set():
             return
         part = slice(start, min(start + segment, len(wave)))
-        drawn = noise[: (part.stop - start) * per_tick]
-        plant._noise.fill(drawn)
-        _loops.run(*pair, wave.position[part], wave.velocity[part], drawn, *(rows[name][part] for name in SIMULATED))
+        numbers = noise[: (part.stop - start) * per_tick]
+        plant._noise.fill(numbers)
+        _loops.run(*pair, wave.position[part], wave.velocity[part], numbers, *(rows[name][part] for name in SIMULATED))
         controller._kernel.require_reach()
 
 
