@@ -173,7 +173,7 @@ def test_xarray_shows_the_time_of_a_file_and_what_is_in_memory(tmp_path):
 
 def test_a_plot_has_a_panel_for_each_unit_and_names_what_there_is():
     figure = example().plot()
-    assert [axes.get_ylabel() for axes in figure.axes] == ["measured (µm)", "flags", "weights (µm/V)"]
+    assert [axes.get_ylabel() for axes in figure.axes] == ["measured\n(µm)", "flags", "weights\n(µm/V)"]
     assert len(figure.axes[2].get_lines()) == 16
     assert len(example().plot("measured").axes) == 1
     with pytest.raises(SettingError, match="channel = 'true': must be one of time, measured"):

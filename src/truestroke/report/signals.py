@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
 from matplotlib.figure import Figure
 
 from truestroke.base.checks import SettingError
 from truestroke.report import style, units
 from truestroke.report.style import LIGHT, Theme
-from truestroke.signals.channels import Channel, Signals
+from truestroke.signals.channels import Channel, Signals, split
 
 NAMED = 6  # lines that a legend can name
 
@@ -34,16 +33,14 @@ def signals(held: Signals, names: Sequence[str] = (), theme: Theme = LIGHT) -> F
     with style.use(theme):
         figure, axes = style.panels(1.0 + 1.6 * max(1, len(panels)), max(1, len(panels)), sharex=True)
         for panel, ((unit, time), lines) in zip(axes, panels.items(), strict=False):
-            columns = {
-                name + "".join(f"[{i}]" for i in index): channel.data[:, *index]
-                for name, channel in lines.items()
-                for index in np.ndindex(channel.data.shape[1:])
-            }
+            columns = split(lines)
             for i, (label, line) in enumerate(columns.items()):
                 colour = theme.series[i % style.SERIES]
                 panel.plot(*style.thin(channels[time].data, line), color=colour, lw=0.8, label=label)
-            panel.set_ylabel(f"{', '.join(lines)} ({units.micro(unit)})" if unit else ", ".join(lines))
-            if len(columns) <= NAMED:
+            named = 1 < len(columns) <= NAMED
+            what = "displacement" if named and unit == "um" else ",\n".join(lines)
+            panel.set_ylabel(f"{what}\n({units.micro(unit)})" if unit else what)
+            if named:
                 style.legend_above(panel)
         axes[-1].set_xlabel("time (s)")
     return figure

@@ -117,16 +117,11 @@ class Signals(Displayed):
         """
         import pandas
 
-        held = {name: c.data for name, c in self.labelled().items() if c.time == time}
+        held = {name: c for name, c in self.labelled().items() if c.time == time}
         if time not in held:
             axes = dict.fromkeys(c.time for c in self.labelled().values())
             raise SettingError("time", repr(time), " or ".join(map(repr, axes)))
-        columns = {
-            name + "".join(f"[{i}]" for i in index): data[:, *index]
-            for name, data in held.items()
-            for index in np.ndindex(data.shape[1:])
-        }
-        return pandas.DataFrame(columns).set_index(time)
+        return pandas.DataFrame(split(held)).set_index(time)
 
     def to_xarray(self) -> xarray.Dataset:
         """All channels as an `xarray.Dataset` (extra `xarray`), each along its time, with units and descriptions.
@@ -154,6 +149,15 @@ class Signals(Displayed):
         from truestroke.report.signals import signals
 
         return signals(self, names)
+
+
+def split(channels: Mapping[str, Channel]) -> dict[str, Array]:
+    """The columns of channels, each with one axis: of weights, "weights[0]", "weights[1]", ..."""
+    return {
+        name + "".join(f"[{i}]" for i in index): channel.data[:, *index]
+        for name, channel in channels.items()
+        for index in np.ndindex(channel.data.shape[1:])
+    }
 
 
 def index_names(name: str, ndim: int) -> list[str]:

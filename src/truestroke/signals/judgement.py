@@ -286,10 +286,10 @@ def _oscillated(run: _Run) -> Finding | None:
     if not count:
         return None
     share, frequency = _percent(count / run.metrics.ticks), _resonance(run.recording)
-    at, tell = (f" at about {frequency} Hz", f" = {frequency}") if frequency else ("", "")
+    at, setting = (f" at about {frequency} Hz", f" = {frequency}") if frequency else ("", "")
     return "doubtful", (
         f"The controller excited an oscillation of the stage{at}, and was stopped in {share} of the ticks. Set "
-        f"its resonance before the run: `resonance{tell}` (Hz) of the axis or controller; `truestroke commission` "
+        f"its resonance before the run: `resonance{setting}` (Hz) of the axis or controller; `truestroke commission` "
         "measures it."
     )
 
