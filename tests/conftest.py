@@ -16,7 +16,7 @@ from xdist.scheduler import LoadScopeScheduling
 
 from truestroke.base import files
 
-LONG = ("test_soak.py", "test_compare.py", "test_bench.py", "test_docs.py", "test_study.py")
+LONG = ("test_soak.py", "test_compare.py", "test_bench.py", "test_files_of_a_run.py", "test_docs.py", "test_study.py")
 SHARED = ("test_compare.py", "test_bench.py")
 
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # children inherit it
