@@ -1,4 +1,4 @@
-"""The paper's figures and tables, one module each; nothing is tuned per figure.
+"""The paper's figures and tables, a function each; nothing is tuned per figure.
 
 >>> from truestroke.studies import paper
 >>> paper.NAMES
@@ -16,7 +16,12 @@ from truestroke.studies.paper.reproduction import Reproduction, Row
 
 __all__ = ["NAMES", "Reproduction", "Row", "reproduce"]
 
-NAMES = ("fig4", "fig6", "fig7", "fig8", "fig10", "fig11", "fig12", "fig13", "table1", "table2")
+MODULES = {
+    "fig4": "characterisation",
+    **dict.fromkeys(("fig6", "fig7", "fig8"), "simulations"),
+    **dict.fromkeys(("fig10", "fig11", "fig12", "fig13", "table1", "table2"), "experiments"),
+}
+NAMES = tuple(MODULES)
 
 
 def reproduce(
@@ -33,7 +38,7 @@ def reproduce(
     names : iterable of str
         Of `NAMES`, in any order; none means all.
     output : path, optional
-        Folder for the pictures, NAME-light.png and NAME-dark.png; without it nothing is drawn.
+        Folder for the plots, NAME-light.png and NAME-dark.png; without it nothing is plotted.
     progress : callable, optional
         Called as progress(names done, all names).
 
@@ -60,14 +65,14 @@ def reproduce(
         if name not in NAMES:
             raise SettingError("names", repr(name), f"one of {', '.join(NAMES)}")
     asked = asked or list(NAMES)
-    results = []
+    results: list[Reproduction] = []
     for done, name in enumerate(asked, 1):
-        result: Reproduction = importlib.import_module(f"truestroke.studies.paper.{name}").reproduce()
-        results.append(result)
+        module = importlib.import_module(f"truestroke.studies.paper.{MODULES[name]}")
+        results.append(getattr(module, name)())
         if progress is not None:
             progress(done, len(asked))
     if output is not None:
         from truestroke.report.page import save_plots
 
-        save_plots(lambda theme: {result.name: result.draw(theme) for result in results}, output)
+        save_plots(lambda theme: {result.name: result.plot(theme) for result in results}, output)
     return results

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from functools import cache
 
 import numpy as np
@@ -17,8 +18,9 @@ from truestroke.runtime.loop import run
 from truestroke.signals import metrics
 from truestroke.signals.recording import Channel, Recording
 from truestroke.signals.trajectories import random_wave, sine
+from truestroke.studies.paper.reproduction import Row
 
-SEEDS = range(5)  # the paper's five waves; the first of them is drawn
+SEEDS = range(5)  # the paper's five waves; the first of them is plotted
 SETTINGS = ControllerSettings.paper(sample_rate=2000.0, stroke=30.0, voltage_limits=(-0.6, 3.6))
 CHANGE = MatchedSettings(change=Change(time=2.5), weight_spread=0.3)  # Sec. 4.2: all weights redrawn within 30 %
 
@@ -80,6 +82,28 @@ def settling_time(recording: Recording, slopes: int, tolerance: float = 0.05) ->
     return float(recording["weights_time"][out[-1] + 1]) if out.size else 0.0
 
 
+def settling(runs: Sequence[Recording], slopes: int) -> float:
+    """Mean of `settling_time` over the runs, s."""
+    return float(np.mean([settling_time(run, slopes) for run in runs]))
+
+
+def window(
+    runs: Sequence[Recording],
+    start: float,
+    stop: float,
+    metric: str = "rmse",
+    *,
+    channel: str = "measured",
+    paper: float | None = None,
+    digits: int = 3,
+) -> Row:
+    """The row of rmse or maximum of a channel from `start` to `stop` s, mean over the runs, beside the paper's, um."""
+    of = {"rmse": rmse, "maximum": maximum}[metric]
+    ours = float(np.mean([of(run, start, stop, channel) for run in runs]))
+    name = f"{'true ' if channel == 'true' else ''}{metric}, {start:g} to {stop:g} s"
+    return Row(name, paper, ours, "um", digits)
+
+
 # ---- The picture of a run ------------------------------------------------------------------------------------------
 
 
@@ -101,11 +125,6 @@ def picture(recording: Recording, start: float, stop: float, theme: style.Theme)
         style.legend_above(above, 2)
         style.legend_above(below, 2)
     return figure
-
-
-def mean(values: list[float]) -> float:
-    """Mean over the waves."""
-    return float(np.mean(values))
 
 
 def adapted(recording: Recording) -> tuple[FloatArray, FloatArray]:

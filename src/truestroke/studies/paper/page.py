@@ -30,7 +30,7 @@ def page(results: Sequence[Reproduction], command: str | None = None) -> Page:
             )
             for result in results
         ],
-        plots=lambda theme: {result.name: result.draw(theme) for result in results},
+        plots=lambda theme: {result.name: result.plot(theme) for result in results},
         command=command,
         footer=words.made_now(),
     )

@@ -62,15 +62,15 @@ class Reproduction:
         The paper's values and ours.
     sentence : str
         What differs, and why.
-    draw : callable
-        The picture: draw(theme) -> matplotlib Figure, with a theme of `truestroke.report.style`.
+    plot : callable
+        plot(theme) -> matplotlib Figure, with a theme of `truestroke.report.style`.
     """
 
     name: str
     title: str
     rows: tuple[Row, ...]
     sentence: str
-    draw: Callable[[Theme], Figure]
+    plot: Callable[[Theme], Figure]
 
     def as_dict(self) -> dict[str, Any]:
         """Everything but the picture, as plain numbers and text, for JSON."""

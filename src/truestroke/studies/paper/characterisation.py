@@ -44,7 +44,7 @@ def branch(found: Characterisation, sign: int) -> tuple[FloatArray, FloatArray]:
     return a, b
 
 
-def reproduce() -> Reproduction:
+def fig4() -> Reproduction:
     """Lines through both directions of the matched plant, where the truth is known, and the realistic plant's."""
     plant, found = MatchedSettings(), matched()
     rising, falling = branch(realistic(), 1), branch(realistic(), -1)
@@ -62,10 +62,10 @@ def reproduce() -> Reproduction:
         "there is lag and creep, and rising and falling branches do not meet at rest as (7) has it, because the "
         "asymmetry bends them apart and creep adds to it."
     )
-    return Reproduction("fig4", "Fig. 4: weights against velocity", rows, sentence, draw)
+    return Reproduction("fig4", "Fig. 4: weights against velocity", rows, sentence, _plot)
 
 
-def draw(theme: style.Theme) -> Figure:
+def _plot(theme: style.Theme) -> Figure:
     """Weight 0 above, the others below; left the matched plant with its known lines, right the realistic one."""
     plant = MatchedSettings()
     with style.use(theme):
