@@ -209,13 +209,13 @@ def test_windows() -> None:
     assert [bench.settling_time(recording, slopes) for slopes in (1, 2)] == [0.5, 1.0]
 
 
-def test_every_name_is_drawn_and_told() -> None:
+def test_every_name_has_a_plot_and_a_sentence() -> None:
     steps: list[tuple[int, int]] = []
     results = paper.reproduce(progress=lambda *step: steps.append(step))
     assert tuple(result.name for result in results) == paper.NAMES
     assert steps == [(i, 10) for i in range(1, 11)]
     for result in results:
-        assert isinstance(result.draw(LIGHT), Figure)
+        assert isinstance(result.plot(LIGHT), Figure)
         assert result.sentence.endswith(".")
         assert "\n" not in result.sentence
         told = json.loads(json.dumps(result.as_dict()))
