@@ -1,15 +1,34 @@
-"""docs/house.md is true: its packages are those of the code, in order of imports; its lists of files are complete."""
+"""docs/house.md is true: its packages are those of the code, in the order of imports, and its lists of files exist."""
 
 from __future__ import annotations
 
+import dataclasses
 import re
 import tomllib
 from pathlib import Path
+
+import pytest
+
+from truestroke import cli
+from truestroke.base.flags import FLAGS
+from truestroke.control.settings import ControllerSettings
+from truestroke.model.layout import TERMS
+from truestroke.plant import EFFECTS
 
 ROOT = Path(__file__).parents[1]
 SOURCE = ROOT / "src/truestroke"
 PAGE = (ROOT / "docs/house.md").read_text()
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
+DRIVERS = {  # name: class, of the hardware; the simulated stack is part of many tests and examples
+    name: place.partition(":")[2]
+    for name, place in PROJECT["project"]["entry-points"]["truestroke.drivers"].items()
+    if name != "simulated"
+}
+NAMES = {  # of what exists already, by row
+    "driver": list(DRIVERS),
+    "command": list(cli.COMMANDS),
+    "figure or table of the paper": [],
+}
 
 
 def rows(heading: str) -> list[list[str]]:
@@ -19,6 +38,94 @@ def rows(heading: str) -> list[list[str]]:
     return [[cell.strip() for cell in line.strip("| ").split(" | ")] for line in table[1].splitlines()]
 
 
+PLACES = {row[0]: re.findall(r"`([^`]+)`", row[1]) for row in rows("a new ...")}
+
+
+def files(row: str, name: str = "NAME") -> list[Path]:
+    """The files that a row lists, for something of this name; Python files stand without src/truestroke."""
+    paths = [path.replace("NAME", name) for path in PLACES[row]]
+    return [next((p for p in (SOURCE / path, ROOT / path) if p.exists()), ROOT / path) for path in paths]
+
+
+def naming(word: str, *folders: str) -> set[Path]:
+    """The files in these folders that contain the word."""
+    kinds = {".py", ".pyi", ".c", ".h", ".cpp"}
+    every = [
+        p for folder in folders for p in (ROOT / folder).rglob("*") if p.suffix in kinds and "build" not in p.parts
+    ]
+    return {p for p in every if re.search(rf"\b{re.escape(word)}\b", p.read_text())}
+
+
 def test_packages_are_in_the_order_of_imports() -> None:
     layers = PROJECT["tool"]["importlinter"]["contracts"][0]["layers"]
     assert [row[0].strip("`/") for row in rows("package")] == layers[::-1]
+
+
+@pytest.mark.parametrize("row", rows("package"), ids=lambda row: row[0].strip("`/"))
+def test_every_module_is_named(row: list[str]) -> None:
+    folder = SOURCE / row[0].strip("`/")
+    modules = {p.stem for p in folder.glob("[!_]*.py")}
+    packages = {f"{p.parent.name}/" for p in folder.glob("*/__init__.py")}
+    assert set(re.findall(r"`([^`]+)`", row[2])) == modules | packages
+
+
+@pytest.mark.parametrize("row", rows("folder"), ids=lambda row: row[0])
+def test_every_folder_exists(row: list[str]) -> None:
+    assert all((ROOT / folder).is_dir() for folder in re.findall(r"`([^`]+)`", row[0]))
+
+
+@pytest.mark.parametrize("row", PLACES)
+def test_every_file_of_a_row_exists(row: str) -> None:
+    for name in NAMES.get(row, ["NAME"]):
+        assert [str(path) for path in files(row, name) if not path.exists()] == []
+
+
+@pytest.mark.parametrize(("name", "driver"), DRIVERS.items())
+def test_a_driver_is_named_in_its_files_alone(name: str, driver: str) -> None:
+    listed = files("driver", name)
+    assert naming(driver, "src", "c") == {path for path in listed if SOURCE in path.parents}
+    assert all(name in path.read_text() for path in listed if path.suffix in {".toml", ".md"})
+
+
+@pytest.mark.parametrize("name", cli.COMMANDS)
+def test_a_command_is_named_in_its_files_alone(name: str) -> None:
+    module, table, readme = files("command", name)
+    assert f'"{name}"' in table.read_text()
+    assert re.search(rf"^\| .*`(?:truestroke )?{name}\b", readme.read_text(), flags=re.MULTILINE) or name == "report"
+    assert naming(f"truestroke.cli.{name}", "src") | naming(f"cli import {name}", "src") <= {module, table}
+
+
+@pytest.mark.parametrize("name", TERMS)
+def test_a_term_is_named_in_its_files(name: str) -> None:
+    listed = files("term of the model")
+    assert [str(path) for path in listed if not re.search(name, path.read_text(), re.IGNORECASE)] == []
+    assert naming(f"TS_{name.upper()}", "c/src", "c/include") == {p for p in listed if p.suffix in {".c", ".h"}}
+
+
+@pytest.mark.parametrize("flag", [flag.name for flag in FLAGS])
+def test_a_flag_is_named_in_its_files(flag: str) -> None:
+    listed = files("flag of a tick")
+    at_all = [path for path in listed if path.name not in {"controller.py", "reference.py"} or flag == FLAGS[-1].name]
+    assert [str(path) for path in at_all if flag not in path.read_text()] == []
+    if flag == "oscillating":  # whose name is no other word
+        assert naming(flag, "src", "c/src", "c/include", "c/loops") == {p for p in listed if p.suffix != ".md"}
+
+
+@pytest.mark.parametrize("name", [field.name for field in dataclasses.fields(ControllerSettings)])
+def test_a_setting_is_named_in_its_files(name: str) -> None:
+    listed = {path.name: path.read_text() for path in [*files("setting of the controller"), SOURCE / "model/layout.py"]}
+    assert name in listed["settings.py"] or name in listed["layout.py"]
+    assert name in listed["options.py"] or name in {"sample_rate", "stroke", "voltage_limits"}
+    assert f"`{name}`" in listed["settings.md"]
+
+
+@pytest.mark.parametrize("effect", EFFECTS)
+def test_an_effect_is_named_in_its_files(effect: str) -> None:
+    settings, *_, page, _ = files("effect of the simulated plant")
+    assert f'"{effect}"' in settings.read_text()
+    assert f"`{effect}`" in page.read_text()
+
+
+def test_pages_have_one_template() -> None:
+    assert [p.name for p in SOURCE.rglob("*.j2")] == ["page.html.j2"]
+    assert {p for p in SOURCE.rglob("*.py") if "import jinja2" in p.read_text()} == {SOURCE / "report/page.py"}
