@@ -8,15 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import Protocol
 
 import numpy as np
 
 from truestroke.base.checks import SettingError
 from truestroke.base.errors import shown_as_public
-from truestroke.base.typing import FloatArray
 from truestroke.control.settings import ControllerSettings
 from truestroke.model import prior
+from truestroke.signals.trajectories import Trajectory
 
 SPARE = 1.1  # a motion may be longer than the stroke by so much
 DOUBT = (
@@ -30,23 +30,6 @@ NAMES: Mapping[str, str] = {
     "slew": "slew_limit",
 }
 """The words of Python for what can be changed; other callers give their own."""
-
-
-@runtime_checkable
-class Sampled(Protocol):
-    """What is looked at of a motion that is known; a `Trajectory` is one."""
-
-    @property
-    def sample_rate(self) -> float:
-        """Ticks per second, Hz."""
-
-    @property
-    def position(self) -> FloatArray:
-        """Desired displacement, um."""
-
-    @property
-    def velocity(self) -> FloatArray:
-        """Desired velocity, um/s."""
 
 
 @shown_as_public
@@ -116,14 +99,14 @@ def gains(settings: ControllerSettings) -> tuple[float, float]:
     return long_way, first
 
 
-def reach(trajectory: Sampled | Pursued) -> tuple[float, float]:
+def reach(trajectory: Trajectory | Pursued) -> tuple[float, float]:
     """Lowest and highest position of a motion, um; its start from 0 um counts."""
-    if isinstance(trajectory, Sampled):
+    if isinstance(trajectory, Trajectory):
         return min(0.0, float(trajectory.position.min())), max(0.0, float(trajectory.position.max()))
     return trajectory.reach
 
 
-def demands(trajectory: Sampled | Pursued, settings: ControllerSettings) -> Demands:
+def demands(trajectory: Trajectory | Pursued, settings: ControllerSettings) -> Demands:
     """What a trajectory needs of an actuator according to the prior of the settings; 0 um is at 0 V.
 
     Parameters
@@ -147,7 +130,7 @@ def demands(trajectory: Sampled | Pursued, settings: ControllerSettings) -> Dema
     >>> print(f"{needs.slew:.0f} V/s, the limit is {s.slew_limit:.0f} V/s")
     765 V/s, the limit is 504 V/s
     """
-    if not isinstance(trajectory, Sampled):
+    if not isinstance(trajectory, Trajectory):
         return of_bounds(
             reach=reach(trajectory),
             speed=trajectory.speed,
@@ -295,7 +278,7 @@ def notices(
     return tuple(told)
 
 
-def remedied(trajectory: Sampled, controller: object) -> tuple[str, ...]:
+def remedied(trajectory: Trajectory, controller: object) -> tuple[str, ...]:
     """The notices for this controller, each with the remedy; () of one that has no `ControllerSettings`."""
     settings = getattr(controller, "settings", None)
     if not isinstance(settings, ControllerSettings) or not trajectory.position.size:

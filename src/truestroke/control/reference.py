@@ -19,7 +19,7 @@ from truestroke.base.copies import deep
 from truestroke.base.display import Displayed, Rows
 from truestroke.base.typing import FloatArray
 from truestroke.control.adaptation import LARGEST, RLS, BoundedKalman, FilteringLaw, KalmanSettings, Law, UpdateRefused
-from truestroke.control.controller import controller_rows
+from truestroke.control.controller import Counters, controller_rows
 from truestroke.control.oscillation import OscillationDetector, OscillationSettings
 from truestroke.control.settings import CHANGEABLE, SETTINGS, ControllerSettings, kernel_settings
 from truestroke.model.models import (
@@ -172,7 +172,7 @@ class ReferenceController(Displayed):
         self._resolution = 0.0  # um: the smallest step from one measurement to a different one; 0: none so far
         self._beyond = 0  # ticks at a voltage limit and beyond z_d, since one that was not limited
         self._fastest = 0.0  # largest rate so far, at most the velocity limit, um/s
-        kinds = ("commands", "adaptations", "saturated", "projected", "rejected", "changed", "slewed", "oscillating")
+        kinds = [field.name for field in fields(Counters)]
         self.counters = dict.fromkeys(kinds, 0)
         self._saturated = self._projected = self._rejected = self._held = self._changed = self._slewed = False
         self._oscillating = False
