@@ -493,7 +493,7 @@ def test_the_first_volts_of_the_page(card, tmp_path, monkeypatch) -> None:
     ("change", "words"),
     [
         (("um_per_volt = 10.0", "um_per_volt = -10.0"), "more voltage makes the displacement smaller"),
-        (("um_per_volt = 10.0", "um_per_volt = 100.0"), "the gain is 9"),
+        (("um_per_volt = 10.0", "um_per_volt = 100.0"), "which allows 1.43 to 28.6: look at um_per_volt"),
         (("Dev1/ai0", "Dev1/ai1"), "no answer to steps"),
     ],
 )
