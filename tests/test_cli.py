@@ -11,13 +11,14 @@ import xml.etree.ElementTree as ET
 from pathlib import Path
 from typing import Any
 
+import click
 import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
 from truestroke import AdaptiveController, cli
 from truestroke.cli import main
-from truestroke.cli.common import RENAMED, program
+from truestroke.cli.common import RENAMED, plots_option, program
 from truestroke.control.baselines import ConstantGain
 from truestroke.plant import RealisticPlant
 from truestroke.signals.recording import Recording
@@ -385,3 +386,14 @@ def test_no_command_imports_another_and_old_names_are_hidden() -> None:
     for old, new in RENAMED.items():
         assert CliRunner().invoke(main, [old, "--help"]).output == CliRunner().invoke(main, [new, "--help"]).output
         assert f"\n  {old} " not in CliRunner().invoke(main, ["--help"]).output
+
+
+def test_the_old_name_of_plots_still_works_and_is_hidden() -> None:
+    @click.command()
+    @plots_option
+    def command(plots: Path | None) -> None:
+        click.echo(f"plots: {plots}")
+
+    for words, folder in (((), None), (("--plots", "new"), "new"), (("--figures", "old"), "old")):
+        assert CliRunner().invoke(command, words).stdout == f"plots: {folder}\n"
+    assert "--figures" not in CliRunner().invoke(command, ["--help"]).stdout

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from truestroke import report
 from truestroke.report import style
+from truestroke.report.page import Page, Section, Table
 from truestroke.signals.recording import Channel, Recording
 
 RATE, SECONDS = 2000.0, 4.0
@@ -183,6 +184,26 @@ def test_colours_of_the_page_follow_the_reader(page: str) -> None:
     assert not re.search(r"#0f[12]e", page)  # a placeholder that was not replaced
     assert set(re.findall(r"var\(--([a-z0-9-]+)\)", page)) <= set(style.LIGHT.variables)
     assert set(style.LIGHT.variables) == set(style.DARK.variables) == set(style.PAGE.variables)
+
+
+def test_a_page_shows_each_part_of_its_sections() -> None:
+    rows = [["gain", "2 um/V", "of um.csv"], ["flags", "none:\n1 um"]]
+    table = Table(columns=["what", "found", "where"], rows=rows, text=True, note="per um")
+    sections = [
+        Section(heading="5 um", text="set `um = 1`", items=["maximum 3 um"], tables=[table], code="--unit um"),
+        Section(heading="not made", plot="none"),
+        Section(heading="later", text="folded", folded=True),
+    ]
+    shown = Page(title="1 um", lead="2 um", sections=sections, plots=lambda _: {}, command="--to um", footer="3 um")
+    html = shown.html()
+    ET.fromstring(html.split("\n", 1)[1])
+    for part in ("<h1>1 µm</h1>", "<code>um = 1</code>", "<li>maximum 3 µm</li>", "<td>2 µm/V</td>", ">per µm<"):
+        assert part in html
+    assert '<td class="text">of um.csv</td>' in html
+    assert '<td class="text" colspan="2">none:\n1 µm</td>' in html
+    assert "<code>--unit um</code>" in html
+    assert "not made" not in html
+    assert html.index("--to um") < html.index("<summary>later</summary>") < html.index("3 µm</footer>")
 
 
 @pytest.mark.parametrize("ending", ["png", "svg", "pdf"])
