@@ -85,8 +85,8 @@ def cold(runs: Runs, theme: Theme) -> Figure:
     above.set_ylabel("displacement (µm)")
     paper.set_ylabel("error (µm)")
     ours.set(ylabel="error (nm)", xlabel="time (s)")
-    for panel, entries in ((above, 2), (paper, 1), (ours, 1)):
-        style.legend_above(panel, entries)
+    for panel in (above, paper, ours):
+        style.legend_above(panel)
     return figure
 
 
@@ -109,8 +109,8 @@ def change(runs: Runs, theme: Theme) -> Figure:
         hit = flags & bit > 0
         below.plot(after[near][hit], error[hit], ls="", marker=shape, ms=7, mfc="none", mew=1.4, c=colour, label=words)
     below.set(ylabel="error (µm)", xlabel="time after the change (ms)", xlim=(-5, 30))
-    style.legend_above(above, 2)
-    style.legend_above(below, 3)
+    style.legend_above(above)
+    style.legend_above(below)
     return figure
 
 
@@ -125,7 +125,7 @@ def sensor(runs: Runs, theme: Theme) -> Figure:
         panel.set_ylabel("error (nm)")
     panels[0].set_ylim(-160, 160)
     panels[-1].set_xlabel("time (s)")
-    style.legend_above(panels[0], 1)
+    style.legend_above(panels[0])
     return figure
 
 
@@ -154,7 +154,7 @@ def limits(runs: Runs, theme: Theme) -> Figure:
         axes.plot(recording["time"], recording["desired"], color=theme["desired"], lw=3.0, label="desired")
         axes.plot(recording["time"], recording["true"], color=theme["true"], lw=1.0, label="true")
         axes.set_xlim(*span)
-        style.legend_above(axes, 2)
+        style.legend_above(axes)
     step.set_ylim(-2, 20)
     for name in ("paper", "default"):
         plot_error(below, runs["reach"][name], (3.0, 3.5), 1.0, **lines(theme)[name])
@@ -164,7 +164,7 @@ def limits(runs: Runs, theme: Theme) -> Figure:
     below.set_ylabel("error (µm)")
     for axes in (below, error):
         axes.set_xlabel("time (s)")
-        style.legend_above(axes, 2)
+        style.legend_above(axes)
     return figure
 
 
@@ -178,7 +178,7 @@ def trim(runs: Runs, theme: Theme) -> Figure:
             plot_error(panel, run, (2.0, 2.5), 1.0, **line)
         panel.set_ylabel(f"error, {motion} (µm)")
     panels[-1].set_xlabel("time (s)")
-    style.legend_above(panels[0], 4)
+    style.legend_above(panels[0])
     return figure
 
 

@@ -8,7 +8,6 @@ from datetime import UTC, datetime
 from benchmarks.bench import table
 from benchmarks.bench.cost import Cost
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from truestroke.report import style
 from truestroke.report.page import Page, Section, Table, captioned
@@ -47,10 +46,10 @@ def updates(costs: Sequence[Cost], theme: Theme = LIGHT) -> Figure:
             panel.plot(c.best_ns, place, "o", color=colour, ms=7, zorder=3)
             panel.annotate(f"{c.best_ns:.0f}", (c.best_ns, place), (-7, 0), textcoords="offset points", ha="right",
                            va="center", fontsize=8, color=theme["text"])  # fmt: skip
-        panel.set(xscale="log", xlabel="one update (ns)", yticks=range(len(names)), yticklabels=names)
+        style.logarithmic(panel, "x")
+        panel.set(xlabel="one update (ns)", yticks=range(len(names)), yticklabels=names)
         panel.set_xlim(left=min((c.best_ns for c in found), default=1.0) / 3)
         panel.invert_yaxis()
-        panel.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
         panel.grid(axis="y", visible=False)
     return figure
 
@@ -66,10 +65,8 @@ def ticks(costs: Sequence[Cost], theme: Theme = LIGHT) -> Figure:
                 if found:
                     xs, ys = [c.plays for c in found], [c.best_ns for c in found]
                     panel.plot(xs, ys, marker=marker, ms=4.5, lw=1.4, color=theme[role], label=way)
-            panel.set(yscale="log", xlabel="plays")
-            panel.yaxis.set_major_formatter(FuncFormatter(lambda y, _: f"{y:g}"))
-            panel.yaxis.set_minor_formatter(NullFormatter())
-            style.title(panel, f"{law}")
+            style.logarithmic(panel, "y")
+            panel.set(title=law, xlabel="plays")
         panels[0].set(ylabel="one tick (ns)", yticks=[50, 100, 200, 500, 1000, 2000])
         panels[1].legend(loc="lower right")
     return figure

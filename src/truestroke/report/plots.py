@@ -157,20 +157,8 @@ def _mark(axes: Axes, at: float, text: str, theme: Theme, below: bool = False) -
     low, high = axes.get_ylim()
     room = 0.16 * (high - low)
     axes.set_ylim(low - room * below, high + room * (not below))
-    left, right = axes.get_xlim()
-    side = -1 if at > (left + right) / 2 else 1
     axes.axvline(at, color=theme["text"], lw=0.9, ls=(0, (4, 3)))
-    axes.annotate(
-        text,
-        (at, 0.0 if below else 1.0),
-        xycoords=("data", "axes fraction"),
-        xytext=(5 * side, 3 if below else -3),
-        textcoords="offset points",
-        ha="left" if side > 0 else "right",
-        va="bottom" if below else "top",
-        fontsize=8,
-        bbox={"facecolor": theme["background"], "edgecolor": "none", "pad": 1.0, "alpha": 0.8},
-    )
+    style.note(axes, text, (at, 0.0 if below else 1.0), theme, ("data", "axes fraction"))
 
 
 def weights(recording: Recording, theme: Theme = LIGHT) -> Figure:

@@ -140,6 +140,33 @@ def zero(axes: Axes, theme: Theme) -> None:
     axes.axhline(0, color=theme["muted"], lw=0.7, zorder=1.5)
 
 
+def logarithmic(axes: Axes, names: str) -> None:
+    """Axes "x", "y" or "xy" with logarithmic scales and plain numbers."""
+    for name in names:
+        axes.set(**{f"{name}scale": "log"})
+        axis = axes.xaxis if name == "x" else axes.yaxis
+        axis.set_major_formatter("{x:g}")
+        axis.set_minor_formatter("")
+
+
+def note(axes: Axes, text: str, place: tuple[float, float], theme: Theme, coords: Any = "data", **look: Any) -> None:
+    """A small text beside a place, towards the middle of the panel, below the place if that is in the upper half."""
+    right = place[0] > np.mean(axes.get_xlim())
+    upper = place[1] > (np.mean(axes.get_ylim()) if coords == "data" else 0.5)
+    axes.annotate(
+        text,
+        place,
+        xycoords=coords,
+        xytext=(-6 if right else 6, -3 if upper else 3),
+        textcoords="offset points",
+        ha="right" if right else "left",
+        va="top" if upper else "bottom",
+        fontsize=8,
+        bbox={"facecolor": theme["background"], "edgecolor": "none", "pad": 1.0, "alpha": 0.8},
+        **look,
+    )
+
+
 def legend_above(axes: Axes, entries: int | None = None) -> None:
     """A legend in one row above the panel, at the right, where no line is."""
     columns = len(axes.get_legend_handles_labels()[0])

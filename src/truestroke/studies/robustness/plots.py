@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from truestroke.base.typing import FloatArray
 from truestroke.report import style
@@ -37,9 +36,8 @@ def distribution(rows: Sequence[Row], theme: Theme = LIGHT) -> Figure:
                 panel.step(
                     ascending, part, where="post", color=theme[ROLES[controller]], label=NAMES[controller], lw=1.4
                 )
-            _logarithmic(panel, "x")
-            panel.set(xlabel="true rmse (nm)", ylim=(0, 101))
-            style.title(panel, title)
+            style.logarithmic(panel, "x")
+            panel.set(title=title, xlabel="true rmse (nm)", ylim=(0, 101))
         panels[0].set_ylabel("runs with at most that (%)")
         panels[-1].legend(loc="lower right")
     return figure
@@ -55,11 +53,9 @@ def largest(rows: Sequence[Row], theme: Theme = LIGHT) -> Figure:
             colour, name = theme[ROLES[controller]], NAMES[controller]
             panel.plot(rmse, highest, markers[controller], color=colour, ms=4.5, alpha=0.75, label=name)
         panel.axhline(1e3 * LIMIT, color=theme["alarm"], lw=1.2, ls="--", label=f"{LIMIT:g} µm")
-        for axis in "xy":
-            _logarithmic(panel, axis)
-        panel.set(xlabel="true rmse, second half (nm)", ylabel="largest error that counts (nm)")
-        style.title(panel, "Each run")
-        style.legend_above(panel, 3)
+        style.logarithmic(panel, "xy")
+        panel.set(title="Each run", xlabel="true rmse, second half (nm)", ylabel="largest error that counts (nm)")
+        style.legend_above(panel)
     return figure
 
 
@@ -83,13 +79,12 @@ def trace(row: Row, recording: Recording, theme: Theme = LIGHT) -> Figure:
                 below.legend(loc="upper right")
         limit = 1.3e3 * highest
         for panel, part in zip(panels[2:], (time >= START, near), strict=True):
-            _mark_off_scale(panel, time[part], error[part], limit, theme)
-            panel.axhline(0, color=theme["muted"], lw=0.7, zorder=1.5)
+            style.zero(panel, theme)
             panel.set_ylim(-limit, limit)
-        panels[0].set_ylabel("desired (µm)")
-        panels[2].set_ylabel("true error (nm)")
-        style.title(panels[0], f"Run {row.number}, the worst: {row.sampled['motion']}")
-        style.title(panels[1], "Around its largest error")
+            _mark_off_scale(panel, time[part], error[part], limit, theme)
+        panels[0].set(title=f"Run {row.number}, the worst: {row.sampled['motion']}", ylabel="desired (µm)")
+        panels[1].set(title="Around its largest error")
+        panels[2].set(ylabel="true error (nm)")
     return figure
 
 
@@ -100,18 +95,9 @@ def _mark_off_scale(panel: Axes, time: FloatArray, error: FloatArray, limit: flo
         return
     peak = int(np.argmax(np.abs(error)))
     side = 1 if error[peak] > 0 else -1
-    panel.plot(time[peak], side * 0.95 * limit, "^" if side > 0 else "v", color=theme["wrong"], ms=6, zorder=4)
-    panel.annotate(
-        f"off scale: {1e-3 * error[peak]:.2f} µm",
-        (time[peak], side * 0.95 * limit),
-        xytext=(-7 if time[peak] > (time[0] + time[-1]) / 2 else 7, 0),
-        textcoords="offset points",
-        ha="right" if time[peak] > (time[0] + time[-1]) / 2 else "left",
-        va="top" if side > 0 else "bottom",
-        color=theme["wrong"],
-        fontsize=8,
-        bbox={"facecolor": theme["background"], "edgecolor": "none", "pad": 1.0, "alpha": 0.85},
-    )
+    place = float(time[peak]), side * 0.95 * limit
+    panel.plot(*place, "^" if side > 0 else "v", color=theme["wrong"], ms=6, zorder=4)
+    style.note(panel, f"off scale: {1e-3 * error[peak]:.2f} µm", place, theme, color=theme["wrong"])
 
 
 def plots(rows: Sequence[Row], worst: Row, recording: Recording, theme: Theme = LIGHT) -> dict[str, Figure]:
@@ -121,10 +107,3 @@ def plots(rows: Sequence[Row], worst: Row, recording: Recording, theme: Theme = 
         "largest": largest(rows, theme),
         "worst": trace(worst, recording, theme),
     }
-
-
-def _logarithmic(panel: Axes, axis: str) -> None:
-    (panel.set_xscale if axis == "x" else panel.set_yscale)("log")
-    which = panel.xaxis if axis == "x" else panel.yaxis
-    which.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
-    which.set_minor_formatter(NullFormatter())

@@ -36,7 +36,7 @@ def times(study: Study, rows: Sequence[Row], theme: Theme = LIGHT) -> Figure:
         ticks = [t for t in (0, 0.1, 0.3, 1, 3, 10, 30, 100) if t <= within]
         panel.set_xticks(ticks, [f"{t:g}" for t in ticks])
         panel.set_xticks([], minor=True)
-        style.legend_above(panel, len(study.controllers))
+        style.legend_above(panel)
     return figure
 
 
