@@ -352,13 +352,13 @@ static bool adapt_rls(ts_controller *c, bool learn)
     return used;
 }
 
-/* The regressor of the last command: u where that is the tick that was measured, or else made in `room`. */
-static const ts_real *regressor_of_now(const ts_controller *c, ts_real *room)
+/* The regressor of the last command: u where that is the tick that was measured, or else made in `space`. */
+static const ts_real *regressor_of_now(const ts_controller *c, ts_real *space)
 {
     if (c->lagged.ticks == c->counters.commands) return c->u;
-    memset(room, 0, sizeof(ts_real) * TS_PADDED(TS_MAX_PARAMETERS));
-    regressor(&c->settings, &c->now, &c->motion[last_slot(c)], room);
-    return room;
+    memset(space, 0, sizeof(ts_real) * TS_PADDED(TS_MAX_PARAMETERS));
+    regressor(&c->settings, &c->now, &c->motion[last_slot(c)], space);
+    return space;
 }
 
 /* The model's displacement for the regressor u, um. */
@@ -642,8 +642,8 @@ ts_status ts_controller_adapt(ts_controller *c, ts_real z, int ago)
         bool limited = c->limited[slot], back = beyond(c, slot, z), stands = c->x[slot] == c->lagged.play[0];
         next_lagged(c);
         const ts_motion *d = &c->motion[slot];
-        ts_real y_a = through_dead_zones(s, z) + d->inertia, predicted = model(c, c->u), room[TS_PADDED(TS_MAX_PARAMETERS)];
-        const ts_real *now = c->stage.smoothing > 0 ? regressor_of_now(c, room) : c->u;
+        ts_real y_a = through_dead_zones(s, z) + d->inertia, predicted = model(c, c->u), space[TS_PADDED(TS_MAX_PARAMETERS)];
+        const ts_real *now = c->stage.smoothing > 0 ? regressor_of_now(c, space) : c->u;
         ts_real before = now == c->u ? predicted : model(c, now);
         c->innovation = y_a - predicted; /* (15) */
         if (s->law == TS_LAW_RLS) used = adapt_rls(c, !c->hold);

@@ -1,4 +1,4 @@
-"""truestroke makes a piezo actuator go exactly where it is told.
+"""truestroke makes a piezo actuator follow a desired motion exactly.
 
 One tick of the loop::
 

@@ -59,18 +59,18 @@ def _measured(axis: OneAxis, table: AxisTable, yes: bool, as_json: bool) -> Find
     from truestroke.runtime.commissioning.findings import small_rows
     from truestroke.runtime.commissioning.procedure import STEPS
 
-    tell = _tell(as_json)
+    report = _reporter(as_json)
     low, high = axis.voltage_limits
     first = STEPS[-1] * (high - low)
     _agree(
         f"Steps from {axis.safe_voltage:g} V by {1e3 * STEPS[0] * (high - low):.2g} mV to at most {first:.2g} V?", yes
     )
-    small = small_steps(axis, table.stroke, tell)
+    small = small_steps(axis, table.stroke, report)
     if not as_json:
         _print_rows(small_rows(small, table.stroke, table.limits))
     travel = small.gain.gain * (high - low)
     _agree(f"The whole range, {low:g} to {high:g} V, roughly {travel:.2g} um?", yes)
-    whole = whole_range(axis, small, tell)
+    whole = whole_range(axis, small, report)
     about: dict[str, Any] = {"name": table.name, "small": small, "whole": whole, "limits": table.limits}
     about |= {"zero": table.zero, "resonance": table.resonance or None}
     found = Findings(**about, asked=table.stroke)
@@ -94,7 +94,7 @@ def _agree(question: str, yes: bool) -> None:
         click.confirm(question, abort=True, err=True)
 
 
-def _tell(as_json: bool) -> Callable[[str], None]:
+def _reporter(as_json: bool) -> Callable[[str], None]:
     """What is being done, on a terminal."""
     shown = sys.stderr.isatty() and not as_json
     return lambda what: click.echo(f"\r\x1b[K{what} ...\r", nl=False, err=True) if shown else None

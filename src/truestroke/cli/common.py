@@ -265,7 +265,8 @@ def progress(what: str) -> Iterator[Callable[[int, int], None] | None]:
 def print_table(columns: Sequence[str], rows: Sequence[Sequence[str | Text]], dim: str = "", left: str = "") -> None:
     """First column left, the others right, then an empty line; a rule under the head where there is a terminal.
 
-    A narrow terminal wraps the first column only. Columns named `dim` stand back; one named `left` is left, too.
+    A narrow terminal wraps the first column only. Columns named `dim` are dimmed; one named `left` is aligned left,
+    too.
     """
     from rich.box import SIMPLE_HEAD
     from rich.console import Console

@@ -69,7 +69,7 @@ class FilteringLaw(Law, Protocol):
     changed: bool
 
     def update(self, u: FloatArray, e_m: float | None, learn: bool = True) -> None:
-        """One tick; None: no measurement. `learn` tells whether the weights may change."""
+        """One tick; None: no measurement. `learn`: whether the weights may change."""
 
     def take(self, settings: KalmanSettings) -> None:
         """New settings; what was learned stays."""

@@ -19,9 +19,7 @@ from truestroke.model import prior
 from truestroke.signals.trajectories import Trajectory
 
 SPARE = 1.1  # a motion may be longer than the stroke by so much
-DOUBT = (
-    2.0  # an actuator may move so many times further a volt than believed: what it cannot follow even then is refused
-)
+DOUBT = 2.0  # an actuator may move so many times further a volt than in the prior: a motion beyond even that is refused
 USUAL = 95.0  # percent of the ticks: a slew that is exceeded in more of them is not one of short moves
 NAMES: Mapping[str, str] = {
     "motion": "trajectory",

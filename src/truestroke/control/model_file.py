@@ -35,7 +35,7 @@ KEYS = {
 }
 """Keys of the file's table [model], and the members of `ActuatorModel` that they hold."""
 OLD_KEYS = {"rated": "rate_dependent", "bends": "asymmetry"}
-"""Keys of files that an earlier version wrote; it also named the weights of the asymmetry "bend 1", "bend 2"."""
+"""Keys of files that an earlier version wrote; it also named the weights of the asymmetry `bend 1`, `bend 2`."""
 
 
 class ModelFileError(files.FileError):

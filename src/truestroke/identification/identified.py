@@ -227,7 +227,7 @@ def _held_out(trace: Trace) -> HeldOut:
 
 
 def _documented(fit: Fit, held_out: HeldOut, s: Series) -> ActuatorModel:
-    """The model with the figures and the provenance that its file holds."""
+    """The model with the metrics and the provenance for its file."""
     from importlib.metadata import version
 
     figures = {f"held_out_{name}": float(value) for name, value in dataclasses.asdict(held_out).items()}

@@ -25,7 +25,7 @@ STEPS = 3  # Gauss-Newton
 QUIET = 1e-6  # of the stroke: the least noise, so that weights that a quiet recording does not identify stay
 SAME = 0.03  # of the waveform's peak-to-peak, rms: how far the recorded voltage may be from the one that was put out
 WORSE = 1.05  # times the best pass of the same motion: a pass that is worse is undone
-OTHER = 0.5  # of the deviation of the displacement: a record of which more is left is not of the model's actuator
+OTHER = 0.5  # of the deviation of the displacement: a record with a larger residual is not of the model's actuator
 WHOLE = 0.02  # samples: a shift that is nearer to a whole number is one
 
 
@@ -79,11 +79,11 @@ class Refined(Sampled):
 
 
 def refine(model: ActuatorModel, record: Record, *, waveform: Waveform | None = None) -> Refined:
-    """The model adapted to a record, its structure kept, and what it leaves of the record.
+    """The model adapted to a record, its structure kept, and its residual.
 
     Bayesian least squares: the prior is `ActuatorModel.another_day`, all partial slopes stay positive. The
-    noise is what the fit leaves, less certain where it is coloured. Before a waveform the actuator is taken to have
-    rested at the first voltage, as by `predict`; of another record the part is skipped in which the plays may remember
+    noise is the residual, with fewer degrees of freedom where it is coloured. Before a waveform the actuator is assumed
+    to rest at the first voltage, as by `predict`; of another record the part is skipped in which the plays may remember
     what was before it.
 
     Parameters
@@ -201,7 +201,7 @@ def _prior(model: ActuatorModel, s: Structure, data: Data, delay: float) -> Prio
 
 
 def _motion(waveform: Waveform | None, best: float) -> dict[str, float]:
-    """Figures by which the next pass knows whether it is of the same motion, and how good the best one was."""
+    """Values by which the next pass is recognised as one of the same motion, and the error of the best pass."""
     if waveform is None:
         return {}
     return {"samples": float(waveform.desired.size), "spread_um": float(np.std(waveform.desired)), "best_pass_um": best}

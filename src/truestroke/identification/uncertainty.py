@@ -1,4 +1,4 @@
-"""Covariance of the weights where what is left is not white."""
+"""Covariance of the weights where the residual is not white."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from truestroke.base.typing import FloatArray
 from truestroke.identification.normal import Prior, reduced
 
 LAGS = 200  # of the autocorrelation at most
-SEGMENTS = 8  # of the record, for the spectrum of what is left
+SEGMENTS = 8  # of the record, for the spectrum of the residual
 
 
 def covariance(J: FloatArray, residual: FloatArray, prior: Prior, weight: float) -> FloatArray:
@@ -30,7 +30,7 @@ def covariance(J: FloatArray, residual: FloatArray, prior: Prior, weight: float)
     J : ndarray, shape (samples, m)
         Derivative of the prediction by each coefficient.
     residual : ndarray, shape (samples,)
-        What the fit leaves, um.
+        Residual of the fit, um.
     prior : Prior
         Of the coefficients.
     weight : float

@@ -150,7 +150,7 @@ class Page:
 
 
 def save_plots(plots: Plots, directory: str | Path) -> list[Path]:
-    """Write the figures that `plots` makes as NAME-light.png and NAME-dark.png into `directory`; the paths."""
+    """Write the pictures of `plots` as NAME-light.png and NAME-dark.png into `directory`; the paths."""
     directory = Path(directory)
     directory.mkdir(parents=True, exist_ok=True)
     return [
@@ -173,7 +173,7 @@ def typeset(text: str) -> Markup:
 
 
 def svg(figure: Figure, name: str, description: str) -> str:
-    """The figure, drawn in the theme "page", as SVG for inside a page.
+    """The figure, plotted in the theme "page", as SVG for inside a page.
 
     Its colours are CSS variables, its ids begin with `name` so that they are unique on the page, and it says
     `description` to a screen reader.

@@ -153,7 +153,7 @@ def _off_scale(error: FloatArray, limit: float) -> str:
 
 
 def _mark(axes: Axes, at: float, text: str, theme: Theme, below: bool = False) -> None:
-    """A vertical line at `at` seconds; its text at the top or bottom, in room made for it."""
+    """A vertical line at `at` seconds; its text at the top or bottom, in space added for it."""
     low, high = axes.get_ylim()
     room = 0.16 * (high - low)
     axes.set_ylim(low - room * below, high + room * (not below))

@@ -117,7 +117,7 @@ def _parameters(theme: Theme) -> dict[Any, Any]:
 
 @contextmanager
 def use(theme: Theme) -> Iterator[None]:
-    """Draw and save in `theme`; matplotlib's own settings come back afterwards."""
+    """Plot and save in `theme`; matplotlib's own settings are restored afterwards."""
     with matplotlib.rc_context():
         matplotlib.rcdefaults()
         matplotlib.rcParams.update(_parameters(theme))
@@ -220,7 +220,7 @@ def thin(time: npt.ArrayLike, values: npt.ArrayLike, columns: int = COLUMNS) -> 
     Returns
     -------
     time, values : ndarray, shape (at most 2 columns + 2,)
-        Samples of the line in their order, with the first and the last; a line that is short enough is left whole.
+        Samples of the line in their order, with the first and the last; a short line keeps all of them.
 
     Examples
     --------

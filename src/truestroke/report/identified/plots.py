@@ -116,7 +116,7 @@ def _correlation(panel: Axes, c: FloatArray, band: float, theme: Theme) -> None:
 
 
 def _legend(panel: Axes, entries: int) -> None:
-    """Above the lines, in room made for it."""
+    """Above the lines, in space added for it."""
     low, high = panel.get_ylim()
     panel.set_ylim(low, high + 0.16 * (high - low))
     panel.legend(loc="upper right", ncols=entries, handlelength=1.2, fontsize=7, columnspacing=1.0, borderaxespad=0.0)

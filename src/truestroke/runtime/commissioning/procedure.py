@@ -107,7 +107,7 @@ class Range:
         return self.high - self.low
 
 
-def small_steps(axis: OneAxis, stroke: float | None = None, tell: Callable[[str], None] = lambda _: None) -> Small:
+def small_steps(axis: OneAxis, stroke: float | None = None, report: Callable[[str], None] = lambda _: None) -> Small:
     """Noise, polarity, gain, latency and first resonance, by steps from the safe voltage that begin tiny.
 
     Parameters
@@ -116,7 +116,7 @@ def small_steps(axis: OneAxis, stroke: float | None = None, tell: Callable[[str]
         Closed; it is closed again behind, at the safe voltage, whatever happens.
     stroke : float, optional
         That is asked for, um; with it a gain that cannot be is refused.
-    tell : callable, optional
+    report : callable, optional
         Called with what is being done.
 
     Raises
@@ -135,15 +135,15 @@ def small_steps(axis: OneAxis, stroke: float | None = None, tell: Callable[[str]
     9 um/V
     """
     with _opened(axis) as bench:
-        tell("rest")
+        report("rest")
         still = bench.hold(SETTLE)
         rest = _usable(answer.rest(still.z[bench.timing.latency :], bench.rate))
-        tell("first steps")
+        report("first steps")
         gains, steps = _first_steps(bench, rest, stroke)
-        tell("ringing")
+        report("ringing")
         step = float(np.clip(40 * rest.noise / gains[-1].gain, STEPS[0] * bench.span, RINGING * bench.span))
         ringing = bench.ring(step, _level(step, gains[-1].gain, rest), rest)
-    tell("fitting")
+    report("fitting")
     begins = answer.onset(ringing.volts, ringing.z, rest.noise)
     if begins is None:
         raise AnswerError(f"steps of {step:.3g} V were answered, and then not any more: is a cable loose?")
@@ -160,12 +160,12 @@ def small_steps(axis: OneAxis, stroke: float | None = None, tell: Callable[[str]
     )
 
 
-def whole_range(axis: OneAxis, small: Small, tell: Callable[[str], None] = lambda _: None) -> Range:
+def whole_range(axis: OneAxis, small: Small, report: Callable[[str], None] = lambda _: None) -> Range:
     """How far the axis goes: to the voltage limits and back, slowly, looking at each part of the way.
 
     Parameters
     ----------
-    axis, tell
+    axis, report
         As of `small_steps`.
     small : Small
         What `small_steps` has found.
@@ -178,7 +178,7 @@ def whole_range(axis: OneAxis, small: Small, tell: Callable[[str], None] = lambd
         As `OneAxis`.
     """
     with _opened(axis) as bench:
-        tell("whole range")
+        report("whole range")
         before = bench.hold(SETTLE / 2)
         zero = answer.rest(before.z, bench.rate).zero
         parts, reached, ends = [before], {axis.safe_voltage: 0.0}, []

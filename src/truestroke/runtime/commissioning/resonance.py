@@ -57,8 +57,9 @@ class Resonance:
 def resonance(volts: FloatArray, z: FloatArray, sample_rate: float, onset: float, noise: float = 0.0) -> Resonance:
     """Find the first resonance in the answer to steps.
 
-    What lies above half the sample rate looks like a lower frequency; it is told from one by where in the first ticks
-    the answer begins, which the model knows. Where both explain the record about as well, neither is taken.
+    A resonance above half the sample rate appears at a lower frequency; the two are distinguished by the start of the
+    response in the first ticks, which the model describes. Where both explain the record about as well, neither is
+    used.
 
     Parameters
     ----------

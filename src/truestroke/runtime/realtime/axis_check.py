@@ -149,7 +149,7 @@ class _Bench:
         sign = 1.0 if axis.safe_voltage + most <= axis.voltage_limits[1] else -1.0
         volts = sign * first
         while True:
-            grows = 3.0 * abs(volts) <= most  # then there is no need to look twice at an answer that leaves room
+            grows = 3.0 * abs(volts) <= most  # then an answer with a margin need not be measured twice
             answers, uncertainty = self._answers(
                 channel, volts, noise, LARGEST * settings.stroke / 3.0 if grows else 0.0
             )
@@ -216,7 +216,7 @@ def _motion(axis: Axis, seen: FloatArray) -> tuple[float, float]:
 
 
 def _unrest(axis: Axis, seen: FloatArray) -> float:
-    """How far an axis is from rest, as a part of its stroke; 0 of one that has not told it."""
+    """How far an axis is from rest, as a part of its stroke; 0 of one whose stroke is not known."""
     moved, noise = _motion(axis, seen)
     settings = _known(axis)
     return max(moved, noise) / settings.stroke if settings else 0.0

@@ -1,4 +1,4 @@
-"""The set-up that the figures share: one controller, two plants, fixed seeds, windows of time, one picture."""
+"""The set-up of the paper's figures: one controller, two plants, fixed seeds, windows of time, one picture."""
 
 from __future__ import annotations
 

@@ -58,9 +58,9 @@ def fig4() -> Reproduction:
     )
     sentence = (
         "Fig. 4 is of another stack and prints no number, so the procedure is tried where the lines are known, and "
-        "finds them; on the realistic plant they do not lean as the published ones do, because what depends on rate "
-        "there is lag and creep, and rising and falling branches do not meet at rest as (7) has it, because the "
-        "asymmetry bends them apart and creep adds to it."
+        "finds them; on the realistic plant they do not have the published slopes, because its rate dependence is lag "
+        "and creep, and rising and falling branches differ at rest, in contrast to (7), because of asymmetry and "
+        "creep."
     )
     return Reproduction("fig4", "Fig. 4: weights against velocity", rows, sentence, _plot)
 

@@ -27,9 +27,9 @@ def fig10() -> Reproduction:
         Row("true, 10 to 20 s", None, bench.rmse(run, 10, 20, "true"), "um"),
     )
     sentence = (
-        "As in the paper the error falls on after the first second; both of ours are lower, the later one because our "
-        "sensor is quieter (13 nm a tick; with the 50 nm of Sec. 4 it meets the paper's), the earlier one only in "
-        "part, since the paper gives neither its lambda nor its delta."
+        "As in the paper the error decreases further after the first second; both of ours are lower, the later one "
+        "because our sensor is quieter (13 nm a tick; with the 50 nm of Sec. 4 it meets the paper's), the earlier one "
+        "only in part, since the paper gives neither its lambda nor its delta."
     )
     return Reproduction("fig10", "Fig. 10: a sine of 12 Hz", rows, sentence, lambda t: bench.picture(run, 0, 1, t))
 
@@ -132,9 +132,8 @@ def table2() -> Reproduction:
     )
     sentence = (
         "Ours is smaller in part because our sensor is quieter (13 nm a tick; with the 50 nm of Sec. 4 nearly half of "
-        "the difference is gone); of the square of the true error two fifths are creep, three tenths the asymmetry "
-        "that identity dead zones leave to the plays, and the rest is a smooth hysteresis that eight plays only "
-        "approach."
+        "the difference is gone); of the square of the true error two fifths are creep, three tenths the asymmetry, "
+        "because the dead zones are identity, and the rest is a smooth hysteresis that eight plays only approximate."
     )
     title = f"Table 2: {len(runs)} random waves of 28.6 um peak-to-peak, errors over 10 to 20 s"
     return Reproduction("table2", title, rows, sentence, lambda theme: _by_wave(rmse, largest, theme))

@@ -72,8 +72,8 @@ def fig8() -> Reproduction:
         *(Row(f"first {n} partial slopes within 5 %", None, bench.settling(runs, n), "s", 2) for n in (5, 8)),
     )
     sentence = (
-        "The weights are those of the plant, to within what 50 nm of noise leaves open; on two of the five waves the "
-        "last partial slopes wait for the first fall that is long enough to bring play 4 or 5 back."
+        "The weights are those of the plant, within the uncertainty by 50 nm of noise; on two of the five waves the "
+        "last partial slopes converge only with the first fall that is long enough to move play 4 or 5 back."
     )
     return Reproduction("fig8", "Fig. 8: simulation, convergence of the weights", rows, sentence, _weights)
 

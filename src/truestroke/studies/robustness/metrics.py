@@ -44,7 +44,7 @@ def metrics(run: Run, channels: Channels) -> dict[str, Number]:
         rmse from 0.1 to 0.5 s after the change, or None. cold, um: rmse from 0.75 to 1 s after a cold start. largest,
         um, and largest_at, s: largest error anywhere, but for the first 0.5 s and for 50 ms after a change. left_out,
         um: largest error in what `largest` leaves out. ringing, um: what of `largest` no controller can take away: the
-        change makes the displacement jump by J, and the resonance rings with it; abs(J) exp(-zeta w 50 ms) is left when
+        change makes the displacement jump by J, and the resonance rings with it; abs(J) exp(-zeta w 50 ms) remains when
         the errors count again; 0 without a change. changes: how many sudden changes the controller found.
     """
     desired, true, time = channels["desired"], channels["true"], channels["time"]

@@ -97,7 +97,7 @@ def run(study: Robustness, workers: int = 2, progress: Callable[[int, int], None
     StudyError
         A simulation failed.
     """
-    engine.first(study, study.numbers)  # wrong settings are told at once
+    engine.first(study, study.numbers)  # wrong settings are reported at once
     with Store(":memory:", study) as store:
         engine.run(study, store, threads(workers), progress)
         end = max(study.numbers) + 1
