@@ -66,7 +66,7 @@ def characterise(record: Path | None, output: str, plots: Path | None, as_json: 
         verdict = page.judged(found)
         made = page.page(found, common.as_asked()["command"])
         pictures = common.save_page(made, page_file, plots)
-    code = ExitCode.NOT_TRACKING if verdict.is_bad else ExitCode.OK
+    code = ExitCode.of(verdict)
     if as_json:
         files = {"model": str(model_file), "recording": str(record or recording_file), "page": str(page_file)}
         common.print_json({**verdict.as_dict(), **found.as_dict(), **files, "pictures": pictures})
