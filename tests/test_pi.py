@@ -255,6 +255,9 @@ def test_no_signal_interrupts_the_way_to_the_safe_voltage() -> None:
         def start(self, volts: np.ndarray) -> None:
             raise DriverError("no network")
 
+        def exchange(self, volts: np.ndarray, measured: np.ndarray) -> None:
+            """Never called."""
+
         def stop(self, volts: np.ndarray) -> None:
             for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
                 signal.raise_signal(number)
