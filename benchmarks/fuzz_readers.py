@@ -118,7 +118,7 @@ def model() -> ActuatorModel:
     made = {"source": "a.csv"}, {"rmse_um": 0.1}
     return ActuatorModel(
         thresholds=(0.0, 0.5), weights=np.array([8.0, 1.0, 0.0, 0.0]), covariance=np.diag(np.full(4, 0.01)),
-        stroke=30.0, voltage_range=(-0.6, 3.6), rate_scale=1e-3, provenance=made[0], figures=made[1],
+        stroke=30.0, voltage_range=(-0.6, 3.6), rate_scale=1e-3, provenance=made[0], metrics=made[1],
     )  # fmt: skip
 
 

@@ -16,7 +16,7 @@ BENCH = {"sample_rate": 2000.0, "stroke": 30.0, "voltage_limits": (-0.6, 3.6)}
 
 def model() -> ActuatorModel:
     covariance = np.diag([0.04, 0.01, 1e-6, 0.25])
-    more = {"figures": {"held_out_rmse_um": 0.021}, "provenance": {"source": "a record & <its> notes, " + 20 * "long "}}
+    more = {"metrics": {"held_out_rmse_um": 0.021}, "provenance": {"source": "a record & <its> notes, " + 20 * "long "}}
     return ActuatorModel(
         thresholds=(0.0, 0.5), weights=[8.0, 2.0, 0.0, 0.5], covariance=covariance, stroke=20.0,
         voltage_range=(0.0, 2.0), delay=2e-4, **more,

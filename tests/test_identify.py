@@ -202,4 +202,4 @@ def test_model_file_comes_back_to_the_last_bit(stage, tmp_path):
     again = load_model(tmp_path / "a.toml")
     assert again.weights.tobytes() == model.weights.tobytes()
     assert again.covariance.tobytes() == model.covariance.tobytes()
-    assert dict(again.figures) == dict(model.figures)
+    assert dict(again.metrics) == dict(model.metrics)

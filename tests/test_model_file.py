@@ -15,7 +15,7 @@ MODEL = ActuatorModel(
     stroke=30.0,
     voltage_range=(-0.6, 3.6),
     rate_scale=1 / 1500,
-    figures={"held_out_rmse_um": 0.1},
+    metrics={"held_out_rmse_um": 0.1},
     provenance={"source": 'C:\\new "run"\tµ\x7f.csv'},
 )
 
@@ -36,12 +36,18 @@ def test_extreme_numbers_and_strings_come_back(file):
 
 def test_a_file_with_the_old_names_is_read(file):
     text = file.read_text(encoding="utf-8")
-    for new, old in (("rate_dependent =", "rated ="), ("asymmetry =", "bends ="), ('"asymmetry 1"', '"bend 1"')):
+    for new, old in (
+        ("rate_dependent =", "rated ="),
+        ("asymmetry =", "bends ="),
+        ('"asymmetry 1"', '"bend 1"'),
+        ("[metrics]", "[figures]"),
+    ):
         assert new in text
         text = text.replace(new, old)
     file.write_text(text, encoding="utf-8")
     again = load_model(file)
     assert (again.rate_dependent, again.asymmetry, again.names) == ((1,), 1, MODEL.names)
+    assert again.metrics == MODEL.metrics
 
 
 @pytest.mark.parametrize(
@@ -76,7 +82,7 @@ def test_a_missing_file_and_a_bad_number(tmp_path):
     with pytest.raises(ModelFileError, match="nowhere"):
         load_model(tmp_path / "nowhere.toml")
     with pytest.raises(ModelFileError, match="finite"):
-        save_model(tmp_path / "m.toml", MODEL.replace(figures={"x": float("inf")}))
+        save_model(tmp_path / "m.toml", MODEL.replace(metrics={"x": float("inf")}))
 
 
 def test_what_a_model_was_refined_from_comes_back_with_it(tmp_path):

@@ -238,7 +238,7 @@ def test_command_goes_from_pass_to_pass(tmp_path, monkeypatch):
         return done.stdout
 
     model = perfect()
-    save_model("model0.toml", model.replace(figures={"held_out_rmse_um": 0.01}, provenance={"source": "a.csv"}))
+    save_model("model0.toml", model.replace(metrics={"held_out_rmse_um": 0.01}, provenance={"source": "a.csv"}))
     save_waveform("pass0.csv", waveform(model, WAVE.position[:4000], FS, voltage_limits=LIMITS))
     errors = []
     for k in range(3):
@@ -254,10 +254,10 @@ def test_command_goes_from_pass_to_pass(tmp_path, monkeypatch):
     assert errors[2] < 0.05
     with open("model3.toml", "rb") as file:
         told = tomllib.load(file)
-    assert told["figures"]["pass_rmse_um"] == errors[2]
+    assert told["metrics"]["pass_rmse_um"] == errors[2]
     assert told["provenance"]["source"] == "a.csv"
     assert told["provenance"]["pass_3"].startswith(f"rec2.csv: error {errors[2]:.4g} um rmse")
-    assert "held_out_rmse_um" not in told["figures"]  # which is not of this model
+    assert "held_out_rmse_um" not in told["metrics"]  # which is not of this model
     assert "held_out" in told["provenance"]
 
     text = call("refine", "rec1.csv", "--model", "model1.toml", "--sample-rate", "2000", "--volts", "drive")
@@ -329,13 +329,13 @@ def test_a_pass_that_is_worse_is_undone_and_told(rung):
 def test_another_motion_is_not_compared(rung):
     made = waveform(rung, TRIANGLE.position, FS, velocity=TRIANGLE.velocity, voltage_limits=LIMITS)
     best = rung.replace(
-        figures={"best_pass_um": 1e-6, "samples": 1200.0, "spread_um": float(np.std(TRIANGLE.position))}
+        metrics={"best_pass_um": 1e-6, "samples": 1200.0, "spread_um": float(np.std(TRIANGLE.position))}
     )
     record = Record.from_arrays(made.volts, ringing(made.volts, 1), sample_rate=FS)
     found = refine(best, record, waveform=made)
     assert "the refinement of this pass is not taken" in found.undone  # the model before is not known
     np.testing.assert_array_equal(found.model.weights, rung.weights)
-    half = best.replace(figures={**best.figures, "spread_um": best.figures["spread_um"] / 2})
+    half = best.replace(metrics={**best.metrics, "spread_um": best.metrics["spread_um"] / 2})
     assert not refine(half, record, waveform=made).undone
 
 

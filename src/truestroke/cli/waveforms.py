@@ -70,7 +70,7 @@ def limits(model: ActuatorModel, options: Mapping[str, Any]) -> dict[str, Any]:
 
 def error_of(model: ActuatorModel) -> float | None:
     """Rmse of the model where it last met the actuator, um: held out by `identify`, or of the last pass."""
-    return model.figures.get("held_out_rmse_um", model.figures.get("prediction_rmse_um"))
+    return model.metrics.get("held_out_rmse_um", model.metrics.get("prediction_rmse_um"))
 
 
 def rows(made: PredictedWaveform, model: ActuatorModel) -> list[tuple[str, str, str]]:

@@ -66,7 +66,7 @@ class ActuatorModel(Displayed, Layout):
         Of the weights, in the squares of their units.
     noise : float
         Standard deviation of the residual of the record, um.
-    figures : mapping of str to float
+    metrics : mapping of str to float
         What the fit reports of itself, such as "held_out_rmse_um".
     provenance : mapping of str to str
         Where it comes from, such as "source".
@@ -88,7 +88,7 @@ class ActuatorModel(Displayed, Layout):
     zero: float = 0.0
     velocity: float = 0.0
     noise: float = 0.0
-    figures: Mapping[str, float] = field(default_factory=dict)
+    metrics: Mapping[str, float] = field(default_factory=dict)
     provenance: Mapping[str, str] = field(default_factory=dict)
     before: ActuatorModel | None = None
 
@@ -123,7 +123,7 @@ class ActuatorModel(Displayed, Layout):
         }
         rows = [(name, quantity(getattr(self, name), unit)) for name, unit in units.items()]
         first = f"{self.weights[0]:.6g} +- {self.deviations[0]:.2g} um/V"
-        facts = {**self.figures, **self.provenance}
+        facts = {**self.metrics, **self.provenance}
         return f"ActuatorModel: {len(self.thresholds)} plays, {self.weights.size} weights", [
             *rows,
             ("weight a0", first),

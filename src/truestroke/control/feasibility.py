@@ -261,19 +261,19 @@ def notices(
     """
     limit = settings.slew_limit if slew is None else slew
     low, high = settings.voltage_limits if voltage_limits is None else voltage_limits
-    told = []
+    found = []
     if needs.volts[0] < min(low, 0.0) or needs.volts[1] > max(high, 0.0):
-        told.append(
+        found.append(
             f"{names['voltage_limits']} = {low:g} to {high:g} V will hold the motion back: it needs about "
             f"{needs.volts[0]:.3g} to {needs.volts[1]:.3g} V ({needs.reach[0]:.4g} to {needs.reach[1]:.4g} um at "
             f"{gains(settings)[0]:.3g} um/V)"
         )
     if needs.slew > limit:
-        told.append(
+        found.append(
             f"{names['slew']} = {limit:g} V/s will hold the motion back: it needs about {needs.slew:.3g} V/s "
             f"({needs.speed:.4g} um/s at {gains(settings)[1]:.3g} um/V)"
         )
-    return tuple(told)
+    return tuple(found)
 
 
 def remedied(trajectory: Trajectory, controller: object) -> tuple[str, ...]:

@@ -34,8 +34,8 @@ KEYS = {
     "noise_um": "noise",
 }
 """Keys of the file's table [model], and the members of `ActuatorModel` that they hold."""
-OLD_KEYS = {"rated": "rate_dependent", "bends": "asymmetry"}
-"""Keys of files that an earlier version wrote; it also named the weights of the asymmetry `bend 1`, `bend 2`."""
+OLD = {"rated": "rate_dependent", "bends": "asymmetry", "figures": "metrics"}
+"""Keys and tables of files of an earlier version, which also named the weights of the asymmetry `bend 1`, `bend 2`."""
 
 
 class ModelFileError(files.FileError):
@@ -77,7 +77,7 @@ def _sections(model: ActuatorModel, prefix: str) -> list[str]:
         lines.append(f"{_toml(name)} = {_toml(weight)} # +- {deviation:.2g} {unit}")
     lines += ["", f"[{prefix}covariance] # of the weights, in the squares of their units", "lower_triangle = ["]
     lines += [f"  {_toml(row[: i + 1])}," for i, row in enumerate(model.covariance)]
-    lines += ["]", "", f"[{prefix}figures]", *_table(model.figures.items()), "", f"[{prefix}provenance]"]
+    lines += ["]", "", f"[{prefix}metrics]", *_table(model.metrics.items()), "", f"[{prefix}provenance]"]
     return lines + _table(model.provenance.items())
 
 
@@ -111,7 +111,7 @@ class _Tables:
     model: Mapping[str, Any]
     weights: Mapping[str, Any]
     covariance: _Covariance
-    figures: Mapping[str, Any]
+    metrics: Mapping[str, Any]
     provenance: Mapping[str, Any]
 
 
@@ -124,28 +124,32 @@ def _model(document: dict[str, Any]) -> ActuatorModel:
     for key, wanted in (("format", FORMAT), ("version", VERSION)):
         if document.get(key) != wanted:
             raise SettingError(key, repr(document.get(key)), f"{wanted!r}: else it is not a {FORMAT} of this version")
-    model = _of_tables(toml.decode(_Tables, document, also=("format", "version", "before")))
+    model = _of_tables(toml.decode(_Tables, _renamed(document), also=("format", "version", "before")))
     if "before" not in document:
         return model
-    before = toml.value("before", document["before"], _Tables)
+    before = toml.value("before", _renamed(document["before"]), _Tables)
     with checks.inside("before."):
         return model.replace(before=_of_tables(before))
 
 
+def _renamed(table: Any) -> Any:
+    """A table whose keys have the names of now."""
+    return {OLD.get(key, key): value for key, value in table.items()} if isinstance(table, Mapping) else table
+
+
 def _of_tables(tables: _Tables) -> ActuatorModel:
-    entries = {OLD_KEYS.get(key, key): value for key, value in tables.model.items()}
+    entries = _renamed(tables.model)
     weights = {re.sub("^bend ", "asymmetry ", name): value for name, value in tables.weights.items()}
     with checks.inside("model.", {name: key for key, name in KEYS.items()}):
         checks.known(entries, KEYS)
         members = toml.arguments(ActuatorModel, {name: toml.needed(entries, key) for key, name in KEYS.items()})
-    members |= {
-        term.setting: name in weights for name, term in TERMS.items() if term.most == 1
-    }  # flags: by the weights
+    flags: dict[str, Any] = {term.setting: name in weights for name, term in TERMS.items() if term.most == 1}
     model = ActuatorModel(
         **members,
+        **flags,
         weights=_numbers(weights.values()),
         covariance=_symmetric(tables.covariance.lower_triangle, len(weights)),
-        figures=tables.figures,
+        metrics=tables.metrics,
         provenance=tables.provenance,
     )
     if tuple(weights) != model.names:

@@ -165,10 +165,10 @@ def identify(
     final, tried = _found(taken, taken.volts.size, shift, fixed)
     predicted, last = part.model.predict(taken.volts, fs), np.arange(taken.volts.size) >= train
     trace = Trace(**vars(taken), predicted=predicted, held_out=last)
-    figures, left = _held_out(trace), final.residual
-    model = _documented(final, figures, taken)
-    white = uncertainty.autocorrelation(left), uncertainty.effective_samples(left)
-    return Identified(model, figures, trace, left, *white, tried)
+    test, residual = _held_out(trace), final.residual
+    model = _documented(final, test, taken)
+    white = uncertainty.autocorrelation(residual), uncertainty.effective_samples(residual)
+    return Identified(model, test, trace, residual, *white, tried)
 
 
 def _found(
@@ -230,8 +230,8 @@ def _documented(fit: Fit, held_out: HeldOut, s: Series) -> ActuatorModel:
     """The model with the metrics and the provenance for its file."""
     from importlib.metadata import version
 
-    figures = {f"held_out_{name}": float(value) for name, value in dataclasses.asdict(held_out).items()}
-    figures |= {"record_samples": float(s.volts.size), "record_sample_rate_hz": s.sample_rate}
+    metrics = {f"held_out_{name}": float(value) for name, value in dataclasses.asdict(held_out).items()}
+    metrics |= {"record_samples": float(s.volts.size), "record_sample_rate_hz": s.sample_rate}
     return fit.model.replace(
-        figures=figures, provenance={"source": s.source, "made_by": f"truestroke {version('truestroke')}"}
+        metrics=metrics, provenance={"source": s.source, "made_by": f"truestroke {version('truestroke')}"}
     )

@@ -178,8 +178,7 @@ def _fitted(model: ActuatorModel, data: Data, skip: int) -> ActuatorModel:
         rows, kept = data.columns(s, z_m)[skip:], z_m[:: data.every][skip:]
         J = data.derivative(s, rows[:, :-1], kept, c)
         residual = measured - kept
-        noise = float(np.var(residual)) * residual.size / uncertainty.effective_samples(residual)
-        weight = max(noise, (QUIET * model.stroke) ** 2)
+        weight = max(uncertainty.white_variance(residual), (QUIET * model.stroke) ** 2)
         pulled = np.vstack([normal.reduced(np.column_stack([J, residual + J @ c])), prior.rows(weight)])
         c = normal.solve(pulled, *data.constraints(s, velocity))
     made = data.model(s, c, velocity)
@@ -209,11 +208,11 @@ def _motion(waveform: Waveform | None, best: float) -> dict[str, float]:
 
 def _best(model: ActuatorModel, waveform: Waveform | None) -> float:
     """Rmse of the best pass of the same motion so far, um; infinite where there was none."""
-    known = model.figures.get("best_pass_um")
+    known = model.metrics.get("best_pass_um")
     same = _motion(waveform, 0.0)
-    if known is None or not same or model.figures["samples"] != same["samples"]:
+    if known is None or not same or model.metrics["samples"] != same["samples"]:
         return np.inf
-    return known if np.isclose(model.figures["spread_um"], same["spread_um"], rtol=1e-3) else np.inf
+    return known if np.isclose(model.metrics["spread_um"], same["spread_um"], rtol=1e-3) else np.inf
 
 
 def _undone(found: Refined, old: ActuatorModel, best: float, source: str) -> Refined:
@@ -223,8 +222,8 @@ def _undone(found: Refined, old: ActuatorModel, best: float, source: str) -> Ref
     text = f"This pass was worse, {found.rmse:.4g} um rmse where the best one had {best:.4g}: it is undone, {what}."
     number = 1 + sum(key.startswith("pass_") for key in old.provenance)
     provenance = {**old.provenance, f"pass_{number}": f"{source}: {text}"}
-    figures = {name: old.figures[name] for name in ("samples", "spread_um", "best_pass_um")}
-    model = kept.replace(before=None, figures={**kept.figures, **figures}, provenance=provenance)
+    metrics = {name: old.metrics[name] for name in ("samples", "spread_um", "best_pass_um")}
+    model = kept.replace(before=None, metrics={**kept.metrics, **metrics}, provenance=provenance)
     residual = found.measured - kept.predict(found.volts, found.sample_rate)
     return dataclasses.replace(found, model=model, residual=residual, after=_rms(residual), undone=text)
 
@@ -235,12 +234,12 @@ def _documented(found: Refined, old: ActuatorModel, source: str, motion: dict[st
     words = "" if found.error is None else f"error {found.rmse:.4g} um rmse, {found.maximum:.4g} um at the most; "
     words += f"prediction {found.before:.4g} um rmse before, {found.after:.4g} um after"
     provenance = {**old.provenance, f"pass_{number}": f"{source}: {words}"}
-    if "held_out_rmse_um" in old.figures:  # which is not of this model
-        provenance["held_out"] = f"rmse {old.figures['held_out_rmse_um']:.4g} um, before the first pass"
-    figures = {"prediction_rmse_before_um": found.before, "prediction_rmse_um": found.after, **motion}
+    if "held_out_rmse_um" in old.metrics:  # which is not of this model
+        provenance["held_out"] = f"rmse {old.metrics['held_out_rmse_um']:.4g} um, before the first pass"
+    metrics = {"prediction_rmse_before_um": found.before, "prediction_rmse_um": found.after, **motion}
     if found.rmse is not None and found.maximum is not None:
-        figures |= {"pass_rmse_um": found.rmse, "pass_maximum_um": found.maximum}
-    return dataclasses.replace(found, model=found.model.replace(figures=figures, provenance=provenance))
+        metrics |= {"pass_rmse_um": found.rmse, "pass_maximum_um": found.maximum}
+    return dataclasses.replace(found, model=found.model.replace(metrics=metrics, provenance=provenance))
 
 
 # ---- The record ----------------------------------------------------------------------------------------------------

@@ -144,8 +144,8 @@ def choose(data: Data, guess: FloatArray, fixed: Mapping[str, Any]) -> tuple[Str
     """The structure (thresholds with all terms, then the terms), its prior's weight, um^2, and all that was tried."""
     if fixed["rate"] is None and data.fastest > FASTER * data.speed:
         fixed = {**fixed, "rate": False}
-    left = (data.displacement - guess[:: data.every])[data.fitted(rested=False)]
-    noise = float(np.var(left)) * left.size / uncertainty.effective_samples(left)  # as if it were white
+    residual = (data.displacement - guess[:: data.every])[data.fitted(rested=False)]
+    noise = uncertainty.white_variance(residual)
     weights = [w * noise for w in WEIGHTS]
     banks = [_blocks(data, s, guess) for s in _with_all_terms(data, fixed)]
     tried = [(bank.rmse(bank.full, w), bank, bank.full, w) for bank in banks for w in weights]

@@ -73,6 +73,11 @@ def effective_samples(residual: FloatArray) -> float:
     return float(residual.size * min(1.0, S.mean() / max(S[1:4].mean(), 1e-300)))
 
 
+def white_variance(residual: FloatArray) -> float:
+    """Variance, um^2, of white noise with the same uncertainty of the mean."""
+    return float(np.var(residual)) * residual.size / effective_samples(residual)
+
+
 def autocorrelation(residual: FloatArray) -> FloatArray:
     """Sum of e[k] e[k + lag] over sum of e[k]^2, for lags from 0, 1/4 of the samples at most, `LAGS` at most."""
     from scipy.signal import correlate

@@ -96,9 +96,9 @@ def notes(view: View, record: Record) -> list[str]:
     if unknown:
         share = percent(100 * unknown / view.time.size)
         says.append(f"{share} of the samples are in gaps or after them, where the state of the actuator is not known")
-    block = round(record.sample_rate / view.model.figures["record_sample_rate_hz"])
+    block = round(record.sample_rate / view.model.metrics["record_sample_rate_hz"])
     if block > 1:
-        rate = view.model.figures["record_sample_rate_hz"]
+        rate = view.model.metrics["record_sample_rate_hz"]
         says.append(f"means over {block} samples were used, at {rate:.4g} Hz: nothing faster is in the model")
     from_prior = [name for name, hardly in zip(view.model.names, view.from_prior(), strict=True) if hardly]
     if from_prior:

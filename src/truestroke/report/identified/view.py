@@ -60,7 +60,7 @@ class View(Trace):
             model=found.model,
             error=np.where(trace.known, trace.residual, np.nan),
             line_error=np.where(trace.known, trace.displacement - np.polyval(line, trace.volts), np.nan),
-            rate=central_difference(trace.predicted, found.model.figures["record_sample_rate_hz"]),
+            rate=central_difference(trace.predicted, found.model.metrics["record_sample_rate_hz"]),
             first=int(np.argmax(trace.held_out)),
             tested=trace.held_out & trace.known,
         )
@@ -81,7 +81,7 @@ class View(Trace):
         span = m.voltage_range[1] - m.voltage_range[0]
         a = priors.play_weights(m.thresholds, span, priors.FIRST_SLOPE * m.sensitivity)
         deviation = np.sqrt(np.diag(priors.covariance(m, a, q=m.sensitivity, stroke=m.stroke)))
-        interval = 1 / m.figures["record_sample_rate_hz"]
+        interval = 1 / m.metrics["record_sample_rate_hz"]
         deviation[m.columns["lag"]] = max(TERMS["lag"].deviation, interval)  # the clock of the record
         deviation[m.columns["offset"]] = m.stroke  # its sensor
         return m.vector(a), deviation

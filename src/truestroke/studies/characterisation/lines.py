@@ -203,7 +203,7 @@ class Characterisation:
             voltage_range=(float(volts.min()), float(volts.max())),
             velocity=float(self.velocities[self.converged].max()),
             noise=self.misfit,
-            figures={"misfit_um": self.misfit, "speeds": float(np.count_nonzero(self.converged) / 2)},
+            metrics={"misfit_um": self.misfit, "speeds": float(np.count_nonzero(self.converged) / 2)},
             provenance={"source": f"truestroke characterise, {plant}".rstrip(", "), "procedure": "Sec. 2.4"},
         )
 
