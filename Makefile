@@ -11,7 +11,7 @@ OLD_PYTHON := truestroke needs Python 3.11 or newer; this is %s. Try: make PYTHO
 .DEFAULT_GOAL := help
 
 help:  ## this list
-	@echo 'truestroke: make a piezo actuator go exactly where it is told'
+	@echo 'truestroke: make a piezo actuator follow a desired motion exactly'
 	@echo
 	@sed -n 's/^\([a-z-]*\):.*  ## \(.*\)/  make \1 \2/p' Makefile | awk '{ $$2 = sprintf("%-12s", $$2); print "  " $$0 }'
 
@@ -42,7 +42,7 @@ $(VENV)/.ready: $(VENV)/.package
 bench: setup  ## what a step costs here, beside what others offer
 	@$(BIN)/python -m benchmarks.bench
 
-images: setup  ## draw the pictures of the README again, into docs/images
+images: setup  ## make the pictures of the README again, into docs/images
 	@mkdir -p build/images
 	@$(BIN)/truestroke track --output build/images/track --plots build/images
 	@$(BIN)/truestroke compare --output build/images/compare --plots build/images

@@ -3,7 +3,7 @@
     python benchmarks/soak.py [--minutes 30] [--cpu N] [--json]
 
 Runs `truestroke run` and looks at the memory of its processes every few seconds. Ends with 1 if memory grows or a
-sample is lost; lateness is that of this machine, and is told only.
+sample is lost; lateness is that of this machine, and is reported only.
 """
 
 import argparse

@@ -6,7 +6,7 @@ of noise. Prints for each frequency how many runs meet the goals: rmse at most 0
 half, no error above 20 % of the stroke, none above 2 % after the first 0.5 s.
 
     python benchmarks/soft_stages.py                     # some minutes
-    python benchmarks/soft_stages.py --stages 50 --seeds 1 --told
+    python benchmarks/soft_stages.py --stages 50 --seeds 1 --known
 """
 
 from __future__ import annotations
@@ -101,11 +101,11 @@ class Stage:
         return z, z + self.noise.gauss(0.0, 0.02)
 
 
-def follow(f0: float, cutoff: float, kind, zeta: float, sample_rate: float, seed: int, told: bool, duration: float):
+def follow(f0: float, cutoff: float, kind, zeta: float, sample_rate: float, seed: int, known: bool, duration: float):
     """rmse of the second half, % of p-p; largest error, and after 0.5 s, % of the stroke; controller."""
     wave = random_wave(duration=duration, cutoff=cutoff, peak_to_peak=20.0, sample_rate=sample_rate, seed=seed)
     controller = AdaptiveController(
-        sample_rate=sample_rate, stroke=STROKE, voltage_limits=(LOW, HIGH), resonance=f0 if told else 0.0
+        sample_rate=sample_rate, stroke=STROKE, voltage_limits=(LOW, HIGH), resonance=f0 if known else 0.0
     )
     stage, error = Stage(kind(), f0, zeta, sample_rate, seed), []
     for z_d, zdot_d in zip(wave.position.tolist(), wave.velocity.tolist(), strict=True):
@@ -123,14 +123,14 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=2)
     parser.add_argument("--sample-rate", type=float, default=2000.0)
     parser.add_argument("--duration", type=float, default=10.0)
-    parser.add_argument("--told", action="store_true", help="tell the controller the resonance")
+    parser.add_argument("--known", action="store_true", help="give the controller the resonance")
     options = parser.parse_args()
     print(f"{'stage, Hz':>9}  {'hysteresis':10}  goals met  rmse, %: median, worst  largest, %  after 0.5 s, %  alarms")
     for f0, kind in itertools.product(options.stages, (Plays, Preisach, BoucWen)):
         cases = itertools.product((2.0, 10.0), (0.01, 0.03), range(options.seeds))
         rows = []
         for cutoff, zeta, seed in cases:
-            *figures, c = follow(f0, cutoff, kind, zeta, options.sample_rate, seed, options.told, options.duration)
+            *figures, c = follow(f0, cutoff, kind, zeta, options.sample_rate, seed, options.known, options.duration)
             rows.append([*figures, c.counters.oscillating])
         a = np.array(rows)
         good = np.count_nonzero((a[:, 0] <= 0.15) & (a[:, 1] <= 20) & (a[:, 2] <= 2))

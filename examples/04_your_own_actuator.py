@@ -1,4 +1,4 @@
-"""An actuator of your own: open() tells the timing, exchange(volts) moves it and measures."""
+"""An actuator of your own: open() returns the timing, exchange(volts) moves it and measures."""
 
 # %%
 import numpy as np

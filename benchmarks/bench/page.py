@@ -17,7 +17,7 @@ CAPTIONS = {
     "updates": (
         "The same recursive least squares",
         "One update of 16 parameters, from the best window of steps (dot) to the 99.9th percentile of single steps "
-        "(bar). On a machine that has other work the percentile tells of that work. Mind the scale.",
+        "(bar). On a machine with other load the percentile includes it. Mind the scale.",
     ),
     "ticks": (
         "A tick of the controller",

@@ -26,7 +26,7 @@ CAPTIONS = {
         "Residual",
         "Measured minus predicted displacement, by a model that was fitted to the part that is not shaded. Above: "
         "the state at the start is not known; a slope in the shaded part is creep or drift for which the record is too "
-        "short. Below: a bend of the median over voltage is a term that the model lacks, a slope over rate a lag. The "
+        "short. Below: a curved median over voltage is a term that the model lacks, a slope over rate a lag. The "
         "autocorrelation of the fit's residual would stay in the grey band if the residual were noise alone.",
     ),
     "weights": (

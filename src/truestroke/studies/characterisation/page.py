@@ -102,7 +102,7 @@ def _rateless(found: Characterisation, speed: float) -> str:
     i, branches = int(np.argmax(np.where(leans, np.abs(found.b), 0.0))), found.branches
     within = f"{branches.b[i]:.3f} ± {branches.quantile * branches.b_deviations[i]:.3f} um/V"
     through = f"{found.b[i]:.3f} ± {found.quantile() * found.b_deviations[i]:.3f}"
-    rest = "is the step between them" if branches.parted[i] else "may be a step between them: more speeds would tell"
+    rest = "is the step between them" if branches.parted[i] else "may be a step between them: more speeds would show it"
     return (
         f"Within a direction no weight is seen to change with speed up to {speed:g} um/s: b of w{i} is {within} there. "
         f"That of the line through both directions, {through}, {rest}."

@@ -23,7 +23,7 @@ METRICS = {  # name -> in a table
     "after_change": "rmse 0.1-0.5 s after a change",
     "cold": "rmse 0.75-1 s from a cold start",
     "largest": "largest error that counts",
-    "left_out": "largest in what is left out",
+    "left_out": "largest in the times left out",
 }
 
 

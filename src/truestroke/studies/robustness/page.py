@@ -30,7 +30,7 @@ CAPTIONS = {
     ),
 }
 WORST_NOTE = (
-    "µm. Ringing is what the jump of a change leaves of the free resonance 50 ms later; no controller can take it away."
+    "µm. Ringing is the free oscillation of the stage 50 ms after the jump of a change; no controller can correct it."
 )
 NOTE = (
     "True displacement. rmse and maximum are of the second half of the motion without 0.1 s after a change; the "

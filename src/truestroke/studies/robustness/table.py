@@ -192,9 +192,9 @@ def sentence(rows: Sequence[Row], controller: str) -> str:
     text = f"{NAMES[controller].capitalize()}: {above} of {len(rows)} runs have an error above {LIMIT:g} um, "
     text += f"{LEFT_OUT} left out"
     if above > beyond_ringing:
-        text += f"; in {above - beyond_ringing} of them it is what the jump of the change leaves ringing freely"
+        text += f"; in {above - beyond_ringing} of them it is free ringing after the jump of the change"
     outside = values(rows, controller, "left_out")
-    return f"{text}. In what is left out {sum(e > LIMIT for e in outside)} have one, up to {max(outside):.2f} um."
+    return f"{text}. In the times left out {sum(e > LIMIT for e in outside)} have one, up to {max(outside):.2f} um."
 
 
 def judge(rows: Sequence[Row]) -> Verdict:
