@@ -75,6 +75,7 @@ class Commands(click.Group):
         return _complain(in_words_of(self._asked, message), code)
 
     def _run(self, *args: Any, **options: Any) -> int:
+        stopped: list[int] = []  # a signal may come before the next line has its own
         try:
             with interrupts.as_ctrl_c() as stopped, _warnings_as_lines():
                 return int(super().main(*args, **options) or ExitCode.OK)
