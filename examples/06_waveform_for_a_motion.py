@@ -31,5 +31,5 @@ with tempfile.TemporaryDirectory() as folder:
 # Prints:
 #
 #     3.00 V at the most, predicted error 0.09 um rms
-#     out of reach: a voltage limit holds it back, 4 times, first at 0.297 s, ...
+#     out of reach: ..., 4 times, first at 0.297 s, ...
 #     2000 samples to play
