@@ -136,7 +136,7 @@ def stopped(runs: Runs, theme: Theme) -> Figure:
         above, below = panels[column], panels[2 + column]
         plot_error(above, runs["stopped"][pause]["paper"], (61.5, 64.0), 1.0, **lines(theme)["paper"])
         plot_error(below, runs["stopped"][pause]["default"], (61.5, 64.0), 1e3, **lines(theme)["default"])
-        style.title(above, f"After {pause}")
+        above.set_title(f"After {pause}")
         below.set_xlabel("time (s)")
         for panel in (above, below):
             shade(panel, theme, 61.5, 62.0, "pause", 0.06)

@@ -130,11 +130,6 @@ def panels(height: float, rows: int = 1, columns: int = 1, **options: Any) -> tu
     return figure, list(np.ravel(figure.subplots(rows, columns, **options)))
 
 
-def title(axes: Axes, text: str) -> None:
-    """A plain title at the left, above the panel."""
-    axes.set_title(text, pad=5)
-
-
 def zero(axes: Axes, theme: Theme) -> None:
     """A thin line at 0, behind what is plotted."""
     axes.axhline(0, color=theme["muted"], lw=0.7, zorder=1.5)
@@ -167,7 +162,7 @@ def note(axes: Axes, text: str, place: tuple[float, float], theme: Theme, coords
     )
 
 
-def legend_above(axes: Axes, entries: int | None = None) -> None:
+def legend_above(axes: Axes) -> None:
     """A legend in one row above the panel, at the right, where no line is."""
     columns = len(axes.get_legend_handles_labels()[0])
     legend = axes.legend(

@@ -119,11 +119,11 @@ def picture(recording: Recording, start: float, stop: float, theme: style.Theme)
         above.plot(*style.thin(time, part["true"]), color=theme["true"], lw=1.0, label="true")
         for name, error in errors.items():
             below.plot(*style.thin(time, factor * error), color=theme[name], lw=0.9, label=name)
-        below.axhline(0, color=theme["muted"], lw=0.7, zorder=1.5)
+        style.zero(below, theme)
         above.set_ylabel("displacement (µm)")
         below.set(ylabel=f"error ({unit})", xlabel="time (s)", xlim=(start, stop))
-        style.legend_above(above, 2)
-        style.legend_above(below, 2)
+        style.legend_above(above)
+        style.legend_above(below)
     return figure
 
 

@@ -78,8 +78,8 @@ def _plot(theme: style.Theme) -> Figure:
                 plot_lines(panels, np.array([0.0, sign * found.velocities.max()]), a, b, theme)
             name_weights(panels, found.weights[-1])
             panels[1].set_xlabel("desired velocity (µm/s)")
-        style.title(axes[0], "Matched plant; lines: its own weights (7)")
-        style.title(axes[1], "Realistic plant; lines: best fit of each branch")
+        axes[0].set_title("Matched plant; lines: its own weights (7)")
+        axes[1].set_title("Realistic plant; lines: best fit of each branch")
         for panel in (axes[0], axes[2]):
             panel.set_ylabel("weights (µm/V)")
     return figure

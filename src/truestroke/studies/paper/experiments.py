@@ -110,7 +110,7 @@ def _by_frequency(rows: list[Row], theme: style.Theme) -> Figure:
         panel.set(ylabel="rmse, 10 to 20 s (nm)", xlabel="frequency of the sine (Hz)", xlim=(-0.5, 2.5))
         panel.set_ylim(0, 75)
         panel.set_xticks(list(x), [str(frequency) for frequency in SINES])
-        style.legend_above(panel, 3)
+        style.legend_above(panel)
     return figure
 
 
@@ -145,7 +145,7 @@ def _by_wave(rmse: np.ndarray, largest: np.ndarray, theme: style.Theme) -> Figur
         figure, (left, right) = style.panels(2.8, 1, 2)
         _dots(left, rmse, RMSE, "rmse (nm)", theme)
         _dots(right, largest, MAXIMUM, "maximum error (nm)", theme)
-        style.legend_above(left, 2)
+        style.legend_above(left)
     return figure
 
 

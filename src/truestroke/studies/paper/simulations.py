@@ -86,5 +86,5 @@ def _weights(theme: style.Theme) -> Figure:
         for weight, colour in zip(weights, theme.series, strict=True):
             panel.axhline(weight, color=colour, lw=0.8, ls=(0, (2, 3)))
     with style.use(theme):
-        style.title(figure.axes[0], "Dotted: the weights of the plant")
+        figure.axes[0].set_title("Dotted: the weights of the plant")
     return figure

@@ -66,7 +66,7 @@ def failures(study: Study, rows: Sequence[Row], theme: Theme = LIGHT) -> Figure:
             failed = np.array([not study.has_converged(row, name) for row in rows])
             _cells(panel, x, y, failed, theme)
             panel.set_xlabel(_label(x_name))
-            style.title(panel, f"{name}: {np.sum(failed)} of {len(rows)} failed")
+            panel.set_title(f"{name}: {np.sum(failed)} of {len(rows)} failed")
         panels[0].set_ylabel(_label(y_name))
         shares = [Patch(fc=theme["grid"], label="none failed")]
         shares += [Patch(fc=theme["alarm"], alpha=_opacity(s), label=f"{100 * s:.0f} %") for s in (0.1, 0.5, 1.0)]
