@@ -397,7 +397,7 @@ def test_ctrl_c_keeps_what_is_there_and_says_how_to_go_on(tmp_path, executor):
     ("wrong", "says"),
     [
         ('noise = { log_uniform = [0.001, 0.1] }|noise = "quiet"', "plant.noise = 'quiet' um: must be a number"),
-        ("spread = 0.5 }|spread = 0.5 }\nb = 3", "plant = {"),
+        ("spread = 0.5 }|spread = 0.5 }\nb = 3", "plant.b = 3 um/V: must be a sequence of numbers"),
         ('stroke = 30.0|stroke = "long"', "controllers.paper.stroke = 'long' um: must be a number"),
     ],
 )
