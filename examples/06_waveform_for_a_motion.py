@@ -25,11 +25,11 @@ print("\n".join(made.warnings))
 # %%
 with tempfile.TemporaryDirectory() as folder:
     truestroke.save_waveform(Path(folder) / "triangle.csv", made)
-    print(truestroke.load_waveform(Path(folder) / "triangle.csv").volts.size, "samples to play")
+    print(truestroke.load_waveform(Path(folder) / "triangle.csv").volts.size, "samples")
 
 # %% [markdown]
 # Prints:
 #
 #     3.00 V at the most, predicted error 0.09 um rms
 #     out of reach: ..., 4 times, first at 0.297 s, ...
-#     2000 samples to play
+#     2000 samples

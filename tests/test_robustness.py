@@ -213,7 +213,7 @@ def test_the_sentence_names_what_it_leaves_out():
     ]
     assert robustness.sentence(rows, "adaptive") == (
         "Default: 0 of 3 runs have an error above 0.25 um, the first 0.5 s and the 50 ms after a change left out. In "
-        "what is left out 2 have one, up to 2.35 um."
+        "the times left out 2 have one, up to 2.35 um."
     )
     assert page.worst_runs(rows)[1][0][5] == "0.100"
 
