@@ -166,20 +166,14 @@ def model_page(
         Commands that use the model, each with what it does.
     command : str, optional
         What makes this page again.
-
-    Returns
-    -------
-    Page
-        `save` writes it, `save_plots` writes its plots.
     """
     findings, view = findings or examine(record), View.of(found)
-    found_in_record = Table(rows=findings.table(), kind="words")
     sections = [
         Section(tables=[_errors(found, view, findings)]),
         _warnings([*findings.warnings, *notes(view, record)]),
         *captioned(CAPTIONS),
         *_structure(found),
-        Section(heading="Record", tables=[found_in_record], beside=True),
+        Section(heading="Record", tables=[Table(rows=findings.table(), kind="words")], beside=True),
         _model_file(model_file, next_commands),
         Section(heading="All weights", tables=[_weights(view)], folded=True),
     ]
