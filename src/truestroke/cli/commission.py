@@ -1,4 +1,4 @@
-"""`truestroke commission`: the guided first volts of an axis."""
+"""`truestroke commission`: guided commissioning of an axis."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 @common.overwrite_option
 @common.json_option
 def commission(config: Path, output: str, yes: bool, as_json: bool) -> int:
-    """Guide the first volts of an axis, and write what they show into the configuration.
+    """Commission an axis: measure its data in small steps, and write them into the configuration.
 
     Steps from the safe voltage that begin tiny: noise, polarity, gain, latency, first resonance. Then, if you agree,
     the whole range of voltage_limits. The output ends at the safe voltage in every case. FILE as it was stays beside

@@ -20,11 +20,11 @@ from truestroke.cli import common
 @common.overwrite_option
 @common.json_option
 def playback(waveform: Path, config: Path, output: str, rest: float, as_json: bool) -> None:
-    """Put a waveform out by hardware and record what it does.
+    """Output a waveform on hardware and record the motion.
 
     WAVEFORM has columns `time` (s) and `volts` (V), as `truestroke invert` writes them. The output goes from the safe
-    voltage to the first voltage and back from the last one, within the slew limit, and to the safe voltage whenever
-    anything fails. `truestroke identify` and `truestroke refine` read the record.
+    voltage to the first voltage and back from the last one, within the slew limit, and to the safe voltage at any
+    fault. `truestroke identify` and `truestroke refine` read the record.
     """
     from truestroke.runtime.drivers import DriverError
     from truestroke.runtime.drivers import playback as play_back

@@ -17,7 +17,7 @@ from truestroke.studies import paper
 @common.overwrite_option
 @common.json_option
 def reproduce(names: tuple[str, ...], output: str, plots: Path | None, as_json: bool) -> None:
-    """Put the paper's tables and figures beside ours."""
+    """Print the paper's tables and figures beside ours."""
     (page_file,) = common.outputs(output, ".html")
     with common.stoppable(), common.progress("reproducing") as tell:
         results = paper.reproduce(names, progress=tell)
@@ -38,8 +38,8 @@ def reproduce(names: tuple[str, ...], output: str, plots: Path | None, as_json: 
     common.suggest(("compare", "eight controllers on the same actuator"), ("track", "one run with all its pictures"))
 
 
-reproduce.help = f"""Put the paper's tables and figures beside ours.
+reproduce.help = f"""Print the paper's tables and figures beside ours.
 
-NAME is one of {", ".join(paper.NAMES)}; without a name all of them. Prints what the paper prints beside what its
-algorithm does here, and what differs and why; writes a page with the pictures.
+NAME is one of {", ".join(paper.NAMES)}; without a name all of them. Prints the paper's values beside those of its
+algorithm here, and the differences with their causes; writes a page with the pictures.
 """
