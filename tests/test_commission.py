@@ -170,7 +170,7 @@ def test_a_delay_that_the_driver_does_not_tell_is_told() -> None:
     found = Findings(name="x", small=small, whole=whole, limits={"voltage_limits": LIMITS}, asked=30.0, stroke=30.0)
     verdict = found.verdict()
     assert verdict.level == "doubtful"
-    assert "ticks after its command, the driver says 2" in verdict.reasons[0]
+    assert "ticks after its command, the driver states 2" in verdict.reasons[0]
 
 
 def test_a_sensor_that_ends_before_the_voltage_does() -> None:
@@ -273,7 +273,7 @@ def test_nobody_is_there_to_agree() -> None:
     configuration()
     code, said = call()
     assert code == 2
-    assert "--yes does, for scripts" in said
+    assert "use --yes in scripts" in said
     assert not Path("volts").exists()
 
 
