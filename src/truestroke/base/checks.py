@@ -83,7 +83,7 @@ def number(argument: str, value: object, unit: str = "") -> float:
             raise TypeError
         result = float(value)  # type: ignore[arg-type]
     except (TypeError, ValueError, OverflowError):
-        raise SettingError(argument, told(value), "a number", unit) from None
+        raise SettingError(argument, described(value), "a number", unit) from None
     if not math.isfinite(result):
         raise SettingError(argument, value, "finite", unit)
     return result
@@ -125,7 +125,7 @@ def instance(argument: str, value: Any, kind: type[T] | tuple[type[T], ...], wor
     truestroke.SettingError: settings = {'noise': 0.0}: must be a slice, such as slice(3)
     """
     if not isinstance(value, kind):
-        raise SettingError(argument, told(value), words)
+        raise SettingError(argument, described(value), words)
     return value
 
 
@@ -139,10 +139,10 @@ def able(argument: str, value: Any, methods: Sequence[str], words: str) -> None:
     """
     missing = [name for name in methods if not callable(getattr(value, name, None))]
     if isinstance(value, type) and "__call__" not in methods:
-        raise SettingError(argument, told(value), f"{words}; call the class to make one")
+        raise SettingError(argument, described(value), f"{words}; call the class to make one")
     if missing:
         lack = f"; it has {', '.join(f'no {name}()' for name in missing)}" if "__call__" not in methods else ""
-        raise SettingError(argument, told(value), words + lack)
+        raise SettingError(argument, described(value), words + lack)
 
 
 def path(argument: str, value: Any) -> Path:
@@ -154,11 +154,11 @@ def path(argument: str, value: Any) -> Path:
     truestroke.SettingError: path = 3: must be the path of a file, such as "run.h5"
     """
     if not isinstance(value, (str, os.PathLike)):
-        raise SettingError(argument, told(value), 'the path of a file, such as "run.h5"')
+        raise SettingError(argument, described(value), 'the path of a file, such as "run.h5"')
     return Path(value)
 
 
-def told(value: Any) -> str:
+def described(value: Any) -> str:
     """A value of a wrong type: itself where that is short, else what it is."""
     if isinstance(value, type):
         return f"the class {value.__name__}"
@@ -188,7 +188,7 @@ def several(argument: str, value: Any, unit: str = "", of: str = "numbers") -> t
     try:
         return tuple(value)
     except TypeError:
-        raise SettingError(argument, told(value), f"a sequence of {of}", unit) from None
+        raise SettingError(argument, described(value), f"a sequence of {of}", unit) from None
 
 
 def count(argument: str, value: object, low: int, high: int) -> int:
@@ -207,7 +207,7 @@ def interval(argument: str, value: Any, unit: str = "") -> tuple[float, float]:
     try:
         first, second = value
     except (TypeError, ValueError):
-        raise SettingError(argument, told(value), "a pair (low, high)", unit) from None
+        raise SettingError(argument, described(value), "a pair (low, high)", unit) from None
     low, high = number(argument, first, unit), number(argument, second, unit)
     if not low < high:
         raise SettingError(argument, value, "a pair (low, high) with low below high", unit)
@@ -233,7 +233,7 @@ def signal(argument: str, value: npt.ArrayLike, unit: str = "") -> FloatArray:
     try:
         result = np.ascontiguousarray(value, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
-        raise SettingError(argument, told(value), "an array of numbers", unit) from None
+        raise SettingError(argument, described(value), "an array of numbers", unit) from None
     if result.ndim != 1:
         raise SettingError(argument, f"array of shape {result.shape}", "an array with 1 axis", unit)
     return result
@@ -244,7 +244,7 @@ def finite_array(argument: str, value: npt.ArrayLike, unit: str = "", ndim: int 
     try:
         result = np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
-        raise SettingError(argument, told(value), "an array of numbers", unit) from None
+        raise SettingError(argument, described(value), "an array of numbers", unit) from None
     if result.ndim != ndim:
         raise SettingError(argument, f"array of shape {result.shape}", f"an array with {ndim} axis", unit)
     bad = np.flatnonzero(~np.isfinite(result))

@@ -266,8 +266,8 @@ def check_growing(final: Path, overwrite: bool, empty: Callable[[Path], bool]) -
     if not overwrite:
         raise FileExistsError(errno.EEXIST, "a recording is there; choose another name, or `overwrite` it", str(final))
     if path.exists() and not empty(path):
-        told = f"a run that ended early left it; keep it by another name (mv), or remove it, to replace {final.name}"
-        raise FileExistsError(errno.EEXIST, told, str(path))
+        message = f"a run that ended early left it; keep it by another name (mv), or remove it, to replace {final.name}"
+        raise FileExistsError(errno.EEXIST, message, str(path))
     return path
 
 
@@ -318,8 +318,8 @@ def reading(path: str | os.PathLike[str], wrong: Callable[[str], FileError]) -> 
     except (FileError, FileNotFoundError, PermissionError, IsADirectoryError):
         raise
     except Exception as error:  # readers of foreign formats raise many kinds
-        told = " ".join(str(error).split()) or type(error).__name__
-        raise wrong(f"the file is damaged ({told[:200]})") from error
+        message = " ".join(str(error).split()) or type(error).__name__
+        raise wrong(f"the file is damaged ({message[:200]})") from error
 
 
 def check_size(path: str | os.PathLike[str], what: str, size: int) -> None:

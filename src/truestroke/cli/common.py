@@ -188,8 +188,8 @@ def overwrite_option(command: Callable[..., Any]) -> Callable[..., Any]:
         if yes:
             context.with_resource(files.overwriting())
 
-    told = "Replace existing files, of any origin."
-    return click.option("--overwrite", is_flag=True, expose_value=False, callback=permit, help=told)(command)
+    help_ = "Replace existing files, of any origin."
+    return click.option("--overwrite", is_flag=True, expose_value=False, callback=permit, help=help_)(command)
 
 
 def json_option(command: Callable[..., Any]) -> Callable[..., Any]:

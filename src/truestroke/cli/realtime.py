@@ -53,8 +53,8 @@ def close_the_loop(
     file = job.file if output is None else output
     for path in names_of(file, job.axes, overwrite):
         if path.exists():
-            told = f"recording to {beside(path)} until the run has ended; {path} stays as it is until then"
-            click.echo(f"truestroke: {told}", err=True)
+            notice = f"recording to {beside(path)} until the run has ended; {path} stays as it is until then"
+            click.echo(f"truestroke: {notice}", err=True)
     try:
         outcome = run_realtime(job.driver, job.axes, file, epics=job.epics if epics else None, **options)
     except RealtimeError as error:

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 
 def model_option(command: Callable[..., Any]) -> Callable[..., Any]:
     """`--model FILE`, as `load` takes it."""
-    told = "Of `truestroke identify`."
-    return click.option("--model", type=common.FILE, metavar="FILE", required=True, help=told)(command)
+    help_ = "Of `truestroke identify`."
+    return click.option("--model", type=common.FILE, metavar="FILE", required=True, help=help_)(command)
 
 
 def limit_options(command: Callable[..., Any]) -> Callable[..., Any]:

@@ -82,11 +82,19 @@ def controller_rows(
     settings: ControllerSettings, weights: FloatArray, innovation: float, counters: Mapping[str, int]
 ) -> list[tuple[str, str]]:
     """What a controller shows of itself: settings of the actuator, first weight and offset, counts."""
-    told = ("sample_rate", "stroke", "voltage_limits", "slew_limit", "measurement_limit", "smoothing_time", "trim_rate")
+    listed = (
+        "sample_rate",
+        "stroke",
+        "voltage_limits",
+        "slew_limit",
+        "measurement_limit",
+        "smoothing_time",
+        "trim_rate",
+    )
     names = dict(zip(settings.names, weights.tolist(), strict=True))
     shown = [name for name in ("a0", "offset") if name in names]
     return [
-        *declared.rows(settings, {name: SETTINGS[name] for name in told}),
+        *declared.rows(settings, {name: SETTINGS[name] for name in listed}),
         *[(f"weight {name}", quantity(names[name], settings.units[settings.names.index(name)])) for name in shown],
         ("innovation", quantity(innovation, "um")),
         *[(name, quantity(count, "ticks")) for name, count in counters.items()],

@@ -80,10 +80,10 @@ class Findings:
     def verdict(self) -> Verdict:
         """Doubtful where something has to be looked at."""
         s, reasons = self.small, []
-        told = s.timing.latency
-        if abs(s.latency - told) > s.unsure:
+        stated = s.timing.latency
+        if abs(s.latency - stated) > s.unsure:
             reasons.append(
-                f"The response comes {s.latency:.1f} ticks after its command, the driver states {told}: with a wrong "
+                f"The response comes {s.latency:.1f} ticks after its command, the driver states {stated}: with a wrong "
                 "latency the error is the motion in that time."
             )
         if s.resonance.doubtful:

@@ -94,8 +94,10 @@ def resonance(volts: FloatArray, z: FloatArray, sample_rate: float, onset: float
         others = [fit for fit in fits if not 0.95 < fit.frequency / best.frequency < 1.05]
         if best.frequency > 0.5 * sample_rate:
             reason = f"it seems to lie at {best.frequency:.4g} Hz, above half the sample rate of {sample_rate:g} Hz"
-        elif rivals := [fit for fit in others if not record.better(best, fit)]:
-            reason = f"it is {best.frequency:.4g} or {rivals[0].frequency:.4g} Hz, the record does not distinguish them"
+        elif candidates := [fit for fit in others if not record.better(best, fit)]:
+            reason = (
+                f"it is {best.frequency:.4g} or {candidates[0].frequency:.4g} Hz, the record does not distinguish them"
+            )
     return record.found(best, reason, noise)
 
 

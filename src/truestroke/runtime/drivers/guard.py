@@ -126,7 +126,7 @@ class Guard:
         return np.array([a + move * part for a, move in zip(self.last, moves, strict=True)]).reshape(len(moves), -1)
 
 
-def check_range(argument: str, voltage_limits: tuple[float, float], told: Mapping[str, object]) -> None:
+def check_range(argument: str, voltage_limits: tuple[float, float], description: Mapping[str, object]) -> None:
     """Refuse limits (V) beyond the `output_range` of a driver, if it has one.
 
     Raises
@@ -134,7 +134,7 @@ def check_range(argument: str, voltage_limits: tuple[float, float], told: Mappin
     SettingError
         One of the limits is outside.
     """
-    reach = told.get("output_range")
+    reach = description.get("output_range")
     if not isinstance(reach, tuple | list):
         return
     for value in voltage_limits:

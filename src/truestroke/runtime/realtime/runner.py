@@ -95,8 +95,8 @@ def run_realtime(
         for notice in notices:
             warnings.warn(notice, feasibility.LimitWarning, stacklevel=2)
         _check_room(axes, timing, paths[0].absolute().parent)
-        told = {"realtime": settings, "clock": clock, "notices": notices, **(about or {})}
-        abouts = [_about(driver, axis, timing, told) for axis in axes]
+        shared_metadata = {"realtime": settings, "clock": clock, "notices": notices, **(about or {})}
+        abouts = [_about(driver, axis, timing, shared_metadata) for axis in axes]
         with grown(paths, overwrite) as (places, unused), closing(Shared(_layout(axes, timing))) as shared:
             made = zip(axes, places, abouts, strict=True)
             plans = [_plan(driver, axis, timing, place, about) for axis, place, about in made]
@@ -141,9 +141,9 @@ def _check_motions(axes: Sequence[Axis]) -> list[str]:
         settings = getattr(axis.controller, "settings", None)
         if not isinstance(settings, ControllerSettings):
             continue
-        told, own = axis.voltage_limits, settings.voltage_limits
+        given, own = axis.voltage_limits, settings.voltage_limits
         limits: dict[str, Any] = {
-            "voltage_limits": (max(told[0], own[0]), min(told[1], own[1])),
+            "voltage_limits": (max(given[0], own[0]), min(given[1], own[1])),
             "slew": min(axis.slew, settings.slew_limit),
         }
         words = {**feasibility.NAMES, "slew": "slew"}

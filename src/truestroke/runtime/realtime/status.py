@@ -21,10 +21,10 @@ def show(lifeline: Lifeline, shared: Shared, names: list[str], sample_rate: floa
     if live:
         _live(lifeline, shared, names, sample_rate)
         return
-    told = time.monotonic()
+    shown = time.monotonic()
     while _goes_on(lifeline, shared):
-        if shared.count[Slot.STATE] == State.LIVE and time.monotonic() - told >= LINE:
-            told = time.monotonic()
+        if shared.count[Slot.STATE] == State.LIVE and time.monotonic() - shown >= LINE:
+            shown = time.monotonic()
             sys.stderr.write(line(shared, names, sample_rate) + "\n")
 
 

@@ -46,8 +46,8 @@ class Supervision:
     def __init__(self, axis: Axis, settings: RealtimeSettings, sample_rate: float) -> None:
         self._axis, self._settings, self._rate = axis, settings, sample_rate
         self.limit, self.idle = error_limit(axis), True
-        told = getattr(axis.controller, "settings", None)
-        limits = [axis.voltage_limits] + ([told.voltage_limits] if isinstance(told, ControllerSettings) else [])
+        given = getattr(axis.controller, "settings", None)
+        limits = [axis.voltage_limits] + ([given.voltage_limits] if isinstance(given, ControllerSettings) else [])
         self._low, self._high = max(low for low, _ in limits), min(high for _, high in limits)
         self._off = self._held = 0
         self._longest_off, self._longest_held = (
