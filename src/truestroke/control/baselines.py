@@ -3,8 +3,6 @@
 The other controllers of the comparison are the paper's inverse with other settings or laws: see `studies.compare`.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ The numbers are those of the controller's prior: z = gain * x on a long way, and
 slope after a reversal, which is the first weight, where the voltage has to be fastest.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol

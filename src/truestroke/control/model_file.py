@@ -1,7 +1,5 @@
 """An actuator's model as a TOML file that people read and that comes back to the last bit."""
 
-from __future__ import annotations
-
 import json
 import math
 import os
@@ -105,6 +103,11 @@ def _read(path: Path) -> ActuatorModel:
 
 
 @dataclass(frozen=True, kw_only=True)
+class _Covariance:
+    lower_triangle: tuple[tuple[Any, ...], ...]
+
+
+@dataclass(frozen=True, kw_only=True)
 class _Tables:
     """The tables that a model consists of."""
 
@@ -113,11 +116,6 @@ class _Tables:
     covariance: _Covariance
     metrics: Mapping[str, Any]
     provenance: Mapping[str, Any]
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Covariance:
-    lower_triangle: tuple[tuple[Any, ...], ...]
 
 
 def _model(document: dict[str, Any]) -> ActuatorModel:

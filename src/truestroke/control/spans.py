@@ -1,7 +1,5 @@
 """Spans of time in which a limit is exceeded, each with its largest excess."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

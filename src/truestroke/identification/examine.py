@@ -1,7 +1,5 @@
 """What a record holds, and what it cannot identify, before anything is fitted."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """The weights of a given structure: Gauss-Newton on the prediction error, constrained so that there is an inverse."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

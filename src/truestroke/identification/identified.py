@@ -1,7 +1,5 @@
 """From a record to a model: its structure, its weights, and how well it is known."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Play and dead-zone weights from a record by constrained linear least squares, (6)."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """Play, record, refine: adapt a model from the recording of a waveform that was made with it."""
 
-from __future__ import annotations
-
 import dataclasses
 from dataclasses import dataclass
 from typing import Any

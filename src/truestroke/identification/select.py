@@ -1,7 +1,5 @@
 """The structure of the model, chosen by blocked cross-validation."""
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 from collections.abc import Iterator, Mapping

@@ -1,7 +1,5 @@
 """A record as the fit takes it: regular samples, holes bridged and marked."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """Where a voltage turns round, and how much later the displacement does."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

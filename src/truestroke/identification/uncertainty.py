@@ -1,7 +1,5 @@
 """Covariance of the weights where the residual is not white."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """From a desired displacement to a voltage waveform, and where it falls short."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass

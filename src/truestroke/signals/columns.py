@@ -1,7 +1,5 @@
 """Which columns of a file are which signals, by heading, unit or place, and their numbers in our units."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path

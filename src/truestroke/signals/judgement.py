@@ -1,7 +1,5 @@
 """Whether a run is good: from its recording, the same for every command; docs/exit-codes.md has the thresholds."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property

@@ -3,8 +3,6 @@
 The error of tick k is e(k) = z(k) - z_d(k): the mean displacement over the tick against the desired value of that tick.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass

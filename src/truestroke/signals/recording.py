@@ -1,7 +1,5 @@
 """The recording of a run: labelled arrays with units, to and from HDF5."""
 
-from __future__ import annotations
-
 import dataclasses
 import errno
 import functools
@@ -13,7 +11,7 @@ import zlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -130,7 +128,7 @@ class Recording(Signals, Mapping[str, Array]):
         seal(file)
 
     @classmethod
-    def load(cls, path: str | Path) -> Recording:
+    def load(cls, path: str | Path) -> Self:
         """Read from an HDF5 file that `save` or `truestroke run` wrote, also while it is being written.
 
         Raises
@@ -155,7 +153,7 @@ class Recording(Signals, Mapping[str, Array]):
         return cls._load(path)
 
     @classmethod
-    def _load(cls, path: Path) -> Recording:
+    def _load(cls, path: Path) -> Self:
         import h5py
 
         with files.reading(path, lambda reason: RecordingError(f"{path}: {reason}")):
@@ -165,7 +163,7 @@ class Recording(Signals, Mapping[str, Array]):
                 return cls._read(file, path)
 
     @classmethod
-    def _read(cls, file: Any, path: Path) -> Recording:
+    def _read(cls, file: Any, path: Path) -> Self:
         if file.attrs.get("format") != FORMAT:
             raise RecordingError(f"{path}: an HDF5 file, but not a {FORMAT}")
         if (version := int(file.attrs["format_version"])) > FORMAT_VERSION:

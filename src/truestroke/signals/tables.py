@@ -1,7 +1,5 @@
 """Files with columns: opened as a `Table` of names and units, from which the columns that are wanted are then read."""
 
-from __future__ import annotations
-
 import importlib
 import itertools
 import math

@@ -1,7 +1,5 @@
 """The timing of an actuator, which `open` returns."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from truestroke.base import checks

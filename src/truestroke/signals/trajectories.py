@@ -7,8 +7,6 @@ Every motion starts at 0 um at rest. One that would start elsewhere is multiplie
 which leaves 0 and reaches 1 without velocity or acceleration; its velocity is s v + s' z, by the product rule.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
