@@ -122,13 +122,9 @@ class ActuatorModel(Displayed, Layout):
             **{"thresholds": "V", "rate_dependent": "", "creep_times": "s", "rate_scale": "s/um"},
         }
         rows = [(name, quantity(getattr(self, name), unit)) for name, unit in units.items()]
-        first = f"{self.weights[0]:.6g} +- {self.deviations[0]:.2g} um/V"
-        facts = {**self.metrics, **self.provenance}
-        return f"ActuatorModel: {len(self.thresholds)} plays, {self.weights.size} weights", [
-            *rows,
-            ("weight a0", first),
-            *[(name, quantity(value)) for name, value in facts.items()],
-        ]
+        rows += [("weight a0", f"{self.weights[0]:.6g} +- {self.deviations[0]:.2g} um/V")]
+        rows += [(name, quantity(value)) for name, value in {**self.metrics, **self.provenance}.items()]
+        return f"ActuatorModel: {len(self.thresholds)} plays, {self.weights.size} weights", rows
 
     @property
     def deviations(self) -> FloatArray:
@@ -312,10 +308,8 @@ class ActuatorModel(Displayed, Layout):
         x = checks.finite_array("volts", volts, "V")
         low, high = self.voltage_range
         speed = np.abs(central_difference(self.predict(x, sample_rate), sample_rate))
-        return Beyond(
-            voltage=spans(np.maximum(x - high, low - x), sample_rate),
-            velocity=spans(speed - self.velocity, sample_rate),
-        )
+        excess = np.maximum(x - high, low - x)
+        return Beyond(voltage=spans(excess, sample_rate), velocity=spans(speed - self.velocity, sample_rate))
 
     def replace(self, **changes: Any) -> ActuatorModel:
         """A copy with some members replaced."""

@@ -126,41 +126,21 @@ def demands(trajectory: Trajectory | Pursued, settings: ControllerSettings) -> D
     >>> print(f"{needs.slew:.0f} V/s, the limit is {s.slew_limit:.0f} V/s")
     765 V/s, the limit is 504 V/s
     """
-    if not isinstance(trajectory, Trajectory):
-        return of_bounds(
-            reach=reach(trajectory),
-            speed=trajectory.speed,
-            usual_speed=trajectory.speed,
-            acceleration=4 * trajectory.speed / trajectory.ramp,
-            settings=settings,
-        )
-    speeds = np.abs(trajectory.velocity)
-    changes = np.abs(np.diff(trajectory.velocity)) * trajectory.sample_rate
-    return of_bounds(
-        reach=reach(trajectory),
-        speed=float(speeds.max()),
-        usual_speed=float(np.percentile(speeds, USUAL)),
-        acceleration=float(changes.max(initial=0.0)),
-        settings=settings,
-    )
-
-
-def of_bounds(
-    *,
-    reach: tuple[float, float],
-    speed: float,
-    usual_speed: float,
-    acceleration: float,
-    settings: ControllerSettings,
-) -> Demands:
-    """The same of a motion of which only bounds are known: um, um/s, um/s, um/s^2."""
-    long_way, first = gains(settings)
+    if isinstance(trajectory, Trajectory):
+        speeds = np.abs(trajectory.velocity)
+        speed, usual_speed = float(speeds.max()), float(np.percentile(speeds, USUAL))
+        changes = np.abs(np.diff(trajectory.velocity)) * trajectory.sample_rate
+        acceleration = float(changes.max(initial=0.0))
+    else:  # only its bounds are known
+        speed = usual_speed = trajectory.speed
+        acceleration = 4 * speed / trajectory.ramp
+    ends, (long_way, first) = reach(trajectory), gains(settings)
     return Demands(
-        reach=reach,
+        reach=ends,
         speed=speed,
         usual_speed=usual_speed,
         acceleration=acceleration,
-        volts=(reach[0] / long_way, reach[1] / long_way),
+        volts=(ends[0] / long_way, ends[1] / long_way),
         slew=speed / first,
         usual_slew=usual_speed / first,
     )
@@ -208,33 +188,21 @@ def check(
     """
     limit = settings.slew_limit if slew is None else slew
     low, high = settings.voltage_limits if voltage_limits is None else voltage_limits
-    ends, motion = needs.reach, names["motion"]
-    if ends[1] - ends[0] > SPARE * settings.stroke:
-        raise SettingError(
-            motion,
-            f"{ends[0]:g} to {ends[1]:.6g}",
-            f"within the stroke, {settings.stroke:g} um (it moves at up to {needs.speed:.4g} um/s and "
-            f"{needs.acceleration:.3g} um/s^2: about {needs.slew:.3g} V/s); make it smaller, "
-            f"or change {names['stroke']}",
-            "um",
-        )
-    if needs.volts[0] / DOUBT < min(low, 0.0) or needs.volts[1] / DOUBT > max(high, 0.0):
-        raise SettingError(
-            motion,
-            f"{ends[0]:g} to {ends[1]:.6g}",
-            f"within reach: about {needs.volts[0]:.3g} to {needs.volts[1]:.3g} V are needed at "
-            f"{gains(settings)[0]:.3g} um/V, {names['voltage_limits']} are {low:g} to {high:g} V; make it smaller, or "
-            "correct the limits or the model (um, V)",
-            "um",
-        )
+    (least, most), motion = needs.reach, names["motion"]
+    pace = f"at up to {needs.speed:.4g} um/s and {needs.acceleration:.3g} um/s^2"
+    bound = ""
+    if most - least > SPARE * settings.stroke:
+        bound = f"within the stroke, {settings.stroke:g} um (it moves {pace}: about {needs.slew:.3g} V/s); "
+        bound += f"make it smaller, or change {names['stroke']}"
+    elif needs.volts[0] / DOUBT < min(low, 0.0) or needs.volts[1] / DOUBT > max(high, 0.0):
+        bound = f"within reach: about {needs.volts[0]:.3g} to {needs.volts[1]:.3g} V are needed at "
+        bound += f"{gains(settings)[0]:.3g} um/V, {names['voltage_limits']} are {low:g} to {high:g} V; "
+        bound += "make it smaller, or correct the limits or the model (um, V)"
+    if bound:
+        raise SettingError(motion, f"{least:g} to {most:.6g}", bound, "um")
     if needs.usual_slew / DOUBT > limit:
-        raise SettingError(
-            names["slew"],
-            f"{limit:g}",
-            f"about {needs.slew:.3g} V/s for a motion at up to {needs.speed:.4g} um/s and "
-            f"{needs.acceleration:.3g} um/s^2 (at {gains(settings)[1]:.3g} um/V); raise it, or make {motion} slower",
-            "V/s",
-        )
+        bound = f"about {needs.slew:.3g} V/s for a motion {pace} (at {gains(settings)[1]:.3g} um/V); "
+        raise SettingError(names["slew"], f"{limit:g}", f"{bound}raise it, or make {motion} slower", "V/s")
 
 
 def notices(

@@ -64,7 +64,5 @@ def spans(excess: FloatArray, sample_rate: float, worst: FloatArray | None = Non
         return ()
     worst = excess if worst is None else worst
     parts = np.split(at, np.flatnonzero(np.diff(at) > max(1.0, MERGED * sample_rate)) + 1)
-    return tuple(
-        Span(float(part[0] / sample_rate), float((part[-1] + 1) / sample_rate), float(worst[part].max()))
-        for part in parts
-    )
+    ends = ((part, float(part[0] / sample_rate), float((part[-1] + 1) / sample_rate)) for part in parts)
+    return tuple(Span(start, stop, float(worst[part].max())) for part, start, stop in ends)

@@ -189,7 +189,8 @@ def examine(record: Record) -> Findings:
         clipped_displacement=int(clipped(z, x, MOVES * span).sum()),
         clipped_volts=int(clipped(x, z, max(MOVES * stroke, 6 * noise)).sum()),
     )
-    return dataclasses.replace(findings, warnings=tuple(_warnings(findings, record)))
+    warnings = *_of_columns(findings, record), *_of_sampling(findings, record), *_of_content(findings)
+    return dataclasses.replace(findings, warnings=warnings)
 
 
 # ---- Single quantities -----------------------------------------------------------------------------------------------
@@ -203,25 +204,20 @@ def _line(x: FloatArray, z: FloatArray) -> tuple[float, float, float]:
     return gain, mz - gain * mx, xz / math.sqrt(xx * zz)
 
 
-def _steps(record: Record) -> FloatArray:
-    """Intervals between time stamps, s, evenly taken; gaps left out."""
-    every = max(1, record.time.size // SAMPLED)
-    steps: FloatArray = record.time[1::every] - record.time[:-1:every]
-    return steps[steps <= GAP / record.sample_rate]
-
-
 def _jitter(record: Record) -> float | None:
-    return float(1e6 * _steps(record).std()) if "time" in record.columns else None
+    """Deviation of the intervals between time stamps, us, evenly taken; gaps left out."""
+    if "time" not in record.columns:
+        return None
+    every = max(1, record.time.size // SAMPLED)
+    steps = record.time[1::every] - record.time[:-1:every]
+    return float(1e6 * steps[steps <= GAP / record.sample_rate].std())
 
 
 def _blocks(record: Record) -> list[FloatArray]:
     """Pieces of the displacement without gaps, SAMPLED rows at most in all."""
     length = SAMPLED // 16
-    pieces = [
-        record.displacement[a : min(a + length, s.stop)]
-        for s in record.segments
-        for a in range(s.start, s.stop, length)
-    ]
+    starts = ((a, s.stop) for s in record.segments for a in range(s.start, s.stop, length))
+    pieces = [record.displacement[a : min(a + length, stop)] for a, stop in starts]
     return [piece for piece in pieces[:: max(1, len(pieces) // 16)] if piece.size > 8]
 
 
@@ -329,10 +325,6 @@ def _states_known(record: Record) -> float:
 # ---- In words --------------------------------------------------------------------------------------------------------
 
 
-def _warnings(found: Findings, record: Record) -> list[str]:
-    return [*_of_columns(found, record), *_of_sampling(found, record), *_of_content(found)]
-
-
 def _count(number: int, what: str) -> str:
     return f"{number} {what}{'' if number == 1 else 's'}"
 
@@ -353,9 +345,8 @@ def _of_columns(found: Findings, record: Record) -> list[str]:
     if found.loop_width_percent < -0.5:
         says.append("the displacement leads the voltage (its loop turns clockwise): are the columns swapped?")
     if abs(found.correlation) < 0.7:
-        says.append(
-            f"voltage and displacement hardly move together (correlation {found.correlation:.2f}): wrong column?"
-        )
+        correlation = f"correlation {found.correlation:.2f}"
+        says.append(f"voltage and displacement hardly move together ({correlation}): wrong column?")
     elif found.gain_um_per_v < 0:
         says.append("the displacement falls as the voltage rises: turn its sign before fitting (`flip_displacement`)")
     return says
@@ -368,9 +359,8 @@ def _of_sampling(found: Findings, record: Record) -> list[str]:
         says.append(f"{_count(found.dropped, 'row')} without usable numbers or time stamps left out")
     if found.gaps:
         longest = max(seconds for _, seconds in found.gaps)
-        says.append(
-            f"{_count(len(found.gaps), 'gap')}, the longest {longest:.3g} s: the plays' states are unknown after each"
-        )
+        gaps = f"{_count(len(found.gaps), 'gap')}, the longest {longest:.3g} s"
+        says.append(f"{gaps}: the plays' states are unknown after each")
     if found.clipped_displacement:
         says.append(f"the displacement is clipped in {found.clipped_displacement} rows: they are not fitted")
     if found.clipped_volts:
@@ -395,10 +385,8 @@ def _of_content(found: Findings) -> list[str]:
     else:
         slow, fast = found.stroke_speeds_um_s
         if fast < 2 * slow:
-            says.append(
-                f"all strokes have about the same speed ({fast:.3g} um/s): the record is not informative about rate "
-                "dependence"
-            )
+            same = f"all strokes have about the same speed ({fast:.3g} um/s)"
+            says.append(f"{same}: the record is not informative about rate dependence")
         short, long = found.stroke_lengths_percent
         if long < 1.5 * short:
             says.append(f"all strokes are about as long ({long:.0f} % of the span): inner loops are not tested")

@@ -185,9 +185,8 @@ def _refuse_empty(s: Series, train: int) -> None:
     """Where there is nothing to learn from in the first part, or nothing to predict in the last."""
     for name, values, unit in (("volts", s.volts, "V"), ("displacement", s.displacement, "um")):
         if np.ptp(values[:train]) <= 1e-12 * np.abs(values).max():
-            raise SettingError(
-                name, f"{values[0]:g} in the first {train} samples", "moving before the held-out part", unit
-            )
+            rest = f"{values[0]:g} in the first {train} samples"
+            raise SettingError(name, rest, "moving before the held-out part", unit)
     for part, known in (("first", s.known[:train]), ("held-out", s.known[train:])):
         if np.count_nonzero(known) < FEWEST:
             found = f"{np.count_nonzero(known)} samples outside its gaps in the {part} part"
@@ -230,6 +229,5 @@ def _documented(fit: Fit, held_out: HeldOut, s: Series) -> ActuatorModel:
 
     metrics = {f"held_out_{name}": float(value) for name, value in dataclasses.asdict(held_out).items()}
     metrics |= {"record_samples": float(s.volts.size), "record_sample_rate_hz": s.sample_rate}
-    return fit.model.replace(
-        metrics=metrics, provenance={"source": s.source, "made_by": f"truestroke {version('truestroke')}"}
-    )
+    provenance = {"source": s.source, "made_by": f"truestroke {version('truestroke')}"}
+    return fit.model.replace(metrics=metrics, provenance=provenance)

@@ -188,9 +188,8 @@ def _relative_rate(velocity: npt.ArrayLike | None, ticks: int) -> tuple[FloatArr
 def _given(dead_zone_weights: Sequence[float], zones: int) -> FloatArray:
     weights = checks.finite_array("dead_zone_weights", dead_zone_weights)
     if weights.size != zones or weights[0] != 1 or np.any(np.cumsum(weights) <= 0):
-        raise SettingError(
-            "dead_zone_weights", weights, f"{zones} numbers, the first 1, whose partial sums are all above 0"
-        )
+        bound = f"{zones} numbers, the first 1, whose partial sums are all above 0"
+        raise SettingError("dead_zone_weights", weights, bound)
     return weights
 
 

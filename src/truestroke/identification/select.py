@@ -67,10 +67,8 @@ def first_prediction(data: Data) -> tuple[FloatArray, float]:
     """A first prediction, um, at the full rate, by plays alone; and the rmse of its fit, um."""
     span = data.voltage_range[1] - data.voltage_range[0]
     s = Structure(thresholds=even_thresholds(QUICK, 0.5 * span))
-    rows = np.column_stack(
-        [plays(data.volts, s.thresholds, data.every), np.ones(len(data.displacement)), data.displacement]
-    )
-    rows = rows[data.fitted(rested=False)]
+    H, z = plays(data.volts, s.thresholds, data.every), data.displacement
+    rows = np.column_stack([H, np.ones(len(z)), z])[data.fitted(rested=False)]
     prior = data.prior(s).part(np.append(s.a, s.columns["offset"].start))
     c = normal.solve(np.vstack([normal.reduced(rows), prior.rows((0.01 * data.stroke) ** 2)]))
     prediction = play_sum(data.volts, 0.0, c[:-1], np.zeros(QUICK), s.thresholds) + c[-1]
@@ -95,16 +93,10 @@ def find_delay(data: Data, x: FloatArray, z: FloatArray, shift: int | None) -> t
                 best, (moved, guess, rmse) = other, tried
                 break
         step //= 2
-    seen = _seen_delay(x, z)
+    seen = turning.delay(x, z, turning.reversals(x, turning.STROKE * np.ptp(x)), ())
     if seen is not None and (tried := at(turned := min(max(round(seen), 0), longest)))[2] < SEEN * rmse:
         return *tried[:2], turned
     return moved, guess, best
-
-
-def _seen_delay(x: FloatArray, z: FloatArray) -> float | None:
-    """Delay of the reversals of displacement after those of voltage, in samples."""
-    turns = turning.reversals(x, turning.STROKE * np.ptp(x))
-    return turning.delay(x, z, turns, ())
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,9 +163,8 @@ def _with_all_terms(data: Data, fixed: Mapping[str, Any]) -> Iterator[Structure]
         banks = [even_thresholds(n, reach * span) for n, reach in itertools.product(PLAYS, REACHES)]
     states = [False, True] if abs(data.volts[0]) <= AT_REST * span else [False]
     if fixed["thresholds"] is None and len(states) == 2:
-        banks += [
-            even_thresholds(n, reach * span) for n, reach in itertools.product(PLAYS_FROM_REST, REACHES_FROM_REST)
-        ]
+        more = itertools.product(PLAYS_FROM_REST, REACHES_FROM_REST)
+        banks += [even_thresholds(n, reach * span) for n, reach in more]
     for r, rested in itertools.product(banks, states):
         if rested == (r[-1] < 0.5 * span) and fixed["thresholds"] is None:
             continue

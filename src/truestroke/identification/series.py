@@ -98,11 +98,8 @@ def _refuse_useless(x: FloatArray, z: FloatArray) -> None:
         if np.ptp(value) <= 1e-12 * np.abs(value).max():
             raise SettingError(name, f"{value[0]:g} throughout", "a record that moves", unit)
     if (x - x.mean()) @ (z - z.mean()) <= 0:
-        raise SettingError(
-            "displacement",
-            "falls where volts rises",
-            "one that rises (`flip_displacement` turns its sign)",
-        )
+        bound = "one that rises (`flip_displacement` turns its sign)"
+        raise SettingError("displacement", "falls where volts rises", bound)
 
 
 def _positions(record: Any, fs: float) -> FloatArray | None:

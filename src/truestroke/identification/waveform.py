@@ -169,12 +169,8 @@ def save_waveform(path: str | os.PathLike[str], made: PredictedWaveform) -> None
     FileExistsError
         A file is there that is no waveform; within `files.overwriting` it is replaced.
     """
-    checks.instance(
-        "made",
-        made,
-        PredictedWaveform,
-        "a PredictedWaveform, as truestroke.waveform gives; the order is path, waveform",
-    )
+    words = "a PredictedWaveform, as truestroke.waveform gives; the order is path, waveform"
+    checks.instance("made", made, PredictedWaveform, words)
     kind = checks.path("path", path).suffix
     if kind == ".npz":
         with files.writing(path, files.WAVEFORM) as draft:

@@ -88,11 +88,13 @@ def read_columns(
     for w in wanted:
         if w.role in found:
             continue
-        index = _find(source, table, w, named) if table.names else _placed(w.role, places)
+        by_place = places.index(w.role) if w.role in places else None
+        index = _find(source, table, w, named) if table.names else by_place
         if index is not None and index not in found.values():
             found[w.role] = index
         elif w.needed:
-            raise RecordError(source, _not_found(table, w.role))
+            help_ = " or give the `sample_rate`" if w.role == "time" else ""
+            raise RecordError(source, f"which column is {w.role}? Name it{help_}; {_listing(table)}")
     for role, index in found.items():
         if both := " and ".join(other for other, place in found.items() if place == index and other != role):
             raise RecordError(source, f"{_heading(table, index)} is named twice, for {role} and {both}")
@@ -103,10 +105,6 @@ def read_columns(
         if (factor := chosen[role].units[column.unit]) != 1.0:
             signals[role] *= factor
     return signals, columns
-
-
-def _placed(role: str, places: Sequence[str]) -> int | None:
-    return places.index(role) if role in places else None
 
 
 def _named(source: str, table: Table, wanted: Wanted) -> int:
@@ -138,11 +136,6 @@ def _find(source: str, table: Table, wanted: Wanted, taken: set[int]) -> int | N
         several = ", ".join(_heading(table, i) for i in matches)
         raise RecordError(source, f"{wanted.role}: several columns could be it ({several}); name one")
     return matches[0] if matches else None
-
-
-def _not_found(table: Table, role: str) -> str:
-    help_ = " or give the `sample_rate`" if role == "time" else ""
-    return f"which column is {role}? Name it{help_}; {_listing(table)}"
 
 
 def _listing(table: Table) -> str:

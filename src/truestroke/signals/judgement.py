@@ -215,14 +215,9 @@ def _missed(run: _Run) -> Finding | None:
     if run.rmse <= run.tolerable:
         return None
     span, stroke = run.metrics.peak_to_peak_um, run.metrics.stroke_um
-    of = (
-        f"{_percent(run.rmse / span)} of the motion's peak-to-peak"
-        if span
-        else f"{_percent(run.rmse / stroke)} of the \
-stroke, at rest"
-    )
+    share, whole = (run.rmse / span, "motion's peak-to-peak") if span else (run.rmse / stroke, "stroke, at rest")
     level: Level = "bad" if run.rmse > NOT_FOLLOWED * run.tolerable else "doubtful"
-    return level, f"The error is {run.rmse:.3g} um rmse, {of}."
+    return level, f"The error is {run.rmse:.3g} um rmse, {_percent(share)} of the {whole}."
 
 
 def _gain(run: _Run) -> Finding | None:

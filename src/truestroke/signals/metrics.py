@@ -19,9 +19,7 @@ from truestroke.base.typing import FloatArray
 WINDOW = 0.25  # s, over which convergence is judged
 SHARE, OF_STROKE = 0.02, 0.001  # of the motion and of the stroke: what an error may be
 NOISE_LIMIT = 0.005  # of the stroke: what may pass for noise of the sensor
-AT_LIMIT = 0.01  # of the ticks of the second half: so many at a voltage limit, far from where they should be, and a run
-#                  has not converged
-
+AT_LIMIT = 0.01  # of the ticks of the second half: a run with more at a voltage limit and far off has not converged
 
 Labelled = Mapping[str, npt.NDArray[Any]]
 """Arrays by name: a Recording, or a dict."""
@@ -174,9 +172,8 @@ def phase_lag(desired: npt.ArrayLike, measured: npt.ArrayLike, sample_rate: floa
     5.7296
     """
     desired, measured = _pair(desired, measured)
-    angle = (
-        2 * np.pi * checks.positive("frequency", frequency, "Hz") / checks.positive("sample_rate", sample_rate, "Hz")
-    )
+    omega = 2 * np.pi * checks.positive("frequency", frequency, "Hz")  # rad/s
+    angle = omega / checks.positive("sample_rate", sample_rate, "Hz")
     if angle * desired.size < 2 * np.pi:
         raise SettingError("desired", f"{desired.size} ticks", f"at least a period, {2 * np.pi / angle:g} ticks")
     phase = angle * np.arange(desired.size)
@@ -214,9 +211,8 @@ def delay(desired: npt.ArrayLike, measured: npt.ArrayLike, sample_rate: float, l
     1.3
     """
     desired, measured = _pair(desired, measured)
-    lags = int(
-        np.ceil(checks.positive("longest", longest, "ms") / 1000 * checks.positive("sample_rate", sample_rate, "Hz"))
-    )
+    seconds = checks.positive("longest", longest, "ms") / 1000
+    lags = int(np.ceil(seconds * checks.positive("sample_rate", sample_rate, "Hz")))
     if desired.size <= 4 * lags or not np.ptp(desired) or not np.ptp(measured):
         raise SettingError("desired", f"{desired.size} ticks", f"a motion of more than {4 * lags} ticks")
     inner = measured[lags:-lags]
@@ -448,6 +444,5 @@ def _settled(time: FloatArray, error: FloatArray, change: float, highest: float)
 
 
 def _flag_counts(recording: Labelled) -> dict[str, Any]:
-    if "flags" not in recording:
-        return {f"{flag.name}_ticks": None for flag in FLAGS}
-    return {f"{flag.name}_ticks": int(np.count_nonzero(recording["flags"] & flag.bit)) for flag in FLAGS}
+    up = recording.get("flags")
+    return {f"{f.name}_ticks": None if up is None else int(np.count_nonzero(up & f.bit)) for f in FLAGS}

@@ -116,16 +116,13 @@ class Recording(Signals, Mapping[str, Array]):
 
         checks.path("path", path)
         with files.writing(path, kind(self.metadata)) as draft, h5py.File(draft, **MODE) as file:
-            self._write(file)
+            describe(file, self.metadata)
+            for name, channel in self.channels.items():
+                data = channel.data
+                chunked = {"chunks": (min(len(data), CHUNK), *data.shape[1:]), "fletcher32": True} if data.size else {}
+                create(file, name, channel, **chunked)
+            seal(file)
         return Path(path)
-
-    def _write(self, file: Any) -> None:
-        describe(file, self.metadata)
-        for name, channel in self.channels.items():
-            data = channel.data
-            chunked = {"chunks": (min(len(data), CHUNK), *data.shape[1:]), "fletcher32": True} if data.size else {}
-            create(file, name, channel, **chunked)
-        seal(file)
 
     @classmethod
     def load(cls, path: str | Path) -> Self:

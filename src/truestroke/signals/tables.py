@@ -4,7 +4,7 @@ import importlib
 import itertools
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import partial
@@ -126,12 +126,6 @@ class _Layout:
         fields = [field.strip().strip('"') for field in self.plain(line).strip().split(self.separator)]
         return fields[:-1] if len(fields) > 1 and not fields[-1] else fields
 
-    def rows(self, file: TextIO) -> Iterator[tuple[int, str]]:
-        """Number and text of the lines with numbers."""
-        for number, line in enumerate(file, 1):
-            if number > self.lines_before and _is_row(line):
-                yield number, line
-
 
 def _is_row(line: str) -> bool:
     return bool(line.strip()) and not line.lstrip().startswith(COMMENTS)
@@ -146,14 +140,7 @@ def _text(path: Path, narrowest: int) -> Table:
     width = len(layout.fields(rows[0]))
     names, units = _header(path, layout, lines[: layout.lines_before], width)
     head = np.zeros((0, 0)) if names else _parse_slowly(rows, layout, range(width))
-    return Table(
-        names,
-        units,
-        head,
-        lambda columns, complete: _read_text(layout, columns, complete),
-        lambda index: _locate(layout, index),
-        "line",
-    )
+    return Table(names, units, head, partial(_read_text, layout), partial(_locate, layout), "line")
 
 
 def _encoding(path: Path) -> str:
@@ -270,14 +257,14 @@ def _seconds(stamp: str) -> float:
 
 def _numeric(fields: Sequence[str]) -> bool:
     """Numbers only; some may be missing."""
-    return all(field.lower() in ("", "nan") or not math.isnan(_number(field)) for field in fields) and not all(
-        math.isnan(_number(field)) for field in fields
-    )
+    missing = [math.isnan(_number(field)) for field in fields]
+    return not all(missing) and all(f.lower() in ("", "nan") for f, gone in zip(fields, missing, strict=True) if gone)
 
 
 def _locate(layout: _Layout, index: int) -> tuple[int, str]:
     with layout.open() as file:
-        number, line = next(itertools.islice(layout.rows(file), index, None))
+        lines = itertools.islice(enumerate(file, 1), layout.lines_before, None)
+        number, line = next(itertools.islice((numbered for numbered in lines if _is_row(numbered[1])), index, None))
     return number, _shown(line)
 
 
@@ -295,16 +282,7 @@ UNITS: Mapping[str, Mapping[str, float]] = {
 }
 """What one of each unit is in V, um and s."""
 
-_SPELLINGS = {
-    "volt": "V",
-    "volts": "V",
-    "v": "V",
-    "micron": "um",
-    "microns": "um",
-    "sec": "s",
-    "second": "s",
-    "seconds": "s",
-}
+_SPELLINGS = {"V": ("v", "volt", "volts"), "um": ("micron", "microns"), "s": ("sec", "second", "seconds")}
 
 
 def unit(text: str) -> str:
@@ -316,7 +294,7 @@ def unit(text: str) -> str:
     ('um', 'V', 'mV')
     """
     text = text.strip().replace("µ", "u").replace("\u03bc", "u")
-    return _SPELLINGS.get(text.lower(), text)
+    return next((usual for usual, others in _SPELLINGS.items() if text.lower() in others), text)
 
 
 def is_unit(text: str) -> bool:
@@ -347,9 +325,8 @@ def name_and_unit(text: str) -> tuple[str, str]:
 def _arrays(path: Path, names: Sequence[str], units: Sequence[str], get: Callable[[str], npt.NDArray[Any]]) -> Table:
     """A table of arrays by name, one column each; one array with two axes is a table without names."""
     if len(names) == 1 and (whole := get(names[0]).squeeze()).ndim == 2 and whole.dtype.kind in "iuf":
-        return Table(
-            (), (), whole[:PROBE].astype(np.float64), lambda columns, _: [_floats(whole[:, c]) for c in columns]
-        )
+        head = whole[:PROBE].astype(np.float64)
+        return Table((), (), head, lambda columns, _: [_floats(whole[:, c]) for c in columns])
 
     def read(columns: Sequence[int], _: bool) -> list[FloatArray]:
         arrays = [get(names[c]).squeeze() for c in columns]
@@ -357,9 +334,8 @@ def _arrays(path: Path, names: Sequence[str], units: Sequence[str], get: Callabl
             if array.ndim != 1 or array.dtype.kind not in "iufMm":
                 raise RecordError(str(path), f"{names[c]} is {_kind(array)}, not a row of numbers")
             if array.size != arrays[0].size:
-                raise RecordError(
-                    str(path), f"{names[columns[0]]} has {arrays[0].size} rows, but {names[c]} has {array.size}"
-                )
+                reason = f"{names[columns[0]]} has {arrays[0].size} rows, but {names[c]} has {array.size}"
+                raise RecordError(str(path), reason)
         return [_floats(array) for array in arrays]
 
     split = [name_and_unit(name) for name in names]

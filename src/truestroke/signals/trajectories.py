@@ -167,11 +167,9 @@ def sine(
     omega = 2 * math.pi * _frequency(frequency, sample_rate)
     amplitude = checks.positive("peak_to_peak", peak_to_peak, "um") / 2
     centre = amplitude if offset is None else checks.number("offset", offset, "um")
-    position, velocity = _ramped(
-        time, centre + amplitude * np.sin(omega * time), omega * amplitude * np.cos(omega * time), ramp
-    )
+    position, velocity = centre + amplitude * np.sin(omega * time), omega * amplitude * np.cos(omega * time)
     settings = {"frequency": frequency, "peak_to_peak": peak_to_peak, "offset": centre, "ramp": ramp}
-    return Trajectory("sine", sample_rate, position, velocity, settings)
+    return Trajectory("sine", sample_rate, *_ramped(time, position, velocity, ramp), settings)
 
 
 def triangle(
@@ -454,10 +452,7 @@ def from_csv(
     path = checks.path("path", path)
     with checks.inside("", {"position_unit": "unit"}):
         place = Wanted("position", UNITS["displacement"], HEADINGS["position"], position, unit, certain=True)
-    wanted = [
-        place,
-        Wanted("time", UNITS["time"], HEADINGS["time"], time, needed=sample_rate is None, certain=True),
-    ]
+    wanted = [place, Wanted("time", UNITS["time"], HEADINGS["time"], time, needed=sample_rate is None, certain=True)]
     if velocity is not None:
         wanted.append(Wanted("velocity", {"um/s": 1.0}, key=velocity, unit="um/s"))
     table = open_table(path, narrowest=1)
