@@ -14,7 +14,7 @@ from truestroke.plant import EFFECTS, RealisticPlant
 from truestroke.signals.recording import Channel, Recording
 from truestroke.studies import robustness
 from truestroke.studies.engine import Row, simulate
-from truestroke.studies.robustness import Robustness, numbers, page, plots
+from truestroke.studies.robustness import Robustness, numbers, page
 from truestroke.studies.robustness.sample import HIGHEST, LOWEST, MOTIONS, SAMPLE_RATE, VOLTAGE_LIMITS
 
 SEED = 7  # of the small study in CI; neither half of it was used for tuning
@@ -228,10 +228,10 @@ def test_what_is_off_the_scale_is_marked():
     true[4000] += 0.05
     loaded = recording(run, true)
     row = Row(run.number, run.sampled, {"adaptive": robustness.metrics(run, loaded)})
-    texts = [text.get_text() for axes in plots.trace(row, loaded).axes for text in axes.texts]
+    texts = [text.get_text() for axes in page.trace(row, loaded).axes for text in axes.texts]
     assert "off scale: -2.35 µm" in texts
     true[tick + 20] += 2.35
-    assert not any(axes.texts for axes in plots.trace(row, recording(run, true)).axes)
+    assert not any(axes.texts for axes in page.trace(row, recording(run, true)).axes)
 
 
 def test_ringing_is_what_a_jump_leaves():

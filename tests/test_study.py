@@ -26,7 +26,7 @@ from truestroke.plant import MatchedPlant
 from truestroke.studies import study
 from truestroke.studies.engine import Batch, Row, StoreError, StudyError, executors
 from truestroke.studies.engine import run as drive
-from truestroke.studies.study import plots
+from truestroke.studies.study.page import axes_of_map
 
 TRUESTROKE = Path(sys.executable).with_name("truestroke")
 SMALL = """
@@ -512,7 +512,7 @@ def test_what_is_informative():
     found = study.informative(SOME, made(times, range(10)), "paper")
     assert (found[0].name, found[0].higher) == ("x", pytest.approx(24 / 25))
     assert "same" not in [one.name for one in found]
-    assert plots.axes_of_map(SOME, made(times, range(10))) == ("x", "y")
+    assert axes_of_map(SOME, made(times, range(10))) == ("x", "y")
     assert study.informative(SOME, made([0.1] * 4, range(4)), "paper") == []
 
 

@@ -120,11 +120,6 @@ def _trace(panel: Axes, row: Row, limit: float, theme: Theme) -> None:
     panel.set(title=title, xlim=(time[part][0], time[part][-1]), ylim=(-limit, limit))
 
 
-def pictures(rows: Sequence[Row], theme: Theme = LIGHT) -> dict[str, Figure]:
-    """Both pictures by name."""
-    return {"errors": errors(rows, theme), "traces": traces(rows, theme)}
-
-
 def page(rows: Sequence[Row], rivals: Sequence[Rival], command: str | None = None) -> Page:
     """The page of a comparison.
 
@@ -151,7 +146,7 @@ def page(rows: Sequence[Row], rivals: Sequence[Rival], command: str | None = Non
                 tables=[Table(columns=["controller", "source", "tuning"], rows=made_ready, kind="words")],
             ),
         ],
-        plots=lambda theme: pictures(rows, theme),
+        plots=lambda theme: {"errors": errors(rows, theme), "traces": traces(rows, theme)},
         command=command,
         footer=words.footer(rows[0].recording),
     )

@@ -11,7 +11,7 @@ from truestroke.base.typing import FloatArray
 from truestroke.plant import MatchedPlant, MatchedSettings, PlantSettings, RealisticPlant
 from truestroke.report import style
 from truestroke.studies.characterisation import Characterisation, characterise, sweep
-from truestroke.studies.characterisation.plots import name_weights, plot_lines, plot_points
+from truestroke.studies.characterisation.page import name_weights, plot_lines, plot_points
 from truestroke.studies.paper import bench
 from truestroke.studies.paper.reproduction import Reproduction, Row
 
