@@ -14,7 +14,7 @@ from truestroke.plant import MatchedPlant, PlantSettings, RealisticPlant
 from truestroke.report.style import LIGHT
 from truestroke.signals.recording import Channel, Recording
 from truestroke.studies import paper
-from truestroke.studies.paper import bench, characterisation
+from truestroke.studies.paper import bench, figures
 
 A_P = [8.4, 1.3, 0.92, 0.7, 0.88, 0.74, -2.6, 2.23]  # um/V, Sec. 4.3
 B_P = [-0.9, 1.03, -0.244, 0.1, 0.05, -0.02, 0.01, -0.01]
@@ -104,15 +104,15 @@ def test_fig8_the_last_slopes_wait_for_the_fall_that_brings_their_plays_back() -
 
 
 def test_fig4_the_procedure_finds_lines_that_are_known() -> None:
-    found = characterisation.matched()
+    found = figures.matched()
     np.testing.assert_allclose(found.a, A_P, rtol=0, atol=0.015)  # um/V
     np.testing.assert_allclose(found.b, B_P, rtol=0, atol=0.015)
 
 
 def test_fig4_rising_and_falling_branches_part_because_of_asymmetry_and_creep() -> None:
     def gap(settings: PlantSettings) -> float:
-        found = characterisation.realistic(settings)
-        return abs(float(characterisation.branch(found, 1)[0][0] - characterisation.branch(found, -1)[0][0]))
+        found = figures.realistic(settings)
+        return abs(float(figures.branch(found, 1)[0][0] - figures.branch(found, -1)[0][0]))
 
     without = PlantSettings().without("asymmetry", "creep")
     assert gap(without) < 0.3 < 0.9 < gap(PlantSettings())

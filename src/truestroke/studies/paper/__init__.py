@@ -7,7 +7,6 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
@@ -16,12 +15,7 @@ from truestroke.studies.paper.reproduction import Reproduction, Row
 
 __all__ = ["NAMES", "Reproduction", "Row", "reproduce"]
 
-MODULES = {
-    "fig4": "characterisation",
-    **dict.fromkeys(("fig6", "fig7", "fig8"), "simulations"),
-    **dict.fromkeys(("fig10", "fig11", "fig12", "fig13", "table1", "table2"), "experiments"),
-}
-NAMES = tuple(MODULES)
+NAMES = ("fig4", "fig6", "fig7", "fig8", "fig10", "fig11", "fig12", "fig13", "table1", "table2")
 
 
 def reproduce(
@@ -66,9 +60,10 @@ def reproduce(
             raise SettingError("names", repr(name), f"one of {', '.join(NAMES)}")
     asked = asked or list(NAMES)
     results: list[Reproduction] = []
+    from truestroke.studies.paper import figures
+
     for done, name in enumerate(asked, 1):
-        module = importlib.import_module(f"truestroke.studies.paper.{MODULES[name]}")
-        results.append(getattr(module, name)())
+        results.append(getattr(figures, name)())
         if progress is not None:
             progress(done, len(asked))
     if output is not None:
