@@ -1,7 +1,5 @@
 """The simulated stack that commands drive, and what the same motion would be without compensation."""
 
-from __future__ import annotations
-
 from typing import Literal
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Weights of every pass by least squares, and a line of weight against velocity for every play (7)."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import dataclass
 from functools import cached_property

@@ -1,7 +1,5 @@
 """Tables, verdict, pictures and page of a characterisation."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What the actuator is made to do: triangles at several speeds, one after the other, in one run."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from typing import Any

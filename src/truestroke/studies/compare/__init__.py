@@ -1,7 +1,5 @@
 """Comparison of eight controllers on the same actuator and the same waves."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any

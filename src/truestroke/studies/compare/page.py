@@ -1,7 +1,5 @@
 """Pictures and page of controllers compared on the same actuator and waves."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping, Sequence
 

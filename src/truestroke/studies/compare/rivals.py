@@ -4,8 +4,6 @@ What an owner may use: the actuator for a few seconds before the comparison, and
 comparison, but not the waves themselves.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 

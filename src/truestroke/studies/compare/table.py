@@ -1,7 +1,5 @@
 """The same actuator and waves under every controller: one table."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 

@@ -1,7 +1,5 @@
 """The driver: missing runs go to an executor, their results into the store."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 
 from truestroke.studies.engine.executors import Work, threads

@@ -1,7 +1,5 @@
 """Where batches run: each executor takes a study and batches of run numbers and yields results as they come."""
 
-from __future__ import annotations
-
 import itertools
 import os
 import shutil

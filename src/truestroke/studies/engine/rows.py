@@ -1,7 +1,5 @@
 """A study is a distribution of runs and what is measured of each; a batch of run numbers in, rows out."""
 
-from __future__ import annotations
-
 import time
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence

@@ -1,7 +1,5 @@
 """One file that results stream into: a SQLite database, a transaction a batch, a row a run."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import sqlite3

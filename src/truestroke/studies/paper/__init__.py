@@ -5,8 +5,6 @@
 ('fig4', 'fig6', 'fig7', 'fig8', 'fig10', 'fig11', 'fig12', 'fig13', 'table1', 'table2')
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The set-up of the paper's figures: one controller, two plants, fixed seeds, windows of time, one picture."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Sequence
 from functools import cache

@@ -3,8 +3,6 @@
 The numbers of Figs. 6 to 8 are means over five waves on the plant (13); the experiments are on the realistic plant.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from functools import cache
 

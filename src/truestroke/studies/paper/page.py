@@ -1,7 +1,5 @@
 """Page of the paper's figures and tables beside ours."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from truestroke.report import words

@@ -1,7 +1,5 @@
 """The metrics of one run, all of the true displacement."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from truestroke.base.flags import BIT

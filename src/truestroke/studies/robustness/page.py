@@ -1,7 +1,5 @@
 """Tables, pictures and page of a robustness study."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The distribution: which plants and motions there are, and how likely each is; docs/robustness.md states it."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Callable, Iterable, Sequence

@@ -1,7 +1,5 @@
 """Robustness as a study: its runs, one of them by itself, and the table of what came out."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field

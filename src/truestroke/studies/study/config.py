@@ -1,7 +1,5 @@
 """What a study is: a TOML file, read into frozen dataclasses; a key that is not known is an error."""
 
-from __future__ import annotations
-
 import dataclasses
 import inspect
 from collections.abc import Callable, Mapping

@@ -1,7 +1,5 @@
 """What can be kept of a run beside its time of convergence: metrics by name, each with its formula."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

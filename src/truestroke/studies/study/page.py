@@ -1,7 +1,5 @@
 """Tables, pictures and page of a study."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What a study says: shares with their intervals, quantiles, and what the failing runs have in common."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
