@@ -69,7 +69,7 @@ def robustness(
         paths = common.save_page(page.page(rows, worst, common.as_asked()["command"]), page_file, plots)
     if as_json:
         runs = [{"number": row.number, "what": row.sampled["what"], **row.metrics} for row in rows]
-        found = {"table": [line.as_dict() for line in studies.lines(rows)], "runs": runs}
+        found = {"table": [vars(line) for line in studies.lines(rows)], "runs": runs}
         common.print_json({**verdict.as_dict(), **found, "page": str(page_file), "pictures": paths})
         return ExitCode.of(verdict)
     common.print_table(*page.table(rows))

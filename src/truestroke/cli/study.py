@@ -92,7 +92,7 @@ def _report(store: Store, asked: Study, page_file: Path, plots: Path | None, as_
         made = page.page(asked, rows, cost, common.as_asked()["command"], failed)
         paths = common.save_page(made, page_file, plots)
     if as_json:
-        lines = {line.controller: line.as_dict() for line in studies.lines(asked, rows)}
+        lines = {line.controller: vars(line) for line in studies.lines(asked, rows)}
         numbers = {name: [vars(one) for one in studies.informative(asked, rows, name)] for name in asked.controllers}
         spent = {"ticks": cost[0], "seconds": cost[1]}
         files = {"store": str(store.path), "page": str(page_file), "pictures": paths}

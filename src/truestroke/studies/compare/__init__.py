@@ -5,15 +5,15 @@ from dataclasses import dataclass
 from typing import Any
 
 from truestroke.control.settings import ControllerSettings
+from truestroke.plant import RealisticPlant
 from truestroke.runtime.loop import Actuator
 from truestroke.signals.trajectories import random_wave, sine
 from truestroke.studies.compare.rivals import Rival, Workbench, prepare
 from truestroke.studies.compare.table import Row, compare, judge
+from truestroke.studies.tracking import STROKE, VOLTAGE_LIMITS
 
 __all__ = ["Comparison", "Rival", "Row", "Workbench", "compare", "judge", "prepare", "run"]
 
-STROKE = 30.0  # um
-VOLTAGE_LIMITS = (-0.6, 3.6)  # V
 SAMPLE_RATE = 2000.0  # Hz
 SINE = 8.0  # Hz
 RIVALS = 8
@@ -62,13 +62,7 @@ def run(
     progress : callable, optional
         Called as progress(steps done, all steps).
     """
-    if plant is None:
-        from truestroke.plant import RealisticPlant
-
-        def plant(seed: int) -> Actuator:
-            return RealisticPlant(seed=seed)
-
-    make_actuator = plant
+    make_actuator = plant or (lambda seed: RealisticPlant(seed=seed))
     waves = [
         random_wave(duration=duration, sample_rate=SAMPLE_RATE, seed=seed),
         sine(frequency=SINE, peak_to_peak=24.0, duration=max(duration / 8, 2.0), sample_rate=SAMPLE_RATE),

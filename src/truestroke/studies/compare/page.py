@@ -119,17 +119,7 @@ def _trace(panel: Axes, row: Row, limit: float, theme: Theme) -> None:
 
 
 def page(rows: Sequence[Row], rivals: Sequence[Rival], command: str | None = None) -> Page:
-    """The page of a comparison.
-
-    Parameters
-    ----------
-    rows : sequence of Row
-        Controller by controller, each with all waves.
-    rivals : sequence of Rival
-        The controllers with source and tuning.
-    command : str, optional
-        What makes this page again.
-    """
+    """The page of a comparison, from what `compare` and `prepare` gave; `command` is what repeats it."""
     by_wave = [Table(columns=columns, rows=cells) for columns, cells in tables(rows)]
     made_ready = [(rival.name, rival.source, rival.tuning) for rival in rivals]
     return Page(

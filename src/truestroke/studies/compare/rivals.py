@@ -6,12 +6,13 @@ comparison, but not the waves themselves.
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truestroke.base.typing import FloatArray
-from truestroke.control.adaptation import LMS
+from truestroke.control.adaptation import LMS, Law
 from truestroke.control.baselines import ConstantGain, Pid, ProjectedGradient, tune_pid
 from truestroke.control.controller import AdaptiveController, Controller
 from truestroke.control.reference import ReferenceController
@@ -89,13 +90,7 @@ class Workbench:
 
 
 def prepare(bench: Workbench) -> Iterator[Rival]:
-    """All controllers, in the order of the table, identified and tuned one after the other.
-
-    Parameters
-    ----------
-    bench : Workbench
-        Actuator, settings and seed.
-    """
+    """All controllers, in the order of the table, identified and tuned one after the other."""
     line = _straight_line(bench)
     yield Rival(
         "no compensation",
@@ -108,10 +103,27 @@ def prepare(bench: Workbench) -> Iterator[Rival]:
     first = _fitted(bench, record, rate=False)
     record = bench.play(bench.wave(10.0), _held(_started(bench, first, rate_scale=0.0)))  # now over the whole stroke
     still, moving = _fitted(bench, record, rate=False), _fitted(bench, record, rate=True)
-    yield _fixed_inverse(bench, still)
-    yield _rate_dependent_inverse(bench, moving)
-    yield _adaptive_inverse(bench, still)
-    yield _lms(bench, moving)
+    fixed, rate_dependent = _started(bench, still, rate_scale=0.0), _started(bench, moving, rate_scale=RATE_SCALE)
+    yield Rival(
+        "fixed inverse",
+        "Kuhnen 2003",
+        f"{PLAYS} plays and 3 dead zones fitted to 10 s, residual {still.rmse:.2g} um",
+        lambda: _held(fixed),
+    )
+    yield Rival(
+        "rate-dependent fixed inverse",
+        "Ang, Riviere, Khosla 2007",
+        f"the same and a slope with velocity for each play, residual {moving.rmse:.2g} um",
+        lambda: _held(rate_dependent),
+    )
+    gradient = partial(ProjectedGradient, fixed.initial_weights, slope_min=fixed.slope_limits[0])
+    make, best = _tuned(bench, fixed, FORGETTING, lambda value: gradient(forgetting=value))
+    tuning = f"from the fixed inverse, projected gradient, forgetting factor {best:g}"
+    yield Rival("adaptive rate-independent inverse", "Kuhnen and Janocha 1999", tuning, make)
+    lms = partial(LMS, rate_dependent.initial_weights)
+    make, best = _tuned(bench, rate_dependent, STEP_SIZES, lambda value: lms(step_size=value))
+    tuning = f"from the rate-dependent fixed inverse, step size {best:g}"
+    yield Rival("LMS", "Widrow and Hoff 1960, normalised", tuning, make)
     yield _paper(bench)
     yield Rival(
         "truestroke",
@@ -163,55 +175,16 @@ def _held(settings: ControllerSettings) -> AdaptiveController:
     return controller
 
 
-def _fixed_inverse(bench: Workbench, weights: FittedWeights) -> Rival:
-    settings = _started(bench, weights, rate_scale=0.0)
-    return Rival(
-        "fixed inverse",
-        "Kuhnen 2003",
-        f"{PLAYS} plays and 3 dead zones fitted to 10 s, residual {weights.rmse:.2g} um",
-        lambda: _held(settings),
-    )
+def _tuned(
+    bench: Workbench, settings: ControllerSettings, values: tuple[float, ...], law: Callable[[float], Law]
+) -> tuple[Callable[[], Controller], float]:
+    """What makes the controller with the best of the values in its law, and that value."""
 
+    def make(value: float) -> Controller:
+        return ReferenceController(settings, law(value))
 
-def _rate_dependent_inverse(bench: Workbench, weights: FittedWeights) -> Rival:
-    settings = _started(bench, weights, rate_scale=RATE_SCALE)
-    return Rival(
-        "rate-dependent fixed inverse",
-        "Ang, Riviere, Khosla 2007",
-        f"the same and a slope with velocity for each play, residual {weights.rmse:.2g} um",
-        lambda: _held(settings),
-    )
-
-
-def _adaptive_inverse(bench: Workbench, weights: FittedWeights) -> Rival:
-    settings = _started(bench, weights, rate_scale=0.0)
-
-    def make(forgetting: float) -> Callable[[], Controller]:
-        law = ProjectedGradient(settings.initial_weights, forgetting=forgetting, slope_min=settings.slope_limits[0])
-        return lambda: ReferenceController(settings, law)
-
-    best = bench.best({forgetting: make(forgetting) for forgetting in FORGETTING})
-    return Rival(
-        "adaptive rate-independent inverse",
-        "Kuhnen and Janocha 1999",
-        f"from the fixed inverse, projected gradient, forgetting factor {best:g}",
-        make(best),
-    )
-
-
-def _lms(bench: Workbench, weights: FittedWeights) -> Rival:
-    settings = _started(bench, weights, rate_scale=RATE_SCALE)
-
-    def make(step_size: float) -> Callable[[], Controller]:
-        return lambda: ReferenceController(settings, LMS(settings.initial_weights, step_size=step_size))
-
-    best = bench.best({step_size: make(step_size) for step_size in STEP_SIZES})
-    return Rival(
-        "LMS",
-        "Widrow and Hoff 1960, normalised",
-        f"from the rate-dependent fixed inverse, step size {best:g}",
-        make(best),
-    )
+    best = bench.best({value: partial(make, value) for value in values})
+    return partial(make, best), best
 
 
 def _pid(bench: Workbench, line: ConstantGain) -> Rival:

@@ -4,10 +4,9 @@ A study gives the distribution of its runs and the metrics of each (`Study`). Th
 threads, by dask or on a SLURM cluster, and keeps a row of each in a store.
 """
 
-from truestroke.studies.engine.driver import batches, first, run
-from truestroke.studies.engine.rows import Batch, Channels, Number, Row, Run, Study, StudyError, simulate
+from truestroke.studies.engine.executors import batches, first, run
+from truestroke.studies.engine.rows import Batch, Channels, Number, Row, Run, Study, StudyError, quantiles, simulate
 from truestroke.studies.engine.store import Store, StoreError
-from truestroke.studies.engine.summary import quantiles
 
 __all__ = [
     "Batch",

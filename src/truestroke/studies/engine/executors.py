@@ -1,4 +1,4 @@
-"""Where batches run: each executor takes a study and batches of run numbers and yields results as they come."""
+"""Executors take a study and batches of run numbers and yield results as they come; `run` puts these into a store."""
 
 import itertools
 import os
@@ -14,8 +14,12 @@ from typing import Any, Protocol
 
 from truestroke.base import checks, interrupts
 from truestroke.base.checks import SettingError
-from truestroke.studies.engine.rows import Batch, Study, StudyError, simulate
+from truestroke.studies.engine.rows import Batch, Run, Study, StudyError, simulate
+from truestroke.studies.engine.store import Store
 
+TICKS = 1_000_000  # of controller and plant in a batch: a quarter of a second or more: cheap to distribute
+BATCHES = 10_000  # at most: one driver distributes them
+TRIES = 20  # samples of which one at least must be possible
 AHEAD = 2  # batches for each worker that are handed out at a time
 # Bytes that the C library keeps rather than give back to the system after each array; dask's default is 64 KiB.
 TRIM = {"MALLOC_TRIM_THRESHOLD_": str(256 * 2**20), "MALLOC_MMAP_THRESHOLD_": str(32 * 2**20)}
@@ -191,3 +195,63 @@ def _stream(
     finally:
         for job in waiting:
             job.cancel()
+
+
+def run(
+    study: Study, store: Store, work: Work | None = None, progress: Callable[[int, int], None] | None = None
+) -> None:
+    """Simulate the runs that the store does not have.
+
+    Parameters
+    ----------
+    study : Study
+        What.
+    store : Store
+        Where to.
+    work : Work, optional
+        The executor; by default threads.
+    progress : callable, optional
+        Called as progress(runs in the store, all runs).
+
+    Raises
+    ------
+    StudyError
+        The executor did not do its work; the store keeps what it did. An impossible run is a row with its error.
+    """
+    missing = store.missing(study.numbers)
+    if not missing:
+        return
+    done, runs = len(study.numbers) - len(missing), len(study.numbers)
+    if progress:
+        progress(done, runs)
+    for batch in (work or threads())(study, batches(study, missing)):
+        store.add(batch)
+        done += len(batch.rows)
+        if progress:
+            progress(done, runs)
+
+
+def batches(study: Study, numbers: Sequence[int]) -> list[Sequence[int]]:
+    """Split into batches of about `TICKS`, or more where there would be more than `BATCHES`."""
+    size = max(1, TICKS // _ticks(study, numbers), -(-len(numbers) // BATCHES))
+    return [numbers[i : i + size] for i in range(0, len(numbers), size)]
+
+
+def _ticks(study: Study, numbers: Sequence[int]) -> int:
+    """Of a run with all its controllers, as the first that can be sampled has them; 1 where none can."""
+    try:
+        run = first(study, numbers)
+    except ValueError:
+        return 1
+    return len(run.trajectory) * len(run.controllers)
+
+
+def first(study: Study, numbers: Sequence[int]) -> Run:
+    """The first of these runs that can be sampled, of the first `TRIES`; the error of the very first if none can."""
+    errors: list[ValueError] = []
+    for number in numbers[:TRIES]:
+        try:
+            return study.sample(number)
+        except ValueError as error:
+            errors.append(error)
+    raise errors[0]

@@ -176,3 +176,14 @@ def _simulate(study: Study, number: int) -> tuple[Row, dict[str, float], int]:
 def _metrics(study: Study, run: Run, _: int, channels: Channels) -> tuple[dict[str, Number], float]:
     """What is kept, and the processor time of this thread, which was made for this simulation."""
     return study.metrics(run, channels), time.thread_time()
+
+
+def quantiles(values: Sequence[float | None]) -> tuple[float, float, float]:
+    """Median, 95th percentile and largest.
+
+    Examples
+    --------
+    >>> quantiles([3.0, 1.0, 2.0])
+    (2.0, 2.9, 3.0)
+    """
+    return tuple(float(q) for q in np.quantile(np.array(values, float), [0.5, 0.95, 1.0]))  # type: ignore[return-value]

@@ -17,9 +17,10 @@ from truestroke.signals import metrics
 from truestroke.signals.recording import Channel, Recording
 from truestroke.signals.trajectories import random_wave, sine
 from truestroke.studies.paper.reproduction import Row
+from truestroke.studies.tracking import STROKE, VOLTAGE_LIMITS
 
 SEEDS = range(5)  # the paper's five waves; the first of them is plotted
-SETTINGS = ControllerSettings.paper(sample_rate=2000.0, stroke=30.0, voltage_limits=(-0.6, 3.6))
+SETTINGS = ControllerSettings.paper(sample_rate=2000.0, stroke=STROKE, voltage_limits=VOLTAGE_LIMITS)
 CHANGE = MatchedSettings(change=Change(time=2.5), weight_spread=0.3)  # Sec. 4.2: all weights redrawn within 30 %
 
 

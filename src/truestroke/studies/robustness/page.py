@@ -85,17 +85,7 @@ def worst_runs(rows: Sequence[Row]) -> Cells:
 
 
 def page(rows: Sequence[Row], recording: Recording, command: str | None = None) -> Page:
-    """The page of a robustness study.
-
-    Parameters
-    ----------
-    rows : sequence of Row
-        The runs.
-    recording : Recording
-        Of the worst run, with the first controller.
-    command : str, optional
-        What makes this page again.
-    """
+    """The page of a robustness study; `recording` is the worst run with the first controller; `command` repeats it."""
     (columns, cells), (worst_columns, worst_cells) = table(rows), worst_runs(rows)
     found = Table(columns=columns, rows=cells, note=NOTE)
     worst = Table(columns=worst_columns, rows=worst_cells, note=WORST_NOTE, text=True)

@@ -14,10 +14,9 @@ from truestroke.plant import Change, PlantSettings, RealisticPlant
 from truestroke.signals import trajectories
 from truestroke.signals.trajectories import Trajectory, smoothstep
 from truestroke.studies.engine import Run
+from truestroke.studies.tracking import STROKE, VOLTAGE_LIMITS
 
 SAMPLE_RATE = 2000.0  # Hz
-STROKE = 30.0  # um
-VOLTAGE_LIMITS = (-0.6, 3.6)  # V
 MARGIN = 0.15  # V that a motion leaves of each voltage limit
 LOWEST, HIGHEST = 0.7, 29.3  # um: the paper's 28.6 um peak to peak
 DURATION = 10.0  # s of a motion

@@ -1,6 +1,5 @@
 """Robustness as a study: its runs, one of them by itself, and the table of what came out."""
 
-import dataclasses
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -150,10 +149,6 @@ class Line:
     p95: float
     worst: float
     ratio: tuple[float, float, float] | None
-
-    def as_dict(self) -> dict[str, Any]:
-        """All of it, for JSON."""
-        return dataclasses.asdict(self)
 
 
 def lines(rows: Iterable[Row]) -> list[Line]:

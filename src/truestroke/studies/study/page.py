@@ -12,8 +12,7 @@ from truestroke.report import style
 from truestroke.report.page import Page, Section, Table, captioned
 from truestroke.report.style import LIGHT, Theme
 from truestroke.studies.engine import Row
-from truestroke.studies.study.config import Study
-from truestroke.studies.study.metrics import METRICS
+from truestroke.studies.study.config import METRICS, Study
 from truestroke.studies.study.summary import Line, informative, judge, lines
 
 SHOWN = 5  # sampled numbers, the most informative

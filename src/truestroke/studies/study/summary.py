@@ -1,9 +1,7 @@
 """What a study says: shares with their intervals, quantiles, and what the failing runs have in common."""
 
-import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -42,10 +40,6 @@ class Line:
     time: tuple[float, float, float] | None
     metrics: dict[str, tuple[float, float, float]]
 
-    def as_dict(self) -> dict[str, Any]:
-        """All of it, for JSON."""
-        return dataclasses.asdict(self)
-
 
 @dataclass(frozen=True)
 class Informative:
@@ -61,11 +55,6 @@ class Informative:
 
     name: str
     higher: float
-
-    @property
-    def strength(self) -> float:
-        """0 to 0.5: distance of `higher` from 0.5."""
-        return abs(self.higher - 0.5)
 
 
 def lines(study: Study, rows: Sequence[Row]) -> list[Line]:
@@ -98,7 +87,7 @@ def informative(study: Study, rows: Sequence[Row], controller: str) -> list[Info
         if np.ptp(values) > 0:
             higher = mannwhitneyu(values[~good], values[good]).statistic / (np.sum(good) * np.sum(~good))
             found.append(Informative(name, float(higher)))
-    return sorted(found, key=lambda one: -one.strength)
+    return sorted(found, key=lambda one: -abs(one.higher - 0.5))
 
 
 def judge(study: Study, rows: Sequence[Row], failed: Sequence[Row] = ()) -> Verdict:
