@@ -207,20 +207,10 @@ class Characterisation:
 
     def as_dict(self) -> dict[str, Any]:
         """All results as plain numbers, for JSON."""
-        arrays = (
-            "thresholds",
-            "velocities",
-            "passes",
-            "errors",
-            "converged",
-            "weights",
-            "deviations",
-            "constants",
-            "a",
-            "b",
-        )
-        more = ("a_deviations", "b_deviations", "r_squared")
-        found = {name: getattr(self, name).tolist() for name in arrays + more}
+        of_velocity = "velocities passes errors converged weights deviations constants"
+        of_play = "a b a_deviations b_deviations r_squared"
+        arrays = f"thresholds {of_velocity} {of_play}".split()
+        found = {name: getattr(self, name).tolist() for name in arrays}
         found["branches"] = {name: np.asarray(value).tolist() for name, value in self.branches._asdict().items()}
         return found | {name: getattr(self, name) for name in ("lag", "offset", "misfit", "stroke")}
 

@@ -3,18 +3,21 @@
 Run `number` of seed `seed` is always the same plant, motion and accident; docs/robustness.md states the distribution.
 """
 
-from truestroke.studies.engine import Row, Run
-from truestroke.studies.robustness.metrics import METRICS, metrics
-from truestroke.studies.robustness.sample import CONTROLLERS, change_tick, sample
-from truestroke.studies.robustness.table import Line, Robustness, beyond, judge, lines, numbers, record, run, sentence
+from truestroke.studies.robustness.sample import change_tick, sample
+from truestroke.studies.robustness.table import (
+    Robustness,
+    beyond,
+    judge,
+    lines,
+    metrics,
+    numbers,
+    record,
+    run,
+    sentence,
+)
 
 __all__ = [
-    "CONTROLLERS",
-    "METRICS",
-    "Line",
     "Robustness",
-    "Row",
-    "Run",
     "beyond",
     "change_tick",
     "judge",

@@ -13,8 +13,7 @@ from truestroke.report.style import LIGHT, Theme
 from truestroke.signals.judgement import change_time
 from truestroke.signals.recording import Recording
 from truestroke.studies.engine import Row
-from truestroke.studies.robustness.metrics import METRICS, START
-from truestroke.studies.robustness.table import LEFT_OUT, LIMIT, NAMES, judge, lines, sentence, values
+from truestroke.studies.robustness.table import LEFT_OUT, LIMIT, METRICS, NAMES, START, judge, lines, sentence, values
 
 SHOWN = 5  # runs with the largest errors
 ROLES = {"adaptive": "true", "paper": "before"}

@@ -3,18 +3,13 @@
 Run i of a study is always the same plant, wave and noise; docs/study.md states how a study is written.
 """
 
-from truestroke.studies.engine import Batch, Row, Run, Store, StoreError, StudyError, batches, first, run, simulate
+from truestroke.studies.engine import Batch, Store, StoreError, StudyError, batches, first, run, simulate
 from truestroke.studies.study.config import Study, example, load, parse
-from truestroke.studies.study.sample import Distribution, sample
-from truestroke.studies.study.summary import Informative, Line, informative, judge, lines
+from truestroke.studies.study.sample import sample
+from truestroke.studies.study.summary import informative, judge, lines
 
 __all__ = [
     "Batch",
-    "Distribution",
-    "Informative",
-    "Line",
-    "Row",
-    "Run",
     "Store",
     "StoreError",
     "Study",
