@@ -19,7 +19,7 @@ from truestroke.cli import main
 from truestroke.plant import PlantSettings, RealisticPlant
 from truestroke.runtime import gains
 from truestroke.runtime.commissioning import AnswerError, Findings, small_steps, whole_range
-from truestroke.runtime.commissioning.changes import write
+from truestroke.runtime.commissioning.findings import write
 from truestroke.runtime.commissioning.resonance import resonance
 from truestroke.runtime.drivers import OneAxis, SimulatedDriver, SimulatedSettings
 from truestroke.runtime.realtime import config

@@ -16,8 +16,8 @@ from truestroke import AdaptiveController, RunInterrupted, SettingError, Timing,
 from truestroke.base import toml
 from truestroke.plant import RealisticPlant
 from truestroke.runtime.drivers import DriverError, Fault, OneAxis, SimulatedDriver, SimulatedSettings, playback
-from truestroke.runtime.drivers.clock import Clock
 from truestroke.runtime.drivers.guard import Guard
+from truestroke.runtime.drivers.paced import Clock
 from truestroke.signals.trajectories import random_wave
 
 LIMITS, SLEW = (-0.6, 3.6), 400.0

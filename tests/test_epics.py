@@ -36,10 +36,10 @@ from truestroke.runtime.realtime import (
     RealtimeError,
     RealtimeSettings,
     SetPoint,
-    child,
     config,
     epics,
     helpers,
+    process,
     run_realtime,
 )
 from truestroke.signals.trajectories import sine
@@ -222,12 +222,12 @@ def noted_servers(monkeypatch: pytest.MonkeyPatch) -> list[subprocess.Popen[byte
     servers: list[subprocess.Popen[bytes]] = []
 
     def start(shared: Any, job: Callable[..., None], *arguments: Any, **options: Any) -> subprocess.Popen[bytes]:
-        process = original(shared, job, *arguments, **options)
-        servers.extend([process] if job is epics.serve else [])
-        return process
+        started = original(shared, job, *arguments, **options)
+        servers.extend([started] if job is epics.serve else [])
+        return started
 
-    original = child.start
-    monkeypatch.setattr(helpers.child, "start", start)
+    original = process.start
+    monkeypatch.setattr(helpers.process, "start", start)
     return servers
 
 

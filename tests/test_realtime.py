@@ -26,7 +26,7 @@ from truestroke.cli import main
 from truestroke.identification import ActuatorModel, save_model
 from truestroke.plant import PlantSettings, RealisticPlant
 from truestroke.runtime.drivers import SimulatedDriver, SimulatedSettings
-from truestroke.runtime.drivers.clock import EDGES_US
+from truestroke.runtime.drivers.paced import EDGES_US
 from truestroke.runtime.realtime import Axis, Cause, RealtimeSettings, config, run_realtime, status
 from truestroke.runtime.realtime.shared import Layout, Shared, Slot, State, Text
 from truestroke.signals.trajectories import Trajectory, random_wave, sine

@@ -26,8 +26,8 @@ from truestroke.runtime.drivers.guard import Guard
 from truestroke.runtime.drivers.paced import padded
 from truestroke.runtime.realtime import Axis, Outcome, RealtimeSettings, SetPoint, config, run_realtime
 from truestroke.runtime.realtime.axis_check import Found, examine
+from truestroke.runtime.realtime.axis_loop import Supervision, error_limit
 from truestroke.runtime.realtime.ending import Cause, Stop
-from truestroke.runtime.realtime.supervision import Supervision, error_limit
 from truestroke.signals.trajectories import Trajectory, sine, staircase
 
 if TYPE_CHECKING:

@@ -121,7 +121,7 @@ def _failed(reason: str, as_json: bool) -> int:
 
 def _told(found: Findings, config: Path, page: Path, as_json: bool) -> int:
     """Configuration, page and the rest of the lines."""
-    from truestroke.runtime.commissioning.changes import write
+    from truestroke.runtime.commissioning.findings import write
     from truestroke.runtime.commissioning.page import page as page_of
 
     changes, verdict = found.changes(), found.verdict()

@@ -41,8 +41,8 @@ def _shared_memory() -> Finding:
     except (OSError, ValueError, AttributeError) as error:
         level, found = Level.MISSING, str(error)
     why = "memfd and pidfd: how loop, recorder and watchdog know of each other"
-    command = "" if level is Level.OK else "Linux 5.3 or newer; a container needs a profile that allows pidfd_open"
-    return Finding(PART, "shared memory", why, found=found, level=level, command=command, required=True)
+    command = "Linux 5.3 or newer; a container needs a profile that allows pidfd_open"
+    return Finding(PART, "shared memory", why, found, level, command, required=True)
 
 
 def _disk(folder: Path, needed: float) -> list[Finding]:
@@ -61,15 +61,9 @@ def _room(folder: Path, needed: float) -> Finding:
     level = Level.MISSING if free < needed else Level.WARNING if free < ROOM else Level.OK
     hours = free / RATE / 3600
     asked = f", {needed / 1e6:.0f} MB needed" if needed else f": {hours:.0f} h of an axis at 2 kHz"
-    return Finding(
-        PART,
-        "space on the disk",
-        "a disk that is full ends the run",
-        found=f"{free / 1e9:.1f} GB{asked}",
-        level=level,
-        command="choose another disk in [recording], or delete something",
-        required=level is Level.MISSING,
-    )
+    found, why = f"{free / 1e9:.1f} GB{asked}", "a disk that is full ends the run"
+    command = "choose another disk in [recording], or delete something"
+    return Finding(PART, "space on the disk", why, found, level, command, required=level is Level.MISSING)
 
 
 def _speed(scratch: Path) -> Finding:
@@ -80,15 +74,9 @@ def _speed(scratch: Path) -> Finding:
         file.flush()
         os.fsync(file.fileno())
     speed = WRITE / (time.monotonic() - began)
-    slow = speed < 10 * RATE
-    return Finding(
-        PART,
-        "speed of the disk",
-        f"an axis at 2 kHz writes {RATE / 1e6:g} MB/s; a recorder 8 s behind ends the run",
-        found=f"{speed / 1e6:.0f} MB/s",
-        level=Level.WARNING if slow else Level.OK,
-        command="record to a local disk",
-    )
+    level = Level.WARNING if speed < 10 * RATE else Level.OK
+    why = f"an axis at 2 kHz writes {RATE / 1e6:g} MB/s; a recorder 8 s behind ends the run"
+    return Finding(PART, "speed of the disk", why, f"{speed / 1e6:.0f} MB/s", level, "record to a local disk")
 
 
 def _swmr(scratch: Path) -> Finding:
@@ -108,12 +96,6 @@ def _swmr(scratch: Path) -> Finding:
                 level, found = Level.MISSING, (done.stderr.strip().splitlines() or ["no reason given"])[-1]
     except (OSError, subprocess.TimeoutExpired) as error:
         level, found = Level.MISSING, " ".join(str(error).split())
-    return Finding(
-        PART,
-        "HDF5 SWMR",
-        "others read the recording while it grows; network disks often cannot",
-        found=found,
-        level=level,
-        command="record to a local disk, or: export HDF5_USE_FILE_LOCKING=FALSE",
-        required=True,
-    )
+    why = "others read the recording while it grows; network disks often cannot"
+    command = "record to a local disk, or: export HDF5_USE_FILE_LOCKING=FALSE"
+    return Finding(PART, "HDF5 SWMR", why, found, level, command, required=True)

@@ -10,7 +10,7 @@ import numpy as np
 
 from truestroke import _kernel
 from truestroke.runtime.doctor.finding import Finding, Level, read
-from truestroke.runtime.drivers.clock import Clock
+from truestroke.runtime.drivers.paced import Clock
 from truestroke.runtime.realtime import RealtimeError, RealtimeSettings
 from truestroke.runtime.realtime.process import undisturbed
 
@@ -55,29 +55,20 @@ def _processors(cpu: int | None) -> Finding:
 def _quota() -> Finding:
     """A container may be given a share of the processors, and is stopped when it is used up."""
     quota, _, period = read("/sys/fs/cgroup/cpu.max").partition(" ")
-    limited = quota.isdigit()
-    return Finding(
-        PART,
-        "processor quota",
-        "who has used up its share of a period is stopped for the rest of it, up to 100 ms",
-        found=f"{int(quota) / int(period):g} processors" if limited else "none",
-        level=Level.WARNING if limited else Level.OK,
-        command="start the container without --cpus",
-    )
+    level, found = Level.OK, "none"
+    if quota.isdigit():
+        level, found = Level.WARNING, f"{int(quota) / int(period):g} processors"
+    why = "who has used up its share of a period is stopped for the rest of it, up to 100 ms"
+    return Finding(PART, "processor quota", why, found, level, "start the container without --cpus")
 
 
 def _governor() -> Finding:
     files = Path("/sys/devices/system/cpu").glob("cpu[0-9]*/cpufreq/scaling_governor")
     governors = sorted({read(str(file)) for file in files})
-    slow = [name for name in governors if name != "performance"]
-    return Finding(
-        PART,
-        "frequency governor",
-        "a processor that has slowed down takes longer over a tick",
-        found=", ".join(governors) or "not in this system's hands",
-        level=Level.WARNING if slow else Level.OK,
-        command="sudo cpupower frequency-set -g performance",
-    )
+    found, why = ", ".join(governors), "a processor that has slowed down takes longer over a tick"
+    level = Level.OK if found in ("", "performance") else Level.WARNING
+    command = "sudo cpupower frequency-set -g performance"
+    return Finding(PART, "frequency governor", why, found or "not in this system's hands", level, command)
 
 
 def _priority(required: bool) -> Finding:
@@ -86,18 +77,12 @@ def _priority(required: bool) -> Finding:
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
         os.sched_setscheduler(0, policy, parameter)
-        permitted = True
+        level, answer = Level.OK, "permitted"
     except OSError:
-        permitted = False
-    return Finding(
-        PART,
-        "real-time priority",
-        "priority in [realtime], of use with PREEMPT_RT",
-        found=f"SCHED_FIFO {'permitted' if permitted else 'refused'}, ulimit -r {_limit(limit)}",
-        level=Level.OK if permitted else Level.MISSING,
-        command=f"echo '{os.environ.get('USER', '*')} - rtprio 99' | sudo tee -a {LIMITS}",
-        required=required,
-    )
+        level, answer = Level.MISSING, "refused"
+    why, found = "priority in [realtime], of use with PREEMPT_RT", f"SCHED_FIFO {answer}, ulimit -r {_limit(limit)}"
+    command = f"echo '{os.environ.get('USER', '*')} - rtprio 99' | sudo tee -a {LIMITS}"
+    return Finding(PART, "real-time priority", why, found, level, command, required)
 
 
 def _limit(value: int, unit: int = 1) -> str:
@@ -107,69 +92,46 @@ def _limit(value: int, unit: int = 1) -> str:
 def _memory() -> Finding:
     swaps = read("/proc/swaps").splitlines()[1:]
     limit = resource.getrlimit(resource.RLIMIT_MEMLOCK)[0]
-    return Finding(
-        PART,
-        "memory",
-        "a page that has been swapped out stops a tick for milliseconds",
-        found=f"{'swap in use' if swaps else 'no swap'}, memlock {_limit(limit, 2**20)} MiB".replace("ed MiB", "ed"),
-        level=Level.WARNING if swaps else Level.OK,
-        command="sudo swapoff -a",
-    )
+    level, swap = (Level.WARNING, "swap in use") if swaps else (Level.OK, "no swap")
+    found = f"{swap}, memlock {_limit(limit, 2**20)} MiB".replace("ed MiB", "ed")
+    why = "a page that has been swapped out stops a tick for milliseconds"
+    return Finding(PART, "memory", why, found, level, "sudo swapoff -a")
 
 
 def _preemption() -> Finding:
     release, version = os.uname().release, os.uname().version
     fully = read("/sys/kernel/realtime") == "1" or "PREEMPT_RT" in version
     found = "PREEMPT_RT" if fully else next((word for word in version.split() if "PREEMPT" in word), "not preemptible")
-    return Finding(
-        PART,
-        "PREEMPT_RT",
-        "bounds lateness; without it the rare tick is late by ms",
-        found=f"{found}, Linux {release}",
-        level=Level.OK if fully else Level.MISSING,
-        command="Debian: sudo apt install linux-image-rt-amd64; Ubuntu: sudo pro enable realtime-kernel",
-    )
+    why, level = "bounds lateness; without it the rare tick is late by ms", Level.OK if fully else Level.MISSING
+    command = "Debian: sudo apt install linux-image-rt-amd64; Ubuntu: sudo pro enable realtime-kernel"
+    return Finding(PART, "PREEMPT_RT", why, f"{found}, Linux {release}", level, command)
 
 
 def _clock_source() -> Finding:
     folder = "/sys/devices/system/clocksource/clocksource0/"
     source, available = (read(f"{folder}{name}_clocksource") for name in ("current", "available"))
-    slow = source in SLOW_CLOCKS
-    switch = slow and "tsc" in available.split()
-    return Finding(
-        PART,
-        "clock source",
-        "the loop reads it while it spins; a slow one takes microseconds",
-        found=source or "unknown",
-        level=Level.WARNING if slow else Level.OK,
-        command=f"echo tsc | sudo tee {folder}current_clocksource" if switch else "",
-    )
+    level, why = Level.OK, "the loop reads it while it spins; a slow one takes microseconds"
+    if source in SLOW_CLOCKS:
+        level = Level.WARNING
+    command = f"echo tsc | sudo tee {folder}current_clocksource" if "tsc" in available.split() else ""
+    return Finding(PART, "clock source", why, source or "unknown", level, command)
 
 
 def _timer_slack(spin: float) -> Finding:
     text = read("/proc/self/timerslack_ns")
     slack = int(text) if text.isdigit() else SLACK
-    return Finding(
-        PART,
-        "timer slack",
-        f"a sleeper may wake so much later; the loop wakes {1e6 * spin:g} us early",
-        found=f"{slack / 1000:g} us",
-        level=Level.OK if slack <= max(SLACK, 0.5e9 * spin) else Level.WARNING,
-        command="" if slack <= SLACK else f"echo {SLACK} | sudo tee /proc/$PPID/timerslack_ns",
-    )
+    why = f"a sleeper may wake so much later; the loop wakes {1e6 * spin:g} us early"
+    level = Level.OK if slack <= max(SLACK, 0.5e9 * spin) else Level.WARNING
+    command = f"echo {SLACK} | sudo tee /proc/$PPID/timerslack_ns"
+    return Finding(PART, "timer slack", why, f"{slack / 1000:g} us", level, command)
 
 
 def _kernel_variant() -> Finding:
     """Our own kernel: which of its texts for this processor is in use."""
     variant = getattr(_kernel, "variant", lambda: "portable")()
     there = getattr(_kernel, "variants", lambda: [variant])()
-    return Finding(
-        PART,
-        "truestroke's kernel",
-        "the instructions that command and adapt are made of",
-        found=f"{variant} of {', '.join(there)}",
-        level=Level.OK,
-    )
+    why = "the instructions that command and adapt are made of"
+    return Finding(PART, "truestroke's kernel", why, f"{variant} of {', '.join(there)}")
 
 
 def _lateness(settings: RealtimeSettings, period: float, probe: float) -> Finding:
@@ -183,19 +145,12 @@ def _lateness(settings: RealtimeSettings, period: float, probe: float) -> Findin
             for i in range(late.size):
                 late[i] = clock.wait() * 1e-3
     except RealtimeError as error:
-        return _unmeasured(str(error))
+        return Finding(PART, "lateness", "", f"not measured: {error}", Level.WARNING)
     middle, high = np.percentile(late, [50, 99])
     bad = clock.overruns > 0 or high > (LATE if asked.spin else LATE + 200.0)
-    return Finding(
-        PART,
-        "lateness",
-        "what the rest adds up to, of an empty loop",
-        found=f"{1 / period:g} Hz for {probe:g} s: median {middle:.1f} us, p99 {high:.1f} us, worst "
-        f"{clock.worst * 1e-3:.0f} us, {clock.overruns} overruns",
-        level=Level.WARNING if bad else Level.OK,
-        command="end other programs; pin the loop: cpu = 1 in [realtime]",
+    found = (
+        f"{1 / period:g} Hz for {probe:g} s: median {middle:.1f} us, p99 {high:.1f} us, worst "
+        f"{clock.worst * 1e-3:.0f} us, {clock.overruns} overruns"
     )
-
-
-def _unmeasured(reason: str) -> Finding:
-    return Finding(PART, "lateness", "", found=f"not measured: {reason}", level=Level.WARNING)
+    level, why = Level.WARNING if bad else Level.OK, "what the rest adds up to, of an empty loop"
+    return Finding(PART, "lateness", why, found, level, "end other programs; pin the loop: cpu = 1 in [realtime]")

@@ -10,9 +10,8 @@ import numpy as np
 from truestroke.base import interrupts
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
-from truestroke.runtime.drivers.clock import Clock
 from truestroke.runtime.drivers.guard import Guard, Limits, check_range
-from truestroke.runtime.drivers.paced import Paced, let_go
+from truestroke.runtime.drivers.paced import Clock, Paced, let_go
 from truestroke.runtime.drivers.protocol import Driver, DriverError
 from truestroke.signals.timing import Timing
 

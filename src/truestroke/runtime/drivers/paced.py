@@ -2,18 +2,103 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import time
+from bisect import bisect_right
+from collections.abc import Callable, MutableSequence
 from contextlib import suppress
+from time import monotonic_ns
 
 import numpy as np
 import numpy.typing as npt
 
-from truestroke.base import interrupts
+from truestroke.base import checks, interrupts
 from truestroke.base.typing import FloatArray
-from truestroke.runtime.drivers.clock import Clock
 from truestroke.runtime.drivers.guard import Guard
 from truestroke.runtime.drivers.protocol import Driver, DriverError
 from truestroke.signals.timing import Timing
+
+SPIN = 150e-6  # s before the tick when sleep ends: later than that a sleeper may wake too late
+EDGES_US = (*(float(digit * 10**power) for power in range(6) for digit in (1, 2, 5)), 1e6)
+"""Upper edges of the bins of lateness, us; one more bin holds what is later."""
+_EDGES_NS = tuple(int(1000 * edge) for edge in EDGES_US)
+
+
+class Clock:
+    """Waits for the beginning of each block, and counts how late it was.
+
+    A sleeping thread has let go of the interpreter's lock and may have to wait for it; so it wakes early, and then
+    spins with the lock held until the time has come. After an overrun the later ticks are late by as much: they are
+    never hurried through.
+
+    Parameters
+    ----------
+    period : float
+        From block to block, s.
+    spin : float
+        How long before the block to wake up and spin, s; 0 only sleeps.
+    hardware_timed : bool
+        The hardware paces the blocks: do not wait, only look how much more than a period passed since the last one, of
+        which less is negative. Its clock may differ from ours, so nothing is summed up.
+    histogram : sequence of int, optional
+        Where to count, one bin more than `EDGES_US`; may be shared with another process.
+
+    Attributes
+    ----------
+    overruns, streak, missed : int
+        Blocks that began more than a period late; how many of the last ones in a row; whole periods lost by them.
+    worst : int
+        The latest beginning, ns.
+
+    Examples
+    --------
+    >>> clock = Clock(1e-3)
+    >>> clock.start()
+    >>> lateness = [clock.wait() for _ in range(10)]
+    >>> sum(clock.histogram), max(lateness) == clock.worst
+    (10, True)
+    """
+
+    def __init__(
+        self,
+        period: float,
+        spin: float = SPIN,
+        hardware_timed: bool = False,
+        histogram: MutableSequence[int] | memoryview[int] | None = None,
+    ) -> None:
+        self._period = round(checks.positive("period", period, "s") * 1e9)
+        self._spin = round(checks.within("spin", spin, 0.0, 1.0, "s") * 1e9)
+        self._hardware_timed = hardware_timed
+        self.histogram = [0] * (len(EDGES_US) + 1) if histogram is None else histogram
+        self.overruns = self.streak = self.missed = self.worst = 0
+        self._due = 0
+
+    def start(self) -> None:
+        """The first block begins now."""
+        self._due = monotonic_ns()
+        self.streak = 0
+
+    def wait(self) -> int:
+        """Return when the block begins, of hardware that paces itself at once; how late that is, ns."""
+        due = self._due
+        if not self._hardware_timed:
+            rest = due - monotonic_ns() - self._spin
+            if rest > 0:
+                time.sleep(rest * 1e-9)
+            while monotonic_ns() < due:
+                pass
+        now = monotonic_ns()
+        late = now - due
+        if late > self._period:
+            self.overruns += 1
+            self.streak += 1
+            self.missed += late // self._period
+            due = now
+        else:
+            self.streak = 0
+        self._due = (now if self._hardware_timed else due) + self._period
+        self.worst = max(self.worst, late)
+        self.histogram[bisect_right(_EDGES_NS, max(late, 0) - 1)] += 1
+        return late
 
 
 class Paced:

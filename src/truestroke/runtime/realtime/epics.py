@@ -21,9 +21,8 @@ import numpy as np
 from truestroke.base import checks
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
-from truestroke.runtime.realtime.child import Lifeline
 from truestroke.runtime.realtime.motion import SetPoint
-from truestroke.runtime.realtime.process import RealtimeError
+from truestroke.runtime.realtime.process import Lifeline, RealtimeError
 from truestroke.runtime.realtime.recorder import Plan
 from truestroke.runtime.realtime.settings import Axis
 from truestroke.runtime.realtime.shared import FIELDS, Helper, Shared, Slot, State, Text

@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 
 from truestroke.runtime.drivers.protocol import Driver
-from truestroke.runtime.realtime import child, epics, recorder, status, watchdog
+from truestroke.runtime.realtime import epics, process, recorder, status, watchdog
 from truestroke.runtime.realtime.ending import Cause
 from truestroke.runtime.realtime.epics import EpicsSettings
 from truestroke.runtime.realtime.process import RealtimeError
@@ -42,18 +42,18 @@ class Helpers:
     ) -> None:
         safe, rescue = np.array([axis.safe_voltage for axis in axes]), driver.rescue()
         self._shared, self._plans = shared, plans
-        self.recorder = child.start(shared, recorder.record, plans, keep=[plan.place.descriptor for plan in plans])
-        self.watchdog = child.start(shared, watchdog.watch, os.getpid(), rescue, safe, settings.watchdog_timeout)
+        self.recorder = process.start(shared, recorder.record, plans, keep=[plan.place.descriptor for plan in plans])
+        self.watchdog = process.start(shared, watchdog.watch, os.getpid(), rescue, safe, settings.watchdog_timeout)
         self._all = [self.recorder, self.watchdog]
         self._pulses = {slot: Pulse() for slot in watchdog.BEATS}
         self._deputy = -1  # a pidfd, once it is there
         if show is not None:
             names = [axis.name for axis in axes]
-            self._all.append(child.start(shared, status.show, names, plans[0].sample_rate, show == "live"))
+            self._all.append(process.start(shared, status.show, names, plans[0].sample_rate, show == "live"))
 
         self.server: subprocess.Popen[bytes] | None = None
         if server is not None:
-            self.server = child.start(shared, epics.serve, server, epics.panels(axes, plans), plans[0].sample_rate)
+            self.server = process.start(shared, epics.serve, server, epics.panels(axes, plans), plans[0].sample_rate)
             self._all.append(self.server)
 
     def wait_until_ready(self) -> None:
@@ -118,14 +118,14 @@ class Helpers:
         if self._stands_still(Slot.WATCHDOG):
             self.watchdog.kill()
         patience = {self.recorder: LAST_WORDS, self.watchdog: PATIENCE}
-        for process in self._all:
-            if process.stdin:
-                process.stdin.close()
+        for helper in self._all:
+            if helper.stdin:
+                helper.stdin.close()
             try:  # a terminal that nobody reads holds up the status line
-                process.wait(patience.get(process, 2.0))
-            except subprocess.TimeoutExpired:
-                process.kill()
-                process.wait()
+                helper.wait(patience.get(helper, 2.0))
+            except subhelper.TimeoutExpired:
+                helper.kill()
+                helper.wait()
         self._end_deputy()
 
     def _end_deputy(self) -> None:

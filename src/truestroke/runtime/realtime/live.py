@@ -14,9 +14,8 @@ import numpy as np
 
 from truestroke.base.typing import FloatArray
 from truestroke.runtime import loop
-from truestroke.runtime.drivers.clock import EDGES_US, Clock
 from truestroke.runtime.drivers.guard import Guard
-from truestroke.runtime.drivers.paced import Paced, padded
+from truestroke.runtime.drivers.paced import EDGES_US, Clock, Paced, padded
 from truestroke.runtime.drivers.protocol import Driver, DriverError
 from truestroke.runtime.realtime import axis_check
 from truestroke.runtime.realtime.axis_check import Found

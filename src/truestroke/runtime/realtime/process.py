@@ -1,15 +1,21 @@
-"""Our process while the loop runs: collector and scheduler out of the way."""
+"""The processes of a run: ours while the loop runs, and those beside it, which learn when ours has ended."""
 
 from __future__ import annotations
 
 import gc
 import os
+import pickle
+import select
+import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from typing import Any
 
+from truestroke.base import interrupts, streams
 from truestroke.base.errors import TruestrokeError
 from truestroke.runtime.realtime.settings import RealtimeSettings
+from truestroke.runtime.realtime.shared import Shared
 
 SWITCH = 20e-6  # s that another thread may keep the interpreter's lock when the loop wakes up
 
@@ -67,3 +73,45 @@ def _prioritise(priority: int) -> None:
             f"priority = {priority}: not permitted; allow it by a line '@realtime - rtprio 99' in "
             "/etc/security/limits.conf and membership in that group, or leave priority at 0"
         ) from None
+
+
+_CODE = "from truestroke.runtime.realtime.process import main; main()"
+
+
+class Lifeline:
+    """A pipe without a writer: it ends with the process that started us."""
+
+    def gone(self, seconds: float) -> bool:
+        """Sleep, unless the process that started us has ended, or ends meanwhile: then True at once."""
+        return bool(select.select([sys.stdin.fileno()], [], [], seconds)[0])
+
+
+def start(
+    shared: Shared, job: Callable[..., None], *arguments: Any, keep: Sequence[int] = ()
+) -> subprocess.Popen[bytes]:
+    """Run job(lifeline, shared, *arguments) in a process of its own session, which has the descriptors `keep`, too.
+
+    It is no fork: it has no share in the state of vendors' libraries, and does not run the caller's script again.
+    Ctrl-C in the terminal does not reach it.
+    """
+    process = subprocess.Popen(
+        [sys.executable, "-P", "-c", _CODE],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        pass_fds=(shared.fd, *keep),
+        start_new_session=True,
+    )
+    assert process.stdin
+    for part in (sys.path, (job, (shared, *arguments))):
+        pickle.dump(part, process.stdin)
+    process.stdin.flush()
+    return process
+
+
+def main() -> None:
+    """What the new process does."""
+    streams.secure()
+    interrupts.ignore()
+    sys.path[:] = pickle.load(sys.stdin.buffer)
+    job, arguments = pickle.load(sys.stdin.buffer)
+    job(Lifeline(), *arguments)

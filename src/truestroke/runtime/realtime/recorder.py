@@ -14,7 +14,7 @@ from truestroke.base.files import Growing
 from truestroke.base.hdf5 import ENDING
 from truestroke.base.typing import FloatArray
 from truestroke.runtime.realtime import watchdog
-from truestroke.runtime.realtime.child import Lifeline
+from truestroke.runtime.realtime.process import Lifeline
 from truestroke.runtime.realtime.shared import FIELDS, Helper, Shared, Slot, State, Text
 from truestroke.runtime.ticks import SlowLayout
 from truestroke.signals.channels import channel, dtype

@@ -8,8 +8,8 @@ from typing import Literal
 from truestroke.base import checks
 from truestroke.base.checks import SettingError
 from truestroke.control.controller import Controller
-from truestroke.runtime.drivers.clock import SPIN
 from truestroke.runtime.drivers.guard import Limits
+from truestroke.runtime.drivers.paced import SPIN
 from truestroke.runtime.realtime.motion import SetPoint
 from truestroke.signals.trajectories import Trajectory
 

@@ -12,7 +12,7 @@ from enum import IntEnum
 import numpy as np
 
 from truestroke.base.typing import FloatArray
-from truestroke.runtime.drivers.clock import EDGES_US
+from truestroke.runtime.drivers.paced import EDGES_US
 from truestroke.runtime.ticks import TICK
 
 FIELDS = (*TICK, "lateness")

@@ -7,7 +7,7 @@ import time
 
 import numpy as np
 
-from truestroke.runtime.realtime.child import Lifeline
+from truestroke.runtime.realtime.process import Lifeline
 from truestroke.runtime.realtime.shared import FIELDS, Helper, Shared, Slot, State
 
 WINDOW = 0.5  # s over which rmse is taken

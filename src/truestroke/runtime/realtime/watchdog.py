@@ -17,7 +17,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from truestroke.base.typing import FloatArray
-from truestroke.runtime.realtime.child import Lifeline
+from truestroke.runtime.realtime.process import Lifeline
 from truestroke.runtime.realtime.shared import Helper, Pulse, Shared, Slot, State
 
 PATIENCE = 5.0  # s that starting and stopping the hardware may take
