@@ -86,15 +86,6 @@ def title(recording: Recording, summary: TrackingSummary, verdict: Verdict) -> s
     return f"{motion.capitalize()}, followed to {rmse} rmse"
 
 
-def paragraph(verdict: Verdict) -> str:
-    """The verdict in a word, and its reasons after it.
-
-    >>> paragraph(Verdict("good")), paragraph(Verdict("doubtful", ("It was late.",)))
-    ('good', 'doubtful: It was late.')
-    """
-    return ": ".join(filter(None, (verdict.level, " ".join(verdict.reasons))))
-
-
 def run(recording: Recording, summary: TrackingSummary, verdict: Verdict) -> str:
     """What was run, in a sentence or two."""
     motion, driver = _name(recording, "trajectory", "motion"), _name(recording, "controller", "a controller")

@@ -156,9 +156,8 @@ def simulate_many(
     """
     queue = list(checks.several("simulations", simulations, of="Simulation"))
     for index, simulation in enumerate(queue):
-        checks.instance(
-            f"simulations[{index}]", simulation, Simulation, "a Simulation(trajectory=, controller=, plant=)"
-        )
+        made = "a Simulation(trajectory=, controller=, plant=)"
+        checks.instance(f"simulations[{index}]", simulation, Simulation, made)
     if reduce is not None:
         checks.able("reduce", reduce, ("__call__",), "a function of index and channels")
     count = len(os.sched_getaffinity(0)) if threads is None else checks.count("threads", threads, 1, 1024)
@@ -236,12 +235,8 @@ def _run(
         rows |= {name: buffers.take(name, ticks) for name in SIMULATED if name not in rows}
         _simulate(simulation, wave, rows, buffers, stop)
         if reduce and not stop.is_set():
-            motion = {
-                "time": _time(ticks, wave.sample_rate),
-                "desired": wave.position,
-                "desired_velocity": wave.velocity,
-            }
-            batch.results[index] = reduce(index, motion | rows)
+            motion = {"desired": wave.position, "desired_velocity": wave.velocity}
+            batch.results[index] = reduce(index, {"time": _time(ticks, wave.sample_rate), **motion, **rows})
     except Exception as error:
         raise SimulationError(index, error) from error
 

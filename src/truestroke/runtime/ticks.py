@@ -35,27 +35,14 @@ def stride(timing: Timing) -> int:
 
 def recorded(controller: Any, simulated: bool) -> tuple[str, ...]:
     """Those of `TICK` that there are: flags and innovation as the controller has them, the truth of a simulation."""
-    there = {"true": simulated, "innovation": _innovative(controller), "flags": _flagged(controller)}
+    attributes = {"innovation": "innovation", "flags": "flag_bits"}
+    there = {"true": simulated, **{name: hasattr(controller, of) for name, of in attributes.items()}}
     return tuple(name for name in TICK if there.get(name, True))
-
-
-def _innovative(controller: Any) -> bool:
-    return hasattr(controller, "innovation")
-
-
-def _flagged(controller: Any) -> bool:
-    return hasattr(controller, "flag_bits")
 
 
 @dataclass(frozen=True)
 class SlowLayout:
-    """The slow channels that a controller has, side by side in rows of numbers.
-
-    Attributes
-    ----------
-    shapes : Mapping[str, tuple[int, ...]]
-        Of an entry of each channel.
-    """
+    """The slow channels that a controller has, side by side in rows of numbers: shapes of an entry of each."""
 
     shapes: Mapping[str, tuple[int, ...]]
 
@@ -101,13 +88,11 @@ class TickRecorder:
 
     def __init__(self, controller: Any, timing: Timing, rows: Mapping[str, Array], slow: FloatArray) -> None:
         self._controller, self._latency, self._slow = controller, timing.latency, slow
-        self._flagged, self._innovative = _flagged(controller), _innovative(controller)
+        self._flagged, self._innovative = hasattr(controller, "flag_bits"), hasattr(controller, "innovation")
         self._stride, self._size = stride(timing), rows["volts"].size
-        memory: dict[str, memoryview[Any]] = {
-            name: row.data for name, row in rows.items()
-        }  # faster than NumPy, number by number
-        self._measured, self._true = memory["measured"], memory["true"]
-        self._innovation, self._flags = memory["innovation"], memory["flags"]
+        # number by number faster than NumPy
+        memory: list[memoryview[Any]] = [rows[name].data for name in SIMULATED[1:]]
+        self._measured, self._true, self._innovation, self._flags = memory
 
     def commanded(self, k: int) -> None:
         """After the command of tick k: its flags; nothing is measured yet."""

@@ -80,22 +80,10 @@ class Gain:
 def gain(volts: FloatArray, z: FloatArray, latency: int) -> Gain:
     """Gain from levels of voltage that alternate, each held for some time.
 
-    Parameters
-    ----------
-    volts : ndarray, shape (ticks,)
-        V.
-    z : ndarray, shape (ticks,)
-        um, NaN where a sample was lost; entry i answers entry i - latency.
-    latency : int
-        Ticks, roughly: the first half of each level is not used.
+    Entry i of `z` (um, NaN where a sample was lost) answers entry i - latency of `volts` (V), both of shape (ticks,);
+    roughly, as the first half of each level is not used. Each level is compared with the mean of those before and
+    after, so that a drift does not count.
 
-    Returns
-    -------
-    Gain
-        Of each change of level, compared with the mean of the levels before and after, so that a drift does not count.
-
-    Examples
-    --------
     >>> volts = np.tile(np.repeat([0.0, 0.1], 50), 4)
     >>> found = gain(volts, 8.0 * volts + 1e-4 * np.arange(400), 0)
     >>> print(f"{found.gain:.3f} um/V, {found.seen}")
@@ -127,19 +115,10 @@ def _levels(volts: FloatArray, z: FloatArray, latency: int) -> list[tuple[float,
 
 
 def onset(volts: FloatArray, z: FloatArray, noise: float) -> int | None:
-    """Ticks from the first step to the first sample of the record that shows it; None where none does.
+    """Ticks from the first step of `volts` (V) to the first sample that shows it; None where none does.
 
-    Parameters
-    ----------
-    volts : ndarray, shape (ticks,)
-        V, at rest until the first step.
-    z : ndarray, shape (ticks,)
-        Record of the same ticks, um.
-    noise : float
-        Standard deviation of a tick, um.
+    `z` is the record of the same ticks, um, and `noise` the standard deviation of one of them, um.
 
-    Examples
-    --------
     >>> volts = np.repeat([0.0, 0.1, 0.0], 40)
     >>> onset(volts, 8.0 * np.roll(volts, 5), noise=0.01)
     5

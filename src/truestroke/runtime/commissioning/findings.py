@@ -56,9 +56,8 @@ class Findings:
     @property
     def proposed(self) -> float:
         """A stroke that is reached from rest with something to spare, um."""
-        return rounded_down(
-            MARGIN * (self.whole.high if self.whole.high > 0.5 * self.whole.reach else self.whole.reach)
-        )
+        whole = self.whole
+        return rounded_down(MARGIN * (whole.high if whole.high > 0.5 * whole.reach else whole.reach))
 
     @property
     def beyond(self) -> bool:
@@ -116,10 +115,8 @@ class Findings:
         if self.stroke is not None and self.stroke != self.asked:
             made["axis", "stroke"] = self.stroke, "um, within reach"
         if self.small.resonance.frequency is not None and not self._as_told():
-            made["axis", "resonance"] = (
-                float(f"{self.small.resonance.frequency:.4g}"),
-                "Hz, first resonance of the stage",
-            )
+            frequency = float(f"{self.small.resonance.frequency:.4g}")
+            made["axis", "resonance"] = frequency, "Hz, first resonance of the stage"
         if self.shifted:
             made["axis", "zero"] = float(f"{self.small.rest.zero:.6g}"), "um, what the sensor shows at rest"
         return made
@@ -157,23 +154,18 @@ def small_rows(small: Small, stroke: float | None, limits: dict[str, Any]) -> li
     """Those of `Findings.rows` that the small steps give."""
     s, (low, high) = small, limits["voltage_limits"]
     expected = None if stroke is None else stroke / (high - low)
-    bounds = (
-        "no stroke was given"
-        if expected is None
-        else f"{COMMISSIONING[0] * expected:.3g} to {COMMISSIONING[1] * expected:.3g} by stroke and limits"
-    )
-    known = s.resonance.frequency is not None
+    bounds, resonance = "no stroke was given", ["not known", s.resonance.reason]
+    if expected is not None:
+        bounds = f"{COMMISSIONING[0] * expected:.3g} to {COMMISSIONING[1] * expected:.3g} by stroke and limits"
+    if (found := s.resonance).frequency is not None:
+        resonance = [f"{found.frequency:.4g} ± {found.uncertainty:.1g} Hz", f"damping {found.damping:.2g}"]
     return [
         ["noise", f"{s.rest.noise:.3g} um rms", f"of a tick; drift {s.rest.drift:.2g} um/s"],
         ["zero", f"{s.rest.zero:.3f} um", f"at rest under {limits.get('safe_voltage', 0.0):g} V"],
         ["polarity", "right", "more voltage extends"],
         ["gain", f"{s.gain.gain:.3g} ± {s.gain.uncertainty:.1g} um/V", bounds],
         ["latency", f"{max(s.latency, 0.0):.1f} ± {s.unsure:.1g} ticks", f"{s.timing.latency} by the driver"],
-        [
-            "resonance",
-            f"{s.resonance.frequency:.4g} ± {s.resonance.uncertainty:.1g} Hz" if known else "not known",
-            f"damping {s.resonance.damping:.2g}" if known else s.resonance.reason,
-        ],
+        ["resonance", *resonance],
     ]
 
 

@@ -35,19 +35,9 @@ WORDS = {"good": "The axis responds as configured.", "doubtful": "Read this befo
 
 
 def page(found: Findings, written: list[str], command: str) -> Page:
-    """The page of an axis.
-
-    Parameters
-    ----------
-    found : Findings
-        The axis.
-    written : list[str]
-        What went into the configuration, a line each.
-    command : str
-        What repeats it.
-    """
-    keys = [["written", "-", "nothing: the configuration is as it was"]] if not written else []
-    keys += [["written", *line.split(" = ", 1)] for line in written]
+    """The page of an axis: the lines `written` into its configuration, and the command that repeats it."""
+    lines = [line.split(" = ", 1) for line in written] or [["-", "nothing: the configuration is as it was"]]
+    keys = [["written", *line] for line in lines]
     safe, verdict = found.limits.get("safe_voltage", 0.0), found.verdict()
     low, high = found.limits["voltage_limits"]
     return Page(
@@ -121,9 +111,8 @@ def ringing(found: Findings, theme: Theme) -> Figure:
         axes.set_ylim(0.3 * measured.min(), 4 * measured.max())
         if known is not None:
             axes.axvline(known, color=theme["muted"], lw=0.8, ls=":")
-            axes.annotate(
-                f"{known:.4g} Hz", (known, 2 * measured.max()), (4, 0), textcoords="offset points", fontsize=8
-            )
+            corner = (known, 2 * measured.max())
+            axes.annotate(f"{known:.4g} Hz", corner, (4, 0), textcoords="offset points", fontsize=8)
         axes.set(xlabel="frequency (Hz)", ylabel="velocity (µm/s, rms)")
         axes.legend(loc="lower left")
     return figure

@@ -142,7 +142,7 @@ def small_steps(axis: OneAxis, stroke: float | None = None, report: Callable[[st
         gains, steps = _first_steps(bench, rest, stroke)
         report("ringing")
         step = float(np.clip(40 * rest.noise / gains[-1].gain, STEPS[0] * bench.span, RINGING * bench.span))
-        ringing = bench.ring(step, _level(step, gains[-1].gain, rest), rest)
+        ringing = bench.steps(step * bench.up, _level(step, gains[-1].gain, rest), rest, RINGS, RING)
     report("fitting")
     begins = answer.onset(ringing.volts, ringing.z, rest.noise)
     if begins is None:
@@ -333,15 +333,8 @@ class _Bench:
         tick = min(self._tick, self.span / WHOLE / self.rate)
         return self.apply(self._level(target, HOLD, tick), within)
 
-    def steps(self, step: float, level: float | None, rest: Rest) -> Record:
-        """Up and down `CYCLES` times."""
-        return self._alternate(step, CYCLES, HOLD, level, rest)
-
-    def ring(self, step: float, level: float, rest: Rest) -> Record:
-        """The same with time to ring."""
-        return self._alternate(step * self.up, RINGS, RING, level, rest)
-
-    def _alternate(self, step: float, cycles: int, hold: float, level: float | None, rest: Rest) -> Record:
+    def steps(self, step: float, level: float | None, rest: Rest, cycles: int = CYCLES, hold: float = HOLD) -> Record:
+        """Up and down by `step` (V) so many times, each level held for `hold` s; at most `level` (um) from rest."""
         parts = [np.full(max(round(hold * self.rate), 20), self.safe)]
         self._last = self.safe
         for target in [self.safe + step, self.safe] * cycles:

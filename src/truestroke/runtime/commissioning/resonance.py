@@ -61,21 +61,10 @@ def resonance(volts: FloatArray, z: FloatArray, sample_rate: float, onset: float
     response in the first ticks, which the model describes. Where both explain the record about as well, neither is
     used.
 
-    Parameters
-    ----------
-    volts : ndarray, shape (ticks,)
-        Steps from rest, V, each held for some periods.
-    z : ndarray, shape (ticks,)
-        Record, um, NaN where it was lost; entry i need not answer entry i of `volts`.
-    sample_rate : float
-        Hz.
-    onset : float
-        Ticks after which the record shows the first step, as `answer.onset` finds it.
-    noise : float
-        Standard deviation of a tick, um: what no model can explain.
+    `volts` (V) are steps from rest, each held for some periods, and `z` (um, NaN where it was lost) the record of the
+    same ticks, of which there are `sample_rate` in a second; it shows the first step after `onset` ticks, as
+    `answer.onset` finds them. `noise` is the standard deviation of a tick, um: what no model can explain.
 
-    Examples
-    --------
     >>> from truestroke.plant import PlantSettings, RealisticPlant
     >>> volts = 0.05 * np.repeat([0.0, 1.0, 0.0, 1.0, 0.0], [400, 550, 450, 500, 650])
     >>> stage = RealisticPlant(PlantSettings(resonance=180.0))
@@ -102,19 +91,10 @@ def resonance(volts: FloatArray, z: FloatArray, sample_rate: float, onset: float
 
 
 def step_means(ticks: int, sample_rate: float, model: tuple[float, float, float, float]) -> FloatArray:
-    """Means over each tick of the answer to a step of 1 at tick 0.
+    """Means over each tick (at `sample_rate`, Hz) of the answer to a step of 1 at tick 0.
 
-    Parameters
-    ----------
-    ticks : int
-        How many.
-    sample_rate : float
-        Hz.
-    model : tuple
-        Frequency (Hz) and damping ratio of the stage, delay (ticks), corner of the lag (Hz).
+    The model: frequency (Hz) and damping ratio of the stage, delay (ticks), corner of the lag (Hz).
 
-    Examples
-    --------
     >>> step_means(4, 1000.0, (1e5, 0.7, 0.5, 1e5)).round(2).tolist()
     [0.5, 1.0, 1.0, 1.0]
     """
@@ -122,9 +102,8 @@ def step_means(ticks: int, sample_rate: float, model: tuple[float, float, float,
     w, p = 2 * np.pi * frequency, 2 * np.pi * corner
     pole = w * complex(-damping, np.sqrt(1 - damping**2))
     t = np.maximum(np.arange(ticks + 1) - delay, 0.0) / sample_rate
-    stage = (
-        w**2 * p / (pole**2 * (pole - pole.conjugate()) * (pole + p))
-    )  # residues of the integral, by partial fractions
+    # residues of the integral, by partial fractions
+    stage = w**2 * p / (pole**2 * (pole - pole.conjugate()) * (pole + p))
     lag = w**2 / (p * abs(pole + p) ** 2)
     integral = t + 2 * (stage * np.expm1(pole * t)).real + lag * np.expm1(-p * t)
     means: FloatArray = np.diff(integral) * sample_rate

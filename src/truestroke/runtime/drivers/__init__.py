@@ -8,13 +8,4 @@ from truestroke.runtime.drivers.playback import Recorded, playback
 from truestroke.runtime.drivers.protocol import Driver, DriverError
 from truestroke.runtime.drivers.simulated import Fault, SimulatedDriver, SimulatedSettings
 
-__all__ = [
-    "Driver",
-    "DriverError",
-    "Fault",
-    "OneAxis",
-    "Recorded",
-    "SimulatedDriver",
-    "SimulatedSettings",
-    "playback",
-]
+__all__ = ["Driver", "DriverError", "Fault", "OneAxis", "Recorded", "SimulatedDriver", "SimulatedSettings", "playback"]

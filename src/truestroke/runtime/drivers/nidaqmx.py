@@ -124,9 +124,8 @@ class NidaqmxSettings:
         checks.positive("sample_rate", self.sample_rate, "Hz")
         checks.positive("converter_rate", self.converter_rate, "Hz")
         if self.conversions < 1 or self.conversions * self.sample_rate != self.converter_rate:
-            raise SettingError(
-                "converter_rate", self.converter_rate, f"a multiple of sample_rate, {self.sample_rate} Hz", "Hz"
-            )
+            bound = f"a multiple of sample_rate, {self.sample_rate} Hz"
+            raise SettingError("converter_rate", self.converter_rate, bound, "Hz")
         checks.count("block", self.block, 1, LONGEST_AGO)
         checks.count("ahead", self.ahead, 1, LONGEST_AGO)
         checks.count("block - 1 + ahead * block", self.block - 1 + self.latency, 0, LONGEST_AGO)
@@ -137,8 +136,8 @@ class NidaqmxSettings:
         checks.positive("timeout", self.timeout, "s")
         if self.card_watchdog:
             checks.within("card_watchdog", self.card_watchdog, 4 * self.block / self.sample_rate, 3600.0, "s")
-        object.__setattr__(self, "outputs", tuple(self.outputs))
-        object.__setattr__(self, "inputs", tuple(self.inputs))
+        for name in ("outputs", "inputs"):
+            object.__setattr__(self, name, tuple(getattr(self, name)))
 
     @property
     def conversions(self) -> int:
@@ -224,11 +223,7 @@ class NidaqmxDriver:
                 self.close()
                 raise
         return Timing(
-            sample_rate=s.sample_rate,
-            block=s.block,
-            latency=s.latency,
-            channels=len(s.outputs),
-            hardware_timed=True,
+            sample_rate=s.sample_rate, block=s.block, latency=s.latency, channels=len(s.outputs), hardware_timed=True
         )
 
     def _configure(self) -> None:
@@ -294,10 +289,8 @@ class NidaqmxDriver:
         s = self.settings
         if s.card_watchdog:
             return True, f"the card's own watchdog: the safe voltage after {s.card_watchdog:g} s without an exchange"
-        return (
-            False,
-            f"the card holds its last voltage{_power_up(s.outputs)}; where it has a watchdog, set card_watchdog",
-        )
+        at_power_up = _power_up(s.outputs)
+        return False, f"the card holds its last voltage{at_power_up}; where it has a watchdog, set card_watchdog"
 
     def _run(self) -> None:
         """Start the clock; the conversion at its first edge comes before any voltage."""
@@ -324,7 +317,8 @@ class NidaqmxDriver:
                 self._dog.reset_timer()
             _whole("write_many_sample", self._writer.write_many_sample(self._out, self._patience), self._out.shape[1])
         with _naming(f"reading from {', '.join(s.inputs)}"):
-            _whole("read_many_sample", self._read(), self._in.shape[1])
+            count = self._reader.read_many_sample(self._in, self._in.shape[1], self._patience)
+            _whole("read_many_sample", count, self._in.shape[1])
             if s.watch_clock:
                 self._watch_clock()
         um_per_volt, offset = s.scale
@@ -332,10 +326,6 @@ class NidaqmxDriver:
         measured *= um_per_volt[:, None]
         measured += offset[:, None]
         self._state = "running"
-
-    def _read(self) -> int:
-        count: int = self._reader.read_many_sample(self._in, self._in.shape[1], self._patience)
-        return count
 
     def _watch_clock(self) -> None:
         """Input and output have seen the same edges, or measurements belong to other commands than is assumed."""
@@ -402,10 +392,8 @@ def _expiration(outputs: Sequence[str], volts: FloatArray) -> list[Any]:
     from nidaqmx.constants import WatchdogAOExpirState
     from nidaqmx.types import AOExpirationState
 
-    return [
-        AOExpirationState(output, float(value), WatchdogAOExpirState.VOLTAGE)
-        for output, value in zip(outputs, volts, strict=True)
-    ]
+    states = zip(outputs, map(float, volts), strict=True)
+    return [AOExpirationState(output, value, WatchdogAOExpirState.VOLTAGE) for output, value in states]
 
 
 def _power_up(outputs: Sequence[str]) -> str:
@@ -433,9 +421,8 @@ def _configure_output(task: Any, s: NidaqmxSettings, constants: Any) -> None:
 def _configure_input(task: Any, s: NidaqmxSettings, constants: Any) -> None:
     terminals = constants.TerminalConfiguration[TERMINALS[s.terminals]]
     for name in s.inputs:
-        task.ai_channels.add_ai_voltage_chan(
-            name, terminal_config=terminals, min_val=s.input_range[0], max_val=s.input_range[1]
-        )
+        low, high = s.input_range
+        task.ai_channels.add_ai_voltage_chan(name, terminal_config=terminals, min_val=low, max_val=high)
     _clock(task, s, constants, s.clock or f"/{_device(s.outputs[0])}/ao/SampleClock", round(s.converter_rate))
     _agree("input channels", task.in_stream.num_chans, len(s.inputs))
 
@@ -446,21 +433,9 @@ def _clock(task: Any, s: NidaqmxSettings, constants: Any, source: str, buffer: i
 
 
 def hold(outputs: Sequence[str], output_range: tuple[float, float], volts: FloatArray) -> None:
-    """Put constant voltages out, by a task of its own; resets the card if something else holds it.
+    """Put constant `volts` (V, shape (channels,)) out at these physical channels of `output_range` (V), by a new task.
 
-    Parameters
-    ----------
-    outputs : sequence of str
-        Physical channels.
-    output_range : tuple[float, float]
-        V.
-    volts : ndarray, shape (channels,)
-        V.
-
-    Raises
-    ------
-    DriverError
-        The card refuses after a reset, too.
+    Resets the card if something else holds it; `DriverError` where it refuses after that, too.
     """
     with _naming(f"holding {', '.join(outputs)} at {np.asarray(volts).tolist()} V"):
         from nidaqmx.errors import DaqError

@@ -102,19 +102,7 @@ class Clock:
 
 
 class Paced:
-    """Voltages to an open, started driver: they pass the guard, and wait for the clock.
-
-    Parameters
-    ----------
-    driver : Driver
-        Started.
-    timing : Timing
-        As its `open` returned it.
-    guard : Guard
-        Of all its channels.
-    clock : Clock
-        With the period of its blocks.
-    """
+    """Voltages to a started driver of this timing: they pass the guard, and wait for the clock of its blocks."""
 
     def __init__(self, driver: Driver, timing: Timing, guard: Guard, clock: Clock) -> None:
         self._driver, self._block, self._guard, self._clock = driver, timing.block, guard, clock

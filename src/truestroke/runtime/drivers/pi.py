@@ -190,7 +190,7 @@ class PiDriver:
                     f"{1e3 * took:.2g} ms here, so at most {1 / (took * MARGIN):.2g} Hz; a generated wave has no "
                     "such bound"
                 )
-            self._set(volts)
+            _set(self._device, self.settings, volts)
         self._state = "started"
 
     def _time_of_a_tick(self) -> float:
@@ -208,7 +208,7 @@ class PiDriver:
         self._needs("started", "exchange")
         with self._working("exchanging"):
             measured[:, 0] = self._position()
-            self._set(volts[:, 0])
+            _set(self._device, self.settings, volts[:, 0])
 
     def playback(self, volts: npt.ArrayLike, sample_rate: float) -> Recorded:
         """Output a wave from the controller's memory and record it; the output then stays at its last voltage.
@@ -301,9 +301,8 @@ class PiDriver:
         while device.bufstate is not True:
             time.sleep(0.01)
         if abs(said * rate.samples / (rate.cycles * rate.cycle) - 1) > 0.01:
-            raise DriverError(
-                f"playing: the recorder took a sample each {said:g} s, not {rate.samples} a sample of the wave"
-            )
+            wanted = f"not {rate.samples} a sample of the wave"
+            raise DriverError(f"playing: the recorder took a sample each {said:g} s, {wanted}")
         raw = np.array(device.bufdata, dtype=np.float64).T
         if raw.shape != (count, len(tables)):
             raise DriverError(f"playing: {raw.shape} values came from the recorder, not {(count, len(tables))}")
@@ -317,9 +316,6 @@ class PiDriver:
         s = self.settings
         units = list(self._device.qPOS(list(s.axes)).values())
         return np.array(units, dtype=np.float64) * s.um_per_unit + s.offset
-
-    def _set(self, volts: FloatArray) -> None:
-        _set(self._device, self.settings, volts)
 
     def stop(self, volts: FloatArray) -> None:
         """Stop generators and motion, servo off, output at the safe `volts` (V, shape (channels,)); asked back.
@@ -498,9 +494,8 @@ def _stop(device: Any, s: PiSettings, volts: FloatArray) -> None:
     _set(device, s, volts)
     said = np.array(list(device.qSVA(list(s.axes)).values())) * s.volts_per_unit
     if not np.allclose(said, volts, rtol=0, atol=1e-3 * np.ptp(s.output_range)):
-        raise DriverError(
-            f"stopping {s.host}: the controller says {said.tolist()} V, not {np.asarray(volts).tolist()} V"
-        )
+        asked = np.asarray(volts).tolist()
+        raise DriverError(f"stopping {s.host}: the controller says {said.tolist()} V, not {asked} V")
 
 
 @contextmanager
@@ -516,21 +511,10 @@ def _unless_it_answers() -> Iterator[None]:
 
 
 def hold(s: PiSettings, volts: FloatArray) -> None:
-    """Stop the controller and put constant voltages out, by a connection of its own.
+    """Stop the controller and put constant `volts` (V, shape (channels,)) out, by a connection of its own.
 
     Tries again for five times the time-out: a controller of one connection may not know yet that the other is gone.
-
-    Parameters
-    ----------
-    s : PiSettings
-        Where it is.
-    volts : ndarray, shape (channels,)
-        V.
-
-    Raises
-    ------
-    DriverError
-        It cannot be reached, or refuses.
+    Then it is a `DriverError`.
     """
     end = time.monotonic() + 5 * s.timeout
     while True:

@@ -27,6 +27,7 @@ from truestroke.runtime.realtime.recorder import Plan
 from truestroke.runtime.realtime.settings import Axis
 from truestroke.runtime.realtime.shared import FIELDS, Helper, Shared, Slot, State, Text
 from truestroke.runtime.realtime.status import STATES, WINDOW
+from truestroke.signals.trajectories import Trajectory
 
 REFRESH = 0.1  # s between two updates
 WAVES = 5  # updates from one of the waveforms to the next
@@ -95,22 +96,22 @@ class Panel:
 
 def panels(axes: Sequence[Axis], plans: Sequence[Plan]) -> list[Panel]:
     """Of each axis."""
-    made = []
-    for axis, plan in zip(axes, plans, strict=True):
-        motion = axis.trajectory
-        moved = isinstance(motion, SetPoint)
-        reach = motion.reach if isinstance(motion, SetPoint) else (motion.position.min(), motion.position.max())
-        shapes = plan.slow.shapes
-        made.append(
-            Panel(
-                name=axis.name.upper(),
-                voltage_limits=axis.voltage_limits,
-                reach=(float(reach[0]), float(reach[1])),
-                moved=moved,
-                weights=math.prod(shapes["weights"]) if "weights" in shapes else 0,
-            )
+    return [
+        Panel(
+            name=axis.name.upper(),
+            voltage_limits=axis.voltage_limits,
+            reach=_reach(axis.trajectory),
+            moved=isinstance(axis.trajectory, SetPoint),
+            weights=math.prod(plan.slow.shapes.get("weights", (0,))),
         )
-    return made
+        for axis, plan in zip(axes, plans, strict=True)
+    ]
+
+
+def _reach(motion: Trajectory | SetPoint) -> tuple[float, float]:
+    if isinstance(motion, SetPoint):
+        return motion.reach
+    return float(motion.position.min()), float(motion.position.max())
 
 
 def serve(lifeline: Lifeline, shared: Shared, settings: EpicsSettings, axes: list[Panel], sample_rate: float) -> None:
@@ -328,11 +329,10 @@ def _guarded() -> Iterator[None]:
 def _quiet() -> Iterator[None]:
     """EPICS greets on stderr, where the status line is."""
     before = os.dup(2)
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nowhere, 2)
+    with open(os.devnull, "wb") as nowhere:
+        os.dup2(nowhere.fileno(), 2)
     try:
         yield
     finally:
         os.dup2(before, 2)
         os.close(before)
-        os.close(nowhere)

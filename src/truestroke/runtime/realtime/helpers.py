@@ -123,7 +123,7 @@ class Helpers:
                 helper.stdin.close()
             try:  # a terminal that nobody reads holds up the status line
                 helper.wait(patience.get(helper, 2.0))
-            except subhelper.TimeoutExpired:
+            except subprocess.TimeoutExpired:
                 helper.kill()
                 helper.wait()
         self._end_deputy()
