@@ -62,23 +62,10 @@ class Found:
 
 
 def examine(axes: Sequence[Axis], timing: Timing, move: Move, probing: bool) -> list[Found]:
-    """Look at all axes at their safe voltages, and move each of them a little.
+    """Look at all axes at their safe voltages, and `move` each of them a little; there they stand again afterwards.
 
-    Parameters
-    ----------
-    axes : sequence of Axis
-        The outputs stand at their safe voltages; there they stand again afterwards.
-    timing : Timing
-        Of the driver.
-    move : Move
-        Moves the outputs.
-    probing : bool
-        Whether to move; without it only those axes are looked at whose `zero` is to be measured.
-
-    Raises
-    ------
-    Stop
-        An axis is not what its settings say.
+    Without `probing` nothing moves, and axes are looked at only if the `zero` of one is to be measured. `Stop` where an
+    axis is not what its settings say.
     """
     if not probing and all(axis.zero != "measured" for axis in axes):
         return [Found(zero=axis.zero if isinstance(axis.zero, float) else 0.0) for axis in axes]
@@ -86,23 +73,17 @@ def examine(axes: Sequence[Axis], timing: Timing, move: Move, probing: bool) -> 
     rests = bench.at_rest()
     found = []
     for channel, (axis, (rest, noise)) in enumerate(zip(axes, rests, strict=True)):
-        gain, probe = bench.probe(channel, noise) if probing and _known(axis) else (float("nan"), 0.0)
+        gain, probe = bench.probe(channel, noise) if probing and axis.known else (float("nan"), 0.0)
         zero = _zero(axis, rest, gain)
         found.append(Found(rest=rest, noise=noise, zero=zero, gain=gain, probe=probe))
     return found
-
-
-def _known(axis: Axis) -> ControllerSettings | None:
-    """The settings of its controller; a controller of another kind knows no stroke to compare with."""
-    settings = getattr(axis.controller, "settings", None)
-    return settings if isinstance(settings, ControllerSettings) else None
 
 
 def _zero(axis: Axis, rest: float, gain: float) -> float:
     """What to subtract, um: so that 0 um is at 0 V, where the sensor does not say that by itself."""
     if isinstance(axis.zero, float):
         return axis.zero
-    settings = _known(axis)
+    settings = axis.known
     slope = gain if gain == gain or settings is None else feasibility.gains(settings)[1]
     here = axis.safe_voltage * (slope if slope == slope else 0.0)
     if axis.zero is None:
@@ -142,7 +123,7 @@ class _Bench:
 
     def probe(self, channel: int, noise: float) -> tuple[float, float]:
         """The gain of an axis, um/V, and the largest probe, V; `Stop` where it is not that of the settings."""
-        axis, settings = self._axes[channel], _known(self._axes[channel])
+        axis, settings = self._axes[channel], self._axes[channel].known
         assert settings
         expected_gain = feasibility.gains(settings)[0]
         first, most = (share * settings.stroke / expected_gain for share in (FIRST, LARGEST))
@@ -150,20 +131,15 @@ class _Bench:
         volts = sign * first
         while True:
             grows = 3.0 * abs(volts) <= most  # then an answer with a margin need not be measured twice
-            answers, uncertainty = self._answers(
-                channel, volts, noise, LARGEST * settings.stroke / 3.0 if grows else 0.0
-            )
+            small = LARGEST * settings.stroke / 3.0 if grows else 0.0
+            answers, uncertainty = self._answers(channel, volts, noise, small)
             seen = abs(answers[channel]) + uncertainty
             largest = min(most, abs(volts) * LARGEST * settings.stroke / seen) if seen else most
             if abs(answers[channel]) > AT_ONCE * uncertainty or largest < 1.2 * abs(volts):
                 break
             volts = sign * min(largest, 3.0 * abs(volts))
-        _judge(
-            _Answer(axis, settings, volts, float(answers[channel]), uncertainty, expected_gain),
-            channel,
-            answers,
-            self._axes,
-        )
+        answer = _Answer(axis, settings, volts, float(answers[channel]), uncertainty, expected_gain)
+        _judge(answer, channel, answers, self._axes)
         return float(answers[channel] / volts), float(volts)
 
     def _answers(self, channel: int, volts: float, noise: float, small: float) -> tuple[FloatArray, float]:
@@ -198,15 +174,9 @@ def _middle(axis: Axis, seen: FloatArray) -> float:
     """Median of what came, um."""
     usable = seen[np.isfinite(seen)]
     if 2 * usable.size < seen.size:
-        raise Stop(Cause.SENSOR, _silent(axis, seen))
+        lost = f"{seen.size - usable.size} of {seen.size} measurements at rest are no numbers"
+        raise Stop(Cause.SENSOR, f"axis {axis.name}: {lost}: look at the sensor and its cable")
     return float(np.median(usable))
-
-
-def _silent(axis: Axis, seen: FloatArray) -> str:
-    return (
-        f"axis {axis.name}: {np.count_nonzero(~np.isfinite(seen))} of {seen.size} measurements at rest are no numbers: "
-        "look at the sensor and its cable"
-    )
 
 
 def _motion(axis: Axis, seen: FloatArray) -> tuple[float, float]:
@@ -218,14 +188,14 @@ def _motion(axis: Axis, seen: FloatArray) -> tuple[float, float]:
 def _unrest(axis: Axis, seen: FloatArray) -> float:
     """How far an axis is from rest, as a part of its stroke; 0 of one whose stroke is not known."""
     moved, noise = _motion(axis, seen)
-    settings = _known(axis)
+    settings = axis.known
     return max(moved, noise) / settings.stroke if settings else 0.0
 
 
 def _restless(axis: Axis, seen: FloatArray) -> str:
     """What is said of an axis that does not come to rest."""
     moved, noise = _motion(axis, seen)
-    settings = _known(axis)
+    settings = axis.known
     most = RESTLESS * settings.stroke if settings else np.inf
     return (
         f"axis {axis.name}: at {axis.safe_voltage:g} V it does not come to rest within {PATIENCE:g} s: the sensor "

@@ -11,7 +11,6 @@ from truestroke.base.checks import SettingError
 from truestroke.base.flags import BIT
 from truestroke.base.typing import FloatArray
 from truestroke.control import feasibility
-from truestroke.control.settings import ControllerSettings
 from truestroke.runtime.realtime.ending import Cause, Stop
 from truestroke.runtime.realtime.motion import motion, numbers
 from truestroke.runtime.realtime.settings import Axis, RealtimeSettings
@@ -33,8 +32,7 @@ def error_limit(axis: Axis) -> float:
     if axis.error_limit is not None:
         return axis.error_limit
     low, high = feasibility.reach(axis.trajectory)
-    settings = getattr(axis.controller, "settings", None)
-    return max(SHARE * (high - low), LEAST * settings.stroke if isinstance(settings, ControllerSettings) else 0.0)
+    return max(SHARE * (high - low), LEAST * axis.known.stroke if axis.known else 0.0)
 
 
 class Supervision:
@@ -53,9 +51,7 @@ class Supervision:
     def __init__(self, axis: Axis, settings: RealtimeSettings, sample_rate: float) -> None:
         self._axis, self._settings, self._rate = axis, settings, sample_rate
         self.limit, self.idle = error_limit(axis), True
-        told = getattr(axis.controller, "settings", None)
-        limits = [axis.voltage_limits] + ([told.voltage_limits] if isinstance(told, ControllerSettings) else [])
-        self._low, self._high = max(low for low, _ in limits), min(high for _, high in limits)
+        self._low, self._high = axis.limits
         self._off = self._held = 0
         self._longest_off, self._longest_held = (
             max(2, round(seconds * sample_rate)) if seconds else OFF
@@ -142,8 +138,8 @@ class AxisLoop:
         controller: Any = axis.controller
         self._controller, self._command, self._adapt = controller, controller.command, controller.adapt
         self._motion = motion(axis.trajectory, shared.targets[channel : channel + 1])
-        self._size, self._ring = shared.layout.size, shared.ring[channel]
-        rows = {name: self._ring[FIELDS.index(name)] for name in FIELDS}
+        self._size, self._shared, self._channel = shared.layout.size, shared, channel
+        rows = dict(zip(FIELDS, shared.ring[channel], strict=True))
         self._ticks = TickRecorder(controller, timing, {name: rows[name] for name in TICK}, shared.slow[channel])
         noted = ("desired", "desired_velocity", "volts", "lateness")
         self._desired, self._velocity, self._volts, self._lateness = (numbers(rows[name]) for name in noted)
@@ -217,8 +213,6 @@ class AxisLoop:
     def look_back(self, stop: int) -> None:
         """Raise `Stop` where the sensor has not followed the voltage for a while; now and then, after tick `stop`."""
         end, window = stop - self._latency, self._supervision.window
-        if end < self._next_look or window > self._size // 2:
-            return
-        self._next_look = end + max(1, window // 4)
-        rows = np.arange(end - window, end) % self._size
-        self._supervision.look_back(*(self._ring[FIELDS.index(n)][rows] for n in ("desired", "measured", "volts")))
+        if end >= self._next_look and window <= self._size // 2:
+            self._next_look = end + max(1, window // 4)
+            self._supervision.look_back(*self._shared.last(self._channel, end, window))

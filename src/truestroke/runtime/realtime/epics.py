@@ -20,12 +20,11 @@ import numpy as np
 
 from truestroke.base import checks
 from truestroke.base.checks import SettingError
-from truestroke.base.typing import FloatArray
 from truestroke.runtime.realtime.motion import SetPoint
 from truestroke.runtime.realtime.process import Lifeline, RealtimeError
 from truestroke.runtime.realtime.recorder import Plan
 from truestroke.runtime.realtime.settings import Axis
-from truestroke.runtime.realtime.shared import FIELDS, Helper, Shared, Slot, State, Text
+from truestroke.runtime.realtime.shared import Helper, Shared, Slot, State, Text
 from truestroke.runtime.realtime.status import STATES, WINDOW
 from truestroke.signals.trajectories import Trajectory
 
@@ -189,8 +188,7 @@ class _AxisRecords:
     def __init__(
         self, builder: Any, shared: Shared, channel: int, panel: Panel, settings: EpicsSettings, rate: float
     ) -> None:
-        self._ring, self._slow = shared.ring[channel], shared.slow[channel]
-        self._targets, self._channel, self._panel = shared.targets, channel, panel
+        self._shared, self._channel, self._panel = shared, channel, panel
         low, high = panel.reach
         place = {"EGU": "um", "PREC": 4, "LOPR": low, "HOPR": high}
         bottom, top = panel.voltage_limits
@@ -211,23 +209,21 @@ class _AxisRecords:
             builder.aOut(f"{panel.name}:SETPOINT", ASG="OPERATOR", validate=_is_number, on_update=self._send, **out)
         self._window, self._recent = round(settings.window * rate), round(WINDOW * rate)
         wave = {"datatype": float, "length": self._window, "EGU": "um", "PREC": 4}
-        self._waves = [
-            builder.WaveformIn(f"{panel.name}:{name}:WAVE", **wave) for name in ("DESIRED", "MEASURED", "ERROR")
-        ]
+        shown = ("DESIRED", "MEASURED", "ERROR")
+        self._waves = [builder.WaveformIn(f"{panel.name}:{name}:WAVE", **wave) for name in shown]
         self._weights: Any = None
         if panel.weights:
-            self._weights = builder.WaveformIn(
-                f"{panel.name}:WEIGHTS", datatype=float, length=panel.weights, EGU="um/V", PREC=4
-            )
+            weights = {"datatype": float, "length": panel.weights, "EGU": "um/V", "PREC": 4}
+            self._weights = builder.WaveformIn(f"{panel.name}:WEIGHTS", **weights)
 
     def _send(self, target: float) -> None:
-        self._targets[self._channel] = target
+        self._shared.targets[self._channel] = target
 
     def publish(self, done: int, entries: int, waves: bool) -> None:
         """Of `done` ticks that have settled, and the last of `entries` slow ones."""
         if not done:
             return
-        desired, measured, volts = self._last(self._window if waves else self._recent, done)
+        desired, measured, volts = self._shared.last(self._channel, done, self._window if waves else self._recent)
         self._show(self._readback, measured[-1])
         self._desired.set(desired[-1])
         self._volts.set(volts[-1])
@@ -236,20 +232,14 @@ class _AxisRecords:
         self._show(self._rmse, math.sqrt(np.nanmean(recent**2)) if np.isfinite(recent).any() else math.nan)
         if self._moving is not None:
             low, high = self._panel.reach
-            target = min(max(self._targets[self._channel], low), high)
+            target = min(max(self._shared.targets[self._channel], low), high)
             self._moving.set(int(abs(desired[-1] - target) > ARRIVED))
         if waves:
             for record, wave in zip(self._waves, (desired, measured, error), strict=True):
                 record.set(wave)
             if self._weights is not None and entries:
-                self._weights.set(self._slow[(entries - 1) % len(self._slow), : self._panel.weights])
-
-    def _last(self, length: int, done: int) -> FloatArray:
-        """Rows desired, measured, volts of the last ticks."""
-        rows = np.arange(max(0, done - length), done) % self._ring.shape[1]
-        fields = [FIELDS.index(name) for name in ("desired", "measured", "volts")]
-        last: FloatArray = self._ring[np.ix_(fields, rows)]
-        return last
+                slow = self._shared.slow[self._channel]
+                self._weights.set(slow[(entries - 1) % len(slow), : self._panel.weights])
 
     @staticmethod
     def _show(record: Any, value: float) -> None:

@@ -15,7 +15,6 @@ from truestroke.base import checks, interrupts
 from truestroke.base.checks import SettingError
 from truestroke.base.files import Growing, beside, check_growing, grow
 from truestroke.control import feasibility
-from truestroke.control.settings import ControllerSettings
 from truestroke.runtime import loop
 from truestroke.runtime.drivers.guard import check_range
 from truestroke.runtime.drivers.protocol import Driver
@@ -138,14 +137,9 @@ def _check_motions(axes: Sequence[Axis]) -> list[str]:
     """Refuse a motion that its axis cannot make; sentences on the limits that hold one back."""
     notices: list[str] = []
     for axis in axes:
-        settings = getattr(axis.controller, "settings", None)
-        if not isinstance(settings, ControllerSettings):
+        if (settings := axis.known) is None:
             continue
-        given, own = axis.voltage_limits, settings.voltage_limits
-        limits: dict[str, Any] = {
-            "voltage_limits": (max(given[0], own[0]), min(given[1], own[1])),
-            "slew": min(axis.slew, settings.slew_limit),
-        }
+        limits: dict[str, Any] = {"voltage_limits": axis.limits, "slew": min(axis.slew, settings.slew_limit)}
         words = {**feasibility.NAMES, "slew": "slew"}
         names = {name: f"{word} of axis {axis.name}" for name, word in words.items()}
         needs = feasibility.demands(axis.trajectory, settings)
@@ -200,11 +194,8 @@ def _plan(driver: Any, axis: Axis, timing: Timing, place: Growing, about: dict[s
 
 def _check_room(axes: Sequence[Axis], timing: Timing, folder: Path) -> None:
     """The disk has space for the whole run."""
-    needed = sum(
-        80 * len(a.trajectory) + 8 * len(a.trajectory) // stride(timing) * SlowLayout.of(a.controller).width
-        for a in axes
-    )
-    needed = round(ROOM * needed)
+    sizes = ((len(axis.trajectory), SlowLayout.of(axis.controller).width) for axis in axes)
+    needed = round(ROOM * sum(80 * ticks + 8 * ticks // stride(timing) * width for ticks, width in sizes))
     if (free := shutil.disk_usage(folder).free) < needed:
         raise RealtimeError(f"{folder}: the run writes {needed / 1e6:.0f} MB, {free / 1e6:.0f} MB are free")
 

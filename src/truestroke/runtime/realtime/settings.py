@@ -8,6 +8,7 @@ from typing import Literal
 from truestroke.base import checks
 from truestroke.base.checks import SettingError
 from truestroke.control.controller import Controller
+from truestroke.control.settings import ControllerSettings
 from truestroke.runtime.drivers.guard import Limits
 from truestroke.runtime.drivers.paced import SPIN
 from truestroke.runtime.realtime.motion import SetPoint
@@ -65,9 +66,20 @@ class Axis:
         if self.error_limit is not None:
             checks.positive("error_limit", self.error_limit, "um")
         if not self.name or not all(c.isalnum() or c in "-_" for c in self.name):
-            raise SettingError(
-                "name", repr(self.name), "letters, digits, - and _, as it may become part of a file name"
-            )
+            bound = "letters, digits, - and _, as it may become part of a file name"
+            raise SettingError("name", repr(self.name), bound)
+
+    @property
+    def known(self) -> ControllerSettings | None:
+        """The settings of its controller; one of another kind has no stroke to compare with."""
+        settings = getattr(self.controller, "settings", None)
+        return settings if isinstance(settings, ControllerSettings) else None
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """The narrower of its voltage limits and those of its controller, V."""
+        both = [self.voltage_limits] + ([self.known.voltage_limits] if self.known else [])
+        return max(low for low, _ in both), min(high for _, high in both)
 
 
 @dataclass(frozen=True, kw_only=True)

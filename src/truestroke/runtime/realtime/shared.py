@@ -135,6 +135,11 @@ class Shared:
     def __reduce__(self) -> tuple[type[Shared], tuple[Layout, int]]:
         return Shared, (self.layout, self.fd)  # to a process that has inherited the descriptor
 
+    def last(self, channel: int, end: int, length: int) -> FloatArray:
+        """Rows desired, measured (um), volts (V) of an axis: `length` ticks up to tick `end`, or those there are."""
+        rows = np.arange(max(0, end - length), end) % self.layout.size
+        return np.array([self.ring[channel, FIELDS.index(name)][rows] for name in ("desired", "measured", "volts")])
+
     def write(self, text: Text, value: str) -> None:
         """Leave a text for the others, cut to the space."""
         data = value.encode()[: TEXT - 1]

@@ -8,7 +8,7 @@ import time
 import numpy as np
 
 from truestroke.runtime.realtime.process import Lifeline
-from truestroke.runtime.realtime.shared import FIELDS, Helper, Shared, Slot, State
+from truestroke.runtime.realtime.shared import Helper, Shared, Slot, State
 
 WINDOW = 0.5  # s over which rmse is taken
 REFRESH = 0.1  # s between two looks
@@ -53,9 +53,8 @@ def line(shared: Shared, names: list[str], sample_rate: float) -> str:
     if shared.count[Slot.SERVER] == Helper.FAILED:
         parts.append("the EPICS server is gone")
     if done:
-        rows = np.arange(max(0, done - round(WINDOW * sample_rate)), done) % shared.layout.size
-        for name, ring in zip(names, shared.ring, strict=True):
-            desired, measured, volts = (ring[FIELDS.index(field)][rows] for field in ("desired", "measured", "volts"))
+        for channel, name in enumerate(names):
+            desired, measured, volts = shared.last(channel, done, round(WINDOW * sample_rate))
             square = (measured - desired) ** 2
             rmse = f"{np.sqrt(np.nanmean(square)):.3f}" if np.isfinite(square).any() else "?"
             parts.append(f"{name}: rmse {rmse} um, {volts[-1]:+.3f} V")
