@@ -72,18 +72,11 @@ def _slow_values(controller: Any) -> dict[str, FloatArray]:
 
 
 class TickRecorder:
-    """Records commands and measurements, tick by tick.
+    """Records commands and measurements, tick by tick, and flags, innovation and weights as the controller has them.
 
-    Parameters
-    ----------
-    controller : Controller
-        Whose flags, innovation and weights are recorded, as far as it has them.
-    timing : Timing
-        With a latency of L ticks, entry k of an exchange is recorded at tick k - L, that of its command.
-    rows : Mapping[str, ndarray]
-        Arrays of `TICK`, all of one size: tick k is at k modulo that size.
-    slow : ndarray, shape (entries, width)
-        The slow channels as `SlowLayout` has them: entry j, of tick j `stride`, is at j modulo the entries.
+    With a latency of L ticks, entry k of an exchange is recorded at tick k - L, that of its command. `rows` are arrays
+    of `TICK`, all of one size: tick k is at k modulo that size. `slow`, shape (entries, width), are the slow channels
+    as `SlowLayout` has them: entry j, of tick j `stride`, is at j modulo the entries.
     """
 
     def __init__(self, controller: Any, timing: Timing, rows: Mapping[str, Array], slow: FloatArray) -> None:

@@ -15,27 +15,13 @@ ONSET = 6.0  # standard deviations of the noise by which the answer leaves rest
 
 @dataclass(frozen=True)
 class Rest:
-    """A sensor under constant voltage.
+    """A sensor under constant voltage."""
 
-    Attributes
-    ----------
-    zero : float
-        Mean, um.
-    noise : float
-        Standard deviation of a tick about a straight line, um.
-    drift : float
-        Slope of that line, um/s.
-    lost : float
-        Share of ticks without a sample.
-    frozen : bool
-        Whether it shows the same to the last bit all the time.
-    """
-
-    zero: float
-    noise: float
-    drift: float
-    lost: float
-    frozen: bool
+    zero: float  # um, the mean
+    noise: float  # um, standard deviation of a tick about a straight line
+    drift: float  # um/s, slope of that line
+    lost: float  # share of ticks without a sample
+    frozen: bool  # whether it shows the same to the last bit all the time
 
 
 def rest(z: FloatArray, sample_rate: float) -> Rest:
@@ -55,21 +41,11 @@ def rest(z: FloatArray, sample_rate: float) -> Rest:
 
 @dataclass(frozen=True)
 class Gain:
-    """The answer to steps of one height.
+    """The answer to steps of one height."""
 
-    Attributes
-    ----------
-    step : float
-        V.
-    gain, uncertainty : float
-        um/V, and its standard error, from how much the steps differ.
-    seen : bool
-        Whether the answer is there at all.
-    """
-
-    step: float
-    gain: float
-    uncertainty: float
+    step: float  # V
+    gain: float  # um/V
+    uncertainty: float  # um/V, standard error, from how much the steps differ
 
     @property
     def seen(self) -> bool:

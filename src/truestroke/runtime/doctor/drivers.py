@@ -31,12 +31,5 @@ def of(name: str) -> tuple[Need, ...]:
 
 def _finding(need: Need, required: bool) -> Finding:
     found = need.found()
-    return Finding(
-        "drivers",
-        need.what,
-        need.why,
-        found=found or "not found",
-        level=Level.OK if found else Level.MISSING,
-        command=need.command,
-        required=required,
-    )
+    level = Level.OK if found else Level.MISSING
+    return Finding("drivers", need.what, need.why, found or "not found", level, need.command, required)

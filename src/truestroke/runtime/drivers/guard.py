@@ -48,26 +48,9 @@ class Limits:
 class Guard:
     """Keeps the voltages that leave within limits and slew, from these and the last output alone.
 
-    Parameters
-    ----------
-    sample_rate : float
-        Ticks per second, Hz.
-    voltage_limits : sequence of (float, float)
-        Lowest and highest voltage of each axis, V.
-    slew : sequence of float
-        Fastest change of each axis, V/s; may be infinite.
-    volts : sequence of float
-        What is at the outputs now, V.
+    Of each axis: the lowest and highest voltage (V), the fastest change (`slew`, V/s, may be infinite), and what is at
+    the output now (`volts`, V), then `last`. `limited` counts the voltages that it has changed.
 
-    Attributes
-    ----------
-    last : list[float]
-        What is at the outputs, V.
-    limited : int
-        How many voltages it has changed.
-
-    Examples
-    --------
     >>> guard = Guard(1000.0, [(0.0, 1.0)], [100.0], [0.5])
     >>> volts = np.array([[0.55, 0.9, math.nan, 0.68]])
     >>> guard(volts)

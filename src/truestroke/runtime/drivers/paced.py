@@ -30,27 +30,14 @@ class Clock:
     spins with the lock held until the time has come. After an overrun the later ticks are late by as much: they are
     never hurried through.
 
-    Parameters
-    ----------
-    period : float
-        From block to block, s.
-    spin : float
-        How long before the block to wake up and spin, s; 0 only sleeps.
-    hardware_timed : bool
-        The hardware paces the blocks: do not wait, only look how much more than a period passed since the last one, of
-        which less is negative. Its clock may differ from ours, so nothing is summed up.
-    histogram : sequence of int, optional
-        Where to count, one bin more than `EDGES_US`; may be shared with another process.
+    From block to block `period` s pass, of which the last `spin` s are spun; 0 only sleeps. Where the hardware paces
+    the blocks (`hardware_timed`) it does not wait, it only looks how much more than a period passed since the last one,
+    of which less is negative: their clocks may differ, so nothing is summed up. `histogram`, with one bin more than
+    `EDGES_US`, may be shared with another process.
 
-    Attributes
-    ----------
-    overruns, streak, missed : int
-        Blocks that began more than a period late; how many of the last ones in a row; whole periods lost by them.
-    worst : int
-        The latest beginning, ns.
+    `overruns` counts blocks that began more than a period late, `streak` the last ones of them in a row, `missed` the
+    whole periods lost by them; `worst` is the latest beginning, ns.
 
-    Examples
-    --------
     >>> clock = Clock(1e-3)
     >>> clock.start()
     >>> lateness = [clock.wait() for _ in range(10)]

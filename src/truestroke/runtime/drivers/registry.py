@@ -16,24 +16,12 @@ GROUP = "truestroke.drivers"
 
 @dataclass(frozen=True)
 class Need:
-    """What a driver, or another part, needs of this computer beside truestroke.
-
-    Attributes
-    ----------
-    what : str
-        A package or a library.
-    why : str
-        What it is for.
-    found : callable
-        Its version or place; "" where it is missing.
-    command : str
-        What installs it.
-    """
+    """What a driver, or another part, needs of this computer beside truestroke: a package or a library."""
 
     what: str
-    why: str
-    found: Callable[[], str]
-    command: str
+    why: str  # what it is for
+    found: Callable[[], str]  # its version or place; "" where it is missing
+    command: str  # what installs it
 
 
 def package(name: str, why: str) -> Need:

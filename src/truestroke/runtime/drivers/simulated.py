@@ -206,14 +206,9 @@ class SimulatedDriver:
             both = np.concatenate([self._late[:, channel], new], axis=1)
             measured[channel], self.truth[channel] = both[:, : s.block]
             self._late[:, channel] = both[:, s.block :]
-        if "nan" in kinds:
-            measured[:] = np.nan
-        if "short" in kinds:
-            measured[:, s.block // 2 :] = np.nan
-        if "wild" in kinds:
-            measured[:] = 1e6
-        if "frozen" in kinds:
-            measured[:] = previous
+        values = {"nan": np.nan, "short": np.nan, "wild": 1e6, "frozen": previous}
+        for kind in [kind for kind in values if kind in kinds]:
+            measured[:, s.block // 2 if kind == "short" else 0 :] = values[kind]
         self._pass_time(s.block / s.sample_rate, "slip" in kinds)
 
     def _pass_time(self, period: float, slips: bool) -> None:

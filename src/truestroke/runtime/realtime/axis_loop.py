@@ -24,6 +24,7 @@ OFF = 1 << 62  # ticks: of what is switched off
 LARGE = 1 / 3  # of the error limit: rms of a sensor that no longer follows the voltage, and now
 MOVED = 0.05  # of the voltage range: standard deviation of a voltage that the sensor should follow
 ALIKE = 0.5  # correlation of voltage and sensor: a stack with any hysteresis has more than 0.9
+FROZEN = 0.01  # of the voltage range: a sensor that shows the same bits while the voltage moves so far has failed
 REMEDY = "Look at sensor, cable, sign and amplifier, and whether the stage shakes"
 
 
@@ -36,16 +37,9 @@ def error_limit(axis: Axis) -> float:
 
 
 class Supervision:
-    """Counts the ticks in which an axis is off; the others take them back, one by one.
+    """Counts the ticks in which an axis is off; the others take them back, one by one, until it is `idle`.
 
-    Attributes
-    ----------
-    limit : float
-        An error up to it is none of its business, um: it need not be asked.
-    idle : bool
-        Whether there is nothing to take back.
-    window : int
-        Ticks that `look_back` should be given.
+    It need not be asked about an error up to `limit`, um; `look_back` should be given `window` ticks.
     """
 
     def __init__(self, axis: Axis, settings: RealtimeSettings, sample_rate: float) -> None:
@@ -57,7 +51,6 @@ class Supervision:
             max(2, round(seconds * sample_rate)) if seconds else OFF
             for seconds in (settings.error_time, settings.limit_time)
         )
-
         self.window = self._longest_off
 
     def on_track(self) -> None:
@@ -119,18 +112,10 @@ def _alike(volts: FloatArray, measured: FloatArray) -> float:
     return float(v @ z / (np.sqrt((v @ v) * (z @ z)) or 1.0))
 
 
-FROZEN = 0.01  # of the voltage range: a sensor that shows the same bits while the voltage moves so far has failed
-
-
 class AxisLoop:
     """Commands and measurements of one axis; the tick's share of `truestroke.run`, in the same order.
 
-    Attributes
-    ----------
-    lost : int
-        Samples that did not come.
-    zero : float
-        What is subtracted from measurements, um.
+    `lost` samples did not come; `zero`, um, is subtracted from the others.
     """
 
     def __init__(self, axis: Axis, shared: Shared, channel: int, timing: Timing, settings: RealtimeSettings) -> None:

@@ -112,14 +112,8 @@ class File:
     """A recording that grows, by HDF5's single-writer multiple-reader mode.
 
     Each chunk is written whole and once, before the lengths that readers use: they never read a half written chunk, or
-    one that a full disk refused.
-
-    Attributes
-    ----------
-    ending : int
-        Where in the file the bytes of `recording.ENDING` are.
-    ticks : int
-        What is in the file, and has been taken by the system.
+    one that a full disk refused. `ticks` are in the file, taken by the system; its byte `ending` is the first of
+    `recording.ENDING`.
     """
 
     def __init__(self, plan: Plan) -> None:
