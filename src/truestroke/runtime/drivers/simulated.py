@@ -206,7 +206,7 @@ class SimulatedDriver:
             both = np.concatenate([self._late[:, channel], new], axis=1)
             measured[channel], self.truth[channel] = both[:, : s.block]
             self._late[:, channel] = both[:, s.block :]
-        values = {"nan": np.nan, "short": np.nan, "wild": 1e6, "frozen": previous}
+        values: dict[str, float | FloatArray] = {"nan": np.nan, "short": np.nan, "wild": 1e6, "frozen": previous}
         for kind in [kind for kind in values if kind in kinds]:
             measured[:, s.block // 2 if kind == "short" else 0 :] = values[kind]
         self._pass_time(s.block / s.sample_rate, "slip" in kinds)
