@@ -67,7 +67,7 @@ class Outcome:
     worst_us : float
         The latest beginning of a block, us.
     histogram : tuple[int, ...]
-        Blocks by lateness, see `drivers.clock.EDGES_US`.
+        Blocks by lateness, see `drivers.paced.EDGES_US`.
     limited : int
         Voltages that only the guard kept within limits and slew.
     lost : int

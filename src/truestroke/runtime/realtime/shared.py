@@ -106,7 +106,7 @@ class Shared:
     count : memoryview of uint64
         The counters, by `Slot`.
     histogram : memoryview of uint64
-        Blocks by lateness, see `drivers.clock.EDGES_US`.
+        Blocks by lateness, see `drivers.paced.EDGES_US`.
     targets : memoryview of float64
         Where a `SetPoint` of each channel is sent, um; 0 at the start.
     ring : ndarray, shape (channels, fields, size)
