@@ -31,10 +31,12 @@ from truestroke.runtime.realtime import (
     Outcome,
     RealtimeError,
     RealtimeSettings,
-    child,
     helpers,
     run_realtime,
     runner,
+)
+from truestroke.runtime.realtime import (
+    process as processes,
 )
 from truestroke.signals.trajectories import sine
 
@@ -178,13 +180,13 @@ ROWS = {
 
 @pytest.fixture(autouse=True)
 def _short_patience(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    real = child.start
+    real = processes.start
 
     def start(shared: Any, job: Any, *arguments: Any, **options: Any) -> subprocess.Popen[bytes]:
         HELPERS[job.__name__] = real(shared, job, *arguments, **options)
         return HELPERS[job.__name__]
 
-    monkeypatch.setattr(child, "start", start)
+    monkeypatch.setattr(processes, "start", start)
     monkeypatch.chdir(tmp_path)
 
 
