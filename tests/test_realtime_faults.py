@@ -35,9 +35,7 @@ from truestroke.runtime.realtime import (
     run_realtime,
     runner,
 )
-from truestroke.runtime.realtime import (
-    process as processes,
-)
+from truestroke.runtime.realtime import process as processes
 from truestroke.signals.trajectories import sine
 
 LIMITS, SLEW, SAFE, RATE = (-0.6, 3.6), 100.0, 0.25, 2000.0
