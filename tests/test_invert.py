@@ -225,7 +225,7 @@ def test_command_warns_and_is_strict_when_asked(call):
     [
         (["zigzag"], "neither one of random", 2),
         (["sine", "--output", "wave.txt"], "ends in neither", 2),
-        (["sine", "--output", "no/wave.csv"], "is there a folder no", 1),
+        (["sine", "--output", "no/wave.csv"], "there is no folder no", 1),
         (["sine", "--slew", "0"], "--slew = 0.0", 2),
         (["sine", "--voltage-limits", "2", "1"], "--voltage-limits", 2),
         (["sine", "--model", "wrong.toml"], "not a truestroke model", 1),

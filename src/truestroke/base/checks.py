@@ -1,13 +1,11 @@
 """Checks of arguments: an error names the argument, its value, the bound and the unit."""
 
-from __future__ import annotations
-
 import difflib
 import itertools
 import math
 import os
 import types
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
@@ -193,9 +191,8 @@ def several(argument: str, value: Any, unit: str = "", of: str = "numbers") -> t
 
 def count(argument: str, value: object, low: int, high: int) -> int:
     """A whole number in the closed interval [low, high]."""
-    whole = isinstance(value, (int, np.integer)) and not isinstance(
-        value, bool
-    )  # a float does not hold all of them beyond 2^53
+    # a float does not hold all of them beyond 2^53
+    whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
     result: Any = value if whole else number(argument, value)
     if result != int(result) or not low <= result <= high:
         raise SettingError(argument, value, f"a whole number from {low} to {high}")
@@ -230,24 +227,24 @@ def beyond_reach(argument: str, z: float, volts: float, reach: float, stroke: fl
 
 def signal(argument: str, value: npt.ArrayLike, unit: str = "") -> FloatArray:
     """A contiguous array of one axis; a number is one of one entry. What is not finite is for the caller to find."""
-    try:
-        result = np.ascontiguousarray(value, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError):
-        raise SettingError(argument, described(value), "an array of numbers", unit) from None
-    if result.ndim != 1:
-        raise SettingError(argument, f"array of shape {result.shape}", "an array with 1 axis", unit)
-    return result
+    return _array(np.ascontiguousarray, argument, value, unit, 1)
 
 
 def finite_array(argument: str, value: npt.ArrayLike, unit: str = "", ndim: int = 1) -> FloatArray:
     """An array of finite numbers with `ndim` axes."""
+    result = _array(np.asarray, argument, value, unit, ndim)
+    bad = np.flatnonzero(~np.isfinite(result))
+    if bad.size:
+        raise SettingError(f"{argument}[{bad[0]}]", result.flat[bad[0]], "finite", unit)
+    return result
+
+
+def _array(make: Callable[..., FloatArray], argument: str, value: npt.ArrayLike, unit: str, ndim: int) -> FloatArray:
+    """What `make` makes of the value, with `ndim` axes."""
     try:
-        result = np.asarray(value, dtype=np.float64)
+        result = make(value, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
         raise SettingError(argument, described(value), "an array of numbers", unit) from None
     if result.ndim != ndim:
         raise SettingError(argument, f"array of shape {result.shape}", f"an array with {ndim} axis", unit)
-    bad = np.flatnonzero(~np.isfinite(result))
-    if bad.size:
-        raise SettingError(f"{argument}[{bad[0]}]", result.flat[bad[0]], "finite", unit)
     return result

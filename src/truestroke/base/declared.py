@@ -4,8 +4,6 @@ The fields of a frozen dataclass have a type and a plain default; a table has a 
 the docstring, the table of the documentation and the kernel's copy follow from the two.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import re
 from collections.abc import Callable, Mapping, Sequence
@@ -32,8 +30,6 @@ C = TypeVar("C", bound=type)
 class Times:
     """A multiple of another setting, as an end of a bound or as a default.
 
-    Examples
-    --------
     >>> from types import SimpleNamespace
     >>> print(Times(50, "stroke"), Times(50, "stroke")(SimpleNamespace(stroke=3.0)))
     50 * stroke 150.0
@@ -193,9 +189,8 @@ def between(low: float | Times, high: float | Times) -> Bound:
 
 def sized(low: float = TINY, high: float = HUGE) -> Bound:
     """A number above 0 of a size that computes."""
-    return Bound(
-        f"[{_text(low)}, {_text(high)}]", lambda _, name, value, unit: checks.sized(name, value, unit, low, high)
-    )
+    text = f"[{_text(low)}, {_text(high)}]"
+    return Bound(text, lambda _, name, value, unit: checks.sized(name, value, unit, low, high))
 
 
 def whole(low: int, high: int) -> Bound:

@@ -1,7 +1,5 @@
 """How an object shows itself: a title and a small table, as text on one screen and as HTML in a notebook."""
 
-from __future__ import annotations
-
 import html
 import re
 from collections.abc import Sequence
@@ -31,8 +29,6 @@ class Displayed:
 def as_text(title: str, rows: Rows) -> str:
     """The title, and a line for each row, in columns.
 
-    Examples
-    --------
     >>> print(as_text("Stage", [("stroke", quantity(30.0, "um")), ("limits", quantity((-0.6, 3.6), "V"))]))
     Stage
       stroke  30 um
@@ -46,8 +42,6 @@ def as_text(title: str, rows: Rows) -> str:
 def as_html(title: str, rows: Rows) -> str:
     """The same as a table; it says µm.
 
-    Examples
-    --------
     >>> as_html("Stage", [("stroke", "30 um")])
     '<table><caption>Stage</caption><tr><th>stroke</th><td>30 µm</td></tr></table>'
     """
@@ -59,8 +53,6 @@ def as_html(title: str, rows: Rows) -> str:
 def quantity(value: Any, unit: str = "") -> str:
     """A value with its unit in a few characters: six digits, the ends of a long sequence, the shape of a matrix.
 
-    Examples
-    --------
     >>> quantity(1 / 3, "um"), quantity(True), quantity((0.0, 1.5), "V"), quantity(range(37)), quantity(np.eye(3))
     ('0.333333 um', 'yes', '(0, 1.5) V', '37: 0, 1, ... 36', 'matrix of 3 x 3')
     >>> quantity(None), quantity(np.nan, "Hz")

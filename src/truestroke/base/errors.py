@@ -1,7 +1,5 @@
 """The base class of all errors that truestroke raises: `except truestroke.TruestrokeError` catches them."""
 
-from __future__ import annotations
-
 import copyreg
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Every file that truestroke writes: made beside its place, complete before it has its name, never over a stranger."""
 
-from __future__ import annotations
-
 import errno
 import fcntl
 import os
@@ -119,16 +117,21 @@ def check(path: str | os.PathLike[str], kind: Kind) -> Path:
     """
     path = Path(path)
     place = path.resolve() if path.is_symlink() and (path.is_file() or not path.exists()) else path
-    if not place.parent.is_dir():
-        raise FileNotFoundError(errno.ENOENT, f"there is no folder {place.parent}", str(path))
-    if place.is_dir():
-        raise IsADirectoryError(errno.EISDIR, "is a folder; name a file", str(path))
+    _check_folder(place, path)
     if not os.access(place if place.exists() else place.parent, os.W_OK):
         raise PermissionError(errno.EACCES, "cannot be written: no permission", str(path))
     if place.is_file() and not _replacing.get() and place.stat().st_size and not kind.ours(place):
         what = "is there already" if kind is MEASUREMENT else f"is there and is not {kind.words} that truestroke wrote"
         raise FileExistsError(errno.EEXIST, f"{what}; choose another name, or `overwrite` it", str(path))
     return place
+
+
+def _check_folder(place: Path, named: Path) -> None:
+    """The folder is there, and the place is none."""
+    if not place.parent.is_dir():
+        raise FileNotFoundError(errno.ENOENT, f"there is no folder {place.parent}", str(named))
+    if place.is_dir():
+        raise IsADirectoryError(errno.EISDIR, "is a folder; name a file", str(named))
 
 
 # ---- Writing -------------------------------------------------------------------------------------------------------
@@ -152,7 +155,8 @@ def writing(path: str | os.PathLike[str], kind: Kind) -> Iterator[Path]:
     draft = place.with_name(f".{place.stem}.{os.getpid()}.tmp{place.suffix}")
     try:
         yield draft
-        _to_disk(draft)
+        with draft.open("rb+") as file:
+            os.fsync(file.fileno())
         if place.exists():
             draft.chmod(place.stat().st_mode & 0o7777)
         draft.replace(place)
@@ -165,11 +169,6 @@ def write(path: str | os.PathLike[str], text: str, kind: Kind) -> Path:
     with writing(path, kind) as draft:
         draft.write_text(text, encoding="utf-8")
     return Path(path)
-
-
-def _to_disk(path: Path) -> None:
-    with path.open("rb+") as file:
-        os.fsync(file.fileno())
 
 
 # ---- A file that others read while it grows ------------------------------------------------------------------------
@@ -237,14 +236,7 @@ def beside(final: Path) -> Path:
 def check_growing(final: Path, overwrite: bool, empty: Callable[[Path], bool]) -> Path:
     """Where a file that will be `final` is to be written: under its own name where there is none, else beside it.
 
-    Parameters
-    ----------
-    final : Path
-        Name when it is complete.
-    overwrite : bool
-        Whether it may replace what is there.
-    empty : callable
-        Whether a file of an earlier run `beside` it contains no data.
+    With `overwrite` it may replace what is there; `empty` says whether an earlier run's file `beside` it has no data.
 
     Raises
     ------
@@ -253,10 +245,7 @@ def check_growing(final: Path, overwrite: bool, empty: Callable[[Path], bool]) -
     OSError
         There is no folder, or the place is one.
     """
-    if not final.parent.is_dir():
-        raise FileNotFoundError(errno.ENOENT, f"there is no folder {final.parent}", str(final))
-    if final.is_dir():
-        raise IsADirectoryError(errno.EISDIR, "is a folder; name a file", str(final))
+    _check_folder(final, final)
     if not final.exists():
         return final
     path = beside(final)
@@ -323,16 +312,9 @@ def reading(path: str | os.PathLike[str], wrong: Callable[[str], FileError]) -> 
 
 
 def check_size(path: str | os.PathLike[str], what: str, size: int) -> None:
-    """Refuse, before memory is allocated, data that a file of this size cannot contain or this computer cannot store.
+    """Refuse, before memory is allocated, what a file of this size cannot contain or this computer cannot store.
 
-    Parameters
-    ----------
-    path : str or PathLike
-        The file.
-    what : str
-        What of it is to be read.
-    size : int
-        Of that in memory, bytes.
+    `what` of the file is to be read, and takes `size` bytes of memory.
     """
     held = INFLATION * Path(path).stat().st_size + SLACK
     if size > held:

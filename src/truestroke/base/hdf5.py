@@ -4,8 +4,6 @@ HDF5 itself opens such files by its single-writer multiple-reader mode; where th
 hours. Here they are opened as they would be had they been closed, and a checksum that is wrong is an error at once.
 """
 
-from __future__ import annotations
-
 import hashlib
 import io
 import json
@@ -121,8 +119,6 @@ class _Unfinished(io.FileIO):
 def checksum(data: bytes | bytearray) -> bytes:
     """Bob Jenkins' lookup3, as HDF5 has it behind its tables.
 
-    Examples
-    --------
     >>> checksum(b"Four score and seven years ago").hex()  # 0x17770551 in its author's own test
     '51057717'
     """

@@ -1,7 +1,5 @@
 """Signals that ask a program to end, and temporary handlers of them: the one place that names them."""
 
-from __future__ import annotations
-
 import signal
 import threading
 from collections.abc import Callable, Iterator, Mapping

@@ -1,7 +1,5 @@
 """NPZ files, whose sizes are checked before memory is taken."""
 
-from __future__ import annotations
-
 import math
 import zipfile
 from collections.abc import Callable, Sequence

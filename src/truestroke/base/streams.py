@@ -1,7 +1,5 @@
 """Standard streams that may be closed, full or without a reader: they do not change what a command does."""
 
-from __future__ import annotations
-
 import io
 import os
 import sys

@@ -1,7 +1,5 @@
 """TOML into what declares it: a dataclass or a function. One decoder, whose errors name the key by its whole path."""
 
-from __future__ import annotations
-
 import dataclasses
 import inspect
 import os

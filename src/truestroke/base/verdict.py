@@ -33,8 +33,6 @@ class Verdict:
     def of(cls, findings: Iterable[tuple[Level, str]]) -> Verdict:
         """As bad as the worst finding; the reasons of each level in their order.
 
-        Examples
-        --------
         >>> Verdict.of([("doubtful", "It was late."), ("bad", "It did not move.")])
         Verdict(level='bad', reasons=('It did not move.', 'It was late.'))
         """

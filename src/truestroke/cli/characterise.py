@@ -5,19 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
+import truestroke
 from truestroke.base.exit_codes import ExitCode
+from truestroke.base.verdict import Verdict
 from truestroke.cli import common, results
-
-if TYPE_CHECKING:
-    from truestroke.base.verdict import Verdict
-    from truestroke.runtime.loop import Actuator
-    from truestroke.signals.recording import Recording
-    from truestroke.signals.trajectories import Trajectory
-    from truestroke.studies.characterisation import Characterisation
 
 
 @click.command()
@@ -41,9 +36,7 @@ if TYPE_CHECKING:
 @click.option("--seed", metavar="N", type=click.IntRange(0), default=0, help="Of the sensor noise.")
 @click.option("--output", metavar="NAME", default="truestroke-characterise", help="Write NAME.toml, NAME.h5 and "
               "NAME.html.")  # fmt: skip
-@common.plots_option
-@common.overwrite_option
-@common.json_option
+@common.page_options
 def characterise(record: Path | None, output: str, plots: Path | None, as_json: bool, **options: Any) -> int:
     """Measure how the weights of an actuator depend on velocity.
 
@@ -51,15 +44,14 @@ def characterise(record: Path | None, output: str, plots: Path | None, as_json: 
     model file, the recording and a page of pictures.
     """
     model_file, recording_file, page_file = common.outputs(output.removesuffix(".toml"), ".toml", ".h5", ".html")
-    from truestroke.identification import save_model
-    from truestroke.studies.characterisation import NotConverged, fit_lines
+    from truestroke.studies.characterisation import fit_lines
 
-    recording = _load(record) if record else _drive(options, recording_file)
+    recording = truestroke.Recording.load(record) if record else _drive(options, recording_file)
     try:
         found = fit_lines(recording, plays=options["plays"])
-    except NotConverged as error:
+    except truestroke.NotConverged as error:
         raise click.ClickException(f"{error}; the recording is in {record or recording_file}") from None
-    save_model(model_file, found.actuator_model)
+    truestroke.save_model(model_file, found.actuator_model)
     with common.progress("plotting"):
         from truestroke.studies.characterisation import page
 
@@ -77,28 +69,18 @@ def characterise(record: Path | None, output: str, plots: Path | None, as_json: 
     return code
 
 
-def _load(record: Path) -> Recording:
-    from truestroke.signals.recording import Recording
-
-    return Recording.load(record)
-
-
-def _drive(options: Mapping[str, Any], recording_file: Path) -> Recording:
+def _drive(options: Mapping[str, Any], recording_file: Path) -> truestroke.Recording:
     """The run; what there is of it is saved if it is interrupted."""
-    from truestroke.runtime.loop import RunInterrupted
     from truestroke.studies.characterisation.procedure import drive, sweep
 
     motion = {name: options[name] for name in ("stroke", "duration", "sample_rate")}
     wave = sweep(speeds=_speeds(options["speeds"]), **motion)
-    try:
-        with common.progress("driving") as tell, _actuator(options, wave) as (actuator, limits):
-            recording = drive(wave, actuator, **limits, progress=tell)
-    except RunInterrupted as stop:
-        recording = results.own(stop.recording)
-        common.interrupted(stop, f"{recording['time'].size} ticks are in {recording.save(recording_file)}")
-    recording = results.own(recording)
-    recording.save(recording_file)
-    return recording
+
+    def run(tell: results.Progress | None) -> truestroke.Recording:
+        with _actuator(options, wave) as (actuator, limits):
+            return drive(wave, actuator, **limits, progress=tell)
+
+    return results.recorded("driving", run, recording_file)
 
 
 def _speeds(words: str) -> list[float]:
@@ -110,33 +92,27 @@ def _speeds(words: str) -> list[float]:
 
 
 @contextmanager
-def _actuator(options: Mapping[str, Any], wave: Trajectory) -> Iterator[tuple[Actuator, dict[str, Any]]]:
-    """What is driven, and the limits of voltage and slew."""
-    from truestroke.studies.tracking import stack
-
-    limits = {name: options[name] for name in ("voltage_limits", "slew_limit")}
-    if options["config"]:
-        with _hardware(options["config"]) as (actuator, own):
-            yield actuator, limits | own
-    else:
-        yield stack(options["plant"], wave, options["seed"]), limits
-
-
-@contextmanager
-def _hardware(file: Path) -> Iterator[tuple[Actuator, dict[str, Any]]]:
-    """One axis of hardware; the output is at the safe voltage afterwards."""
+def _actuator(
+    options: Mapping[str, Any], wave: truestroke.Trajectory
+) -> Iterator[tuple[truestroke.Actuator, dict[str, Any]]]:
+    """What is driven, and the limits of voltage and slew; an axis of hardware is at the safe voltage afterwards."""
     from truestroke.runtime.drivers import OneAxis
     from truestroke.runtime.realtime import config
+    from truestroke.studies.tracking import stack
 
+    if not options["config"]:
+        limits = {name: options[name] for name in ("voltage_limits", "slew_limit")}
+        yield stack(options["plant"], wave, options["seed"]), limits
+        return
     for name in ("plant", "voltage_limits", "slew_limit", "seed"):
         if click.get_current_context().get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE:
             raise click.UsageError(f"--{name.replace('_', '-')}: means nothing with --config; the file has it.")
-    driver, table = config.one_axis(file)
+    driver, table = config.one_axis(options["config"])
     with OneAxis(driver, **table.limits) as axis:
         yield axis, {"voltage_limits": table.voltage_limits, "slew_limit": table.slew}
 
 
-def _print(found: Characterisation, verdict: Verdict) -> None:
+def _print(found: truestroke.Characterisation, verdict: Verdict) -> None:
     from truestroke.studies.characterisation import page
 
     common.print_table(*page.play_table(found))

@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+import truestroke
 from truestroke.base.exit_codes import ExitCode
+from truestroke.base.verdict import Verdict
 from truestroke.cli import common
 
 if TYPE_CHECKING:
@@ -34,8 +36,7 @@ def commission(config: Path, output: str, yes: bool, as_json: bool) -> int:
     the whole range of voltage_limits. The output ends at the safe voltage in every case. FILE as it was stays beside
     it as FILE.bak.
     """
-    from truestroke.runtime.commissioning import AnswerError
-    from truestroke.runtime.drivers import DriverError, OneAxis
+    from truestroke.runtime.drivers import OneAxis
     from truestroke.runtime.realtime import config as configuration
 
     (page,) = common.outputs(output, ".html")
@@ -45,11 +46,10 @@ def commission(config: Path, output: str, yes: bool, as_json: bool) -> int:
     axis = OneAxis(driver, **table.limits)
     try:
         found = _measured(axis, table, yes, as_json)
-    except AnswerError as error:
+    except truestroke.AnswerError as error:
         return _failed(str(error), as_json)
-    except DriverError as error:
-        click.echo(f"truestroke: {' '.join(str(error).split())}", err=True)
-        return ExitCode.DRIVER
+    except truestroke.DriverError as error:
+        return common.complain(str(error), ExitCode.DRIVER)
     return _told(found, config, page, as_json)
 
 
@@ -108,8 +108,6 @@ def _print_rows(rows: list[list[str]]) -> None:
 
 
 def _failed(reason: str, as_json: bool) -> int:
-    from truestroke.base.verdict import Verdict
-
     verdict = Verdict("bad", (reason,))
     if as_json:
         common.print_json({**verdict.as_dict(), "exit_code": int(ExitCode.CHECK)})

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import functools
 import json
 import math
 import os
@@ -14,27 +15,29 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NoReturn
+from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
+import truestroke
 from truestroke.base import files, interrupts, streams
 from truestroke.base.checks import SettingError
 from truestroke.base.errors import TruestrokeError
 from truestroke.base.exit_codes import ExitCode
+from truestroke.base.verdict import Verdict
 
 if TYPE_CHECKING:
+    from rich.console import Console
     from rich.text import Text
 
-    from truestroke.base.verdict import Verdict
     from truestroke.report import Page
-    from truestroke.runtime.loop import RunInterrupted
 
 FILES = ("output", "plots", "figures", "overwrite", "as_json")  # options that do not change the run
 ALIASES = {"cutoff": "frequency", "slew_limit": "slew", "path": "trajectory"}  # arguments of Python by other options
 RENAMED = {"play": "playback", "zoo": "robustness"}  # commands by their old names, for one version
 FILE = click.Path(exists=True, dir_okay=False, path_type=Path)  # one that is there
 PIPE_WIDTH = 120  # columns of a table where there is no terminal
+Option = Callable[[Callable[..., Any]], Callable[..., Any]]  # a decorator of a command
 
 
 class Commands(click.Group):
@@ -57,7 +60,7 @@ class Commands(click.Group):
         code = self._run(*args, **{**options, "standalone_mode": False})
         unread = streams.error("stdout")
         if unread is not None:
-            _complain(f"stdout: {unread.strerror}; what was printed is not complete")
+            complain(f"stdout: {unread.strerror}; what was printed is not complete")
             lost = unread.errno != errno.EPIPE  # a reader that has enough is none
             code = ExitCode.FAILED if lost and code == ExitCode.OK else code
         sys.exit(code)
@@ -72,7 +75,7 @@ class Commands(click.Group):
     _asked: click.Command | None = None
 
     def _failed(self, message: str, code: int) -> int:
-        return _complain(in_words_of(self._asked, message), code)
+        return complain(in_words_of(self._asked, message), code)
 
     def _run(self, *args: Any, **options: Any) -> int:
         stopped: list[int] = []  # a signal may come before the next line has its own
@@ -89,23 +92,13 @@ class Commands(click.Group):
             return self._failed(f"{error.format_message()} See: {where} --help", ExitCode.USAGE)
         except SettingError as error:
             return self._failed(str(error), ExitCode.USAGE)
-        except click.ClickException as error:
-            return self._failed(error.format_message(), ExitCode.FAILED)
-        except TruestrokeError as error:
+        except (click.ClickException, TruestrokeError) as error:
             return self._failed(str(error), ExitCode.FAILED)
         except OSError as error:
             return self._failed(f"{error.filename or 'file'}: {error.strerror or error}", ExitCode.FAILED)
         except (click.Abort, KeyboardInterrupt):
             code = 128 + stopped[0] if stopped else ExitCode.INTERRUPTED
-            return _complain("terminated" if stopped else "interrupted", code)
-
-
-def interrupted(stop: RunInterrupted, saved: str) -> NoReturn:
-    """End a command whose run was interrupted, with the saved files: by Ctrl-C quietly, else with the cause."""
-    if isinstance(stop.__cause__, KeyboardInterrupt):
-        click.echo(f"truestroke: {saved}", err=True)
-        raise click.Abort from None
-    raise click.ClickException(f"{stop.__cause__}; {saved}") from stop
+            return complain("terminated" if stopped else "interrupted", code)
 
 
 @contextmanager
@@ -146,7 +139,7 @@ def in_words_of(command: click.Command | None, text: str) -> str:
     return re.sub(r"`([a-z_]+)`|^([a-z_]+)(?= = )", option, text)
 
 
-def _complain(message: str, code: int = ExitCode.FAILED) -> int:
+def complain(message: str, code: int = ExitCode.FAILED) -> int:
     """One line on stderr; the exit code."""
     click.echo(f"truestroke: {' '.join(message.split())}", err=True)
     return code
@@ -155,11 +148,9 @@ def _complain(message: str, code: int = ExitCode.FAILED) -> int:
 @contextmanager
 def stoppable() -> Iterator[None]:
     """A run that was interrupted or failed, of which nothing is kept."""
-    from truestroke.runtime.loop import RunInterrupted
-
     try:
         yield
-    except RunInterrupted as stop:
+    except truestroke.RunInterrupted as stop:
         if isinstance(stop.__cause__, KeyboardInterrupt):
             raise click.Abort from None
         raise click.ClickException(str(stop)) from stop
@@ -168,33 +159,48 @@ def stoppable() -> Iterator[None]:
 # ---- Options -------------------------------------------------------------------------------------------------------
 
 
-def plots_option(command: Callable[..., Any]) -> Callable[..., Any]:
-    """`--plots FOLDER`; its old name `--figures` is hidden."""
-
-    def as_plots(context: click.Context, _: click.Parameter, folder: Path | None) -> None:
-        if folder is not None:
-            context.default_map = {"plots": folder}
-
-    kind = click.Path(file_okay=False, path_type=Path)
-    old = click.option("--figures", type=kind, hidden=True, is_eager=True, expose_value=False, callback=as_plots)
-    new = click.option("--plots", type=kind, metavar="FOLDER", help="Also write each plot as PNG, light and dark.")
-    return old(new(command))
+def options(*several: Option) -> Option:
+    """These options as one decorator, in the order of the help."""
+    return lambda command: functools.reduce(lambda made, option: option(made), reversed(several), command)
 
 
-def overwrite_option(command: Callable[..., Any]) -> Callable[..., Any]:
-    """`--overwrite`; the command itself need not know of it."""
-
-    def permit(context: click.Context, _: click.Parameter, yes: bool) -> None:
-        if yes:
-            context.with_resource(files.overwriting())
-
-    help_ = "Replace existing files, of any origin."
-    return click.option("--overwrite", is_flag=True, expose_value=False, callback=permit, help=help_)(command)
+def _as_plots(context: click.Context, _: click.Parameter, folder: Path | None) -> None:
+    if folder is not None:
+        context.default_map = {"plots": folder}
 
 
-def json_option(command: Callable[..., Any]) -> Callable[..., Any]:
-    """`--json`."""
-    return click.option("--json", "as_json", is_flag=True, help="Print one JSON object and nothing else.")(command)
+def _permit(context: click.Context, _: click.Parameter, yes: bool) -> None:
+    if yes:
+        context.with_resource(files.overwriting())
+
+
+FOLDER = click.Path(file_okay=False, path_type=Path)
+plots_option = options(
+    click.option("--figures", type=FOLDER, hidden=True, is_eager=True, expose_value=False, callback=_as_plots),
+    click.option("--plots", type=FOLDER, metavar="FOLDER", help="Also write each plot as PNG, light and dark."),
+)
+overwrite_option = click.option("--overwrite", is_flag=True, expose_value=False, callback=_permit,
+                                help="Replace existing files, of any origin.")  # fmt: skip
+json_option = click.option("--json", "as_json", is_flag=True, help="Print one JSON object and nothing else.")
+page_options = options(plots_option, overwrite_option, json_option)
+record_options = options(  # RECORD, and how `truestroke.read_record` reads it
+    click.argument("record", type=FILE),
+    click.option("--volts", metavar="COLUMN", help="Column of the voltage: its name, or its number from 1."),
+    click.option("--displacement", metavar="COLUMN", help="Column of the displacement."),
+    click.option("--time", metavar="COLUMN", help="Column of the time stamps."),
+    click.option("--volts-unit", metavar="UNIT", help="V, mV, uV or kV.  [default: as the file says, else V]"),
+    click.option("--displacement-unit", metavar="UNIT", help="um, nm, mm or m.  [default: as the file says, else um]"),
+    click.option("--time-unit", metavar="UNIT", help="s, ms, us, ns or min.  [default: as the file says, else s]"),
+    click.option(
+        "--displacement-scale",
+        metavar="UM",
+        type=float,
+        help="um for one of the column, such as um/V of a sensor in V.",
+    ),
+    click.option("--sample-rate", metavar="HZ", type=float, help="Where there is no column of time stamps."),
+    click.option("--flip-displacement", is_flag=True, help="Turn its sign: it falls as the voltage rises."),
+    click.option("--drop-bad-rows", is_flag=True, help="Leave out rows without usable numbers or time stamps."),
+)
 
 
 def outputs(output: str, *endings: str) -> list[Path]:
@@ -204,16 +210,25 @@ def outputs(output: str, *endings: str) -> list[Path]:
         stem = stem.with_suffix("")
     if not stem.name or stem.is_dir():
         raise click.UsageError(f"--output {output}: is a folder; add a name, such as {stem / 'run1'}.")
-    if not stem.parent.is_dir():
-        raise click.ClickException(
-            f"--output {output}: there is no folder {stem.parent}; make it: mkdir -p {stem.parent}"
-        )
     places = [stem.with_name(stem.name + ending) for ending in endings]
-    for place in places:
-        if not os.access(place if place.exists() else place.parent, os.W_OK) or place.is_dir():
-            raise click.ClickException(f"--output {output}: {place} cannot be written; choose another --output.")
-        files.check(place, _kind(place.suffix))
-    return places
+    for folder in filter(Path.is_dir, places):
+        raise click.ClickException(f"--output {output}: {folder} cannot be written; choose another --output.")
+    return [to_write("--output", place, _kind(place.suffix)) for place in places]
+
+
+def to_write(option: str, file: str | Path, kind: files.Kind) -> Path:
+    """The file that an option names; an error now rather than later if it cannot be written."""
+    path = Path(file)
+    if path.is_dir():
+        raise click.UsageError(f"{option} {file}: is a folder; name a file.")
+    if not path.parent.is_dir():
+        raise click.ClickException(
+            f"{option} {file}: there is no folder {path.parent}; make it: mkdir -p {path.parent}"
+        )
+    if not os.access(path if path.exists() else path.parent, os.W_OK):
+        raise click.ClickException(f"{option} {file}: cannot be written; choose another {option}.")
+    files.check(path, kind)
+    return path
 
 
 def _kind(ending: str) -> files.Kind:
@@ -263,6 +278,14 @@ def progress(what: str) -> Iterator[Callable[[int, int], None] | None]:
         yield lambda done, all_of_them: bar.update(task, completed=done, total=all_of_them)
 
 
+def console() -> Console:
+    """Where tables go: as wide as the terminal, else of `PIPE_WIDTH` columns or of the variable COLUMNS."""
+    from rich.console import Console
+
+    terminal = Console(highlight=False)
+    return terminal if terminal.is_terminal or "COLUMNS" in os.environ else Console(highlight=False, width=PIPE_WIDTH)
+
+
 def print_table(columns: Sequence[str], rows: Sequence[Sequence[str | Text]], dim: str = "", left: str = "") -> None:
     """First column left, the others right, then an empty line; a rule under the head where there is a terminal.
 
@@ -270,33 +293,29 @@ def print_table(columns: Sequence[str], rows: Sequence[Sequence[str | Text]], di
     too.
     """
     from rich.box import SIMPLE_HEAD
-    from rich.console import Console
     from rich.table import Table
     from rich.text import Text
 
-    console = Console(highlight=False)
-    if not console.is_terminal and "COLUMNS" not in os.environ:
-        console = Console(highlight=False, width=PIPE_WIDTH)
-    box, gap = (SIMPLE_HEAD, 1) if console.is_terminal else (None, 2)
+    terminal = console()
+    box, gap = (SIMPLE_HEAD, 1) if terminal.is_terminal else (None, 2)
     table = Table(box=box, pad_edge=False, padding=(0, gap, 0, 0))
     for i, name in enumerate(columns):
         side: Literal["left", "right"] = "right" if i and name != left else "left"
         table.add_column(Text(name), justify=side, style="dim" if name == dim else None, no_wrap=i > 0)
     for row in rows:
         table.add_row(*(Text(cell) if isinstance(cell, str) else cell for cell in row))  # no markup
-    console.print(table)
-    if not console.is_terminal:  # where the box ends with one
+    terminal.print(table)
+    if not terminal.is_terminal:  # where the box ends with one
         click.echo()
 
 
 def print_verdict(verdict: Verdict, reasons: bool = True) -> None:
     """The verdict in a word, in colour where there is a terminal, and each reason behind it, wrapped."""
-    from rich.console import Console
     from rich.text import Text
 
     style = {"good": "green", "doubtful": "bold yellow", "bad": "bold white on red"}[verdict.level]
     word = verdict.level.upper() if verdict.is_bad else verdict.level
-    Console(highlight=False).print(Text.assemble(f"{'verdict':10} ", (word, style)))
+    console().print(Text.assemble(f"{'verdict':10} ", (word, style)))
     for reason in verdict.reasons if reasons else ():
         click.echo(click.wrap_text(reason, _width(), initial_indent=" " * 11, subsequent_indent=" " * 11))
 

@@ -1,7 +1,5 @@
 """`truestroke compare`: eight controllers on the same waves."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import click
@@ -15,9 +13,7 @@ from truestroke.cli import common
 @click.option("--duration", metavar="S", type=click.FloatRange(min=1.0), default=20.0, help="Of the random wave; the "
               "sine takes an eighth of it, at least 2 s.")  # fmt: skip
 @click.option("--output", metavar="NAME", default="truestroke-compare", help="Write NAME.html.")
-@common.plots_option
-@common.overwrite_option
-@common.json_option
+@common.page_options
 def compare(seed: int, duration: float, output: str, plots: Path | None, as_json: bool) -> int:
     """Follow the same waves with eight controllers.
 

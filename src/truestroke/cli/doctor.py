@@ -41,13 +41,10 @@ def doctor(config: Path | None, as_json: bool) -> int:
 def _print(findings: list[Finding]) -> None:
     """Found and why wrap; the commands follow below, whole, to be copied."""
     from rich.box import SIMPLE_HEAD
-    from rich.console import Console
     from rich.markup import escape
     from rich.table import Table
 
-    console = Console(highlight=False)
-    if not console.is_terminal:
-        console = Console(highlight=False, width=common.PIPE_WIDTH)
+    console = common.console()
     table = Table(box=SIMPLE_HEAD if console.is_terminal else None, pad_edge=False, padding=(0, 1, 0, 0))
     colours = {"ok": "green", "warning": "yellow", "missing": "red"}
     for name in ("", "part", "what"):

@@ -1,17 +1,16 @@
 """`truestroke examine`: what a record of voltage and displacement holds."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
 import click
 
-from truestroke.cli import common, records
+import truestroke
+from truestroke.cli import common
 
 
 @click.command()
-@records.record_options
+@common.record_options
 @common.json_option
 def examine(record: Path, as_json: bool, **options: Any) -> None:
     """Examine a record of voltage and displacement.
@@ -19,9 +18,7 @@ def examine(record: Path, as_json: bool, **options: Any) -> None:
     Reads CSV and other text with columns, NPZ, MATLAB, Parquet, HDF5. Prints sample rate, stroke, delay, noise, rates;
     lists what the record cannot identify. A record that cannot be used is refused with its row and the reason.
     """
-    from truestroke.identification import examine as look
-
-    found = look(records.read(record, **options))
+    found = truestroke.examine(truestroke.read_record(record, **options))
     if as_json:
         common.print_json(found.as_dict())
         return

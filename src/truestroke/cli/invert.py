@@ -3,26 +3,22 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
-from truestroke.cli import common, motion, waveforms
-
-if TYPE_CHECKING:
-    from truestroke.identification import PredictedWaveform
+import truestroke
+from truestroke.cli import common, waveforms
 
 
 @click.command()
-@click.argument("trajectory", metavar=motion.METAVAR, callback=motion.known)
+@click.argument("trajectory", metavar=waveforms.METAVAR, callback=waveforms.known_motion)
 @waveforms.model_option
-@motion.motion_options
+@waveforms.motion_options
 @click.option("--seed", metavar="N", type=click.IntRange(0), default=0, help="Of the random wave.")
 @waveforms.limit_options
 @click.option("--output", metavar="NAME", default="waveform.csv", help="Write NAME.csv or NAME.npz.")
-@common.plots_option
-@common.overwrite_option
-@common.json_option
+@common.page_options
 def invert(
     trajectory: str, model: Path, output: str, plots: Path | None, strict: bool, as_json: bool, **options: Any
 ) -> None:
@@ -32,35 +28,24 @@ def invert(
     begins at the model's zero. The actuator is assumed to rest under the first voltage. Reports where the motion is out
     of reach or too fast, and where the model extrapolates.
     """
-    from truestroke.identification import save_waveform, waveform
-
     target = waveforms.waveform_file("--output", output)
-    known = waveforms.load(model)
-    wave = motion.motion(trajectory, options, ramp=0.0)
-    start = known.zero if trajectory in motion.MOTIONS else 0.0
-    made = waveform(
-        known, wave.position + start, wave.sample_rate, velocity=wave.velocity, **waveforms.limits(known, options)
-    )
-    save_waveform(target, made)
-    pictures = _save_plot(made, plots) if plots else []
+    known = truestroke.load_model(model)
+    wave = waveforms.motion(trajectory, options, ramp=0.0)
+    start = known.zero if trajectory in waveforms.MOTIONS else 0.0
+    limits = waveforms.limits(known, options)
+    made = truestroke.waveform(known, wave.position + start, wave.sample_rate, velocity=wave.velocity, **limits)
+    truestroke.save_waveform(target, made)
+    pictures = []
+    if plots:
+        from truestroke.report import page
+        from truestroke.report.waveform import waveform
+
+        pictures = page.save_plots(lambda theme: {"waveform": waveform(made, theme)}, plots)
     if as_json:
-        common.print_json(
-            {
-                **waveforms.as_dict(made),
-                "model_rmse_um": waveforms.error_of(known),
-                "waveform": str(target),
-                "pictures": [str(path) for path in pictures],
-            }
-        )
+        found = {**waveforms.as_dict(made), "model_rmse_um": waveforms.error_of(known)}
+        common.print_json({**found, "waveform": str(target), "pictures": [str(path) for path in pictures]})
     else:
         common.print_table(("predicted", "um", "of p-p"), waveforms.rows(made, known))
         waveforms.tell(made)
         common.print_files(waveform=target, pictures=plots)
     waveforms.leave(strict, made)
-
-
-def _save_plot(made: PredictedWaveform, folder: Path) -> list[Path]:
-    from truestroke.report.page import save_plots
-    from truestroke.report.waveform import waveform
-
-    return save_plots(lambda theme: {"waveform": waveform(made, theme)}, folder)

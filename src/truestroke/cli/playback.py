@@ -1,11 +1,10 @@
 """`truestroke playback`: a waveform put out by hardware, and what it does, recorded."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import click
 
+import truestroke
 from truestroke.base import files
 from truestroke.cli import common
 
@@ -26,21 +25,15 @@ def playback(waveform: Path, config: Path, output: str, rest: float, as_json: bo
     voltage to the first voltage and back from the last one, within the slew limit, and to the safe voltage at any
     fault. `truestroke identify` and `truestroke refine` read the record.
     """
-    from truestroke.runtime.drivers import DriverError
-    from truestroke.runtime.drivers import playback as play_back
     from truestroke.runtime.drivers.playback import read_waveform, save_record
     from truestroke.runtime.realtime import config as configuration
 
-    target = Path(output)
-    if target.suffix != ".csv" or not target.parent.is_dir():
-        raise click.UsageError(f"--output {output}: is a file .csv in a folder that is there.")
-    files.check(target, files.MEASUREMENT)
+    if Path(output).suffix != ".csv":
+        raise click.UsageError(f"--output {output}: is a file .csv.")
+    target = common.to_write("--output", output, files.MEASUREMENT)
     volts, rate = read_waveform(waveform)
     driver, axis = configuration.one_axis(config)
-    try:
-        made = play_back(driver, volts, rate, **axis.limits, rest=rest)
-    except DriverError as error:
-        raise click.ClickException(str(error)) from None
+    made = truestroke.playback(driver, volts, rate, **axis.limits, rest=rest)
     save_record(target, made)
     found = made.as_dict()
     if as_json:

@@ -3,49 +3,40 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
+import truestroke
 from truestroke.base.exit_codes import ExitCode
+from truestroke.base.files import beside
+from truestroke.base.verdict import Verdict
 from truestroke.cli import common, results
 
 if TYPE_CHECKING:
-    from truestroke.base.verdict import Verdict
     from truestroke.runtime.realtime import Outcome
     from truestroke.runtime.realtime.config import Job
-    from truestroke.signals.metrics import TrackingSummary
-    from truestroke.signals.recording import Recording
 
 
-def realtime_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Configuration and recording, as `close_the_loop` takes them."""
-    recording = click.Path(dir_okay=False, path_type=Path)
-    for option in reversed(
-        [
-            click.option("--config", type=common.FILE, metavar="FILE", help="Driver, axes, limits: TOML."),
-            click.option("--example", is_flag=True, help="Print a configuration with comments, of a simulated stack."),
-            click.option("--output", type=recording, metavar="FILE", help="Recording, in place of the one that the "
-                         "configuration names."),
-            click.option("--overwrite", is_flag=True, help="Replace a recording that is there."),
-        ]
-    ):  # fmt: skip
-        command = option(command)
-    return command
+realtime_options = common.options(
+    click.option("--config", type=common.FILE, metavar="FILE", help="Driver, axes, limits: TOML."),
+    click.option("--example", is_flag=True, help="Print a configuration with comments, of a simulated stack."),
+    click.option("--output", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE",
+                 help="Recording, in place of the one that the configuration names."),
+    click.option("--overwrite", is_flag=True, help="Replace a recording that is there."),
+    common.json_option,
+)  # fmt: skip
 
 
 def close_the_loop(
     command: str, config: Path, job: Job, output: Path | None, overwrite: bool, as_json: bool, epics: bool = False
 ) -> int:
     """Run the configuration, and print the result; the exit code."""
-    from truestroke.base.files import beside
-    from truestroke.runtime.drivers import DriverError
-    from truestroke.runtime.realtime import Cause, RealtimeError, run_realtime
+    from truestroke.runtime.realtime import run_realtime
     from truestroke.runtime.realtime.runner import recordings as names_of
     from truestroke.signals import judgement
-    from truestroke.signals.recording import Recording
 
     show: Literal["live", "lines"] | None = None if as_json else "live" if sys.stderr.isatty() else "lines"
     about = {"command": f"truestroke {command} --config {config}", "config": config.read_text(encoding="utf-8")}
@@ -53,16 +44,14 @@ def close_the_loop(
     file = job.file if output is None else output
     for path in names_of(file, job.axes, overwrite):
         if path.exists():
-            notice = f"recording to {beside(path)} until the run has ended; {path} stays as it is until then"
-            click.echo(f"truestroke: {notice}", err=True)
+            common.complain(f"recording to {beside(path)} until the run has ended; {path} stays as it is until then")
     try:
         outcome = run_realtime(job.driver, job.axes, file, epics=job.epics if epics else None, **options)
-    except RealtimeError as error:
-        raise click.ClickException(str(error)) from None
-    except DriverError as error:
-        click.echo(f"truestroke: {' '.join(str(error).split())}", err=True)
-        return Cause.DRIVER.value
-    recordings = {axis.name: Recording.load(path) for axis, path in zip(job.axes, outcome.files, strict=True)}
+    except truestroke.DriverError as error:
+        return common.complain(str(error), ExitCode.DRIVER)
+    recordings = {
+        axis.name: truestroke.Recording.load(path) for axis, path in zip(job.axes, outcome.files, strict=True)
+    }
     verdicts = {name: judgement.judge(recording) for name, recording in recordings.items()}
     code = _code(outcome, judgement.worst(verdicts))
     if as_json:
@@ -70,7 +59,7 @@ def close_the_loop(
     else:
         _print(outcome, recordings, verdicts)
     if outcome.reason:
-        click.echo(f"truestroke: {' '.join(outcome.reason.split())}", err=True)
+        common.complain(outcome.reason)
     return code
 
 
@@ -80,18 +69,7 @@ def _code(outcome: Outcome, verdict: Verdict) -> int:
     return ExitCode.NOT_TRACKING if code == ExitCode.OK and verdict.is_bad else code
 
 
-def _summary(recording: Recording) -> TrackingSummary | None:
-    """The metrics, if there is anything to take them of."""
-    from truestroke.base.checks import SettingError
-    from truestroke.signals import judgement
-
-    try:
-        return judgement.summary(recording) if len(recording["time"]) > 1 else None
-    except SettingError:
-        return None
-
-
-def _lateness(recording: Recording) -> dict[str, float]:
+def _lateness(recording: truestroke.Recording) -> dict[str, float]:
     import numpy as np
 
     late = recording["lateness"]
@@ -99,13 +77,13 @@ def _lateness(recording: Recording) -> dict[str, float]:
 
 
 def _print_json(
-    outcome: Outcome, recordings: Mapping[str, Recording], verdicts: Mapping[str, Verdict], code: int
+    outcome: Outcome, recordings: Mapping[str, truestroke.Recording], verdicts: Mapping[str, Verdict], code: int
 ) -> None:
     from truestroke.signals import judgement
 
     axes: dict[str, Any] = {}
     for (name, recording), file in zip(recordings.items(), outcome.files, strict=True):
-        summary = _summary(recording)
+        summary = results.summary(recording, 2)
         axes[name] = {"recording": str(file), **verdicts[name].as_dict(), **(summary.as_dict() if summary else {})}
     late = {**_lateness(next(iter(recordings.values()))), "worst": outcome.worst_us}
     counts = {name: getattr(outcome, name) for name in ("ticks", "all_ticks", "overruns", "missed", "limited", "lost")}
@@ -115,11 +93,11 @@ def _print_json(
     )
 
 
-def _print(outcome: Outcome, recordings: Mapping[str, Recording], verdicts: Mapping[str, Verdict]) -> None:
+def _print(outcome: Outcome, recordings: Mapping[str, truestroke.Recording], verdicts: Mapping[str, Verdict]) -> None:
     for name, recording in recordings.items():
         if len(recordings) > 1:
             click.echo(f"axis {name}")
-        if summary := _summary(recording):
+        if summary := results.summary(recording, 2):
             results.print_metrics(summary, verdicts[name])
         else:  # where it ended before the first tick, stderr has the reason
             common.print_verdict(verdicts[name], reasons=outcome.ticks > 0)

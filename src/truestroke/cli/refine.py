@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
+import truestroke
 from truestroke.base import files
 from truestroke.base.exit_codes import ExitCode
-from truestroke.cli import common, records, waveforms
-
-if TYPE_CHECKING:
-    from truestroke.identification import Refined
+from truestroke.cli import common, waveforms
 
 
 @click.command()
-@records.record_options
+@common.record_options
 @waveforms.model_option
 @click.option("--waveform", type=common.FILE, metavar="FILE",
               help="What was put out, as `truestroke invert` or --next wrote it.")  # fmt: skip
@@ -35,28 +33,24 @@ def refine(
     Playback, record, refine, and again: prints how far this pass was from the desired motion, and how well the old
     and the refined model predict it. The actuator rests under the first voltage before each pass.
     """
-    from truestroke import identification
-
     if following and waveform is None:
         raise click.UsageError("--next needs --waveform: the motion is in there.")
-    if not Path(output).parent.is_dir():
-        raise click.ClickException(f"--output {output}: there is no folder {Path(output).parent}")
-    files.check(output, files.MODEL)
+    common.to_write("--output", output, files.MODEL)
     target = waveforms.waveform_file("--next", following) if following else None
-    known, data = waveforms.load(model), records.read(record, **options)
-    wanted = None if waveform is None else identification.load_waveform(waveform)
-    found = identification.refine(known, data, waveform=wanted)
-    identification.save_model(output, found.model)
+    known, data = truestroke.load_model(model), truestroke.read_record(record, **options)
+    wanted = None if waveform is None else truestroke.load_waveform(waveform)
+    found = truestroke.refine(known, data, waveform=wanted)
+    truestroke.save_model(output, found.model)
     made = None
     if target is not None and wanted is not None:
         bounds = waveforms.limits(found.model, {"voltage_limits": voltage_limits, "slew": slew})
-        made = identification.waveform(
-            found.model, wanted.desired, wanted.sample_rate, residual=found.residual, **bounds
-        )
-        identification.save_waveform(target, made)
+        made = truestroke.waveform(found.model, wanted.desired, wanted.sample_rate, residual=found.residual, **bounds)
+        truestroke.save_waveform(target, made)
     if as_json:
+        metrics = {"pass_rmse_um": found.rmse, "pass_maximum_um": found.maximum}
+        metrics |= {"prediction_rmse_before_um": found.before, "prediction_rmse_um": found.after}
         following_pass = {} if made is None else {**waveforms.as_dict(made), "waveform": str(target)}
-        common.print_json({**found.verdict.as_dict(), **_metrics(found), "model": output, "next": following_pass})
+        common.print_json({**found.verdict.as_dict(), **metrics, "model": output, "next": following_pass})
     else:
         _tell(found, output)
         if made is not None:
@@ -68,26 +62,13 @@ def refine(
     return ExitCode.of(found.verdict)
 
 
-def _metrics(found: Refined) -> dict[str, Any]:
-    return {
-        "pass_rmse_um": found.rmse,
-        "pass_maximum_um": found.maximum,
-        "prediction_rmse_before_um": found.before,
-        "prediction_rmse_um": found.after,
-    }
-
-
-def _tell(found: Refined, model: str) -> None:
+def _tell(found: truestroke.Refined, model: str) -> None:
     import numpy as np
 
-    lines = [("prediction, old model", found.before), ("prediction, refined", found.after)]
+    errors = {"prediction, old model": found.before, "prediction, refined": found.after}
     if found.rmse is not None and found.maximum is not None:
-        lines = [("this pass, rmse", found.rmse), ("this pass, maximum", found.maximum), *lines]
-    span = float(np.ptp(found.measured))
-    common.print_table(
-        ("measured minus", "um", "of p-p"),
-        [(name, f"{value:.4f} um", f"{100 * value / span:.2f} %") for name, value in lines],
-    )
+        errors = {"this pass, rmse": found.rmse, "this pass, maximum": found.maximum, **errors}
+    common.print_table(("measured minus", "um", "of p-p"), waveforms.error_rows(errors, float(np.ptp(found.measured))))
     if found.undone:
         common.print_verdict(found.verdict)
     click.echo(f"model      {model}")

@@ -1,7 +1,5 @@
 """`truestroke reproduce`: the paper's tables and figures beside ours."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import click
@@ -13,9 +11,7 @@ from truestroke.studies import paper
 @click.command()
 @click.argument("names", nargs=-1, type=click.Choice(paper.NAMES), metavar="[NAME]...")
 @click.option("--output", metavar="NAME", default="truestroke-reproduce", help="Write NAME.html.")
-@common.plots_option
-@common.overwrite_option
-@common.json_option
+@common.page_options
 def reproduce(names: tuple[str, ...], output: str, plots: Path | None, as_json: bool) -> None:
     """Print the paper's tables and figures beside ours."""
     (page_file,) = common.outputs(output, ".html")

@@ -2,29 +2,49 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
+import truestroke
 from truestroke.base.checks import SettingError
 from truestroke.base.exit_codes import ExitCode
+from truestroke.base.verdict import Verdict
 from truestroke.cli import common
 
 if TYPE_CHECKING:
-    from truestroke.base.verdict import Verdict
     from truestroke.signals.metrics import TrackingSummary
-    from truestroke.signals.recording import Recording
 
+Progress = Callable[[int, int], None]  # (done, of so many)
 SHORTEST = 20  # ticks that can be plotted
 
 
-def own(recording: Recording) -> Recording:
+def own(recording: truestroke.Recording) -> truestroke.Recording:
     """The same with the command that made it."""
     return type(recording)(recording.channels, recording.metadata | common.as_asked())
 
 
-def finish(recording: Recording, page_file: Path, plots: Path | None, as_json: bool, recording_file: Path) -> int:
+def recorded(what: str, run: Callable[[Progress | None], truestroke.Recording], file: Path) -> truestroke.Recording:
+    """The recording of a run, saved with the command that made it; so is what an interrupted run has."""
+    try:
+        with common.progress(what) as tell:
+            recording = own(run(tell))
+    except truestroke.RunInterrupted as stop:
+        ticks, part = stop.recording["time"].size, own(stop.recording)
+        saved = f"the {ticks} ticks so far are in {part.save(file)}" if ticks else "nothing was saved"
+        if isinstance(stop.__cause__, KeyboardInterrupt):
+            common.complain(saved)
+            raise click.Abort from None
+        raise click.ClickException(f"{stop.__cause__}; {saved}") from stop
+    recording.save(file)
+    return recording
+
+
+def finish(
+    recording: truestroke.Recording, page_file: Path, plots: Path | None, as_json: bool, recording_file: Path
+) -> int:
     """Page and pictures to disk, verdict, table and paths to the terminal; the exit code."""
     from truestroke.signals import judgement
 
@@ -32,11 +52,8 @@ def finish(recording: Recording, page_file: Path, plots: Path | None, as_json: b
     code = ExitCode.of(verdict)
     if ticks < SHORTEST and not verdict.is_bad:
         raise click.ClickException(f"{recording_file}: {ticks} ticks, a page needs at least {SHORTEST}")
-    try:
-        summary = judgement.summary(recording) if ticks >= SHORTEST else None
-    except SettingError:
-        summary = None
-    if summary is None:  # without measurements there are no metrics, and nothing to plot
+    found = summary(recording, SHORTEST)
+    if found is None:  # without measurements there are no metrics, and nothing to plot
         _tell_alone(verdict, as_json, recording_file)
         return code
     with common.progress("plotting"):
@@ -45,13 +62,23 @@ def finish(recording: Recording, page_file: Path, plots: Path | None, as_json: b
         pictures = common.save_page(run_page(recording), page_file, plots)
     if as_json:
         files = {"recording": str(recording_file), "page": str(page_file), "pictures": pictures}
-        common.print_json({**verdict.as_dict(), **summary.as_dict(), **files})
+        common.print_json({**verdict.as_dict(), **found.as_dict(), **files})
         return code
-    print_metrics(summary, verdict)
+    print_metrics(found, verdict)
     common.print_files(recording=recording_file, page=page_file, pictures=plots)
     if not verdict.is_bad:
         common.suggest(*_next(recording))
     return code
+
+
+def summary(recording: truestroke.Recording, least: int) -> TrackingSummary | None:
+    """The metrics, if it has so many ticks and something to take them of."""
+    from truestroke.signals import judgement
+
+    try:
+        return judgement.summary(recording) if len(recording["time"]) >= least else None
+    except SettingError:
+        return None
 
 
 def _tell_alone(verdict: Verdict, as_json: bool, recording_file: Path) -> None:
@@ -83,16 +110,12 @@ def print_metrics(summary: TrackingSummary, verdict: Verdict) -> None:
     click.echo(f"flags      {flags}\n")
 
 
-def _next(recording: Recording) -> list[tuple[str, str]]:
+def _next(recording: truestroke.Recording) -> list[tuple[str, str]]:
     """Commands worth typing after this one."""
     from truestroke.signals.judgement import change_time
 
-    if change_time(recording) is None:
-        first = ("track --change-at 10", "the actuator changes suddenly")
-    else:
+    first = ("track --change-at 10", "the actuator changes suddenly")
+    if change_time(recording) is not None:
         first = ("track --change-at 10 --controller paper", "the same with the paper's controller")
-    return [
-        first,
-        ("compare", "eight controllers on the same actuator"),
-        ("reproduce", "the paper's figures beside ours"),
-    ]
+    others = ("compare", "eight controllers on the same actuator"), ("reproduce", "the paper's figures beside ours")
+    return [first, *others]

@@ -1,14 +1,11 @@
 """`truestroke robustness`: the controller on many plants."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import click
 
 from truestroke.base.exit_codes import ExitCode
-from truestroke.cli import common
-from truestroke.cli import results as shown
+from truestroke.cli import common, results
 
 
 def _names(context: click.Context, option: click.Parameter, value: str) -> tuple[str, ...]:
@@ -31,20 +28,11 @@ def _names(context: click.Context, option: click.Parameter, value: str) -> tuple
               "controllers; write its recording and page.")  # fmt: skip
 @click.option("--output", metavar="NAME", default="truestroke-robustness", help="Write NAME.html; with --only also "
               "NAME.h5.")  # fmt: skip
-@common.plots_option
-@common.overwrite_option
-@common.json_option
+@common.page_options
 def robustness(
-    plants: int,
-    seed: int,
-    controllers: tuple[str, ...],
-    half: str,
-    workers: int,
-    only: int | None,
-    output: str,
-    plots: Path | None,
-    as_json: bool,
-) -> int:
+    plants: int, seed: int, controllers: tuple[str, ...], half: str, workers: int, only: int | None,
+    output: str, plots: Path | None, as_json: bool,
+) -> int:  # fmt: skip
     """Follow motions with many plants sampled at random.
 
     Each plant has its own hysteresis, creep, resonance, noise and drift, and half of them change suddenly. Prints
@@ -89,8 +77,8 @@ def _one(seed: int, number: int, controller: str, output: str, plots: Path | Non
 
     with common.stoppable(), common.progress("simulating"):
         recording = studies.record(seed, number, controller)
-    recording = shown.own(recording)
+    recording = results.own(recording)
     recording.save(recording_file)
     if not as_json:
         click.echo(recording.metadata["robustness"]["what"])
-    return shown.finish(recording, page_file, plots, as_json, recording_file)
+    return results.finish(recording, page_file, plots, as_json, recording_file)

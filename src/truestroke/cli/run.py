@@ -1,17 +1,14 @@
 """`truestroke run`: the loop in real time, on hardware or on a simulated stack."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import click
 
-from truestroke.cli import common, realtime
+from truestroke.cli import realtime
 
 
 @click.command()
 @realtime.realtime_options
-@common.json_option
 def run(config: Path | None, example: bool, output: Path | None, overwrite: bool, as_json: bool) -> int:
     """Close the loop in real time, on hardware or on a simulated stack.
 

@@ -1,18 +1,15 @@
 """`truestroke serve`: the loop in real time, published to a control system that may also move it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import click
 
-from truestroke.cli import common, realtime
+from truestroke.cli import realtime
 
 
 @click.command()
 @click.option("--epics", is_flag=True, help="As process variables of a soft IOC.")
 @realtime.realtime_options
-@common.json_option
 def serve(epics: bool, config: Path | None, example: bool, output: Path | None, overwrite: bool, as_json: bool) -> int:
     """Close the loop in real time and serve it: set-points and supervision, not single samples.
 

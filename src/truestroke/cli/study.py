@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -34,25 +34,15 @@ def _example(context: click.Context, _: click.Parameter, asked: bool) -> None:
 @click.option("--scheduler", metavar="ADDRESS", help="Of a dask cluster that is there, as tls://host:8786.")
 @click.option("--report-only", is_flag=True, help="Run nothing; report what is there.")
 @click.option("--output", metavar="NAME", help="Keep results in NAME.sqlite, write NAME.html; by default FILE's name.")
-@common.plots_option
-@common.overwrite_option
-@common.json_option
+@common.page_options
 def study(
-    file: Path,
-    runs: int | None,
-    executor: str,
-    workers: int | None,
-    scheduler: str | None,
-    report_only: bool,
-    output: str | None,
-    plots: Path | None,
-    as_json: bool,
+    file: Path, output: str | None, plots: Path | None, as_json: bool, runs: int | None, report_only: bool, **where: Any
 ) -> int:
     """Sample many runs from the distributions in FILE.toml, simulate them, and report how many converge.
 
     Results go to one file as they come. Call it again after Ctrl-C, a crash, or with more --runs: it continues.
     """
-    if scheduler and executor != "dask":
+    if where["scheduler"] and where["executor"] != "dask":
         raise click.UsageError("--scheduler: belongs to --executor dask.")
     store_file, page_file = common.outputs(output or file.stem, ".sqlite", ".html")
     from truestroke.studies import study as studies
@@ -63,16 +53,14 @@ def study(
         with studies.Store(store_file, asked) as store:
             if not report_only:
                 with common.progress("simulating") as tell:
-                    studies.run(asked, store, _work(executor, workers, scheduler, store_file), tell)
+                    studies.run(asked, store, _work(store_file, **where), tell)
             return _report(store, asked, page_file, plots, as_json)
     except KeyboardInterrupt:
         click.echo(f"{store_file} keeps what is done; the same command continues.", err=True)
         raise
-    except (studies.StoreError, studies.StudyError) as error:
-        raise click.ClickException(str(error)) from error
 
 
-def _work(executor: str, workers: int | None, scheduler: str | None, store_file: Path) -> Work:
+def _work(store_file: Path, executor: str, workers: int | None, scheduler: str | None) -> Work:
     from truestroke.studies.engine import executors
 
     if executor == "slurm":

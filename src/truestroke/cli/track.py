@@ -4,17 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 import truestroke
-from truestroke.cli import common, motion, results, waveforms
-
-if TYPE_CHECKING:
-    from truestroke.control.controller import Controller
-    from truestroke.signals.recording import Recording
-    from truestroke.signals.trajectories import Trajectory
+from truestroke.cli import common, results, waveforms
 
 
 @click.command()
@@ -25,15 +20,13 @@ if TYPE_CHECKING:
               help="Lowest and highest voltage of the controller, V.")  # fmt: skip
 @click.option("--plant", type=click.Choice(["realistic", "matched"]), default="realistic", help="What is driven: "
               "like a real stack, or of exactly the controller's structure.")  # fmt: skip
-@click.option("--trajectory", metavar=motion.METAVAR, default="random", callback=motion.known,
+@click.option("--trajectory", metavar=waveforms.METAVAR, default="random", callback=waveforms.known_motion,
               help="Desired motion. A file has columns t (s) and z (um), or z alone.")  # fmt: skip
-@motion.motion_options
+@waveforms.motion_options
 @click.option("--change-at", metavar="S", type=float, help="The actuator changes suddenly then (Sec. 4.2).")
 @click.option("--seed", metavar="N", type=click.IntRange(0), default=0, help="Of the random wave and the sensor noise.")
 @click.option("--output", metavar="NAME", default="truestroke-track", help="Write NAME.h5 and NAME.html.")
-@common.plots_option
-@common.overwrite_option
-@common.json_option
+@common.page_options
 def track(output: str, plots: Path | None, as_json: bool, **options: Any) -> int:
     """Follow a motion with a simulated stack.
 
@@ -42,7 +35,7 @@ def track(output: str, plots: Path | None, as_json: bool, **options: Any) -> int
     from truestroke.studies import tracking
 
     recording_file, page_file = common.outputs(output, ".h5", ".html")
-    trajectory = motion.motion(options["trajectory"], options)
+    trajectory = waveforms.motion(options["trajectory"], options)
     plant = tracking.stack(options["plant"], trajectory, options["seed"], options["change_at"])
     controller = _controller(options, trajectory)
     if len(trajectory) < results.SHORTEST:
@@ -52,7 +45,7 @@ def track(output: str, plots: Path | None, as_json: bool, **options: Any) -> int
     return results.finish(recording, page_file, plots, as_json, recording_file)
 
 
-def _controller(options: Mapping[str, Any], trajectory: Trajectory) -> Controller:
+def _controller(options: Mapping[str, Any], trajectory: truestroke.Trajectory) -> truestroke.Controller:
     from truestroke.studies import tracking
 
     bench = {"sample_rate": trajectory.sample_rate, "voltage_limits": options["voltage_limits"]}
@@ -62,7 +55,7 @@ def _controller(options: Mapping[str, Any], trajectory: Trajectory) -> Controlle
         return make(stroke=tracking.STROKE, **bench)
     if options["controller"] == "paper":
         raise click.UsageError("--controller paper knows no model: leave --model out.")
-    model = waveforms.load(options["model"])
+    model = truestroke.load_model(options["model"])
     if not tracking.like_the_stack(model):
         raise click.UsageError(
             f"--model {options['model']}: has {model.sensitivity:.3g} um/V, the simulated stack "
@@ -71,19 +64,14 @@ def _controller(options: Mapping[str, Any], trajectory: Trajectory) -> Controlle
     return truestroke.AdaptiveController.from_model(model, **bench)
 
 
-def _run(trajectory: Trajectory, controller: Controller, plant: Any, rescue: Path) -> Recording:
-    """The run, and the same motion with a constant gain; what there is goes to `rescue` if it is interrupted."""
-    from truestroke.runtime.loop import RunInterrupted, run
+def _run(
+    trajectory: truestroke.Trajectory, controller: truestroke.Controller, plant: Any, file: Path
+) -> truestroke.Recording:
+    """The run, and the same motion with a constant gain."""
     from truestroke.studies import tracking
 
-    try:
-        with common.progress("tracking") as tell:
-            recording = run(trajectory, controller, plant, progress=tell)
-    except RunInterrupted as stop:
-        ticks, own = stop.recording["time"].size, results.own(stop.recording)
-        saved = f"the {ticks} ticks so far are in {own.save(rescue)}" if ticks else "nothing was saved"
-        common.interrupted(stop, saved)
-    recording = results.own(recording)
-    recording.save(rescue)
+    recording = results.recorded(
+        "tracking", lambda tell: truestroke.run(trajectory, controller, plant, progress=tell), file
+    )
     with common.stoppable():
         return tracking.with_uncompensated(recording, trajectory, plant)

@@ -1,64 +1,88 @@
-"""Waveforms and the models they are made with: options, files, and what is printed of them."""
+"""Motions, waveforms and the models these are made with: options, files, and what is printed of them."""
 
 from __future__ import annotations
 
 import dataclasses
-import os
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
+import truestroke
 from truestroke.base import files
 from truestroke.cli import common
+from truestroke.control.settings import UNLIMITED
 
-if TYPE_CHECKING:
-    from truestroke.identification import ActuatorModel, PredictedWaveform
-
-
-def model_option(command: Callable[..., Any]) -> Callable[..., Any]:
-    """`--model FILE`, as `load` takes it."""
-    help_ = "Of `truestroke identify`."
-    return click.option("--model", type=common.FILE, metavar="FILE", required=True, help=help_)(command)
-
-
-def limit_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Limits of the voltage, and `--strict`."""
-    for option in reversed(
-        [
-            click.option("--voltage-limits", type=float, nargs=2, metavar="LOW HIGH",
-                         help="Lowest and highest voltage, V.  [default: those of the model's record]"),
-            click.option("--slew", metavar="V/S", type=float, help="Fastest change of the voltage.  [default: none]"),
-            click.option("--strict", is_flag=True, help="Exit code 1 where there is a warning."),
-        ]
-    ):  # fmt: skip
-        command = option(command)
-    return command
+# What each motion understands: option -> argument of its function.
+SHARED = {"peak_to_peak": "peak_to_peak", "duration": "duration", "sample_rate": "sample_rate"}
+MOTIONS = {
+    "random": ("random_wave", {"frequency": "cutoff", "velocity_limit": "velocity_limit", "seed": "seed", **SHARED}),
+    "sine": ("sine", {"frequency": "frequency", **SHARED}),
+    "triangle": ("triangle", {"frequency": "frequency", **SHARED}),
+    "staircase": ("staircase", {"velocity_limit": "velocity_limit", **SHARED}),
+}
+METAVAR = f"[{'|'.join(MOTIONS)}|FILE.csv|FILE.npz]"
 
 
-def load(path: Path) -> ActuatorModel:
-    """The model in a file."""
-    from truestroke.identification import load_model
+def known_motion(context: click.Context, option: click.Parameter, value: str) -> str:
+    """`value`, if it is one of `MOTIONS` or a file."""
+    if value in MOTIONS or Path(value).is_file():
+        return value
+    raise click.BadParameter(f"{value!r} is neither one of {', '.join(MOTIONS)} nor a file.")
 
-    return load_model(path)
+
+motion_options = common.options(
+    click.option("--frequency", metavar="HZ", type=float, help="Of a sine or triangle; a random wave has its "
+                 "low pass there.  [default: 20 random, 12 sine, 4 triangle]"),
+    click.option("--peak-to-peak", metavar="UM", type=float, help="[default: 28.6, sine and triangle 22.8]"),
+    click.option("--velocity-limit", metavar="UM/S", type=float, help="The fastest that a random wave or a "
+                 "staircase may be.  [default: none, staircase 300]"),
+    click.option("--duration", metavar="S", type=click.FloatRange(min=0.5), help="[default: 20]"),
+    click.option("--sample-rate", metavar="HZ", type=float,
+                 help="Ticks per second.  [default: 2000, or that of the file]"),
+)  # fmt: skip
+
+
+def motion(name: str, options: Mapping[str, Any], **of_file: Any) -> truestroke.Trajectory:
+    """The motion that `name`, the options and, of a file, further arguments of `trajectories.from_csv` describe."""
+    given = {key: value for key in ("frequency", "velocity_limit", *SHARED) if (value := options[key]) is not None}
+    function, understood = MOTIONS.get(name, ("from_csv", {"sample_rate": "sample_rate"}))
+    for key in given:
+        if key not in understood:
+            raise click.UsageError(f"--{key.replace('_', '-')} means nothing to {name}: leave it out.")
+    if name == "triangle":
+        given.setdefault("frequency", 4.0)
+    if "seed" in understood:
+        given["seed"] = options["seed"]
+    arguments = {understood[key]: value for key, value in given.items()}
+    if name not in MOTIONS:
+        arguments |= {"path": name, **of_file}
+    return getattr(truestroke.trajectories, function)(**arguments)  # type: ignore[no-any-return]
+
+
+# ---- Waveforms -------------------------------------------------------------------------------------------------------
+
+
+model_option = click.option("--model", type=common.FILE, metavar="FILE", required=True,
+                            help="Of `truestroke identify`.")  # fmt: skip
+limit_options = common.options(
+    click.option("--voltage-limits", type=float, nargs=2, metavar="LOW HIGH",
+                 help="Lowest and highest voltage, V.  [default: those of the model's record]"),
+    click.option("--slew", metavar="V/S", type=float, help="Fastest change of the voltage.  [default: none]"),
+    click.option("--strict", is_flag=True, help="Exit code 1 where there is a warning."),
+)  # fmt: skip
 
 
 def waveform_file(option: str, name: str) -> Path:
     """Where a waveform can be written; an error now rather than later."""
-    path = Path(name)
-    if path.suffix not in (".csv", ".npz"):
+    if Path(name).suffix not in (".csv", ".npz"):
         raise click.UsageError(f"{option} {name}: ends in neither .csv nor .npz.")
-    if not os.access(path.parent, os.W_OK) or path.is_dir():
-        raise click.ClickException(f"{option} {name}: cannot be written; is there a folder {path.parent}?")
-    files.check(path, files.WAVEFORM)
-    return path
+    return common.to_write(option, name, files.WAVEFORM)
 
 
-def limits(model: ActuatorModel, options: Mapping[str, Any]) -> dict[str, Any]:
+def limits(model: truestroke.ActuatorModel, options: Mapping[str, Any]) -> dict[str, Any]:
     """The arguments of `waveform` that `limit_options` ask for."""
-    from truestroke.control.settings import UNLIMITED
-
     return {
         "voltage_limits": options["voltage_limits"] or model.voltage_range,
         "slew_limit": UNLIMITED if options["slew"] is None else options["slew"],
@@ -68,21 +92,26 @@ def limits(model: ActuatorModel, options: Mapping[str, Any]) -> dict[str, Any]:
 # ---- What is printed -----------------------------------------------------------------------------------------------
 
 
-def error_of(model: ActuatorModel) -> float | None:
+def error_of(model: truestroke.ActuatorModel) -> float | None:
     """Rmse of the model where it last met the actuator, um: held out by `identify`, or of the last pass."""
     return model.metrics.get("held_out_rmse_um", model.metrics.get("prediction_rmse_um"))
 
 
-def rows(made: PredictedWaveform, model: ActuatorModel) -> list[tuple[str, str, str]]:
+def rows(made: truestroke.PredictedWaveform, model: truestroke.ActuatorModel) -> list[tuple[str, str, str]]:
     """Predicted error, and that of the model itself, which is not in it."""
     span = float(made.desired.max() - made.desired.min()) or float("nan")
     errors = {"rmse": made.rmse, "maximum": made.maximum}
     if (of_model := error_of(model)) is not None:
         errors["of the model itself, rmse"] = of_model
+    return error_rows(errors, span)
+
+
+def error_rows(errors: Mapping[str, float], span: float) -> list[tuple[str, str, str]]:
+    """Rows of a table: each error, um, and its share of the peak to peak."""
     return [(name, f"{error:.4f} um", f"{100 * error / span:.2f} %") for name, error in errors.items()]
 
 
-def tell(made: PredictedWaveform) -> None:
+def tell(made: truestroke.PredictedWaveform) -> None:
     """Voltages and warnings."""
     x, rate = made.volts, made.sample_rate
     click.echo(f"voltage    {x.min():.4g} to {x.max():.4g} V, begins at {x[0]:.4g} V")
@@ -91,7 +120,7 @@ def tell(made: PredictedWaveform) -> None:
         common.print_text(f"- {warning}")
 
 
-def as_dict(made: PredictedWaveform) -> dict[str, Any]:
+def as_dict(made: truestroke.PredictedWaveform) -> dict[str, Any]:
     """For JSON."""
     short = {
         "out_of_reach_um": made.out_of_reach,
@@ -111,7 +140,7 @@ def as_dict(made: PredictedWaveform) -> dict[str, Any]:
     }
 
 
-def leave(strict: bool, made: PredictedWaveform) -> None:
+def leave(strict: bool, made: truestroke.PredictedWaveform) -> None:
     """Exit code 1 where that was asked for."""
     if strict and made.warnings:
         click.get_current_context().exit(1)

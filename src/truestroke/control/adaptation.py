@@ -21,6 +21,7 @@ array([5.02    , 0.      , 0.018125, 0.      ])
 
 from __future__ import annotations
 
+import copy
 import math
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
@@ -30,7 +31,6 @@ import numpy.typing as npt
 
 from truestroke.base import checks
 from truestroke.base.checks import SettingError
-from truestroke.base.copies import deep
 from truestroke.base.errors import TruestrokeError
 from truestroke.base.typing import FloatArray
 from truestroke.model.operators import LANES, dot
@@ -181,7 +181,7 @@ class RLS:
     array([3., 2.])
     """
 
-    __copy__ = deep
+    __copy__ = copy.deepcopy  # a shallow copy would share arrays and kernels
 
     def __init__(
         self,
@@ -451,7 +451,7 @@ class BoundedKalman:
     array([8., 1.])
     """
 
-    __copy__ = deep
+    __copy__ = copy.deepcopy  # a shallow copy would share arrays and kernels
 
     def __init__(
         self,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import math
 import os
@@ -16,7 +17,6 @@ import numpy.typing as npt
 from truestroke import _kernel, _kernel32
 from truestroke.base import checks, declared
 from truestroke.base.checks import SettingError
-from truestroke.base.copies import deep
 from truestroke.base.display import Displayed, Rows, quantity
 from truestroke.base.flags import Flags
 from truestroke.base.typing import FloatArray
@@ -233,7 +233,7 @@ class AdaptiveController(Displayed):
         if type(self) is AdaptiveController:  # the kernel's own calls save a frame of Python, 35 ns, at each
             vars(self).update(command=self._kernel.command, adapt=self._kernel.adapt)
 
-    __copy__ = deep
+    __copy__ = copy.deepcopy  # a shallow copy would share arrays and kernels
 
     def _display(self) -> tuple[str, Rows]:
         found = [("resonance", quantity(self.resonance, "Hz")), ("noise", quantity(self.noise, "um"))]

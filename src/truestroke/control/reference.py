@@ -15,7 +15,6 @@ import numpy as np
 
 from truestroke.base import checks
 from truestroke.base.checks import SettingError
-from truestroke.base.copies import deep
 from truestroke.base.display import Displayed, Rows
 from truestroke.base.typing import FloatArray
 from truestroke.control.adaptation import LARGEST, RLS, BoundedKalman, FilteringLaw, KalmanSettings, Law, UpdateRefused
@@ -522,7 +521,7 @@ class ReferenceController(Displayed):
 
     # ---- Hold, and diagnostics ---------------------------------------------------------------------------------------
 
-    __copy__ = deep
+    __copy__ = copy.deepcopy  # a shallow copy would share arrays and kernels
 
     def _display(self) -> tuple[str, Rows]:
         title = f"ReferenceController: {type(self.law).__name__}, {self.settings.summary}"

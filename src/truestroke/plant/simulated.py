@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 from typing import Any, ClassVar
 
@@ -9,7 +10,6 @@ import numpy as np
 
 from truestroke.base import checks, declared
 from truestroke.base.checks import SettingError
-from truestroke.base.copies import deep
 from truestroke.base.display import Displayed, Rows
 from truestroke.base.typing import FloatArray
 from truestroke.plant.noise import Noise
@@ -35,7 +35,7 @@ class Simulated(Displayed):
     settings: Any
     _samples = 1  # of noise in a tick
 
-    __copy__ = deep
+    __copy__ = copy.deepcopy  # a shallow copy would share arrays and kernels
 
     def __init__(self, plant: Any, seed: int) -> None:
         self._plant = plant
