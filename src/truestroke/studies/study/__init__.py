@@ -4,8 +4,7 @@ Run i of a study is always the same plant, wave and noise; docs/study.md states 
 """
 
 from truestroke.studies.engine import Batch, Store, StoreError, StudyError, batches, first, run, simulate
-from truestroke.studies.study.config import Study, example, load, parse
-from truestroke.studies.study.sample import sample
+from truestroke.studies.study.config import Study, example, load, parse, sample
 from truestroke.studies.study.summary import informative, judge, lines
 
 __all__ = [
