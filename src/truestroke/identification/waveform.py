@@ -129,7 +129,10 @@ def waveform(
         raise SettingError("displacement", f"array of {desired.size} samples", "at least two samples", "um")
     unknown = np.zeros_like(desired)
     if residual is not None:
-        unknown = smoothed(checks.finite_array("residual", residual, "um"), sample_rate)
+        from scipy.ndimage import gaussian_filter1d
+
+        unknown = checks.finite_array("residual", residual, "um")
+        unknown = np.asarray(gaussian_filter1d(unknown, SMOOTHING * sample_rate, mode="nearest"))
     if unknown.shape != desired.shape:
         bound = f"as long as displacement, {desired.size}"
         raise SettingError("residual", f"array of {unknown.size} samples", bound, "um")
@@ -150,13 +153,6 @@ def waveform(
         too_fast=spans(np.where(slewed, short, 0.0), sample_rate, off),
         beyond=model.beyond(volts, sample_rate),
     )
-
-
-def smoothed(residual: FloatArray, sample_rate: float) -> FloatArray:
-    """Without the noise of a single sample, by a Gaussian window of 2 ms."""
-    from scipy.ndimage import gaussian_filter1d
-
-    return np.asarray(gaussian_filter1d(residual, SMOOTHING * sample_rate, mode="nearest"))
 
 
 def save_waveform(path: str | os.PathLike[str], made: PredictedWaveform) -> None:

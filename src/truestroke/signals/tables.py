@@ -332,7 +332,8 @@ def _arrays(path: Path, names: Sequence[str], units: Sequence[str], get: Callabl
         arrays = [get(names[c]).squeeze() for c in columns]
         for c, array in zip(columns, arrays, strict=True):
             if array.ndim != 1 or array.dtype.kind not in "iufMm":
-                raise RecordError(str(path), f"{names[c]} is {_kind(array)}, not a row of numbers")
+                kind = f"an array of shape {array.shape}" if array.dtype.kind in "iuf" else f"of type {array.dtype}"
+                raise RecordError(str(path), f"{names[c]} is {kind}, not a row of numbers")
             if array.size != arrays[0].size:
                 reason = f"{names[columns[0]]} has {arrays[0].size} rows, but {names[c]} has {array.size}"
                 raise RecordError(str(path), reason)
@@ -348,10 +349,6 @@ def _floats(array: npt.NDArray[Any]) -> FloatArray:
     if array.dtype.kind in "Mm":
         return np.asarray((array - array[:1]) / np.timedelta64(1, "s"), dtype=np.float64)
     return np.array(array, dtype=np.float64, order="C")
-
-
-def _kind(array: npt.NDArray[Any]) -> str:
-    return f"an array of shape {array.shape}" if array.dtype.kind in "iuf" else f"of type {array.dtype}"
 
 
 def _npz(path: Path) -> Table:

@@ -46,14 +46,9 @@ def model_system(model: ActuatorModel, sample_rate: float, name: str = "model") 
     checks.instance("model", model, ActuatorModel, actuator.EXPECTED)
     fs = checks.positive("sample_rate", sample_rate, "Hz")
     step = _Step(model, fs)
+    named = {"inputs": ["volts"], "outputs": ["z"], "states": step.states, "name": name}
     return control.NonlinearIOSystem(
-        lambda t, x, u, params: step(x, u[0])[0],
-        lambda t, x, u, params: step(x, u[0])[1],
-        inputs=["volts"],
-        outputs=["z"],
-        states=step.states,
-        dt=1 / fs,
-        name=name,
+        lambda t, x, u, params: step(x, u[0])[0], lambda t, x, u, params: step(x, u[0])[1], dt=1 / fs, **named
     )
 
 
@@ -129,12 +124,5 @@ def actuator_system(driven: Any, name: str = "actuator") -> control.NonlinearIOS
         next_tick = tick + 1
         return np.asarray(driven.exchange(np.array([u[0]])))
 
-    return control.NonlinearIOSystem(
-        update,
-        lambda t, x, u, params: x,
-        inputs=["volts"],
-        outputs=["z"],
-        states=["z"],
-        dt=1 / timing.sample_rate,
-        name=name,
-    )
+    named = {"inputs": ["volts"], "outputs": ["z"], "states": ["z"], "name": name}
+    return control.NonlinearIOSystem(update, lambda t, x, u, params: x, dt=1 / timing.sample_rate, **named)
