@@ -1,7 +1,5 @@
 """Self-excited oscillation: its detection in the error, half-wave by half-wave."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

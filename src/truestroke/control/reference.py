@@ -4,8 +4,6 @@ The kernel's tests compare with it to the last bit. Use it to try a law or a mod
 some hundred times slower: `AdaptiveController` is for the loop.
 """
 
-from __future__ import annotations
-
 import copy
 import math
 from dataclasses import dataclass, fields

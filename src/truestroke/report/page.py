@@ -1,7 +1,5 @@
 """One class for every page: a self-contained HTML file of a title, a verdict, tables, plots and what repeats it."""
 
-from __future__ import annotations
-
 import io
 import re
 from collections.abc import Callable, Mapping, Sequence

@@ -3,8 +3,6 @@
 Every function takes `theme`, one of `truestroke.report.style.THEMES`; `truestroke.report.save` writes the figure.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

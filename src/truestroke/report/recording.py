@@ -1,7 +1,5 @@
 """The page of a run, from its recording alone."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Any signals over time, as `Recording.plot` shows them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from matplotlib.figure import Figure

@@ -1,7 +1,5 @@
 """One look for all pictures: Okabe-Ito colours, a light and a dark theme, thinning of long lines."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass

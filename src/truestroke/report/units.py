@@ -1,7 +1,5 @@
 """Units as a page and a plot show them: prefixes of the SI, and µm where the terminal says um."""
 
-from __future__ import annotations
-
 import math
 import re
 

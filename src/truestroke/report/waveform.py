@@ -1,7 +1,5 @@
 """The picture of a waveform that a model made."""
 
-from __future__ import annotations
-
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 

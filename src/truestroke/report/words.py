@@ -1,7 +1,5 @@
 """Sentences on a recording: shared by the page and the command line."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from typing import Any

@@ -1,7 +1,5 @@
 """Thousands of controllers, each against its own simulated actuator, in threads without the GIL: the bits of `run`."""
 
-from __future__ import annotations
-
 import os
 import threading
 from collections.abc import Callable, Iterable, Mapping, Sequence

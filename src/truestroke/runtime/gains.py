@@ -1,7 +1,5 @@
 """What the measured gain of an axis may be, um/V: the bounds of commissioning and of the check before each run."""
 
-from __future__ import annotations
-
 COMMISSIONING = (0.2, 4.0)
 """Of stroke over voltage range: small steps, before anything is known but these two."""
 

@@ -1,7 +1,5 @@
 """The loop: command, exchange, adapt, tick after tick. The page to read first."""
 
-from __future__ import annotations
-
 import math
 import warnings
 from collections.abc import Callable, Mapping

@@ -1,7 +1,5 @@
 """Actuators as input/output systems of python-control: voltage in, displacement out (extra `control`)."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import control

@@ -1,7 +1,5 @@
 """One self-contained HTML page of an identified model, to print and attach."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The plots of an identified model: its loops, its residual, its weights."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -1,7 +1,5 @@
 """What a sensor says at rest, and how it answers small steps: noise, polarity, gain, latency, with uncertainties."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

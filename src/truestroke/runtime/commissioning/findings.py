@@ -1,7 +1,5 @@
 """What was found on an axis: rows with their bounds, a verdict, and what is written into the configuration."""
 
-from __future__ import annotations
-
 import math
 import os
 import tomllib

@@ -1,7 +1,5 @@
 """The page of an axis that was commissioned, with its plots: first steps, step response, ringing, whole range."""
 
-from __future__ import annotations
-
 import numpy as np
 from matplotlib.figure import Figure
 

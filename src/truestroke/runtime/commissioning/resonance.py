@@ -1,7 +1,5 @@
 """The first resonance of a stage from its answer to small steps: a model in the time domain, fitted to all of them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

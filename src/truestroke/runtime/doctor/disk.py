@@ -1,7 +1,5 @@
 """Shared memory, and the folder that the recording goes to."""
 
-from __future__ import annotations
-
 import mmap
 import os
 import shutil

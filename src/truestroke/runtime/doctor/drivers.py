@@ -1,7 +1,5 @@
 """The software that hardware, panels and clusters need."""
 
-from __future__ import annotations
-
 from collections.abc import Collection
 
 from truestroke.runtime.doctor.finding import Finding, Level

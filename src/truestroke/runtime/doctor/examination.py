@@ -1,7 +1,5 @@
 """All checks of the doctor, of this computer alone or for one configuration."""
 
-from __future__ import annotations
-
 from contextlib import closing
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """How well this computer keeps time."""
 
-from __future__ import annotations
-
 import os
 import resource
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The last check before the output: limits and slew, for any request."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """NI-DAQmx cards: blocks of samples, output and input on one clock of the hardware."""
 
-from __future__ import annotations
-
 import ctypes
 import ctypes.util
 import dataclasses

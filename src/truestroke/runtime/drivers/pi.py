@@ -1,7 +1,5 @@
 """Controllers of Physik Instrumente (GCS 2.0) over TCP: waves that they play and record, or set-points one by one."""
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import select

@@ -1,7 +1,5 @@
 """A waveform put out by hardware, and what it does, recorded: one pass of playback, record, refine."""
 
-from __future__ import annotations
-
 import dataclasses
 from dataclasses import dataclass
 from pathlib import Path

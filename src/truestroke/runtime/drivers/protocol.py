@@ -1,7 +1,5 @@
 """What a driver of hardware is: one or more axes, moved block by block, and a safe way out."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Protocol
 

@@ -1,7 +1,5 @@
 """Drivers by name: each is an entry point of the group `truestroke.drivers`, of this package or of another."""
 
-from __future__ import annotations
-
 import functools
 import importlib.metadata
 import sys

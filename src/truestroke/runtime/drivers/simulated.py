@@ -1,7 +1,5 @@
 """The simulated plant with the protocol of hardware, with faults on demand."""
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import os

@@ -4,8 +4,6 @@ First the sensor at rest, then one axis after the other: up and back by so littl
 times further a volt than expected stays within 5 % of the stroke, and then, with what was seen, by a little more.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 

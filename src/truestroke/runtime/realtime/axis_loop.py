@@ -1,7 +1,5 @@
 """One axis within the loop: controller, row of the ring, failure of its sensor, and whether it still tracks."""
 
-from __future__ import annotations
-
 import math
 from typing import Any, NoReturn
 

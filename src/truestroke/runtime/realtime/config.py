@@ -1,7 +1,5 @@
 """The configuration of `truestroke run`: a TOML file becomes driver, axes and settings."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """The run as process variables of EPICS: a soft IOC in a process of its own, which reads what the loop writes."""
 
-from __future__ import annotations
-
 import ctypes
 import importlib.util
 import ipaddress

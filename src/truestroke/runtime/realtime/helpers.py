@@ -1,7 +1,5 @@
 """The processes beside the loop: recorder, watchdog with its deputy, status line, server."""
 
-from __future__ import annotations
-
 import os
 import select
 import signal

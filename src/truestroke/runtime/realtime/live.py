@@ -1,7 +1,5 @@
 """The run while the output is live: soft start, the ticks, soft stop."""
 
-from __future__ import annotations
-
 import json
 import time
 from collections.abc import Sequence

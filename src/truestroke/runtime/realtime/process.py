@@ -1,7 +1,5 @@
 """The processes of a run: ours while the loop runs, and those beside it, which learn when ours has ended."""
 
-from __future__ import annotations
-
 import gc
 import os
 import pickle

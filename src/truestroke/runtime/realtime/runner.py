@@ -1,7 +1,5 @@
 """The loop in real time: pace, safety, recording. Begin with `run_realtime`; docs/run.md describes it."""
 
-from __future__ import annotations
-
 import shutil
 import time
 import warnings

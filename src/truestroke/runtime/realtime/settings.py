@@ -1,7 +1,5 @@
 """Settings of a run in real time: its axes, its clock and its supervision."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal
 

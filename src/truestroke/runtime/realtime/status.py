@@ -1,7 +1,5 @@
 """The status line: a process that reads the data of the loop and prints them on stderr."""
 
-from __future__ import annotations
-
 import sys
 import time
 

@@ -4,8 +4,6 @@ Each has a process and a session of its own. The watchdog acts at once; its depu
 stopped, or takes too long. The loop checks the heartbeats of both.
 """
 
-from __future__ import annotations
-
 import os
 import select
 import signal
