@@ -81,7 +81,7 @@ def test_nohup_stays_nohup(monkeypatch: pytest.MonkeyPatch) -> None:
     heard: list[int] = []
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:
-        with interrupts.handled(interrupts.ENDING, lambda number, _: heard.append(number)):
+        with interrupts.handled(lambda number, _: heard.append(number)):
             os.kill(os.getpid(), signal.SIGHUP)
             os.kill(os.getpid(), signal.SIGTERM)
         assert heard == [signal.SIGTERM]

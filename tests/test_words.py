@@ -28,7 +28,7 @@ GONE = {  # pattern: what is written in its place
     r"rooms?": "package; space (on a disk)",
     r"what is left|what (?:\w+ ){1,5}leaves?|is left(?! out)|are left(?! out)": "residual; remains",
     r"believes?|believed|doubts?|teach|teaches|taught|nonsense|rivals?|for ever|honest": "a plain technical word",
-    r"(?<!paper's )(?<!and )figures(?! and table)(?!:|\.\*\*)": "metrics (numbers), plots (pictures)",
+    r"(?<!paper's )(?<!and )figures(?! and table)(?!:|\.\*\*|\.py)": "metrics (numbers), plots (pictures)",
 }
 PATTERNS = {re.compile(rf"\b(?:{pattern})\b", re.IGNORECASE): instead for pattern, instead in GONE.items()}
 

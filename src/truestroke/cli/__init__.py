@@ -1,5 +1,7 @@
 """The command `truestroke`: arguments in, tables and paths out. Commands import what they need when they are called."""
 
+from __future__ import annotations
+
 import importlib
 
 import click

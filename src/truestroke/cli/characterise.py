@@ -1,5 +1,7 @@
 """`truestroke characterise`: how the weights of an actuator depend on velocity."""
 
+from __future__ import annotations
+
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path

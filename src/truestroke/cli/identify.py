@@ -1,5 +1,7 @@
 """`truestroke identify`: from a record of voltage and displacement to a model file and its page."""
 
+from __future__ import annotations
+
 import dataclasses
 import shlex
 from pathlib import Path

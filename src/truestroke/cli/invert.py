@@ -1,5 +1,7 @@
 """`truestroke invert`: from a desired displacement to a voltage waveform."""
 
+from __future__ import annotations
+
 from pathlib import Path
 from typing import Any
 

@@ -1,5 +1,7 @@
 """`truestroke refine`: adapt a model from the recording of the waveform that was made with it."""
 
+from __future__ import annotations
+
 from pathlib import Path
 from typing import Any
 

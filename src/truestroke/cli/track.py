@@ -1,5 +1,7 @@
 """`truestroke track`: follow a motion with a simulated stack."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any

@@ -1,5 +1,7 @@
 """Motions, waveforms and the models these are made with: options, files, and what is printed of them."""
 
+from __future__ import annotations
+
 import dataclasses
 from collections.abc import Mapping
 from pathlib import Path

@@ -5,6 +5,8 @@ voltage is chosen, in the order of `TERMS`. Such a term has a member of `Layout`
 `SETTINGS`, and a line in `models.known_terms` and in `known_terms` of c/src/controller.c.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields

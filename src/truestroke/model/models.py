@@ -5,6 +5,8 @@ dead zones; a prime (') marks the parameters of the inverse. A model holds no st
 come out of every step.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple

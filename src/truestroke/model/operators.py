@@ -1,5 +1,7 @@
 """The two operators that everything is built from: play (1), (2) and one-sided dead zone (4)."""
 
+from __future__ import annotations
+
 import numpy as np
 import numpy.typing as npt
 

@@ -5,6 +5,8 @@ actuator that needs the whole voltage range for the stroke, to the stroke, or to
 terms are in `layout.TERMS`.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 
 import numpy as np

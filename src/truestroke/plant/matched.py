@@ -1,5 +1,7 @@
 """The paper's plant (13): exactly the controller's structure, for the simulations of Sec. 4."""
 
+from __future__ import annotations
+
 from typing import Any
 
 import numpy as np

@@ -3,6 +3,8 @@
 A sensor that drops out has NaN for its noise: the measurement is NaN then, and the truth is what it was.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 
 import numpy as np

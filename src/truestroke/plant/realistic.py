@@ -1,5 +1,7 @@
 """The realistic plant: a driven piezo stage whose structure is not the controller's model, in C."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 
 from truestroke._plant import Plant

@@ -1,5 +1,7 @@
 """What the simulated plants have in common: a native plant, noise from a seed, a measurement for each voltage."""
 
+from __future__ import annotations
+
 import copy
 import dataclasses
 from typing import Any, ClassVar
