@@ -22,12 +22,14 @@ test: setup lint types imports c-test fuzz-again pytest wheel  ## everything tha
 
 setup: $(VENV)/.ready  ## the environment that all but the demo use: the demo's, and the tools of developers
 
-# The package, editable, and what it needs.
+# The package, editable, and what it needs. Bytecode is made on all cores: where Python writes none by itself, every
+# command would begin a second later. A file that does not compile is the business of its package.
 $(VENV)/.package: pyproject.toml CMakeLists.txt Makefile $(NATIVE)
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "$(OLD_PYTHON)" % sys.version.split()[0])'
 	@echo 'Setting up $(VENV), once: half a minute where nothing else runs; pip compiles the kernel and fetches what it lacks.'
 	@begin=$$(date +%s); $(PYTHON) -m venv $(VENV) && \
 	  $(PIP) --no-compile --editable . && \
+	  { $(BIN)/python -m compileall -qq -j 0 $(VENV)/lib || true; } && \
 	  echo "That took $$(($$(date +%s) - begin)) s."
 	@touch $@
 
