@@ -2,16 +2,20 @@
 
 import json
 from collections.abc import Mapping
+from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
 import xarray
+from click.testing import CliRunner
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
+import truestroke
 from truestroke import Recording, SettingError
+from truestroke.cli import main
 from truestroke.signals.recording import Channel, RecordingError, versions
 
 
@@ -189,3 +193,15 @@ def test_a_file_without_dimension_scales_is_still_read(tmp_path):
         file["weights"].dims[1].detach_scale(file["weights_index"])
         del file["weights_index"]
     assert_equal_to_the_bit(example(), Recording.load(path))
+
+
+def test_a_recording_without_the_channels_of_a_run_is_refused_in_one_line(tmp_path: Path) -> None:
+    ticks = np.arange(50) / 1000.0
+    lacking = Recording({"time": Channel(ticks, "s", "t"), "volts": Channel(0 * ticks, "V", "v")})
+    words = "the recording has no channel 'desired'; there are time, volts"
+    for verb in (truestroke.judge, lambda recording: truestroke.save_page(recording, tmp_path / "run.html")):
+        with pytest.raises(truestroke.TruestrokeError, match=words):
+            verb(lacking)
+    file = lacking.save(tmp_path / "run.h5")
+    done = CliRunner().invoke(main, ["report", str(file)])
+    assert (done.exit_code, done.stderr) == (1, f"truestroke: {words}\n")

@@ -47,6 +47,7 @@ from truestroke.runtime.realtime.process import RealtimeError as RealtimeError
 from truestroke.signals import metrics as metrics
 from truestroke.signals import trajectories as trajectories
 from truestroke.signals.judgement import judge as judge
+from truestroke.signals.recording import ChannelError as ChannelError
 from truestroke.signals.recording import Recording as Recording
 from truestroke.signals.recording import RecordingError as RecordingError
 from truestroke.signals.tables import RecordError as RecordError

@@ -17,6 +17,7 @@ import numpy as np
 
 from truestroke.base import checks, files, hdf5
 from truestroke.base.checks import SettingError
+from truestroke.base.errors import TruestrokeError
 from truestroke.base.hdf5 import ENDING, FORMAT
 from truestroke.signals.channels import Array, Channel, Signals, index_names
 
@@ -29,6 +30,20 @@ TRIES, PAUSE = 10, 0.02  # s; to read a file that is being written
 
 class RecordingError(files.FileError):
     """A file that cannot be read as a recording; the message states the reason."""
+
+
+class ChannelError(TruestrokeError, KeyError):
+    """A recording has no such channel; the message names those that it has.
+
+    Examples
+    --------
+    >>> Recording({})["time"]
+    Traceback (most recent call last):
+        ...
+    truestroke.ChannelError: the recording has no channel 'time'; there are none
+    """
+
+    __str__ = Exception.__str__  # that of KeyError quotes the message
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -96,7 +111,8 @@ class Recording(Signals, Mapping[str, Array]):
         try:
             return self.channels[name]
         except KeyError:
-            raise KeyError(f"no channel {name!r}; there are {', '.join(self.channels)}") from None
+            there = ", ".join(self.channels) or "none"
+            raise ChannelError(f"the recording has no channel {name!r}; there are {there}") from None
 
     def save(self, path: str | Path) -> Path:
         """Write to an HDF5 file: a dataset for each channel, unit and description as its attributes.
