@@ -392,7 +392,7 @@ def _of_content(found: Findings) -> list[str]:
             says.append(f"all strokes are about as long ({long:.0f} % of the span): inner loops are not tested")
     if found.delay_ms is None and found.strokes >= 3:
         says.append("too few clean reversals to separate the delay from hysteresis")
-    if 0 <= found.loop_width_percent < 0.3:
+    if abs(found.loop_width_percent) < 0.3:
         says.append("there is hardly a loop: is the displacement a command, or that of a closed loop?")
     if found.duration_s < 300:
         says.append(f"{found.duration_s:.3g} s are too short for creep slower than about {found.duration_s / 3:.2g} s")
