@@ -39,8 +39,8 @@ def pieces(random, reach, number):
             frequency = float(rest[:-3]) if kind == "sine" else random.uniform(1.0, 8.0)
             wave = trajectories.sine(frequency=frequency, peak_to_peak=size, offset=offset, ramp=0.0, **shared)
         names.append(name)
-        parts.append((wave.position, wave.velocity, k * ticks))
-    z, v = joined(parts)
+        parts.append((wave.position, wave.velocity, wave.acceleration, k * ticks))
+    z, v, _ = joined(parts)
     return names, z[: number * ticks], v[: number * ticks]
 
 

@@ -47,16 +47,45 @@ def test_velocity_is_the_integrand_of_position(name):
         assert 900 < defects[0] / defects[1] < 1100
 
 
+@pytest.mark.parametrize(("name", "bound"), [("sine", 3e-6), ("staircase", 3e-3), ("random wave", 4e-4)])
+def test_acceleration_is_the_integrand_of_velocity(name, bound):
+    wave = MAKERS[name](duration=2.0)
+    v, a, h = wave.velocity, wave.acceleration, 1 / wave.sample_rate
+    defect = np.abs(v[2:] - v[:-2] - h / 3 * (a[:-2] + 4 * a[1:-1] + a[2:]))  # Simpson's rule
+    assert defect.max() < bound * wave.peak_speed
+    assert wave.acceleration[0] == 0.0
+    assert "acceleration" not in wave.settings
+
+
+def test_triangle_accelerates_in_its_ramp_alone():
+    wave = tr.triangle(frequency=2.0, peak_to_peak=20.0, duration=2.0, ramp=0.2)
+    assert not wave.acceleration[400:].any()
+    v, a, h = wave.velocity[:400], wave.acceleration[:400], 1 / 2000  # up to the ramp's end: without a corner
+    assert np.abs(v[2:] - v[:-2] - h / 3 * (a[:-2] + 4 * a[1:-1] + a[2:])).max() < 1e-4
+
+
+def test_an_acceleration_that_nobody_gave_is_estimated_and_says_so():
+    wave = tr.sine(frequency=20.0, duration=1.0, ramp=0.0)
+    guessed = tr.Trajectory("own", wave.sample_rate, wave.position, wave.velocity)
+    assert guessed.settings["acceleration"] == tr.ESTIMATED
+    # central differences of a sine are short by (w T)^2 / 6 of its peak
+    off = np.abs(guessed.acceleration - wave.acceleration)[1:-1].max() / wave.peak_acceleration
+    assert off == pytest.approx((2 * np.pi * 20.0 / 2000) ** 2 / 6, rel=0.01)
+    with pytest.raises(SettingError, match=r"acceleration = .* \(3,\): must be 4 ent"):
+        tr.Trajectory("x", 2000.0, np.zeros(4), np.zeros(4), acceleration=np.zeros(3))
+
+
 def test_random_wave_against_a_fine_simulation_of_the_analogue_filter():
     # scipy's design, each number held for 64 sub-ticks, integrated by scipy's own discretisation
     numbers = np.random.Generator(np.random.PCG64(8)).uniform(-1.0, 1.0, 400)
-    z, zdot = tr._butterworth(numbers, 20.0, 2000.0)
+    z, zdot, zddot = tr._butterworth(numbers, 20.0, 2000.0)
     b, a = signal.butter(4, 2 * np.pi * 20.0, analog=True)
     system = signal.TransferFunction(b, a).to_ss()
     t = np.arange(400 * 64) / (2000.0 * 64)
     _, y, x = signal.lsim(system, np.repeat(numbers, 64), t, interp=False)
     np.testing.assert_allclose(z, y[::64], atol=1e-9)
     np.testing.assert_allclose(zdot, (x @ system.A.T @ system.C.T)[::64, 0], atol=1e-7)
+    np.testing.assert_allclose(zddot, (x @ system.A.T @ system.A.T @ system.C.T)[::64, 0], atol=1e-4)
 
 
 def test_spectrum_falls_as_a_butterworth_of_order_four():
@@ -162,14 +191,17 @@ def write(tmp_path):
 
 def test_csv_round_trip_with_units_and_velocity(write):
     wave = tr.sine(duration=0.5, sample_rate=1000.0)
-    rows = np.column_stack([wave.time, 1e3 * wave.position, 1e3 * wave.velocity])
-    path = write("time, z, v\n" + "\n".join(",".join(map(repr, row)) for row in rows.tolist()))
-    move = tr.from_csv(path, position="z", time="time", velocity="v", unit="nm", ramp=0.0)
+    rows = np.column_stack([wave.time, 1e3 * wave.position, 1e3 * wave.velocity, 1e3 * wave.acceleration])
+    path = write("time, z, v, a\n" + "\n".join(",".join(map(repr, row)) for row in rows.tolist()))
+    move = tr.from_csv(path, position="z", time="time", velocity="v", acceleration="a", unit="nm", ramp=0.0)
     np.testing.assert_allclose(move.position, wave.position, atol=1e-12)
     np.testing.assert_allclose(move.velocity, wave.velocity, atol=1e-9)
+    np.testing.assert_allclose(move.acceleration, wave.acceleration, atol=1e-7)
+    assert move.settings["acceleration"] == "a"
     assert move.sample_rate == 1000.0
     guessed = tr.from_csv(path, position=2, sample_rate=1000.0, unit="nm", ramp=0.0)
     assert np.abs(guessed.velocity - wave.velocity).max() < 1e-3 * wave.peak_speed
+    assert guessed.settings["acceleration"] == tr.ESTIMATED
 
 
 def test_columns_by_name_by_number_and_from_npz_are_one_motion(write, tmp_path):

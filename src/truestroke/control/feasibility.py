@@ -129,8 +129,8 @@ def demands(trajectory: Trajectory | Pursued, settings: ControllerSettings) -> D
     if isinstance(trajectory, Trajectory):
         speeds = np.abs(trajectory.velocity)
         speed, usual_speed = float(speeds.max()), float(np.percentile(speeds, USUAL))
-        changes = np.abs(np.diff(trajectory.velocity)) * trajectory.sample_rate
-        acceleration = float(changes.max(initial=0.0))
+        corners = np.abs(np.diff(trajectory.velocity)) * trajectory.sample_rate  # the acceleration does not have them
+        acceleration = float(corners.max(initial=trajectory.peak_acceleration))
     else:  # only its bounds are known
         speed = usual_speed = trajectory.speed
         acceleration = 4 * speed / trajectory.ramp

@@ -26,6 +26,7 @@ QUANTITIES = {
     "time": ("s", "start of each tick"),
     "position": ("um", "desired displacement"),
     "velocity": ("um/s", "desired velocity"),
+    "acceleration": ("um/s^2", "desired acceleration"),
     "desired": ("um", "desired displacement"),
     "desired_velocity": ("um/s", "desired velocity"),
     "volts": ("V", "command at the D/A converter"),

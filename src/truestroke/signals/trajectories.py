@@ -1,10 +1,11 @@
-"""The desired motion: position and exact velocity, tick by tick.
+"""The desired motion: position, exact velocity and acceleration, tick by tick.
 
 Every motion starts at 0 um at rest. One that would start elsewhere is multiplied by the quintic smoothstep
 
     s(u) = 6 u^5 - 15 u^4 + 10 u^3,    u = t / ramp,
 
-which leaves 0 and reaches 1 without velocity or acceleration; its velocity is s v + s' z, by the product rule.
+which leaves 0 and reaches 1 without velocity or acceleration; by the product rule the velocity is s v + s' z, the
+acceleration s a + 2 s' v + s'' z.
 """
 
 import math
@@ -27,6 +28,8 @@ from truestroke.signals.tables import UNITS, RecordError, open_table
 HEADINGS = {"position": ("z", "desired", "position", "displacement"), "time": ("t", "time")}
 BLOCK = 4096  # ticks that are filtered at a time: what they need stays in the cache
 FARTHEST = 1e9  # um of a motion
+ESTIMATED = "central differences of the velocity"
+"""What `settings["acceleration"]` of a trajectory states where nobody gave its acceleration."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -45,11 +48,21 @@ class Trajectory(Sampled):
         Desired velocity zdot_d, um/s.
     settings : Mapping[str, object]
         What it was made from.
+    acceleration : ndarray, shape (ticks,)
+        Desired acceleration zddot_d, um/s^2. Left out or None, it is estimated by central differences of the velocity,
+        (v(k+1) - v(k-1)) / (2 T), one-sided at both ends, and `settings["acceleration"]` says so.
 
     Raises
     ------
     SettingError
-        Position or velocity is empty or not finite, or they differ in length.
+        Position, velocity or acceleration is empty or not finite, or they differ in length.
+
+    Examples
+    --------
+    >>> time = np.arange(5) / 1000.0
+    >>> move = Trajectory("parabola", 1000.0, 50.0 * time**2, 100.0 * time)
+    >>> move.acceleration.round(6).tolist(), move.settings["acceleration"]
+    ([100.0, 100.0, 100.0, 100.0, 100.0], 'central differences of the velocity')
     """
 
     name: str
@@ -57,10 +70,15 @@ class Trajectory(Sampled):
     position: FloatArray
     velocity: FloatArray
     settings: Mapping[str, object] = field(default_factory=dict)
+    acceleration: FloatArray = None  # type: ignore[assignment]  # an array from __post_init__ on
 
     def __post_init__(self) -> None:
         checks.positive("sample_rate", self.sample_rate, "Hz")
-        for argument, unit in (("position", "um"), ("velocity", "um/s")):
+        if self.acceleration is None:
+            velocity = checks.finite_array("velocity", self.velocity, "um/s")
+            object.__setattr__(self, "acceleration", differences(velocity, self.sample_rate))
+            object.__setattr__(self, "settings", {**self.settings, "acceleration": ESTIMATED})
+        for argument, unit in (("position", "um"), ("velocity", "um/s"), ("acceleration", "um/s^2")):
             array = checks.finite_array(argument, getattr(self, argument), unit).copy()
             array.flags.writeable = False
             object.__setattr__(self, argument, array)
@@ -77,6 +95,22 @@ class Trajectory(Sampled):
     def peak_speed(self) -> float:
         """Largest absolute velocity, um/s."""
         return float(np.max(np.abs(self.velocity)))
+
+    @property
+    def peak_acceleration(self) -> float:
+        """Largest absolute acceleration, um/s^2; a corner, where the velocity jumps, is not in it."""
+        return float(np.max(np.abs(self.acceleration)))
+
+
+def differences(velocity: FloatArray, sample_rate: float) -> FloatArray:
+    """Acceleration by central differences of a velocity, one-sided at both ends; 0 of a single tick.
+
+    Examples
+    --------
+    >>> differences(np.array([0.0, 1.0, 4.0]), 10.0).tolist()
+    [10.0, 20.0, 30.0]
+    """
+    return np.gradient(velocity, 1 / sample_rate) if velocity.size > 1 else np.zeros_like(velocity)
 
 
 # ---- Moving from rest ----------------------------------------------------------------------------------------------
@@ -105,15 +139,40 @@ def smoothstep(u: FloatArray) -> tuple[FloatArray, FloatArray]:
     return u**3 * (10.0 + u * (6.0 * u - 15.0)), 30.0 * u**2 * (1.0 - u) ** 2
 
 
-def _ramped(time: FloatArray, position: FloatArray, velocity: FloatArray, ramp: float) -> tuple[FloatArray, FloatArray]:
+def smoothstep_curvature(u: FloatArray) -> FloatArray:
+    """Second derivative of `smoothstep`, s''(u) = 60 u (1 - u) (1 - 2 u); 0 outside of the move.
+
+    Examples
+    --------
+    >>> smoothstep_curvature(np.array([0.0, 0.25, 0.5, 0.75])).tolist()
+    [0.0, 5.625, 0.0, -5.625]
+    """
+    u = np.clip(u, 0.0, 1.0)
+    return 60.0 * u * (1.0 - u) * (1.0 - 2.0 * u)
+
+
+Motion = tuple[FloatArray, FloatArray, FloatArray]  # position, um; velocity, um/s; acceleration, um/s^2
+
+
+def _ramped(time: FloatArray, motion: Motion, ramp: float) -> Motion:
     """The same arrays, with the ramp in them."""
+    position, velocity, acceleration = motion
     if ramp == 0:
-        return position, velocity
+        return motion
     end = np.searchsorted(time, ramp)  # from there on s = 1
-    s, slope = smoothstep(time[:end] / ramp)
+    u = time[:end] / ramp
+    s, slope = smoothstep(u)
+    curvature = smoothstep_curvature(u) / ramp**2
+    acceleration[:end] = s * acceleration[:end] + 2 * slope / ramp * velocity[:end] + curvature * position[:end]
     velocity[:end] = s * velocity[:end] + slope / ramp * position[:end]
     position[:end] *= s
-    return position, velocity
+    return position, velocity, acceleration
+
+
+def _made(name: str, sample_rate: float, motion: Motion, settings: Mapping[str, object]) -> Trajectory:
+    """Of a motion whose acceleration is known."""
+    position, velocity, acceleration = motion
+    return Trajectory(name, sample_rate, position, velocity, settings, acceleration)
 
 
 def _ticks(duration: float, sample_rate: float, ramp: float = 0.0) -> FloatArray:
@@ -167,9 +226,10 @@ def sine(
     omega = 2 * math.pi * _frequency(frequency, sample_rate)
     amplitude = checks.positive("peak_to_peak", peak_to_peak, "um") / 2
     centre = amplitude if offset is None else checks.number("offset", offset, "um")
-    position, velocity = centre + amplitude * np.sin(omega * time), omega * amplitude * np.cos(omega * time)
+    swing = np.sin(omega * time)
+    motion = centre + amplitude * swing, omega * amplitude * np.cos(omega * time), -(omega**2) * amplitude * swing
     settings = {"frequency": frequency, "peak_to_peak": peak_to_peak, "offset": centre, "ramp": ramp}
-    return Trajectory("sine", sample_rate, *_ramped(time, position, velocity, ramp), settings)
+    return _made("sine", sample_rate, _ramped(time, motion, ramp), settings)
 
 
 def triangle(
@@ -189,7 +249,8 @@ def triangle(
     speed, frequency : float
         One of the two, um/s or Hz: speed = 2 peak_to_peak frequency.
     peak_to_peak, duration, sample_rate, offset, ramp : float
-        As in `sine`. At a corner the velocity is that of the line which begins there.
+        As in `sine`. At a corner the velocity is that of the line which begins there, and the acceleration is that of
+        the lines, 0: the jump of the velocity is not in it.
 
     Raises
     ------
@@ -213,10 +274,10 @@ def triangle(
     centre = span / 2 if offset is None else checks.number("offset", offset, "um")
     cycle = np.mod(cycles * np.arange(time.size), sample_rate) / sample_rate  # corners on a tick stay there
     position = centre + span * (0.5 - np.abs(2 * cycle - 1))
-    velocity = np.where(cycle < 0.5, speed, -speed)
+    motion = position, np.where(cycle < 0.5, speed, -speed), np.zeros_like(position)
     settings: dict[str, object] = {"speed": speed, "frequency": cycles, "peak_to_peak": span}
     settings |= {"offset": centre, "ramp": ramp}
-    return Trajectory("triangle", sample_rate, *_ramped(time, position, velocity, ramp), settings)
+    return _made("triangle", sample_rate, _ramped(time, motion, ramp), settings)
 
 
 def staircase(
@@ -260,13 +321,15 @@ def staircase(
     move = 15 / 8 * height / checks.positive("velocity_limit", velocity_limit, "um/s")
     period = move + checks.within("hold", hold, 0.0, duration, "s")
     number = np.floor(time / period)
-    s, slope = smoothstep((time - number * period) / move)
+    u = (time - number * period) / move
+    (s, slope), curvature = smoothstep(u), smoothstep_curvature(u)
     step = np.mod(number, 2 * steps)
     up = step < steps
     position = height * np.where(up, step + s, 2 * steps - step - s)
     velocity = height / move * np.where(up, slope, -slope)
+    acceleration = height / move**2 * np.where(up, curvature, -curvature)
     settings = {"steps": steps, "hold": hold, "velocity_limit": velocity_limit, "peak_to_peak": peak_to_peak}
-    return Trajectory("staircase", sample_rate, position, velocity, settings)
+    return _made("staircase", sample_rate, (position, velocity, acceleration), settings)
 
 
 def _frequency(frequency: float, sample_rate: float) -> float:
@@ -293,8 +356,9 @@ def random_wave(
     """The paper's wave (Sec. 5.3): uniform random numbers through a low pass.
 
     Each number is held for one tick and passes an analogue Butterworth filter of the fourth order. Its response to
-    such steps is known in closed form, so position and velocity are both exact samples of one smooth motion. The ramp
-    leads from 0 um to the middle of the wave; there the wave begins, and runs from `low` to `low + peak_to_peak`.
+    such steps is known in closed form, so position, velocity and acceleration are exact samples of one smooth motion.
+    The ramp leads from 0 um to the middle of the wave; there the wave begins, and runs from `low` to
+    `low + peak_to_peak`.
 
     Parameters
     ----------
@@ -339,7 +403,8 @@ def random_wave(
     limit = math.inf if velocity_limit is None else checks.positive("velocity_limit", velocity_limit, "um/s")
     used = cutoff
     while True:
-        position, velocity = _placed(time, *_butterworth(numbers, used, sample_rate), low, span, ramp)
+        motion = _placed(time, _butterworth(numbers, used, sample_rate), low, span, ramp)
+        position, velocity, _ = motion
         rise = 15 / 8 * abs(position[np.searchsorted(time, ramp)]) / ramp if ramp else 0.0
         if rise > limit:
             raise SettingError("ramp", ramp, f"longer: at the velocity limit it takes {ramp * rise / limit:.4g} s", "s")
@@ -351,18 +416,19 @@ def random_wave(
             raise SettingError("velocity_limit", limit, "higher: the wave would be slower than its duration", "um/s")
     settings: dict[str, object] = {"cutoff": used, "cutoff_asked": cutoff, "peak_to_peak": span, "seed": seed}
     settings |= {"low": low, "velocity_limit": velocity_limit, "ramp": ramp}
-    return Trajectory("random wave", sample_rate, position, velocity, settings)
+    return _made("random wave", sample_rate, motion, settings)
 
 
-def _butterworth(numbers: FloatArray, cutoff: float, sample_rate: float) -> tuple[FloatArray, FloatArray]:
-    """Output and its rate of the analogue filter of order 4, from rest, with each number held for a tick.
+def _butterworth(numbers: FloatArray, cutoff: float, sample_rate: float) -> Motion:
+    """Output of the analogue filter of order 4 and two derivatives, from rest, with each number held for a tick.
 
     In partial fractions H(s) = sum of r_i / (s - p_i), so each state obeys xdot_i = p_i x_i + u, exactly
-    x_i <- exp(p_i T) x_i + (exp(p_i T) - 1) / p_i u. Then z = sum r_i x_i, and zdot = sum r_i p_i x_i since the
-    residues add up to 0 (relative degree 4). The poles come in conjugate pairs: twice the real part of one of each.
+    x_i <- exp(p_i T) x_i + (exp(p_i T) - 1) / p_i u. Then z = sum r_i x_i, zdot = sum r_i p_i x_i and
+    zddot = sum r_i p_i^2 x_i, since the sums of r_i and of r_i p_i are 0 (relative degree 4). The poles come in
+    conjugate pairs: twice the real part of one of each.
     """
     poles = 2 * math.pi * cutoff * np.exp(1j * math.pi * (2 * np.arange(4) + 5) / 8)
-    z, zdot = np.zeros_like(numbers), np.zeros_like(numbers)
+    z, zdot, zddot = np.zeros_like(numbers), np.zeros_like(numbers), np.zeros_like(numbers)
     for i in (0, 1):
         pole, others = complex(poles[i]), np.delete(poles, i)
         residue = complex(np.prod(-poles) / np.prod(pole - others))
@@ -374,8 +440,9 @@ def _butterworth(numbers: FloatArray, cutoff: float, sample_rate: float) -> tupl
             x = state[: inputs.size]
             z[block] += 2 * (residue * x).real
             zdot[block] += 2 * (residue * pole * x).real
+            zddot[block] += 2 * (residue * pole**2 * x).real
             state[0] = state[inputs.size]
-    return z, zdot
+    return z, zdot, zddot
 
 
 def _pairs(z: npt.NDArray[np.complexfloating[Any, Any]]) -> FloatArray:
@@ -383,16 +450,15 @@ def _pairs(z: npt.NDArray[np.complexfloating[Any, Any]]) -> FloatArray:
     return z.view(np.float64).reshape(-1, 2)
 
 
-def _placed(
-    time: FloatArray, z: FloatArray, zdot: FloatArray, low: float, span: float, ramp: float
-) -> tuple[FloatArray, FloatArray]:
+def _placed(time: FloatArray, motion: Motion, low: float, span: float, ramp: float) -> Motion:
     """Scaled and shifted so that the part after the ramp runs from low to low + span; then ramped."""
+    z, zdot, zddot = motion
     after = z[np.searchsorted(time, ramp) :]
     scale = span / np.ptp(after)
     position = z - after.min()
     position *= scale
     position += low
-    return _ramped(time, position, scale * zdot, ramp)
+    return _ramped(time, (position, scale * zdot, scale * zddot), ramp)
 
 
 # ---- From a file, and as it comes ----------------------------------------------------------------------------------
@@ -404,6 +470,7 @@ def from_csv(
     position: str | int | None = None,
     time: str | int | None = None,
     velocity: str | int | None = None,
+    acceleration: str | int | None = None,
     unit: str | None = None,
     sample_rate: float | None = None,
     ramp: float = 0.25,
@@ -414,14 +481,15 @@ def from_csv(
     ----------
     path : str or Path
         The file; its ending determines the format.
-    position, time, velocity : str or int, optional
+    position, time, velocity, acceleration : str or int, optional
         Columns, by name or counted from 1. Left out, position is the column "z", "desired", "position" or
         "displacement", or the only one; time is "t" or "time". Without names, two columns are time and position.
         Without a velocity it is the derivative of a cubic spline through the positions (not causal: it looks ahead, as
-        a file allows).
+        a file allows). Without an acceleration it is estimated by central differences of the velocity, and
+        `settings["acceleration"]` says so.
     unit : str, optional
-        Of the position, um, nm, mm or m; of the velocity, that per second. Left out, what the heading states, as
-        "z (nm)", else um. Times are in the unit that their heading states, else s.
+        Of the position, um, nm, mm or m; of the velocity, that per second; of the acceleration, that per s^2. Left out,
+        what the heading states, as "z (nm)", else um. Times are in the unit that their heading states, else s.
     sample_rate : float, optional
         Hz; needed where there is no time column, and equal to that of the times where there is one.
     ramp : float
@@ -453,8 +521,9 @@ def from_csv(
     with checks.inside("", {"position_unit": "unit"}):
         place = Wanted("position", UNITS["displacement"], HEADINGS["position"], position, unit, certain=True)
     wanted = [place, Wanted("time", UNITS["time"], HEADINGS["time"], time, needed=sample_rate is None, certain=True)]
-    if velocity is not None:
-        wanted.append(Wanted("velocity", {"um/s": 1.0}, key=velocity, unit="um/s"))
+    for role, key, of in (("velocity", velocity, "um/s"), ("acceleration", acceleration, "um/s^2")):
+        if key is not None:
+            wanted.append(Wanted(role, {of: 1.0}, key=key, unit=of))
     table = open_table(path, narrowest=1)
     places = {1: ("position",), 2: ("time", "position")}.get(table.width, ())
     signals, columns = read_columns(path, table, wanted, places)
@@ -467,15 +536,19 @@ def from_csv(
     checks.within(row, z[farthest], -FARTHEST, FARTHEST, "um")
     rate = even_rate(path, table, signals.get("time"), sample_rate)
     seconds = np.arange(z.size) / rate
+    factor = UNITS["displacement"][columns["position"].unit]
     if "velocity" in signals:
-        zdot = UNITS["displacement"][columns["position"].unit] * signals["velocity"]
+        zdot = factor * signals["velocity"]
     else:
         from scipy.interpolate import CubicSpline
 
         zdot = CubicSpline(seconds, z)(seconds, 1)
+    given = "acceleration" in signals
+    zddot = factor * signals["acceleration"] if given else differences(zdot, rate)
     checks.within("ramp", ramp, 0.0, z.size / rate / 2, "s")
-    settings = {"path": str(path), "position": position, "time": time, "velocity": velocity, "unit": unit, "ramp": ramp}
-    return Trajectory("file", rate, *_ramped(seconds, z, zdot, ramp), settings)
+    settings: dict[str, object] = {"path": str(path), "position": position, "time": time, "velocity": velocity}
+    settings |= {"acceleration": acceleration if given else ESTIMATED, "unit": unit, "ramp": ramp}
+    return _made("file", rate, _ramped(seconds, (z, zdot, zddot), ramp), settings)
 
 
 class VelocityEstimator:

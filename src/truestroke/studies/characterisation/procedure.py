@@ -69,9 +69,10 @@ def sweep(
         ticks = math.ceil(cycles * period * sample_rate - 1e-9)  # the next triangle begins at 0 um, where this one ends
         shape: dict[str, Any] = {"speed": speed, "peak_to_peak": stroke, "duration": ticks / sample_rate}
         parts.append(triangle(**shape, sample_rate=sample_rate, ramp=0.0 if parts else ramp))
-    position, velocity = (np.concatenate([getattr(part, name) for part in parts]) for name in ("position", "velocity"))
+    names = ("position", "velocity", "acceleration")
+    position, velocity, acceleration = (np.concatenate([getattr(part, name) for part in parts]) for name in names)
     settings = {"speeds": ordered, "stroke": stroke, "duration": duration, "ramp": ramp}
-    return Trajectory("triangles at several speeds", sample_rate, position, velocity, settings)
+    return Trajectory("triangles at several speeds", sample_rate, position, velocity, settings, acceleration)
 
 
 def characterise(

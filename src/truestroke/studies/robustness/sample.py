@@ -12,7 +12,7 @@ from truestroke.base.typing import FloatArray
 from truestroke.control.settings import ControllerSettings
 from truestroke.plant import Change, PlantSettings, RealisticPlant
 from truestroke.signals import trajectories
-from truestroke.signals.trajectories import Trajectory, smoothstep
+from truestroke.signals.trajectories import Trajectory, smoothstep, smoothstep_curvature
 from truestroke.studies.engine import Run
 from truestroke.studies.tracking import STROKE, VOLTAGE_LIMITS
 
@@ -170,7 +170,8 @@ def _reach(s: PlantSettings, duration: float) -> tuple[float, float]:
 
 # ---- The motion ----------------------------------------------------------------------------------------------------
 
-Piece = tuple[FloatArray, FloatArray, int]  # position (um), velocity (um/s), tick at which it begins
+Piece = tuple[FloatArray, FloatArray, FloatArray, int]
+"""Position (um), velocity (um/s), acceleration (um/s^2), tick at which it begins."""
 
 
 def _trajectory(
@@ -180,34 +181,46 @@ def _trajectory(
     settings: dict[str, object] = {"motion": motion, "prelude": prelude, "reach": reach}
     wave = _motion(random, motion, reach, DURATION)
     if not prelude:
-        return Trajectory(f"robustness, {motion}", SAMPLE_RATE, *joined([(wave.position, wave.velocity, 0)]), settings)
+        position, velocity, acceleration = joined([_piece(wave, 0)])
+        return Trajectory(f"robustness, {motion}", SAMPLE_RATE, position, velocity, settings, acceleration)
     pieces: list[Piece] = []
     if before:
         first = _motion(random, "random 20 Hz", reach, before + BLEND)
-        pieces.append((first.position, first.velocity, 0))
+        pieces.append(_piece(first, 0))
     time = np.arange(round((PRELUDE + BLEND) * SAMPLE_RATE)) / SAMPLE_RATE
     size, omega = random.uniform(0.3, 1.5) / 2, 2 * math.pi * random.uniform(1.0, 8.0)
     level = random.uniform(low + size, high - size)
     size = size if prelude == "small sine" else 0.0
-    small = level + size * np.sin(omega * time), size * omega * np.cos(omega * time)
+    swing = size * np.sin(omega * time)
+    small = level + swing, size * omega * np.cos(omega * time), -(omega**2) * swing
     pieces.append((*small, round(before * SAMPLE_RATE)))
-    pieces.append((wave.position, wave.velocity, round((before + PRELUDE) * SAMPLE_RATE)))
-    return Trajectory(f"robustness, {prelude}, {motion}", SAMPLE_RATE, *joined(pieces), settings)
+    pieces.append(_piece(wave, round((before + PRELUDE) * SAMPLE_RATE)))
+    position, velocity, acceleration = joined(pieces)
+    name = f"robustness, {prelude}, {motion}"
+    return Trajectory(name, SAMPLE_RATE, position, velocity, settings, acceleration)
 
 
-def joined(pieces: Sequence[Piece]) -> tuple[FloatArray, FloatArray]:
-    """Position and velocity from rest at 0 um through pieces that blend within `BLEND`, by s(u) of `smoothstep`.
+def _piece(wave: Trajectory, start: int) -> Piece:
+    return wave.position, wave.velocity, wave.acceleration, start
 
-    z = z_1 + s (z_2 - z_1), hence the velocity v_1 + s (v_2 - v_1) + s' (z_2 - z_1).
+
+def joined(pieces: Sequence[Piece]) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Position, velocity and acceleration from rest at 0 um through pieces that blend within `BLEND`, by `smoothstep`.
+
+    z = z_1 + s (z_2 - z_1), hence the velocity v_1 + s (v_2 - v_1) + s' (z_2 - z_1), and the acceleration
+    a_1 + s (a_2 - a_1) + 2 s' (v_2 - v_1) + s'' (z_2 - z_1).
     """
-    ticks = max(start + position.size for position, _, start in pieces)
-    z, v = np.zeros(ticks), np.zeros(ticks)
-    for position, velocity, start in pieces:
-        stop = start + position.size
-        s, slope = smoothstep(np.arange(position.size) / (BLEND * SAMPLE_RATE))
-        v[start:stop] += s * (velocity - v[start:stop]) + slope / BLEND * (position - z[start:stop])
-        z[start:stop] += s * (position - z[start:stop])
-    return z, v
+    ticks = max(start + position.size for position, _, _, start in pieces)
+    z, v, a = np.zeros(ticks), np.zeros(ticks), np.zeros(ticks)
+    for position, velocity, acceleration, start in pieces:
+        part = slice(start, start + position.size)
+        u = np.arange(position.size) / (BLEND * SAMPLE_RATE)
+        (s, slope), curvature = smoothstep(u), smoothstep_curvature(u)
+        away, faster = position - z[part], velocity - v[part]
+        a[part] += s * (acceleration - a[part]) + 2 * slope / BLEND * faster + curvature / BLEND**2 * away
+        v[part] += s * faster + slope / BLEND * away
+        z[part] += s * away
+    return z, v, a
 
 
 def _motion(random: np.random.Generator, motion: str, reach: tuple[float, float], duration: float) -> Trajectory:
