@@ -31,6 +31,8 @@ from truestroke.identification.waveform import Waveform as Waveform
 from truestroke.identification.waveform import load_waveform as load_waveform
 from truestroke.identification.waveform import save_waveform as save_waveform
 from truestroke.identification.waveform import waveform as waveform
+from truestroke.model.dynamics import Dynamics as Dynamics
+from truestroke.model.dynamics import Mode as Mode
 from truestroke.report.recording import save_page as save_page
 from truestroke.runtime.batch import Batch as Batch
 from truestroke.runtime.batch import Simulation as Simulation

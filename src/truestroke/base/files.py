@@ -85,6 +85,7 @@ def _store(path: Path) -> bool:
 PICTURES = (b"Software\0truestroke", b"<dc:title>truestroke</dc:title>", b"/Creator (truestroke)")  # PNG, SVG, PDF
 WAVEFORM_HEADER = "time (s),volts (V),desired (um)"
 MODEL = Kind("a model", _begins(b'format = "truestroke model"'))
+DYNAMICS = Kind("dynamics", _begins(b'format = "truestroke dynamics"'))
 PAGE = Kind("a page", _begins(b'<meta name="generator" content="truestroke"'))
 PICTURE = Kind("a picture", lambda path: any(mark in path.read_bytes() for mark in PICTURES))
 STORE = Kind("a store of a study", _store)

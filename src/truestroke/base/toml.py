@@ -1,13 +1,20 @@
-"""TOML into what declares it: a dataclass or a function. One decoder, whose errors name the key by its whole path."""
+"""TOML into what declares it: a dataclass or a function. One decoder, whose errors name the key by its whole path.
+
+`text` writes a value.
+"""
 
 import dataclasses
 import inspect
+import json
+import math
 import os
 import tomllib
 import types
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+
+import numpy as np
 
 from truestroke.base import checks
 from truestroke.base.checks import SettingError
@@ -147,3 +154,29 @@ def _fits(given: Any, hint: Any) -> bool:
         return True
     kinds = _kind(hint)[0]
     return isinstance(given, kinds) and (kinds is object or isinstance(given, bool) <= (hint is bool))
+
+
+def text(value: Any) -> str:
+    r"""A string, truth value, number or flat list as TOML; floats so that they come back to the last bit.
+
+    Raises
+    ------
+    ValueError
+        A number is not finite: no reader expects one.
+
+    Examples
+    --------
+    >>> print(text('a "b"'), text(0.1 + 0.2), text(np.float64(2)), text((1, 2.5)), text(True))
+    "a \"b\"" 0.30000000000000004 2.0 [1, 2.5] true
+    """
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    if isinstance(value, bool | np.bool_):
+        return "true" if value else "false"
+    if isinstance(value, int | np.integer):
+        return str(int(value))
+    if isinstance(value, float | np.floating):
+        if not math.isfinite(value):
+            raise ValueError(f"{value}: only finite numbers are written")
+        return repr(float(value))
+    return f"[{', '.join(text(entry) for entry in value)}]"

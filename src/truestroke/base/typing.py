@@ -5,3 +5,6 @@ import numpy.typing as npt
 
 FloatArray = npt.NDArray[np.float64]
 """An array of float64; its shape and unit are stated where it is used."""
+
+ComplexArray = npt.NDArray[np.complex128]
+"""An array of complex128, as frequency responses are."""

@@ -1,7 +1,5 @@
 """An actuator's model as a TOML file that people read and that comes back to the last bit."""
 
-import json
-import math
 import os
 import re
 from collections.abc import Iterable, Mapping
@@ -178,13 +176,7 @@ def _table(entries: Iterable[tuple[str, Any]]) -> list[str]:
 
 
 def _toml(value: Any) -> str:
-    """A string, number or flat list; floats so that they come back to the last bit."""
-    if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
-    if isinstance(value, int | np.integer):
-        return str(int(value))
-    if isinstance(value, float | np.floating):
-        if not math.isfinite(value):
-            raise ModelFileError(f"{value} in the model: only finite numbers are written")
-        return repr(float(value))
-    return f"[{', '.join(_toml(entry) for entry in value)}]"
+    try:
+        return toml.text(value)
+    except ValueError as error:
+        raise ModelFileError(f"in the model {error}") from None
