@@ -6,14 +6,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import signal
 
-from truestroke import SettingError
+from truestroke import Dynamics, Mode, SettingError
 from truestroke import trajectories as tr
+from truestroke.signals import shaping
 from truestroke.signals.tables import RecordError
 
 MAKERS = {
     "sine": lambda **kw: tr.sine(frequency=12.0, **kw),
     "triangle": lambda **kw: tr.triangle(speed=300.0, **kw),
     "staircase": lambda **kw: tr.staircase(**kw),
+    "raster": lambda **kw: tr.raster(frequency=12.0, **kw),
+    "step": lambda **kw: tr.step(**kw),
     "random wave": lambda **kw: tr.random_wave(seed=3, **kw),
     "slow random wave": lambda **kw: tr.random_wave(seed=3, velocity_limit=300.0, **kw),
 }
@@ -140,6 +143,94 @@ def test_triangle_has_the_speed_exactly_and_turns_on_its_tick(frequency):
     assert np.ptp(position) == pytest.approx(20.0)
 
 
+def stage(frequency=700.0, damping=0.02):
+    return Dynamics(sample_rate=10_000.0, modes=(Mode(frequency=frequency, damping=damping),))
+
+
+def answer(command, rate, frequency, damping, finer=10):
+    """Of a second-order stage to commands that are held for a tick, by scipy; time, s, and displacement, um."""
+    w = 2 * np.pi * frequency
+    t = np.arange(command.size * finer) / (rate * finer)
+    mode = signal.TransferFunction([w**2], [1, 2 * damping * w, w**2])
+    return t, signal.lsim(mode, np.repeat(command, finer), t, interp=False)[1]
+
+
+@pytest.mark.parametrize("inverted", [False, True])
+@pytest.mark.parametrize("wrong", [0.95, 1.0, 1.05])
+@pytest.mark.parametrize(("frequency", "damping"), [(400.0, 0.01), (900.0, 0.02)])
+def test_a_step_settles_to_a_hundredth_within_one_and_a_half_periods(frequency, damping, wrong, inverted):
+    wave = tr.step(settle=stage(frequency, damping), hold=0.05, ramp=0.0, duration=0.1, sample_rate=1e4)
+    command = wave.position
+    if inverted:  # by a controller that takes the resonance for the wrong one, too
+        w = 2 * np.pi * frequency
+        command = wave.position + 2 * damping / w * wave.velocity + wave.acceleration / w**2
+    t, z = answer(command, 1e4, wrong * frequency, damping)
+    assert np.abs(z - 5.0)[t >= 0.05 + 1.5 / frequency].max() < 0.05
+    assert np.abs(z - 5.0)[t >= 0.05 + 1.0 / frequency].max() > 0.05
+
+
+def test_what_a_plain_step_leaves_is_what_the_formula_of_a_move_states():
+    move = shaping.minimum_jerk(1.2e-3)
+    t = np.arange(20_000) / 1e6
+    w, zeta = 2 * np.pi * 800.0, 0.03
+    z = signal.lsim(signal.TransferFunction([w**2], [1, 2 * zeta * w, w**2]), move.at(t)[0], t)[1]
+    envelope = np.hypot(z - 1, (np.gradient(z, t) + zeta * w * (z - 1)) / (w * np.sqrt(1 - zeta**2)))
+    assert envelope[1200] == pytest.approx(move.vibration(800.0, zeta), rel=1e-3)
+
+
+@pytest.mark.parametrize(("shape", "left", "width"), [("zv", 0.0, 0.006), ("zvd", 0.0, 0.064), ("ei", 0.01, 0.089)])
+def test_shapers_leave_a_hundredth_as_far_from_the_mode_as_published(shape, left, width):
+    # an undamped mode: sums of unit vectors; ZV abs(cos), ZVD cos^2, EI (1 - V)/2 + (1 + V)/2 cos, each < 0.01
+    impulses = shaping.impulses(Mode(frequency=500.0, damping=1e-9), shape)
+
+    def vibration(frequency):
+        return abs(sum(a * np.exp(2j * np.pi * frequency * t) for a, t in impulses))
+
+    assert vibration(500.0) == pytest.approx(left, abs=1e-6)
+    assert max(vibration(500.0 * (1 + s * width)) for s in (-1, 1)) < 0.0101
+    assert min(vibration(500.0 * (1 + s * (width + 0.003))) for s in (-1, 1)) > 0.0099
+
+
+def test_a_step_excites_no_second_mode_and_keeps_its_limits():
+    both = Dynamics(
+        sample_rate=1e4,
+        modes=(Mode(frequency=500.0, damping=0.02, share=0.9), Mode(frequency=1300.0, damping=0.01, share=0.1)),
+    )
+    t, z = answer(tr.step(settle=both, hold=0.02, ramp=0.0, duration=0.04, sample_rate=1e4).position, 1e4, 1300.0, 0.01)
+    assert np.abs(z - 5.0)[t >= 0.02 + 1.5 / 500].max() < 0.01
+    slow = tr.step(settle=both, velocity_limit=2000.0, acceleration_limit=3e6, hold=0.02, duration=1.0, sample_rate=1e4)
+    assert 1900.0 < slow.peak_speed <= 2000.0 or 2.8e6 < slow.peak_acceleration <= 3e6
+    assert slow.peak_speed <= 2000.0
+    assert slow.peak_acceleration <= 3e6
+
+
+def test_turns_of_a_raster_leave_no_vibration_on_its_lines():
+    wave = tr.raster(frequency=90.0, turn=stage(), peak_to_peak=20.0, duration=0.5, sample_rate=1e4)
+    assert set(wave.velocity[wave.flat]) == {-wave.settings["speed"], wave.settings["speed"]}
+    assert wave.peak_to_peak == pytest.approx(20.0, abs=1e-3)
+    sharp = tr.triangle(frequency=90.0, peak_to_peak=20.0, duration=0.5, sample_rate=1e4)
+    left = []
+    for motion in (wave, sharp):
+        _, z = answer(motion.position, 1e4, 1.03 * 700.0, 0.02)  # nobody knows it better
+        lag = 2 * 0.02 / (2 * np.pi * 721.0) + 0.5e-4  # of a line: that of the mode, and half a tick
+        error = z[::10] - (motion.position - lag * motion.velocity)
+        left.append(np.abs(error[wave.flat & (wave.time > 0.3)]).max())
+    assert left[0] < 0.01  # um
+    assert left[1] > 20 * left[0]
+
+
+@pytest.mark.parametrize("turn", [0.05, 0.4, 0.9])
+def test_raster_is_one_smooth_motion(turn):
+    wave = tr.raster(frequency=7.3, turn=turn, peak_to_peak=20.0, duration=2.0, offset=3.0)
+    v, a, h = wave.velocity, wave.acceleration, 1 / 2000
+    assert simpson_defect(wave)[600:].max() < 2e-3
+    assert np.abs(v[2:] - v[:-2] - h / 3 * (a[:-2] + 4 * a[1:-1] + a[2:]))[600:].max() < 2e-2 * wave.peak_speed
+    assert wave.flat[600:].mean() == pytest.approx(1 - turn, abs=0.02)
+    assert not wave.flat[:500].any()  # the ramp
+    after = wave.position[500:]
+    assert (after.min(), after.max()) == pytest.approx((-7.0, 13.0), abs=0.05)
+
+
 def test_staircase_rests_on_each_level():
     wave = tr.staircase(steps=4, peak_to_peak=20.0, hold=0.2, velocity_limit=100.0, duration=4.0)
     resting = np.unique(wave.position[wave.velocity == 0].round(9))
@@ -155,6 +246,15 @@ def test_staircase_rests_on_each_level():
         (lambda: tr.sine(ramp=11.0), "ramp = 11.0 s: must be from 0 to 10 s"),
         (lambda: tr.triangle(), "speed = None um/s: must be given"),
         (lambda: tr.triangle(speed=1.0, frequency=1.0), "not both"),
+        (
+            lambda: tr.raster(frequency=300.0, turn=stage(), sample_rate=1e4),
+            "= 300.0 Hz: must be at most 247.5",
+        ),
+        (lambda: tr.raster(turn=1.0), "turn = 1.0 of the period: must be from 0.01 to 0.99"),
+        (lambda: tr.step(settle=stage(), hold=1.5e-3, sample_rate=1e4), "hold = 0.0015 s: must be at least 0.002 s"),
+        (lambda: tr.step(settle=700.0), "settle = 700.0: must be a Dynamics"),
+        (lambda: tr.step(settle=stage(), shape="box"), "shape = 'box': must be"),
+        (lambda: tr.step(settle=stage(), rise=0.1), "rise = 0.1 s: must be left out"),
         (lambda: tr.staircase(steps=2.5), "steps = 2.5: must be a whole number"),
         (lambda: tr.random_wave(cutoff=300.0), "cutoff = 300.0 Hz: must be from 0.05 to 200 Hz"),
         (

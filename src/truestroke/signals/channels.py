@@ -27,6 +27,7 @@ QUANTITIES = {
     "position": ("um", "desired displacement"),
     "velocity": ("um/s", "desired velocity"),
     "acceleration": ("um/s^2", "desired acceleration"),
+    "flat": ("", "whether the motion is in its flat part, where errors count"),
     "desired": ("um", "desired displacement"),
     "desired_velocity": ("um/s", "desired velocity"),
     "volts": ("V", "command at the D/A converter"),
@@ -77,8 +78,8 @@ def channel(name: str, data: Array, time: str = "time") -> Channel:
 
 
 def dtype(name: str) -> npt.DTypeLike:
-    """Of the entries of a signal that is recorded: flags are bits, all else are numbers."""
-    return np.uint8 if name == "flags" else np.float64
+    """Of the entries of a signal that is recorded: flags are bits, flat is 0 or 1, all else are numbers."""
+    return np.uint8 if name in ("flags", "flat") else np.float64
 
 
 class Signals(Displayed):

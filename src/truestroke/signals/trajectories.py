@@ -21,13 +21,17 @@ from truestroke import _loops
 from truestroke.base import checks
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
+from truestroke.model.dynamics import Dynamics
+from truestroke.signals import shaping
 from truestroke.signals.channels import Sampled
 from truestroke.signals.columns import Wanted, even_rate, read_columns, refuse_bad_rows
+from truestroke.signals.shaping import Motion, Move
 from truestroke.signals.tables import UNITS, RecordError, open_table
 
 HEADINGS = {"position": ("z", "desired", "position", "displacement"), "time": ("t", "time")}
 BLOCK = 4096  # ticks that are filtered at a time: what they need stays in the cache
 FARTHEST = 1e9  # um of a motion
+LONGEST_TURNS = 0.99  # of the period of a raster
 ESTIMATED = "central differences of the velocity"
 """What `settings["acceleration"]` of a trajectory states where nobody gave its acceleration."""
 
@@ -51,11 +55,13 @@ class Trajectory(Sampled):
     acceleration : ndarray, shape (ticks,)
         Desired acceleration zddot_d, um/s^2. Left out or None, it is estimated by central differences of the velocity,
         (v(k+1) - v(k-1)) / (2 T), one-sided at both ends, and `settings["acceleration"]` says so.
+    flat : ndarray of bool, shape (ticks,), or None
+        In which ticks errors count, such as on the lines of a raster and not in its turns; None is in all.
 
     Raises
     ------
     SettingError
-        Position, velocity or acceleration is empty or not finite, or they differ in length.
+        Position, velocity or acceleration is empty or not finite, the arrays differ in length, or `flat` marks no tick.
 
     Examples
     --------
@@ -71,6 +77,7 @@ class Trajectory(Sampled):
     velocity: FloatArray
     settings: Mapping[str, object] = field(default_factory=dict)
     acceleration: FloatArray = None  # type: ignore[assignment]  # an array from __post_init__ on
+    flat: npt.NDArray[np.bool_] | None = None
 
     def __post_init__(self) -> None:
         checks.positive("sample_rate", self.sample_rate, "Hz")
@@ -84,6 +91,12 @@ class Trajectory(Sampled):
             object.__setattr__(self, argument, array)
         if not self.position.size:
             raise SettingError("position", "an empty array", "at least one tick", "um")
+        if self.flat is not None:
+            flat = np.array(self.flat, dtype=bool)
+            if not flat.any():
+                raise SettingError("flat", "no tick", "at least one tick in which errors count, or None for all")
+            flat.flags.writeable = False
+            object.__setattr__(self, "flat", flat)
         super().__post_init__()
 
     @property
@@ -151,9 +164,6 @@ def smoothstep_curvature(u: FloatArray) -> FloatArray:
     return 60.0 * u * (1.0 - u) * (1.0 - 2.0 * u)
 
 
-Motion = tuple[FloatArray, FloatArray, FloatArray]  # position, um; velocity, um/s; acceleration, um/s^2
-
-
 def _ramped(time: FloatArray, motion: Motion, ramp: float) -> Motion:
     """The same arrays, with the ramp in them."""
     position, velocity, acceleration = motion
@@ -169,10 +179,16 @@ def _ramped(time: FloatArray, motion: Motion, ramp: float) -> Motion:
     return position, velocity, acceleration
 
 
-def _made(name: str, sample_rate: float, motion: Motion, settings: Mapping[str, object]) -> Trajectory:
+def _made(
+    name: str,
+    sample_rate: float,
+    motion: Motion,
+    settings: Mapping[str, object],
+    flat: npt.NDArray[np.bool_] | None = None,
+) -> Trajectory:
     """Of a motion whose acceleration is known."""
     position, velocity, acceleration = motion
-    return Trajectory(name, sample_rate, position, velocity, settings, acceleration)
+    return Trajectory(name, sample_rate, position, velocity, settings, acceleration, flat)
 
 
 def _ticks(duration: float, sample_rate: float, ramp: float = 0.0) -> FloatArray:
@@ -278,6 +294,179 @@ def triangle(
     settings: dict[str, object] = {"speed": speed, "frequency": cycles, "peak_to_peak": span}
     settings |= {"offset": centre, "ramp": ramp}
     return _made("triangle", sample_rate, _ramped(time, motion, ramp), settings)
+
+
+def raster(
+    *,
+    frequency: float = 4.0,
+    turn: float | Dynamics = 0.2,
+    peak_to_peak: float = 22.8,
+    duration: float = 20.0,
+    sample_rate: float = 2000.0,
+    offset: float | None = None,
+    ramp: float = 0.25,
+) -> Trajectory:
+    """Lines of constant speed, up and down, with turns of continuous acceleration and jerk between them.
+
+    In a turn of tau seconds the velocity is v (1 - 2 s(t / tau)), with s of `shaping.reversal`; the line back begins
+    where the line before has ended. `flat` marks the lines after the ramp, so that errors count there alone.
+
+    Parameters
+    ----------
+    frequency : float
+        Lines up per second, Hz.
+    turn : float or Dynamics
+        Share of the period that both turns take together, from 0.01 to 0.99. Dynamics of the stage choose it: each turn
+        takes 1.4 periods of the first mode, and leaves no vibration, also where the mode is known within 5 % only.
+    peak_to_peak : float
+        With the turns, um; `settings["line"]` is the length of the lines.
+    duration, sample_rate, offset, ramp : float
+        As in `sine`.
+
+    Raises
+    ------
+    SettingError
+        Names the argument, its value, the bound and the unit, such as a frequency for which the stage cannot turn.
+
+    Examples
+    --------
+    >>> wave = raster(frequency=10.0, turn=0.2, peak_to_peak=20.0, duration=2.0)
+    >>> speeds = sorted(set(wave.velocity[wave.flat].tolist()))
+    >>> [round(speed, 1) for speed in speeds], round(wave.settings["line"], 2)
+    ([-426.7, 426.7], 17.07)
+    >>> from truestroke import Mode
+    >>> stage = Dynamics(sample_rate=10000.0, modes=(Mode(frequency=700.0, damping=0.02),))
+    >>> fast = raster(frequency=97.0, turn=stage, peak_to_peak=20.0, sample_rate=10000.0)
+    >>> round(fast.settings["turn"], 3), round(fast.settings["line"], 2)
+    (0.388, 14.59)
+    """
+    time = _ticks(duration, sample_rate, ramp)
+    cycles = _frequency(frequency, sample_rate)
+    span = checks.positive("peak_to_peak", peak_to_peak, "um")
+    centre = span / 2 if offset is None else checks.number("offset", offset, "um")
+    share, course = _turn(turn, cycles)
+    line, tau = (1 - share) / (2 * cycles), course.duration
+    beyond = float(np.max(_turned(course, np.linspace(0.0, tau, 1001))[0]))  # of a line with unit speed, s
+    speed = span / (line + 2 * beyond)
+    edge = speed * line / 2
+    cycle = np.mod(cycles * np.arange(time.size), sample_rate) / (sample_rate * cycles)  # s from a line's beginning
+    half = line + tau
+    sign, within = np.where(cycle < half, 1.0, -1.0), np.mod(cycle, half)
+    turning = within >= line
+    place, rate, change = (np.zeros_like(time) for _ in range(3))
+    place[~turning], rate[~turning] = speed * within[~turning] - edge, speed
+    turned = _turned(course, within[turning] - line)
+    place[turning], rate[turning], change[turning] = edge + speed * turned[0], speed * turned[1], speed * turned[2]
+    motion = centre + sign * place, sign * rate, sign * change
+    settings: dict[str, object] = {"frequency": cycles, "turn": share, "turn_time": tau, "peak_to_peak": span}
+    settings |= {"line": 2 * edge, "speed": speed, "offset": centre, "ramp": ramp}
+    if isinstance(turn, Dynamics):
+        settings["resonance"] = turn.modes[0].frequency
+    return _made("raster", sample_rate, _ramped(time, motion, ramp), settings, ~turning & (time >= ramp))
+
+
+def _turn(turn: float | Dynamics, frequency: float) -> tuple[float, Move]:
+    """Share of the period of both turns, and the course of one."""
+    if not isinstance(turn, Dynamics):
+        share = checks.within("turn", turn, 0.01, LONGEST_TURNS, "of the period")
+        return share, shaping.reversal(share / (2 * frequency))
+    tau = shaping.PERIODS / turn.modes[0].frequency
+    most = LONGEST_TURNS / (2 * tau)
+    if frequency > most:
+        bound = f"at most {most:.4g} Hz: a turn takes {1000 * tau:.3g} ms, {shaping.PERIODS} periods of the first mode,"
+        bound += f" {turn.modes[0].frequency:.4g} Hz; or give `turn` as a share of the period, or a sine"
+        raise SettingError("frequency", frequency, bound, "Hz")
+    return 2 * tau * frequency, shaping.reversal(tau, turn)
+
+
+def _turned(course: Move, time: FloatArray) -> Motion:
+    """A turn after a line of unit speed: way, s, speed and its rate, 1/s, at times from its beginning."""
+    s, rate, _ = course.at(time)
+    return time - 2 * course.integral(time), 1 - 2 * s, -2 * rate
+
+
+def step(
+    *,
+    peak_to_peak: float = 5.0,
+    settle: Dynamics | None = None,
+    shape: str = "polynomial",
+    rise: float | None = None,
+    hold: float = 0.1,
+    velocity_limit: float = math.inf,
+    acceleration_limit: float = math.inf,
+    duration: float = 20.0,
+    sample_rate: float = 2000.0,
+    offset: float = 0.0,
+    ramp: float = 0.25,
+) -> Trajectory:
+    """Steps up and down, each a move from rest to rest after which the stage is at rest, too.
+
+    Parameters
+    ----------
+    peak_to_peak : float
+        Height of a step, um.
+    settle : Dynamics, optional
+        Of the stage: a step takes 1.4 periods of its first mode, or as long as the limits demand, and leaves less than
+        1 % of its height as vibration where the frequency of the mode is known within 5 %.
+    shape : str
+        Of a step with `settle`: "polynomial", or the input shaper "zv", "zvd" or "ei" (`shaping.settling_move`).
+    rise : float, optional
+        Time of a step without `settle`, a minimum-jerk move, s; by default a tenth of `hold`.
+    hold : float
+        Time from the beginning of a step to the beginning of the next, s. Steps begin on a tick.
+    velocity_limit, acceleration_limit : float
+        Largest values that are allowed in a step with `settle`, um/s and um/s^2.
+    duration, sample_rate : float
+        s, Hz.
+    offset : float
+        Where the first step begins, um.
+    ramp : float
+        Time of the move from 0 um to there, s; the first step begins one `hold` later.
+
+    Raises
+    ------
+    SettingError
+        Names the argument, its value, the bound and the unit.
+
+    Examples
+    --------
+    >>> from truestroke import Mode
+    >>> stage = Dynamics(sample_rate=10000.0, modes=(Mode(frequency=700.0, damping=0.02),))
+    >>> wave = step(settle=stage, hold=0.01, ramp=0.0, duration=0.03, sample_rate=10000.0)
+    >>> wave.position[[0, 100, 110, 120, 200, 220]].round(3).tolist(), round(1000 * wave.settings["rise"], 2)
+    ([0.0, 0.0, 2.554, 5.0, 5.0, 0.0], 2.0)
+    """
+    time = _ticks(duration, sample_rate, ramp)
+    height = checks.positive("peak_to_peak", peak_to_peak, "um")
+    start = checks.number("offset", offset, "um")
+    fastest = _limit("velocity_limit", velocity_limit, "um/s")
+    hardest = _limit("acceleration_limit", acceleration_limit, "um/s^2")
+    period = max(1, round(checks.within("hold", hold, 2 / sample_rate, duration, "s") * sample_rate))
+    if settle is None:
+        move = shaping.minimum_jerk(hold / 10 if rise is None else checks.positive("rise", rise, "s"))
+    elif rise is not None:
+        raise SettingError("rise", rise, "left out with `settle`, which chooses it", "s")
+    else:
+        move = shaping.settling_move(settle, shape, velocity=fastest / height, acceleration=hardest / height)
+    if move.duration > period / sample_rate:
+        raise SettingError("hold", hold, f"at least {move.duration:.4g} s, the time of a step", "s")
+    first = math.ceil(ramp * sample_rate) + period
+    number, since = np.divmod(np.arange(time.size) - first, period)
+    up, rest = np.mod(number, 2) == 0, number < 0
+    s, rate, change = move.at(np.where(rest, 0, since) / sample_rate)
+    sign = np.where(up, height, -height)
+    motion = start + height * np.where(up | rest, s, 1 - s), sign * rate, sign * change
+    settings: dict[str, object] = {"peak_to_peak": height, "rise": move.duration, "hold": hold, "offset": start}
+    if settle is not None:
+        limits = {"velocity_limit": fastest, "acceleration_limit": hardest}
+        settings |= {"shape": shape, "resonance": settle.modes[0].frequency}
+        settings |= {name: limit if math.isfinite(limit) else None for name, limit in limits.items()}
+    settings["ramp"] = ramp
+    return _made("step", sample_rate, _ramped(time, motion, ramp), settings)
+
+
+def _limit(name: str, value: float, unit: str) -> float:
+    return value if value == math.inf else checks.positive(name, value, unit)
 
 
 def staircase(
