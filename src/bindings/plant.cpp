@@ -4,14 +4,17 @@
 
 #include <cmath>
 #include <cstring>
+#include <new>
 #include <stdexcept>
 #include <string>
 #include <type_traits>
+#include <vector>
 
 #include "loops.h"
 #include "native.h"
 #include "plant.h"
 #include "settings.h"
+#include "stage.h"
 
 namespace nb = nanobind;
 using nb::literals::operator""_a;
@@ -144,13 +147,98 @@ class Matched {
     ts_matched m_{};
 };
 
+ts_stage_settings stage_settings(const nb::dict &d) {
+    ts_stage_settings s{};
+    Reader read(d);
+#define MEMBER(name, member) read(name, s.member);
+#include "ts_stage_settings.inc"
+#undef MEMBER
+    read.finish();
+    within("samples_per_tick", s.samples_per_tick, 1, TS_STAGE_MAX_STEPS / 2);
+    within("steps_per_tick", s.steps_per_tick, 2 * s.samples_per_tick, TS_STAGE_MAX_STEPS);
+    within("plays", s.plays, 1, TS_STAGE_MAX_PLAYS);
+    within("creep_operators", s.creep_operators, 1, TS_STAGE_MAX_CREEP);
+    within("modes", s.modes, 1, TS_STAGE_MAX_MODES);
+    for (double delay : {s.dead_time, s.sensor_delay})
+        if (!(delay >= 0 && delay * s.sample_rate <= TS_STAGE_MAX_DELAY))
+            throw std::invalid_argument("a delay must be from 0 to 20 ticks");
+    return s;
+}
+
+// A stage and the load of each tick; the load is 0 after its last entry.
+class Stage {
+  public:
+    Stage(const nb::dict &d, const Input &load)
+        : settings_(stage_settings(d)), load_(load.data(), load.data() + load.shape(0)) {
+        reset();
+    }
+
+    void reset() { ts_stage_init(&p_, &settings_); }
+
+    double least_slope() const { return p_.least_slope; }
+
+    int64_t run(const Input &volts, const Input &noise, const Output &measured, const Output &truth) {
+        size_t n = volts.shape(0);
+        same_length(n * static_cast<size_t>(settings_.samples_per_tick), noise.shape(0));
+        same_length(n, measured.shape(0));
+        same_length(n, truth.shape(0));
+        int64_t bad = first_bad(volts);
+        if (bad >= 0) return bad;
+        nb::gil_scoped_release release;
+        for (size_t k = 0; k < n; k++)
+            tick(volts.data()[k], noise.data() + k * static_cast<size_t>(settings_.samples_per_tick),
+                 measured.data() + k, truth.data() + k);
+        return -1;
+    }
+
+    // This stage as the native loop calls it.
+    static nb::capsule native(nb::object self) {
+        Stage *stage = nb::inst_ptr<Stage>(self);
+        ts_loop_actuator calls{
+            stage, static_cast<size_t>(stage->settings_.samples_per_tick),
+            [](void *p, double volts, double, const double *noise, double *measured, double *truth) {
+                static_cast<Stage *>(p)->tick(volts, noise, measured, truth);
+            }};
+        return in_capsule("ts_loop_actuator", calls, self);
+    }
+
+    // As bytes and back; only what `state` gave may come back.
+    nb::tuple state() const {
+        const auto *load = reinterpret_cast<const char *>(load_.data());
+        return nb::make_tuple(pickled(settings_), pickled(p_), nb::bytes(load, load_.size() * sizeof(double)));
+    }
+
+    explicit Stage(const nb::tuple &state) {
+        unpickle(settings_, nb::cast<nb::bytes>(state[0]));
+        unpickle(p_, nb::cast<nb::bytes>(state[1]));
+        auto load = nb::cast<nb::bytes>(state[2]);
+        load_.resize(load.size() / sizeof(double));
+        if (!load_.empty()) std::memcpy(load_.data(), load.c_str(), load_.size() * sizeof(double));
+    }
+
+  private:
+    void tick(double volts, const double *noise, double *measured, double *truth) {
+        const double *load = p_.tick < load_.size() ? &load_[p_.tick] : nullptr;
+        ts_stage_run(&p_, &volts, load, noise, measured, truth, 1);
+    }
+
+    ts_stage_settings settings_;
+    std::vector<double> load_;
+    ts_stage p_{};
+};
+
 } // namespace
 
 NB_MODULE(_plant, m) {
     nb::set_leak_warnings(false); // a plant that lives until the interpreter ends, as in a notebook, is no leak
-    m.doc() = "The simulated actuators in C: the realistic plant and the matched plant (13).";
+    m.doc() = "The simulated actuators in C: the realistic plant, the matched plant (13) and the stage for fast motion.";
     m.attr("MAX_PLAYS") = TS_PLANT_MAX_PLAYS;
     m.attr("MAX_CREEP_OPERATORS") = TS_PLANT_MAX_CREEP;
+    m.attr("STAGE_MAX_PLAYS") = TS_STAGE_MAX_PLAYS;
+    m.attr("STAGE_MAX_CREEP_OPERATORS") = TS_STAGE_MAX_CREEP;
+    m.attr("STAGE_MAX_MODES") = TS_STAGE_MAX_MODES;
+    m.attr("STAGE_MAX_STEPS") = TS_STAGE_MAX_STEPS;
+    m.attr("STAGE_MAX_DELAY") = TS_STAGE_MAX_DELAY;
     m.attr("MATCHED_MAX_PLAYS") = TS_MATCHED_MAX_PLAYS;
     m.attr("MATCHED_MAX_DEAD_ZONES") = TS_MATCHED_MAX_DEAD_ZONES;
     nb::class_<Plant>(m, "Plant")
@@ -167,4 +255,12 @@ NB_MODULE(_plant, m) {
         .def("native", &Matched::native)
         .def("reset", &Matched::reset)
         .def("run", &Matched::run, "volts"_a, "velocity"_a, "noise"_a, "measured"_a, "truth"_a);
+    nb::class_<Stage>(m, "Stage")
+        .def(nb::init<const nb::dict &, const Input &>(), "settings"_a, "load"_a)
+        .def("__getstate__", &Stage::state)
+        .def("__setstate__", [](Stage &stage, const nb::tuple &state) { new (&stage) Stage(state); })
+        .def_prop_ro("least_slope", &Stage::least_slope)
+        .def("native", &Stage::native)
+        .def("reset", &Stage::reset)
+        .def("run", &Stage::run, "volts"_a, "noise"_a, "measured"_a, "truth"_a);
 }

@@ -4,6 +4,11 @@ from truestroke.base.typing import FloatArray
 
 MAX_PLAYS: int
 MAX_CREEP_OPERATORS: int
+STAGE_MAX_PLAYS: int
+STAGE_MAX_CREEP_OPERATORS: int
+STAGE_MAX_MODES: int
+STAGE_MAX_STEPS: int
+STAGE_MAX_DELAY: int
 MATCHED_MAX_PLAYS: int
 MATCHED_MAX_DEAD_ZONES: int
 
@@ -20,3 +25,10 @@ class Matched:
     def run(
         self, volts: FloatArray, velocity: FloatArray, noise: FloatArray, measured: FloatArray, truth: FloatArray
     ) -> int: ...
+
+class Stage:
+    least_slope: float
+    def __init__(self, settings: Mapping[str, float | list[float]], load: FloatArray) -> None: ...
+    def native(self) -> object: ...
+    def reset(self) -> None: ...
+    def run(self, volts: FloatArray, noise: FloatArray, measured: FloatArray, truth: FloatArray) -> int: ...

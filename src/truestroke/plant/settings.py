@@ -9,10 +9,20 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
-from truestroke._plant import MATCHED_MAX_DEAD_ZONES, MATCHED_MAX_PLAYS, MAX_CREEP_OPERATORS, MAX_PLAYS
+from truestroke._plant import (
+    MATCHED_MAX_DEAD_ZONES,
+    MATCHED_MAX_PLAYS,
+    MAX_CREEP_OPERATORS,
+    MAX_PLAYS,
+    STAGE_MAX_CREEP_OPERATORS,
+    STAGE_MAX_DELAY,
+    STAGE_MAX_MODES,
+    STAGE_MAX_PLAYS,
+    STAGE_MAX_STEPS,
+)
 from truestroke.base import checks, declared
 from truestroke.base.checks import SettingError
-from truestroke.base.declared import Bound, Setting, ascending, between, bound, whole
+from truestroke.base.declared import FLAG, Bound, Setting, ascending, between, bound, whole, word
 
 NEVER = 2**64 - 1  # a tick: TS_NEVER of the kernel
 
@@ -69,7 +79,16 @@ class Change:
 
     def tick(self, sample_rate: float) -> int:
         """The first tick of the changed actuator; `sample_rate` in Hz."""
-        return math.ceil(self.time * sample_rate * (1 - 1e-12))
+        return first_tick(self.time, sample_rate)
+
+
+def first_tick(time: float, sample_rate: float) -> int:
+    """The first tick that begins at `time` (s) or later; `sample_rate` in Hz.
+
+    >>> first_tick(0.0123, 2000.0)
+    25
+    """
+    return math.ceil(time * sample_rate * (1 - 1e-12))
 
 
 @bound("above 0")
@@ -309,3 +328,183 @@ class MatchedSettings:
 
     def __post_init__(self) -> None:
         declared.complete(self, MATCHED_SETTINGS)
+
+
+# ---- The stage for fast motion -------------------------------------------------------------------------------------
+
+HYSTERESES = ("plays", "preisach", "bouc-wen")  # in the order of the kernel's numbers
+
+
+@bound(f"a multiple of 2 samples_per_tick, up to {STAGE_MAX_STEPS}")
+def _stage_steps(s: StageSettings, name: str, value: Any, unit: str) -> int:
+    steps = checks.count(name, value, 2 * s.samples_per_tick, STAGE_MAX_STEPS)
+    if steps % (2 * s.samples_per_tick):
+        raise SettingError(name, steps, f"a multiple of 2 * samples_per_tick, {2 * s.samples_per_tick}")
+    return steps
+
+
+@bound("low <= 0 < high")
+def _around_zero(_: Any, name: str, value: Any, unit: str) -> tuple[float, float]:
+    low, high = checks.interval(name, value, unit)
+    if low > 0 or high <= 0:
+        raise SettingError(name, value, "low <= 0 < high: the stage rests at 0 V", unit)
+    return low, high
+
+
+@bound(f"[0, {STAGE_MAX_DELAY}] ticks")
+def _delay(s: StageSettings, name: str, value: Any, unit: str) -> float:
+    return checks.within(name, value, 0.0, STAGE_MAX_DELAY / s.sample_rate, unit)
+
+
+@bound(f"1 to {STAGE_MAX_MODES} numbers above 0 that ascend")
+def _resonances(_: Any, name: str, value: Any, unit: str) -> tuple[float, ...]:
+    values = tuple(checks.within(name, entry, 1e-3, 1e9, unit) for entry in checks.several(name, value, unit))
+    checks.count(f"the number of {name}", len(values), 1, STAGE_MAX_MODES)
+    if list(values) != sorted(set(values)):
+        raise SettingError(name, values, "numbers that ascend", unit)
+    return values
+
+
+def _of_modes(s: StageSettings, name: str, value: Any, low: float, high: float) -> tuple[float, ...]:
+    values = tuple(checks.within(name, entry, low, high) for entry in checks.several(name, value))
+    if len(values) != len(s.resonances):
+        raise SettingError(name, values, f"{len(s.resonances)} numbers, one for each of resonances")
+    return values
+
+
+@bound("one number in [0, 0.99] for each of resonances")
+def _dampings(s: StageSettings, name: str, value: Any, _: str) -> tuple[float, ...]:
+    return _of_modes(s, name, value, 0.0, 0.99)
+
+
+@bound("one number in [-10, 10] for each of resonances, 1 in sum")
+def _shares(s: StageSettings, name: str, value: Any, _: str) -> tuple[float, ...]:
+    values = _of_modes(s, name, value, -10.0, 10.0)
+    if abs(sum(values) - 1) > 1e-9:
+        raise SettingError(name, values, "1 in sum")
+    return values
+
+
+def _tick(time: float, s: StageSettings) -> int:
+    return first_tick(time, s.sample_rate)
+
+
+# fmt: off
+STAGE_SETTINGS: declared.Table = {
+    "sample_rate": Setting("Ticks per second", "Hz", _rate),
+    "samples_per_tick": Setting(
+        "Samples of the displacement that one measurement averages, in the middle of equal parts of the tick", "",
+        whole(1, STAGE_MAX_STEPS // 2),
+    ),
+    "steps_per_tick": Setting("Steps of the integration", "", _stage_steps),
+    "voltage_limits": Setting("Range of the D/A converter", "V", _around_zero, kernel="volts_low volts_high"),
+    "dead_time": Setting("From the D/A converter to the amplifier", "s", _delay),
+    "amplifier_bandwidth": Setting("Corner of the amplifier's first-order lag; 0 is no lag", "Hz", between(0, 1e9)),
+    "stroke": Setting("Height of the loop from 0 V to the upper of `voltage_limits` and back", "um", between(1e-3, 1e6)),
+    "hysteresis_kind": Setting("Structure of the hysteresis", "", word(*HYSTERESES), kernel="hysteresis",
+                               convert=lambda kind, _: HYSTERESES.index(kind)),
+    "loop_width": Setting(
+        "Greatest distance of the two branches of that loop over its height; 0 is no hysteresis", "", between(0, 0.5)
+    ),
+    "plays": Setting('"plays": their number', "", whole(1, STAGE_MAX_PLAYS)),
+    "threshold_max": Setting('"plays": R, over the upper voltage', "", between(0.05, 1)),
+    "threshold_exponent": Setting('"plays": e of the thresholds R ((i + 1/2) / plays)^e', "", between(0.1, 10)),
+    "envelope": Setting('"plays": a; rising plays follow x - a x^2, falling ones x + a x^2', "", between(0, 0.4)),
+    "preisach_scale": Setting(
+        '"preisach": rho of the density exp(-(up - down) / rho) (1 + k1 s + k2 s^2), s = (up + down) / 2 - 1/2', "",
+        between(0.05, 10),
+    ),
+    "preisach_tilt": Setting('"preisach": k1', "", between(-0.6, 0.6)),
+    "preisach_curvature": Setting('"preisach": k2', "", between(0, 10)),
+    "bouc_wen_beta": Setting('"bouc-wen": beta of q\' = x\' - beta |x\'| q |q|^(n-1) - gamma x\' |q|^n', "",
+                             between(0.5, 20)),
+    "bouc_wen_gamma": Setting('"bouc-wen": gamma', "", between(-5, 5)),
+    "bouc_wen_exponent": Setting('"bouc-wen": n', "", between(1, 3)),
+    "creep": Setting("gamma: creep per decade of time over the displacement", "", between(0, 0.2)),
+    "creep_operators": Setting("Number of first-order operators", "", whole(1, STAGE_MAX_CREEP_OPERATORS)),
+    "creep_span": Setting("Span in which creep is logarithmic", "s", _span, kernel="creep_shortest creep_longest"),
+    "resonances": Setting("Undamped natural frequencies of the modes", "Hz", _resonances, kernel="resonances modes",
+                          convert=lambda f, _: (f, len(f))),
+    "dampings": Setting("Their damping ratios zeta", "", _dampings),
+    "shares": Setting("Their parts of the static displacement", "", _shares),
+    "resonance_change": Setting("Factor on all resonances from `resonance_change_time` on", "", between(0.5, 2)),
+    "resonance_change_time": Setting("When it happens", "s", between(0, 1e9), kernel="resonance_change_tick",
+                                     convert=_tick),
+    "resonance_drift": Setting("Relative change of all resonances per minute, linear in time", "1/min",
+                               between(-0.2, 0.2)),
+    "load": Setting("Static displacement of a load; the amplitude where it has a frequency", "um", between(-1e3, 1e3)),
+    "load_frequency": Setting("Of a load that is a sine; 0 is a step", "Hz", between(0, 1e6)),
+    "load_time": Setting("When it begins", "s", between(0, 1e9), kernel="load_tick", convert=_tick),
+    "load_on_stage": Setting("Whether it is a force that the modes answer, or a displacement behind them", "", FLAG),
+    "hum": Setting("Amplitude of a sine on the true displacement", "um", between(0, 1e3)),
+    "hum_frequency": Setting("Its frequency", "Hz", between(0, 1e6)),
+    "sensor_bandwidth": Setting("Corner of the sensor's first-order lag; 0 is no lag", "Hz", between(0, 1e9)),
+    "sensor_delay": Setting("From the displacement to its sample", "s", _delay),
+    "noise": Setting("Standard deviation of one sample of the sensor", "um", between(0, 1e3)),
+}
+# fmt: on
+
+
+@declared.documented(STAGE_SETTINGS)
+@dataclass(frozen=True, kw_only=True)
+class StageSettings:
+    """A stage for fast motion: hysteresis of three structures, up to three modes, dead time, loads, hum, a slow sensor.
+
+    Raises
+    ------
+    SettingError
+        Names the setting, its value, the bound and the unit.
+
+    Examples
+    --------
+    >>> StageSettings(resonances=(700.0, 2100.0), dampings=(0.02, 0.01), shares=(0.9, 0.2))
+    Traceback (most recent call last):
+        ...
+    truestroke.SettingError: shares = (0.9, 0.2): must be 1 in sum
+    """
+
+    sample_rate: float = 10_000.0
+    samples_per_tick: int = 5
+    steps_per_tick: int = 10
+    voltage_limits: tuple[float, float] = (-0.6, 3.6)
+    dead_time: float = 0.0
+    amplifier_bandwidth: float = 3000.0
+    stroke: float = 30.0
+    hysteresis_kind: str = "plays"
+    loop_width: float = 0.13
+    plays: int = 40
+    threshold_max: float = 0.5
+    threshold_exponent: float = 1.0
+    envelope: float = 0.1
+    preisach_scale: float = 0.5
+    preisach_tilt: float = 0.4
+    preisach_curvature: float = 1.0
+    bouc_wen_beta: float = 4.0
+    bouc_wen_gamma: float = 1.0
+    bouc_wen_exponent: float = 1.0
+    creep: float = 0.015
+    creep_operators: int = 6
+    creep_span: tuple[float, float] = (1e-2, 1e2)
+    resonances: tuple[float, ...] = (700.0,)
+    dampings: tuple[float, ...] = (0.02,)
+    shares: tuple[float, ...] = (1.0,)
+    resonance_change: float = 1.0
+    resonance_change_time: float = 0.0
+    resonance_drift: float = 0.0
+    load: float = 0.0
+    load_frequency: float = 0.0
+    load_time: float = 0.0
+    load_on_stage: bool = True
+    hum: float = 0.0
+    hum_frequency: float = 50.0
+    sensor_bandwidth: float = 0.0
+    sensor_delay: float = 0.0
+    noise: float = 0.030
+
+    def __post_init__(self) -> None:
+        declared.complete(self, STAGE_SETTINGS)
+
+    @property
+    def input_sensitivity(self) -> float:
+        """Slope of the chord of the loop, um per volt at the D/A converter."""
+        return self.stroke / self.voltage_limits[1]
