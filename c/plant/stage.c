@@ -245,11 +245,12 @@ static void advance_creep(ts_stage *p, const ts_stage_piece *piece, double from,
 }
 
 /* Each mode for u that goes from `from` to `to` as the voltage does: as rest + part exp(-t / tau); without lag u is
- * `to`. */
+ * their mean. */
 static void advance_modes(ts_stage *p, const ts_stage_piece *piece, double from, double to)
 {
     double rate = two_pi * p->settings.amplifier_bandwidth;
-    double part = rate > 0 ? (from - to) / (1 - piece->lag) : 0, rest = to - part * piece->lag;
+    double part = rate > 0 ? (from - to) / (1 - piece->lag) : 0;
+    double rest = rate > 0 ? to - part * piece->lag : 0.5 * (from + to);
     for (int i = 0; i < p->settings.modes; i++) {
         double forced = p->forced[i] * part, z = p->position[i] - (rest + forced), v = p->velocity[i] + rate * forced;
         const double *ring = piece->ring[i];

@@ -1,8 +1,8 @@
 """Simulated actuators, unknown to the controller.
 
-`RealisticPlant` is a driven piezo stage with a structure of its own, `MatchedPlant` the paper's plant (13), `StagePlant`
-a stage for fast motion: three structures of hysteresis, modes, dead time, loads. All are actuators of the loop:
-``open()``, then ``exchange(volts)`` tick by tick or in blocks. docs/plant.md explains them.
+`RealisticPlant` is a driven piezo stage with a structure of its own, `MatchedPlant` the paper's plant (13),
+`StagePlant` a stage for fast motion: three structures of hysteresis, modes, dead time, loads. All are actuators of the
+loop: ``open()``, then ``exchange(volts)`` tick by tick or in blocks. docs/plant.md explains them.
 """
 
 from truestroke.plant.matched import MatchedPlant

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from truestroke.base.typing import FloatArray
-from truestroke.plant.settings import PlantSettings
+from truestroke.plant.settings import PlantSettings, StageSettings
 
 
 def thresholds(s: PlantSettings) -> FloatArray:
@@ -30,14 +30,14 @@ def play_weight(s: PlantSettings) -> float:
     return float(s.hysteresis * s.sensitivity / np.sum(1 - thresholds(s) / s.threshold_max))
 
 
-def creep_time_constants(s: PlantSettings) -> FloatArray:
+def creep_time_constants(s: PlantSettings | StageSettings) -> FloatArray:
     """tau_j, s, shape (creep_operators,): equal steps of log time."""
     first, last = np.log10(s.creep_span)
     quantiles = (np.arange(s.creep_operators) + 0.5) / s.creep_operators
     return np.asarray(10 ** (first + (last - first) * quantiles))
 
 
-def creep_weight(s: PlantSettings) -> float:
+def creep_weight(s: PlantSettings | StageSettings) -> float:
     """Weight of each creep operator: gamma times its decades."""
     return s.creep * math.log10(s.creep_span[1] / s.creep_span[0]) / s.creep_operators
 

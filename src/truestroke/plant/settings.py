@@ -23,6 +23,7 @@ from truestroke._plant import (
 from truestroke.base import checks, declared
 from truestroke.base.checks import SettingError
 from truestroke.base.declared import FLAG, Bound, Setting, ascending, between, bound, whole, word
+from truestroke.model.dynamics import Dynamics, Mode
 
 NEVER = 2**64 - 1  # a tick: TS_NEVER of the kernel
 
@@ -400,7 +401,7 @@ STAGE_SETTINGS: declared.Table = {
     "voltage_limits": Setting("Range of the D/A converter", "V", _around_zero, kernel="volts_low volts_high"),
     "dead_time": Setting("From the D/A converter to the amplifier", "s", _delay),
     "amplifier_bandwidth": Setting("Corner of the amplifier's first-order lag; 0 is no lag", "Hz", between(0, 1e9)),
-    "stroke": Setting("Height of the loop from 0 V to the upper of `voltage_limits` and back", "um", between(1e-3, 1e6)),
+    "stroke": Setting("Height of the loop from 0 V to the upper voltage and back", "um", between(1e-3, 1e6)),
     "hysteresis_kind": Setting("Structure of the hysteresis", "", word(*HYSTERESES), kernel="hysteresis",
                                convert=lambda kind, _: HYSTERESES.index(kind)),
     "loop_width": Setting(
@@ -508,3 +509,27 @@ class StageSettings:
     def input_sensitivity(self) -> float:
         """Slope of the chord of the loop, um per volt at the D/A converter."""
         return self.stroke / self.voltage_limits[1]
+
+    def dynamics(self) -> Dynamics:
+        """What is linear in it, as it is before its resonances change or drift.
+
+        Raises
+        ------
+        SettingError
+            A `Dynamics` cannot be like that: a resonance beyond 0.45 of the sample rate, a damping of 0, or modes
+            without a stable inverse.
+
+        Examples
+        --------
+        >>> StageSettings(resonances=(700.0,), dampings=(0.02,), dead_time=5e-5).dynamics().modes
+        (Mode(frequency=700.0, damping=0.02, share=1.0),)
+        """
+        modes = zip(self.resonances, self.dampings, self.shares, strict=True)
+        return Dynamics(
+            sample_rate=self.sample_rate,
+            modes=tuple(Mode(frequency=f, damping=zeta, share=share) for f, zeta, share in modes),
+            amplifier_bandwidth=self.amplifier_bandwidth,
+            dead_time=self.dead_time,
+            sensor_delay=self.sensor_delay,
+            sensor_bandwidth=self.sensor_bandwidth,
+        )

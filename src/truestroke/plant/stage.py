@@ -77,6 +77,8 @@ class StagePlant(Simulated):
         return Noise(self.seed, [(self._samples * a, self._samples * b) for a, b in self.dropouts])
 
     def describe(self) -> dict[str, object]:
-        """Kind, settings, seed, dropouts and load, as plain data for a recording."""
+        """Kind, settings, seed, dropouts, and length and largest of `load`, as plain data for a recording."""
         said: dict[str, object] = {"dropouts": [list(burst) for burst in self.dropouts]} if self.dropouts else {}
-        return super().describe() | said | ({"load": self.load.tolist()} if self.load.size else {})
+        if self.load.size:
+            said |= {"load_ticks": self.load.size, "load_largest": float(np.max(np.abs(self.load)))}
+        return super().describe() | said

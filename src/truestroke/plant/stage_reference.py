@@ -41,8 +41,8 @@ def everett(s: StageSettings, high: float, low: float) -> float:
     """Integral of the density over the relays that switch up at a, down at b, low <= b <= a <= high.
 
     The density is exp(-(a - b) / rho) (1 + k1 c + k2 c^2) with c = (a + b) / 2 - 1/2. Along a line of equal
-    d = a - b, of length L = D - d and with its middle at c = m, the polynomial gives L (1 + k1 m + k2 m^2) + k2 L^3 / 12;
-    then I_n, the integral of L^n exp(-d / rho) over d = 0..D, is rho D^n - n rho I_(n-1).
+    d = a - b, of length L = D - d and with its middle at c = m, the polynomial gives
+    L (1 + k1 m + k2 m^2) + k2 L^3 / 12. The integral I_n of L^n exp(-d / rho) over d = 0..D is rho D^n - n rho I_(n-1).
     """
     span, middle, rho = high - low, (high + low) / 2 - 0.5, s.preisach_scale
     integral = [-rho * math.expm1(-span / rho)]
@@ -89,7 +89,7 @@ class BoucWen:
 
     def slope(self, q: float, way: float) -> float:
         """dq/dx where x rises (way = 1) or falls (-1)."""
-        size = abs(q) ** self.s.bouc_wen_exponent
+        size = math.pow(abs(q), self.s.bouc_wen_exponent)
         return 1 - self.s.bouc_wen_beta * way * math.copysign(size, q) - self.s.bouc_wen_gamma * size
 
     def __call__(self, x: float) -> float:
@@ -170,11 +170,11 @@ def transition(omega: float, zeta: float, rate: float, length: float) -> FloatAr
 def follow(s: StageSettings, state: State, factor: float, length: float, u: tuple[float, float]) -> None:
     """The modes over a piece of `length` (s) in which the strain goes from u[0] to u[1], um, as the voltage does.
 
-    As c + e exp(-t / tau), tau of the amplifier; without lag it is u[1].
+    As c + e exp(-t / tau), tau of the amplifier; without lag it is their mean.
     """
     rate = 2 * math.pi * s.amplifier_bandwidth
     part = (u[0] - u[1]) / -math.expm1(-rate * length) if rate else 0.0
-    rest = u[0] - part if rate else u[1]
+    rest = u[0] - part if rate else (u[0] + u[1]) / 2
     for i, (resonance, zeta) in enumerate(zip(s.resonances, s.dampings, strict=True)):
         omega = 2 * math.pi * resonance * factor
         z, velocity = state.modes[i]
@@ -290,7 +290,7 @@ def simulate(
     --------
     >>> measured, truth = simulate(StageSettings(), np.full(30, 1.0), np.zeros((30, 5)))
     >>> truth[[0, 29]].round(3)
-    array([0.136, 3.977])
+    array([0.074, 1.992])
     """
     held = np.clip(volts, *s.voltage_limits)
     state = State(OPERATORS[s.hysteresis_kind](s), np.zeros(s.creep_operators), np.zeros((len(s.resonances), 2)))

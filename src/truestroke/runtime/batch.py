@@ -17,7 +17,7 @@ from truestroke.base.checks import SettingError
 from truestroke.base.errors import TruestrokeError
 from truestroke.control.controller import AdaptiveController
 from truestroke.control.settings import ControllerSettings
-from truestroke.plant import MatchedPlant, MatchedSettings, PlantSettings, RealisticPlant
+from truestroke.plant import MatchedPlant, MatchedSettings, PlantSettings, RealisticPlant, StagePlant, StageSettings
 from truestroke.runtime.ticks import SIMULATED
 from truestroke.signals.channels import dtype
 from truestroke.signals.trajectories import Trajectory
@@ -41,12 +41,12 @@ class Simulation:
         need not be in memory at a time.
     controller : ControllerSettings
         Of an `AdaptiveController`.
-    plant : MatchedSettings or PlantSettings
-        Of a `MatchedPlant`, which gets the velocity of the trajectory, or a `RealisticPlant`.
+    plant : MatchedSettings, PlantSettings or StageSettings
+        Of a `MatchedPlant`, which gets the velocity of the trajectory, a `RealisticPlant` or a `StagePlant`.
     seed : int
         Of the plant.
     dropouts : tuple of (int, int)
-        Bursts without a measurement, of a `RealisticPlant`: first tick of each, and the first after it.
+        Bursts without a measurement, not of a `MatchedPlant`: first tick of each, and the first after it.
 
     Raises
     ------
@@ -56,7 +56,7 @@ class Simulation:
 
     trajectory: Trajectory | Callable[[], Trajectory]
     controller: ControllerSettings
-    plant: MatchedSettings | PlantSettings
+    plant: MatchedSettings | PlantSettings | StageSettings
     seed: int = 0
     dropouts: tuple[tuple[int, int], ...] = ()
 
@@ -64,7 +64,8 @@ class Simulation:
         if not isinstance(self.trajectory, Trajectory):
             checks.able("trajectory", self.trajectory, ("__call__",), "a Trajectory, or a function that returns one")
         checks.instance("controller", self.controller, ControllerSettings, "a ControllerSettings")
-        checks.instance("plant", self.plant, (MatchedSettings, PlantSettings), "a MatchedSettings or a PlantSettings")
+        kinds = (MatchedSettings, PlantSettings, StageSettings)
+        checks.instance("plant", self.plant, kinds, "a MatchedSettings, PlantSettings or StageSettings")
 
 
 class SimulationError(TruestrokeError, RuntimeError):
@@ -262,11 +263,13 @@ def _simulate(
         controller._kernel.require_reach()
 
 
-def _plant(simulation: Simulation, wave: Trajectory) -> tuple[MatchedPlant | RealisticPlant, int]:
+def _plant(simulation: Simulation, wave: Trajectory) -> tuple[MatchedPlant | RealisticPlant | StagePlant, int]:
     """The plant and how many standard normal numbers it takes for a tick."""
     if isinstance(simulation.plant, MatchedSettings):
         if simulation.dropouts:
             raise SettingError("dropouts", simulation.dropouts, "empty for a matched plant")
         return MatchedPlant(wave.velocity, simulation.plant, simulation.seed), 1
-    plant = RealisticPlant(simulation.plant, simulation.seed, simulation.dropouts)
-    return plant, simulation.plant.samples_per_tick
+    per_tick = simulation.plant.samples_per_tick
+    if isinstance(simulation.plant, StageSettings):
+        return StagePlant(simulation.plant, simulation.seed, simulation.dropouts), per_tick
+    return RealisticPlant(simulation.plant, simulation.seed, simulation.dropouts), per_tick
