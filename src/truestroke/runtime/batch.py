@@ -18,7 +18,7 @@ from truestroke.base.errors import TruestrokeError
 from truestroke.control.controller import AdaptiveController
 from truestroke.control.settings import ControllerSettings
 from truestroke.plant import MatchedPlant, MatchedSettings, PlantSettings, RealisticPlant, StagePlant, StageSettings
-from truestroke.runtime.ticks import SIMULATED
+from truestroke.runtime.ticks import MARK, SIMULATED
 from truestroke.signals.channels import dtype
 from truestroke.signals.trajectories import Trajectory
 
@@ -125,7 +125,8 @@ def simulate_many(
     reduce : callable, optional
         Called as reduce(index, channels) in the thread that ran the simulation, to keep metrics in place of arrays:
         memory then does not grow with the number of ticks. channels maps the names of a recording (time, desired,
-        desired_velocity and `SIMULATED`) to arrays of shape (ticks,), which are used again when it has returned.
+        desired_velocity, flat where the motion marks it, and `SIMULATED`) to arrays of shape (ticks,), which are used
+        again when it has returned.
     out : mapping of str to ndarray, optional
         Arrays to fill in place of new ones, for any of the recorded channels: shape (runs, longest), C-contiguous,
         float64, flags uint8.
@@ -235,6 +236,7 @@ def _run(
         _simulate(simulation, wave, rows, buffers, stop)
         if reduce and not stop.is_set():
             motion = {"desired": wave.position, "desired_velocity": wave.velocity}
+            motion |= {} if wave.flat is None else {MARK: wave.flat}
             batch.results[index] = reduce(index, {"time": _time(ticks, wave.sample_rate), **motion, **rows})
     except Exception as error:
         raise SimulationError(index, error) from error

@@ -14,7 +14,7 @@ from truestroke.base.errors import TruestrokeError
 from truestroke.base.typing import FloatArray
 from truestroke.control import feasibility
 from truestroke.control.controller import Controller
-from truestroke.runtime.ticks import SIMULATED, SlowLayout, TickRecorder, recorded, stride
+from truestroke.runtime.ticks import MARK, SIMULATED, SlowLayout, TickRecorder, recorded, stride
 from truestroke.signals.channels import channel, dtype
 from truestroke.signals.recording import Recording, versions
 from truestroke.signals.timing import Timing
@@ -98,8 +98,9 @@ def run(
     Recording
         Entry k of each channel belongs to tick k, for any block and latency: time [s], desired [um],
         desired_velocity [um/s], volts [V], measured [um], and what there is of true [um], innovation [um], flags
-        (the bits of `base.flags`). Every 10 ms, with weights_time [s]: weights [um/V], partial_slopes [um/V],
-        trace_P [1/V^2]. NaN marks a missing measurement, and the innovation of a rejected one.
+        (the bits of `base.flags`), flat (1 where errors count, of a trajectory that marks it). Every 10 ms, with
+        weights_time [s]: weights [um/V], partial_slopes [um/V], trace_P [1/V^2]. NaN marks a missing measurement, and
+        the innovation of a rejected one.
 
     Raises
     ------
@@ -201,7 +202,9 @@ class _Log:
     def recording(self, done: int, metadata: dict[str, Any], controller: Any, actuator: Any) -> Recording:
         """Of the ticks that are done."""
         motion = {"desired": self.trajectory.position, "desired_velocity": self.trajectory.velocity}
-        names = recorded(controller, done > 0 and getattr(actuator, "truth", None) is not None)
+        if self.trajectory.flat is not None:
+            motion[MARK] = self.trajectory.flat.astype(dtype(MARK))
+        names = recorded(self.trajectory, controller, done > 0 and getattr(actuator, "truth", None) is not None)
         arrays = {"time": self.trajectory.time, **{name: (motion | self.rows)[name] for name in names}}
         channels = {name: channel(name, data[:done]) for name, data in arrays.items()}
         if self.layout.width:

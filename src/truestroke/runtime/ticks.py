@@ -21,6 +21,8 @@ from truestroke.signals.timing import Timing
 SLOW_PERIOD = 0.01  # s between two entries of the slow channels
 DESIRED = ("desired", "desired_velocity")
 SIMULATED = ("volts", "measured", "true", "innovation", "flags")
+MARK = "flat"
+"""Where errors count; of a trajectory that marks it."""
 TICK = (*DESIRED, *SIMULATED)
 """Channels with an entry each tick, beside the time. NaN stands where no measurement came, and for the innovation of a
 rejected one."""
@@ -33,11 +35,15 @@ def stride(timing: Timing) -> int:
     return max(1, round(SLOW_PERIOD * timing.sample_rate))
 
 
-def recorded(controller: Any, simulated: bool) -> tuple[str, ...]:
-    """Those of `TICK` that there are: flags and innovation as the controller has them, the truth of a simulation."""
+def recorded(trajectory: Any, controller: Any, simulated: bool) -> tuple[str, ...]:
+    """Those of `TICK` and `MARK` that there are.
+
+    Flags and innovation as the controller has them, the truth of a simulation, the mark of a trajectory.
+    """
     attributes = {"innovation": "innovation", "flags": "flag_bits"}
     there = {"true": simulated, **{name: hasattr(controller, of) for name, of in attributes.items()}}
-    return tuple(name for name in TICK if there.get(name, True))
+    marks = () if getattr(trajectory, MARK, None) is None else (MARK,)
+    return (*(name for name in TICK if there.get(name, True)), *marks)
 
 
 @dataclass(frozen=True)

@@ -146,8 +146,9 @@ class _Run:
 
     @cached_property
     def error(self) -> FloatArray:
-        """Measured minus desired, um; NaN where there is nothing usable."""
-        return np.where(self.usable, self.recording["measured"] - self.recording["desired"], np.nan)
+        """Measured minus desired, um; NaN where there is nothing usable, or where errors do not count."""
+        counted = self.usable & metrics.judged(self.recording)
+        return np.where(counted, self.recording["measured"] - self.recording["desired"], np.nan)
 
     @cached_property
     def noise(self) -> float:

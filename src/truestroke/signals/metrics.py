@@ -284,6 +284,8 @@ def _error(desired: npt.ArrayLike, measured: npt.ArrayLike) -> FloatArray:
 class TrackingSummary:
     """The table of a run. Errors count from `counted_from_s`, flags over the whole run.
 
+    Where the recording has the channel `flat`, errors count where it is up alone, and so does the peak-to-peak.
+
     Attributes
     ----------
     duration_s, counted_from_s : float
@@ -349,7 +351,7 @@ def summary(
     Parameters
     ----------
     recording : Recording or dict of arrays
-        With time, desired, measured, and what there is of true and flags.
+        With time, desired, measured, and what there is of true, flags and flat.
     start : float
         Part of the duration from which errors count, in [0, 1).
     change : float, optional
@@ -374,7 +376,7 @@ def summary(
     time, desired, measured = recording["time"], recording["desired"], recording["measured"]
     if not 0 <= checks.number("start", start) < 1:
         raise SettingError("start", start, "at least 0 and below 1")
-    known = np.isfinite(measured)
+    known = np.isfinite(measured) & judged(recording)
     counted = known & (np.arange(time.size) >= start * time.size)
     if not counted.any():
         raise SettingError("recording", f"{time.size} ticks", f"one with measurements after {start:g} of its duration")
@@ -401,7 +403,7 @@ def summary(
         stroke_um=whole,
         noise_um=sensor,
         ticks=time.size,
-        missing_ticks=int(np.count_nonzero(~known)),
+        missing_ticks=int(np.count_nonzero(~np.isfinite(measured))),
         **_flag_counts(recording),
     )
 
@@ -427,7 +429,18 @@ def at_limit(recording: Labelled, tolerated: float, noise: float, limit: str = "
     if "flags" not in recording:
         return np.zeros(recording["time"].size, bool)
     off = np.abs(recording["measured"] - recording["desired"])
-    return np.asarray((recording["flags"] & BIT[limit] > 0) & ~(off <= tolerated + 3 * noise))
+    return np.asarray((recording["flags"] & BIT[limit] > 0) & ~(off <= tolerated + 3 * noise) & judged(recording))
+
+
+def judged(recording: Labelled) -> npt.NDArray[np.bool_]:
+    """Ticks in which errors count: where the channel `flat` is up, as on the lines of a raster; all without it.
+
+    Examples
+    --------
+    >>> judged({"time": np.arange(3), "flat": np.array([0, 1, 1])}).tolist()
+    [False, True, True]
+    """
+    return np.asarray(recording["flat"] > 0 if "flat" in recording else np.ones(recording["time"].size, bool))
 
 
 def _settled(time: FloatArray, error: FloatArray, change: float, highest: float) -> tuple[float | None, float | None]:

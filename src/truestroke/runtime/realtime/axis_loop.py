@@ -13,7 +13,8 @@ from truestroke.runtime.realtime.ending import Cause, Stop
 from truestroke.runtime.realtime.motion import motion, numbers
 from truestroke.runtime.realtime.settings import Axis, RealtimeSettings
 from truestroke.runtime.realtime.shared import FIELDS, Shared
-from truestroke.runtime.ticks import TICK, TickRecorder
+from truestroke.runtime.ticks import MARK, TICK, TickRecorder
+from truestroke.signals.channels import Array
 from truestroke.signals.timing import Timing
 
 SHARE = 0.3  # of the length of the motion: an axis that is further off does not follow it
@@ -126,6 +127,8 @@ class AxisLoop:
         self._ticks = TickRecorder(controller, timing, {name: rows[name] for name in TICK}, shared.slow[channel])
         noted = ("desired", "desired_velocity", "volts", "lateness")
         self._desired, self._velocity, self._volts, self._lateness = (numbers(rows[name]) for name in noted)
+        self._flat: Array | None = getattr(axis.trajectory, MARK, None)
+        self._mark = numbers(rows[MARK])
         self._latency = timing.latency
         self._patience = max(2, round(settings.sensor_timeout * timing.sample_rate))
         self._moved = FROZEN * (axis.voltage_limits[1] - axis.voltage_limits[0])
@@ -151,6 +154,8 @@ class AxisLoop:
             (z_d, zdot_d), row = self._motion(k), k % self._size
             volts[i] = self._command(z_d, zdot_d)
             self._desired[row], self._velocity[row] = z_d, zdot_d
+            if self._flat is not None:
+                self._mark[row] = self._flat[k]
             self._ticks.commanded(k)
         volts[stop - start :] = volts[stop - start - 1]
 

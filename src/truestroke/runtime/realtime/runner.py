@@ -183,7 +183,7 @@ def _plan(driver: Any, axis: Axis, timing: Timing, place: Growing, about: dict[s
     return Plan(
         place=place,
         about=about,
-        channels=recorded(axis.controller, simulated=hasattr(driver, "truth")),
+        channels=recorded(axis.trajectory, axis.controller, simulated=hasattr(driver, "truth")),
         slow=SlowLayout.of(axis.controller),
         sample_rate=timing.sample_rate,
         stride=stride(timing),

@@ -13,9 +13,9 @@ import numpy as np
 
 from truestroke.base.typing import FloatArray
 from truestroke.runtime.drivers.paced import EDGES_US
-from truestroke.runtime.ticks import TICK
+from truestroke.runtime.ticks import MARK, TICK
 
-FIELDS = (*TICK, "lateness")
+FIELDS = (*TICK, MARK, "lateness")
 TEXT = 16384  # bytes of a text
 
 
