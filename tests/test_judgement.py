@@ -244,6 +244,18 @@ def test_rest_is_good_also_at_a_limit_and_with_a_coarse_sensor():
     assert "10 % of the stroke, at rest" in text
 
 
+def test_an_error_in_the_turns_of_a_raster_does_not_count():
+    wave = trajectories.raster(frequency=4.0, turn=0.3, peak_to_peak=20.0, duration=4.0)
+    recording = run(wave, ConstantGain(10.0, LIMITS), Wired(lambda z, k: z + 2.0 * ~wave.flat[k]))
+    np.testing.assert_array_equal(recording["flat"], wave.flat)
+    assert metrics.summary(recording).measured_maximum_um < 0.2
+    assert metrics.summary(recording).peak_to_peak_um == pytest.approx(wave.settings["line"], abs=0.2)
+    everywhere = Recording({name: c for name, c in recording.channels.items() if name != "flat"})
+    assert metrics.summary(everywhere).measured_maximum_um > 1.5
+    assert judge(recording).level == "good"
+    assert judge(everywhere).level != "good"
+
+
 def test_spikes_that_were_rejected_are_no_error_but_in_the_figures():
     z = noisy(wave())
     z[::100] += 40.0

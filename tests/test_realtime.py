@@ -21,7 +21,7 @@ import xarray
 from click.testing import CliRunner
 from running import COMMAND, ticks
 
-from truestroke import AdaptiveController, Recording, SettingError, Timing, run
+from truestroke import AdaptiveController, Dynamics, Mode, Recording, SettingError, Timing, run, trajectories
 from truestroke.cli import main
 from truestroke.identification import ActuatorModel, save_model
 from truestroke.plant import PlantSettings, RealisticPlant
@@ -91,6 +91,21 @@ class Spring:
     def exchange(self, volts: np.ndarray) -> np.ndarray:
         self.truth = self.gain * volts
         return self.truth
+
+
+def test_the_mark_of_a_raster_and_the_dynamics_of_its_turns_come_from_the_configuration(tmp_path: Path) -> None:
+    stage = Dynamics(sample_rate=2000.0, modes=(Mode(frequency=500.0, damping=0.02),))
+    stage.save(tmp_path / "dynamics.toml")
+    made = document()
+    made["axis"][0]["trajectory"] = {"kind": "raster", "frequency": 20.0, "turn": "dynamics.toml", "duration": 1.0}
+    job = config.job(made, tmp_path)
+    run_realtime(job.driver, job.axes, job.file, settings=job.settings)
+    live, wave = Recording.load("run.h5"), trajectories.raster(frequency=20.0, turn=stage, duration=1.0)
+    assert live["flat"].dtype == np.uint8
+    np.testing.assert_array_equal(live["flat"], wave.flat)
+    made["axis"][0]["trajectory"]["turn"] = "none.toml"
+    with pytest.raises(SettingError, match=r"trajectory.turn = 'none.toml': must be dynamics of truestroke bode"):
+        config.job(made, tmp_path)
 
 
 @pytest.mark.parametrize(("block", "latency", "paced"), [(1, 2, False), (7, 0, False), (20, 40, True)])

@@ -20,7 +20,9 @@ MOTIONS = {
     "random": ("random_wave", {"frequency": "cutoff", "velocity_limit": "velocity_limit", "seed": "seed", **SHARED}),
     "sine": ("sine", {"frequency": "frequency", **SHARED}),
     "triangle": ("triangle", {"frequency": "frequency", **SHARED}),
+    "raster": ("raster", {"frequency": "frequency", "turn": "turn", "settle": "turn", **SHARED}),
     "staircase": ("staircase", {"velocity_limit": "velocity_limit", **SHARED}),
+    "step": ("step", {"velocity_limit": "velocity_limit", "settle": "settle", **SHARED}),
 }
 METAVAR = f"[{'|'.join(MOTIONS)}|FILE.csv|FILE.npz]"
 
@@ -33,11 +35,16 @@ def known_motion(context: click.Context, option: click.Parameter, value: str) ->
 
 
 motion_options = common.options(
-    click.option("--frequency", metavar="HZ", type=float, help="Of a sine or triangle; a random wave has its "
-                 "low pass there.  [default: 20 random, 12 sine, 4 triangle]"),
-    click.option("--peak-to-peak", metavar="UM", type=float, help="[default: 28.6, sine and triangle 22.8]"),
-    click.option("--velocity-limit", metavar="UM/S", type=float, help="The fastest that a random wave or a "
-                 "staircase may be.  [default: none, staircase 300]"),
+    click.option("--frequency", metavar="HZ", type=float, help="Of a sine, triangle or raster; a random wave "
+                 "has its low pass there.  [default: 20 random, 12 sine, 4 triangle, raster]"),
+    click.option("--peak-to-peak", metavar="UM", type=float, help="[default: 28.6, sine, triangle, raster 22.8, "
+                 "step 5]"),
+    click.option("--velocity-limit", metavar="UM/S", type=float, help="The fastest that a random wave, a "
+                 "staircase or a step with --settle may be.  [default: none, staircase 300]"),
+    click.option("--turn", metavar="SHARE", type=click.FloatRange(0.01, 0.99), help="Of the period of a raster that "
+                 "its turns take.  [default: 0.2]"),
+    click.option("--settle", metavar="FILE", type=common.FILE, help="Dynamics of the stage, of `truestroke bode`: a "
+                 "step settles, and a raster turns, without ringing."),
     click.option("--duration", metavar="S", type=click.FloatRange(min=0.5), help="[default: 20]"),
     click.option("--sample-rate", metavar="HZ", type=float,
                  help="Ticks per second.  [default: 2000, or that of the file]"),
@@ -46,13 +53,18 @@ motion_options = common.options(
 
 def motion(name: str, options: Mapping[str, Any], **of_file: Any) -> truestroke.Trajectory:
     """The motion that `name`, the options and, of a file, further arguments of `trajectories.from_csv` describe."""
-    given = {key: value for key in ("frequency", "velocity_limit", *SHARED) if (value := options[key]) is not None}
+    keys = ("frequency", "velocity_limit", "turn", "settle", *SHARED)
+    given = {key: value for key in keys if (value := options[key]) is not None}
     function, understood = MOTIONS.get(name, ("from_csv", {"sample_rate": "sample_rate"}))
     for key in given:
         if key not in understood:
             raise click.UsageError(f"--{key.replace('_', '-')} means nothing to {name}: leave it out.")
     if name == "triangle":
         given.setdefault("frequency", 4.0)
+    if "turn" in given and "settle" in given:
+        raise click.UsageError("--turn means nothing with --settle, which chooses it: leave it out.")
+    if "settle" in given:
+        given["settle"] = truestroke.Dynamics.load(given["settle"])
     if "seed" in understood:
         given["seed"] = options["seed"]
     arguments = {understood[key]: value for key, value in given.items()}

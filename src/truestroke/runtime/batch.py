@@ -235,7 +235,7 @@ def _run(
         rows |= {name: buffers.take(name, ticks) for name in SIMULATED if name not in rows}
         _simulate(simulation, wave, rows, buffers, stop)
         if reduce and not stop.is_set():
-            motion = {"desired": wave.position, "desired_velocity": wave.velocity}
+            motion: dict[str, Array] = {"desired": wave.position, "desired_velocity": wave.velocity}
             motion |= {} if wave.flat is None else {MARK: wave.flat}
             batch.results[index] = reduce(index, {"time": _time(ticks, wave.sample_rate), **motion, **rows})
     except Exception as error:

@@ -8,9 +8,11 @@ from typing import Any, Literal
 
 from truestroke.base import checks, toml
 from truestroke.base.checks import SettingError
+from truestroke.base.files import FileError
 from truestroke.control.controller import AdaptiveController, Controller
 from truestroke.control.settings import ControllerSettings
 from truestroke.identification import ActuatorModel, ModelFileError, load_model
+from truestroke.model.dynamics import Dynamics
 from truestroke.runtime.drivers import registry
 from truestroke.runtime.drivers.guard import Limits
 from truestroke.runtime.drivers.protocol import Driver
@@ -21,7 +23,8 @@ from truestroke.signals import trajectories
 from truestroke.signals.trajectories import Trajectory
 
 MOTIONS = {
-    **{kind: getattr(trajectories, kind) for kind in ("random_wave", "sine", "triangle", "staircase", "from_csv")},
+    **{kind: getattr(trajectories, kind) for kind in ("random_wave", "sine", "triangle", "raster", "staircase")},
+    **{kind: getattr(trajectories, kind) for kind in ("step", "from_csv")},
     "set_point": SetPoint,
 }
 OWN = ("sample_rate", "voltage_limits", "slew_limit", "stroke", "resonance")
@@ -179,6 +182,12 @@ def _trajectory(given: Mapping[str, Any], folder: Path, rate: float) -> Trajecto
     given = {"sample_rate": rate, **given}
     if isinstance(given.get("path"), str):
         given["path"] = str(folder / given["path"])
+    for key in ("turn", "settle"):  # files of `truestroke bode`
+        if isinstance(name := given.get(key), str):
+            try:
+                given[key] = Dynamics.load(folder / name)
+            except FileError as error:
+                raise SettingError(key, repr(name), f"dynamics of truestroke bode ({error})") from None
     try:
         motion: Trajectory | SetPoint = toml.decode(MOTIONS[kind], given, also=("kind",))
     except OSError as error:
