@@ -7,20 +7,28 @@ import click
 from truestroke.base.exit_codes import ExitCode
 from truestroke.cli import common, results
 
+SLOW, FAST = ("adaptive", "paper"), ("untold",)  # controllers of the two halves of the study
 
-def _names(context: click.Context, option: click.Parameter, value: str) -> tuple[str, ...]:
+
+def _names(context: click.Context, option: click.Parameter, value: str | None) -> tuple[str, ...]:
     """The controllers, each one that exists, none twice."""
+    fast = context.params["fast"]
+    some = FAST if fast else SLOW
+    if value is None:
+        return some
     names = tuple(dict.fromkeys(value.split(",")))
     for name in names:
-        if name not in ("adaptive", "paper"):
-            raise click.BadParameter(f"{name!r} is not one of adaptive, paper.")
+        if name not in some:
+            raise click.BadParameter(f"{name!r} is not one of {', '.join(some)}.")
     return names
 
 
 @click.command()
 @click.option("--plants", metavar="N", type=click.IntRange(1), default=200, help="How many are sampled.")
 @click.option("--seed", metavar="N", type=click.IntRange(0), default=0, help="Of all that is sampled.")
-@click.option("--controllers", metavar="NAMES", default="adaptive,paper", callback=_names, help="Of adaptive, paper.")
+@click.option("--fast", is_flag=True, is_eager=True, help="Stages of 50 to 2000 Hz, and motions up to half of that.")
+@click.option("--controllers", metavar="NAMES", callback=_names, help="Of adaptive, paper; with --fast "
+              "untold: nothing is told of the dynamics.")  # fmt: skip
 @click.option("--half", type=click.Choice(["all", "seen", "unseen"]), default="all", help="Even numbers are seen, for "
               "tuning; odd ones are not.")  # fmt: skip
 @click.option("--workers", metavar="N", type=click.IntRange(1), default=2, help="Threads.")
@@ -30,19 +38,24 @@ def _names(context: click.Context, option: click.Parameter, value: str) -> tuple
               "NAME.h5.")  # fmt: skip
 @common.page_options
 def robustness(
-    plants: int, seed: int, controllers: tuple[str, ...], half: str, workers: int, only: int | None,
+    plants: int, seed: int, fast: bool, controllers: tuple[str, ...], half: str, workers: int, only: int | None,
     output: str, plots: Path | None, as_json: bool,
 ) -> int:  # fmt: skip
     """Follow motions with many plants sampled at random.
 
     Each plant has its own hysteresis, creep, resonance, noise and drift, and half of them change suddenly. Prints
     median, 95th percentile and worst of the errors of the default controller and the paper's; writes a page.
+
+    With --fast: stages with modes, lag, dead time and hystereses of three structures, in motions up to half of the
+    first resonance.
     """
     if only is not None:
-        return _one(seed, only, controllers[0], output, plots, as_json)
+        return _one(seed, only, controllers[0], fast, output, plots, as_json)
     (page_file,) = common.outputs(output, ".html")
     from truestroke.studies import robustness as studies
 
+    if fast:
+        return _fast(seed, studies.numbers(plants, half), controllers, workers, page_file, plots, as_json)
     asked = studies.Robustness(seed=seed, numbers=studies.numbers(plants, half), controllers=controllers)
     if not asked.numbers:
         raise click.UsageError(f"--plants {plants}: the {half} half of it is empty.")
@@ -71,12 +84,48 @@ def robustness(
     return ExitCode.of(verdict)
 
 
-def _one(seed: int, number: int, controller: str, output: str, plots: Path | None, as_json: bool) -> int:
+def _fast(
+    seed: int, numbers: range, controllers: tuple[str, ...], workers: int, page_file: Path, plots: Path | None,
+    as_json: bool,
+) -> int:  # fmt: skip
+    from truestroke.studies import robustness as studies
+    from truestroke.studies.robustness import fast
+
+    if not numbers:
+        raise click.UsageError("--plants: that half of it is empty.")
+    with common.progress("simulating") as tell:
+        rows = studies.run(fast.FastRobustness(seed=seed, numbers=numbers, controllers=controllers), workers, tell)
+    verdict = fast.judge(rows)
+    with common.stoppable(), common.progress("plotting"):
+        from truestroke.studies.robustness.fast import page
+
+        row, controller = page.worst_first(rows)[0]
+        recording = fast.record(seed, row.number, controller)
+        made = page.page(rows, (row, controller), recording, common.as_asked()["command"])
+        paths = common.save_page(made, page_file, plots)
+    if as_json:
+        runs = [{"number": row.number, **row.sampled, **row.metrics} for row in rows]
+        found = {"table": [vars(line) for line in fast.results(rows)], "runs": runs}
+        common.print_json({**verdict.as_dict(), **found, "page": str(page_file), "pictures": paths})
+        return ExitCode.of(verdict)
+    common.print_table(*page.table(rows))
+    common.print_table(*page.compared(rows))
+    common.print_table(*page.worst_runs(rows), left="what")
+    common.print_verdict(verdict)
+    common.print_files(page=page_file, pictures=plots)
+    again = f"robustness --fast{f' --seed {seed}' if seed else ''} --controllers {controller} --only {row.number}"
+    common.suggest((again, "recording and page of the worst run"))
+    return ExitCode.of(verdict)
+
+
+def _one(seed: int, number: int, controller: str, fast: bool, output: str, plots: Path | None, as_json: bool) -> int:
     recording_file, page_file = common.outputs(output, ".h5", ".html")
     from truestroke.studies import robustness as studies
+    from truestroke.studies.robustness import fast as fast_studies
 
+    record = fast_studies.record if fast else studies.record
     with common.stoppable(), common.progress("simulating"):
-        recording = studies.record(seed, number, controller)
+        recording = record(seed, number, controller)
     recording = results.own(recording)
     recording.save(recording_file)
     if not as_json:

@@ -36,6 +36,9 @@ class StagePlant(Simulated):
     truth : ndarray, shape (ticks,)
         Displacement without sensor and noise, the mean over each tick of the last exchange, um.
 
+    least_slope : float
+        Smallest slope of the loop over the mean one.
+
     Raises
     ------
     SettingError
@@ -71,6 +74,7 @@ class StagePlant(Simulated):
         if stage.least_slope <= 0:
             bound = f"smaller for {s.hysteresis_kind}: the stage would retract at a rising voltage"
             raise SettingError("loop_width", s.loop_width, bound)
+        self.least_slope = stage.least_slope
         super().__init__(stage, seed)
 
     def _random(self) -> Noise:

@@ -12,7 +12,7 @@ import numpy as np
 import truestroke
 from truestroke.base.errors import TruestrokeError
 from truestroke.control.settings import ControllerSettings
-from truestroke.plant import MatchedSettings, PlantSettings
+from truestroke.plant import MatchedSettings, PlantSettings, StageSettings
 from truestroke.runtime.batch import Simulation, SimulationError, simulate_many
 from truestroke.signals.trajectories import Trajectory
 
@@ -30,7 +30,7 @@ class Run:
         Which.
     seed : int
         Of the sensor noise.
-    plant : MatchedSettings or PlantSettings
+    plant : MatchedSettings, PlantSettings or StageSettings
         The actuator.
     trajectory : Trajectory
         The desired motion.
@@ -44,7 +44,7 @@ class Run:
 
     number: int
     seed: int
-    plant: MatchedSettings | PlantSettings
+    plant: MatchedSettings | PlantSettings | StageSettings
     trajectory: Trajectory
     controllers: dict[str, ControllerSettings]
     sampled: dict[str, Any]
@@ -78,8 +78,8 @@ class Study(Protocol):
     def sample(self, number: int) -> Run:
         """The run of this number: a function of the study and the number alone."""
 
-    def metrics(self, run: Run, channels: Channels) -> dict[str, Number]:
-        """What is kept of a run; `channels` are those of `simulate_many`."""
+    def metrics(self, run: Run, controller: str, channels: Channels) -> dict[str, Number]:
+        """What is kept of a run with one of its controllers; `channels` are those of `simulate_many`."""
 
 
 @dataclass(frozen=True)
@@ -168,14 +168,14 @@ def _simulate(study: Study, number: int) -> tuple[Row, dict[str, float], int]:
     seconds = {"sample": time.thread_time() - start}
     metrics: dict[str, dict[str, Number]] = {}
     for name in run.controllers:
-        reduce = partial(_metrics, study, run)
+        reduce = partial(_metrics, study, run, name)
         metrics[name], seconds[name] = simulate_many([run.simulation(name)], reduce=reduce, threads=1).results[0]
     return Row(number, run.sampled, metrics), seconds, len(run.trajectory) * len(metrics)
 
 
-def _metrics(study: Study, run: Run, _: int, channels: Channels) -> tuple[dict[str, Number], float]:
+def _metrics(study: Study, run: Run, controller: str, _: int, channels: Channels) -> tuple[dict[str, Number], float]:
     """What is kept, and the processor time of this thread, which was made for this simulation."""
-    return study.metrics(run, channels), time.thread_time()
+    return study.metrics(run, controller, channels), time.thread_time()
 
 
 def quantiles(values: Sequence[float | None]) -> tuple[float, float, float]:

@@ -17,7 +17,7 @@ from truestroke.runtime import loop
 from truestroke.signals.metrics import rmse
 from truestroke.signals.recording import Recording
 from truestroke.studies import engine
-from truestroke.studies.engine import Channels, Number, Row, Run, Store, StudyError, quantiles
+from truestroke.studies.engine import Channels, Number, Row, Run, Store, Study, StudyError, quantiles
 from truestroke.studies.engine.executors import threads
 from truestroke.studies.robustness.sample import CONTROLLERS, SAMPLE_RATE, change_tick, plant_of, sample
 
@@ -127,7 +127,7 @@ class Robustness:
         """The run of this number."""
         return sample(self.seed, number, self.controllers, **self.settings)
 
-    def metrics(self, run: Run, channels: Channels) -> dict[str, Number]:
+    def metrics(self, run: Run, _: str, channels: Channels) -> dict[str, Number]:
         """How well it was followed."""
         return metrics(run, channels)
 
@@ -146,13 +146,13 @@ def numbers(plants: int, half: str = "all") -> range:
     return range(start, checks.count("plants", plants, 1, 1_000_000), step)
 
 
-def run(study: Robustness, workers: int = 2, progress: Callable[[int, int], None] | None = None) -> list[Row]:
+def run(study: Study, workers: int = 2, progress: Callable[[int, int], None] | None = None) -> list[Row]:
     """Simulate all runs of the study; nothing is kept on the disk.
 
     Parameters
     ----------
-    study : Robustness
-        Which.
+    study : Study
+        Which, such as a `Robustness`.
     workers : int
         Threads.
     progress : callable, optional

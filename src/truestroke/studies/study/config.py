@@ -181,7 +181,7 @@ class Study:
         """The run of this number; see `sample`."""
         return sample(self, number)
 
-    def metrics(self, run: Run, channels: Channels) -> dict[str, Number]:
+    def metrics(self, run: Run, _: str, channels: Channels) -> dict[str, Number]:
         """Time of convergence, s (None if it never converges), and what is recorded."""
         time = metrics.convergence_time(channels["time"], error(channels), self.converged.level)
         return {"convergence_time": time} | {name: METRICS[name].of(channels) for name in self.record}
