@@ -23,7 +23,7 @@ SEED = 7  # of the small study; neither half of it was used for tuning
 
 @pytest.fixture(scope="module")
 def runs():
-    return [fast.sample(11, number, ["untold"]) for number in range(100)]
+    return [fast.sample(11, number, ["unknown"]) for number in range(100)]
 
 
 def test_the_stages_are_of_the_stated_distribution(runs):
@@ -35,7 +35,7 @@ def test_the_stages_are_of_the_stated_distribution(runs):
         "log amplifier": (np.log([s.amplifier_bandwidth for s in stages]), np.log(500), np.log(10_000)),
         "dead time": ([s.dead_time * s.sample_rate for s in stages], 0, 2),
         "log stroke": (np.log([s.stroke for s in stages]), np.log(5), np.log(100)),
-        "noise": ([run.plant.noise / run.sampled["span"]["untold"] * 20 for run in runs], 5e-3, 60e-3),
+        "noise": ([run.plant.noise / run.sampled["span"]["unknown"] * 20 for run in runs], 5e-3, 60e-3),
     }
     for name, (values, low, high) in uniform.items():
         part = (np.array(values) - low) / (high - low)
@@ -57,7 +57,7 @@ def test_the_stages_are_of_the_stated_distribution(runs):
 
 def test_motions_are_smooth_within_reach_and_have_nothing_above_a_third_of_f0(runs):
     for run in runs[:30]:
-        motion, stage = run.motions["untold"], run.plant
+        motion, stage = run.motions["unknown"], run.plant
         dt = 1 / stage.sample_rate
         assert motion.position[0] == motion.velocity[0] == motion.acceleration[0] == 0
         moved = (motion.velocity[1:] + motion.velocity[:-1]) / 2 * dt
@@ -85,18 +85,18 @@ def test_a_sample_is_its_seed_and_number():
 
 def run_on(**changes):
     """A run on a stage of this kind."""
-    run = next(r for n in range(50) if (r := fast.sample(0, n, ["untold"])).sampled["motion"] == "multi-tone")
+    run = next(r for n in range(50) if (r := fast.sample(0, n, ["unknown"])).sampled["motion"] == "multi-tone")
     quiet = StageSettings(
         sample_rate=run.plant.sample_rate, stroke=run.plant.stroke, voltage_limits=(-2.0, 5.0), creep=0.0, noise=0.0,
         resonances=(0.4 * run.plant.sample_rate,), dampings=(0.7,), amplifier_bandwidth=0.0,
     )  # fmt: skip
-    law = dataclasses.replace(run.controllers["untold"], voltage_limits=(-2.0, 5.0))
+    law = dataclasses.replace(run.controllers["unknown"], voltage_limits=(-2.0, 5.0))
     stage = dataclasses.replace(quiet, **changes)
-    return dataclasses.replace(run, plant=stage, controllers={"untold": law})
+    return dataclasses.replace(run, plant=stage, controllers={"unknown": law})
 
 
 def channels(run, true, **more):
-    motion = run.motions["untold"]
+    motion = run.motions["unknown"]
     flags = np.zeros(len(motion), np.uint8)
     return {"time": motion.time, "desired": motion.position, "true": true, "flags": flags, **more}
 
@@ -104,35 +104,35 @@ def channels(run, true, **more):
 def test_the_straight_line_is_exact_on_a_straight_stage_and_has_the_loop_of_a_bent_one():
     for width, error in ((0.0, (0.0, 0.6)), (0.15, (2.0, 8.0))):
         run = run_on(loop_width=width)
-        desired = run.motions["untold"].position
-        judged, _ = counts(run, run.motions["untold"].time)
+        desired = run.motions["unknown"].position
+        judged, _ = counts(run, run.motions["unknown"].time)
         true = straight_line(run, desired, judged)
         a, b = np.polyfit(true[judged], desired[judged], 1)  # no other gain or offset is better
         assert a == pytest.approx(1, abs=0.02)
         assert b == pytest.approx(0, abs=0.08 * run.plant.stroke)
-        rms = 100 * np.std((true - desired)[judged]) / run.sampled["span"]["untold"]
+        rms = 100 * np.std((true - desired)[judged]) / run.sampled["span"]["unknown"]
         assert error[0] <= rms < error[1]
 
 
 def test_the_held_controller_follows_a_stage_without_dynamics():
     """Whose waves are all slow: what it learned on the slow wave holds for the fast one."""
     run = run_on(loop_width=0.12)
-    error = held(run, "untold") - run.motions["untold"].position
-    judged, _ = counts(run, run.motions["untold"].time)
-    assert 100 * np.std(error[judged]) / run.sampled["span"]["untold"] < 2.5
+    error = held(run, "unknown") - run.motions["unknown"].position
+    judged, _ = counts(run, run.motions["unknown"].time)
+    assert 100 * np.std(error[judged]) / run.sampled["span"]["unknown"] < 2.5
 
 
 def test_metrics_are_per_cent_of_the_motion_and_leave_out_what_they_say():
     run = run_on(loop_width=0.0)
     run = dataclasses.replace(run, sampled=run.sampled | {"jump": 1.5})
-    motion, span = run.motions["untold"], run.sampled["span"]["untold"]
+    motion, span = run.motions["unknown"], run.sampled["span"]["unknown"]
     true = motion.position.copy()
     rate = run.plant.sample_rate
     true[: round(0.4 * rate)] += span  # the start
     true[round(1.6 * rate) : round(2.4 * rate)] += span  # within a second after the jump
     true[round(1.0 * rate)] += 0.1 * span
     true[round(3.0 * rate) : round(3.5 * rate)] += 0.02 * span
-    found = fast.metrics(run, "untold", channels(run, true))
+    found = fast.metrics(run, "unknown", channels(run, true))
     assert found["largest"] == pytest.approx(10.0)
     assert found["largest_at"] == pytest.approx(1.0)
     assert found["maximum"] == pytest.approx(2.0)
@@ -140,10 +140,10 @@ def test_metrics_are_per_cent_of_the_motion_and_leave_out_what_they_say():
 
 
 def rows_with(*metrics, jump=None, kind="plays"):
-    base = {"maximum": 1.0, "largest": 1.0, "largest_at": 1.0, "changes": 0, "oscillations": 0}
-    sampled = {"kind": kind, "jump": jump, "what": "", "f0": 100.0, "span": {"untold": 1.0}}
+    base = {"maximum": 1.0, "largest": 1.0, "largest_at": 1.0, "changes": 0}
+    sampled = {"kind": kind, "jump": jump, "what": "", "f0": 100.0, "span": {"unknown": 1.0}}
     return [
-        Row(k, sampled, {"untold": base | dict(zip(("rms", "straight", "held"), m, strict=True))})
+        Row(k, sampled, {"unknown": base | dict(zip(("rms", "straight", "held"), m, strict=True))})
         for k, m in enumerate(metrics)
     ]
 
@@ -154,12 +154,12 @@ def test_a_run_worse_than_a_baseline_has_failed():
         False, True, True,
     ]  # fmt: skip
     (result,) = fast.results(rows_with(good, good, line, good))
-    assert (result.name, result.runs, result.failed) == ("nothing told, to f0/3", 4, (2,))
+    assert (result.name, result.runs, result.failed) == ("dynamics unknown, to f0/3", 4, (2,))
     assert result.missed == ("95 %",)
     levels = [fast.judge(rows_with(*some)).level for some in ((good,), (good,) * 9 + (line,), (good, frozen))]
     assert levels == ["good", "doubtful", "bad"]
     assert [one.name for one in fast.results(rows_with(good, kind="bouc-wen") + rows_with(good, jump=1.3))] == [
-        "after f0 jumps, nothing told", "Bouc-Wen, nothing told",
+        "after f0 jumps, dynamics unknown", "Bouc-Wen, dynamics unknown",
     ]  # fmt: skip
 
 
@@ -168,7 +168,7 @@ def test_a_run_worse_than_a_baseline_has_failed():
 
 def test_a_small_study_has_its_table_and_page(tmp_path):
     program = Path(sys.executable).with_name("truestroke")
-    arguments = ["robustness", "--fast", "--plants", "3", "--seed", str(SEED), "--controllers", "untold", "--json"]
+    arguments = ["robustness", "--fast", "--plants", "3", "--seed", str(SEED), "--controllers", "unknown", "--json"]
     done = subprocess.run([program, *arguments], cwd=tmp_path, capture_output=True, text=True, timeout=100)
     assert done.returncode in (0, 4), done.stderr
     told = json.loads(done.stdout)
@@ -177,16 +177,16 @@ def test_a_small_study_has_its_table_and_page(tmp_path):
     html = (tmp_path / told["page"]).read_text()
     assert html.count("<svg") == 3
     number = told["runs"][0]["number"]
-    recording = fast.record(SEED, number, "untold")  # in the loop of Python: the bits of the batch
-    run = fast.sample(SEED, number, ["untold"])
+    recording = fast.record(SEED, number, "unknown")  # in the loop of Python: the bits of the batch
+    run = fast.sample(SEED, number, ["unknown"])
     names = ("time", "desired", "true", "flags")
-    again = fast.metrics(run, "untold", {name: recording[name] for name in names})
-    assert again == told["runs"][0]["untold"]
+    again = fast.metrics(run, "unknown", {name: recording[name] for name in names})
+    assert again == told["runs"][0]["unknown"]
 
 
 def test_the_command_names_wrong_controllers():
     program = Path(sys.executable).with_name("truestroke")
-    for arguments in (["--fast", "--controllers", "paper"], ["--controllers", "untold"]):
+    for arguments in (["--fast", "--controllers", "paper"], ["--controllers", "unknown"]):
         done = subprocess.run([program, "robustness", *arguments], capture_output=True, text=True, timeout=60)
         assert done.returncode == 2
         assert "is not one of" in done.stderr
@@ -194,6 +194,6 @@ def test_the_command_names_wrong_controllers():
 
 def test_the_tables_have_a_row_for_each_line():
     rows = rows_with((0.1, 5.0, 0.2), (0.6, 0.5, 9.0))
-    assert page.table(rows)[1][0][:4] == ["nothing told, to f0/3", "2", "0.35 / 0.575 / 0.6", "0.15 / 0.5 / 1"]
+    assert page.table(rows)[1][0][:4] == ["dynamics unknown, to f0/3", "2", "0.35 / 0.575 / 0.6", "0.15 / 0.5 / 1"]
     assert page.compared(rows)[1][0][-1] == "1"
     assert robustness.numbers(5, "unseen") == range(1, 5, 2)

@@ -7,7 +7,7 @@ import click
 from truestroke.base.exit_codes import ExitCode
 from truestroke.cli import common, results
 
-SLOW, FAST = ("adaptive", "paper"), ("untold",)  # controllers of the two halves of the study
+SLOW, FAST = ("adaptive", "paper"), ("unknown",)  # controllers of the two halves of the study
 
 
 def _names(context: click.Context, option: click.Parameter, value: str | None) -> tuple[str, ...]:
@@ -28,7 +28,7 @@ def _names(context: click.Context, option: click.Parameter, value: str | None) -
 @click.option("--seed", metavar="N", type=click.IntRange(0), default=0, help="Of all that is sampled.")
 @click.option("--fast", is_flag=True, is_eager=True, help="Stages of 50 to 2000 Hz, and motions up to half of that.")
 @click.option("--controllers", metavar="NAMES", callback=_names, help="Of adaptive, paper; with --fast "
-              "untold: nothing is told of the dynamics.")  # fmt: skip
+              "unknown: the dynamics.")  # fmt: skip
 @click.option("--half", type=click.Choice(["all", "seen", "unseen"]), default="all", help="Even numbers are seen, for "
               "tuning; odd ones are not.")  # fmt: skip
 @click.option("--workers", metavar="N", type=click.IntRange(1), default=2, help="Threads.")

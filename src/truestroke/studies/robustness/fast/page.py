@@ -15,11 +15,11 @@ from truestroke.studies.robustness.fast.table import (
     SETTLED,
     START,
     Result,
+    given_to,
     judge,
     lines_of,
     of_line,
     results,
-    told_of,
 )
 
 SHOWN = 8  # runs with the largest errors
@@ -91,7 +91,7 @@ def worst_runs(rows: Sequence[Row]) -> Cells:
         found = row.metrics[name]
         numbers = [f"{found[key]:.3g}" for key in ("rms", "maximum", "largest", "straight", "held")]
         cells.append([str(row.number), name, *numbers, row.sampled["what"]])
-    return ["run", "told", "rms", "maximum", "largest", "straight line", "held", "what"], cells
+    return ["run", "dynamics", "rms", "maximum", "largest", "straight line", "held", "what"], cells
 
 
 def page(rows: Sequence[Row], worst: tuple[Row, str], recording: Recording, command: str | None = None) -> Page:
@@ -102,7 +102,8 @@ def page(rows: Sequence[Row], worst: tuple[Row, str], recording: Recording, comm
     found = Table(columns=columns, rows=cells, note=NOTE)
     baselines_beside = Table(columns=beside_columns, rows=beside, note=FAILED)
     largest = Table(columns=worst_columns, rows=worst_cells, text=True)
-    lead = f"{len(rows)} stages with a first resonance f0 of 50 to 2000 Hz; motions to f0/2, or f0/3 with nothing told."
+    lead = f"{len(rows)} stages with a first resonance f0 of 50 to 2000 Hz. "
+    lead += "Motions have contents to f0/2, to f0/3 where the dynamics are unknown."
     return Page(
         title=f"{len(rows)} fast stages, sampled at random",
         lead=lead,
@@ -122,7 +123,7 @@ def distribution(rows: Sequence[Row], theme: Theme = LIGHT) -> Figure:
     """Part of the runs whose rms is at most so much, a line of the table a curve; a bar is its worst goal."""
     with style.use(theme):
         figure, (panel,) = style.panels(3.2)
-        for i, line in enumerate(lines_of(told_of(rows))):
+        for i, line in enumerate(lines_of(given_to(rows))):
             ascending = np.sort([found["rms"] for _, found in of_line(line, rows)])
             if not ascending.size:
                 continue
@@ -147,7 +148,7 @@ def baselines(rows: Sequence[Row], theme: Theme = LIGHT) -> Figure:
             found = [row.metrics[name] for row in rows]
             best = [min(float(m["straight"] or 0), HELD * float(m["held"] or 0)) for m in found]
             rms = [float(m["rms"] or 0) for m in found]
-            label = "nothing told" if name == "untold" else f"dynamics {name}"
+            label = f"dynamics {name}"
             panel.plot(best, rms, MARKERS[i], color=theme.series[i], ms=4.5, alpha=0.75, label=label)
             reached += best
         ends = min(reached), max(reached)
@@ -164,11 +165,11 @@ def trace(row: Row, controller: str, recording: Recording, theme: Theme = LIGHT)
     time, desired = recording["time"], percent * recording["desired"]
     error = percent * recording["true"] - desired
     near, later = np.abs(time - at) < PERIODS / row.sampled["f0"], time >= START
-    told = "nothing told" if controller == "untold" else f"dynamics {controller}"
+    what = f"dynamics {controller}"
     with style.use(theme):
         figure, (motion, detail, full) = style.panels(5.4, 3, 1)
         motion.plot(*style.thin(time[near], desired[near]), color=theme["desired"], lw=1.2)
-        motion.set(title=f"Run {row.number}, {told}: {row.sampled['motion']}", ylabel="desired (%)")
+        motion.set(title=f"Run {row.number}, {what}: {row.sampled['motion']}", ylabel="desired (%)")
         for panel, part in ((detail, near), (full, later)):
             panel.plot(*style.thin(time[part], error[part]), color=theme["true"], lw=0.9)
             style.zero(panel, theme)

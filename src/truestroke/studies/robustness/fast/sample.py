@@ -22,9 +22,9 @@ from truestroke.studies.engine import Run
 RATES = (5_000.0, 10_000.0, 20_000.0)  # Hz
 SEEN = 0.12  # of the sample rate: the highest first resonance
 HIGHEST_MODE = 0.4  # of the sample rate: a second mode is below
-CONTROLLERS = ("untold",)
-REACH = {"untold": 1 / 3}  # controller -> highest frequency over f0
-ROOM = 0.25, 0.9  # of the stroke: where motions are
+CONTROLLERS = ("unknown",)
+REACH = {"unknown": 1 / 3}  # controller -> highest frequency over f0
+TRAVEL = 0.25, 0.9  # of the stroke: where motions are
 DURATION = 4.0  # s of a motion
 RAMP = 0.3  # s of its beginning
 JUMP = 0.05  # of the resonances
@@ -95,7 +95,7 @@ def stage_of(run: Run) -> StageSettings:
 
 
 DYNAMICS: dict[str, Callable[[StageSettings, int], Dynamics | None]] = {
-    "untold": lambda _, __: None,
+    "unknown": lambda _, __: None,
 }
 
 
@@ -119,8 +119,8 @@ def sample(seed: int, number: int, controllers: Iterable[str] = CONTROLLERS, **s
 
     Examples
     --------
-    >>> sample(0, 3, ["untold"]).sampled["what"]
-    'sine, f0 103 Hz, damping 0.026, 2 modes, preisach, 5 kHz'
+    >>> sample(0, 4, ["unknown"]).sampled["what"]
+    'sine, f0 94 Hz, damping 0.007, 2 modes, preisach, 5 kHz, f0 drifts by -1 %/min'
     """
     random = np.random.Generator(np.random.PCG64([seed, number, 1]))
     stage = _stage(random)
@@ -166,11 +166,11 @@ def _reach(controller: str) -> float:
 
 
 def _law(stage: StageSettings, dynamics: Dynamics | None, settings: dict[str, Any]) -> ControllerSettings:
-    """What a controller is told of the stage."""
+    """What a controller knows of the stage."""
     low, high = stage.voltage_limits
-    told = {"sample_rate": stage.sample_rate, "stroke": stage.stroke, "voltage_limits": stage.voltage_limits}
+    data = {"sample_rate": stage.sample_rate, "stroke": stage.stroke, "voltage_limits": stage.voltage_limits}
     known = {} if dynamics is None else {"dynamics": dynamics}
-    return ControllerSettings(**{**told, "slew_limit": SWIFT * (high - low), **known, **settings})
+    return ControllerSettings(**{**data, "slew_limit": SWIFT * (high - low), **known, **settings})
 
 
 def _what(motion: str, stage: StageSettings, jump: float | None) -> str:
@@ -240,13 +240,13 @@ def _modes(random: np.random.Generator, f0: float, highest: float) -> tuple[tupl
 # ---- The motion ----------------------------------------------------------------------------------------------------
 
 
-def _room(stage: StageSettings) -> float:
+def _travel(stage: StageSettings) -> float:
     """Length of where motions are, um."""
-    return stage.stroke * (ROOM[1] - ROOM[0])
+    return stage.stroke * (TRAVEL[1] - TRAVEL[0])
 
 
 def _tones(shape: int, motion: str, stage: StageSettings, reach: float, size: float) -> Tones:
-    """A motion with nothing above `reach` times f0; the strain and it have the part `size` of the room at most."""
+    """A motion with nothing above `reach` times f0; the strain and it have the part `size` of the travel at most."""
     random = np.random.Generator(np.random.PCG64(shape))
     f0 = stage.resonances[0]
     top = reach * f0 * _log_uniform(random, 0.4, 1.0)
@@ -267,8 +267,8 @@ def _tones(shape: int, motion: str, stage: StageSettings, reach: float, size: fl
     strained = Tones(0.0, frequency, amplitude / np.abs(dynamics), phase - np.angle(dynamics))
     time = np.linspace(0.0, min(40.0 / float(np.min(frequency)), DURATION), 40_000)
     largest = max(float(np.max(np.abs(one.at(time)[0]))) for one in (tones, strained))
-    scale = 0.5 * size * _room(stage) / largest
-    return Tones(stage.stroke * (ROOM[0] + ROOM[1]) / 2, frequency, scale * amplitude, phase)
+    scale = 0.5 * size * _travel(stage) / largest
+    return Tones(stage.stroke * (TRAVEL[0] + TRAVEL[1]) / 2, frequency, scale * amplitude, phase)
 
 
 def motion_of(tones: Tones, sample_rate: float, name: str) -> Trajectory:

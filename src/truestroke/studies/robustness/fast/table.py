@@ -21,7 +21,7 @@ from truestroke.studies.engine import Channels, Number, Row, Run, quantiles
 from truestroke.studies.robustness.fast.sample import (
     CONTROLLERS,
     DURATION,
-    ROOM,
+    TRAVEL,
     FastRun,
     Motion,
     Tones,
@@ -62,7 +62,7 @@ class Line:
 
 
 def lines_of(dynamics: str) -> list[Line]:
-    """The lines where `dynamics`, "measured" or "known", are told."""
+    """The lines where `dynamics`, "measured" or "known", are given."""
 
     def jumps(sampled: Mapping[str, Any]) -> bool:
         return sampled["jump"] is not None
@@ -75,11 +75,11 @@ def lines_of(dynamics: str) -> list[Line]:
 
     return [
         Line(f"dynamics {dynamics}, to f0/2", dynamics, others, (0.06, 0.15, 0.3)),
-        Line("nothing told, to f0/3", "untold", others, (0.15, 0.5, 1.0)),
+        Line("dynamics unknown, to f0/3", "unknown", others, (0.15, 0.5, 1.0)),
         Line(f"after f0 jumps, dynamics {dynamics}", dynamics, jumps, (0.1, 0.3, 0.5)),
         Line(f"Bouc-Wen, dynamics {dynamics}", dynamics, bouc_wen, (0.4, 0.8, 1.2)),
-        Line("after f0 jumps, nothing told", "untold", jumps),
-        Line("Bouc-Wen, nothing told", "untold", bouc_wen),
+        Line("after f0 jumps, dynamics unknown", "unknown", jumps),
+        Line("Bouc-Wen, dynamics unknown", "unknown", bouc_wen),
     ]
 
 
@@ -115,7 +115,7 @@ def metrics(run: FastRun, controller: str, channels: Channels) -> dict[str, Numb
         rms and maximum: of the second half, and not of the second after a jump. largest, %, and largest_at, s:
         anywhere but in the first 0.5 s and in that second. straight: rms of a straight line through the same stage with
         the best gain and offset. held: rms of the same controller that learned on a slow wave and does not adapt.
-        changes, oscillations: ticks in which the controller found a sudden change, and oscillation.
+        changes: ticks in which the controller found a sudden change.
     """
     desired, true, time = channels["desired"], channels["true"], np.asarray(channels["time"])
     judged, later = counts(run, time)
@@ -134,7 +134,6 @@ def metrics(run: FastRun, controller: str, channels: Channels) -> dict[str, Numb
         "straight": rms(straight_line(run, desired, judged)),
         "held": rms(held(run, controller)),
         "changes": int(np.count_nonzero(channels["flags"] & BIT["changed"])),
-        "oscillations": int(np.count_nonzero(channels["flags"] & BIT["oscillating"])),
     }
 
 
@@ -179,8 +178,8 @@ def _after_a_slow_wave(run: FastRun, controller: str, learning: int) -> tuple[Tr
     tones = run.tones[controller]
     time = np.arange(learning + len(run.motions[controller])) / rate
     frequency = min(SLOW[0] * stage.resonances[0], SLOW[1])
-    room = stage.stroke * (ROOM[1] - ROOM[0]) / 2
-    wave = Tones(tones.middle, np.array([frequency]), np.array([room]), np.zeros(1)).at(time)
+    half = stage.stroke * (TRAVEL[1] - TRAVEL[0]) / 2
+    wave = Tones(tones.middle, np.array([frequency]), np.array([half]), np.zeros(1)).at(time)
     still = (np.zeros_like(time),) * 3
     slow: Motion = blended(still, wave, time)
     both = blended(slow, tones.at(time - learning / rate), time - learning / rate)
@@ -191,7 +190,7 @@ def _after_a_slow_wave(run: FastRun, controller: str, learning: int) -> tuple[Tr
 
 @dataclass(frozen=True, kw_only=True)
 class FastRobustness:
-    """The study: stages of a stated distribution and fast motions, with the dynamics told, and with nothing told.
+    """The study: stages of a stated distribution and fast motions, with the dynamics given, and unknown.
 
     Attributes
     ----------
@@ -200,7 +199,7 @@ class FastRobustness:
     numbers : sequence of int
         Of the runs.
     controllers : tuple of str
-        "measured" or "known", and "untold".
+        "measured" or "known", and "unknown".
     settings : mapping
         Of all controllers, for trying others.
     """
@@ -283,15 +282,15 @@ def failed(found: Mapping[str, float]) -> bool:
     return found["rms"] > min(found["straight"], HELD * found["held"])
 
 
-def told_of(rows: Sequence[Row]) -> str:
-    """Which dynamics the controllers of a study were told."""
+def given_to(rows: Sequence[Row]) -> str:
+    """Which dynamics the controllers of a study were given."""
     return "known" if "known" in rows[0].metrics else "measured"
 
 
 def results(rows: Sequence[Row]) -> list[Result]:
     """The table: the lines that have a run."""
     table = []
-    for line in lines_of(told_of(rows)):
+    for line in lines_of(given_to(rows)):
         if having := of_line(line, rows):
             names = ("rms", "maximum", "largest", "straight", "held")
             numbers = {name: quantiles([found[name] for _, found in having]) for name in names}
