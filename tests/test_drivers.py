@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from truestroke import AdaptiveController, RunInterrupted, SettingError, Timing, run
 from truestroke.base import toml
-from truestroke.plant import RealisticPlant
+from truestroke.plant import RealisticPlant, StagePlant, StageSettings
 from truestroke.runtime.drivers import DriverError, Fault, OneAxis, SimulatedDriver, SimulatedSettings, playback
 from truestroke.runtime.drivers.guard import Guard
 from truestroke.runtime.drivers.paced import Clock
@@ -258,3 +258,19 @@ def test_a_playback_is_paced_and_answers_its_own_voltages() -> None:
     assert np.array_equal(slow.displacement, at_once.displacement)
     with pytest.raises(SettingError, match=r"voltage_limits = -20.0 V: must be from -10 to 10 V"):
         playback(SimulatedDriver(), volts, 2000.0, voltage_limits=(-20.0, 20.0), slew=SLEW)
+
+
+def test_a_channel_of_the_simulated_driver_may_be_a_stage() -> None:
+    """From a configuration: the stage itself, tick by tick, and its range."""
+    stage = {"resonances": [500.0, 1500.0], "dampings": [0.02, 0.02], "shares": [0.9, 0.1], "voltage_limits": [-1, 5]}
+    driver = SimulatedDriver(toml.decode(SimulatedSettings, {"sample_rate": 10_000.0, "seed": 4, "stage": stage}))
+    driver.open()
+    driver.start(np.zeros(1))
+    volts, measured = np.full((1, 1), 2.0), np.empty((1, 1))
+    driver.exchange(volts, measured)
+    plain = {name: tuple(v) if isinstance(v, list) else v for name, v in stage.items()}
+    assert measured[0] == StagePlant(StageSettings(sample_rate=10_000.0, **plain), 4).exchange(np.array([2.0]))  # type: ignore[arg-type]
+    assert driver.describe()["output_range"] == (-1.0, 5.0)
+    driver.close()
+    with pytest.raises(SettingError, match="stage"):
+        SimulatedSettings(plant={"noise": 0.0}, stage=stage)

@@ -81,6 +81,8 @@ class SimulatedSettings:
         temporary one. It stays as it is when the process dies, as the D/A converter of a card does.
     plant : Mapping[str, object]
         Members of `plant.PlantSettings`.
+    stage : Mapping[str, object]
+        Members of `plant.StageSettings`: a stage for fast motion on each channel in place of that plant.
     faults : tuple[Fault, ...]
         Faults of the run.
     """
@@ -93,10 +95,13 @@ class SimulatedSettings:
     hardware_timed: bool = False
     register: str | None = None
     plant: Mapping[str, object] = field(default_factory=dict)
+    stage: Mapping[str, object] = field(default_factory=dict)
     faults: tuple[Fault, ...] = ()
 
     def __post_init__(self) -> None:
         checks.count("seed", self.seed, 0, 2**62)
+        if self.plant and self.stage:
+            raise SettingError("stage", dict(self.stage), "left out, or `plant`: a channel has one of them")
         self.timing()
 
     def timing(self) -> Timing:
@@ -105,9 +110,13 @@ class SimulatedSettings:
         return Timing(**{name: getattr(self, name) for name in names})
 
     def plants(self) -> list[Plant]:
-        """A realistic stack for each channel."""
-        from truestroke.plant import PlantSettings, RealisticPlant
+        """A realistic stack, or a stage, for each channel."""
+        from truestroke.plant import PlantSettings, RealisticPlant, StagePlant, StageSettings
 
+        if self.stage:
+            with checks.inside("stage."):
+                stage = toml.decode(StageSettings, self.stage, sample_rate=self.sample_rate)
+            return [StagePlant(stage, self.seed + channel) for channel in range(self.channels)]
         with checks.inside("plant."):
             settings = toml.decode(PlantSettings, self.plant, sample_rate=self.sample_rate)
         return [RealisticPlant(settings, self.seed + channel) for channel in range(self.channels)]
@@ -243,7 +252,7 @@ class SimulatedDriver:
     def _range(self) -> dict[str, object]:
         """That of the D/A converters, where they are simulated and have one."""
         settings = getattr(self._plants[0], "settings", None)
-        limits = getattr(settings, "da_limits", None)
+        limits = getattr(settings, "voltage_limits" if self.settings.stage else "da_limits", None)
         return {} if limits is None else {"output_range": limits}
 
 
