@@ -7,13 +7,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from scipy import signal
 
 import truestroke
-from truestroke import ControllerSettings, SettingError
+from truestroke import ControllerSettings, Dynamics, Mode, SettingError, metrics
 from truestroke.cli import main
 from truestroke.control import feasibility
 from truestroke.control.baselines import ConstantGain
-from truestroke.signals.trajectories import Trajectory, random_wave, sine, staircase, triangle
+from truestroke.plant import PlantSettings, RealisticPlant
+from truestroke.signals.judgement import judge
+from truestroke.signals.trajectories import Trajectory, random_wave, raster, sine, staircase, triangle
 
 BENCH = {"sample_rate": 2000.0, "stroke": 30.0, "voltage_limits": (-0.6, 3.6)}
 SETTINGS = ControllerSettings(**BENCH)
@@ -85,8 +88,11 @@ def test_a_motion_too_fast_for_the_slew_is_refused_or_told() -> None:
 class Spring:
     """10 um/V."""
 
+    def __init__(self, sample_rate: float = 2000.0) -> None:
+        self.sample_rate = sample_rate
+
     def open(self) -> truestroke.Timing:
-        return truestroke.Timing(sample_rate=2000.0)
+        return truestroke.Timing(sample_rate=self.sample_rate)
 
     def exchange(self, volts: np.ndarray) -> np.ndarray:
         return 10.0 * volts
@@ -95,13 +101,66 @@ class Spring:
 def test_a_run_tells_before_it_begins_which_limit_holds_its_motion_back() -> None:
     wave = sine(frequency=100.0, peak_to_peak=20.0, duration=0.6)
     with pytest.warns(
-        truestroke.LimitWarning, match=r"slew_limit = 504 V/s .* needs about 765 V/s .*; change it"
+        truestroke.LimitWarning, match=r"slew_limit = 600 V/s .* needs about 765 V/s .*; change it"
     ) as told:
-        truestroke.run(wave, truestroke.AdaptiveController(**BENCH), Spring())
+        held = truestroke.run(wave, truestroke.AdaptiveController(**BENCH, slew_limit=600.0), Spring())
     assert told[0].filename == __file__
     assert len(told) == 1
+    assert held.metadata["notices"] == [str(told[0].message)]
+    assert "met the slew limit, 600 V/s, in" in " ".join(judge(held).reasons)
     truestroke.run(wave, truestroke.AdaptiveController(**BENCH, slew_limit=900.0), Spring())  # no word
     truestroke.run(wave, ConstantGain(10.0, (-0.6, 3.6)), Spring())
+
+
+def test_the_default_slew_limit_is_raised_for_a_known_motion_that_needs_more_and_a_chosen_one_stays() -> None:
+    wave = sine(frequency=93.0, peak_to_peak=20.0, duration=0.6, sample_rate=10_000.0)
+    bench = BENCH | {"sample_rate": 10_000.0}
+    controller = truestroke.AdaptiveController(**bench)
+    with pytest.warns(truestroke.LimitWarning, match=r"slew_limit is 1423 V/s in place of its default, 504 V/s"):
+        recording = truestroke.run(wave, controller, Spring(10_000.0))
+    assert recording.metadata["controller"]["settings"]["slew_limit"] == pytest.approx(1423, abs=1)
+    assert metrics.summary(recording).slewed_ticks == 0
+    assert judge(recording).level == "good"
+    assert feasibility.needed_slew(wave, ControllerSettings(**bench, slew_limit=505.0)) is None
+    assert feasibility.needed_slew(wave, ControllerSettings(**bench), most=1000.0) == 1000.0  # that of the axis stays
+
+
+def test_a_simulation_raises_the_slew_limit_as_a_run_does() -> None:
+    wave = sine(frequency=100.0, peak_to_peak=20.0, duration=0.6)
+    one = truestroke.Simulation(trajectory=wave, controller=SETTINGS, plant=PlantSettings(), seed=3)
+    with pytest.warns(truestroke.LimitWarning):
+        run = truestroke.run(wave, truestroke.AdaptiveController(**BENCH), RealisticPlant(PlantSettings(), seed=3))
+    np.testing.assert_array_equal(truestroke.simulate_many([one])["measured"][0], run["measured"])
+
+
+def test_voltages_are_those_that_also_move_the_inertia_where_the_resonance_is_known() -> None:
+    wave = sine(frequency=100.0, peak_to_peak=20.0, offset=10.0, duration=2.0, sample_rate=10_000.0)
+    bench = BENCH | {"sample_rate": 10_000.0}
+    rigid, known = (feasibility.demands(wave, ControllerSettings(**bench, resonance=f)) for f in (0.0, 250.0))
+    factor = 1 - (100.0 / 250.0) ** 2  # of the inverse of an undamped mode at 100 Hz
+    assert known.volts[1] / rigid.volts[1] == pytest.approx((10 + 10 * factor) / 20, rel=0.01)
+    assert known.slew / rigid.slew == pytest.approx(factor, rel=0.02)
+    assert known.ringing == 0.0
+
+
+def test_a_triangle_too_sharp_for_a_known_stage_is_told_with_figures_and_a_raster_is_not() -> None:
+    mode = Mode(frequency=700.0, damping=0.02)
+    stage = Dynamics(sample_rate=10_000.0, modes=(mode,))
+    usual = {"frequency": 83.0, "peak_to_peak": 20.0, "duration": 2.0, "sample_rate": 10_000.0}
+    settings = ControllerSettings(**BENCH | {"sample_rate": 10_000.0}, slew_limit=5000.0)
+    waves = triangle(**usual), raster(turn=stage, **usual)
+    sharp, smooth = (feasibility.demands(wave, settings, mode) for wave in waves)
+    assert feasibility.notices(smooth, settings) == ()
+    (notice,) = feasibility.notices(sharp, settings)
+    assert "trajectory is too sharp for the stage: its corners (6.64e+07 um/s^2) leave it ringing at 700 Hz" in notice
+    # what it states, by scipy: the inverse of the mode on samples of the lines, held for a tick, through the mode
+    wave, w = triangle(**usual), 2 * np.pi * 700.0
+    command = np.repeat(wave.position + 0.04 / w * wave.velocity, 10)
+    t = np.arange(command.size) / 100_000.0
+    z = signal.lsim(([w**2], [1, 0.04 * w, w**2]), command, t, interp=False)[1]
+    error = (z[5::10] - wave.position)[5000:]  # in the middle of ticks, as a held command is half a tick late
+    assert sharp.ringing == pytest.approx(np.std(error), rel=0.1)
+    assert f"by {sharp.ringing:.2g} um rms" in notice
 
 
 def test_a_command_tells_it_in_a_line_in_its_own_words(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -109,7 +168,8 @@ def test_a_command_tells_it_in_a_line_in_its_own_words(tmp_path: Path, monkeypat
     fast = ["track", "--trajectory", "sine", "--duration", "0.6", "--json"]
     done = CliRunner().invoke(main, [*fast, "--frequency", "100", "--peak-to-peak", "20"])
     (line,) = done.stderr.splitlines()
-    assert line.startswith("truestroke: slew_limit = 504 V/s will hold the motion back: it needs about 765 V/s")
-    assert line.endswith("change it, or make --trajectory slower or smaller")
+    assert line.startswith(
+        "truestroke: slew_limit is 1530 V/s in place of its default, 504 V/s: the motion needs about"
+    )
     done = CliRunner().invoke(main, [*fast, "--frequency", "4", "--voltage-limits", "-0.6", "1.9"])
     assert done.stderr == ""  # the prior follows from the limits

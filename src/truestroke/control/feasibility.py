@@ -2,22 +2,31 @@
 
 The numbers are those of the controller's prior: z = gain * x on a long way, and the
 slope after a reversal, which is the first weight, where the voltage has to be fastest.
+Where the first resonance is known, the voltage also moves the inertia of the stage:
+z + 2 zeta / w zdot + zddot / w^2 in place of z.
 """
 
+import math
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Protocol
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
 
 import numpy as np
 
 from truestroke.base.checks import SettingError
 from truestroke.base.errors import shown_as_public
-from truestroke.control.settings import ControllerSettings
+from truestroke.base.typing import FloatArray
+from truestroke.control.settings import DEFAULT_SLEW, ControllerSettings
 from truestroke.model import prior
+from truestroke.model.dynamics import Dynamics, Mode
 from truestroke.signals.trajectories import Trajectory
 
 SPARE = 1.1  # a motion may be longer than the stroke by so much
 DOUBT = 2.0  # an actuator may move so many times further a volt than in the prior: a motion beyond even that is refused
+SLEW_SPARE = 2.0  # times what a motion needs: the default slew limit, where it is raised
+DAMPING = 0.02  # of a resonance whose damping nobody states
+SHARP = 0.003  # of the peak-to-peak: ringing of a stage that follows corners, from which on they are reported
+LONGEST = 1 << 17  # ticks at the end of a motion, of which its ringing is computed
 USUAL = 95.0  # percent of the ticks: a slew that is exceeded in more of them is not one of short moves
 NAMES: Mapping[str, str] = {
     "motion": "trajectory",
@@ -65,6 +74,10 @@ class Demands:
         Lowest and highest voltage, V, according to the prior of the settings.
     slew, usual_slew : float
         Fastest change of the voltage, and that which 95 % of the ticks keep to, V/s.
+    resonance : float
+        First resonance of the stage, Hz; 0 where it is not known.
+    ringing : float
+        What corners of the motion, where its velocity jumps, leave of a stage that is otherwise followed, um rms.
     """
 
     reach: tuple[float, float]
@@ -74,6 +87,8 @@ class Demands:
     volts: tuple[float, float]
     slew: float
     usual_slew: float
+    resonance: float = 0.0
+    ringing: float = 0.0
 
 
 def gains(settings: ControllerSettings) -> tuple[float, float]:
@@ -102,7 +117,16 @@ def reach(trajectory: Trajectory | Pursued) -> tuple[float, float]:
     return trajectory.reach
 
 
-def demands(trajectory: Trajectory | Pursued, settings: ControllerSettings) -> Demands:
+def first_mode(controller: Any) -> Mode | None:
+    """First mode of the stage of a controller: of its `dynamics`, or of the setting `resonance`; None if not known."""
+    dynamics = getattr(controller, "dynamics", None)
+    if isinstance(dynamics, Dynamics):
+        return dynamics.modes[0]
+    known = getattr(getattr(controller, "settings", controller), "resonance", 0.0)
+    return Mode(frequency=known, damping=DAMPING) if known else None
+
+
+def demands(trajectory: Trajectory | Pursued, settings: ControllerSettings, mode: Mode | None = None) -> Demands:
     """What a trajectory needs of an actuator according to the prior of the settings; 0 um is at 0 V.
 
     Parameters
@@ -111,6 +135,8 @@ def demands(trajectory: Trajectory | Pursued, settings: ControllerSettings) -> D
         Desired motion.
     settings : ControllerSettings
         Of the controller that is to follow it.
+    mode : Mode, optional
+        First mode of the stage; by default that of the setting `resonance`, if it is set.
 
     Returns
     -------
@@ -135,7 +161,7 @@ def demands(trajectory: Trajectory | Pursued, settings: ControllerSettings) -> D
         speed = usual_speed = trajectory.speed
         acceleration = 4 * speed / trajectory.ramp
     ends, (long_way, first) = reach(trajectory), gains(settings)
-    return Demands(
+    needs = Demands(
         reach=ends,
         speed=speed,
         usual_speed=usual_speed,
@@ -144,6 +170,38 @@ def demands(trajectory: Trajectory | Pursued, settings: ControllerSettings) -> D
         slew=speed / first,
         usual_slew=usual_speed / first,
     )
+    mode = first_mode(settings) if mode is None else mode
+    if mode is None or not isinstance(trajectory, Trajectory):
+        return needs
+    return _with_inertia(needs, trajectory, settings, mode)
+
+
+def _with_inertia(needs: Demands, wave: Trajectory, settings: ControllerSettings, mode: Mode) -> Demands:
+    """The same for a command that passes the inverse of the first mode."""
+    long_way, first = gains(settings)
+    w = 2 * math.pi * mode.frequency
+    shaped = wave.position + 2 * mode.damping / w * wave.velocity + wave.acceleration / w**2
+    rates = np.abs(np.diff(shaped)) * wave.sample_rate
+    return replace(
+        needs,
+        volts=(min(0.0, float(shaped.min())) / long_way, max(0.0, float(shaped.max())) / long_way),
+        slew=float(rates.max(initial=0.0)) / first,
+        usual_slew=float(np.percentile(rates, USUAL)) / first if rates.size else 0.0,
+        resonance=mode.frequency,
+        ringing=_ringing(wave, shaped, mode),
+    )
+
+
+def _ringing(wave: Trajectory, shaped: FloatArray, mode: Mode) -> float:
+    """Rms of what the mode makes of the shaped command, less the motion, um: only corners are not in the command."""
+    if np.abs(np.diff(wave.velocity)).max(initial=0.0) * wave.sample_rate <= 2 * wave.peak_acceleration:
+        return 0.0  # no corner
+    end = slice(max(0, len(wave) - LONGEST), None)
+    window = np.hanning(len(wave.time[end]))
+    frequency = np.fft.rfftfreq(window.size, 1 / wave.sample_rate)
+    answer, motion = np.fft.rfft(window * shaped[end]), np.fft.rfft(window * wave.position[end])
+    error = mode.response(2j * math.pi * frequency) / mode.share * answer - motion
+    return float(np.sqrt(2 * np.sum(np.abs(error) ** 2) / (window.size * np.sum(window**2))))
 
 
 def check(
@@ -237,9 +295,77 @@ def notices(
     if needs.slew > limit:
         found.append(
             f"{names['slew']} = {limit:g} V/s will hold the motion back: it needs about {needs.slew:.3g} V/s "
-            f"({needs.speed:.4g} um/s at {gains(settings)[1]:.3g} um/V)"
+            f"({_pace(needs, settings)})"
+        )
+    span = needs.reach[1] - needs.reach[0]
+    if needs.ringing > SHARP * span:
+        found.append(
+            f"{names['motion']} is too sharp for the stage: its corners ({needs.acceleration:.3g} um/s^2) leave it "
+            f"ringing at {needs.resonance:.4g} Hz by {needs.ringing:.2g} um rms ({100 * needs.ringing / span:.2g} % of "
+            "its peak-to-peak); the turns of a raster that knows the dynamics do not"
         )
     return tuple(found)
+
+
+def _pace(needs: Demands, settings: ControllerSettings) -> str:
+    inertia = f", with the inertia of a stage of {needs.resonance:.4g} Hz" if needs.resonance else ""
+    return f"{needs.speed:.4g} um/s at {gains(settings)[1]:.3g} um/V{inertia}"
+
+
+def needed_slew(
+    trajectory: Trajectory, settings: ControllerSettings, mode: Mode | None = None, most: float = math.inf
+) -> float | None:
+    """The slew limit for a motion that is known and faster than the default one; None where the limit may stay.
+
+    A limit that is not the default was chosen by somebody, and stays. The default one is raised to twice what the
+    motion needs, for an actuator may be half as sensitive as in the prior.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        Desired motion.
+    settings : ControllerSettings
+        Of the controller that is to follow it.
+    mode : Mode, optional
+        First mode of the stage, as in `demands`.
+    most : float
+        Limit of something else that stays, such as that of an axis, V/s.
+
+    Returns
+    -------
+    float or None
+        V/s.
+
+    Examples
+    --------
+    >>> from truestroke.signals import trajectories
+    >>> s = ControllerSettings(sample_rate=2000.0, stroke=30.0, voltage_limits=(-0.6, 3.6))
+    >>> slow, fast = (trajectories.sine(frequency=f, peak_to_peak=20.0, duration=1.0) for f in (10.0, 100.0))
+    >>> needed_slew(slow, s), round(needed_slew(fast, s))
+    (None, 1530)
+    """
+    default = DEFAULT_SLEW(settings)
+    if settings.slew_limit != default or default >= most:
+        return None
+    needs = demands(trajectory, settings, mode)
+    return min(SLEW_SPARE * needs.slew, most) if SPARE * needs.slew > default else None
+
+
+def raise_slew(trajectory: Trajectory | Pursued, controller: Any, most: float = math.inf) -> tuple[str, ...]:
+    """Raise the default slew limit of a controller as `needed_slew` states, and report it; () where it stays."""
+    settings = getattr(controller, "settings", None)
+    if not isinstance(settings, ControllerSettings) or not isinstance(trajectory, Trajectory):
+        return ()
+    mode = first_mode(controller)
+    slew = needed_slew(trajectory, settings, mode, most)
+    if slew is None or not hasattr(controller, "change"):
+        return ()
+    controller.change(slew_limit=slew)
+    needs = demands(trajectory, settings, mode)
+    return (
+        f"{NAMES['slew']} is {slew:.4g} V/s in place of its default, {settings.slew_limit:g} V/s: the motion needs "
+        f"about {needs.slew:.3g} V/s ({_pace(needs, settings)}); set {NAMES['slew']} to keep it lower",
+    )
 
 
 def remedied(trajectory: Trajectory, controller: object) -> tuple[str, ...]:
@@ -247,5 +373,5 @@ def remedied(trajectory: Trajectory, controller: object) -> tuple[str, ...]:
     settings = getattr(controller, "settings", None)
     if not isinstance(settings, ControllerSettings) or not trajectory.position.size:
         return ()
-    found = notices(demands(trajectory, settings), settings)
+    found = notices(demands(trajectory, settings, first_mode(controller)), settings)
     return tuple(f"{notice}; change it, or make {NAMES['motion']} slower or smaller" for notice in found)

@@ -23,6 +23,7 @@ from truestroke.model.layout import MAX_PLAYS, Layout
 MAX_DEAD_ZONES = 8
 RATE_DEPENDENT = (0, 3, 6, 9, 12)  # which of the plays have a rate weight: the gradient matters for the first few only
 STEEPEST = 1e30  # um/V: of a slope, whatever stroke and voltage limits are
+DEFAULT_SLEW = Times(120, "voltage_range")  # V/s; `feasibility` raises it for a known motion that needs more
 UNLIMITED = 1e9  # for a limit that is not there: finite, so that it can be written to any file
 
 NOISE_RATE = 2.0  # 1/s: how fast the robust estimate of the noise follows
@@ -285,7 +286,7 @@ SETTINGS: declared.Table = {
         Times(50, "stroke"), law="kalman", changeable=True,
     ),
     "slew_limit": Setting(
-        "Fastest change of the voltage", "V/s", sized(), Times(120, "voltage_range"), changeable=True,
+        "Fastest change of the voltage", "V/s", sized(), DEFAULT_SLEW, changeable=True,
         kernel="slew", convert=_per_tick,
     ),
     "measurement_limit": Setting(

@@ -98,7 +98,10 @@ def run(recording: Recording, summary: TrackingSummary, verdict: Verdict) -> str
     change = change_time(recording)
     sudden = "" if change is None else f" At {change:g} s it changed suddenly."
     cut = " The run was interrupted." if recording.metadata.get("interrupted") else ""
-    return what[0].upper() + what[1:] + sudden + cut
+    notices = recording.metadata.get("notices")
+    stated = [str(notice) for notice in notices] if isinstance(notices, list) else []
+    before = f" Stated before the run: {'; '.join(stated)}." if stated else ""
+    return what[0].upper() + what[1:] + sudden + cut + before
 
 
 def _rate(recording: Recording) -> str:

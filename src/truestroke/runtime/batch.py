@@ -15,6 +15,7 @@ from truestroke import _loops
 from truestroke.base import checks
 from truestroke.base.checks import SettingError
 from truestroke.base.errors import TruestrokeError
+from truestroke.control import feasibility
 from truestroke.control.controller import AdaptiveController
 from truestroke.control.settings import ControllerSettings
 from truestroke.plant import MatchedPlant, MatchedSettings, PlantSettings, RealisticPlant, StagePlant, StageSettings
@@ -252,6 +253,7 @@ def _simulate(
             raise SettingError("trajectory.sample_rate", wave.sample_rate, bound, "Hz")
     plant, per_tick = _plant(simulation, wave)
     controller = AdaptiveController.from_settings(simulation.controller)
+    feasibility.raise_slew(wave, controller)
     pair = controller._kernel.native(), plant._plant.native()
     segment = max(SEGMENT // per_tick, 1)
     noise = buffers.take("noise", segment * per_tick)

@@ -113,7 +113,9 @@ def run(
     Warns
     -----
     LimitWarning
-        The slew limit or the voltage limits of the controller will probably hold the motion back.
+        The slew limit or the voltage limits of the controller will probably hold the motion back, corners of the motion
+        excite the known resonance, or the default slew limit was raised to twice what the motion needs. The metadata
+        has the sentences, too, as `notices`.
 
     Examples
     --------
@@ -135,9 +137,10 @@ def run(
     timing = checks.instance("actuator.open()", actuator.open(), Timing, "a Timing(sample_rate=...)")
     check_agreement(trajectory, controller, timing)
     checks.count("channels of the actuator", timing.channels, 1, 1)
-    for notice in feasibility.remedied(trajectory, controller):
+    notices = feasibility.raise_slew(trajectory, controller) + feasibility.remedied(trajectory, controller)
+    for notice in notices:
         warnings.warn(notice, feasibility.LimitWarning, stacklevel=2)
-    metadata = about(trajectory, controller, actuator, timing)
+    metadata = about(trajectory, controller, actuator, timing) | {"notices": list(notices)}
     log = _Log(trajectory, controller, timing)
     command, adapt = controller.command, controller.adapt
     z_d, zdot_d, volts = trajectory.position.tolist(), trajectory.velocity.tolist(), log.rows["volts"]

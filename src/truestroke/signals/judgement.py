@@ -196,8 +196,17 @@ def _saturated(run: _Run) -> Finding | None:
 def _slewed(run: _Run) -> Finding | None:
     if _saturated(run):
         return None  # a command that comes back from there is fast, too
-    found = _limited(run, "slewed", "met the slew limit")
-    return found and ("doubtful", found[1])
+    if found := _limited(run, "slewed", "met the slew limit"):
+        return "doubtful", found[1]
+    up = run.recording["flags"] & BIT["slewed"] > 0 if "flags" in run.recording else np.zeros(run.metrics.ticks, bool)
+    if np.mean(up[run.half]) <= LIMITED:
+        return None  # such as at the beginning, or after a change; the flags are counted in any case
+    limit = _positive(settings(run.recording, "controller").get("slew_limit"))
+    of = f", {limit:.4g} V/s," if limit else ""
+    return "doubtful", (
+        f"The command met the slew limit{of} in {np.count_nonzero(up)} ticks, {_percent(float(np.mean(up)))}: raise "
+        "it, or make the motion slower."
+    )
 
 
 def _limited(run: _Run, flag: str, words: str) -> Finding | None:

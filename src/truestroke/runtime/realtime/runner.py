@@ -135,12 +135,14 @@ def _check_motions(axes: Sequence[Axis]) -> list[str]:
     """Refuse a motion that its axis cannot make; sentences on the limits that hold one back."""
     notices: list[str] = []
     for axis in axes:
-        if (settings := axis.known) is None:
+        if axis.known is None:
             continue
+        notices += feasibility.raise_slew(axis.trajectory, axis.controller, axis.slew)
+        settings = axis.known
         limits: dict[str, Any] = {"voltage_limits": axis.limits, "slew": min(axis.slew, settings.slew_limit)}
         words = {**feasibility.NAMES, "slew": "slew"}
         names = {name: f"{word} of axis {axis.name}" for name, word in words.items()}
-        needs = feasibility.demands(axis.trajectory, settings)
+        needs = feasibility.demands(axis.trajectory, settings, feasibility.first_mode(axis.controller))
         feasibility.check(needs, settings, **limits, names=names)
         notices += feasibility.notices(needs, settings, **limits, names=names)
     return notices
