@@ -1,0 +1,148 @@
+"""The design of the feedback. Truth: python-control, with a stage whose ticks are exponentials of a matrix (SciPy)."""
+
+import control
+import numpy as np
+import pytest
+from scipy import linalg, signal
+
+from truestroke import Dynamics, Mode, SettingError
+from truestroke.control import feedback
+from truestroke.control.feedback import Feedback, design
+
+RATE = 10000.0
+STAGES = {  # each with the latency of its loop
+    "usual": (Dynamics(sample_rate=RATE, modes=(Mode(frequency=700.0, damping=0.02),), dead_time=1e-4), 0),
+    "barely damped": (
+        Dynamics(sample_rate=RATE, modes=(Mode(frequency=700.0, damping=0.003),), amplifier_bandwidth=3000.0), 0,
+    ),
+    "soft and late": (Dynamics(sample_rate=5000.0, modes=(Mode(frequency=120.0, damping=0.01),), dead_time=4e-4), 1),
+    "two modes": (
+        Dynamics(
+            sample_rate=20000.0,
+            modes=(Mode(frequency=900.0, damping=0.01, share=0.9), Mode(frequency=2800.0, damping=0.02, share=0.1)),
+            amplifier_bandwidth=2500.0,
+        ),
+        1,
+    ),
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module", params=STAGES)
+def case(request: pytest.FixtureRequest) -> tuple[Dynamics, Feedback]:
+    stage, latency = STAGES[request.param]
+    return stage, design(stage, latency=latency, stroke=20.0, noise=0.02)
+
+
+def open_loop(stage: Dynamics, bank: Feedback, gain: float = 1.0, factor: float = 1.0) -> control.StateSpace:
+    """Bank, delay and stage: a command is held for a tick, a measurement is the mean over one."""
+    T = 1 / stage.sample_rate
+    modes = tuple(Mode(frequency=m.frequency * factor, damping=m.damping, share=m.share) for m in stage.modes)
+    wrong = Dynamics(sample_rate=stage.sample_rate, modes=modes, amplifier_bandwidth=stage.amplifier_bandwidth)
+    system = control.ss(wrong.to_control())
+    n = system.nstates
+    whole = np.zeros((n + 2, n + 2))  # states, integral of the displacement, command
+    whole[:n, :n], whole[:n, n + 1], whole[n, :n] = system.A, system.B[:, 0], system.C[0]
+    tick = linalg.expm(whole * T)
+    held = control.ss(tick[:n, :n], tick[:n, n + 1 :], tick[n : n + 1, :n] / T, tick[n : n + 1, n + 1 :] / T, T)
+    late = 1 + bank.latency + round(stage.dead_time * stage.sample_rate)
+    delay = control.ss(np.eye(late, k=-1), np.eye(late, 1), np.eye(1, late, late - 1), 0, T)
+    each = [control.ss(control.tf([b0, b1, b2], [1.0, a1, a2], T)) for b0, b1, b2, a1, a2 in bank.filters]
+    return gain * held * delay * sum(each[1:], start=each[0])
+
+
+def frequencies(stage: Dynamics) -> np.ndarray:
+    """rad/s, dense about the modes."""
+    beside = np.geomspace(1e-4, 0.2, 80)
+    about = [2 * np.pi * m.frequency * np.concatenate([1 - beside, 1 + beside]) for m in stage.modes]
+    return np.sort(np.concatenate([np.geomspace(1.0, 0.999 * np.pi * stage.sample_rate, 400), *about]))
+
+
+def test_margins_are_those_of_python_control(case: tuple[Dynamics, Feedback]) -> None:
+    stage, bank = case
+    loop = open_loop(stage, bank)
+    frequency = np.array([3.0, 50.0, stage.modes[0].frequency, 0.3 * stage.sample_rate])
+    theirs = loop(np.exp(2j * np.pi * frequency / stage.sample_rate))
+    np.testing.assert_allclose(bank.open_loop(stage, frequency), theirs, rtol=1e-4)
+    sampled = control.frd(loop, frequencies(stage))
+    gains, phases, *_ = control.stability_margins(sampled, returnall=True)
+    nearest = gains[np.abs(np.log(gains)).argmin()]
+    assert bank.gain_margin == pytest.approx(nearest, rel=0.02)
+    assert bank.phase_margin == pytest.approx(np.abs(phases).min(), abs=1.0)
+
+
+def test_stable_with_a_peak_below_two_where_gain_and_resonance_are_wrong(case: tuple[Dynamics, Feedback]) -> None:
+    stage, bank = case
+    z = np.exp(1j * frequencies(stage) / stage.sample_rate)
+    worst = 0.0
+    for gain in (0.7, 1.0, 1.3):
+        for factor in (0.95, 1.0, 1.027, 1.05):
+            loop = open_loop(stage, bank, gain, factor)
+            assert np.abs(control.feedback(loop, 1).poles()).max() < 1
+            worst = max(worst, np.abs(1 / (1 + loop(z))).max())
+    assert worst < 2.02
+    assert bank.sensitivity_peak == pytest.approx(worst, rel=0.03)
+
+
+def test_noise_gain_is_that_of_simulated_noise(case: tuple[Dynamics, Feedback]) -> None:
+    stage, bank = case
+    closed = control.feedback(open_loop(stage, bank), 1)
+    noise = np.random.default_rng(1).standard_normal(30_000)
+    heard = control.forced_response(closed, U=noise).outputs
+    assert bank.noise_gain == pytest.approx(np.std(heard), rel=0.06)
+
+
+def test_the_first_mode_is_damped_where_it_hardly_is_by_itself() -> None:
+    (sharp, _), (usual, _) = STAGES["barely damped"], STAGES["usual"]
+    assert design(sharp, stroke=20.0, noise=0.02).damping > 10
+    assert design(usual, stroke=20.0, noise=0.02).damping < 10
+
+
+def test_hum_falls_by_20_dB_where_the_mains_are_off_by_0_2_Hz_and_settles_within_2_s() -> None:
+    stage, _ = STAGES["usual"]
+    bank = design(stage, stroke=20.0, hum=50.0)
+    assert bank.hum == (50.0, 100.0, 150.0)
+    assert not bank.reasons
+    S = control.feedback(1, open_loop(stage, bank))
+    for line in (49.8, 50.0, 50.2):
+        assert abs(S(np.exp(2j * np.pi * line / RATE))) < 0.1
+    time = np.arange(20000) / RATE
+    left = control.forced_response(S, U=0.1 * np.sin(2 * np.pi * 50.0 * time)).outputs
+    assert np.abs(left[-200:]).max() < 0.01
+
+
+def test_a_load_falls_to_a_tenth_within_5_ms() -> None:
+    stage, _ = STAGES["usual"]
+    S = control.feedback(1, open_loop(stage, design(stage, stroke=20.0)))
+    left = control.step_response(S, T=np.arange(500) / RATE).outputs
+    assert np.abs(left[50:]).max() < 0.1
+
+
+def test_no_feedback_where_measurements_come_too_late() -> None:
+    stage = Dynamics(sample_rate=100.0, modes=(Mode(frequency=30.0, damping=0.01),))
+    bank = design(stage, latency=20, stroke=20.0)
+    assert not bank.filters
+    assert bank.verdict.level == "doubtful"
+    assert "21 ticks" in bank.reasons[0]
+    assert "raise the sample rate" in bank.reasons[0]
+
+
+def test_margins_of_a_loop_in_closed_form() -> None:
+    b, a = signal.bilinear([1.2], [1.0, 2.0, 1.0, 0.0], 100.0)  # 1.2 / (s (s + 1)^2): gain margin 2 / 1.2
+    f = np.geomspace(1e-4, 40.0, 20000)
+    L = signal.freqz(b, a, 2 * np.pi * f / 100.0)[1]
+    assert feedback.margins(L)[0] == pytest.approx(2 / 1.2, rel=1e-2)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"stroke": 0.0}, "stroke"),
+        ({"stroke": 20.0, "latency": -1}, "latency"),
+        ({"stroke": 20.0, "noise": -0.1}, "noise"),
+        ({"stroke": 20.0, "hum": 9000.0}, "hum"),
+        ({"stroke": 20.0, "hum": [50.0] * 7}, "lines in hum"),
+    ],
+)
+def test_bad_arguments_are_refused(arguments: dict[str, float], words: str) -> None:
+    with pytest.raises(SettingError, match=words):
+        design(STAGES["usual"][0], **arguments)
