@@ -251,8 +251,11 @@ def test_what_a_stage_cannot_be_is_said():
         ({"steps_per_tick": 15}, "steps_per_tick"),
         ({"hysteresis_kind": "duhem"}, "hysteresis_kind"),
         ({"voltage_limits": (1.0, 2.0)}, "voltage_limits"),
+        ({"bouc_wen_gamma": -4.1}, "bouc_wen_gamma"),
     ):
         with pytest.raises(SettingError, match=name):
             StageSettings(**bad)
     with pytest.raises(SettingError, match=r"loop_width = 0\.5: must be smaller for bouc-wen"):
         StagePlant(StageSettings(hysteresis_kind="bouc-wen", loop_width=0.5))
+    with pytest.raises(SettingError, match="no play would move"):
+        StagePlant(StageSettings(plays=1, threshold_max=1.0, envelope=0.0))

@@ -120,8 +120,9 @@ static void set_hysteresis(ts_stage *p)
     double width = 0, height = up[points] - down[0];
     for (int i = 1; i < points; i++)
         if (fabs(down[i] - up[i]) > fabs(width)) width = down[i] - up[i];
-    double weight = s->loop_width > 0 ? s->loop_width / width : 0, linear = 1 - weight * height;
-    p->least_slope = HUGE_VAL;
+    int flat = width == 0 && s->loop_width > 0; /* the plays are too wide to move: no weight gives the loop its width */
+    double weight = s->loop_width > 0 && !flat ? s->loop_width / width : 0, linear = 1 - weight * height;
+    p->least_slope = flat ? 0 : HUGE_VAL;
     for (int i = 0; i < points; i++) {
         p->least_slope = fmin(p->least_slope, linear + weight * points * (up[i + 1] - up[i]));
         p->least_slope = fmin(p->least_slope, linear + weight * points * (down[i + 1] - down[i]));

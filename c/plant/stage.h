@@ -81,7 +81,7 @@ typedef struct {
     /* from the settings */
     double threshold[TS_STAGE_MAX_PLAYS];
     double linear, hysteretic, offset;   /* um: strain = linear x + hysteretic P[x] - offset */
-    double least_slope;                  /* of the loop over x = 0..1, in strokes; not above 0: loop_width is too large */
+    double least_slope;                  /* of the loop over x = 0..1, in strokes; not above 0: loop_width cannot be */
     double creep_weight;                 /* of each creep operator, 1 */
     int late_ticks, late_steps;          /* dead time: whole ticks, whole steps of the rest, ... */
     double late_part;                    /* ... and the rest of a step, below 1 */

@@ -110,7 +110,7 @@ def _fast(
         return ExitCode.of(verdict)
     common.print_table(*page.table(rows))
     common.print_table(*page.compared(rows))
-    common.print_table(*page.worst_runs(rows), left="what")
+    common.print_table(*page.worst_runs(rows))
     common.print_verdict(verdict)
     common.print_files(page=page_file, pictures=plots)
     again = f"robustness --fast{f' --seed {seed}' if seed else ''} --controllers {controller} --only {row.number}"

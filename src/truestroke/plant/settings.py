@@ -22,7 +22,7 @@ from truestroke._plant import (
 )
 from truestroke.base import checks, declared
 from truestroke.base.checks import SettingError
-from truestroke.base.declared import FLAG, Bound, Setting, ascending, between, bound, whole, word
+from truestroke.base.declared import FLAG, Bound, Setting, Times, ascending, between, bound, whole, word
 from truestroke.model.dynamics import Dynamics, Mode
 
 NEVER = 2**64 - 1  # a tick: TS_NEVER of the kernel
@@ -419,7 +419,10 @@ STAGE_SETTINGS: declared.Table = {
     "preisach_curvature": Setting('"preisach": k2', "", between(0, 10)),
     "bouc_wen_beta": Setting('"bouc-wen": beta of q\' = x\' - beta |x\'| q |q|^(n-1) - gamma x\' |q|^n', "",
                              between(0.5, 20)),
-    "bouc_wen_gamma": Setting('"bouc-wen": gamma', "", between(-5, 5)),
+    "bouc_wen_gamma": Setting(
+        '"bouc-wen": gamma; beyond beta q would not be bounded', "",
+        between(Times(-1, "bouc_wen_beta"), Times(1, "bouc_wen_beta")),
+    ),
     "bouc_wen_exponent": Setting('"bouc-wen": n', "", between(1, 3)),
     "creep": Setting("gamma: creep per decade of time over the displacement", "", between(0, 0.2)),
     "creep_operators": Setting("Number of first-order operators", "", whole(1, STAGE_MAX_CREEP_OPERATORS)),

@@ -72,7 +72,9 @@ class StagePlant(Simulated):
         self.load = np.ascontiguousarray(checks.finite_array("load", load, "um"))
         stage = Stage(declared.kernel_values(s, STAGE_SETTINGS), self.load)
         if stage.least_slope <= 0:
-            bound = f"smaller for {s.hysteresis_kind}: the stage would retract at a rising voltage"
+            bound = (
+                f"smaller for {s.hysteresis_kind}: the stage would retract at a rising voltage, or no play would move"
+            )
             raise SettingError("loop_width", s.loop_width, bound)
         self.least_slope = stage.least_slope
         super().__init__(stage, seed)

@@ -89,9 +89,9 @@ def worst_runs(rows: Sequence[Row]) -> Cells:
     cells = []
     for row, name in worst_first(rows)[:SHOWN]:
         found = row.metrics[name]
-        numbers = [f"{found[key]:.3g}" for key in ("rms", "maximum", "largest", "straight", "held")]
-        cells.append([str(row.number), name, *numbers, row.sampled["what"]])
-    return ["run", "dynamics", "rms", "maximum", "largest", "straight line", "held", "what"], cells
+        numbers = [f"{found[key]:.3g}" for key in ("rms", "largest", "straight", "held")]
+        cells.append([row.sampled["what"], name, str(row.number), *numbers])
+    return ["the worst runs, % of peak to peak", "dynamics", "run", "rms", "largest", "straight line", "held"], cells
 
 
 def page(rows: Sequence[Row], worst: tuple[Row, str], recording: Recording, command: str | None = None) -> Page:
@@ -101,7 +101,7 @@ def page(rows: Sequence[Row], worst: tuple[Row, str], recording: Recording, comm
     )
     found = Table(columns=columns, rows=cells, note=NOTE)
     baselines_beside = Table(columns=beside_columns, rows=beside, note=FAILED)
-    largest = Table(columns=worst_columns, rows=worst_cells, text=True)
+    largest = Table(columns=worst_columns, rows=worst_cells)
     lead = f"{len(rows)} stages with a first resonance f0 of 50 to 2000 Hz. "
     lead += "Motions have contents to f0/2, to f0/3 where the dynamics are unknown."
     return Page(
