@@ -1,0 +1,331 @@
+"""The dynamics of a stage from a record of its small motion, with what shows how far they may be trusted."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from truestroke.base.checks import SettingError
+from truestroke.base.display import Displayed, Rows, quantity
+from truestroke.base.errors import TruestrokeError
+from truestroke.base.typing import ComplexArray, FloatArray
+from truestroke.base.verdict import Level, Verdict
+from truestroke.identification.dynamics.excitation import Multisine
+from truestroke.identification.dynamics.fit import Fit, Problem, Spectra, fits
+from truestroke.identification.dynamics.response import LocalResponse, local_response, smoothed
+from truestroke.model.dynamics import EARLIEST, LATEST, SEEN, Dynamics, Mode
+
+COHERENT = 0.9  # coherence up to which a model is trusted
+SEEN_AT_ALL = 0.5  # coherence below which a line is not used
+MISFIT = 0.05  # relative: of the model against the measurement, beyond its scatter
+WRONG = 0.2  # relative: a misfit around the first resonance that makes the model useless
+LINES = 3000  # that are fitted, at most, beside those near the peak
+NEAR = 0.1  # relative: about a peak all lines are fitted
+LOW = 0.05  # of the first resonance: below it hysteresis and creep decide, not the stage
+BINS = 60  # a decade, of what is shown and judged
+LOST = 0.01  # of the samples, that may be lost
+FLAT = 0.3  # damping: a mode with more is no resonance
+VAGUE = 0.02  # relative: standard deviation of a frequency beyond which a mode is not known
+
+
+class DynamicsError(TruestrokeError, RuntimeError):
+    """The dynamics cannot be measured: the reason, and what to do."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SmallMotion:
+    """A record of a small motion around a bias voltage.
+
+    Attributes
+    ----------
+    sample_rate : float
+        Hz.
+    excitation : Multisine
+        One period, V.
+    z : ndarray, shape (ticks,)
+        Measured displacement of the ticks of that period, um; NaN where a sample was lost.
+    bias : float
+        V.
+    noise : float
+        Standard deviation of a sample at rest, um; NaN if not known.
+    gain : float
+        As the way to the bias voltage shows it, um/V; NaN if not known.
+    """
+
+    sample_rate: float
+    excitation: Multisine
+    z: FloatArray
+    bias: float = 0.0
+    noise: float = math.nan
+    gain: float = math.nan
+
+
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class Bode(Displayed):
+    """Measured frequency response and the dynamics fitted to it.
+
+    Attributes
+    ----------
+    dynamics : Dynamics
+        Modes, lag and dead time with their standard deviations.
+    verdict : Verdict
+        Whether they may be used.
+    gain : float
+        Of the small motion, static, um/V.
+    loss : float
+        Phase by which hysteresis and creep are late at every frequency, rad: not in `dynamics`.
+    frequency : ndarray, shape (bins,)
+        Hz, ascending.
+    measured, model : ndarray of complex, shape (bins,)
+        From commands to measurements, over `gain`, without unit.
+    coherence : ndarray, shape (bins,)
+        0 to 1.
+    residual : ndarray, shape (bins,)
+        |measured / model - 1|, without unit.
+    scatter : ndarray, shape (bins,)
+        Standard deviation of it that noise explains.
+    record : SmallMotion
+        What was measured.
+    """
+
+    dynamics: Dynamics
+    verdict: Verdict
+    gain: float
+    loss: float
+    frequency: FloatArray
+    measured: ComplexArray
+    model: ComplexArray
+    coherence: FloatArray
+    residual: FloatArray
+    scatter: FloatArray
+    record: SmallMotion
+
+    def _display(self) -> tuple[str, Rows]:
+        title, rows = self.dynamics._display()
+        more = [("gain", quantity(self.gain, "um/V")), ("verdict", self.verdict.level)]
+        return f"Bode: {title.partition(': ')[2]}", [*rows, *more]
+
+
+def identify_dynamics(
+    record: SmallMotion, *, modes: int | None = None, sensor_delay: float = 0.0, sensor_bandwidth: float = 0.0
+) -> Bode:
+    """Modes, lag of the amplifier and dead time of a record.
+
+    Parameters
+    ----------
+    record : SmallMotion
+        Of `excite`, for one.
+    modes : int, optional
+        1 to 3; by default as many as the record gives evidence of.
+    sensor_delay, sensor_bandwidth
+        Of the sensor, s and Hz, from its data sheet: they are not taken for the stage's.
+
+    Raises
+    ------
+    DynamicsError
+        The record shows no resonance, or one that cannot be used.
+    """
+    z = _complete(record.z)
+    lines = record.excitation.lines
+    U, Y = np.fft.rfft(record.excitation.volts)[lines], np.fft.rfft(z)[lines]
+    known = _sensor(record.excitation.frequency, sensor_delay, sensor_bandwidth)
+    local = local_response(U, Y)
+    whole = Spectra(record.sample_rate, z.size, record.excitation.frequency, U * known, Y, local.variance)
+    peak = _peak(whole, local)
+    chosen = _chosen(whole, local, peak)
+    best = _best(fits(chosen, peak, _delay(whole, local, peak), modes or 3), modes)
+    dynamics = _dynamics(best, record, chosen, sensor_delay, sensor_bandwidth)
+    return _judged(dynamics, best, whole, local, record, known)
+
+
+def _complete(z: FloatArray) -> FloatArray:
+    """The samples, with straight lines over those that are lost."""
+    used = np.isfinite(z)
+    if 1 - used.mean() > LOST:
+        lost = 100 * (1 - used.mean())
+        raise DynamicsError(
+            f"{lost:.2g} % of the samples are lost, at most {100 * LOST:g} % may be: look at the sensor"
+        )
+    ticks = np.arange(z.size)
+    return np.interp(ticks, ticks[used], z[used])
+
+
+def _sensor(frequency: FloatArray, delay: float, bandwidth: float) -> ComplexArray:
+    s = 2j * np.pi * frequency
+    return np.asarray(np.exp(-s * delay) / (1 + s / (2 * np.pi * bandwidth) if bandwidth else 1.0))
+
+
+def _peak(spectra: Spectra, local: LocalResponse) -> float:
+    """Frequency of the highest peak of the response, Hz."""
+    f, seen = spectra.frequency, local.coherence > SEEN_AT_ALL
+    if seen.sum() < 0.02 * f.size or np.median(local.coherence[:60]) < SEEN_AT_ALL:
+        level = float(np.median(local.coherence[: max(60, int(0.02 * f.size))]))
+        raise DynamicsError(
+            f"the displacement hardly follows the excitation: coherence {level:.2f} from {f[0]:.3g} Hz on; raise "
+            "`amplitude` or `duration`, or look at cables and channels"
+        )
+    magnitude = smoothed(np.abs(local.response), 1)
+    return float(f[np.argmax(np.where(seen, magnitude, 0.0))])
+
+
+def _delay(spectra: Spectra, local: LocalResponse, peak: float) -> float:
+    """Dead time in ticks, roughly: from the slope of the phase below the peak."""
+    part = (spectra.frequency < 0.6 * peak) & (local.coherence > SEEN_AT_ALL)
+    if part.sum() < 20:
+        return 0.0
+    f, phase = spectra.frequency[part], np.unwrap(np.angle(local.response[part]))
+    slope = float(np.polyfit(f, phase, 1, w=np.abs(spectra.U[part]))[0])
+    return float(np.clip(-slope * spectra.sample_rate / (2 * np.pi), -0.9, 21.0))
+
+
+def _chosen(spectra: Spectra, local: LocalResponse, peak: float) -> Spectra:
+    """The lines that are fitted: where the response is seen at all, thinned out away from the peak."""
+    f = spectra.frequency
+    end = max(int(np.flatnonzero(local.coherence > SEEN_AT_ALL)[-1]), int(np.searchsorted(f, 1.5 * peak))) + 1
+    kept = np.zeros(f.size, dtype=bool)
+    kept[: end : max(1, math.ceil(end / LINES))] = True
+    kept[:end] |= np.abs(f[:end] / peak - 1) < NEAR
+    s = spectra
+    return Spectra(s.sample_rate, s.ticks, f[kept], s.U[kept], s.Y[kept], s.variance[kept])
+
+
+def _best(made: list[Fit], modes: int | None) -> Fit:
+    """The best whose inverse is stable."""
+    wanted = [fit for fit in made if modes in (None, fit.frequency.size)]
+    for fit in wanted:
+        if _minimum_phase(fit):
+            return fit
+    if wanted:
+        raise DynamicsError(
+            "the modes that fit the record are not minimum-phase: their inverse is unstable. Ask for fewer, `modes=1`, "
+            "measure the displacement where the load is, or raise `amplitude`"
+        )
+    count = made[0].frequency.size
+    raise DynamicsError(f"the record has no evidence of {modes} modes, but of {count}: leave `modes` out")
+
+
+def _modes(fit: Fit) -> tuple[Mode, ...]:
+    order = np.argsort(fit.frequency)
+    shares = fit.share[order] / math.fsum(fit.share)
+    each = zip(fit.frequency[order], fit.damping[order], shares, strict=True)
+    return tuple(Mode(frequency=f, damping=zeta, share=share) for f, zeta, share in each)
+
+
+def _minimum_phase(fit: Fit) -> bool:
+    try:
+        Dynamics(sample_rate=2.3 * float(fit.frequency.max()), modes=_modes(fit))
+    except SettingError:
+        return False
+    return True
+
+
+def _dynamics(fit: Fit, record: SmallMotion, used: Spectra, sensor_delay: float, sensor_bandwidth: float) -> Dynamics:
+    """Of a fit; refused with a reason where it is no stage that can be inverted."""
+    rate, (low, high) = record.sample_rate, used.frequency[[0, -1]]
+    first = int(np.argmin(fit.frequency))
+    f, zeta, spread = fit.frequency[first], fit.damping[first], fit.deviations[f"frequency[{first}]"]
+    if not low < f < high or zeta > FLAT or spread > VAGUE * f:
+        raise DynamicsError(
+            f"no resonance from {low:.3g} to {high:.4g} Hz, where the response was seen: if there is one above, raise "
+            f"the sample rate ({rate:g} Hz sees up to {SEEN * rate:g} Hz); if it is well damped, use the controller "
+            "without dynamics"
+        )
+    beyond = [value for value in fit.frequency if value >= SEEN * rate]
+    if beyond:
+        bound = f"{SEEN * rate:g} Hz, {SEEN} of the sample rate"
+        raise DynamicsError(f"a mode at {beyond[0]:.4g} Hz is above {bound}: raise the sample rate")
+    ticks = fit.delay * rate
+    if not EARLIEST <= ticks <= LATEST:
+        raise DynamicsError(
+            f"the measurement comes {ticks:.2f} ticks after its command, beyond the latency that the driver states; "
+            f"from {EARLIEST:g} to {LATEST:g} is possible: look at the latency of the driver"
+        )
+    order = list(np.argsort(fit.frequency))
+    names = {f"{name}[{i}]": f"{name}[{order.index(i)}]" for name in ("frequency", "damping") for i in order}
+    return Dynamics(
+        sample_rate=rate,
+        modes=_modes(fit),
+        amplifier_bandwidth=1 / (2 * math.pi * fit.lag) if fit.lag else 0.0,
+        dead_time=fit.delay,
+        sensor_delay=sensor_delay,
+        sensor_bandwidth=sensor_bandwidth,
+        uncertainty={names.get(name, name): value for name, value in fit.deviations.items()},
+    )
+
+
+# ---- How far it is right -------------------------------------------------------------------------------------------
+
+
+def _judged(
+    dynamics: Dynamics, fit: Fit, whole: Spectra, local: LocalResponse, record: SmallMotion, known: ComplexArray
+) -> Bode:
+    """Model beside measurement in bins of frequency, and the verdict."""
+    f = whole.frequency
+    response, measured = Problem(whole, fit.frequency.size, fit.lag > 0).at(fit.x)
+    weight = np.abs(response * whole.U) ** 2 / whole.variance
+    which = np.floor(BINS * np.log10(f / f[0])).astype(int)
+    _, which = np.unique(which, return_inverse=True)
+    total = np.bincount(which, weight)
+
+    def mean(values: FloatArray) -> FloatArray:
+        return np.asarray(np.bincount(which, weight * values) / total)
+
+    apart = measured / response - 1
+    difference = mean(apart.real) + 1j * mean(apart.imag)
+    centre, coherence = np.exp(mean(np.log(f))), mean(local.coherence)
+    # the scatter of the lines themselves: distortion counts, too
+    lines = np.bincount(which)
+    spread = mean(np.abs(apart - difference[which]) ** 2) / np.maximum(lines - 1, 1)
+    scatter = np.sqrt(np.maximum(spread, 1 / total))
+    at = np.interp(centre, f, response.real) + 1j * np.interp(centre, f, response.imag)
+    model = np.asarray(at) * (np.interp(centre, f, known.real) + 1j * np.interp(centre, f, known.imag)) / fit.gain
+    trusted, findings = _findings(dynamics, centre, coherence, np.abs(difference), scatter)
+    dynamics = _trusted(dynamics, trusted)
+    return Bode(
+        dynamics=dynamics,
+        verdict=Verdict.of(findings),
+        gain=fit.gain,
+        loss=fit.phase + fit.creep * math.pi / 2,
+        frequency=centre,
+        measured=model * (1 + difference),
+        model=np.asarray(model, dtype=np.complex128),
+        coherence=coherence,
+        residual=np.abs(difference),
+        scatter=scatter,
+        record=record,
+    )
+
+
+def _trusted(dynamics: Dynamics, frequency: float) -> Dynamics:
+    return replace(dynamics, trusted_to=min(frequency, dynamics.sample_rate / 2))
+
+
+def _findings(
+    dynamics: Dynamics, f: FloatArray, coherence: FloatArray, residual: FloatArray, scatter: FloatArray
+) -> tuple[float, list[tuple[Level, str]]]:
+    """Up to which frequency the model is right, and what is not good."""
+    first = dynamics.modes[0].frequency
+    judged = f > LOW * first
+    misfit = (residual - 2 * scatter > MISFIT) & judged
+    bad = misfit | ((coherence < COHERENT) & judged)
+    run = np.flatnonzero(bad[:-1] & bad[1:])  # one bin alone is an accident
+    end = int(run[0]) if run.size else f.size
+    trusted = float(f[end - 1]) if end else 0.0
+    findings: list[tuple[Level, str]] = []
+    if trusted < 0.5 * first:
+        reason = f"The model may be trusted to {trusted:.3g} Hz only, the first resonance is at {first:.4g} Hz"
+        findings.append(("bad", f"{reason}: raise `amplitude` or `duration`."))
+    elif trusted < first:
+        findings.append(("doubtful", f"The model may be trusted to {trusted:.3g} Hz, below the first resonance."))
+    around = misfit & (f < 1.3 * first)
+    if around.any():
+        most = float(residual[around].max())
+        where = f"{f[around].min():.3g} to {f[around].max():.3g} Hz"
+        level: Level = "bad" if most > WRONG else "doubtful"
+        words = (
+            f"From {where} model and measurement differ by up to {100 * most:.2g} %: the stage has another mode there"
+        )
+        findings.append((level, f"{words}, or the excitation was disturbed."))
+    return trusted, findings

@@ -1,0 +1,296 @@
+"""Modes, lag and dead time by least squares from the spectra of a record, with its transients."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from truestroke.base.typing import ComplexArray, FloatArray
+
+FLOOR = 0.004  # of the output: what hysteresis and creep make of a line beyond the model, standard deviation
+DAMPING = 5e-4, 0.7
+PHASE = 0.2  # rad, at most, of hysteresis
+CREEP = 0.06  # at most: the exponent of its power law
+CANDIDATES = 400  # frequencies at which another mode is looked for
+NEEDED = 5  # numbers of a mode: frequency, damping, share and two of its transient
+EVALUATIONS = 40  # steps of the search, at most
+
+
+@dataclass(frozen=True, eq=False)
+class Spectra:
+    """Input and output of a record at its lines.
+
+    Attributes
+    ----------
+    sample_rate : float
+        Hz.
+    ticks : int
+        Of the record.
+    frequency : ndarray, shape (lines,)
+        Hz.
+    U, Y : ndarray of complex, shape (lines,)
+        V, um.
+    variance : ndarray, shape (lines,)
+        Of the noise of Y, um^2.
+    """
+
+    sample_rate: float
+    ticks: int
+    frequency: FloatArray
+    U: ComplexArray
+    Y: ComplexArray
+    variance: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A model of the stage, fitted.
+
+    Attributes
+    ----------
+    frequency, damping, share : ndarray, shape (modes,)
+        Hz, 1, 1.
+    lag : float
+        Time constant of the amplifier, s; 0 is none.
+    delay : float
+        Dead time, s.
+    phase, creep : float
+        Of the hysteresis, rad, and the exponent of the creep: what they make of the response is not in the modes.
+    gain : float
+        Static, um/V.
+    deviations : dict
+        Standard deviations of the numbers by name.
+    response : ndarray of complex, shape (lines,)
+        um/V, of the whole.
+    measured : ndarray of complex, shape (lines,)
+        um/V: the spectrum without the transients, over that of the input.
+    cost : float
+        Sum of the squares of the weighted residual; 1 a line where the model is right.
+    numbers : int
+        That are fitted.
+    x : ndarray
+        The nonlinear ones, as `Problem` has them.
+    """
+
+    frequency: FloatArray
+    damping: FloatArray
+    share: FloatArray
+    lag: float
+    delay: float
+    phase: float
+    creep: float
+    gain: float
+    deviations: dict[str, float]
+    response: ComplexArray
+    measured: ComplexArray
+    cost: float
+    numbers: int
+    x: FloatArray
+
+    @property
+    def evidence(self) -> float:
+        """The smaller the better: the criterion of Schwarz, of lines that the noise of their neighbours tells apart."""
+        return 2 * self.cost + self.numbers * math.log(2 * self.response.size)
+
+
+def pulse_transfer(pole: complex, delay: float, z: ComplexArray) -> ComplexArray:
+    """Of 1 / (s - pole), from held commands to means over a tick; pole times the tick, delay in ticks, z on the circle.
+
+    With Q(t) = (exp(p t) - 1 - p t) / p^2, the double integral of its impulse response, entry n of the pulse response
+    is Q(n + 1 - delay) - 2 Q(n - delay) + Q(n - 1 - delay).
+
+    >>> z = np.exp(2j * np.pi * np.array([1e-6]))
+    >>> pulse_transfer(-0.5 + 0j, 0.3, z).real.round(6)
+    array([2.])
+    """
+    whole = math.floor(delay)
+    part = 1.0 - (delay - whole)
+    first = _ramp(pole, part)
+    second = _ramp(pole, 1.0 + part) - 2 * first
+    ratio = np.exp(pole)
+    later = np.exp(pole * (1.0 + part)) * (ratio - 2 + 1 / ratio) / pole**2
+    one = 1 / z
+    return np.asarray(one**whole * (first + one * (second + one * later / (1 - ratio * one))))
+
+
+def _ramp(pole: complex, t: float) -> complex:
+    return complex((np.exp(pole * t) - 1 - pole * t) / pole**2)
+
+
+class Problem:
+    """The fit of so many modes, with or without the lag of an amplifier."""
+
+    def __init__(self, spectra: Spectra, modes: int, lag: bool) -> None:
+        self.s, self.modes, self.lag = spectra, modes, lag
+        self.z = np.exp(2j * np.pi * spectra.frequency / spectra.sample_rate)
+        self.weight = 1 / np.sqrt(spectra.variance + FLOOR**2 * np.abs(spectra.Y) ** 2)
+        self.target = spectra.Y * self.weight
+        self.relative = 1j * spectra.frequency / math.sqrt(spectra.frequency[0] * spectra.frequency[-1])
+        t = np.arange(spectra.ticks) / spectra.ticks
+        lines = np.round(spectra.frequency * spectra.ticks / spectra.sample_rate).astype(int)
+        drifts = [t, t**2, np.log(t + 0.02)]  # slow: warming, creep after the ramp to the bias
+        self.slow = np.array([np.fft.rfft(drift)[lines] for drift in drifts]).T
+
+    # nonlinear numbers: log f, log zeta of each mode, delay (ticks), phase, creep, log(lag / tick)
+
+    def solve(self, x: FloatArray) -> tuple[FloatArray, FloatArray, ComplexArray]:
+        """Weighted residual, the linear numbers, and the response to each of the static parts."""
+        basis = self.basis(x)
+        regressors = np.concatenate([basis * self.s.U[:, None], self.transients(x)], axis=1)
+        regressors *= self.weight[:, None]
+        scale = np.linalg.norm(regressors, axis=0)
+        regressors /= scale
+        # the real and the imaginary part of each line are two equations
+        gram = (regressors.conj().T @ regressors).real + 1e-12 * np.eye(scale.size)
+        linear = np.linalg.solve(gram, (regressors.conj().T @ self.target).real)
+        return _real(self.target - regressors @ linear), linear / scale, basis
+
+    def basis(self, x: FloatArray) -> ComplexArray:
+        """Response of each mode with a share of 1, behind lag, delay, hysteresis and creep."""
+        delay, phase, creep = x[2 * self.modes : 2 * self.modes + 3]
+        around = np.exp(-1j * phase) * self.relative**-creep
+        return np.array([self.mode(x, i, delay) * around for i in range(self.modes)]).T
+
+    def mode(self, x: FloatArray, i: int, delay: float) -> ComplexArray:
+        """Pulse transfer of a mode behind the lag, by partial fractions."""
+        pole = self.pole(x, i)
+        w2 = abs(pole) ** 2
+        residue = w2 / (2j * pole.imag)
+        if not self.lag:
+            return self.pair(pole, residue, delay)
+        fast = -math.exp(-x[-1])
+        residue = residue * -fast / (pole - fast)
+        alone = -fast * w2 / ((fast - pole) * (fast - pole.conjugate())).real
+        return np.asarray(self.pair(pole, residue, delay) + alone * pulse_transfer(complex(fast), delay, self.z))
+
+    def pair(self, pole: complex, residue: complex, delay: float) -> ComplexArray:
+        """A pole and its conjugate."""
+        one = pulse_transfer(pole, delay, self.z)
+        other = pulse_transfer(pole.conjugate(), delay, self.z)
+        return np.asarray(residue * one + np.conj(residue) * other)
+
+    def pole(self, x: FloatArray, i: int) -> complex:
+        """Of a mode, times the tick."""
+        w, damping = 2 * math.pi * math.exp(x[2 * i]) / self.s.sample_rate, math.exp(x[2 * i + 1])
+        return complex(-damping * w, w * math.sqrt(1 - damping**2))
+
+    def transients(self, x: FloatArray) -> ComplexArray:
+        """What the difference of the states at both ends of the record adds: free decays; and the slow drifts."""
+        columns = []
+        for i in range(self.modes):
+            ratio = np.exp(self.pole(x, i))
+            one, other = 1 / (1 - ratio / self.z), 1 / (1 - np.conj(ratio) / self.z)
+            columns += [one + other, 1j * (one - other)]
+        return np.column_stack([*columns, self.slow])
+
+    def run(self, frequency: Sequence[float], damping: Sequence[float], delay: float, lag: float = 0.3) -> Fit:
+        """From starting values: Hz and 1 of the modes, dead time and lag in ticks."""
+        from scipy.optimize import least_squares
+
+        rate, high = self.s.sample_rate, self.s.frequency[-1]
+        x = [v for f, zeta in zip(frequency, damping, strict=True) for v in (math.log(f), math.log(zeta))]
+        low = [v for f in frequency for v in (math.log(0.8 * f), math.log(DAMPING[0]))]
+        top = [v for f in frequency for v in (math.log(min(1.25 * f, 1.5 * high)), math.log(DAMPING[1]))]
+        x, low, top = [*x, delay, 0.01, 0.005], [*low, -1.0, 0.0, 0.0], [*top, max(22.0, delay + 2), PHASE, CREEP]
+        scale = [v for _ in frequency for v in (0.003, 0.2)] + [0.05, 0.01, 0.005]
+        if self.lag:
+            x, low, top = [*x, math.log(lag)], [*low, math.log(0.01)], [*top, math.log(rate / 10)]
+            scale = [*scale, 0.2]
+        found = least_squares(
+            lambda x: self.solve(x)[0], np.clip(x, low, top), bounds=(low, top), x_scale=scale, ftol=1e-6, xtol=1e-6,
+            max_nfev=EVALUATIONS,
+        )  # fmt: skip
+        return self.fit(found.x, found.jac)
+
+    def at(self, x: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+        """Response, and spectrum without transients over that of the input, of a fit to other lines, um/V."""
+        _, linear, basis = self.solve(x)
+        transients = self.transients(x) @ linear[self.modes :]
+        return basis @ linear[: self.modes], (self.s.Y - transients) / self.s.U
+
+    def fit(self, x: FloatArray, jacobian: FloatArray) -> Fit:
+        """The numbers at a minimum, and their deviations."""
+        residual, linear, basis = self.solve(x)
+        parts, m = linear[: self.modes], self.modes
+        gain = float(parts.sum())
+        cost = float(residual @ residual)
+        spread = max(cost / (residual.size - x.size - linear.size), 0.5)  # real and imaginary part have half each
+        transients = self.transients(x) @ linear[m:]
+        variances = spread * np.diag(np.linalg.pinv(jacobian.T @ jacobian))
+        deviation = np.sqrt(np.maximum(variances, 0.0))
+        lag = math.exp(x[-1]) / self.s.sample_rate if self.lag else 0.0
+        names = {f"frequency[{i}]": math.exp(x[2 * i]) * deviation[2 * i] for i in range(m)}
+        names |= {f"damping[{i}]": math.exp(x[2 * i + 1]) * deviation[2 * i + 1] for i in range(m)}
+        names["dead_time"] = deviation[2 * m] / self.s.sample_rate
+        if self.lag:
+            names["amplifier_bandwidth"] = deviation[-1] / (2 * math.pi * lag)
+        return Fit(
+            frequency=np.exp(x[0 : 2 * m : 2]),
+            damping=np.exp(x[1 : 2 * m : 2]),
+            share=parts / gain,
+            lag=lag,
+            delay=float(x[2 * m]) / self.s.sample_rate,
+            phase=float(x[2 * m + 1]),
+            creep=float(x[2 * m + 2]),
+            gain=gain,
+            deviations={name: float(value) for name, value in names.items()},
+            response=basis @ parts,
+            measured=(self.s.Y - transients) / self.s.U,
+            cost=cost,
+            numbers=x.size + linear.size,
+            x=x,
+        )
+
+
+def _real(values: ComplexArray) -> FloatArray:
+    return np.concatenate([values.real, values.imag])
+
+
+# ---- Which modes ---------------------------------------------------------------------------------------------------
+
+
+def next_mode(spectra: Spectra, found: Fit) -> tuple[float, float]:
+    """Frequency, Hz, of the mode that explains most of the residual of a fit, and by how much the cost decreases."""
+    weight = np.abs(spectra.U) / np.sqrt(spectra.variance + FLOOR**2 * np.abs(spectra.Y) ** 2)
+    rest = (found.measured - found.response) * weight
+    f = spectra.frequency
+    candidates = np.geomspace(max(f[0], 0.3 * found.frequency[0]), f[-1], CANDIDATES)
+    around = np.exp(1j * (np.angle(found.response) - np.angle(modal(found, f))))  # phase of delay and lag
+    scores = []
+    for candidate in candidates:
+        ratio = f / candidate
+        mode = around * weight / (1 - ratio**2 + 0.02j * ratio)
+        scores.append(np.vdot(mode, rest).real ** 2 / np.vdot(mode, mode).real)
+    best = int(np.argmax(scores))
+    return float(candidates[best]), float(scores[best])
+
+
+def modal(found: Fit, f: FloatArray) -> ComplexArray:
+    """The modes alone, at frequencies in Hz."""
+    parts = zip(found.frequency, found.damping, found.share, strict=True)
+    return np.asarray(sum(share / (1 - (f / f0) ** 2 + 2j * zeta * f / f0) for f0, zeta, share in parts))
+
+
+def fits(spectra: Spectra, first: float, delay: float, most: int = 3) -> list[Fit]:
+    """With one mode, two, ... the best first; another mode is tried where the residual may have one.
+
+    `first` is the frequency of the first mode, Hz, and `delay` the dead time, ticks, to begin with.
+    """
+    made = [Problem(spectra, 1, lag).run([first], [0.02], delay) for lag in (True, False)]
+    while True:
+        best = min(made, key=lambda fit: fit.evidence)
+        count, (candidate, gained) = best.frequency.size, next_mode(spectra, best)
+        if count == most or 2 * gained < NEEDED * math.log(2 * spectra.U.size):
+            break
+        frequency, damping = zip(
+            *sorted([*zip(best.frequency, best.damping, strict=True), (candidate, 0.01)]), strict=True
+        )
+        ticks = best.lag * spectra.sample_rate
+        problem = Problem(spectra, count + 1, bool(ticks))
+        made.append(problem.run(frequency, damping, best.delay * spectra.sample_rate, ticks))
+        if made[-1].evidence >= best.evidence:
+            break
+    return sorted(made, key=lambda fit: fit.evidence)

@@ -1,0 +1,292 @@
+"""The measurement of the dynamics: slowly to a bias voltage, a small multisine for two seconds, slowly back."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, Protocol
+
+import numpy as np
+
+from truestroke.base import checks
+from truestroke.base.checks import SettingError
+from truestroke.base.typing import FloatArray
+from truestroke.identification.dynamics.bode import Bode, DynamicsError, SmallMotion, identify_dynamics
+from truestroke.identification.dynamics.excitation import SPARE, Multisine, fastest, multisine
+from truestroke.model.dynamics import SEEN, Dynamics
+from truestroke.signals.timing import Timing
+
+DURATION = 2.0  # s
+RAMP = 0.5  # s, at least, to the bias voltage and back
+HOLD = 0.3  # s at the bias voltage: creep slows down, noise is measured
+LEAD = 0.25  # s of the excitation before its period
+CORNER = 200.0  # Hz: from which on the amplitudes of the excitation fall
+HIGHEST = 4000.0  # Hz: end of the band, at most
+PERIODS = 8  # of the lowest frequency in the duration
+LEVELS = 0.005, 0.03  # of the voltage range: the peak of the excitation, at least and at most
+LOUD = 16.0  # standard deviations of the noise: the peak of the displacement that is aimed at
+TRAVEL = 0.25  # of what the voltage range moves the stage: how far it may go, where nothing is asked for
+STEP = 0.02  # of the voltage range: the way from which the gain is seen
+SPIKES = 3  # samples in a row beyond the travel
+GAP = 0.05  # s without a sample
+
+
+class Driven(Protocol):
+    """An actuator of the loop."""
+
+    def open(self) -> Timing:
+        """Be ready, at rest; the timing."""
+
+    def exchange(self, volts: FloatArray) -> FloatArray:
+        """One voltage (V) a tick; as many displacements (um)."""
+
+
+def measure_dynamics(actuator: Driven, **options: Any) -> Dynamics:
+    """Measure modes, lag and dead time of a stage with a small multisine of two seconds.
+
+    Parameters
+    ----------
+    actuator : Actuator
+        Simulated or real; it is opened once.
+    **options
+        As of `measure_bode`, which gives what a Bode plot needs, too: voltage_limits (V) is needed.
+
+    Returns
+    -------
+    Dynamics
+        With standard deviations.
+
+    Raises
+    ------
+    DynamicsError
+        The stage shows no resonance or too little coherence, went too far, or the fit is bad: says what to do.
+    SettingError
+        An option is out of bounds.
+
+    Examples
+    --------
+    >>> from truestroke.plant import PlantSettings, RealisticPlant
+    >>> stage = RealisticPlant(PlantSettings(sample_rate=5000.0, resonance=700.0, damping=0.02))
+    >>> found = measure_dynamics(stage, voltage_limits=(-0.6, 3.6))
+    >>> print(f"{found.modes[0].frequency:.0f} Hz, damping {found.modes[0].damping:.3f}")
+    700 Hz, damping 0.020
+    """
+    found = measure_bode(actuator, **options)
+    if found.verdict.is_bad:
+        raise DynamicsError(" ".join(found.verdict.reasons))
+    return found.dynamics
+
+
+def measure_bode(
+    actuator: Driven,
+    *,
+    voltage_limits: tuple[float, float],
+    safe_voltage: float = 0.0,
+    bias: float | None = None,
+    amplitude: float | None = None,
+    band: tuple[float, float] | None = None,
+    duration: float = DURATION,
+    slew_limit: float | None = None,
+    travel: float | None = None,
+    modes: int | None = None,
+    sensor_delay: float = 0.0,
+    sensor_bandwidth: float = 0.0,
+    seed: int = 0,
+    report: Callable[[str], None] = lambda _: None,
+) -> Bode:
+    """The frequency response around a bias voltage, and the dynamics fitted to it.
+
+    Parameters
+    ----------
+    actuator : Actuator
+        Simulated or real; it is opened once. The output begins and ends at `safe_voltage`.
+    voltage_limits : tuple[float, float]
+        Lowest and highest voltage, V.
+    safe_voltage : float
+        Where the output is before, and where it is left, V.
+    bias : float, optional
+        Voltage of the measurement, V; by default the middle of the limits.
+    amplitude : float, optional
+        Peak of the excitation, V; by default 0.5 to 3 % of the voltage range, by the noise of the sensor.
+    band : tuple[float, float], optional
+        Frequencies that are excited, Hz; by default from 8 periods in the duration to 0.45 of the sample rate, 4 kHz
+        at most.
+    duration : float
+        Of the excitation, s.
+    slew_limit : float, optional
+        Fastest change of the voltage, V/s; by default 120 voltage ranges a second.
+    travel : float, optional
+        How far the stage may go from where it is under the bias voltage, um; by default a quarter of what the whole
+        voltage range moves it.
+    modes : int, optional
+        1 to 3; by default as many as there is evidence of.
+    sensor_delay, sensor_bandwidth : float
+        Of the sensor, s and Hz, as far as known from its data sheet; the measurement cannot distinguish them from
+        those of the stage.
+    seed : int
+        Of the phases of the excitation.
+    report : callable, optional
+        Called with what is being done.
+
+    Returns
+    -------
+    Bode
+
+    Raises
+    ------
+    DynamicsError
+        The stage went further than `travel` (with the frequency of it), the sensor does not answer, or the record has
+        no usable resonance. The output is back at the safe voltage.
+    SettingError
+        An argument is out of bounds.
+    """
+    checks.able("actuator", actuator, ("open", "exchange"), "an actuator, such as a plant.RealisticPlant")
+    low, high = checks.interval("voltage_limits", voltage_limits, "V")
+    slew = 120 * (high - low) if slew_limit is None else checks.positive("slew_limit", slew_limit, "V/s")
+    safe = checks.within("safe_voltage", safe_voltage, low, high, "V")
+    bias = (low + high) / 2 if bias is None else checks.within("bias", bias, low, high, "V")
+    checks.within("duration", duration, 0.2, 60.0, "s")
+    if modes is not None:
+        checks.count("modes", modes, 1, 3)
+    timing = checks.instance("actuator.open()", actuator.open(), Timing, "a Timing(sample_rate=...)")
+    checks.count("channels of the actuator", timing.channels, 1, 1)
+    band = _band(band, timing.sample_rate, duration)
+    line = _Line(actuator, timing, slew, safe)
+    with line:
+        report("bias")
+        noise, gain = line.approach(bias, low, high)
+        peak = _peak(amplitude, noise, gain, (low, high), bias)
+        ticks = round(duration * timing.sample_rate)
+        wave = _within_slew(multisine(timing.sample_rate, ticks, band, CORNER, peak, seed), timing, slew, amplitude)
+        report("excitation")
+        reach = TRAVEL * abs(gain) * (high - low) if travel is None else checks.positive("travel", travel, "um")
+        z = line.excite(wave, bias, reach)
+    report("fitting")
+    record = SmallMotion(
+        sample_rate=timing.sample_rate, excitation=wave, z=z, bias=bias, noise=noise, gain=gain
+    )  # fmt: skip
+    return identify_dynamics(record, modes=modes, sensor_delay=sensor_delay, sensor_bandwidth=sensor_bandwidth)
+
+
+def _band(band: tuple[float, float] | None, rate: float, duration: float) -> tuple[float, float]:
+    if band is None:
+        return PERIODS / duration, min(SEEN * rate, HIGHEST)
+    low, high = checks.interval("band", band, "Hz")
+    if low < 2 / duration or high > SEEN * rate:
+        bound = f"within {2 / duration:g} Hz, two periods in {duration:g} s, and {SEEN * rate:g} Hz, {SEEN} of the rate"
+        raise SettingError("band", band, bound, "Hz")
+    return low, high
+
+
+def _peak(
+    amplitude: float | None, noise: float, gain: float, limits: tuple[float, float], bias: float
+) -> float:  # fmt: skip
+    """Of the excitation, V."""
+    low, high = limits
+    spare = min(bias - low, high - bias)
+    if amplitude is not None:
+        peak = checks.positive("amplitude", amplitude, "V")
+        if peak > spare:
+            raise SettingError("amplitude", peak, f"up to {spare:g} V, from the bias of {bias:g} V to the limits", "V")
+        return peak
+    least, most = (part * (high - low) for part in LEVELS)
+    if spare < least:
+        raise SettingError("bias", bias, f"at least {least:.3g} V from the voltage limits", "V")
+    return min(float(np.clip(LOUD * noise / abs(gain), least, most)), spare)
+
+
+def _within_slew(wave: Multisine, timing: Timing, slew: float, amplitude: float | None) -> Multisine:
+    """The excitation, smaller where the slew limit asks for it and nobody asked for an amplitude."""
+    needed = fastest(wave.volts, timing.sample_rate)
+    if needed <= SPARE * slew:
+        return wave
+    if amplitude is not None:
+        most = amplitude * SPARE * slew / needed
+        bound = f"up to {most:.3g} V: {needed:.4g} V/s are needed, slew_limit is {slew:g} V/s"
+        raise SettingError("amplitude", amplitude, bound, "V")
+    return Multisine(wave.volts * (SPARE * slew / needed), wave.lines, wave.frequency)
+
+
+class _Line:
+    """An actuator that is open: voltages out, displacements back, from the safe voltage and to it again."""
+
+    def __init__(self, actuator: Driven, timing: Timing, slew: float, safe: float) -> None:
+        self.actuator, self.timing, self.slew, self.safe, self.last = actuator, timing, slew, safe, safe
+
+    def __enter__(self) -> _Line:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: object) -> None:
+        """Slowly back to the safe voltage, unless it is the actuator that has failed."""
+        if kind is None or issubclass(kind, (DynamicsError, SettingError, KeyboardInterrupt)):
+            self.put(self.ramp(self.safe))
+
+    def ramp(self, target: float) -> FloatArray:
+        """From the last voltage to another, smooth at both ends, V."""
+        way = target - self.last
+        ticks = math.ceil(max(RAMP, 2 * abs(way) / self.slew) * self.timing.sample_rate)
+        part = np.arange(1, ticks + 1) / ticks
+        return np.asarray(self.last + way * (part - np.sin(2 * np.pi * part) / (2 * np.pi)))
+
+    def put(self, volts: FloatArray, within: tuple[float, float] | None = None) -> FloatArray:
+        """Put `volts` out; the displacement of each, um, which comes after the latency: the last is held for it."""
+        block, late = self.timing.block, self.timing.latency
+        all_of_it = np.append(volts, np.full(late, volts[-1]))
+        z = np.empty(all_of_it.size)
+        beyond, lost = 0, 0
+        for k in range(0, all_of_it.size, block):
+            part = all_of_it[k : k + block]
+            z[k : k + block] = self.actuator.exchange(part)
+            self.last = float(part[-1])
+            for value in z[k : k + block].tolist() if within else ():
+                lost = lost + 1 if math.isnan(value) else 0
+                beyond = beyond + 1 if within and not within[0] <= value <= within[1] and not lost else 0
+            if beyond >= SPIKES and within:
+                self.too_far(z[: k + block], within)
+            if lost > GAP * self.timing.sample_rate:
+                at = f"{k / self.timing.sample_rate:.3f} s"
+                raise DynamicsError(
+                    f"no sample for {1e3 * GAP:g} ms, {at} after the excitation began: look at the sensor"
+                )
+        return z[late:]
+
+    def too_far(self, z: FloatArray, within: tuple[float, float]) -> None:
+        """DynamicsError, with the frequency of the motion."""
+        rate = self.timing.sample_rate
+        recent = np.nan_to_num(z[-round(0.5 * rate) :] - np.nanmean(z))
+        power = np.abs(np.fft.rfft(recent * np.hanning(recent.size), 4 * recent.size))
+        frequency = float(np.argmax(power) * rate / (4 * recent.size))
+        raise DynamicsError(
+            f"the stage went to {z[-1]:.4g} um, further than `travel` allows, {within[0]:.4g} to {within[1]:.4g} um, "
+            f"mostly at {frequency:.4g} Hz, {z.size / rate:.2g} s after the begin: use a smaller `amplitude` (V), or a "
+            "`band` without that frequency"
+        )
+
+    def approach(self, bias: float, low: float, high: float) -> tuple[float, float]:
+        """To the bias voltage; noise of a sample there, um, and gain on the way, um/V."""
+        span, rate = high - low, self.timing.sample_rate
+        start = self.last
+        if abs(bias - start) < STEP * span:  # another way shows the gain
+            start = bias + (STEP if bias + STEP * span < high else -STEP) * span
+            self.put(self.ramp(start))
+        z = self.put(self.ramp(bias))
+        still = self.put(np.full(round(HOLD * rate), bias))
+        if not np.isfinite(still).mean() > 0.9 or not np.isfinite(z).any():
+            raise DynamicsError("most samples are lost at the bias voltage: look at the sensor and its cable")
+        moved = float(np.nanmean(still) - np.nanmean(z[: max(round(0.05 * z.size), 1)]))
+        noise = float(np.nanstd(np.diff(still, 2)) / math.sqrt(6.0))
+        gain = moved / (bias - start)
+        if abs(moved) < 5 * noise:
+            raise DynamicsError(
+                f"{abs(bias - start):.3g} V move the stage by {abs(moved):.2g} um, its noise is {noise:.2g} um: look at "
+                "amplifier, cables and channels"
+            )
+        self.rest = float(np.nanmean(still))
+        return noise, gain
+
+    def excite(self, wave: Multisine, bias: float, travel: float) -> FloatArray:
+        """The multisine around the bias, after a part of it that leads in; displacement of its period, um."""
+        ahead = min(round(LEAD * self.timing.sample_rate), wave.volts.size)
+        lead = wave.volts[-ahead:] * np.minimum(1.0, np.arange(1, ahead + 1) / (0.5 * ahead))
+        volts = bias + np.concatenate([lead, wave.volts])
+        return self.put(volts, (self.rest - travel, self.rest + travel))[ahead:]
