@@ -18,6 +18,10 @@ from truestroke.control.model_file import ModelFileError as ModelFileError
 from truestroke.control.model_file import load_model as load_model
 from truestroke.control.model_file import save_model as save_model
 from truestroke.control.settings import ControllerSettings as ControllerSettings
+from truestroke.identification.dynamics import Bode as Bode
+from truestroke.identification.dynamics import DynamicsError as DynamicsError
+from truestroke.identification.dynamics import measure_bode as measure_bode
+from truestroke.identification.dynamics import measure_dynamics as measure_dynamics
 from truestroke.identification.examine import Findings as Findings
 from truestroke.identification.examine import examine as examine
 from truestroke.identification.identified import Identified as Identified

@@ -12,7 +12,7 @@ from truestroke.cli.common import Commands
 __all__ = ["main"]
 
 COMMANDS = (
-    *("track", "commission", "run", "serve", "doctor", "report", "compare", "reproduce", "robustness", "study"),
+    *("track", "commission", "bode", "run", "serve", "doctor", "report", "compare", "reproduce", "robustness", "study"),
     *("examine", "identify", "invert", "playback", "refine", "characterise"),
 )
 """In the order of the help; each is a function in the module of its name."""

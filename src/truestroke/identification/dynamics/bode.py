@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 
 from truestroke.base.checks import SettingError
 from truestroke.base.display import Displayed, Rows, quantity
@@ -25,9 +26,9 @@ LINES = 3000  # that are fitted, at most, beside those near the peak
 NEAR = 0.1  # relative: about a peak all lines are fitted
 LOW = 0.05  # of the first resonance: below it hysteresis and creep decide, not the stage
 BINS = 60  # a decade, of what is shown and judged
+FEWEST = 8  # lines of a bin
+CERTAIN = 3.0  # standard deviations: a difference beyond is none of noise
 LOST = 0.01  # of the samples, that may be lost
-FLAT = 0.3  # damping: a mode with more is no resonance
-VAGUE = 0.02  # relative: standard deviation of a frequency beyond which a mode is not known
 
 
 class DynamicsError(TruestrokeError, RuntimeError):
@@ -81,7 +82,7 @@ class Bode(Displayed):
     measured, model : ndarray of complex, shape (bins,)
         From commands to measurements, over `gain`, without unit.
     coherence : ndarray, shape (bins,)
-        0 to 1.
+        1 / (1 + scatter of the lines of a bin about their mean), 0 to 1.
     residual : ndarray, shape (bins,)
         |measured / model - 1|, without unit.
     scatter : ndarray, shape (bins,)
@@ -137,7 +138,7 @@ def identify_dynamics(
     chosen = _chosen(whole, local, peak)
     best = _best(fits(chosen, peak, _delay(whole, local, peak), modes or 3), modes)
     dynamics = _dynamics(best, record, chosen, sensor_delay, sensor_bandwidth)
-    return _judged(dynamics, best, whole, local, record, known)
+    return _judged(dynamics, best, whole, record, known)
 
 
 def _complete(z: FloatArray) -> FloatArray:
@@ -225,8 +226,7 @@ def _dynamics(fit: Fit, record: SmallMotion, used: Spectra, sensor_delay: float,
     """Of a fit; refused with a reason where it is no stage that can be inverted."""
     rate, (low, high) = record.sample_rate, used.frequency[[0, -1]]
     first = int(np.argmin(fit.frequency))
-    f, zeta, spread = fit.frequency[first], fit.damping[first], fit.deviations[f"frequency[{first}]"]
-    if not low < f < high or zeta > FLAT or spread > VAGUE * f:
+    if not (low < fit.frequency[first] < high and fit.resonates(first)):
         raise DynamicsError(
             f"no resonance from {low:.3g} to {high:.4g} Hz, where the response was seen: if there is one above, raise "
             f"the sample rate ({rate:g} Hz sees up to {SEEN * rate:g} Hz); if it is well damped, use the controller "
@@ -258,15 +258,12 @@ def _dynamics(fit: Fit, record: SmallMotion, used: Spectra, sensor_delay: float,
 # ---- How far it is right -------------------------------------------------------------------------------------------
 
 
-def _judged(
-    dynamics: Dynamics, fit: Fit, whole: Spectra, local: LocalResponse, record: SmallMotion, known: ComplexArray
-) -> Bode:
+def _judged(dynamics: Dynamics, fit: Fit, whole: Spectra, record: SmallMotion, known: ComplexArray) -> Bode:
     """Model beside measurement in bins of frequency, and the verdict."""
     f = whole.frequency
     response, measured = Problem(whole, fit.frequency.size, fit.lag > 0).at(fit.x)
     weight = np.abs(response * whole.U) ** 2 / whole.variance
-    which = np.floor(BINS * np.log10(f / f[0])).astype(int)
-    _, which = np.unique(which, return_inverse=True)
+    which = _bins(f)
     total = np.bincount(which, weight)
 
     def mean(values: FloatArray) -> FloatArray:
@@ -274,11 +271,11 @@ def _judged(
 
     apart = measured / response - 1
     difference = mean(apart.real) + 1j * mean(apart.imag)
-    centre, coherence = np.exp(mean(np.log(f))), mean(local.coherence)
-    # the scatter of the lines themselves: distortion counts, too
-    lines = np.bincount(which)
-    spread = mean(np.abs(apart - difference[which]) ** 2) / np.maximum(lines - 1, 1)
-    scatter = np.sqrt(np.maximum(spread, 1 / total))
+    centre = np.exp(mean(np.log(f)))
+    # Lines scatter about the mean of their bin by noise, distortion, and modes that are not in the model.
+    spread = mean(np.abs(apart - difference[which]) ** 2)
+    coherence = 1 / (1 + smoothed(spread, 1))
+    scatter = np.sqrt(np.maximum(smoothed(spread / np.maximum(np.bincount(which) - 1, 1), 3), 1 / total))
     at = np.interp(centre, f, response.real) + 1j * np.interp(centre, f, response.imag)
     model = np.asarray(at) * (np.interp(centre, f, known.real) + 1j * np.interp(centre, f, known.imag)) / fit.gain
     trusted, findings = _findings(dynamics, centre, coherence, np.abs(difference), scatter)
@@ -298,6 +295,17 @@ def _judged(
     )
 
 
+def _bins(f: FloatArray) -> npt.NDArray[np.intp]:
+    """The bin of each line: so many a decade, with so many lines at least."""
+    starts, start = [0], 0
+    while True:
+        start = max(int(np.searchsorted(f, f[start] * 10 ** (1 / BINS))), start + FEWEST)
+        if start + FEWEST > f.size:
+            break
+        starts.append(start)
+    return np.searchsorted(np.array(starts), np.arange(f.size), side="right") - 1
+
+
 def _trusted(dynamics: Dynamics, frequency: float) -> Dynamics:
     return replace(dynamics, trusted_to=min(frequency, dynamics.sample_rate / 2))
 
@@ -308,9 +316,9 @@ def _findings(
     """Up to which frequency the model is right, and what is not good."""
     first = dynamics.modes[0].frequency
     judged = f > LOW * first
-    misfit = (residual - 2 * scatter > MISFIT) & judged
-    bad = misfit | ((coherence < COHERENT) & judged)
-    run = np.flatnonzero(bad[:-1] & bad[1:])  # one bin alone is an accident
+    misfit = _together((residual - CERTAIN * scatter > MISFIT) & judged)
+    bad = misfit | _together((coherence < COHERENT) & judged)
+    run = np.flatnonzero(bad)
     end = int(run[0]) if run.size else f.size
     trusted = float(f[end - 1]) if end else 0.0
     findings: list[tuple[Level, str]] = []
@@ -329,3 +337,9 @@ def _findings(
         )
         findings.append((level, f"{words}, or the excitation was disturbed."))
     return trusted, findings
+
+
+def _together(bins: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+    """Those that have a neighbour: one bin alone is an accident."""
+    both = bins[:-1] & bins[1:]
+    return np.asarray(np.append(both, False) | np.append(False, both))

@@ -20,11 +20,11 @@ DURATION = 2.0  # s
 RAMP = 0.5  # s, at least, to the bias voltage and back
 HOLD = 0.3  # s at the bias voltage: creep slows down, noise is measured
 LEAD = 0.25  # s of the excitation before its period
-CORNER = 200.0  # Hz: from which on the amplitudes of the excitation fall
+CORNERS = 1000.0, 500.0, 200.0, 100.0  # Hz: from which on the amplitudes of the excitation fall: as the slew allows
 HIGHEST = 4000.0  # Hz: end of the band, at most
 PERIODS = 8  # of the lowest frequency in the duration
-LEVELS = 0.005, 0.03  # of the voltage range: the peak of the excitation, at least and at most
-LOUD = 16.0  # standard deviations of the noise: the peak of the displacement that is aimed at
+LEVELS = 0.01, 0.03  # of the voltage range: the peak of the excitation, at least and at most
+LOUD = 24.0  # standard deviations of the noise: the peak of the displacement that is aimed at
 TRAVEL = 0.25  # of what the voltage range moves the stage: how far it may go, where nothing is asked for
 STEP = 0.02  # of the voltage range: the way from which the gain is seen
 SPIKES = 3  # samples in a row beyond the travel
@@ -107,7 +107,7 @@ def measure_bode(
     bias : float, optional
         Voltage of the measurement, V; by default the middle of the limits.
     amplitude : float, optional
-        Peak of the excitation, V; by default 0.5 to 3 % of the voltage range, by the noise of the sensor.
+        Peak of the excitation, V; by default 1 to 3 % of the voltage range, by the noise of the sensor.
     band : tuple[float, float], optional
         Frequencies that are excited, Hz; by default from 8 periods in the duration to 0.45 of the sample rate, 4 kHz
         at most.
@@ -157,7 +157,8 @@ def measure_bode(
         noise, gain = line.approach(bias, low, high)
         peak = _peak(amplitude, noise, gain, (low, high), bias)
         ticks = round(duration * timing.sample_rate)
-        wave = _within_slew(multisine(timing.sample_rate, ticks, band, CORNER, peak, seed), timing, slew, amplitude)
+        waves = [multisine(timing.sample_rate, ticks, band, corner, peak, seed) for corner in CORNERS]
+        wave = _within_slew(waves, timing.sample_rate, slew, amplitude)
         report("excitation")
         reach = TRAVEL * abs(gain) * (high - low) if travel is None else checks.positive("travel", travel, "um")
         z = line.excite(wave, bias, reach)
@@ -195,14 +196,15 @@ def _peak(
     return min(float(np.clip(LOUD * noise / abs(gain), least, most)), spare)
 
 
-def _within_slew(wave: Multisine, timing: Timing, slew: float, amplitude: float | None) -> Multisine:
-    """The excitation, smaller where the slew limit asks for it and nobody asked for an amplitude."""
-    needed = fastest(wave.volts, timing.sample_rate)
-    if needed <= SPARE * slew:
-        return wave
+def _within_slew(waves: list[Multisine], rate: float, slew: float, amplitude: float | None) -> Multisine:
+    """The first excitation within the slew limit; a smaller one if none is, and nobody asked for an amplitude."""
+    for wave in waves:
+        needed = fastest(wave.volts, rate)
+        if needed <= SPARE * slew:
+            return wave
     if amplitude is not None:
         most = amplitude * SPARE * slew / needed
-        bound = f"up to {most:.3g} V: {needed:.4g} V/s are needed, slew_limit is {slew:g} V/s"
+        bound = f"up to {most:.3g} V: {needed:.4g} V/s are needed, slew_limit is {slew:g} V/s; or a lower `band`"
         raise SettingError("amplitude", amplitude, bound, "V")
     return Multisine(wave.volts * (SPARE * slew / needed), wave.lines, wave.frequency)
 
@@ -278,8 +280,8 @@ class _Line:
         gain = moved / (bias - start)
         if abs(moved) < 5 * noise:
             raise DynamicsError(
-                f"{abs(bias - start):.3g} V move the stage by {abs(moved):.2g} um, its noise is {noise:.2g} um: look at "
-                "amplifier, cables and channels"
+                f"{abs(bias - start):.3g} V move the stage by {abs(moved):.2g} um, its noise is {noise:.2g} um: "
+                "look at amplifier, cables and channels"
             )
         self.rest = float(np.nanmean(still))
         return noise, gain

@@ -1,0 +1,183 @@
+"""Measuring the dynamics of a stage: the truth is that of simulated stages, the limits are looked at from outside."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from truestroke import Dynamics, DynamicsError, SettingError, Timing, measure_bode, measure_dynamics
+from truestroke.cli import main
+from truestroke.identification.dynamics.fit import pulse_transfer
+from truestroke.model.dynamics import Mode
+from truestroke.plant import PlantSettings, RealisticPlant, StagePlant, StageSettings
+
+LIMITS = {"voltage_limits": (-0.6, 3.6)}
+
+
+class Spied:
+    """A stage behind blocks and latency, that keeps the voltages."""
+
+    def __init__(self, stage: StagePlant, block: int = 1, latency: int = 0) -> None:
+        self.stage, self.block, self.latency = stage, block, latency
+        self.volts: list[float] = []
+
+    def open(self) -> Timing:
+        self.late = np.zeros(self.latency)
+        return Timing(sample_rate=self.stage.open().sample_rate, block=self.block, latency=self.latency)
+
+    def exchange(self, volts: np.ndarray) -> np.ndarray:
+        assert len(volts) <= self.block
+        self.volts += volts.tolist()
+        z = np.concatenate([self.late, self.stage.exchange(volts)])
+        self.late = z[len(volts) :]
+        return z[: len(volts)]
+
+
+# ---- What is found -------------------------------------------------------------------------------------------------
+
+STAGES = {
+    "plays": StageSettings(resonances=(700.0,), dampings=(0.02,), sample_rate=5000.0),
+    "Preisach, slow, hardly damped": StageSettings(
+        resonances=(90.0,), dampings=(0.003,), sample_rate=2000.0, hysteresis_kind="preisach", amplifier_bandwidth=300.0
+    ),
+    "Bouc-Wen, two modes, dead time": StageSettings(
+        resonances=(600.0, 1650.0),
+        dampings=(0.03, 0.01),
+        shares=(1.06, -0.06),
+        dead_time=1.3e-4,
+        hysteresis_kind="bouc-wen",
+        noise=0.01,
+    ),
+}
+
+
+@pytest.mark.parametrize("name", STAGES)
+def test_the_dynamics_of_a_stage_are_found(name: str) -> None:
+    truth = STAGES[name].dynamics()
+    found = measure_bode(StagePlant(STAGES[name], seed=2), **LIMITS)
+    assert found.verdict.level == "good"
+    assert len(found.dynamics.modes) == len(truth.modes)
+    first, mode = truth.modes[0], found.dynamics.modes[0]
+    assert mode.frequency == pytest.approx(first.frequency, rel=0.003)
+    assert mode.damping == pytest.approx(first.damping, rel=0.12)
+    below = np.linspace(1.0, 0.6 * first.frequency, 50)
+    around = np.linspace(0.9, 1.1, 50) * first.frequency
+    assert np.abs(found.dynamics.response(below) / truth.response(below) - 1).max() < 0.02
+    assert np.abs(found.dynamics.response(around) / truth.response(around) - 1).max() < 0.05
+    assert found.dynamics.dead_time * truth.sample_rate == pytest.approx(truth.dead_time * truth.sample_rate, abs=0.08)
+    assert abs(mode.frequency - first.frequency) < 4 * found.dynamics.uncertainty["frequency[0]"]
+    assert found.dynamics.trusted_to > first.frequency
+
+
+def test_blocks_and_latency_are_no_dead_time_and_the_sensor_is_not_the_stage() -> None:
+    settings = StageSettings(sample_rate=2000.0, resonances=(180.0,), sensor_delay=4e-4, sensor_bandwidth=400.0)
+    driven = Spied(StagePlant(settings), block=7, latency=3)
+    options = {**LIMITS, "duration": 1.0, "safe_voltage": 0.2, "bias": 1.0}
+    found = measure_dynamics(driven, sensor_delay=4e-4, sensor_bandwidth=400.0, **options)
+    assert found.modes[0].frequency == pytest.approx(180.0, rel=0.003)
+    f = np.linspace(1.0, 110.0, 50)
+    assert np.abs(found.response(f) / settings.dynamics().response(f) - 1).max() < 0.02
+    assert driven.volts[-1] == pytest.approx(0.2)
+    assert max(np.abs(np.diff(driven.volts))) * 2000.0 <= 504.0
+
+
+@pytest.mark.parametrize(("damping", "delay"), [(0.02, 0.0), (0.003, 2.7), (0.4, -0.4)])
+def test_partial_fractions_and_aliases_give_the_same_response(damping: float, delay: float) -> None:
+    """The fit has closed forms of poles; `Dynamics.response` sums over aliases."""
+    stage = Dynamics(sample_rate=1e4, modes=(Mode(frequency=900.0, damping=damping),), dead_time=delay / 1e4)
+    f = np.array([3.0, 450.0, 900.0, 4500.0])
+    w = 2 * np.pi * 900.0 / 1e4
+    pole, z = w * complex(-damping, np.sqrt(1 - damping**2)), np.exp(2j * np.pi * f / 1e4)
+    both = [pulse_transfer(p, delay, z) * w**2 / (2j * p.imag) for p in (pole, pole.conjugate())]
+    assert sum(both) == pytest.approx(stage.response(f), rel=1e-4, abs=1e-5)
+
+
+# ---- Limits and refusals -------------------------------------------------------------------------------------------
+
+
+def test_a_stage_that_goes_too_far_is_stopped_at_the_safe_voltage() -> None:
+    soft = Spied(StagePlant(StageSettings(sample_rate=2000.0, resonances=(60.0,), dampings=(0.003,))))
+    with pytest.raises(DynamicsError, match=r"further than `travel` allows, .* um, mostly at (59|60|61)[.\d]* Hz"):
+        measure_bode(soft, **LIMITS, travel=1.0, duration=1.0)
+    assert soft.volts[-1] == pytest.approx(0.0, abs=1e-9)
+    assert max(np.abs(np.diff(soft.volts))) * 2000.0 <= 504.0
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({"resonance": 0.0}, "no resonance from 8 to "),
+        ({"resonance": 990.0}, "if there is one above, raise the sample rate"),
+        ({"sensitivity": 1e-5}, "look at amplifier, cables and channels"),
+        ({"noise": 20.0, "sensitivity": 3.0}, "coherence .* from 8 Hz on; raise `amplitude`"),
+    ],
+)
+def test_what_is_no_stage_is_refused(settings: dict[str, float], words: str) -> None:
+    with pytest.raises(DynamicsError, match=words):
+        measure_dynamics(RealisticPlant(PlantSettings(**settings)), **LIMITS, duration=1.0)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"amplitude": 3.0}, "amplitude = 3.0 V: must be up to 2.1 V, from the bias of 1.5 V"),
+        ({"amplitude": 0.1, "slew_limit": 2.0}, "V/s are needed, slew_limit is 2 V/s"),
+        ({"band": (5.0, 950.0)}, r"band = \(5.0, 950.0\) Hz: must be within 1 Hz, .* and 900 Hz, 0.45 of the rate"),
+        ({"bias": 4.0}, "bias = 4.0 V: must be from -0.6 to 3.6 V"),
+        ({"modes": 4}, "modes = 4: must be a whole number from 1 to 3"),
+    ],
+)
+def test_an_excitation_beyond_its_limits_is_refused(options: dict[str, object], words: str) -> None:
+    stage = Spied(StagePlant(StageSettings(sample_rate=2000.0, resonances=(200.0,))))
+    with pytest.raises(SettingError, match=words):
+        measure_bode(stage, **{**LIMITS, **options})
+    assert stage.volts[-1:] in ([], [pytest.approx(0.0, abs=1e-9)])
+
+
+# ---- The command ---------------------------------------------------------------------------------------------------
+
+CONFIG = """
+[driver]
+name = "simulated"
+sample_rate = 2000.0
+plant = { resonance = RESONANCE, damping = 0.02 }
+
+[[axis]]
+voltage_limits = [-0.6, 3.6]
+slew = 400.0
+"""
+
+
+def run(*words: str) -> tuple[int, str]:
+    done = CliRunner().invoke(main, ["bode", *words])
+    return done.exit_code, done.output
+
+
+def test_the_command_writes_dynamics_and_a_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("axis.toml").write_text(CONFIG.replace("RESONANCE", "300.0"))
+    code, printed = run("--config", "axis.toml", "--duration", "1", "--json")
+    said = json.loads(printed)
+    assert (code, said["verdict"]) == (0, "good")
+    found = Dynamics.load("dynamics.toml")
+    assert found == Dynamics.from_dict(said["dynamics"])
+    assert found.modes[0].frequency == pytest.approx(300.0, rel=0.003)
+    page = Path("dynamics.html").read_text()
+    assert all(words in page for words in ("mode 1", "trusted to", "slew of 400 V/s", "bode-title"))
+
+
+def test_a_bad_measurement_writes_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("axis.toml").write_text(CONFIG.replace("RESONANCE", "0.0"))
+    code, printed = run("--config", "axis.toml", "--duration", "1")
+    assert code == 3
+    assert "BAD" in printed
+    assert "no resonance from 8 to" in printed
+    assert not Path("dynamics.toml").exists()
+    Path("dynamics.toml").write_text("mine")
+    assert run("--config", "axis.toml")[0] == 1
+    assert Path("dynamics.toml").read_text() == "mine"
