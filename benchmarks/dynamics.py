@@ -82,7 +82,9 @@ def main() -> None:
     print({level: levels.count(level) for level in sorted(set(levels))})
     for name in rows[0]:
         values = np.array([row[name] for row in rows])
-        print(f"{name:31} median {np.median(values):.3g}, 95 % {np.percentile(values, 95):.3g}, worst {values.max():.3g}")
+        print(
+            f"{name:31} median {np.median(values):.3g}, 95 % {np.percentile(values, 95):.3g}, worst {values.max():.3g}"
+        )
 
 
 if __name__ == "__main__":

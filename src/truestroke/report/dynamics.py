@@ -48,7 +48,11 @@ def rows(found: Bode, voltage_limits: tuple[float, float], slew: float) -> list[
         *made,
         ["amplifier", lag if d.amplifier_bandwidth else "no lag seen", "corner of a first-order lag"],
         ["dead time", late, f"{d.dead_time * d.sample_rate:.2f} ticks"],
-        ["gain", f"{found.gain:.3g} um/V", f"of small motion; late by {np.degrees(found.loss):.1f} deg of hysteresis"],
+        [
+            "gain",
+            f"{found.gain:.3g} um/V",
+            f"of small motion; hysteresis: {np.degrees(found.loss):.1f} deg late at f0 / 10",
+        ],
         ["trusted to", f"{d.trusted_to:.4g} Hz", "coherence above 0.9, model within 5 %"],
         ["motion", f"{most:.3g} um p-p", f"the largest sine at half the resonance, {half:.4g} Hz: {reason}"],
     ]

@@ -14,7 +14,7 @@ from truestroke.base.errors import TruestrokeError
 from truestroke.base.typing import ComplexArray, FloatArray
 from truestroke.base.verdict import Level, Verdict
 from truestroke.identification.dynamics.excitation import Multisine
-from truestroke.identification.dynamics.fit import Fit, Problem, Spectra, fits
+from truestroke.identification.dynamics.fit import Fit, Problem, Spectra, fits, small_hysteresis
 from truestroke.identification.dynamics.response import LocalResponse, local_response, smoothed
 from truestroke.model.dynamics import EARLIEST, LATEST, SEEN, Dynamics, Mode
 
@@ -76,7 +76,7 @@ class Bode(Displayed):
     gain : float
         Of the small motion, static, um/V.
     loss : float
-        Phase by which hysteresis and creep are late at every frequency, rad: not in `dynamics`.
+        Phase by which hysteresis and creep are late at a tenth of the first resonance, rad: not in `dynamics`.
     frequency : ndarray, shape (bins,)
         Hz, ascending.
     measured, model : ndarray of complex, shape (bins,)
@@ -136,7 +136,7 @@ def identify_dynamics(
     whole = Spectra(record.sample_rate, z.size, record.excitation.frequency, U * known, Y, local.variance)
     peak = _peak(whole, local)
     chosen = _chosen(whole, local, peak)
-    best = _best(fits(chosen, peak, _delay(whole, local, peak), modes or 3), modes)
+    best = _best(fits(chosen, peak, _delay(whole, local, peak), modes or 3), modes, chosen)
     dynamics = _dynamics(best, record, chosen, sensor_delay, sensor_bandwidth)
     return _judged(dynamics, best, whole, record, known)
 
@@ -192,9 +192,10 @@ def _chosen(spectra: Spectra, local: LocalResponse, peak: float) -> Spectra:
     return Spectra(s.sample_rate, s.ticks, f[kept], s.U[kept], s.Y[kept], s.variance[kept])
 
 
-def _best(made: list[Fit], modes: int | None) -> Fit:
-    """The best whose inverse is stable."""
-    wanted = [fit for fit in made if modes in (None, fit.frequency.size)]
+def _best(made: list[Fit], modes: int | None, used: Spectra) -> Fit:
+    """The best whose inverse is stable, with modes that are seen: one beyond is none, but the slope of a lag."""
+    end = 0.99 * used.frequency[-1]
+    wanted = [fit for fit in made if modes in (None, fit.frequency.size) and fit.frequency.max() < end]
     for fit in wanted:
         if _minimum_phase(fit):
             return fit
@@ -203,8 +204,19 @@ def _best(made: list[Fit], modes: int | None) -> Fit:
             "the modes that fit the record are not minimum-phase: their inverse is unstable. Ask for fewer, `modes=1`, "
             "measure the displacement where the load is, or raise `amplitude`"
         )
+    if modes is None:
+        raise _no_resonance(used)
     count = made[0].frequency.size
     raise DynamicsError(f"the record has no evidence of {modes} modes, but of {count}: leave `modes` out")
+
+
+def _no_resonance(used: Spectra) -> DynamicsError:
+    rate, (low, high) = used.sample_rate, used.frequency[[0, -1]]
+    return DynamicsError(
+        f"no resonance from {low:.3g} to {high:.4g} Hz, where the response was seen: if there is one above, raise the "
+        f"sample rate ({rate:g} Hz sees up to {SEEN * rate:g} Hz); if it is well damped, use the controller without "
+        "dynamics"
+    )
 
 
 def _modes(fit: Fit) -> tuple[Mode, ...]:
@@ -227,15 +239,7 @@ def _dynamics(fit: Fit, record: SmallMotion, used: Spectra, sensor_delay: float,
     rate, (low, high) = record.sample_rate, used.frequency[[0, -1]]
     first = int(np.argmin(fit.frequency))
     if not (low < fit.frequency[first] < high and fit.resonates(first)):
-        raise DynamicsError(
-            f"no resonance from {low:.3g} to {high:.4g} Hz, where the response was seen: if there is one above, raise "
-            f"the sample rate ({rate:g} Hz sees up to {SEEN * rate:g} Hz); if it is well damped, use the controller "
-            "without dynamics"
-        )
-    beyond = [value for value in fit.frequency if value >= SEEN * rate]
-    if beyond:
-        bound = f"{SEEN * rate:g} Hz, {SEEN} of the sample rate"
-        raise DynamicsError(f"a mode at {beyond[0]:.4g} Hz is above {bound}: raise the sample rate")
+        raise _no_resonance(used)
     ticks = fit.delay * rate
     if not EARLIEST <= ticks <= LATEST:
         raise DynamicsError(
@@ -284,7 +288,7 @@ def _judged(dynamics: Dynamics, fit: Fit, whole: Spectra, record: SmallMotion, k
         dynamics=dynamics,
         verdict=Verdict.of(findings),
         gain=fit.gain,
-        loss=fit.phase + fit.creep * math.pi / 2,
+        loss=-float(np.angle(small_hysteresis(np.array([dynamics.modes[0].frequency / 10]), fit.hysteresis, f[-1]))[0]),
         frequency=centre,
         measured=model * (1 + difference),
         model=np.asarray(model, dtype=np.complex128),

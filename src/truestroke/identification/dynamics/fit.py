@@ -12,7 +12,8 @@ from truestroke.base.typing import ComplexArray, FloatArray
 
 FLOOR = 0.004  # of the output: what hysteresis and creep make of a line beyond the model, standard deviation
 DAMPING = 5e-4, 0.7
-PHASE = 0.2  # rad, at most, of hysteresis
+RELAXING = 0.6  # at most: the part of the gain that relaxes, over that which does not
+SLOW = 1.0, 50.0, 0.15  # Hz, Hz, of the first resonance: least and largest corner of that relaxation
 CREEP = 0.06  # at most: the exponent of its power law
 CANDIDATES = 400  # frequencies at which another mode is looked for
 NEEDED = 5  # numbers of a mode: frequency, damping, share and two of its transient
@@ -59,8 +60,9 @@ class Fit:
         Time constant of the amplifier, s; 0 is none.
     delay : float
         Dead time, s.
-    phase, creep : float
-        Of the hysteresis, rad, and the exponent of the creep: what they make of the response is not in the modes.
+    hysteresis : tuple[float, float, float]
+        What hysteresis and creep make of the response, which is not in the modes: the part that relaxes, its corner,
+        Hz, and the exponent of the creep.
     gain : float
         Static, um/V.
     deviations : dict
@@ -82,8 +84,7 @@ class Fit:
     share: FloatArray
     lag: float
     delay: float
-    phase: float
-    creep: float
+    hysteresis: tuple[float, float, float]
     gain: float
     deviations: dict[str, float]
     response: ComplexArray
@@ -126,6 +127,16 @@ def _ramp(pole: complex, t: float) -> complex:
     return complex((np.exp(pole * t) - 1 - pole * t) / pole**2)
 
 
+def small_hysteresis(f: FloatArray, numbers: tuple[float, float, float], last: float) -> ComplexArray:
+    """What hysteresis and creep make of a small motion among others, at f, Hz; 1 far above, at `last`, Hz.
+
+    The other frequencies of a multisine shake the small loops: their part of the gain relaxes, in a Bouc-Wen model as a
+    first-order lag with a corner of beta E|dx/dt|. Creep is logarithmic in time, a power of the frequency.
+    """
+    part, corner, creep = numbers
+    return np.asarray((1 + part / (1 + 1j * f / corner)) * (1j * f / last) ** -creep)
+
+
 class Problem:
     """The fit of so many modes, with or without the lag of an amplifier."""
 
@@ -134,13 +145,13 @@ class Problem:
         self.z = np.exp(2j * np.pi * spectra.frequency / spectra.sample_rate)
         self.weight = 1 / np.sqrt(spectra.variance + FLOOR**2 * np.abs(spectra.Y) ** 2)
         self.target = spectra.Y * self.weight
-        self.relative = 1j * spectra.frequency / math.sqrt(spectra.frequency[0] * spectra.frequency[-1])
         t = np.arange(spectra.ticks) / spectra.ticks
         lines = np.round(spectra.frequency * spectra.ticks / spectra.sample_rate).astype(int)
         drifts = [t, t**2, np.log(t + 0.02)]  # slow: warming, creep after the ramp to the bias
         self.slow = np.array([np.fft.rfft(drift)[lines] for drift in drifts]).T
 
-    # nonlinear numbers: log f, log zeta of each mode, delay (ticks), phase, creep, log(lag / tick)
+    # Nonlinear numbers: log f, log zeta of each mode; delay (ticks), the relaxing part, log of its corner (Hz), creep;
+    # log(lag / tick).
 
     def solve(self, x: FloatArray) -> tuple[FloatArray, FloatArray, ComplexArray]:
         """Weighted residual, the linear numbers, and the response to each of the static parts."""
@@ -157,8 +168,8 @@ class Problem:
 
     def basis(self, x: FloatArray) -> ComplexArray:
         """Response of each mode with a share of 1, behind lag, delay, hysteresis and creep."""
-        delay, phase, creep = x[2 * self.modes : 2 * self.modes + 3]
-        around = np.exp(-1j * phase) * self.relative**-creep
+        delay, part, corner, creep = x[2 * self.modes : 2 * self.modes + 4]
+        around = small_hysteresis(self.s.frequency, (part, math.exp(corner), creep), self.s.frequency[-1])
         return np.array([self.mode(x, i, delay) * around for i in range(self.modes)]).T
 
     def mode(self, x: FloatArray, i: int, delay: float) -> ComplexArray:
@@ -201,8 +212,10 @@ class Problem:
         x = [v for f, zeta in zip(frequency, damping, strict=True) for v in (math.log(f), math.log(zeta))]
         low = [v for f in frequency for v in (math.log(0.8 * f), math.log(DAMPING[0]))]
         top = [v for f in frequency for v in (math.log(min(1.25 * f, 1.5 * high)), math.log(DAMPING[1]))]
-        x, low, top = [*x, delay, 0.01, 0.005], [*low, -1.0, 0.0, 0.0], [*top, max(22.0, delay + 2), PHASE, CREEP]
-        scale = [v for _ in frequency for v in (0.003, 0.2)] + [0.05, 0.01, 0.005]
+        slowest, fastest = math.log(SLOW[0]), math.log(max(min(SLOW[1], SLOW[2] * min(frequency)), 2 * SLOW[0]))
+        x, low = [*x, delay, 0.02, (slowest + fastest) / 2, 0.005], [*low, -1.0, 0.0, slowest, 0.0]
+        top = [*top, max(22.0, delay + 2), RELAXING, fastest, CREEP]
+        scale = [v for _ in frequency for v in (0.003, 0.2)] + [0.05, 0.02, 0.5, 0.005]
         if self.lag:
             x, low, top = [*x, math.log(lag)], [*low, math.log(0.01)], [*top, math.log(rate / 10)]
             scale = [*scale, 0.2]
@@ -240,8 +253,7 @@ class Problem:
             share=parts / gain,
             lag=lag,
             delay=float(x[2 * m]) / self.s.sample_rate,
-            phase=float(x[2 * m + 1]),
-            creep=float(x[2 * m + 2]),
+            hysteresis=(float(x[2 * m + 1]), math.exp(x[2 * m + 2]), float(x[2 * m + 3])),
             gain=gain,
             deviations={name: float(value) for name, value in names.items()},
             response=basis @ parts,

@@ -19,6 +19,7 @@ from truestroke.signals.timing import Timing
 DURATION = 2.0  # s
 RAMP = 0.5  # s, at least, to the bias voltage and back
 HOLD = 0.3  # s at the bias voltage: creep slows down, noise is measured
+FADING, FADING_CYCLES, FADING_FREQUENCY = 0.1, 8, 8.0  # of the voltage range; cycles; Hz
 LEAD = 0.25  # s of the excitation before its period
 CORNERS = 1000.0, 500.0, 200.0, 100.0  # Hz: from which on the amplitudes of the excitation fall: as the slew allows
 HIGHEST = 4000.0  # Hz: end of the band, at most
@@ -230,6 +231,15 @@ class _Line:
         part = np.arange(1, ticks + 1) / ticks
         return np.asarray(self.last + way * (part - np.sin(2 * np.pi * part) / (2 * np.pi)))
 
+    def fading(self, bias: float, swing: float) -> FloatArray:
+        """A slow oscillation about the bias that fades, V: small loops of hysteresis behind it are symmetric."""
+        frequency = min(FADING_FREQUENCY, 0.5 * self.slew / (2 * np.pi * swing)) if swing else FADING_FREQUENCY
+        t = np.arange(1, round(FADING_CYCLES / frequency * self.timing.sample_rate) + 1) / self.timing.sample_rate
+        part = frequency * t / FADING_CYCLES
+        return np.asarray(
+            bias + swing * np.minimum(1.0, 4 * part) * (1 - part) ** 2 * np.sin(2 * np.pi * frequency * t)
+        )
+
     def put(self, volts: FloatArray, within: tuple[float, float] | None = None) -> FloatArray:
         """Put `volts` out; the displacement of each, um, which comes after the latency: the last is held for it."""
         block, late = self.timing.block, self.timing.latency
@@ -272,6 +282,7 @@ class _Line:
             start = bias + (STEP if bias + STEP * span < high else -STEP) * span
             self.put(self.ramp(start))
         z = self.put(self.ramp(bias))
+        self.put(self.fading(bias, min(bias - low, high - bias, FADING * span)))
         still = self.put(np.full(round(HOLD * rate), bias))
         if not np.isfinite(still).mean() > 0.9 or not np.isfinite(z).any():
             raise DynamicsError("most samples are lost at the bias voltage: look at the sensor and its cable")
