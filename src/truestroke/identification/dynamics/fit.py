@@ -95,7 +95,7 @@ class Fit:
 
     @property
     def evidence(self) -> float:
-        """The smaller the better: the criterion of Schwarz, of lines that the noise of their neighbours tells apart."""
+        """The smaller the better: the criterion of Schwarz."""
         return 2 * self.cost + self.numbers * math.log(2 * self.response.size)
 
     def resonates(self, i: int) -> bool:

@@ -104,7 +104,7 @@ def measure_bode(
     voltage_limits : tuple[float, float]
         Lowest and highest voltage, V.
     safe_voltage : float
-        Where the output is before, and where it is left, V.
+        Where the output begins and ends, V.
     bias : float, optional
         Voltage of the measurement, V; by default the middle of the limits.
     amplitude : float, optional
