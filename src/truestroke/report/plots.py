@@ -16,6 +16,7 @@ from truestroke.base.typing import FloatArray
 from truestroke.report import style, units
 from truestroke.report.style import LIGHT, Theme
 from truestroke.signals.judgement import change_time
+from truestroke.signals.metrics import judged
 from truestroke.signals.recording import Recording
 
 ZOOM = 0.5  # s
@@ -45,11 +46,12 @@ def settled(recording: Recording) -> slice:
 
 
 def zoom_window(recording: Recording, width: float = ZOOM) -> slice:
-    """The ticks of `width` seconds around the largest error of the second half, or of the whole of a shorter half."""
+    """The ticks of `width` seconds around the largest error that counts in the second half, or all of a short one."""
     time, half = recording["time"], settled(recording)
     _, actual = displacement(recording)
     ticks = min(round(width / _step(time)), half.stop - half.start)
-    worst = half.start + int(np.nanargmax(np.abs(actual - recording["desired"])[half]))
+    error = np.where(judged(recording), np.abs(actual - recording["desired"]), 0.0)
+    worst = half.start + int(np.nanargmax(error[half]))
     start = min(max(worst - ticks // 2, half.start), half.stop - ticks)
     return slice(start, start + ticks)
 
