@@ -8,6 +8,8 @@ from scipy import linalg, signal
 from truestroke import Dynamics, Mode, SettingError
 from truestroke.control import feedback
 from truestroke.control.feedback import Feedback, design
+from truestroke.report import feedback as picture
+from truestroke.report import style
 
 RATE = 10000.0
 STAGES = {  # each with the latency of its loop
@@ -81,6 +83,18 @@ def test_stable_with_a_peak_below_two_where_gain_and_resonance_are_wrong(case: t
             worst = max(worst, np.abs(1 / (1 + loop(z))).max())
     assert worst < 2.02
     assert bank.sensitivity_peak == pytest.approx(worst, rel=0.03)
+
+
+def test_sensitivity_in_the_picture_is_that_of_python_control(case: tuple[Dynamics, Feedback]) -> None:
+    stage, bank = case
+    figure = picture.margins(bank, stage, style.DARK)
+    f, shown = next(line for line in figure.axes[2].lines if line.get_label() == "as measured").get_data()
+    S = control.feedback(1, open_loop(stage, bank))
+    some = slice(None, None, 40)
+    np.testing.assert_allclose(shown[some], np.abs(S(np.exp(2j * np.pi * f[some] / stage.sample_rate))), rtol=1e-3)
+    nominal, largest = bank.sensitivity(stage, f)
+    assert (largest >= nominal).all()
+    assert largest.max() == pytest.approx(bank.sensitivity_peak, rel=0.02)
 
 
 def test_noise_gain_is_that_of_simulated_noise(case: tuple[Dynamics, Feedback]) -> None:
