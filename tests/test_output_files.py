@@ -40,6 +40,8 @@ COMMANDS: dict[str, tuple[list[str], str]] = {
     "identify, page": (["identify", "rec.csv", "--report", "out.html"], "out.html"),
     "characterise": (["characterise", "--output", "stage"], "stage.toml"),
     "characterise, recording": (["characterise", "--output", "stage"], "stage.h5"),
+    "bode": (["bode", "--output", "stage"], "stage.toml"),
+    "bode, page": (["bode", "--output", "out"], "out.html"),
     "study": (["study", "study.toml", "--output", "out"], "out.html"),
     "robustness": (["robustness", "--plants", "1", "--output", "out"], "out.html"),
     "report": (["report", "run.h5", "--output", "out"], "out.html"),
