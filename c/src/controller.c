@@ -78,8 +78,7 @@ static ts_status check_kalman(const ts_settings *s)
     bool good = k->filter > 0 && k->filter <= 1 && fraction(k->noise_rate) && fraction(k->ringing_rate)
                 && fraction(k->prior_return) && fraction(k->change_rate) && fraction(k->change_share)
                 && k->model_error >= 0 && bounded(k->model_error) && k->change_threshold > 0 && k->refractory >= 0
-                && fraction(k->change_gain) && fraction(k->change_hysteresis) && k->outlier > 0 && k->outliers >= 0 && positive(s->first_noise)
-                && positive(s->velocity_limit);
+                && fraction(k->change_gain) && fraction(k->change_hysteresis) && k->outlier > 0 && k->outliers >= 0 && positive(s->first_noise);
     const ts_oscillation_settings *o = &s->oscillation;
     if (o->tick != 0)
         good = good && positive(o->tick) && o->corner > 0 && o->corner <= 1 && fraction(o->fast) && fraction(o->slow)

@@ -24,7 +24,7 @@ from truestroke.model.models import Motion, asymmetry_terms, known_terms
 VELOCITY_SPAN = 0.1e-3  # s: half of the span of a central difference, at least one sample
 NEWTON_STEPS = 8  # at most
 CONVERGED = 1e-13  # of the stroke: a step that is smaller is the last
-SLOPES = 0.4, 4.0  # of the straight line's slope: limits of the partial slopes, as by default
+SLOPES = 0.4, 4.0  # of the straight line's slope: limits of the partial slopes; wider by default, where it is not known
 DRIFT = 0.1  # relative: how far an actuator may be from its record, in deviations of the default prior
 
 EXPECTED = "an ActuatorModel, such as of truestroke.load_model(path) or identify(record).model"

@@ -22,7 +22,7 @@ class ChangeableOptions(TypedDict, total=False):
     forgetting: float
     covariance_limit: float
     slope_limits: tuple[float, float] | None
-    velocity_limit: float | None
+    velocity_limit: float
     slew_limit: float | None
     measurement_limit: float | None
     smoothing_time: float | None

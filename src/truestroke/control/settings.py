@@ -21,7 +21,7 @@ from truestroke.model import layout, prior
 from truestroke.model.layout import MAX_PLAYS, Layout
 
 MAX_DEAD_ZONES = 8
-RATE_DEPENDENT = (0, 3, 6, 9, 12)  # which of the plays have a rate weight: the gradient matters for the first few only
+RATE_WEIGHTS = 5  # of the paper's eight plays: the gradient matters for the first few only
 STEEPEST = 1e30  # um/V: of a slope, whatever stroke and voltage limits are
 DEFAULT_SLEW = Times(120, "voltage_range")  # V/s; `feasibility` raises it for a known motion that needs more
 UNLIMITED = 1e9  # for a limit that is not there: finite, so that it can be written to any file
@@ -127,13 +127,15 @@ def _slopes(_: Any, name: str, value: Any, unit: str) -> tuple[float, float]:
 
 
 def default_thresholds(s: ControllerSettings) -> tuple[float, ...]:
-    """`prior.thresholds`: evenly over 0 to 36 % of the voltage range."""
+    """`prior.thresholds`: over 0 to 36 % of the voltage range, the denser the nearer to 0."""
     return prior.thresholds(s.plays, s.voltage_range)
 
 
 def default_rate_dependent(s: ControllerSettings) -> tuple[int, ...]:
-    """`(0, 3, 6, 9, 12)`, as far as there are plays."""
-    return tuple(i for i in RATE_DEPENDENT if i < s.plays)
+    """The plays nearest to the first five thresholds of the paper: i / 8 of 36 % of the voltage range."""
+    even = np.array(prior.thresholds(prior.EVEN, s.voltage_range)[:RATE_WEIGHTS])
+    nearest = np.abs(np.array(s.thresholds)[:, np.newaxis] - even).argmin(axis=0)
+    return tuple(sorted(set(nearest.tolist())))
 
 
 def default_rate_scale(s: ControllerSettings) -> float:
@@ -166,8 +168,8 @@ def default_filter_frequency(s: ControllerSettings) -> float:
 
 
 def default_slope_limits(s: ControllerSettings) -> tuple[float, float]:
-    """`(0.4 * q, 4 * q)`."""
-    return 0.4 * s.q, 4 * s.q
+    """`(0.03 * q, 25 * q)`: stroke or voltage limits may be told five times too wide."""
+    return 0.03 * s.q, 25 * s.q
 
 
 def default_smoothing_time(s: ControllerSettings) -> float:
@@ -282,8 +284,9 @@ SETTINGS: declared.Table = {
         kernel="slope_min slope_max",
     ),
     "velocity_limit": Setting(
-        "The slopes are within their limits at every rate that was commanded, up to this one", "um/s", sized(),
-        Times(50, "stroke"), law="kalman", changeable=True,
+        "The weights are held so that the slopes are within their limits at every rate that was commanded, up to this "
+        "one; 0: at rest", "um/s", between(0, 1e15),
+        law="kalman", changeable=True,
     ),
     "slew_limit": Setting(
         "Fastest change of the voltage", "V/s", sized(), DEFAULT_SLEW, changeable=True,
@@ -329,7 +332,7 @@ class ControllerSettings(Displayed, Layout):
     --------
     >>> s = ControllerSettings(sample_rate=2000.0, stroke=30.0, voltage_limits=(-0.6, 3.6))
     >>> s.plays, len(s.initial_weights), round(s.initial_sensitivity, 3)
-    (24, 37, 8.214)
+    (26, 39, 8.214)
     >>> ControllerSettings(sample_rate=2000.0, stroke=-30.0, voltage_limits=(-0.6, 3.6))
     Traceback (most recent call last):
         ...
@@ -340,7 +343,7 @@ class ControllerSettings(Displayed, Layout):
     stroke: float
     voltage_limits: tuple[float, float]
     resonance: float = 0.0
-    plays: int = 24
+    plays: int = 26
     thresholds: tuple[float, ...] = FOLLOWS
     rate_dependent: tuple[int, ...] = FOLLOWS
     creep_times: tuple[float, ...] = (0.003, 0.03, 0.3, 3.0)
@@ -366,7 +369,7 @@ class ControllerSettings(Displayed, Layout):
     regularization: float = 1e-3
     covariance_limit: float = 1e6
     slope_limits: tuple[float, float] = FOLLOWS
-    velocity_limit: float = FOLLOWS
+    velocity_limit: float = 0.0
     slew_limit: float = FOLLOWS
     measurement_limit: float = FOLLOWS
     smoothing_time: float = FOLLOWS

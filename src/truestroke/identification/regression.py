@@ -10,7 +10,6 @@ import numpy.typing as npt
 from truestroke import _kernel
 from truestroke.base.typing import FloatArray
 from truestroke.control.actuator import ActuatorModel, asymmetry_slopes, central_difference, creep_states
-from truestroke.control.settings import RATE_DEPENDENT
 from truestroke.identification.normal import Prior
 from truestroke.identification.series import settled
 from truestroke.model import prior
@@ -22,6 +21,7 @@ SETTLING = 0.1  # of the record at most: what is skipped until the play states a
 FLOOR = 0.05  # of the straight line's slope: the smallest partial slope
 STEEPEST = 0.2  # least slope of z - asymmetry(z): displacement rises by at most 5 times the weighted sum of the plays
 CURVED = np.linspace(-1.0, 2.0, 31)  # of the stroke, the whole range of the asymmetry, in the record or not
+RATE_DEPENDENT = (0, 3, 6, 9, 12)  # plays with a rate weight: the gradient matters for the first few only
 CREEP_START = 0.015  # of the stroke: deviation of what a creep state still has to go at the start
 
 

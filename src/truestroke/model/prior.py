@@ -18,22 +18,35 @@ FIRST_SLOPE = 1.15  # of q: slope at first contact
 HYSTERESIS = 0.5  # of q: sum of the weights of all other plays
 DECAY = 0.2  # of the voltage range: they fall with the threshold as exp(-r / DECAY)
 REACH = 15 / 42  # of the voltage range: thresholds end below this
+EVEN = 8  # of them are even: those of the paper
+NEAREST = 0.35  # of their distance: within it from 0, thresholds are even again
 GAIN_DEVIATION = 0.35  # relative: of all weights together
 HYSTERESIS_DEVIATION = 0.5  # relative: of all weights but the first together
 WEIGHT_DEVIATION = 0.6, 0.05  # relative, and of q: of each weight but the first by itself
 FIRST_DEVIATION = 0.01  # of q: of the first weight by itself
-RATE_DEVIATION = 0.1  # of q: of each rate weight
+RATE_DEVIATION = 0.2  # of q: of each rate weight
 
 
 def thresholds(plays: int, voltage_range: float) -> tuple[float, ...]:
-    """Thresholds r, V: evenly over 0 to `REACH` of the voltage range.
+    """Thresholds r, V: over 0 to `REACH` of the voltage range, the denser the nearer to 0.
+
+    The first `EVEN` are even, as in the paper. Each further one halves the interval that is the widest beside its
+    distance from 0, so that the loop of an actuator that needs a fifth of the voltage range still has some.
 
     Examples
     --------
     >>> [round(r, 4) for r in thresholds(4, 4.2)]
     [0.0, 0.375, 0.75, 1.125]
+    >>> [round(r, 4) for r in thresholds(12, 4.2)]
+    [0.0, 0.0469, 0.0938, 0.1406, 0.1875, 0.2812, 0.375, 0.5625, 0.75, 0.9375, 1.125, 1.3125]
     """
-    return tuple(i / plays * REACH * voltage_range for i in range(plays))
+    even = min(plays, EVEN)
+    r = [float(i) for i in range(even)]  # in units of the even distance
+    while len(r) < plays:
+        widths = np.diff(r, append=even)
+        widest = int(np.argmax(widths / (np.array(r) + NEAREST)))
+        r.insert(widest + 1, r[widest] + widths[widest] / 2)
+    return tuple(float(place / even * REACH * voltage_range) for place in r)
 
 
 def play_weights(r: Sequence[float], voltage_range: float, first: float) -> FloatArray:
