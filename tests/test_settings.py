@@ -123,7 +123,7 @@ OTHERS = {
     "voltage_limits": (-0.5, 3.0),
     "resonance": 500.0,
     "plays": 23,
-    "thresholds": tuple(np.linspace(0.0, 2.0, 24)),
+    "thresholds": tuple(np.linspace(0.0, 2.0, 26)),
     "rate_dependent": (0, 3, 6, 9, 13),
     "creep_times": (0.004, 0.03, 0.3, 3.0),
     "asymmetry": 1,
