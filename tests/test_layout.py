@@ -79,4 +79,6 @@ def test_the_prior_of_a_term_follows_from_its_row(name) -> None:
     np.testing.assert_allclose(deviations, TERMS[name].deviation * scale, rtol=1e-12)
     assert P[columns].sum() == pytest.approx(np.sum(deviations**2))  # alone: not correlated
     assert set(settings.initial_weights[columns]) == {TERMS[name].mean}
-    np.testing.assert_array_equal(prior.mean(settings, np.zeros(settings.plays))[columns], settings.initial_weights[columns])
+    np.testing.assert_array_equal(
+        prior.mean(settings, np.zeros(settings.plays))[columns], settings.initial_weights[columns]
+    )

@@ -24,7 +24,7 @@ GAIN_DEVIATION = 0.35  # relative: of all weights together
 HYSTERESIS_DEVIATION = 0.5  # relative: of all weights but the first together
 WEIGHT_DEVIATION = 0.6, 0.05  # relative, and of q: of each weight but the first by itself
 FIRST_DEVIATION = 0.01  # of q: of the first weight by itself
-RATE_DEVIATION = 0.2  # of q: of each rate weight
+RATE_DEVIATION = 0.1, 0.2  # of q: of each rate weight but the second, which is largest in the published ones; of that
 
 
 def thresholds(plays: int, voltage_range: float) -> tuple[float, ...]:
@@ -106,6 +106,7 @@ def covariance(layout: Layout, a: FloatArray, *, q: float, stroke: float) -> Flo
     of_plays = GAIN_DEVIATION**2 * np.outer(a, a) + HYSTERESIS_DEVIATION**2 * np.outer(hysteresis, hysteresis)
     scale = {"um/V": q, "um": stroke}
     known = {name: term.deviation * scale.get(term.unit, 1.0) for name, term in TERMS.items()}
-    P0 = np.diag(np.square(layout.vector(0.0, RATE_DEVIATION * q, **known)))
+    rates = np.where(np.arange(len(layout.rate_dependent)) == 1, RATE_DEVIATION[1], RATE_DEVIATION[0])
+    P0 = np.diag(np.square(layout.vector(0.0, rates * q, **known)))
     P0[np.ix_(layout.a, layout.a)] = of_plays + np.diag(own**2)
     return P0
