@@ -39,7 +39,7 @@ OBJECTS = {
 LINES = {
     "controller": "AdaptiveController: kalman, 26 plays, 39 weights, double precision",
     "paper": "slew_limit 1e+09 V/s",
-    "NumPy": "ReferenceController: BoundedKalman, kalman, 3 plays, 12 weights, double precision",
+    "NumPy": "ReferenceController: BoundedKalman, kalman, 3 plays, 13 weights, double precision",
     "settings": "initial_weights 39: 8.21429, 0, ... 0 um/V",
     "constant gain": "sensitivity 12.5 um/V",
     "PID": "k_i 20 V/(um s)",

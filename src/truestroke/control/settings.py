@@ -168,8 +168,8 @@ def default_filter_frequency(s: ControllerSettings) -> float:
 
 
 def default_slope_limits(s: ControllerSettings) -> tuple[float, float]:
-    """`(0.03 * q, 25 * q)`: stroke or voltage limits may be told five times too wide."""
-    return 0.03 * s.q, 25 * s.q
+    """`(0.15 * q, 25 * q)`: stroke or voltage limits may be given five times too wide."""
+    return 0.15 * s.q, 25 * s.q
 
 
 def default_smoothing_time(s: ControllerSettings) -> float:
