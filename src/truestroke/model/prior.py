@@ -19,7 +19,7 @@ HYSTERESIS = 0.5  # of q: sum of the weights of all other plays
 DECAY = 0.2  # of the voltage range: they fall with the threshold as exp(-r / DECAY)
 REACH = 15 / 42  # of the voltage range: thresholds end below this
 EVEN = 8  # of them are even: those of the paper
-NEAREST = 0.35  # of their distance: within it from 0, thresholds are even again
+NEAR, FAR = 0.4, 3.0  # of their distance: nearer than the one and beyond the other, thresholds are even again
 GAIN_DEVIATION = 0.35  # relative: of all weights together
 HYSTERESIS_DEVIATION = 0.5  # relative: of all weights but the first together
 WEIGHT_DEVIATION = 0.6, 0.05  # relative, and of q: of each weight but the first by itself
@@ -41,12 +41,12 @@ def thresholds(plays: int, voltage_range: float) -> tuple[float, ...]:
     [0.0, 0.0469, 0.0938, 0.1406, 0.1875, 0.2812, 0.375, 0.5625, 0.75, 0.9375, 1.125, 1.3125]
     """
     even = min(plays, EVEN)
-    r = [float(i) for i in range(even)]  # in units of the even distance
-    while len(r) < plays:
+    r = np.arange(even, dtype=float)  # in units of the even distance
+    while r.size < plays:
         widths = np.diff(r, append=even)
-        widest = int(np.argmax(widths / (np.array(r) + NEAREST)))
-        r.insert(widest + 1, r[widest] + widths[widest] / 2)
-    return tuple(float(place / even * REACH * voltage_range) for place in r)
+        widest = int(np.argmax(widths / (np.minimum(r, FAR) + NEAR)))
+        r = np.insert(r, widest + 1, r[widest] + widths[widest] / 2)
+    return tuple((r / even * REACH * voltage_range).tolist())
 
 
 def play_weights(r: Sequence[float], voltage_range: float, first: float) -> FloatArray:
