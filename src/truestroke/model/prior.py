@@ -38,7 +38,7 @@ def thresholds(plays: int, voltage_range: float) -> tuple[float, ...]:
     >>> [round(r, 4) for r in thresholds(4, 4.2)]
     [0.0, 0.375, 0.75, 1.125]
     >>> [round(r, 4) for r in thresholds(12, 4.2)]
-    [0.0, 0.0469, 0.0938, 0.1406, 0.1875, 0.2812, 0.375, 0.5625, 0.75, 0.9375, 1.125, 1.3125]
+    [0.0, 0.0234, 0.0469, 0.0938, 0.1875, 0.2812, 0.375, 0.5625, 0.75, 0.9375, 1.125, 1.3125]
     """
     even = min(plays, EVEN)
     r = np.arange(even, dtype=float)  # in units of the even distance
