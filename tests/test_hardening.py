@@ -262,7 +262,7 @@ def test_settings_of_any_kind_are_refused_by_name_or_run() -> None:
         ("creep_times", 0.3, "creep_times = 0.3 s: must be a sequence"),
         ("lag", np.zeros(2), "lag = .*: must be True or False"),
         ("law", np.zeros(2), "law = .*: must be 'kalman' or 'rls'"),
-        ("prior_covariance", np.eye(37) * 1e200, "prior_covariance = 1e.200: must be of entries up to 1e.60"),
+        ("prior_covariance", np.eye(39) * 1e200, "prior_covariance = 1e.200: must be of entries up to 1e.60"),
         ("prior_return_time", 1e-300, "prior_return_time = 1e-300 s: must be from 1e-15"),
     ],
 )

@@ -283,5 +283,5 @@ def test_a_bad_desired_value_or_setting_is_named_and_changes_nothing() -> None:
         np.testing.assert_array_equal(ours, theirs)
     with pytest.raises(SettingError, match="precision = 'single'"):
         ReferenceController(dataclasses.replace(SETTINGS["default"], precision="single"))
-    with pytest.raises(SettingError, match=r"law.weights = array of shape \(2,\): must be 37 numbers"):
+    with pytest.raises(SettingError, match=r"law.weights = array of shape \(2,\): must be 39 numbers"):
         ReferenceController(SETTINGS["default"], RLS([5.0, 0.0]))
