@@ -38,8 +38,10 @@ const char *ts_variant_in_use(void);
     VALUE(bool, ts_rls_update, (ts_rls *r, ts_real *w, const ts_real *u, ts_real e, ts_real lambda, ts_real limit,      \
           int m), (r, w, u, e, lambda, limit, m))                                                                       \
     NOTHING(ts_kalman_init, (ts_kalman *k, const ts_real *P0, ts_real sigma, int m), (k, P0, sigma, m))                 \
-    VALUE(ts_tick, ts_kalman_tick, (ts_kalman *k, const ts_kalman_settings *s, const ts_real *w0, const ts_real *P0,    \
-          ts_real *w, const ts_real *u, const ts_real *y, bool learn, int m), (k, s, w0, P0, w, u, y, learn, m))        \
+    VALUE(bool, ts_kalman_is_spike, (ts_kalman *k, const ts_kalman_settings *s, ts_real innovation), (k, s, innovation)) \
+    VALUE(bool, ts_kalman_tick, (ts_kalman *k, const ts_kalman_settings *s, const ts_real *w0, const ts_real *P0,       \
+          ts_real *w, const ts_real *u, ts_real y, ts_real innovation, bool measured, bool learn, int m),               \
+          (k, s, w0, P0, w, u, y, innovation, measured, learn, m))                                                      \
     NOTHING(ts_kalman_project, (const ts_kalman *k, ts_real *w, const ts_real *g, ts_real value, int m),                \
             (k, w, g, value, m))                                                                                        \
     VALUE(int, ts_parameters, (const ts_settings *s), (s))                                                              \
@@ -50,6 +52,8 @@ const char *ts_variant_in_use(void);
     VALUE(ts_status, ts_controller_change, (ts_controller *c, const ts_settings *s), (c, s))                            \
     VALUE(ts_status, ts_controller_command, (ts_controller *c, ts_real z_d, ts_real zdot_d, ts_real *volts),            \
           (c, z_d, zdot_d, volts))                                                                                      \
+    VALUE(ts_status, ts_controller_follow, (ts_controller *c, ts_real z_d, ts_real zdot_d, ts_real zddot_d,             \
+          ts_real strain_d, ts_real *volts), (c, z_d, zdot_d, zddot_d, strain_d, volts))                                \
     VALUE(ts_status, ts_controller_adapt, (ts_controller *c, ts_real z, int ago), (c, z, ago))                          \
     NOTHING(ts_controller_hold, (ts_controller *c, bool hold), (c, hold))
 

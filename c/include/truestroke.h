@@ -53,12 +53,13 @@ typedef TS_REAL ts_real;
 typedef enum {
     TS_CREEP,     /* first-order states of the voltage, V; weights in um/V */
     TS_LAG,       /* zdot_d; s */
+    TS_INERTIA,   /* zddot_d; s^2 */
     TS_OFFSET,    /* 1; um */
     TS_ASYMMETRY, /* 4 s (1 - s), 8 s (1 - s)(1 - 2 s), s = z_d / stroke within -1 <= s <= 2; um */
     TS_TERMS
 } ts_term;
-#define TS_MOST_WEIGHTS {TS_MAX_CREEPS, 1, 1, TS_MAX_ASYMMETRY}
-#define TS_MAX_PARAMETERS (2 * TS_MAX_PLAYS + TS_MAX_CREEPS + 1 + 1 + TS_MAX_ASYMMETRY)
+#define TS_MOST_WEIGHTS {TS_MAX_CREEPS, 1, 1, 1, TS_MAX_ASYMMETRY}
+#define TS_MAX_PARAMETERS (2 * TS_MAX_PLAYS + TS_MAX_CREEPS + 1 + 1 + 1 + TS_MAX_ASYMMETRY)
 #define TS_PACKED(m) ((m) * ((m) + 1) / 2) /* entries of the lower triangle of an m x m matrix, row by row */
 
 /* Sums run in lanes (lanes.h), and rows are padded with zeros to whole ones. A triangle is stored row by row: row i begins
@@ -87,6 +88,7 @@ typedef enum {
     TS_BAD_KALMAN,           /* a coefficient is out of its range, or a prior variance is not positive */
     TS_BAD_SLOPE,            /* slope_min is not positive, or not below slope_max */
     TS_BAD_VOLTAGE,          /* voltage_min is not below voltage_max, or slew is not positive */
+    TS_BAD_DYNAMICS,         /* an order or delay of the stage's dynamics is out of its range, or a coefficient is not finite */
     TS_BAD_LIMIT,            /* stroke, measurement_limit, smoothing or trim is out of its range */
     TS_BEYOND_REACH          /* the displacement of ts_controller_start, or the first measurement, is beyond ts_reach:
                                 nothing has changed. Zero the sensor, or subtract its reading at rest. */
@@ -150,6 +152,8 @@ typedef struct {
     ts_real change_hysteresis;/* the same: all but the first together */
     ts_real change_share;     /* how far P returns to the prior at a change, 0..1 */
     ts_real outlier;          /* normalised innovation above which a measurement is a spike */
+    ts_real noise_gain;       /* variance of the noise behind the stage's equaliser, and its length in ticks, over that of a
+                                 measurement; 1 where the stage is not known */
     int outliers;             /* spikes in a row that are rejected */
 } ts_kalman_settings;
 
@@ -181,12 +185,14 @@ TS_API void ts_kalman_init(ts_kalman *k, const ts_real *P0, ts_real sigma, int m
 /* The covariance is that of the prior again, and the filters start anew; the noise stays. */
 TS_API void ts_kalman_reset_covariance(ts_kalman *k, const ts_real *P0, int m);
 
-typedef enum { TS_TICK_USED, TS_TICK_PASSED, TS_TICK_SPIKE } ts_tick;
+/* Whether a measurement with this innovation is a spike; at most `outliers` in a row are. */
+TS_API bool ts_kalman_is_spike(ts_kalman *k, const ts_kalman_settings *s, ts_real innovation);
 
-/* One tick with the regressor u and the measurement *y (NULL: none came). Adds the update to w, if there is one:
- * TS_TICK_USED. Where `learn` is false (hold, a voltage limit) w stays, and the filters start anew afterwards. */
-TS_API ts_tick ts_kalman_tick(ts_kalman *k, const ts_kalman_settings *s, const ts_real *w0, const ts_real *P0, ts_real *w,
-                       const ts_real *u, const ts_real *y, bool learn, int m);
+/* One tick with the regressor u, what w.u should be, y, and the innovation of the measurement. measured: false where none
+ * came or it was a spike; y is then what the model expects. Returns whether w was updated. Where `learn` is false (hold, a
+ * voltage limit) w stays, and the filters start anew afterwards. */
+TS_API bool ts_kalman_tick(ts_kalman *k, const ts_kalman_settings *s, const ts_real *w0, const ts_real *P0, ts_real *w,
+                           const ts_real *u, ts_real y, ts_real innovation, bool measured, bool learn, int m);
 
 /* Moves w onto g.w = value in the metric of P: w += P g (value - g.w) / (g.P g). */
 TS_API void ts_kalman_project(const ts_kalman *k, ts_real *w, const ts_real *g, ts_real value, int m);
@@ -234,6 +240,35 @@ TS_API ts_real ts_oscillation_tick(ts_oscillation *o, const ts_oscillation_setti
 /* Cycles per tick of the last n half-waves, 1 <= n <= o->regular. */
 TS_API ts_real ts_oscillation_frequency(const ts_oscillation *o, int n);
 
+/* ---- Dynamics of the stage, between hysteresis and sensor --------------------------------------------------------- */
+
+#define TS_SECTIONS 4
+#define TS_TAPS 5
+
+/* G(q): from the displacement that the hysteresis gives in a tick, its strain, to the measurement of that tick. Its static
+ * gain is 1. */
+typedef struct {
+    int sections;                     /* 0: the stage is not known */
+    ts_real section[TS_SECTIONS][4];  /* b0, b1, a1, a2 of (b0 + b1 q^-1) / (1 + a1 q^-1 + a2 q^-2): G is q^-dead times the sum
+                                         of the sections and of direct[i] q^-i */
+    ts_real direct[3];
+    int dead;                         /* ticks */
+    ts_real notch[3];                 /* A(q) = sum of notch[i] q^-i: the denominator of the first mode, 1 at 0 Hz */
+    ts_real tap[TS_TAPS];             /* A G = q^-dead (sum of tap[i] q^-i + sum of the first `others` sections rest[i]), which does */
+    int others;                       /* not resonate at the first mode */
+    ts_real rest[TS_SECTIONS - 1][4]; /* b0, b1, a1, a2, as above */
+    ts_real lead[2];                  /* s, s^2: 1 / G for slow motion is 1 + lead[0] s + lead[1] s^2 */
+} ts_dynamics;
+
+typedef struct {
+    ts_real section[TS_SECTIONS][2];  /* outputs of the sections in the last two ticks, um */
+    ts_real strain[TS_HISTORY];       /* inputs: of tick k at k % TS_HISTORY, um */
+    ts_real z[2];                     /* what the notch saw in the last two ticks, um */
+    ts_real tap[TS_TAPS - 1][TS_PADDED(TS_MAX_PARAMETERS)]; /* of A G, which the regressor passes */
+    ts_real rest[TS_SECTIONS - 1][2][TS_PADDED(TS_MAX_PARAMETERS)];
+    uint64_t ticks;                   /* whose measurement is in them */
+} ts_dynamics_state;
+
 /* ---- Controller (Sec. 3, Fig. 5) ----------------------------------------------------------------------------------- */
 
 typedef enum { TS_LAW_RLS, TS_LAW_KALMAN } ts_law;
@@ -263,6 +298,7 @@ typedef struct {
     ts_real first_noise;                               /* Kalman: first guess of the noise, um */
     ts_oscillation_settings oscillation;               /* Kalman */
     ts_real resonance;                                 /* Kalman: first of the stage, cycles per tick; 0: not known */
+    ts_dynamics dynamics;                              /* Kalman */
     /* safety */
     ts_real slope_min, slope_max;                      /* partial slopes of the inverse, um/V */
     ts_real velocity_limit;                            /* Kalman: slopes are admissible at every rate that was commanded, up
@@ -314,7 +350,8 @@ typedef struct {
 typedef struct {
     ts_real z_d;                   /* um */
     ts_real zdot_d;                /* um/s */
-    ts_real inertia;               /* um: what the stage's inertia asks for */
+    ts_real zddot_d;               /* um/s^2 */
+    ts_real ahead;                 /* um: what the stage's dynamics ask of the hysteresis beyond z_d */
 } ts_motion;
 
 #define TS_KEEP 0.03 /* s: how often the weights are kept */
@@ -348,6 +385,7 @@ typedef struct {
     } law;
     ts_oscillation oscillation;       /* Kalman */
     ts_stage stage;                   /* Kalman */
+    ts_dynamics_state dynamics;       /* Kalman */
     bool hold;
     ts_flags flags;
     ts_counters counters;
@@ -376,6 +414,12 @@ TS_API ts_status ts_controller_change(ts_controller *c, const ts_settings *setti
 
 /* Desired displacement z_d (um) and velocity zdot_d (um/s) to the command *volts, within the limits. */
 TS_API ts_status ts_controller_command(ts_controller *c, ts_real z_d, ts_real zdot_d, ts_real *volts);
+
+/* The same with more knowledge, NaN where there is none: the acceleration zddot_d (um/s^2; else from the last two rates) and
+ * strain_d (um), the displacement that the hysteresis should give so that the stage moves as desired, G^-1 z_d (else from
+ * z_d, zdot_d and zddot_d). */
+TS_API ts_status ts_controller_follow(ts_controller *c, ts_real z_d, ts_real zdot_d, ts_real zddot_d, ts_real strain_d,
+                                      ts_real *volts);
 
 /* Adapts the weights to a measured displacement z (um). ago: number of commands that were issued after the one of z (0:
  * the last). Measurements come in the order of their commands; any of them may be missing. The first one since

@@ -15,6 +15,12 @@ static bool bounded(ts_real x) { return x >= -TS_LARGEST && x <= TS_LARGEST; }
 static bool positive(ts_real x) { return x >= 1 / TS_LARGEST && x <= TS_LARGEST; }
 static bool fraction(ts_real x) { return x >= 0 && x <= 1; }
 
+/* Whether the poles of (b0 + b1 q^-1) / (1 + a1 q^-1 + a2 q^-2) are within the unit circle. */
+static bool stable_section(const ts_real *q)
+{
+    return bounded(q[0]) && bounded(q[1]) && q[3] < 1 && q[3] > -1 && q[2] < 1 + q[3] && q[2] > -1 - q[3];
+}
+
 static bool ascends_from_zero(const ts_real *r, int n)
 {
     if (r[0] != 0) return false;
@@ -84,8 +90,21 @@ static ts_status check_kalman(const ts_settings *s)
         good = good && positive(o->tick) && o->corner > 0 && o->corner <= 1 && fraction(o->fast) && fraction(o->slow)
                && fraction(o->motion_rate) && o->noise_share >= 0 && bounded(o->noise_share) && o->floor > 0 && bounded(o->floor)
                && o->large > 0 && bounded(o->large);
+    good = good && k->noise_gain >= 1 / TS_LARGEST && bounded(k->noise_gain);
     good = good && (s->resonance >= (ts_real)1e-6 || !(s->resonance < 0 || s->resonance > 0)) && s->resonance <= 1 && (o->tick > 0 || !(s->resonance > 0));
     return good && check_prior(s->prior, ts_parameters(s)) ? TS_OK : TS_BAD_KALMAN;
+}
+
+static ts_status check_dynamics(const ts_dynamics *d)
+{
+    bool good = d->sections >= 0 && d->sections <= TS_SECTIONS && d->others >= 0 && d->others < TS_SECTIONS && d->dead >= 0
+                && d->dead < TS_HISTORY / 2 && bounded(d->lead[0]) && bounded(d->lead[1]);
+    if (!good) return TS_BAD_DYNAMICS;
+    for (int i = 0; i < d->sections; i++) good = good && stable_section(d->section[i]);
+    for (int i = 0; i < d->others; i++) good = good && stable_section(d->rest[i]);
+    for (int i = 0; i < 3; i++) good = good && bounded(d->direct[i]) && bounded(d->notch[i]);
+    for (int i = 0; i < TS_TAPS; i++) good = good && bounded(d->tap[i]);
+    return good ? TS_OK : TS_BAD_DYNAMICS;
 }
 
 static ts_status check(const ts_settings *s)
@@ -94,6 +113,8 @@ static ts_status check(const ts_settings *s)
     if (model != TS_OK) return model;
     ts_status law = s->law == TS_LAW_RLS ? check_rls(s) : check_kalman(s);
     if (law != TS_OK) return law;
+    ts_status dynamics = check_dynamics(&s->dynamics);
+    if (dynamics != TS_OK) return dynamics;
     if (!positive(s->slope_min) || !(s->slope_min < s->slope_max) || !positive(s->slope_max)) return TS_BAD_SLOPE;
     if (!(s->voltage_min < s->voltage_max) || !bounded(s->voltage_min) || !bounded(s->voltage_max) || !(s->slew > 0))
         return TS_BAD_VOLTAGE;
@@ -144,10 +165,11 @@ static void remember_voltage(ts_memory *memory, const ts_settings *s, ts_real x)
 static void known_terms(const ts_settings *s, const ts_memory *memory, const ts_motion *d, ts_real *u)
 {
     const int *n = s->terms;
-    ts_real along = within(d->z_d / s->stroke, -1, 2); /* further out a polynomial is meaningless, and would overflow */
+    ts_real along = within((d->z_d + d->ahead) / s->stroke, -1, 2); /* further out a polynomial is meaningless, and would overflow */
     ts_real first = 4 * along * (1 - along), asymmetry[TS_MAX_ASYMMETRY] = {first, 2 * first * (1 - 2 * along)};
     for (int i = 0; i < n[TS_CREEP]; i++) *u++ = memory->creep[i];
     for (int i = 0; i < n[TS_LAG]; i++) *u++ = d->zdot_d;
+    for (int i = 0; i < n[TS_INERTIA]; i++) *u++ = d->zddot_d;
     for (int i = 0; i < n[TS_OFFSET]; i++) *u++ = 1;
     for (int i = 0; i < n[TS_ASYMMETRY]; i++) *u++ = asymmetry[i];
 }
@@ -177,23 +199,32 @@ static ts_real inertia_of(const ts_settings *s, ts_real frequency)
     return frequency > 0 ? s->oscillation.tick / (w * w) : 0;
 }
 
-/* The term of the stage's inertia for the motion from the tick before to zdot_d, um: z'' / w0^2, within a tenth of the
- * stroke. */
-static ts_real inertial(const ts_controller *c, ts_real zdot_d)
+/* What the stage's dynamics ask of the hysteresis beyond z_d, um: G^-1 z_d - z_d for slow motion, or the inertia z'' / w0^2
+ * within a tenth of the stroke. */
+static ts_real ahead_of(const ts_controller *c, ts_real zdot_d, ts_real zddot_d)
 {
+    const ts_dynamics *g = &c->settings.dynamics;
+    if (g->sections) return g->lead[0] * zdot_d + g->lead[1] * zddot_d;
     if (!(c->stage.inertia > 0) || c->counters.commands == 0) return 0;
     ts_real z = c->stage.inertia * (zdot_d - c->motion[last_slot(c)].zdot_d), most = c->settings.stroke / 10;
-    return z < -most ? -most : z > most ? most : z;
+    return within(z, -most, most);
 }
 
-/* The displacement wanted of the plays, um: (11), the inertia, the trim and the bumpless transfer, less the
+/* From the rates of this tick and of the last one, um/s^2; 0 at the first. */
+static ts_real acceleration(const ts_controller *c, ts_real zdot_d)
+{
+    ts_real tick = c->settings.oscillation.tick;
+    return c->counters.commands > 0 && tick > 0 ? (zdot_d - c->motion[last_slot(c)].zdot_d) / tick : 0;
+}
+
+/* The displacement wanted of the plays, um: (11), the stage, the trim and the bumpless transfer, less the
  * known terms. */
 static ts_real wanted_of_plays(const ts_controller *c, const ts_motion *d)
 {
     const ts_settings *s = &c->settings;
     ts_real u[TS_MAX_PARAMETERS];
     known_terms(s, &c->now, d, u);
-    return through_dead_zones(s, d->z_d) + d->inertia + c->integral + c->bumpless
+    return through_dead_zones(s, d->z_d) + d->ahead + c->integral + c->bumpless
            - dot(c->w + c->of_plays, u, c->parameters - c->of_plays);
 }
 
@@ -228,11 +259,26 @@ static ts_real within_limits(ts_controller *c, ts_real x)
     return x <= s->voltage_max ? x : s->voltage_max;
 }
 
+/* Displacement of the plays at the present voltage, um: the forward of the inverse, with the slopes that it last used. */
+static ts_real sum_of_plays(const ts_controller *c)
+{
+    return ts_weighted_sum(c->slopes, c->now.play, c->settings.plays);
+}
+
+/* The displacement that the hysteresis gives in this tick according to the model, um. */
+static ts_real modelled(const ts_controller *c, const ts_motion *d)
+{
+    ts_real u[TS_MAX_PARAMETERS];
+    known_terms(&c->settings, &c->now, d, u);
+    return sum_of_plays(c) + dot(c->w + c->of_plays, u, c->parameters - c->of_plays);
+}
+
 static void write_down(ts_controller *c, ts_real x, const ts_motion *d)
 {
     int slot = (int)(c->counters.commands % TS_HISTORY);
     c->x[slot] = x;
     c->motion[slot] = *d;
+    if (c->settings.dynamics.sections) c->dynamics.strain[slot] = modelled(c, d);
     c->limited[slot] = c->flags.saturated || c->flags.slewed;
     ts_real speed = d->zdot_d < 0 ? -d->zdot_d : d->zdot_d;
     if (speed > c->fastest) c->fastest = speed < c->settings.velocity_limit ? speed : c->settings.velocity_limit;
@@ -252,17 +298,6 @@ static void next_lagged(ts_controller *c)
     remember_creep(&c->lagged, s);
     remember_voltage(&c->lagged, s, c->x[slot]);
     regressor(s, &c->lagged, &c->motion[slot], c->u);
-}
-
-/* A tick for which no measurement came. */
-static void pass_over(ts_controller *c)
-{
-    const ts_settings *s = &c->settings;
-    bool limited = c->limited[c->lagged.ticks % TS_HISTORY];
-    next_lagged(c);
-    if (s->law != TS_LAW_KALMAN) return;
-    ts_kalman_tick(&c->law.kalman, &s->kalman, s->initial_weights, s->prior, c->w, c->u, NULL, !limited, c->parameters);
-    ts_oscillation_miss(&c->oscillation, &s->oscillation, NULL);
 }
 
 /* Whether a partial slope is outside its limits at the rate zdot_d or at -zdot_d. */
@@ -325,21 +360,92 @@ static bool frozen(ts_controller *c, ts_real z, ts_real predicted, bool stands)
     return moved > still || moved < -still;
 }
 
-/* y_a: NULL where the measurement is missing or rejected. */
-static bool adapt_kalman(ts_controller *c, const ts_real *y_a, bool learn)
+/* One tick of the law: u.w should be y; innovation 0 and measured false where the measurement is missing or rejected. */
+static void adapt_kalman(ts_controller *c, const ts_real *u, ts_real y, ts_real innovation, bool measured, bool learn)
 {
     const ts_settings *s = &c->settings;
     ts_kalman *k = &c->law.kalman;
-    ts_tick tick = ts_kalman_tick(k, &s->kalman, s->initial_weights, s->prior, c->w, c->u, y_a, learn, c->parameters);
-    if (tick == TS_TICK_USED) {
-        if (outside(c, c->fastest)) { /* slopes are linear in the rate: its two ends are the worst */
-            project_slope(c, c->fastest);
-            project_slope(c, -c->fastest);
-        }
-        c->flags.changed = k->changed;
-        c->counters.changed += k->changed;
+    if (!ts_kalman_tick(k, &s->kalman, s->initial_weights, s->prior, c->w, u, y, innovation, measured, learn, c->parameters)) return;
+    if (outside(c, c->fastest)) { /* slopes are linear in the rate: its two ends are the worst */
+        project_slope(c, c->fastest);
+        project_slope(c, -c->fastest);
     }
-    return y_a && tick != TS_TICK_SPIKE;
+    c->flags.changed = k->changed;
+    c->counters.changed += k->changed;
+}
+
+/* ---- The stage -------------------------------------------------------------------------------------------------------- */
+
+/* G: the measurement that the model expects of the next tick, um. At rest before the first one. */
+static ts_real expected(ts_controller *c)
+{
+    const ts_dynamics *g = &c->settings.dynamics;
+    ts_dynamics_state *d = &c->dynamics;
+    ts_real u[4], z = 0; /* the strain `dead` ticks ago, and before that */
+    for (int i = 0; i < 4; i++) {
+        uint64_t back = (uint64_t)(g->dead + i);
+        u[i] = d->strain[(d->ticks > back ? d->ticks - back : 0) % TS_HISTORY];
+    }
+    for (int i = 0; i < g->sections; i++) {
+        const ts_real *q = g->section[i];
+        ts_real *y = d->section[i];
+        if (d->ticks == 0) y[0] = y[1] = (q[0] + q[1]) * u[0] / (1 + q[2] + q[3]);
+        ts_real next = q[0] * u[0] + q[1] * u[1] - q[2] * y[0] - q[3] * y[1];
+        y[1] = y[0];
+        y[0] = next;
+        z += next;
+    }
+    for (int i = 0; i < 3; i++) z += g->direct[i] * u[i];
+    return z;
+}
+
+/* A: the measurement without the first mode, um. */
+static ts_real notched(ts_controller *c, ts_real z)
+{
+    const ts_dynamics *g = &c->settings.dynamics;
+    ts_dynamics_state *d = &c->dynamics;
+    if (d->ticks == 0) d->z[0] = d->z[1] = z; /* at rest before */
+    ts_real y = g->notch[0] * z + g->notch[1] * d->z[0] + g->notch[2] * d->z[1];
+    d->z[1] = d->z[0];
+    d->z[0] = z;
+    return y;
+}
+
+/* A G: the regressor as the measurement without the first mode shows it; at rest before the first tick. */
+static void pass_stage(ts_controller *c, ts_real *u)
+{
+    const ts_dynamics *g = &c->settings.dynamics;
+    ts_dynamics_state *d = &c->dynamics;
+    bool first = c->lagged.ticks == 1;
+    for (int i = 0; i < c->parameters; i += TS_LANES) {
+        lanes x = load(c->u + i), y, s[TS_TAPS];
+        s[TS_TAPS - 1] = zero();
+        for (int k = 0; k < TS_TAPS - 1; k++) s[k] = load(d->tap[k] + i);
+        for (int k = TS_TAPS - 2; first && k >= 0; k--) s[k] = plus(s[k + 1], g->tap[k + 1], x);
+        y = plus(s[0], g->tap[0], x);
+        for (int k = 0; k < TS_TAPS - 1; k++) store(d->tap[k] + i, plus(s[k + 1], g->tap[k + 1], x));
+        for (int k = 0; k < g->others; k++) {
+            const ts_real *q = g->rest[k];
+            ts_real (*t)[TS_PADDED(TS_MAX_PARAMETERS)] = d->rest[k], still = (q[0] + q[1]) / (1 + q[2] + q[3]);
+            lanes t0 = load(t[0] + i), t1 = load(t[1] + i);
+            if (first) {
+                lanes rest = plus(zero(), still, x);
+                t1 = plus(zero(), -q[3], rest);
+                t0 = plus(plus(t1, q[1], x), -q[2], rest);
+            }
+            lanes out = plus(t0, q[0], x);
+            store(t[0] + i, plus(plus(t1, q[1], x), -q[2], out));
+            store(t[1] + i, plus(zero(), -q[3], out));
+            y = plus(y, 1, out);
+        }
+        store(u + i, y);
+    }
+}
+
+/* Number of ticks whose measurement was used or passed over. */
+static uint64_t measured_ticks(const ts_controller *c)
+{
+    return c->settings.dynamics.sections ? c->dynamics.ticks : c->lagged.ticks;
 }
 
 static bool adapt_rls(ts_controller *c, bool learn)
@@ -381,12 +487,6 @@ static bool adapts(ts_controller *c, bool limited, bool beyond)
     if (!limited) c->beyond = 0;
     else if (beyond && c->beyond < TS_BEYOND) c->beyond++;
     return !c->hold && (!limited || (beyond && c->beyond >= TS_BEYOND));
-}
-
-/* Displacement of the plays at the present voltage, um: the forward of the inverse, with the slopes that it last used. */
-static ts_real sum_of_plays(const ts_controller *c)
-{
-    return ts_weighted_sum(c->slopes, c->now.play, c->settings.plays);
 }
 
 /* Bumpless transfer: the command for the last tick stays as it was; the difference decays. */
@@ -487,6 +587,86 @@ static void watch_stage(ts_controller *c, ts_real error, ts_real zdot_d, bool li
         if (c->stage.age > (ts_real)TS_KEEP && o->regular < 3) keep_weights(c, false);
     }
     c->flags.oscillating = c->stage.rest > 0;
+}
+
+/* ---- A tick of the measured side -------------------------------------------------------------------------------------- */
+
+/* Commands that may wait for their measurement. */
+static int waiting(const ts_settings *s)
+{
+    const ts_dynamics *g = &s->dynamics;
+    return TS_HISTORY - (g->sections ? g->dead + 4 : 0);
+}
+
+/* One tick of the stage with the measurement z, or what was expected in its place: it shows the tick `dead` before. */
+static void learn_staged(ts_controller *c, ts_real z, ts_real innovation, bool measured, bool learn)
+{
+    ts_real u[TS_PADDED(TS_MAX_PARAMETERS)], y = notched(c, z);
+    c->dynamics.ticks++;
+    if (c->dynamics.ticks <= (uint64_t)c->settings.dynamics.dead) return;
+    next_lagged(c);
+    pass_stage(c, u);
+    adapt_kalman(c, u, y, innovation, measured, learn);
+}
+
+/* A tick for which no measurement came. */
+static void pass_over(ts_controller *c)
+{
+    const ts_settings *s = &c->settings;
+    bool learn = !c->limited[c->lagged.ticks % TS_HISTORY];
+    if (s->dynamics.sections) {
+        learn_staged(c, expected(c), 0, false, learn);
+    } else {
+        next_lagged(c);
+        if (s->law == TS_LAW_KALMAN) adapt_kalman(c, c->u, model(c, c->u), 0, false, learn);
+    }
+    if (s->law == TS_LAW_KALMAN) ts_oscillation_miss(&c->oscillation, &s->oscillation, NULL);
+}
+
+/* Adapts to z; `back`: at a voltage limit and beyond the desired displacement. Returns whether z was used. */
+static bool learn_from(ts_controller *c, ts_real z, const ts_motion *d, bool limited, bool back, bool stands)
+{
+    const ts_settings *s = &c->settings;
+    ts_kalman *k = &c->law.kalman;
+    bool staged = s->dynamics.sections > 0;
+    ts_real predicted = staged ? expected(c) : model(c, c->u);
+    c->innovation = staged ? z - predicted : through_dead_zones(s, z) + d->ahead - predicted; /* (15) */
+    if (s->law == TS_LAW_RLS) return adapt_rls(c, !c->hold);
+    bool used = !frozen(c, z, predicted, stands), spike = used && ts_kalman_is_spike(k, &s->kalman, c->innovation);
+    ts_real innovation = used && !spike ? c->innovation : 0;
+    bool learn = adapts(c, limited, back) && !(c->stage.rest > 0);
+    used = used && !spike;
+    if (staged) learn_staged(c, used ? z : predicted, innovation, used, learn);
+    else adapt_kalman(c, c->u, predicted + innovation, innovation, used, learn);
+    return used;
+}
+
+/* One tick with its measurement z; returns whether it was used. */
+static bool measure(ts_controller *c, ts_real z)
+{
+    const ts_settings *s = &c->settings;
+    bool staged = s->dynamics.sections > 0, smooth = c->stage.smoothing > 0;
+    uint64_t tick = measured_ticks(c);
+    int slot = (int)(tick % TS_HISTORY);
+    bool limited = c->limited[slot], learned = c->limited[c->lagged.ticks % TS_HISTORY], back = beyond(c, slot, z);
+    bool stands = c->x[slot] == (staged && tick > 0 ? c->x[(tick - 1) % TS_HISTORY] : c->lagged.play[0]);
+    const ts_motion *d = &c->motion[slot];
+    if (!staged) next_lagged(c);
+    ts_real space[TS_PADDED(TS_MAX_PARAMETERS)], before = 0;
+    const ts_real *now = NULL;
+    if (smooth) {
+        now = regressor_of_now(c, space);
+        before = model(c, now);
+    }
+    bool used = learn_from(c, z, d, learned, back, stands);
+    /* A learned change reaches the command gradually, so that it does not excite the stage. */
+    if (used && smooth) c->bumpless += c->stage.smoothing * (model(c, now) - before);
+    /* The trim: at a voltage limit only away from it; the slew limit only delays. */
+    if (used && (!limited || back)) c->integral += s->trim * (d->z_d - z);
+    ts_real error = z - d->z_d;
+    if (!used) ts_oscillation_miss(&c->oscillation, &s->oscillation, &error);
+    else if (s->law == TS_LAW_KALMAN && s->oscillation.tick > 0) watch_stage(c, error, d->zdot_d, limited);
+    return used;
 }
 
 /* ---- Public -------------------------------------------------------------------------------------------------------- */
@@ -606,14 +786,22 @@ ts_status ts_controller_change(ts_controller *c, const ts_settings *next)
 
 ts_status ts_controller_command(ts_controller *c, ts_real z_d, ts_real zdot_d, ts_real *volts)
 {
+    return ts_controller_follow(c, z_d, zdot_d, (ts_real)NAN, (ts_real)NAN, volts);
+}
+
+ts_status ts_controller_follow(ts_controller *c, ts_real z_d, ts_real zdot_d, ts_real zddot_d, ts_real strain_d, ts_real *volts)
+{
     const ts_settings *s = &c->settings;
-    if (!isfinite(z_d) || !isfinite(zdot_d)) return TS_NOT_FINITE;
+    if (!isfinite(z_d) || !isfinite(zdot_d) || isinf(zddot_d) || isinf(strain_d)) return TS_NOT_FINITE;
+    bool known_acceleration = zddot_d == zddot_d, known_strain = strain_d == strain_d;
     z_d = within(z_d, -TS_LARGEST, TS_LARGEST);
     zdot_d = within(zdot_d, -TS_LARGEST, TS_LARGEST);
-    if (c->counters.commands >= TS_HISTORY && c->lagged.ticks <= c->counters.commands - TS_HISTORY)
+    zddot_d = within(zddot_d, -TS_LARGEST, TS_LARGEST);
+    if (c->counters.commands - measured_ticks(c) >= (uint64_t)waiting(s))
         pass_over(c); /* before its slot is taken */
     remember_creep(&c->now, s);
-    ts_motion d = {z_d, zdot_d, inertial(c, zdot_d)};
+    ts_motion d = {z_d, zdot_d, known_acceleration ? zddot_d : acceleration(c, zdot_d), 0};
+    d.ahead = known_strain ? within(strain_d, -TS_LARGEST, TS_LARGEST) - z_d : ahead_of(c, zdot_d, d.zddot_d);
     c->y_d = wanted_of_plays(c, &d);
     c->flags.projected = rate_dependent_slopes(c, zdot_d);
     *volts = within_limits(c, ts_play_inverse(c->y_d, c->slopes, s->thresholds, c->now.play, s->plays));
@@ -627,33 +815,16 @@ ts_status ts_controller_adapt(ts_controller *c, ts_real z, int ago)
 {
     const ts_settings *s = &c->settings;
     uint64_t commands = c->counters.commands;
-    bool in_time = ago >= 0 && ago < TS_HISTORY && (uint64_t)ago < commands
-                   && commands - (uint64_t)ago > c->lagged.ticks;
-    if (in_time && c->lagged.ticks == 0 && isfinite(z)) { /* the first one */
+    bool in_time = ago >= 0 && ago < waiting(s) && (uint64_t)ago < commands && commands - (uint64_t)ago > measured_ticks(c);
+    if (in_time && measured_ticks(c) == 0 && isfinite(z)) { /* the first one */
         ts_real reach = ts_reach(s, c->x[(commands - 1 - (uint64_t)ago) % TS_HISTORY]);
         if (z < -reach || z > reach) return TS_BEYOND_REACH;
     }
     bool used = in_time && z >= -s->measurement_limit && z <= s->measurement_limit;
     c->flags.changed = false;
     if (used) {
-        while (c->lagged.ticks < commands - 1 - (uint64_t)ago) pass_over(c);
-        int slot = (int)(c->lagged.ticks % TS_HISTORY);
-        bool limited = c->limited[slot], back = beyond(c, slot, z), stands = c->x[slot] == c->lagged.play[0];
-        next_lagged(c);
-        const ts_motion *d = &c->motion[slot];
-        ts_real y_a = through_dead_zones(s, z) + d->inertia, predicted = model(c, c->u), space[TS_PADDED(TS_MAX_PARAMETERS)];
-        const ts_real *now = c->stage.smoothing > 0 ? regressor_of_now(c, space) : c->u;
-        ts_real before = now == c->u ? predicted : model(c, now);
-        c->innovation = y_a - predicted; /* (15) */
-        if (s->law == TS_LAW_RLS) used = adapt_rls(c, !c->hold);
-        else used = adapt_kalman(c, frozen(c, z, predicted, stands) ? NULL : &y_a, adapts(c, limited, back) && !(c->stage.rest > 0));
-        /* A learned change reaches the command gradually, so that it does not excite the stage. */
-        if (used && c->stage.smoothing > 0) c->bumpless += c->stage.smoothing * (model(c, now) - before);
-        /* The trim: at a voltage limit only away from it; the slew limit only delays. */
-        if (used && (!limited || back)) c->integral += s->trim * (d->z_d - z);
-        ts_real error = z - d->z_d;
-        if (!used) ts_oscillation_miss(&c->oscillation, &s->oscillation, &error);
-        else if (s->law == TS_LAW_KALMAN && s->oscillation.tick > 0) watch_stage(c, error, d->zdot_d, limited);
+        while (measured_ticks(c) < commands - 1 - (uint64_t)ago) pass_over(c);
+        used = measure(c, z);
     }
     c->flags.rejected = !used;
     c->counters.rejected += !used;

@@ -157,9 +157,9 @@ static bool update(ts_kalman *k, const ts_kalman_settings *s, const ts_real *w0,
     }
     ts_real floor = s->model_error * s->model_error + k->disturbance, quiet = k->sigma * k->sigma;
     ts_real noise = k->ringing / 2 > quiet ? k->ringing / 2 : quiet;
-    ts_real expected = explained + (quiet + floor) / 2; /* every second tick is used: each stands for two */
+    ts_real half = s->noise_gain / 2, expected = explained + half * (quiet + floor); /* every second tick is used: each stands for two */
     if (!(expected > 0)) return false;
-    ts_real variance = explained + (noise + floor) / 2, gain = e / variance;
+    ts_real variance = explained + half * (noise + floor), gain = e / variance;
     if (!isfinite(variance) || !isfinite(gain)) return false;
     k->variance = variance;
     for (int i = 0; i < m; i += TS_LANES) store(w + i, plus(load(w + i), gain, load(k->Pu + i)));
@@ -179,27 +179,26 @@ static bool update(ts_kalman *k, const ts_kalman_settings *s, const ts_real *w0,
     return true;
 }
 
-ts_tick ts_kalman_tick(ts_kalman *k, const ts_kalman_settings *s, const ts_real *w0, const ts_real *P0, ts_real *w,
-                       const ts_real *u, const ts_real *y, bool learn, int m)
+bool ts_kalman_is_spike(ts_kalman *k, const ts_kalman_settings *s, ts_real innovation)
 {
-    ts_real predicted = dot(u, w, TS_PADDED(m)), innovation = y ? *y - predicted : 0;
-    ts_tick tick = TS_TICK_PASSED;
-    if (y && k->variance > 0) { /* after the first update: before it, the model may be far off */
-        ts_real most = s->outlier * s->outlier * (k->variance + k->sigma * k->sigma);
-        bool spike = innovation * innovation > most;
-        if (spike && k->spikes < s->outliers) {
-            tick = TS_TICK_SPIKE;
-            innovation = 0;
-        }
-        k->spikes = tick == TS_TICK_SPIKE ? k->spikes + 1 : spike ? k->spikes : 0;
-    }
-    bool measured = y && tick != TS_TICK_SPIKE;
+    if (!(k->variance > 0)) return false; /* before the first update the model may be far off */
+    ts_real most = s->outlier * s->outlier * (k->variance + k->sigma * k->sigma);
+    bool beyond = innovation * innovation > most, spike = beyond && k->spikes < s->outliers;
+    k->spikes = beyond ? k->spikes + spike : 0;
+    return spike;
+}
+
+bool ts_kalman_tick(ts_kalman *k, const ts_kalman_settings *s, const ts_real *w0, const ts_real *P0, ts_real *w,
+                    const ts_real *u, ts_real y, ts_real innovation, bool measured, bool learn, int m)
+{
     if (learn) {
         follow_noise(k, s, innovation, measured);
-        pass_filter(k, k->filter, u, predicted + innovation, m);
+        pass_filter(k, k->filter, u, y, m);
     } else k->started = false; /* a tick that is not used must not stay in the filters either */
     if (k->since_change < s->refractory) k->since_change++;
-    if (k->pending) follow_covariance(k, s, P0, w, m);
-    else if (measured && learn && update(k, s, w0, P0, w, m)) tick = TS_TICK_USED;
-    return tick;
+    if (k->pending) {
+        follow_covariance(k, s, P0, w, m);
+        return false;
+    }
+    return measured && learn && update(k, s, w0, P0, w, m);
 }

@@ -45,6 +45,7 @@ const char *message(ts_status status) {
         case TS_BAD_KALMAN: return "the settings of the Kalman filter";
         case TS_BAD_SLOPE: return "slope_limits";
         case TS_BAD_VOLTAGE: return "voltage_limits or slew_limit";
+        case TS_BAD_DYNAMICS: return "dynamics";
         case TS_BAD_LIMIT: return "stroke, measurement_limit, smoothing or trim";
         default: return "settings";
     }
@@ -287,13 +288,12 @@ class Kernel {
         require(ts_controller_change(&c_, &s));
     }
 
-    double command(double z_d, double zdot_d) {
+    // NaN: not known, of the last two. All are finite but for that.
+    double command(double z_d, double zdot_d, double zddot_d, double strain_d) {
         ts_real volts;
-        if (ts_controller_command(&c_, static_cast<ts_real>(z_d), static_cast<ts_real>(zdot_d), &volts) != TS_OK) {
-            require_finite("z_d", z_d, "um");
-            require_finite("zdot_d", zdot_d, "um/s");
-            throw std::invalid_argument("z_d or zdot_d is too large for the kernel's number type");
-        }
+        if (ts_controller_follow(&c_, static_cast<ts_real>(z_d), static_cast<ts_real>(zdot_d), static_cast<ts_real>(zddot_d),
+                                 static_cast<ts_real>(strain_d), &volts) != TS_OK)
+            throw std::invalid_argument("a desired value is too large for the kernel's number type");
         return volts;
     }
 
@@ -505,20 +505,25 @@ PyObject *refused(const char *name, PyObject *value, const char *unit) {
 }
 
 PyObject *command(PyObject *self, PyObject *const *args, Py_ssize_t positional, PyObject *keywords) {
-    static const char *const names[] = {"z_d", "zdot_d"};
-    PyObject *values[2] = {};
-    if (!take_arguments(names, 2, values, args, positional, keywords)) return nullptr;
+    static const char *const names[] = {"z_d", "zdot_d", "zddot_d", "strain_d"}, *const units[] = {"um", "um/s", "um/s^2", "um"};
+    PyObject *values[4] = {nullptr, nullptr, Py_None, Py_None}; // None: not known
+    if (!take_arguments(names, 4, values, args, positional, keywords)) return nullptr;
     Kernel *kernel = kernel_of(self);
     if (!kernel) return nullptr;
-    double z_d = PyFloat_AsDouble(values[0]);
-    if (z_d == -1 && PyErr_Occurred()) return refused("z_d", values[0], "um");
-    double zdot_d = PyFloat_AsDouble(values[1]);
-    if (zdot_d == -1 && PyErr_Occurred()) return refused("zdot_d", values[1], "um/s");
+    double numbers[4];
+    for (int i = 0; i < 4; i++) {
+        numbers[i] = values[i] == Py_None && i > 1 ? NAN : PyFloat_AsDouble(values[i]);
+        if (numbers[i] == -1 && PyErr_Occurred()) return refused(names[i], values[i], units[i]);
+        if (!std::isfinite(numbers[i]) && (values[i] != Py_None || i < 2)) {
+            PyErr_SetString(PyExc_ValueError, "not finite");
+            return refused(names[i], values[i], units[i]);
+        }
+    }
     try {
-        return PyFloat_FromDouble(kernel->command(z_d, zdot_d));
+        return PyFloat_FromDouble(kernel->command(numbers[0], numbers[1], numbers[2], numbers[3]));
     } catch (const std::exception &e) {
         PyErr_SetString(PyExc_ValueError, e.what());
-        return std::isfinite(z_d) ? refused("zdot_d", values[1], "um/s") : refused("z_d", values[0], "um");
+        return nullptr;
     }
 }
 
@@ -547,7 +552,7 @@ PyObject *adapt(PyObject *self, PyObject *const *args, Py_ssize_t positional, Py
 
 PyMethodDef tick_calls[] = {
     {"command", reinterpret_cast<PyCFunction>(reinterpret_cast<void (*)()>(&command)), METH_FASTCALL | METH_KEYWORDS,
-     "command($self, z_d, zdot_d)\n--\n\nVoltage, V, for z_d, um, and zdot_d, um/s."},
+     "command($self, z_d, zdot_d, zddot_d=None, strain_d=None)\n--\n\nVoltage, V, for z_d, um, zdot_d, um/s, and zddot_d, um/s^2."},
     {"adapt", reinterpret_cast<PyCFunction>(reinterpret_cast<void (*)()>(&adapt)), METH_FASTCALL | METH_KEYWORDS,
      "adapt($self, z_measured, ago=0)\n--\n\nLearn from the displacement z_measured, um."},
 };

@@ -56,6 +56,7 @@ class Term:
 TERMS = {
     "creep": Term("creep_times", "um/V", MAX_CREEPS, deviation=0.03),
     "lag": Term("lag", "s", 1, deviation=0.2e-3, mean=-0.15e-3),
+    "inertia": Term("inertia", "s^2", 1, deviation=1.5e-7, mean=-1e-7),
     "offset": Term("offset", "um", 1, deviation=0.03),
     "asymmetry": Term("asymmetry", "um", MAX_ASYMMETRY, deviation=0.05),
 }
@@ -76,6 +77,7 @@ SETTINGS: declared.Table = {
         convert=lambda taus, s: ([-math.expm1(-1 / (tau * s.sample_rate)) for tau in taus], list(s.counts.values())),
     ),
     "lag": Setting("Whether the model has a term in the velocity (a delay)", "", declared.FLAG, **COUNTED),
+    "inertia": Setting("Whether it has a term in the acceleration (the stage's inertia)", "", declared.FLAG, **COUNTED),
     "offset": Setting("Whether it has a constant (drift)", "", declared.FLAG, **COUNTED),
     "asymmetry": Setting(
         "Number of asymmetry terms: 4 s (1 - s) and 8 s (1 - s)(1 - 2 s), s = z_d / stroke", "",
@@ -97,8 +99,8 @@ class Layout:
         Which plays have a rate weight, ascending.
     creep_times : tuple[float, ...]
         Time constants of the creep states, s.
-    lag, offset : bool
-        Whether there is a term in the velocity, and a constant.
+    lag, inertia, offset : bool
+        Whether there is a term in the velocity, one in the acceleration, and a constant.
     asymmetry : int
         Number of terms of asymmetry, 0 to 2.
 
@@ -115,6 +117,7 @@ class Layout:
     rate_dependent: tuple[int, ...] = ()
     creep_times: tuple[float, ...] = ()
     lag: bool = True
+    inertia: bool = False
     offset: bool = True
     asymmetry: int = 0
 

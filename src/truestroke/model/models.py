@@ -299,6 +299,8 @@ class Motion(NamedTuple):
 
     z_d: Any  # um
     zdot_d: Any  # um/s
+    zddot_d: Any = 0.0  # um/s^2
+    ahead: Any = 0.0  # um: what the stage's dynamics ask of the hysteresis beyond z_d
 
 
 def known_terms(layout: Layout, creep: Sequence[Any] | FloatArray, motion: Motion, stroke: float) -> FloatArray:
@@ -329,8 +331,9 @@ def known_terms(layout: Layout, creep: Sequence[Any] | FloatArray, motion: Motio
     terms: dict[str, Sequence[Any] | FloatArray] = {
         "creep": creep,
         "lag": [motion.zdot_d],
+        "inertia": [motion.zddot_d],
         "offset": [np.ones_like(motion.z_d)],
-        "asymmetry": asymmetry_terms(motion.z_d, stroke),
+        "asymmetry": asymmetry_terms(motion.z_d + motion.ahead, stroke),
     }
     return np.array([entry for name, count in layout.counts.items() for entry in terms[name][:count]])
 
