@@ -89,6 +89,7 @@ typedef enum {
     TS_BAD_SLOPE,            /* slope_min is not positive, or not below slope_max */
     TS_BAD_VOLTAGE,          /* voltage_min is not below voltage_max, or slew is not positive */
     TS_BAD_DYNAMICS,         /* an order or delay of the stage's dynamics is out of its range, or a coefficient is not finite */
+    TS_BAD_FEEDBACK,         /* the number of filters is out of its range, or one is not stable */
     TS_BAD_LIMIT,            /* stroke, measurement_limit, smoothing or trim is out of its range */
     TS_BEYOND_REACH          /* the displacement of ts_controller_start, or the first measurement, is beyond ts_reach:
                                 nothing has changed. Zero the sensor, or subtract its reading at rest. */
@@ -152,8 +153,6 @@ typedef struct {
     ts_real change_hysteresis;/* the same: all but the first together */
     ts_real change_share;     /* how far P returns to the prior at a change, 0..1 */
     ts_real outlier;          /* normalised innovation above which a measurement is a spike */
-    ts_real noise_gain;       /* variance of the noise behind the stage's equaliser, and its length in ticks, over that of a
-                                 measurement; 1 where the stage is not known */
     int outliers;             /* spikes in a row that are rejected */
 } ts_kalman_settings;
 
@@ -185,8 +184,9 @@ TS_API void ts_kalman_init(ts_kalman *k, const ts_real *P0, ts_real sigma, int m
 /* The covariance is that of the prior again, and the filters start anew; the noise stays. */
 TS_API void ts_kalman_reset_covariance(ts_kalman *k, const ts_real *P0, int m);
 
-/* Whether a measurement with this innovation is a spike; at most `outliers` in a row are. */
-TS_API bool ts_kalman_is_spike(ts_kalman *k, const ts_kalman_settings *s, ts_real innovation);
+/* Whether a measurement with this innovation is a spike; at most `outliers` in a row are. smooth: the innovation of a good
+ * measurement may be as large, but not as sudden. */
+TS_API bool ts_kalman_is_spike(ts_kalman *k, const ts_kalman_settings *s, ts_real innovation, bool smooth);
 
 /* One tick with the regressor u, what w.u should be, y, and the innovation of the measurement. measured: false where none
  * came or it was a spike; y is then what the model expects. Returns whether w was updated. Where `learn` is false (hold, a
@@ -243,12 +243,14 @@ TS_API ts_real ts_oscillation_frequency(const ts_oscillation *o, int n);
 /* ---- Dynamics of the stage, between hysteresis and sensor --------------------------------------------------------- */
 
 #define TS_SECTIONS 4
+#define TS_FEEDBACKS 8
 #define TS_TAPS 5
 
 /* G(q): from the displacement that the hysteresis gives in a tick, its strain, to the measurement of that tick. Its static
  * gain is 1. */
 typedef struct {
-    int sections;                     /* 0: the stage is not known */
+    bool known;
+    int sections;
     ts_real section[TS_SECTIONS][4];  /* b0, b1, a1, a2 of (b0 + b1 q^-1) / (1 + a1 q^-1 + a2 q^-2): G is q^-dead times the sum
                                          of the sections and of direct[i] q^-i */
     ts_real direct[3];
@@ -256,16 +258,30 @@ typedef struct {
     ts_real notch[3];                 /* A(q) = sum of notch[i] q^-i: the denominator of the first mode, 1 at 0 Hz */
     ts_real tap[TS_TAPS];             /* A G = q^-dead (sum of tap[i] q^-i + sum of the first `others` sections rest[i]), which does */
     int others;                       /* not resonate at the first mode */
-    ts_real rest[TS_SECTIONS - 1][4]; /* b0, b1, a1, a2, as above */
-    ts_real lead[2];                  /* s, s^2: 1 / G for slow motion is 1 + lead[0] s + lead[1] s^2 */
+    ts_real rest[TS_SECTIONS][4];     /* b0, b1, a1, a2, as above */
+    ts_real lead[2];                  /* s, s^2: 1 / G without the sensor, for slow motion, is 1 + lead[0] s + lead[1] s^2 */
+    ts_real sensor[2];                /* s, s^2: a slow motion is measured as 1 + sensor[0] s + sensor[1] s^2 times it */
 } ts_dynamics;
+
+/* Fast feedback: the sum of biquads of the error, (b0 + b1 q^-1 + b2 q^-2) / (1 + a1 q^-1 + a2 q^-2), is added to the
+ * displacement that is asked of the hysteresis. */
+typedef struct {
+    int filters;
+    ts_real filter[TS_FEEDBACKS][5];  /* b0, b1, b2, a1, a2 */
+    ts_real most;                     /* um: of their sum */
+} ts_feedback;
+
+typedef struct {
+    ts_real state[TS_FEEDBACKS][2];   /* um */
+    ts_real sum;                      /* um */
+} ts_feedback_state;
 
 typedef struct {
     ts_real section[TS_SECTIONS][2];  /* outputs of the sections in the last two ticks, um */
     ts_real strain[TS_HISTORY];       /* inputs: of tick k at k % TS_HISTORY, um */
     ts_real z[2];                     /* what the notch saw in the last two ticks, um */
     ts_real tap[TS_TAPS - 1][TS_PADDED(TS_MAX_PARAMETERS)]; /* of A G, which the regressor passes */
-    ts_real rest[TS_SECTIONS - 1][2][TS_PADDED(TS_MAX_PARAMETERS)];
+    ts_real rest[TS_SECTIONS][2][TS_PADDED(TS_MAX_PARAMETERS)];
     uint64_t ticks;                   /* whose measurement is in them */
 } ts_dynamics_state;
 
@@ -299,6 +315,7 @@ typedef struct {
     ts_oscillation_settings oscillation;               /* Kalman */
     ts_real resonance;                                 /* Kalman: first of the stage, cycles per tick; 0: not known */
     ts_dynamics dynamics;                              /* Kalman */
+    ts_feedback feedback;
     /* safety */
     ts_real slope_min, slope_max;                      /* partial slopes of the inverse, um/V */
     ts_real velocity_limit;                            /* Kalman: slopes are admissible at every rate that was commanded, up
@@ -386,6 +403,7 @@ typedef struct {
     ts_oscillation oscillation;       /* Kalman */
     ts_stage stage;                   /* Kalman */
     ts_dynamics_state dynamics;       /* Kalman */
+    ts_feedback_state feedback;
     bool hold;
     ts_flags flags;
     ts_counters counters;

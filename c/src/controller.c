@@ -90,21 +90,31 @@ static ts_status check_kalman(const ts_settings *s)
         good = good && positive(o->tick) && o->corner > 0 && o->corner <= 1 && fraction(o->fast) && fraction(o->slow)
                && fraction(o->motion_rate) && o->noise_share >= 0 && bounded(o->noise_share) && o->floor > 0 && bounded(o->floor)
                && o->large > 0 && bounded(o->large);
-    good = good && k->noise_gain >= 1 / TS_LARGEST && bounded(k->noise_gain);
     good = good && (s->resonance >= (ts_real)1e-6 || !(s->resonance < 0 || s->resonance > 0)) && s->resonance <= 1 && (o->tick > 0 || !(s->resonance > 0));
     return good && check_prior(s->prior, ts_parameters(s)) ? TS_OK : TS_BAD_KALMAN;
 }
 
 static ts_status check_dynamics(const ts_dynamics *d)
 {
-    bool good = d->sections >= 0 && d->sections <= TS_SECTIONS && d->others >= 0 && d->others < TS_SECTIONS && d->dead >= 0
-                && d->dead < TS_HISTORY / 2 && bounded(d->lead[0]) && bounded(d->lead[1]);
+    bool good = d->sections >= 0 && d->sections <= TS_SECTIONS && d->others >= 0 && d->others <= TS_SECTIONS && d->dead >= 0
+                && d->dead < TS_HISTORY / 2 && bounded(d->lead[0]) && bounded(d->lead[1])
+                && bounded(d->sensor[0]) && bounded(d->sensor[1]);
     if (!good) return TS_BAD_DYNAMICS;
     for (int i = 0; i < d->sections; i++) good = good && stable_section(d->section[i]);
     for (int i = 0; i < d->others; i++) good = good && stable_section(d->rest[i]);
     for (int i = 0; i < 3; i++) good = good && bounded(d->direct[i]) && bounded(d->notch[i]);
     for (int i = 0; i < TS_TAPS; i++) good = good && bounded(d->tap[i]);
     return good ? TS_OK : TS_BAD_DYNAMICS;
+}
+
+static ts_status check_feedback(const ts_feedback *f)
+{
+    bool good = f->filters >= 0 && f->filters <= TS_FEEDBACKS && f->most >= 0 && bounded(f->most);
+    for (int i = 0; good && i < f->filters; i++) {
+        const ts_real *q = f->filter[i], poles[4] = {q[0], q[1], q[3], q[4]};
+        good = stable_section(poles) && bounded(q[2]);
+    }
+    return good ? TS_OK : TS_BAD_FEEDBACK;
 }
 
 static ts_status check(const ts_settings *s)
@@ -115,6 +125,8 @@ static ts_status check(const ts_settings *s)
     if (law != TS_OK) return law;
     ts_status dynamics = check_dynamics(&s->dynamics);
     if (dynamics != TS_OK) return dynamics;
+    ts_status feedback = check_feedback(&s->feedback);
+    if (feedback != TS_OK) return feedback;
     if (!positive(s->slope_min) || !(s->slope_min < s->slope_max) || !positive(s->slope_max)) return TS_BAD_SLOPE;
     if (!(s->voltage_min < s->voltage_max) || !bounded(s->voltage_min) || !bounded(s->voltage_max) || !(s->slew > 0))
         return TS_BAD_VOLTAGE;
@@ -204,7 +216,7 @@ static ts_real inertia_of(const ts_settings *s, ts_real frequency)
 static ts_real ahead_of(const ts_controller *c, ts_real zdot_d, ts_real zddot_d)
 {
     const ts_dynamics *g = &c->settings.dynamics;
-    if (g->sections) return g->lead[0] * zdot_d + g->lead[1] * zddot_d;
+    if (g->known) return g->lead[0] * zdot_d + g->lead[1] * zddot_d;
     if (!(c->stage.inertia > 0) || c->counters.commands == 0) return 0;
     ts_real z = c->stage.inertia * (zdot_d - c->motion[last_slot(c)].zdot_d), most = c->settings.stroke / 10;
     return within(z, -most, most);
@@ -224,7 +236,7 @@ static ts_real wanted_of_plays(const ts_controller *c, const ts_motion *d)
     const ts_settings *s = &c->settings;
     ts_real u[TS_MAX_PARAMETERS];
     known_terms(s, &c->now, d, u);
-    return through_dead_zones(s, d->z_d) + d->ahead + c->integral + c->bumpless
+    return through_dead_zones(s, d->z_d) + d->ahead + c->integral + c->feedback.sum + c->bumpless
            - dot(c->w + c->of_plays, u, c->parameters - c->of_plays);
 }
 
@@ -278,7 +290,7 @@ static void write_down(ts_controller *c, ts_real x, const ts_motion *d)
     int slot = (int)(c->counters.commands % TS_HISTORY);
     c->x[slot] = x;
     c->motion[slot] = *d;
-    if (c->settings.dynamics.sections) c->dynamics.strain[slot] = modelled(c, d);
+    if (c->settings.dynamics.known) c->dynamics.strain[slot] = modelled(c, d);
     c->limited[slot] = c->flags.saturated || c->flags.slewed;
     ts_real speed = d->zdot_d < 0 ? -d->zdot_d : d->zdot_d;
     if (speed > c->fastest) c->fastest = speed < c->settings.velocity_limit ? speed : c->settings.velocity_limit;
@@ -445,7 +457,7 @@ static void pass_stage(ts_controller *c, ts_real *u)
 /* Number of ticks whose measurement was used or passed over. */
 static uint64_t measured_ticks(const ts_controller *c)
 {
-    return c->settings.dynamics.sections ? c->dynamics.ticks : c->lagged.ticks;
+    return c->settings.dynamics.known ? c->dynamics.ticks : c->lagged.ticks;
 }
 
 static bool adapt_rls(ts_controller *c, bool learn)
@@ -595,7 +607,7 @@ static void watch_stage(ts_controller *c, ts_real error, ts_real zdot_d, bool li
 static int waiting(const ts_settings *s)
 {
     const ts_dynamics *g = &s->dynamics;
-    return TS_HISTORY - (g->sections ? g->dead + 4 : 0);
+    return TS_HISTORY - (g->known ? g->dead + 4 : 0);
 }
 
 /* One tick of the stage with the measurement z, or what was expected in its place: it shows the tick `dead` before. */
@@ -609,18 +621,34 @@ static void learn_staged(ts_controller *c, ts_real z, ts_real innovation, bool m
     adapt_kalman(c, u, y, innovation, measured, learn);
 }
 
+/* One tick of the feedback, for the command after it. */
+static void feed_back(ts_controller *c, ts_real error)
+{
+    const ts_feedback *f = &c->settings.feedback;
+    ts_real sum = 0;
+    for (int i = 0; i < f->filters; i++) {
+        const ts_real *q = f->filter[i];
+        ts_real *x = c->feedback.state[i], y = q[0] * error + x[0];
+        x[0] = q[1] * error - q[3] * y + x[1];
+        x[1] = q[2] * error - q[4] * y;
+        sum += y;
+    }
+    c->feedback.sum = within(sum, -f->most, f->most);
+}
+
 /* A tick for which no measurement came. */
 static void pass_over(ts_controller *c)
 {
     const ts_settings *s = &c->settings;
     bool learn = !c->limited[c->lagged.ticks % TS_HISTORY];
-    if (s->dynamics.sections) {
+    if (s->dynamics.known) {
         learn_staged(c, expected(c), 0, false, learn);
     } else {
         next_lagged(c);
         if (s->law == TS_LAW_KALMAN) adapt_kalman(c, c->u, model(c, c->u), 0, false, learn);
     }
     if (s->law == TS_LAW_KALMAN) ts_oscillation_miss(&c->oscillation, &s->oscillation, NULL);
+    feed_back(c, 0);
 }
 
 /* Adapts to z; `back`: at a voltage limit and beyond the desired displacement. Returns whether z was used. */
@@ -628,11 +656,11 @@ static bool learn_from(ts_controller *c, ts_real z, const ts_motion *d, bool lim
 {
     const ts_settings *s = &c->settings;
     ts_kalman *k = &c->law.kalman;
-    bool staged = s->dynamics.sections > 0;
+    bool staged = s->dynamics.known;
     ts_real predicted = staged ? expected(c) : model(c, c->u);
     c->innovation = staged ? z - predicted : through_dead_zones(s, z) + d->ahead - predicted; /* (15) */
     if (s->law == TS_LAW_RLS) return adapt_rls(c, !c->hold);
-    bool used = !frozen(c, z, predicted, stands), spike = used && ts_kalman_is_spike(k, &s->kalman, c->innovation);
+    bool used = !frozen(c, z, predicted, stands), spike = used && ts_kalman_is_spike(k, &s->kalman, c->innovation, staged);
     ts_real innovation = used && !spike ? c->innovation : 0;
     bool learn = adapts(c, limited, back) && !(c->stage.rest > 0);
     used = used && !spike;
@@ -645,7 +673,7 @@ static bool learn_from(ts_controller *c, ts_real z, const ts_motion *d, bool lim
 static bool measure(ts_controller *c, ts_real z)
 {
     const ts_settings *s = &c->settings;
-    bool staged = s->dynamics.sections > 0, smooth = c->stage.smoothing > 0;
+    bool staged = s->dynamics.known, smooth = c->stage.smoothing > 0;
     uint64_t tick = measured_ticks(c);
     int slot = (int)(tick % TS_HISTORY);
     bool limited = c->limited[slot], learned = c->limited[c->lagged.ticks % TS_HISTORY], back = beyond(c, slot, z);
@@ -661,9 +689,11 @@ static bool measure(ts_controller *c, ts_real z)
     bool used = learn_from(c, z, d, learned, back, stands);
     /* A learned change reaches the command gradually, so that it does not excite the stage. */
     if (used && smooth) c->bumpless += c->stage.smoothing * (model(c, now) - before);
+    const ts_dynamics *g = &s->dynamics;
+    ts_real error = z - (d->z_d + g->sensor[0] * d->zdot_d + g->sensor[1] * d->zddot_d);
     /* The trim: at a voltage limit only away from it; the slew limit only delays. */
-    if (used && (!limited || back)) c->integral += s->trim * (d->z_d - z);
-    ts_real error = z - d->z_d;
+    if (used && (!limited || back)) c->integral -= s->trim * error;
+    feed_back(c, used ? -error : 0);
     if (!used) ts_oscillation_miss(&c->oscillation, &s->oscillation, &error);
     else if (s->law == TS_LAW_KALMAN && s->oscillation.tick > 0) watch_stage(c, error, d->zdot_d, limited);
     return used;

@@ -157,9 +157,9 @@ static bool update(ts_kalman *k, const ts_kalman_settings *s, const ts_real *w0,
     }
     ts_real floor = s->model_error * s->model_error + k->disturbance, quiet = k->sigma * k->sigma;
     ts_real noise = k->ringing / 2 > quiet ? k->ringing / 2 : quiet;
-    ts_real half = s->noise_gain / 2, expected = explained + half * (quiet + floor); /* every second tick is used: each stands for two */
+    ts_real expected = explained + (quiet + floor) / 2; /* every second tick is used: each stands for two */
     if (!(expected > 0)) return false;
-    ts_real variance = explained + half * (noise + floor), gain = e / variance;
+    ts_real variance = explained + (noise + floor) / 2, gain = e / variance;
     if (!isfinite(variance) || !isfinite(gain)) return false;
     k->variance = variance;
     for (int i = 0; i < m; i += TS_LANES) store(w + i, plus(load(w + i), gain, load(k->Pu + i)));
@@ -179,11 +179,12 @@ static bool update(ts_kalman *k, const ts_kalman_settings *s, const ts_real *w0,
     return true;
 }
 
-bool ts_kalman_is_spike(ts_kalman *k, const ts_kalman_settings *s, ts_real innovation)
+bool ts_kalman_is_spike(ts_kalman *k, const ts_kalman_settings *s, ts_real innovation, bool smooth)
 {
     if (!(k->variance > 0)) return false; /* before the first update the model may be far off */
-    ts_real most = s->outlier * s->outlier * (k->variance + k->sigma * k->sigma);
-    bool beyond = innovation * innovation > most, spike = beyond && k->spikes < s->outliers;
+    ts_real most = s->outlier * s->outlier, noise = k->sigma * k->sigma, d = innovation - 2 * k->innovation1 + k->innovation2;
+    bool sudden = !smooth || d * d > most * (noise + k->ringing);
+    bool beyond = innovation * innovation > most * (k->variance + noise) && sudden, spike = beyond && k->spikes < s->outliers;
     k->spikes = beyond ? k->spikes + spike : 0;
     return spike;
 }

@@ -46,6 +46,7 @@ const char *message(ts_status status) {
         case TS_BAD_SLOPE: return "slope_limits";
         case TS_BAD_VOLTAGE: return "voltage_limits or slew_limit";
         case TS_BAD_DYNAMICS: return "dynamics";
+        case TS_BAD_FEEDBACK: return "the feedback";
         case TS_BAD_LIMIT: return "stroke, measurement_limit, smoothing or trim";
         default: return "settings";
     }

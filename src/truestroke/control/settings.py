@@ -490,7 +490,6 @@ def _derived(s: ControllerSettings) -> dict[str, float]:
     fast = -math.expm1(-2 * math.pi * corner / fs)
     members = {
         "first_noise": 1e-3 * s.stroke,
-        "kalman.noise_gain": 1.0,
         "kalman.noise_rate": min(1.0, NOISE_RATE / fs),
         "kalman.ringing_rate": min(1.0, RINGING_RATE / fs),
         "kalman.change_rate": min(1.0, CHANGE_RATE / fs),
