@@ -7,7 +7,8 @@ enum { REJECTED = 4, FROM_ADAPT = REJECTED | 16 | 64 }; /* of the flag bits, tho
 void ts_loop_run(const ts_loop_controller *c, const ts_loop_actuator *a, const ts_loop_channels *ch, size_t ticks)
 {
     for (size_t k = 0; k < ticks; k++) {
-        ch->volts[k] = c->command(c->self, ch->z_d[k], ch->zdot_d[k]);
+        double motion[4] = {ch->z_d[k], ch->zdot_d[k], ch->zddot_d ? ch->zddot_d[k] : NAN, ch->strain_d ? ch->strain_d[k] : NAN};
+        ch->volts[k] = c->command(c->self, motion);
         unsigned commanded = c->flags(c->self);
         a->exchange(a->self, ch->volts[k], ch->zdot_d[k], ch->noise + k * a->noise_per_tick, &ch->measured[k],
                     &ch->truth[k]);

@@ -19,7 +19,7 @@ extern "C" {
  * 4 rejected, 8 held, 16 changed, 32 slewed, 64 oscillating. */
 typedef struct {
     void *self;
-    double (*command)(void *self, double z_d, double zdot_d);
+    double (*command)(void *self, const double motion[4]); /* z_d, zdot_d, zddot_d, strain_d; NaN: not known */
     void (*adapt)(void *self, double z);
     unsigned (*flags)(void *self);
     double (*innovation)(void *self);
@@ -35,6 +35,7 @@ typedef struct {
 
 typedef struct {
     const double *z_d, *zdot_d;                  /* one entry a tick */
+    const double *zddot_d, *strain_d;            /* the same, or NULL: not known */
     const double *noise;                         /* noise_per_tick entries a tick */
     double *volts, *measured, *truth, *innovation; /* one entry a tick; innovation is NaN where z was rejected */
     uint8_t *flags;

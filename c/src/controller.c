@@ -125,6 +125,7 @@ static ts_status check(const ts_settings *s)
     if (law != TS_OK) return law;
     ts_status dynamics = check_dynamics(&s->dynamics);
     if (dynamics != TS_OK) return dynamics;
+    if (s->dynamics.known && s->law != TS_LAW_KALMAN) return TS_BAD_DYNAMICS;
     ts_status feedback = check_feedback(&s->feedback);
     if (feedback != TS_OK) return feedback;
     if (!positive(s->slope_min) || !(s->slope_min < s->slope_max) || !positive(s->slope_max)) return TS_BAD_SLOPE;
@@ -695,7 +696,7 @@ static bool measure(ts_controller *c, ts_real z)
     if (used && (!limited || back)) c->integral -= s->trim * error;
     feed_back(c, used ? -error : 0);
     if (!used) ts_oscillation_miss(&c->oscillation, &s->oscillation, &error);
-    else if (s->law == TS_LAW_KALMAN && s->oscillation.tick > 0) watch_stage(c, error, d->zdot_d, limited);
+    else if (s->law == TS_LAW_KALMAN && s->oscillation.tick > 0 && !staged) watch_stage(c, error, d->zdot_d, limited);
     return used;
 }
 

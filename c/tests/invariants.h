@@ -36,6 +36,15 @@ static inline bool finite_law(const ts_controller *c)
            && all_finite(scalars, sizeof scalars / sizeof *scalars);
 }
 
+static inline bool finite_stage(const ts_controller *c)
+{
+    const ts_dynamics_state *d = &c->dynamics;
+    bool ok = isfinite(c->feedback.sum) && all_finite(&c->feedback.state[0][0], 2 * TS_FEEDBACKS);
+    for (int i = 0; i < TS_TAPS - 1; i++) ok &= all_finite(d->tap[i], c->parameters);
+    for (int i = 0; i < 2 * TS_SECTIONS; i++) ok &= all_finite(d->rest[i / 2][i % 2], c->parameters);
+    return ok && all_finite(&d->section[0][0], 2 * TS_SECTIONS) && all_finite(d->strain, TS_HISTORY) && all_finite(d->z, 2);
+}
+
 static inline bool finite_state(const ts_controller *c)
 {
     const ts_settings *s = &c->settings;
@@ -44,7 +53,7 @@ static inline bool finite_state(const ts_controller *c)
     return all_finite(scalars, sizeof scalars / sizeof *scalars) && all_finite(c->w, c->parameters)
            && all_finite(c->u, c->parameters) && all_finite(c->slopes, s->plays) && all_finite(c->x, TS_HISTORY)
            && all_finite(&c->motion[0].z_d, TS_HISTORY * sizeof(ts_motion) / sizeof(ts_real)) && finite_memory(&c->now, s)
-           && finite_memory(&c->lagged, s) && finite_law(c);
+           && finite_memory(&c->lagged, s) && finite_law(c) && finite_stage(c);
 }
 
 /* Whether P is positive definite: its Cholesky factor exists. */

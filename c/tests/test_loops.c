@@ -19,11 +19,11 @@ static void check(bool ok, const char *what)
 /* Commands 2 z_d; its flags are all ones after a command of an odd tick, and after a measurement above 5 it is rejected. */
 typedef struct { int commands, adaptations; unsigned flags; double last; } controller;
 
-static double command(void *self, double z_d, double zdot_d)
+static double command(void *self, const double motion[4])
 {
     controller *c = self;
     c->flags = c->commands++ % 2 ? 0x3f : 0;
-    return 2 * z_d + zdot_d;
+    return 2 * motion[0] + motion[1] + (motion[2] == motion[2] ? 100 * motion[2] + 1000 * motion[3] : 0);
 }
 
 static void adapt(void *self, double z)
@@ -55,7 +55,7 @@ static void test_loop(void)
     int exchanges = 0;
     ts_loop_controller law = {&c, command, adapt, flags, innovation};
     ts_loop_actuator plant = {&exchanges, 2, exchange};
-    ts_loop_channels channels = {z_d, zdot_d, noise, volts, measured, truth, found, bits};
+    ts_loop_channels channels = {z_d, zdot_d, NULL, NULL, noise, volts, measured, truth, found, bits};
     ts_loop_run(&law, &plant, &channels, 0);
     check(c.commands == 0 && exchanges == 0, "no ticks, nothing happens");
     ts_loop_run(&law, &plant, &channels, TICKS);
@@ -65,6 +65,10 @@ static void test_loop(void)
     check(truth[TICKS - 1] == 1, "so does the velocity");
     check(bits[0] == 16 && bits[1] == (0x3f & ~4), "rejected and changed are adapt's, the others command's");
     check(bits[3] == (0x3f & ~16) && bits[4] == 4, "also where a measurement is rejected");
+    channels.zddot_d = zdot_d;
+    channels.strain_d = z_d;
+    ts_loop_run(&law, &plant, &channels, 2);
+    check(volts[1] == 1103, "acceleration and strain reach the controller where they are known");
     check(found[2] == -5 && isnan(found[3]), "the innovation of a rejected measurement is NaN");
 }
 

@@ -154,6 +154,18 @@ template <typename Controller, typename Visit> void each_array(Controller &c, Vi
     visit("half_wave_missed", &o.missed, 1);
     visit("oscillation_started", &o.started, 1);
     visit("oscillation_found", &o.found, 1);
+    auto &d = c.dynamics;
+    if (c.settings.dynamics.known) {
+        visit("stage_sections", &d.section[0][0], sizeof d.section / sizeof(ts_real));
+        visit("stage_strain", &d.strain[0], TS_HISTORY);
+        visit("stage_measured", &d.z[0], 2);
+        visit("stage_ticks", &d.ticks, 1);
+        for (int i = 0; i < TS_TAPS - 1; i++) visit(("stage_tap_" + std::to_string(i)).c_str(), &d.tap[i][0], m);
+        for (int i = 0; i < 2 * c.settings.dynamics.others; i++)
+            visit(("stage_rest_" + std::to_string(i)).c_str(), &d.rest[i / 2][i % 2][0], m);
+    }
+    visit("feedback", &c.feedback.sum, 1);
+    visit("feedback_state", &c.feedback.state[0][0], sizeof c.feedback.state / sizeof(ts_real));
     auto &g = c.stage;
     visit("resonance", &g.resonance, 1);
     visit("inertia", &g.inertia, 1);
@@ -190,6 +202,10 @@ void check_counters(const ts_controller &c) {
     require_all("lagged_ticks", c.lagged.ticks <= n.commands && n.commands - c.lagged.ticks <= TS_HISTORY,
                 "at most the commands that were counted, and at most " TS_TEXT(TS_HISTORY) " less");
     require_range("beyond", c.beyond, 0, TS_BEYOND);
+    const ts_dynamics &g = c.settings.dynamics;
+    uint64_t dead = static_cast<uint64_t>(g.dead), ticks = c.dynamics.ticks;
+    require_all("stage_ticks", !g.known || (ticks <= n.commands && c.lagged.ticks == (ticks > dead ? ticks - dead : 0)),
+                "the lagged_ticks and the stage's dead time");
 }
 
 // Plays are within their thresholds of the voltage that they saw.
@@ -365,10 +381,11 @@ class Kernel {
     static nb::capsule native(nb::object self) {
         ts_loop_controller calls{
             nb::inst_ptr<Kernel>(self),
-            [](void *k, double z_d, double zdot_d) {
+            [](void *k, const double motion[4]) {
                 ts_real x = NAN; // stays where a desired value is too large for the number type
-                ts_controller_command(&static_cast<Kernel *>(k)->c_, static_cast<ts_real>(z_d),
-                                      static_cast<ts_real>(zdot_d), &x);
+                ts_controller_follow(&static_cast<Kernel *>(k)->c_, static_cast<ts_real>(motion[0]),
+                                     static_cast<ts_real>(motion[1]), static_cast<ts_real>(motion[2]),
+                                     static_cast<ts_real>(motion[3]), &x);
                 return static_cast<double>(x);
             },
             [](void *k, double z) { static_cast<Kernel *>(k)->adapt_in_loop(z); },

@@ -1,7 +1,9 @@
 // Python's view of the native loops over ticks: the GIL is released while they run.
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
+#include <nanobind/stl/optional.h>
 
+#include <optional>
 #include <stdexcept>
 
 #include "loops.h"
@@ -22,15 +24,18 @@ void require(bool fits) {
     if (!fits) throw std::invalid_argument("the arrays of a loop have different lengths");
 }
 
-void run(nb::handle controller, nb::handle actuator, Input z_d, Input zdot_d, Input noise, Output volts,
+void run(nb::handle controller, nb::handle actuator, Input z_d, Input zdot_d, std::optional<Input> zddot_d,
+         std::optional<Input> strain_d, Input noise, Output volts,
          Output measured, Output truth, Output innovation, Bits flags) {
     const auto &c = from_capsule<ts_loop_controller>("ts_loop_controller", controller);
     const auto &a = from_capsule<ts_loop_actuator>("ts_loop_actuator", actuator);
     size_t n = z_d.shape(0);
     require(zdot_d.shape(0) == n && volts.shape(0) == n && measured.shape(0) == n && truth.shape(0) == n &&
             innovation.shape(0) == n && flags.shape(0) == n && noise.shape(0) == n * a.noise_per_tick);
-    ts_loop_channels ch{z_d.data(),      zdot_d.data(), noise.data(),      volts.data(),
-                        measured.data(), truth.data(),  innovation.data(), flags.data()};
+    require((!zddot_d || zddot_d->shape(0) == n) && (!strain_d || strain_d->shape(0) == n));
+    ts_loop_channels ch{z_d.data(),   zdot_d.data(), zddot_d ? zddot_d->data() : nullptr, strain_d ? strain_d->data() : nullptr,
+                        noise.data(), volts.data(),  measured.data(),                     truth.data(),
+                        innovation.data(), flags.data()};
     nb::gil_scoped_release release;
     ts_loop_run(&c, &a, &ch, n);
 }
@@ -46,7 +51,8 @@ void first_order(double real, double imaginary, Pairs u, OutputPairs x) {
 
 NB_MODULE(_loops, m) {
     m.doc() = "Loops over ticks: a native controller against a native actuator, and the filter of the random waves.";
-    m.def("run", &run, "controller"_a, "actuator"_a, "z_d"_a, "zdot_d"_a, "noise"_a, "volts"_a, "measured"_a,
+    m.def("run", &run, "controller"_a, "actuator"_a, "z_d"_a, "zdot_d"_a, "zddot_d"_a.none(),
+          "strain_d"_a.none(), "noise"_a, "volts"_a, "measured"_a,
           "truth"_a, "innovation"_a, "flags"_a);
     m.def("first_order", &first_order, "real"_a, "imaginary"_a, "u"_a, "x"_a);
 }
