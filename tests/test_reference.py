@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from truestroke import AdaptiveController, ControllerSettings, SettingError, _kernel
+from truestroke import AdaptiveController, ControllerSettings, Dynamics, Mode, SettingError, _kernel
 from truestroke.control.adaptation import LMS, RLS
 from truestroke.control.reference import HISTORY, ReferenceController
 from truestroke.model.models import ModifiedPrandtlIshlinskii, RateDependentModel
@@ -15,6 +15,14 @@ STACK = RateDependentModel(  # Sec. 4.3
     r=np.arange(8) / 8 * 1.5,
     a=[8.4, 1.3, 0.92, 0.7, 0.88, 0.74, -2.6, 2.23],
     b=[-0.9, 1.03, -0.244, 0.1, 0.05, -0.02, 0.01, -0.01],
+)
+STAGE = Dynamics(
+    sample_rate=2000.0,
+    modes=(Mode(frequency=220.0, damping=0.02, share=0.9), Mode(frequency=600.0, damping=0.03, share=0.1)),
+    amplifier_bandwidth=500.0,
+    dead_time=1.3e-3,
+    sensor_delay=0.2e-3,
+    sensor_bandwidth=700.0,
 )
 PLAIN = {"creep_times": (), "lag": False, "offset": False, "asymmetry": 0}  # no terms but the plays
 SETTINGS = {
@@ -28,6 +36,7 @@ SETTINGS = {
     ),
     "at once, trimmed": ControllerSettings(**BASIC, smoothing_time=0.0, trim_rate=20.0, slope_limits=(7.0, 9.0)),
     "one play": ControllerSettings.paper(**BASIC, plays=1, forgetting=1.0),
+    "stage": ControllerSettings(**BASIC, dynamics=STAGE),
     "dead zones": ControllerSettings(
         **BASIC, dead_zone_thresholds=(0.0, 12.0, 20.0), dead_zone_weights=(1.0, -0.05, 0.03), offset=False
     ),
@@ -74,8 +83,9 @@ def test_kernel_equals_numpy_to_the_last_bit(name) -> None:
     kernel.start(1.25, 17.0), text.start(1.25, 17.0)
     ago_most = 5 if name == "slow" else HISTORY + 3
     for k in range(z_d.size):
-        x = kernel.command(z_d[k], zdot_d[k])
-        assert text.command(z_d[k], zdot_d[k]) == x
+        known = [(), (30.0 * zdot_d[k],), (None, z_d[k] + 1e-3 * zdot_d[k])][k // 10 % 3]
+        x = kernel.command(z_d[k], zdot_d[k], *known)
+        assert text.command(z_d[k], zdot_d[k], *known) == x
         z_a[k], y = plant.step(x, y)
         z_a[k] *= 1.0 if k < 1400 else 0.75  # a sudden change
         ago = int(rng.choice([0, 0, 0, 0, 1, rng.integers(-1, ago_most)])) if k < 1300 or k > 1600 else 0

@@ -781,6 +781,14 @@ static bool equal(const ts_real *a, const ts_real *b, int n)
     return same;
 }
 
+static bool same_dynamics(const ts_dynamics *a, const ts_dynamics *b)
+{
+    bool same = a->known == b->known && a->sections == b->sections && a->dead == b->dead && a->others == b->others;
+    return same && equal(&a->section[0][0], &b->section[0][0], 4 * TS_SECTIONS) && equal(a->direct, b->direct, 3)
+           && equal(a->notch, b->notch, 3) && equal(a->tap, b->tap, TS_TAPS) && equal(&a->rest[0][0], &b->rest[0][0], 4 * TS_SECTIONS)
+           && equal(a->lead, b->lead, 2) && equal(a->sensor, b->sensor, 2);
+}
+
 /* What a law has learned belongs to its terms, thresholds, times and prior. */
 static bool same_model(const ts_settings *a, const ts_settings *b)
 {
@@ -791,7 +799,7 @@ static bool same_model(const ts_settings *a, const ts_settings *b)
     return same && equal(a->thresholds, b->thresholds, a->plays) && equal(a->creep, b->creep, a->terms[TS_CREEP])
            && equal(a->dead_zone_thresholds, b->dead_zone_thresholds, a->dead_zones) && equal(&a->stroke, &b->stroke, 1)
            && equal(a->initial_weights, b->initial_weights, m) && equal(&a->regularization, &b->regularization, 1)
-           && equal(&a->oscillation.tick, &b->oscillation.tick, 1)
+           && equal(&a->oscillation.tick, &b->oscillation.tick, 1) && same_dynamics(&a->dynamics, &b->dynamics)
            && equal(a->prior, b->prior, a->law == TS_LAW_KALMAN ? TS_PACKED(m) : 0);
 }
 

@@ -8,6 +8,8 @@ def run(
     actuator: object,
     z_d: FloatArray,
     zdot_d: FloatArray,
+    zddot_d: FloatArray | None,
+    strain_d: FloatArray | None,
     noise: FloatArray,
     volts: FloatArray,
     measured: FloatArray,

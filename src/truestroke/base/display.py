@@ -58,6 +58,8 @@ def quantity(value: Any, unit: str = "") -> str:
     >>> quantity(None), quantity(np.nan, "Hz")
     ('-', '-')
     """
+    if isinstance(value, Displayed):
+        return value._display()[0]
     number = isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
     if value is None or (number and not np.isfinite(value)):
         return "-"

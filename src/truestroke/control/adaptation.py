@@ -68,8 +68,11 @@ class FilteringLaw(Law, Protocol):
     disturbance: float
     changed: bool
 
-    def update(self, u: FloatArray, e_m: float | None, learn: bool = True) -> None:
-        """One tick; None: no measurement. `learn`: whether the weights may change."""
+    def is_spike(self, e_m: float, *, smooth: bool = False) -> bool:
+        """Whether a measurement with the innovation e_m, um, is not to be used."""
+
+    def tick(self, u: FloatArray, y: float, innovation: float, *, measured: bool, learn: bool) -> bool:
+        """One tick in which w.u should be y, um; returns whether the weights were updated."""
 
     def take(self, settings: KalmanSettings) -> None:
         """New settings; what was learned stays."""
@@ -498,31 +501,45 @@ class BoundedKalman:
 
         Raises `UpdateRefused` where the measurement is a spike.
         """
-        spike = e_m is not None and self._is_spike(e_m)
-        measured = e_m is not None and not spike
-        innovation = e_m if e_m is not None and not spike else 0.0
+        spike = e_m is not None and self.is_spike(e_m)
+        innovation = 0.0 if e_m is None or spike else e_m
+        y = float(dot(u, self.weights)) + innovation
+        self.tick(u, y, innovation, measured=e_m is not None and not spike, learn=learn)
+        if spike:
+            raise UpdateRefused(f"e_m = {e_m} um is a spike")
+
+    def is_spike(self, e_m: float, *, smooth: bool = False) -> bool:
+        """Whether a measurement with the innovation e_m, um, is a spike; at most `outliers` in a row are.
+
+        smooth: the innovation of a good measurement may be as large, but not as sudden: its second difference decides.
+        """
+        s = self.settings
+        if not self.variance > 0:  # before the first update the model may be far off
+            return False
+        most, noise, d = s.outlier * s.outlier, self.sigma * self.sigma, e_m - 2 * self.e1 + self.e2
+        sudden = not smooth or d * d > most * (noise + self.ringing)
+        beyond = e_m * e_m > most * (self.variance + noise) and sudden
+        spike = beyond and self.spikes < s.outliers
+        self.spikes = self.spikes + spike if beyond else 0
+        return spike
+
+    def tick(self, u: FloatArray, y: float, innovation: float, *, measured: bool, learn: bool) -> bool:
+        """One tick in which w.u should be y, um; returns whether w was updated.
+
+        innovation: of the measurement, um. measured: false where none came, or it was a spike; y is then what is
+        expected. learn: false at a voltage limit and on hold: w stays, and the poles start anew afterwards.
+        """
         if learn:
             self._follow_noise(innovation, measured)
-            self._filter(u, float(dot(u, self.weights)) + innovation)
+            self._filter(u, y)
         else:
             self.started = False
         if self.since_change < self.settings.refractory:
             self.since_change += 1
         if self.pending:
             self._follow_covariance()
-        elif measured and learn:
-            self._update_weights()
-        if spike:
-            raise UpdateRefused(f"e_m = {e_m} um is a spike")
-
-    def _is_spike(self, e_m: float) -> bool:
-        s = self.settings
-        if self.variance == 0:  # before the first update the model may be far off
             return False
-        beyond = e_m * e_m > s.outlier * s.outlier * (self.variance + self.sigma * self.sigma)
-        spike = beyond and self.spikes < s.outliers
-        self.spikes = self.spikes + spike if beyond else 0
-        return spike
+        return measured and learn and self._update_weights()
 
     def _follow_noise(self, innovation: float, measured: bool) -> None:
         s = self.settings
@@ -542,28 +559,29 @@ class BoundedKalman:
         self.y1 += alpha * (y - self.y1)
         self.y += alpha * (self.y1 - self.y)
 
-    def _update_weights(self) -> None:
-        """First tick of an update."""
+    def _update_weights(self) -> bool:
+        """First tick of an update; returns whether there was one."""
         s = self.settings
         self.Pu = symmetric_times(self.P, self.u)
         explained, e = float(dot(self.u, self.Pu)), self.y - float(dot(self.u, self.weights))
         if not (explained >= 0 and math.isfinite(explained * e)):  # never observed: P is no longer definite
             self.P = self.P0.copy()
-            return
+            return False
         floor, quiet = s.model_error * s.model_error + self.disturbance, self.sigma * self.sigma
         expected = explained + (quiet + floor) / 2
         if not expected > 0:  # no motion, no noise, no error of the model: nothing to divide by
-            return
+            return False
         variance = explained + (max(self.ringing / 2, quiet) + floor) / 2
         gain = e / variance
         if not (math.isfinite(variance) and math.isfinite(gain)):
-            return
+            return False
         self.variance, self.pending = variance, True
         self.weights = within_largest(self.weights + gain * self.Pu)
         self.since_return += 2
         if self.since_return >= RETURN_EVERY:
             self.weights = self.weights + s.prior_return * (self.w0 - self.weights)
         self._detect_change(e * e / expected)
+        return True
 
     def _detect_change(self, surprise: float) -> None:
         s = self.settings

@@ -20,6 +20,7 @@ from truestroke.base.checks import SettingError
 from truestroke.base.display import Displayed, Rows, quantity
 from truestroke.base.flags import Flags
 from truestroke.base.typing import FloatArray
+from truestroke.control import stage
 from truestroke.control.options import ChangeableOptions, SettingsOptions
 from truestroke.control.settings import CHANGEABLE, SETTINGS, ControllerSettings, kernel_settings
 
@@ -255,7 +256,7 @@ class AdaptiveController(Displayed):
         self._start(self.settings)
         self._kernel.restore(state["kernel"])
 
-    def command(self, z_d: float, zdot_d: float) -> float:
+    def command(self, z_d: float, zdot_d: float, zddot_d: float | None = None, strain_d: float | None = None) -> float:
         """Voltage for this tick; the forward play states advance.
 
         Parameters
@@ -264,6 +265,12 @@ class AdaptiveController(Displayed):
             Desired displacement, um.
         zdot_d : float
             Desired velocity, um/s.
+        zddot_d : float, optional
+            Desired acceleration, um/s^2: used where the stage's `dynamics` are known, or the model has the term
+            `inertia`. By default it follows from the last two velocities, a tick late.
+        strain_d : float, optional
+            Where the stage's `dynamics` are known and the motion, too: the entry of `strain` for this tick, um. By
+            default it follows from the three others, which is right for motion that is slow against the resonance.
 
         Returns
         -------
@@ -273,9 +280,35 @@ class AdaptiveController(Displayed):
         Raises
         ------
         SettingError
-            z_d or zdot_d is no number, NaN or infinite; nothing has changed.
+            An argument is no number, NaN or infinite; nothing has changed.
         """
-        return self._kernel.command(z_d, zdot_d)
+        return self._kernel.command(z_d, zdot_d, zddot_d, strain_d)
+
+    def strain(self, position: npt.ArrayLike) -> FloatArray | None:
+        """The displacement to ask of the hysteresis for a motion that is known ahead: `strain_d` of `command`.
+
+        Parameters
+        ----------
+        position : array_like, shape (ticks,)
+            The whole motion, um, from rest.
+
+        Returns
+        -------
+        ndarray, shape (ticks,), or None
+            G^-1 z_d, um; None where `dynamics` are not known. `truestroke.run` does this by itself.
+
+        Examples
+        --------
+        >>> from truestroke import Dynamics, Mode
+        >>> stage = Dynamics(sample_rate=10000.0, modes=(Mode(frequency=700.0, damping=0.02),))
+        >>> known = AdaptiveController(sample_rate=10000.0, stroke=30.0, voltage_limits=(0.0, 4.0), dynamics=stage)
+        >>> time = np.arange(10000) / 10000.0
+        >>> wave = 5 - 5 * np.cos(2 * np.pi * 70.0 * time)
+        >>> known.strain(wave)[5000:5003].round(3), wave[5000:5003].round(3)
+        (array([10., 10., 10.]), array([10., 10., 10.]))
+        """
+        dynamics = self.settings.dynamics
+        return None if dynamics is None else stage.strain(dynamics, checks.finite_array("position", position, "um"))
 
     def adapt(self, z_measured: float, ago: int = 0) -> None:
         """Adapt to a measurement; it may be left out for a tick.

@@ -16,7 +16,7 @@ import numpy as np
 from truestroke.base.checks import SettingError
 from truestroke.base.errors import shown_as_public
 from truestroke.base.typing import FloatArray
-from truestroke.control.settings import DEFAULT_SLEW, ControllerSettings
+from truestroke.control.settings import ControllerSettings, default_slew_limit
 from truestroke.model import prior
 from truestroke.model.dynamics import Dynamics, Mode
 from truestroke.signals.trajectories import Trajectory
@@ -344,7 +344,7 @@ def needed_slew(
     >>> needed_slew(slow, s), round(needed_slew(fast, s))
     (None, 1530)
     """
-    default = DEFAULT_SLEW(settings)
+    default = default_slew_limit(settings)
     if settings.slew_limit != default or default >= most:
         return None
     needs = demands(trajectory, settings, mode)

@@ -2,6 +2,8 @@
 
 from typing import Literal, TypedDict
 
+from truestroke.model.dynamics import Dynamics
+
 
 class ChangeableOptions(TypedDict, total=False):
     """Members of `ControllerSettings` that may change while running, but `voltage_limits`."""
@@ -32,11 +34,13 @@ class ChangeableOptions(TypedDict, total=False):
 class SettingsOptions(ChangeableOptions, total=False):
     """Members of `ControllerSettings` but the three that are needed."""
 
+    dynamics: Dynamics | None
     plays: int
     thresholds: tuple[float, ...] | None
     rate_dependent: tuple[int, ...] | None
     creep_times: tuple[float, ...]
     lag: bool
+    inertia: bool | None
     offset: bool
     asymmetry: int
     dead_zone_thresholds: tuple[float, ...]

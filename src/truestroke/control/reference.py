@@ -19,6 +19,7 @@ from truestroke.control.adaptation import LARGEST, RLS, BoundedKalman, Filtering
 from truestroke.control.controller import Counters, controller_rows
 from truestroke.control.oscillation import OscillationDetector, OscillationSettings
 from truestroke.control.settings import CHANGEABLE, SETTINGS, ControllerSettings, kernel_settings
+from truestroke.control.stage import Stage
 from truestroke.model.models import (
     Motion,
     creep_step,
@@ -49,7 +50,6 @@ class _Command:
 
     x: float  # V
     motion: Motion
-    inertia: float  # um: for the stage's inertia
     limited: bool  # the voltage met a limit
 
 
@@ -90,6 +90,10 @@ def _kalman_settings(s: ControllerSettings) -> KalmanSettings:
     members = kernel_settings(s)
     names = {f.name: f"kalman.{f.name}" for f in fields(KalmanSettings)} | {"first_noise": "first_noise"}
     return KalmanSettings(**{name: members[member] for name, member in names.items()})
+
+
+def _bounded(argument: str, value: float, unit: str) -> float:
+    return min(max(checks.number(argument, value, unit), -LARGEST), LARGEST)
 
 
 class ReferenceController(Displayed):
@@ -163,7 +167,9 @@ class ReferenceController(Displayed):
         self._now = _Memory(np.zeros(s.plays), np.zeros(self._creep.size))
         self._lagged = copy.deepcopy(self._now)
         self._waiting: dict[int, _Command] = {}  # by tick: not yet in self._lagged
-        self._last = _Command(0.0, Motion(0.0, 0.0), 0.0, limited=False)
+        self._last = _Command(0.0, Motion(0.0, 0.0), limited=False)
+        self._path = Stage(self._c, s.parameters) if self._c["dynamics.known"] else None
+        self._feedback, self._feedback_states = 0.0, np.zeros((len(self._c["feedback.filter"]), 2)).tolist()  # um
         self._bumpless = self._integral = self._innovation = 0.0  # um
         self._z_before = self._predicted_before = 0.0  # um: the last new measurement, the model's value then
         self._resolution = 0.0  # um: the smallest step from one measurement to a different one; 0: none so far
@@ -190,7 +196,7 @@ class ReferenceController(Displayed):
         self.reset()
         self._now = _Memory(play(volts, self._r, self._now.play), np.full(self._creep.size, volts))
         self._lagged = copy.deepcopy(self._now)
-        missing = self._wanted_of_plays(Motion(z, 0.0), 0.0) - self._sum_of_plays()
+        missing = self._wanted_of_plays(Motion(z, 0.0)) - self._sum_of_plays()
         if s.offset:
             weights = self.weights
             weights[s.columns["offset"]] += missing
@@ -226,27 +232,34 @@ class ReferenceController(Displayed):
 
     # ---- The two calls ----------------------------------------------------------------------------------------------
 
-    def command(self, z_d: float, zdot_d: float) -> float:
+    def command(self, z_d: float, zdot_d: float, zddot_d: float | None = None, strain_d: float | None = None) -> float:
         """Voltage, V, for the desired displacement z_d, um, and velocity zdot_d, um/s; the play states advance.
+
+        zddot_d, um/s^2, and strain_d, um, of `AdaptiveController.strain` are used where they are known.
 
         Raises
         ------
         SettingError
-            z_d or zdot_d is NaN or infinite; nothing has changed.
+            An argument is NaN or infinite; nothing has changed.
         """
-        z_d, zdot_d = checks.number("z_d", z_d, "um"), checks.number("zdot_d", zdot_d, "um/s")
-        z_d, zdot_d = min(max(z_d, -LARGEST), LARGEST), min(max(zdot_d, -LARGEST), LARGEST)
-        if self.counters["commands"] - self._lagged.ticks >= HISTORY:
+        z_d, zdot_d = _bounded("z_d", z_d, "um"), _bounded("zdot_d", zdot_d, "um/s")
+        zddot_d = None if zddot_d is None else _bounded("zddot_d", zddot_d, "um/s^2")
+        strain_d = None if strain_d is None else _bounded("strain_d", strain_d, "um")
+        if self.counters["commands"] - self._measured_ticks >= self._waits:
             self._pass_over()  # a measurement of it would be too late now
         self._see_creep(self._now)
-        motion, inertia = Motion(z_d, zdot_d), self._inertial(zdot_d)
-        y_d = self._wanted_of_plays(motion, inertia)  # (11)
+        zddot_d = self._acceleration(zdot_d) if zddot_d is None else zddot_d
+        ahead = self._ahead(zdot_d, zddot_d) if strain_d is None else strain_d - z_d
+        motion = Motion(z_d, zdot_d, zddot_d, ahead)
+        y_d = self._wanted_of_plays(motion)  # (11)
         self._slopes, self._projected = self._rate_dependent_slopes(zdot_d)  # (7)
         x = self._within_limits(play_inverse(y_d, self._slopes, self._r, self._now.play))  # (12)
         self._see_voltage(self._now, x)  # (1)
         self._bumpless *= self._stage.smoothing
         self._fastest = max(self._fastest, min(abs(zdot_d), self.settings.velocity_limit))
-        self._last = _Command(x, motion, inertia, self._saturated or self._slewed)
+        self._last = _Command(x, motion, self._saturated or self._slewed)
+        if self._path is not None:
+            self._path.strain[self.counters["commands"]] = self._sum_of_plays() + self._known(motion)
         self._waiting[self.counters["commands"]] = self._last
         self._count(commands=True, saturated=self._saturated, projected=self._projected, slewed=self._slewed)
         return x
@@ -262,36 +275,44 @@ class ReferenceController(Displayed):
             The first measurement, within 64 ticks, is beyond the reach of the voltage: nothing has changed.
         """
         tick = self.counters["commands"] - 1 - ago
-        in_time = 0 <= ago < HISTORY and tick in self._waiting
-        if in_time and self._lagged.ticks == 0 and math.isfinite(z_measured):
+        in_time = 0 <= ago < self._waits and self._measured_ticks <= tick and tick in self._waiting
+        if in_time and self._measured_ticks == 0 and math.isfinite(z_measured):
             self.settings.check_reach("z_measured", z_measured, self._waiting[tick].x)
-        self._rejected = not (in_time and abs(z_measured) <= self.settings.measurement_limit)
+        used = in_time and abs(z_measured) <= self.settings.measurement_limit
         self._changed = False
-        if not self._rejected:
-            while self._lagged.ticks < tick:
+        if used:
+            while self._measured_ticks < tick:
                 self._pass_over()
-            stands = self._waiting[tick].x == self._lagged.play[0]
-            command, u = self._next_lagged()  # (20)
-            limited, beyond = command.limited, self._is_beyond(command, z_measured)
-            predicted = float(dot(self.law.weights, u))
-            now = self._regressor(self._now, self._last.motion)
-            before = float(dot(self.law.weights, now))
-            self._innovation = self._through_dead_zones(z_measured) + command.inertia - predicted  # (15)
-            try:
-                frozen = self._is_frozen(z_measured, predicted, stands)
-                adapts = self._adapts(limited, beyond) and not self._stage.rest > 0
-                self._learn(u, adapts, frozen)  # (23)
-            except UpdateRefused:
-                self._rejected = True
-                self._stage.detector.miss(z_measured - command.motion.z_d)
-            else:
-                # A learned change reaches the command gradually, so that it does not excite the stage.
-                self._bumpless += self._stage.smoothing * (float(dot(self.law.weights, now)) - before)
-                # The trim: at a voltage limit only away from it; the slew limit only delays.
-                if not limited or beyond:
-                    self._integral += self._c["trim"] * (command.motion.z_d - z_measured)
-                self._watch_stage(z_measured - command.motion.z_d, command.motion.zdot_d, limited)
+            used = self._measure(z_measured)
+        self._rejected = not used
         self._count(rejected=self._rejected, adaptations=not (self._rejected or self._held), changed=self._changed)
+
+    def _measure(self, z: float) -> bool:
+        """One tick with its measurement z, um; returns whether it was used."""
+        tick, path = self._measured_ticks, self._path
+        command, learned = self._waiting[tick], self._waiting[self._lagged.ticks].limited
+        limited, beyond, motion = command.limited, self._is_beyond(command, z), command.motion
+        before = self._waiting.get(tick - 1) if path is not None else None
+        stands = command.x == (self._lagged.play[0] if before is None else before.x)
+        u = self._next_lagged() if path is None else None  # (20)
+        now = self._regressor(self._now, self._last.motion)
+        first = float(dot(self.law.weights, now))
+        used = self._learn(
+            u, z, motion, learn=self._adapts(learned, beyond) and not self._stage.rest > 0, stands=stands
+        )
+        if used:  # a learned change reaches the command gradually, so that it does not excite the stage
+            self._bumpless += self._stage.smoothing * (float(dot(self.law.weights, now)) - first)
+        to_sensor = (0.0, 0.0) if path is None else path.sensor
+        error = z - (motion.z_d + to_sensor[0] * motion.zdot_d + to_sensor[1] * motion.zddot_d)
+        # The trim: at a voltage limit only away from it; the slew limit only delays.
+        if used and (not limited or beyond):
+            self._integral -= self._c["trim"] * error
+        self._feed_back(-error if used else 0.0)
+        if not used:
+            self._stage.detector.miss(error)
+        elif path is None:
+            self._watch_stage(error, motion.zdot_d, limited)
+        return used
 
     def _count(self, **kinds: bool) -> None:
         for kind, happened in kinds.items():
@@ -303,19 +324,33 @@ class ReferenceController(Displayed):
         """(11) of a desired, (14) of a measured displacement; the settings hold the dead zones of the inverse."""
         return float(dot(dead_zone(z, self._d), self._w_s))
 
-    def _inertial(self, zdot_d: float) -> float:
-        """The term of the stage's inertia for the motion from the tick before, z'' / w0^2, um: within stroke / 10."""
+    def _acceleration(self, zdot_d: float) -> float:
+        """From the rates of this tick and of the last one, um/s^2; 0 at the first."""
+        tick = self._oscillation.tick
+        return float((zdot_d - self._last.motion.zdot_d) / tick) if self.counters["commands"] > 0 and tick > 0 else 0.0
+
+    def _ahead(self, zdot_d: float, zddot_d: float) -> float:
+        """What the stage asks of the hysteresis beyond z_d, um: 1 / G for slow motion, or the inertia z'' / w0^2.
+
+        The inertia is within a tenth of the stroke.
+        """
+        if self._path is not None:
+            return float(self._path.lead[0] * zdot_d + self._path.lead[1] * zddot_d)
         if not self._stage.inertia > 0 or self.counters["commands"] == 0:
             return 0.0
         most = self.settings.stroke / 10
         change = float(zdot_d - self._last.motion.zdot_d)
         return min(max(self._stage.inertia * change, -most), most)
 
-    def _wanted_of_plays(self, motion: Motion, inertia: float) -> float:
-        """(11), the inertia, the trim and the bumpless transfer, less the known terms, um."""
+    def _known(self, motion: Motion) -> float:
+        """The displacement of the known terms, um."""
         s = self.settings
-        known = dot(self.law.weights[s.of_plays :], known_terms(s, self._now.creep, motion, s.stroke))
-        return self._through_dead_zones(motion.z_d) + inertia + self._integral + self._bumpless - float(known)
+        return float(dot(self.law.weights[s.of_plays :], known_terms(s, self._now.creep, motion, s.stroke)))
+
+    def _wanted_of_plays(self, motion: Motion) -> float:
+        """(11), the stage, the trim, the feedback and the bumpless transfer, less the known terms, um."""
+        wanted = self._through_dead_zones(motion.z_d) + motion.ahead + self._integral + self._feedback + self._bumpless
+        return float(wanted) - self._known(motion)
 
     def _rate_dependent_slopes(self, zdot_d: float) -> tuple[FloatArray, bool]:
         """(7) in the scale of (20), w_h = a + c_b zdot_d b, summed up; within limits, and whether one was moved."""
@@ -357,19 +392,48 @@ class ReferenceController(Displayed):
         plays = play_terms(s, memory.play, s.rate_scale * motion.zdot_d)
         return np.concatenate([plays, known_terms(s, memory.creep, motion, s.stroke)])
 
-    def _next_lagged(self) -> tuple[_Command, FloatArray]:
-        """The next tick that was not yet measured, and its regressor."""
-        command = self._waiting.pop(self._lagged.ticks)
+    @property
+    def _measured_ticks(self) -> int:
+        """Number of ticks whose measurement was used or passed over."""
+        return self._lagged.ticks if self._path is None else self._path.ticks
+
+    @property
+    def _waits(self) -> int:
+        """Commands that may wait for their measurement."""
+        return HISTORY - (0 if self._path is None else self._path.dead + 4)
+
+    def _next_lagged(self) -> FloatArray:
+        """The regressor of the next tick that was not yet measured."""
+        tick = self._lagged.ticks
+        command = self._waiting[tick]
+        if tick - HISTORY in self._waiting:
+            del self._waiting[tick - HISTORY]
         self._see_creep(self._lagged)
         self._see_voltage(self._lagged, command.x)
-        return command, self._regressor(self._lagged, command.motion)
+        return self._regressor(self._lagged, command.motion)
 
     def _pass_over(self) -> None:
         """A tick for which no measurement came."""
-        command, u = self._next_lagged()
-        if self._filtering is not None:
-            self._filtering.update(u, None, learn=not command.limited)
+        law, learn = self._filtering, not self._waiting[self._lagged.ticks].limited
+        if self._path is not None:
+            self._learn_staged(self._path, self._path.expected(), 0.0, measured=False, learn=learn)
+        else:
+            u = self._next_lagged()
+            if law is not None:
+                self._update(law, u, float(dot(u, law.weights)), 0.0, measured=False, learn=learn)
+        if law is not None:
             self._stage.detector.miss(None)
+        self._feed_back(0.0)
+
+    def _feed_back(self, error: float) -> None:
+        """One tick of the feedback, for the command after it; error: desired less measured, um."""
+        total = 0.0
+        for (b0, b1, b2, a1, a2), x in zip(self._c["feedback.filter"], self._feedback_states, strict=True):
+            y = b0 * error + x[0]
+            x[0], x[1] = b1 * error - a1 * y + x[1], b2 * error - a2 * y
+            total += y
+        most = self._c["feedback.most"]
+        self._feedback = min(max(total, -most), most)
 
     # ---- The arrows of Fig. 5: adapt --------------------------------------------------------------------------------
 
@@ -402,17 +466,47 @@ class ReferenceController(Displayed):
         noise = law.sigma + law.settings.model_error
         return abs(predicted - self._predicted_before) > max(6 * noise, self._resolution + 2 * noise)
 
-    def _learn(self, u: FloatArray, adapts: bool, frozen: bool) -> None:
-        law = self._filtering
+    def _learn(self, u: FloatArray | None, z: float, motion: Motion, *, learn: bool, stands: bool) -> bool:
+        """Adapt to the measurement z, um; u: the regressor (20), None where the stage is known. Whether z was used."""
+        path, law = self._path, self._filtering
+        if path is not None:
+            predicted = path.expected()
+            self._innovation = z - predicted
+        else:
+            assert u is not None
+            predicted = float(dot(self.law.weights, u))
+            self._innovation = self._through_dead_zones(z) + motion.ahead - predicted  # (15)
         if law is None:
-            if not self._held:
+            return self._learn_otherwise(u)
+        used = not self._is_frozen(z, predicted, stands)
+        used = used and not law.is_spike(self._innovation, smooth=path is not None)
+        innovation = self._innovation if used else 0.0
+        if path is not None:
+            self._learn_staged(path, z if used else predicted, innovation, measured=used, learn=learn)
+        elif u is not None:
+            self._update(law, u, predicted + innovation, innovation, measured=used, learn=learn)
+        return used
+
+    def _learn_otherwise(self, u: FloatArray | None) -> bool:
+        """With a law that takes regressor and error: (23)."""
+        try:
+            if not self._held and u is not None:
                 self.law.update(u, self._innovation)
-            return
-        before = law.weights
-        law.update(u, None if frozen else self._innovation, learn=adapts)
-        if frozen:
-            raise UpdateRefused("the sensor is frozen while the model moves")
-        if law.weights is not before:
+        except UpdateRefused:
+            return False
+        return True
+
+    def _learn_staged(self, path: Stage, z: float, innovation: float, *, measured: bool, learn: bool) -> None:
+        """One tick of the stage with the measurement z, or what was expected: it shows the tick `dead` before."""
+        y = path.notched(z)
+        if path.ticks > path.dead and self._filtering is not None:
+            u = path.passed(self._next_lagged())
+            self._update(self._filtering, u, y, innovation, measured=measured, learn=learn)
+
+    def _update(
+        self, law: FilteringLaw, u: FloatArray, y: float, innovation: float, *, measured: bool, learn: bool
+    ) -> None:
+        if law.tick(u, y, innovation, measured=measured, learn=learn):  # (23)
             self._project_slope(law, self._fastest)  # slopes are linear in the rate:
             self._project_slope(law, -self._fastest)  # its two ends are the worst
             self._changed = law.changed
@@ -435,7 +529,7 @@ class ReferenceController(Displayed):
         last = self._last
         self._slopes, _ = self._rate_dependent_slopes(last.motion.zdot_d)
         if self.counters["commands"] > 0:
-            self._bumpless += self._sum_of_plays() - self._wanted_of_plays(last.motion, last.inertia)
+            self._bumpless += self._sum_of_plays() - self._wanted_of_plays(last.motion)
 
     def _inertia_of(self, frequency: float) -> float:
         """1 / (w0^2 T), s, of a first resonance at `frequency`, cycles per tick; 0: not known."""

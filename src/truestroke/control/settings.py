@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+import os
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, Unpack
 
@@ -15,21 +16,27 @@ from truestroke.base.checks import SettingError
 from truestroke.base.declared import FOLLOWS, HUGE, SHARE, Bound, Setting, Times, between, bound, sized, whole
 from truestroke.base.display import Displayed, Rows
 from truestroke.base.typing import FloatArray
+from truestroke.control import stage
 from truestroke.control.adaptation import RETURN_EVERY
 from truestroke.control.options import SettingsOptions
 from truestroke.model import layout, prior
-from truestroke.model.layout import MAX_PLAYS, Layout
+from truestroke.model.dynamics import Dynamics
+from truestroke.model.layout import MAX_PLAYS, TERMS, Layout, Term
 
 MAX_DEAD_ZONES = 8
 RATE_WEIGHTS = 5  # of the paper's eight plays: the gradient matters for the first few only
 STEEPEST = 1e30  # um/V: of a slope, whatever stroke and voltage limits are
-DEFAULT_SLEW = Times(120, "voltage_range")  # V/s; `feasibility` raises it for a known motion that needs more
 UNLIMITED = 1e9  # for a limit that is not there: finite, so that it can be written to any file
 
 NOISE_RATE = 2.0  # 1/s: how fast the robust estimate of the noise follows
 RINGING_RATE = 200.0  # 1/s: how fast ringing counts as noise
 SMOOTHING = 0.72e-3  # s: smoothing_time where no resonance is known
 SMOOTHING_PERIODS = 0.216  # of the resonance: the same ratio to the corner of the law's filter
+FILTER_SHARE = 1.2  # of the first resonance: corner of the law's filter where the stage is known
+LAG_SHARE, INERTIA_SHARE = 0.01, 0.05  # of 1 / w0 and 1 / w0^2: what may be missing in known dynamics, one deviation
+NO_FEEDBACK: dict[str, Any] = {"feedback.filters": 0, "feedback.filter": [], "feedback.most": 0.0}
+SLEW = 120.0  # voltage ranges a second
+SLEW_OF_RESONANCE = 6.0  # voltage ranges in a period of the resonance
 MOTION_RATE = 10.0  # 1/s: how fast the means of the motion follow
 CHANGE_RATE = 400.0  # 1/s: how fast the detector of a change follows
 
@@ -52,6 +59,20 @@ def _resonances(s: ControllerSettings, name: str, value: Any, unit: str) -> floa
         words = f"from {least:g} to {most:g} Hz, half the sample rate, or 0 where it is not known or above that"
         raise SettingError(name, frequency, words, unit)
     return frequency
+
+
+@bound("a Dynamics of this sample_rate, or the path of a dynamics.toml; None is not known")
+def _dynamics(s: ControllerSettings, name: str, value: Any, unit: str) -> Dynamics | None:
+    if value is None or s.law == "rls":
+        if value is not None:
+            raise SettingError(name, "a Dynamics", 'None for law = "rls", whose equations have no stage')
+        return None
+    if isinstance(value, str | os.PathLike):
+        value = Dynamics.load(value)
+    elif isinstance(value, Mapping):
+        value = Dynamics.from_dict(value)
+    words = "a Dynamics, such as of truestroke.measure_dynamics(actuator), or the path of its file"
+    return checks.instance(name, value, Dynamics, words).check_rate(s.sample_rate)
 
 
 @bound(f"[1, {MAX_PLAYS}]")
@@ -143,10 +164,15 @@ def default_rate_scale(s: ControllerSettings) -> float:
     return 1 / (50 * s.stroke)
 
 
+def default_inertia(s: ControllerSettings) -> bool:
+    """Whether `dynamics` are known."""
+    return s.dynamics is not None
+
+
 def default_weights(s: ControllerSettings) -> tuple[float, ...]:
     """`prior.play_weights` and the lag of the prior; for "rls" the first weight alone."""
     a = _play_weights(s)
-    return tuple((prior.mean(s, a) if s.law == "kalman" else s.vector(a)).tolist())
+    return tuple((prior.mean(s, a, _terms(s)) if s.law == "kalman" else s.vector(a)).tolist())
 
 
 def _play_weights(s: ControllerSettings) -> FloatArray:
@@ -159,17 +185,37 @@ def default_covariance(s: ControllerSettings) -> FloatArray | None:
     """`prior.covariance` of `prior.play_weights`."""
     if s.law == "rls":
         return None
-    return prior.covariance(s, _play_weights(s), q=s.q, stroke=s.stroke)
+    return prior.covariance(s, _play_weights(s), q=s.q, stroke=s.stroke, terms=_terms(s))
+
+
+def _terms(s: ControllerSettings) -> Mapping[str, Term]:
+    """What is expected of the known terms: lag and inertia are in the dynamics, but for their errors."""
+    if s.dynamics is None:
+        return TERMS
+    w = 2 * math.pi * s.dynamics.modes[0].frequency
+    errors = {"lag": LAG_SHARE / w, "inertia": INERTIA_SHARE / w**2}
+    return {**TERMS, **{name: dataclasses.replace(TERMS[name], mean=0.0, deviation=d) for name, d in errors.items()}}
 
 
 def default_filter_frequency(s: ControllerSettings) -> float:
-    """300 Hz, at most 15 % of the sample rate and half the resonance."""
+    """300 Hz, at most 15 % of the sample rate and half the resonance; 1.2 times that of `dynamics`."""
+    if s.dynamics is not None:
+        return min(FILTER_SHARE * s.dynamics.modes[0].frequency, 0.45 * s.sample_rate)
     return min(widest_filter(s.sample_rate), s.resonance / 2 or math.inf)
 
 
 def default_slope_limits(s: ControllerSettings) -> tuple[float, float]:
     """`(0.15 * q, 25 * q)`: stroke or voltage limits may be given five times too wide."""
     return 0.15 * s.q, 25 * s.q
+
+
+def default_slew_limit(s: ControllerSettings) -> float:
+    """`120 * voltage_range`; with `dynamics` 6 voltage ranges in a period of the first resonance, if that is more.
+
+    `feasibility` raises it for a known motion that needs more.
+    """
+    resonance = s.dynamics.modes[0].frequency if s.dynamics is not None else 0.0
+    return max(SLEW, SLEW_OF_RESONANCE * resonance) * s.voltage_range
 
 
 def default_smoothing_time(s: ControllerSettings) -> float:
@@ -208,6 +254,10 @@ SETTINGS: declared.Table = {
         "inertia, and the law's filter ends below it", "Hz", _resonances,
         law="kalman", changeable=True, convert=_per_tick,
     ),
+    "dynamics": Setting(
+        "Modes, lags and dead time of the stage and the sensor; the command inverts them", "",
+        _dynamics, kernel="",
+    ),
     # model
     "plays": Setting("Number of play operators", "", _number_of_plays),
     "thresholds": Setting("Thresholds r of the plays", "V", declared.ascending(MAX_PLAYS), default_thresholds),
@@ -216,6 +266,7 @@ SETTINGS: declared.Table = {
         convert=lambda chosen, s: [i in chosen for i in range(s.plays)],
     ),
     **layout.SETTINGS,
+    "inertia": dataclasses.replace(layout.SETTINGS["inertia"], rule=default_inertia),
     "dead_zone_thresholds": Setting(
         "Thresholds d' of the inverse dead zones", "um", declared.ascending(MAX_DEAD_ZONES),
         kernel="dead_zone_thresholds dead_zones", convert=lambda d, _: (d, len(d)),
@@ -289,7 +340,7 @@ SETTINGS: declared.Table = {
         law="kalman", changeable=True,
     ),
     "slew_limit": Setting(
-        "Fastest change of the voltage", "V/s", sized(), DEFAULT_SLEW, changeable=True,
+        "Fastest change of the voltage", "V/s", sized(), default_slew_limit, changeable=True,
         kernel="slew", convert=_per_tick,
     ),
     "measurement_limit": Setting(
@@ -343,10 +394,12 @@ class ControllerSettings(Displayed, Layout):
     stroke: float
     voltage_limits: tuple[float, float]
     resonance: float = 0.0
+    dynamics: Dynamics | None = None
     plays: int = 26
     thresholds: tuple[float, ...] = FOLLOWS
     rate_dependent: tuple[int, ...] = FOLLOWS
     creep_times: tuple[float, ...] = (0.003, 0.03, 0.3, 3.0)
+    inertia: bool = FOLLOWS
     asymmetry: int = 2
     dead_zone_thresholds: tuple[float, ...] = (0.0,)
     dead_zone_weights: tuple[float, ...] = (1.0,)
@@ -481,7 +534,8 @@ class ControllerSettings(Displayed, Layout):
 
 def kernel_settings(s: ControllerSettings) -> dict[str, Any]:
     """The members of ts_settings in c/include/truestroke.h: coefficients of a tick; 0 what belongs to another law."""
-    return declared.kernel_values(s, SETTINGS, s.law) | _derived(s)
+    known = stage.NOT_KNOWN if s.dynamics is None else stage.members(s.dynamics)
+    return declared.kernel_values(s, SETTINGS, s.law) | _derived(s) | known | NO_FEEDBACK
 
 
 def _derived(s: ControllerSettings) -> dict[str, float]:

@@ -7,12 +7,12 @@ terms are in `layout.TERMS`.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from truestroke.base.typing import FloatArray
-from truestroke.model.layout import TERMS, Layout
+from truestroke.model.layout import TERMS, Layout, Term
 
 FIRST_SLOPE = 1.15  # of q: slope at first contact
 HYSTERESIS = 0.5  # of q: sum of the weights of all other plays
@@ -69,12 +69,14 @@ def play_weights(r: Sequence[float], voltage_range: float, first: float) -> Floa
     return a
 
 
-def mean(layout: Layout, a: FloatArray) -> FloatArray:
-    """Expected weights, shape (m,): `a` of the plays, no rate weights, and those of `layout.TERMS`."""
-    return layout.vector(a, **{name: term.mean for name, term in TERMS.items()})
+def mean(layout: Layout, a: FloatArray, terms: Mapping[str, Term] = TERMS) -> FloatArray:
+    """Expected weights, shape (m,): `a` of the plays, no rate weights, and those of the known terms."""
+    return layout.vector(a, **{name: term.mean for name, term in terms.items()})
 
 
-def covariance(layout: Layout, a: FloatArray, *, q: float, stroke: float) -> FloatArray:
+def covariance(
+    layout: Layout, a: FloatArray, *, q: float, stroke: float, terms: Mapping[str, Term] = TERMS
+) -> FloatArray:
     """Covariance P0 of the weights, shape (m, m), in the squares of their units.
 
     Parameters
@@ -87,6 +89,8 @@ def covariance(layout: Layout, a: FloatArray, *, q: float, stroke: float) -> Flo
         stroke / (highest - lowest voltage), um/V.
     stroke : float
         um
+    terms : mapping of str to Term
+        What is expected of the known terms.
 
     Returns
     -------
@@ -105,7 +109,7 @@ def covariance(layout: Layout, a: FloatArray, *, q: float, stroke: float) -> Flo
     own[0] = FIRST_DEVIATION * q
     of_plays = GAIN_DEVIATION**2 * np.outer(a, a) + HYSTERESIS_DEVIATION**2 * np.outer(hysteresis, hysteresis)
     scale = {"um/V": q, "um": stroke}
-    known = {name: term.deviation * scale.get(term.unit, 1.0) for name, term in TERMS.items()}
+    known = {name: term.deviation * scale.get(term.unit, 1.0) for name, term in terms.items()}
     rates = np.where(np.arange(len(layout.rate_dependent)) == 1, RATE_DEVIATION[1], RATE_DEVIATION[0])
     P0 = np.diag(np.square(layout.vector(0.0, rates * q, **known)))
     P0[np.ix_(layout.a, layout.a)] = of_plays + np.diag(own**2)

@@ -255,6 +255,7 @@ def _simulate(
     controller = AdaptiveController.from_settings(simulation.controller)
     feasibility.raise_slew(wave, controller)
     pair = controller._kernel.native(), plant._plant.native()
+    strain = controller.strain(wave.position)
     segment = max(SEGMENT // per_tick, 1)
     noise = buffers.take("noise", segment * per_tick)
     for start in range(0, len(wave), segment):
@@ -263,7 +264,9 @@ def _simulate(
         part = slice(start, min(start + segment, len(wave)))
         numbers = noise[: (part.stop - start) * per_tick]
         plant._noise.fill(numbers)
-        _loops.run(*pair, wave.position[part], wave.velocity[part], numbers, *(rows[name][part] for name in SIMULATED))
+        acceleration, ahead = (None, None) if strain is None else (wave.acceleration[part], strain[part])
+        motion = wave.position[part], wave.velocity[part], acceleration, ahead
+        _loops.run(*pair, *motion, numbers, *(rows[name][part] for name in SIMULATED))
         controller._kernel.require_reach()
 
 

@@ -143,13 +143,13 @@ def run(
     metadata = about(trajectory, controller, actuator, timing) | {"notices": list(notices)}
     log = _Log(trajectory, controller, timing)
     command, adapt = controller.command, controller.adapt
-    z_d, zdot_d, volts = trajectory.position.tolist(), trajectory.velocity.tolist(), log.rows["volts"]
+    desired, volts = wanted(trajectory, controller), log.rows["volts"]
     end, done = len(trajectory), 0
     try:
         for start in range(0, end, timing.block):
             stop = min(start + timing.block, end)
             for k in range(start, stop):
-                volts[k] = command(z_d[k], zdot_d[k])
+                volts[k] = command(*desired[k])
                 log.ticks.commanded(k)
             measured = _checked(actuator.exchange(volts[start:stop]), stop - start)
             for _, z, ago in log.ticks.answers(start, stop, measured, getattr(actuator, "truth", None)):
@@ -161,6 +161,14 @@ def run(
         metadata["interrupted"] = repr(error)
         raise RunInterrupted(log.recording(done, metadata, controller, actuator), error) from error
     return log.recording(done, metadata, controller, actuator)
+
+
+def wanted(trajectory: Trajectory, controller: Any) -> list[tuple[float, ...]]:
+    """The arguments of `command`, tick by tick: acceleration and strain, too, of a controller that knows its stage."""
+    motion = [trajectory.position, trajectory.velocity]
+    strain = controller.strain(trajectory.position) if hasattr(controller, "strain") else None
+    motion += [] if strain is None else [trajectory.acceleration, strain]
+    return list(zip(*(array.tolist() for array in motion), strict=True))
 
 
 def _check_types(trajectory: Trajectory, controller: Controller, actuator: Actuator, progress: Any) -> None:

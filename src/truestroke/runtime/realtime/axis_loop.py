@@ -121,7 +121,7 @@ class AxisLoop:
         self.axis, self.lost, self.zero = axis, 0, 0.0
         controller: Any = axis.controller
         self._controller, self._command, self._adapt = controller, controller.command, controller.adapt
-        self._motion = motion(axis.trajectory, shared.targets[channel : channel + 1])
+        self._motion = motion(axis.trajectory, shared.targets[channel : channel + 1], controller)
         self._size, self._shared, self._channel = shared.layout.size, shared, channel
         rows = dict(zip(FIELDS, shared.ring[channel], strict=True))
         self._ticks = TickRecorder(controller, timing, {name: rows[name] for name in TICK}, shared.slow[channel])
@@ -151,9 +151,9 @@ class AxisLoop:
     def command(self, start: int, stop: int, volts: FloatArray) -> None:
         """The voltages of ticks `start` to `stop`; a longer block holds the last one."""
         for i, k in enumerate(range(start, stop)):
-            (z_d, zdot_d), row = self._motion(k), k % self._size
-            volts[i] = self._command(z_d, zdot_d)
-            self._desired[row], self._velocity[row] = z_d, zdot_d
+            desired, row = self._motion(k), k % self._size
+            volts[i] = self._command(*desired)
+            self._desired[row], self._velocity[row] = desired[:2]
             if self._flat is not None:
                 self._mark[row] = self._flat[k]
             self._ticks.commanded(k)

@@ -7,11 +7,12 @@ from dataclasses import dataclass, field
 
 from truestroke.base import checks
 from truestroke.base.typing import FloatArray
+from truestroke.runtime.loop import wanted
 from truestroke.signals.trajectories import Trajectory
 
 UNIT = 2**32  # of whole numbers in a um: their sums are exact, however long a run lasts
 
-Motion = Callable[[int], tuple[float, float]]
+Motion = Callable[[int], tuple[float, ...]]
 """Tick k, which never goes back, to desired displacement (um) and velocity (um/s)."""
 
 
@@ -116,12 +117,12 @@ class _Pursuit:
         self._tick += 1
 
 
-def motion(trajectory: Trajectory | SetPoint, target: memoryview[float]) -> Motion:
-    """Of a trajectory its entries, of a set-point the way to `target`."""
+def motion(trajectory: Trajectory | SetPoint, target: memoryview[float], controller: object) -> Motion:
+    """The arguments of `command`: of a trajectory its entries, of a set-point the way to `target`."""
     if isinstance(trajectory, SetPoint):
         return trajectory.motion(target)
-    z_d, zdot_d = numbers(trajectory.position), numbers(trajectory.velocity)
-    return lambda k: (z_d[k], zdot_d[k])
+    desired = wanted(trajectory, controller)
+    return lambda k: desired[k]
 
 
 def numbers(array: FloatArray) -> memoryview[float]:

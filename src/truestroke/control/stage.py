@@ -1,0 +1,288 @@
+"""The stage's dynamics as the controller uses them: coefficients for the kernel, the strain that a motion needs.
+
+The voltage acts through the hysteresis on the strain, the strain through the stage G on the displacement. Three things
+follow from G, of `model.dynamics.Dynamics`:
+
+- *The command* asks the hysteresis for the strain G^-1 z_d in place of z_d: `strain` where the motion is known ahead,
+  by the first terms of 1 / G, in velocity and acceleration, where it is not.
+- *Adaptation* passes the regressor through A G and the measurement through A, so that both stay in their linear
+  relation. A has its zeros at the poles of the first mode; without it the law would learn little but the resonance.
+- *The innovation*, from which the noise and spikes are taken, is the measurement less what G gives for the strain of
+  the model.
+
+With exact poles p of G(s), each exp(p T), the numerators follow from the exact response in closed form; here they are
+fitted to it, which is the same to 1e-9.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from truestroke.base.checks import SettingError
+from truestroke.base.typing import ComplexArray, FloatArray
+from truestroke.model.dynamics import Dynamics
+
+TAPS = 5  # TS_TAPS of the kernel
+DIRECT = 3  # of G beside its sections
+POINTS = 400  # at which the response is fitted
+EXACT = 1e-4  # largest error of a fit, relative to the static gain
+APART = 1e-3  # of poles: nearer ones are fitted as if they were so far apart
+SLOW = 0.02, 0.04  # of the first resonance: where 1 / G is expanded
+INVERTED = (
+    1.5,
+    2.5,
+)  # of the first resonance: up to the first the motion is inverted in full, above the second not at all
+VISIBLE = 0.3, 0.45  # of the sample rate: the same bounds where it is low
+QUIET = 0.2  # s: rest before and after a motion, for its inversion
+
+
+def members(dynamics: Dynamics) -> dict[str, Any]:
+    """The members of ts_settings.dynamics in c/include/truestroke.h.
+
+    Parameters
+    ----------
+    dynamics : Dynamics
+        Of the stage, with the sample rate of the controller.
+
+    Returns
+    -------
+    dict
+        By the names of the members, "dynamics.known" and so on.
+
+    Raises
+    ------
+    SettingError
+        Poles are too near each other to be told apart.
+
+    Examples
+    --------
+    >>> from truestroke.model.dynamics import Mode
+    >>> stage = Dynamics(sample_rate=10000.0, modes=(Mode(frequency=700.0, damping=0.02),), dead_time=2.5e-4)
+    >>> found = members(stage)
+    >>> found["dynamics.dead"], [round(x, 3) for x in found["dynamics.section"][0][2:]]
+    (2, [-1.794, 0.983])
+    """
+    sections = _sections(dynamics)
+    dead = max(0, math.floor((dynamics.dead_time + dynamics.sensor_delay) * dynamics.sample_rate + 1e-9))
+    f = (np.arange(POINTS) + 0.5) / POINTS * dynamics.sample_rate / 2
+    q = np.exp(-2j * math.pi * f / dynamics.sample_rate)
+    G = dynamics.response(f, sensor=True) / q**dead
+    a1, a2 = sections[0]
+    notch = np.array([1.0, a1, a2]) / (1 + a1 + a2)
+    direct, own = _numerators(G, q, sections, DIRECT)
+    # behind the first mode everything is small, and there the fit need not be as good
+    weight = 1 / (1 + (f / dynamics.modes[0].frequency) ** 2)
+    tap, rest = _numerators(G * _polynomial(notch, q), q, sections[1:], TAPS, weight)
+    return {
+        "dynamics.known": True,
+        "dynamics.sections": len(own),
+        "dynamics.section": own,
+        "dynamics.direct": direct,
+        "dynamics.dead": dead,
+        "dynamics.notch": notch.tolist(),
+        "dynamics.tap": tap,
+        "dynamics.others": len(rest),
+        "dynamics.rest": rest,
+        "dynamics.lead": _expansion(1 / dynamics.response(_slow(dynamics)), dynamics),
+        "dynamics.sensor": _expansion(
+            dynamics.response(_slow(dynamics), sensor=True) / dynamics.response(_slow(dynamics)), dynamics
+        ),
+    }
+
+
+NOT_KNOWN: dict[str, Any] = {
+    "dynamics.known": False,
+    **dict.fromkeys(("dynamics.sections", "dynamics.dead", "dynamics.others"), 0),
+    **{f"dynamics.{name}": [] for name in ("section", "direct", "notch", "tap", "rest", "lead", "sensor")},
+}
+"""The members of a controller that does not know the stage."""
+
+
+def _sections(dynamics: Dynamics) -> list[tuple[float, float]]:
+    """a1, a2 of 1 + a1 q^-1 + a2 q^-2: of each mode, and of each lag, whose a2 is 0."""
+    found = []
+    for mode in dynamics.modes:
+        w = 2 * math.pi * mode.frequency / dynamics.sample_rate
+        radius = math.exp(-mode.damping * w)
+        found.append((-2 * radius * math.cos(w * math.sqrt(1 - mode.damping**2)), radius**2))
+    lags: list[float] = []
+    for corner in (dynamics.amplifier_bandwidth, dynamics.sensor_bandwidth):
+        if corner:
+            pole = math.exp(-2 * math.pi * corner / dynamics.sample_rate)
+            lags.append(pole * (1 - APART) if any(abs(pole - lag) < APART * lag for lag in lags) else pole)
+    return found + [(-pole, 0.0) for pole in lags]
+
+
+def _polynomial(coefficients: FloatArray, q: ComplexArray) -> ComplexArray:
+    return np.asarray(np.polyval(coefficients[::-1], q))
+
+
+def _numerators(
+    response: ComplexArray,
+    q: ComplexArray,
+    sections: Sequence[tuple[float, float]],
+    taps: int,
+    weight: FloatArray | float = 1.0,
+) -> tuple[list[float], list[list[float]]]:
+    """Taps, and [b0, b1, a1, a2] of each section, whose sum is the response at q = exp(-j w T)."""
+    columns = [q**k for k in range(taps)]
+    for a1, a2 in sections:
+        denominator = 1 + a1 * q + a2 * q * q
+        columns += [1 / denominator, q / denominator] if a2 else [1 / denominator]
+    basis = np.array(columns).T * np.reshape(weight, (-1, 1)) * np.ones((q.size, 1))
+    scale, wanted = np.abs(basis).max(axis=0), response * weight
+    equations = np.vstack([basis.real, basis.imag]) / scale
+    numbers = np.linalg.lstsq(equations, np.concatenate([wanted.real, wanted.imag]), rcond=None)[0] / scale
+    if (error := float(np.abs(basis @ numbers - wanted).max())) > EXACT:
+        words = "of poles that can be told apart from each other: leave out the mode or lag that matters least"
+        raise SettingError("dynamics", f"an error of {error:.2g} in their difference equation", words)
+    found, rest = [], numbers[taps:].tolist()
+    for a1, a2 in sections:
+        b0, b1 = rest.pop(0), rest.pop(0) if a2 else 0.0
+        found.append([b0, b1, a1, a2])
+    return numbers[:taps].tolist(), found
+
+
+def _slow(dynamics: Dynamics) -> FloatArray:
+    return np.array(SLOW) * dynamics.modes[0].frequency
+
+
+def _expansion(response: ComplexArray, dynamics: Dynamics) -> list[float]:
+    """c1 (s) and c2 (s^2) of 1 + c1 s + c2 s^2 near 0 Hz, from the response at `_slow`."""
+    w = 2 * math.pi * _slow(dynamics)
+    first, second = response.imag / w, (1 - response.real) / w**2
+    r = (w[1] / w[0]) ** 2  # the next terms are of the order w^2 times these: extrapolated to 0 Hz
+    return [float((r * c[0] - c[1]) / (r - 1)) for c in (first, second)]
+
+
+def strain(dynamics: Dynamics, position: FloatArray) -> FloatArray:
+    """The strain G^-1 z_d that the hysteresis should give so that the stage moves as desired.
+
+    The whole motion is known: the inverse looks ahead, by as much as the stage is late. Frequencies above 1.5 first
+    resonances are inverted less and less, above 2.5 they are left out: no stage follows there.
+
+    Parameters
+    ----------
+    dynamics : Dynamics
+        Of the stage, with the sample rate of the motion.
+    position : ndarray, shape (ticks,)
+        Desired displacement z_d, um; at rest before the first tick.
+
+    Returns
+    -------
+    ndarray, shape (ticks,)
+        um
+
+    Examples
+    --------
+    A sine of half the resonance needs three quarters of its amplitude, and 0.4 % for the hold of each tick:
+
+    >>> from truestroke.model.dynamics import Mode
+    >>> stage = Dynamics(sample_rate=10000.0, modes=(Mode(frequency=700.0, damping=0.001),))
+    >>> time = np.arange(20000) / 10000.0
+    >>> wave = np.clip(time / 0.5, 0, 1) * np.sin(2 * np.pi * 350.0 * time)
+    >>> round(float(np.abs(strain(stage, wave)[10000:15000]).max()), 3)
+    0.753
+    """
+    rate, first = dynamics.sample_rate, dynamics.modes[0].frequency
+    quiet = round(QUIET * rate)
+    size = 2 ** math.ceil(math.log2(position.size + 2 * quiet))
+    extended = np.full(size, position[0])
+    extended[quiet : quiet + position.size] = position
+    extended[quiet + position.size :] = _way_back(position, size - quiet - position.size, rate)
+    f = np.fft.rfftfreq(size, 1 / rate)
+    low, high = (min(a * first, b * rate) for a, b in zip(INVERTED, VISIBLE, strict=True))
+    passed = 0.5 + 0.5 * np.cos(math.pi * np.clip((f - low) / (high - low), 0.0, 1.0))
+    inverse = np.zeros_like(passed, dtype=complex)
+    inside = passed > 0
+    inverse[inside] = passed[inside] / dynamics.response(f[inside])
+    return np.fft.irfft(np.fft.rfft(extended) * inverse, size)[quiet : quiet + position.size]
+
+
+def _way_back(position: FloatArray, ticks: int, rate: float) -> FloatArray:
+    """From the end of a motion to its start, so that it is periodic: the last velocity decays, then a smooth move."""
+    after = np.arange(1, ticks + 1)
+    decay = 0.01 * rate  # ticks
+    last = position[-1] - position[-2] if position.size > 1 else 0.0
+    along = position[-1] + last * decay * -np.expm1(-after / decay)
+    u = np.clip(2 * after / ticks - 1, 0.0, 1.0)
+    back = u**3 * (10.0 + u * (6.0 * u - 15.0))
+    return np.asarray(along * (1 - back) + position[0] * back)
+
+
+class Stage:
+    """The stage in the loop, tick by tick: what the kernel does in `expected`, `notched` and `pass_stage`.
+
+    Parameters
+    ----------
+    known : mapping
+        What `members` gave.
+    parameters : int
+        Number of weights.
+
+    Attributes
+    ----------
+    strain : dict of int to float
+        Of the ticks that were commanded: what the model's hysteresis gives, um.
+    ticks : int
+        Whose measurement was used, or passed over.
+    """
+
+    def __init__(self, known: dict[str, Any], parameters: int) -> None:
+        get = {name.removeprefix("dynamics."): value for name, value in known.items()}
+        self.dead: int = get["dead"]
+        self._sections, self._direct, self._notch = get["section"], get["direct"], get["notch"]
+        self._tap, self._rest, self.lead, self.sensor = get["tap"], get["rest"], get["lead"], get["sensor"]
+        self.strain: dict[int, float] = {}
+        self.ticks = 0
+        self._outputs = [[0.0, 0.0] for _ in self._sections]
+        self._z = [0.0, 0.0]
+        self._taps = np.zeros((TAPS, parameters))  # the last row stays 0
+        self._states = np.zeros((len(self._rest), 2, parameters))
+        self._started = False
+
+    def expected(self) -> float:
+        """G: the measurement that the model expects of the next tick, um. At rest before the first one."""
+        u = [self.strain[max(self.ticks - self.dead - i, 0)] for i in range(4)]
+        z = 0.0
+        for (b0, b1, a1, a2), y in zip(self._sections, self._outputs, strict=True):
+            if self.ticks == 0:
+                y[0] = y[1] = (b0 + b1) * u[0] / (1 + a1 + a2)
+            y[0], y[1] = b0 * u[0] + b1 * u[1] - a1 * y[0] - a2 * y[1], y[0]
+            z += y[0]
+        for tap, entry in zip(self._direct, u, strict=False):
+            z += tap * entry
+        return z
+
+    def notched(self, z: float) -> float:
+        """A: the measurement without the first mode, um; the next tick."""
+        if self.ticks == 0:
+            self._z = [z, z]
+        y: float = self._notch[0] * z + self._notch[1] * self._z[0] + self._notch[2] * self._z[1]
+        self._z = [z, self._z[0]]
+        self.strain.pop(self.ticks - self.dead - 4, None)
+        self.ticks += 1
+        return y
+
+    def passed(self, u: FloatArray) -> FloatArray:
+        """A G: the regressor as the measurement without the first mode shows it; at rest before the first tick."""
+        s, tap = self._taps, self._tap
+        if not self._started:
+            for k in range(TAPS - 2, -1, -1):
+                s[k] = s[k + 1] + tap[k + 1] * u
+        y = s[0] + tap[0] * u
+        for k in range(TAPS - 1):
+            s[k] = s[k + 1] + tap[k + 1] * u
+        for (b0, b1, a1, a2), t in zip(self._rest, self._states, strict=True):
+            if not self._started:
+                rest = 0.0 + (b0 + b1) / (1 + a1 + a2) * u
+                t[1] = 0.0 + -a2 * rest
+                t[0] = t[1] + b1 * u + -a1 * rest
+            out = t[0] + b0 * u
+            t[0] = t[1] + b1 * u + -a1 * out
+            t[1] = 0.0 + -a2 * out
+            y = y + 1.0 * out
+        self._started = True
+        return np.asarray(y)
