@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from truestroke import AdaptiveController, ControllerSettings, SettingError
+from truestroke import AdaptiveController, ControllerSettings, Dynamics, Mode, SettingError
 from truestroke.plant import RealisticPlant
 from truestroke.signals.trajectories import random_wave
 
@@ -73,8 +73,11 @@ def test_settings_are_frozen_complete_and_of_the_kernel_s_size() -> None:
     settings = AdaptiveController(**BASIC).settings
     with pytest.raises(dataclasses.FrozenInstanceError):
         settings.forgetting = 0.5  # type: ignore[misc]
-    assert all(value is not None for value in settings.to_dict().values())
+    assert [name for name, value in settings.to_dict().items() if value is None] == ["dynamics"]
     assert ControllerSettings(**settings.to_dict()) == settings
+    stage = Dynamics(sample_rate=2000.0, modes=(Mode(frequency=500.0, damping=0.02),), uncertainty={"dead_time": 1e-5})
+    known = dataclasses.replace(settings, dynamics=stage, inertia=None, initial_weights=None, prior_covariance=None)
+    assert ControllerSettings(**known.to_dict()) == known
 
 
 def test_paper_is_the_literal_algorithm() -> None:
@@ -109,7 +112,8 @@ def test_the_two_calls_take_numbers_by_place_or_by_name_and_nothing_else() -> No
     assert np.array_equal(controller.weights, other.weights)
     command, adapt = controller.command, controller.adapt
     for call, args, names in [
-        (command, (), {}), (command, (1.0,), {}), (command, (1.0, 2.0, 3.0), {}), (command, (1.0, 2.0), {"z_d": 1.0}),
+        (command, (), {}), (command, (1.0,), {}), (command, (1.0, 2.0, 3.0, 4.0, 5.0), {}),
+        (command, (1.0, 2.0), {"z_d": 1.0}), (command, (1.0, 2.0, "3"), {}), (command, (1.0, 2.0, np.nan), {}),
         (command, (1.0,), {"rate": 1.0}), (command, ("1", 2.0), {}), (command, (1.0, None), {}),
         (adapt, (), {}), (adapt, (1.0, 0, 0), {}), (adapt, (None,), {}), (adapt, (1.0, 0.5), {}),
     ]:  # fmt: skip

@@ -202,7 +202,7 @@ MISTAKES = {
         lambda: simulation(controller=controller()),
         "controller = .*a ControllerSettings",
     ),
-    "a plant in a simulation": (lambda: simulation(plant=plant.RealisticPlant()), "plant = .*a PlantSettings"),
+    "a plant in a simulation": (lambda: simulation(plant=plant.RealisticPlant()), "plant = .*PlantSettings"),
     "an array in a simulation": (lambda: simulation(trajectory=np.zeros(9)), "trajectory = array.*a Trajectory, or a"),
     "a path to identify": (lambda: truestroke.identify("sweep.csv"), "record = .*must be a Record, as of read_record"),
     "an array to identify": (lambda: truestroke.identify(VOLTS), "record = .*must be a Record"),

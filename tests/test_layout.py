@@ -22,6 +22,7 @@ layouts = st.builds(
     chosen=st.sets(st.integers(0, 5)).map(sorted),
     creep_times=st.sampled_from([(), (0.3,), (0.03, 3.0)]),
     lag=st.booleans(),
+    inertia=st.booleans(),
     offset=st.booleans(),
     asymmetry=st.integers(0, 2),
 )

@@ -8,7 +8,7 @@ import pytest
 import settings_texts
 from mypy import api
 
-from truestroke import AdaptiveController, ControllerSettings, SettingError, _kernel, _kernel32
+from truestroke import AdaptiveController, ControllerSettings, Dynamics, Mode, SettingError, _kernel, _kernel32
 from truestroke.base import declared
 from truestroke.control.reference import ReferenceController
 from truestroke.control.settings import (
@@ -122,6 +122,7 @@ def test_capacities_are_one() -> None:
 OTHERS = {
     "voltage_limits": (-0.5, 3.0),
     "resonance": 500.0,
+    "dynamics": Dynamics(sample_rate=2000.0, modes=(Mode(frequency=500.0, damping=0.02),)),
     "plays": 23,
     "thresholds": tuple(np.linspace(0.0, 2.0, 26)),
     "rate_dependent": (0, 3, 6, 9, 13),

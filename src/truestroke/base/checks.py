@@ -36,7 +36,8 @@ class SettingError(TruestrokeError, ValueError):
 
     def __init__(self, argument: str, value: object, bound: str, unit: str = "") -> None:
         self.argument, self.value, self.bound, self.unit = argument, value, bound, unit
-        super().__init__(f"{argument} = {value}{' ' + unit if unit else ''}: must be {bound}")
+        shown = str(value).partition("\n")[0]  # an object may show itself on a screen
+        super().__init__(f"{argument} = {shown}{' ' + unit if unit else ''}: must be {bound}")
 
 
 @contextmanager

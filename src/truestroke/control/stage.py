@@ -54,7 +54,7 @@ def members(dynamics: Dynamics) -> dict[str, Any]:
     Raises
     ------
     SettingError
-        Poles are too near each other to be told apart.
+        Poles are too near each other.
 
     Examples
     --------
@@ -136,7 +136,7 @@ def _numerators(
     equations = np.vstack([basis.real, basis.imag]) / scale
     numbers = np.linalg.lstsq(equations, np.concatenate([wanted.real, wanted.imag]), rcond=None)[0] / scale
     if (error := float(np.abs(basis @ numbers - wanted).max())) > EXACT:
-        words = "of poles that can be told apart from each other: leave out the mode or lag that matters least"
+        words = "of poles that are further apart: leave out the mode or lag that matters least"
         raise SettingError("dynamics", f"an error of {error:.2g} in their difference equation", words)
     found, rest = [], numbers[taps:].tolist()
     for a1, a2 in sections:

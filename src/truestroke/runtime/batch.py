@@ -264,9 +264,9 @@ def _simulate(
         part = slice(start, min(start + segment, len(wave)))
         numbers = noise[: (part.stop - start) * per_tick]
         plant._noise.fill(numbers)
-        acceleration, ahead = (None, None) if strain is None else (wave.acceleration[part], strain[part])
-        motion = wave.position[part], wave.velocity[part], acceleration, ahead
-        _loops.run(*pair, *motion, numbers, *(rows[name][part] for name in SIMULATED))
+        z_d, zdot_d, zddot_d = (array[part] for array in (wave.position, wave.velocity, wave.acceleration))
+        strain_d = None if strain is None else strain[part]
+        _loops.run(*pair, z_d, zdot_d, zddot_d, strain_d, numbers, *(rows[name][part] for name in SIMULATED))
         controller._kernel.require_reach()
 
 
