@@ -210,10 +210,8 @@ def default_slope_limits(s: ControllerSettings) -> tuple[float, float]:
 
 
 def default_slew_limit(s: ControllerSettings) -> float:
-    """`120 * voltage_range`; with `dynamics` 6 voltage ranges in a period of the first resonance, if that is more.
-
-    `feasibility` raises it for a known motion that needs more.
-    """
+    """`120 * voltage_range`; with `dynamics` 6 voltage ranges in a period of the first resonance, if that is more."""
+    # `feasibility` raises it for a known motion that needs more
     resonance = s.dynamics.modes[0].frequency if s.dynamics is not None else 0.0
     return max(SLEW, SLEW_OF_RESONANCE * resonance) * s.voltage_range
 
