@@ -477,9 +477,9 @@ class ControllerSettings(Displayed, Layout):
         Examples
         --------
         >>> s = ControllerSettings(sample_rate=2000.0, stroke=30.0, voltage_limits=(-0.6, 3.6))
-        >>> slew = next(row for row in s.describe() if row["name"] == "slew_limit")
-        >>> slew["value"], slew["unit"], slew["default"], slew["kernel"]
-        (504.0, 'V/s', '`120 * voltage_range`', ['slew'])
+        >>> limit = next(row for row in s.describe() if row["name"] == "measurement_limit")
+        >>> limit["value"], limit["unit"], limit["default"], limit["kernel"]
+        (300.0, 'um', '`10 * stroke`', ['measurement_limit'])
         """
         return declared.described(self, SETTINGS)
 

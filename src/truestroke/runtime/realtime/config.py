@@ -123,7 +123,7 @@ def job(document: Mapping[str, Any], folder: Path) -> Job:
     Traceback (most recent call last):
         ...
     truestroke.SettingError: driver.blok = 5: must be left out; did you mean block? There are name, sample_rate, \
-block, latency, channels, seed, hardware_timed, register, plant, faults
+block, latency, channels, seed, hardware_timed, register, plant, stage, faults
     """
     read = toml.decode(Document, document)
     made, rate = driver(read.driver)
