@@ -7,7 +7,7 @@ import click
 from truestroke.base.exit_codes import ExitCode
 from truestroke.cli import common, results
 
-SLOW, FAST = ("adaptive", "paper"), ("unknown",)  # controllers of the two halves of the study
+SLOW, FAST = ("adaptive", "paper"), ("measured", "known", "unknown")  # controllers of the two halves of the study
 
 
 def _names(context: click.Context, option: click.Parameter, value: str | None) -> tuple[str, ...]:
@@ -15,11 +15,13 @@ def _names(context: click.Context, option: click.Parameter, value: str | None) -
     fast = context.params["fast"]
     some = FAST if fast else SLOW
     if value is None:
-        return some
+        return ("measured", "unknown") if fast else SLOW
     names = tuple(dict.fromkeys(value.split(",")))
     for name in names:
         if name not in some:
             raise click.BadParameter(f"{name!r} is not one of {', '.join(some)}.")
+    if {"measured", "known"} <= set(names):
+        raise click.BadParameter("measured and known are for two runs of the study.")
     return names
 
 
@@ -28,7 +30,7 @@ def _names(context: click.Context, option: click.Parameter, value: str | None) -
 @click.option("--seed", metavar="N", type=click.IntRange(0), default=0, help="Of all that is sampled.")
 @click.option("--fast", is_flag=True, is_eager=True, help="Stages of 50 to 2000 Hz, and motions up to half of that.")
 @click.option("--controllers", metavar="NAMES", callback=_names, help="Of adaptive, paper; with --fast "
-              "unknown: the dynamics.")  # fmt: skip
+              "of measured or known, unknown: the dynamics.")  # fmt: skip
 @click.option("--half", type=click.Choice(["all", "seen", "unseen"]), default="all", help="Even numbers are seen, for "
               "tuning; odd ones are not.")  # fmt: skip
 @click.option("--workers", metavar="N", type=click.IntRange(1), default=2, help="Threads.")
@@ -47,7 +49,7 @@ def robustness(
     median, 95th percentile and worst of the errors of the default controller and the paper's; writes a page.
 
     With --fast: stages with modes, lag, dead time and hystereses of three structures, in motions up to half of the
-    first resonance.
+    first resonance; the dynamics are measured before, or unknown.
     """
     if only is not None:
         return _one(seed, only, controllers[0], fast, output, plots, as_json)

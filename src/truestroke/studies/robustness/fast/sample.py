@@ -22,8 +22,8 @@ from truestroke.studies.engine import Run
 RATES = (5_000.0, 10_000.0, 20_000.0)  # Hz
 SEEN = 0.12  # of the sample rate: the highest first resonance
 HIGHEST_MODE = 0.4  # of the sample rate: a second mode is below
-CONTROLLERS = ("unknown",)
-REACH = {"unknown": 1 / 3}  # controller -> highest frequency over f0
+CONTROLLERS = ("measured", "unknown")
+REACH = {"measured": 1 / 2, "known": 1 / 2, "unknown": 1 / 3}  # controller -> highest frequency over f0
 TRAVEL = 0.25, 0.9  # of the stroke: where motions are
 DURATION = 4.0  # s of a motion
 RAMP = 0.3  # s of its beginning
@@ -94,7 +94,17 @@ def stage_of(run: Run) -> StageSettings:
     return cast(StageSettings, run.plant)
 
 
+def measured(stage: StageSettings, seed: int) -> Dynamics:
+    """The dynamics as `truestroke.measure_dynamics` finds them on this stage, before anything else."""
+    from truestroke.identification.dynamics import measure_dynamics
+
+    still = dataclasses.replace(stage, resonance_change=1.0, resonance_drift=0.0)
+    return measure_dynamics(StagePlant(still, seed), voltage_limits=stage.voltage_limits)
+
+
 DYNAMICS: dict[str, Callable[[StageSettings, int], Dynamics | None]] = {
+    "measured": measured,
+    "known": lambda stage, _: stage.dynamics(),
     "unknown": lambda _, __: None,
 }
 

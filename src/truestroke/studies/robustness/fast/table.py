@@ -161,19 +161,24 @@ def held(run: FastRun, controller: str) -> FloatArray:
     stage, rate = stage_of(run), stage_of(run).sample_rate
     learning = round(LEARNING * rate)
     late = dataclasses.replace(stage, resonance_change_time=stage.resonance_change_time + learning / rate)
-    slow, whole = _after_a_slow_wave(run, controller, learning)
+    whole = _after_a_slow_wave(run, controller, learning)
     adaptive = AdaptiveController.from_settings(run.controllers[controller])
     plant = StagePlant(late, run.seed)
-    for z_d, zdot_d in zip(slow.position.tolist(), slow.velocity.tolist(), strict=True):
-        adaptive.adapt(float(plant.exchange(np.array([adaptive.command(z_d, zdot_d)]))[0]))
-    adaptive.hold()
-    volts = adaptive.process(whole.position[learning:], whole.velocity[learning:])
-    plant.exchange(volts)
+    strain = adaptive.strain(whole.position)
+    motion = zip(whole.position.tolist(), whole.velocity.tolist(), whole.acceleration.tolist(), strict=True)
+    volts = np.empty(len(whole))
+    for k, (z_d, zdot_d, zddot_d) in enumerate(motion):
+        volts[k] = adaptive.command(z_d, zdot_d, zddot_d, None if strain is None else float(strain[k]))
+        if k < learning:
+            adaptive.adapt(float(plant.exchange(volts[k : k + 1])[0]))
+        elif k == learning:
+            adaptive.hold()
+    plant.exchange(volts[learning:])
     return plant.truth
 
 
-def _after_a_slow_wave(run: FastRun, controller: str, learning: int) -> tuple[Trajectory, Trajectory]:
-    """The slow wave, and the same with the motion behind it."""
+def _after_a_slow_wave(run: FastRun, controller: str, learning: int) -> Trajectory:
+    """A slow wave, and the motion behind it."""
     stage, rate = stage_of(run), stage_of(run).sample_rate
     tones = run.tones[controller]
     time = np.arange(learning + len(run.motions[controller])) / rate
@@ -183,9 +188,7 @@ def _after_a_slow_wave(run: FastRun, controller: str, learning: int) -> tuple[Tr
     still = (np.zeros_like(time),) * 3
     slow: Motion = blended(still, wave, time)
     both = blended(slow, tones.at(time - learning / rate), time - learning / rate)
-    whole = Trajectory("slow, then fast", rate, *both[:2], {}, both[2])
-    first = [one[:learning] for one in slow]
-    return Trajectory("slow", rate, first[0], first[1], {}, first[2]), whole
+    return Trajectory("slow, then fast", rate, *both[:2], {}, both[2])
 
 
 @dataclass(frozen=True, kw_only=True)
