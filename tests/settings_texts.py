@@ -37,7 +37,8 @@ def options() -> str:
     """Keywords of controllers as `TypedDict`s: those that may change while running, and all but the three first."""
     lines = [
         '"""Keywords of controllers for type checkers; written by tests/settings_texts.py from the declaration."""\n',
-        "from typing import Literal, TypedDict\n",
+        "from typing import Literal, TypedDict\n\n"
+        "from truestroke.control.feedback import Feedback\n"
         "from truestroke.model.dynamics import Dynamics\n\n",
         "class ChangeableOptions(TypedDict, total=False):",
         '    """Members of `ControllerSettings` that may change while running, but `voltage_limits`."""\n',

@@ -694,7 +694,7 @@ static bool measure(ts_controller *c, ts_real z)
     ts_real error = z - (d->z_d + g->sensor[0] * d->zdot_d + g->sensor[1] * d->zddot_d);
     /* The trim: at a voltage limit only away from it; the slew limit only delays. */
     if (used && (!limited || back)) c->integral -= s->trim * error;
-    feed_back(c, used ? -error : 0);
+    feed_back(c, used && (!limited || back) ? -error : 0); /* no wind-up at a limit */
     if (!used) ts_oscillation_miss(&c->oscillation, &s->oscillation, &error);
     else if (s->law == TS_LAW_KALMAN && s->oscillation.tick > 0 && !staged) watch_stage(c, error, d->zdot_d, limited);
     return used;

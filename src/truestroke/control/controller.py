@@ -428,6 +428,8 @@ class AdaptiveController(Displayed):
             raise SettingError(name, given[name], words, SETTINGS[name].unit)
         if "resonance" in given:  # what follows from it, where it is not given
             given = {"filter_frequency": None, "smoothing_time": None, **given}
+        if "latency" in given or "hum" in given:
+            given = {"feedback": None, **given}
         changed = dataclasses.replace(self.settings, **given)
         with _as_setting(changed):
             self._kernel.change(kernel_settings(changed))

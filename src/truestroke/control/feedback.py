@@ -32,6 +32,7 @@ from truestroke.base.verdict import Level, Verdict
 from truestroke.model.dynamics import SEEN, Dynamics
 
 LINES = 6  # of hum, at most: TS_FEEDBACKS of the kernel less two
+ANY = 1e9  # a gain margin that has no end: finite, so that it can be written to any file
 MOST = 0.1  # of the stroke: of the sum of the bank
 PEAK = 2.0  # of |S|, at most, for all gains and resonances below
 RESERVED = 0.85  # of it, for the choice beside hum: the rest is for the resonators
@@ -74,9 +75,9 @@ class Feedback(Displayed):
     damping : float
         |1 + L(f0)| of integrator and biquad: by how much the first resonance is lower.
     gain_margin : float
-        Factor by which the gain may rise, or fall if that is nearer, until the loop is unstable; inf: any.
+        Factor by which the gain may rise, or fall if that is nearer, until the loop is unstable; 1e9: any.
     phase_margin : float
-        deg; inf where |L| does not cross 1.
+        deg; 180 where |L| does not cross 1.
     sensitivity_peak : float
         Largest |S| at any frequency, for all gains from 0.7 to 1.3 and resonances within 5 % of the dynamics.
     bandwidth_hz : float
@@ -101,8 +102,8 @@ class Feedback(Displayed):
     most: float = 0.0
     hum: tuple[float, ...] = ()
     damping: float = 1.0
-    gain_margin: float = math.inf
-    phase_margin: float = math.inf
+    gain_margin: float = ANY
+    phase_margin: float = 180.0
     sensitivity_peak: float = 1.0
     bandwidth_hz: float = 0.0
     noise_gain: float = 0.0
@@ -136,6 +137,8 @@ class Feedback(Displayed):
         return Verdict.of((level, reason) for reason in self.reasons)
 
     def _display(self) -> tuple[str, Rows]:
+        if not self.filters:
+            return "Feedback: none", [("left out", reason) for reason in self.reasons]
         rows = [
             ("gain margin", quantity(float(f"{self.gain_margin:.3g}"))),
             ("phase margin", quantity(float(f"{self.phase_margin:.3g}"), "deg")),
@@ -203,7 +206,7 @@ def design(
     latency = checks.count("latency", latency, 0, 20)
     stroke = checks.sized("stroke", stroke, "um")
     noise = 1e-3 * stroke if noise is None else checks.within("noise", noise, 0.0, stroke, "um")
-    lines = _lines(hum, dynamics.sample_rate)
+    lines = lines_of(hum, dynamics.sample_rate)
     rough, fine = _plants(dynamics, latency, RESONANCES, (), 60), _plants(dynamics, latency, CLOSER, lines, 150)
     peak = RESERVED * PEAK if lines else PEAK
     filters = _best(dynamics, latency, (rough, fine), peak, noise, stroke)
@@ -367,7 +370,7 @@ def _refusal(dynamics: Dynamics, latency: int) -> str:
 # ---- Hum -------------------------------------------------------------------------------------------------------------
 
 
-def _lines(hum: float | Sequence[float], rate: float) -> tuple[float, ...]:
+def lines_of(hum: float | Sequence[float], rate: float) -> tuple[float, ...]:
     """The lines of the mains below 0.45 of the sample rate, Hz."""
     if isinstance(hum, Sequence | np.ndarray):
         lines = [checks.positive("hum", line, "Hz") for line in hum]
@@ -441,9 +444,9 @@ def margins(L: ComplexArray) -> tuple[float, float]:
     a, b = here[crosses], after[crosses]
     real = (a.real * b.imag - b.real * a.imag) / (b.imag - a.imag)
     factors = -1 / real[real < 0]
-    gain = float(factors[np.abs(np.log(factors)).argmin()]) if factors.size else math.inf
+    gain = float(factors[np.abs(np.log(factors)).argmin()]) if factors.size else ANY
     size = np.log(np.abs(L))
     unity = size[:-1] * size[1:] < 0
     share = size[:-1][unity] / (size[:-1] - size[1:])[unity]
     angle = np.angle(-here[unity]) + share * np.angle(after[unity] / here[unity])
-    return gain, float(np.degrees(np.abs(angle).min())) if angle.size else math.inf
+    return gain, float(np.degrees(np.abs(angle).min())) if angle.size else 180.0

@@ -2,6 +2,7 @@
 
 from typing import Literal, TypedDict
 
+from truestroke.control.feedback import Feedback
 from truestroke.model.dynamics import Dynamics
 
 
@@ -9,6 +10,9 @@ class ChangeableOptions(TypedDict, total=False):
     """Members of `ControllerSettings` that may change while running, but `voltage_limits`."""
 
     resonance: float
+    latency: int
+    hum: tuple[float, ...]
+    feedback: Feedback | None
     dead_zone_weights: tuple[float, ...]
     rate_scale: float | None
     prior_return_time: float

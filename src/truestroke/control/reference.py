@@ -307,7 +307,7 @@ class ReferenceController(Displayed):
         # The trim: at a voltage limit only away from it; the slew limit only delays.
         if used and (not limited or beyond):
             self._integral -= self._c["trim"] * error
-        self._feed_back(-error if used else 0.0)
+        self._feed_back(-error if used and (not limited or beyond) else 0.0)  # no wind-up at a limit
         if not used:
             self._stage.detector.miss(error)
         elif path is None:

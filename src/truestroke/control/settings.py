@@ -11,13 +11,14 @@ from typing import Any, Literal, Unpack
 
 import numpy as np
 
-from truestroke.base import checks, declared
+from truestroke.base import checks, declared, toml
 from truestroke.base.checks import SettingError
 from truestroke.base.declared import FOLLOWS, HUGE, SHARE, Bound, Setting, Times, between, bound, sized, whole
 from truestroke.base.display import Displayed, Rows
 from truestroke.base.typing import FloatArray
-from truestroke.control import stage
+from truestroke.control import feedback, stage
 from truestroke.control.adaptation import RETURN_EVERY
+from truestroke.control.feedback import Feedback
 from truestroke.control.options import SettingsOptions
 from truestroke.model import layout, prior
 from truestroke.model.dynamics import Dynamics
@@ -34,7 +35,6 @@ SMOOTHING = 0.72e-3  # s: smoothing_time where no resonance is known
 SMOOTHING_PERIODS = 0.216  # of the resonance: the same ratio to the corner of the law's filter
 FILTER_SHARE = 1.2  # of the first resonance: corner of the law's filter where the stage is known
 LAG_SHARE, INERTIA_SHARE = 0.01, 0.05  # of 1 / w0 and 1 / w0^2: what may be missing in known dynamics, one deviation
-NO_FEEDBACK: dict[str, Any] = {"feedback.filters": 0, "feedback.filter": [], "feedback.most": 0.0}
 SLEW = 120.0  # voltage ranges a second
 SLEW_OF_RESONANCE = 6.0  # voltage ranges in a period of the resonance
 MOTION_RATE = 10.0  # 1/s: how fast the means of the motion follow
@@ -73,6 +73,30 @@ def _dynamics(s: ControllerSettings, name: str, value: Any, unit: str) -> Dynami
         value = Dynamics.from_dict(value)
     words = "a Dynamics, such as of truestroke.measure_dynamics(actuator), or the path of its file"
     return checks.instance(name, value, Dynamics, words).check_rate(s.sample_rate)
+
+
+@bound("lines of the mains, Hz: 50 means 50, 100 and 150; () is none")
+def _hum(s: ControllerSettings, name: str, value: Any, unit: str) -> tuple[float, ...]:
+    lines = feedback.lines_of(value, s.sample_rate)
+    if lines and s.dynamics is None:
+        raise SettingError(name, lines, "() where the dynamics are not known: give dynamics=, or leave it out", unit)
+    return lines
+
+
+@bound("a Feedback, True for its design from the dynamics, False for none")
+def _feedback(s: ControllerSettings, name: str, value: Any, unit: str) -> Feedback:
+    none = Feedback(sample_rate=s.sample_rate, latency=s.latency)
+    if isinstance(value, Mapping):
+        value = toml.decode(Feedback, value)
+    if value is False or (value is True and s.dynamics is None):
+        return none
+    if value is True:
+        return default_feedback(s)
+    found = checks.instance(name, value, Feedback, "a Feedback of truestroke.control.feedback.design, True or False")
+    if found.filters and (found.sample_rate, found.latency) != (s.sample_rate, s.latency):
+        words = f"designed for {s.sample_rate:g} Hz and a latency of {s.latency} ticks, those of the controller"
+        raise SettingError(name, f"a Feedback for {found.sample_rate:g} Hz and {found.latency} ticks", words)
+    return found
 
 
 @bound(f"[1, {MAX_PLAYS}]")
@@ -169,6 +193,13 @@ def default_inertia(s: ControllerSettings) -> bool:
     return s.dynamics is not None
 
 
+def default_feedback(s: ControllerSettings) -> Feedback:
+    """Designed from the `dynamics`; none where they are not known."""
+    if s.dynamics is None:
+        return Feedback(sample_rate=s.sample_rate, latency=s.latency)
+    return feedback.design(s.dynamics, latency=s.latency, stroke=s.stroke, hum=s.hum)
+
+
 def default_weights(s: ControllerSettings) -> tuple[float, ...]:
     """`prior.play_weights` and the lag of the prior; for "rls" the first weight alone."""
     a = _play_weights(s)
@@ -255,6 +286,18 @@ SETTINGS: declared.Table = {
     "dynamics": Setting(
         "Modes, lags and dead time of the stage and the sensor; the command inverts them", "",
         _dynamics, kernel="",
+    ),
+    "latency": Setting(
+        "Ticks from a command to its measurement, beside the one until the next command; the feedback counts with it",
+        "", whole(0, 20), changeable=True, kernel="",
+    ),
+    "hum": Setting(
+        "Lines of the mains that the feedback takes away; needs `dynamics`", "Hz", _hum, changeable=True, kernel="",
+    ),
+    "feedback": Setting(
+        "Filters of the error against loads, ringing and hum, with their margins", "", _feedback, default_feedback,
+        changeable=True, kernel="feedback.filter feedback.filters feedback.most",
+        convert=lambda bank, _: ([list(q) for q in bank.filters], len(bank.filters), bank.most),
     ),
     # model
     "plays": Setting("Number of play operators", "", _number_of_plays),
@@ -393,6 +436,9 @@ class ControllerSettings(Displayed, Layout):
     voltage_limits: tuple[float, float]
     resonance: float = 0.0
     dynamics: Dynamics | None = None
+    latency: int = 0
+    hum: tuple[float, ...] = ()
+    feedback: Feedback = FOLLOWS
     plays: int = 26
     thresholds: tuple[float, ...] = FOLLOWS
     rate_dependent: tuple[int, ...] = FOLLOWS
@@ -533,7 +579,7 @@ class ControllerSettings(Displayed, Layout):
 def kernel_settings(s: ControllerSettings) -> dict[str, Any]:
     """The members of ts_settings in c/include/truestroke.h: coefficients of a tick; 0 what belongs to another law."""
     known = stage.NOT_KNOWN if s.dynamics is None else stage.members(s.dynamics)
-    return declared.kernel_values(s, SETTINGS, s.law) | _derived(s) | known | NO_FEEDBACK
+    return declared.kernel_values(s, SETTINGS, s.law) | _derived(s) | known
 
 
 def _derived(s: ControllerSettings) -> dict[str, float]:

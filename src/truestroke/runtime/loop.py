@@ -136,6 +136,7 @@ def run(
     _check_types(trajectory, controller, actuator, progress)
     timing = checks.instance("actuator.open()", actuator.open(), Timing, "a Timing(sample_rate=...)")
     check_agreement(trajectory, controller, timing)
+    count_latency(controller, timing)
     checks.count("channels of the actuator", timing.channels, 1, 1)
     notices = feasibility.raise_slew(trajectory, controller) + feasibility.remedied(trajectory, controller)
     for notice in notices:
@@ -191,6 +192,14 @@ def check_agreement(trajectory: Motion, controller: Controller, timing: Timing) 
                 "trajectory.sample_rate", trajectory.sample_rate, f"{rate} Hz, that of the {whose}", "Hz"
             )
     checks.count("block - 1 + latency", timing.block - 1 + timing.latency, 0, 63)  # `ago` of Controller.adapt
+
+
+def count_latency(controller: Any, timing: Timing) -> None:
+    """The latency of the actuator in the design of the controller's feedback, if it has one."""
+    settings: Any = getattr(controller, "settings", None)
+    late = timing.latency + timing.block - 1
+    if getattr(settings, "dynamics", None) is not None and settings.latency != late and hasattr(controller, "change"):
+        controller.change(latency=checks.count("block - 1 + latency", late, 0, 20))
 
 
 def _checked(measured: FloatArray, ticks: int) -> FloatArray:
