@@ -10,6 +10,7 @@ from mypy import api
 
 from truestroke import AdaptiveController, ControllerSettings, Dynamics, Mode, SettingError, _kernel, _kernel32
 from truestroke.base import declared
+from truestroke.control.feedback import design
 from truestroke.control.reference import ReferenceController
 from truestroke.control.settings import (
     CHANGEABLE,
@@ -119,10 +120,13 @@ def test_capacities_are_one() -> None:
 # ---- Changes while running ---------------------------------------------------------------------------------------
 
 # Another value of each, where 0.9 times the default is none.
+STAGE = Dynamics(sample_rate=2000.0, modes=(Mode(frequency=200.0, damping=0.02),))
 OTHERS = {
     "voltage_limits": (-0.5, 3.0),
     "resonance": 500.0,
-    "dynamics": Dynamics(sample_rate=2000.0, modes=(Mode(frequency=500.0, damping=0.02),)),
+    "dynamics": STAGE,
+    "hum": (50.0,),
+    "feedback": design(STAGE, stroke=30.0),
     "plays": 23,
     "thresholds": tuple(np.linspace(0.0, 2.0, 26)),
     "rate_dependent": (0, 3, 6, 9, 13),
@@ -150,6 +154,8 @@ def other(settings: ControllerSettings, name: str) -> ControllerSettings:
     given = {f.name: getattr(settings, f.name) for f in dataclasses.fields(settings)} | {name: changed}
     if name in ("plays", "rate_dependent", "law", *layout.SETTINGS.keys() - {"creep_times"}):
         given |= dict.fromkeys(("initial_weights", "prior_covariance"))
+    if name == "hum":
+        given |= dict.fromkeys(("feedback", "change_threshold"))
     if name == "plays":
         given |= dict.fromkeys(("thresholds", "rate_dependent"))
     if name == "initial_sensitivity":
@@ -161,7 +167,7 @@ def other(settings: ControllerSettings, name: str) -> ControllerSettings:
 
 @pytest.mark.parametrize("name", SETTINGS)
 def test_controller_numpy_text_and_kernel_change_the_same_settings(name) -> None:
-    settings = ControllerSettings(**BENCH)
+    settings = ControllerSettings(**BENCH, dynamics=STAGE if name == "hum" else None)
     changed = other(settings, name)
     controller, text = AdaptiveController.from_settings(settings), ReferenceController(settings)
     kernel = _kernel.Kernel(kernel_settings(settings))

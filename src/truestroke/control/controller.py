@@ -430,6 +430,8 @@ class AdaptiveController(Displayed):
             given = {"filter_frequency": None, "smoothing_time": None, **given}
         if "latency" in given or "hum" in given:
             given = {"feedback": None, **given}
+        if "hum" in given:
+            given = {"change_threshold": None, **given}
         changed = dataclasses.replace(self.settings, **given)
         with _as_setting(changed):
             self._kernel.change(kernel_settings(changed))

@@ -18,7 +18,7 @@ class ChangeableOptions(TypedDict, total=False):
     prior_return_time: float
     filter_frequency: float | None
     model_error: float | None
-    change_threshold: float
+    change_threshold: float | None
     change_refractory: float
     change_gain: float
     change_hysteresis: float

@@ -235,6 +235,11 @@ def default_filter_frequency(s: ControllerSettings) -> float:
     return min(widest_filter(s.sample_rate), s.resonance / 2 or math.inf)
 
 
+def default_change_threshold(s: ControllerSettings) -> float:
+    """12; 28 with `hum`, which is no change of the actuator."""
+    return 28.0 if s.hum else 12.0
+
+
 def default_slope_limits(s: ControllerSettings) -> tuple[float, float]:
     """`(0.15 * q, 25 * q)`: stroke or voltage limits may be given five times too wide."""
     return 0.15 * s.q, 25 * s.q
@@ -350,7 +355,8 @@ SETTINGS: declared.Table = {
         rule=Times(2e-4, "stroke"),
     ),
     "change_threshold": _kalman(
-        "Mean square of the normalised innovation above which the actuator has changed suddenly", "", sized()
+        "Mean square of the normalised innovation above which the actuator has changed suddenly", "", sized(),
+        rule=default_change_threshold,
     ),
     "change_refractory": _kalman(
         "Least time from one change to the next", "s", between(0, 3600), "refractory",
@@ -455,7 +461,7 @@ class ControllerSettings(Displayed, Layout):
     prior_return_time: float = 1e5
     filter_frequency: float = FOLLOWS
     model_error: float = FOLLOWS
-    change_threshold: float = 12.0
+    change_threshold: float = FOLLOWS
     change_refractory: float = 0.005
     change_gain: float = 0.15
     change_hysteresis: float = 0.3
