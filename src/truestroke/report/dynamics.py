@@ -7,8 +7,9 @@ from matplotlib.figure import Figure
 
 from truestroke.base.display import quantity
 from truestroke.base.typing import FloatArray
+from truestroke.control.feedback import Feedback, design
 from truestroke.identification.dynamics import Bode
-from truestroke.report import style, words
+from truestroke.report import feedback, style, words
 from truestroke.report.page import Page, Section, Table, captioned
 from truestroke.report.style import Theme
 
@@ -55,7 +56,24 @@ def rows(found: Bode, voltage_limits: tuple[float, float], slew: float) -> list[
         ],
         ["trusted to", f"{d.trusted_to:.4g} Hz", "coherence above 0.9, model within 5 %"],
         ["motion", f"{most:.3g} um p-p", f"the largest sine at half the resonance, {half:.4g} Hz: {reason}"],
+        _fed_back(bank_of(found, voltage_limits)),
     ]
+
+
+def bank_of(found: Bode, voltage_limits: tuple[float, float]) -> Feedback:
+    """The feedback that a controller with these dynamics would use in the loop that measured them; limits in V."""
+    low, high = voltage_limits
+    stroke = abs(found.gain) * (high - low)
+    noise = min(found.record.noise, stroke) if np.isfinite(found.record.noise) else None
+    return design(found.dynamics, latency=min(found.record.latency, 20), stroke=stroke, noise=noise)
+
+
+def _fed_back(bank: Feedback) -> list[str]:
+    """The row of the feedback."""
+    if not bank.filters:
+        return ["feedback", "none", " ".join(bank.reasons)]
+    margins = f"gain margin {bank.gain_margin:.2g}, phase margin {bank.phase_margin:.0f} deg"
+    return ["feedback", f"{bank.bandwidth_hz:.3g} Hz", f"reduces slower loads; {margins}"]
 
 
 def largest_sine(found: Bode, frequency: float, voltage_limits: tuple[float, float], slew: float) -> tuple[float, str]:
@@ -84,7 +102,7 @@ def as_dict(found: Bode) -> dict[str, object]:
 
 def page(found: Bode, voltage_limits: tuple[float, float], slew: float, command: str | None = None) -> Page:
     """The page of a measurement; limits in V and V/s; `command` is what repeats it."""
-    d, wave = found.dynamics, found.record.excitation
+    d, wave, bank = found.dynamics, found.record.excitation, bank_of(found, voltage_limits)
     band = f"{wave.frequency[0]:.3g} to {wave.frequency[-1]:.4g} Hz"
     peak = quantity(float(f"{np.abs(wave.volts).max():.3g}"), "V")
     columns = ["", "found", ""]
@@ -95,17 +113,18 @@ def page(found: Bode, voltage_limits: tuple[float, float], slew: float, command:
         remark=WORDS[found.verdict.level],
         sections=[
             Section(tables=[Table(columns=columns, rows=rows(found, voltage_limits, slew), text=True)]),
-            *captioned(CAPTIONS),
+            *captioned(CAPTIONS | ({"margins": feedback.CAPTION} if bank.filters else {})),
         ],
-        plots=lambda theme: plots(found, theme),
+        plots=lambda theme: plots(found, theme, bank),
         command=command,
         footer=words.made_now(),
     )
 
 
-def plots(found: Bode, theme: Theme) -> dict[str, Figure]:
+def plots(found: Bode, theme: Theme, bank: Feedback) -> dict[str, Figure]:
     """All of them by name, in the order of the page."""
-    return {"bode": bode(found, theme)}
+    made = {"bode": bode(found, theme)}
+    return made | ({"margins": feedback.margins(bank, found.dynamics, theme)} if bank.filters else {})
 
 
 def bode(found: Bode, theme: Theme) -> Figure:

@@ -53,6 +53,8 @@ class SmallMotion:
         Standard deviation of a sample at rest, um; NaN if not known.
     gain : float
         As the way to the bias voltage shows it, um/V; NaN if not known.
+    latency : int
+        Ticks that pass in this loop before a measurement can be used, beside the one until the next command.
     """
 
     sample_rate: float
@@ -61,6 +63,7 @@ class SmallMotion:
     bias: float = 0.0
     noise: float = math.nan
     gain: float = math.nan
+    latency: int = 0
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)

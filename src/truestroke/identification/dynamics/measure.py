@@ -165,7 +165,8 @@ def measure_bode(
         z = line.excite(wave, bias, reach)
     report("fitting")
     record = SmallMotion(
-        sample_rate=timing.sample_rate, excitation=wave, z=z, bias=bias, noise=noise, gain=gain
+        sample_rate=timing.sample_rate, excitation=wave, z=z, bias=bias, noise=noise, gain=gain,
+        latency=timing.latency + timing.block - 1,
     )  # fmt: skip
     return identify_dynamics(record, modes=modes, sensor_delay=sensor_delay, sensor_bandwidth=sensor_bandwidth)
 

@@ -1,0 +1,110 @@
+"""Motion up to half of the resonance: dynamics in the controller, on stages of another structure than its model."""
+
+import numpy as np
+import pytest
+from scipy import signal
+
+from truestroke import AdaptiveController, Dynamics, Mode, SettingError, run
+from truestroke.control import stage
+from truestroke.plant import StagePlant, StageSettings
+from truestroke.signals import trajectories
+
+RATE = 10_000.0
+LIMITS = (-0.6, 3.6)
+
+
+def followed(plant: StageSettings, frequency: float, duration: float = 2.0, **settings):
+    """True error of a sine of 20 um in the second half, um, and the controller."""
+    wave = trajectories.sine(
+        frequency=frequency, peak_to_peak=20.0, duration=duration, sample_rate=plant.sample_rate, offset=12.0
+    )
+    controller = AdaptiveController(sample_rate=plant.sample_rate, stroke=24.0, voltage_limits=LIMITS, **settings)
+    recording = run(wave, controller, StagePlant(plant, seed=1))
+    return (recording["true"] - recording["desired"])[len(wave) // 2 :], controller
+
+
+@pytest.mark.filterwarnings("ignore::truestroke.LimitWarning")
+@pytest.mark.parametrize("kind", ["plays", "preisach", "bouc-wen"])
+@pytest.mark.parametrize(("resonance", "damping", "frequency"), [(700.0, 0.02, 350.0), (300.0, 0.005, 100.0)])
+def test_known_dynamics_follow_half_the_resonance(kind, resonance, damping, frequency) -> None:
+    """0.15 % of p-p, rms; at 100 Hz the third harmonic of the inverse hysteresis meets a resonance of 300 Hz."""
+    plant = StageSettings(
+        sample_rate=RATE, hysteresis_kind=kind, resonances=(resonance,), dampings=(damping,), voltage_limits=LIMITS
+    )
+    error, controller = followed(plant, frequency, dynamics=plant.dynamics())
+    assert error.std() < 0.03
+    assert np.abs(error).max() < 0.12
+    assert controller.counters.slewed == controller.counters.rejected == 0
+
+
+@pytest.mark.filterwarnings("ignore::truestroke.LimitWarning")
+@pytest.mark.parametrize("wrong", [0.97, 1.03])
+def test_a_resonance_that_is_3_percent_wrong(wrong) -> None:
+    plant = StageSettings(sample_rate=RATE, resonances=(700.0,), dampings=(0.01,), voltage_limits=LIMITS)
+    right = plant.dynamics()
+    modes = (Mode(frequency=700.0 * wrong, damping=0.01),)
+    known = Dynamics(sample_rate=RATE, modes=modes, amplifier_bandwidth=right.amplifier_bandwidth)
+    error, _ = followed(plant, 233.0, dynamics=known)
+    assert error.std() < 0.05
+
+
+@pytest.mark.filterwarnings("ignore::truestroke.LimitWarning")
+def test_hum_is_reduced_by_20_db() -> None:
+    """Of 0.1 um at 50 Hz, beside a slow sine: what is left of it after 2 s, with and without `hum`."""
+    plant = StageSettings(sample_rate=RATE, hum=0.1, hum_frequency=50.0, voltage_limits=LIMITS, noise=0.005)
+    left = []
+    for settings in ({"feedback": False}, {"hum": 50.0}):
+        error, _ = followed(plant, 3.0, 4.0, dynamics=plant.dynamics(), **settings)
+        turns = np.exp(-2j * np.pi * 50.0 * np.arange(error.size) / RATE)
+        left.append(2 * abs(np.mean(error * turns)))
+    assert left[1] < min(0.01, left[0] / 2)
+
+
+def test_the_filters_of_the_stage_are_its_response() -> None:
+    """The forward model of the kernel against scipy's simulation of the same transfer function, 20 steps in a tick."""
+    dynamics = Dynamics(
+        sample_rate=RATE,
+        modes=(Mode(frequency=700.0, damping=0.02, share=0.9), Mode(frequency=1900.0, damping=0.03, share=0.1)),
+        amplifier_bandwidth=2000.0,
+        sensor_bandwidth=3000.0,
+        dead_time=2e-4,
+    )
+    fine, ticks = 100, 300
+    u = np.random.Generator(np.random.PCG64(1)).normal(size=ticks)
+    u[:5] = 0.0
+    time = np.arange(ticks * fine + 1) / (fine * RATE)
+    held = np.append(np.repeat(u, fine), u[-1])
+    system = dynamics.to_control(pade=0, sensor=True)
+    _, out, _ = signal.lsim((system.num[0][0], system.den[0][0]), held, time, interp=False)
+    late = np.concatenate([np.zeros(2 * fine), out])[: ticks * fine + 1]
+    means = (late[:-1] + late[1:]).reshape(ticks, fine).mean(axis=1) / 2
+    model = stage.Stage(stage.members(dynamics), 1)
+    found = np.zeros(ticks)
+    for k in range(ticks):
+        model.strain[k] = u[k]
+        found[k] = model.expected()
+        model.notched(found[k])
+    assert np.abs(found - means).max() < 2e-3 * np.abs(means).max()
+
+
+def test_strain_of_a_sine_is_its_inverse() -> None:
+    dynamics = Dynamics(sample_rate=RATE, modes=(Mode(frequency=700.0, damping=0.02),), dead_time=1.5e-4)
+    time = np.arange(20_000) / RATE
+    wave = np.clip(time / 0.5, 0, 1) * np.sin(2 * np.pi * 300.0 * time)
+    s = 2j * np.pi * 300.0
+    G = np.exp(-1.5e-4 * s) / (1 + 2 * 0.02 * s / (2 * np.pi * 700) + (s / (2 * np.pi * 700)) ** 2)
+    wanted = (np.exp(s * time) / (G * np.sinc(300.0 / RATE) ** 2)).imag
+    assert np.abs(stage.strain(dynamics, wave) - wanted)[8000:16_000].max() < 1e-3
+
+
+def test_dynamics_that_do_not_fit_are_refused() -> None:
+    dynamics = Dynamics(sample_rate=RATE, modes=(Mode(frequency=700.0, damping=0.02),))
+    known = {"stroke": 24.0, "voltage_limits": LIMITS}
+    with pytest.raises(SettingError, match=r"dynamics.sample_rate = 10000 Hz: must be 5000 Hz.*dynamics.at"):
+        AdaptiveController(sample_rate=5000.0, dynamics=dynamics, **known)
+    with pytest.raises(SettingError, match=r"dynamics = 3: must be a Dynamics"):
+        AdaptiveController(sample_rate=RATE, dynamics=3, **known)  # type: ignore[arg-type]
+    with pytest.raises(SettingError, match="dynamics are not known"):
+        AdaptiveController(sample_rate=RATE, hum=50.0, **known)  # type: ignore[arg-type]
+    with pytest.raises(SettingError, match='must be None for law = "rls"'):
+        AdaptiveController(sample_rate=RATE, law="rls", dynamics=dynamics, **known)
