@@ -184,10 +184,7 @@ def _trajectory(given: Mapping[str, Any], folder: Path, rate: float) -> Trajecto
         given["path"] = str(folder / given["path"])
     for key in ("turn", "settle"):  # files of `truestroke bode`
         if isinstance(name := given.get(key), str):
-            try:
-                given[key] = Dynamics.load(folder / name)
-            except FileError as error:
-                raise SettingError(key, repr(name), f"dynamics of truestroke bode ({error})") from None
+            given[key] = _dynamics(key, folder, name)
     try:
         motion: Trajectory | SetPoint = toml.decode(MOTIONS[kind], given, also=("kind",))
     except OSError as error:
@@ -203,7 +200,7 @@ def _controller(table: AxisTable, sample_rate: float, folder: Path) -> Controlle
             [] if table.controller == "paper" else [n for n in ControllerSettings.__dataclass_fields__ if n not in OWN]
         )
         checks.known(table.settings, names)
-        settings = toml.arguments(ControllerSettings, table.settings)
+        settings = _settings(table.settings, folder)
     own = {"slew_limit": table.slew, "resonance": table.resonance, **settings}
     renamed = {name: f"settings.{name}" for name in settings} | {"slew_limit": "slew"}
     if table.model is not None:
@@ -217,6 +214,24 @@ def _controller(table: AxisTable, sample_rate: float, folder: Path) -> Controlle
         return AdaptiveController.paper(**fixed)
     with checks.inside("", renamed):
         return AdaptiveController(**fixed, **own)
+
+
+def _settings(given: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """Of the controller; dynamics may be a file of `truestroke bode` beside the configuration, hum one number."""
+    apart: dict[str, Any] = {}
+    if isinstance(name := given.get("dynamics"), str):
+        apart["dynamics"] = _dynamics("dynamics", folder, name)
+    if isinstance(given.get("hum"), float | int):
+        apart["hum"] = given["hum"]
+    others = {name: value for name, value in given.items() if name not in apart}
+    return {**toml.arguments(ControllerSettings, others), **apart}
+
+
+def _dynamics(key: str, folder: Path, name: str) -> Dynamics:
+    try:
+        return Dynamics.load(folder / name)
+    except FileError as error:
+        raise SettingError(key, repr(name), f"dynamics of truestroke bode ({error})") from None
 
 
 def _model(name: str, folder: Path) -> ActuatorModel:
