@@ -32,4 +32,4 @@ print(f"largest error in the last second {1000 * abs(error[-2000:]).max():.0f} n
 # %% [markdown]
 # Prints:
 #
-#     largest error in the last second 22 nm
+#     largest error in the last second 30 nm

@@ -29,5 +29,5 @@ for name, controller in (("fresh", fresh), ("informed", informed)):
 # Prints:
 #
 #     error on what was held out: 0.4 % of the stroke
-#     fresh: 2.88 um rmse without learning
-#     informed: 0.46 um rmse without learning
+#     fresh: 2.85 um rmse without learning
+#     informed: 0.45 um rmse without learning

@@ -26,6 +26,6 @@ for k, s in enumerate((0.6, 1.0, 1.4)):
 # %% [markdown]
 # Prints:
 #
-#     sensitivity 0.6: the worst of 20 has an rmse of 0.0054 um
-#     sensitivity 1.0: the worst of 20 has an rmse of 0.0090 um
-#     sensitivity 1.4: the worst of 20 has an rmse of 0.0193 um
+#     sensitivity 0.6: the worst of 20 has an rmse of 0.0056 um
+#     sensitivity 1.0: the worst of 20 has an rmse of 0.0064 um
+#     sensitivity 1.4: the worst of 20 has an rmse of 0.0064 um
