@@ -37,6 +37,9 @@ SETTINGS = {
     "at once, trimmed": ControllerSettings(**BASIC, smoothing_time=0.0, trim_rate=20.0, slope_limits=(7.0, 9.0)),
     "one play": ControllerSettings.paper(**BASIC, plays=1, forgetting=1.0),
     "stage": ControllerSettings(**BASIC, dynamics=STAGE),
+    "fed back": ControllerSettings(
+        **BASIC, dynamics=Dynamics(sample_rate=2000.0, modes=(Mode(frequency=200.0, damping=0.02),)), hum=(50.0,)
+    ),
     "dead zones": ControllerSettings(
         **BASIC, dead_zone_thresholds=(0.0, 12.0, 20.0), dead_zone_weights=(1.0, -0.05, 0.03), offset=False
     ),

@@ -274,6 +274,8 @@ typedef struct {
 typedef struct {
     ts_real state[TS_FEEDBACKS][2];   /* um */
     ts_real sum;                      /* um */
+    ts_real alarms;                   /* Kalman: sudden changes per second, over the last tenth of one */
+    bool paused;                      /* while there are many: the model is not yet, or no longer, what the margins count with */
 } ts_feedback_state;
 
 typedef struct {

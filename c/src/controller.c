@@ -6,6 +6,9 @@
 
 #define LOWER ((ts_real)0.7)      /* factor of the filter's corner where it was not low enough */
 #define NOT_BELOW ((ts_real)0.2) /* of the known resonance: a slower error is that of the motion */
+#define ALARMS 0.1                /* s: over which the rate of sudden changes is taken, */
+#define PAUSE 100                 /* 1/s: from which on the feedback pauses, */
+#define RESUME 20                 /* 1/s: and below which it continues */
 #define REST_PERIODS 6            /* of the oscillation: longest pause of adaptation, */
 #define REST_HALF_WAVES 7         /* and half-waves of the ringing after which it continues */
 
@@ -622,10 +625,26 @@ static void learn_staged(ts_controller *c, ts_real z, ts_real innovation, bool m
     adapt_kalman(c, u, y, innovation, measured, learn);
 }
 
+/* Whether the feedback waits: from the rate of alarms PAUSE on, until it is below RESUME. The margins are those of a model
+ * that has been learned. */
+static bool pauses(ts_controller *c)
+{
+    ts_feedback_state *b = &c->feedback;
+    ts_real tick = c->settings.oscillation.tick, share = tick / (ts_real)ALARMS;
+    b->alarms += (share < 1 ? share : 1) * ((c->flags.changed ? 1 / tick : 0) - b->alarms);
+    b->paused = b->alarms > (b->paused ? (ts_real)RESUME : (ts_real)PAUSE);
+    return b->paused;
+}
+
 /* One tick of the feedback, for the command after it. */
 static void feed_back(ts_controller *c, ts_real error)
 {
     const ts_feedback *f = &c->settings.feedback;
+    if (f->filters && c->settings.oscillation.tick > 0 && pauses(c)) {
+        memset(c->feedback.state, 0, sizeof c->feedback.state);
+        c->feedback.sum = 0;
+        return;
+    }
     ts_real sum = 0;
     for (int i = 0; i < f->filters; i++) {
         const ts_real *q = f->filter[i];
@@ -746,6 +765,8 @@ void ts_controller_reset(ts_controller *c)
     memcpy(c->w, c->settings.initial_weights, sizeof(ts_real) * (size_t)c->parameters);
     start_law(c);
     forget_stage(c);
+    c->feedback.alarms = 2 * PAUSE; /* nothing is learned yet */
+    c->feedback.paused = true;
     keep_weights(c, true);
     (void)rate_dependent_slopes(c, 0);
 }

@@ -165,6 +165,8 @@ template <typename Controller, typename Visit> void each_array(Controller &c, Vi
             visit(("stage_rest_" + std::to_string(i)).c_str(), &d.rest[i / 2][i % 2][0], m);
     }
     visit("feedback", &c.feedback.sum, 1);
+    visit("feedback_alarms", &c.feedback.alarms, 1);
+    visit("feedback_paused", &c.feedback.paused, 1);
     visit("feedback_state", &c.feedback.state[0][0], sizeof c.feedback.state / sizeof(ts_real));
     auto &g = c.stage;
     visit("resonance", &g.resonance, 1);

@@ -36,6 +36,9 @@ HISTORY = 64
 
 LOWER = 0.7  # factor of the filter's corner where it was not low enough
 NOT_BELOW = 0.2  # of the known resonance: a slower error is that of the motion
+ALARMS = 0.1  # s: over which the rate of sudden changes is taken,
+PAUSE = 100.0  # 1/s: from which on the feedback pauses,
+RESUME = 20.0  # 1/s: and below which it continues
 REST_PERIODS = 6  # of the oscillation: longest pause of adaptation,
 REST_HALF_WAVES = 7  # and half-waves of the ringing after which it continues
 KEEP = 0.03  # s: how often the weights are kept
@@ -169,6 +172,10 @@ class ReferenceController(Displayed):
         self._waiting: dict[int, _Command] = {}  # by tick: not yet in self._lagged
         self._last = _Command(0.0, Motion(0.0, 0.0), limited=False)
         self._path = Stage(self._c, s.parameters) if self._c["dynamics.known"] else None
+        self._alarms, self._paused = (
+            2 * PAUSE,
+            True,
+        )  # sudden changes per second; nothing is learned yet
         self._feedback, self._feedback_states = 0.0, np.zeros((len(self._c["feedback.filter"]), 2)).tolist()  # um
         self._bumpless = self._integral = self._innovation = 0.0  # um
         self._z_before = self._predicted_before = 0.0  # um: the last new measurement, the model's value then
@@ -425,9 +432,18 @@ class ReferenceController(Displayed):
             self._stage.detector.miss(None)
         self._feed_back(0.0)
 
+    def _pauses(self, tick: float) -> bool:
+        """Whether the feedback waits while there are many alarms: its margins are those of a model that was learned."""
+        self._alarms += min(tick / ALARMS, 1.0) * ((1 / tick if self._changed else 0.0) - self._alarms)
+        self._paused = self._alarms > (RESUME if self._paused else PAUSE)
+        return self._paused
+
     def _feed_back(self, error: float) -> None:
         """One tick of the feedback, for the command after it; error: desired less measured, um."""
-        total = 0.0
+        total, tick = 0.0, self._oscillation.tick
+        if self._c["feedback.filter"] and tick > 0 and self._pauses(tick):
+            self._feedback, self._feedback_states = 0.0, [[0.0, 0.0] for _ in self._feedback_states]
+            return
         for (b0, b1, b2, a1, a2), x in zip(self._c["feedback.filter"], self._feedback_states, strict=True):
             y = b0 * error + x[0]
             x[0], x[1] = b1 * error - a1 * y + x[1], b2 * error - a2 * y
