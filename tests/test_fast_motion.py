@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from truestroke import AdaptiveController, Dynamics, Mode, SettingError, run
-from truestroke.control import stage
+from truestroke import AdaptiveController, ControllerSettings, Dynamics, Mode, SettingError, run
+from truestroke.control import feasibility, stage
+from truestroke.control.reference import ReferenceController
 from truestroke.plant import StagePlant, StageSettings
 from truestroke.signals import trajectories
 
@@ -108,3 +109,43 @@ def test_dynamics_that_do_not_fit_are_refused() -> None:
         AdaptiveController(sample_rate=RATE, hum=50.0, **known)  # type: ignore[arg-type]
     with pytest.raises(SettingError, match='must be None for law = "rls"'):
         AdaptiveController(sample_rate=RATE, law="rls", dynamics=dynamics, **known)
+
+
+KNOWN = Dynamics(sample_rate=RATE, modes=(Mode(frequency=700.0, damping=0.02),))
+AXIS = {"sample_rate": RATE, "stroke": 24.0, "voltage_limits": LIMITS, "dynamics": KNOWN}
+
+
+def test_a_new_latency_designs_the_feedback_anew_but_not_one_that_was_chosen() -> None:
+    designed, off = AdaptiveController(**AXIS), AdaptiveController(**AXIS, feedback=False)
+    before = designed.settings.feedback
+    designed.change(latency=2), off.change(latency=2)
+    assert designed.settings.feedback.latency == 2
+    assert designed.settings.feedback.filters != before.filters
+    assert off.settings.feedback.filters == ()
+    chosen = AdaptiveController(**AXIS, feedback=before)
+    chosen.change(trim_rate=1.0)
+    assert chosen.settings.feedback == before
+
+
+@pytest.mark.filterwarnings("ignore::truestroke.LimitWarning")
+def test_kernel_and_numpy_text_in_the_loop_of_run() -> None:
+    """A motion that raises the slew limit, with preview, and hum that is added on the way: the same to the last bit."""
+    wave = trajectories.sine(frequency=300.0, peak_to_peak=20.0, duration=0.2, sample_rate=RATE, offset=12.0, ramp=0.05)
+    volts = []
+    for make in (AdaptiveController.from_settings, ReferenceController):
+        controller = make(ControllerSettings(**AXIS, slew_limit=None))
+        plant = StagePlant(StageSettings(sample_rate=RATE, voltage_limits=LIMITS), seed=1)
+        first = run(wave, controller, plant)["volts"]
+        controller.change(hum=50.0)
+        volts.append([*first, *run(wave, controller, plant)["volts"]])
+    assert volts[0] == volts[1]
+
+
+def test_what_a_motion_needs_counts_the_dynamics() -> None:
+    """At f0 / 2 the stage moves a third further: a quarter less voltage, and less slew."""
+    wave = trajectories.sine(frequency=350.0, peak_to_peak=20.0, duration=0.5, sample_rate=RATE, offset=12.0)
+    settings = ControllerSettings(**AXIS)
+    plain = feasibility.demands(wave, ControllerSettings(**{**AXIS, "dynamics": None}))
+    needs = feasibility.demands(wave, settings)
+    assert needs.resonance == 700.0
+    assert needs.slew == pytest.approx(0.75 * plain.slew, rel=0.05)

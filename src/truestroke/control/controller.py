@@ -307,8 +307,7 @@ class AdaptiveController(Displayed):
         >>> round(float(np.ptp(known.strain(wave)[3000:7000])), 2), round(float(np.ptp(wave)), 2)
         (9.9, 10.0)
         """
-        dynamics = self.settings.dynamics
-        return None if dynamics is None else stage.strain(dynamics, checks.finite_array("position", position, "um"))
+        return stage.strain_of(self.settings.dynamics, checks.finite_array("position", position, "um"))
 
     def adapt(self, z_measured: float, ago: int = 0) -> None:
         """Adapt to a measurement; it may be left out for a tick.
@@ -426,13 +425,7 @@ class AdaptiveController(Displayed):
         for name in given.keys() - set(CHANGEABLE):
             words = f"left out: it is fixed while a controller runs, which can change {', '.join(CHANGEABLE)}"
             raise SettingError(name, given[name], words, SETTINGS[name].unit)
-        if "resonance" in given:  # what follows from it, where it is not given
-            given = {"filter_frequency": None, "smoothing_time": None, **given}
-        if "latency" in given or "hum" in given:
-            given = {"feedback": None, **given}
-        if "hum" in given:
-            given = {"change_threshold": None, **given}
-        changed = dataclasses.replace(self.settings, **given)
+        changed = self.settings.changed(given)
         with _as_setting(changed):
             self._kernel.change(kernel_settings(changed))
         self.settings = changed

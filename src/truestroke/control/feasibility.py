@@ -119,10 +119,11 @@ def reach(trajectory: Trajectory | Pursued) -> tuple[float, float]:
 
 def first_mode(controller: Any) -> Mode | None:
     """First mode of the stage of a controller: of its `dynamics`, or of the setting `resonance`; None if not known."""
-    dynamics = getattr(controller, "dynamics", None)
+    settings = getattr(controller, "settings", controller)
+    dynamics = getattr(settings, "dynamics", None)
     if isinstance(dynamics, Dynamics):
         return dynamics.modes[0]
-    known = getattr(getattr(controller, "settings", controller), "resonance", 0.0)
+    known = getattr(settings, "resonance", 0.0)
     return Mode(frequency=known, damping=DAMPING) if known else None
 
 

@@ -19,7 +19,7 @@ from truestroke.control.adaptation import LARGEST, RLS, BoundedKalman, Filtering
 from truestroke.control.controller import Counters, controller_rows
 from truestroke.control.oscillation import OscillationDetector, OscillationSettings
 from truestroke.control.settings import CHANGEABLE, SETTINGS, ControllerSettings, kernel_settings
-from truestroke.control.stage import Stage
+from truestroke.control.stage import Stage, strain_of
 from truestroke.model.models import (
     Motion,
     creep_step,
@@ -36,6 +36,7 @@ HISTORY = 64
 
 LOWER = 0.7  # factor of the filter's corner where it was not low enough
 NOT_BELOW = 0.2  # of the known resonance: a slower error is that of the motion
+FEEDBACKS = 8  # filters at most: TS_FEEDBACKS of the kernel
 ALARMS = 0.1  # s: over which the rate of sudden changes is taken,
 PAUSE = 100.0  # 1/s: from which on the feedback pauses,
 RESUME = 20.0  # 1/s: and below which it continues
@@ -176,7 +177,7 @@ class ReferenceController(Displayed):
             2 * PAUSE,
             True,
         )  # sudden changes per second; nothing is learned yet
-        self._feedback, self._feedback_states = 0.0, np.zeros((len(self._c["feedback.filter"]), 2)).tolist()  # um
+        self._feedback, self._feedback_states = 0.0, np.zeros((FEEDBACKS, 2)).tolist()  # um
         self._bumpless = self._integral = self._innovation = 0.0  # um
         self._z_before = self._predicted_before = 0.0  # um: the last new measurement, the model's value then
         self._resolution = 0.0  # um: the smallest step from one measurement to a different one; 0: none so far
@@ -212,14 +213,22 @@ class ReferenceController(Displayed):
             self._bumpless = -missing
         self._stage.older = self._stage.newer = self.weights
 
-    def change(self, settings: ControllerSettings) -> None:
-        """New settings while running, without a jump of the command; only those in `CHANGEABLE` may differ.
+    def strain(self, position: FloatArray) -> FloatArray | None:
+        """`strain_d` of a motion that is known ahead, um; None where the dynamics are not known."""
+        return strain_of(self.settings.dynamics, checks.finite_array("position", position, "um"))
+
+    def change(self, settings: ControllerSettings | None = None, **changes: Any) -> None:
+        """New settings while running, or some of them by name, without a jump of the command.
+
+        Only those in `CHANGEABLE` may differ.
 
         Raises
         ------
         SettingError
             Another differs; nothing has changed.
         """
+        checks.known(changes, SETTINGS)
+        settings = (settings or self.settings).changed(changes)
         for name in SETTINGS.keys() - set(CHANGEABLE):
             if getattr(settings, name) != getattr(self.settings, name):
                 words = "as it was: a controller that runs keeps its law, model and prior"
@@ -444,7 +453,7 @@ class ReferenceController(Displayed):
         if self._c["feedback.filter"] and tick > 0 and self._pauses(tick):
             self._feedback, self._feedback_states = 0.0, [[0.0, 0.0] for _ in self._feedback_states]
             return
-        for (b0, b1, b2, a1, a2), x in zip(self._c["feedback.filter"], self._feedback_states, strict=True):
+        for (b0, b1, b2, a1, a2), x in zip(self._c["feedback.filter"], self._feedback_states, strict=False):
             y = b0 * error + x[0]
             x[0], x[1] = b1 * error - a1 * y + x[1], b2 * error - a2 * y
             total += y

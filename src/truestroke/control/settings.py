@@ -492,6 +492,15 @@ class ControllerSettings(Displayed, Layout):
         """Highest less lowest voltage, V."""
         return self.voltage_limits[1] - self.voltage_limits[0]
 
+    def changed(self, given: Mapping[str, Any]) -> ControllerSettings:
+        """Other values of some settings; what follows from them, and was not chosen, follows again."""
+        follow = {"filter_frequency", "smoothing_time"} if "resonance" in given else set()
+        if given.keys() & {"latency", "hum"} and self.feedback == default_feedback(self):
+            follow |= {"feedback"}
+        if "hum" in given and self.change_threshold == default_change_threshold(self):
+            follow |= {"change_threshold"}
+        return dataclasses.replace(self, **{**dict.fromkeys(follow), **given})
+
     def reach(self, volts: float) -> float:
         """How far from 0 an actuator under `volts` (V) may be, um.
 

@@ -157,6 +157,11 @@ def _expansion(response: ComplexArray, dynamics: Dynamics) -> list[float]:
     return [float((r * c[0] - c[1]) / (r - 1)) for c in (first, second)]
 
 
+def strain_of(dynamics: Dynamics | None, position: FloatArray) -> FloatArray | None:
+    """`strain`; None where the dynamics are not known."""
+    return None if dynamics is None else strain(dynamics, position)
+
+
 def strain(dynamics: Dynamics, position: FloatArray) -> FloatArray:
     """The strain G^-1 z_d that the hysteresis should give so that the stage moves as desired.
 

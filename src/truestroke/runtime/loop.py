@@ -144,13 +144,14 @@ def run(
     metadata = about(trajectory, controller, actuator, timing) | {"notices": list(notices)}
     log = _Log(trajectory, controller, timing)
     command, adapt = controller.command, controller.adapt
-    desired, volts = wanted(trajectory, controller), log.rows["volts"]
+    desired = zip(*(array.tolist() for array in wanted(trajectory, controller)), strict=True)
+    volts = log.rows["volts"]
     end, done = len(trajectory), 0
     try:
         for start in range(0, end, timing.block):
             stop = min(start + timing.block, end)
             for k in range(start, stop):
-                volts[k] = command(*desired[k])
+                volts[k] = command(*next(desired))
                 log.ticks.commanded(k)
             measured = _checked(actuator.exchange(volts[start:stop]), stop - start)
             for _, z, ago in log.ticks.answers(start, stop, measured, getattr(actuator, "truth", None)):
@@ -164,12 +165,11 @@ def run(
     return log.recording(done, metadata, controller, actuator)
 
 
-def wanted(trajectory: Trajectory, controller: Any) -> list[tuple[float, ...]]:
-    """The arguments of `command`, tick by tick: acceleration and strain, too, of a controller that knows its stage."""
+def wanted(trajectory: Trajectory, controller: Any) -> list[FloatArray]:
+    """The arguments of `command`, an array each: acceleration and strain, too, of a controller that knows its stage."""
     motion = [trajectory.position, trajectory.velocity]
     strain = controller.strain(trajectory.position) if hasattr(controller, "strain") else None
-    motion += [] if strain is None else [trajectory.acceleration, strain]
-    return list(zip(*(array.tolist() for array in motion), strict=True))
+    return motion if strain is None else [*motion, trajectory.acceleration, strain]
 
 
 def _check_types(trajectory: Trajectory, controller: Controller, actuator: Actuator, progress: Any) -> None:

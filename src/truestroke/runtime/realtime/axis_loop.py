@@ -9,7 +9,6 @@ from truestroke.base.checks import SettingError
 from truestroke.base.flags import BIT
 from truestroke.base.typing import FloatArray
 from truestroke.control import feasibility
-from truestroke.runtime.loop import count_latency
 from truestroke.runtime.realtime.ending import Cause, Stop
 from truestroke.runtime.realtime.motion import motion, numbers
 from truestroke.runtime.realtime.settings import Axis, RealtimeSettings
@@ -121,7 +120,6 @@ class AxisLoop:
     def __init__(self, axis: Axis, shared: Shared, channel: int, timing: Timing, settings: RealtimeSettings) -> None:
         self.axis, self.lost, self.zero = axis, 0, 0.0
         controller: Any = axis.controller
-        count_latency(controller, timing)
         self._controller, self._command, self._adapt = controller, controller.command, controller.adapt
         self._motion = motion(axis.trajectory, shared.targets[channel : channel + 1], controller)
         self._size, self._shared, self._channel = shared.layout.size, shared, channel

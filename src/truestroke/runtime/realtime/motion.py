@@ -121,8 +121,11 @@ def motion(trajectory: Trajectory | SetPoint, target: memoryview[float], control
     """The arguments of `command`: of a trajectory its entries, of a set-point the way to `target`."""
     if isinstance(trajectory, SetPoint):
         return trajectory.motion(target)
-    desired = wanted(trajectory, controller)
-    return lambda k: desired[k]
+    z_d, zdot_d, *known = (numbers(array) for array in wanted(trajectory, controller))
+    if not known:
+        return lambda k: (z_d[k], zdot_d[k])
+    zddot_d, strain_d = known
+    return lambda k: (z_d[k], zdot_d[k], zddot_d[k], strain_d[k])
 
 
 def numbers(array: FloatArray) -> memoryview[float]:

@@ -87,6 +87,8 @@ def run_realtime(
         timing = driver.open()
         clock = {"utc": datetime.now(UTC).isoformat(), "monotonic_s": time.monotonic()}
         _check_agreement(axes, timing, settings, epics)
+        for axis in axes:
+            loop.count_latency(axis.controller, timing)
         _check_range(axes, driver)
         notices = _check_motions(axes)
         for notice in notices:
