@@ -141,7 +141,7 @@ def test_a_file_comes_back_to_the_last_bit_and_says_what_is_wrong(tmp_path) -> N
     for old, new, words in [
         ("damping = 0.02", "dampling = 0.02", "modes.dampling = 0.02: must be left out; did you mean damping"),
         ("dead_time = 0.00013", "dead_time = 'x'", "dead_time = 'x' s: must be a number, without quotes"),
-        ("version = 1", "version = 2", "version = another: must be 1"),
+        ("version = 1", "version = 2", "version = 2: must be 1"),
         ("damping = 0.02", "damping = 1.02", "must be above 0 and below 1"),
     ]:
         text = path.read_text()
@@ -163,3 +163,18 @@ def test_it_shows_values_with_their_deviations() -> None:
     assert lines[0] == "Dynamics: 2 modes, first resonance 700 Hz"
     assert "mode 0 700 +- 0.3 Hz, damping 0.02, share 1.08" in lines
     assert "dead_time 0.00013 +- 1e-06 s" in lines
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ('format = "truestroke model"\nversion = 1\n', "format = 'truestroke model': must be 'truestroke dynamics'"),
+        ("gain = 2\n", "format = 'no format'.*no file of truestroke bode"),
+        ('format = "truestroke dynamics"\nversion = 9\n', "version = 9.*measure again"),
+    ],
+)
+def test_a_file_that_has_no_dynamics_says_what_it_is(text, words, tmp_path) -> None:
+    path = tmp_path / "other.toml"
+    path.write_text(text)
+    with pytest.raises(FileError, match=words):
+        Dynamics.load(path)

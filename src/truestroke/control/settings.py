@@ -89,14 +89,22 @@ def _feedback(s: ControllerSettings, name: str, value: Any, unit: str) -> Feedba
     if isinstance(value, Mapping):
         value = toml.decode(Feedback, value)
     if value is False or (value is True and s.dynamics is None):
-        return none
+        return _hears(s, none)
     if value is True:
         return default_feedback(s)
     found = checks.instance(name, value, Feedback, "a Feedback of truestroke.control.feedback.design, True or False")
     if found.filters and (found.sample_rate, found.latency) != (s.sample_rate, s.latency):
         words = f"designed for {s.sample_rate:g} Hz and a latency of {s.latency} ticks, those of the controller"
         raise SettingError(name, f"a Feedback for {found.sample_rate:g} Hz and {found.latency} ticks", words)
-    return found
+    return _hears(s, found)
+
+
+def _hears(s: ControllerSettings, found: Feedback) -> Feedback:
+    """The feedback, where it has a resonator for each line of `hum`, or says why not."""
+    if found.reasons or set(s.hum) <= set(found.hum):
+        return found
+    whose = "has no resonator for them" if found.filters else "is switched off"
+    raise SettingError("hum", s.hum, f"() where the feedback {whose}: leave out hum, or leave out feedback", "Hz")
 
 
 @bound(f"[1, {MAX_PLAYS}]")

@@ -442,9 +442,11 @@ dynamics.at(2000) converts it
 
     @classmethod
     def _of_file(cls, document: dict[str, Any]) -> Dynamics:
-        for key, wanted in (("format", FORMAT), ("version", VERSION)):
-            if document.pop(key, None) != wanted:
-                raise SettingError(key, "another", f"{wanted!r}: else these are no {FORMAT} of this version")
+        if (kind := document.pop("format", "no format")) != FORMAT:
+            raise SettingError("format", repr(kind), f"{FORMAT!r}: this is no file of truestroke bode")
+        if (version := document.pop("version", "no version")) != VERSION:
+            words = f"{VERSION}, the one that this truestroke reads: measure again with truestroke bode"
+            raise SettingError("version", repr(version), words)
         return cls.from_dict(document)
 
 
