@@ -39,6 +39,18 @@ def test_known_dynamics_follow_half_the_resonance(kind, resonance, damping, freq
 
 
 @pytest.mark.filterwarnings("ignore::truestroke.LimitWarning")
+def test_a_soft_stage_in_a_fast_loop() -> None:
+    """The first sample without the mode is noise, 2,000 times that of the sensor: a law that began with it burst."""
+    plant = StageSettings(
+        sample_rate=20_000.0, resonances=(80.0,), dampings=(0.004,), voltage_limits=LIMITS, dead_time=7.5e-5,
+        noise=0.1, hysteresis_kind="bouc-wen",
+    )  # fmt: skip
+    error, _ = followed(plant, 30.0, 0.8, dynamics=plant.dynamics())
+    assert error.std() < 0.3
+    assert np.abs(error).max() < 1.5
+
+
+@pytest.mark.filterwarnings("ignore::truestroke.LimitWarning")
 @pytest.mark.parametrize("wrong", [0.97, 1.03])
 def test_a_resonance_that_is_3_percent_wrong(wrong) -> None:
     plant = StageSettings(sample_rate=RATE, resonances=(700.0,), dampings=(0.01,), voltage_limits=LIMITS)

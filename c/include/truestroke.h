@@ -184,6 +184,9 @@ TS_API void ts_kalman_init(ts_kalman *k, const ts_real *P0, ts_real sigma, int m
 /* The covariance is that of the prior again, and the filters start anew; the noise stays. */
 TS_API void ts_kalman_reset_covariance(ts_kalman *k, const ts_real *P0, int m);
 
+/* The filters start at 0, in place of the first regressor and measurement, unless they have started. */
+TS_API void ts_kalman_start_filters(ts_kalman *k, int m);
+
 /* Whether a measurement with this innovation is a spike; at most `outliers` in a row are. smooth: the innovation of a good
  * measurement may be as large, but not as sudden. */
 TS_API bool ts_kalman_is_spike(ts_kalman *k, const ts_kalman_settings *s, ts_real innovation, bool smooth);

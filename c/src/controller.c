@@ -622,6 +622,9 @@ static void learn_staged(ts_controller *c, ts_real z, ts_real innovation, bool m
     if (c->dynamics.ticks <= (uint64_t)c->settings.dynamics.dead) return;
     next_lagged(c);
     pass_stage(c, u);
+    /* One notched sample is noise, thousands of times that of z where f0 is far below the sample rate: the filters must not
+     * start from it. */
+    if (learn) ts_kalman_start_filters(&c->law.kalman, c->parameters);
     adapt_kalman(c, u, y, innovation, measured, learn);
 }
 

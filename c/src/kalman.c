@@ -43,6 +43,15 @@ void ts_kalman_reset_covariance(ts_kalman *k, const ts_real *P0, int m)
     k->variance = 0;
 }
 
+void ts_kalman_start_filters(ts_kalman *k, int m)
+{
+    if (k->started) return;
+    memset(k->u1, 0, sizeof(ts_real) * (size_t)m);
+    memset(k->u, 0, sizeof(ts_real) * (size_t)m);
+    k->y1 = k->y = 0;
+    k->started = true;
+}
+
 /* P u: each block of eight columns from its diagonal down, for which P is stored as it is, in order of the rows; then
  * the part before the diagonal blocks, row by row. */
 static void times(const ts_real *P, const ts_real *u, ts_real *Pu, int m)

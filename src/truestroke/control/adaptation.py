@@ -83,6 +83,9 @@ class FilteringLaw(Law, Protocol):
     def reset_covariance(self) -> None:
         """The covariance of the prior again."""
 
+    def start_filters(self) -> None:
+        """The filters start at 0, in place of the first regressor and measurement, unless they have started."""
+
 
 class UpdateRefused(TruestrokeError, ArithmeticError):  # noqa: N818 (nothing is broken: one measurement is not used)
     """A law did not use a measurement, and has not changed."""
@@ -495,6 +498,12 @@ class BoundedKalman:
         self.P = self.P0.copy()
         self.started = self.pending = self.changed = False
         self.change = self.variance = 0.0
+
+    def start_filters(self) -> None:
+        """They start at 0, in place of the first u and y, unless they have: y = w.u stays exact."""
+        if not self.started:
+            self.u1 = self.u = np.zeros(self.u.size)
+            self.y1, self.y, self.started = 0.0, 0.0, True
 
     def update(self, u: FloatArray, e_m: float | None, learn: bool = True) -> None:
         """One tick with the regressor u and the innovation e_m, um; None: no measurement came.

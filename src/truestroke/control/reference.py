@@ -526,6 +526,8 @@ class ReferenceController(Displayed):
         y = path.notched(z)
         if path.ticks > path.dead and self._filtering is not None:
             u = path.passed(self._next_lagged())
+            if learn:  # one notched sample is noise, thousands of times that of z where f0 is far below the rate
+                self._filtering.start_filters()
             self._update(self._filtering, u, y, innovation, measured=measured, learn=learn)
 
     def _update(
