@@ -40,6 +40,7 @@ SETTINGS = {
     "fed back": ControllerSettings(
         **BASIC, dynamics=Dynamics(sample_rate=2000.0, modes=(Mode(frequency=200.0, damping=0.02),)), hum=(50.0,)
     ),
+    "late sensor": ControllerSettings(**BASIC, sensor_delay=1.7e-3, sensor_bandwidth=300.0, resonance=400.0),
     "dead zones": ControllerSettings(
         **BASIC, dead_zone_thresholds=(0.0, 12.0, 20.0), dead_zone_weights=(1.0, -0.05, 0.03), offset=False
     ),

@@ -125,6 +125,7 @@ OTHERS = {
     "voltage_limits": (-0.5, 3.0),
     "resonance": 500.0,
     "dynamics": STAGE,
+    "sensor_delay": 2.5e-4,
     "hum": (50.0,),
     "feedback": design(STAGE, stroke=30.0),
     "plays": 23,

@@ -88,6 +88,7 @@ typedef enum {
     TS_BAD_KALMAN,           /* a coefficient is out of its range, or a prior variance is not positive */
     TS_BAD_SLOPE,            /* slope_min is not positive, or not below slope_max */
     TS_BAD_VOLTAGE,          /* voltage_min is not below voltage_max, or slew is not positive */
+    TS_BAD_SENSOR,           /* the delay or lag of the sensor is out of its range, or stands beside the stage's dynamics */
     TS_BAD_DYNAMICS,         /* an order or delay of the stage's dynamics is out of its range, or a coefficient is not finite */
     TS_BAD_FEEDBACK,         /* the number of filters is out of its range, or one is not stable */
     TS_BAD_LIMIT,            /* stroke, measurement_limit, smoothing or trim is out of its range */
@@ -266,6 +267,21 @@ typedef struct {
     ts_real sensor[2];                /* s, s^2: a slow motion is measured as 1 + sensor[0] s + sensor[1] s^2 times it */
 } ts_dynamics;
 
+/* The sensor where the stage is not known: a measurement shows the displacement `ticks` ago, of which `share` is that of the
+ * tick before, behind a first-order lag. With the stage it is in ts_dynamics, and here all is 0. */
+typedef struct {
+    int ticks;                        /* whole ticks of its delay */
+    ts_real share;                    /* of a tick: the rest of the delay, 0..1 */
+    ts_real lag;                      /* ticks: time constant of the first-order lag; 0: none */
+    ts_real pole, now, before;        /* the lag at the end of a tick is pole times that of the tick before, + now u[k] + before u[k-1] */
+    ts_real slow[2];                  /* s, s^2: a slow motion is measured as 1 + slow[0] s + slow[1] s^2 times that `ticks` ago */
+} ts_sensor;
+
+typedef struct {
+    ts_real before[TS_PADDED(TS_MAX_PARAMETERS)]; /* the regressor of the tick before, um */
+    ts_real lagged[TS_PADDED(TS_MAX_PARAMETERS)]; /* behind the lag, at the end of that tick */
+} ts_sensor_state;
+
 /* Fast feedback: the sum of biquads of the error, (b0 + b1 q^-1 + b2 q^-2) / (1 + a1 q^-1 + a2 q^-2), is added to the
  * displacement that is asked of the hysteresis. */
 typedef struct {
@@ -320,6 +336,7 @@ typedef struct {
     ts_oscillation_settings oscillation;               /* Kalman */
     ts_real resonance;                                 /* Kalman: first of the stage, cycles per tick; 0: not known */
     ts_dynamics dynamics;                              /* Kalman */
+    ts_sensor sensor;
     ts_feedback feedback;
     /* safety */
     ts_real slope_min, slope_max;                      /* partial slopes of the inverse, um/V */
@@ -408,6 +425,7 @@ typedef struct {
     ts_oscillation oscillation;       /* Kalman */
     ts_stage stage;                   /* Kalman */
     ts_dynamics_state dynamics;       /* Kalman */
+    ts_sensor_state sensor;
     ts_feedback_state feedback;
     bool hold;
     ts_flags flags;
@@ -446,7 +464,8 @@ TS_API ts_status ts_controller_follow(ts_controller *c, ts_real z_d, ts_real zdo
 
 /* Adapts the weights to a measured displacement z (um). ago: number of commands that were issued after the one of z (0:
  * the last). Measurements come in the order of their commands; any of them may be missing. The first one since
- * init, reset or start, if it comes within TS_HISTORY ticks, is refused beyond ts_reach. */
+ * init, reset or start, if it comes within TS_HISTORY ticks, is refused beyond ts_reach. One that shows the displacement
+ * before the first command, because the sensor is late, is passed over. */
 TS_API ts_status ts_controller_adapt(ts_controller *c, ts_real z, int ago);
 
 /* Stops (true) and resumes (false) the adaptation; commands go on. */

@@ -110,6 +110,15 @@ static ts_status check_dynamics(const ts_dynamics *d)
     return good ? TS_OK : TS_BAD_DYNAMICS;
 }
 
+static ts_status check_sensor(const ts_settings *settings)
+{
+    const ts_sensor *s = &settings->sensor;
+    bool none = s->ticks == 0 && !(s->share > 0) && !(s->lag > 0);
+    bool good = s->ticks >= 0 && s->ticks < TS_HISTORY / 2 && fraction(s->share) && s->lag >= 0 && bounded(s->lag) && s->pole >= 0 && s->pole < 1
+                && fraction(s->now) && fraction(s->before) && bounded(s->slow[0]) && bounded(s->slow[1]);
+    return good && (none || !settings->dynamics.known) ? TS_OK : TS_BAD_SENSOR;
+}
+
 static ts_status check_feedback(const ts_feedback *f)
 {
     bool good = f->filters >= 0 && f->filters <= TS_FEEDBACKS && f->most >= 0 && bounded(f->most);
@@ -129,6 +138,8 @@ static ts_status check(const ts_settings *s)
     ts_status dynamics = check_dynamics(&s->dynamics);
     if (dynamics != TS_OK) return dynamics;
     if (s->dynamics.known && s->law != TS_LAW_KALMAN) return TS_BAD_DYNAMICS;
+    ts_status sensor = check_sensor(s);
+    if (sensor != TS_OK) return sensor;
     ts_status feedback = check_feedback(&s->feedback);
     if (feedback != TS_OK) return feedback;
     if (!positive(s->slope_min) || !(s->slope_min < s->slope_max) || !positive(s->slope_max)) return TS_BAD_SLOPE;
@@ -458,17 +469,34 @@ static void pass_stage(ts_controller *c, ts_real *u)
     }
 }
 
+/* The regressor of the measured tick as the sensor shows it: u itself, or made in `space`. At rest before the first tick. */
+static const ts_real *sensed(ts_controller *c, ts_real *space)
+{
+    const ts_sensor *s = &c->settings.sensor;
+    ts_sensor_state *d = &c->sensor;
+    if (!(s->share > 0) && !(s->lag > 0)) return c->u;
+    bool first = c->lagged.ticks == 1;
+    for (int i = 0; i < c->parameters; i += TS_LANES) {
+        lanes u = load(c->u + i), before = first ? u : load(d->before + i), start = first ? u : load(d->lagged + i);
+        lanes end = plus(plus(plus(zero(), s->pole, start), s->now, u), s->before, before);
+        store(space + i, minus(plus(plus(zero(), 1 - s->share, u), s->share, before), s->lag, difference(end, start)));
+        store(d->before + i, u);
+        store(d->lagged + i, end);
+    }
+    return space;
+}
+
 /* Number of ticks whose measurement was used or passed over. */
 static uint64_t measured_ticks(const ts_controller *c)
 {
     return c->settings.dynamics.known ? c->dynamics.ticks : c->lagged.ticks;
 }
 
-static bool adapt_rls(ts_controller *c, bool learn)
+static bool adapt_rls(ts_controller *c, const ts_real *u, bool learn)
 {
     const ts_settings *s = &c->settings;
     if (!learn) return true;
-    bool used = ts_rls_update(&c->law.rls, c->w, c->u, c->innovation, s->forgetting, s->covariance_limit, c->parameters);
+    bool used = ts_rls_update(&c->law.rls, c->w, u, c->innovation, s->forgetting, s->covariance_limit, c->parameters);
     if (!isfinite(c->law.rls.trace)) ts_rls_init(&c->law.rls, s->regularization, c->parameters);
     return used;
 }
@@ -667,28 +695,31 @@ static void pass_over(ts_controller *c)
     if (s->dynamics.known) {
         learn_staged(c, expected(c), 0, false, learn);
     } else {
+        ts_real space[TS_PADDED(TS_MAX_PARAMETERS)];
         next_lagged(c);
-        if (s->law == TS_LAW_KALMAN) adapt_kalman(c, c->u, model(c, c->u), 0, false, learn);
+        const ts_real *u = sensed(c, space);
+        if (s->law == TS_LAW_KALMAN) adapt_kalman(c, u, model(c, u), 0, false, learn);
     }
     if (s->law == TS_LAW_KALMAN) ts_oscillation_miss(&c->oscillation, &s->oscillation, NULL);
     feed_back(c, 0);
 }
 
-/* Adapts to z; `back`: at a voltage limit and beyond the desired displacement. Returns whether z was used. */
-static bool learn_from(ts_controller *c, ts_real z, const ts_motion *d, bool limited, bool back, bool stands)
+/* Adapts to z; u: the regressor as the sensor shows it, where the stage is not known; `back`: at a voltage limit and beyond
+ * the desired displacement. Returns whether z was used. */
+static bool learn_from(ts_controller *c, const ts_real *u, ts_real z, const ts_motion *d, bool limited, bool back, bool stands)
 {
     const ts_settings *s = &c->settings;
     ts_kalman *k = &c->law.kalman;
     bool staged = s->dynamics.known;
-    ts_real predicted = staged ? expected(c) : model(c, c->u);
+    ts_real predicted = staged ? expected(c) : model(c, u);
     c->innovation = staged ? z - predicted : through_dead_zones(s, z) + d->ahead - predicted; /* (15) */
-    if (s->law == TS_LAW_RLS) return adapt_rls(c, !c->hold);
+    if (s->law == TS_LAW_RLS) return adapt_rls(c, u, !c->hold);
     bool used = !frozen(c, z, predicted, stands), spike = used && ts_kalman_is_spike(k, &s->kalman, c->innovation, staged);
     ts_real innovation = used && !spike ? c->innovation : 0;
     bool learn = adapts(c, limited, back) && !(c->stage.rest > 0);
     used = used && !spike;
     if (staged) learn_staged(c, used ? z : predicted, innovation, used, learn);
-    else adapt_kalman(c, c->u, predicted + innovation, innovation, used, learn);
+    else adapt_kalman(c, u, predicted + innovation, innovation, used, learn);
     return used;
 }
 
@@ -702,18 +733,21 @@ static bool measure(ts_controller *c, ts_real z)
     bool limited = c->limited[slot], learned = c->limited[c->lagged.ticks % TS_HISTORY], back = beyond(c, slot, z);
     bool stands = c->x[slot] == (staged && tick > 0 ? c->x[(tick - 1) % TS_HISTORY] : c->lagged.play[0]);
     const ts_motion *d = &c->motion[slot];
-    if (!staged) next_lagged(c);
-    ts_real space[TS_PADDED(TS_MAX_PARAMETERS)], before = 0;
-    const ts_real *now = NULL;
+    ts_real space[TS_PADDED(TS_MAX_PARAMETERS)], shown[TS_PADDED(TS_MAX_PARAMETERS)], before = 0;
+    const ts_real *now = NULL, *u = NULL;
+    if (!staged) {
+        next_lagged(c);
+        u = sensed(c, shown);
+    }
     if (smooth) {
         now = regressor_of_now(c, space);
         before = model(c, now);
     }
-    bool used = learn_from(c, z, d, learned, back, stands);
+    bool used = learn_from(c, u, z, d, learned, back, stands);
     /* A learned change reaches the command gradually, so that it does not excite the stage. */
     if (used && smooth) c->bumpless += c->stage.smoothing * (model(c, now) - before);
-    const ts_dynamics *g = &s->dynamics;
-    ts_real error = z - (d->z_d + g->sensor[0] * d->zdot_d + g->sensor[1] * d->zddot_d);
+    const ts_real *slow = staged ? s->dynamics.sensor : s->sensor.slow;
+    ts_real error = z - (d->z_d + slow[0] * d->zdot_d + slow[1] * d->zddot_d);
     /* The trim: at a voltage limit only away from it; the slew limit only delays. */
     if (used && (!limited || back)) c->integral -= s->trim * error;
     feed_back(c, used && (!limited || back) ? -error : 0); /* no wind-up at a limit */
@@ -824,6 +858,7 @@ static bool same_model(const ts_settings *a, const ts_settings *b)
            && equal(a->dead_zone_thresholds, b->dead_zone_thresholds, a->dead_zones) && equal(&a->stroke, &b->stroke, 1)
            && equal(a->initial_weights, b->initial_weights, m) && equal(&a->regularization, &b->regularization, 1)
            && equal(&a->oscillation.tick, &b->oscillation.tick, 1) && same_dynamics(&a->dynamics, &b->dynamics)
+           && a->sensor.ticks == b->sensor.ticks && equal(&a->sensor.share, &b->sensor.share, 1) && equal(&a->sensor.lag, &b->sensor.lag, 1)
            && equal(a->prior, b->prior, a->law == TS_LAW_KALMAN ? TS_PACKED(m) : 0);
 }
 
@@ -878,6 +913,12 @@ ts_status ts_controller_adapt(ts_controller *c, ts_real z, int ago)
 {
     const ts_settings *s = &c->settings;
     uint64_t commands = c->counters.commands;
+    bool given = ago >= 0 && ago < TS_HISTORY && (uint64_t)ago < commands;
+    if (given) ago += s->sensor.ticks;
+    if (given && (uint64_t)ago >= commands) { /* it shows what was before the first command */
+        c->flags.changed = c->flags.rejected = false;
+        return TS_OK;
+    }
     bool in_time = ago >= 0 && ago < waiting(s) && (uint64_t)ago < commands && commands - (uint64_t)ago > measured_ticks(c);
     if (in_time && measured_ticks(c) == 0 && isfinite(z)) { /* the first one */
         ts_real reach = ts_reach(s, c->x[(commands - 1 - (uint64_t)ago) % TS_HISTORY]);

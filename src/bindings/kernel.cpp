@@ -45,6 +45,7 @@ const char *message(ts_status status) {
         case TS_BAD_KALMAN: return "the settings of the Kalman filter";
         case TS_BAD_SLOPE: return "slope_limits";
         case TS_BAD_VOLTAGE: return "voltage_limits or slew_limit";
+        case TS_BAD_SENSOR: return "the sensor";
         case TS_BAD_DYNAMICS: return "dynamics";
         case TS_BAD_FEEDBACK: return "the feedback";
         case TS_BAD_LIMIT: return "stroke, measurement_limit, smoothing or trim";
@@ -107,6 +108,10 @@ template <typename Controller, typename Visit> void each_array(Controller &c, Vi
     visit("hold", &c.hold, 1);
     visit("flags", &c.flags.saturated, sizeof c.flags / sizeof(bool));
     visit("counters", &c.counters.commands, sizeof c.counters / sizeof(uint64_t));
+    if (c.settings.sensor.share > 0 || c.settings.sensor.lag > 0) {
+        visit("sensor_before", &c.sensor.before[0], m);
+        visit("sensor_lagged", &c.sensor.lagged[0], m);
+    }
     if (c.settings.law == TS_LAW_RLS) {
         visit("covariance_factor", &c.law.rls.U[0], triangle);
         visit("covariance_diagonal", &c.law.rls.D[0], m);

@@ -19,6 +19,7 @@ from truestroke.cli import common
 if TYPE_CHECKING:
     from truestroke.identification.dynamics import Bode
 
+SENSOR = "sensor_delay", "sensor_bandwidth"
 DEMO = {"voltage_limits": (-0.6, 3.6), "slew_limit": 504.0, "safe_voltage": 0.0}
 
 
@@ -36,8 +37,9 @@ DEMO = {"voltage_limits": (-0.6, 3.6), "slew_limit": 504.0, "safe_voltage": 0.0}
 @click.option("--travel", metavar="UM", type=float, help="How far the stage may go from where it is under the bias: "
               "beyond, it stops.  [default: a quarter of its range]")  # fmt: skip
 @click.option("--modes", metavar="N", type=click.IntRange(1, 3), help="[default: as many as the record shows]")
-@click.option("--sensor-delay", metavar="S", type=float, default=0.0, help="Of the sensor, from its data sheet.")
-@click.option("--sensor-bandwidth", metavar="HZ", type=float, default=0.0, help="The same; 0 is not known.")
+@click.option("--sensor-delay", metavar="S", type=float, help="Of the sensor, from its data sheet.  [default: as in "
+              "the settings of the axis, else 0]")  # fmt: skip
+@click.option("--sensor-bandwidth", metavar="HZ", type=float, help="The same; 0 is not known.")
 @click.option("--output", metavar="NAME", default="dynamics", help="Write NAME.toml and NAME.html.")
 @common.page_options
 def bode(config: Path | None, output: str, plots: Path | None, as_json: bool, **options: Any) -> int:
@@ -73,11 +75,13 @@ def _actuator(config: Path | None) -> Iterator[tuple[truestroke.Actuator, dict[s
     driver, table = configuration.one_axis(config)
     with OneAxis(driver, **table.limits) as axis:
         limits = {"voltage_limits": table.voltage_limits, "slew_limit": table.slew, "safe_voltage": table.safe_voltage}
-        yield axis, limits
+        sensor = {name: table.settings[name] for name in SENSOR if name in table.settings}
+        yield axis, limits | sensor
 
 
 def _measured(actuator: truestroke.Actuator, limits: dict[str, Any], options: dict[str, Any], as_json: bool) -> Bode:
-    return truestroke.measure_bode(actuator, **limits, **options, report=_reporter(as_json))
+    given = {name: value for name, value in options.items() if value is not None or name not in SENSOR}
+    return truestroke.measure_bode(actuator, **{**limits, **given}, report=_reporter(as_json))
 
 
 def _reporter(as_json: bool) -> Callable[[str], None]:

@@ -39,6 +39,8 @@ class SettingsOptions(ChangeableOptions, total=False):
     """Members of `ControllerSettings` but the three that are needed."""
 
     dynamics: Dynamics | None
+    sensor_delay: float | None
+    sensor_bandwidth: float | None
     plays: int
     thresholds: tuple[float, ...] | None
     rate_dependent: tuple[int, ...] | None

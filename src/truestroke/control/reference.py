@@ -18,6 +18,7 @@ from truestroke.base.typing import FloatArray
 from truestroke.control.adaptation import LARGEST, RLS, BoundedKalman, FilteringLaw, KalmanSettings, Law, UpdateRefused
 from truestroke.control.controller import Counters, controller_rows
 from truestroke.control.oscillation import OscillationDetector, OscillationSettings
+from truestroke.control.sensor import Sensor
 from truestroke.control.settings import CHANGEABLE, SETTINGS, ControllerSettings, kernel_settings
 from truestroke.control.stage import Stage, strain_of
 from truestroke.model.models import (
@@ -173,6 +174,7 @@ class ReferenceController(Displayed):
         self._waiting: dict[int, _Command] = {}  # by tick: not yet in self._lagged
         self._last = _Command(0.0, Motion(0.0, 0.0), limited=False)
         self._path = Stage(self._c, s.parameters) if self._c["dynamics.known"] else None
+        self._sensor = Sensor({name: value for name, value in self._c.items() if name.startswith("sensor.")})
         self._alarms, self._paused = (
             2 * PAUSE,
             True,
@@ -290,6 +292,11 @@ class ReferenceController(Displayed):
         SettingError
             The first measurement, within 64 ticks, is beyond the reach of the voltage: nothing has changed.
         """
+        if 0 <= ago < min(HISTORY, self.counters["commands"]):
+            ago += self._sensor.ticks
+            if ago >= self.counters["commands"]:  # it shows what was before the first command
+                self._changed = self._rejected = False
+                return
         tick = self.counters["commands"] - 1 - ago
         in_time = 0 <= ago < self._waits and self._measured_ticks <= tick and tick in self._waiting
         if in_time and self._measured_ticks == 0 and math.isfinite(z_measured):
@@ -310,7 +317,7 @@ class ReferenceController(Displayed):
         limited, beyond, motion = command.limited, self._is_beyond(command, z), command.motion
         before = self._waiting.get(tick - 1) if path is not None else None
         stands = command.x == (self._lagged.play[0] if before is None else before.x)
-        u = self._next_lagged() if path is None else None  # (20)
+        u = self._sensor.sensed(self._next_lagged()) if path is None else None  # (20)
         now = self._regressor(self._now, self._last.motion)
         first = float(dot(self.law.weights, now))
         used = self._learn(
@@ -318,7 +325,7 @@ class ReferenceController(Displayed):
         )
         if used:  # a learned change reaches the command gradually, so that it does not excite the stage
             self._bumpless += self._stage.smoothing * (float(dot(self.law.weights, now)) - first)
-        to_sensor = (0.0, 0.0) if path is None else path.sensor
+        to_sensor = self._sensor.slow if path is None else path.sensor
         error = z - (motion.z_d + to_sensor[0] * motion.zdot_d + to_sensor[1] * motion.zddot_d)
         # The trim: at a voltage limit only away from it; the slew limit only delays.
         if used and (not limited or beyond):
@@ -434,7 +441,7 @@ class ReferenceController(Displayed):
         if self._path is not None:
             self._learn_staged(self._path, self._path.expected(), 0.0, measured=False, learn=learn)
         else:
-            u = self._next_lagged()
+            u = self._sensor.sensed(self._next_lagged())
             if law is not None:
                 self._update(law, u, float(dot(u, law.weights)), 0.0, measured=False, learn=learn)
         if law is not None:

@@ -16,12 +16,12 @@ from truestroke.base.checks import SettingError
 from truestroke.base.declared import FOLLOWS, HUGE, SHARE, Bound, Setting, Times, between, bound, sized, whole
 from truestroke.base.display import Displayed, Rows
 from truestroke.base.typing import FloatArray
-from truestroke.control import feedback, stage
+from truestroke.control import feedback, sensor, stage
 from truestroke.control.adaptation import RETURN_EVERY
 from truestroke.control.feedback import Feedback
 from truestroke.control.options import SettingsOptions
 from truestroke.model import layout, prior
-from truestroke.model.dynamics import Dynamics
+from truestroke.model.dynamics import LATEST, Dynamics
 from truestroke.model.layout import MAX_PLAYS, TERMS, Layout, Term
 
 MAX_DEAD_ZONES = 8
@@ -73,6 +73,26 @@ def _dynamics(s: ControllerSettings, name: str, value: Any, unit: str) -> Dynami
         value = Dynamics.from_dict(value)
     words = "a Dynamics, such as of truestroke.measure_dynamics(actuator), or the path of its file"
     return checks.instance(name, value, Dynamics, words).check_rate(s.sample_rate)
+
+
+def _sensor(s: ControllerSettings, name: str, value: float) -> float:
+    """The same as in the dynamics, where they are known: the sensor is in them."""
+    if s.dynamics is not None and value != (known := getattr(s.dynamics, name)):
+        words = f"left out, or {known:g} as in dynamics: measure them again with it, truestroke bode --{name}"
+        raise SettingError(name, value, words.replace("_", "-"), SETTINGS[name].unit)
+    return value
+
+
+@bound("0 to 20 ticks; as in `dynamics` where they are known")
+def _sensor_delay(s: ControllerSettings, name: str, value: Any, unit: str) -> float:
+    least = 0.0 if s.dynamics is None else -math.inf  # dynamics have their own bounds
+    return _sensor(s, name, checks.within(name, value, least, LATEST / s.sample_rate, unit))
+
+
+@bound("0, or from 1e-3 to 1e9; as in `dynamics` where they are known")
+def _sensor_bandwidth(s: ControllerSettings, name: str, value: Any, unit: str) -> float:
+    corner = checks.number(name, value, unit)
+    return _sensor(s, name, checks.sized(name, corner, unit, 1e-3, 1e9) if corner else 0.0)
 
 
 @bound("lines of the mains, Hz: 50 means 50, 100 and 150; () is none")
@@ -208,6 +228,16 @@ def default_feedback(s: ControllerSettings) -> Feedback:
     return feedback.design(s.dynamics, latency=s.latency, stroke=s.stroke, hum=s.hum)
 
 
+def default_sensor_delay(s: ControllerSettings) -> float:
+    """That of the `dynamics`; 0 where they are not known."""
+    return 0.0 if s.dynamics is None else s.dynamics.sensor_delay
+
+
+def default_sensor_bandwidth(s: ControllerSettings) -> float:
+    """That of the `dynamics`; 0, no lag, where they are not known."""
+    return 0.0 if s.dynamics is None else s.dynamics.sensor_bandwidth
+
+
 def default_weights(s: ControllerSettings) -> tuple[float, ...]:
     """`prior.play_weights` and the lag of the prior; for "rls" the first weight alone."""
     a = _play_weights(s)
@@ -299,6 +329,14 @@ SETTINGS: declared.Table = {
     "dynamics": Setting(
         "Modes, lags and dead time of the stage and the sensor; the command inverts them", "",
         _dynamics, kernel="",
+    ),
+    "sensor_delay": Setting(
+        "Of the sensor, from the displacement to its measurement, beside the mean over a tick: of any fraction of one",
+        "s", _sensor_delay, default_sensor_delay, kernel="",
+    ),
+    "sensor_bandwidth": Setting(
+        "Corner of the sensor's first-order lag; 0 is none", "Hz",
+        _sensor_bandwidth, default_sensor_bandwidth, kernel="",
     ),
     "latency": Setting(
         "Ticks from a command to its measurement, beside the one until the next command; the feedback counts with it",
@@ -450,6 +488,8 @@ class ControllerSettings(Displayed, Layout):
     voltage_limits: tuple[float, float]
     resonance: float = 0.0
     dynamics: Dynamics | None = None
+    sensor_delay: float = FOLLOWS
+    sensor_bandwidth: float = FOLLOWS
     latency: int = 0
     hum: tuple[float, ...] = ()
     feedback: Feedback = FOLLOWS
@@ -602,7 +642,7 @@ class ControllerSettings(Displayed, Layout):
 def kernel_settings(s: ControllerSettings) -> dict[str, Any]:
     """The members of ts_settings in c/include/truestroke.h: coefficients of a tick; 0 what belongs to another law."""
     known = stage.NOT_KNOWN if s.dynamics is None else stage.members(s.dynamics)
-    return declared.kernel_values(s, SETTINGS, s.law) | _derived(s) | known
+    return declared.kernel_values(s, SETTINGS, s.law) | _derived(s) | known | sensor.members(s)
 
 
 def _derived(s: ControllerSettings) -> dict[str, float]:

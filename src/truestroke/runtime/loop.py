@@ -195,9 +195,11 @@ def check_agreement(trajectory: Motion, controller: Controller, timing: Timing) 
 
 
 def count_latency(controller: Any, timing: Timing) -> None:
-    """The latency of the actuator in the design of the controller's feedback, if it has one."""
+    """The latency of the actuator in the design of the controller's feedback, if it has one; refused if too late."""
     settings: Any = getattr(controller, "settings", None)
     late = timing.latency + timing.block - 1
+    if sensor := math.floor(getattr(settings, "sensor_delay", 0.0) * timing.sample_rate + 1e-9):
+        checks.count("block - 1 + latency, and the ticks of sensor_delay", late + sensor, 0, 63)
     if getattr(settings, "dynamics", None) is not None and settings.latency != late and hasattr(controller, "change"):
         controller.change(latency=checks.count("block - 1 + latency", late, 0, 20))
 
