@@ -43,7 +43,7 @@ class Gain:
 
     step: float  # V
     gain: float  # um/V
-    uncertainty: float  # um/V, standard error, from how much the steps differ
+    uncertainty: float  # um/V, standard error, from how much the steps differ and from the noise
 
     @property
     def seen(self) -> bool:
@@ -51,40 +51,43 @@ class Gain:
         return abs(self.gain) > SEEN * self.uncertainty
 
 
-def gain(volts: FloatArray, z: FloatArray, latency: int) -> Gain:
+def gain(volts: FloatArray, z: FloatArray, latency: int, noise: float = 0.0) -> Gain:
     """Gain from levels of voltage that alternate, each held for some time.
 
     Entry i of `z` (um, NaN where a sample was lost) answers entry i - latency of `volts` (V), both of shape (ticks,);
-    roughly, as the first half of each level is not used. Each level is compared with the mean of those before and
-    after, so that a drift does not count.
+    roughly, as the first half of each level is not used. The means of the levels are fitted by gain times voltage and a
+    parabola over time, so that a drift does not count. `noise` is the standard deviation of one sample, um: few levels
+    agree by chance, and the uncertainty is not smaller than the one that this noise makes.
 
     >>> volts = np.tile(np.repeat([0.0, 0.1], 50), 4)
     >>> found = gain(volts, 8.0 * volts + 1e-4 * np.arange(400), 0)
     >>> print(f"{found.gain:.3f} um/V, {found.seen}")
     8.000 um/V, True
     """
-    levels = _levels(volts, z, latency)
-    if len(levels) < 4:
-        return Gain(0.0, 0.0, np.inf)
-    v, mean = np.array(levels).T
-    steps = v[1:-1] - 0.5 * (v[:-2] + v[2:])
-    moves = mean[1:-1] - 0.5 * (mean[:-2] + mean[2:])
-    ratios = (moves / steps)[np.isfinite(moves)]
-    if ratios.size < 3:
-        return Gain(float(np.ptp(v)), 0.0, np.inf)
-    error = max(float(np.std(ratios, ddof=1) / np.sqrt(ratios.size)), 1e-12)
-    return Gain(float(np.ptp(v)), float(ratios.mean()), error)
+    levels = [level for level in _levels(volts, z, latency) if level[2]]
+    if len(levels) < 7:
+        return Gain(float(np.ptp(volts)), 0.0, np.inf)
+    v, mean, samples = np.array(levels).T
+    time = np.linspace(-1.0, 1.0, v.size)
+    terms = np.stack((v, np.ones_like(time), time, time**2), axis=1)
+    inverse = np.linalg.pinv(terms)
+    found = inverse @ mean
+    spread = np.sqrt(np.sum((mean - terms @ found) ** 2) / (v.size - terms.shape[1]))
+    by_spread = float(spread * np.linalg.norm(inverse[0]))
+    by_noise = float(noise * np.linalg.norm(inverse[0] / np.sqrt(samples)))
+    return Gain(float(np.ptp(v)), float(found[0]), max(by_spread, by_noise, 1e-12))
 
 
-def _levels(volts: FloatArray, z: FloatArray, latency: int) -> list[tuple[float, float]]:
-    """Voltage and settled mean of each level; ramps between them are none."""
+def _levels(volts: FloatArray, z: FloatArray, latency: int) -> list[tuple[float, float, int]]:
+    """Voltage, settled mean and number of samples of each level; ramps between them are none."""
     edges = np.flatnonzero(np.diff(volts)) + 1
     levels = []
     for start, stop in zip([0, *edges], [*edges, volts.size], strict=True):
         if stop - start < 4:
             continue
         part = z[min(start + latency + int(SETTLED * (stop - start)), z.size) : stop + latency]
-        levels.append((float(volts[start]), float(np.nanmean(part)) if np.isfinite(part).any() else np.nan))
+        part = part[np.isfinite(part)]
+        levels.append((float(volts[start]), float(part.mean()) if part.size else np.nan, part.size))
     return levels
 
 

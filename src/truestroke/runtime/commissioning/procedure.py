@@ -221,7 +221,7 @@ def _first_steps(bench: _Bench, rest: Rest, stroke: float | None) -> tuple[tuple
         step = part * bench.span * bench.up
         level = None if expected is None else _level(step, COMMISSIONING[1] * expected, rest)
         records.append(bench.steps(step, level, rest))
-        found = answer.gain(records[-1].volts, records[-1].z, bench.timing.latency)
+        found = answer.gain(records[-1].volts, records[-1].z, bench.timing.latency, rest.noise)
         gains.append(found)
         if found.seen:
             _possible(found, expected, bench)
