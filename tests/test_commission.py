@@ -18,7 +18,7 @@ from click.testing import CliRunner
 from truestroke.cli import main
 from truestroke.plant import PlantSettings, RealisticPlant
 from truestroke.runtime import gains
-from truestroke.runtime.commissioning import AnswerError, Findings, small_steps, whole_range
+from truestroke.runtime.commissioning import AnswerError, Findings, answer, small_steps, whole_range
 from truestroke.runtime.commissioning.findings import write
 from truestroke.runtime.commissioning.resonance import resonance
 from truestroke.runtime.drivers import OneAxis, SimulatedDriver, SimulatedSettings
@@ -137,6 +137,12 @@ def test_an_axis_that_does_not_answer_as_told_has_hardly_moved(sensor: str, word
         small_steps(axis(stage), stroke=30.0)
     assert max(np.abs(stage.volts)) <= 0.05 * 4.2 + 1e-12
     assert stage.volts[-1] == 0.0
+
+
+def test_noise_is_no_answer() -> None:
+    """Nine levels of noise agree by chance once in a hundred times, if their differences alone are asked."""
+    volts, random = np.repeat([0.0, 0.1] * 4 + [0.0], 40), np.random.default_rng(0)
+    assert not any(answer.gain(volts, random.standard_normal(volts.size), 0, noise=1.0).seen for _ in range(3000))
 
 
 @pytest.mark.parametrize(("block", "latency"), [(1, 0), (20, 40)])
