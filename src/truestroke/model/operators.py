@@ -135,7 +135,7 @@ def dot(a: FloatArray, b: FloatArray) -> FloatArray:
     blocks = max(1, -(-n // LANES))
     padded = np.zeros((*outer, blocks * LANES))
     padded[..., :n] = products
-    lanes: FloatArray = np.cumsum(padded.reshape(*outer, blocks, LANES), axis=-2)[..., -1, :]
+    lanes: FloatArray = np.add.reduce(padded.reshape(*outer, blocks, LANES), axis=-2)  # row by row
     for half in (4, 2, 1):
         lanes = lanes[..., :half] + lanes[..., half:]
     return lanes[..., 0]
