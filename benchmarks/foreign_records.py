@@ -1,6 +1,7 @@
 """Records of actuators that are built otherwise than the model: how well `identify` predicts what it never saw.
 
 python benchmarks/foreign_records.py          the table of docs/identify.md; about a minute
+python -m benchmarks.foreign_rivals           the same records beside the models of others; some minutes
 """
 
 from __future__ import annotations
@@ -250,6 +251,115 @@ def closed_loop(rng: np.random.Generator) -> Made:
     return t, 10 * v, late(t, 100 * v, 2e-3) + rng.normal(0, 0.01, t.size)
 
 
+# ---- What surrounds the hysteresis -----------------------------------------------------------------------------------
+
+
+def lagged(y: np.ndarray, fs: float, tau: float) -> np.ndarray:
+    """First-order lag of tau, s."""
+    q = -np.expm1(-1 / (tau * fs))
+    return y[0] + lfilter([q], [1, q - 1], y - y[0])
+
+
+def wide_envelopes(v: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Plays between envelopes that bend up on the way up and down on the way down, as in large bipolar fields; v from
+    -1 to 1. The envelopes are exponential and hyperbolic, their thresholds and weights random."""
+    rise, fall = np.expm1(0.9 * v) / 0.9, 1.1 * np.log1p(0.55 * (v + 1.0)) / 0.55 - 1.05
+    y = 0.3 * v
+    for r, w in zip(np.sort(rng.uniform(0.1, 1.1, 20)), rng.exponential(1.0, 20), strict=True):
+        state, out = 0.0, np.empty(v.size)
+        for k in range(v.size):
+            state = max(rise[k] - r, min(fall[k] + r, state))
+            out[k] = state
+        y = y + 0.045 * w * out
+    return y
+
+
+def sine_and_step(rng: np.random.Generator) -> Made:
+    """Preisach, lag of 0.25 ms: one sine and one large step, then more, 2 kHz"""
+    t = clock(8.0, 2e3)
+    parts = [sine(t, 1.0), np.zeros_like(t), 0.9 + 0 * t, 0.9 - 0.7 * sine(t - 5.2, 0.83), 0.2 + 0 * t]
+    v = np.select([t < 4, t < 4.4, t < 5.2, t < 6.4, t < 6.8], parts, 0.2 + 0.6 * sine(t - 6.8, 1.7))
+    return t, 100 * v, 18 * lagged(preisach(v, rng), 2e3, 2.5e-4) + rng.normal(0, 0.01, t.size)
+
+
+def rest_first(rng: np.random.Generator) -> Made:
+    """Preisach, log creep: 4 s of rest in the middle, then triangles of many sizes, 500 Hz"""
+    t = clock(20.0, 500.0)
+    size = np.array([1.0, 0.7, 0.9, 0.4, 1.0, 0.8, 0.3, 0.6])[np.minimum((np.maximum(t - 4, 0) / 2).astype(int), 7)]
+    v = 0.45 + np.where(t < 4, 0.0, 0.45 * size * (2 * up_and_down(t + 0.5, 0.5) - 1))
+    before = np.concatenate([0.9 * up_and_down(clock(4.0, 500.0), 0.5), np.linspace(0.0, v[0], 200)])
+    z = creep(preisach(np.concatenate([before, v]), rng), 500.0, 0.01)[before.size :]
+    return t, 100 * v, 25 * z + rng.normal(0, 0.01, t.size)
+
+
+def from_near_zero(rng: np.random.Generator) -> Made:
+    """Preisach: begins near 0 V on the way down from a larger motion, wave below 4 Hz, 1 kHz"""
+    t = clock(14.0, 1e3)
+    v = wave(t, rng, 4.0)
+    v = 1.3 * v - 0.3
+    start = int(np.argmax((np.abs(v) < 0.005) & (np.gradient(v) < 0) & (t > 3.0)))
+    z = 22 * preisach(v + 0.3, rng)
+    return t[start:] - t[start], 100 * v[start:], (z - 6.0 + rng.normal(0, 0.01, t.size))[start:]
+
+
+def modes_excited(rng: np.random.Generator) -> Made:
+    """Bouc-Wen, three lightly damped modes from 170 Hz on: steps and noise that excite them, 5 kHz"""
+    t = clock(6.0, 5e3)
+    steps = rng.uniform(0.1, 0.9, 60)[(t / 0.1).astype(int)]
+    v = low_pass(np.clip(steps + 0.06 * rng.standard_normal(t.size), 0.0, 1.0), 5e3, 900.0)
+    y = bouc_wen(v)
+    modes = ((0.75, 170.0, 0.03), (0.17, 395.0, 0.02), (0.08, 710.0, 0.025))
+    z = 20 * sum(share * resonance(y, 5e3, f, damping) for share, f, damping in modes)
+    return t, 100 * v, z + rng.normal(0, 0.01, t.size)
+
+
+def log_drift(rng: np.random.Generator) -> Made:
+    """Bouc-Wen, log drift that is no creep of this voltage: triangles of two sizes, 100 Hz"""
+    t = clock(60.0, 100.0)
+    v = up_and_down(t, 0.25) * np.where((t / 4).astype(int) % 2, 0.6, 1.0)
+    return t, 120 * v, 40 * bouc_wen(v) + 0.9 * np.log(1 + t / 1.5) + rng.normal(0, 0.01, t.size)
+
+
+def thermal_walk(rng: np.random.Generator) -> Made:
+    """Preisach, zero that walks randomly with temperature: wave below 1 Hz, 100 Hz"""
+    t = clock(80.0, 100.0)
+    v = wave(t, rng, 1.0)
+    walk = np.cumsum(rng.normal(0, 0.006, t.size))
+    return t, 100 * v, 30 * preisach(v, rng) + walk + rng.normal(0, 0.01, t.size)
+
+
+def large_fields(rng: np.random.Generator) -> Made:
+    """Plays between unlike envelopes: bipolar triangles of many sizes, 500 Hz"""
+    t = clock(24.0, 500.0)
+    size = np.array([1.0, 0.8, 0.5, 0.9, 0.3, 1.0, 0.7, 0.95, 0.4, 0.85, 0.6, 1.0])[(t / 2).astype(int)]
+    v = size * (2 * up_and_down(t + 0.5, 0.5) - 1)
+    return t, 400 * v, 45 * wide_envelopes(v, rng) + rng.normal(0, 0.02, t.size)
+
+
+def two_days(rng: np.random.Generator) -> Made:
+    """Preisach: the last two fifths are of the next day, with another zero, wave below 3 Hz, 500 Hz"""
+    t = clock(20.0, 500.0)
+    v, day = wave(t, rng, 3.0), t >= SHARE * 20.0
+    z = 30 * preisach(v, rng) + rng.normal(0, 0.01, t.size)
+    return t + 86400.0 * day, 100 * v, z + 1.1 * day
+
+
+def jittering_clock(rng: np.random.Generator) -> Made:
+    """Bouc-Wen: true times 1 % of the interval off the stamps, two tones, 1 kHz"""
+    t = clock(10.0, 1e3)
+    true = t + rng.normal(0, 1e-5, t.size)
+    v = 0.5 - 0.25 * (np.cos(2 * np.pi * 2.1 * true) + np.cos(2 * np.pi * 5.3 * true))
+    return t, 100 * v, 25 * bouc_wen(v) + rng.normal(0, 0.005, t.size)
+
+
+def clipped_sensor(rng: np.random.Generator) -> Made:
+    """Preisach: a sensor that ends at 88 % of the travel, wave below 5 Hz, 1 kHz"""
+    t = clock(12.0, 1e3)
+    v = wave(t, rng, 5.0)
+    z = 20 * preisach(v, rng) + rng.normal(0, 0.005, t.size)
+    return t, 100 * v, np.minimum(z, 0.88 * z.max() + 0.12 * z.min())
+
+
 MAKERS: tuple[Callable[[np.random.Generator], Made], ...] = (
     sines_of_a_stack,
     decaying_triangles,
@@ -266,6 +376,16 @@ MAKERS: tuple[Callable[[np.random.Generator], Made], ...] = (
     slow_triangles,
     ringing,
     closed_loop,
+    sine_and_step,
+    rest_first,
+    from_near_zero,
+    modes_excited,
+    log_drift,
+    thermal_walk,
+    large_fields,
+    two_days,
+    jittering_clock,
+    clipped_sensor,
 )
 
 
