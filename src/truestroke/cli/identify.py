@@ -18,8 +18,11 @@ from truestroke.cli import common
 @common.record_options
 @click.option("--output", metavar="FILE", default="model.toml", help="The model is written there.")
 @click.option("--report", metavar="FILE", help="The page is written there.  [default: as --output, .html]")
+@click.option("--force", is_flag=True, help="Fit a record that contradicts itself: units, clock, columns, shifts.")
 @common.page_options
-def identify(record: Path, output: str, report: str | None, plots: Path | None, as_json: bool, **options: Any) -> None:
+def identify(
+    record: Path, output: str, report: str | None, force: bool, plots: Path | None, as_json: bool, **options: Any
+) -> None:
     """Fit a model to a record of voltage and displacement.
 
     Structure by blocked cross-validation; the last 40 % of the record measure how well the model predicts. Writes a
@@ -28,6 +31,10 @@ def identify(record: Path, output: str, report: str | None, plots: Path | None, 
     target, page_file = _files(output, report)
     data = truestroke.read_record(record, **options)
     findings = truestroke.examine(data)
+    if not force:
+        from truestroke.identification import mistakes
+
+        mistakes.refuse(findings)
     found = truestroke.identify(data)
     truestroke.save_model(target, found.model)
     with common.progress("plotting"):

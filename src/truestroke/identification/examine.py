@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from truestroke.base import checks
 from truestroke.base.typing import FloatArray
 from truestroke.identification import turning
-from truestroke.identification.record import EXPECTED, GAP, Record
+from truestroke.identification.mistakes import mistakes
+from truestroke.identification.noise import noise
+from truestroke.identification.record import GAP, Record, as_record
 from truestroke.identification.series import MOVES, clipped
 from truestroke.identification.turning import Rows
 
@@ -68,7 +69,9 @@ class Findings:
     clipped_displacement, clipped_volts : int
         Rows in which it stays at its largest or least value while the other one moves on.
     warnings : tuple[str, ...]
-        What is suspicious, and what the record cannot identify, in words.
+        What is suspicious, and what the record cannot identify, in words; the mistakes first.
+    mistakes : tuple[str, ...]
+        What contradicts that this is voltage and displacement in these units, each with its evidence (`mistakes`).
     """
 
     source: str
@@ -97,6 +100,7 @@ class Findings:
     clipped_displacement: int
     clipped_volts: int
     warnings: tuple[str, ...] = ()
+    mistakes: tuple[str, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
         """Plain numbers, text, lists and dicts, the types of JSON."""
@@ -153,12 +157,12 @@ def examine(record: Record) -> Findings:
     >>> found.warnings[1]
     'all strokes have about the same speed (144 um/s): the record is not informative about rate dependence'
     """
-    checks.instance("record", record, Record, EXPECTED)
+    record = as_record(record)
     x, z = record.volts, record.displacement
     span, stroke = float(np.ptp(x)), float(np.ptp(z))
     turns = turning.reversals(x, turning.STROKE * span)
     gain, offset, correlation = _line(x, z)
-    noise = _noise(record)
+    level = noise(z, record.segments)
     delay, lag = _delay(record, turns)
     speeds, lengths = _strokes(record, turns, span)
     travel = float(np.abs(np.diff(x[turns])).sum())
@@ -180,16 +184,22 @@ def examine(record: Record) -> Findings:
         hysteresis_percent=None if delay is None else _width(record, delay, travel, stroke, gain),
         delay_ms=None if delay is None else 1e3 * delay / record.sample_rate,
         lag_ms=None if lag is None else 1e3 * lag / record.sample_rate,
-        noise_um=noise,
-        rates_um_s=_rates(record, noise),
+        noise_um=level,
+        rates_um_s=_rates(record, level),
         strokes=turns.size - 1,
         stroke_speeds_um_s=speeds,
         stroke_lengths_percent=lengths,
         states_known_s=_states_known(record),
         clipped_displacement=int(clipped(z, x, MOVES * span).sum()),
-        clipped_volts=int(clipped(x, z, max(MOVES * stroke, 6 * noise)).sum()),
+        clipped_volts=int(clipped(x, z, max(MOVES * stroke, 6 * level)).sum()),
     )
-    warnings = *_of_columns(findings, record), *_of_sampling(findings, record), *_of_content(findings)
+    findings = dataclasses.replace(findings, mistakes=mistakes(record, findings))
+    warnings = (
+        *findings.mistakes,
+        *_of_columns(findings, record),
+        *_of_sampling(findings, record),
+        *_of_content(findings),
+    )
     return dataclasses.replace(findings, warnings=warnings)
 
 
@@ -211,40 +221,6 @@ def _jitter(record: Record) -> float | None:
     every = max(1, record.time.size // SAMPLED)
     steps = record.time[1::every] - record.time[:-1:every]
     return float(1e6 * steps[steps <= GAP / record.sample_rate].std())
-
-
-def _blocks(record: Record) -> list[FloatArray]:
-    """Pieces of the displacement without gaps, SAMPLED rows at most in all."""
-    length = SAMPLED // 16
-    starts = ((a, s.stop) for s in record.segments for a in range(s.start, s.stop, length))
-    pieces = [record.displacement[a : min(a + length, stop)] for a, stop in starts]
-    return [piece for piece in pieces[:: max(1, len(pieces) // 16)] if piece.size > 8]
-
-
-def _noise(record: Record) -> float:
-    """The least of the robust deviations of differences of order 2 to 6: higher ones contain less of a smooth motion.
-
-    The median of |differences| is robust to the reversals and a few outliers. Noise that is slower than the samples,
-    such as mains hum, is not in it. Nor is it less than that of rounding to the steps of a converter.
-    """
-    blocks = _blocks(record)
-    if not blocks:
-        return 0.0
-    found = []
-    for order in range(2, 7):
-        differences = np.abs(np.concatenate([np.diff(block, order) for block in blocks]))
-        found.append(float(np.median(differences)) / 0.6745 / math.sqrt(math.comb(2 * order, order)))
-    jumps = np.abs(np.concatenate([np.diff(block) for block in blocks]))
-    jumps = jumps[jumps > 1e-9 * np.ptp(record.displacement)]
-    return max(min(found), float(jumps.min(initial=np.inf)) / math.sqrt(12) if _quantised(jumps) else 0.0)
-
-
-def _quantised(jumps: FloatArray) -> bool:
-    """Whether every jump is a whole number of the smallest, and most of them few: then it is a converter's step."""
-    if jumps.size == 0:
-        return False
-    ratio = jumps / jumps.min()
-    return bool(np.median(ratio) < 50 and np.median(np.abs(ratio - ratio.round())) < 0.01)
 
 
 def _delay(record: Record, turns: Rows) -> tuple[float | None, float | None]:
@@ -334,6 +310,8 @@ def _of_columns(found: Findings, record: Record) -> list[str]:
     says = []
     if assumed := [f"{c.heading} in {c.unit}" for c in record.columns.values() if not c.stated]:
         says.append(f"the units are not stated and assumed: {', '.join(assumed)}")
+    if found.mistakes:  # which say the rest
+        return says
     for name, size, least, largest, unit in (
         ("displacement", found.stroke_um, 0.1, 2000.0, "um"),
         ("voltage", found.voltage_v[1] - found.voltage_v[0], 0.05, 1500.0, "V"),
@@ -366,7 +344,8 @@ def _of_sampling(found: Findings, record: Record) -> list[str]:
     if found.clipped_volts:
         says.append(f"the voltage seems clipped in {found.clipped_volts} rows, while the displacement moves on")
     if found.jitter_us is None:
-        says.append("there are no time stamps: jitter and gaps cannot be measured, the given sample rate is used")
+        stamps = record.unused or "there are no time stamps"
+        says.append(f"{stamps}: jitter and gaps cannot be measured, the given sample rate is used")
     elif (error := 1e-6 * found.jitter_us * found.rates_um_s[1]) > max(found.noise_um, 1e-3 * found.stroke_um):
         says.append(f"jitter of the time stamps makes errors of about {error:.2g} um at {found.rates_um_s[1]:.3g} um/s")
     per_stroke = record.time.size / found.strokes

@@ -13,9 +13,11 @@ from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
 from truestroke.control.actuator import ActuatorModel, central_difference
 from truestroke.identification import normal, uncertainty
+from truestroke.identification.record import as_record
 from truestroke.identification.regression import ROWS, Data, Structure, delayed
 from truestroke.identification.select import Tried, choose, find_delay
 from truestroke.identification.series import Series, series
+from truestroke.signals.recording import Recording
 
 CHOICE_ROWS = 15_000  # at most where structures are compared, as `ROWS`
 NEAR = 0.25  # of the stroke
@@ -123,9 +125,10 @@ def identify(
 
     Parameters
     ----------
-    record : Record or tuple
-        `Record`, or the tuple (volts in V, displacement in um, sample rate in Hz). Gaps and irregular time stamps are
-        bridged by straight lines, which are not fitted; beyond 500,000 samples, means over blocks.
+    record : Record, Recording or tuple
+        `Record`, or a recording of a run, or the tuple (volts in V, displacement in um, sample rate in Hz). Gaps and
+        irregular time stamps are bridged by straight lines, which are not fitted; beyond 500,000 samples, means over
+        blocks.
     rate : bool, optional
         Whether the weights depend on the rate.
     creep_times : sequence of float, optional
@@ -153,6 +156,7 @@ def identify(
     >>> round(found.held_out.rmse_percent, 2), found.model.predict([0.0, 1.0], 1000.0).round(1)
     (0.0, array([ 0., 10.]))
     """
+    record = as_record(record) if isinstance(record, Recording) else record
     taken = series(record)
     if rate is not None:
         checks.flag("rate", rate)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import dataclasses
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -12,9 +15,11 @@ import numpy.typing as npt
 from truestroke.base import checks
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
+from truestroke.identification import clock
 from truestroke.signals import tables
 from truestroke.signals.channels import Signals
 from truestroke.signals.columns import Column, Wanted, read_columns, refuse_bad_rows
+from truestroke.signals.recording import Recording
 from truestroke.signals.tables import RecordError, Table
 
 FEWEST_ROWS = 50
@@ -64,7 +69,11 @@ class Record(Signals):
     segments : tuple[slice, ...]
         Rows between gaps; a gap is an interval of more than 2.5 times the median.
     dropped : int
-        Rows left out by `drop_bad_rows`.
+        Rows left out: by `drop_bad_rows`, and at both ends those without a measurement.
+    contradictions : tuple[str, ...]
+        What the caller states against what the file says, a sentence each.
+    unused : str
+        That the file has time stamps which are not used, in words; else empty.
     """
 
     time: FloatArray
@@ -75,6 +84,8 @@ class Record(Signals):
     columns: Mapping[str, Column] = field(default_factory=dict)
     segments: tuple[slice, ...] = ()
     dropped: int = 0
+    contradictions: tuple[str, ...] = ()
+    unused: str = ""
 
     @classmethod
     def from_arrays(
@@ -182,12 +193,53 @@ def read_record(
     asked = {"volts": (volts, volts_unit), "displacement": (displacement, displacement_unit), "time": (time, time_unit)}
     wanted = [Wanted(role, tables.UNITS[role], HEADINGS[role], *keys) for role, keys in asked.items()]
     table = tables.open_table(path)
-    used = wanted[: 2 if sample_rate is not None else 3]
-    signals, columns = read_columns(path, table, used, _places(table), drop_bad_rows)
+    complete = drop_bad_rows or sample_rate is not None
+    wanted[2] = dataclasses.replace(wanted[2], needed=sample_rate is None)
+    signals, columns = _read(path, table, wanted, complete)
     signals["displacement"] *= -scale if flip_displacement else scale
+    contradictions = [*_of_units(columns)]
+    unused = ""
+    if sample_rate is not None and "time" in columns:
+        against, unused = clock.against(signals.pop("time"), columns.pop("time"), sample_rate)
+        contradictions += [against] if against else []
     if "time" in columns and not columns["time"].stated:
         _refuse_far(str(path), float(signals["time"][0]) if signals["time"].size else 0.0)
-    return _checked(str(path), signals, columns, sample_rate, drop_bad_rows, table)
+    record = _checked(str(path), signals, columns, sample_rate, drop_bad_rows, table)
+    return dataclasses.replace(record, contradictions=tuple(contradictions), unused=unused)
+
+
+def as_record(record: Any) -> Record:
+    """A record as it is; of a `Recording` its volts and measurements, ticks without a measurement left out."""
+    if not isinstance(record, Recording):
+        return checks.instance("record", record, Record, EXPECTED)
+    names = {"volts": "volts", "displacement": "measured", "time": "time"}
+    signals = {role: _axis("recording", role, record[name]) for role, name in names.items()}
+    columns = {role: Column(name, record.unit(name), True) for role, name in names.items()}
+    table = Table((), (), np.zeros((0, 0)), lambda *_: [], marked=True)
+    return _checked("recording", signals, columns, None, False, table)
+
+
+def _read(
+    path: Path, table: Table, wanted: Sequence[Wanted], complete: bool
+) -> tuple[dict[str, FloatArray], dict[str, Column]]:
+    """The columns; to the end where the displacement is missing in the first row, or in the last that was read."""
+    optional = [w for w in wanted if not w.needed]
+    try:
+        signals, columns = read_columns(path, table, wanted, _places(table), complete)
+    except RecordError:
+        if not optional:
+            raise
+        return _read(path, table, [w for w in wanted if w.needed], complete)
+    if not complete and np.isnan(signals["displacement"][[0, -1]] if signals["displacement"].size else 0.0).any():
+        return read_columns(path, table, wanted, _places(table), True)
+    return signals, columns
+
+
+def _of_units(columns: Mapping[str, Column]) -> Iterator[str]:
+    """Units that the caller states against those of the file."""
+    for role, column in columns.items():
+        if column.of_file and column.of_file != column.unit:
+            yield f"{column.heading!r} is in {column.of_file}, as the file says, but `{role}_unit` is {column.unit}"
 
 
 def _places(table: Table) -> tuple[str, ...]:
@@ -235,6 +287,9 @@ def _checked(
         if signal.size != rows:
             raise RecordError(source, f"volts has {rows} rows, but {role} has {signal.size}")
     time = signals["time"] if "time" in signals else np.arange(rows) / (sample_rate or 1.0)
+    ends = _measured(signals["displacement"])
+    time, signals = time[ends], {role: signal[ends] for role, signal in signals.items()}
+    table = dataclasses.replace(table, locate=partial(_from, table.locate, ends.start))
     if drop or table.marked:
         keep = _good_rows({**signals, "time": time})
         time, signals = time[keep], {role: signal[keep] for role, signal in signals.items()}
@@ -250,6 +305,17 @@ def _checked(
     rate = sample_rate if sample_rate is not None else _rate(time, segments)
     dropped = rows - time.size
     return Record(time, signals["volts"], signals["displacement"], rate, source, columns, segments, dropped)
+
+
+def _measured(displacement: FloatArray) -> slice:
+    """Rows between the first and the last measurement: a driver's latency leaves none in the last ticks of a run."""
+    known = np.flatnonzero(~np.isnan(displacement))
+    return slice(int(known[0]), int(known[-1]) + 1) if known.size else slice(0, displacement.size)
+
+
+def _from(locate: Callable[[int], tuple[int, str]], first: int, index: int) -> tuple[int, str]:
+    """Where a row is, counted behind the first ones, which are left out."""
+    return locate(first + index)
 
 
 def _good_rows(signals: Mapping[str, FloatArray]) -> npt.NDArray[np.bool_]:

@@ -14,7 +14,7 @@ from truestroke.control import actuator
 from truestroke.control.actuator import ActuatorModel, central_difference
 from truestroke.identification import normal, uncertainty
 from truestroke.identification.normal import Prior
-from truestroke.identification.record import EXPECTED, Record
+from truestroke.identification.record import Record, as_record
 from truestroke.identification.regression import ROWS, Data, Structure, delayed
 from truestroke.identification.waveform import Waveform
 from truestroke.signals.channels import Sampled
@@ -113,7 +113,7 @@ def refine(model: ActuatorModel, record: Record, *, waveform: Waveform | None = 
     (1.07, 1.07, 0.0, 9.0)
     """
     checks.instance("model", model, ActuatorModel, actuator.EXPECTED)
-    checks.instance("record", record, Record, EXPECTED)
+    record = as_record(record)
     if waveform is not None:
         checks.instance("waveform", waveform, Waveform, "a waveform, such as of truestroke.load_waveform(path)")
     rows = _longest(record)

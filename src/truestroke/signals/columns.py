@@ -1,7 +1,7 @@
 """Which columns of a file are which signals, by heading, unit or place, and their numbers in our units."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -63,11 +63,14 @@ class Column:
         Unit of the file.
     stated : bool
         Whether file or caller stated the unit; False where V, um or s is assumed.
+    of_file : str
+        The unit that the file states, also where the caller states another; "" where it states none.
     """
 
     heading: str
     unit: str
     stated: bool
+    of_file: str = field(default="", repr=False)
 
 
 def read_columns(
@@ -159,7 +162,8 @@ def _column(source: str, table: Table, wanted: Wanted, index: int) -> Column:
         raise RecordError(source, reason + " or ".join(wanted.units) + help_)
     used = stated if wanted.unit is None else unit(wanted.unit)
     known = used in wanted.units
-    return Column(heading, used if known else next(iter(wanted.units)), known)
+    of_file = stated if is_unit(stated) else ""
+    return Column(heading, used if known else next(iter(wanted.units)), known, of_file)
 
 
 def refuse_bad_rows(source: str, signals: Mapping[str, FloatArray], table: Table, remedy: str = "") -> None:

@@ -1,0 +1,163 @@
+"""Mistakes planted in correct records: which of them `examine` finds, and that it refuses no correct record.
+
+python benchmarks/record_mistakes.py the table of docs/identify.md; about half a minute
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from pathlib import Path
+
+import numpy as np
+from benchmarks import foreign_records
+
+from truestroke import plant, trajectories
+from truestroke.identification import Record, RecordError, examine, read_record, turning
+
+SHARED = Path(os.environ.get("TRUESTROKE_SHARED", Path(__file__).resolve().parents[2] / "shared"))
+MEASURED = SHARED / "data" / "p885_91" / "Model_Vi_Do.dat"
+
+Columns = Mapping[str, np.ndarray]
+Planted = tuple[Columns, Mapping[str, object]]  # columns with their headings, and arguments of `read_record`
+
+# ---- Correct records --------------------------------------------------------------------------------------------------
+
+
+def correct() -> Iterator[Record]:
+    """The measured record, those of foreign_records.py, two simulated ones."""
+    if MEASURED.is_file():
+        yield read_record(MEASURED, volts=1, displacement=5, sample_rate=200.0)
+    yield from foreign_records.records()
+    yield from (simulated(seed) for seed in (3, 5))
+
+
+def simulated(seed: int, duration: float = 10.0) -> Record:
+    wave = trajectories.random_wave(duration=duration, seed=seed)
+    stack, volts = plant.RealisticPlant(seed=seed), wave.position / 10.0
+    stack.open()
+    return Record.from_arrays(volts, stack.exchange(volts), time=wave.time, source=f"simulated stack, seed {seed}")
+
+
+# ---- Mistakes --------------------------------------------------------------------------------------------------------
+
+
+def nothing(r: Record) -> Planted:
+    """None"""
+    return named(r.time, r.volts, r.displacement), {}
+
+
+def sample_rate(r: Record) -> Planted:
+    """A sample rate five times that of the time stamps"""
+    return named(r.time, r.volts, r.displacement), {"sample_rate": 5 * r.sample_rate}
+
+
+def milliseconds(r: Record) -> Planted:
+    """Seconds labelled ms"""
+    return {"time (ms)": r.time, "volts (V)": r.volts, "z (um)": r.displacement}, {}
+
+
+def millivolts(r: Record) -> Planted:
+    """mV labelled V"""
+    return named(r.time, 1e3 * r.volts, r.displacement), {}
+
+
+def sensor_volts(r: Record) -> Planted:
+    """A sensor's V, 10 um/V, read as um although the heading says V"""
+    return {"time": r.time, "volts": r.volts, "z (V)": r.displacement / 10}, {"displacement_unit": "um"}
+
+
+def sensor_volts_labelled(r: Record) -> Planted:
+    """The same, labelled um"""
+    return named(r.time, r.volts, r.displacement / 10), {}
+
+
+def swapped(r: Record) -> Planted:
+    """Voltage and displacement swapped"""
+    return named(r.time, r.displacement, r.volts), {}
+
+
+def command(r: Record) -> Planted:
+    """The command, voltage times gain, in place of the displacement"""
+    gain = np.ptp(r.displacement) / np.ptp(r.volts)
+    return named(r.time, r.volts, r.displacement[0] + gain * (r.volts - r.volts[0])), {}
+
+
+def early(r: Record) -> Planted:
+    """The displacement a tenth of a stroke too early"""
+    n = shift(r, 0.1)
+    return named(r.time[:-n], r.volts[:-n], r.displacement[n:]), {}
+
+
+def late(r: Record) -> Planted:
+    """The displacement a third of a stroke too late"""
+    n = shift(r, 0.33)
+    return named(r.time[n:], r.volts[n:], r.displacement[:-n]), {}
+
+
+def very_late(r: Record) -> Planted:
+    """The displacement a whole stroke too late"""
+    n = shift(r, 1.0)
+    return named(r.time[n:], r.volts[n:], r.displacement[:-n]), {}
+
+
+def named(time: np.ndarray, volts: np.ndarray, displacement: np.ndarray) -> Columns:
+    return {"time (s)": time, "volts (V)": volts, "z (um)": displacement}
+
+
+def shift(r: Record, share: float) -> int:
+    """Rows of a share of the median stroke, at least three."""
+    turns = turning.reversals(r.volts, turning.STROKE * float(np.ptp(r.volts)))
+    return max(3, round(share * float(np.median(np.diff(turns)))))
+
+
+MISTAKES: tuple[Callable[[Record], Planted], ...] = (
+    nothing,
+    sample_rate,
+    milliseconds,
+    millivolts,
+    sensor_volts,
+    sensor_volts_labelled,
+    swapped,
+    command,
+    early,
+    late,
+    very_late,
+)
+
+
+def found(record: Record, mistake: Callable[[Record], Planted]) -> str:
+    """What `identify` refuses the record with, planted as a file; empty where it does not."""
+    columns, arguments = mistake(record)
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder, "record.npz")
+        np.savez(file, **columns)  # type: ignore[arg-type]
+        try:
+            findings = examine(read_record(file, **arguments))  # type: ignore[arg-type]
+        except RecordError as error:
+            return str(error)
+    falls = "the displacement falls as the voltage rises" if findings.correlation < 0 else ""
+    return "; ".join(findings.mistakes) or falls
+
+
+def table(records: Iterable[Record]) -> dict[str, tuple[int, int, list[str]]]:
+    """For each mistake: in how many records it is found, of how many, and those in which it is not."""
+    kept = [record for record in records if record.volts.size >= 400]
+    rows = {}
+    for mistake in MISTAKES:
+        missed = [record.source for record in kept if not found(record, mistake)]
+        rows[str(mistake.__doc__)] = (len(kept) - len(missed), len(kept), missed)
+    return rows
+
+
+def main() -> None:
+    print("| mistake | refused | not refused |")
+    print("|---|---|---|")
+    for name, (hits, of, missed) in table(correct()).items():
+        names = "; ".join(Path(source).name.split(":")[0] for source in missed) if hits and missed else ""
+        print(f"| {name} | {hits} of {of} | {names} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()

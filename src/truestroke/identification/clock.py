@@ -1,0 +1,35 @@
+"""A sample rate that is given, against the time stamps of the file."""
+
+import numpy as np
+
+from truestroke.base.typing import FloatArray
+from truestroke.signals.columns import Column
+from truestroke.signals.tables import UNITS
+
+AGREE = 0.02  # relative: how far a nominal sample rate may be from that of the stamps
+
+
+def against(stamps: FloatArray, column: Column, sample_rate: float) -> tuple[str, str]:
+    """What the stamps say against the sample rate, Hz; and, where it is nothing, that they are not used.
+
+    Both the mean and the median interval may agree with it: stamps may be rounded coarsely, or have gaps. Stamps
+    without a unit may be in any; those that count the rows or do not ascend are no clock.
+
+    Examples
+    --------
+    >>> against(np.arange(9) / 200.0, Column("time", "s", True), 1000.0)[0]
+    "the sample rate is given as 1000 Hz, but the time stamps of the file ('time' in s) have 200 Hz"
+    """
+    known = stamps[np.isfinite(stamps)]
+    steps = np.diff(known)
+    called = f"{column.heading!r} in {column.unit}"
+    if steps.size < 2 or np.median(steps) <= 0 or known[-1] <= known[0]:
+        return "", f"the time stamps of the file ({called}) do not ascend and are not used"
+    counted = not column.stated and bool(np.all(steps == 1))
+    rates = [1 / float(np.median(steps)), steps.size / float(known[-1] - known[0])]
+    scales = [1.0] if column.stated else [1 / seconds for seconds in UNITS["time"].values()]
+    agree = any(abs(rate * scale / sample_rate - 1) <= AGREE for rate in rates for scale in scales)
+    if agree or counted:
+        return "", f"the time stamps of the file ({called}) are not used"
+    rate = f"{rates[0]:.6g} Hz"
+    return f"the sample rate is given as {sample_rate:g} Hz, but the time stamps of the file ({called}) have {rate}", ""

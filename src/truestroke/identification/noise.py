@@ -1,0 +1,45 @@
+"""Noise of a signal between neighbouring samples."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from truestroke.base.typing import FloatArray
+
+SAMPLED = 200_000  # rows, evenly taken, that medians are formed of
+
+
+def noise(signal: FloatArray, segments: Sequence[slice]) -> float:
+    """Standard deviation of the noise, in the signal's unit.
+
+    The least of the robust deviations of differences of order 2 to 6: higher ones contain less of a smooth motion.
+    The median of |differences| is robust to the reversals and a few outliers. Noise that is slower than the samples,
+    such as mains hum, is not in it. Nor is it less than that of rounding to the steps of a converter.
+    """
+    blocks = _blocks(signal, segments)
+    if not blocks:
+        return 0.0
+    found = []
+    for order in range(2, 7):
+        differences = np.abs(np.concatenate([np.diff(block, order) for block in blocks]))
+        found.append(float(np.median(differences)) / 0.6745 / math.sqrt(math.comb(2 * order, order)))
+    jumps = np.abs(np.concatenate([np.diff(block) for block in blocks]))
+    jumps = jumps[jumps > 1e-9 * np.ptp(signal)]
+    return max(min(found), float(jumps.min(initial=np.inf)) / math.sqrt(12) if _quantised(jumps) else 0.0)
+
+
+def _blocks(signal: FloatArray, segments: Sequence[slice]) -> list[FloatArray]:
+    """Pieces of the signal without gaps, SAMPLED rows at most in all."""
+    length = SAMPLED // 16
+    starts = ((a, s.stop) for s in segments for a in range(s.start, s.stop, length))
+    pieces = [signal[a : min(a + length, stop)] for a, stop in starts]
+    return [piece for piece in pieces[:: max(1, len(pieces) // 16)] if piece.size > 8]
+
+
+def _quantised(jumps: FloatArray) -> bool:
+    """Whether every jump is a whole number of the smallest, and most of them few: then it is a converter's step."""
+    if jumps.size == 0:
+        return False
+    ratio = jumps / jumps.min()
+    return bool(np.median(ratio) < 50 and np.median(np.abs(ratio - ratio.round())) < 0.01)

@@ -1,0 +1,87 @@
+"""Mistakes in a record: found by their evidence, and no correct record is refused."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from benchmarks import foreign_records, record_mistakes
+from click.testing import CliRunner
+
+import truestroke
+from truestroke.cli import main
+from truestroke.identification import Record, RecordError, examine, identify, read_record
+from truestroke.plant import RealisticPlant
+
+MAKERS = (foreign_records.sines_of_a_stack, foreign_records.staircase)
+
+
+@pytest.fixture(scope="module")
+def run() -> truestroke.Recording:
+    wave = truestroke.trajectories.random_wave(duration=2.0, seed=1)
+    controller = truestroke.AdaptiveController(sample_rate=2000.0, stroke=45.0, voltage_limits=(-0.6, 3.6))
+    return truestroke.run(wave, controller, RealisticPlant())
+
+
+def test_each_mistake_is_found_in_records_of_other_models_and_none_in_the_records_themselves() -> None:
+    records = [*foreign_records.records(makers=MAKERS), record_mistakes.simulated(3, duration=2.0)]
+    rows = record_mistakes.table(records)
+    assert {name: hits for name, (hits, *_) in rows.items() if hits < len(records)} == {
+        "None": 0,
+        "The same, labelled um": 0,  # another actuator could have this stroke
+    }
+
+
+def test_the_desired_motion_is_no_measurement(run: truestroke.Recording, tmp_path: Path) -> None:
+    """By the name of its column, and without it by its noise, which a sensor has."""
+    run.save(file := tmp_path / "run.h5")
+    named = examine(read_record(file, displacement="desired"))
+    assert "'desired': a command" in named.mistakes[0]
+    bare = Record.from_arrays(run["volts"], run["desired"], sample_rate=2000.0)
+    assert any("no noise" in text for text in examine(bare).mistakes)
+    assert not examine(read_record(file)).mistakes
+
+
+def test_a_recording_is_a_record(run: truestroke.Recording) -> None:
+    found = examine(run)
+    assert (found.rows, found.source) == (run["time"].size, "recording")
+    assert identify(run).held_out.rmse_percent < 1.0
+
+
+@pytest.mark.parametrize("rows", [40, 30_000])
+def test_rows_at_the_ends_without_a_measurement_are_left_out(tmp_path: Path, rows: int) -> None:
+    """As the latency of a driver leaves them; the second are more than one chunk of text."""
+    t = np.arange(40_000) / 2000.0
+    x = 1.5 - 1.5 * np.cos(3 * t)
+    z = 10 * x
+    z[:3], z[-rows:] = np.nan, np.nan
+    np.savetxt(
+        tmp_path / "late.csv", np.column_stack([t, x, z]), delimiter=",", header="t (s),u (V),z (um)", fmt="%.9e"
+    )
+    record = read_record(tmp_path / "late.csv")
+    assert (record.volts.size, record.dropped) == (t.size - rows - 3, rows + 3)
+    z[100] = np.nan
+    np.savetxt(
+        tmp_path / "late.csv", np.column_stack([t, x, z]), delimiter=",", header="t (s),u (V),z (um)", fmt="%.9e"
+    )
+    with pytest.raises(RecordError, match="line 102: displacement is missing"):
+        read_record(tmp_path / "late.csv")
+
+
+def test_identify_refuses_with_the_evidence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (record,) = foreign_records.records(makers=(foreign_records.short,))
+    table = np.column_stack([record.time, record.volts, record.displacement])
+    np.savetxt("ms.csv", table, delimiter=",", header="time (ms),volts (V),z (um)", comments="")
+    refused = CliRunner().invoke(main, ["identify", "ms.csv"])
+    assert (refused.exit_code, Path("model.toml").exists()) == (1, False)
+    assert "'time' in ms) make" in refused.stderr
+    assert "--force fits it all the same" in refused.stderr
+
+
+def test_stamps_without_a_unit_may_be_in_any_and_counters_are_none(tmp_path: Path) -> None:
+    t = np.arange(400) / 1000.0
+    x = 1.5 - 1.5 * np.cos(60 * t)
+    for stamps, wrong in ((1e3 * t, False), (np.arange(400.0), False), (t, False), (2 * t, True)):
+        np.savez(tmp_path / "a.npz", time=stamps, volts=x, z=10 * x)
+        record = read_record(tmp_path / "a.npz", sample_rate=1000.0)
+        assert (bool(record.contradictions), "are not used" in record.unused) == (wrong, not wrong)
