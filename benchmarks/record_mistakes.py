@@ -22,7 +22,7 @@ MEASURED = SHARED / "data" / "p885_91" / "Model_Vi_Do.dat"
 Columns = Mapping[str, np.ndarray]
 Planted = tuple[Columns, Mapping[str, object]]  # columns with their headings, and arguments of `read_record`
 
-# ---- Correct records --------------------------------------------------------------------------------------------------
+# ---- Correct records -------------------------------------------------------------------------------------------------
 
 
 def correct() -> Iterator[Record]:
