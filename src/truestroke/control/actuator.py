@@ -15,9 +15,12 @@ from truestroke.base import checks
 from truestroke.base.checks import SettingError
 from truestroke.base.display import Displayed, Rows, quantity
 from truestroke.base.typing import FloatArray
+from truestroke.control import stage
 from truestroke.control.settings import UNLIMITED, ControllerSettings, kernel_settings
 from truestroke.control.spans import Beyond, spans
 from truestroke.model import prior
+from truestroke.model.dynamics import EXPECTED as DYNAMICS
+from truestroke.model.dynamics import Dynamics
 from truestroke.model.layout import Layout
 from truestroke.model.models import Motion, asymmetry_terms, known_terms
 
@@ -39,7 +42,8 @@ class ActuatorModel(Displayed, Layout):
         z - asymmetry(z) = (a + c_b zdot b).H_r[x] + creep.c[x] + lag zdot + offset
 
     `x` is the voltage `delay` ago, z the displacement above `zero`, c first-order states of x, and asymmetry
-    4 s (1 - s) and 8 s (1 - s)(1 - 2 s) with s = z / stroke, as in `ControllerSettings`.
+    4 s (1 - s) and 8 s (1 - s)(1 - 2 s) with s = z / stroke, as in `ControllerSettings`. With `dynamics`, z is
+    the strain, which the stage answers.
 
     Attributes
     ----------
@@ -59,6 +63,8 @@ class ActuatorModel(Displayed, Layout):
         Lowest and highest voltage of the record, V.
     velocity : float
         Fastest motion of the record, um/s.
+    dynamics : Dynamics or None
+        Of the stage, where the record shows resonances. At sample rates that do not see them they are left out.
     weights : ndarray, shape (m,)
         [a0, b0, a1, ...], um/V; creep, um/V; lag, s; offset, um; asymmetry, um: in the order
         of `ControllerSettings.names`.
@@ -88,6 +94,7 @@ class ActuatorModel(Displayed, Layout):
     zero: float = 0.0
     velocity: float = 0.0
     noise: float = 0.0
+    dynamics: Dynamics | None = None
     metrics: Mapping[str, float] = field(default_factory=dict)
     provenance: Mapping[str, str] = field(default_factory=dict)
     before: ActuatorModel | None = None
@@ -101,6 +108,8 @@ class ActuatorModel(Displayed, Layout):
             raise SettingError("covariance", f"array of shape {covariance.shape}", bound)
         if np.linalg.eigvalsh(covariance).min() < -1e-9 * np.trace(covariance):
             raise SettingError("covariance", "matrix with a negative eigenvalue", "positive semidefinite")
+        if self.dynamics is not None:
+            checks.instance("dynamics", self.dynamics, Dynamics, DYNAMICS)
         values: dict[str, object] = {
             "stroke": made.stroke,
             "rate_scale": made.rate_scale,
@@ -122,6 +131,9 @@ class ActuatorModel(Displayed, Layout):
             **{"thresholds": "V", "rate_dependent": "", "creep_times": "s", "rate_scale": "s/um"},
         }
         rows = [(name, quantity(getattr(self, name), unit)) for name, unit in units.items()]
+        if self.dynamics is not None:
+            modes = ", ".join(f"{mode.frequency:.4g}" for mode in self.dynamics.modes)
+            rows += [("dynamics", f"resonance at {modes} Hz")]
         rows += [("weight a0", f"{self.weights[0]:.6g} +- {self.deviations[0]:.2g} um/V")]
         rows += [(name, quantity(value)) for name, value in {**self.metrics, **self.provenance}.items()]
         return f"ActuatorModel: {len(self.thresholds)} plays, {self.weights.size} weights", rows
@@ -139,7 +151,8 @@ class ActuatorModel(Displayed, Layout):
     def settings(self, sample_rate: float, **changes: Any) -> ControllerSettings:
         """Settings of a controller with this model and its weights.
 
-        The delay goes into the lag, and the limits of the slopes follow from the record's stroke and voltage.
+        The delay goes into the lag, and the limits of the slopes follow from the record's stroke and voltage. The
+        `dynamics` are passed on, where the sample rate sees the resonances.
 
         Parameters
         ----------
@@ -148,8 +161,20 @@ class ActuatorModel(Displayed, Layout):
         **changes
             Members of `ControllerSettings` that replace what follows from the model, such as `voltage_limits`.
         """
-        slopes = {"slope_limits": (SLOPES[0] * self.sensitivity, SLOPES[1] * self.sensitivity)}
-        return self._settings(sample_rate, **{"initial_weights": self.delayed(self.delay), **slopes, **changes})
+        known: dict[str, Any] = {
+            "initial_weights": self.delayed(self.delay),
+            "slope_limits": (SLOPES[0] * self.sensitivity, SLOPES[1] * self.sensitivity),
+        }
+        if changes.get("law", "kalman") == "kalman":
+            known["dynamics"] = self.stage(sample_rate)
+        return self._settings(sample_rate, **{**known, **changes})
+
+    def stage(self, sample_rate: float) -> Dynamics | None:
+        """The dynamics at a sample rate, Hz; None without any, or where it does not see the resonances."""
+        try:
+            return None if self.dynamics is None else self.dynamics.at(sample_rate)
+        except SettingError:
+            return None
 
     def delayed(self, delay: float) -> tuple[float, ...]:
         """The weights with a delay, s, in the lag."""
@@ -210,6 +235,12 @@ class ActuatorModel(Displayed, Layout):
         sample_rate : float
             Samples per second, Hz.
         """
+        strain = self.strain(volts, sample_rate)
+        known = self.stage(float(sample_rate)) if strain.size else None
+        return self.zero + (strain if known is None else stage.through(known, strain))
+
+    def strain(self, volts: npt.ArrayLike, sample_rate: float) -> FloatArray:
+        """What the voltage makes without the `dynamics`, um above `zero`; arguments as of `predict`."""
         x = checks.finite_array("volts", volts, "V")
         fs = checks.positive("sample_rate", sample_rate, "Hz")
         if x.size == 0:
@@ -225,7 +256,7 @@ class ActuatorModel(Displayed, Layout):
             return displacement(self, w, plays, creep, velocity)
 
         z = response(np.zeros_like(x))
-        return self.zero + response(central_difference(z, fs))
+        return response(central_difference(z, fs))
 
     # ---- Inverse ---------------------------------------------------------------------------------------------------
 
@@ -241,7 +272,8 @@ class ActuatorModel(Displayed, Layout):
         """Voltage that makes the displacement, V, found by the kernel of the controller.
 
         The actuator is taken to have rested at the first voltage, as by `predict`, which undoes it: of whole ticks the
-        voltage is ahead by the delay. `beyond` gives the spans in which the model extrapolates.
+        voltage is ahead by the delay. With `dynamics` the voltage makes the strain that the stage needs
+        (`control.stage.strain`), up to 1.5 first resonances. `beyond` gives the spans in which the model extrapolates.
 
         Parameters
         ----------
@@ -250,7 +282,7 @@ class ActuatorModel(Displayed, Layout):
         sample_rate : float
             Samples per second, Hz.
         velocity : array_like, shape (samples,), optional
-            Desired velocity, um/s; by default central differences.
+            Desired velocity, um/s; by default central differences. With `dynamics` it is that of the strain.
         voltage_limits : tuple[float, float], optional
             By default the range of the record, V.
         slew_limit : float
@@ -258,10 +290,13 @@ class ActuatorModel(Displayed, Layout):
         """
         z_d = checks.finite_array("displacement", displacement, "um") - self.zero
         fs = checks.positive("sample_rate", sample_rate, "Hz")
+        known = self.stage(fs) if z_d.size else None
+        if known is not None:
+            z_d, velocity = stage.strain(known, z_d), None
         rate = central_difference(z_d, fs) if velocity is None else checks.finite_array("velocity", velocity, "um/s")
         limits = self.voltage_range if voltage_limits is None else voltage_limits
         shift = round(self.delay * fs)
-        changes = {"voltage_limits": limits, "slew_limit": slew_limit, "smoothing_time": 0.0}
+        changes = {"voltage_limits": limits, "slew_limit": slew_limit, "smoothing_time": 0.0, "dynamics": None}
         fixed = self.settings(fs, initial_weights=self.delayed(self.delay - shift / fs), **changes)
         kernel, volts = _kernel.Kernel(kernel_settings(fixed)), np.empty_like(z_d)
         if z_d.size:
@@ -307,7 +342,7 @@ class ActuatorModel(Displayed, Layout):
         """
         x = checks.finite_array("volts", volts, "V")
         low, high = self.voltage_range
-        speed = np.abs(central_difference(self.predict(x, sample_rate), sample_rate))
+        speed = np.abs(central_difference(self.strain(x, sample_rate), sample_rate))
         excess = np.maximum(x - high, low - x)
         return Beyond(voltage=spans(excess, sample_rate), velocity=spans(speed - self.velocity, sample_rate))
 

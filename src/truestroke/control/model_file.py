@@ -13,6 +13,7 @@ from truestroke.base import checks, files, toml
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
 from truestroke.control.actuator import ActuatorModel
+from truestroke.model.dynamics import Dynamics
 from truestroke.model.layout import TERMS
 
 FORMAT, VERSION = "truestroke model", 1
@@ -73,8 +74,32 @@ def _sections(model: ActuatorModel, prefix: str) -> list[str]:
         lines.append(f"{_toml(name)} = {_toml(weight)} # +- {deviation:.2g} {unit}")
     lines += ["", f"[{prefix}covariance] # of the weights, in the squares of their units", "lower_triangle = ["]
     lines += [f"  {_toml(row[: i + 1])}," for i, row in enumerate(model.covariance)]
-    lines += ["]", "", f"[{prefix}metrics]", *_table(model.metrics.items()), "", f"[{prefix}provenance]"]
+    lines += [
+        "]",
+        *_dynamics(model.dynamics, prefix),
+        "",
+        f"[{prefix}metrics]",
+        *_table(model.metrics.items()),
+        "",
+        f"[{prefix}provenance]",
+    ]
     return lines + _table(model.provenance.items())
+
+
+def _dynamics(dynamics: Dynamics | None, prefix: str) -> list[str]:
+    """The table of the stage, as of `Dynamics.to_dict`; nothing without any."""
+    if dynamics is None:
+        return []
+    table = dynamics.to_dict()
+    modes, uncertainty = table.pop("modes"), table.pop("uncertainty")
+    lines = ["", f"[{prefix}dynamics] # of the stage: Hz, s", *_table(table.items())]
+    for mode in modes:
+        lines += [
+            "",
+            f"[[{prefix}dynamics.modes]] # frequency: Hz; share: of the static displacement",
+            *_table(mode.items()),
+        ]
+    return [*lines, "", f"[{prefix}dynamics.uncertainty] # standard deviations", *_table(uncertainty.items())]
 
 
 def load_model(path: str | os.PathLike[str]) -> ActuatorModel:
@@ -114,6 +139,7 @@ class _Tables:
     covariance: _Covariance
     metrics: Mapping[str, Any]
     provenance: Mapping[str, Any]
+    dynamics: Dynamics | None = None
 
 
 def _model(document: dict[str, Any]) -> ActuatorModel:
@@ -145,6 +171,7 @@ def _of_tables(tables: _Tables) -> ActuatorModel:
         **flags,
         weights=_numbers(weights.values()),
         covariance=_symmetric(tables.covariance.lower_triangle, len(weights)),
+        dynamics=tables.dynamics,
         metrics=tables.metrics,
         provenance=tables.provenance,
     )

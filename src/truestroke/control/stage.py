@@ -64,11 +64,7 @@ def members(dynamics: Dynamics) -> dict[str, Any]:
     >>> found["dynamics.dead"], [round(x, 3) for x in found["dynamics.section"][0][2:]]
     (2, [-1.794, 0.983])
     """
-    sections = _sections(dynamics)
-    dead = max(0, math.floor((dynamics.dead_time + dynamics.sensor_delay) * dynamics.sample_rate + 1e-9))
-    f = (np.arange(POINTS) + 0.5) / POINTS * dynamics.sample_rate / 2
-    q = np.exp(-2j * math.pi * f / dynamics.sample_rate)
-    G = dynamics.response(f, sensor=True) / q**dead
+    sections, dead, f, q, G = _sampled(dynamics)
     a1, a2 = sections[0]
     notch = np.array([1.0, a1, a2]) / (1 + a1 + a2)
     direct, own = _numerators(G, q, sections, DIRECT)
@@ -98,6 +94,53 @@ NOT_KNOWN: dict[str, Any] = {
     **{f"dynamics.{name}": [] for name in ("section", "direct", "notch", "tap", "rest", "lead", "sensor")},
 }
 """The members of a controller that does not know the stage."""
+
+
+def _sampled(
+    dynamics: Dynamics,
+) -> tuple[list[tuple[float, float]], int, FloatArray, ComplexArray, ComplexArray]:
+    """Denominators, whole ticks of dead time, frequencies, Hz, exp(-j w T) there, and S G without those ticks."""
+    dead = max(0, math.floor((dynamics.dead_time + dynamics.sensor_delay) * dynamics.sample_rate + 1e-9))
+    f = (np.arange(POINTS) + 0.5) / POINTS * dynamics.sample_rate / 2
+    q = np.exp(-2j * math.pi * f / dynamics.sample_rate)
+    return _sections(dynamics), dead, f, q, dynamics.response(f, sensor=True) / q**dead
+
+
+def through(dynamics: Dynamics, strain: FloatArray) -> FloatArray:
+    """What the sensor reads where the hysteresis gives a strain: S G, along axis 0; at rest before the first sample.
+
+    Parameters
+    ----------
+    dynamics : Dynamics
+        Of the stage, with the sample rate of the strain.
+    strain : ndarray, shape (samples, ...)
+        um, or any other unit.
+
+    Returns
+    -------
+    ndarray, shape (samples, ...)
+        In the same unit.
+
+    Examples
+    --------
+    A step overshoots by exp(-pi zeta) of its height, nearly:
+
+    >>> from truestroke.model.dynamics import Mode
+    >>> stage = Dynamics(sample_rate=10000.0, modes=(Mode(frequency=200.0, damping=0.1),))
+    >>> moved = through(stage, np.minimum(np.arange(3000.0), 1.0))
+    >>> round(moved.max(), 2), round(moved[-1], 4)
+    (1.73, 1.0)
+    """
+    from scipy.signal import lfilter
+
+    sections, dead, _, q, G = _sampled(dynamics)
+    direct, own = _numerators(G, q, sections, DIRECT)
+    rest = strain[:1]
+    u = strain - rest
+    if dead:
+        u = np.concatenate([np.zeros_like(u[:dead]), u[: max(len(u) - dead, 0)]])
+    parts = [lfilter([b0, b1], [1.0, a1, a2], u, axis=0) for b0, b1, a1, a2 in own]
+    return np.asarray(rest + lfilter(direct, [1.0], u, axis=0) + sum(parts))
 
 
 def _sections(dynamics: Dynamics) -> list[tuple[float, float]]:

@@ -13,6 +13,7 @@ from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
 from truestroke.control.actuator import ActuatorModel, central_difference
 from truestroke.identification import normal, uncertainty
+from truestroke.identification.modes import ModeSearch
 from truestroke.identification.record import as_record
 from truestroke.identification.regression import ROWS, Data, Structure, delayed
 from truestroke.identification.select import Tried, choose, find_delay
@@ -23,6 +24,8 @@ CHOICE_ROWS = 15_000  # at most where structures are compared, as `ROWS`
 NEAR = 0.25  # of the stroke
 FEWEST = 20  # samples in each part
 STEPS = 2  # Gauss-Newton
+RESONATES = 0.9  # of the rmse of cross-validation: modes of the stage must lower it so far
+SEARCHES = 4  # for modes, each behind a model that was fitted with those of the one before
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,6 +117,7 @@ def identify(
     asymmetry: int | None = None,
     thresholds: Sequence[float] | None = None,
     delay: float | None = None,
+    modes: bool | None = None,
     held_out: float = 0.4,
 ) -> Identified:
     """The model of an actuator from a record of voltage and displacement.
@@ -139,6 +143,8 @@ def identify(
         r of the plays, V, ascending from 0.
     delay : float, optional
         Between voltage and displacement, s.
+    modes : bool, optional
+        Whether resonances of the stage are looked for: `ActuatorModel.dynamics`; by default, unless a delay is given.
     held_out : float
         Share of the record at its end that is held out, above 0, at most 0.5.
 
@@ -170,6 +176,7 @@ def identify(
         "creep_times": creep_times,
         "asymmetry": None if asymmetry is None else checks.count("asymmetry", asymmetry, 0, 2),
         "thresholds": thresholds,
+        "modes": delay is None if modes is None else checks.flag("modes", modes),
     }
     part, _ = _found(taken, train, shift, fixed, certain=False)
     final, tried = _found(taken, taken.volts.size, shift, fixed)
@@ -181,6 +188,9 @@ def identify(
     return Identified(model, test, trace, residual, *white, tried)
 
 
+_Chosen = tuple[Structure, float, FloatArray, int, tuple[Tried, ...]]
+
+
 def _found(
     s: Series, samples: int, shift: int | None, fixed: Mapping[str, Any], certain: bool = True
 ) -> tuple[Fit, tuple[Tried, ...]]:
@@ -190,7 +200,44 @@ def _found(
     structure, weight, tried = choose(coarse, guess, fixed)
     fine = _data(s, samples, ROWS, shift)
     weight *= fine.displacement.size / coarse.displacement.size  # as sure of the prior as what was compared
+    known = fixed["modes"] and _resonances(s, samples, coarse, fixed, (structure, weight, guess, shift, tried))
+    if known:
+        fine, structure, weight, guess, tried = known
+        shift = 0
     return fit_structure(fine, structure, weight, guess, shift / s.sample_rate, certain), tried
+
+
+def _resonances(
+    s: Series, samples: int, static: Data, fixed: Mapping[str, Any], chosen: _Chosen
+) -> tuple[Data, Structure, float, FloatArray, tuple[Tried, ...]] | None:
+    """The same with modes of the stage, their dead time in place of the delay, where cross-validation asks for them.
+
+    A mode is found between what a static model predicts and the displacement, the next ones from models that were
+    fitted behind those before.
+    """
+    structure, weight, guess, _, tried = chosen
+    x, z, known = s.volts[:samples], s.displacement[:samples], s.known[:samples]
+    data = dataclasses.replace(static, volts=x)
+
+    def strain(data: Data) -> FloatArray:
+        return fit_structure(data, structure, weight, guess, 0.0, certain=False).model.strain(x, s.sample_rate)
+
+    for _ in range(SEARCHES):
+        search = ModeSearch(strain(data), z - data.zero, known, s.sample_rate)
+        if (dynamics := search.run(data.dynamics)) is None:
+            return None
+        last = data.dynamics is not None and len(data.dynamics.modes) == len(dynamics.modes)
+        data = dataclasses.replace(data, dynamics=dynamics)
+        if last:
+            break
+    guess = strain(data)
+    thresholds = {"thresholds": structure.thresholds}
+    structure, weight, more = choose(data, guess, {**fixed, **thresholds})
+    if more[-1].rmse > RESONATES * tried[-1].rmse:
+        return None
+    fine = dataclasses.replace(_data(s, samples, ROWS), dynamics=dynamics)
+    weight *= fine.displacement.size / data.displacement.size
+    return fine, structure, weight, guess, (*tried, *more)
 
 
 def _refuse_empty(s: Series, train: int) -> None:
@@ -276,8 +323,8 @@ def fit_structure(
         pull = np.vstack([normal.reduced(np.column_stack([J, target])), prior.rows(weight)])
         c = normal.solve(pull, *data.constraints(s, velocity))
         model = data.model(s, c, velocity)
-        z = model.predict(data.volts, data.sample_rate) - data.zero + data.starts(s, c[m:])
-    residual = (data.displacement - z[:: data.every])[data.fitted(s.rested)]
+        z = model.strain(data.volts, data.sample_rate) + data.starts(s, c[m:])
+    residual = (data.displacement - data.through(z)[:: data.every])[data.fitted(s.rested)]
     P = uncertainty.covariance(J, residual, prior, weight)[:m, :m] if certain else np.zeros((m, m))
     return Fit(model.replace(covariance=P, delay=delay, noise=float(np.sqrt(np.mean(residual**2)))), residual)
 
@@ -289,6 +336,6 @@ def _linearised(data: Data, s: Structure, z: FloatArray, c: FloatArray | None) -
     velocity = float(np.abs(C[:, s.columns["lag"]]).max())
     if c is None:
         return C, measured, velocity
-    predicted = z[:: data.every][data.fitted(s.rested)]
+    predicted = data.through(z)[:: data.every][data.fitted(s.rested)]
     J = data.derivative(s, C, predicted, c)
     return J, measured - predicted + J @ c, velocity

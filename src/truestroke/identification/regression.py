@@ -9,14 +9,17 @@ import numpy.typing as npt
 
 from truestroke import _kernel
 from truestroke.base.typing import FloatArray
+from truestroke.control import stage
 from truestroke.control.actuator import ActuatorModel, asymmetry_slopes, central_difference, creep_states
 from truestroke.identification.normal import Prior
 from truestroke.identification.series import settled
 from truestroke.model import prior
+from truestroke.model.dynamics import Dynamics
 from truestroke.model.layout import TERMS, Layout
 from truestroke.model.models import Motion, known_terms, play_terms
 
 ROWS = 50_000  # of the regression at most: beyond, every so many samples; the plays see all of them
+BLOCK = 8  # columns that go through the stage at a time: at the full rate they are large
 SETTLING = 0.1  # of the record at most: what is skipped until the play states are known
 FLOOR = 0.05  # of the straight line's slope: the smallest partial slope
 STEEPEST = 0.2  # least slope of z - asymmetry(z): displacement rises by at most 5 times the weighted sum of the plays
@@ -60,6 +63,7 @@ class Data:
     stroke: float  # um
     zero: float  # um
     fastest: float = 0.0  # um/s: `speed` of the whole record
+    dynamics: Dynamics | None = None  # of the stage, at this sample rate
 
     @property
     def q(self) -> float:
@@ -89,16 +93,25 @@ class Data:
     def columns(self, s: Structure, z: FloatArray) -> FloatArray:
         """Columns of all coefficients and, last, the displacement. `z` is the model's own, um, at the full rate.
 
-        Velocity and asymmetry come from the model, not from the measurement, whose noise would bias the weights.
+        Velocity and asymmetry come from the model, not from the measurement, whose noise would bias the weights. With
+        `dynamics`, z is the strain, and the columns are those behind the stage.
         """
-        every = self.every
+        every = self.every if self.dynamics is None else 1
         rate = central_difference(z, self.sample_rate)[::every]
         H = plays(self.volts, s.thresholds, every).T
         creep = [c[::every] for c in creep_states(self.volts, s.creep_times, self.sample_rate)]
         t = np.arange(0, self.volts.size, every) / self.sample_rate
         known = known_terms(s, creep, Motion(z[::every], rate), self.stroke)
         starts = [np.exp(-t / tau) for tau in s.starts]
-        return np.column_stack([*play_terms(s, H, self.rate_scale * rate), *known, *starts, self.displacement])
+        columns = [*play_terms(s, H, self.rate_scale * rate), *known, *starts]
+        if self.dynamics is not None:
+            blocks = [np.column_stack(columns[k : k + BLOCK]) for k in range(0, len(columns), BLOCK)]
+            columns = [self.through(block)[:: self.every] for block in blocks]
+        return np.column_stack([*columns, self.displacement])
+
+    def through(self, strain: FloatArray) -> FloatArray:
+        """What the stage makes of a strain, um, at the full rate."""
+        return strain if self.dynamics is None else stage.through(self.dynamics, strain)
 
     def derivative(self, s: Structure, columns: FloatArray, predicted: FloatArray, c: FloatArray) -> FloatArray:
         """Derivative of the prediction by the coefficients: the columns over the slope of z - asymmetry(z)."""
@@ -152,6 +165,7 @@ class Data:
             voltage_range=self.voltage_range,
             rate_scale=self.rate_scale,
             velocity=velocity,
+            dynamics=self.dynamics,
         )
 
 

@@ -45,21 +45,25 @@ class Tried:
         Weight of the prior, times the noise.
     rmse : float
         Of what was predicted, um.
+    modes : int
+        Resonances of the stage.
     """
 
     structure: Structure
     prior: float
     rmse: float
+    modes: int = 0
 
     @property
-    def parts(self) -> tuple[str, str, str, str]:
-        """The structure in words: plays, rate weights, creep, asymmetry."""
+    def parts(self) -> tuple[str, ...]:
+        """The structure in words: plays, rate weights, creep, asymmetry, resonances."""
         s = self.structure
         return (
             f"{len(s.thresholds)} plays to {s.thresholds[-1]:.3g} V{' from rest' if s.rested else ''}",
             f"{len(s.rate_dependent)} rate weights" if s.rate_dependent else "no rate",
             f"creep {', '.join(f'{tau:g}' for tau in s.creep_times)} s" if s.creep_times else "no creep",
             f"{s.asymmetry} asymmetry terms",
+            "no resonance" if not self.modes else "1 resonance" if self.modes == 1 else f"{self.modes} resonances",
         )
 
 
@@ -134,7 +138,7 @@ def choose(data: Data, guess: FloatArray, fixed: Mapping[str, Any]) -> tuple[Str
     """The structure (thresholds with all terms, then the terms), its prior's weight, um^2, and all that was tried."""
     if fixed["rate"] is None and data.fastest > FASTER * data.speed:
         fixed = {**fixed, "rate": False}
-    residual = (data.displacement - guess[:: data.every])[data.fitted(rested=False)]
+    residual = (data.displacement - data.through(guess)[:: data.every])[data.fitted(rested=False)]
     noise = uncertainty.white_variance(residual)
     weights = [w * noise for w in WEIGHTS]
     banks = [_blocks(data, s, guess) for s in _with_all_terms(data, fixed)]
@@ -148,7 +152,8 @@ def choose(data: Data, guess: FloatArray, fixed: Mapping[str, Any]) -> tuple[Str
     most = max((e for e in fewer if e[0] <= ENOUGH * least), key=lambda e: len(e[2].coefficients))[2]
     best = min((e for e in fewer if e[2] == most), key=lambda e: e[0])
     _, _, chosen, weight = best
-    return chosen, weight, tuple(Tried(s, w / noise, score) for score, _, s, w in (*tried, best))
+    modes = 0 if data.dynamics is None else len(data.dynamics.modes)
+    return chosen, weight, tuple(Tried(s, w / noise, score, modes) for score, _, s, w in (*tried, best))
 
 
 def _with_all_terms(data: Data, fixed: Mapping[str, Any]) -> Iterator[Structure]:

@@ -1,0 +1,152 @@
+"""Second-order modes of the stage from a record: what lies between the hysteresis and the displacement."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from truestroke.base.checks import SettingError
+from truestroke.base.typing import ComplexArray, FloatArray
+from truestroke.control import stage
+from truestroke.model.dynamics import MODES, SEEN, Dynamics, Mode
+
+ROWS = 20_000  # of the record at most, from its start, to which the modes are fitted
+CANDIDATES = 160  # frequencies at which a mode is looked for
+PERIODS = 20.0  # of the lowest mode in the record, at least
+START = 0.03  # damping of a candidate
+DAMPING = 5e-4, 0.5
+SHARE = -0.5, 1.2  # of a mode
+NEAR = 1.12  # how far a frequency may move in a search, as a ratio; modes are not found twice within it
+FIRST = 2.5  # the same of the only mode, which a static model hides
+DELAY = 19.0  # samples of dead time, at most
+FIRST_LOWER = 0.97  # of the rms: the first mode must lower it so far; the weights of the static model follow it in part
+LOWER = 0.9  # the same of another mode
+EVALUATIONS = 15  # steps of the search, at most
+
+
+class ModeSearch:
+    """Modes and dead time between strain and displacement, by output-error least squares.
+
+    Parameters
+    ----------
+    strain : ndarray, shape (samples,)
+        What the hysteresis gives, um.
+    displacement : ndarray, shape (samples,)
+        Measured, um.
+    known : ndarray of bool, shape (samples,)
+        Which samples are judged.
+    sample_rate : float
+        Hz.
+    """
+
+    def __init__(
+        self, strain: FloatArray, displacement: FloatArray, known: npt.NDArray[np.bool_], sample_rate: float
+    ) -> None:
+        self.strain, self.z, self.known = strain[:ROWS], displacement[:ROWS], known[:ROWS]
+        self.rate = sample_rate
+        self.lowest, self.highest = PERIODS * sample_rate / self.strain.size, 0.99 * SEEN * sample_rate
+
+    def run(self, found: Dynamics | None = None) -> Dynamics | None:
+        """The modes that were found with another strain, fitted anew, and one more if it lowers the residual.
+
+        None where there was none and none does.
+        """
+        least = float(np.std((self.z - self.strain)[self.known]))
+        if found is not None:
+            again, least = self._refined(_vector(found))
+            found = again or found
+        if self.highest < 1.5 * self.lowest or (found is not None and len(found.modes) == MODES):
+            return found
+        made, rms = self._refined(self._next(found))
+        return made if made is not None and rms < (LOWER if found else FIRST_LOWER) * least else found
+
+    def _next(self, found: Dynamics | None) -> FloatArray:
+        """One mode more, where the spectrum of the residual has most of it: the search starts there."""
+        made = self.strain if found is None else stage.through(found, self.strain)
+        f = np.fft.rfftfreq(self.strain.size, 1 / self.rate)
+        seen = (f > self.lowest / 2) & (f < 0.49 * self.rate)
+        window, f = np.hanning(self.strain.size), f[seen]
+
+        def spectrum(x: FloatArray) -> ComplexArray:
+            return np.asarray(np.fft.rfft(window * np.where(self.known, x - x[self.known].mean(), 0.0))[seen])
+
+        U, E = spectrum(self.strain), spectrum(self.z - made)
+        base = np.ones_like(U) if found is None else sum(m.response(2j * math.pi * f) for m in found.modes)
+        best, least = (0.0, 0.0), math.inf
+        candidates = np.geomspace(self.lowest, self.highest, CANDIDATES)
+        for mode in () if found is None else found.modes:
+            candidates = candidates[np.abs(np.log(candidates / mode.frequency)) > 2 * math.log(NEAR)]
+        for candidate in candidates:
+            column = (Mode(frequency=candidate, damping=START).response(2j * math.pi * f) - base) * U
+            # the only mode has all of the motion
+            share = 1.0 if found is None else float(np.vdot(column, E).real / np.vdot(column, column).real)
+            rest = float(np.sum(np.abs(E - share * column) ** 2))
+            if rest < least:
+                least, best = rest, (float(candidate), float(np.clip(share, -0.9, 0.9)))
+        if found is None:
+            return np.array([math.log(best[0]), math.log(START), 0.5])
+        f_, damping, shares, delay = _parts(_vector(found))
+        shares = np.append(shares[1:] * (1 - best[1]), best[1])
+        return np.concatenate([np.log([*f_, best[0]]), np.log([*damping, START]), shares, [delay]])
+
+    def _refined(self, start: FloatArray) -> tuple[Dynamics | None, float]:
+        """The numbers with the least sum of squares, beside an offset, and the rms of the residual, um.
+
+        None where they have no stable inverse.
+        """
+        from scipy.optimize import least_squares
+
+        n = start.size // 3
+        near = np.array([*[math.log(NEAR if n > 1 else FIRST)] * n, *[math.inf] * 2 * n])
+        low = [*[math.log(self.lowest / 2)] * n, *[math.log(DAMPING[0])] * n, *[SHARE[0]] * (n - 1), 0.0]
+        top = [*[math.log(self.highest)] * n, *[math.log(DAMPING[1])] * n, *[SHARE[1]] * (n - 1), DELAY]
+        scale = [*[0.01] * n, *[0.3] * n, *[0.05] * (n - 1), 0.3]
+        first = np.clip(start, np.array(low) + 1e-6, np.array(top) - 1e-6)
+        bounds = np.maximum(low, first - near), np.minimum(top, first + near)
+        options = {"x_scale": scale, "ftol": 1e-4, "xtol": 1e-5, "max_nfev": EVALUATIONS}
+        found = least_squares(self._off, first, bounds=bounds, **options)
+        return self._dynamics(found.x), float(np.sqrt(np.mean(found.fun**2)))
+
+    def _off(self, vector: FloatArray) -> FloatArray:
+        """Residual of the modes, um: the same as of `stage.through`, ten times faster."""
+        from scipy.signal import cont2discrete, lfilter
+
+        f, damping, shares, delay = _parts(vector)
+        ticks = np.arange(self.strain.size)
+        above, made = np.interp(ticks - delay, ticks, self.strain) - self.strain[0], np.zeros_like(self.strain)
+        for w, zeta, share in zip(2 * math.pi * f / self.rate, damping, shares, strict=True):
+            b, a, _ = cont2discrete(([w * w], [1.0, 2 * zeta * w, w * w]), 1.0, method="foh")
+            made += lfilter(share * b.ravel(), a, above)
+        rest = (self.z - self.strain[0] - made)[self.known]
+        return np.asarray(rest - rest.mean())
+
+    def _dynamics(self, vector: FloatArray) -> Dynamics | None:
+        """As the controller takes them; None where they have no stable inverse, or are too near each other."""
+        f, damping, shares, delay = _parts(vector)
+        modes = [
+            Mode(frequency=float(a), damping=float(b), share=float(c) or 1e-9)
+            for a, b, c in sorted(zip(f, damping, shares, strict=True))
+        ]
+        try:
+            made = Dynamics(sample_rate=self.rate, modes=tuple(modes), dead_time=float(delay) / self.rate)
+            stage.through(made, self.strain[:2])
+            return made
+        except SettingError:
+            return None
+
+
+def _parts(vector: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, float]:
+    """Frequencies, Hz, damping and shares of the modes, and dead time in samples; its log, log, all but one share."""
+    n = vector.size // 3
+    shares = vector[2 * n : 3 * n - 1]
+    f, damping = np.exp(vector[:n]), np.exp(vector[n : 2 * n])
+    return f, damping, np.concatenate([[1 - shares.sum()], shares]), float(vector[-1])
+
+
+def _vector(found: Dynamics) -> FloatArray:
+    """The reverse of `_parts`."""
+    modes = found.modes
+    f, damping, shares = ([getattr(m, name) for m in modes] for name in ("frequency", "damping", "share"))
+    return np.array([*np.log(f), *np.log(damping), *shares[1:], found.dead_time * found.sample_rate])
