@@ -223,10 +223,11 @@ class ActuatorModel(Displayed, Layout):
 
     # ---- Forward ---------------------------------------------------------------------------------------------------
 
-    def predict(self, volts: npt.ArrayLike, sample_rate: float) -> FloatArray:
+    def predict(self, volts: npt.ArrayLike, sample_rate: float, *, offset: float = 0.0) -> FloatArray:
         """Displacement that the voltage makes, um, as the sensor of the record reads it.
 
-        The actuator is taken to have rested at the first voltage, reached from 0 V.
+        The actuator is taken to have rested at the first voltage, reached from 0 V. The zero of another day is another
+        one: `identification.score` estimates it.
 
         Parameters
         ----------
@@ -234,10 +235,13 @@ class ActuatorModel(Displayed, Layout):
             Voltage, V.
         sample_rate : float
             Samples per second, Hz.
+        offset : float
+            By how much the sensor's zero is above that of the record, um.
         """
         strain = self.strain(volts, sample_rate)
         known = self.stage(float(sample_rate)) if strain.size else None
-        return self.zero + (strain if known is None else stage.through(known, strain))
+        zero = self.zero + checks.number("offset", offset, "um")
+        return zero + (strain if known is None else stage.through(known, strain))
 
     def strain(self, volts: npt.ArrayLike, sample_rate: float) -> FloatArray:
         """What the voltage makes without the `dynamics`, um above `zero`; arguments as of `predict`."""
@@ -268,6 +272,7 @@ class ActuatorModel(Displayed, Layout):
         velocity: npt.ArrayLike | None = None,
         voltage_limits: tuple[float, float] | None = None,
         slew_limit: float = UNLIMITED,
+        offset: float = 0.0,
     ) -> FloatArray:
         """Voltage that makes the displacement, V, found by the kernel of the controller.
 
@@ -287,8 +292,11 @@ class ActuatorModel(Displayed, Layout):
             By default the range of the record, V.
         slew_limit : float
             Fastest change of the voltage, V/s.
+        offset : float
+            By how much the sensor's zero is above that of the record, um.
         """
-        z_d = checks.finite_array("displacement", displacement, "um") - self.zero
+        zero = self.zero + checks.number("offset", offset, "um")
+        z_d = checks.finite_array("displacement", displacement, "um") - zero
         fs = checks.positive("sample_rate", sample_rate, "Hz")
         known = self.stage(fs) if z_d.size else None
         if known is not None:

@@ -128,7 +128,7 @@ def through(dynamics: Dynamics, strain: FloatArray) -> FloatArray:
     >>> from truestroke.model.dynamics import Mode
     >>> stage = Dynamics(sample_rate=10000.0, modes=(Mode(frequency=200.0, damping=0.1),))
     >>> moved = through(stage, np.minimum(np.arange(3000.0), 1.0))
-    >>> round(moved.max(), 2), round(moved[-1], 4)
+    >>> round(float(moved.max()), 2), round(float(moved[-1]), 4)
     (1.73, 1.0)
     """
     from scipy.signal import lfilter

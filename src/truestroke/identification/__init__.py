@@ -8,6 +8,7 @@ from truestroke.identification.identified import HeldOut, Identified, Trace, ide
 from truestroke.identification.least_squares import FittedWeights, fit
 from truestroke.identification.record import Record, read_record
 from truestroke.identification.refine import Refined, refine
+from truestroke.identification.score import Score, score
 from truestroke.identification.waveform import PredictedWaveform, Waveform, load_waveform, save_waveform, waveform
 from truestroke.signals.tables import RecordError
 
@@ -23,6 +24,7 @@ __all__ = [
     "Record",
     "RecordError",
     "Refined",
+    "Score",
     "Span",
     "Trace",
     "Waveform",
@@ -35,5 +37,6 @@ __all__ = [
     "refine",
     "save_model",
     "save_waveform",
+    "score",
     "waveform",
 ]

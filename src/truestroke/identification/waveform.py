@@ -93,6 +93,7 @@ def waveform(
     voltage_limits: tuple[float, float] | None = None,
     slew_limit: float = UNLIMITED,
     residual: npt.ArrayLike | None = None,
+    offset: float = 0.0,
 ) -> PredictedWaveform:
     """The voltage that makes a displacement, and where it does not.
 
@@ -105,6 +106,9 @@ def waveform(
     residual : array_like, shape (samples,), optional
         Of the recording of this motion, um (`Refined.residual`): what the model cannot explain comes again, so the
         voltage aims as far beside. Smoothed by a Gaussian window of 2 ms, without delay.
+    offset : float
+        By how much the sensor's zero is above that of the record of the model, um: `score` estimates it from a
+        recording of this day.
 
     Raises
     ------
@@ -137,9 +141,9 @@ def waveform(
         bound = f"as long as displacement, {desired.size}"
         raise SettingError("residual", f"array of {unknown.size} samples", bound, "um")
     limits = model.voltage_range if voltage_limits is None else voltage_limits
-    options = {"velocity": velocity, "voltage_limits": limits, "slew_limit": slew_limit}
+    options = {"velocity": velocity, "voltage_limits": limits, "slew_limit": slew_limit, "offset": offset}
     volts = model.invert(desired - unknown, sample_rate, **options)  # type: ignore[arg-type]
-    predicted = model.predict(volts, sample_rate) + unknown
+    predicted = model.predict(volts, sample_rate, offset=offset) + unknown
     off = np.abs(predicted - desired)
     short = off - NOTICED * model.stroke
     at_limit = (volts <= limits[0]) & (predicted > desired) | (volts >= limits[1]) & (predicted < desired)

@@ -1,0 +1,160 @@
+"""How well a model predicts another record, whose zero may be another one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from truestroke.base import checks
+from truestroke.base.checks import SettingError
+from truestroke.base.typing import FloatArray
+from truestroke.base.verdict import Level, Verdict
+from truestroke.control import actuator
+from truestroke.control.actuator import ActuatorModel
+from truestroke.identification.series import series, settled
+from truestroke.model.layout import Places
+
+INTERVAL = 1.96  # standard deviations: 95 %
+SAMPLES = 2000  # at which the interval is computed
+STEP = 1e-2  # of a standard deviation: the difference of a derivative
+HELD = 0.8  # of the samples in the interval, at least
+WORSE = 3.0  # times the residual of the model's own record
+
+
+@dataclass(frozen=True)
+class Score:
+    """Errors of a model on a record.
+
+    Attributes
+    ----------
+    offset_um : float
+        By how much the zero of this record is above that of the model's, um: removed before all other errors.
+    estimated : bool
+        Whether it is the median of measured minus predicted displacement, or was given.
+    rmse_um, maximum_um : float
+        Of the prediction with the offset, um.
+    rmse_percent : float
+        The same, % of the peak-to-peak displacement.
+    rmse_without_offset_um : float
+        Of the prediction with the zero of the model's own record, um.
+    coverage : float
+        Share of the samples within the 95 % interval of another day (`ActuatorModel.another_day`), 0 to 1.
+    half_width_um : float
+        Median half width of that interval, um.
+    verdict : Verdict
+        Whether the model holds for this record.
+    """
+
+    offset_um: float
+    estimated: bool
+    rmse_um: float
+    maximum_um: float
+    rmse_percent: float
+    rmse_without_offset_um: float
+    coverage: float
+    half_width_um: float
+    verdict: Verdict
+
+
+def score(model: ActuatorModel, record: Any, *, offset: float | None = None) -> Score:
+    """Errors of a model on another record; the zero is a state of the day, not a weight.
+
+    Samples before the voltage has swept its range are not judged: the states of the plays are not known there.
+
+    Parameters
+    ----------
+    model : ActuatorModel
+        Of `identify` or `load_model`.
+    record : Record or tuple
+        As of `identify`.
+    offset : float, optional
+        By how much the zero of this record is above that of the model's, um; by default it is estimated.
+
+    Raises
+    ------
+    SettingError
+        An argument is out of bounds, or the record never sweeps its range.
+
+    Examples
+    --------
+    >>> t = np.arange(4000) / 1000.0
+    >>> x = 1.5 - 1.5 * np.cos(2 * np.pi * t)
+    >>> model = ActuatorModel(
+    ...     thresholds=(0.0,), weights=[10.0, 0.0, 0.0], covariance=1e-4 * np.eye(3), stroke=30.0,
+    ...     voltage_range=(0.0, 3.0), noise=0.01,
+    ... )
+    >>> found = score(model, (x, 10.0 * x + 0.5, 1000.0))
+    >>> round(found.offset_um, 3), round(found.rmse_um, 3), round(found.rmse_without_offset_um, 3)
+    (0.5, 0.0, 0.5)
+    >>> found.verdict.reasons
+    ('The zero is 0.5 um above that of the record of the model; the other errors are without it.',)
+    """
+    checks.instance("model", model, ActuatorModel, actuator.EXPECTED)
+    s = series(record)
+    judged = s.known.copy()
+    judged[: settled(s.volts, float(np.ptp(s.volts)))] = False
+    if not judged.any():
+        raise SettingError("record", "one that sweeps its range only at its end", "one that sweeps it and goes on")
+    error = (s.displacement - model.predict(s.volts, s.sample_rate))[judged]
+    moved = float(np.median(error)) if offset is None else checks.number("offset", offset, "um")
+    deviation = _deviation(model, s.volts, s.sample_rate, np.flatnonzero(judged), centred=offset is None)
+    rest = error - moved
+    rows = _rows(rest.size)
+    width = INTERVAL * deviation
+    numbers = {
+        "offset_um": moved,
+        "rmse_um": float(np.sqrt(np.mean(rest**2))),
+        "maximum_um": float(np.abs(rest).max()),
+        "rmse_percent": 100 * float(np.sqrt(np.mean(rest**2)) / np.ptp(s.displacement)),
+        "rmse_without_offset_um": float(np.sqrt(np.mean(error**2))),
+        "coverage": float(np.mean(np.abs(rest[rows]) <= width)),
+        "half_width_um": float(np.median(width)),
+    }
+    return Score(**numbers, estimated=offset is None, verdict=_verdict(model, numbers))
+
+
+def _rows(samples: int) -> Places:
+    return np.arange(0, samples, max(1, -(-samples // SAMPLES)))
+
+
+def _deviation(model: ActuatorModel, volts: FloatArray, fs: float, judged: Places, centred: bool) -> FloatArray:
+    """Standard deviation of the prediction error on another day, um, at `_rows` of the judged samples.
+
+    ::
+
+        sqrt(diag(J P J') + noise^2)
+
+    J is the derivative of the prediction by the weights; P is `another_day`. Where the offset is estimated, the part
+    that moves all samples alike is not in it: the mean of each column is removed.
+    """
+    rows, predicted = judged[_rows(judged.size)], model.predict(volts, fs)
+    P = model.another_day()
+    steps = STEP * np.sqrt(np.maximum(np.diag(P), 1e-300))
+    columns = []
+    for k, step in enumerate(steps):
+        weights = model.weights.copy()
+        weights[k] += step
+        columns.append((model.replace(weights=weights).predict(volts, fs) - predicted)[rows] / step)
+    J = np.column_stack(columns)
+    if centred:
+        J = J - J.mean(axis=0)
+    return np.asarray(np.sqrt(np.einsum("ki,il,kl->k", J, P, J) + model.noise**2))
+
+
+def _verdict(model: ActuatorModel, found: dict[str, float]) -> Verdict:
+    """Bad where the model does not hold, doubtful where its interval does not."""
+    said: list[tuple[Level, str]] = []
+    if abs(found["offset_um"]) > 3 * model.noise:
+        where = "above" if found["offset_um"] > 0 else "below"
+        size = f"{abs(found['offset_um']):.3g} um {where}"
+        words = f"The zero is {size} that of the record of the model; the other errors are without it."
+        said.append(("doubtful", words))
+    if found["rmse_um"] > max(WORSE * model.noise, 0.02 * model.stroke):
+        words = f"The rmse is {found['rmse_um']:.3g} um, that of the model's own record {model.noise:.3g} um: "
+        said.append(("bad", words + "identify the actuator anew."))
+    if found["coverage"] < HELD:
+        words = f"The 95 % interval holds {100 * found['coverage']:.0f} % of the samples."
+        said.append(("doubtful", words))
+    return Verdict.of(said)
