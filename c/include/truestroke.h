@@ -149,6 +149,7 @@ typedef struct {
     ts_real prior_return;     /* per TS_RETURN_EVERY ticks: how far P and w return to the prior */
     ts_real change_threshold; /* mean square of the normalised innovation above which the actuator has changed */
     ts_real change_rate;      /* per update: how fast that mean follows */
+    ts_real usual_rate;       /* per update: how fast the usual mean follows, to which a large one is related; 0: it is 1 */
     int refractory;           /* ticks from one change to the next */
     ts_real change_gain;      /* relative standard deviation of a change: all weights of the plays together */
     ts_real change_hysteresis;/* the same: all but the first together */
@@ -173,6 +174,7 @@ typedef struct {
     ts_real sigma, ringing;         /* noise: um, um^2 */
     ts_real innovation1, innovation2; /* of the last two ticks, um */
     ts_real change;                 /* mean square of the normalised innovation */
+    ts_real usual;                  /* the same, slowly: what the model does not explain at any time */
     int since_change, spikes, since_return;
     bool started, pending, changed;
     unsigned char part[TS_MAX_PARAMETERS]; /* 1: weight of the first play, 2: of another play, 0: anything else */
@@ -189,8 +191,8 @@ TS_API void ts_kalman_reset_covariance(ts_kalman *k, const ts_real *P0, int m);
 TS_API void ts_kalman_start_filters(ts_kalman *k, int m);
 
 /* Whether a measurement with this innovation is a spike; at most `outliers` in a row are. smooth: the innovation of a good
- * measurement may be as large, but not as sudden. */
-TS_API bool ts_kalman_is_spike(ts_kalman *k, const ts_kalman_settings *s, ts_real innovation, bool smooth);
+ * measurement may be as large, but `noisy`, which ts_kalman_tick is given in its place, not as sudden. */
+TS_API bool ts_kalman_is_spike(ts_kalman *k, const ts_kalman_settings *s, ts_real innovation, ts_real noisy, bool smooth);
 
 /* One tick with the regressor u, what w.u should be, y, and the innovation of the measurement. measured: false where none
  * came or it was a spike; y is then what the model expects. Returns whether w was updated. Where `learn` is false (hold, a
@@ -260,6 +262,7 @@ typedef struct {
     ts_real direct[3];
     int dead;                         /* ticks */
     ts_real notch[3];                 /* A(q) = sum of notch[i] q^-i: the denominator of the first mode, 1 at 0 Hz */
+    ts_real quiet[3];                 /* the same times a factor: the second difference of white noise stays as large */
     ts_real tap[TS_TAPS];             /* A G = q^-dead (sum of tap[i] q^-i + sum of the first `others` sections rest[i]), which does */
     int others;                       /* not resonate at the first mode */
     ts_real rest[TS_SECTIONS][4];     /* b0, b1, a1, a2, as above */
@@ -301,6 +304,7 @@ typedef struct {
     ts_real section[TS_SECTIONS][2];  /* outputs of the sections in the last two ticks, um */
     ts_real strain[TS_HISTORY];       /* inputs: of tick k at k % TS_HISTORY, um */
     ts_real z[2];                     /* what the notch saw in the last two ticks, um */
+    ts_real innovation[2];            /* innovations of the last two ticks, um */
     ts_real tap[TS_TAPS - 1][TS_PADDED(TS_MAX_PARAMETERS)]; /* of A G, which the regressor passes */
     ts_real rest[TS_SECTIONS][2][TS_PADDED(TS_MAX_PARAMETERS)];
     uint64_t ticks;                   /* whose measurement is in them */

@@ -85,7 +85,7 @@ static ts_status check_kalman(const ts_settings *s)
 {
     const ts_kalman_settings *k = &s->kalman;
     bool good = k->filter > 0 && k->filter <= 1 && fraction(k->noise_rate) && fraction(k->ringing_rate)
-                && fraction(k->prior_return) && fraction(k->change_rate) && fraction(k->change_share)
+                && fraction(k->prior_return) && fraction(k->change_rate) && fraction(k->usual_rate) && fraction(k->change_share)
                 && k->model_error >= 0 && bounded(k->model_error) && k->change_threshold > 0 && k->refractory >= 0
                 && fraction(k->change_gain) && fraction(k->change_hysteresis) && k->outlier > 0 && k->outliers >= 0 && positive(s->first_noise);
     const ts_oscillation_settings *o = &s->oscillation;
@@ -105,7 +105,7 @@ static ts_status check_dynamics(const ts_dynamics *d)
     if (!good) return TS_BAD_DYNAMICS;
     for (int i = 0; i < d->sections; i++) good = good && stable_section(d->section[i]);
     for (int i = 0; i < d->others; i++) good = good && stable_section(d->rest[i]);
-    for (int i = 0; i < 3; i++) good = good && bounded(d->direct[i]) && bounded(d->notch[i]);
+    for (int i = 0; i < 3; i++) good = good && bounded(d->direct[i]) && bounded(d->notch[i]) && bounded(d->quiet[i]);
     for (int i = 0; i < TS_TAPS; i++) good = good && bounded(d->tap[i]);
     return good ? TS_OK : TS_BAD_DYNAMICS;
 }
@@ -438,6 +438,13 @@ static ts_real notched(ts_controller *c, ts_real z)
     return y;
 }
 
+/* The innovation without the first mode, as noisy as it was: ringing that the model knows is no noise. um. */
+static ts_real quiet(const ts_controller *c, ts_real innovation)
+{
+    const ts_real *a = c->settings.dynamics.quiet, *before = c->dynamics.innovation;
+    return a[0] * innovation + a[1] * before[0] + a[2] * before[1];
+}
+
 /* A G: the regressor as the measurement without the first mode shows it; at rest before the first tick. */
 static void pass_stage(ts_controller *c, ts_real *u)
 {
@@ -645,7 +652,9 @@ static int waiting(const ts_settings *s)
 /* One tick of the stage with the measurement z, or what was expected in its place: it shows the tick `dead` before. */
 static void learn_staged(ts_controller *c, ts_real z, ts_real innovation, bool measured, bool learn)
 {
-    ts_real u[TS_PADDED(TS_MAX_PARAMETERS)], y = notched(c, z);
+    ts_real u[TS_PADDED(TS_MAX_PARAMETERS)], y = notched(c, z), noisy = quiet(c, innovation);
+    c->dynamics.innovation[1] = c->dynamics.innovation[0];
+    c->dynamics.innovation[0] = innovation;
     c->dynamics.ticks++;
     if (c->dynamics.ticks <= (uint64_t)c->settings.dynamics.dead) return;
     next_lagged(c);
@@ -653,7 +662,7 @@ static void learn_staged(ts_controller *c, ts_real z, ts_real innovation, bool m
     /* One notched sample is noise, thousands of times that of z where f0 is far below the sample rate: the filters must not
      * start from it. */
     if (learn) ts_kalman_start_filters(&c->law.kalman, c->parameters);
-    adapt_kalman(c, u, y, innovation, measured, learn);
+    adapt_kalman(c, u, y, noisy, measured, learn);
 }
 
 /* Whether the feedback waits: from the rate of alarms PAUSE on, until it is below RESUME. The margins are those of a model
@@ -714,7 +723,8 @@ static bool learn_from(ts_controller *c, const ts_real *u, ts_real z, const ts_m
     ts_real predicted = staged ? expected(c) : model(c, u);
     c->innovation = staged ? z - predicted : through_dead_zones(s, z) + d->ahead - predicted; /* (15) */
     if (s->law == TS_LAW_RLS) return adapt_rls(c, u, !c->hold);
-    bool used = !frozen(c, z, predicted, stands), spike = used && ts_kalman_is_spike(k, &s->kalman, c->innovation, staged);
+    ts_real noisy = staged ? quiet(c, c->innovation) : c->innovation;
+    bool used = !frozen(c, z, predicted, stands), spike = used && ts_kalman_is_spike(k, &s->kalman, c->innovation, noisy, staged);
     ts_real innovation = used && !spike ? c->innovation : 0;
     bool learn = adapts(c, limited, back) && !(c->stage.rest > 0);
     used = used && !spike;
@@ -843,7 +853,7 @@ static bool same_dynamics(const ts_dynamics *a, const ts_dynamics *b)
 {
     bool same = a->known == b->known && a->sections == b->sections && a->dead == b->dead && a->others == b->others;
     return same && equal(&a->section[0][0], &b->section[0][0], 4 * TS_SECTIONS) && equal(a->direct, b->direct, 3)
-           && equal(a->notch, b->notch, 3) && equal(a->tap, b->tap, TS_TAPS) && equal(&a->rest[0][0], &b->rest[0][0], 4 * TS_SECTIONS)
+           && equal(a->notch, b->notch, 3) && equal(a->quiet, b->quiet, 3) && equal(a->tap, b->tap, TS_TAPS) && equal(&a->rest[0][0], &b->rest[0][0], 4 * TS_SECTIONS)
            && equal(a->lead, b->lead, 2) && equal(a->sensor, b->sensor, 2);
 }
 

@@ -3,6 +3,8 @@
 #include <math.h>
 #include <string.h>
 
+#define USUAL 3 /* mean square of the normalised innovation: a larger one is usual, but no sudden change */
+
 /* P is symmetric, and a triangle of it is stored: row i to the end of the block of eight that holds the diagonal, so that
  * rows are whole vectors, and the blocks on the diagonal are whole matrices. */
 
@@ -178,7 +180,12 @@ static bool update(ts_kalman *k, const ts_kalman_settings *s, const ts_real *w0,
         for (int i = 0; i < m; i++) w[i] += s->prior_return * (w0[i] - w[i]);
 
     ts_real nu2 = e * e / expected;
-    k->change += s->change_rate * ((nu2 < 100 ? nu2 : 100) - k->change);
+    if (!(nu2 < 100)) nu2 = 100;
+    if (s->usual_rate > 0) {
+        k->usual += s->usual_rate * (nu2 - k->usual);
+        if (k->usual > USUAL) nu2 *= USUAL / k->usual;
+    }
+    k->change += s->change_rate * (nu2 - k->change);
     k->changed = k->change > s->change_threshold && k->since_change >= s->refractory;
     if (k->changed) {
         k->since_change = 0;
@@ -188,10 +195,10 @@ static bool update(ts_kalman *k, const ts_kalman_settings *s, const ts_real *w0,
     return true;
 }
 
-bool ts_kalman_is_spike(ts_kalman *k, const ts_kalman_settings *s, ts_real innovation, bool smooth)
+bool ts_kalman_is_spike(ts_kalman *k, const ts_kalman_settings *s, ts_real innovation, ts_real noisy, bool smooth)
 {
     if (!(k->variance > 0)) return false; /* before the first update the model may be far off */
-    ts_real most = s->outlier * s->outlier, noise = k->sigma * k->sigma, d = innovation - 2 * k->innovation1 + k->innovation2;
+    ts_real most = s->outlier * s->outlier, noise = k->sigma * k->sigma, d = noisy - 2 * k->innovation1 + k->innovation2;
     bool sudden = !smooth || d * d > most * (noise + k->ringing);
     bool beyond = innovation * innovation > most * (k->variance + noise) && sudden, spike = beyond && k->spikes < s->outliers;
     k->spikes = beyond ? k->spikes + spike : 0;

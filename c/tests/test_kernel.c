@@ -348,7 +348,7 @@ static bool kalman_tick(ts_kalman *k, const ts_kalman_settings *s, const ts_real
                         const ts_real *u, const ts_real *y)
 {
     ts_real predicted = ts_dot(u, w, TS_PADDED(K_M)), innovation = y ? *y - predicted : 0;
-    bool measured = y && !ts_kalman_is_spike(k, s, innovation, false);
+    bool measured = y && !ts_kalman_is_spike(k, s, innovation, innovation, false);
     if (!measured) innovation = 0;
     return ts_kalman_tick(k, s, w0, P0, w, u, predicted + innovation, innovation, measured, true, K_M);
 }

@@ -131,6 +131,7 @@ template <typename Controller, typename Visit> void each_array(Controller &c, Vi
     visit("innovation_before", &k.innovation1, 1);
     visit("innovation_before_that", &k.innovation2, 1);
     visit("change", &k.change, 1);
+    visit("usual", &k.usual, 1);
     visit("filter", &k.filter, 1);
     visit("disturbance", &k.disturbance, 1);
     visit("since_change", &k.since_change, 1);
@@ -164,6 +165,7 @@ template <typename Controller, typename Visit> void each_array(Controller &c, Vi
         visit("stage_sections", &d.section[0][0], sizeof d.section / sizeof(ts_real));
         visit("stage_strain", &d.strain[0], TS_HISTORY);
         visit("stage_measured", &d.z[0], 2);
+        visit("stage_innovation", &d.innovation[0], 2);
         visit("stage_ticks", &d.ticks, 1);
         for (int i = 0; i < TS_TAPS - 1; i++) visit(("stage_tap_" + std::to_string(i)).c_str(), &d.tap[i][0], m);
         for (int i = 0; i < 2 * c.settings.dynamics.others; i++)
@@ -232,6 +234,7 @@ void check_kalman(const ts_controller &c) {
     not_negative("noise", k.sigma);
     not_negative("ringing", k.ringing);
     require_range("change", k.change, 0, 100);
+    require_range("usual", k.usual, 0, 100);
     require_range("since_change", k.since_change, 0, INT32_MAX);
     require_range("spikes", k.spikes, 0, INT32_MAX);
     require_range("since_return", k.since_return, 0, TS_RETURN_EVERY);

@@ -68,8 +68,8 @@ class FilteringLaw(Law, Protocol):
     disturbance: float
     changed: bool
 
-    def is_spike(self, e_m: float, *, smooth: bool = False) -> bool:
-        """Whether a measurement with the innovation e_m, um, is not to be used."""
+    def is_spike(self, e_m: float, noisy: float | None = None) -> bool:
+        """Whether a measurement with the innovation e_m, um, is not to be used; noisy: what `tick` gets instead."""
 
     def tick(self, u: FloatArray, y: float, innovation: float, *, measured: bool, learn: bool) -> bool:
         """One tick in which w.u should be y, um; returns whether the weights were updated."""
@@ -320,9 +320,10 @@ class KalmanSettings:
         epsilon: how far w and P return to the prior in `RETURN_EVERY` ticks, 0 to 1.
     noise_rate, ringing_rate : float
         How fast the robust estimate of the noise follows, and the fast one; per tick, 0 to 1.
-    change_threshold, change_rate, refractory
+    change_threshold, change_rate, usual_rate, refractory
         Mean square of the normalised innovation above which the actuator has changed; how fast that mean follows, per
-        update, 0 to 1; ticks from one change to the next.
+        update, 0 to 1; the same of the usual mean: where it is above `USUAL`, the innovation is taken relative to it;
+        ticks from one change to the next.
     change_gain, change_hysteresis, change_share : float
         Relative standard deviation of a change of all play weights together, and of all but the first together; how far
         P returns to the prior then, 0 to 1.
@@ -339,6 +340,7 @@ class KalmanSettings:
     ringing_rate: float = 0.1
     change_threshold: float = 12.0
     change_rate: float = 0.2
+    usual_rate: float = 0.0
     refractory: int = 10
     change_gain: float = 0.15
     change_hysteresis: float = 0.3
@@ -352,6 +354,7 @@ RETURN_EVERY = 16  # ticks: TS_RETURN_EVERY of the kernel
 MEAN_SECOND_DIFFERENCE = 1.9544  # mean of |d| of white noise of deviation 1: sqrt(6) sqrt(2 / pi)
 CLIP = 7.84  # of sigma: four times that mean, at which the robust estimate of the noise clips
 LARGEST = 1e50  # TS_LARGEST of the kernel: largest weight and desired value
+USUAL = 3.0  # mean square of the normalised innovation: a larger one is usual, but no sudden change
 SURPRISE = 100.0  # largest normalised innovation, squared, that counts for a change: one alone must not trigger it
 
 
@@ -485,6 +488,7 @@ class BoundedKalman:
         self.sigma, self.ringing = settings.first_noise, 0.0  # um, um^2
         self.e1 = self.e2 = 0.0  # innovations of the last two ticks, um
         self.change, self.since_change, self.spikes, self.since_return = 0.0, 2**31 - 1, 0, 0
+        self.usual = 0.0  # mean square of the normalised innovation, slowly
         self.started = self.pending = self.changed = False
 
     def take(self, settings: KalmanSettings) -> None:
@@ -517,16 +521,18 @@ class BoundedKalman:
         if spike:
             raise UpdateRefused(f"e_m = {e_m} um is a spike")
 
-    def is_spike(self, e_m: float, *, smooth: bool = False) -> bool:
+    def is_spike(self, e_m: float, noisy: float | None = None) -> bool:
         """Whether a measurement with the innovation e_m, um, is a spike; at most `outliers` in a row are.
 
-        smooth: the innovation of a good measurement may be as large, but not as sudden: its second difference decides.
+        noisy: what `tick` gets in place of e_m, um; then the innovation of a good measurement may be as large, but this
+        not as sudden: its second difference decides.
         """
         s = self.settings
         if not self.variance > 0:  # before the first update the model may be far off
             return False
-        most, noise, d = s.outlier * s.outlier, self.sigma * self.sigma, e_m - 2 * self.e1 + self.e2
-        sudden = not smooth or d * d > most * (noise + self.ringing)
+        most, noise = s.outlier * s.outlier, self.sigma * self.sigma
+        d = (e_m if noisy is None else noisy) - 2 * self.e1 + self.e2
+        sudden = noisy is None or d * d > most * (noise + self.ringing)
         beyond = e_m * e_m > most * (self.variance + noise) and sudden
         spike = beyond and self.spikes < s.outliers
         self.spikes = self.spikes + spike if beyond else 0
@@ -594,7 +600,12 @@ class BoundedKalman:
 
     def _detect_change(self, surprise: float) -> None:
         s = self.settings
-        self.change += s.change_rate * (min(surprise, SURPRISE) - self.change)
+        surprise = min(surprise, SURPRISE)
+        if s.usual_rate > 0:
+            self.usual += s.usual_rate * (surprise - self.usual)
+            if self.usual > USUAL:
+                surprise *= USUAL / self.usual
+        self.change += s.change_rate * (surprise - self.change)
         self.changed = self.change > s.change_threshold and self.since_change >= s.refractory
         if self.changed:
             self.since_change, self.change = 0, 0.0

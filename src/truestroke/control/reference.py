@@ -511,7 +511,7 @@ class ReferenceController(Displayed):
         if law is None:
             return self._learn_otherwise(u)
         used = not self._is_frozen(z, predicted, stands)
-        used = used and not law.is_spike(self._innovation, smooth=path is not None)
+        used = used and not law.is_spike(self._innovation, path.quiet(self._innovation) if path is not None else None)
         innovation = self._innovation if used else 0.0
         if path is not None:
             self._learn_staged(path, z if used else predicted, innovation, measured=used, learn=learn)
@@ -530,12 +530,13 @@ class ReferenceController(Displayed):
 
     def _learn_staged(self, path: Stage, z: float, innovation: float, *, measured: bool, learn: bool) -> None:
         """One tick of the stage with the measurement z, or what was expected: it shows the tick `dead` before."""
-        y = path.notched(z)
+        y, noisy = path.notched(z), path.quiet(innovation)
+        path.remember(innovation)
         if path.ticks > path.dead and self._filtering is not None:
             u = path.passed(self._next_lagged())
             if learn:  # one notched sample is noise, thousands of times that of z where f0 is far below the rate
                 self._filtering.start_filters()
-            self._update(self._filtering, u, y, innovation, measured=measured, learn=learn)
+            self._update(self._filtering, u, y, noisy, measured=measured, learn=learn)
 
     def _update(
         self, law: FilteringLaw, u: FloatArray, y: float, innovation: float, *, measured: bool, learn: bool

@@ -38,6 +38,7 @@ LAG_SHARE, INERTIA_SHARE = 0.01, 0.05  # of 1 / w0 and 1 / w0^2: what may be mis
 SLEW = 120.0  # voltage ranges a second
 SLEW_OF_RESONANCE = 6.0  # voltage ranges in a period of the resonance
 MOTION_RATE = 10.0  # 1/s: how fast the means of the motion follow
+USUAL_RATE = 16.0  # 1/s: how fast the usual error of the model follows, to which a change is related
 CHANGE_RATE = 400.0  # 1/s: how fast the detector of a change follows
 
 
@@ -654,6 +655,7 @@ def _derived(s: ControllerSettings) -> dict[str, float]:
         "kalman.noise_rate": min(1.0, NOISE_RATE / fs),
         "kalman.ringing_rate": min(1.0, RINGING_RATE / fs),
         "kalman.change_rate": min(1.0, CHANGE_RATE / fs),
+        "kalman.usual_rate": min(1.0, USUAL_RATE / fs) if s.dynamics is not None else 0.0,
         "oscillation.tick": 1 / fs,
         "oscillation.corner": min(1.15 * corner / fs, 1.0),
         "oscillation.fast": fast,

@@ -78,6 +78,7 @@ def members(dynamics: Dynamics) -> dict[str, Any]:
         "dynamics.direct": direct,
         "dynamics.dead": dead,
         "dynamics.notch": notch.tolist(),
+        "dynamics.quiet": (notch / _noise_gain(notch)).tolist(),
         "dynamics.tap": tap,
         "dynamics.others": len(rest),
         "dynamics.rest": rest,
@@ -91,7 +92,7 @@ def members(dynamics: Dynamics) -> dict[str, Any]:
 NOT_KNOWN: dict[str, Any] = {
     "dynamics.known": False,
     **dict.fromkeys(("dynamics.sections", "dynamics.dead", "dynamics.others"), 0),
-    **{f"dynamics.{name}": [] for name in ("section", "direct", "notch", "tap", "rest", "lead", "sensor")},
+    **{f"dynamics.{name}": [] for name in ("section", "direct", "notch", "quiet", "tap", "rest", "lead", "sensor")},
 }
 """The members of a controller that does not know the stage."""
 
@@ -156,6 +157,12 @@ def _sections(dynamics: Dynamics) -> list[tuple[float, float]]:
             pole = math.exp(-2 * math.pi * corner / dynamics.sample_rate)
             lags.append(pole * (1 - APART) if any(abs(pole - lag) < APART * lag for lag in lags) else pole)
     return found + [(-pole, 0.0) for pole in lags]
+
+
+def _noise_gain(taps: FloatArray) -> float:
+    """By how much the second difference of white noise is larger behind taps than before."""
+    second = np.array([1.0, -2.0, 1.0])
+    return float(np.linalg.norm(np.convolve(second, taps)) / np.linalg.norm(second))
 
 
 def _polynomial(coefficients: FloatArray, q: ComplexArray) -> ComplexArray:
@@ -283,10 +290,12 @@ class Stage:
         self.dead: int = get["dead"]
         self._sections, self._direct, self._notch = get["section"], get["direct"], get["notch"]
         self._tap, self._rest, self.lead, self.sensor = get["tap"], get["rest"], get["lead"], get["sensor"]
+        self._quiet = get["quiet"]
         self.strain: dict[int, float] = {}
         self.ticks = 0
         self._outputs = [[0.0, 0.0] for _ in self._sections]
         self._z = [0.0, 0.0]
+        self._innovation = [0.0, 0.0]
         self._taps = np.zeros((TAPS, parameters))  # the last row stays 0
         self._states = np.zeros((len(self._rest), 2, parameters))
         self._started = False
@@ -303,6 +312,15 @@ class Stage:
         for tap, entry in zip(self._direct, u, strict=False):
             z += tap * entry
         return z
+
+    def quiet(self, innovation: float) -> float:
+        """The innovation without the first mode, as noisy as it was, um: ringing that the model knows is no noise."""
+        before = self._innovation
+        return float(self._quiet[0] * innovation + self._quiet[1] * before[0] + self._quiet[2] * before[1])
+
+    def remember(self, innovation: float) -> None:
+        """The innovation of the tick, um."""
+        self._innovation = [innovation, self._innovation[0]]
 
     def notched(self, z: float) -> float:
         """A: the measurement without the first mode, um; the next tick."""
