@@ -28,7 +28,7 @@ class ExitCode(IntEnum):
     FAILED = 1, "An error that none of the others names; nothing was overwritten."
     USAGE = 2, "A wrong argument or configuration: refused before anything moved."
     CHECK = 3, "The axis failed its check before the run: polarity, gain, channel or noise."
-    NOT_TRACKING = 4, "Tracking was lost in mid-run, or the run ended with a bad verdict."
+    NOT_TRACKING = 4, "Tracking was lost in mid-run, or the result has a bad verdict."
     SENSOR = 10, "The sensor delivered nothing usable for `sensor_timeout`."
     OVERRUN = 11, "The loop was late for `overrun_streak` blocks in a row."
     DRIVER = 12, "The driver or its hardware reported an error."

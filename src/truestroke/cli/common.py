@@ -316,7 +316,9 @@ def print_verdict(verdict: Verdict, reasons: bool = True) -> None:
     style = {"good": "green", "doubtful": "bold yellow", "bad": "bold white on red"}[verdict.level]
     word = verdict.level.upper() if verdict.is_bad else verdict.level
     console().print(Text.assemble(f"{'verdict':10} ", (word, style)))
+    context = click.get_current_context(silent=True)
     for reason in verdict.reasons if reasons else ():
+        reason = in_words_of(context.command if context else None, reason)
         click.echo(click.wrap_text(reason, _width(), initial_indent=" " * 11, subsequent_indent=" " * 11))
 
 

@@ -11,6 +11,7 @@ import click
 
 import truestroke
 from truestroke.base import files
+from truestroke.base.exit_codes import ExitCode
 from truestroke.cli import common
 
 
@@ -22,11 +23,12 @@ from truestroke.cli import common
 @common.page_options
 def identify(
     record: Path, output: str, report: str | None, force: bool, plots: Path | None, as_json: bool, **options: Any
-) -> None:
+) -> int:
     """Fit a model to a record of voltage and displacement.
 
     Structure by blocked cross-validation; the last 40 % of the record measure how well the model predicts. Writes a
-    model file that `AdaptiveController.from_model` starts from, and a page with its uncertainty.
+    model file that `AdaptiveController.from_model` starts from, and a page with its uncertainty. The verdict says
+    whether to use it: good, doubtful (usable, with the reasons), bad (exit code 4).
     """
     target, page_file = _files(output, report)
     data = truestroke.read_record(record, **options)
@@ -48,8 +50,11 @@ def identify(
     if as_json:
         metrics = dataclasses.asdict(found.held_out) | {"effective_samples": found.effective_samples}
         files = {"model": str(target), "page": str(page_file), "pictures": pictures}
-        common.print_json({**metrics, **files, "warnings": list(findings.warnings)})
-        return
+        evidence = dataclasses.asdict(found.evidence)
+        common.print_json(
+            {**found.verdict.as_dict(), **metrics, "evidence": evidence, **files, "warnings": list(findings.warnings)}
+        )
+        return ExitCode.of(found.verdict)
     held = found.held_out
     rows = [
         ("rmse", f"{held.rmse_um:.4f} um", f"{held.rmse_percent:.2f} %"),
@@ -58,10 +63,13 @@ def identify(
     common.print_table(("held out, the last part", "um", "of p-p"), rows)
     chosen = found.tried[-1]
     common.print_text(f"structure  chosen: {', '.join(chosen.parts)}, prior x {chosen.prior:g}")
-    for warning in findings.warnings:
+    for warning in findings.warnings[len(findings.mistakes) :]:  # the verdict has those
         common.print_text(f"- {warning}")
+    common.print_verdict(found.verdict)
     common.print_files(model=target, page=page_file, pictures=plots)
-    common.suggest(*_next(target, found.model))
+    if not found.verdict.is_bad:
+        common.suggest(*_next(target, found.model))
+    return ExitCode.of(found.verdict)
 
 
 def _files(output: str, report: str | None) -> tuple[Path, Path]:

@@ -30,6 +30,7 @@ def invert(
     """
     target = waveforms.waveform_file("--output", output)
     known = truestroke.load_model(model)
+    waveforms.warn_of(known)
     wave = waveforms.motion(trajectory, options, ramp=0.0)
     start = known.zero if trajectory in waveforms.MOTIONS else 0.0
     limits = waveforms.limits(known, options)

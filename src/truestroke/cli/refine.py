@@ -38,6 +38,7 @@ def refine(
     common.to_write("--output", output, files.MODEL)
     target = waveforms.waveform_file("--next", following) if following else None
     known, data = truestroke.load_model(model), truestroke.read_record(record, **options)
+    waveforms.warn_of(known)
     wanted = None if waveform is None else truestroke.load_waveform(waveform)
     found = truestroke.refine(known, data, waveform=wanted)
     truestroke.save_model(output, found.model)

@@ -132,6 +132,12 @@ def tell(made: truestroke.PredictedWaveform) -> None:
         common.print_text(f"- {warning}")
 
 
+def warn_of(model: truestroke.ActuatorModel) -> None:
+    """On stderr, that the verdict of a model is bad."""
+    if model.provenance.get("verdict") == "bad":
+        click.echo(f"truestroke: the verdict of this model is bad: {model.provenance.get('reason_1', '')}", err=True)
+
+
 def as_dict(made: truestroke.PredictedWaveform) -> dict[str, Any]:
     """For JSON."""
     short = {

@@ -68,6 +68,8 @@ class Findings:
         Time at which the voltage has been at both its ends; before, the states of the widest plays are not known.
     clipped_displacement, clipped_volts : int
         Rows in which it stays at its largest or least value while the other one moves on.
+    assumed_displacement : bool
+        Whether nobody states the unit of the displacement, and um is assumed.
     warnings : tuple[str, ...]
         What is suspicious, and what the record cannot identify, in words; the mistakes first.
     mistakes : tuple[str, ...]
@@ -99,6 +101,7 @@ class Findings:
     states_known_s: float
     clipped_displacement: int
     clipped_volts: int
+    assumed_displacement: bool = False
     warnings: tuple[str, ...] = ()
     mistakes: tuple[str, ...] = ()
 
@@ -191,6 +194,7 @@ def examine(record: Record) -> Findings:
         stroke_lengths_percent=lengths,
         states_known_s=_states_known(record),
         clipped_displacement=int(clipped(z, x, MOVES * span).sum()),
+        assumed_displacement=not record.columns["displacement"].stated,
         clipped_volts=int(clipped(x, z, max(MOVES * stroke, 6 * level)).sum()),
     )
     findings = dataclasses.replace(findings, mistakes=mistakes(record, findings))

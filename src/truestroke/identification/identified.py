@@ -11,13 +11,16 @@ import numpy.typing as npt
 from truestroke.base import checks
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
+from truestroke.base.verdict import Verdict
 from truestroke.control.actuator import ActuatorModel, central_difference
-from truestroke.identification import normal, uncertainty
+from truestroke.identification import normal, uncertainty, validation
+from truestroke.identification.examine import examine
 from truestroke.identification.modes import ModeSearch
-from truestroke.identification.record import as_record
+from truestroke.identification.record import Record, as_record
 from truestroke.identification.regression import ROWS, Data, Structure, delayed
 from truestroke.identification.select import Tried, choose, find_delay
 from truestroke.identification.series import Series, series
+from truestroke.identification.validation import Evidence
 from truestroke.signals.recording import Recording
 
 CHOICE_ROWS = 15_000  # at most where structures are compared, as `ROWS`
@@ -98,6 +101,10 @@ class Identified:
         How many independent samples the rows count for.
     tried : tuple of Tried
         What cross-validation compared, in its order; the last is what was chosen.
+    evidence : Evidence
+        What the error contains.
+    verdict : Verdict
+        Whether the model is to be used, with reasons; in the provenance of `model`, too.
     """
 
     model: ActuatorModel
@@ -107,6 +114,8 @@ class Identified:
     autocorrelation: FloatArray
     effective_samples: float
     tried: tuple[Tried, ...]
+    evidence: Evidence
+    verdict: Verdict
 
 
 def identify(
@@ -183,9 +192,19 @@ def identify(
     predicted, last = part.model.predict(taken.volts, fs), np.arange(taken.volts.size) >= train
     trace = Trace(**vars(taken), predicted=predicted, held_out=last)
     test, residual = _held_out(trace), final.residual
-    model = _documented(final, test, taken)
     white = uncertainty.autocorrelation(residual), uncertainty.effective_samples(residual)
-    return Identified(model, test, trace, residual, *white, tried)
+    findings = examine(_examined(record, taken))
+    evidence = validation.evidence(trace, residual, white[0], findings)
+    verdict = validation.verdict(evidence, test, findings)
+    return Identified(_documented(final, test, taken, verdict), test, trace, residual, *white, tried, evidence, verdict)
+
+
+def _examined(record: Any, s: Series) -> Record:
+    """What is examined: the record itself, or one of the arrays that stand for it."""
+    if isinstance(record, Record):
+        return record
+    volts, displacement, rate = record if isinstance(record, tuple | list) else (s.volts, s.displacement, s.sample_rate)
+    return Record.from_arrays(volts, displacement, sample_rate=float(rate))
 
 
 _Chosen = tuple[Structure, float, FloatArray, int, tuple[Tried, ...]]
@@ -282,13 +301,14 @@ def _held_out(trace: Trace) -> HeldOut:
     return HeldOut(rmse, maximum, 100 * rmse / stroke, 100 * maximum / stroke, error.size)
 
 
-def _documented(fit: Fit, held_out: HeldOut, s: Series) -> ActuatorModel:
+def _documented(fit: Fit, held_out: HeldOut, s: Series, verdict: Verdict) -> ActuatorModel:
     """The model with the metrics and the provenance for its file."""
     from importlib.metadata import version
 
     metrics = {f"held_out_{name}": float(value) for name, value in dataclasses.asdict(held_out).items()}
     metrics |= {"record_samples": float(s.volts.size), "record_sample_rate_hz": s.sample_rate}
-    provenance = {"source": s.source, "made_by": f"truestroke {version('truestroke')}"}
+    provenance = {"source": s.source, "made_by": f"truestroke {version('truestroke')}", "verdict": verdict.level}
+    provenance |= {f"reason_{number}": reason for number, reason in enumerate(verdict.reasons, 1)}
     return fit.model.replace(metrics=metrics, provenance=provenance)
 
 

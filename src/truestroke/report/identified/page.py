@@ -8,6 +8,7 @@ import numpy as np
 
 from truestroke.identification import Findings, Identified, Record, examine
 from truestroke.identification.select import Tried
+from truestroke.identification.validation import Evidence
 from truestroke.report.identified import plots
 from truestroke.report.identified.view import View
 from truestroke.report.page import Number, Page, Section, Table, captioned
@@ -39,7 +40,12 @@ CHOSEN = (
     "from rest is preferred, as a controller starts so; of structures that predict about as well, the one with the "
     "most terms is taken: the prior holds the weights about which the record is hardly informative."
 )
-WHITE = 0.5  # of the samples: with fewer effective ones the residual is not called white
+REMARKS = {
+    "good": "Use it within the voltages and speeds of its record.",
+    "doubtful": "Usable, with these reasons in mind:",
+    "bad": "Do not use it:",
+}
+WHITE = 0.2  # of the autocorrelation: beyond it the residual is not called white
 NOISE = 1.5  # times the noise: a residual below that is called noise
 LINE = 0.8  # of the straight line's rmse: no gain worth a model
 
@@ -80,12 +86,19 @@ def verdict(found: Identified, view: View, findings: Findings) -> str:
 
 
 def whiteness(found: Identified) -> str:
-    """Whether the fit's residual is noise."""
-    n, samples = found.effective_samples, found.residual.size
-    count = f"{samples:,} samples of the fit's residual count for {n:,.0f} independent ones"
-    if n >= WHITE * samples:
-        return f"{count}: it is nearly white, there is nothing more to model."
-    return f"{count}: it is not white, because of the model or of the clock; the standard deviations allow for it."
+    """Whether the fit's residual is noise: white at all lags, and no larger than the sensor's."""
+    e, samples = found.evidence, found.residual.size
+    lag = f"autocorrelation {e.autocorrelation:.2f} at a lag of {length_of_time(e.autocorrelation_s)}"
+    count = f"The {samples:,} samples of the fit's residual count for {found.effective_samples:,.0f} independent ones"
+    if abs(e.autocorrelation) <= WHITE and e.over_noise <= NOISE:
+        return f"{count}: it is nearly white ({lag}) and no larger than the noise, there is nothing more to model."
+    why = "it is not white" if abs(e.autocorrelation) > WHITE else "it is larger than the noise"
+    return f"{count}; {why} ({lag}), because of the model or of the clock; the standard deviations allow for it."
+
+
+def length_of_time(seconds: float) -> str:
+    """In ms or s."""
+    return f"{1e3 * seconds:.3g} ms" if seconds < 1 else f"{seconds:.3g} s"
 
 
 def notes(view: View, record: Record) -> list[str]:
@@ -168,6 +181,7 @@ def model_page(
     findings, view = findings or examine(record), View.of(found)
     sections = [
         Section(tables=[_errors(found, view, findings)]),
+        Section(heading="What the error contains", tables=[_evidence(found.evidence)]),
         _warnings([*findings.warnings, *notes(view, record)]),
         *captioned(CAPTIONS),
         *_structure(found),
@@ -178,6 +192,8 @@ def model_page(
     return Page(
         title=f"Model of {Path(record.source).name}",
         lead=verdict(found, view, findings),
+        verdict=found.verdict,
+        remark=REMARKS[found.verdict.level],
         sections=[section for section in sections if section],
         plots=lambda theme: plots.plots(found, theme),
         command=command,
@@ -202,6 +218,22 @@ def _errors(found: Identified, view: View, findings: Findings) -> Table:
         "rest; the model in the file is fitted to all. The noise of the sensor between neighbouring samples is "
         f"{length(findings.noise_um)}. {whiteness(found)}",
     )
+
+
+def _evidence(found: Evidence) -> Table:
+    """By what the verdict is formed."""
+    beyond = f"{100 * found.range_beyond:.0f} % in range, {100 * found.speed_beyond:.0f} % in speed"
+    shares = [(name, f"{100 * getattr(found, name):.0f} %") for name in ("voltage", "velocity", "history", "time")]
+    least = f"{found.least_autocorrelation:.2f} at {length_of_time(found.least_autocorrelation_s)}"
+    most = f"{found.autocorrelation:.2f} at {length_of_time(found.autocorrelation_s)}"
+    rows = [
+        ("held-out error over the noise of the sensor", f"{found.over_noise:.3g}"),
+        ("held-out error over that of the fitted part", f"{found.over_fitted:.3g}"),
+        ("autocorrelation of the residual, largest and least", f"{most}, {least}"),
+        ("of the held-out error follows " + ", ".join(name for name, _ in shares), ", ".join(v for _, v in shares)),
+        ("held-out motion beyond the fitted one", beyond),
+    ]
+    return Table(rows=rows, kind="words")
 
 
 def _number(um: float, percents: float) -> Number:

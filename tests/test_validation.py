@@ -1,0 +1,91 @@
+"""The verdict of an identified model: from errors that are known, of traces that are made of them."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from benchmarks import foreign_records
+
+from truestroke import trajectories
+from truestroke.identification import Record, examine, identify, load_model, save_model
+from truestroke.identification.identified import HeldOut, Trace
+from truestroke.identification.uncertainty import autocorrelation
+from truestroke.identification.validation import Evidence, evidence, verdict
+from truestroke.model.operators import play_history
+
+RATE = 1000.0
+X = trajectories.random_wave(duration=20.0, sample_rate=RATE, cutoff=3.0, peak_to_peak=4.0, seed=2).position
+T = np.arange(X.size) / RATE
+VELOCITY = np.gradient(X)
+PREDICTED = 7 * X + 5 * play_history(X, (0.3,))[:, 0]
+NOISE = np.random.Generator(np.random.PCG64(1)).normal(0.0, 0.01, X.size)  # um, of a stroke of 40
+
+
+def judged(error: np.ndarray) -> tuple[Evidence, tuple[str, ...], str]:
+    """Of a model, where the truth differs from its prediction by `error`, um, and the sensor's noise."""
+    z = PREDICTED + error + NOISE
+    held = T >= 12.0
+    taken = {"time": T, "volts": X, "displacement": z, "known": np.ones(T.size, dtype=bool), "sample_rate": RATE}
+    trace = Trace(**taken, source="", predicted=PREDICTED, held_out=held)
+    findings = examine(Record.from_arrays(X, z, sample_rate=RATE))
+    found = evidence(trace, error + NOISE, autocorrelation(error + NOISE), findings)
+    rms = float(np.sqrt(np.mean((error + NOISE)[held] ** 2)))
+    whole = verdict(found, HeldOut(rms, 3 * rms, 100 * rms / np.ptp(z), 0.0, int(held.sum())), findings)
+    return found, whole.reasons, whole.level
+
+
+def test_noise_alone_is_good() -> None:
+    found, reasons, level = judged(np.zeros(T.size))
+    assert (level, reasons) == ("good", ())
+    assert found.over_noise == pytest.approx(1.0, abs=0.05)
+    assert abs(found.autocorrelation) < 0.05
+    assert max(found.voltage, found.velocity, found.history, found.time) < 0.02
+
+
+WIDTH = play_history(X, (0.4,))[:, 0] - play_history(X, (0.2,))[:, 0]
+CAUSES = {  # an error of 1 % of the stroke that each function finds, and the others do not
+    "voltage": 0.3 * np.cos(4 * X),
+    "velocity": -0.3 * VELOCITY / VELOCITY.std(),
+    "history": 2.0 * (WIDTH - np.polyval(np.polyfit(X, WIDTH, 7), X)),
+    "time": 0.02 * (T - 6.0),
+}
+
+
+@pytest.mark.parametrize("cause", CAUSES)
+def test_what_the_error_depends_on_is_found(cause: str) -> None:
+    found, reasons, level = judged(CAUSES[cause])
+    shares = {name: getattr(found, name) for name in CAUSES}
+    assert max(shares, key=shares.__getitem__) == cause
+    assert shares[cause] > 0.4
+    assert level == "doubtful"
+    words = {"history": "reversals", "time": "slow"}.get(cause, cause)
+    assert any(words in reason for reason in reasons)
+
+
+def test_a_residual_that_alternates_is_not_called_white() -> None:
+    """1.24 um on 10 nm of noise, autocorrelation -0.81 at lag 1: it has no low frequencies."""
+    error, rng = np.zeros(T.size), np.random.Generator(np.random.PCG64(3))
+    shocks = rng.normal(0.0, 1.0, T.size)
+    for k in range(1, T.size):
+        error[k] = -0.81 * error[k - 1] + shocks[k]
+    found, reasons, level = judged(1.24 * error / error.std())
+    assert found.least_autocorrelation == pytest.approx(-0.81, abs=0.03)
+    assert found.least_autocorrelation_s == pytest.approx(1e-3)
+    assert level == "doubtful"
+    assert any("The residual oscillates: autocorrelation -0.8" in reason for reason in reasons)
+
+
+def test_the_held_out_part_beyond_the_fitted_one() -> None:
+    error = np.where(T >= 12.0, 0.5, 0.05) * np.sin(40 * T)
+    _, reasons, _ = judged(error)
+    assert any("predicted 9" in reason or "predicted 10" in reason for reason in reasons)
+
+
+def test_a_record_of_one_stroke_length_and_a_contradiction(tmp_path) -> None:
+    (record,) = foreign_records.records(makers=(foreign_records.short,))
+    assert any("All strokes are about as long" in reason for reason in identify(record).verdict.reasons)
+    found = identify(dataclasses.replace(record, contradictions=("the file says otherwise",)))
+    assert found.verdict.is_bad
+    save_model(tmp_path / "model.toml", found.model)
+    kept = load_model(tmp_path / "model.toml").provenance
+    assert (kept["verdict"], kept["reason_1"]) == ("bad", "The record contradicts itself: the file says otherwise.")
