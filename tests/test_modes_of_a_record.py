@@ -7,7 +7,7 @@ from scipy.signal import TransferFunction, lsim
 
 import truestroke
 from truestroke.control import stage
-from truestroke.identification import identify, load_model, save_model
+from truestroke.identification import Record, identify, load_model, refine, save_model
 from truestroke.model.dynamics import Dynamics, Mode
 
 TRUE = ((0.75, 170.0, 0.03), (0.17, 395.0, 0.02), (0.08, 710.0, 0.025))  # share, Hz, damping: of modes_excited
@@ -68,6 +68,15 @@ def test_the_modes_are_in_the_file_and_a_controller_starts_with_them(found, tmp_
     controller = truestroke.AdaptiveController.from_model(read, sample_rate=10_000.0)
     assert controller.settings.dynamics.modes == read.dynamics.modes
     assert truestroke.AdaptiveController.from_model(read, sample_rate=500.0).settings.dynamics is None
+
+
+def test_a_refined_model_keeps_its_modes(found, excited):
+    """The gain of the stage is 5 % larger: weights follow, modes stay, and the residual is as small as before."""
+    record = Record.from_arrays(excited.volts[:8000], 1.05 * excited.displacement[:8000], sample_rate=5000.0)
+    again = refine(found.model, record)
+    assert again.model.dynamics == found.model.dynamics
+    assert again.after < 0.3 * again.before
+    assert again.after < 0.02 * found.model.stroke
 
 
 @pytest.mark.parametrize("dead_time", [0.0, 3.3e-4])

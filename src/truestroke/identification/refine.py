@@ -161,6 +161,7 @@ def _data(model: ActuatorModel, x: FloatArray, z: FloatArray, fs: float) -> Data
         voltage_range=(min(low, float(x.min())), max(high, float(x.max()))),
         stroke=model.stroke,
         zero=model.zero,
+        dynamics=model.stage(fs),
     )
 
 
@@ -169,11 +170,11 @@ def _fitted(model: ActuatorModel, data: Data, skip: int) -> ActuatorModel:
     fs, measured = data.sample_rate, data.displacement[skip:]
     s, delay = Structure(**model.terms, rested=True), round(model.delay * fs) / fs
     prior = _prior(model, s, data, model.delay - delay)
-    velocity = max(model.velocity, float(np.abs(central_difference(model.predict(data.volts, fs), fs)).max()))
+    velocity = max(model.velocity, float(np.abs(central_difference(model.strain(data.volts, fs), fs)).max()))
     c = prior.mean
     for _ in range(STEPS):
-        z_m = data.model(s, c, velocity).predict(data.volts, fs) - data.zero
-        rows, kept = data.columns(s, z_m)[skip:], z_m[:: data.every][skip:]
+        strain = data.model(s, c, velocity).strain(data.volts, fs)
+        rows, kept = data.columns(s, strain)[skip:], data.through(strain)[:: data.every][skip:]
         J = data.derivative(s, rows[:, :-1], kept, c)
         residual = measured - kept
         weight = max(uncertainty.white_variance(residual), (QUIET * model.stroke) ** 2)
@@ -182,7 +183,7 @@ def _fitted(model: ActuatorModel, data: Data, skip: int) -> ActuatorModel:
     made = data.model(s, c, velocity)
     residual = measured - (made.predict(data.volts, fs) - data.zero)[:: data.every][skip:]
     P = uncertainty.covariance(J, residual, prior, weight)
-    return made.replace(covariance=P, delay=delay, noise=_rms(residual))
+    return made.replace(covariance=P, delay=delay, noise=_rms(residual), dynamics=model.dynamics)
 
 
 def _prior(model: ActuatorModel, s: Structure, data: Data, delay: float) -> Prior:
