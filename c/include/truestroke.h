@@ -249,7 +249,7 @@ TS_API ts_real ts_oscillation_frequency(const ts_oscillation *o, int n);
 /* ---- Dynamics of the stage, between hysteresis and sensor --------------------------------------------------------- */
 
 #define TS_SECTIONS 5
-#define TS_FEEDBACKS 8
+#define TS_FEEDBACKS 9
 #define TS_TAPS 5
 
 /* G(q): from the displacement that the hysteresis gives in a tick, its strain, to the measurement of that tick. Its static

@@ -96,6 +96,7 @@ def controller_rows(
     shown = [name for name in ("a0", "offset") if name in names]
     return [
         *declared.rows(settings, {name: SETTINGS[name] for name in listed}),
+        *([("feedback", settings.feedback.summary)] if settings.dynamics is not None else []),
         *[(f"weight {name}", quantity(names[name], settings.units[settings.names.index(name)])) for name in shown],
         ("innovation", quantity(innovation, "um")),
         *[(name, quantity(count, "ticks")) for name, count in counters.items()],

@@ -7,13 +7,14 @@ that is asked of the hysteresis in the next command. The hysteresis is inverted,
 
 with G of `model.dynamics.Dynamics`, the sensor in it. The bank has three parts:
 
-- *An integrator* against loads, with a corner far below the crossover in place of its pole at 1.
-- *A biquad at the first mode*. Its complex gain at f0 makes L real and positive there, or turned by a small angle: that
-  is active damping, by 1 + L(f0). Its third coefficient is the gain at 0 Hz, beside the integrator: a notch for the
-  integrator is one of its cases.
+- *An integrator* against loads, with a corner far below the crossover in place of its pole at 1; and a lag beside it,
+  w/s (1 + 0.1 w / (s + 0.03 w)) in sum, against loads that are slower than a tenth of the crossover w.
+- *A biquad at the first mode*, its poles there or at 2.5 times it. Its complex gain at f0 makes L real and positive
+  there, or turned by a small angle: that is active damping, by 1 + L(f0). Its third coefficient is the gain at 0 Hz,
+  beside the integrator: a notch for the integrator is one of its cases.
 - *A narrow resonator for each line of the mains*, with the phase of 1 / (P S), P = q^-(1 + latency) G.
 
-The first two are chosen together, from a grid: the least error from noise, harmonics at the resonance and loads, among
+The first two are selected together, from a grid: the least error from noise, harmonics at the resonance and loads, among
 those whose margins hold for every gain from 0.7 to 1.3 of what the dynamics say, and every resonance within 5 %.
 """
 
@@ -31,7 +32,8 @@ from truestroke.base.typing import ComplexArray, FloatArray
 from truestroke.base.verdict import Level, Verdict
 from truestroke.model.dynamics import SEEN, Dynamics
 
-LINES = 6  # of hum, at most: TS_FEEDBACKS of the kernel less two
+LINES = 6  # of hum, at most: TS_FEEDBACKS of the kernel less three
+ALWAYS = 3  # filters: integrator, lag, biquad; those of hum follow
 ANY = 1e9  # a gain margin that has no end: finite, so that it can be written to any file
 MOST = 0.1  # of the stroke: of the sum of the bank
 PEAK = 2.0  # of |S|, at most, for all gains and resonances below
@@ -43,12 +45,14 @@ HARMONICS = 1e-4  # of the stroke: amplitude of an unknown disturbance at the re
 LOAD, LOAD_FREQUENCY = 0.005, 10.0  # of the stroke, Hz: a load
 CROSSOVERS = 180.0 * 0.8 ** np.arange(18.0)  # Hz: of the integrator by itself
 LEAK = 0.01  # of the crossover: corner of the integrator
+LAG, LAG_LEAK = 0.1, 0.03  # of the crossover: corner below which the lag adds to it, and its own
 HUM_GAIN = 30.0  # of a resonator at its line, over that of the loop without it
 HUM_WIDTHS = 0.05, 0.025  # of the line: half the bandwidth of its closed loop; mains are within 0.4 %
 HARMONICS_OF_HUM = 3
 
-DAMPINGS = 0.5, 1.0  # of the poles of the biquad
+POLES = (1.0, 0.5), (1.0, 1.0), (2.5, 0.7)  # of the biquad: frequency over the first mode's, and damping
 SLOPES = -1.5, -1.0, -0.5, 0.0, 0.5  # gain of the biquad at 0 Hz, in crossovers per resonance
+LOUDEST = 1.0  # |K| at half of the sample rate: the noise of the sensor moves the hysteresis, too
 DAMPED = 0.5 * 2.0 ** np.arange(8.0)  # |L(f0)| of the active damping
 TURNED = -30.0, 0.0, 30.0  # deg: its angle
 
@@ -73,7 +77,7 @@ class Feedback(Displayed):
     hum : tuple of float
         Lines of the mains that have a resonator, Hz.
     damping : float
-        |1 + L(f0)| of integrator and biquad: by how much the first resonance is lower.
+        |1 + L(f0)| without the resonators: by how much the first resonance is lower.
     gain_margin : float
         Factor by which the gain may rise, or fall if that is nearer, until the loop is unstable; 1e9: any.
     phase_margin : float
@@ -93,7 +97,7 @@ class Feedback(Displayed):
     >>> stage = Dynamics(sample_rate=10000.0, modes=(Mode(frequency=700.0, damping=0.01),), dead_time=1e-4)
     >>> found = design(stage, stroke=20.0)
     >>> len(found.filters), found.sensitivity_peak < 2, found.verdict.level
-    (2, True, 'good')
+    (3, True, 'good')
     """
 
     sample_rate: float
@@ -116,7 +120,7 @@ class Feedback(Displayed):
         array([1.+0.j])
         """
         q = np.exp(-2j * math.pi * np.asarray(frequency, dtype=np.float64) / self.sample_rate)
-        return np.asarray(sum((_biquad(one, q) for one in self.filters), start=np.zeros_like(q)))
+        return _response(self.filters, q)
 
     def open_loop(self, dynamics: Dynamics, frequency: npt.ArrayLike) -> ComplexArray:
         """L = K q^-(1 + latency) G at frequencies, Hz, of any shape, up to half of the sample rate; without unit."""
@@ -129,6 +133,19 @@ class Feedback(Displayed):
         """|S| at frequencies, Hz, of any shape; and its largest for gains from 0.7 to 1.3, resonances within 5 %."""
         worst = [_nearest(self.open_loop(_moved(dynamics, factor), frequency)) for factor in CLOSER]
         return np.asarray(np.abs(1 / (1 + self.open_loop(dynamics, frequency)))), np.asarray(1 / np.min(worst, axis=0))
+
+    @property
+    def summary(self) -> str:
+        """Bandwidth, margins and hum in a line, as pages and controllers show them.
+
+        >>> Feedback(sample_rate=1000.0, latency=0).summary
+        'none'
+        """
+        if not self.filters:
+            return " ".join(("none", *self.reasons))
+        hum = f"; hum of {', '.join(f'{line:g}' for line in self.hum)} Hz" if self.hum else ""
+        margins = f"gain margin {self.gain_margin:.2g}, phase margin {self.phase_margin:.0f} deg"
+        return f"reduces loads below {self.bandwidth_hz:.3g} Hz, its bandwidth{hum}; {margins}"
 
     @property
     def verdict(self) -> Verdict:
@@ -298,23 +315,30 @@ def _poles(frequency: float, damping: float, rate: float) -> tuple[float, float]
     return -2 * radius * math.cos(w * math.sqrt(1 - damping**2)), radius**2
 
 
-def _integrator(crossover: float, rate: float) -> Biquad:
+def _slow(crossover: float, rate: float) -> tuple[Biquad, Biquad]:
+    """The integrator, and the lag: w/(1 - a q) (1 + LAG w/(1 - b q)) in partial fractions."""
     w = 2 * math.pi * crossover / rate
-    return w, 0.0, 0.0, -math.exp(-LEAK * w), 0.0
+    a, b = math.exp(-LEAK * w), math.exp(-LAG_LEAK * w)
+    share = LAG * w / (a - b)
+    return (w * (1 + share * a), 0.0, 0.0, -a, 0.0), (-w * share * b, 0.0, 0.0, -b, 0.0)
+
+
+def _response(filters: Sequence[Biquad], q: ComplexArray) -> ComplexArray:
+    return np.asarray(sum((_biquad(one, q) for one in filters), start=np.zeros_like(q)))
 
 
 def _candidates(dynamics: Dynamics, latency: int, crossover: float) -> FloatArray:
-    """Biquads beside the integrator: shape (candidates, 5)."""
+    """Biquads beside integrator and lag: shape (candidates, 5)."""
     rate, f0 = dynamics.sample_rate, dynamics.modes[0].frequency
     q = np.exp(-2j * math.pi * f0 / rate)
     response = complex(dynamics.response(f0, sensor=True) * q ** (1 + latency))
-    integral = complex(_biquad(_integrator(crossover, rate), q))
+    integral = complex(_response(_slow(crossover, rate), q))
     angles = np.exp(1j * np.radians(TURNED))
     damped = np.append(np.outer(DAMPED, angles).ravel(), 0.0) / response - integral
-    slopes = np.array(SLOPES) * crossover / f0 if crossover else np.zeros(1)
+    slopes = np.array(SLOPES) * crossover / f0
     found = []
-    for damping in DAMPINGS:
-        a1, a2 = _poles(f0, damping, rate)
+    for factor, damping in POLES:
+        a1, a2 = _poles(min(factor * f0, SEEN * rate), damping, rate)
         there = damped * (1 + a1 * q + a2 * q * q)
         still = slopes * (1 + a1 + a2)
         equations = [[1.0, q.real, (q * q).real], [0.0, q.imag, (q * q).imag], [1.0, 1.0, 1.0]]
@@ -327,16 +351,20 @@ def _candidates(dynamics: Dynamics, latency: int, crossover: float) -> FloatArra
 def _best(
     dynamics: Dynamics, latency: int, plants: tuple[_Plants, _Plants], peak: float, noise: float, stroke: float
 ) -> list[Biquad]:
-    """Integrator and biquad with the least cost among those with |S| below `peak`; none where none are."""
+    """Integrator, lag and biquad with the least cost among those with |S| below `peak`; none where none are."""
     rough, fine = plants
     rate, n = dynamics.sample_rate, rough.nominal
-    found: list[tuple[float, Biquad, Biquad]] = []
-    slow = int(np.searchsorted(rough.frequency[n], LOAD_FREQUENCY))
-    slow = min(slow, int(np.searchsorted(rough.frequency[n], 0.02 * dynamics.modes[0].frequency)))
+    best: list[Biquad] = []
+    least = math.inf
+    k = int(np.searchsorted(rough.frequency[n], min(LOAD_FREQUENCY, 0.02 * dynamics.modes[0].frequency)))
     for crossover in (float(c) for c in CROSSOVERS if c < dynamics.modes[0].frequency):
-        integrator = _integrator(crossover, rate)
+        slow = _slow(crossover, rate)
         candidates = _candidates(dynamics, latency, crossover)
-        K = _biquad(candidates.T[..., None, None], rough.q) + _biquad(integrator, rough.q)
+        # what loads alone cost: most of the lower crossovers need no more
+        K = _biquad(candidates.T[..., None], rough.q[n, k : k + 1]) + _response(slow, rough.q[n, k : k + 1])
+        candidates = candidates[LOAD * stroke / np.abs(1 + K * rough.response[n, k])[:, 0] < least]
+        candidates = candidates[np.abs(_biquad(candidates.T, np.full(1, -1.0 + 0j))) < LOUDEST]
+        K = _biquad(candidates.T[..., None, None], rough.q) + _response(slow, rough.q)
         L = K * rough.response
         good = _holds(L, peak)
         L, candidates = L[good], candidates[good]
@@ -344,12 +372,14 @@ def _best(
         ringing = np.abs(S * rough.response).max(axis=(-2, -1))
         heard = _noise_gain((L * S)[:, n], rough.frequency[n])
         cost = np.hypot(noise * heard, HARMONICS * stroke * ringing)
-        cost = np.hypot(cost, LOAD * stroke * np.abs(S[:, n, slow]))
-        found += [(float(c), integrator, _plain(one)) for c, one in zip(cost, candidates, strict=True)]
-    for _, integrator, biquad in sorted(found):
-        if _holds((_biquad(integrator, fine.q) + _biquad(biquad, fine.q)) * fine.response, peak):
-            return [integrator, biquad]
-    return []
+        cost = np.hypot(cost, LOAD * stroke * np.abs(S[:, n, k]))
+        for i in np.argsort(cost):
+            if cost[i] >= least:
+                break
+            filters = [*slow, _plain(candidates[i])]
+            if _holds(_response(filters, fine.q) * fine.response, peak):
+                best, least = filters, float(cost[i])
+    return best
 
 
 def _plain(coefficients: FloatArray) -> Biquad:
@@ -422,7 +452,7 @@ def _with_margins(bank: Feedback, dynamics: Dynamics, plants: _Plants) -> Feedba
     gain, phase = margins(nominal)
     return replace(
         bank,
-        damping=float(abs(1 + replace(bank, filters=bank.filters[:2]).open_loop(dynamics, f0))),
+        damping=float(abs(1 + replace(bank, filters=bank.filters[:ALWAYS]).open_loop(dynamics, f0))),
         gain_margin=gain,
         phase_margin=phase,
         sensitivity_peak=float(1 / _nearest(L).min()),

@@ -37,7 +37,7 @@ HISTORY = 64
 
 LOWER = 0.7  # factor of the filter's corner where it was not low enough
 NOT_BELOW = 0.2  # of the known resonance: a slower error is that of the motion
-FEEDBACKS = 8  # filters at most: TS_FEEDBACKS of the kernel
+FEEDBACKS = 9  # filters at most: TS_FEEDBACKS of the kernel
 ALARMS = 0.1  # s: over which the rate of sudden changes is taken,
 PAUSE = 100.0  # 1/s: from which on the feedback pauses,
 RESUME = 20.0  # 1/s: and below which it continues

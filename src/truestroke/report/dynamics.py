@@ -70,10 +70,8 @@ def bank_of(found: Bode, voltage_limits: tuple[float, float]) -> Feedback:
 
 def _fed_back(bank: Feedback) -> list[str]:
     """The row of the feedback."""
-    if not bank.filters:
-        return ["feedback", "none", " ".join(bank.reasons)]
-    margins = f"gain margin {bank.gain_margin:.2g}, phase margin {bank.phase_margin:.0f} deg"
-    return ["feedback", f"{bank.bandwidth_hz:.3g} Hz", f"reduces slower loads; {margins}"]
+    bandwidth = f"{bank.bandwidth_hz:.3g} Hz" if bank.filters else "none"
+    return ["feedback", bandwidth, bank.summary if bank.filters else " ".join(bank.reasons)]
 
 
 def largest_sine(found: Bode, frequency: float, voltage_limits: tuple[float, float], slew: float) -> tuple[float, str]:

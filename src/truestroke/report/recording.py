@@ -6,7 +6,8 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from truestroke.base import checks
+from truestroke.base import checks, toml
+from truestroke.control.feedback import Feedback
 from truestroke.report import plots, words
 from truestroke.report.page import Number, Page, Section, Table, captioned
 from truestroke.report.style import LIGHT, Theme
@@ -36,7 +37,7 @@ def run_page(recording: Recording) -> Page:
         verdict=verdict,
         remark=words.REMARKS[verdict.level],
         sections=[
-            Section(tables=[_table(summary)]),
+            Section(tables=[_table(summary, _feedback(recording))]),
             *captioned(words.CAPTIONS),
             Section(heading="All settings", tables=[settings], folded=True),
         ],
@@ -69,8 +70,16 @@ def run_plots(recording: Recording, theme: Theme = LIGHT) -> dict[str, Figure]:
     return made
 
 
-def _table(summary: TrackingSummary) -> Table:
-    """Errors, when they became small, and what happened on the way."""
+def _feedback(recording: Recording) -> list[tuple[str, str]]:
+    """The row of the feedback, of a controller that has dynamics."""
+    settings = recording.metadata.get("controller", {}).get("settings", {})
+    if not settings.get("dynamics"):
+        return []
+    return [("feedback", toml.decode(Feedback, settings["feedback"]).summary)]
+
+
+def _table(summary: TrackingSummary, also: Sequence[tuple[str, str]] = ()) -> Table:
+    """Errors, when they became small, what happened on the way, and other rows."""
     flags = words.flags(summary) or ["none: no limit was met, nothing was rejected"]
     note = (
         f"Per cent are of the peak-to-peak value of the desired motion in that time, {summary.peak_to_peak_um:.1f} um."
@@ -82,7 +91,7 @@ def _table(summary: TrackingSummary) -> Table:
     ]
     return Table(
         columns=[words.span(summary), *words.kinds(summary)],
-        rows=[*errors, *words.course(summary), ("flags", "\n".join(flags))],
+        rows=[*errors, *words.course(summary), *also, ("flags", "\n".join(flags))],
         kind="summary",
         note=note,
     )
