@@ -14,8 +14,9 @@ with G of `model.dynamics.Dynamics`, the sensor in it. The bank has three parts:
   beside the integrator: a notch for the integrator is one of its cases.
 - *A narrow resonator for each line of the mains*, with the phase of 1 / (P S), P = q^-(1 + latency) G.
 
-The first two are selected together, from a grid: the least error from noise, harmonics at the resonance and loads, among
-those whose margins hold for every gain from 0.7 to 1.3 of what the dynamics say, and every resonance within 5 %.
+Integrator, lag and biquad are selected together, from a grid: the least error from noise, harmonics at the resonance
+and loads, among those whose margins hold for every gain from 0.7 to 1.3 of what the dynamics say, and every resonance
+within 5 %, and that do not amplify noise at half of the sample rate: it would move the hysteresis of the model.
 """
 
 import math
