@@ -9,7 +9,7 @@ import numpy as np
 import truestroke
 from truestroke import trajectories
 
-model = truestroke.ActuatorModel(  # yours: truestroke.load_model("stage.toml")
+model = truestroke.ActuatorModel(  # yours: truestroke.load_model("model.toml")
     thresholds=(0.0, 0.4, 0.8),
     weights=[8.0, 1.0, 2.0, 0.0, 0.0],
     covariance=np.eye(5) * 1e-4,

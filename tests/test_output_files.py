@@ -75,6 +75,17 @@ def test_overwrite_says_that_it_may_go_and_what_is_ours_may_always() -> None:
     assert sorted(os.listdir()) == ["out.h5", "out.html"]
 
 
+def test_a_page_of_another_command_stays() -> None:
+    """`identify --output run.toml` writes no run.html over the page of the run; `report` may make that again."""
+    head = '<meta name="generator" content="truestroke" />'
+    Path("run.html").write_text(f'{head}<meta name="truestroke-command" content="run" />')
+    with pytest.raises(FileExistsError, match="is not a page of truestroke identify that truestroke wrote"):
+        files.check("run.html", files.page("identify"))
+    files.check("run.html", files.page("report"))
+    Path("old.html").write_text(head)
+    files.check("old.html", files.page("identify"))
+
+
 def recording(ticks: int, **metadata: object) -> Recording:
     time = np.arange(ticks) / 2000.0
     names = {"time": "s", "desired": "um", "volts": "V", "measured": "um"}

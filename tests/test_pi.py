@@ -523,7 +523,7 @@ def test_the_page_runs_on_the_fake_controller(fake: Fake, tmp_path: Path, monkey
     names, printed = {}, ""
     for kind, text in page_blocks(fake):
         if kind == "toml":
-            Path("bench.toml").write_text(text)
+            Path("stage.toml").write_text(text)
         elif kind == "text":
             assert_prints(text, printed, tolerance=0.15)
         elif kind == "python":
@@ -546,7 +546,7 @@ def bench(fake: Fake, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder with the page's configuration, and a wave of 2 s that begins and ends at 20 V."""
     monkeypatch.chdir(tmp_path)
     config = next(text for kind, text in page_blocks(fake) if kind == "toml")
-    Path("bench.toml").write_text(config.replace("safe_voltage = 0.0 ", f"safe_voltage = {SAFE[0]}"))
+    Path("stage.toml").write_text(config.replace("safe_voltage = 0.0 ", f"safe_voltage = {SAFE[0]}"))
     rows = np.column_stack([np.arange(4000) / 2000.0, 20.0 + np.abs(wave(2.0))])
     np.savetxt("wave.csv", rows, delimiter=",", header="time (s),volts (V)", comments="")
     return tmp_path
@@ -570,7 +570,7 @@ file = "run.h5"
 )
 def test_the_loop_runs_sample_by_sample(bench: Path, fake: Fake, fault: str, code: int) -> None:
     fake.make(realtime=True, fault=fault)
-    config = Path("bench.toml").read_text().replace("[[axis]]", "sample_rate = 50.0\n[[axis]]\nstroke = 40.0")
+    config = Path("stage.toml").read_text().replace("[[axis]]", "sample_rate = 50.0\n[[axis]]\nstroke = 40.0")
     Path("run.toml").write_text(config + RUN)
     command = [Path(sys.executable).with_name("truestroke"), "run", "--config", "run.toml", "--json"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
@@ -596,7 +596,7 @@ class Offline:
 def test_the_loop_is_as_accurate_as_offline(bench: Path, fake: Fake) -> None:
     """0.031 um both, of 10 um; a busy machine, whose ticks are late by ms, may add as much."""
     fake.make(realtime=True)
-    config = Path("bench.toml").read_text().replace("[[axis]]", "sample_rate = 50.0\n[[axis]]\nstroke = 40.0")
+    config = Path("stage.toml").read_text().replace("[[axis]]", "sample_rate = 50.0\n[[axis]]\nstroke = 40.0")
     Path("run.toml").write_text(config + RUN.replace("duration = 1.0", "duration = 4.0"))
     subprocess.run([Path(sys.executable).with_name("truestroke"), "run", "--config", "run.toml"], check=True)
     real = truestroke.Recording.load("run.h5")
@@ -620,19 +620,19 @@ def typed(*arguments: str) -> tuple[int, str]:
 @pytest.mark.parametrize(
     ("change", "arguments", "message"),
     [
-        (("[[axis]]", "[axis]"), (), "bench.toml: axis = 0 tables: must be one [[axis]]"),
+        (("[[axis]]", "[axis]"), (), "stage.toml: axis = 0 tables: must be one [[axis]]"),
         (("slew", "slow"), (), "axis.slow = 20000.0: must be left out; did you mean slew?"),
         (('"pi"', '"pie"'), (), "driver.name = 'pie': must be one of "),
         (("port", "porter"), (), "driver.porter = "),
-        (("[driver]", "[driver"), (), "bench.toml = the file: must be TOML"),
+        (("[driver]", "[driver"), (), "stage.toml = the file: must be TOML"),
         (("voltage_limits = [-20.0, 120.0]", "voltage_limits = [-20.0, 30.0]"), (), "must be from -20 to 30 V"),
         (("output_range = [-20.0, 120.0]", "output_range = [-30.0, 120.0]"), (), "the controller limits output 1"),
         (("", ""), ("--output", "record.h5"), "a file .csv"),
     ],
 )
 def test_the_command_says_what_is_wrong(bench, fake, change, arguments, message) -> None:
-    Path("bench.toml").write_text(Path("bench.toml").read_text().replace(*change))
-    code, output = typed("wave.csv", "--config", "bench.toml", *arguments)
+    Path("stage.toml").write_text(Path("stage.toml").read_text().replace(*change))
+    code, output = typed("wave.csv", "--config", "stage.toml", *arguments)
     assert (code in (1, 2), message in output, fake.volts[0] in (0.0, SAFE[0])) == (True, True, True), output
     assert not Path("record.csv").exists()
 
@@ -643,14 +643,14 @@ def test_a_waveform_that_is_none_is_refused(bench) -> None:
         ("time,volts\n0,1\n1,1\n5,1\n", "as even times are"),
     ):
         Path("wave.csv").write_text(rows)
-        code, output = typed("wave.csv", "--config", "bench.toml")
+        code, output = typed("wave.csv", "--config", "stage.toml")
         assert (code, message in output) == (1, True), output
 
 
 @pytest.mark.parametrize(("stop", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_a_signal_stops_the_wave_and_the_output_is_safe(bench, fake, stop, code) -> None:
     fake.make(realtime=True)
-    command = [Path(sys.executable).with_name("truestroke"), "play", "wave.csv", "--config", "bench.toml"]
+    command = [Path(sys.executable).with_name("truestroke"), "play", "wave.csv", "--config", "stage.toml"]
     running = subprocess.Popen(command, stderr=subprocess.PIPE)
     end = time.monotonic() + 30
     while fake.volts[0] < 20.0 and time.monotonic() < end:
@@ -663,9 +663,9 @@ def test_a_signal_stops_the_wave_and_the_output_is_safe(bench, fake, stop, code)
 @pytest.mark.parametrize(("change", "code"), [(("", ""), 0), (("[[axis]]", "um_per_unit = -1.0\n[[axis]]"), 3)])
 def test_the_first_volts(bench: Path, fake: Fake, monkeypatch: pytest.MonkeyPatch, change, code: int) -> None:
     monkeypatch.setattr(PiDriver, "_time_of_a_tick", lambda self: 1e-3)  # late ticks do not matter to it
-    text = Path("bench.toml").read_text().replace("[[axis]]", "sample_rate = 200.0\n[[axis]]").replace(*change)
-    Path("bench.toml").write_text(text)
-    done = CliRunner().invoke(main, ["commission", "--config", "bench.toml", "--yes", "--json"])
+    text = Path("stage.toml").read_text().replace("[[axis]]", "sample_rate = 200.0\n[[axis]]").replace(*change)
+    Path("stage.toml").write_text(text)
+    done = CliRunner().invoke(main, ["commission", "--config", "stage.toml", "--yes", "--json"])
     assert (done.exit_code, fake.volts[0], fake.left()) == (code, SAFE[0], True), done.output
     printed = json.loads(done.stdout)
     if code == 0:

@@ -6,6 +6,7 @@ import os
 import sys
 import tracemalloc
 from collections.abc import Callable
+from datetime import datetime, timedelta
 from pathlib import Path
 
 import h5py
@@ -125,6 +126,36 @@ def write_parquet(path: Path) -> None:
     pyarrow.parquet.write_table(pyarrow.table({"time (s)": T, "drive (V)": V, "z (um)": Z}), path)
 
 
+def write_feather(path: Path) -> None:
+    import pyarrow.feather
+
+    pyarrow.feather.write_feather(pyarrow.table({"time (s)": T, "drive (V)": V, "z (um)": Z}), str(path))
+
+
+def write_excel(path: Path) -> None:
+    """As an instrument's export: a title, names, units, and a note beside the table."""
+    import openpyxl
+
+    book = openpyxl.Workbook()
+    for row in (["Bench 3"], [None, "time", "drive", "z"], [None, "ms", "V", "um"]):
+        book.active.append(row)
+    for t, v, z in zip(T, V, Z, strict=True):
+        book.active.append([None, 1e3 * t, v, z, "checked"])
+    book.save(path)
+
+
+def write_tdms(path: Path) -> None:
+    """As LabVIEW: no column of the time, but its increment."""
+    import nptdms
+
+    wave = {"wf_increment": 1e-3, "wf_start_offset": 0.0}
+    with nptdms.TdmsWriter(path) as file:
+        file.write_segment([
+            nptdms.ChannelObject("run", "drive", 1e3 * V, {**wave, "unit_string": "mV"}),
+            nptdms.ChannelObject("run", "z", Z, {**wave, "unit_string": "um"}),
+        ])  # fmt: skip
+
+
 @pytest.mark.parametrize(
     ("ending", "write"),
     [
@@ -135,15 +166,66 @@ def write_parquet(path: Path) -> None:
         (".h5", write_recording),
         (".mat", write_hdf5),  # MATLAB 7.3 is HDF5
         (".parquet", write_parquet),
+        (".feather", write_feather),
+        (".xlsx", write_excel),
+        (".tdms", write_tdms),
         (".npz", lambda path: np.savez(path, time=np.datetime64(0, "us") + (1e6 * T).astype(int), V=V, z=Z)),
         (".npz", lambda path: np.savez(path, data=np.column_stack([T, V, Z]))),
     ],
-    ids=["npz", "mat", "struct", "hdf5", "recording", "mat73", "parquet", "dates", "matrix"],
+    ids=[
+        "npz",
+        "mat",
+        "struct",
+        "hdf5",
+        "recording",
+        "mat73",
+        "parquet",
+        "feather",
+        "excel",
+        "tdms",
+        "dates",
+        "matrix",
+    ],
 )
 def test_binary_formats(tmp_path: Path, ending: str, write: Callable[[Path], None]) -> None:
     path = tmp_path / f"record{ending}"
     write(path)
     is_the_record(read_record(path))
+
+
+@pytest.mark.parametrize("stamp", ["%d.%m.%Y %H:%M:%S,%f", "%d.%m.%Y;%H:%M:%S,%f"])
+def test_dates_with_dots_and_decimal_commas(tmp_path: Path, stamp: str) -> None:
+    """As a German instrument or Excel writes them, date and time in one column or two."""
+    start = datetime(2026, 12, 31, 13, 59, 59, 999000)
+    moments = [(start + timedelta(microseconds=round(1e6 * t))).strftime(stamp) for t in T]
+    rows = [f"{moment};{v:.9f};{z:.9f}" for moment, v, z in zip(moments, V, Z, strict=True)]
+    rows = [";".join([*row.split(";")[:-2], *[n.replace(".", ",") for n in row.split(";")[-2:]]]) for row in rows]
+    names = "Zeit;" if " " in stamp else "Datum;Zeit;"
+    (tmp_path / "a.csv").write_text(f"{names}U (V);z (um)\n" + "\n".join(rows))
+    is_the_record(read_record(tmp_path / "a.csv", time="Zeit"))
+
+
+@pytest.mark.parametrize(("ending", "words"), [("xls", "save or export it as .xlsx or .csv"), ("mf4", ".csv or .h5")])
+def test_formats_that_are_not_read_are_named(tmp_path: Path, ending: str, words: str) -> None:
+    (tmp_path / f"a.{ending}").write_bytes(b"any")
+    with pytest.raises(RecordError, match=f".{ending} is not read; .*{words}"):
+        read_record(tmp_path / f"a.{ending}")
+
+
+def test_dates_that_may_be_of_two_days_are_named(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("t,V,z\n" + "\n".join(f"03/04/2026 10:00:{k:02},{k},{k}" for k in range(60)))
+    with pytest.raises(RecordError, match="may be of two days: write 2026-04-03"):
+        read_record(tmp_path / "a.csv")
+
+
+@pytest.mark.parametrize(("ending", "module", "extra"), [("xlsx", "openpyxl", "excel"), ("tdms", "nptdms", "tdms")])
+def test_what_to_install_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ending: str, module: str, extra: str
+) -> None:
+    monkeypatch.setitem(sys.modules, module, None)
+    (tmp_path / f"a.{ending}").write_bytes(b"PK")
+    with pytest.raises(RecordError, match=rf"needs {module}: pip install 'truestroke\[{extra}\]'"):
+        read_record(tmp_path / f"a.{ending}")
 
 
 def test_parquet_without_pyarrow_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -274,7 +356,7 @@ def test_columns_that_cannot_be_found_are_told(
         read_record(text(tmp_path / "r.csv", T, V, Z, head=head), **options)  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("ending", [".csv", ".npz", ".mat", ".h5", ".parquet"])
+@pytest.mark.parametrize("ending", [".csv", ".npz", ".mat", ".h5", ".parquet", ".feather", ".xlsx", ".tdms"])
 @pytest.mark.parametrize(
     "content", [b"", b"no numbers here", b"\x89PNG\r\n\0\0\0\0", b"PK\3\4 torn", b"\x89HDF\r\n\x1a\n torn"]
 )

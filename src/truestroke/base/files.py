@@ -3,6 +3,7 @@
 import errno
 import fcntl
 import os
+import re
 import struct
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
@@ -88,12 +89,33 @@ MODEL = Kind("a model", _begins(b'format = "truestroke model"'))
 DYNAMICS = Kind("dynamics", _begins(b'format = "truestroke dynamics"'))
 PAGE = Kind("a page", _begins(b'<meta name="generator" content="truestroke"'))
 PICTURE = Kind("a picture", lambda path: any(mark in path.read_bytes() for mark in PICTURES))
+RUNS = {"track", "run", "report", "serve"}  # whose page is that of one recording
 STORE = Kind("a store of a study", _store)
 WAVEFORM = Kind(
     "a waveform",
     lambda path: _arrays(path) if path.suffix == ".npz" else _begins(WAVEFORM_HEADER.encode() + b"\n")(path),
 )
 MEASUREMENT = Kind("a measurement", lambda path: False)  # a measurement is replaced on request only
+
+
+def page(command: str) -> Kind:
+    """A page that this command makes; one that does not say what made it may be any.
+
+    Examples
+    --------
+    >>> page("identify").words
+    'a page of truestroke identify'
+    """
+    if not command:
+        return PAGE
+
+    def ours(path: Path) -> bool:
+        with path.open("rb") as file:
+            made_by = re.search(rb'name="truestroke-command" content="([a-z]+)"', file.read(HEAD))
+        maker = made_by[1].decode() if made_by else command
+        return PAGE.ours(path) and (maker == command or {maker, command} <= RUNS)
+
+    return Kind(f"a page of truestroke {command}", ours)
 
 
 @contextmanager

@@ -237,7 +237,9 @@ def _kind(ending: str) -> files.Kind:
 
     if ending == ".h5":
         return recording.kind({"command": f"truestroke {click.get_current_context().info_name}"})
-    return {".html": files.PAGE, ".toml": files.MODEL, ".sqlite": files.STORE}[ending]
+    if ending == ".html":
+        return files.page(click.get_current_context().info_name or "")
+    return {".toml": files.MODEL, ".sqlite": files.STORE}[ending]
 
 
 def as_asked() -> dict[str, Any]:

@@ -18,7 +18,7 @@ from truestroke.cli import common, waveforms
 @waveforms.model_option
 @click.option("--waveform", type=common.FILE, metavar="FILE",
               help="What was put out, as `truestroke invert` or --next wrote it.")  # fmt: skip
-@click.option("--output", metavar="FILE", default="model.toml", help="The refined model is written there.")
+@click.option("--output", metavar="FILE", default="refined.toml", help="The refined model is written there.")
 @click.option("--next", "following", metavar="NAME", help="Write the waveform of the next pass, NAME.csv or NAME.npz: "
               "made with the refined model, and corrected by its residual in RECORD.")  # fmt: skip
 @waveforms.limit_options

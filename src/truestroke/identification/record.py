@@ -136,13 +136,13 @@ def read_record(
     flip_displacement: bool = False,
     drop_bad_rows: bool = False,
 ) -> Record:
-    r"""A record from a file: text with columns, NPZ, MATLAB, Parquet, HDF5.
+    r"""A record from a file: text with columns, NPZ, MATLAB, Parquet, HDF5, Excel, TDMS.
 
     Parameters
     ----------
     path : str or Path
-        .npz, .mat, .parquet, .h5 and .hdf5 are files of these formats; any other is text whose columns are separated by
-        commas, semicolons, tabs or white space.
+        .npz, .mat, .parquet, .feather, .h5, .hdf5, .xlsx and .tdms are files of these formats; any other is text whose
+        columns are separated by commas, semicolons, tabs or white space.
     volts, displacement, time : str or int, optional
         Columns, by name or counted from 1. Left out, they are found by heading (`HEADINGS`), else by unit. Without
         names, two columns are voltage and displacement; three, the first of which ascends, are time and these two.

@@ -125,6 +125,12 @@ class Page:
     command: str | None = None
     footer: str = ""
 
+    @property
+    def made_by(self) -> str:
+        """The command that makes it, without its options; "" where none does."""
+        words = (self.command or "").split()
+        return words[1] if words[:1] == ["truestroke"] and len(words) > 1 else ""
+
     def html(self) -> str:
         """The page as HTML; it is also well-formed XML."""
         made = self.plots(style.PAGE)
@@ -140,7 +146,7 @@ class Page:
 
     def save(self, path: str | Path) -> Path:
         """Write the page to `path`, which is returned."""
-        return files.write(checks.path("path", path), self.html(), files.PAGE)
+        return files.write(checks.path("path", path), self.html(), files.page(self.made_by))
 
     def save_plots(self, directory: str | Path) -> list[Path]:
         """Write all plots as PNG, light and dark, into `directory`; the paths."""

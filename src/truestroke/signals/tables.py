@@ -24,6 +24,18 @@ PROBE = 200  # lines of text that are looked at to find the layout
 COMMENTS = ("#", "%")
 NUMBER_WITH_D = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)[dD][+-]?\d+")
 DATE_AND_TIME = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d")
+DOTTED_DATE = re.compile(
+    r"(\d\d?)\.(\d\d?)\.(\d{4})(?:[T ]+(\d\d?:\d\d(?::\d\d(?:[.,]\d+)?)?))?"
+)  # 31.12.2026 13:45:00,5
+TIME_OF_DAY = re.compile(r"(\d\d?):(\d\d):(\d\d(?:\.\d+)?)")
+SLASHED_DATE = re.compile(r"\d\d?/\d\d?/\d{4}")
+ELSEWHERE = {
+    ".xls": ".xlsx or .csv",
+    ".ods": ".xlsx or .csv",
+    ".tdm": ".tdms or .csv",
+    ".mf4": ".csv or .h5",
+    ".mdf": ".csv or .h5",
+}
 
 
 class RecordError(files.FileError):
@@ -82,14 +94,16 @@ class Table:
 
 
 def open_table(path: Path, narrowest: int = 2) -> Table:
-    """The table in a file, by its ending: .npz, .mat, .parquet, .h5 or .hdf5; anything else is text.
+    """The table in a file, by its ending: .npz, .mat, .parquet, .feather, .h5, .hdf5, .xlsx, .tdms; else it is text.
 
     A text has `narrowest` columns or more.
     """
     if not path.is_file():
         raise FileNotFoundError(2, "no such file", str(path))
-    readers = {".npz": _npz, ".mat": _mat, ".parquet": _parquet, ".h5": _hdf5, ".hdf5": _hdf5}
-    table = _guarded(path, readers.get(path.suffix.lower(), partial(_text, narrowest=narrowest)))(path)
+    ending = path.suffix.lower()
+    if ending in ELSEWHERE:
+        raise RecordError(str(path), f"{ending} is not read; save or export it as {ELSEWHERE[ending]}")
+    table = _guarded(path, READERS.get(ending, partial(_text, narrowest=narrowest)))(path)
     return replace(table, read=_guarded(path, table.read), locate=_guarded(path, table.locate))
 
 
@@ -148,7 +162,7 @@ def _encoding(path: Path) -> str:
     with path.open("rb") as file:
         start = file.read(1 << 16)
     if b"\0" in start and not start.startswith((b"\xff\xfe", b"\xfe\xff")):
-        raise RecordError(str(path), "this is no text; known endings are .csv, .txt, .npz, .mat, .parquet, .h5")
+        raise RecordError(str(path), f"this is no text; known endings are .csv, .txt, {', '.join(READERS)}")
     if start.startswith((b"\xff\xfe", b"\xfe\xff")):
         return "utf-16"
     try:
@@ -165,7 +179,7 @@ def _layout(path: Path, encoding: str, lines: Sequence[str], narrowest: int) -> 
         if not _is_row(line):
             continue
         separator = next((s for s in (";", "\t", ",") if s in line), None)
-        comma = separator in (";", "\t") and "," in line and "." not in line
+        comma = separator in (";", "\t") and "," in line and "." not in DOTTED_DATE.sub("", line)
         layout = _Layout(path, encoding, separator, comma, before)
         fields = layout.fields(line)
         width = len(fields) if len(fields) >= narrowest and _numeric(fields) else 0
@@ -175,6 +189,8 @@ def _layout(path: Path, encoding: str, lines: Sequence[str], narrowest: int) -> 
     shown = f"; line {len(lines)} is {_shown(lines[-1])}" if lines else ""
     columns = "the same number of columns, two or more" if narrowest > 1 else "the same number of columns"
     reason = f"no two rows of numbers with {columns}, in the first {PROBE} lines"
+    if any(SLASHED_DATE.search(line) for line in lines):
+        shown += "; dates such as 03/04/2026 may be of two days: write 2026-04-03, or leave out the column"
     raise RecordError(str(path), reason + shown)
 
 
@@ -238,12 +254,20 @@ def _parse_slowly(lines: Sequence[str], layout: _Layout, columns: Sequence[int])
 
 
 def _number(field: str) -> float:
-    """Of a number, with Fortran's exponent D too; of a date and time as in ISO 8601, s since 1970 (UTC if not said)."""
+    """Of a number, with Fortran's exponent D too; of a date and time, s since 1970 (UTC if not said).
+
+    Dates as in ISO 8601 or as 31.12.2026 13:45:00; of a time of day, s since midnight.
+    """
     try:
         return float(field)
     except ValueError:
         if NUMBER_WITH_D.fullmatch(field):
             return float(re.sub("[dD]", "e", field))
+        if dotted := DOTTED_DATE.fullmatch(field):
+            day, month, year, time = dotted.groups()
+            return _seconds(f"{year}-{int(month):02}-{int(day):02}T{(time or '00:00').replace(',', '.').zfill(5)}")
+        if clock := TIME_OF_DAY.fullmatch(field):
+            return 3600.0 * int(clock[1]) + 60.0 * int(clock[2]) + float(clock[3])
         return _seconds(field) if DATE_AND_TIME.match(field) else math.nan
 
 
@@ -406,11 +430,17 @@ def _hdf5(path: Path) -> Table:
     return replace(_arrays(path, list(found), list(found.values()), get), marked=marked)
 
 
-def _parquet(path: Path) -> Table:
+def _library(path: Path, module: str, kind: str, extra: str) -> Any:
+    """A library that an extra installs."""
     try:
-        parquet: Any = importlib.import_module("pyarrow.parquet")
+        return importlib.import_module(module)
     except ImportError:
-        raise RecordError(str(path), "reading Parquet needs pyarrow: pip install 'truestroke[parquet]'") from None
+        library = module.split(".")[0]
+        raise RecordError(str(path), f"reading {kind} needs {library}: pip install 'truestroke[{extra}]'") from None
+
+
+def _parquet(path: Path) -> Table:
+    parquet = _library(path, "pyarrow.parquet", "Parquet", "parquet")
     names = list(parquet.read_schema(path).names)
     rows = int(parquet.read_metadata(path).num_rows)
     files.check_size(path, f"a column of {rows} rows", 8 * rows)
@@ -419,3 +449,80 @@ def _parquet(path: Path) -> Table:
         return np.asarray(parquet.read_table(path, columns=[name])[name].to_numpy())
 
     return _arrays(path, names, [""] * len(names), get)
+
+
+def _feather(path: Path) -> Table:
+    feather = _library(path, "pyarrow.feather", "Feather", "parquet")
+    table = feather.read_table(path)
+    names = list(table.column_names)
+    return _arrays(path, names, [""] * len(names), lambda name: np.asarray(table[name].to_numpy()))
+
+
+def _tdms(path: Path) -> Table:
+    """Channels of all groups; where no channel is the time, the waveform's increment makes it."""
+    nptdms = _library(path, "nptdms", "TDMS", "tdms")
+    channels = [
+        channel for group in nptdms.TdmsFile.read(path).groups() for channel in group.channels() if len(channel)
+    ]
+    held = {channel.name: np.asarray(channel[:]) for channel in channels}
+    if len(held) < len(channels):
+        held = {f"{channel.group_name}/{channel.name}": np.asarray(channel[:]) for channel in channels}
+    stated = [next((str(c.properties[k]) for k in ("unit_string", "NI_UnitDescription") if c.properties.get(k)), "")
+              for c in channels]  # fmt: skip
+    steps = {float(channel.properties["wf_increment"]) for channel in channels if "wf_increment" in channel.properties}
+    if len(steps) == 1 and not any(name_and_unit(name)[0].lower() in ("time", "t") for name in held):
+        (step,), rows = steps, max(array.size for array in held.values())
+        held, stated = {"time": step * np.arange(rows), **held}, ["s", *stated]
+    return _arrays(path, list(held), [unit(text) for text in stated], held.__getitem__)
+
+
+def _xlsx(path: Path) -> Table:
+    """The first sheet: the first two rows with numbers in the same cells, two at least, begin the table."""
+    import zipfile
+
+    openpyxl = _library(path, "openpyxl", "Excel", "excel")
+    with zipfile.ZipFile(path) as parts:
+        files.check_size(path, "its sheets", sum(part.file_size for part in parts.infolist()))
+    book = openpyxl.load_workbook(path, read_only=True, data_only=True)
+    cells = [list(row) for row in book.worksheets[0].iter_rows(values_only=True)]
+    book.close()
+    numbers = [[_of_cell(cell) for cell in row] for row in cells]
+    filled = [tuple(np.flatnonzero(~np.isnan(row))) for row in numbers]
+    start = next((k for k in range(len(cells) - 1) if len(filled[k]) > 1 and filled[k] == filled[k + 1]), None)
+    if start is None:
+        raise RecordError(str(path), "the first sheet has no two rows with numbers in the same cells, two or more")
+    places = filled[start]
+    above = [[str(row[p]).strip() if p < len(row) and row[p] else "" for p in places] for row in cells[:start]]
+    values = [[row[p] if p < len(row) else math.nan for p in places] for row in numbers[start:]]
+    while values and np.isnan(values[-1]).all():
+        values.pop()
+    table = np.array(values, dtype=np.float64)
+    names, units = _names_above(above)
+    head = np.zeros((0, 0)) if names else table[:PROBE]
+    read = lambda columns, _: [table[:, c].copy() for c in columns]  # noqa: E731
+    return Table(names, units, head, read, lambda index: (start + index + 1, ""))
+
+
+def _names_above(above: Sequence[Sequence[str]]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Names and units from the row above the numbers, or from two: names, then units alone."""
+    if not above or not all(above[-1]):
+        return (), ()
+    alone = [text.strip("()[] ") for text in above[-1]]
+    if len(above) > 1 and all(above[-2]) and all(map(is_unit, alone)):
+        return tuple(above[-2]), tuple(map(unit, alone))
+    names, units = zip(*map(name_and_unit, above[-1]), strict=True)
+    return names, units
+
+
+def _of_cell(cell: Any) -> float:
+    """Of a number or a date, s since 1970; NaN for all else."""
+    if isinstance(cell, datetime):
+        return cell.replace(tzinfo=UTC).timestamp()
+    return float(cell) if isinstance(cell, int | float) and not isinstance(cell, bool) else math.nan
+
+
+READERS: Mapping[str, Callable[[Path], Table]] = {
+    **{".npz": _npz, ".mat": _mat, ".h5": _hdf5, ".hdf5": _hdf5, ".parquet": _parquet, ".feather": _feather},
+    **{".xlsx": _xlsx, ".xlsm": _xlsx, ".tdms": _tdms},
+}
+"""By the ending of the file; any other is read as text."""
