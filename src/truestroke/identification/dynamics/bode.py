@@ -23,6 +23,9 @@ SEEN_AT_ALL = 0.5  # coherence below which a line is not used
 MISFIT = 0.05  # relative: of the model against the measurement, beyond its scatter
 WRONG = 0.2  # relative: a misfit around the first resonance that makes the model useless
 LINES = 3000  # that are fitted, at most, beside those near the peak
+PROMINENT = 3.0  # a resonance, over the response of the lowest lines
+STILL = 20  # lines: the lowest
+RISE = 1.4  # relative: from where a resonance is prominent to its peak, at most
 NEAR = 0.1  # relative: about a peak all lines are fitted
 LOW = 0.05  # of the first resonance: below it hysteresis and creep decide, not the stage
 BINS = 60  # a decade, of what is shown and judged
@@ -162,7 +165,7 @@ def _sensor(frequency: FloatArray, delay: float, bandwidth: float) -> ComplexArr
 
 
 def _peak(spectra: Spectra, local: LocalResponse) -> float:
-    """Frequency of the highest peak of the response, Hz."""
+    """Frequency of the first resonance, Hz: of the first peak that is prominent, or of the highest where none is."""
     f, seen = spectra.frequency, local.coherence > SEEN_AT_ALL
     if seen.sum() < 0.02 * f.size or np.median(local.coherence[:60]) < SEEN_AT_ALL:
         level = float(np.median(local.coherence[: max(60, int(0.02 * f.size))]))
@@ -170,8 +173,14 @@ def _peak(spectra: Spectra, local: LocalResponse) -> float:
             f"the displacement hardly follows the excitation: coherence {level:.2f} from {f[0]:.3g} Hz on; raise "
             "`amplitude` or `duration`, or look at cables and channels"
         )
-    magnitude = smoothed(np.abs(local.response), 1)
-    return float(f[np.argmax(np.where(seen, magnitude, 0.0))])
+    magnitude = np.where(seen, smoothed(np.abs(local.response), 1), 0.0)
+    # A second mode with little damping may be higher; that the first is prominent is seen beside it, too.
+    prominent = smoothed(magnitude, 2) > PROMINENT * np.median(magnitude[:STILL])
+    if prominent[STILL:].any():
+        begin = STILL + int(np.argmax(prominent[STILL:]))
+        magnitude[np.searchsorted(f, RISE * f[begin]) :] = 0.0
+        magnitude[:begin] = 0.0
+    return float(f[np.argmax(magnitude)])
 
 
 def _delay(spectra: Spectra, local: LocalResponse, peak: float) -> float:

@@ -276,7 +276,7 @@ def next_mode(spectra: Spectra, found: Fit) -> tuple[float, float]:
     weight = np.abs(spectra.U) / np.sqrt(spectra.variance + FLOOR**2 * np.abs(spectra.Y) ** 2)
     rest = (found.measured - found.response) * weight
     f = spectra.frequency
-    candidates = np.geomspace(max(f[0], 0.3 * found.frequency[0]), f[-1], CANDIDATES)
+    candidates = np.geomspace(max(f[0], 0.3 * found.frequency.min()), f[-1], CANDIDATES)
     around = np.exp(1j * (np.angle(found.response) - np.angle(modal(found, f))))  # phase of delay and lag
     scores = []
     for candidate in candidates:
@@ -301,10 +301,13 @@ def fits(spectra: Spectra, first: float, delay: float, most: int = 3) -> list[Fi
     frequency, damping, lag, made = [first], [0.02], 0.3, list[Fit]()
     while True:
         count = len(frequency)
-        both = [Problem(spectra, count, known).run(frequency, damping, delay, lag) for known in (True, False)]
-        best = min(both, key=lambda fit: fit.evidence)
+        starts = [(True, delay, lag), (False, delay, lag)]
+        if delay > 1.0:  # most of it may be a lag: another minimum
+            starts += [(True, 0.2 * delay, 0.8 * delay)]
+        tried = [Problem(spectra, count, known).run(frequency, damping, d, tau) for known, d, tau in starts]
+        best = min(tried, key=lambda fit: fit.evidence)
         worse = bool(made) and best.evidence >= min(fit.evidence for fit in made)
-        made += both
+        made += tried
         candidate, gained = next_mode(spectra, best)
         enough = 2 * gained < NEEDED * math.log(2 * spectra.U.size)
         if worse or enough or count == most or not best.resonates(int(np.argmin(best.frequency))):

@@ -22,7 +22,7 @@ HOLD = 0.3  # s at the bias voltage: creep slows down, noise is measured
 FADING, FADING_CYCLES, FADING_FREQUENCY = 0.1, 8, 8.0  # of the voltage range; cycles; Hz
 LEAD = 0.25  # s of the excitation before its period
 CORNERS = 1000.0, 500.0, 200.0, 100.0  # Hz: from which on the amplitudes of the excitation fall: as the slew allows
-HIGHEST = 4000.0  # Hz: end of the band, at most
+HIGHEST = 8000.0  # Hz: end of the band, at most
 PERIODS = 8  # of the lowest frequency in the duration
 LEVELS = 0.01, 0.03  # of the voltage range: the peak of the excitation, at least and at most
 LOUD = 24.0  # standard deviations of the noise: the peak of the displacement that is aimed at
@@ -110,7 +110,7 @@ def measure_bode(
     amplitude : float, optional
         Peak of the excitation, V; by default 1 to 3 % of the voltage range, by the noise of the sensor.
     band : tuple[float, float], optional
-        Frequencies that are excited, Hz; by default from 8 periods in the duration to 0.45 of the sample rate, 4 kHz
+        Frequencies that are excited, Hz; by default from 8 periods in the duration to 0.45 of the sample rate, 8 kHz
         at most.
     duration : float
         Of the excitation, s.
