@@ -12,7 +12,7 @@ import pytest
 from truestroke import SettingError
 from truestroke.plant import StagePlant, StageSettings
 from truestroke.studies import robustness
-from truestroke.studies.engine import Row
+from truestroke.studies.engine import Row, Store
 from truestroke.studies.robustness import fast
 from truestroke.studies.robustness.fast import page
 from truestroke.studies.robustness.fast.sample import DURATION, LEAST_SLOPE, MOTIONS, RAMP
@@ -173,6 +173,9 @@ def test_a_small_study_has_its_table_and_page(tmp_path):
     assert done.returncode in (0, 4), done.stderr
     told = json.loads(done.stdout)
     assert [run["number"] for run in told["runs"]] == [0, 1, 2]
+    study = fast.FastRobustness(seed=SEED, numbers=range(4), controllers=("unknown",))
+    with Store(tmp_path / told["store"], study) as store:  # the same command with more plants continues
+        assert store.missing(study.numbers) == [3]
     assert sum(line["runs"] for line in told["table"]) == 3
     html = (tmp_path / told["page"]).read_text()
     assert html.count("<svg") == 3

@@ -36,8 +36,8 @@ def _names(context: click.Context, option: click.Parameter, value: str | None) -
 @click.option("--workers", metavar="N", type=click.IntRange(1), default=2, help="Threads.")
 @click.option("--only", metavar="NUMBER", type=click.IntRange(0), help="Simulate this run alone, with the first of the "
               "controllers; write its recording and page.")  # fmt: skip
-@click.option("--output", metavar="NAME", default="truestroke-robustness", help="Write NAME.html; with --only also "
-              "NAME.h5.")  # fmt: skip
+@click.option("--output", metavar="NAME", default="truestroke-robustness", help="Write NAME.html; with --fast also "
+              "NAME.sqlite, with --only NAME.h5.")  # fmt: skip
 @common.page_options
 def robustness(
     plants: int, seed: int, fast: bool, controllers: tuple[str, ...], half: str, workers: int, only: int | None,
@@ -49,15 +49,16 @@ def robustness(
     median, 95th percentile and worst of the errors of the default controller and the paper's; writes a page.
 
     With --fast: stages with modes, lag, dead time and hystereses of three structures, in motions up to half of the
-    first resonance; the dynamics are measured before, or unknown.
+    first resonance; the dynamics are measured before, or unknown. Results go to NAME.sqlite as they come: call it again
+    after Ctrl-C, or with more --plants, and it continues.
     """
     if only is not None:
         return _one(seed, only, controllers[0], fast, output, plots, as_json)
-    (page_file,) = common.outputs(output, ".html")
     from truestroke.studies import robustness as studies
 
     if fast:
-        return _fast(seed, studies.numbers(plants, half), controllers, workers, page_file, plots, as_json)
+        return _fast(seed, studies.numbers(plants, half), controllers, workers, output, plots, as_json)
+    (page_file,) = common.outputs(output, ".html")
     asked = studies.Robustness(seed=seed, numbers=studies.numbers(plants, half), controllers=controllers)
     if not asked.numbers:
         raise click.UsageError(f"--plants {plants}: the {half} half of it is empty.")
@@ -87,16 +88,22 @@ def robustness(
 
 
 def _fast(
-    seed: int, numbers: range, controllers: tuple[str, ...], workers: int, page_file: Path, plots: Path | None,
+    seed: int, numbers: range, controllers: tuple[str, ...], workers: int, output: str, plots: Path | None,
     as_json: bool,
 ) -> int:  # fmt: skip
+    store_file, page_file = common.outputs(output, ".sqlite", ".html")
     from truestroke.studies import robustness as studies
     from truestroke.studies.robustness import fast
 
     if not numbers:
         raise click.UsageError("--plants: that half of it is empty.")
-    with common.progress("simulating") as tell:
-        rows = studies.run(fast.FastRobustness(seed=seed, numbers=numbers, controllers=controllers), workers, tell)
+    study = fast.FastRobustness(seed=seed, numbers=numbers, controllers=controllers)
+    try:
+        with common.progress("simulating") as tell:
+            rows = studies.run(study, workers, tell, file=store_file)
+    except KeyboardInterrupt:
+        click.echo(f"{store_file} keeps what is done; the same command continues.", err=True)
+        raise
     verdict = fast.judge(rows)
     with common.stoppable(), common.progress("plotting"):
         from truestroke.studies.robustness.fast import page
@@ -108,13 +115,15 @@ def _fast(
     if as_json:
         runs = [{"number": row.number, **row.sampled, **row.metrics} for row in rows]
         found = {"table": [vars(line) for line in fast.results(rows)], "runs": runs}
-        common.print_json({**verdict.as_dict(), **found, "page": str(page_file), "pictures": paths})
+        common.print_json(
+            {**verdict.as_dict(), **found, "store": str(store_file), "page": str(page_file), "pictures": paths}
+        )
         return ExitCode.of(verdict)
     common.print_table(*page.table(rows))
     common.print_table(*page.compared(rows))
     common.print_table(*page.worst_runs(rows))
     common.print_verdict(verdict)
-    common.print_files(page=page_file, pictures=plots)
+    common.print_files(store=store_file, page=page_file, pictures=plots)
     again = f"robustness --fast{f' --seed {seed}' if seed else ''} --controllers {controller} --only {row.number}"
     common.suggest((again, "recording and page of the worst run"))
     return ExitCode.of(verdict)

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -146,8 +147,14 @@ def numbers(plants: int, half: str = "all") -> range:
     return range(start, checks.count("plants", plants, 1, 1_000_000), step)
 
 
-def run(study: Study, workers: int = 2, progress: Callable[[int, int], None] | None = None) -> list[Row]:
-    """Simulate all runs of the study; nothing is kept on the disk.
+def run(
+    study: Study,
+    workers: int = 2,
+    progress: Callable[[int, int], None] | None = None,
+    *,
+    file: str | Path = ":memory:",
+) -> list[Row]:
+    """Simulate the runs of the study that `file` does not have.
 
     Parameters
     ----------
@@ -157,6 +164,8 @@ def run(study: Study, workers: int = 2, progress: Callable[[int, int], None] | N
         Threads.
     progress : callable, optional
         Called as progress(runs done, all runs).
+    file : path
+        The store that rows are kept in as they come, SQLite; by default nothing is kept on the disk.
 
     Returns
     -------
@@ -169,12 +178,14 @@ def run(study: Study, workers: int = 2, progress: Callable[[int, int], None] | N
         A simulation failed.
     """
     engine.first(study, study.numbers)  # wrong settings are reported at once
-    with Store(":memory:", study) as store:
+    with Store(file, study) as store:
         engine.run(study, store, threads(workers), progress)
         end = max(study.numbers) + 1
+        asked = set(study.numbers)
         for row in store.failed(end):
-            raise StudyError(f"run {row.number}: {row.error}")
-        return store.rows(end)
+            if row.number in asked:
+                raise StudyError(f"run {row.number}: {row.error}")
+        return [row for row in store.rows(end) if row.number in asked]
 
 
 def record(
