@@ -6,6 +6,7 @@
 #include "../src/rls.c"
 #include "../src/kalman.c"
 #include "../src/oscillation.c"
+#include "../src/guard.c"
 #include "../src/controller.c"
 
 #include "dispatch.h"

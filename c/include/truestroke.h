@@ -170,6 +170,7 @@ typedef struct {
     ts_real Pu[TS_PADDED(TS_MAX_PARAMETERS)];
     ts_real filter;                 /* per tick: the present coefficient of the two poles */
     ts_real disturbance;            /* um^2: of an innovation that is no error of the model: ringing */
+    ts_real caution;                /* um^2: the same after learning has failed: see ts_guard */
     ts_real variance;               /* of the innovation of the last update, um^2 */
     ts_real sigma, ringing;         /* noise: um, um^2 */
     ts_real innovation1, innovation2; /* of the last two ticks, um */
@@ -245,6 +246,45 @@ TS_API ts_real ts_oscillation_tick(ts_oscillation *o, const ts_oscillation_setti
 
 /* Cycles per tick of the last n half-waves, 1 <= n <= o->regular. */
 TS_API ts_real ts_oscillation_frequency(const ts_oscillation *o, int n);
+
+/* ---- Never worse than not learning ---------------------------------------------------------------------------------- */
+
+typedef struct {
+    int window;          /* ticks over which an error is taken; 0: the guard is off */
+    ts_real range_rate;  /* per tick: how fast the range of the motion shrinks to that of the present motion */
+    ts_real floor;       /* um: an error below it is no failure */
+} ts_guard_settings;
+
+typedef enum {
+    TS_GUARD_NOTHING,
+    TS_GUARD_KEEP,       /* the weights are the best of late: keep them */
+    TS_GUARD_RESTORE,    /* learning has failed: set the present weights aside, and hold the kept ones */
+    TS_GUARD_FIRST,      /* the kept ones are no better: hold those of the start */
+    TS_GUARD_ADOPT,      /* what was held is better: learn on from there, with caution */
+    TS_GUARD_RETURN      /* it is not: the weights that were set aside again; learning was not the cause */
+} ts_guard_action;
+
+/* Compares the tracking error of the weights that learn with that of the weights at their best, both over the range of the
+ * motion, window by window; an error is the standard deviation of z - z_d in a window. */
+typedef struct {
+    ts_real low, high;      /* um: of the motion, over about a second */
+    ts_real sum, square;    /* um, um^2: of the error in this window, less its first value */
+    ts_real first;          /* um */
+    ts_real error;          /* um: of the window before */
+    ts_real best;           /* least error over the range while it learned; rises slowly */
+    ts_real failed;         /* um: at which learning has failed */
+    int ticks, counted;     /* of this window */
+    int bad;                /* windows in a row in which it was too large and did not fall */
+    int good;               /* windows in a row in which it was not */
+    int held;               /* windows since weights were restored; 0: it learns */
+    int wait;               /* windows: of the next hold */
+    int pause;              /* windows in which no failure counts */
+    bool kept, at_start, started;
+} ts_guard;
+
+/* One tick with the error z - z_d and the motion z_d, um; `counts`: the measurement was used, and no voltage limit explains
+ * the error. noise: standard deviation of a measurement, um. */
+TS_API ts_guard_action ts_guard_tick(ts_guard *g, const ts_guard_settings *s, ts_real error, ts_real z_d, bool counts, ts_real noise);
 
 /* ---- Dynamics of the stage, between hysteresis and sensor --------------------------------------------------------- */
 
@@ -338,6 +378,7 @@ typedef struct {
     ts_real prior[TS_PACKED(TS_MAX_PARAMETERS)];       /* Kalman: P0, packed, squares of the units of the weights */
     ts_real first_noise;                               /* Kalman: first guess of the noise, um */
     ts_oscillation_settings oscillation;               /* Kalman */
+    ts_guard_settings guard;                           /* Kalman */
     ts_real resonance;                                 /* Kalman: first of the stage, cycles per tick; 0: not known */
     ts_dynamics dynamics;                              /* Kalman */
     ts_sensor sensor;
@@ -362,10 +403,11 @@ typedef struct {      /* of the last tick */
     bool changed;     /* the actuator has changed suddenly */
     bool slewed;      /* the command met the slew limit */
     bool oscillating; /* self-excited oscillation: adaptation pauses until its frequency is measured */
+    bool restored;    /* learning made the error larger: earlier weights are held */
 } ts_flags;
 
 typedef struct {
-    uint64_t commands, adaptations, saturated, projected, rejected, changed, slewed, oscillating;
+    uint64_t commands, adaptations, saturated, projected, rejected, changed, slewed, oscillating, restored;
 } ts_counters;
 
 /* States of the model that depend on the voltage: the same for the tick that is commanded and for the one that is
@@ -428,6 +470,13 @@ typedef struct {
     } law;
     ts_oscillation oscillation;       /* Kalman */
     ts_stage stage;                   /* Kalman */
+    ts_guard guard;                   /* Kalman */
+    struct {
+        ts_real first[TS_MAX_PARAMETERS];                       /* weights of the start, */
+        ts_real w[TS_MAX_PARAMETERS], aside[TS_MAX_PARAMETERS]; /* at their best, and those that failed */
+        ts_real P[TS_TRIANGLE(TS_MAX_PARAMETERS)];              /* their covariance */
+        ts_real sigma;                                          /* and the noise then, um */
+    } kept;                           /* Kalman */
     ts_dynamics_state dynamics;       /* Kalman */
     ts_sensor_state sensor;
     ts_feedback_state feedback;

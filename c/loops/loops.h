@@ -16,7 +16,7 @@ extern "C" {
 #endif
 
 /* A controller: the two calls of the Python protocol. `flags` are the bits of the last tick: 1 saturated, 2 projected,
- * 4 rejected, 8 held, 16 changed, 32 slewed, 64 oscillating. */
+ * 4 rejected, 8 held, 16 changed, 32 slewed, 64 oscillating, 128 restored. */
 typedef struct {
     void *self;
     double (*command)(void *self, const double motion[4]); /* z_d, zdot_d, zddot_d, strain_d; NaN: not known */

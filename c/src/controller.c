@@ -93,6 +93,8 @@ static ts_status check_kalman(const ts_settings *s)
         good = good && positive(o->tick) && o->corner > 0 && o->corner <= 1 && fraction(o->fast) && fraction(o->slow)
                && fraction(o->motion_rate) && o->noise_share >= 0 && bounded(o->noise_share) && o->floor > 0 && bounded(o->floor)
                && o->large > 0 && bounded(o->large);
+    const ts_guard_settings *g = &s->guard;
+    good = good && g->window >= 0 && fraction(g->range_rate) && g->floor >= 0 && bounded(g->floor);
     good = good && (s->resonance >= (ts_real)1e-6 || !(s->resonance < 0 || s->resonance > 0)) && s->resonance <= 1 && (o->tick > 0 || !(s->resonance > 0));
     return good && check_prior(s->prior, ts_parameters(s)) ? TS_OK : TS_BAD_KALMAN;
 }
@@ -640,6 +642,73 @@ static void watch_stage(ts_controller *c, ts_real error, ts_real zdot_d, bool li
     c->flags.oscillating = c->stage.rest > 0;
 }
 
+/* ---- Never worse than not learning -------------------------------------------------------------------------------- */
+
+static void weights_at_best(ts_controller *c)
+{
+    memcpy(c->kept.w, c->w, sizeof(ts_real) * (size_t)c->parameters);
+    memcpy(c->kept.P, c->law.kalman.P, sizeof(ts_real) * (size_t)TS_TRIANGLE(c->parameters));
+    c->kept.sigma = c->law.kalman.sigma;
+}
+
+/* Until there are better ones, the first weights are the best. */
+static void begin_guard(ts_controller *c)
+{
+    memcpy(c->kept.first, c->w, sizeof(ts_real) * (size_t)c->parameters);
+    memcpy(c->kept.w, c->w, sizeof(ts_real) * (size_t)c->parameters);
+}
+
+/* The command goes on from where it is with other weights; the feedback waits, for its margins are those of a model that
+ * has been learned. */
+static void hold_weights(ts_controller *c, const ts_real *w)
+{
+    memcpy(c->w, w, sizeof(ts_real) * (size_t)c->parameters);
+    keep_command(c);
+    c->feedback.alarms = 2 * PAUSE;
+}
+
+/* What was held is better: its covariance, and an error as large as the one that failed counts as noise for a while. */
+static void learn_cautiously(ts_controller *c)
+{
+    ts_kalman *k = &c->law.kalman;
+    const ts_guard *g = &c->guard;
+    if (g->kept) {
+        memcpy(k->P, c->kept.P, sizeof(ts_real) * (size_t)TS_TRIANGLE(c->parameters));
+        k->sigma = c->kept.sigma;
+        k->started = k->pending = k->changed = false;
+        k->change = k->variance = 0;
+    } else {
+        ts_kalman_reset_covariance(k, c->settings.prior, c->parameters);
+    }
+    ts_real range = g->high - g->low, error = g->failed < range ? g->failed : range;
+    k->caution = error * error * (ts_real)c->settings.guard.window / 4;
+}
+
+static void watch_learning(ts_controller *c, ts_real error, ts_real z_d, bool counts)
+{
+    const ts_settings *s = &c->settings;
+    ts_guard *g = &c->guard;
+    ts_kalman *k = &c->law.kalman;
+    if (s->guard.window == 0 || c->hold) return;
+    bool resting = c->stage.rest > 0 && g->held == 0;
+    ts_real noise = g->kept ? c->kept.sigma : k->sigma;
+    if (noise < c->resolution) noise = c->resolution;
+    switch (ts_guard_tick(g, &s->guard, error, z_d, counts && !resting, noise)) {
+    case TS_GUARD_NOTHING: break;
+    case TS_GUARD_KEEP: weights_at_best(c); break;
+    case TS_GUARD_RESTORE:
+        memcpy(c->kept.aside, c->w, sizeof(ts_real) * (size_t)c->parameters);
+        hold_weights(c, c->kept.w);
+        c->counters.restored++;
+        break;
+    case TS_GUARD_FIRST: hold_weights(c, c->kept.first); break;
+    case TS_GUARD_ADOPT: learn_cautiously(c); break;
+    case TS_GUARD_RETURN: hold_weights(c, c->kept.aside); break;
+    }
+    if (g->ticks == 0 && g->held == 0) k->caution *= 1 - (ts_real)0.8 / (ts_real)g->wait;
+    c->flags.restored = g->held > 0;
+}
+
 /* ---- A tick of the measured side -------------------------------------------------------------------------------------- */
 
 /* Commands that may wait for their measurement. */
@@ -726,7 +795,7 @@ static bool learn_from(ts_controller *c, const ts_real *u, ts_real z, const ts_m
     ts_real noisy = staged ? quiet(c, c->innovation) : c->innovation;
     bool used = !frozen(c, z, predicted, stands), spike = used && ts_kalman_is_spike(k, &s->kalman, c->innovation, noisy, staged);
     ts_real innovation = used && !spike ? c->innovation : 0;
-    bool learn = adapts(c, limited, back) && !(c->stage.rest > 0);
+    bool learn = adapts(c, limited, back) && !(c->stage.rest > 0) && c->guard.held == 0;
     used = used && !spike;
     if (staged) learn_staged(c, used ? z : predicted, innovation, used, learn);
     else adapt_kalman(c, u, predicted + innovation, innovation, used, learn);
@@ -763,6 +832,8 @@ static bool measure(ts_controller *c, ts_real z)
     feed_back(c, used && (!limited || back) ? -error : 0); /* no wind-up at a limit */
     if (!used) ts_oscillation_miss(&c->oscillation, &s->oscillation, &error);
     else if (s->law == TS_LAW_KALMAN && s->oscillation.tick > 0 && !staged) watch_stage(c, error, d->zdot_d, limited);
+    bool at_limit = c->x[slot] >= s->voltage_max || c->x[slot] <= s->voltage_min;
+    if (s->law == TS_LAW_KALMAN) watch_learning(c, error, d->z_d, used && (!at_limit || back));
     return used;
 }
 
@@ -815,6 +886,7 @@ void ts_controller_reset(ts_controller *c)
     c->feedback.alarms = 2 * PAUSE; /* nothing is learned yet */
     c->feedback.paused = true;
     keep_weights(c, true);
+    begin_guard(c);
     (void)rate_dependent_slopes(c, 0);
 }
 
@@ -839,6 +911,7 @@ ts_status ts_controller_start(ts_controller *c, ts_real volts, ts_real z)
     if (s->terms[TS_OFFSET]) c->w[column(s, TS_OFFSET)] += missing; /* a constant until there are data */
     else c->bumpless = -missing;
     keep_weights(c, true);
+    begin_guard(c);
     return TS_OK;
 }
 

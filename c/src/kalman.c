@@ -166,7 +166,7 @@ static bool update(ts_kalman *k, const ts_kalman_settings *s, const ts_real *w0,
         restart(k->P, P0, m);
         return false;
     }
-    ts_real floor = s->model_error * s->model_error + k->disturbance, quiet = k->sigma * k->sigma;
+    ts_real floor = s->model_error * s->model_error + k->disturbance + k->caution, quiet = k->sigma * k->sigma;
     ts_real noise = k->ringing / 2 > quiet ? k->ringing / 2 : quiet;
     ts_real expected = explained + (quiet + floor) / 2; /* every second tick is used: each stands for two */
     if (!(expected > 0)) return false;

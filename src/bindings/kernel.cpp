@@ -206,7 +206,7 @@ void check_counters(const ts_controller &c) {
     const ts_counters &n = c.counters;
     constexpr uint64_t most = uint64_t{1} << 62; // 73 million years at 2 kHz
     bool good = n.commands <= most && n.rejected <= most && n.saturated <= n.commands && n.projected <= n.commands &&
-                n.slewed <= n.commands && n.oscillating <= n.commands && n.adaptations <= n.commands && n.changed <= n.adaptations;
+                n.slewed <= n.commands && n.oscillating <= n.commands && n.restored <= n.commands && n.adaptations <= n.commands && n.changed <= n.adaptations;
     require_all("counters", good, "the counts of one run: none above that of the commands, changed not above adaptations");
     require_all("lagged_ticks", c.lagged.ticks <= n.commands && n.commands - c.lagged.ticks <= TS_HISTORY,
                 "at most the commands that were counted, and at most " TS_TEXT(TS_HISTORY) " less");
@@ -459,12 +459,12 @@ class Kernel {
     double noise() const { return c_.settings.law == TS_LAW_KALMAN ? c_.law.kalman.sigma : NAN; }
     int flags() const {
         return c_.flags.saturated | c_.flags.projected << 1 | c_.flags.rejected << 2 | c_.flags.held << 3 |
-               c_.flags.changed << 4 | c_.flags.slewed << 5 | c_.flags.oscillating << 6;
+               c_.flags.changed << 4 | c_.flags.slewed << 5 | c_.flags.oscillating << 6 | c_.flags.restored << 7;
     }
     nb::tuple counters() const {
         const ts_counters &n = c_.counters;
         return nb::make_tuple(n.commands, n.adaptations, n.saturated, n.projected, n.rejected, n.changed, n.slewed,
-                              n.oscillating);
+                              n.oscillating, n.restored);
     }
 
   private:

@@ -71,6 +71,11 @@ class Flags:
         "stopped a self-excited oscillation",
         by_adapt=True,
     )
+    restored: bool = _flag(
+        "learning made the error larger; earlier weights are restored and held",
+        "held earlier weights because learning made the error larger",
+        by_adapt=True,
+    )
 
     @classmethod
     def from_bits(cls, bits: int) -> Flags:

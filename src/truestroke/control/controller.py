@@ -52,6 +52,7 @@ class Counters:
     changed: int
     slewed: int
     oscillating: int
+    restored: int
 
 
 @dataclass(frozen=True, slots=True, eq=False)

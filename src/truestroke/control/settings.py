@@ -39,6 +39,9 @@ SLEW = 120.0  # voltage ranges a second
 SLEW_OF_RESONANCE = 6.0  # voltage ranges in a period of the resonance
 MOTION_RATE = 10.0  # 1/s: how fast the means of the motion follow
 USUAL_RATE = 16.0  # 1/s: how fast the usual error of the model follows, to which a change is related
+RANGE_RATE = 1.0  # 1/s: how fast the range of the motion shrinks
+GUARD_PERIODS = 4.0  # of the resonance: a window of the guard
+GUARD_FLOOR = 0.002  # of the stroke: an error below it is no failure of learning
 CHANGE_RATE = 400.0  # 1/s: how fast the detector of a change follows
 
 
@@ -646,6 +649,12 @@ def kernel_settings(s: ControllerSettings) -> dict[str, Any]:
     return declared.kernel_values(s, SETTINGS, s.law) | _derived(s) | known | sensor.members(s)
 
 
+def _guard_window(s: ControllerSettings) -> float:
+    """Of the error that learning must not increase, s: four periods of the resonance, if it is known."""
+    f0 = s.dynamics.modes[0].frequency if s.dynamics is not None else s.resonance
+    return min(max(GUARD_PERIODS / f0, 0.02), 0.1) if f0 else 0.05
+
+
 def _derived(s: ControllerSettings) -> dict[str, float]:
     """What the Kalman law needs beside its settings: rates of its estimates, and what an oscillation looks like."""
     fs, corner = s.sample_rate, max(s.filter_frequency, widest_filter(s.sample_rate))
@@ -664,5 +673,8 @@ def _derived(s: ControllerSettings) -> dict[str, float]:
         "oscillation.noise_share": 3 * math.sqrt(fast / (2 - fast)),
         "oscillation.floor": 0.005 * s.stroke,
         "oscillation.large": 0.02 * s.stroke,
+        "guard.window": round(fs * _guard_window(s)),
+        "guard.range_rate": min(1.0, RANGE_RATE / fs),
+        "guard.floor": GUARD_FLOOR * s.stroke,
     }
     return members if s.law == "kalman" else dict.fromkeys(members, 0.0)

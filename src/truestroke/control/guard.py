@@ -1,0 +1,186 @@
+"""Never worse than not learning: the error of the weights that learn beside that of the weights at their best."""
+
+import math
+from dataclasses import dataclass
+from enum import Enum
+
+SHARE = 0.02  # of the motion's range: a smaller error is no failure,
+WORSE = 4  # nor one below so many times the best,
+NOISES = 6  # nor one of so many standard deviations of a measurement
+FALLS = 0.7  # of the window before: an error that falls so fast is being learned
+BAD = 3  # windows in a row that are a failure,
+BEYOND_ALL = 2  # and where the error is larger than the motion: without a controller it were less
+BETTER = 0.7  # of the error that failed: what was restored is better
+FIRST_WAIT = 4  # windows of the first hold,
+LONGEST_WAIT = 256  # and of the longest
+SETTLES = 12  # windows in which the stage may calm down
+RISE = 1.02  # of the best, per window
+FORGIVEN = 8  # times `wait` good windows until the next hold is shorter again
+
+
+@dataclass(frozen=True, kw_only=True)
+class GuardSettings:
+    """Settings of `Guard`: ts_guard_settings of the kernel.
+
+    Attributes
+    ----------
+    window : int
+        Ticks over which an error is taken; 0: the guard is off.
+    range_rate : float
+        How fast the range of the motion shrinks to that of the present motion, per tick, 0 to 1.
+    floor : float
+        An error below it is no failure, um.
+    """
+
+    window: int
+    range_rate: float
+    floor: float
+
+
+class Action(Enum):
+    """What the controller does after a tick."""
+
+    NOTHING = 0
+    KEEP = 1  # the weights are the best of late: keep them
+    RESTORE = 2  # learning has failed: set the present weights aside, and hold the kept ones
+    FIRST = 3  # the kept ones are no better: hold those of the start
+    ADOPT = 4  # what was held is better: learn on from there, with caution
+    RETURN = 5  # it is not: the weights that were set aside again; learning was not the cause
+
+
+class Guard:
+    """Compares the tracking error of the weights that learn with that of the weights at their best.
+
+    An error is the standard deviation of z - z_d in a window, in which the motion's range of about the last second is
+    the measure. One-step predictions on the same data are not compared: a law that bursts predicts its own burst well.
+
+    - *Kept* are weights and covariance of the window with the least error over the range; that least error rises by 2 %
+      a window, so that they are not old.
+    - *Learning has failed* after three windows in a row in which the error is above 2 % of the range, four times the
+      least, six times the noise, and does not fall by 30 % a window, as it does where a change is being learned. Two
+      are enough where it is larger than the range. Then the kept weights are held.
+    - *They are better* where their error, once it has settled, is below 70 % of the one that failed: the controller
+      learns on from there. If they are not, those of the start are held; if these are no better either, learning was
+      not the cause, and goes on as if nothing had happened.
+    - Each time the next hold, or the time to the next failure, is twice as long, up to 256 windows; after many good
+      windows it is halved.
+
+    Parameters
+    ----------
+    settings : GuardSettings
+        Lengths and sizes.
+
+    Attributes
+    ----------
+    held : int
+        Windows since weights were restored; 0: the law learns.
+
+    Examples
+    --------
+    >>> guard = Guard(GuardSettings(window=100, range_rate=1e-3, floor=0.02))
+    >>> for k in range(10_000):
+    ...     z_d = 10 * math.sin(0.1 * k)
+    ...     error = 0.01 * math.exp(1e-3 * k) * math.sin(0.7 * k)
+    ...     if (action := guard.update(error, z_d, counts=True, noise=0.001)) is Action.RESTORE:
+    ...         break
+    >>> k, f"error {guard.failed:.2f} um"
+    (4399, 'error 0.55 um')
+    """
+
+    def __init__(self, settings: GuardSettings) -> None:
+        self.settings = settings
+        self.low = self.high = 0.0  # um: of the motion, over about a second
+        self.sum = self.square = self.first = 0.0  # of the error in this window, less its first value
+        self.error = self.failed = 0.0  # um: of the window before, and at which learning has failed
+        self.best = 0.0  # least error over the range while it learned
+        self.ticks = self.counted = self.bad = self.good = self.held = self.pause = 0
+        self.wait = FIRST_WAIT  # windows: of the next hold
+        self.kept = self.at_start = self.started = False
+
+    @property
+    def range(self) -> float:
+        """Of the motion, um."""
+        return self.high - self.low
+
+    def update(self, error: float, z_d: float, *, counts: bool, noise: float) -> Action:
+        """One tick.
+
+        Parameters
+        ----------
+        error, z_d : float
+            z - z_d, and the desired displacement, um.
+        counts : bool
+            Whether the measurement was used, and no voltage limit explains the error.
+        noise : float
+            Standard deviation of a measurement, um.
+        """
+        self._follow(error, z_d, counts)
+        if self.ticks < self.settings.window:
+            return Action.NOTHING
+        enough = 4 * self.counted >= self.settings.window
+        found = self._deviation() if enough else 0.0
+        self.sum, self.square, self.ticks, self.counted = 0.0, 0.0, 0, 0
+        if not enough:
+            return Action.NOTHING
+        return self._judge_held(found) if self.held > 0 else self._judge_learned(found, noise)
+
+    def _follow(self, error: float, z_d: float, counts: bool) -> None:
+        if not self.started:
+            self.started, self.low, self.high = True, z_d, z_d
+        rate = self.settings.range_rate
+        self.low += rate * (z_d - self.low)
+        self.high += rate * (z_d - self.high)
+        self.low, self.high = min(self.low, z_d), max(self.high, z_d)
+        self.ticks += 1
+        if not counts:
+            return
+        if self.counted == 0:
+            self.first = error
+        e = error - self.first
+        self.sum += e
+        self.square += e * e
+        self.counted += 1
+
+    def _deviation(self) -> float:
+        """Standard deviation of the error in the window that ends, um."""
+        mean = self.sum / self.counted
+        return math.sqrt(max(self.square / self.counted - mean * mean, 0.0))
+
+    def _judge_held(self, error: float) -> Action:
+        """Whether the held weights are better is known when the error no longer falls."""
+        falls = error < 0.9 * self.error and self.held < SETTLES + self.wait
+        better = error < BETTER * self.failed
+        self.error = error
+        self.held += 1
+        if self.held <= (self.wait if better else FIRST_WAIT) or falls:
+            return Action.NOTHING
+        if not better and self.kept and not self.at_start:
+            self.at_start, self.held = True, 1
+            return Action.FIRST
+        self.held = self.bad = self.good = 0
+        self.pause = 1 if better else self.wait
+        self.wait = 2 * self.wait if self.wait < LONGEST_WAIT else LONGEST_WAIT
+        if self.at_start:
+            self.kept = False
+        self.at_start = False
+        return Action.ADOPT if better else Action.RETURN
+
+    def _judge_learned(self, error: float, noise: float) -> Action:
+        floor, span = self.settings.floor, self.range
+        limit, least = WORSE * self.best * span, max(SHARE * span, floor, NOISES * noise)
+        large, falls = error > least and error > limit, error < FALLS * self.error
+        most = BEYOND_ALL if error > span and error > 10 * floor else BAD
+        self.error = error
+        self.bad = 0 if not large or falls or self.pause > 0 else self.bad + 1
+        self.pause -= self.pause > 0
+        if self.bad >= most:
+            self.failed, self.held = error, 1
+            return Action.RESTORE
+        self.good = 0 if error > least else self.good + 1
+        if self.good > FORGIVEN * self.wait and self.wait > FIRST_WAIT:
+            self.wait, self.good = self.wait // 2, 0
+        self.best *= RISE
+        if not span > 10 * floor or error > least or (self.kept and error > self.best * span):
+            return Action.NOTHING
+        self.best, self.kept = error / span, True
+        return Action.KEEP
