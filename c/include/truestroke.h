@@ -255,6 +255,9 @@ typedef struct {
     ts_real floor;       /* um: an error below it is no failure */
 } ts_guard_settings;
 
+#define TS_FIRST_WAIT 4     /* windows of the first hold, */
+#define TS_LONGEST_WAIT 256 /* and of the longest */
+
 typedef enum {
     TS_GUARD_NOTHING,
     TS_GUARD_KEEP,       /* the weights are the best of late: keep them */
@@ -270,9 +273,10 @@ typedef struct {
     ts_real low, high;      /* um: of the motion, over about a second */
     ts_real sum, square;    /* um, um^2: of the error in this window, less its first value */
     ts_real first;          /* um */
-    ts_real error;          /* um: of the window before */
+    ts_real error;          /* of the window before, over the range */
     ts_real best;           /* least error over the range while it learned; rises slowly */
-    ts_real failed;         /* um: at which learning has failed */
+    ts_real failed;         /* error over the range at which learning has failed */
+    ts_real drift;          /* um per tick: of the offset while weights are held, so that the mean error vanishes */
     int ticks, counted;     /* of this window */
     int bad;                /* windows in a row in which it was too large and did not fall */
     int good;               /* windows in a row in which it was not */
@@ -281,6 +285,9 @@ typedef struct {
     int pause;              /* windows in which no failure counts */
     bool kept, at_start, started;
 } ts_guard;
+
+/* The range of the motion, um: at least ten times the floor. */
+TS_API ts_real ts_guard_range(const ts_guard *g, const ts_guard_settings *s);
 
 /* One tick with the error z - z_d and the motion z_d, um; `counts`: the measurement was used, and no voltage limit explains
  * the error. noise: standard deviation of a measurement, um. */

@@ -94,7 +94,7 @@ static ts_status check_kalman(const ts_settings *s)
                && fraction(o->motion_rate) && o->noise_share >= 0 && bounded(o->noise_share) && o->floor > 0 && bounded(o->floor)
                && o->large > 0 && bounded(o->large);
     const ts_guard_settings *g = &s->guard;
-    good = good && g->window >= 0 && fraction(g->range_rate) && g->floor >= 0 && bounded(g->floor);
+    good = good && g->window >= 0 && fraction(g->range_rate) && (g->window == 0 || positive(g->floor));
     good = good && (s->resonance >= (ts_real)1e-6 || !(s->resonance < 0 || s->resonance > 0)) && s->resonance <= 1 && (o->tick > 0 || !(s->resonance > 0));
     return good && check_prior(s->prior, ts_parameters(s)) ? TS_OK : TS_BAD_KALMAN;
 }
@@ -656,13 +656,23 @@ static void begin_guard(ts_controller *c)
 {
     memcpy(c->kept.first, c->w, sizeof(ts_real) * (size_t)c->parameters);
     memcpy(c->kept.w, c->w, sizeof(ts_real) * (size_t)c->parameters);
+    c->guard.wait = TS_FIRST_WAIT;
 }
 
-/* The command goes on from where it is with other weights; the feedback waits, for its margins are those of a model that
- * has been learned. */
-static void hold_weights(ts_controller *c, const ts_real *w)
+static void move_offset(ts_controller *c, ts_real by)
 {
+    if (!c->settings.terms[TS_OFFSET]) return;
+    ts_real *offset = &c->w[column(&c->settings, TS_OFFSET)];
+    *offset = within(*offset + by, -TS_LARGEST, TS_LARGEST);
+}
+
+/* The command goes on from where it is with other weights; earlier ones miss what has drifted since. The feedback waits, for
+ * its margins are those of a model that has been learned. */
+static void take_weights(ts_controller *c, const ts_real *w, bool earlier)
+{
+    const ts_kalman *k = &c->law.kalman;
     memcpy(c->w, w, sizeof(ts_real) * (size_t)c->parameters);
+    if (earlier && k->started) move_offset(c, k->y - model(c, k->u));
     keep_command(c);
     c->feedback.alarms = 2 * PAUSE;
 }
@@ -680,7 +690,7 @@ static void learn_cautiously(ts_controller *c)
     } else {
         ts_kalman_reset_covariance(k, c->settings.prior, c->parameters);
     }
-    ts_real range = g->high - g->low, error = g->failed < range ? g->failed : range;
+    ts_real range = ts_guard_range(g, &c->settings.guard), error = (g->failed < 1 ? g->failed : 1) * range;
     k->caution = error * error * (ts_real)c->settings.guard.window / 4;
 }
 
@@ -698,14 +708,15 @@ static void watch_learning(ts_controller *c, ts_real error, ts_real z_d, bool co
     case TS_GUARD_KEEP: weights_at_best(c); break;
     case TS_GUARD_RESTORE:
         memcpy(c->kept.aside, c->w, sizeof(ts_real) * (size_t)c->parameters);
-        hold_weights(c, c->kept.w);
+        take_weights(c, c->kept.w, true);
         c->counters.restored++;
         break;
-    case TS_GUARD_FIRST: hold_weights(c, c->kept.first); break;
+    case TS_GUARD_FIRST: take_weights(c, c->kept.first, true); break;
     case TS_GUARD_ADOPT: learn_cautiously(c); break;
-    case TS_GUARD_RETURN: hold_weights(c, c->kept.aside); break;
+    case TS_GUARD_RETURN: take_weights(c, c->kept.aside, false); break;
     }
-    if (g->ticks == 0 && g->held == 0) k->caution *= 1 - (ts_real)0.8 / (ts_real)g->wait;
+    if (g->held > 0) move_offset(c, g->drift);
+    else if (g->ticks == 0) k->caution *= 1 - (ts_real)0.8 / (ts_real)g->wait;
     c->flags.restored = g->held > 0;
 }
 

@@ -8,12 +8,13 @@
 #define NOISES 6                /* nor one of so many standard deviations of a measurement */
 #define FALLS ((ts_real)0.7)    /* of the window before: an error that falls so fast is being learned */
 #define BAD 3                   /* windows in a row that are a failure, */
-#define BEYOND_ALL 2            /* and where the error is larger than the motion: without a controller it were less */
+#define BAD_AT_FIRST 5          /* while nothing is learned yet, */
+#define BEYOND_ALL 2            /* and where it is larger than half of the motion */
 #define BETTER ((ts_real)0.7)   /* of the error that failed: what was restored is better */
-#define FIRST_WAIT 4            /* windows of the first hold, */
-#define LONGEST_WAIT 256        /* and of the longest */
 #define SETTLES 12              /* windows in which the stage may calm down */
+#define LEAST_RANGE 10          /* of the floor: a smaller motion is rest */
 #define RISE ((ts_real)1.02)    /* of the best, per window */
+#define CENTRING ((ts_real)0.5) /* of the mean error, in a window */
 #define FORGIVEN 8              /* times `wait` good windows until the next hold is shorter again */
 
 /* Standard deviation of the error in the window that ends, um. */
@@ -34,7 +35,6 @@ static void follow(ts_guard *g, const ts_guard_settings *s, ts_real error, ts_re
     if (!g->started) {
         g->started = true;
         g->low = g->high = z_d;
-        g->wait = FIRST_WAIT;
     }
     g->low += s->range_rate * (z_d - g->low);
     g->high += s->range_rate * (z_d - g->high);
@@ -55,7 +55,8 @@ static ts_guard_action judge_held(ts_guard *g, ts_real error)
     bool falls = error < (ts_real)0.9 * g->error && g->held < SETTLES + g->wait, better = error < BETTER * g->failed;
     g->error = error;
     g->held++;
-    if (g->held <= (better ? g->wait : FIRST_WAIT) || falls) return TS_GUARD_NOTHING;
+    if (g->held <= (better ? g->wait : TS_FIRST_WAIT) || falls) return TS_GUARD_NOTHING;
+    g->drift = 0;
     if (!better && g->kept && !g->at_start) {
         g->at_start = true;
         g->held = 1;
@@ -63,39 +64,42 @@ static ts_guard_action judge_held(ts_guard *g, ts_real error)
     }
     g->held = g->bad = g->good = 0;
     g->pause = better ? 1 : g->wait;
-    g->wait = g->wait < LONGEST_WAIT ? 2 * g->wait : LONGEST_WAIT;
+    g->wait = g->wait < TS_LONGEST_WAIT ? 2 * g->wait : TS_LONGEST_WAIT;
     if (g->at_start) g->kept = false;
     g->at_start = false;
     return better ? TS_GUARD_ADOPT : TS_GUARD_RETURN;
 }
 
 /* The weights that learn. */
-static ts_guard_action judge_learned(ts_guard *g, const ts_guard_settings *s, ts_real error, ts_real noise)
+static ts_guard_action judge_learned(ts_guard *g, const ts_guard_settings *s, ts_real error, ts_real least)
 {
-    ts_real range = g->high - g->low, least = SHARE * range, limit = WORSE * g->best * range;
-    if (least < s->floor) least = s->floor;
-    if (least < NOISES * noise) least = NOISES * noise;
-    bool large = error > least && error > limit, falls = error < FALLS * g->error;
-    int most = error > range && error > 10 * s->floor ? BEYOND_ALL : BAD;
+    bool large = error > least && error > WORSE * g->best, falls = error < FALLS * g->error;
+    int most = 2 * error > 1 ? BEYOND_ALL : g->kept ? BAD : BAD_AT_FIRST;
     g->error = error;
-    g->bad = !large || falls || g->pause > 0 ? 0 : g->bad + 1;
+    g->bad = !large || g->pause > 0 ? 0 : g->bad + !falls;
     if (g->pause > 0) g->pause--;
-    if (g->bad >= most) {
+    if (g->bad >= most && !falls) {
         g->failed = error;
         g->held = 1;
         return TS_GUARD_RESTORE;
     }
-    g->good = error > least ? 0 : g->good + 1;
-    if (g->good > FORGIVEN * g->wait && g->wait > FIRST_WAIT) {
+    g->good = error > least ? 0 : g->good < FORGIVEN * TS_LONGEST_WAIT ? g->good + 1 : g->good;
+    if (g->good >= FORGIVEN * g->wait && g->wait > TS_FIRST_WAIT) {
         g->wait /= 2;
         g->good = 0;
     }
     g->best *= RISE;
-    if (!(range > 10 * s->floor) || error > least) return TS_GUARD_NOTHING;
-    if (g->kept && error > g->best * range) return TS_GUARD_NOTHING;
-    g->best = error / range;
+    bool moves = g->high - g->low > LEAST_RANGE * s->floor;
+    if (!moves || error > least || (g->kept && error > g->best)) return TS_GUARD_NOTHING;
+    g->best = error;
     g->kept = true;
     return TS_GUARD_KEEP;
+}
+
+ts_real ts_guard_range(const ts_guard *g, const ts_guard_settings *s)
+{
+    ts_real range = g->high - g->low, least = LEAST_RANGE * s->floor;
+    return range > least ? range : least;
 }
 
 ts_guard_action ts_guard_tick(ts_guard *g, const ts_guard_settings *s, ts_real error, ts_real z_d, bool counts, ts_real noise)
@@ -103,8 +107,11 @@ ts_guard_action ts_guard_tick(ts_guard *g, const ts_guard_settings *s, ts_real e
     follow(g, s, error, z_d, counts);
     if (g->ticks < s->window) return TS_GUARD_NOTHING;
     bool enough = 4 * g->counted >= s->window;
-    ts_real e = enough ? deviation(g) : 0;
+    ts_real range = ts_guard_range(g, s), found = enough ? deviation(g) / range : 0, least = SHARE;
+    if (enough && g->held > 0) g->drift = CENTRING * (g->first + g->sum / (ts_real)g->counted) / (ts_real)s->window;
     begin_window(g);
     if (!enough) return TS_GUARD_NOTHING;
-    return g->held > 0 ? judge_held(g, e) : judge_learned(g, s, e, noise);
+    if (least * range < s->floor) least = s->floor / range;
+    if (least * range < NOISES * noise) least = NOISES * noise / range;
+    return g->held > 0 ? judge_held(g, found) : judge_learned(g, s, found, least);
 }

@@ -28,9 +28,12 @@ static inline bool finite_law(const ts_controller *c)
     const ts_kalman *k = &c->law.kalman;
     const ts_oscillation *o = &c->oscillation;
     const ts_stage *g = &c->stage;
-    const ts_real scalars[] = {k->y1, k->y, k->variance, k->sigma, k->ringing, k->innovation1, k->innovation2, k->change,
+    const ts_guard *w = &c->guard;
+    const ts_real scalars[] = {w->low, w->high, w->sum, w->square, w->first, w->error, w->best, w->failed, w->drift, c->kept.sigma,
+                               k->caution, k->y1, k->y, k->variance, k->sigma, k->ringing, k->innovation1, k->innovation2, k->change,
                                k->filter, k->disturbance, o->fast, o->slow, o->slower, o->speed, o->acceleration, o->zdot_d,
                                o->error, o->h, o->peak, o->steepest, g->resonance, g->inertia, g->smoothing, g->rest, g->age};
+    if (!all_finite(c->kept.w, m) || !all_finite(c->kept.aside, m) || !all_finite(c->kept.P, TS_TRIANGLE(m))) return false;
     if (!all_finite(o->peaks, TS_HALF_WAVES) || !all_finite(g->newer, m) || !all_finite(g->older, m)) return false;
     return all_finite(k->P, TS_TRIANGLE(m)) && all_finite(k->u1, m) && all_finite(k->u, m) && all_finite(k->Pu, m)
            && all_finite(scalars, sizeof scalars / sizeof *scalars);

@@ -134,6 +134,7 @@ template <typename Controller, typename Visit> void each_array(Controller &c, Vi
     visit("usual", &k.usual, 1);
     visit("filter", &k.filter, 1);
     visit("disturbance", &k.disturbance, 1);
+    visit("caution", &k.caution, 1);
     visit("since_change", &k.since_change, 1);
     visit("spikes", &k.spikes, 1);
     visit("since_return", &k.since_return, 1);
@@ -183,6 +184,14 @@ template <typename Controller, typename Visit> void each_array(Controller &c, Vi
     visit("weights_age", &g.age, 1);
     visit("weights_newer", &g.newer[0], m);
     visit("weights_older", &g.older[0], m);
+    visit("guard", &c.guard.low, 9);
+    visit("guard_windows", &c.guard.ticks, 7);
+    visit("guard_found", &c.guard.kept, 3);
+    visit("kept_first", &c.kept.first[0], m);
+    visit("kept_weights", &c.kept.w[0], m);
+    visit("kept_aside", &c.kept.aside[0], m);
+    visit("kept_covariance", &c.kept.P[0], triangle);
+    visit("kept_noise", &c.kept.sigma, 1);
 }
 
 // What no run leaves behind; the entry is named.
@@ -227,6 +236,31 @@ void check_plays(const ts_settings &s, const char *name, const ts_real *play) {
     }
 }
 
+// Rounding may take a variance below 0 by a share of the prior's; not by more.
+void check_covariance(const ts_controller &c, const char *name, const ts_real *P) {
+    ts_real rounding = std::sqrt(std::numeric_limits<ts_real>::epsilon());
+    for (int i = 0; i < c.parameters; i++) {
+        const ts_real *row = P + TS_ROW(i);
+        require_all(name, row[i] >= -rounding * c.settings.prior[TS_PACKED(i) + i], "of variances of 0 or more");
+        for (int j = i - i % TS_LANES; j < i; j++) require_all(name, row[j] == P[TS_ROW(j) + i], "symmetric");
+        for (int j = c.parameters; j < static_cast<int>(TS_PADDED(i + 1)); j++)
+            require_all(name, row[j] == 0, "0 beyond the last parameter");
+    }
+}
+
+void check_guard(const ts_controller &c) {
+    const ts_guard &g = c.guard;
+    require_all("guard", g.high >= g.low && g.square >= 0 && g.error >= 0 && g.best >= 0 && g.failed >= 0,
+                "a range and errors of 0 or more");
+    require_all("guard_windows", g.ticks >= 0 && g.counted >= 0 && g.counted <= g.ticks && g.held >= 0 && g.held < INT32_MAX / 2 &&
+                                 g.bad >= 0 && g.bad < INT32_MAX / 2 && g.good >= 0 && g.good < INT32_MAX / 2 && g.pause >= 0 &&
+                                 g.ticks < INT32_MAX / 8 && g.wait >= TS_FIRST_WAIT && g.wait <= TS_LONGEST_WAIT,
+                "counts of 0 or more, and a wait of " TS_TEXT(TS_FIRST_WAIT) " to " TS_TEXT(TS_LONGEST_WAIT));
+    require_all("caution", c.law.kalman.caution >= 0, "0 or more");
+    require_all("kept_noise", c.kept.sigma >= 0, "0 or more");
+    check_covariance(c, "kept_covariance", c.kept.P);
+}
+
 void check_kalman(const ts_controller &c) {
     const ts_kalman &k = c.law.kalman;
     auto not_negative = [](const char *name, ts_real value) { require_all(name, value >= 0, "0 or more"); };
@@ -257,16 +291,8 @@ void check_kalman(const ts_controller &c) {
     not_negative("rest", g.rest);
     not_negative("weights_age", g.age);
     require_all("pending", !k.pending || k.variance > 0, "0 where innovation_variance is 0");
-    // Rounding may take a variance below 0 by a share of the prior's; not by more.
-    ts_real rounding = std::sqrt(std::numeric_limits<ts_real>::epsilon());
-    for (int i = 0; i < c.parameters; i++) {
-        const ts_real *row = k.P + TS_ROW(i);
-        require_all("covariance", row[i] >= -rounding * c.settings.prior[TS_PACKED(i) + i], "of variances of 0 or more");
-        for (int j = i - i % TS_LANES; j < i; j++)
-            require_all("covariance", row[j] == k.P[TS_ROW(j) + i], "symmetric");
-        for (int j = c.parameters; j < static_cast<int>(TS_PADDED(i + 1)); j++)
-            require_all("covariance", row[j] == 0, "0 beyond the last parameter");
-    }
+    check_covariance(c, "covariance", k.P);
+    check_guard(c);
 }
 
 void check_rls(const ts_controller &c) {

@@ -66,6 +66,7 @@ class FilteringLaw(Law, Protocol):
     sigma: float
     ringing: float
     disturbance: float
+    caution: float
     changed: bool
 
     def is_spike(self, e_m: float, noisy: float | None = None) -> bool:
@@ -85,6 +86,15 @@ class FilteringLaw(Law, Protocol):
 
     def start_filters(self) -> None:
         """The filters start at 0, in place of the first regressor and measurement, unless they have started."""
+
+    def missing(self) -> float:
+        """What the weights miss of the filtered measurement, um; 0 where the filters have not started."""
+
+    def knowledge(self) -> tuple[FloatArray, float]:
+        """Covariance, and noise in um: what `restore` takes."""
+
+    def restore(self, knowledge: tuple[FloatArray, float]) -> None:
+        """Covariance and noise as they were; the filters start anew."""
 
 
 class UpdateRefused(TruestrokeError, ArithmeticError):  # noqa: N818 (nothing is broken: one measurement is not used)
@@ -436,6 +446,8 @@ class BoundedKalman:
         The present coefficient of the poles; at first that of the settings.
     disturbance : float
         Variance of an innovation that is no error of the model, such as ringing, um^2; added to the noise.
+    caution : float
+        The same after learning has failed, um^2: see `truestroke.control.guard`.
     changed : bool
         The last update detected a change of the actuator.
 
@@ -479,7 +491,7 @@ class BoundedKalman:
         self._together, self._hysteresis = np.outer(is_play, is_play), np.outer(is_other, is_other)
         self.take(settings)
         self.filter = settings.filter
-        self.disturbance = 0.0
+        self.disturbance = self.caution = 0.0
         self.weights, self.P = self.w0.copy(), self.P0.copy()
         self.u1 = self.u = np.zeros(m)  # the regressor after one and two poles
         self.y1 = self.y = 0.0  # the measurement after one and two poles, um
@@ -508,6 +520,20 @@ class BoundedKalman:
         if not self.started:
             self.u1 = self.u = np.zeros(self.u.size)
             self.y1, self.y, self.started = 0.0, 0.0, True
+
+    def missing(self) -> float:
+        """What the weights miss of the filtered measurement, um; 0 where the filters have not started."""
+        return self.y - float(dot(self.u, self.weights)) if self.started else 0.0
+
+    def knowledge(self) -> tuple[FloatArray, float]:
+        """Covariance, and noise in um: what `restore` takes."""
+        return self.P, self.sigma
+
+    def restore(self, knowledge: tuple[FloatArray, float]) -> None:
+        """Covariance and noise as they were; the filters start anew."""
+        self.P, self.sigma = knowledge
+        self.started = self.pending = self.changed = False
+        self.change = self.variance = 0.0
 
     def update(self, u: FloatArray, e_m: float | None, learn: bool = True) -> None:
         """One tick with the regressor u and the innovation e_m, um; None: no measurement came.
@@ -582,7 +608,7 @@ class BoundedKalman:
         if not (explained >= 0 and math.isfinite(explained * e)):  # never observed: P is no longer definite
             self.P = self.P0.copy()
             return False
-        floor, quiet = s.model_error * s.model_error + self.disturbance, self.sigma * self.sigma
+        floor, quiet = s.model_error * s.model_error + self.disturbance + self.caution, self.sigma * self.sigma
         expected = explained + (quiet + floor) / 2
         if not expected > 0:  # no motion, no noise, no error of the model: nothing to divide by
             return False

@@ -9,12 +9,15 @@ WORSE = 4  # nor one below so many times the best,
 NOISES = 6  # nor one of so many standard deviations of a measurement
 FALLS = 0.7  # of the window before: an error that falls so fast is being learned
 BAD = 3  # windows in a row that are a failure,
-BEYOND_ALL = 2  # and where the error is larger than the motion: without a controller it were less
+BAD_AT_FIRST = 5  # while nothing is learned yet,
+BEYOND_ALL = 2  # and where it is larger than half of the motion
 BETTER = 0.7  # of the error that failed: what was restored is better
 FIRST_WAIT = 4  # windows of the first hold,
 LONGEST_WAIT = 256  # and of the longest
 SETTLES = 12  # windows in which the stage may calm down
+LEAST_RANGE = 10  # of the floor: a smaller motion is rest
 RISE = 1.02  # of the best, per window
+CENTRING = 0.5  # of the mean error, in a window
 FORGIVEN = 8  # times `wait` good windows until the next hold is shorter again
 
 
@@ -56,9 +59,10 @@ class Guard:
 
     - *Kept* are weights and covariance of the window with the least error over the range; that least error rises by 2 %
       a window, so that they are not old.
-    - *Learning has failed* after three windows in a row in which the error is above 2 % of the range, four times the
-      least, six times the noise, and does not fall by 30 % a window, as it does where a change is being learned. Two
-      are enough where it is larger than the range. Then the kept weights are held.
+    - *Learning has failed* after three windows (five while nothing was good yet) in which the error is above 2 % of the
+      range, four times the least, six times the noise; one in which it falls by 30 %, as it does where a change is
+      being learned, is not counted. Two are enough where it is larger than half of the range. Then the kept weights are held, but
+      for the offset, which follows the mean error.
     - *They are better* where their error, once it has settled, is below 70 % of the one that failed: the controller
       learns on from there. If they are not, those of the start are held; if these are no better either, learning was
       not the cause, and goes on as if nothing had happened.
@@ -83,7 +87,7 @@ class Guard:
     ...     error = 0.01 * math.exp(1e-3 * k) * math.sin(0.7 * k)
     ...     if (action := guard.update(error, z_d, counts=True, noise=0.001)) is Action.RESTORE:
     ...         break
-    >>> k, f"error {guard.failed:.2f} um"
+    >>> k, f"error {guard.failed:.1%} of the range"
     (4399, 'error 0.55 um')
     """
 
@@ -91,7 +95,8 @@ class Guard:
         self.settings = settings
         self.low = self.high = 0.0  # um: of the motion, over about a second
         self.sum = self.square = self.first = 0.0  # of the error in this window, less its first value
-        self.error = self.failed = 0.0  # um: of the window before, and at which learning has failed
+        self.error = self.failed = 0.0  # over the range: of the window before, and at which learning has failed
+        self.drift = 0.0  # um per tick: of the offset while weights are held, so that the mean error vanishes
         self.best = 0.0  # least error over the range while it learned
         self.ticks = self.counted = self.bad = self.good = self.held = self.pause = 0
         self.wait = FIRST_WAIT  # windows: of the next hold
@@ -99,8 +104,8 @@ class Guard:
 
     @property
     def range(self) -> float:
-        """Of the motion, um."""
-        return self.high - self.low
+        """Of the motion, um: at least ten times the floor."""
+        return max(self.high - self.low, LEAST_RANGE * self.settings.floor)
 
     def update(self, error: float, z_d: float, *, counts: bool, noise: float) -> Action:
         """One tick.
@@ -117,12 +122,20 @@ class Guard:
         self._follow(error, z_d, counts)
         if self.ticks < self.settings.window:
             return Action.NOTHING
-        enough = 4 * self.counted >= self.settings.window
-        found = self._deviation() if enough else 0.0
+        enough, span = 4 * self.counted >= self.settings.window, self.range
+        found = self._deviation() / span if enough else 0.0
+        if enough and self.held > 0:
+            self.drift = CENTRING * (self.first + self.sum / self.counted) / self.settings.window
         self.sum, self.square, self.ticks, self.counted = 0.0, 0.0, 0, 0
         if not enough:
             return Action.NOTHING
-        return self._judge_held(found) if self.held > 0 else self._judge_learned(found, noise)
+        if self.held > 0:
+            return self._judge_held(found)
+        least = SHARE
+        for limit in (self.settings.floor, NOISES * noise):
+            if least * span < limit:
+                least = limit / span
+        return self._judge_learned(found, least)
 
     def _follow(self, error: float, z_d: float, counts: bool) -> None:
         if not self.started:
@@ -154,6 +167,7 @@ class Guard:
         self.held += 1
         if self.held <= (self.wait if better else FIRST_WAIT) or falls:
             return Action.NOTHING
+        self.drift = 0.0
         if not better and self.kept and not self.at_start:
             self.at_start, self.held = True, 1
             return Action.FIRST
@@ -165,22 +179,21 @@ class Guard:
         self.at_start = False
         return Action.ADOPT if better else Action.RETURN
 
-    def _judge_learned(self, error: float, noise: float) -> Action:
-        floor, span = self.settings.floor, self.range
-        limit, least = WORSE * self.best * span, max(SHARE * span, floor, NOISES * noise)
-        large, falls = error > least and error > limit, error < FALLS * self.error
-        most = BEYOND_ALL if error > span and error > 10 * floor else BAD
+    def _judge_learned(self, error: float, least: float) -> Action:
+        large, falls = error > least and error > WORSE * self.best, error < FALLS * self.error
+        most = BEYOND_ALL if 2 * error > 1 else BAD if self.kept else BAD_AT_FIRST
         self.error = error
-        self.bad = 0 if not large or falls or self.pause > 0 else self.bad + 1
+        self.bad = 0 if not large or self.pause > 0 else self.bad + (not falls)
         self.pause -= self.pause > 0
-        if self.bad >= most:
+        if self.bad >= most and not falls:
             self.failed, self.held = error, 1
             return Action.RESTORE
-        self.good = 0 if error > least else self.good + 1
-        if self.good > FORGIVEN * self.wait and self.wait > FIRST_WAIT:
+        self.good = 0 if error > least else min(self.good + 1, FORGIVEN * LONGEST_WAIT)
+        if self.good >= FORGIVEN * self.wait and self.wait > FIRST_WAIT:
             self.wait, self.good = self.wait // 2, 0
         self.best *= RISE
-        if not span > 10 * floor or error > least or (self.kept and error > self.best * span):
+        moves = self.high - self.low > LEAST_RANGE * self.settings.floor
+        if not moves or error > least or (self.kept and error > self.best):
             return Action.NOTHING
-        self.best, self.kept = error / span, True
+        self.best, self.kept = error, True
         return Action.KEEP

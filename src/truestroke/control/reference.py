@@ -17,6 +17,7 @@ from truestroke.base.display import Displayed, Rows
 from truestroke.base.typing import FloatArray
 from truestroke.control.adaptation import LARGEST, RLS, BoundedKalman, FilteringLaw, KalmanSettings, Law, UpdateRefused
 from truestroke.control.controller import Counters, controller_rows
+from truestroke.control.guard import Action, Guard, GuardSettings
 from truestroke.control.oscillation import OscillationDetector, OscillationSettings
 from truestroke.control.sensor import Sensor
 from truestroke.control.settings import CHANGEABLE, SETTINGS, ControllerSettings, kernel_settings
@@ -70,6 +71,17 @@ class _Stage:
     smoothing: float = 0.0  # share of a learned change that the command still lacks a tick later
     rest: float = 0.0  # ticks until learning begins again
     age: float = 0.0  # s since `newer` was kept
+
+
+@dataclass
+class _Kept:
+    """What the guard restores."""
+
+    guard: Guard
+    first: FloatArray  # weights of the start,
+    weights: FloatArray  # those at their best,
+    aside: FloatArray  # and those that failed
+    knowledge: Any = None  # of the law at its best
 
 
 @dataclass
@@ -163,6 +175,7 @@ class ReferenceController(Displayed):
         self._oscillation = OscillationSettings(
             **{f.name: self._c[f"oscillation.{f.name}"] for f in fields(OscillationSettings)}
         )
+        self._guarding = GuardSettings(**{f.name: self._c[f"guard.{f.name}"] for f in fields(GuardSettings)})
 
     def reset(self) -> None:
         """Back to the first tick: plays at 0 V, the law as it was given, counters at zero, not on hold."""
@@ -188,9 +201,10 @@ class ReferenceController(Displayed):
         kinds = [field.name for field in fields(Counters)]
         self.counters = dict.fromkeys(kinds, 0)
         self._saturated = self._projected = self._rejected = self._held = self._changed = self._slewed = False
-        self._oscillating = False
+        self._oscillating = self._restored = False
         self._stage = _Stage(OscillationDetector(self._oscillation), self.law.weights, self.law.weights)
         self._forget_stage()
+        self._begin_guard()
         self._slopes, _ = self._rate_dependent_slopes(0.0)
 
     def start(self, volts: float, z: float) -> None:
@@ -214,6 +228,7 @@ class ReferenceController(Displayed):
         else:
             self._bumpless = -missing
         self._stage.older = self._stage.newer = self.weights
+        self._begin_guard()
 
     def strain(self, position: FloatArray) -> FloatArray | None:
         """`strain_d` of a motion that is known ahead, um; None where the dynamics are not known."""
@@ -238,6 +253,7 @@ class ReferenceController(Displayed):
         before = self._c
         self._take(settings)
         self._stage.detector.settings = self._oscillation
+        self._kept.guard.settings = self._guarding
         if any(before[name] != self._c[name] for name in ("kalman.filter", "smoothing", "resonance")):
             self._forget_stage()
         if self._filtering is not None:
@@ -320,9 +336,8 @@ class ReferenceController(Displayed):
         u = self._sensor.sensed(self._next_lagged()) if path is None else None  # (20)
         now = self._regressor(self._now, self._last.motion)
         first = float(dot(self.law.weights, now))
-        used = self._learn(
-            u, z, motion, learn=self._adapts(learned, beyond) and not self._stage.rest > 0, stands=stands
-        )
+        learns = self._adapts(learned, beyond) and not self._stage.rest > 0 and self._kept.guard.held == 0
+        used = self._learn(u, z, motion, learn=learns, stands=stands)
         if used:  # a learned change reaches the command gradually, so that it does not excite the stage
             self._bumpless += self._stage.smoothing * (float(dot(self.law.weights, now)) - first)
         to_sensor = self._sensor.slow if path is None else path.sensor
@@ -335,6 +350,8 @@ class ReferenceController(Displayed):
             self._stage.detector.miss(error)
         elif path is None:
             self._watch_stage(error, motion.zdot_d, limited)
+        low, high = self.settings.voltage_limits
+        self._watch_learning(error, motion.z_d, used and (low < command.x < high or beyond))
         return used
 
     def _count(self, **kinds: bool) -> None:
@@ -646,6 +663,66 @@ class ReferenceController(Displayed):
                 stage.older, stage.newer, stage.age = stage.newer, law.weights, 0.0
         self._oscillating = stage.rest > 0
 
+    # ---- Never worse than not learning -------------------------------------------------------------------------------
+
+    def _begin_guard(self) -> None:
+        """Until there are better ones, the first weights are the best."""
+        w = self.law.weights
+        self._kept = _Kept(Guard(self._guarding), w, w, w)
+
+    def _move_offset(self, law: FilteringLaw, by: float) -> None:
+        if self.settings.offset:
+            weights = self.weights
+            at = self.settings.columns["offset"]
+            weights[at] = min(max(weights[at] + by, -LARGEST), LARGEST)
+            law.weights = weights
+
+    def _take_weights(self, law: FilteringLaw, weights: FloatArray, *, earlier: bool) -> None:
+        """The command goes on from where it is with other weights; earlier ones miss what has drifted since.
+
+        The feedback waits, for its margins are those of a model that has been learned.
+        """
+        law.weights = weights
+        if earlier:
+            self._move_offset(law, law.missing())
+        self._keep_command()
+        self._alarms = 2 * PAUSE
+
+    def _learn_cautiously(self, law: FilteringLaw) -> None:
+        """What was held is better: its covariance; an error as large as the one that failed counts as noise a while."""
+        guard = self._kept.guard
+        if guard.kept:
+            law.restore(self._kept.knowledge)
+        else:
+            law.reset_covariance()
+        error = min(guard.failed, 1.0) * guard.range
+        law.caution = error * error * guard.settings.window / 4
+
+    def _watch_learning(self, error: float, z_d: float, counts: bool) -> None:
+        law, kept, guard = self._filtering, self._kept, self._kept.guard
+        if law is None or guard.settings.window == 0 or self._held:
+            return
+        resting = self._stage.rest > 0 and guard.held == 0
+        noise = max(kept.knowledge[1] if guard.kept else law.sigma, self._resolution)
+        match guard.update(error, z_d, counts=counts and not resting, noise=noise):
+            case Action.KEEP:
+                kept.weights, kept.knowledge = law.weights, law.knowledge()
+            case Action.RESTORE:
+                kept.aside = law.weights
+                self._take_weights(law, kept.weights, earlier=True)
+                self._count(restored=True)
+            case Action.FIRST:
+                self._take_weights(law, kept.first, earlier=True)
+            case Action.ADOPT:
+                self._learn_cautiously(law)
+            case Action.RETURN:
+                self._take_weights(law, kept.aside, earlier=False)
+        if guard.held > 0:
+            self._move_offset(law, guard.drift)
+        elif guard.ticks == 0:
+            law.caution *= 1 - 0.8 / guard.wait
+        self._restored = guard.held > 0
+
     # ---- Hold, and diagnostics ---------------------------------------------------------------------------------------
 
     __copy__ = copy.deepcopy  # a shallow copy would share arrays and kernels
@@ -686,5 +763,5 @@ class ReferenceController(Displayed):
     def flag_bits(self) -> int:
         """The flags of the last tick as a bit mask, in the order of `truestroke.base.flags`."""
         adapted = (self._rejected, self._held, self._changed)
-        flags = (self._saturated, self._projected, *adapted, self._slewed, self._oscillating)
+        flags = (self._saturated, self._projected, *adapted, self._slewed, self._oscillating, self._restored)
         return sum(bool(flag) << place for place, flag in enumerate(flags))

@@ -677,4 +677,4 @@ def _derived(s: ControllerSettings) -> dict[str, float]:
         "guard.range_rate": min(1.0, RANGE_RATE / fs),
         "guard.floor": GUARD_FLOOR * s.stroke,
     }
-    return members if s.law == "kalman" else dict.fromkeys(members, 0.0)
+    return members if s.law == "kalman" else {name: type(value)(0) for name, value in members.items()}

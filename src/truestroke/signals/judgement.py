@@ -297,6 +297,18 @@ def _oscillated(run: _Run) -> Finding | None:
     )
 
 
+def _restored(run: _Run) -> Finding | None:
+    """Whether the controller gave up what it had learned."""
+    count = run.metrics.restored_ticks
+    if not count:
+        return None
+    return "doubtful", (
+        f"Learning made the error larger: in {_percent(count / run.metrics.ticks)} of the ticks the controller held earlier "
+        "weights. The stage moves faster than its model: measure its dynamics before the run, `truestroke bode`, or "
+        "again if they are given."
+    )
+
+
 def _resonance(recording: Recording) -> str:
     """First resonance in the controller at the end, Hz, in two digits; empty without one."""
     known, axis = (recording.metadata.get(name) for name in ("resonance", "axis"))
@@ -332,7 +344,7 @@ def _unsettled(run: _Run) -> Finding | None:
     return None
 
 
-CHECKS = (_ending, _saturated, _missed, _gain, _unmeasured, _rejected, _oscillated, _unsettled, _slewed, _alarmed)
+CHECKS = (_ending, _saturated, _missed, _gain, _unmeasured, _rejected, _oscillated, _restored, _unsettled, _slewed, _alarmed)
 
 
 def _rms(error: FloatArray) -> float:

@@ -308,7 +308,7 @@ class TrackingSummary:
         Stroke of the actuator, and the sensor's noise (`noise` of the measured error).
     ticks, missing_ticks : int
         All ticks, and those without a measurement, which are left out.
-    saturated_ticks, ..., oscillating_ticks : int or None
+    saturated_ticks, ..., restored_ticks : int or None
         How often each of `truestroke.base.flags` was up; None where the controller has no flags.
     """
 
@@ -337,6 +337,7 @@ class TrackingSummary:
     changed_ticks: int | None
     slewed_ticks: int | None
     oscillating_ticks: int | None
+    restored_ticks: int | None
 
     def as_dict(self) -> dict[str, float | int | None]:
         """All metrics by name, for JSON."""
