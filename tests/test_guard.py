@@ -1,4 +1,4 @@
-"""Never worse than not learning: bursts end, false reasons cost a hold, and a real change is learned as fast as before."""
+"""Never worse than not learning: bursts end, other reasons cost a hold, and a change is learned as before."""
 
 from __future__ import annotations
 
@@ -29,17 +29,16 @@ def errors(recording) -> tuple[float, float]:
 
 @pytest.mark.parametrize(
     ("f0", "frequency", "rate", "told"),
-    [(300.0, 100.0, 10_000.0, 1.3), (90.0, 20.0, 10_000.0, 1.3), (50.0, 10.0, 5_000.0, None)],
-    ids=["f0 30 % wrong", "soft, 30 % wrong", "soft, nothing known", "x"],
+    [(300.0, 100.0, 10_000.0, 1.3), (90.0, 20.0, 10_000.0, 1.3), (700.0, 233.0, 10_000.0, None)],
+    ids=["f0 30 % wrong", "soft, 30 % wrong", "nothing known"],
 )
 def test_what_burst_before_is_better_than_a_straight_line(f0, frequency, rate, told) -> None:
-    """Without the guard 1088, 962 and 78 % of peak to peak."""
+    """Without the guard up to 1088, 962 and 349 % of peak to peak."""
     settings = stage(f0, rate)
     dynamics = None if told is None else dataclasses.replace(settings, resonances=(f0 * told,)).dynamics()
     wave = trajectories.sine(frequency=frequency, peak_to_peak=SPAN, duration=2.0, sample_rate=rate)
     controller = AdaptiveController(sample_rate=rate, **LIMITS, dynamics=dynamics, slew_limit=1e5)
     rms, largest = errors(run(wave, controller, StagePlant(settings)))
-    print(rms, largest, controller.counters)
     assert 1 <= controller.counters.restored <= 6
     assert largest < 60
     line = ConstantGain(30.0 / 3.6, LIMITS["voltage_limits"])
@@ -66,7 +65,7 @@ def watched(controller, calms: bool) -> list[list[float]]:
     for k in range(1500):
         z_d = 15 - 10 * np.cos(0.02 * k)
         volts = controller.command(z_d, 4.0 * np.sin(0.02 * k) * 50)
-        shaken = k > 500 and not (calms and (controller.flag_bits & 128 or not shaken and k > 501))
+        shaken = k > 500 and not (calms and (controller.flag_bits & 128 or (not shaken and k > 501)))
         controller.adapt(z_d + 0.02 * rng.standard_normal() + shaken * 6 * np.sin(1.3 * k))
         seen.append([volts, controller.flag_bits, *controller.weights])
     return seen

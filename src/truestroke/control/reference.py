@@ -674,7 +674,7 @@ class ReferenceController(Displayed):
         if self.settings.offset:
             weights = self.weights
             at = self.settings.columns["offset"]
-            weights[at] = min(max(weights[at] + by, -LARGEST), LARGEST)
+            weights[at] = np.clip(weights[at] + by, -LARGEST, LARGEST)
             law.weights = weights
 
     def _take_weights(self, law: FilteringLaw, weights: FloatArray, *, earlier: bool) -> None:

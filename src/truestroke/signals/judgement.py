@@ -303,9 +303,9 @@ def _restored(run: _Run) -> Finding | None:
     if not count:
         return None
     return "doubtful", (
-        f"Learning made the error larger: in {_percent(count / run.metrics.ticks)} of the ticks the controller held earlier "
-        "weights. The stage moves faster than its model: measure its dynamics before the run, `truestroke bode`, or "
-        "again if they are given."
+        f"Learning made the error larger: in {_percent(count / run.metrics.ticks)} of the ticks the controller held "
+        "earlier weights. The stage moves faster than its model: measure its dynamics before the run, "
+        "`truestroke bode`, or again if they are given."
     )
 
 
@@ -344,7 +344,19 @@ def _unsettled(run: _Run) -> Finding | None:
     return None
 
 
-CHECKS = (_ending, _saturated, _missed, _gain, _unmeasured, _rejected, _oscillated, _restored, _unsettled, _slewed, _alarmed)
+CHECKS = (
+    _ending,
+    _saturated,
+    _missed,
+    _gain,
+    _unmeasured,
+    _rejected,
+    _oscillated,
+    _restored,
+    _unsettled,
+    _slewed,
+    _alarmed,
+)
 
 
 def _rms(error: FloatArray) -> float:
