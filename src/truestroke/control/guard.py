@@ -88,7 +88,7 @@ class Guard:
     ...     if (action := guard.update(error, z_d, counts=True, noise=0.001)) is Action.RESTORE:
     ...         break
     >>> k, f"error {guard.failed:.1%} of the range"
-    (4399, 'error 0.55 um')
+    (4299, 'error 2.5% of the range')
     """
 
     def __init__(self, settings: GuardSettings) -> None:
