@@ -5,8 +5,9 @@ python -m benchmarks.foreign_rivals --records duhem --seed 1   those whose descr
 python -m benchmarks.foreign_rivals --skip NARX                without one of them
 
 Each is fitted to the first 60 % and predicts the rest from the voltage alone. What it can choose it chooses inside the
-first 60 %: fitted to four fifths of them, judged on the last. NARX needs sysidentpy, which wants an older NumPy than
-the rest: `pip install 'truestroke[rivals]'` in an environment of its own. Without it that column is empty.
+first 60 %: fitted to four fifths of them, judged on the last. Where the last part is of another day, all take its zero
+from its first twentieth. NARX needs sysidentpy, which wants an older NumPy than the rest:
+`pip install 'truestroke[rivals]'` in an environment of its own. Without it that column is empty.
 """
 
 from __future__ import annotations
@@ -25,6 +26,8 @@ from truestroke.identification import Identified, Record, identify
 from truestroke.model.operators import play_history
 
 POINTS = 3000  # of the training part at most, for the models that are slow to fit
+ANOTHER_DAY = 3600.0  # s: after a longer gap the zero is another one
+ZERO = 0.05  # of the held-out part: rows from which all take the zero of another day
 VALIDATED = 0.8  # of the training part: what is fitted where a choice is judged on the rest
 LAGS = np.array([1, 2, 4, 8, 16, 32, 64, 128])  # decimated samples, of the trees
 
@@ -342,10 +345,12 @@ def compared(record: Record, rivals: Iterable[str] = tuple(RIVALS)) -> Compared:
         (trace.volts - low) / span, (trace.displacement - trace.displacement.mean()) / scale, trace.known,
         int(np.argmax(trace.held_out)),
     )  # fmt: skip
-    judged = trace.held_out & trace.known
+    judged = np.flatnonzero(trace.held_out & trace.known)
+    first = judged[: round(ZERO * judged.size)] if np.diff(record.time).max() > ANOTHER_DAY else judged[:0]
 
     def percent(off: np.ndarray) -> float:
-        return 100 * float(np.sqrt(np.mean(off[judged] ** 2)))
+        zero = float(np.median(off[first])) if first.size else 0.0
+        return 100 * float(np.sqrt(np.mean((off[judged] - zero) ** 2)))
 
     errors = {name: percent(RIVALS[name](task) - task.z) for name in rivals if installed(name)}
     errors = {name: error if np.isfinite(error) else np.inf for name, error in errors.items()}  # ran away
