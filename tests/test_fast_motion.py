@@ -51,6 +51,20 @@ def test_a_soft_stage_in_a_fast_loop() -> None:
 
 
 @pytest.mark.filterwarnings("ignore::truestroke.LimitWarning")
+@pytest.mark.parametrize(("kind", "resonance", "frequency"), [("plays", 600.0, 93.0), ("preisach", 300.0, 90.0)])
+def test_the_inertia_is_learned_where_nothing_is_known(kind, resonance, frequency) -> None:
+    """0.8 % of p-p, rms, and a quarter of what the law without the term leaves; the weight is that of the stage."""
+    plant = StageSettings(
+        sample_rate=RATE, hysteresis_kind=kind, resonances=(resonance,), dampings=(0.015,), voltage_limits=LIMITS
+    )
+    error, controller = followed(plant, frequency, inertia=True)
+    without, _ = followed(plant, frequency)
+    assert error.std() < min(0.16, without.std() / 4)
+    weight = controller.weights[controller.settings.names.index("inertia")]
+    assert -weight == pytest.approx(1 / (2 * np.pi * resonance) ** 2, rel=0.4)
+
+
+@pytest.mark.filterwarnings("ignore::truestroke.LimitWarning")
 @pytest.mark.parametrize("wrong", [0.97, 1.03])
 def test_a_resonance_that_is_3_percent_wrong(wrong) -> None:
     plant = StageSettings(sample_rate=RATE, resonances=(700.0,), dampings=(0.01,), voltage_limits=LIMITS)
@@ -152,6 +166,20 @@ def test_kernel_and_numpy_text_in_the_loop_of_run() -> None:
         first = run(wave, controller, plant)["volts"]
         controller.change(hum=50.0)
         volts.append([*first, *run(wave, controller, plant)["volts"]])
+    assert volts[0] == volts[1]
+
+
+@pytest.mark.filterwarnings("ignore::truestroke.LimitWarning")
+def test_kernel_and_numpy_text_where_the_inertia_is_learned() -> None:
+    """A stage that rings, and whose oscillation is found: the same to the last bit."""
+    wave = trajectories.sine(
+        frequency=20.0, peak_to_peak=20.0, duration=0.3, sample_rate=2000.0, offset=12.0, ramp=0.05
+    )
+    settings = ControllerSettings(sample_rate=2000.0, stroke=24.0, voltage_limits=LIMITS, inertia=True)
+    volts = []
+    for make in (AdaptiveController.from_settings, ReferenceController):
+        plant = StageSettings(sample_rate=2000.0, resonances=(80.0,), dampings=(0.01,), voltage_limits=LIMITS)
+        volts.append(run(wave, make(settings), StagePlant(plant, seed=1))["volts"].tolist())
     assert volts[0] == volts[1]
 
 

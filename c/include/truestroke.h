@@ -191,6 +191,9 @@ TS_API void ts_kalman_reset_covariance(ts_kalman *k, const ts_real *P0, int m);
 /* The filters start at 0, in place of the first regressor and measurement, unless they have started. */
 TS_API void ts_kalman_start_filters(ts_kalman *k, int m);
 
+/* Weight i is independent of all others from now on, with this variance. */
+TS_API void ts_kalman_separate(ts_kalman *k, int i, ts_real variance, int m);
+
 /* Whether a measurement with this innovation is a spike; at most `outliers` in a row are. smooth: the innovation of a good
  * measurement may be as large, but `noisy`, which ts_kalman_tick is given in its place, not as sudden. */
 TS_API bool ts_kalman_is_spike(ts_kalman *k, const ts_kalman_settings *s, ts_real innovation, ts_real noisy, bool smooth);
@@ -357,6 +360,19 @@ typedef struct {
     uint64_t ticks;                   /* whose measurement is in them */
 } ts_dynamics_state;
 
+/* ---- Inertia that is measured --------------------------------------------------------------------------------------- */
+
+/* Where the stage is not known and the model has the term of the inertia: while the error shows that the stage rings, velocity
+ * and acceleration of the law's regressor are those of the measurement, as central differences about the tick before. */
+typedef struct {
+    ts_real u[TS_PADDED(TS_MAX_PARAMETERS)]; /* the regressor of the tick before */
+    ts_real y;                        /* um: and what w.u should have been */
+    ts_real error[2];                 /* um: measured less desired, of the last two ticks, the newer first */
+    ts_real once, twice[2];           /* um: behind the first of the two poles, and behind both in the last two ticks */
+    ts_real power;                    /* um^2: mean square of the second difference of that */
+    bool started, rings;
+} ts_ringing;
+
 /* ---- Controller (Sec. 3, Fig. 5) ----------------------------------------------------------------------------------- */
 
 typedef enum { TS_LAW_RLS, TS_LAW_KALMAN } ts_law;
@@ -475,6 +491,7 @@ typedef struct {
         ts_rls rls;
         ts_kalman kalman;
     } law;
+    ts_ringing ringing;               /* Kalman */
     ts_oscillation oscillation;       /* Kalman */
     ts_stage stage;                   /* Kalman */
     ts_guard guard;                   /* Kalman */

@@ -12,6 +12,11 @@
 #define REST_PERIODS 6            /* of the oscillation: longest pause of adaptation, */
 #define REST_HALF_WAVES 7         /* and half-waves of the ringing after which it continues */
 
+#define RINGS 4                   /* times the noise's: mean square of the second difference of the error where the stage rings */
+#define JUMP 16                   /* times the noise's: what one tick may add to it; a jump is no ringing */
+#define RINGING_RATE 50           /* 1/s: how fast that mean follows */
+#define FOUND ((ts_real)0.2)      /* relative standard deviation of the inertia of a resonance that an oscillation has */
+
 /* ---- Settings ---------------------------------------------------------------------------------------------------- */
 
 static bool bounded(ts_real x) { return x >= -TS_LARGEST && x <= TS_LARGEST; }
@@ -389,11 +394,63 @@ static bool frozen(ts_controller *c, ts_real z, ts_real predicted, bool stands)
     return moved > still || moved < -still;
 }
 
+/* Whether the inertia of the stage is learned from the measured acceleration. */
+static bool measures_inertia(const ts_settings *s)
+{
+    return s->terms[TS_INERTIA] && !s->dynamics.known && s->law == TS_LAW_KALMAN && s->oscillation.tick > 0;
+}
+
+/* Whether the error, behind the law's filter, moves more than noise does. Noise of variance 1 has a second difference of
+ * variance 2 a^4 (4 - a) / (2 - a)^3 there. */
+static bool rings(ts_controller *c, ts_real error)
+{
+    ts_ringing *r = &c->ringing;
+    const ts_kalman *k = &c->law.kalman;
+    ts_real a = k->filter, rest = 2 - a, rate = c->settings.oscillation.tick * RINGING_RATE, floor = c->settings.kalman.model_error;
+    r->once += a * (error - r->once);
+    ts_real twice = r->twice[0] + a * (r->once - r->twice[0]), d = twice - 2 * r->twice[0] + r->twice[1];
+    r->twice[1] = r->twice[0];
+    r->twice[0] = twice;
+    ts_real noise = (k->sigma * k->sigma + floor * floor) * (2 * (a * a * a * a) * (4 - a) / (rest * rest * rest)), most = JUMP * noise;
+    r->power += (rate < 1 ? rate : 1) * ((d * d < most ? d * d : most) - r->power);
+    return r->power > RINGS * noise;
+}
+
+/* The regressor for the law: u itself, or, while the stage rings, that of the tick before, in `space`, with the measured
+ * velocity and acceleration; *y is then what belongs to it. */
+static const ts_real *with_inertia(ts_controller *c, const ts_real *u, ts_real *y, bool learn, ts_real *space)
+{
+    const ts_settings *s = &c->settings;
+    ts_ringing *r = &c->ringing;
+    const ts_motion *d = &c->motion[(c->lagged.ticks - 1) % TS_HISTORY];
+    ts_real T = s->oscillation.tick, shown = s->sensor.slow[0] * d->zdot_d + s->sensor.slow[1] * d->zddot_d;
+    ts_real error = *y - (through_dead_zones(s, d->z_d) + d->ahead + shown);
+    bool first = !r->started || !learn;
+    r->started = learn;
+    if (first) r->error[0] = r->error[1] = r->once = r->twice[0] = r->twice[1] = error;
+    r->rings = rings(c, error) && !first;
+    if (r->rings) {
+        ts_real velocity = (error - r->error[1]) / (2 * T), acceleration = (error - 2 * r->error[0] + r->error[1]) / (T * T), now = *y;
+        int place = c->of_plays + s->terms[TS_CREEP];
+        memcpy(space, r->u, sizeof r->u);
+        if (s->terms[TS_LAG]) space[place++] += within(velocity, -TS_LARGEST, TS_LARGEST);
+        space[place] += within(acceleration, -TS_LARGEST, TS_LARGEST);
+        *y = r->y;
+        r->y = now;
+    } else r->y = *y;
+    memcpy(r->u, u, sizeof r->u);
+    r->error[1] = r->error[0];
+    r->error[0] = error;
+    return r->rings ? space : u;
+}
+
 /* One tick of the law: u.w should be y; innovation 0 and measured false where the measurement is missing or rejected. */
 static void adapt_kalman(ts_controller *c, const ts_real *u, ts_real y, ts_real innovation, bool measured, bool learn)
 {
     const ts_settings *s = &c->settings;
     ts_kalman *k = &c->law.kalman;
+    ts_real space[TS_PADDED(TS_MAX_PARAMETERS)];
+    if (measures_inertia(s)) u = with_inertia(c, u, &y, learn, space);
     if (!ts_kalman_tick(k, &s->kalman, s->initial_weights, s->prior, c->w, u, y, innovation, measured, learn, c->parameters)) return;
     if (outside(c, c->fastest)) { /* slopes are linear in the rate: its two ends are the worst */
         project_slope(c, c->fastest);
@@ -561,19 +618,26 @@ static void keep_weights(ts_controller *c, bool start)
     c->stage.age = 0;
 }
 
-/* Quantities that follow from a measured resonance: the law's filter ends at half of it, and is no higher than
- * `highest` unless that is far lower; a learned change takes a period of it to reach the command, which includes the
- * inertia. */
+/* Quantities that follow from a measured resonance: the law's filter ends at half of it (at it where the inertia is learned),
+ * and is no higher than `highest` unless that is far lower; a learned change takes a period of it to reach the command, which
+ * includes the inertia. */
 static void adopt_resonance(ts_controller *c, ts_real frequency, ts_real highest)
 {
     const ts_settings *s = &c->settings;
     ts_kalman *k = &c->law.kalman;
-    ts_real w = TS_PI * frequency, pole = w / (1 + w), smoothing = 1 / (1 + frequency);
+    bool learned = measures_inertia(s);
+    ts_real w = (learned ? 2 * TS_PI : TS_PI) * frequency, pole = w / (1 + w), smoothing = 1 / (1 + frequency);
     if (pole > highest) pole = highest > pole / 8 ? highest : pole / 8;
     k->filter = pole < s->kalman.filter ? pole : s->kalman.filter;
     if (c->stage.smoothing < smoothing) c->stage.smoothing = smoothing;
     c->stage.resonance = frequency;
-    c->stage.inertia = inertia_of(s, frequency);
+    c->stage.inertia = learned ? 0 : inertia_of(s, frequency);
+    if (!learned) return;
+    int place = c->of_plays + s->terms[TS_CREEP] + s->terms[TS_LAG];
+    ts_real inertia = inertia_of(s, frequency) * s->oscillation.tick, deviation = FOUND * inertia;
+    c->w[place] = -inertia;
+    ts_kalman_separate(k, place, deviation * deviation, c->parameters);
+    keep_command(c);
 }
 
 /* The first time: earlier weights are restored, with the covariance of the prior. Then adaptation pauses, with a lower
@@ -633,7 +697,7 @@ static void watch_stage(ts_controller *c, ts_real error, ts_real zdot_d, bool li
         if (!(c->stage.rest > 0) && o->regular >= 4)
             adopt_resonance(c, ts_oscillation_frequency(o, o->regular < 6 ? 4 : 6),
                             c->counters.oscillating > 1 ? c->law.kalman.filter : 1);
-    } else if (found > 0 && !limited && found > NOT_BELOW * c->stage.resonance && !c->hold) {
+    } else if (found > 0 && !(o->found && measures_inertia(s)) && !limited && found > NOT_BELOW * c->stage.resonance && !c->hold) {
         retreat(c, found);
     } else {
         c->stage.age += s->oscillation.tick;
@@ -804,7 +868,8 @@ static bool learn_from(ts_controller *c, const ts_real *u, ts_real z, const ts_m
     c->innovation = staged ? z - predicted : through_dead_zones(s, z) + d->ahead - predicted; /* (15) */
     if (s->law == TS_LAW_RLS) return adapt_rls(c, u, !c->hold);
     ts_real noisy = staged ? quiet(c, c->innovation) : c->innovation;
-    bool used = !frozen(c, z, predicted, stands), spike = used && ts_kalman_is_spike(k, &s->kalman, c->innovation, noisy, staged);
+    bool used = !frozen(c, z, predicted, stands), smooth = staged || c->ringing.rings;
+    bool spike = used && ts_kalman_is_spike(k, &s->kalman, c->innovation, noisy, smooth);
     ts_real innovation = used && !spike ? c->innovation : 0;
     bool learn = adapts(c, limited, back) && !(c->stage.rest > 0) && c->guard.held == 0;
     used = used && !spike;

@@ -37,6 +37,16 @@ void ts_kalman_init(ts_kalman *k, const ts_real *P0, ts_real sigma, int m)
     k->since_change = INT32_MAX;
 }
 
+void ts_kalman_separate(ts_kalman *k, int i, ts_real variance, int m)
+{
+    int block = i - i % TS_LANES;
+    for (int j = 0; j < i; j++) k->P[TS_ROW(i) + j] = 0;
+    for (int j = block; j < m; j++) k->P[TS_ROW(j) + i] = 0;
+    for (int j = i; j < block + TS_LANES; j++) k->P[TS_ROW(i) + j] = 0;
+    k->P[TS_ROW(i) + i] = variance;
+    k->pending = k->changed = false;
+}
+
 void ts_kalman_reset_covariance(ts_kalman *k, const ts_real *P0, int m)
 {
     restart(k->P, P0, m);

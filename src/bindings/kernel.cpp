@@ -141,6 +141,15 @@ template <typename Controller, typename Visit> void each_array(Controller &c, Vi
     visit("started", &k.started, 1);
     visit("pending", &k.pending, 1);
     visit("changed", &k.changed, 1);
+    auto &r = c.ringing;
+    visit("ringing_regressor", &r.u[0], m);
+    visit("ringing_measured", &r.y, 1);
+    visit("ringing_error", &r.error[0], 2);
+    visit("ringing_once", &r.once, 1);
+    visit("ringing_twice", &r.twice[0], 2);
+    visit("ringing_power", &r.power, 1);
+    visit("ringing_started", &r.started, 1);
+    visit("rings", &r.rings, 1);
     auto &o = c.oscillation;
     visit("error_fast", &o.fast, 1);
     visit("error_slow", &o.slow, 1);
@@ -267,6 +276,7 @@ void check_kalman(const ts_controller &c) {
     not_negative("innovation_variance", k.variance);
     not_negative("noise", k.sigma);
     not_negative("ringing", k.ringing);
+    not_negative("ringing_power", c.ringing.power);
     require_range("change", k.change, 0, 100);
     require_range("usual", k.usual, 0, 100);
     require_range("since_change", k.since_change, 0, INT32_MAX);

@@ -84,6 +84,9 @@ class FilteringLaw(Law, Protocol):
     def reset_covariance(self) -> None:
         """The covariance of the prior again."""
 
+    def separate(self, place: int, variance: float) -> None:
+        """A weight that is independent of all others."""
+
     def start_filters(self) -> None:
         """The filters start at 0, in place of the first regressor and measurement, unless they have started."""
 
@@ -534,6 +537,13 @@ class BoundedKalman:
         self.P, self.sigma = knowledge
         self.started = self.pending = self.changed = False
         self.change = self.variance = 0.0
+
+    def separate(self, place: int, variance: float) -> None:
+        """The weight at `place` is independent of all others from now on, with this variance."""
+        self.P = self.P.copy()
+        self.P[place, :] = self.P[:, place] = 0.0
+        self.P[place, place] = variance
+        self.pending = self.changed = False
 
     def update(self, u: FloatArray, e_m: float | None, learn: bool = True) -> None:
         """One tick with the regressor u and the innovation e_m, um; None: no measurement came.

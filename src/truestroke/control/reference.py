@@ -45,6 +45,10 @@ RESUME = 20.0  # 1/s: and below which it continues
 REST_PERIODS = 6  # of the oscillation: longest pause of adaptation,
 REST_HALF_WAVES = 7  # and half-waves of the ringing after which it continues
 KEEP = 0.03  # s: how often the weights are kept
+RINGS = 4  # times the noise's: mean square of the second difference of the error where the stage rings
+JUMP = 16  # times the noise's: what one tick may add to it; a jump is no ringing
+RINGING_RATE = 50  # 1/s: how fast that mean follows
+FOUND = 0.2  # relative standard deviation of the inertia of a resonance that an oscillation has
 
 BEYOND = 10
 """Limited ticks beyond the desired displacement after which the model is considered wrong, not the limit. TS_BEYOND."""
@@ -82,6 +86,30 @@ class _Kept:
     weights: FloatArray  # those at their best,
     aside: FloatArray  # and those that failed
     knowledge: Any = None  # of the law at its best
+
+
+@dataclass
+class _Ringing:
+    """Whether the stage rings, and what the measured acceleration needs of earlier ticks: ts_ringing of the kernel."""
+
+    u: FloatArray | None = None  # the regressor of the tick before; None: there is none
+    y: float = 0.0  # um: and what w.u should have been
+    error: tuple[float, float] = (0.0, 0.0)  # um: measured less desired, of the last two ticks, the newer first
+    once: float = 0.0  # um: behind the first of the two poles,
+    twice: tuple[float, float] = (0.0, 0.0)  # and behind both in the last two ticks
+    power: float = 0.0  # um^2: mean square of the second difference of that
+    rings: bool = False
+
+    def update(self, error: float, a: float, rate: float, noise: float) -> bool:
+        """Whether the error, behind the law's filter a, moves more than noise of that variance, um^2, does."""
+        rest = 2 - a
+        self.once += a * (error - self.once)
+        newer, older = self.twice
+        twice = newer + a * (self.once - newer)
+        d, noise = twice - 2 * newer + older, noise * (2 * (a * a * a * a) * (4 - a) / (rest * rest * rest))
+        self.twice = twice, newer
+        self.power += min(rate, 1.0) * (min(d * d, JUMP * noise) - self.power)
+        return self.power > RINGS * noise
 
 
 @dataclass
@@ -202,6 +230,9 @@ class ReferenceController(Displayed):
         self.counters = dict.fromkeys(kinds, 0)
         self._saturated = self._projected = self._rejected = self._held = self._changed = self._slewed = False
         self._oscillating = self._restored = False
+
+        self._oscillating = False
+        self._ringing = _Ringing()
         self._stage = _Stage(OscillationDetector(self._oscillation), self.law.weights, self.law.weights)
         self._forget_stage()
         self._begin_guard()
@@ -528,7 +559,8 @@ class ReferenceController(Displayed):
         if law is None:
             return self._learn_otherwise(u)
         used = not self._is_frozen(z, predicted, stands)
-        used = used and not law.is_spike(self._innovation, path.quiet(self._innovation) if path is not None else None)
+        noisy = path.quiet(self._innovation) if path is not None else self._innovation if self._ringing.rings else None
+        used = used and not law.is_spike(self._innovation, noisy)
         innovation = self._innovation if used else 0.0
         if path is not None:
             self._learn_staged(path, z if used else predicted, innovation, measured=used, learn=learn)
@@ -558,10 +590,40 @@ class ReferenceController(Displayed):
     def _update(
         self, law: FilteringLaw, u: FloatArray, y: float, innovation: float, *, measured: bool, learn: bool
     ) -> None:
+        if self._measures_inertia:
+            u, y = self._with_inertia(law, u, y, learn=learn)
         if law.tick(u, y, innovation, measured=measured, learn=learn):  # (23)
             self._project_slope(law, self._fastest)  # slopes are linear in the rate:
             self._project_slope(law, -self._fastest)  # its two ends are the worst
             self._changed = law.changed
+
+    @property
+    def _measures_inertia(self) -> bool:
+        """Whether the inertia of the stage is learned from the measured acceleration."""
+        return self.settings.inertia and self._path is None and self._oscillation.tick > 0
+
+    def _with_inertia(self, law: FilteringLaw, u: FloatArray, y: float, *, learn: bool) -> tuple[FloatArray, float]:
+        """Regressor and measurement for the law: u and y, or, while the stage rings, those of the tick before.
+
+        Velocity and acceleration are then the measured ones, as central differences about that tick.
+        """
+        r, tick, motion = self._ringing, self._oscillation.tick, self._waiting[self._lagged.ticks - 1].motion
+        shown = self._sensor.slow[0] * motion.zdot_d + self._sensor.slow[1] * motion.zddot_d
+        error = y - (self._through_dead_zones(motion.z_d) + motion.ahead + shown)
+        before = r.u if learn else None
+        if before is None:
+            r.error, r.once, r.twice = (error, error), error, (error, error)
+        noise = law.sigma * law.sigma + law.settings.model_error * law.settings.model_error
+        r.rings = r.update(error, law.filter, tick * RINGING_RATE, noise) and before is not None
+        used = u, y
+        if r.rings and before is not None:
+            newer, older = r.error
+            columns, moved = self.settings.columns, before.copy()
+            moved[columns["lag"]] += min(max((error - older) / (2 * tick), -LARGEST), LARGEST)
+            moved[columns["inertia"]] += min(max((error - 2 * newer + older) / (tick * tick), -LARGEST), LARGEST)
+            used = moved, r.y
+        r.u, r.y, r.error = u if learn else None, y, (error, r.error[0])
+        return used
 
     def _project_slope(self, law: FilteringLaw, zdot_d: float) -> None:
         """Move the weights so that the partial slope that is furthest outside its limits is on its limit."""
@@ -599,16 +661,25 @@ class ReferenceController(Displayed):
     def _adopt_resonance(self, law: FilteringLaw, frequency: float, highest: float) -> None:
         """The quantities that follow from a measured resonance, cycles per tick.
 
-        The law's filter ends at half of it, and is no higher than `highest` unless that is far lower; a learned change
-        takes a period of it to reach the command, which includes the inertia.
+        The law's filter ends at half of it (at it where the inertia is learned), and is no higher than `highest` unless
+        that is far lower; a learned change takes a period of it to reach the command, which includes the inertia.
         """
-        w = math.pi * frequency
+        learned = self._measures_inertia
+        w = (2 * math.pi if learned else math.pi) * frequency
         pole = w / (1 + w)
         if pole > highest:
             pole = max(highest, pole / 8)
         law.filter = min(pole, self._c["kalman.filter"])
         self._stage.smoothing = max(self._stage.smoothing, 1 / (1 + frequency))
-        self._stage.resonance, self._stage.inertia = frequency, self._inertia_of(frequency)
+        self._stage.resonance, self._stage.inertia = frequency, 0.0 if learned else self._inertia_of(frequency)
+        if not learned:
+            return
+        inertia, place = self._inertia_of(frequency) * self._oscillation.tick, self.settings.columns["inertia"].start
+        weights = self.weights
+        weights[place] = -inertia
+        law.weights = weights
+        law.separate(place, (FOUND * inertia) * (FOUND * inertia))
+        self._keep_command()
 
     def _retreat(self, law: FilteringLaw, frequency: float) -> None:
         """The first time: earlier weights, the covariance of the prior; then a pause, with a lower filter."""
@@ -655,7 +726,13 @@ class ReferenceController(Displayed):
                 again = self.counters["oscillating"] > 1
                 found = detector.frequency(4 if detector.regular < 6 else 6)
                 self._adopt_resonance(law, found, law.filter if again else 1.0)
-        elif found > 0 and not limited and found > NOT_BELOW * stage.resonance and not self._held:
+        elif (
+            found > 0
+            and not (detector.found and self._measures_inertia)
+            and not limited
+            and found > NOT_BELOW * stage.resonance
+            and not self._held
+        ):
             self._retreat(law, found)
         else:
             stage.age += self._oscillation.tick

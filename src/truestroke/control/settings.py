@@ -35,6 +35,7 @@ SMOOTHING = 0.72e-3  # s: smoothing_time where no resonance is known
 SMOOTHING_PERIODS = 0.216  # of the resonance: the same ratio to the corner of the law's filter
 FILTER_SHARE = 1.2  # of the first resonance: corner of the law's filter where the stage is known
 LAG_SHARE, INERTIA_SHARE = 0.01, 0.05  # of 1 / w0 and 1 / w0^2: what may be missing in known dynamics, one deviation
+RESONANCE_SHARE = 0.1  # of 1 / w0^2: the same where only the resonance is set
 SLEW = 120.0  # voltage ranges a second
 SLEW_OF_RESONANCE = 6.0  # voltage ranges in a period of the resonance
 MOTION_RATE = 10.0  # 1/s: how fast the means of the motion follow
@@ -262,9 +263,12 @@ def default_covariance(s: ControllerSettings) -> FloatArray | None:
 
 
 def _terms(s: ControllerSettings) -> Mapping[str, Term]:
-    """What is expected of the known terms: lag and inertia are in the dynamics, but for their errors."""
-    if s.dynamics is None:
+    """The known terms: lag and inertia are in the dynamics, or in `resonance`, but for their errors."""
+    if s.dynamics is None and not s.resonance:
         return TERMS
+    if s.dynamics is None:
+        w = 2 * math.pi * s.resonance
+        return {**TERMS, "inertia": dataclasses.replace(TERMS["inertia"], mean=0.0, deviation=RESONANCE_SHARE / w**2)}
     w = 2 * math.pi * s.dynamics.modes[0].frequency
     errors = {"lag": LAG_SHARE / w, "inertia": INERTIA_SHARE / w**2}
     return {**TERMS, **{name: dataclasses.replace(TERMS[name], mean=0.0, deviation=d) for name, d in errors.items()}}

@@ -166,10 +166,13 @@ def run(
 
 
 def wanted(trajectory: Trajectory, controller: Any) -> list[FloatArray]:
-    """The arguments of `command`, an array each: acceleration and strain, too, of a controller that knows its stage."""
+    """The arguments of `command`, an array each: acceleration and strain, too, of a controller that uses them."""
     motion = [trajectory.position, trajectory.velocity]
     strain = controller.strain(trajectory.position) if hasattr(controller, "strain") else None
-    return motion if strain is None else [*motion, trajectory.acceleration, strain]
+    if strain is not None:
+        return [*motion, trajectory.acceleration, strain]
+    used = getattr(getattr(controller, "settings", None), "inertia", False)
+    return [*motion, trajectory.acceleration] if used is True else motion
 
 
 def _check_types(trajectory: Trajectory, controller: Controller, actuator: Actuator, progress: Any) -> None:

@@ -124,8 +124,10 @@ def motion(trajectory: Trajectory | SetPoint, target: memoryview[float], control
     z_d, zdot_d, *known = (numbers(array) for array in wanted(trajectory, controller))
     if not known:
         return lambda k: (z_d[k], zdot_d[k])
-    zddot_d, strain_d = known
-    return lambda k: (z_d[k], zdot_d[k], zddot_d[k], strain_d[k])
+    zddot_d, *ahead = known
+    if not ahead:
+        return lambda k: (z_d[k], zdot_d[k], zddot_d[k])
+    return lambda k: (z_d[k], zdot_d[k], zddot_d[k], ahead[0][k])
 
 
 def numbers(array: FloatArray) -> memoryview[float]:
