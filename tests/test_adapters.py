@@ -125,7 +125,10 @@ def test_terms_without_velocity_are_exact():
 def test_the_system_has_names_and_a_sample_time():
     system = model_system(MODEL, FS)
     assert (system.ninputs, system.noutputs, system.dt) == (1, 1, 1e-3)
-    assert " ".join(system.state_labels) == "play[0] play[1] play[2] creep[0] creep[1] volts[-2] volts[-1] z[-1]"
+    assert (
+        " ".join(system.state_labels) == "play[0] play[1] play[2] creep[0] creep[1] volts[-2] volts[-1] z[-1] "
+        "before lag[-1] behind lag[-1]"
+    )
 
 
 def test_a_plant_moves_as_in_the_loop():

@@ -58,7 +58,7 @@ def rms(x):
         (rich(rate=0.0), 1e-9),
         (rich(rate=0.0, zero=-40.0), 1e-9),
         (rich(rate=0.0, delay=0.01), 1e-9),
-        (rich(rate=0.0, delay=0.0102, lag=-1e-4), 2e-3),
+        (rich(rate=0.0, delay=0.0102, lag=-1e-4), 3e-3),
         (rich(), 0.04),  # the forward model takes the velocity from a first prediction
     ],
     ids=["plain", "another zero", "delay of 20 samples", "lag and a part of a sample", "rate"],

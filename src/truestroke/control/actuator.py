@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -41,9 +42,10 @@ class ActuatorModel(Displayed, Layout):
 
         z - asymmetry(z) = (a + c_b zdot b).H_r[x] + creep.c[x] + lag zdot + offset
 
-    `x` is the voltage `delay` ago, z the displacement above `zero`, c first-order states of x, and asymmetry
-    4 s (1 - s) and 8 s (1 - s)(1 - 2 s) with s = z / stroke, as in `ControllerSettings`. With `dynamics`, z is
-    the strain, which the stage answers.
+    z is the displacement above `zero` before dead time and lag, c first-order states of x, and asymmetry
+    4 s (1 - s) and 8 s (1 - s)(1 - 2 s) with s = z / stroke, as in `ControllerSettings`. The sensor reads z `delay`
+    later, behind a first-order lag: exp(-s delay) / (1 + s time_constant). With `dynamics`, z is the strain, which
+    the stage answers.
 
     Attributes
     ----------
@@ -52,7 +54,9 @@ class ActuatorModel(Displayed, Layout):
     rate_dependent, creep_times, lag, offset, asymmetry
         The terms, as in `Layout`; by default lag and offset alone.
     delay : float
-        Between voltage and displacement, s, beyond the lag.
+        Dead time between voltage and displacement, s.
+    time_constant : float
+        Of a first-order lag between voltage and displacement, s; 0 is none.
     rate_scale : float
         c_b, s/um.
     stroke : float
@@ -90,6 +94,7 @@ class ActuatorModel(Displayed, Layout):
     voltage_range: tuple[float, float]
     covariance: FloatArray
     delay: float = 0.0
+    time_constant: float = 0.0
     rate_scale: float = 0.0
     zero: float = 0.0
     velocity: float = 0.0
@@ -118,6 +123,7 @@ class ActuatorModel(Displayed, Layout):
             "covariance": covariance,
             "voltage_range": made.voltage_limits,
             "delay": checks.within("delay", self.delay, 0.0, 3600.0, "s"),
+            "time_constant": checks.within("time_constant", self.time_constant, 0.0, 3600.0, "s"),
             "zero": checks.number("zero", self.zero, "um"),
             "velocity": checks.within("velocity", self.velocity, 0.0, 1e12, "um/s"),
             "noise": checks.within("noise", self.noise, 0.0, 1e9, "um"),
@@ -127,7 +133,8 @@ class ActuatorModel(Displayed, Layout):
 
     def _display(self) -> tuple[str, Rows]:
         units = {
-            **{"stroke": "um", "voltage_range": "V", "velocity": "um/s", "zero": "um", "delay": "s", "noise": "um"},
+            **{"stroke": "um", "voltage_range": "V", "velocity": "um/s", "zero": "um", "delay": "s"},
+            **{"time_constant": "s", "noise": "um"},
             **{"thresholds": "V", "rate_dependent": "", "creep_times": "s", "rate_scale": "s/um"},
         }
         rows = [(name, quantity(getattr(self, name), unit)) for name, unit in units.items()]
@@ -151,8 +158,8 @@ class ActuatorModel(Displayed, Layout):
     def settings(self, sample_rate: float, **changes: Any) -> ControllerSettings:
         """Settings of a controller with this model and its weights.
 
-        The delay goes into the lag, and the limits of the slopes follow from the record's stroke and voltage. The
-        `dynamics` are passed on, where the sample rate sees the resonances.
+        Delay and time constant go into the lag, and the limits of the slopes follow from the record's stroke and
+        voltage. The `dynamics` are passed on, where the sample rate sees the resonances.
 
         Parameters
         ----------
@@ -162,7 +169,7 @@ class ActuatorModel(Displayed, Layout):
             Members of `ControllerSettings` that replace what follows from the model, such as `voltage_limits`.
         """
         known: dict[str, Any] = {
-            "initial_weights": self.delayed(self.delay),
+            "initial_weights": self.delayed(self.delay + self.time_constant),
             "slope_limits": (SLOPES[0] * self.sensitivity, SLOPES[1] * self.sensitivity),
         }
         if changes.get("law", "kalman") == "kalman":
@@ -241,17 +248,16 @@ class ActuatorModel(Displayed, Layout):
         strain = self.strain(volts, sample_rate)
         known = self.stage(float(sample_rate)) if strain.size else None
         zero = self.zero + checks.number("offset", offset, "um")
-        return zero + (strain if known is None else stage.through(known, strain))
+        moved = strain if known is None else stage.through(known, strain)
+        return zero + respond(moved, self.delay * float(sample_rate), self.time_constant * float(sample_rate))
 
     def strain(self, volts: npt.ArrayLike, sample_rate: float) -> FloatArray:
-        """What the voltage makes without the `dynamics`, um above `zero`; arguments as of `predict`."""
+        """What the voltage makes before dead time, lag and `dynamics`, um above `zero`; arguments as of `predict`."""
         x = checks.finite_array("volts", volts, "V")
         fs = checks.positive("sample_rate", sample_rate, "Hz")
         if x.size == 0:
             return x
-        shift = round(self.delay * fs)
-        x = np.concatenate([np.full(min(shift, x.size), x[0]), x[: max(x.size - shift, 0)]]) if shift else x
-        w = np.array(self.delayed(self.delay - shift / fs))
+        w = self.weights
         a, b = self.of_all_plays(w)
         creep = creep_states(x, self.creep_times, fs)
 
@@ -303,6 +309,9 @@ class ActuatorModel(Displayed, Layout):
             z_d, velocity = stage.strain(known, z_d), None
         rate = central_difference(z_d, fs) if velocity is None else checks.finite_array("velocity", velocity, "um/s")
         limits = self.voltage_range if voltage_limits is None else voltage_limits
+        z_d = z_d + self.time_constant * rate  # before the lag
+        if self.time_constant:
+            rate = central_difference(z_d, fs)
         shift = round(self.delay * fs)
         changes = {"voltage_limits": limits, "slew_limit": slew_limit, "smoothing_time": 0.0, "dynamics": None}
         fixed = self.settings(fs, initial_weights=self.delayed(self.delay - shift / fs), **changes)
@@ -388,6 +397,40 @@ def creep_states(x: FloatArray, times: tuple[float, ...], sample_rate: float) ->
     before = np.concatenate([x[:1], x[:-1]])
     shares = [-np.expm1(-1 / (tau * sample_rate)) for tau in times]
     return [x[0] + lfilter([share], [1, share - 1], before - x[0]) for share in shares]
+
+
+def respond(y: FloatArray, delay: float, time_constant: float) -> FloatArray:
+    """What a dead time and a first-order lag, both in samples, make of straight lines between samples of y.
+
+    Before the first sample it was as the first. y of shape (samples,) or (samples, k).
+
+    Examples
+    --------
+    >>> respond(np.array([0.0, 2.0, 2.0, 2.0]), 1.5, 0.0)
+    array([0., 0., 1., 2.])
+    >>> respond(np.array([0.0, 1.0, 2.0, 3.0, 4.0, 5.0]), 0.0, 0.2).round(3)  # a ramp is late by the time constant
+    array([0.   , 0.801, 1.8  , 2.8  , 3.8  , 4.8  ])
+    """
+    if y.size == 0 or (delay == 0.0 and time_constant == 0.0):
+        return y
+    above = y - y[:1]
+    if time_constant > 0.0:
+        from scipy.signal import lfilter
+
+        last, before, kept = lag_coefficients(time_constant)
+        above = lfilter([last, before], [1.0, -kept], above, axis=0)
+    whole = min(int(delay), len(y))
+    part = delay - int(delay)
+    late = np.concatenate([np.zeros((whole + 1, *y.shape[1:])), above])
+    return np.asarray(y[:1] + (1 - part) * late[1 : len(y) + 1] + part * late[: len(y)])
+
+
+def lag_coefficients(time_constant: float) -> tuple[float, float, float]:
+    """b0, b1, p of z[k] = b0 y[k] + b1 y[k-1] + p z[k-1]: a lag of `time_constant` samples of lines between samples."""
+    if time_constant == 0.0:
+        return 1.0, 0.0, 0.0
+    gone = -math.expm1(-1 / time_constant)
+    return 1 - gone * time_constant, gone * (1 + time_constant) - 1, 1 - gone
 
 
 def ahead(x: FloatArray, samples: int, last: FloatArray) -> FloatArray:

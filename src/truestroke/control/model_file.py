@@ -23,6 +23,7 @@ KEYS = {
     "creep_times_s": "creep_times",
     "asymmetry": "asymmetry",
     "delay_s": "delay",
+    "time_constant_s": "time_constant",
     "rate_scale_s_per_um": "rate_scale",
     "stroke_um": "stroke",
     "zero_um": "zero",
@@ -31,6 +32,8 @@ KEYS = {
     "noise_um": "noise",
 }
 """Keys of the file's table [model], and the members of `ActuatorModel` that they hold."""
+SINCE = {"time_constant_s": 0.0}
+"""Keys that files of an earlier version do not have, and what they had."""
 OLD = {"rated": "rate_dependent", "bends": "asymmetry", "figures": "metrics"}
 """Keys and tables of files of an earlier version, which also named the weights of the asymmetry `bend 1`, `bend 2`."""
 
@@ -160,7 +163,7 @@ def _renamed(table: Any) -> Any:
 
 
 def _of_tables(tables: _Tables) -> ActuatorModel:
-    entries = _renamed(tables.model)
+    entries = {**SINCE, **_renamed(tables.model)}
     weights = {re.sub("^bend ", "asymmetry ", name): value for name, value in tables.weights.items()}
     with checks.inside("model.", {name: key for key, name in KEYS.items()}):
         checks.known(entries, KEYS)

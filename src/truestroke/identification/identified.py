@@ -1,8 +1,9 @@
 """From a record to a model: its structure, its weights, and how well it is known."""
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -17,8 +18,9 @@ from truestroke.identification import normal, uncertainty, validation
 from truestroke.identification.examine import examine
 from truestroke.identification.modes import ModeSearch
 from truestroke.identification.record import Record, as_record
-from truestroke.identification.regression import ROWS, Data, Structure, delayed
-from truestroke.identification.select import Tried, choose, find_delay
+from truestroke.identification.regression import ROWS, Data, Structure
+from truestroke.identification.response import Response, find_response
+from truestroke.identification.select import Tried, choose, coarse_delay, first_prediction
 from truestroke.identification.series import Series, series
 from truestroke.identification.validation import Evidence
 from truestroke.signals.recording import Recording
@@ -33,10 +35,11 @@ SEARCHES = 4  # for modes, each behind a model that was fitted with those of the
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A fitted model, and its residual in the rows of `Data.fitted`, um."""
+    """A fitted model, its residual in the rows of `Data.fitted`, um, and the drift of the record's zero."""
 
     model: ActuatorModel
     residual: FloatArray
+    drift: Callable[[int], FloatArray]  # um, of so many samples of the record
 
 
 @dataclass(frozen=True)
@@ -101,6 +104,8 @@ class Identified:
         How many independent samples the rows count for.
     tried : tuple of Tried
         What cross-validation compared, in its order; the last is what was chosen.
+    response : Response
+        Dead time and lag, their 95 % intervals, and whether the record separates them.
     evidence : Evidence
         What the error contains.
     verdict : Verdict
@@ -114,6 +119,7 @@ class Identified:
     autocorrelation: FloatArray
     effective_samples: float
     tried: tuple[Tried, ...]
+    response: Response
     evidence: Evidence
     verdict: Verdict
 
@@ -179,7 +185,7 @@ def identify(
     train, fs = round((1 - share) * taken.volts.size), taken.sample_rate
     _refuse_empty(taken, train)
     longest = taken.volts.size / fs / 4
-    shift = None if delay is None else round(checks.within("delay", delay, 0.0, longest, "s") * fs)
+    known = None if delay is None else checks.within("delay", delay, 0.0, longest, "s")
     fixed = {
         "rate": rate,
         "creep_times": creep_times,
@@ -187,16 +193,18 @@ def identify(
         "thresholds": thresholds,
         "modes": delay is None if modes is None else checks.flag("modes", modes),
     }
-    part, _ = _found(taken, train, shift, fixed, certain=False)
-    final, tried = _found(taken, taken.volts.size, shift, fixed)
-    predicted, last = part.model.predict(taken.volts, fs), np.arange(taken.volts.size) >= train
+    part, *_ = _found(taken, train, known, fixed, certain=False)
+    final, tried, response = _found(taken, taken.volts.size, known, fixed)
+    predicted = part.model.predict(taken.volts, fs) + part.drift(taken.volts.size)
+    last = np.arange(taken.volts.size) >= train
     trace = Trace(**vars(taken), predicted=predicted, held_out=last)
     test, residual = _held_out(trace), final.residual
     white = uncertainty.autocorrelation(residual), uncertainty.effective_samples(residual)
     findings = examine(_examined(record, taken))
     evidence = validation.evidence(trace, residual, white[0], findings)
     verdict = validation.verdict(evidence, test, findings)
-    return Identified(_documented(final, test, taken, verdict), test, trace, residual, *white, tried, evidence, verdict)
+    model = _documented(final, test, taken, verdict)
+    return Identified(model, test, trace, residual, *white, tried, response, evidence, verdict)
 
 
 def _examined(record: Any, s: Series) -> Record:
@@ -207,23 +215,25 @@ def _examined(record: Any, s: Series) -> Record:
     return Record.from_arrays(volts, displacement, sample_rate=float(rate))
 
 
-_Chosen = tuple[Structure, float, FloatArray, int, tuple[Tried, ...]]
+_Chosen = tuple[Structure, float, FloatArray, tuple[Tried, ...]]
 
 
 def _found(
-    s: Series, samples: int, shift: int | None, fixed: Mapping[str, Any], certain: bool = True
-) -> tuple[Fit, tuple[Tried, ...]]:
-    """Delay, structure and weights from the first samples, and what was compared."""
+    s: Series, samples: int, delay: float | None, fixed: Mapping[str, Any], certain: bool = True
+) -> tuple[Fit, tuple[Tried, ...], Response]:
+    """Dead time, lag, structure and weights from the first samples, and what was compared."""
     coarse = _data(s, samples, CHOICE_ROWS)
-    coarse, guess, shift = find_delay(coarse, s.volts[:samples], s.displacement[:samples], shift)
+    first = 0.0 if delay is not None else coarse_delay(coarse)
+    found = find_response(_data(s, samples, samples), first, delay, certain)
+    coarse = dataclasses.replace(coarse, delay=found.delay, time_constant=found.time_constant)
+    guess, _ = first_prediction(coarse)
     structure, weight, tried = choose(coarse, guess, fixed)
-    fine = _data(s, samples, ROWS, shift)
+    fine = dataclasses.replace(_data(s, samples, ROWS), delay=found.delay, time_constant=found.time_constant)
     weight *= fine.displacement.size / coarse.displacement.size  # as sure of the prior as what was compared
-    known = fixed["modes"] and _resonances(s, samples, coarse, fixed, (structure, weight, guess, shift, tried))
-    if known:
-        fine, structure, weight, guess, tried = known
-        shift = 0
-    return fit_structure(fine, structure, weight, guess, shift / s.sample_rate, certain), tried
+    modes = fixed["modes"] and _resonances(s, samples, coarse, fixed, (structure, weight, guess, tried))
+    if modes:
+        fine, structure, weight, guess, tried = modes
+    return fit_structure(fine, structure, weight, guess, certain), tried, found
 
 
 def _resonances(
@@ -234,12 +244,12 @@ def _resonances(
     A mode is found between what a static model predicts and the displacement, the next ones from models that were
     fitted behind those before.
     """
-    structure, weight, guess, _, tried = chosen
+    structure, weight, guess, tried = chosen
     x, z, known = s.volts[:samples], s.displacement[:samples], s.known[:samples]
-    data = dataclasses.replace(static, volts=x)
+    data = dataclasses.replace(static, delay=0.0, time_constant=0.0)
 
     def strain(data: Data) -> FloatArray:
-        return fit_structure(data, structure, weight, guess, 0.0, certain=False).model.strain(x, s.sample_rate)
+        return fit_structure(data, structure, weight, guess, certain=False).model.strain(x, s.sample_rate)
 
     for _ in range(SEARCHES):
         search = ModeSearch(strain(data), z - data.zero, known, s.sample_rate)
@@ -271,7 +281,7 @@ def _refuse_empty(s: Series, train: int) -> None:
             raise SettingError("record", found, f"one with at least {FEWEST}")
 
 
-def _data(s: Series, samples: int, rows: int, shift: int = 0) -> Data:
+def _data(s: Series, samples: int, rows: int) -> Data:
     """The first samples for the fit; of the others, the range of the voltage and its rate.
 
     The zero is the first that the record comes near: the sensor's own, the straight line's displacement at 0 V, or its
@@ -283,7 +293,7 @@ def _data(s: Series, samples: int, rows: int, shift: int = 0) -> Data:
     zeros = 0.0, float(np.polyfit(x, z, 1)[1]), float(z.min())
     zero = next(a for a in zeros if z.min() - NEAR * stroke <= a <= z.max() + NEAR * stroke)
     return Data(
-        volts=delayed(x, shift),
+        volts=x,
         displacement=(z - zero)[::every],
         known=s.known[:samples:every],
         sample_rate=s.sample_rate,
@@ -292,6 +302,7 @@ def _data(s: Series, samples: int, rows: int, shift: int = 0) -> Data:
         stroke=stroke,
         zero=zero,
         fastest=float(np.abs(central_difference(s.volts, s.sample_rate)).max()) * stroke / float(np.ptp(s.volts)),
+        duration=s.volts.size / s.sample_rate,
     )
 
 
@@ -315,9 +326,7 @@ def _documented(fit: Fit, held_out: HeldOut, s: Series, verdict: Verdict) -> Act
 # ---- The weights of a given structure ------------------------------------------------------------------------------
 
 
-def fit_structure(
-    data: Data, s: Structure, weight: float, guess: FloatArray, delay: float, certain: bool = True
-) -> Fit:
+def fit_structure(data: Data, s: Structure, weight: float, guess: FloatArray, certain: bool = True) -> Fit:
     """The model of structure `s`.
 
     Parameters
@@ -329,33 +338,36 @@ def fit_structure(
     weight : float
         Variance, um^2, with which the precision of the prior is multiplied.
     guess : ndarray, shape (samples,)
-        A first prediction, um above `Data.zero`: velocity and asymmetry follow it in the first step, then the
-        model's own.
-    delay : float
-        Which `data` has taken out of the voltage, s.
+        A first prediction before dead time and lag, um above `Data.zero`: velocity and asymmetry follow it in the
+        first step, then the model's own.
     certain : bool
         Whether the covariance is wanted.
     """
     prior, m = data.prior(s), s.parameters
-    c, z = None, guess
+    c: FloatArray = np.zeros(0)
+    z = guess
     for _ in range(STEPS + 1):
         J, target, velocity = _linearised(data, s, z, c)
         pull = np.vstack([normal.reduced(np.column_stack([J, target])), prior.rows(weight)])
         c = normal.solve(pull, *data.constraints(s, velocity))
         model = data.model(s, c, velocity)
         z = model.strain(data.volts, data.sample_rate) + data.starts(s, c[m:])
-    residual = (data.displacement - data.through(z)[:: data.every])[data.fitted(s.rested)]
+    residual = data.displacement - (data.through(z) + data.drift(s, c[m:], z.size))[:: data.every]
+    residual = residual[data.fitted(s.rested)]
     P = uncertainty.covariance(J, residual, prior, weight)[:m, :m] if certain else np.zeros((m, m))
-    return Fit(model.replace(covariance=P, delay=delay, noise=float(np.sqrt(np.mean(residual**2)))), residual)
+    times = {"delay": data.delay, "time_constant": data.time_constant}
+    model = model.replace(covariance=P, noise=float(np.sqrt(np.mean(residual**2))), **times)
+    return Fit(model, residual, partial(data.drift, s, c[m:]))
 
 
-def _linearised(data: Data, s: Structure, z: FloatArray, c: FloatArray | None) -> tuple[FloatArray, FloatArray, float]:
+def _linearised(data: Data, s: Structure, z: FloatArray, c: FloatArray) -> tuple[FloatArray, FloatArray, float]:
     """J and t so that J c = t has the next coefficients, from the last ones and their prediction; velocity, um/s."""
     rows = data.columns(s, z)[data.fitted(s.rested)]
     C, measured = rows[:, :-1], rows[:, -1]
     velocity = float(np.abs(C[:, s.columns["lag"]]).max())
-    if c is None:
+    if not c.size:
         return C, measured, velocity
     predicted = data.through(z)[:: data.every][data.fitted(s.rested)]
     J = data.derivative(s, C, predicted, c)
-    return J, measured - predicted + J @ c, velocity
+    drift = data.drift(s, c[s.parameters :], z.size)[:: data.every][data.fitted(s.rested)]
+    return J, measured - predicted - drift + J @ c, velocity

@@ -15,7 +15,7 @@ from truestroke.control.actuator import ActuatorModel, central_difference
 from truestroke.identification import normal, uncertainty
 from truestroke.identification.normal import Prior
 from truestroke.identification.record import Record, as_record
-from truestroke.identification.regression import ROWS, Data, Structure, delayed
+from truestroke.identification.regression import ROWS, Data, Structure
 from truestroke.identification.waveform import Waveform
 from truestroke.signals.channels import Sampled
 
@@ -153,7 +153,7 @@ def _data(model: ActuatorModel, x: FloatArray, z: FloatArray, fs: float) -> Data
     low, high = model.voltage_range
     every = -(-x.size // ROWS)
     return Data(
-        volts=delayed(x, round(model.delay * fs)),
+        volts=x,
         displacement=(z - model.zero)[::every],
         known=np.ones(-(-z.size // every), dtype=np.bool_),
         sample_rate=fs,
@@ -161,38 +161,41 @@ def _data(model: ActuatorModel, x: FloatArray, z: FloatArray, fs: float) -> Data
         voltage_range=(min(low, float(x.min())), max(high, float(x.max()))),
         stroke=model.stroke,
         zero=model.zero,
+        delay=model.delay,
+        time_constant=model.time_constant,
         dynamics=model.stage(fs),
+        duration=x.size / fs,
     )
 
 
 def _fitted(model: ActuatorModel, data: Data, skip: int) -> ActuatorModel:
     """Gauss-Newton on the prediction error of the rows behind the first `skip`, from the old weights."""
     fs, measured = data.sample_rate, data.displacement[skip:]
-    s, delay = Structure(**model.terms, rested=True), round(model.delay * fs) / fs
-    prior = _prior(model, s, data, model.delay - delay)
+    s = Structure(**model.terms, rested=True)
+    prior = _prior(model, s, data)
     velocity = max(model.velocity, float(np.abs(central_difference(model.strain(data.volts, fs), fs)).max()))
     c = prior.mean
     for _ in range(STEPS):
-        strain = data.model(s, c, velocity).strain(data.volts, fs)
-        rows, kept = data.columns(s, strain)[skip:], data.through(strain)[:: data.every][skip:]
+        z_m = data.model(s, c, velocity).strain(data.volts, fs)
+        rows, kept = data.columns(s, z_m)[skip:], data.through(z_m)[:: data.every][skip:]
         J = data.derivative(s, rows[:, :-1], kept, c)
         residual = measured - kept
         weight = max(uncertainty.white_variance(residual), (QUIET * model.stroke) ** 2)
         pulled = np.vstack([normal.reduced(np.column_stack([J, residual + J @ c])), prior.rows(weight)])
         c = normal.solve(pulled, *data.constraints(s, velocity))
     made = data.model(s, c, velocity)
-    residual = measured - (made.predict(data.volts, fs) - data.zero)[:: data.every][skip:]
+    residual = measured - data.through(made.strain(data.volts, fs))[:: data.every][skip:]
     P = uncertainty.covariance(J, residual, prior, weight)
-    return made.replace(covariance=P, delay=delay, noise=_rms(residual), dynamics=model.dynamics)
+    times = {"delay": model.delay, "time_constant": model.time_constant, "dynamics": model.dynamics}
+    return made.replace(covariance=P, noise=_rms(residual), **times)
 
 
-def _prior(model: ActuatorModel, s: Structure, data: Data, delay: float) -> Prior:
+def _prior(model: ActuatorModel, s: Structure, data: Data) -> Prior:
     """The old weights in the scale of `data`, as sure as on another day; the offset is where the record begins."""
     rates = np.ones(s.parameters)
     rates[s.b] = model.rate_scale / data.rate_scale
     mean, P = model.weights * rates, model.another_day() * np.outer(rates, rates)
     offset = s.columns["offset"]
-    mean[s.columns["lag"]] -= delay
     P[offset], P[:, offset] = 0.0, 0.0
     P[offset, offset] = data.stroke**2
     return Prior(mean, P)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +11,7 @@ import numpy.typing as npt
 from truestroke import _kernel
 from truestroke.base.typing import FloatArray
 from truestroke.control import stage
-from truestroke.control.actuator import ActuatorModel, asymmetry_slopes, central_difference, creep_states
+from truestroke.control.actuator import ActuatorModel, asymmetry_slopes, central_difference, creep_states, respond
 from truestroke.identification.normal import Prior
 from truestroke.identification.series import settled
 from truestroke.model import prior
@@ -25,7 +26,16 @@ FLOOR = 0.05  # of the straight line's slope: the smallest partial slope
 STEEPEST = 0.2  # least slope of z - asymmetry(z): displacement rises by at most 5 times the weighted sum of the plays
 CURVED = np.linspace(-1.0, 2.0, 31)  # of the stroke, the whole range of the asymmetry, in the record or not
 RATE_DEPENDENT = (0, 3, 6, 9, 12)  # plays with a rate weight: the gradient matters for the first few only
+DRIFT_DEVIATION = 0.05  # of the stroke: of a drift within the record
+DRIFT_FROM = 40.0  # a logarithmic drift is straight for the first 40th of the record
 CREEP_START = 0.015  # of the stroke: deviation of what a creep state still has to go at the start
+
+
+DRIFTS: dict[str, Callable[[FloatArray], FloatArray]] = {
+    "linear drift": lambda share: share,
+    "log drift": lambda share: np.log1p(DRIFT_FROM * share) / np.log1p(DRIFT_FROM),
+}
+"""Drifts of the sensor's zero as functions of the time over the record's duration; each grows by 1 in a record."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,6 +43,7 @@ class Structure(Layout):
     """Which terms the model has: what cross-validation chooses."""
 
     rested: bool = False  # whether the actuator is taken to start at rest, so that the fit uses the start
+    drift: tuple[str, ...] = ()  # of the record, names in `DRIFTS`
 
     @property
     def starts(self) -> tuple[float, ...]:
@@ -41,8 +52,8 @@ class Structure(Layout):
 
     @property
     def coefficients(self) -> tuple[str, ...]:
-        """Names of the coefficients: the weights, and after them the starts of the creep states."""
-        return (*self.names, *[f"start {tau:g} s" for tau in self.starts])
+        """Names of the coefficients: the weights, and after them the starts of the creep states, and the drift."""
+        return (*self.names, *[f"start {tau:g} s" for tau in self.starts], *self.drift)
 
     def columns_in(self, other: Structure) -> np.ndarray:
         """Places of this structure's coefficients among those of another that has them all."""
@@ -52,9 +63,9 @@ class Structure(Layout):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Data:
-    """A record prepared for the fit: delayed voltage at the full rate, displacement of every `every`-th sample."""
+    """A record prepared for the fit: voltage at the full rate, displacement of every `every`-th sample."""
 
-    volts: FloatArray  # V, already delayed
+    volts: FloatArray  # V
     displacement: FloatArray  # um above `zero`
     known: npt.NDArray[np.bool_]  # of the same samples: whether they may be fitted
     sample_rate: float
@@ -64,6 +75,9 @@ class Data:
     zero: float  # um
     fastest: float = 0.0  # um/s: `speed` of the whole record
     dynamics: Dynamics | None = None  # of the stage, at this sample rate
+    delay: float = 0.0  # s, of the displacement behind the voltage
+    time_constant: float = 0.0  # s, of a first-order lag
+    duration: float = 0.0  # s, of the whole record, in which a drift grows by 1
 
     @property
     def q(self) -> float:
@@ -96,7 +110,8 @@ class Data:
         Velocity and asymmetry come from the model, not from the measurement, whose noise would bias the weights. With
         `dynamics`, z is the strain, and the columns are those behind the stage.
         """
-        every = self.every if self.dynamics is None else 1
+        direct = self.dynamics is None and self.delay == self.time_constant == 0.0
+        every = self.every if direct else 1
         rate = central_difference(z, self.sample_rate)[::every]
         H = plays(self.volts, s.thresholds, every).T
         creep = [c[::every] for c in creep_states(self.volts, s.creep_times, self.sample_rate)]
@@ -104,14 +119,16 @@ class Data:
         known = known_terms(s, creep, Motion(z[::every], rate), self.stroke)
         starts = [np.exp(-t / tau) for tau in s.starts]
         columns = [*play_terms(s, H, self.rate_scale * rate), *known, *starts]
-        if self.dynamics is not None:
+        if not direct:
             blocks = [np.column_stack(columns[k : k + BLOCK]) for k in range(0, len(columns), BLOCK)]
             columns = [self.through(block)[:: self.every] for block in blocks]
-        return np.column_stack([*columns, self.displacement])
+        drift = [self._drift(s, name, t[:: self.every // every]) for name in s.drift]
+        return np.column_stack([*columns, *drift, self.displacement])
 
     def through(self, strain: FloatArray) -> FloatArray:
-        """What the stage makes of a strain, um, at the full rate."""
-        return strain if self.dynamics is None else stage.through(self.dynamics, strain)
+        """What the stage, dead time and lag make of a strain, um, at the full rate."""
+        moved = strain if self.dynamics is None else stage.through(self.dynamics, strain)
+        return respond(moved, self.delay * self.sample_rate, self.time_constant * self.sample_rate)
 
     def derivative(self, s: Structure, columns: FloatArray, predicted: FloatArray, c: FloatArray) -> FloatArray:
         """Derivative of the prediction by the coefficients: the columns over the slope of z - asymmetry(z)."""
@@ -121,7 +138,20 @@ class Data:
     def starts(self, s: Structure, c: FloatArray) -> FloatArray:
         """What the creep states still had to go at the start of the record, um, at the full rate."""
         t = np.arange(self.volts.size) / self.sample_rate
-        return np.asarray(sum((w * np.exp(-t / tau) for w, tau in zip(c, s.starts, strict=True)), np.zeros_like(t)))
+        return np.asarray(sum((w * np.exp(-t / tau) for w, tau in zip(c, s.starts, strict=False)), np.zeros_like(t)))
+
+    def drift(self, s: Structure, c: FloatArray, samples: int) -> FloatArray:
+        """Drift of the zero, um, of the first samples of the record, at the full rate; c after the weights."""
+        t, weights = np.arange(samples) / self.sample_rate, c[len(s.starts) :]
+        parts = (w * self._drift(s, name, t) for w, name in zip(weights, s.drift, strict=True))
+        return np.asarray(sum(parts, np.zeros_like(t)))
+
+    def _drift(self, s: Structure, name: str, t: FloatArray) -> FloatArray:
+        """One of `DRIFTS` at the times t, s: 0 at a start from rest, else 0 in the mean of these rows."""
+        shape = DRIFTS[name]
+        last = (self.volts.size - 1) / self.sample_rate / self.duration
+        zero = 0.0 if s.rested else float(shape(np.linspace(0.0, last, 1000)).mean())
+        return np.asarray(shape(t / self.duration) - zero)
 
     def prior(self, s: Structure) -> Prior:
         """`prior.covariance`, but lag and offset as far as the record's clock and sensor may be off."""
@@ -131,7 +161,7 @@ class Data:
         lag, offset = s.columns["lag"], s.columns["offset"]
         known[lag, lag] = max(TERMS["lag"].deviation, 1 / self.sample_rate) ** 2
         known[offset, offset] = (self.stroke + self.q * max(abs(low), abs(high))) ** 2
-        starts = np.full(len(s.starts), (CREEP_START * self.stroke) ** 2)
+        starts = np.repeat([CREEP_START, DRIFT_DEVIATION], [len(s.starts), len(s.drift)]) ** 2 * self.stroke**2
         covariance = np.diag(np.append(np.zeros(s.parameters), starts))
         covariance[: s.parameters, : s.parameters] = known
         return Prior(np.append(s.vector(a), np.zeros_like(starts)), covariance)
@@ -174,11 +204,6 @@ def plays(x: FloatArray, thresholds: tuple[float, ...], every: int = 1) -> Float
     rows = np.empty((-(-x.size // every), len(thresholds)))
     _kernel.play_history(np.ascontiguousarray(x), np.array(thresholds), np.zeros(len(thresholds)), every, rows)
     return rows
-
-
-def delayed(x: FloatArray, samples: int) -> FloatArray:
-    """x some samples ago; before the record it is the first."""
-    return np.concatenate([np.full(min(samples, x.size), x[0]), x[: max(x.size - samples, 0)]])
 
 
 def even_thresholds(n: int, largest: float) -> tuple[float, ...]:

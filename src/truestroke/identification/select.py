@@ -2,7 +2,7 @@
 
 import dataclasses
 import itertools
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,8 +11,8 @@ import numpy as np
 from truestroke.base import checks
 from truestroke.base.typing import FloatArray
 from truestroke.control.actuator import play_sum
-from truestroke.identification import normal, turning, uncertainty
-from truestroke.identification.regression import Data, Structure, delayed, even_thresholds, plays, rate_dependent
+from truestroke.identification import normal, uncertainty
+from truestroke.identification.regression import DRIFTS, Data, Structure, even_thresholds, rate_dependent
 
 BLOCKS = 6  # of the cross-validation: each but the first three is predicted from those before it
 FIRST = 3
@@ -23,13 +23,14 @@ REACHES_FROM_REST = (0.6, 0.9)  # the same where the first way up from rest is i
 AT_REST = 0.02  # of the voltage range: a record that starts nearer to 0 V may start at rest
 FROM_REST = 0.75  # and is taken to, unless that makes the rmse a third larger: a controller starts at rest, too
 CREEP_TIMES = (0.003, 0.03, 0.3, 3.0, 30.0)  # s
-WEIGHTS = (1.0, 10.0, 100.0)  # of the prior, beyond the noise of the first fit
+WEIGHTS = (0.1, 1.0, 10.0, 100.0)  # of the prior, beyond the noise of the first fit
 FASTER = 2.0  # times what the rows to fit show: where the rest of the record is, a line in the rate would mislead
 BETTER = 0.99  # a sample of delay must lower the rmse at least this far
 ENOUGH = 1.1  # of the least rmse: the most terms that do not exceed it, as by one standard error
 ENOUGH_PLAYS = 1.05  # the same of the thresholds
+WITHIN = 0.98  # of the voltage range: where the rest of the record exceeds what is fitted, no prior is weak
+DRIFTS_IF = 0.95  # times the rmse without a drift: with one it must be below
 LONGEST_DELAY = 0.1  # s
-SEEN = 1.2  # of the least rmse: the delay that the reversals show may exceed it so far
 QUICK = 16  # plays of the first fit
 
 
@@ -62,45 +63,39 @@ class Tried:
             f"{len(s.thresholds)} plays to {s.thresholds[-1]:.3g} V{' from rest' if s.rested else ''}",
             f"{len(s.rate_dependent)} rate weights" if s.rate_dependent else "no rate",
             f"creep {', '.join(f'{tau:g}' for tau in s.creep_times)} s" if s.creep_times else "no creep",
-            f"{s.asymmetry} asymmetry terms",
+            f"{s.asymmetry} asymmetry terms{''.join(f', {name}' for name in s.drift)}",
             "no resonance" if not self.modes else "1 resonance" if self.modes == 1 else f"{self.modes} resonances",
         )
 
 
 def first_prediction(data: Data) -> tuple[FloatArray, float]:
-    """A first prediction, um, at the full rate, by plays alone; and the rmse of its fit, um."""
+    """A prediction before dead time and lag, um, at the full rate, by plays alone; and the rmse of its fit, um."""
     span = data.voltage_range[1] - data.voltage_range[0]
-    s = Structure(thresholds=even_thresholds(QUICK, 0.5 * span))
-    H, z = plays(data.volts, s.thresholds, data.every), data.displacement
-    rows = np.column_stack([H, np.ones(len(z)), z])[data.fitted(rested=False)]
+    s = Structure(thresholds=even_thresholds(QUICK, 0.5 * span), lag=False)
+    z = np.zeros_like(data.volts)
+    rows = data.columns(s, z)[data.fitted(rested=False)]
     prior = data.prior(s).part(np.append(s.a, s.columns["offset"].start))
     c = normal.solve(np.vstack([normal.reduced(rows), prior.rows((0.01 * data.stroke) ** 2)]))
     prediction = play_sum(data.volts, 0.0, c[:-1], np.zeros(QUICK), s.thresholds) + c[-1]
     return prediction, float(np.sqrt(normal.sum_of_squares(rows, c) / len(rows)))
 
 
-def find_delay(data: Data, x: FloatArray, z: FloatArray, shift: int | None) -> tuple[Data, FloatArray, int]:
-    """The delay in samples that the reversals show; else that with the smallest rmse of the first fit."""
+def coarse_delay(data: Data) -> float:
+    """The delay, s, of whole samples, with the smallest rmse of the first fit."""
+    longest = min(round(LONGEST_DELAY * data.sample_rate), data.volts.size // 20)
 
-    def at(samples: int) -> tuple[Data, FloatArray, float]:
-        moved = dataclasses.replace(data, volts=delayed(x, samples))
-        return moved, *first_prediction(moved)
+    def error(samples: int) -> float:
+        return first_prediction(dataclasses.replace(data, delay=samples / data.sample_rate))[1]
 
-    if shift is not None:
-        return *at(shift)[:2], shift
-    longest = min(round(LONGEST_DELAY * data.sample_rate), x.size // 20)
-    best, (moved, guess, rmse) = 0, at(0)
+    best, rmse = 0, error(0)
     step = 1 << max(longest.bit_length() - 2, 0)
     while step:
         for other in (best + step, best - step):
-            if 0 <= other <= longest and (tried := at(other))[2] < BETTER * rmse:
-                best, (moved, guess, rmse) = other, tried
+            if 0 <= other <= longest and (tried := error(other)) < BETTER * rmse:
+                best, rmse = other, tried
                 break
         step //= 2
-    seen = turning.delay(x, z, turning.reversals(x, turning.STROKE * np.ptp(x)), ())
-    if seen is not None and (tried := at(turned := min(max(round(seen), 0), longest)))[2] < SEEN * rmse:
-        return *tried[:2], turned
-    return moved, guess, best
+    return best / data.sample_rate
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,12 +135,14 @@ def choose(data: Data, guess: FloatArray, fixed: Mapping[str, Any]) -> tuple[Str
         fixed = {**fixed, "rate": False}
     residual = (data.displacement - data.through(guess)[:: data.every])[data.fitted(rested=False)]
     noise = uncertainty.white_variance(residual)
-    weights = [w * noise for w in WEIGHTS]
+    beyond = np.ptp(data.volts) < WITHIN * np.ptp(data.voltage_range) or data.fastest > FASTER * data.speed
+    weights = [w * noise for w in (WEIGHTS[1:] if beyond else WEIGHTS)]
     banks = [_blocks(data, s, guess) for s in _with_all_terms(data, fixed)]
     tried = [(bank.rmse(bank.full, w), bank, bank.full, w) for bank in banks for w in weights]
     scores = [score * (FROM_REST if s.rested else 1.0) for score, _, s, _ in tried]
     good = [entry for entry, score in zip(tried, scores, strict=True) if score <= ENOUGH_PLAYS * min(scores)]
     _, bank, full, _ = max(good, key=lambda entry: (len(entry[2].thresholds), -entry[0]))
+    bank, full = _with_drift(data, full, guess, weights)
     fewer = [(bank.rmse(s, w), bank, s, w) for s in _with_fewer_terms(full, fixed) for w in weights]
     tried += fewer
     least = min(score for score, *_ in fewer)
@@ -154,6 +151,17 @@ def choose(data: Data, guess: FloatArray, fixed: Mapping[str, Any]) -> tuple[Str
     _, _, chosen, weight = best
     modes = 0 if data.dynamics is None else len(data.dynamics.modes)
     return chosen, weight, tuple(Tried(s, w / noise, score, modes) for score, _, s, w in (*tried, best))
+
+
+def _with_drift(data: Data, s: Structure, guess: FloatArray, weights: Sequence[float]) -> tuple[_Blocks, Structure]:
+    """The structure with the drift of the zero that predicts later blocks better, or with none."""
+    bank = _blocks(data, dataclasses.replace(s, drift=tuple(DRIFTS)), guess)
+    found = {
+        drift: min(bank.rmse(dataclasses.replace(s, drift=drift), w) for w in weights)
+        for drift in ((), *[(name,) for name in DRIFTS])
+    }
+    best = min(found, key=lambda drift: found[drift])
+    return bank, dataclasses.replace(s, drift=best if found[best] < DRIFTS_IF * found[()] else ())
 
 
 def _with_all_terms(data: Data, fixed: Mapping[str, Any]) -> Iterator[Structure]:

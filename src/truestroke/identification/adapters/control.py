@@ -9,7 +9,7 @@ from truestroke.base import checks
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
 from truestroke.control import actuator
-from truestroke.control.actuator import ActuatorModel
+from truestroke.control.actuator import ActuatorModel, lag_coefficients
 from truestroke.model.operators import play
 from truestroke.signals.timing import Timing
 
@@ -59,27 +59,35 @@ class _Step:
     def __init__(self, model: ActuatorModel, sample_rate: float) -> None:
         self.model, self.fs = model, sample_rate
         self.plays, self.creeps = len(model.thresholds), len(model.creep_times)
-        self.late = round(model.delay * sample_rate)
+        self.late, self.part = divmod(round(model.delay * sample_rate, 9), 1.0)
+        self.late = int(self.late)
         self.shares = -np.expm1(-1 / (np.array(model.creep_times) * sample_rate))
         self.thresholds = np.array(model.thresholds)
-        self.w = np.array(model.delayed(model.delay - self.late / sample_rate))
+        self.w = model.weights
         self.a, self.b = model.of_all_plays(self.w)
         self.states = [
             *(f"play[{i}]" for i in range(self.plays)),
             *(f"creep[{i}]" for i in range(self.creeps)),
             *(f"volts[-{i}]" for i in range(self.late, 0, -1)),
             "z[-1]",
+            "before lag[-1]",
+            "behind lag[-1]",
         ]
+        self.lag = lag_coefficients(model.time_constant * sample_rate)
+        self.rest = self._displacement(np.zeros(self.plays), np.zeros(self.creeps), 0.0)
 
     def __call__(self, states: FloatArray, volts: float) -> tuple[FloatArray, float]:
         p, c, held, before = np.split(states, np.cumsum([self.plays, self.creeps, self.late]))
+        previous, was, behind = before
         line = np.append(held, volts)
         x = line[0]
         p = play(x, self.thresholds, p)
         still = self._displacement(p, c, 0.0)
-        velocity = (still - before[0]) * self.fs
-        z = self._displacement(p, c, velocity)
-        return np.concatenate([p, c + self.shares * (x - c), line[1:], [still]]), self.model.zero + z
+        moved = self._displacement(p, c, (still - previous) * self.fs) - self.rest
+        last, first, kept = self.lag
+        lagged = last * moved + first * was + kept * behind
+        z = self.model.zero + self.rest + (1 - self.part) * lagged + self.part * behind
+        return np.concatenate([p, c + self.shares * (x - c), line[1:], [still, moved, lagged]]), z
 
     def _displacement(self, p: FloatArray, c: FloatArray, velocity: float) -> float:
         plays = p @ (self.a + self.model.rate_scale * velocity * self.b)
