@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.signal import sawtooth
@@ -22,8 +22,7 @@ HYSTERESES = ("plays", "preisach", "bouc-wen")
 LONGEST_DEAD, LONGEST_LAG = 6e-3, 8e-3  # s
 
 
-@dataclass(frozen=True)
-class Simulated:
+class Simulated(NamedTuple):
     """A record and the time constants of its stage."""
 
     volts: np.ndarray

@@ -266,7 +266,11 @@ class ActuatorModel(Displayed, Layout):
             return displacement(self, w, plays, creep, velocity)
 
         z = response(np.zeros_like(x))
-        return response(central_difference(z, fs))
+        return response(self._seen(central_difference(z, fs)))
+
+    def _seen(self, velocity: FloatArray) -> FloatArray:
+        """A velocity, um/s, within that of the record: beyond it the rate weights are as at its fastest."""
+        return np.clip(velocity, -self.velocity, self.velocity) if self.velocity else velocity
 
     # ---- Inverse ---------------------------------------------------------------------------------------------------
 
@@ -309,16 +313,18 @@ class ActuatorModel(Displayed, Layout):
             z_d, velocity = stage.strain(known, z_d), None
         rate = central_difference(z_d, fs) if velocity is None else checks.finite_array("velocity", velocity, "um/s")
         limits = self.voltage_range if voltage_limits is None else voltage_limits
-        z_d = z_d + self.time_constant * rate  # before the lag
-        if self.time_constant:
-            rate = central_difference(z_d, fs)
         shift = round(self.delay * fs)
+        late = self.delay - shift / fs + self.time_constant
+        if late:
+            z_d = z_d + late * rate  # what the lag needs before it
+            rate = central_difference(z_d, fs)
         changes = {"voltage_limits": limits, "slew_limit": slew_limit, "smoothing_time": 0.0, "dynamics": None}
-        fixed = self.settings(fs, initial_weights=self.delayed(self.delay - shift / fs), **changes)
+        fixed = self.settings(fs, initial_weights=self.delayed(0.0), **changes)
         kernel, volts = _kernel.Kernel(kernel_settings(fixed)), np.empty_like(z_d)
         if z_d.size:
             rest = self._rest(float(z_d[0]), fixed.voltage_limits)
             kernel.start(rest, float(self.predict([rest], fs)[0]) - self.zero)
+        rate = self._seen(rate)
         kernel.process(ahead(z_d, shift, z_d[-1:]), ahead(rate, shift, np.zeros(1)), None, volts)
         return volts
 

@@ -373,6 +373,10 @@ def _of_content(found: Findings) -> list[str]:
         short, long = found.stroke_lengths_percent
         if long < 1.5 * short:
             says.append(f"all strokes are about as long ({long:.0f} % of the span): inner loops are not tested")
+    delay, lag = found.delay_ms, found.lag_ms  # delay and hysteresis both make the lag
+    if delay is not None and lag is not None and delay > lag + 2e3 / found.sample_rate_hz:
+        both = f"{delay:.3g} ms, most motion by {max(lag, 0.0):.3g} ms"
+        says.append(f"the reversals are late by {both}: that is no dead time; `identify` compares it with a lag")
     if found.delay_ms is None and found.strokes >= 3:
         says.append("too few clean reversals to separate the delay from hysteresis")
     if abs(found.loop_width_percent) < 0.3:

@@ -364,7 +364,8 @@ def _linearised(data: Data, s: Structure, z: FloatArray, c: FloatArray) -> tuple
     """J and t so that J c = t has the next coefficients, from the last ones and their prediction; velocity, um/s."""
     rows = data.columns(s, z)[data.fitted(s.rested)]
     C, measured = rows[:, :-1], rows[:, -1]
-    velocity = float(np.abs(C[:, s.columns["lag"]]).max())
+    rate = central_difference(z, data.sample_rate)[:: data.every][data.fitted(s.rested)]
+    velocity = float(np.abs(rate).max())  # of the strain: dead time and lag are behind it
     if not c.size:
         return C, measured, velocity
     predicted = data.through(z)[:: data.every][data.fitted(s.rested)]

@@ -1,0 +1,73 @@
+"""Dead time and lag: against scipy's simulation, and inside their intervals in records of simulated stages."""
+
+import importlib.util
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.signal import lsim
+
+from truestroke.control.actuator import respond
+from truestroke.identification import ActuatorModel, load_model, save_model
+from truestroke.identification.identified import _data
+from truestroke.identification.response import find_response
+from truestroke.identification.series import series
+
+SPEC = importlib.util.spec_from_file_location(
+    "time_constants", Path(__file__).parents[1] / "benchmarks/time_constants.py"
+)
+simulated = importlib.util.module_from_spec(SPEC)
+SPEC.loader.exec_module(simulated)
+
+
+def found(volts, displacement, sample_rate):
+    record = series((volts, displacement, sample_rate))
+    return find_response(_data(record, volts.size, volts.size), 3e-3)
+
+
+def test_lag_and_dead_time_against_a_simulation():
+    """Lines between samples through 1 / (1 + 7 s) and 3 samples of dead time."""
+    y = np.random.Generator(np.random.PCG64(1)).standard_normal(400)
+    made = lsim(([1.0], [7.0, 1.0]), y - y[0], np.arange(400.0))[1] + y[0]
+    np.testing.assert_allclose(respond(y, 3.0, 7.0)[3:], made[:-3], atol=1e-9)
+
+
+@pytest.mark.parametrize("kind", simulated.KINDS[::3], ids=lambda kind: kind.__name__)
+def test_true_values_are_inside_the_intervals(kind):
+    """Of 48 records 47 were; `benchmarks/time_constants.py` has more."""
+    made = simulated.record(kind, 5, seconds=4.0)
+    response = found(made.volts, made.displacement, made.sample_rate)
+    for true, (low, high) in (
+        (made.dead_time, response.delay_interval),
+        (made.lag, response.time_constant_interval),
+    ):
+        assert low <= true <= high
+    assert response.delay_interval[1] - response.delay_interval[0] < 0.015
+
+
+def test_one_slow_sine_says_that_it_cannot_separate_them():
+    """2 ms of dead time under a sine of 1 Hz, straight: as good a lag, or next to nothing."""
+    t = np.arange(4000) / 1000.0
+    x, noise = 1.8 - 1.8 * np.cos(2 * np.pi * t), np.random.Generator(np.random.PCG64(2)).standard_normal(t.size)
+    response = found(x, 18 - 18 * np.cos(2 * np.pi * np.maximum(t - 2e-3, 0.0)) + 0.05 * noise, 1000.0)
+    assert not response.separable
+    assert response.delay_interval[0] == response.time_constant_interval[0] == 0.0
+    assert response.delay_interval[1] > 2e-3
+    assert response.time_constant_interval[1] > 2e-3
+
+
+def test_a_lag_is_in_file_prediction_inverse_and_controller(tmp_path):
+    model = ActuatorModel(
+        thresholds=(0.0,), weights=[10.0, 0.0, 0.0], covariance=np.eye(3), stroke=20.0, voltage_range=(-1.0, 3.0),
+        time_constant=0.01,
+    )  # fmt: skip
+    save_model(tmp_path / "model.toml", model)
+    again = load_model(tmp_path / "model.toml")
+    assert again.time_constant == 0.01
+    step = again.predict(np.repeat([0.0, 1.0], [10, 50]), 1000.0)
+    assert step[19] == pytest.approx(10 * (1 - np.exp(-0.95)), abs=0.05)  # the line to the step ends 0.5 ms before it
+    t = np.arange(500) / 1000.0
+    z = 5 - 5 * np.cos(2 * np.pi * 5 * t)
+    volts = again.invert(z, 1000.0)
+    np.testing.assert_allclose(volts[5:-5], (z + 0.01 * np.gradient(z, 1e-3))[5:-5] / 10, atol=1e-3)
+    assert again.settings(1000.0).initial_weights[1] == pytest.approx(-0.01)
