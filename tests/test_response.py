@@ -34,7 +34,7 @@ def test_lag_and_dead_time_against_a_simulation():
 
 @pytest.mark.parametrize("kind", simulated.KINDS[::3], ids=lambda kind: kind.__name__)
 def test_true_values_are_inside_the_intervals(kind):
-    """Of 48 records 47 were; `benchmarks/time_constants.py` has more."""
+    """`benchmarks/time_constants.py` counts more of them."""
     made = simulated.record(kind, 5, seconds=4.0)
     response = found(made.volts, made.displacement, made.sample_rate)
     for true, (low, high) in (
