@@ -172,7 +172,7 @@ def test_what_each_part_of_the_structure_is_worth(found):
         ("no creep", 0.4),
         ("no rate", 0.5),
     ]
-    assert compared[1].words == "16 plays to 1.5 V, 3 rate weights, creep 0.3, 3 s, 2 asymmetry terms"
+    assert compared[1].words == "16 plays to 1.5 V, 3 rate weights, creep 0.3, 3 s, 2 asymmetry terms, no resonance"
     assert any(one.differs == "" for one in structures(found.tried))
 
 
