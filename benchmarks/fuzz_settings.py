@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from truestroke import AdaptiveController, ControllerSettings, SettingError
+from truestroke.base.files import FileError
 
 BASIC: dict[str, Any] = {"sample_rate": 2000.0, "stroke": 30.0, "voltage_limits": (-0.6, 3.6)}
 FIELDS = [field.name for field in dataclasses.fields(ControllerSettings)]
@@ -123,6 +124,9 @@ def campaign(draws: int, seed: int) -> tuple[collections.Counter[str], list[str]
                     counts["refused"] += 1
                     if error.argument.partition("[")[0].removeprefix("the number of ") not in FIELDS:
                         wrong.append(f"{number}: names {error.argument}: {error}"[:400])
+                    continue
+                except FileError:  # names the file of `dynamics`
+                    counts["refused"] += 1
                     continue
                 drive(controller, rng)
                 counts["run"] += 1
