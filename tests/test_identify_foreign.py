@@ -261,18 +261,30 @@ def test_bad_records_are_refused_in_a_line(tmp_path, columns, words):
 @pytest.mark.parametrize(
     ("columns", "words"),
     [
-        ((T, Z, X), "are the columns swapped?"),
         ((T, X, np.minimum(Z, TOP)), "the displacement is clipped"),
         ((T, X, 1e-3 * Z), "is its unit right?"),
-        ((T, 1e3 * X, Z), "is its unit right?"),
         ((np.delete(T, np.s_[500:700]), np.delete(X, np.s_[500:700]), np.delete(Z, np.s_[500:700])), "1 gap"),
     ],
-    ids=["swapped", "clipped", "mm", "mV", "gap"],
+    ids=["clipped", "mm", "gap"],
 )
 def test_suspicious_records_are_fitted_and_told(tmp_path, columns, words):
     told = command(tmp_path, *columns)
     assert told.exit_code == 0, told.stderr
     assert words in " ".join(told.stdout.split())  # however it is wrapped
+
+
+@pytest.mark.parametrize(
+    ("columns", "words"),
+    [((T, Z, X), "are the columns swapped?"), ((T, 1e3 * X, Z), "is its unit right?")],
+    ids=["swapped", "mV"],
+)
+def test_records_that_contradict_themselves_are_refused_and_fitted_by_force(tmp_path, columns, words):
+    told = command(tmp_path, *columns)
+    assert told.exit_code == 1
+    assert words in told.stderr
+    forced = command(tmp_path, *columns, options=["--force"])
+    assert forced.exit_code == 4, forced.stderr
+    assert (tmp_path / "m.toml").exists()
 
 
 def test_clipped_rows_are_not_fitted():

@@ -263,7 +263,7 @@ def test_command_goes_from_pass_to_pass(tmp_path, monkeypatch):
     text = call("refine", "rec1.csv", "--model", "model1.toml", "--sample-rate", "2000", "--volts", "drive")
     assert "prediction, refined" in text
     assert "this pass" not in text  # nothing is desired
-    assert "pass_2" in load_model("model.toml").provenance
+    assert "pass_2" in load_model("refined.toml").provenance
 
 
 def test_command_refuses_what_does_not_fit(tmp_path, monkeypatch):

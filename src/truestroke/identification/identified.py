@@ -133,6 +133,7 @@ def identify(
     thresholds: Sequence[float] | None = None,
     delay: float | None = None,
     modes: bool | None = None,
+    drift: bool | None = None,
     held_out: float = 0.4,
 ) -> Identified:
     """The model of an actuator from a record of voltage and displacement.
@@ -160,6 +161,8 @@ def identify(
         Between voltage and displacement, s.
     modes : bool, optional
         Whether resonances of the stage are looked for: `ActuatorModel.dynamics`; by default, unless a delay is given.
+    drift : bool, optional
+        False: the zero of the sensor does not drift within the record. True: a linear or a logarithmic drift.
     held_out : float
         Share of the record at its end that is held out, above 0, at most 0.5.
 
@@ -192,6 +195,7 @@ def identify(
         "asymmetry": None if asymmetry is None else checks.count("asymmetry", asymmetry, 0, 2),
         "thresholds": thresholds,
         "modes": delay is None if modes is None else checks.flag("modes", modes),
+        "drift": None if drift is None else checks.flag("drift", drift),
     }
     part, *_ = _found(taken, train, known, fixed, certain=False)
     final, tried, response = _found(taken, taken.volts.size, known, fixed)

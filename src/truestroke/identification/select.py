@@ -142,7 +142,8 @@ def choose(data: Data, guess: FloatArray, fixed: Mapping[str, Any]) -> tuple[Str
     scores = [score * (FROM_REST if s.rested else 1.0) for score, _, s, _ in tried]
     good = [entry for entry, score in zip(tried, scores, strict=True) if score <= ENOUGH_PLAYS * min(scores)]
     _, bank, full, _ = max(good, key=lambda entry: (len(entry[2].thresholds), -entry[0]))
-    bank, full = _with_drift(data, full, guess, weights)
+    if fixed["drift"] is not False:
+        bank, full = _with_drift(data, full, guess, weights, DRIFTS_IF if fixed["drift"] is None else np.inf)
     fewer = [(bank.rmse(s, w), bank, s, w) for s in _with_fewer_terms(full, fixed) for w in weights]
     tried += fewer
     least = min(score for score, *_ in fewer)
@@ -153,15 +154,17 @@ def choose(data: Data, guess: FloatArray, fixed: Mapping[str, Any]) -> tuple[Str
     return chosen, weight, tuple(Tried(s, w / noise, score, modes) for score, _, s, w in (*tried, best))
 
 
-def _with_drift(data: Data, s: Structure, guess: FloatArray, weights: Sequence[float]) -> tuple[_Blocks, Structure]:
-    """The structure with the drift of the zero that predicts later blocks better, or with none."""
+def _with_drift(
+    data: Data, s: Structure, guess: FloatArray, weights: Sequence[float], better: float
+) -> tuple[_Blocks, Structure]:
+    """The structure with the drift of the zero that predicts later blocks `better` times as well, or with none."""
     bank = _blocks(data, dataclasses.replace(s, drift=tuple(DRIFTS)), guess)
     found = {
         drift: min(bank.rmse(dataclasses.replace(s, drift=drift), w) for w in weights)
         for drift in ((), *[(name,) for name in DRIFTS])
     }
-    best = min(found, key=lambda drift: found[drift])
-    return bank, dataclasses.replace(s, drift=best if found[best] < DRIFTS_IF * found[()] else ())
+    best = min([drift for drift in found if drift], key=lambda drift: found[drift])
+    return bank, dataclasses.replace(s, drift=best if found[best] < better * found[()] else ())
 
 
 def _with_all_terms(data: Data, fixed: Mapping[str, Any]) -> Iterator[Structure]:

@@ -96,7 +96,7 @@ class ActuatorRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         rows, z = validate_data(self, X, y, dtype=np.float64, y_numeric=True)
         record = Record.from_arrays(self._volts(rows), z, sample_rate=self.sample_rate)
         choices = {n: value for n, value in self.get_params().items() if n not in ("sample_rate", "continued")}
-        self.model_ = identify(record, **choices).model
+        self.model_ = identify(record, drift=False, **choices).model  # which `predict` does not have
         self.volts_ = record.volts
         return self
 
