@@ -291,7 +291,7 @@ def test_a_set_point_keeps_its_bounds_and_arrives(moves: list[tuple[float, int]]
     for i, (asked, wait) in enumerate(moves):
         target[0] = asked
         looked = len(path) + wait > 1 or i == len(moves) - 1  # the first tick is at rest, whatever is asked
-        seen = looked and (wait or i == len(moves) - 1) and not math.isnan(asked)  # else the next one comes before a tick
+        seen = looked and (wait or i == len(moves) - 1) and not math.isnan(asked)  # else no tick sees it
         goal = min(max(asked, REACH[0]), REACH[1]) if seen else goal
         path += [motion(next(ticks)) for _ in range(wait)]
     path += [motion(next(ticks)) for _ in range(math.ceil(1000 * (25.0 / SPEED + RAMP)) + 3)]
