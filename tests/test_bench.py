@@ -60,7 +60,7 @@ def test_without_the_sources_the_rest_is_still_measured(monkeypatch, tmp_path):
 @pytest.fixture(scope="module")
 def found(tmp_path_factory):
     folder = tmp_path_factory.mktemp("bench")
-    command = [sys.executable, "-m", "benchmarks.bench", "--steps", "3000", "--json", "--output", folder / "bench"]
+    command = [sys.executable, "-m", "benchmarks.bench", "--steps", "10000", "--json", "--output", folder / "bench"]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
     assert (folder / "bench.html").stat().st_size > 20_000
     return json.loads(done.stdout)
