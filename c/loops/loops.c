@@ -2,7 +2,7 @@
 
 #include <math.h>
 
-enum { REJECTED = 4, FROM_ADAPT = REJECTED | 16 | 64 }; /* of the flag bits, those that adapt sets; command sets the others */
+enum { REJECTED = 4, FROM_ADAPT = REJECTED | 16 | 64 | 128 }; /* of the flag bits, those that adapt sets; command sets the others */
 
 void ts_loop_run(const ts_loop_controller *c, const ts_loop_actuator *a, const ts_loop_channels *ch, size_t ticks)
 {

@@ -69,6 +69,15 @@ class MatchedPlant(Simulated):
         self._tick = end
         return measured
 
+    def passed(self, truth: FloatArray) -> None:
+        """As `Simulated.passed`."""
+        self._tick += truth.size
+        super().passed(truth)
+
+    def follows(self, velocity: FloatArray) -> bool:
+        """Whether the next ticks of this motion, um/s, are those that it knows."""
+        return np.array_equal(velocity, self._velocity[self._tick :][: velocity.size])
+
     def _run(self, volts: FloatArray, noise: FloatArray, measured: FloatArray, truth: FloatArray) -> int:
         velocity = self._velocity[self._tick :][: volts.size]
         return int(self._plant.run(volts, velocity, noise, measured, truth))

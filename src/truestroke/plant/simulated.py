@@ -88,6 +88,10 @@ class Simulated(Displayed):
         """Index of the first voltage that is not finite, with nothing moved; or -1."""
         return int(self._plant.run(volts, noise, measured, truth))
 
+    def passed(self, truth: FloatArray) -> None:
+        """Ticks have passed in a native loop, which took their numbers of `noise`; `truth` of each, um."""
+        self.truth = truth[-1:].copy()
+
     def describe(self) -> dict[str, object]:
         """Kind, settings and seed, as plain data for a recording."""
         return {"kind": self.kind, "seed": self.seed, **dataclasses.asdict(self.settings)}

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from truestroke import _loops
 from truestroke.base import checks
 from truestroke.base.checks import SettingError
 from truestroke.base.errors import TruestrokeError
@@ -19,6 +18,8 @@ from truestroke.control import feasibility
 from truestroke.control.controller import AdaptiveController
 from truestroke.control.settings import ControllerSettings
 from truestroke.plant import MatchedPlant, MatchedSettings, PlantSettings, RealisticPlant, StagePlant, StageSettings
+from truestroke.runtime.loop import wanted
+from truestroke.runtime.native import Pair
 from truestroke.runtime.ticks import MARK, SIMULATED
 from truestroke.signals.channels import dtype
 from truestroke.signals.trajectories import Trajectory
@@ -251,32 +252,23 @@ def _simulate(
         if settings.sample_rate != wave.sample_rate:
             bound = f"{settings.sample_rate} Hz, that of the {whose}"
             raise SettingError("trajectory.sample_rate", wave.sample_rate, bound, "Hz")
-    plant, per_tick = _plant(simulation, wave)
+    plant = _plant(simulation, wave)
     controller = AdaptiveController.from_settings(simulation.controller)
     feasibility.raise_slew(wave, controller)
-    pair = controller._kernel.native(), plant._plant.native()
-    strain = controller.strain(wave.position)
-    segment = max(SEGMENT // per_tick, 1)
-    noise = buffers.take("noise", segment * per_tick)
+    pair = Pair(controller, plant, wanted(wave, controller))
+    segment = max(SEGMENT // pair.samples, 1)
+    noise = buffers.take("noise", segment * pair.samples)
     for start in range(0, len(wave), segment):
         if stop.is_set():
             return
-        part = slice(start, min(start + segment, len(wave)))
-        numbers = noise[: (part.stop - start) * per_tick]
-        plant._noise.fill(numbers)
-        z_d, zdot_d, zddot_d = (array[part] for array in (wave.position, wave.velocity, wave.acceleration))
-        strain_d = None if strain is None else strain[part]
-        _loops.run(*pair, z_d, zdot_d, zddot_d, strain_d, numbers, *(rows[name][part] for name in SIMULATED))
-        controller._kernel.require_reach()
+        pair.run(slice(start, min(start + segment, len(wave))), rows, noise)
 
 
-def _plant(simulation: Simulation, wave: Trajectory) -> tuple[MatchedPlant | RealisticPlant | StagePlant, int]:
-    """The plant and how many standard normal numbers it takes for a tick."""
+def _plant(simulation: Simulation, wave: Trajectory) -> MatchedPlant | RealisticPlant | StagePlant:
     if isinstance(simulation.plant, MatchedSettings):
         if simulation.dropouts:
             raise SettingError("dropouts", simulation.dropouts, "empty for a matched plant")
-        return MatchedPlant(wave.velocity, simulation.plant, simulation.seed), 1
-    per_tick = simulation.plant.samples_per_tick
+        return MatchedPlant(wave.velocity, simulation.plant, simulation.seed)
     if isinstance(simulation.plant, StageSettings):
-        return StagePlant(simulation.plant, simulation.seed, simulation.dropouts), per_tick
-    return RealisticPlant(simulation.plant, simulation.seed, simulation.dropouts), per_tick
+        return StagePlant(simulation.plant, simulation.seed, simulation.dropouts)
+    return RealisticPlant(simulation.plant, simulation.seed, simulation.dropouts)

@@ -1,8 +1,10 @@
 """The loop: command, exchange, adapt, tick after tick. The page to read first."""
 
+from __future__ import annotations
+
 import math
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from datetime import UTC, datetime
 from typing import Any, Protocol
 
@@ -14,6 +16,7 @@ from truestroke.base.errors import TruestrokeError
 from truestroke.base.typing import FloatArray
 from truestroke.control import feasibility
 from truestroke.control.controller import Controller
+from truestroke.runtime import native
 from truestroke.runtime.ticks import MARK, SIMULATED, SlowLayout, TickRecorder, recorded, stride
 from truestroke.signals.channels import channel, dtype
 from truestroke.signals.recording import Recording, versions
@@ -143,26 +146,55 @@ def run(
         warnings.warn(notice, feasibility.LimitWarning, stacklevel=2)
     metadata = about(trajectory, controller, actuator, timing) | {"notices": list(notices)}
     log = _Log(trajectory, controller, timing)
-    command, adapt = controller.command, controller.adapt
-    desired = zip(*(array.tolist() for array in wanted(trajectory, controller)), strict=True)
-    volts = log.rows["volts"]
     end, done = len(trajectory), 0
     try:
-        for start in range(0, end, timing.block):
-            stop = min(start + timing.block, end)
-            for k in range(start, stop):
-                volts[k] = command(*next(desired))
-                log.ticks.commanded(k)
-            measured = _checked(actuator.exchange(volts[start:stop]), stop - start)
-            for _, z, ago in log.ticks.answers(start, stop, measured, getattr(actuator, "truth", None)):
-                adapt(z, ago)
-            done = stop
+        for stop in _moved(trajectory, controller, actuator, timing, log):
+            start, done = done, stop
             if progress and 100 * stop // end > 100 * start // end:
                 progress(stop, end)
     except (Exception, KeyboardInterrupt) as error:
         metadata["interrupted"] = repr(error)
         raise RunInterrupted(log.recording(done, metadata, controller, actuator), error) from error
     return log.recording(done, metadata, controller, actuator)
+
+
+def _moved(
+    trajectory: Trajectory, controller: Controller, actuator: Actuator, timing: Timing, log: _Log
+) -> Iterator[int]:
+    """The loop itself: how many ticks are done, after each block.
+
+    A native controller and a native plant go on without Python once the first measurement is accepted: the same bits.
+    """
+    desired, end = wanted(trajectory, controller), len(trajectory)
+    pair = native.pair(trajectory, controller, actuator, desired)
+    by_ticks = end if pair is None else min(end, native.FIRST)
+    command, adapt = controller.command, controller.adapt
+    motion = zip(*(array[:by_ticks].tolist() for array in desired), strict=True)
+    volts = log.rows["volts"]
+    for start in range(0, by_ticks, timing.block):
+        stop = min(start + timing.block, by_ticks)
+        for k in range(start, stop):
+            volts[k] = command(*next(motion))
+            log.ticks.commanded(k)
+        measured = _checked(actuator.exchange(volts[start:stop]), stop - start)
+        for _, z, ago in log.ticks.answers(start, stop, measured, getattr(actuator, "truth", None)):
+            adapt(z, ago)
+        yield stop
+    if pair is not None:
+        yield from _natively(pair, by_ticks, end, log)
+
+
+def _natively(pair: native.Pair, start: int, end: int, log: _Log) -> Iterator[int]:
+    """As `_moved`: up to each entry of the slow channels, and each hundredth of the run, for its progress."""
+    hundredths = (-(-part * end // 100) for part in range(1, 101))
+    stops = sorted({*range(1, end, log.stride), *hundredths})
+    noise = np.empty(log.stride * pair.samples)
+    for stop in stops:
+        if stop > start:
+            pair.run(slice(start, stop), log.rows, noise)
+            log.ticks.learned(stop - 1)
+            start = stop
+            yield stop
 
 
 def wanted(trajectory: Trajectory, controller: Any) -> list[FloatArray]:

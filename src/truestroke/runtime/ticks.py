@@ -1,6 +1,6 @@
 """What is recorded of each tick, and to which tick a measurement belongs: the same in the loop and in real time.
 
-The native loop of `simulate_many` (c/loops) fills the same channels; a test compares its bits with those of `run`.
+The native loop (c/loops, `runtime.native`) fills the same channels; a test compares the bits of the two.
 """
 
 from __future__ import annotations
@@ -115,8 +115,7 @@ class TickRecorder:
                     self._true[row] = truth[i]
                 yield k, z, stop - 1 - k  # the age is `ago` of Controller.adapt
                 self._adapted(row)
-            if (start + i) % self._stride == 0:
-                self._snapshot((start + i) // self._stride)
+            self.learned(start + i)
 
     def _adapted(self, row: int) -> None:
         bits = self._controller.flag_bits & BY_ADAPT if self._flagged else 0
@@ -124,8 +123,11 @@ class TickRecorder:
         if self._innovative and not bits & BIT["rejected"]:
             self._innovation[row] = self._controller.innovation
 
-    def _snapshot(self, entry: int) -> None:
-        row, start = self._slow[entry % len(self._slow)] if self._slow.size else self._slow, 0
+    def learned(self, k: int) -> None:
+        """After tick k: the slow channels, if it is one of theirs."""
+        if k % self._stride:
+            return
+        row, start = self._slow[k // self._stride % len(self._slow)] if self._slow.size else self._slow, 0
         for value in _slow_values(self._controller).values():
             row[start : start + value.size] = value.ravel()
             start += value.size
