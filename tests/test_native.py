@@ -72,7 +72,7 @@ def test_every_channel_and_the_state_afterwards_have_the_bits_of_the_loop(name):
         np.testing.assert_array_equal(moved.exchange(np.full(300, 0.5)), called.plant.exchange(np.full(300, 0.5)))
 
 
-def test_these_pairs_are_native_and_others_are_not():
+def test_these_pairs_are_native_and_others_are_not(monkeypatch):
     for wave, given, plant in PAIRS.values():
         assert native.pair(wave, controller(given), plant(), [wave.position, wave.velocity]) is not None
 
@@ -90,6 +90,8 @@ def test_these_pairs_are_native_and_others_are_not():
     assert native.pair(SLOW, usual, MatchedPlant(2 * SLOW.velocity), desired) is None  # another motion
     single = controller({"sample_rate": 2000.0, "precision": "single"})
     assert native.pair(SLOW, single, RealisticPlant(), [1e39 * SLOW.position, SLOW.velocity]) is None
+    monkeypatch.setattr(RealisticPlant, "exchange", InPython.exchange)
+    assert native.pair(SLOW, usual, RealisticPlant(), desired) is None
 
 
 def test_a_second_run_continues_from_the_state_of_the_first():

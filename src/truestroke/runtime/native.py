@@ -18,7 +18,8 @@ from truestroke.runtime.ticks import SIMULATED
 from truestroke.signals.trajectories import Trajectory
 
 FIRST = 64  # ticks within which the first measurement may be refused: `AdaptiveController.adapt`
-PLANTS = RealisticPlant, MatchedPlant, StagePlant
+CALLS = {plant: (plant.open, plant.exchange) for plant in (RealisticPlant, MatchedPlant, StagePlant)}
+"""Calls of the native plants that the native loop stands for."""
 
 
 class Pair:
@@ -80,15 +81,25 @@ class Pair:
 
 def pair(trajectory: Trajectory, controller: Any, actuator: Any, desired: Sequence[FloatArray]) -> Pair | None:
     """The two as a `Pair`; None where one of them is not native, so that each tick is Python's."""
-    if type(controller) is not AdaptiveController or type(actuator) not in PLANTS:
+    if type(controller) is not AdaptiveController or type(actuator) not in CALLS:
         return None
-    kernel, own = controller._kernel, vars(controller)
-    usual = own.get("command") == kernel.command and own.get("adapt") == kernel.adapt
-    if not usual or {"open", "exchange"} & vars(actuator).keys():
-        return None  # another call is in its place
+    if not (_is_usual(controller) and _moves_as_usual(actuator)):
+        return None
     if isinstance(actuator, MatchedPlant) and not actuator.follows(trajectory.velocity):
         return None
     largest = np.finfo(np.float32 if controller.settings.precision == "single" else np.float64).max
     if not all(np.all(np.abs(array) <= largest) for array in desired):
         return None  # `command` refuses the first tick that is not
     return Pair(controller, actuator, desired)
+
+
+def _is_usual(controller: AdaptiveController) -> bool:
+    """Whether its calls are those of the kernel, and nobody put others in their place."""
+    kernel, own = controller._kernel, vars(controller)
+    return bool(own.get("command") == kernel.command and own.get("adapt") == kernel.adapt)
+
+
+def _moves_as_usual(plant: Any) -> bool:
+    """The same of a plant."""
+    kind = type(plant)
+    return (kind.open, kind.exchange) == CALLS[kind] and not {"open", "exchange"} & vars(plant).keys()
