@@ -1,5 +1,6 @@
 """Dead time and lag: against scipy's simulation, and inside their intervals in records of simulated stages."""
 
+import dataclasses
 import importlib.util
 from pathlib import Path
 
@@ -7,11 +8,14 @@ import numpy as np
 import pytest
 from scipy.signal import lsim
 
+from truestroke.control import stage
 from truestroke.control.actuator import respond
 from truestroke.identification import ActuatorModel, load_model, save_model
 from truestroke.identification.identified import _data
+from truestroke.identification.regression import Structure
 from truestroke.identification.response import find_response
 from truestroke.identification.series import series
+from truestroke.model.dynamics import Dynamics, Mode
 
 SPEC = importlib.util.spec_from_file_location(
     "time_constants", Path(__file__).parents[1] / "benchmarks/time_constants.py"
@@ -30,6 +34,26 @@ def test_lag_and_dead_time_against_a_simulation():
     y = np.random.Generator(np.random.PCG64(1)).standard_normal(400)
     made = lsim(([1.0], [7.0, 1.0]), y - y[0], np.arange(400.0))[1] + y[0]
     np.testing.assert_allclose(respond(y, 3.0, 7.0)[3:], made[:-3], atol=1e-9)
+
+
+MODES = (Mode(frequency=90.0, damping=0.02, share=0.7), Mode(frequency=250.0, damping=0.05, share=0.3))
+STAGE = Dynamics(sample_rate=1000.0, modes=MODES, dead_time=1.2e-3)
+
+
+@pytest.mark.parametrize("dynamics", [None, STAGE], ids=["", "stage"])
+@pytest.mark.parametrize(("delay", "lag"), [(0.0, 0.7e-3), (3.3e-3, 0.0), (4e-3, 12e-3), (1.0, 0.0)])
+def test_columns_are_behind_stage_lag_and_dead_time_as_a_signal_is(dynamics, delay, lag):
+    """Natively, of every third sample: what `stage.through` and `respond` make of each column."""
+    t = np.arange(800) / 1000.0
+    x = 1.5 - 1.5 * np.cos(40 * t) * np.cos(3 * t)
+    plain = _data(series((x, 10 * x, 1000.0)), 800, 800)
+    s = Structure(thresholds=(0.0, 0.4, 0.9), rate_dependent=(0, 2), creep_times=(0.05,), asymmetry=2)
+    before = plain.columns(s, 10 * x)[:, :-1]
+    data = dataclasses.replace(plain, every=3, displacement=plain.displacement[::3])
+    data = dataclasses.replace(data, dynamics=dynamics, delay=delay, time_constant=lag)
+    moved = before if dynamics is None else stage.through(dynamics, before)
+    expected = respond(moved, 1e3 * delay, 1e3 * lag)[::3]
+    np.testing.assert_allclose(data.columns(s, 10 * x)[:, :-1], expected, atol=1e-10 * np.abs(before).max())
 
 
 @pytest.mark.parametrize("kind", simulated.KINDS[::3], ids=lambda kind: kind.__name__)

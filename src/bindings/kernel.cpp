@@ -632,6 +632,7 @@ void require_lengths(bool equal) {
 }
 
 using Rows = nb::ndarray<double, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
+using Columns = nb::ndarray<const double, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
 
 // Plays (1) along x; every `every`-th row is kept, from the first. y holds the states before, then behind.
 void play_history(Vector<double> x, Vector<double> r, Output y, size_t every, Rows rows) {
@@ -644,6 +645,45 @@ void play_history(Vector<double> x, Vector<double> r, Output y, size_t every, Ro
         if (k % every == 0) std::copy(state.begin(), state.end(), rows.data() + k / every * n);
     }
     std::copy(state.begin(), state.end(), y.data());
+}
+
+// Columns behind a stage (taps and parallel sections b0, b1, a1, a2), a lag (b0, b1, p) and a dead time of `dead` samples
+// and a part of one, at rest before the first row: of every `every`-th sample.
+void respond_rows(Columns columns, Vector<double> taps, Columns sections, Vector<double> lag, size_t dead, double part,
+                  size_t every, Rows rows) {
+    size_t ticks = columns.shape(0), n = columns.shape(1), own = sections.shape(0), t = taps.shape(0);
+    require_lengths(rows.shape(1) == n && every > 0 && rows.shape(0) == (ticks + every - 1) / every && t > 0 &&
+                    lag.shape(0) == 3 && (own == 0 || sections.shape(1) == 4));
+    if (ticks == 0) return;
+    const double *in = columns.data(), b0 = lag.data()[0], b1 = lag.data()[1], p = lag.data()[2];
+    std::vector<double> past((t + 2 * own + 3) * n), none(n);
+    double *u = past.data(), *state = u + t * n, *moved = state + 2 * own * n, *now = moved + n, *lagged = now + n;
+    nb::gil_scoped_release release;
+    for (size_t k = 0; k < ticks; k++) {
+        const double *at = in + (k < dead ? 0 : k - dead) * n;
+        for (size_t i = t - 1; i > 0; i--) std::copy(u + (i - 1) * n, u + i * n, u + i * n);
+        for (size_t j = 0; j < n; j++) u[j] = at[j] - in[j];
+        for (size_t j = 0; j < n; j++) now[j] = taps.data()[0] * u[j];
+        for (size_t i = 1; i < t; i++)
+            for (size_t j = 0; j < n; j++) now[j] += taps.data()[i] * u[i * n + j];
+        for (size_t i = 0; i < own; i++) {
+            const double *c = sections.data() + 4 * i;
+            double *first = state + 2 * i * n, *second = first + n;
+            for (size_t j = 0; j < n; j++) {
+                double y = c[0] * u[j] + first[j];
+                first[j] = c[1] * u[j] - c[2] * y + second[j];
+                second[j] = -c[3] * y;
+                now[j] += y;
+            }
+        }
+        double *out = k % every == 0 ? rows.data() + k / every * n : none.data();
+        for (size_t j = 0; j < n; j++) {
+            double z = b0 * now[j] + b1 * moved[j] + p * lagged[j];
+            out[j] = in[j] + (1 - part) * z + part * lagged[j];
+            moved[j] = now[j];
+            lagged[j] = z;
+        }
+    }
 }
 
 // (a + rate b).H_r[x] along x.
@@ -712,6 +752,8 @@ MODULE(TS_MODULE, m) {
     m.attr("HISTORY") = TS_HISTORY;
     m.attr("REAL_BYTES") = sizeof(ts_real);
     m.def("play_history", &play_history, "x"_a, "r"_a, "y"_a, "every"_a, "rows"_a);
+    m.def("respond_rows", &respond_rows, "columns"_a, "taps"_a, "sections"_a, "lag"_a, "dead"_a, "part"_a, "every"_a,
+          "rows"_a);
     m.def("play_sum", &play_sum, "x"_a, "rate"_a, "a"_a, "b"_a, "r"_a, "y"_a, "sums"_a);
     m.def("play_invert", &play_invert, "y_d"_a, "rate"_a, "a"_a, "b"_a, "r"_a, "y"_a, "x"_a);
     nb::class_<Kernel> kernel(m, "Kernel");

@@ -134,14 +134,20 @@ def through(dynamics: Dynamics, strain: FloatArray) -> FloatArray:
     """
     from scipy.signal import lfilter
 
-    sections, dead, _, q, G = _sampled(dynamics)
-    direct, own = _numerators(G, q, sections, DIRECT)
+    direct, own, dead = difference_equation(dynamics)
     rest = strain[:1]
     u = strain - rest
     if dead:
         u = np.concatenate([np.zeros_like(u[:dead]), u[: max(len(u) - dead, 0)]])
     parts = [lfilter([b0, b1], [1.0, a1, a2], u, axis=0) for b0, b1, a1, a2 in own]
     return np.asarray(rest + lfilter(direct, [1.0], u, axis=0) + sum(parts))
+
+
+def difference_equation(dynamics: Dynamics) -> tuple[FloatArray, FloatArray, int]:
+    """S G: taps, rows b0, b1, a1, a2 of the sections beside them, and whole ticks of dead time before both."""
+    sections, dead, _, q, G = _sampled(dynamics)
+    direct, own = _numerators(G, q, sections, DIRECT)
+    return np.array(direct), np.array(own), dead
 
 
 def _sections(dynamics: Dynamics) -> list[tuple[float, float]]:

@@ -8,7 +8,10 @@ import numpy as np
 
 from truestroke.base.typing import FloatArray
 
-CHUNK = 64  # rows: so few that BLAS starts no threads, which on a busy machine cost twenty times the time
+CHUNK = (
+    256  # rows: with `BLOCK`, so few that BLAS starts no threads, which on a busy machine cost twenty times the time
+)
+BLOCK = 8  # columns that are eliminated together
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,10 +33,13 @@ class Prior:
 
 def reduced(rows: FloatArray) -> FloatArray:
     """R of the QR decomposition: the same sums of squares in as many rows as there are columns."""
-    R = rows[:0]
+    from scipy.linalg.lapack import dtpqrt
+
+    columns = rows.shape[1]
+    R = np.zeros((columns, columns), order="F")
     for start in range(0, len(rows), CHUNK):
-        R = np.asarray(np.linalg.qr(np.vstack([R, rows[start : start + CHUNK]]), mode="r"))
-    return R
+        R, *_ = dtpqrt(0, min(BLOCK, columns), R, rows[start : start + CHUNK], overwrite_a=1)
+    return np.asarray(R)
 
 
 def solve(rows: FloatArray, G: FloatArray | None = None, floor: float | FloatArray = 0.0) -> FloatArray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -11,16 +12,22 @@ import numpy.typing as npt
 from truestroke import _kernel
 from truestroke.base.typing import FloatArray
 from truestroke.control import stage
-from truestroke.control.actuator import ActuatorModel, asymmetry_slopes, central_difference, creep_states, respond
+from truestroke.control.actuator import (
+    ActuatorModel,
+    asymmetry_slopes,
+    central_difference,
+    creep_states,
+    lag_coefficients,
+    respond,
+)
 from truestroke.identification.normal import Prior
 from truestroke.identification.series import settled
 from truestroke.model import prior
 from truestroke.model.dynamics import Dynamics
 from truestroke.model.layout import TERMS, Layout
-from truestroke.model.models import Motion, known_terms, play_terms
+from truestroke.model.models import Motion, known_terms
 
 ROWS = 50_000  # of the regression at most: beyond, every so many samples; the plays see all of them
-BLOCK = 8  # columns that go through the stage at a time: at the full rate they are large
 SETTLING = 0.1  # of the record at most: what is skipped until the play states are known
 FLOOR = 0.05  # of the straight line's slope: the smallest partial slope
 STEEPEST = 0.2  # least slope of z - asymmetry(z): displacement rises by at most 5 times the weighted sum of the plays
@@ -110,20 +117,43 @@ class Data:
         Velocity and asymmetry come from the model, not from the measurement, whose noise would bias the weights. With
         `dynamics`, z is the strain, and the columns are those behind the stage.
         """
-        direct = self.dynamics is None and self.delay == self.time_constant == 0.0
-        every = self.every if direct else 1
+        every = self.every if self.direct else 1
         rate = central_difference(z, self.sample_rate)[::every]
-        H = plays(self.volts, s.thresholds, every).T
+        H = plays(self.volts, s.thresholds, every)
         creep = [c[::every] for c in creep_states(self.volts, s.creep_times, self.sample_rate)]
         t = np.arange(0, self.volts.size, every) / self.sample_rate
         known = known_terms(s, creep, Motion(z[::every], rate), self.stroke)
-        starts = [np.exp(-t / tau) for tau in s.starts]
-        columns = [*play_terms(s, H, self.rate_scale * rate), *known, *starts]
-        if not direct:
-            blocks = [np.column_stack(columns[k : k + BLOCK]) for k in range(0, len(columns), BLOCK)]
-            columns = [self.through(block)[:: self.every] for block in blocks]
+        others = np.vstack([known, *(np.exp(-t / tau) for tau in s.starts)])
         drift = [self._drift(s, name, t[:: self.every // every]) for name in s.drift]
-        return np.column_stack([*columns, *drift, self.displacement])
+        columns = np.empty((self.displacement.size, len(s.coefficients) + 1))
+        columns[:, s.a] = self._seen(H)
+        columns[:, s.b] = self._seen((self.rate_scale * rate)[:, None] * H[:, s.rate_plays])
+        columns[:, s.of_plays : s.of_plays + len(others)] = self._seen(others.T)
+        columns[:, s.of_plays + len(others) :] = np.column_stack([*drift, self.displacement])
+        return columns
+
+    @property
+    def direct(self) -> bool:
+        """Whether the displacement is that of the columns themselves: no stage, dead time or lag between."""
+        return self.dynamics is None and self.delay == self.time_constant == 0.0
+
+    @cached_property
+    def _stage(self) -> tuple[FloatArray, FloatArray, int]:
+        return (np.ones(1), np.empty((0, 4)), 0) if self.dynamics is None else stage.difference_equation(self.dynamics)
+
+    def _seen(self, columns: FloatArray) -> FloatArray:
+        """`through` of columns, natively; of every sample that is kept."""
+        if self.direct:
+            return columns
+        (taps, sections, dead), fs = self._stage, self.sample_rate
+        whole, part = divmod(self.delay * fs, 1.0)
+        rows, lag = (
+            np.empty((self.displacement.size, columns.shape[1])),
+            np.array(lag_coefficients(self.time_constant * fs)),
+        )
+        columns = np.ascontiguousarray(columns)
+        _kernel.respond_rows(columns, taps, sections, lag, dead + int(whole), part, self.every, rows)
+        return rows
 
     def through(self, strain: FloatArray) -> FloatArray:
         """What the stage, dead time and lag make of a strain, um, at the full rate."""

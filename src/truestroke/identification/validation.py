@@ -12,7 +12,7 @@ import numpy as np
 from truestroke.base.typing import FloatArray
 from truestroke.base.verdict import Level, Verdict
 from truestroke.control.actuator import central_difference
-from truestroke.model.operators import play_history
+from truestroke.identification.regression import plays
 
 if TYPE_CHECKING:
     from truestroke.identification.examine import Findings
@@ -121,9 +121,9 @@ def _dependence(trace: Trace, tested: Any) -> dict[str, float]:
     span = float(np.ptp(x))
     rate = central_difference(trace.predicted, trace.sample_rate)
     voltage, velocity = _hats(x[rows]), _hats(_ranked(rate[rows]))
-    plays = play_history(x - x[0], tuple(r * span for r in THRESHOLDS))[rows] / span
+    history = plays(x - x[0], tuple(r * span for r in THRESHOLDS))[rows] / span
     known = _predicted(np.hstack([voltage, velocity]), e)
-    both = _predicted(np.hstack([voltage, velocity, plays]), e)
+    both = _predicted(np.hstack([voltage, velocity, history]), e)
     square = float(np.mean(e**2))
     means = [(part.mean() ** 2, part.size) for part in np.array_split(e, PIECES)]
     slow = sum(mean * size for mean, size in means) / e.size
