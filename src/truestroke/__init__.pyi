@@ -14,6 +14,8 @@ from truestroke.control.controller import Controller as Controller
 from truestroke.control.controller import Counters as Counters
 from truestroke.control.controller import Diagnostics as Diagnostics
 from truestroke.control.feasibility import LimitWarning as LimitWarning
+from truestroke.control.iterative import IterativeLearning as IterativeLearning
+from truestroke.control.iterative import Learned as Learned
 from truestroke.control.model_file import ModelFileError as ModelFileError
 from truestroke.control.model_file import load_model as load_model
 from truestroke.control.model_file import save_model as save_model
@@ -46,6 +48,7 @@ from truestroke.runtime.commissioning.procedure import AnswerError as AnswerErro
 from truestroke.runtime.drivers.playback import playback as playback
 from truestroke.runtime.drivers.protocol import Driver as Driver
 from truestroke.runtime.drivers.protocol import DriverError as DriverError
+from truestroke.runtime.learning import learn as learn
 from truestroke.runtime.loop import Actuator as Actuator
 from truestroke.runtime.loop import RunInterrupted as RunInterrupted
 from truestroke.runtime.loop import run as run

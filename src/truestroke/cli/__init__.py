@@ -13,7 +13,7 @@ __all__ = ["main"]
 
 COMMANDS = (
     *("track", "commission", "bode", "run", "serve", "doctor", "report", "compare", "reproduce", "robustness", "study"),
-    *("examine", "identify", "invert", "playback", "refine", "characterise"),
+    *("examine", "identify", "invert", "playback", "refine", "learn", "characterise"),
 )
 """In the order of the help; each is a function in the module of its name."""
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -13,6 +13,9 @@ import truestroke
 from truestroke.base import files
 from truestroke.cli import common
 from truestroke.control.settings import UNLIMITED
+
+if TYPE_CHECKING:
+    from truestroke.control.iterative import Learned
 
 # What each motion understands: option -> argument of its function.
 SHARED = {"peak_to_peak": "peak_to_peak", "duration": "duration", "sample_rate": "sample_rate"}
@@ -99,6 +102,22 @@ def limits(model: truestroke.ActuatorModel, options: Mapping[str, Any]) -> dict[
         "voltage_limits": options["voltage_limits"] or model.voltage_range,
         "slew_limit": UNLIMITED if options["slew"] is None else options["slew"],
     }
+
+
+def learned(found: Learned) -> truestroke.PredictedWaveform:
+    """One repetition of the best pass, with what was measured of it."""
+    from truestroke.control.spans import Beyond
+
+    best, made = found.best, found.learning
+    return truestroke.PredictedWaveform(
+        sample_rate=made.sample_rate,
+        volts=best.volts,
+        desired=made.desired,
+        predicted=best.measured,
+        out_of_reach=(),
+        too_fast=(),
+        beyond=Beyond((), ()),
+    )
 
 
 # ---- What is printed -----------------------------------------------------------------------------------------------

@@ -48,7 +48,7 @@ def rows(found: Bode, voltage_limits: tuple[float, float], slew: float) -> list[
     return [
         *made,
         ["amplifier", lag if d.amplifier_bandwidth else "no lag seen", "corner of a first-order lag"],
-        ["dead time", late, f"{d.dead_time * d.sample_rate:.2f} ticks"],
+        ["dead time", late, f"{d.dead_time * d.sample_rate:z.2f} ticks"],
         [
             "gain",
             f"{found.gain:.3g} um/V",
@@ -169,4 +169,4 @@ def _with(value: float, deviation: float | None, unit: str = "") -> str:
     if not deviation:
         return f"{value:.4g} {unit}".rstrip()
     digits = max(0, -int(np.floor(np.log10(deviation))))
-    return f"{value:.{digits}f} ± {deviation:.{digits}f} {unit}".rstrip()
+    return f"{value:z.{digits}f} ± {deviation:.{digits}f} {unit}".rstrip()

@@ -143,14 +143,14 @@ def playback(
     calls = ("open", "start", "exchange", "stop", "close")
     checks.able("driver", driver, calls, "a driver, such as drivers.SimulatedDriver; the order is driver, volts")
     step = min(slew, (high - low) / RAMP) / rate
-    before = np.append(_ramp(safe, wave[0], step), np.full(round(rest * sample_rate), wave[0]))
-    whole = np.concatenate([before, wave, _ramp(wave[-1], safe, step)])
+    before = np.append(ramp(safe, wave[0], step), np.full(round(rest * sample_rate), wave[0]))
+    whole = np.concatenate([before, wave, ramp(wave[-1], safe, step)])
     made = (_at_once if hasattr(driver, "playback") else _by_blocks)(driver, whole, rate, limits)
     part = slice(before.size, before.size + wave.size)
     return Recorded(made.volts[:, part], made.displacement[:, part], made.sample_rate)
 
 
-def _ramp(start: float, stop: float, step: float) -> FloatArray:
+def ramp(start: float, stop: float, step: float) -> FloatArray:
     """From start to stop, both of them, no faster than `step` a sample."""
     return np.linspace(start, stop, int(np.ceil(abs(stop - start) / step)) + 2)
 

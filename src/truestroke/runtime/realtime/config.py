@@ -151,13 +151,25 @@ def one_axis(path: str | os.PathLike[str]) -> tuple[Driver, AxisTable]:
     SettingError, OSError
         As `load`.
     """
+    made, axis, _ = one_axis_at(path)
+    return made, axis
+
+
+def one_axis_at(path: str | os.PathLike[str]) -> tuple[Driver, AxisTable, float]:
+    """The same, and the ticks per second of the driver, Hz.
+
+    Raises
+    ------
+    SettingError, OSError
+        As `load`.
+    """
     document = toml.read(path)
     with checks.inside(f"{os.fspath(path)}: "):
         axes = document.get("axis")
         if not isinstance(axes, list) or len(axes) != 1:
             raise SettingError("axis", f"{len(axes) if isinstance(axes, list) else 0} tables", "one [[axis]]")
-        made, _ = driver(toml.value("driver", toml.needed(document, "driver"), Mapping))
-        return made, toml.value("axis", axes[0], AxisTable)
+        made, rate = driver(toml.value("driver", toml.needed(document, "driver"), Mapping))
+        return made, toml.value("axis", axes[0], AxisTable), rate
 
 
 def _placed(tables: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, Mapping[str, Any]]]:

@@ -1,0 +1,112 @@
+"""`truestroke learn`: the voltage of a motion that repeats, learned on hardware pass by pass."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+import truestroke
+from truestroke.base import files
+from truestroke.base.exit_codes import ExitCode
+from truestroke.cli import common, waveforms
+
+if TYPE_CHECKING:
+    from truestroke.control.iterative import Learned
+
+DEMO = {"voltage_limits": (-0.6, 3.6), "slew": 20_000.0, "safe_voltage": 0.0}
+DEMO_STROKE = 35.0  # um over the whole of these limits
+
+
+@click.command()
+@click.argument("motion", metavar="[sine|raster]", type=click.Choice(["sine", "raster"]), default="raster")
+@click.option("--config", metavar="FILE", type=common.FILE, help="Driver and one axis with its limits: TOML, as of "
+              "truestroke run.  [default: a simulated stage]")  # fmt: skip
+@click.option("--passes", metavar="N", type=click.IntRange(1, 1000), default=8, help="At most.")
+@click.option("--frequency", metavar="HZ", type=float, default=50.0, help="Of the motion.")
+@click.option("--peak-to-peak", metavar="UM", type=float, default=20.0)
+@click.option("--offset", metavar="UM", type=float, help="Middle of the motion.  [default: half of the peak-to-peak]")
+@click.option("--turn", metavar="SHARE", type=click.FloatRange(0.01, 0.99), help="Of the period of a raster that "
+              "its turns take.  [default: 0.2]")  # fmt: skip
+@click.option("--dynamics", metavar="FILE", type=common.FILE, help="Of `truestroke bode`.  [default: measured first]")
+@click.option("--model", metavar="FILE", type=common.FILE, help="Of `truestroke identify`: makes the first pass.")
+@click.option("--bandwidth", metavar="HZ", type=float, help="Highest harmonic that is learned.  [default: 2.4 "
+              "times the first resonance]")  # fmt: skip
+@click.option("--averaged", metavar="S", type=click.FloatRange(0.0, 3600.0), default=0.5,
+              help="Duration of the periods of a pass that count.")  # fmt: skip
+@click.option("--output", metavar="NAME", default="learned", help="Write NAME.csv and NAME.html.")
+@common.page_options
+def learn(
+    motion: str, config: Path | None, output: str, plots: Path | None, as_json: bool, **options: Any
+) -> int:  # fmt: skip
+    """Learn the voltage of a motion that repeats, pass by pass.
+
+    Plays the motion, measures it, corrects the voltage at each harmonic through the measured response, and again until
+    the error is that of the noise. Writes one repetition of the best voltage after each pass. The output is at the safe
+    voltage before and after each pass.
+    """
+    from truestroke.report import learning
+
+    name = output.removesuffix(".csv")
+    (page_file,) = common.outputs(name, ".html")
+    target = common.to_write("--output", page_file.with_suffix(".csv"), files.WAVEFORM)
+    driver, limits, rate = _driven(config, options)
+    arguments = {key: options[key] for key in ("frequency", "peak_to_peak", "offset", "turn") if options[key]}
+    if motion == "sine" and "turn" in arguments:
+        raise click.UsageError("--turn means nothing to a sine: leave it out.")
+    wave = getattr(truestroke.trajectories, motion)(sample_rate=rate, duration=_long(rate, options), **arguments)
+    given = {key: options[key] for key in ("passes", "bandwidth", "averaged")}
+    given["dynamics"] = options["dynamics"] and truestroke.Dynamics.load(options["dynamics"])
+    given["model"] = options["model"] and truestroke.load_model(options["model"])
+    if not as_json:
+        click.echo(f"{'pass':>4}  {'rmse':>10}  {'of p-p':>8}  {'maximum':>10}  {'noise':>9}")
+    found = truestroke.learn(driver, wave, **limits, **given, report=_reporter(target, as_json))
+    made = learning.page(found, common.as_asked()["command"])
+    pictures = common.save_page(made, page_file, plots)
+    if as_json:
+        written = {"waveform": str(target), "page": str(page_file), "pictures": pictures}
+        common.print_json({**found.verdict.as_dict(), **learning.as_dict(found), **written})
+        return ExitCode.of(found.verdict)
+    common.print_verdict(found.verdict)
+    common.print_files(waveform=target, page=page_file, pictures=plots)
+    return ExitCode.of(found.verdict)
+
+
+def _driven(config: Path | None, options: dict[str, Any]) -> tuple[Any, dict[str, Any], float]:
+    """What is driven, its limits and stroke, and its sample rate, Hz."""
+    from truestroke.runtime.realtime import config as configuration
+
+    if config is None:
+        from truestroke.plant import StagePlant
+
+        stage = StagePlant()
+        return stage, DEMO | {"stroke": DEMO_STROKE}, stage.settings.sample_rate
+    driver, table, rate = configuration.one_axis_at(config)
+    for key in ("dynamics", "model"):
+        inside = table.settings.get(key) if key == "dynamics" else table.model
+        options[key] = options[key] or (config.parent / str(inside) if inside else None)
+    return driver, table.limits | {"stroke": table.stroke}, rate
+
+
+def _long(rate: float, options: dict[str, Any]) -> float:
+    """Seconds that hold a repetition of whole samples after the ramp."""
+    from truestroke.control.iterative import repetition
+
+    return 1.0 + 2 * repetition(rate, options["frequency"])[0] / rate
+
+
+def _reporter(target: Path, as_json: bool) -> Callable[[Learned], None]:
+    """Writes the best waveform after each pass, so that no fault loses it, and prints the pass."""
+    from truestroke.report import learning
+
+    def report(found: Learned) -> None:
+        truestroke.save_waveform(target, waveforms.learned(found))
+        if not as_json:
+            number, rmse, share, maximum, noise, remark = (cell.replace("µ", "u") for cell in learning.rows(found)[-1])
+            click.echo(f"{number:>4}  {rmse:>10}  {share:>8}  {maximum:>10}  {noise:>9}  {remark.replace('best', '')}")
+            sys.stdout.flush()
+
+    return report

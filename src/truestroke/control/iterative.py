@@ -1,0 +1,633 @@
+"""Iterative learning of a motion that repeats, in the frequency domain, for a loop that is closed from pass to pass.
+
+A pass repeats one period of voltage, and the mean of the periods is measured. At each harmonic h of the
+motion::
+
+    U(h) <- U(h) + s(h) w(h) E(h) / (R(h) G(h)),    E = D - Z
+
+- D is what is desired, Z what the sensor shows of it; G is the response that is known beforehand.
+- R, the ratio of the true response to G, is estimated from all passes: R = 1 with the standard deviation that gain, f0,
+  damping and dead time leave, then by least squares from what each change of U made of Z.
+- s = |R|^2 / (|R|^2 + var R) makes the mean square of 1 - s R_true / R as small as it can be, var R / (|R|^2 + var R):
+  below 1 at each harmonic, whatever is known. Where little is known, the step is small.
+- w = |E|^2 / (|E|^2 + var E), so that noise is not learned.
+
+A pass that is worse than the best one before it is undone: its voltage is given up, what it shows of R stays.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from truestroke.base import checks
+from truestroke.base.checks import SettingError
+from truestroke.base.display import Displayed, Rows, quantity
+from truestroke.base.typing import FloatArray
+from truestroke.base.verdict import Verdict
+from truestroke.control.actuator import ActuatorModel
+from truestroke.control.settings import UNLIMITED
+from truestroke.model.dynamics import Dynamics, Mode
+from truestroke.signals.trajectories import Trajectory
+
+ComplexArray = npt.NDArray[np.complex128]
+BoolArray = npt.NDArray[np.bool_]
+Spectra = tuple[ComplexArray, ComplexArray, FloatArray]
+"""Of a pass: voltage, V, and mean displacement, um, as `numpy.fft.rfft` has them; variance of the latter."""
+
+BAND = 2.4  # times the first resonance: harmonics up to there are learned
+SEEN = 0.45  # of the sample rate: none beyond it is
+GAIN = 0.15  # relative standard deviation of the gain, at any frequency: hysteresis
+DAMPING = 0.3  # the same of a damping that was measured, beside its own deviation
+FREQUENCY = 0.02  # the same of a resonance: it moves with load and temperature
+LATE = 0.7  # ticks: standard deviation of the dead time
+UNSURE = 25.0  # variance of R at most: its sign is not known then
+CROSSED, POWER = 0.1, 1.5  # hysteresis: a tenth of the change of all harmonics reaches the first, / h^1.5 harmonic h
+KEPT = 0.8  # of what older passes say of R: it may not hold any more
+SURE = 0.1  # relative variance of R below which a harmonic shows a change of the stage
+LITTLE = 1e-12  # of the power of the motion: of rounding
+CHANGED = 2.0  # times what a change of the voltage makes: beyond, the stage has changed
+WORSE = 1.05  # times the rmse of the best pass
+SHY = 0.5  # times the step after a pass that was undone
+LEAST = 0.1  # of the whole step: the least that is taken
+IN_TURNS = 0.001  # weight of the error where it does not count, beside 1 where it does
+ITERATIONS = 200  # of conjugate gradients, at most
+WHOLE = 1e-6  # of a sample: a period this near to whole samples has as many
+REPETITIONS = 200  # periods of the motion at most, until they take whole samples
+PERIODIC = 1e-6  # of the peak-to-peak: how well a motion has to repeat
+LIMITED = 0.01  # of the samples at a limit: beyond, the verdict says so
+ABOVE = 0.2  # of the square of the noise: what else may be in an error that is called noise
+NEAR = 2.0  # times the noise: a result that is good
+FINE = 1e-3  # of the peak-to-peak, rms: so is this
+SLOW = 0.8  # times the rmse: what the next pass must be expected to have, where more passes help
+GAINS = 0.1, 10.0  # times the gain that was given: the first pass corrects it within
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class Pass(Displayed):
+    """What one pass did, and what is expected of the next one.
+
+    Attributes
+    ----------
+    number : int
+        From 0 on, which has learned nothing.
+    volts : ndarray, shape (samples,)
+        One period, V.
+    measured : ndarray, shape (samples,)
+        Mean of the measured periods, um; empty of a pass that was missed.
+    error : ndarray, shape (samples,)
+        Measured minus what is desired of the sensor, um.
+    rmse, maximum : float
+        Of the error where it counts (`Trajectory.flat`), um.
+    noise : float
+        Standard deviation of the mean of the periods, um: an error like it cannot be learned.
+    expected : float
+        Rmse that the next pass should have, noise and the harmonics that are not learned included, um.
+    limited : float
+        Share of the samples of `volts` at a limit of voltage or slew.
+    undone : str
+        In a sentence, why the next pass does not build on this one; empty where it does.
+    """
+
+    number: int
+    volts: FloatArray
+    measured: FloatArray
+    error: FloatArray
+    rmse: float
+    maximum: float
+    noise: float
+    expected: float
+    limited: float
+    undone: str = ""
+
+    @property
+    def verdict(self) -> Verdict:
+        """Doubtful where it was undone or at a limit."""
+        reasons = [self.undone] if self.undone else []
+        if self.limited > LIMITED:
+            reasons.append(
+                f"A limit of voltage or slew holds {100 * self.limited:.0f} % of the waveform: what it cuts off "
+                "cannot be learned. Make the motion smaller or slower, or raise the limit."
+            )
+        return Verdict("doubtful", tuple(reasons)) if reasons else Verdict("good")
+
+    def _display(self) -> tuple[str, Rows]:
+        rows = [(name, quantity(getattr(self, name), "um")) for name in ("rmse", "maximum", "noise", "expected")]
+        return f"Pass {self.number}: {self.undone or self.verdict.level}", rows
+
+
+class IterativeLearning(Displayed):
+    """The voltage for a motion that repeats, learned from pass to pass.
+
+    Parameters
+    ----------
+    motion : Trajectory or array_like, shape (samples,)
+        What repeats: a sine, triangle or raster of `truestroke.trajectories`, or one period as an array, um. Errors
+        count where `flat` of a trajectory says so.
+    sample_rate : float, optional
+        Of an array, Hz, and needed then.
+    gain : float
+        Displacement by voltage, um/V: stroke over voltage range. The first pass corrects it, within ten times.
+    dynamics : Dynamics, optional
+        Of the stage, as `truestroke bode` measures them. Without them the stage is taken for a spring, and `bandwidth`
+        is needed.
+    voltage_limits : tuple[float, float]
+        Lowest and highest voltage, V.
+    slew_limit : float
+        Fastest change of the voltage, V/s.
+    bandwidth : float, optional
+        Highest harmonic that is learned, Hz; by default 2.4 times the first resonance, at most 0.45 of the sample rate.
+    model : ActuatorModel, optional
+        Of the actuator: its inverse makes the first pass.
+
+    Attributes
+    ----------
+    desired : ndarray, shape (samples,)
+        One period of what is learned, um: the motion without harmonics beyond the bandwidth, as near to it as they
+        allow where errors count.
+    samples, periods : int
+        Of a repetition: where a period of the motion takes no whole number of samples, it has several periods.
+
+    Raises
+    ------
+    SettingError
+        The motion does not repeat, its period is no whole number of samples, the bandwidth is below its frequency, the
+        rates differ, or a limit does not allow the first pass: the message names what it needs.
+
+    Examples
+    --------
+    A spring that is a fifth softer than its gain says, and late by a tick:
+
+    >>> wave = 10.0 - 10.0 * np.cos(np.arange(100) * 2 * np.pi / 100)
+    >>> learned = IterativeLearning(wave, 1000.0, gain=5.0, bandwidth=100.0, voltage_limits=(0.0, 6.0))
+    >>> for _ in range(4):
+    ...     made = learned.learn(np.tile(4.0 * np.roll(learned.volts, 1), (3, 1)))
+    ...     print(f"{made.rmse:.2f} um")
+    2.49 um
+    0.11 um
+    0.00 um
+    0.00 um
+    """
+
+    def __init__(
+        self,
+        motion: Trajectory | npt.ArrayLike,
+        sample_rate: float | None = None,
+        *,
+        gain: float,
+        voltage_limits: tuple[float, float],
+        slew_limit: float = UNLIMITED,
+        dynamics: Dynamics | None = None,
+        bandwidth: float | None = None,
+        model: ActuatorModel | None = None,
+    ) -> None:
+        wave, counts, self.sample_rate, self.periods = _period(motion, sample_rate)
+        self.samples = wave.size
+        self.gain = checks.positive("gain", gain, "um/V")
+        self.voltage_limits = checks.interval("voltage_limits", voltage_limits, "V")
+        self.slew_limit = checks.positive("slew_limit", slew_limit, "V/s")
+        if dynamics is not None:
+            words = "a Dynamics, such as truestroke.measure_dynamics gives"
+            dynamics = checks.instance("dynamics", dynamics, Dynamics, words).check_rate(self.sample_rate)
+        self.dynamics, self.counts = dynamics, counts
+        self._frequency: FloatArray = np.fft.rfftfreq(self.samples, 1 / self.sample_rate).astype(np.float64)
+        self.bandwidth = self._band(bandwidth)
+        self._learned = (self._frequency <= self.bandwidth) & (np.arange(self._frequency.size) % self.periods == 0)
+        self.desired = _nearest(wave, counts, self._learned)
+        self._G, self._sensor, self._variance = _response(dynamics, self._frequency, self.sample_rate, self.gain)
+        self._D = self._sensor * np.fft.rfft(self.desired)
+        self._last: Spectra | None = None
+        self._weighted, self._information = 1 / self._variance + 0j, 1 / self._variance
+        self._worse = False
+        self._base: tuple[float, ComplexArray, ComplexArray, FloatArray] | None = None
+        self._best = math.nan, np.empty(0)
+        self._step, self._number = 1.0, 0
+        self.ratio: ComplexArray = np.ones_like(self._G)
+        self.volts, self._limited = self._first(model)
+
+    # ---- The first pass --------------------------------------------------------------------------------------------
+
+    def _band(self, bandwidth: float | None) -> float:
+        lowest = self._frequency[self.periods]
+        if bandwidth is None:
+            if self.dynamics is None:
+                bound = "highest harmonic to learn, Hz, or dynamics, as `truestroke bode` measures them"
+                raise SettingError("bandwidth", None, bound)
+            bandwidth = min(BAND * self.dynamics.modes[0].frequency, SEEN * self.sample_rate)
+            if bandwidth < lowest:
+                bound = f"at most {bandwidth:.4g} Hz, {BAND} times the first resonance"
+                raise SettingError("frequency of the motion", float(lowest), bound, "Hz")
+        return checks.within("bandwidth", bandwidth, float(lowest), SEEN * self.sample_rate, "Hz")
+
+    def _first(self, model: ActuatorModel | None) -> tuple[FloatArray, float]:
+        """By the inverse of the model, or by the response where it is sure; refused where a limit forbids it."""
+        if model is None:
+            excess = np.maximum(self._variance - GAIN**2, 0.0)
+            U = np.where(self._learned, self._D / (self._G * (1 + excess)), 0.0)
+            volts = np.fft.irfft(U, self.samples)
+        else:
+            checks.instance("model", model, ActuatorModel, "an ActuatorModel, such as of truestroke.load_model(path)")
+            periods = 1 + math.ceil(0.1 * self.sample_rate / self.samples)
+            volts = model.invert(np.tile(self.desired, periods), self.sample_rate)[-self.samples :]
+        fastest = float(np.abs(np.diff(volts, append=volts[:1])).max()) * self.sample_rate
+        if fastest > self.slew_limit:
+            bound = f"at least {fastest:.4g} V/s, which the motion needs: raise it, or move slower or less"
+            raise SettingError("slew_limit", self.slew_limit, bound, "V/s")
+        return self._within(volts)
+
+    def _within(self, volts: FloatArray) -> tuple[FloatArray, float]:
+        """The same within limits and slew, around the period; and the share of samples that they hold."""
+        held = np.clip(volts, *self.voltage_limits)
+        most = self.slew_limit / self.sample_rate
+        if np.abs(np.diff(held, append=held[:1])).max() > most:
+            x = held.tolist()
+            for k in range(2 * self.samples):  # the second time around from where the first one has ended
+                before = x[k % self.samples - 1]
+                x[k % self.samples] = min(max(x[k % self.samples], before - most), before + most)
+            held = np.array(x)
+        return held, float(np.mean(np.abs(held - volts) > 1e-9 * np.ptp(self.voltage_limits)))
+
+    # ---- Passes ----------------------------------------------------------------------------------------------------
+
+    def learn(self, measured: npt.ArrayLike | None) -> Pass:
+        """What the pass with `volts` has shown; from it `volts` of the next one.
+
+        Parameters
+        ----------
+        measured : array_like, shape (periods, samples) or (periods * samples,), or None
+            Displacement while `volts` was repeated, um, from the beginning of a period, when the start had decayed; NaN
+            where a sample was lost. None, or a phase of the period that was never seen, is a pass that was missed: the
+            same voltage comes again.
+
+        Raises
+        ------
+        SettingError
+            The pass was cut short: not a whole number of periods. What was learned so far stays.
+        """
+        z = self._periods(measured)
+        if z is None:
+            return self._missed()
+        mean, noise2 = self._mean(z)
+        Z, E = np.fft.rfft(mean), self._D - np.fft.rfft(mean)
+        if not self._number:
+            self._scale(np.fft.rfft(self.volts), Z)
+        this = np.fft.rfft(self.volts), Z, noise2
+        changed = self._last is not None and self._estimate(self._last, this)
+        self._last = this
+        error = mean - np.fft.irfft(self._D, self.samples)
+        rmse = float(np.sqrt(np.mean(error[self.counts] ** 2)))
+        noise = float(np.sqrt(2 * noise2.sum())) / self.samples
+        if not rmse >= self._best[0]:
+            self._best = rmse, self.volts
+        undone = self._judge(float(np.std(error[self.counts])), noise, E, changed)
+        assert self._base is not None
+        _, U, E_base, noise2 = self._base
+        U, E_base = np.append(this[0][:1], U[1:]), np.append(E[:1], E_base[1:])
+        w = np.abs(E_base) ** 2 / np.maximum(np.abs(E_base) ** 2 + noise2, 1e-300)
+        R2, variance = np.abs(self.ratio) ** 2, 1 / self._information
+        step = np.where(self._learned, self._step * w * R2 / (R2 + variance), 0.0)
+        made = Pass(
+            number=self._number,
+            volts=self.volts,
+            measured=mean,
+            error=error,
+            rmse=rmse,
+            maximum=float(np.abs(error[self.counts]).max()),
+            noise=noise,
+            expected=self._expected(E_base, step, variance / R2, noise),
+            limited=self._limited,
+            undone=undone,
+        )
+        self.volts, self._limited = self._within(
+            np.fft.irfft(U + step * np.conj(self.ratio) / np.maximum(R2, 1e-300) * E_base / self._G, self.samples)
+        )
+        self._number += 1
+        return made
+
+    def _periods(self, measured: npt.ArrayLike | None) -> FloatArray | None:
+        """As rows; None where the pass was missed."""
+        if measured is None:
+            return None
+        z = np.asarray(measured, dtype=np.float64)
+        if not z.size or z.size % self.samples:
+            bound = f"a whole number of periods of {self.samples} samples: the pass was cut short, repeat it"
+            raise SettingError("measured", f"{z.size} samples", bound)
+        z = z.reshape(-1, self.samples)
+        return z if np.isfinite(z).any(axis=0).all() else None
+
+    def _mean(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Mean of the periods, um, and variance of each harmonic of it: from one period to the next, without creep."""
+        mean = np.nanmean(z, axis=0)
+        lost = np.isnan(z)
+        Z = np.fft.rfft(np.where(lost, mean, z), axis=1)
+        if len(z) > 1:
+            return mean, np.asarray(np.mean(np.abs(np.diff(Z, axis=0)) ** 2, axis=0) / (2 * len(z)))
+        beyond = ~self._learned & (self._frequency > self.bandwidth)
+        level = float(np.median(np.abs(Z[0, beyond]) ** 2)) / math.log(2) if beyond.any() else 0.0
+        return mean, np.full(Z.shape[1], level)
+
+    def _missed(self) -> Pass:
+        nothing = np.empty(0)
+        same = {"rmse": math.nan, "maximum": math.nan, "noise": math.nan}
+        expected = self._best[0]
+        return Pass(
+            number=self._number,
+            volts=self.volts,
+            measured=nothing,
+            error=nothing,
+            expected=expected,
+            limited=self._limited,
+            undone="This pass was missed: the same voltage comes again.",
+            **same,
+        )
+
+    def _scale(self, U: ComplexArray, Z: ComplexArray) -> None:
+        """Correct the gain by the first pass."""
+        x = (self._G * U)[1:] * self._learned[1:]
+        found = float(np.sum(np.conj(x) * Z[1:]).real / np.sum(np.abs(x) ** 2))
+        low, high = GAINS
+        if not low <= found <= high:
+            value = f"{self.gain:g} um/V, where the first pass shows {found * self.gain:.3g}"
+            bound = "within ten times of it, and of its sign: is it the sensor of this axis, in um?"
+            raise SettingError("gain", value, bound)
+        self._G = found * self._G
+
+    def _estimate(self, before: Spectra, after: Spectra) -> bool:
+        """R from what the change of voltage made of the displacement; whether the stage has changed: then not.
+
+        It has where the sure harmonics did what no change of the voltage explains. The mean creeps, and is left out.
+        """
+        (U, Z, noise), (V, Y, another) = before, after
+        x, y, least = self._G * (V - U), Y - Z, LITTLE * np.sum(np.abs(self._D) ** 2)
+        x[0] = 0.0
+        expected = self.ratio * x
+        sure = self.harmonics[1] & (np.abs(self.ratio) ** 2 * SURE * self._information > 1)
+        other = np.sqrt(np.sum(np.abs(y - expected)[sure] ** 2))
+        known = np.sqrt(np.sum(np.abs(expected)[sure] ** 2))
+        if other > CHANGED * known + 5 * np.sqrt(np.sum((noise + another)[sure]) + least):
+            return True
+        h = 1.0 + np.arange(self._frequency.size) / self.periods
+        crossed = (CROSSED / h**POWER) ** 2 * np.sum(np.abs(x[1:]) ** 2)
+        scatter = noise + another + crossed + least
+        prior = 1 / self._variance
+        self._weighted = prior + KEPT * (self._weighted - prior) + np.conj(x) * y / scatter
+        self._information = prior + KEPT * (self._information - prior) + np.abs(x) ** 2 / scatter
+        self.ratio = np.asarray(self._weighted / self._information, dtype=np.complex128)
+        return False
+
+    def _judge(self, spread: float, noise: float, E: ComplexArray, changed: bool) -> str:
+        """Whether the next pass builds on this one; a sentence where it does not.
+
+        `spread` is the rms of the error without its mean, um: that creeps, and is corrected from the last pass always.
+        """
+        assert self._last is not None
+        U, _, noise2 = self._last
+        best = math.inf if self._base is None else self._base[0]
+        if spread <= WORSE * best + 2 * noise:
+            if spread < best:
+                self._step = min(1.0, self._step / SHY)
+            self._base, self._worse = (min(spread, best), U, E, noise2), False
+            return ""
+        if self._worse:
+            self._base, self._worse = (spread, U, E, noise2), False
+            return f"The stage has changed: {spread:.4g} um rms where it was {best:.4g}. It is learned again."
+        self._worse = changed
+        self._step = self._step if changed else max(LEAST, SHY * self._step)
+        return f"This pass was worse, {spread:.4g} um rms where the best one had {best:.4g}: it is undone."
+
+    def _expected(self, E: ComplexArray, step: FloatArray, variance: FloatArray, noise: float) -> float:
+        """Rmse of the next pass, um, by Parseval's theorem."""
+        left = np.abs(E) ** 2 * ((1 - step) ** 2 + step**2 * variance)
+        left[0] /= 2
+        return float(np.sqrt(2 * left.sum() / self.samples**2 + noise**2))
+
+    # ---- What is known ---------------------------------------------------------------------------------------------
+
+    @property
+    def harmonics(self) -> tuple[FloatArray, BoolArray]:
+        """Frequencies that are learned, Hz, without 0; and which entries of a Fourier transform of a period they are.
+
+        The mask has an entry for each harmonic of `samples`, as `numpy.fft.rfft` has them.
+        """
+        learned = self._learned & (self._frequency > 0)
+        return self._frequency[learned], learned
+
+    @property
+    def best(self) -> float:
+        """Rmse of the best pass so far, um; NaN before the first one."""
+        return self._best[0]
+
+    @property
+    def best_volts(self) -> FloatArray:
+        """One period of the best pass, V, as it was output; `volts` before the first one."""
+        return self._best[1] if self._best[1].size else self.volts
+
+    def _display(self) -> tuple[str, Rows]:
+        rows = [
+            ("period", f"{self.samples} samples, {quantity(self.samples / self.sample_rate, 's')}"),
+            ("bandwidth", quantity(self.bandwidth, "Hz")),
+            ("harmonics", str(int(self._learned.sum()) - 1)),
+            ("passes", str(self._number)),
+            ("best rmse", quantity(self.best, "um")),
+        ]
+        return "IterativeLearning", rows
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class Learned(Displayed):
+    """What a series of passes has learned.
+
+    Attributes
+    ----------
+    passes : tuple[Pass, ...]
+        All of them, the first one without having learned.
+    learning : IterativeLearning
+        Goes on where they end.
+    zero : float
+        Reading of a sensor that was not zeroed, um, subtracted from all measurements; 0 of one that was.
+    """
+
+    passes: tuple[Pass, ...]
+    learning: IterativeLearning
+    zero: float = 0.0
+
+    @property
+    def best(self) -> Pass:
+        """The pass with the smallest rmse."""
+        return min((one for one in self.passes if one.measured.size), key=lambda one: one.rmse)
+
+    @property
+    def verdict(self) -> Verdict:
+        """Good where the error is within twice the noise, or 0.1 % of the motion; bad where none improved."""
+        made = [one for one in self.passes if one.measured.size]
+        best, findings = self.best, []
+        if len(made) > 1 and best is made[0] and not at_the_noise(best):
+            findings.append(("bad", "No pass was better than the first one: measure the dynamics again."))
+        elif not at_the_noise(best, NEAR) and best.rmse > FINE * np.ptp(self.learning.desired):
+            text = (
+                f"The error is {best.rmse / best.noise:.2g} times the noise of a pass" if best.noise else "It is not 0"
+            )
+            more = (
+                "more passes will lower it" if best.expected < SLOW * best.rmse else "more passes will hardly lower it"
+            )
+            findings.append(("doubtful", f"{text}: {more}.{self._beyond()}"))
+        findings += [("doubtful", reason) for reason in best.verdict.reasons]
+        if missed := sum(one.measured.size == 0 for one in self.passes):
+            findings.append(("doubtful", f"{missed} of {len(self.passes)} passes were missed: samples were lost."))
+        return Verdict.of(findings)  # type: ignore[arg-type]
+
+    def _beyond(self) -> str:
+        """A sentence where most of the error is in harmonics that are not learned."""
+        error = self.best.error - self.best.error.mean()
+        power = np.abs(np.fft.rfft(error)) ** 2
+        _, learned = self.learning.harmonics
+        if power[~learned].sum() < power[learned].sum():
+            return ""
+        most = np.argmax(np.where(learned, 0.0, power)) * self.learning.sample_rate / self.learning.samples
+        return (
+            f" Most of it is at {most:.4g} Hz, beyond the bandwidth of {self.learning.bandwidth:.4g} Hz: raise "
+            "`bandwidth`, with dynamics that are known so far, or choose a frequency whose harmonics meet no resonance."
+        )
+
+    def _display(self) -> tuple[str, Rows]:
+        rows = [(f"pass {one.number}", quantity(one.rmse, "um"), one.undone) for one in self.passes]
+        return f"Learned: {self.verdict.level}, rmse {quantity(self.best.rmse, 'um')}", rows
+
+
+def at_the_noise(one: Pass, times: float = 1.0) -> bool:
+    """Whether hardly anything but noise is left in the error of a pass; `times` as much may be."""
+    return bool(one.rmse**2 < (times**2 + ABOVE) * one.noise**2)
+
+
+# ---- The motion ----------------------------------------------------------------------------------------------------
+
+
+def _period(motion: Trajectory | npt.ArrayLike, sample_rate: float | None) -> tuple[FloatArray, BoolArray, float, int]:
+    """One repetition of whole samples, um; where errors count; sample rate, Hz; and how many periods it is."""
+    if not isinstance(motion, Trajectory):
+        wave = checks.finite_array("motion", motion, "um")
+        if wave.size < 4:
+            raise SettingError("motion", f"array of {wave.size} samples", "a period of at least 4")
+        _moves(wave)
+        return wave, np.ones(wave.size, dtype=bool), checks.positive("sample_rate", sample_rate, "Hz"), 1
+    rate, frequency = motion.sample_rate, motion.settings.get("frequency")
+    if sample_rate is not None and sample_rate != rate:
+        raise SettingError("sample_rate", sample_rate, f"that of the trajectory, {rate:g} Hz, or left out", "Hz")
+    if not isinstance(frequency, (int, float)):
+        bound = "a motion that repeats, such as a sine, a triangle or a raster, or one period of it as an array"
+        raise SettingError("motion", f"a {motion.name}", bound)
+    samples, periods = repetition(rate, float(frequency))
+    ramp = motion.settings.get("ramp", 0.0)
+    start = math.ceil((ramp if isinstance(ramp, (int, float)) else 0.0) * rate / samples) * samples
+    if start + samples > motion.position.size:
+        bound = f"at least {(start + samples) / rate:.4g} s: one repetition of {samples} samples after the ramp"
+        raise SettingError("duration of the motion", motion.duration, bound, "s")
+    wave = motion.position[start : start + samples]
+    _moves(wave)
+    later = motion.position[start + samples : start + 2 * samples]
+    if np.abs(later - wave[: later.size]).max(initial=0.0) > PERIODIC * np.ptp(wave):
+        raise SettingError("motion", f"a {motion.name} that is another in its next period", "a motion that repeats")
+    counts = np.ones(samples, dtype=bool) if motion.flat is None else motion.flat[start : start + samples]
+    return wave, counts, rate, periods
+
+
+def _moves(wave: FloatArray) -> None:
+    if not np.ptp(wave):
+        raise SettingError("motion", "one that rests", "one that moves", "um")
+
+
+def repetition(sample_rate: float, frequency: float) -> tuple[int, int]:
+    """Samples of the shortest repetition that takes a whole number of them, and how many periods it has.
+
+    Parameters
+    ----------
+    sample_rate, frequency : float
+        Hz; the frequency is that of the motion.
+
+    Raises
+    ------
+    SettingError
+        No 200 periods or fewer take a whole number of samples.
+
+    Examples
+    --------
+    >>> repetition(10_000.0, 50.0), repetition(10_000.0, 97.0)
+    ((200, 1), (10000, 97))
+    """
+    rate = checks.positive("sample_rate", sample_rate, "Hz")
+    checks.positive("frequency", frequency, "Hz")
+    for periods in range(1, REPETITIONS + 1):
+        samples = periods * rate / frequency
+        if abs(samples - round(samples)) < WHOLE * samples / 100:
+            return round(samples), periods
+    near = rate / round(rate / frequency)
+    bound = f"one whose period is a whole number of samples, such as {near:.8g} Hz at {rate:g} Hz"
+    raise SettingError("frequency of the motion", frequency, bound, "Hz")
+
+
+def _nearest(wave: FloatArray, counts: BoolArray, learned: BoolArray) -> FloatArray:
+    """The wave of the learned harmonics alone that is nearest where errors count, by conjugate gradients.
+
+    The error where it does not count has a small weight, so that the turns stay near the motion.
+    """
+
+    def within(x: FloatArray) -> FloatArray:
+        return np.fft.irfft(np.where(learned, np.fft.rfft(x), 0.0), wave.size)
+
+    found = within(wave)
+    if counts.all():
+        return found
+    weight = np.where(counts, 1.0, IN_TURNS)
+    left = within(weight * (wave - found))
+    direction, size = left, float(left @ left)
+    enough = 1e-20 * float(wave @ wave)
+    for _ in range(ITERATIONS):
+        if size <= enough:
+            break
+        turned = within(weight * direction)
+        pace = size / float(direction @ turned)
+        found, left = found + pace * direction, left - pace * turned
+        size, before = float(left @ left), size
+        direction = left + size / before * direction
+    return found
+
+
+# ---- What is known beforehand --------------------------------------------------------------------------------------
+
+
+def _response(
+    dynamics: Dynamics | None, f: FloatArray, rate: float, gain: float
+) -> tuple[ComplexArray, ComplexArray, FloatArray]:
+    """From V to the measurement, um/V; from displacement to measurement; variance of the ratio of true to given."""
+    late = np.abs(np.exp(-2j * np.pi * f * LATE / rate) - 1) ** 2
+    if dynamics is None:
+        ones = np.ones(f.size, dtype=np.complex128)
+        return gain * ones, ones, np.minimum(GAIN**2 + late, UNSURE)
+    G = dynamics.response(f, sensor=True)
+    sensor = G / dynamics.response(f)
+    variance = GAIN**2 + late
+    for i, mode in enumerate(dynamics.modes):
+        own = dynamics.uncertainty.get(f"frequency[{i}]", 0.0) / mode.frequency
+        moved = math.hypot(FREQUENCY, own)
+        stiffer, softer = (_with(dynamics, i, mode, 1 + way * moved, 1.0) for way in (1, -1))
+        damped = _with(dynamics, i, mode, 1.0, 1 + DAMPING)
+        for other, share in ((stiffer, 0.5), (softer, 0.5), (damped, 1.0)):
+            variance = variance + share * np.abs(_response_of(other, f) / G - 1) ** 2
+    return gain * G, sensor, np.minimum(variance, UNSURE)
+
+
+def _with(dynamics: Dynamics, i: int, mode: Mode, frequency: float, damping: float) -> tuple[Dynamics, int, Mode]:
+    moved = Mode(frequency=frequency * mode.frequency, damping=min(damping * mode.damping, 0.99), share=mode.share)
+    return dynamics, i, moved
+
+
+def _response_of(other: tuple[Dynamics, int, Mode], f: FloatArray) -> ComplexArray:
+    """With one mode replaced, which the checks of `Dynamics` need not allow."""
+    dynamics, i, moved = other
+    s = 2j * np.pi * f
+    G = dynamics.response(f, sensor=True)
+    old = sum(mode.response(s) for mode in dynamics.modes)
+    return np.asarray(G * (old - dynamics.modes[i].response(s) + moved.response(s)) / old)

@@ -1,0 +1,148 @@
+"""The page of a waveform that was learned: the error of each pass, the last one, the harmonics."""
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from truestroke.control.iterative import Learned
+from truestroke.report import style, units, words
+from truestroke.report.page import Page, Section, Table, captioned
+from truestroke.report.style import LIGHT, Theme
+
+CAPTIONS = {
+    "passes": (
+        "Passes",
+        "Error of each pass where it counts, measured minus desired; dashed: the noise of a pass, the mean of its "
+        "periods, which cannot be learned. A cross is a pass that was undone.",
+    ),
+    "period": (
+        "One repetition",
+        "Above: the desired motion. Below: the error of the first and of the best pass; shaded where it does not "
+        "count, such as in the turns of a raster.",
+    ),
+    "harmonics": (
+        "Harmonics",
+        "Error of each harmonic that is learned, in the first and in the best pass. The dotted lines are the "
+        "resonances.",
+    ),
+}
+WORDS = {"good": "The motion is as desired.", "doubtful": "Read this before you use it.", "bad": "Do not use it."}
+
+
+def rows(found: Learned) -> list[list[str]]:
+    """Pass, rmse, its share of the peak-to-peak, maximum, noise, remark."""
+    span = float(np.ptp(found.learning.desired))
+    return [
+        [
+            str(one.number),
+            units.length(one.rmse),
+            f"{100 * one.rmse / span:.2g} %",
+            units.length(one.maximum),
+            units.length(one.noise),
+            "missed" if not one.measured.size else "undone" if one.undone else "best" if one is found.best else "",
+        ]
+        for one in found.passes
+    ]
+
+
+def as_dict(found: Learned) -> dict[str, object]:
+    """For JSON: the passes, um, and what was learned of."""
+    keys = ("number", "rmse", "maximum", "noise", "expected", "limited", "undone")
+    units = {"rmse": "rmse_um", "maximum": "maximum_um", "noise": "noise_um", "expected": "expected_um"}
+    rows = [{units.get(key, key): getattr(one, key) for key in keys} for one in found.passes]
+    return {
+        "passes": rows,
+        "best_pass": found.best.number,
+        "peak_to_peak_um": float(np.ptp(found.learning.desired)),
+        "bandwidth_Hz": found.learning.bandwidth,
+        "samples": found.learning.samples,
+        "sensor_zero_um": found.zero,
+    }
+
+
+def page(found: Learned, command: str | None = None) -> Page:
+    """The page of a series of passes; `command` is what repeats it."""
+    made, best = found.learning, found.best
+    columns = ["pass", "rmse", "of p-p", "maximum", "noise", ""]
+    span = float(np.ptp(made.desired))
+    return Page(
+        title=f"A motion of {span:.3g} um, learned in {len(found.passes)} passes",
+        lead=f"Rmse {units.length(best.rmse)}, {100 * best.rmse / span:.2g} % of peak-to-peak, from "
+        f"{units.length(found.passes[0].rmse)}; harmonics to {made.bandwidth:.4g} Hz.",
+        verdict=found.verdict,
+        remark=WORDS[found.verdict.level],
+        sections=[Section(tables=[Table(columns=columns, rows=rows(found), text=True)]), *captioned(CAPTIONS)],
+        plots=lambda theme: plots(found, theme),
+        command=command,
+        footer=words.made_now(),
+    )
+
+
+def plots(found: Learned, theme: Theme = LIGHT) -> dict[str, Figure]:
+    """All of them by name, in the order of the page."""
+    return {"passes": passes(found, theme), "period": period(found, theme), "harmonics": harmonics(found, theme)}
+
+
+def passes(found: Learned, theme: Theme = LIGHT) -> Figure:
+    """Rmse and maximum of each pass, and its noise."""
+    made = [one for one in found.passes if one.measured.size]
+    number = [one.number for one in made]
+    factor, unit = units.scaled_length(min(one.rmse for one in made) or 1.0)
+    with style.use(theme):
+        figure, (panel,) = style.panels(3.0)
+        panel.plot(number, [factor * one.maximum for one in made], "s-", color=theme["measured"], ms=4, label="maximum")
+        panel.plot(number, [factor * one.rmse for one in made], "o-", color=theme["true"], ms=5, label="rmse")
+        panel.plot(number, [factor * one.noise for one in made], "--", color=theme["muted"], lw=1.0, label="noise")
+        undone = [one for one in made if one.undone]
+        if undone:
+            x, y = [one.number for one in undone], [factor * one.rmse for one in undone]
+            panel.plot(x, y, "x", color=theme["alarm"], ms=9, label="undone")
+        style.logarithmic(panel, "y")
+        panel.set(xlabel="pass", ylabel=f"error ({unit})", xticks=number)
+        style.legend_above(panel)
+    return figure
+
+
+def period(found: Learned, theme: Theme = LIGHT) -> Figure:
+    """Desired motion and errors of the first and the best pass, over one repetition."""
+    made, first, best = found.learning, found.passes[0], found.best
+    samples = made.samples // made.periods if made.samples % made.periods == 0 else made.samples
+    time = 1e3 * np.arange(samples) / made.sample_rate
+    part = slice(0, samples)
+    with style.use(theme):
+        figure, (motion, start, end) = style.panels(5.0, 3, sharex=True, height_ratios=[1, 1, 1])
+        motion.plot(*style.thin(time, made.desired[part]), color=theme["desired"], lw=2.0, label="desired")
+        for panel, one, role, label in ((start, first, "before", "first pass"), (end, best, "true", "best pass")):
+            if one.measured.size:
+                factor, unit = units.scaled_length(float(np.abs(one.error[part]).max()) or 1.0)
+                panel.plot(*style.thin(time, factor * one.error[part]), color=theme[role], lw=1.0, label=label)
+                panel.set(ylabel=f"error ({unit})")
+        for panel in (motion, start, end):
+            low, high = panel.get_ylim()
+            panel.fill_between(time, low, high, where=~made.counts[part], color=theme["grid"], lw=0, zorder=0)
+            panel.set_ylim(low, high)
+            style.legend_above(panel)
+        motion.set(ylabel="position (µm)")
+        end.set(xlabel="time (ms)")
+    return figure
+
+
+def harmonics(found: Learned, theme: Theme = LIGHT) -> Figure:
+    """Amplitude of the error of each learned harmonic, first and best pass."""
+    made = found.learning
+    f, learned = made.harmonics
+    with style.use(theme):
+        figure, (panel,) = style.panels(3.0)
+        for one, colour, label in (
+            (found.passes[0], theme["before"], "first pass"),
+            (found.best, theme["true"], "best pass"),
+        ):
+            if one.measured.size:
+                amplitude = 2e3 * np.abs(np.fft.rfft(one.error))[learned] / made.samples
+                panel.plot(f, np.maximum(amplitude, 1e-6), ".-", color=colour, ms=3, lw=0.8, label=label)
+        for mode in made.dynamics.modes if made.dynamics else ():
+            if mode.frequency < f[-1]:
+                panel.axvline(mode.frequency, color=theme["muted"], lw=0.8, ls=":")
+        style.logarithmic(panel, "xy")
+        panel.set(xlabel="frequency (Hz)", ylabel="error (nm)")
+        style.legend_above(panel)
+    return figure

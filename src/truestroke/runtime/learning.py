@@ -1,0 +1,192 @@
+"""Play, measure, learn, and again: the voltage of a motion that repeats, learned on hardware."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+from typing import Any, TypeGuard, cast
+
+import numpy as np
+import numpy.typing as npt
+
+from truestroke.base import checks
+from truestroke.base.checks import SettingError
+from truestroke.base.typing import FloatArray
+from truestroke.control.actuator import ActuatorModel
+from truestroke.control.iterative import IterativeLearning, Learned, Pass, at_the_noise
+from truestroke.identification.dynamics import measure_dynamics
+from truestroke.model.dynamics import Dynamics
+from truestroke.runtime.drivers.guard import Limits
+from truestroke.runtime.drivers.one_axis import OneAxis
+from truestroke.runtime.drivers.playback import RAMP, playback, ramp
+from truestroke.runtime.drivers.protocol import Driver
+from truestroke.runtime.loop import Actuator
+from truestroke.signals.trajectories import Trajectory
+
+PASSES = 8
+SETTLE = 0.3  # s of each pass before the periods that count: the start decays
+AVERAGED = 0.5  # s of periods that count, at least
+PERIODS = 2, 3  # of the motion, at least: before those that count, and those
+UNZEROED = 0.1  # of the stroke: a mean this far off is that of a sensor that was not zeroed
+PATIENCE = 2  # passes in a row without an improvement, after which it ends
+BETTER = 0.95  # times the rmse of the best pass before: an improvement
+
+
+def learn(
+    driver: Driver | Actuator,
+    motion: Trajectory | npt.ArrayLike,
+    *,
+    voltage_limits: tuple[float, float],
+    slew: float,
+    safe_voltage: float = 0.0,
+    stroke: float | None = None,
+    sample_rate: float | None = None,
+    dynamics: Dynamics | None = None,
+    bandwidth: float | None = None,
+    model: ActuatorModel | None = None,
+    passes: int = PASSES,
+    settle: float = SETTLE,
+    averaged: float = AVERAGED,
+    report: Callable[[Learned], None] = lambda _: None,
+) -> Learned:
+    """Learn the voltage of a motion that repeats, pass by pass, until the error is that of the noise.
+
+    Each pass is a `playback`: from the safe voltage to the first voltage, periods until the start has decayed, periods
+    that count, and back. `IterativeLearning` corrects the voltage between two passes.
+
+    Parameters
+    ----------
+    driver : Driver or Actuator
+        Closed, of one channel; its output is at the safe voltage after each pass. Or a simulated actuator such as
+        `StagePlant`, whose passes take no time.
+    motion : Trajectory or array_like, shape (samples,)
+        What repeats, as of `IterativeLearning`.
+    voltage_limits : tuple[float, float]
+        Lowest and highest voltage, V.
+    slew : float
+        Fastest change of the voltage, V/s.
+    safe_voltage : float
+        Where each pass starts and ends, V.
+    stroke : float, optional
+        Displacement over the whole of `voltage_limits`, um; within ten times, the first pass corrects it. By default
+        that of the model.
+    sample_rate : float, optional
+        Of an array, Hz.
+    dynamics : Dynamics, optional
+        Of the stage; by default they are measured first, unless `bandwidth` is given.
+    bandwidth : float, optional
+        Highest harmonic that is learned, Hz. Without dynamics the stage is taken for a spring up to there.
+    model : ActuatorModel, optional
+        Of `identify`: the first pass is made with it.
+    passes : int
+        At most, from 1 to 1000; the first one has learned nothing.
+    settle, averaged : float
+        Duration of the periods that do not count, and of those that do, at least, s.
+    report : callable, optional
+        Called after each pass with what was learned so far.
+
+    Returns
+    -------
+    Learned
+
+    Raises
+    ------
+    SettingError
+        An argument is out of bounds, or the motion does not repeat.
+    DriverError
+        The hardware failed; what was reported before remains valid.
+    DynamicsError
+        The dynamics could not be measured.
+
+    Examples
+    --------
+    >>> from truestroke import trajectories
+    >>> from truestroke.plant import StagePlant, StageSettings
+    >>> stage = StagePlant(StageSettings(hysteresis_kind="preisach"))
+    >>> wave = trajectories.raster(frequency=50.0, peak_to_peak=20.0, duration=1.0, sample_rate=10_000.0)
+    >>> limits = {"voltage_limits": (-0.6, 3.6), "slew": 20_000.0}
+    >>> found = learn(stage, wave, stroke=35.0, **limits, passes=5, averaged=0.2)
+    >>> print(found.verdict.level, found.passes[0].rmse > 0.5, found.best.rmse < 0.02)
+    good True True
+    """
+    limits = Limits(voltage_limits=voltage_limits, slew=slew, safe_voltage=safe_voltage)
+    low, high = limits.voltage_limits
+    most = checks.count("passes", passes, 1, 1000)
+    checks.able("driver", driver, ("open", "exchange"), "a driver or a simulated actuator; the order is driver, motion")
+    if stroke is None and model is not None:
+        stroke = model.stroke / (model.voltage_range[1] - model.voltage_range[0]) * (high - low)
+    if stroke is None:
+        raise SettingError("stroke", None, "the displacement over the whole of voltage_limits, or a model", "um")
+    if dynamics is None and bandwidth is None:
+        dynamics = _measured(driver, limits)
+    learning = IterativeLearning(
+        motion,
+        sample_rate,
+        gain=checks.positive("stroke", stroke, "um") / (high - low),
+        voltage_limits=(low, high),
+        slew_limit=slew,
+        dynamics=dynamics,
+        bandwidth=bandwidth,
+        model=model,
+    )
+    play = _player(driver, learning.sample_rate, limits)
+    periods = _periods(learning, settle, PERIODS[0]), _periods(learning, averaged, PERIODS[1])
+    found = Learned(passes=(), learning=learning)
+    for number in range(most):
+        measured = play(np.tile(learning.volts, sum(periods)))[periods[0] * learning.samples :]
+        zero = _zero(learning, measured, stroke) if number == 0 else found.zero
+        made = learning.learn(measured - zero)
+        found = Learned(passes=(*found.passes, made), learning=learning, zero=zero)
+        report(found)
+        if at_the_noise(made) or _idle(found.passes):
+            break
+    return found
+
+
+def _measured(driver: Driver | Actuator, limits: Limits) -> Dynamics:
+    about: dict[str, Any] = {"voltage_limits": limits.voltage_limits, "safe_voltage": limits.safe_voltage}
+    if not _is_driver(driver):
+        return measure_dynamics(cast(Actuator, driver), slew_limit=limits.slew, **about)
+    with OneAxis(driver, **dataclasses.asdict(limits)) as axis:
+        return measure_dynamics(axis, slew_limit=limits.slew, **about)
+
+
+def _is_driver(driver: Driver | Actuator) -> TypeGuard[Driver]:
+    return hasattr(driver, "start")
+
+
+def _player(driver: Driver | Actuator, rate: float, limits: Limits) -> Callable[[FloatArray], FloatArray]:
+    """From a waveform, V, to the displacement, um; the output is at the safe voltage before and after it."""
+    if _is_driver(driver):
+        return lambda volts: playback(driver, volts, rate, **dataclasses.asdict(limits)).displacement[0]
+    actuator = cast(Actuator, driver)
+    if (own := actuator.open().sample_rate) != rate:
+        raise SettingError("sample_rate", rate, f"that of the actuator, {own:g} Hz", "Hz")
+    step = min(limits.slew, float(np.ptp(limits.voltage_limits)) / RAMP) / rate
+
+    def play(volts: FloatArray) -> FloatArray:
+        actuator.exchange(ramp(limits.safe_voltage, volts[0], step))
+        measured = np.asarray(actuator.exchange(volts))
+        actuator.exchange(ramp(volts[-1], limits.safe_voltage, step))
+        return measured
+
+    return play
+
+
+def _periods(learning: IterativeLearning, duration: float, least: int) -> int:
+    """Repetitions that take at least this long, s."""
+    seconds = checks.within("settle or averaged", duration, 0.0, 3600.0, "s")
+    return max(least if learning.periods < least else 1, math.ceil(seconds * learning.sample_rate / learning.samples))
+
+
+def _zero(learning: IterativeLearning, measured: FloatArray, stroke: float) -> float:
+    """What a sensor that was not zeroed reads too much, um, by the mean of the first pass."""
+    off = float(np.nanmean(measured) - learning.desired.mean()) if np.isfinite(measured).any() else 0.0
+    return off if abs(off) > UNZEROED * stroke else 0.0
+
+
+def _idle(passes: tuple[Pass, ...]) -> bool:
+    """Whether the last passes were no improvement on those before."""
+    made = [one.rmse for one in passes if one.measured.size]
+    return len(made) > PATIENCE and min(made[-PATIENCE:]) > BETTER * min(made[:-PATIENCE])

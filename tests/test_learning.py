@@ -1,0 +1,303 @@
+"""Iterative learning: on stages of three structures the error falls to the noise, whatever is known wrongly."""
+
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import truestroke
+from truestroke import Dynamics, IterativeLearning, Mode, SettingError, trajectories
+from truestroke.cli import main
+from truestroke.control.iterative import repetition
+from truestroke.plant import StagePlant, StageSettings
+
+FS, LIMITS = 10_000.0, (-0.6, 3.6)
+GAIN = 30.0 / 3.6  # um/V of the simulated stage
+KNOWN = {"gain": GAIN, "voltage_limits": LIMITS}
+
+
+def dynamics(f0, damping=0.01, rate=FS):
+    return Dynamics(sample_rate=rate, modes=(Mode(frequency=f0, damping=damping),), amplifier_bandwidth=3000.0)
+
+
+class Stage:
+    """A stage that plays periods: settles for 0.15 s, and measures 0.25 s of them."""
+
+    def __init__(self, f0, kind="preisach", damping=0.01, **others):
+        two = {"resonances": (f0, 2.9 * f0), "dampings": (damping, 0.01), "shares": (0.95, 0.05)}
+        self.plant = StagePlant(StageSettings(hysteresis_kind=kind, **two, **others), seed=3)
+        self.plant.open()
+
+    def play(self, volts):
+        """What was measured, and the true displacement, um, shape (periods, samples)."""
+        settle, count = (max(2, int(np.ceil(s * FS / volts.size))) for s in (0.15, 0.25))
+        wave = np.tile(volts, settle + count)
+        part = slice(settle * volts.size, None)
+        measured = self.plant.exchange(wave)[part].reshape(count, -1)
+        return measured, self.plant.truth[part].reshape(count, -1)
+
+
+def raster(frequency, duration=1.0, peak_to_peak=20.0):
+    return trajectories.raster(
+        frequency=frequency, peak_to_peak=peak_to_peak, duration=duration, sample_rate=FS, offset=12.0
+    )
+
+
+def true_errors(stage, learned, wave, passes):
+    """Rms of each pass where it counts, against the motion itself, % of peak-to-peak."""
+    samples = learned.samples
+    start = int(np.ceil(0.25 * FS / samples)) * samples
+    desired, counts = (one[start : start + samples] for one in (wave.position, wave.flat))
+    found = []
+    for _ in range(passes):
+        measured, true = stage.play(learned.volts)
+        learned.learn(measured)
+        found.append(100 * np.std((true.mean(axis=0) - desired)[counts]) / wave.settings["peak_to_peak"])
+    return np.array(found)
+
+
+# ---- Stages --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("frequency", "f0", "known", "kind"),
+    [(20.0, 900.0, 1.03, "preisach"), (50.0, 900.0, 0.97, "bouc-wen"), (50.0, 400.0, 1.03, "plays")],
+)
+def test_five_passes_leave_a_twentieth_of_a_percent_with_a_wrong_resonance(frequency, f0, known, kind):
+    wave = raster(frequency)
+    stage = Stage(f0, kind, damping=0.02, dead_time=1e-4)  # a tick that the dynamics do not have
+    learned = IterativeLearning(wave, dynamics=dynamics(known * f0, 0.02), **KNOWN)
+    errors = true_errors(stage, learned, wave, 7)
+    assert errors[0] > 3.0
+    assert errors[5:].max() < 0.05
+    assert np.all(errors <= errors[0])
+
+
+@pytest.mark.parametrize("gain", [0.3, 3.0])
+def test_a_gain_that_is_three_times_wrong_costs_one_pass(gain):
+    wave = raster(50.0)
+    stage = Stage(900.0)
+    learned = IterativeLearning(wave, dynamics=dynamics(900.0), **{**KNOWN, "gain": gain * GAIN})
+    assert true_errors(stage, learned, wave, 8)[-1] < 0.05
+
+
+def test_a_change_of_gain_is_learned_again_in_five_passes():
+    wave = raster(50.0)
+    learned = IterativeLearning(wave, dynamics=dynamics(900.0), **KNOWN)
+    assert true_errors(Stage(900.0), learned, wave, 7)[-1] < 0.05
+    errors = true_errors(Stage(900.0, stroke=31.5), learned, wave, 6)
+    assert errors[0] > 1.0
+    assert errors[-1] < 0.05
+
+
+def test_a_motion_near_the_resonance_is_learned_too():
+    wave = trajectories.sine(frequency=400.0, peak_to_peak=10.0, offset=12.0, duration=1.0, sample_rate=FS)
+    stage = Stage(900.0)
+    learned = IterativeLearning(wave, dynamics=dynamics(900.0 * 1.03), **KNOWN)
+    for _ in range(8):
+        made = learned.learn(stage.play(learned.volts)[0])
+    assert made.rmse < 0.001 * 10.0 + made.noise
+
+
+# ---- The law -------------------------------------------------------------------------------------------------------
+
+
+def frequencies(learned):
+    """Of the harmonics of a repetition, Hz."""
+    return np.fft.rfftfreq(learned.samples, 1 / learned.sample_rate)
+
+
+def linear(learned, G):
+    """The measurement of a linear stage with these responses at the harmonics, um/V."""
+    return np.fft.irfft(G * np.fft.rfft(learned.volts), learned.samples)
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    gain=st.floats(0.3, 3.0),
+    late=st.floats(0.0, 1.0),
+    f0=st.floats(0.93, 1.07),
+    damping=st.floats(0.005, 0.1),
+    frequency=st.sampled_from([10.0, 25.0, 50.0, 100.0]),
+)
+def test_no_linear_stage_makes_it_diverge(gain, late, f0, damping, frequency):
+    """Gain, dead time, resonance and damping of another stage: the error falls to a hundredth, and never rises much."""
+    wave = trajectories.raster(frequency=frequency, peak_to_peak=10.0, duration=1.0, sample_rate=FS)
+    learned = IterativeLearning(wave, dynamics=dynamics(800.0, 0.02), gain=5.0, voltage_limits=(-10.0, 15.0))
+    f = frequencies(learned)
+    G = gain * 5.0 * dynamics(800.0 * f0, damping).response(f) * np.exp(-2j * np.pi * f * late / FS)
+    errors = [learned.learn(np.tile(linear(learned, G), (2, 1))).rmse for _ in range(14)]
+    assert min(errors) < 0.01 * errors[0] + 1e-9
+    assert max(errors[1:]) < 1.5 * errors[0]
+    assert learned.best == pytest.approx(min(errors), abs=1e-4)
+
+
+def test_a_pass_that_is_worse_is_undone_and_its_voltage_left():
+    wave = raster(50.0)
+    learned = IterativeLearning(wave, dynamics=dynamics(900.0), **KNOWN)
+    stage = Stage(900.0)
+    for _ in range(4):
+        learned.learn(stage.play(learned.volts)[0])
+    best, volts = learned.best, learned.best_volts
+    made = learned.learn(stage.play(learned.volts)[0] + 0.5 * np.sin(np.arange(200) * 2 * np.pi / 200))
+    assert "undone" in made.undone
+    assert made.verdict.level == "doubtful"
+    assert learned.best == best
+    assert np.array_equal(learned.best_volts, volts)
+    learned.learn(stage.play(learned.volts)[0])  # and it goes on from there; the mean was still of the disturbance
+    assert learned.learn(stage.play(learned.volts)[0]).rmse < 2 * best
+
+
+def test_a_missed_pass_changes_nothing():
+    learned = IterativeLearning(raster(50.0), dynamics=dynamics(900.0), **KNOWN)
+    stage = Stage(900.0)
+    learned.learn(stage.play(learned.volts)[0])
+    volts = learned.volts
+    lost = np.full((3, 200), np.nan)
+    for measured in (None, lost):
+        assert "missed" in learned.learn(measured).undone
+        assert np.array_equal(learned.volts, volts)
+
+
+def test_lost_samples_are_taken_from_the_other_periods():
+    wave, true = raster(50.0), dynamics(900.0)
+    a, b = (IterativeLearning(wave, dynamics=true, **KNOWN) for _ in range(2))
+    z = np.tile(linear(a, GAIN * true.response(frequencies(a))), (4, 1))
+    holes = z.copy()
+    holes[1, 20:60] = holes[3, 150:] = np.nan
+    assert np.allclose(a.learn(z).measured, b.learn(holes).measured)
+    assert np.allclose(a.volts, b.volts)
+
+
+def test_voltage_and_slew_stay_within_their_limits():
+    wave = raster(100.0)
+    tight = {"gain": 10.0, "voltage_limits": (0.0, 2.2), "slew_limit": 800.0}
+    learned = IterativeLearning(wave, dynamics=dynamics(900.0), **tight)
+    stage = Stage(900.0)
+    for _ in range(5):
+        made = learned.learn(stage.play(learned.volts)[0])
+        steps = np.diff(made.volts, append=made.volts[:1])
+        assert made.volts.min() >= 0.0
+        assert made.volts.max() <= 2.2
+        assert np.abs(steps).max() * FS <= 800.0 * (1 + 1e-9)
+    assert made.limited > 0.05
+    assert "limit" in " ".join(made.verdict.reasons)
+
+
+def test_errors_in_the_turns_do_not_count():
+    """The learned motion follows the lines of a fast raster three times better than the harmonics alone would."""
+    wave = raster(200.0)
+    learned = IterativeLearning(wave, dynamics=dynamics(900.0), **KNOWN)
+    _, harmonics = learned.harmonics
+    period = wave.position[2500:2550]
+    kept = np.fft.rfft(period)
+    kept[1:][~harmonics[1:]] = 0.0
+    off = [np.std((x - period)[learned.counts]) for x in (learned.desired, np.fft.irfft(kept, 50))]
+    assert off[0] < off[1] / 3
+
+
+# ---- What is refused -----------------------------------------------------------------------------------------------
+
+
+def test_what_does_not_repeat_is_refused():
+    wave = trajectories.random_wave(duration=2.0, sample_rate=FS)
+    with pytest.raises(SettingError, match="a random wave: must be a motion that repeats"):
+        IterativeLearning(wave, dynamics=dynamics(900.0), **KNOWN)
+    with pytest.raises(SettingError, match="one that rests"):
+        IterativeLearning(np.ones(100), FS, dynamics=dynamics(900.0), **KNOWN)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"slew_limit": 100.0}, r"slew_limit = 100.0 V/s: must be at least \d+"),
+        ({"dynamics": None}, "bandwidth"),
+        ({"dynamics": dynamics(40.0)}, "frequency of the motion = 100.0 Hz: must be at most 80 Hz"),
+        ({"dynamics": dynamics(900.0, rate=5000.0)}, "5000"),
+        ({"bandwidth": 10.0}, "bandwidth = 10.0"),
+        ({"gain": 0.0}, "gain = 0"),
+    ],
+)
+def test_bad_arguments_name_what_is_needed(change, message):
+    with pytest.raises(SettingError, match=message):
+        IterativeLearning(raster(100.0), **{"dynamics": dynamics(900.0), **KNOWN, **change})
+
+
+def test_a_pass_that_was_cut_short_is_refused_and_nothing_is_lost():
+    learned = IterativeLearning(raster(50.0), dynamics=dynamics(900.0), **KNOWN)
+    volts = learned.volts
+    with pytest.raises(SettingError, match="301 samples: must be a whole number of periods of 200"):
+        learned.learn(np.zeros(301))
+    assert learned.volts is volts
+
+
+@pytest.mark.parametrize("sign", [-1.0, 0.01])
+def test_a_sensor_that_goes_the_other_way_or_hardly_at_all_is_refused(sign):
+    learned = IterativeLearning(raster(50.0), dynamics=dynamics(900.0), **KNOWN)
+    z = sign * linear(learned, GAIN * dynamics(900.0).response(frequencies(learned)))
+    with pytest.raises(SettingError, match="within ten times of it, and of its sign"):
+        learned.learn(np.tile(z, (2, 1)))
+
+
+def test_a_period_of_no_whole_samples_is_repeated_until_it_is_one():
+    assert repetition(FS, 97.0) == (10_000, 97)
+    assert repetition(2000.0, 12.5) == (160, 1)
+    with pytest.raises(SettingError, match=r"such as 111\.1111"):
+        repetition(FS, 111.37123)
+
+
+# ---- The procedure -------------------------------------------------------------------------------------------------
+
+
+def test_the_command_learns_writes_and_says_so(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    result = CliRunner().invoke(main, ["learn", "--frequency", "100", "--averaged", "0.2", "--passes", "6", "--json"])
+    assert result.exit_code == 0, result.output
+    found = json.loads(result.stdout)
+    assert found["verdict"] == "good"
+    errors = [one["rmse_um"] for one in found["passes"]]
+    assert errors[-1] < 0.02 < 1.0 < errors[0]
+    made = truestroke.load_waveform(tmp_path / "learned.csv")
+    assert made.volts.size == found["samples"] == 100
+    assert "<svg" in (tmp_path / "learned.html").read_text()
+
+
+def test_a_driver_takes_the_same_passes_and_ends_at_the_safe_voltage():
+    from truestroke.runtime.drivers import SimulatedDriver, SimulatedSettings
+
+    stage = {"resonances": [300.0], "dampings": [0.03]}
+    driver = SimulatedDriver(SimulatedSettings(sample_rate=2000.0, block=20, stage=stage))
+    wave = trajectories.sine(frequency=20.0, peak_to_peak=10.0, duration=1.0, sample_rate=2000.0)
+    limits = {"voltage_limits": LIMITS, "slew": 2000.0, "stroke": 35.0, "settle": 0.0, "averaged": 0.1}
+    seen = []
+    found = truestroke.learn(
+        driver, wave, dynamics=dynamics(300.0, 0.03, 2000.0), passes=2, **limits, report=seen.append
+    )
+    assert [len(one.passes) for one in seen] == [1, 2]
+    assert found.passes[1].rmse < 0.5 * found.passes[0].rmse
+
+
+def test_a_sensor_that_was_not_zeroed_is_subtracted():
+    class Offset(StagePlant):
+        def exchange(self, volts):
+            return super().exchange(volts) + 200.0
+
+    wave = trajectories.sine(frequency=50.0, peak_to_peak=10.0, duration=1.0, sample_rate=FS)
+    limits = {"voltage_limits": LIMITS, "slew": 20_000.0, "stroke": 35.0, "averaged": 0.1}
+    found = truestroke.learn(Offset(), wave, dynamics=dynamics(700.0, 0.02), passes=4, **limits)
+    assert found.zero == pytest.approx(200.0, abs=3.0)
+    assert found.best.rmse < 0.02
+
+
+def test_a_wrong_sign_stops_after_the_first_pass():
+    class Reversed(StagePlant):
+        def exchange(self, volts):
+            return -super().exchange(volts)
+
+    wave = trajectories.sine(frequency=50.0, peak_to_peak=10.0, duration=1.0, sample_rate=FS)
+    limits = {"voltage_limits": LIMITS, "slew": 20_000.0, "stroke": 35.0, "averaged": 0.1}
+    with pytest.raises(SettingError, match="of its sign"):
+        truestroke.learn(Reversed(), wave, dynamics=dynamics(700.0, 0.02), **limits)
