@@ -12,12 +12,17 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from hypothesis import HealthCheck, settings
 from xdist.scheduler import LoadScopeScheduling
 
 from truestroke.base import files
 
 LONG = ("test_soak.py", "test_compare.py", "test_bench.py", "test_files_of_a_run.py", "test_docs.py", "test_study.py")
 SHARED = ("test_compare.py", "test_bench.py")
+
+# How fast hypothesis makes its input depends on what else the machine does: no test may fail by it.
+settings.register_profile("any machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("any machine")
 
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # children inherit it
     signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -215,7 +215,7 @@ def test_what_does_not_repeat_is_refused():
     [
         ({"slew_limit": 100.0}, r"slew_limit = 100.0 V/s: must be at least \d+"),
         ({"dynamics": None}, "bandwidth"),
-        ({"dynamics": dynamics(40.0)}, "frequency of the motion = 100.0 Hz: must be at most 80 Hz"),
+        ({"dynamics": dynamics(40.0)}, "frequency of the motion = 100.0 Hz: must be at most 96 Hz"),
         ({"dynamics": dynamics(900.0, rate=5000.0)}, "5000"),
         ({"bandwidth": 10.0}, "bandwidth = 10.0"),
         ({"gain": 0.0}, "gain = 0"),

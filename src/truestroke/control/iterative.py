@@ -498,7 +498,7 @@ class Learned(Displayed):
 
 
 def at_the_noise(one: Pass, times: float = 1.0) -> bool:
-    """Whether hardly anything but noise is left in the error of a pass; `times` as much may be."""
+    """Whether the error of a pass is hardly more than its noise, or `times` of it."""
     return bool(one.rmse**2 < (times**2 + ABOVE) * one.noise**2)
 
 
