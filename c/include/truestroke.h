@@ -311,10 +311,12 @@ typedef struct {
                                          of the sections and of direct[i] q^-i */
     ts_real direct[3];
     int dead;                         /* ticks */
-    ts_real notch[3];                 /* A(q) = sum of notch[i] q^-i: the denominator of the first mode, 1 at 0 Hz */
-    ts_real quiet[3];                 /* the same times a factor: the second difference of white noise stays as large */
+    ts_real notch[3];                 /* sum of notch[i] q^-i: the denominator of the first mode, 1 at 0 Hz */
+    int modes;                        /* beside the first one; A(q) is notch times */
+    ts_real mode[TS_SECTIONS][5];     /* (b0 + b1 q^-1 + b2 q^-2) / (1 + a1 q^-1 + a2 q^-2) of each of them, 1 at 0 Hz: its poles become zeros */
+    ts_real quiet[3];                 /* notch times a factor: the second difference of white noise stays as large */
     ts_real tap[TS_TAPS];             /* A G = q^-dead (sum of tap[i] q^-i + sum of the first `others` sections rest[i]), which does */
-    int others;                       /* not resonate at the first mode */
+    int others;                       /* not resonate */
     ts_real rest[TS_SECTIONS][4];     /* b0, b1, a1, a2, as above */
     ts_real lead[2];                  /* s, s^2: 1 / G without the sensor, for slow motion, is 1 + lead[0] s + lead[1] s^2 */
     ts_real sensor[2];                /* s, s^2: a slow motion is measured as 1 + sensor[0] s + sensor[1] s^2 times it */
@@ -354,6 +356,7 @@ typedef struct {
     ts_real section[TS_SECTIONS][2];  /* outputs of the sections in the last two ticks, um */
     ts_real strain[TS_HISTORY];       /* inputs: of tick k at k % TS_HISTORY, um */
     ts_real z[2];                     /* what the notch saw in the last two ticks, um */
+    ts_real mode[TS_SECTIONS][2];     /* of A, um */
     ts_real innovation[2];            /* innovations of the last two ticks, um */
     ts_real tap[TS_TAPS - 1][TS_PADDED(TS_MAX_PARAMETERS)]; /* of A G, which the regressor passes */
     ts_real rest[TS_SECTIONS][2][TS_PADDED(TS_MAX_PARAMETERS)];

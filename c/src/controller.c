@@ -8,7 +8,8 @@
 #define NOT_BELOW ((ts_real)0.2) /* of the known resonance: a slower error is that of the motion */
 #define ALARMS 0.1                /* s: over which the rate of sudden changes is taken, */
 #define PAUSE 100                 /* 1/s: from which on the feedback pauses, */
-#define RESUME 20                 /* 1/s: and below which it continues */
+#define RESUME 20                 /* 1/s: and below which it continues; */
+#define AT_FIRST 60               /* 1/s: that of the start, so that it begins a tenth of a second later */
 #define REST_PERIODS 6            /* of the oscillation: longest pause of adaptation, */
 #define REST_HALF_WAVES 7         /* and half-waves of the ringing after which it continues */
 
@@ -27,6 +28,13 @@ static bool fraction(ts_real x) { return x >= 0 && x <= 1; }
 static bool stable_section(const ts_real *q)
 {
     return bounded(q[0]) && bounded(q[1]) && q[3] < 1 && q[3] > -1 && q[2] < 1 + q[3] && q[2] > -1 - q[3];
+}
+
+/* The same of (b0 + b1 q^-1 + b2 q^-2) / (1 + a1 q^-1 + a2 q^-2). */
+static bool stable_biquad(const ts_real *q)
+{
+    const ts_real poles[4] = {q[0], q[1], q[3], q[4]};
+    return stable_section(poles) && bounded(q[2]);
 }
 
 static bool ascends_from_zero(const ts_real *r, int n)
@@ -106,12 +114,13 @@ static ts_status check_kalman(const ts_settings *s)
 
 static ts_status check_dynamics(const ts_dynamics *d)
 {
-    bool good = d->sections >= 0 && d->sections <= TS_SECTIONS && d->others >= 0 && d->others <= TS_SECTIONS && d->dead >= 0
+    bool good = d->sections >= 0 && d->sections <= TS_SECTIONS && d->others >= 0 && d->others <= TS_SECTIONS && d->modes >= 0 && d->modes <= TS_SECTIONS && d->dead >= 0
                 && d->dead < TS_HISTORY / 2 && bounded(d->lead[0]) && bounded(d->lead[1])
                 && bounded(d->sensor[0]) && bounded(d->sensor[1]);
     if (!good) return TS_BAD_DYNAMICS;
     for (int i = 0; i < d->sections; i++) good = good && stable_section(d->section[i]);
     for (int i = 0; i < d->others; i++) good = good && stable_section(d->rest[i]);
+    for (int i = 0; i < d->modes; i++) good = good && stable_biquad(d->mode[i]);
     for (int i = 0; i < 3; i++) good = good && bounded(d->direct[i]) && bounded(d->notch[i]) && bounded(d->quiet[i]);
     for (int i = 0; i < TS_TAPS; i++) good = good && bounded(d->tap[i]);
     return good ? TS_OK : TS_BAD_DYNAMICS;
@@ -129,10 +138,7 @@ static ts_status check_sensor(const ts_settings *settings)
 static ts_status check_feedback(const ts_feedback *f)
 {
     bool good = f->filters >= 0 && f->filters <= TS_FEEDBACKS && f->most >= 0 && bounded(f->most);
-    for (int i = 0; good && i < f->filters; i++) {
-        const ts_real *q = f->filter[i], poles[4] = {q[0], q[1], q[3], q[4]};
-        good = stable_section(poles) && bounded(q[2]);
-    }
+    for (int i = 0; good && i < f->filters; i++) good = stable_biquad(f->filter[i]);
     return good ? TS_OK : TS_BAD_FEEDBACK;
 }
 
@@ -485,7 +491,7 @@ static ts_real expected(ts_controller *c)
     return z;
 }
 
-/* A: the measurement without the first mode, um. */
+/* A: the measurement without the modes, um. */
 static ts_real notched(ts_controller *c, ts_real z)
 {
     const ts_dynamics *g = &c->settings.dynamics;
@@ -494,6 +500,18 @@ static ts_real notched(ts_controller *c, ts_real z)
     ts_real y = g->notch[0] * z + g->notch[1] * d->z[0] + g->notch[2] * d->z[1];
     d->z[1] = d->z[0];
     d->z[0] = z;
+    for (int i = 0; i < g->modes; i++) {
+        const ts_real *q = g->mode[i];
+        ts_real *x = d->mode[i];
+        if (d->ticks == 0) {
+            x[1] = (q[2] - q[4]) * y;
+            x[0] = (q[1] - q[3]) * y + x[1];
+        }
+        ts_real in = y;
+        y = q[0] * in + x[0];
+        x[0] = q[1] * in - q[3] * y + x[1];
+        x[1] = q[2] * in - q[4] * y;
+    }
     return y;
 }
 
@@ -504,7 +522,7 @@ static ts_real quiet(const ts_controller *c, ts_real innovation)
     return a[0] * innovation + a[1] * before[0] + a[2] * before[1];
 }
 
-/* A G: the regressor as the measurement without the first mode shows it; at rest before the first tick. */
+/* A G: the regressor as the measurement without the modes shows it; at rest before the first tick. */
 static void pass_stage(ts_controller *c, ts_real *u)
 {
     const ts_dynamics *g = &c->settings.dynamics;
@@ -959,7 +977,7 @@ void ts_controller_reset(ts_controller *c)
     memcpy(c->w, c->settings.initial_weights, sizeof(ts_real) * (size_t)c->parameters);
     start_law(c);
     forget_stage(c);
-    c->feedback.alarms = 2 * PAUSE; /* nothing is learned yet */
+    c->feedback.alarms = AT_FIRST; /* nothing is learned yet */
     c->feedback.paused = true;
     keep_weights(c, true);
     begin_guard(c);
@@ -1000,8 +1018,9 @@ static bool equal(const ts_real *a, const ts_real *b, int n)
 
 static bool same_dynamics(const ts_dynamics *a, const ts_dynamics *b)
 {
-    bool same = a->known == b->known && a->sections == b->sections && a->dead == b->dead && a->others == b->others;
-    return same && equal(&a->section[0][0], &b->section[0][0], 4 * TS_SECTIONS) && equal(a->direct, b->direct, 3)
+    bool same = a->known == b->known && a->sections == b->sections && a->dead == b->dead && a->others == b->others
+                && a->modes == b->modes;
+    return same && equal(&a->mode[0][0], &b->mode[0][0], 5 * TS_SECTIONS) && equal(&a->section[0][0], &b->section[0][0], 4 * TS_SECTIONS) && equal(a->direct, b->direct, 3)
            && equal(a->notch, b->notch, 3) && equal(a->quiet, b->quiet, 3) && equal(a->tap, b->tap, TS_TAPS) && equal(&a->rest[0][0], &b->rest[0][0], 4 * TS_SECTIONS)
            && equal(a->lead, b->lead, 2) && equal(a->sensor, b->sensor, 2);
 }

@@ -46,7 +46,7 @@ static inline bool finite_stage(const ts_controller *c)
     ok = ok && all_finite(c->sensor.before, c->parameters) && all_finite(c->sensor.lagged, c->parameters);
     for (int i = 0; i < TS_TAPS - 1; i++) ok &= all_finite(d->tap[i], c->parameters);
     for (int i = 0; i < 2 * TS_SECTIONS; i++) ok &= all_finite(d->rest[i / 2][i % 2], c->parameters);
-    return ok && all_finite(&d->section[0][0], 2 * TS_SECTIONS) && all_finite(d->strain, TS_HISTORY) && all_finite(d->z, 2);
+    return ok && all_finite(&d->section[0][0], 2 * TS_SECTIONS) && all_finite(&d->mode[0][0], 2 * TS_SECTIONS) && all_finite(d->strain, TS_HISTORY) && all_finite(d->z, 2);
 }
 
 static inline bool finite_state(const ts_controller *c)

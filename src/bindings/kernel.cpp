@@ -175,6 +175,7 @@ template <typename Controller, typename Visit> void each_array(Controller &c, Vi
         visit("stage_sections", &d.section[0][0], sizeof d.section / sizeof(ts_real));
         visit("stage_strain", &d.strain[0], TS_HISTORY);
         visit("stage_measured", &d.z[0], 2);
+        visit("stage_modes", &d.mode[0][0], sizeof d.mode / sizeof(ts_real));
         visit("stage_innovation", &d.innovation[0], 2);
         visit("stage_ticks", &d.ticks, 1);
         for (int i = 0; i < TS_TAPS - 1; i++) visit(("stage_tap_" + std::to_string(i)).c_str(), &d.tap[i][0], m);

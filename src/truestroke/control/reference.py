@@ -41,7 +41,8 @@ NOT_BELOW = 0.2  # of the known resonance: a slower error is that of the motion
 FEEDBACKS = 9  # filters at most: TS_FEEDBACKS of the kernel
 ALARMS = 0.1  # s: over which the rate of sudden changes is taken,
 PAUSE = 100.0  # 1/s: from which on the feedback pauses,
-RESUME = 20.0  # 1/s: and below which it continues
+RESUME = 20.0  # 1/s: and below which it continues;
+AT_FIRST = 60.0  # 1/s: that of the start, so that it begins a tenth of a second later
 REST_PERIODS = 6  # of the oscillation: longest pause of adaptation,
 REST_HALF_WAVES = 7  # and half-waves of the ringing after which it continues
 KEEP = 0.03  # s: how often the weights are kept
@@ -216,10 +217,7 @@ class ReferenceController(Displayed):
         self._last = _Command(0.0, Motion(0.0, 0.0), limited=False)
         self._path = Stage(self._c, s.parameters) if self._c["dynamics.known"] else None
         self._sensor = Sensor({name: value for name, value in self._c.items() if name.startswith("sensor.")})
-        self._alarms, self._paused = (
-            2 * PAUSE,
-            True,
-        )  # sudden changes per second; nothing is learned yet
+        self._alarms, self._paused = AT_FIRST, True  # sudden changes per second; nothing is learned yet
         self._feedback, self._feedback_states = 0.0, np.zeros((FEEDBACKS, 2)).tolist()  # um
         self._bumpless = self._integral = self._innovation = 0.0  # um
         self._z_before = self._predicted_before = 0.0  # um: the last new measurement, the model's value then

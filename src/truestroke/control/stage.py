@@ -6,7 +6,8 @@ follow from G, of `model.dynamics.Dynamics`:
 - *The command* asks the hysteresis for the strain G^-1 z_d in place of z_d: `strain` where the motion is known ahead,
   by the first terms of 1 / G, in velocity and acceleration, where it is not.
 - *Adaptation* passes the regressor through A G and the measurement through A, so that both stay in their linear
-  relation. A has its zeros at the poles of the first mode; without it the law would learn little but the resonance.
+  relation. A has its zeros at the poles of the modes; without it the law would learn little but the resonance. A
+  further mode keeps a damping of 0.3: one that has moved costs a factor of a few, not of a hundred.
 - *The innovation*, from which the noise and spikes are taken, is the measurement less what G gives for the strain of
   the model.
 
@@ -35,6 +36,7 @@ INVERTED = (
     2.5,
 )  # of the first resonance: up to the first the motion is inverted in full, above the second not at all
 VISIBLE = 0.3, 0.45  # of the sample rate: the same bounds where it is low
+DAMPED = 0.3  # damping of a second or third mode in the equation of the law
 QUIET = 0.2  # s: rest before and after a motion, for its inversion
 
 
@@ -67,10 +69,18 @@ def members(dynamics: Dynamics) -> dict[str, Any]:
     sections, dead, f, q, G = _sampled(dynamics)
     a1, a2 = sections[0]
     notch = np.array([1.0, a1, a2]) / (1 + a1 + a2)
+    A, others, modes = _polynomial(notch, q), sections[1:], []
+    for place, mode in enumerate(dynamics.modes[1:]):
+        damped = _poles(mode.frequency, DAMPED, dynamics.sample_rate)
+        zeros, poles = np.array([1.0, *others[place]]), np.array([1.0, *damped])
+        zeros *= poles.sum() / zeros.sum()
+        modes.append([*zeros.tolist(), *damped])
+        A = A * _polynomial(zeros, q) / _polynomial(poles, q)
+        others[place] = damped
     direct, own = _numerators(G, q, sections, DIRECT)
     # behind the first mode everything is small, and there the fit need not be as good
     weight = 1 / (1 + (f / dynamics.modes[0].frequency) ** 2)
-    tap, rest = _numerators(G * _polynomial(notch, q), q, sections[1:], TAPS, weight)
+    tap, rest = _numerators(G * A, q, others, TAPS, weight)
     return {
         "dynamics.known": True,
         "dynamics.sections": len(own),
@@ -78,6 +88,8 @@ def members(dynamics: Dynamics) -> dict[str, Any]:
         "dynamics.direct": direct,
         "dynamics.dead": dead,
         "dynamics.notch": notch.tolist(),
+        "dynamics.modes": len(modes),
+        "dynamics.mode": modes,
         "dynamics.quiet": (notch / _noise_gain(notch)).tolist(),
         "dynamics.tap": tap,
         "dynamics.others": len(rest),
@@ -91,8 +103,11 @@ def members(dynamics: Dynamics) -> dict[str, Any]:
 
 NOT_KNOWN: dict[str, Any] = {
     "dynamics.known": False,
-    **dict.fromkeys(("dynamics.sections", "dynamics.dead", "dynamics.others"), 0),
-    **{f"dynamics.{name}": [] for name in ("section", "direct", "notch", "quiet", "tap", "rest", "lead", "sensor")},
+    **dict.fromkeys(("dynamics.sections", "dynamics.dead", "dynamics.modes", "dynamics.others"), 0),
+    **{
+        f"dynamics.{name}": []
+        for name in ("section", "direct", "notch", "mode", "quiet", "tap", "rest", "lead", "sensor")
+    },
 }
 """The members of a controller that does not know the stage."""
 
@@ -152,17 +167,20 @@ def difference_equation(dynamics: Dynamics) -> tuple[FloatArray, FloatArray, int
 
 def _sections(dynamics: Dynamics) -> list[tuple[float, float]]:
     """a1, a2 of 1 + a1 q^-1 + a2 q^-2: of each mode, and of each lag, whose a2 is 0."""
-    found = []
-    for mode in dynamics.modes:
-        w = 2 * math.pi * mode.frequency / dynamics.sample_rate
-        radius = math.exp(-mode.damping * w)
-        found.append((-2 * radius * math.cos(w * math.sqrt(1 - mode.damping**2)), radius**2))
+    found = [_poles(mode.frequency, mode.damping, dynamics.sample_rate) for mode in dynamics.modes]
     lags: list[float] = []
     for corner in (dynamics.amplifier_bandwidth, dynamics.sensor_bandwidth):
         if corner:
             pole = math.exp(-2 * math.pi * corner / dynamics.sample_rate)
             lags.append(pole * (1 - APART) if any(abs(pole - lag) < APART * lag for lag in lags) else pole)
     return found + [(-pole, 0.0) for pole in lags]
+
+
+def _poles(frequency: float, damping: float, rate: float) -> tuple[float, float]:
+    """a1, a2 of 1 + a1 q^-1 + a2 q^-2 of a mode."""
+    w = 2 * math.pi * frequency / rate
+    radius = math.exp(-damping * w)
+    return -2 * radius * math.cos(w * math.sqrt(1 - damping**2)), radius**2
 
 
 def _noise_gain(taps: FloatArray) -> float:
@@ -297,6 +315,7 @@ class Stage:
         self._sections, self._direct, self._notch = get["section"], get["direct"], get["notch"]
         self._tap, self._rest, self.lead, self.sensor = get["tap"], get["rest"], get["lead"], get["sensor"]
         self._quiet = get["quiet"]
+        self._modes, self._mode_states = get["mode"], [[0.0, 0.0] for _ in get["mode"]]
         self.strain: dict[int, float] = {}
         self.ticks = 0
         self._outputs = [[0.0, 0.0] for _ in self._sections]
@@ -329,17 +348,23 @@ class Stage:
         self._innovation = [innovation, self._innovation[0]]
 
     def notched(self, z: float) -> float:
-        """A: the measurement without the first mode, um; the next tick."""
+        """A: the measurement without the modes, um; the next tick."""
         if self.ticks == 0:
             self._z = [z, z]
         y: float = self._notch[0] * z + self._notch[1] * self._z[0] + self._notch[2] * self._z[1]
         self._z = [z, self._z[0]]
+        for (b0, b1, b2, a1, a2), x in zip(self._modes, self._mode_states, strict=True):
+            if self.ticks == 0:
+                x[1] = (b2 - a2) * y
+                x[0] = (b1 - a1) * y + x[1]
+            before, y = y, b0 * y + x[0]
+            x[0], x[1] = b1 * before - a1 * y + x[1], b2 * before - a2 * y
         self.strain.pop(self.ticks - self.dead - 4, None)
         self.ticks += 1
         return y
 
     def passed(self, u: FloatArray) -> FloatArray:
-        """A G: the regressor as the measurement without the first mode shows it; at rest before the first tick."""
+        """A G: the regressor as the measurement without the modes shows it; at rest before the first tick."""
         s, tap = self._taps, self._tap
         if not self._started:
             for k in range(TAPS - 2, -1, -1):
