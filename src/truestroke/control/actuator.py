@@ -31,6 +31,8 @@ CONVERGED = 1e-13  # of the stroke: a step that is smaller is the last
 SLOPES = 0.4, 4.0  # of the straight line's slope: limits of the partial slopes; wider by default, where it is not known
 DRIFT = 0.1  # relative: how far an actuator may be from its record, in deviations of the default prior
 
+OTHER_STAGE = 1.5  # times the first resonance of the record, or less: loads and temperature move it by less
+
 EXPECTED = "an ActuatorModel, such as of truestroke.load_model(path) or identify(record).model"
 
 
@@ -159,22 +161,55 @@ class ActuatorModel(Displayed, Layout):
         """Settings of a controller with this model and its weights.
 
         Delay and time constant go into the lag, and the limits of the slopes follow from the record's stroke and
-        voltage. The `dynamics` are passed on, where the sample rate sees the resonances.
+        voltage. The `dynamics` are passed on, where the sample rate sees the resonances. A `sensor_delay` and a
+        `sensor_bandwidth` are parts of the record's delay and time constant.
 
         Parameters
         ----------
         sample_rate : float
             Ticks per second, Hz.
         **changes
-            Members of `ControllerSettings` that replace what follows from the model, such as `voltage_limits`.
+            Members of `ControllerSettings` that replace what follows from the model, such as `voltage_limits`. Of
+            `dynamics` that are given see `beside_dynamics`.
+
+        Raises
+        ------
+        SettingError
+            A setting is out of bounds, or `dynamics` are of a stage with another first resonance.
         """
-        known: dict[str, Any] = {
-            "initial_weights": self.delayed(self.delay + self.time_constant),
-            "slope_limits": (SLOPES[0] * self.sensitivity, SLOPES[1] * self.sensitivity),
-        }
+        known: dict[str, Any] = {"slope_limits": (SLOPES[0] * self.sensitivity, SLOPES[1] * self.sensitivity)}
+        if changes.get("dynamics") is not None:
+            made = self.beside_dynamics()._settings(sample_rate, **{**known, **changes})
+            self._check_resonance(made.dynamics)
+            return made
+        late = self.delay + self.time_constant - _sensor_lag(**changes)
+        known["initial_weights"] = self.delayed(late)
         if changes.get("law", "kalman") == "kalman":
             known["dynamics"] = self.stage(sample_rate)
         return self._settings(sample_rate, **{**known, **changes})
+
+    def beside_dynamics(self) -> ActuatorModel:
+        """The model for a controller with measured `dynamics`: dead time, lag and resonances are in these.
+
+        Its delay, time constant and lag are 0, and so is the weight of the inertia, which is added where it has none.
+        """
+        at, there = self.columns["inertia"].start, int(self.inertia)
+        kept = np.delete(np.arange(self.parameters), np.s_[at : at + there])
+        weights = np.insert(self.weights[kept], at, 0.0)
+        weights[self.columns["lag"]] = 0.0
+        P = np.insert(np.insert(self.covariance[np.ix_(kept, kept)], at, 0.0, axis=0), at, 0.0, axis=1)
+        return self.replace(
+            inertia=True, weights=weights, covariance=P, delay=0.0, time_constant=0.0, dynamics=None, before=None
+        )
+
+    def _check_resonance(self, dynamics: Dynamics | None) -> None:
+        """SettingError where dynamics are of another stage than those of the record."""
+        if dynamics is None or self.dynamics is None:
+            return
+        here, there = dynamics.modes[0].frequency, self.dynamics.modes[0].frequency
+        if not 1 / OTHER_STAGE < here / there < OTHER_STAGE:
+            words = f"that of the same stage: the record of the model has {there:.4g} Hz; measure one of them again"
+            raise SettingError("dynamics", f"first resonance {here:.4g} Hz", words)
 
     def stage(self, sample_rate: float) -> Dynamics | None:
         """The dynamics at a sample rate, Hz; None without any, or where it does not see the resonances."""
@@ -197,12 +232,18 @@ class ActuatorModel(Displayed, Layout):
         prior would not follow them.
         """
         fixed = self.settings(sample_rate, **changes)
+        measured = changes.get("dynamics") is not None
+        model = self.beside_dynamics() if measured else self
         weights = np.array(fixed.initial_weights)
-        weights[self.columns["offset"]] = 0.0
+        weights[model.columns["offset"]] = 0.0
         from_rest = {"initial_weights": tuple(weights.tolist()), **changes}
         if fixed.law != "kalman":
             return self.settings(sample_rate, **from_rest)
-        P = self.another_day()
+        P = model.another_day()
+        for term in ("lag", "inertia") if measured else ():  # what the dynamics may miss, and no more
+            place = model.columns[term]
+            P[place], P[:, place] = 0.0, 0.0
+            P[place, place] = np.array(fixed.prior_covariance)[place, place]
         return self.settings(sample_rate, **{"prior_covariance": tuple(map(tuple, P.tolist())), **from_rest})
 
     def another_day(self) -> FloatArray:
@@ -381,6 +422,11 @@ def displacement(
     motion = Motion(np.zeros_like(velocity), velocity)  # at 0 um there is no asymmetry
     known = known_terms(model, creep, motion, model.stroke)
     return solve_asymmetry(plays + w[model.of_plays :] @ known, w[model.columns["asymmetry"]], model.stroke)
+
+
+def _sensor_lag(sensor_delay: float | None = None, sensor_bandwidth: float | None = None, **_: Any) -> float:
+    """By how much a sensor is late at low frequencies, s, of its settings; the kernel has it apart."""
+    return (sensor_delay or 0.0) + (1 / (2 * math.pi * sensor_bandwidth) if sensor_bandwidth else 0.0)
 
 
 # ---- What the terms are made of ------------------------------------------------------------------------------------

@@ -196,7 +196,16 @@ class AdaptiveController(Displayed):
         voltage_limits : tuple[float, float], optional
             Lowest and highest output voltage, V; by default those of the record.
         **settings
-            Any other member of `ControllerSettings` that is not about the model.
+            Any other member of `ControllerSettings` that is not about the model. `dynamics`, of
+            `truestroke.measure_dynamics` or the path of its file, replace delay, time constant, lag and resonances of
+            the record.
+
+        Raises
+        ------
+        SettingError
+            A setting is out of bounds, or the `dynamics` are of a stage with another first resonance than the record.
+        ModelFileError
+            The file is no model.
 
         Notes
         -----

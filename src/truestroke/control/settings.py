@@ -180,10 +180,19 @@ def _covariances(s: ControllerSettings, name: str, value: Any, unit: str) -> tup
         raise SettingError(name, largest, f"of entries up to {STEEPEST**2:g}")
     good = P0.shape == (m, m) and np.allclose(P0, P0.T)
     # The default is not tested: it is positive definite but for rounding.
-    if not good or (s.prior_covariance is not None and np.linalg.eigvalsh(P0).min() <= 0):
+    if not good or (s.prior_covariance is not None and not _positive_definite(P0)):
         words = f"symmetric and positive definite, of shape ({m}, {m})"
         raise SettingError(name, f"array of shape {P0.shape}", words)
     return tuple(tuple(row) for row in P0.tolist())
+
+
+def _positive_definite(P: FloatArray) -> bool:
+    """Whether a symmetric matrix is positive definite; its rows may be of very different units."""
+    variances = np.diag(P)
+    if not np.all(variances > 0):
+        return False
+    scale = np.sqrt(variances)
+    return bool(np.linalg.eigvalsh(P / np.outer(scale, scale)).min() > 0)
 
 
 @bound("at least the trace of P(0), up to 1e18")
