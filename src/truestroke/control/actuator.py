@@ -329,7 +329,7 @@ class ActuatorModel(Displayed, Layout):
 
         The actuator is taken to have rested at the first voltage, as by `predict`, which undoes it: of whole ticks the
         voltage is ahead by the delay. With `dynamics` the voltage makes the strain that the stage needs
-        (`control.stage.strain`), up to 1.5 first resonances. `beyond` gives the spans in which the model extrapolates.
+        (`control.stage.strain`), up to 2.5 first resonances. `beyond` gives the spans in which the model extrapolates.
 
         Parameters
         ----------

@@ -31,12 +31,10 @@ POINTS = 400  # at which the response is fitted
 EXACT = 1e-4  # largest error of a fit, relative to the static gain
 APART = 1e-3  # of poles: nearer ones are fitted as if they were so far apart
 SLOW = 0.02, 0.04  # of the first resonance: where 1 / G is expanded
-INVERTED = (
-    1.5,
-    2.5,
-)  # of the first resonance: up to the first the motion is inverted in full, above the second not at all
+INVERTED = (2.5, 4.0), (1.5, 2.5)  # of the first resonance: inverted in full up to the first, not above the second
 VISIBLE = 0.3, 0.45  # of the sample rate: the same bounds where it is low
 DAMPED = 0.3  # damping of a second or third mode in the equation of the law
+AMPLE = 2.0  # times the motion, peak to peak: a strain that needs more is inverted up to the next of `INVERTED`
 QUIET = 0.2  # s: rest before and after a motion, for its inversion
 
 
@@ -239,8 +237,9 @@ def strain_of(dynamics: Dynamics | None, position: FloatArray) -> FloatArray | N
 def strain(dynamics: Dynamics, position: FloatArray) -> FloatArray:
     """The strain G^-1 z_d that the hysteresis should give so that the stage moves as desired.
 
-    The whole motion is known: the inverse looks ahead, by as much as the stage is late. Frequencies above 1.5 first
-    resonances are inverted less and less, above 2.5 they are left out: no stage follows there.
+    The whole motion is known: the inverse looks ahead, by as much as the stage is late. Frequencies above 2.5 first
+    resonances are inverted less and less, above 4 they are left out. Where that strain is twice as large as the motion,
+    as of a sharp one that meets a zero between two modes, the bounds are 1.5 and 2.5 first resonances.
 
     Parameters
     ----------
@@ -265,6 +264,16 @@ def strain(dynamics: Dynamics, position: FloatArray) -> FloatArray:
     >>> round(float(np.abs(strain(stage, wave)[10000:15000]).max()), 3)
     0.753
     """
+    *wider, narrowest = INVERTED
+    for bounds in wider:
+        found = _inverted(dynamics, position, bounds)
+        if np.ptp(found) <= AMPLE * np.ptp(position):
+            return found
+    return _inverted(dynamics, position, narrowest)
+
+
+def _inverted(dynamics: Dynamics, position: FloatArray, bounds: tuple[float, float]) -> FloatArray:
+    """`strain` with these bounds, first resonances."""
     rate, first = dynamics.sample_rate, dynamics.modes[0].frequency
     quiet = round(QUIET * rate)
     size = 2 ** math.ceil(math.log2(position.size + 2 * quiet))
@@ -272,7 +281,7 @@ def strain(dynamics: Dynamics, position: FloatArray) -> FloatArray:
     extended[quiet : quiet + position.size] = position
     extended[quiet + position.size :] = _way_back(position, size - quiet - position.size, rate)
     f = np.fft.rfftfreq(size, 1 / rate)
-    low, high = (min(a * first, b * rate) for a, b in zip(INVERTED, VISIBLE, strict=True))
+    low, high = (min(a * first, b * rate) for a, b in zip(bounds, VISIBLE, strict=True))
     passed = 0.5 + 0.5 * np.cos(math.pi * np.clip((f - low) / (high - low), 0.0, 1.0))
     inverse = np.zeros_like(passed, dtype=complex)
     inside = passed > 0

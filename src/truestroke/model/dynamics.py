@@ -484,10 +484,20 @@ def _checked(given: Sequence[Mode], rate: float) -> tuple[Mode, ...]:
     total = math.fsum(mode.share for mode in modes)
     if abs(total - 1) > SHARES:
         raise SettingError("the sum of the shares", f"{total:.6g}", "1: they are parts of the static displacement")
-    zeros = np.roots(_polynomials(modes)[0])
+    zeros = zeros_of(modes)
     if zeros.size and zeros.real.max() >= 0:
         raise SettingError("modes", f"modes with a zero at {_hz(zeros[zeros.real.argmax()])}", MINIMUM_PHASE)
     return modes
+
+
+def zeros_of(modes: Sequence[Mode]) -> ComplexArray:
+    """Zeros of the sum of the modes, rad/s: between two of them the stage hardly moves.
+
+    >>> pair = Mode(frequency=700.0, damping=0.02, share=0.9), Mode(frequency=1900.0, damping=0.03, share=0.1)
+    >>> (np.abs(zeros_of(pair)) / (2 * np.pi)).round().tolist()
+    [1485.0, 1485.0]
+    """
+    return np.asarray(np.roots(_polynomials(modes)[0]), dtype=np.complex128)
 
 
 def _polynomials(modes: Sequence[Mode]) -> tuple[FloatArray, FloatArray]:

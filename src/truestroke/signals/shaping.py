@@ -19,7 +19,7 @@ from numpy.polynomial import Legendre
 
 from truestroke.base import checks
 from truestroke.base.typing import FloatArray
-from truestroke.model.dynamics import EXPECTED, Dynamics, Mode
+from truestroke.model.dynamics import EXPECTED, Dynamics, Mode, zeros_of
 
 Motion = tuple[FloatArray, FloatArray, FloatArray]
 """Position, um; velocity, um/s; acceleration, um/s^2."""
@@ -114,7 +114,8 @@ def settling_move(
         Modes of the stage.
     shape : str
         "polynomial": s'(u) = (u (1 - u))^3 times the polynomial of least degree for which the transform of the velocity
-        has a double zero at the pole of the first mode and a zero at those of the others. It takes 1.4 periods of the
+        has a double zero at the pole of the first mode, and a zero at those of the others and at the zeros between the
+        modes, where a controller that inverts the dynamics would need a large strain. It takes 1.4 periods of the
         first mode. Its jerk is continuous, so that the samples of its acceleration, which a controller that inverts the
         dynamics sends, excite nothing either. "zv", "zvd", "ei": a minimum-jerk move of a quarter of a period, repeated
         with the `impulses` of the shaper; they take 0.75, 1.25 and 1.25 periods.
@@ -211,9 +212,11 @@ def _pole(frequency: float, damping: float) -> complex:
 
 
 def _zeros(dynamics: Dynamics, duration: float) -> list[tuple[complex, int]]:
-    """Poles of the modes that a move of this duration, s, excites, and the order of the zero at each."""
+    """Poles and zeros between them that a move of this duration, s, excites, and the order of its zero at each."""
     excited = [mode for mode in dynamics.modes if mode.frequency * duration < SMOOTH]
-    return [(_pole(mode.frequency, mode.damping), 1 if i else 2) for i, mode in enumerate(excited)]
+    poles = [(_pole(mode.frequency, mode.damping), 1 if i else 2) for i, mode in enumerate(excited)]
+    between = (complex(zero) for zero in zeros_of(dynamics.modes) if zero.imag > 0)
+    return poles + [(zero, 1) for zero in between if abs(zero) * duration < 2 * math.pi * SMOOTH]
 
 
 NODES, WEIGHTS = (0.5 * part for part in np.polynomial.legendre.leggauss(80))
