@@ -144,8 +144,9 @@ def test_both_modes_jump_by_5_percent() -> None:
         hysteresis_kind="plays", voltage_limits=LIMITS, resonance_change=1.05, resonance_change_time=0.8,
     )  # fmt: skip
     dynamics = dataclasses.replace(stiffer, resonance_change=1.0).dynamics()
-    error, _ = followed(stiffer, 65.6, dynamics=dynamics)
+    error, controller = followed(stiffer, 65.6, dynamics=dynamics)
     assert error.std() < 0.06
+    assert controller.resonance == 200.0  # as it was measured: it is not followed
     wave = trajectories.sine(frequency=65.6, peak_to_peak=20.0, duration=0.06, sample_rate=RATE, offset=12.0, ramp=0.02)
     settings = ControllerSettings(sample_rate=RATE, stroke=24.0, voltage_limits=LIMITS, dynamics=dynamics)
     volts = [

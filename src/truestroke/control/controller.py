@@ -482,7 +482,9 @@ class AdaptiveController(Displayed):
 
     @property
     def resonance(self) -> float:
-        """First resonance of the stage, Hz: as set, or as measured when the law excited it; NaN where not known."""
+        """First resonance of the stage, Hz: of `dynamics`, as set, or as measured when the law excited it; or NaN."""
+        if self.settings.dynamics is not None:
+            return self.settings.dynamics.modes[0].frequency
         return self._kernel.resonance() * self.settings.sample_rate
 
     @property
