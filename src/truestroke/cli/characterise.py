@@ -98,11 +98,11 @@ def _actuator(
     """What is driven, and the limits of voltage and slew; an axis of hardware is at the safe voltage afterwards."""
     from truestroke.runtime.drivers import OneAxis
     from truestroke.runtime.realtime import config
-    from truestroke.studies.tracking import stack
+    from truestroke.studies import tracking
 
     if not options["config"]:
         limits = {name: options[name] for name in ("voltage_limits", "slew_limit")}
-        yield stack(options["plant"], wave, options["seed"]), limits
+        yield tracking.plant(options["plant"], wave, options["seed"]), limits
         return
     for name in ("plant", "voltage_limits", "slew_limit", "seed"):
         if click.get_current_context().get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE:

@@ -18,8 +18,11 @@ from truestroke.cli import common, results, waveforms
               "controller from a model of `truestroke identify`.")  # fmt: skip
 @click.option("--voltage-limits", type=float, nargs=2, metavar="LOW HIGH", default=(-0.6, 3.6),
               help="Lowest and highest voltage of the controller, V.")  # fmt: skip
-@click.option("--plant", type=click.Choice(["realistic", "matched"]), default="realistic", help="What is driven: "
-              "like a real stack, or of exactly the controller's structure.")  # fmt: skip
+@click.option("--dynamics", metavar="FILE", type=common.FILE, help="Give the adaptive controller the dynamics of "
+              "`truestroke bode`.")  # fmt: skip
+@click.option("--plant", type=click.Choice(["realistic", "matched", "stage"]), help="What is driven: like a real "
+              "stack, of exactly the controller's structure, or the stage that `truestroke bode` measures without "
+              "--config.  [default: realistic; stage with --dynamics]")  # fmt: skip
 @click.option("--trajectory", metavar=waveforms.METAVAR, default="random", callback=waveforms.known_motion,
               help="Desired motion. A file has columns t (s) and z (um), or z alone.")  # fmt: skip
 @waveforms.motion_options
@@ -28,16 +31,20 @@ from truestroke.cli import common, results, waveforms
 @click.option("--output", metavar="NAME", default="truestroke-track", help="Write NAME.h5 and NAME.html.")
 @common.page_options
 def track(output: str, plots: Path | None, as_json: bool, **options: Any) -> int:
-    """Follow a motion with a simulated stack.
+    """Follow a motion with a simulated stack or stage.
 
     Prints rmse and maximum error over the second half of the run; writes a recording and a page of pictures.
     """
     from truestroke.studies import tracking
 
     recording_file, page_file = common.outputs(output, ".h5", ".html")
+    dynamics = None if options["dynamics"] is None else _dynamics(options)
+    kind: Any = options["plant"] or ("realistic" if dynamics is None else "stage")
+    if kind == "stage" and options["sample_rate"] is None and options["trajectory"] in waveforms.MOTIONS:
+        options["sample_rate"] = tracking.STAGE_RATE if dynamics is None else dynamics.sample_rate
     trajectory = waveforms.motion(options["trajectory"], options)
-    plant = tracking.stack(options["plant"], trajectory, options["seed"], options["change_at"])
-    controller = _controller(options, trajectory)
+    plant = tracking.plant(kind, trajectory, options["seed"], options["change_at"])
+    controller = _controller(options, trajectory, {} if dynamics is None else {"dynamics": dynamics})
     if len(trajectory) < results.SHORTEST:
         raise click.UsageError(f"--trajectory: {len(trajectory)} ticks, a page needs at least {results.SHORTEST}.")
     recording = _run(trajectory, controller, plant, recording_file)
@@ -45,14 +52,34 @@ def track(output: str, plots: Path | None, as_json: bool, **options: Any) -> int
     return results.finish(recording, page_file, plots, as_json, recording_file)
 
 
-def _controller(options: Mapping[str, Any], trajectory: truestroke.Trajectory) -> truestroke.Controller:
+def _dynamics(options: Mapping[str, Any]) -> truestroke.Dynamics:
+    """Those of the file; a UsageError where they mean nothing to plant or controller."""
+    from truestroke.studies import tracking
+
+    if options["plant"] not in (None, "stage"):
+        raise click.UsageError(f"--dynamics are of the simulated stage: use --plant stage, not {options['plant']}.")
+    if options["controller"] == "paper":
+        raise click.UsageError("--controller paper knows no dynamics: leave --dynamics out.")
+    found = truestroke.Dynamics.load(options["dynamics"])
+    if not tracking.like_the_stage(found):
+        raise click.UsageError(
+            f"--dynamics {options['dynamics']}: has its first resonance at {found.modes[0].frequency:.4g} Hz, the "
+            f"simulated stage at {tracking.RESONANCE:g} Hz: not the same stage. On yours, `truestroke run` takes them."
+        )
+    return found
+
+
+def _controller(
+    options: Mapping[str, Any], trajectory: truestroke.Trajectory, known: Mapping[str, Any]
+) -> truestroke.Controller:
     from truestroke.studies import tracking
 
     bench = {"sample_rate": trajectory.sample_rate, "voltage_limits": options["voltage_limits"]}
     if options["model"] is None:
         adaptive = truestroke.AdaptiveController
-        make = adaptive.paper if options["controller"] == "paper" else adaptive
-        return make(stroke=tracking.STROKE, **bench)
+        if options["controller"] == "paper":
+            return adaptive.paper(stroke=tracking.STROKE, **bench)
+        return adaptive(stroke=tracking.STROKE, **bench, **known)
     if options["controller"] == "paper":
         raise click.UsageError("--controller paper knows no model: leave --model out.")
     model = truestroke.load_model(options["model"])
@@ -61,7 +88,7 @@ def _controller(options: Mapping[str, Any], trajectory: truestroke.Trajectory) -
             f"--model {options['model']}: has {model.sensitivity:.3g} um/V, the simulated stack "
             f"{tracking.SENSITIVITY:.3g}: not the same actuator. On yours, `truestroke run` starts from the model."
         )
-    return truestroke.AdaptiveController.from_model(model, **bench)
+    return truestroke.AdaptiveController.from_model(model, **bench, **known)
 
 
 def _run(

@@ -7,7 +7,16 @@ import numpy as np
 from truestroke.base.checks import SettingError
 from truestroke.control.actuator import ActuatorModel
 from truestroke.control.baselines import ConstantGain
-from truestroke.plant import Change, MatchedPlant, MatchedSettings, PlantSettings, RealisticPlant
+from truestroke.model.dynamics import Dynamics
+from truestroke.plant import (
+    Change,
+    MatchedPlant,
+    MatchedSettings,
+    PlantSettings,
+    RealisticPlant,
+    StagePlant,
+    StageSettings,
+)
 from truestroke.runtime.loop import run
 from truestroke.signals.recording import Channel, Recording
 from truestroke.signals.trajectories import Trajectory
@@ -16,6 +25,10 @@ STROKE = 30.0  # um, of the simulated stack
 VOLTAGE_LIMITS = (-0.6, 3.6)  # V at the D/A converter
 SENSITIVITY = 13.0  # um/V, about that of the simulated stacks
 ALIKE = 2.5  # times more or less
+RESONANCE, STAGE_RATE = StageSettings().resonances[0], StageSettings().sample_rate  # Hz, of the simulated stage
+NEAR = 1.2  # times its resonance, or less
+
+Plant = RealisticPlant | MatchedPlant | StagePlant
 
 
 def like_the_stack(model: ActuatorModel) -> bool:
@@ -23,17 +36,28 @@ def like_the_stack(model: ActuatorModel) -> bool:
     return SENSITIVITY / ALIKE < model.sensitivity < SENSITIVITY * ALIKE
 
 
-def stack(
-    kind: Literal["realistic", "matched"], trajectory: Trajectory, seed: int, change_at: float | None = None
-) -> RealisticPlant | MatchedPlant:
+def like_the_stage(dynamics: Dynamics) -> bool:
+    """Whether they may be those of the simulated stage."""
+    return RESONANCE / NEAR < dynamics.modes[0].frequency < RESONANCE * NEAR
+
+
+def plant(
+    kind: Literal["realistic", "matched", "stage"], trajectory: Trajectory, seed: int, change_at: float | None = None
+) -> Plant:
     """A plant at the sample rate of a motion; it changes suddenly at `change_at`, s (Sec. 4.2).
 
     Raises
     ------
     SettingError
-        `change_at` is not within the motion.
+        `change_at` is not within the motion, or of a stage, which does not change.
     """
     rate = trajectory.sample_rate
+    if kind == "stage":
+        if change_at is not None:
+            raise SettingError(
+                "change_at", change_at, "left out: the stage does not change; --plant realistic does", "s"
+            )
+        return StagePlant(StageSettings(sample_rate=rate), seed=seed)
     if change_at is not None and not 0 < change_at < trajectory.duration:
         raise SettingError("change_at", change_at, f"between 0 and the end of the run, {trajectory.duration:g} s", "s")
     if kind == "matched":
@@ -47,7 +71,7 @@ def stack(
     return RealisticPlant(PlantSettings(sample_rate=rate, change=change), seed=seed)
 
 
-def with_uncompensated(recording: Recording, trajectory: Trajectory, plant: RealisticPlant | MatchedPlant) -> Recording:
+def with_uncompensated(recording: Recording, trajectory: Trajectory, plant: Plant) -> Recording:
     """The recording with what the same motion would be with the straight line that fits the actuator best.
 
     Raises

@@ -1,0 +1,52 @@
+"""`truestroke track` with the simulated stage: its dynamics from `truestroke bode`, and what does not fit them."""
+
+import json
+
+import pytest
+from click.testing import CliRunner
+
+from truestroke import Dynamics, Mode
+from truestroke.cli import main
+
+RASTER = ("track", "--trajectory", "raster", "--frequency", "60", "--peak-to-peak", "15", "--duration", "1", "--json")
+
+
+@pytest.fixture(autouse=True)
+def _folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    stage(700.0).save("dynamics.toml")
+
+
+def stage(frequency, rate=10_000.0):
+    return Dynamics(sample_rate=rate, modes=(Mode(frequency=frequency, damping=0.02),), amplifier_bandwidth=3000.0)
+
+
+def call(*arguments):
+    return CliRunner().invoke(main, [*RASTER, *arguments])
+
+
+def test_dynamics_make_a_fast_raster_follow():
+    found = {}
+    for name, given in (("without", ("--plant", "stage")), ("with", ("--dynamics", "dynamics.toml"))):
+        done = call(*given, "--output", name)
+        found[name] = json.loads(done.stdout)["true_rmse_um"]
+    assert found["with"] < 0.05
+    assert found["without"] > 5 * found["with"]
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        (("--dynamics", "none.toml"), "none.toml"),
+        (("--dynamics", "dynamics.toml", "--plant", "realistic"), "--dynamics are of the simulated stage"),
+        (("--dynamics", "dynamics.toml", "--controller", "paper"), "paper knows no dynamics"),
+        (("--dynamics", "dynamics.toml", "--sample-rate", "5000"), "5000"),
+        (("--dynamics", "other.toml"), "first resonance at 300 Hz, the simulated stage at 700 Hz"),
+        (("--plant", "stage", "--change-at", "0.5"), "change"),
+    ],
+)
+def test_what_does_not_fit_the_stage_is_refused(given, words):
+    stage(300.0).save("other.toml")
+    done = call(*given)
+    assert done.exit_code in (1, 2), done.output
+    assert words in " ".join(done.output.split())
