@@ -85,3 +85,19 @@ def test_stamps_without_a_unit_may_be_in_any_and_counters_are_none(tmp_path: Pat
         np.savez(tmp_path / "a.npz", time=stamps, volts=x, z=10 * x)
         record = read_record(tmp_path / "a.npz", sample_rate=1000.0)
         assert (bool(record.contradictions), "are not used" in record.unused) == (wrong, not wrong)
+
+
+@pytest.mark.parametrize("written", ["%.4f", "%.5e"])
+@pytest.mark.parametrize("shape", ["sine", "triangle"])
+def test_the_rounding_of_a_text_is_no_noise(tmp_path: Path, shape: str, written: str) -> None:
+    """A simulation without noise in mV and nm: Dahl's model, which no mistake makes."""
+    t = np.arange(3000) / 200.0
+    x = 1 - np.cos(2.7 * t) if shape == "sine" else 2 * np.abs((0.8 * t) % 2 - 1)
+    z = np.zeros_like(x)
+    for k in range(1, x.size):
+        step = x[k] - x[k - 1]
+        z[k] = z[k - 1] + 0.3 * step - 0.7 * abs(step) * z[k - 1]
+    columns = np.column_stack([1e3 * t, 1e3 * x, 1e4 * (x - z)])
+    header = "time (ms),u (mV),z (nm)"
+    np.savetxt(file := tmp_path / "a.csv", columns, delimiter=",", header=header, comments="", fmt=written)
+    assert examine(read_record(file)).mistakes == ()

@@ -555,13 +555,28 @@ def bench(fake: Fake, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 RUN = """
 [axis.trajectory]
 kind = "random_wave"
-sample_rate = 50.0
-cutoff = 1.0
+sample_rate = {rate}
+cutoff = {cutoff}
 peak_to_peak = 10.0
-duration = 1.0
+duration = {duration}
 [recording]
 file = "run.h5"
 """
+
+
+def run_in_time(fake: Fake, ticks: int, fault: str = "") -> tuple[float, subprocess.CompletedProcess[str]]:
+    """`truestroke run` at 50 Hz, or slower where the machine is so busy that the driver says that it cannot."""
+    stage = Path("stage.toml").read_text()
+    for rate in (50.0, 20.0, 10.0):
+        Path("run.h5").unlink(missing_ok=True)
+        fake.make(realtime=True, fault=fault)
+        config = stage.replace("[[axis]]", f"sample_rate = {rate}\n[[axis]]\nstroke = 40.0")
+        Path("run.toml").write_text(config + RUN.format(rate=rate, cutoff=rate / 50, duration=ticks / rate))
+        command = [Path(sys.executable).with_name("truestroke"), "run", "--config", "run.toml", "--json"]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+        if "so at most" not in done.stderr:
+            break
+    return rate, done
 
 
 @pytest.mark.parametrize(
@@ -569,41 +584,38 @@ file = "run.h5"
     [("", 0), ("POS?:60:drop", 12), ("POS?:60:silent", -signal.SIGKILL), ("SVA:40:7", 12), ("POS?:60:nan", 0)],
 )
 def test_the_loop_runs_sample_by_sample(bench: Path, fake: Fake, fault: str, code: int) -> None:
-    fake.make(realtime=True, fault=fault)
-    config = Path("stage.toml").read_text().replace("[[axis]]", "sample_rate = 50.0\n[[axis]]\nstroke = 40.0")
-    Path("run.toml").write_text(config + RUN)
-    command = [Path(sys.executable).with_name("truestroke"), "run", "--config", "run.toml", "--json"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    _, done = run_in_time(fake, 50, fault)
     assert (done.returncode, fake.volts[0], fake.left()) == (code, SAFE[0], True), done.stderr
 
 
 class Offline:
-    """The fake's stack in no time: a tick of 20 ms, and the position at the end of the tick before."""
+    """The fake's stack in no time: the position at the end of the tick before."""
+
+    def __init__(self, rate: float) -> None:
+        self.rate = rate
 
     def open(self) -> Timing:
         cycles = plant.PlantSettings(sample_rate=10_000.0, samples_per_tick=1, steps_per_tick=2)  # servo cycles
         self.stack = plant.RealisticPlant(cycles, seed=0)
         self.stack.open()
         self.z = self.stack.exchange(np.zeros(1))[-1]
-        return Timing(sample_rate=50.0, latency=1)
+        return Timing(sample_rate=self.rate, latency=1)
 
     def exchange(self, volts: np.ndarray) -> np.ndarray:
         before = self.z
-        self.z = self.stack.exchange(np.full(200, volts[0] / GAIN))[-1]
+        self.z = self.stack.exchange(np.full(round(10_000 / self.rate), volts[0] / GAIN))[-1]
         return np.array([before])
 
 
 def test_the_loop_is_as_accurate_as_offline(bench: Path, fake: Fake) -> None:
     """0.031 um both, of 10 um; a busy machine, whose ticks are late by ms, may add as much."""
-    fake.make(realtime=True)
-    config = Path("stage.toml").read_text().replace("[[axis]]", "sample_rate = 50.0\n[[axis]]\nstroke = 40.0")
-    Path("run.toml").write_text(config + RUN.replace("duration = 1.0", "duration = 4.0"))
-    subprocess.run([Path(sys.executable).with_name("truestroke"), "run", "--config", "run.toml"], check=True)
+    rate, done = run_in_time(fake, 200)
+    assert done.returncode == 0, done.stderr
     real = truestroke.Recording.load("run.h5")
-    wave = trajectories.random_wave(sample_rate=50.0, cutoff=1.0, peak_to_peak=10.0, duration=4.0)
+    wave = trajectories.random_wave(sample_rate=rate, cutoff=rate / 50, peak_to_peak=10.0, duration=200 / rate)
     limits = {"voltage_limits": (-20.0, 120.0), "slew_limit": 20000.0}
-    controller = truestroke.AdaptiveController(sample_rate=50.0, stroke=40.0, **limits)
-    offline = truestroke.run(wave, controller, Offline())
+    controller = truestroke.AdaptiveController(sample_rate=rate, stroke=40.0, **limits)
+    offline = truestroke.run(wave, controller, Offline(rate))
     rmse = [np.sqrt(np.nanmean((run["measured"] - run["desired"])[100:-1] ** 2)) for run in (real, offline)]
     assert rmse[0] < 2 * rmse[1]
     assert rmse[1] < 0.1

@@ -2,6 +2,7 @@
 
 import json
 import tomllib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -359,3 +360,18 @@ def test_the_command_undoes_it_and_exits_with_4(rung, tmp_path, monkeypatch):
     assert load_model("stage2.toml").weights.tolist() == rung.weights.tolist()
     told = json.loads(CliRunner().invoke(main, ["refine", "rec.csv", *options[:-2], "--json"]).stdout)
     assert told["verdict"] == "bad"
+
+
+def test_refine_refuses_a_record_that_contradicts_itself(tmp_path, monkeypatch):
+    """A sample rate that its time stamps deny; `--force` goes on."""
+    monkeypatch.chdir(tmp_path)
+    t = np.arange(4000) / 2000.0
+    x = 1.5 - 1.5 * np.cos(9 * t) * np.cos(t)
+    save_model("model.toml", identify((x, 10 * x, 2000.0)).model)
+    np.savez("record.npz", time=t, volts=x, measured=9 * x)
+    command = ["refine", "record.npz", "--model", "model.toml", "--sample-rate", "10000"]
+    refused = CliRunner().invoke(main, command)
+    assert (refused.exit_code, Path("refined.toml").exists()) == (1, False)
+    assert "but the time stamps of the file" in refused.stderr
+    assert CliRunner().invoke(main, [*command, "--force"]).exit_code == 0
+    assert Path("refined.toml").exists()

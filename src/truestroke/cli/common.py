@@ -182,6 +182,8 @@ plots_option = options(
 overwrite_option = click.option("--overwrite", is_flag=True, expose_value=False, callback=_permit,
                                 help="Replace existing files, of any origin.")  # fmt: skip
 json_option = click.option("--json", "as_json", is_flag=True, help="Print one JSON object and nothing else.")
+force_option = click.option("--force", is_flag=True,
+                            help="Fit a record that contradicts itself: units, clock, columns, shifts.")  # fmt: skip
 page_options = options(plots_option, overwrite_option, json_option)
 record_options = options(  # RECORD, and how `truestroke.read_record` reads it
     click.argument("record", type=FILE),
@@ -201,6 +203,16 @@ record_options = options(  # RECORD, and how `truestroke.read_record` reads it
     click.option("--flip-displacement", is_flag=True, help="Turn its sign: it falls as the voltage rises."),
     click.option("--drop-bad-rows", is_flag=True, help="Leave out rows without usable numbers or time stamps."),
 )
+
+
+def examined(record: truestroke.Record, force: bool) -> truestroke.Findings:
+    """What `examine` finds; a RecordError where the record contradicts itself, unless `force`."""
+    from truestroke.identification import mistakes
+
+    findings = truestroke.examine(record)
+    if not force:
+        mistakes.refuse(findings)
+    return findings
 
 
 def outputs(output: str, *endings: str) -> list[Path]:

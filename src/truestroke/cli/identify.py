@@ -19,7 +19,7 @@ from truestroke.cli import common
 @common.record_options
 @click.option("--output", metavar="FILE", default="model.toml", help="The model is written there.")
 @click.option("--report", metavar="FILE", help="The page is written there.  [default: as --output, .html]")
-@click.option("--force", is_flag=True, help="Fit a record that contradicts itself: units, clock, columns, shifts.")
+@common.force_option
 @common.page_options
 def identify(
     record: Path, output: str, report: str | None, force: bool, plots: Path | None, as_json: bool, **options: Any
@@ -32,12 +32,8 @@ def identify(
     """
     target, page_file = _files(output, report)
     data = truestroke.read_record(record, **options)
-    findings = truestroke.examine(data)
-    if not force:
-        from truestroke.identification import mistakes
-
-        mistakes.refuse(findings)
-    found = truestroke.identify(data)
+    findings = common.examined(data, force)
+    found = truestroke.identify(data, findings=findings)
     truestroke.save_model(target, found.model)
     with common.progress("plotting"):
         from truestroke.report import identified

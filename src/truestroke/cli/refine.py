@@ -22,11 +22,12 @@ from truestroke.cli import common, waveforms
 @click.option("--next", "following", metavar="NAME", help="Write the waveform of the next pass, NAME.csv or NAME.npz: "
               "made with the refined model, and corrected by its residual in RECORD.")  # fmt: skip
 @waveforms.limit_options
+@common.force_option
 @common.overwrite_option
 @common.json_option
 def refine(
-    record: Path, model: Path, waveform: Path | None, output: str, following: str | None, strict: bool, as_json: bool,
-    voltage_limits: tuple[float, float] | None, slew: float | None, **options: Any,
+    record: Path, model: Path, waveform: Path | None, output: str, following: str | None, strict: bool, force: bool,
+    as_json: bool, voltage_limits: tuple[float, float] | None, slew: float | None, **options: Any,
 ) -> int:  # fmt: skip
     """Adapt a model from the recording of a waveform.
 
@@ -39,6 +40,7 @@ def refine(
     target = waveforms.waveform_file("--next", following) if following else None
     known, data = truestroke.load_model(model), truestroke.read_record(record, **options)
     waveforms.warn_of(known)
+    common.examined(data, force)
     wanted = None if waveform is None else truestroke.load_waveform(waveform)
     found = truestroke.refine(known, data, waveform=wanted)
     truestroke.save_model(output, found.model)

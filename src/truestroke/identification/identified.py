@@ -15,7 +15,7 @@ from truestroke.base.typing import FloatArray
 from truestroke.base.verdict import Verdict
 from truestroke.control.actuator import ActuatorModel, central_difference
 from truestroke.identification import normal, uncertainty, validation
-from truestroke.identification.examine import examine
+from truestroke.identification.examine import Findings, examine
 from truestroke.identification.modes import ModeSearch
 from truestroke.identification.record import Record, as_record
 from truestroke.identification.regression import ROWS, Data, Structure
@@ -124,6 +124,7 @@ class Identified:
     verdict: Verdict
 
 
+@normal.one_thread
 def identify(
     record: Any,
     *,
@@ -135,6 +136,7 @@ def identify(
     modes: bool | None = None,
     drift: bool | None = None,
     held_out: float = 0.4,
+    findings: Findings | None = None,
 ) -> Identified:
     """The model of an actuator from a record of voltage and displacement.
 
@@ -165,6 +167,8 @@ def identify(
         False: the zero of the sensor does not drift within the record. True: a linear or a logarithmic drift.
     held_out : float
         Share of the record at its end that is held out, above 0, at most 0.5.
+    findings : Findings, optional
+        Of `examine` for this record, if it was examined before.
 
     Raises
     ------
@@ -184,6 +188,8 @@ def identify(
     taken = series(record)
     if rate is not None:
         checks.flag("rate", rate)
+    if findings is not None:
+        checks.instance("findings", findings, Findings, "those of truestroke.examine(record)")
     share = checks.within("held_out", held_out, 0.01, 0.5)
     train, fs = round((1 - share) * taken.volts.size), taken.sample_rate
     _refuse_empty(taken, train)
@@ -204,7 +210,7 @@ def identify(
     trace = Trace(**vars(taken), predicted=predicted, held_out=last)
     test, residual = _held_out(trace), final.residual
     white = uncertainty.autocorrelation(residual), uncertainty.effective_samples(residual)
-    findings = examine(_examined(record, taken))
+    findings = examine(_examined(record, taken)) if findings is None else findings
     evidence = validation.evidence(trace, residual, white[0], findings)
     verdict = validation.verdict(evidence, test, findings)
     model = _documented(final, test, taken, verdict)
@@ -230,7 +236,7 @@ def _found(
     first = 0.0 if delay is not None else coarse_delay(coarse)
     found = find_response(_data(s, samples, samples), first, delay, certain)
     coarse = dataclasses.replace(coarse, delay=found.delay, time_constant=found.time_constant)
-    guess, _ = first_prediction(coarse)
+    guess = first_prediction(coarse)
     structure, weight, tried = choose(coarse, guess, fixed)
     fine = dataclasses.replace(_data(s, samples, ROWS), delay=found.delay, time_constant=found.time_constant)
     weight *= fine.displacement.size / coarse.displacement.size  # as sure of the prior as what was compared

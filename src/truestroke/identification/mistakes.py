@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from truestroke.identification import turning
-from truestroke.identification.noise import noise
+from truestroke.identification.noise import noise, rounding
 from truestroke.identification.record import Record
 from truestroke.signals.tables import RecordError
 
@@ -31,6 +31,7 @@ TOGETHER = 0.7  # least correlation of voltage and displacement, and of their st
 COMMAND = 1e-5  # of the stroke: rms by which a displacement that is the voltage times a number may differ from it
 SMOOTH = 3e-6  # of the stroke: noise that no sensor is below
 ROUGHER = 5.0  # times as noisy, of its span, is the voltage
+REAL = 2.0  # times what the rounding of a text does: noise that is measured
 
 COMMANDS = ("desired", "command", "commanded", "setpoint", "set point", "target", "reference", "ref", "demand", "z_d")
 MEASURED = ("measured", "displacement", "disp", "position", "pos", "stroke", "sensor")
@@ -132,7 +133,9 @@ def _of_order(record: Record, found: Findings) -> Iterator[str]:
     if lead:
         shifted = "" if quiet < rough / ROUGHER else " Or is the displacement shifted in time?"
         yield f"the displacement leads the voltage, its cause ({lead}): are the columns swapped?{shifted}"
-    elif quiet < SMOOTH and quiet < rough / ROUGHER:
+    elif quiet < SMOOTH and rough > max(
+        ROUGHER * quiet, SMOOTH, REAL * rounding(record.volts) / float(np.ptp(record.volts))
+    ):
         yield (
             f"the displacement has no noise ({quiet:.1g} of the stroke), the voltage has ({rough:.1g} of its span): "
             "is it the desired displacement?"

@@ -23,6 +23,7 @@ FIRST = 2.5  # the same of the only mode, which a static model hides
 DELAY = 19.0  # samples of dead time, at most
 FIRST_LOWER = 0.97  # of the rms: the first mode must lower it so far; the weights of the static model follow it in part
 LOWER = 0.9  # the same of another mode
+KEPT = 12  # signals behind a mode
 EVALUATIONS = 15  # steps of the search, at most
 
 
@@ -46,6 +47,7 @@ class ModeSearch:
     ) -> None:
         self.strain, self.z, self.known = strain[:ROWS], displacement[:ROWS], known[:ROWS]
         self.rate = sample_rate
+        self._last: dict[tuple[float, float, float], FloatArray] = {}
         self.lowest, self.highest = PERIODS * sample_rate / self.strain.size, 0.99 * SEEN * sample_rate
 
     def run(self, found: Dynamics | None = None) -> Dynamics | None:
@@ -111,16 +113,25 @@ class ModeSearch:
 
     def _off(self, vector: FloatArray) -> FloatArray:
         """Residual of the modes, um: the same as of `stage.through`, ten times faster."""
-        from scipy.signal import cont2discrete, lfilter
-
         f, damping, shares, delay = _parts(vector)
-        ticks = np.arange(self.strain.size)
-        above, made = np.interp(ticks - delay, ticks, self.strain) - self.strain[0], np.zeros_like(self.strain)
-        for w, zeta, share in zip(2 * math.pi * f / self.rate, damping, shares, strict=True):
-            b, a, _ = cont2discrete(([w * w], [1.0, 2 * zeta * w, w * w]), 1.0, method="foh")
-            made += lfilter(share * b.ravel(), a, above)
+        modes = zip(f.tolist(), damping.tolist(), strict=True)
+        made = sum(share * self._behind(*mode, delay) for share, mode in zip(shares.tolist(), modes, strict=True))
         rest = (self.z - self.strain[0] - made)[self.known]
         return np.asarray(rest - rest.mean())
+
+    def _behind(self, frequency: float, damping: float, delay: float) -> FloatArray:
+        """The strain above its start behind dead time and one mode; the last few are kept, for derivatives."""
+        from scipy.signal import cont2discrete, lfilter
+
+        key = frequency, damping, delay
+        if key not in self._last:
+            w, ticks = 2 * math.pi * frequency / self.rate, np.arange(self.strain.size)
+            above = np.interp(ticks - delay, ticks, self.strain) - self.strain[0]
+            b, a, _ = cont2discrete(([w * w], [1.0, 2 * damping * w, w * w]), 1.0, method="foh")
+            self._last[key] = np.asarray(lfilter(b.ravel(), a, above))
+            if len(self._last) > KEPT:
+                self._last.pop(next(iter(self._last)))
+        return self._last[key]
 
     def _dynamics(self, vector: FloatArray) -> Dynamics | None:
         """As the controller takes them; None where they have no stable inverse, or are too near each other."""

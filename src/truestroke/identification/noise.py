@@ -8,6 +8,8 @@ import numpy as np
 from truestroke.base.typing import FloatArray
 
 SAMPLED = 200_000  # rows, evenly taken, that medians are formed of
+RAMP, ALIKE = 0.9, 0.02  # of the jumps, and of a jump: where so many are equal, they are those of a motion
+DIGITS_OF = 1000  # rows whose digits are counted
 
 
 def noise(signal: FloatArray, segments: Sequence[slice]) -> float:
@@ -25,8 +27,27 @@ def noise(signal: FloatArray, segments: Sequence[slice]) -> float:
         differences = np.abs(np.concatenate([np.diff(block, order) for block in blocks]))
         found.append(float(np.median(differences)) / 0.6745 / math.sqrt(math.comb(2 * order, order)))
     jumps = np.abs(np.concatenate([np.diff(block) for block in blocks]))
+    most = np.median(jumps)
+    if most > 1e-9 * np.ptp(signal) and np.mean(np.abs(jumps - most) <= ALIKE * most) > RAMP:
+        return min(found)
     jumps = jumps[jumps > 1e-9 * np.ptp(signal)]
     return max(min(found), float(jumps.min(initial=np.inf)) / math.sqrt(12) if _quantised(jumps) else 0.0)
+
+
+def rounding(signal: FloatArray) -> float:
+    """Standard deviation of what was rounded off when the signal was written as text, in its unit; else nearly 0.
+
+    The last digit is the same in all rows, or is so many digits behind the first one of each row.
+    """
+    few = signal[:: max(1, signal.size // DIGITS_OF)]
+    few = few[few != 0.0]
+    last, digits = math.inf, 0
+    for value in np.abs(few).tolist():
+        mantissa, _, exponent = f"{value:.14e}".partition("e")
+        written = len(mantissa.rstrip("0").replace(".", ""))
+        digits, last = max(digits, written), min(last, 10.0 ** (int(exponent) + 1 - written))
+    same = 10.0 ** (np.floor(np.log10(np.abs(few))) + 1 - digits)
+    return max(last, float(np.sqrt(np.mean(same**2)))) / math.sqrt(12) if few.size else 0.0
 
 
 def _blocks(signal: FloatArray, segments: Sequence[slice]) -> list[FloatArray]:

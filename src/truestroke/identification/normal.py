@@ -2,16 +2,34 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import wraps
+from typing import ParamSpec, TypeVar
 
 import numpy as np
 
 from truestroke.base.typing import FloatArray
 
-CHUNK = (
-    256  # rows: with `BLOCK`, so few that BLAS starts no threads, which on a busy machine cost twenty times the time
-)
-BLOCK = 8  # columns that are eliminated together
+CHUNK = 256  # rows that are eliminated at a time: they stay in the processor's cache
+BLOCK = 8  # columns, likewise
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+
+def one_thread(call: Callable[P, T]) -> Callable[P, T]:
+    """The same function on one thread of BLAS: matrices are small here, and threads mostly wait for each other."""
+
+    @wraps(call)
+    def alone(*args: P.args, **kwargs: P.kwargs) -> T:
+        import scipy.linalg  # noqa: F401, its BLAS is not that of NumPy
+        from threadpoolctl import threadpool_limits
+
+        with threadpool_limits(limits=1, user_api="blas"):
+            return call(*args, **kwargs)
+
+    return alone
 
 
 @dataclass(frozen=True, eq=False)

@@ -76,6 +76,7 @@ class Refined(Sampled):
         return None if self.error is None else float(np.abs(self.error).max())
 
 
+@normal.one_thread
 def refine(model: ActuatorModel, record: Record, *, waveform: Waveform | None = None) -> Refined:
     """The model adapted to a record, its structure kept, and its residual.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -37,6 +37,9 @@ DRIFT_DEVIATION = 0.05  # of the stroke: of a drift within the record
 DRIFT_FROM = 40.0  # a logarithmic drift is straight for the first 40th of the record
 CREEP_START = 0.015  # of the stroke: deviation of what a creep state still has to go at the start
 
+
+Filter = tuple[FloatArray, FloatArray, int]
+ALONE: Filter = (np.ones(1), np.empty((0, 4)), 0)
 
 DRIFTS: dict[str, Callable[[FloatArray], FloatArray]] = {
     "linear drift": lambda share: share,
@@ -85,6 +88,7 @@ class Data:
     delay: float = 0.0  # s, of the displacement behind the voltage
     time_constant: float = 0.0  # s, of a first-order lag
     duration: float = 0.0  # s, of the whole record, in which a drift grows by 1
+    _kept: dict[Structure, FloatArray] = field(default_factory=dict, init=False)
 
     @property
     def q(self) -> float:
@@ -117,20 +121,32 @@ class Data:
         Velocity and asymmetry come from the model, not from the measurement, whose noise would bias the weights. With
         `dynamics`, z is the strain, and the columns are those behind the stage.
         """
+        columns = self._still(s).copy()
         every = self.every if self.direct else 1
         rate = central_difference(z, self.sample_rate)[::every]
-        H = plays(self.volts, s.thresholds, every)
-        creep = [c[::every] for c in creep_states(self.volts, s.creep_times, self.sample_rate)]
-        t = np.arange(0, self.volts.size, every) / self.sample_rate
-        known = known_terms(s, creep, Motion(z[::every], rate), self.stroke)
-        others = np.vstack([known, *(np.exp(-t / tau) for tau in s.starts)])
-        drift = [self._drift(s, name, t[:: self.every // every]) for name in s.drift]
-        columns = np.empty((self.displacement.size, len(s.coefficients) + 1))
-        columns[:, s.a] = self._seen(H)
-        columns[:, s.b] = self._seen((self.rate_scale * rate)[:, None] * H[:, s.rate_plays])
-        columns[:, s.of_plays : s.of_plays + len(others)] = self._seen(others.T)
-        columns[:, s.of_plays + len(others) :] = np.column_stack([*drift, self.displacement])
+        H = plays(self.volts, tuple(s.thresholds[i] for i in s.rate_dependent), every)
+        known = known_terms(s, np.zeros((len(s.creep_times), rate.size)), Motion(z[::every], rate), self.stroke)
+        moving = np.r_[s.columns["lag"], s.columns["inertia"], s.columns["asymmetry"]]
+        with_rate = (self.rate_scale * rate)[:, None] * H
+        columns[:, np.r_[s.b, moving]] = self._seen(np.hstack([with_rate, known[moving - s.of_plays].T]))
         return columns
+
+    def _still(self, s: Structure) -> FloatArray:
+        """The same without those that follow the velocity or the displacement: the last one is kept."""
+        if s not in self._kept:
+            self._kept.clear()
+            every = self.every if self.direct else 1
+            t = np.arange(0, self.volts.size, every) / self.sample_rate
+            creep = [c[::every] for c in creep_states(self.volts, s.creep_times, self.sample_rate)]
+            known = known_terms(s, creep, Motion(np.zeros_like(t), np.zeros_like(t)), self.stroke)
+            others = np.vstack([known, *(np.exp(-t / tau) for tau in s.starts)])
+            drift = [self._drift(s, name, t[:: self.every // every]) for name in s.drift]
+            columns = np.zeros((self.displacement.size, len(s.coefficients) + 1))
+            columns[:, s.a] = self._seen(plays(self.volts, s.thresholds, every))
+            columns[:, s.of_plays : s.of_plays + len(others)] = self._seen(others.T)
+            columns[:, s.of_plays + len(others) :] = np.column_stack([*drift, self.displacement])
+            self._kept[s] = columns
+        return self._kept[s]
 
     @property
     def direct(self) -> bool:
@@ -138,22 +154,15 @@ class Data:
         return self.dynamics is None and self.delay == self.time_constant == 0.0
 
     @cached_property
-    def _stage(self) -> tuple[FloatArray, FloatArray, int]:
-        return (np.ones(1), np.empty((0, 4)), 0) if self.dynamics is None else stage.difference_equation(self.dynamics)
+    def _stage(self) -> Filter:
+        return ALONE if self.dynamics is None else stage.difference_equation(self.dynamics)
 
     def _seen(self, columns: FloatArray) -> FloatArray:
         """`through` of columns, natively; of every sample that is kept."""
         if self.direct:
             return columns
-        (taps, sections, dead), fs = self._stage, self.sample_rate
-        whole, part = divmod(self.delay * fs, 1.0)
-        rows, lag = (
-            np.empty((self.displacement.size, columns.shape[1])),
-            np.array(lag_coefficients(self.time_constant * fs)),
-        )
-        columns = np.ascontiguousarray(columns)
-        _kernel.respond_rows(columns, taps, sections, lag, dead + int(whole), part, self.every, rows)
-        return rows
+        fs = self.sample_rate
+        return respond_rows(columns, self.delay * fs, self.time_constant * fs, self.every, self._stage)
 
     def through(self, strain: FloatArray) -> FloatArray:
         """What the stage, dead time and lag make of a strain, um, at the full rate."""
@@ -233,6 +242,18 @@ def plays(x: FloatArray, thresholds: tuple[float, ...], every: int = 1) -> Float
     """Play states of every `every`-th sample, natively; from rest at 0 V."""
     rows = np.empty((-(-x.size // every), len(thresholds)))
     _kernel.play_history(np.ascontiguousarray(x), np.array(thresholds), np.zeros(len(thresholds)), every, rows)
+    return rows
+
+
+def respond_rows(
+    columns: FloatArray, delay: float, time_constant: float, every: int = 1, before: Filter = ALONE
+) -> FloatArray:
+    """`respond` of columns, natively; of every `every`-th row, behind a filter of `stage.difference_equation`."""
+    taps, sections, dead = before
+    whole, part = divmod(delay, 1.0)
+    rows, lag = np.empty((-(-len(columns) // every), columns.shape[1])), np.array(lag_coefficients(time_constant))
+    whole = dead + min(int(whole), len(columns))
+    _kernel.respond_rows(np.ascontiguousarray(columns), taps, sections, lag, whole, part, every, rows)
     return rows
 
 

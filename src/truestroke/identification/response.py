@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,7 +13,7 @@ from truestroke.base.typing import FloatArray
 from truestroke.control.actuator import creep_states, respond
 from truestroke.identification import normal
 from truestroke.identification.normal import Prior
-from truestroke.identification.regression import Data, Structure, plays
+from truestroke.identification.regression import Data, Structure, plays, respond_rows
 from truestroke.identification.series import settled
 from truestroke.model import prior
 
@@ -28,6 +28,7 @@ START = 1.25  # times the rmse without the start of the record: more, and its st
 ORDER = 16  # of the autoregression that whitens the residual
 MISFIT = 0.03  # of the whitened sum of squares: what the quick model may err beside the noise
 PULL = 0.005  # rows that count as one against the prior, likewise
+SEEN = 1e-9  # of the largest singular value: below, columns are alike
 CHI_SQUARED = 3.84  # 95 %, one degree of freedom
 CLOCK = 0.75  # samples: what sampling hides of the time of a step
 SPREAD = 0.5  # relative deviation of the weight of a play by itself: few are negative
@@ -100,37 +101,45 @@ class _Quick:
     sample_rate: float
     pull: FloatArray  # rows to the prior
     variance: float  # um^2, of the whitened residual
-    white: FloatArray = field(default_factory=lambda: np.ones(1))
+
+    def __post_init__(self) -> None:
+        self._whiten_by(np.ones(1))
 
     @property
     def rows(self) -> int:
         """Number of the rows that count."""
         return int(np.count_nonzero(self.known))
 
-    def whitened(self, rows: FloatArray) -> FloatArray:
+    def _whiten_by(self, white: FloatArray) -> None:
+        """Filter what `fit` takes: of what is above the first row it commutes with dead time and lag."""
         from scipy.signal import lfilter
 
-        return np.asarray(lfilter(self.white, [1.0], rows, axis=0)[self.known])
+        first, ones = self.columns[:1], np.ones((len(self.columns), 1))
+        self._above = lfilter(white, [1.0], self.columns - first, axis=0)
+        self._first = lfilter(white, [1.0], ones, axis=0)[self.known] * first
+        self._target = lfilter(white, [1.0], self.displacement)[self.known]
 
     def fit(self, delay: float, lag: float) -> tuple[float, FloatArray, FloatArray, FloatArray]:
         """Sum of squares, coefficients, and G, g of the Gauss-Newton step of delay and lag, G step = g."""
-        behind = respond(self.columns, delay, lag)
+        h = 0.05
         pull = np.sqrt(self.variance * (1 + PULL * self.rows)) * self.pull
-        W = np.vstack([pull, self.whitened(np.column_stack([behind, self.displacement]))])
-        m, h = self.columns.shape[1], 0.05
-        R = normal.reduced(W)
-        c = np.linalg.lstsq(R[:, :m], R[:, m], rcond=1e-9)[0]
-        squares = float(np.sum((R[:, m] - R[:, :m] @ c) ** 2))
-        y = self.columns @ c
-        D = np.column_stack(
-            [
-                (respond(y, delay + h, lag) - respond(y, max(delay - h, 0.0), lag)) / (h + min(h, delay)),
-                (respond(y, delay, lag + h) - respond(y, delay, max(lag - h, 0.0))) / (h + min(h, lag)),
-            ]
+        behind = respond_rows(self._above, delay, lag)[self.known] + self._first
+        W, t = np.vstack([pull[:, :-1], behind]), np.concatenate([pull[:, -1], self._target])
+        R = normal.reduced(np.column_stack([W, t]))
+        U, S, V = np.linalg.svd(R[:, :-1], full_matrices=False)
+        seen = S / S[0] > SEEN
+        inverse = V[seen].T / S[seen]
+        c = inverse @ (U[:, seen].T @ R[:, -1])
+        y = self._above @ c
+        D = np.zeros((len(W), 2))
+        slopes = (
+            (respond(y, delay + h, lag) - respond(y, max(delay - h, 0.0), lag)) / (h + min(h, delay)),
+            (respond(y, delay, lag + h) - respond(y, delay, max(lag - h, 0.0))) / (h + min(h, lag)),
         )
-        D = np.vstack([np.zeros((len(pull), 2)), self.whitened(D)])
-        below = normal.reduced(np.column_stack([W[:, :m], D, W[:, m]]))[m:, m:]
-        return squares, np.asarray(c), below[:, :2].T @ below[:, :2], below[:, :2].T @ below[:, 2]
+        D[len(pull) :] = np.column_stack(slopes)[self.known]
+        for _ in range(2):  # without what the columns explain; again, for rounding
+            D -= W @ (inverse @ (inverse.T @ (W.T @ D)))
+        return float(np.sum((R[:, -1] - R[:, :-1] @ c) ** 2)), c, D.T @ D, D.T @ (t - W @ c)
 
     def least(self, delay: float, lag: float, fixed: int | None = None) -> Minimum:
         """The least sum of squares from a start; `fixed` keeps one of the two."""
@@ -154,13 +163,14 @@ class _Quick:
         """From the residual at these values."""
         from scipy.linalg import solve_toeplitz
 
-        self.white = np.ones(1)
+        self._whiten_by(np.ones(1))
         c = self.fit(delay, lag)[1]
         e = np.where(self.known, self.displacement - respond(self.columns @ c, delay, lag), 0.0)
         r = np.array([e[: e.size - k] @ e[k:] for k in range(ORDER + 1)])
         r[0] = r[0] * (1 + 1e-9) + 1e-300
-        self.white = np.concatenate([[1.0], -solve_toeplitz(r[:-1], r[1:])])
-        self.variance = float(self.white @ r) / max(self.rows, 1)
+        white = np.concatenate([[1.0], -solve_toeplitz(r[:-1], r[1:])])
+        self._whiten_by(white)
+        self.variance = float(white @ r) / max(self.rows, 1)
 
     def found(self, coarse: float, certain: bool) -> Response:
         """The hypotheses compared."""

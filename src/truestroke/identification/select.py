@@ -12,7 +12,7 @@ from truestroke.base import checks
 from truestroke.base.typing import FloatArray
 from truestroke.control.actuator import play_sum
 from truestroke.identification import normal, uncertainty
-from truestroke.identification.regression import DRIFTS, Data, Structure, even_thresholds, rate_dependent
+from truestroke.identification.regression import DRIFTS, Data, Structure, even_thresholds, plays, rate_dependent
 
 BLOCKS = 6  # of the cross-validation: each but the first three is predicted from those before it
 FIRST = 3
@@ -68,24 +68,36 @@ class Tried:
         )
 
 
-def first_prediction(data: Data) -> tuple[FloatArray, float]:
-    """A prediction before dead time and lag, um, at the full rate, by plays alone; and the rmse of its fit, um."""
+def first_prediction(data: Data) -> FloatArray:
+    """A prediction before dead time and lag, um, at the full rate, by plays alone."""
+    s = _first(data)
+    c, _ = _first_fit(data, s, data.columns(s, np.zeros_like(data.volts)))
+    return np.asarray(play_sum(data.volts, 0.0, c[:-1], np.zeros(QUICK), s.thresholds) + c[-1])
+
+
+def _first(data: Data) -> Structure:
     span = data.voltage_range[1] - data.voltage_range[0]
-    s = Structure(thresholds=even_thresholds(QUICK, 0.5 * span), lag=False)
-    z = np.zeros_like(data.volts)
-    rows = data.columns(s, z)[data.fitted(rested=False)]
+    return Structure(thresholds=even_thresholds(QUICK, 0.5 * span), lag=False)
+
+
+def _first_fit(data: Data, s: Structure, columns: FloatArray) -> tuple[FloatArray, float]:
+    """Weights of the plays and the offset, and the rmse, um."""
+    rows = columns[data.fitted(rested=False)]
     prior = data.prior(s).part(np.append(s.a, s.columns["offset"].start))
-    c = normal.solve(np.vstack([normal.reduced(rows), prior.rows((0.01 * data.stroke) ** 2)]))
-    prediction = play_sum(data.volts, 0.0, c[:-1], np.zeros(QUICK), s.thresholds) + c[-1]
-    return prediction, float(np.sqrt(normal.sum_of_squares(rows, c) / len(rows)))
+    R = normal.reduced(rows)
+    c = normal.solve(np.vstack([R, prior.rows((0.01 * data.stroke) ** 2)]))
+    return c, float(np.sqrt(normal.sum_of_squares(R, c) / len(rows)))
 
 
 def coarse_delay(data: Data) -> float:
     """The delay, s, of whole samples, with the smallest rmse of the first fit."""
     longest = min(round(LONGEST_DELAY * data.sample_rate), data.volts.size // 20)
+    s, kept = _first(data), np.arange(0, data.volts.size, data.every)
+    columns = np.column_stack([plays(data.volts, s.thresholds), np.ones_like(data.volts)])
 
     def error(samples: int) -> float:
-        return first_prediction(dataclasses.replace(data, delay=samples / data.sample_rate))[1]
+        late = columns[np.maximum(kept - samples, 0)]
+        return _first_fit(data, s, np.column_stack([late, data.displacement]))[1]
 
     best, rmse = 0, error(0)
     step = 1 << max(longest.bit_length() - 2, 0)
