@@ -27,14 +27,18 @@ if TYPE_CHECKING:
 @click.option(
     "--yes", is_flag=True, help="Ask nothing: move through the whole range, take the stroke that is proposed."
 )
+@click.option("--loop-back", is_flag=True, help="The output is wired to the input, and no actuator is connected: "
+              "measure delay and lag of the electronics alone.")  # fmt: skip
 @common.overwrite_option
 @common.json_option
-def commission(config: Path, output: str, yes: bool, as_json: bool) -> int:
+def commission(config: Path, output: str, yes: bool, loop_back: bool, as_json: bool) -> int:
     """Commission an axis: measure its data in small steps, and write them into the configuration.
 
     Steps from the safe voltage that begin tiny: noise, polarity, gain, latency, first resonance. Then, if you agree,
     the whole range of voltage_limits. The output ends at the safe voltage in every case. FILE as it was stays beside
     it as FILE.bak.
+
+    With --loop-back: delay and lag of the electronics, as settings of the controller. Nothing is written.
     """
     from truestroke.runtime.drivers import OneAxis
     from truestroke.runtime.realtime import config as configuration
@@ -45,6 +49,8 @@ def commission(config: Path, output: str, yes: bool, as_json: bool) -> int:
         raise click.UsageError("there is no terminal to agree before the axis moves: use --yes in scripts.")
     axis = OneAxis(driver, **table.limits)
     try:
+        if loop_back:
+            return _looped(axis, yes, as_json)
         found = _measured(axis, table, yes, as_json)
     except truestroke.AnswerError as error:
         return _failed(str(error), as_json)
@@ -75,6 +81,22 @@ def _measured(axis: OneAxis, table: AxisTable, yes: bool, as_json: bool) -> Find
     about |= {"zero": table.zero, "resonance": table.resonance or None}
     found = Findings(**about, asked=table.stroke)
     return Findings(**about, asked=table.stroke, stroke=_stroke(found, table, yes))
+
+
+def _looped(axis: OneAxis, yes: bool, as_json: bool) -> int:
+    """Delay and lag of the electronics, and the settings that say so."""
+    from truestroke.runtime import commissioning
+    from truestroke.runtime.commissioning.loop_back import STEP
+
+    low, high = axis.voltage_limits
+    _agree(f"Is the output wired to the input, and no actuator connected? Steps of {STEP * (high - low):.2g} V", yes)
+    found = commissioning.loop_back(axis, _reporter(as_json))
+    if as_json:
+        common.print_json({**Verdict("good", ()).as_dict(), **found.as_dict()})
+        return ExitCode.OK
+    _print_rows(found.rows())
+    click.echo(f"{'settings':10} settings = {{ {', '.join(f'{k} = {v!r}' for k, v in found.settings.items())} }}")
+    return ExitCode.OK
 
 
 def _stroke(found: Findings, table: AxisTable, yes: bool) -> float | None:
