@@ -233,3 +233,22 @@ def test_what_a_motion_needs_counts_the_dynamics() -> None:
     needs = feasibility.demands(wave, settings)
     assert needs.resonance == 700.0
     assert needs.slew == pytest.approx(0.75 * plain.slew, rel=0.05)
+
+
+@pytest.mark.parametrize("frequency", [0.001, 0.02, 0.16])
+def test_a_stage_that_is_found_is_one_mode_behind_a_tick(frequency) -> None:
+    """The members in closed form give the response of the dynamics, whose members are fitted."""
+    tick = 2e-4
+    dynamics = Dynamics(sample_rate=1 / tick, modes=(Mode(frequency=frequency / tick, damping=0.02),), dead_time=tick)
+    get = stage.found(frequency, tick)
+    f = np.array([0.1, 0.5, 0.98, 1.5, 2.5]) * frequency / tick
+    q = np.exp(-2j * np.pi * f * tick)
+    ((b0, b1, a1, a2),), (direct, *none) = get["dynamics.section"], get["dynamics.direct"]
+    wanted = dynamics.response(f, sensor=True) / q
+    np.testing.assert_allclose(direct + (b0 + b1 * q) / (1 + a1 * q + a2 * q * q), wanted, rtol=1e-4)
+    assert not any(none)
+    notched = np.polyval(get["dynamics.notch"][::-1], q) * wanted
+    np.testing.assert_allclose(np.polyval(get["dynamics.tap"][::-1], q), notched, rtol=1e-4)
+    fitted = stage.members(dynamics)
+    np.testing.assert_allclose(get["dynamics.quiet"], fitted["dynamics.quiet"], rtol=1e-6)
+    np.testing.assert_allclose(get["dynamics.lead"], fitted["dynamics.lead"], rtol=2e-3)

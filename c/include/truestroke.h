@@ -361,6 +361,7 @@ typedef struct {
     ts_real tap[TS_TAPS - 1][TS_PADDED(TS_MAX_PARAMETERS)]; /* of A G, which the regressor passes */
     ts_real rest[TS_SECTIONS][2][TS_PADDED(TS_MAX_PARAMETERS)];
     uint64_t ticks;                   /* whose measurement is in them */
+    bool started;                     /* the regressor has passed */
 } ts_dynamics_state;
 
 /* ---- Inertia that is measured --------------------------------------------------------------------------------------- */
@@ -455,6 +456,8 @@ typedef struct {
     ts_real rest;                  /* ticks until learning begins again */
     ts_real age;                   /* s since `newer` was kept */
     ts_real newer[TS_MAX_PARAMETERS], older[TS_MAX_PARAMETERS]; /* earlier weights, to be restored */
+    uint64_t since;                   /* first tick whose strain is kept while learning rests */
+    bool failed;                      /* with the stage that was found learning has failed */
 } ts_stage;
 
 /* What is wanted of a tick. */
@@ -505,6 +508,7 @@ typedef struct {
         ts_real sigma;                                          /* and the noise then, um */
     } kept;                           /* Kalman */
     ts_dynamics_state dynamics;       /* Kalman */
+    ts_dynamics found;                /* Kalman: the stage as its oscillation showed it; not known: it is that of the settings */
     ts_sensor_state sensor;
     ts_feedback_state feedback;
     bool hold;

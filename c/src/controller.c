@@ -17,6 +17,11 @@
 #define JUMP 16                   /* times the noise's: what one tick may add to it; a jump is no ringing */
 #define RINGING_RATE 50           /* 1/s: how fast that mean follows */
 #define FOUND ((ts_real)0.2)      /* relative standard deviation of the inertia of a resonance that an oscillation has */
+#define FOUND_DAMPING 0.02        /* of a stage that was found by its oscillation, */
+#define FOUND_FILTER 0.6          /* corner of the law's filter over its resonance, */
+#define FOUND_LAG ((ts_real)0.1)  /* and standard deviations of what lag and inertia of it miss, over 1 / w0 and 1 / w0^2 */
+#define FOUND_INERTIA ((ts_real)0.05)
+#define AS_GOOD_AS_NONE ((ts_real)1e-6) /* of the prior's variance: of a weight that stays */
 
 /* ---- Settings ---------------------------------------------------------------------------------------------------- */
 
@@ -179,6 +184,19 @@ int ts_parameters(const ts_settings *s)
 
 /* ---- Small steps --------------------------------------------------------------------------------------------------- */
 
+/* The stage: that of the settings, or the one that was found. */
+static const ts_dynamics *dynamics_of(const ts_controller *c)
+{
+    return c->found.known ? &c->found : &c->settings.dynamics;
+}
+
+/* Whether the inertia of the stage is learned from the measured acceleration. */
+static bool measures_inertia(const ts_controller *c)
+{
+    const ts_settings *s = &c->settings;
+    return s->terms[TS_INERTIA] && !dynamics_of(c)->known && s->law == TS_LAW_KALMAN && s->oscillation.tick > 0;
+}
+
 static ts_real within(ts_real x, ts_real low, ts_real high)
 {
     return x < low ? low : x > high ? high : x;
@@ -243,7 +261,7 @@ static ts_real inertia_of(const ts_settings *s, ts_real frequency)
  * within a tenth of the stroke. */
 static ts_real ahead_of(const ts_controller *c, ts_real zdot_d, ts_real zddot_d)
 {
-    const ts_dynamics *g = &c->settings.dynamics;
+    const ts_dynamics *g = dynamics_of(c);
     if (g->known) return g->lead[0] * zdot_d + g->lead[1] * zddot_d;
     if (!(c->stage.inertia > 0) || c->counters.commands == 0) return 0;
     ts_real z = c->stage.inertia * (zdot_d - c->motion[last_slot(c)].zdot_d), most = c->settings.stroke / 10;
@@ -318,7 +336,7 @@ static void write_down(ts_controller *c, ts_real x, const ts_motion *d)
     int slot = (int)(c->counters.commands % TS_HISTORY);
     c->x[slot] = x;
     c->motion[slot] = *d;
-    if (c->settings.dynamics.known) c->dynamics.strain[slot] = modelled(c, d);
+    if (dynamics_of(c)->known || c->stage.rest > 0) c->dynamics.strain[slot] = modelled(c, d);
     c->limited[slot] = c->flags.saturated || c->flags.slewed;
     ts_real speed = d->zdot_d < 0 ? -d->zdot_d : d->zdot_d;
     if (speed > c->fastest) c->fastest = speed < c->settings.velocity_limit ? speed : c->settings.velocity_limit;
@@ -400,12 +418,6 @@ static bool frozen(ts_controller *c, ts_real z, ts_real predicted, bool stands)
     return moved > still || moved < -still;
 }
 
-/* Whether the inertia of the stage is learned from the measured acceleration. */
-static bool measures_inertia(const ts_settings *s)
-{
-    return s->terms[TS_INERTIA] && !s->dynamics.known && s->law == TS_LAW_KALMAN && s->oscillation.tick > 0;
-}
-
 /* Whether the error, behind the law's filter, moves more than noise does. Noise of variance 1 has a second difference of
  * variance 2 a^4 (4 - a) / (2 - a)^3 there. */
 static bool rings(ts_controller *c, ts_real error)
@@ -456,7 +468,7 @@ static void adapt_kalman(ts_controller *c, const ts_real *u, ts_real y, ts_real 
     const ts_settings *s = &c->settings;
     ts_kalman *k = &c->law.kalman;
     ts_real space[TS_PADDED(TS_MAX_PARAMETERS)];
-    if (measures_inertia(s)) u = with_inertia(c, u, &y, learn, space);
+    if (measures_inertia(c)) u = with_inertia(c, u, &y, learn, space);
     if (!ts_kalman_tick(k, &s->kalman, s->initial_weights, s->prior, c->w, u, y, innovation, measured, learn, c->parameters)) return;
     if (outside(c, c->fastest)) { /* slopes are linear in the rate: its two ends are the worst */
         project_slope(c, c->fastest);
@@ -471,7 +483,7 @@ static void adapt_kalman(ts_controller *c, const ts_real *u, ts_real y, ts_real 
 /* G: the measurement that the model expects of the next tick, um. At rest before the first one. */
 static ts_real expected(ts_controller *c)
 {
-    const ts_dynamics *g = &c->settings.dynamics;
+    const ts_dynamics *g = dynamics_of(c);
     ts_dynamics_state *d = &c->dynamics;
     ts_real u[4], z = 0; /* the strain `dead` ticks ago, and before that */
     for (int i = 0; i < 4; i++) {
@@ -494,7 +506,7 @@ static ts_real expected(ts_controller *c)
 /* A: the measurement without the modes, um. */
 static ts_real notched(ts_controller *c, ts_real z)
 {
-    const ts_dynamics *g = &c->settings.dynamics;
+    const ts_dynamics *g = dynamics_of(c);
     ts_dynamics_state *d = &c->dynamics;
     if (d->ticks == 0) d->z[0] = d->z[1] = z; /* at rest before */
     ts_real y = g->notch[0] * z + g->notch[1] * d->z[0] + g->notch[2] * d->z[1];
@@ -518,16 +530,17 @@ static ts_real notched(ts_controller *c, ts_real z)
 /* The innovation without the first mode, as noisy as it was: ringing that the model knows is no noise. um. */
 static ts_real quiet(const ts_controller *c, ts_real innovation)
 {
-    const ts_real *a = c->settings.dynamics.quiet, *before = c->dynamics.innovation;
+    const ts_real *a = dynamics_of(c)->quiet, *before = c->dynamics.innovation;
     return a[0] * innovation + a[1] * before[0] + a[2] * before[1];
 }
 
 /* A G: the regressor as the measurement without the modes shows it; at rest before the first tick. */
 static void pass_stage(ts_controller *c, ts_real *u)
 {
-    const ts_dynamics *g = &c->settings.dynamics;
+    const ts_dynamics *g = dynamics_of(c);
     ts_dynamics_state *d = &c->dynamics;
-    bool first = c->lagged.ticks == 1;
+    bool first = !d->started;
+    d->started = true;
     for (int i = 0; i < c->parameters; i += TS_LANES) {
         lanes x = load(c->u + i), y, s[TS_TAPS];
         s[TS_TAPS - 1] = zero();
@@ -573,7 +586,7 @@ static const ts_real *sensed(ts_controller *c, ts_real *space)
 /* Number of ticks whose measurement was used or passed over. */
 static uint64_t measured_ticks(const ts_controller *c)
 {
-    return c->settings.dynamics.known ? c->dynamics.ticks : c->lagged.ticks;
+    return dynamics_of(c)->known ? c->dynamics.ticks : c->lagged.ticks;
 }
 
 static bool adapt_rls(ts_controller *c, const ts_real *u, bool learn)
@@ -643,7 +656,7 @@ static void adopt_resonance(ts_controller *c, ts_real frequency, ts_real highest
 {
     const ts_settings *s = &c->settings;
     ts_kalman *k = &c->law.kalman;
-    bool learned = measures_inertia(s);
+    bool learned = measures_inertia(c);
     ts_real w = (learned ? 2 * TS_PI : TS_PI) * frequency, pole = w / (1 + w), smoothing = 1 / (1 + frequency);
     if (pole > highest) pole = highest > pole / 8 ? highest : pole / 8;
     k->filter = pole < s->kalman.filter ? pole : s->kalman.filter;
@@ -658,6 +671,92 @@ static void adopt_resonance(ts_controller *c, ts_real frequency, ts_real highest
     keep_command(c);
 }
 
+/* ---- The stage that was found ------------------------------------------------------------------------------------- */
+
+/* Integral of the step response of a mode, from 0 to t ticks. */
+static double integral_of_step(double w, double decay, double damped, double t)
+{
+    if (!(t > 0)) return 0;
+    double left = exp(-decay * t), real = -2 * decay / (w * w), imaginary = -(damped - decay * decay / damped) / (w * w);
+    return t - real * (left * cos(damped * t) - 1) + imaginary * (left * sin(damped * t));
+}
+
+/* The dynamics of one mode of this frequency, cycles per tick, behind a tick of dead time: the exact response to a command that
+ * is held in each tick, as a mean over each tick. */
+static void make_dynamics(ts_dynamics *g, double frequency, double tick)
+{
+    double w = 2 * TS_PI * frequency, decay = FOUND_DAMPING * w, damped = w * sqrt(1 - FOUND_DAMPING * FOUND_DAMPING);
+    double a1 = -2 * exp(-decay) * cos(damped), a2 = exp(-2 * decay), still = 1 + a1 + a2, I[4];
+    for (int i = 0; i < 4; i++) I[i] = integral_of_step(w, decay, damped, i);
+    double g0 = I[1], g1 = I[2] - 2 * I[1], g2 = I[3] - 2 * I[2] + I[1]; /* of a pulse */
+    double b0 = g0, b1 = g1 + a1 * g0, b2 = g2 + a1 * g1 + a2 * g0, direct = b2 / a2;
+    double n0 = 1 / still, n1 = a1 / still, n2 = a2 / still;
+    double d1 = n1 - 2 * n0, d2 = n2 - 2 * n1 + n0, d3 = n1 - 2 * n2; /* the second difference behind the notch */
+    double gain = sqrt((n0 * n0 + d1 * d1 + d2 * d2 + d3 * d3 + n2 * n2) / 6), w0 = w / tick;
+    memset(g, 0, sizeof *g);
+    g->known = true;
+    g->sections = g->dead = 1;
+    const double section[4] = {b0 - direct, b1 - direct * a1, a1, a2}, notch[3] = {n0, n1, n2}, tap[3] = {b0 / still, b1 / still, b2 / still};
+    for (int i = 0; i < 4; i++) g->section[0][i] = (ts_real)section[i];
+    for (int i = 0; i < 3; i++) {
+        g->notch[i] = (ts_real)notch[i];
+        g->quiet[i] = (ts_real)(notch[i] / gain);
+        g->tap[i] = (ts_real)tap[i];
+    }
+    g->direct[0] = (ts_real)direct;
+    g->lead[0] = (ts_real)(2 * FOUND_DAMPING / w0 + tick);
+    g->lead[1] = (ts_real)(1 / (w0 * w0) + 2 * FOUND_DAMPING * tick / w0 + 5 * (tick * tick) / 12); /* the hold is in it */
+}
+
+/* A weight is 0, independent of all others, with this variance. */
+static void put_weight(ts_controller *c, int place, ts_real variance)
+{
+    c->w[place] = 0;
+    ts_kalman_separate(&c->law.kalman, place, variance, c->parameters);
+}
+
+/* From now on the stage is between hysteresis and sensor. Lag and inertia are in it, but for what it misses, and so is what
+ * the rate weights have learned; what rings on counts as noise for a while. */
+static void adopt_stage(ts_controller *c, ts_real frequency)
+{
+    const ts_settings *s = &c->settings;
+    ts_kalman *k = &c->law.kalman;
+    ts_dynamics_state *d = &c->dynamics;
+    make_dynamics(&c->found, frequency, s->oscillation.tick);
+    d->ticks = c->lagged.ticks;
+    d->started = false;
+    d->innovation[0] = d->innovation[1] = 0;
+    for (int i = 0; i < 2; i++) /* it rings on */
+        d->section[0][i] = d->z[i] - c->found.direct[0] * d->strain[(d->ticks - 2 - (uint64_t)i) % TS_HISTORY];
+    ts_real corner = 2 * TS_PI * (ts_real)FOUND_FILTER * frequency, time = s->oscillation.tick / (2 * TS_PI * frequency);
+    k->filter = corner / (1 + corner);
+    k->disturbance = 0;
+    k->caution = c->oscillation.peaks[0] * c->oscillation.peaks[0];
+    c->stage.smoothing = s->smoothing;
+    c->stage.inertia = 0;
+    int place = c->of_plays + s->terms[TS_CREEP];
+    if (s->terms[TS_LAG]) put_weight(c, place++, (FOUND_LAG * time) * (FOUND_LAG * time));
+    if (s->terms[TS_INERTIA]) put_weight(c, place, (FOUND_INERTIA * (time * time)) * (FOUND_INERTIA * (time * time)));
+    for (int i = 0, at = 0; i < s->plays; i++, at++)
+        if (s->rate_dependent[i]) {
+            at++;
+            put_weight(c, at, AS_GOOD_AS_NONE * s->prior[TS_PACKED(at) + at]);
+        }
+    k->started = false;
+    keep_command(c);
+}
+
+/* It was not that: the resonance alone is known, as before. */
+static void give_up_stage(ts_controller *c)
+{
+    if (!c->found.known) return;
+    c->found.known = false;
+    c->stage.failed = true;
+    adopt_resonance(c, c->stage.resonance, 1);
+}
+
+/* ---- Self-excited oscillation, continued ---------------------------------------------------------------------------- */
+
 /* The first time: earlier weights are restored, with the covariance of the prior. Then adaptation pauses, with a lower
  * filter, until the frequency of the ringing is measured. */
 static void retreat(ts_controller *c, ts_real frequency)
@@ -670,6 +769,7 @@ static void retreat(ts_controller *c, ts_real frequency)
     adopt_resonance(c, frequency, c->oscillation.found ? LOWER * c->law.kalman.filter : 1);
     keep_command(c);
     c->stage.rest = 1 + REST_PERIODS / frequency;
+    c->stage.since = c->counters.commands;
     c->oscillation.regular = 0;
     c->oscillation.found = true;
     c->counters.oscillating++;
@@ -702,6 +802,16 @@ static ts_real noise_of(const ts_controller *c)
     return noise < c->resolution ? c->resolution : noise;
 }
 
+/* The frequency of the ringing is measured, in cycles per tick: then the stage is known, but where that failed before, the sensor
+ * is late, or its measurements are older than the strains that were kept. */
+static void know_resonance(ts_controller *c, ts_real frequency)
+{
+    const ts_sensor *s = &c->settings.sensor;
+    adopt_resonance(c, frequency, c->counters.oscillating > 1 ? c->law.kalman.filter : 1);
+    bool late = s->ticks > 0 || s->share > 0 || s->lag > 0;
+    if (!c->stage.failed && !late && c->lagged.ticks >= c->stage.since + 4) adopt_stage(c, frequency);
+}
+
 /* One tick of the detection of a self-excited oscillation, and the reaction to it. */
 static void watch_stage(ts_controller *c, ts_real error, ts_real zdot_d, bool limited)
 {
@@ -713,9 +823,8 @@ static void watch_stage(ts_controller *c, ts_real error, ts_real zdot_d, bool li
     if (c->stage.rest > 0) {
         c->stage.rest = o->regular >= REST_HALF_WAVES || c->stage.rest < 1 ? 0 : c->stage.rest - 1;
         if (!(c->stage.rest > 0) && o->regular >= 4)
-            adopt_resonance(c, ts_oscillation_frequency(o, o->regular < 6 ? 4 : 6),
-                            c->counters.oscillating > 1 ? c->law.kalman.filter : 1);
-    } else if (found > 0 && !(o->found && measures_inertia(s)) && !limited && found > NOT_BELOW * c->stage.resonance && !c->hold) {
+            know_resonance(c, ts_oscillation_frequency(o, o->regular < 6 ? 4 : 6));
+    } else if (found > 0 && !(o->found && measures_inertia(c)) && !limited && found > NOT_BELOW * c->stage.resonance && !c->hold) {
         retreat(c, found);
     } else {
         c->stage.age += s->oscillation.tick;
@@ -790,6 +899,7 @@ static void watch_learning(ts_controller *c, ts_real error, ts_real z_d, bool co
     case TS_GUARD_KEEP: weights_at_best(c); break;
     case TS_GUARD_RESTORE:
         memcpy(c->kept.aside, c->w, sizeof(ts_real) * (size_t)c->parameters);
+        give_up_stage(c);
         take_weights(c, c->kept.w, true);
         c->counters.restored++;
         break;
@@ -805,9 +915,9 @@ static void watch_learning(ts_controller *c, ts_real error, ts_real z_d, bool co
 /* ---- A tick of the measured side -------------------------------------------------------------------------------------- */
 
 /* Commands that may wait for their measurement. */
-static int waiting(const ts_settings *s)
+static int waiting(const ts_controller *c)
 {
-    const ts_dynamics *g = &s->dynamics;
+    const ts_dynamics *g = dynamics_of(c);
     return TS_HISTORY - (g->known ? g->dead + 4 : 0);
 }
 
@@ -818,7 +928,7 @@ static void learn_staged(ts_controller *c, ts_real z, ts_real innovation, bool m
     c->dynamics.innovation[1] = c->dynamics.innovation[0];
     c->dynamics.innovation[0] = innovation;
     c->dynamics.ticks++;
-    if (c->dynamics.ticks <= (uint64_t)c->settings.dynamics.dead) return;
+    if (c->dynamics.ticks <= c->lagged.ticks + (uint64_t)dynamics_of(c)->dead) return;
     next_lagged(c);
     pass_stage(c, u);
     /* One notched sample is noise, thousands of times that of z where f0 is far below the sample rate: the filters must not
@@ -863,7 +973,7 @@ static void pass_over(ts_controller *c)
 {
     const ts_settings *s = &c->settings;
     bool learn = !c->limited[c->lagged.ticks % TS_HISTORY];
-    if (s->dynamics.known) {
+    if (dynamics_of(c)->known) {
         learn_staged(c, expected(c), 0, false, learn);
     } else {
         ts_real space[TS_PADDED(TS_MAX_PARAMETERS)];
@@ -881,7 +991,7 @@ static bool learn_from(ts_controller *c, const ts_real *u, ts_real z, const ts_m
 {
     const ts_settings *s = &c->settings;
     ts_kalman *k = &c->law.kalman;
-    bool staged = s->dynamics.known;
+    bool staged = dynamics_of(c)->known;
     ts_real predicted = staged ? expected(c) : model(c, u);
     c->innovation = staged ? z - predicted : through_dead_zones(s, z) + d->ahead - predicted; /* (15) */
     if (s->law == TS_LAW_RLS) return adapt_rls(c, u, !c->hold);
@@ -900,7 +1010,7 @@ static bool learn_from(ts_controller *c, const ts_real *u, ts_real z, const ts_m
 static bool measure(ts_controller *c, ts_real z)
 {
     const ts_settings *s = &c->settings;
-    bool staged = s->dynamics.known, smooth = c->stage.smoothing > 0;
+    bool staged = dynamics_of(c)->known, smooth = c->stage.smoothing > 0;
     uint64_t tick = measured_ticks(c);
     int slot = (int)(tick % TS_HISTORY);
     bool limited = c->limited[slot], learned = c->limited[c->lagged.ticks % TS_HISTORY], back = beyond(c, slot, z);
@@ -919,11 +1029,15 @@ static bool measure(ts_controller *c, ts_real z)
     bool used = learn_from(c, u, z, d, learned, back, stands);
     /* A learned change reaches the command gradually, so that it does not excite the stage. */
     if (used && smooth) c->bumpless += c->stage.smoothing * (model(c, now) - before);
-    const ts_real *slow = staged ? s->dynamics.sensor : s->sensor.slow;
+    const ts_real *slow = staged ? dynamics_of(c)->sensor : s->sensor.slow;
     ts_real error = z - (d->z_d + slow[0] * d->zdot_d + slow[1] * d->zddot_d);
     /* The trim: at a voltage limit only away from it; the slew limit only delays. */
     if (used && (!limited || back)) c->integral -= s->trim * error;
     feed_back(c, used && (!limited || back) ? -error : 0); /* no wind-up at a limit */
+    if (used && c->stage.rest > 0) {
+        c->dynamics.z[1] = c->dynamics.z[0];
+        c->dynamics.z[0] = z;
+    }
     if (!used) ts_oscillation_miss(&c->oscillation, &s->oscillation, &error);
     else if (s->law == TS_LAW_KALMAN && s->oscillation.tick > 0 && !staged) watch_stage(c, error, d->zdot_d, limited);
     bool at_limit = c->x[slot] >= s->voltage_max || c->x[slot] <= s->voltage_min;
@@ -950,6 +1064,7 @@ static void forget_stage(ts_controller *c)
     const ts_settings *s = &c->settings;
     c->stage.smoothing = s->smoothing;
     if (s->law != TS_LAW_KALMAN) return;
+    c->found.known = false;
     c->stage.resonance = s->resonance;
     c->stage.inertia = inertia_of(s, s->resonance);
     c->law.kalman.filter = s->kalman.filter;
@@ -1073,7 +1188,7 @@ ts_status ts_controller_follow(ts_controller *c, ts_real z_d, ts_real zdot_d, ts
     z_d = within(z_d, -TS_LARGEST, TS_LARGEST);
     zdot_d = within(zdot_d, -TS_LARGEST, TS_LARGEST);
     zddot_d = within(zddot_d, -TS_LARGEST, TS_LARGEST);
-    if (c->counters.commands - measured_ticks(c) >= (uint64_t)waiting(s))
+    if (c->counters.commands - measured_ticks(c) >= (uint64_t)waiting(c))
         pass_over(c); /* before its slot is taken */
     remember_creep(&c->now, s);
     ts_motion d = {z_d, zdot_d, known_acceleration ? zddot_d : acceleration(c, zdot_d), 0};
@@ -1097,7 +1212,7 @@ ts_status ts_controller_adapt(ts_controller *c, ts_real z, int ago)
         c->flags.changed = c->flags.rejected = false;
         return TS_OK;
     }
-    bool in_time = ago >= 0 && ago < waiting(s) && (uint64_t)ago < commands && commands - (uint64_t)ago > measured_ticks(c);
+    bool in_time = ago >= 0 && ago < waiting(c) && (uint64_t)ago < commands && commands - (uint64_t)ago > measured_ticks(c);
     if (in_time && measured_ticks(c) == 0 && isfinite(z)) { /* the first one */
         ts_real reach = ts_reach(s, c->x[(commands - 1 - (uint64_t)ago) % TS_HISTORY]);
         if (z < -reach || z > reach) return TS_BEYOND_REACH;

@@ -171,13 +171,28 @@ template <typename Controller, typename Visit> void each_array(Controller &c, Vi
     visit("oscillation_started", &o.started, 1);
     visit("oscillation_found", &o.found, 1);
     auto &d = c.dynamics;
-    if (c.settings.dynamics.known) {
+    auto &f = c.found;
+    if (c.settings.law == TS_LAW_KALMAN && !c.settings.dynamics.known) {
+        visit("found", &f.known, 1);
+        visit("found_sections", &f.sections, 1);
+        visit("found_section", &f.section[0][0], 4);
+        visit("found_direct", &f.direct[0], 3);
+        visit("found_dead", &f.dead, 1);
+        visit("found_notch", &f.notch[0], 3);
+        visit("found_quiet", &f.quiet[0], 3);
+        visit("found_tap", &f.tap[0], TS_TAPS);
+        visit("found_lead", &f.lead[0], 2);
+        visit("found_since", &c.stage.since, 1);
+        visit("found_failed", &c.stage.failed, 1);
+    }
+    if (c.settings.law == TS_LAW_KALMAN) {
         visit("stage_sections", &d.section[0][0], sizeof d.section / sizeof(ts_real));
         visit("stage_strain", &d.strain[0], TS_HISTORY);
         visit("stage_measured", &d.z[0], 2);
         visit("stage_modes", &d.mode[0][0], sizeof d.mode / sizeof(ts_real));
         visit("stage_innovation", &d.innovation[0], 2);
         visit("stage_ticks", &d.ticks, 1);
+        visit("stage_started", &d.started, 1);
         for (int i = 0; i < TS_TAPS - 1; i++) visit(("stage_tap_" + std::to_string(i)).c_str(), &d.tap[i][0], m);
         for (int i = 0; i < 2 * c.settings.dynamics.others; i++)
             visit(("stage_rest_" + std::to_string(i)).c_str(), &d.rest[i / 2][i % 2][0], m);
@@ -230,9 +245,12 @@ void check_counters(const ts_controller &c) {
     require_all("lagged_ticks", c.lagged.ticks <= n.commands && n.commands - c.lagged.ticks <= TS_HISTORY,
                 "at most the commands that were counted, and at most " TS_TEXT(TS_HISTORY) " less");
     require_range("beyond", c.beyond, 0, TS_BEYOND);
-    const ts_dynamics &g = c.settings.dynamics;
+    const ts_dynamics &f = c.found, &g = f.known ? f : c.settings.dynamics;
+    const ts_real *q = f.section[0];
+    bool stable = q[3] < 1 && q[3] > -1 && q[2] < 1 + q[3] && q[2] > -1 - q[3];
+    require_all("found", !f.known || (!c.settings.dynamics.known && f.sections == 1 && f.dead == 1 && stable), "a stage of one stable mode");
     uint64_t dead = static_cast<uint64_t>(g.dead), ticks = c.dynamics.ticks;
-    require_all("stage_ticks", !g.known || (ticks <= n.commands && c.lagged.ticks == (ticks > dead ? ticks - dead : 0)),
+    require_all("stage_ticks", !g.known || (ticks <= n.commands && (c.lagged.ticks == (ticks > dead ? ticks - dead : 0) || (f.known && c.lagged.ticks == ticks))),
                 "the lagged_ticks and the stage's dead time");
 }
 

@@ -90,6 +90,9 @@ class FilteringLaw(Law, Protocol):
     def start_filters(self) -> None:
         """The filters start at 0, in place of the first regressor and measurement, unless they have started."""
 
+    def stop_filters(self) -> None:
+        """They start anew with the next tick."""
+
     def missing(self) -> float:
         """What the weights miss of the filtered measurement, um; 0 where the filters have not started."""
 
@@ -523,6 +526,10 @@ class BoundedKalman:
         if not self.started:
             self.u1 = self.u = np.zeros(self.u.size)
             self.y1, self.y, self.started = 0.0, 0.0, True
+
+    def stop_filters(self) -> None:
+        """They start anew with the next tick."""
+        self.started = False
 
     def missing(self) -> float:
         """What the weights miss of the filtered measurement, um; 0 where the filters have not started."""

@@ -6,7 +6,7 @@ some hundred times slower: `AdaptiveController` is for the loop.
 
 import copy
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
@@ -21,7 +21,7 @@ from truestroke.control.guard import Action, Guard, GuardSettings
 from truestroke.control.oscillation import OscillationDetector, OscillationSettings
 from truestroke.control.sensor import Sensor
 from truestroke.control.settings import CHANGEABLE, SETTINGS, ControllerSettings, kernel_settings
-from truestroke.control.stage import Stage, strain_of
+from truestroke.control.stage import Stage, found, strain_of
 from truestroke.model.models import (
     Motion,
     creep_step,
@@ -50,6 +50,9 @@ RINGS = 4  # times the noise's: mean square of the second difference of the erro
 JUMP = 16  # times the noise's: what one tick may add to it; a jump is no ringing
 RINGING_RATE = 50  # 1/s: how fast that mean follows
 FOUND = 0.2  # relative standard deviation of the inertia of a resonance that an oscillation has
+FOUND_FILTER = 0.6  # of a stage that was found by its oscillation: corner of the law's filter over its resonance,
+FOUND_LAG, FOUND_INERTIA = 0.1, 0.05  # deviations of what its lag and inertia miss, over 1 / w0 and 1 / w0^2
+AS_GOOD_AS_NONE = 1e-6  # of the prior's variance: of a weight that stays
 
 BEYOND = 10
 """Limited ticks beyond the desired displacement after which the model is considered wrong, not the limit. TS_BEYOND."""
@@ -76,6 +79,10 @@ class _Stage:
     smoothing: float = 0.0  # share of a learned change that the command still lacks a tick later
     rest: float = 0.0  # ticks until learning begins again
     age: float = 0.0  # s since `newer` was kept
+    failed: bool = False  # with the stage that was found learning has failed
+    strain: dict[int, float] = field(default_factory=dict)  # um: while learning rests, by tick,
+    since: int = 0  # from this one on,
+    z: tuple[float, float] = (0.0, 0.0)  # um: and the last two measurements, the newer first
 
 
 @dataclass
@@ -323,6 +330,8 @@ class ReferenceController(Displayed):
         self._last = _Command(x, motion, self._saturated or self._slewed)
         if self._path is not None:
             self._path.strain[self.counters["commands"]] = self._sum_of_plays() + self._known(motion)
+        elif self._stage.rest > 0:
+            self._stage.strain[self.counters["commands"]] = self._sum_of_plays() + self._known(motion)
         self._waiting[self.counters["commands"]] = self._last
         self._count(commands=True, saturated=self._saturated, projected=self._projected, slewed=self._slewed)
         return x
@@ -375,6 +384,8 @@ class ReferenceController(Displayed):
         if used and (not limited or beyond):
             self._integral -= self._c["trim"] * error
         self._feed_back(-error if used and (not limited or beyond) else 0.0)  # no wind-up at a limit
+        if used and self._stage.rest > 0:
+            self._stage.z = z, self._stage.z[0]
         if not used:
             self._stage.detector.miss(error)
         elif path is None:
@@ -579,7 +590,7 @@ class ReferenceController(Displayed):
         """One tick of the stage with the measurement z, or what was expected: it shows the tick `dead` before."""
         y, noisy = path.notched(z), path.quiet(innovation)
         path.remember(innovation)
-        if path.ticks > path.dead and self._filtering is not None:
+        if path.ticks > self._lagged.ticks + path.dead and self._filtering is not None:
             u = path.passed(self._next_lagged())
             if learn:  # one notched sample is noise, thousands of times that of z where f0 is far below the rate
                 self._filtering.start_filters()
@@ -652,6 +663,8 @@ class ReferenceController(Displayed):
         """The stage according to the settings."""
         stage, law = self._stage, self._filtering
         stage.smoothing, stage.resonance, stage.inertia = self._c["smoothing"], 0.0, 0.0
+        if not self._c["dynamics.known"]:
+            self._path = None
         if law is not None:
             stage.resonance, law.filter = self._c["resonance"], self._c["kalman.filter"]
             stage.inertia = self._inertia_of(stage.resonance)
@@ -688,9 +701,52 @@ class ReferenceController(Displayed):
             law.reset_covariance()
         self._adopt_resonance(law, frequency, LOWER * law.filter if stage.detector.found else 1.0)
         self._keep_command()
-        stage.rest = 1 + REST_PERIODS / frequency
+        stage.rest, stage.since, stage.strain = 1 + REST_PERIODS / frequency, self.counters["commands"], {}
         stage.detector.regular, stage.detector.found = 0, True
         self._count(oscillating=True)
+
+    def _know_resonance(self, law: FilteringLaw, frequency: float) -> None:
+        """It is measured, in cycles per tick: then the stage is known.
+
+        Not where that failed, the sensor is late, or its measurements are older than the strains that were kept.
+        """
+        self._adopt_resonance(law, frequency, law.filter if self.counters["oscillating"] > 1 else 1.0)
+        kept = self._lagged.ticks >= self._stage.since + 4
+        if kept and not (self._stage.failed or self._sensor.late):
+            self._adopt_stage(law, frequency)
+
+    def _adopt_stage(self, law: FilteringLaw, frequency: float) -> None:
+        """From now on the stage is between hysteresis and sensor; what rings on counts as noise for a while.
+
+        Lag and inertia are in it, but for what it misses, and so is what the rate weights have learned.
+        """
+        s, stage, tick = self.settings, self._stage, self._oscillation.tick
+        self._path = Stage(found(frequency, tick), s.parameters)
+        self._path.go_on(self._lagged.ticks, stage.strain, stage.z)
+        stage.strain = {}
+        corner, time = 2 * math.pi * FOUND_FILTER * frequency, tick / (2 * math.pi * frequency)
+        law.filter = corner / (1 + corner)
+        law.disturbance, law.caution = 0.0, stage.detector.peaks[0] * stage.detector.peaks[0]
+        stage.smoothing, stage.inertia = self._c["smoothing"], 0.0
+        lag, inertia = FOUND_LAG * time, FOUND_INERTIA * (time * time)
+        places = {s.columns["lag"].start: lag * lag} if s.lag else {}
+        places |= {s.columns["inertia"].start: inertia * inertia} if s.inertia else {}
+        rates = np.arange(s.parameters)[s.b].tolist()
+        places |= {at: AS_GOOD_AS_NONE * s.prior_covariance[at][at] for at in rates}
+        weights = self.weights
+        weights[list(places)] = 0.0
+        law.weights = weights
+        for place, variance in places.items():
+            law.separate(place, variance)
+        law.stop_filters()
+        self._keep_command()
+
+    def _give_up_stage(self, law: FilteringLaw) -> None:
+        """It was not that: the resonance alone is known, as before."""
+        if self._path is None or self._c["dynamics.known"]:
+            return
+        self._path, self._stage.failed = None, True
+        self._adopt_resonance(law, self._stage.resonance, 1.0)
 
     def _count_ringing(self, law: FilteringLaw) -> None:
         """Ringing at the resonance counts as noise: once in a half-wave.
@@ -721,9 +777,7 @@ class ReferenceController(Displayed):
         if stage.rest > 0:
             stage.rest = 0.0 if detector.regular >= REST_HALF_WAVES or stage.rest < 1 else stage.rest - 1
             if not stage.rest > 0 and detector.regular >= 4:
-                again = self.counters["oscillating"] > 1
-                found = detector.frequency(4 if detector.regular < 6 else 6)
-                self._adopt_resonance(law, found, law.filter if again else 1.0)
+                self._know_resonance(law, detector.frequency(4 if detector.regular < 6 else 6))
         elif (
             found > 0
             and not (detector.found and self._measures_inertia)
@@ -784,6 +838,7 @@ class ReferenceController(Displayed):
                 kept.weights, kept.knowledge = law.weights, law.knowledge()
             case Action.RESTORE:
                 kept.aside = law.weights
+                self._give_up_stage(law)
                 self._take_weights(law, kept.weights, earlier=True)
                 self._count(restored=True)
             case Action.FIRST:

@@ -63,6 +63,7 @@ class Sensor:
         self.ticks: int = get["ticks"]
         self.slow: list[float] = get["slow"] or [0.0, 0.0]
         self._share, self._lag = get["share"], get["lag"]
+        self.late: bool = self.ticks > 0 or self._share > 0 or self._lag > 0
         self._pole, self._now, self._before = get["pole"], get["now"], get["before"]
         self._u: FloatArray | None = None  # of the tick before
         self._end: FloatArray | None = None  # the lag at the end of the tick before

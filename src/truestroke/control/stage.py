@@ -35,6 +35,7 @@ INVERTED = (2.5, 4.0), (1.5, 2.5)  # of the first resonance: inverted in full up
 VISIBLE = 0.3, 0.45  # of the sample rate: the same bounds where it is low
 DAMPED = 0.3  # damping of a second or third mode in the equation of the law
 AMPLE = 2.0  # times the motion, peak to peak: a strain that needs more is inverted up to the next of `INVERTED`
+FOUND_DAMPING = 0.02  # of a stage that was found by its oscillation
 QUIET = 0.2  # s: rest before and after a motion, for its inversion
 
 
@@ -108,6 +109,71 @@ NOT_KNOWN: dict[str, Any] = {
     },
 }
 """The members of a controller that does not know the stage."""
+
+
+def _integral_of_step(w: float, decay: float, damped: float, t: float) -> float:
+    """Of a mode, from 0 to t ticks."""
+    if not t > 0:
+        return 0.0
+    left, real = math.exp(-decay * t), -2 * decay / (w * w)
+    imaginary = -(damped - decay * decay / damped) / (w * w)
+    return t - real * (left * math.cos(damped * t) - 1) + imaginary * (left * math.sin(damped * t))
+
+
+def found(frequency: float, tick: float) -> dict[str, Any]:
+    """The members of a stage of which only the first resonance is known: one mode of damping 0.02, a tick of dead time.
+
+    Parameters
+    ----------
+    frequency : float
+        Of the resonance, cycles per tick, below 0.5.
+    tick : float
+        s
+
+    Returns
+    -------
+    dict
+        As of `members`, here in closed form: the controller makes them while it runs.
+
+    Examples
+    --------
+    >>> from truestroke.model.dynamics import Mode
+    >>> same = Dynamics(sample_rate=2000.0, modes=(Mode(frequency=100.0, damping=0.02),), dead_time=5e-4)
+    >>> mine, theirs = found(0.05, 5e-4), members(same)
+    >>> [round(x, 6) for x in mine["dynamics.section"][0]], [round(x, 6) for x in theirs["dynamics.section"][0]]
+    ([-0.000103, 0.09578, -1.890238, 0.987512], [-0.000103, 0.09578, -1.890238, 0.987512])
+    """
+    w = 2 * math.pi * frequency
+    decay, damped = FOUND_DAMPING * w, w * math.sqrt(1 - FOUND_DAMPING * FOUND_DAMPING)
+    a1, a2 = -2 * math.exp(-decay) * math.cos(damped), math.exp(-2 * decay)
+    still = 1 + a1 + a2
+    s = [_integral_of_step(w, decay, damped, float(t)) for t in range(4)]
+    g0, g1, g2 = s[1], s[2] - 2 * s[1], s[3] - 2 * s[2] + s[1]  # of a pulse
+    b0, b1, b2 = g0, g1 + a1 * g0, g2 + a1 * g1 + a2 * g0
+    direct = b2 / a2
+    n0, n1, n2 = notch = [1 / still, a1 / still, a2 / still]
+    d1, d2, d3 = n1 - 2 * n0, n2 - 2 * n1 + n0, n1 - 2 * n2  # the second difference behind the notch
+    gain = math.sqrt((n0 * n0 + d1 * d1 + d2 * d2 + d3 * d3 + n2 * n2) / 6)
+    w0 = w / tick
+    return {
+        "dynamics.known": True,
+        "dynamics.sections": 1,
+        "dynamics.section": [[b0 - direct, b1 - direct * a1, a1, a2]],
+        "dynamics.direct": [direct, 0.0, 0.0],
+        "dynamics.dead": 1,
+        "dynamics.notch": notch,
+        "dynamics.modes": 0,
+        "dynamics.mode": [],
+        "dynamics.quiet": [n / gain for n in notch],
+        "dynamics.tap": [b0 / still, b1 / still, b2 / still, 0.0, 0.0],
+        "dynamics.others": 0,
+        "dynamics.rest": [],
+        "dynamics.lead": [
+            2 * FOUND_DAMPING / w0 + tick,
+            1 / (w0 * w0) + 2 * FOUND_DAMPING * tick / w0 + 5 * (tick * tick) / 12,  # the hold is in it
+        ],
+        "dynamics.sensor": [0.0, 0.0],
+    }
 
 
 def _sampled(
@@ -333,6 +399,11 @@ class Stage:
         self._taps = np.zeros((TAPS, parameters))  # the last row stays 0
         self._states = np.zeros((len(self._rest), 2, parameters))
         self._started = False
+
+    def go_on(self, ticks: int, strain: dict[int, float], z: tuple[float, float]) -> None:
+        """After so many ticks, of which these are the last strains and the last two measurements, um: it rings on."""
+        self.ticks, self.strain, self._z = ticks, strain, list(z)
+        self._outputs = [[y - self._direct[0] * strain[ticks - 2 - i] for i, y in enumerate(z)]]
 
     def expected(self) -> float:
         """G: the measurement that the model expects of the next tick, um. At rest before the first one."""
