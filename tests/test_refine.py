@@ -69,7 +69,7 @@ def passes(actuator, model, count, correct):
 def bench(request):
     """An actuator, the noise of its sensor, um, and a model from its record."""
     actuator, noise = request.param
-    return actuator, noise, identify((SWEEP, actuator(SWEEP, 3)[1], FS)).model
+    return actuator, noise, identify((SWEEP, actuator(SWEEP, 3)[1], FS), branches=False).model
 
 
 def test_the_error_falls_from_pass_to_pass_to_the_noise(bench):
@@ -304,7 +304,7 @@ def ringing(volts, seed):
 
 @pytest.fixture(scope="module")
 def rung():
-    return identify((SWEEP, ringing(SWEEP, 3), FS)).model
+    return identify((SWEEP, ringing(SWEEP, 3), FS), branches=False).model
 
 
 def test_a_pass_that_is_worse_is_undone_and_told(rung):

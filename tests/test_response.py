@@ -13,7 +13,7 @@ from truestroke.control.actuator import respond
 from truestroke.identification import ActuatorModel, load_model, save_model
 from truestroke.identification.identified import _data
 from truestroke.identification.regression import Structure
-from truestroke.identification.response import find_response
+from truestroke.identification.response import _excerpt, find_response
 from truestroke.identification.series import series
 from truestroke.model.dynamics import Dynamics, Mode
 
@@ -54,6 +54,15 @@ def test_columns_are_behind_stage_lag_and_dead_time_as_a_signal_is(dynamics, del
     moved = before if dynamics is None else stage.through(dynamics, before)
     expected = respond(moved, 1e3 * delay, 1e3 * lag)[::3]
     np.testing.assert_allclose(data.columns(s, 10 * x)[:, :-1], expected, atol=1e-10 * np.abs(before).max())
+
+
+def test_an_excerpt_has_rows_whose_states_are_known():
+    """The fastest motion is at the start of a long record, before the voltage has covered its range."""
+    t = np.arange(100_000) / 1e5
+    x = 0.4 * np.sin(2 * np.pi * 3e3 * t) * (t < 0.05) + 10.0 * (t > 0.09) * (1 - np.cos(2 * np.pi * 5.0 * (t - 0.09)))
+    data = _data(series((x, 2 * x, 1e5)), x.size, x.size)
+    quick = _excerpt(data, 0.0)
+    assert quick.rows > 4000
 
 
 @pytest.mark.parametrize("kind", simulated.KINDS[::3], ids=lambda kind: kind.__name__)

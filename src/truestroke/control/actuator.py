@@ -16,10 +16,11 @@ from truestroke.base import checks
 from truestroke.base.checks import SettingError
 from truestroke.base.display import Displayed, Rows, quantity
 from truestroke.base.typing import FloatArray
-from truestroke.control import stage
+from truestroke.control import inverse, stage
 from truestroke.control.settings import UNLIMITED, ControllerSettings, kernel_settings
 from truestroke.control.spans import Beyond, spans
 from truestroke.model import prior
+from truestroke.model.branches import Branches
 from truestroke.model.dynamics import EXPECTED as DYNAMICS
 from truestroke.model.dynamics import Dynamics
 from truestroke.model.layout import Layout
@@ -82,6 +83,10 @@ class ActuatorModel(Displayed, Layout):
         What the fit reports of itself, such as "held_out_rmse_um".
     provenance : mapping of str to str
         Where it comes from, such as "source".
+    branches : Branches or None
+        Hysteresis that plays of the voltage do not have: its sum is added to that of the plays.
+    plain : ActuatorModel or None
+        With `branches`, the model of plays alone from the same record: a controller starts from it.
     before : ActuatorModel or None
         The model that `refine` made it from, so that a pass that is worse can be undone; without one of its own.
 
@@ -104,6 +109,8 @@ class ActuatorModel(Displayed, Layout):
     dynamics: Dynamics | None = None
     metrics: Mapping[str, float] = field(default_factory=dict)
     provenance: Mapping[str, str] = field(default_factory=dict)
+    branches: Branches | None = None
+    plain: ActuatorModel | None = None
     before: ActuatorModel | None = None
 
     def __post_init__(self) -> None:
@@ -143,6 +150,10 @@ class ActuatorModel(Displayed, Layout):
         if self.dynamics is not None:
             modes = ", ".join(f"{mode.frequency:.4g}" for mode in self.dynamics.modes)
             rows += [("dynamics", f"resonance at {modes} Hz")]
+        if self.branches is not None:
+            rows += [("branches", self.branches.described)]
+        if self.plain is not None:
+            rows += [("plain", f"for controllers, noise {quantity(self.plain.noise, 'um')}")]
         rows += [("weight a0", f"{self.weights[0]:.6g} +- {self.deviations[0]:.2g} um/V")]
         rows += [(name, quantity(value)) for name, value in {**self.metrics, **self.provenance}.items()]
         return f"ActuatorModel: {len(self.thresholds)} plays, {self.weights.size} weights", rows
@@ -162,7 +173,8 @@ class ActuatorModel(Displayed, Layout):
 
         Delay and time constant go into the lag, and the limits of the slopes follow from the record's stroke and
         voltage. The `dynamics` are passed on, where the sample rate sees the resonances. A `sensor_delay` and a
-        `sensor_bandwidth` are parts of the record's delay and time constant.
+        `sensor_bandwidth` are parts of the record's delay and time constant. A controller has no branches: of a model
+        with `branches` they are those of `plain`.
 
         Parameters
         ----------
@@ -177,6 +189,8 @@ class ActuatorModel(Displayed, Layout):
         SettingError
             A setting is out of bounds, or `dynamics` are of a stage with another first resonance.
         """
+        if self.branches is not None:
+            return self._plays_alone().settings(sample_rate, **changes)
         known: dict[str, Any] = {"slope_limits": (SLOPES[0] * self.sensitivity, SLOPES[1] * self.sensitivity)}
         if changes.get("dynamics") is not None:
             made = self.beside_dynamics()._settings(sample_rate, **{**known, **changes})
@@ -231,6 +245,8 @@ class ActuatorModel(Displayed, Layout):
         `another_day`. The law also returns to the prior, and takes sudden changes to be a share of it: too sure a
         prior would not follow them.
         """
+        if self.branches is not None:
+            return self._plays_alone().start(sample_rate, **changes)
         fixed = self.settings(sample_rate, **changes)
         measured = changes.get("dynamics") is not None
         model = self.beside_dynamics() if measured else self
@@ -245,6 +261,11 @@ class ActuatorModel(Displayed, Layout):
             P[place], P[:, place] = 0.0, 0.0
             P[place, place] = np.array(fixed.prior_covariance)[place, place]
         return self.settings(sample_rate, **{"prior_covariance": tuple(map(tuple, P.tolist())), **from_rest})
+
+    def _plays_alone(self) -> ActuatorModel:
+        if self.plain is None:
+            raise SettingError("model.plain", None, "the model of plays alone: a controller has no branches")
+        return self.plain
 
     def another_day(self) -> FloatArray:
         """Covariance of the weights on another day than that of the record, in the squares of their units, (m, m).
@@ -301,9 +322,10 @@ class ActuatorModel(Displayed, Layout):
         w = self.weights
         a, b = self.of_all_plays(w)
         creep = creep_states(x, self.creep_times, fs)
+        further = 0.0 if self.branches is None else self.branches.sum(x)
 
         def response(velocity: FloatArray) -> FloatArray:
-            plays = play_sum(x, self.rate_scale * velocity, a, b, self.thresholds)
+            plays = play_sum(x, self.rate_scale * velocity, a, b, self.thresholds) + further
             return displacement(self, w, plays, creep, velocity)
 
         z = response(np.zeros_like(x))
@@ -360,10 +382,16 @@ class ActuatorModel(Displayed, Layout):
             z_d = z_d + late * rate  # what the lag needs before it
             rate = central_difference(z_d, fs)
         changes = {"voltage_limits": limits, "slew_limit": slew_limit, "smoothing_time": 0.0, "dynamics": None}
-        fixed = self.settings(fs, initial_weights=self.delayed(0.0), **changes)
-        kernel, volts = _kernel.Kernel(kernel_settings(fixed)), np.empty_like(z_d)
+        alike = self.settings if self.branches is None else self._settings
+        fixed = alike(fs, initial_weights=self.delayed(0.0), **changes)
+        volts, rest = np.empty_like(z_d), 0.0
         if z_d.size:
             rest = self._rest(float(z_d[0]), fixed.voltage_limits)
+        if self.branches is not None:
+            wanted = ahead(z_d, shift, z_d[-1:]), ahead(self._seen(rate), shift, np.zeros(1))
+            return inverse.waveform(self, *wanted, rest, fixed.voltage_limits, slew_limit / fs, fs)
+        kernel = _kernel.Kernel(kernel_settings(fixed))
+        if z_d.size:
             kernel.start(rest, float(self.predict([rest], fs)[0]) - self.zero)
         rate = self._seen(rate)
         kernel.process(ahead(z_d, shift, z_d[-1:]), ahead(rate, shift, np.zeros(1)), None, volts)

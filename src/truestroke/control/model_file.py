@@ -1,5 +1,6 @@
 """An actuator's model as a TOML file that people read and that comes back to the last bit."""
 
+import dataclasses
 import os
 import re
 from collections.abc import Iterable, Mapping
@@ -13,6 +14,7 @@ from truestroke.base import checks, files, toml
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
 from truestroke.control.actuator import ActuatorModel
+from truestroke.model.branches import Branches
 from truestroke.model.dynamics import Dynamics
 from truestroke.model.layout import TERMS
 
@@ -80,13 +82,28 @@ def _sections(model: ActuatorModel, prefix: str) -> list[str]:
     lines += [
         "]",
         *_dynamics(model.dynamics, prefix),
+        *_branches(model.branches, prefix),
         "",
         f"[{prefix}metrics]",
         *_table(model.metrics.items()),
         "",
         f"[{prefix}provenance]",
     ]
-    return lines + _table(model.provenance.items())
+    lines += _table(model.provenance.items())
+    if model.plain is not None:
+        lines += ["", "# The model of plays alone, which controllers start from"]
+        lines += _sections(model.plain, f"{prefix}plain.")
+    return lines
+
+
+def _branches(branches: Branches | None, prefix: str) -> list[str]:
+    """The table of plays of curved voltages and states of Duhem; nothing without any."""
+    if branches is None:
+        return []
+    entries = [(name, value) for name, value in dataclasses.asdict(branches).items() if name != "weights"]
+    lines = ["", f"[{prefix}branches] # voltage_range: V; betas: over the voltage range", *_table(entries)]
+    weights = [f"  {_toml(weight)}, # {name}" for name, weight in zip(branches.names, branches.weights, strict=True)]
+    return [*lines, "weights = [ # um/V", *weights, "]"]
 
 
 def _dynamics(dynamics: Dynamics | None, prefix: str) -> list[str]:
@@ -143,6 +160,8 @@ class _Tables:
     metrics: Mapping[str, Any]
     provenance: Mapping[str, Any]
     dynamics: Dynamics | None = None
+    branches: Branches | None = None
+    plain: Mapping[str, Any] | None = None
 
 
 def _model(document: dict[str, Any]) -> ActuatorModel:
@@ -152,9 +171,16 @@ def _model(document: dict[str, Any]) -> ActuatorModel:
     model = _of_tables(toml.decode(_Tables, _renamed(document), also=("format", "version", "before")))
     if "before" not in document:
         return model
-    before = toml.value("before", _renamed(document["before"]), _Tables)
-    with checks.inside("before."):
-        return model.replace(before=_of_tables(before))
+    return model.replace(before=_inner("before", document["before"]))
+
+
+def _inner(name: str, table: Mapping[str, Any] | None) -> ActuatorModel | None:
+    """The model in a table of another one."""
+    if table is None:
+        return None
+    tables = toml.value(name, _renamed(table), _Tables)
+    with checks.inside(f"{name}."):
+        return _of_tables(tables)
 
 
 def _renamed(table: Any) -> Any:
@@ -175,6 +201,8 @@ def _of_tables(tables: _Tables) -> ActuatorModel:
         weights=_numbers(weights.values()),
         covariance=_symmetric(tables.covariance.lower_triangle, len(weights)),
         dynamics=tables.dynamics,
+        branches=tables.branches,
+        plain=_inner("plain", tables.plain),
         metrics=tables.metrics,
         provenance=tables.provenance,
     )

@@ -20,7 +20,7 @@ from truestroke.identification.modes import ModeSearch
 from truestroke.identification.record import Record, as_record
 from truestroke.identification.regression import ROWS, Data, Structure
 from truestroke.identification.response import Response, find_response
-from truestroke.identification.select import Tried, choose, coarse_delay, first_prediction
+from truestroke.identification.select import Tried, choose, choose_branches, coarse_delay, first_prediction
 from truestroke.identification.series import Series, series
 from truestroke.identification.validation import Evidence
 from truestroke.signals.recording import Recording
@@ -30,6 +30,7 @@ NEAR = 0.25  # of the stroke
 FEWEST = 20  # samples in each part
 STEPS = 2  # Gauss-Newton
 RESONATES = 0.9  # of the rmse of cross-validation: modes of the stage must lower it so far
+BRANCHES_GAIN = 0.9  # of the residual without branches: with them it must be below
 SEARCHES = 4  # for modes, each behind a model that was fitted with those of the one before
 
 
@@ -135,6 +136,7 @@ def identify(
     delay: float | None = None,
     modes: bool | None = None,
     drift: bool | None = None,
+    branches: bool | None = None,
     held_out: float = 0.4,
     findings: Findings | None = None,
 ) -> Identified:
@@ -165,6 +167,9 @@ def identify(
         Whether resonances of the stage are looked for: `ActuatorModel.dynamics`; by default, unless a delay is given.
     drift : bool, optional
         False: the zero of the sensor does not drift within the record. True: a linear or a logarithmic drift.
+    branches : bool, optional
+        False: hysteresis by plays of the voltage alone. By default plays of curved voltages and states of Duhem are
+        added where later parts of the record are predicted much better with them; `ActuatorModel.plain` has none.
     held_out : float
         Share of the record at its end that is held out, above 0, at most 0.5.
     findings : Findings, optional
@@ -202,6 +207,7 @@ def identify(
         "thresholds": thresholds,
         "modes": delay is None if modes is None else checks.flag("modes", modes),
         "drift": None if drift is None else checks.flag("drift", drift),
+        "branches": None if branches is None else checks.flag("branches", branches),
     }
     part, *_ = _found(taken, train, known, fixed, certain=False)
     final, tried, response = _found(taken, taken.volts.size, known, fixed)
@@ -243,7 +249,28 @@ def _found(
     modes = fixed["modes"] and _resonances(s, samples, coarse, fixed, (structure, weight, guess, tried))
     if modes:
         fine, structure, weight, guess, tried = modes
-    return fit_structure(fine, structure, weight, guess, certain), tried, found
+    plain = fit_structure(fine, structure, weight, guess, certain)
+    if fixed["branches"] is False:
+        return plain, tried, found
+    fit, more = _branched(plain, fine, coarse, structure, weight, certain)
+    return fit, (*tried, *more), found
+
+
+def _branched(
+    plain: Fit, fine: Data, coarse: Data, s: Structure, weight: float, certain: bool
+) -> tuple[Fit, tuple[Tried, ...]]:
+    """The model with branches, if cross-validation asks for them, and what was compared; else the plain one."""
+    rows = fine.displacement.size / coarse.displacement.size
+    known = {"delay": fine.delay, "time_constant": fine.time_constant, "dynamics": fine.dynamics}
+    strain = plain.model.strain(fine.volts, fine.sample_rate)
+    found = choose_branches(dataclasses.replace(coarse, **known), s, weight / rows, strain)  # type: ignore[arg-type]
+    if found is None:
+        return plain, ()
+    structure, weight, tried = found
+    fit = fit_structure(fine, structure, weight * rows, strain, certain)
+    if fit.model.noise > BRANCHES_GAIN * plain.model.noise:  # what was compared need not have an inverse
+        return plain, ()
+    return dataclasses.replace(fit, model=fit.model.replace(plain=plain.model)), tried
 
 
 def _resonances(

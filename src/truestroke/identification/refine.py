@@ -172,7 +172,8 @@ def _data(model: ActuatorModel, x: FloatArray, z: FloatArray, fs: float) -> Data
 def _fitted(model: ActuatorModel, data: Data, skip: int) -> ActuatorModel:
     """Gauss-Newton on the prediction error of the rows behind the first `skip`, from the old weights."""
     fs, measured = data.sample_rate, data.displacement[skip:]
-    s = Structure(**model.terms, rested=True)
+    branches = None if model.branches is None else dataclasses.replace(model.branches, weights=())
+    s = Structure(**model.terms, rested=True, branches=branches)
     prior = _prior(model, s, data)
     velocity = max(model.velocity, float(np.abs(central_difference(model.strain(data.volts, fs), fs)).max()))
     c = prior.mean
@@ -188,18 +189,26 @@ def _fitted(model: ActuatorModel, data: Data, skip: int) -> ActuatorModel:
     residual = measured - data.through(made.strain(data.volts, fs))[:: data.every][skip:]
     P = uncertainty.covariance(J, residual, prior, weight)
     times = {"delay": model.delay, "time_constant": model.time_constant, "dynamics": model.dynamics}
-    return made.replace(covariance=P, noise=_rms(residual), **times)
+    plain = None if model.plain is None else _fitted(model.plain, data, skip)
+    return made.replace(covariance=P[: s.parameters, : s.parameters], noise=_rms(residual), plain=plain, **times)
 
 
 def _prior(model: ActuatorModel, s: Structure, data: Data) -> Prior:
-    """The old weights in the scale of `data`, as sure as on another day; the offset is where the record begins."""
+    """The old weights in the scale of `data`, as sure as on another day; the offset is where the record begins.
+
+    Those of the branches may be off by `DRIFT` of what was expected of them.
+    """
     rates = np.ones(s.parameters)
     rates[s.b] = model.rate_scale / data.rate_scale
     mean, P = model.weights * rates, model.another_day() * np.outer(rates, rates)
     offset = s.columns["offset"]
     P[offset], P[:, offset] = 0.0, 0.0
     P[offset, offset] = data.stroke**2
-    return Prior(mean, P)
+    if model.branches is None:
+        return Prior(mean, P)
+    covariance = actuator.DRIFT**2 * data.prior(s).covariance
+    covariance[: s.parameters, : s.parameters] = P
+    return Prior(np.append(mean, model.branches.weights), covariance)
 
 
 def _motion(waveform: Waveform | None, best: float) -> dict[str, float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -23,6 +24,7 @@ from truestroke.control.actuator import (
 from truestroke.identification.normal import Prior
 from truestroke.identification.series import settled
 from truestroke.model import prior
+from truestroke.model.branches import Branches
 from truestroke.model.dynamics import Dynamics
 from truestroke.model.layout import TERMS, Layout
 from truestroke.model.models import Motion, known_terms
@@ -32,7 +34,10 @@ SETTLING = 0.1  # of the record at most: what is skipped until the play states a
 FLOOR = 0.05  # of the straight line's slope: the smallest partial slope
 STEEPEST = 0.2  # least slope of z - asymmetry(z): displacement rises by at most 5 times the weighted sum of the plays
 CURVED = np.linspace(-1.0, 2.0, 31)  # of the stroke, the whole range of the asymmetry, in the record or not
+LOOPS, POINTS = 8, 6  # from either end of the voltages, and on each way: where slopes with branches are bounded
 RATE_DEPENDENT = (0, 3, 6, 9, 12)  # plays with a rate weight: the gradient matters for the first few only
+CURVED_DEVIATION = 0.1  # of q: of each play of a curved voltage
+DUHEM_DEVIATION = 0.5  # of q: of each state of Duhem
 DRIFT_DEVIATION = 0.05  # of the stroke: of a drift within the record
 DRIFT_FROM = 40.0  # a logarithmic drift is straight for the first 40th of the record
 CREEP_START = 0.015  # of the stroke: deviation of what a creep state still has to go at the start
@@ -54,6 +59,7 @@ class Structure(Layout):
 
     rested: bool = False  # whether the actuator is taken to start at rest, so that the fit uses the start
     drift: tuple[str, ...] = ()  # of the record, names in `DRIFTS`
+    branches: Branches | None = None  # without weights
 
     @property
     def starts(self) -> tuple[float, ...]:
@@ -62,8 +68,13 @@ class Structure(Layout):
 
     @property
     def coefficients(self) -> tuple[str, ...]:
-        """Names of the coefficients: the weights, and after them the starts of the creep states, and the drift."""
-        return (*self.names, *[f"start {tau:g} s" for tau in self.starts], *self.drift)
+        """Names of the coefficients: the weights, then the starts of the creep states, the drift, and the branches."""
+        return (*self.names, *[f"start {tau:g} s" for tau in self.starts], *self.drift, *self.further)
+
+    @property
+    def further(self) -> tuple[str, ...]:
+        """Names of the weights of the branches, the last coefficients."""
+        return () if self.branches is None else self.branches.names
 
     def columns_in(self, other: Structure) -> np.ndarray:
         """Places of this structure's coefficients among those of another that has them all."""
@@ -144,7 +155,11 @@ class Data:
             columns = np.zeros((self.displacement.size, len(s.coefficients) + 1))
             columns[:, s.a] = self._seen(plays(self.volts, s.thresholds, every))
             columns[:, s.of_plays : s.of_plays + len(others)] = self._seen(others.T)
-            columns[:, s.of_plays + len(others) :] = np.column_stack([*drift, self.displacement])
+            end = columns.shape[1] - 1 - len(s.further)
+            columns[:, s.of_plays + len(others) : end] = np.reshape(drift, (len(drift), self.displacement.size)).T
+            if s.branches is not None:
+                columns[:, end:-1] = self._seen(s.branches.columns(self.volts, every))
+            columns[:, -1] = self.displacement
             self._kept[s] = columns
         return self._kept[s]
 
@@ -181,7 +196,7 @@ class Data:
 
     def drift(self, s: Structure, c: FloatArray, samples: int) -> FloatArray:
         """Drift of the zero, um, of the first samples of the record, at the full rate; c after the weights."""
-        t, weights = np.arange(samples) / self.sample_rate, c[len(s.starts) :]
+        t, weights = np.arange(samples) / self.sample_rate, c[len(s.starts) : len(s.starts) + len(s.drift)]
         parts = (w * self._drift(s, name, t) for w, name in zip(weights, s.drift, strict=True))
         return np.asarray(sum(parts, np.zeros_like(t)))
 
@@ -201,6 +216,8 @@ class Data:
         known[lag, lag] = max(TERMS["lag"].deviation, 1 / self.sample_rate) ** 2
         known[offset, offset] = (self.stroke + self.q * max(abs(low), abs(high))) ** 2
         starts = np.repeat([CREEP_START, DRIFT_DEVIATION], [len(s.starts), len(s.drift)]) ** 2 * self.stroke**2
+        curved = [DUHEM_DEVIATION if name.startswith("duhem") else CURVED_DEVIATION for name in s.further]
+        starts = np.append(starts, (np.array(curved) * self.q) ** 2)
         covariance = np.diag(np.append(np.zeros(s.parameters), starts))
         covariance[: s.parameters, : s.parameters] = known
         return Prior(np.append(s.vector(a), np.zeros_like(starts)), covariance)
@@ -209,24 +226,42 @@ class Data:
         """G and g of G c >= g, without which there is no inverse.
 
         The partial slopes at the velocities +velocity and -velocity are `FLOOR` q at least, and so are they at all
-        between; and z - asymmetry(z) rises by `STEEPEST` of z at least.
+        between; and z - asymmetry(z) rises by `STEEPEST` of z at least. With branches the slopes are those of all
+        ways of `loops`.
         """
         n, size = len(s.thresholds), len(s.coefficients)
         plays, asymmetry = np.zeros((2, n, size)), np.zeros((CURVED.size, size))
         for sign, side in zip((1, -1), plays, strict=True):
-            for i in range(n):
+            for i in range(n if s.branches is None else 0):
                 side[i, : s.parameters] = s.vector(
                     np.arange(n) <= i, sign * self.rate_scale * velocity * (s.rate_plays <= i)
                 )
         asymmetry[:, s.columns["asymmetry"]] = -asymmetry_slopes(CURVED * self.stroke, self.stroke)[: s.asymmetry].T
-        floors = np.repeat([FLOOR * self.q, STEEPEST - 1], [2 * n, CURVED.size])
-        return np.vstack([plays.reshape(-1, size), asymmetry]), floors
+        slopes = plays.reshape(-1, size) if s.branches is None else self._slopes(s, s.branches, velocity)
+        floors = np.repeat([FLOOR * self.q, STEEPEST - 1], [len(slopes), CURVED.size])
+        return np.vstack([slopes, asymmetry]), floors
+
+    def _slopes(self, s: Structure, branches: Branches, velocity: float) -> FloatArray:
+        """The slope by voltage at the samples of `loops`, up and down, at rest and at the velocity; rows of G."""
+        x, rows = loops(self.voltage_range), []
+        y, r = plays(x, s.thresholds), np.array(s.thresholds)
+        for sign in (1, -1):
+            moves = sign * (x[:, None] - y) >= r - 1e-9 * branches.half
+            further = branches.slopes(x, sign)
+            for rate in (0.0, sign * self.rate_scale * velocity):
+                side = np.zeros((x.size, len(s.coefficients)))
+                side[:, s.a], side[:, s.b] = moves, rate * moves[:, s.rate_plays]
+                side[:, len(s.coefficients) - len(s.further) :] = further
+                rows.append(side)
+        return np.vstack(rows)
 
     def model(self, s: Structure, c: FloatArray, velocity: float) -> ActuatorModel:
         """The model with these coefficients; its covariance is not known yet."""
-        m = s.parameters
+        m, more = s.parameters, len(s.further)
+        weights = tuple(c[c.size - more :].tolist())
         return ActuatorModel(
             **s.terms,
+            branches=None if s.branches is None else dataclasses.replace(s.branches, weights=weights),
             weights=c[:m],
             covariance=np.zeros((m, m)),
             stroke=self.stroke,
@@ -255,6 +290,14 @@ def respond_rows(
     whole = dead + min(int(whole), len(columns))
     _kernel.respond_rows(np.ascontiguousarray(columns), taps, sections, lag, whole, part, every, rows)
     return rows
+
+
+def loops(voltage_range: tuple[float, float]) -> FloatArray:
+    """A voltage with ways up and down from many turns: from 0 V over the whole range, then loops from either end, V."""
+    low, high = voltage_range
+    inside = np.linspace(low, high, LOOPS + 2)[1:-1]
+    turns = np.concatenate([[0.0, high], *[[a, high] for a in inside], [low], *[[b, low] for b in inside], [high, low]])
+    return np.asarray(np.interp(np.arange((turns.size - 1) * POINTS + 1) / POINTS, np.arange(turns.size), turns))
 
 
 def even_thresholds(n: int, largest: float) -> tuple[float, ...]:

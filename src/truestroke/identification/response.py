@@ -246,8 +246,10 @@ def _excerpt(data: Data, coarse: float) -> _Quick:
         valid = np.asarray(valid[: blocks * size].reshape(-1, size).all(axis=1), dtype=np.bool_)
     fs = data.sample_rate / size
     start, stop = _fastest(x)
-    kept = slice(start, stop)
     skip = min(settled(x, float(np.ptp(x))), int(UNSETTLED * x.size))
+    if skip > start + EXCERPT // 2:  # in a long record: the plays would not be known in most of the excerpt
+        start, stop = (skip + row for row in _fastest(x[skip:]))
+    kept = slice(start, stop)
     made = []
     for reach, first in zip(REACHES, (max(skip - start, ORDER), 0), strict=True):
         rows = np.convolve(~valid[kept], np.ones(ORDER + 1))[: stop - start] == 0

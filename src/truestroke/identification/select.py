@@ -13,6 +13,7 @@ from truestroke.base.typing import FloatArray
 from truestroke.control.actuator import play_sum
 from truestroke.identification import normal, uncertainty
 from truestroke.identification.regression import DRIFTS, Data, Structure, even_thresholds, plays, rate_dependent
+from truestroke.model.branches import Branches
 
 BLOCKS = 6  # of the cross-validation: each but the first three is predicted from those before it
 FIRST = 3
@@ -30,6 +31,12 @@ ENOUGH = 1.1  # of the least rmse: the most terms that do not exceed it, as by o
 ENOUGH_PLAYS = 1.05  # the same of the thresholds
 WITHIN = 0.98  # of the voltage range: where the rest of the record exceeds what is fitted, no prior is weak
 DRIFTS_IF = 0.95  # times the rmse without a drift: with one it must be below
+BRANCHES_IF = 0.65  # times the rmse of plays of the voltage alone: with branches it must be below
+ENOUGH_BRANCHES = 1.1  # of the least rmse: the fewest branches that do not exceed it
+CURVED_PLAYS = 12  # of each curve
+BETAS = (1.5, 4.0, 10.0, 25.0)  # times the voltage range
+CURVES = ((), ("convex", "concave"), ("convex", "concave", "sigmoid"))
+WEAKER = (0.01, 0.1, 1.0, 10.0)  # times the weight of the prior without branches
 LONGEST_DELAY = 0.1  # s
 QUICK = 16  # plays of the first fit
 
@@ -59,8 +66,9 @@ class Tried:
     def parts(self) -> tuple[str, ...]:
         """The structure in words: plays, rate weights, creep, asymmetry, resonances."""
         s = self.structure
+        more = "" if s.branches is None else f", {s.branches.described}"
         return (
-            f"{len(s.thresholds)} plays to {s.thresholds[-1]:.3g} V{' from rest' if s.rested else ''}",
+            f"{len(s.thresholds)} plays to {s.thresholds[-1]:.3g} V{' from rest' if s.rested else ''}{more}",
             f"{len(s.rate_dependent)} rate weights" if s.rate_dependent else "no rate",
             f"creep {', '.join(f'{tau:g}' for tau in s.creep_times)} s" if s.creep_times else "no creep",
             f"{s.asymmetry} asymmetry terms{''.join(f', {name}' for name in s.drift)}",
@@ -177,6 +185,36 @@ def _with_drift(
     }
     best = min([drift for drift in found if drift], key=lambda drift: found[drift])
     return bank, dataclasses.replace(s, drift=best if found[best] < better * found[()] else ())
+
+
+def choose_branches(
+    data: Data, s: Structure, weight: float, strain: FloatArray
+) -> tuple[Structure, float, tuple[Tried, ...]] | None:
+    """The structure with the branches that predict later blocks better, its prior's weight, um^2, and all tried.
+
+    None where plays of the voltage alone are about as good, and where the rest of the record goes beyond the voltages
+    of these rows. `strain` is the prediction of the plays before dead time and lag, um.
+    """
+    if np.ptp(data.volts) < WITHIN * np.ptp(data.voltage_range):
+        return None
+    most = Branches(voltage_range=data.voltage_range, curves=CURVES[-1], plays=CURVED_PLAYS, betas=BETAS)
+    bank = _blocks(data, dataclasses.replace(s, branches=most), strain)
+    noise = float(np.var((data.displacement - data.through(strain)[:: data.every])[data.fitted(rested=False)]))
+    choices = [
+        dataclasses.replace(s, branches=dataclasses.replace(most, curves=curves, betas=betas))
+        for curves, betas in itertools.product(CURVES, ((), most.betas))
+        if curves or betas
+    ]
+    weights = [w * weight for w in WEAKER]
+    alone = min(bank.rmse(s, w) for w in weights)
+    tried = [(bank.rmse(choice, w), choice, w) for choice in choices for w in weights]
+    least = min(entry[0] for entry in tried)
+    if least >= BRANCHES_IF * alone:
+        return None
+    good = [entry for entry in tried if entry[0] <= ENOUGH_BRANCHES * least]
+    score, best, w = min(good, key=lambda entry: (len(entry[1].further), entry[0]))
+    modes = 0 if data.dynamics is None else len(data.dynamics.modes)
+    return best, w, tuple(Tried(c, w / noise, score, modes) for score, c, w in (*tried, (score, best, w)))
 
 
 def _with_all_terms(data: Data, fixed: Mapping[str, Any]) -> Iterator[Structure]:

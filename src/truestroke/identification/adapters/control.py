@@ -42,6 +42,8 @@ def model_system(model: ActuatorModel, sample_rate: float, name: str = "model") 
     array([ 0.,  9., 19., 11.,  1.])
     """
     checks.instance("model", model, ActuatorModel, actuator.EXPECTED)
+    if model.branches is not None:
+        raise SettingError("model", "one with branches", "one of plays alone: model.plain")
     if model.dynamics is not None:
         words = "None: model.replace(dynamics=None), in series with model.dynamics.to_control()"
         raise SettingError("model.dynamics", f"{len(model.dynamics.modes)} modes", words)

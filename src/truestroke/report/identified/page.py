@@ -111,6 +111,9 @@ def notes(view: View, record: Record) -> list[str]:
     if block > 1:
         rate = view.model.metrics["record_sample_rate_hz"]
         says.append(f"means over {block} samples were used, at {rate:.4g} Hz: nothing faster is in the model")
+    if (plain := view.model.plain) is not None:
+        residuals = f"the residual of its fit is {plain.noise:.4g} um rms instead of {view.model.noise:.4g}"
+        says.append(f"a controller has no branches, it starts from the model of plays alone: {residuals}")
     from_prior = [name for name, hardly in zip(view.model.names, view.from_prior(), strict=True) if hardly]
     if from_prior:
         names = ", ".join(from_prior)

@@ -1,0 +1,204 @@
+"""Hysteresis that plays of the voltage do not have: plays of a curved voltage, and states of Duhem.
+
+With s = (2 x - low - high) / (high - low), which is -1 and 1 at the ends of the record's voltages, and half = (high -
+low) / 2, there are plays H_r[half f(s)] of three curves,
+
+    f(s) = s + 0.45 s^2,   s - 0.45 s^2,   s / sqrt(1 + 4 s^2),
+
+each continued by straight lines beyond -1 and 1, and states that follow the voltage with its variation, not with time,
+
+    dc / d|x| = (p(s) - c) beta,   p(s) = half s,  half s^2 / 2.
+
+A loop between unlike envelopes is made by differences of the plays of the first two curves, one that saturates at
+both ends by those of the third.
+The states of Duhem make minor loops that do not close, as those of Bouc-Wen, Dahl, Coleman and Hodgdon.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from truestroke import _kernel
+from truestroke.base import checks
+from truestroke.base.checks import SettingError
+from truestroke.base.typing import FloatArray
+
+LIVE = 20.0  # beta |dx| that is summed at a time: its exponential stays far from overflow
+
+CURVES: dict[str, tuple[Callable[[Any], Any], Callable[[Any], Any]]] = {
+    "convex": (lambda s: s + 0.45 * s * s, lambda s: 1 + 0.9 * s),
+    "concave": (lambda s: s - 0.45 * s * s, lambda s: 1 - 0.9 * s),
+    "sigmoid": (lambda s: s * (1 + 4 * s * s) ** -0.5, lambda s: (1 + 4 * s * s) ** -1.5),
+}
+"""Curves f of s by name, each with its derivative, of numbers and arrays; both are taken within -1 to 1."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Branches:
+    """Plays of curved voltages and states of Duhem, with their weights.
+
+    Attributes
+    ----------
+    voltage_range : tuple[float, float]
+        low and high, V.
+    curves : tuple[str, ...]
+        Names in `CURVES`.
+    plays : int
+        Of each curve: their thresholds are i / plays of half the voltage range.
+    betas : tuple[float, ...]
+        beta times the voltage range; for each a state of s and one of s^2.
+    weights : tuple[float, ...]
+        Of the plays of each curve, then of the states, um/V; empty for 0.
+
+    Examples
+    --------
+    >>> b = Branches(voltage_range=(0.0, 2.0), betas=(4.0,))
+    >>> b.names, b.columns(np.array([0.0, 2.0, 0.0])).round(3).tolist()
+    (('duhem 4', 'duhem 4 of s^2'), [[-1.0, 0.5], [0.518, 0.193], [-0.538, 0.185]])
+    """
+
+    voltage_range: tuple[float, float]
+    curves: tuple[str, ...] = ()
+    plays: int = 0
+    betas: tuple[float, ...] = ()
+    weights: tuple[float, ...] = field(default=())
+
+    def __post_init__(self) -> None:
+        for curve in self.curves:
+            if curve not in CURVES:
+                raise SettingError("curves", curve, f"one of {', '.join(CURVES)}")
+        low, high = checks.interval("voltage_range", self.voltage_range, "V")
+        made: dict[str, object] = {
+            "voltage_range": (low, high),
+            "curves": tuple(self.curves),
+            "plays": checks.count("plays", self.plays, 0, 64),
+            "betas": tuple(checks.positive("betas", beta) for beta in self.betas),
+            "weights": tuple(checks.finite_array("weights", self.weights, "um/V").tolist()),
+        }
+        for name, value in made.items():
+            object.__setattr__(self, name, value)
+        if len(self.weights) not in (0, len(self.names)):
+            raise SettingError("weights", f"{len(self.weights)} numbers", f"{len(self.names)}, as there are terms")
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the weights, in their order."""
+        plays = [f"{curve} a{i}" for curve in self.curves for i in range(self.plays)]
+        return (*plays, *[f"duhem {beta:g}{of}" for beta in self.betas for of in ("", " of s^2")])
+
+    @property
+    def described(self) -> str:
+        """In words."""
+        curved = [f"{self.plays} plays of a {curve} voltage" for curve in self.curves]
+        return ", ".join([*curved, *[f"states of Duhem, beta {self.betas}"] * bool(self.betas)])
+
+    @property
+    def half(self) -> float:
+        """Half of the voltage range, V."""
+        return (self.voltage_range[1] - self.voltage_range[0]) / 2
+
+    @property
+    def thresholds(self) -> FloatArray:
+        """r of the plays of each curve, V."""
+        return np.arange(self.plays) / max(self.plays, 1) * self.half
+
+    def scaled(self, x: Any) -> Any:
+        """s of x, V: a number or an array."""
+        return (x - self.voltage_range[0]) / self.half - 1
+
+    @cached_property
+    def _zeros(self) -> dict[str, float]:
+        """What the curves are at 0 V, V."""
+        return {curve: self._continued(curve, self.scaled(0.0)) for curve in self.curves}
+
+    def _continued(self, curve: str, s: Any) -> Any:
+        """half f(s), V, beyond -1 and 1 a straight line."""
+        f, slope = CURVES[curve]
+        inside = _inside(s)
+        return self.half * (f(inside) + slope(inside) * (s - inside))
+
+    def curved(self, curve: str, x: Any) -> Any:
+        """half (f(s) - f(s of 0 V)), V: what the plays follow, 0 at 0 V, at which they rest."""
+        return self._continued(curve, self.scaled(x)) - self._zeros[curve]
+
+    def curved_slope(self, curve: str, x: FloatArray) -> FloatArray:
+        """Its derivative by x."""
+        return np.asarray(CURVES[curve][1](_inside(self.scaled(x))))
+
+    def columns(self, x: FloatArray, every: int = 1) -> FloatArray:
+        """The terms along a voltage, V, of every `every`-th sample, shape (rows, terms); from rest at 0 V."""
+        return np.hstack([*[self._plays(curve, x, every) for curve in self.curves], self.states(x)[::every]])
+
+    def sum(self, x: FloatArray) -> FloatArray:
+        """All terms with their weights along a voltage, um."""
+        return np.asarray(self.columns(x) @ np.array(self.weights)) if self.weights else np.zeros_like(x)
+
+    def _plays(self, curve: str, x: FloatArray, every: int) -> FloatArray:
+        rows = np.empty((-(-x.size // every), self.plays))
+        _kernel.play_history(self.curved(curve, x), self.thresholds, np.zeros(self.plays), every, rows)
+        return rows
+
+    # ---- States of Duhem -------------------------------------------------------------------------------------------
+
+    @cached_property
+    def _lengths(self) -> FloatArray:
+        """1 / beta in units of s."""
+        return 2 / np.array(self.betas)
+
+    def settles(self, s: Any, sign: Any) -> FloatArray:
+        """What the states approach on a way up (sign 1) or down (-1), V, shape (..., states).
+
+        Straight lines between samples: c = P(s) + (c0 - P(s0)) exp(-beta |dx|), P the particular solution. So the
+        states do not depend on how densely a way is sampled.
+        """
+        lag, s = np.multiply.outer(sign, self._lengths), np.asarray(s)[..., None]
+        made = np.empty((*lag.shape[:-1], 2 * lag.shape[-1]))
+        made[..., ::2], made[..., 1::2] = s - lag, 0.5 * s * s - (s - lag) * lag
+        made *= self.half
+        return made
+
+    def states(self, x: FloatArray) -> FloatArray:
+        """The states along a voltage, V, shape (samples, states); they rest at 0 V before it."""
+        size = 2 * len(self.betas)
+        s = self.scaled(np.concatenate([np.zeros(1), x]))
+        ds = np.diff(s)
+        sign = np.where(ds < 0, -1.0, 1.0)
+        gone = np.repeat(self.betas, 2) / 2 * np.abs(ds)[:, None]
+        gained = self.settles(s[1:], sign) - np.exp(-gone) * self.settles(s[:-1], sign)
+        out = np.empty((x.size, size))
+        state = self.half * np.stack([s[0], 0.5 * s[0] ** 2])[None].repeat(len(self.betas), 0).ravel()
+        swept = np.cumsum(gone.max(axis=1, initial=0.0))
+        start = 0
+        while start < x.size:
+            done = swept[start - 1] if start else 0.0
+            stop = max(start + 1, int(np.searchsorted(swept, done + LIVE)))
+            grown = np.exp(np.cumsum(gone[start:stop], axis=0) - gone[start])
+            alone = np.cumsum(gained[start:stop] * grown, axis=0)
+            out[start:stop] = (state * np.exp(-gone[start]) + alone) / grown
+            state, start = out[stop - 1], stop
+        return out
+
+    # ---- Slopes ----------------------------------------------------------------------------------------------------
+
+    def slopes(self, x: FloatArray, sign: int) -> FloatArray:
+        """Derivatives of the terms by x where the voltage goes on up (sign 1) or down (-1), shape (samples, terms)."""
+        parts = []
+        for curve in self.curves:
+            u, r = self.curved(curve, x)[:, None], self.thresholds
+            moves = sign * (u - self._plays(curve, x, 1)) >= r - 1e-9 * self.half
+            parts.append(moves * self.curved_slope(curve, x)[:, None])
+        s = self.scaled(x)
+        p = self.half * np.stack([s, 0.5 * s**2], axis=-1)
+        beta = np.repeat(self.betas, 2) / (2 * self.half)
+        parts.append(sign * beta * (np.tile(p, len(self.betas)) - self.states(x)))
+        return np.hstack(parts)
+
+
+def _inside(s: Any) -> Any:
+    """s within -1 to 1."""
+    return min(max(s, -1.0), 1.0) if isinstance(s, float) else np.clip(s, -1.0, 1.0)
