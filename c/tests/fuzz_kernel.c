@@ -13,13 +13,13 @@
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 
 static struct {
-    unsigned long long inputs, refused, commands, measured, changes, starts;
+    unsigned long long inputs, refused, stages, late, commands, measured, changes, starts;
 } seen;
 
 static void report(void)
 {
-    printf("fuzz (%s): %llu inputs, %llu with refused settings; %llu commands, %llu measurements used, %llu changes, "
-           "%llu starts\n", sizeof(ts_real) == 8 ? "double" : "float", seen.inputs, seen.refused, seen.commands,
+    printf("fuzz (%s): %llu inputs, %llu with refused settings, %llu with a stage, %llu with a late sensor; %llu commands, %llu measurements used, %llu changes, "
+           "%llu starts\n", sizeof(ts_real) == 8 ? "double" : "float", seen.inputs, seen.refused, seen.stages, seen.late, seen.commands,
            seen.measured, seen.changes, seen.starts);
 }
 
@@ -61,6 +61,27 @@ static ts_real any(bytes *b, double size)
 
 /* ---- Settings -------------------------------------------------------------------------------------------------------- */
 
+/* Of 180 and 500 Hz at 2 kHz with a lag of 400 Hz and a dead time, with its feedback: as the package computes them. */
+static void on_stage(ts_settings *s)
+{
+    s->dynamics = (ts_dynamics){
+        .known = true, .sections = 3, .dead = 1, .modes = 1, .others = 2,
+        .section = {{(ts_real)-0.2347904, (ts_real)0.4033557, (ts_real)-1.6697850, (ts_real)0.9776344},
+                    {(ts_real)-0.0771749, (ts_real)0.0252292, (ts_real)-0.0013489, (ts_real)0.9100572},
+                    {(ts_real)0.3986473, 0, (ts_real)-0.2846095, 0}},
+        .direct = {(ts_real)-0.0775397, (ts_real)-4.7e-5, 0},
+        .notch = {(ts_real)3.2483416, (ts_real)-5.4240321, (ts_real)3.1756906},
+        .mode = {{(ts_real)0.6807805, (ts_real)-0.0009183, (ts_real)0.6195492, (ts_real)-0.0902497, (ts_real)0.3896611}},
+        .quiet = {(ts_real)0.3249084, (ts_real)-0.5425272, (ts_real)0.3176416},
+        .tap = {(ts_real)-15.4588592, (ts_real)-4.2703823, (ts_real)-0.3911656, (ts_real)-2.381e-4, 0},
+        .rest = {{(ts_real)1.3433356, (ts_real)0.4253824, (ts_real)-0.0902497, (ts_real)0.3896611},
+                 {(ts_real)14.1357409, 0, (ts_real)-0.2846095, 0}},
+        .lead = {(ts_real)1.0316e-3, (ts_real)1.1453e-6}};
+    s->feedback = (ts_feedback){.filters = 3, .most = 3,
+        .filter = {{(ts_real)0.4556781, 0, 0, (ts_real)-0.9992413, 0}, {(ts_real)-0.3792037, 0, 0, (ts_real)-0.9977256, 0},
+                   {(ts_real)0.0746837, (ts_real)-0.3825277, (ts_real)0.1583564, (ts_real)-0.3956661, (ts_real)0.1381793}}};
+}
+
 static ts_settings sane(bytes *b)
 {
     ts_settings s = {.plays = 1 + below(b, TS_MAX_PLAYS), .dead_zones = 1, .dead_zone_weights = {1},
@@ -90,6 +111,10 @@ static ts_settings sane(bytes *b)
             .tick = (ts_real)5e-4, .corner = (ts_real)0.17, .fast = (ts_real)0.6, .slow = (ts_real)0.05,
             .motion_rate = (ts_real)5e-3, .noise_share = 2, .floor = (ts_real)0.15, .large = (ts_real)0.6};
     if (stage & 4) s.guard = (ts_guard_settings){.window = 6, .range_rate = (ts_real)5e-3, .floor = (ts_real)0.06};
+    if (stage & 8 && s.law == TS_LAW_KALMAN) on_stage(&s);
+    else if (stage & 16) /* a sensor that is late by 2.3 ticks, behind a lag of one tick */
+        s.sensor = (ts_sensor){.ticks = 2, .share = (ts_real)0.3, .lag = 1, .pole = (ts_real)0.3678794,
+                               .now = (ts_real)0.3678794, .before = (ts_real)0.2642411, .slow = {(ts_real)-5e-4, (ts_real)2.5e-7}};
     if ((stage & 3) == 3) s.resonance = (ts_real)(stage >> 2) / 128;
     return s;
 }
@@ -175,15 +200,18 @@ static ts_real command(bench *t, ts_real z_d, ts_real zdot_d)
     return volts;
 }
 
+static uint64_t measured(const ts_controller *c) { return c->settings.dynamics.known ? c->dynamics.ticks : c->lagged.ticks; }
+
 static void adapt(bench *t, ts_real z, int ago)
 {
     ts_controller *c = &t->c;
-    uint64_t waiting = c->counters.commands - c->lagged.ticks;
+    uint64_t commands = c->counters.commands, waiting = commands - measured(c);
+    bool early = ago >= 0 && (uint64_t)ago < commands && (uint64_t)(ago + c->settings.sensor.ticks) >= commands;
     ts_status status = ts_controller_adapt(c, z, ago);
     seen.measured += status == TS_OK;
-    require(status == TS_OK || status == TS_REJECTED || (status == TS_BEYOND_REACH && c->lagged.ticks == 0),
+    require(status == TS_OK || status == TS_REJECTED || (status == TS_BEYOND_REACH && measured(c) == 0),
             "a measurement is used, rejected, or the first one and beyond reach");
-    require(status != TS_OK || (ago >= 0 && (uint64_t)ago < waiting && fabs((double)z) <= (double)c->settings.measurement_limit),
+    require(status != TS_OK || early || (ago >= 0 && (uint64_t)ago < waiting && fabs((double)z) <= (double)c->settings.measurement_limit),
             "a measurement that is used is within limits and in time");
 }
 
@@ -262,6 +290,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
         seen.refused++;
         return 0;
     }
+    seen.stages += s.dynamics.known;
+    seen.late += s.sensor.ticks > 0;
     invariants(&t);
     while (b.left > 0) {
         call(&t, &b);
