@@ -167,6 +167,19 @@ def test_saturation_is_flagged_and_the_voltage_stays_within_limits() -> None:
     assert not controller.flags.slewed
 
 
+def test_at_speed_a_slope_may_be_a_twentieth_of_the_smallest_at_rest() -> None:
+    controller = AdaptiveController(**BASIC, slope_limits=(2.0, 50.0))
+    layout = controller.settings
+    weights = layout.vector([8.0, *[0.0] * (layout.plays - 1)], [-1.0, *[0.0] * (len(layout.rate_dependent) - 1)])
+    weights = tuple(weights.tolist())
+    controller = AdaptiveController(**BASIC, slope_limits=(2.0, 50.0), initial_weights=weights)
+    speeds = {7.0: 1.0, 7.8: 0.2, 7.95: 0.1, 9.0: 0.1}  # c_b zdot_d, and the slope 8 - that
+    for rate, slope in speeds.items():
+        controller.command(1.0, rate / layout.rate_scale)
+        assert controller.diagnostics.partial_slopes == pytest.approx(slope)
+        assert controller.flags.projected == (rate > 7.9)
+
+
 def test_the_guard_keeps_the_inverse_defined_and_says_so() -> None:
     weights = [0.0] * 16
     weights[0], weights[1] = 5.0, -5.0

@@ -115,7 +115,7 @@ def test_hum_from_outside_is_no_oscillation_of_the_law() -> None:
     plant.open()
     wave = random_wave(duration=3.0, cutoff=5.0, seed=4)
     for k, (z_d, zdot_d) in enumerate(zip(wave.position, wave.velocity, strict=True)):
-        hum = 0.1 * math.sin(2 * math.pi * 50.0 * k / 2000.0)
+        hum = 0.05 * math.sin(2 * math.pi * 50.0 * k / 2000.0)
         controller.adapt(plant.exchange(np.array([controller.command(z_d, zdot_d)]))[0] + hum)
     assert controller.counters.oscillating == 0
 

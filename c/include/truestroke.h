@@ -158,6 +158,7 @@ typedef struct {
     int outliers;             /* spikes in a row that are rejected */
 } ts_kalman_settings;
 
+#define TS_IN_MOTION ((ts_real)0.05) /* of slope_min: least partial slope of the inverse of Kalman weights, held at rest */
 #define TS_RETURN_EVERY 16
 
 /* A Kalman filter of weights that are an Ornstein-Uhlenbeck process about the prior (w0, P0), so that P and w stay
@@ -411,7 +412,8 @@ typedef struct {
     ts_sensor sensor;
     ts_feedback feedback;
     /* safety */
-    ts_real slope_min, slope_max;                      /* partial slopes of the inverse, um/V */
+    ts_real slope_min, slope_max;                      /* partial slopes, um/V; Kalman: of the weights, and of the inverse
+                                                          from TS_IN_MOTION * slope_min on */
     ts_real velocity_limit;                            /* Kalman: slopes are admissible at every rate that was commanded, up
                                                           to this one, um/s */
     ts_real voltage_min, voltage_max;                  /* V */

@@ -293,12 +293,13 @@ static bool rate_dependent_slopes(ts_controller *c, ts_real zdot_d)
     const ts_real *w = c->w;
     bool moved = false;
     ts_real rate = s->rate_scale * zdot_d, sum = 0;
+    ts_real least = s->law == TS_LAW_KALMAN ? TS_IN_MOTION * s->slope_min : s->slope_min;
     for (int i = 0; i < s->plays; i++) {
         ts_real w_h = *w++;
         if (s->rate_dependent[i]) w_h += rate * *w++;
         sum += w_h;
-        c->slopes[i] = !(sum >= s->slope_min) ? s->slope_min : sum > s->slope_max ? s->slope_max : sum;
-        moved |= !(sum >= s->slope_min && sum <= s->slope_max);
+        c->slopes[i] = !(sum >= least) ? least : sum > s->slope_max ? s->slope_max : sum;
+        moved |= !(sum >= least && sum <= s->slope_max);
     }
     return moved;
 }

@@ -172,8 +172,9 @@ static void invariants(const bench *t)
     require(c->lagged.ticks <= c->counters.commands && c->counters.commands - c->lagged.ticks <= TS_HISTORY,
             "no more commands wait than there is room for");
     require(c->beyond >= 0 && c->beyond <= TS_BEYOND, "ticks beyond are counted up to TS_BEYOND");
+    ts_real least = c->settings.law == TS_LAW_KALMAN ? TS_IN_MOTION * c->settings.slope_min : c->settings.slope_min;
     for (int i = 0; i < c->settings.plays; i++)
-        require(c->slopes[i] >= c->settings.slope_min && c->slopes[i] <= c->settings.slope_max, "slopes are within limits");
+        require(c->slopes[i] >= least && c->slopes[i] <= c->settings.slope_max, "slopes are within limits");
     if (c->settings.law == TS_LAW_KALMAN) require(symmetric(c->law.kalman.P, c->parameters), "P is symmetric");
     else for (int i = 0; i < c->parameters; i++) require(c->law.rls.D[i] >= 0, "D is not negative");
 }

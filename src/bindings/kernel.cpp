@@ -340,8 +340,9 @@ void check_state(const ts_controller &c) {
     check_counters(c);
     check_plays(s, "play", c.now.play);
     check_plays(s, "lagged_play", c.lagged.play);
+    ts_real least = s.law == TS_LAW_KALMAN ? TS_IN_MOTION * s.slope_min : s.slope_min;
     for (int i = 0; i < s.plays; i++)
-        require_all("slopes", c.slopes[i] >= s.slope_min && c.slopes[i] <= s.slope_max, "within slope_limits");
+        require_all("slopes", c.slopes[i] >= least && c.slopes[i] <= s.slope_max, "within slope_limits");
     require_all("fastest", c.fastest >= 0, "0 or more");
     require_all("resolution", c.resolution >= 0, "0 or more");
     if (s.law == TS_LAW_KALMAN) check_kalman(c);

@@ -49,6 +49,7 @@ KEEP = 0.03  # s: how often the weights are kept
 RINGS = 4  # times the noise's: mean square of the second difference of the error where the stage rings
 JUMP = 16  # times the noise's: what one tick may add to it; a jump is no ringing
 RINGING_RATE = 50  # 1/s: how fast that mean follows
+IN_MOTION = 0.05  # of the smallest slope: that of the inverse, of weights that are held at rest
 FOUND = 0.2  # relative standard deviation of the inertia of a resonance that an oscillation has
 FOUND_FILTER = 0.6  # of a stage that was found by its oscillation: corner of the law's filter over its resonance,
 FOUND_LAG, FOUND_INERTIA = 0.1, 0.05  # deviations of what its lag and inertia miss, over 1 / w0 and 1 / w0^2
@@ -434,7 +435,9 @@ class ReferenceController(Displayed):
 
     def _rate_dependent_slopes(self, zdot_d: float) -> tuple[FloatArray, bool]:
         """(7) in the scale of (20), w_h = a + c_b zdot_d b, summed up; within limits, and whether one was moved."""
-        return limit_slopes(self._slopes_at(zdot_d), self.settings.slope_limits)
+        low, high = self.settings.slope_limits
+        least = low if self._filtering is None else IN_MOTION * low
+        return limit_slopes(self._slopes_at(zdot_d), (least, high))
 
     def _slopes_at(self, zdot_d: float) -> FloatArray:
         a, b = self.settings.of_all_plays(self.law.weights)

@@ -441,8 +441,8 @@ SETTINGS: declared.Table = {
     ),
     # safety
     "slope_limits": Setting(
-        "Smallest and largest partial slope", "um/V", _slopes, default_slope_limits, changeable=True,
-        kernel="slope_min slope_max",
+        "Smallest and largest partial slope of the weights at rest; at speed the inverse goes to a twentieth of the "
+        "smallest", "um/V", _slopes, default_slope_limits, changeable=True, kernel="slope_min slope_max",
     ),
     "velocity_limit": Setting(
         "The weights are held so that the slopes are within their limits at every rate that was commanded, up to this "
