@@ -148,7 +148,7 @@ def test_the_verdict_is_of_the_held_out_part(found, record):
     line = line_rmse(view)
 
     def said(rmse):
-        h = HeldOut(rmse, 3 * rmse, 100 * rmse / view.model.stroke, 300 * rmse / view.model.stroke, 1200)
+        h = HeldOut(rmse, 3 * rmse, 100 * rmse / view.model.stroke, 300 * rmse / view.model.stroke, 1200, 0.95)
         return verdict(dataclasses.replace(found, held_out=h), view, findings)
 
     assert "within the noise of the sensor" in said(findings.noise_um)

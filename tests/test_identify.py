@@ -90,6 +90,7 @@ def test_measured_stack():
     assert found.held_out.samples == pytest.approx(0.4 * len(rows), abs=1)
     assert found.held_out.rmse_percent <= 0.85
     assert found.held_out.maximum_percent <= 2.0
+    assert 0.90 <= found.held_out.coverage <= 0.97
     train = int(0.6 * len(rows))  # and so it is for someone who holds it out himself
     model = identify((rows[:train, 0], rows[:train, 4], 200.0)).model
     error = (rows[:, 4] - model.predict(rows[:, 0], 200.0))[train:]

@@ -67,9 +67,10 @@ def passes(actuator, model, count, correct):
 
 @pytest.fixture(scope="module", params=[(stack, 0.0134), (bouc_wen, 0.01)], ids=["stack", "Bouc-Wen"])
 def bench(request):
-    """An actuator, the noise of its sensor, um, and a model from its record."""
+    """An actuator, the noise of its sensor, um, and a model from its record, 3 % off: it is another day."""
     actuator, noise = request.param
-    return actuator, noise, identify((SWEEP, actuator(SWEEP, 3)[1], FS), branches=False).model
+    model = identify((SWEEP, actuator(SWEEP, 3)[1], FS), branches=False).model
+    return actuator, noise, model.replace(weights=0.97 * model.weights)
 
 
 def test_the_error_falls_from_pass_to_pass_to_the_noise(bench):
@@ -114,7 +115,7 @@ def test_a_perfect_model_stays_as_it_is(noise):
     x = SWEEP[:6000]
     z = plays(x) + noise * np.random.Generator(np.random.PCG64(1)).standard_normal(x.size)
     found = refine(perfect(), Record.from_arrays(x, z, sample_rate=FS))
-    assert np.abs(found.model.predict(x, FS) - plays(x)).max() < 0.25 * noise + 1e-6
+    assert np.abs(found.model.predict(x, FS) - plays(x)).max() < 0.3 * noise + 1e-6
     assert found.before == pytest.approx(noise, rel=0.03, abs=1e-9)
     assert 0.98 * found.before <= found.after + 1e-9 <= found.before + 2e-9
     assert found.error is found.rmse is found.maximum is None
@@ -291,7 +292,7 @@ def test_command_refuses_what_does_not_fit(tmp_path, monkeypatch):
 
 # ---- A pass that is worse ------------------------------------------------------------------------------------------
 
-TRIANGLE = trajectories.triangle(frequency=20.0, peak_to_peak=20.0, duration=0.6, sample_rate=FS)
+TRIANGLE = trajectories.triangle(frequency=40.0, peak_to_peak=20.0, duration=0.6, sample_rate=FS)
 
 
 def ringing(volts, seed):

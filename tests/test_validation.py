@@ -26,11 +26,11 @@ def judged(error: np.ndarray) -> tuple[Evidence, tuple[str, ...], str]:
     z = PREDICTED + error + NOISE
     held = T >= 12.0
     taken = {"time": T, "volts": X, "displacement": z, "known": np.ones(T.size, dtype=bool), "sample_rate": RATE}
-    trace = Trace(**taken, source="", predicted=PREDICTED, held_out=held)
+    trace = Trace(**taken, source="", predicted=PREDICTED, half_width=np.full(T.size, 0.1), held_out=held)
     findings = examine(Record.from_arrays(X, z, sample_rate=RATE))
     found = evidence(trace, error + NOISE, autocorrelation(error + NOISE), findings)
     rms = float(np.sqrt(np.mean((error + NOISE)[held] ** 2)))
-    whole = verdict(found, HeldOut(rms, 3 * rms, 100 * rms / np.ptp(z), 0.0, int(held.sum())), findings)
+    whole = verdict(found, HeldOut(rms, 3 * rms, 100 * rms / np.ptp(z), 0.0, int(held.sum()), 0.95), findings)
     return found, whole.reasons, whole.level
 
 

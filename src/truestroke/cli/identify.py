@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+import numpy as np
 
 import truestroke
 from truestroke.base import files
@@ -57,6 +58,8 @@ def identify(
         ("maximum", f"{held.maximum_um:.4f} um", f"{held.maximum_percent:.2f} %"),
     ]
     common.print_table(("held out, the last part", "um", "of p-p"), rows)
+    width = float(np.median(found.trace.half_width[found.trace.held_out]))
+    common.print_text(f"95 %       +-{width:.3g} um (median) holds {100 * held.coverage:.0f} % of these samples")
     chosen = found.tried[-1]
     common.print_text(f"structure  chosen: {', '.join(chosen.parts)}, prior x {chosen.prior:g}")
     for warning in findings.warnings[len(findings.mistakes) :]:  # the verdict has those

@@ -79,6 +79,10 @@ class ActuatorModel(Displayed, Layout):
         Of the weights, in the squares of their units.
     noise : float
         Standard deviation of the residual of the record, um.
+    walk : float
+        Random walk of the zero, um/sqrt(s): its variance grows by walk^2 a second.
+    drift : float
+        Rate of the zero at the end of the record, um/s; not in the prediction, whose zero is that at the end.
     metrics : mapping of str to float
         What the fit reports of itself, such as "held_out_rmse_um".
     provenance : mapping of str to str
@@ -106,6 +110,8 @@ class ActuatorModel(Displayed, Layout):
     zero: float = 0.0
     velocity: float = 0.0
     noise: float = 0.0
+    walk: float = 0.0
+    drift: float = 0.0
     dynamics: Dynamics | None = None
     metrics: Mapping[str, float] = field(default_factory=dict)
     provenance: Mapping[str, str] = field(default_factory=dict)
@@ -136,6 +142,8 @@ class ActuatorModel(Displayed, Layout):
             "zero": checks.number("zero", self.zero, "um"),
             "velocity": checks.within("velocity", self.velocity, 0.0, 1e12, "um/s"),
             "noise": checks.within("noise", self.noise, 0.0, 1e9, "um"),
+            "walk": checks.within("walk", self.walk, 0.0, 1e9, "um/sqrt(s)"),
+            "drift": checks.within("drift", self.drift, -1e9, 1e9, "um/s"),
         }
         for name, value in values.items():
             object.__setattr__(self, name, value)
@@ -143,7 +151,7 @@ class ActuatorModel(Displayed, Layout):
     def _display(self) -> tuple[str, Rows]:
         units = {
             **{"stroke": "um", "voltage_range": "V", "velocity": "um/s", "zero": "um", "delay": "s"},
-            **{"time_constant": "s", "noise": "um"},
+            **{"time_constant": "s", "noise": "um", "walk": "um/sqrt(s)", "drift": "um/s"},
             **{"thresholds": "V", "rate_dependent": "", "creep_times": "s", "rate_scale": "s/um"},
         }
         rows = [(name, quantity(getattr(self, name), unit)) for name, unit in units.items()]
@@ -329,9 +337,43 @@ class ActuatorModel(Displayed, Layout):
             return displacement(self, w, plays, creep, velocity)
 
         z = response(np.zeros_like(x))
-        return response(self._seen(central_difference(z, fs)))
+        return response(self.seen(central_difference(z, fs)))
 
-    def _seen(self, velocity: FloatArray) -> FloatArray:
+    def interval(self, volts: npt.ArrayLike, sample_rate: float, *, after: float = 0.0) -> FloatArray:
+        """Half width of the 95 % interval of what the sensor reads, um, shape (samples,): `predict` plus or minus it.
+
+        ::
+
+            1.96 sqrt(diag(J P J') + noise^2 + walk^2 t + (drift t)^2)
+
+        J is the derivative of the prediction by the weights, P their covariance, t the time since the end of the
+        record: the zero walks and drifts on, at rest, too.
+
+        Parameters
+        ----------
+        volts, sample_rate
+            As of `predict`.
+        after : float
+            Time between the end of the record and the first sample, s, at least 0.
+
+        Examples
+        --------
+        >>> model = ActuatorModel(
+        ...     thresholds=(0.0,), weights=[10.0, 0.0, 0.0], covariance=np.zeros((3, 3)), stroke=20.0,
+        ...     voltage_range=(0.0, 2.0), noise=0.03, walk=0.01,
+        ... )
+        >>> model.interval([0.0, 1.0], 1.0), model.interval([0.0, 1.0], 1.0, after=1800.0)
+        (array([0.0588    , 0.06198064]), array([0.83363388, 0.83386426]))
+        """
+        from truestroke.control import interval
+
+        x = checks.finite_array("volts", volts, "V")
+        fs = checks.positive("sample_rate", sample_rate, "Hz")
+        since = checks.within("after", after, 0.0, 1e12, "s") + np.arange(x.size) / fs
+        variance = interval.of_weights(self, x, fs, self.covariance) + interval.of_zero(self, since)
+        return np.asarray(interval.COVERED * np.sqrt(variance + self.noise**2))
+
+    def seen(self, velocity: FloatArray) -> FloatArray:
         """A velocity, um/s, within that of the record: beyond it the rate weights are as at its fastest."""
         return np.clip(velocity, -self.velocity, self.velocity) if self.velocity else velocity
 
@@ -388,12 +430,12 @@ class ActuatorModel(Displayed, Layout):
         if z_d.size:
             rest = self._rest(float(z_d[0]), fixed.voltage_limits)
         if self.branches is not None:
-            wanted = ahead(z_d, shift, z_d[-1:]), ahead(self._seen(rate), shift, np.zeros(1))
+            wanted = ahead(z_d, shift, z_d[-1:]), ahead(self.seen(rate), shift, np.zeros(1))
             return inverse.waveform(self, *wanted, rest, fixed.voltage_limits, slew_limit / fs, fs)
         kernel = _kernel.Kernel(kernel_settings(fixed))
         if z_d.size:
             kernel.start(rest, float(self.predict([rest], fs)[0]) - self.zero)
-        rate = self._seen(rate)
+        rate = self.seen(rate)
         kernel.process(ahead(z_d, shift, z_d[-1:]), ahead(rate, shift, np.zeros(1)), None, volts)
         return volts
 

@@ -13,6 +13,7 @@ from truestroke.base import checks
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
 from truestroke.base.verdict import Verdict
+from truestroke.control import interval
 from truestroke.control.actuator import ActuatorModel, central_difference
 from truestroke.identification import normal, uncertainty, validation
 from truestroke.identification.examine import Findings, examine
@@ -55,6 +56,8 @@ class HeldOut:
         The same in % of the peak-to-peak displacement of the record.
     samples : int
         Length of that part.
+    coverage : float
+        Share of them within the 95 % interval (`Trace.half_width`), 0 to 1.
     """
 
     rmse_um: float
@@ -62,6 +65,7 @@ class HeldOut:
     rmse_percent: float
     maximum_percent: float
     samples: int
+    coverage: float
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -72,11 +76,14 @@ class Trace(Series):
     ----------
     predicted : ndarray, shape (samples,)
         Displacement predicted from the voltage alone, um.
+    half_width : ndarray, shape (samples,)
+        Of the 95 % interval about it, um, as `ActuatorModel.interval` has it; the drift is in `predicted`.
     held_out : ndarray of bool, shape (samples,)
         The last part, not used for that model; the errors of `HeldOut` are those of its known samples.
     """
 
     predicted: FloatArray
+    half_width: FloatArray
     held_out: npt.NDArray[np.bool_]
 
     @property
@@ -213,7 +220,7 @@ def identify(
     final, tried, response = _found(taken, taken.volts.size, known, fixed)
     predicted = part.model.predict(taken.volts, fs) + part.drift(taken.volts.size)
     last = np.arange(taken.volts.size) >= train
-    trace = Trace(**vars(taken), predicted=predicted, held_out=last)
+    trace = Trace(**vars(taken), predicted=predicted, half_width=_half_width(part.model, taken, train), held_out=last)
     test, residual = _held_out(trace), final.residual
     white = uncertainty.autocorrelation(residual), uncertainty.effective_samples(residual)
     findings = examine(_examined(record, taken)) if findings is None else findings
@@ -249,16 +256,14 @@ def _found(
     modes = fixed["modes"] and _resonances(s, samples, coarse, fixed, (structure, weight, guess, tried))
     if modes:
         fine, structure, weight, guess, tried = modes
-    plain = fit_structure(fine, structure, weight, guess, certain)
-    if fixed["branches"] is False:
-        return plain, tried, found
-    fit, more = _branched(plain, fine, coarse, structure, weight, certain)
-    return fit, (*tried, *more), found
+    plain = fit_structure(fine, structure, weight, guess)
+    fit, more = (plain, ()) if fixed["branches"] is False else _branched(plain, fine, coarse, structure, weight)
+    rate = float(np.diff(fit.drift(samples)[-2:])[0]) * s.sample_rate
+    model = fit.model.replace(walk=tried[-1].walk, drift=rate)
+    return dataclasses.replace(fit, model=model), (*tried, *more), found
 
 
-def _branched(
-    plain: Fit, fine: Data, coarse: Data, s: Structure, weight: float, certain: bool
-) -> tuple[Fit, tuple[Tried, ...]]:
+def _branched(plain: Fit, fine: Data, coarse: Data, s: Structure, weight: float) -> tuple[Fit, tuple[Tried, ...]]:
     """The model with branches, if cross-validation asks for them, and what was compared; else the plain one."""
     rows = fine.displacement.size / coarse.displacement.size
     known = {"delay": fine.delay, "time_constant": fine.time_constant, "dynamics": fine.dynamics}
@@ -267,7 +272,7 @@ def _branched(
     if found is None:
         return plain, ()
     structure, weight, tried = found
-    fit = fit_structure(fine, structure, weight * rows, strain, certain)
+    fit = fit_structure(fine, structure, weight * rows, strain)
     if fit.model.noise > BRANCHES_GAIN * plain.model.noise:  # what was compared need not have an inverse
         return plain, ()
     return dataclasses.replace(fit, model=fit.model.replace(plain=plain.model)), tried
@@ -344,9 +349,18 @@ def _data(s: Series, samples: int, rows: int) -> Data:
 
 
 def _held_out(trace: Trace) -> HeldOut:
-    error, stroke = trace.residual[trace.held_out & trace.known], float(np.ptp(trace.displacement))
+    judged = trace.held_out & trace.known
+    error, stroke = trace.residual[judged], float(np.ptp(trace.displacement))
+    coverage = float(np.mean(np.abs(error) <= trace.half_width[judged]))
     rmse, maximum = float(np.sqrt(np.mean(error**2))), float(np.abs(error).max())
-    return HeldOut(rmse, maximum, 100 * rmse / stroke, 100 * maximum / stroke, error.size)
+    return HeldOut(rmse, maximum, 100 * rmse / stroke, 100 * maximum / stroke, error.size, coverage)
+
+
+def _half_width(model: ActuatorModel, s: Series, train: int) -> FloatArray:
+    """Half width of the 95 % interval of a trace, um: the zero walks from the end of the first part on."""
+    variance = interval.of_weights(model, s.volts, s.sample_rate, model.covariance) + model.noise**2
+    since = np.maximum(np.arange(s.volts.size) - train, 0) / s.sample_rate
+    return np.asarray(interval.COVERED * np.sqrt(variance + model.walk**2 * since))
 
 
 def _documented(fit: Fit, held_out: HeldOut, s: Series, verdict: Verdict) -> ActuatorModel:

@@ -22,7 +22,7 @@ from truestroke.control.actuator import (
     respond,
 )
 from truestroke.identification.normal import Prior
-from truestroke.identification.series import settled
+from truestroke.identification.series import first_known
 from truestroke.model import prior
 from truestroke.model.branches import Branches
 from truestroke.model.dynamics import Dynamics
@@ -30,7 +30,6 @@ from truestroke.model.layout import TERMS, Layout
 from truestroke.model.models import Motion, known_terms
 
 ROWS = 50_000  # of the regression at most: beyond, every so many samples; the plays see all of them
-SETTLING = 0.1  # of the record at most: what is skipped until the play states are known
 FLOOR = 0.05  # of the straight line's slope: the smallest partial slope
 STEEPEST = 0.2  # least slope of z - asymmetry(z): displacement rises by at most 5 times the weighted sum of the plays
 CURVED = np.linspace(-1.0, 2.0, 31)  # of the stroke, the whole range of the asymmetry, in the record or not
@@ -117,8 +116,8 @@ class Data:
         return 1 / max(50 * self.stroke, self.fastest)
 
     def settled(self) -> int:
-        """First kept row whose plays do not remember their start."""
-        return -(-min(settled(self.volts, float(np.ptp(self.volts))), int(SETTLING * self.volts.size)) // self.every)
+        """First kept row that is fitted where the actuator is not taken to start at rest."""
+        return -(-first_known(self.volts, float(np.ptp(self.volts))) // self.every)
 
     def fitted(self, rested: bool) -> npt.NDArray[np.bool_]:
         """Which kept rows are fitted: those that are known, from the start where the actuator starts at rest."""
@@ -151,7 +150,7 @@ class Data:
             creep = [c[::every] for c in creep_states(self.volts, s.creep_times, self.sample_rate)]
             known = known_terms(s, creep, Motion(np.zeros_like(t), np.zeros_like(t)), self.stroke)
             others = np.vstack([known, *(np.exp(-t / tau) for tau in s.starts)])
-            drift = [self._drift(s, name, t[:: self.every // every]) for name in s.drift]
+            drift = [self._drift(name, t[:: self.every // every]) for name in s.drift]
             columns = np.zeros((self.displacement.size, len(s.coefficients) + 1))
             columns[:, s.a] = self._seen(plays(self.volts, s.thresholds, every))
             columns[:, s.of_plays : s.of_plays + len(others)] = self._seen(others.T)
@@ -197,15 +196,13 @@ class Data:
     def drift(self, s: Structure, c: FloatArray, samples: int) -> FloatArray:
         """Drift of the zero, um, of the first samples of the record, at the full rate; c after the weights."""
         t, weights = np.arange(samples) / self.sample_rate, c[len(s.starts) : len(s.starts) + len(s.drift)]
-        parts = (w * self._drift(s, name, t) for w, name in zip(weights, s.drift, strict=True))
+        parts = (w * self._drift(name, t) for w, name in zip(weights, s.drift, strict=True))
         return np.asarray(sum(parts, np.zeros_like(t)))
 
-    def _drift(self, s: Structure, name: str, t: FloatArray) -> FloatArray:
-        """One of `DRIFTS` at the times t, s: 0 at a start from rest, else 0 in the mean of these rows."""
-        shape = DRIFTS[name]
-        last = (self.volts.size - 1) / self.sample_rate / self.duration
-        zero = 0.0 if s.rested else float(shape(np.linspace(0.0, last, 1000)).mean())
-        return np.asarray(shape(t / self.duration) - zero)
+    def _drift(self, name: str, t: FloatArray) -> FloatArray:
+        """One of `DRIFTS` at the times t, s: 0 at the end of these rows, after which the model is used."""
+        end = np.array([(self.volts.size - 1) / self.sample_rate / self.duration])
+        return np.asarray(DRIFTS[name](t / self.duration) - DRIFTS[name](end))
 
     def prior(self, s: Structure) -> Prior:
         """`prior.covariance`, but lag and offset as far as the record's clock and sensor may be off."""

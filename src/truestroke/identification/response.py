@@ -14,7 +14,7 @@ from truestroke.control.actuator import creep_states, respond
 from truestroke.identification import normal
 from truestroke.identification.normal import Prior
 from truestroke.identification.regression import Data, Structure, plays, respond_rows
-from truestroke.identification.series import settled
+from truestroke.identification.series import first_known
 from truestroke.model import prior
 
 EXCERPT = 8_000  # rows at most in which the two are separated: those with the most fast motion
@@ -23,7 +23,6 @@ PLAYS, NEAREST = 20, 2.0  # of the quick model, and the power by which their thr
 CREEP_TIMES = (0.01, 0.1, 1.0, 10.0)  # s
 SLOWER = 3.0  # times dead time and lag together: creep that is faster would be taken for a lag
 REACHES = 0.5, 0.9  # of the voltage range: where the start is not fitted, and where it is from rest
-UNSETTLED = 0.1  # of the record at most: left out until the states of the plays are known
 START = 1.25  # times the rmse without the start of the record: more, and its states are not those of rest
 ORDER = 16  # of the autoregression that whitens the residual
 MISFIT = 0.03  # of the whitened sum of squares: what the quick model may err beside the noise
@@ -246,7 +245,7 @@ def _excerpt(data: Data, coarse: float) -> _Quick:
         valid = np.asarray(valid[: blocks * size].reshape(-1, size).all(axis=1), dtype=np.bool_)
     fs = data.sample_rate / size
     start, stop = _fastest(x)
-    skip = min(settled(x, float(np.ptp(x))), int(UNSETTLED * x.size))
+    skip = first_known(x, float(np.ptp(x)))
     if skip > start + EXCERPT // 2:  # in a long record: the plays would not be known in most of the excerpt
         start, stop = (skip + row for row in _fastest(x[skip:]))
     kept = slice(start, stop)

@@ -11,14 +11,10 @@ from truestroke.base import checks
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
 from truestroke.base.verdict import Level, Verdict
-from truestroke.control import actuator
+from truestroke.control import actuator, interval
 from truestroke.control.actuator import ActuatorModel
 from truestroke.identification.series import series, settled
-from truestroke.model.layout import Places
 
-INTERVAL = 1.96  # standard deviations: 95 %
-SAMPLES = 2000  # at which the interval is computed
-STEP = 1e-2  # of a standard deviation: the difference of a derivative
 HELD = 0.8  # of the samples in the interval, at least
 WORSE = 3.0  # times the residual of the model's own record
 
@@ -99,48 +95,30 @@ def score(model: ActuatorModel, record: Any, *, offset: float | None = None) -> 
         raise SettingError("record", "one that sweeps its range only at its end", "one that sweeps it and goes on")
     error = (s.displacement - model.predict(s.volts, s.sample_rate))[judged]
     moved = float(np.median(error)) if offset is None else checks.number("offset", offset, "um")
-    deviation = _deviation(model, s.volts, s.sample_rate, np.flatnonzero(judged), centred=offset is None)
+    width = _half_width(model, s.volts, s.sample_rate, centred=offset is None)[judged]
     rest = error - moved
-    rows = _rows(rest.size)
-    width = INTERVAL * deviation
     numbers = {
         "offset_um": moved,
         "rmse_um": float(np.sqrt(np.mean(rest**2))),
         "maximum_um": float(np.abs(rest).max()),
         "rmse_percent": 100 * float(np.sqrt(np.mean(rest**2)) / np.ptp(s.displacement)),
         "rmse_without_offset_um": float(np.sqrt(np.mean(error**2))),
-        "coverage": float(np.mean(np.abs(rest[rows]) <= width)),
+        "coverage": float(np.mean(np.abs(rest) <= width)),
         "half_width_um": float(np.median(width)),
     }
     return Score(**numbers, estimated=offset is None, verdict=_verdict(model, numbers))
 
 
-def _rows(samples: int) -> Places:
-    return np.arange(0, samples, max(1, -(-samples // SAMPLES)))
+def _half_width(model: ActuatorModel, volts: FloatArray, fs: float, centred: bool) -> FloatArray:
+    """Half width of the 95 % interval of the prediction error on another day, um, shape (samples,).
 
-
-def _deviation(model: ActuatorModel, volts: FloatArray, fs: float, judged: Places, centred: bool) -> FloatArray:
-    """Standard deviation of the prediction error on another day, um, at `_rows` of the judged samples.
-
-    ::
-
-        sqrt(diag(J P J') + noise^2)
-
-    J is the derivative of the prediction by the weights; P is `another_day`. Where the offset is estimated, the part
-    that moves all samples alike is not in it: the mean of each column is removed.
+    As `ActuatorModel.interval`, with the covariance of `another_day`. The zero walks from the start of this record, or,
+    where the offset is estimated, from its middle; the part of the weights that moves all samples alike is not in it.
     """
-    rows, predicted = judged[_rows(judged.size)], model.predict(volts, fs)
-    P = model.another_day()
-    steps = STEP * np.sqrt(np.maximum(np.diag(P), 1e-300))
-    columns = []
-    for k, step in enumerate(steps):
-        weights = model.weights.copy()
-        weights[k] += step
-        columns.append((model.replace(weights=weights).predict(volts, fs) - predicted)[rows] / step)
-    J = np.column_stack(columns)
-    if centred:
-        J = J - J.mean(axis=0)
-    return np.asarray(np.sqrt(np.einsum("ki,il,kl->k", J, P, J) + model.noise**2))
+    start = 0.5 * volts.size if centred else 0.0
+    since = np.abs(np.arange(volts.size) - start) / fs
+    variance = interval.of_weights(model, volts, fs, model.another_day(), centred) + model.walk**2 * since
+    return np.asarray(interval.COVERED * np.sqrt(variance + model.noise**2))
 
 
 def _verdict(model: ActuatorModel, found: dict[str, float]) -> Verdict:

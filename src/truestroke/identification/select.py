@@ -2,6 +2,7 @@
 
 import dataclasses
 import itertools
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -13,16 +14,18 @@ from truestroke.base.typing import FloatArray
 from truestroke.control.actuator import play_sum
 from truestroke.identification import normal, uncertainty
 from truestroke.identification.regression import DRIFTS, Data, Structure, even_thresholds, plays, rate_dependent
+from truestroke.identification.rest import over_motion
 from truestroke.model.branches import Branches
+from truestroke.model.layout import MAX_CREEPS
 
 BLOCKS = 6  # of the cross-validation: each but the first three is predicted from those before it
 FIRST = 3
+QUARTERS = 4  # of a block, whose means show how the zero walks
 PLAYS = (8, 16, 24)
 REACHES = (0.36, 0.48)  # of the voltage range: thresholds end below this; none beyond 0.5 ever moves
 PLAYS_FROM_REST = (16, 32)
 REACHES_FROM_REST = (0.6, 0.9)  # the same where the first way up from rest is in the fit
-AT_REST = 0.02  # of the voltage range: a record that starts nearer to 0 V may start at rest
-FROM_REST = 0.75  # and is taken to, unless that makes the rmse a third larger: a controller starts at rest, too
+FROM_REST = 0.7  # least factor of the rmse from rest, where the first motion shows it: a controller starts at rest, too
 CREEP_TIMES = (0.003, 0.03, 0.3, 3.0, 30.0)  # s
 WEIGHTS = (0.1, 1.0, 10.0, 100.0)  # of the prior, beyond the noise of the first fit
 FASTER = 2.0  # times what the rows to fit show: where the rest of the record is, a line in the rate would mislead
@@ -37,6 +40,8 @@ CURVED_PLAYS = 12  # of each curve
 BETAS = (1.5, 4.0, 10.0, 25.0)  # times the voltage range
 CURVES = ((), ("convex", "concave"), ("convex", "concave", "sigmoid"))
 WEAKER = (0.01, 0.1, 1.0, 10.0)  # times the weight of the prior without branches
+CREEPS_IF = 1.25  # times the rmse with a drift: from rest, slower creep that does not exceed it is taken instead
+SLOWEST = 10.0  # of the record: the slowest of that creep
 LONGEST_DELAY = 0.1  # s
 QUICK = 16  # plays of the first fit
 
@@ -55,12 +60,15 @@ class Tried:
         Of what was predicted, um.
     modes : int
         Resonances of the stage.
+    walk : float
+        Random walk of the zero, um/sqrt(s), of what was chosen; 0 of the others: see `_Blocks.walk`.
     """
 
     structure: Structure
     prior: float
     rmse: float
     modes: int = 0
+    walk: float = 0.0
 
     @property
     def parts(self) -> tuple[str, ...]:
@@ -125,6 +133,7 @@ class _Blocks:
     full: Structure
     left_out: tuple[FloatArray, ...]
     before: tuple[FloatArray, ...]
+    means: FloatArray  # of the rows of each quarter of each part of `left_out`
     rows: int
     data: Data
 
@@ -139,14 +148,41 @@ class _Blocks:
             total += normal.sum_of_squares(left_out[:, columns], c)
         return float(np.sqrt(total / self.rows))
 
+    def walk(self, s: Structure, weight: float) -> float:
+        """Random walk of the zero, um/sqrt(s), by the mean errors of later blocks.
+
+        Their squares are walk^2 times the seconds since the fit, and so are their sums. And of means over the time L
+        beside each other the squared difference is (2 walk^2 L + 3 c / L) / 3, where c / L is of errors that return,
+        for a quarter and for half of a block. Few blocks show either; where the second is larger, the geometric mean.
+        """
+        pull, columns = self.data.prior(s).rows(weight), np.append(s.columns_in(self.full), -1)
+        quarter = self.rows / len(self.means) * self.data.every / self.data.sample_rate
+        squares = seconds = 0.0
+        steps: dict[int, list[float]] = {1: [], 2: []}
+        for k, before in enumerate(self.before):
+            c = normal.solve(np.vstack([before[:, columns], pull]))
+            errors = self.means[QUARTERS * k :, columns] @ np.append(c, -1.0)
+            blocks = errors.reshape(-1, QUARTERS).mean(axis=1)
+            squares += float(blocks @ blocks)
+            seconds += QUARTERS * quarter * float(np.sum(np.arange(blocks.size) + 0.5))
+            for width, found in steps.items():
+                found += list(np.diff(errors.reshape(-1, width).mean(axis=1)) ** 2)
+        short, long = (1.5 * float(np.mean(found)) / (width * quarter) for width, found in steps.items())
+        grown, stepped = squares / seconds, (4 * long - short) / 3
+        return math.sqrt(math.sqrt(grown * max(grown, stepped)))
+
 
 def _blocks(data: Data, s: Structure, guess: FloatArray) -> _Blocks:
     rows, late = data.columns(s, guess), data.fitted(rested=False)
     start, rows = normal.reduced(rows[data.fitted(s.rested) & ~late]), rows[late]
-    parts = tuple(normal.reduced(part) for part in np.array_split(rows, BLOCKS))
+    blocks = np.array_split(rows, BLOCKS)
+    parts = tuple(normal.reduced(part) for part in blocks)
     before = tuple(normal.reduced(np.vstack([start, *parts[:k]])) for k in range(FIRST, BLOCKS))
-    tested = sum(len(part) for part in np.array_split(rows, BLOCKS)[FIRST:])
-    return _Blocks(s, parts[FIRST:], before, tested, data)
+    quarters = [
+        np.array_split(part, QUARTERS) if len(part) >= QUARTERS else [part] * QUARTERS for part in blocks[FIRST:]
+    ]
+    means = np.array([part.mean(axis=0) for part in itertools.chain(*quarters)])
+    return _Blocks(s, parts[FIRST:], before, means, sum(len(part) for part in blocks[FIRST:]), data)
 
 
 def choose(data: Data, guess: FloatArray, fixed: Mapping[str, Any]) -> tuple[Structure, float, tuple[Tried, ...]]:
@@ -157,34 +193,49 @@ def choose(data: Data, guess: FloatArray, fixed: Mapping[str, Any]) -> tuple[Str
     noise = uncertainty.white_variance(residual)
     beyond = np.ptp(data.volts) < WITHIN * np.ptp(data.voltage_range) or data.fastest > FASTER * data.speed
     weights = [w * noise for w in (WEIGHTS[1:] if beyond else WEIGHTS)]
-    banks = [_blocks(data, s, guess) for s in _with_all_terms(data, fixed)]
+    of_rest = over_motion(data, guess, noise)
+    states = [False, True] if of_rest < 1 else [False]
+    banks = [_blocks(data, s, guess) for s in _with_all_terms(data, fixed, states)]
     tried = [(bank.rmse(bank.full, w), bank, bank.full, w) for bank in banks for w in weights]
-    scores = [score * (FROM_REST if s.rested else 1.0) for score, _, s, _ in tried]
+    scores = [score * (max(of_rest, FROM_REST) if s.rested else 1.0) for score, _, s, _ in tried]
     good = [entry for entry, score in zip(tried, scores, strict=True) if score <= ENOUGH_PLAYS * min(scores)]
     _, bank, full, _ = max(good, key=lambda entry: (len(entry[2].thresholds), -entry[0]))
     if fixed["drift"] is not False:
-        bank, full = _with_drift(data, full, guess, weights, DRIFTS_IF if fixed["drift"] is None else np.inf)
+        slow = fixed["creep_times"] is None and fixed["drift"] is None and full.rested
+        bank, full = _with_drift(data, full, guess, weights, DRIFTS_IF if fixed["drift"] is None else np.inf, slow)
     fewer = [(bank.rmse(s, w), bank, s, w) for s in _with_fewer_terms(full, fixed) for w in weights]
     tried += fewer
     least = min(score for score, *_ in fewer)
     most = max((e for e in fewer if e[0] <= ENOUGH * least), key=lambda e: len(e[2].coefficients))[2]
     best = min((e for e in fewer if e[2] == most), key=lambda e: e[0])
-    _, _, chosen, weight = best
+    rmse, bank, chosen, weight = best
     modes = 0 if data.dynamics is None else len(data.dynamics.modes)
-    return chosen, weight, tuple(Tried(s, w / noise, score, modes) for score, _, s, w in (*tried, best))
+    found = [Tried(s, w / noise, score, modes) for score, _, s, w in tried]
+    return chosen, weight, (*found, Tried(chosen, weight / noise, rmse, modes, bank.walk(chosen, weight)))
 
 
 def _with_drift(
-    data: Data, s: Structure, guess: FloatArray, weights: Sequence[float], better: float
+    data: Data, s: Structure, guess: FloatArray, weights: Sequence[float], better: float, slow: bool
 ) -> tuple[_Blocks, Structure]:
-    """The structure with the drift of the zero that predicts later blocks `better` times as well, or with none."""
-    bank = _blocks(data, dataclasses.replace(s, drift=tuple(DRIFTS)), guess)
-    found = {
-        drift: min(bank.rmse(dataclasses.replace(s, drift=drift), w) for w in weights)
-        for drift in ((), *[(name,) for name in DRIFTS])
-    }
-    best = min([drift for drift in found if drift], key=lambda drift: found[drift])
-    return bank, dataclasses.replace(s, drift=best if found[best] < better * found[()] else ())
+    """The structure with the drift of the zero that predicts later blocks `better` times as well, or with none.
+
+    With `slow`, creep that is slower than the record is tried beside it: after a rest it looks like a drift, but comes
+    again after the next one, and belongs to the model.
+    """
+    creeps = dataclasses.replace(s, creep_times=_slower(data, s.creep_times)) if slow else s
+    bank = _blocks(data, dataclasses.replace(creeps, drift=tuple(DRIFTS)), guess)
+
+    def rmse(tried: Structure) -> float:
+        return min(bank.rmse(tried, w) for w in weights)
+
+    still = rmse(s)
+    found = {name: rmse(dataclasses.replace(s, drift=(name,))) for name in DRIFTS}
+    best = min(found, key=lambda name: found[name])
+    if found[best] >= better * still:
+        return bank, s
+    if creeps != s and rmse(creeps) <= CREEPS_IF * found[best]:
+        return bank, creeps
+    return bank, dataclasses.replace(s, drift=(best,))
 
 
 def choose_branches(
@@ -217,7 +268,15 @@ def choose_branches(
     return best, w, tuple(Tried(c, w / noise, score, modes) for score, c, w in (*tried, (score, best, w)))
 
 
-def _with_all_terms(data: Data, fixed: Mapping[str, Any]) -> Iterator[Structure]:
+def _slower(data: Data, times: tuple[float, ...]) -> tuple[float, ...]:
+    """The time constants, s, and slower ones, two a decade."""
+    duration, slow = data.volts.size / data.sample_rate, times
+    while 0 < len(slow) < MAX_CREEPS and math.sqrt(10) * slow[-1] <= SLOWEST * duration:
+        slow = (*slow, float(f"{math.sqrt(10) * slow[-1]:.2g}"))
+    return slow
+
+
+def _with_all_terms(data: Data, fixed: Mapping[str, Any], states: Sequence[bool]) -> Iterator[Structure]:
     span = data.voltage_range[1] - data.voltage_range[0]
     duration = data.volts.size / data.sample_rate
     times = tuple(tau for tau in CREEP_TIMES if 1 / data.sample_rate < tau < duration / 3)
@@ -227,7 +286,6 @@ def _with_all_terms(data: Data, fixed: Mapping[str, Any]) -> Iterator[Structure]
         banks = [checks.ascending("thresholds", fixed["thresholds"], "V")]
     else:
         banks = [even_thresholds(n, reach * span) for n, reach in itertools.product(PLAYS, REACHES)]
-    states = [False, True] if abs(data.volts[0]) <= AT_REST * span else [False]
     if fixed["thresholds"] is None and len(states) == 2:
         more = itertools.product(PLAYS_FROM_REST, REACHES_FROM_REST)
         banks += [even_thresholds(n, reach * span) for n, reach in more]

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from truestroke import _kernel
 from truestroke.base import checks
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
@@ -17,7 +18,8 @@ from truestroke.signals.channels import Signals
 SAMPLES = 500_000  # of the record at most: longer ones are replaced by means over blocks
 REGULAR = 0.02  # of the interval: how far time stamps may be off, beyond the rounding of their digits
 SWEPT = 0.96  # of the voltage range: when it has been swept, the plays do not remember what was before
-SETTLING = 0.25  # of a segment after a hole at most: excluded until they do not
+UNSWEPT = 0.6  # over the motion that remains: what it is worth to know all states of the plays
+STILL = 0.025  # of the voltage range: steps back and forth that are smaller are no motion
 FLAT = 4  # equal values at an extreme that are no accident
 MOVES = 0.05  # of its span: how far the other signal moves while one is clipped
 BRIDGED = 0.2  # of a stroke's duration: a hole that is shorter hides no reversal
@@ -142,7 +144,7 @@ def _bridged(
         end = int(position[after.stop - 1]) + 1
         known[start:stop] = False
         if stop - start > BRIDGED * np.median(np.diff(turns)):
-            known[stop : stop + min(settled(volts[stop:end], span), int(SETTLING * (end - stop)))] = False
+            known[stop : stop + first_known(volts[stop:end], span)] = False
     return time, volts, moved, known
 
 
@@ -150,6 +152,35 @@ def settled(x: FloatArray, span: float) -> int:
     """First sample at which the voltage has swept nearly all of its range `span`, V; else how many there are."""
     swept = np.maximum.accumulate(x) - np.minimum.accumulate(x) >= SWEPT * span
     return int(np.argmax(swept)) if x.size and swept[-1] else x.size
+
+
+def first_known(x: FloatArray, span: float) -> int:
+    """First sample to fit: there the plays remember as little as possible of before, and enough motion follows.
+
+    Of all samples the one with the least ::
+
+        D / (1 - D) + UNSWEPT max(1 - swept / (SWEPT span), 0)
+
+    D is the share of the travel before it, not of the time: a rest costs nothing. `swept` is the range up to it, V.
+
+    Examples
+    --------
+    A rest, and then a triangle that goes round several times:
+
+    >>> first_known(np.concatenate([np.full(50, 1.0), np.tile([2.0, 3.0, 2.0, 1.0, 0.0, 1.0], 4)]), 3.0)
+    54
+    """
+    if x.size < 2:
+        return 0
+    held = np.empty((x.size, 1))
+    _kernel.play_history(np.ascontiguousarray(x), np.array([STILL * span]), x[:1].copy(), 1, held)
+    travel = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(held[:, 0])))])
+    if travel[-1] == 0.0:
+        return 0
+    left = 1 - travel / travel[-1]
+    swept = np.maximum.accumulate(x) - np.minimum.accumulate(x)
+    unknown = UNSWEPT * np.maximum(1 - swept / (SWEPT * span), 0.0)
+    return int(np.argmin((1 - left) / np.maximum(left, 1e-12) + unknown))
 
 
 def clipped(signal: FloatArray, other: FloatArray, moves: float) -> npt.NDArray[np.bool_]:

@@ -216,11 +216,18 @@ def _errors(found: Identified, view: View, findings: Findings) -> Table:
         columns=[f"held out: {view.time[view.first]:.4g} to {view.time[-1]:.4g} s", "this model", "a straight line"],
         rows=rows,
         kind="summary",
-        note=f"Per cent are of the stroke, {length(stroke)}. The held-out part ({h.samples:,} of "
+        note=f"Per cent are of the stroke, {length(stroke)}. {_interval(found)} The held-out part ({h.samples:,} of "
         f"{view.time.size:,} samples) was predicted from voltage alone by a model of the same structure fitted to the "
         "rest; the model in the file is fitted to all. The noise of the sensor between neighbouring samples is "
         f"{length(findings.noise_um)}. {whiteness(found)}",
     )
+
+
+def _interval(found: Identified) -> str:
+    """The 95 % interval, and how much of the held-out part is in it."""
+    width = length(float(np.median(found.trace.half_width[found.trace.held_out])))
+    share = f"{100 * found.held_out.coverage:.0f} % of the held-out samples"
+    return f"The 95 % interval of the prediction is {width} to either side (median) and holds {share}."
 
 
 def _evidence(found: Evidence) -> Table:

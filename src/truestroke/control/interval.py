@@ -1,0 +1,57 @@
+"""How far the sensor may be from a prediction: 95 % intervals that grow with the time since the record."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from truestroke import _kernel
+from truestroke.base.typing import FloatArray
+from truestroke.control.actuator import asymmetry_slopes, central_difference, creep_states
+from truestroke.model.models import Motion, known_terms, play_terms
+
+if TYPE_CHECKING:
+    from truestroke.control.actuator import ActuatorModel
+
+COVERED = 1.96  # standard deviations: 95 %
+POINTS = 4000  # at most, at which the part of the weights is computed; straight lines between them
+
+
+def of_weights(
+    model: ActuatorModel, volts: FloatArray, sample_rate: float, P: FloatArray, centred: bool = False
+) -> FloatArray:
+    """Variance of the prediction by that of the weights, diag(J P J'), um^2, shape (samples,).
+
+    J is the derivative of the prediction by the weights, P their covariance. With `centred` the part that moves all
+    samples alike is not in it: the mean of each column is removed.
+    """
+    if not volts.size:
+        return volts
+    every = -(-volts.size // POINTS)
+    J = _derivative(model, volts, sample_rate, every)
+    if centred:
+        J = J - J.mean(axis=0)
+    late = (model.delay + model.time_constant) * sample_rate
+    places = np.arange(0, volts.size, every)
+    return np.asarray(np.interp(np.arange(volts.size) - late, places, np.einsum("ki,ij,kj->k", J, P, J)))
+
+
+def _derivative(model: ActuatorModel, x: FloatArray, fs: float, every: int) -> FloatArray:
+    """J at every `every`-th sample, before delay, lag and stage."""
+    z = model.strain(x, fs)
+    rate = model.seen(central_difference(z, fs))[::every]
+    H = np.empty((-(-x.size // every), len(model.thresholds)))
+    _kernel.play_history(np.ascontiguousarray(x), np.array(model.thresholds), np.zeros(H.shape[1]), every, H)
+    creep = [c[::every] for c in creep_states(x, model.creep_times, fs)]
+    known = known_terms(model, creep, Motion(z[::every], rate), model.stroke)
+    J = np.vstack([play_terms(model, H.T, model.rate_scale * rate), known]).T
+    asymmetry = model.weights[model.columns["asymmetry"]]
+    slope = 1 - asymmetry @ asymmetry_slopes(z[::every], model.stroke)[: len(asymmetry)]
+    return np.asarray(J / np.maximum(slope, 0.1)[:, None])
+
+
+def of_zero(model: ActuatorModel, time: FloatArray) -> FloatArray:
+    """Variance of the zero, um^2, at times after the end of the record, s: walk^2 t + (drift t)^2."""
+    t = np.maximum(time, 0.0)
+    return np.asarray(model.walk**2 * t + (model.drift * t) ** 2)

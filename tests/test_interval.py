@@ -1,0 +1,102 @@
+"""95 % intervals of what the sensor will read: the weights, the noise, and a zero that walks and drifts on."""
+
+import numpy as np
+import pytest
+from benchmarks import foreign_records as foreign
+
+from truestroke import SettingError
+from truestroke.control.actuator import ActuatorModel
+from truestroke.identification import identify, load_model, save_model, score
+
+FS = 20.0
+
+
+def model(**changes):
+    known = {
+        **{"thresholds": (0.0, 0.3, 0.7), "rate_dependent": (0,), "creep_times": (0.5,), "asymmetry": 2},
+        **{"weights": [9.0, 0.4, 1.0, 0.5, 0.4, 0.001, 1.0, -0.6, 0.2], "stroke": 30.0, "voltage_range": (0.0, 3.0)},
+        **{"rate_scale": 0.01, "velocity": 100.0, "covariance": np.zeros((9, 9))},
+    }
+    return ActuatorModel(**{**known, **changes})
+
+
+def wave(seconds, seed, fs=FS):
+    return 3 * foreign.wave(foreign.clock(seconds, fs), np.random.Generator(np.random.PCG64(seed)), 1.0)
+
+
+def test_the_part_of_the_weights_is_that_of_sampled_weights():
+    """A thousand models with weights of the covariance: the deviation of their predictions is the interval."""
+    rng = np.random.Generator(np.random.PCG64(1))
+    root = 0.01 * rng.standard_normal((9, 9)) * np.array([1.0, 1.0, 1.0, 1.0, 1.0, 1e-3, 1.0, 1.0, 1.0])[:, None]
+    known, x = model(covariance=root @ root.T), wave(10.0, 2)
+    weights = known.weights + rng.standard_normal((1000, 9)) @ root.T
+    predicted = np.array([known.replace(weights=w).predict(x, FS) for w in weights])
+    np.testing.assert_allclose(known.interval(x, FS), 1.96 * predicted.std(axis=0), rtol=0.12, atol=1e-3)
+
+
+def test_an_interval_grows_at_rest():
+    still = np.full(5, 1.0)
+    known = model(noise=0.02, walk=0.01)
+    start, day = known.interval(still, FS), known.interval(still, FS, after=86400.0)
+    assert np.all(np.diff(start) > 0)
+    assert start[0] == pytest.approx(1.96 * 0.02)
+    assert day[0] == pytest.approx(1.96 * np.hypot(0.02, 0.01 * np.sqrt(86400.0)))
+    drifts = model(drift=-0.001).interval(still, FS, after=1800.0)
+    assert drifts[0] == pytest.approx(1.96 * 1.8)
+    with pytest.raises(SettingError, match="after"):
+        known.interval(still, FS, after=-1.0)
+
+
+def test_the_file_keeps_walk_and_drift(tmp_path):
+    known = model(walk=0.0123, drift=-4e-5)
+    save_model(tmp_path / "model.toml", known)
+    again = load_model(tmp_path / "model.toml")
+    assert (again.walk, again.drift) == (0.0123, -4e-5)
+    text = (tmp_path / "model.toml").read_text()
+    old = "\n".join(line for line in text.splitlines() if not line.startswith(("walk", "drift")))
+    (tmp_path / "old.toml").write_text(old)
+    assert load_model(tmp_path / "old.toml").walk == 0.0
+
+
+WALK = 0.05  # um/sqrt(s)
+
+
+@pytest.fixture(scope="module", params=range(3))
+def walked(request):
+    """A model of a record of 60 s whose zero walked, and the zero at its end over that at its start, um."""
+    rng = np.random.Generator(np.random.PCG64([7, request.param]))
+    x = wave(60.0, request.param)
+    walk = np.cumsum(WALK / np.sqrt(FS) * rng.standard_normal(x.size))
+    z = 10 * foreign.stop_elements(x / 3, np.random.Generator(np.random.PCG64(3))) + 0.01 * rng.standard_normal(x.size)
+    known = {"delay": 0.0, "asymmetry": 1, "rate": False}
+    return identify((x, z + walk, FS), **known), x, z, walk
+
+
+def test_half_an_hour_at_rest_stays_in_the_interval(walked):
+    """The zero walks on for half an hour, 2 um, in which nothing moves: 2000 ways on from the record's end."""
+    found, x, z, walk = walked
+    assert found.model.walk == pytest.approx(WALK, rel=0.8)
+    still, rng = np.concatenate([x, np.full(2, x[-1])]), np.random.Generator(np.random.PCG64(9))
+    off = z[-1] + walk[-1] - found.model.predict(still, FS)[-1] + WALK * np.sqrt(1800.0) * rng.standard_normal(2000)
+    width = found.model.interval(still, FS, after=1800.0 - x.size / FS)[-1]
+    assert 0.6 < np.mean(np.abs(off) < width) <= 1.0
+    assert np.mean(np.abs(off) < found.model.replace(walk=0.0, drift=0.0).interval(still, FS)[-1]) < 0.2
+
+
+def test_held_out_samples_are_in_the_interval(walked):
+    found, *_ = walked
+    assert found.held_out.coverage >= 0.7
+    trace = found.trace
+    inside = np.abs(trace.residual) <= trace.half_width
+    assert found.held_out.coverage == np.mean(inside[trace.held_out])
+
+
+def test_the_zero_is_that_at_the_end_of_the_record():
+    """A drift of 6 um within the record: the model goes on from where the sensor was last."""
+    x = wave(60.0, 5)
+    z = 10 * foreign.stop_elements(x / 3, np.random.Generator(np.random.PCG64(3))) + 0.1 * np.arange(x.size) / FS
+    z += 0.005 * np.random.Generator(np.random.PCG64(4)).standard_normal(x.size)
+    found = identify((x, z, FS), delay=0.0, asymmetry=1, rate=False)
+    assert abs(np.mean((z - found.model.predict(x, FS))[-40:])) < 0.2
+    assert found.model.drift == pytest.approx(0.1, rel=0.2)
+    assert score(found.model, (x, z - 0.1 * np.arange(x.size) / FS, FS)).offset_um == pytest.approx(-6.0, abs=0.4)

@@ -1,0 +1,92 @@
+"""A record with a rest in it, and one that only seems to begin at rest."""
+
+import numpy as np
+import pytest
+from benchmarks import foreign_records as foreign
+
+from truestroke.identification import identify, select, uncertainty
+from truestroke.identification.identified import _data
+from truestroke.identification.rest import over_motion
+from truestroke.identification.series import first_known, series
+
+FS = 200.0
+BEFORE = foreign.up_and_down(foreign.clock(2.0, FS), 1.0)  # two strokes over the whole range
+
+
+def stack(share, before=BEFORE, unit=1.0, hysteresis=foreign.stop_elements):
+    """Volts, um, Hz of an actuator that moved before the record, or did not: before is ()."""
+    rng = np.random.Generator(np.random.PCG64(5))
+    way = np.linspace(before[-1], share[0], 50) if len(before) else ()
+    y = hysteresis(np.concatenate([before, way, share]), rng)[-share.size :]
+    return 3.6 * share, unit * (20 * y + 0.005 * rng.standard_normal(share.size)), FS
+
+
+def wave(seconds=10.0, seed=3):
+    return foreign.wave(foreign.clock(seconds, FS), np.random.Generator(np.random.PCG64(seed)), 2.0)
+
+
+def rest(volts, seconds):
+    return np.full(round(seconds * FS), volts)
+
+
+# ---- From when on a record is fitted ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.003])
+def test_a_rest_costs_nothing_however_long(noise):
+    x = wave()
+    still = np.concatenate([rest(x[0], 30.0), x])
+    still += noise * np.random.Generator(np.random.PCG64(1)).standard_normal(still.size)
+    first = first_known(still, float(np.ptp(x)))
+    assert first == pytest.approx(6000 + first_known(x, float(np.ptp(x))), abs=20)
+    assert np.ptp(still[:first]) > 0.8 * np.ptp(x)
+
+
+def test_what_is_left_is_most_of_the_motion():
+    t = foreign.clock(20.0, FS)
+    grows = 0.5 + 0.5 * t / 20 * np.sin(2 * np.pi * t)  # it covers its range at its end only
+    once = np.linspace(0.0, 1.0, 1000)
+    assert first_known(grows, 1.0) < 0.5 * grows.size
+    assert first_known(once, 1.0) < 100
+    assert first_known(np.ones(100), 1.0) == 0
+
+
+@pytest.mark.parametrize(("unit", "seconds"), [(1.0, 4.0), (1e-3, 10.0)])
+def test_rest_before_the_motion_does_not_spoil_the_fit(unit, seconds):
+    moved = wave(12.0)
+    found = identify(stack(np.concatenate([rest(moved[0], seconds), moved]), unit=unit), delay=0.0, drift=False)
+    assert found.held_out.rmse_percent < 0.5  # fitted from a tenth of the record on: 1.5 %
+
+
+# ---- Rest at the start -----------------------------------------------------------------------------------------------
+
+RAMPED = wave() * np.minimum(1.0, foreign.clock(10.0, FS) / 0.3)
+TRIANGLES = foreign.up_and_down(foreign.clock(10.0, FS), 1.0) * (1 - foreign.clock(10.0, FS) / 20)
+
+
+def taken_for_rest(record):
+    s = series(record)
+    data = _data(s, s.volts.size, 15_000)
+    guess = select.first_prediction(data)
+    return over_motion(data, guess, uncertainty.white_variance(data.displacement - guess)) < 1
+
+
+@pytest.mark.parametrize("hysteresis", [foreign.stop_elements, lambda v, _: foreign.bouc_wen(v)])
+@pytest.mark.parametrize("share", [RAMPED, TRIANGLES, np.concatenate([rest(0.0, 1.0), TRIANGLES])])
+def test_an_actuator_that_has_not_moved_is_at_rest(hysteresis, share):
+    assert taken_for_rest(stack(share, (), hysteresis=hysteresis))
+
+
+@pytest.mark.parametrize("unit", [1.0, 1e3])
+@pytest.mark.parametrize("hysteresis", [foreign.stop_elements, lambda v, _: foreign.bouc_wen(v)])
+def test_0_volts_after_motion_is_no_rest(hysteresis, unit):
+    assert not taken_for_rest(stack(TRIANGLES, hysteresis=hysteresis, unit=unit))
+    assert not taken_for_rest(stack(np.concatenate([rest(0.0, 1.0), TRIANGLES]), hysteresis=hysteresis, unit=unit))
+    x = 1.3 * wave(13.0) - 0.3
+    for sign in (-1, 1):
+        k = int(np.argmax((np.abs(x) < 0.01) & (np.gradient(x) * sign > 0) & (np.arange(x.size) > 1.5 * FS)))
+        assert not taken_for_rest(stack(x[k:], x[:k], hysteresis=hysteresis, unit=unit))
+
+
+def test_a_bias_is_no_rest():
+    assert not taken_for_rest(stack(0.5 + 0.5 * TRIANGLES, ()))
