@@ -176,7 +176,8 @@ def identify(
         False: the zero of the sensor does not drift within the record. True: a linear or a logarithmic drift.
     branches : bool, optional
         False: hysteresis by plays of the voltage alone. By default plays of curved voltages and states of Duhem are
-        added where later parts of the record are predicted much better with them; `ActuatorModel.plain` has none.
+        added where later parts of the record are predicted much better with them, unless `thresholds` are given;
+        `ActuatorModel.plain` has none.
     held_out : float
         Share of the record at its end that is held out, above 0, at most 0.5.
     findings : Findings, optional
@@ -214,7 +215,7 @@ def identify(
         "thresholds": thresholds,
         "modes": delay is None if modes is None else checks.flag("modes", modes),
         "drift": None if drift is None else checks.flag("drift", drift),
-        "branches": None if branches is None else checks.flag("branches", branches),
+        "branches": thresholds is None if branches is None else checks.flag("branches", branches),
     }
     part, *_ = _found(taken, train, known, fixed, certain=False)
     final, tried, response = _found(taken, taken.volts.size, known, fixed)
@@ -257,7 +258,7 @@ def _found(
     if modes:
         fine, structure, weight, guess, tried = modes
     plain = fit_structure(fine, structure, weight, guess)
-    fit, more = (plain, ()) if fixed["branches"] is False else _branched(plain, fine, coarse, structure, weight)
+    fit, more = _branched(plain, fine, coarse, structure, weight) if fixed["branches"] else (plain, ())
     rate = float(np.diff(fit.drift(samples)[-2:])[0]) * s.sample_rate
     model = fit.model.replace(walk=tried[-1].walk, drift=rate)
     return dataclasses.replace(fit, model=model), (*tried, *more), found
