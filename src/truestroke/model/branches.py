@@ -59,7 +59,7 @@ class Branches:
     --------
     >>> b = Branches(voltage_range=(0.0, 2.0), betas=(4.0,))
     >>> b.names, b.columns(np.array([0.0, 2.0, 0.0])).round(3).tolist()
-    (('duhem 4', 'duhem 4 of s^2'), [[-1.0, 0.5], [0.518, 0.193], [-0.538, 0.185]])
+    (('duhem 4', 'duhem 4 of s^2'), [[-1.0, 0.5], [0.509, 0.236], [-0.518, 0.231]])
     """
 
     voltage_range: tuple[float, float]
