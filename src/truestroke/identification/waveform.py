@@ -1,5 +1,6 @@
 """From a desired displacement to a voltage waveform, and where it falls short."""
 
+import math
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,6 +18,7 @@ from truestroke.control.spans import Beyond, Span, spans
 from truestroke.signals import metrics
 from truestroke.signals.channels import Sampled
 
+LAGS = 3.0  # time constants after which a lag has forgotten a limit
 SMOOTHING = 2e-3  # s: standard deviation of the window over a residual, so that its noise is not put out
 
 NOTICED = 1e-4  # of the stroke: an error at a limit that is smaller is not reported
@@ -146,8 +148,10 @@ def waveform(
     predicted = model.predict(volts, sample_rate, offset=offset) + unknown
     off = np.abs(predicted - desired)
     short = off - NOTICED * model.stroke
-    at_limit = (volts <= limits[0]) & (predicted > desired) | (volts >= limits[1]) & (predicted < desired)
-    slewed = np.abs(np.diff(volts, prepend=volts[0])) * sample_rate >= slew_limit * (1 - 1e-9)
+    late = math.ceil((model.delay + LAGS * model.time_constant) * sample_rate)
+    at_limit = _lasting(volts <= limits[0], late) & (predicted > desired)
+    at_limit |= _lasting(volts >= limits[1], late) & (predicted < desired)
+    slewed = _lasting(np.abs(np.diff(volts, prepend=volts[0])) * sample_rate >= slew_limit * (1 - 1e-9), late)
     return PredictedWaveform(
         sample_rate=float(sample_rate),
         volts=volts,
@@ -157,6 +161,15 @@ def waveform(
         too_fast=spans(np.where(slewed, short, 0.0), sample_rate, off),
         beyond=model.beyond(volts, sample_rate),
     )
+
+
+def _lasting(held: npt.NDArray[np.bool_], late: int) -> npt.NDArray[np.bool_]:
+    """Where a voltage that is held back may still be seen: in its sample, and in so many after it.
+
+    >>> _lasting(np.array([False, True, False, False]), 1).tolist()
+    [False, True, True, False]
+    """
+    return np.asarray(np.convolve(held, np.ones(late + 1))[: held.size] > 0.5)
 
 
 def save_waveform(path: str | os.PathLike[str], made: PredictedWaveform) -> None:
