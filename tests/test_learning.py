@@ -13,6 +13,7 @@ from truestroke import Dynamics, IterativeLearning, Mode, SettingError, trajecto
 from truestroke.cli import main
 from truestroke.control.iterative import repetition
 from truestroke.plant import StagePlant, StageSettings
+from truestroke.report.learning import rows as learning_rows
 
 FS, LIMITS = 10_000.0, (-0.6, 3.6)
 GAIN = 30.0 / 3.6  # um/V of the simulated stage
@@ -301,3 +302,47 @@ def test_a_wrong_sign_stops_after_the_first_pass():
     limits = {"voltage_limits": LIMITS, "slew": 20_000.0, "stroke": 35.0, "averaged": 0.1}
     with pytest.raises(SettingError, match="of its sign"):
         truestroke.learn(Reversed(), wave, dynamics=dynamics(700.0, 0.02), **limits)
+
+
+def test_a_first_pass_that_is_lost_is_reported_and_repeated():
+    """And a sensor that never shows a place of the period ends in an error, not in a result."""
+
+    class Lost(StagePlant):
+        missing = 1
+
+        def exchange(self, volts):
+            z = super().exchange(volts)
+            if volts.size > 2500 and self.missing:  # a pass, no ramp
+                self.missing -= 1
+                z[::200] = np.inf
+            return z
+
+    wave = trajectories.sine(frequency=50.0, peak_to_peak=10.0, duration=1.0, sample_rate=FS)
+    limits = {"voltage_limits": LIMITS, "slew": 20_000.0, "stroke": 35.0, "averaged": 0.1}
+    stage, known = Lost(), dynamics(700.0, 0.02)
+    seen = []
+    found = truestroke.learn(stage, wave, dynamics=known, passes=5, **limits, report=seen.append)
+    assert [one.number for one in found.passes] == [0, 1, 2, 3, 4]
+    assert len(seen) == 4
+    assert "missed" in found.passes[0].undone
+    assert learning_rows(found)[0] == ["0", "-", "-", "-", "-", "missed"]
+    assert found.best.rmse < 0.1 * found.passes[1].rmse
+    assert any("1 of 5 passes were missed" in reason for reason in found.verdict.reasons)
+    stage.missing = 9
+    with pytest.raises(truestroke.DriverError, match="no pass of 2 was measured"):
+        truestroke.learn(stage, wave, dynamics=known, passes=2, **limits)
+
+
+def test_an_offset_of_zero_and_a_frequency_of_zero_are_what_was_asked_for():
+    done = CliRunner().invoke(main, ["learn", "--frequency", "0"])
+    assert done.exit_code == 2
+    with pytest.MonkeyPatch.context() as patch:
+        asked = {}
+
+        def raster(**arguments):
+            asked.update(arguments)
+            raise SettingError("offset", 0.0, "seen")
+
+        patch.setattr(trajectories, "raster", raster)
+        CliRunner().invoke(main, ["learn", "--offset", "0"])
+    assert asked["offset"] == 0.0

@@ -54,7 +54,9 @@ def learn(
     (page_file,) = common.outputs(name, ".html")
     target = common.to_write("--output", page_file.with_suffix(".csv"), files.WAVEFORM)
     driver, limits, rate = _driven(config, options)
-    arguments = {key: options[key] for key in ("frequency", "peak_to_peak", "offset", "turn") if options[key]}
+    arguments = {
+        key: options[key] for key in ("frequency", "peak_to_peak", "offset", "turn") if options[key] is not None
+    }
     if motion == "sine" and "turn" in arguments:
         raise click.UsageError("--turn means nothing to a sine: leave it out.")
     wave = getattr(truestroke.trajectories, motion)(sample_rate=rate, duration=_long(rate, options), **arguments)

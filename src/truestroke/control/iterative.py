@@ -18,7 +18,7 @@ A pass that is worse than the best one before it is undone: its voltage is given
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -30,7 +30,7 @@ from truestroke.base.typing import FloatArray
 from truestroke.base.verdict import Verdict
 from truestroke.control.actuator import ActuatorModel
 from truestroke.control.settings import UNLIMITED
-from truestroke.model.dynamics import Dynamics, Mode
+from truestroke.model.dynamics import Dynamics
 from truestroke.signals.trajectories import Trajectory
 
 ComplexArray = npt.NDArray[np.complex128]
@@ -271,10 +271,11 @@ class IterativeLearning(Displayed):
         if z is None:
             return self._missed()
         mean, noise2 = self._mean(z)
-        Z, E = np.fft.rfft(mean), self._D - np.fft.rfft(mean)
-        if not self._number:
-            self._scale(np.fft.rfft(self.volts), Z)
-        this = np.fft.rfft(self.volts), Z, noise2
+        output, Z = np.fft.rfft(self.volts), np.fft.rfft(mean)
+        E = self._D - Z
+        if self._last is None:
+            self._scale(output, Z)
+        this = output, Z, noise2
         changed = self._last is not None and self._estimate(self._last, this)
         self._last = this
         error = mean - np.fft.irfft(self._D, self.samples)
@@ -315,8 +316,8 @@ class IterativeLearning(Displayed):
         if not z.size or z.size % self.samples:
             bound = f"a whole number of periods of {self.samples} samples: the pass was cut short, repeat it"
             raise SettingError("measured", f"{z.size} samples", bound)
-        z = z.reshape(-1, self.samples)
-        return z if np.isfinite(z).any(axis=0).all() else None
+        z = np.where(np.isfinite(z), z, np.nan).reshape(-1, self.samples)
+        return None if np.isnan(z).all(axis=0).any() else z
 
     def _mean(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Mean of the periods, um, and variance of each harmonic of it: from one period to the next, without creep."""
@@ -332,13 +333,13 @@ class IterativeLearning(Displayed):
     def _missed(self) -> Pass:
         nothing = np.empty(0)
         same = {"rmse": math.nan, "maximum": math.nan, "noise": math.nan}
-        expected = self._best[0]
+        self._number += 1
         return Pass(
-            number=self._number,
+            number=self._number - 1,
             volts=self.volts,
             measured=nothing,
             error=nothing,
-            expected=expected,
+            expected=self._best[0],
             limited=self._limited,
             undone="This pass was missed: the same voltage comes again.",
             **same,
@@ -609,25 +610,12 @@ def _response(
     G = dynamics.response(f, sensor=True)
     sensor = G / dynamics.response(f)
     variance = GAIN**2 + late
+    s = 2j * np.pi * f
+    whole = sum(mode.response(s) for mode in dynamics.modes)
     for i, mode in enumerate(dynamics.modes):
         own = dynamics.uncertainty.get(f"frequency[{i}]", 0.0) / mode.frequency
         moved = math.hypot(FREQUENCY, own)
-        stiffer, softer = (_with(dynamics, i, mode, 1 + way * moved, 1.0) for way in (1, -1))
-        damped = _with(dynamics, i, mode, 1.0, 1 + DAMPING)
-        for other, share in ((stiffer, 0.5), (softer, 0.5), (damped, 1.0)):
-            variance = variance + share * np.abs(_response_of(other, f) / G - 1) ** 2
+        for frequency, damping, share in ((1 + moved, 1.0, 0.5), (1 - moved, 1.0, 0.5), (1.0, 1 + DAMPING, 1.0)):
+            other = replace(mode, frequency=frequency * mode.frequency, damping=min(damping * mode.damping, 0.99))
+            variance = variance + share * np.abs((other.response(s) - mode.response(s)) / whole) ** 2
     return gain * G, sensor, np.minimum(variance, UNSURE)
-
-
-def _with(dynamics: Dynamics, i: int, mode: Mode, frequency: float, damping: float) -> tuple[Dynamics, int, Mode]:
-    moved = Mode(frequency=frequency * mode.frequency, damping=min(damping * mode.damping, 0.99), share=mode.share)
-    return dynamics, i, moved
-
-
-def _response_of(other: tuple[Dynamics, int, Mode], f: FloatArray) -> ComplexArray:
-    """With one mode replaced, which the checks of `Dynamics` need not allow."""
-    dynamics, i, moved = other
-    s = 2j * np.pi * f
-    G = dynamics.response(f, sensor=True)
-    old = sum(mode.response(s) for mode in dynamics.modes)
-    return np.asarray(G * (old - dynamics.modes[i].response(s) + moved.response(s)) / old)

@@ -31,17 +31,15 @@ WORDS = {"good": "The motion is as desired.", "doubtful": "Read this before you 
 def rows(found: Learned) -> list[list[str]]:
     """Pass, rmse, its share of the peak-to-peak, maximum, noise, remark."""
     span = float(np.ptp(found.learning.desired))
-    return [
-        [
-            str(one.number),
-            units.length(one.rmse),
-            f"{100 * one.rmse / span:.2g} %",
-            units.length(one.maximum),
-            units.length(one.noise),
-            "missed" if not one.measured.size else "undone" if one.undone else "best" if one is found.best else "",
-        ]
-        for one in found.passes
-    ]
+    made = []
+    for one in found.passes:
+        cells = ["-"] * 4
+        if one.measured.size:
+            lengths = map(units.length, (one.maximum, one.noise))
+            cells = [units.length(one.rmse), f"{100 * one.rmse / span:.2g} %", *lengths]
+        remark = "undone" if one.undone else "best" if one is found.best else ""
+        made.append([str(one.number), *cells, remark if one.measured.size else "missed"])
+    return made
 
 
 def as_dict(found: Learned) -> dict[str, object]:

@@ -20,7 +20,7 @@ from truestroke.model.dynamics import Dynamics
 from truestroke.runtime.drivers.guard import Limits
 from truestroke.runtime.drivers.one_axis import OneAxis
 from truestroke.runtime.drivers.playback import RAMP, playback, ramp
-from truestroke.runtime.drivers.protocol import Driver
+from truestroke.runtime.drivers.protocol import Driver, DriverError
 from truestroke.runtime.loop import Actuator
 from truestroke.signals.trajectories import Trajectory
 
@@ -84,7 +84,7 @@ def learn(
     settle, averaged : float
         Duration of the periods that do not count, and of those that do, at least, s.
     report : callable, optional
-        Called after each pass with what was learned so far.
+        Called after each pass with what was learned so far, from the first one that was measured.
 
     Returns
     -------
@@ -95,7 +95,7 @@ def learn(
     SettingError
         An argument is out of bounds, or the motion does not repeat.
     DriverError
-        The hardware failed; what was reported before remains valid.
+        The hardware failed, or no pass was measured; what was reported before remains valid.
     DynamicsError
         The dynamics could not be measured.
 
@@ -132,15 +132,19 @@ def learn(
     )
     play = _player(driver, learning.sample_rate, limits)
     periods = _periods(learning, settle, PERIODS[0]), _periods(learning, averaged, PERIODS[1])
-    found = Learned(passes=(), learning=learning)
-    for number in range(most):
+    found, seen = Learned(passes=(), learning=learning), False
+    for _ in range(most):
         measured = play(np.tile(learning.volts, sum(periods)))[periods[0] * learning.samples :]
-        zero = _zero(learning, measured, stroke) if number == 0 else found.zero
+        zero = found.zero if seen else _zero(learning, measured, stroke)
         made = learning.learn(measured - zero)
         found = Learned(passes=(*found.passes, made), learning=learning, zero=zero)
-        report(found)
+        seen = seen or made.measured.size > 0
+        if seen:
+            report(found)
         if at_the_noise(made) or _idle(found.passes):
             break
+    if not seen:
+        raise DriverError(f"no pass of {most} was measured: samples at the same place of each period were lost")
     return found
 
 
@@ -182,7 +186,8 @@ def _periods(learning: IterativeLearning, duration: float, least: int) -> int:
 
 def _zero(learning: IterativeLearning, measured: FloatArray, stroke: float) -> float:
     """What a sensor that was not zeroed reads too much, um, by the mean of the first pass."""
-    off = float(np.nanmean(measured) - learning.desired.mean()) if np.isfinite(measured).any() else 0.0
+    seen = measured[np.isfinite(measured)]
+    off = float(seen.mean() - learning.desired.mean()) if seen.size else 0.0
     return off if abs(off) > UNZEROED * stroke else 0.0
 
 
