@@ -33,11 +33,13 @@ $(VENV)/.package: pyproject.toml CMakeLists.txt Makefile $(NATIVE)
 	  echo "That took $$(($$(date +%s) - begin)) s."
 	@touch $@
 
-# What tests and tools need beside it; the package itself is there already.
+# What tests and tools need beside it; the package itself is there already. qudi comes without the packages that it asks
+# for: notebooks, a browser, and an older nidaqmx, 1 GB that no test uses.
 $(VENV)/.ready: $(VENV)/.package
 	@echo 'Adding the tools of tests and developers to $(VENV), once: a minute where nothing else runs. One of them is not open:'
 	@echo "PIPython, the client of Physik Instrumente, under PI's licence; the tests of its driver use it."
 	@begin=$$(date +%s); $(PIP) 'truestroke[dev]' && \
+	  $(PIP) --no-deps qudi-core==1.7.0 qudi-iqo-modules==1.0.0 && \
 	  echo "That took $$(($$(date +%s) - begin)) s."
 	@touch $@
 

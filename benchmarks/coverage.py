@@ -2,13 +2,14 @@
 
 python -m benchmarks.coverage                                  all foreign records; minutes
 python -m benchmarks.coverage --records Preisach --seed 1      those whose description has the word
+python -m benchmarks.coverage --unseen                         of other actuators; with --seed 1 never looked at
 python -m benchmarks.coverage measured.dat --columns 1 5 --sample-rate 200
 """
 
 import argparse
 
 import numpy as np
-from benchmarks import foreign_records
+from benchmarks import foreign_records, unseen_records
 
 from truestroke import read_record
 from truestroke.identification import identify
@@ -20,12 +21,14 @@ def main() -> None:
     parser.add_argument("--columns", nargs=2, type=int, default=(1, 2), help="of voltage and displacement, from 1")
     parser.add_argument("--sample-rate", type=float)
     parser.add_argument("--records", default="")
+    parser.add_argument("--unseen", action="store_true", help="the records of unseen_records.py in their place")
     parser.add_argument("--seed", type=int, default=0)
     asked = parser.parse_args()
+    of = unseen_records if asked.unseen else foreign_records
     volts, moved = asked.columns
     chosen = [
         read_record(file, volts=volts, displacement=moved, sample_rate=asked.sample_rate) for file in asked.files
-    ] or [r for r in foreign_records.records(asked.seed) if asked.records.lower() in r.source.lower()]
+    ] or [r for r in of.records(asked.seed) if asked.records.lower() in r.source.lower()]
     print("| record | held-out rmse, % | half width, % | held, % |\n|---|---|---|---|")
     shares = []
     for record in chosen:

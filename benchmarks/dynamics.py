@@ -10,8 +10,10 @@ import argparse
 
 import numpy as np
 
-from truestroke import Dynamics, DynamicsError, measure_bode
+from truestroke import Dynamics, DynamicsError, SettingError, measure_bode
+from truestroke.base.typing import FloatArray
 from truestroke.plant import StagePlant, StageSettings
+from truestroke.signals.timing import Timing
 
 
 def stage(number: int) -> StageSettings:
@@ -55,25 +57,66 @@ def errors(found: Dynamics, truth: Dynamics) -> dict[str, float]:
     }
 
 
+def deviations(found: Dynamics, truth: Dynamics) -> dict[str, float]:
+    """Errors over what the measurement states as their standard deviation."""
+    (mode, first), stated = (found.modes[0], truth.modes[0]), found.uncertainty
+    each = {
+        "f0": (mode.frequency - first.frequency) / stated["frequency[0]"],
+        "damping": (mode.damping - first.damping) / stated["damping[0]"],
+        "dead time": (found.dead_time - truth.dead_time) / stated["dead_time"],
+    }
+    if found.amplifier_bandwidth:
+        apart = found.amplifier_bandwidth - truth.amplifier_bandwidth
+        each["amplifier"] = apart / stated["amplifier_bandwidth"]
+    return each
+
+
+class OtherUnits:
+    """A stage whose displacement and voltage have other units: each times a factor."""
+
+    def __init__(self, plant: StagePlant, displacement: float, voltage: float) -> None:
+        self.plant, self.displacement, self.voltage = plant, displacement, voltage
+
+    def open(self) -> Timing:
+        """As the stage."""
+        return self.plant.open()
+
+    def exchange(self, volts: FloatArray) -> FloatArray:
+        """A voltage a tick in its unit; as many displacements in theirs."""
+        return self.displacement * self.plant.exchange(np.asarray(volts) / self.voltage)
+
+
 def main() -> None:
-    """Median, 95 % and worst of the errors."""
+    """Median, 95 % and worst of the errors; how many are within 1.96 stated deviations."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--stages", type=int, default=40)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--verbose", action="store_true", help="a line for each stage")
+    parser.add_argument("--units", nargs=2, type=float, default=(1.0, 1.0), help="factors of displacement, voltage")
     options = parser.parse_args()
+    length, voltage = options.units
+    limits = (-0.6 * voltage, 3.6 * voltage)
+    relative: dict[str, list[float]] = {}
     rows: list[dict[str, float]] = []
     levels: list[str] = []
     for number in range(options.first, options.first + options.stages):
         settings = stage(number)
         try:
-            found = measure_bode(StagePlant(settings, seed=number), voltage_limits=(-0.6, 3.6), seed=number)
+            truth = settings.dynamics()
+        except SettingError:
+            print(f"stage {number}: its inverse is not stable, it is left out")
+            continue
+        plant = OtherUnits(StagePlant(settings, seed=number), length, voltage)
+        try:
+            found = measure_bode(plant, voltage_limits=limits, seed=number)
         except DynamicsError as error:
             levels.append("refused")
             print(f"stage {number}: {error}")
             continue
         levels.append(found.verdict.level)
-        rows.append(errors(found.dynamics, settings.dynamics()))
+        rows.append(errors(found.dynamics, truth))
+        for name, value in deviations(found.dynamics, truth).items():
+            relative.setdefault(name, []).append(abs(value))
         if options.verbose:
             count = f"{len(found.dynamics.modes)} of {len(settings.resonances)} modes"
             numbers = ", ".join(f"{name} {value:.3g}" for name, value in rows[-1].items())
@@ -85,6 +128,9 @@ def main() -> None:
         print(
             f"{name:31} median {np.median(values):.3g}, 95 % {np.percentile(values, 95):.3g}, worst {values.max():.3g}"
         )
+    for name, each in relative.items():
+        inside = sum(value < 1.96 for value in each)
+        print(f"{name:31} {inside} of {len(each)} within 1.96 stated deviations, largest {max(each):.1f}")
 
 
 if __name__ == "__main__":

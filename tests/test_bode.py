@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from benchmarks import dynamics as benchmark
 from click.testing import CliRunner
 
 from truestroke import Dynamics, DynamicsError, SettingError, Timing, measure_bode, measure_dynamics
@@ -71,6 +72,16 @@ def test_the_dynamics_of_a_stage_are_found(name: str) -> None:
     assert found.dynamics.dead_time * truth.sample_rate == pytest.approx(truth.dead_time * truth.sample_rate, abs=0.08)
     assert abs(mode.frequency - first.frequency) < 4 * found.dynamics.uncertainty["frequency[0]"]
     assert found.dynamics.trusted_to > first.frequency
+
+
+@pytest.mark.parametrize("number", [211, 213])
+def test_a_lag_that_is_too_short_to_be_seen_is_within_the_deviation_of_the_dead_time(number: int) -> None:
+    """Amplifiers of 1230 and 2943 Hz at 2 kHz; the dead time's own deviation is 17 and 59 times too small there."""
+    settings = benchmark.stage(number)
+    found = measure_dynamics(StagePlant(settings, seed=number), **LIMITS, seed=number)
+    assert found.amplifier_bandwidth == 0.0
+    error, stated = abs(found.dead_time - settings.dead_time), found.uncertainty["dead_time"]
+    assert 0.1 * stated < error < 2.6 * stated
 
 
 def test_blocks_and_latency_are_no_dead_time_and_the_sensor_is_not_the_stage() -> None:

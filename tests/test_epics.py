@@ -88,18 +88,18 @@ def _on_ports_of_their_own(monkeypatch: pytest.MonkeyPatch) -> None:
 # ---- With a client --------------------------------------------------------------------------------------------------
 
 
-def configure() -> None:
+def configure(window: float = 0.5) -> None:
     """An axis that is moved, and one that follows a sine."""
     text = config.example("serve").replace("= 3600.0", "= 60.0").partition("\n[epics]")[0] + "\n"
     text = text.replace('name = "simulated"', 'name = "simulated"\nregister = "volts"\nchannels = 2')
-    text += SINE + EPICS + '[recording]\nfile = "run.h5"\n'
+    text += SINE + EPICS.replace("window = 0.5", f"window = {window}") + '[recording]\nfile = "run.h5"\n'
     text += "[realtime]\noverrun_streak = 0\nwatchdog_timeout = 20.0\n"
     Path("serve.toml").write_text(text)
 
 
 @contextmanager
-def served() -> Iterator[subprocess.Popen[str]]:
-    configure()
+def served(window: float = 0.5) -> Iterator[subprocess.Popen[str]]:
+    configure(window)
     command = [COMMAND, "serve", "--epics", "--config", "serve.toml", "--json"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
@@ -157,6 +157,20 @@ def test_an_operator_moves_reads_and_stops() -> None:
     assert is_part(seen["MEASURED"]["value"], y["measured"])
     assert is_part(seen["ERROR"]["value"], y["measured"] - y["desired"])
     assert (x["weights"] == seen["X:WEIGHTS"]["value"]).all(axis=1).any()
+
+
+def test_bluesky_flies_the_axis() -> None:
+    with served(window=2.0):
+        file = Path(__file__).with_name("fakes") / "ophyd_flight.py"
+        done = subprocess.run([sys.executable, file], capture_output=True, text=True, timeout=90, check=False)
+        assert done.returncode == 0, done.stderr
+        seen = json.loads(done.stdout.splitlines()[-1])
+    assert set(seen["keys"]) == {"x-desired", "x-measured", "x-volts"}
+    for page, places in zip(seen["pages"], ([8, 9, 10, 11, 12], [12, 11, 10, 9, 8]), strict=True):
+        assert page["x-desired"] == pytest.approx(places, abs=0.1)  # at most half a tick beside the middle
+        assert page["x-measured"] == pytest.approx(page["x-desired"], abs=0.1)
+        assert np.ptp(page["x-volts"]) > 0.2
+    assert "speed = 1000" in seen["refused"]
 
 
 def test_when_the_loop_is_gone_clients_hear_of_it() -> None:

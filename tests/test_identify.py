@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from truestroke import AdaptiveController, SettingError, run, trajectories
-from truestroke.identification import identify, load_model, save_model
+from truestroke.identification import identify, load_model, normal, save_model
 from truestroke.model.models import RateDependentModel, play_inverse_literal
 from truestroke.model.operators import play
 from truestroke.plant import RealisticPlant
@@ -56,20 +56,20 @@ def test_weights_are_recovered_and_the_rest_is_zero():
 @pytest.mark.parametrize(("noise", "colour"), [(0.005, 0.0), (0.05, 0.0), (0.05, 0.95), (0.2, 0.0)])
 def test_intervals_of_95_percent_cover_the_truth(noise, colour):
     inside = []
-    for seed in range(24):
+    for seed in range(10):
         model = identify(record(2000, seed, noise, colour), **KNOWN).model
         inside += list(np.abs(model.weights[:4] - A) < 1.96 * model.deviations[:4])
-    assert 0.88 <= np.mean(inside) <= 1.0
+    assert 0.85 <= np.mean(inside) <= 1.0
 
 
 def test_error_and_claim_fall_with_the_length_of_the_record():
     errors, claims = [], []
-    for samples in (1000, 16000):
-        models = [identify(record(samples, seed, 0.05), **KNOWN).model for seed in range(6)]
+    for samples in (1000, 9000):
+        models = [identify(record(samples, seed, 0.05), **KNOWN).model for seed in range(4)]
         errors.append(np.sqrt(np.mean([(m.weights[:4] - A) ** 2 for m in models])))
         claims.append(np.sqrt(np.mean([m.deviations[:4] ** 2 for m in models])))
     for first, last in (errors, claims):
-        assert 2.0 < first / last < 8.0  # 4 for independent samples
+        assert 1.8 < first / last < 6.0  # 3 for independent samples
 
 
 def test_delay_offset_and_an_unknown_start_are_found():
@@ -78,6 +78,26 @@ def test_delay_offset_and_an_unknown_start_are_found():
     lag = late.model.weights[late.model.names.index("lag")]
     assert late.model.delay - lag == pytest.approx(7e-3, abs=1e-3)
     assert late.held_out.rmse_um < 0.1
+
+
+def test_threads_that_identify_leave_blas_as_it_was():
+    """The second one begins later and ends last; without the count it would leave one thread behind."""
+    import scipy.linalg  # noqa: F401
+    from threadpoolctl import threadpool_info, threadpool_limits
+
+    def threads():
+        return {entry["num_threads"] for entry in threadpool_info() if entry["user_api"] == "blas"}
+
+    with threadpool_limits(2, "blas"):
+        normal.one_blas_thread.__enter__()
+        normal.one_blas_thread.__enter__()
+        normal.one_blas_thread.__exit__(None, None, None)
+        assert threads() == {1}
+        normal.one_blas_thread.__exit__(None, None, None)
+        assert threads() == {2}
+        with pytest.raises(SettingError):
+            identify((np.zeros(10), np.zeros(10), 100.0))
+        assert threads() == {2}
 
 
 @pytest.mark.skipif(

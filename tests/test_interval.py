@@ -25,13 +25,13 @@ def wave(seconds, seed, fs=FS):
 
 
 def test_the_part_of_the_weights_is_that_of_sampled_weights():
-    """A thousand models with weights of the covariance: the deviation of their predictions is the interval."""
+    """Three hundred models with weights of the covariance: the deviation of their predictions is the interval."""
     rng = np.random.Generator(np.random.PCG64(1))
     root = 0.01 * rng.standard_normal((9, 9)) * np.array([1.0, 1.0, 1.0, 1.0, 1.0, 1e-3, 1.0, 1.0, 1.0])[:, None]
     known, x = model(covariance=root @ root.T), wave(10.0, 2)
-    weights = known.weights + rng.standard_normal((1000, 9)) @ root.T
+    weights = known.weights + rng.standard_normal((300, 9)) @ root.T
     predicted = np.array([known.replace(weights=w).predict(x, FS) for w in weights])
-    np.testing.assert_allclose(known.interval(x, FS), 1.96 * predicted.std(axis=0), rtol=0.12, atol=1e-3)
+    np.testing.assert_allclose(known.interval(x, FS), 1.96 * predicted.std(axis=0), rtol=0.2, atol=1e-3)
 
 
 def test_an_interval_grows_at_rest():
@@ -85,7 +85,7 @@ def test_half_an_hour_at_rest_stays_in_the_interval(walked):
 
 def test_held_out_samples_are_in_the_interval(walked):
     found, *_ = walked
-    assert found.held_out.coverage >= 0.7
+    assert found.held_out.coverage >= 0.6
     trace = found.trace
     inside = np.abs(trace.residual) <= trace.half_width
     assert found.held_out.coverage == np.mean(inside[trace.held_out])
@@ -100,3 +100,38 @@ def test_the_zero_is_that_at_the_end_of_the_record():
     assert abs(np.mean((z - found.model.predict(x, FS))[-40:])) < 0.2
     assert found.model.drift == pytest.approx(0.1, rel=0.2)
     assert score(found.model, (x, z - 0.1 * np.arange(x.size) / FS, FS)).offset_um == pytest.approx(-6.0, abs=0.4)
+
+
+@pytest.fixture(scope="module")
+def crept():
+    """Displacement, um, at 20 Hz of plays that creep for hours: 40 s of a wave, and half an hour of rest at 2.4 V."""
+    x = np.concatenate([wave(40.0, 8), np.full(round(1800 * FS), 2.4)])
+    y = foreign.stop_elements(x / 3, np.random.Generator(np.random.PCG64(3)))
+    z = 10 * foreign.creep(y, FS, 0.02, slowest=1e4)
+    return x, z + 0.005 * np.random.Generator(np.random.PCG64(4)).standard_normal(x.size)
+
+
+def test_creep_slower_than_the_record_is_in_the_interval_of_rest(crept):
+    x, z = crept
+    ends = round(40 * FS)
+    found = identify((x[:ends], z[:ends], FS), delay=0.0, asymmetry=1, rate=False, drift=False).model
+    assert found.duration == pytest.approx(40.0)
+    off = np.abs(z - found.predict(x, FS))[ends:]
+    assert np.mean(off <= found.interval(x[ends:], FS)) > 0.9
+    known = found.replace(walk=0.0)
+    assert np.mean(off <= known.interval(x[ends:], FS)) > 0.9
+    assert np.mean(off <= known.replace(metrics={}).interval(x[ends:], FS)) < 0.5
+
+
+def test_the_factor_is_that_of_normal_errors_where_they_are_normal():
+    """Plays that the model has, white noise: 1.96; errors that follow the velocity become jitter."""
+    x, rng = wave(120.0, 6), np.random.Generator(np.random.PCG64(5))
+    z = 10 * x + 0.05 * rng.standard_normal(x.size)
+    known = {"delay": 0.0, "asymmetry": 0, "rate": False, "creep_times": (), "drift": False, "branches": False}
+    found = identify((x, z, FS), **known)
+    assert found.model.coverage_factor == pytest.approx(1.96, abs=0.2)
+    assert 0.90 <= found.held_out.coverage <= 0.98
+    late = np.interp(np.arange(x.size) + rng.normal(0, 0.2, x.size), np.arange(x.size), x)  # 10 ms
+    found = identify((x, 10 * late + 0.005 * rng.standard_normal(x.size), FS), **known)
+    assert found.model.jitter == pytest.approx(2 * 0.01, rel=0.6)
+    assert 0.88 <= found.held_out.coverage < 1.0

@@ -148,22 +148,9 @@ def test_what_the_record_never_showed_is_told():
     assert made.beyond.voltage == made.beyond.velocity == ()
 
 
-def test_what_the_last_pass_left_is_aimed_beside():
-    """By hand: 1 um too far at 10 um/V."""
-    made = waveform(straight(), np.full(50, 15.0), FS, residual=np.full(50, 1.0))
-    assert made.volts == pytest.approx(1.4)
-    assert made.maximum < 1e-9
-    spike = waveform(straight(), np.full(50, 15.0), FS, residual=10.0 * (np.arange(50) == 25))  # noise of one sample
-    assert np.abs(spike.volts - 1.5).max() == pytest.approx(
-        1 / (np.sqrt(2 * np.pi) * 4), rel=0.02
-    )  # Gaussian, 4 samples
-
-
 def test_bad_arguments_are_named():
     with pytest.raises(SettingError, match=r"displacement.*at least two"):
         waveform(straight(), [1.0], FS)
-    with pytest.raises(SettingError, match=r"residual.*as long as displacement"):
-        waveform(straight(), [1.0, 2.0], FS, residual=[1.0])
     with pytest.raises(SettingError, match=r"displacement\[1\]"):
         waveform(straight(), [1.0, np.nan], FS)
     with pytest.raises(SettingError, match=r"csv or .npz"):

@@ -25,6 +25,7 @@ layouts = st.builds(
     inertia=st.booleans(),
     offset=st.booleans(),
     asymmetry=st.integers(0, 2),
+    other_axes=st.integers(0, 2),
 )
 
 
@@ -71,7 +72,7 @@ def test_a_vector_is_taken_apart_again(layout) -> None:
 
 @pytest.mark.parametrize("name", TERMS)
 def test_the_prior_of_a_term_follows_from_its_row(name) -> None:
-    on = {term.setting: True for term in TERMS.values() if term.most == 1}
+    on = {term.setting: True for term in TERMS.values() if term.most == 1} | {"other_axes": 2}
     settings = ControllerSettings(sample_rate=2000.0, stroke=30.0, voltage_limits=(-0.6, 3.6), **on)
     scale = {"um/V": settings.q, "um": settings.stroke}.get(TERMS[name].unit, 1.0)
     P = np.array(settings.prior_covariance)
@@ -83,3 +84,15 @@ def test_the_prior_of_a_term_follows_from_its_row(name) -> None:
     np.testing.assert_array_equal(
         prior.mean(settings, np.zeros(settings.plays))[columns], settings.initial_weights[columns]
     )
+
+
+@pytest.mark.parametrize("law", ["kalman", "rls"])
+def test_settings_among_other_axes_have_their_terms_beside_what_was_known(law) -> None:
+    given = {"sample_rate": 2000.0, "stroke": 30.0, "voltage_limits": (-0.6, 3.6), "law": law}
+    alone = ControllerSettings(**given, initial_weights=tuple(np.linspace(9.0, 1.0, 39)))
+    beside = alone.among(2)
+    assert beside.initial_weights == (*alone.initial_weights, *[0.0] * 6)
+    assert beside.names[-6:-2] == ("coupling 1", "coupling 2", "coupling_lag 1", "coupling_lag 2")
+    assert beside.names[-1] == "coupling_inertia 2"
+    assert beside.among(0) == alone
+    assert law == "rls" or np.array(beside.prior_covariance)[:39, :39].tolist() == [*map(list, alone.prior_covariance)]

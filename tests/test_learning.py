@@ -1,6 +1,7 @@
 """Iterative learning: on stages of three structures the error falls to the noise, whatever is known wrongly."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -264,6 +265,39 @@ def test_the_command_learns_writes_and_says_so(tmp_path, monkeypatch):
     made = truestroke.load_waveform(tmp_path / "learned.csv")
     assert made.volts.size == found["samples"] == 100
     assert "<svg" in (tmp_path / "learned.html").read_text()
+    model = truestroke.load_model(tmp_path / "learned.toml")
+    assert "passes of truestroke learn" in model.provenance["source"]
+    true = StagePlant()  # that of the command: the model foretells the best waveform, but for the zero
+    true.open()
+    z = true.exchange(np.tile(made.volts, 60))[-1000:]
+    off = z - model.predict(np.tile(made.volts, 60), FS)[-1000:]
+    assert np.std(off) < 0.02 * 20.0
+
+
+def test_passes_without_a_model_say_why(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+    def refuse(*_, **__):
+        raise SettingError("record", "2 samples", "at least 200 samples")
+
+    monkeypatch.setattr("truestroke.runtime.learning.identify", refuse)
+    done = CliRunner().invoke(main, ["learn", "--frequency", "100", "--averaged", "0.05", "--passes", "1"])
+    assert "no model: record = 2 samples" in done.output
+    assert not Path("learned.toml").exists()
+
+
+def test_the_model_that_was_there_is_refined():
+    from truestroke.runtime.learning import model_of
+
+    wave = trajectories.sine(frequency=50.0, peak_to_peak=10.0, duration=1.0, sample_rate=FS)
+    limits = {"voltage_limits": LIMITS, "slew": 20_000.0, "stroke": 35.0, "averaged": 0.1}
+    found = truestroke.learn(StagePlant(), wave, dynamics=dynamics(700.0, 0.02), passes=4, **limits)
+    assert len(found.records) == 3
+    model = model_of(found)
+    soft = model.replace(weights=0.8 * model.weights)
+    volts, measured = found.records[-1]
+    before, after = (np.std(measured - one.predict(volts, FS)) for one in (soft, model_of(found, soft)))
+    assert after < 0.2 * before
 
 
 def test_a_driver_takes_the_same_passes_and_ends_at_the_safe_voltage():

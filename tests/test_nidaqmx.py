@@ -28,6 +28,7 @@ from truestroke.cli import main
 from truestroke.runtime import doctor
 from truestroke.runtime.drivers import DriverError
 from truestroke.runtime.drivers.nidaqmx import NidaqmxDriver, NidaqmxSettings
+from truestroke.runtime.drivers.turned import Turned
 from truestroke.signals.timing import Timing
 
 if TYPE_CHECKING:
@@ -102,6 +103,14 @@ def test_axes_do_not_mix_and_each_has_its_sensor(card: Card) -> None:
     settings = NidaqmxSettings(
         outputs=["Dev1/ao2", "Dev1/ao0"], inputs=["Dev1/ai2", "Dev1/ai0"], um_per_volt=[10.0, -20.0], offset=[0.0, 5.0]
     )
+    turned = Turned(NidaqmxDriver(settings), [[0.0, 2.0], [1.0, 0.0]])
+    turned.open()
+    turned.start(np.array([0.0, 0.0]))
+    last = np.empty((2, 20))
+    for _ in range(10):
+        turned.exchange(np.outer([1.0, 2.0], np.ones(20)), last)
+    turned.stop(np.zeros(2))
+    turned.close()
     driver = NidaqmxDriver(settings)
     assert driver.open().channels == 2
     driver.start(np.array([0.0, 0.0]))
@@ -113,6 +122,7 @@ def test_axes_do_not_mix_and_each_has_its_sensor(card: Card) -> None:
     truth = offline(np.ones(160)), offline(np.full(160, 2.0))
     assert first == pytest.approx(truth[0][-1], abs=0.1)
     assert second == pytest.approx(5.0 - 2.0 * truth[1][-1], abs=0.2)
+    assert last[:, -1] == pytest.approx([second, first / 2], abs=0.4)  # of a frame: sensor 0 reads twice axis 1
 
 
 class Axis:
@@ -552,3 +562,37 @@ def test_limits_beyond_the_range_of_the_card_are_refused_before_anything_moves(c
     assert done.returncode == 2
     assert "voltage_limits of axis x = 12.0 V: must be from -10 to 10 V" in done.stderr
     assert (card.volts[0], card.edges) == (0.0, 0)
+
+
+@pytest.mark.parametrize("fault", ["", f"{READ}:450:-200279"])
+def test_a_motion_is_learned_from_the_buffer(card, tmp_path, monkeypatch, fault) -> None:
+    """Waveform, model and page; where a later pass fails, what was learned before it is on the disk."""
+    monkeypatch.chdir(tmp_path)
+    config = """
+[driver]
+name = "nidaqmx"
+outputs = ["Dev1/ao0"]
+inputs = ["Dev1/ai0"]
+um_per_volt = 10.0
+[[axis]]
+stroke = 35.0
+voltage_limits = [-0.6, 3.6]
+slew = 2000.0
+safe_voltage = 0.25
+"""
+    Path("learn.toml").write_text(config)
+    if fault:
+        monkeypatch.setenv("FAKE_NIDAQMX_FAULT", fault)
+    words = "learn sine --frequency 20 --peak-to-peak 10 --offset 12 --bandwidth 150 --averaged 0.2 --passes 3"
+    done = CliRunner().invoke(main, [*words.split(), "--config", "learn.toml", "--json"])
+    assert card.volts[0] == SAFE[0]
+    if fault:
+        assert done.exit_code == 1
+        assert "learned.csv has the best waveform so far" in done.stderr
+        assert truestroke.load_waveform("learned.csv").volts.size == 100
+        return
+    assert done.exit_code == 0
+    found = json.loads(done.stdout)
+    errors = [one["rmse_um"] for one in found["passes"]]
+    assert errors[-1] < 0.1 * errors[0]
+    assert truestroke.load_model(found["model"]).weights[0] > 0

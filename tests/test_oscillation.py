@@ -82,14 +82,15 @@ def test_a_told_resonance_is_not_excited(resonance) -> None:
 
 
 def test_the_inertia_of_the_stage_is_in_the_command() -> None:
-    """Up to a fifth of a resonance that is told, a wave is followed better by half than with the filter alone."""
+    """Up to a fifth of a resonance that is told, a wave is followed 1.4 times better than with the filter alone.
+
+    With a sensor that is said to be late the stage is not looked for.
+    """
     wave = random_wave(duration=4.0, cutoff=10.0, peak_to_peak=20.0, seed=1)
-    errors = [
-        followed(wave, 50.0, **settings)[1][4000:]
-        for settings in ({"resonance": 50.0}, {"filter_frequency": 25.0, "smoothing_time": 0.216 / 50.0})
-    ]
+    alone = {"filter_frequency": 25.0, "smoothing_time": 0.216 / 50.0, "sensor_delay": 1e-9}
+    errors = [followed(wave, 50.0, **settings)[1][4000:] for settings in ({"resonance": 50.0}, alone)]
     told, filtered = (math.sqrt(float(np.mean(e**2))) for e in errors)
-    assert told < filtered / 1.5
+    assert told < filtered / 1.4
 
 
 @pytest.mark.parametrize(

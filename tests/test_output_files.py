@@ -38,6 +38,7 @@ COMMANDS: dict[str, tuple[list[str], str]] = {
     "reproduce": (["reproduce", "table1", "--output", "out"], "out.html"),
     "identify": (["identify", "rec.csv", "--output", "stage.toml"], "stage.toml"),
     "identify, page": (["identify", "rec.csv", "--report", "out.html"], "out.html"),
+    "score": (["score", "rec.csv", "rec.csv"], "score.html"),
     "characterise": (["characterise", "--output", "stage"], "stage.toml"),
     "characterise, recording": (["characterise", "--output", "stage"], "stage.h5"),
     "bode": (["bode", "--output", "stage"], "stage.toml"),

@@ -686,3 +686,35 @@ def test_the_first_volts(bench: Path, fake: Fake, monkeypatch: pytest.MonkeyPatc
         assert 35.0 < printed["written"]["axis.stroke"] < 50.0
     else:
         assert "turn the sign" in printed["reasons"][0]
+
+
+LEARN = ["learn", "sine", "--frequency", "12", "--peak-to-peak", "10", "--offset", "12", "--bandwidth", "150"]
+LEARN += ["--averaged", "0.2", "--config", "learn.toml", "--json"]
+
+
+def test_a_motion_is_learned_from_the_wave_table(bench: Path, fake: Fake) -> None:
+    """Waveform, model and page; a record that is cut short keeps what was learned before on the disk."""
+    stage = Path("stage.toml").read_text()
+    Path("learn.toml").write_text(stage.replace("[[axis]]", "sample_rate = 2000.0\n[[axis]]\nstroke = 40.0"))
+    done = CliRunner().invoke(main, [*LEARN, "--passes", "4"])
+    assert done.exit_code == 0, done.output
+    found = json.loads(done.stdout)
+    errors = [one["rmse_um"] for one in found["passes"]]
+    assert errors[-1] < 0.1 * errors[0]
+    assert max(errors[1:]) < errors[0]
+    assert truestroke.load_waveform(found["waveform"]).volts.size == found["samples"]
+    assert truestroke.load_model(found["model"]).weights[0] > 0
+    assert (fake.volts[0], fake.left()) == (SAFE[0], True)
+
+
+@pytest.mark.parametrize(("fault", "words"), [("ROWS:2:short", "fewer points came"), ("WGO:4:drop", "onnection")])
+def test_a_later_pass_that_fails_keeps_the_best_waveform(bench: Path, fake: Fake, fault: str, words: str) -> None:
+    stage = Path("stage.toml").read_text()
+    Path("learn.toml").write_text(stage.replace("[[axis]]", "sample_rate = 2000.0\n[[axis]]\nstroke = 40.0"))
+    fake.make(fault=fault)
+    done = CliRunner().invoke(main, [*LEARN, "--passes", "6"])
+    assert (done.exit_code, done.stderr.count("\n")) == (1, 1)
+    assert words in done.stderr
+    assert "learned.csv has the best waveform so far, of pass" in done.stderr
+    assert truestroke.load_waveform("learned.csv").volts.size > 100
+    assert fake.volts[0] == SAFE[0]

@@ -41,6 +41,8 @@ SETTINGS = {
         **BASIC, dynamics=Dynamics(sample_rate=2000.0, modes=(Mode(frequency=200.0, damping=0.02),)), hum=(50.0,)
     ),
     "late sensor": ControllerSettings(**BASIC, sensor_delay=1.7e-3, sensor_bandwidth=300.0, resonance=400.0),
+    "one of three axes": ControllerSettings(**BASIC, other_axes=2, plays=9),
+    "beside one, stage": ControllerSettings(**BASIC, other_axes=1, dynamics=STAGE),
     "dead zones": ControllerSettings(
         **BASIC, dead_zone_thresholds=(0.0, 12.0, 20.0), dead_zone_weights=(1.0, -0.05, 0.03), offset=False
     ),
@@ -88,9 +90,13 @@ def test_kernel_equals_numpy_to_the_last_bit(name) -> None:
     ago_most = 5 if name == "slow" else HISTORY + 3
     for k in range(z_d.size):
         known = [(), (30.0 * zdot_d[k],), (None, z_d[k] + 1e-3 * zdot_d[k])][k // 10 % 3]
-        x = kernel.command(z_d[k], zdot_d[k], *known)
-        assert text.command(z_d[k], zdot_d[k], *known) == x
+        others = SETTINGS[name].other_axes
+        taken = 0.5 * z_d[k] * np.cos(0.3 * k + np.arange(3.0 * others)) * np.tile([1.0, 1e2, 1e4], others)
+        among = {"others": taken.tolist()} if others and k % 7 else {}
+        x = kernel.command(z_d[k], zdot_d[k], *known, **among)
+        assert text.command(z_d[k], zdot_d[k], *known, **among) == x
         z_a[k], y = plant.step(x, y)
+        z_a[k] += 0.05 * taken[:1].sum()
         z_a[k] *= 1.0 if k < 1400 else 0.75  # a sudden change
         ago = int(rng.choice([0, 0, 0, 0, 1, rng.integers(-1, ago_most)])) if k < 1300 or k > 1600 else 0
         measured = z_a[min(max(k - ago, 0), k)] + 0.03 * rng.standard_normal() + 40.0 * (rng.random() < 0.02)

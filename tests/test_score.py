@@ -1,11 +1,15 @@
 """A model on another day: its zero is estimated, and said; a model that does not hold is told apart from that."""
 
+import json
+
 import numpy as np
 import pytest
 from benchmarks import foreign_records
+from click.testing import CliRunner
 
 from truestroke.base.checks import SettingError
-from truestroke.identification import identify, score, waveform
+from truestroke.cli import main
+from truestroke.identification import identify, save_model, score, waveform
 
 FS = 500.0
 
@@ -55,3 +59,48 @@ def test_predict_invert_and_waveform_take_the_zero(model):
     assert made.rmse < 0.1 * np.sqrt(np.mean((waveform(model, moved, FS).volts - made.volts) ** 2))
     with pytest.raises(SettingError, match="offset"):
         model.predict(volts, FS, offset=float("nan"))
+
+
+def test_a_start_that_the_model_misses_is_a_reason(model):
+    volts, moved, _ = day(2)
+    moved[:100] += 3.0
+    found = score(model, (volts, moved, FS))
+    assert found.start_maximum_um > 2.5
+    assert found.rmse_percent < 0.6
+    assert any("start is missed" in reason for reason in found.verdict.reasons)
+    assert not any("start is missed" in reason for reason in score(model, day(2)).verdict.reasons)
+
+
+@pytest.fixture
+def files(model, tmp_path, monkeypatch):
+    """The model and three records on the disk."""
+    monkeypatch.chdir(tmp_path)
+    save_model("model.toml", model)
+    for name, (volts, moved, _) in {"monday": day(1), "tuesday": day(2, zero=1.1), "loaded": day(3, gain=1.3)}.items():
+        table = np.column_stack([np.arange(volts.size) / FS, volts, moved])
+        np.savetxt(f"{name}.csv", table, delimiter=",", header="time (s),volts (V),z (um)", comments="")
+    return tmp_path
+
+
+def test_the_command_says_zero_errors_interval_and_verdict(files, model):
+    done = CliRunner().invoke(main, ["score", "model.toml", "tuesday.csv"])
+    assert (done.exit_code, done.stderr) == (0, "")
+    found = score(model, day(2, zero=1.1))
+    for words in (
+        f"{found.rmse_um:.4f} um",
+        f"{found.offset_um:+.4g} um above that of the model (estimated",
+        f"holds {100 * found.coverage:.0f} % of the samples",
+        "verdict    doubtful",
+        "page       score.html",
+    ):
+        assert words in done.output
+    assert "truestroke score model.toml tuesday.csv" in (files / "score.html").read_text()
+
+
+def test_the_command_ends_with_the_verdict_of_an_actuator_that_has_changed(files):
+    done = CliRunner().invoke(main, ["score", "model.toml", "loaded.csv", "--offset", "0", "--json"])
+    assert done.exit_code == 4
+    printed = json.loads(done.output)
+    assert (printed["verdict"], printed["offset_um"], printed["estimated"]) == ("bad", 0.0, False)
+    assert printed["rmse_um"] == printed["rmse_without_offset_um"]
+    assert printed["page"] == "score.html"

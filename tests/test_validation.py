@@ -62,6 +62,28 @@ def test_what_the_error_depends_on_is_found(cause: str) -> None:
     assert any(words in reason for reason in reasons)
 
 
+def test_a_model_that_a_black_box_beats_by_two_is_not_good() -> None:
+    """Not even where the sensor is taken to be so noisy: an error that plays and a sine of the voltage make."""
+    error = 0.1 * np.sin(3 * X) + CAUSES["history"] / 10
+    found, reasons, _ = judged(error)
+    assert found.black_box > 0.6
+    assert any("can be predicted: a model of another structure has 0." in reason for reason in reasons)
+    loud = dataclasses.replace(examine(Record.from_arrays(X, PREDICTED, sample_rate=RATE)), noise_um=1.0)
+    small = HeldOut(0.1, 0.3, 0.25, 0.0, 8000, 0.95)
+    quiet = dataclasses.replace(found, black_box=0.8, over_noise=0.1, autocorrelation=0.1, least_autocorrelation=-0.1)
+    assert verdict(quiet, small, loud).level == "doubtful"
+    assert verdict(dataclasses.replace(quiet, black_box=0.7), small, loud).level == "good"
+    assert abs(judged(np.zeros(T.size))[0].black_box) < 0.02
+
+
+def test_the_black_box_knows_an_actuator_of_another_structure() -> None:
+    """Dahl's, which rises on for a moment after its voltage has turned: other models had a third of the error."""
+    (record,) = foreign_records.records(0, (foreign_records.short,))
+    found = identify(record)
+    assert found.evidence.black_box > 0.75
+    assert found.verdict.level == "doubtful"
+
+
 def test_a_residual_that_alternates_is_not_called_white() -> None:
     """1.24 um on 10 nm of noise, autocorrelation -0.81 at lag 1: it has no low frequencies."""
     error, rng = np.zeros(T.size), np.random.Generator(np.random.PCG64(3))

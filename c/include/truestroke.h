@@ -48,6 +48,9 @@ typedef TS_REAL ts_real;
 #define TS_HISTORY 64
 #endif
 #define TS_MAX_ASYMMETRY 2
+#ifndef TS_MAX_OTHERS /* other axes whose motion is known; at least 1 */
+#define TS_MAX_OTHERS 2
+#endif
 
 /* The terms that are known before the voltage is chosen, in the order of their weights, and how many each has at most. */
 typedef enum {
@@ -56,10 +59,15 @@ typedef enum {
     TS_INERTIA,   /* zddot_d; s^2 */
     TS_OFFSET,    /* 1; um */
     TS_ASYMMETRY, /* 4 s (1 - s), 8 s (1 - s)(1 - 2 s), s = z_d / stroke within -1 <= s <= 2; um */
+    TS_COUPLING,         /* displacement of each other axis; um/um */
+    TS_COUPLING_LAG,     /* its velocity; s */
+    TS_COUPLING_INERTIA, /* its acceleration; s^2 */
     TS_TERMS
 } ts_term;
-#define TS_MOST_WEIGHTS {TS_MAX_CREEPS, 1, 1, 1, TS_MAX_ASYMMETRY}
-#define TS_MAX_PARAMETERS (2 * TS_MAX_PLAYS + TS_MAX_CREEPS + 1 + 1 + 1 + TS_MAX_ASYMMETRY)
+#define TS_MOST_WEIGHTS {TS_MAX_CREEPS, 1, 1, 1, TS_MAX_ASYMMETRY, TS_MAX_OTHERS, TS_MAX_OTHERS, TS_MAX_OTHERS}
+#ifndef TS_MAX_PARAMETERS /* fewer than all terms together may have, where the settings are known */
+#define TS_MAX_PARAMETERS (2 * TS_MAX_PLAYS + TS_MAX_CREEPS + 1 + 1 + 1 + TS_MAX_ASYMMETRY + 3 * TS_MAX_OTHERS)
+#endif
 #define TS_PACKED(m) ((m) * ((m) + 1) / 2) /* entries of the lower triangle of an m x m matrix, row by row */
 
 /* Sums run in lanes (lanes.h), and rows are padded with zeros to whole ones. A triangle is stored row by row: row i begins
@@ -300,7 +308,7 @@ TS_API ts_guard_action ts_guard_tick(ts_guard *g, const ts_guard_settings *s, ts
 /* ---- Dynamics of the stage, between hysteresis and sensor --------------------------------------------------------- */
 
 #define TS_SECTIONS 5
-#define TS_FEEDBACKS 9
+#define TS_FEEDBACKS 13
 #define TS_TAPS 5
 
 /* G(q): from the displacement that the hysteresis gives in a tick, its strain, to the measurement of that tick. Its static
@@ -377,6 +385,31 @@ typedef struct {
     ts_real power;                    /* um^2: mean square of the second difference of that */
     bool started, rings;
 } ts_ringing;
+
+/* ---- The first resonance from what is measured anyway ---------------------------------------------------------------- */
+
+#define TS_SHOWN 7                    /* plays that stand for the hysteresis */
+#define TS_RESONANCE (TS_SHOWN + 3)
+
+/* Least squares of z + c1 z' + c2 z'' = sum of w[i] times play i, all behind the same band about `centre`, window by window. c2 is
+ * 1 / w0^2; the next window is about the resonance that was shown, or lower where none was. */
+typedef struct {
+    ts_real centre;                   /* cycles per tick; 0: the first window has not begun */
+    ts_real known, variance;          /* cycles per tick, and its relative variance; 0: not known */
+    ts_real motion, power;            /* of the last window: cycles per tick of the motion, um^2 of the error */
+    ts_real motion_filter[3], noise_filter[3];
+    ts_real first[TS_SHOWN + 1];      /* of the plays, V, and of the measurement, um */
+    ts_real state[TS_SHOWN + 1][4];   /* of both filters */
+    ts_real sum[TS_RESONANCE][TS_RESONANCE]; /* of products: plays, band, high and low pass of the measurement; lower triangle */
+    ts_real speed, change;            /* um/s: sums of |zdot_d| and of |its change in a tick| */
+    ts_real error;                    /* um^2: sum of squares */
+    int settling, window, ticks;      /* of this window: before it counts, that count, so far */
+    int windows, strange;             /* that made it known; whether the last one differed from what is known */
+} ts_resonance;
+
+/* One tick: plays (V) and measurement (um), error (um), desired rate (um/s) and its change. Returns whether a window has ended that
+ * adds to what is known. tick: s. */
+TS_API bool ts_resonance_tick(ts_resonance *r, ts_real tick, const ts_real *x, ts_real error, ts_real zdot_d, ts_real change);
 
 /* ---- Controller (Sec. 3, Fig. 5) ----------------------------------------------------------------------------------- */
 
@@ -468,6 +501,7 @@ typedef struct {
     ts_real zdot_d;                /* um/s */
     ts_real zddot_d;               /* um/s^2 */
     ts_real ahead;                 /* um: what the stage's dynamics ask of the hysteresis beyond z_d */
+    ts_real others[TS_MAX_OTHERS][3]; /* um, um/s, um/s^2: of each other axis; 0 where it is not known */
 } ts_motion;
 
 #define TS_KEEP 0.03 /* s: how often the weights are kept */
@@ -502,6 +536,9 @@ typedef struct {
     ts_ringing ringing;               /* Kalman */
     ts_oscillation oscillation;       /* Kalman */
     ts_stage stage;                   /* Kalman */
+    ts_resonance resonance;           /* Kalman */
+    ts_real shown[TS_SHOWN];          /* V: of the plays in the tick before, for it, */
+    ts_real rate;                     /* um/s: and zdot_d */
     ts_guard guard;                   /* Kalman */
     struct {
         ts_real first[TS_MAX_PARAMETERS];                       /* weights of the start, */
@@ -544,9 +581,10 @@ TS_API ts_status ts_controller_command(ts_controller *c, ts_real z_d, ts_real zd
 
 /* The same with more knowledge, NaN where there is none: the acceleration zddot_d (um/s^2; else from the last two rates) and
  * strain_d (um), the displacement that the hysteresis should give so that the stage moves as desired, G^-1 z_d (else from
- * z_d, zdot_d and zddot_d). */
+ * z_d, zdot_d and zddot_d). others: displacement, velocity and acceleration (um, um/s, um/s^2) that are desired of each other
+ * axis that TS_COUPLING counts, or, where the motion is known ahead, what G^-1 of this axis makes of them; NULL: they rest at 0. */
 TS_API ts_status ts_controller_follow(ts_controller *c, ts_real z_d, ts_real zdot_d, ts_real zddot_d, ts_real strain_d,
-                                      ts_real *volts);
+                                      const ts_real *others, ts_real *volts);
 
 /* Adapts the weights to a measured displacement z (um). ago: number of commands that were issued after the one of z (0:
  * the last). Measurements come in the order of their commands; any of them may be missing. The first one since

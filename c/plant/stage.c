@@ -275,8 +275,7 @@ static void advance(ts_stage *p, const ts_stage_piece *piece, double target, dou
     advance_modes(p, piece, from + crept + pushed, p->strain + p->crept + pushes);
 }
 
-/* Of the settings, um, so many seconds after the tick began. */
-static double load_of(const ts_stage *p, double seconds)
+double ts_stage_load(const ts_stage *p, double seconds)
 {
     const ts_stage_settings *s = &p->settings;
     if (s->load == 0 || p->tick < s->load_tick) return 0;
@@ -297,39 +296,62 @@ static double sensed(ts_stage *p, double z)
     return sum;
 }
 
-static void run_tick(ts_stage *p, double volts, double load, const double *noise, double *measured, double *truth)
+void ts_stage_begin(ts_stage *p, ts_stage_tick *t, double volts, double pushed, const double *noise)
 {
     const ts_stage_settings *s = &p->settings;
     const uint64_t kept = TS_STAGE_MAX_DELAY + 2, now = p->tick + kept - (uint64_t)p->late_ticks;
     p->held[p->tick % kept] = clipped(volts, s->volts_low, s->volts_high);
-    double old = p->held[(now - 1) % kept], target = p->held[now % kept];
-    double step = 1 / (s->sample_rate * s->steps_per_tick), z_sum = 0, measured_sum = 0;
-    double pushed = s->load_on_stage ? load + load_of(p, 0) : 0;
-    int stride = s->steps_per_tick / s->samples_per_tick;
-
+    t->old = p->held[(now - 1) % kept];
+    t->target = p->held[now % kept];
+    t->pushed = pushed;
+    t->z_sum = t->measured_sum = 0;
+    t->noise = noise;
     set_modes(p);
-    for (int i = 0; i < s->steps_per_tick; i++) {
-        double seconds = (i + 1) * step, loaded = load + load_of(p, seconds), pushes = s->load_on_stage ? loaded : 0;
-        if (i == p->late_steps && p->late_part > 0) {
-            double between = pushed + p->late_part * (pushes - pushed);
-            advance(p, &p->before, old, pushed, between);
-            advance(p, &p->after, target, between, pushes);
-        } else {
-            advance(p, &p->step, i < p->late_steps ? old : target, pushed, pushes);
-        }
-        pushed = pushes;
-        double z = s->load_on_stage ? 0 : loaded;
-        for (int j = 0; j < s->modes; j++) z += s->shares[j] * p->position[j];
-        if (s->hum != 0) z += s->hum * sin(two_pi * s->hum_frequency * ((double)p->tick / s->sample_rate + seconds));
-        double seen = sensed(p, z);
-        if ((i + 1) % stride == stride / 2) {
-            z_sum += z;
-            measured_sum += seen + s->noise * *noise++;
-        }
+}
+
+void ts_stage_step(ts_stage *p, ts_stage_tick *t, int i, double pushes, double behind)
+{
+    const ts_stage_settings *s = &p->settings;
+    int stride = s->steps_per_tick / s->samples_per_tick;
+    if (i == p->late_steps && p->late_part > 0) {
+        double between = t->pushed + p->late_part * (pushes - t->pushed);
+        advance(p, &p->before, t->old, t->pushed, between);
+        advance(p, &p->after, t->target, between, pushes);
+    } else {
+        advance(p, &p->step, i < p->late_steps ? t->old : t->target, t->pushed, pushes);
     }
-    *truth = z_sum / s->samples_per_tick;
-    *measured = measured_sum / s->samples_per_tick;
+    t->pushed = pushes;
+    double z = behind;
+    for (int j = 0; j < s->modes; j++) z += s->shares[j] * p->position[j];
+    if (s->hum != 0) {
+        double seconds = (i + 1) * (1 / (s->sample_rate * s->steps_per_tick));
+        z += s->hum * sin(two_pi * s->hum_frequency * ((double)p->tick / s->sample_rate + seconds));
+    }
+    double seen = sensed(p, z);
+    if ((i + 1) % stride == stride / 2) {
+        t->z_sum += z;
+        t->measured_sum += seen + s->noise * *t->noise++;
+    }
+}
+
+void ts_stage_end(ts_stage *p, const ts_stage_tick *t, double *measured, double *truth)
+{
+    *truth = t->z_sum / p->settings.samples_per_tick;
+    *measured = t->measured_sum / p->settings.samples_per_tick;
     p->tick++;
+}
+
+static void run_tick(ts_stage *p, double volts, double load, const double *noise, double *measured, double *truth)
+{
+    const ts_stage_settings *s = &p->settings;
+    double step = 1 / (s->sample_rate * s->steps_per_tick);
+    ts_stage_tick t;
+    ts_stage_begin(p, &t, volts, s->load_on_stage ? load + ts_stage_load(p, 0) : 0, noise);
+    for (int i = 0; i < s->steps_per_tick; i++) {
+        double loaded = load + ts_stage_load(p, (i + 1) * step);
+        ts_stage_step(p, &t, i, s->load_on_stage ? loaded : 0, s->load_on_stage ? 0 : loaded);
+    }
+    ts_stage_end(p, &t, measured, truth);
 }
 
 void ts_stage_run(ts_stage *p, const double *volts, const double *load, const double *noise, double *measured,

@@ -109,6 +109,24 @@ typedef struct {
 /* At rest at time 0. The settings are not checked; see `least_slope`. */
 void ts_stage_init(ts_stage *p, const ts_stage_settings *settings);
 
+/* A tick in parts, for stages that act on each other: `steps_per_tick` steps between begin and end. */
+typedef struct {
+    double old, target;       /* V at the amplifier, before and after the voltage changes within the tick */
+    double pushed;            /* um: force on the stage at the end of the last step */
+    double z_sum, measured_sum;
+    const double *noise;
+} ts_stage_tick;
+
+void ts_stage_begin(ts_stage *p, ts_stage_tick *t, double volts, double pushed, const double *noise);
+
+/* Step i; at its end the modes are pushed by the force `pushes` (um) and `behind` (um) is added to what they give. */
+void ts_stage_step(ts_stage *p, ts_stage_tick *t, int i, double pushes, double behind);
+
+void ts_stage_end(ts_stage *p, const ts_stage_tick *t, double *measured, double *truth);
+
+/* Of the settings, um, so many seconds after the tick began. */
+double ts_stage_load(const ts_stage *p, double seconds);
+
 /* Runs `ticks` ticks. volts, measured, truth: ticks entries each; load: that of each tick, um, beside that of the
  * settings, or NULL; noise: ticks * samples_per_tick. */
 void ts_stage_run(ts_stage *p, const double *volts, const double *load, const double *noise, double *measured,

@@ -21,6 +21,10 @@
 #define FOUND_FILTER 0.6          /* corner of the law's filter over its resonance, */
 #define FOUND_LAG ((ts_real)0.1)  /* and standard deviations of what lag and inertia of it miss, over 1 / w0 and 1 / w0^2 */
 #define FOUND_INERTIA ((ts_real)0.05)
+#define CERTAIN ((ts_real)0.02)   /* relative deviation of a resonance that is put into the model */
+#define MOVED ((ts_real)0.015)    /* of the resonance of the model: one that is shown and differs by so much replaces it */
+#define SLOWEST ((ts_real)0.025)  /* of the resonance: a slower motion does not need it */
+#define NOISY 9                   /* times the variance of a measurement: nor does a smaller error */
 #define AS_GOOD_AS_NONE ((ts_real)1e-6) /* of the prior's variance: of a weight that stays */
 
 /* ---- Settings ---------------------------------------------------------------------------------------------------- */
@@ -70,6 +74,8 @@ static ts_status check_model(const ts_settings *s)
     static const int most[TS_TERMS] = TS_MOST_WEIGHTS;
     for (int i = 0; i < TS_TERMS; i++)
         if (s->terms[i] < 0 || s->terms[i] > most[i]) return TS_BAD_TERMS;
+    if (s->terms[TS_COUPLING_LAG] != s->terms[TS_COUPLING] || s->terms[TS_COUPLING_INERTIA] != s->terms[TS_COUPLING]) return TS_BAD_TERMS;
+    if (ts_parameters(s) > TS_MAX_PARAMETERS) return TS_BAD_TERMS;
     for (int i = 0; i < s->terms[TS_CREEP]; i++)
         if (!(s->creep[i] > 0 && s->creep[i] <= 1)) return TS_BAD_TERMS;
     for (int i = 0; i < ts_parameters(s); i++)
@@ -230,6 +236,8 @@ static void known_terms(const ts_settings *s, const ts_memory *memory, const ts_
     for (int i = 0; i < n[TS_INERTIA]; i++) *u++ = d->zddot_d;
     for (int i = 0; i < n[TS_OFFSET]; i++) *u++ = 1;
     for (int i = 0; i < n[TS_ASYMMETRY]; i++) *u++ = asymmetry[i];
+    for (int k = 0; k < 3; k++)
+        for (int i = 0; i < n[TS_COUPLING]; i++) *u++ = d->others[i][k];
 }
 
 /* (20), and the known terms. */
@@ -337,7 +345,7 @@ static void write_down(ts_controller *c, ts_real x, const ts_motion *d)
     int slot = (int)(c->counters.commands % TS_HISTORY);
     c->x[slot] = x;
     c->motion[slot] = *d;
-    if (dynamics_of(c)->known || c->stage.rest > 0) c->dynamics.strain[slot] = modelled(c, d);
+    if (c->settings.law == TS_LAW_KALMAN) c->dynamics.strain[slot] = modelled(c, d);
     c->limited[slot] = c->flags.saturated || c->flags.slewed;
     ts_real speed = d->zdot_d < 0 ? -d->zdot_d : d->zdot_d;
     if (speed > c->fastest) c->fastest = speed < c->settings.velocity_limit ? speed : c->settings.velocity_limit;
@@ -686,7 +694,7 @@ static double integral_of_step(double w, double decay, double damped, double t)
  * is held in each tick, as a mean over each tick. */
 static void make_dynamics(ts_dynamics *g, double frequency, double tick)
 {
-    double w = 2 * TS_PI * frequency, decay = FOUND_DAMPING * w, damped = w * sqrt(1 - FOUND_DAMPING * FOUND_DAMPING);
+    double w = (double)(2 * TS_PI) * frequency, decay = FOUND_DAMPING * w, damped = w * sqrt(1 - FOUND_DAMPING * FOUND_DAMPING);
     double a1 = -2 * exp(-decay) * cos(damped), a2 = exp(-2 * decay), still = 1 + a1 + a2, I[4];
     for (int i = 0; i < 4; i++) I[i] = integral_of_step(w, decay, damped, i);
     double g0 = I[1], g1 = I[2] - 2 * I[1], g2 = I[3] - 2 * I[2] + I[1]; /* of a pulse */
@@ -718,13 +726,13 @@ static void put_weight(ts_controller *c, int place, ts_real variance)
 
 /* From now on the stage is between hysteresis and sensor. Lag and inertia are in it, but for what it misses, and so is what
  * the rate weights have learned; what rings on counts as noise for a while. */
-static void adopt_stage(ts_controller *c, ts_real frequency)
+static void adopt_stage(ts_controller *c, ts_real frequency, ts_real caution, bool again)
 {
     const ts_settings *s = &c->settings;
     ts_kalman *k = &c->law.kalman;
     ts_dynamics_state *d = &c->dynamics;
     make_dynamics(&c->found, frequency, s->oscillation.tick);
-    d->ticks = c->lagged.ticks;
+    if (!again) d->ticks = c->lagged.ticks;
     d->started = false;
     d->innovation[0] = d->innovation[1] = 0;
     for (int i = 0; i < 2; i++) /* it rings on */
@@ -732,8 +740,9 @@ static void adopt_stage(ts_controller *c, ts_real frequency)
     ts_real corner = 2 * TS_PI * (ts_real)FOUND_FILTER * frequency, time = s->oscillation.tick / (2 * TS_PI * frequency);
     k->filter = corner / (1 + corner);
     k->disturbance = 0;
-    k->caution = c->oscillation.peaks[0] * c->oscillation.peaks[0];
+    k->caution = caution;
     c->stage.smoothing = s->smoothing;
+    if (c->stage.smoothing < 1 / (1 + frequency)) c->stage.smoothing = 1 / (1 + frequency);
     c->stage.inertia = 0;
     int place = c->of_plays + s->terms[TS_CREEP];
     if (s->terms[TS_LAG]) put_weight(c, place++, (FOUND_LAG * time) * (FOUND_LAG * time));
@@ -753,6 +762,7 @@ static void give_up_stage(ts_controller *c)
     if (!c->found.known) return;
     c->found.known = false;
     c->stage.failed = true;
+    c->resonance.windows = 0;
     adopt_resonance(c, c->stage.resonance, 1);
 }
 
@@ -799,7 +809,7 @@ static ts_real noise_of(const ts_controller *c)
     const ts_kalman *k = &c->law.kalman;
     ts_real variance = k->sigma * k->sigma;
     if (variance < (ts_real)0.5 * k->ringing) variance = (ts_real)0.5 * k->ringing;
-    ts_real noise = (ts_real)sqrt(variance);
+    ts_real noise = root_of(variance);
     return noise < c->resolution ? c->resolution : noise;
 }
 
@@ -810,7 +820,7 @@ static void know_resonance(ts_controller *c, ts_real frequency)
     const ts_sensor *s = &c->settings.sensor;
     adopt_resonance(c, frequency, c->counters.oscillating > 1 ? c->law.kalman.filter : 1);
     bool late = s->ticks > 0 || s->share > 0 || s->lag > 0;
-    if (!c->stage.failed && !late && c->lagged.ticks >= c->stage.since + 4) adopt_stage(c, frequency);
+    if (!c->stage.failed && !late && c->lagged.ticks >= c->stage.since + 4) adopt_stage(c, frequency, c->oscillation.peaks[0] * c->oscillation.peaks[0], false);
 }
 
 /* One tick of the detection of a self-excited oscillation, and the reaction to it. */
@@ -913,6 +923,46 @@ static void watch_learning(ts_controller *c, ts_real error, ts_real z_d, bool co
     c->flags.restored = g->held > 0;
 }
 
+/* ---- The resonance from what is measured anyway ------------------------------------------------------------------- */
+
+/* Whether the stage is put into the model, or its resonance there replaced: the motion is fast enough that it matters, and the error
+ * larger than noise. */
+static bool matters(const ts_controller *c)
+{
+    const ts_sensor *s = &c->settings.sensor;
+    const ts_resonance *r = &c->resonance;
+    if (c->settings.resonance > 0 || c->hold || c->stage.rest > 0 || c->guard.held > 0) return false;
+    if (s->ticks > 0 || s->share > 0 || s->lag > 0 || c->lagged.ticks < 8) return false;
+    if (r->windows < (c->stage.failed ? 4 : 2) || r->variance > CERTAIN * CERTAIN) return false;
+    if (c->found.known) {
+        ts_real moved = r->known / c->stage.resonance - 1;
+        return moved * moved > MOVED * MOVED && moved * moved > 4 * r->variance;
+    }
+    ts_real noise = noise_of(c);
+    return r->motion > SLOWEST * r->known && r->power > NOISY * noise * noise;
+}
+
+/* One tick of the estimate: the plays of a tick before the measurement, which is about its dead time. */
+static void watch_resonance(ts_controller *c, ts_real z, ts_real error, const ts_motion *d, bool staged)
+{
+    const ts_settings *s = &c->settings;
+    ts_resonance *r = &c->resonance;
+    ts_real x[TS_SHOWN + 1], now[TS_SHOWN];
+    for (int i = 0; i < TS_SHOWN; i++) now[i] = c->lagged.play[(i * (s->plays - 1) + (TS_SHOWN - 1) / 2) / (TS_SHOWN - 1)];
+    memcpy(x, staged ? now : c->shown, sizeof now);
+    memcpy(c->shown, now, sizeof now);
+    x[TS_SHOWN] = z;
+    bool known = ts_resonance_tick(r, s->oscillation.tick, x, error, d->zdot_d, d->zdot_d - c->rate);
+    c->rate = d->zdot_d;
+    if (!known || !matters(c)) return;
+    if (!c->found.known) { /* what was learned without the stage is wrong, and so is how sure it is */
+        memcpy(c->w, c->kept.first, sizeof(ts_real) * (size_t)c->parameters);
+        ts_kalman_reset_covariance(&c->law.kalman, s->prior, c->parameters);
+    }
+    c->stage.resonance = r->known;
+    adopt_stage(c, r->known, 0, staged);
+}
+
 /* ---- A tick of the measured side -------------------------------------------------------------------------------------- */
 
 /* Commands that may wait for their measurement. */
@@ -973,6 +1023,7 @@ static void feed_back(ts_controller *c, ts_real error)
 static void pass_over(ts_controller *c)
 {
     const ts_settings *s = &c->settings;
+    c->resonance.ticks = 0; /* its window begins anew */
     bool learn = !c->limited[c->lagged.ticks % TS_HISTORY];
     if (dynamics_of(c)->known) {
         learn_staged(c, expected(c), 0, false, learn);
@@ -1035,12 +1086,13 @@ static bool measure(ts_controller *c, ts_real z)
     /* The trim: at a voltage limit only away from it; the slew limit only delays. */
     if (used && (!limited || back)) c->integral -= s->trim * error;
     feed_back(c, used && (!limited || back) ? -error : 0); /* no wind-up at a limit */
-    if (used && c->stage.rest > 0) {
+    if (used && !staged && s->law == TS_LAW_KALMAN) {
         c->dynamics.z[1] = c->dynamics.z[0];
         c->dynamics.z[0] = z;
     }
     if (!used) ts_oscillation_miss(&c->oscillation, &s->oscillation, &error);
     else if (s->law == TS_LAW_KALMAN && s->oscillation.tick > 0 && !staged) watch_stage(c, error, d->zdot_d, limited);
+    if (s->law == TS_LAW_KALMAN && s->oscillation.tick > 0 && !s->dynamics.known) watch_resonance(c, z, error, d, staged);
     bool at_limit = c->x[slot] >= s->voltage_max || c->x[slot] <= s->voltage_min;
     if (s->law == TS_LAW_KALMAN) watch_learning(c, error, d->z_d, used && (!at_limit || back));
     return used;
@@ -1178,13 +1230,27 @@ ts_status ts_controller_change(ts_controller *c, const ts_settings *next)
 
 ts_status ts_controller_command(ts_controller *c, ts_real z_d, ts_real zdot_d, ts_real *volts)
 {
-    return ts_controller_follow(c, z_d, zdot_d, (ts_real)NAN, (ts_real)NAN, volts);
+    return ts_controller_follow(c, z_d, zdot_d, (ts_real)NAN, (ts_real)NAN, NULL, volts);
 }
 
-ts_status ts_controller_follow(ts_controller *c, ts_real z_d, ts_real zdot_d, ts_real zddot_d, ts_real strain_d, ts_real *volts)
+/* Whether they are finite; if so within TS_LARGEST. */
+static bool take_others(ts_motion *d, const ts_real *others, int axes)
+{
+    bool good = true;
+    for (int i = 0; others && i < 3 * axes; i++) {
+        good = good && isfinite(others[i]);
+        d->others[i / 3][i % 3] = within(others[i], -TS_LARGEST, TS_LARGEST);
+    }
+    return good;
+}
+
+ts_status ts_controller_follow(ts_controller *c, ts_real z_d, ts_real zdot_d, ts_real zddot_d, ts_real strain_d,
+                               const ts_real *others, ts_real *volts)
 {
     const ts_settings *s = &c->settings;
+    ts_motion d = {0};
     if (!isfinite(z_d) || !isfinite(zdot_d) || isinf(zddot_d) || isinf(strain_d)) return TS_NOT_FINITE;
+    if (!take_others(&d, others, s->terms[TS_COUPLING])) return TS_NOT_FINITE;
     bool known_acceleration = zddot_d == zddot_d, known_strain = strain_d == strain_d;
     z_d = within(z_d, -TS_LARGEST, TS_LARGEST);
     zdot_d = within(zdot_d, -TS_LARGEST, TS_LARGEST);
@@ -1192,7 +1258,9 @@ ts_status ts_controller_follow(ts_controller *c, ts_real z_d, ts_real zdot_d, ts
     if (c->counters.commands - measured_ticks(c) >= (uint64_t)waiting(c))
         pass_over(c); /* before its slot is taken */
     remember_creep(&c->now, s);
-    ts_motion d = {z_d, zdot_d, known_acceleration ? zddot_d : acceleration(c, zdot_d), 0};
+    d.z_d = z_d;
+    d.zdot_d = zdot_d;
+    d.zddot_d = known_acceleration ? zddot_d : acceleration(c, zdot_d);
     d.ahead = known_strain ? within(strain_d, -TS_LARGEST, TS_LARGEST) - z_d : ahead_of(c, zdot_d, d.zddot_d);
     c->y_d = wanted_of_plays(c, &d);
     c->flags.projected = rate_dependent_slopes(c, zdot_d);

@@ -21,7 +21,7 @@
 static ts_real deviation(const ts_guard *g)
 {
     ts_real n = (ts_real)g->counted, mean = g->sum / n, variance = g->square / n - mean * mean;
-    return variance > 0 ? (ts_real)sqrt(variance) : 0;
+    return variance > 0 ? root_of(variance) : 0;
 }
 
 static void begin_window(ts_guard *g)

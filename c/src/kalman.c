@@ -130,7 +130,7 @@ static void admit_change(ts_kalman *k, const ts_kalman_settings *s, const ts_rea
 /* Second tick of an update: P -= P u u'P / variance, its return to the prior, and more of it after a change. */
 static void follow_covariance(ts_kalman *k, const ts_kalman_settings *s, const ts_real *P0, const ts_real *w, int m)
 {
-    ts_real root[TS_PADDED(TS_MAX_PARAMETERS)], scale = 1 / (ts_real)sqrt(k->variance), back = 0;
+    ts_real root[TS_PADDED(TS_MAX_PARAMETERS)], scale = 1 / root_of(k->variance), back = 0;
     lanes taken = zero();
     for (int i = 0; i < m; i += TS_LANES) {
         lanes part = plus(zero(), scale, load(k->Pu + i));

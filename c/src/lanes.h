@@ -6,10 +6,16 @@
 #ifndef TRUESTROKE_LANES_H
 #define TRUESTROKE_LANES_H
 
+#include <math.h>
+
 #include "truestroke.h"
 
-#if !defined(__GNUC__) || defined(TS_PLAIN)
-typedef ts_real ts_vector; /* plain C99 */
+#if defined(__SSE2__) || defined(__ARM_NEON) || defined(__wasm_simd128__) || defined(__VSX__)
+#define TS_HAS_VECTORS
+#endif
+
+#if !defined(__GNUC__) || !defined(TS_HAS_VECTORS) || defined(TS_PLAIN)
+typedef ts_real ts_vector; /* plain C99; on a machine without vectors faster than vectors that the compiler takes apart */
 #else
 #if defined(__AVX__)
 #define TS_VECTOR_BYTES 32
@@ -34,6 +40,12 @@ static inline lanes load(const ts_real *a)
 static inline void store(ts_real *a, lanes x)
 {
     for (int i = 0; i < TS_VECTORS; i++) ((ts_vector *)a)[i] = x.v[i];
+}
+
+/* The square root, of a float without double arithmetic: both round alike. */
+static inline ts_real root_of(ts_real x)
+{
+    return sizeof(ts_real) > 4 ? (ts_real)sqrt((double)x) : (ts_real)sqrtf((float)x);
 }
 
 static inline lanes zero(void)

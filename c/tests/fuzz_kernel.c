@@ -97,6 +97,7 @@ static ts_settings sane(bytes *b)
     unsigned terms = byte(b);
     s.terms[TS_LAG] = terms & 1, s.terms[TS_OFFSET] = terms >> 1 & 1;
     s.terms[TS_ASYMMETRY] = (int)(terms >> 2) % 3, s.terms[TS_CREEP] = (int)(terms >> 4) % 5;
+    s.terms[TS_COUPLING] = s.terms[TS_COUPLING_LAG] = s.terms[TS_COUPLING_INERTIA] = terms >> 7 ? 1 + below(b, TS_MAX_OTHERS) : 0;
     for (int i = 0; i < s.terms[TS_CREEP]; i++) s.creep[i] = (ts_real)(0.15 / (1 << 2 * i));
     s.initial_weights[0] = 8;
     s.kalman = (ts_kalman_settings){
@@ -189,7 +190,10 @@ static ts_real command(bench *t, ts_real z_d, ts_real zdot_d)
     ts_real last = c->now.play[0], volts = last;
     bool number = isfinite(z_d) && isfinite(zdot_d);
     if (!number) before = *c;
-    ts_status status = ts_controller_command(c, z_d, zdot_d, &volts);
+    ts_real others[3 * TS_MAX_OTHERS];
+    for (int i = 0; i < 3 * TS_MAX_OTHERS; i++) others[i] = i % 2 ? zdot_d : z_d;
+    ts_status status = s->terms[TS_COUPLING] ? ts_controller_follow(c, z_d, zdot_d, (ts_real)NAN, (ts_real)NAN, others, &volts)
+                                             : ts_controller_command(c, z_d, zdot_d, &volts);
     require((status == TS_OK) == number, "a command is refused where it is not finite");
     if (!number) require(memcmp(&before, c, sizeof before) == 0, "a refused command changes nothing");
     else seen.commands++;

@@ -155,6 +155,34 @@ static void test_learns(void)
     check(c.counters.rejected == 0 && c.counters.adaptations == 8000, "every measurement was used");
 }
 
+/* A linear plant of 9 um/V that takes 5 % of another axis, 1e-5 s of its velocity and 1e-7 s^2 of its acceleration. */
+static void test_coupling(void)
+{
+    static const double share[3] = {0.05, 1e-5, 1e-7};
+    ts_controller c, alone;
+    ts_settings s = kalman_settings();
+    s.terms[TS_COUPLING] = s.terms[TS_COUPLING_LAG] = 1;
+    check(ts_controller_init(&c, &s) == TS_BAD_TERMS, "three terms of coupling for each other axis");
+    s.terms[TS_COUPLING_INERTIA] = 1;
+    for (int i = 0; i < 3; i++) s.prior[TS_PACKED(22 + i) + 22 + i] = (ts_real)(share[i] * share[i]);
+    check(ts_controller_init(&c, &s) == TS_OK, "init accepts another axis");
+    double worst = 0;
+    for (int k = 0; k < 8000; k++) {
+        double a = 0.01 * k, b = 0.07 * k, w = 0.07 * 2000, y[3] = {15 + 10 * sin(b), 10 * w * cos(b), -10 * w * w * sin(b)};
+        ts_real others[3] = {(ts_real)y[0], (ts_real)y[1], (ts_real)y[2]}, volts = 0, z_d = (ts_real)(15 - 10 * cos(a));
+        ts_controller_follow(&c, z_d, (ts_real)(200 * sin(a)), (ts_real)(4000 * cos(a)), (ts_real)NAN, others, &volts);
+        double z = 9 * (double)volts;
+        for (int i = 0; i < 3; i++) z += share[i] * y[i];
+        ts_controller_adapt(&c, (ts_real)z, 0);
+        if (k >= 6000 && fabs(z - (double)z_d) > worst) worst = fabs(z - (double)z_d);
+    }
+    check(worst < 2e-3, "what another axis does is learned: within 2 nm of half a um after three seconds");
+    alone = c;
+    ts_real bad[3] = {0, (ts_real)NAN, 0}, volts = 7;
+    check(ts_controller_follow(&c, 0, 0, 0, 0, bad, &volts) == TS_NOT_FINITE && memcmp(&alone, &c, sizeof c) == 0 && !(volts < 7),
+          "a motion of another axis that is not finite is refused, and nothing has changed");
+}
+
 static void test_copies(void)
 {
     ts_controller a, b, fresh;
@@ -620,6 +648,7 @@ int main(void)
     test_rls();
     test_dead_zones();
     test_learns();
+    test_coupling();
     test_copies();
     test_latency();
     test_refusals();

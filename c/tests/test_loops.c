@@ -19,9 +19,10 @@ static void check(bool ok, const char *what)
 /* Commands 2 z_d; its flags are all ones after a command of an odd tick, and after a measurement above 5 it is rejected. */
 typedef struct { int commands, adaptations; unsigned flags; double last; } controller;
 
-static double command(void *self, const double motion[4])
+static double command(void *self, const double motion[4], const double *others)
 {
     controller *c = self;
+    if (others) return motion[0] + 10 * others[0] + 100 * others[1] + 1000 * others[2];
     c->flags = c->commands++ % 2 ? 0x3f : 0;
     return 2 * motion[0] + motion[1] + (motion[2] == motion[2] ? 100 * motion[2] + 1000 * motion[3] : 0);
 }
@@ -72,6 +73,38 @@ static void test_loop(void)
     check(found[2] == -5 && isnan(found[3]), "the innovation of a rejected measurement is NaN");
 }
 
+/* Two axes: each measures its own voltage and a tenth of the other's, behind sensors that are exchanged. */
+static void exchange_axes(void *self, const double *volts, const double *noise, double *measured, double *truth)
+{
+    ++*(int *)self;
+    for (int i = 0; i < 2; i++) {
+        truth[1 - i] = volts[i];
+        measured[1 - i] = volts[i] + 0.125 * volts[1 - i] + noise[i];
+    }
+}
+
+static void test_axes(void)
+{
+    enum { N = 2 };
+    static const double motion[6 * N] = {1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12}; /* z_d, zdot_d, zddot_d of each axis */
+    static const double strain[2 * N] = {0}, others[6 * N] = {1, 0, 0, 0, 1, 0, 0, 0, 1, 1, 1, 1};
+    static const double to_axes[4] = {0, 1, 1, 0}, noise[2 * N] = {0, 0, 0.5, 0.25};
+    double volts[2 * N], measured[2 * N], truth[2 * N], found[2 * N];
+    uint8_t bits[2 * N];
+    controller c[2] = {{0}, {0}};
+    int exchanges = 0;
+    ts_loop_controller laws[2] = {{&c[0], command, adapt, flags, innovation}, {&c[1], command, adapt, flags, innovation}};
+    ts_loop_axes plant = {&exchanges, 2, 2, exchange_axes};
+    ts_loop_axes_channels ch = {motion, strain, others, to_axes, noise, volts, measured, truth, found, bits};
+    ts_loop_run_axes(laws, &plant, &ch, N);
+    static const double expected[2 * N] = {1 + 10, 4 + 100, 7 + 1000, 10 + 1110};
+    check(memcmp(volts, expected, sizeof volts) == 0, "each controller has its own motion, and that of the other axis");
+    check(measured[1] == 11 + 13 && measured[0] == 104 + 1.375, "the actuator has the voltages of one tick");
+    check(c[0].last == 1007 + 140 + 0.5 && c[1].last == 1120 + 125.875 + 0.25, "each adapts to its axis, not to its sensor");
+    check(exchanges == N && c[0].adaptations == N && truth[3] == 1007, "each tick once");
+    check(isnan(found[0]) && bits[0] == 4, "a rejected measurement has no innovation");
+}
+
 static void test_first_order(void)
 {
     static const double decay[2] = {0, 0.5}, u[4] = {1, 0, 0, 2}; /* decay = i / 2 */
@@ -83,6 +116,7 @@ static void test_first_order(void)
 int main(void)
 {
     test_loop();
+    test_axes();
     test_first_order();
     printf("loops: %d passed, %d failed\n", passed, failed);
     return failed != 0;

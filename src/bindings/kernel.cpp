@@ -209,6 +209,11 @@ template <typename Controller, typename Visit> void each_array(Controller &c, Vi
     visit("weights_age", &g.age, 1);
     visit("weights_newer", &g.newer[0], m);
     visit("weights_older", &g.older[0], m);
+    auto &v = c.resonance;
+    visit("resonance_search", &v.centre, offsetof(ts_resonance, settling) / sizeof(ts_real));
+    visit("resonance_ticks", &v.settling, 5);
+    visit("resonance_plays", &c.shown[0], TS_SHOWN);
+    visit("resonance_rate", &c.rate, 1);
     visit("guard", &c.guard.low, 9);
     visit("guard_windows", &c.guard.ticks, 7);
     visit("guard_found", &c.guard.kept, 3);
@@ -289,6 +294,16 @@ void check_guard(const ts_controller &c) {
     check_covariance(c, "kept_covariance", c.kept.P);
 }
 
+void check_resonance(const ts_controller &c) {
+    const ts_resonance &r = c.resonance;
+    bool good = r.centre >= 0 && r.centre < 1 && r.known >= 0 && r.known < 1 && r.variance >= 0 && r.motion >= 0 && r.power >= 0 && r.speed >= 0 && r.change >= 0 && r.error >= 0;
+    for (int i = 0; i < TS_RESONANCE; i++) good = good && r.sum[i][i] >= 0;
+    require_all("resonance_search", good, "frequencies below 1, and sums of squares of 0 or more");
+    bool begun = r.ticks == 0 || (r.centre > 0 && r.window > 0 && r.ticks < r.settling + r.window);
+    require_all("resonance_ticks", r.ticks >= 0 && r.settling >= 0 && r.settling < INT32_MAX / 2 && r.window >= 0 && r.window < INT32_MAX / 2 && begun && r.windows >= 0 && r.windows <= 1000 && r.strange >= 0 && r.strange <= 1,
+                "counts of 0 or more, of a window that has not ended");
+}
+
 void check_kalman(const ts_controller &c) {
     const ts_kalman &k = c.law.kalman;
     auto not_negative = [](const char *name, ts_real value) { require_all(name, value >= 0, "0 or more"); };
@@ -321,6 +336,7 @@ void check_kalman(const ts_controller &c) {
     not_negative("weights_age", g.age);
     require_all("pending", !k.pending || k.variance > 0, "0 where innovation_variance is 0");
     check_covariance(c, "covariance", k.P);
+    check_resonance(c);
     check_guard(c);
 }
 
@@ -371,11 +387,11 @@ class Kernel {
         require(ts_controller_change(&c_, &s));
     }
 
-    // NaN: not known, of the last two. All are finite but for that.
-    double command(double z_d, double zdot_d, double zddot_d, double strain_d) {
+    // NaN: not known, of zddot_d and strain_d. All are finite but for that. others: three for each other axis, or null.
+    double command(double z_d, double zdot_d, double zddot_d, double strain_d, const ts_real *others) {
         ts_real volts;
         if (ts_controller_follow(&c_, static_cast<ts_real>(z_d), static_cast<ts_real>(zdot_d), static_cast<ts_real>(zddot_d),
-                                 static_cast<ts_real>(strain_d), &volts) != TS_OK)
+                                 static_cast<ts_real>(strain_d), others, &volts) != TS_OK)
             throw std::invalid_argument("a desired value is too large for the kernel's number type");
         return volts;
     }
@@ -447,11 +463,14 @@ class Kernel {
     static nb::capsule native(nb::object self) {
         ts_loop_controller calls{
             nb::inst_ptr<Kernel>(self),
-            [](void *k, const double motion[4]) {
+            [](void *k, const double motion[4], const double *others) {
                 ts_real x = NAN; // stays where a desired value is too large for the number type
-                ts_controller_follow(&static_cast<Kernel *>(k)->c_, static_cast<ts_real>(motion[0]),
-                                     static_cast<ts_real>(motion[1]), static_cast<ts_real>(motion[2]),
-                                     static_cast<ts_real>(motion[3]), &x);
+                auto &c = static_cast<Kernel *>(k)->c_;
+                ts_real moving[3 * TS_MAX_OTHERS] = {};
+                for (int i = 0; others && i < 3 * c.settings.terms[TS_COUPLING]; i++) moving[i] = static_cast<ts_real>(others[i]);
+                ts_controller_follow(&c, static_cast<ts_real>(motion[0]), static_cast<ts_real>(motion[1]),
+                                     static_cast<ts_real>(motion[2]), static_cast<ts_real>(motion[3]),
+                                     others ? moving : nullptr, &x);
                 return static_cast<double>(x);
             },
             [](void *k, double z) { static_cast<Kernel *>(k)->adapt_in_loop(z); },
@@ -464,6 +483,7 @@ class Kernel {
     void reset() { ts_controller_reset(&c_); }
     void hold(bool on) { ts_controller_hold(&c_, on); }
 
+    int others() const { return c_.settings.terms[TS_COUPLING]; }
     size_t plays() const { return static_cast<size_t>(c_.settings.plays); }
     size_t parameters() const { return static_cast<size_t>(c_.parameters); }
 
@@ -588,10 +608,33 @@ PyObject *refused(const char *name, PyObject *value, const char *unit) {
     return nullptr;
 }
 
+// The motion of the other axes, three numbers for each; false, with the error set, where it does not fit.
+bool take_others(const Kernel &kernel, PyObject *value, ts_real *moving) {
+    int count = 3 * kernel.others();
+    PyObject *entries = PySequence_Tuple(value);
+    bool fits = entries && PyTuple_Size(entries) == count;
+    for (int i = 0; fits && i < count; i++) {
+        double number = PyFloat_AsDouble(PyTuple_GetItem(entries, i));
+        fits = std::isfinite(number) && !(number == -1 && PyErr_Occurred());
+        moving[i] = static_cast<ts_real>(number);
+    }
+    Py_XDECREF(entries);
+    if (fits) return true;
+    PyErr_Clear();
+    try {
+        nb::object error = nb::module_::import_("truestroke.base.checks").attr("wrong_others")(nb::handle(value), kernel.others());
+        PyErr_SetObject(reinterpret_cast<PyObject *>(Py_TYPE(error.ptr())), error.ptr());
+    } catch (nb::python_error &error) {
+        error.restore();
+    }
+    return false;
+}
+
 PyObject *command(PyObject *self, PyObject *const *args, Py_ssize_t positional, PyObject *keywords) {
-    static const char *const names[] = {"z_d", "zdot_d", "zddot_d", "strain_d"}, *const units[] = {"um", "um/s", "um/s^2", "um"};
-    PyObject *values[4] = {nullptr, nullptr, Py_None, Py_None}; // None: not known
-    if (!take_arguments(names, 4, values, args, positional, keywords)) return nullptr;
+    static const char *const names[] = {"z_d", "zdot_d", "zddot_d", "strain_d", "others"};
+    static const char *const units[] = {"um", "um/s", "um/s^2", "um"};
+    PyObject *values[5] = {nullptr, nullptr, Py_None, Py_None, Py_None}; // None: not known
+    if (!take_arguments(names, 5, values, args, positional, keywords)) return nullptr;
     Kernel *kernel = kernel_of(self);
     if (!kernel) return nullptr;
     double numbers[4];
@@ -603,8 +646,11 @@ PyObject *command(PyObject *self, PyObject *const *args, Py_ssize_t positional, 
             return refused(names[i], values[i], units[i]);
         }
     }
+    ts_real moving[3 * TS_MAX_OTHERS];
+    bool among = values[4] != Py_None;
+    if (among && !take_others(*kernel, values[4], moving)) return nullptr;
     try {
-        return PyFloat_FromDouble(kernel->command(numbers[0], numbers[1], numbers[2], numbers[3]));
+        return PyFloat_FromDouble(kernel->command(numbers[0], numbers[1], numbers[2], numbers[3], among ? moving : nullptr));
     } catch (const std::exception &e) {
         PyErr_SetString(PyExc_ValueError, e.what());
         return nullptr;
@@ -636,7 +682,7 @@ PyObject *adapt(PyObject *self, PyObject *const *args, Py_ssize_t positional, Py
 
 PyMethodDef tick_calls[] = {
     {"command", reinterpret_cast<PyCFunction>(reinterpret_cast<void (*)()>(&command)), METH_FASTCALL | METH_KEYWORDS,
-     "command($self, z_d, zdot_d, zddot_d=None, strain_d=None)\n--\n\nVoltage, V, for z_d, um, zdot_d, um/s, and zddot_d, um/s^2."},
+     "command($self, z_d, zdot_d, zddot_d=None, strain_d=None, others=None)\n--\n\nVoltage, V, for z_d, um, zdot_d, um/s, and zddot_d, um/s^2."},
     {"adapt", reinterpret_cast<PyCFunction>(reinterpret_cast<void (*)()>(&adapt)), METH_FASTCALL | METH_KEYWORDS,
      "adapt($self, z_measured, ago=0)\n--\n\nLearn from the displacement z_measured, um."},
 };

@@ -1,6 +1,7 @@
 // Python's view of the simulated actuators: settings by name, arrays that the caller owns.
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
+#include <nanobind/stl/vector.h>
 
 #include <cmath>
 #include <cstring>
@@ -10,6 +11,7 @@
 #include <type_traits>
 #include <vector>
 
+#include "axes.h"
 #include "loops.h"
 #include "native.h"
 #include "plant.h"
@@ -227,6 +229,64 @@ class Stage {
     ts_stage p_{};
 };
 
+// Several stages that disturb each other.
+class Axes {
+  public:
+    Axes(const std::vector<nb::dict> &stages, const nb::dict &d) {
+        Reader read(d);
+#define MEMBER(name, member) read(name, settings_.member);
+#include "ts_axes_settings.inc"
+#undef MEMBER
+        read.finish();
+        within("axes", settings_.axes, 2, TS_AXES_MAX);
+        same_length(static_cast<size_t>(settings_.axes), stages.size());
+        for (size_t i = 0; i < stages.size(); i++) {
+            stages_[i] = stage_settings(stages[i]);
+            within("steps_per_tick", stages_[i].steps_per_tick, stages_[0].steps_per_tick, stages_[0].steps_per_tick);
+            within("samples_per_tick", stages_[i].samples_per_tick, stages_[0].samples_per_tick, stages_[0].samples_per_tick);
+        }
+        reset();
+    }
+
+    void reset() { ts_axes_init(&p_, &settings_, stages_); }
+
+    std::vector<double> least_slopes() const {
+        std::vector<double> slopes;
+        for (int i = 0; i < settings_.axes; i++) slopes.push_back(p_.stage[i].least_slope);
+        return slopes;
+    }
+
+    // As Stage::run, of arrays that hold the entries of all axes of a tick, then those of the next one.
+    int64_t run(const Input &volts, const Input &noise, const Output &measured, const Output &truth) {
+        size_t n = volts.shape(0), axes = static_cast<size_t>(settings_.axes);
+        same_length(n * static_cast<size_t>(stages_[0].samples_per_tick), noise.shape(0));
+        same_length(n, n / axes * axes);
+        same_length(n, measured.shape(0));
+        same_length(n, truth.shape(0));
+        int64_t bad = first_bad(volts);
+        if (bad >= 0) return bad;
+        nb::gil_scoped_release release;
+        ts_axes_run(&p_, volts.data(), noise.data(), measured.data(), truth.data(), n / axes);
+        return -1;
+    }
+
+    // These stages as the native loop calls them.
+    static nb::capsule native(nb::object self) {
+        Axes *axes = nb::inst_ptr<Axes>(self);
+        size_t n = static_cast<size_t>(axes->settings_.axes);
+        ts_loop_axes calls{axes, n, n * static_cast<size_t>(axes->stages_[0].samples_per_tick),
+                           [](void *p, const double *volts, const double *noise, double *measured, double *truth) {
+                               ts_axes_run(&static_cast<Axes *>(p)->p_, volts, noise, measured, truth, 1);
+                           }};
+        return in_capsule("ts_loop_axes", calls, self);
+    }
+
+  private:
+    ts_axes_settings settings_{};
+    ts_stage_settings stages_[TS_AXES_MAX]{};
+    ts_axes p_{};
+};
+
 } // namespace
 
 NB_MODULE(_plant, m) {
@@ -239,6 +299,7 @@ NB_MODULE(_plant, m) {
     m.attr("STAGE_MAX_MODES") = TS_STAGE_MAX_MODES;
     m.attr("STAGE_MAX_STEPS") = TS_STAGE_MAX_STEPS;
     m.attr("STAGE_MAX_DELAY") = TS_STAGE_MAX_DELAY;
+    m.attr("MAX_AXES") = TS_AXES_MAX;
     m.attr("MATCHED_MAX_PLAYS") = TS_MATCHED_MAX_PLAYS;
     m.attr("MATCHED_MAX_DEAD_ZONES") = TS_MATCHED_MAX_DEAD_ZONES;
     nb::class_<Plant>(m, "Plant")
@@ -255,6 +316,14 @@ NB_MODULE(_plant, m) {
         .def("native", &Matched::native)
         .def("reset", &Matched::reset)
         .def("run", &Matched::run, "volts"_a, "velocity"_a, "noise"_a, "measured"_a, "truth"_a);
+    nb::class_<Axes>(m, "Axes")
+        .def(nb::init<const std::vector<nb::dict> &, const nb::dict &>(), "stages"_a, "axes"_a)
+        .def("__getstate__", &pickled<Axes>)
+        .def("__setstate__", &unpickle<Axes>)
+        .def_prop_ro("least_slopes", &Axes::least_slopes)
+        .def("native", &Axes::native)
+        .def("reset", &Axes::reset)
+        .def("run", &Axes::run, "volts"_a, "noise"_a, "measured"_a, "truth"_a);
     nb::class_<Stage>(m, "Stage")
         .def(nb::init<const nb::dict &, const Input &>(), "settings"_a, "load"_a)
         .def("__getstate__", &Stage::state)

@@ -6,9 +6,11 @@ from truestroke.base.errors import TruestrokeError as TruestrokeError
 from truestroke.base.files import FileError as FileError
 from truestroke.base.files import FileTooLargeError as FileTooLargeError
 from truestroke.base.flags import Flags as Flags
+from truestroke.base.frames import sensor_frame as sensor_frame
 from truestroke.base.verdict import Verdict as Verdict
 from truestroke.control.actuator import ActuatorModel as ActuatorModel
 from truestroke.control.adaptation import UpdateRefused as UpdateRefused
+from truestroke.control.axes import MultiAxisController as MultiAxisController
 from truestroke.control.controller import AdaptiveController as AdaptiveController
 from truestroke.control.controller import Controller as Controller
 from truestroke.control.controller import Counters as Counters
@@ -20,6 +22,8 @@ from truestroke.control.model_file import ModelFileError as ModelFileError
 from truestroke.control.model_file import load_model as load_model
 from truestroke.control.model_file import save_model as save_model
 from truestroke.control.settings import ControllerSettings as ControllerSettings
+from truestroke.export.c_source import Exported as Exported
+from truestroke.export.c_source import export_c as export_c
 from truestroke.identification.dynamics import Bode as Bode
 from truestroke.identification.dynamics import DynamicsError as DynamicsError
 from truestroke.identification.dynamics import measure_bode as measure_bode
@@ -32,6 +36,11 @@ from truestroke.identification.record import Record as Record
 from truestroke.identification.record import read_record as read_record
 from truestroke.identification.refine import Refined as Refined
 from truestroke.identification.refine import refine as refine
+from truestroke.identification.unwarp import ScanRecord as ScanRecord
+from truestroke.identification.unwarp import Unwarped as Unwarped
+from truestroke.identification.unwarp import read_lines as read_lines
+from truestroke.identification.unwarp import read_scan_record as read_scan_record
+from truestroke.identification.unwarp import unwarp as unwarp
 from truestroke.identification.waveform import PredictedWaveform as PredictedWaveform
 from truestroke.identification.waveform import Waveform as Waveform
 from truestroke.identification.waveform import load_waveform as load_waveform
@@ -54,11 +63,13 @@ from truestroke.runtime.loop import RunInterrupted as RunInterrupted
 from truestroke.runtime.loop import run as run
 from truestroke.runtime.realtime.process import RealtimeError as RealtimeError
 from truestroke.signals import metrics as metrics
+from truestroke.signals import scans as scans
 from truestroke.signals import trajectories as trajectories
 from truestroke.signals.judgement import judge as judge
 from truestroke.signals.recording import ChannelError as ChannelError
 from truestroke.signals.recording import Recording as Recording
 from truestroke.signals.recording import RecordingError as RecordingError
+from truestroke.signals.scans.images import ImageError as ImageError
 from truestroke.signals.tables import RecordError as RecordError
 from truestroke.signals.timing import Timing as Timing
 from truestroke.signals.trajectories import Trajectory as Trajectory

@@ -1,3 +1,4 @@
+from collections.abc import Sequence
 from typing import Any
 
 import numpy.typing as npt
@@ -25,7 +26,12 @@ class Kernel:
     def start(self, volts: float, z: float) -> None: ...
     def change(self, settings: dict[str, Any]) -> None: ...
     def command(
-        self, z_d: float, zdot_d: float, zddot_d: float | None = None, strain_d: float | None = None
+        self,
+        z_d: float,
+        zdot_d: float,
+        zddot_d: float | None = None,
+        strain_d: float | None = None,
+        others: Sequence[float] | None = None,
     ) -> float: ...
     def adapt(self, z_measured: float, ago: int = 0) -> None: ...
     def process(

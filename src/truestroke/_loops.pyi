@@ -17,4 +17,18 @@ def run(
     innovation: FloatArray,
     flags: npt.NDArray[np.uint8],
 ) -> None: ...
+def run_axes(
+    controllers: list[object],
+    actuator: object,
+    motion: FloatArray,
+    strain_d: FloatArray,
+    others: FloatArray,
+    to_axes: FloatArray,
+    noise: FloatArray,
+    volts: FloatArray,
+    measured: FloatArray,
+    truth: FloatArray,
+    innovation: FloatArray,
+    flags: npt.NDArray[np.uint8],
+) -> None: ...
 def first_order(real: float, imaginary: float, u: FloatArray, x: FloatArray) -> None: ...

@@ -1,4 +1,5 @@
 from collections.abc import Mapping
+from typing import Any
 
 from truestroke.base.typing import FloatArray
 
@@ -9,6 +10,7 @@ STAGE_MAX_CREEP_OPERATORS: int
 STAGE_MAX_MODES: int
 STAGE_MAX_STEPS: int
 STAGE_MAX_DELAY: int
+MAX_AXES: int
 MATCHED_MAX_PLAYS: int
 MATCHED_MAX_DEAD_ZONES: int
 
@@ -25,6 +27,13 @@ class Matched:
     def run(
         self, volts: FloatArray, velocity: FloatArray, noise: FloatArray, measured: FloatArray, truth: FloatArray
     ) -> int: ...
+
+class Axes:
+    least_slopes: list[float]
+    def __init__(self, stages: list[dict[str, Any]], axes: Mapping[str, Any]) -> None: ...
+    def native(self) -> object: ...
+    def reset(self) -> None: ...
+    def run(self, volts: FloatArray, noise: FloatArray, measured: FloatArray, truth: FloatArray) -> int: ...
 
 class Stage:
     least_slope: float

@@ -226,6 +226,12 @@ def beyond_reach(argument: str, z: float, volts: float, reach: float, stroke: fl
     return SettingError(argument, float(f"{z:.6g}"), f"{where}: zero the sensor, or subtract its reading at rest", "um")
 
 
+def wrong_others(values: object, axes: int) -> SettingError:
+    """The error of a motion of the other axes that is not three finite numbers for each of them."""
+    words = f"{3 * axes} finite numbers, displacement, velocity and acceleration of each of other_axes = {axes}"
+    return SettingError("others", values, words, "um, um/s, um/s^2")
+
+
 def signal(argument: str, value: npt.ArrayLike, unit: str = "") -> FloatArray:
     """A contiguous array of one axis; a number is one of one entry. What is not finite is for the caller to find."""
     return _array(np.ascontiguousarray, argument, value, unit, 1)

@@ -1,20 +1,17 @@
 """Every file that truestroke writes: made beside its place, complete before it has its name, never over a stranger."""
 
 import errno
-import fcntl
 import os
 import re
-import struct
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
 from pathlib import Path
 
+from truestroke.base import system
 from truestroke.base.errors import TruestrokeError
 
-LOCK = struct.Struct("@hhqqi4x")  # struct flock
-LOCKED_BYTE = 1 << 62  # far behind the end, where HDF5 and readers lock nothing
 HEAD = 4096  # bytes in which a text names what made it
 INFLATION = 1100  # bytes of data in a byte of a file, at most: more than any compressor reaches with zeros
 SLACK = 1 << 20  # bytes that any file may hold
@@ -83,8 +80,16 @@ def _store(path: Path) -> bool:
     return not names or "study" in names
 
 
+def _waveform_text(path: Path) -> bool:
+    """Whether its first line is that of a waveform, with or without the passes before it."""
+    with path.open("rb") as file:
+        first = file.read(HEAD).split(b"\n")[0].decode("utf-8", "replace")
+    return first == WAVEFORM_HEADER or first.startswith(f"{WAVEFORM_HEADER},{PASS_VOLTS.format(1)}")
+
+
 PICTURES = (b"Software\0truestroke", b"<dc:title>truestroke</dc:title>", b"/Creator (truestroke)")  # PNG, SVG, PDF
 WAVEFORM_HEADER = "time (s),volts (V),desired (um)"
+PASS_VOLTS, PASS_MEASURED = "pass {} x (V)", "pass {} z (um)"  # further columns of a waveform that `refine` made
 MODEL = Kind("a model", _begins(b'format = "truestroke model"'))
 DYNAMICS = Kind("dynamics", _begins(b'format = "truestroke dynamics"'))
 PAGE = Kind("a page", _begins(b'<meta name="generator" content="truestroke"'))
@@ -93,8 +98,12 @@ RUNS = {"track", "run", "report", "serve"}  # whose page is that of one recordin
 STORE = Kind("a store of a study", _store)
 WAVEFORM = Kind(
     "a waveform",
-    lambda path: _arrays(path) if path.suffix == ".npz" else _begins(WAVEFORM_HEADER.encode() + b"\n")(path),
+    lambda path: _arrays(path) if path.suffix == ".npz" else _waveform_text(path),
 )
+LINES_HEADER = "row,direction,start (s),end (s)"
+LINES = Kind("a table of lines", _begins(LINES_HEADER.encode() + b"\n"))
+SCAN_HEADER = "time (s),x (um),y (um),x velocity (um/s),y velocity (um/s),gate"
+SCAN = Kind("the motion of a scan", _begins(SCAN_HEADER.encode() + b"\n"))
 MEASUREMENT = Kind("a measurement", lambda path: False)  # a measurement is replaced on request only
 
 
@@ -126,6 +135,11 @@ def overwriting(yes: bool = True) -> Iterator[None]:
         yield
     finally:
         _replacing.reset(before)
+
+
+def replacing() -> bool:
+    """Whether files of others may be replaced: within `overwriting`."""
+    return _replacing.get()
 
 
 def check(path: str | os.PathLike[str], kind: Kind) -> Path:
@@ -231,7 +245,7 @@ class Growing:
     def write(self, offset: int, data: bytes) -> None:
         """Write bytes into the open file, all of them."""
         while data:
-            done = os.pwrite(self.descriptor, data, offset)
+            done = system.write_at(self.descriptor, data, offset)
             offset, data = offset + done, data[done:]
 
     def discard(self) -> None:
@@ -288,32 +302,21 @@ def grow(final: Path, overwrite: bool, empty: Callable[[Path], bool]) -> Growing
     path = check_growing(final, overwrite, empty)
     if path != final:
         path.unlink(missing_ok=True)
-    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
-    _lock(descriptor, fcntl.F_OFD_SETLK)
+    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | system.OPEN, 0o666)
+    system.lock(descriptor)
     return Growing(path, final, descriptor)
 
 
 def busy(path: Path) -> bool:
     """Whether some process has the file as `Growing`."""
     try:
-        descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+        descriptor = os.open(path, os.O_RDONLY | system.OPEN)
     except OSError:
         return False
     try:
-        return _lock(descriptor, fcntl.F_OFD_GETLK) != fcntl.F_UNLCK
+        return system.locked(descriptor)
     finally:
         os.close(descriptor)
-
-
-def _lock(descriptor: int, command: int) -> int:
-    """Set or ask for the lock; its type. A file system without locks reports none."""
-    asked = LOCK.pack(fcntl.F_WRLCK, os.SEEK_SET, LOCKED_BYTE, 1, 0)
-    try:
-        return int(LOCK.unpack(fcntl.fcntl(descriptor, command, asked))[0])
-    except OSError as error:
-        if error.errno not in (errno.ENOLCK, errno.EINVAL, errno.EOPNOTSUPP):
-            raise
-        return fcntl.F_UNLCK
 
 
 # ---- Reading -------------------------------------------------------------------------------------------------------
@@ -342,7 +345,7 @@ def check_size(path: str | os.PathLike[str], what: str, size: int) -> None:
     held = INFLATION * Path(path).stat().st_size + SLACK
     if size > held:
         reason = f"of {_bytes(held)} at most, which is what a file of {_bytes(Path(path).stat().st_size)} can hold"
-    elif size > (room := os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") // 2):
+    elif size > (room := system.memory() // 2):
         reason = f"of {_bytes(room)} at most, half of this computer's memory"
     else:
         return

@@ -1,4 +1,4 @@
-"""Signals that ask a program to end, and temporary handlers of them: the one place that names them."""
+"""Signals that ask a program to end, and temporary handlers of them."""
 
 import signal
 import threading
@@ -6,10 +6,10 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from types import FrameType, MappingProxyType
 
+from truestroke.base import system
+
 CTRL_C = signal.SIGINT
-ENDING: Mapping[int, str] = MappingProxyType(
-    {signal.SIGINT: "Ctrl-C", signal.SIGTERM: "SIGTERM", signal.SIGHUP: "the terminal is gone"}
-)
+ENDING: Mapping[int, str] = MappingProxyType(system.ENDING)
 """Those that ask a program to end, and what is said of them; its exit code is then 128 and the number."""
 
 

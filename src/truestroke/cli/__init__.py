@@ -12,8 +12,21 @@ from truestroke.cli.common import Commands
 __all__ = ["main"]
 
 COMMANDS = (
-    *("track", "commission", "bode", "run", "serve", "doctor", "report", "compare", "reproduce", "robustness", "study"),
-    *("examine", "identify", "invert", "playback", "refine", "learn", "characterise"),
+    *(
+        "track",
+        "scan",
+        "commission",
+        "bode",
+        "run",
+        "serve",
+        "doctor",
+        "report",
+        "compare",
+        "reproduce",
+        "robustness",
+        "study",
+    ),
+    *("examine", "identify", "score", "invert", "playback", "refine", "learn", "unwarp", "characterise", "export"),
 )
 """In the order of the help; each is a function in the module of its name."""
 

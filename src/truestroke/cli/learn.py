@@ -37,7 +37,8 @@ DEMO_STROKE = 35.0  # um over the whole of these limits
               "times the first resonance]")  # fmt: skip
 @click.option("--averaged", metavar="S", type=click.FloatRange(0.0, 3600.0), default=0.5,
               help="Duration of the periods of a pass that count.")  # fmt: skip
-@click.option("--output", metavar="NAME", default="learned", help="Write NAME.csv and NAME.html.")
+@click.option("--output", metavar="NAME", default="learned", help="Write NAME.csv, NAME.toml and "
+              "NAME.html.")  # fmt: skip
 @common.page_options
 def learn(
     motion: str, config: Path | None, output: str, plots: Path | None, as_json: bool, **options: Any
@@ -45,14 +46,16 @@ def learn(
     """Learn the voltage of a motion that repeats, pass by pass.
 
     Plays the motion, measures it, corrects the voltage at each harmonic through the measured response, and again until
-    the error is that of the noise. Writes one repetition of the best voltage after each pass. The output is at the safe
-    voltage before and after each pass.
+    the error is that of the noise. Writes one repetition of the best voltage after each pass, and at the end a model of
+    the actuator that the passes show. The output is at the safe voltage before and after each pass.
     """
     from truestroke.report import learning
 
     name = output.removesuffix(".csv")
     (page_file,) = common.outputs(name, ".html")
     target = common.to_write("--output", page_file.with_suffix(".csv"), files.WAVEFORM)
+    model_file = common.to_write("--output", page_file.with_suffix(".toml"), files.MODEL)
+    model_file = common.to_write("--output", page_file.with_suffix(".toml"), files.MODEL)
     driver, limits, rate = _driven(config, options)
     arguments = {
         key: options[key] for key in ("frequency", "peak_to_peak", "offset", "turn") if options[key] is not None
@@ -65,16 +68,51 @@ def learn(
     given["model"] = options["model"] and truestroke.load_model(options["model"])
     if not as_json:
         click.echo(f"{'pass':>4}  {'rmse':>10}  {'of p-p':>8}  {'maximum':>10}  {'noise':>9}")
-    found = truestroke.learn(driver, wave, **limits, **given, report=_reporter(target, as_json))
+    found = _learned(driver, wave, limits | given, target, as_json)
+    model, why = _model(found, given["model"], model_file)
     made = learning.page(found, common.as_asked()["command"])
     pictures = common.save_page(made, page_file, plots)
     if as_json:
-        written = {"waveform": str(target), "page": str(page_file), "pictures": pictures}
+        written: dict[str, Any] = {"waveform": str(target), "model": model and str(model), "no_model": why}
+        written |= {"page": str(page_file), "pictures": pictures}
         common.print_json({**found.verdict.as_dict(), **learning.as_dict(found), **written})
         return ExitCode.of(found.verdict)
     common.print_verdict(found.verdict)
-    common.print_files(waveform=target, page=page_file, pictures=plots)
+    if why:
+        common.print_text(f"no model: {why}")
+    common.print_files(waveform=target, model=model, page=page_file, pictures=plots)
     return ExitCode.of(found.verdict)
+
+
+def _learned(driver: Any, wave: truestroke.Trajectory, given: dict[str, Any], target: Path, as_json: bool) -> Learned:
+    """What was learned; where a later pass fails, the error says what is on the disk."""
+    best: list[Learned] = []
+    write = _reporter(target, as_json)
+
+    def report(found: Learned) -> None:
+        write(found)
+        best.append(found)
+
+    try:
+        return truestroke.learn(driver, wave, **given, report=report)
+    except truestroke.TruestrokeError as error:
+        if not best:
+            raise
+        one = best[-1].best
+        raise click.ClickException(
+            f"{error}; {target} has the best waveform so far, of pass {one.number}, rmse {one.rmse:.4g} um"
+        ) from error
+
+
+def _model(found: Learned, before: truestroke.ActuatorModel | None, file: Path) -> tuple[Path | None, str]:
+    """The file of the model that the passes show; or why there is none."""
+    from truestroke.runtime.learning import model_of
+
+    try:
+        truestroke.save_model(file, model_of(found, before))
+    except truestroke.TruestrokeError as error:
+        return None, str(error)
+    return file, ""
 
 
 def _driven(config: Path | None, options: dict[str, Any]) -> tuple[Any, dict[str, Any], float]:

@@ -20,14 +20,17 @@ from truestroke.cli import common, waveforms
               help="What was put out, as `truestroke invert` or --next wrote it.")  # fmt: skip
 @click.option("--output", metavar="FILE", default="refined.toml", help="The refined model is written there.")
 @click.option("--next", "following", metavar="NAME", help="Write the waveform of the next pass, NAME.csv or NAME.npz: "
-              "made with the refined model, and corrected by its residual in RECORD.")  # fmt: skip
+              "corrected at each frequency through the model and what the passes so far show.")  # fmt: skip
+@click.option("--dynamics", metavar="FILE", type=common.FILE, help="Of `truestroke bode`, in place of the delay and "
+              "the resonances of the model; refined.toml has them from then on.")  # fmt: skip
 @waveforms.limit_options
 @common.force_option
 @common.overwrite_option
 @common.json_option
 def refine(
     record: Path, model: Path, waveform: Path | None, output: str, following: str | None, strict: bool, force: bool,
-    as_json: bool, voltage_limits: tuple[float, float] | None, slew: float | None, **options: Any,
+    as_json: bool, voltage_limits: tuple[float, float] | None, slew: float | None, dynamics: Path | None,
+    **options: Any,
 ) -> int:  # fmt: skip
     """Adapt a model from the recording of a waveform.
 
@@ -42,22 +45,24 @@ def refine(
     waveforms.warn_of(known)
     common.examined(data, force)
     wanted = None if waveform is None else truestroke.load_waveform(waveform)
-    found = truestroke.refine(known, data, waveform=wanted)
+    stage = None if dynamics is None else truestroke.Dynamics.load(dynamics)
+    found = truestroke.refine(known, data, waveform=wanted, dynamics=stage)
     truestroke.save_model(output, found.model)
     made = None
     if target is not None and wanted is not None:
         bounds = waveforms.limits(found.model, {"voltage_limits": voltage_limits, "slew": slew})
-        made = truestroke.waveform(found.model, wanted.desired, wanted.sample_rate, residual=found.residual, **bounds)
+        made = found.next(**bounds)
         truestroke.save_waveform(target, made)
     if as_json:
         metrics = {"pass_rmse_um": found.rmse, "pass_maximum_um": found.maximum}
         metrics |= {"prediction_rmse_before_um": found.before, "prediction_rmse_um": found.after}
-        following_pass = {} if made is None else {**waveforms.as_dict(made), "waveform": str(target)}
+        planned = {"expected_rmse_um": found.expected, "waveform": str(target)}
+        following_pass = {} if made is None else {**waveforms.as_dict(made), **planned}
         common.print_json({**found.verdict.as_dict(), **metrics, "model": output, "next": following_pass})
     else:
         _tell(found, output)
         if made is not None:
-            click.echo("\nnext pass")
+            click.echo(f"\nnext pass, rmse expected {found.expected:.4f} um")
             waveforms.tell(made)
             click.echo(f"waveform   {target}")
     if made is not None:
@@ -74,4 +79,6 @@ def _tell(found: truestroke.Refined, model: str) -> None:
     common.print_table(("measured minus", "um", "of p-p"), waveforms.error_rows(errors, float(np.ptp(found.measured))))
     if found.undone:
         common.print_verdict(found.verdict)
+    if found.kept:
+        common.print_text(found.kept)
     click.echo(f"model      {model}")

@@ -52,8 +52,9 @@ def finish(
     code = ExitCode.of(verdict)
     if ticks < SHORTEST and not verdict.is_bad:
         raise click.ClickException(f"{recording_file}: {ticks} ticks, a page needs at least {SHORTEST}")
-    found = summary(recording, SHORTEST)
-    if found is None:  # without measurements there are no metrics, and nothing to plot
+    parts = {name: recording.axis(name) for name in recording.axes} or {"": recording}
+    found = {name: summary(part, SHORTEST) for name, part in parts.items()}
+    if None in found.values():  # without measurements there are no metrics, and nothing to plot
         _tell_alone(verdict, as_json, recording_file)
         return code
     with common.progress("plotting"):
@@ -62,9 +63,14 @@ def finish(
         pictures = common.save_page(run_page(recording), page_file, plots)
     if as_json:
         files = {"recording": str(recording_file), "page": str(page_file), "pictures": pictures}
-        common.print_json({**verdict.as_dict(), **found.as_dict(), **files})
+        each = {name: one.as_dict() for name, one in found.items() if one is not None}
+        common.print_json({**verdict.as_dict(), **(each.get("") or {"axes": each}), **files})
         return code
-    print_metrics(found, verdict)
+    for name, one in found.items():
+        if one is not None:
+            if name:
+                click.echo(f"axis {name}")
+            print_metrics(one, judgement.judge(parts[name]))
     common.print_files(recording=recording_file, page=page_file, pictures=plots)
     if not verdict.is_bad:
         common.suggest(*_next(recording))

@@ -83,6 +83,10 @@ class ActuatorModel(Displayed, Layout):
         Random walk of the zero, um/sqrt(s): its variance grows by walk^2 a second.
     drift : float
         Rate of the zero at the end of the record, um/s; not in the prediction, whose zero is that at the end.
+    jitter : float
+        By how much the error grows with the velocity, s: its variance has (jitter v)^2 beside noise^2.
+    coverage_factor : float
+        Half width of the 95 % interval over the standard deviation, but for the zero's: 1.96 where errors are normal.
     metrics : mapping of str to float
         What the fit reports of itself, such as "held_out_rmse_um".
     provenance : mapping of str to str
@@ -112,6 +116,8 @@ class ActuatorModel(Displayed, Layout):
     noise: float = 0.0
     walk: float = 0.0
     drift: float = 0.0
+    jitter: float = 0.0
+    coverage_factor: float = 1.96
     dynamics: Dynamics | None = None
     metrics: Mapping[str, float] = field(default_factory=dict)
     provenance: Mapping[str, str] = field(default_factory=dict)
@@ -144,6 +150,8 @@ class ActuatorModel(Displayed, Layout):
             "noise": checks.within("noise", self.noise, 0.0, 1e9, "um"),
             "walk": checks.within("walk", self.walk, 0.0, 1e9, "um/sqrt(s)"),
             "drift": checks.within("drift", self.drift, -1e9, 1e9, "um/s"),
+            "jitter": checks.within("jitter", self.jitter, 0.0, 3600.0, "s"),
+            "coverage_factor": checks.within("coverage_factor", self.coverage_factor, 0.0, 1e9),
         }
         for name, value in values.items():
             object.__setattr__(self, name, value)
@@ -151,7 +159,14 @@ class ActuatorModel(Displayed, Layout):
     def _display(self) -> tuple[str, Rows]:
         units = {
             **{"stroke": "um", "voltage_range": "V", "velocity": "um/s", "zero": "um", "delay": "s"},
-            **{"time_constant": "s", "noise": "um", "walk": "um/sqrt(s)", "drift": "um/s"},
+            **{
+                "time_constant": "s",
+                "noise": "um",
+                "walk": "um/sqrt(s)",
+                "drift": "um/s",
+                "jitter": "s",
+                "coverage_factor": "",
+            },
             **{"thresholds": "V", "rate_dependent": "", "creep_times": "s", "rate_scale": "s/um"},
         }
         rows = [(name, quantity(getattr(self, name), unit)) for name, unit in units.items()]
@@ -170,6 +185,12 @@ class ActuatorModel(Displayed, Layout):
     def deviations(self) -> FloatArray:
         """Standard deviations of the weights, in their units, shape (m,)."""
         return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+
+    @property
+    def duration(self) -> float:
+        """Of the record, s, by its metrics; 0 where they do not have it."""
+        rate = self.metrics.get("record_sample_rate_hz", 0.0)
+        return self.metrics.get("record_samples", 0.0) / rate if rate else 0.0
 
     @property
     def sensitivity(self) -> float:
@@ -344,10 +365,11 @@ class ActuatorModel(Displayed, Layout):
 
         ::
 
-            1.96 sqrt(diag(J P J') + noise^2 + walk^2 t + (drift t)^2)
+            sqrt(k^2 (diag(J P J') + noise^2 + (jitter v)^2) + max(k, 1.96)^2 (walk^2 t + (drift t)^2 + creep^2))
 
-        J is the derivative of the prediction by the weights, P their covariance, t the time since the end of the
-        record: the zero walks and drifts on, at rest, too.
+        k is the `coverage_factor`, J the derivative of the prediction by the weights, P their covariance, v the
+        predicted velocity, t the time since the end of the record: the zero walks and drifts on, at rest, too, and
+        creeps by 1 % of the stroke or more in each tenfold of the record's `duration`.
 
         Parameters
         ----------
@@ -370,8 +392,7 @@ class ActuatorModel(Displayed, Layout):
         x = checks.finite_array("volts", volts, "V")
         fs = checks.positive("sample_rate", sample_rate, "Hz")
         since = checks.within("after", after, 0.0, 1e12, "s") + np.arange(x.size) / fs
-        variance = interval.of_weights(self, x, fs, self.covariance) + interval.of_zero(self, since)
-        return np.asarray(interval.COVERED * np.sqrt(variance + self.noise**2))
+        return interval.half_width(self, interval.of_motion(self, x, fs), interval.of_zero(self, since))
 
     def seen(self, velocity: FloatArray) -> FloatArray:
         """A velocity, um/s, within that of the record: beyond it the rate weights are as at its fastest."""

@@ -6,7 +6,7 @@ import copy
 import dataclasses
 import math
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol, Unpack
@@ -267,7 +267,14 @@ class AdaptiveController(Displayed):
         self._start(self.settings)
         self._kernel.restore(state["kernel"])
 
-    def command(self, z_d: float, zdot_d: float, zddot_d: float | None = None, strain_d: float | None = None) -> float:
+    def command(
+        self,
+        z_d: float,
+        zdot_d: float,
+        zddot_d: float | None = None,
+        strain_d: float | None = None,
+        others: Sequence[float] | None = None,
+    ) -> float:
         """Voltage for this tick; the forward play states advance.
 
         Parameters
@@ -282,6 +289,9 @@ class AdaptiveController(Displayed):
         strain_d : float, optional
             Where the stage's `dynamics` are known and the motion, too: the entry of `strain` for this tick, um. By
             default it follows from the three others, which is right for motion that is slow against the resonance.
+        others : sequence of float, optional
+            Where `other_axes` are set: desired displacement, um, velocity, um/s, and acceleration, um/s^2, of each of
+            them in turn. By default they rest at 0. `MultiAxisController` does this by itself.
 
         Returns
         -------
@@ -293,7 +303,7 @@ class AdaptiveController(Displayed):
         SettingError
             An argument is no number, NaN or infinite; nothing has changed.
         """
-        return self._kernel.command(z_d, zdot_d, zddot_d, strain_d)
+        return self._kernel.command(z_d, zdot_d, zddot_d, strain_d, others)
 
     def strain(self, position: npt.ArrayLike) -> FloatArray | None:
         """The displacement to ask of the hysteresis for a motion that is known ahead: `strain_d` of `command`.

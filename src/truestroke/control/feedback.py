@@ -5,20 +5,20 @@ that is asked of the hysteresis in the next command. The hysteresis is inverted,
 
     L(q) = K(q) q^-(1 + latency) G(q),    S = 1 / (1 + L)
 
-with G of `model.dynamics.Dynamics`, the sensor in it. The bank has three parts:
+with G of `model.dynamics.Dynamics`, the sensor in it. The bank has two parts:
 
-- *An integrator* against loads, with a corner far below the crossover in place of its pole at 1; and a lag beside it,
-  w/s (1 + 0.1 w / (s + 0.03 w)) in sum, against loads that are slower than a tenth of the crossover w.
-- *A biquad at the first mode*, its poles there or at 2.5 times it. Its complex gain at f0 makes L real and positive
-  there, or turned by a small angle: that is active damping, by 1 + L(f0). Its third coefficient is the gain at 0 Hz,
-  beside the integrator: a notch for the integrator is one of its cases.
+- *Filters with fixed poles*: an integrator that leaks, a lag, and five biquads with poles from a third to six times the
+  first resonance. `loop_shaping` finds their numerators together: those that leave least of a load that moves the
+  stage at random, and of the noise of the sensor in displacement and command. Active damping of the first mode is a
+  part of the answer, for a load makes it ring.
 - *A narrow resonator for each line of the mains*, with the phase of 1 / (P S), P = q^-(1 + latency) G.
 
-Integrator, lag and biquad are selected together, from a grid: the least error from noise, harmonics at the resonance
-and loads, among those whose margins hold for every gain from 0.7 to 1.3 of what the dynamics say, and every resonance
-within 5 %, and that do not amplify noise at half of the sample rate: it would move the hysteresis of the model.
+|S| stays below 2 for every gain from 0.7 to 1.3 of what the dynamics say, every resonance within 5 %, and a measurement
+that comes a tick later. From 1.5 times the last mode on |K| is bounded, more tightly beyond `trusted_to`: modes that
+are not in the dynamics are not excited, and the noise of the sensor does not move the hysteresis of the model.
 """
 
+import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -31,31 +31,34 @@ from truestroke.base import checks
 from truestroke.base.display import Displayed, Rows, quantity
 from truestroke.base.typing import ComplexArray, FloatArray
 from truestroke.base.verdict import Level, Verdict
+from truestroke.control import loop_shaping
 from truestroke.model.dynamics import SEEN, Dynamics
 
-LINES = 6  # of hum, at most: TS_FEEDBACKS of the kernel less three
-ALWAYS = 3  # filters: integrator, lag, biquad; those of hum follow
+LINES = 6  # of hum, at most: TS_FEEDBACKS of the kernel less those of `POLES`
 ANY = 1e9  # a gain margin that has no end: finite, so that it can be written to any file
 MOST = 0.1  # of the stroke: of the sum of the bank
 PEAK = 2.0  # of |S|, at most, for all gains and resonances below
 RESERVED = 0.85  # of it, for the choice beside hum: the rest is for the resonators
+SPARE = 0.96  # of it, for the search: between the frequencies and the resonances of its grid
 GAINS = 0.7, 1.3  # of the loop, over what the dynamics say: slopes of the hysteresis that are not yet learned
-RESONANCES = 0.95, 1.0, 1.05  # over what the dynamics say
-CLOSER = (0.95, 0.965, 0.98, 0.99, 1.0, 1.01, 1.02, 1.035, 1.05)  # the same, for the choice
-HARMONICS = 1e-4  # of the stroke: amplitude of an unknown disturbance at the resonance
-LOAD, LOAD_FREQUENCY = 0.005, 10.0  # of the stroke, Hz: a load
-CROSSOVERS = 180.0 * 0.8 ** np.arange(18.0)  # Hz: of the integrator by itself
-LEAK = 0.01  # of the crossover: corner of the integrator
-LAG, LAG_LEAK = 0.1, 0.03  # of the crossover: corner below which the lag adds to it, and its own
+RESONANCES = (0.95, 0.965, 0.98, 0.99, 1.0, 1.01, 1.02, 1.035, 1.05)  # over what the dynamics say
+LATE = (1.0,)  # with which of them a measurement also comes a tick later than the dynamics say
+CLOSER = (0.95, 0.957, 0.965, 0.972, 0.98, 0.985, 0.99, 0.995, 1.0, 1.005, 1.01, 1.015, 1.02, 1.028, 1.035, 1.043, 1.05)
+LOAD = 0.16  # of the stroke in a second: standard deviation of a load that moves at random
+SLOWEST_LOAD = 0.2  # Hz: a slower one is no larger
+BANDWIDTH = 3.0  # Hz: with less there is no feedback; the law learns what is as slow
 HUM_GAIN = 30.0  # of a resonator at its line, over that of the loop without it
 HUM_WIDTHS = 0.05, 0.025  # of the line: half the bandwidth of its closed loop; mains are within 0.4 %
 HARMONICS_OF_HUM = 3
 
-POLES = (1.0, 0.5), (1.0, 1.0), (2.5, 0.7)  # of the biquad: frequency over the first mode's, and damping
-SLOPES = -1.5, -1.0, -0.5, 0.0, 0.5  # gain of the biquad at 0 Hz, in crossovers per resonance
-LOUDEST = 1.0  # |K| at half of the sample rate: the noise of the sensor moves the hysteresis, too
-DAMPED = 0.5 * 2.0 ** np.arange(8.0)  # |L(f0)| of the active damping
-TURNED = -30.0, 0.0, 30.0  # deg: its angle
+POLES = (0.003, 1.0), (0.03, 1.0), (0.3, 0.7), (0.8, 0.4), (1.3, 0.3), (2.5, 0.7), (6.0, 0.7)  # frequency, damping:
+FASTEST = 0.2  # ... over the first resonance, or over this divided by the delay of the loop, where that is less
+BEYOND = 1.5  # times the last known mode: from there on the stage may have modes that are not in the dynamics
+LOUDEST = (
+    2.0,
+    0.4,
+)  # |K| from there on, up to and beyond the frequency up to which the dynamics are trusted: further modes
+# of 0.5 and 3 % of the travel with a damping of 0.01 are not excited
 
 Biquad = tuple[float, float, float, float, float]
 
@@ -98,7 +101,7 @@ class Feedback(Displayed):
     >>> stage = Dynamics(sample_rate=10000.0, modes=(Mode(frequency=700.0, damping=0.01),), dead_time=1e-4)
     >>> found = design(stage, stroke=20.0)
     >>> len(found.filters), found.sensitivity_peak < 2, found.verdict.level
-    (3, True, 'good')
+    (7, True, 'good')
     """
 
     sample_rate: float
@@ -225,15 +228,36 @@ def design(
     stroke = checks.sized("stroke", stroke, "um")
     noise = 1e-3 * stroke if noise is None else checks.within("noise", noise, 0.0, stroke, "um")
     lines = lines_of(hum, dynamics.sample_rate)
-    rough, fine = _plants(dynamics, latency, RESONANCES, (), 60), _plants(dynamics, latency, CLOSER, lines, 150)
-    peak = RESERVED * PEAK if lines else PEAK
-    filters = _best(dynamics, latency, (rough, fine), peak, noise, stroke)
+    seen = replace(dynamics, uncertainty={})
+    return _designed(_Hashable(seen), latency, stroke, noise, lines)
+
+
+class _Hashable:
+    """Dynamics by their numbers: equal ones have one design."""
+
+    def __init__(self, dynamics: Dynamics) -> None:
+        self.dynamics = dynamics
+
+    def __hash__(self) -> int:
+        return hash((self.dynamics.modes, self.dynamics.sample_rate, self.dynamics.dead_time))
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Hashable) and self.dynamics == other.dynamics
+
+
+@functools.lru_cache(maxsize=64)
+def _designed(known: _Hashable, latency: int, stroke: float, noise: float, lines: tuple[float, ...]) -> Feedback:
+    dynamics = known.dynamics
+    plants = _plants(dynamics, latency, lines)
+    filters = _shaped(dynamics, latency, plants, RESERVED * PEAK if lines else PEAK, noise, stroke)
     empty = Feedback(sample_rate=dynamics.sample_rate, latency=latency)
-    if not filters:
+    bank = replace(empty, filters=tuple(filters), most=MOST * stroke)
+    stated = _plants(dynamics, latency, lines, CLOSER, 300)
+    if not filters or _with_margins(bank, dynamics, stated).bandwidth_hz < BANDWIDTH:
         return replace(empty, reasons=(_refusal(dynamics, latency),))
-    filters, heard, reasons = _with_resonators(filters, dynamics, latency, fine, lines)
-    bank = replace(empty, filters=tuple(filters), most=MOST * stroke, hum=tuple(heard), reasons=tuple(reasons))
-    return _with_margins(bank, dynamics, fine)
+    filters, heard, reasons = _with_resonators(filters, dynamics, latency, plants, lines)
+    bank = replace(bank, filters=tuple(filters), hum=tuple(heard), reasons=tuple(reasons))
+    return _with_margins(bank, dynamics, stated)
 
 
 # ---- The loop on its grid --------------------------------------------------------------------------------------------
@@ -248,12 +272,15 @@ class _Plants(NamedTuple):
     nominal: int  # which of them is that of the dynamics
 
 
-def _plants(dynamics: Dynamics, latency: int, factors: Sequence[float], lines: Sequence[float], points: int) -> _Plants:
+def _plants(
+    dynamics: Dynamics, latency: int, lines: Sequence[float], factors: Sequence[float] = RESONANCES, points: int = 150
+) -> _Plants:
     rate, f, G = dynamics.sample_rate, [], []
-    for factor in factors:
+    cases = [*((factor, 0) for factor in factors), *((factor, 1) for factor in LATE)]
+    for factor, later in cases:
         moved = _moved(dynamics, factor)
         f.append(grid(moved, lines, points))
-        G.append(moved.response(f[-1], sensor=True))
+        G.append(moved.response(f[-1], sensor=True) * np.exp(-2j * math.pi * f[-1] / rate * later))
     frequency = np.array(f)
     q = np.exp(-2j * math.pi * frequency / rate)
     return _Plants(frequency, q, np.array(G) * q ** (1 + latency), factors.index(1.0))
@@ -282,13 +309,6 @@ def _biquad(coefficients: Sequence[float] | FloatArray, q: ComplexArray) -> Comp
     return np.asarray((b0 + (b1 + b2 * q) * q) / (1 + (a1 + a2 * q) * q))
 
 
-def _stable(L: ComplexArray) -> npt.NDArray[np.bool_]:
-    """Whether 1 + L does not turn around 0 between 0 Hz and half of the sample rate, along the last axis (Nyquist)."""
-    distance = 1 + L
-    turned = np.angle(distance[..., 1:] / distance[..., :-1]).sum(axis=-1) + np.angle(distance[..., 0])
-    return np.asarray(np.abs(turned) < 1.0)
-
-
 def _nearest(L: ComplexArray) -> FloatArray:
     """Least |1 + g L| over the gains g of `GAINS`."""
     gain = np.clip(-L.real / np.maximum(np.abs(L) ** 2, 1e-30), *GAINS)
@@ -297,7 +317,7 @@ def _nearest(L: ComplexArray) -> FloatArray:
 
 def _holds(L: ComplexArray, peak: float = PEAK) -> npt.NDArray[np.bool_]:
     """Whether the loop is stable, with |S| below `peak`, for all gains and resonances: over the last two axes."""
-    return np.asarray((_nearest(L).min(axis=(-2, -1)) > 1 / peak) & _stable(L).all(axis=-1))
+    return np.asarray((_nearest(L).min(axis=(-2, -1)) > 1 / peak) & loop_shaping.stable(L).all(axis=-1))
 
 
 def _noise_gain(T: ComplexArray, frequency: FloatArray) -> FloatArray:
@@ -306,86 +326,80 @@ def _noise_gain(T: ComplexArray, frequency: FloatArray) -> FloatArray:
     return np.asarray(np.sqrt(np.trapezoid(power, frequency, axis=-1) / frequency[..., -1]))
 
 
-# ---- Integrator and active damping -----------------------------------------------------------------------------------
+# ---- Filters with fixed poles ----------------------------------------------------------------------------------------
 
 
 def _poles(frequency: float, damping: float, rate: float) -> tuple[float, float]:
-    """a1, a2 of 1 + a1 q^-1 + a2 q^-2, with the poles of s^2 + 2 damping w s + w^2, damping at most 1."""
+    """a1, a2 of 1 + a1 q^-1 + a2 q^-2, with the poles of s^2 + 2 damping w s + w^2; for a damping of 1 one at -w."""
     w = 2 * math.pi * frequency / rate
+    if damping == 1.0:
+        return -math.exp(-w), 0.0
     radius = math.exp(-damping * w)
     return -2 * radius * math.cos(w * math.sqrt(1 - damping**2)), radius**2
 
 
-def _slow(crossover: float, rate: float) -> tuple[Biquad, Biquad]:
-    """The integrator, and the lag: w/(1 - a q) (1 + LAG w/(1 - b q)) in partial fractions."""
-    w = 2 * math.pi * crossover / rate
-    a, b = math.exp(-LEAK * w), math.exp(-LAG_LEAK * w)
-    share = LAG * w / (a - b)
-    return (w * (1 + share * a), 0.0, 0.0, -a, 0.0), (-w * share * b, 0.0, 0.0, -b, 0.0)
+def _fixed(dynamics: Dynamics, latency: int) -> list[tuple[float, float, float]]:
+    """a1, a2 and the static gain 1 / (1 + a1 + a2) of each filter of the bank."""
+    rate, lag = dynamics.sample_rate, dynamics.amplifier_bandwidth
+    delay = (1.5 + latency) / rate + dynamics.dead_time + dynamics.sensor_delay
+    delay += sum(1 / (2 * math.pi * corner) for corner in (lag, dynamics.sensor_bandwidth) if corner)
+    unit = min(dynamics.modes[0].frequency, FASTEST / delay)
+    found = [_poles(min(factor * unit, 0.4 * rate), damping, rate) for factor, damping in POLES]
+    return [(a1, a2, 1 / (1 + a1 + a2)) for a1, a2 in found]
+
+
+def _parts(fixed: Sequence[tuple[float, float, float]], q: ComplexArray) -> ComplexArray:
+    """Each filter with a numerator of 1, and of q^-1 and q^-2 where it has two poles: along a new last axis."""
+    each = []
+    for a1, a2, gain in fixed:
+        one = 1 / (gain * (1 + (a1 + a2 * q) * q))
+        each += [one, one * q, one * q * q] if a2 else [one]
+    return np.stack(each, axis=-1)
+
+
+def _filters(fixed: Sequence[tuple[float, float, float]], x: FloatArray) -> list[Biquad]:
+    """With numerators x, in the order of `_parts`."""
+    found, at = [], 0
+    for a1, a2, gain in fixed:
+        count = 3 if a2 else 1
+        b0, b1, b2 = np.append(x[at : at + count] / gain, np.zeros(3 - count)).tolist()
+        found.append((b0, b1, b2, a1, a2))
+        at += count
+    return found
+
+
+def _shaped(
+    dynamics: Dynamics, latency: int, plants: _Plants, peak: float, noise: float, stroke: float
+) -> list[Biquad]:
+    """The filters that reduce loads most, with |S| below `peak`; none where that is not so."""
+    fixed, rate = _fixed(dynamics, latency), dynamics.sample_rate
+    band = np.gradient(plants.frequency, axis=-1)  # Hz, that each frequency stands for
+    w = 2 * math.pi * np.maximum(plants.frequency, SLOWEST_LOAD)
+    each = zip((*RESONANCES, *LATE), plants.frequency, strict=True)
+    modes = np.array([abs(_modes(_moved(dynamics, factor), f)) for factor, f in each])
+    unknown = np.geomspace(min(BEYOND * dynamics.modes[-1].frequency, 0.4 * rate), rate / 2, 80)
+    problem = loop_shaping.Problem(
+        plants=plants.response,
+        filters=_parts(fixed, plants.q),
+        load=LOAD * stroke * modes * np.sqrt(2 * band) / w,
+        noise=noise * np.sqrt(band[plants.nominal] / (rate / 2)),
+        nominal=plants.nominal,
+        gains=GAINS,
+        peak=SPARE * peak,
+        unknown=_parts(fixed, np.exp(-2j * math.pi * unknown / rate)),
+        loudest=np.where(unknown < dynamics.trusted_to, *LOUDEST),
+    )
+    filters = _filters(fixed, loop_shaping.shape(problem))
+    return filters if _holds(_response(filters, plants.q) * plants.response, peak) else []
+
+
+def _modes(dynamics: Dynamics, f: FloatArray) -> ComplexArray:
+    """What the modes make of a load, at f, Hz."""
+    return np.asarray(sum(mode.response(2j * math.pi * f) for mode in dynamics.modes))
 
 
 def _response(filters: Sequence[Biquad], q: ComplexArray) -> ComplexArray:
     return np.asarray(sum((_biquad(one, q) for one in filters), start=np.zeros_like(q)))
-
-
-def _candidates(dynamics: Dynamics, latency: int, crossover: float) -> FloatArray:
-    """Biquads beside integrator and lag: shape (candidates, 5)."""
-    rate, f0 = dynamics.sample_rate, dynamics.modes[0].frequency
-    q = np.exp(-2j * math.pi * f0 / rate)
-    response = complex(dynamics.response(f0, sensor=True) * q ** (1 + latency))
-    integral = complex(_response(_slow(crossover, rate), q))
-    angles = np.exp(1j * np.radians(TURNED))
-    damped = np.append(np.outer(DAMPED, angles).ravel(), 0.0) / response - integral
-    slopes = np.array(SLOPES) * crossover / f0
-    found = []
-    for factor, damping in POLES:
-        a1, a2 = _poles(min(factor * f0, SEEN * rate), damping, rate)
-        there = damped * (1 + a1 * q + a2 * q * q)
-        still = slopes * (1 + a1 + a2)
-        equations = [[1.0, q.real, (q * q).real], [0.0, q.imag, (q * q).imag], [1.0, 1.0, 1.0]]
-        wanted = [np.repeat(there.real, still.size), np.repeat(there.imag, still.size), np.tile(still, there.size)]
-        b = np.linalg.solve(equations, wanted).T
-        found.append(np.column_stack([b, np.full(len(b), a1), np.full(len(b), a2)]))
-    return np.concatenate(found)
-
-
-def _best(
-    dynamics: Dynamics, latency: int, plants: tuple[_Plants, _Plants], peak: float, noise: float, stroke: float
-) -> list[Biquad]:
-    """Integrator, lag and biquad with the least cost among those with |S| below `peak`; none where none are."""
-    rough, fine = plants
-    rate, n = dynamics.sample_rate, rough.nominal
-    best: list[Biquad] = []
-    least = math.inf
-    k = int(np.searchsorted(rough.frequency[n], min(LOAD_FREQUENCY, 0.02 * dynamics.modes[0].frequency)))
-    for crossover in (float(c) for c in CROSSOVERS if c < dynamics.modes[0].frequency):
-        slow = _slow(crossover, rate)
-        candidates = _candidates(dynamics, latency, crossover)
-        # what loads alone cost: most of the lower crossovers need no more
-        K = _biquad(candidates.T[..., None], rough.q[n, k : k + 1]) + _response(slow, rough.q[n, k : k + 1])
-        candidates = candidates[LOAD * stroke / np.abs(1 + K * rough.response[n, k])[:, 0] < least]
-        candidates = candidates[np.abs(_biquad(candidates.T, np.full(1, -1.0 + 0j))) < LOUDEST]
-        K = _biquad(candidates.T[..., None, None], rough.q) + _response(slow, rough.q)
-        L = K * rough.response
-        good = _holds(L, peak)
-        L, candidates = L[good], candidates[good]
-        S = 1 / (1 + L)
-        ringing = np.abs(S * rough.response).max(axis=(-2, -1))
-        heard = _noise_gain((L * S)[:, n], rough.frequency[n])
-        cost = np.hypot(noise * heard, HARMONICS * stroke * ringing)
-        cost = np.hypot(cost, LOAD * stroke * np.abs(S[:, n, k]))
-        for i in np.argsort(cost):
-            if cost[i] >= least:
-                break
-            filters = [*slow, _plain(candidates[i])]
-            if _holds(_response(filters, fine.q) * fine.response, peak):
-                best, least = filters, float(cost[i])
-    return best
-
-
-def _plain(coefficients: FloatArray) -> Biquad:
-    b0, b1, b2, a1, a2 = map(float, coefficients)
-    return b0, b1, b2, a1, a2
 
 
 def _refusal(dynamics: Dynamics, latency: int) -> str:
@@ -393,8 +407,8 @@ def _refusal(dynamics: Dynamics, latency: int) -> str:
     late = latency + 1 + (dynamics.dead_time + dynamics.sensor_delay) * rate
     return (
         f"There is no feedback: a measurement moves the stage {late:.3g} ticks later, {late * f0 / rate:.2g} periods "
-        f"of the resonance. No bank above {CROSSOVERS[-1]:.2g} Hz keeps |S| below {PEAK:g} for gains of {GAINS[0]:g} "
-        f"to {GAINS[1]:g} and a resonance that is 5 % wrong: raise the sample rate, or shorten the latency."
+        f"of the resonance. No bank with a bandwidth of {BANDWIDTH:g} Hz keeps |S| below {PEAK:g} for gains "
+        f"of {GAINS[0]:g} to {GAINS[1]:g} and a resonance 5 % wrong: raise the sample rate, or shorten the latency."
     )
 
 
@@ -449,17 +463,25 @@ def _with_margins(bank: Feedback, dynamics: Dynamics, plants: _Plants) -> Feedba
     L = sum(_biquad(one, plants.q) for one in bank.filters) * plants.response
     f, nominal = plants.frequency[plants.nominal], L[plants.nominal]
     S = np.abs(1 / (1 + nominal))
-    above = np.flatnonzero(S**2 > 0.5)
     gain, phase = margins(nominal)
     return replace(
         bank,
-        damping=float(abs(1 + replace(bank, filters=bank.filters[:ALWAYS]).open_loop(dynamics, f0))),
+        damping=float(abs(1 + replace(bank, filters=bank.filters[: len(POLES)]).open_loop(dynamics, f0))),
         gain_margin=gain,
         phase_margin=phase,
         sensitivity_peak=float(1 / _nearest(L).min()),
-        bandwidth_hz=float(f[above[0]]) if above.size else float(f[-1]),
+        bandwidth_hz=_bandwidth(f, S),
         noise_gain=float(_noise_gain(nominal / (1 + nominal), f)),
     )
+
+
+def _bandwidth(f: FloatArray, S: FloatArray) -> float:
+    """Frequency, Hz, at which |S| first is 0.71; 0 where it begins there."""
+    above = np.flatnonzero(S**2 > 0.5)
+    if not above.size:
+        return float(f[-1])
+    i = int(above[0])
+    return float(np.interp(0.5**0.5, S[i - 1 : i + 1], f[i - 1 : i + 1])) if i else 0.0
 
 
 def margins(L: ComplexArray) -> tuple[float, float]:

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from truestroke.control.actuator import ActuatorModel
 
 COVERED = 1.96  # standard deviations: 95 %
+CREEP = 0.01  # of the stroke in each decade of time: 0.01 to 0.02 in stacks (Jung and Gweon 2000)
 POINTS = 4000  # at most, at which the part of the weights is computed; straight lines between them
 
 
@@ -37,6 +38,13 @@ def of_weights(
     return np.asarray(np.interp(np.arange(volts.size) - late, places, np.einsum("ki,ij,kj->k", J, P, J)))
 
 
+def of_motion(model: ActuatorModel, volts: FloatArray, sample_rate: float) -> FloatArray:
+    """Variance of the prediction error whatever the time, um^2: J P J' + noise^2 + (jitter v)^2, shape (samples,)."""
+    v = central_difference(model.strain(volts, sample_rate), sample_rate) if model.jitter else 0.0
+    weights = of_weights(model, volts, sample_rate, model.covariance)
+    return np.asarray(weights + model.noise**2 + (model.jitter * v) ** 2)
+
+
 def _derivative(model: ActuatorModel, x: FloatArray, fs: float, every: int) -> FloatArray:
     """J at every `every`-th sample, before delay, lag and stage."""
     z = model.strain(x, fs)
@@ -51,7 +59,24 @@ def _derivative(model: ActuatorModel, x: FloatArray, fs: float, every: int) -> F
     return np.asarray(J / np.maximum(slope, 0.1)[:, None])
 
 
+def half_width(model: ActuatorModel, motion: FloatArray, zero: FloatArray) -> FloatArray:
+    """Of the 95 % interval, um, of the variances of the motion and of the zero, um^2.
+
+    The factor is that of cross-validation; of the zero, of which a record shows one way, it is 1.96 at least.
+    """
+    k = model.coverage_factor
+    return np.asarray(np.sqrt(k**2 * motion + max(k, COVERED) ** 2 * zero))
+
+
 def of_zero(model: ActuatorModel, time: FloatArray) -> FloatArray:
-    """Variance of the zero, um^2, at times after the end of the record, s: walk^2 t + (drift t)^2."""
+    """Variance of the zero, um^2, at times after the end of the record, s: walk^2 t + (drift t)^2 + creep^2.
+
+    Creep that is slower than the record is not in the model. It goes on with the logarithm of the time: `CREEP` of the
+    stroke in each tenfold of the record's duration, or as far as the model's own largest creep state.
+    """
     t = np.maximum(time, 0.0)
-    return np.asarray(model.walk**2 * t + (model.drift * t) ** 2)
+    decades = np.log10(np.maximum(t / model.duration, 1.0)) if model.duration else 0.0
+    low, high = model.voltage_range
+    own = float(np.abs(model.weights[model.columns["creep"]]).max(initial=0.0)) * (high - low)
+    creep = max(CREEP * model.stroke, own)
+    return np.asarray(model.walk**2 * t + (model.drift * t) ** 2 + (creep * decades) ** 2)

@@ -197,7 +197,7 @@ class IterativeLearning(Displayed):
         self.bandwidth = self._band(bandwidth)
         self._learned = (self._frequency <= self.bandwidth) & (np.arange(self._frequency.size) % self.periods == 0)
         self.desired = _nearest(wave, counts, self._learned)
-        self._G, self._sensor, self._variance = _response(dynamics, self._frequency, self.sample_rate, self.gain)
+        self._G, self._sensor, self._variance = response_of(dynamics, self._frequency, self.sample_rate, self.gain)
         self._D = self._sensor * np.fft.rfft(self.desired)
         self._last: Spectra | None = None
         self._weighted, self._information = 1 / self._variance + 0j, 1 / self._variance
@@ -449,11 +449,14 @@ class Learned(Displayed):
         Goes on where they end.
     zero : float
         Reading of a sensor that was not zeroed, um, subtracted from all measurements; 0 of one that was.
+    records : tuple of (ndarray, ndarray)
+        Voltage, V, and measurement, um, of the first and the last two passes, periods that count: for a model.
     """
 
     passes: tuple[Pass, ...]
     learning: IterativeLearning
     zero: float = 0.0
+    records: tuple[tuple[FloatArray, FloatArray], ...] = ()
 
     @property
     def best(self) -> Pass:
@@ -599,7 +602,7 @@ def _nearest(wave: FloatArray, counts: BoolArray, learned: BoolArray) -> FloatAr
 # ---- What is known beforehand --------------------------------------------------------------------------------------
 
 
-def _response(
+def response_of(
     dynamics: Dynamics | None, f: FloatArray, rate: float, gain: float
 ) -> tuple[ComplexArray, ComplexArray, FloatArray]:
     """From V to the measurement, um/V; from displacement to measurement; variance of the ratio of true to given."""

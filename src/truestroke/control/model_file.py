@@ -34,9 +34,17 @@ KEYS = {
     "noise_um": "noise",
     "walk_um_per_root_s": "walk",
     "drift_um_per_s": "drift",
+    "jitter_s": "jitter",
+    "coverage_factor": "coverage_factor",
 }
 """Keys of the file's table [model], and the members of `ActuatorModel` that they hold."""
-SINCE = {"time_constant_s": 0.0, "walk_um_per_root_s": 0.0, "drift_um_per_s": 0.0}
+SINCE = {
+    "time_constant_s": 0.0,
+    "walk_um_per_root_s": 0.0,
+    "drift_um_per_s": 0.0,
+    "jitter_s": 0.0,
+    "coverage_factor": 1.96,
+}
 """Keys that files of an earlier version do not have, and what they had."""
 OLD = {"rated": "rate_dependent", "bends": "asymmetry", "figures": "metrics"}
 """Keys and tables of files of an earlier version, which also named the weights of the asymmetry `bend 1`, `bend 2`."""

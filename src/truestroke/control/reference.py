@@ -6,6 +6,7 @@ some hundred times slower: `AdaptiveController` is for the loop.
 
 import copy
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any
 
@@ -19,6 +20,7 @@ from truestroke.control.adaptation import LARGEST, RLS, BoundedKalman, Filtering
 from truestroke.control.controller import Counters, controller_rows
 from truestroke.control.guard import Action, Guard, GuardSettings
 from truestroke.control.oscillation import OscillationDetector, OscillationSettings
+from truestroke.control.resonance import SHOWN, ResonanceEstimator, shown
 from truestroke.control.sensor import Sensor
 from truestroke.control.settings import CHANGEABLE, SETTINGS, ControllerSettings, kernel_settings
 from truestroke.control.stage import Stage, found, strain_of
@@ -38,7 +40,7 @@ HISTORY = 64
 
 LOWER = 0.7  # factor of the filter's corner where it was not low enough
 NOT_BELOW = 0.2  # of the known resonance: a slower error is that of the motion
-FEEDBACKS = 9  # filters at most: TS_FEEDBACKS of the kernel
+FEEDBACKS = 13  # filters at most: TS_FEEDBACKS of the kernel
 ALARMS = 0.1  # s: over which the rate of sudden changes is taken,
 PAUSE = 100.0  # 1/s: from which on the feedback pauses,
 RESUME = 20.0  # 1/s: and below which it continues;
@@ -53,6 +55,10 @@ IN_MOTION = 0.05  # of the smallest slope: that of the inverse, of weights that 
 FOUND = 0.2  # relative standard deviation of the inertia of a resonance that an oscillation has
 FOUND_FILTER = 0.6  # of a stage that was found by its oscillation: corner of the law's filter over its resonance,
 FOUND_LAG, FOUND_INERTIA = 0.1, 0.05  # deviations of what its lag and inertia miss, over 1 / w0 and 1 / w0^2
+CERTAIN = 0.02  # relative deviation of a resonance that is put into the model
+MOVED = 0.015  # of the resonance of the model: one that is known and differs by so much replaces it
+SLOWEST = 0.025  # of the resonance: a slower motion does not need it
+NOISY = 9  # times the variance of a measurement: nor does a smaller error
 AS_GOOD_AS_NONE = 1e-6  # of the prior's variance: of a weight that stays
 
 BEYOND = 10
@@ -150,6 +156,16 @@ def _bounded(argument: str, value: float, unit: str) -> float:
     return min(max(checks.number(argument, value, unit), -LARGEST), LARGEST)
 
 
+def _others(values: Sequence[float] | None, axes: int) -> tuple[tuple[float, float, float], ...]:
+    """Displacement, velocity and acceleration of each other axis; () where they are not known."""
+    if values is None:
+        return ()
+    if len(values) != 3 * axes:
+        raise checks.wrong_others(values, axes)
+    bounded = [_bounded("others", value, "um, um/s, um/s^2") for value in values]
+    return tuple((bounded[3 * i], bounded[3 * i + 1], bounded[3 * i + 2]) for i in range(axes))
+
+
 class ReferenceController(Displayed):
     """`AdaptiveController` in NumPy, with any law.
 
@@ -239,6 +255,7 @@ class ReferenceController(Displayed):
 
         self._oscillating = False
         self._ringing = _Ringing()
+        self._estimator, self._shown, self._rate = ResonanceEstimator(), np.zeros(SHOWN), 0.0
         self._stage = _Stage(OscillationDetector(self._oscillation), self.law.weights, self.law.weights)
         self._forget_stage()
         self._begin_guard()
@@ -303,10 +320,18 @@ class ReferenceController(Displayed):
 
     # ---- The two calls ----------------------------------------------------------------------------------------------
 
-    def command(self, z_d: float, zdot_d: float, zddot_d: float | None = None, strain_d: float | None = None) -> float:
+    def command(
+        self,
+        z_d: float,
+        zdot_d: float,
+        zddot_d: float | None = None,
+        strain_d: float | None = None,
+        others: Sequence[float] | None = None,
+    ) -> float:
         """Voltage, V, for the desired displacement z_d, um, and velocity zdot_d, um/s; the play states advance.
 
-        zddot_d, um/s^2, and strain_d, um, of `AdaptiveController.strain` are used where they are known.
+        zddot_d, um/s^2, and strain_d, um, of `AdaptiveController.strain` are used where they are known, and so are
+        `others`: displacement, velocity and acceleration of each other axis, um, um/s, um/s^2.
 
         Raises
         ------
@@ -316,12 +341,13 @@ class ReferenceController(Displayed):
         z_d, zdot_d = _bounded("z_d", z_d, "um"), _bounded("zdot_d", zdot_d, "um/s")
         zddot_d = None if zddot_d is None else _bounded("zddot_d", zddot_d, "um/s^2")
         strain_d = None if strain_d is None else _bounded("strain_d", strain_d, "um")
+        moving = _others(others, self.settings.other_axes)
         if self.counters["commands"] - self._measured_ticks >= self._waits:
             self._pass_over()  # a measurement of it would be too late now
         self._see_creep(self._now)
         zddot_d = self._acceleration(zdot_d) if zddot_d is None else zddot_d
         ahead = self._ahead(zdot_d, zddot_d) if strain_d is None else strain_d - z_d
-        motion = Motion(z_d, zdot_d, zddot_d, ahead)
+        motion = Motion(z_d, zdot_d, zddot_d, ahead, moving)
         y_d = self._wanted_of_plays(motion)  # (11)
         self._slopes, self._projected = self._rate_dependent_slopes(zdot_d)  # (7)
         x = self._within_limits(play_inverse(y_d, self._slopes, self._r, self._now.play))  # (12)
@@ -329,10 +355,12 @@ class ReferenceController(Displayed):
         self._bumpless *= self._stage.smoothing
         self._fastest = max(self._fastest, min(abs(zdot_d), self.settings.velocity_limit))
         self._last = _Command(x, motion, self._saturated or self._slewed)
-        if self._path is not None:
-            self._path.strain[self.counters["commands"]] = self._sum_of_plays() + self._known(motion)
-        elif self._stage.rest > 0:
-            self._stage.strain[self.counters["commands"]] = self._sum_of_plays() + self._known(motion)
+        if self._filtering is not None:
+            tick = self.counters["commands"]
+            self._stage.strain[tick] = self._sum_of_plays() + self._known(motion)
+            self._stage.strain.pop(tick - HISTORY, None)
+            if self._path is not None:
+                self._path.strain[tick] = self._stage.strain[tick]
         self._waiting[self.counters["commands"]] = self._last
         self._count(commands=True, saturated=self._saturated, projected=self._projected, slewed=self._slewed)
         return x
@@ -385,12 +413,13 @@ class ReferenceController(Displayed):
         if used and (not limited or beyond):
             self._integral -= self._c["trim"] * error
         self._feed_back(-error if used and (not limited or beyond) else 0.0)  # no wind-up at a limit
-        if used and self._stage.rest > 0:
+        if used and path is None:
             self._stage.z = z, self._stage.z[0]
         if not used:
             self._stage.detector.miss(error)
         elif path is None:
             self._watch_stage(error, motion.zdot_d, limited)
+        self._watch_resonance(z, error, motion.zdot_d, path)
         low, high = self.settings.voltage_limits
         self._watch_learning(error, motion.z_d, used and (low < command.x < high or beyond))
         return used
@@ -497,6 +526,7 @@ class ReferenceController(Displayed):
 
     def _pass_over(self) -> None:
         """A tick for which no measurement came."""
+        self._estimator.ticks = 0  # its window begins anew
         law, learn = self._filtering, not self._waiting[self._lagged.ticks].limited
         if self._path is not None:
             self._learn_staged(self._path, self._path.expected(), 0.0, measured=False, learn=learn)
@@ -704,7 +734,7 @@ class ReferenceController(Displayed):
             law.reset_covariance()
         self._adopt_resonance(law, frequency, LOWER * law.filter if stage.detector.found else 1.0)
         self._keep_command()
-        stage.rest, stage.since, stage.strain = 1 + REST_PERIODS / frequency, self.counters["commands"], {}
+        stage.rest, stage.since = 1 + REST_PERIODS / frequency, self.counters["commands"]
         stage.detector.regular, stage.detector.found = 0, True
         self._count(oscillating=True)
 
@@ -716,21 +746,24 @@ class ReferenceController(Displayed):
         self._adopt_resonance(law, frequency, law.filter if self.counters["oscillating"] > 1 else 1.0)
         kept = self._lagged.ticks >= self._stage.since + 4
         if kept and not (self._stage.failed or self._sensor.late):
-            self._adopt_stage(law, frequency)
+            peak = self._stage.detector.peaks[0]
+            self._adopt_stage(law, frequency, peak * peak)
 
-    def _adopt_stage(self, law: FilteringLaw, frequency: float) -> None:
-        """From now on the stage is between hysteresis and sensor; what rings on counts as noise for a while.
+    def _adopt_stage(self, law: FilteringLaw, frequency: float, caution: float) -> None:
+        """From now on the stage is between hysteresis and sensor; caution: what counts as noise for a while, um^2.
 
         Lag and inertia are in it, but for what it misses, and so is what the rate weights have learned.
         """
-        s, stage, tick = self.settings, self._stage, self._oscillation.tick
+        s, stage, tick, before = self.settings, self._stage, self._oscillation.tick, self._path
         self._path = Stage(found(frequency, tick), s.parameters)
-        self._path.go_on(self._lagged.ticks, stage.strain, stage.z)
-        stage.strain = {}
+        if before is None:
+            self._path.go_on(self._lagged.ticks, dict(stage.strain), stage.z)
+        else:
+            self._path.go_on(before.ticks, before.strain, before.z)
         corner, time = 2 * math.pi * FOUND_FILTER * frequency, tick / (2 * math.pi * frequency)
         law.filter = corner / (1 + corner)
-        law.disturbance, law.caution = 0.0, stage.detector.peaks[0] * stage.detector.peaks[0]
-        stage.smoothing, stage.inertia = self._c["smoothing"], 0.0
+        law.disturbance, law.caution = 0.0, caution
+        stage.smoothing, stage.inertia = max(self._c["smoothing"], 1 / (1 + frequency)), 0.0
         lag, inertia = FOUND_LAG * time, FOUND_INERTIA * (time * time)
         places = {s.columns["lag"].start: lag * lag} if s.lag else {}
         places |= {s.columns["inertia"].start: inertia * inertia} if s.inertia else {}
@@ -748,7 +781,8 @@ class ReferenceController(Displayed):
         """It was not that: the resonance alone is known, as before."""
         if self._path is None or self._c["dynamics.known"]:
             return
-        self._path, self._stage.failed = None, True
+        self._stage.z = self._path.z
+        self._path, self._stage.failed, self._estimator.windows = None, True, 0
         self._adopt_resonance(law, self._stage.resonance, 1.0)
 
     def _count_ringing(self, law: FilteringLaw) -> None:
@@ -772,8 +806,7 @@ class ReferenceController(Displayed):
         law, stage, detector = self._filtering, self._stage, self._stage.detector
         if law is None or not self._oscillation.tick > 0:
             return
-        noise = max(math.sqrt(max(law.sigma * law.sigma, 0.5 * law.ringing)), self._resolution)
-        found = detector.update(error, zdot_d, noise)
+        found = detector.update(error, zdot_d, self._noise(law))
         if limited:
             detector.sign = detector.regular = 0  # the law does not cause the error at a limit
         self._count_ringing(law)
@@ -794,6 +827,47 @@ class ReferenceController(Displayed):
             if stage.age > KEEP and detector.regular < 3:
                 stage.older, stage.newer, stage.age = stage.newer, law.weights, 0.0
         self._oscillating = stage.rest > 0
+
+    # ---- The resonance from what is measured anyway ------------------------------------------------------------------
+
+    def _matters(self) -> bool:
+        """Whether the stage is put into the model, or its resonance there replaced.
+
+        The motion is then fast enough, and the error larger than noise.
+        """
+        law, known, stage = self._filtering, self._estimator, self._stage
+        if law is None or self._c["resonance"] > 0 or self._held or stage.rest > 0 or self._kept.guard.held > 0:
+            return False
+        if self._sensor.late or self._lagged.ticks < 8:
+            return False
+        if known.windows < (4 if stage.failed else 2) or known.variance > CERTAIN * CERTAIN:
+            return False
+        if self._path is not None:
+            moved = known.known / stage.resonance - 1
+            return moved * moved > MOVED * MOVED and moved * moved > 4 * known.variance
+        noise = self._noise(law)
+        return known.motion > SLOWEST * known.known and known.power > NOISY * noise * noise
+
+    def _noise(self, law: FilteringLaw) -> float:
+        """Standard deviation of a measurement, um: as it is now, and no less than the sensor's steps."""
+        return max(math.sqrt(max(law.sigma * law.sigma, 0.5 * law.ringing)), self._resolution)
+
+    def _watch_resonance(self, z: float, error: float, zdot_d: float, path: Stage | None) -> None:
+        """One tick of the estimate: the plays of a tick before the measurement, which is about its dead time."""
+        law, tick = self._filtering, self._oscillation.tick
+        if law is None or not tick > 0 or self._c["dynamics.known"]:
+            return
+        now = shown(self._lagged.play)
+        before, self._shown = self._shown if path is None else now, now
+        known = self._estimator.update(tick, before, z, error, zdot_d, zdot_d - self._rate)
+        self._rate = zdot_d
+        if not known or not self._matters():
+            return
+        if self._path is None:  # what was learned without the stage is wrong, and so is how sure it is
+            law.weights = self._kept.first
+            law.reset_covariance()
+        self._stage.resonance = self._estimator.known
+        self._adopt_stage(law, self._estimator.known, 0.0)
 
     # ---- Never worse than not learning -------------------------------------------------------------------------------
 

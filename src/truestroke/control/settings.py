@@ -397,7 +397,8 @@ SETTINGS: declared.Table = {
     ),
     "initial_weights": Setting(
         "w(0) in place of `initial_sensitivity`, the mean of the prior: [a0, b0, a1, b1, ...] (b_i where play i is "
-        "rate-dependent), then creep (um/V), lag (s), offset (um) and asymmetry (um)", "um/V", _all_weights,
+        "rate-dependent), then creep (um/V), lag (s), inertia (s^2), offset (um), asymmetry (um) and coupling (um/um, "
+        "s, s^2)", "um/V", _all_weights,
         default_weights,
     ),
     "prior_covariance": Setting(
@@ -516,6 +517,7 @@ class ControllerSettings(Displayed, Layout):
     creep_times: tuple[float, ...] = (0.003, 0.03, 0.3, 3.0)
     inertia: bool = FOLLOWS
     asymmetry: int = 2
+    other_axes: int = 0
     dead_zone_thresholds: tuple[float, ...] = (0.0,)
     dead_zone_weights: tuple[float, ...] = (1.0,)
     rate_scale: float = FOLLOWS
@@ -565,6 +567,25 @@ class ControllerSettings(Displayed, Layout):
         if "hum" in given and self.change_threshold == default_change_threshold(self):
             follow |= {"change_threshold"}
         return dataclasses.replace(self, **{**dict.fromkeys(follow), **given})
+
+    def among(self, other_axes: int) -> ControllerSettings:
+        """These settings for an axis beside so many others, whose coupling is not known: its weights are 0.
+
+        Examples
+        --------
+        >>> s = ControllerSettings(sample_rate=2000.0, stroke=30.0, voltage_limits=(0.0, 10.0)).among(1)
+        >>> s.names[-3:], s.initial_weights[-3:]
+        (('coupling 1', 'coupling_lag 1', 'coupling_inertia 1'), (0.0, 0.0, 0.0))
+        """
+        alone = self.parameters - 3 * self.other_axes
+        taken = [TERMS[name].deviation for name in ("coupling", "coupling_lag", "coupling_inertia")]
+        deviations = np.repeat(taken, checks.count("other_axes", other_axes, 0, layout.MAX_OTHERS))
+        P0 = np.diag(np.concatenate([np.zeros(alone), np.square(deviations)]))
+        if self.law == "kalman":
+            P0[:alone, :alone] = np.array(self.prior_covariance)[:alone, :alone]
+        prior: Any = tuple(map(tuple, P0.tolist())) if self.law == "kalman" else None
+        weights = (*self.initial_weights[:alone], *[0.0] * deviations.size)
+        return dataclasses.replace(self, other_axes=other_axes, initial_weights=weights, prior_covariance=prior)
 
     def reach(self, volts: float) -> float:
         """How far from 0 an actuator under `volts` (V) may be, um.

@@ -15,6 +15,7 @@ With exact poles p of G(s), each exp(p T), the numerators follow from the exact 
 fitted to it, which is the same to 1e-9.
 """
 
+import functools
 import math
 from collections.abc import Sequence
 from typing import Any
@@ -23,7 +24,7 @@ import numpy as np
 
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import ComplexArray, FloatArray
-from truestroke.model.dynamics import Dynamics
+from truestroke.model.dynamics import Dynamics, Mode
 
 TAPS = 5  # TS_TAPS of the kernel
 DIRECT = 3  # of G beside its sections
@@ -340,19 +341,31 @@ def strain(dynamics: Dynamics, position: FloatArray) -> FloatArray:
 
 def _inverted(dynamics: Dynamics, position: FloatArray, bounds: tuple[float, float]) -> FloatArray:
     """`strain` with these bounds, first resonances."""
-    rate, first = dynamics.sample_rate, dynamics.modes[0].frequency
+    rate = dynamics.sample_rate
     quiet = round(QUIET * rate)
     size = 2 ** math.ceil(math.log2(position.size + 2 * quiet))
     extended = np.full(size, position[0])
     extended[quiet : quiet + position.size] = position
     extended[quiet + position.size :] = _way_back(position, size - quiet - position.size, rate)
+    inverse = _inverse(rate, dynamics.modes, dynamics.amplifier_bandwidth, dynamics.dead_time, size, bounds)
+    return np.fft.irfft(np.fft.rfft(extended) * inverse, size)[quiet : quiet + position.size]
+
+
+@functools.lru_cache(maxsize=4)  # of one motion and of those of the axes beside it
+def _inverse(
+    rate: float, modes: tuple[Mode, ...], bandwidth: float, dead_time: float, size: int, bounds: tuple[float, float]
+) -> ComplexArray:
+    """1 / G of these dynamics at the frequencies of so many ticks, 0 where it is left out."""
+    dynamics = Dynamics(sample_rate=rate, modes=modes, amplifier_bandwidth=bandwidth, dead_time=dead_time)
+    first = modes[0].frequency
     f = np.fft.rfftfreq(size, 1 / rate)
     low, high = (min(a * first, b * rate) for a, b in zip(bounds, VISIBLE, strict=True))
     passed = 0.5 + 0.5 * np.cos(math.pi * np.clip((f - low) / (high - low), 0.0, 1.0))
     inverse = np.zeros_like(passed, dtype=complex)
     inside = passed > 0
     inverse[inside] = passed[inside] / dynamics.response(f[inside])
-    return np.fft.irfft(np.fft.rfft(extended) * inverse, size)[quiet : quiet + position.size]
+    inverse.flags.writeable = False
+    return inverse
 
 
 def _way_back(position: FloatArray, ticks: int, rate: float) -> FloatArray:
@@ -404,6 +417,11 @@ class Stage:
         """After so many ticks, of which these are the last strains and the last two measurements, um: it rings on."""
         self.ticks, self.strain, self._z = ticks, strain, list(z)
         self._outputs = [[y - self._direct[0] * strain[ticks - 2 - i] for i, y in enumerate(z)]]
+
+    @property
+    def z(self) -> tuple[float, float]:
+        """The last two measurements, um, the newer first."""
+        return self._z[0], self._z[1]
 
     def expected(self) -> float:
         """G: the measurement that the model expects of the next tick, um. At rest before the first one."""

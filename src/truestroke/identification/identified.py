@@ -15,7 +15,7 @@ from truestroke.base.typing import FloatArray
 from truestroke.base.verdict import Verdict
 from truestroke.control import interval
 from truestroke.control.actuator import ActuatorModel, central_difference
-from truestroke.identification import normal, uncertainty, validation
+from truestroke.identification import coverage, normal, uncertainty, validation
 from truestroke.identification.examine import Findings, examine
 from truestroke.identification.modes import ModeSearch
 from truestroke.identification.record import Record, as_record
@@ -40,6 +40,8 @@ class Fit:
     """A fitted model, its residual in the rows of `Data.fitted`, um, and the drift of the record's zero."""
 
     model: ActuatorModel
+    structure: Structure
+    weight: float  # um^2, of the prior
     residual: FloatArray
     drift: Callable[[int], FloatArray]  # um, of so many samples of the record
 
@@ -260,16 +262,23 @@ def _found(
     plain = fit_structure(fine, structure, weight, guess)
     fit, more = _branched(plain, fine, coarse, structure, weight) if fixed["branches"] else (plain, ())
     rate = float(np.diff(fit.drift(samples)[-2:])[0]) * s.sample_rate
-    model = fit.model.replace(walk=tried[-1].walk, drift=rate)
+    model = fit.model.replace(walk=(more or tried)[-1].walk, drift=rate)
+    compared = _behind(coarse, fine)
+    rows = compared.displacement.size / fine.displacement.size
+    model = coverage.calibrated(model, compared, fit.structure, fit.weight * rows)
     return dataclasses.replace(fit, model=model), (*tried, *more), found
+
+
+def _behind(coarse: Data, fine: Data) -> Data:
+    """The first with the stage, dead time and lag of the second."""
+    return dataclasses.replace(coarse, delay=fine.delay, time_constant=fine.time_constant, dynamics=fine.dynamics)
 
 
 def _branched(plain: Fit, fine: Data, coarse: Data, s: Structure, weight: float) -> tuple[Fit, tuple[Tried, ...]]:
     """The model with branches, if cross-validation asks for them, and what was compared; else the plain one."""
     rows = fine.displacement.size / coarse.displacement.size
-    known = {"delay": fine.delay, "time_constant": fine.time_constant, "dynamics": fine.dynamics}
     strain = plain.model.strain(fine.volts, fine.sample_rate)
-    found = choose_branches(dataclasses.replace(coarse, **known), s, weight / rows, strain)  # type: ignore[arg-type]
+    found = choose_branches(_behind(coarse, fine), s, weight / rows, strain)
     if found is None:
         return plain, ()
     structure, weight, tried = found
@@ -358,10 +367,16 @@ def _held_out(trace: Trace) -> HeldOut:
 
 
 def _half_width(model: ActuatorModel, s: Series, train: int) -> FloatArray:
-    """Half width of the 95 % interval of a trace, um: the zero walks from the end of the first part on."""
-    variance = interval.of_weights(model, s.volts, s.sample_rate, model.covariance) + model.noise**2
+    """Half width of the 95 % interval of a trace, um: the zero walks from the end of the first part on.
+
+    After a gap that is longer than the first part it is the zero of another day (`ActuatorModel.another_day`).
+    """
     since = np.maximum(np.arange(s.volts.size) - train, 0) / s.sample_rate
-    return np.asarray(interval.COVERED * np.sqrt(variance + model.walk**2 * since))
+    zero = model.walk**2 * since
+    gaps = s.time - s.time[train - 1] - since > train / s.sample_rate
+    offset = model.columns["offset"].start
+    zero[gaps] += model.another_day()[offset, offset]
+    return interval.half_width(model, interval.of_motion(model, s.volts, s.sample_rate), zero)
 
 
 def _documented(fit: Fit, held_out: HeldOut, s: Series, verdict: Verdict) -> ActuatorModel:
@@ -406,10 +421,22 @@ def fit_structure(data: Data, s: Structure, weight: float, guess: FloatArray, ce
         z = model.strain(data.volts, data.sample_rate) + data.starts(s, c[m:])
     residual = data.displacement - (data.through(z) + data.drift(s, c[m:], z.size))[:: data.every]
     residual = residual[data.fitted(s.rested)]
-    P = uncertainty.covariance(J, residual, prior, weight)[:m, :m] if certain else np.zeros((m, m))
+    P = _of_model(uncertainty.covariance(J, residual, prior, weight), s) if certain else np.zeros((m, m))
     times = {"delay": data.delay, "time_constant": data.time_constant}
     model = model.replace(covariance=P, noise=float(np.sqrt(np.mean(residual**2))), **times)
-    return Fit(model, residual, partial(data.drift, s, c[m:]))
+    return Fit(model, s, weight, residual, partial(data.drift, s, c[m:]))
+
+
+def _of_model(P: FloatArray, s: Structure) -> FloatArray:
+    """Covariance of the weights, whatever starts and drift are; of a model with branches, with these as they are.
+
+    Plays and branches follow each other closely: each by itself is hardly known, and their sum well.
+    """
+    m, further = s.parameters, P.shape[0] - len(s.further)
+    if not s.further:
+        return P[:m, :m]
+    shared = P[:m, further:]
+    return np.asarray(P[:m, :m] - shared @ np.linalg.solve(P[further:, further:], shared.T))
 
 
 def _linearised(data: Data, s: Structure, z: FloatArray, c: FloatArray) -> tuple[FloatArray, FloatArray, float]:

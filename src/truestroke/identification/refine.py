@@ -1,6 +1,7 @@
 """Play, record, refine: adapt a model from the recording of a waveform that was made with it."""
 
 import dataclasses
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,12 +12,17 @@ from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
 from truestroke.base.verdict import Verdict
 from truestroke.control import actuator
+from truestroke.control import passes as law
 from truestroke.control.actuator import ActuatorModel, central_difference
+from truestroke.control.iterative import LEAST, SHY
+from truestroke.control.settings import UNLIMITED
 from truestroke.identification import normal, uncertainty
 from truestroke.identification.normal import Prior
 from truestroke.identification.record import Record, as_record
 from truestroke.identification.regression import ROWS, Data, Structure
-from truestroke.identification.waveform import Waveform
+from truestroke.identification.waveform import Passes, PredictedWaveform, Waveform, described
+from truestroke.model.dynamics import EXPECTED as DYNAMICS
+from truestroke.model.dynamics import Dynamics
 from truestroke.signals.channels import Sampled
 
 STEPS = 3  # Gauss-Newton
@@ -25,6 +31,10 @@ SAME = 0.03  # of the waveform's peak-to-peak, rms: how far the recorded voltage
 WORSE = 1.05  # times the best pass of the same motion: a pass that is worse is undone
 OTHER = 0.5  # of the deviation of the displacement: a record with a larger residual is not of the model's actuator
 WHOLE = 0.02  # samples: a shift that is nearer to a whole number is one
+EXPLAINED = (
+    2.0  # times the noise, of the model or of the pass: a refit that leaves more has learned what is no hysteresis
+)
+REMEMBERED = 5  # passes that the next waveform has with it
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -40,7 +50,7 @@ class Refined(Sampled):
     volts, measured : ndarray, shape (samples,)
         The recording, V and um; of a waveform, at its ticks.
     residual : ndarray, shape (samples,)
-        Measured minus what the refined model predicts, um: `waveform` takes it to correct the next pass.
+        Measured minus what the refined model predicts, um.
     before, after : float
         Rmse of the old and of the refined model's prediction of what was fitted, um.
     error : ndarray, shape (samples,), or None
@@ -48,6 +58,16 @@ class Refined(Sampled):
     undone : str
         In a sentence, that this pass was worse than one before, and what became of it; empty where it was not. `model`
         is then the one that was before the last refinement, or, where none is known, the one that made this pass.
+    kept : str
+        In a sentence, that the weights are those of before, because the refit explained the pass too badly; or empty.
+    correction : ndarray, shape (samples,), or None
+        By how much the model has to predict more of the next pass than of the best of `passes`, um.
+    expected : float or None
+        Rmse that the next pass should have, noise included, um.
+    passes : tuple of (ndarray, ndarray)
+        Voltage, V, and measurement, um, of the last passes of this motion, this one with them.
+    best : int
+        On which of `passes` the next one builds.
     """
 
     model: ActuatorModel
@@ -59,6 +79,40 @@ class Refined(Sampled):
     after: float
     error: FloatArray | None
     undone: str = ""
+    kept: str = ""
+    correction: FloatArray | None = None
+    expected: float | None = None
+    passes: Passes = ()
+    best: int = 0
+
+    def next(
+        self, *, voltage_limits: tuple[float, float] | None = None, slew_limit: float = UNLIMITED
+    ) -> PredictedWaveform:
+        """The waveform of the next pass.
+
+        Parameters
+        ----------
+        voltage_limits, slew_limit
+            As of `ActuatorModel.invert`.
+
+        Raises
+        ------
+        SettingError
+            The waveform of this pass was not given.
+        """
+        if self.error is None or self.correction is None:
+            raise SettingError("waveform", None, "given to refine: the motion is in there")
+        desired, rate = self.measured - self.error, self.sample_rate
+        limits = self.model.voltage_range if voltage_limits is None else voltage_limits
+        before, _ = self.passes[self.best]
+        predicted = self.model.predict(before, rate)
+        here, there = (
+            self.model.invert(y, rate, voltage_limits=limits, slew_limit=slew_limit)
+            for y in (predicted, predicted + self.correction)
+        )
+        volts = _slewed(np.clip(before + there - here, *limits), slew_limit / rate)
+        short = self.model.predict(volts, rate) - predicted - self.correction
+        return described(self.model, volts, desired, desired + short, rate, limits, slew_limit, self.passes)
 
     @property
     def verdict(self) -> Verdict:
@@ -77,13 +131,19 @@ class Refined(Sampled):
 
 
 @normal.one_thread
-def refine(model: ActuatorModel, record: Record, *, waveform: Waveform | None = None) -> Refined:
-    """The model adapted to a record, its structure kept, and its residual.
+def refine(
+    model: ActuatorModel, record: Record, *, waveform: Waveform | None = None, dynamics: Dynamics | None = None
+) -> Refined:
+    """The model adapted to a record, its structure kept, and the correction of the next pass.
 
     Bayesian least squares: the prior is `ActuatorModel.another_day`, all partial slopes stay positive. The
     noise is the residual, with fewer degrees of freedom where it is coloured. Before a waveform the actuator is assumed
     to rest at the first voltage, as by `predict`; of another record the part is skipped in which the plays may remember
-    what was before it.
+    what was before it. Of a waveform the refit is taken where it explains the pass about as well as the model explained
+    its own record.
+
+    `next` corrects the pass at each frequency, through the model and the ratio of the true response to the model's that
+    the passes show (`control.passes`); a pass that was worse than the best one is undone.
 
     Parameters
     ----------
@@ -93,6 +153,8 @@ def refine(model: ActuatorModel, record: Record, *, waveform: Waveform | None = 
         Of voltage and displacement. Of several segments the longest is taken.
     waveform : Waveform, optional
         The waveform that was recorded. The record may begin before it and end behind it; the voltage says where.
+    dynamics : Dynamics, optional
+        Of the stage, as `truestroke bode` measures them: they replace delay, lag and resonances of the model.
 
     Raises
     ------
@@ -122,6 +184,8 @@ def refine(model: ActuatorModel, record: Record, *, waveform: Waveform | None = 
     x, z, fs = whole if waveform is None else _aligned(record, waveform)
     if x.size < 200:
         raise SettingError("record", f"{x.size} samples", "at least 200 samples")
+    if dynamics is not None:
+        model = _on(checks.instance("dynamics", dynamics, Dynamics, DYNAMICS).at(fs), model)
     data = _data(model, x, z, fs)
     skip = 0 if waveform is not None else data.settled()
     fitted = _fitted(model, data, skip)
@@ -138,8 +202,70 @@ def refine(model: ActuatorModel, record: Record, *, waveform: Waveform | None = 
     source = str(getattr(record, "source", ""))
     best = _best(model, waveform)
     if found.rmse is not None and found.rmse > WORSE * best:
-        return _undone(found, model, best, source)
-    return _documented(found, model, source, _motion(waveform, min(best, found.rmse or best)))
+        found = _undone(found, model, best, source)
+    else:
+        if waveform is not None and found.after > EXPLAINED * min(model.noise, _noise(z)) > 0:
+            found = _as_before(found, model)
+        found = _documented(found, model, source, _motion(waveform, min(best, found.rmse or best)))
+    return found if waveform is None else _corrected(found, waveform)
+
+
+def _on(dynamics: Dynamics, model: ActuatorModel) -> ActuatorModel:
+    """The model with these dynamics in place of its own."""
+    model._check_resonance(dynamics)
+    weights = model.weights.copy()
+    for term in ("lag", "inertia"):
+        weights[model.columns[term]] = 0.0
+    plain = None if model.plain is None else _on(dynamics, model.plain)
+    return model.replace(dynamics=dynamics, weights=weights, delay=0.0, time_constant=0.0, plain=plain)
+
+
+def _as_before(found: Refined, old: ActuatorModel) -> Refined:
+    """With the weights that made the pass."""
+    text = (
+        f"A refit of the weights leaves {found.after:.3g} um of this pass, more than its noise: the weights stay, and "
+        "the next pass learns what the model does not explain."
+    )
+    residual = found.measured - old.predict(found.volts, found.sample_rate)
+    model = found.model.before
+    assert model is not None
+    same = model.replace(before=model)
+    return dataclasses.replace(found, residual=residual, after=found.before, model=same, kept=text)
+
+
+def _noise(z: FloatArray) -> float:
+    """Standard deviation of what changes from sample to sample, um: by fourth differences."""
+    return _rms(np.diff(z, 4)) / math.sqrt(70.0)
+
+
+def _slewed(volts: FloatArray, step: float) -> FloatArray:
+    """No faster than `step` a sample: it follows as soon as it can."""
+    if np.abs(np.diff(volts)).max() <= step:
+        return volts
+    made = volts.copy()
+    for k in range(1, made.size):
+        made[k] = min(max(volts[k], made[k - 1] - step), made[k - 1] + step)
+    return made
+
+
+def _corrected(found: Refined, waveform: Waveform) -> Refined:
+    """With the correction of the next pass, which builds on the best of the last passes."""
+    made = (*waveform.passes, (waveform.volts, found.measured))
+    errors = [_rms(z - waveform.desired) for _, z in made]
+    best = int(np.argmin(errors))
+    best = len(made) - 1 if errors[-1] <= WORSE * errors[best] else best
+    worse = sum(1 for error in errors[best + 1 :] if error > WORSE * errors[best])
+    predicted = [(found.model.predict(x, found.sample_rate), z) for x, z in made]
+    known: dict[str, Any] = {"dynamics": found.model.stage(found.sample_rate), "step": max(LEAST, SHY**worse)}
+    planned = law.following(predicted, waveform.desired, found.sample_rate, best=best, **known)
+    last = sorted({best, *range(max(0, len(made) - REMEMBERED + 1), len(made))})
+    return dataclasses.replace(
+        found,
+        correction=planned.change,
+        expected=planned.expected,
+        passes=tuple(made[k] for k in last),
+        best=last.index(best),
+    )
 
 
 def _rms(error: FloatArray) -> float:

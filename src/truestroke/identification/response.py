@@ -28,7 +28,7 @@ ORDER = 16  # of the autoregression that whitens the residual
 MISFIT = 0.03  # of the whitened sum of squares: what the quick model may err beside the noise
 PULL = 0.005  # rows that count as one against the prior, likewise
 SEEN = 1e-9  # of the largest singular value: below, columns are alike
-CHI_SQUARED = 3.84  # 95 %, one degree of freedom
+CHI_SQUARED = 3.84, 5.99  # 95 %, of one number, and of two that are inside together
 CLOCK = 0.75  # samples: what sampling hides of the time of a step
 SPREAD = 0.5  # relative deviation of the weight of a play by itself: few are negative
 NOISE = 0.002  # of the stroke: residual of the quick model before it is known
@@ -181,11 +181,11 @@ class _Quick:
         none = Minimum(self.fit(0.0, 0.0)[0], 0.0, 0.0, best.G)
         dead, lag = self.least(total, 0.0, fixed=1), self.least(0.0, total, fixed=0)
         best = min(best, self.least(0.5 * total, 0.5 * total), self.least(0.0, 0.0), dead, lag, key=_squares)
-        bound = CHI_SQUARED * (1 + MISFIT * self.rows) * best.squares / max(self.rows, 1)
+        bound, both = (x * (1 + MISFIT * self.rows) * best.squares / max(self.rows, 1) for x in CHI_SQUARED)
         still, late, lagged = (e.squares <= best.squares + bound for e in (none, dead, lag))
         chosen = none if still else lag if late and lagged else best
         agree = [e for e, agrees in ((none, still), (dead, late), (lag, lagged)) if agrees]
-        spans = self._intervals(best, agree, bound) if certain else np.zeros((2, 2))
+        spans = self._intervals(best, agree, both) if certain else np.zeros((2, 2))
         s = 1 / self.sample_rate
         delays, lags = ((float(low) * s, float(high) * s) for low, high in spans)
         return Response(chosen.delay * s, chosen.lag * s, delays, lags, separable=not (late and lagged))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,13 +14,15 @@ from truestroke.base.typing import FloatArray
 from truestroke.base.verdict import Level, Verdict
 from truestroke.control import actuator, interval
 from truestroke.control.actuator import ActuatorModel
-from truestroke.identification.series import series, settled
+from truestroke.identification.identified import Trace
+from truestroke.identification.series import first_known, series
 
 HELD = 0.8  # of the samples in the interval, at least
 WORSE = 3.0  # times the residual of the model's own record
+MISSED = 0.02  # of the stroke: an error of the start that is a reason
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Score:
     """Errors of a model on a record.
 
@@ -39,6 +42,11 @@ class Score:
         Share of the samples within the 95 % interval of another day (`ActuatorModel.another_day`), 0 to 1.
     half_width_um : float
         Median half width of that interval, um.
+    start_rmse_um, start_maximum_um : float
+        Errors of the start, such as a first step, which is not judged: the model takes the actuator to have rested.
+        With the offset, um; NaN where none is known.
+    trace : Trace
+        The record beside the prediction, which has the offset; `held_out` are the samples that are judged.
     verdict : Verdict
         Whether the model holds for this record.
     """
@@ -51,13 +59,16 @@ class Score:
     rmse_without_offset_um: float
     coverage: float
     half_width_um: float
+    start_rmse_um: float
+    start_maximum_um: float
+    trace: Trace
     verdict: Verdict
 
 
 def score(model: ActuatorModel, record: Any, *, offset: float | None = None) -> Score:
     """Errors of a model on another record; the zero is a state of the day, not a weight.
 
-    Samples before the voltage has swept its range are not judged: the states of the plays are not known there.
+    The start is not judged, as `identify` does not fit it: the states of the plays are not known there.
 
     Parameters
     ----------
@@ -71,7 +82,7 @@ def score(model: ActuatorModel, record: Any, *, offset: float | None = None) -> 
     Raises
     ------
     SettingError
-        An argument is out of bounds, or the record never sweeps its range.
+        An argument is out of bounds, or no sample behind the start is known.
 
     Examples
     --------
@@ -89,24 +100,32 @@ def score(model: ActuatorModel, record: Any, *, offset: float | None = None) -> 
     """
     checks.instance("model", model, ActuatorModel, actuator.EXPECTED)
     s = series(record)
-    judged = s.known.copy()
-    judged[: settled(s.volts, float(np.ptp(s.volts)))] = False
+    swept = np.arange(s.volts.size) >= first_known(s.volts, float(np.ptp(s.volts)))
+    judged, start = s.known & swept, s.known & ~swept
     if not judged.any():
-        raise SettingError("record", "one that sweeps its range only at its end", "one that sweeps it and goes on")
-    error = (s.displacement - model.predict(s.volts, s.sample_rate))[judged]
-    moved = float(np.median(error)) if offset is None else checks.number("offset", offset, "um")
-    width = _half_width(model, s.volts, s.sample_rate, centred=offset is None)[judged]
+        raise SettingError("record", "without a known sample after its start", "one whose displacement is known there")
+    predicted = model.predict(s.volts, s.sample_rate)
+    error = s.displacement - predicted
+    moved = float(np.median(error[judged])) if offset is None else checks.number("offset", offset, "um")
+    width = _half_width(model, s.volts, s.sample_rate, centred=offset is None)
     rest = error - moved
     numbers = {
         "offset_um": moved,
-        "rmse_um": float(np.sqrt(np.mean(rest**2))),
-        "maximum_um": float(np.abs(rest).max()),
-        "rmse_percent": 100 * float(np.sqrt(np.mean(rest**2)) / np.ptp(s.displacement)),
-        "rmse_without_offset_um": float(np.sqrt(np.mean(error**2))),
-        "coverage": float(np.mean(np.abs(rest) <= width)),
-        "half_width_um": float(np.median(width)),
+        "rmse_um": _rms(rest[judged]),
+        "maximum_um": float(np.abs(rest[judged]).max()),
+        "rmse_percent": 100 * _rms(rest[judged]) / float(np.ptp(s.displacement)),
+        "rmse_without_offset_um": _rms(error[judged]),
+        "coverage": float(np.mean(np.abs(rest) <= width, where=judged)),
+        "half_width_um": float(np.median(width[judged])),
+        "start_rmse_um": _rms(rest[start]) if start.any() else math.nan,
+        "start_maximum_um": float(np.abs(rest[start]).max()) if start.any() else math.nan,
     }
-    return Score(**numbers, estimated=offset is None, verdict=_verdict(model, numbers))
+    trace = Trace(**vars(s), predicted=predicted + moved, half_width=width, held_out=swept)
+    return Score(**numbers, estimated=offset is None, trace=trace, verdict=_verdict(model, numbers))
+
+
+def _rms(error: FloatArray) -> float:
+    return float(np.sqrt(np.mean(error**2)))
 
 
 def _half_width(model: ActuatorModel, volts: FloatArray, fs: float, centred: bool) -> FloatArray:
@@ -132,6 +151,9 @@ def _verdict(model: ActuatorModel, found: dict[str, float]) -> Verdict:
     if found["rmse_um"] > max(WORSE * model.noise, 0.02 * model.stroke):
         words = f"The rmse is {found['rmse_um']:.3g} um, that of the model's own record {model.noise:.3g} um: "
         said.append(("bad", words + "identify the actuator anew."))
+    if found["start_rmse_um"] > max(WORSE * found["rmse_um"], MISSED * model.stroke):
+        words = f"The start is missed by {found['start_rmse_um']:.3g} um rms, by {found['start_maximum_um']:.3g} um at "
+        said.append(("doubtful", words + "most: the actuator had moved before the record, or answers steps otherwise."))
     if found["coverage"] < HELD:
         words = f"The 95 % interval holds {100 * found['coverage']:.0f} % of the samples."
         said.append(("doubtful", words))

@@ -265,7 +265,8 @@ def choose_branches(
     good = [entry for entry in tried if entry[0] <= ENOUGH_BRANCHES * least]
     score, best, w = min(good, key=lambda entry: (len(entry[1].further), entry[0]))
     modes = 0 if data.dynamics is None else len(data.dynamics.modes)
-    return best, w, tuple(Tried(c, w / noise, score, modes) for score, c, w in (*tried, (score, best, w)))
+    compared = [Tried(c, w / noise, score, modes) for score, c, w in tried]
+    return best, w, (*compared, Tried(best, w / noise, score, modes, bank.walk(best, w)))
 
 
 def _slower(data: Data, times: tuple[float, ...]) -> tuple[float, ...]:

@@ -12,6 +12,7 @@ import numpy as np
 from truestroke.base.typing import FloatArray
 from truestroke.base.verdict import Level, Verdict
 from truestroke.control.actuator import central_difference
+from truestroke.identification.black_box import predictable
 from truestroke.identification.regression import plays
 
 if TYPE_CHECKING:
@@ -29,6 +30,10 @@ CORRELATED = 0.5  # of the autocorrelation, beyond lag 0
 OSCILLATES = -0.3  # and within this share of a stroke
 WITHIN = 0.3
 EXPLAINED = 0.25  # of the error's variance, by one of voltage, velocity and history
+BEATEN = (
+    0.5,
+    0.75,
+)  # of its mean square, by a black box: a reason, and a model with half the error, which none is good beside
 SLOW = 0.5, 0.8  # the same by time, which few means show by chance; and where it hides the others
 BEYOND = 0.15  # of the range or speed of the fitted part: beyond it the held-out part extrapolates
 FEW_STROKES = 6
@@ -60,6 +65,9 @@ class Evidence:
     voltage, velocity, history, time : float
         Share of the variance of the held-out error that a function of it predicts: of the voltage; of the velocity; of
         plays of the voltage, beyond both; means over sixths of the time, of the mean square. 0 is none.
+    black_box : float
+        Share of the mean square of the held-out error that a black-box model predicts (`black_box.predictable`): from
+        0.75 on there is a model with half the error.
     range_beyond, speed_beyond : float
         By which share of those of the fitted part the held-out part exceeds range and speed of the voltage.
     """
@@ -75,6 +83,7 @@ class Evidence:
     velocity: float
     history: float
     time: float
+    black_box: float
     range_beyond: float
     speed_beyond: float
 
@@ -101,6 +110,7 @@ def evidence(trace: Trace, residual: FloatArray, autocorrelation: FloatArray, fi
         least_autocorrelation=float(lags[least]),
         least_autocorrelation_s=(least + 1) * row,
         **_dependence(trace, tested),
+        black_box=predictable(trace),
         **_beyond(trace, fitted, tested),
     )
 
@@ -174,7 +184,7 @@ def verdict(found: Evidence, held_out: HeldOut, findings: Findings) -> Verdict:
     """Good, doubtful (usable) or bad (do not use it), with the reasons and the next measurement to make.
 
     Good is a model whose error on motion that it has not seen is at most twice the noise of the sensor, so that no
-    other model has half of it, and white; of a record with strokes of several lengths.
+    other model has half of it, also by a black box, and white; of a record with strokes of several lengths.
     """
     return Verdict.of([
         *(("bad", f"The record contradicts itself: {mistake.rstrip('?')}.") for mistake in findings.mistakes),
@@ -234,20 +244,26 @@ def _of_residual(found: Evidence, held_out: HeldOut, findings: Findings) -> Iter
     if held_out.rmse_percent <= NEGLIGIBLE:
         return
     yield from _of_whiteness(found, findings)
+    share, half = BEATEN
+    if found.black_box > (half if _is_noise(found, held_out) else share):
+        known, ratio = f"{100 * found.black_box:.0f} %", math.sqrt(1 - found.black_box)
+        better = f"a model of another structure has {ratio:.2f} times this error"
+        use = "Use this one where its error is small enough"
+        yield "doubtful", f"{known} of the mean square error can be predicted: {better}. {use}."
     if _is_noise(found, held_out):
         return
     if found.time > SLOW[0]:
-        share = f"{100 * found.time:.0f} % of the error is slow: drift, creep, or a zero that moved"
-        yield "doubtful", f"{share}. Record for longer, warmed up, with a rest at the end."
+        slow = f"{100 * found.time:.0f} % of the error is slow: drift, creep, or a zero that moved"
+        yield "doubtful", f"{slow}. Record for longer, warmed up, with a rest at the end."
     causes = {
         "voltage": "follows the voltage: the curve lacks a term. Record the whole range twice, slowly",
         "velocity": "follows the velocity: a lag or a rate dependence. Record strokes of several speeds, or hard steps",
         "history": "follows the reversals before: hysteresis. Record curves from reversals at many voltages",
     }
     shares = {name: getattr(found, name) for name in causes if found.time < SLOW[1]}
-    for name, share in sorted(shares.items(), key=lambda entry: -entry[1]):
-        if share > EXPLAINED:
-            yield "doubtful", f"{100 * share:.0f} % of the error {causes[name]}."
+    for name, found_share in sorted(shares.items(), key=lambda entry: -entry[1]):
+        if found_share > EXPLAINED:
+            yield "doubtful", f"{100 * found_share:.0f} % of the error {causes[name]}."
 
 
 def _of_whiteness(found: Evidence, findings: Findings) -> Iterator[tuple[Level, str]]:

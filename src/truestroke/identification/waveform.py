@@ -4,6 +4,8 @@ import math
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -19,9 +21,11 @@ from truestroke.signals import metrics
 from truestroke.signals.channels import Sampled
 
 LAGS = 3.0  # time constants after which a lag has forgotten a limit
-SMOOTHING = 2e-3  # s: standard deviation of the window over a residual, so that its noise is not put out
 
 NOTICED = 1e-4  # of the stroke: an error at a limit that is smaller is not reported
+
+
+Passes = tuple[tuple[FloatArray, FloatArray], ...]
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -36,11 +40,14 @@ class Waveform(Sampled):
         V.
     desired : ndarray, shape (samples,)
         Displacement as the sensor reads it, um.
+    passes : tuple of (ndarray, ndarray), each of shape (samples,)
+        Voltage, V, and measurement, um, of the passes of this motion before it; `refine` learns from them.
     """
 
     sample_rate: float
     volts: FloatArray
     desired: FloatArray
+    passes: Passes = ()
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -94,7 +101,6 @@ def waveform(
     velocity: npt.ArrayLike | None = None,
     voltage_limits: tuple[float, float] | None = None,
     slew_limit: float = UNLIMITED,
-    residual: npt.ArrayLike | None = None,
     offset: float = 0.0,
 ) -> PredictedWaveform:
     """The voltage that makes a displacement, and where it does not.
@@ -105,9 +111,6 @@ def waveform(
         Of the actuator.
     displacement, sample_rate, velocity, voltage_limits, slew_limit
         As in `ActuatorModel.invert`.
-    residual : array_like, shape (samples,), optional
-        Of the recording of this motion, um (`Refined.residual`): what the model cannot explain comes again, so the
-        voltage aims as far beside. Smoothed by a Gaussian window of 2 ms, without delay.
     offset : float
         By how much the sensor's zero is above that of the record of the model, um: `score` estimates it from a
         recording of this day.
@@ -133,19 +136,24 @@ def waveform(
     desired = checks.finite_array("displacement", displacement, "um")
     if desired.size < 2:
         raise SettingError("displacement", f"array of {desired.size} samples", "at least two samples", "um")
-    unknown = np.zeros_like(desired)
-    if residual is not None:
-        from scipy.ndimage import gaussian_filter1d
-
-        unknown = checks.finite_array("residual", residual, "um")
-        unknown = np.asarray(gaussian_filter1d(unknown, SMOOTHING * sample_rate, mode="nearest"))
-    if unknown.shape != desired.shape:
-        bound = f"as long as displacement, {desired.size}"
-        raise SettingError("residual", f"array of {unknown.size} samples", bound, "um")
     limits = model.voltage_range if voltage_limits is None else voltage_limits
     options = {"velocity": velocity, "voltage_limits": limits, "slew_limit": slew_limit, "offset": offset}
-    volts = model.invert(desired - unknown, sample_rate, **options)  # type: ignore[arg-type]
-    predicted = model.predict(volts, sample_rate, offset=offset) + unknown
+    volts = model.invert(desired, sample_rate, **options)  # type: ignore[arg-type]
+    predicted = model.predict(volts, sample_rate, offset=offset)
+    return described(model, volts, desired, predicted, float(sample_rate), limits, slew_limit)
+
+
+def described(
+    model: ActuatorModel,
+    volts: FloatArray,
+    desired: FloatArray,
+    predicted: FloatArray,
+    sample_rate: float,
+    limits: tuple[float, float],
+    slew_limit: float,
+    passes: Passes = (),
+) -> PredictedWaveform:
+    """A voltage with its prediction, and where it falls short; arguments as of `waveform` and its result."""
     off = np.abs(predicted - desired)
     short = off - NOTICED * model.stroke
     late = math.ceil((model.delay + LAGS * model.time_constant) * sample_rate)
@@ -153,10 +161,11 @@ def waveform(
     at_limit |= _lasting(volts >= limits[1], late) & (predicted < desired)
     slewed = _lasting(np.abs(np.diff(volts, prepend=volts[0])) * sample_rate >= slew_limit * (1 - 1e-9), late)
     return PredictedWaveform(
-        sample_rate=float(sample_rate),
+        sample_rate=sample_rate,
         volts=volts,
         desired=desired,
         predicted=predicted,
+        passes=passes,
         out_of_reach=spans(np.where(at_limit, short, 0.0), sample_rate, off),
         too_fast=spans(np.where(slewed, short, 0.0), sample_rate, off),
         beyond=model.beyond(volts, sample_rate),
@@ -173,7 +182,7 @@ def _lasting(held: npt.NDArray[np.bool_], late: int) -> npt.NDArray[np.bool_]:
 
 
 def save_waveform(path: str | os.PathLike[str], made: PredictedWaveform) -> None:
-    """Write time, voltage and desired displacement to a CSV file, or to NPZ where the name ends so.
+    """Write time, voltage, desired displacement and the passes before to a CSV file, or to NPZ where the name ends so.
 
     Raises
     ------
@@ -187,11 +196,15 @@ def save_waveform(path: str | os.PathLike[str], made: PredictedWaveform) -> None
     kind = checks.path("path", path).suffix
     if kind == ".npz":
         with files.writing(path, files.WAVEFORM) as draft:
-            np.savez(draft, time=made.time, volts=made.volts, desired=made.desired, predicted=made.predicted)
+            signals: dict[str, Any] = {"volts": made.volts, "desired": made.desired, "predicted": made.predicted}
+            for k, one in enumerate(made.passes, 1):
+                signals |= {name.split(" (")[0]: x for name, x in zip(_names(k), one, strict=True)}
+            np.savez(draft, time=made.time, **signals)
     elif kind == ".csv":
-        rows = np.column_stack([made.time, made.volts, made.desired])
+        rows = np.column_stack([made.time, made.volts, made.desired, *(x for one in made.passes for x in one)])
+        header = ",".join([files.WAVEFORM_HEADER, *(name for k in range(len(made.passes)) for name in _names(k + 1))])
         with files.writing(path, files.WAVEFORM) as draft:
-            np.savetxt(draft, rows, fmt="%.12g", delimiter=",", header=files.WAVEFORM_HEADER, comments="")
+            np.savetxt(draft, rows, fmt="%.12g", delimiter=",", header=header, comments="")
     else:
         raise SettingError("path", os.fspath(path), "a name that ends in .csv or .npz")
 
@@ -206,8 +219,31 @@ def load_waveform(path: str | os.PathLike[str]) -> Waveform:
     """
     from truestroke.identification.record import read_record
 
-    read = read_record(checks.path("path", path), volts="volts", displacement="desired", time="time")
-    return Waveform(sample_rate=read.sample_rate, volts=read.volts, desired=read.displacement)
+    file = checks.path("path", path)
+    read = read_record(file, volts="volts", displacement="desired", time="time")
+    return Waveform(
+        sample_rate=read.sample_rate, volts=read.volts, desired=read.displacement, passes=_passes(file, read.volts.size)
+    )
+
+
+def _names(number: int) -> tuple[str, str]:
+    """Headings of a pass."""
+    return files.PASS_VOLTS.format(number), files.PASS_MEASURED.format(number)
+
+
+def _passes(path: Path, samples: int) -> Passes:
+    """Those in the file of a waveform."""
+    from truestroke.signals import tables
+
+    table = tables.open_table(path)
+    places = {name.lower(): i for i, name in enumerate(table.names)}
+    found: list[tuple[FloatArray, FloatArray]] = []
+    while all(name.split(" (")[0] in places for name in _names(len(found) + 1)):
+        x, z = table.read([places[name.split(" (")[0]] for name in _names(len(found) + 1)], True)
+        if x.size != samples or not (np.isfinite(x).all() and np.isfinite(z).all()):
+            raise tables.RecordError(str(path), f"pass {len(found) + 1} has a row without a finite number")
+        found.append((x, z))
+    return tuple(found)
 
 
 def _words(what: str, found: Sequence[Span], how_far: str, unit: str) -> str:

@@ -21,6 +21,7 @@ FORMAT, VERSION = "truestroke dynamics", 1
 MODES = 3  # at most
 SEEN = 0.45  # of the sample rate: a resonance must be below
 EARLIEST, LATEST = -0.5, 20.0  # ticks: of the dead time; a sample at the end of its tick is half a tick early
+PIECE = 512  # frequencies that are computed at a time: what they need stays in the cache
 ALIASES = 20  # on each side: what is beyond is below 2e-6 of the response
 SHARES = 1e-6  # by how much the sum of the shares may differ from 1
 APPROXIMATED = 0.01  # relative: error of the response that `from_control` accepts
@@ -110,7 +111,8 @@ class Dynamics(Displayed):
     uncertainty : mapping of str to float
         Standard deviations of the numbers by name, such as "frequency[0]" (Hz), "damping[0]", "dead_time" (s).
     trusted_to : float
-        Highest frequency at which the model is right, Hz; by default the frequency of the last mode.
+        Highest frequency at which the model is right, Hz; by default the frequency of the last mode. The feedback
+        counts with further modes beyond it.
 
     Raises
     ------
@@ -249,7 +251,11 @@ not see it: raise the sample rate
         if f.size and not np.max(np.abs(f)) <= self.sample_rate / 2:
             bound = f"up to {self.sample_rate / 2:g} Hz, half of the sample rate"
             raise SettingError("frequency", float(np.max(np.abs(f))), bound, "Hz")
-        f = f[..., None] + self.sample_rate * np.arange(-ALIASES, ALIASES + 1)
+        parts = np.split(f.ravel(), range(PIECE, f.size, PIECE))
+        return np.concatenate([self._with_aliases(part, sensor=sensor) for part in parts]).reshape(f.shape)
+
+    def _with_aliases(self, f: FloatArray, *, sensor: bool) -> ComplexArray:
+        f = f[:, None] + self.sample_rate * np.arange(-ALIASES, ALIASES + 1)
         return np.asarray(np.sum(self.continuous(f, sensor=sensor) * np.sinc(f / self.sample_rate) ** 2, axis=-1))
 
     # ---- Sample rates ----------------------------------------------------------------------------------------------

@@ -23,6 +23,7 @@ from truestroke.base.typing import FloatArray
 MAX_PLAYS = 32
 MAX_CREEPS = 8
 MAX_ASYMMETRY = 2
+MAX_OTHERS = 2
 
 Places = npt.NDArray[np.intp]
 
@@ -59,6 +60,9 @@ TERMS = {
     "inertia": Term("inertia", "s^2", 1, deviation=1.5e-7, mean=-1e-7),
     "offset": Term("offset", "um", 1, deviation=0.03),
     "asymmetry": Term("asymmetry", "um", MAX_ASYMMETRY, deviation=0.05),
+    "coupling": Term("other_axes", "um/um", MAX_OTHERS, deviation=0.05),
+    "coupling_lag": Term("other_axes", "s", MAX_OTHERS, deviation=5e-5),
+    "coupling_inertia": Term("other_axes", "s^2", MAX_OTHERS, deviation=5e-8),
 }
 """The known terms by name, in the order of their weights: `ts_term` of the kernel."""
 
@@ -83,6 +87,10 @@ SETTINGS: declared.Table = {
         "Number of asymmetry terms: 4 s (1 - s) and 8 s (1 - s)(1 - 2 s), s = z_d / stroke", "",
         declared.whole(0, MAX_ASYMMETRY), **COUNTED,
     ),
+    "other_axes": Setting(
+        "Number of other axes that act on this one: terms in the displacement (coupling), the velocity (coupling_lag) "
+        "and the acceleration (coupling_inertia) of each", "", declared.whole(0, MAX_OTHERS), **COUNTED,
+    ),
 }  # fmt: skip
 """The settings that say which known terms the model has; the kernel takes how many weights each has."""
 
@@ -103,6 +111,8 @@ class Layout:
         Whether there is a term in the velocity, one in the acceleration, and a constant.
     asymmetry : int
         Number of terms of asymmetry, 0 to 2.
+    other_axes : int
+        Number of other axes whose displacement, velocity and acceleration are terms of this one, 0 to 2.
 
     Examples
     --------
@@ -120,6 +130,7 @@ class Layout:
     inertia: bool = False
     offset: bool = True
     asymmetry: int = 0
+    other_axes: int = 0
 
     @property
     def terms(self) -> dict[str, Any]:

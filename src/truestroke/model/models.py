@@ -301,6 +301,7 @@ class Motion(NamedTuple):
     zdot_d: Any  # um/s
     zddot_d: Any = 0.0  # um/s^2
     ahead: Any = 0.0  # um: what the stage's dynamics ask of the hysteresis beyond z_d
+    others: tuple[tuple[Any, Any, Any], ...] = ()  # um, um/s, um/s^2: of each other axis; at rest where left out
 
 
 def known_terms(layout: Layout, creep: Sequence[Any] | FloatArray, motion: Motion, stroke: float) -> FloatArray:
@@ -328,12 +329,16 @@ def known_terms(layout: Layout, creep: Sequence[Any] | FloatArray, motion: Motio
     >>> known_terms(layout, np.array([0.5]), Motion(7.5, 20.0), stroke=30.0)
     array([ 0.5 , 20.  ,  1.  ,  0.75])
     """
+    others = [*zip(*motion.others, strict=True)] or np.zeros((3, layout.other_axes, *np.shape(motion.z_d)))
     terms: dict[str, Sequence[Any] | FloatArray] = {
         "creep": creep,
         "lag": [motion.zdot_d],
         "inertia": [motion.zddot_d],
         "offset": [np.ones_like(motion.z_d)],
         "asymmetry": asymmetry_terms(motion.z_d + motion.ahead, stroke),
+        "coupling": others[0],
+        "coupling_lag": others[1],
+        "coupling_inertia": others[2],
     }
     return np.array([entry for name, count in layout.counts.items() for entry in terms[name][:count]])
 

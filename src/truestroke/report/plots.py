@@ -207,6 +207,9 @@ def _learned(recording: Recording) -> list[tuple[str, list[str], FloatArray]]:
     creeps = [i for i, name in enumerate(names) if name.startswith("creep")]
     if creeps:
         rows.append(("creep (µm/V)", [names[i].removeprefix("creep ") for i in creeps], values[:, creeps]))
+    coupled = [i for i, name in enumerate(names) if name.startswith("coupling ")]
+    if coupled:
+        rows.append(("of other axes (µm/µm)", [names[i] for i in coupled], values[:, coupled]))
     return rows
 
 

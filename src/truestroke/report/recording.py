@@ -1,5 +1,6 @@
 """The page of a run, from its recording alone."""
 
+import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -22,13 +23,15 @@ def run_page(recording: Recording) -> Page:
     Parameters
     ----------
     recording : Recording
-        Of at least 20 ticks, with a measurement in the second half.
+        Of at least 20 ticks, with a measurement in the second half; of several axes with one of each.
 
     Returns
     -------
     Page
         `save` writes it, `save_plots` writes its plots.
     """
+    if recording.axes:
+        return _page_of_axes(recording)
     summary, verdict = judgement.summary(recording), judgement.judge(recording)
     settings = Table(rows=list(_flat(recording.metadata)), kind="words")
     return Page(
@@ -42,6 +45,30 @@ def run_page(recording: Recording) -> Page:
             Section(heading="All settings", tables=[settings], folded=True),
         ],
         plots=lambda theme: run_plots(recording, theme),
+        command=words.command(recording),
+        footer=words.footer(recording),
+    )
+
+
+def _page_of_axes(recording: Recording) -> Page:
+    """The pages of all axes in one, one after the other."""
+    pages = {name: run_page(recording.axis(name)) for name in recording.axes}
+    verdict = judgement.judge(recording)
+    sections = []
+    for name, page in pages.items():
+        for section in page.sections:
+            heading = f"Axis {name}: {section.heading.lower()}" if section.heading else f"Axis {name}"
+            plot = f"{section.plot}-{name}" if section.plot else ""
+            sections.append(dataclasses.replace(section, heading=heading, plot=plot))
+    return Page(
+        title="; ".join(f"{name}: {page.title}" for name, page in pages.items()),
+        lead=" ".join(f"Axis {name}: {page.lead}" for name, page in pages.items()),
+        verdict=verdict,
+        remark=words.REMARKS[verdict.level],
+        sections=sections,
+        plots=lambda theme: {
+            f"{plot}-{name}": figure for name, page in pages.items() for plot, figure in page.plots(theme).items()
+        },
         command=words.command(recording),
         footer=words.footer(recording),
     )

@@ -1,6 +1,5 @@
 """Thousands of controllers, each against its own simulated actuator, in threads without the GIL: the bits of `run`."""
 
-import os
 import threading
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
@@ -11,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from truestroke.base import checks
+from truestroke.base import checks, system
 from truestroke.base.checks import SettingError
 from truestroke.base.errors import TruestrokeError
 from truestroke.control import feasibility
@@ -162,7 +161,7 @@ def simulate_many(
         checks.instance(f"simulations[{index}]", simulation, Simulation, made)
     if reduce is not None:
         checks.able("reduce", reduce, ("__call__",), "a function of index and channels")
-    count = len(os.sched_getaffinity(0)) if threads is None else checks.count("threads", threads, 1, 1024)
+    count = len(system.processors()) if threads is None else checks.count("threads", threads, 1, 1024)
     names = record if record is not None else () if reduce else ("measured", "true")
     batch = Batch(np.zeros(len(queue), np.int64), _arrays(queue, names, out or {}), [None] * len(queue))
     buffers, stop = _Buffers(), threading.Event()

@@ -16,6 +16,9 @@ from truestroke.base.typing import FloatArray
 from truestroke.control.actuator import ActuatorModel
 from truestroke.control.iterative import IterativeLearning, Learned, Pass, at_the_noise
 from truestroke.identification.dynamics import measure_dynamics
+from truestroke.identification.identified import identify
+from truestroke.identification.record import Record
+from truestroke.identification.refine import refine
 from truestroke.model.dynamics import Dynamics
 from truestroke.runtime.drivers.guard import Limits
 from truestroke.runtime.drivers.one_axis import OneAxis
@@ -30,6 +33,7 @@ AVERAGED = 0.5  # s of periods that count, at least
 PERIODS = 2, 3  # of the motion, at least: before those that count, and those
 UNZEROED = 0.1  # of the stroke: a mean this far off is that of a sensor that was not zeroed
 PATIENCE = 2  # passes in a row without an improvement, after which it ends
+GAP = 0.5  # s between them in the record of the model
 BETTER = 0.95  # times the rmse of the best pass before: an improvement
 
 
@@ -134,10 +138,13 @@ def learn(
     periods = _periods(learning, settle, PERIODS[0]), _periods(learning, averaged, PERIODS[1])
     found, seen = Learned(passes=(), learning=learning), False
     for _ in range(most):
-        measured = play(np.tile(learning.volts, sum(periods)))[periods[0] * learning.samples :]
+        volts = np.tile(learning.volts, sum(periods))
+        measured = play(volts)[periods[0] * learning.samples :]
         zero = found.zero if seen else _zero(learning, measured, stroke)
+        record = volts[periods[0] * learning.samples :], measured
         made = learning.learn(measured - zero)
-        found = Learned(passes=(*found.passes, made), learning=learning, zero=zero)
+        kept = (*found.records[:1], *found.records[1:][-1:])
+        found = Learned(passes=(*found.passes, made), learning=learning, zero=zero, records=(*kept, record))
         seen = seen or made.measured.size > 0
         if seen:
             report(found)
@@ -146,6 +153,34 @@ def learn(
     if not seen:
         raise DriverError(f"no pass of {most} was measured: samples at the same place of each period were lost")
     return found
+
+
+def model_of(found: Learned, model: ActuatorModel | None = None) -> ActuatorModel:
+    """A model of the actuator from the passes: identified, or refined where there was one before.
+
+    Parameters
+    ----------
+    found : Learned
+        Of `learn`.
+    model : ActuatorModel, optional
+        The one before.
+
+    Raises
+    ------
+    SettingError, RecordError
+        The passes do not suffice: they are too short, or the motion too small.
+    """
+    rate = found.learning.sample_rate
+    time, volts, measured, start = [], [], [], 0.0
+    for x, z in found.records if model is None else found.records[-1:]:
+        seen = np.isfinite(z)
+        time.append(start + np.flatnonzero(seen) / rate)
+        volts.append(x[seen])
+        measured.append(z[seen])
+        start += x.size / rate + GAP
+    arrays = np.concatenate(volts), np.concatenate(measured)
+    record = Record.from_arrays(*arrays, time=np.concatenate(time), source="passes of truestroke learn")
+    return identify(record, branches=False).model if model is None else refine(model, record).model
 
 
 def _measured(driver: Driver | Actuator, limits: Limits) -> Dynamics:

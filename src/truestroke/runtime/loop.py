@@ -15,6 +15,7 @@ from truestroke.base.checks import SettingError
 from truestroke.base.errors import TruestrokeError
 from truestroke.base.typing import FloatArray
 from truestroke.control import feasibility
+from truestroke.control.axes import MultiAxisController
 from truestroke.control.controller import Controller
 from truestroke.runtime import native
 from truestroke.runtime.ticks import MARK, SIMULATED, SlowLayout, TickRecorder, recorded, stride
@@ -78,8 +79,8 @@ class RunInterrupted(TruestrokeError, RuntimeError):  # noqa: N818 (it is no err
 
 
 def run(
-    trajectory: Trajectory,
-    controller: Controller,
+    trajectory: Trajectory | Mapping[str, Trajectory],
+    controller: Controller | MultiAxisController,
     actuator: Actuator,
     progress: Callable[[int, int], None] | None = None,
 ) -> Recording:
@@ -87,12 +88,12 @@ def run(
 
     Parameters
     ----------
-    trajectory : Trajectory
-        Desired motion.
-    controller : Controller
+    trajectory : Trajectory, or Mapping[str, Trajectory]
+        Desired motion; of several axes one for each, by its name.
+    controller : Controller, or MultiAxisController
         Gives the voltages and adapts to the measurements. It continues from its present state.
     actuator : Actuator
-        Is opened, then moves a block of ticks at each exchange.
+        Is opened, then moves a block of ticks at each exchange; of several axes arrays of shape (ticks, axes).
     progress : callable, optional
         Called as progress(ticks done, all ticks), about a hundred times.
 
@@ -103,7 +104,8 @@ def run(
         desired_velocity [um/s], volts [V], measured [um], and what there is of true [um], innovation [um], flags
         (the bits of `base.flags`), flat (1 where errors count, of a trajectory that marks it). Every 10 ms, with
         weights_time [s]: weights [um/V], partial_slopes [um/V], trace_P [1/V^2]. NaN marks a missing measurement, and
-        the innovation of a rejected one.
+        the innovation of a rejected one. Of several axes each name ends with that of its axis, as in measured_x;
+        `Recording.axis` gives the recording of one.
 
     Raises
     ------
@@ -136,6 +138,10 @@ def run(
     >>> round(float(abs(error[1000:]).max()), 3)
     0.0
     """
+    if isinstance(trajectory, Mapping) or hasattr(controller, "axes"):
+        from truestroke.runtime.axes import run_axes
+
+        return run_axes(trajectory, controller, actuator, progress)  # type: ignore[arg-type]  # it checks them
     _check_types(trajectory, controller, actuator, progress)
     timing = checks.instance("actuator.open()", actuator.open(), Timing, "a Timing(sample_rate=...)")
     check_agreement(trajectory, controller, timing)

@@ -83,7 +83,7 @@ def pair(trajectory: Trajectory, controller: Any, actuator: Any, desired: Sequen
     """The two as a `Pair`; None where one of them is not native, so that each tick is Python's."""
     if type(controller) is not AdaptiveController or type(actuator) not in CALLS:
         return None
-    if not (_is_usual(controller) and _moves_as_usual(actuator)):
+    if not (is_usual(controller) and _moves_as_usual(actuator)):
         return None
     if isinstance(actuator, MatchedPlant) and not actuator.follows(trajectory.velocity):
         return None
@@ -93,7 +93,7 @@ def pair(trajectory: Trajectory, controller: Any, actuator: Any, desired: Sequen
     return Pair(controller, actuator, desired)
 
 
-def _is_usual(controller: AdaptiveController) -> bool:
+def is_usual(controller: AdaptiveController) -> bool:
     """Whether its calls are those of the kernel, and nobody put others in their place."""
     kernel, own = controller._kernel, vars(controller)
     return bool(own.get("command") == kernel.command and own.get("adapt") == kernel.adapt)

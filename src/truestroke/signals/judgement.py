@@ -68,7 +68,8 @@ def judge(recording: Recording) -> Verdict:
     Parameters
     ----------
     recording : Recording
-        Whole or interrupted, with time, desired and measured; flags, true displacement and metadata as there are.
+        Whole or interrupted, with time, desired and measured; flags, true displacement and metadata as there are. Of
+        several axes the worst of them.
 
     Returns
     -------
@@ -91,6 +92,8 @@ def judge(recording: Recording) -> Verdict:
     What was measured moved 0.00 times as far as desired: the actuator did not follow, or this is not its sensor.
     """
     checks.instance("recording", recording, Recording, "a Recording, such as of truestroke.run or Recording.load(path)")
+    if recording.axes:
+        return worst({f"axis {name}": judge(recording.axis(name)) for name in recording.axes})
     ticks = recording["time"].size
     if not ticks:
         return Verdict("bad", (f"Nothing was recorded{_because(recording)}.",))

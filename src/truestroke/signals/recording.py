@@ -28,6 +28,15 @@ CHUNK = 65536  # entries of a chunk of a file that is saved at once
 TRIES, PAUSE = 10, 0.02  # s; to read a file that is being written
 
 
+def of_axis(name: str, axis: str) -> str:
+    """Name of a channel in a recording of several axes.
+
+    >>> of_axis("measured", "x")
+    'measured_x'
+    """
+    return f"{name}_{axis}"
+
+
 class RecordingError(files.FileError):
     """A file that cannot be read as a recording; the message states the reason."""
 
@@ -102,6 +111,33 @@ class Recording(Signals, Mapping[str, Array]):
 
     def __len__(self) -> int:
         return len(self.channels)
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Names of the axes of a run of several; () of one."""
+        return tuple(self.metadata.get("axes", ()))
+
+    def axis(self, name: str) -> Self:
+        """The recording of one axis of a run of several, with the names of its channels as in that of a run of one.
+
+        Raises
+        ------
+        SettingError
+            There is no such axis.
+
+        Examples
+        --------
+        >>> both = Recording(
+        ...     {"time": Channel(np.arange(2.0), "s", ""), "volts_x": Channel(np.ones(2), "V", "")}, {"axes": {"x": {}}}
+        ... )
+        >>> both.axes, list(both.axis("x"))
+        (('x',), ['time', 'volts'])
+        """
+        checks.one_of("name", name, self.axes)
+        own = {key.removesuffix(f"_{name}"): c for key, c in self.channels.items() if key.endswith(f"_{name}")}
+        times = {c.time: self.channels[c.time] for c in own.values()}
+        common = {key: value for key, value in self.metadata.items() if key != "axes"}
+        return type(self)(times | own, common | {"axis": {"name": name}} | self.metadata["axes"][name])
 
     def unit(self, name: str) -> str:
         """Unit of a channel."""

@@ -14,7 +14,7 @@ from truestroke.base.errors import TruestrokeError
 from truestroke.base.typing import ComplexArray, FloatArray
 from truestroke.base.verdict import Level, Verdict
 from truestroke.identification.dynamics.excitation import Multisine
-from truestroke.identification.dynamics.fit import Fit, Problem, Spectra, fits, small_hysteresis
+from truestroke.identification.dynamics.fit import Fit, Problem, Spectra, beside_a_lag, fits, small_hysteresis
 from truestroke.identification.dynamics.response import LocalResponse, local_response, smoothed
 from truestroke.model.dynamics import EARLIEST, LATEST, SEEN, Dynamics, Mode
 
@@ -142,7 +142,8 @@ def identify_dynamics(
     whole = Spectra(record.sample_rate, z.size, record.excitation.frequency, U * known, Y, local.variance)
     peak = _peak(whole, local)
     chosen = _chosen(whole, local, peak)
-    best = _best(fits(chosen, peak, _delay(whole, local, peak), modes or 3), modes, chosen)
+    made = fits(chosen, peak, _delay(whole, local, peak), modes or 3)
+    best = beside_a_lag(_best(made, modes, chosen), made)
     dynamics = _dynamics(best, record, chosen, sensor_delay, sensor_bandwidth)
     return _judged(dynamics, best, whole, record, known)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -266,6 +266,19 @@ class Problem:
 
 def _real(values: ComplexArray) -> FloatArray:
     return np.concatenate([values.real, values.imag])
+
+
+def beside_a_lag(fit: Fit, made: Sequence[Fit]) -> Fit:
+    """A fit without the lag of an amplifier, with the deviation of its dead time as it is with one; others as they are.
+
+    A lag that is too short to be seen is in the dead time, whose own deviation does not include it.
+    """
+    lagged = [one for one in made if one.lag and one.frequency.size == fit.frequency.size]
+    if fit.lag or not lagged:
+        return fit
+    other = min(lagged, key=lambda one: one.evidence)
+    deviation = math.hypot(other.deviations["dead_time"], other.delay - fit.delay)
+    return replace(fit, deviations={**fit.deviations, "dead_time": max(deviation, fit.deviations["dead_time"])})
 
 
 # ---- Which modes ---------------------------------------------------------------------------------------------------

@@ -30,8 +30,8 @@ def plots(found: Identified, theme: Theme = LIGHT) -> dict[str, Figure]:
     return {"loop": loop(view, theme), "residual": left, "weights": weights(view, theme)}
 
 
-def loop(view: View, theme: Theme = LIGHT) -> Figure:
-    """Displacement over voltage, held out: as it is, and the residual of a straight line."""
+def loop(view: View, theme: Theme = LIGHT, part: str = "held out") -> Figure:
+    """Displacement over voltage in a part of the record: as it is, and the residual of a straight line."""
     rows = view.loops()
     x, z = view.volts[rows], view.displacement[rows]
     line = np.asarray(np.polyval(np.polyfit(view.volts, view.displacement, 1), x), dtype=np.float64)
@@ -45,7 +45,7 @@ def loop(view: View, theme: Theme = LIGHT) -> Figure:
             predicted = factor * (view.predicted[rows] - taken + gap)
             panel.plot(volts * x, predicted, color=theme["true"], lw=1.0, label="predicted")
             panel.set(xlabel=f"voltage ({unit})", ylabel=f"displacement ({length})")
-        panels[0].set(title=f"{view.time[rows[0]]:.4g} to {view.time[rows[-1]]:.4g} s, held out")
+        panels[0].set(title=f"{view.time[rows[0]]:.4g} to {view.time[rows[-1]]:.4g} s, {part}")
         panels[1].set(title="Without the straight line", ylabel=f"above the straight line ({length})")
         panels[0].legend(loc="upper left", handlelength=1.4)
     return figure
@@ -64,8 +64,8 @@ def residual(view: View, correlation: FloatArray, rows: int, theme: Theme = LIGH
         figure = Figure(figsize=(style.WIDTH, 4.6), layout=ConstrainedLayoutEngine(h_pad=0.07, w_pad=0.05))
         panels = figure.subplot_mosaic("TTT;VRC", height_ratios=[1.1, 1])
         _against_time(panels["T"], view, factor, theme)
-        _spread(panels["V"], volts * view.volts[view.tested], factor * error, theme)
-        _spread(panels["R"], speed * view.rate[view.tested], factor * error, theme)
+        spread(panels["V"], volts * view.volts[view.tested], factor * error, theme)
+        spread(panels["R"], speed * view.rate[view.tested], factor * error, theme)
         panels["R"].sharey(panels["V"])
         _correlation(panels["C"], correlation, 1.96 / np.sqrt(rows), theme)
         panels["T"].set(xlabel="time (s)", ylabel=f"error ({unit})")
@@ -92,7 +92,7 @@ def _against_time(panel: Axes, view: View, factor: float, theme: Theme) -> None:
     style.legend_above(panel)
 
 
-def _spread(panel: Axes, x: FloatArray, y: FloatArray, theme: Theme) -> None:
+def spread(panel: Axes, x: FloatArray, y: FloatArray, theme: Theme) -> None:
     """Median, 90 % and all of y in bins of x; every sample where there are few."""
     style.zero(panel, theme)
     centres, (least, low, middle, high, most) = binned(x, y)

@@ -1,12 +1,13 @@
 """How well this computer keeps time."""
 
 import os
-import resource
+import sys
 from pathlib import Path
 
 import numpy as np
 
 from truestroke import _kernel
+from truestroke.base import system
 from truestroke.runtime.doctor.finding import Finding, Level, read
 from truestroke.runtime.drivers.paced import Clock
 from truestroke.runtime.realtime import RealtimeError, RealtimeSettings
@@ -24,6 +25,8 @@ LIMITS = "/etc/security/limits.d/realtime.conf"
 def look(settings: RealtimeSettings | None = None, period: float = PERIOD, probe: float = PROBE) -> list[Finding]:
     """Processors, governor, priority, memory, kernels, clock, and what they add up to: lateness of `probe` seconds."""
     asked = RealtimeSettings() if settings is None else settings
+    if not system.HAS_REALTIME:
+        return [_none(), _kernel_variant()]
     return [
         _processors(asked.cpu),
         _quota(),
@@ -38,8 +41,14 @@ def look(settings: RealtimeSettings | None = None, period: float = PERIOD, probe
     ]
 
 
+def _none() -> Finding:
+    why = "run and serve need its watchdog; all other commands work here"
+    command = "run on Linux, or export the controller: truestroke export c"
+    return Finding(PART, "real time", why, f"none on {sys.platform}", Level.MISSING, command, required=True)
+
+
 def _processors(cpu: int | None) -> Finding:
-    mine, there = sorted(os.sched_getaffinity(0)), os.cpu_count() or 1
+    mine, there = system.processors(), os.cpu_count() or 1
     usable = f"{len(mine)} of {there} usable"
     if cpu is not None and cpu not in mine:
         level, found, command = Level.MISSING, f"cpu = {cpu} is not usable, only {mine}", f"taskset -c {cpu} truestroke"
@@ -70,6 +79,8 @@ def _governor() -> Finding:
 
 
 def _priority(required: bool) -> Finding:
+    import resource
+
     limit = resource.getrlimit(resource.RLIMIT_RTPRIO)[0]
     policy, parameter = os.sched_getscheduler(0), os.sched_getparam(0)
     try:
@@ -84,10 +95,14 @@ def _priority(required: bool) -> Finding:
 
 
 def _limit(value: int, unit: int = 1) -> str:
+    import resource
+
     return "unlimited" if value == resource.RLIM_INFINITY else f"{value / unit:g}"
 
 
 def _memory() -> Finding:
+    import resource
+
     swaps = read("/proc/swaps").splitlines()[1:]
     limit = resource.getrlimit(resource.RLIMIT_MEMLOCK)[0]
     level, swap = (Level.WARNING, "swap in use") if swaps else (Level.OK, "no swap")
@@ -134,7 +149,7 @@ def _kernel_variant() -> Finding:
 
 def _lateness(settings: RealtimeSettings, period: float, probe: float) -> Finding:
     """The runner's own clock, under the settings of the run, with nothing to do."""
-    usable = settings.cpu is None or settings.cpu in os.sched_getaffinity(0)
+    usable = settings.cpu is None or settings.cpu in system.processors()
     asked = settings if usable else RealtimeSettings(spin=settings.spin)
     clock, late = Clock(period, asked.spin), np.empty(max(2, round(probe / period)))
     try:

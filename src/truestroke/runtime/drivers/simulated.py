@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -17,6 +17,9 @@ from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
 from truestroke.runtime.drivers.protocol import DriverError
 from truestroke.signals.timing import Timing
+
+if TYPE_CHECKING:
+    from truestroke.plant import MultiAxisStage
 
 FAULTS = ("open", "start", "error", "nan", "short", "wild", "frozen", "hang", "slip", "abort", "stop")
 
@@ -83,6 +86,9 @@ class SimulatedSettings:
         Members of `plant.PlantSettings`.
     stage : Mapping[str, object]
         Members of `plant.StageSettings`: a stage for fast motion on each channel in place of that plant.
+    axes : Mapping[str, object]
+        Members of `plant.MultiAxisSettings` beside `axes`, and `stages`, a table of members of `plant.StageSettings`
+        for each channel: stages that disturb each other, in place of both.
     faults : tuple[Fault, ...]
         Faults of the run.
     """
@@ -96,18 +102,35 @@ class SimulatedSettings:
     register: str | None = None
     plant: Mapping[str, object] = field(default_factory=dict)
     stage: Mapping[str, object] = field(default_factory=dict)
+    axes: Mapping[str, Any] = field(default_factory=dict)
     faults: tuple[Fault, ...] = ()
 
     def __post_init__(self) -> None:
         checks.count("seed", self.seed, 0, 2**62)
         if self.plant and self.stage:
             raise SettingError("stage", dict(self.stage), "left out, or `plant`: a channel has one of them")
+        if self.axes and (self.plant or self.stage):
+            raise SettingError("axes", dict(self.axes), "left out, or `plant` and `stage`: a channel has one of them")
         self.timing()
 
     def timing(self) -> Timing:
         """The result of `open`."""
         names = [entry.name for entry in dataclasses.fields(Timing)]
         return Timing(**{name: getattr(self, name) for name in names})
+
+    def together(self) -> "MultiAxisStage":
+        """The stages of `axes`."""
+        from truestroke.plant import MultiAxisSettings, MultiAxisStage, StageSettings
+
+        given = {**self.axes}
+        stages = given.pop("stages", [{} for _ in range(self.channels)])
+        with checks.inside("axes."):
+            if not isinstance(stages, list | tuple) or len(stages) != self.channels:
+                raise SettingError("stages", f"{len(stages)} tables", f"{self.channels}, one for each channel")
+            each = tuple(toml.decode(StageSettings, one, sample_rate=self.sample_rate) for one in stages)
+            names = [f.name for f in dataclasses.fields(MultiAxisSettings) if f.name != "axes"]
+            checks.known(given, ["stages", *names])
+            return MultiAxisStage(MultiAxisSettings(axes=each, **given), self.seed)
 
     def plants(self) -> list[Plant]:
         """A realistic stack, or a stage, for each channel."""
@@ -159,8 +182,12 @@ class SimulatedDriver:
 
     def __init__(self, settings: SimulatedSettings | None = None, plants: Sequence[Plant] | None = None) -> None:
         self.settings = SimulatedSettings() if settings is None else settings
-        self._plants = self.settings.plants() if plants is None else list(plants)
-        if len(self._plants) != self.settings.channels:
+        self._together = self.settings.together() if self.settings.axes and plants is None else None
+        if self._together is not None:
+            self._plants: list[Any] = [self._together]
+        else:
+            self._plants = self.settings.plants() if plants is None else list(plants)
+        if self._together is None and len(self._plants) != self.settings.channels:
             raise SettingError("plants", len(self._plants), f"{self.settings.channels}, one for each channel")
         self._temporary: str | None = None
 
@@ -208,15 +235,20 @@ class SimulatedDriver:
             os.abort()
         previous = measured[:, -1:].copy()
         self.output[:] = volts[:, -1]
-        for channel, plant in enumerate(self._plants):
-            new = np.array([plant.exchange(volts[channel]), plant.truth])
-            both = np.concatenate([self._late[:, channel], new], axis=1)
-            measured[channel], self.truth[channel] = both[:, : s.block]
-            self._late[:, channel] = both[:, s.block :]
+        both = np.concatenate([self._late, self._moved(volts)], axis=2)
+        measured[:], self.truth = both[:, :, : s.block]
+        self._late = both[:, :, s.block :]
         values: dict[str, float | FloatArray] = {"nan": np.nan, "short": np.nan, "wild": 1e6, "frozen": previous}
         for kind in [kind for kind in values if kind in kinds]:
             measured[:, s.block // 2 if kind == "short" else 0 :] = values[kind]
         self._pass_time(s.block / s.sample_rate, "slip" in kinds)
+
+    def _moved(self, volts: FloatArray) -> FloatArray:
+        """What is measured and true in the ticks of `volts`, shape (2, channels, ticks)."""
+        if self._together is not None:
+            return np.array([self._together.exchange(volts.T).T, self._together.truth.T])
+        each = [(plant.exchange(row), plant.truth) for plant, row in zip(self._plants, volts, strict=True)]
+        return np.array(each).swapaxes(0, 1)
 
     def _pass_time(self, period: float, slips: bool) -> None:
         if slips:
@@ -252,6 +284,9 @@ class SimulatedDriver:
     def _range(self) -> dict[str, object]:
         """That of the D/A converters, where they are simulated and have one."""
         settings = getattr(self._plants[0], "settings", None)
+        if self._together is not None:
+            low, high = zip(*(one.voltage_limits for one in self._together.settings.axes), strict=True)
+            return {"output_range": (max(low), min(high))}
         limits = getattr(settings, "voltage_limits" if self.settings.stage else "da_limits", None)
         return {} if limits is None else {"output_range": limits}
 

@@ -4,6 +4,7 @@ The loop has a process for itself. Recorder, watchdog, status line and server ar
 shared memory: neither their work nor their failure takes time from a tick.
 """
 
+from truestroke.runtime.realtime.coupled import couple
 from truestroke.runtime.realtime.ending import Cause, Outcome
 from truestroke.runtime.realtime.epics import EpicsSettings
 from truestroke.runtime.realtime.motion import SetPoint
@@ -11,4 +12,14 @@ from truestroke.runtime.realtime.process import RealtimeError
 from truestroke.runtime.realtime.runner import run_realtime
 from truestroke.runtime.realtime.settings import Axis, RealtimeSettings
 
-__all__ = ["Axis", "Cause", "EpicsSettings", "Outcome", "RealtimeError", "RealtimeSettings", "SetPoint", "run_realtime"]
+__all__ = [
+    "Axis",
+    "Cause",
+    "EpicsSettings",
+    "Outcome",
+    "RealtimeError",
+    "RealtimeSettings",
+    "SetPoint",
+    "couple",
+    "run_realtime",
+]

@@ -121,7 +121,9 @@ class AxisLoop:
         self.axis, self.lost, self.zero = axis, 0, 0.0
         controller: Any = axis.controller
         self._controller, self._command, self._adapt = controller, controller.command, controller.adapt
-        self._motion = motion(axis.trajectory, shared.targets[channel : channel + 1], controller)
+        self._motion = motion(
+            axis.trajectory, shared.targets[channel :: shared.layout.channels], controller, axis.others
+        )
         self._size, self._shared, self._channel = shared.layout.size, shared, channel
         rows = dict(zip(FIELDS, shared.ring[channel], strict=True))
         self._ticks = TickRecorder(controller, timing, {name: rows[name] for name in TICK}, shared.slow[channel])

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-from truestroke.base import checks, toml
+from truestroke.base import checks, frames, toml
 from truestroke.base.checks import SettingError
 from truestroke.base.files import FileError
 from truestroke.control.controller import AdaptiveController, Controller
@@ -16,6 +16,8 @@ from truestroke.model.dynamics import Dynamics
 from truestroke.runtime.drivers import registry
 from truestroke.runtime.drivers.guard import Limits
 from truestroke.runtime.drivers.protocol import Driver
+from truestroke.runtime.drivers.turned import Turned
+from truestroke.runtime.realtime.coupled import couple
 from truestroke.runtime.realtime.epics import EpicsSettings
 from truestroke.runtime.realtime.motion import SetPoint
 from truestroke.runtime.realtime.settings import Axis, RealtimeSettings
@@ -68,11 +70,33 @@ class RecordingTable:
 
 
 @dataclass(frozen=True, kw_only=True)
+class CoupledTable:
+    """The table [coupled]: the axes know how the others move. Its keys say how the sensors stand."""
+
+    rotation: float = field(default=0.0, metadata={"unit": "degrees"})
+    skew: float = field(default=0.0, metadata={"unit": "degrees"})
+    frame: tuple[tuple[float, ...], ...] | None = None
+
+    def of(self, axes: int) -> frames.Matrix | None:
+        """The frame of so many axes; None: each sensor stands along its axis."""
+        if self.frame is not None:
+            if self.rotation or self.skew:
+                raise SettingError("frame", self.frame, "left out, or rotation and skew")
+            return frames.frame("frame", self.frame, axes)
+        if not (self.rotation or self.skew):
+            return None
+        if axes != 2:
+            raise SettingError("rotation", self.rotation, f"left out: {axes} axes need frame", "degrees")
+        return frames.sensor_frame(self.rotation, self.skew)
+
+
+@dataclass(frozen=True, kw_only=True)
 class Document:
     """The tables of a configuration; what those of driver and axes hold is read with the help of the others."""
 
     driver: Mapping[str, Any]
     axis: tuple[Mapping[str, Any], ...]
+    coupled: CoupledTable | None = None
     realtime: RealtimeSettings = field(default_factory=RealtimeSettings)
     recording: RecordingTable
     epics: EpicsSettings | None = None
@@ -123,7 +147,7 @@ def job(document: Mapping[str, Any], folder: Path) -> Job:
     Traceback (most recent call last):
         ...
     truestroke.SettingError: driver.blok = 5: must be left out; did you mean block? There are name, sample_rate, \
-block, latency, channels, seed, hardware_timed, register, plant, stage, faults
+block, latency, channels, seed, hardware_timed, register, plant, stage, axes, faults
     """
     read = toml.decode(Document, document)
     made, rate = driver(read.driver)
@@ -131,6 +155,10 @@ block, latency, channels, seed, hardware_timed, register, plant, stage, faults
     for place, given in _placed(read.axis):
         with checks.inside(place):
             axes.append(_axis(toml.decode(AxisTable, given), folder, rate))
+    if read.coupled is not None:
+        with checks.inside("coupled."):
+            frame = read.coupled.of(len(axes))
+        axes, made = [*couple(axes, frame)], made if frame is None else Turned(made, frame)
     return Job(driver=made, axes=tuple(axes), settings=read.realtime, file=Path(read.recording.file), epics=read.epics)
 
 
@@ -170,6 +198,41 @@ def one_axis_at(path: str | os.PathLike[str]) -> tuple[Driver, AxisTable, float]
             raise SettingError("axis", f"{len(axes) if isinstance(axes, list) else 0} tables", "one [[axis]]")
         made, rate = driver(toml.value("driver", toml.needed(document, "driver"), Mapping))
         return made, toml.value("axis", axes[0], AxisTable), rate
+
+
+@dataclass(frozen=True, kw_only=True)
+class Movable:
+    """An axis that another program moves: its table, and its controller."""
+
+    name: str
+    table: AxisTable
+    controller: AdaptiveController
+
+
+def movable(path: str | os.PathLike[str]) -> tuple[Driver, tuple[Movable, ...]]:
+    """Driver and axes of a configuration whose motions come from elsewhere: trajectories and recording are not read.
+
+    Raises
+    ------
+    SettingError, OSError
+        As `load`.
+    """
+    document = toml.read(path)
+    with checks.inside(f"{os.fspath(path)}: "):
+        made, rate = driver(toml.value("driver", toml.needed(document, "driver"), Mapping))
+        given = toml.value("axis", toml.needed(document, "axis"), tuple[Mapping[str, Any], ...])
+        axes = []
+        for place, one in _placed(given):
+            with checks.inside(place):
+                table = toml.decode(AxisTable, one)
+                controller = _controller(table, rate, Path(path).parent)
+                if not isinstance(controller, AdaptiveController):
+                    raise SettingError("controller", repr(table.controller), '"adaptive"')
+                axes.append(Movable(name=table.name, table=table, controller=controller))
+    names = [axis.name for axis in axes]
+    if len(set(names)) < len(names):
+        raise SettingError("name", ", ".join(names), "different for each axis")
+    return made, tuple(axes)
 
 
 def _placed(tables: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, Mapping[str, Any]]]:

@@ -29,6 +29,7 @@ from truestroke.signals.trajectories import Trajectory
 REFRESH = 0.1  # s between two updates
 WAVES = 5  # updates from one of the waveforms to the next
 ARRIVED = 1e-6  # um
+SLOWEST = 1e-4  # of the speed of a set-point: lowest SPEED
 LAST_WORDS = 0.5  # s for clients to read the end
 NAME = re.compile(r"[A-Za-z0-9_\-:]{1,30}")
 INTERFACES = ("EPICS_CAS_INTF_ADDR_LIST", "EPICS_PVAS_INTF_ADDR_LIST")  # of Channel Access, of PV Access
@@ -89,6 +90,7 @@ class Panel:
     reach: tuple[float, float]
     moved: bool
     weights: int
+    speed: float = 0.0
 
 
 def panels(axes: Sequence[Axis], plans: Sequence[Plan]) -> list[Panel]:
@@ -99,6 +101,7 @@ def panels(axes: Sequence[Axis], plans: Sequence[Plan]) -> list[Panel]:
             voltage_limits=axis.voltage_limits,
             reach=_reach(axis.trajectory),
             moved=isinstance(axis.trajectory, SetPoint),
+            speed=axis.trajectory.speed if isinstance(axis.trajectory, SetPoint) else 0.0,
             weights=math.prod(plan.slow.shapes.get("weights", (0,))),
         )
         for axis, plan in zip(axes, plans, strict=True)
@@ -205,10 +208,14 @@ class _AxisRecords:
             self._moving = builder.boolIn(f"{panel.name}:MOVING", ZNAM="arrived", ONAM="moving")
             out = {"DRVL": low, "DRVH": high, "EGU": "um", "PREC": 4, "always_update": True, "initial_value": 0.0}
             builder.aOut(f"{panel.name}:SETPOINT", ASG="OPERATOR", validate=_is_number, on_update=self._send, **out)
+            fast = out | {"DRVL": panel.speed * SLOWEST, "DRVH": panel.speed, "EGU": "um/s"}
+            fast["initial_value"] = panel.speed
+            builder.aOut(f"{panel.name}:SPEED", ASG="OPERATOR", validate=_is_number, on_update=self._pace, **fast)
         self._window, self._recent = round(settings.window * rate), round(WINDOW * rate)
         wave = {"datatype": float, "length": self._window, "EGU": "um", "PREC": 4}
         shown = ("DESIRED", "MEASURED", "ERROR")
         self._waves = [builder.WaveformIn(f"{panel.name}:{name}:WAVE", **wave) for name in shown]
+        self._waves.append(builder.WaveformIn(f"{panel.name}:VOLTS:WAVE", **(wave | {"EGU": "V"})))
         self._weights: Any = None
         if panel.weights:
             weights = {"datatype": float, "length": panel.weights, "EGU": "um/V", "PREC": 4}
@@ -216,6 +223,9 @@ class _AxisRecords:
 
     def _send(self, target: float) -> None:
         self._shared.targets[self._channel] = target
+
+    def _pace(self, speed: float) -> None:
+        self._shared.targets[self._shared.layout.channels + self._channel] = speed
 
     def publish(self, done: int, entries: int, waves: bool) -> None:
         """Of `done` ticks that have settled, and the last of `entries` slow ones."""
@@ -233,7 +243,7 @@ class _AxisRecords:
             target = min(max(self._shared.targets[self._channel], low), high)
             self._moving.set(int(abs(desired[-1] - target) > ARRIVED))
         if waves:
-            for record, wave in zip(self._waves, (desired, measured, error), strict=True):
+            for record, wave in zip(self._waves, (desired, measured, error, volts), strict=True):
                 record.set(wave)
             if self._weights is not None and entries:
                 slow = self._shared.slow[self._channel]

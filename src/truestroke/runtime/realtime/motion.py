@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 from truestroke.base import checks
 from truestroke.base.typing import FloatArray
@@ -12,8 +14,8 @@ from truestroke.signals.trajectories import Trajectory
 
 UNIT = 2**32  # of whole numbers in a um: their sums are exact, however long a run lasts
 
-Motion = Callable[[int], tuple[float, ...]]
-"""Tick k, which never goes back, to desired displacement (um) and velocity (um/s)."""
+Motion = Callable[[int], tuple[Any, ...]]
+"""Tick k, which never goes back, to desired displacement (um) and velocity (um/s), and what else `command` takes."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,7 +80,10 @@ class SetPoint:
         return {key: getattr(self, key) for key in ("reach", "speed", "ramp", "duration")}
 
     def motion(self, target: memoryview[float]) -> Motion:
-        """Follow what is at target[0], um, at each tick; what is no number changes nothing."""
+        """Follow what is at target[0], um, at each tick; what is no number changes nothing.
+
+        A second number, if there is one, is the speed, um/s, up to `speed`; at 0 or less it is that.
+        """
         return _Pursuit(self, target)
 
 
@@ -94,6 +99,7 @@ class _Pursuit:
         self._lines, self._sums, self._place = [0] * half, [0] * half, 0
         self._scale = half * half * UNIT
         self._tick, self._before, self._now, self._after = 0, 0.0, 0.0, 0.0
+        self._fastest, self._asked, self._timed = self._step, 0.0, len(target) > 1
 
     def __call__(self, k: int) -> tuple[float, float]:
         while self._tick < k:
@@ -106,6 +112,10 @@ class _Pursuit:
         asked = self._target[0]
         if asked == asked:
             self._goal = round(min(max(asked, low), high) * UNIT)
+        if self._timed and self._target[1] != self._asked:
+            self._asked = self._target[1]
+            step = round(self._asked * UNIT / (2 * self._half_rate)) if math.isfinite(self._asked) else 0
+            self._step = min(step, self._fastest) if step > 0 else self._fastest
         self._line += min(max(self._goal - self._line, -self._step), self._step)
         i = self._place
         self._sum += self._line - self._lines[i]
@@ -117,10 +127,14 @@ class _Pursuit:
         self._tick += 1
 
 
-def motion(trajectory: Trajectory | SetPoint, target: memoryview[float], controller: object) -> Motion:
+def motion(
+    trajectory: Trajectory | SetPoint, target: memoryview[float], controller: object, others: FloatArray | None = None
+) -> Motion:
     """The arguments of `command`: of a trajectory its entries, of a set-point the way to `target`."""
     if isinstance(trajectory, SetPoint):
         return trajectory.motion(target)
+    if others is not None:
+        return _among(trajectory, controller, others)
     z_d, zdot_d, *known = (numbers(array) for array in wanted(trajectory, controller))
     if not known:
         return lambda k: (z_d[k], zdot_d[k])
@@ -128,6 +142,16 @@ def motion(trajectory: Trajectory | SetPoint, target: memoryview[float], control
     if not ahead:
         return lambda k: (z_d[k], zdot_d[k], zddot_d[k])
     return lambda k: (z_d[k], zdot_d[k], zddot_d[k], ahead[0][k])
+
+
+def _among(trajectory: Trajectory, controller: Any, others: FloatArray) -> Motion:
+    """The same of an axis beside others, with their motion."""
+    strain = controller.strain(trajectory.position)
+    z_d, zdot_d, zddot_d = (numbers(a) for a in (trajectory.position, trajectory.velocity, trajectory.acceleration))
+    if strain is None:
+        return lambda k: (z_d[k], zdot_d[k], zddot_d[k], None, others[k].tolist())
+    strain_d = numbers(strain)
+    return lambda k: (z_d[k], zdot_d[k], zddot_d[k], strain_d[k], others[k].tolist())
 
 
 def numbers(array: FloatArray) -> memoryview[float]:

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
-from truestroke.base import interrupts, streams
+from truestroke.base import interrupts, streams, system
 from truestroke.base.errors import TruestrokeError
 from truestroke.runtime.realtime.settings import RealtimeSettings
 from truestroke.runtime.realtime.shared import Shared
@@ -20,6 +20,15 @@ SWITCH = 20e-6  # s that another thread may keep the interpreter's lock when the
 
 class RealtimeError(TruestrokeError, RuntimeError):
     """The run could not begin; the output was not touched."""
+
+
+def require_realtime() -> None:
+    """RealtimeError where the system has no watchdog that outlives the loop."""
+    if not system.HAS_REALTIME:
+        raise RealtimeError(
+            f"{sys.platform} cannot watch the loop (no pidfd, no memfd), so the output would not be safe: use Linux "
+            "5.3 or newer, or a microcontroller (truestroke export c); identify, invert and track work here"
+        )
 
 
 @contextmanager

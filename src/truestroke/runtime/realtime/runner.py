@@ -16,11 +16,12 @@ from truestroke.control import feasibility
 from truestroke.runtime import loop
 from truestroke.runtime.drivers.guard import check_range
 from truestroke.runtime.drivers.protocol import Driver
+from truestroke.runtime.drivers.turned import Turned
 from truestroke.runtime.realtime.ending import Outcome
 from truestroke.runtime.realtime.epics import EpicsSettings
 from truestroke.runtime.realtime.helpers import Helpers
 from truestroke.runtime.realtime.live import Live
-from truestroke.runtime.realtime.process import RealtimeError, on_its_own, undisturbed
+from truestroke.runtime.realtime.process import RealtimeError, on_its_own, require_realtime, undisturbed
 from truestroke.runtime.realtime.recorder import Plan
 from truestroke.runtime.realtime.settings import Axis, RealtimeSettings
 from truestroke.runtime.realtime.shared import Layout, Shared, Slot
@@ -81,6 +82,7 @@ def run_realtime(
     LimitWarning
         A limit will probably hold the motion back; the metadata has the sentence, too, as `notices`.
     """
+    require_realtime()
     settings = RealtimeSettings() if settings is None else settings
     paths = recordings(Path(file), axes, overwrite)
     with closing(driver):
@@ -179,6 +181,7 @@ def _about(driver: Any, axis: Axis, timing: Timing, about: Mapping[str, object])
     """Metadata of a file; an error now where it could not be written later."""
     guard = {name: getattr(axis, name) for name in ("name", "voltage_limits", "slew", "safe_voltage")}
     metadata = loop.about(axis.trajectory, axis.controller, driver, timing) | {"axis": guard, **about}
+    metadata["plant"]["name"] = type(driver.driver if isinstance(driver, Turned) else driver).__name__
     return Recording({}, metadata).metadata
 
 

@@ -5,6 +5,7 @@ from typing import Literal
 
 from truestroke.base import checks
 from truestroke.base.checks import SettingError
+from truestroke.base.typing import FloatArray
 from truestroke.control.controller import Controller
 from truestroke.control.settings import ControllerSettings
 from truestroke.runtime.drivers.guard import Limits
@@ -38,6 +39,8 @@ class Axis:
     error_limit : float or None
         An error beyond it is one of an axis that is lost, if it lasts (`RealtimeSettings`), um; by default 30 % of the
         motion from end to end, and at least 5 % of the stroke.
+    others : ndarray, shape (ticks, 3 other axes), or None
+        What its controller takes of the motion of the others, as `couple` makes it; None: it stands alone.
 
     Raises
     ------
@@ -53,6 +56,7 @@ class Axis:
     name: str = "axis"
     zero: float | Literal["measured"] | None = None
     error_limit: float | None = None
+    others: FloatArray | None = None
 
     def __post_init__(self) -> None:
         limits = Limits(voltage_limits=self.voltage_limits, slew=self.slew, safe_voltage=self.safe_voltage)

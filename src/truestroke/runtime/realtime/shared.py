@@ -108,7 +108,8 @@ class Shared:
     histogram : memoryview of uint64
         Blocks by lateness, see `drivers.paced.EDGES_US`.
     targets : memoryview of float64
-        Where a `SetPoint` of each channel is sent, um; 0 at the start.
+        Where a `SetPoint` of each channel is sent, um, then how fast each goes, um/s; 0 at the start, which is as fast
+        as it may.
     ring : ndarray, shape (channels, fields, size)
         Tick k is at k % size.
     slow : ndarray, shape (channels, slow_size, slow_width)
@@ -119,7 +120,7 @@ class Shared:
         self.layout = layout
         c, s = layout.channels, layout
         rings = (8 * c * len(FIELDS) * s.size, 8 * c * s.slow_size * s.slow_width)
-        sizes = (8 * SLOTS, 8 * BINS, 8 * c, *rings, len(Text) * TEXT)
+        sizes = (8 * SLOTS, 8 * BINS, 16 * c, *rings, len(Text) * TEXT)
         starts = np.concatenate([[0], np.cumsum(sizes)]).tolist()
         self.fd = os.memfd_create("truestroke") if fd is None else fd
         if fd is None:

@@ -1,7 +1,6 @@
 """Executors take a study and batches of run numbers and yield results as they come; `run` puts these into a store."""
 
 import itertools
-import os
 import shutil
 import subprocess
 import tempfile
@@ -12,7 +11,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, Protocol
 
-from truestroke.base import checks, interrupts
+from truestroke.base import checks, interrupts, system
 from truestroke.base.checks import SettingError
 from truestroke.studies.engine.rows import Batch, Run, Study, StudyError, simulate
 from truestroke.studies.engine.store import Store
@@ -40,7 +39,7 @@ class Work(Protocol):
 
 def cores() -> int:
     """Those that this process may use."""
-    return len(os.sched_getaffinity(0))
+    return len(system.processors())
 
 
 def threads(workers: int | None = None) -> Work:

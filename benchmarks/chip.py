@@ -1,0 +1,67 @@
+"""Memory and instructions of exported controllers on a Cortex-M4F and M7, in QEMU: the table of docs/export.md.
+
+    python benchmarks/chip.py
+
+Debian: apt-get install gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm
+"""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import tempfile
+from pathlib import Path
+
+from truestroke import AdaptiveController, Dynamics, Mode, export_c
+
+BENCH = {"sample_rate": 10_000.0, "stroke": 20.0, "voltage_limits": (0.0, 10.0)}
+MODES = (Mode(frequency=900.0, damping=0.02, share=0.9), Mode(frequency=2300.0, damping=0.03, share=0.1))
+STAGE = Dynamics(sample_rate=10_000.0, modes=MODES, amplifier_bandwidth=3000.0, dead_time=1e-4)
+CONTROLLERS = {
+    "the paper's, 8 plays": AdaptiveController.paper(**BENCH),
+    "default": AdaptiveController(**BENCH),
+    "default with the dynamics of a stage": AdaptiveController(**BENCH, dynamics=STAGE),
+}
+EXAMPLE = Path(__file__).parents[1] / "examples/cortex-m"
+CORES = {"m4": "-mcpu=cortex-m4 -mfpu=fpv4-sp-d16", "m7": "-mcpu=cortex-m7 -mfpu=fpv5-d16"}
+
+
+def output(*command: object) -> str:
+    return subprocess.run([str(c) for c in command], capture_output=True, text=True, check=True).stdout
+
+
+def memory(folder: Path) -> tuple[int, int, int, int]:
+    """Bytes of state, settings, the deepest stack of a function, and code, for a Cortex-M4F."""
+    output("make", "-s", "-C", folder, "clean")
+    flags = f"CFLAGS=-O3 {CORES['m4']} -mthumb -mfloat-abi=hard"
+    output("make", "-s", "-C", folder, "adaptive.a", "CC=arm-none-eabi-gcc", "AR=arm-none-eabi-ar", flags)
+    sizes = {
+        line.split()[5].removesuffix(".o"): list(map(int, line.split()[:3]))
+        for line in output("arm-none-eabi-size", folder / "adaptive.a").splitlines()[1:]
+    }
+    stack = max(int(line.split("\t")[1]) for file in folder.rglob("*.su") for line in file.read_text().splitlines())
+    code = sum(text for name, (text, _, _) in sizes.items() if name != "settings")
+    return sizes["adaptive"][2], sizes["settings"][0], stack, code
+
+
+def instructions(folder: Path, core: str) -> str:
+    """Per tick: mean and most; fails where the bits are not those of the desk."""
+    printed = output("make", "-s", "-f", EXAMPLE / "Makefile", f"EXPORT={folder}", f"OUT={folder}", f"{core}.run")
+    if not re.search(r"passed: (\d+) of \1 commands", printed):
+        raise SystemExit(printed)
+    return " and ".join(f"{int(n):,}" for n in re.findall(r"mean (\d+), most (\d+)", printed)[0])
+
+
+def main() -> None:
+    print("| controller | precision | state | settings | stack | code | per tick, M4F | M7 |\n|" + "---|" * 8)
+    for name, controller in CONTROLLERS.items():
+        for precision in ("single", "double"):
+            with tempfile.TemporaryDirectory() as place:
+                folder = export_c(controller, place, precision=precision).folder
+                found = [f"{size:,}" for size in memory(folder)]
+                found += [instructions(folder, core) for core in CORES]
+            print(f"| {name} | {precision} | {' | '.join(found)} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,160 @@
+#include "lanes.h"
+
+#include <math.h>
+#include <string.h>
+
+#define SEARCH_FROM ((ts_real)0.15) /* cycles per tick: where the search begins, */
+#define SEARCH_TO 40                /* Hz: and where it begins again, */
+#define OF_MOTION 2                 /* or at so many times the motion's frequency */
+#define NEXT ((ts_real)0.6)         /* of a centre: the next one, where there was no resonance */
+#define PASSES ((ts_real)0.35)      /* of the centre: corner of the filter that takes the motion away */
+#define SHARP ((ts_real)1.4)        /* twice the damping of that filter, */
+#define ROUND 1                     /* and of the one behind it, which takes noise away */
+#define SETTLED_IN 3                   /* periods of the centre until both have settled, */
+#define WINDOW 20                    /* and of a window, */
+#define SHORTEST ((ts_real)0.06)    /* s: but no shorter */
+#define RIDGE ((ts_real)1e-4)       /* of the largest of the plays: how well each of them is known before */
+#define SHOWS ((ts_real)0.5)        /* of the error of plays alone: a resonance leaves less */
+#define NEAREST ((ts_real)0.6)      /* of the centre: bounds of an estimate in that window */
+#define FURTHEST ((ts_real)1.4)
+#define AGREE ((ts_real)1.05)       /* centre and estimate */
+#define TRUST 5                     /* times that deviation: the error of an estimate, */
+#define LEAST ((ts_real)0.005)      /* and the smallest one */
+#define WALK ((ts_real)0.002)       /* how far the resonance moves in a window */
+#define JUMPS 3                     /* standard deviations of a difference */
+#define MOST_WINDOWS 1000           /* that are counted */
+#define SURE ((ts_real)0.02)        /* standard deviation of an estimate, over it */
+
+enum { BAND = TS_SHOWN, HIGH, LOW }; /* of the measurement: places behind the plays */
+
+static void filter_at(ts_real *a, ts_real frequency, ts_real k)
+{
+    ts_real g = (ts_real)tan((double)(TS_PI * frequency));
+    a[0] = 1 / (1 + g * (g + k));
+    a[1] = g * a[0];
+    a[2] = g * a[1];
+}
+
+/* One tick of a second-order filter in the form of two integrators: band and low pass. The high pass is x - k band - low. */
+static void pass_two(const ts_real *a, ts_real *state, ts_real x, ts_real *band, ts_real *low)
+{
+    ts_real v = x - state[1];
+    *band = a[0] * state[0] + a[1] * v;
+    *low = state[1] + a[1] * state[0] + a[2] * v;
+    state[0] = 2 * *band - state[0];
+    state[1] = 2 * *low - state[1];
+}
+
+static void begin_band(ts_resonance *r, ts_real tick, const ts_real *x)
+{
+    if (!(r->centre > 0)) r->centre = SEARCH_FROM;
+    ts_real lasts = WINDOW / r->centre, shortest = SHORTEST / tick;
+    r->settling = (int)(SETTLED_IN / r->centre);
+    r->window = (int)(lasts > shortest ? lasts : shortest);
+    filter_at(r->motion_filter, PASSES * r->centre, SHARP);
+    filter_at(r->noise_filter, r->centre, ROUND);
+    memcpy(r->first, x, sizeof r->first);
+    memset(r->state, 0, sizeof r->state);
+    memset(r->sum, 0, sizeof r->sum);
+    r->speed = r->change = r->error = 0;
+}
+
+static void count_tick(ts_resonance *r, const ts_real *x, ts_real error)
+{
+    ts_real v[TS_RESONANCE] = {0};
+    for (int i = 0; i <= TS_SHOWN; i++) {
+        ts_real band, low, high, *state = r->state[i];
+        pass_two(r->motion_filter, state, x[i] - r->first[i], &band, &low);
+        high = x[i] - r->first[i] - SHARP * band - low;
+        pass_two(r->noise_filter, state + 2, high, &band, &low);
+        if (i < TS_SHOWN) {
+            v[i] = low;
+            continue;
+        }
+        v[BAND] = band;
+        v[HIGH] = high - ROUND * band - low;
+        v[LOW] = low;
+    }
+    if (r->ticks < r->settling) return;
+    for (int i = 0; i <= LOW; i++)
+        for (int j = 0; j <= i; j++) r->sum[i][j] += v[i] * v[j];
+    r->error += error * error;
+}
+
+/* Eliminates the unknowns from `begin` to before `end`; returns whether all of them could be. */
+static bool eliminate(ts_real (*N)[TS_RESONANCE], int begin, int end)
+{
+    for (int k = begin; k < end; k++) {
+        if (!(N[k][k] > 0)) return false;
+        for (int i = k + 1; i <= LOW; i++) {
+            ts_real factor = N[i][k] / N[k][k];
+            for (int j = k + 1; j <= i; j++) N[i][j] -= factor * N[j][k];
+        }
+    }
+    return true;
+}
+
+/* The resonance that a window shows, cycles per tick, and its relative variance; 0: it shows none. */
+static ts_real shown_resonance(const ts_resonance *r, ts_real lowest, ts_real *variance)
+{
+    ts_real N[TS_RESONANCE][TS_RESONANCE], largest = 0;
+    memcpy(N, r->sum, sizeof N);
+    for (int i = 0; i < TS_SHOWN; i++) largest = N[i][i] > largest ? N[i][i] : largest;
+    for (int i = 0; i < TS_SHOWN; i++) N[i][i] += RIDGE * largest;
+    if (!eliminate(N, 0, BAND)) return 0;
+    ts_real plays = N[LOW][LOW];
+    if (!eliminate(N, BAND, HIGH) || !(N[HIGH][HIGH] > 0)) return 0;
+    ts_real ratio = -N[LOW][HIGH] / N[HIGH][HIGH], left = N[LOW][LOW] + ratio * N[LOW][HIGH];
+    if (!(ratio > 0) || !(left < SHOWS * plays)) return 0; /* the ratio is (centre / f0)^2, of their tangents */
+    ts_real deviation = 2 * SURE * ratio, equations = (ts_real)r->window * N[HIGH][HIGH];
+    if (!(left < deviation * deviation * equations)) return 0;
+    ts_real f0 = (ts_real)(atan(tan((double)(TS_PI * r->centre)) / sqrt((double)ratio)) / (double)TS_PI);
+    *variance = left > 0 ? left / equations / (4 * ratio * ratio) : 0;
+    bool within = f0 > lowest && f0 < SEARCH_FROM && f0 > NEAREST * r->centre && f0 < FURTHEST * r->centre;
+    return within ? f0 : 0;
+}
+
+/* What is known of the resonance, after a window that shows f0 with this relative variance. Two windows in a row that differ from it
+ * are a jump. */
+static void know(ts_resonance *r, ts_real f0, ts_real variance)
+{
+    ts_real new = TRUST * TRUST * variance + LEAST * LEAST;
+    r->variance += WALK * WALK;
+    ts_real change = r->known > 0 ? f0 / r->known - 1 : 0, gain = r->variance / (r->variance + new);
+    bool far = change * change > JUMPS * JUMPS * (r->variance + new);
+    if (!(r->known > 0) || (far && r->strange)) {
+        r->known = f0;
+        r->variance = new;
+        r->windows = 1;
+    } else if (!far) {
+        r->known *= 1 + gain * change;
+        r->variance = (1 - gain) * r->variance;
+        if (r->windows < MOST_WINDOWS) r->windows++;
+    }
+    r->strange = far && !r->strange;
+}
+
+/* Whether this window adds to what is known. */
+static bool end_band(ts_resonance *r, ts_real tick)
+{
+    ts_real motion = r->speed > 0 ? r->change / (2 * TS_PI * r->speed) : 0, lowest = SEARCH_TO * tick, variance = 0;
+    if (lowest < OF_MOTION * motion) lowest = OF_MOTION * motion;
+    ts_real f0 = shown_resonance(r, lowest, &variance), next = NEXT * r->centre;
+    bool near = f0 > 0 && f0 < AGREE * r->centre && r->centre < AGREE * f0;
+    r->centre = f0 > 0 ? f0 : next > lowest ? next : SEARCH_FROM;
+    r->motion = motion;
+    r->power = r->error / (ts_real)r->window;
+    r->ticks = 0;
+    if (near) know(r, f0, variance);
+    return near;
+}
+
+bool ts_resonance_tick(ts_resonance *r, ts_real tick, const ts_real *x, ts_real error, ts_real zdot_d, ts_real change)
+{
+    if (r->ticks == 0) begin_band(r, tick, x);
+    count_tick(r, x, error);
+    r->speed += zdot_d < 0 ? -zdot_d : zdot_d;
+    r->change += change < 0 ? -change : change;
+    r->ticks++;
+    return r->ticks >= r->settling + r->window && end_band(r, tick);
+}

@@ -1,0 +1,110 @@
+"""`truestroke export`: the controller as source for another machine."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+import truestroke
+from truestroke.cli import common
+
+if TYPE_CHECKING:
+    from truestroke.control.settings import ControllerSettings
+
+SIZES = ("sample_rate", "stroke", "voltage_limits")
+
+
+@click.command()
+@click.argument("target", metavar="c", type=click.Choice(["c"]))
+@click.option("--config", metavar="FILE", type=common.FILE, help="Take the controller of a configuration of "
+              "`truestroke run`.")  # fmt: skip
+@click.option("--axis", metavar="NAME", help="Which of its axes.  [default: the only one]")
+@click.option("--sample-rate", metavar="HZ", type=float, help="Ticks per second, without --config.")
+@click.option("--stroke", metavar="UM", type=float, help="Travel, without --config or --model.")
+@click.option("--voltage-limits", metavar="LOW HIGH", type=float, nargs=2, help="V, without --config.")
+@click.option("--slew", metavar="V/S", type=float, help="Fastest change of the voltage, without --config.")
+@click.option(
+    "--controller", type=click.Choice(["adaptive", "paper"]), help="Which law, without --config.  [default: adaptive]"
+)
+@click.option("--model", metavar="FILE", type=common.FILE, help="Start from a model of `truestroke identify`.")
+@click.option("--dynamics", metavar="FILE", type=common.FILE, help="Of `truestroke bode`.")
+@click.option(
+    "--precision", type=click.Choice(["double", "single"]), default="single", help="Number type of the machine."
+)
+@click.option("--history", metavar="TICKS", type=click.IntRange(16, 1024), help="That a measurement may come after its "
+              "command, plus one.  [default: 16, more with a long dead time]")  # fmt: skip
+@click.option("--ticks", metavar="N", type=click.IntRange(100, 100_000), default=1000, help="Of the self-test.")
+@click.option("--output", metavar="FOLDER", type=common.FOLDER, required=True, help="A new or empty folder.")
+@common.overwrite_option
+@common.json_option
+def export(target: str, output: Path, as_json: bool, **options: Any) -> None:
+    """Write a controller as C99 source that builds by itself.
+
+    The folder holds the kernel with capacities cut to the settings, settings and prior as constants, three calls, an
+    example of a loop, and a self-test: a recorded run whose commands must come out again.
+    """
+    from truestroke.export import export_c
+
+    settings, about = _settings(options)
+    made = export_c(
+        settings,
+        output,
+        precision=options["precision"],
+        history=options["history"],
+        ticks=options["ticks"],
+        about=about,
+        command=common.as_asked()["command"],
+    )
+    if as_json:
+        common.print_json({"folder": str(made.folder), "capacities": dict(made.capacities), "bound_V": made.bound})
+        return
+    click.echo(f"{len(made.files)} files of a controller with {settings.plays} plays and {settings.parameters} weights")
+    common.print_files(folder=made.folder)
+    click.echo(f"\nIts self-test: make -C {made.folder} test\nIts memory:    make -C {made.folder} size")
+
+
+def _settings(options: dict[str, Any]) -> tuple[ControllerSettings, str]:
+    """Of the controller that is asked for, and a line that says whose it is."""
+    alone = [name for name in (*SIZES, "slew", "controller", "model", "dynamics") if options[name] is not None]
+    if options["config"] is not None:
+        if alone:
+            raise click.UsageError(f"--{alone[0].replace('_', '-')} is in --config FILE: change it there.")
+        return _configured(options["config"], options["axis"])
+    if options["axis"] is not None:
+        raise click.UsageError("--axis is one of --config FILE.")
+    needed = ("sample_rate",) if options["model"] else SIZES
+    missing = [f"--{name.replace('_', '-')}" for name in needed if options[name] is None]
+    if missing:
+        raise click.UsageError(f"{', '.join(missing)}: needed without --config FILE.")
+    given = {name: options[name] for name in SIZES if options[name] is not None}
+    if options["slew"] is not None:
+        given["slew_limit"] = options["slew"]
+    if options["controller"] == "paper":
+        if further := [name for name in ("model", "dynamics", "slew") if options[name] is not None]:
+            raise click.UsageError(f"--controller paper knows no {further[0]}: leave it out.")
+        return truestroke.AdaptiveController.paper(**given).settings, "the paper's controller"
+    if options["dynamics"] is not None:
+        given["dynamics"] = truestroke.Dynamics.load(options["dynamics"])
+    if options["model"] is None:
+        return truestroke.AdaptiveController(**given).settings, "an actuator of {stroke:g} um".format(**given)
+    if "stroke" in given:
+        raise click.UsageError("--stroke is that of --model: leave it out.")
+    model = truestroke.load_model(options["model"])
+    return truestroke.AdaptiveController.from_model(model, **given).settings, f"the actuator of {options['model'].name}"
+
+
+def _configured(config: Path, name: str | None) -> tuple[ControllerSettings, str]:
+    """Of an axis of a configuration."""
+    from truestroke.runtime.realtime import config as configuration
+
+    axes = {axis.name: axis for axis in configuration.load(config).axes}
+    if name is None and len(axes) > 1:
+        raise click.UsageError(f"{config} has the axes {', '.join(axes)}: name one with --axis.")
+    if name is not None and name not in axes:
+        raise click.UsageError(f"--axis {name}: {config} has {', '.join(axes)}.")
+    axis = axes[name] if name is not None else next(iter(axes.values()))
+    if not isinstance(axis.controller, truestroke.AdaptiveController):
+        raise click.UsageError(f"the controller of {config} is none of the kernel's.")
+    return axis.controller.settings, f"axis {axis.name} of {config.name}"

@@ -1,0 +1,76 @@
+"""`truestroke unwarp`: an image that was scanned open loop, corrected by a model and the recorded voltage."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+import truestroke
+from truestroke.base.exit_codes import ExitCode
+from truestroke.cli import common
+
+
+@click.command()
+@click.argument("image", type=common.FILE)
+@click.argument("retrace", type=common.FILE, required=False)
+@click.option("--record", metavar="FILE", type=common.FILE, required=True, help="Voltages of the scan, from rest.")
+@click.option("--model", metavar="FILE", type=common.FILE, required=True, help="Of the fast axis, of truestroke "
+              "identify.")  # fmt: skip
+@click.option("--model-y", metavar="FILE", type=common.FILE, help="Of the slow axis.  [default: its rows are even]")
+@click.option("--volts", "x", metavar="COLUMN", help="Column of the voltage of x: its name, or its number from 1.")
+@click.option("--volts-y", "y", metavar="COLUMN", help="Column of the voltage of y.")
+@click.option("--trigger", metavar="COLUMN", help="Column that is high within the lines of the trace.")
+@click.option("--retrace-trigger", metavar="COLUMN", help="Column that is high within those of the retrace.")
+@click.option("--lines", metavar="FILE", type=common.FILE, help="Table of the lines: row, direction, start, end.  "
+              "[default: by the trigger]")  # fmt: skip
+@click.option("--time", metavar="COLUMN", help="Column of the time stamps.")
+@click.option("--sample-rate", metavar="HZ", type=float, help="Where there is no column of time stamps.")
+@click.option("--align", is_flag=True, help="Share between trace and retrace what still separates them.")
+@click.option("--output", metavar="FILE", help="Image to write: .gsf, .gwy, .tif or .nxs.  [default: unwarped.gwy]",
+              default="unwarped.gwy", show_default=False)  # fmt: skip
+@common.page_options
+def unwarp(
+    image: Path, retrace: Path | None, record: Path, model: Path, model_y: Path | None, lines: Path | None,
+    align: bool, output: str, plots: Path | None, as_json: bool, **columns: Any,
+) -> int:  # fmt: skip
+    """Correct an image that was scanned open loop.
+
+    Needs a model of the axis and the voltage that was recorded during the scan, and no sensor: the model predicts where
+    each pixel was taken. IMAGE has the trace, or trace and retrace; a second file has the retrace.
+    """
+    from truestroke import scans
+    from truestroke.identification import unwarp as unwarping
+    from truestroke.report import images as report
+    from truestroke.signals.scans.image_files import IMAGE
+
+    target = common.to_write("--output", output, IMAGE)
+    (page_file,) = common.outputs(str(target.with_suffix("")), ".html")
+    given = scans.read_images(image) + (scans.read_images(retrace) if retrace else [])
+    before = unwarping.by_direction(given)
+    scanned = _recorded(record, lines, columns)
+    slow = None if model_y is None else truestroke.load_model(model_y)
+    found = truestroke.unwarp(before, scanned, truestroke.load_model(model), slow, align=align)
+    kept = list(found.images.values())
+    scans.save_images(target, kept[0] if target.suffix == ".gsf" else kept)
+    made = report.page(found, before, common.as_asked()["command"])
+    pictures = common.save_page(made, page_file, plots)
+    if as_json:
+        written = {"image": str(target), "page": str(page_file), "pictures": pictures}
+        common.print_json({**found.verdict.as_dict(), **report.as_dict(found), **written})
+        return ExitCode.of(found.verdict)
+    for name, text in report.rows(found):
+        common.print_text(f"{name:32} {text}")
+    common.print_verdict(found.verdict)
+    common.print_files(image=target, page=page_file, pictures=plots)
+    return ExitCode.of(found.verdict)
+
+
+def _recorded(record: Path, lines: Path | None, columns: dict[str, Any]) -> truestroke.ScanRecord:
+    """The voltages, with the lines of a table in place of those of a trigger."""
+    if lines is None:
+        return truestroke.read_scan_record(record, **columns)
+    if columns["trigger"] or columns["retrace_trigger"]:
+        raise click.UsageError("--lines says where the lines are: leave --trigger and --retrace-trigger out.")
+    return truestroke.read_scan_record(record, **columns, lines=truestroke.read_lines(lines))

@@ -1,0 +1,349 @@
+"""The controller of two or three axes: one `AdaptiveController` for each, which knows how the others move.
+
+An axis i of a stage takes a part of the motion of the others, and the sensors may be turned against the axes::
+
+    z_i = H_i[x_i] + sum_j c_ij z_j + l_ij z_j' + e_ij z_j'',    s = F z
+
+Desired and measured motion of the sensors become those of the axes by F^-1, which is given. The desired motion of the
+others is then known before the voltage is chosen: c, l and e are three more weights for each, which the law of the axis
+learns while it runs (`other_axes` of `ControllerSettings`). A small error of F is such a coupling, too.
+"""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from truestroke.base import checks, frames
+from truestroke.base.checks import SettingError
+from truestroke.base.display import Displayed, Rows
+from truestroke.base.flags import Flags
+from truestroke.base.typing import FloatArray
+from truestroke.control import stage
+from truestroke.control.controller import AdaptiveController, Counters, State
+from truestroke.control.settings import ControllerSettings
+from truestroke.model.layout import MAX_OTHERS
+from truestroke.signals.trajectories import Trajectory
+
+PARTS = ("position", "velocity", "acceleration")
+
+
+@dataclass(frozen=True, eq=False)
+class AxesMotion:
+    """A motion of all axes that is known ahead, in their own frame, as their controllers take it.
+
+    Attributes
+    ----------
+    axes : Mapping[str, Trajectory]
+        Motion of each axis.
+    motion : ndarray, shape (ticks, 3 axes)
+        Displacement, um, velocity, um/s, and acceleration, um/s^2, of each axis in turn.
+    strain : ndarray, shape (ticks, axes)
+        `AdaptiveController.strain` of each, um; NaN where its `dynamics` are not known.
+    others : ndarray, shape (ticks, 3 axes (axes - 1))
+        For each axis in turn, of each other one in turn: displacement, velocity and acceleration, through G^-1 of the
+        axis that takes them.
+    """
+
+    axes: Mapping[str, Trajectory]
+    motion: FloatArray
+    strain: FloatArray
+    others: FloatArray
+
+
+class MultiAxisController(Displayed):
+    """Two or three axes that disturb each other, each with an `AdaptiveController`.
+
+    One tick is `command`, the actuator, `adapt`, as of one axis, with an entry for each axis. What an axis takes of the
+    motion of the others is learned on line, static and dynamic.
+
+    Parameters
+    ----------
+    axes : Mapping[str, ControllerSettings]
+        Settings of each axis by its name: letters and digits, such as "x". Their `other_axes` are set here. Those of an
+        identified model are ``AdaptiveController.from_model(...).settings``.
+    frame : array_like, shape (axes, axes), optional
+        F: row i is what the sensor of axis i reads of a um of each axis, 1; by default each stands along its axis.
+        `truestroke.sensor_frame` makes it from angles. Errors of some per cent are learned.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Of the axes, in their order.
+    axes : Mapping[str, AdaptiveController]
+        Their controllers.
+
+    Raises
+    ------
+    SettingError
+        There are not two or three axes, their sample rates differ, or the sensors read almost the same.
+
+    Examples
+    --------
+    Two linear axes of 10 um/V; x takes 5 % of y:
+
+    >>> one = ControllerSettings(sample_rate=2000.0, stroke=30.0, voltage_limits=(-0.6, 3.6))
+    >>> controller = MultiAxisController({"x": one, "y": one})
+    >>> for tick in range(4000):
+    ...     a, b = 0.05 * tick, 0.03 * tick
+    ...     volts = controller.command(
+    ...         [15.0 + 10.0 * np.sin(a), 15.0 + 10.0 * np.sin(b)], [1000.0 * np.cos(a), 600.0 * np.cos(b)]
+    ...     )
+    ...     z = 10.0 * volts
+    ...     controller.adapt([z[0] + 0.05 * z[1], z[1]])
+    >>> (controller.coupling.round(3) + 0.0).tolist()
+    [[0.0, 0.05], [0.0, 0.0]]
+    """
+
+    def __init__(self, axes: Mapping[str, ControllerSettings], frame: npt.ArrayLike | None = None) -> None:
+        settings = _checked(axes)
+        others = len(settings) - 1
+        self.names = tuple(settings)
+        self.axes = {name: AdaptiveController.from_settings(s.among(others)) for name, s in settings.items()}
+        self.frame = frames.frame("frame", frame, len(settings))
+        self.to_axes = np.linalg.inv(np.array(self.frame))
+        self.sample_rate = next(iter(settings.values())).sample_rate
+        self._rows = self.to_axes.tolist() if not np.array_equal(self.to_axes, np.eye(len(settings))) else None
+        self._velocity: list[float] | None = None
+
+    __copy__ = copy.deepcopy  # a shallow copy would share arrays and kernels
+
+    # ---- A tick ------------------------------------------------------------------------------------------------------
+
+    def command(
+        self, z_d: Sequence[float], zdot_d: Sequence[float], zddot_d: Sequence[float] | None = None
+    ) -> FloatArray:
+        """Voltages for this tick.
+
+        Parameters
+        ----------
+        z_d, zdot_d : sequence of float, shape (axes,)
+            Desired displacement, um, and velocity, um/s, as the sensors read them.
+        zddot_d : sequence of float, optional
+            Desired acceleration, um/s^2; by default it follows from the last two velocities.
+
+        Returns
+        -------
+        ndarray, shape (axes,)
+            Voltages at the D/A converter, V.
+
+        Raises
+        ------
+        SettingError
+            There are not as many numbers as axes, or one is NaN or infinite; nothing has changed.
+        """
+        z, v = self._of_axes("z_d", z_d, "um"), self._of_axes("zdot_d", zdot_d, "um/s")
+        a = self._accelerations(v) if zddot_d is None else self._of_axes("zddot_d", zddot_d, "um/s^2")
+        self._velocity = v
+        moving = list(zip(z, v, a, strict=True))
+        volts = np.empty(len(z))
+        for i, axis in enumerate(self.axes.values()):
+            others = [number for j, entry in enumerate(moving) if j != i for number in entry]
+            position, velocity, acceleration = moving[i]
+            volts[i] = axis.command(position, velocity, acceleration, None, others)
+        return volts
+
+    def follow(self, known: AxesMotion, tick: int) -> FloatArray:
+        """As `command`, for a tick of a motion that `prepare` has made ready: with what lies ahead of it.
+
+        Returns
+        -------
+        ndarray, shape (axes,)
+            V
+        """
+        n, motion, others = len(self.axes), known.motion[tick].tolist(), known.others[tick].tolist()
+        self._velocity = motion[1::3]
+        volts = np.empty(n)
+        for i, (axis, strain) in enumerate(zip(self.axes.values(), known.strain[tick].tolist(), strict=True)):
+            position, velocity, acceleration = motion[3 * i : 3 * i + 3]
+            taken = others[3 * (n - 1) * i : 3 * (n - 1) * (i + 1)]
+            volts[i] = axis.command(position, velocity, acceleration, None if strain != strain else strain, taken)
+        return volts
+
+    def adapt(self, z_measured: Sequence[float], ago: int = 0) -> None:
+        """Adapt each axis to a measurement; as `AdaptiveController.adapt`.
+
+        Parameters
+        ----------
+        z_measured : sequence of float, shape (axes,)
+            What the sensors read, um, the mean over the tick. NaN and infinity are rejected, flagged and counted.
+        ago : int
+            Number of commands that were issued after the one of this measurement, 0 to 63.
+        """
+        for axis, z in zip(self.axes.values(), self._turned("z_measured", z_measured, "um"), strict=True):
+            axis.adapt(z, ago)
+
+    def _turned(self, argument: str, values: Sequence[float], unit: str) -> list[float]:
+        """What the sensors read, as displacements of the axes."""
+        found = values.tolist() if isinstance(values, np.ndarray) else list(values)
+        if len(found) != len(self.axes):
+            words = f"{len(self.axes)} numbers, one for each of the axes {', '.join(self.names)}"
+            raise SettingError(argument, values, words, unit)
+        if self._rows is None:
+            return found
+        return [sum(share * value for share, value in zip(row, found, strict=True)) for row in self._rows]
+
+    def _of_axes(self, argument: str, values: Sequence[float], unit: str) -> list[float]:
+        """The same of a desired motion, which is finite: checked before any axis has changed."""
+        found = values.tolist() if isinstance(values, np.ndarray) else list(values)
+        return self._turned(argument, [checks.number(argument, value, unit) for value in found], unit)
+
+    def _accelerations(self, velocity: list[float]) -> list[float]:
+        before = velocity if self._velocity is None else self._velocity
+        return [(v - last) * self.sample_rate for v, last in zip(velocity, before, strict=True)]
+
+    # ---- A motion that is known ahead -----------------------------------------------------------------------------
+
+    def prepare(self, motion: Mapping[str, Trajectory]) -> AxesMotion:
+        """A motion of the sensors, a trajectory for each, as the axes have to follow it.
+
+        Raises
+        ------
+        SettingError
+            There is not one trajectory for each axis, or their sample rates or lengths differ.
+        """
+        trajectories = self._in_order(motion)
+        parts = {part: np.stack([getattr(one, part) for one in trajectories], axis=1) for part in PARTS}
+        turned = {part: np.ascontiguousarray(values @ self.to_axes.T) for part, values in parts.items()}
+        own = {}
+        for i, (name, one) in enumerate(zip(self.names, trajectories, strict=True)):
+            position, velocity, acceleration = (turned[part][:, i] for part in PARTS)
+            own[name] = dataclasses.replace(one, position=position, velocity=velocity, acceleration=acceleration)
+        strains = [self.axes[name].strain(one.position) for name, one in own.items()]
+        missing = np.full(len(trajectories[0]), np.nan)
+        return AxesMotion(
+            axes=own,
+            motion=np.ascontiguousarray(np.stack([turned[part] for part in PARTS], axis=2).reshape(len(missing), -1)),
+            strain=np.stack([missing if strain is None else strain for strain in strains], axis=1),
+            others=np.concatenate([self._taken(name, own) for name in self.names], axis=1),
+        )
+
+    def _in_order(self, motion: Mapping[str, Trajectory]) -> list[Trajectory]:
+        checks.instance("trajectory", motion, Mapping, "a mapping of the name of each axis to its Trajectory")
+        if set(motion) != set(self.names):
+            words = f"one for each of the axes {', '.join(self.names)}"
+            raise SettingError("trajectory", f"motions of {', '.join(map(str, motion)) or 'no axis'}", words)
+        first = motion[self.names[0]]
+        for name in self.names:
+            one = checks.instance(f"trajectory[{name!r}]", motion[name], Trajectory, "a Trajectory")
+            if one.sample_rate != self.sample_rate:
+                bound = f"{self.sample_rate:g} Hz, that of the controllers"
+                raise SettingError(f"trajectory[{name!r}].sample_rate", one.sample_rate, bound, "Hz")
+            if len(one) != len(first):
+                bound = f"{len(first)}, as of {self.names[0]}"
+                raise SettingError(f"trajectory[{name!r}]", len(one), bound, "ticks")
+        return [motion[name] for name in self.names]
+
+    def _taken(self, name: str, own: Mapping[str, Trajectory]) -> FloatArray:
+        """What the controller of an axis takes of the others, shape (ticks, 3 (axes - 1))."""
+        dynamics = self.axes[name].settings.dynamics
+        columns = [getattr(own[other], part) for other in self.names if other != name for part in PARTS]
+        if dynamics is not None:
+            columns = [stage.strain(dynamics, column) for column in columns]
+        return np.stack(columns, axis=1)
+
+    # ---- All axes together -------------------------------------------------------------------------------------------
+
+    @property
+    def coupling(self) -> FloatArray:
+        """What the displacement of axis j adds to that of axis i, as learned so far, um/um, shape (axes, axes)."""
+        n = len(self.axes)
+        found = np.zeros((n, n))
+        for i, axis in enumerate(self.axes.values()):
+            found[i, np.arange(n) != i] = axis.weights[axis.settings.columns["coupling"]]
+        return found
+
+    @property
+    def flags(self) -> dict[str, Flags]:
+        """The flags of the last tick of each axis."""
+        return {name: axis.flags for name, axis in self.axes.items()}
+
+    @property
+    def counters(self) -> dict[str, Counters]:
+        """How many ticks of each kind there were, of each axis."""
+        return {name: axis.counters for name, axis in self.axes.items()}
+
+    @property
+    def settings(self) -> dict[str, ControllerSettings]:
+        """Of each axis."""
+        return {name: axis.settings for name, axis in self.axes.items()}
+
+    def hold(self) -> None:
+        """Stop adapting; commands go on with the weights as they are."""
+        for axis in self.axes.values():
+            axis.hold()
+
+    def resume(self) -> None:
+        """Adapt again."""
+        for axis in self.axes.values():
+            axis.resume()
+
+    def reset(self) -> None:
+        """Back to the first tick."""
+        self._velocity = None
+        for axis in self.axes.values():
+            axis.reset()
+
+    def state(self) -> dict[str, npt.NDArray[Any]]:
+        """The complete state after a tick, as named arrays, for `restore`: "x weights", and so on."""
+        last = {} if self._velocity is None else {"velocity": np.array(self._velocity)}
+        return last | {f"{name} {entry}": a for name, axis in self.axes.items() for entry, a in axis.state().items()}
+
+    def restore(self, state: State) -> None:
+        """Restore a state of `state`, of a controller with the same axes and settings.
+
+        Raises
+        ------
+        SettingError
+            As of `AdaptiveController.restore`; nothing has changed.
+        """
+        checks.able("state", state, ("items",), "what `state` gave, or numpy.load of its file")
+        before = self.state()
+        try:
+            for name, axis in self.axes.items():
+                with checks.inside(f"{name}."):
+                    axis.restore(
+                        {key.removeprefix(f"{name} "): a for key, a in state.items() if key.startswith(f"{name} ")}
+                    )
+        except SettingError:
+            for name, axis in self.axes.items():
+                axis.restore(
+                    {key.removeprefix(f"{name} "): a for key, a in before.items() if key.startswith(f"{name} ")}
+                )
+            raise
+        self._velocity = np.asarray(state["velocity"]).tolist() if "velocity" in state else None
+
+    def _display(self) -> tuple[str, Rows]:
+        rows = [(name, axis.settings.summary) for name, axis in self.axes.items()]
+        taken = [
+            (f"coupling {a} of {b}", f"{self.coupling[i, j]:.4f} um/um")
+            for i, a in enumerate(self.names)
+            for j, b in enumerate(self.names)
+            if i != j
+        ]
+        return f"{type(self).__name__}: axes {', '.join(self.names)}", [*rows, *taken]
+
+
+def _checked(axes: Mapping[str, ControllerSettings]) -> dict[str, ControllerSettings]:
+    """Two or three settings of one sample rate, by names that a file can have."""
+    checks.instance("axes", axes, Mapping, "a mapping of the name of each axis to its ControllerSettings")
+    checks.count("the number of axes", len(axes), 2, MAX_OTHERS + 1)
+    words = "a ControllerSettings; that of an AdaptiveController is its attribute settings"
+    first = next(iter(axes))
+    for name, settings in axes.items():
+        if not (isinstance(name, str) and name.isascii() and name.isalnum()):
+            raise SettingError("the name of an axis", repr(name), "of letters and digits, such as 'x'")
+        checks.instance(f"axes[{name!r}]", settings, ControllerSettings, words)
+        if settings.law != "kalman":
+            raise SettingError(f"axes[{name!r}].law", repr(settings.law), "'kalman': (23) has no scale for coupling")
+        if settings.sample_rate != (rate := axes[first].sample_rate):
+            raise SettingError(
+                f"axes[{name!r}].sample_rate", settings.sample_rate, f"{rate:g} Hz, that of {first}", "Hz"
+            )
+    return dict(axes)

@@ -1,0 +1,213 @@
+"""The first resonance from what is measured anyway: least squares of the stage's equation in a band about it."""
+
+import math
+
+import numpy as np
+
+from truestroke.base.typing import FloatArray
+
+SHOWN = 7  # plays that stand for the hysteresis: TS_SHOWN of the kernel
+BAND, HIGH, LOW = SHOWN, SHOWN + 1, SHOWN + 2  # of the measurement: places behind the plays
+SEARCH_FROM = 0.15  # cycles per tick: where the search begins,
+SEARCH_TO = 40  # Hz: and where it begins again,
+OF_MOTION = 2  # or at so many times the motion's frequency
+NEXT = 0.6  # of a centre: the next one, where there was no resonance
+PASSES = 0.35  # of the centre: corner of the filter that takes the motion away
+SHARP = 1.4  # twice the damping of that filter,
+ROUND = 1  # and of the one behind it, which takes noise away
+SETTLED_IN = 3  # periods of the centre until both have settled,
+WINDOW = 20  # and of a window,
+SHORTEST = 0.06  # s: but no shorter
+RIDGE = 1e-4  # of the largest of the plays: how well each of them is known before
+SHOWS = 0.5  # of the error of plays alone: a resonance leaves less
+NEAREST, FURTHEST = 0.6, 1.4  # of the centre: bounds of an estimate in that window
+AGREE = 1.05  # centre and estimate
+SURE = 0.02  # standard deviation of an estimate, over it
+TRUST = 5  # times that deviation: the error of an estimate,
+LEAST = 0.005  # and the smallest one
+WALK = 0.002  # how far the resonance moves in a window
+JUMPS = 3  # standard deviations of a difference
+MOST = 1000  # windows that are counted
+
+
+def shown(play: FloatArray) -> FloatArray:
+    """The play states that stand for the hysteresis, shape (7,), V."""
+    return play[[(i * (play.size - 1) + (SHOWN - 1) // 2) // (SHOWN - 1) for i in range(SHOWN)]]
+
+
+class _Filter:
+    """A second-order filter in the form of two integrators, of several signals at once."""
+
+    def __init__(self, frequency: float, k: float) -> None:
+        g = math.tan(math.pi * frequency)
+        self.a = 1 / (1 + g * (g + k))
+        self.b = g * self.a
+        self.c = g * self.b
+        self.first, self.second = np.zeros(SHOWN + 1), np.zeros(SHOWN + 1)
+
+    def update(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Band and low pass; the high pass is x - k band - low."""
+        v = x - self.second
+        band = self.a * self.first + self.b * v
+        low = self.second + self.b * self.first + self.c * v
+        self.first, self.second = 2 * band - self.first, 2 * low - self.second
+        return band, low
+
+
+class ResonanceEstimator:
+    """Finds the first resonance f0 of a stage in a loop, and follows it.
+
+    The stage is z + c1 z' + c2 z'' = h, c2 = 1 / w0^2, with the strain h of the hysteresis. Seven plays are it::
+
+        F z = sum of w_i F p_i - c1 F z' - c2 F z''
+
+    F is a band of an octave and a half about a `centre`, so that neither the motion below nor the noise above decide.
+    A window of 20 periods, at least 60 ms, gives w, c1 and c2 by least squares. A resonance shows where c1 and c2
+    leave less than half of the error of the plays alone, c2 is known within 4 % and f0 is near the centre; the next
+    centre is that f0. Otherwise it is 0.6 times as high, from 0.15 of the sample rate down to 40 Hz or twice the
+    frequency of the motion, and then from above again.
+
+    What the windows show becomes `known`, by a scalar Kalman filter. A model of hysteresis that is not right shifts an
+    estimate by more than its noise: five times its deviation and 0.5 % count. Two windows in a row beyond three
+    deviations of what is known are a jump.
+
+    Attributes
+    ----------
+    known, variance : float
+        f0, cycles per tick, 0 where it is not known, and its relative variance.
+    windows : int
+        That made it known.
+    motion, power : float
+        Of the last window: frequency of the motion, cycles per tick; mean square of the error, um^2.
+    ticks : int
+        Of the present window; 0: it begins anew.
+
+    Examples
+    --------
+    A stage of 150 Hz behind the hysteresis of two plays, without noise:
+
+    >>> from truestroke.control.stage import Stage, found
+    >>> tick, estimator = 1 / 2000, ResonanceEstimator()
+    >>> stage, play, r = Stage(found(150 * tick, tick), 1), np.zeros(2), np.array([0.0, 1.0])
+    >>> for k in range(2000):
+    ...     volts = 2 * math.sin(2 * math.pi * 20 * k * tick)
+    ...     play = np.maximum(volts - r, np.minimum(volts + r, play))
+    ...     stage.strain[k] = float(play @ [5.0, 2.0])
+    ...     z = stage.expected()
+    ...     _ = stage.notched(z)
+    ...     changed = estimator.update(tick, shown(play), z, 0.0, 0.0, 0.0)
+    >>> round(estimator.known / tick), estimator.windows > 2
+    (149, True)
+    """
+
+    def __init__(self) -> None:
+        self.centre = self.known = self.variance = self.motion = self.power = 0.0
+        self.ticks = self.windows = 0
+        self._strange = False  # the last window was far from what is known
+
+    def update(self, tick: float, plays: FloatArray, z: float, error: float, zdot_d: float, change: float) -> bool:
+        """One tick; returns whether a window has ended that adds to what is known.
+
+        Parameters
+        ----------
+        tick : float
+            Its length, s.
+        plays : ndarray, shape (7,)
+            Play states, V, a dead time before the measurement.
+        z, error : float
+            The measurement, and how far it is from the desired displacement, um.
+        zdot_d, change : float
+            Desired velocity, and its change in the tick, um/s.
+        """
+        x = np.append(plays, z)
+        if self.ticks == 0:
+            self._begin(tick, x)
+        self._count(x, error)
+        self._speed += abs(zdot_d)
+        self._change += abs(change)
+        self.ticks += 1
+        return self.ticks >= self._settling + self._window and self._end(tick)
+
+    def _begin(self, tick: float, x: FloatArray) -> None:
+        if not self.centre > 0:
+            self.centre = SEARCH_FROM
+        self._settling = int(SETTLED_IN / self.centre)
+        self._window = int(max(WINDOW / self.centre, SHORTEST / tick))
+        self._motion_filter, self._noise_filter = _Filter(PASSES * self.centre, SHARP), _Filter(self.centre, ROUND)
+        self._first, self._sum = x, np.zeros((LOW + 1, LOW + 1))
+        self._speed = self._change = self._error = 0.0
+
+    def _count(self, x: FloatArray, error: float) -> None:
+        x = x - self._first
+        band, low = self._motion_filter.update(x)
+        high = x - SHARP * band - low
+        band, low = self._noise_filter.update(high)
+        if self.ticks < self._settling:
+            return
+        above = high - ROUND * band - low
+        v = np.array([*low[:SHOWN], band[SHOWN], above[SHOWN], low[SHOWN]])
+        self._sum = self._sum + np.outer(v, v)
+        self._error += error * error
+
+    def _end(self, tick: float) -> bool:
+        self.motion = self._change / (2 * math.pi * self._speed) if self._speed > 0 else 0.0
+        lowest = max(SEARCH_TO * tick, OF_MOTION * self.motion)
+        f0, variance = self._shown(lowest)
+        near = f0 > 0 and f0 < AGREE * self.centre and self.centre < AGREE * f0
+        below = NEXT * self.centre
+        self.centre = f0 if f0 > 0 else below if below > lowest else SEARCH_FROM
+        self.power = self._error / self._window
+        self.ticks = 0
+        if near:
+            self._know(f0, variance)
+        return near
+
+    def _shown(self, lowest: float) -> tuple[float, float]:
+        """The resonance that a window shows, cycles per tick, and its relative variance; 0: it shows none."""
+        N, nothing = self._sum.tolist(), (0.0, 0.0)
+        largest = max(0.0, *[N[i][i] for i in range(SHOWN)])
+        for i in range(SHOWN):
+            N[i][i] += RIDGE * largest
+        if not _eliminate(N, 0, BAND):
+            return nothing
+        plays = N[LOW][LOW]
+        if not _eliminate(N, BAND, HIGH) or not N[HIGH][HIGH] > 0:
+            return nothing
+        ratio = -N[LOW][HIGH] / N[HIGH][HIGH]  # (centre / f0)^2, of their tangents
+        left = N[LOW][LOW] + ratio * N[LOW][HIGH]
+        if not (ratio > 0 and left < SHOWS * plays):
+            return nothing
+        deviation, equations = 2 * SURE * ratio, self._window * N[HIGH][HIGH]
+        if not left < deviation * deviation * equations:
+            return nothing
+        f0 = math.atan(math.tan(math.pi * self.centre) / math.sqrt(ratio)) / math.pi
+        variance = left / equations / (4 * ratio * ratio) if left > 0 else 0.0
+        within = lowest < f0 < SEARCH_FROM and NEAREST * self.centre < f0 < FURTHEST * self.centre
+        return (f0, variance) if within else nothing
+
+    def _know(self, f0: float, variance: float) -> None:
+        """After a window that shows f0 with this relative variance."""
+        new = TRUST * TRUST * variance + LEAST * LEAST
+        self.variance += WALK * WALK
+        change = f0 / self.known - 1 if self.known > 0 else 0.0
+        gain = self.variance / (self.variance + new)
+        far = change * change > JUMPS * JUMPS * (self.variance + new)
+        if not self.known > 0 or (far and self._strange):
+            self.known, self.variance, self.windows = f0, new, 1
+        elif not far:
+            self.known *= 1 + gain * change
+            self.variance = (1 - gain) * self.variance
+            self.windows = min(self.windows + 1, MOST)
+        self._strange = far and not self._strange
+
+
+def _eliminate(N: list[list[float]], begin: int, end: int) -> bool:
+    """Eliminates the unknowns from `begin` to before `end`, in the lower triangle; whether all of them could be."""
+    for k in range(begin, end):
+        if not N[k][k] > 0:
+            return False
+        for i in range(k + 1, LOW + 1):
+            factor = N[i][k] / N[k][k]
+            for j in range(k + 1, i + 1):
+                N[i][j] -= factor * N[j][k]
+    return True

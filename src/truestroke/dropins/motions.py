@@ -1,0 +1,113 @@
+"""Motions that a host asks for: from rest to rest, and along a line at constant speed."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from truestroke.base import checks
+from truestroke.base.typing import FloatArray
+from truestroke.model.dynamics import Dynamics
+from truestroke.signals import shaping
+from truestroke.signals.trajectories import Trajectory
+
+SHORTEST = 8  # ticks of a move or a run-up: in fewer its shape is lost
+REST = 0.5  # periods of the first mode, or so many `SLOWEST` without one: rest on both sides of a motion
+TURN = 1.5  # periods of the first mode: time of a run-up
+RUN_UP = 0.02  # s: of a run-up, or shortest move, where no mode is known
+
+
+def move(start: float, end: float, sample_rate: float, *, speed: float, stage: Dynamics | None = None) -> Trajectory:
+    """From rest at one place to rest at another, so that the stage rests there, too.
+
+    Parameters
+    ----------
+    start, end : float
+        um.
+    sample_rate : float
+        Ticks per second, Hz.
+    speed : float
+        Fastest velocity, um/s.
+    stage : Dynamics, optional
+        Its modes do not swing after the move (`shaping.settling_move`); without them the move is of minimum jerk and
+        takes 20 ms, or as long as `speed` demands.
+
+    Examples
+    --------
+    >>> made = move(2.0, 12.0, 2000.0, speed=500.0)
+    >>> made.position[[0, -1]].tolist(), round(made.duration, 4), round(abs(made.velocity).max())
+    ([2.0, 12.0], 0.0385, 500)
+    """
+    rate = checks.positive("sample_rate", sample_rate, "Hz")
+    height = checks.number("end", end, "um") - checks.number("start", start, "um")
+    limit = checks.positive("speed", speed, "um/s") / max(abs(height), 1e-9)
+    if stage is not None:
+        shape = shaping.settling_move(stage, velocity=limit)
+    else:
+        shape = shaping.minimum_jerk(max(1.875 / limit, RUN_UP))  # 1.875: peak of its velocity
+    still = _rest(stage, rate)
+    time = np.arange(2 * still + math.ceil(shape.duration * rate)) / rate
+    s, first, second = shape.at(time - still / rate)
+    s[time >= still / rate + shape.duration] = 1.0
+    return Trajectory("move", rate, start + height * s, height * first, {"end": end}, height * second)
+
+
+def line(
+    start: float, end: float, duration: float, sample_rate: float, *, stage: Dynamics | None = None
+) -> tuple[Trajectory, slice]:
+    """Along a line at constant speed, with a run-up before and a run-down after it, from rest to rest.
+
+    Parameters
+    ----------
+    start, end : float
+        Of the line, um.
+    duration : float
+        From start to end, s.
+    sample_rate : float
+        Ticks per second, Hz.
+    stage : Dynamics, optional
+        Its modes do not swing on the line: run-up and run-down take 1.5 periods of the first one, else 20 ms.
+
+    Returns
+    -------
+    Trajectory, slice
+        The motion, and its ticks on the line: the desired position of each is that of its middle.
+
+    Examples
+    --------
+    >>> made, on = line(5.0, 15.0, 0.1, 2000.0)
+    >>> made.position[on][[0, -1]].round(3).tolist(), set(made.velocity[on].round(6).tolist())
+    ([5.025, 14.975], {100.0})
+    >>> made.position[[0, -1]].round(3).tolist()
+    [4.0, 16.0]
+    """
+    rate = checks.positive("sample_rate", sample_rate, "Hz")
+    checks.within("duration", duration, 2 / rate, 1e6, "s")
+    speed = (end - start) / duration
+    period = RUN_UP if stage is None else TURN / stage.modes[0].frequency
+    edge, still = max(SHORTEST, math.ceil(period * rate)), _rest(stage, rate)
+    turn = shaping.reversal(edge / rate, stage)
+    along = round(duration * rate)
+    middles = np.arange(2 * (still + edge) + along + 1, dtype=np.float64) - (
+        still - 0.5
+    )  # a tick is measured as its mean
+    time: FloatArray = np.divide(middles, rate)
+    rise, down = edge / rate, (edge + along) / rate
+
+    def courses(since: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Integral of the course of the speed, s, the course, and its derivative, 1/s."""
+        s, first, _ = turn.at(since)
+        inside = np.clip(since, 0.0, rise)
+        return turn.integral(inside) + np.maximum(since - rise, 0.0), np.where(since >= rise, 1.0, s), first
+
+    up, falls = courses(time), courses(time - down)
+    way, part, change = (a - b for a, b in zip(up, falls, strict=True))
+    position = start + speed * (way - rise / 2)
+    made = Trajectory("line", rate, position, speed * part, {"start": start, "end": end}, speed * change)
+    return made, slice(still + edge, still + edge + along)
+
+
+def _rest(stage: Dynamics | None, rate: float) -> int:
+    """Ticks of rest before and after a motion, in which an inverse that looks ahead begins and ends."""
+    return 1 if stage is None else math.ceil(REST / stage.modes[0].frequency * rate)

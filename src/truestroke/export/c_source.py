@@ -1,0 +1,223 @@
+"""`export_c`: a folder of C99 source that builds by itself, with one controller in it and a test of its bits."""
+
+from __future__ import annotations
+
+import dataclasses
+import errno
+import os
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+import truestroke
+from truestroke.base import checks, files
+from truestroke.base.checks import SettingError
+from truestroke.control.controller import AdaptiveController
+from truestroke.control.settings import ControllerSettings, kernel_settings
+from truestroke.export import c_values
+from truestroke.export.recorded import recorded, safe_volts
+
+TEMPLATES = Path(__file__).with_name("templates")
+OWN = (
+    "adaptive.h",
+    "adaptive.c",
+    "board.h",
+    "main.c",
+    "replay.c",
+    "settings.c",
+    "Makefile",
+    "CMakeLists.txt",
+    "README.md",
+)
+SINGLE_BOUND = 1e-4  # of the voltage range: what another mathematical library may change in single precision
+HISTORY = (16, 1024)  # ticks: fewest that the kernel is tried with, and most
+COUPLING = 5  # TS_COUPLING of the kernel's header
+KIND = files.Kind("an export of C", lambda path: False)
+
+
+@dataclass(frozen=True)
+class Exported:
+    """What `export_c` wrote.
+
+    Attributes
+    ----------
+    folder : Path
+        Where it is.
+    files : tuple[Path, ...]
+        All of its files.
+    capacities : Mapping[str, int]
+        Of the kernel, as its header names them.
+    bound : float
+        Largest difference from the desk's commands with which the self-test passes, V; 0: the same bits.
+    """
+
+    folder: Path
+    files: tuple[Path, ...]
+    capacities: Mapping[str, int]
+    bound: float
+
+
+def export_c(
+    controller: AdaptiveController | ControllerSettings,
+    folder: str | os.PathLike[str],
+    *,
+    precision: Literal["double", "single"] | None = None,
+    history: int | None = None,
+    ticks: int = 1000,
+    about: str = "a piezo actuator",
+    command: str = "truestroke.export_c",
+) -> Exported:
+    """Write a controller as C99 source: kernel, settings and prior, three calls, an example of a loop, a self-test.
+
+    Parameters
+    ----------
+    controller : AdaptiveController or ControllerSettings
+        Its settings are exported; it starts as at its own start, whatever it has learned since.
+    folder : str or PathLike
+        A new or empty folder; `truestroke.base.files.overwriting` permits another.
+    precision : {"double", "single"}, optional
+        Number type of the kernel; by default that of the settings.
+    history : int, optional
+        Ticks that a measurement may come after its command, plus one: 16 to 1024; by default 16, more with a long dead
+        time.
+    ticks : int
+        Of the recorded run of the self-test, 100 to 100,000.
+    about : str
+        A line that says whose controller it is.
+    command : str
+        What repeats the export, for the texts.
+
+    Returns
+    -------
+    Exported
+        The files and the capacities.
+
+    Raises
+    ------
+    SettingError
+        An argument is out of its bounds; nothing is written.
+    FileExistsError
+        The folder has files, and they may not be replaced.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> controller = AdaptiveController(sample_rate=10_000.0, stroke=20.0, voltage_limits=(0.0, 10.0))
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     made = export_c(controller, folder, precision="single")
+    >>> made.capacities["TS_MAX_PLAYS"], made.bound
+    (26, 0.001)
+    """
+    words = "an AdaptiveController or its ControllerSettings"
+    checks.instance("controller", controller, (AdaptiveController, ControllerSettings), words)
+    settings = controller.settings if isinstance(controller, AdaptiveController) else controller
+    if precision is not None:
+        checks.one_of("precision", precision, ("double", "single"))
+        settings = dataclasses.replace(settings, precision=precision)
+    checks.count("ticks", ticks, 100, 100_000)
+    members = kernel_settings(settings)
+    if others := members["terms"][COUPLING]:
+        raise SettingError("controller", f"an axis beside {others} others", "one axis: export each axis by itself")
+    capacities = _capacities(settings, members, history)
+    bound = 0.0 if settings.precision == "double" else SINGLE_BOUND * float(np.ptp(settings.voltage_limits))
+    texts = _texts(settings, members, capacities, ticks, bound, about, command)
+    target = checks.path("folder", folder)
+    _check_folder(target)
+    (target / "kernel").mkdir(parents=True, exist_ok=True)
+    written = tuple(files.write(target / name, text, KIND) for name, text in texts.items())
+    return Exported(target, written, capacities, bound)
+
+
+def kernel_sources() -> dict[str, str]:
+    """The kernel's source files, by name."""
+    from truestroke import _kernel
+
+    assert _kernel.__file__
+    folder = Path(_kernel.__file__).parent / "export/kernel"
+    return {path.name: path.read_text(encoding="utf-8") for path in sorted(folder.iterdir())}
+
+
+def _capacities(settings: ControllerSettings, members: Mapping[str, Any], history: int | None) -> dict[str, int]:
+    """The smallest that hold the settings."""
+    needed = max(HISTORY[0], 2 * max(members["dynamics.dead"], members["sensor.ticks"]) + 8)
+    if history is not None and checks.count("history", history, *HISTORY) < needed:
+        raise SettingError("history", history, f"{needed} or more for this dead time", "ticks")
+    return {
+        "TS_MAX_PLAYS": settings.plays,
+        "TS_MAX_DEAD_ZONES": members["dead_zones"],
+        "TS_MAX_CREEPS": max(1, len(members["creep"])),
+        "TS_MAX_OTHERS": 1,
+        "TS_MAX_PARAMETERS": settings.parameters,
+        "TS_HISTORY": needed if history is None else history,
+    }
+
+
+def _header(text: str, capacities: Mapping[str, int], precision: str) -> str:
+    """The kernel's header with these capacities and the number type as its defaults."""
+    kind = "double" if precision == "double" else "float"
+    for name, value in {**capacities, "TS_REAL": kind}.items():
+        text, replaced = re.subn(rf"(?m)^(#define {name}) [^/\n]*$", rf"\1 {value}", text)
+        if replaced != 1:
+            raise RuntimeError(f"the kernel's header has {replaced} lines '#define {name}'")
+    return text
+
+
+def _texts(
+    settings: ControllerSettings,
+    members: Mapping[str, Any],
+    capacities: Mapping[str, int],
+    ticks: int,
+    bound: float,
+    about: str,
+    command: str,
+) -> dict[str, str]:
+    """All files, by their names in the folder."""
+    import jinja2
+
+    def real(value: float) -> str:
+        return c_values.real(value, settings.precision)
+
+    first, rows = recorded(settings, ticks)
+    promise = "the bits are the same" if bound == 0 else f"no command differs by more than {bound:.3g} V"
+    values = {
+        "about": about.partition("\n")[0].replace("*/", "* /"),
+        "command": command,
+        "version": truestroke.__version__,
+        "precision": settings.precision,
+        "promotion": " -Wdouble-promotion" if settings.precision == "single" else "",
+        "rate": f"{settings.sample_rate:.10g}",
+        "rate_literal": real(settings.sample_rate),
+        "safe": real(safe_volts(settings)),
+        "limits": "{:.6g} to {:.6g}".format(*settings.voltage_limits),
+        "slew": f"{members['slew']:.4g}",
+        "plays": settings.plays,
+        "parameters": settings.parameters,
+        "capacities": ", ".join(f"`{name}` {value}" for name, value in capacities.items()),
+        "latest": capacities["TS_HISTORY"] - 1 - (members["dynamics.dead"] + 4 if members["dynamics.known"] else 0),
+        "members": list(c_values.members(members, settings.precision)),
+        "ticks": ticks,
+        "rows": [", ".join(map(real, row)) for row in rows],
+        "first": real(first),
+        "bound": f"{bound!r}",
+        "promise": promise,
+    }
+    engine = jinja2.Environment(loader=jinja2.FileSystemLoader(TEMPLATES), undefined=jinja2.StrictUndefined,
+                                keep_trailing_newline=True, autoescape=False)  # fmt: skip
+    own = {name: engine.get_template(f"{name}.j2").render(values) for name in OWN}
+    kernel = kernel_sources()
+    kernel["truestroke.h"] = _header(kernel["truestroke.h"], capacities, settings.precision)
+    return own | {f"kernel/{name}": text for name, text in kernel.items()}
+
+
+def _check_folder(folder: Path) -> None:
+    """It is new, or has nothing in it, or may be written over."""
+    if not folder.parent.is_dir():
+        raise FileNotFoundError(errno.ENOENT, f"there is no folder {folder.parent}", str(folder))
+    if folder.exists() and not folder.is_dir():
+        raise NotADirectoryError(errno.ENOTDIR, "is a file; name a folder", str(folder))
+    if folder.is_dir() and not files.replacing() and any(folder.iterdir()):
+        raise FileExistsError(errno.EEXIST, "has files; choose a new folder, or `overwrite` it", str(folder))

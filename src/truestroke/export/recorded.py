@@ -1,0 +1,59 @@
+"""The recorded run of a self-test: a controller in the loop with a small actuator, in the controller's number type."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+
+from truestroke.base.typing import FloatArray
+from truestroke.control.controller import AdaptiveController
+from truestroke.control.settings import ControllerSettings
+
+PERIODS = 12.0  # of the slower of two sines, in the run
+PLAY = 0.1  # half width of the hysteresis, of the voltage range
+SHARE = 0.3  # of the stroke: peak of the slower sine
+
+
+def recorded(settings: ControllerSettings, ticks: int) -> tuple[float, FloatArray]:
+    """First measurement, um, and z_d, zdot_d, zddot_d (um, um/s, um/s^2), volts and measurement (um) of each tick.
+
+    The actuator has one play and a pole: enough that every part of the law has something to learn. All values are
+    numbers of the kernel's type.
+    """
+    controller = AdaptiveController.from_settings(dataclasses.replace(settings))
+    real = np.float64 if settings.precision == "double" else np.float32
+    low, high = settings.voltage_limits
+    gain, width = settings.stroke / (high - low), PLAY * (high - low)
+    rest = safe_volts(settings)
+    play = z = 0.0
+    motion = real(_motion(settings, ticks, gain * (low - rest), gain * (high - rest))).astype(float)
+    controller.start(float(real(rest)), 0.0)
+    rows = np.empty((ticks, 5))
+    for row, (z_d, zdot_d, zddot_d) in zip(rows, motion, strict=True):
+        volts = controller.command(z_d, zdot_d, zddot_d)
+        play = max(volts - rest - width, min(volts - rest + width, play))
+        z += 0.7 * (gain * (0.8 * (volts - rest) + 0.2 * play) - z)
+        measured = float(real(z))
+        row[:] = z_d, zdot_d, zddot_d, volts, measured
+        controller.adapt(measured)
+    return 0.0, rows
+
+
+def safe_volts(settings: ControllerSettings) -> float:
+    """0 V, or the limit that is nearest to it."""
+    low, high = settings.voltage_limits
+    return min(max(0.0, low), high)
+
+
+def _motion(settings: ControllerSettings, ticks: int, lowest: float, highest: float) -> FloatArray:
+    """Two sines about the middle of the reach, which begin softly at 0 um; shape (ticks, 3)."""
+    t = np.arange(ticks) / settings.sample_rate
+    duration = ticks / settings.sample_rate
+    middle, peak = (lowest + highest) / 2, SHARE * (highest - lowest)
+    rise = np.minimum(t / (duration / 4), 1.0)
+    w = 2 * math.pi * PERIODS / duration
+    wave = rise**3 * (10 - 15 * rise + 6 * rise**2) * (middle + peak * np.sin(w * t) + peak / 4 * np.sin(2.7 * w * t))
+    rate = np.gradient(wave, t)
+    return np.stack([wave, rate, np.gradient(rate, t)], axis=1)

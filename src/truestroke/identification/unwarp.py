@@ -1,0 +1,471 @@
+"""An image that was scanned without sensor and compensation, corrected by a model and the voltage that was recorded.
+
+The model gives the place of each pixel, from the voltage alone: `ActuatorModel.predict` at the times of the pixels.
+Along each line, then across the lines, the signal is interpolated at even places, the same for trace and retrace.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from truestroke.base import checks
+from truestroke.base.checks import SettingError
+from truestroke.base.display import Displayed, Rows, quantity
+from truestroke.base.typing import FloatArray
+from truestroke.base.verdict import Level, Verdict
+from truestroke.control.actuator import ActuatorModel
+from truestroke.signals.columns import Wanted, even_rate, read_columns, refuse_bad_rows
+from truestroke.signals.scans.images import Image, ImageError, shift
+from truestroke.signals.scans.scan import LINE, Scan, table
+from truestroke.signals.tables import UNITS, RecordError, open_table
+
+DIRECTIONS = {"trace": 1, "retrace": -1}
+APART, FAR = 0.3, 3.0  # pixels between trace and retrace after it: beyond them doubtful, bad
+BACK = 1.0  # pixels: a line that goes back further is none
+BLOCKS = 8  # of columns, in which trace and retrace are aligned
+HEADINGS = {"x": ("volts x", "volts_x", "x", "volts", "u"), "y": ("volts y", "volts_y", "y")}
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class ScanRecord(Displayed):
+    """The voltages of a scan, and when its lines were.
+
+    Attributes
+    ----------
+    x, y : ndarray, shape (samples,)
+        Voltage of each axis, V, from rest; y is empty where it is not known.
+    sample_rate : float
+        Hz.
+    lines : ndarray of `scans.LINE`
+        As of `Scan.lines`, or from a trigger.
+    jitter : float
+        By how much their times may be wrong, s: half a sample of a trigger, 0 of a table.
+
+    Raises
+    ------
+    SettingError
+        The arrays differ in length, or there is no line.
+    """
+
+    x: FloatArray
+    sample_rate: float
+    lines: npt.NDArray[np.void]
+    y: FloatArray = dataclasses.field(default_factory=lambda: np.empty(0))
+    jitter: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("x", "y"):
+            object.__setattr__(self, name, checks.finite_array(name, getattr(self, name), "V"))
+        checks.positive("sample_rate", self.sample_rate, "Hz")
+        if self.y.size and self.y.size != self.x.size:
+            raise SettingError("y", f"{self.y.size} samples", f"{self.x.size}, as many as of x")
+        if not self.lines.size:
+            raise SettingError("lines", "none", "at least one line: a trigger that is 1 within the lines")
+
+    @classmethod
+    def of(cls, scan: Scan, x: npt.ArrayLike, y: npt.ArrayLike = ()) -> ScanRecord:
+        """The voltages that a scan was made with: its lines are known exactly."""
+        made = cls(x=np.asarray(x, float), y=np.asarray(y, float), sample_rate=scan.sample_rate, lines=scan.lines)
+        if made.x.size != len(scan.x):
+            raise ImageError(f"the voltage has {made.x.size} samples, the scan {len(scan.x)} ticks: must be as many")
+        return made
+
+    @property
+    def time(self) -> FloatArray:
+        """Of the samples, s."""
+        return np.arange(self.x.size) / self.sample_rate
+
+    def _display(self) -> tuple[str, Rows]:
+        rows = [("sample_rate", quantity(self.sample_rate, "Hz")), ("lines", quantity(self.lines.size))]
+        return f"Voltages of a scan, {self.x.size / self.sample_rate:g} s", rows
+
+
+def triggered(trigger: npt.ArrayLike, sample_rate: float, direction: int = 1) -> npt.NDArray[np.void]:
+    """Lines by a trigger signal that is high within them; lines of even period are placed to a part of a sample.
+
+    A trigger is high from the first sample at or behind the start of a line to the last one before its end: each edge
+    is half a sample late in the mean. Where the edges are even, a straight line through all of them is what counts.
+
+    Raises
+    ------
+    ImageError
+        The trigger never changes, or has no whole line.
+
+    Examples
+    --------
+    >>> gate = np.tile([0, 0, 1, 1, 1, 0], 4)
+    >>> lines = triggered(gate, 10.0)
+    >>> len(lines), lines["first"][:2].tolist(), lines["start"][:2].round(3).tolist()
+    (4, [2, 8], [0.15, 0.75])
+    """
+    level = checks.finite_array("trigger", trigger)
+    if np.ptp(level) == 0:
+        raise ImageError("the trigger never changes: it is missing, or is the column of another signal")
+    high = level > (level.min() + level.max()) / 2
+    change = np.diff(high.astype(np.int8))
+    starts, ends = np.flatnonzero(change == 1) + 1, np.flatnonzero(change == -1) + 1
+    ends = ends[ends > starts[0]] if starts.size else ends
+    count = min(starts.size, ends.size)
+    if not count:
+        raise ImageError("the trigger has no whole line: no rising and falling edge")
+    made = [_even(edges[:count]) / sample_rate for edges in (starts, ends)]
+    lines = table(made[0], made[1], np.arange(count), np.full(count, direction), sample_rate)
+    lines["first"], lines["last"] = starts[:count], ends[:count] - 1
+    return lines
+
+
+def _even(edges: npt.NDArray[np.intp]) -> FloatArray:
+    """Times of edges, in samples; on a straight line where all are within a sample of it."""
+    times = edges - 0.5
+    if edges.size > 2:
+        number = np.arange(edges.size)
+        straight = np.polyval(np.polyfit(number, times, 1), number)
+        if np.abs(straight - times).max() <= 1.0:
+            return np.asarray(straight)
+    return np.asarray(times)
+
+
+def read_scan_record(
+    path: str | Path,
+    *,
+    x: str | int | None = None,
+    y: str | int | None = None,
+    trigger: str | int | None = None,
+    retrace_trigger: str | int | None = None,
+    time: str | int | None = None,
+    sample_rate: float | None = None,
+    lines: npt.NDArray[np.void] | None = None,
+) -> ScanRecord:
+    """The voltages of a scan and its trigger, from a file with columns.
+
+    Parameters
+    ----------
+    path : str or Path
+        Text, NPZ, MATLAB, Parquet, HDF5, as `read_record` reads them.
+    x, y : str or int, optional
+        Columns of the voltages, by name or counted from 1; by default "volts x" and "volts y", or "x" and "y". y may be
+        missing.
+    trigger, retrace_trigger : str or int, optional
+        Columns that are high within the lines of the trace and of the retrace; by default "trigger" and "retrace". The
+        second may be missing.
+    time : str or int, optional
+        Column of the times, s.
+    sample_rate : float, optional
+        Hz, where there is none.
+    lines : ndarray of `scans.LINE`, optional
+        In place of a trigger, as of `read_lines`.
+
+    Raises
+    ------
+    RecordError
+        A column is missing, or has entries that are no numbers.
+    ImageError
+        The trigger has no line.
+    """
+    path = checks.path("path", path)
+    found = open_table(path)
+    volts, none = UNITS["volts"], {"": 1.0, **UNITS["volts"]}
+    wanted = [Wanted("x", volts, HEADINGS["x"], x)]
+    wanted.append(Wanted("y", volts, HEADINGS["y"], y, needed=y is not None, certain=True))
+    wanted.append(Wanted("trigger", none, ("trigger", "gate", "line"), trigger, needed=False, certain=True))
+    wanted.append(
+        Wanted("retrace", none, ("retrace",), retrace_trigger, needed=retrace_trigger is not None, certain=True)
+    )
+    wanted.append(Wanted("time", UNITS["time"], ("t", "time"), time, needed=sample_rate is None))
+    signals, _ = read_columns(path, found, wanted, ())
+    refuse_bad_rows(str(path), signals, found)
+    rate = even_rate(path, found, signals.get("time"), sample_rate)
+    volts_of_y = signals.get("y", np.empty(0))
+    if lines is not None:
+        return ScanRecord(x=signals["x"], y=volts_of_y, sample_rate=rate, lines=lines)
+    if "trigger" not in signals:
+        names = ", ".join(found.names) or f"{found.width} columns without names"
+        reason = f"there is no trigger: name the column that is high within the lines (`trigger`), or give a table of \
+them (`lines`); there are {names}"
+        raise RecordError(str(path), reason)
+    trace = triggered(signals["trigger"], rate)
+    retrace = triggered(signals["retrace"], rate, -1) if "retrace" in signals else trace[:0]
+    together = np.zeros(trace.size + retrace.size, LINE)
+    together[: trace.size], together[trace.size :] = trace, retrace
+    together = together[np.argsort(together["start"])]
+    return ScanRecord(x=signals["x"], y=volts_of_y, sample_rate=rate, lines=together, jitter=0.5 / rate)
+
+
+def read_lines(path: str | Path) -> npt.NDArray[np.void]:
+    """A table of lines from a text that `save_lines` has written, or one with its columns: start, end, direction, s.
+
+    Raises
+    ------
+    RecordError
+        A column is missing.
+    """
+    path = checks.path("path", path)
+    found = open_table(path)
+    wanted = [Wanted(name, UNITS["time"], (name,)) for name in ("start", "end")]
+    wanted.append(Wanted("direction", {"": 1.0}, ("direction",)))
+    signals, _ = read_columns(path, found, wanted, ())
+    refuse_bad_rows(str(path), signals, found)
+    made = np.zeros(signals["start"].size, LINE)
+    made["start"], made["end"] = signals["start"], signals["end"]
+    made["direction"] = np.where(signals["direction"] < 0, -1, 1)
+    for direction in (1, -1):
+        of = made["direction"] == direction
+        made["row"][of] = np.arange(np.count_nonzero(of))
+    return made
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class Unwarped(Displayed):
+    """What `unwarp` made.
+
+    Attributes
+    ----------
+    images : Mapping[str, Image]
+        "trace", "retrace", or the one that was given; pixels that no line has reached are NaN.
+    before, after : tuple[float, float] or None
+        Shift of the retrace against the trace in x and y, pixels, by `scans.shift`; None of a single image.
+    moved : float
+        Largest distance that a pixel was moved along x, pixels.
+    timing : float
+        By how much a pixel may be wrong along x because the trigger is known to half a sample only, pixels.
+    verdict : Verdict
+        Doubtful where trace and retrace are more than 0.3 pixels apart, or the trigger does not say where they are;
+        bad beyond 3.
+    """
+
+    images: Mapping[str, Image]
+    before: tuple[float, float] | None
+    after: tuple[float, float] | None
+    moved: float
+    timing: float
+    verdict: Verdict
+
+    def _display(self) -> tuple[str, Rows]:
+        rows = [(name, quantity(getattr(self, name), "pixels")) for name in ("before", "after", "moved", "timing")]
+        return f"Unwarped: {', '.join(self.images)}, {self.verdict.level}", rows
+
+
+def unwarp(
+    images: Image | Mapping[str, Image],
+    record: ScanRecord,
+    x: ActuatorModel,
+    y: ActuatorModel | None = None,
+    *,
+    align: bool = False,
+) -> Unwarped:
+    """Correct an image by the places that a model predicts from the voltage alone.
+
+    Parameters
+    ----------
+    images : Image or mapping of str to Image
+        A trace, or "trace" and "retrace", as they were shown: each row with pixels of equal time, from the left to the
+        right.
+    record : ScanRecord
+        Voltages, from rest, and lines.
+    x : ActuatorModel
+        Of the fast axis, such as of `truestroke.identify`, of the day before.
+    y : ActuatorModel, optional
+        Of the slow axis, where its voltage is in the record; by default the rows are even.
+    align : bool
+        Whether what still separates trace and retrace, seen in the images, is shared between both, in eight blocks of
+        columns: the place of neither is better known then.
+
+    Returns
+    -------
+    Unwarped
+
+    Raises
+    ------
+    ImageError
+        The record has not a line for each row, a line goes back, or there is nothing to align.
+    SettingError
+        An argument is not of its kind.
+    """
+    checks.instance("record", record, ScanRecord, "a ScanRecord, such as of read_scan_record(path)")
+    checks.instance("x", x, ActuatorModel, "an ActuatorModel, such as of truestroke.identify(record).model")
+    given = {"trace": images} if isinstance(images, Image) else dict(images)
+    for name in given:
+        checks.one_of("images", name, tuple(DIRECTIONS))
+    if not given:
+        raise SettingError("images", "none", "a trace, or a trace and a retrace")
+    for name, image in given.items():
+        _check_fit(image, name, record)
+    across, along = _places(given, record, x, record.x), {}
+    if y is not None:
+        if not record.y.size:
+            raise ImageError("the record has no voltage of y: name its column, or leave the model of y out")
+        along = _places(given, record, y, record.y)
+    low = max(float(one.min(axis=1).max()) for one in across.values())
+    high = min(float(one.max(axis=1).min()) for one in across.values())
+    if not low < high:
+        raise ImageError(f"the lines have no part in common: the model predicts {low:.4g} to {high:.4g} um of it")
+    area = (low, high), _rows_area(next(iter(given.values())), along)
+    made = {name: _resampled(image, across[name], along.get(name), area) for name, image in given.items()}
+    if align:
+        made = _aligned(made, given, across, along, area)
+    before, after = (_apart(pair) for pair in (given, made))
+    columns = next(iter(given.values())).data.shape[1]
+    pixel = (high - low) / columns
+    even = low + (np.arange(columns) + 0.5) * pixel
+    moved = max(float(np.abs(one - even).max()) for one in across.values()) / pixel
+    line = record.lines[0]
+    timing = record.jitter * columns / float(line["end"] - line["start"])
+    return Unwarped(
+        images=made, before=before, after=after, moved=moved, timing=timing, verdict=_verdict(after, timing, made)
+    )
+
+
+def _check_fit(image: Image, name: str, record: ScanRecord) -> None:
+    """The record has a line for each row, and goes on to the end of the last one."""
+    lines = record.lines[record.lines["direction"] == DIRECTIONS[name]]
+    if lines.size != image.data.shape[0]:
+        raise ImageError(
+            f"the {name} has {image.data.shape[0]} rows, the recording {lines.size} lines of it: the image is of "
+            "another scan, the trigger is that of another direction, or some of its lines are missing"
+        )
+    end, last = record.x.size / record.sample_rate, float(lines["end"].max())
+    if last > end + 1 / record.sample_rate:
+        raise ImageError(f"the recording ends at {end:.4g} s, the last line at {last:.4g} s: it was cut short")
+
+
+def _places(
+    images: Mapping[str, Image], record: ScanRecord, model: ActuatorModel, volts: FloatArray
+) -> dict[str, FloatArray]:
+    """Predicted place of each pixel of each image, um, shape (rows, columns)."""
+    from scipy.interpolate import CubicSpline
+
+    predicted, made = CubicSpline(record.time, model.predict(volts, record.sample_rate)), {}
+    for name, image in images.items():
+        lines = record.lines[record.lines["direction"] == DIRECTIONS[name]]
+        columns = image.data.shape[1]
+        part = (np.arange(columns) + 0.5) / columns
+        part = part if DIRECTIONS[name] > 0 else 1 - part
+        made[name] = np.asarray(predicted(lines["start"][:, None] + part * (lines["end"] - lines["start"])[:, None]))
+    return made
+
+
+Area = tuple[tuple[float, float], tuple[float, float]]
+
+
+def _rows_area(image: Image, along: Mapping[str, FloatArray]) -> tuple[float, float]:
+    """Lowest and highest y of the image: edges of its first and last row."""
+    if not along:
+        return image.origin[1], image.origin[1] + image.size[1]
+    middle = np.mean([one.mean(axis=1) for one in along.values()], axis=0)
+    half = (middle[-1] - middle[0]) / max(middle.size - 1, 1) / 2
+    if not half > 0:
+        raise ImageError("y does not rise from row to row: the slow axis did not move, or downwards; flip the image")
+    return float(middle[0] - half), float(middle[-1] + half)
+
+
+def _resampled(image: Image, x: FloatArray, y: FloatArray | None, area: Area) -> Image:
+    """The signal at even places: along each line, then across the lines."""
+    (left, right), (low, high) = area
+    rows, columns = image.data.shape
+    pixel = (right - left) / columns
+    even = left + (np.arange(columns) + 0.5) * pixel
+    data, height = np.empty_like(image.data), np.empty_like(image.data)
+    for i in range(rows):
+        if (back := float(np.max(x[i, :-1] - x[i, 1:]))) > BACK * pixel:
+            raise ImageError(
+                f"row {i} goes back by {back:.3g} um: its line is not where the trigger says, or the direction is wrong"
+            )
+        order = np.maximum.accumulate(x[i])
+        data[i] = _between(even, order, image.data[i])
+        height[i] = np.interp(even, order, y[i]) if y is not None else 0.0
+    if y is not None:
+        level = low + (np.arange(rows) + 0.5) * (high - low) / rows
+        for j in range(columns):
+            data[:, j] = _between(level, np.maximum.accumulate(height[:, j]), data[:, j])
+    size = (right - left, high - low)
+    return Image(data=data, size=size, origin=(left, low), name=image.name, unit=image.unit)
+
+
+def _between(places: FloatArray, known: FloatArray, values: FloatArray) -> FloatArray:
+    """Cubic interpolation without overshoot; beyond the ends, by up to a pixel, the last value, then NaN."""
+    from scipy.interpolate import PchipInterpolator
+
+    _, kept = np.unique(known, return_index=True)
+    kept = kept[np.isfinite(values[kept])]
+    if kept.size < 2:
+        return np.full(places.size, np.nan)
+    known, values = known[kept], values[kept]
+    step = places[1] - places[0] if places.size > 1 else np.inf
+    inside = np.clip(places, known[0], known[-1])
+    made = np.asarray(PchipInterpolator(known, values)(inside))
+    return np.where(np.abs(inside - places) <= step, made, np.nan)
+
+
+def _aligned(
+    made: dict[str, Image],
+    given: Mapping[str, Image],
+    across: dict[str, FloatArray],
+    along: Mapping[str, FloatArray],
+    area: Area,
+) -> dict[str, Image]:
+    """With half of what separates trace and retrace in each block of columns added to the places of both."""
+    if len(made) < 2:
+        raise ImageError("there is only one image: `align` needs trace and retrace")
+    columns = made["trace"].data.shape[1]
+    half = max(columns // BLOCKS, 8)
+    centres, apart = [], []
+    for centre in range(half, max(columns - half, half) + 1, half):
+        part = slice(centre - half, centre + half)
+        blocks = [
+            dataclasses.replace(_filled(made[name]), data=_filled(made[name]).data[:, part]) for name in DIRECTIONS
+        ]
+        apart.append(shift(*blocks)[0])
+        centres.append(centre)
+    (left, right), _ = area
+    pixel = (right - left) / columns
+    moved = {}
+    for name, image in given.items():
+        column = (across[name] - left) / pixel
+        by = 0.5 * DIRECTIONS[name] * pixel * np.interp(column, centres, apart)
+        moved[name] = _resampled(image, across[name] + by, along.get(name), area)
+    return moved
+
+
+def _filled(image: Image) -> Image:
+    """Without gaps: their rows and columns are those of an edge."""
+    data = image.data
+    return (
+        image if np.all(np.isfinite(data)) else dataclasses.replace(image, data=np.where(np.isfinite(data), data, 0.0))
+    )
+
+
+def _apart(images: Mapping[str, Image]) -> tuple[float, float] | None:
+    return shift(*(_filled(images[name]) for name in DIRECTIONS)) if len(images) == 2 else None
+
+
+def _verdict(after: tuple[float, float] | None, timing: float, images: Mapping[str, Image]) -> Verdict:
+    findings: list[tuple[Level, str]] = []
+    if after is not None and (apart := float(np.hypot(*after))) > APART:
+        level: Level = "bad" if apart > FAR else "doubtful"
+        text = (
+            f"Trace and retrace are still {apart:.2g} pixels apart: the model is not that of this motion. Identify it "
+        )
+        findings.append((level, text + "from a record of the scan's own lines, or share the rest by `align`."))
+    if timing > APART:
+        text = (
+            f"The trigger places a line to half a sample, {timing:.2g} pixels: record faster, or give a table of lines."
+        )
+        findings.append(("doubtful", text))
+    lost = max(float(np.mean(~np.isfinite(image.data))) for image in images.values())
+    if lost > 0.01:
+        findings.append(("doubtful", f"{100 * lost:.0f} % of the pixels were not reached by the scan."))
+    return Verdict.of(findings)
+
+
+def by_direction(images: Sequence[Image]) -> dict[str, Image]:
+    """Images of a file as trace and retrace: by their names, or in this order."""
+    if len(images) > 2:
+        raise ImageError(f"{len(images)} images: must be a trace, or a trace and a retrace")
+    named = {name: image for image in images for name in DIRECTIONS if image.name.split(", ")[-1] == name}
+    return named if len(named) == len(images) else dict(zip(DIRECTIONS, images, strict=False))

@@ -1,0 +1,206 @@
+"""The loop of two or three axes: the same as of one, with a controller and a recorder for each."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from truestroke import _loops
+from truestroke.base import checks
+from truestroke.base.checks import SettingError
+from truestroke.base.typing import FloatArray
+from truestroke.control import feasibility
+from truestroke.control.axes import AxesMotion, MultiAxisController
+from truestroke.control.controller import AdaptiveController
+from truestroke.plant import MultiAxisStage
+from truestroke.runtime import loop, native
+from truestroke.runtime.ticks import MARK, SIMULATED, SlowLayout, TickRecorder, recorded, stride
+from truestroke.signals.channels import channel, dtype
+from truestroke.signals.recording import Recording, of_axis
+from truestroke.signals.timing import Timing
+from truestroke.signals.trajectories import Trajectory
+
+
+def run_axes(
+    motion: Mapping[str, Trajectory],
+    controller: MultiAxisController,
+    actuator: Any,
+    progress: Callable[[int, int], None] | None = None,
+) -> Recording:
+    """`truestroke.run` with a trajectory for each axis, as the sensors should read it.
+
+    Returns
+    -------
+    Recording
+        The channels of each axis, such as desired_x; `Recording.axis` gives the recording of one. Volts, innovation,
+        flags and weights are those of the axes, all else is what the sensors read.
+    """
+    made = "a MultiAxisController where the trajectory is a mapping of names to trajectories"
+    checks.instance("controller", controller, MultiAxisController, made)
+    checks.able("actuator", actuator, ("open", "exchange"), "an actuator, such as a plant.MultiAxisStage")
+    timing = checks.instance("actuator.open()", actuator.open(), Timing, "a Timing(sample_rate=, channels=)")
+    checks.count("channels of the actuator", timing.channels, len(controller.axes), len(controller.axes))
+    known = controller.prepare(motion)
+    log = _Log(motion, known, controller, actuator, timing)
+    for notice in log.notices():
+        warnings.warn(notice, feasibility.LimitWarning, stacklevel=3)
+    end, done = len(log), 0
+    try:
+        for stop in _moved(known, controller, actuator, timing, log):
+            start, done = done, stop
+            if progress and 100 * stop // end > 100 * start // end:
+                progress(stop, end)
+    except (Exception, KeyboardInterrupt) as error:
+        log.interrupted = repr(error)
+        raise loop.RunInterrupted(log.recording(done), error) from error
+    return log.recording(done)
+
+
+def _moved(
+    known: AxesMotion, controller: MultiAxisController, actuator: Any, timing: Timing, log: _Log
+) -> Iterator[int]:
+    """The loop itself: how many ticks are done, after each block; natively where controllers and plant are native."""
+    end = len(log)
+    fast = _is_native(controller, actuator)
+    by_ticks = min(end, native.FIRST) if fast else end
+    volts = log.rows["volts"]
+    for start in range(0, by_ticks, timing.block):
+        stop = min(start + timing.block, by_ticks)
+        for k in range(start, stop):
+            volts[k] = controller.follow(known, k)
+            for one in log.recorders:
+                one.commanded(k)
+        measured = _checked(actuator.exchange(volts[start:stop]), (stop - start, len(controller.axes)))
+        log.answered(start, stop, measured, getattr(actuator, "truth", None), controller)
+        yield stop
+    if fast:
+        yield from _natively(known, controller, actuator, by_ticks, log)
+
+
+def _is_native(controller: MultiAxisController, actuator: Any) -> bool:
+    """Whether no tick needs Python: a `MultiAxisStage`, and axes whose calls are those of the kernel."""
+    plain = (MultiAxisStage.open, MultiAxisStage.exchange) == (type(actuator).open, type(actuator).exchange)
+    moves = type(actuator) is MultiAxisStage and plain and not {"open", "exchange"} & vars(actuator).keys()
+    usual = type(controller) is MultiAxisController and not {"follow", "adapt"} & vars(controller).keys()
+    return (
+        moves and usual and all(type(a) is AdaptiveController and native.is_usual(a) for a in controller.axes.values())
+    )
+
+
+def _natively(
+    known: AxesMotion, controller: MultiAxisController, plant: MultiAxisStage, start: int, log: _Log
+) -> Iterator[int]:
+    """Up to each entry of the slow channels, and each hundredth of the run, for its progress."""
+    end = len(log)
+    stops = sorted({*range(1, end, log.stride), *(-(-part * end // 100) for part in range(1, 101))})
+    calls = [axis._kernel.native() for axis in controller.axes.values()]
+    noise = np.empty(log.stride * plant._samples)
+    for stop in (stop for stop in stops if stop > start):
+        part = slice(start, stop)
+        numbers = noise[: (stop - start) * plant._samples]
+        plant._noise.fill(numbers)
+        rows = [log.rows[name][part] for name in SIMULATED]
+        given = known.motion[part], known.strain[part], known.others[part], controller.to_axes, numbers
+        _loops.run_axes(calls, plant._plant.native(), *given, *rows)
+        plant.passed(log.rows["true"][part])
+        for axis in controller.axes.values():
+            axis._kernel.require_reach()
+        for one in log.recorders:
+            one.learned(stop - 1)
+        start = stop
+        yield stop
+
+
+def _checked(measured: FloatArray, shape: tuple[int, int]) -> FloatArray:
+    if getattr(measured, "shape", None) != shape:
+        given = f"array of shape {measured.shape}" if hasattr(measured, "shape") else f"a {type(measured).__name__}"
+        raise SettingError("exchange", given, f"of shape {shape}", "um")
+    return measured
+
+
+class _Log:
+    """The arrays of a run, an entry for each axis in a tick, and what fills them."""
+
+    def __init__(
+        self,
+        motion: Mapping[str, Trajectory],
+        known: AxesMotion,
+        controller: MultiAxisController,
+        actuator: Any,
+        timing: Timing,
+    ) -> None:
+        self._motion, self._known, self._controller, self._actuator = motion, known, controller, actuator
+        self._timing, self.stride = timing, stride(timing)
+        size, axes = len(self), controller.axes
+        self.rows = {
+            name: np.full((size, len(axes)), 0 if name == "flags" else np.nan, dtype(name)) for name in SIMULATED
+        }
+        self._layouts = {name: SlowLayout.of(axis) for name, axis in axes.items()}
+        self._slow = {name: np.empty((-(-size // self.stride), one.width)) for name, one in self._layouts.items()}
+        self.recorders = [
+            TickRecorder(axis, timing, {key: array[:, i] for key, array in self.rows.items()}, self._slow[name])
+            for i, (name, axis) in enumerate(axes.items())
+        ]
+        self.interrupted: str | None = None
+        self._notices: dict[str, tuple[str, ...]] = {}
+        for name, axis in axes.items():
+            loop.check_agreement(known.axes[name], axis, timing)
+            loop.count_latency(axis, timing)
+        self.recording(0)  # metadata that cannot be written are refused before anything moves
+
+    def __len__(self) -> int:
+        return len(next(iter(self._motion.values())))
+
+    def notices(self) -> list[str]:
+        """What will probably hold an axis back, each with its remedy; a default slew limit is raised."""
+        for name, axis in self._controller.axes.items():
+            own = self._known.axes[name]
+            self._notices[name] = feasibility.raise_slew(own, axis) + feasibility.remedied(own, axis)
+        return [f"axis {name}: {notice}" for name, notices in self._notices.items() for notice in notices]
+
+    def answered(
+        self, start: int, stop: int, measured: FloatArray, truth: FloatArray | None, controller: MultiAxisController
+    ) -> None:
+        """The measurements of an exchange go to the tick that they belong to, and to the controllers."""
+        each = [
+            one.answers(start, stop, measured[:, i], None if truth is None else truth[:, i])
+            for i, one in enumerate(self.recorders)
+        ]
+        for entries in zip(*each, strict=True):
+            controller.adapt([z for _, z, _ in entries], entries[0][2])
+
+    def recording(self, done: int) -> Recording:
+        """Of the ticks that are done."""
+        first = next(iter(self._motion.values()))
+        channels = {"time": channel("time", first.time[:done])}
+        about = {}
+        for i, (name, axis) in enumerate(self._controller.axes.items()):
+            wanted = self._motion[name]
+            arrays = {"desired": wanted.position, "desired_velocity": wanted.velocity}
+            if wanted.flat is not None:
+                arrays[MARK] = wanted.flat.astype(dtype(MARK))
+            names = recorded(wanted, axis, done > 0 and getattr(self._actuator, "truth", None) is not None)
+            arrays |= {key: array[:, i] for key, array in self.rows.items() if key in names}
+            channels |= {of_axis(key, name): channel(key, arrays[key][:done]) for key in names}
+            about[name] = self._about(name, axis)
+        if done:
+            channels["weights_time"] = channel("weights_time", first.time[: done : self.stride], "weights_time")
+            for name, layout in self._layouts.items():
+                slow = layout.split(self._slow[name][: -(-done // self.stride)])
+                channels |= {of_axis(key, name): channel(key, data, "weights_time") for key, data in slow.items()}
+        return Recording(channels, self._metadata() | {"axes": about})
+
+    def _about(self, name: str, axis: AdaptiveController) -> dict[str, Any]:
+        of_all = loop.about(self._motion[name], axis, self._actuator, self._timing)
+        own = {key: of_all[key] for key in ("trajectory", "controller")}
+        return own | {"notices": list(self._notices.get(name, ())), "resonance": loop.resonance(axis)}
+
+    def _metadata(self) -> dict[str, Any]:
+        of_all = loop.about(next(iter(self._motion.values())), self._controller, self._actuator, self._timing)
+        kept = {key: of_all[key] for key in ("created", "plant", "timing", "versions")}
+        controller = {"name": type(self._controller).__name__, "frame": self._controller.frame}
+        coupling = {"coupling": self._controller.coupling}
+        return kept | {"interrupted": self.interrupted, "controller": controller | coupling}

@@ -1,0 +1,369 @@
+"""Files of images: Gwyddion's .gsf and .gwy, NeXus in the layout of NXspm, TIFF with its resolution (extra `scan`).
+
+All of them show the highest y first, as a picture does; an `Image` has the lowest first.
+"""
+
+from __future__ import annotations
+
+import importlib
+import json
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from truestroke.base import checks, files
+from truestroke.base.checks import SettingError
+from truestroke.base.files import Kind
+from truestroke.base.typing import FloatArray
+from truestroke.signals.scans.images import Image, ImageError
+from truestroke.signals.scans.scan import Scan
+
+LENGTHS = {"nm": 1e-9, "um": 1e-6, "mm": 1e-3, "m": 1.0}  # of a signal that is a height, in m
+MAKER = "truestroke"
+ENDINGS = {".gsf": "gsffile", ".gwy": "gwyfile", ".tif": "tifffile", ".tiff": "tifffile", ".nxs": "h5py"}
+"""Endings of the files, and the package that writes and reads each."""
+
+
+def _by_us(path: Path) -> bool:
+    with path.open("rb") as file:
+        return MAKER.encode() in file.read()
+
+
+IMAGE = Kind("an image", _by_us)
+
+
+def save_images(
+    path: str | Path, images: Image | Mapping[str, Image] | Sequence[Image], *, scan: Scan | None = None
+) -> Path:
+    """Write images of one scan into a file; its ending is the format.
+
+    ======  =========================================================  ===============
+    .gsf    Gwyddion Simple Field, one image, float32                  gsffile
+    .gwy    Gwyddion, all images as channels                           gwyfile
+    .tif    TIFF, float32, a page for each image, with its resolution  tifffile
+    .nxs    NeXus (HDF5) in the layout of NXspm: each image as NXdata  h5py
+            with axes in um; region, pattern and calibration of the
+            scan, where it is given
+    ======  =========================================================  ===============
+
+    Heights are written in m where the format has units of its own (.gsf, .gwy).
+
+    Parameters
+    ----------
+    path : str or Path
+        Where to.
+    images : Image, sequence or mapping of them
+        All of one area; a .gsf takes one.
+    scan : Scan, optional
+        What they were made of, for .nxs.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    SettingError
+        The ending is none of these, or the number of images does not fit it.
+    ImageError
+        The package for it is missing.
+    FileExistsError
+        A file is there that truestroke did not write.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> made = Image(data=np.eye(3), size=(2.0, 1.0), name="trace", unit="nm")
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     back = read_images(save_images(Path(folder, "trace.gsf"), made))
+    >>> back[0].size, back[0].data[0].round(3).tolist(), back[0].unit
+    ((2.0, 1.0), [1.0, 0.0, 0.0], 'nm')
+    """
+    path = checks.path("path", path)
+    several = (
+        [images] if isinstance(images, Image) else list(images.values() if isinstance(images, Mapping) else images)
+    )
+    for image in several:
+        checks.instance("images", image, Image, "an Image, such as of truestroke.scans.images(scan, signal)")
+    if not several:
+        raise SettingError("images", "none", "at least one")
+    _require_library(path)
+    write = WRITERS[path.suffix.lower()]
+    with files.writing(path, IMAGE) as draft:
+        write(draft, several, scan)
+    return path
+
+
+def read_images(path: str | Path) -> list[Image]:
+    """The images in a .gsf, .gwy, .tif or .nxs file; heights come in nm, places in um.
+
+    Raises
+    ------
+    ImageError
+        The file holds no image, or is damaged.
+    SettingError
+        The ending is none of these.
+    FileNotFoundError
+        There is no such file.
+    """
+    path = checks.path("path", path)
+    if not path.is_file():
+        raise FileNotFoundError(2, "no such file", str(path))
+    _require_library(path)
+    read = READERS[path.suffix.lower()]
+    try:
+        made = read(path)
+    except (KeyError, ValueError, IndexError, TypeError, OSError, AssertionError) as error:
+        raise ImageError(f"{path}: the file is damaged, or no image ({' '.join(str(error).split())[:200]})") from error
+    if not made:
+        raise ImageError(f"{path}: there is no image in it")
+    return made
+
+
+def _require_library(path: Path) -> None:
+    """An error where the package for an ending is missing, or there is none."""
+    module = ENDINGS.get(path.suffix.lower())
+    if module is None:
+        raise SettingError("path", str(path), f"a file that ends with {', '.join(ENDINGS)}")
+    try:
+        importlib.import_module(module)
+    except ModuleNotFoundError as error:
+        text = f'{path}: files of this kind need the package {module}: pip install "truestroke[scan]"'
+        raise ImageError(text) from error
+
+
+def _in_m(image: Image) -> tuple[FloatArray, str]:
+    """Data, highest y first, and unit; a height in m."""
+    factor = LENGTHS.get(image.unit)
+    return image.data[::-1] * (factor or 1.0), "m" if factor else image.unit
+
+
+def _as_read(data: Any, unit: str, size: Sequence[float], origin: Sequence[float], name: str) -> Image:
+    """Of data with the highest y first; a height in m becomes nm."""
+    values = np.asarray(data, dtype=np.float64)[::-1] * (1e9 if unit == "m" else 1.0)
+    width, height, x, y = (float(f"{1e6 * float(one):.9g}") for one in (*size, *origin))
+    return Image(data=values, size=(width, height), origin=(x, y), name=name, unit="nm" if unit == "m" else unit)
+
+
+# ---- Gwyddion ------------------------------------------------------------------------------------------------------
+
+
+def _write_gsf(path: Path, images: Sequence[Image], _: Scan | None) -> None:
+    import gsffile
+
+    if len(images) != 1:
+        raise SettingError("images", f"{len(images)} images", "one: a .gsf holds one; take .gwy, .tif or .nxs")
+    image, (data, unit) = images[0], _in_m(images[0])
+    about: dict[str, object] = {"XReal": 1e-6 * image.size[0], "YReal": 1e-6 * image.size[1]}
+    about |= {"XOffset": 1e-6 * image.origin[0]}
+    about |= {"YOffset": 1e-6 * image.origin[1], "XYUnits": "m", "ZUnits": unit, "Title": image.name, "Software": MAKER}
+    gsffile.write_gsf(path, np.ascontiguousarray(data, np.float32), about)
+
+
+def _read_gsf(path: Path) -> list[Image]:
+    import gsffile
+
+    data, about = gsffile.read_gsf(path)
+    size = [about.get("XReal", 1e-6 * data.shape[1]), about.get("YReal", 1e-6 * data.shape[0])]
+    origin = [about.get("XOffset", 0.0), about.get("YOffset", 0.0)]
+    return [_as_read(data, str(about.get("ZUnits", "")), size, origin, str(about.get("Title", path.stem)))]
+
+
+def _write_gwy(path: Path, images: Sequence[Image], _: Scan | None) -> None:
+    from gwyfile.objects import GwyContainer, GwyDataField, GwySIUnit
+
+    made = GwyContainer()
+    for i, image in enumerate(images):
+        data, unit = _in_m(image)
+        made[f"/{i}/data/title"] = image.name
+        made[f"/{i}/data"] = GwyDataField(
+            np.ascontiguousarray(data),
+            xreal=1e-6 * image.size[0],
+            yreal=1e-6 * image.size[1],
+            xoff=1e-6 * image.origin[0],
+            yoff=1e-6 * image.origin[1],
+            si_unit_xy=GwySIUnit(unitstr="m"),
+            si_unit_z=GwySIUnit(unitstr=unit),
+        )
+        made[f"/{i}/meta"] = GwyContainer({"Software": MAKER})
+    made.tofile(str(path))
+
+
+def _read_gwy(path: Path) -> list[Image]:
+    import gwyfile
+
+    found = gwyfile.util.get_datafields(gwyfile.load(str(path)))
+    return [
+        _as_read(f.data, f.si_unit_z.unitstr, (f.xreal, f.yreal), (f.get("xoff", 0.0), f.get("yoff", 0.0)), name)
+        for name, f in found.items()
+    ]
+
+
+# ---- TIFF ----------------------------------------------------------------------------------------------------------
+
+
+def _write_tiff(path: Path, images: Sequence[Image], _: Scan | None) -> None:
+    import tifffile
+
+    with tifffile.TiffWriter(path) as file:
+        for image in images:
+            about = {"name": image.name, "unit": image.unit, "origin_um": image.origin, "size_um": image.size}
+            file.write(
+                np.ascontiguousarray(image.data[::-1], np.float32),
+                photometric="minisblack",
+                resolution=tuple(1e4 / pixel for pixel in image.pixel),
+                resolutionunit="CENTIMETER",
+                software=MAKER,
+                description=json.dumps(about),
+                metadata=None,
+                contiguous=False,
+            )
+
+
+def _read_tiff(path: Path) -> list[Image]:
+    import tifffile
+
+    made = []
+    with tifffile.TiffFile(path) as file:
+        for page in file.pages:
+            data = np.asarray(page.asarray(), dtype=np.float64)
+            tags = {tag.name: tag.value for tag in page.tags}
+            about = _about(str(tags.get("ImageDescription", "")))
+            made.append(
+                Image(
+                    data=data[::-1],
+                    size=tuple(about.get("size_um") or _size(data.shape, tags)),
+                    origin=tuple(about.get("origin_um") or (0.0, 0.0)),
+                    name=str(about.get("name", path.stem)),
+                    unit=str(about.get("unit", "")),
+                )
+            )
+    return made
+
+
+def _about(text: str) -> dict[str, Any]:
+    try:
+        found = json.loads(text)
+    except json.JSONDecodeError:
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+def _size(shape: Sequence[int], tags: Mapping[str, Any]) -> tuple[float, float]:
+    """Width and height, um, by the resolution of a page; a pixel of 1 um where it has none."""
+    unit = {2: 25_400.0, 3: 10_000.0}.get(int(tags.get("ResolutionUnit", 1)), 0.0)  # um of an inch, of a centimetre
+    if not unit or "XResolution" not in tags:
+        return float(shape[1]), float(shape[0])
+    across, down = (tags[name][0] / tags[name][1] / unit for name in ("XResolution", "YResolution"))
+    return shape[1] / across, shape[0] / down
+
+
+# ---- NeXus ---------------------------------------------------------------------------------------------------------
+
+
+def _write_nexus(path: Path, images: Sequence[Image], scan: Scan | None) -> None:
+    import h5py
+
+    with h5py.File(path, "w") as file:
+        names = [f"image_{i}" for i in range(len(images))]
+        entry = _group(file, "entry", "NXentry", default=names[0])
+        file.attrs["default"] = "entry"
+        entry["definition"] = "NXspm"
+        entry["experiment_technique"] = "AFM"
+        entry["program_name"] = MAKER
+        for name, image in zip(names, images, strict=True):
+            _nexus_data(entry, name, image)
+        instrument = _group(entry, "experiment_instrument", "NXinstrument")
+        control = _group(_group(instrument, "scan_environment", "NXenvironment"), "scan_control", "NXspm_scan_control")
+        _nexus_scan(control, images[0], scan)
+        if scan is not None:
+            sensor = _group(instrument, "piezo_sensor", "NXspm_piezo_sensor")
+            config = _group(sensor, "piezo_configuration", "NXspm_piezo_config")
+            calibration = _group(config, "calibration", "NXcalibration")
+            calibration["calibration_type"] = "active"
+            for axis, motion in zip("xy", scan.axes, strict=True):
+                _number(calibration, f"range_{axis}", motion.peak_to_peak, "um")
+
+
+def _nexus_data(entry: Any, name: str, image: Image) -> None:
+    data = _group(entry, name, "NXdata", signal="data", axes=["y", "x"], title=image.name)
+    data["title"] = image.name
+    _number(data, "data", image.data[::-1], image.unit)
+    data["data"].attrs["interpretation"] = "image"
+    for axis, start, size, pixels in zip("xy", image.origin, image.size, image.data.shape[::-1], strict=True):
+        centres = start + (np.arange(pixels) + 0.5) * size / pixels
+        _number(data, axis, centres if axis == "x" else centres[::-1], "um")
+
+
+def _nexus_scan(control: Any, image: Image, scan: Scan | None) -> None:
+    region = _group(control, "scan_region", "NXspm_scan_region")
+    pattern = _group(control, "mesh_SCAN", "NXspm_scan_pattern")
+    for axis, start, size, pixels in zip("xy", image.origin, image.size, image.data.shape[::-1], strict=True):
+        _number(region, f"scan_offset_value_{axis}", start + size / 2, "um")
+        _number(region, f"scan_range_{axis}", size, "um")
+        _number(region, f"scan_start_{axis}", start, "um")
+        _number(region, f"scan_end_{axis}", start + size, "um")
+        pattern[f"scan_points_{axis}"] = pixels
+        _number(pattern, f"step_size_{axis}", size / pixels, "um")
+    if scan is not None:
+        control["scan_name"] = scan.name
+        control["scan_type"] = "spiral" if scan.name == "spiral" else "mesh" if scan.name == "raster" else "trajectory"
+        line = scan.lines[0]
+        if scan.name == "raster":
+            _number(pattern, "scan_speed_x", scan.size[0] / float(line["end"] - line["start"]), "um/s")
+
+
+def _group(parent: Any, name: str, kind: str, **attributes: Any) -> Any:
+    made = parent.create_group(name)
+    made.attrs["NX_class"] = kind
+    for key, value in attributes.items():
+        made.attrs[key] = value
+    return made
+
+
+def _number(group: Any, name: str, value: Any, unit: str) -> None:
+    group[name] = value
+    group[name].attrs["units"] = unit
+
+
+def _read_nexus(path: Path) -> list[Image]:
+    import h5py
+
+    made = []
+    with h5py.File(path) as file:
+        for entry in (one for one in file.values() if one.attrs.get("NX_class") == "NXentry"):
+            for group in (one for one in entry.values() if one.attrs.get("NX_class") == "NXdata"):
+                signal = group[group.attrs["signal"]]
+                y, x = (np.asarray(group[name], dtype=np.float64) for name in group.attrs["axes"])
+                up = y[0] > y[-1]
+                (left, width), (low, height) = (_span(np.sort(one)) for one in (x, y))
+                title = group["title"].asstr()[()] if "title" in group else group.name
+                data = np.asarray(signal, dtype=np.float64)[:: -1 if up else 1]
+                unit = str(signal.attrs.get("units", ""))
+                made.append(Image(data=data, size=(width, height), origin=(left, low), name=str(title), unit=unit))
+    return made
+
+
+def _span(centres: FloatArray) -> tuple[float, float]:
+    """Lower edge and length of pixels by their centres."""
+    pixel = float(centres[-1] - centres[0]) / max(centres.size - 1, 1) or 1.0
+    return float(f"{centres[0] - pixel / 2:.9g}"), float(f"{pixel * centres.size:.9g}")
+
+
+WRITERS: dict[str, Callable[[Path, Sequence[Image], Scan | None], None]] = {
+    ".gsf": _write_gsf,
+    ".gwy": _write_gwy,
+    ".tif": _write_tiff,
+    ".tiff": _write_tiff,
+    ".nxs": _write_nexus,
+}
+READERS: dict[str, Callable[[Path], list[Image]]] = {
+    ".gsf": _read_gsf,
+    ".gwy": _read_gwy,
+    ".tif": _read_tiff,
+    ".tiff": _read_tiff,
+    ".nxs": _read_nexus,
+}

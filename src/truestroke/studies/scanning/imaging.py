@@ -1,0 +1,228 @@
+"""The same stage and scan under three controllers: images of two samples, distortion, trace against retrace."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from truestroke.base import checks
+from truestroke.base.typing import FloatArray
+from truestroke.base.verdict import Level, Verdict
+from truestroke.control.axes import MultiAxisController
+from truestroke.control.controller import AdaptiveController
+from truestroke.control.settings import ControllerSettings
+from truestroke.plant import MultiAxisSettings, MultiAxisStage, StageSettings
+from truestroke.signals import scans, shaping
+from truestroke.signals.scans.images import Distortion, Image
+from truestroke.signals.scans.scan import Scan
+from truestroke.studies.scanning import lines
+from truestroke.studies.scanning.lines import Moved
+
+PIXELS = 512
+WIDTH, OFFSET = 20.0, (14.5, 14.0)  # um of the image, and its centre
+RATE = 40.0  # rows per second
+SAMPLE_RATE = 5000.0  # Hz
+LEAD_IN, LEAD_ROWS = 160, 96  # periods before the image, and rows over which y moves in the last of them
+OVER_SCAN = 0.01  # of the width, at least
+ROTATION, TURNS = 100.0, 256  # Hz of the spiral
+LIMITS, STROKE = (-0.6, 3.6), 30.0
+NOISE = 0.001  # um, a sample of a capacitive sensor
+COUPLING = ((0.0, 0.02), (0.03, 0.0))  # um/um
+DAMPING = 0.02
+FINE, SEEN = 0.1, 0.5  # pixels: largest distortion of a good image, and of a doubtful one
+ROUND = 0.1  # % of the diameter, rms, of a good spiral
+NAMES = {"open loop": "open loop", "paper": "the paper", "truestroke": "truestroke"}
+
+
+@dataclass(frozen=True, eq=False)
+class Imaged:
+    """What one controller made of the scan.
+
+    Attributes
+    ----------
+    name : str
+        Of the controller.
+    moved : Moved
+        Voltages, measured and true positions.
+    distortion : Distortion
+        True places of the pixels against those where they are shown.
+    images : Mapping[str, Mapping[str, Image]]
+        Of "grating" and "texture": "trace" and "retrace".
+    shift : tuple[float, float]
+        Of the retrace of the texture against its trace, in x and y, pixels, by `scans.shift`.
+    """
+
+    name: str
+    moved: Moved = field(repr=False)
+    distortion: Distortion
+    images: Mapping[str, Mapping[str, Image]] = field(repr=False)
+    shift: tuple[float, float]
+
+    def as_dict(self) -> dict[str, object]:
+        """For JSON."""
+        x, y = self.distortion.rms_um()
+        return {
+            "controller": self.name,
+            "distortion_largest_pixels": self.distortion.largest,
+            "distortion_rms_pixels": self.distortion.rms,
+            "trace_retrace_pixels": self.distortion.trace_retrace,
+            "shift_pixels": self.shift,
+            "x_rms_um": x,
+            "y_rms_um": y,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Scanned:
+    """The scan under all controllers, and a spiral under the last.
+
+    Attributes
+    ----------
+    scan : Scan
+        The raster.
+    imaged : Mapping[str, Imaged]
+        By the name of the controller.
+    spiral : float
+        Error of a spiral of 100 turns per second with truestroke, % of its diameter, rms.
+    stage : MultiAxisSettings
+        What was simulated.
+    verdict : Verdict
+        Of truestroke's image: good where no pixel is more than 0.1 pixel from its place, nor trace from retrace.
+    """
+
+    scan: Scan
+    imaged: Mapping[str, Imaged]
+    spiral: float
+    stage: MultiAxisSettings
+    verdict: Verdict
+
+    def as_dict(self) -> dict[str, object]:
+        """For JSON."""
+        return {
+            "controllers": [one.as_dict() for one in self.imaged.values()],
+            "spiral_percent_of_diameter": self.spiral,
+            "rows_per_second": self.scan.settings["rate"],
+            "pixels": PIXELS,
+        }
+
+
+def stage_of(resonances: tuple[float, float], kinds: tuple[str, str], noise: float) -> MultiAxisSettings:
+    """Two axes of 30 um that disturb each other."""
+    axes = tuple(
+        StageSettings(sample_rate=SAMPLE_RATE, resonances=(f,), dampings=(DAMPING,), hysteresis_kind=kind, noise=noise)
+        for f, kind in zip(resonances, kinds, strict=True)
+    )
+    return MultiAxisSettings(axes=axes, coupling=COUPLING)
+
+
+def scan_of(stage: MultiAxisSettings, rate: float) -> Scan:
+    """The raster: turns and steps that leave each axis at rest, and the over-scan that the steps need."""
+    x, y = (one.dynamics() for one in stage.axes)
+    turn, step = (shaping.settling_move(one).duration for one in (x, y))
+    margin, line = max(0.0, (step - turn) / 2), 0.5 / rate - turn
+    over = max(OVER_SCAN, 1.001 * margin / max(line - 2 * margin, 1e-9))
+    usual = {"lead_in": LEAD_IN, "lead_rows": LEAD_ROWS, "offset": OFFSET, "sample_rate": stage.sample_rate}
+    made = scans.raster(width=WIDTH, lines=PIXELS, rate=rate, turn=x, settle=y, over_scan=over, **usual)  # type: ignore[arg-type]
+    lines.period_of(made)
+    return made
+
+
+def controllers_of(stage: MultiAxisSettings) -> MultiAxisController:
+    """Truestroke, with the dynamics that `truestroke bode` would measure."""
+    usual = {"sample_rate": stage.sample_rate, "stroke": STROKE, "voltage_limits": LIMITS, "feedback": False}
+    return MultiAxisController(
+        {
+            name: ControllerSettings(**usual, dynamics=one.dynamics())  # type: ignore[arg-type]
+            for name, one in zip("xy", stage.axes, strict=True)
+        }
+    )
+
+
+def image_stage(
+    *,
+    rate: float = RATE,
+    resonances: tuple[float, float] = (900.0, 700.0),
+    kinds: tuple[str, str] = ("plays", "preisach"),
+    noise: float = NOISE,
+    seed: int = 0,
+) -> Scanned:
+    """Image a grating and a texture with a simulated XY stage under three controllers, and follow a spiral.
+
+    Parameters
+    ----------
+    rate : float
+        Rows per second, Hz; a period of whole ticks of 5 kHz.
+    resonances : tuple[float, float]
+        Of x and y, Hz.
+    kinds : tuple[str, str]
+        Hysteresis of x and y: "plays", "preisach" or "bouc-wen".
+    noise : float
+        Standard deviation of a sample of the sensors, um.
+    seed : int
+        Of the noise and the texture.
+
+    Returns
+    -------
+    Scanned
+
+    Raises
+    ------
+    SettingError
+        Names the argument, its value, the bound and the unit.
+    """
+    seed = checks.count("seed", seed, 0, 2**63 - 1)
+    stage = stage_of(resonances, kinds, noise)
+    scan = scan_of(stage, rate)
+    samples = scans.Grating(), scans.Texture(seed=seed)
+    gains = [one.stroke / one.voltage_limits[1] for one in stage.axes]
+    usual = {"sample_rate": SAMPLE_RATE, "stroke": STROKE, "voltage_limits": LIMITS}
+
+    def made(name: str) -> Imaged:
+        plant = MultiAxisStage(stage, seed)
+        moving: dict[str, Callable[[], Moved]] = {
+            "open loop": lambda: lines.open_loop(scan, plant, gains),
+            "paper": lambda: lines.alone(scan, plant, [AdaptiveController.paper(**usual) for _ in gains]),  # type: ignore[arg-type]
+            "truestroke": lambda: lines.by_lines(scan, plant, controllers_of(stage)),
+        }
+        return _imaged(name, scan, moving[name](), samples)
+
+    with ThreadPoolExecutor(4) as several:
+        around = several.submit(_spiral, stage, seed)
+        longest = [several.submit(made, name) for name in reversed(NAMES)]
+        found = {one.name: one for one in (each.result() for each in reversed(longest))}
+        spiral = around.result()
+    return Scanned(scan, found, spiral, stage, judged(found["truestroke"], spiral))
+
+
+def _imaged(name: str, scan: Scan, moved: Moved, samples: tuple[scans.Grating, scans.Texture]) -> Imaged:
+    x, y = moved.true.T
+    places = [scans.at_pixels(scan, axis, PIXELS) for axis in (x, y)]
+    images = {one.name: scans.images(scan, one(*places), name=one.name, unit=one.unit) for one in samples}
+    shift = scans.shift(images["texture"]["trace"], images["texture"]["retrace"])
+    return Imaged(name, moved, scans.distortion(scan, x, y, PIXELS), images, shift)
+
+
+def _spiral(stage: MultiAxisSettings, seed: int) -> float:
+    """Error of a spiral, % of its diameter, rms."""
+    scan = scans.spiral(diameter=WIDTH, turns=TURNS, rotation=ROTATION, offset=OFFSET, sample_rate=stage.sample_rate)
+    moved = lines.by_lines(scan, MultiAxisStage(stage, seed), controllers_of(stage))
+    error: FloatArray = moved.true - np.stack([axis.position for axis in scan.axes], axis=1)
+    return float(100 / WIDTH * np.sqrt(np.mean(np.sum(error[scan.inside] ** 2, axis=1))))
+
+
+def judged(imaged: Imaged, spiral: float) -> Verdict:
+    """Of an image: its largest distortion and shift, pixels; of the spiral, %."""
+    findings: list[tuple[Level, str]] = []
+    for words, pixels in (
+        ("A pixel is up to {:.2g} pixels from its place.", imaged.distortion.largest),
+        ("Trace and retrace are up to {:.2g} pixels apart.", imaged.distortion.trace_retrace),
+    ):
+        if pixels > FINE:
+            findings.append(("bad" if pixels > SEEN else "doubtful", words.format(pixels)))
+    if spiral > ROUND:
+        text = f"The spiral of {ROTATION:g} turns per second is {spiral:.2g} % of its diameter off, rms."
+        findings.append(("doubtful", text))
+    return Verdict.of(findings)

@@ -1,0 +1,145 @@
+"""The page of a simulated scan: what a microscopist sees, side by side."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from truestroke.report import images, style, units, words
+from truestroke.report.page import Page, Section, Table, captioned
+from truestroke.report.style import LIGHT, Theme
+from truestroke.signals.scans.images import Image
+from truestroke.studies.scanning.imaging import LEAD_IN, NAMES, PIXELS, ROTATION, Scanned
+
+PART = 96  # pixels of the texture that are shown enlarged
+CAPTIONS = {
+    "grating": (
+        "A calibration grating",
+        "Square pits in straight rows, 3 um apart. Above the trace, below the retrace of the same rows.",
+    ),
+    "texture": (
+        "Trace and retrace, laid over one another",
+        "A part of the texture, 96 x 96 pixels: the trace in red, the retrace in cyan. Grey is where they agree; "
+        "where the same thing is in two places, its edges are coloured.",
+    ),
+    "errors": (
+        "Where along a line",
+        "True minus desired position, in pixels, of x in the trace and in the retrace: the median and the range of all "
+        "rows. The scales differ. The shaded band is a tenth of a pixel.",
+    ),
+}
+WORDS = {"good": "The image is straight.", "doubtful": "Nearly.", "bad": "Do not measure in it."}
+HEADS = ["controller", "distortion", "rms", "trace-retrace", "seen shift", "x rms", "y rms"]
+
+
+def rows(found: Scanned) -> list[list[str]]:
+    """A row for each controller; pixels, and lengths."""
+    made = []
+    for one in found.imaged.values():
+        moved = one.distortion
+        pixels = (moved.largest, moved.rms, moved.trace_retrace, float(np.hypot(*one.shift)))
+        cells = [f"{value:.2f} px" if value < 100 else f"{value:.0f} px" for value in pixels]
+        made.append([NAMES[one.name], *cells, *(units.length(value) for value in moved.rms_um())])
+    return made
+
+
+def page(found: Scanned, command: str | None = None) -> Page:
+    """The page; `command` is what repeats it."""
+    best = found.imaged["truestroke"].distortion
+    rate = float(found.scan.settings["rate"])  # type: ignore[arg-type]
+    first = " and ".join(f"{one.resonances[0]:g}" for one in found.stage.axes)
+    lead = (
+        f"Two samples, scanned by a simulated XY stage at {rate:g} rows a second, {PIXELS} x {PIXELS} pixels: with "
+        f"truestroke no pixel is more than {best.largest:.2g} pixels from its place."
+    )
+    stage, width = found.stage, found.scan.size[0]
+    note = (
+        f"Pixels of {1e3 * width / PIXELS:.0f} nm. Distortion: largest distance of a pixel from its place. "
+        "Trace-retrace: largest distance between both, in a mean of 16 rows. Seen shift: by the images alone. The "
+        f"stage: resonances of {first} Hz, {100 * stage.coupling[1][0]:g} % of x on y, hysteresis of different "
+        f"structures, sensor noise of {1e3 * stage.axes[0].noise:g} nm. truestroke knows the resonances, and has had "
+        f"{LEAD_IN / rate:g} s of lines before the image. The paper's law knows neither resonance nor other axes, and "
+        "was not made for this speed."
+    )
+    spiral = (
+        f"A spiral of {ROTATION:g} turns per second and {width:g} um, by the same stage and controllers, is "
+        f"{found.spiral:.2g} % of its diameter off, rms."
+    )
+    return Page(
+        title=f"An image of {found.scan.size[0]:g} um at {rate:g} rows a second",
+        lead=lead,
+        verdict=found.verdict,
+        remark=WORDS[found.verdict.level],
+        sections=[
+            Section(tables=[Table(columns=HEADS, rows=rows(found), note=note)]),
+            *captioned(CAPTIONS),
+            Section(heading="A spiral", text=spiral),
+        ],
+        plots=lambda theme: plots(found, theme),
+        command=command,
+        footer=words.made_now(),
+    )
+
+
+def plots(found: Scanned, theme: Theme = LIGHT) -> dict[str, Figure]:
+    """All of them by name, in the order of the page."""
+    return {"grating": grating(found, theme), "texture": texture(found, theme), "errors": errors(found, theme)}
+
+
+def grating(found: Scanned, theme: Theme = LIGHT) -> Figure:
+    """Trace above, retrace below, a column for each controller."""
+    with style.use(theme):
+        figure, panels = style.panels(5.1, 2, len(found.imaged), sharex=True, sharey=True)
+        limits = images.contrast(found.imaged["truestroke"].images["grating"]["trace"])
+        for column, one in enumerate(found.imaged.values()):
+            for row, direction in enumerate(("trace", "retrace")):
+                panel = panels[row * len(found.imaged) + column]
+                images.show(panel, one.images["grating"][direction], limits=limits)
+                panel.set_title(f"{NAMES[one.name]}, {direction}")
+                if column == 0:
+                    panel.set(ylabel="y (µm)")
+                if row:
+                    panel.set(xlabel="x (µm)")
+    return figure
+
+
+def texture(found: Scanned, theme: Theme = LIGHT) -> Figure:
+    """A part of the texture, trace and retrace in two colours."""
+    with style.use(theme):
+        figure, panels = style.panels(2.9, 1, len(found.imaged), sharex=True, sharey=True)
+        for column, (panel, one) in enumerate(zip(panels, found.imaged.values(), strict=True)):
+            trace, retrace = (one.images["texture"][direction] for direction in ("trace", "retrace"))
+            images.lay_over(panel, trace, retrace, part=_part(trace))
+            panel.set_title(NAMES[one.name])
+            panel.set(xlabel="x (µm)")
+            if column == 0:
+                panel.set(ylabel="y (µm)")
+    return figure
+
+
+def _part(image: Image) -> tuple[slice, slice]:
+    return images.middle(image, PART)
+
+
+def errors(found: Scanned, theme: Theme = LIGHT) -> Figure:
+    """Mean and range over the rows of the error of x along a line, a panel for each controller."""
+    with style.use(theme):
+        figure, panels = style.panels(2.6, 1, len(found.imaged))
+        for column, (panel, one) in enumerate(zip(panels, found.imaged.values(), strict=True)):
+            moved = one.distortion
+            x = found.scan.origin[0] + (np.arange(PIXELS) + 0.5) * moved.size[0]
+            panel.axhspan(-0.1, 0.1, color=theme["grid"], lw=0, zorder=0)
+            for direction, colour, name in ((1, "alarm", "trace"), (-1, "true", "retrace")):
+                kept = moved.dx[moved.directions == direction]
+                low, middle, high = np.percentile(kept, [0, 50, 100], axis=0)
+                panel.fill_between(x, low, high, color=theme[colour], alpha=0.25, lw=0)
+                panel.plot(x, middle, color=theme[colour], lw=1.0, label=name)
+            panel.set_title(NAMES[one.name])
+            panel.set(xlabel="x (µm)")
+            if column == 0:
+                panel.set(ylabel="error (pixels)")
+            if column == len(found.imaged) - 1:
+                panel.set_ylim(-0.2, 0.2)
+            if column == 0:
+                panel.legend(loc="upper left", handlelength=1.2)
+    return figure

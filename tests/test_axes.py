@@ -1,0 +1,422 @@
+"""Two and three axes: what they do to each other is learned, in any frame of the sensors; one loop, native or not."""
+
+import copy
+import dataclasses
+import json
+import pickle
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from matplotlib.figure import Figure
+from scipy import signal
+
+from truestroke import (
+    ControllerSettings,
+    MultiAxisController,
+    Recording,
+    RunInterrupted,
+    SettingError,
+    judge,
+    run,
+)
+from truestroke.base import frames
+from truestroke.cli import main
+from truestroke.plant import MultiAxisSettings, MultiAxisStage, StageSettings
+from truestroke.runtime.drivers.turned import Turned
+from truestroke.runtime.realtime import config, run_realtime
+from truestroke.signals.trajectories import Trajectory, raster, sine
+
+RATE = 10_000.0
+RANGE = {"sample_rate": RATE, "stroke": 30.0, "voltage_limits": (-0.6, 3.6)}
+FAST, SLOW = StageSettings(resonances=(900.0,)), StageSettings(resonances=(600.0,), hysteresis_kind="preisach")
+LINES = raster(frequency=40.0, peak_to_peak=20.0, duration=3.0, sample_rate=RATE)
+
+
+def frame_motion(seconds):
+    """The slow axis: a ramp of 5 um a second from rest to 5 um."""
+    time = np.arange(round(RATE * seconds)) / RATE
+    gone = np.exp(-time / 0.05)
+    return Trajectory("frame", RATE, 5.0 * time - 0.25 * (1 - gone), 5.0 * (1 - gone), acceleration=100.0 * gone)
+
+
+MOTION = {"x": LINES, "y": frame_motion(3.0)}
+
+
+def settings(stage, known=True, **given):
+    dynamics = {"dynamics": stage.dynamics(), "feedback": False} if known else {}
+    return ControllerSettings(**{**RANGE, **dynamics, **given})
+
+
+def rms(recording, seconds=2.0):
+    """Of the true error of each axis on the lines, after so many seconds, nm."""
+    counts = (recording["time"] >= seconds) & (recording["flat_x"] > 0)
+    return [
+        1e3 * np.sqrt(np.mean((recording[f"true_{name}"] - recording[f"desired_{name}"])[counts] ** 2))
+        for name in recording.axes
+    ]
+
+
+# ---- The simulated axes ----------------------------------------------------------------------------------------------
+
+
+def test_coupled_linear_stages_are_those_of_an_independent_simulation():
+    """Without hysteresis the axes are linear: their state space, by scipy. What acts is a step of the latter late."""
+    coupling, push, drag, frame = (
+        np.array(m)
+        for m in ([[0, 0.03], [0, 0]], [[0, 0], [0.05, 0]], [[0, 2e-5], [0, 0]], frames.sensor_frame(5.0, -2.0))
+    )
+    given = {"coupling": coupling, "push": push, "drag": drag, "frame": frame}
+    volts = np.repeat(np.random.default_rng(1).uniform(0.0, 3.0, (30, 2)), 10, axis=0)
+
+    def simulated(steps):
+        plain = {"loop_width": 0.0, "creep": 0.0, "noise": 0.0, "amplifier_bandwidth": 800.0, "samples_per_tick": 1}
+        x = StageSettings(resonances=(700.0,), steps_per_tick=steps, **plain)
+        y = StageSettings(resonances=(400.0,), dampings=(0.1,), steps_per_tick=steps, **plain)
+        return MultiAxisStage(MultiAxisSettings(axes=(x, y), **given)).exchange(volts)
+
+    w, zeta, lag = 2 * np.pi * np.array([700.0, 400.0]), np.array([0.02, 0.1]), 2 * np.pi * 800.0
+    A, B = np.zeros((6, 6)), np.zeros((6, 2))  # of each axis z, z', and the voltage behind the amplifier
+    for i, j in ((0, 1), (1, 0)):
+        A[3 * i, 3 * i + 1] = 1.0
+        A[3 * i + 1, 3 * i : 3 * i + 3] = -(w[i] ** 2), -2 * zeta[i] * w[i], w[i] ** 2 * 30.0 / 3.6
+        A[3 * i + 1, 3 * j] = push[i, j] * w[i] ** 2
+        A[3 * i + 2, 3 * i + 2], B[3 * i + 2, i] = -lag, lag
+    C = np.array([[1.0, 0.0, 0.0, coupling[0, 1], drag[0, 1], 0.0], [0.0, 0.0, 0.0, 1.0, 0.0, 0.0]])
+    A[4, 3:5] += push[1, 0] * w[1] ** 2 * C[0, 3:5]  # what axis 1 has given to axis 0 comes back
+    fine = np.repeat(volts, 100, axis=0)
+    _, z, _ = signal.lsim(
+        signal.StateSpace(A, B, C, np.zeros((2, 2))), fine, np.arange(len(fine)) / (100 * RATE), interp=False
+    )
+    expected = z[50::100] @ frame.T  # in the middle of each tick
+    coarse, close = (np.abs(simulated(steps) - expected).max() for steps in (10, 60))
+    assert close < coarse / 5, "the error is that of the step"
+    assert close < 0.06, "um, of 1.5 that each takes of the other"
+    assert np.abs(expected - z[50::100]).max() > 1.0
+
+
+def test_an_axis_alone_is_a_stage_plant():
+    from truestroke.plant import StagePlant
+
+    quiet = StageSettings(noise=0.0, dead_time=1.3e-4, sensor_delay=2e-5)
+    axes, one = MultiAxisStage(MultiAxisSettings(axes=(SLOW, quiet))), StagePlant(quiet)
+    volts = np.random.default_rng(0).uniform(0.0, 3.0, 400)
+    np.testing.assert_array_equal(axes.exchange(np.stack([0 * volts, volts], 1))[:, 1], one.exchange(volts))
+
+
+# ---- Learned, and what it is worth -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("share", "kind"), [(0.03, "coupling"), (-0.03, "push")])
+def test_cross_talk_of_lines_is_learned_within_two_seconds(share, kind):
+    """The goal: 3 % at 40 Hz lines of 20 um, both axes within 10 nm rms; without it the slow axis is beyond 20."""
+    plant = MultiAxisStage(MultiAxisSettings(axes=(FAST, SLOW), **{kind: ((0.0, share), (share, 0.0))}), seed=3)
+    controller = MultiAxisController({"x": settings(FAST), "y": settings(SLOW)})
+    recording = run(MOTION, controller, plant)
+    assert max(rms(recording)) < 10.0
+    assert [judge(recording.axis(name)).level for name in "xy"] == ["good", "good"]
+    known = controller.prepare(MOTION)
+    known.others[:] = 0.0  # neither knows how the other moves
+    blind = MultiAxisController({"x": settings(FAST), "y": settings(SLOW)})
+    plant.open()
+    error = []
+    for k in range(20_000):
+        z = plant.exchange(blind.follow(known, k)[np.newaxis])[0]
+        blind.adapt(z)
+        error.append(plant.truth[0, 1] - MOTION["y"].position[k])
+    assert 1e3 * np.std(error[15_000:]) > 20.0
+
+
+def test_nothing_known_of_the_stage_and_a_small_error_of_the_frame():
+    """Without dynamics, and with sensors a degree from where the user thinks they are."""
+    turned = frames.sensor_frame(31.0, 1.0)
+    given = {"coupling": ((0.0, 0.03), (0.02, 0.0)), "frame": turned}
+    plant = MultiAxisStage(MultiAxisSettings(axes=(FAST, SLOW), **given), seed=1)
+    given = {"frequency": 4.0, "duration": 3.0, "sample_rate": RATE}
+    motion = {"x": sine(peak_to_peak=8.0, offset=8.0, **given), "y": raster(peak_to_peak=6.0, offset=8.0, **given)}
+    controller = MultiAxisController({n: settings(FAST, known=False) for n in "xy"}, frame=frames.sensor_frame(30.0))
+    error = [run(motion, controller, plant)[f"true_{n}"][20_000:] - motion[n].position[20_000:] for n in "xy"]
+    assert max(1e3 * np.std(e) for e in error) < 12.0
+    assert controller.coupling[0, 1] == pytest.approx(0.03 - np.radians(1.0) - np.radians(1.0), abs=0.03)
+
+
+def test_three_axes():
+    """Each takes of both others; a circle in x and y, whose axes move at one frequency."""
+    stages = (FAST, SLOW, StageSettings(hysteresis_kind="bouc-wen"))
+    coupling = ((0.0, 0.02, -0.01), (0.03, 0.0, 0.02), (-0.02, 0.01, 0.0))
+    plant = MultiAxisStage(MultiAxisSettings(axes=stages, coupling=coupling), seed=2)
+    controller = MultiAxisController({n: settings(s) for n, s in zip("xyz", stages, strict=True)})
+    given = {"peak_to_peak": 15.0, "offset": 10.0, "duration": 2.0, "sample_rate": RATE}
+    motion = {n: sine(frequency=f, **given) for n, f in (("x", 20.0), ("y", 20.0), ("z", 3.0))}
+    recording = run(motion, controller, plant)
+    for n in "xyz":
+        error = (recording[f"true_{n}"] - recording[f"desired_{n}"])[15_000:]
+        assert 1e3 * np.sqrt(np.mean(error**2)) < 25.0, n
+
+
+# ---- One loop --------------------------------------------------------------------------------------------------------
+
+
+class InPython:
+    """The same stage, which the loop calls in each tick or block."""
+
+    def __init__(self, plant):
+        self.plant = plant
+
+    def open(self):
+        return self.plant.open()
+
+    def exchange(self, volts):
+        measured = self.plant.exchange(volts)
+        self.truth = self.plant.truth
+        return measured
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_the_native_loop_has_the_bits_of_calls(known, tmp_path):
+    def both():
+        frame = frames.sensor_frame(3.0)
+        plant = MultiAxisStage(MultiAxisSettings(axes=(FAST, SLOW), coupling=((0.0, 0.03), (0.03, 0.0)), frame=frame))
+        return MultiAxisController({"x": settings(FAST, known), "y": settings(SLOW, known)}, frame=frame), plant
+
+    motion = {
+        n: sine(frequency=f, peak_to_peak=9.0, duration=0.3, ramp=0.1, sample_rate=RATE)
+        for n, f in (("x", 30.0), ("y", 7.0))
+    }
+    (fast, moved), (slow, called) = both(), both()
+    one, other = run(motion, fast, moved), run(motion, slow, InPython(called))
+    assert list(one) == list(other)
+    for name in one:
+        np.testing.assert_array_equal(one[name], other[name], name, strict=True)
+    for name, value in slow.state().items():
+        if name != "velocity":
+            np.testing.assert_array_equal(fast.state()[name], value, name)
+    np.testing.assert_array_equal(moved.exchange(np.full((50, 2), 0.5)), called.exchange(np.full((50, 2), 0.5)))
+    read = Recording.load(one.save(tmp_path / "axes.h5"))
+    assert read.axes == ("x", "y")
+    assert read.metadata["controller"]["name"] == "MultiAxisController"
+    np.testing.assert_array_equal(read.axis("y")["measured"], one["measured_y"])
+    assert read.axis("y").metadata["controller"]["settings"]["other_axes"] == 1
+
+
+def test_blocks_and_latency():
+    """A card that moves four ticks at once and measures two ticks late: each entry is put at its command."""
+
+    class Late(InPython):
+        def open(self):
+            self.past = np.zeros((2, 2, 2))
+            return dataclasses.replace(self.plant.open(), block=4, latency=2)
+
+        def exchange(self, volts):
+            came = np.concatenate([self.past, [self.plant.exchange(volts), self.plant.truth]], axis=1)
+            self.past = came[:, -2:]
+            self.truth = came[1, :-2]
+            return came[0, :-2]
+
+    given = {"coupling": ((0.0, 0.03), (0.03, 0.0))}
+    plant = MultiAxisStage(MultiAxisSettings(axes=(FAST, SLOW), **given), seed=6)
+    controller = MultiAxisController({"x": settings(FAST, False), "y": settings(SLOW, False)})
+    given = {"peak_to_peak": 8.0, "duration": 1.0, "sample_rate": RATE}
+    motion = {"x": sine(frequency=20.0, **given), "y": sine(frequency=5.0, **given)}
+    recording = run(motion, controller, Late(plant))
+    assert np.isnan(recording["measured_x"][-2:]).all()
+    for name in "xy":
+        error = (recording[f"true_{name}"] - recording[f"desired_{name}"])[5000:-2]
+        assert 1e3 * np.std(error) < 25.0, name
+    assert judge(recording).level == "good"
+
+
+def test_a_state_goes_on_alike():
+    plant = MultiAxisStage(seed=4)
+    plant.open()
+    controller = MultiAxisController({"x": settings(FAST, False), "y": settings(SLOW, False)})
+
+    def ticks(one, start, stop):
+        volts = np.array([one.command((5.0 + 0.01 * k, 3.0 + 0.02 * k), (100.0, 200.0)) for k in range(start, stop)])
+        one.adapt((1.0, 2.0))
+        return volts
+
+    ticks(controller, 0, 50)
+    twin = MultiAxisController({"x": settings(FAST, False), "y": settings(SLOW, False)})
+    twin.restore(controller.state())
+    others = [copy.copy(controller), pickle.loads(pickle.dumps(controller)), twin]
+    expected = ticks(controller, 50, 80)
+    for other in others:
+        np.testing.assert_array_equal(ticks(other, 50, 80), expected)
+    before = {name: value.tolist() for name, value in controller.state().items()}
+    broken = {**controller.state(), "y weights": np.full(3, np.nan)}
+    with pytest.raises(SettingError, match=r"y\.state"):
+        controller.restore(broken)
+    assert {name: value.tolist() for name, value in controller.state().items()} == before
+
+
+def test_a_fault_on_the_way_keeps_the_recording():
+    class Breaks(InPython):
+        def exchange(self, volts):
+            self.ticks = getattr(self, "ticks", 0) + 1
+            if self.ticks > 40:
+                raise OSError("the cable")
+            return super().exchange(volts)
+
+    controller = MultiAxisController({"x": settings(FAST), "y": settings(SLOW)})
+    with pytest.raises(RunInterrupted) as caught:
+        run(MOTION, controller, Breaks(MultiAxisStage()))
+    assert caught.value.recording["measured_y"].size == 40
+    assert "the cable" in caught.value.recording.metadata["interrupted"]
+
+
+# ---- In real time ----------------------------------------------------------------------------------------------------
+
+CONFIG = """
+[driver]
+name = "simulated"
+sample_rate = 2000.0
+channels = 2
+seed = 5
+[driver.axes]
+stages = [{resonances = [700.0], noise = 0.01}, {resonances = [500.0], hysteresis_kind = "preisach"}]
+coupling = [[0.0, 0.03], [-0.03, 0.0]]
+frame = [[0.9848, -0.1736], [0.1736, 0.9848]]
+AXES
+[coupled]
+rotation = 10.0
+[realtime]
+spin = 0.0
+overrun_streak = 0
+[recording]
+file = "run.h5"
+"""
+AXIS = """
+[[axis]]
+name = "NAME"
+stroke = 30.0
+voltage_limits = [-0.6, 3.6]
+slew = 4000.0
+trajectory = {kind = "sine", frequency = RATE, peak_to_peak = 6.0, offset = 7.0, duration = 0.6}
+"""
+
+
+def configuration(folder, *changes):
+    axes = "".join(AXIS.replace("NAME", name).replace("RATE", rate) for name, rate in (("x", "10.0"), ("y", "4.0")))
+    text = CONFIG.replace("AXES", axes)
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new)
+    (folder / "xy.toml").write_text(text)
+    return config.load(folder / "xy.toml")
+
+
+def test_the_loop_in_real_time_is_that_of_run(tmp_path):
+    """Volts and what is learned of each axis; its files are in the frame of the axes."""
+    job = configuration(tmp_path)
+    outcome = run_realtime(job.driver, job.axes, tmp_path / "run.h5", settings=job.settings)
+    assert outcome.reason == ""
+    x, y = (Recording.load(file) for file in outcome.files)
+    stages = [StageSettings(sample_rate=2000.0, resonances=(700.0,), noise=0.01)]
+    stages += [StageSettings(sample_rate=2000.0, resonances=(500.0,), hysteresis_kind="preisach")]
+    given = {"coupling": ((0.0, 0.03), (-0.03, 0.0)), "frame": ((0.9848, -0.1736), (0.1736, 0.9848))}
+    plant = MultiAxisStage(MultiAxisSettings(axes=tuple(stages), **given), seed=5)
+    controller = MultiAxisController(
+        {name: settings(FAST, False, sample_rate=2000.0, slew_limit=4000.0) for name in "xy"}, frames.sensor_frame(10.0)
+    )
+    given = {"peak_to_peak": 6.0, "offset": 7.0, "duration": 0.6}
+    motion = {"x": sine(frequency=10.0, **given), "y": sine(frequency=4.0, **given)}
+    expected = run(motion, controller, plant)
+    for name, one in (("x", x), ("y", y)):
+        np.testing.assert_array_equal(one["volts"], expected[f"volts_{name}"])
+        np.testing.assert_array_equal(one["weights"], expected[f"weights_{name}"])
+    measured = np.linalg.inv(frames.sensor_frame(10.0)) @ [expected["measured_x"], expected["measured_y"]]
+    np.testing.assert_allclose(y["measured"], measured[1], atol=1e-12)
+    assert x.metadata["plant"]["name"] == "SimulatedDriver"
+    np.testing.assert_allclose(x.metadata["plant"]["settings"]["frame"], frames.sensor_frame(10.0))
+
+
+def test_a_configuration_of_axes_that_does_not_fit_is_named(tmp_path):
+    def wrong(words, *changes):
+        refused(words, configuration, tmp_path, *changes)
+
+    wrong("coupled.rotatoin = 10.0: must be left out; did you mean rotation", ("rotation = 10", "rotatoin = 10"))
+    wrong("coupled.frame = .*the sensors read almost the same", ("rotation = 10.0", "frame = [[1.0, 1.0], [1.0, 1.0]]"))
+    wrong(
+        "coupled.frame = .*left out, or rotation", ("rotation = 10.0", "skew = 1.0\nframe = [[1.0, 0.0], [0.0, 1.0]]")
+    )
+    paper = 'name = "y"\ncontroller = "paper"'
+    wrong('controller of axis y = another: must be "adaptive" where axes are coupled', ('name = "y"', paper))
+    wrong("name = x, x: must be different for each axis", ('name = "y"', 'name = "x"'))
+    wrong("driver.axes.stages = 2 tables: must be 3", ("channels = 2", "channels = 3"))
+    wrong("driver.axes.couplin = .*did you mean coupling", ("coupling = [[0", "couplin = [[0"))
+    point = 'trajectory = {kind = "set_point", reach = [0.0, 9.0], speed = 10.0, duration = 0.6}'
+    wave = 'trajectory = {kind = "sine", frequency = 4.0, peak_to_peak = 6.0, offset = 7.0, duration = 0.6}'
+    wrong("trajectory of axis y = a set-point", (wave, point))
+    wrong("trajectory\\['y'\\] = 1400 ticks: must be 1200, as of x", (wave, wave.replace("0.6", "0.7")))
+    job = configuration(tmp_path, ("channels = 2", "channels = 2\nblock = 2"))
+    assert Turned(job.driver.driver, np.eye(2)).open().block == 2
+    refused("frame = of 3 axes: must be of 2, the channels of the driver", Turned(job.driver.driver, np.eye(3)).open)
+
+
+def test_verdict_and_page_have_every_axis(tmp_path, monkeypatch):
+    def drawn(recording, theme):
+        assert recording.axes == (), "the page of an axis has the plots of a run of one"
+        return {"tracking": Figure(figsize=(1, 1))}
+
+    monkeypatch.setattr("truestroke.report.recording.run_plots", drawn)
+    plant = MultiAxisStage(MultiAxisSettings(axes=(FAST, SLOW)), seed=3)
+    controller = MultiAxisController({"x": settings(FAST, False), "y": settings(SLOW, False)})
+    given = {"peak_to_peak": 6.0, "duration": 0.6, "sample_rate": RATE}
+    recording = run({"x": sine(frequency=10.0, **given), "y": sine(frequency=4.0, **given)}, controller, plant)
+    assert judge(recording).level == "good"
+    recording.save(tmp_path / "xy.h5")
+    report = CliRunner().invoke(
+        main, ["report", str(tmp_path / "xy.h5"), "--output", str(tmp_path / "again"), "--json"]
+    )
+    assert json.loads(report.stdout)["axes"]["y"]["true_rmse_um"] < 0.02
+    page = (tmp_path / "again.html").read_text()
+    assert all(f"Axis {name}: tracking" in page for name in "xy")
+    lost = dataclasses.replace(recording.channels["measured_y"], data=0 * recording["measured_y"])
+    spoilt = Recording(recording.channels | {"measured_y": lost}, recording.metadata)
+    assert judge(spoilt).level == "bad"
+    assert all(reason.startswith("axis y: ") for reason in judge(spoilt).reasons)
+    with pytest.raises(SettingError, match="name = 'z': must be"):
+        recording.axis("z")
+
+
+# ---- What is refused -------------------------------------------------------------------------------------------------
+
+
+def refused(words, make, *arguments, **given):
+    with pytest.raises(SettingError, match=words):
+        make(*arguments, **given)
+
+
+def test_what_does_not_fit_is_named():
+    x, y = settings(FAST, False), settings(SLOW, False)
+    slower = settings(FAST, False, sample_rate=5000.0)
+    refused("axes\\['y'\\].sample_rate = 5000.0 Hz: must be 10000 Hz", MultiAxisController, {"x": x, "y": slower})
+    refused("number of axes = 1", MultiAxisController, {"x": x})
+    refused("name of an axis", MultiAxisController, {"x": x, "the y": y})
+    refused(
+        "frame = .*singular value.*almost the same", MultiAxisController, {"x": x, "y": y}, [[1.0, 1.0], [1.0, 1.0]]
+    )
+    refused("frame = array of shape \\(1, 2\\)", MultiAxisController, {"x": x, "y": y}, [[1.0, 1.0]])
+    controller = MultiAxisController({"x": x, "y": y})
+    refused("z_d = \\[1.0\\] um: must be 2 numbers, one for each of the axes x, y", controller.command, [1.0], [0.0])
+    refused("z_d = nan", controller.command, [1.0, np.nan], [0.0, 0.0])
+    assert controller.counters["x"].commands == 0
+    refused("motions of x: must be one for each of the axes x, y", run, {"x": LINES}, controller, MultiAxisStage())
+    shorter = frame_motion(1.0)
+    refused(
+        "trajectory\\['y'\\] = 10000 ticks: must be 30000, as of x",
+        run,
+        {"x": LINES, "y": shorter},
+        controller,
+        MultiAxisStage(),
+    )
+    other = sine(duration=1.0, sample_rate=5000.0)
+    refused("trajectory\\['x'\\].sample_rate = 5000.0 Hz", run, {"x": other, "y": other}, controller, MultiAxisStage())
+    refused("a MultiAxisController", run, MOTION, controller.axes["x"], MultiAxisStage())
+    three = MultiAxisStage(MultiAxisSettings(axes=(FAST, SLOW, FAST)))
+    refused("channels of the actuator = 3", run, MOTION, controller, three)
+    refused("others = \\[1.0\\].*3 finite numbers", controller.axes["x"].command, 0.0, 0.0, None, None, [1.0])
+    refused("axes\\[1\\].sample_rate", MultiAxisSettings, axes=(FAST, StageSettings(sample_rate=5000.0)))
+    refused("the largest of coupling = 0.6", MultiAxisSettings, coupling=((0.0, 0.6), (0.0, 0.0)))
+    refused("volts\\[1, 0\\] = nan", MultiAxisStage().exchange, np.array([[0.0, 0.0], [np.nan, 0.0]]))

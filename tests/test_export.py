@@ -1,0 +1,201 @@
+"""`truestroke export c`: what it writes builds without a warning and gives the desk's bits, here and on a Cortex-M."""
+
+from __future__ import annotations
+
+import ctypes
+import json
+import os
+import shutil
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from hypothesis import given
+from hypothesis import strategies as st
+
+from truestroke import AdaptiveController, Dynamics, Mode, SettingError, cli, export_c
+from truestroke.export import c_values
+
+ROOT = Path(__file__).parents[1]
+BENCH = {"sample_rate": 10_000.0, "stroke": 20.0, "voltage_limits": (0.0, 10.0)}
+STAGE = Dynamics(
+    sample_rate=10_000.0,
+    modes=(Mode(frequency=900.0, damping=0.02, share=0.9), Mode(frequency=2300.0, damping=0.03, share=0.1)),
+    amplifier_bandwidth=3000.0,
+    dead_time=1e-4,
+)
+CONTROLLERS: dict[str, Callable[[], AdaptiveController]] = {
+    "default": lambda: AdaptiveController(**BENCH),
+    "paper": lambda: AdaptiveController.paper(**BENCH),
+    "stage": lambda: AdaptiveController(**BENCH, dynamics=STAGE, hum=50.0),
+    "nm and kV": lambda: AdaptiveController(sample_rate=500.0, stroke=0.03, voltage_limits=(-1500.0, 200.0)),
+}
+SIZES = ("--sample-rate", "10000", "--stroke", "20", "--voltage-limits", "0", "10")
+CROSS = "apt-get install gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm"
+
+
+def make(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        ["make", "-s", "-j2", *arguments], cwd=folder, capture_output=True, text=True, timeout=120, check=False
+    )
+
+
+BUILT = ("default-double", "default-single", "paper-single", "stage-single", "nm and kV-double")
+
+
+@pytest.fixture(scope="module", params=BUILT)
+def exported(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    name, precision = request.param.split("-")
+    return export_c(
+        CONTROLLERS[name](), tmp_path_factory.mktemp("export") / precision, precision=precision, ticks=400
+    ).folder
+
+
+def test_it_builds_without_a_warning_and_gives_the_bits_of_the_desk(exported: Path) -> None:
+    done = make(exported, "test", "CFLAGS=-O1 -Werror")
+    assert done.stderr == ""
+    assert done.stdout == "passed: 400 of 400 commands have the same bits, largest difference 0 V\n"
+
+
+def test_it_allocates_nothing_and_prints_nothing(exported: Path) -> None:
+    if not (exported / "adaptive.a").exists():
+        assert make(exported, "adaptive.a", "CFLAGS=-O1").returncode == 0
+    listed = subprocess.run(["nm", "-u", "adaptive.a"], cwd=exported, capture_output=True, text=True, check=True).stdout
+    wanted = {line.split()[-1] for line in listed.splitlines() if line.strip().startswith("U ")}
+    outside = {name for name in wanted if not name.startswith(("ts_", "adaptive_"))}
+    assert outside <= {"sqrt", "sqrtf", "atan", "tan", "exp", "sin", "cos", "sincos", "memcmp", "memcpy", "memmove",
+                       "memset", "__stack_chk_fail", "_GLOBAL_OFFSET_TABLE_"}  # fmt: skip
+
+
+@pytest.fixture
+def single(tmp_path: Path) -> Path:
+    return export_c(AdaptiveController(**BENCH), tmp_path / "c", precision="single", ticks=200).folder
+
+
+def test_the_self_test_fails_where_a_setting_differs(single: Path) -> None:
+    settings = single / "settings.c"
+    text = settings.read_text()
+    assert ".stroke = 20.0f" in text
+    settings.write_text(text.replace(".stroke = 20.0f", ".stroke = 21.0f"))
+    done = make(single, "test", "CFLAGS=-O1")
+    assert done.returncode != 0
+    assert done.stdout.startswith("FAILED: ")
+
+
+def test_before_its_start_the_voltage_is_the_safe_one_and_bad_values_keep_the_last(single: Path) -> None:
+    assert make(single, "adaptive.a", "CFLAGS=-O1 -fPIC").returncode == 0
+    whole = ["-Wl,--whole-archive", "adaptive.a", "-Wl,--no-whole-archive"]
+    subprocess.run(["cc", "-shared", "-o", "a.so", *whole, "-lm"], cwd=single, check=True)
+    library = ctypes.CDLL(str(single / "a.so"))
+    real = ctypes.c_float
+    library.adaptive_command.restype = real
+
+    def command(z_d: float) -> float:
+        return float(library.adaptive_command(real(z_d), real(0.0), real(0.0)))
+
+    assert command(10.0) == 0.0
+    assert library.adaptive_start(real(0.0), real(1000.0)) != 0  # beyond reach
+    assert command(10.0) == 0.0
+    assert library.adaptive_start(real(0.0), real(0.0)) == 0
+    first = command(0.01)
+    assert 0 < first <= 10
+    for bad in (np.nan, np.inf, -np.inf):
+        assert command(bad) == first
+    for _ in range(3000):
+        volts = command(1e6)
+        assert 0 <= volts <= 10
+    assert volts == 10.0
+
+
+def test_a_cortex_m_gives_the_bits_of_the_desk(exported: Path, tmp_path: Path) -> None:
+    core = "m4" if exported.name == "single" else "m7"
+    if not (shutil.which("arm-none-eabi-gcc") and shutil.which("qemu-system-arm")):
+        assert not os.environ.get("CI"), f"CI needs the compiler and the emulator: {CROSS}"
+        pytest.skip(f"no compiler or emulator of Cortex-M here; Debian: {CROSS}")
+    folder = ROOT / "examples/cortex-m"
+    done = make(tmp_path, "-f", str(folder / "Makefile"), f"EXPORT={exported}", "OUT=.", "OPTIMISED=-O1", f"{core}.run")
+    assert "passed: 400 of 400 commands have the same bits" in done.stdout, done.stdout + done.stderr
+
+
+@given(st.floats(width=32, allow_nan=False))
+def test_constants_are_read_back_to_the_same_bits(value: float) -> None:
+    text = c_values.real(value, "single")
+    if np.isfinite(value):
+        assert text.endswith("f")
+        assert np.float32(text[:-1]).tobytes() == np.float32(value).tobytes()
+    else:
+        assert text == ("INFINITY" if value > 0 else "-INFINITY")
+
+
+def test_a_folder_with_files_is_not_touched(tmp_path: Path) -> None:
+    (tmp_path / "main.c").write_text("mine")
+    with pytest.raises(FileExistsError, match="has files"):
+        export_c(AdaptiveController(**BENCH), tmp_path)
+    assert (tmp_path / "main.c").read_text() == "mine"
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+@pytest.mark.parametrize(
+    ("options", "named"),
+    [
+        ({"history": 8}, "history"),
+        ({"history": 2000}, "history"),
+        ({"ticks": 5}, "ticks"),
+        ({"precision": "half"}, "precision"),
+    ],
+)
+def test_what_cannot_be_exported_is_named(options: dict[str, object], named: str, tmp_path: Path) -> None:
+    with pytest.raises(SettingError, match=named):
+        export_c(AdaptiveController(**BENCH), tmp_path / "c", **options)  # type: ignore[arg-type]
+    assert not (tmp_path / "c").exists()
+
+
+def test_a_dead_time_needs_a_longer_history(tmp_path: Path) -> None:
+    late = Dynamics(sample_rate=10_000.0, modes=(Mode(frequency=900.0, damping=0.02),), dead_time=1e-3)
+    controller = AdaptiveController(**BENCH, dynamics=late)
+    with pytest.raises(SettingError, match=r"history = 16 ticks: must be \d+ or more for this dead time"):
+        export_c(controller, tmp_path / "c", history=16)
+    assert export_c(controller, tmp_path / "c", ticks=100).capacities["TS_HISTORY"] > 16
+
+
+def call(*arguments: str) -> tuple[int, str]:
+    done = CliRunner().invoke(cli.main, ["export", "c", *arguments])
+    return done.exit_code, done.output
+
+
+def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    code, printed = call(*SIZES, "--ticks", "100", "--output", "chip", "--json")
+    assert (code, json.loads(printed)["capacities"]["TS_MAX_PLAYS"]) == (0, 26)
+    assert "truestroke export c" in Path("chip/README.md").read_text()
+    assert call(*SIZES, "--output", "chip")[0] == 1
+    assert call(*SIZES, "--output", "chip", "--ticks", "100", "--overwrite")[0] == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--stroke", "20"], "--sample-rate, --voltage-limits: needed"),
+        (["--axis", "x"], "--axis is one of --config"),
+        (["--sample-rate", "1e4", "--stroke", "-1", "--voltage-limits", "0", "10"], "stroke = -1"),
+        (["--controller", "paper", "--slew", "9", *SIZES], "knows no slew"),
+    ],
+)
+def test_the_command_says_what_it_needs(arguments: list[str], words: str, tmp_path: Path) -> None:
+    code, printed = call(*arguments, "--output", str(tmp_path / "c"))
+    assert code in (1, 2)
+    assert words in printed
+
+
+def test_the_command_takes_an_axis_of_a_configuration(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    example = CliRunner().invoke(cli.main, ["run", "--example"]).output
+    Path("stage.toml").write_text(example)
+    code, printed = call("--config", "stage.toml", "--ticks", "100", "--output", "chip")
+    assert code == 0, printed
+    assert "stage.toml" in Path("chip/adaptive.h").read_text()
+    code, printed = call("--config", "stage.toml", "--stroke", "3", "--output", "other")
+    assert "--stroke is in --config" in printed

@@ -1,0 +1,222 @@
+"""Stages in pymmcore-plus: with its own core, its own acquisition engine, and the simulated stage."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import useq
+from pymmcore_plus.experimental.unicore import SimpleCameraDevice, UniMMCore
+
+from truestroke import SettingError
+from truestroke.dropins.axes import Axes
+from truestroke.dropins.pymmcore import PiezoXY, PiezoZ, opened
+from truestroke.runtime.drivers import DriverError, SimulatedDriver
+from truestroke.runtime.drivers.simulated import Fault, SimulatedSettings
+from truestroke.runtime.realtime import config
+from truestroke.signals import trajectories
+
+AXIS = """
+[[axis]]
+name = "{name}"
+stroke = 30.0
+voltage_limits = [-0.6, 3.6]
+slew = 3000.0
+resonance = 700.0
+"""
+
+
+def configuration(folder: Path, *axes: str, driver: str = "stage = {noise = 0.01}", more: str = "") -> Path:
+    head = f'[driver]\nname = "simulated"\nsample_rate = 10000.0\nchannels = {len(axes)}\n{driver}\n'
+    (folder / "stage.toml").write_text(head + "".join(AXIS.format(name=name) + more for name in axes))
+    return folder / "stage.toml"
+
+
+@pytest.fixture
+def core() -> UniMMCore:
+    made = UniMMCore()
+    yield made
+    made.unloadAllDevices()
+
+
+def load(core: UniMMCore, folder: Path, lines: str) -> None:
+    (folder / "scope.cfg").write_text(lines)
+    core.loadSystemConfiguration(str(folder / "scope.cfg"))
+
+
+class Depth(SimpleCameraDevice):
+    """A camera whose one pixel is the true position of the stage, nm."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self.path = path
+
+    def get_exposure(self) -> float:
+        return 1.0
+
+    def set_exposure(self, exposure: float) -> None:
+        pass
+
+    def sensor_shape(self) -> tuple[int, int]:
+        return (1, 1)
+
+    def dtype(self) -> type:
+        return np.uint16
+
+    def snap(self, buffer: np.ndarray) -> dict[str, object]:
+        buffer[:] = round(1000 * opened(self.path).trace("z").true[-1])
+        return {}
+
+
+def test_a_z_stack_of_the_acquisition_engine(core: UniMMCore, tmp_path: Path) -> None:
+    file = configuration(tmp_path, "z")
+    load(
+        core,
+        tmp_path,
+        f"#py pyDevice,Z,truestroke.dropins.pymmcore,PiezoZ\n#py Property,Z,Configuration,{file}\n"
+        "Property,Core,Initialize,1\n#py Property,Core,Focus,Z\n",
+    )
+    core.loadPyDevice("Camera", Depth(file))
+    core.initializeDevice("Camera")
+    core.setCameraDevice("Camera")
+    core.setAutoShutter(False)
+    seen: list[tuple[float, float]] = []
+    core.mda.events.frameReady.connect(lambda image, event: seen.append((event.z_pos, image[0, 0] / 1000)))
+    stack = useq.MDASequence(z_plan={"bottom": 4.0, "top": 12.0, "step": 1.0}, metadata={})
+    for _ in range(2):  # in the first one the controller learns the stage
+        core.mda.run(stack)
+    asked, true = np.array(seen[9:]).T
+    assert asked.tolist() == np.arange(4.0, 12.5).tolist()
+    assert np.abs(true - asked)[1:].max() < 0.1  # one slope: 1 um and more
+    assert core.getPosition() == pytest.approx(12.0, abs=0.1)
+    assert float(core.getProperty("Z", "Axis volts")) == opened(file).volts("z") > 1.0
+
+
+def test_xy_and_z_share_a_driver_and_close_it_together(core: UniMMCore, tmp_path: Path) -> None:
+    file = str(configuration(tmp_path, "x", "y", "z", driver="stage = {noise = 0.0}"))
+    core.loadPyDevice("XY", PiezoXY(file))
+    core.loadPyDevice("Z", PiezoZ(file))
+    core.initializeAllDevices()
+    core.setXYStageDevice("XY")
+    core.setFocusDevice("Z")
+    core.setXYPosition(5.0, 8.0)
+    core.setPosition(3.0)
+    core.waitForDevice("XY")
+    core.waitForDevice("Z")
+    assert core.getXYPosition() == pytest.approx((5.0, 8.0), abs=0.3)
+    assert core.getZPosition() == pytest.approx(3.0, abs=0.3)
+    output = opened(file)._driver.output  # type: ignore[attr-defined]
+    assert (output > 0.2).all()
+    core.unloadDevice("Z")
+    core.setRelativeXYPosition(1.0, 1.0)
+    core.waitForDevice("XY")
+    core.unloadDevice("XY")
+    assert output.tolist() == [0.0, 0.0, 0.0]
+    with pytest.raises(LookupError, match="no stage that is initialized"):
+        opened(file)
+
+
+def test_origin_home_and_adapter_origin(core: UniMMCore, tmp_path: Path) -> None:
+    core.loadPyDevice("Z", PiezoZ(str(configuration(tmp_path, "z", driver="stage = {noise = 0.0}"))))
+    core.initializeDevice("Z")
+    core.setFocusDevice("Z")
+    core.setPosition(10.0)
+    core.waitForDevice("Z")
+    core.setOrigin()
+    assert core.getPosition() == pytest.approx(0.0, abs=0.3)
+    core.setPosition(2.0)
+    core.waitForDevice("Z")
+    core.setAdapterOrigin(50.0)
+    assert core.getPosition() == pytest.approx(50.0, abs=0.3)
+    with pytest.raises(ValueError, match=r"target of axis z = -1\.0 um: must be from 0 to 30 um"):
+        core.setPosition(37.0)
+
+
+def test_a_missing_file_or_axis_is_an_error_in_the_words_of_the_host(core: UniMMCore, tmp_path: Path) -> None:
+    core.loadPyDevice("Z", PiezoZ(str(tmp_path / "none.toml")))
+    core.initializeDevice("Z")  # which logs the error and keeps it
+    assert isinstance(core._pydevices["Z"]._initialized_, FileNotFoundError)
+    core.setFocusDevice("Z")
+    with pytest.raises(RuntimeError, match="Device 'Z' is not initialized"):
+        core.setPosition(1.0)
+    core.loadPyDevice("W", PiezoZ(str(configuration(tmp_path, "z")), axis="w"))
+    core.initializeDevice("W")
+    assert "must be one of z" in str(core._pydevices["W"]._initialized_)
+
+
+# ---- The axes themselves --------------------------------------------------------------------------------------------
+
+
+def test_time_passes_at_rest_where_the_hardware_has_a_clock(tmp_path: Path) -> None:
+    file = configuration(tmp_path, "z", driver="hardware_timed = true\nblock = 20\nstage = {noise = 0.01}")
+    with Axes.of(file) as axes:
+        done = axes.move(z=5.0)["z"]
+        assert axes.busy("z")
+        assert done.result(timeout=2.0).desired[-1] == 5.0
+        time.sleep(0.1)
+        assert axes.reading("z") == pytest.approx(5.0, abs=0.1)  # learned at rest
+        assert not axes.busy("z")
+
+
+def test_latency_and_blocks_leave_each_measurement_at_its_tick(tmp_path: Path) -> None:
+    late = configuration(tmp_path, "z", driver="block = 4\nlatency = 7\nplant = {noise = 0.0}")
+    with Axes.of(late) as axes:
+        made = axes.move(z=5.0)["z"].result()
+    assert np.isfinite(made.measured).all()
+    assert np.abs(made.measured - made.true).max() < 0.01
+    assert abs(made.measured[0]) < 0.01  # at rest; the first of them came 7 ticks later
+
+
+def test_no_sensor_leaves_the_model(tmp_path: Path) -> None:
+    file = configuration(tmp_path, "z", driver='faults = [{kind = "nan", count = 1000000}]\nstage = {noise = 0.0}')
+    with Axes.of(file) as axes:
+        made = axes.move(z=5.0)["z"].result()
+        assert np.isnan(made.measured).all()
+        assert axes.reading("z") == 5.0
+
+
+def test_a_fault_of_the_hardware_ends_at_the_safe_voltage(tmp_path: Path) -> None:
+    _, given = config.movable(configuration(tmp_path, "z"))
+    faulty = SimulatedDriver(SimulatedSettings(sample_rate=10000.0, faults=(Fault(kind="error", at=10),)))
+    axes = Axes(faulty, given)
+    axes.open()
+    with pytest.raises(DriverError, match="the axes are at the safe voltage: exchange: error -1"):
+        axes.move(z=5.0)["z"].result(timeout=5.0)
+    assert faulty.output.tolist() == [0.0]
+    with pytest.raises(DriverError, match="the simulated connection is lost"):
+        axes.move(z=1.0)
+    axes.close()
+
+
+def test_an_axis_that_has_lost_its_way_ends(tmp_path: Path) -> None:
+    file = configuration(tmp_path, "z", driver='faults = [{kind = "wild", at = 100, count = 1000000}]')
+    with Axes.of(file) as axes:
+        motion = trajectories.sine(frequency=1.0, peak_to_peak=5.0, duration=2.0, sample_rate=10000.0)
+        with pytest.raises(DriverError, match="axis z: tracking is lost"):
+            axes.follow("z", motion).result(timeout=20.0)
+
+
+@pytest.mark.parametrize(
+    ("asked", "message"),
+    [
+        ({"z": 31.0}, "target of axis z = 31.0 um: must be from 0 to 30 um"),
+        ({"z": float("nan")}, "target of axis z = nan um"),
+        ({"w": 1.0}, "axis = 'w': must be one of z"),
+    ],
+)
+def test_what_cannot_be_reached_is_refused(tmp_path: Path, asked: dict[str, float], message: str) -> None:
+    with Axes.of(configuration(tmp_path, "z")) as axes, pytest.raises(SettingError, match=message):
+        axes.move(**asked)
+
+
+def test_a_motion_from_elsewhere_is_refused(tmp_path: Path) -> None:
+    with Axes.of(configuration(tmp_path, "z")) as axes:
+        axes.move(z=5.0)["z"].result()
+        wave = trajectories.sine(frequency=10.0, peak_to_peak=5.0, duration=1.0, sample_rate=10000.0)
+        with pytest.raises(SettingError, match="must be from 5 um, where z is"):
+            axes.follow("z", wave)
+        other = trajectories.sine(frequency=10.0, peak_to_peak=5.0, duration=1.0, sample_rate=2000.0)
+        with pytest.raises(SettingError, match=r"must be 10000\.0 Hz, that of the driver"):
+            axes.follow("z", other)

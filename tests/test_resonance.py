@@ -1,0 +1,130 @@
+"""The first resonance from what is measured anyway: found, followed, put into the model; nothing where none is."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from truestroke import AdaptiveController, ControllerSettings, run
+from truestroke.control.reference import ReferenceController
+from truestroke.control.resonance import ResonanceEstimator, shown
+from truestroke.model.operators import play
+from truestroke.plant import StagePlant, StageSettings
+from truestroke.signals.trajectories import sine, triangle
+
+RATE, LIMITS = 5000.0, (-0.6, 3.6)
+AXIS = {"sample_rate": RATE, "stroke": 30.0, "voltage_limits": LIMITS, "slew_limit": 2e4}
+
+
+def stage(f0: float, **changes) -> StageSettings:
+    given = {"sample_rate": RATE, "resonances": (f0,), "dampings": (0.02,), "voltage_limits": LIMITS, "noise": 0.02}
+    return StageSettings(**given | changes)
+
+
+def estimated(settings: StageSettings, f: float, duration: float) -> ResonanceEstimator:
+    """From a triangle of the voltage, without a controller; the plays are those of evenly spaced thresholds."""
+    volts = 2.4 * np.abs(2 * ((f * np.arange(round(duration * RATE)) / RATE + 0.5) % 1) - 1)
+    z = StagePlant(settings, seed=3).exchange(volts)
+    estimator, r, y = ResonanceEstimator(), np.linspace(0.0, 1.5, 13), np.zeros(13)
+    speed = np.gradient(volts) * RATE * 8.0
+    for k in range(1, volts.size):
+        y = play(float(volts[k - 1]), r, y)
+        estimator.update(1 / RATE, shown(y), float(z[k]), 0.0, float(speed[k]), float(speed[k] - speed[k - 1]))
+    return estimator
+
+
+@pytest.mark.parametrize(("kind", "f0"), [("plays", 300.0), ("preisach", 120.0), ("bouc-wen", 410.0)])
+def test_it_is_found_on_stages_of_another_structure(kind, f0) -> None:
+    found = estimated(stage(f0, hysteresis_kind=kind), f0 / 12, 0.6)
+    assert found.known * RATE == pytest.approx(f0, rel=0.03)
+    assert math.sqrt(found.variance) < 0.01
+
+
+@pytest.mark.parametrize("way", [0.95, 1.05])
+def test_a_jump_is_followed(way) -> None:
+    changed = stage(300.0, resonance_change=way, resonance_change_time=0.3)
+    found = estimated(changed, 25.0, 0.75)
+    assert found.known * RATE == pytest.approx(300.0 * way, rel=0.015)
+
+
+def test_nothing_is_found_where_nothing_rings() -> None:
+    """A resonance above what is looked for, with the noise of a sensor."""
+    assert estimated(stage(1900.0, dampings=(0.1,)), 40.0, 0.6).known == 0.0
+
+
+@pytest.fixture(scope="module")
+def fast():
+    """Errors of the second half, % of p-p, rms, and the resonances in the model; late: the stage is not looked for."""
+    wave = sine(frequency=70.0, peak_to_peak=18.0, offset=12.0, duration=2.0, sample_rate=RATE)
+    found = {}
+    for late in (0.0, 1e-9):
+        controller = AdaptiveController(**AXIS, sensor_delay=late)
+        recording = run(wave, controller, StagePlant(stage(400.0, hysteresis_kind="preisach"), seed=1))
+        error = (recording["true"] - recording["desired"])[wave.position.size // 2 :]
+        found[late] = 100 / 18.0 * float(np.std(error)), controller.resonance
+    return found
+
+
+def test_a_fast_motion_is_followed_where_nothing_is_given(fast) -> None:
+    assert fast[0.0][1] == pytest.approx(400.0, rel=0.04)
+    assert fast[0.0][0] < 0.3
+    assert fast[0.0][0] < fast[1e-9][0] / 3
+
+
+def test_a_slow_motion_keeps_its_bits() -> None:
+    wave = sine(frequency=5.0, peak_to_peak=18.0, offset=12.0, duration=0.6, sample_rate=RATE)
+    volts = []
+    for late in (0.0, 1e-9):
+        controller = AdaptiveController(**AXIS, sensor_delay=late)
+        volts.append(run(wave, controller, StagePlant(stage(600.0), seed=1))["volts"])
+        assert math.isnan(controller.resonance)
+    assert np.abs(volts[0] - volts[1]).max() < 1e-6
+
+
+def test_a_resonance_that_is_given_stays() -> None:
+    wave = sine(frequency=70.0, peak_to_peak=18.0, offset=12.0, duration=0.6, sample_rate=RATE)
+    controller = AdaptiveController(**AXIS, resonance=380.0)
+    run(wave, controller, StagePlant(stage(400.0), seed=1))
+    assert controller.resonance == 380.0
+
+
+def test_the_kernel_is_the_numpy_text_with_a_stage_that_is_found_and_jumps() -> None:
+    """Commands, flags and innovations, every tick, with lost samples; the resonance in the model follows the jump."""
+    settings = ControllerSettings(**AXIS)
+    kernel, text = AdaptiveController.from_settings(settings), ReferenceController(settings)
+    plant = StagePlant(stage(600.0, resonance_change=1.08, resonance_change_time=0.3), seed=1)
+    plant.open()
+    wave = triangle(frequency=33.0, peak_to_peak=18.0, duration=0.52, sample_rate=RATE)
+    resonances = []
+    for k, (z_d, zdot_d) in enumerate(zip(wave.position, wave.velocity, strict=True)):
+        x = kernel.command(z_d, zdot_d)
+        assert text.command(z_d, zdot_d) == x
+        z = math.nan if k % 901 == 900 else float(plant.exchange(np.array([x]))[0])
+        kernel.adapt(z)
+        text.adapt(z)
+        assert kernel.flag_bits == text.flag_bits
+        assert kernel.innovation == text.innovation
+        resonances.append(kernel.resonance)
+    np.testing.assert_array_equal(kernel.weights, text.weights)
+    assert resonances[1600] == pytest.approx(600.0, rel=0.05)
+    assert resonances[-1] == pytest.approx(648.0, rel=0.03)
+
+
+def test_a_run_that_was_restored_is_the_run() -> None:
+    """Also amid a window of the estimate."""
+    whole, plant = AdaptiveController(**AXIS), StagePlant(stage(400.0), seed=1)
+    plant.open()
+    wave, other = sine(frequency=70.0, peak_to_peak=18.0, offset=12.0, duration=0.5, sample_rate=RATE), None
+    for k, (z_d, zdot_d) in enumerate(zip(wave.position, wave.velocity, strict=True)):
+        if k in (333, 1900):
+            other = AdaptiveController(**AXIS)
+            other.restore(whole.state())
+        x = whole.command(z_d, zdot_d)
+        z = float(plant.exchange(np.array([x]))[0])
+        whole.adapt(z)
+        if other is not None:
+            assert other.command(z_d, zdot_d) == x
+            other.adapt(z)
+    assert other.resonance == whole.resonance > 0

@@ -1,0 +1,116 @@
+"""The simulated XY stage that images two samples: what the page states, and that it can be bad."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import truestroke
+from truestroke import SettingError, scans
+from truestroke.cli import main
+from truestroke.plant import MultiAxisStage
+from truestroke.studies.scanning import imaging, lines
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory):
+    """The command, once: its folder and what it printed."""
+    folder = tmp_path_factory.mktemp("scan")
+    found = CliRunner().invoke(main, ["scan", "--json", "--images", "nxs", "--output", str(folder / "one")])
+    assert found.exit_code == 0, found.output
+    return folder, json.loads(found.output)
+
+
+def test_no_pixel_is_a_tenth_of_a_pixel_from_its_place(done):
+    found = done[1]
+    assert found["verdict"] == "good"
+    one = {row["controller"]: row for row in found["controllers"]}
+    assert one["truestroke"]["distortion_largest_pixels"] < 0.1
+    assert one["truestroke"]["trace_retrace_pixels"] < 0.1
+    assert np.hypot(*one["truestroke"]["shift_pixels"]) < 0.1
+    assert one["open loop"]["trace_retrace_pixels"] > 30  # of 512: hysteresis of 13 %
+    assert found["spiral_percent_of_diameter"] < 0.1
+
+
+def test_the_images_show_it_too(done):
+    """By the files alone, with nothing that the command knows of positions."""
+    every = {image.name: image for image in scans.read_images(done[0] / "one.nxs")}
+    assert len(every) == 12
+    apart = {}
+    for name in imaging.NAMES:
+        pair = [every[f"{name}, texture, {direction}"] for direction in ("trace", "retrace")]
+        assert pair[0].data.shape == (512, 512)
+        apart[name] = np.hypot(*scans.shift(*pair))
+    assert apart["truestroke"] < 0.05
+    assert apart["open loop"] > 30
+    x, y = np.meshgrid(*(low + (np.arange(512) + 0.5) * 20 / 512 for low in every["truestroke, grating, trace"].origin))
+    straight = scans.Grating()(x, y)
+    shown = {name: every[f"{name}, grating, trace"].data for name in imaging.NAMES}
+    assert np.mean(np.abs(shown["truestroke"] - straight)) < 0.5  # nm of 100
+    assert np.mean(np.abs(shown["open loop"] - straight)) > 15
+
+
+def test_the_page_has_its_pictures(done):
+    page = (done[0] / "one.html").read_text()
+    assert page.count("<svg") == 3
+    assert "A calibration grating" in page
+    assert "laid over one another" in page
+
+
+# ---- The parts -----------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def small():
+    """A stage, and a scan of 16 rows."""
+    stage = imaging.stage_of((900.0, 900.0), ("plays", "preisach"), 0.001)
+    x, y = (one.dynamics() for one in stage.axes)
+    usual = {"width": 20.0, "lines": 16, "height": 0.5, "rate": 40.0, "offset": (14.5, 4.0), "sample_rate": 5000.0}
+    return stage, scans.raster(**usual, turn=x, settle=y, over_scan=0.01, lead_in=120, lead_rows=60)
+
+
+def test_what_repeats_is_taken_away(small, monkeypatch):
+    """The same stage and controllers, with and without the correction of lines."""
+    stage, scan = small
+
+    def largest():
+        moved = lines.by_lines(scan, MultiAxisStage(stage), imaging.controllers_of(stage))
+        found = scans.distortion(scan, *moved.true.T)
+        return np.abs(found.dx).max()
+
+    corrected = largest()
+    monkeypatch.setattr(lines, "STEP", 0.0)
+    monkeypatch.setattr(lines, "IN_IMAGE", (0.0, 8))
+    assert corrected < 0.1 < 0.35 * largest()
+
+
+def test_parts_of_a_loop_are_the_whole_loop(small):
+    """The bits do not depend on where it is cut; without a correction they are those of `run`."""
+    stage, scan = small
+    moved = lines.by_lines(dataclasses.replace(scan, settings={}), MultiAxisStage(stage), imaging.controllers_of(stage))
+    controller = imaging.controllers_of(stage)
+    recording = truestroke.run({"x": scan.x, "y": scan.y}, controller, MultiAxisStage(stage))
+    assert np.array_equal(moved.true[:, 0], recording["true_x"])
+    assert np.array_equal(moved.volts[:, 1], recording["volts_y"])
+
+
+def test_a_motion_that_does_not_repeat_is_named():
+    with pytest.raises(SettingError, match="a spiral does not repeat"):
+        lines.period_of(scans.spiral(turns=4))
+    with pytest.raises(SettingError, match=r"rate = 41.0 Hz: must be a motion that is periodic in whole ticks, not in"):
+        imaging.image_stage(rate=41.0)
+    bad = CliRunner().invoke(main, ["scan", "--rate", "41"])
+    assert bad.exit_code == 2
+    assert "--rate = 41.0 Hz" in bad.output
+
+
+def test_a_bad_image_is_judged_as_bad(small):
+    stage, scan = small
+    moved = lines.open_loop(scan, MultiAxisStage(stage), [30.0 / 3.6] * 2)
+    distortion = scans.distortion(scan, *moved.true.T)
+    found = imaging.judged(imaging.Imaged("open loop", moved, distortion, {}, (0.0, 0.0)), 0.2)
+    assert found.level == "bad"
+    assert "A pixel is up to" in found.reasons[0]
+    assert "spiral" in found.reasons[-1]

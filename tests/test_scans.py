@@ -1,0 +1,415 @@
+"""Scans: motions that are what they say, tables that mark them, images whose pixels are where they should be."""
+
+import json
+import subprocess
+import sys
+
+import h5py
+import numpy as np
+import pytest
+import tifffile
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from PIL import Image as Pillow
+from scipy import ndimage
+
+from truestroke import Dynamics, Mode, SettingError, scans
+from truestroke.signals.scans.images import at_pixels
+
+FS = 10_000.0
+STAGE = Dynamics(sample_rate=FS, modes=(Mode(frequency=900.0, damping=0.02),))
+
+
+def made(name, **others):
+    usual = {"raster": {"lines": 8, "rate": 40.0}, "spiral": {"turns": 12, "rotation": 40.0}}
+    usual |= {"lissajous": {"rate": 40.0, "lobes": 12}, "cycloid": {"rate": 40.0, "pitch": 2.0}}
+    return getattr(scans, name)(**usual[name], **others)
+
+
+EVERY = {
+    "raster": made("raster"),
+    "raster with dynamics": made("raster", turn=STAGE, settle=STAGE, over_scan=0.05),
+    "raster with a ramp": made("raster", slow="ramp"),
+    "spiral": made("spiral"),
+    "spiral of constant linear velocity": made("spiral", velocity="linear"),
+    "lissajous": made("lissajous"),
+    "cycloid": made("cycloid"),
+}
+every = pytest.mark.parametrize("scan", EVERY.values(), ids=EVERY.keys())
+
+
+# ---- Motions -------------------------------------------------------------------------------------------------------
+
+
+@every
+def test_a_scan_starts_at_zero_at_rest(scan):
+    for axis in scan.axes:
+        assert axis.position[0] == pytest.approx(0.0, abs=1e-9)
+        assert axis.velocity[0] == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("name", ["raster", "spiral", "lissajous", "cycloid"])
+@pytest.mark.parametrize("other", [{}, {"slow": "ramp"}, {"velocity": "linear"}])
+def test_velocity_and_acceleration_are_the_derivatives(name, other):
+    """Against central differences; a spiral starts to turn at once, which is a corner of a few um/s."""
+    if other and set(other) != {{"raster": "slow", "spiral": "velocity"}.get(name)}:
+        return
+    scan, rate = made(name, **other, sample_rate=100_000.0), 100_000.0
+    for axis in scan.axes:
+        v = np.gradient(axis.position, 1 / rate)[2:-2] - axis.velocity[2:-2]
+        a = np.gradient(axis.velocity, 1 / rate)[2:-2] - axis.acceleration[2:-2]
+        corners = 2 if scan.name == "spiral" else 0
+        for off, scale in ((v, axis.peak_speed), (a, axis.peak_acceleration)):
+            assert np.sort(np.abs(off))[-1 - 4 * corners] < 0.02 * scale  # the jerk of a step jumps
+
+
+@every
+def test_lines_follow_one_another_and_reach_over_the_image(scan):
+    lines = scan.lines
+    assert np.all(lines["end"] > lines["start"])
+    assert np.all(lines["start"][1:] >= lines["end"][:-1] - 1e-9)
+    assert lines["end"][-1] <= scan.x.duration + 1e-9
+    assert scan.inside.sum() == np.sum(lines["last"] - lines["first"] + 1)
+    inside = scan.inside
+    for axis, low, size in zip(scan.axes, scan.origin, scan.size, strict=True):
+        part = axis.position[inside]
+        assert part.min() < low + 0.1 * size
+        assert part.max() > low + 0.9 * size
+    assert scan.line_of_tick.max() == len(lines) - 1
+
+
+@pytest.mark.parametrize("name", ["raster", "raster with dynamics"])
+def test_the_lines_of_a_raster_are_straight_even_and_on_their_row(name):
+    scan = EVERY[name]
+    x, y = (at_pixels(scan, axis.position, 64) for axis in scan.axes)
+    centres = scan.origin[0] + (np.arange(64) + 0.5) * scan.size[0] / 64
+    rows = scan.origin[1] + (scan.lines["row"] + 0.5) * scan.size[1] / 8
+    assert np.abs(x - centres).max() < 1e-5  # um, trace and retrace alike
+    assert np.abs(y - rows[:, None]).max() < 1e-3 * scan.size[1] / 8
+
+
+def test_the_ramp_of_a_raster_passes_each_row_at_its_middle():
+    scan = EVERY["raster with a ramp"]
+    middle = np.mean([scan.lines["start"][::2], scan.lines["end"][1::2]], axis=0)
+    y = np.interp(middle, scan.time, scan.y.position)
+    assert np.allclose(np.diff(y), scan.size[1] / 8, atol=1e-6)
+    assert y[0] == pytest.approx(scan.origin[1] + scan.size[1] / 16, abs=scan.size[1] / 16)
+
+
+def test_the_turns_and_steps_of_a_raster_leave_the_stage_at_rest():
+    """The mode itself, simulated, on the lines: a triangle and sudden steps would leave it ringing."""
+    from scipy.signal import lsim
+
+    scan = EVERY["raster with dynamics"]
+    w, zeta = 2 * np.pi * 900.0, 0.02
+    time = np.arange(4 * len(scan.x)) / (4 * FS)
+    for axis in scan.axes:
+        command = np.interp(time, scan.time, axis.position)
+        _, z, _ = lsim(([w**2], [1, 2 * zeta * w, w**2]), command, time)
+        error = (z[::4] - axis.position + 2 * zeta / w * axis.velocity)[scan.inside]
+        assert np.abs(error).max() < 2e-4 * axis.peak_to_peak + 2e-4
+
+
+@pytest.mark.parametrize("name", ["spiral", "spiral of constant linear velocity"])
+def test_a_spiral_keeps_its_pitch_and_what_is_constant(name):
+    scan = EVERY[name]
+    x, y = (axis.position[scan.inside] - 10.0 for axis in scan.axes)
+    radius, angle = np.hypot(x, y), np.unwrap(np.arctan2(y, x))
+    turned = radius > 0.5
+    assert np.allclose(np.diff(radius[turned]) / np.diff(angle[turned]), 10 / 12 / (2 * np.pi), rtol=1e-3)
+    if name == "spiral":
+        assert np.allclose(np.diff(angle[turned]) * FS / (2 * np.pi), 40.0, rtol=1e-3)
+    else:
+        speed = np.hypot(*(axis.velocity[scan.inside] for axis in scan.axes))
+        assert np.ptp(speed[radius > 6]) < 1e-6 * speed.max()
+        assert np.diff(angle[turned]).max() * FS / (2 * np.pi) < 2 * 40.0 * 1.02
+
+
+def test_a_lissajous_curve_repeats_after_its_frame():
+    scan = scans.lissajous(rate=40.0, lobes=10, frames=2, ramp=0.0, sample_rate=FS)
+    ticks = round(scan.settings["frame_time"] * FS)
+    for axis in scan.axes:
+        assert np.allclose(axis.position[ticks : 2 * ticks], axis.position[:ticks], atol=1e-9)
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    rate=st.floats(1.0, 100.0),
+    over=st.floats(0.0, 0.5),
+    lines=st.integers(1, 20),
+    turn=st.floats(0.05, 0.9),
+    width=st.floats(0.1, 100.0),
+)
+def test_a_line_of_any_raster_passes_the_whole_width(rate, over, lines, turn, width):
+    scan = scans.raster(rate=rate, over_scan=over, lines=lines, turn=turn, width=width, sample_rate=5000.0)
+    one = scan.lines[-1]
+    ends = np.interp([one["start"], one["end"]], scan.time, scan.x.position)
+    tick = float(scan.x.settings["speed"]) / 5000.0
+    assert np.abs(ends - np.add(scan.origin[0], [width, 0.0])).max() < tick + 1e-6
+
+
+# ---- Tables --------------------------------------------------------------------------------------------------------
+
+
+def test_triggers_mark_start_pixels_and_end_of_each_line():
+    scan = EVERY["raster"]
+    table = scan.triggers(16)
+    assert np.all(np.diff(table["time"]) > -1e-12)
+    for number, line in enumerate(scan.lines):
+        one = table[table["line"] == number]
+        assert one["kind"].tolist() == ["line start", *["pixel"] * 16, "line end"]
+        assert one["tick"][0] == line["first"]
+        assert one["tick"][-1] == line["last"] + 1
+        order = range(16) if line["direction"] > 0 else range(15, -1, -1)
+        assert one["pixel"][1:-1].tolist() == list(order)
+
+
+def test_the_gate_has_an_edge_for_each_line():
+    scan = EVERY["raster"]
+    for direction, lines in ((1, 8), (-1, 8), (0, 16)):
+        gate = scan.gate(direction).astype(int)
+        assert np.count_nonzero(np.diff(gate) == 1) == lines
+        assert np.count_nonzero(np.diff(gate) == -1) == lines
+    with pytest.raises(SettingError, match="direction = 2: must be 1"):
+        scan.gate(2)
+
+
+def test_a_motion_and_its_lines_come_back_from_their_files(tmp_path):
+    from truestroke import read_lines, trajectories
+
+    scan = EVERY["raster"]
+    path = scan.save_motion(tmp_path / "scan.csv")
+    for name, axis in zip("xy", scan.axes, strict=True):
+        about = {"position": name, "time": "time", "velocity": f"{name} velocity"}
+        back = trajectories.from_csv(path, **about, ramp=0.0)
+        assert np.allclose(back.position, axis.position, atol=1e-7)
+        assert np.allclose(back.velocity, axis.velocity, atol=1e-5)
+    lines = read_lines(scan.save_lines(tmp_path / "lines.csv"))
+    for column in ("row", "direction", "start", "end"):
+        assert np.allclose(lines[column], scan.lines[column], atol=1e-8)
+    scan.save_motion(path)  # its own kind
+    with pytest.raises(FileExistsError, match="not a table of lines"):
+        scan.save_lines(path)
+
+
+# ---- Errors --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: made("raster", turn=STAGE, width=-1.0), "width = -1.0 um: must be above 0"),
+        (lambda: scans.raster(rate=400.0, turn=STAGE), "rate = 400.0 Hz: must be at most"),
+        (lambda: made("raster", lead_in=0), "lead_in = 0: must be a whole number from 10"),
+        (lambda: made("raster", slow="jumps"), "slow = 'jumps': must be 'steps' or 'ramp'"),
+        (lambda: made("raster", turn=0.02, settle=STAGE), "steps take at most 0.25 ms"),
+        (lambda: made("spiral", pitch=0.1), "turns = 12: must be left out"),
+        (lambda: made("spiral", fastest=80.0), "fastest = 80.0 Hz: must be left out at constant angular"),
+        (lambda: scans.lissajous(lobes=1), "lobes = 1: must be a whole number from 2"),
+        (lambda: scans.cycloid(rate=5000.0), "rate = 5000.0 Hz: must be below a quarter"),
+        (lambda: made("raster", offset=(1.0,)), "two numbers, x and y"),
+    ],
+)
+def test_a_wrong_setting_is_named(call, message):
+    with pytest.raises(SettingError, match=message):
+        call()
+
+
+# ---- Images --------------------------------------------------------------------------------------------------------
+
+TEXTURE = scans.Texture(seed=3, grain=0.3)
+
+
+def test_samples_of_the_true_place_give_the_sample_itself():
+    scan = scans.raster(width=10.0, lines=32, rate=20.0, lead_in=15, sample_rate=FS)
+    places = [at_pixels(scan, axis.position, 48) for axis in scan.axes]
+    shown = scans.images(scan, TEXTURE(*places), name="height", unit="nm")
+    x, y = np.meshgrid((np.arange(48) + 0.5) * 10 / 48 + scan.origin[0], (np.arange(32) + 0.5) * 10 / 32)
+    for one in shown.values():
+        assert np.allclose(one.data, TEXTURE(x, y), atol=1e-4)
+    by_ticks = scans.images(scan, TEXTURE(scan.x.position, scan.y.position), 48)
+    assert np.std(by_ticks["trace"].data - shown["trace"].data) < 0.05 * np.std(shown["trace"].data)
+
+
+def test_a_spiral_and_a_curve_show_the_same_sample_on_a_grid():
+    for scan in (scans.spiral(diameter=10.0, turns=60, rotation=20.0), scans.lissajous(width=10.0, lobes=120)):
+        one = scan.inside
+        x, y = scan.x.position[one], scan.y.position[one]
+        shown = scans.gridded(x, y, TEXTURE(x, y), origin=scan.origin, size=scan.size, shape=(50, 50))
+        centre = (np.arange(50) + 0.5) / 5
+        true = TEXTURE(*np.meshgrid(centre, centre))
+        known = np.isfinite(shown.data)
+        assert np.mean(known) > 0.75
+        assert np.corrcoef(shown.data[known], true[known])[0, 1] > 0.93
+
+
+@pytest.mark.parametrize(("right", "up"), [(0.0, 0.04), (0.3, -0.27), (5.61, 2.0), (-12.4, 0.5)])
+def test_the_shift_between_two_images_is_found_to_a_fiftieth_of_a_pixel(right, up):
+    """Images of a texture that is displaced, not rolled: what leaves at one edge does not come back at the other."""
+    x, y = np.meshgrid(np.arange(160) * 0.05, np.arange(200) * 0.05)
+    still = scans.Image(data=TEXTURE(x, y), size=(8.0, 10.0))
+    moved = scans.Image(data=TEXTURE(x - right * 0.05, y - up * 0.05), size=(8.0, 10.0))
+    assert scans.shift(still, moved) == pytest.approx((right, up), abs=0.02)
+
+
+def test_distortion_is_what_was_done_to_the_positions():
+    scan = EVERY["raster"]
+    assert scans.distortion(scan, scan.x.position, scan.y.position, 100).largest < 1e-9
+    pixel = 20.0 / 100
+    late = scans.distortion(scan, np.interp(scan.time - 1e-3, scan.time, scan.x.position), scan.y.position, 100)
+    speed = float(scan.x.settings["speed"])
+    assert late.trace_retrace == pytest.approx(2e-3 * speed / pixel, rel=0.02)
+    assert scans.distortion(scan, scan.x.position + 1.0, scan.y.position, 100).largest < 1e-9  # a shift is none
+    sheared = scans.distortion(scan, scan.x.position, scan.y.position + 0.01 * scan.x.position, 100)
+    assert np.ptp(sheared.dy) == pytest.approx(0.01 * 20.0 * 0.99 / (20.0 / 8), rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda scan: scans.images(scan, np.zeros(7)), "the signal has 7 samples, the scan 9500 ticks"),
+        (lambda scan: scans.images(scan, np.zeros((15, 9))), r"shape \(15, 9\): must be one sample a tick, 9500"),
+        (lambda scan: scans.images(scan, cut(scan, 5)), "line 5 of 16 has no sample: its trigger is missing"),
+        (lambda scan: scans.distortion(scan, np.zeros(3), np.zeros(3)), "the position has 3 samples"),
+        (lambda _: scans.gridded([0.0], [0.0], [1.0, 2.0], origin=(0, 0), size=(1, 1)), "have 1, 1, 2 samples"),
+        (lambda _: scans.gridded([9.0], [9.0], [1.0], origin=(0, 0), size=(1, 1)), "no sample is within the image"),
+        (lambda _: scans.shift(flat((4, 4)), flat((4, 5))), "must be as many"),
+        (lambda _: scans.shift(flat((4, 4)), flat((4, 4))), "is the same everywhere"),
+    ],
+)
+def test_what_does_not_fit_is_named(call, message):
+    with pytest.raises(scans.ImageError, match=message):
+        call(EVERY["raster"])
+
+
+def flat(shape):
+    return scans.Image(data=np.zeros(shape), size=(1.0, 1.0))
+
+
+def cut(scan, line):
+    """A recording of ticks in which a line was not triggered."""
+    signal = np.arange(len(scan.x), dtype=float)
+    signal[scan.lines["first"][line] - 5 : scan.lines["last"][line] + 6] = np.nan
+    return signal
+
+
+def test_a_spiral_has_no_rows():
+    with pytest.raises(SettingError, match="a spiral: must be a raster"):
+        scans.images(EVERY["spiral"], np.zeros(len(EVERY["spiral"].x)))
+
+
+# ---- Files ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def pair():
+    data = ndimage.gaussian_filter(np.random.default_rng(1).normal(size=(24, 32)), 1.0)
+    return [
+        scans.Image(data=sign * data, size=(8.0, 5.0), origin=(1.0, 2.5), name=name, unit="nm")
+        for sign, name in ((1.0, "trace"), (2.0, "retrace"))
+    ]
+
+
+@pytest.mark.parametrize("ending", ["gsf", "gwy", "tif", "nxs"])
+def test_a_file_gives_its_images_back(ending, pair, tmp_path):
+    given = pair[:1] if ending == "gsf" else pair
+    back = scans.read_images(scans.save_images(tmp_path / f"a.{ending}", given))
+    assert len(back) == len(given)
+    for one, other in zip(given, back, strict=True):
+        assert np.allclose(one.data, other.data, atol=1e-6)
+        assert (one.size, one.origin, one.name, one.unit) == (other.size, other.origin, other.name, other.unit)
+
+
+def test_a_gsf_is_what_its_specification_says(pair, tmp_path):
+    """By the text of the format: a magic line, fields, NUL up to a multiple of four, rows of float32 from the top."""
+    raw = scans.save_images(tmp_path / "a.gsf", pair[0]).read_bytes()
+    end = raw.index(b"\0")
+    lines = raw[:end].decode().splitlines()
+    assert lines[0] == "Gwyddion Simple Field 1.0"
+    fields = dict(line.split(" = ") for line in lines[1:])
+    assert (int(fields["XRes"]), int(fields["YRes"]), fields["ZUnits"]) == (32, 24, "m")
+    assert (float(fields["XReal"]), float(fields["YReal"])) == pytest.approx((8e-6, 5e-6))
+    begin = end + 4 - end % 4
+    data = np.frombuffer(raw[begin:], "<f4").reshape(24, 32)
+    assert np.allclose(data[0], 1e-9 * pair[0].data[-1])
+
+
+def test_a_gwy_has_the_serialised_container_of_its_specification(pair, tmp_path):
+    """Read by its bytes: magic, the name of the container, its size, and a data field for each image."""
+    raw = scans.save_images(tmp_path / "a.gwy", pair).read_bytes()
+    assert raw[:4] == b"GWYP"
+    assert raw[4:17] == b"GwyContainer\0"
+    assert int.from_bytes(raw[17:21], "little") == len(raw) - 21
+    assert raw.count(b"GwyDataField\0") == 2
+    assert b"/1/data/title\0sretrace\0" in raw
+
+
+def test_a_tiff_has_its_resolution_for_any_reader(pair, tmp_path):
+    path = scans.save_images(tmp_path / "a.tif", pair)
+    with Pillow.open(path) as shown:
+        assert shown.n_frames == 2
+        assert shown.size == (32, 24)
+        assert shown.tag_v2[296] == 3  # per centimetre
+        assert float(shown.tag_v2[282]) == pytest.approx(1e4 / 0.25)
+        assert float(shown.tag_v2[283]) == pytest.approx(1e4 / (5 / 24), rel=1e-6)
+        assert np.allclose(np.asarray(shown)[0], pair[0].data[-1])
+
+
+def test_a_nexus_file_leads_to_its_image_and_axes(pair, tmp_path):
+    """By the attributes that a reader of NeXus follows: default, signal, axes; region and calibration of the scan."""
+    scan = scans.raster(width=8.0, height=5.0, lines=24, rate=40.0)
+    with h5py.File(scans.save_images(tmp_path / "a.nxs", pair, scan=scan)) as file:
+        entry = file[file.attrs["default"]]
+        assert entry["definition"].asstr()[()] == "NXspm"
+        data = entry[entry.attrs["default"]]
+        assert data.attrs["NX_class"] == "NXdata"
+        signal = data[data.attrs["signal"]]
+        y, x = (data[name] for name in data.attrs["axes"])
+        assert signal.shape == (y.size, x.size) == (24, 32)
+        assert x.attrs["units"] == "um"
+        assert (x[0], y[-1]) == pytest.approx((1.125, 2.5 + 5 / 48))
+        control = entry["experiment_instrument/scan_environment/scan_control"]
+        assert control["scan_region/scan_range_x"][()] == 8.0
+        assert control["scan_type"].asstr()[()] == "mesh"
+        found = entry["experiment_instrument/piezo_sensor/piezo_configuration/calibration/range_x"]
+        assert found[()] == pytest.approx(scan.x.peak_to_peak)
+
+
+def test_a_tiff_of_others_is_read_by_its_resolution(tmp_path):
+    tifffile.imwrite(tmp_path / "b.tif", np.eye(4, dtype=np.uint8), resolution=(20_000, 10_000), resolutionunit=3)
+    (one,) = scans.read_images(tmp_path / "b.tif")
+    assert one.size == pytest.approx((2.0, 4.0))
+    assert one.data[0].tolist() == [0, 0, 0, 1]
+
+
+def test_files_that_are_none_are_named(pair, tmp_path):
+    with pytest.raises(SettingError, match=r"a\.bmp: must be a file that ends with \.gsf"):
+        scans.save_images(tmp_path / "a.bmp", pair)
+    with pytest.raises(SettingError, match=r"2 images: must be one"):
+        scans.save_images(tmp_path / "a.gsf", pair)
+    for ending in ("gsf", "gwy", "tif", "nxs"):
+        (tmp_path / f"bad.{ending}").write_bytes(b"no image at all")
+        with pytest.raises(scans.ImageError, match="damaged, or no image"):
+            scans.read_images(tmp_path / f"bad.{ending}")
+        with pytest.raises(FileExistsError, match="not an image that truestroke wrote"):
+            scans.save_images(tmp_path / f"bad.{ending}", pair[:1])
+    with pytest.raises(FileNotFoundError):
+        scans.read_images(tmp_path / "none.gsf")
+
+
+def test_a_package_that_is_missing_is_named(pair, tmp_path, monkeypatch):
+    for module in ("skimage.registration", "tifffile"):
+        monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(scans.ImageError, match=r'needs the package scikit-image: pip install "truestroke\[scan\]"'):
+        scans.shift(*pair)
+    with pytest.raises(scans.ImageError, match="need the package tifffile: pip install"):
+        scans.save_images(tmp_path / "a.tif", pair)
+    assert not (tmp_path / "a.tif").exists()
+
+
+def test_scans_need_numpy_alone_until_an_image_is_made():
+    code = (
+        "import truestroke, sys, json; truestroke.scans.raster(lines=4, rate=40.0); print(json.dumps([*sys.modules]))"
+    )
+    loaded = json.loads(subprocess.run([sys.executable, "-c", code], capture_output=True, check=True).stdout)
+    assert {"scipy", "h5py", "matplotlib", "skimage", "tifffile"}.isdisjoint(loaded)

@@ -1,0 +1,208 @@
+"""Images of an open-loop scan, corrected by a model of the day before and the recorded voltage, without a sensor."""
+
+import dataclasses
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import truestroke
+from truestroke import ImageError, ScanRecord, SettingError, scans
+from truestroke.cli import main
+from truestroke.identification.unwarp import triggered
+from truestroke.plant import StagePlant, StageSettings
+
+FS, GAIN, ROWS = 2000.0, 30.0 / 3.6, 64
+TEXTURE = scans.Texture(seed=2, grain=0.3)
+DAY_BEFORE = Path(__file__).with_name("vectors") / "scanner.toml"
+"""Identified from rasters of 25, 21, 17 and 12 um at 4 Hz on the stage of `stage(seed=1)`; here the seed is another."""
+
+
+def stage(seed):
+    about = {"resonances": (900.0,), "noise": 0.003, "hysteresis_kind": "preisach"}
+    return StagePlant(StageSettings(sample_rate=FS, **about), seed=seed)
+
+
+def moved(volts, seed=2):
+    plant = stage(seed)
+    plant.open()
+    plant.exchange(volts)
+    return plant.truth
+
+
+@pytest.fixture(scope="module")
+def scan():
+    return scans.raster(width=18.0, lines=ROWS, rate=4.0, sample_rate=FS, offset=(13.0, 13.0))
+
+
+@pytest.fixture(scope="module")
+def volts(scan):
+    return tuple(axis.position / GAIN for axis in scan.axes)
+
+
+@pytest.fixture(scope="module")
+def places(scan, volts):
+    return [scans.at_pixels(scan, moved(one), 128) for one in volts]
+
+
+@pytest.fixture(scope="module")
+def shown(scan, places):
+    return scans.images(scan, TEXTURE(*places), name="height", unit="nm")
+
+
+@pytest.fixture(scope="module")
+def model():
+    return truestroke.load_model(DAY_BEFORE)
+
+
+@pytest.fixture(scope="module")
+def both(shown, scan, volts, model):
+    return truestroke.unwarp(shown, ScanRecord.of(scan, *volts), model, model)
+
+
+def test_trace_and_retrace_agree_without_a_sensor(both):
+    """The goal is 0.3 of 512 pixels, so 0.075 of these 128."""
+    assert abs(both.before[0]) > 10
+    assert np.hypot(*both.after) < 0.075
+    assert both.verdict.level == "good"
+    assert both.timing == 0
+
+
+def test_the_corrected_image_is_the_sample(both):
+    """But for one shift, that of zero and creep: across and along, each pixel is where it says."""
+    one = both.images["trace"]
+    columns, rows = (
+        low + (np.arange(n) + 0.5) * size for low, n, size in zip(one.origin, (128, ROWS), one.pixel, strict=True)
+    )
+    sample = scans.Image(data=TEXTURE(*np.meshgrid(columns, rows)), size=one.size)
+    known = dataclasses.replace(one, data=np.nan_to_num(one.data))
+    quarter = [slice(4, 36), slice(28, 60)], [slice(8, 64), slice(64, 120)]
+    shifts = np.array([
+        scans.shift(*(dataclasses.replace(i, data=i.data[r, c]) for i in (sample, known)))
+        for r in quarter[0]
+        for c in quarter[1]
+    ])  # fmt: skip
+    assert np.ptp(shifts[:, 0]) < 0.8  # pixels of 128; it was 6.8
+    assert np.ptp(shifts[:, 1]) < 0.6
+
+
+def test_lines_by_a_trigger_are_those_of_the_table(scan, volts, shown, model, both):
+    lines = np.concatenate([triggered(scan.gate(1), FS), triggered(scan.gate(-1), FS, -1)])
+    lines = lines[np.argsort(lines["start"])]
+    assert np.abs(lines["start"] - scan.lines["start"]).max() < 0.51 / FS
+    assert lines["direction"].tolist() == scan.lines["direction"].tolist()
+    record = ScanRecord(x=volts[0], sample_rate=FS, lines=lines, jitter=0.5 / FS)
+    found = truestroke.unwarp(shown, record, model)
+    assert np.hypot(*found.after) < 2.5 * found.timing
+    assert "The trigger places a line to half a sample" in found.verdict.reasons[-1]
+    assert found.moved == pytest.approx(both.moved, abs=2 * found.timing)
+
+
+def test_a_period_of_broken_samples_is_placed_better_than_half_a_sample():
+    """Edges of even lines: the mean of their rounding is known."""
+    starts = 0.5 + np.arange(200) / 39.7
+    tick = np.arange(round(6 * FS)) / FS
+    gate = np.zeros(tick.size)
+    for start in starts:
+        gate[(tick >= start) & (tick < start + 0.01)] = 5.0  # V
+    found = triggered(gate, FS)
+    assert np.abs(found["start"] - starts).max() < 0.1 / FS
+    assert np.abs(found["end"] - starts - 0.01).max() < 0.1 / FS
+
+
+def test_what_still_separates_them_is_shared(scan, volts, shown, model):
+    late = dataclasses.replace(ScanRecord.of(scan, *volts), x=np.roll(volts[0], 1))
+    apart = truestroke.unwarp(shown, late, model)
+    assert apart.verdict.level == "doubtful"
+    assert "are still" in apart.verdict.reasons[0]
+    shared = truestroke.unwarp(shown, late, model, align=True)
+    assert np.hypot(*shared.after) < 0.1 * np.hypot(*apart.after)
+
+
+def test_one_image_has_no_shift(scan, volts, shown, model):
+    found = truestroke.unwarp(shown["trace"], ScanRecord.of(scan, *volts), model)
+    assert (found.before, found.after) == (None, None)
+    assert list(found.images) == ["trace"]
+
+
+# ---- What does not fit ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda r: dataclasses.replace(r, lines=r.lines[2:]), "has 64 rows, the recording 63 lines of it"),
+        (lambda r: dataclasses.replace(r, x=r.x[:-2000]), "the last line at .* s: it was cut short"),
+        (lambda r: dataclasses.replace(r, lines=swapped(r.lines)), "goes back by"),
+    ],
+)
+def test_a_record_that_does_not_fit_is_named(change, message, scan, volts, shown, model):
+    with pytest.raises(ImageError, match=message):
+        truestroke.unwarp(shown, change(ScanRecord.of(scan, volts[0])), model)
+
+
+def swapped(lines):
+    """Trace and retrace mistaken for one another."""
+    made = lines.copy()
+    made["direction"] *= -1
+    return made
+
+
+def test_what_is_missing_is_named(scan, volts, shown, model):
+    record = ScanRecord.of(scan, volts[0])
+    with pytest.raises(ImageError, match="no voltage of y"):
+        truestroke.unwarp(shown, record, model, model)
+    with pytest.raises(ImageError, match="only one image"):
+        truestroke.unwarp(shown["trace"], record, model, align=True)
+    with pytest.raises(ImageError, match="the voltage has 3 samples"):
+        ScanRecord.of(scan, np.zeros(3))
+    with pytest.raises(ImageError, match="never changes: it is missing"):
+        triggered(np.ones(10), FS)
+    with pytest.raises(ImageError, match="no whole line"):
+        triggered([0, 0, 1, 1], FS)
+    with pytest.raises(SettingError, match="x = array of shape"):
+        truestroke.unwarp(shown, record, np.zeros(3))
+
+
+# ---- The command ---------------------------------------------------------------------------------------------------
+
+
+def run(*arguments):
+    done = CliRunner().invoke(main, ["unwarp", *map(str, arguments)])
+    return done.exit_code, done.output
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory, scan, volts, shown):
+    place = tmp_path_factory.mktemp("unwarp")
+    scans.save_images(place / "scan.gwy", shown)
+    columns = np.column_stack([scan.time, *volts, scan.gate(1), scan.gate(-1)])
+    np.savetxt(place / "volts.csv", columns, "%.7g", ",", header="time (s),x (V),y (V),trigger,retrace", comments="")
+    np.savetxt(place / "plain.csv", columns[:, :3], "%.7g", ",", header="time (s),x (V),y (V)", comments="")
+    scan.save_lines(place / "lines.csv")
+    return place
+
+
+def test_the_command_writes_image_and_page(folder, tmp_path):
+    common = [folder / "scan.gwy", "--model", DAY_BEFORE, "--model-y", DAY_BEFORE, "--output", tmp_path / "new.nxs"]
+    code, text = run(*common, "--record", folder / "plain.csv", "--lines", folder / "lines.csv", "--json")
+    found = json.loads(text)
+    assert (code, found["verdict"]) == (0, "good")
+    assert np.hypot(*found["after_pixels"]) < 0.1
+    trace, retrace = scans.read_images(tmp_path / "new.nxs")
+    assert (trace.name, retrace.name) == ("height, trace", "height, retrace")
+    assert "trace and retrace apart, after" in (tmp_path / "new.html").read_text()
+
+
+def test_the_command_reads_a_trigger_and_names_one_that_is_missing(folder, tmp_path):
+    common = [folder / "scan.gwy", "--model", DAY_BEFORE, "--output", tmp_path / "new.gwy"]
+    code, text = run(*common, "--record", folder / "volts.csv")
+    assert code == 0
+    assert "The trigger places a line to half a sample" in " ".join(text.split())
+    code, text = run(*common, "--record", folder / "plain.csv")
+    assert code == 1
+    assert "there is no trigger: name the column" in text
+    code, text = run(*common, "--record", folder / "plain.csv", "--lines", folder / "lines.csv", "--trigger", "x")
+    assert code == 2
