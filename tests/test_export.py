@@ -110,6 +110,57 @@ def test_before_its_start_the_voltage_is_the_safe_one_and_bad_values_keep_the_la
     assert volts == 10.0
 
 
+BOARD = """
+#include <stdio.h>
+#include "board.h"
+
+static int tick;
+bool board_wait(void) { return ++tick < 3000; }
+bool board_read(ts_real *z) { *z = 0; return true; }
+void board_write(ts_real volts) { printf("%.9g\\n", (double)volts); }
+board_motion board_desired(void) { return (board_motion){1000, 0, 0}; }
+"""
+
+
+def written_volts(folder: Path) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    """What leaves a loop that is asked for the impossible, and ends."""
+    (folder / "replay.c").write_text(BOARD)
+    done = make(folder, "test", "CFLAGS=-O0")
+    assert done.returncode == 0, done.stderr
+    return np.array(done.stdout.split(), dtype=float)
+
+
+@pytest.mark.parametrize(("controller", "slew"), [("adaptive", 400.0), ("paper", 300.0)])
+def test_the_voltages_of_a_configuration_keep_its_limits(controller: str, slew: float, tmp_path: Path) -> None:
+    config = tmp_path / "stage.toml"
+    config.write_text(f"""
+[driver]
+name = "simulated"
+sample_rate = 2000
+[[axis]]
+name = "x"
+stroke = 30.0
+controller = "{controller}"
+voltage_limits = [-0.6, 3.6]
+safe_voltage = 1.25
+slew = {slew}
+[axis.trajectory]
+kind = "sine"
+peak_to_peak = 10.0
+frequency = 5.0
+duration = 1.0
+[recording]
+file = "run.h5"
+""")
+    code, printed = call("--config", str(config), "--ticks", "100", "--output", str(tmp_path / "c"))
+    assert code == 0, printed
+    volts = written_volts(tmp_path / "c")
+    assert (volts[0], volts[-1]) == (1.25, 1.25)
+    assert volts.max() == pytest.approx(3.6)
+    assert volts.min() >= -0.6
+    assert np.max(np.abs(np.diff(volts))) * 2000 == pytest.approx(slew, rel=1e-3)
+
+
 def test_a_cortex_m_gives_the_bits_of_the_desk(exported: Path, tmp_path: Path) -> None:
     core = "m4" if exported.name == "single" else "m7"
     if not (shutil.which("arm-none-eabi-gcc") and shutil.which("qemu-system-arm")):
@@ -181,7 +232,9 @@ def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         (["--stroke", "20"], "--sample-rate, --voltage-limits: needed"),
         (["--axis", "x"], "--axis is one of --config"),
         (["--sample-rate", "1e4", "--stroke", "-1", "--voltage-limits", "0", "10"], "stroke = -1"),
-        (["--controller", "paper", "--slew", "9", *SIZES], "knows no slew"),
+        (["--controller", "paper", "--dynamics", __file__, *SIZES], "knows no dynamics"),
+        (["--safe-voltage", "-1", *SIZES], "--safe-voltage = -1.0 V: must be from 0 to 10 V"),
+        (["--config", __file__, "--safe-voltage", "1"], "--safe-voltage is in --config"),
     ],
 )
 def test_the_command_says_what_it_needs(arguments: list[str], words: str, tmp_path: Path) -> None:

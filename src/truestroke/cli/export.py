@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
     from truestroke.control.settings import ControllerSettings
 
 SIZES = ("sample_rate", "stroke", "voltage_limits")
+ALONE = (*SIZES, "slew", "safe_voltage", "controller", "model", "dynamics")
 
 
 @click.command()
@@ -25,6 +27,8 @@ SIZES = ("sample_rate", "stroke", "voltage_limits")
 @click.option("--stroke", metavar="UM", type=float, help="Travel, without --config or --model.")
 @click.option("--voltage-limits", metavar="LOW HIGH", type=float, nargs=2, help="V, without --config.")
 @click.option("--slew", metavar="V/S", type=float, help="Fastest change of the voltage, without --config.")
+@click.option("--safe-voltage", metavar="V", type=float, help="Before the start and after the end, without --config.  "
+              "[default: 0, or the limit that is nearest to it]")  # fmt: skip
 @click.option(
     "--controller", type=click.Choice(["adaptive", "paper"]), help="Which law, without --config.  [default: adaptive]"
 )
@@ -47,12 +51,13 @@ def export(target: str, output: Path, as_json: bool, **options: Any) -> None:
     """
     from truestroke.export import export_c
 
-    settings, about = _settings(options)
+    settings, safe_voltage, about = _settings(options)
     made = export_c(
         settings,
         output,
         precision=options["precision"],
         history=options["history"],
+        safe_voltage=safe_voltage,
         ticks=options["ticks"],
         about=about,
         command=common.as_asked()["command"],
@@ -65,26 +70,32 @@ def export(target: str, output: Path, as_json: bool, **options: Any) -> None:
     click.echo(f"\nIts self-test: make -C {made.folder} test\nIts memory:    make -C {made.folder} size")
 
 
-def _settings(options: dict[str, Any]) -> tuple[ControllerSettings, str]:
-    """Of the controller that is asked for, and a line that says whose it is."""
-    alone = [name for name in (*SIZES, "slew", "controller", "model", "dynamics") if options[name] is not None]
+def _settings(options: dict[str, Any]) -> tuple[ControllerSettings, float | None, str]:
+    """Of the controller that is asked for, its safe voltage, V, and a line that says whose it is."""
     if options["config"] is not None:
-        if alone:
+        if alone := [name for name in ALONE if options[name] is not None]:
             raise click.UsageError(f"--{alone[0].replace('_', '-')} is in --config FILE: change it there.")
         return _configured(options["config"], options["axis"])
     if options["axis"] is not None:
         raise click.UsageError("--axis is one of --config FILE.")
+    settings, about = _given(options)
+    return settings, options["safe_voltage"], about
+
+
+def _given(options: dict[str, Any]) -> tuple[ControllerSettings, str]:
+    """Of the controller that the options describe, and a line that says whose it is."""
     needed = ("sample_rate",) if options["model"] else SIZES
     missing = [f"--{name.replace('_', '-')}" for name in needed if options[name] is None]
     if missing:
         raise click.UsageError(f"{', '.join(missing)}: needed without --config FILE.")
     given = {name: options[name] for name in SIZES if options[name] is not None}
-    if options["slew"] is not None:
-        given["slew_limit"] = options["slew"]
+    slew = {} if options["slew"] is None else {"slew_limit": options["slew"]}
     if options["controller"] == "paper":
-        if further := [name for name in ("model", "dynamics", "slew") if options[name] is not None]:
+        if further := [name for name in ("model", "dynamics") if options[name] is not None]:
             raise click.UsageError(f"--controller paper knows no {further[0]}: leave it out.")
-        return truestroke.AdaptiveController.paper(**given).settings, "the paper's controller"
+        paper = truestroke.AdaptiveController.paper(**given).settings
+        return dataclasses.replace(paper, **slew), "the paper's controller"
+    given |= slew
     if options["dynamics"] is not None:
         given["dynamics"] = truestroke.Dynamics.load(options["dynamics"])
     if options["model"] is None:
@@ -95,8 +106,8 @@ def _settings(options: dict[str, Any]) -> tuple[ControllerSettings, str]:
     return truestroke.AdaptiveController.from_model(model, **given).settings, f"the actuator of {options['model'].name}"
 
 
-def _configured(config: Path, name: str | None) -> tuple[ControllerSettings, str]:
-    """Of an axis of a configuration."""
+def _configured(config: Path, name: str | None) -> tuple[ControllerSettings, float, str]:
+    """Of an axis of a configuration; no guard stands beside a chip, so that its controller keeps the stricter slew."""
     from truestroke.runtime.realtime import config as configuration
 
     axes = {axis.name: axis for axis in configuration.load(config).axes}
@@ -107,4 +118,6 @@ def _configured(config: Path, name: str | None) -> tuple[ControllerSettings, str
     axis = axes[name] if name is not None else next(iter(axes.values()))
     if not isinstance(axis.controller, truestroke.AdaptiveController):
         raise click.UsageError(f"the controller of {config} is none of the kernel's.")
-    return axis.controller.settings, f"axis {axis.name} of {config.name}"
+    settings = axis.controller.settings
+    settings = dataclasses.replace(settings, slew_limit=min(settings.slew_limit, axis.slew))
+    return settings, axis.safe_voltage, f"axis {axis.name} of {config.name}"

@@ -35,7 +35,6 @@ OWN = (
 )
 SINGLE_BOUND = 1e-4  # of the voltage range: what another mathematical library may change in single precision
 HISTORY = (16, 1024)  # ticks: fewest that the kernel is tried with, and most
-COUPLING = 5  # TS_COUPLING of the kernel's header
 KIND = files.Kind("an export of C", lambda path: False)
 
 
@@ -67,6 +66,7 @@ def export_c(
     *,
     precision: Literal["double", "single"] | None = None,
     history: int | None = None,
+    safe_voltage: float | None = None,
     ticks: int = 1000,
     about: str = "a piezo actuator",
     command: str = "truestroke.export_c",
@@ -84,6 +84,8 @@ def export_c(
     history : int, optional
         Ticks that a measurement may come after its command, plus one: 16 to 1024; by default 16, more with a long dead
         time.
+    safe_voltage : float, optional
+        Before the start and after the end, V, within the limits; by default 0 V, or the limit that is nearest to it.
     ticks : int
         Of the recorded run of the self-test, 100 to 100,000.
     about : str
@@ -120,11 +122,12 @@ def export_c(
         settings = dataclasses.replace(settings, precision=precision)
     checks.count("ticks", ticks, 100, 100_000)
     members = kernel_settings(settings)
-    if others := members["terms"][COUPLING]:
+    if others := settings.other_axes:
         raise SettingError("controller", f"an axis beside {others} others", "one axis: export each axis by itself")
     capacities = _capacities(settings, members, history)
+    rest = safe_volts(settings, safe_voltage)
     bound = 0.0 if settings.precision == "double" else SINGLE_BOUND * float(np.ptp(settings.voltage_limits))
-    texts = _texts(settings, members, capacities, ticks, bound, about, command)
+    texts = _texts(settings, members, capacities, rest, ticks, bound, about, command)
     target = checks.path("folder", folder)
     _check_folder(target)
     (target / "kernel").mkdir(parents=True, exist_ok=True)
@@ -170,6 +173,7 @@ def _texts(
     settings: ControllerSettings,
     members: Mapping[str, Any],
     capacities: Mapping[str, int],
+    rest: float,
     ticks: int,
     bound: float,
     about: str,
@@ -181,7 +185,7 @@ def _texts(
     def real(value: float) -> str:
         return c_values.real(value, settings.precision)
 
-    first, rows = recorded(settings, ticks)
+    rows = recorded(settings, rest, ticks)
     promise = "the bits are the same" if bound == 0 else f"no command differs by more than {bound:.3g} V"
     values = {
         "about": about.partition("\n")[0].replace("*/", "* /"),
@@ -191,7 +195,7 @@ def _texts(
         "promotion": " -Wdouble-promotion" if settings.precision == "single" else "",
         "rate": f"{settings.sample_rate:.10g}",
         "rate_literal": real(settings.sample_rate),
-        "safe": real(safe_volts(settings)),
+        "safe": real(rest),
         "limits": "{:.6g} to {:.6g}".format(*settings.voltage_limits),
         "slew": f"{members['slew']:.4g}",
         "plays": settings.plays,
@@ -201,7 +205,6 @@ def _texts(
         "members": list(c_values.members(members, settings.precision)),
         "ticks": ticks,
         "rows": [", ".join(map(real, row)) for row in rows],
-        "first": real(first),
         "bound": f"{bound!r}",
         "promise": promise,
     }

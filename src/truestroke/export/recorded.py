@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 
 import numpy as np
 
+from truestroke.base import checks
 from truestroke.base.typing import FloatArray
 from truestroke.control.controller import AdaptiveController
 from truestroke.control.settings import ControllerSettings
@@ -16,17 +16,16 @@ PLAY = 0.1  # half width of the hysteresis, of the voltage range
 SHARE = 0.3  # of the stroke: peak of the slower sine
 
 
-def recorded(settings: ControllerSettings, ticks: int) -> tuple[float, FloatArray]:
-    """First measurement, um, and z_d, zdot_d, zddot_d (um, um/s, um/s^2), volts and measurement (um) of each tick.
+def recorded(settings: ControllerSettings, rest: float, ticks: int) -> FloatArray:
+    """z_d, zdot_d, zddot_d (um, um/s, um/s^2), volts and measurement (um) of each tick; shape (ticks, 5).
 
-    The actuator has one play and a pole: enough that every part of the law has something to learn. All values are
-    numbers of the kernel's type.
+    It starts at 0 um under `rest`, V. The actuator has one play and a pole: enough that every part of the law has
+    something to learn. All values are numbers of the kernel's type.
     """
-    controller = AdaptiveController.from_settings(dataclasses.replace(settings))
+    controller = AdaptiveController.from_settings(settings)
     real = np.float64 if settings.precision == "double" else np.float32
     low, high = settings.voltage_limits
     gain, width = settings.stroke / (high - low), PLAY * (high - low)
-    rest = safe_volts(settings)
     play = z = 0.0
     motion = real(_motion(settings, ticks, gain * (low - rest), gain * (high - rest))).astype(float)
     controller.start(float(real(rest)), 0.0)
@@ -38,13 +37,13 @@ def recorded(settings: ControllerSettings, ticks: int) -> tuple[float, FloatArra
         measured = float(real(z))
         row[:] = z_d, zdot_d, zddot_d, volts, measured
         controller.adapt(measured)
-    return 0.0, rows
+    return rows
 
 
-def safe_volts(settings: ControllerSettings) -> float:
-    """0 V, or the limit that is nearest to it."""
+def safe_volts(settings: ControllerSettings, given: float | None) -> float:
+    """The safe voltage that is given, V, or 0 V, or the limit that is nearest to it."""
     low, high = settings.voltage_limits
-    return min(max(0.0, low), high)
+    return min(max(0.0, low), high) if given is None else checks.within("safe_voltage", given, low, high, "V")
 
 
 def _motion(settings: ControllerSettings, ticks: int, lowest: float, highest: float) -> FloatArray:
