@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import json
 import os
+import re
 import shutil
 import subprocess
 from collections.abc import Callable
@@ -16,8 +17,20 @@ from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
 
-from truestroke import AdaptiveController, Dynamics, Mode, SettingError, cli, export_c
+from truestroke import (
+    AdaptiveController,
+    Dynamics,
+    Mode,
+    Recording,
+    SettingError,
+    cli,
+    export_c,
+    plant,
+    run,
+    trajectories,
+)
 from truestroke.export import c_values
+from truestroke.signals.recording import Channel
 
 ROOT = Path(__file__).parents[1]
 BENCH = {"sample_rate": 10_000.0, "stroke": 20.0, "voltage_limits": (0.0, 10.0)}
@@ -234,13 +247,42 @@ def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         (["--sample-rate", "1e4", "--stroke", "-1", "--voltage-limits", "0", "10"], "stroke = -1"),
         (["--controller", "paper", "--dynamics", __file__, *SIZES], "knows no dynamics"),
         (["--safe-voltage", "-1", *SIZES], "--safe-voltage = -1.0 V: must be from 0 to 10 V"),
-        (["--config", __file__, "--safe-voltage", "1"], "--safe-voltage is in --config"),
+        (["--config", __file__, "--safe-voltage", "1"], "--safe-voltage is in --config FILE"),
     ],
 )
 def test_the_command_says_what_it_needs(arguments: list[str], words: str, tmp_path: Path) -> None:
     code, printed = call(*arguments, "--output", str(tmp_path / "c"))
     assert code in (1, 2)
     assert words in printed
+
+
+def test_the_command_starts_from_what_a_run_has_learned(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    soft = AdaptiveController(sample_rate=2000.0, stroke=30.0, voltage_limits=(-0.6, 3.6))
+    run(trajectories.random_wave(duration=1.0, velocity_limit=400.0), soft, plant.RealisticPlant(seed=1)).save("run.h5")
+    code, printed = call("--state", "run.h5", "--precision", "double", "--ticks", "100", "--output", "chip")
+    assert code == 0, printed
+    weights = re.search(r"\.initial_weights = \{(.*)\},", Path("chip/settings.c").read_text())
+    assert weights is not None
+    np.testing.assert_array_equal(np.array(weights[1].split(","), dtype=float), Recording.load("run.h5")["weights"][-1])
+    assert make(Path("chip"), "test", "CFLAGS=-O0").stdout.startswith("passed: 100 of 100")
+    code, printed = call("--state", "run.h5", "--stroke", "30", "--output", "other")
+    assert "--stroke is in --state FILE" in printed
+    code, printed = call("--state", "run.h5", "--axis", "y", "--output", "other")
+    assert "run.h5 has axis" in printed
+
+
+def test_what_a_bad_run_has_learned_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    controller = AdaptiveController(sample_rate=2000.0, stroke=30.0, voltage_limits=(-0.6, 3.6))
+    wave = trajectories.random_wave(duration=1.0, velocity_limit=400.0)
+    made = run(wave, controller, plant.RealisticPlant(seed=1))
+    lost = np.where(np.arange(2000) > 900, np.nan, made["measured"])
+    Recording({**made.channels, "measured": Channel(lost, "um", "")}, made.metadata).save("run.h5")
+    code, printed = call("--state", "run.h5", "--output", "chip")
+    assert code == 2
+    assert "run.h5: must be a good run: its weights are not to be used." in printed
+    assert not Path("chip").exists()
 
 
 def test_the_command_takes_an_axis_of_a_configuration(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -34,6 +35,8 @@ ALONE = (*SIZES, "slew", "safe_voltage", "controller", "model", "dynamics")
 )
 @click.option("--model", metavar="FILE", type=common.FILE, help="Start from a model of `truestroke identify`.")
 @click.option("--dynamics", metavar="FILE", type=common.FILE, help="Of `truestroke bode`.")
+@click.option("--state", metavar="FILE", type=common.FILE, help="The controller of a recording, which starts with what "
+              "it had learned.")  # fmt: skip
 @click.option(
     "--precision", type=click.Choice(["double", "single"]), default="single", help="Number type of the machine."
 )
@@ -72,12 +75,14 @@ def export(target: str, output: Path, as_json: bool, **options: Any) -> None:
 
 def _settings(options: dict[str, Any]) -> tuple[ControllerSettings, float | None, str]:
     """Of the controller that is asked for, its safe voltage, V, and a line that says whose it is."""
-    if options["config"] is not None:
-        if alone := [name for name in ALONE if options[name] is not None]:
-            raise click.UsageError(f"--{alone[0].replace('_', '-')} is in --config FILE: change it there.")
-        return _configured(options["config"], options["axis"])
+    for source, read in (("config", _configured), ("state", _recorded)):
+        if options[source] is None:
+            continue
+        if alone := [name for name in (*ALONE, "state") if name != source and options[name] is not None]:
+            raise click.UsageError(f"--{alone[0].replace('_', '-')} is in --{source} FILE: leave it out.")
+        return read(options[source], options["axis"])
     if options["axis"] is not None:
-        raise click.UsageError("--axis is one of --config FILE.")
+        raise click.UsageError("--axis is one of --config FILE or --state FILE.")
     settings, about = _given(options)
     return settings, options["safe_voltage"], about
 
@@ -111,13 +116,34 @@ def _configured(config: Path, name: str | None) -> tuple[ControllerSettings, flo
     from truestroke.runtime.realtime import config as configuration
 
     axes = {axis.name: axis for axis in configuration.load(config).axes}
-    if name is None and len(axes) > 1:
-        raise click.UsageError(f"{config} has the axes {', '.join(axes)}: name one with --axis.")
-    if name is not None and name not in axes:
-        raise click.UsageError(f"--axis {name}: {config} has {', '.join(axes)}.")
-    axis = axes[name] if name is not None else next(iter(axes.values()))
+    axis = axes[_chosen(config, tuple(axes), name)]
     if not isinstance(axis.controller, truestroke.AdaptiveController):
         raise click.UsageError(f"the controller of {config} is none of the kernel's.")
     settings = axis.controller.settings
     settings = dataclasses.replace(settings, slew_limit=min(settings.slew_limit, axis.slew))
     return settings, axis.safe_voltage, f"axis {axis.name} of {config.name}"
+
+
+def _recorded(file: Path, name: str | None) -> tuple[ControllerSettings, float | None, str]:
+    """Of a recording, with what was learned in it."""
+    from truestroke.export.learned import learned
+
+    recording = truestroke.Recording.load(file)
+    if recording.axes:
+        name = _chosen(file, recording.axes, name)
+        recording = recording.axis(name)
+    about = recording.metadata.get("axis", {})
+    if name is not None:
+        _chosen(file, (about.get("name", "axis"),), name)
+    settings = learned(recording, str(file))
+    settings = dataclasses.replace(settings, slew_limit=min(settings.slew_limit, about.get("slew", math.inf)))
+    return settings, about.get("safe_voltage"), f"the actuator of {file.name}"
+
+
+def _chosen(file: Path, axes: tuple[str, ...], name: str | None) -> str:
+    """The name of the axis that is asked for, or of the only one."""
+    if name is None and len(axes) > 1:
+        raise click.UsageError(f"{file} has the axes {', '.join(axes)}: name one with --axis.")
+    if name is not None and name not in axes:
+        raise click.UsageError(f"--axis {name}: {file} has {', '.join(axes)}.")
+    return name or axes[0]
