@@ -24,7 +24,7 @@ from test_docs import assert_prints
 import truestroke
 from truestroke import SettingError, plant, trajectories
 from truestroke.cli import main
-from truestroke.runtime.drivers import DriverError, playback
+from truestroke.runtime.drivers import DriverError, pi, playback
 from truestroke.runtime.drivers.pi import PiDriver, PiSettings
 from truestroke.signals.timing import Timing
 
@@ -426,6 +426,7 @@ def test_stop_says_so_when_the_controller_refuses(fake: Fake) -> None:
 HANGS = """
 import sys, time
 import numpy as np
+from truestroke.runtime.drivers import pi
 from truestroke.runtime.drivers.pi import PiDriver, PiSettings
 driver = PiDriver(PiSettings(host="127.0.0.1", port=int(sys.argv[1]), output_range=(-20.0, 120.0)))
 driver.open()
@@ -458,6 +459,7 @@ PLAYS = """
 import sys
 import numpy as np
 from truestroke.runtime.drivers import playback
+from truestroke.runtime.drivers import pi
 from truestroke.runtime.drivers.pi import PiDriver, PiSettings
 driver = PiDriver(PiSettings(host="127.0.0.1", port=int(sys.argv[1]), output_range=(-20.0, 120.0)))
 wave = np.linspace(20.0, 60.0, 1000)
@@ -674,7 +676,7 @@ def test_a_signal_stops_the_wave_and_the_output_is_safe(bench, fake, stop, code)
 
 @pytest.mark.parametrize(("change", "code"), [(("", ""), 0), (("[[axis]]", "um_per_unit = -1.0\n[[axis]]"), 3)])
 def test_the_first_volts(bench: Path, fake: Fake, monkeypatch: pytest.MonkeyPatch, change, code: int) -> None:
-    monkeypatch.setattr(PiDriver, "_time_of_a_tick", lambda self: 1e-3)  # late ticks do not matter to it
+    monkeypatch.setattr(pi, "require_time", lambda *_: None)  # late ticks do not matter to it
     text = Path("stage.toml").read_text().replace("[[axis]]", "sample_rate = 200.0\n[[axis]]").replace(*change)
     Path("stage.toml").write_text(text)
     done = CliRunner().invoke(main, ["commission", "--config", "stage.toml", "--yes", "--json"])

@@ -23,6 +23,8 @@ NAMES = {
     "SimulatedDriver": "a simulated stack in real time",
     "NidaqmxDriver": "hardware with an NI-DAQmx card",
     "PiDriver": "a controller of Physik Instrumente",
+    "Nv200Driver": "a controller of piezosystem jena",
+    "VisaDriver": "an instrument with VISA",
     "OneAxis": "one channel of hardware",
 }
 REMARKS = {

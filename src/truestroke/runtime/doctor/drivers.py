@@ -16,9 +16,9 @@ def look(needed: Collection[Need] = ()) -> list[Finding]:
     Examples
     --------
     >>> [finding.what for finding in look()]
-    ['nidaqmx', 'libnidaqmx', 'pipython', 'softioc', 'distributed']
+    ['nidaqmx', 'libnidaqmx', 'pyvisa', 'pyvisa-py', 'pyserial', 'pipython', 'softioc', 'distributed']
     """
-    needs = [need for name in registry.names() for need in of(name)]
+    needs = dict.fromkeys(need for name in registry.names() for need in of(name))  # two drivers may need the same
     return [_finding(need, need in needed) for need in (*needs, SERVER, CLUSTER)]
 
 

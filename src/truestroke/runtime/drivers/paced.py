@@ -17,6 +17,8 @@ from truestroke.runtime.drivers.guard import Guard
 from truestroke.runtime.drivers.protocol import Driver, DriverError
 from truestroke.signals.timing import Timing
 
+MARGIN = 1.5  # a tick is at least as much longer than the commands in it
+TRIALS = 20  # of the commands in a tick
 SPIN = 150e-6  # s before the tick when sleep ends: later than that a sleeper may wake too late
 EDGES_US = (*(float(digit * 10**power) for power in range(6) for digit in (1, 2, 5)), 1e6)
 """Upper edges of the bins of lateness, us; one more bin holds what is later."""
@@ -118,6 +120,21 @@ class Paced:
             came.append(self.exchange(volts[:, start : start + self._block]))
             after()
         return np.concatenate(came, axis=1)
+
+
+def require_time(tick: Callable[[], object], sample_rate: float, remedy: str = "") -> None:
+    """DriverError if the commands of a tick, the slow end of a few trials, take longer than two thirds of it."""
+    took = []
+    for _ in range(TRIALS):
+        begin = time.perf_counter()
+        tick()
+        took.append(time.perf_counter() - begin)
+    slow = float(np.quantile(took, 0.9)) * MARGIN
+    if slow * sample_rate > 1:
+        raise DriverError(
+            f"sample_rate = {sample_rate:g} Hz: a set-point and a position take {1e3 * slow / MARGIN:.2g} ms here, so "
+            f"at most {1 / slow:.2g} Hz{remedy}"
+        )
 
 
 def padded(volts: npt.NDArray[np.float64], ticks: int) -> FloatArray:

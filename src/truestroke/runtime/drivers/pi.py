@@ -16,6 +16,7 @@ import numpy.typing as npt
 from truestroke.base import checks
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
+from truestroke.runtime.drivers.paced import require_time
 from truestroke.runtime.drivers.playback import Recorded
 from truestroke.runtime.drivers.protocol import DriverError
 from truestroke.runtime.drivers.registry import package
@@ -26,8 +27,6 @@ __all__ = ["PiDriver", "PiSettings"]
 SERVO_UPDATE_TIME, RECORDER_POINTS = 0x0E000200, 0x16000200  # parameters of the controller
 POSITION, VOLTAGE = 2, 7  # what the recorder takes: position of an axis, control voltage of an output channel
 SAME = 0.03  # of a wave's peak-to-peak, rms: how far the recorded voltage may be from the wave
-MARGIN = 1.5  # a tick is at least as much longer than the commands in it
-TRIALS = 20  # of the commands in a tick
 
 HINTS = {
     -7: "no answer in time: the cable, or this controller does not know the question",
@@ -181,25 +180,14 @@ class PiDriver:
         if self._state != "started":
             self._needs("open", "start")
         with self._working("starting"):
-            took = self._time_of_a_tick()
-            if took * MARGIN * self.settings.sample_rate > 1:
-                raise DriverError(
-                    f"starting: sample_rate = {self.settings.sample_rate:g} Hz: a set-point and a position take "
-                    f"{1e3 * took:.2g} ms here, so at most {1 / (took * MARGIN):.2g} Hz; a generated wave has no "
-                    "such bound"
-                )
+            require_time(self._tick, self.settings.sample_rate, "; a generated wave has no such bound")
             _set(self._device, self.settings, volts)
         self._state = "started"
 
-    def _time_of_a_tick(self) -> float:
-        """Seconds, the slow end of a few; the output stays where it is."""
-        took = []
-        for _ in range(TRIALS):
-            begin = time.perf_counter()
-            self._position()
-            self._device.qSVA(list(self.settings.axes))  # as long as SVA
-            took.append(time.perf_counter() - begin)
-        return float(np.quantile(took, 0.9))
+    def _tick(self) -> None:
+        """The commands of a tick; the output stays where it is."""
+        self._position()
+        self._device.qSVA(list(self.settings.axes))  # as long as SVA
 
     def exchange(self, volts: FloatArray, measured: FloatArray) -> None:
         """Ask for the displacement (um) under the last voltage, then send the next (V); shape (channels, 1)."""

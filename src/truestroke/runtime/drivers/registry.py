@@ -2,6 +2,7 @@
 
 import functools
 import importlib.metadata
+import re
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -26,7 +27,7 @@ def package(name: str, why: str) -> Need:
     """A package of Python, in the versions that the extras of truestroke name."""
     lines = importlib.metadata.requires("truestroke") or []
     asked = (line.partition(";")[0].strip() for line in lines)
-    wanted = next((line for line in asked if line.startswith(name)), name)
+    wanted = next((line for line in asked if re.match(rf"{name}(?![\w-])", line)), name)
     return Need(name, why, functools.partial(_version, name), f"{sys.executable} -m pip install '{wanted}'")
 
 

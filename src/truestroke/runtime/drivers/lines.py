@@ -1,0 +1,440 @@
+"""Instruments that take a voltage and report a position in lines of text, over VISA: the whole driver but its name."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import re
+import socket
+import string
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from truestroke.base import checks
+from truestroke.base.checks import SettingError
+from truestroke.base.typing import FloatArray
+from truestroke.runtime.drivers.paced import require_time
+from truestroke.runtime.drivers.protocol import DriverError
+from truestroke.runtime.drivers.registry import package
+from truestroke.signals.timing import Timing
+
+__all__ = ["LineDriver", "LineSettings"]
+
+NEEDS = (
+    package("pyvisa", "drives instruments by VISA"),
+    package("pyvisa-py", "VISA by network, USB and serial port, where no vendor's VISA is installed"),
+    package("pyserial", "serial ports and USB serial ports of pyvisa-py"),
+)
+NUMBER = r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)"
+NO_NUMBER = 9.9e37  # SCPI's infinity; its NaN is 9.91e37
+SAME = 1e-3  # of the output range: what a voltage may lose as text, and differ by where the instrument reports it
+NOISE = "\x00\x01\x11\x13 \t\r\n"  # around an answer: flow control that came through, white space
+
+
+@dataclass(frozen=True, kw_only=True)
+class LineSettings:
+    r"""An instrument, its axes, and what is said to it.
+
+    Texts may contain ``{axis}``, the name of an axis. Numbers of the instrument are in its units: see
+    `volts_per_unit` and `um_per_unit`.
+
+    Attributes
+    ----------
+    resource : str
+        VISA resource, such as ``"TCPIP::192.168.0.7::5025::SOCKET"``, ``"ASRL3::INSTR"`` or ``"GPIB::4::INSTR"``.
+    output_range : tuple[float, float]
+        Lowest and highest voltage, V.
+    voltage_command : str
+        Sets the voltage; contains ``{volts}``, with a format such as ``{volts:.6f}``.
+    position_query : str
+        Asks for the position.
+    axes : tuple[str, ...]
+        Names of the axes, of one instrument.
+    backend : str
+        VISA library: ``""`` that of the vendor, else pyvisa-py; ``"@py"`` pyvisa-py; or the file of a library.
+    position_answer : str
+        The whole answer to that question; contains ``{position}``.
+    voltage_reply : str
+        What the instrument answers to `voltage_command`; empty if nothing.
+    voltage_query, voltage_answer : str
+        Asks for the voltage that is set, so that the safe voltage is confirmed; empty if it has no such question.
+    checks : tuple[tuple[str, str], ...]
+        Questions that `open` asks, each with a regular expression for its whole answer: another instrument is refused.
+    setup : tuple[str, ...]
+        Commands that `open` sends; they must not move the output.
+    stop_commands : tuple[str, ...]
+        Commands before the safe voltage, such as one that stops a wave.
+    volts_per_unit : float
+        Piezo voltage over the number in `voltage_command`, V; not 0.
+    um_per_unit, offset : float
+        Displacement over the position in the answer, um, not 0; displacement at position 0, um.
+    sample_rate : float
+        Ticks per second, Hz; the connection must be fast enough.
+    timeout : float
+        Longest wait for an answer, s.
+    write_termination, read_termination : str
+        Ends of the lines.
+    baud_rate : int
+        Of a serial port, bit/s.
+    xon_xoff : bool
+        Whether a serial port has software flow control.
+
+    Raises
+    ------
+    SettingError
+        Names the setting, its value, the bound and the unit.
+
+    Examples
+    --------
+    >>> LineSettings(
+    ...     resource="TCPIP::192.168.0.7::5025::SOCKET",
+    ...     output_range=(0.0, 150.0),
+    ...     voltage_command="VOLT {volts:.4f}",
+    ...     position_query="POS?",
+    ... ).axes
+    ('1',)
+    """
+
+    resource: str
+    output_range: tuple[float, float]
+    voltage_command: str
+    position_query: str
+    axes: tuple[str, ...] = ("1",)
+    backend: str = ""
+    position_answer: str = "{position}"
+    voltage_reply: str = ""
+    voltage_query: str = ""
+    voltage_answer: str = "{volts}"
+    checks: tuple[tuple[str, str], ...] = ()
+    setup: tuple[str, ...] = ()
+    stop_commands: tuple[str, ...] = ()
+    volts_per_unit: float = 1.0
+    um_per_unit: float = 1.0
+    offset: float = 0.0
+    sample_rate: float = 50.0
+    timeout: float = 2.0
+    write_termination: str = "\n"
+    read_termination: str = "\n"
+    baud_rate: int = 9600
+    xon_xoff: bool = False
+
+    def __post_init__(self) -> None:
+        if not self.resource:
+            raise SettingError("resource", "''", "a VISA resource such as TCPIP::192.168.0.7::5025::SOCKET")
+        if isinstance(self.axes, str) or not self.axes or len(set(self.axes)) < len(self.axes):
+            raise SettingError("axes", repr(self.axes), 'a list of different names such as ["1"]')
+        object.__setattr__(self, "output_range", checks.interval("output_range", self.output_range, "V"))
+        for name, unit in (("volts_per_unit", "V"), ("um_per_unit", "um")):
+            if checks.number(name, getattr(self, name), unit) == 0:
+                raise SettingError(name, getattr(self, name), "not 0", unit)
+        checks.number("offset", self.offset, "um")
+        checks.positive("sample_rate", self.sample_rate, "Hz")
+        checks.positive("timeout", self.timeout, "s")
+        checks.count("baud_rate", self.baud_rate, 50, 12_000_000)
+        self._check_texts()
+
+    def _check_texts(self) -> None:
+        for name, field in (
+            ("voltage_command", "volts"),
+            ("position_query", ""),
+            ("position_answer", "position"),
+            ("voltage_reply", ""),
+            ("voltage_query", ""),
+            ("voltage_answer", "volts"),
+        ):
+            _check_fields(name, getattr(self, name), field)
+        if not self.position_query:
+            raise SettingError("position_query", "''", "the question for the position")
+        for name in ("write_termination", "read_termination"):
+            if not getattr(self, name):
+                raise SettingError(name, "''", r'the end of a line, such as "\n"')
+        for _, answer in self.checks:
+            try:
+                re.compile(answer)
+            except re.error as error:
+                raise SettingError("checks", repr(answer), f"a regular expression ({error})") from None
+        _check_digits(self)
+
+
+def _check_fields(name: str, text: str, field: str) -> None:
+    """Of the fields in braces, `field` is there, once, and no other but the axis."""
+    try:
+        there = [entry for _, entry, _, _ in string.Formatter().parse(text) if entry is not None]
+    except ValueError as error:
+        raise SettingError(name, repr(text), f"text whose braces are closed ({error})") from None
+    if set(there) - {field, "axis"} or (field and there.count(field) != 1):
+        fields = f"with {{{field}}} once, and {{axis}} if it is needed" if field else "with no field but {axis}"
+        raise SettingError(name, repr(text), fields)
+
+
+def _check_digits(s: LineSettings) -> None:
+    """The voltage command distinguishes voltages."""
+    for volts in np.linspace(*s.output_range, 8):
+        unit = float(volts) / s.volts_per_unit
+        try:
+            said = float(re.fullmatch(_pattern(s.voltage_command, "1"), _text(s.voltage_command, "1", unit))[1])  # type: ignore[index]
+        except (ValueError, TypeError) as error:
+            raise SettingError("voltage_command", repr(s.voltage_command), f"a number as text ({error})") from None
+        if abs(said - unit) * abs(s.volts_per_unit) > SAME * np.ptp(s.output_range):
+            bound = f"with more digits: it makes {said * s.volts_per_unit:g} V of {volts:g} V"
+            raise SettingError("voltage_command", repr(s.voltage_command), bound)
+
+
+def _text(template: str, axis: str, volts: float = 0.0) -> str:
+    return template.format(axis=axis, volts=volts)
+
+
+def _pattern(template: str, axis: str) -> str:
+    """A regular expression for the whole of an answer, with one group: its number."""
+    parts = string.Formatter().parse(template)
+    return "".join(
+        re.escape(before) + ("" if field is None else re.escape(axis) if field == "axis" else NUMBER)
+        for before, field, _, _ in parts
+    )
+
+
+class LineDriver:
+    """The protocol of `drivers.Driver` over an instrument that is sent each voltage and asked for each position.
+
+    `exchange` reads the position that the last voltage has led to, then sends the next, so the latency is one tick.
+    Nothing is timed by hardware.
+
+    Parameters
+    ----------
+    kind : str
+        Name of the driver.
+    settings : object
+        The dataclass of its settings, for the recording.
+    lines : LineSettings
+        What is said to the instrument.
+    """
+
+    needs = NEEDS
+
+    def __init__(self, kind: str, settings: Any, lines: LineSettings) -> None:
+        self.settings = settings
+        self._kind, self._lines = kind, lines
+        self._device: Any = None
+        self._state = "closed"  # or "open", "started", "failed"
+
+    def open(self) -> Timing:
+        """Connect, check, set up. The output stays where it is.
+
+        Raises
+        ------
+        DriverError
+            pyvisa or the instrument is not there, or it answers otherwise than `checks` say.
+        """
+        self.close()
+        s = self._lines
+        with self._working("opening"):
+            self._device = _connect(s)
+            for question, answer in s.checks:
+                self._check(question, answer, "the instrument of checks")
+            for command in s.setup:
+                self._device.write(command)
+            self._position()
+        self._state = "open"
+        return Timing(sample_rate=s.sample_rate, block=1, latency=1, channels=len(s.axes))
+
+    def _check(self, question: str, answer: str, remedy: str) -> str:
+        """The answer to a question of `open`; a DriverError where it is another than this regular expression."""
+        said = _ask(self._device, question)
+        if not re.fullmatch(answer, said):
+            raise DriverError(
+                f"opening {self._lines.resource}: to {question} the instrument answers {said!r}, not {answer}: {remedy}"
+            )
+        return said
+
+    def start(self, volts: FloatArray) -> None:
+        """Set the output to `volts` (V, shape (channels,)), if the connection is fast enough for the ticks.
+
+        Raises
+        ------
+        DriverError
+            A voltage and a position take longer than two thirds of a tick; the message names a rate that works.
+        """
+        if self._state != "started":
+            self._needs("open", "start")
+        with self._working("starting"):
+            require_time(lambda: (self._position(), self._position()), self._lines.sample_rate)  # the output stays
+            _set(self._device, self._lines, volts)
+        self._state = "started"
+
+    def exchange(self, volts: FloatArray, measured: FloatArray) -> None:
+        """Ask for the displacement (um) under the last voltage, then send the next (V); shape (channels, 1)."""
+        self._needs("started", "exchange")
+        with self._working("exchanging"):
+            measured[:, 0] = self._position()
+            _set(self._device, self._lines, volts[:, 0])
+
+    def _position(self) -> FloatArray:
+        s = self._lines
+        units = [_number(self._device, s.position_query, s.position_answer, axis) for axis in s.axes]
+        return np.array(units) * s.um_per_unit + s.offset
+
+    def stop(self, volts: FloatArray) -> None:
+        """Set the output to the safe `volts` (V, shape (channels,)), confirmed; after an error by a new connection."""
+        if self._state in ("open", "started"):
+            with suppress(DriverError):
+                with self._working("stopping"):
+                    _stop(self._device, self._lines, volts)
+                self._state = "open"
+                return
+        self.close()
+        hold(self._lines, volts)
+
+    def close(self) -> None:
+        """Close the connection; the output keeps its voltage. A second call does nothing."""
+        self._state, device, self._device = "closed", self._device, None
+        if device is not None:
+            _close(device)
+
+    def rescue(self) -> Callable[[FloatArray], None]:
+        """Give `stop` for another process, with a connection of its own: can be pickled."""
+        return functools.partial(hold, self._lines)
+
+    def unattended(self) -> tuple[bool, str]:
+        """Whether the instrument sets its outputs to the safe voltages itself when this computer stops; in words."""
+        return False, "the instrument holds its last voltage"
+
+    def describe(self) -> dict[str, object]:
+        """Kind and settings, as plain data for a recording."""
+        return {"kind": self._kind, **dataclasses.asdict(self.settings)}
+
+    def _needs(self, state: str, call: str) -> None:
+        if self._state != state:
+            before = "start" if state == "started" else "open"
+            raise DriverError(f"{call}: the driver is {self._state}; call {before} first")
+
+    @contextmanager
+    def _working(self, doing: str) -> Iterator[None]:
+        """After an error in here the driver is "failed": the next answer on this connection is not known."""
+        before, self._state = self._state, "failed"
+        with _naming(f"{doing} {self._lines.resource}"):
+            yield
+        self._state = before
+
+
+# ---- The instrument ------------------------------------------------------------------------------------------------
+
+
+def _connect(s: LineSettings) -> Any:
+    import pyvisa
+
+    milliseconds = round(1e3 * s.timeout)
+    device: Any = pyvisa.ResourceManager(s.backend).open_resource(
+        s.resource,
+        open_timeout=milliseconds,
+        timeout=milliseconds,
+        write_termination=s.write_termination,
+        read_termination=s.read_termination,
+    )
+    try:
+        _configure(device, s)
+    except BaseException:
+        _close(device)
+        raise
+    return device
+
+
+def _configure(device: Any, s: LineSettings) -> None:
+    """What only some interfaces have: the speed of a serial port; a network that does not wait for a second line."""
+    from pyvisa import constants
+
+    if device.interface_type == constants.InterfaceType.asrl:
+        device.baud_rate = s.baud_rate
+        device.flow_control = constants.ControlFlow.xon_xoff if s.xon_xoff else constants.ControlFlow.none
+    elif device.interface_type == constants.InterfaceType.tcpip and s.resource.upper().endswith("SOCKET"):
+        try:
+            device.set_visa_attribute(constants.ResourceAttribute.tcpip_nodelay, True)
+        except Exception:  # pyvisa-py 0.8 does not know it, and a question behind a command then waits 40 ms
+            network = device.visalib.sessions[device.session].interface
+            network.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+
+
+def _close(device: Any) -> None:
+    with suppress(Exception):  # a device that is gone cannot be closed
+        device.close()
+
+
+def _ask(device: Any, question: str) -> str:
+    return str(device.query(question)).strip(NOISE)
+
+
+def _number(device: Any, question: str, template: str, axis: str) -> float:
+    """The number in the answer; NaN where the instrument says that it has none."""
+    said = _ask(device, _text(question, axis))
+    found = re.fullmatch(_pattern(template, axis), said)
+    if not found:
+        raise DriverError(f"to {_text(question, axis)} the instrument answers {said!r}, not {template}")
+    number = float(found[1])
+    return number if abs(number) < NO_NUMBER else np.nan
+
+
+def _set(device: Any, s: LineSettings, volts: FloatArray) -> None:
+    if not np.isfinite(volts).all():
+        raise DriverError("a voltage is not finite")
+    if not (s.output_range[0] <= np.min(volts) and np.max(volts) <= s.output_range[1]):
+        raise DriverError(f"{np.asarray(volts).tolist()} V is outside of output_range = {s.output_range}")
+    for axis, value in zip(s.axes, volts.tolist(), strict=True):
+        command = _text(s.voltage_command, axis, value / s.volts_per_unit)
+        if not s.voltage_reply:
+            device.write(command)
+        elif (said := _ask(device, command)) != _text(s.voltage_reply, axis):
+            raise DriverError(f"to {command} the instrument answers {said!r}, not {_text(s.voltage_reply, axis)}")
+
+
+def _stop(device: Any, s: LineSettings, volts: FloatArray) -> None:
+    """Set the output and have it confirmed: by the voltage, or by any answer, which comes after the command."""
+    for command in s.stop_commands:
+        device.write(command)
+    _set(device, s, volts)
+    for axis, value in zip(s.axes, volts.tolist(), strict=True):
+        if not s.voltage_query:
+            _number(device, s.position_query, s.position_answer, axis)
+            continue
+        said = _number(device, s.voltage_query, s.voltage_answer, axis) * s.volts_per_unit
+        if not abs(said - value) <= SAME * np.ptp(s.output_range):
+            raise DriverError(f"the instrument says {said:g} V, not {value:g} V")
+
+
+def hold(s: LineSettings, volts: FloatArray) -> None:
+    """Put constant `volts` (V, shape (channels,)) out, by a connection of its own.
+
+    Tries again for five times the time-out: an instrument of one connection may not know yet that the other is gone,
+    and the answer to an earlier question may still come. Then it is a `DriverError`.
+    """
+    end = time.monotonic() + 5 * s.timeout
+    while True:
+        try:
+            with _naming(f"holding {s.resource} at {np.asarray(volts).tolist()} V"):
+                device = _connect(s)
+                try:
+                    _stop(device, s, volts)
+                finally:
+                    _close(device)
+            return
+        except DriverError:
+            if time.monotonic() > end:
+                raise
+            time.sleep(0.1)
+
+
+@contextmanager
+def _naming(doing: str) -> Iterator[None]:
+    """What pyvisa and its libraries raise, as a DriverError with the call and the remedy."""
+    try:
+        yield
+    except ImportError as error:
+        raise DriverError(f"{doing}: {error}; pip install 'truestroke[visa]'") from error
+    except DriverError as error:
+        raise error if str(error).startswith(doing) else DriverError(f"{doing}: {error}") from error
+    except Exception as error:  # a VISA library may raise anything: pyvisa-py an Exception where nobody answers
+        text = " ".join(str(error).split()) or type(error).__name__
+        raise DriverError(f"{doing}: {text}") from error
