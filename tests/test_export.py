@@ -220,7 +220,7 @@ def test_what_cannot_be_exported_is_named(options: dict[str, object], named: str
 def test_a_dead_time_needs_a_longer_history(tmp_path: Path) -> None:
     late = Dynamics(sample_rate=10_000.0, modes=(Mode(frequency=900.0, damping=0.02),), dead_time=1e-3)
     controller = AdaptiveController(**BENCH, dynamics=late)
-    with pytest.raises(SettingError, match=r"history = 16 ticks: must be \d+ or more for this dead time"):
+    with pytest.raises(SettingError, match=r"history = 16 ticks: must be \d+ or more for this law and dead time"):
         export_c(controller, tmp_path / "c", history=16)
     assert export_c(controller, tmp_path / "c", ticks=100).capacities["TS_HISTORY"] > 16
 

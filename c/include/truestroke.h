@@ -4,8 +4,9 @@
  * rate-dependent controller", Sensors and Actuators A 150 (2009) 116-123. Numbers in brackets are its equations.
  *
  * Contract
- * - C99, no allocation, no printing, no global state. The caller owns every struct; all of them are plain data without
- *   pointers, so that an assignment or memcpy is a complete copy: that is how a state is saved and restored.
+ * - C99, no allocation, no printing, no global state. The caller owns every struct; all of them are plain data, so that an
+ *   assignment or memcpy is a complete copy: that is how a state is saved and restored. The only pointer is that of a
+ *   controller to its settings, which may be in read-only memory: they stay where and as they are while it runs.
  * - A command and its inverse are O(n) in the number of plays. Adaptation is O(m^2) in the number of parameters, with
  *   both laws: ts_rls_update, ts_kalman_tick, ts_kalman_project, and so ts_controller_adapt; ts_controller_command is
  *   too at a tick at which the TS_HISTORY-th measurement in a row is missing, and the calls that reset the state (init,
@@ -67,6 +68,18 @@ typedef enum {
 #define TS_MOST_WEIGHTS {TS_MAX_CREEPS, 1, 1, 1, TS_MAX_ASYMMETRY, TS_MAX_OTHERS, TS_MAX_OTHERS, TS_MAX_OTHERS}
 #ifndef TS_MAX_PARAMETERS /* fewer than all terms together may have, where the settings are known */
 #define TS_MAX_PARAMETERS (2 * TS_MAX_PLAYS + TS_MAX_CREEPS + 1 + 1 + 1 + TS_MAX_ASYMMETRY + 3 * TS_MAX_OTHERS)
+#endif
+#ifndef TS_MAX_LEARNED /* weights that the Kalman filter may learn; 1 where the law is RLS */
+#define TS_MAX_LEARNED TS_MAX_PARAMETERS
+#endif
+#ifndef TS_MAX_SENSED /* weights whose regressors may pass the sensor's lag; 1 where it has none */
+#define TS_MAX_SENSED TS_MAX_PARAMETERS
+#endif
+#ifndef TS_SECTIONS /* of the dynamics of the stage, of each kind; at least 1 */
+#define TS_SECTIONS 5
+#endif
+#ifndef TS_FEEDBACKS /* filters of the feedback; at least 1 */
+#define TS_FEEDBACKS 13
 #endif
 #define TS_PACKED(m) ((m) * ((m) + 1) / 2) /* entries of the lower triangle of an m x m matrix, row by row */
 
@@ -173,10 +186,10 @@ typedef struct {
  * bounded under any input. w and u have TS_PADDED(m) entries, those beyond m are 0; P0 is packed. One update takes two
  * ticks: the weights move in the first, P follows in the second, so that no tick costs more than O(m^2). */
 typedef struct {
-    ts_real P[TS_TRIANGLE(TS_MAX_PARAMETERS)];           /* whole in the blocks of eight on the diagonal */
-    ts_real u1[TS_PADDED(TS_MAX_PARAMETERS)], u[TS_PADDED(TS_MAX_PARAMETERS)]; /* the regressor behind one and two poles, V or um */
+    ts_real P[TS_TRIANGLE(TS_MAX_LEARNED)];           /* whole in the blocks of eight on the diagonal */
+    ts_real u1[TS_PADDED(TS_MAX_LEARNED)], u[TS_PADDED(TS_MAX_LEARNED)]; /* the regressor behind one and two poles, V or um */
     ts_real y1, y;                                       /* the measurement behind one and two poles, um */
-    ts_real Pu[TS_PADDED(TS_MAX_PARAMETERS)];
+    ts_real Pu[TS_PADDED(TS_MAX_LEARNED)];
     ts_real filter;                 /* per tick: the present coefficient of the two poles */
     ts_real disturbance;            /* um^2: of an innovation that is no error of the model: ringing */
     ts_real caution;                /* um^2: the same after learning has failed: see ts_guard */
@@ -187,7 +200,7 @@ typedef struct {
     ts_real usual;                  /* the same, slowly: what the model does not explain at any time */
     int since_change, spikes, since_return;
     bool started, pending, changed;
-    unsigned char part[TS_MAX_PARAMETERS]; /* 1: weight of the first play, 2: of another play, 0: anything else */
+    unsigned char part[TS_MAX_LEARNED]; /* 1: weight of the first play, 2: of another play, 0: anything else */
 } ts_kalman;
 
 /* P0 (packed) is the covariance of the prior; sigma is the first guess of the noise, um. The caller then sets `part` and
@@ -307,8 +320,6 @@ TS_API ts_guard_action ts_guard_tick(ts_guard *g, const ts_guard_settings *s, ts
 
 /* ---- Dynamics of the stage, between hysteresis and sensor --------------------------------------------------------- */
 
-#define TS_SECTIONS 5
-#define TS_FEEDBACKS 13
 #define TS_TAPS 5
 
 /* G(q): from the displacement that the hysteresis gives in a tick, its strain, to the measurement of that tick. Its static
@@ -342,8 +353,8 @@ typedef struct {
 } ts_sensor;
 
 typedef struct {
-    ts_real before[TS_PADDED(TS_MAX_PARAMETERS)]; /* the regressor of the tick before, um */
-    ts_real lagged[TS_PADDED(TS_MAX_PARAMETERS)]; /* behind the lag, at the end of that tick */
+    ts_real before[TS_PADDED(TS_MAX_SENSED)]; /* the regressor of the tick before, um */
+    ts_real lagged[TS_PADDED(TS_MAX_SENSED)]; /* behind the lag, at the end of that tick */
 } ts_sensor_state;
 
 /* Fast feedback: the sum of biquads of the error, (b0 + b1 q^-1 + b2 q^-2) / (1 + a1 q^-1 + a2 q^-2), is added to the
@@ -367,8 +378,8 @@ typedef struct {
     ts_real z[2];                     /* what the notch saw in the last two ticks, um */
     ts_real mode[TS_SECTIONS][2];     /* of A, um */
     ts_real innovation[2];            /* innovations of the last two ticks, um */
-    ts_real tap[TS_TAPS - 1][TS_PADDED(TS_MAX_PARAMETERS)]; /* of A G, which the regressor passes */
-    ts_real rest[TS_SECTIONS][2][TS_PADDED(TS_MAX_PARAMETERS)];
+    ts_real tap[TS_TAPS - 1][TS_PADDED(TS_MAX_LEARNED)]; /* of A G, which the regressor passes */
+    ts_real rest[TS_SECTIONS][2][TS_PADDED(TS_MAX_LEARNED)];
     uint64_t ticks;                   /* whose measurement is in them */
     bool started;                     /* the regressor has passed */
 } ts_dynamics_state;
@@ -378,7 +389,7 @@ typedef struct {
 /* Where the stage is not known and the model has the term of the inertia: while the error shows that the stage rings, velocity
  * and acceleration of the law's regressor are those of the measurement, as central differences about the tick before. */
 typedef struct {
-    ts_real u[TS_PADDED(TS_MAX_PARAMETERS)]; /* the regressor of the tick before */
+    ts_real u[TS_PADDED(TS_MAX_LEARNED)]; /* the regressor of the tick before */
     ts_real y;                        /* um: and what w.u should have been */
     ts_real error[2];                 /* um: measured less desired, of the last two ticks, the newer first */
     ts_real once, twice[2];           /* um: behind the first of the two poles, and behind both in the last two ticks */
@@ -400,7 +411,7 @@ typedef struct {
     ts_real motion_filter[3], noise_filter[3];
     ts_real first[TS_SHOWN + 1];      /* of the plays, V, and of the measurement, um */
     ts_real state[TS_SHOWN + 1][4];   /* of both filters */
-    ts_real sum[TS_RESONANCE][TS_RESONANCE]; /* of products: plays, band, high and low pass of the measurement; lower triangle */
+    ts_real sum[TS_PACKED(TS_RESONANCE)]; /* of products, packed: plays, band, high and low pass of the measurement */
     ts_real speed, change;            /* um/s: sums of |zdot_d| and of |its change in a tick| */
     ts_real error;                    /* um^2: sum of squares */
     int settling, window, ticks;      /* of this window: before it counts, that count, so far */
@@ -490,7 +501,7 @@ typedef struct {
     ts_real smoothing;             /* as in the settings */
     ts_real rest;                  /* ticks until learning begins again */
     ts_real age;                   /* s since `newer` was kept */
-    ts_real newer[TS_MAX_PARAMETERS], older[TS_MAX_PARAMETERS]; /* earlier weights, to be restored */
+    ts_real newer[TS_MAX_LEARNED], older[TS_MAX_LEARNED]; /* earlier weights, to be restored */
     uint64_t since;                   /* first tick whose strain is kept while learning rests */
     bool failed;                      /* with the stage that was found learning has failed */
 } ts_stage;
@@ -507,7 +518,7 @@ typedef struct {
 #define TS_KEEP 0.03 /* s: how often the weights are kept */
 
 typedef struct {
-    ts_settings settings;
+    const ts_settings *settings;      /* the caller's */
     int parameters, of_plays;         /* m, and how many of them belong to plays */
     /* command */
     ts_real w[TS_PADDED(TS_MAX_PARAMETERS)]; /* (21) and the terms */
@@ -541,9 +552,9 @@ typedef struct {
     ts_real rate;                     /* um/s: and zdot_d */
     ts_guard guard;                   /* Kalman */
     struct {
-        ts_real first[TS_MAX_PARAMETERS];                       /* weights of the start, */
-        ts_real w[TS_MAX_PARAMETERS], aside[TS_MAX_PARAMETERS]; /* at their best, and those that failed */
-        ts_real P[TS_TRIANGLE(TS_MAX_PARAMETERS)];              /* their covariance */
+        ts_real first[TS_MAX_LEARNED];                       /* weights of the start, */
+        ts_real w[TS_MAX_LEARNED], aside[TS_MAX_LEARNED]; /* at their best, and those that failed */
+        ts_real P[TS_PACKED(TS_MAX_LEARNED)];                /* their covariance, packed */
         ts_real sigma;                                          /* and the noise then, um */
     } kept;                           /* Kalman */
     ts_dynamics_state dynamics;       /* Kalman */
@@ -558,7 +569,8 @@ typedef struct {
 /* Number of parameters m that the settings make. */
 TS_API int ts_parameters(const ts_settings *settings);
 
-/* Checks the settings and puts the controller at rest: plays at 0 V, w(0), P(0). */
+/* Checks the settings, keeps the pointer to them, and puts the controller at rest: plays at 0 V, w(0), P(0). Where they are refused,
+ * nothing has changed. */
 TS_API ts_status ts_controller_init(ts_controller *c, const ts_settings *settings);
 
 /* Back to the state after ts_controller_init. */
@@ -572,7 +584,7 @@ TS_API ts_real ts_reach(const ts_settings *settings, ts_real volts);
  * Refused where `volts` are beyond their limits or z is beyond ts_reach; nothing has changed then. */
 TS_API ts_status ts_controller_start(ts_controller *c, ts_real volts, ts_real z);
 
-/* New settings while running, without a jump of the command. Law, terms, thresholds, creep times, stroke, tick and prior stay
+/* New settings, in another place than the present ones, while running, without a jump of the command. Law, terms, thresholds, creep times, stroke, tick and prior stay
  * as they are: TS_BAD_TERMS, and nothing has changed, where one of them differs. */
 TS_API ts_status ts_controller_change(ts_controller *c, const ts_settings *settings);
 

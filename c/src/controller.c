@@ -108,6 +108,7 @@ static bool check_prior(const ts_real *P0, int m)
 static ts_status check_kalman(const ts_settings *s)
 {
     const ts_kalman_settings *k = &s->kalman;
+    if (ts_parameters(s) > TS_MAX_LEARNED) return TS_BAD_TERMS;
     bool good = k->filter > 0 && k->filter <= 1 && fraction(k->noise_rate) && fraction(k->ringing_rate)
                 && fraction(k->prior_return) && fraction(k->change_rate) && fraction(k->usual_rate) && fraction(k->change_share)
                 && k->model_error >= 0 && bounded(k->model_error) && k->change_threshold > 0 && k->refractory >= 0
@@ -140,7 +141,8 @@ static ts_status check_dynamics(const ts_dynamics *d)
 static ts_status check_sensor(const ts_settings *settings)
 {
     const ts_sensor *s = &settings->sensor;
-    bool none = s->ticks == 0 && !(s->share > 0) && !(s->lag > 0);
+    bool passes = s->share > 0 || s->lag > 0, none = s->ticks == 0 && !passes;
+    if (passes && ts_parameters(settings) > TS_MAX_SENSED) return TS_BAD_SENSOR;
     bool good = s->ticks >= 0 && s->ticks < TS_HISTORY / 2 && fraction(s->share) && s->lag >= 0 && bounded(s->lag) && s->pole >= 0 && s->pole < 1
                 && fraction(s->now) && fraction(s->before) && bounded(s->slow[0]) && bounded(s->slow[1]);
     return good && (none || !settings->dynamics.known) ? TS_OK : TS_BAD_SENSOR;
@@ -193,13 +195,13 @@ int ts_parameters(const ts_settings *s)
 /* The stage: that of the settings, or the one that was found. */
 static const ts_dynamics *dynamics_of(const ts_controller *c)
 {
-    return c->found.known ? &c->found : &c->settings.dynamics;
+    return c->found.known ? &c->found : &c->settings->dynamics;
 }
 
 /* Whether the inertia of the stage is learned from the measured acceleration. */
 static bool measures_inertia(const ts_controller *c)
 {
-    const ts_settings *s = &c->settings;
+    const ts_settings *s = c->settings;
     return s->terms[TS_INERTIA] && !dynamics_of(c)->known && s->law == TS_LAW_KALMAN && s->oscillation.tick > 0;
 }
 
@@ -272,14 +274,14 @@ static ts_real ahead_of(const ts_controller *c, ts_real zdot_d, ts_real zddot_d)
     const ts_dynamics *g = dynamics_of(c);
     if (g->known) return g->lead[0] * zdot_d + g->lead[1] * zddot_d;
     if (!(c->stage.inertia > 0) || c->counters.commands == 0) return 0;
-    ts_real z = c->stage.inertia * (zdot_d - c->motion[last_slot(c)].zdot_d), most = c->settings.stroke / 10;
+    ts_real z = c->stage.inertia * (zdot_d - c->motion[last_slot(c)].zdot_d), most = c->settings->stroke / 10;
     return within(z, -most, most);
 }
 
 /* From the rates of this tick and of the last one, um/s^2; 0 at the first. */
 static ts_real acceleration(const ts_controller *c, ts_real zdot_d)
 {
-    ts_real tick = c->settings.oscillation.tick;
+    ts_real tick = c->settings->oscillation.tick;
     return c->counters.commands > 0 && tick > 0 ? (zdot_d - c->motion[last_slot(c)].zdot_d) / tick : 0;
 }
 
@@ -287,7 +289,7 @@ static ts_real acceleration(const ts_controller *c, ts_real zdot_d)
  * known terms. */
 static ts_real wanted_of_plays(const ts_controller *c, const ts_motion *d)
 {
-    const ts_settings *s = &c->settings;
+    const ts_settings *s = c->settings;
     ts_real u[TS_MAX_PARAMETERS];
     known_terms(s, &c->now, d, u);
     return through_dead_zones(s, d->z_d) + d->ahead + c->integral + c->feedback.sum + c->bumpless
@@ -297,7 +299,7 @@ static ts_real wanted_of_plays(const ts_controller *c, const ts_motion *d)
 /* (7) and its partial sums at the rate zdot_d, each within its limits; returns whether one was moved. */
 static bool rate_dependent_slopes(ts_controller *c, ts_real zdot_d)
 {
-    const ts_settings *s = &c->settings;
+    const ts_settings *s = c->settings;
     const ts_real *w = c->w;
     bool moved = false;
     ts_real rate = s->rate_scale * zdot_d, sum = 0;
@@ -315,7 +317,7 @@ static bool rate_dependent_slopes(ts_controller *c, ts_real zdot_d)
 /* The output voltage: within the slew of the last one, and within the limits, whatever x is. */
 static ts_real within_limits(ts_controller *c, ts_real x)
 {
-    const ts_settings *s = &c->settings;
+    const ts_settings *s = c->settings;
     ts_real last = c->now.play[0];
     bool number = x == x;
     if (!number) x = last;
@@ -329,14 +331,14 @@ static ts_real within_limits(ts_controller *c, ts_real x)
 /* Displacement of the plays at the present voltage, um: the forward of the inverse, with the slopes that it last used. */
 static ts_real sum_of_plays(const ts_controller *c)
 {
-    return ts_weighted_sum(c->slopes, c->now.play, c->settings.plays);
+    return ts_weighted_sum(c->slopes, c->now.play, c->settings->plays);
 }
 
 /* The displacement that the hysteresis gives in this tick according to the model, um. */
 static ts_real modelled(const ts_controller *c, const ts_motion *d)
 {
     ts_real u[TS_MAX_PARAMETERS];
-    known_terms(&c->settings, &c->now, d, u);
+    known_terms(c->settings, &c->now, d, u);
     return sum_of_plays(c) + dot(c->w + c->of_plays, u, c->parameters - c->of_plays);
 }
 
@@ -345,10 +347,10 @@ static void write_down(ts_controller *c, ts_real x, const ts_motion *d)
     int slot = (int)(c->counters.commands % TS_HISTORY);
     c->x[slot] = x;
     c->motion[slot] = *d;
-    if (c->settings.law == TS_LAW_KALMAN) c->dynamics.strain[slot] = modelled(c, d);
+    if (c->settings->law == TS_LAW_KALMAN) c->dynamics.strain[slot] = modelled(c, d);
     c->limited[slot] = c->flags.saturated || c->flags.slewed;
     ts_real speed = d->zdot_d < 0 ? -d->zdot_d : d->zdot_d;
-    if (speed > c->fastest) c->fastest = speed < c->settings.velocity_limit ? speed : c->settings.velocity_limit;
+    if (speed > c->fastest) c->fastest = speed < c->settings->velocity_limit ? speed : c->settings->velocity_limit;
     c->counters.commands++;
     c->counters.projected += c->flags.projected;
     c->counters.saturated += c->flags.saturated;
@@ -360,7 +362,7 @@ static void write_down(ts_controller *c, ts_real x, const ts_motion *d)
 /* The regressor of the next tick that was not yet measured. */
 static void next_lagged(ts_controller *c)
 {
-    const ts_settings *s = &c->settings;
+    const ts_settings *s = c->settings;
     int slot = (int)(c->lagged.ticks % TS_HISTORY);
     remember_creep(&c->lagged, s);
     remember_voltage(&c->lagged, s, c->x[slot]);
@@ -370,7 +372,7 @@ static void next_lagged(ts_controller *c)
 /* Whether a partial slope is outside its limits at the rate zdot_d or at -zdot_d. */
 static bool outside(const ts_controller *c, ts_real zdot_d)
 {
-    const ts_settings *s = &c->settings;
+    const ts_settings *s = c->settings;
     const ts_real *w = c->w;
     ts_real rate = s->rate_scale * zdot_d, up = 0, down = 0;
     bool out = false;
@@ -386,7 +388,7 @@ static bool outside(const ts_controller *c, ts_real zdot_d)
 /* The partial slope that is furthest outside its limits at the rate zdot_d, if any, is moved onto its limit. */
 static void project_slope(ts_controller *c, ts_real zdot_d)
 {
-    const ts_settings *s = &c->settings;
+    const ts_settings *s = c->settings;
     ts_real rate = s->rate_scale * zdot_d, sum = 0, beyond = 0, onto = 0, g[TS_PADDED(TS_MAX_PARAMETERS)] = {0};
     int worst = -1, k = 0;
     for (int i = 0; i < s->plays; i++) {
@@ -415,14 +417,14 @@ static bool frozen(ts_controller *c, ts_real z, ts_real predicted, bool stands)
     if (z != c->z_before || stands) {
         ts_real step = z > c->z_before ? z - c->z_before : c->z_before - z;
         bool first = c->lagged.ticks <= 1; /* there is none before it */
-        if (!first && step > 0 && step < c->settings.stroke / 20 && !(c->resolution > 0 && c->resolution <= step))
+        if (!first && step > 0 && step < c->settings->stroke / 20 && !(c->resolution > 0 && c->resolution <= step))
             c->resolution = step;
         c->z_before = z;
         c->predicted_before = predicted;
         return false;
     }
     ts_real moved = predicted - c->predicted_before;
-    ts_real noise = c->law.kalman.sigma + c->settings.kalman.model_error, still = 6 * noise;
+    ts_real noise = c->law.kalman.sigma + c->settings->kalman.model_error, still = 6 * noise;
     if (still < c->resolution + 2 * noise) still = c->resolution + 2 * noise;
     return moved > still || moved < -still;
 }
@@ -433,7 +435,7 @@ static bool rings(ts_controller *c, ts_real error)
 {
     ts_ringing *r = &c->ringing;
     const ts_kalman *k = &c->law.kalman;
-    ts_real a = k->filter, rest = 2 - a, rate = c->settings.oscillation.tick * RINGING_RATE, floor = c->settings.kalman.model_error;
+    ts_real a = k->filter, rest = 2 - a, rate = c->settings->oscillation.tick * RINGING_RATE, floor = c->settings->kalman.model_error;
     r->once += a * (error - r->once);
     ts_real twice = r->twice[0] + a * (r->once - r->twice[0]), d = twice - 2 * r->twice[0] + r->twice[1];
     r->twice[1] = r->twice[0];
@@ -447,7 +449,7 @@ static bool rings(ts_controller *c, ts_real error)
  * velocity and acceleration; *y is then what belongs to it. */
 static const ts_real *with_inertia(ts_controller *c, const ts_real *u, ts_real *y, bool learn, ts_real *space)
 {
-    const ts_settings *s = &c->settings;
+    const ts_settings *s = c->settings;
     ts_ringing *r = &c->ringing;
     const ts_motion *d = &c->motion[(c->lagged.ticks - 1) % TS_HISTORY];
     ts_real T = s->oscillation.tick, shown = s->sensor.slow[0] * d->zdot_d + s->sensor.slow[1] * d->zddot_d;
@@ -474,7 +476,7 @@ static const ts_real *with_inertia(ts_controller *c, const ts_real *u, ts_real *
 /* One tick of the law: u.w should be y; innovation 0 and measured false where the measurement is missing or rejected. */
 static void adapt_kalman(ts_controller *c, const ts_real *u, ts_real y, ts_real innovation, bool measured, bool learn)
 {
-    const ts_settings *s = &c->settings;
+    const ts_settings *s = c->settings;
     ts_kalman *k = &c->law.kalman;
     ts_real space[TS_PADDED(TS_MAX_PARAMETERS)];
     if (measures_inertia(c)) u = with_inertia(c, u, &y, learn, space);
@@ -559,7 +561,7 @@ static void pass_stage(ts_controller *c, ts_real *u)
         for (int k = 0; k < TS_TAPS - 1; k++) store(d->tap[k] + i, plus(s[k + 1], g->tap[k + 1], x));
         for (int k = 0; k < g->others; k++) {
             const ts_real *q = g->rest[k];
-            ts_real (*t)[TS_PADDED(TS_MAX_PARAMETERS)] = d->rest[k], still = (q[0] + q[1]) / (1 + q[2] + q[3]);
+            ts_real (*t)[TS_PADDED(TS_MAX_LEARNED)] = d->rest[k], still = (q[0] + q[1]) / (1 + q[2] + q[3]);
             lanes t0 = load(t[0] + i), t1 = load(t[1] + i);
             if (first) {
                 lanes rest = plus(zero(), still, x);
@@ -578,7 +580,7 @@ static void pass_stage(ts_controller *c, ts_real *u)
 /* The regressor of the measured tick as the sensor shows it: u itself, or made in `space`. At rest before the first tick. */
 static const ts_real *sensed(ts_controller *c, ts_real *space)
 {
-    const ts_sensor *s = &c->settings.sensor;
+    const ts_sensor *s = &c->settings->sensor;
     ts_sensor_state *d = &c->sensor;
     if (!(s->share > 0) && !(s->lag > 0)) return c->u;
     bool first = c->lagged.ticks == 1;
@@ -600,7 +602,7 @@ static uint64_t measured_ticks(const ts_controller *c)
 
 static bool adapt_rls(ts_controller *c, const ts_real *u, bool learn)
 {
-    const ts_settings *s = &c->settings;
+    const ts_settings *s = c->settings;
     if (!learn) return true;
     bool used = ts_rls_update(&c->law.rls, c->w, u, c->innovation, s->forgetting, s->covariance_limit, c->parameters);
     if (!isfinite(c->law.rls.trace)) ts_rls_init(&c->law.rls, s->regularization, c->parameters);
@@ -612,7 +614,7 @@ static const ts_real *regressor_of_now(const ts_controller *c, ts_real *space)
 {
     if (c->lagged.ticks == c->counters.commands) return c->u;
     memset(space, 0, sizeof(ts_real) * TS_PADDED(TS_MAX_PARAMETERS));
-    regressor(&c->settings, &c->now, &c->motion[last_slot(c)], space);
+    regressor(c->settings, &c->now, &c->motion[last_slot(c)], space);
     return space;
 }
 
@@ -625,7 +627,7 @@ static ts_real model(const ts_controller *c, const ts_real *u)
 /* At a voltage limit, and already beyond the desired displacement: the model is wrong there, not the limit. */
 static bool beyond(const ts_controller *c, int slot, ts_real z)
 {
-    const ts_settings *s = &c->settings;
+    const ts_settings *s = c->settings;
     ts_real x = c->x[slot], z_d = c->motion[slot].z_d;
     return c->limited[slot] && ((x >= s->voltage_max && z > z_d) || (x <= s->voltage_min && z < z_d));
 }
@@ -663,7 +665,7 @@ static void keep_weights(ts_controller *c, bool start)
  * includes the inertia. */
 static void adopt_resonance(ts_controller *c, ts_real frequency, ts_real highest)
 {
-    const ts_settings *s = &c->settings;
+    const ts_settings *s = c->settings;
     ts_kalman *k = &c->law.kalman;
     bool learned = measures_inertia(c);
     ts_real w = (learned ? 2 * TS_PI : TS_PI) * frequency, pole = w / (1 + w), smoothing = 1 / (1 + frequency);
@@ -728,7 +730,7 @@ static void put_weight(ts_controller *c, int place, ts_real variance)
  * the rate weights have learned; what rings on counts as noise for a while. */
 static void adopt_stage(ts_controller *c, ts_real frequency, ts_real caution, bool again)
 {
-    const ts_settings *s = &c->settings;
+    const ts_settings *s = c->settings;
     ts_kalman *k = &c->law.kalman;
     ts_dynamics_state *d = &c->dynamics;
     make_dynamics(&c->found, frequency, s->oscillation.tick);
@@ -775,7 +777,7 @@ static void retreat(ts_controller *c, ts_real frequency)
     if (!c->oscillation.found) {
         memcpy(c->w, c->stage.older, sizeof(ts_real) * (size_t)c->parameters);
         keep_weights(c, true);
-        ts_kalman_reset_covariance(&c->law.kalman, c->settings.prior, c->parameters);
+        ts_kalman_reset_covariance(&c->law.kalman, c->settings->prior, c->parameters);
     }
     adopt_resonance(c, frequency, c->oscillation.found ? LOWER * c->law.kalman.filter : 1);
     keep_command(c);
@@ -817,7 +819,7 @@ static ts_real noise_of(const ts_controller *c)
  * is late, or its measurements are older than the strains that were kept. */
 static void know_resonance(ts_controller *c, ts_real frequency)
 {
-    const ts_sensor *s = &c->settings.sensor;
+    const ts_sensor *s = &c->settings->sensor;
     adopt_resonance(c, frequency, c->counters.oscillating > 1 ? c->law.kalman.filter : 1);
     bool late = s->ticks > 0 || s->share > 0 || s->lag > 0;
     if (!c->stage.failed && !late && c->lagged.ticks >= c->stage.since + 4) adopt_stage(c, frequency, c->oscillation.peaks[0] * c->oscillation.peaks[0], false);
@@ -826,7 +828,7 @@ static void know_resonance(ts_controller *c, ts_real frequency)
 /* One tick of the detection of a self-excited oscillation, and the reaction to it. */
 static void watch_stage(ts_controller *c, ts_real error, ts_real zdot_d, bool limited)
 {
-    const ts_settings *s = &c->settings;
+    const ts_settings *s = c->settings;
     ts_oscillation *o = &c->oscillation;
     ts_real found = ts_oscillation_tick(o, &s->oscillation, error, zdot_d, noise_of(c));
     if (limited) o->sign = o->regular = 0; /* the law does not cause the error at a limit */
@@ -849,13 +851,16 @@ static void watch_stage(ts_controller *c, ts_real error, ts_real zdot_d, bool li
 static void weights_at_best(ts_controller *c)
 {
     memcpy(c->kept.w, c->w, sizeof(ts_real) * (size_t)c->parameters);
-    memcpy(c->kept.P, c->law.kalman.P, sizeof(ts_real) * (size_t)TS_TRIANGLE(c->parameters));
+    for (int i = 0; i < c->parameters; i++)
+        memcpy(c->kept.P + TS_PACKED(i), c->law.kalman.P + TS_ROW(i), sizeof(ts_real) * (size_t)(i + 1));
     c->kept.sigma = c->law.kalman.sigma;
 }
 
 /* Until there are better ones, the first weights are the best. */
-static void begin_guard(ts_controller *c)
+static void keep_start(ts_controller *c)
 {
+    if (c->settings->law != TS_LAW_KALMAN) return;
+    keep_weights(c, true);
     memcpy(c->kept.first, c->w, sizeof(ts_real) * (size_t)c->parameters);
     memcpy(c->kept.w, c->w, sizeof(ts_real) * (size_t)c->parameters);
     c->guard.wait = TS_FIRST_WAIT;
@@ -863,8 +868,8 @@ static void begin_guard(ts_controller *c)
 
 static void move_offset(ts_controller *c, ts_real by)
 {
-    if (!c->settings.terms[TS_OFFSET]) return;
-    ts_real *offset = &c->w[column(&c->settings, TS_OFFSET)];
+    if (!c->settings->terms[TS_OFFSET]) return;
+    ts_real *offset = &c->w[column(c->settings, TS_OFFSET)];
     *offset = within(*offset + by, -TS_LARGEST, TS_LARGEST);
 }
 
@@ -884,21 +889,15 @@ static void learn_cautiously(ts_controller *c)
 {
     ts_kalman *k = &c->law.kalman;
     const ts_guard *g = &c->guard;
-    if (g->kept) {
-        memcpy(k->P, c->kept.P, sizeof(ts_real) * (size_t)TS_TRIANGLE(c->parameters));
-        k->sigma = c->kept.sigma;
-        k->started = k->pending = k->changed = false;
-        k->change = k->variance = 0;
-    } else {
-        ts_kalman_reset_covariance(k, c->settings.prior, c->parameters);
-    }
-    ts_real range = ts_guard_range(g, &c->settings.guard), error = (g->failed < 1 ? g->failed : 1) * range;
-    k->caution = error * error * (ts_real)c->settings.guard.window / 4;
+    ts_kalman_reset_covariance(k, g->kept ? c->kept.P : c->settings->prior, c->parameters);
+    if (g->kept) k->sigma = c->kept.sigma;
+    ts_real range = ts_guard_range(g, &c->settings->guard), error = (g->failed < 1 ? g->failed : 1) * range;
+    k->caution = error * error * (ts_real)c->settings->guard.window / 4;
 }
 
 static void watch_learning(ts_controller *c, ts_real error, ts_real z_d, bool counts)
 {
-    const ts_settings *s = &c->settings;
+    const ts_settings *s = c->settings;
     ts_guard *g = &c->guard;
     ts_kalman *k = &c->law.kalman;
     if (s->guard.window == 0 || c->hold) return;
@@ -929,9 +928,9 @@ static void watch_learning(ts_controller *c, ts_real error, ts_real z_d, bool co
  * larger than noise. */
 static bool matters(const ts_controller *c)
 {
-    const ts_sensor *s = &c->settings.sensor;
+    const ts_sensor *s = &c->settings->sensor;
     const ts_resonance *r = &c->resonance;
-    if (c->settings.resonance > 0 || c->hold || c->stage.rest > 0 || c->guard.held > 0) return false;
+    if (c->settings->resonance > 0 || c->hold || c->stage.rest > 0 || c->guard.held > 0) return false;
     if (s->ticks > 0 || s->share > 0 || s->lag > 0 || c->lagged.ticks < 8) return false;
     if (r->windows < (c->stage.failed ? 4 : 2) || r->variance > CERTAIN * CERTAIN) return false;
     if (c->found.known) {
@@ -945,7 +944,7 @@ static bool matters(const ts_controller *c)
 /* One tick of the estimate: the plays of a tick before the measurement, which is about its dead time. */
 static void watch_resonance(ts_controller *c, ts_real z, ts_real error, const ts_motion *d, bool staged)
 {
-    const ts_settings *s = &c->settings;
+    const ts_settings *s = c->settings;
     ts_resonance *r = &c->resonance;
     ts_real x[TS_SHOWN + 1], now[TS_SHOWN];
     for (int i = 0; i < TS_SHOWN; i++) now[i] = c->lagged.play[(i * (s->plays - 1) + (TS_SHOWN - 1) / 2) / (TS_SHOWN - 1)];
@@ -993,7 +992,7 @@ static void learn_staged(ts_controller *c, ts_real z, ts_real innovation, bool m
 static bool pauses(ts_controller *c)
 {
     ts_feedback_state *b = &c->feedback;
-    ts_real tick = c->settings.oscillation.tick, share = tick / (ts_real)ALARMS;
+    ts_real tick = c->settings->oscillation.tick, share = tick / (ts_real)ALARMS;
     b->alarms += (share < 1 ? share : 1) * ((c->flags.changed ? 1 / tick : 0) - b->alarms);
     b->paused = b->alarms > (b->paused ? (ts_real)RESUME : (ts_real)PAUSE);
     return b->paused;
@@ -1002,8 +1001,8 @@ static bool pauses(ts_controller *c)
 /* One tick of the feedback, for the command after it. */
 static void feed_back(ts_controller *c, ts_real error)
 {
-    const ts_feedback *f = &c->settings.feedback;
-    if (f->filters && c->settings.oscillation.tick > 0 && pauses(c)) {
+    const ts_feedback *f = &c->settings->feedback;
+    if (f->filters && c->settings->oscillation.tick > 0 && pauses(c)) {
         memset(c->feedback.state, 0, sizeof c->feedback.state);
         c->feedback.sum = 0;
         return;
@@ -1022,7 +1021,7 @@ static void feed_back(ts_controller *c, ts_real error)
 /* A tick for which no measurement came. */
 static void pass_over(ts_controller *c)
 {
-    const ts_settings *s = &c->settings;
+    const ts_settings *s = c->settings;
     c->resonance.ticks = 0; /* its window begins anew */
     bool learn = !c->limited[c->lagged.ticks % TS_HISTORY];
     if (dynamics_of(c)->known) {
@@ -1041,7 +1040,7 @@ static void pass_over(ts_controller *c)
  * the desired displacement. Returns whether z was used. */
 static bool learn_from(ts_controller *c, const ts_real *u, ts_real z, const ts_motion *d, bool limited, bool back, bool stands)
 {
-    const ts_settings *s = &c->settings;
+    const ts_settings *s = c->settings;
     ts_kalman *k = &c->law.kalman;
     bool staged = dynamics_of(c)->known;
     ts_real predicted = staged ? expected(c) : model(c, u);
@@ -1061,7 +1060,7 @@ static bool learn_from(ts_controller *c, const ts_real *u, ts_real z, const ts_m
 /* One tick with its measurement z; returns whether it was used. */
 static bool measure(ts_controller *c, ts_real z)
 {
-    const ts_settings *s = &c->settings;
+    const ts_settings *s = c->settings;
     bool staged = dynamics_of(c)->known, smooth = c->stage.smoothing > 0;
     uint64_t tick = measured_ticks(c);
     int slot = (int)(tick % TS_HISTORY);
@@ -1104,7 +1103,7 @@ ts_status ts_controller_init(ts_controller *c, const ts_settings *settings)
 {
     ts_status status = check(settings);
     if (status != TS_OK) return status;
-    c->settings = *settings;
+    c->settings = settings;
     c->parameters = ts_parameters(settings);
     c->of_plays = column(settings, TS_CREEP);
     ts_controller_reset(c);
@@ -1114,7 +1113,7 @@ ts_status ts_controller_init(ts_controller *c, const ts_settings *settings)
 /* The stage according to the settings. */
 static void forget_stage(ts_controller *c)
 {
-    const ts_settings *s = &c->settings;
+    const ts_settings *s = c->settings;
     c->stage.smoothing = s->smoothing;
     if (s->law != TS_LAW_KALMAN) return;
     c->found.known = false;
@@ -1125,7 +1124,7 @@ static void forget_stage(ts_controller *c)
 
 static void start_law(ts_controller *c)
 {
-    const ts_settings *s = &c->settings;
+    const ts_settings *s = c->settings;
     if (s->law == TS_LAW_RLS) {
         ts_rls_init(&c->law.rls, s->regularization, c->parameters);
         return;
@@ -1140,15 +1139,14 @@ static void start_law(ts_controller *c)
 
 void ts_controller_reset(ts_controller *c)
 {
-    size_t after = offsetof(ts_controller, w); /* no copy of the settings: they are too large for a small stack */
+    size_t after = offsetof(ts_controller, w);
     memset((char *)c + after, 0, sizeof *c - after);
-    memcpy(c->w, c->settings.initial_weights, sizeof(ts_real) * (size_t)c->parameters);
+    memcpy(c->w, c->settings->initial_weights, sizeof(ts_real) * (size_t)c->parameters);
     start_law(c);
     forget_stage(c);
     c->feedback.alarms = AT_FIRST; /* nothing is learned yet */
     c->feedback.paused = true;
-    keep_weights(c, true);
-    begin_guard(c);
+    keep_start(c);
     (void)rate_dependent_slopes(c, 0);
 }
 
@@ -1161,7 +1159,7 @@ ts_real ts_reach(const ts_settings *s, ts_real volts)
 
 ts_status ts_controller_start(ts_controller *c, ts_real volts, ts_real z)
 {
-    const ts_settings *s = &c->settings;
+    const ts_settings *s = c->settings;
     if (!isfinite(volts) || !isfinite(z)) return TS_NOT_FINITE;
     if (volts < s->voltage_min || volts > s->voltage_max) return TS_BAD_VOLTAGE;
     if (!(z >= -ts_reach(s, volts) && z <= ts_reach(s, volts))) return TS_BEYOND_REACH;
@@ -1172,8 +1170,7 @@ ts_status ts_controller_start(ts_controller *c, ts_real volts, ts_real z)
     ts_real missing = wanted_of_plays(c, &(ts_motion){.z_d = z}) - sum_of_plays(c);
     if (s->terms[TS_OFFSET]) c->w[column(s, TS_OFFSET)] += missing; /* a constant until there are data */
     else c->bumpless = -missing;
-    keep_weights(c, true);
-    begin_guard(c);
+    keep_start(c);
     return TS_OK;
 }
 
@@ -1216,12 +1213,12 @@ static bool same_stage(const ts_settings *a, const ts_settings *b)
 
 ts_status ts_controller_change(ts_controller *c, const ts_settings *next)
 {
-    const ts_settings *s = &c->settings;
+    const ts_settings *s = c->settings;
     ts_status status = check(next);
     if (status != TS_OK) return status;
     if (!same_model(s, next)) return TS_BAD_TERMS;
     bool as_it_was = same_stage(s, next);
-    c->settings = *next;
+    c->settings = next;
     if (!as_it_was) forget_stage(c);
     if (!(next->trim > 0)) c->integral = 0; /* its share goes into the bumpless transfer */
     keep_command(c);
@@ -1247,7 +1244,7 @@ static bool take_others(ts_motion *d, const ts_real *others, int axes)
 ts_status ts_controller_follow(ts_controller *c, ts_real z_d, ts_real zdot_d, ts_real zddot_d, ts_real strain_d,
                                const ts_real *others, ts_real *volts)
 {
-    const ts_settings *s = &c->settings;
+    const ts_settings *s = c->settings;
     ts_motion d = {0};
     if (!isfinite(z_d) || !isfinite(zdot_d) || isinf(zddot_d) || isinf(strain_d)) return TS_NOT_FINITE;
     if (!take_others(&d, others, s->terms[TS_COUPLING])) return TS_NOT_FINITE;
@@ -1273,7 +1270,7 @@ ts_status ts_controller_follow(ts_controller *c, ts_real z_d, ts_real zdot_d, ts
 
 ts_status ts_controller_adapt(ts_controller *c, ts_real z, int ago)
 {
-    const ts_settings *s = &c->settings;
+    const ts_settings *s = c->settings;
     uint64_t commands = c->counters.commands;
     bool given = ago >= 0 && ago < TS_HISTORY && (uint64_t)ago < commands;
     if (given) ago += s->sensor.ticks;

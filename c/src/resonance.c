@@ -76,8 +76,9 @@ static void count_tick(ts_resonance *r, const ts_real *x, ts_real error)
         v[LOW] = low;
     }
     if (r->ticks < r->settling) return;
+    ts_real *sum = r->sum;
     for (int i = 0; i <= LOW; i++)
-        for (int j = 0; j <= i; j++) r->sum[i][j] += v[i] * v[j];
+        for (int j = 0; j <= i; j++) *sum++ += v[i] * v[j];
     r->error += error * error;
 }
 
@@ -98,7 +99,7 @@ static bool eliminate(ts_real (*N)[TS_RESONANCE], int begin, int end)
 static ts_real shown_resonance(const ts_resonance *r, ts_real lowest, ts_real *variance)
 {
     ts_real N[TS_RESONANCE][TS_RESONANCE], largest = 0;
-    memcpy(N, r->sum, sizeof N);
+    for (int i = 0; i <= LOW; i++) memcpy(N[i], r->sum + TS_PACKED(i), sizeof(ts_real) * (size_t)(i + 1));
     for (int i = 0; i < TS_SHOWN; i++) largest = N[i][i] > largest ? N[i][i] : largest;
     for (int i = 0; i < TS_SHOWN; i++) N[i][i] += RIDGE * largest;
     if (!eliminate(N, 0, BAND)) return 0;

@@ -162,6 +162,7 @@ static void require(bool holds, const char *what)
 
 typedef struct {
     ts_controller c;
+    ts_settings settings[2]; /* the present ones, and room for the next */
     bool tame;         /* only settings and desired values that are realistic: P must stay positive definite */
     ts_real plant[2];  /* of a plausible actuator, V */
 } bench;
@@ -173,10 +174,10 @@ static void invariants(const bench *t)
     require(c->lagged.ticks <= c->counters.commands && c->counters.commands - c->lagged.ticks <= TS_HISTORY,
             "no more commands wait than there is room for");
     require(c->beyond >= 0 && c->beyond <= TS_BEYOND, "ticks beyond are counted up to TS_BEYOND");
-    ts_real least = c->settings.law == TS_LAW_KALMAN ? TS_IN_MOTION * c->settings.slope_min : c->settings.slope_min;
-    for (int i = 0; i < c->settings.plays; i++)
-        require(c->slopes[i] >= least && c->slopes[i] <= c->settings.slope_max, "slopes are within limits");
-    if (c->settings.law == TS_LAW_KALMAN) require(symmetric(c->law.kalman.P, c->parameters), "P is symmetric");
+    ts_real least = c->settings->law == TS_LAW_KALMAN ? TS_IN_MOTION * c->settings->slope_min : c->settings->slope_min;
+    for (int i = 0; i < c->settings->plays; i++)
+        require(c->slopes[i] >= least && c->slopes[i] <= c->settings->slope_max, "slopes are within limits");
+    if (c->settings->law == TS_LAW_KALMAN) require(symmetric(c->law.kalman.P, c->parameters), "P is symmetric");
     else for (int i = 0; i < c->parameters; i++) require(c->law.rls.D[i] >= 0, "D is not negative");
 }
 
@@ -186,7 +187,7 @@ static ts_real command(bench *t, ts_real z_d, ts_real zdot_d)
 {
     static ts_controller before;
     ts_controller *c = &t->c;
-    const ts_settings *s = &c->settings;
+    const ts_settings *s = c->settings;
     ts_real last = c->now.play[0], volts = last;
     bool number = isfinite(z_d) && isfinite(zdot_d);
     if (!number) before = *c;
@@ -205,18 +206,18 @@ static ts_real command(bench *t, ts_real z_d, ts_real zdot_d)
     return volts;
 }
 
-static uint64_t measured(const ts_controller *c) { return c->settings.dynamics.known ? c->dynamics.ticks : c->lagged.ticks; }
+static uint64_t measured(const ts_controller *c) { return c->settings->dynamics.known ? c->dynamics.ticks : c->lagged.ticks; }
 
 static void adapt(bench *t, ts_real z, int ago)
 {
     ts_controller *c = &t->c;
     uint64_t commands = c->counters.commands, waiting = commands - measured(c);
-    bool early = ago >= 0 && (uint64_t)ago < commands && (uint64_t)(ago + c->settings.sensor.ticks) >= commands;
+    bool early = ago >= 0 && (uint64_t)ago < commands && (uint64_t)(ago + c->settings->sensor.ticks) >= commands;
     ts_status status = ts_controller_adapt(c, z, ago);
     seen.measured += status == TS_OK;
     require(status == TS_OK || status == TS_REJECTED || (status == TS_BEYOND_REACH && measured(c) == 0),
             "a measurement is used, rejected, or the first one and beyond reach");
-    require(status != TS_OK || early || (ago >= 0 && (uint64_t)ago < waiting && fabs((double)z) <= (double)c->settings.measurement_limit),
+    require(status != TS_OK || early || (ago >= 0 && (uint64_t)ago < waiting && fabs((double)z) <= (double)c->settings->measurement_limit),
             "a measurement that is used is within limits and in time");
 }
 
@@ -248,16 +249,17 @@ static void start(bench *t, bytes *b)
         return;
     }
     t->plant[0] = t->plant[1] = volts;
-    require(isfinite(volts) && fabs((double)z) <= (double)ts_reach(&t->c.settings, volts), "a start is within reach");
+    require(isfinite(volts) && fabs((double)z) <= (double)ts_reach(t->c.settings, volts), "a start is within reach");
 }
 
 static void change(bench *t, bytes *b)
 {
     static ts_controller before;
-    ts_settings next = t->c.settings;
+    ts_settings next = *t->c.settings, *free = &t->settings[t->c.settings == t->settings];
     for (int n = 1 + below(b, 3); n > 0; n--) disturb(b, &next);
     before = t->c;
-    bool taken = ts_controller_change(&t->c, &next) == TS_OK;
+    *free = next;
+    bool taken = ts_controller_change(&t->c, free) == TS_OK;
     if (!taken) require(memcmp(&before, &t->c, sizeof before) == 0, "a refused change changes nothing");
     else t->tame = false;
     seen.changes += taken;
@@ -291,7 +293,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     t.tame = disturbed == 0;
     for (int n = disturbed; n > 0; n--) disturb(&b, &s);
     if (seen.inputs++ == 0) atexit(report);
-    if (ts_controller_init(&t.c, &s) != TS_OK) {
+    t.settings[0] = s;
+    if (ts_controller_init(&t.c, &t.settings[0]) != TS_OK) {
         seen.refused++;
         return 0;
     }

@@ -22,7 +22,7 @@ static inline bool finite_memory(const ts_memory *memory, const ts_settings *s)
 static inline bool finite_law(const ts_controller *c)
 {
     int m = c->parameters;
-    if (c->settings.law == TS_LAW_RLS) {
+    if (c->settings->law == TS_LAW_RLS) {
         const ts_rls *r = &c->law.rls;
         return all_finite(r->U, TS_TRIANGLE(m)) && all_finite(r->D, m) && isfinite(r->trace);
     }
@@ -36,7 +36,7 @@ static inline bool finite_law(const ts_controller *c)
                                k->caution, k->y1, k->y, k->variance, k->sigma, k->ringing, k->innovation1, k->innovation2, k->change,
                                k->filter, k->disturbance, o->fast, o->slow, o->slower, o->speed, o->acceleration, o->zdot_d,
                                o->error, o->h, o->peak, o->steepest, g->resonance, g->inertia, g->smoothing, g->rest, g->age};
-    if (!all_finite(c->kept.w, m) || !all_finite(c->kept.aside, m) || !all_finite(c->kept.P, TS_TRIANGLE(m))) return false;
+    if (!all_finite(c->kept.w, m) || !all_finite(c->kept.aside, m) || !all_finite(c->kept.P, TS_PACKED(m))) return false;
     if (!all_finite(o->peaks, TS_HALF_WAVES) || !all_finite(g->newer, m) || !all_finite(g->older, m)) return false;
     return all_finite(k->P, TS_TRIANGLE(m)) && all_finite(k->u1, m) && all_finite(k->u, m) && all_finite(k->Pu, m)
            && all_finite(scalars, sizeof scalars / sizeof *scalars);
@@ -54,7 +54,7 @@ static inline bool finite_stage(const ts_controller *c)
 
 static inline bool finite_state(const ts_controller *c)
 {
-    const ts_settings *s = &c->settings;
+    const ts_settings *s = c->settings;
     const ts_real scalars[] = {c->bumpless, c->integral, c->y_d, c->fastest, c->innovation, c->z_before,
                                c->predicted_before, c->resolution};
     return all_finite(scalars, sizeof scalars / sizeof *scalars) && all_finite(c->w, c->parameters)

@@ -601,8 +601,9 @@ static void test_start_and_change(void)
             ts_controller_adapt(&c, 10 * volts + (ts_real)4.5, 0);
         }
         first = volts;
-        s.slope_min = 9, s.dead_zone_weights[0] = (ts_real)1.1;
-        check(ts_controller_change(&c, &s) == TS_OK, "change");
+        ts_settings next = s;
+        next.slope_min = 9, next.dead_zone_weights[0] = (ts_real)1.1;
+        check(ts_controller_change(&c, &next) == TS_OK, "change");
         ts_controller_command(&c, 17, 0, &volts);
         check(fabs((double)(volts - first)) < 2e-3, "settings change without a jump");
         s.plays = 5;

@@ -9,6 +9,7 @@
 #include <cmath>
 #include <cstring>
 #include <limits>
+#include <memory>
 #include <optional>
 #include <stdexcept>
 #include <string>
@@ -82,9 +83,9 @@ template <typename T> nb::object copy_of(const T *data, std::vector<size_t> shap
 // What a tick leaves behind, by name: `visit(name, first entry, count)` for each array. One list serves saving and
 // restoring, so that they cannot differ.
 template <typename Controller, typename Visit> void each_array(Controller &c, Visit visit) {
-    size_t m = static_cast<size_t>(c.parameters), n = static_cast<size_t>(c.settings.plays);
+    size_t m = static_cast<size_t>(c.parameters), n = static_cast<size_t>(c.settings->plays);
     size_t triangle = static_cast<size_t>(TS_TRIANGLE(c.parameters));
-    size_t creeps = static_cast<size_t>(c.settings.terms[TS_CREEP]);
+    size_t creeps = static_cast<size_t>(c.settings->terms[TS_CREEP]);
     visit("weights", &c.w[0], m);
     visit("bumpless", &c.bumpless, 1);
     visit("integral", &c.integral, 1);
@@ -108,11 +109,11 @@ template <typename Controller, typename Visit> void each_array(Controller &c, Vi
     visit("hold", &c.hold, 1);
     visit("flags", &c.flags.saturated, sizeof c.flags / sizeof(bool));
     visit("counters", &c.counters.commands, sizeof c.counters / sizeof(uint64_t));
-    if (c.settings.sensor.share > 0 || c.settings.sensor.lag > 0) {
+    if (c.settings->sensor.share > 0 || c.settings->sensor.lag > 0) {
         visit("sensor_before", &c.sensor.before[0], m);
         visit("sensor_lagged", &c.sensor.lagged[0], m);
     }
-    if (c.settings.law == TS_LAW_RLS) {
+    if (c.settings->law == TS_LAW_RLS) {
         visit("covariance_factor", &c.law.rls.U[0], triangle);
         visit("covariance_diagonal", &c.law.rls.D[0], m);
         visit("covariance_trace", &c.law.rls.trace, 1);
@@ -172,7 +173,7 @@ template <typename Controller, typename Visit> void each_array(Controller &c, Vi
     visit("oscillation_found", &o.found, 1);
     auto &d = c.dynamics;
     auto &f = c.found;
-    if (c.settings.law == TS_LAW_KALMAN && !c.settings.dynamics.known) {
+    if (c.settings->law == TS_LAW_KALMAN && !c.settings->dynamics.known) {
         visit("found", &f.known, 1);
         visit("found_sections", &f.sections, 1);
         visit("found_section", &f.section[0][0], 4);
@@ -185,7 +186,7 @@ template <typename Controller, typename Visit> void each_array(Controller &c, Vi
         visit("found_since", &c.stage.since, 1);
         visit("found_failed", &c.stage.failed, 1);
     }
-    if (c.settings.law == TS_LAW_KALMAN) {
+    if (c.settings->law == TS_LAW_KALMAN) {
         visit("stage_sections", &d.section[0][0], sizeof d.section / sizeof(ts_real));
         visit("stage_strain", &d.strain[0], TS_HISTORY);
         visit("stage_measured", &d.z[0], 2);
@@ -194,7 +195,7 @@ template <typename Controller, typename Visit> void each_array(Controller &c, Vi
         visit("stage_ticks", &d.ticks, 1);
         visit("stage_started", &d.started, 1);
         for (int i = 0; i < TS_TAPS - 1; i++) visit(("stage_tap_" + std::to_string(i)).c_str(), &d.tap[i][0], m);
-        for (int i = 0; i < 2 * c.settings.dynamics.others; i++)
+        for (int i = 0; i < 2 * c.settings->dynamics.others; i++)
             visit(("stage_rest_" + std::to_string(i)).c_str(), &d.rest[i / 2][i % 2][0], m);
     }
     visit("feedback", &c.feedback.sum, 1);
@@ -220,7 +221,7 @@ template <typename Controller, typename Visit> void each_array(Controller &c, Vi
     visit("kept_first", &c.kept.first[0], m);
     visit("kept_weights", &c.kept.w[0], m);
     visit("kept_aside", &c.kept.aside[0], m);
-    visit("kept_covariance", &c.kept.P[0], triangle);
+    visit("kept_covariance", &c.kept.P[0], static_cast<size_t>(TS_PACKED(c.parameters)));
     visit("kept_noise", &c.kept.sigma, 1);
 }
 
@@ -250,10 +251,10 @@ void check_counters(const ts_controller &c) {
     require_all("lagged_ticks", c.lagged.ticks <= n.commands && n.commands - c.lagged.ticks <= TS_HISTORY,
                 "at most the commands that were counted, and at most " TS_TEXT(TS_HISTORY) " less");
     require_range("beyond", c.beyond, 0, TS_BEYOND);
-    const ts_dynamics &f = c.found, &g = f.known ? f : c.settings.dynamics;
+    const ts_dynamics &f = c.found, &g = f.known ? f : c.settings->dynamics;
     const ts_real *q = f.section[0];
     bool stable = q[3] < 1 && q[3] > -1 && q[2] < 1 + q[3] && q[2] > -1 - q[3];
-    require_all("found", !f.known || (!c.settings.dynamics.known && f.sections == 1 && f.dead == 1 && stable), "a stage of one stable mode");
+    require_all("found", !f.known || (!c.settings->dynamics.known && f.sections == 1 && f.dead == 1 && stable), "a stage of one stable mode");
     uint64_t dead = static_cast<uint64_t>(g.dead), ticks = c.dynamics.ticks;
     require_all("stage_ticks", !g.known || (ticks <= n.commands && (c.lagged.ticks == (ticks > dead ? ticks - dead : 0) || (f.known && c.lagged.ticks == ticks))),
                 "the lagged_ticks and the stage's dead time");
@@ -270,11 +271,15 @@ void check_plays(const ts_settings &s, const char *name, const ts_real *play) {
 }
 
 // Rounding may take a variance below 0 by a share of the prior's; not by more.
-void check_covariance(const ts_controller &c, const char *name, const ts_real *P) {
+void check_variance(const ts_controller &c, const char *name, ts_real variance, int i) {
     ts_real rounding = std::sqrt(std::numeric_limits<ts_real>::epsilon());
+    require_all(name, variance >= -rounding * c.settings->prior[TS_PACKED(i) + i], "of variances of 0 or more");
+}
+
+void check_covariance(const ts_controller &c, const char *name, const ts_real *P) {
     for (int i = 0; i < c.parameters; i++) {
         const ts_real *row = P + TS_ROW(i);
-        require_all(name, row[i] >= -rounding * c.settings.prior[TS_PACKED(i) + i], "of variances of 0 or more");
+        check_variance(c, name, row[i], i);
         for (int j = i - i % TS_LANES; j < i; j++) require_all(name, row[j] == P[TS_ROW(j) + i], "symmetric");
         for (int j = c.parameters; j < static_cast<int>(TS_PADDED(i + 1)); j++)
             require_all(name, row[j] == 0, "0 beyond the last parameter");
@@ -291,13 +296,14 @@ void check_guard(const ts_controller &c) {
                 "counts of 0 or more, and a wait of " TS_TEXT(TS_FIRST_WAIT) " to " TS_TEXT(TS_LONGEST_WAIT));
     require_all("caution", c.law.kalman.caution >= 0, "0 or more");
     require_all("kept_noise", c.kept.sigma >= 0, "0 or more");
-    check_covariance(c, "kept_covariance", c.kept.P);
+    for (int i = 0; i < c.parameters; i++)
+        check_variance(c, "kept_covariance", c.kept.P[TS_PACKED(i) + i], i);
 }
 
 void check_resonance(const ts_controller &c) {
     const ts_resonance &r = c.resonance;
     bool good = r.centre >= 0 && r.centre < 1 && r.known >= 0 && r.known < 1 && r.variance >= 0 && r.motion >= 0 && r.power >= 0 && r.speed >= 0 && r.change >= 0 && r.error >= 0;
-    for (int i = 0; i < TS_RESONANCE; i++) good = good && r.sum[i][i] >= 0;
+    for (int i = 0; i < TS_RESONANCE; i++) good = good && r.sum[TS_PACKED(i) + i] >= 0;
     require_all("resonance_search", good, "frequencies below 1, and sums of squares of 0 or more");
     bool begun = r.ticks == 0 || (r.centre > 0 && r.window > 0 && r.ticks < r.settling + r.window);
     require_all("resonance_ticks", r.ticks >= 0 && r.settling >= 0 && r.settling < INT32_MAX / 2 && r.window >= 0 && r.window < INT32_MAX / 2 && begun && r.windows >= 0 && r.windows <= 1000 && r.strange >= 0 && r.strange <= 1,
@@ -352,7 +358,7 @@ void check_rls(const ts_controller &c) {
 }
 
 void check_state(const ts_controller &c) {
-    const ts_settings &s = c.settings;
+    const ts_settings &s = *c.settings;
     check_counters(c);
     check_plays(s, "play", c.now.play);
     check_plays(s, "lagged_play", c.lagged.play);
@@ -374,8 +380,8 @@ void require(ts_status status) {
 class Kernel {
   public:
     explicit Kernel(const nb::dict &settings) {
-        ts_settings s = settings_from(settings);
-        require(ts_controller_init(&c_, &s));
+        settings_ = std::make_unique<const ts_settings>(settings_from(settings));
+        require(ts_controller_init(&c_, settings_.get()));
     }
 
     void start(double volts, double z) {
@@ -383,8 +389,9 @@ class Kernel {
     }
 
     void change(const nb::dict &settings) {
-        ts_settings s = settings_from(settings);
-        require(ts_controller_change(&c_, &s));
+        auto next = std::make_unique<const ts_settings>(settings_from(settings));
+        require(ts_controller_change(&c_, next.get()));
+        settings_ = std::move(next);
     }
 
     // NaN: not known, of zddot_d and strain_d. All are finite but for that. others: three for each other axis, or null.
@@ -421,8 +428,8 @@ class Kernel {
 
     nb::object beyond_reach(double z, double volts) const {
         return nb::module_::import_("truestroke.base.checks").attr("beyond_reach")(
-            "z_measured", z, volts, static_cast<double>(ts_reach(&c_.settings, static_cast<ts_real>(volts))),
-            static_cast<double>(c_.settings.stroke));
+            "z_measured", z, volts, static_cast<double>(ts_reach(c_.settings, static_cast<ts_real>(volts))),
+            static_cast<double>(c_.settings->stroke));
     }
 
     void process(Vector<double> z_d, Vector<double> zdot_d, std::optional<Vector<double>> z_measured, Output volts,
@@ -467,7 +474,7 @@ class Kernel {
                 ts_real x = NAN; // stays where a desired value is too large for the number type
                 auto &c = static_cast<Kernel *>(k)->c_;
                 ts_real moving[3 * TS_MAX_OTHERS] = {};
-                for (int i = 0; others && i < 3 * c.settings.terms[TS_COUPLING]; i++) moving[i] = static_cast<ts_real>(others[i]);
+                for (int i = 0; others && i < 3 * c.settings->terms[TS_COUPLING]; i++) moving[i] = static_cast<ts_real>(others[i]);
                 ts_controller_follow(&c, static_cast<ts_real>(motion[0]), static_cast<ts_real>(motion[1]),
                                      static_cast<ts_real>(motion[2]), static_cast<ts_real>(motion[3]),
                                      others ? moving : nullptr, &x);
@@ -483,8 +490,8 @@ class Kernel {
     void reset() { ts_controller_reset(&c_); }
     void hold(bool on) { ts_controller_hold(&c_, on); }
 
-    int others() const { return c_.settings.terms[TS_COUPLING]; }
-    size_t plays() const { return static_cast<size_t>(c_.settings.plays); }
+    int others() const { return c_.settings->terms[TS_COUPLING]; }
+    size_t plays() const { return static_cast<size_t>(c_.settings->plays); }
     size_t parameters() const { return static_cast<size_t>(c_.parameters); }
 
     // Everything that a tick leaves behind, by name; restore() takes the same dictionary.
@@ -506,7 +513,7 @@ class Kernel {
     nb::object play() const { return copy_of(c_.now.play, {plays()}); }
     double innovation() const { return c_.innovation; }
     double trace() const {
-        if (c_.settings.law == TS_LAW_RLS) return c_.law.rls.trace;
+        if (c_.settings->law == TS_LAW_RLS) return c_.law.rls.trace;
         double sum = 0;
         for (int i = 0; i < c_.parameters; i++) sum += c_.law.kalman.P[TS_ROW(i) + i];
         return sum;
@@ -517,7 +524,7 @@ class Kernel {
         for (int i = 0; i < m; i++)
             for (int j = 0; j <= i; j++) {
                 double sum = 0;
-                if (c_.settings.law == TS_LAW_RLS)
+                if (c_.settings->law == TS_LAW_RLS)
                     for (int k = i; k < m; k++) {
                         const ts_real *column = c_.law.rls.U + TS_ROW(k);
                         sum += static_cast<double>(c_.law.rls.D[k]) * column[i] * column[j];
@@ -531,8 +538,8 @@ class Kernel {
     // Of the first resonance that was told or found, and of the corner of the law's filter, cycles per tick; NaN for
     // the first where none is known, for both where the law is not the Kalman filter.
     double resonance() const { return c_.stage.resonance > 0 ? c_.stage.resonance : NAN; }
-    double filter() const { return c_.settings.law == TS_LAW_KALMAN ? c_.law.kalman.filter : NAN; }
-    double noise() const { return c_.settings.law == TS_LAW_KALMAN ? c_.law.kalman.sigma : NAN; }
+    double filter() const { return c_.settings->law == TS_LAW_KALMAN ? c_.law.kalman.filter : NAN; }
+    double noise() const { return c_.settings->law == TS_LAW_KALMAN ? c_.law.kalman.sigma : NAN; }
     int flags() const {
         return c_.flags.saturated | c_.flags.projected << 1 | c_.flags.rejected << 2 | c_.flags.held << 3 |
                c_.flags.changed << 4 | c_.flags.slewed << 5 | c_.flags.oscillating << 6 | c_.flags.restored << 7;
@@ -562,6 +569,7 @@ class Kernel {
         std::copy(source.data(), source.data() + size, target);
     }
 
+    std::unique_ptr<const ts_settings> settings_; // to which c_ points
     ts_controller c_{};
     std::optional<std::pair<double, double>> beyond_; // z, um, and volts, V: refused in a native loop
 };

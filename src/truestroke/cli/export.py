@@ -40,8 +40,8 @@ ALONE = (*SIZES, "slew", "safe_voltage", "controller", "model", "dynamics")
 @click.option(
     "--precision", type=click.Choice(["double", "single"]), default="single", help="Number type of the machine."
 )
-@click.option("--history", metavar="TICKS", type=click.IntRange(16, 1024), help="That a measurement may come after its "
-              "command, plus one.  [default: 16, more with a long dead time]")  # fmt: skip
+@click.option("--history", metavar="TICKS", type=click.IntRange(1, 1024), help="That a measurement may come after its "
+              "command, plus one.  [default: 16, 8 of the paper's law, more with a long dead time]")  # fmt: skip
 @click.option("--ticks", metavar="N", type=click.IntRange(100, 100_000), default=1000, help="Of the self-test.")
 @click.option("--output", metavar="FOLDER", type=common.FOLDER, required=True, help="A new or empty folder.")
 @common.overwrite_option

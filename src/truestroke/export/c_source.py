@@ -34,7 +34,8 @@ OWN = (
     "README.md",
 )
 SINGLE_BOUND = 1e-4  # of the voltage range: what another mathematical library may change in single precision
-HISTORY = (16, 1024)  # ticks: fewest that the kernel is tried with, and most
+LEAST_HISTORY = {"kalman": 16, "rls": 8}  # ticks: the Kalman law keeps some for a stage that it may find
+MOST_HISTORY = 1024
 KIND = files.Kind("an export of C", lambda path: False)
 
 
@@ -82,8 +83,8 @@ def export_c(
     precision : {"double", "single"}, optional
         Number type of the kernel; by default that of the settings.
     history : int, optional
-        Ticks that a measurement may come after its command, plus one: 16 to 1024; by default 16, more with a long dead
-        time.
+        Ticks that a measurement may come after its command, plus one, up to 1024; by default the fewest: 16, 8 with the
+        paper's law, more with a long dead time.
     safe_voltage : float, optional
         Before the start and after the end, V, within the limits; by default 0 V, or the limit that is nearest to it.
     ticks : int
@@ -146,15 +147,19 @@ def kernel_sources() -> dict[str, str]:
 
 def _capacities(settings: ControllerSettings, members: Mapping[str, Any], history: int | None) -> dict[str, int]:
     """The smallest that hold the settings."""
-    needed = max(HISTORY[0], 2 * max(members["dynamics.dead"], members["sensor.ticks"]) + 8)
-    if history is not None and checks.count("history", history, *HISTORY) < needed:
-        raise SettingError("history", history, f"{needed} or more for this dead time", "ticks")
+    needed = max(LEAST_HISTORY[settings.law], 2 * max(members["dynamics.dead"], members["sensor.ticks"]) + 8)
+    if history is not None and checks.count("history", history, 1, MOST_HISTORY) < needed:
+        raise SettingError("history", history, f"{needed} or more for this law and dead time", "ticks")
     return {
         "TS_MAX_PLAYS": settings.plays,
         "TS_MAX_DEAD_ZONES": members["dead_zones"],
         "TS_MAX_CREEPS": max(1, len(members["creep"])),
         "TS_MAX_OTHERS": 1,
         "TS_MAX_PARAMETERS": settings.parameters,
+        "TS_MAX_LEARNED": settings.parameters if settings.law == "kalman" else 1,
+        "TS_MAX_SENSED": settings.parameters if members["sensor.share"] or members["sensor.lag"] else 1,
+        "TS_SECTIONS": max(1, *(members[f"dynamics.{kind}"] for kind in ("sections", "others", "modes"))),
+        "TS_FEEDBACKS": max(1, members["feedback.filters"]),
         "TS_HISTORY": needed if history is None else history,
     }
 
