@@ -162,7 +162,7 @@ static void require(bool holds, const char *what)
 
 typedef struct {
     ts_controller c;
-    ts_settings settings[2]; /* the present ones, and room for the next */
+    ts_settings settings[2]; /* the present ones, and a place for the next */
     bool tame;         /* only settings and desired values that are realistic: P must stay positive definite */
     ts_real plant[2];  /* of a plausible actuator, V */
 } bench;
