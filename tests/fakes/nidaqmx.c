@@ -1,6 +1,7 @@
 /* A fake libnidaqmx: those functions of the C API that the unmodified Python package `nidaqmx` calls, and one card, Dev1.
  *
  * ao0 .. ao3 each drive an actuator of their own (c/plant/plant.c), ai0 .. ai3 measure it, UM_PER_VOLT um a volt.
+ * ai4 is the tip of a microscope over a sample that ao0 moves along x and ao1 along y: SAMPLE(x, y) V, um.
  * At edge i of the sample clock the input converts what the actuator does, then the output goes to its sample i, as on
  * a real card. The clock is that of the output; it stops when a sample is missing (no regeneration).
  *
@@ -30,7 +31,9 @@
 
 #define API __attribute__((visibility("default")))
 #define CHANNELS 4
+#define INPUTS 5
 #define UM_PER_VOLT 10.0
+#define SAMPLE(x, y) (sin(2 * M_PI * (x) / 3) * cos(2 * M_PI * (y) / 4) + 0.1 * (x))
 #define TASKS 16
 
 enum { NONE = 0, IS_OUTPUT, IS_INPUT, IS_WATCHDOG };
@@ -47,11 +50,11 @@ struct card {                 /* the file; tests/card.py reads it */
 };
 
 struct task {
-    int kind, channels, channel[CHANNELS], clocked, reserved, running, error;
+    int kind, channels, channel[INPUTS], clocked, reserved, running, error;
     double low, high, rate, timeout;
     size_t size;              /* samples that the buffer holds, each channel */
     uint64_t in, out;         /* samples that have gone into the buffer and out of it */
-    double *buffer;           /* [size][CHANNELS] */
+    double *buffer;           /* [size][INPUTS] */
     int skip;                 /* edges still to miss */
 };
 
@@ -114,7 +117,7 @@ static void put_out(int channel, double volts) {
 
 /* One edge of the sample clock; 0 when the output has no sample for it. */
 static int edge(void) {
-    static double measured[CHANNELS];
+    static double measured[INPUTS], truth[CHANNELS];
     if (!output || output->error) return 0;
     if (output->out == output->in) {
         output->error = -200290;
@@ -124,18 +127,19 @@ static int edge(void) {
         if (input->skip > 0) input->skip--;
         else {
             for (int i = 0; i < input->channels; i++)
-                input->buffer[input->in % input->size * CHANNELS + i] = measured[input->channel[i]] / UM_PER_VOLT;
+                input->buffer[input->in % input->size * INPUTS + i] = measured[input->channel[i]] / UM_PER_VOLT;
             input->in++;
         }
     }
     for (int i = 0; i < output->channels; i++)
-        put_out(output->channel[i], output->buffer[output->out % output->size * CHANNELS + i]);
+        put_out(output->channel[i], output->buffer[output->out % output->size * INPUTS + i]);
     output->out++;
     card->edges++;
     for (int c = 0; c < CHANNELS; c++) {
-        double noise = gauss(), truth;
-        ts_plant_run(&plants[c], &card->volts[c], &noise, &measured[c], &truth, 1);
+        double noise = gauss();
+        ts_plant_run(&plants[c], &card->volts[c], &noise, &measured[c], &truth[c], 1);
     }
+    measured[CHANNELS] = UM_PER_VOLT * SAMPLE(truth[0], truth[1]);
     return 1;
 }
 
@@ -294,7 +298,7 @@ static int add_channels(struct task *t, const char *physical, int kind, double l
     int first, last, n = sscanf(physical, "%31[^/]/%2[a-z]%d:%d", device, type, &first, &last);
     if (n < 1 || strcmp(device, "Dev1")) return failed(-200220);
     if (n == 3) last = first;
-    if (n < 3 || strcmp(type, kind == IS_OUTPUT ? "ao" : "ai") || last >= CHANNELS) return failed(-200170);
+    if (n < 3 || strcmp(type, kind == IS_OUTPUT ? "ao" : "ai") || last >= (kind == IS_OUTPUT ? CHANNELS : INPUTS)) return failed(-200170);
     for (int c = first; c <= last; c++) t->channel[t->channels++] = c;
     t->kind = kind, t->low = low, t->high = high;
     return 0;
@@ -317,7 +321,7 @@ API int32_t DAQmxCreateAIVoltageChan(struct task *t, const char *physical, const
 static void make_buffer(struct task *t, size_t size) {
     free(t->buffer);
     t->size = size;
-    t->buffer = calloc(size * CHANNELS, sizeof *t->buffer);
+    t->buffer = calloc(size * INPUTS, sizeof *t->buffer);
 }
 
 API int32_t DAQmxCfgSampClkTiming(struct task *t, const char *source, double rate, int32_t edge_, int32_t mode, uint64_t n) {
@@ -496,7 +500,7 @@ API int32_t DAQmxWriteAnalogF64(struct task *t, int32_t n, uint32_t start, doubl
             if (realtime()) wait_s(1e-4), catch_up();
             else edge();
         }
-        for (int i = 0; i < t->channels; i++) t->buffer[t->in % t->size * CHANNELS + i] = data[i * n + k];
+        for (int i = 0; i < t->channels; i++) t->buffer[t->in % t->size * INPUTS + i] = data[i * n + k];
         t->in++;
     }
     *written = n;
@@ -518,7 +522,7 @@ API int32_t DAQmxReadAnalogF64(struct task *t, int32_t n, double timeout, int32_
     if (t->in - t->out > t->size) return failed(t->error = -200279);
     if (strcmp(what, "short") == 0) n /= 2;
     for (int k = 0; k < n; k++, t->out++)
-        for (int i = 0; i < t->channels; i++) data[i * n + k] = t->buffer[t->out % t->size * CHANNELS + i];
+        for (int i = 0; i < t->channels; i++) data[i * n + k] = t->buffer[t->out % t->size * INPUTS + i];
     if (strcmp(what, "nan") == 0)
         for (int k = 0; k < 7; k++) data[10 + k] = NAN; /* the third tick, and a part of the fourth */
     *read = n;

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -30,10 +31,45 @@ realtime_options = common.options(
 )  # fmt: skip
 
 
+@dataclass(frozen=True)
+class Closed:
+    """A run that has ended: recordings and verdicts by the name of the axis."""
+
+    outcome: Outcome
+    recordings: Mapping[str, truestroke.Recording]
+    verdicts: Mapping[str, Verdict]
+
+
 def close_the_loop(
     command: str, config: Path, job: Job, output: Path | None, overwrite: bool, as_json: bool, epics: bool = False
 ) -> int:
     """Run the configuration, and print the result; the exit code."""
+    from truestroke.signals import judgement
+
+    try:
+        done = follow(command, config, job, output, overwrite, as_json, epics)
+    except truestroke.DriverError as error:
+        return common.complain(str(error), ExitCode.DRIVER)
+    code = code_of(done.outcome, judgement.worst(done.verdicts))
+    if as_json:
+        common.print_json(as_dict(done, code))
+    else:
+        print_run(done)
+    if done.outcome.reason:
+        common.complain(done.outcome.reason)
+    return code
+
+
+def follow(
+    command: str, config: Path, job: Job, output: Path | None, overwrite: bool, as_json: bool, epics: bool = False
+) -> Closed:
+    """Run the configuration; what was recorded.
+
+    Raises
+    ------
+    DriverError
+        The hardware could not begin.
+    """
     from truestroke.runtime.realtime import run_realtime
     from truestroke.runtime.realtime.runner import recordings as names_of
     from truestroke.signals import judgement
@@ -45,25 +81,14 @@ def close_the_loop(
     for path in names_of(file, job.axes, overwrite):
         if path.exists():
             common.complain(f"recording to {beside(path)} until the run has ended; {path} stays as it is until then")
-    try:
-        outcome = run_realtime(job.driver, job.axes, file, epics=job.epics if epics else None, **options)
-    except truestroke.DriverError as error:
-        return common.complain(str(error), ExitCode.DRIVER)
+    outcome = run_realtime(job.driver, job.axes, file, epics=job.epics if epics else None, **options)
     recordings = {
         axis.name: truestroke.Recording.load(path) for axis, path in zip(job.axes, outcome.files, strict=True)
     }
-    verdicts = {name: judgement.judge(recording) for name, recording in recordings.items()}
-    code = _code(outcome, judgement.worst(verdicts))
-    if as_json:
-        _print_json(outcome, recordings, verdicts, code)
-    else:
-        _print(outcome, recordings, verdicts)
-    if outcome.reason:
-        common.complain(outcome.reason)
-    return code
+    return Closed(outcome, recordings, {name: judgement.judge(recording) for name, recording in recordings.items()})
 
 
-def _code(outcome: Outcome, verdict: Verdict) -> int:
+def code_of(outcome: Outcome, verdict: Verdict) -> int:
     """Its own, where the run ended for another cause than that it was over; 4 where that was in vain."""
     code: int = outcome.cause.value
     return ExitCode.NOT_TRACKING if code == ExitCode.OK and verdict.is_bad else code
@@ -76,11 +101,11 @@ def _lateness(recording: truestroke.Recording) -> dict[str, float]:
     return {f"p{p:g}": float(np.percentile(late, p)) for p in (50, 99, 99.9)} if late.size else {}
 
 
-def _print_json(
-    outcome: Outcome, recordings: Mapping[str, truestroke.Recording], verdicts: Mapping[str, Verdict], code: int
-) -> None:
+def as_dict(done: Closed, code: int) -> dict[str, Any]:
+    """A run that has ended, for JSON."""
     from truestroke.signals import judgement
 
+    outcome, recordings, verdicts = done.outcome, done.recordings, done.verdicts
     axes: dict[str, Any] = {}
     for (name, recording), file in zip(recordings.items(), outcome.files, strict=True):
         summary = results.summary(recording, 2)
@@ -88,12 +113,12 @@ def _print_json(
     late = {**_lateness(next(iter(recordings.values()))), "worst": outcome.worst_us}
     counts = {name: getattr(outcome, name) for name in ("ticks", "all_ticks", "overruns", "missed", "limited", "lost")}
     ended = {"cause": outcome.cause.name.lower(), "exit_code": code, "reason": outcome.reason}
-    common.print_json(
-        {**judgement.worst(verdicts).as_dict(), **ended, **counts, "lateness_us": late, "axes": axes},
-    )
+    return {**judgement.worst(verdicts).as_dict(), **ended, **counts, "lateness_us": late, "axes": axes}
 
 
-def _print(outcome: Outcome, recordings: Mapping[str, truestroke.Recording], verdicts: Mapping[str, Verdict]) -> None:
+def print_run(done: Closed) -> None:
+    """Errors and verdict of each axis, punctuality, files."""
+    outcome, recordings, verdicts = done.outcome, done.recordings, done.verdicts
     for name, recording in recordings.items():
         if len(recordings) > 1:
             click.echo(f"axis {name}")

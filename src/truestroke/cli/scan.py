@@ -1,47 +1,60 @@
-"""`truestroke scan`: a simulated XY stage images a grating and a texture under three controllers, on one page."""
+"""`truestroke scan`: on hardware, or a simulated XY stage that images two samples under three controllers."""
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
+from truestroke.base import files
 from truestroke.base.exit_codes import ExitCode
-from truestroke.cli import common
+from truestroke.cli import common, realtime
+
+if TYPE_CHECKING:
+    import truestroke
+    from truestroke.runtime.realtime.imaging import Imaging
+    from truestroke.signals.scans import Image, Recorded
 
 HYSTERESES = click.Choice(["plays", "preisach", "bouc-wen"])
+SIMULATED = ("rate", "resonances", "kinds", "noise", "seed")  # options without --config
 
 
 @click.command()
-@click.option("--rate", metavar="HZ", type=float, default=40.0, help="Rows per second.")
+@click.option("--config", type=common.FILE, metavar="FILE", help="Scan on hardware: driver, axes, limits and [scan], "
+              "TOML.")  # fmt: skip
+@click.option("--rate", metavar="HZ", type=float, default=40.0, help="Rows per second of the simulation.")
 @click.option("--resonances", metavar="X Y", type=float, nargs=2, default=(900.0, 700.0), help="Of both axes, Hz.")
 @click.option("--hysteresis", "kinds", metavar="X Y", type=HYSTERESES, nargs=2, default=("plays", "preisach"),
               help="Of both axes: plays, preisach or bouc-wen.")  # fmt: skip
 @click.option("--noise", metavar="UM", type=float, default=0.001, help="Of a sample of the sensors.")
 @click.option("--seed", metavar="N", type=click.IntRange(0), default=0, help="Of noise and texture.")
-@click.option(
-    "--output", metavar="NAME", default="truestroke-scan", help="Write NAME.html, and NAME.gwy with --images."
-)
-@click.option("--images", "ending", metavar="ENDING", type=click.Choice(["gwy", "tif", "nxs"]), help="Also write all "
-              "images: gwy (Gwyddion), tif or nxs (NeXus).")  # fmt: skip
+@click.option("--output", metavar="NAME", help="Write NAME.html, with --images NAME.gwy; with --config also the "
+              "recordings NAME-x.h5, NAME-y.h5.  [default: truestroke-scan, or as the configuration says]")  # fmt: skip
+@click.option("--images", "endings", metavar="ENDING", type=click.Choice(["gwy", "gsf", "tif", "nxs"]), multiple=True,
+              help="Also write all images, again and again: gwy (Gwyddion), gsf (a file for each), tif, nxs (NeXus).  "
+              "[with --config: gsf]")  # fmt: skip
 @common.page_options
 def scan(
-    rate: float, resonances: tuple[float, float], kinds: tuple[str, str], noise: float, seed: int, output: str,
-    ending: str | None, plots: Path | None, as_json: bool,
+    config: Path | None, rate: float, resonances: tuple[float, float], kinds: tuple[str, str], noise: float, seed: int,
+    output: str | None, endings: tuple[str, ...], plots: Path | None, as_json: bool,
 ) -> int:  # fmt: skip
-    """Image a grating and a texture with a simulated XY stage.
+    """Scan an area with two axes, on hardware (--config), or simulated.
 
-    Open loop, with the paper's law, and with truestroke, side by side: 512 x 512 pixels, trace and retrace, at 40 rows
-    a second on a stage of 900 Hz whose axes disturb each other. No hardware, no arguments.
+    Without arguments a simulated XY stage images a grating and a texture, open loop, with the paper's law, and with
+    truestroke, side by side: 512 x 512 pixels, trace and retrace, at 40 rows a second on a stage of 900 Hz whose axes
+    disturb each other.
     """
+    if config is not None:
+        return _on_hardware(config, output, endings or ("gsf",), plots, as_json)
     from concurrent.futures import ThreadPoolExecutor
 
-    from truestroke import scans
-    from truestroke.signals.scans.image_files import IMAGE
     from truestroke.studies.scanning.imaging import image_stage
 
-    (page_file,) = common.outputs(output, ".html")
-    target = common.to_write("--output", page_file.with_suffix(f".{ending}"), IMAGE) if ending else None
+    (page_file,) = common.outputs(output or "truestroke-scan", ".html")
+    _check_images(page_file, endings)
     about = {"rate": rate, "resonances": resonances, "kinds": kinds, "noise": noise, "seed": seed}
     with common.progress("scanning"), ThreadPoolExecutor(1) as beside:
         running = beside.submit(image_stage, **about)  # type: ignore[arg-type]
@@ -50,21 +63,128 @@ def scan(
         found = running.result()
         made = report.page(found, common.as_asked()["command"])
         pictures = common.save_page(made, page_file, plots)
-    if target:
-        every = [
-            scans.Image(data=one.data, size=one.size, origin=one.origin, name=f"{name}, {one.name}", unit=one.unit)
-            for name, imaged in found.imaged.items()
-            for pair in imaged.images.values()
-            for one in pair.values()
-        ]
-        scans.save_images(target, every, scan=found.scan)
+    every = [
+        dataclasses.replace(one, name=f"{name}, {one.name}")
+        for name, imaged in found.imaged.items()
+        for pair in imaged.images.values()
+        for one in pair.values()
+    ]
+    written = _save_images(page_file, endings, every, found.scan)
     if as_json:
-        written = {"page": str(page_file), "images": target and str(target), "pictures": pictures}
-        common.print_json({**found.verdict.as_dict(), **found.as_dict(), **written})
+        files = {"page": str(page_file), "images": [str(one) for one in written], "pictures": pictures}
+        common.print_json({**found.verdict.as_dict(), **found.as_dict(), **files})
         return ExitCode.of(found.verdict)
     rows = [[cell.replace("µ", "u") for cell in row] for row in report.rows(found)]
     common.print_table(report.HEADS, rows)
     common.print_text(f"spiral     100 turns a second: {found.spiral:.2g} % of its diameter off, rms")
     common.print_verdict(found.verdict)
-    common.print_files(page=page_file, images=target, pictures=plots)
+    _print_files(page_file, written, plots)
     return ExitCode.of(found.verdict)
+
+
+# ---- Files of images -----------------------------------------------------------------------------------------------
+
+
+def _check_images(page_file: Path, endings: tuple[str, ...]) -> None:
+    """An error now rather than after the scan, where they cannot be written."""
+    from truestroke.signals.scans import image_files
+
+    for ending in endings:
+        image_files.require_library(Path(f"image.{ending}"))
+        if ending != "gsf":
+            common.to_write("--output", page_file.with_suffix(f".{ending}"), image_files.IMAGE)
+
+
+def _save_images(
+    page_file: Path, endings: tuple[str, ...], images: list[Image], scan: truestroke.scans.Scan
+) -> list[Path]:
+    """All images in each format; a .gsf holds one, whose name is behind that of the page."""
+    from truestroke import scans
+
+    written = []
+    for ending in endings:
+        if ending != "gsf":
+            written.append(scans.save_images(page_file.with_suffix(f".{ending}"), images, scan=scan))
+            continue
+        for one in images:
+            name = one.name.replace(", ", "-").replace(" ", "-")
+            written.append(scans.save_images(page_file.with_name(f"{page_file.stem}-{name}.gsf"), one))
+    return written
+
+
+def _print_files(page_file: Path, written: list[Path], plots: Path | None) -> None:
+    for one in written:
+        common.print_files(images=one)
+    common.print_files(page=page_file, pictures=plots)
+
+
+# ---- On hardware ---------------------------------------------------------------------------------------------------
+
+
+def _on_hardware(config: Path, output: str | None, endings: tuple[str, ...], plots: Path | None, as_json: bool) -> int:
+    """Run the axes along the scan, record the signal, and make its images; the exit code."""
+    from truestroke import DriverError, ImageError
+    from truestroke.base.verdict import Verdict
+    from truestroke.runtime.realtime import config as configuration
+    from truestroke.signals import judgement
+
+    context = click.get_current_context()
+    for name in SIMULATED:
+        if context.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE:
+            option = next(one.opts[0] for one in context.command.params if one.name == name)
+            raise click.UsageError(f"{option} is of the simulation: with --config the table [scan] has the motion.")
+    job = configuration.load(config)
+    if job.imaging is None:
+        raise click.UsageError(f"{config} has no table [scan]: add one, or follow its motion by truestroke run.")
+    page_file, recording = common.outputs(output or str(job.file), ".html", ".h5")
+    _check_images(page_file, endings)
+    try:
+        done = realtime.follow("scan", config, job, recording, files.replacing(), as_json)
+    except DriverError as error:
+        return common.complain(str(error), ExitCode.DRIVER)
+    if done.outcome.reason:
+        common.complain(done.outcome.reason)
+    try:
+        found = _recorded(job.imaging, done.recordings)
+    except ImageError as error:
+        kept = ", ".join(map(str, done.outcome.files))
+        code = realtime.code_of(done.outcome, Verdict("bad"))
+        if as_json:
+            common.print_json({**realtime.as_dict(done, code), "images": []})
+        return common.complain(f"no image: {error}; what was recorded is in {kept}", code)
+    verdict = judgement.worst({**{f"axis {name}": one for name, one in done.verdicts.items()}, "image": found.verdict})
+    code = realtime.code_of(done.outcome, verdict)
+    written = _save_images(page_file, endings, list(found.images.values()), found.scan)
+    with common.progress("plotting"):
+        from truestroke.report import scan as report
+
+        pictures = common.save_page(report.page(found, verdict, common.as_asked()["command"]), page_file, plots)
+    if as_json:
+        names = {"page": str(page_file), "images": [str(one) for one in written], "pictures": pictures}
+        run = realtime.as_dict(done, code)
+        common.print_json({**run, **verdict.as_dict(), **found.as_dict(), **names})
+        return code
+    realtime.print_run(done)
+    click.echo()
+    for words, value in report.rows(found):
+        click.echo(f"{words:40} {value.replace('µ', 'u')}")
+    common.print_verdict(verdict)
+    _print_files(page_file, written, plots)
+    return code
+
+
+def _recorded(imaging: Imaging, recordings: Mapping[str, truestroke.Recording]) -> Recorded:
+    """Images of the signal, which stands in the recording of the first axis; places as the sensors read them."""
+    import numpy as np
+
+    from truestroke import scans
+    from truestroke.base import frames
+
+    every = list(recordings.values())
+    measured = np.stack([one["measured"] for one in every])
+    if imaging.frame is not None:
+        measured = frames.turn(np.array(imaging.frame), measured)
+    x, y = (measured[list(recordings).index(name)] for name in imaging.axes)
+    signal = imaging.signal
+    about = {"columns": imaging.columns, "name": signal.name, "unit": signal.unit}
+    return scans.recorded(imaging.scan, x, y, every[0][signal.name], **about)  # type: ignore[arg-type]

@@ -16,7 +16,7 @@ import numpy as np
 from truestroke.base import checks
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
-from truestroke.runtime.drivers.protocol import DriverError
+from truestroke.runtime.drivers.protocol import DriverError, Signal, check_signals
 from truestroke.runtime.drivers.registry import Need, package
 from truestroke.signals.timing import Timing
 
@@ -47,6 +47,47 @@ HINTS = {
 
 
 @dataclass(frozen=True, kw_only=True)
+class AnalogSignal:
+    """A further input of the card, beside those of the sensors: a signal that is recorded, such as that of an image.
+
+    Attributes
+    ----------
+    name : str
+        Of its channel in the recording.
+    input : str
+        Physical channel, such as "Dev1/ai2".
+    per_volt : float
+        Of the signal's unit at 1 V, not 0.
+    offset : float
+        The signal at 0 V.
+    unit : str
+        Of the signal, such as "nm".
+
+    Raises
+    ------
+    SettingError
+        Names the setting, its value, the bound and the unit.
+    """
+
+    name: str
+    input: str
+    per_volt: float = 1.0
+    offset: float = 0.0
+    unit: str = "V"
+
+    def __post_init__(self) -> None:
+        _names("input", [self.input])
+        if not checks.number("per_volt", self.per_volt, f"{self.unit}/V"):
+            raise SettingError("per_volt", self.per_volt, "not 0", f"{self.unit}/V")
+        checks.number("offset", self.offset, self.unit)
+        self.signal()
+
+    def signal(self) -> Signal:
+        """As the recording describes it."""
+        return Signal(name=self.name, unit=self.unit, source=f"input {self.input}, mean over the tick")
+
+
+@dataclass(frozen=True, kw_only=True)
 class NidaqmxSettings:
     """A card with one output and one input an axis.
 
@@ -58,6 +99,8 @@ class NidaqmxSettings:
         Displacement over voltage of each sensor at the input, um/V, not 0; one number serves all.
     offset : tuple[float, ...]
         Displacement at 0 V of each, um; one number serves all.
+    signals : tuple[AnalogSignal, ...]
+        Further inputs, which are recorded: of the same task, range and terminals as the sensors.
     sample_rate : float
         Ticks per second, Hz.
     converter_rate : float
@@ -99,6 +142,7 @@ class NidaqmxSettings:
     inputs: tuple[str, ...]
     um_per_volt: tuple[float, ...] | float
     offset: tuple[float, ...] | float = 0.0
+    signals: tuple[AnalogSignal, ...] = ()
     sample_rate: float = 2000.0
     converter_rate: float = 10_000.0
     block: int = 20
@@ -119,6 +163,7 @@ class NidaqmxSettings:
             object.__setattr__(self, name, _for_each(name, getattr(self, name), channels, unit))
         if 0.0 in self.scale[0]:
             raise SettingError("um_per_volt", self.um_per_volt, "not 0", "um/V")
+        check_signals([one.signal() for one in self.signals])
         checks.positive("sample_rate", self.sample_rate, "Hz")
         checks.positive("converter_rate", self.converter_rate, "Hz")
         if self.conversions < 1 or self.conversions * self.sample_rate != self.converter_rate:
@@ -149,8 +194,14 @@ class NidaqmxSettings:
 
     @property
     def scale(self) -> tuple[FloatArray, FloatArray]:
-        """`um_per_volt` and `offset` as arrays of shape (channels,)."""
-        return np.array(self.um_per_volt), np.array(self.offset)
+        """`um_per_volt` and `offset` of the axes, then those of the signals, shape (all inputs,)."""
+        factors, offsets = [one.per_volt for one in self.signals], [one.offset for one in self.signals]
+        return np.append(self.um_per_volt, factors), np.append(self.offset, offsets)
+
+    @property
+    def all_inputs(self) -> tuple[str, ...]:
+        """Physical channels of the axes, then of the signals."""
+        return (*self.inputs, *(one.input for one in self.signals))
 
 
 def _names(argument: str, value: Sequence[str]) -> Sequence[str]:
@@ -200,7 +251,10 @@ class NidaqmxDriver:
         self._state = "closed"  # or "open", "started": the output holds, "running": the clock runs, "failed"
         samples = settings.block * settings.conversions
         self._patience = settings.block / settings.sample_rate + settings.timeout  # s
-        self._out, self._in = np.empty((2, len(settings.outputs), samples))
+        self._out = np.empty((len(settings.outputs), samples))
+        self._in = np.empty((len(settings.all_inputs), samples))
+        self.signals = tuple(one.signal() for one in settings.signals)
+        self.readings = np.full((len(self.signals), settings.block), np.nan)
 
     def open(self) -> Timing:
         """Reserve the card and configure it; the output stays where it is.
@@ -227,7 +281,7 @@ class NidaqmxDriver:
     def _configure(self) -> None:
         self._end_tasks()
         s = self.settings
-        with _naming(f"opening {', '.join(s.outputs + s.inputs)}"):
+        with _naming(f"opening {', '.join(s.outputs + s.all_inputs)}"):
             from nidaqmx import Task, constants, stream_readers, stream_writers
 
             try:
@@ -305,8 +359,7 @@ class NidaqmxDriver:
         if not np.isfinite(volts).all():  # the output of a converter is then not defined
             raise DriverError(f"writing to {', '.join(self.settings.outputs)}: a voltage is not finite")
         s = self.settings
-        shape = (len(s.outputs), s.block, s.conversions)
-        self._out.reshape(shape)[:] = volts[:, :, None]
+        self._out.reshape(len(s.outputs), s.block, s.conversions)[:] = volts[:, :, None]
         first, self._state = self._state == "started", "failed"  # until this call has come to its end
         if first:
             self._run()
@@ -314,15 +367,14 @@ class NidaqmxDriver:
             if self._dog is not None:
                 self._dog.reset_timer()
             _whole("write_many_sample", self._writer.write_many_sample(self._out, self._patience), self._out.shape[1])
-        with _naming(f"reading from {', '.join(s.inputs)}"):
+        with _naming(f"reading from {', '.join(s.all_inputs)}"):
             count = self._reader.read_many_sample(self._in, self._in.shape[1], self._patience)
             _whole("read_many_sample", count, self._in.shape[1])
             if s.watch_clock:
                 self._watch_clock()
-        um_per_volt, offset = s.scale
-        self._in.reshape(shape).mean(axis=2, out=measured)
-        measured *= um_per_volt[:, None]
-        measured += offset[:, None]
+        factor, offset = s.scale
+        every = self._in.reshape(len(self._in), s.block, s.conversions).mean(axis=2) * factor[:, None] + offset[:, None]
+        measured[:], self.readings = every[: len(s.inputs)], every[len(s.inputs) :]
         self._state = "running"
 
     def _watch_clock(self) -> None:
@@ -418,11 +470,11 @@ def _configure_output(task: Any, s: NidaqmxSettings, constants: Any) -> None:
 
 def _configure_input(task: Any, s: NidaqmxSettings, constants: Any) -> None:
     terminals = constants.TerminalConfiguration[TERMINALS[s.terminals]]
-    for name in s.inputs:
+    for name in s.all_inputs:
         low, high = s.input_range
         task.ai_channels.add_ai_voltage_chan(name, terminal_config=terminals, min_val=low, max_val=high)
     _clock(task, s, constants, s.clock or f"/{_device(s.outputs[0])}/ao/SampleClock", round(s.converter_rate))
-    _agree("input channels", task.in_stream.num_chans, len(s.inputs))
+    _agree("input channels", task.in_stream.num_chans, len(s.all_inputs))
 
 
 def _clock(task: Any, s: NidaqmxSettings, constants: Any, source: str, buffer: int) -> None:

@@ -1,17 +1,57 @@
 """What a driver of hardware is: one or more axes, moved block by block, and a safe way out."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Protocol
 
+from truestroke.base.checks import SettingError
 from truestroke.base.errors import TruestrokeError
 from truestroke.base.typing import FloatArray
+from truestroke.signals.channels import QUANTITIES
 from truestroke.signals.timing import Timing
 
-__all__ = ["Driver", "DriverError"]
+__all__ = ["Driver", "DriverError", "Signal", "check_signals"]
 
 
 class DriverError(TruestrokeError, RuntimeError):
     """The hardware, its library or its connection failed; the message names the call, the vendor's code and text."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Signal:
+    """What a further input reads beside the sensors of the axes, such as the height of a sample.
+
+    Attributes
+    ----------
+    name : str
+        Of its channel in the recording: letters, digits, - and _, and no channel that each recording has.
+    unit : str
+        Such as "nm" or "V".
+    source : str
+        Where it comes from, in words.
+
+    Raises
+    ------
+    SettingError
+        The name cannot be that of a channel.
+    """
+
+    name: str
+    unit: str = "V"
+    source: str = ""
+
+    def __post_init__(self) -> None:
+        if not self.name or not all(c.isalnum() or c in "-_" for c in self.name) or self.name in QUANTITIES:
+            bound = "letters, digits, - and _, and no channel that each recording has, such as measured"
+            raise SettingError("name", repr(self.name), bound)
+
+
+def check_signals(signals: Sequence[Signal]) -> tuple[Signal, ...]:
+    """Signals of different names; SettingError where two are alike."""
+    names = [one.name for one in signals]
+    if len(set(names)) < len(names):
+        raise SettingError("signals: name", ", ".join(names), "different for each signal")
+    return tuple(signals)
 
 
 class Driver(Protocol):
@@ -19,6 +59,9 @@ class Driver(Protocol):
 
     One that is simulated may have `rewind()`, too, which `truestroke run` calls after its axis check: what that has
     moved is then as `open` left it, and the output stays.
+
+    One with further inputs has `signals`, a `Signal` for each, and after an exchange `readings`, shape (signals,
+    block): what they read in the ticks of `measured`, NaN where a sample was lost.
     """
 
     def open(self) -> Timing:

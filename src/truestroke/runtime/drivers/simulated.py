@@ -15,11 +15,12 @@ import numpy as np
 from truestroke.base import checks, toml
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
-from truestroke.runtime.drivers.protocol import DriverError
+from truestroke.runtime.drivers.protocol import DriverError, Signal, check_signals
 from truestroke.signals.timing import Timing
 
 if TYPE_CHECKING:
     from truestroke.plant import MultiAxisStage
+    from truestroke.signals.scans.images import Sample
 
 FAULTS = ("open", "start", "error", "nan", "short", "wild", "frozen", "hang", "slip", "abort", "stop")
 
@@ -64,6 +65,44 @@ class Fault:
 
 
 @dataclass(frozen=True, kw_only=True)
+class SampleSettings:
+    """A sample under the first two axes, and what a microscope reads of it: its height where it truly is, nm.
+
+    Attributes
+    ----------
+    name : str
+        Of the signal, and of its channel in the recording.
+    sample : str
+        "texture" or "grating", of `truestroke.scans`.
+    seed : int
+        Of the texture, and of the noise.
+    noise : float
+        Standard deviation of a tick, nm.
+    """
+
+    name: str = "height"
+    sample: str = "texture"
+    seed: int = 0
+    noise: float = 0.0
+
+    def __post_init__(self) -> None:
+        checks.one_of("sample", self.sample, ("texture", "grating"))
+        checks.count("seed", self.seed, 0, 2**62)
+        checks.within("noise", self.noise, 0.0, 1e9, "nm")
+        self.signal()
+
+    def signal(self) -> Signal:
+        """As the recording describes it."""
+        return Signal(name=self.name, unit="nm", source=f"a simulated {self.sample}")
+
+    def made(self) -> "Sample":
+        """The sample."""
+        from truestroke.signals.scans import Grating, Texture
+
+        return Texture(seed=self.seed) if self.sample == "texture" else Grating()
+
+
+@dataclass(frozen=True, kw_only=True)
 class SimulatedSettings:
     """A simulated stack on each channel.
 
@@ -89,6 +128,8 @@ class SimulatedSettings:
     axes : Mapping[str, object]
         Members of `plant.MultiAxisSettings` beside `axes`, and `stages`, a table of members of `plant.StageSettings`
         for each channel: stages that disturb each other, in place of both.
+    signals : tuple[SampleSettings, ...]
+        Samples whose height is recorded as further signals; of two axes or more.
     faults : tuple[Fault, ...]
         Faults of the run.
     """
@@ -103,6 +144,7 @@ class SimulatedSettings:
     plant: Mapping[str, object] = field(default_factory=dict)
     stage: Mapping[str, object] = field(default_factory=dict)
     axes: Mapping[str, Any] = field(default_factory=dict)
+    signals: tuple[SampleSettings, ...] = ()
     faults: tuple[Fault, ...] = ()
 
     def __post_init__(self) -> None:
@@ -111,6 +153,9 @@ class SimulatedSettings:
             raise SettingError("stage", dict(self.stage), "left out, or `plant`: a channel has one of them")
         if self.axes and (self.plant or self.stage):
             raise SettingError("axes", dict(self.axes), "left out, or `plant` and `stage`: a channel has one of them")
+        check_signals([one.signal() for one in self.signals])
+        if self.signals and self.channels < 2:
+            raise SettingError("signals", f"{len(self.signals)} samples", "left out with one channel: x and y are two")
         self.timing()
 
     def timing(self) -> Timing:
@@ -190,6 +235,8 @@ class SimulatedDriver:
         if self._together is None and len(self._plants) != self.settings.channels:
             raise SettingError("plants", len(self._plants), f"{self.settings.channels}, one for each channel")
         self._temporary: str | None = None
+        self.signals = tuple(one.signal() for one in self.settings.signals)
+        self._samples = [one.made() for one in self.settings.signals]
 
     def open(self) -> Timing:
         """The stacks at rest; the output stays where it is."""
@@ -206,15 +253,20 @@ class SimulatedDriver:
             plant.open()
         self.truth = np.empty((s.channels, s.block))
         self._late = np.full((2, s.channels, s.latency), np.nan)  # measured and true of the commands before
-        self._exchanges = 0
+        self._begin()
         return s.timing()
+
+    def _begin(self) -> None:
+        self._exchanges = 0
+        self._noises = [np.random.Generator(np.random.PCG64(one.seed)) for one in self.settings.signals]
+        self.readings = self._read(np.zeros_like(self.truth))  # a texture is made when it is read first
 
     def rewind(self) -> None:
         """The stacks as `open` left them, with the same noise before them; the output stays where it is."""
         for plant in self._plants:
             plant.open()
         self._late[:] = np.nan
-        self._exchanges = 0
+        self._begin()
 
     def start(self, volts: FloatArray) -> None:
         """`volts` at the outputs."""
@@ -238,6 +290,7 @@ class SimulatedDriver:
         both = np.concatenate([self._late, self._moved(volts)], axis=2)
         measured[:], self.truth = both[:, :, : s.block]
         self._late = both[:, :, s.block :]
+        self.readings = self._read(self.truth)
         values: dict[str, float | FloatArray] = {"nan": np.nan, "short": np.nan, "wild": 1e6, "frozen": previous}
         for kind in [kind for kind in values if kind in kinds]:
             measured[:, s.block // 2 if kind == "short" else 0 :] = values[kind]
@@ -249,6 +302,15 @@ class SimulatedDriver:
             return np.array([self._together.exchange(volts.T).T, self._together.truth.T])
         each = [(plant.exchange(row), plant.truth) for plant, row in zip(self._plants, volts, strict=True)]
         return np.array(each).swapaxes(0, 1)
+
+    def _read(self, truth: FloatArray) -> FloatArray:
+        """What the signals are at these places, um, shape (channels, block)."""
+        read = np.full((len(self.signals), truth.shape[1]), np.nan)
+        there = np.isfinite(truth[:2]).all(axis=0)
+        for row, sample, one, noise in zip(read, self._samples, self.settings.signals, self._noises, strict=True):
+            if there.any():
+                row[there] = sample(*truth[:2, there]) + noise.normal(0.0, one.noise, np.count_nonzero(there))
+        return read
 
     def _pass_time(self, period: float, slips: bool) -> None:
         if slips:

@@ -1,5 +1,6 @@
 """The configuration of `truestroke run`: a TOML file becomes driver, axes and settings."""
 
+import dataclasses
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -19,6 +20,7 @@ from truestroke.runtime.drivers.protocol import Driver
 from truestroke.runtime.drivers.turned import Turned
 from truestroke.runtime.realtime.coupled import couple
 from truestroke.runtime.realtime.epics import EpicsSettings
+from truestroke.runtime.realtime.imaging import Imaging, imaging
 from truestroke.runtime.realtime.motion import SetPoint
 from truestroke.runtime.realtime.settings import Axis, RealtimeSettings
 from truestroke.signals import trajectories
@@ -96,6 +98,7 @@ class Document:
 
     driver: Mapping[str, Any]
     axis: tuple[Mapping[str, Any], ...]
+    scan: Mapping[str, Any] | None = None
     coupled: CoupledTable | None = None
     realtime: RealtimeSettings = field(default_factory=RealtimeSettings)
     recording: RecordingTable
@@ -111,6 +114,7 @@ class Job:
     settings: RealtimeSettings
     file: Path
     epics: EpicsSettings | None = None
+    imaging: Imaging | None = None
 
 
 def example(command: Literal["run", "serve"] = "run") -> str:
@@ -151,15 +155,25 @@ block, latency, channels, seed, hardware_timed, register, plant, stage, axes, fa
     """
     read = toml.decode(Document, document)
     made, rate = driver(read.driver)
-    axes = []
+    tables = []
     for place, given in _placed(read.axis):
         with checks.inside(place):
-            axes.append(_axis(toml.decode(AxisTable, given), folder, rate))
+            tables.append((place, toml.decode(AxisTable, given)))
+    image = None
+    if read.scan is not None:
+        with checks.inside("scan."):
+            image = imaging(_with_dynamics(read.scan, folder), [table.name for _, table in tables], made, rate)
+    axes = []
+    for place, table in tables:
+        with checks.inside(place):
+            axes.append(_axis(table, folder, rate, image))
     if read.coupled is not None:
         with checks.inside("coupled."):
             frame = read.coupled.of(len(axes))
         axes, made = [*couple(axes, frame)], made if frame is None else Turned(made, frame)
-    return Job(driver=made, axes=tuple(axes), settings=read.realtime, file=Path(read.recording.file), epics=read.epics)
+        image = dataclasses.replace(image, frame=frame) if image else None
+    usual: dict[str, Any] = {"settings": read.realtime, "file": Path(read.recording.file), "epics": read.epics}
+    return Job(driver=made, axes=tuple(axes), imaging=image, **usual)
 
 
 def driver(table: Mapping[str, Any]) -> tuple[Driver, float]:
@@ -243,9 +257,17 @@ def _placed(tables: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, Mapping[
         yield ("axis." if len(tables) == 1 else f"[[axis]] {number}: "), table
 
 
-def _axis(table: AxisTable, folder: Path, rate: float) -> Axis:
-    with checks.inside("trajectory."):
-        motion = _trajectory(table.trajectory, folder, rate)
+def _axis(table: AxisTable, folder: Path, rate: float, image: Imaging | None) -> Axis:
+    if image is not None and table.name in image.axes:
+        if table.trajectory:
+            raise SettingError("trajectory", dict(table.trajectory), "left out: [scan] moves this axis")
+        # errors count on the lines
+        motion: Trajectory | SetPoint = dataclasses.replace(
+            image.scan.axes[image.axes.index(table.name)], flat=image.scan.inside
+        )
+    else:
+        with checks.inside("trajectory."):
+            motion = _trajectory(table.trajectory, folder, rate)
     controller = _controller(table, motion.sample_rate, folder)
     watched: dict[str, Any] = {"zero": table.zero, "error_limit": table.error_limit}
     return Axis(trajectory=motion, controller=controller, name=table.name, **table.limits, **watched)
@@ -257,14 +279,17 @@ def _trajectory(given: Mapping[str, Any], folder: Path, rate: float) -> Trajecto
     given = {"sample_rate": rate, **given}
     if isinstance(given.get("path"), str):
         given["path"] = str(folder / given["path"])
-    for key in ("turn", "settle"):  # files of `truestroke bode`
-        if isinstance(name := given.get(key), str):
-            given[key] = _dynamics(key, folder, name)
     try:
-        motion: Trajectory | SetPoint = toml.decode(MOTIONS[kind], given, also=("kind",))
+        motion: Trajectory | SetPoint = toml.decode(MOTIONS[kind], _with_dynamics(given, folder), also=("kind",))
     except OSError as error:
         raise SettingError("path", repr(given["path"]), f"a file that can be read ({error.strerror})") from None
     return motion
+
+
+def _with_dynamics(given: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """The same, with the dynamics of files of `truestroke bode` that it names."""
+    named = {key: given[key] for key in ("turn", "settle") if isinstance(given.get(key), str)}
+    return {**given, **{key: _dynamics(key, folder, name) for key, name in named.items()}}
 
 
 def _controller(table: AxisTable, sample_rate: float, folder: Path) -> Controller:

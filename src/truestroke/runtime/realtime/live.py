@@ -115,6 +115,7 @@ class Live:
             for axis, row in zip(axes, volts, strict=True):
                 axis.leaving(start, stop, row, late)
             self._driver.exchange(volts, measured)
+            self._note_signals(start, stop)
             truth: FloatArray | None = getattr(self._driver, "truth", None)
             for channel, axis in enumerate(axes):
                 axis.learn(start, stop, measured[channel], None if truth is None else truth[channel])
@@ -125,6 +126,16 @@ class Live:
             if not numbers:
                 raise Stop(Cause.ERROR, "a controller asked for a voltage that is no number")
             self._look(stop)
+
+    def _note_signals(self, start: int, stop: int) -> None:
+        """Further signals of the driver to the ticks of their commands; those of `start` to `stop` are to come."""
+        if not self._shared.layout.signals:
+            return
+        ring, size = self._shared.signals, self._shared.layout.size
+        ticks, readings = np.arange(start, stop), self._driver.readings  # type: ignore[attr-defined]
+        ring[:, ticks % size] = np.nan
+        answered = ticks - self._timing.latency
+        ring[:, answered[answered >= 0] % size] = readings[:, : stop - start][:, answered >= 0]
 
     def _look(self, stop: int) -> None:
         """End the run on a request, of a person or a process."""

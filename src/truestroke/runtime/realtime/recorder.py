@@ -13,11 +13,12 @@ import numpy as np
 from truestroke.base.files import Growing
 from truestroke.base.hdf5 import ENDING
 from truestroke.base.typing import FloatArray
+from truestroke.runtime.drivers.protocol import Signal
 from truestroke.runtime.realtime import watchdog
 from truestroke.runtime.realtime.process import Lifeline
 from truestroke.runtime.realtime.shared import FIELDS, Helper, Shared, Slot, State, Text
 from truestroke.runtime.ticks import SlowLayout
-from truestroke.signals.channels import channel, dtype
+from truestroke.signals.channels import Channel, channel, dtype
 from truestroke.signals.recording import MODE, create, describe, seal, sealed
 
 LOOK = 0.05  # s between two looks into the ring
@@ -30,7 +31,7 @@ NEVER_ENDED = "the recording was not ended: it is still running, or its process 
 
 @dataclass(frozen=True, kw_only=True)
 class Plan:
-    """One file: its place and metadata, and the channels that there are."""
+    """One file: its place and metadata, the channels that there are, and the further signals that stand in it."""
 
     place: Growing
     about: dict[str, Any]
@@ -38,6 +39,7 @@ class Plan:
     slow: SlowLayout
     sample_rate: float
     stride: int
+    signals: tuple[Signal, ...] = ()
 
 
 def record(lifeline: Lifeline, shared: Shared, plans: list[Plan]) -> None:
@@ -71,7 +73,7 @@ def _append(lifeline: Lifeline, shared: Shared, files: list[File]) -> None:
         written = shared.count[Slot.WRITTEN], shared.count[Slot.SLOW_WRITTEN]
         settled = written if over else settled
         for axis, file in enumerate(files):
-            file.append(shared.ring[axis], shared.slow[axis], *settled, over)
+            file.append(shared.ring[axis], shared.slow[axis], shared.signals, *settled, over)
         shared.count[Slot.SAVED], shared.count[Slot.SLOW_SAVED] = files[0].ticks, files[0].entries
         if over:
             return
@@ -131,6 +133,8 @@ class File:
         self._sets: dict[str, Any] = {}  # kept open: HDF5 reports a failure to write only where one is used or flushed
         for name in ("time", *plan.channels, "lateness"):
             self._create(name, self._piece)
+        for signal in plan.signals:
+            self._create(signal.name, self._piece, of=Channel(np.empty(0), signal.unit, signal.source))
         for name, shape in {"weights_time": (), **slow}.items() if slow else ():
             self._create(name, self._slow_piece, shape, "weights_time")
         seal(self._file)
@@ -142,31 +146,37 @@ class File:
         self._file.swmr_mode = True
         self.ticks = self.entries = 0
 
-    def _create(self, name: str, piece: int, shape: tuple[int, ...] = (), time: str = "time") -> None:
+    def _create(
+        self, name: str, piece: int, shape: tuple[int, ...] = (), time: str = "time", of: Channel | None = None
+    ) -> None:
         sizes = {"maxshape": (None, *shape), "chunks": (piece, *shape)}
-        empty = channel(name, np.empty((0, *shape), dtype(name)), time)
+        empty = of or channel(name, np.empty((0, *shape), dtype(name)), time)
         self._sets[name] = create(self._file, name, empty, fletcher32=True, **sizes)
 
-    def append(self, ring: FloatArray, slow: FloatArray, ticks: int, entries: int, last: bool) -> None:
+    def append(
+        self, ring: FloatArray, slow: FloatArray, signals: FloatArray, ticks: int, entries: int, last: bool
+    ) -> None:
         """Add what is new of `ticks` ticks and `entries` slow entries: whole chunks, if it is not the last time."""
         if not last:
             ticks, entries = ticks - ticks % self._piece, entries - entries % self._slow_piece
         if ticks <= self.ticks and entries <= self.entries:
             return
-        self._append_ticks(ring, ticks)
+        self._append_ticks(ring, signals, ticks)
         self._append_slow(slow, entries)
         for dataset in self._sets.values():
             dataset.flush()
         self._file.flush()
         self.ticks, self.entries = ticks, entries
 
-    def _append_ticks(self, ring: FloatArray, ticks: int) -> None:
+    def _append_ticks(self, ring: FloatArray, signals: FloatArray, ticks: int) -> None:
         new = np.arange(self.ticks, ticks)
         if new.size:
             rows = ring[:, new % ring.shape[1]]
             self._extend("time", new / self.plan.sample_rate)
             for name in (*self.plan.channels, "lateness"):
                 self._extend(name, rows[FIELDS.index(name)])
+            for signal, row in zip(self.plan.signals, signals, strict=False):  # they stand in one of the files
+                self._extend(signal.name, row[new % ring.shape[1]])
 
     def _append_slow(self, slow: FloatArray, entries: int) -> None:
         new = np.arange(self.entries, entries)

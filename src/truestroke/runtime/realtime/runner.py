@@ -1,5 +1,6 @@
 """The loop in real time: pace, safety, recording. Begin with `run_realtime`; docs/run.md describes it."""
 
+import dataclasses
 import shutil
 import time
 import warnings
@@ -15,7 +16,7 @@ from truestroke.base.files import Growing, beside, check_growing, grow
 from truestroke.control import feasibility
 from truestroke.runtime import loop
 from truestroke.runtime.drivers.guard import check_range
-from truestroke.runtime.drivers.protocol import Driver
+from truestroke.runtime.drivers.protocol import Driver, Signal
 from truestroke.runtime.drivers.turned import Turned
 from truestroke.runtime.realtime.ending import Outcome
 from truestroke.runtime.realtime.epics import EpicsSettings
@@ -53,7 +54,8 @@ def run_realtime(
     axes : sequence of Axis
         Trajectory, controller and limits of each channel; trajectories of the same length.
     file : str or Path
-        Recording, readable while it grows. Of several axes each has its own, with its name before the ending.
+        Recording, readable while it grows. Of several axes each has its own, with its name before the ending; further
+        signals of the driver are in the first one.
     settings : RealtimeSettings, optional
         How to keep time, and when to give up.
     about : Mapping[str, object], optional
@@ -95,12 +97,13 @@ def run_realtime(
         notices = _check_motions(axes)
         for notice in notices:
             warnings.warn(notice, feasibility.LimitWarning, stacklevel=2)
-        _check_room(axes, timing, paths[0].absolute().parent)
+        _check_room(driver, axes, timing, paths[0].absolute().parent)
         shared_metadata = {"realtime": settings, "clock": clock, "notices": notices, **(about or {})}
         abouts = [_about(driver, axis, timing, shared_metadata) for axis in axes]
-        with grown(paths, overwrite) as (places, unused), closing(Shared(_layout(axes, timing))) as shared:
+        with grown(paths, overwrite) as (places, unused), closing(Shared(_layout(driver, axes, timing))) as shared:
             made = zip(axes, places, abouts, strict=True)
             plans = [_plan(driver, axis, timing, place, about) for axis, place, about in made]
+            plans[0] = dataclasses.replace(plans[0], signals=_signals(driver))
             shared.count[Slot.TICKS] = len(axes[0].trajectory)
             with on_its_own(settings):
                 helpers = Helpers(shared, plans, driver, axes, settings, show, epics)
@@ -197,19 +200,26 @@ def _plan(driver: Any, axis: Axis, timing: Timing, place: Growing, about: dict[s
     )
 
 
-def _check_room(axes: Sequence[Axis], timing: Timing, folder: Path) -> None:
+def _check_room(driver: Driver, axes: Sequence[Axis], timing: Timing, folder: Path) -> None:
     """The disk has space for the whole run."""
     sizes = ((len(axis.trajectory), SlowLayout.of(axis.controller).width) for axis in axes)
-    needed = round(ROOM * sum(80 * ticks + 8 * ticks // stride(timing) * width for ticks, width in sizes))
+    values = sum(80 * ticks + 8 * ticks // stride(timing) * width for ticks, width in sizes)
+    needed = round(ROOM * (values + 8 * len(_signals(driver)) * len(axes[0].trajectory)))
     if (free := shutil.disk_usage(folder).free) < needed:
         raise RealtimeError(f"{folder}: the run writes {needed / 1e6:.0f} MB, {free / 1e6:.0f} MB are free")
 
 
-def _layout(axes: Sequence[Axis], timing: Timing) -> Layout:
+def _signals(driver: Any) -> tuple[Signal, ...]:
+    """What a driver reads beside its axes; it stands in the recording of the first one."""
+    return getattr(driver, "signals", ())
+
+
+def _layout(driver: Driver, axes: Sequence[Axis], timing: Timing) -> Layout:
     size = round(BUFFER * timing.sample_rate) + timing.block + timing.latency
     return Layout(
         channels=len(axes),
         size=size,
         slow_size=size // stride(timing) + 2,
         slow_width=max(SlowLayout.of(axis.controller).width for axis in axes),
+        signals=len(_signals(driver)),
     )

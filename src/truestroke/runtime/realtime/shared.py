@@ -87,12 +87,16 @@ BINS = len(EDGES_US) + 1
 
 @dataclass(frozen=True, kw_only=True)
 class Layout:
-    """Sizes of the shared memory: axes, ticks in the ring, entries of the slow ring, numbers in each of them."""
+    """Sizes of the shared memory.
+
+    Axes, ticks in the ring, entries of the slow ring, numbers in each of them, further signals.
+    """
 
     channels: int
     size: int
     slow_size: int
     slow_width: int
+    signals: int = 0
 
 
 class Shared:
@@ -114,24 +118,29 @@ class Shared:
         Tick k is at k % size.
     slow : ndarray, shape (channels, slow_size, slow_width)
         What the controllers have estimated.
+    signals : ndarray, shape (signals, size)
+        What further inputs read in the ticks of the ring.
     """
 
     def __init__(self, layout: Layout, fd: int | None = None) -> None:
         self.layout = layout
         c, s = layout.channels, layout
-        rings = (8 * c * len(FIELDS) * s.size, 8 * c * s.slow_size * s.slow_width)
+        rings = (8 * c * len(FIELDS) * s.size, 8 * c * s.slow_size * s.slow_width, 8 * s.signals * s.size)
         sizes = (8 * SLOTS, 8 * BINS, 16 * c, *rings, len(Text) * TEXT)
         starts = np.concatenate([[0], np.cumsum(sizes)]).tolist()
         self.fd = os.memfd_create("truestroke") if fd is None else fd
         if fd is None:
             os.ftruncate(self.fd, starts[-1])
         parts = memoryview(mmap.mmap(self.fd, starts[-1]))
-        counts, histogram, targets, ring, slow, self._texts = (parts[a:b] for a, b in itertools.pairwise(starts))
+        counts, histogram, targets, ring, slow, signals, self._texts = (
+            parts[a:b] for a, b in itertools.pairwise(starts)
+        )
         self.count: memoryview[int] = counts.cast("Q")
         self.histogram: memoryview[int] = histogram.cast("Q")
         self.targets: memoryview[float] = targets.cast("d")
         self.ring: FloatArray = np.frombuffer(ring).reshape(c, len(FIELDS), s.size)
         self.slow: FloatArray = np.frombuffer(slow).reshape(c, s.slow_size, s.slow_width)
+        self.signals: FloatArray = (np.frombuffer(signals) if s.signals else np.empty(0)).reshape(s.signals, s.size)
 
     def __reduce__(self) -> tuple[type[Shared], tuple[Layout, int]]:
         return Shared, (self.layout, self.fd)  # to a process that has inherited the descriptor

@@ -13,6 +13,7 @@ from truestroke.signals.scans.images import (
     shift,
 )
 from truestroke.signals.scans.motions import cycloid, lissajous, raster, spiral
+from truestroke.signals.scans.recorded import Recorded, recorded
 from truestroke.signals.scans.samples import Grating, Texture
 from truestroke.signals.scans.scan import LINE, TRIGGER, Scan
 
@@ -23,6 +24,7 @@ __all__ = [
     "Grating",
     "Image",
     "ImageError",
+    "Recorded",
     "Scan",
     "Texture",
     "at_pixels",
@@ -34,6 +36,7 @@ __all__ = [
     "pixels_of",
     "raster",
     "read_images",
+    "recorded",
     "save_images",
     "shift",
     "spiral",

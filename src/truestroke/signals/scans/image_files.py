@@ -90,7 +90,7 @@ def save_images(
         checks.instance("images", image, Image, "an Image, such as of truestroke.scans.images(scan, signal)")
     if not several:
         raise SettingError("images", "none", "at least one")
-    _require_library(path)
+    require_library(path)
     write = WRITERS[path.suffix.lower()]
     with files.writing(path, IMAGE) as draft:
         write(draft, several, scan)
@@ -112,7 +112,7 @@ def read_images(path: str | Path) -> list[Image]:
     path = checks.path("path", path)
     if not path.is_file():
         raise FileNotFoundError(2, "no such file", str(path))
-    _require_library(path)
+    require_library(path)
     read = READERS[path.suffix.lower()]
     try:
         made = read(path)
@@ -123,7 +123,7 @@ def read_images(path: str | Path) -> list[Image]:
     return made
 
 
-def _require_library(path: Path) -> None:
+def require_library(path: Path) -> None:
     """An error where the package for an ending is missing, or there is none."""
     module = ENDINGS.get(path.suffix.lower())
     if module is None:

@@ -35,6 +35,7 @@ def raster(
     lead_in: int | None = None,
     lead_rows: int = 0,
     ramp: float = 0.25,
+    lead_out: float = 0.0,
     offset: tuple[float, float] | None = None,
     sample_rate: float = 10_000.0,
 ) -> Scan:
@@ -66,6 +67,8 @@ def raster(
         motion is learned before the image; by default y waits on the first row.
     ramp : float
         Time in which the motion builds up from 0 um, s.
+    lead_out : float
+        Time for which the motion goes on behind the image, s, as where hardware measures with latency.
     offset : tuple[float, float], optional
         Centre of the image, um; by default such that x and y do not go below 0 um.
     sample_rate : float
@@ -97,7 +100,7 @@ def raster(
     early = checks.count("lead_rows", lead_rows, 0, 10**6)
     least = math.ceil((ramp + (LEAD_IN if lead_in is None else 0.0)) * rate) + early
     lead = least if lead_in is None else checks.count("lead_in", lead_in, least, 10**6)
-    duration = _lasting((lead + lines) / rate, sample_rate)
+    duration = _lasting((lead + lines) / rate, sample_rate, lead_out)
     usual = {"frequency": rate, "turn": turn, "duration": duration, "sample_rate": sample_rate, "ramp": ramp}
     with checks.inside("", {"frequency": "rate"}):
         unit = trajectories.raster(peak_to_peak=1.0, **usual)  # type: ignore[arg-type]
@@ -191,6 +194,7 @@ def spiral(
     fastest: float | None = None,
     lead_in: float = LEAD_IN,
     ramp: float = 0.25,
+    lead_out: float = 0.0,
     offset: tuple[float, float] | None = None,
     sample_rate: float = 10_000.0,
 ) -> Scan:
@@ -218,7 +222,7 @@ def spiral(
         Turns per second at most, at constant linear velocity, Hz; by default twice `rotation`.
     lead_in : float
         Time before the spiral begins, s: the ramp to its centre, and rest there.
-    ramp, offset, sample_rate
+    ramp, lead_out, offset, sample_rate
         As in `raster`.
 
     Returns
@@ -259,7 +263,7 @@ def spiral(
         raise SettingError("fastest", fastest, "left out at constant angular velocity, where all turns are alike", "Hz")
     limit = 2 * rotation if fastest is None else checks.within("fastest", fastest, rotation, sample_rate / 2, "Hz")
     course = _Linear(number, rotation, limit) if linear else _Angular(number, rotation)
-    time = np.arange(round(_lasting(lead + course.duration, sample_rate) * sample_rate)) / sample_rate
+    time = np.arange(round(_lasting(lead + course.duration, sample_rate, lead_out) * sample_rate)) / sample_rate
     phi, rate, change = course.at(np.maximum(time - lead, 0.0))
     begun = time >= lead
     rate, change = np.where(begun, rate, 0.0), np.where(begun, change, 0.0)
@@ -334,6 +338,7 @@ def lissajous(
     lobes: int = 512,
     frames: int = 1,
     ramp: float = 0.25,
+    lead_out: float = 0.0,
     offset: tuple[float, float] | None = None,
     sample_rate: float = 10_000.0,
 ) -> Scan:
@@ -351,7 +356,7 @@ def lissajous(
         Periods of x in a pattern, from 2 on.
     frames : int
         Patterns, one after the other.
-    ramp, offset, sample_rate
+    ramp, lead_out, offset, sample_rate
         As in `raster`; the first pattern begins at the first period of x behind the ramp.
 
     Returns
@@ -375,7 +380,8 @@ def lissajous(
     lobes, frames = checks.count("lobes", lobes, 2, 10**6), checks.count("frames", frames, 1, 10**6)
     rate, sample_rate, ramp = _fast(rate, sample_rate, ramp)
     lead = math.ceil(ramp * rate) / rate
-    duration = _lasting(lead + frames * lobes / rate + 0.25 / rate, sample_rate)
+    end = lead + frames * lobes / rate + 0.25 / rate
+    duration = _lasting(end, sample_rate, lead_out)
     centre = (width / 2, height / 2) if offset is None else _pair("offset", offset)
     slow = rate * (lobes - 1) / lobes
     usual = {"duration": duration, "sample_rate": sample_rate, "ramp": ramp}
@@ -383,7 +389,7 @@ def lissajous(
     y = trajectories.sine(frequency=slow, peak_to_peak=height, offset=centre[1], **usual)
     starts = lead + (np.arange(2.0 * frames * lobes) + 0.5) / (2 * rate)  # the crests of x
     settings = {"rate": rate, "period": 1 / rate, "slow_rate": slow, "frame_time": lobes / rate, "lobes": lobes}
-    made = _sweeps(starts, rate, first=-1, sample_rate=sample_rate, duration=duration)
+    made = _sweeps(starts, rate, first=-1, sample_rate=sample_rate, duration=_lasting(end, sample_rate))
     origin = (centre[0] - width / 2, centre[1] - height / 2)
     return Scan("lissajous", x, y, origin, (width, height), made, settings)
 
@@ -395,6 +401,7 @@ def cycloid(
     pitch: float | None = None,
     rate: float = 40.0,
     ramp: float = 0.25,
+    lead_out: float = 0.0,
     offset: tuple[float, float] | None = None,
     sample_rate: float = 10_000.0,
 ) -> Scan:
@@ -410,7 +417,7 @@ def cycloid(
         Way of the centre in a period, um; by default height / 256.
     rate : float
         Circles per second, Hz.
-    ramp, offset, sample_rate
+    ramp, lead_out, offset, sample_rate
         As in `raster`.
 
     Returns
@@ -434,7 +441,7 @@ def cycloid(
     rate, sample_rate, ramp = _fast(rate, sample_rate, ramp)
     lead = max(math.ceil(2 * ramp * rate), 2) / rate
     periods = math.ceil((height + width) / step)
-    duration = _lasting(lead + periods / rate, sample_rate)
+    duration = _lasting(lead + periods / rate, sample_rate, lead_out)
     time = np.arange(round(duration * sample_rate)) / sample_rate
     omega, radius = 2 * math.pi * rate, width / 2
     start = step * rate * lead / 4  # way of the centre until it has its speed, at `lead`
@@ -477,8 +484,9 @@ def _fast(rate: float, sample_rate: float, ramp: float) -> tuple[float, float, f
     return rate, sample_rate, checks.within("ramp", ramp, 0.0, 3600.0, "s")
 
 
-def _lasting(duration: float, sample_rate: float) -> float:
-    """A duration of whole ticks that memory can hold, s."""
+def _lasting(duration: float, sample_rate: float, lead_out: float = 0.0) -> float:
+    """A duration of whole ticks that memory can hold, s, with what comes behind it."""
+    duration += checks.within("lead_out", lead_out, 0.0, 3600.0, "s")
     ticks = math.ceil(duration * sample_rate - 1e-6)
     return checks.count("ticks of the scan", max(2, ticks), 2, MOST) / sample_rate
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -111,6 +112,40 @@ class Scan(Displayed):
     def line_of_tick(self) -> npt.NDArray[np.int32]:
         """Number of the line that each tick is in, shape (ticks,); -1 outside of lines."""
         return _lines_of(self.lines, len(self.x))
+
+    def until(self, ticks: int) -> Scan:
+        """Its first ticks, with the rows of which all lines have ended by then: what a scan that was cut short shows.
+
+        Raises
+        ------
+        SettingError
+            No row is complete.
+
+        Examples
+        --------
+        >>> from truestroke import scans
+        >>> scan = scans.raster(width=10.0, lines=4, rate=40.0, lead_in=20, sample_rate=10_000.0)
+        >>> part = scan.until(5600)
+        >>> len(part.lines), part.size, len(part.x)
+        (4, (10.0, 5.0), 5600)
+        """
+        ticks = checks.count("ticks", ticks, 1, len(self.x))
+        open_rows = self.lines["row"][self.lines["last"] >= ticks]
+        rows = int(open_rows.min()) if open_rows.size else int(self.lines["row"].max()) + 1
+        if not rows:
+            raise SettingError("ticks", ticks, "as many as end the first row of the scan")
+        x, y = (
+            dataclasses.replace(
+                axis,
+                **{name: getattr(axis, name)[:ticks] for name in ("position", "velocity", "acceleration")},
+                flat=None,
+            )
+            for axis in self.axes
+        )
+        part = rows / (int(self.lines["row"].max()) + 1) if self.name == "raster" else 1.0
+        size = self.size[0], self.size[1] * part
+        kept = self.lines[self.lines["row"] < rows]
+        return Scan(self.name, x, y, self.origin, size, kept, {**self.settings, "rows": rows})
 
     def pixels(self, columns: int) -> FloatArray:
         """Time of the centre of each pixel of a line, s, shape (lines, columns), in the order of the columns.

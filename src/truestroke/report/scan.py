@@ -1,0 +1,117 @@
+"""The page of a scan on hardware: its images, trace and retrace laid over one another, its errors."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from truestroke.base.verdict import Verdict
+from truestroke.report import images, style, units, words
+from truestroke.report.page import Page, Section, Table, captioned
+from truestroke.report.style import LIGHT, Theme
+from truestroke.signals.scans.recorded import Recorded
+
+CAPTIONS = {
+    "image": ("The image", "As it was recorded, row by row; grey from the lowest to the highest signal."),
+    "over": ("Trace and retrace", images.LAID_OVER),
+    "lines": (
+        "Where along a line",
+        "Measured minus desired position of x and y in the trace and in the retrace: the median of all rows, and where "
+        "four of five of them are. The noise of the sensors is in it.",
+    ),
+    "errors": ("Errors", "Measured minus desired position of x and y, with the noise of the sensors."),
+}
+WORDS = {"good": "The image is straight, by the sensors.", "doubtful": "Read this before you use it.",
+         "bad": "Do not measure in it."}  # fmt: skip
+BAND = 10, 50, 90  # % of the rows
+POINTS = 4000  # of a plot over time
+
+
+def rows(found: Recorded) -> list[list[str]]:
+    """What was found, in words."""
+    shown = next(iter(found.images.values()))
+    x, y = (units.length(one) if one else "within the noise" for one in found.rms_um())
+    made = [["rows", f"{found.rows[0]} of {found.rows[1]}"], ["pixel", " x ".join(map(units.length, shown.pixel))]]
+    made.append(["error of x, y", f"{x}, {y} rms"])
+    if found.distortion is not None:
+        made.append(["trace and retrace apart, by the sensors", f"{found.distortion.trace_retrace:.2f} pixels"])
+    if found.shift is not None:
+        made.append(["trace and retrace apart, in the images", f"{np.hypot(*found.shift):.2f} pixels"])
+    return made
+
+
+def page(found: Recorded, verdict: Verdict, command: str | None = None) -> Page:
+    """The page; `verdict` is that of the image and of the axes, `command` what repeats the scan."""
+    shown = next(iter(found.images.values()))
+    width, height = shown.size
+    across, down = shown.data.shape[::-1]
+    name = shown.name.split(",")[0]
+    return Page(
+        title=f"{name.capitalize()} of {width:.4g} x {height:.4g} um",
+        lead=f"A {found.scan.name} of {found.scan.x.duration:.3g} s, {across} x {down} pixels.",
+        verdict=verdict,
+        remark=WORDS[verdict.level],
+        sections=[Section(tables=[Table(rows=rows(found), kind="words")]), *captioned(CAPTIONS)],
+        plots=lambda theme: plots(found, theme),
+        command=command,
+        footer=words.made_now(),
+    )
+
+
+def plots(found: Recorded, theme: Theme = LIGHT) -> dict[str, Figure]:
+    """All of them by name, in the order of the page."""
+    with style.use(theme):
+        made = {"image": _images(found)}
+        if found.distortion is not None:
+            figure, (panel,) = style.panels(5.0)
+            images.lay_over(panel, found.images["trace"], found.images["retrace"])
+            panel.set(xlabel="x (µm)", ylabel="y (µm)")
+            made |= {"over": figure, "lines": _lines(found, theme)}
+        else:
+            made["errors"] = _errors(found, theme)
+    return made
+
+
+def _images(found: Recorded) -> Figure:
+    shown = list(found.images.items())
+    figure, panels = style.panels(3.6 if len(shown) > 1 else 5.5, 1, len(shown), sharey=True)
+    limits = images.contrast(shown[0][1])
+    for panel, (name, image) in zip(panels, shown, strict=True):
+        images.show(panel, image, limits=limits)
+        panel.set_title(f"{image.name.split(',')[0]}, {name}" if len(shown) > 1 else image.name)
+        panel.set(xlabel="x (µm)")
+    panels[0].set(ylabel="y (µm)")
+    unit = shown[0][1].unit
+    colours = figure.colorbar(panels[-1].images[0], ax=list(panels), shrink=0.8, pad=0.02)
+    colours.set_label(f"signal ({unit})" if unit else "signal")
+    return figure
+
+
+def _lines(found: Recorded, theme: Theme) -> Figure:
+    """A panel for x and one for y."""
+    moved = found.distortion
+    assert moved is not None
+    figure, panels = style.panels(2.8, 1, 2)
+    x = found.scan.origin[0] + (np.arange(moved.dx.shape[1]) + 0.5) * moved.size[0]
+    for panel, errors, name, size in zip(panels, (moved.dx, moved.dy), "xy", moved.size, strict=True):
+        for direction, colour, word in ((1, "alarm", "trace"), (-1, "true", "retrace")):
+            kept = 1e3 * size * errors[moved.directions == direction]
+            low, middle, high = np.percentile(kept, BAND, axis=0)
+            panel.fill_between(x, low, high, color=theme[colour], alpha=0.25, lw=0)
+            panel.plot(x, middle, color=theme[colour], lw=1.0, label=word)
+        panel.set_title(f"error of {name}")
+        panel.set(xlabel="x (µm)")
+    panels[0].set(ylabel="error (nm)")
+    panels[0].legend(loc="best", handlelength=1.2)
+    return figure
+
+
+def _errors(found: Recorded, theme: Theme) -> Figure:
+    figure, (panel,) = style.panels(2.8)
+    step = max(1, len(found.error) // POINTS)
+    time = found.scan.time[::step]
+    for column, (name, colour) in enumerate((("x", "alarm"), ("y", "true"))):
+        panel.plot(time, 1e3 * found.error[::step, column], color=theme[colour], lw=0.6, label=name)
+    panel.set(xlabel="time (s)", ylabel="error (nm)")
+    panel.legend(loc="best", handlelength=1.2)
+    return figure

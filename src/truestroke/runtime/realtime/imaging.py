@@ -1,0 +1,102 @@
+"""The table [scan] of a configuration: two axes scan an area, and a signal of the driver is its image."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from truestroke.base import checks, frames, toml
+from truestroke.base.checks import SettingError
+from truestroke.runtime.drivers.protocol import Driver, Signal
+from truestroke.signals import scans
+from truestroke.signals.scans.scan import Scan
+
+SCANS = {kind: getattr(scans, kind) for kind in ("raster", "spiral", "lissajous", "cycloid")}
+LEAD_OUT = 64  # ticks: no hardware measures with more latency, so that all of the image is measured
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScanTable:
+    """The table [scan] but for the keys of its motion: two axes take theirs from it.
+
+    Attributes
+    ----------
+    kind : str
+        "raster", "spiral", "lissajous" or "cycloid"; all other keys are those of that function of `truestroke.scans`.
+    axes : tuple of str
+        Names of the fast and the slow axis; by default the first two.
+    signal : str or None
+        Signal of the driver that is the image; by default its only one.
+    columns : int
+        Pixels of a row, at most as many as there are ticks in a line.
+    """
+
+    kind: Literal["raster", "spiral", "lissajous", "cycloid"] = "raster"
+    axes: tuple[str, ...] = ()
+    signal: str | None = None
+    columns: int = 512
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Imaging:
+    """A scan that a configuration asks for.
+
+    Attributes
+    ----------
+    scan : Scan
+        As the sensors should read it.
+    axes : tuple[str, str]
+        Names of x and y.
+    signal : Signal
+        Of the image.
+    columns : int
+        Pixels of a row.
+    frame : tuple of tuple of float, or None
+        What the sensors read of the axes, where they are turned.
+    """
+
+    scan: Scan
+    axes: tuple[str, str]
+    signal: Signal
+    columns: int
+    frame: frames.Matrix | None = None
+
+
+def imaging(given: Mapping[str, Any], names: Sequence[str], driver: Driver, rate: float) -> Imaging:
+    """What a table [scan] asks for, of axes of these `names`.
+
+    Its ticks per second, Hz, are those of the driver; dynamics of `truestroke bode` are read already.
+
+    Raises
+    ------
+    SettingError
+        Names the key, its value, the bound and the unit.
+    """
+    own = {field.name for field in dataclasses.fields(ScanTable)}
+    table = toml.decode(ScanTable, {key: entry for key, entry in given.items() if key in own})
+    moving = table.axes or tuple(names[:2])
+    if len(moving) != 2 or len(set(moving)) < 2 or not set(moving) <= set(names):
+        raise SettingError("axes", list(moving), f"two of the axes: {', '.join(names)}")
+    rest = {key: entry for key, entry in given.items() if key not in own - {"kind"}}
+    made: Scan = toml.decode(
+        SCANS[table.kind], {"sample_rate": rate, "lead_out": LEAD_OUT / rate, **rest}, also=("kind",)
+    )
+    if made.sample_rate != rate:
+        raise SettingError("sample_rate", made.sample_rate, f"{rate:g} Hz, that of the driver, or left out", "Hz")
+    columns = checks.count("columns", table.columns, 2, 10**5)
+    if table.kind == "raster":
+        columns = scans.pixels_of(made, columns)
+    return Imaging(scan=made, axes=(moving[0], moving[1]), signal=_signal(table.signal, driver), columns=columns)
+
+
+def _signal(name: str | None, driver: Driver) -> Signal:
+    """The signal of this name that the driver reads, or its only one."""
+    there: dict[str, Signal] = {one.name: one for one in getattr(driver, "signals", ())}
+    if not there:
+        words = "one that the driver reads: it reads none; add a table [[driver.signals]], the input of the image"
+        raise SettingError("signal", repr(name) if name else "missing", words)
+    if (name is None and len(there) > 1) or (name is not None and name not in there):
+        raise SettingError("signal", repr(name) if name else "missing", f"one of {', '.join(there)}")
+    return there[name] if name else next(iter(there.values()))

@@ -1,0 +1,192 @@
+"""A scan that hardware has made: images of its signal, and what is distorted in them as far as the sensors see it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from truestroke.base.typing import FloatArray
+from truestroke.base.verdict import Level, Verdict
+from truestroke.signals import metrics
+from truestroke.signals.scans.images import Distortion, Image, ImageError, distortion, gridded, images, shift
+from truestroke.signals.scans.scan import Scan
+
+SEEN, CLEAR = 0.5, 2.0  # pixels: what a good image may be off, and a doubtful one
+LOUD = 1.2  # times the noise of a sample of the sensors: what it makes of the largest of many means of 16 rows
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Recorded:
+    """Images of a scan, and how far the sensors say that its pixels are from their places.
+
+    Attributes
+    ----------
+    scan : Scan
+        The part of it that was recorded, of whole rows.
+    rows : tuple[int, int]
+        Rows, or turns, that were recorded, and that were asked for.
+    images : Mapping[str, Image]
+        "trace" and "retrace" of a raster, "image" of any other scan.
+    error : ndarray, shape (ticks, 2)
+        Measured minus desired position within the lines, um, NaN outside.
+    distortion : Distortion or None
+        Of a raster, by the measured positions.
+    shift : tuple[float, float] or None
+        Of the retrace against the trace, in x and y, pixels, by the images alone; None where they do not show it.
+    verdict : Verdict
+        Of the image.
+    """
+
+    scan: Scan
+    rows: tuple[int, int]
+    images: Mapping[str, Image] = field(repr=False)
+    error: FloatArray = field(repr=False)
+    distortion: Distortion | None
+    shift: tuple[float, float] | None
+    verdict: Verdict
+
+    def rms_um(self) -> tuple[float, float]:
+        """Root mean square of the errors of x and y, um, without the noise of the sensors."""
+        return _rms(self.error)
+
+    def as_dict(self) -> dict[str, object]:
+        """For JSON."""
+        x, y = self.rms_um()
+        made: dict[str, object] = {"rows": self.rows[0], "all_rows": self.rows[1], "x_rms_um": x, "y_rms_um": y}
+        if self.distortion is not None:
+            made |= {"distortion_rms_pixels": self.distortion.rms, "shift_pixels": self.shift}
+            made |= {"trace_retrace_pixels": self.distortion.trace_retrace}
+        return made
+
+
+def recorded(
+    scan: Scan,
+    x: npt.ArrayLike,
+    y: npt.ArrayLike,
+    signal: npt.ArrayLike,
+    *,
+    columns: int = 512,
+    name: str = "signal",
+    unit: str = "",
+) -> Recorded:
+    """Images of a scan from what was recorded in each of its ticks, from the first one on.
+
+    Parameters
+    ----------
+    scan : Scan
+        What was asked for.
+    x, y : array_like, shape (ticks,)
+        Measured positions, um, NaN where there is none; fewer than the scan has where it was cut short.
+    signal : array_like, shape (ticks,)
+        What becomes the image.
+    columns : int
+        Pixels of a row; of a scan that is no raster, of the image in both directions.
+    name, unit : str
+        Of the signal.
+
+    Returns
+    -------
+    Recorded
+        A raster by its times, any other scan by its measured positions.
+
+    Raises
+    ------
+    ImageError
+        The arrays differ in length, are longer than the scan, end before its first row, or a line has no sample.
+
+    Examples
+    --------
+    >>> from truestroke import scans
+    >>> scan = scans.raster(width=10.0, lines=4, rate=40.0, lead_in=20, sample_rate=10_000.0)
+    >>> height = np.sin(scan.x.position)
+    >>> found = recorded(scan, scan.x.position, scan.y.position, height, columns=64)
+    >>> found.rows, found.images["trace"].data.shape, found.verdict.level
+    ((4, 4), (4, 64), 'good')
+    >>> recorded(scan, scan.x.position[:5600], scan.y.position[:5600], height[:5600], columns=64).verdict.reasons
+    ('The scan ended after row 2 of 4.',)
+    """
+    arrays = [np.asarray(one, dtype=np.float64) for one in (x, y, signal)]
+    part, rows = _as_far(scan, arrays)
+    places, values = arrays[:2], arrays[2]
+    error = np.stack([one - axis.position for one, axis in zip(places, part.axes, strict=True)], axis=1)
+    error[~part.inside] = np.nan
+    moved, apart = None, None
+    if part.name == "raster":
+        made = images(part, values, columns, name=name, unit=unit)
+        moved = distortion(part, _without_gaps(places[0]), _without_gaps(places[1]), columns)
+        apart = _shift(made)
+    else:
+        inside = part.inside
+        where = {"origin": part.origin, "size": part.size, "shape": (columns, columns)}
+        made = {"image": gridded(*(one[inside] for one in (*places, values)), name=name, unit=unit, **where)}  # type: ignore[arg-type]
+    found = {"scan": part, "rows": rows, "images": made, "error": error, "distortion": moved, "shift": apart}
+    return Recorded(**found, verdict=_judged(made, rows, error, moved, apart))  # type: ignore[arg-type]
+
+
+def _as_far(scan: Scan, arrays: list[FloatArray]) -> tuple[Scan, tuple[int, int]]:
+    """The part of a scan that was recorded, and its rows of all; the arrays are as long as it."""
+    sizes = {one.size for one in arrays}
+    ticks, whole = min(sizes), len(scan.x)
+    if len(sizes) > 1 or ticks > whole or any(one.ndim != 1 for one in arrays):
+        raise ImageError(
+            f"the recording has {', '.join(str(one.size) for one in arrays)} ticks of x, y and the signal, the scan "
+            f"{whole} at {scan.sample_rate:g} Hz: it is of another scan"
+        )
+    every = int(scan.lines["row"].max()) + 1
+    if ticks == whole:
+        return scan, (every, every)
+    first = int(scan.lines["last"][scan.lines["row"] == 0].max()) + 1
+    if ticks < first:
+        raise ImageError(f"the recording ends after {ticks} ticks, before the first row is complete, at tick {first}")
+    part = scan.until(ticks)
+    return part, (int(part.lines["row"].max()) + 1, every)
+
+
+def _without_gaps(place: FloatArray) -> FloatArray:
+    """Samples that were lost, between those that came."""
+    known = np.isfinite(place)
+    if not known.any():
+        raise ImageError("no position was measured")
+    return place if known.all() else np.interp(np.arange(place.size), np.flatnonzero(known), place[known])
+
+
+def _shift(made: Mapping[str, Image]) -> tuple[float, float] | None:
+    """By the images alone, where they show something."""
+    try:
+        return shift(made["trace"], made["retrace"])
+    except ImageError:
+        return None
+
+
+def _rms(error: FloatArray) -> tuple[float, float]:
+    squares = [np.nanmean(one**2) - metrics.noise(one) ** 2 for one in error.T]
+    return float(np.sqrt(max(squares[0], 0.0))), float(np.sqrt(max(squares[1], 0.0)))
+
+
+def _judged(
+    made: Mapping[str, Image],
+    rows: tuple[int, int],
+    error: FloatArray,
+    moved: Distortion | None,
+    apart: tuple[float, float] | None,
+) -> Verdict:
+    """Errors in pixels of the image; what the noise of the sensors makes of them counts for nothing."""
+    pixel = next(iter(made.values())).pixel
+    noise = max(metrics.noise(one) / size for one, size in zip(error.T, pixel, strict=True))
+    off = float(np.linalg.norm([one / size for one, size in zip(_rms(error), pixel, strict=True)]))
+    findings: list[tuple[Level, str]] = []
+    if rows[0] < rows[1]:
+        findings.append(("doubtful", f"The scan ended after row {rows[0]} of {rows[1]}."))
+    checks = [("By the sensors, a pixel is {:.2g} pixels from its place, rms.", off, 0.0)]
+    if moved is not None:
+        words = "By the sensors, trace and retrace are up to {:.2g} pixels apart."
+        checks.append((words, moved.trace_retrace, LOUD * noise))
+    if apart is not None:
+        checks.append(("In the images, trace and retrace are {:.2g} pixels apart.", float(np.hypot(*apart)), 0.0))
+    for words, pixels, allowed in checks:
+        if pixels > SEEN + allowed:
+            findings.append(("bad" if pixels > CLEAR + allowed else "doubtful", words.format(pixels)))
+    return Verdict.of(findings)

@@ -1,0 +1,308 @@
+"""`truestroke scan --config FILE`: two axes, an image from a further input, on a fake card and on simulated stages."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import h5py
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import truestroke
+from truestroke import SettingError, scans
+from truestroke.cli import main
+from truestroke.runtime.drivers.nidaqmx import AnalogSignal, NidaqmxDriver, NidaqmxSettings
+from truestroke.runtime.drivers.simulated import SampleSettings, SimulatedDriver, SimulatedSettings
+from truestroke.runtime.realtime import config
+
+if TYPE_CHECKING:
+    from card import Card
+
+pytest_plugins = ["card"]
+
+AXES = """
+[[axis]]
+name = "x"
+stroke = 30.0
+voltage_limits = [-0.6, 3.6]
+slew = 4000.0
+
+[[axis]]
+name = "y"
+stroke = 30.0
+voltage_limits = [-0.6, 3.6]
+slew = 4000.0
+
+[coupled]
+
+[realtime]
+overrun_streak = 0
+watchdog_timeout = 9.0
+
+[recording]
+file = "scan.h5"
+"""
+NI = """
+[driver]
+name = "nidaqmx"
+outputs = ["Dev1/ao0", "Dev1/ao1"]
+inputs = ["Dev1/ai0", "Dev1/ai1"]
+um_per_volt = 10.0
+signals = [{name = "height", input = "Dev1/ai4", per_volt = 50.0, offset = 3.0, unit = "nm"}]
+
+[scan]
+width = 6.0
+height = 3.0
+lines = 12
+rate = 10.0
+turn = 0.4
+over_scan = 0.05
+offset = [8.0, 6.0]
+columns = 48
+"""
+SIMULATED = """
+[driver]
+name = "simulated"
+channels = 2
+axes = {stages = [{resonances = [900.0]}, {resonances = [600.0]}], coupling = [[0.0, 0.03], [0.03, 0.0]]}
+signals = [{name = "height", sample = "grating"}]
+
+[scan]
+width = 6.0
+lines = 8
+rate = 20.0
+turn = 0.3
+offset = [8.0, 8.0]
+lead_in = 6
+ramp = 0.2
+"""
+
+
+def sample(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """SAMPLE of the fake card, V."""
+    return np.sin(2 * np.pi * x / 3) * np.cos(2 * np.pi * y / 4) + 0.1 * x
+
+
+# ---- The whole command ---------------------------------------------------------------------------------------------
+
+
+def test_the_card_images_its_sample(card: Card, tmp_path: Path) -> None:
+    """Each pixel shows what is at its place, in trace and retrace; the terminals are safe at the end."""
+    (tmp_path / "scan.toml").write_text(NI + AXES)
+    options = ["--json", "--images", "nxs", "--images", "gsf"]
+    command = [Path(sys.executable).with_name("truestroke"), "scan", "--config", "scan.toml", *options]
+    environment = os.environ | card.environment()
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert (found["verdict"], found["rows"], found["all_rows"]) == ("good", 12, 12)
+    assert card.volts[:2] == [0.0, 0.0]
+    assert card.tasks == 0
+    every = {image.name: image for image in scans.read_images(tmp_path / "scan.nxs")}
+    x, y = (low + (np.arange(n) + 0.5) * size / n for low, n, size in ((5.0, 48, 6.0), (4.5, 12, 3.0)))
+    there = 50.0 * sample(*np.meshgrid(x, y)) + 3.0  # nm
+    for name in ("height, trace", "height, retrace"):
+        shown = every[name]
+        assert (shown.size, shown.origin, shown.unit) == ((6.0, 3.0), (5.0, 4.5), "nm")
+        assert np.abs(shown.data - there).max() < 10.0  # of 200: 0.1 um beside its place, where it is steepest
+        assert np.sqrt(np.mean((shown.data - there) ** 2)) < 3.0
+    assert np.allclose(scans.read_images(tmp_path / "scan-height-trace.gsf")[0].data, every["height, trace"].data)
+    with h5py.File(tmp_path / "scan-x.h5") as file:
+        assert (file["height"].attrs["unit"], "Dev1/ai4" in file["height"].attrs["description"]) == ("nm", True)
+    run = truestroke.Recording.load(tmp_path / "scan-x.h5")
+    assert run["height"].size == run["measured"].size
+    assert np.isfinite(run["height"]).sum() == np.isfinite(run["measured"]).sum()
+    assert (tmp_path / "scan.html").read_text().count("<svg") == 3
+
+
+def test_a_scan_that_is_cut_short_keeps_its_rows(tmp_path, monkeypatch) -> None:
+    """The rows that are complete are an image, the recording is there, and the exit code is that of the fault."""
+    monkeypatch.chdir(tmp_path)
+    fault = "axes = {", 'faults = [{kind = "error", at = 1010}]\naxes = {'
+    check = "overrun_streak = 0", "overrun_streak = 0\naxis_check = false"
+    Path("scan.toml").write_text((SIMULATED + AXES).replace(*fault).replace(*check))
+    done = CliRunner().invoke(main, ["scan", "--config", "scan.toml", "--json"])
+    assert done.exit_code == 12, done.output
+    found = json.loads(done.stdout)
+    assert (found["rows"], found["all_rows"], found["verdict"]) == (4, 8, "bad")
+    assert "The scan ended after row 4 of 8" in " ".join(found["reasons"])
+    (image,) = scans.read_images("scan-height-retrace.gsf")
+    assert image.data.shape[0] == 4
+    assert image.size == (6.0, 3.0)
+    assert truestroke.Recording.load("scan-y.h5")["measured"].size == 1010
+    again = CliRunner().invoke(main, ["scan", "--config", "scan.toml"])
+    assert (again.exit_code, "a recording is there" in again.output) == (1, True)
+
+
+# ---- Signals of drivers --------------------------------------------------------------------------------------------
+
+
+def test_a_signal_of_the_card_is_that_of_the_tick_of_its_command(card: Card) -> None:
+    """The first axis moves over the sample: signal and sensor see it in the same tick, and in no other."""
+    height = AnalogSignal(name="height", input="Dev1/ai4", per_volt=2.0, offset=-1.0)
+    axes = {"outputs": ("Dev1/ao0", "Dev1/ao1"), "inputs": ("Dev1/ai0", "Dev1/ai1"), "um_per_volt": 10.0}
+    driver = NidaqmxDriver(NidaqmxSettings(**axes, signals=(height,)))
+    driver.open()
+    driver.start(np.zeros(2))
+    volts = np.zeros((2, 600))
+    volts[0] = 0.05 + 0.03 * np.repeat(np.random.default_rng(3).uniform(-1.0, 1.0, 120), 5)
+    measured, seen, part = [], [], np.empty((2, 20))
+    for k in range(0, 600, 20):
+        driver.exchange(np.ascontiguousarray(volts[:, k : k + 20]), part)
+        measured.append(part.copy())
+        seen.append(driver.readings.copy())
+    driver.stop(np.zeros(2))
+    (x, y), (signal,) = np.concatenate(measured, axis=1), np.concatenate(seen, axis=1)
+    assert [(one.name, one.unit) for one in driver.signals] == [("height", "V")]
+    expected = 2.0 * sample(x, y) - 1.0
+    assert np.abs(signal - expected)[60:].max() < 0.5  # V; noise of the sensors
+    steps = [np.diff(one[60:]) for one in (expected, signal)]
+    alike = {lag: float(np.corrcoef(steps[0][5:-5], np.roll(steps[1], lag)[5:-5])[0, 1]) for lag in range(-3, 4)}
+    assert max(alike, key=alike.__getitem__) == 0
+    assert alike[0] > 0.9
+
+
+def test_a_simulated_sample_is_read_where_it_truly_is() -> None:
+    settings = SimulatedSettings(
+        sample_rate=5000.0, block=4, latency=4, channels=2, axes={}, signals=(SampleSettings(sample="grating"),)
+    )
+    driver = SimulatedDriver(settings)
+    driver.open()
+    driver.start(np.zeros(2))
+    measured, grating = np.empty((2, 4)), scans.Grating()
+    seen = []
+    for k in range(200):
+        driver.exchange(np.full((2, 4), 0.015 * k), measured)
+        assert np.array_equal(driver.readings[0], grating(*driver.truth), equal_nan=True)
+        seen.append(driver.readings[0])
+    assert np.isnan(seen[0]).all()  # of no command
+    assert np.ptp(np.concatenate(seen[1:])) == pytest.approx(100.0, abs=1.0)
+    driver.close()
+
+
+# ---- What does not fit ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (('sample = "grating"', 'sample = "gratin"'), "sample = 'gratin': must be 'texture' or 'grating'"),
+        (('signals = [{name = "height", sample = "grating"}]', ""), "signal = missing: must be one that the driver re"),
+        (("rate = 20.0", 'rate = 20.0\nsignal = "topography"'), "scan.signal = 'topography': must be one of height"),
+        (("rate = 20.0", "rate = 20.0\nsample_rate = 4000.0"), "scan.sample_rate = 4000.0 Hz: must be 2000 Hz, that"),
+        (("rate = 20.0", 'rate = 20.0\naxes = ["x", "z"]'), "scan.axes = ['x', 'z']: must be two of the axes: x, y"),
+        (("rate = 20.0", "raet = 20.0"), "scan.raet = 20.0: must be left out; did you mean rate"),
+        (("lines = 8", 'kind = "zigzag"'), "scan.kind = 'zigzag': must be one of raster, spiral, lissajous, cycloid"),
+        (('name = "y"', 'name = "y"\ntrajectory = {kind = "sine"}'), "must be left out: [scan] moves this axis"),
+        (
+            ('name = "height"', 'name = "measured"'),
+            "name = 'measured': must be letters, digits, - and _, and no ",
+        ),
+        (("rate = 20.0", "rate = 20.0\nsettle = 3.0"), "settle"),
+    ],
+    ids=lambda value: value[1][:24] if isinstance(value, tuple) else "",
+)
+def test_a_configuration_that_does_not_fit_is_named(tmp_path, change, words) -> None:
+    text = SIMULATED + AXES
+    assert change[0] in text
+    (tmp_path / "scan.toml").write_text(text.replace(*change))
+    with pytest.raises(SettingError) as refused:
+        config.load(tmp_path / "scan.toml")
+    assert words in str(refused.value)
+    assert not list(tmp_path.glob("*.h5"))
+
+
+def test_two_signals_of_one_name_are_refused() -> None:
+    twice = tuple(AnalogSignal(name="height", input=f"Dev1/ai{i}") for i in (2, 3))
+    with pytest.raises(SettingError, match="signals: name = height, height: must be different"):
+        NidaqmxSettings(outputs=("Dev1/ao0",), inputs=("Dev1/ai0",), um_per_volt=1.0, signals=twice)
+    with pytest.raises(SettingError, match=r"per_volt = 0\.0 nm/V: must be not 0"):
+        AnalogSignal(name="height", input="Dev1/ai2", per_volt=0.0, unit="nm")
+
+
+def test_options_of_the_simulation_do_not_go_with_a_configuration(tmp_path) -> None:
+    tables = tomllib.loads(SIMULATED + AXES)
+    assert "scan" in tables
+    (tmp_path / "scan.toml").write_text(SIMULATED + AXES)
+    done = CliRunner().invoke(main, ["scan", "--config", str(tmp_path / "scan.toml"), "--noise", "0.1"])
+    assert (done.exit_code, "--noise is of the simulation" in done.output) == (2, True)
+    (tmp_path / "run.toml").write_text(config.example())
+    done = CliRunner().invoke(main, ["scan", "--config", str(tmp_path / "run.toml")])
+    assert (done.exit_code, "has no table [scan]" in done.output) == (2, True)
+
+
+# ---- Images of what was recorded -----------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def raster() -> scans.Scan:
+    return scans.raster(width=10.0, lines=16, rate=40.0, lead_in=20, sample_rate=10_000.0, lead_out=0.01)
+
+
+def test_a_late_stage_is_judged_by_sensors_and_by_the_image(raster) -> None:
+    """0.4 ms late: 3.5 % of a line, which a microscopist would see at once."""
+    texture, time = scans.Texture(seed=2), raster.time
+    late = np.interp(time - 4e-4, time, raster.x.position)
+    found = scans.recorded(raster, late, raster.y.position, texture(late, raster.y.position), columns=96, unit="nm")
+    assert found.verdict.level == "bad"
+    apart = 2 * 4e-4 * 1000.0 * 96 / 10.0  # um/s of a line of 10 um in 10 ms
+    assert found.distortion.trace_retrace == pytest.approx(apart, rel=0.05)
+    assert abs(found.shift[0]) == pytest.approx(apart, rel=0.1)
+    assert found.rms_um()[0] == pytest.approx(0.4, rel=0.02)
+
+
+def test_noise_of_the_sensors_is_no_distortion(raster) -> None:
+    """A tenth of a pixel to three pixels of it, a tick: the verdict stays, what is stated is without it."""
+    noise = np.random.default_rng(1)
+    for sigma in (0.01, 0.1, 0.3):  # um; a pixel of 0.1 um
+        x, y = (axis.position + noise.normal(0.0, sigma, len(raster.x)) for axis in raster.axes)
+        found = scans.recorded(raster, x, y, np.sin(raster.x.position), columns=100)
+        assert found.verdict.level == "good", (sigma, found.verdict)
+        assert max(found.rms_um()) < 0.35 * sigma
+
+
+def test_lost_samples_and_recordings_of_another_scan(raster) -> None:
+    x, y = (axis.position.copy() for axis in raster.axes)
+    signal = np.sin(x)
+    signal[5010:5050] = x[5010:5050] = np.nan
+    found = scans.recorded(raster, x, y, signal, columns=50)
+    assert np.isfinite(found.images["trace"].data).all()
+    line = raster.lines[3]
+    gone = signal.copy()
+    gone[line["first"] - 2 : line["last"] + 3] = np.nan
+    with pytest.raises(truestroke.ImageError, match="line 3 of 32 has no sample: its trigger is missing"):
+        scans.recorded(raster, raster.x.position, y, gone)
+    with pytest.raises(truestroke.ImageError, match="it is of another scan"):
+        scans.recorded(raster, np.append(x, 0.0), np.append(y, 0.0), np.append(signal, 0.0))
+    with pytest.raises(truestroke.ImageError, match="before the first row is complete"):
+        scans.recorded(raster, x[:5100], y[:5100], signal[:5100])
+
+
+def test_a_spiral_is_an_image_by_its_measured_places() -> None:
+    scan = scans.spiral(diameter=6.0, turns=30, rotation=40.0, sample_rate=5000.0, lead_out=0.02)
+    assert len(scan.x) == len(scans.spiral(diameter=6.0, turns=30, rotation=40.0, sample_rate=5000.0).x) + 100
+    x, y = (1.01 * axis.position for axis in scan.axes)  # not where it should be; the image is right all the same
+    found = scans.recorded(scan, x, y, x - 2 * y, columns=30)
+    image = found.images["image"]
+    u, v = (low + (np.arange(30) + 0.5) * 0.2 for low in image.origin)
+    inside = np.hypot(*np.meshgrid(u - 3.0, v - 3.0)) < 2.7
+    assert np.abs(image.data - (u - 2 * v[:, None]))[inside].max() < 0.15
+    assert found.rms_um()[0] > 0.02
+    assert scans.recorded(scan, *(one[:4000] for one in (x, y, x)), columns=30).rows == (12, 30)
+
+
+@pytest.mark.parametrize("kind", ["raster", "spiral", "lissajous", "cycloid"])
+def test_what_comes_behind_the_image_does_not_change_it(kind) -> None:
+    usual = {"raster": {"lines": 8}, "spiral": {"turns": 8}, "lissajous": {"lobes": 32}, "cycloid": {"pitch": 5.0}}
+    make = getattr(scans, kind)
+    short, long = (make(**usual[kind], sample_rate=5000.0, lead_out=after) for after in (0.0, 0.1))
+    assert len(long.x) - len(short.x) == 500
+    assert np.array_equal(short.lines, long.lines)
+    assert np.array_equal(short.y.position, long.y.position[: len(short.y)])
