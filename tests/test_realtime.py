@@ -213,7 +213,7 @@ def test_what_the_command_line_refuses() -> None:
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"drivers": {}}, "drivers = .*did you mean driver.*There are driver, axis, coupled, realtime, recording"),
+        ({"drivers": {}}, "drivers = .*did you mean driver.*There are driver, axis, scan, coupled, realtime"),
         ({"driver": {}}, "driver.name = missing"),
         ({"driver": {"name": "labview"}}, "driver.name = 'labview': must be one of nidaqmx, pi, simulated"),
         (

@@ -258,6 +258,13 @@ def test_a_late_stage_is_judged_by_sensors_and_by_the_image(raster) -> None:
     assert found.rms_um()[0] == pytest.approx(0.4, rel=0.02)
 
 
+def test_a_signal_that_is_noise_has_no_shift(raster) -> None:
+    """An input that nobody has connected: trace and retrace have nothing in common, and none is stated."""
+    noise = np.random.default_rng(5).normal(size=len(raster.x))
+    found = scans.recorded(raster, *(axis.position for axis in raster.axes), noise, columns=100)
+    assert (found.shift, found.verdict.level) == (None, "good")
+
+
 def test_noise_of_the_sensors_is_no_distortion(raster) -> None:
     """A tenth of a pixel to three pixels of it, a tick: the verdict stays, what is stated is without it."""
     noise = np.random.default_rng(1)

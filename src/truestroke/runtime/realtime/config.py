@@ -151,7 +151,7 @@ def job(document: Mapping[str, Any], folder: Path) -> Job:
     Traceback (most recent call last):
         ...
     truestroke.SettingError: driver.blok = 5: must be left out; did you mean block? There are name, sample_rate, \
-block, latency, channels, seed, hardware_timed, register, plant, stage, axes, faults
+block, latency, channels, seed, hardware_timed, register, plant, stage, axes, signals, faults
     """
     read = toml.decode(Document, document)
     made, rate = driver(read.driver)

@@ -15,6 +15,8 @@ from truestroke.signals.scans.images import Distortion, Image, ImageError, disto
 from truestroke.signals.scans.scan import Scan
 
 SEEN, CLEAR = 0.5, 2.0  # pixels: what a good image may be off, and a doubtful one
+FEWEST = 8  # rows and columns of images whose shift means something
+ALIKE = 0.5  # correlation of two images of the same thing
 LOUD = 1.2  # times the noise of a sample of the sensors: what it makes of the largest of many means of 16 rows
 
 
@@ -154,11 +156,21 @@ def _without_gaps(place: FloatArray) -> FloatArray:
 
 
 def _shift(made: Mapping[str, Image]) -> tuple[float, float] | None:
-    """By the images alone, where they show something."""
+    """By the images alone, where they are large enough and show the same thing: noise has a shift, too."""
+    trace, retrace = made["trace"], made["retrace"]
+    if min(trace.data.shape) < FEWEST:
+        return None
     try:
-        return shift(made["trace"], made["retrace"])
+        apart = shift(trace, retrace)
     except ImageError:
         return None
+    right, up = (round(one) for one in apart)
+    rows, columns = trace.data.shape
+    first = trace.data[max(-up, 0) : rows - max(up, 0), max(-right, 0) : columns - max(right, 0)]
+    second = retrace.data[max(up, 0) : rows + min(up, 0), max(right, 0) : columns + min(right, 0)]
+    if min(first.shape) < FEWEST or np.ptp(first) == 0 or np.ptp(second) == 0:
+        return None
+    return apart if np.corrcoef(first.ravel(), second.ravel())[0, 1] > ALIKE else None
 
 
 def _rms(error: FloatArray) -> tuple[float, float]:
