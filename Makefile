@@ -7,7 +7,7 @@ PIP = $(BIN)/python -m pip install --quiet --disable-pip-version-check
 NATIVE := $(shell find c src/bindings -name '*.c' -o -name '*.h' -o -name '*.cpp')
 OLD_PYTHON := truestroke needs Python 3.11 or newer; this is %s. Try: make PYTHON=python3.12
 
-.PHONY: help demo test setup bench images c-test fuzz fuzz-again fuzz-kernel fuzz-readers lint types imports pytest coverage wheel clean
+.PHONY: help demo test setup bench images c-test fuzz fuzz-again fuzz-kernel fuzz-readers lint types imports docs pytest coverage wheel clean
 .DEFAULT_GOAL := help
 
 help:  ## this list
@@ -18,7 +18,7 @@ help:  ## this list
 demo: $(VENV)/.package  ## follow the paper's random wave with a simulated stack; writes a page of pictures
 	@$(BIN)/truestroke track
 
-test: setup lint types imports c-test fuzz-again pytest wheel  ## everything that CI runs
+test: setup lint types imports docs c-test fuzz-again pytest wheel  ## everything that CI runs
 
 setup: $(VENV)/.ready  ## the environment that all but the demo use: the demo's, and the tools of developers
 
@@ -61,6 +61,12 @@ types: setup  ## mypy
 
 imports: setup  ## packages import one way only
 	$(BIN)/lint-imports
+
+# Pages that have not changed are not read again; `make clean` removes all of them.
+docs: setup  ## the site of the documentation: build/site/html/index.html
+	@$(BIN)/python docs/site/stage.py build/site/source
+	@$(BIN)/python -m sphinx -q -W --keep-going -a -j 2 -c docs/site -d build/site/doctrees build/site/source build/site/html
+	@$(BIN)/python docs/site/check.py build/site/html
 
 c-test:  ## the kernel by itself, with sanitisers
 	$(MAKE) -C c test

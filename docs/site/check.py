@@ -1,0 +1,117 @@
+"""Check the site that was built: `python docs/site/check.py FOLDER`. It ends with 1, and what is wrong.
+
+Every link within the site leads to a page, an anchor or a file that is there; no page fetches anything from elsewhere;
+the search and the index, which needs no script, find the words that readers ask for; the equations are all there.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from collections.abc import Iterator
+from functools import cache
+from html.parser import HTMLParser
+from pathlib import Path
+from urllib.parse import unquote, urlsplit
+
+SOUGHT = {"sensor failure": "questions", "notch": "questions", "windows": "questions", "hysteresis": "theory"}
+EQUATIONS = range(1, 24)
+
+
+class Page(HTMLParser):
+    """The links, the fetched files and the anchors of a page."""
+
+    def __init__(self, file: Path) -> None:
+        super().__init__()
+        self.links: list[str] = []
+        self.fetched: list[str] = []
+        self.anchors: set[str] = set()
+        self.feed(file.read_text())
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        """Sort the attributes."""
+        given = {name: value or "" for name, value in attrs}
+        self.anchors |= {given[name] for name in ("id", "name") if name in given}
+        if tag == "a" and "href" in given:
+            self.links.append(given["href"])
+        elif tag == "link" and given.get("rel") not in ("index", "search", "next", "prev", "author", "canonical"):
+            self.fetched.append(given.get("href", ""))
+        self.fetched += [given[name] for name in ("src", "srcset", "poster", "data") if name in given and tag != "a"]
+
+
+page = cache(Page)
+
+
+def wrong_links(file: Path) -> Iterator[str]:
+    """The links of a page that lead nowhere."""
+    for link in page(file).links:
+        parts = urlsplit(link)
+        if parts.scheme:
+            continue
+        target = (file.parent / unquote(parts.path)).resolve() if parts.path else file
+        if not target.is_file():
+            yield f"{file.name}: {link} is not there"
+        elif parts.fragment and target.suffix == ".html" and unquote(parts.fragment) not in page(target).anchors:
+            yield f"{file.name}: {link}: no such anchor"
+
+
+def wrong_files(file: Path) -> Iterator[str]:
+    """What a page fetches that is not a file of the site."""
+    for name in page(file).fetched:
+        parts = urlsplit(name)
+        if parts.scheme == "data":
+            continue
+        if parts.scheme or parts.netloc:
+            yield f"{file.name}: fetches {name} from elsewhere"
+        elif not (file.parent / unquote(parts.path)).is_file():
+            yield f"{file.name}: {name} is not there"
+
+
+def wrong_styles(file: Path) -> Iterator[str]:
+    """What a style sheet fetches from elsewhere."""
+    for name in re.findall(r"(?:url\(\s*|@import\s+)[\"']?((?:https?:)?//[^\"')]+)", file.read_text()):
+        yield f"{file.name}: fetches {name} from elsewhere"
+
+
+def found(folder: Path, words: str) -> set[str]:
+    """The pages that have all of these words, by the index of the search; words are cut as the search cuts them."""
+    text = (folder / "searchindex.js").read_text()
+    listed = json.loads(text[text.index("(") + 1 : text.rindex(")")])
+    hits = []
+    for word in words.split():
+        stems = [stem for stem in (*listed["terms"], *listed["titleterms"]) if word.startswith(stem) and len(stem) > 3]
+        places = [listed[kind].get(max(stems, key=len, default=""), []) for kind in ("terms", "titleterms")]
+        hits.append({n for place in places for n in (place if isinstance(place, list) else [place])})
+    return {listed["docnames"][n] for n in set.intersection(*hits)}
+
+
+def wrong_search(folder: Path) -> Iterator[str]:
+    """Words that the search, or the index without scripts, does not find."""
+    keywords = (folder / "genindex.html").read_text().lower()
+    for words, name in SOUGHT.items():
+        if name not in found(folder, words):
+            yield f"the search does not find {words!r} in {name}"
+        if words not in keywords:
+            yield f"genindex.html has no {words!r}"
+
+
+def wrong_equations(folder: Path) -> Iterator[str]:
+    """Equations that are missing, or are not MathML."""
+    text = (folder / "theory.html").read_text()
+    for number in EQUATIONS:
+        if not re.search(rf'id="equation-{number}"[^>]*><math ', text):
+            yield f"theory.html has no equation ({number})"
+
+
+def wrong(folder: Path) -> list[str]:
+    """All that is wrong with the site in the folder."""
+    pages = sorted(folder.rglob("*.html"))
+    each = [message for file in pages for check in (wrong_links, wrong_files) for message in check(file)]
+    styles = [message for file in folder.rglob("*.css") for message in wrong_styles(file)]
+    return [*each, *styles, *wrong_search(folder), *wrong_equations(folder)]
+
+
+if __name__ == "__main__":
+    messages = wrong(Path(sys.argv[1]).resolve())
+    sys.exit("\n".join(messages) or 0)

@@ -1,0 +1,144 @@
+"""The site of the documentation: what `make docs` makes of the pages, and that its check finds what is wrong."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+from docs.site import check, github, mathml, stage
+
+import truestroke
+
+ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
+STAGED = ROOT / "build/site/source"
+
+# ---- From the pages of GitHub to those of Sphinx ---------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("source", "target", "there"),
+    [
+        ("docs/run.md", "commission.md", "commission.md"),
+        ("docs/run.md", "https://www.ni.com/x.md", "https://www.ni.com/x.md"),
+        ("docs/run.md", "#faults", "#faults"),
+        ("docs/run.md", "../README.md#limits", "project.md#limits"),
+        ("docs/decisions/0001-c-kernel-and-numpy-text.md", "../house.md", "../house.md"),
+        ("docs/decisions/0001-c-kernel-and-numpy-text.md", "../../CHANGELOG.md", "../changelog.md"),
+        ("README.md", "docs/scan.md#files", "scan.md#files"),
+        ("README.md", "LICENSE", "../../../LICENSE"),
+        ("CONTRIBUTING.md", "c/tests/vectors.py", "../../../c/tests/vectors.py"),
+        ("examples/README.md", "02_loop_by_hand.py", "02_loop_by_hand.md"),
+        (
+            "examples/README.md",
+            "notebooks/02_loop_by_hand.ipynb",
+            "../../../../examples/notebooks/02_loop_by_hand.ipynb",
+        ),
+    ],
+)
+def test_a_link_leads_to_the_same_place_on_the_site(source: str, target: str, there: str) -> None:
+    assert stage.relinked(target, ROOT / source, STAGED) == there
+
+
+def test_text_between_backticks_and_in_blocks_stays() -> None:
+    text = "See [@tan2009], `[@tan2009]` and [c](../c), [`a`](run.md).\n"
+    assert stage.rewritten(text, DOCS / "theory.md", STAGED) == (
+        "See {cite:p}`tan2009`, `[@tan2009]` and c, [`a`](run.md).\n"
+    )
+
+
+def test_every_page_is_in_the_side_bar_once() -> None:
+    listed = [page for pages in stage.contents().values() for _, page in pages]
+    assert sorted(listed) == sorted(set(listed))
+    pages = {path.name for path in DOCS.glob("*.md")} - {"README.md"}
+    assert pages | {"project.md", "contributing.md", "changelog.md", "references.md"} <= set(listed)
+
+
+def test_the_reference_has_every_public_name_once() -> None:
+    names = [name for names in stage.public_names().values() for name in names]
+    assert sorted([*names, "__version__"]) == sorted(truestroke.__all__)
+    assert set(stage.public_names()) <= set(stage.packages())
+
+
+def test_a_page_of_an_example_shows_its_whole_script() -> None:
+    script = ROOT / "examples/05_record_to_controller.py"
+    shown = stage.example(script, STAGED)
+    code = [line for line in script.read_text().splitlines() if line and not line.startswith(("#", '"""'))]
+    assert [line for line in code if line not in shown] == []
+
+
+def test_a_picture_has_a_light_and_a_dark_image() -> None:
+    light, dark = github.images('<picture>\n<source srcset="d.png">\n<img alt="a loop" src="l.png">\n</picture>')
+    assert (light["uri"], light["classes"], light["alt"]) == ("l.png", ["only-light"], "a loop")
+    assert (dark["uri"], dark["classes"], dark["alt"]) == ("d.png", ["only-dark"], "a loop")
+    with pytest.raises(ValueError, match="dark source"):
+        github.images('<picture><img alt="a loop" src="l.png"></picture>')
+
+
+def test_an_equation_is_mathml_without_its_number() -> None:
+    shown = mathml.mathml(r"\frac{a}{b} \tag{7}", "block")
+    assert re.search(r"<mfrac>.*<mi>a</mi>.*<mi>b</mi>.*</mfrac>", shown)
+    assert "7" not in shown
+
+
+# ---- The glossary ----------------------------------------------------------------------------------------------------
+
+
+def test_the_glossary_is_in_order_and_of_words_that_pages_use() -> None:
+    rows = re.findall(r"^\| (?!term|---)(.+?) \|", (DOCS / "glossary.md").read_text(), flags=re.MULTILINE)
+    assert rows == sorted(rows, key=lambda row: row.strip("`").lower())
+    others = " ".join(path.read_text() for path in DOCS.glob("*.md") if path.name != "glossary.md")
+    words = re.sub(r"\s+", " ", others).lower()
+    assert [term for row in rows for term in row.lower().split(", ") if term not in words] == []
+
+
+# ---- The check finds what is wrong -----------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def site(tmp_path: Path) -> Path:
+    """A site of two pages with which nothing is wrong."""
+    equations = "".join(f'<div id="equation-{n}" class="math"><math ></math></div>' for n in range(1, 24))
+    (tmp_path / "theory.html").write_text(
+        f'<a href="questions.html#notch">x</a><a href="https://ni.com">y</a>{equations}'
+    )
+    (tmp_path / "questions.html").write_text(
+        '<h1 id="notch">Notch</h1><img src="a.png"><link rel="stylesheet" href="s.css">'
+    )
+    (tmp_path / "genindex.html").write_text("Sensor failure, Notch, Windows, Hysteresis")
+    (tmp_path / "a.png").write_bytes(b"")
+    (tmp_path / "s.css").write_text('a { background: url("a.png") } b { background: url(data:x) }')
+    terms = '{"sensor": 0, "failur": 0, "notch": [0, 1], "window": 0, "hysteresi": 1}'
+    (tmp_path / "searchindex.js").write_text(
+        f'Search.setIndex({{"docnames": ["questions", "theory"], "terms": {terms}, "titleterms": {{}}}})'
+    )
+    return tmp_path
+
+
+def test_a_sound_site_passes(site: Path) -> None:
+    assert check.wrong(site) == []
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new", "message"),
+    [
+        ("theory.html", "questions.html#notch", "question.html", "question.html is not there"),
+        ("theory.html", "#notch", "#notches", "no such anchor"),
+        ("questions.html", "a.png", "b.png", "b.png is not there"),
+        ("questions.html", "s.css", "https://x.org/s.css", "from elsewhere"),
+        ("questions.html", "a.png", "//x.org/a.png", "from elsewhere"),
+        ("s.css", '"a.png"', "https://x.org/f.woff", "from elsewhere"),
+        ("s.css", "a {", "@import '//x.org/f.css'; a {", "from elsewhere"),
+        ("searchindex.js", '"window": 0', '"window": 1', "does not find 'windows'"),
+        ("searchindex.js", '"failur": 0', '"failur": 1', "does not find 'sensor failure'"),
+        ("genindex.html", "Notch", "Gap", "has no 'notch'"),
+        ("theory.html", 'id="equation-7"', "", "no equation (7)"),
+        ("theory.html", "<math >", "$$", "no equation (1)"),
+    ],
+)
+def test_a_mistake_in_the_site_is_found(site: Path, file: str, old: str, new: str, message: str) -> None:
+    changed = site / file
+    assert old in changed.read_text()
+    changed.write_text(changed.read_text().replace(old, new))
+    assert any(message in found for found in check.wrong(site))
