@@ -7,7 +7,7 @@ PIP = $(BIN)/python -m pip install --quiet --disable-pip-version-check
 NATIVE := $(shell find c src/bindings -name '*.c' -o -name '*.h' -o -name '*.cpp')
 OLD_PYTHON := truestroke needs Python 3.11 or newer; this is %s. Try: make PYTHON=python3.12
 
-.PHONY: help demo test setup bench images c-test fuzz fuzz-again fuzz-kernel fuzz-readers lint types imports docs pytest coverage wheel clean
+.PHONY: help demo test setup bench images web c-test fuzz fuzz-again fuzz-kernel fuzz-readers lint types imports docs pytest coverage wheel clean
 .DEFAULT_GOAL := help
 
 help:  ## this list
@@ -51,6 +51,10 @@ images: setup  ## make the pictures of the README again, into docs/images
 	@$(BIN)/truestroke track --output build/images/track --plots build/images
 	@$(BIN)/truestroke compare --output build/images/compare --plots build/images
 	@cp build/images/loop-*.png build/images/errors-*.png docs/images/
+
+web: setup  ## the module of the browser and the playground, into build/web
+	@$(BIN)/python web/build.py build/web
+	@echo 'build/web/playground.html'
 
 lint: setup  ## ruff
 	$(BIN)/ruff check .

@@ -20,6 +20,7 @@
 #include "loops.h"
 #include "native.h"
 #include "settings.h"
+#include "status.h"
 #include "truestroke.h"
 
 namespace nb = nanobind;
@@ -32,27 +33,6 @@ namespace {
 
 template <typename T> using Vector = nb::ndarray<const T, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 using Output = nb::ndarray<double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
-
-const char *message(ts_status status) {
-    switch (status) {
-        case TS_BAD_PLAYS: return "plays";
-        case TS_BAD_THRESHOLDS: return "thresholds";
-        case TS_BAD_DEAD_ZONES: return "dead_zone_thresholds";
-        case TS_BAD_DEAD_ZONE_WEIGHTS: return "dead_zone_weights";
-        case TS_BAD_TERMS: return "the terms of the model";
-        case TS_BAD_WEIGHTS: return "initial_weights";
-        case TS_BAD_RATE_SCALE: return "rate_scale";
-        case TS_BAD_RLS: return "forgetting, regularization or covariance_limit";
-        case TS_BAD_KALMAN: return "the settings of the Kalman filter";
-        case TS_BAD_SLOPE: return "slope_limits";
-        case TS_BAD_VOLTAGE: return "voltage_limits or slew_limit";
-        case TS_BAD_SENSOR: return "the sensor";
-        case TS_BAD_DYNAMICS: return "dynamics";
-        case TS_BAD_FEEDBACK: return "the feedback";
-        case TS_BAD_LIMIT: return "stroke, measurement_limit, smoothing or trim";
-        default: return "settings";
-    }
-}
 
 // Python has checked the values, the kernel checks them again.
 ts_settings settings_from(const nb::dict &d) {
@@ -374,7 +354,7 @@ void check_state(const ts_controller &c) {
 void require(ts_status status) {
     if (status == TS_NOT_FINITE) throw std::invalid_argument("volts and z must be finite");
     if (status == TS_BEYOND_REACH) throw std::invalid_argument("z is beyond the reach of the stroke under these volts");
-    if (status != TS_OK) throw std::invalid_argument(std::string("the kernel refuses ") + message(status));
+    if (status != TS_OK) throw std::invalid_argument(std::string("the kernel refuses ") + ts_status_setting(status));
 }
 
 class Kernel {

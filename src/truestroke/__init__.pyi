@@ -24,6 +24,7 @@ from truestroke.control.model_file import save_model as save_model
 from truestroke.control.settings import ControllerSettings as ControllerSettings
 from truestroke.export.c_source import Exported as Exported
 from truestroke.export.c_source import export_c as export_c
+from truestroke.export.json_settings import export_json as export_json
 from truestroke.identification.dynamics import Bode as Bode
 from truestroke.identification.dynamics import DynamicsError as DynamicsError
 from truestroke.identification.dynamics import measure_bode as measure_bode

@@ -1,4 +1,4 @@
-"""`truestroke export`: the controller as source for another machine."""
+"""`truestroke export`: the controller as source or settings for another machine."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+from click.core import ParameterSource
 
 import truestroke
 from truestroke.cli import common
@@ -17,10 +18,11 @@ if TYPE_CHECKING:
 
 SIZES = ("sample_rate", "stroke", "voltage_limits")
 ALONE = (*SIZES, "slew", "safe_voltage", "controller", "model", "dynamics")
+OF_C = ("precision", "history")  # options that only C has
 
 
 @click.command()
-@click.argument("target", metavar="c", type=click.Choice(["c"]))
+@click.argument("target", metavar="c|json", type=click.Choice(["c", "json"]))
 @click.option("--config", metavar="FILE", type=common.FILE, help="Take the controller of a configuration of "
               "`truestroke run`.")  # fmt: skip
 @click.option("--axis", metavar="NAME", help="Which of its axes.  [default: the only one]")
@@ -43,18 +45,23 @@ ALONE = (*SIZES, "slew", "safe_voltage", "controller", "model", "dynamics")
 @click.option("--history", metavar="TICKS", type=click.IntRange(1, 1024), help="That a measurement may come after its "
               "command, plus one.  [default: 16, 8 of the paper's law, more with a long dead time]")  # fmt: skip
 @click.option("--ticks", metavar="N", type=click.IntRange(100, 100_000), default=1000, help="Of the self-test.")
-@click.option("--output", metavar="FOLDER", type=common.FOLDER, required=True, help="A new or empty folder.")
+@click.option("--output", metavar="PATH", type=click.Path(path_type=Path), required=True,
+              help="c: a new or empty folder; json: a file.")  # fmt: skip
 @common.overwrite_option
 @common.json_option
 def export(target: str, output: Path, as_json: bool, **options: Any) -> None:
-    """Write a controller as C99 source that builds by itself.
+    """Write a controller as C99 source that builds by itself, or its settings as JSON for the module of a browser.
 
-    The folder holds the kernel with capacities cut to the settings, settings and prior as constants, three calls, an
-    example of a loop, and a self-test: a recorded run whose commands must come out again.
+    c: the folder holds the kernel with capacities cut to the settings, settings and prior as constants, three calls, an
+    example of a loop, and a self-test: a recorded run whose commands must come out again. json: the file holds the
+    settings in double precision and such a run.
     """
     from truestroke.export import export_c
 
     settings, safe_voltage, about = _settings(options)
+    if target == "json":
+        _json(settings, safe_voltage, about, output, options["ticks"], as_json)
+        return
     made = export_c(
         settings,
         output,
@@ -71,6 +78,25 @@ def export(target: str, output: Path, as_json: bool, **options: Any) -> None:
     click.echo(f"{len(made.files)} files of a controller with {settings.plays} plays and {settings.parameters} weights")
     common.print_files(folder=made.folder)
     click.echo(f"\nIts self-test: make -C {made.folder} test\nIts memory:    make -C {made.folder} size")
+
+
+def _json(
+    settings: ControllerSettings, safe_voltage: float | None, about: str, output: Path, ticks: int, as_json: bool
+) -> None:
+    """What belongs to C is refused, not passed over."""
+    from truestroke.export import export_json
+
+    context = click.get_current_context()
+    for name in OF_C:
+        if context.get_parameter_source(name) is ParameterSource.COMMANDLINE:
+            raise click.UsageError(f"--{name} is one of `export c`.")
+    command = common.as_asked()["command"]
+    file = export_json(settings, output, safe_voltage=safe_voltage, ticks=ticks, about=about, command=command)
+    if as_json:
+        common.print_json({"file": str(file)})
+        return
+    click.echo(f"Settings of a controller with {settings.plays} plays and {settings.parameters} weights")
+    common.print_files(settings=file)
 
 
 def _settings(options: dict[str, Any]) -> tuple[ControllerSettings, float | None, str]:
