@@ -101,10 +101,10 @@ def test_the_legend_at_the_right_has_the_order_of_the_lines_ends(recording: Reco
 @pytest.mark.parametrize("theme", [style.LIGHT, style.DARK], ids=lambda theme: theme.name)
 def test_axes_have_labels_with_units_and_lines_have_names(recording: Recording, theme: style.Theme) -> None:
     drawn = report.run_plots(recording, theme)
-    assert list(drawn) == ["tracking", "error", "loop", "weights", "voltage"]
+    assert list(drawn) == ["tracking", "error", "spectrum", "loop", "weights", "voltage"]
     for name, figure in drawn.items():
         labels = [axes.get_ylabel() for axes in figure.axes] + [figure.axes[-1].get_xlabel()]
-        assert all(re.search(r"\((µm|nm|V|s|µm/V)\)$", label) for label in labels if label), (name, labels)
+        assert all(re.search(r"\((µm|nm|V|s|µm/V|nm/√Hz|%)\)$", label) for label in labels if label), (name, labels)
         assert labels[0]
         assert labels[-1]
         assert figure.axes[0].get_legend() or name == "weights"

@@ -1,9 +1,11 @@
 """One class for every page: a self-contained HTML file of a title, a verdict, tables, plots and what repeats it."""
 
 import io
+import json
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from importlib import resources
 from pathlib import Path
 from typing import Literal
 from xml.sax.saxutils import escape
@@ -15,9 +17,11 @@ from matplotlib.figure import Figure
 
 from truestroke.base import checks, files
 from truestroke.base.verdict import Verdict
-from truestroke.report import style, units
+from truestroke.report import charts, style, units
+from truestroke.report.charts import Chart
 from truestroke.report.style import Theme
 
+IN_SCRIPT = str.maketrans({"<": "\\u003c", "&": "\\u0026"})  # letters of HTML and XML inside JSON
 Plots = Callable[[Theme], Mapping[str, Figure]]
 """Makes all plots of a page, by name, in one theme."""
 
@@ -58,7 +62,7 @@ class Table:
 
 @dataclass(frozen=True, kw_only=True)
 class Section:
-    """A part of a page, shown in this order: heading, text, list, tables, code, plot with its caption.
+    """A part of a page, shown in this order: heading, text, list, tables, code, chart, plot with its caption.
 
     Attributes
     ----------
@@ -72,6 +76,8 @@ class Section:
         Commands, as they are typed.
     plot, caption : str
         Name of a plot and its explanation. The section is left out where the page makes no such plot.
+    chart : Chart or None
+        To zoom into, with the caption. A section without plot is shown where the reader's program runs scripts.
     beside : bool
         Half as wide as the page, beside its neighbour.
     folded : bool
@@ -85,6 +91,7 @@ class Section:
     code: str = ""
     plot: str = ""
     caption: str = ""
+    chart: Chart | None = None
     beside: bool = False
     folded: bool = False
 
@@ -92,6 +99,16 @@ class Section:
 def captioned(captions: Mapping[str, tuple[str, str]]) -> list[Section]:
     """A section for each plot, of (heading, caption) by its name."""
     return [Section(heading=heading, plot=name, caption=text) for name, (heading, text) in captions.items()]
+
+
+def closer(chart: Chart) -> Section:
+    """A section to zoom into a chart."""
+    return Section(
+        heading="Look closer",
+        chart=chart,
+        caption="Drag across a part to zoom into it, or use the buttons, the keys + - and the arrows, or two fingers; "
+        "the panels move together. The address of the page keeps the part, to be sent to a colleague.",
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -137,9 +154,12 @@ class Page:
         shown = [section for section in self.sections if not section.plot or section.plot in made]
         environment = jinja2.Environment(loader=jinja2.PackageLoader("truestroke.report"), autoescape=True)
         environment.filters |= {"typeset": typeset, "micro": units.micro}
+        each = charts.BUDGET // max(1, sum(section.chart is not None for section in shown))
+        environment.filters["chart"] = lambda chart: Markup(json.dumps(chart.encoded(each)).translate(IN_SCRIPT))
         return environment.get_template("page.html.j2").render(
             page=self,
             sections=shown,
+            scripts=_scripts() if any(section.chart for section in shown) else None,
             svgs={s.plot: svg(made[s.plot], s.plot, s.caption or s.heading) for s in shown if s.plot},
             **{theme.name: _variables(theme) for theme in (style.LIGHT, style.DARK)},
         )
@@ -198,6 +218,13 @@ def svg(figure: Figure, name: str, description: str) -> str:
         f'role="img" aria-labelledby="{name}-title"><title id="{name}-title">{escape(units.micro(description))}</title>'
     )
     return re.sub(r"<svg[^>]*>", lambda _: opening, text, count=1)
+
+
+def _scripts() -> dict[str, Markup]:
+    """The script of charts and what it needs: inside the page, so that it is read without a network."""
+    folder = resources.files("truestroke.report")
+    parts = {"uplot": "uplot/uPlot.iife.min.js", "style": "uplot/uPlot.min.css", "charts": "templates/charts.js"}
+    return {name: Markup(folder.joinpath(path).read_text("utf-8")) for name, path in parts.items()}
 
 
 def _variables(theme: Theme) -> str:

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from truestroke.base import checks, toml
 from truestroke.control.feedback import Feedback
 from truestroke.report import plots, words
-from truestroke.report.page import Number, Page, Section, Table, captioned
+from truestroke.report.page import Number, Page, Section, Table, captioned, closer
 from truestroke.report.style import LIGHT, Theme
 from truestroke.signals import judgement
 from truestroke.signals.metrics import TrackingSummary
@@ -41,6 +41,7 @@ def run_page(recording: Recording) -> Page:
         remark=words.REMARKS[verdict.level],
         sections=[
             Section(tables=[_table(summary, _feedback(recording))]),
+            closer(plots.closer(recording)),
             *captioned(words.CAPTIONS),
             Section(heading="All settings", tables=[settings], folded=True),
         ],
@@ -87,6 +88,7 @@ def run_plots(recording: Recording, theme: Theme = LIGHT) -> dict[str, Figure]:
     made = {
         "tracking": plots.tracking(recording, theme),
         "error": plots.error(recording, converged, theme),
+        "spectrum": plots.spectrum(recording, theme),
     }
     before = plots.uncompensated(recording)
     if before is not None:

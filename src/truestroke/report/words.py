@@ -45,6 +45,11 @@ CAPTIONS = {
         "Displacement minus desired displacement. Look above at how soon it becomes small, below at whether it stays "
         "so; note that the scales differ.",
     ),
+    "spectrum": (
+        "Of what the error is made",
+        "Left: how much of it each frequency has, in the second half; a peak is what repeats, such as the motion, a "
+        "resonance or the mains. Right: how often each error occurs; noise alone is a bell.",
+    ),
     "loop": (
         "Hysteresis, before and after",
         "Displacement over desired displacement in the last seconds of the same wave, first with a constant gain in "

@@ -11,7 +11,7 @@ from truestroke.identification.select import Tried
 from truestroke.identification.validation import Evidence
 from truestroke.report.identified import plots
 from truestroke.report.identified.view import View
-from truestroke.report.page import Number, Page, Section, Table, captioned
+from truestroke.report.page import Number, Page, Section, Table, captioned, closer
 from truestroke.report.units import length
 
 CAPTIONS = {
@@ -186,6 +186,7 @@ def model_page(
         Section(tables=[_errors(found, view, findings)]),
         Section(heading="What the error contains", tables=[_evidence(found.evidence)]),
         _warnings([*findings.warnings, *notes(view, record)]),
+        closer(plots.closer(view)),
         *captioned(CAPTIONS),
         *_structure(found),
         Section(heading="Record", tables=[Table(rows=findings.table(), kind="words")], beside=True),

@@ -14,6 +14,7 @@ from truestroke.identification import Identified
 from truestroke.model.layout import TERMS
 from truestroke.report import plots as run_plots
 from truestroke.report import style, units
+from truestroke.report.charts import Chart, Line, Panel
 from truestroke.report.identified.view import View, binned
 from truestroke.report.style import LIGHT, Theme
 
@@ -28,6 +29,20 @@ def plots(found: Identified, theme: Theme = LIGHT) -> dict[str, Figure]:
     view = View.of(found)
     left = residual(view, found.autocorrelation, found.residual.size, theme)
     return {"loop": loop(view, theme), "residual": left, "weights": weights(view, theme)}
+
+
+def closer(view: View) -> Chart:
+    """Measured and predicted displacement, the residual and the voltage of a record, to zoom into."""
+    factor, unit = units.scaled_length(float(np.nanmax(np.abs(view.error[view.tested]), initial=0.0)))
+    volts, volt = volt_unit(view)
+    shown = [Line("measured", "desired", view.displacement), Line("predicted", "true", view.predicted)]
+    panels = [
+        Panel("displacement (µm)", shown),
+        Panel(f"residual ({unit})", [Line("residual", "true", factor * view.error)]),
+        Panel(f"voltage ({volt})", [Line("voltage", "true", volts * view.volts)]),
+    ]
+    step = float(view.time[-1] - view.time[0]) / max(1, view.time.size - 1)
+    return Chart(panels, float(view.time[0]), step)
 
 
 def loop(view: View, theme: Theme = LIGHT, part: str = "held out") -> Figure:

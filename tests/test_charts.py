@@ -1,0 +1,79 @@
+"""Charts of pages: no peak is lost, and a browser shows them and zooms into them without a network."""
+
+from __future__ import annotations
+
+import base64
+import re
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import numpy as np
+import pytest
+from chromium import dom
+from hypothesis import given
+from hypothesis import strategies as st
+
+from truestroke import plant, run, trajectories
+from truestroke.control.controller import AdaptiveController
+from truestroke.report import charts, run_page
+from truestroke.report.charts import Chart, Line, Panel
+
+
+def decoded(line: dict[str, object]) -> np.ndarray:
+    """As the script reads it."""
+    levels = np.frombuffer(base64.b64decode(str(line["data"])), "<u2")
+    values = line["low"] + (line["high"] - line["low"]) / 65534 * levels
+    return np.where(levels == 65535, np.nan, values)
+
+
+@given(st.integers(2, 60_000), st.integers(0, 60_000), st.integers(200, 60_000))
+def test_a_peak_of_one_tick_is_in_the_chart(samples: int, spike: int, budget: int) -> None:
+    values = np.cos(np.arange(samples) / 300.0)
+    values[spike % samples] = 7.0
+    made = Chart([Panel("error (nm)", [Line("true", "true", values)])], 10.0, 0.5).encoded(budget)
+    shown = decoded(made["panels"][0]["lines"][0])
+    assert len(made["panels"][0]["lines"][0]["data"]) <= budget + 16
+    at = made["start"] + made["step"] * int(np.argmax(shown))
+    assert np.max(shown) == pytest.approx(7.0)
+    group = 1 if made["step"] == 0.5 else 2 * made["step"] / 0.5
+    assert abs(at - (10.0 + 0.5 * (spike % samples))) <= 0.5 * group
+
+
+def test_what_is_not_known_is_a_gap() -> None:
+    values = np.array([1.0, np.nan, -2.0, np.inf])
+    shown = decoded(Chart([Panel("a (V)", [Line("a", "true", values)])], 0.0, 1.0).encoded()["panels"][0]["lines"][0])
+    np.testing.assert_array_equal(np.isnan(shown), [False, True, False, True])
+    assert (
+        decoded(
+            Chart([Panel("a (V)", [Line("a", "true", np.full(3, 5.0))])], 0.0, 1.0).encoded()["panels"][0]["lines"][0]
+        ).tolist()
+        == [5.0] * 3
+    )
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    wave = trajectories.random_wave(duration=2.0)
+    controller = AdaptiveController(sample_rate=2000.0, stroke=30.0, voltage_limits=(-0.6, 3.6))
+    recording = run(wave, controller, plant.RealisticPlant(seed=0))
+    return run_page(recording).save(tmp_path_factory.mktemp("page") / "run.html")
+
+
+def test_a_browser_draws_the_chart_of_a_run_and_shows_the_part_of_the_address(page: Path) -> None:
+    part = dom(page, "#from=1.1&to=1.3")
+    assert re.search(r'class="chart" data-shown="1.1 1.3"', part)
+    assert part.count("<canvas") == 3
+    assert re.search(r'class="chart" data-shown="0 1.9995"', dom(page, "#from=-5&to=400"))  # no further than the run
+
+
+def test_a_page_with_a_chart_is_well_formed_small_and_needs_no_network(page: Path) -> None:
+    text = page.read_text()
+    ET.fromstring(text.split("\n", 1)[1])
+    assert len(text) < 2_000_000
+    assert not re.search(r'(?:src|href)="(?!#)', text.replace('xlink:href="#', ""))
+    assert "https://" not in text.replace("https://github.com/leeoniya/uPlot", "")
+
+
+def test_the_charts_of_a_page_share_its_size() -> None:
+    long = Chart([Panel("a (V)", [Line("a", "true", np.random.default_rng(0).normal(size=10**6))])], 0.0, 1.0)
+    assert len(long.encoded(charts.BUDGET // 3)["panels"][0]["lines"][0]["data"]) < charts.BUDGET // 3
