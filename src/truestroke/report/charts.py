@@ -1,6 +1,6 @@
 """Charts that a reader can zoom into: the samples of a run inside its page, for the script of the page.
 
-The pictures of a page need no script; a chart is beside them where there is one. uPlot draws it (MIT licence, in the
+The pictures of a page need no script; a chart is beside them where there is one. uPlot plots it (MIT licence, in the
 folder uplot).
 """
 
