@@ -29,6 +29,6 @@ def dom(page: Path, hash: str = "") -> str:
     with tempfile.TemporaryDirectory() as profile:
         command = [found(), *QUIET.split(), f"--user-data-dir={profile}", "--virtual-time-budget=4000", "--dump-dom"]
         done = subprocess.run(
-            [*command, f"{page.as_uri()}{hash}"], capture_output=True, text=True, timeout=300, check=True
+            [*command, f"{page.as_uri()}{hash}"], capture_output=True, text=True, timeout=600, check=True
         )
     return done.stdout

@@ -51,7 +51,7 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def node(folder: Path, *arguments: str | Path) -> subprocess.CompletedProcess[str]:
     command = [needed("node", "nodejs"), *map(str, arguments)]
-    return subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=120, check=False)
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=600, check=False)
 
 
 def checked(built: Path, *files: Path) -> list[str]:
@@ -152,7 +152,7 @@ def test_the_playground_has_the_bits_of_the_desk_from_a_file(built: Path) -> Non
     address = (built / "playground.html").as_uri() + state
     options = ["--headless", "--no-sandbox", "--disable-gpu", "--enable-logging=stderr", "--virtual-time-budget=2000"]
     command = [chromium, *options, "--force-prefers-reduced-motion", "--dump-dom", address]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=600, check=False)
     assert "CONSOLE" not in done.stderr
     assert 'data-bits="800/800"' in done.stdout
     assert re.search(r'id="figures">truestroke: rms error [\d.]+ nm', done.stdout)

@@ -87,7 +87,7 @@ class Chart:
 
 
 def thinning(samples: int, most: int) -> int:
-    """How many samples become two, so that at most `most` are left; 1 where all of them are kept.
+    """How many samples become two, so that at most `most` remain; 1 where all of them are kept.
 
     Examples
     --------
