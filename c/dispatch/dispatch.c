@@ -4,7 +4,9 @@
 
 extern const ts_variant ts_variant_plain, ts_variant_vector, ts_variant_avx2;
 
-#ifdef TS_X86
+/* TS_X86: the variant for AVX2 was compiled. A compiler that cannot ask the processor uses the others, and so does the
+ * half for ARM of a library for both. */
+#if defined(TS_X86) && defined(__GNUC__) && defined(__x86_64__)
 static const ts_variant *const variants[] = {&ts_variant_plain, &ts_variant_vector, &ts_variant_avx2};
 
 static int supported(void) { return __builtin_cpu_supports("avx2") ? 3 : 2; }
