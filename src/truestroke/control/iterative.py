@@ -1,18 +1,7 @@
 """Iterative learning of a motion that repeats, in the frequency domain, for a loop that is closed from pass to pass.
 
-A pass repeats one period of voltage, and the mean of the periods is measured. At each harmonic h of the
-motion::
-
-    U(h) <- U(h) + s(h) w(h) E(h) / (R(h) G(h)),    E = D - Z
-
-- D is what is desired, Z what the sensor shows of it; G is the response that is known beforehand.
-- R, the ratio of the true response to G, is estimated from all passes: R = 1 with the standard deviation that gain, f0,
-  damping and dead time leave, then by least squares from what each change of U made of Z.
-- s = |R|^2 / (|R|^2 + var R) makes the mean square of 1 - s R_true / R as small as it can be, var R / (|R|^2 + var R):
-  below 1 at each harmonic, whatever is known. Where little is known, the step is small.
-- w = |E|^2 / (|E|^2 + var E), so that noise is not learned.
-
-A pass that is worse than the best one before it is undone: its voltage is given up, what it shows of R stays.
+A pass repeats one period of voltage, and the mean of the periods is measured. The law of `control.harmonics` makes of
+both the voltage of the next pass.
 """
 
 from __future__ import annotations
@@ -26,17 +15,13 @@ import numpy.typing as npt
 from truestroke.base import checks
 from truestroke.base.checks import SettingError
 from truestroke.base.display import Displayed, Rows, quantity
-from truestroke.base.typing import FloatArray
+from truestroke.base.typing import ComplexArray, FloatArray
 from truestroke.base.verdict import Verdict
 from truestroke.control.actuator import ActuatorModel
+from truestroke.control.harmonics import UNSURE, BoolArray, HarmonicLaw, nearest
 from truestroke.control.settings import UNLIMITED
 from truestroke.model.dynamics import Dynamics
 from truestroke.signals.trajectories import Trajectory
-
-ComplexArray = npt.NDArray[np.complex128]
-BoolArray = npt.NDArray[np.bool_]
-Spectra = tuple[ComplexArray, ComplexArray, FloatArray]
-"""Of a pass: voltage, V, and mean displacement, um, as `numpy.fft.rfft` has them; variance of the latter."""
 
 BAND = 2.4  # times the first resonance: harmonics up to there are learned
 SEEN = 0.45  # of the sample rate: none beyond it is
@@ -44,17 +29,6 @@ GAIN = 0.15  # relative standard deviation of the gain, at any frequency: hyster
 DAMPING = 0.3  # the same of a damping that was measured, beside its own deviation
 FREQUENCY = 0.02  # the same of a resonance: it moves with load and temperature
 LATE = 0.7  # ticks: standard deviation of the dead time
-UNSURE = 25.0  # variance of R at most: its sign is not known then
-CROSSED, POWER = 0.1, 1.5  # hysteresis: a tenth of the change of all harmonics reaches the first, / h^1.5 harmonic h
-KEPT = 0.8  # of what older passes say of R: it may not hold any more
-SURE = 0.1  # relative variance of R below which a harmonic shows a change of the stage
-LITTLE = 1e-12  # of the power of the motion: of rounding
-CHANGED = 2.0  # times what a change of the voltage makes: beyond, the stage has changed
-WORSE = 1.05  # times the rmse of the best pass
-SHY = 0.5  # times the step after a pass that was undone
-LEAST = 0.1  # of the whole step: the least that is taken
-IN_TURNS = 0.001  # weight of the error where it does not count, beside 1 where it does
-ITERATIONS = 200  # of conjugate gradients, at most
 WHOLE = 1e-6  # of a sample: a period this near to whole samples has as many
 REPETITIONS = 200  # periods of the motion at most, until they take whole samples
 PERIODIC = 1e-6  # of the peak-to-peak: how well a motion has to repeat
@@ -196,16 +170,13 @@ class IterativeLearning(Displayed):
         self._frequency: FloatArray = np.fft.rfftfreq(self.samples, 1 / self.sample_rate).astype(np.float64)
         self.bandwidth = self._band(bandwidth)
         self._learned = (self._frequency <= self.bandwidth) & (np.arange(self._frequency.size) % self.periods == 0)
-        self.desired = _nearest(wave, counts, self._learned)
-        self._G, self._sensor, self._variance = response_of(dynamics, self._frequency, self.sample_rate, self.gain)
-        self._D = self._sensor * np.fft.rfft(self.desired)
-        self._last: Spectra | None = None
-        self._weighted, self._information = 1 / self._variance + 0j, 1 / self._variance
-        self._worse = False
-        self._base: tuple[float, ComplexArray, ComplexArray, FloatArray] | None = None
+        self.desired = nearest(wave, counts, self._learned)
+        G, sensor, self._variance = response_of(dynamics, self._frequency, self.sample_rate, self.gain)
+        D = sensor * np.fft.rfft(self.desired)
+        size = {"samples": self.samples, "periods": self.periods}
+        self._law = HarmonicLaw(D, G, self._variance, self._learned, **size)
         self._best = math.nan, np.empty(0)
-        self._step, self._number = 1.0, 0
-        self.ratio: ComplexArray = np.ones_like(self._G)
+        self._number = 0
         self.volts, self._limited = self._first(model)
 
     # ---- The first pass --------------------------------------------------------------------------------------------
@@ -226,7 +197,7 @@ class IterativeLearning(Displayed):
         """By the inverse of the model, or by the response where it is sure; refused where a limit forbids it."""
         if model is None:
             excess = np.maximum(self._variance - GAIN**2, 0.0)
-            U = np.where(self._learned, self._D / (self._G * (1 + excess)), 0.0)
+            U = np.where(self._learned, self._law.desired / (self._law.response * (1 + excess)), 0.0)
             volts = np.fft.irfft(U, self.samples)
         else:
             checks.instance("model", model, ActuatorModel, "an ActuatorModel, such as of truestroke.load_model(path)")
@@ -272,24 +243,14 @@ class IterativeLearning(Displayed):
             return self._missed()
         mean, noise2 = self._mean(z)
         output, Z = np.fft.rfft(self.volts), np.fft.rfft(mean)
-        E = self._D - Z
-        if self._last is None:
+        if self._law.fresh:
             self._scale(output, Z)
-        this = output, Z, noise2
-        changed = self._last is not None and self._estimate(self._last, this)
-        self._last = this
-        error = mean - np.fft.irfft(self._D, self.samples)
+        self._law.see(output, Z, noise2)
+        error = mean - np.fft.irfft(self._law.desired, self.samples)
         rmse = float(np.sqrt(np.mean(error[self.counts] ** 2)))
-        noise = float(np.sqrt(2 * noise2.sum())) / self.samples
         if not rmse >= self._best[0]:
             self._best = rmse, self.volts
-        undone = self._judge(float(np.std(error[self.counts])), noise, E, changed)
-        assert self._base is not None
-        _, U, E_base, noise2 = self._base
-        U, E_base = np.append(this[0][:1], U[1:]), np.append(E[:1], E_base[1:])
-        w = np.abs(E_base) ** 2 / np.maximum(np.abs(E_base) ** 2 + noise2, 1e-300)
-        R2, variance = np.abs(self.ratio) ** 2, 1 / self._information
-        step = np.where(self._learned, self._step * w * R2 / (R2 + variance), 0.0)
+        following = self._law.follow(float(np.std(error[self.counts])))
         made = Pass(
             number=self._number,
             volts=self.volts,
@@ -297,14 +258,12 @@ class IterativeLearning(Displayed):
             error=error,
             rmse=rmse,
             maximum=float(np.abs(error[self.counts]).max()),
-            noise=noise,
-            expected=self._expected(E_base, step, variance / R2, noise),
+            noise=self._law.noise(noise2),
+            expected=following.expected,
             limited=self._limited,
-            undone=undone,
+            undone=following.undone,
         )
-        self.volts, self._limited = self._within(
-            np.fft.irfft(U + step * np.conj(self.ratio) / np.maximum(R2, 1e-300) * E_base / self._G, self.samples)
-        )
+        self.volts, self._limited = self._within(np.fft.irfft(following.output, self.samples))
         self._number += 1
         return made
 
@@ -347,63 +306,13 @@ class IterativeLearning(Displayed):
 
     def _scale(self, U: ComplexArray, Z: ComplexArray) -> None:
         """Correct the gain by the first pass."""
-        x = (self._G * U)[1:] * self._learned[1:]
-        found = float(np.sum(np.conj(x) * Z[1:]).real / np.sum(np.abs(x) ** 2))
+        found = self._law.gain(U, Z)
         low, high = GAINS
         if not low <= found <= high:
             value = f"{self.gain:g} um/V, where the first pass shows {found * self.gain:.3g}"
             bound = "within ten times of it, and of its sign: is it the sensor of this axis, in um?"
             raise SettingError("gain", value, bound)
-        self._G = found * self._G
-
-    def _estimate(self, before: Spectra, after: Spectra) -> bool:
-        """R from what the change of voltage made of the displacement; whether the stage has changed: then not.
-
-        It has where the sure harmonics did what no change of the voltage explains. The mean creeps, and is left out.
-        """
-        (U, Z, noise), (V, Y, another) = before, after
-        x, y, least = self._G * (V - U), Y - Z, LITTLE * np.sum(np.abs(self._D) ** 2)
-        x[0] = 0.0
-        expected = self.ratio * x
-        sure = self.harmonics[1] & (np.abs(self.ratio) ** 2 * SURE * self._information > 1)
-        other = np.sqrt(np.sum(np.abs(y - expected)[sure] ** 2))
-        known = np.sqrt(np.sum(np.abs(expected)[sure] ** 2))
-        if other > CHANGED * known + 5 * np.sqrt(np.sum((noise + another)[sure]) + least):
-            return True
-        h = 1.0 + np.arange(self._frequency.size) / self.periods
-        crossed = (CROSSED / h**POWER) ** 2 * np.sum(np.abs(x[1:]) ** 2)
-        scatter = noise + another + crossed + least
-        prior = 1 / self._variance
-        self._weighted = prior + KEPT * (self._weighted - prior) + np.conj(x) * y / scatter
-        self._information = prior + KEPT * (self._information - prior) + np.abs(x) ** 2 / scatter
-        self.ratio = np.asarray(self._weighted / self._information, dtype=np.complex128)
-        return False
-
-    def _judge(self, spread: float, noise: float, E: ComplexArray, changed: bool) -> str:
-        """Whether the next pass builds on this one; a sentence where it does not.
-
-        `spread` is the rms of the error without its mean, um: that creeps, and is corrected from the last pass always.
-        """
-        assert self._last is not None
-        U, _, noise2 = self._last
-        best = math.inf if self._base is None else self._base[0]
-        if spread <= WORSE * best + 2 * noise:
-            if spread < best:
-                self._step = min(1.0, self._step / SHY)
-            self._base, self._worse = (min(spread, best), U, E, noise2), False
-            return ""
-        if self._worse:
-            self._base, self._worse = (spread, U, E, noise2), False
-            return f"The stage has changed: {spread:.4g} um rms where it was {best:.4g}. It is learned again."
-        self._worse = changed
-        self._step = self._step if changed else max(LEAST, SHY * self._step)
-        return f"This pass was worse, {spread:.4g} um rms where the best one had {best:.4g}: it is undone."
-
-    def _expected(self, E: ComplexArray, step: FloatArray, variance: FloatArray, noise: float) -> float:
-        """Rmse of the next pass, um, by Parseval's theorem."""
-        left = np.abs(E) ** 2 * ((1 - step) ** 2 + step**2 * variance)
-        left[0] /= 2
-        return float(np.sqrt(2 * left.sum() / self.samples**2 + noise**2))
+        self._law.scale(found)
 
     # ---- What is known ---------------------------------------------------------------------------------------------
 
@@ -570,33 +479,6 @@ def repetition(sample_rate: float, frequency: float) -> tuple[int, int]:
     near = rate / round(rate / frequency)
     bound = f"one whose period is a whole number of samples, such as {near:.8g} Hz at {rate:g} Hz"
     raise SettingError("frequency of the motion", frequency, bound, "Hz")
-
-
-def _nearest(wave: FloatArray, counts: BoolArray, learned: BoolArray) -> FloatArray:
-    """The wave of the learned harmonics alone that is nearest where errors count, by conjugate gradients.
-
-    The error where it does not count has a small weight, so that the turns stay near the motion.
-    """
-
-    def within(x: FloatArray) -> FloatArray:
-        return np.fft.irfft(np.where(learned, np.fft.rfft(x), 0.0), wave.size)
-
-    found = within(wave)
-    if counts.all():
-        return found
-    weight = np.where(counts, 1.0, IN_TURNS)
-    left = within(weight * (wave - found))
-    direction, size = left, float(left @ left)
-    enough = 1e-20 * float(wave @ wave)
-    for _ in range(ITERATIONS):
-        if size <= enough:
-            break
-        turned = within(weight * direction)
-        pace = size / float(direction @ turned)
-        found, left = found + pace * direction, left - pace * turned
-        size, before = float(left @ left), size
-        direction = left + size / before * direction
-    return found
 
 
 # ---- What is known beforehand --------------------------------------------------------------------------------------

@@ -5,7 +5,7 @@ At each frequency f of the whole pass::
 
     Y(f) <- Y(f) + s(f) w(f) E(f) / R(f),    E = D - Z
 
-with the voltage that the model inverts from y, and with s, w and R of `control.iterative`: R is the ratio of the true
+with the voltage that the model inverts from y, and with s, w and R of `control.harmonics`: R is the ratio of the true
 response to that of the model. What the model knows of hysteresis is inverted by it; what it does not know is learned.
 A pass has one period here, so that R, E and their noise are means over neighbouring frequencies.
 """
@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from truestroke.base.typing import ComplexArray, FloatArray
-from truestroke.control import iterative
+from truestroke.control import harmonics, iterative
 from truestroke.model.dynamics import Dynamics
 
 APART = 1.2  # times the samples of a pass, at least: time for the way back to its first sample
@@ -122,7 +122,7 @@ def _variance(dynamics: Dynamics | None, f: FloatArray, sample_rate: float) -> F
     known = iterative.response_of(dynamics, f, sample_rate, 1.0)[2]
     if dynamics is not None:
         return known
-    return np.asarray(np.minimum(known + (f / (UNKNOWN * sample_rate)) ** 4, iterative.UNSURE))
+    return np.asarray(np.minimum(known + (f / (UNKNOWN * sample_rate)) ** 4, harmonics.UNSURE))
 
 
 def _ratio(
@@ -142,16 +142,16 @@ def _ratio(
     h = np.maximum(f / mean, 1.0)
     cell = np.floor(h - 0.5).astype(np.int64)
     shape = _mean(np.abs(spectra[-1][0]) ** 2)
-    shape = shape / np.maximum(np.bincount(cell, shape)[cell], 1e-300) / h ** (2 * iterative.POWER)
+    shape = shape / np.maximum(np.bincount(cell, shape)[cell], 1e-300) / h ** (2 * harmonics.POWER)
     changes = [(*spectra[0], 1.0)]
     changes += [(b[0] - a[0], b[1] - a[1], 2.0) for a, b in itertools.pairwise(spectra)]
     information = 1 / variance
     weighted = information.astype(np.complex128)
     for age, (x, y, times) in enumerate(reversed(changes)):
-        crossed = iterative.CROSSED**2 * shape * np.sum(np.abs(x[1:]) ** 2)
-        scatter = times * noise2 + crossed + iterative.LITTLE * power.sum()
+        crossed = harmonics.CROSSED**2 * shape * np.sum(np.abs(x[1:]) ** 2)
+        scatter = times * noise2 + crossed + harmonics.LITTLE * power.sum()
         product = np.conj(x) * y / scatter
-        kept = iterative.KEPT ** max(age - (age == len(changes) - 1), 0)
+        kept = harmonics.KEPT ** max(age - (age == len(changes) - 1), 0)
         weighted = weighted + kept * (_mean(product.real) + 1j * _mean(product.imag))
         information = information + kept * _mean(np.abs(x) ** 2 / scatter)
     return weighted / information, 1 / information

@@ -14,7 +14,7 @@ from truestroke.base.verdict import Verdict
 from truestroke.control import actuator
 from truestroke.control import passes as law
 from truestroke.control.actuator import ActuatorModel, central_difference
-from truestroke.control.iterative import LEAST, SHY
+from truestroke.control.harmonics import LEAST, SHY
 from truestroke.control.settings import UNLIMITED
 from truestroke.identification import normal, uncertainty
 from truestroke.identification.normal import Prior

@@ -1,0 +1,250 @@
+"""The law that learns what repeats: one number for each harmonic, from pass to pass.
+
+At each harmonic h of the motion::
+
+    U(h) <- U(h) + s(h) w(h) E(h) / (R(h) G(h)),    E = D - Z
+
+- U is what is put out, D what is desired, Z what the sensor shows of it; G is the response from U to Z that is known
+  beforehand.
+- R, the ratio of the true response to G, is estimated from all passes: R = 1 with the standard deviation that gain, f0,
+  damping and dead time leave, then by least squares from what each change of U made of Z.
+- s = |R|^2 / (|R|^2 + var R) makes the mean square of 1 - s R_true / R as small as it can be, var R / (|R|^2 + var R):
+  below 1 at each harmonic, whatever is known. Where little is known, the step is small.
+- w = |E|^2 / (|E|^2 + var E), so that noise is not learned.
+
+A pass that is worse than the best one before it is undone: its U is given up, what it shows of R stays.
+
+`control.iterative` learns the voltage by it, pass by pass, `control.repetitive` what is asked of a controller, on line.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from truestroke.base.typing import ComplexArray, FloatArray
+
+BoolArray = npt.NDArray[np.bool_]
+Spectra = tuple[ComplexArray, ComplexArray, FloatArray]
+"""Of a pass, as `numpy.fft.rfft` has them: U, Z, um, and the variance of the latter."""
+
+UNSURE = 25.0  # variance of R at most: its sign is not known then
+CROSSED, POWER = 0.1, 1.5  # hysteresis: a tenth of the change of all harmonics reaches the first, / h^1.5 harmonic h
+KEPT = 0.8  # of what older passes say of R: it may not hold any more
+SURE = 0.1  # relative variance of R below which a harmonic shows a change of the stage
+LITTLE = 1e-12  # of the power of the motion: of rounding
+CHANGED = 2.0  # times what a change of U makes: beyond, the stage has changed
+WORSE = 1.05  # times the rmse of the best pass
+SHY = 0.5  # times the step after a pass that was undone
+LEAST = 0.1  # of the whole step: the least that is taken
+IN_TURNS = 0.001  # weight of the error where it does not count, beside 1 where it does
+ITERATIONS = 200  # of conjugate gradients, at most
+ENOUGH = 1e-20  # of the square of the wave: what may be left then
+
+
+@dataclass(frozen=True, eq=False)
+class Next:
+    """What follows from a pass.
+
+    Attributes
+    ----------
+    output : ndarray of complex
+        U of the next pass.
+    expected : float
+        Its rmse where all harmonics count alike, noise included, um.
+    undone : str
+        In a sentence, why it does not build on this pass; empty where it does.
+    """
+
+    output: ComplexArray
+    expected: float
+    undone: str
+
+
+class HarmonicLaw:
+    """The law for one motion.
+
+    Parameters
+    ----------
+    desired : ndarray of complex, shape (samples // 2 + 1,)
+        D, `numpy.fft.rfft` of one repetition of what the sensor should show, um.
+    response : ndarray of complex
+        G at these harmonics, um per unit of U.
+    variance : ndarray
+        Of R at the beginning.
+    learned : ndarray of bool
+        Which harmonics are learned.
+    samples, periods : int
+        Of a repetition.
+
+    Attributes
+    ----------
+    ratio : ndarray of complex
+        R as it is known.
+    """
+
+    def __init__(
+        self,
+        desired: ComplexArray,
+        response: ComplexArray,
+        variance: FloatArray,
+        learned: BoolArray,
+        *,
+        samples: int,
+        periods: int = 1,
+    ) -> None:
+        self.desired, self.response, self.samples, self.periods = desired, response, samples, periods
+        self.learned = learned
+        self._moving = learned & (np.arange(learned.size) > 0)
+        self._prior = 1 / variance
+        self._weighted, self._information = self._prior + 0j, self._prior
+        self.ratio: ComplexArray = np.ones_like(response)
+        self._last: Spectra | None = None
+        self._base: tuple[float, ComplexArray, ComplexArray, FloatArray] | None = None
+        self._step, self._worse, self._changed = 1.0, False, False
+
+    @property
+    def fresh(self) -> bool:
+        """Whether it has not seen a pass."""
+        return self._last is None
+
+    def gain(self, output: ComplexArray, measured: ComplexArray) -> float:
+        """True gain over that of G, as a pass shows it, without its mean."""
+        x = (self.response * output)[1:] * self.learned[1:]
+        return float(np.sum(np.conj(x) * measured[1:]).real / np.sum(np.abs(x) ** 2))
+
+    def scale(self, gain: float) -> None:
+        """G becomes so many times larger."""
+        self.response = gain * self.response
+
+    def noise(self, noise2: FloatArray) -> float:
+        """Standard deviation in time of what has these variances of its harmonics, um."""
+        return float(np.sqrt(2 * noise2.sum())) / self.samples
+
+    # ---- A pass ----------------------------------------------------------------------------------------------------
+
+    def see(self, output: ComplexArray, measured: ComplexArray, noise2: FloatArray) -> None:
+        """What a pass with U has shown: its Z, and the variance of each harmonic of it, um^2."""
+        this = output, measured, noise2
+        self._changed = self._last is not None and self._estimate(self._last, this)
+        self._last = this
+
+    def follow(self, spread: float) -> Next:
+        """U of the pass after the one that was seen; `spread` is the rms of its error without its mean, um."""
+        assert self._last is not None
+        output, measured, noise2 = self._last
+        E, noise = self.desired - measured, self.noise(noise2)
+        undone = self._judge(spread, noise, E)
+        assert self._base is not None
+        _, U, E_base, noise2 = self._base
+        U, E_base = np.append(output[:1], U[1:]), np.append(E[:1], E_base[1:])
+        power = np.abs(E_base) ** 2
+        w = power / np.maximum(power + noise2, 1e-300)
+        R2, variance = np.abs(self.ratio) ** 2, 1 / self._information
+        step = np.where(self.learned, self._step * w * R2 / (R2 + variance), 0.0)
+        left = power * ((1 - step) ** 2 + step**2 * variance / R2)
+        left[0] /= 2
+        expected = float(np.sqrt(2 * left.sum() / self.samples**2 + noise**2))  # by Parseval's theorem
+        change = step * np.conj(self.ratio) / np.maximum(R2, 1e-300) * E_base / self.response
+        return Next(U + change, expected, undone)
+
+    def _estimate(self, before: Spectra, after: Spectra) -> bool:
+        """R from what the change of U made of the displacement; whether the stage has changed: then not.
+
+        It has where the sure harmonics did what no change of U explains. The mean creeps, and is left out.
+        """
+        (U, Z, noise), (V, Y, another) = before, after
+        x, y, least = self.response * (V - U), Y - Z, LITTLE * np.sum(np.abs(self.desired) ** 2)
+        x[0] = 0.0
+        expected = self.ratio * x
+        sure = self._moving & (np.abs(self.ratio) ** 2 * SURE * self._information > 1)
+        other = np.sqrt(np.sum(np.abs(y - expected)[sure] ** 2))
+        known = np.sqrt(np.sum(np.abs(expected)[sure] ** 2))
+        if other > CHANGED * known + 5 * np.sqrt(np.sum((noise + another)[sure]) + least):
+            return True
+        h = 1.0 + np.arange(x.size) / self.periods
+        crossed = (CROSSED / h**POWER) ** 2 * np.sum(np.abs(x[1:]) ** 2)
+        scatter = noise + another + crossed + least
+        prior = self._prior
+        self._weighted = prior + KEPT * (self._weighted - prior) + np.conj(x) * y / scatter
+        self._information = prior + KEPT * (self._information - prior) + np.abs(x) ** 2 / scatter
+        self.ratio = np.asarray(self._weighted / self._information, dtype=np.complex128)
+        return False
+
+    def _judge(self, spread: float, noise: float, E: ComplexArray) -> str:
+        """Whether the next pass builds on this one; a sentence where it does not.
+
+        The mean is not in `spread`: it creeps, and is corrected from the last pass always.
+        """
+        assert self._last is not None
+        U, _, noise2 = self._last
+        best = math.inf if self._base is None else self._base[0]
+        if spread <= WORSE * best + 2 * noise:
+            if spread < best:
+                self._step = min(1.0, self._step / SHY)
+            self._base, self._worse = (min(spread, best), U, E, noise2), False
+            return ""
+        if self._worse:
+            self._base, self._worse = (spread, U, E, noise2), False
+            return f"The stage has changed: {spread:.4g} um rms where it was {best:.4g}. It is learned again."
+        self._worse = self._changed
+        self._step = self._step if self._changed else max(LEAST, SHY * self._step)
+        return f"This pass was worse, {spread:.4g} um rms where the best one had {best:.4g}: it is undone."
+
+
+# ---- What can be learned -------------------------------------------------------------------------------------------
+
+
+class Nearest:
+    """The wave of some harmonics alone that is nearest to another where errors count, by conjugate gradients.
+
+    The error where it does not count has a small weight, so that the turns stay near the motion.
+
+    Parameters
+    ----------
+    wave : ndarray, shape (samples,)
+        One repetition, um.
+    counts : ndarray of bool
+        Where errors count.
+    learned : ndarray of bool, shape (samples // 2 + 1,)
+        Which harmonics it may have.
+
+    Attributes
+    ----------
+    found : ndarray, shape (samples,)
+        As near as it is so far, um.
+    """
+
+    def __init__(self, wave: FloatArray, counts: BoolArray, learned: BoolArray) -> None:
+        self._learned, self.found = learned, np.empty(0)
+        self.found = self._within(wave)
+        self._weight = np.where(counts, 1.0, IN_TURNS)
+        self._left = self._direction = self._within(self._weight * (wave - self.found))
+        self._size, self._enough = float(self._left @ self._left), ENOUGH * float(wave @ wave)
+        self._more = 0 if counts.all() else ITERATIONS
+
+    def _within(self, x: FloatArray) -> FloatArray:
+        return np.fft.irfft(np.where(self._learned, np.fft.rfft(x), 0.0), x.size)
+
+    def step(self) -> bool:
+        """Come a step nearer; False where there is none to do."""
+        if self._more == 0 or self._size <= self._enough:
+            return False
+        turned = self._within(self._weight * self._direction)
+        pace = self._size / float(self._direction @ turned)
+        self.found, self._left = self.found + pace * self._direction, self._left - pace * turned
+        self._size, before = float(self._left @ self._left), self._size
+        self._direction = self._left + self._size / before * self._direction
+        self._more -= 1
+        return True
+
+
+def nearest(wave: FloatArray, counts: BoolArray, learned: BoolArray) -> FloatArray:
+    """The wave that `Nearest` finds, um."""
+    search = Nearest(wave, counts, learned)
+    while search.step():
+        pass
+    return search.found
