@@ -1,8 +1,12 @@
-"""How far iterative learning brings rasters on sampled stages, pass by pass: python -m benchmarks.learning
+"""How far learning brings rasters on sampled stages, pass by pass: python -m benchmarks.learning [--online]
 
 Thirty stages: first resonance 400 or 900 Hz, damping 0.01 to 0.03, a second mode, hysteresis of three structures, a
 dead time of 0 or 1 tick that is not given, dynamics whose resonance is up to 3 % wrong, one pass in five missed. The
 error is that of the true displacement against the raster itself, on its lines, rms in % of the peak-to-peak.
+
+With --online it is a `RepetitiveController` around the default controller, which knows the same dynamics: batch by
+batch in one run, with half a second of lost measurements where a pass is missed. Its first batch is the controller
+alone.
 """
 
 from __future__ import annotations
@@ -13,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from truestroke import Dynamics, IterativeLearning, Mode, trajectories
+from truestroke import AdaptiveController, Dynamics, IterativeLearning, Mode, RepetitiveController, run, trajectories
 from truestroke.plant import StagePlant, StageSettings
 
 FS, LIMITS, SPAN = 10_000.0, (-0.6, 3.6), 20.0
@@ -52,15 +56,38 @@ def case(number: int) -> Case:
     )
 
 
+def raster(c: Case, duration: float) -> trajectories.Trajectory:
+    """The motion, of so many seconds."""
+    asked = {"frequency": c.frequency, "peak_to_peak": SPAN, "offset": 12.0, "turn": 0.2}
+    return trajectories.raster(duration=duration, sample_rate=FS, **asked)
+
+
+def stage_of(c: Case, dropouts: tuple[tuple[int, int], ...] = ()) -> tuple[StagePlant, Dynamics]:
+    """The stage, and what is known of it."""
+    modes = {"resonances": (c.f0, 2.9 * c.f0), "dampings": (c.damping, 0.01), "shares": (0.95, 0.05)}
+    settings = StageSettings(hysteresis_kind=c.kind, dead_time=c.dead_time, **modes)
+    known = Dynamics(sample_rate=FS, modes=(Mode(frequency=c.known * c.f0, damping=c.damping),))
+    return StagePlant(settings, seed=c.seed, dropouts=dropouts), known
+
+
+def online(c: Case, batches: int) -> list[float]:
+    """Of each batch of one run, %; a missing one as the last."""
+    stage, known = stage_of(c, ((25_000, 30_000),) if c.missed else ())
+    wave = raster(c, 2.0 + 0.65 * (batches + 4 + 2 * c.missed))
+    inside = AdaptiveController(sample_rate=FS, stroke=30.0, voltage_limits=LIMITS, dynamics=known)
+    controller = RepetitiveController(inside, 1 / c.frequency)
+    done = run(wave, controller, stage)
+    error = np.where(done["flat"].astype(bool), done["true"] - done["desired"], np.nan)
+    length = math.ceil(0.3 * c.frequency) * round(FS / c.frequency)
+    found = [100 * float(np.nanstd(error[batch.tick - length : batch.tick])) / SPAN for batch in controller.batches]
+    return (found + found[-1:] * batches)[:batches]
+
+
 def errors(c: Case, passes: int) -> list[float]:
     """Of each pass that was not missed, %."""
-    modes = {"resonances": (c.f0, 2.9 * c.f0), "dampings": (c.damping, 0.01), "shares": (0.95, 0.05)}
-    stage = StagePlant(StageSettings(hysteresis_kind=c.kind, dead_time=c.dead_time, **modes), seed=c.seed)
+    stage, known = stage_of(c)
     stage.open()
-    wave = trajectories.raster(
-        frequency=c.frequency, peak_to_peak=SPAN, duration=1.0, sample_rate=FS, offset=12.0, turn=0.2
-    )
-    known = Dynamics(sample_rate=FS, modes=(Mode(frequency=c.known * c.f0, damping=c.damping),))
+    wave = raster(c, 1.0)
     learned = IterativeLearning(wave, dynamics=known, gain=30.0 / 3.6, voltage_limits=LIMITS)
     N = learned.samples
     settle, count = (max(2, math.ceil(seconds * FS / N)) for seconds in (0.15, 0.3))
@@ -83,8 +110,10 @@ def main() -> None:
     parser.add_argument("--stages", type=int, default=30)
     parser.add_argument("--first", type=int, default=1, help="number of the first stage; odd ones were not tuned with")
     parser.add_argument("--passes", type=int, default=8)
+    parser.add_argument("--online", action="store_true", help="one run with a RepetitiveController")
     asked = parser.parse_args()
-    table = np.array([errors(case(asked.first + 2 * k), asked.passes) for k in range(asked.stages)])
+    one = online if asked.online else errors
+    table = np.array([one(case(asked.first + 2 * k), asked.passes) for k in range(asked.stages)])
     print("pass    median   95 %    worst   above the first")
     for k, column in enumerate(table.T):
         above = int(np.sum(column > table[:, 0]))

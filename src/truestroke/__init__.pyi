@@ -21,6 +21,7 @@ from truestroke.control.iterative import Learned as Learned
 from truestroke.control.model_file import ModelFileError as ModelFileError
 from truestroke.control.model_file import load_model as load_model
 from truestroke.control.model_file import save_model as save_model
+from truestroke.control.repetitive import RepetitiveController as RepetitiveController
 from truestroke.control.settings import ControllerSettings as ControllerSettings
 from truestroke.export.c_source import Exported as Exported
 from truestroke.export.c_source import export_c as export_c

@@ -20,6 +20,8 @@ from truestroke.cli import common, results, waveforms
               help="Lowest and highest voltage of the controller, V.")  # fmt: skip
 @click.option("--dynamics", metavar="FILE", type=common.FILE, help="Give the adaptive controller the dynamics of "
               "`truestroke bode`.")  # fmt: skip
+@click.option("--period", type=float, metavar="S", help="Of a motion that repeats: the error that remains is "
+              "learned while it runs.")  # fmt: skip
 @click.option("--plant", type=click.Choice(["realistic", "matched", "stage"]), help="What is driven: like a real "
               "stack, of exactly the controller's structure, or the stage that `truestroke bode` measures without "
               "--config.  [default: realistic; stage with --dynamics]")  # fmt: skip
@@ -45,6 +47,8 @@ def track(output: str, plots: Path | None, as_json: bool, **options: Any) -> int
     trajectory = waveforms.motion(options["trajectory"], options)
     plant = tracking.plant(kind, trajectory, options["seed"], options["change_at"])
     controller = _controller(options, trajectory, {} if dynamics is None else {"dynamics": dynamics})
+    if options["period"] is not None:
+        controller = truestroke.RepetitiveController(controller, options["period"])
     if len(trajectory) < results.SHORTEST:
         raise click.UsageError(f"--trajectory: {len(trajectory)} ticks, a page needs at least {results.SHORTEST}.")
     recording = _run(trajectory, controller, plant, recording_file)

@@ -33,11 +33,12 @@ Spectra = tuple[ComplexArray, ComplexArray, FloatArray]
 
 UNSURE = 25.0  # variance of R at most: its sign is not known then
 CROSSED, POWER = 0.1, 1.5  # hysteresis: a tenth of the change of all harmonics reaches the first, / h^1.5 harmonic h
+NEIGHBOUR, REACH = 0.2, 64  # hysteresis: so much of the change of a harmonic reaches each one beside it, / the distance
 KEPT = 0.8  # of what older passes say of R: it may not hold any more
 SURE = 0.1  # relative variance of R below which a harmonic shows a change of the stage
 LITTLE = 1e-12  # of the power of the motion: of rounding
 CHANGED = 2.0  # times what a change of U makes: beyond, the stage has changed
-WORSE = 1.05  # times the rmse of the best pass
+WORSE, WORSE_NEAR = 1.05, 1.5  # times the rmse of the best pass
 SHY = 0.5  # times the step after a pass that was undone
 LEAST = 0.1  # of the whole step: the least that is taken
 IN_TURNS = 0.001  # weight of the error where it does not count, beside 1 where it does
@@ -79,11 +80,16 @@ class HarmonicLaw:
         Which harmonics are learned.
     samples, periods : int
         Of a repetition.
+    near : bool
+        Whether it begins near its end: then the changes are small ones of many harmonics, what hysteresis moves between
+        neighbours counts, and at a resonance a harmonic may become worse before it becomes better.
 
     Attributes
     ----------
     ratio : ndarray of complex
         R as it is known.
+    scaled : float
+        How many times larger G has become.
     """
 
     def __init__(
@@ -95,16 +101,33 @@ class HarmonicLaw:
         *,
         samples: int,
         periods: int = 1,
+        near: bool = False,
     ) -> None:
+        self._near = near
         self.desired, self.response, self.samples, self.periods = desired, response, samples, periods
         self.learned = learned
         self._moving = learned & (np.arange(learned.size) > 0)
         self._prior = 1 / variance
-        self._weighted, self._information = self._prior + 0j, self._prior
+        self._weighted: ComplexArray = self._prior.astype(np.complex128)
+        self._information = self._prior
         self.ratio: ComplexArray = np.ones_like(response)
         self._last: Spectra | None = None
         self._base: tuple[float, ComplexArray, ComplexArray, FloatArray] | None = None
         self._step, self._worse, self._changed = 1.0, False, False
+        self.scaled = 1.0
+
+    def remember(self, other: HarmonicLaw, then: FloatArray, now: FloatArray) -> None:
+        """G, and R as far as it is known, of another law; their harmonics are at these frequencies then and now."""
+
+        def between(x: FloatArray) -> FloatArray:
+            return np.asarray(np.interp(now, then, x))
+
+        self.scale(other.scaled)
+        learned = np.maximum(between(other._information - other._prior), 0.0)
+        ratio = between(other.ratio.real) + 1j * between(other.ratio.imag)
+        self._information = self._prior + KEPT * learned
+        self._weighted = np.asarray(self._prior + KEPT * learned * ratio, dtype=np.complex128)
+        self.ratio = np.asarray(self._weighted / self._information, dtype=np.complex128)
 
     @property
     def fresh(self) -> bool:
@@ -118,7 +141,7 @@ class HarmonicLaw:
 
     def scale(self, gain: float) -> None:
         """G becomes so many times larger."""
-        self.response = gain * self.response
+        self.response, self.scaled = gain * self.response, gain * self.scaled
 
     def noise(self, noise2: FloatArray) -> float:
         """Standard deviation in time of what has these variances of its harmonics, um."""
@@ -149,6 +172,8 @@ class HarmonicLaw:
         left[0] /= 2
         expected = float(np.sqrt(2 * left.sum() / self.samples**2 + noise**2))  # by Parseval's theorem
         change = step * np.conj(self.ratio) / np.maximum(R2, 1e-300) * E_base / self.response
+        if self._near:
+            change = self._tamed(change, power, step, variance / R2)
         return Next(U + change, expected, undone)
 
     def _estimate(self, before: Spectra, after: Spectra) -> bool:
@@ -165,14 +190,35 @@ class HarmonicLaw:
         known = np.sqrt(np.sum(np.abs(expected)[sure] ** 2))
         if other > CHANGED * known + 5 * np.sqrt(np.sum((noise + another)[sure]) + least):
             return True
-        h = 1.0 + np.arange(x.size) / self.periods
-        crossed = (CROSSED / h**POWER) ** 2 * np.sum(np.abs(x[1:]) ** 2)
+        crossed = self._crossed(x)
         scatter = noise + another + crossed + least
         prior = self._prior
         self._weighted = prior + KEPT * (self._weighted - prior) + np.conj(x) * y / scatter
         self._information = prior + KEPT * (self._information - prior) + np.abs(x) ** 2 / scatter
         self.ratio = np.asarray(self._weighted / self._information, dtype=np.complex128)
         return False
+
+    def _tamed(self, change: ComplexArray, power: FloatArray, step: FloatArray, variance: FloatArray) -> ComplexArray:
+        """The change of U, by so much smaller that what it should win is no less than what it makes elsewhere."""
+        made = self._crossed(self.response * self.ratio * change)
+        won = float(np.sum((power * step)[self._moving]))
+        lost = float(np.sum((power * step**2 * (1 + variance) + made)[self._moving]))
+        return change * min(1.0, won / max(lost, 1e-300))
+
+    def _crossed(self, x: ComplexArray) -> FloatArray:
+        """Variance of what hysteresis makes at each harmonic of a change of the displacement by x.
+
+        In small changes of many harmonics it reaches the neighbours, and the stage amplifies it there.
+        """
+        if not self._near:
+            h = 1.0 + np.arange(x.size) / self.periods
+            return np.asarray((CROSSED / h**POWER) ** 2 * np.sum(np.abs(x[1:]) ** 2))
+        size = np.abs(self.response[self.periods :: self.periods])
+        power = np.abs(x[self.periods :: self.periods] / size) ** 2
+        kernel = (NEIGHBOUR / (1.0 + np.abs(np.arange(-REACH, REACH + 1)))) ** 2
+        found = np.zeros(x.size)
+        found[self.periods :: self.periods] = size**2 * np.convolve(power, kernel)[REACH:-REACH]
+        return found
 
     def _judge(self, spread: float, noise: float, E: ComplexArray) -> str:
         """Whether the next pass builds on this one; a sentence where it does not.
@@ -182,7 +228,7 @@ class HarmonicLaw:
         assert self._last is not None
         U, _, noise2 = self._last
         best = math.inf if self._base is None else self._base[0]
-        if spread <= WORSE * best + 2 * noise:
+        if spread <= (WORSE_NEAR if self._near else WORSE) * best + 2 * noise:
             if spread < best:
                 self._step = min(1.0, self._step / SHY)
             self._base, self._worse = (min(spread, best), U, E, noise2), False

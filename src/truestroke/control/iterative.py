@@ -173,8 +173,7 @@ class IterativeLearning(Displayed):
         self.desired = nearest(wave, counts, self._learned)
         G, sensor, self._variance = response_of(dynamics, self._frequency, self.sample_rate, self.gain)
         D = sensor * np.fft.rfft(self.desired)
-        size = {"samples": self.samples, "periods": self.periods}
-        self._law = HarmonicLaw(D, G, self._variance, self._learned, **size)
+        self._law = HarmonicLaw(D, G, self._variance, self._learned, samples=self.samples, periods=self.periods)
         self._best = math.nan, np.empty(0)
         self._number = 0
         self.volts, self._limited = self._first(model)

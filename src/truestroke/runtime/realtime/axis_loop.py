@@ -141,11 +141,11 @@ class AxisLoop:
 
     def first(self) -> float:
         """The voltage of the first tick, as far as it can be known without taking it."""
-        controller = self._controller
+        controller: Any = getattr(self._controller, "controller", self._controller)  # a correction begins at 0
         if not (hasattr(controller, "state") and hasattr(controller, "restore")):
             return self.axis.safe_voltage
         state = controller.state()
-        volts = float(self._command(*self._motion(0)))
+        volts = float(controller.command(*self._motion(0)))
         controller.restore(state)
         low, high = self.axis.voltage_limits
         return min(max(volts, low), high)

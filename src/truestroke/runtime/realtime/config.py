@@ -11,6 +11,7 @@ from truestroke.base import checks, frames, toml
 from truestroke.base.checks import SettingError
 from truestroke.base.files import FileError
 from truestroke.control.controller import AdaptiveController, Controller
+from truestroke.control.repetitive import RepetitiveController
 from truestroke.control.settings import ControllerSettings
 from truestroke.identification import ActuatorModel, ModelFileError, load_model
 from truestroke.model.dynamics import Dynamics
@@ -46,6 +47,7 @@ class AxisTable:
     safe_voltage: float = field(default=0.0, metadata={"unit": "V"})
     slew: float = field(metadata={"unit": "V/s"})
     controller: Literal["adaptive", "paper"] | None = None
+    period: float | None = field(default=None, metadata={"unit": "s"})
     model: str | None = None
     settings: Mapping[str, Any] = field(default_factory=dict)
     trajectory: Mapping[str, Any] = field(default_factory=dict)
@@ -269,6 +271,14 @@ def _axis(table: AxisTable, folder: Path, rate: float, image: Imaging | None) ->
         with checks.inside("trajectory."):
             motion = _trajectory(table.trajectory, folder, rate)
     controller = _controller(table, motion.sample_rate, folder)
+    if table.period is not None:
+        controller = RepetitiveController(
+            controller,
+            table.period,
+            sample_rate=motion.sample_rate,
+            voltage_limits=checks.interval("voltage_limits", table.voltage_limits, "V"),
+            slew_limit=table.slew,
+        )
     watched: dict[str, Any] = {"zero": table.zero, "error_limit": table.error_limit}
     return Axis(trajectory=motion, controller=controller, name=table.name, **table.limits, **watched)
 

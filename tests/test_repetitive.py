@@ -1,0 +1,304 @@
+"""Repetitive control: on other plants than its model the error falls, comes back as it was, and the voltage is safe."""
+
+import copy
+import itertools
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import truestroke
+from truestroke import AdaptiveController, Dynamics, Mode, RepetitiveController, SettingError, trajectories
+from truestroke.cli import main
+from truestroke.control.baselines import ConstantGain
+from truestroke.control.repetition import Periods, Repetition
+from truestroke.plant import StagePlant, StageSettings
+from truestroke.runtime.realtime import config
+
+RATE, LIMITS = 2000.0, (-1.0, 4.0)
+
+
+class Bent:
+    """10 um/V with a cubic term, a first-order lag and a tick of dead time: nothing that a straight line knows."""
+
+    def __init__(self):
+        self.z, self.before, self.gain = 0.0, 0.0, 1.0
+
+    def move(self, volts):
+        x, self.before = self.before, volts
+        self.z += 0.6 * (10.0 * x - 0.15 * (x - 1.5) ** 3 - self.z)
+        return self.gain * self.z
+
+
+def inside():
+    return ConstantGain(10.0, voltage_limits=LIMITS)
+
+
+def repetitive(period=0.05, **others):
+    given = {"sample_rate": RATE, "voltage_limits": LIMITS, "bandwidth": 250.0, "averaged": 0.1, **others}
+    return RepetitiveController(inside(), period, **given)
+
+
+def sine(frequency=20.0, amplitude=8.0, offset=12.0):
+    """A motion as a function of the tick: displacement and velocity."""
+    w = 2 * np.pi * frequency
+
+    def at(k):
+        return offset - amplitude * np.cos(w * k / RATE), amplitude * w * np.sin(w * k / RATE)
+
+    return at
+
+
+def follow(controller, motion, plant, ticks, lost=lambda k: False):
+    """Volts, and error, um, of each tick of a range."""
+    volts, error = [], []
+    for k in ticks:
+        z_d, velocity = motion(k)
+        volts.append(controller.command(z_d, velocity))
+        z = plant.move(volts[-1])
+        controller.adapt(float("nan") if lost(k) else z)
+        error.append(z - z_d)
+    return np.array(volts), np.array(error)
+
+
+def rms(x):
+    return float(np.sqrt(np.mean(np.square(x))))
+
+
+# ---- Stages --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("frequency", "f0", "known", "kind"), [(50.0, 900.0, 1.03, "bouc-wen"), (100.0, 400.0, 0.98, "plays")]
+)
+def test_a_raster_is_learned_with_a_wrong_resonance_and_a_tick_of_dead_time(frequency, f0, known, kind):
+    wave = trajectories.raster(
+        frequency=frequency, peak_to_peak=20.0, duration=6.0, sample_rate=10_000.0, offset=12.0, turn=0.2
+    )
+    two = {"resonances": (f0, 2.9 * f0), "dampings": (0.02, 0.01), "shares": (0.95, 0.05)}
+    stage = StagePlant(StageSettings(hysteresis_kind=kind, dead_time=1e-4, **two), seed=3)
+    dynamics = Dynamics(sample_rate=10_000.0, modes=(Mode(frequency=known * f0, damping=0.02),))
+    alone = AdaptiveController(sample_rate=10_000.0, stroke=30.0, voltage_limits=(-0.6, 3.6), dynamics=dynamics)
+    controller = RepetitiveController(alone, 1 / frequency)
+    run = truestroke.run(wave, controller, stage)
+    lines = run["flat"].astype(bool)
+    error = np.where(lines, run["true"] - run["desired"], np.nan)
+    of_batches = [100 * np.nanstd(error[batch.tick - 3000 : batch.tick]) / 20.0 for batch in controller.batches]
+    assert of_batches[-1] < 0.05
+    assert of_batches[-1] < 0.2 * of_batches[0]
+    assert max(of_batches) < 1.15 * of_batches[0]
+    assert controller.limited == 0
+
+
+def test_a_change_of_gain_is_learned_again_in_five_batches():
+    controller, plant = repetitive(), Bent()
+    _, error = follow(controller, sine(), plant, range(8000))
+    before = len(controller.batches)
+    assert rms(error[-1000:]) < 0.005
+    plant.gain = 1.05
+    _, error = follow(controller, sine(), plant, range(8000, 12_500))
+    assert rms(error[:200]) > 0.2
+    assert len(controller.batches) - before >= 6
+    assert list(controller.batches)[before + 5].rmse < 0.01
+    assert any("changed" in batch.undone for batch in controller.batches)
+
+
+# ---- Changes of the motion -----------------------------------------------------------------------------------------
+
+
+def test_a_growing_motion_is_no_repetition():
+    controller, plant = repetitive(), Bent()
+
+    def growing(k):
+        return tuple(np.array(sine()(k)) * min(k / 2000.0, 1.0))
+
+    follow(controller, growing, plant, range(2000))
+    assert not controller.repeats
+    follow(controller, growing, plant, range(2000, 2400))
+    assert controller.repeats
+
+
+def test_another_amplitude_offset_and_phase_begin_with_what_was_learned():
+    controller, plant = repetitive(), Bent()
+    follow(controller, sine(), plant, range(6000))
+    learned = len(controller.batches)
+    other = sine(amplitude=7.0, offset=11.0)
+    follow(controller, lambda k: other(k + 37), plant, range(6000, 8000))
+    first = list(controller.batches)[learned].rmse
+    fresh = repetitive()
+    follow(fresh, other, Bent(), range(3600))
+    assert first < 0.2 * fresh.batches[0].rmse
+
+
+def test_another_period_begins_with_what_was_learned():
+    controller, plant = repetitive(), Bent()
+    follow(controller, sine(20.0), plant, range(6000))
+    learned = len(controller.batches)
+    controller.period = 1 / 24.0
+    follow(controller, sine(24.0), plant, range(6000, 8000))
+    first = list(controller.batches)[learned].rmse
+    fresh = repetitive(1 / 24.0)
+    follow(fresh, sine(24.0), Bent(), range(3600))
+    assert first < 0.2 * fresh.batches[0].rmse
+    assert controller.period == pytest.approx(1 / 24.0, rel=1e-4)
+
+
+@pytest.mark.parametrize("told", [0.0505, 0.0497, 0.05])
+def test_a_period_that_is_another_one_and_varies_is_followed(told):
+    def wandering(k):
+        angle = 2 * np.pi * (20.0 * k / RATE - 0.05 * np.cos(2 * np.pi * 0.4 * k / RATE))  # +- 0.6 %
+        speed = 2 * np.pi * (20.0 + 0.05 * 2 * np.pi * 0.4 * np.sin(2 * np.pi * 0.4 * k / RATE))
+        return 12.0 - 8.0 * np.cos(angle), 8.0 * speed * np.sin(angle)
+
+    controller = repetitive(told)
+    _, error = follow(controller, wandering, Bent(), range(14_000))
+    assert controller.repeats
+    assert rms(error[-4000:] - error[-4000:].mean()) < 0.1 * rms(error[:200] - error[:200].mean())
+
+
+def test_it_leaves_and_rejoins_without_a_bump():
+    controller, plant = repetitive(), Bent()
+    follow(controller, sine(), plant, range(6000))
+    at, _ = sine()(6000)
+
+    def rest(k):
+        return at, 0.0
+
+    before = controller.batches[-1].rmse
+    volts, _ = follow(controller, rest, plant, range(6000, 6600))
+    assert not controller.repeats
+    bump = np.abs(np.diff(volts)).max()
+    assert bump < 0.02  # V in a tick, where the correction is up to a third of a volt
+    assert volts[-1] == inside().command(at, 0.0)
+    count = len(controller.batches)
+    volts, _ = follow(controller, sine(), plant, range(8000, 10_400))
+    own = np.array([inside().command(*sine()(k)) for k in range(8000, 10_400)])
+    assert np.abs(np.diff(volts - own)).max() < 0.03
+    assert list(controller.batches)[count].rmse < 3 * before + 0.01
+
+
+# ---- Measurements that are missing or wrong -------------------------------------------------------------------------
+
+
+def test_a_missed_batch_changes_nothing_and_lost_samples_little():
+    controller, plant = repetitive(), Bent()
+    follow(controller, sine(), plant, range(6000))
+    count = len(controller.batches)
+    _, error = follow(controller, sine(), plant, range(6000, 7000), lost=lambda k: True)
+    assert len(controller.batches) <= count + 1
+    assert rms(error[-200:]) < 0.02
+    _, error = follow(controller, sine(), plant, range(7000, 9000), lost=lambda k: k % 10 == 3)
+    assert rms(error[-200:]) < 0.02
+    assert len(controller.batches) > count
+
+
+def test_a_sensor_of_the_wrong_sign_is_not_learned():
+    class Turned(Bent):
+        def move(self, volts):
+            return 24.0 - super().move(volts)
+
+    controller = repetitive()
+    volts, _ = follow(controller, sine(), Turned(), range(6000))
+    assert len(controller.batches) == 0
+    assert np.array_equal(volts, [inside().command(*sine()(k)) for k in range(6000)])
+
+
+def test_whatever_is_measured_the_voltage_is_within_its_limits_and_slew():
+    rng = np.random.Generator(np.random.PCG64(1))
+    controller = repetitive(voltage_limits=(0.3, 1.9), slew_limit=90.0)
+    last = None
+    for k in range(8000):
+        z_d, velocity = sine()(k)
+        volts = controller.command(z_d, velocity)
+        if controller.batches:
+            assert 0.3 <= volts <= 1.9
+            assert last is None or abs(volts - last) <= 90.0 / RATE * (1 + 1e-9)
+            last = volts
+        controller.adapt(float(rng.choice([z_d, 3 * z_d, -z_d, np.nan, 1e12, z_d + 4 * rng.normal()])))
+    assert controller.batches
+    assert controller.limited > 0
+
+
+# ---- The rest ------------------------------------------------------------------------------------------------------
+
+
+def test_a_copy_goes_on_alike():
+    controller, plant = repetitive(), Bent()
+    follow(controller, sine(), plant, range(2700))
+    other, twin = copy.deepcopy(controller), copy.deepcopy(plant)
+    for k in range(2700, 3600):
+        assert controller.command(*sine()(k)) == other.command(*sine()(k))
+        for one, at in ((controller, plant), (other, twin)):
+            one.adapt(at.move(one._last))
+
+
+def test_late_measurements_are_placed_at_their_commands():
+    found = []
+    for late in (0, 5):
+        controller, plant, waiting = repetitive(), Bent(), []
+        for k in range(4000):
+            z_d, velocity = sine()(k)
+            waiting.append(plant.move(controller.command(z_d, velocity)))
+            if len(waiting) > late:
+                controller.adapt(waiting.pop(0), late)
+        found.append([batch.rmse for batch in controller.batches][:3])
+    assert found[0] == pytest.approx(found[1], rel=1e-6)
+
+
+def test_periods_are_sampled_at_whole_phases():
+    periods, step = Periods(10), 0.97
+    wave = [value for k in range(60) if (value := periods.put(step * k, 3.0 * step * k)) is not None and value.size]
+    assert len(wave) == 5
+    assert np.allclose(np.diff(wave[-1]), 3.0)
+    assert wave[-1][0] % 30.0 == pytest.approx(0.0, abs=1e-9)
+
+
+def test_whole_periods_are_taken_as_they_are():
+    motion, values = Repetition(8.0), [0.1, 0.7, 0.3, 0.9, 0.2, 0.4, 0.8, 0.6]
+    for value in itertools.islice(itertools.cycle(values), 40):
+        motion.tick(value)
+    assert motion.repeats
+    assert motion.shape.wave.tolist() == values
+    assert motion.at == 39.0
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"period": 0.0}, r"period = 0.0 s: must be from 0.008 to 4.096 s"),
+        ({"period": 0.05, "bandwidth": 10.0}, r"period = 0.05 s: must be at least 0.1 s: its frequency is above"),
+        ({"period": 0.05, "sample_rate": None}, "sample_rate"),
+        ({"period": 0.05, "voltage_limits": None}, "voltage_limits"),
+        ({"period": 0.05, "slew_limit": -1.0}, "slew_limit = -1.0"),
+    ],
+)
+def test_bad_arguments_name_what_is_needed(change, words):
+    with pytest.raises(SettingError, match=words):
+        repetitive(**change)
+    with pytest.raises(SettingError, match="a controller"):
+        RepetitiveController(3.0, 0.05)
+
+
+def test_a_command_that_is_refused_changes_nothing():
+    controller = repetitive()
+    follow(controller, sine(), Bent(), range(3000))
+    same = copy.deepcopy(controller)
+    with pytest.raises(SettingError, match="z_d"):
+        controller.command(float("nan"), 0.0)
+    assert controller.command(10.0, 0.0) == same.command(10.0, 0.0)
+
+
+def test_the_command_line_and_the_configuration_have_it(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    asked = ("track", "--trajectory", "sine", "--duration", "2", "--json")
+    assert json.loads(CliRunner().invoke(main, [*asked, "--period", "0.0833333333"]).stdout)
+    refused = CliRunner().invoke(main, [*asked, "--period", "60"])
+    assert refused.exit_code == 2
+    assert "period" in refused.output
+    text = config.example().replace("# period = 0.05 ", "period = 0.05 ")
+    Path("axis.toml").write_text(text)
+    controller = config.load("axis.toml").axes[0].controller
+    assert isinstance(controller, RepetitiveController)
+    assert controller.period == pytest.approx(0.05)
