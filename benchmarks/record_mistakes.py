@@ -102,6 +102,29 @@ def very_late(r: Record) -> Planted:
     return named(r.time[n:], r.volts[n:], r.displacement[:-n]), {}
 
 
+def stopped(r: Record) -> Planted:
+    """The sensor stops after three fifths of the record"""
+    kept = np.arange(r.time.size) < round(0.6 * r.time.size)
+    return named(r.time, r.volts, np.where(kept, r.displacement, r.displacement[kept][-1])), {}
+
+
+def moved(r: Record) -> Planted:
+    """The zero of the sensor jumps by 15 % of the stroke after three fifths of the record"""
+    after = np.arange(r.time.size) >= round(0.6 * r.time.size)
+    return named(r.time, r.volts, r.displacement + 0.15 * np.ptp(r.displacement) * after), {}
+
+
+def overflown(r: Record) -> Planted:
+    """The counter of the sensor runs over at three fifths of the stroke"""
+    return named(r.time, r.volts, (r.displacement - r.displacement.min()) % (0.6 * np.ptp(r.displacement))), {}
+
+
+def spiked(r: Record) -> Planted:
+    """Every 97th row reads twice the stroke"""
+    wrong = np.arange(r.time.size) % 97 == 50
+    return named(r.time, r.volts, np.where(wrong, 2 * r.displacement.max(), r.displacement)), {}
+
+
 def named(time: np.ndarray, volts: np.ndarray, displacement: np.ndarray) -> Columns:
     return {"time (s)": time, "volts (V)": volts, "z (um)": displacement}
 
@@ -124,6 +147,10 @@ MISTAKES: tuple[Callable[[Record], Planted], ...] = (
     early,
     late,
     very_late,
+    stopped,
+    moved,
+    overflown,
+    spiked,
 )
 
 

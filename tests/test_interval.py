@@ -40,9 +40,9 @@ def test_an_interval_grows_at_rest():
     start, day = known.interval(still, FS), known.interval(still, FS, after=86400.0)
     assert np.all(np.diff(start) > 0)
     assert start[0] == pytest.approx(1.96 * 0.02)
-    assert day[0] == pytest.approx(1.96 * np.hypot(0.02, 0.01 * np.sqrt(86400.0)))
+    assert day[0] == pytest.approx(np.hypot(1.96 * 0.02, 2.45 * 0.01 * np.sqrt(86400.0)))
     drifts = model(drift=-0.001).interval(still, FS, after=1800.0)
-    assert drifts[0] == pytest.approx(1.96 * 1.8)
+    assert drifts[0] == pytest.approx(2.45 * 1.8)
     with pytest.raises(SettingError, match="after"):
         known.interval(still, FS, after=-1.0)
 

@@ -28,6 +28,7 @@ def test_each_mistake_is_found_in_records_of_other_models_and_none_in_the_record
     assert {name: hits for name, (hits, *_) in rows.items() if hits < len(records)} == {
         "None": 0,
         "The same, labelled um": 0,  # another actuator could have this stroke
+        "The zero of the sensor jumps by 15 % of the stroke after three fifths of the record": 2,  # with a step: none
     }
 
 

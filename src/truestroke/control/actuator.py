@@ -365,7 +365,7 @@ class ActuatorModel(Displayed, Layout):
 
         ::
 
-            sqrt(k^2 (diag(J P J') + noise^2 + (jitter v)^2) + max(k, 1.96)^2 (walk^2 t + (drift t)^2 + creep^2))
+            sqrt(k^2 (diag(J P J') + noise^2 + (jitter v)^2) + 2.45^2 (walk^2 t + (drift t)^2 + creep^2))
 
         k is the `coverage_factor`, J the derivative of the prediction by the weights, P their covariance, v the
         predicted velocity, t the time since the end of the record: the zero walks and drifts on, at rest, too, and
@@ -384,8 +384,8 @@ class ActuatorModel(Displayed, Layout):
         ...     thresholds=(0.0,), weights=[10.0, 0.0, 0.0], covariance=np.zeros((3, 3)), stroke=20.0,
         ...     voltage_range=(0.0, 2.0), noise=0.03, walk=0.01,
         ... )
-        >>> model.interval([0.0, 1.0], 1.0), model.interval([0.0, 1.0], 1.0, after=1800.0)
-        (array([0.0588    , 0.06198064]), array([0.83363388, 0.83386426]))
+        >>> model.interval([0.0, 1.0], 1.0).round(4), model.interval([0.0, 1.0], 1.0, after=1800.0).round(4)
+        (array([0.0588, 0.0637]), array([1.0411, 1.0414]))
         """
         from truestroke.control import interval
 

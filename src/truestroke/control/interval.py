@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from truestroke.control.actuator import ActuatorModel
 
 COVERED = 1.96  # standard deviations: 95 %
+OF_ZERO = 2.45  # the same of the zero, by Student with six degrees of freedom: a record shows few ways of it
 CREEP = 0.01  # of the stroke in each decade of time: 0.01 to 0.02 in stacks (Jung and Gweon 2000)
 POINTS = 4000  # at most, at which the part of the weights is computed; straight lines between them
 
@@ -35,7 +36,7 @@ def of_weights(
         J = J - J.mean(axis=0)
     late = (model.delay + model.time_constant) * sample_rate
     places = np.arange(0, volts.size, every)
-    return np.asarray(np.interp(np.arange(volts.size) - late, places, np.einsum("ki,ij,kj->k", J, P, J)))
+    return np.asarray(np.interp(np.arange(volts.size) - late, places, np.sum(J @ P * J, axis=1)))
 
 
 def of_motion(model: ActuatorModel, volts: FloatArray, sample_rate: float) -> FloatArray:
@@ -62,10 +63,9 @@ def _derivative(model: ActuatorModel, x: FloatArray, fs: float, every: int) -> F
 def half_width(model: ActuatorModel, motion: FloatArray, zero: FloatArray) -> FloatArray:
     """Of the 95 % interval, um, of the variances of the motion and of the zero, um^2.
 
-    The factor is that of cross-validation; of the zero, of which a record shows one way, it is 1.96 at least.
+    The factor of the motion is that of cross-validation.
     """
-    k = model.coverage_factor
-    return np.asarray(np.sqrt(k**2 * motion + max(k, COVERED) ** 2 * zero))
+    return np.asarray(np.sqrt(model.coverage_factor**2 * motion + OF_ZERO**2 * zero))
 
 
 def of_zero(model: ActuatorModel, time: FloatArray) -> FloatArray:

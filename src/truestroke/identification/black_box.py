@@ -41,18 +41,20 @@ def predictable(trace: Trace) -> float:
     square = float(np.mean(error[test] ** 2)) if test.size else 0.0
     if min(cut, rows.size - cut, test.size) < FEWEST or square == 0.0:
         return 0.0
-    columns = _columns(trace.volts, trace.sample_rate)[::every]
+    columns = _columns(trace.volts, trace.sample_rate, every)
     inside = _left(columns, error, rows[:cut], rows[cut:], RIDGES)
     best = RIDGES[[int(np.argmin(inside))]]
     return 1 - float(_left(columns, error, rows, test, best)[0]) / square
 
 
-def _columns(x: FloatArray, fs: float) -> FloatArray:
+def _columns(x: FloatArray, fs: float, every: int) -> FloatArray:
+    """Of every `every`-th row."""
     span = float(np.ptp(x))
     u = (x - x.min()) / span
-    history = plays(x - x[0], tuple((THRESHOLDS * span).tolist())) / span
-    velocity = np.argsort(np.argsort(central_difference(u, fs))) / u.size
+    history = plays(x - x[0], tuple((THRESHOLDS * span).tolist()), every) / span
+    velocity = np.argsort(np.argsort(central_difference(u, fs)))[::every] / u.size
     before = [u - np.concatenate([np.full(lag, u[0]), u[:-lag]]) for lag in LAGS if lag < u.size // 20]
+    before, u = [column[::every] for column in before], u[::every]
     state = np.column_stack([u, velocity, history[:, 1::4] - u[:, None]])
     rng = np.random.Generator(np.random.PCG64(0))
     frequencies = WIDTH * rng.standard_normal((state.shape[1], WAVES))

@@ -1,14 +1,17 @@
 """What a record holds, and what it cannot identify, before anything is fitted."""
 
 import dataclasses
+import itertools
 import math
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from truestroke.base.typing import FloatArray
 from truestroke.identification import turning
+from truestroke.identification.faults import repeated
 from truestroke.identification.mistakes import mistakes
 from truestroke.identification.noise import noise
 from truestroke.identification.record import GAP, Record, as_record
@@ -165,7 +168,8 @@ def examine(record: Record) -> Findings:
     span, stroke = float(np.ptp(x)), float(np.ptp(z))
     turns = turning.reversals(x, turning.STROKE * span)
     gain, offset, correlation = _line(x, z)
-    level = noise(z, record.segments)
+    cut = clipped(z, x, MOVES * span)
+    level = _noise(record, cut)
     delay, lag = _delay(record, turns)
     speeds, lengths = _strokes(record, turns, span)
     travel = float(np.abs(np.diff(x[turns])).sum())
@@ -193,7 +197,7 @@ def examine(record: Record) -> Findings:
         stroke_speeds_um_s=speeds,
         stroke_lengths_percent=lengths,
         states_known_s=_states_known(record),
-        clipped_displacement=int(clipped(z, x, MOVES * span).sum()),
+        clipped_displacement=int(cut.sum()),
         assumed_displacement=not record.columns["displacement"].stated,
         clipped_volts=int(clipped(x, z, max(MOVES * stroke, 6 * level)).sum()),
     )
@@ -216,6 +220,21 @@ def _line(x: FloatArray, z: FloatArray) -> tuple[float, float, float]:
     xx, xz, zz = float(x @ x) / n - mx * mx, float(x @ z) / n - mx * mz, float(z @ z) / n - mz * mz
     gain = xz / xx
     return gain, mz - gain * mx, xz / math.sqrt(xx * zz)
+
+
+def _noise(record: Record, cut: npt.NDArray[np.bool_]) -> float:
+    """Noise of the displacement, um, of rows that are not clipped; of a slow sensor, of those with a new value."""
+    every = repeated(record.displacement)
+    if every > 1:
+        new = record.displacement[np.flatnonzero(np.diff(record.displacement)) + 1]
+        return noise(new, (slice(0, new.size),))
+    ends = np.flatnonzero(np.diff(cut)) + 1 if cut.any() else np.array([], dtype=np.intp)
+    pieces = (
+        slice(int(a), int(b))
+        for s in record.segments
+        for a, b in itertools.pairwise([s.start, *ends[(ends > s.start) & (ends < s.stop)], s.stop])
+    )
+    return noise(record.displacement, [piece for piece in pieces if not cut[piece.start]])
 
 
 def _jitter(record: Record) -> float | None:
@@ -309,6 +328,11 @@ def _count(number: int, what: str) -> str:
     return f"{number} {what}{'' if number == 1 else 's'}"
 
 
+def _ordinal(number: int) -> str:
+    ending = "th" if number % 100 in (11, 12, 13) else {1: "st", 2: "nd", 3: "rd"}.get(number % 10, "th")
+    return f"{number}{ending}"
+
+
 def _of_columns(found: Findings, record: Record) -> list[str]:
     """Whether voltage and displacement are plausible as such."""
     says = []
@@ -347,6 +371,9 @@ def _of_sampling(found: Findings, record: Record) -> list[str]:
         says.append(f"the displacement is clipped in {found.clipped_displacement} rows: they are not fitted")
     if found.clipped_volts:
         says.append(f"the voltage seems clipped in {found.clipped_volts} rows, while the displacement moves on")
+    if (every := repeated(record.displacement)) > 1:
+        new = f"the displacement has a new value in every {_ordinal(every)} row only"
+        says.append(f"{new}: the sensor is slower than the record, and {every} rows are one measurement")
     if found.jitter_us is None:
         stamps = record.unused or "there are no time stamps"
         says.append(f"{stamps}: jitter and gaps cannot be measured, the given sample rate is used")

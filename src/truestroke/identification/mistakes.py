@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from truestroke.identification import turning
+from truestroke.identification.faults import faults
 from truestroke.identification.noise import noise, rounding
 from truestroke.identification.record import Record
 from truestroke.signals.tables import RecordError
@@ -65,7 +66,8 @@ def mistakes(record: Record, found: Findings) -> tuple[str, ...]:
     found : Findings
         What `examine` measured of it.
     """
-    return (*record.contradictions, *_of_names(record), *_of_size(record, found), *_of_order(record, found))
+    of_pair = (*_of_names(record), *_of_size(record, found))
+    return (*record.contradictions, *of_pair, *faults(record), *_of_order(record, found))
 
 
 def _of_names(record: Record) -> Iterator[str]:

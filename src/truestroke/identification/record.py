@@ -26,7 +26,11 @@ FEWEST_ROWS = 50
 GAP = 2.5  # intervals; software-timed samples jitter by less, and one lost sample leaves no gap
 
 HEADINGS = {
-    "volts": ("volts", "volt", "voltage", "v", "u", "vi", "vin", "v_in", "input", "command", "drive"),
+    "volts": (
+        *("volts", "volt", "voltage", "v", "u", "vi", "vin", "v_in", "input", "command", "drive"),
+        *("spannung", "tension", "tensión", "tensione", "tensão", "spanning", "napięcie", "напряжение"),
+        *("电压", "電圧", "전압"),
+    ),
     "displacement": (
         "measured",
         "displacement",
@@ -40,10 +44,15 @@ HEADINGS = {
         "stroke",
         "sensor",
         "output",
+        *("auslenkung", "weg", "déplacement", "desplazamiento", "spostamento", "deslocamento", "verplaatsing"),
+        *("przemieszczenie", "перемещение", "смещение", "位移", "変位", "변위"),
     ),
-    "time": ("time", "t", "timestamp"),
+    "time": (
+        *("time", "t", "timestamp", "zeit", "temps", "tiempo", "tempo", "tijd", "czas", "время"),
+        *("时间", "時間", "시간"),
+    ),
 }
-"""By which a column is found where it is not named, the best first."""
+"""By which a column is found where it is not named, the best first; of several languages."""
 
 EXPECTED = "a Record, such as of truestroke.read_record(path)"
 

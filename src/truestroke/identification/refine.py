@@ -187,7 +187,7 @@ def refine(
     if dynamics is not None:
         model = _on(checks.instance("dynamics", dynamics, Dynamics, DYNAMICS).at(fs), model)
     data = _data(model, x, z, fs)
-    skip = 0 if waveform is not None else data.settled()
+    skip = 0 if waveform is not None else data.settled
     fitted = _fitted(model, data, skip)
     before, residual = z - model.predict(x, fs), z - fitted.predict(x, fs)
     old, new = (_rms(error[skip * data.every :]) for error in (before, residual))

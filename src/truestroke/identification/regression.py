@@ -115,6 +115,7 @@ class Data:
         """c_b, s/um: as `ControllerSettings` has it, unless the record is faster."""
         return 1 / max(50 * self.stroke, self.fastest)
 
+    @cached_property
     def settled(self) -> int:
         """First kept row that is fitted where the actuator is not taken to start at rest."""
         return -(-first_known(self.volts, float(np.ptp(self.volts))) // self.every)
@@ -122,7 +123,7 @@ class Data:
     def fitted(self, rested: bool) -> npt.NDArray[np.bool_]:
         """Which kept rows are fitted: those that are known, from the start where the actuator starts at rest."""
         rows = self.known.copy()
-        rows[: 0 if rested else self.settled()] = False
+        rows[: 0 if rested else self.settled] = False
         return rows
 
     def columns(self, s: Structure, z: FloatArray) -> FloatArray:

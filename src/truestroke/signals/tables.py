@@ -309,15 +309,18 @@ UNITS: Mapping[str, Mapping[str, float]] = {
 _SPELLINGS = {"V": ("v", "volt", "volts"), "um": ("micron", "microns"), "s": ("sec", "second", "seconds")}
 
 
+_CYRILLIC = str.maketrans("\u043c\u043d\u0441\u0412\u043a", "mnsVk")
+
+
 def unit(text: str) -> str:
-    """A unit as `UNITS` spells it.
+    """A unit as `UNITS` spells it, also of Greek and Cyrillic letters.
 
     Examples
     --------
-    >>> unit("µm"), unit("Volts"), unit("mV")
-    ('um', 'V', 'mV')
+    >>> unit("µm"), unit("Volts"), unit("mV"), unit("мкм")
+    ('um', 'V', 'mV', 'um')
     """
-    text = text.strip().replace("µ", "u").replace("\u03bc", "u")
+    text = text.strip().replace("µ", "u").replace("\u03bc", "u").replace("\u043c\u043a", "u").translate(_CYRILLIC)
     return next((usual for usual, others in _SPELLINGS.items() if text.lower() in others), text)
 
 

@@ -1,0 +1,111 @@
+"""Faults of a sensor are named with their evidence; records of correct sensors, however odd, have none."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from benchmarks import foreign_records, unseen_records
+
+from truestroke.identification import examine
+from truestroke.identification.faults import faults, repeated
+from truestroke.identification.mistakes import refuse
+from truestroke.identification.record import Record, read_record
+from truestroke.signals.tables import RecordError
+
+FS = 1000.0
+
+
+def clean(scale: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+    """Volts and displacement of plays for 4 s, with noise of 0.05 % of the stroke."""
+    rng = np.random.Generator(np.random.PCG64(2))
+    u = foreign_records.wave(foreign_records.clock(4.0, FS), rng, 5.0)
+    z = foreign_records.stop_elements(u, np.random.Generator(np.random.PCG64(3)))
+    return 100 * u, scale * (20 * z + 0.01 * rng.standard_normal(u.size))
+
+
+def faulty(kind: str, z: np.ndarray) -> np.ndarray:
+    z, k = z.copy(), 2500
+    span = np.ptp(z)
+    if kind == "stops":
+        z[k:] = z[k]
+    elif kind == "jumps":
+        z[k:] += 0.16 * span
+    elif kind == "runs over":
+        z = (z - z.min()) % (0.6 * span)
+    else:
+        z[97::97] = z.max() + 2.5 * span
+    return z
+
+
+SAID = {
+    "stops": r"stays at .* in 1500 rows from 2\.5 s on.*the sensor had stopped",
+    "jumps": r"jumps by .* once, first at 2\.5 s: the zero of the sensor moved",
+    "runs over": r"jumps by .* \d+ times.*its counter ran over",
+    "spikes": r"far from the rows beside it in 41 rows, first at 0\.097 s",
+}
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e-3])
+@pytest.mark.parametrize("kind", SAID)
+def test_a_fault_is_named_and_refused(kind: str, scale: float) -> None:
+    volts, z = clean(scale)
+    found = examine(Record.from_arrays(volts, faulty(kind, z), sample_rate=FS))
+    assert any(np.char.find(found.mistakes, "row") >= 0)
+    with pytest.raises(RecordError, match=SAID[kind]):
+        refuse(found)
+
+
+def test_a_wrong_row_of_the_voltage_is_named_and_a_pulse_of_it_is_none() -> None:
+    volts, z = clean()
+    volts[1234] = 300.0
+    (said,) = faults(Record.from_arrays(volts, z, sample_rate=FS))
+    assert said.startswith("the voltage is far from the rows beside it in 1 row, first at 1.234 s: 300 between")
+    z[1235] += 40.0  # an effect of the pulse
+    (said,) = faults(Record.from_arrays(volts, z, sample_rate=FS))
+    assert said.startswith("the voltage")
+
+
+def test_records_of_correct_sensors_have_no_fault() -> None:
+    """Steps, resonances, clipping, coarse converters, holes, few rows, heavy tails."""
+    of = foreign_records
+    makers = (of.staircase, of.software_timed, of.short, of.ringing, of.clipped_sensor)
+    others = (unseen_records.outliers, unseen_records.coarse)
+    for record in (*of.records(0, makers), *unseen_records.records(0, others)):
+        assert not [*faults(record)], record.source
+        assert repeated(record.displacement) == 1, record.source
+
+
+def test_a_sensor_slower_than_the_record_is_said_and_its_noise_is_that_of_its_values() -> None:
+    volts, z = clean()
+    found = examine(Record.from_arrays(volts, np.repeat(z[::5], 5), sample_rate=FS))
+    assert not found.mistakes
+    assert any("a new value in every 5th row only" in said for said in found.warnings)
+    assert found.noise_um == pytest.approx(0.01, rel=0.5)
+
+
+def test_the_noise_is_that_of_rows_that_are_not_clipped() -> None:
+    volts, z = clean()
+    low, high = np.quantile(z, [0.3, 0.7])
+    found = examine(Record.from_arrays(volts, np.clip(z, low, high), sample_rate=FS))
+    assert found.clipped_displacement > 0.4 * z.size
+    assert found.noise_um == pytest.approx(0.01, rel=0.2)
+
+
+@pytest.mark.parametrize(
+    "heading",
+    [
+        "Zeit (ms);Spannung (mV);Weg (nm)",
+        "Tempo [ms];Tensione [mV];Spostamento [nm]",
+        "время, мс;напряжение, мВ;смещение, нм",
+    ],
+)
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16"])
+def test_headings_in_other_languages_and_their_units(tmp_path: Path, heading: str, encoding: str) -> None:
+    volts, z = clean()
+    rows = (f"{k};{1e3 * x:.2f};{1e3 * y:.3f}".replace(".", ",") for k, (x, y) in enumerate(zip(volts, z, strict=True)))
+    (tmp_path / "record.csv").write_bytes("\n".join([heading, *rows]).encode(encoding))
+    record = read_record(tmp_path / "record.csv")
+    assert all(column.stated for column in record.columns.values())
+    np.testing.assert_allclose(record.volts, volts, atol=1e-4)
+    np.testing.assert_allclose(record.displacement, z, atol=1e-4)
+    assert record.sample_rate == pytest.approx(FS)
