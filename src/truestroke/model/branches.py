@@ -28,7 +28,7 @@ from truestroke.base import checks
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
 
-LIVE = 500.0  # beta |dx| that is summed at a time: its exponential does not overflow
+LIVE = 60.0  # beta |dx| that is summed at a time: its exponential keeps its digits
 
 CURVES: dict[str, tuple[Callable[[Any], Any], Callable[[Any], Any]]] = {
     "convex": (lambda s: s + 0.45 * s * s, lambda s: 1 + 0.9 * s),
