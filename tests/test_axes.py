@@ -8,6 +8,7 @@ import pickle
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from fakes.in_python import InPython
 from matplotlib.figure import Figure
 from scipy import signal
 
@@ -155,21 +156,6 @@ def test_three_axes():
 
 
 # ---- One loop --------------------------------------------------------------------------------------------------------
-
-
-class InPython:
-    """The same stage, which the loop calls in each tick or block."""
-
-    def __init__(self, plant):
-        self.plant = plant
-
-    def open(self):
-        return self.plant.open()
-
-    def exchange(self, volts):
-        measured = self.plant.exchange(volts)
-        self.truth = self.plant.truth
-        return measured
 
 
 @pytest.mark.parametrize("known", [True, False])

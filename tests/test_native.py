@@ -4,6 +4,7 @@ import copy
 
 import numpy as np
 import pytest
+from fakes.in_python import InPython
 
 from truestroke import AdaptiveController, Dynamics, Mode, RunInterrupted, run
 from truestroke.plant import Change, MatchedPlant, PlantSettings, RealisticPlant, StagePlant, StageSettings
@@ -16,21 +17,6 @@ KNOWN = Dynamics(sample_rate=RATE, modes=(Mode(frequency=700.0, damping=0.02),),
 FAST = sine(frequency=211.0, peak_to_peak=12.0, offset=12.0, duration=0.4, ramp=0.1, sample_rate=RATE)
 SLOW = random_wave(duration=0.7, seed=3)
 CHANGE = Change(time=0.4, gain=0.7, hysteresis=1.4)
-
-
-class InPython:
-    """An actuator that is not native: the loop calls it in each tick."""
-
-    def __init__(self, plant):
-        self.plant = plant
-
-    def open(self):
-        return self.plant.open()
-
-    def exchange(self, volts):
-        measured = self.plant.exchange(volts)
-        self.truth = self.plant.truth
-        return measured
 
 
 def stage(**given):

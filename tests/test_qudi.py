@@ -39,10 +39,7 @@ def found(tmp_path_factory: pytest.TempPathFactory, model: ActuatorModel) -> dic
     folder = tmp_path_factory.mktemp("qudi")
     save_model(folder / "x.toml", model)
     command = [sys.executable, SCANNER, folder, folder / "x.toml", folder / "x.toml"]
-    for _ in range(4):  # once in some thirty runs of a busy machine a move never ends; the cause is not known
-        done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
-        if "it takes too long" not in done.stderr:
-            break
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
     assert done.returncode == 0, done.stderr
     result: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
     return result

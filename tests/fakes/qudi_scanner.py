@@ -140,6 +140,17 @@ class Main:
     configuration: dict[str, Any] = {"default_data_dir": None, "daily_data_dirs": True}  # noqa: RUF012
 
 
+def with_a_slot(kind: type) -> type:
+    """The same class with a slot that does nothing, to wait for the thread of a module."""
+
+    class Waited(kind):
+        @QtCore.Slot()
+        def nothing(self) -> None:
+            pass
+
+    return Waited
+
+
 def scanner(kind: type, folder: Path, card: dict[str, Any], **more: Any) -> Any:
     main, stacks = Main(), Stacks()
     qudi.core.module.get_module_app_data_path = lambda *names: str(folder / "-".join(names))
@@ -160,7 +171,7 @@ def scanner(kind: type, folder: Path, card: dict[str, Any], **more: Any) -> Any:
         "maximum_move_velocity": 2e-3,
         **more,
     }
-    made = kind(qudi_main_weakref=reference, name="scanner", config=options)
+    made = with_a_slot(kind)(qudi_main_weakref=reference, name="scanner", config=options)
     made.connect_modules({"scan_hardware": io, "analog_output": ao})
     for module in (io, ao):
         module.module_state.activate()
@@ -173,16 +184,28 @@ def scanner(kind: type, folder: Path, card: dict[str, Any], **more: Any) -> Any:
 
 
 def wait(application: Any, ended: Any) -> None:
-    until = time.monotonic() + 10.0
+    until = time.monotonic() + 60.0
     while not ended():
         application.processEvents()
         time.sleep(2e-3)
         assert time.monotonic() < until, "it takes too long"
 
 
+def settled(application: Any, made: Any) -> None:
+    """Wait until the module has really ended its move.
+
+    A scan that ends unlocks the module first, and then moves the cursor back; `is_move_running` is False until the
+    first step of that move, and in its last step qudi gives up whatever target it got meanwhile. A move that is asked
+    for in between is lost, with no error. So let the module's thread finish what it does, and wait for its last step.
+    """
+    QtCore.QMetaObject.invokeMethod(made, "nothing", QtCore.Qt.ConnectionType.BlockingQueuedConnection)
+    wait(application, lambda: made._abort_cursor_move and not made.is_move_running)
+
+
 def move(application: Any, made: Any, **position: float) -> None:
     made.move_absolute(position)
-    wait(application, lambda: not made.is_move_running and arrived(made.get_position(), position))
+    settled(application, made)
+    assert arrived(made.get_position(), position), f"{made.get_position()} in place of {position}"
 
 
 def arrived(place: dict[str, float], position: dict[str, float]) -> bool:
@@ -199,7 +222,7 @@ def scan(application: Any, made: Any, pixels: int = 40, lines: int = 10) -> tupl
     made.configure_scan(settings(pixels, lines))
     made.start_scan()
     wait(application, lambda: not made.is_scan_running)
-    wait(application, lambda: not made.is_move_running)
+    settled(application, made)
     return made.get_scan_data(), made.get_back_scan_data()
 
 
@@ -250,7 +273,8 @@ def cut_short(application: Any, made: Any) -> list[float]:
     wait(application, lambda: made.raw_data_container.number_of_non_nan_values == 300)
     made.stop_scan()
     card.stop_after = 10**9
-    wait(application, lambda: not made.is_scan_running and not made.is_move_running)
+    wait(application, lambda: not made.is_scan_running)
+    settled(application, made)
     there, back = scan(application, made)
     return [*off(there), off(back)[0]]
 
