@@ -20,6 +20,7 @@ from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
 from truestroke.control.stage import FOUND_DAMPING
 from truestroke.dropins import motions
+from truestroke.dropins.attendant import Attendant
 from truestroke.model.dynamics import Dynamics, Mode
 from truestroke.runtime.drivers.guard import Guard, check_range
 from truestroke.runtime.drivers.paced import Clock, Paced, let_go
@@ -159,7 +160,8 @@ class Axes:
 
     A thread makes the ticks: command, exchange, adapt, of all axes, also at rest. Of a simulated driver that is not
     `hardware_timed`, time passes in motion alone, as fast as the computer makes it, so that results repeat to the bit.
-    Voltage limits, slew and the error limit hold as in `truestroke run`; the watchdog of that process is not there.
+    Voltage limits, slew and the error limit hold as in `truestroke run`. On Linux a process of its own sets the outputs
+    to the safe voltages when this one dies, or makes no tick for two seconds; it does not kill it.
 
     Parameters
     ----------
@@ -202,6 +204,7 @@ class Axes:
         self._closing = False
         self.timing = Timing(sample_rate=1.0)  # that of the driver, once it is open
         self._thread: threading.Thread | None = None
+        self._attendant: Attendant | None = None
 
     @classmethod
     def of(cls, path: str | os.PathLike[str]) -> Axes:
@@ -230,11 +233,16 @@ class Axes:
             limits = [axis.table.limits for axis in self._given]
             ranges, slews = [one["voltage_limits"] for one in limits], [one["slew"] for one in limits]
             self._guard, self._safe = Guard(timing.sample_rate, ranges, slews, safe), np.array(safe)
+            self._still = hasattr(self._driver, "rewind") and not timing.hardware_timed
+            if not self._still:  # a simulation that stands still is none that has lost its host
+                self._attendant = Attendant.beside(self._driver, self._safe)
             self._driver.start(self._safe)
         except BaseException:
-            let_go(self._driver, np.array(safe))
+            try:
+                let_go(self._driver, np.array(safe))
+            finally:
+                self._dismiss()
             raise
-        self._still = hasattr(self._driver, "rewind") and not timing.hardware_timed
         period = 1e-9 if self._still else timing.block / timing.sample_rate
         clock = Clock(period, spin=SPIN, hardware_timed=timing.hardware_timed or self._still)
         self._paced = Paced(self._driver, timing, self._guard, clock)
@@ -375,18 +383,34 @@ class Axes:
     # ---- The thread's side -----------------------------------------------------------------------------------------
 
     def _serve(self) -> None:
+        error: BaseException | None = None
+        safe = False
         try:
             self._zero()
             while self._waited():
                 self._block(list(self._lines.values()))
-            self._paced.apply(self._guard.ramp(self._safe.tolist()))
-        except BaseException as error:
-            self._fail(error)
+            self._paced.apply(self._guard.ramp(self._safe.tolist()), after=self._beat)
+        except BaseException as failure:
+            error = failure
+        try:
+            let_go(self._driver, self._safe)
+            safe = True
+        except Exception as failure:
+            error = error or failure
         finally:
-            try:
-                let_go(self._driver, self._safe)
-            except DriverError as error:
-                self._fail(error)
+            self._dismiss(safe)
+        if error is not None:  # told when the outputs are safe
+            self._fail(error)
+
+    def _beat(self) -> None:
+        """Tell the attendant that a block was made; `DriverError` where it has taken over."""
+        if self._attendant is not None:
+            self._attendant.beat()
+
+    def _dismiss(self, safe: bool = True) -> None:
+        attendant, self._attendant = self._attendant, None
+        if attendant is not None:
+            attendant.end(safe)
 
     def _fail(self, error: BaseException) -> None:
         with self._changed:
@@ -413,7 +437,8 @@ class Axes:
         if not asked:
             return
         ticks = round(ZERO * self.timing.sample_rate)
-        came = self._paced.apply(np.repeat(self._safe[:, None], ticks + self.timing.latency, axis=1))
+        rest = np.repeat(self._safe[:, None], ticks + self.timing.latency, axis=1)
+        came = self._paced.apply(rest, after=self._beat)
         for channel, line in asked:
             line.zero = float(np.nanmean(came[channel, self.timing.latency :]))
 
@@ -423,6 +448,7 @@ class Axes:
             for line, row in zip(lines, volts, strict=True):
                 line.command(row)
         measured = self._paced.exchange(volts)
+        self._beat()
         truth = getattr(self._driver, "truth", None)
         with self._changed:
             for channel, line in enumerate(lines):
