@@ -464,6 +464,6 @@ def test_on_a_card(name: str, card: Card) -> None:
         assert card.volts[0] == SAFE
     if code == 3:
         assert card.step <= SAFE
-        assert Recording.load("first.h5")["time"].size == 0
+        assert not Path("first.h5").exists()  # nothing is in the way of the next run
     if code == 0:
         assert rmse("first.h5") < 0.03

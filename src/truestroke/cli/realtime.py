@@ -85,6 +85,9 @@ def follow(
     recordings = {
         axis.name: truestroke.Recording.load(path) for axis, path in zip(job.axes, outcome.files, strict=True)
     }
+    if not outcome.ticks:  # of a run that did not begin nothing stays: its files would only be in the way of the next
+        for left in outcome.files:
+            left.unlink(missing_ok=True)
     return Closed(outcome, recordings, {name: judgement.judge(recording) for name, recording in recordings.items()})
 
 
@@ -109,7 +112,8 @@ def as_dict(done: Closed, code: int) -> dict[str, Any]:
     axes: dict[str, Any] = {}
     for (name, recording), file in zip(recordings.items(), outcome.files, strict=True):
         summary = results.summary(recording, 2)
-        axes[name] = {"recording": str(file), **verdicts[name].as_dict(), **(summary.as_dict() if summary else {})}
+        kept = str(file) if outcome.ticks else None
+        axes[name] = {"recording": kept, **verdicts[name].as_dict(), **(summary.as_dict() if summary else {})}
     late = {**_lateness(next(iter(recordings.values()))), "worst": outcome.worst_us}
     counts = {name: getattr(outcome, name) for name in ("ticks", "all_ticks", "overruns", "missed", "limited", "lost")}
     ended = {"cause": outcome.cause.name.lower(), "exit_code": code, "reason": outcome.reason}
@@ -133,7 +137,7 @@ def print_run(done: Closed) -> None:
         click.echo(
             f"{'guard':10} kept {outcome.limited} voltages within limits and slew that the controller did not keep"
         )
-    for file in outcome.files:
+    for file in outcome.files if outcome.ticks else ():
         common.print_files(recording=file)
     if outcome.ticks >= results.SHORTEST:
         click.echo(f"\nIts page: {common.program()} report {outcome.files[0]}")

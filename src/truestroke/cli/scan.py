@@ -147,7 +147,7 @@ def _on_hardware(config: Path, output: str | None, endings: tuple[str, ...], plo
     try:
         found = _recorded(job.imaging, done.recordings)
     except ImageError as error:
-        kept = ", ".join(map(str, done.outcome.files))
+        kept = ", ".join(map(str, done.outcome.files)) if done.outcome.ticks else "no file"
         code = realtime.code_of(done.outcome, Verdict("bad"))
         if as_json:
             common.print_json({**realtime.as_dict(done, code), "images": []})

@@ -21,6 +21,7 @@ from truestroke.runtime.realtime.watchdog import protect
 STILL = 2.0  # s without a tick: a host may keep the interpreter's lock for a while, and a watchdog never kills it
 LOOK = 0.1  # s between two looks, and between two attempts
 READY = 60.0  # s for the process to come up
+LONGEST = 600.0  # s of attempts
 LEAST = Layout(channels=1, size=1, slow_size=1, slow_width=1)  # of the shared memory: nothing but the counters is used
 
 
@@ -55,7 +56,7 @@ class Attendant:
             raise DriverError("the process that watches over the host has died")
 
     def end(self, safe: bool = True) -> None:
-        """The outputs are safe, and nothing is left to watch; else it goes on trying, as if the host were gone."""
+        """The outputs are safe; if they are not, it goes on trying, as if the host were gone."""
         if safe:
             self._shared.count[Slot.STATE] = State.ENDED
         if self._process.stdin:
@@ -90,15 +91,16 @@ def attend(
 
 def _bring_to_safety(shared: Shared, rescue: Callable[[FloatArray], None], safe: FloatArray, why: str) -> None:
     """Try until it works, or until the host has done it."""
-    volts, told = ", ".join(f"{v:g} V" for v in safe), False
-    while shared.count[Slot.STATE] != State.ENDED:
+    volts, complained = ", ".join(f"{v:g} V" for v in safe), False
+    until = time.monotonic() + LONGEST
+    while shared.count[Slot.STATE] != State.ENDED and time.monotonic() < until:
         try:
             rescue(safe)
         except Exception as error:
-            if not told:
+            if not complained:
                 words = " ".join(str(error).split())
                 _tell(f"{why}; THE OUTPUT IS NOT SAFE, not at {volts}, and it is tried again: {words}")
-            told = True
+            complained = True
             time.sleep(LOOK)
         else:
             _tell(f"{why}; output set to {volts}")

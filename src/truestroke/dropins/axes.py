@@ -399,11 +399,11 @@ class Axes:
             error = error or failure
         finally:
             self._dismiss(safe)
-        if error is not None:  # told when the outputs are safe
+        if error is not None:  # a future ends when the outputs are safe
             self._fail(error)
 
     def _beat(self) -> None:
-        """Tell the attendant that a block was made; `DriverError` where it has taken over."""
+        """A block was made, for the attendant to see; `DriverError` where it has taken over."""
         if self._attendant is not None:
             self._attendant.beat()
 
