@@ -34,7 +34,7 @@ def main() -> None:
     if asked.json:
         print(json.dumps({"machine": table.machine(), "costs": [c.as_dict() for c in costs], "missing": missing}))
         return
-    for columns, rows in (table.update_table(costs), table.tick_table(costs)):
+    for columns, rows in (table.update_table(costs), table.tick_table(costs), table.axes_table(costs)):
         print("\n".join(f"| {' | '.join(cells)} |" for cells in (columns, ["---"] * len(columns), *rows)), end="\n\n")
     print("\n".join([table.verdict(costs), *(f"- not measured: {reason}" for reason in missing), f"page: {path}"]))
 

@@ -22,7 +22,7 @@ class Cost:
     ----------
     what : str
         "update" (of recursive least squares), "limit" (of the machine, for the same loads, stores and multiply-adds),
-        "command", or "tick" (command and adapt).
+        "command", "tick" (command and adapt), or "axes" (of several axes, and learning from pass to pass).
     name : str
         Of the law or of whom it is: "paper", "default", "padasip FilterRLS", ...
     way : str

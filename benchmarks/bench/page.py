@@ -86,7 +86,8 @@ def pictures(costs: Sequence[Cost], theme: Theme = LIGHT) -> dict[str, Figure]:
 def page(costs: Sequence[Cost], missing: Sequence[str], command: str | None = None) -> Page:
     """The page of the costs; `missing` says what could not be measured, `command` is what repeats it."""
     notes = [NOTE, " ".join(["Not measured.", *missing]) if missing else NOTE]
-    found = zip((table.update_table(costs), table.tick_table(costs)), notes, strict=True)
+    tables = (table.update_table(costs), table.tick_table(costs), table.axes_table(costs))
+    found = zip(tables, [*notes, ""], strict=True)
     return Page(
         title="What a step costs",
         lead=table.verdict(costs),

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from benchmarks.bench import rivals
+from benchmarks.bench import axes, rivals
 from benchmarks.bench.cost import Cost, of_times, time_steps
 
 from truestroke import AdaptiveController, ControllerSettings
@@ -73,6 +73,8 @@ def _parts(steps: int) -> Iterator[Callable[[], list[Cost]]]:
             yield partial(ticks, make(**STAGE, plays=plays), name, steps // 10)
         yield partial(ticks, make(**STAGE, precision="single"), name, steps // 10)
         yield partial(numpy_tick, make(**STAGE), name, steps // 100)
+    yield partial(axes.ticks, steps // 10)
+    yield partial(axes.learning, steps)
 
 
 # ---- The kernel ----------------------------------------------------------------------------------------------------

@@ -54,6 +54,14 @@ def tick_table(costs: Sequence[Cost]) -> Table:
     return ["one tick: command and adapt", "plays", "weights", *FIGURES], rows
 
 
+def axes_table(costs: Sequence[Cost]) -> Table:
+    """What a tick of several axes costs, and a pass of learning for each of its ticks."""
+    found = [c for c in costs if c.what == "axes"]
+    alone = found[0].best_ns if found else 1.0
+    rows = [[f"{c.name}, {_how(c)}", str(c.parameters), *_figures(c), f"{c.best_ns / alone:.3g}"] for c in found]
+    return ["one tick of all axes, with dynamics", "weights or harmonics", *FIGURES, "times one axis"], rows
+
+
 def _how(c: Cost) -> str:
     return ", ".join(word for word in (c.way, c.variant, "" if c.precision == "double" else c.precision) if word)
 

@@ -1,0 +1,97 @@
+"""What several axes, what they take of one another, and learning from pass to pass add to a tick."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from benchmarks.bench.cost import Cost, time_steps
+
+from truestroke import (
+    AdaptiveController,
+    ControllerSettings,
+    Dynamics,
+    IterativeLearning,
+    Mode,
+    MultiAxisController,
+    trajectories,
+)
+from truestroke.plant import StagePlant, StageSettings
+from truestroke.runtime.realtime import motion
+
+RATE = 10_000.0  # Hz
+RESONANCES = (900.0, 700.0, 800.0)  # Hz
+USUAL: dict[str, Any] = {"sample_rate": RATE, "stroke": 30.0, "voltage_limits": (-0.6, 3.6), "feedback": False}
+LINES = 40.0  # a second
+PERIODS = 20  # of a pass that is learned from
+
+
+def ticks(steps: int) -> list[Cost]:
+    """Command and adapt of all axes, one after the other, alone and as they know each other, through Python."""
+    costs = []
+    for axes in (1, 2, 3):
+        for coupled in (False, True) if axes > 1 else (False,):
+            words = f"{axes} axes that know each other" if coupled else f"{axes} axes" if axes > 1 else "1 axis"
+            costs.append(_axes(axes, coupled, words, steps))
+    return costs
+
+
+def _axes(axes: int, coupled: bool, name: str, steps: int) -> Cost:
+    names = "xyz"[:axes]
+    settings = {
+        one: ControllerSettings(**USUAL, dynamics=_dynamics(f)) for one, f in zip(names, RESONANCES, strict=False)
+    }
+    times = {"duration": 1.0, "sample_rate": RATE, "peak_to_peak": 20.0}
+    wanted = {
+        one: trajectories.raster(frequency=rate, **times) for one, rate in zip(names, (LINES, 0.5, 1.0), strict=False)
+    }
+    if coupled:
+        together = MultiAxisController(settings)
+        known, width = together.prepare(wanted), 3 * (axes - 1)
+        controllers, wanted = list(together.axes.values()), known.axes
+        others = [known.others[:, width * i : width * (i + 1)] for i in range(axes)]
+    else:
+        controllers, others = [AdaptiveController.from_settings(one) for one in settings.values()], [None] * axes
+    target = memoryview(bytearray(8)).cast("d")
+    rows = []
+    for controller, trajectory, beside in zip(controllers, wanted.values(), others, strict=True):
+        each = motion.motion(trajectory, target, controller, beside)
+        rows.append([each(k) for k in range(len(trajectory))])
+    places = [trajectory.position.tolist() for trajectory in wanted.values()]
+    count = len(places[0])
+
+    def tick(k: int) -> None:
+        at = k % count
+        for controller, given, place in zip(controllers, rows, places, strict=True):
+            controller.command(*given[at])
+            controller.adapt(place[at])
+
+    def idle(k: int) -> None:
+        at = k % count
+        for _, given, place in zip(controllers, rows, places, strict=True):
+            _, _ = given[at], place[at]
+
+    about = {"plays": controllers[0].settings.plays, "parameters": controllers[0].settings.parameters}
+    return time_steps(tick, steps, idle=idle, what="axes", name=name, way="Python, step by step", **about)
+
+
+def learning(steps: int) -> list[Cost]:
+    """A pass of iterative learning: what it takes when it is over, divided by its ticks."""
+    stage = StagePlant(StageSettings(sample_rate=RATE, resonances=RESONANCES[:1]))
+    stage.open()
+    lines = trajectories.raster(frequency=LINES, peak_to_peak=20.0, offset=12.0, duration=1.0, sample_rate=RATE)
+    law = IterativeLearning(lines, gain=9.0, dynamics=_dynamics(RESONANCES[0]), voltage_limits=USUAL["voltage_limits"])
+    measured = stage.exchange(np.tile(law.volts, PERIODS + 4))[4 * law.samples :]
+
+    def one(_: int) -> None:
+        law.learn(measured)
+
+    about = {"plays": 0, "parameters": law.samples // 2 + 1}
+    name = f"learning of {PERIODS} lines of {law.samples} ticks"
+    return [
+        time_steps(one, max(steps // measured.size, 20), measured.size, what="axes", name=name, way="NumPy", **about)
+    ]
+
+
+def _dynamics(frequency: float) -> Dynamics:
+    return Dynamics(sample_rate=RATE, modes=(Mode(frequency=frequency, damping=0.02),))
