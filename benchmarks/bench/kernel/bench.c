@@ -20,6 +20,7 @@ static int calls = 1000000;
 
 typedef struct {
     ts_controller controller;
+    ts_settings settings;
     ts_rls rls;
     int m, ticks;
     ts_real w[TS_PADDED(TS_MAX_PARAMETERS)], u[64][TS_PADDED(TS_MAX_PARAMETERS)];
@@ -130,10 +131,10 @@ static ts_settings settings(int plays, bool paper)
 /* Two sines; the regressors of the update alone are random. */
 static void prepare(bench *b, int plays, bool paper)
 {
-    ts_settings s = settings(plays, paper);
     memset(b, 0, sizeof *b);
-    if (ts_controller_init(&b->controller, &s) != TS_OK) exit(1);
-    b->m = ts_parameters(&s);
+    b->settings = settings(plays, paper); /* the controller points to them */
+    if (ts_controller_init(&b->controller, &b->settings) != TS_OK) exit(1);
+    b->m = ts_parameters(&b->settings);
     ts_rls_init(&b->rls, (ts_real)1e-3, b->m);
     double phase = 6.283185307179586 / WAVE;
     for (int k = 0; k < WAVE; k++) {
