@@ -298,6 +298,8 @@ typedef struct {
     ts_real low, high;      /* um: of the motion, over about a second */
     ts_real sum, square;    /* um, um^2: of the error in this window, less its first value */
     ts_real first;          /* um */
+    ts_real start;          /* um: the first error */
+    ts_real ringing;        /* um: an error below it is ringing that decays, no failure */
     ts_real error;          /* of the window before, over the range */
     ts_real best;           /* least error over the range while it learned; rises slowly */
     ts_real failed;         /* error over the range at which learning has failed */
@@ -310,6 +312,9 @@ typedef struct {
     int pause;              /* windows in which no failure counts */
     bool kept, at_start, started;
 } ts_guard;
+
+/* Learning begins anew, with other weights: nothing is held, and what is kept stays. */
+TS_API void ts_guard_begin(ts_guard *g);
 
 /* The range of the motion, um: at least ten times the floor. */
 TS_API ts_real ts_guard_range(const ts_guard *g, const ts_guard_settings *s);
@@ -503,7 +508,7 @@ typedef struct {
     ts_real age;                   /* s since `newer` was kept */
     ts_real newer[TS_MAX_LEARNED], older[TS_MAX_LEARNED]; /* earlier weights, to be restored */
     uint64_t since;                   /* first tick whose strain is kept while learning rests */
-    bool failed;                      /* with the stage that was found learning has failed */
+    bool failed, trial;               /* with the stage that was found learning has failed, or has not been better than before yet */
 } ts_stage;
 
 /* What is wanted of a tick. */

@@ -23,8 +23,11 @@
 #define FOUND_INERTIA ((ts_real)0.05)
 #define CERTAIN ((ts_real)0.02)   /* relative deviation of a resonance that is put into the model */
 #define MOVED ((ts_real)0.015)    /* of the resonance of the model: one that is shown and differs by so much replaces it */
+#define FURTHER ((ts_real)0.15)   /* unless by so much */
 #define SLOWEST ((ts_real)0.025)  /* of the resonance: a slower motion does not need it */
 #define NOISY 9                   /* times the variance of a measurement: nor does a smaller error */
+#define FREE 6                    /* half-waves of the ringing while weights are held, which shows the resonance, */
+#define DECAYED ((ts_real)0.98)   /* of the first of them: the last one is smaller, or something drives it */
 #define AS_GOOD_AS_NONE ((ts_real)1e-6) /* of the prior's variance: of a weight that stays */
 
 /* ---- Settings ---------------------------------------------------------------------------------------------------- */
@@ -726,9 +729,16 @@ static void put_weight(ts_controller *c, int place, ts_real variance)
     ts_kalman_separate(&c->law.kalman, place, variance, c->parameters);
 }
 
-/* From now on the stage is between hysteresis and sensor. Lag and inertia are in it, but for what it misses, and so is what
- * the rate weights have learned; what rings on counts as noise for a while. */
-static void adopt_stage(ts_controller *c, ts_real frequency, ts_real caution, bool again)
+/* What was learned without the stage is wrong, and so is how sure it is. */
+static void begin_anew(ts_controller *c)
+{
+    memcpy(c->w, c->kept.first, sizeof(ts_real) * (size_t)c->parameters);
+    ts_kalman_reset_covariance(&c->law.kalman, c->settings->prior, c->parameters);
+}
+
+/* From now on the stage is between hysteresis and sensor; it rings by so much, um. Lag and inertia are in it, but for what it
+ * misses, and so is what the rate weights have learned. */
+static void adopt_stage(ts_controller *c, ts_real frequency, ts_real ringing, bool again)
 {
     const ts_settings *s = c->settings;
     ts_kalman *k = &c->law.kalman;
@@ -741,8 +751,7 @@ static void adopt_stage(ts_controller *c, ts_real frequency, ts_real caution, bo
         d->section[0][i] = d->z[i] - c->found.direct[0] * d->strain[(d->ticks - 2 - (uint64_t)i) % TS_HISTORY];
     ts_real corner = 2 * TS_PI * (ts_real)FOUND_FILTER * frequency, time = s->oscillation.tick / (2 * TS_PI * frequency);
     k->filter = corner / (1 + corner);
-    k->disturbance = 0;
-    k->caution = caution;
+    k->disturbance = k->caution = 0;
     c->stage.smoothing = s->smoothing;
     if (c->stage.smoothing < 1 / (1 + frequency)) c->stage.smoothing = 1 / (1 + frequency);
     c->stage.inertia = 0;
@@ -756,13 +765,19 @@ static void adopt_stage(ts_controller *c, ts_real frequency, ts_real caution, bo
         }
     k->started = false;
     keep_command(c);
+    if (!again) {
+        c->stage.trial = c->guard.kept; /* what was good before is good to go back to */
+        if (!c->guard.kept) memcpy(c->kept.w, c->kept.first, sizeof(ts_real) * (size_t)c->parameters);
+        ts_guard_begin(&c->guard);
+    }
+    if (c->guard.ringing < ringing) c->guard.ringing = ringing;
 }
 
 /* It was not that: the resonance alone is known, as before. */
 static void give_up_stage(ts_controller *c)
 {
     if (!c->found.known) return;
-    c->found.known = false;
+    c->found.known = c->stage.trial = false;
     c->stage.failed = true;
     c->resonance.windows = 0;
     adopt_resonance(c, c->stage.resonance, 1);
@@ -822,7 +837,21 @@ static void know_resonance(ts_controller *c, ts_real frequency)
     const ts_sensor *s = &c->settings->sensor;
     adopt_resonance(c, frequency, c->counters.oscillating > 1 ? c->law.kalman.filter : 1);
     bool late = s->ticks > 0 || s->share > 0 || s->lag > 0;
-    if (!c->stage.failed && !late && c->lagged.ticks >= c->stage.since + 4) adopt_stage(c, frequency, c->oscillation.peaks[0] * c->oscillation.peaks[0], false);
+    if (c->stage.failed || late || c->lagged.ticks < c->stage.since + 4) return;
+    if (!c->guard.kept) begin_anew(c);
+    adopt_stage(c, frequency, c->oscillation.peaks[0], false);
+}
+
+/* Whether weights are held and the stage rings on by itself, faster than the motion: it decays, and shows its resonance. */
+static bool rings_freely(const ts_controller *c)
+{
+    const ts_oscillation *o = &c->oscillation;
+    const ts_sensor *late = &c->settings->sensor;
+    if (c->guard.held == 0 || c->stage.failed || o->length != 0 || o->regular < FREE || c->lagged.ticks < 8) return false;
+    if (c->settings->resonance > 0 || late->ticks > 0 || late->share > 0 || late->lag > 0) return false;
+    if (!(o->peaks[0] < DECAYED * o->peaks[FREE - 1])) return false;
+    ts_real omega = 2 * TS_PI * ts_oscillation_frequency(o, FREE);
+    return o->peaks[0] > c->settings->oscillation.floor && omega * o->speed >= (ts_real)2.5 * o->acceleration;
 }
 
 /* One tick of the detection of a self-excited oscillation, and the reaction to it. */
@@ -833,11 +862,19 @@ static void watch_stage(ts_controller *c, ts_real error, ts_real zdot_d, bool li
     ts_real found = ts_oscillation_tick(o, &s->oscillation, error, zdot_d, noise_of(c));
     if (limited) o->sign = o->regular = 0; /* the law does not cause the error at a limit */
     count_ringing(c);
+    if (rings_freely(c)) {
+        c->stage.resonance = ts_oscillation_frequency(o, FREE);
+        c->stage.rest = 0;
+        c->flags.oscillating = false;
+        begin_anew(c);
+        adopt_stage(c, c->stage.resonance, o->peaks[0], false);
+        return;
+    }
     if (c->stage.rest > 0) {
         c->stage.rest = o->regular >= REST_HALF_WAVES || c->stage.rest < 1 ? 0 : c->stage.rest - 1;
         if (!(c->stage.rest > 0) && o->regular >= 4)
             know_resonance(c, ts_oscillation_frequency(o, o->regular < 6 ? 4 : 6));
-    } else if (found > 0 && !(o->found && measures_inertia(c)) && !limited && found > NOT_BELOW * c->stage.resonance && !c->hold) {
+    } else if (found > 0 && c->guard.held == 0 && !(o->found && measures_inertia(c)) && !limited && found > NOT_BELOW * c->stage.resonance && !c->hold) {
         retreat(c, found);
     } else {
         c->stage.age += s->oscillation.tick;
@@ -906,16 +943,28 @@ static void watch_learning(ts_controller *c, ts_real error, ts_real z_d, bool co
     if (noise < c->resolution) noise = c->resolution;
     switch (ts_guard_tick(g, &s->guard, error, z_d, counts && !resting, noise)) {
     case TS_GUARD_NOTHING: break;
-    case TS_GUARD_KEEP: weights_at_best(c); break;
+    case TS_GUARD_KEEP:
+        weights_at_best(c);
+        c->stage.trial = false;
+        break;
     case TS_GUARD_RESTORE:
         memcpy(c->kept.aside, c->w, sizeof(ts_real) * (size_t)c->parameters);
-        give_up_stage(c);
+        if (c->stage.trial) give_up_stage(c);
         take_weights(c, c->kept.w, true);
         c->counters.restored++;
         break;
-    case TS_GUARD_FIRST: take_weights(c, c->kept.first, true); break;
+    case TS_GUARD_FIRST:
+        give_up_stage(c);
+        take_weights(c, c->kept.first, true);
+        break;
     case TS_GUARD_ADOPT: learn_cautiously(c); break;
-    case TS_GUARD_RETURN: take_weights(c, c->kept.aside, false); break;
+    case TS_GUARD_RETURN:
+        if (c->found.known) {
+            give_up_stage(c);
+            take_weights(c, c->kept.first, true);
+            ts_kalman_reset_covariance(k, s->prior, c->parameters);
+        } else take_weights(c, c->kept.aside, false);
+        break;
     }
     if (g->held > 0) move_offset(c, g->drift);
     else if (g->ticks == 0) k->caution *= 1 - (ts_real)0.8 / (ts_real)g->wait;
@@ -935,7 +984,7 @@ static bool matters(const ts_controller *c)
     if (r->windows < (c->stage.failed ? 4 : 2) || r->variance > CERTAIN * CERTAIN) return false;
     if (c->found.known) {
         ts_real moved = r->known / c->stage.resonance - 1;
-        return moved * moved > MOVED * MOVED && moved * moved > 4 * r->variance;
+        return moved * moved > MOVED * MOVED && moved * moved < FURTHER * FURTHER && moved * moved > 4 * r->variance;
     }
     ts_real noise = noise_of(c);
     return r->motion > SLOWEST * r->known && r->power > NOISY * noise * noise;
@@ -954,12 +1003,9 @@ static void watch_resonance(ts_controller *c, ts_real z, ts_real error, const ts
     bool known = ts_resonance_tick(r, s->oscillation.tick, x, error, d->zdot_d, d->zdot_d - c->rate);
     c->rate = d->zdot_d;
     if (!known || !matters(c)) return;
-    if (!c->found.known) { /* what was learned without the stage is wrong, and so is how sure it is */
-        memcpy(c->w, c->kept.first, sizeof(ts_real) * (size_t)c->parameters);
-        ts_kalman_reset_covariance(&c->law.kalman, s->prior, c->parameters);
-    }
     c->stage.resonance = r->known;
-    adopt_stage(c, r->known, 0, staged);
+    if (!staged) begin_anew(c);
+    adopt_stage(c, r->known, root_of(r->power), staged);
 }
 
 /* ---- A tick of the measured side -------------------------------------------------------------------------------------- */

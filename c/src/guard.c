@@ -15,6 +15,9 @@
 #define LEAST_RANGE 10          /* of the floor: a smaller motion is rest */
 #define RISE ((ts_real)1.02)    /* of the best, per window */
 #define CENTRING ((ts_real)0.5) /* of the mean error, in a window */
+#define BURST 5                 /* times the motion so far: an error beyond that is a burst, while nothing is learned yet, */
+#define LEAST_BURST 20          /* of the floor: but not a smaller one */
+#define DECAYS ((ts_real)0.95)  /* in a window: what counts as ringing of a stage that was found */
 #define FORGIVEN 8              /* times `wait` good windows until the next hold is shorter again */
 
 /* Standard deviation of the error in the window that ends, um. */
@@ -34,6 +37,7 @@ static void follow(ts_guard *g, const ts_guard_settings *s, ts_real error, ts_re
 {
     if (!g->started) {
         g->started = true;
+        g->start = error;
         g->low = g->high = z_d;
     }
     g->low += s->range_rate * (z_d - g->low);
@@ -73,9 +77,11 @@ static ts_guard_action judge_held(ts_guard *g, ts_real error)
 /* The weights that learn. */
 static ts_guard_action judge_learned(ts_guard *g, const ts_guard_settings *s, ts_real error, ts_real least)
 {
-    bool large = error > least && error > WORSE * g->best, falls = error < FALLS * g->error;
+    bool large = error > least && error > WORSE * g->best && error * ts_guard_range(g, s) > g->ringing;
+    bool falls = error < FALLS * g->error;
     int most = 2 * error > 1 ? BEYOND_ALL : g->kept ? BAD : BAD_AT_FIRST;
     g->error = error;
+    g->ringing *= DECAYS;
     g->bad = !large || g->pause > 0 ? 0 : g->bad + !falls;
     if (g->pause > 0) g->pause--;
     if (g->bad >= most && !falls) {
@@ -96,6 +102,22 @@ static ts_guard_action judge_learned(ts_guard *g, const ts_guard_settings *s, ts
     return TS_GUARD_KEEP;
 }
 
+void ts_guard_begin(ts_guard *g)
+{
+    begin_window(g);
+    g->pause = g->wait;
+    g->held = g->bad = g->good = 0;
+    g->at_start = false;
+}
+
+/* Whether an error is far beyond the motion so far, before anything was good. */
+static bool bursts(const ts_guard *g, const ts_guard_settings *s, ts_real error)
+{
+    ts_real size = error < 0 ? -error : error, first = g->start < 0 ? -g->start : g->start;
+    if (g->kept || g->held > 0) return false;
+    return size > BURST * (g->high - g->low) && size > LEAST_BURST * s->floor && size > 2 * first;
+}
+
 ts_real ts_guard_range(const ts_guard *g, const ts_guard_settings *s)
 {
     ts_real range = g->high - g->low, least = LEAST_RANGE * s->floor;
@@ -105,6 +127,12 @@ ts_real ts_guard_range(const ts_guard *g, const ts_guard_settings *s)
 ts_guard_action ts_guard_tick(ts_guard *g, const ts_guard_settings *s, ts_real error, ts_real z_d, bool counts, ts_real noise)
 {
     follow(g, s, error, z_d, counts);
+    if (counts && bursts(g, s, error)) {
+        g->failed = 1;
+        g->held = 1;
+        begin_window(g);
+        return TS_GUARD_RESTORE;
+    }
     if (g->ticks < s->window) return TS_GUARD_NOTHING;
     bool enough = 4 * g->counted >= s->window;
     ts_real range = ts_guard_range(g, s), found = enough ? deviation(g) / range : 0, least = SHARE;

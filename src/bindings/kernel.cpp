@@ -164,7 +164,7 @@ template <typename Controller, typename Visit> void each_array(Controller &c, Vi
         visit("found_tap", &f.tap[0], TS_TAPS);
         visit("found_lead", &f.lead[0], 2);
         visit("found_since", &c.stage.since, 1);
-        visit("found_failed", &c.stage.failed, 1);
+        visit("found_failed", &c.stage.failed, 2);
     }
     if (c.settings->law == TS_LAW_KALMAN) {
         visit("stage_sections", &d.section[0][0], sizeof d.section / sizeof(ts_real));
@@ -195,7 +195,7 @@ template <typename Controller, typename Visit> void each_array(Controller &c, Vi
     visit("resonance_ticks", &v.settling, 5);
     visit("resonance_plays", &c.shown[0], TS_SHOWN);
     visit("resonance_rate", &c.rate, 1);
-    visit("guard", &c.guard.low, 9);
+    visit("guard", &c.guard.low, 11);
     visit("guard_windows", &c.guard.ticks, 7);
     visit("guard_found", &c.guard.kept, 3);
     visit("kept_first", &c.kept.first[0], m);
@@ -268,7 +268,7 @@ void check_covariance(const ts_controller &c, const char *name, const ts_real *P
 
 void check_guard(const ts_controller &c) {
     const ts_guard &g = c.guard;
-    require_all("guard", g.high >= g.low && g.square >= 0 && g.error >= 0 && g.best >= 0 && g.failed >= 0,
+    require_all("guard", g.high >= g.low && g.square >= 0 && g.ringing >= 0 && g.error >= 0 && g.best >= 0 && g.failed >= 0,
                 "a range and errors of 0 or more");
     require_all("guard_windows", g.ticks >= 0 && g.counted >= 0 && g.counted <= g.ticks && g.held >= 0 && g.held < INT32_MAX / 2 &&
                                  g.bad >= 0 && g.bad < INT32_MAX / 2 && g.good >= 0 && g.good < INT32_MAX / 2 && g.pause >= 0 &&

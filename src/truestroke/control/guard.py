@@ -18,6 +18,9 @@ SETTLES = 12  # windows in which the stage may calm down
 LEAST_RANGE = 10  # of the floor: a smaller motion is rest
 RISE = 1.02  # of the best, per window
 CENTRING = 0.5  # of the mean error, in a window
+BURST = 5  # times the motion so far: an error beyond that is a burst, while nothing is learned yet,
+LEAST_BURST = 20  # of the floor: but not a smaller one
+DECAYS = 0.95  # in a window: what counts as ringing of a stage that was found
 FORGIVEN = 8  # times `wait` good windows until the next hold is shorter again
 
 
@@ -66,6 +69,9 @@ class Guard:
     - *They are better* where their error, once it has settled, is below 70 % of the one that failed: the controller
       learns on from there. If they are not, those of the start are held; if these are no better either, learning was
       not the cause, and goes on as if nothing had happened.
+    - *Before anything was good* an error of five times the motion so far, 20 floors and twice the first error is a
+      burst: the first weights are held at once.
+    - *Ringing* of a stage that was found just now is no failure: errors below what it was then, less 5 % a window.
     - Each time the next hold, or the time to the next failure, is twice as long, up to 256 windows; after many good
       windows it is halved.
 
@@ -95,6 +101,8 @@ class Guard:
         self.settings = settings
         self.low = self.high = 0.0  # um: of the motion, over about a second
         self.sum = self.square = self.first = 0.0  # of the error in this window, less its first value
+        self.start = 0.0  # um: the first error
+        self.ringing = 0.0  # um: an error below it is ringing that decays
         self.error = self.failed = 0.0  # over the range: of the window before, and at which learning has failed
         self.drift = 0.0  # um per tick: of the offset while weights are held, so that the mean error vanishes
         self.best = 0.0  # least error over the range while it learned
@@ -120,13 +128,17 @@ class Guard:
             Standard deviation of a measurement, um.
         """
         self._follow(error, z_d, counts)
+        if counts and self._bursts(abs(error)):
+            self.failed, self.held = 1.0, 1
+            self._begin_window()
+            return Action.RESTORE
         if self.ticks < self.settings.window:
             return Action.NOTHING
         enough, span = 4 * self.counted >= self.settings.window, self.range
         found = self._deviation() / span if enough else 0.0
         if enough and self.held > 0:
             self.drift = CENTRING * (self.first + self.sum / self.counted) / self.settings.window
-        self.sum, self.square, self.ticks, self.counted = 0.0, 0.0, 0, 0
+        self._begin_window()
         if not enough:
             return Action.NOTHING
         if self.held > 0:
@@ -135,11 +147,28 @@ class Guard:
         for limit in (self.settings.floor, NOISES * noise):
             if least * span < limit:
                 least = limit / span
-        return self._judge_learned(found, least)
+        return self._judge_learned(found, least, span)
+
+    def begin(self) -> None:
+        """Learning begins anew, with other weights: nothing is held, and what is kept stays."""
+        self._begin_window()
+        self.pause = self.wait
+        self.held = self.bad = self.good = 0
+        self.at_start = False
+
+    def _begin_window(self) -> None:
+        self.sum, self.square, self.ticks, self.counted = 0.0, 0.0, 0, 0
+
+    def _bursts(self, size: float) -> bool:
+        """Whether an error of this size, um, is far beyond the motion so far, before anything was good."""
+        if self.kept or self.held > 0:
+            return False
+        motion = size > BURST * (self.high - self.low)
+        return motion and size > LEAST_BURST * self.settings.floor and size > 2 * abs(self.start)
 
     def _follow(self, error: float, z_d: float, counts: bool) -> None:
         if not self.started:
-            self.started, self.low, self.high = True, z_d, z_d
+            self.started, self.low, self.high, self.start = True, z_d, z_d, error
         rate = self.settings.range_rate
         self.low += rate * (z_d - self.low)
         self.high += rate * (z_d - self.high)
@@ -179,10 +208,12 @@ class Guard:
         self.at_start = False
         return Action.ADOPT if better else Action.RETURN
 
-    def _judge_learned(self, error: float, least: float) -> Action:
-        large, falls = error > least and error > WORSE * self.best, error < FALLS * self.error
+    def _judge_learned(self, error: float, least: float, span: float) -> Action:
+        large = error > least and error > WORSE * self.best and error * span > self.ringing
+        falls = error < FALLS * self.error
         most = BEYOND_ALL if 2 * error > 1 else BAD if self.kept else BAD_AT_FIRST
         self.error = error
+        self.ringing *= DECAYS
         self.bad = 0 if not large or self.pause > 0 else self.bad + (not falls)
         self.pause -= self.pause > 0
         if self.bad >= most and not falls:

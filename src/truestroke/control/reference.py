@@ -56,7 +56,10 @@ FOUND = 0.2  # relative standard deviation of the inertia of a resonance that an
 FOUND_FILTER = 0.6  # of a stage that was found by its oscillation: corner of the law's filter over its resonance,
 FOUND_LAG, FOUND_INERTIA = 0.1, 0.05  # deviations of what its lag and inertia miss, over 1 / w0 and 1 / w0^2
 CERTAIN = 0.02  # relative deviation of a resonance that is put into the model
-MOVED = 0.015  # of the resonance of the model: one that is known and differs by so much replaces it
+MOVED = 0.015  # of the resonance of the model: one that is known and differs by so much replaces it,
+FURTHER = 0.15  # unless by so much
+FREE = 6  # half-waves of the ringing while weights are held, which show the resonance,
+DECAYED = 0.98  # of the first of them: the last one is smaller, or something drives it
 SLOWEST = 0.025  # of the resonance: a slower motion does not need it
 NOISY = 9  # times the variance of a measurement: nor does a smaller error
 AS_GOOD_AS_NONE = 1e-6  # of the prior's variance: of a weight that stays
@@ -86,7 +89,8 @@ class _Stage:
     smoothing: float = 0.0  # share of a learned change that the command still lacks a tick later
     rest: float = 0.0  # ticks until learning begins again
     age: float = 0.0  # s since `newer` was kept
-    failed: bool = False  # with the stage that was found learning has failed
+    failed: bool = False  # with the stage that was found learning has failed,
+    trial: bool = False  # or has not been better than before yet
     strain: dict[int, float] = field(default_factory=dict)  # um: while learning rests, by tick,
     since: int = 0  # from this one on,
     z: tuple[float, float] = (0.0, 0.0)  # um: and the last two measurements, the newer first
@@ -746,11 +750,28 @@ class ReferenceController(Displayed):
         self._adopt_resonance(law, frequency, law.filter if self.counters["oscillating"] > 1 else 1.0)
         kept = self._lagged.ticks >= self._stage.since + 4
         if kept and not (self._stage.failed or self._sensor.late):
-            peak = self._stage.detector.peaks[0]
-            self._adopt_stage(law, frequency, peak * peak)
+            if not self._kept.guard.kept:
+                self._begin_anew(law)
+            self._adopt_stage(law, frequency, self._stage.detector.peaks[0])
 
-    def _adopt_stage(self, law: FilteringLaw, frequency: float, caution: float) -> None:
-        """From now on the stage is between hysteresis and sensor; caution: what counts as noise for a while, um^2.
+    def _begin_anew(self, law: FilteringLaw) -> None:
+        """What was learned without the stage is wrong, and so is how sure it is."""
+        law.weights = self._kept.first
+        law.reset_covariance()
+
+    def _rings_freely(self) -> bool:
+        """Whether weights are held and the stage rings by itself, faster than the motion: that shows its resonance."""
+        detector, late = self._stage.detector, self._sensor.late or self._c["resonance"] > 0
+        ended = detector.length == 0 and detector.regular >= FREE
+        if self._kept.guard.held == 0 or self._stage.failed or late or not ended or self._lagged.ticks < 8:
+            return False
+        if not detector.peaks[0] < DECAYED * detector.peaks[FREE - 1]:
+            return False
+        omega = 2 * math.pi * detector.frequency(FREE)
+        return detector.peaks[0] > self._oscillation.floor and omega * detector.speed >= 2.5 * detector.acceleration
+
+    def _adopt_stage(self, law: FilteringLaw, frequency: float, ringing: float) -> None:
+        """From now on the stage is between hysteresis and sensor; it rings by so much, um.
 
         Lag and inertia are in it, but for what it misses, and so is what the rate weights have learned.
         """
@@ -762,7 +783,7 @@ class ReferenceController(Displayed):
             self._path.go_on(before.ticks, before.strain, before.z)
         corner, time = 2 * math.pi * FOUND_FILTER * frequency, tick / (2 * math.pi * frequency)
         law.filter = corner / (1 + corner)
-        law.disturbance, law.caution = 0.0, caution
+        law.disturbance = law.caution = 0.0
         stage.smoothing, stage.inertia = max(self._c["smoothing"], 1 / (1 + frequency)), 0.0
         lag, inertia = FOUND_LAG * time, FOUND_INERTIA * (time * time)
         places = {s.columns["lag"].start: lag * lag} if s.lag else {}
@@ -776,13 +797,26 @@ class ReferenceController(Displayed):
             law.separate(place, variance)
         law.stop_filters()
         self._keep_command()
+        guard = self._kept.guard
+        if before is None:
+            stage.trial = guard.kept  # what was good before is good to go back to
+            if not guard.kept:
+                self._kept.weights = self._kept.first
+            guard.begin()
+        guard.ringing = max(guard.ringing, ringing)
+
+    @property
+    def _found(self) -> bool:
+        """Whether a stage that was found is in the model."""
+        return self._path is not None and not self._c["dynamics.known"]
 
     def _give_up_stage(self, law: FilteringLaw) -> None:
         """It was not that: the resonance alone is known, as before."""
-        if self._path is None or self._c["dynamics.known"]:
+        if self._path is None or not self._found:
             return
         self._stage.z = self._path.z
-        self._path, self._stage.failed, self._estimator.windows = None, True, 0
+        self._path, self._estimator.windows = None, 0
+        self._stage.failed, self._stage.trial = True, False
         self._adopt_resonance(law, self._stage.resonance, 1.0)
 
     def _count_ringing(self, law: FilteringLaw) -> None:
@@ -810,12 +844,18 @@ class ReferenceController(Displayed):
         if limited:
             detector.sign = detector.regular = 0  # the law does not cause the error at a limit
         self._count_ringing(law)
+        if self._rings_freely():
+            stage.resonance, stage.rest, self._oscillating = detector.frequency(FREE), 0.0, False
+            self._begin_anew(law)
+            self._adopt_stage(law, stage.resonance, detector.peaks[0])
+            return
         if stage.rest > 0:
             stage.rest = 0.0 if detector.regular >= REST_HALF_WAVES or stage.rest < 1 else stage.rest - 1
             if not stage.rest > 0 and detector.regular >= 4:
                 self._know_resonance(law, detector.frequency(4 if detector.regular < 6 else 6))
         elif (
             found > 0
+            and self._kept.guard.held == 0
             and not (detector.found and self._measures_inertia)
             and not limited
             and found > NOT_BELOW * stage.resonance
@@ -844,7 +884,8 @@ class ReferenceController(Displayed):
             return False
         if self._path is not None:
             moved = known.known / stage.resonance - 1
-            return moved * moved > MOVED * MOVED and moved * moved > 4 * known.variance
+            far = MOVED * MOVED < moved * moved < FURTHER * FURTHER
+            return far and moved * moved > 4 * known.variance
         noise = self._noise(law)
         return known.motion > SLOWEST * known.known and known.power > NOISY * noise * noise
 
@@ -863,11 +904,10 @@ class ReferenceController(Displayed):
         self._rate = zdot_d
         if not known or not self._matters():
             return
-        if self._path is None:  # what was learned without the stage is wrong, and so is how sure it is
-            law.weights = self._kept.first
-            law.reset_covariance()
         self._stage.resonance = self._estimator.known
-        self._adopt_stage(law, self._estimator.known, 0.0)
+        if self._path is None:
+            self._begin_anew(law)
+        self._adopt_stage(law, self._estimator.known, math.sqrt(self._estimator.power))
 
     # ---- Never worse than not learning -------------------------------------------------------------------------------
 
@@ -912,16 +952,22 @@ class ReferenceController(Displayed):
         noise = max(kept.knowledge[1] if guard.kept else law.sigma, self._resolution)
         match guard.update(error, z_d, counts=counts and not resting, noise=noise):
             case Action.KEEP:
-                kept.weights, kept.knowledge = law.weights, law.knowledge()
+                kept.weights, kept.knowledge, self._stage.trial = law.weights, law.knowledge(), False
             case Action.RESTORE:
                 kept.aside = law.weights
-                self._give_up_stage(law)
+                if self._stage.trial:
+                    self._give_up_stage(law)
                 self._take_weights(law, kept.weights, earlier=True)
                 self._count(restored=True)
             case Action.FIRST:
+                self._give_up_stage(law)
                 self._take_weights(law, kept.first, earlier=True)
             case Action.ADOPT:
                 self._learn_cautiously(law)
+            case Action.RETURN if self._found:
+                self._give_up_stage(law)
+                self._take_weights(law, kept.first, earlier=True)
+                law.reset_covariance()
             case Action.RETURN:
                 self._take_weights(law, kept.aside, earlier=False)
         if guard.held > 0:
