@@ -7,7 +7,7 @@ PIP = $(BIN)/python -m pip install --quiet --disable-pip-version-check
 NATIVE := $(shell find c src/bindings -name '*.c' -o -name '*.h' -o -name '*.cpp')
 OLD_PYTHON := truestroke needs Python 3.11 or newer; this is %s. Try: make PYTHON=python3.12
 
-.PHONY: help demo test setup bench images web c-test fuzz fuzz-again fuzz-kernel fuzz-readers lint types imports docs pytest coverage wheel clean
+.PHONY: help demo test setup bench images web c-test fuzz fuzz-again fuzz-kernel fuzz-readers lint types imports docs docs-look docs-pdf pytest coverage wheel clean
 .DEFAULT_GOAL := help
 
 help:  ## this list
@@ -71,6 +71,13 @@ docs: setup  ## the site of the documentation: build/site/html/index.html
 	@$(BIN)/python docs/site/stage.py build/site/source
 	@$(BIN)/python -m sphinx -q -W --keep-going -a -j 2 -c docs/site -d build/site/doctrees build/site/source build/site/html
 	@$(BIN)/python docs/site/check.py build/site/html
+
+docs-look: docs  ## open every page of the site in Chromium: three widths, light, dark, printed; minutes
+	@$(BIN)/python docs/site/look.py build/site/html
+
+docs-pdf: docs  ## the site as one document: build/site/truestroke.pdf
+	@$(BIN)/python -m sphinx -q -b singlehtml -c docs/site -d build/site/doctrees build/site/source build/site/single
+	@$(BIN)/python docs/site/look.py --pdf build/site/truestroke.pdf build/site/single/index.html
 
 c-test:  ## the kernel by itself, with sanitisers
 	$(MAKE) -C c test

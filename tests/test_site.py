@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import os
 import re
+import shutil
 from pathlib import Path
 
 import pytest
-from docs.site import check, github, mathml, stage
+from docs.site import check, github, look, mathml, stage
 
 import truestroke
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
-STAGED = ROOT / "build/site/source"
+STAGED, BUILT = ROOT / "build/site/source", ROOT / "build/site/html"
 
 # ---- From the pages of GitHub to those of Sphinx ---------------------------------------------------------------------
 
@@ -80,6 +82,38 @@ def test_an_equation_is_mathml_without_its_number() -> None:
     shown = mathml.mathml(r"\frac{a}{b} \tag{7}", "block")
     assert re.search(r"<mfrac>.*<mi>a</mi>.*<mi>b</mi>.*</mfrac>", shown)
     assert "7" not in shown
+
+
+# ---- In a browser --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("page", ["index.html", "theory.html", "questions.html"])
+def test_a_page_is_sound_in_a_browser(page: str) -> None:
+    """Of the site that was built last; `make docs-look` opens all pages."""
+    if not (BUILT / page).exists() or not shutil.which("chromium"):
+        remedy = "make docs; sudo apt-get install chromium"
+        assert not os.environ.get("CI"), remedy
+        pytest.skip(f"needs the site and a browser: {remedy}")
+    assert look.look_at([BUILT / page]) == []
+
+
+@pytest.mark.parametrize(
+    ("body", "message"),
+    [
+        ("<div style='width: 1500px'>wide</div>", "1500 px wide in a window of 360 px"),
+        ("<p style='color: #bbb; background: #fff'>faint</p>", "color-contrast"),
+        ("<script>console.error('gone')</script>", "console: gone"),
+        ("<script>null.x</script>", "raises"),
+        ("<img alt='a' src='http://127.0.0.1:9/a.png'>", "asks for http://127.0.0.1:9/a.png"),
+    ],
+)
+def test_a_mistake_in_a_page_is_seen(body: str, message: str, tmp_path: Path) -> None:
+    if not shutil.which("chromium"):
+        assert not os.environ.get("CI")
+        pytest.skip("needs a browser: sudo apt-get install chromium")
+    page = tmp_path / "page.html"
+    page.write_text(f"<!doctype html><html lang=en><title>a</title><body style='margin: 0'>{body}")
+    assert any(message in found for found in look.look_at([page]))
 
 
 # ---- The glossary ----------------------------------------------------------------------------------------------------

@@ -22,6 +22,7 @@ extensions = [
     "sphinx_click",
     "sphinx_design",
     "sphinxcontrib.bibtex",
+    "access",
     "docstrings",
     "github",
     "keywords",
@@ -39,6 +40,7 @@ bibtex_reference_style = "author_year"
 default_role = "name"
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
+autodoc_type_aliases = {"npt.ArrayLike": "ArrayLike", "FloatArray": "FloatArray"}
 autodoc_default_options = {"members": True, "show-inheritance": True}
 numpydoc_show_class_members = False  # autodoc has them already
 python_use_unqualified_type_names = True
@@ -55,6 +57,6 @@ html_show_search_summary = False  # it fetches pages, which a browser refuses to
 html_copy_source = False
 html_show_sphinx = False
 html_theme_options = {"navigation_with_keys": False}
-pygments_style = "tango"
-pygments_dark_style = "github-dark"
+pygments_style = "a11y-high-contrast-light"
+pygments_dark_style = "github-dark-high-contrast"
 suppress_warnings = ["ref.python"]  # a word of a shape, as in (axes,), is the name of several attributes

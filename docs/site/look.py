@@ -1,0 +1,118 @@
+"""Open the site in Chromium: `python docs/site/look.py FOLDER [PAGE...]`. It ends with 1, and what is wrong.
+
+Each page, or those that are named, at three widths, light and dark, on screen and printed: nothing on the console, no
+request to a network, nothing wider than the page, and no violation that axe-core finds of WCAG 2 A and AA, contrast
+among them. `python docs/site/look.py --pdf FILE PAGE` prints a page.
+"""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from axe_playwright_python.sync_playwright import Axe
+from playwright.sync_api import Browser, Page, sync_playwright
+
+WIDTHS = (360, 800, 1400)  # px: phone, tablet, desk
+PAPER = 700  # px: A4 within its margins
+PATIENCE = 120_000  # ms, of a busy machine
+RULES = {"runOnly": ["wcag2a", "wcag2aa"], "preload": False}  # it would fetch the style sheets, which a file may not
+
+
+@contextmanager
+def chromium() -> Iterator[Browser]:
+    """Debian's browser: playwright's own is another download."""
+    place = shutil.which("chromium")
+    if not place:
+        raise FileNotFoundError("no chromium on this computer; to install it: sudo apt-get install chromium")
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=place, args=["--no-sandbox", "--disable-dev-shm-usage"], timeout=PATIENCE)
+        yield browser
+        browser.close()
+
+
+@contextmanager
+def listening(page: Page, wrong: list[str]) -> Iterator[None]:
+    """Collect what the page says on the console, and what it asks of a network."""
+
+    def requested(request: Any) -> None:
+        if not request.url.startswith(("file:", "data:", "blob:")):
+            wrong.append(f"asks for {request.url}")
+
+    page.on("request", requested)
+    page.on("pageerror", lambda error: wrong.append(f"raises {error}"))
+    page.on("console", lambda message: wrong.append(f"console: {message.text}") if message.type != "log" else None)
+    yield
+
+
+def too_wide(page: Page) -> list[str]:
+    """The words for a page that scrolls sideways."""
+    wide, window = page.evaluate("[document.documentElement.scrollWidth, window.innerWidth]")
+    return [f"{wide} px wide in a window of {window} px"] if wide > window else []
+
+
+def inaccessible(page: Page) -> list[str]:
+    """What axe-core finds."""
+    found = Axe().run(page, options=RULES).response["violations"]
+    return [f"{rule['id']}: {node['html'][:160]}" for rule in found for node in rule["nodes"][:3]]
+
+
+def look(browser: Browser, file: Path, scheme: str) -> list[str]:
+    """What is wrong with a page in one colour scheme."""
+    wrong: list[str] = []
+    context = browser.new_context(color_scheme=scheme, reduced_motion="reduce")
+    context.set_default_timeout(PATIENCE)
+    page = context.new_page()
+    with listening(page, wrong):
+        page.goto(file.as_uri())
+        for width in WIDTHS:
+            page.set_viewport_size({"width": width, "height": 900})
+            wrong += too_wide(page)
+        wrong += inaccessible(page)
+        page.emulate_media(media="print", color_scheme=scheme)
+        page.set_viewport_size({"width": PAPER, "height": 900})
+        wrong += [f"printed: {words}" for words in too_wide(page)]
+    context.close()
+    return [f"{file.name}, {scheme}: {words}" for words in wrong]
+
+
+def look_at(files: list[Path]) -> list[str]:
+    """What is wrong with the pages."""
+    with chromium() as browser:
+        return [words for file in files for scheme in ("light", "dark") for words in look(browser, file, scheme)]
+
+
+def printed(page: Path, file: Path) -> None:
+    """The page as a PDF, with numbers on its sheets."""
+    foot = '<div style="font-size: 8px; width: 100%; text-align: center"><span class="pageNumber"></span></div>'
+    margin = {"top": "18mm", "bottom": "18mm", "left": "16mm", "right": "16mm"}
+    with chromium() as browser:
+        sheet = browser.new_page(color_scheme="light")
+        sheet.goto(page.resolve().as_uri(), timeout=PATIENCE)
+        sheet.pdf(
+            path=file,
+            format="A4",
+            margin=margin,
+            display_header_footer=True,
+            header_template="<span></span>",
+            footer_template=foot,
+            outline=True,
+            tagged=True,
+        )
+
+
+def main(*arguments: str) -> list[str]:
+    """Look, or print."""
+    if arguments[0] == "--pdf":
+        printed(Path(arguments[2]), Path(arguments[1]))
+        return []
+    folder = Path(arguments[0]).resolve()
+    return look_at([folder / name for name in arguments[1:]] or sorted(folder.rglob("*.html")))
+
+
+if __name__ == "__main__":
+    sys.exit("\n".join(main(*sys.argv[1:])) or 0)
