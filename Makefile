@@ -68,16 +68,17 @@ imports: setup  ## packages import one way only
 
 # Pages that have not changed are not read again; `make clean` removes all of them.
 docs: setup  ## the site of the documentation: build/site/html/index.html
-	@$(BIN)/python docs/site/stage.py build/site/source
+	@$(BIN)/python -m docs.site.stage build/site/source
 	@$(BIN)/python -m sphinx -q -W --keep-going -a -j 2 -c docs/site -d build/site/doctrees build/site/source build/site/html
-	@$(BIN)/python docs/site/check.py build/site/html
+	@$(BIN)/python web/build.py build/site/web && cp build/site/web/playground.html build/site/html/
+	@$(BIN)/python -m docs.site.check build/site/html
 
 docs-look: docs  ## open every page of the site in Chromium: three widths, light, dark, printed; minutes
-	@$(BIN)/python docs/site/look.py build/site/html
+	@$(BIN)/python -m docs.site.look build/site/html
 
 docs-pdf: docs  ## the site as one document: build/site/truestroke.pdf
 	@$(BIN)/python -m sphinx -q -b singlehtml -c docs/site -d build/site/doctrees build/site/source build/site/single
-	@$(BIN)/python docs/site/look.py --pdf build/site/truestroke.pdf build/site/single/index.html
+	@$(BIN)/python -m docs.site.look --pdf build/site/truestroke.pdf build/site/single/index.html
 
 c-test:  ## the kernel by itself, with sanitisers
 	$(MAKE) -C c test

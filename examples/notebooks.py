@@ -19,6 +19,11 @@ def notebook(script: Path) -> str:
         markdown = "markdown" in kind
         source = re.sub(r"^# ?", "", text, flags=re.MULTILINE) if markdown else text
         cells.append(cell(f"{script.stem[:2]}-{number}", "markdown" if markdown else "code", source.strip()))
+    return document(cells)
+
+
+def document(cells: list[dict[str, object]]) -> str:
+    """A notebook of these cells."""
     kernel = {"display_name": "Python 3", "language": "python", "name": "python3"}
     content = {"cells": cells, "metadata": {"kernelspec": kernel}, "nbformat": 4, "nbformat_minor": 5}
     return json.dumps(content, indent=1, ensure_ascii=False) + "\n"

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import shutil
 from pathlib import Path
 
 import pytest
-from docs.site import check, github, look, mathml, stage
+from docs.site import check, gallery, github, look, mathml, reference, stage
 
 import truestroke
 
@@ -58,16 +59,34 @@ def test_every_page_is_in_the_side_bar_once() -> None:
 
 
 def test_the_reference_has_every_public_name_once() -> None:
-    names = [name for names in stage.public_names().values() for name in names]
+    names = [name for names in reference.public_names().values() for name in names]
     assert sorted([*names, "__version__"]) == sorted(truestroke.__all__)
-    assert set(stage.public_names()) <= set(stage.packages())
+    assert set(reference.public_names()) <= set(reference.packages())
 
 
 def test_a_page_of_an_example_shows_its_whole_script() -> None:
     script = ROOT / "examples/05_record_to_controller.py"
-    shown = stage.example(script, STAGED)
+    shown = gallery.example(script, STAGED)
     code = [line for line in script.read_text().splitlines() if line and not line.startswith(("#", '"""'))]
     assert [line for line in code if line not in shown] == []
+
+
+def test_every_example_has_a_picture_in_both_colours() -> None:
+    files = {f"{script.stem}-{theme}.png" for script in gallery.scripts() for theme in ("light", "dark")}
+    assert {file.name for file in (DOCS / "images/examples").iterdir()} == files
+
+
+def test_a_tutorial_as_a_notebook_has_its_code_and_its_commands() -> None:
+    page = "# A\n\nSee [b](b.md).\n\n```python\nx = 1\n```\n\n```text\n1\n```\n\n"
+    page += "```console\n$ truestroke track\nrmse\n```\n"
+    cells = json.loads(gallery.notebook(page))["cells"]
+    assert [(cell["cell_type"], "".join(cell["source"])) for cell in cells] == [
+        ("markdown", "# A\n\nSee b."),
+        ("code", "x = 1"),
+        ("markdown", "```text\n1\n```"),
+        ("code", "!truestroke track"),
+    ]
+    assert DOCS / "first-wave.md" in stage.tutorials()
 
 
 def test_a_picture_has_a_light_and_a_dark_image() -> None:

@@ -15,6 +15,7 @@ def accessible(html: str) -> str:
         r'<div class="table-wrapper', '<div tabindex="0" role="group" aria-label="table" class="table-wrapper', html
     )
     html = re.sub(r"<dl>\n((?:<dd><em class=\"sig-param\">.*</dd>\n)+)</dl>", signature, html)
+    html = html.replace('role="doc-biblioentry"', 'role="listitem"')  # the first is no longer a role of ARIA
     return html.replace('<p class="caption" role="heading">', '<p class="caption" role="heading" aria-level="2">')
 
 

@@ -1,4 +1,4 @@
-"""Check the site that was built: `python docs/site/check.py FOLDER`. It ends with 1, and what is wrong.
+"""Check the site that was built: `python -m docs.site.check FOLDER`. It ends with 1, and what is wrong.
 
 Every link within the site leads to a page, an anchor or a file that is there; no page fetches anything from elsewhere;
 the search and the index, which needs no script, find the words that readers ask for; the equations are all there.

@@ -1,8 +1,8 @@
-"""Open the site in Chromium: `python docs/site/look.py FOLDER [PAGE...]`. It ends with 1, and what is wrong.
+"""Open the site in Chromium: `python -m docs.site.look FOLDER [PAGE...]`. It ends with 1, and what is wrong.
 
 Each page, or those that are named, at three widths, light and dark, on screen and printed: nothing on the console, no
 request to a network, nothing wider than the page, and no violation that axe-core finds of WCAG 2 A and AA, contrast
-among them. `python docs/site/look.py --pdf FILE PAGE` prints a page.
+among them. `python -m docs.site.look --pdf FILE PAGE` prints a page.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from playwright.sync_api import Browser, Page, sync_playwright
 WIDTHS = (360, 800, 1400)  # px: phone, tablet, desk
 PAPER = 700  # px: A4 within its margins
 PATIENCE = 120_000  # ms, of a busy machine
+FLAGS = ("--no-sandbox", "--disable-dev-shm-usage")  # as root, and in a container
 RULES = {"runOnly": ["wcag2a", "wcag2aa"], "preload": False}  # it would fetch the style sheets, which a file may not
 
 
@@ -30,7 +31,7 @@ def chromium() -> Iterator[Browser]:
     if not place:
         raise FileNotFoundError("no chromium on this computer; to install it: sudo apt-get install chromium")
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=place, args=["--no-sandbox", "--disable-dev-shm-usage"], timeout=PATIENCE)
+        browser = playwright.chromium.launch(executable_path=place, args=FLAGS, timeout=PATIENCE)
         yield browser
         browser.close()
 

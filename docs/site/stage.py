@@ -1,20 +1,19 @@
-"""Write the pages as Sphinx wants them: `python docs/site/stage.py FOLDER`.
+"""Write the pages as Sphinx wants them: `python -m docs.site.stage FOLDER`.
 
 The pages of docs/ and of the project's root are written for GitHub, and stay so. Here their links and citations are
 rewritten for the site, and pages that follow from other files are made: the contents from docs/README.md, the
-reference of Python from the list of public names, a page for each example from its script.
+reference (reference.py), examples and notebooks (gallery.py).
 """
 
 from __future__ import annotations
 
-import ast
 import os
 import re
 import sys
 from collections.abc import Callable
 from pathlib import Path
 
-import truestroke
+from docs.site import gallery, reference
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
@@ -27,17 +26,6 @@ BESIDE = {  # pages that are not in docs/, by what the site calls them
     DOCS / "references.bib": "references.md",
     DOCS / "site/index.md": "index.md",
 }
-PYTHON = """All public names, by what they are for. `import truestroke` loads NumPy alone; the rest loads when it is
-used. Units, signs and shapes are those of the [conventions](conventions.md).
-"""
-COMMANDS = """# Command line
-
-```{eval-rst}
-.. click:: truestroke.cli:main
-   :prog: truestroke
-   :nested: full
-```
-"""
 FENCED = re.compile(r"^(```+|:::+).*?^\1[ ]*$", flags=re.MULTILINE | re.DOTALL)
 
 # ---- Links and citations -------------------------------------------------------------------------------------------
@@ -47,7 +35,7 @@ def staged(source: Path) -> Path | None:
     """Where the site has a file of the repository; None for a file that it offers as it is."""
     if source in BESIDE:
         return Path(BESIDE[source])
-    if source in scripts():
+    if source in gallery.scripts():
         return Path("examples", source.stem + ".md")
     if DOCS in source.parents and source.suffix in {".md", ".png", ".svg"}:
         return source.relative_to(DOCS)
@@ -60,6 +48,8 @@ def relinked(target: str, source: Path, folder: Path) -> str:
     if not path or re.match(r"[a-z]+:", target):
         return target
     file, here = (source.parent / path).resolve(), folder / (staged(source) or "")
+    if not file.exists():
+        return target  # what `make docs` adds, such as the playground
     there = staged(file)
     return os.path.relpath(folder / there if there else file, here.parent) + (f"#{anchor}" if anchor else "")
 
@@ -127,84 +117,25 @@ def all_pages(source: Path, folder: Path) -> str:
     return page(source, folder) + "\n" + toctree(decisions)
 
 
-# ---- Reference of Python, from the list of public names --------------------------------------------------------------
-
-
-def public_names() -> dict[str, list[str]]:
-    """Public names by the package that has them, in the order of the list."""
-    stub = ast.parse((ROOT / "src/truestroke/__init__.pyi").read_text())
-    found: dict[str, list[str]] = {}
-    for node in stub.body:
-        if isinstance(node, ast.ImportFrom) and node.module:
-            package = [*node.module.split("."), node.names[0].name][1]
-            found.setdefault(package, []).extend(entry.name for entry in node.names)
-    return found
-
-
-def packages() -> dict[str, str]:
-    """What each package holds, as docs/house.md states it."""
-    rows = re.findall(r"^\| `(\w+)/` \| ([^|]+) \|", (DOCS / "house.md").read_text(), flags=re.MULTILINE)
-    return dict(rows)
-
-
-def python_reference() -> dict[str, str]:
-    """The page of all public names, and one for each package that has some."""
-    listed, pages = [f"# Python\n\n{PYTHON}"], {}
-    for package, holds in packages().items():
-        names = public_names().get(package)
-        if names:
-            title = holds.partition(":")[0].capitalize()
-            pages[f"python/{package}.md"] = "\n\n".join([f"# {title}", *(entry(name) for name in names)]) + "\n"
-            rows = [f"| [`{name}`](python/{package}.md#{name.lower()}) | {summary(name)} |" for name in names]
-            listed.append("\n".join([f"## {title}\n", "| name | |", "|---|---|", *rows]))
-    return {"python.md": "\n\n".join([*listed, toctree(list(pages))]), **pages}
-
-
-def summary(name: str) -> str:
-    """The first sentence of a public name's docstring, in a table of Markdown."""
-    first = (getattr(truestroke, name).__doc__ or "").strip().partition("\n")[0]
-    return first.replace("``", "`").replace("|", r"\|").replace("[", r"\[")
-
-
-def entry(name: str) -> str:
-    """The section of a public name, from its docstring."""
-    thing, full, members = getattr(truestroke, name), f"truestroke.{name}", ":members:"
-    if isinstance(thing, type):
-        kind = "autoexception" if issubclass(thing, Exception) else "autoclass"
-    elif callable(thing):
-        kind, members = "autofunction", ""
-    else:  # a module; a package names what it has of its modules
-        kind, full = "automodule", thing.__name__
-        members += " " + ", ".join(getattr(thing, "__all__", []))
-    return f"## {name}\n\n```{{eval-rst}}\n.. {kind}:: {full}\n   {members}\n```"
-
-
-# ---- Examples, from their scripts ------------------------------------------------------------------------------------
-
-
-def scripts() -> list[Path]:
-    """The scripts of the examples, in their order."""
-    return sorted(EXAMPLES.glob("[0-9]*.py"))
-
-
-def example(script: Path, folder: Path) -> str:
-    """The page of an example: its picture, its script in cells, script and notebook to take."""
-    title, *parts = re.split(r"^# %%(.*)\n", script.read_text(), flags=re.MULTILINE)
-    here = (folder / "examples").resolve()
-    lines = [f"# {ast.literal_eval(title)}", ""]
-    files = (script, EXAMPLES / "notebooks" / f"{script.stem}.ipynb")
-    lines += ["Take it: " + ", ".join(f"[{f.name}]({os.path.relpath(f, here)})" for f in files) + ".", ""]
-    for kind, text in zip(parts[::2], parts[1::2], strict=True):
-        if "markdown" in kind:
-            lines += [re.sub(r"^# ?", "", text, flags=re.MULTILINE).strip(), ""]
-        else:
-            lines += [f"```python\n{text.strip()}\n```", ""]
-    return "\n".join(lines)
+# ---- Examples and notebooks ------------------------------------------------------------------------------------------
 
 
 def examples(source: Path, folder: Path) -> str:
-    """The list of the examples, with their pages below it."""
-    return page(source, folder) + "\n" + toctree([f"{script.stem}.md" for script in scripts()])
+    """The examples by their pictures, their list, and their pages below it."""
+    words, table, rows = page(source, folder).partition("| script |")
+    return "\n".join([words, gallery.cards(), table + rows, toctree([f"{s.stem}.md" for s in gallery.scripts()])])
+
+
+def tutorials() -> list[Path]:
+    """The tutorials with code: they open as notebooks, too."""
+    pages = [DOCS / name for _, name in contents()["Tutorials"]]
+    return [path for path in pages if path.exists() and "```python" in path.read_text()]
+
+
+def tutorial(source: Path, folder: Path) -> str:
+    """A page with its notebook."""
+    heading, _, text = page(source, folder).partition("\n")
+    return f"{heading}\n\nTo take: [this page as a notebook](notebooks/{source.stem}.ipynb).\n{text}"
 
 
 # ---- All -------------------------------------------------------------------------------------------------------------
@@ -217,13 +148,14 @@ MADE: dict[Path, Callable[[Path, Path], str]] = {
 
 
 def pages(folder: Path) -> dict[str, str]:
-    """Every page of the site, by its name."""
+    """Every page of the site, and every notebook that is made of one, by its name."""
     sources = [*DOCS.glob("*.md"), *DOCS.glob("decisions/*.md"), *(s for s in BESIDE if s.suffix == ".md")]
-    made = {str(staged(source)): MADE.get(source, page)(source, folder) for source in sources}
-    made |= {f"examples/{script.stem}.md": example(script, folder) for script in scripts()}
+    makers = MADE | dict.fromkeys(tutorials(), tutorial)
+    made = {str(staged(source)): makers.get(source, page)(source, folder) for source in sources} | reference.pages()
+    made["python.md"] += toctree([name for name in made if name.startswith("python/")])
     made["references.md"] = "# References\n\n```{bibliography}\n:all:\n```\n"
-    made["commands.md"] = COMMANDS
-    return made | python_reference()
+    made |= {f"examples/{s.stem}.md": gallery.example(s, folder / "examples") for s in gallery.scripts()}
+    return made | {f"notebooks/{path.stem}.ipynb": gallery.notebook(path.read_text()) for path in tutorials()}
 
 
 def write(folder: Path) -> None:
@@ -234,7 +166,7 @@ def write(folder: Path) -> None:
         file.parent.mkdir(parents=True, exist_ok=True)
         if not file.exists() or file.read_text() != text:
             file.write_text(text)
-    for file in folder.rglob("*.md"):
+    for file in [*folder.rglob("*.md"), *folder.glob("notebooks/*")]:
         if str(file.relative_to(folder)) not in made:
             file.unlink()
     if not (folder / "images").exists():
