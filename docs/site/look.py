@@ -21,7 +21,7 @@ WIDTHS = (360, 800, 1400)  # px: phone, tablet, desk
 PAPER = 700  # px: A4 within its margins
 PATIENCE = 120_000  # ms, of a busy machine
 FLAGS = ("--no-sandbox", "--disable-dev-shm-usage")  # as root, and in a container
-RULES = {"runOnly": ["wcag2a", "wcag2aa"], "preload": False}  # it would fetch the style sheets, which a file may not
+RULES = {"runOnly": ["wcag2a", "wcag2aa"], "preload": False, "iframes": False}  # a file may not do either
 
 
 @contextmanager
