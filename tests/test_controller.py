@@ -120,7 +120,7 @@ def test_the_two_calls_take_numbers_by_place_or_by_name_and_nothing_else() -> No
         with pytest.raises((TypeError, SettingError)):
             call(*args, **names)
     assert controller.counters == other.counters
-    for ago in (-1, 64, 10**15):
+    for ago in (-1, 1024, 10**15):
         controller.adapt(1.0, ago)
         assert controller.flags.rejected
 

@@ -201,7 +201,7 @@ def test_calls_that_fail_say_which(kind: str) -> None:
         ({"faults": [{"kind": "error", "when": 3}]}, "faults.when"),
         ({"faults": [{"kind": "explosion"}]}, "kind"),
         ({"channels": 0}, "channels"),
-        ({"block": 64}, "block"),
+        ({"block": 1024}, "block"),
     ],
 )
 def test_wrong_settings_are_named(settings: dict[str, object], words: str) -> None:

@@ -7,6 +7,7 @@ import json
 import os
 import re
 import shutil
+import struct
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
@@ -30,6 +31,7 @@ from truestroke import (
     trajectories,
 )
 from truestroke.export import c_values
+from truestroke.export.c_sizes import struct_sizes
 from truestroke.signals.recording import Channel
 
 ROOT = Path(__file__).parents[1]
@@ -215,6 +217,33 @@ def test_what_cannot_be_exported_is_named(options: dict[str, object], named: str
     with pytest.raises(SettingError, match=named):
         export_c(AdaptiveController(**BENCH), tmp_path / "c", **options)  # type: ignore[arg-type]
     assert not (tmp_path / "c").exists()
+
+
+def test_what_is_too_large_for_the_chip_is_refused(tmp_path: Path) -> None:
+    controller = AdaptiveController(**BENCH)
+    needed = export_c(controller, tmp_path / "a", precision="single", ticks=100).ram
+    assert export_c(controller, tmp_path / "b", precision="single", ticks=100, ram=needed).ram == needed
+    with pytest.raises(SettingError, match=rf"ram = {needed - 1} bytes: must be {needed} or more for the state of 26"):
+        export_c(controller, tmp_path / "c", precision="single", ticks=100, ram=needed - 1)
+    assert not (tmp_path / "c").exists()
+
+
+SIZES_IN_C = """
+#include <stdio.h>
+#include "kernel/truestroke.h"
+int main(void) { printf("%zu %zu %zu", sizeof(ts_controller), sizeof(ts_settings), sizeof(ts_kalman)); return 0; }
+"""
+
+
+@pytest.mark.parametrize("name", ["default", "paper", "stage"])
+@pytest.mark.parametrize("precision", ["single", "double"])
+def test_sizes_are_those_of_the_compiler(name: str, precision: str, tmp_path: Path) -> None:
+    folder = export_c(CONTROLLERS[name](), tmp_path / "c", precision=precision, ticks=100).folder  # type: ignore[arg-type]
+    (folder / "sizes.c").write_text(SIZES_IN_C)
+    subprocess.run(["cc", "-I.", "sizes.c", "-o", "sizes"], cwd=folder, check=True)
+    printed = subprocess.run([folder / "sizes"], capture_output=True, text=True, check=True).stdout
+    sizes = struct_sizes((folder / "kernel/truestroke.h").read_text(), precision, pointer=struct.calcsize("P"))
+    assert printed == " ".join(str(sizes[kind]) for kind in ("ts_controller", "ts_settings", "ts_kalman"))
 
 
 def test_a_dead_time_needs_a_longer_history(tmp_path: Path) -> None:

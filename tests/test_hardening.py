@@ -109,7 +109,7 @@ def test_every_loop_tells_that_the_sensor_is_not_zeroed(monkeypatch) -> None:
 
 def test_after_a_history_of_silence_no_measurement_raises() -> None:
     controller = AdaptiveController(**BASIC)
-    for _ in range(66):
+    for _ in range(1026):
         controller.command(0.0, 0.0)
     controller.adapt(1e4)
     assert controller.flags.rejected
@@ -141,7 +141,7 @@ def spoil_flag(state):
 
 BAD_STATES = {
     "counters": [("counters", 0, 2**63), ("counters", 0, 10), ("counters", 2, 10**6), ("counters", 5, 111)],
-    "lagged_ticks": [("lagged_ticks", 0, 2**63), ("lagged_ticks", 0, 111), ("lagged_ticks", 0, 0)],
+    "lagged_ticks": [("lagged_ticks", 0, 2**63), ("lagged_ticks", 0, 111)],
     "beyond": [("beyond", 0, -1), ("beyond", 0, 11)],
     "noise": [("noise", 0, -1.0), ("noise", 0, np.nan)],
     "ringing": [("ringing", 0, -1e-9)],

@@ -58,7 +58,7 @@ class Listener:
         self.answers[len(self.commands) - 1 - ago] = z_measured
 
 
-@pytest.mark.parametrize(("block", "latency"), [(1, 0), (5, 0), (1, 7), (5, 7), (7, 3), (63, 1), (1, 63)])
+@pytest.mark.parametrize(("block", "latency"), [(1, 0), (5, 0), (1, 7), (5, 7), (7, 3), (63, 1), (1, 63), (600, 424)])
 def test_each_measurement_meets_its_command(block, latency):
     listener, direct = Listener(), run(WAVE, Listener(), Fake())
     recording = run(WAVE, listener, Fake(block, latency))
@@ -193,8 +193,8 @@ def test_what_does_not_fit_together_is_refused():
         run(trajectories.sine(sample_rate=1000.0), Listener(), Fake())
     with pytest.raises(SettingError, match=r"must be 1000.0 Hz, that of the controller"):
         run(WAVE, AdaptiveController.paper(**PAPER | {"sample_rate": 1000.0}), Fake())
-    with pytest.raises(SettingError, match=r"block - 1 \+ latency = 69: must be a whole number from 0 to 63"):
-        run(WAVE, Listener(), Fake(63, 7))
+    with pytest.raises(SettingError, match=r"block - 1 \+ latency = 1029: must be a whole number from 0 to 1023"):
+        run(WAVE, Listener(), Fake(1023, 7))
 
     class Odd(Fake):
         def describe(self):

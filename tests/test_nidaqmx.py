@@ -453,7 +453,7 @@ def test_a_computer_without_the_package_is_told_what_to_install(driver, monkeypa
         ({"um_per_volt": [10.0, 10.0]}, "um_per_volt"),
         ({"offset": float("nan")}, "offset"),
         ({"converter_rate": 9000.0}, "converter_rate"),
-        ({"block": 32, "ahead": 2}, r"block - 1 \+ ahead \* block"),
+        ({"block": 512, "ahead": 2}, r"block - 1 \+ ahead \* block"),
         ({"output_range": [3.0, 3.0]}, "output_range"),
         ({"terminals": "balanced"}, "terminals"),
         ({"timeout": 0.0}, "timeout"),

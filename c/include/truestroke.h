@@ -9,8 +9,9 @@
  *   controller to its settings, which may be in read-only memory: they stay where and as they are while it runs.
  * - A command and its inverse are O(n) in the number of plays. Adaptation is O(m^2) in the number of parameters, with
  *   both laws: ts_rls_update, ts_kalman_tick, ts_kalman_project, and so ts_controller_adapt; ts_controller_command is
- *   too at a tick at which the TS_HISTORY-th measurement in a row is missing, and the calls that reset the state (init,
- *   reset, start).
+ *   too at a tick at which the TS_BACKLOG-th measurement in a row is missing, and the calls that reset the state (init,
+ *   reset, start). ts_controller_adapt is so once more for each tick without a measurement before that of z: TS_BACKLOG at
+ *   most, up to TS_HISTORY at the first measurement of all and where they come earlier than those before.
  * - Arrays that are passed to one call may not overlap, unless the function says so.
  * - Units: displacement um, velocity um/s, voltage V at the D/A converter, weights um/V.
  * - Settings are checked by ts_controller_init and ts_controller_change, never in a tick. Not promised: any behaviour of a struct that was not initialised.
@@ -46,8 +47,9 @@ typedef TS_REAL ts_real;
 #define TS_MAX_CREEPS 8
 #endif
 #ifndef TS_HISTORY /* ticks that a measurement may come after its command, plus one */
-#define TS_HISTORY 64
+#define TS_HISTORY 1024
 #endif
+#define TS_BACKLOG 64 /* ticks without a measurement, beside those that one takes to come, after which the oldest is passed over */
 #define TS_MAX_ASYMMETRY 2
 #ifndef TS_MAX_OTHERS /* other axes whose motion is known; at least 1 */
 #define TS_MAX_OTHERS 2
@@ -538,6 +540,7 @@ typedef struct {
     ts_motion motion[TS_HISTORY];
     bool limited[TS_HISTORY];         /* the voltage met a limit: the tick is not used, but see beyond */
     /* adapt */
+    int answered;                     /* commands up to that of the last measurement that was given, it included; 0: none was */
     ts_memory lagged;
     ts_real u[TS_PADDED(TS_MAX_PARAMETERS)]; /* (20) and the terms */
     ts_real innovation;               /* e_m, (15), um */

@@ -1017,6 +1017,14 @@ static int waiting(const ts_controller *c)
     return TS_HISTORY - (g->known ? g->dead + 4 : 0);
 }
 
+/* The same, while the measurements come as late as the last one: a gap in them is passed over tick by tick, so that the first one
+ * after it does not take long. */
+static int patience(const ts_controller *c)
+{
+    int most = waiting(c), gap = c->answered + TS_BACKLOG - 1;
+    return c->answered > 0 && gap < most ? gap : most;
+}
+
 /* One tick of the stage with the measurement z, or what was expected in its place: it shows the tick `dead` before. */
 static void learn_staged(ts_controller *c, ts_real z, ts_real innovation, bool measured, bool learn)
 {
@@ -1298,7 +1306,7 @@ ts_status ts_controller_follow(ts_controller *c, ts_real z_d, ts_real zdot_d, ts
     z_d = within(z_d, -TS_LARGEST, TS_LARGEST);
     zdot_d = within(zdot_d, -TS_LARGEST, TS_LARGEST);
     zddot_d = within(zddot_d, -TS_LARGEST, TS_LARGEST);
-    if (c->counters.commands - measured_ticks(c) >= (uint64_t)waiting(c))
+    if (c->counters.commands - measured_ticks(c) >= (uint64_t)patience(c))
         pass_over(c); /* before its slot is taken */
     remember_creep(&c->now, s);
     d.z_d = z_d;
@@ -1319,7 +1327,10 @@ ts_status ts_controller_adapt(ts_controller *c, ts_real z, int ago)
     const ts_settings *s = c->settings;
     uint64_t commands = c->counters.commands;
     bool given = ago >= 0 && ago < TS_HISTORY && (uint64_t)ago < commands;
-    if (given) ago += s->sensor.ticks;
+    if (given) {
+        ago += s->sensor.ticks;
+        c->answered = ago + 1;
+    }
     if (given && (uint64_t)ago >= commands) { /* it shows what was before the first command */
         c->flags.changed = c->flags.rejected = false;
         return TS_OK;

@@ -202,6 +202,23 @@ static void test_copies(void)
 
 /* The same measurements, once at once and once `late` ticks later with `ago`, have the same effect when commands do not
  * depend on what was learned (a held first pass gives them). */
+/* After a silence the law passes over what is older than TS_BACKLOG, tick by tick, unless measurements come later than that. */
+static void test_silence_is_passed_over(void)
+{
+    ts_controller c;
+    ts_settings s = settings();
+    ts_real volts;
+    for (int late = 0; late < 300; late += 150) {
+        ts_controller_init(&c, &s);
+        for (int k = 0; k < 600; k++) {
+            ts_controller_command(&c, 1, 0, &volts);
+            if (k >= late && k < 400) ts_controller_adapt(&c, 1, late);
+        }
+        check(c.counters.commands - c.lagged.ticks == (uint64_t)(late + TS_BACKLOG), "only so many commands wait");
+        check(ts_controller_adapt(&c, 1, late) == TS_OK, "a measurement after the silence is used");
+    }
+}
+
 static void test_latency(void)
 {
     enum { LATE = 7, LENGTH = 400 };
@@ -652,6 +669,7 @@ int main(void)
     test_coupling();
     test_copies();
     test_latency();
+    test_silence_is_passed_over();
     test_refusals();
     test_abuse();
     test_rest();

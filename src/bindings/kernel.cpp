@@ -77,6 +77,7 @@ template <typename Controller, typename Visit> void each_array(Controller &c, Vi
     visit("history_volts", &c.x[0], TS_HISTORY);
     visit("history_motion", &c.motion[0].z_d, TS_HISTORY * sizeof(ts_motion) / sizeof(ts_real));
     visit("history_limited", &c.limited[0], TS_HISTORY);
+    visit("answered", &c.answered, 1);
     visit("lagged_play", &c.lagged.play[0], n);
     visit("lagged_creep", &c.lagged.creep[0], creeps);
     visit("lagged_ticks", &c.lagged.ticks, 1);
@@ -230,6 +231,7 @@ void check_counters(const ts_controller &c) {
     require_all("counters", good, "the counts of one run: none above that of the commands, changed not above adaptations");
     require_all("lagged_ticks", c.lagged.ticks <= n.commands && n.commands - c.lagged.ticks <= TS_HISTORY,
                 "at most the commands that were counted, and at most " TS_TEXT(TS_HISTORY) " less");
+    require_range("answered", c.answered, 0, 2 * TS_HISTORY);
     require_range("beyond", c.beyond, 0, TS_BEYOND);
     const ts_dynamics &f = c.found, &g = f.known ? f : c.settings->dynamics;
     const ts_real *q = f.section[0];
@@ -421,8 +423,8 @@ class Kernel {
             require_finite("z_d", static_cast<ts_real>(z_d.data()[k]), "um");
             require_finite("zdot_d", static_cast<ts_real>(zdot_d.data()[k]), "um/s");
         }
-        std::optional<ts_controller> before; // for a first measurement that is refused
-        if (z_measured && c_.lagged.ticks == 0) before = c_;
+        std::unique_ptr<const ts_controller> before; // for a first measurement that is refused
+        if (z_measured && c_.lagged.ticks == 0) before = std::make_unique<const ts_controller>(c_);
         size_t k = 0;
         bool good = true;
         {
@@ -482,10 +484,10 @@ class Kernel {
     }
 
     void restore(const nb::dict &d) {
-        ts_controller next = c_; // so that a bad entry changes nothing
-        each_array(next, [&d](const char *name, auto *data, size_t count) { take(d, name, data, count); });
-        check_state(next);
-        c_ = next;
+        auto next = std::make_unique<ts_controller>(c_); // so that a bad entry changes nothing
+        each_array(*next, [&d](const char *name, auto *data, size_t count) { take(d, name, data, count); });
+        check_state(*next);
+        c_ = *next;
     }
 
     nb::object weights() const { return copy_of(c_.w, {parameters()}); }

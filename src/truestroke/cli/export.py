@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 SIZES = ("sample_rate", "stroke", "voltage_limits")
 ALONE = (*SIZES, "slew", "safe_voltage", "controller", "model", "dynamics")
-OF_C = ("precision", "history")  # options that only C has
+OF_C = ("precision", "history", "ram")  # options that only C has
 
 
 @click.command()
@@ -44,6 +44,7 @@ OF_C = ("precision", "history")  # options that only C has
 )
 @click.option("--history", metavar="TICKS", type=click.IntRange(1, 1024), help="That a measurement may come after its "
               "command, plus one.  [default: 16, 8 of the paper's law, more with a long dead time]")  # fmt: skip
+@click.option("--ram", metavar="BYTES", type=click.IntRange(1), help="Of the chip, for the state: refuse more.")
 @click.option("--ticks", metavar="N", type=click.IntRange(100, 100_000), default=1000, help="Of the self-test.")
 @click.option("--output", metavar="PATH", type=click.Path(path_type=Path), required=True,
               help="c: a new or empty folder; json: a file.")  # fmt: skip
@@ -68,14 +69,18 @@ def export(target: str, output: Path, as_json: bool, **options: Any) -> None:
         precision=options["precision"],
         history=options["history"],
         safe_voltage=safe_voltage,
+        ram=options["ram"],
         ticks=options["ticks"],
         about=about,
         command=common.as_asked()["command"],
     )
     if as_json:
-        common.print_json({"folder": str(made.folder), "capacities": dict(made.capacities), "bound_V": made.bound})
+        common.print_json({"folder": str(made.folder), "capacities": dict(made.capacities), "bound_V": made.bound,
+                           "ram_bytes": made.ram, "flash_bytes": made.flash})  # fmt: skip
         return
     click.echo(f"{len(made.files)} files of a controller with {settings.plays} plays and {settings.parameters} weights")
+    click.echo(f"state      {made.ram:,} bytes of RAM, beside the stack")
+    click.echo(f"settings   {made.flash:,} bytes of flash, beside the code")
     common.print_files(folder=made.folder)
     click.echo(f"\nIts self-test: make -C {made.folder} test\nIts memory:    make -C {made.folder} size")
 

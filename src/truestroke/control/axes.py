@@ -174,7 +174,7 @@ class MultiAxisController(Displayed):
         z_measured : sequence of float, shape (axes,)
             What the sensors read, um, the mean over the tick. NaN and infinity are rejected, flagged and counted.
         ago : int
-            Number of commands that were issued after the one of this measurement, 0 to 63.
+            Number of commands that were issued after the one of this measurement, 0 to 1023.
         """
         for axis, z in zip(self.axes.values(), self._turned("z_measured", z_measured, "um"), strict=True):
             axis.adapt(z, ago)

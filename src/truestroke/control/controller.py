@@ -338,13 +338,13 @@ class AdaptiveController(Displayed):
         z_measured : float
             Displacement, um, the mean over the tick. NaN and infinity are rejected, flagged and counted.
         ago : int
-            Number of commands that were issued after the one of this measurement, 0 to 63. Measurements come in
+            Number of commands that were issued after the one of this measurement, 0 to 1023. Measurements come in
             the order of their commands; one that is older than a measurement already used is rejected.
 
         Raises
         ------
         SettingError
-            The first measurement since the start, within 64 ticks, is further from 0 than
+            The first measurement since the start, within 1024 ticks, is further from 0 than
             `ControllerSettings.reach` of the voltage: the sensor is not zeroed, or another's. Nothing has changed.
         """
         self._kernel.adapt(z_measured, ago)
@@ -366,7 +366,7 @@ class AdaptiveController(Displayed):
         z_measured : array_like, shape (ticks,), optional
             Measurements, um; each belongs to the command `ago` ticks before its own. Left out: commands alone.
         ago : int
-            Latency between a command and its measurement, ticks, 0 to 63.
+            Latency between a command and its measurement, ticks, 0 to 1023.
 
         Returns
         -------

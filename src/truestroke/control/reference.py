@@ -34,9 +34,12 @@ from truestroke.model.models import (
     weighted_sum,
 )
 from truestroke.model.operators import dead_zone, dot, play
+from truestroke.signals.timing import LONGEST_AGO
 
-HISTORY = 64
-"""Commands that may wait for their measurement: `ago` is at most one less. TS_HISTORY of the kernel."""
+HISTORY = LONGEST_AGO + 1
+"""Commands that may wait for their measurement. TS_HISTORY of the kernel."""
+BACKLOG = 64
+"""Ticks without a measurement, beside those that one takes to come, after which the oldest is passed over."""
 
 LOWER = 0.7  # factor of the filter's corner where it was not low enough
 NOT_BELOW = 0.2  # of the known resonance: a slower error is that of the motion
@@ -242,6 +245,7 @@ class ReferenceController(Displayed):
         self._now = _Memory(np.zeros(s.plays), np.zeros(self._creep.size))
         self._lagged = copy.deepcopy(self._now)
         self._waiting: dict[int, _Command] = {}  # by tick: not yet in self._lagged
+        self._answered = 0  # commands up to that of the last measurement that was given, it included
         self._last = _Command(0.0, Motion(0.0, 0.0), limited=False)
         self._path = Stage(self._c, s.parameters) if self._c["dynamics.known"] else None
         self._sensor = Sensor({name: value for name, value in self._c.items() if name.startswith("sensor.")})
@@ -346,7 +350,7 @@ class ReferenceController(Displayed):
         zddot_d = None if zddot_d is None else _bounded("zddot_d", zddot_d, "um/s^2")
         strain_d = None if strain_d is None else _bounded("strain_d", strain_d, "um")
         moving = _others(others, self.settings.other_axes)
-        if self.counters["commands"] - self._measured_ticks >= self._waits:
+        if self.counters["commands"] - self._measured_ticks >= self._patience:
             self._pass_over()  # a measurement of it would be too late now
         self._see_creep(self._now)
         zddot_d = self._acceleration(zdot_d) if zddot_d is None else zddot_d
@@ -370,17 +374,18 @@ class ReferenceController(Displayed):
         return x
 
     def adapt(self, z_measured: float, ago: int = 0) -> None:
-        """Adapt to the displacement, um, measured for the command `ago` commands before the last one, 0 to 63.
+        """Adapt to the displacement, um, measured for the command `ago` commands before the last one, 0 to 1023.
 
         NaN, infinity, a spike, and a measurement older than one already used are rejected, flagged and counted.
 
         Raises
         ------
         SettingError
-            The first measurement, within 64 ticks, is beyond the reach of the voltage: nothing has changed.
+            The first measurement, within 1024 ticks, is beyond the reach of the voltage: nothing has changed.
         """
         if 0 <= ago < min(HISTORY, self.counters["commands"]):
             ago += self._sensor.ticks
+            self._answered = ago + 1
             if ago >= self.counters["commands"]:  # it shows what was before the first command
                 self._changed = self._rejected = False
                 return
@@ -517,6 +522,14 @@ class ReferenceController(Displayed):
     def _waits(self) -> int:
         """Commands that may wait for their measurement."""
         return HISTORY - (0 if self._path is None else self._path.dead + 4)
+
+    @property
+    def _patience(self) -> int:
+        """The same, while the measurements come as late as the last one.
+
+        A gap in them is passed over tick by tick, so that the first one after it does not take long.
+        """
+        return min(self._waits, self._answered + BACKLOG - 1) if self._answered else self._waits
 
     def _next_lagged(self) -> FloatArray:
         """The regressor of the next tick that was not yet measured."""

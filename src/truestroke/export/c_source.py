@@ -19,6 +19,7 @@ from truestroke.base.checks import SettingError
 from truestroke.control.controller import AdaptiveController
 from truestroke.control.settings import ControllerSettings, kernel_settings
 from truestroke.export import c_values
+from truestroke.export.c_sizes import struct_sizes
 from truestroke.export.recorded import recorded, safe_volts
 
 TEMPLATES = Path(__file__).with_name("templates")
@@ -53,12 +54,18 @@ class Exported:
         Of the kernel, as its header names them.
     bound : float
         Largest difference from the desk's commands with which the self-test passes, V; 0: the same bits.
+    ram : int
+        Bytes of the state on a machine of 32 bits; the stack is beside it.
+    flash : int
+        Bytes of the settings; the code is beside them.
     """
 
     folder: Path
     files: tuple[Path, ...]
     capacities: Mapping[str, int]
     bound: float
+    ram: int
+    flash: int
 
 
 def export_c(
@@ -68,6 +75,7 @@ def export_c(
     precision: Literal["double", "single"] | None = None,
     history: int | None = None,
     safe_voltage: float | None = None,
+    ram: int | None = None,
     ticks: int = 1000,
     about: str = "a piezo actuator",
     command: str = "truestroke.export_c",
@@ -87,6 +95,8 @@ def export_c(
         paper's law, more with a long dead time.
     safe_voltage : float, optional
         Before the start and after the end, V, within the limits; by default 0 V, or the limit that is nearest to it.
+    ram : int, optional
+        Bytes that the chip has for the state; an export that needs more is refused.
     ticks : int
         Of the recorded run of the self-test, 100 to 100,000.
     about : str
@@ -128,12 +138,18 @@ def export_c(
     capacities = _capacities(settings, members, history)
     rest = safe_volts(settings, safe_voltage)
     bound = 0.0 if settings.precision == "double" else SINGLE_BOUND * float(np.ptp(settings.voltage_limits))
+    sizes = struct_sizes(_kernel_header(capacities, settings.precision), settings.precision)
+    needed = sizes["ts_controller"] + 2 * c_values.REALS[settings.precision]().itemsize
+    if ram is not None and checks.count("ram", ram, 1, 2**32) < needed:
+        size = f"{settings.plays} plays, {settings.parameters} weights and {capacities['TS_HISTORY']} ticks of history"
+        remedy = "take fewer plays or a shorter history" + (", or single precision" if bound == 0 else "")
+        raise SettingError("ram", ram, f"{needed} or more for the state of {size}; {remedy}", "bytes")
     texts = _texts(settings, members, capacities, rest, ticks, bound, about, command)
     target = checks.path("folder", folder)
     _check_folder(target)
     (target / "kernel").mkdir(parents=True, exist_ok=True)
     written = tuple(files.write(target / name, text, KIND) for name, text in texts.items())
-    return Exported(target, written, capacities, bound)
+    return Exported(target, written, capacities, bound, needed, sizes["ts_settings"])
 
 
 def kernel_sources() -> dict[str, str]:
@@ -164,8 +180,9 @@ def _capacities(settings: ControllerSettings, members: Mapping[str, Any], histor
     }
 
 
-def _header(text: str, capacities: Mapping[str, int], precision: str) -> str:
+def _kernel_header(capacities: Mapping[str, int], precision: str) -> str:
     """The kernel's header with these capacities and the number type as its defaults."""
+    text = kernel_sources()["truestroke.h"]
     kind = "double" if precision == "double" else "float"
     for name, value in {**capacities, "TS_REAL": kind}.items():
         text, replaced = re.subn(rf"(?m)^(#define {name}) [^/\n]*$", rf"\1 {value}", text)
@@ -216,8 +233,7 @@ def _texts(
     engine = jinja2.Environment(loader=jinja2.FileSystemLoader(TEMPLATES), undefined=jinja2.StrictUndefined,
                                 keep_trailing_newline=True, autoescape=False)  # fmt: skip
     own = {name: engine.get_template(f"{name}.j2").render(values) for name in OWN}
-    kernel = kernel_sources()
-    kernel["truestroke.h"] = _header(kernel["truestroke.h"], capacities, settings.precision)
+    kernel = kernel_sources() | {"truestroke.h": _kernel_header(capacities, settings.precision)}
     return own | {f"kernel/{name}": text for name, text in kernel.items()}
 
 

@@ -21,7 +21,7 @@ from truestroke.runtime import native
 from truestroke.runtime.ticks import MARK, SIMULATED, SlowLayout, TickRecorder, recorded, stride
 from truestroke.signals.channels import channel, dtype
 from truestroke.signals.recording import Recording, versions
-from truestroke.signals.timing import Timing
+from truestroke.signals.timing import LONGEST_AGO, Timing
 from truestroke.signals.trajectories import Trajectory
 
 __all__ = ["Actuator", "RunInterrupted", "Timing", "about", "check_agreement", "run"]
@@ -232,7 +232,7 @@ def check_agreement(trajectory: Motion, controller: Controller, timing: Timing) 
             raise SettingError(
                 "trajectory.sample_rate", trajectory.sample_rate, f"{rate} Hz, that of the {whose}", "Hz"
             )
-    checks.count("block - 1 + latency", timing.block - 1 + timing.latency, 0, 63)  # `ago` of Controller.adapt
+    checks.count("block - 1 + latency", timing.block - 1 + timing.latency, 0, LONGEST_AGO)
 
 
 def count_latency(controller: Any, timing: Timing) -> None:
@@ -240,7 +240,7 @@ def count_latency(controller: Any, timing: Timing) -> None:
     settings: Any = getattr(controller, "settings", None)
     late = timing.latency + timing.block - 1
     if sensor := math.floor(getattr(settings, "sensor_delay", 0.0) * timing.sample_rate + 1e-9):
-        checks.count("block - 1 + latency, and the ticks of sensor_delay", late + sensor, 0, 63)
+        checks.count("block - 1 + latency, and the ticks of sensor_delay", late + sensor, 0, LONGEST_AGO)
     if getattr(settings, "dynamics", None) is not None and settings.latency != late and hasattr(controller, "change"):
         controller.change(latency=checks.count("block - 1 + latency", late, 0, 20))
 

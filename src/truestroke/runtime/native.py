@@ -17,7 +17,7 @@ from truestroke.plant import MatchedPlant, RealisticPlant, StagePlant
 from truestroke.runtime.ticks import SIMULATED
 from truestroke.signals.trajectories import Trajectory
 
-FIRST = 64  # ticks within which the first measurement may be refused: `AdaptiveController.adapt`
+FIRST = 64  # ticks within which a plant gives its first measurement, which may be refused: `AdaptiveController.adapt`
 CALLS = {plant: (plant.open, plant.exchange) for plant in (RealisticPlant, MatchedPlant, StagePlant)}
 """Calls of the native plants that the native loop stands for."""
 

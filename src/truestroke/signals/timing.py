@@ -4,6 +4,9 @@ from dataclasses import dataclass
 
 from truestroke.base import checks
 
+LONGEST_AGO = 1023
+"""Ticks that a measurement may come after its command: TS_HISTORY of the kernel, less one."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Timing:
@@ -14,9 +17,9 @@ class Timing:
     sample_rate : float
         Ticks per second, Hz.
     block : int
-        Ticks that one exchange moves, 1 to 63.
+        Ticks that one exchange moves, 1 to 1023.
     latency : int
-        Ticks between a command and the exchange position at which its measurement comes back, 0 to 63.
+        Ticks between a command and the exchange position at which its measurement comes back, 0 to 1023.
     channels : int
         Axes that move together, 1 to 64.
     hardware_timed : bool
@@ -31,6 +34,6 @@ class Timing:
 
     def __post_init__(self) -> None:
         checks.positive("sample_rate", self.sample_rate, "Hz")
-        checks.count("block", self.block, 1, 63)
-        checks.count("latency", self.latency, 0, 63)
+        checks.count("block", self.block, 1, LONGEST_AGO)
+        checks.count("latency", self.latency, 0, LONGEST_AGO)
         checks.count("channels", self.channels, 1, 64)

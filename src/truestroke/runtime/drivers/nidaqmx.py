@@ -18,7 +18,7 @@ from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
 from truestroke.runtime.drivers.protocol import DriverError, Signal, check_signals
 from truestroke.runtime.drivers.registry import Need, package
-from truestroke.signals.timing import Timing
+from truestroke.signals.timing import LONGEST_AGO, Timing
 
 __all__ = ["NidaqmxDriver", "NidaqmxSettings"]
 
@@ -29,7 +29,6 @@ TERMINALS = {
     "differential": "DIFF",
     "pseudo_differential": "PSEUDO_DIFF",
 }
-LONGEST_AGO = 63  # ticks, of AdaptiveController.adapt
 
 HINTS = {
     -200290: "the output ran out of samples: this computer was late; take a larger block, or more blocks ahead",
@@ -107,10 +106,10 @@ class NidaqmxSettings:
         Conversions per second, Hz, a multiple of `sample_rate`: each tick's voltage is put out, and its displacement
         measured, `converter_rate / sample_rate` times; the measurement is the mean.
     block : int
-        Ticks between two calls of the card, 1 to 63.
+        Ticks between two calls of the card, 1 to 1023.
     ahead : int
         Blocks of voltage that wait in the card's buffer: how late this computer may be. The latency is
-        ``ahead * block`` ticks; latency and block together are at most 64 ticks.
+        ``ahead * block`` ticks; latency and block together are at most 1024 ticks.
     output_range, input_range : tuple[float, float]
         V; the card takes the narrowest range of its own that holds it.
     terminals : str
