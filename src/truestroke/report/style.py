@@ -122,9 +122,19 @@ def use(theme: Theme) -> Iterator[None]:
         yield
 
 
-def panels(height: float, rows: int = 1, columns: int = 1, **options: Any) -> tuple[Figure, list[Axes]]:
-    """A figure of the standard width, `height` in inches, and its panels in reading order."""
-    figure = Figure(figsize=(WIDTH, height), layout=ConstrainedLayoutEngine(h_pad=0.07, w_pad=0.06))
+def panels(
+    height: float, rows: int = 1, columns: int = 1, edges: Mapping[str, float] | None = None, **options: Any
+) -> tuple[Figure, list[Axes]]:
+    """A figure of the standard width, `height` in inches, and its panels in reading order.
+
+    With `edges`, as `subplots_adjust` has them, the panels stand there: to find their places takes matplotlib as long
+    as to draw them.
+    """
+    figure = Figure(
+        figsize=(WIDTH, height), layout=None if edges else ConstrainedLayoutEngine(h_pad=0.07, w_pad=0.06)
+    )
+    if edges:
+        figure.subplots_adjust(**edges)
     return figure, list(np.ravel(figure.subplots(rows, columns, **options)))
 
 

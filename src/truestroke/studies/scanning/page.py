@@ -12,6 +12,7 @@ from truestroke.signals.scans.images import Image
 from truestroke.studies.scanning.imaging import LEAD_IN, NAMES, PIXELS, ROTATION, Scanned
 
 PART = 96  # pixels of the texture that are shown enlarged
+EDGES = {"left": 0.09, "right": 0.99, "wspace": 0.1}  # of the panels
 CAPTIONS = {
     "grating": (
         "A calibration grating",
@@ -89,7 +90,8 @@ def plots(found: Scanned, theme: Theme = LIGHT) -> dict[str, Figure]:
 def grating(found: Scanned, theme: Theme = LIGHT) -> Figure:
     """Trace above, retrace below, a column for each controller."""
     with style.use(theme):
-        figure, panels = style.panels(5.1, 2, len(found.imaged), sharex=True, sharey=True)
+        edges = {**EDGES, "bottom": 0.09, "top": 0.95, "hspace": 0.12}
+        figure, panels = style.panels(5.1, 2, len(found.imaged), edges=edges, sharex=True, sharey=True)
         limits = images.contrast(found.imaged["truestroke"].images["grating"]["trace"])
         for column, one in enumerate(found.imaged.values()):
             for row, direction in enumerate(("trace", "retrace")):
@@ -106,7 +108,8 @@ def grating(found: Scanned, theme: Theme = LIGHT) -> Figure:
 def texture(found: Scanned, theme: Theme = LIGHT) -> Figure:
     """A part of the texture, trace and retrace in two colours."""
     with style.use(theme):
-        figure, panels = style.panels(2.9, 1, len(found.imaged), sharex=True, sharey=True)
+        edges = {**EDGES, "bottom": 0.15, "top": 0.92}
+        figure, panels = style.panels(2.9, 1, len(found.imaged), edges=edges, sharex=True, sharey=True)
         for column, (panel, one) in enumerate(zip(panels, found.imaged.values(), strict=True)):
             trace, retrace = (one.images["texture"][direction] for direction in ("trace", "retrace"))
             images.lay_over(panel, trace, retrace, part=_part(trace))
@@ -124,7 +127,8 @@ def _part(image: Image) -> tuple[slice, slice]:
 def errors(found: Scanned, theme: Theme = LIGHT) -> Figure:
     """Mean and range over the rows of the error of x along a line, a panel for each controller."""
     with style.use(theme):
-        figure, panels = style.panels(2.6, 1, len(found.imaged))
+        edges = {**EDGES, "bottom": 0.18, "top": 0.9, "wspace": 0.28}
+        figure, panels = style.panels(2.6, 1, len(found.imaged), edges=edges)
         for column, (panel, one) in enumerate(zip(panels, found.imaged.values(), strict=True)):
             moved = one.distortion
             x = found.scan.origin[0] + (np.arange(PIXELS) + 0.5) * moved.size[0]
