@@ -130,9 +130,7 @@ def panels(
     With `edges`, as `subplots_adjust` has them, the panels stand there: to find their places takes matplotlib as long
     as to draw them.
     """
-    figure = Figure(
-        figsize=(WIDTH, height), layout=None if edges else ConstrainedLayoutEngine(h_pad=0.07, w_pad=0.06)
-    )
+    figure = Figure(figsize=(WIDTH, height), layout=None if edges else ConstrainedLayoutEngine(h_pad=0.07, w_pad=0.06))
     if edges:
         figure.subplots_adjust(**edges)
     return figure, list(np.ravel(figure.subplots(rows, columns, **options)))

@@ -12,9 +12,9 @@ from truestroke.base.checks import SettingError
 from truestroke.runtime.drivers.protocol import Driver, Signal
 from truestroke.signals import scans
 from truestroke.signals.scans.scan import Scan
+from truestroke.signals.timing import LONGEST_AGO
 
 SCANS = {kind: getattr(scans, kind) for kind in ("raster", "spiral", "lissajous", "cycloid")}
-LEAD_OUT = 64  # ticks: no hardware measures with more latency, so that all of the image is measured
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,15 +80,21 @@ def imaging(given: Mapping[str, Any], names: Sequence[str], driver: Driver, rate
     if len(moving) != 2 or len(set(moving)) < 2 or not set(moving) <= set(names):
         raise SettingError("axes", list(moving), f"two of the axes: {', '.join(names)}")
     rest = {key: entry for key, entry in given.items() if key not in own - {"kind"}}
-    made: Scan = toml.decode(
-        SCANS[table.kind], {"sample_rate": rate, "lead_out": LEAD_OUT / rate, **rest}, also=("kind",)
-    )
+    usual = {"sample_rate": rate, "lead_out": _until_measured(driver) / rate}
+    made: Scan = toml.decode(SCANS[table.kind], usual | rest, also=("kind",))
     if made.sample_rate != rate:
         raise SettingError("sample_rate", made.sample_rate, f"{rate:g} Hz, that of the driver, or left out", "Hz")
     columns = checks.count("columns", table.columns, 2, 10**5)
     if table.kind == "raster":
         columns = scans.pixels_of(made, columns)
     return Imaging(scan=made, axes=(moving[0], moving[1]), signal=_signal(table.signal, driver), columns=columns)
+
+
+def _until_measured(driver: Driver) -> int:
+    """Ticks until the last one of the image is measured: by the settings of the driver, or the longest there are."""
+    settings = getattr(driver, "settings", None)
+    latency, block = (getattr(settings, name, None) for name in ("latency", "block"))
+    return latency + block if isinstance(latency, int) and isinstance(block, int) else LONGEST_AGO
 
 
 def _signal(name: str | None, driver: Driver) -> Signal:
