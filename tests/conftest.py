@@ -18,7 +18,7 @@ from xdist.scheduler import LoadScopeScheduling
 from truestroke.base import files
 
 LONG = ("test_soak.py", "test_compare.py", "test_bench.py", "test_files_of_a_run.py", "test_docs.py", "test_study.py")
-SHARED = ("test_compare.py", "test_bench.py", "test_browser.py")
+SHARED = ("test_compare.py", "test_bench.py", "test_browser.py", "test_fmu.py")
 
 # How fast hypothesis makes its input depends on what else the machine does: no test may fail by it.
 settings.register_profile("any machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])

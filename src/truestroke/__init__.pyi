@@ -25,6 +25,8 @@ from truestroke.control.repetitive import RepetitiveController as RepetitiveCont
 from truestroke.control.settings import ControllerSettings as ControllerSettings
 from truestroke.export.c_source import Exported as Exported
 from truestroke.export.c_source import export_c as export_c
+from truestroke.export.fmu import CompilerError as CompilerError
+from truestroke.export.fmu import export_fmu as export_fmu
 from truestroke.export.json_settings import export_json as export_json
 from truestroke.identification.dynamics import Bode as Bode
 from truestroke.identification.dynamics import DynamicsError as DynamicsError

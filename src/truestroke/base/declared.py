@@ -48,10 +48,11 @@ class Times:
 
 @dataclass(frozen=True)
 class Bound:
-    """What a value may be: as a table states it, and as a check."""
+    """What a value may be: as a table states it, and as a check; of a closed interval also its ends."""
 
     text: str
     check: Check
+    ends: tuple[float | Times, float | Times] | None = None
 
 
 @dataclass(frozen=True)
@@ -184,7 +185,7 @@ def between(low: float | Times, high: float | Times) -> Bound:
         least, most = (end(settings) if isinstance(end, Times) else end for end in (low, high))
         return checks.within(name, value, least, most, unit)
 
-    return check
+    return dataclasses.replace(check, ends=(low, high))
 
 
 def sized(low: float = TINY, high: float = HUGE) -> Bound:

@@ -18,11 +18,19 @@ if TYPE_CHECKING:
 
 SIZES = ("sample_rate", "stroke", "voltage_limits")
 ALONE = (*SIZES, "slew", "safe_voltage", "controller", "model", "dynamics")
-OF_C = ("precision", "history", "ram")  # options that only C has
+OF_TARGETS = {
+    "precision": ["c"],
+    "history": ["c"],
+    "ram": ["c"],
+    "stack": ["fmu"],
+    "source": ["fmu"],
+    "ticks": ["c", "json"],
+}
+"""Options that not all targets have."""
 
 
 @click.command()
-@click.argument("target", metavar="c|json", type=click.Choice(["c", "json"]))
+@click.argument("target", metavar="c|json|fmu", type=click.Choice(["c", "json", "fmu"]))
 @click.option("--config", metavar="FILE", type=common.FILE, help="Take the controller of a configuration of "
               "`truestroke run`.")  # fmt: skip
 @click.option("--axis", metavar="NAME", help="Which of its axes.  [default: the only one]")
@@ -47,21 +55,27 @@ OF_C = ("precision", "history", "ram")  # options that only C has
 @click.option("--ram", metavar="BYTES", type=click.IntRange(1), help="Of the chip, for the state: refuse more.")
 @click.option("--ticks", metavar="N", type=click.IntRange(100, 100_000), default=1000, help="Of the self-test.")
 @click.option("--output", metavar="PATH", type=click.Path(path_type=Path), required=True,
-              help="c: a new or empty folder; json: a file.")  # fmt: skip
+              help="c: a new or empty folder; json, fmu: a file.")  # fmt: skip
+@click.option("--stack", is_flag=True, help="fmu: the simulated stack in place of a controller.")
+@click.option("--source", is_flag=True, help="fmu: without a binary of this computer.")
 @common.overwrite_option
 @common.json_option
 def export(target: str, output: Path, as_json: bool, **options: Any) -> None:
-    """Write a controller as C99 source that builds by itself, or its settings as JSON for the module of a browser.
+    """Write a controller as C99 source that builds by itself, as JSON for a browser, or as an FMU.
 
     c: the folder holds the kernel with capacities cut to the settings, settings and prior as constants, three calls, an
     example of a loop, and a self-test: a recorded run whose commands must come out again. json: the file holds the
-    settings in double precision and such a run.
+    settings in double precision and such a run. fmu: FMI 2.0 for co-simulation, source and binary.
     """
     from truestroke.export import export_c
 
+    _refuse_others(target)
+    if options["stack"]:
+        _stack(output, options, as_json)
+        return
     settings, safe_voltage, about = _settings(options)
-    if target == "json":
-        _json(settings, safe_voltage, about, output, options["ticks"], as_json)
+    if target != "c":
+        _one_file(target, settings, safe_voltage, about, output, options, as_json)
         return
     made = export_c(
         settings,
@@ -85,23 +99,55 @@ def export(target: str, output: Path, as_json: bool, **options: Any) -> None:
     click.echo(f"\nIts self-test: make -C {made.folder} test\nIts memory:    make -C {made.folder} size")
 
 
-def _json(
-    settings: ControllerSettings, safe_voltage: float | None, about: str, output: Path, ticks: int, as_json: bool
-) -> None:
-    """What belongs to C is refused, not passed over."""
-    from truestroke.export import export_json
-
+def _refuse_others(target: str) -> None:
+    """An option of another target is refused, not passed over."""
     context = click.get_current_context()
-    for name in OF_C:
-        if context.get_parameter_source(name) is ParameterSource.COMMANDLINE:
-            raise click.UsageError(f"--{name} is one of `export c`.")
-    command = common.as_asked()["command"]
-    file = export_json(settings, output, safe_voltage=safe_voltage, ticks=ticks, about=about, command=command)
+    for name, targets in OF_TARGETS.items():
+        if target not in targets and context.get_parameter_source(name) is ParameterSource.COMMANDLINE:
+            raise click.UsageError(f"--{name} is one of `export {targets[0]}`.")
+
+
+def _one_file(
+    target: str,
+    settings: ControllerSettings,
+    safe_voltage: float | None,
+    about: str,
+    output: Path,
+    options: dict[str, Any],
+    as_json: bool,
+) -> None:
+    from truestroke.export import export_fmu, export_json
+
+    settings = dataclasses.replace(settings, precision="double")
+    what = f"A controller with {settings.plays} plays and {settings.parameters} weights"
+    if target == "fmu":
+        file = export_fmu(settings, output, safe_voltage=safe_voltage, about=about, binary=not options["source"])
+    else:
+        command = common.as_asked()["command"]
+        ticks = options["ticks"]
+        file = export_json(settings, output, safe_voltage=safe_voltage, ticks=ticks, about=about, command=command)
+    _told(file, what, as_json)
+
+
+def _stack(output: Path, options: dict[str, Any], as_json: bool) -> None:
+    """The simulated stack as an FMU; of the options only the rate is its own."""
+    from truestroke.export import export_fmu
+    from truestroke.plant import PlantSettings
+
+    others = (*ALONE, "config", "axis", "state")
+    if given := [name for name in others if name != "sample_rate" and options[name] is not None]:
+        raise click.UsageError(f"--{given[0].replace('_', '-')} is one of a controller, not of --stack.")
+    rate = options["sample_rate"]
+    settings = PlantSettings() if rate is None else PlantSettings(sample_rate=rate)
+    _told(export_fmu(settings, output, binary=not options["source"]), "The simulated stack", as_json)
+
+
+def _told(file: Path, what: str, as_json: bool) -> None:
     if as_json:
         common.print_json({"file": str(file)})
         return
-    click.echo(f"Settings of a controller with {settings.plays} plays and {settings.parameters} weights")
-    common.print_files(settings=file)
+    click.echo(what)
+    common.print_files(file=file)
 
 
 def _settings(options: dict[str, Any]) -> tuple[ControllerSettings, float | None, str]:

@@ -21,8 +21,8 @@ from truestroke.control.settings import ControllerSettings, kernel_settings
 from truestroke.export import c_values
 from truestroke.export.c_sizes import struct_sizes
 from truestroke.export.recorded import recorded, safe_volts
+from truestroke.export.texts import rendered
 
-TEMPLATES = Path(__file__).with_name("templates")
 OWN = (
     "adaptive.h",
     "adaptive.c",
@@ -202,7 +202,6 @@ def _texts(
     command: str,
 ) -> dict[str, str]:
     """All files, by their names in the folder."""
-    import jinja2
 
     def real(value: float) -> str:
         return c_values.real(value, settings.precision)
@@ -230,9 +229,7 @@ def _texts(
         "bound": f"{bound!r}",
         "promise": promise,
     }
-    engine = jinja2.Environment(loader=jinja2.FileSystemLoader(TEMPLATES), undefined=jinja2.StrictUndefined,
-                                keep_trailing_newline=True, autoescape=False)  # fmt: skip
-    own = {name: engine.get_template(f"{name}.j2").render(values) for name in OWN}
+    own = rendered({name: name for name in OWN}, values)
     kernel = kernel_sources() | {"truestroke.h": _kernel_header(capacities, settings.precision)}
     return own | {f"kernel/{name}": text for name, text in kernel.items()}
 

@@ -10,6 +10,8 @@ import numpy as np
 
 REALS: dict[str, type[np.floating[Any]]] = {"double": np.float64, "single": np.float32}
 
+UNSIGNED = 2**31  # from here on an int of C is too small
+
 
 def real(value: float, precision: str) -> str:
     """A number as a constant of ts_real: the shortest text that is read back to the same bits.
@@ -29,7 +31,7 @@ def constant(value: Any, precision: str) -> str:
     if isinstance(value, (bool, np.bool_)):
         return "true" if value else "false"
     if isinstance(value, (int, np.integer)):
-        return str(int(value))
+        return str(int(value)) + ("u" if value >= UNSIGNED else "")
     if isinstance(value, (float, np.floating)):
         return real(float(value), precision)
     return "{" + ", ".join(constant(entry, precision) for entry in value) + "}"

@@ -1,0 +1,225 @@
+"""`export_fmu`: a controller or the simulated stack as a unit of FMI, for Simulink, Dymola, OpenModelica and others."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import platform
+import shutil
+import subprocess
+import tempfile
+import zipfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import truestroke
+from truestroke.base import checks, declared, files
+from truestroke.base.checks import SettingError
+from truestroke.base.errors import TruestrokeError
+from truestroke.control.controller import AdaptiveController
+from truestroke.control.settings import ControllerSettings, kernel_settings
+from truestroke.export import c_values, fmu_variables
+from truestroke.export.c_source import kernel_sources
+from truestroke.export.fmu_variables import Variable
+from truestroke.export.recorded import safe_volts
+from truestroke.export.texts import rendered
+from truestroke.plant.settings import PLANT_SETTINGS, PlantSettings
+
+PLATFORMS = {("Linux", "x86_64"): ("linux64", "so")}  # system and machine: folder and ending of the binary
+FLAGS = ("-std=c99", "-O3", "-ffp-contract=off", "-fPIC", "-shared", "-fvisibility=hidden")
+THEN = (1980, 1, 1, 0, 0, 0)  # the time of each file in the archive, so that the same export has the same bytes
+
+
+class CompilerError(TruestrokeError, RuntimeError):
+    """The C compiler is absent or has failed; the message has what it said."""
+
+
+def _ours(path: Path) -> bool:
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return b'generationTool="truestroke' in archive.read("modelDescription.xml")[: files.HEAD]
+    except (zipfile.BadZipFile, KeyError, OSError, NotImplementedError):
+        return False
+
+
+KIND = files.Kind("an FMU", _ours)
+
+
+@dataclass(frozen=True)
+class _Unit:
+    """What differs between the FMUs."""
+
+    kind: str
+    struct: str
+    about: str
+    rate: float
+    variables: list[Variable]
+    members: Mapping[str, Any]
+    parameters: tuple[str, ...]
+    sources: Mapping[str, str]
+
+
+def export_fmu(
+    what: AdaptiveController | ControllerSettings | PlantSettings,
+    file: str | os.PathLike[str],
+    *,
+    safe_voltage: float | None = None,
+    about: str = "a piezo actuator",
+    binary: bool = True,
+) -> Path:
+    """Write a controller or the simulated stack as an FMU of FMI 2.0 for co-simulation, with its source and a binary.
+
+    Parameters
+    ----------
+    what : AdaptiveController, ControllerSettings or PlantSettings
+        A controller in double precision, of one axis, which starts as at its own start; or the stack.
+    file : str or PathLike
+        Ends with .fmu; an FMU that this function wrote is replaced.
+    safe_voltage : float, optional
+        The controller's output before the first step, V, within the limits; by default 0 V, or the limit nearest to it.
+    about : str
+        A line that says what it is.
+    binary : bool
+        Whether the C compiler of this computer makes a binary for it, on Linux of x86-64; without it the FMU has
+        its source alone.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    SettingError
+        An argument is out of its bounds; nothing is written.
+    CompilerError
+        The compiler is absent or has failed; nothing is written.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from truestroke.plant import PlantSettings
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     made = export_fmu(PlantSettings(), f"{folder}/stack.fmu", binary=False)
+    ...     print("sources/fmi2.c" in zipfile.ZipFile(made).namelist())
+    True
+    """
+    words = "an AdaptiveController, its ControllerSettings, or a PlantSettings"
+    checks.instance("what", what, (AdaptiveController, ControllerSettings, PlantSettings), words)
+    target = checks.path("file", file)
+    if target.suffix != ".fmu":
+        raise SettingError("file", f"'{target}'", "a name that ends with .fmu")
+    if isinstance(what, PlantSettings):
+        unit = _plant(what)
+    else:
+        unit = _controller(what.settings if isinstance(what, AdaptiveController) else what, safe_voltage, about)
+    texts = _texts(unit)
+    texts |= {f"sources/{name}": text for name, text in unit.sources.items()}
+    content = {name: text.encode() for name, text in texts.items()}
+    place = PLATFORMS.get((platform.system(), platform.machine()))
+    if binary and place:
+        folder, ending = place
+        content[f"binaries/{folder}/{_model(unit)}.{ending}"] = _compiled(texts)
+    with files.writing(target, KIND) as path:
+        _pack(path, content)
+    return target
+
+
+def _controller(settings: ControllerSettings, safe_voltage: float | None, about: str) -> _Unit:
+    if settings.precision != "double":
+        raise SettingError("precision", settings.precision, "double: the variables of FMI are in double precision")
+    if others := settings.other_axes:
+        raise SettingError("controller", f"an axis beside {others} others", "one axis: export each axis by itself")
+    return _Unit(
+        kind="controller",
+        struct="ts_settings",
+        about=f"The adaptive inverse controller of {about}",
+        rate=settings.sample_rate,
+        variables=fmu_variables.of_controller(settings, safe_volts(settings, safe_voltage)),
+        members=kernel_settings(settings),
+        parameters=(),
+        sources=kernel_sources()
+        | _sources("fmi2.c", "fmi2.h", "status.h", "unit.h", "unit_controller.c", "unit_controller.h"),
+    )
+
+
+def _plant(settings: PlantSettings) -> _Unit:
+    return _Unit(
+        kind="plant",
+        struct="ts_plant_settings",
+        about="A simulated piezo stack with hysteresis, creep, resonance and noise",
+        rate=settings.sample_rate,
+        variables=fmu_variables.of_plant(settings),
+        members=declared.kernel_values(settings, PLANT_SETTINGS),
+        parameters=tuple(fmu_variables.plant_parameters()),
+        sources=_sources("fmi2.c", "fmi2.h", "plant.c", "plant.h", "unit.h", "unit_plant.c", "unit_plant.h"),
+    )
+
+
+def _sources(*names: str) -> dict[str, str]:
+    from truestroke import _kernel
+
+    assert _kernel.__file__
+    folder = Path(_kernel.__file__).parent / "export/fmi"
+    return {name: (folder / name).read_text(encoding="utf-8") for name in names}
+
+
+def _model(unit: _Unit) -> str:
+    return f"truestroke_{unit.kind}"
+
+
+def _texts(unit: _Unit) -> dict[str, str]:
+    """What is written for this unit, by name in the archive; its guid is that of all of it."""
+    values: dict[str, Any] = {
+        "kind": unit.kind,
+        "struct": unit.struct,
+        "model": _model(unit),
+        "about": unit.about,
+        "version": truestroke.__version__,
+        "date": "{}-{:02}-{:02}T{:02}:{:02}:{:02}Z".format(*THEN),
+        "tick": repr(1 / unit.rate),
+        "units": {name: fmu_variables.UNITS[name] for name in sorted({v.unit for v in unit.variables if v.unit})},
+        "variables": unit.variables,
+        "parameters": unit.parameters,
+        "members": list(c_values.members(unit.members, "double")),
+        "real": lambda value: c_values.real(value, "double"),
+        "sources": sorted([*(name for name in unit.sources if name.endswith(".c")), "variables.c"]),
+    }
+    names = {
+        "modelDescription.xml": "modelDescription2.xml",
+        "sources/variables.c": "variables.c",
+        "sources/variables.h": "variables.h",
+    }
+
+    whole = "".join([*rendered(names, values | {"guid": ""}).values(), *unit.sources.values()])
+    return rendered(names, values | {"guid": hashlib.sha256(whole.encode()).hexdigest()[:32]})
+
+
+def _compiled(texts: Mapping[str, str]) -> bytes:
+    """The shared library that the C compiler makes of the sources."""
+    compiler = os.environ.get("CC") or "cc"
+    program, *options = compiler.split()
+    if shutil.which(program) is None:
+        raise CompilerError(
+            f"no C compiler {program} on this computer: install gcc, set CC, or export the source alone"
+        )
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        (folder / "sources").mkdir()
+        for path, text in texts.items():
+            (folder / path).write_text(text, encoding="utf-8")
+        sources = sorted(str(path) for path in (folder / "sources").glob("*.c"))
+        command = [program, *FLAGS, *options, *sources, "-lm", "-o", str(folder / "unit.so")]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        if done.returncode:
+            raise CompilerError(f"{compiler} has failed: {done.stderr.strip()[:2000]}")
+        return (folder / "unit.so").read_bytes()
+
+
+def _pack(path: Path, content: Mapping[str, bytes]) -> None:
+    """An archive of the same bytes whenever it is made."""
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name in sorted(content, key=lambda name: (name != "modelDescription.xml", name)):
+            archive.writestr(zipfile.ZipInfo(name, THEN), content[name], zipfile.ZIP_DEFLATED)

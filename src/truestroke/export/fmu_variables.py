@@ -1,0 +1,108 @@
+"""The variables of an FMU: of the controller, and of the simulated stack."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from truestroke.control.settings import ControllerSettings
+from truestroke.plant.settings import PLANT_SETTINGS, PlantSettings
+from truestroke.signals.timing import LONGEST_AGO
+
+NO_SLEW = 1e30  # V/s: from here on the voltage may jump
+BEYOND = 1e15  # of any voltage, V
+
+UNITS = {  # name: factor and exponents of SI's base units
+    "um": (1e-6, {"m": 1}),
+    "um/s": (1e-6, {"m": 1, "s": -1}),
+    "um/s2": (1e-6, {"m": 1, "s": -2}),
+    "V": (1.0, {"kg": 1, "m": 2, "s": -3, "A": -1}),
+    "V/s": (1.0, {"kg": 1, "m": 2, "s": -4, "A": -1}),
+    "um/V": (1e-6, {"kg": -1, "m": -1, "s": 3, "A": 1}),
+    "Hz": (1.0, {"s": -1}),
+    "s": (1.0, {"s": 1}),
+    "1/h": (1 / 3600, {"s": -1}),
+    "V/V": (1.0, {}),
+}
+
+
+@dataclass(frozen=True)
+class Variable:
+    """A variable of an FMU, with its unit; numbers of Integer and Boolean are whole."""
+
+    name: str
+    meaning: str
+    unit: str = ""
+    kind: str = "Real"
+    role: str = "input"
+    start: float = 0.0
+    low: float = 0.0
+    high: float = 1.0
+
+    def text(self, value: float) -> str:
+        """A value of its type as XML has it."""
+        if self.kind == "Boolean":
+            return "true" if value else "false"
+        return repr(float(value)) if self.kind == "Real" else str(int(value))
+
+
+def of_controller(settings: ControllerSettings, safe_voltage: float) -> list[Variable]:
+    """In the order of c/fmi/unit_controller.c."""
+    low, high = settings.voltage_limits
+    slew = min(settings.slew_limit, NO_SLEW)
+    fixed: dict[str, Any] = {"role": "parameter"}
+    return [
+        Variable("z_d", "desired displacement", "um"),
+        Variable("zdot_d", "desired velocity", "um/s"),
+        Variable("zddot_d", "desired acceleration; see the parameter `acceleration`", "um/s2"),
+        Variable("z", "measured displacement", "um"),
+        Variable("measured", "whether z is a measurement; without it nothing is learned", kind="Boolean", start=1),
+        Variable("hold", "whether learning stops", kind="Boolean"),
+        Variable("volts", "command at the D/A converter", "V", role="output", start=safe_voltage),
+        Variable("innovation", "measured less expected displacement", "um", role="output"),
+        Variable("flags", "bit mask of the last tick", kind="Integer", role="output"),
+        Variable("voltage_min", "lowest command", "V", start=low, low=-BEYOND, high=BEYOND, **fixed),
+        Variable("voltage_max", "highest command", "V", start=high, low=-BEYOND, high=BEYOND, **fixed),
+        Variable(
+            "slew_limit",
+            "fastest change of the command; 1e30 is none",
+            "V/s",
+            start=slew,
+            low=1e-15,
+            high=NO_SLEW,
+            **fixed,
+        ),
+        Variable("acceleration", "whether zddot_d is known", kind="Boolean", **fixed),
+        Variable(
+            "late", "commands between that of z and the step that takes z", kind="Integer", high=LONGEST_AGO, **fixed
+        ),
+    ]
+
+
+def of_plant(settings: PlantSettings) -> list[Variable]:
+    """In the order of c/fmi/unit_plant.c, then a parameter for each setting that is one number."""
+    variables = [
+        Variable("volts", "voltage at the D/A converter", "V"),
+        Variable("measured", "displacement as the sensor reads it, mean over the last tick", "um", role="output"),
+        Variable("truth", "the same without noise", "um", role="output"),
+        Variable("seed", "of the noise", kind="Integer", role="parameter", high=2**31 - 1),
+    ]
+    return variables + [
+        dataclasses.replace(_setting(settings, name), start=float(getattr(settings, name)))
+        for name in plant_parameters()
+    ]
+
+
+def plant_parameters() -> Sequence[str]:
+    """Settings of the stack that are one real number between two others."""
+    fields = {field.name: field.type for field in dataclasses.fields(PlantSettings)}
+    return [name for name, s in PLANT_SETTINGS.items() if s.bound.ends is not None and fields[name] == "float"]
+
+
+def _setting(settings: PlantSettings, name: str) -> Variable:
+    declared = PLANT_SETTINGS[name]
+    assert declared.bound.ends is not None
+    low, high = (end if isinstance(end, (int, float)) else end(settings) for end in declared.bound.ends)
+    return Variable(name, declared.meaning, declared.unit, role="parameter", low=float(low), high=float(high))

@@ -1,0 +1,293 @@
+"""docs/fmu.md: the FMUs are valid, have the bits of the package, save their state, and name what is wrong."""
+
+from __future__ import annotations
+
+import math
+import re
+import shutil
+import subprocess
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import fmpy
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from fmpy.fmi2 import FMU2Slave, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE
+from fmpy.validation import validate_fmu
+
+from truestroke import AdaptiveController, CompilerError, SettingError, cli, export_fmu, trajectories
+from truestroke._plant import Plant
+from truestroke.base import declared
+from truestroke.plant import PlantSettings, RealisticPlant
+from truestroke.plant.settings import PLANT_SETTINGS
+
+SIZES: dict[str, Any] = {"sample_rate": 2000.0, "stroke": 30.0, "voltage_limits": (-0.6, 3.6)}
+QUIET = PlantSettings().without("noise")
+TICK = 1 / 2000.0
+
+
+@pytest.fixture(scope="module")
+def exported(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Path]]:
+    folder = tmp_path_factory.mktemp("fmu")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("CC", "cc -O1")  # compiles in a third of the time
+        yield {
+            "controller": export_fmu(AdaptiveController(**SIZES), folder / "controller.fmu"),
+            "plant": export_fmu(QUIET, folder / "stack.fmu"),
+        }
+
+
+class Unit:
+    """An instance by the names of its variables, and what it says of errors."""
+
+    def __init__(self, file: Path, folder: Path, **parameters: float) -> None:
+        described = fmpy.read_model_description(str(file))
+        shutil.rmtree(folder, ignore_errors=True)
+        fmpy.extract(str(file), str(folder))
+        self.said: list[str] = []
+        self._logger = fmi2CallbackLoggerTYPE(self._log)
+        calls = fmi2CallbackFunctions()
+        calls.logger = self._logger
+        calls.allocateMemory = fmpy.fmi2.fmi2CallbackAllocateMemoryTYPE(fmpy.calloc)
+        calls.freeMemory = fmpy.fmi2.fmi2CallbackFreeMemoryTYPE(fmpy.free)
+        self._calls = calls
+        self.variables = {v.name: v for v in described.modelVariables}
+        model = described.coSimulation.modelIdentifier
+        self.unit = FMU2Slave(
+            guid=described.guid, unzipDirectory=str(folder), modelIdentifier=model, instanceName="one"
+        )
+        self.unit.instantiate(callbacks=calls)
+        self.unit.setupExperiment(startTime=0.0)
+        self.unit.enterInitializationMode()
+        self.set(**parameters)
+        self.ticks = 0
+
+    def _log(self, _: Any, name: bytes, status: int, category: bytes, message: bytes, *rest: Any) -> None:
+        self.said.append(message.decode())
+
+    def begin(self) -> Unit:
+        self.unit.exitInitializationMode()
+        return self
+
+    def set(self, **values: float) -> None:
+        for name, value in values.items():
+            v = self.variables[name]
+            getattr(self.unit, f"set{v.type}")([v.valueReference], [value if v.type == "Real" else int(value)])
+
+    def get(self, name: str) -> float:
+        v = self.variables[name]
+        return float(getattr(self.unit, f"get{v.type}")([v.valueReference])[0])
+
+    def step(self, ticks: int = 1) -> None:
+        self.unit.doStep(self.ticks * TICK, ticks * TICK)
+        self.ticks += ticks
+
+
+def test_they_are_valid(exported: dict[str, Path]) -> None:
+    for file in exported.values():
+        assert validate_fmu(str(file)) == []
+        description = fmpy.read_model_description(str(file))
+        assert description.coSimulation.canGetAndSetFMUstate
+        assert {u.name for u in description.unitDefinitions} >= {"um", "V"}
+
+
+def test_a_loop_of_both_has_the_bits_of_the_package(exported: dict[str, Path], tmp_path: Path) -> None:
+    law = Unit(exported["controller"], tmp_path / "c", acceleration=1).begin()
+    stack = Unit(exported["plant"], tmp_path / "p").begin()
+    controller, plant = AdaptiveController(**SIZES), RealisticPlant(QUIET)
+    plant.open()
+    wave = trajectories.random_wave(duration=0.5)
+    for z_d, zdot_d, zddot_d in zip(wave.position, wave.velocity, wave.acceleration, strict=True):
+        law.set(z_d=z_d, zdot_d=zdot_d, zddot_d=zddot_d)
+        law.step()
+        stack.set(volts=law.get("volts"))
+        stack.step()
+        law.set(z=stack.get("measured"))
+        volts = controller.command(z_d, zdot_d, zddot_d)
+        z = plant.exchange(np.array([volts]))[0]
+        assert (law.get("volts"), stack.get("measured")) == (volts, z)
+        controller.adapt(z)
+    assert abs(stack.get("truth") - z_d) < 0.1
+
+
+def numbers(seed: int, count: int) -> list[float]:
+    """The generator of the FMU's noise, from the papers that c/fmi/unit_plant.c names."""
+    state, found = seed, []
+
+    def uniform() -> float:
+        nonlocal state
+        state = (state + 0x9E3779B97F4A7C15) % 2**64
+        x = ((state ^ (state >> 30)) * 0xBF58476D1CE4E5B9) % 2**64
+        x = ((x ^ (x >> 27)) * 0x94D049BB133111EB) % 2**64
+        return (((x ^ (x >> 31)) >> 11) + 1) / 2**53
+
+    for _ in range(count):
+        size = math.sqrt(-2 * math.log(uniform()))
+        found.append(size * math.cos(6.283185307179586 * uniform()))
+    return found
+
+
+def test_parameters_and_noise_of_the_stack(exported: dict[str, Path], tmp_path: Path) -> None:
+    chosen = {"hysteresis": 0.2, "creep": 0.03, "resonance": 400.0, "noise": 0.1, "drift": 0.0, "ad_step": 0.0}
+    settings = PlantSettings(**chosen)
+    plant = Plant(declared.kernel_values(settings, PLANT_SETTINGS))
+    volts = 1.5 + np.sin(np.arange(200.0))
+    measured, truth = np.empty(200), np.empty(200)
+    plant.run(volts, np.array(numbers(7, 1000)), measured, truth)
+    stack = Unit(exported["plant"], tmp_path / "p", seed=7, **chosen).begin()
+    for k in range(0, 200, 4):
+        stack.set(volts=volts[k])
+        stack.step()
+        assert (stack.get("measured"), stack.get("truth")) == (measured[k], truth[k])
+        for i in range(k + 1, k + 4):
+            stack.set(volts=volts[i])
+            stack.step()
+    assert 0.03 < np.std(measured - truth) < 0.06  # 0.1 um / sqrt(5)
+
+
+def test_a_long_step_is_as_many_ticks(exported: dict[str, Path], tmp_path: Path) -> None:
+    one = Unit(exported["plant"], tmp_path / "p").begin()
+    ends = []
+    for ticks in (1, 1, 1, 3):
+        one.set(volts=2.0)
+        one.step(ticks)
+        ends.append(one.get("measured"))
+    plant = RealisticPlant(QUIET)
+    plant.open()
+    assert ends == plant.exchange(np.full(6, 2.0))[[0, 1, 2, 5]].tolist()
+
+
+def test_a_saved_state_goes_on_with_the_same_bits(exported: dict[str, Path], tmp_path: Path) -> None:
+    one = Unit(exported["controller"], tmp_path / "one").begin()
+    other = Unit(exported["controller"], tmp_path / "other").begin()
+
+    def run(unit: Unit, ticks: range) -> list[float]:
+        volts = []
+        for k in ticks:
+            z = 11 * unit.get("volts") + 0.1 * math.sin(k)
+            unit.set(z_d=10 + 5 * math.sin(k / 20), zdot_d=500 * math.cos(k / 20), z=z)
+            unit.step()
+            volts.append(unit.get("volts"))
+        return volts
+
+    run(one, range(300))
+    other.set(z=1.0)  # inputs are part of the state
+    kept = one.unit.getFMUState()
+    bytes_ = one.unit.serializeFMUstate(kept)
+    expected = run(one, range(300, 400))
+    one.unit.setFMUState(kept)
+    one.ticks = other.ticks = 300
+    assert run(one, range(300, 400)) == expected
+    one.unit.freeFMUState(kept)
+    other.unit.setFMUState(other.unit.deSerializeFMUstate(bytes_))
+    one.unit.freeInstance()  # nothing of it may be needed any more
+    assert run(other, range(300, 400)) == expected
+    assert len(set(expected)) > 90
+
+
+@pytest.mark.parametrize(
+    ("kind", "parameters", "words"),
+    [
+        ("plant", {"damping": 1.5}, "damping = 1.5: must be from 0 to 0.99"),
+        ("plant", {"noise": math.nan}, "noise = nan um: must be from 0 to 1000"),
+        ("controller", {"voltage_min": 9.0}, "voltage_limits or slew_limit: out of range, or not in order"),
+        ("controller", {"late": 1024}, "late = 1024: must be from 0 to 1023"),
+        ("plant", {"truth": 1.0}, "truth is an output: it cannot be set"),
+    ],
+)
+def test_bad_parameters_are_named(
+    kind: str, parameters: dict[str, float], words: str, exported: dict[str, Path], tmp_path: Path
+) -> None:
+    unit = Unit(exported[kind], tmp_path / "u")
+
+    def begin() -> None:
+        unit.set(**parameters)
+        unit.begin()
+
+    with pytest.raises(fmpy.fmi1.FMICallException):
+        begin()
+    assert unit.said == [words]
+
+
+def test_bad_steps_are_named(exported: dict[str, Path], tmp_path: Path) -> None:
+    unit = Unit(exported["controller"], tmp_path / "u", slew_limit=100.0)
+    with pytest.raises(fmpy.fmi1.FMICallException):
+        unit.step()
+    unit.begin()
+    for now, step in ((0.0, 0.0007), (0.0, 0.0), (0.1, TICK)):
+        with pytest.raises(fmpy.fmi1.FMICallException):
+            unit.unit.doStep(now, step)
+    unit.set(z_d=10.0)
+    unit.step()
+    volts = unit.get("volts")
+    assert volts == pytest.approx(100.0 * TICK, rel=1e-12)  # the slew limit
+    unit.set(z_d=math.inf)
+    with pytest.raises(fmpy.fmi1.FMICallException):
+        unit.step()
+    assert unit.get("volts") == volts
+    with pytest.raises(fmpy.fmi1.FMICallException):
+        unit.set(slew_limit=1.0)
+    assert [said.partition(" s:")[0] for said in unit.said[1:4]] == [
+        "step = 0.00069999999999999999",
+        "step = 0",
+        "time = 0.10000000000000001",
+    ]
+    assert "must be a multiple of the tick, 0.0005" in unit.said[1]
+    assert (unit.said[0][:6], *unit.said[4:]) == (
+        "a step",
+        "z_d: must be finite",
+        "slew_limit is set before the first step only",
+    )
+
+
+def test_the_source_stands_alone(exported: dict[str, Path], tmp_path: Path) -> None:
+    for kind, file in exported.items():
+        folder = tmp_path / kind
+        fmpy.extract(str(file), str(folder))
+        named = re.findall(r'<File name="(.*?)"/>', (folder / "modelDescription.xml").read_text())
+        sources = [str(folder / "sources" / name) for name in named]
+        assert {Path(name).name for name in sources} == {path.name for path in (folder / "sources").glob("*.c")}
+        strict = ["-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Werror", f"-DFMI2_FUNCTION_PREFIX=truestroke_{kind}_"]
+        done = subprocess.run(["cc", "-fsyntax-only", *strict, *sources], capture_output=True, text=True, check=False)
+        assert done.stderr == ""
+
+
+def test_what_cannot_be_exported_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(SettingError, match="double: the variables of FMI are in double precision"):
+        export_fmu(AdaptiveController(**SIZES, precision="single"), tmp_path / "c.fmu")
+    with pytest.raises(SettingError, match=r"a name that ends with \.fmu"):
+        export_fmu(QUIET, tmp_path / "stack.zip")
+    monkeypatch.setenv("CC", "no-such-compiler")
+    with pytest.raises(CompilerError, match="no C compiler no-such-compiler on this computer"):
+        export_fmu(QUIET, tmp_path / "stack.fmu")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+    def call(*arguments: str) -> tuple[int, str]:
+        done = CliRunner().invoke(cli.main, ["export", "fmu", *arguments])
+        return done.exit_code, done.output
+
+    sizes = ("--sample-rate", "2000", "--stroke", "30", "--voltage-limits", "-0.6", "3.6")
+    assert call(*sizes, "--source", "--output", "c.fmu")[0] == 0
+    first = Path("c.fmu").read_bytes()
+    assert call(*sizes, "--source", "--output", "c.fmu")[0] == 0  # one of ours
+    assert Path("c.fmu").read_bytes() == first
+    assert call("--stack", "--source", "--output", "p.fmu")[0] == 0
+    with zipfile.ZipFile("p.fmu") as archive:
+        assert not [name for name in archive.namelist() if name.startswith("binaries")]
+    for arguments, words in (
+        (("--stack", "--stroke", "3"), "--stroke is one of a controller"),
+        (("--history", "20", *sizes), "--history is one of `export c`"),
+        (("--ticks", "200", *sizes), "--ticks is one of `export c`"),
+    ):
+        code, printed = call(*arguments, "--output", "d.fmu")
+        assert (code, words in printed) == (2, True), printed
+    Path("mine.fmu").write_text("mine")
+    assert call("--stack", "--source", "--output", "mine.fmu")[0] == 1
+    assert Path("mine.fmu").read_text() == "mine"
