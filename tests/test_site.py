@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import json
 import os
 import re
@@ -103,6 +104,13 @@ def test_an_equation_is_mathml_without_its_number() -> None:
     assert "7" not in shown
 
 
+def test_lines_of_an_equation_are_lines() -> None:
+    shown = mathml.mathml(r"\begin{aligned} a &= b \\ c &= d \end{aligned}", "block")
+    assert shown.count("<mtr>") == 2
+    assert "\N{MATHEMATICAL BOLD CAPITAL P}" in html.unescape(mathml.mathml(r"\mathbf P u", "inline"))
+    assert "x00026" not in shown
+
+
 # ---- In a browser --------------------------------------------------------------------------------------------------
 
 
@@ -191,6 +199,7 @@ def test_a_sound_site_passes(site: Path) -> None:
         ("genindex.html", "Notch", "Gap", "has no 'notch'"),
         ("theory.html", 'id="equation-7"', "", "no equation (7)"),
         ("theory.html", "<math >", "$$", "no equation (1)"),
+        ("theory.html", "<math >", "<math ><mi>&amp;</mi>", "not understood"),
     ],
 )
 def test_a_mistake_in_the_site_is_found(site: Path, file: str, old: str, new: str, message: str) -> None:

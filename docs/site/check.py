@@ -102,6 +102,9 @@ def wrong_equations(folder: Path) -> Iterator[str]:
     for number in EQUATIONS:
         if not re.search(rf'id="equation-{number}"[^>]*><math ', text):
             yield f"theory.html has no equation ({number})"
+    for formula in re.findall(r"<math .*?</math>", text, flags=re.DOTALL):
+        if re.search(r"<m\w+>(?:&amp;|&#x00026;|\\)", formula):
+            yield f"theory.html has a formula that was not understood: {formula[:200]}"
 
 
 def wrong(folder: Path) -> list[str]:

@@ -15,14 +15,16 @@ from sphinx.application import Sphinx
 from sphinx.writers.html5 import HTML5Translator
 
 FONT = importlib.metadata.distribution("ziamath").locate_file("ziamath/fonts/STIXTwoMath-Regular.ttf")
-LETTERS = ((0x20, 0x7E), (0xA0, 0xFF), (0x300, 0x338), (0x391, 0x3F5), (0x1D434, 0x1D467), (0x1D6A4, 0x1D71B))
+LETTERS = ((0x20, 0x7E), (0xA0, 0xFF), (0x300, 0x338), (0x391, 0x3F5), (0x1D400, 0x1D467), (0x1D6A4, 0x1D71B))
 SIGNS = ((0x2C6, 0x2DD), (0x2010, 0x2063), (0x20D0, 0x20EF), (0x2190, 0x21D4), (0x2200, 0x22EF), (0x2308, 0x230B))
 NUMBER = re.compile(r"\\tag\{(\w+)\}")
 
 
 def mathml(latex: str, display: str) -> str:
     """The formula as a `math` element; the number of its tag is not in it but beside it on the page."""
-    return str(convert(NUMBER.sub("", latex).strip(), display=display))
+    latex = re.sub(r"(begin|end)\{aligned\}", r"\1{align*}", NUMBER.sub("", latex))  # the converter knows the latter,
+    latex = re.sub(r"\\mathbf (\w)", r"\\mathbf{\1}", latex)  # and bold letters with braces
+    return str(convert(latex.strip(), display=display))
 
 
 def visit_inline(self: HTML5Translator, node: nodes.math) -> None:
@@ -59,9 +61,9 @@ def style_sheet() -> str:
 
 
 def write_style_sheet(app: Sphinx) -> None:
-    """Beside the other style sheets, once."""
+    """Beside the other style sheets."""
     file = Path(app.outdir, "_static", "math.css")
-    if app.builder.format == "html" and not file.exists():
+    if app.builder.format == "html":
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_text(style_sheet())
 
