@@ -313,3 +313,21 @@ def test_what_comes_behind_the_image_does_not_change_it(kind) -> None:
     assert len(long.x) - len(short.x) == 500
     assert np.array_equal(short.lines, long.lines)
     assert np.array_equal(short.y.position, long.y.position[: len(short.y)])
+
+
+@pytest.mark.parametrize("kind", ["spiral", "lissajous", "cycloid"])
+def test_an_image_has_as_many_pixels_as_its_samples_fill(kind) -> None:
+    """All that is within the curve has a value, at slow and at fast rates; many more pixels would have gaps."""
+    usual = {"spiral": {"turns": 40, "rotation": 20.0}, "lissajous": {"lobes": 40}, "cycloid": {"pitch": 1.0}}
+    for rate in (2000.0, 20_000.0):
+        scan = getattr(scans, kind)(**usual[kind], sample_rate=rate)
+        x, y = (axis.position[scan.inside] for axis in scan.axes)
+        columns = scans.pixels_of(scan, 4096)
+        assert columns >= 20
+        image = scans.gridded(x, y, x, origin=scan.origin, size=scan.size, shape=(columns, columns))
+        u = (np.arange(columns) + 0.5) / columns - 0.5
+        inside = np.hypot(*np.meshgrid(u, u)) < 0.47 if kind == "spiral" else np.abs(u) < 0.47
+        kept = image.data[inside] if kind == "spiral" else image.data[np.ix_(inside, inside)]
+        assert np.mean(np.isfinite(kept)) > 0.99
+        finer = scans.gridded(x, y, x, origin=scan.origin, size=scan.size, shape=(6 * columns, 6 * columns))
+        assert np.mean(np.isfinite(finer.data)) < 0.95

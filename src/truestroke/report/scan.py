@@ -31,7 +31,8 @@ def rows(found: Recorded) -> list[list[str]]:
     """What was found, in words."""
     shown = next(iter(found.images.values()))
     x, y = (units.length(one) if one else "within the noise" for one in found.rms_um())
-    made = [["rows", f"{found.rows[0]} of {found.rows[1]}"], ["pixel", " x ".join(map(units.length, shown.pixel))]]
+    lines = {"raster": "rows", "spiral": "turns"}.get(found.scan.name, "lines")
+    made = [[lines, f"{found.rows[0]} of {found.rows[1]}"], ["pixel", " x ".join(map(units.length, shown.pixel))]]
     made.append(["error of x, y", f"{x}, {y} rms"])
     if found.distortion is not None:
         made.append(["trace and retrace apart, by the sensors", f"{found.distortion.trace_retrace:.2f} pixels"])

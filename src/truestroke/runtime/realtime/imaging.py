@@ -30,7 +30,7 @@ class ScanTable:
     signal : str or None
         Signal of the driver that is the image; by default its only one.
     columns : int
-        Pixels of a row, at most as many as there are ticks in a line.
+        Pixels of a row, at most as many as the ticks can fill (`scans.pixels_of`).
     """
 
     kind: Literal["raster", "spiral", "lissajous", "cycloid"] = "raster"
@@ -84,9 +84,7 @@ def imaging(given: Mapping[str, Any], names: Sequence[str], driver: Driver, rate
     made: Scan = toml.decode(SCANS[table.kind], usual | rest, also=("kind",))
     if made.sample_rate != rate:
         raise SettingError("sample_rate", made.sample_rate, f"{rate:g} Hz, that of the driver, or left out", "Hz")
-    columns = checks.count("columns", table.columns, 2, 10**5)
-    if table.kind == "raster":
-        columns = scans.pixels_of(made, columns)
+    columns = scans.pixels_of(made, checks.count("columns", table.columns, 2, 10**5))
     return Imaging(scan=made, axes=(moving[0], moving[1]), signal=_signal(table.signal, driver), columns=columns)
 
 

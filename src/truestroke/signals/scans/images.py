@@ -18,6 +18,7 @@ from truestroke.signals.scans.scan import Scan
 
 ALONG = {"raster"}  # scans whose lines are rows of an image
 UPSAMPLED = 200  # parts of a pixel: resolution of the shift between two images
+UNEVEN = 2.0  # times their mean distance: that of lines where they are furthest apart
 MARGIN = 2  # samples beside a line that its interpolation may use
 
 
@@ -117,15 +118,24 @@ def at_pixels(scan: Scan, signal: npt.ArrayLike, columns: int) -> FloatArray:
 
 
 def pixels_of(scan: Scan, columns: int) -> int:
-    """Samples in the shortest line, of at most `columns`: more pixels than that would be interpolated.
+    """Pixels of a row that the samples of a scan can fill, at most `columns`.
+
+    Of a raster the samples of its shortest line: more pixels would be interpolated. Of any other scan as many as leave
+    no gaps: two for the distance of neighbouring samples or of neighbouring lines, whichever is larger.
 
     Examples
     --------
     >>> from truestroke import scans
     >>> pixels_of(scans.raster(lines=4, rate=40.0, sample_rate=10_000.0), 512)
     100
+    >>> pixels_of(scans.spiral(diameter=6.0, turns=40, rotation=20.0, sample_rate=2000.0), 512)
+    62
     """
-    return int(min(columns, np.min(scan.lines["last"] - scan.lines["first"] + 1)))
+    if scan.name in ALONG:
+        return int(min(columns, np.min(scan.lines["last"] - scan.lines["first"] + 1)))
+    steps = np.hypot(*(np.diff(axis.position) for axis in scan.axes))[scan.inside[1:]]
+    between = UNEVEN * scan.size[0] * scan.size[1] / steps.sum()  # lines: area over length
+    return int(np.clip(2 * max(scan.size) / max(between, np.percentile(steps, 95.0)), 1, columns))
 
 
 def images(
