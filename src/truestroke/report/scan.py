@@ -108,11 +108,12 @@ def _lines(found: Recorded, theme: Theme) -> Figure:
 
 
 def _errors(found: Recorded, theme: Theme) -> Figure:
-    figure, (panel,) = style.panels(2.8)
+    figure, panels = style.panels(2.8, 1, 2, sharey=True)
     step = max(1, len(found.error) // POINTS)
     time = found.scan.time[::step]
-    for column, (name, colour) in enumerate((("x", "alarm"), ("y", "true"))):
-        panel.plot(time, 1e3 * found.error[::step, column], color=theme[colour], lw=0.6, label=name)
-    panel.set(xlabel="time (s)", ylabel="error (nm)")
-    panel.legend(loc="best", handlelength=1.2)
+    for panel, error, name in zip(panels, found.error[::step].T, "xy", strict=True):
+        panel.plot(time, 1e3 * error, color=theme["true"], lw=0.6)
+        panel.set_title(f"error of {name}")
+        panel.set(xlabel="time (s)")
+    panels[0].set(ylabel="error (nm)")
     return figure

@@ -128,7 +128,7 @@ def panels(
     """A figure of the standard width, `height` in inches, and its panels in reading order.
 
     With `edges`, as `subplots_adjust` has them, the panels stand there: to find their places takes matplotlib as long
-    as to draw them.
+    as all the rest.
     """
     figure = Figure(figsize=(WIDTH, height), layout=None if edges else ConstrainedLayoutEngine(h_pad=0.07, w_pad=0.06))
     if edges:
