@@ -2,6 +2,7 @@
 
 python -m benchmarks.foreign_rivals                            all records, some minutes on two idle cores
 python -m benchmarks.foreign_rivals --records duhem --seed 1   those whose description has the word
+python -m benchmarks.foreign_rivals --unseen                   of other actuators
 python -m benchmarks.foreign_rivals --skip NARX                without one of them
 
 Each is fitted to the first 60 % and predicts the rest from the voltage alone. What it can choose it chooses inside the
@@ -20,7 +21,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from benchmarks import foreign_records
+from benchmarks import foreign_records, unseen_records
 
 from truestroke.identification import Identified, Record, identify
 from truestroke.model.operators import play_history
@@ -360,17 +361,20 @@ def compared(record: Record, rivals: Iterable[str] = tuple(RIVALS)) -> Compared:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--records", default="", help="only those whose description has this word")
+    parser.add_argument("--unseen", action="store_true", help="the records of unseen_records.py in their place")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--skip", nargs="*", default=[], choices=RIVALS, help="leave these out")
     asked = parser.parse_args()
     names = [name for name in RIVALS if name not in asked.skip and installed(name)]
-    print("| record |", " | ".join(names), "| `identify` | over the best |")
-    print("|---" * (len(names) + 3) + "|")
-    for record in foreign_records.records(asked.seed):
+    of = unseen_records if asked.unseen else foreign_records
+    print("| record |", " | ".join(names), "| `identify` | over the best | verdict |")
+    print("|---" * (len(names) + 4) + "|")
+    for record in of.records(asked.seed):
         if asked.records.lower() in record.source.lower():
             row = compared(record, names)
             values = [f"{row.errors[name]:.2f}" for name in names]
-            print(f"| {row.source} |", " | ".join(values), f"| {row.identified:.2f} | {row.ratio:.2f} |", flush=True)
+            own = f"{row.identified:.2f} | {row.ratio:.2f} | {row.found.verdict.level}"
+            print(f"| {row.source} |", " | ".join(values), f"| {own} |", flush=True)
 
 
 if __name__ == "__main__":
