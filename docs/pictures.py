@@ -1,4 +1,4 @@
-"""Make the pictures of adaptation, from-model and identify from the blocks of those pages (a minute)."""
+"""Make the pictures of adaptation, from-model, learn and identify from the blocks of those pages (a minute)."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -199,10 +200,30 @@ def passes(runs: Runs, theme: Theme) -> Figure:
     return figure
 
 
+def online(runs: Runs, theme: Theme) -> Figure:
+    """True error of each period of a run, with a correction and without, and the batches of it."""
+    figure, (axes,) = style.panels(3.4)
+    both = (("alone", "controller alone", theme.series[1]), ("recording", "with the correction", theme["true"]))
+    for name, words, colour in both:
+        recording = runs[name]
+        error = np.where(recording["flat"] > 0, recording["true"] - recording["desired"], np.nan).reshape(-1, 200)
+        middle = recording["time"].reshape(-1, 200).mean(axis=1)
+        axes.semilogy(middle[1:], 1000 * np.nanstd(error[1:], axis=1), color=colour, lw=1.2, label=words)
+    for i, batch in enumerate(runs["controller"].batches):
+        words = "" if i else "a batch ends"
+        axes.axvline(batch.tick / 10_000.0, color=theme["muted"], lw=0.7, ls=(0, (1, 2)), label=words)
+    axes.set(xlabel="time (s)", ylabel="true rmse of a period (nm)", yticks=(2, 5, 10, 20, 40))
+    axes.yaxis.set_major_formatter("{x:g}")
+    axes.yaxis.set_minor_formatter("")
+    axes.legend(fontsize=8)
+    return figure
+
+
 SENSOR_NOISE = 13.4  # nm a sample, of the simulated stage
 PICTURES: dict[str, tuple[Callable[[Runs, Theme], Figure], ...]] = {
     "adaptation": (cold, change, sensor, stopped, limits, trim),
     "from-model": (passes,),
+    "learn": (online,),
 }
 
 

@@ -26,14 +26,16 @@ import numpy as np
 import numpy.typing as npt
 
 from truestroke.base.typing import ComplexArray, FloatArray
+from truestroke.control.response_prior import Prior
 
 BoolArray = npt.NDArray[np.bool_]
 Spectra = tuple[ComplexArray, ComplexArray, FloatArray]
 """Of a pass, as `numpy.fft.rfft` has them: U, Z, um, and the variance of the latter."""
 
-UNSURE = 25.0  # variance of R at most: its sign is not known then
 CROSSED, POWER = 0.1, 1.5  # hysteresis: a tenth of the change of all harmonics reaches the first, / h^1.5 harmonic h
 NEIGHBOUR, REACH = 0.2, 64  # hysteresis: so much of the change of a harmonic reaches each one beside it, / the distance
+TAMED = 0.25  # of what a change may harm elsewhere counts, as the next pass corrects it; of the first one, FIRST
+FIRST = 2.0
 KEPT = 0.8  # of what older passes say of R: it may not hold any more
 SURE = 0.1  # relative variance of R below which a harmonic shows a change of the stage
 LITTLE = 1e-12  # of the power of the motion: of rounding
@@ -74,8 +76,8 @@ class HarmonicLaw:
         D, `numpy.fft.rfft` of one repetition of what the sensor should show, um.
     response : ndarray of complex
         G at these harmonics, um per unit of U.
-    variance : ndarray
-        Of R at the beginning.
+    prior : Prior
+        What is known of R at the beginning.
     learned : ndarray of bool
         Which harmonics are learned.
     samples, periods : int
@@ -96,7 +98,7 @@ class HarmonicLaw:
         self,
         desired: ComplexArray,
         response: ComplexArray,
-        variance: FloatArray,
+        prior: Prior,
         learned: BoolArray,
         *,
         samples: int,
@@ -107,14 +109,13 @@ class HarmonicLaw:
         self.desired, self.response, self.samples, self.periods = desired, response, samples, periods
         self.learned = learned
         self._moving = learned & (np.arange(learned.size) > 0)
-        self._prior = 1 / variance
-        self._weighted: ComplexArray = self._prior.astype(np.complex128)
-        self._information = self._prior
-        self.ratio: ComplexArray = np.ones_like(response)
+        self._prior = prior
+        self._shown: tuple[ComplexArray, FloatArray] = np.zeros_like(response), np.zeros(response.size)
+        self.know()
         self._last: Spectra | None = None
         self._base: tuple[float, ComplexArray, ComplexArray, FloatArray] | None = None
         self._step, self._worse, self._changed = 1.0, False, False
-        self.scaled = 1.0
+        self.scaled, self._caution = 1.0, FIRST
 
     def remember(self, other: HarmonicLaw, then: FloatArray, now: FloatArray) -> None:
         """G, and R as far as it is known, of another law; their harmonics are at these frequencies then and now."""
@@ -123,11 +124,17 @@ class HarmonicLaw:
             return np.asarray(np.interp(now, then, x))
 
         self.scale(other.scaled)
-        learned = np.maximum(between(other._information - other._prior), 0.0)
+        information = KEPT * between(other._shown[1])
         ratio = between(other.ratio.real) + 1j * between(other.ratio.imag)
-        self._information = self._prior + KEPT * learned
-        self._weighted = np.asarray(self._prior + KEPT * learned * ratio, dtype=np.complex128)
-        self.ratio = np.asarray(self._weighted / self._information, dtype=np.complex128)
+        self._shown = np.asarray(information * ratio, dtype=np.complex128), information
+        self.know()
+
+    def know(self) -> None:
+        """R and its variance, a step nearer to what the passes make of what is known without them."""
+        weighted, information = self._shown
+        mean, variance = self._prior.given(weighted, information)
+        self._information = 1 / variance + information
+        self.ratio: ComplexArray = np.asarray((mean / variance + weighted) / self._information, dtype=np.complex128)
 
     @property
     def fresh(self) -> bool:
@@ -188,19 +195,23 @@ class HarmonicLaw:
         sure = self._moving & (np.abs(self.ratio) ** 2 * SURE * self._information > 1)
         other = np.sqrt(np.sum(np.abs(y - expected)[sure] ** 2))
         known = np.sqrt(np.sum(np.abs(expected)[sure] ** 2))
-        if other > CHANGED * known + 5 * np.sqrt(np.sum((noise + another)[sure]) + least):
-            return True
         crossed = self._crossed(x)
+        hidden = np.sum((noise + another + (crossed if self._near else 0.0))[sure]) + least
+        if other > CHANGED * known + 5 * np.sqrt(hidden):
+            return True
         scatter = noise + another + crossed + least
-        prior = self._prior
-        self._weighted = prior + KEPT * (self._weighted - prior) + np.conj(x) * y / scatter
-        self._information = prior + KEPT * (self._information - prior) + np.abs(x) ** 2 / scatter
-        self.ratio = np.asarray(self._weighted / self._information, dtype=np.complex128)
+        weighted, information = self._shown
+        self._shown = (
+            np.asarray(KEPT * weighted + np.conj(x) * y / scatter, dtype=np.complex128),
+            KEPT * information + np.abs(x) ** 2 / scatter,
+        )
+        self.know()
         return False
 
     def _tamed(self, change: ComplexArray, power: FloatArray, step: FloatArray, variance: FloatArray) -> ComplexArray:
         """The change of U, by so much smaller that what it should win is no less than what it makes elsewhere."""
-        made = self._crossed(self.response * self.ratio * change)
+        made = self._caution * self._crossed(self.response * self.ratio * change)
+        self._caution = TAMED
         won = float(np.sum((power * step)[self._moving]))
         lost = float(np.sum((power * step**2 * (1 + variance) + made)[self._moving]))
         return change * min(1.0, won / max(lost, 1e-300))

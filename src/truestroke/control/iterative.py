@@ -18,17 +18,14 @@ from truestroke.base.display import Displayed, Rows, quantity
 from truestroke.base.typing import ComplexArray, FloatArray
 from truestroke.base.verdict import Verdict
 from truestroke.control.actuator import ActuatorModel
-from truestroke.control.harmonics import UNSURE, BoolArray, HarmonicLaw, nearest
+from truestroke.control.harmonics import BoolArray, HarmonicLaw, nearest
+from truestroke.control.response_prior import DAMPING, FREQUENCY, GAIN, LATE, UNSURE, Independent
 from truestroke.control.settings import UNLIMITED
 from truestroke.model.dynamics import Dynamics
 from truestroke.signals.trajectories import Trajectory
 
 BAND = 2.4  # times the first resonance: harmonics up to there are learned
 SEEN = 0.45  # of the sample rate: none beyond it is
-GAIN = 0.15  # relative standard deviation of the gain, at any frequency: hysteresis
-DAMPING = 0.3  # the same of a damping that was measured, beside its own deviation
-FREQUENCY = 0.02  # the same of a resonance: it moves with load and temperature
-LATE = 0.7  # ticks: standard deviation of the dead time
 WHOLE = 1e-6  # of a sample: a period this near to whole samples has as many
 REPETITIONS = 200  # periods of the motion at most, until they take whole samples
 PERIODIC = 1e-6  # of the peak-to-peak: how well a motion has to repeat
@@ -173,7 +170,9 @@ class IterativeLearning(Displayed):
         self.desired = nearest(wave, counts, self._learned)
         G, sensor, self._variance = response_of(dynamics, self._frequency, self.sample_rate, self.gain)
         D = sensor * np.fft.rfft(self.desired)
-        self._law = HarmonicLaw(D, G, self._variance, self._learned, samples=self.samples, periods=self.periods)
+        self._law = HarmonicLaw(
+            D, G, Independent(self._variance), self._learned, samples=self.samples, periods=self.periods
+        )
         self._best = math.nan, np.empty(0)
         self._number = 0
         self.volts, self._limited = self._first(model)

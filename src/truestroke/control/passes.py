@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from truestroke.base.typing import ComplexArray, FloatArray
-from truestroke.control import harmonics, iterative
+from truestroke.control import harmonics, iterative, response_prior
 from truestroke.model.dynamics import Dynamics
 
 APART = 1.2  # times the samples of a pass, at least: time for the way back to its first sample
@@ -122,7 +122,7 @@ def _variance(dynamics: Dynamics | None, f: FloatArray, sample_rate: float) -> F
     known = iterative.response_of(dynamics, f, sample_rate, 1.0)[2]
     if dynamics is not None:
         return known
-    return np.asarray(np.minimum(known + (f / (UNKNOWN * sample_rate)) ** 4, harmonics.UNSURE))
+    return np.asarray(np.minimum(known + (f / (UNKNOWN * sample_rate)) ** 4, response_prior.UNSURE))
 
 
 def _ratio(

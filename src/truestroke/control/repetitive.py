@@ -26,8 +26,9 @@ from truestroke.base.flags import BIT, BY_ADAPT, Flags
 from truestroke.base.typing import ComplexArray, FloatArray
 from truestroke.control import iterative
 from truestroke.control.controller import Controller
-from truestroke.control.harmonics import UNSURE, BoolArray, HarmonicLaw, Nearest
+from truestroke.control.harmonics import BoolArray, HarmonicLaw, Nearest
 from truestroke.control.repetition import Periods, Repetition
+from truestroke.control.response_prior import APART, UNSURE, FewNumbers
 from truestroke.control.settings import UNLIMITED
 from truestroke.model.dynamics import Dynamics, Mode
 
@@ -44,6 +45,7 @@ LEARNED = 0.8  # times the error: while it falls below from batch to batch, the 
 PATIENCE = 6  # batches, at most
 ALIKE = 0.02  # of the rms of a motion: another one within it is the same, but for amplitude, offset and phase
 CARRIED = 3.0  # times: how much more a correction may become where the period changes
+ROUNDS = 5  # steps, a tick each, in which what a batch shows of the response is understood
 KEPT = 1000  # batches in `batches`
 
 
@@ -378,14 +380,14 @@ class RepetitiveController(Displayed):
 
     # ---- Joining a repetition ----------------------------------------------------------------------------------------
 
-    def _responses(self, dynamics: Dynamics | None) -> tuple[ComplexArray, ComplexArray, FloatArray]:
-        """Those of `iterative.response_of` at the harmonics, with a gain of 1."""
+    def _responses(self, dynamics: Dynamics | None) -> tuple[ComplexArray, ComplexArray, FewNumbers]:
+        """G at the harmonics with a gain of 1, the sensor alone, and what is known of the ratio of the true G to it."""
         rate = self.sample_rate
         f = np.minimum(self._f, rate / 2)
-        G, sensor, variance = iterative.response_of(dynamics, f, rate, 1.0)
-        if dynamics is None:
-            variance = np.minimum(variance + (f / (UNKNOWN * rate)) ** 4, UNSURE)
-        return G, sensor, variance
+        G, sensor, _ = iterative.response_of(dynamics, f, rate, 1.0)
+        first = UNKNOWN * rate if dynamics is None else dynamics.modes[0].frequency
+        apart = np.maximum(APART, (1.0 if dynamics is None else APART) * (f / first) ** 2)
+        return G, sensor, FewNumbers(dynamics, f, rate, np.minimum(apart**2, UNSURE))
 
     def _join(self) -> None:
         """The motion repeats: what of it can be learned is looked for, step by step."""
@@ -411,14 +413,15 @@ class RepetitiveController(Displayed):
 
     def _begin_law(self) -> None:
         """With what was learned of the same motion before, if it was; else the controller inside goes on learning."""
-        G, sensor, variance = self._response
+        G, sensor, prior = self._response
         assert self._motion.shape is not None
         motion = np.fft.rfft(self._motion.shape.wave)
         law = HarmonicLaw(
-            sensor * np.fft.rfft(self._search.found), G, variance, self._learned, samples=self._motion.size, near=True
+            sensor * np.fft.rfft(self._search.found), G, prior, self._learned, samples=self._motion.size, near=True
         )
         carried = None if self._past is None else self._past.carried(motion, self._f, law)
         self._law, self._form = law, motion
+        self._rest_volts: ComplexArray | None = None
         self._error, self._listens = math.inf, 0 if carried is not None else PATIENCE
         if carried is None:
             self._past = None
@@ -449,27 +452,31 @@ class RepetitiveController(Displayed):
         """Of the periods of a batch: the controller inside goes on, or it rests and the correction is learned."""
         law, n = self._law, self._periods
         Z, self._noise2 = self._form + self._sum / n, self._scatter / (2 * n * (n - 1))
-        error = np.fft.irfft(Z - law.desired, self._motion.size)[self._where]
-        spread = float(np.std(error))
-        if self._listens > 0:
-            falls, self._error = spread < LEARNED * self._error, spread
-            self._listens = self._listens - 1 if falls else 0
-            self._rests = self._listens == 0
-            self._wait()
-            return
         added, inside = (np.fft.rfft(total / k) for total, k in zip(self._sums, self._outputs, strict=True))
-        if law.fresh:  # later ones differ by drift, and by what a wandering period does in the motion, too
-            self._rest_volts = inside
-        output = self._rest_volts + added
         if law.fresh and self._past is None:
-            gain = law.gain(output, Z)
+            gain = law.gain(inside + added, Z)
             if not gain > 0:
                 self._wait()
                 return
             law.scale(gain)
+        if self._rest_volts is None and self._listens == 0:  # later ones differ by drift and a wandering period
+            self._rest_volts = inside
+        self._output = (inside if self._rest_volts is None else self._rest_volts) + added, Z
+        self._todo.append(self._see)
+
+    def _see(self) -> None:
+        law, (output, Z) = self._law, self._output
         law.see(output, Z, self._noise2)
-        self._missing = error
-        self._todo.append(self._follow)
+        self._missing = np.fft.irfft(Z - law.desired, self._motion.size)[self._where]
+        self._todo.extend([law.know] * ROUNDS)
+        self._todo.append(self._listen if self._listens > 0 else self._follow)
+
+    def _listen(self) -> None:
+        """The controller inside learns; it rests as soon as its error does not fall any more."""
+        before, self._error = self._error, float(np.std(self._missing))
+        self._listens = self._listens - 1 if self._error < LEARNED * before else 0
+        self._rests = self._listens == 0
+        self._wait()
 
     def _follow(self) -> None:
         following = self._law.follow(float(np.std(self._missing)))
@@ -485,6 +492,7 @@ class RepetitiveController(Displayed):
             )
         )
         self._number += 1
+        assert self._rest_volts is not None
         v = np.where(self._learned, following.output, 0.0) - self._rest_volts
         self._past = _Past(self._form, v, self._f, self._law)
         self._become(np.fft.irfft(v, self._motion.size))
