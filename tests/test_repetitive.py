@@ -14,6 +14,7 @@ from truestroke import AdaptiveController, Dynamics, Mode, RepetitiveController,
 from truestroke.cli import main
 from truestroke.control.baselines import ConstantGain
 from truestroke.control.repetition import Periods, Repetition
+from truestroke.control.response_prior import FewNumbers
 from truestroke.plant import StagePlant, StageSettings
 from truestroke.runtime.realtime import config
 
@@ -219,6 +220,29 @@ def test_whatever_is_measured_the_voltage_is_within_its_limits_and_slew():
         controller.adapt(float(rng.choice([z_d, 3 * z_d, -z_d, np.nan, 1e12, z_d + 4 * rng.normal()])))
     assert controller.batches
     assert controller.limited > 0
+
+
+# ---- What is known of the response ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("f0", "damping", "late"), [(927.0, 0.015, 0.0), (873.0, 0.03, 1.0), (900.0, 0.02, -0.5)])
+def test_some_harmonics_show_what_the_others_do(f0, damping, late):
+    """Against the exact responses of the two stages, with the hold of each tick."""
+    rate, f = 10_000.0, np.arange(1, 21) * 100.0
+
+    def stage(frequency, zeta):
+        return Dynamics(sample_rate=rate, modes=(Mode(frequency=frequency, damping=zeta),))
+
+    known = stage(900.0, 0.02)
+    ratio = 1.1 * stage(f0, damping).response(f) / known.response(f) * np.exp(-2j * np.pi * f * late / rate)
+    prior = FewNumbers(known, f, rate, np.full(f.size, 0.01**2))
+    nothing = prior.given(np.zeros_like(ratio), np.zeros(f.size))[0]
+    assert np.allclose(nothing, 1.0)
+    information = np.where(np.isin(f, (300.0, 700.0, 800.0, 1000.0, 1700.0)), 1e6, 0.0)
+    for _ in range(12):
+        found, variance = prior.given(information * ratio, information)
+    assert np.abs(found / ratio - 1).max() < 0.02
+    assert variance.max() < 0.05
 
 
 # ---- The rest ------------------------------------------------------------------------------------------------------

@@ -14,6 +14,7 @@ from truestroke import (
     IterativeLearning,
     Mode,
     MultiAxisController,
+    RepetitiveController,
     trajectories,
 )
 from truestroke.plant import StagePlant, StageSettings
@@ -95,3 +96,25 @@ def learning(steps: int) -> list[Cost]:
 
 def _dynamics(frequency: float) -> Dynamics:
     return Dynamics(sample_rate=RATE, modes=(Mode(frequency=frequency, damping=0.02),))
+
+
+def repetitive(steps: int) -> list[Cost]:
+    """Command and adapt of an axis whose repeating motion is learned while it runs; the worst ones are its learning."""
+    settings = ControllerSettings(**USUAL, dynamics=_dynamics(RESONANCES[0]))
+    controller = RepetitiveController(AdaptiveController.from_settings(settings), 1 / LINES)
+    lines = trajectories.raster(frequency=LINES, peak_to_peak=20.0, offset=12.0, duration=1.0, sample_rate=RATE)
+    row = motion.motion(lines, memoryview(bytearray(8)).cast("d"), controller, None)
+    repeated = [row(k) for k in range(round(RATE / 2), round(RATE / 2 + 10 * RATE / LINES))]
+    measured = [z_d + 0.1 * np.sin(z_d) for z_d, *_ in repeated]  # um: something to learn
+
+    def tick(k: int) -> None:
+        at = k % len(repeated)
+        controller.command(*repeated[at])
+        controller.adapt(measured[at])
+
+    def idle(k: int) -> None:
+        at = k % len(repeated)
+        _, _ = repeated[at], measured[at]
+
+    about = {"plays": settings.plays, "parameters": settings.parameters, "way": "Python, step by step"}
+    return [time_steps(tick, steps, idle=idle, what="axes", name="1 axis, learned while it runs", **about)]

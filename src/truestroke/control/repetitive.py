@@ -31,11 +31,12 @@ from truestroke.control.repetition import Periods, Repetition
 from truestroke.control.response_prior import APART, UNSURE, FewNumbers
 from truestroke.control.settings import UNLIMITED
 from truestroke.model.dynamics import Dynamics, Mode
+from truestroke.signals.timing import LONGEST_AGO
 
 SHORTEST, LONGEST = 16, 8192  # ticks of a period
 FADE = 0.01, 0.05  # s: a correction takes over within a period, but not faster or slower than this
 DECAY = 0.15  # s: until a change of the correction has decayed, with a resonance that rings for so long
-LATEST = 64  # ticks: `ago` of a measurement is below
+LATEST = LONGEST_AGO + 1  # ticks: `ago` of a measurement is below
 UNKNOWN = 0.01  # of the sample rate: without dynamics the response is known to there; R is less sure with f^4
 SEEN = 0.45  # of the sample rate: no harmonic beyond it is learned
 FOUND_DAMPING = 0.02  # of a resonance that the controller has found
@@ -183,7 +184,7 @@ class RepetitiveController(Displayed):
     ...     controller.adapt(10.0 * before)
     ...     before = volts
     >>> [f"{batch.rmse:.3f}" for batch in controller.batches][:4]
-    ['1.191', '0.404', '0.037', '0.003']
+    ['1.191', '0.420', '0.021', '0.001']
     """
 
     def __init__(
@@ -218,6 +219,7 @@ class RepetitiveController(Displayed):
         self.averaged = checks.positive("averaged", averaged, "s")
         self.batches: deque[Batch] = deque(maxlen=KEPT)
         self.limited = self._number = self._commands = self._bits = 0
+        self._late = 1  # ticks: the oldest measurement so far
         self._phases, self._asked, self._last = [math.nan] * LATEST, [math.nan] * LATEST, math.nan
         self._todo: deque[Callable[[], None]] = deque()
         self._past: _Past | None = None
@@ -313,6 +315,7 @@ class RepetitiveController(Displayed):
         The controller inside gets it unless it rests. The next step of the learning, if one waits, is done here, when
         the voltage of this tick has left.
         """
+        self._late = max(self._late, 1 + ago)
         if not self._rests:
             self.controller.adapt(z_measured, ago)
         if self._todo:
@@ -361,7 +364,7 @@ class RepetitiveController(Displayed):
 
     def _wait(self) -> None:
         """Until a change of the correction, or of what the controller inside does, has decayed."""
-        self._until = self._commands + math.ceil(self._correction.ticks + DECAY * self.sample_rate) + LATEST
+        self._until = self._commands + math.ceil(self._correction.ticks + DECAY * self.sample_rate) + self._late
         self._counts = False
         for periods in (self._errors, self._added, self._inside):
             periods.restart()
