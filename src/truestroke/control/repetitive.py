@@ -553,7 +553,11 @@ class _Past:
         scale = law.samples / self.law.samples
         now, then = motion[1:size], scale * self.motion[1:size]
         across = np.fft.irfft(np.concatenate([[0.0], now * np.conj(then)]), law.samples)
-        shift = np.exp(-2j * np.pi * np.arange(1, size) * int(np.argmax(across)) / law.samples)
+        h = np.arange(1, size)
+        shift = np.exp(-2j * np.pi * h * int(np.argmax(across)) / law.samples)
+        product = np.conj(then * shift) * now
+        part = float(np.sum(h * product.imag) / max(float(np.sum(h**2 * product.real)), 1e-300))  # of a sample
+        shift = shift * np.exp(1j * h * part)
         amplitude = float(np.sum(np.conj(then * shift) * now).real / np.sum(np.abs(then) ** 2))
         if np.sum(np.abs(now - amplitude * shift * then) ** 2) > ALIKE**2 * np.sum(np.abs(now) ** 2):
             return None
