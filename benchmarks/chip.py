@@ -31,15 +31,14 @@ def output(*command: object) -> str:
 
 
 def memory(folder: Path) -> tuple[int, int, int, int]:
-    """Bytes of state, settings, the deepest stack of a function, and code, for a Cortex-M4F."""
-    output("make", "-s", "-C", folder, "clean")
+    """Bytes of state, settings, the deepest stack of a call, and code, for a Cortex-M4F."""
     flags = f"CFLAGS=-O3 {CORES['m4']} -mthumb -mfloat-abi=hard"
-    output("make", "-s", "-C", folder, "adaptive.a", "CC=arm-none-eabi-gcc", "AR=arm-none-eabi-ar", flags)
+    printed = output("make", "-s", "-C", folder, "stack", "CC=arm-none-eabi-gcc", flags)
+    stack = max(int(line.split()[0]) for line in printed.splitlines()[:4])
     sizes = {
-        line.split()[5].removesuffix(".o"): list(map(int, line.split()[:3]))
-        for line in output("arm-none-eabi-size", folder / "adaptive.a").splitlines()[1:]
+        Path(line.split()[5]).stem: list(map(int, line.split()[:3]))
+        for line in output("arm-none-eabi-size", *sorted(folder.glob("stack/*.o"))).splitlines()[1:]
     }
-    stack = max(int(line.split("\t")[1]) for file in folder.rglob("*.su") for line in file.read_text().splitlines())
     code = sum(text for name, (text, _, _) in sizes.items() if name != "settings")
     return sizes["adaptive"][2], sizes["settings"][0], stack, code
 

@@ -186,6 +186,60 @@ def test_a_cortex_m_gives_the_bits_of_the_desk(exported: Path, tmp_path: Path) -
     assert "passed: 400 of 400 commands have the same bits" in done.stdout, done.stdout + done.stderr
 
 
+MACHINES = "apt-get install " + " ".join(
+    [
+        f"gcc-{machine}-linux-gnu libc6-dev-{libc}-cross"
+        for machine, libc in (("aarch64", "arm64"), ("riscv64", "riscv64"))
+    ]
+    + ["qemu-user"]
+)
+
+
+@pytest.mark.parametrize(
+    ("machine", "name", "precision"), [("aarch64", "default", "double"), ("riscv64", "stage", "single")]
+)
+def test_another_processor_gives_the_bits_of_the_desk(machine: str, name: str, precision: str, tmp_path: Path) -> None:
+    tools = f"{machine}-linux-gnu-"
+    if not (shutil.which(f"{tools}gcc") and shutil.which(f"qemu-{machine}")):
+        assert not os.environ.get("CI"), f"CI needs the compilers and the emulator: {MACHINES}"
+        pytest.skip(f"no compiler or emulator of {machine} here; Debian: {MACHINES}")
+    folder = export_c(CONTROLLERS[name](), tmp_path / "c", precision=precision, ticks=200).folder  # type: ignore[arg-type]
+    done = make(folder, "replay", f"CC={tools}gcc", f"AR={tools}ar", "CFLAGS=-O1 -static")
+    assert done.returncode == 0, done.stderr
+    printed = subprocess.run(
+        [f"qemu-{machine}", "replay"], cwd=folder, capture_output=True, text=True, check=False
+    ).stdout
+    assert printed == "passed: 200 of 200 commands have the same bits, largest difference 0 V\n"
+
+
+@pytest.fixture
+def graph_of_calls() -> None:
+    version = subprocess.run(["cc", "--version"], capture_output=True, text=True, check=True).stdout
+    if "Free Software Foundation" not in version:
+        assert not os.environ.get("CI"), "CI needs gcc"
+        pytest.skip("cc is not gcc, which alone writes the graph of calls; Debian: apt-get install gcc")
+
+
+@pytest.mark.usefixtures("graph_of_calls")
+def test_the_stack_is_bounded_and_nothing_calls_itself(single: Path) -> None:
+    done = make(single, "stack", "CFLAGS=-O1")
+    assert done.stderr == ""
+    depth = {line.split()[1]: int(line.split()[0]) for line in done.stdout.splitlines()[:4]}
+    assert 200 < depth["adaptive_adapt"] < 4000
+    assert depth["adaptive_adapt"] > depth["adaptive_end"]
+    (single / "settings.c").write_text((single / "settings.c").read_text() + RECURSION)
+    done = make(single, "stack", "CFLAGS=-O0")
+    assert done.returncode != 0
+    assert "calls itself" in done.stderr
+
+
+RECURSION = """
+int adaptive_end2(int n);
+static int inner(int n) { return adaptive_end2(n - 1); }
+int adaptive_end2(int n) { return n ? inner(n) : 0; }
+"""
+
+
 @given(st.floats(width=32, allow_nan=False))
 def test_constants_are_read_back_to_the_same_bits(value: float) -> None:
     text = c_values.real(value, "single")

@@ -103,7 +103,7 @@ def test_kernel_equals_numpy_to_the_last_bit(name) -> None:
         if 2100 <= k < 2250:
             measured = 0.03 * rng.standard_normal()  # the cable is off: to the limit, and beyond the aim when it is on
         fate = rng.random()
-        if k % 90 == 0 and name != "slow":
+        if k % 90 == 0 and name != "slow" and not 1200 <= k < 1700:
             ago = HISTORY + k // 90 % 3 - 1  # the oldest that may come, and one too old
         if fate > 0.1 and not 1700 <= k < 1790:  # and a silence
             measured = {0: np.nan, 1: -np.inf, 2: 1e9}.get(int(fate * 100) % 25, measured)
@@ -122,7 +122,9 @@ def test_kernel_equals_numpy_to_the_last_bit(name) -> None:
             kernel.change(**changes), text.change(dataclasses.replace(text.settings, **changes))
     assert seen & 0b001101 == 0b001101, "limits, refusals and hold were met"
     assert name not in ("paper", "no terms", "at once, trimmed") or seen & 0b000010, "slopes were limited"
-    assert text.settings.law != "kalman" or seen & 0b110000 == 0b110000, "a change and the slew limit were met"
+    if text.settings.law == "kalman":
+        assert seen & 0b100000, "the slew limit was met"
+        assert seen & 0b10010000, "a change, or learning that failed, was met"
     kernel.reset(), text.reset()
     for ours, theirs in zip(observed(text), observed(kernel), strict=True):
         np.testing.assert_array_equal(ours, theirs)

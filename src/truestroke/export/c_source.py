@@ -30,6 +30,7 @@ OWN = (
     "main.c",
     "replay.c",
     "settings.c",
+    "stack.awk",
     "Makefile",
     "CMakeLists.txt",
     "README.md",
@@ -144,12 +145,13 @@ def export_c(
         size = f"{settings.plays} plays, {settings.parameters} weights and {capacities['TS_HISTORY']} ticks of history"
         remedy = "take fewer plays or a shorter history" + (", or single precision" if bound == 0 else "")
         raise SettingError("ram", ram, f"{needed} or more for the state of {size}; {remedy}", "bytes")
-    texts = _texts(settings, members, capacities, rest, ticks, bound, about, command)
+    memory = {"ram": needed, "flash": sizes["ts_settings"]}
+    texts = _texts(settings, members, capacities, memory, rest, ticks, bound, about, command)
     target = checks.path("folder", folder)
     _check_folder(target)
     (target / "kernel").mkdir(parents=True, exist_ok=True)
     written = tuple(files.write(target / name, text, KIND) for name, text in texts.items())
-    return Exported(target, written, capacities, bound, needed, sizes["ts_settings"])
+    return Exported(target, written, capacities, bound, **memory)
 
 
 def kernel_sources() -> dict[str, str]:
@@ -195,6 +197,7 @@ def _texts(
     settings: ControllerSettings,
     members: Mapping[str, Any],
     capacities: Mapping[str, int],
+    memory: Mapping[str, int],
     rest: float,
     ticks: int,
     bound: float,
@@ -224,6 +227,7 @@ def _texts(
         "capacities": ", ".join(f"`{name}` {value}" for name, value in capacities.items()),
         "latest": capacities["TS_HISTORY"] - 1 - (members["dynamics.dead"] + 4 if members["dynamics.known"] else 0),
         "members": list(c_values.members(members, settings.precision)),
+        **memory,
         "ticks": ticks,
         "rows": [", ".join(map(real, row)) for row in rows],
         "bound": f"{bound!r}",
