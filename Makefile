@@ -56,9 +56,11 @@ web: setup  ## the module of the browser and the playground, into build/web
 	@$(BIN)/python web/build.py build/web
 	@echo 'build/web/playground.html'
 
-lint: setup  ## ruff
+lint: setup  ## ruff, and the workflows of GitHub
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/check-jsonschema --quiet --builtin-schema vendor.github-workflows .github/workflows/*.yml
+	$(BIN)/zizmor --quiet --offline --config .github/zizmor.yml .github/workflows
 
 types: setup  ## mypy
 	$(BIN)/mypy

@@ -14,18 +14,6 @@ import tempfile
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
-SMOKE = """
-import math, sys, truestroke
-heavy = {"scipy", "h5py", "matplotlib", "rich", "click", "jinja2"} & set(sys.modules)
-assert not heavy, heavy
-c = truestroke.AdaptiveController(sample_rate=2000.0, stroke=30.0, voltage_limits=(-0.6, 3.6))
-for k in range(2000):
-    z_d = 15.0 - 14.0 * math.cos(0.02 * k)
-    z = 10.0 * c.command(z_d, 560.0 * math.sin(0.02 * k))
-    c.adapt(z)
-assert abs(z - z_d) < 0.05, (z, z_d)
-print("truestroke", truestroke.__version__, "on Python", sys.version.split()[0], "with numpy alone")
-"""
 
 
 def run(*command: str | Path, **options) -> None:
@@ -51,6 +39,14 @@ def build(python: str, into: Path) -> Path:
     return next(into.glob("*.whl"))
 
 
+def audit(wheel: Path) -> None:
+    """One that says abi3 uses nothing of Python beyond it, and any one links the C library alone."""
+    if "abi3" in wheel.name:
+        run(sys.executable, "-m", "abi3audit", "--strict", "--summary", wheel)
+    shown = subprocess.run([sys.executable, "-m", "auditwheel", "show", str(wheel)], capture_output=True, check=True)
+    assert b"manylinux" in shown.stdout, shown.stdout.decode()
+
+
 def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         wheels: dict[str, Path] = {}
@@ -61,9 +57,11 @@ def main() -> None:
             binary = venv / ("Scripts" if os.name == "nt" else "bin")
             if tag not in wheels:
                 wheels[tag] = build(str(binary / "python"), Path(folder) / tag)
+                if sys.platform == "linux":
+                    audit(wheels[tag])
             run(binary / "python", "-m", "pip", "install", "--quiet", "numpy")
             run(binary / "python", "-m", "pip", "install", "--quiet", "--no-deps", wheels[tag])
-            run(binary / "python", "-W", "error", "-c", SMOKE, cwd=folder)
+            run(binary / "python", "-W", "error", ROOT / "tests/smoke.py", cwd=folder)
             if python == sys.executable:
                 run(binary / "python", "-m", "pip", "install", "--quiet", wheels[tag])
                 run(binary / "truestroke", "track", "--duration", "2", "--output", Path(folder) / "run", cwd=folder)

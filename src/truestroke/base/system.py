@@ -8,6 +8,7 @@ import signal
 import struct
 import sys
 from collections.abc import Callable
+from typing import Any
 
 NAMES = {"SIGINT": "Ctrl-C", "SIGBREAK": "Ctrl-Break", "SIGTERM": "SIGTERM", "SIGHUP": "the terminal is gone"}
 ENDING = {int(getattr(signal, name)): words for name, words in NAMES.items() if hasattr(signal, name)}
@@ -47,64 +48,57 @@ def write_at(descriptor: int, data: bytes, offset: int) -> int:
 
 
 def lock(descriptor: int) -> None:
-    """Lock an open file for as long as it is open here or in a process that inherits it.
+    """Lock an open file for as long as it is open here or, but for Windows, in a process that inherits it.
 
     Raises
     ------
     BlockingIOError
         Another process has it.
     """
-    if sys.platform == "win32":
-        _windows_lock(descriptor)
-    else:
-        _posix_lock(descriptor, ask=False)
+    taken = _windows("LockFile", descriptor) if sys.platform == "win32" else _posix(descriptor, ask=False)
+    if not taken:
+        raise BlockingIOError(errno.EAGAIN, "another process has locked it")
 
 
 def locked(descriptor: int) -> bool:
     """Whether another process has locked the open file; False on a file system without locks."""
-    if sys.platform == "win32":
-        return _windows_locked(descriptor)
-    return bool(_posix_lock(descriptor, ask=True))
+    if sys.platform != "win32":
+        return not _posix(descriptor, ask=True)
+    if not _windows("LockFile", descriptor):
+        return True
+    _windows("UnlockFile", descriptor)
+    return False
 
 
-def _posix_lock(descriptor: int, ask: bool) -> bool | None:
-    """Set the lock, or ask whether another has it; None where there are no locks."""
+def _windows(call: str, descriptor: int) -> bool:
+    """LockFile or UnlockFile of the byte, whose place is too far for `msvcrt.locking`."""
+    import ctypes
+    import msvcrt
+
+    kernel: Any = ctypes.WinDLL("kernel32")  # type: ignore[attr-defined,unused-ignore]
+    handle = ctypes.c_void_p(msvcrt.get_osfhandle(descriptor))  # type: ignore[attr-defined,unused-ignore]
+    return bool(getattr(kernel, call)(handle, _LOCKED_BYTE & 0xFFFFFFFF, _LOCKED_BYTE >> 32, 1, 0))
+
+
+def _posix(descriptor: int, ask: bool) -> bool:
+    """Take the lock, or ask whether it could be taken; True, too, where there are no locks."""
     try:
         import fcntl
     except ImportError:
-        return None
-    command = getattr(fcntl, "F_OFD_GETLK" if ask else "F_OFD_SETLK", None)
-    if command is None:  # macOS has locks of a process only, which end with any descriptor of the file
-        return None
-    wanted = _LOCK.pack(fcntl.F_WRLCK, os.SEEK_SET, _LOCKED_BYTE, 1, 0)
+        return True
     try:
-        return bool(_LOCK.unpack(fcntl.fcntl(descriptor, command, wanted))[0] != fcntl.F_UNLCK)
+        if hasattr(fcntl, "F_OFD_SETLK"):
+            wanted = _LOCK.pack(fcntl.F_WRLCK, os.SEEK_SET, _LOCKED_BYTE, 1, 0)
+            said = fcntl.fcntl(descriptor, fcntl.F_OFD_GETLK if ask else fcntl.F_OFD_SETLK, wanted)
+            return not ask or bool(_LOCK.unpack(said)[0] == fcntl.F_UNLCK)
+        # macOS: the other locks of a byte end with any descriptor of the file, so it is the whole file. HDF5 asks for
+        # the same lock: a reader of a file that grows needs HDF5_USE_FILE_LOCKING=FALSE there.
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        if ask:
+            fcntl.flock(descriptor, fcntl.LOCK_UN)
+    except BlockingIOError:
+        return False
     except OSError as error:
         if error.errno not in (errno.ENOLCK, errno.EINVAL, errno.EOPNOTSUPP):
             raise
-        return None
-
-
-def _windows_lock(descriptor: int) -> None:
-    """Lock one byte far behind the end, which no reader asks for."""
-    import msvcrt
-
-    os.lseek(descriptor, (1 << 31) - 2, os.SEEK_SET)
-    try:
-        msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)  # type: ignore[attr-defined,unused-ignore]
-    except OSError as error:
-        raise BlockingIOError(errno.EAGAIN, "another process has locked it") from error
-    finally:
-        os.lseek(descriptor, 0, os.SEEK_SET)
-
-
-def _windows_locked(descriptor: int) -> bool:
-    import msvcrt
-
-    try:
-        _windows_lock(descriptor)
-    except BlockingIOError:
-        return True
-    os.lseek(descriptor, (1 << 31) - 2, os.SEEK_SET)
-    msvcrt.locking(descriptor, msvcrt.LK_UNLCK, 1)  # type: ignore[attr-defined,unused-ignore]
-    return False
+    return True
