@@ -62,22 +62,29 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 COMMANDS = """
+import numpy
 from truestroke.cli import main
+from truestroke.runtime.drivers import OneAxis, SimulatedDriver
 sizes = "--sample-rate 2000 --stroke 30 --voltage-limits -0.6 3.6"
-for line in ("track --duration 2 --output first", "report first.h5 --overwrite", f"export c {sizes} --output chip",
-             "commission --config stage.toml --yes"):
+for line in ("track --duration 2 --output first", f"export c {sizes} --output chip"):
     try:
         main(line.split())
     except SystemExit as end:
         assert not end.code, line
+driver = SimulatedDriver()
+with OneAxis(driver, voltage_limits=(-0.6, 3.6), slew=400.0, safe_voltage=0.5) as axis:
+    axis.open()
+    for _ in range(50):
+        axis.exchange(numpy.array([1.0]))
+    assert driver.output[0] == 1.0
+assert driver.output[0] == 0.5
 """
 
 
-def test_a_run_and_its_page_a_chip_and_commissioning(folder: Path) -> None:
-    (folder / "stage.toml").write_text(config.example())
+def test_a_run_and_its_page_a_chip_and_an_axis(folder: Path) -> None:
     done = python(folder, COMMANDS)
     assert done.returncode == 0, done.stderr
-    assert {"first.h5", "first.html", "chip", "stage.toml.bak"} <= {path.name for path in folder.iterdir()}
+    assert {"first.h5", "first.html", "chip"} <= {path.name for path in folder.iterdir()}
 
 
 def test_the_loop_in_real_time_is_refused_before_it_touches_anything(folder: Path) -> None:
