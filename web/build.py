@@ -32,6 +32,9 @@ STRUCTS = {"ts_settings": "c/include/truestroke.h", "ts_plant_settings": "c/plan
 SOURCES = ("web/module.c", "web/math.zig", "c/plant/plant.c")
 C_FLAGS = ("-std=c11", "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Werror")
 
+NOTICE = """/*! truestroke, BSD-3-Clause, in LICENSE beside this file. The module has mathematical functions of
+ * Zig's standard library, (c) Zig contributors, MIT, in LICENSE-zig. */
+"""
 STACK: dict[str, Any] = {"sample_rate": 2000.0, "stroke": 30.0, "voltage_limits": (-0.6, 3.6)}  # of the README
 
 
@@ -52,17 +55,19 @@ SLIDERS = {
 }
 
 
-def headers() -> list[Path]:
-    """The C library's headers, for declarations only: nothing of the library is linked."""
+def compiler() -> Path:
+    """The folder of the compiler."""
     found = importlib.util.find_spec("ziglang")
     if found is None or found.origin is None:
         sys.exit("web/build.py needs the compiler that the package ziglang brings: pip install ziglang")
-    return [Path(found.origin).parent / "lib/libc/include" / name for name in ("wasm-wasi-musl", "generic-musl")]
+    return Path(found.origin).parent
 
 
 def module() -> bytes:
     """The kernel and the simulated stack as WebAssembly, without imports."""
-    includes = [item for folder in headers() for item in ("-isystem", str(folder))]
+    # The C library's headers, for declarations only: nothing of the library is linked.
+    headers = (compiler() / "lib/libc/include" / name for name in ("wasm-wasi-musl", "generic-musl"))
+    includes = [item for folder in headers for item in ("-isystem", str(folder))]
     sources = [str(ROOT / name) for name in SOURCES] + sorted(map(str, (ROOT / "c/src").glob("*.c")))
     with tempfile.TemporaryDirectory() as folder:
         for struct, header in STRUCTS.items():
@@ -125,7 +130,7 @@ def page(wasm: bytes) -> str:
     folder = HERE / "playground"
     parts = [HERE / "truestroke.js", HERE / "replay.js"]
     parts += [folder / f"{name}.js" for name in ("motion", "simulation", "charts", "playground")]
-    first = f'const TRUESTROKE_WASM = "{base64.b64encode(wasm).decode()}";\n'
+    first = NOTICE + f'const TRUESTROKE_WASM = "{base64.b64encode(wasm).decode()}";\n'
     first += f"const PLAYGROUND_DATA = {json.dumps(playground_data(), separators=(',', ':'), allow_nan=False)};\n"
     script = first + "\n".join(minimal(part.read_text(encoding="utf-8")) for part in parts)
     text = (folder / "page.html").read_text(encoding="utf-8")
@@ -137,7 +142,7 @@ def page(wasm: bytes) -> str:
 def script(wasm: bytes) -> str:
     """`truestroke.js` with the module within it, so that it loads from a file without a server."""
     text = (HERE / "truestroke.js").read_text(encoding="utf-8")
-    return f'const TRUESTROKE_WASM = "{base64.b64encode(wasm).decode()}";\n{text}'
+    return f'{NOTICE}const TRUESTROKE_WASM = "{base64.b64encode(wasm).decode()}";\n{text}'
 
 
 def write(folder: Path) -> None:
@@ -148,6 +153,8 @@ def write(folder: Path) -> None:
     (folder / "truestroke.js").write_text(script(wasm), encoding="utf-8")
     (folder / "playground.html").write_text(page(wasm), encoding="utf-8")
     shutil.copy(HERE / "package.json", folder)
+    shutil.copy(ROOT / "LICENSE", folder)
+    shutil.copy(compiler() / "LICENSE", folder / "LICENSE-zig")
 
 
 if __name__ == "__main__":
