@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import importlib.metadata
 import io
+import logging
 import re
 from pathlib import Path
 
@@ -46,6 +47,7 @@ def visit_block(self: HTML5Translator, node: nodes.math_block) -> None:
 
 def style_sheet() -> str:
     """The font of the equations, as data: a browser may refuse a font to a page that is a file."""
+    logging.getLogger("fontTools").setLevel(logging.WARNING)  # it lists every glyph
     font = subset.load_font(str(FONT), subset.Options())
     chosen = subset.Subsetter(subset.Options(flavor="woff", hinting=False))
     chosen.populate(unicodes=[code for first, last in LETTERS + SIGNS for code in range(first, last + 1)])
