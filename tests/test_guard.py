@@ -12,6 +12,7 @@ from truestroke.control.baselines import ConstantGain
 from truestroke.control.guard import Action, Guard, GuardSettings
 from truestroke.control.reference import ReferenceController
 from truestroke.plant import Change, PlantSettings, RealisticPlant, StagePlant, StageSettings
+from truestroke.studies.robustness import fast
 
 SPAN = 15.0  # um
 LIMITS = {"stroke": 30.0, "voltage_limits": (-0.6, 3.6)}
@@ -104,3 +105,24 @@ def test_an_error_that_falls_is_learned_and_one_that_lasts_is_undone() -> None:
     (lasts, *others) = decided(0.05 * wave + np.where(k >= 1000, 2.0, 0.0) * wave)
     assert lasts == (1149, Action.RESTORE)  # three windows of 50 ticks
     assert [action for _, action in others[:2]] == [Action.FIRST, Action.RETURN]
+
+
+def test_a_burst_at_the_start_is_stopped_and_shows_the_stage() -> None:
+    """Kernel and text, to the last bit, on a stage that moved by four times its stroke before (376 um)."""
+    sampled = fast.sample(0, 174, ["unknown"])
+    settings, wave = sampled.controllers["unknown"], sampled.motions["unknown"]
+    kernel, text = AdaptiveController.from_settings(settings), ReferenceController(settings)
+    plant, largest = StagePlant(sampled.plant, sampled.seed), 0.0
+    plant.open()
+    for k in range(2100):
+        motion = wave.position[k], wave.velocity[k]
+        volts = kernel.command(*motion)
+        assert text.command(*motion) == volts
+        z = float(plant.exchange(np.array([volts]))[0])
+        kernel.adapt(z)
+        text.adapt(z)
+        largest = max(largest, abs(z - motion[0]))
+    np.testing.assert_array_equal(kernel.weights, text.weights)
+    assert kernel.counters.restored == text.counters["restored"] == 1
+    assert kernel.resonance == pytest.approx(54.0, rel=0.06)
+    assert largest < 60.0
