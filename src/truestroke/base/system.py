@@ -8,6 +8,7 @@ import signal
 import struct
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
 NAMES = {"SIGINT": "Ctrl-C", "SIGBREAK": "Ctrl-Break", "SIGTERM": "SIGTERM", "SIGHUP": "the terminal is gone"}
@@ -36,6 +37,15 @@ def memory() -> int:
         return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     except (AttributeError, OSError, ValueError):
         return 16 * 2**30
+
+
+def allow_many_files() -> None:
+    """As many open files, and so connections, as the system allows this process without asking."""
+    with suppress(ImportError):  # of systems without POSIX: they have no such limit
+        import resource
+
+        highest = resource.getrlimit(resource.RLIMIT_NOFILE)[1]
+        resource.setrlimit(resource.RLIMIT_NOFILE, (highest, highest))
 
 
 def write_at(descriptor: int, data: bytes, offset: int) -> int:

@@ -19,6 +19,7 @@ from truestroke.cli import common, results
 if TYPE_CHECKING:
     from truestroke.runtime.realtime import Outcome
     from truestroke.runtime.realtime.config import Job
+    from truestroke.runtime.realtime.server import Server
 
 
 realtime_options = common.options(
@@ -27,6 +28,7 @@ realtime_options = common.options(
     click.option("--output", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE",
                  help="Recording, in place of the one that the configuration names."),
     click.option("--overwrite", is_flag=True, help="Replace a recording that is there."),
+    click.option("--live", is_flag=True, help="Serve a page that shows the run, with STOP; its address is printed."),
     common.json_option,
 )  # fmt: skip
 
@@ -41,13 +43,19 @@ class Closed:
 
 
 def close_the_loop(
-    command: str, config: Path, job: Job, output: Path | None, overwrite: bool, as_json: bool, epics: bool = False
+    command: str,
+    config: Path,
+    job: Job,
+    output: Path | None,
+    overwrite: bool,
+    as_json: bool,
+    server: Server | None = None,
 ) -> int:
     """Run the configuration, and print the result; the exit code."""
     from truestroke.signals import judgement
 
     try:
-        done = follow(command, config, job, output, overwrite, as_json, epics)
+        done = follow(command, config, job, output, overwrite, as_json, server)
     except truestroke.DriverError as error:
         return common.complain(str(error), ExitCode.DRIVER)
     code = code_of(done.outcome, judgement.worst(done.verdicts))
@@ -61,7 +69,13 @@ def close_the_loop(
 
 
 def follow(
-    command: str, config: Path, job: Job, output: Path | None, overwrite: bool, as_json: bool, epics: bool = False
+    command: str,
+    config: Path,
+    job: Job,
+    output: Path | None,
+    overwrite: bool,
+    as_json: bool,
+    server: Server | None = None,
 ) -> Closed:
     """Run the configuration; what was recorded.
 
@@ -81,7 +95,7 @@ def follow(
     for path in names_of(file, job.axes, overwrite):
         if path.exists():
             common.complain(f"recording to {beside(path)} until the run has ended; {path} stays as it is until then")
-    outcome = run_realtime(job.driver, job.axes, file, epics=job.epics if epics else None, **options)
+    outcome = run_realtime(job.driver, job.axes, file, server=server, **options)
     recordings = {
         axis.name: truestroke.Recording.load(path) for axis, path in zip(job.axes, outcome.files, strict=True)
     }

@@ -9,7 +9,7 @@ from truestroke.cli import realtime
 
 @click.command()
 @realtime.realtime_options
-def run(config: Path | None, example: bool, output: Path | None, overwrite: bool, as_json: bool) -> int:
+def run(config: Path | None, example: bool, output: Path | None, overwrite: bool, live: bool, as_json: bool) -> int:
     """Close the loop in real time, on hardware or on a simulated stack.
 
     Ctrl-C ends it softly, a second Ctrl-C at once; the output stays at the safe voltage. docs/run.md has the
@@ -24,6 +24,7 @@ def run(config: Path | None, example: bool, output: Path | None, overwrite: bool
     if config is None:
         raise click.UsageError("--config FILE is needed; --example prints one to begin with.")
     job = configuration.load(config)
-    if any(isinstance(axis.trajectory, SetPoint) for axis in job.axes):
-        raise click.UsageError("a set-point is moved by others: truestroke serve --epics.")
-    return realtime.close_the_loop("run", config, job, output, overwrite, as_json)
+    if not live and any(isinstance(axis.trajectory, SetPoint) for axis in job.axes):
+        raise click.UsageError("a set-point is moved by others: --live, or truestroke serve --epics.")
+    command = "run --live" if live else "run"
+    return realtime.close_the_loop(command, config, job, output, overwrite, as_json, job.live if live else None)

@@ -10,7 +10,9 @@ from truestroke.cli import realtime
 @click.command()
 @click.option("--epics", is_flag=True, help="As process variables of a soft IOC.")
 @realtime.realtime_options
-def serve(epics: bool, config: Path | None, example: bool, output: Path | None, overwrite: bool, as_json: bool) -> int:
+def serve(
+    epics: bool, config: Path | None, example: bool, output: Path | None, overwrite: bool, live: bool, as_json: bool
+) -> int:
     """Close the loop in real time and serve it: set-points and supervision, not single samples.
 
     The server has a process of its own; its end does not affect the loop. docs/epics.md lists what is published.
@@ -20,11 +22,12 @@ def serve(epics: bool, config: Path | None, example: bool, output: Path | None, 
     if example:
         click.echo(configuration.example("serve"), nl=False)
         return 0
-    if not epics:
-        raise click.UsageError("--epics is needed: there is no other server yet.")
+    if epics is live:
+        raise click.UsageError("one of --epics and --live is needed, not both.")
     if config is None:
         raise click.UsageError("--config FILE is needed; --example prints one to begin with.")
     job = configuration.load(config)
-    if job.epics is None:
+    if epics and job.epics is None:
         raise click.UsageError(f"{config}: a table [epics] is needed; --example shows one.")
-    return realtime.close_the_loop("serve --epics", config, job, output, overwrite, as_json, epics=True)
+    command, server = ("serve --epics", job.epics) if epics else ("serve --live", job.live)
+    return realtime.close_the_loop(command, config, job, output, overwrite, as_json, server)

@@ -7,6 +7,7 @@ shared memory: neither their work nor their failure takes time from a tick.
 from truestroke.runtime.realtime.coupled import couple
 from truestroke.runtime.realtime.ending import Cause, Outcome
 from truestroke.runtime.realtime.epics import EpicsSettings
+from truestroke.runtime.realtime.live_page import LiveSettings
 from truestroke.runtime.realtime.motion import SetPoint
 from truestroke.runtime.realtime.process import RealtimeError
 from truestroke.runtime.realtime.runner import run_realtime
@@ -16,6 +17,7 @@ __all__ = [
     "Axis",
     "Cause",
     "EpicsSettings",
+    "LiveSettings",
     "Outcome",
     "RealtimeError",
     "RealtimeSettings",

@@ -22,6 +22,7 @@ from truestroke.runtime.drivers.turned import Turned
 from truestroke.runtime.realtime.coupled import couple
 from truestroke.runtime.realtime.epics import EpicsSettings
 from truestroke.runtime.realtime.imaging import Imaging, imaging
+from truestroke.runtime.realtime.live_page import LiveSettings
 from truestroke.runtime.realtime.motion import SetPoint
 from truestroke.runtime.realtime.settings import Axis, RealtimeSettings
 from truestroke.signals import trajectories
@@ -105,6 +106,7 @@ class Document:
     realtime: RealtimeSettings = field(default_factory=RealtimeSettings)
     recording: RecordingTable
     epics: EpicsSettings | None = None
+    live: LiveSettings = field(default_factory=LiveSettings)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,6 +118,7 @@ class Job:
     settings: RealtimeSettings
     file: Path
     epics: EpicsSettings | None = None
+    live: LiveSettings = field(default_factory=LiveSettings)
     imaging: Imaging | None = None
 
 
@@ -174,8 +177,8 @@ block, latency, channels, seed, hardware_timed, register, plant, stage, axes, si
             frame = read.coupled.of(len(axes))
         axes, made = [*couple(axes, frame)], made if frame is None else Turned(made, frame)
         image = dataclasses.replace(image, frame=frame) if image else None
-    usual: dict[str, Any] = {"settings": read.realtime, "file": Path(read.recording.file), "epics": read.epics}
-    return Job(driver=made, axes=tuple(axes), imaging=image, **usual)
+    usual: dict[str, Any] = {"settings": read.realtime, "file": Path(read.recording.file)}
+    return Job(driver=made, axes=tuple(axes), imaging=image, epics=read.epics, live=read.live, **usual)
 
 
 def driver(table: Mapping[str, Any]) -> tuple[Driver, float]:

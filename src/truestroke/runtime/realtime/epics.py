@@ -18,13 +18,11 @@ import numpy as np
 
 from truestroke.base import checks
 from truestroke.base.checks import SettingError
-from truestroke.runtime.realtime.motion import SetPoint
 from truestroke.runtime.realtime.process import Lifeline, RealtimeError
-from truestroke.runtime.realtime.recorder import Plan
+from truestroke.runtime.realtime.server import Panel
 from truestroke.runtime.realtime.settings import Axis
 from truestroke.runtime.realtime.shared import Helper, Shared, Slot, State, Text
 from truestroke.runtime.realtime.status import STATES, WINDOW
-from truestroke.signals.trajectories import Trajectory
 
 REFRESH = 0.1  # s between two updates
 WAVES = 5  # updates from one of the waveforms to the next
@@ -80,38 +78,9 @@ class EpicsSettings:
         if len(set(names)) < len(names):
             raise SettingError("name", ", ".join(names), "different for each axis also in capitals")
 
-
-@dataclass(frozen=True, kw_only=True)
-class Panel:
-    """Data of an axis for the server: name, voltages, the range of the displacement, size of the weights."""
-
-    name: str
-    voltage_limits: tuple[float, float]
-    reach: tuple[float, float]
-    moved: bool
-    weights: int
-    speed: float = 0.0
-
-
-def panels(axes: Sequence[Axis], plans: Sequence[Plan]) -> list[Panel]:
-    """Of each axis."""
-    return [
-        Panel(
-            name=axis.name.upper(),
-            voltage_limits=axis.voltage_limits,
-            reach=_reach(axis.trajectory),
-            moved=isinstance(axis.trajectory, SetPoint),
-            speed=axis.trajectory.speed if isinstance(axis.trajectory, SetPoint) else 0.0,
-            weights=math.prod(plan.slow.shapes.get("weights", (0,))),
-        )
-        for axis, plan in zip(axes, plans, strict=True)
-    ]
-
-
-def _reach(motion: Trajectory | SetPoint) -> tuple[float, float]:
-    if isinstance(motion, SetPoint):
-        return motion.reach
-    return float(motion.position.min()), float(motion.position.max())
+    def serve(self, lifeline: Lifeline, shared: Shared, axes: list[Panel], sample_rate: float) -> None:
+        """Publish until the run has ended, or its process is gone."""
+        serve(lifeline, shared, self, axes, sample_rate)
 
 
 def serve(lifeline: Lifeline, shared: Shared, settings: EpicsSettings, axes: list[Panel], sample_rate: float) -> None:
@@ -190,6 +159,7 @@ class _AxisRecords:
         self, builder: Any, shared: Shared, channel: int, panel: Panel, settings: EpicsSettings, rate: float
     ) -> None:
         self._shared, self._channel, self._panel = shared, channel, panel
+        record = panel.name.upper()
         low, high = panel.reach
         place = {"EGU": "um", "PREC": 4, "LOPR": low, "HOPR": high}
         bottom, top = panel.voltage_limits
@@ -199,27 +169,27 @@ class _AxisRecords:
             alarms |= {"HIGH": settings.rmse_warning, "HSV": "MINOR"}
         if math.isfinite(settings.rmse_alarm):
             alarms |= {"HIHI": settings.rmse_alarm, "HHSV": "MAJOR"}
-        self._readback = builder.aIn(f"{panel.name}:READBACK", **place)
-        self._desired = builder.aIn(f"{panel.name}:DESIRED", **place)
-        self._volts = builder.aIn(f"{panel.name}:VOLTS", EGU="V", PREC=4, **limits)
-        self._rmse = builder.aIn(f"{panel.name}:RMSE", EGU="um", PREC=4, LOPR=0.0, **alarms)
+        self._readback = builder.aIn(f"{record}:READBACK", **place)
+        self._desired = builder.aIn(f"{record}:DESIRED", **place)
+        self._volts = builder.aIn(f"{record}:VOLTS", EGU="V", PREC=4, **limits)
+        self._rmse = builder.aIn(f"{record}:RMSE", EGU="um", PREC=4, LOPR=0.0, **alarms)
         self._moving: Any = None
         if panel.moved:
-            self._moving = builder.boolIn(f"{panel.name}:MOVING", ZNAM="arrived", ONAM="moving")
+            self._moving = builder.boolIn(f"{record}:MOVING", ZNAM="arrived", ONAM="moving")
             out = {"DRVL": low, "DRVH": high, "EGU": "um", "PREC": 4, "always_update": True, "initial_value": 0.0}
-            builder.aOut(f"{panel.name}:SETPOINT", ASG="OPERATOR", validate=_is_number, on_update=self._send, **out)
+            builder.aOut(f"{record}:SETPOINT", ASG="OPERATOR", validate=_is_number, on_update=self._send, **out)
             fast = out | {"DRVL": panel.speed * SLOWEST, "DRVH": panel.speed, "EGU": "um/s"}
             fast["initial_value"] = panel.speed
-            builder.aOut(f"{panel.name}:SPEED", ASG="OPERATOR", validate=_is_number, on_update=self._pace, **fast)
+            builder.aOut(f"{record}:SPEED", ASG="OPERATOR", validate=_is_number, on_update=self._pace, **fast)
         self._window, self._recent = round(settings.window * rate), round(WINDOW * rate)
         wave = {"datatype": float, "length": self._window, "EGU": "um", "PREC": 4}
         shown = ("DESIRED", "MEASURED", "ERROR")
-        self._waves = [builder.WaveformIn(f"{panel.name}:{name}:WAVE", **wave) for name in shown]
-        self._waves.append(builder.WaveformIn(f"{panel.name}:VOLTS:WAVE", **(wave | {"EGU": "V"})))
+        self._waves = [builder.WaveformIn(f"{record}:{name}:WAVE", **wave) for name in shown]
+        self._waves.append(builder.WaveformIn(f"{record}:VOLTS:WAVE", **(wave | {"EGU": "V"})))
         self._weights: Any = None
         if panel.weights:
             weights = {"datatype": float, "length": panel.weights, "EGU": "um/V", "PREC": 4}
-            self._weights = builder.WaveformIn(f"{panel.name}:WEIGHTS", **weights)
+            self._weights = builder.WaveformIn(f"{record}:WEIGHTS", **weights)
 
     def _send(self, target: float) -> None:
         self._shared.targets[self._channel] = target
@@ -243,8 +213,8 @@ class _AxisRecords:
             target = min(max(self._shared.targets[self._channel], low), high)
             self._moving.set(int(abs(desired[-1] - target) > ARRIVED))
         if waves:
-            for record, wave in zip(self._waves, (desired, measured, error, volts), strict=True):
-                record.set(wave)
+            for one, wave in zip(self._waves, (desired, measured, error, volts), strict=True):
+                one.set(wave)
             if self._weights is not None and entries:
                 slow = self._shared.slow[self._channel]
                 self._weights.set(slow[(entries - 1) % len(slow), : self._panel.weights])

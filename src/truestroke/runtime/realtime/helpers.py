@@ -12,10 +12,11 @@ from typing import Literal
 import numpy as np
 
 from truestroke.runtime.drivers.protocol import Driver
-from truestroke.runtime.realtime import epics, process, recorder, status, watchdog
+from truestroke.runtime.realtime import process, recorder, status, watchdog
 from truestroke.runtime.realtime.ending import Cause
-from truestroke.runtime.realtime.epics import EpicsSettings
 from truestroke.runtime.realtime.process import RealtimeError
+from truestroke.runtime.realtime.server import Server, panels
+from truestroke.runtime.realtime.server import start as start_server
 from truestroke.runtime.realtime.settings import Axis, RealtimeSettings
 from truestroke.runtime.realtime.shared import Helper, Pulse, Shared, Slot, State, Text
 
@@ -36,7 +37,7 @@ class Helpers:
         axes: Sequence[Axis],
         settings: RealtimeSettings,
         show: Literal["live", "lines"] | None,
-        server: EpicsSettings | None,
+        server: Server | None,
     ) -> None:
         safe, rescue = np.array([axis.safe_voltage for axis in axes]), driver.rescue()
         self._shared, self._plans = shared, plans
@@ -51,7 +52,7 @@ class Helpers:
 
         self.server: subprocess.Popen[bytes] | None = None
         if server is not None:
-            self.server = process.start(shared, epics.serve, server, epics.panels(axes, plans), plans[0].sample_rate)
+            self.server = process.start(shared, start_server, server, panels(axes, plans), plans[0].sample_rate)
             self._all.append(self.server)
 
     def wait_until_ready(self) -> None:

@@ -54,7 +54,7 @@ class Live:
         self._volts = np.zeros((len(axes), timing.block))
         self._measured = np.full((len(axes), timing.block), np.nan)
         self._ticks, self._done, self._began = len(axes[0].trajectory), 0, time.monotonic()
-        self._found = [Found() for _ in axes]
+        self._found, self._held = [Found() for _ in axes], False
         self._glance, self._next_glance = max(1, round(GLANCE * timing.sample_rate)), 0
 
     def run(self) -> tuple[Cause, str]:
@@ -146,12 +146,22 @@ class Live:
             self._next_glance = stop + self._glance
             for axis in self._axes:
                 axis.look_back(stop)
+            self._hold_or_resume()
             self._count[Slot.OVERRUNS] = self._clock.overruns
             if trouble := self._helpers.trouble():
                 raise Stop(*trouble)
             behind = stop - self._count[Slot.SAVED]
             if behind + self._glance + self._timing.block > self._shared.layout.size:
                 raise Stop(Cause.RECORDER, f"the recorder is {behind / self._timing.sample_rate:.1f} s behind")
+
+    def _hold_or_resume(self) -> None:
+        """Learn, or not, as an operator asks; a controller that does not learn goes on."""
+        held = self._count[Slot.HOLD] != 0
+        if held is not self._held:
+            self._held = held
+            for axis in self._axes:
+                if change := getattr(axis.axis.controller, "hold" if held else "resume", None):
+                    change()
 
     def _heed_signals(self, expected: int = 0) -> None:
         """End a ramp if a signal came beyond those that caused it, or an operator asks."""

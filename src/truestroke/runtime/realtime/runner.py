@@ -19,11 +19,11 @@ from truestroke.runtime.drivers.guard import check_range
 from truestroke.runtime.drivers.protocol import Driver, Signal
 from truestroke.runtime.drivers.turned import Turned
 from truestroke.runtime.realtime.ending import Outcome
-from truestroke.runtime.realtime.epics import EpicsSettings
 from truestroke.runtime.realtime.helpers import Helpers
 from truestroke.runtime.realtime.live import Live
 from truestroke.runtime.realtime.process import RealtimeError, on_its_own, require_realtime, undisturbed
 from truestroke.runtime.realtime.recorder import Plan
+from truestroke.runtime.realtime.server import Server
 from truestroke.runtime.realtime.settings import Axis, RealtimeSettings
 from truestroke.runtime.realtime.shared import Layout, Shared, Slot
 from truestroke.runtime.ticks import SlowLayout, recorded, stride
@@ -43,7 +43,7 @@ def run_realtime(
     about: Mapping[str, object] | None = None,
     overwrite: bool = False,
     show: Literal["live", "lines"] | None = None,
-    epics: EpicsSettings | None = None,
+    server: Server | None = None,
 ) -> Outcome:
     """Follow trajectories with hardware, in real time.
 
@@ -64,8 +64,8 @@ def run_realtime(
         Replace files that are there; without it they are an error.
     show : "live" or "lines", optional
         A status line on stderr.
-    epics : EpicsSettings, optional
-        Publish the run by EPICS, from a process of its own.
+    server : EpicsSettings or LiveSettings, optional
+        Publish the run by EPICS or as a live page, from a process of its own.
 
     Returns
     -------
@@ -90,7 +90,7 @@ def run_realtime(
     with closing(driver):
         timing = driver.open()
         clock = {"utc": datetime.now(UTC).isoformat(), "monotonic_s": time.monotonic()}
-        _check_agreement(axes, timing, settings, epics)
+        _check_agreement(axes, timing, settings, server)
         for axis in axes:
             loop.count_latency(axis.controller, timing)
         _check_range(axes, driver)
@@ -106,7 +106,7 @@ def run_realtime(
             plans[0] = dataclasses.replace(plans[0], signals=_signals(driver))
             shared.count[Slot.TICKS] = len(axes[0].trajectory)
             with on_its_own(settings):
-                helpers = Helpers(shared, plans, driver, axes, settings, show, epics)
+                helpers = Helpers(shared, plans, driver, axes, settings, show, server)
             with closing(helpers):
                 helpers.wait_until_ready()  # Ctrl-C ends this at once: nothing has moved
                 unused.pop_all()
@@ -117,16 +117,14 @@ def run_realtime(
             return live.outcome(cause, reason, tuple(p if at.where == at.final else beside(p) for p, at in names))
 
 
-def _check_agreement(
-    axes: Sequence[Axis], timing: Timing, settings: RealtimeSettings, epics: EpicsSettings | None
-) -> None:
+def _check_agreement(axes: Sequence[Axis], timing: Timing, settings: RealtimeSettings, server: Server | None) -> None:
     checks.count("the number of axes", len(axes), timing.channels, timing.channels)
     if len({axis.name for axis in axes}) < len(axes):
         raise SettingError("name", ", ".join(axis.name for axis in axes), "different for each axis")
     if len({len(axis.trajectory) for axis in axes}) > 1:
         raise SettingError("trajectories", [len(axis.trajectory) for axis in axes], "of the same length", "ticks")
-    if epics is not None:
-        epics.check(axes)
+    if server is not None:
+        server.check(axes)
     for axis in axes:
         loop.check_agreement(axis.trajectory, axis.controller, timing)
     checks.within("watchdog_timeout", settings.watchdog_timeout, 4 * timing.block / timing.sample_rate, 60.0, "s")

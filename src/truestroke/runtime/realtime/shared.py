@@ -38,7 +38,9 @@ class Slot(IntEnum):
     WATCHDOG_BEAT = 13  # checks that they have made: constant if the process has stopped
     DEPUTY_BEAT = 14
     DEPUTY_PID = 15
-    ENDINGS = 16  # where in each file the JSON of its end stands, one slot an axis
+    HOLD = 16  # not 0: somebody asks that nothing is learned
+    REFUSED = 17  # requests that the live page has refused
+    ENDINGS = 18  # where in each file the JSON of its end stands, one slot an axis
 
 
 class State(IntEnum):

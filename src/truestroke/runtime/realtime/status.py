@@ -49,7 +49,7 @@ def line(shared: Shared, names: list[str], sample_rate: float) -> str:
         f"overruns {shared.count[Slot.OVERRUNS]}",
     ]
     if shared.count[Slot.SERVER] == Helper.FAILED:
-        parts.append("the EPICS server is gone")
+        parts.append("the server is gone")
     if done:
         for channel, name in enumerate(names):
             desired, measured, volts = shared.last(channel, done, round(WINDOW * sample_rate))

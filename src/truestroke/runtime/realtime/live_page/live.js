@@ -1,0 +1,134 @@
+"use strict";
+// The live page: reads a stream of frames, one JSON object a line, and asks for what its buttons say.
+(() => {
+  const token = location.hash.slice(1), by = (id) => document.getElementById(id), authorization = { Authorization: "Bearer " + token };
+  const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue("--" + name).trim();
+  let about = null, panels = [], held = false, last = 0;
+
+  function say(sentence) { by("complaint").textContent = sentence; by("complaint").hidden = !sentence; }
+
+  async function ask(what) {
+    try {
+      const answer = await fetch("/do", { method: "POST", headers: { ...authorization, "Content-Type": "application/json" }, body: JSON.stringify(what) });
+      say(answer.ok ? "" : (await answer.json()).error);
+    } catch { say("The run does not answer."); }
+  }
+
+  const element = (tag, text, of = {}) => Object.assign(document.createElement(tag), { textContent: text, ...of });
+
+  function chart(place, label, lines, height, named = false) {
+    const x = "time (s)";
+    const axis = { stroke: () => colour("text"), grid: { stroke: () => colour("grid"), width: 1 }, ticks: { stroke: () => colour("muted"), width: 1, size: 4 } };
+    const width = () => Math.max(220, place.clientWidth);
+    const plot = new uPlot({
+      width: width(), height, padding: [8, 8, 0, 0], legend: { show: named, live: false }, cursor: { drag: { x: false, y: false } }, scales: { x: { time: false } },
+      axes: [{ ...axis, size: 34, label: x, labelSize: 18 }, { ...axis, size: 60, label, labelSize: 18 }],
+      series: [{ label: x }, ...lines.map(([name, role, width_]) => ({ label: name, stroke: () => colour(role), width: width_, points: { show: false } }))],
+    }, [[], ...lines.map(() => [])], place);
+    new ResizeObserver(() => plot.setSize({ width: width(), height })).observe(place);
+    return plot;
+  }
+
+  function loop(place, of) { // measured over volts: a canvas, for its line turns back
+    const canvas = element("canvas", "", { className: "loop-canvas" });
+    canvas.setAttribute("role", "img");
+    canvas.setAttribute("aria-label", of + ": measured displacement over voltage");
+    place.append(canvas);
+    return (x, y, [low, high], [bottom, top]) => {
+      const scale = devicePixelRatio || 1, wide = Math.max(220, place.clientWidth), tall = Math.min(wide, 420), g = canvas.getContext("2d");
+      canvas.width = wide * scale; canvas.height = tall * scale; canvas.style.width = wide + "px"; canvas.style.height = tall + "px";
+      g.scale(scale, scale); g.font = "12px system-ui, sans-serif"; g.fillStyle = colour("text"); g.strokeStyle = colour("grid"); g.lineWidth = 1;
+      const left = 46, foot = 36, px = (v) => left + (v - low) / (high - low || 1) * (wide - left - 8), py = (v) => tall - foot - (v - bottom) / (top - bottom || 1) * (tall - foot - 8);
+      g.strokeRect(left, 8, wide - left - 8, tall - foot - 8);
+      g.textAlign = "center"; g.fillText("voltage (V)", (left + wide) / 2, tall - 4); g.fillText(low.toPrecision(3), left, tall - 20); g.fillText(high.toPrecision(3), wide - 20, tall - 20);
+      g.save(); g.translate(12, tall / 2); g.rotate(-Math.PI / 2); g.fillText("measured (µm)", 0, 0); g.restore();
+      g.textAlign = "right"; g.fillText(top.toPrecision(3), left - 4, 18); g.fillText(bottom.toPrecision(3), left - 4, tall - foot);
+      g.strokeStyle = colour("measured"); g.lineWidth = 1.2; g.beginPath();
+      let pen = false;
+      x.forEach((v, i) => { if (v == null || y[i] == null) { pen = false; return; } if (pen) g.lineTo(px(v), py(y[i])); else g.moveTo(px(v), py(y[i])); pen = true; });
+      g.stroke();
+    };
+  }
+
+  function prepare() {
+    by("axes").replaceChildren();
+    panels = about.axes.map((axis, channel) => {
+      const section = element("section", ""), lines = element("div", "", { className: "lines" }), round = element("div", "", { className: "loop" });
+      const flags = element("p", "", { className: "flags" });
+      section.append(element("h2", about.axes.length > 1 ? "Axis " + axis.name : "Tracking"));
+      if (axis.moved && about.control) section.append(setpoint(axis, channel));
+      section.append(flags, lines, round);
+      by("axes").append(section);
+      return {
+        flags, axis, loop: loop(round, axis.name),
+        motion: chart(lines, "displacement (µm)", [["desired", "desired", 3], ["measured", "measured", 1.2]], 240, true),
+        error: chart(lines, "error (nm)", [["error", "measured", 1]], 200),
+        volts: chart(lines, "voltage (V)", [["voltage", "measured", 1.2], ["highest", "limit", 1], ["lowest", "limit", 1]], 200),
+      };
+    });
+    for (const button of document.querySelectorAll(".control")) button.disabled = !about.control;
+  }
+
+  function setpoint(axis, channel) {
+    const form = element("form", ""), field = element("input", "", { type: "number", step: "any", min: axis.reach[0], max: axis.reach[1], value: 0, required: true });
+    const fast = element("input", "", { type: "number", step: "any", min: axis.speed * 1e-4, max: axis.speed, value: axis.speed, required: true });
+    const named = (text, input) => { const label = element("label", text + " "); label.append(input, " "); return label; };
+    form.append(named("Set-point (µm)", field), named("speed (µm/s)", fast), element("button", "Go"));
+    form.addEventListener("submit", async (event) => {
+      event.preventDefault();
+      await ask({ do: "speed", axis: channel, um_per_s: Number(fast.value) });
+      await ask({ do: "setpoint", axis: channel, um: Number(field.value) });
+    });
+    return form;
+  }
+
+  const seconds = (s) => s.toFixed(1) + " s";
+  function show(frame) {
+    by("state").textContent = frame.stop && frame.state !== "ended" ? "stopping" : frame.state;
+    held = frame.held;
+    by("hold").setAttribute("aria-pressed", held);
+    by("hold").textContent = held ? "Resume learning" : "Hold learning";
+    const late = frame.late_us == null ? "-" : "99 % within " + frame.late_us + " µs";
+    const figures = [["time", seconds(frame.time)], ["left", seconds(frame.left)], ["late", late], ["overruns", frame.overruns], ["refused requests", frame.refused]];
+    frame.axes.forEach((axis, i) => figures.push(["rms error" + (frame.axes.length > 1 ? " " + about.axes[i].name : ""), axis.rmse == null ? "-" : (1e3 * axis.rmse).toPrecision(3) + " nm"]));
+    by("figures").replaceChildren(...figures.map(([name, value]) => { const row = element("div", ""); row.append(element("dt", name), element("dd", value)); return row; }));
+    frame.axes.forEach((axis, i) => {
+      const panel = panels[i], x = axis.desired.map((_, k) => axis.start + k * axis.step), [low, high] = panel.axis.limits;
+      panel.flags.textContent = about.flags.filter((_, bit) => axis.flags & (1 << bit)).map((name) => name.replaceAll("_", " ")).join(", ");
+      panel.motion.setData([x, axis.desired, axis.measured]);
+      panel.error.setData([x, axis.error.map((e) => (e == null ? null : 1e3 * e))]);
+      panel.volts.setData([x, axis.volts, x.map(() => low), x.map(() => high)]);
+      const seen = axis.measured.concat(axis.desired).filter((v) => v != null);
+      if (seen.length) panel.loop(axis.volts, axis.measured, [low, high], [Math.min(...seen), Math.max(...seen)]);
+    });
+    document.body.dataset.frames = ++last;
+  }
+
+  async function read() {
+    const answer = await fetch("/stream", { headers: authorization });
+    if (!answer.ok) throw new Error((await answer.json()).error);
+    const reader = answer.body.pipeThrough(new TextDecoderStream()).getReader();
+    for (let rest = "", done, value; ;) {
+      ({ done, value } = await reader.read());
+      if (done) return;
+      const parts = (rest + value).split("\n");
+      rest = parts.pop();
+      if (!parts.length) continue;
+      if (parts[0].startsWith('{"flags"') || parts[0].includes('"control"')) { about = JSON.parse(parts.shift()); prepare(); say(""); }
+      if (parts.length && about) { const newest = JSON.parse(parts[parts.length - 1]); requestAnimationFrame(() => show(newest)); }
+    }
+  }
+
+  async function follow() { // the run may be started again at the same place
+    for (;;) {
+      try { await read(); } catch (error) { say(error instanceof TypeError ? "" : error.message); }
+      if (by("state").textContent !== "ended") by("state").textContent = "connection lost, trying again";
+      await new Promise((resolve) => setTimeout(resolve, 1000));
+    }
+  }
+
+  by("stop").addEventListener("click", () => ask({ do: "stop" }));
+  by("hold").addEventListener("click", () => ask({ do: held ? "resume" : "hold" }));
+  addEventListener("hashchange", () => location.reload());
+  follow();
+})();

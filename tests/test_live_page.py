@@ -1,0 +1,193 @@
+"""The live page of a run: what it shows, who may change what, and that STOP works whatever its readers do."""
+
+from __future__ import annotations
+
+import contextlib
+import http.client
+import json
+import re
+import socket
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from chromium import Browser
+from running import COMMAND
+
+from truestroke import Recording, SettingError
+from truestroke.runtime.realtime import LiveSettings, RealtimeError, config
+from truestroke.runtime.realtime.live_page import frames
+from truestroke.runtime.realtime.server import Panel
+from truestroke.runtime.realtime.shared import FIELDS, Layout, Shared, Slot, State
+
+CONTROL, READING = "control-" * 3, "reading-" * 3
+TABLES = f'\n[live]\nport = 0\ncontrol = "{CONTROL}"\nreading = "{READING}"\n'
+HANGING = f"GET /stream HTTP/1.1\r\nHost: 127.0.0.1:{{}}\r\nAuthorization: Bearer {READING}\r\n\r\n"
+
+
+class Served:
+    """A run of `truestroke serve --live`: an axis that is moved, on a simulated stack."""
+
+    def __init__(self, folder: Path) -> None:
+        text = config.example("serve").replace("= 3600.0", "= 300.0").partition("\n[epics]")[0]
+        text = re.sub(r"overrun_streak = \d+", "", text).partition("\n[realtime]")[0].partition("\n[recording]")[0]
+        text += '\n[realtime]\noverrun_streak = 0\nwatchdog_timeout = 20.0\n[recording]\nfile = "run.h5"\n' + TABLES
+        (folder / "serve.toml").write_text(text)
+        command = [COMMAND, "serve", "--live", "--config", "serve.toml", "--json"]
+        pipes: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+        self.process = subprocess.Popen(command, cwd=folder, **pipes)
+        assert self.process.stderr
+        address = self.process.stderr.readline()
+        found = re.search(r"http://127\.0\.0\.1:(\d+)/#" + CONTROL, address)
+        assert found, address + self.process.stderr.read()
+        self.port = int(found[1])
+        self.address = f"http://127.0.0.1:{self.port}/"
+
+    def ask(self, method: str, path: str, body: bytes | None = None, **headers: str) -> tuple[int, bytes, Any]:
+        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=120)
+        connection.request(method, path, body, {name.replace("_", "-"): value for name, value in headers.items()})
+        answer = connection.getresponse()
+        content = answer.read()
+        connection.close()
+        return answer.status, content, answer.headers
+
+    def do(self, token: str = CONTROL, origin: str | None = None, **what: Any) -> int:
+        headers = {"Authorization": f"Bearer {token}"} | ({"Origin": origin} if origin else {})
+        return self.ask("POST", "/do", json.dumps(what).encode(), **headers)[0]
+
+    def frames(self) -> Iterator[dict[str, Any]]:
+        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=120)
+        connection.request("GET", "/stream", headers={"Authorization": f"Bearer {READING}"})
+        answer = connection.getresponse()
+        try:
+            while line := answer.readline():
+                yield json.loads(line)
+        finally:
+            connection.close()
+
+    def until(self, true: Any) -> dict[str, Any]:
+        """The first frame of which that is true."""
+        for frame in self.frames():
+            if "state" in frame and true(frame):
+                return frame
+        raise AssertionError("the stream ended")
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Served, Path]]:
+    folder = tmp_path_factory.mktemp("live")
+    served = Served(folder)
+    try:
+        yield served, folder
+    finally:
+        served.process.kill()
+        served.process.communicate()
+
+
+def test_a_run_is_watched_moved_held_and_stopped(run: tuple[Served, Path]) -> None:
+    served, folder = run
+    about = next(served.frames())
+    assert about["axes"][0]["moved"]
+    assert not about["control"]  # this token may look alone
+    served.until(lambda frame: frame["state"] == "running")
+    assert served.do(do="setpoint", axis=0, um=5.0) == 200
+    there = served.until(lambda frame: abs((frame["axes"][0]["measured"] or [0.0])[-1] - 5.0) < 0.2)
+    assert there["axes"][0]["target"] == 5.0
+    assert len(there["axes"][0]["measured"]) <= frames.POINTS
+    assert served.do(do="hold") == 200
+    assert served.until(lambda frame: frame["held"] and frame["axes"][0]["flags"] & 8)  # the controller has it
+    assert served.do(do="resume") == 200
+    looking = Browser(f"{served.address}#{READING}")
+    looking.wait_for("Number(document.body.dataset.frames) > 2")
+    assert looking.evaluate("document.getElementById('state').textContent") == "running"
+    assert looking.evaluate("document.getElementById('stop').disabled")
+    assert looking.evaluate("document.documentElement.scrollWidth <= innerWidth")
+    looking.close()
+
+    # What is refused changes nothing, and is counted.
+    before = served.until(lambda frame: True)["refused"]
+    refused = [
+        served.do(READING, do="stop"),
+        served.do("wrong", do="stop"),
+        served.do(origin="http://example.com", do="stop"),
+        served.do(do="setpoint", axis=0, um=1e9),
+        served.do(do="setpoint", axis=3, um=1.0),
+        served.do(do="explode"),
+        served.ask("POST", "/do", b"[" * 1000, Authorization=f"Bearer {CONTROL}")[0],
+        served.ask("GET", "/stream")[0],
+        served.ask("GET", "/", Host="example.com")[0],
+    ]
+    assert refused == [403, 403, 403, 400, 400, 400, 400, 401, 421]
+    with contextlib.suppress(ConnectionError):  # the server may hang up before all of it is there
+        assert served.ask("POST", "/do", b"x" * 10_000_000, Authorization=f"Bearer {CONTROL}")[0] == 413
+    served.until(lambda frame: frame["refused"] == before + len(refused) + 1)
+    status, page, headers = served.ask("GET", "/")
+    assert status == 200
+    assert "default-src 'none'" in headers["Content-Security-Policy"]
+    assert not re.search(rb"<script>|onclick|style=", page)
+
+    # STOP, with readers that hang and hundreds of connections that say nothing.
+    hung = [socket.create_connection(("127.0.0.1", served.port)) for _ in range(300)]
+    for one in hung[:10]:
+        one.sendall(HANGING.format(served.port).encode())
+    holding = Browser(f"{served.address}#{CONTROL}")
+    holding.wait_for("document.getElementById('state').textContent === 'running'")
+    holding.evaluate("document.getElementById('stop').click()")
+    out, err = served.process.communicate(timeout=300)
+    for one in (*hung, holding):
+        one.close()
+    result = json.loads(out)
+    assert (result["cause"], result["reason"]) == ("stopped", "an operator asked for it"), err
+    recording = Recording.load(folder / "run.h5")
+    assert np.abs(recording["measured"][-20:]).max() < 6.0
+
+
+def test_a_port_that_is_taken_is_said_before_anything_moves() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        port = other.getsockname()[1]
+        with pytest.raises(RealtimeError, match=rf"port {port} .*choose another `port` in the table \[live\]"):
+            LiveSettings(port=port).check([])
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"port": 80}, "port = 80: must be a whole number from 1024 to 65535"),
+        ({"window": 60.0}, "window = 60"),
+        ({"control": "short"}, "control = a token: must be of at least 16 characters"),
+        ({"control": "x" * 20, "reading": "x" * 20}, "another one than that of control"),
+    ],
+)
+def test_what_is_wrong_in_the_settings_is_named(given: dict[str, Any], words: str) -> None:
+    with pytest.raises(SettingError, match=re.escape(words)):
+        LiveSettings(**given)
+
+
+def test_tokens_are_others_in_each_run_and_not_shown() -> None:
+    one, other = LiveSettings(), LiveSettings()
+    assert len({one.control, one.reading, other.control, other.reading}) == 4
+    assert one.control not in repr(one)
+
+
+def test_a_frame_keeps_a_spike_and_says_what_is_lost() -> None:
+    shared = Shared(Layout(channels=1, size=20_000, slow_size=4, slow_width=1))
+    try:
+        shared.count[Slot.STATE], shared.count[Slot.TICKS] = State.LIVE, 40_000
+        ring = shared.ring[0]
+        ring[:] = 0.0
+        ring[FIELDS.index("measured"), 15_003] = 9.0
+        ring[FIELDS.index("measured"), 16_000:16_100] = np.nan
+        ring[FIELDS.index("flags"), 17_900] = 32
+        axis = Panel(name="x", voltage_limits=(0.0, 1.0), reach=(0.0, 1.0), moved=False, weights=0)
+        made = frames.frame(shared, [axis], 10_000.0, 1.8, 18_000)
+        shown = json.loads(frames.encoded(made))["axes"][0]
+    finally:
+        shared.close()
+    assert max(value for value in shown["measured"] if value is not None) == 9.0
+    assert None in shown["measured"]
+    assert shown["flags"] == 32
+    at = shown["start"] + shown["step"] * shown["measured"].index(9.0)
+    assert at == pytest.approx(1.5003, abs=0.01)
