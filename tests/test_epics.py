@@ -204,7 +204,7 @@ def controller() -> AdaptiveController:
 def run(do: dict[int, Callable[[], object]] | None = None, **changes: Any) -> Any:
     axis = Axis(trajectory=WAVE, controller=controller(), voltage_limits=LIMITS, slew=400.0)
     keep = RealtimeSettings(overrun_streak=0, watchdog_timeout=20.0)
-    options = {"settings": keep, "epics": EpicsSettings(prefix="TEST:STAGE"), **changes}
+    options = {"settings": keep, "server": EpicsSettings(prefix="TEST:STAGE"), **changes}
     return run_realtime(Bench(do or {}), [axis], "run.h5", **options)
 
 

@@ -64,6 +64,7 @@ def _axis(shared: Shared, channel: int, panel: Panel, rate: float, window: float
     known = recent[np.isfinite(recent)]
     ticks = np.arange(max(0, settled - recent.size), settled) % shared.layout.size
     flags = np.bitwise_or.reduce(shared.ring[channel, FIELDS.index("flags"), ticks].astype(np.uint64))
+    every = slice(None, None, -(-max(1, desired.size) // POINTS))
     shown = {"desired": desired, "measured": measured, "error": error, "volts": volts}
     return {
         "rmse": _number(float(np.sqrt(np.mean(known**2)))) if known.size else None,
@@ -71,6 +72,7 @@ def _axis(shared: Shared, channel: int, panel: Panel, rate: float, window: float
         "target": _number(shared.targets[channel]) if panel.moved else None,
         "start": max(0, settled - desired.size) / rate,
         "step": 1.0 / rate if group == 1 else group / 2 / rate,
+        "loop": [[_number(x) for x in line[every].tolist()] for line in (volts, measured)],
         **{name: [_number(x) for x in charts.extremes(line, group).tolist()] for name, line in shown.items()},
     }
 

@@ -99,7 +99,7 @@
       panel.error.setData([x, axis.error.map((e) => (e == null ? null : 1e3 * e))]);
       panel.volts.setData([x, axis.volts, x.map(() => low), x.map(() => high)]);
       const seen = axis.measured.concat(axis.desired).filter((v) => v != null);
-      if (seen.length) panel.loop(axis.volts, axis.measured, [low, high], [Math.min(...seen), Math.max(...seen)]);
+      if (seen.length) panel.loop(...axis.loop, [low, high], [Math.min(...seen), Math.max(...seen)]);
     });
     document.body.dataset.frames = ++last;
   }
