@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
+import signal
 import subprocess
 import tempfile
 import time
@@ -29,7 +30,7 @@ def found() -> str:
 
 def dom(page: Path, hash: str = "") -> str:
     """The document after its scripts have run, as HTML."""
-    with tempfile.TemporaryDirectory() as profile:
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
         command = [found(), *QUIET.split(), f"--user-data-dir={profile}", "--virtual-time-budget=4000", "--dump-dom"]
         done = subprocess.run(
             [*command, f"{page.as_uri()}{hash}"], capture_output=True, text=True, timeout=600, check=True
@@ -41,13 +42,16 @@ class Browser:
     """A page that stays open, told what to do over Chromium's pipe of its DevTools."""
 
     def __init__(self, address: str) -> None:
-        self._profile = tempfile.TemporaryDirectory()
+        self._profile = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
         ours, theirs = os.pipe(), os.pipe()  # what it reads at 3, what it writes at 4
         script = f'exec "$@" 3<&{ours[0]} 4>&{theirs[1]}'
         options = [*QUIET.split(), f"--user-data-dir={self._profile.name}", "--remote-debugging-pipe"]
         quiet: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
         self._process = subprocess.Popen(
-            ["/bin/bash", "-c", script, "bash", found(), *options], pass_fds=(ours[0], theirs[1]), **quiet
+            ["/bin/bash", "-c", script, "bash", found(), *options],
+            pass_fds=(ours[0], theirs[1]),
+            start_new_session=True,
+            **quiet,
         )
         os.close(ours[0])
         os.close(theirs[1])
@@ -79,7 +83,7 @@ class Browser:
             time.sleep(0.05)
 
     def close(self) -> None:
-        self._process.kill()
+        os.killpg(self._process.pid, signal.SIGKILL)  # all of its processes
         self._process.wait()
         os.close(self._to)
         self._from.close()

@@ -37,10 +37,10 @@ from truestroke.runtime.realtime import (
     RealtimeSettings,
     SetPoint,
     config,
-    epics,
     helpers,
     process,
     run_realtime,
+    server,
 )
 from truestroke.signals.trajectories import sine
 
@@ -237,7 +237,7 @@ def noted_servers(monkeypatch: pytest.MonkeyPatch) -> list[subprocess.Popen[byte
 
     def start(shared: Any, job: Callable[..., None], *arguments: Any, **options: Any) -> subprocess.Popen[bytes]:
         started = original(shared, job, *arguments, **options)
-        servers.extend([started] if job is epics.serve else [])
+        servers.extend([started] if job is server.start else [])
         return started
 
     original = process.start
@@ -280,7 +280,7 @@ def call(*arguments: str) -> str:
 def test_what_the_command_line_refuses() -> None:
     configure()
     assert "truestroke serve --epics" in call("run", "--config", "serve.toml")
-    assert "--epics is needed" in call("serve", "--config", "serve.toml")
+    assert "one of --epics and --live is needed" in call("serve", "--config", "serve.toml")
     assert "--example prints one" in call("serve", "--epics")
     Path("run.toml").write_text(config.example())
     assert "a table [epics] is needed" in call("serve", "--epics", "--config", "run.toml")
