@@ -215,7 +215,7 @@ def test_what_the_command_line_refuses() -> None:
     [
         ({"drivers": {}}, "drivers = .*did you mean driver.*There are driver, axis, scan, coupled, realtime"),
         ({"driver": {}}, "driver.name = missing"),
-        ({"driver": {"name": "labview"}}, "driver.name = 'labview': must be one of nidaqmx, pi, simulated"),
+        ({"driver": {"name": "labview"}}, "driver.name = 'labview': must be one of nidaqmx, nv200, pi, simulated, visa"),
         (
             {"driver": {"name": "simulated", "blok": 5}},
             "driver.blok = 5: must be left out; did you mean block.* There are name, sample_rate, block",
@@ -448,6 +448,6 @@ def test_a_driver_of_another_package_is_run_by_its_name(tmp_path: Path) -> None:
     assert "driver.prot = 3: must be left out; did you mean port? There are name, port, sample_rate" in done.stderr
     Path("run.toml").write_text(text.replace('"mystage"', '"mystag"'))
     done = run([COMMAND, "run", "--config", "run.toml"])
-    assert "driver.name = 'mystag': must be one of mystage, nidaqmx, pi, simulated" in done.stderr
+    assert "driver.name = 'mystag': must be one of mystage, nidaqmx, nv200, pi, simulated, visa" in done.stderr
     done = run([COMMAND, "doctor", "--json"])
     assert "stagelib" in {finding["what"] for finding in json.loads(done.stdout)["findings"]}
