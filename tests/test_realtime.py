@@ -215,7 +215,7 @@ def test_what_the_command_line_refuses() -> None:
     [
         ({"drivers": {}}, "drivers = .*did you mean driver.*There are driver, axis, scan, coupled, realtime"),
         ({"driver": {}}, "driver.name = missing"),
-        ({"driver": {"name": "labview"}}, "driver.name = 'labview': must be one of nidaqmx, nv200, pi, simulated, visa"),
+        ({"driver": {"name": "labview"}}, "driver.name = 'labview': must be one of nidaqmx, nv200, pi, simulated"),
         (
             {"driver": {"name": "simulated", "blok": 5}},
             "driver.blok = 5: must be left out; did you mean block.* There are name, sample_rate, block",
