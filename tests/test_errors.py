@@ -16,7 +16,7 @@ from truestroke import plant, trajectories
 from truestroke.runtime.batch import Simulation
 
 BENCH = {"sample_rate": 2000.0, "stroke": 30.0, "voltage_limits": (-0.6, 3.6)}
-INTERNAL = {"Stop", "NotHere"}  # caught where they are raised
+INTERNAL = {"Stop", "NotHere", "RefusedError"}  # caught where they are raised
 
 
 def exceptions():

@@ -18,7 +18,7 @@ from truestroke import AdaptiveController, metrics, trajectories
 from truestroke.base.flags import BIT
 from truestroke.base.verdict import Verdict
 from truestroke.cli import main
-from truestroke.cli.realtime import _code
+from truestroke.cli.realtime import code_of
 from truestroke.control.baselines import ConstantGain
 from truestroke.plant import Change, PlantSettings, RealisticPlant
 from truestroke.runtime.drivers import SimulatedDriver, SimulatedSettings
@@ -367,7 +367,7 @@ def test_a_recording_without_measurements_has_a_verdict_in_place_of_figures(tmp_
     ],
 )
 def test_a_run_keeps_the_code_of_its_cause(cause, level, code):
-    assert _code(SimpleNamespace(cause=cause), Verdict(level)) == code
+    assert code_of(SimpleNamespace(cause=cause), Verdict(level)) == code
 
 
 def test_a_run_whose_supervision_is_off_ends_with_its_verdict(tmp_path):

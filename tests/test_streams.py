@@ -16,7 +16,7 @@ COMMAND = str(Path(sys.executable).with_name("truestroke"))
 CONFIG = """
 [driver]
 name = "simulated"
-faults = [{ kind = "FAULT", at = 300, count = 99999 }]
+faults = [{ kind = "FAULT", at = 3000, count = 99999 }]
 [[axis]]
 stroke = 30.0
 voltage_limits = [-0.6, 3.6]

@@ -91,8 +91,8 @@ def test_units_of_the_instrument(instrument: Instrument, made) -> None:
     driver = made(**said)
     driver.open()
     driver.start(np.array([50.0]))
-    assert instrument.volts == 5.0  # V at the controller's input, which amplifies ten times
     z = step(driver, 50.0)
+    assert instrument.volts == 5.0  # V at the input, which amplifies ten times: the question came behind it
     assert z == pytest.approx(7.0 - 1e-3 * instrument.position(), abs=1e-3)
     driver.close()
 

@@ -111,11 +111,13 @@ void ts_guard_begin(ts_guard *g)
 }
 
 /* Whether an error is far beyond the motion so far, before anything was good. */
-static bool bursts(const ts_guard *g, const ts_guard_settings *s, ts_real error)
+static bool bursts(const ts_guard *g, const ts_guard_settings *s, ts_real error, ts_real z_d)
 {
     ts_real size = error < 0 ? -error : error, first = g->start < 0 ? -g->start : g->start;
+    ts_real motion = g->high - g->low, away = z_d < 0 ? -z_d : z_d;
     if (g->kept || g->held > 0) return false;
-    return size > BURST * (g->high - g->low) && size > LEAST_BURST * s->floor && size > 2 * first;
+    if (motion < away) motion = away; /* a sensor that was not zeroed: the first command goes this far */
+    return size > BURST * motion && size > LEAST_BURST * s->floor && size > 2 * first;
 }
 
 ts_real ts_guard_range(const ts_guard *g, const ts_guard_settings *s)
@@ -127,7 +129,7 @@ ts_real ts_guard_range(const ts_guard *g, const ts_guard_settings *s)
 ts_guard_action ts_guard_tick(ts_guard *g, const ts_guard_settings *s, ts_real error, ts_real z_d, bool counts, ts_real noise)
 {
     follow(g, s, error, z_d, counts);
-    if (counts && bursts(g, s, error)) {
+    if (counts && bursts(g, s, error, z_d)) {
         g->failed = 1;
         g->held = 1;
         begin_window(g);

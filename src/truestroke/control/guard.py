@@ -128,7 +128,7 @@ class Guard:
             Standard deviation of a measurement, um.
         """
         self._follow(error, z_d, counts)
-        if counts and self._bursts(abs(error)):
+        if counts and self._bursts(abs(error), abs(z_d)):
             self.failed, self.held = 1.0, 1
             self._begin_window()
             return Action.RESTORE
@@ -159,12 +159,15 @@ class Guard:
     def _begin_window(self) -> None:
         self.sum, self.square, self.ticks, self.counted = 0.0, 0.0, 0, 0
 
-    def _bursts(self, size: float) -> bool:
-        """Whether an error of this size, um, is far beyond the motion so far, before anything was good."""
+    def _bursts(self, size: float, away: float) -> bool:
+        """Whether an error of this size, um, is far beyond the motion so far, before anything was good.
+
+        The motion is at least `away`, um, from 0: where the sensor was not zeroed, the first command goes so far.
+        """
         if self.kept or self.held > 0:
             return False
-        motion = size > BURST * (self.high - self.low)
-        return motion and size > LEAST_BURST * self.settings.floor and size > 2 * abs(self.start)
+        beyond = size > BURST * max(self.high - self.low, away)
+        return beyond and size > LEAST_BURST * self.settings.floor and size > 2 * abs(self.start)
 
     def _follow(self, error: float, z_d: float, counts: bool) -> None:
         if not self.started:
