@@ -64,6 +64,7 @@ def test_a_browser_draws_the_chart_of_a_run_and_shows_the_part_of_the_address(pa
     assert re.search(r'class="chart" data-shown="1.1 1.3"', part)
     assert part.count("<canvas") == 3
     assert re.search(r'class="chart" data-shown="0 1.9995"', dom(page, "#from=-5&to=400"))  # no further than the run
+    assert re.search(r'class="chart" data-shown="0 1.9995"', dom(page, "#from=1.1&to=half"))  # a mangled address
 
 
 def test_a_page_with_a_chart_is_well_formed_small_and_needs_no_network(page: Path) -> None:

@@ -115,12 +115,14 @@ def test_a_run_is_watched_moved_held_and_stopped(run: tuple[Served, Path]) -> No
         served.do(origin="http://example.com", do="stop"),
         served.do(do="setpoint", axis=0, um=1e9),
         served.do(do="setpoint", axis=3, um=1.0),
+        served.do(do="setpoint", axis=0, um=10**400),
+        served.do(do="setpoint", axis=0, um=float("nan")),
         served.do(do="explode"),
         served.ask("POST", "/do", b"[" * 1000, Authorization=f"Bearer {CONTROL}")[0],
         served.ask("GET", "/stream")[0],
         served.ask("GET", "/", Host="example.com")[0],
     ]
-    assert refused == [403, 403, 403, 400, 400, 400, 400, 401, 421]
+    assert refused == [403, 403, 403, 400, 400, 400, 400, 400, 400, 401, 421]
     with contextlib.suppress(ConnectionError):  # the server may hang up before all of it is there
         assert served.ask("POST", "/do", b"x" * 10_000_000, Authorization=f"Bearer {CONTROL}")[0] == 413
     served.until(lambda frame: frame["refused"] == before + len(refused) + 1)

@@ -82,7 +82,8 @@
     new ResizeObserver(() => { for (const u of drawn) u.setSize({ width: width(), height: u.height }); }).observe(place);
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { for (const u of drawn) u.redraw(false); });
     const asked = new URLSearchParams(location.hash.slice(1));
-    if (asked.has("from") && asked.has("to")) show(Number(asked.get("from")), Number(asked.get("to")));
+    const part = [asked.get("from"), asked.get("to")].map((text) => (text ? Number(text) : NaN)); // an address may be mangled
+    if (part.every(Number.isFinite)) show(...part);
     else holder.dataset.shown = shown.map(rounded).join(" ");
   }
 

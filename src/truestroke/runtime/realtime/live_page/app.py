@@ -173,7 +173,7 @@ class LivePage:
 
 
 def _within(what: str, value: float, low: float, high: float, unit: str) -> None:
-    if not (math.isfinite(value) and low <= value <= high):
+    if not low <= value <= high:  # nor a whole number that no float can hold
         raise RefusedError(400, f"{what} = {value} {unit}: must be {low:g} to {high:g} {unit}")
 
 
