@@ -24,7 +24,7 @@ from test_docs import assert_prints
 import truestroke
 from truestroke import SettingError, plant, trajectories
 from truestroke.cli import main
-from truestroke.runtime.drivers import DriverError, pi, playback
+from truestroke.runtime.drivers import DriverError, connected, playback
 from truestroke.runtime.drivers.pi import PiDriver, PiSettings
 from truestroke.signals.timing import Timing
 
@@ -676,7 +676,7 @@ def test_a_signal_stops_the_wave_and_the_output_is_safe(bench, fake, stop, code)
 
 @pytest.mark.parametrize(("change", "code"), [(("", ""), 0), (("[[axis]]", "um_per_unit = -1.0\n[[axis]]"), 3)])
 def test_the_first_volts(bench: Path, fake: Fake, monkeypatch: pytest.MonkeyPatch, change, code: int) -> None:
-    monkeypatch.setattr(pi, "require_time", lambda *_: None)  # late ticks do not matter to it
+    monkeypatch.setattr(connected, "require_time", lambda *_: None)  # late ticks do not matter to it
     text = Path("stage.toml").read_text().replace("[[axis]]", "sample_rate = 200.0\n[[axis]]").replace(*change)
     Path("stage.toml").write_text(text)
     done = CliRunner().invoke(main, ["commission", "--config", "stage.toml", "--yes", "--json"])

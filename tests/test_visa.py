@@ -16,7 +16,7 @@ from fakes.lines import GAIN, PLANT, Instrument
 import truestroke
 from truestroke import SettingError, plant, trajectories
 from truestroke.base import toml
-from truestroke.runtime.drivers import DriverError, OneAxis, lines
+from truestroke.runtime.drivers import DriverError, OneAxis, connected
 from truestroke.runtime.drivers.lines import LineSettings
 from truestroke.runtime.drivers.registry import find
 from truestroke.signals.timing import Timing
@@ -105,7 +105,7 @@ def test_a_question_does_not_wait_behind_a_command(driver) -> None:
 
 def test_it_is_as_accurate_as_without_the_wire(instrument: Instrument, made, monkeypatch: pytest.MonkeyPatch) -> None:
     """The same stack at the same rate; the wire has six decimals, and the first position is asked for by `open`."""
-    monkeypatch.setattr(lines, "require_time", lambda *_: None)  # late ticks do not matter to it
+    monkeypatch.setattr(connected, "require_time", lambda *_: None)  # late ticks do not matter to it
     wave = trajectories.sine(frequency=1.0, peak_to_peak=10.0, duration=4.0, sample_rate=100.0)
     driver = made(**{"sample_rate": 100.0})
 

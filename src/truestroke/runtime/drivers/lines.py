@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import dataclasses
-import functools
 import re
 import socket
 import string
-import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,10 +15,9 @@ import numpy as np
 from truestroke.base import checks
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
-from truestroke.runtime.drivers.paced import require_time
+from truestroke.runtime.drivers.connected import SAME, ConnectedDriver
 from truestroke.runtime.drivers.protocol import DriverError
 from truestroke.runtime.drivers.registry import package
-from truestroke.signals.timing import Timing
 
 __all__ = ["LineDriver", "LineSettings"]
 
@@ -32,7 +28,6 @@ NEEDS = (
 )
 NUMBER = r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)"
 NO_NUMBER = 9.9e37  # SCPI's infinity; its NaN is 9.91e37
-SAME = 1e-3  # of the output range: what a voltage may lose as text, and differ by where the instrument reports it
 NOISE = "\x00\x01\x11\x13 \t\r\n"  # around an answer: flow control that came through, white space
 
 
@@ -198,127 +193,85 @@ def _pattern(template: str, axis: str) -> str:
     )
 
 
-class LineDriver:
-    """The protocol of `drivers.Driver` over an instrument that is sent each voltage and asked for each position.
+class LineDriver(ConnectedDriver):
+    """An instrument that is sent each voltage and asked for each position in lines of text.
 
-    `exchange` reads the position that the last voltage has led to, then sends the next, so the latency is one tick.
-    Nothing is timed by hardware.
+    A class of its own has `kind`, and `lines` where its settings are not `LineSettings`.
 
     Parameters
     ----------
-    kind : str
-        Name of the driver.
     settings : object
-        The dataclass of its settings, for the recording.
-    lines : LineSettings
-        What is said to the instrument.
+        `LineSettings`, or a dataclass with what `lines` needs.
     """
 
     needs = NEEDS
 
-    def __init__(self, kind: str, settings: Any, lines: LineSettings) -> None:
-        self.settings = settings
-        self._kind, self._lines = kind, lines
-        self._device: Any = None
-        self._state = "closed"  # or "open", "started", "failed"
+    def __init__(self, settings: Any) -> None:
+        super().__init__(settings)
+        self._lines = self.lines()
 
-    def open(self) -> Timing:
-        """Connect, check, set up. The output stays where it is.
+    def lines(self) -> LineSettings:
+        """What is said to the instrument."""
+        said: LineSettings = self.settings
+        return said
 
-        Raises
-        ------
-        DriverError
-            pyvisa or the instrument is not there, or it answers otherwise than `checks` say.
-        """
-        self.close()
-        s = self._lines
-        with self._working("opening"):
-            self._device = _connect(s)
-            for question, answer in s.checks:
-                self._check(question, answer, "the instrument of checks")
-            for command in s.setup:
-                self._device.write(command)
-            self._position()
-        self._state = "open"
-        return Timing(sample_rate=s.sample_rate, block=1, latency=1, channels=len(s.axes))
+    @property
+    def where(self) -> str:
+        """VISA resource."""
+        return self._lines.resource
 
-    def _check(self, question: str, answer: str, remedy: str) -> str:
+    @property
+    def channels(self) -> int:
+        """How many axes there are."""
+        return len(self._lines.axes)
+
+    def _connect(self) -> Any:
+        return _connect(self._lines)
+
+    def _disconnect(self, device: Any) -> None:
+        device.close()
+
+    def _translated(self) -> AbstractContextManager[None]:
+        return _translated()
+
+    def _check(self) -> None:
+        for question, answer in self._lines.checks:
+            self._require(question, answer, "the instrument of checks")
+        for command in self._lines.setup:
+            self._device.write(command)
+        self._position()
+
+    def _require(self, question: str, answer: str, remedy: str) -> str:
         """The answer to a question of `open`; a DriverError where it is another than this regular expression."""
         said = _ask(self._device, question)
         if not re.fullmatch(answer, said):
-            raise DriverError(
-                f"opening {self._lines.resource}: to {question} the instrument answers {said!r}, not {answer}: {remedy}"
-            )
+            raise DriverError(f"to {question} the instrument answers {said!r}, not {answer}: {remedy}")
         return said
-
-    def start(self, volts: FloatArray) -> None:
-        """Set the output to `volts` (V, shape (channels,)), if the connection is fast enough for the ticks.
-
-        Raises
-        ------
-        DriverError
-            A voltage and a position take longer than two thirds of a tick; the message names a rate that works.
-        """
-        if self._state != "started":
-            self._needs("open", "start")
-        with self._working("starting"):
-            require_time(lambda: (self._position(), self._position()), self._lines.sample_rate)  # the output stays
-            _set(self._device, self._lines, volts)
-        self._state = "started"
-
-    def exchange(self, volts: FloatArray, measured: FloatArray) -> None:
-        """Ask for the displacement (um) under the last voltage, then send the next (V); shape (channels, 1)."""
-        self._needs("started", "exchange")
-        with self._working("exchanging"):
-            measured[:, 0] = self._position()
-            _set(self._device, self._lines, volts[:, 0])
 
     def _position(self) -> FloatArray:
         s = self._lines
-        units = [_number(self._device, s.position_query, s.position_answer, axis) for axis in s.axes]
-        return np.array(units) * s.um_per_unit + s.offset
+        return self._numbers(s.position_query, s.position_answer) * s.um_per_unit + s.offset
 
-    def stop(self, volts: FloatArray) -> None:
-        """Set the output to the safe `volts` (V, shape (channels,)), confirmed; after an error by a new connection."""
-        if self._state in ("open", "started"):
-            with suppress(DriverError):
-                with self._working("stopping"):
-                    _stop(self._device, self._lines, volts)
-                self._state = "open"
-                return
-        self.close()
-        hold(self._lines, volts)
+    def _set(self, volts: FloatArray) -> None:
+        s = self._lines
+        for axis, value in zip(s.axes, volts.tolist(), strict=True):
+            command = _text(s.voltage_command, axis, value / s.volts_per_unit)
+            if not s.voltage_reply:
+                self._device.write(command)
+            elif (said := _ask(self._device, command)) != _text(s.voltage_reply, axis):
+                raise DriverError(f"to {command} the instrument answers {said!r}, not {_text(s.voltage_reply, axis)}")
 
-    def close(self) -> None:
-        """Close the connection; the output keeps its voltage. A second call does nothing."""
-        self._state, device, self._device = "closed", self._device, None
-        if device is not None:
-            _close(device)
+    def _halt(self) -> None:
+        for command in self._lines.stop_commands:
+            self._device.write(command)
 
-    def rescue(self) -> Callable[[FloatArray], None]:
-        """Give `stop` for another process, with a connection of its own: can be pickled."""
-        return functools.partial(hold, self._lines)
+    def _reported(self) -> FloatArray | None:
+        s = self._lines
+        return self._numbers(s.voltage_query, s.voltage_answer) * s.volts_per_unit if s.voltage_query else None
 
-    def unattended(self) -> tuple[bool, str]:
-        """Whether the instrument sets its outputs to the safe voltages itself when this computer stops; in words."""
-        return False, "the instrument holds its last voltage"
-
-    def describe(self) -> dict[str, object]:
-        """Kind and settings, as plain data for a recording."""
-        return {"kind": self._kind, **dataclasses.asdict(self.settings)}
-
-    def _needs(self, state: str, call: str) -> None:
-        if self._state != state:
-            before = "start" if state == "started" else "open"
-            raise DriverError(f"{call}: the driver is {self._state}; call {before} first")
-
-    @contextmanager
-    def _working(self, doing: str) -> Iterator[None]:
-        """After an error in here the driver is "failed": the next answer on this connection is not known."""
-        before, self._state = self._state, "failed"
-        with _naming(f"{doing} {self._lines.resource}"):
-            yield
-        self._state = before
+    def _numbers(self, question: str, answer: str) -> FloatArray:
+        """The number in the answer for each axis; NaN where the instrument says that it has none."""
+        return np.array([_number(self._device, question, answer, axis) for axis in self._lines.axes])
 
 
 # ---- The instrument ------------------------------------------------------------------------------------------------
@@ -377,64 +330,14 @@ def _number(device: Any, question: str, template: str, axis: str) -> float:
     return number if abs(number) < NO_NUMBER else np.nan
 
 
-def _set(device: Any, s: LineSettings, volts: FloatArray) -> None:
-    if not np.isfinite(volts).all():
-        raise DriverError("a voltage is not finite")
-    if not (s.output_range[0] <= np.min(volts) and np.max(volts) <= s.output_range[1]):
-        raise DriverError(f"{np.asarray(volts).tolist()} V is outside of output_range = {s.output_range}")
-    for axis, value in zip(s.axes, volts.tolist(), strict=True):
-        command = _text(s.voltage_command, axis, value / s.volts_per_unit)
-        if not s.voltage_reply:
-            device.write(command)
-        elif (said := _ask(device, command)) != _text(s.voltage_reply, axis):
-            raise DriverError(f"to {command} the instrument answers {said!r}, not {_text(s.voltage_reply, axis)}")
-
-
-def _stop(device: Any, s: LineSettings, volts: FloatArray) -> None:
-    """Set the output and have it confirmed: by the voltage, or by any answer, which comes after the command."""
-    for command in s.stop_commands:
-        device.write(command)
-    _set(device, s, volts)
-    for axis, value in zip(s.axes, volts.tolist(), strict=True):
-        if not s.voltage_query:
-            _number(device, s.position_query, s.position_answer, axis)
-            continue
-        said = _number(device, s.voltage_query, s.voltage_answer, axis) * s.volts_per_unit
-        if not abs(said - value) <= SAME * np.ptp(s.output_range):
-            raise DriverError(f"the instrument says {said:g} V, not {value:g} V")
-
-
-def hold(s: LineSettings, volts: FloatArray) -> None:
-    """Put constant `volts` (V, shape (channels,)) out, by a connection of its own.
-
-    Tries again for five times the time-out: an instrument of one connection may not know yet that the other is gone,
-    and the answer to an earlier question may still come. Then it is a `DriverError`.
-    """
-    end = time.monotonic() + 5 * s.timeout
-    while True:
-        try:
-            with _naming(f"holding {s.resource} at {np.asarray(volts).tolist()} V"):
-                device = _connect(s)
-                try:
-                    _stop(device, s, volts)
-                finally:
-                    _close(device)
-            return
-        except DriverError:
-            if time.monotonic() > end:
-                raise
-            time.sleep(0.1)
-
-
 @contextmanager
-def _naming(doing: str) -> Iterator[None]:
-    """What pyvisa and its libraries raise, as a DriverError with the call and the remedy."""
+def _translated() -> Iterator[None]:
+    """What pyvisa and its libraries raise, as a DriverError."""
     try:
         yield
     except ImportError as error:
-        raise DriverError(f"{doing}: {error}; pip install 'truestroke[visa]'") from error
-    except DriverError as error:
-        raise error if str(error).startswith(doing) else DriverError(f"{doing}: {error}") from error
+        raise DriverError(f"{error}; pip install 'truestroke[visa]'") from error
+    except DriverError:
+        raise
     except Exception as error:  # a VISA library may raise anything: pyvisa-py an Exception where nobody answers
-        text = " ".join(str(error).split()) or type(error).__name__
-        raise DriverError(f"{doing}: {text}") from error
+        raise DriverError(" ".join(str(error).split()) or type(error).__name__) from error

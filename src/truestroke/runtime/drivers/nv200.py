@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from truestroke.base import checks
 from truestroke.runtime.drivers.lines import NUMBER, LineDriver, LineSettings
 from truestroke.runtime.drivers.protocol import DriverError
-from truestroke.signals.timing import Timing
 
 __all__ = ["Nv200Driver", "Nv200Settings"]
 
@@ -91,25 +90,19 @@ class Nv200Driver(LineDriver):
         Address, limits, sensor.
     """
 
-    Settings = Nv200Settings
+    Settings, kind = Nv200Settings, "nv200"
 
-    def __init__(self, settings: Nv200Settings) -> None:
-        super().__init__("nv200", settings, settings.lines())
+    def lines(self) -> LineSettings:
+        """What is said to the controller."""
+        said: LineSettings = self.settings.lines()
+        return said
 
-    def open(self) -> Timing:
-        """Connect; check loop, set-point source, sensor and limits. The output stays where it is.
-
-        Raises
-        ------
-        DriverError
-            pyvisa or the controller is not there, its loop is closed, or its limits are others.
-        """
-        timing = super().open()
-        with self._working("opening"):
-            for question, answer, remedy in OPEN_LOOP:
-                self._check(question, answer, remedy)
-            for question, limit in zip(("avmin", "avmax"), self.settings.output_range, strict=True):
-                said = float(self._check(question, f"{question},{NUMBER}", "a limit in V").partition(",")[2])
-                if abs(said - limit) > 1e-3:
-                    raise DriverError(f"{question} is {said:g} V in the controller, {limit:g} V in output_range")
-        return timing
+    def _check(self) -> None:
+        """Loop, set-point source, sensor and limits."""
+        super()._check()
+        for question, answer, remedy in OPEN_LOOP:
+            self._require(question, answer, remedy)
+        for question, limit in zip(("avmin", "avmax"), self.settings.output_range, strict=True):
+            said = float(self._require(question, f"{question},{NUMBER}", "a limit in V").partition(",")[2])
+            if abs(said - limit) > 1e-3:
+                raise DriverError(f"{question} is {said:g} V in the controller, {limit:g} V in output_range")

@@ -1,12 +1,11 @@
 """Controllers of Physik Instrumente (GCS 2.0) over TCP: waves that they play and record, or set-points one by one."""
 
-import dataclasses
 import functools
 import select
 import socket
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,11 +15,10 @@ import numpy.typing as npt
 from truestroke.base import checks
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
-from truestroke.runtime.drivers.paced import require_time
+from truestroke.runtime.drivers.connected import ConnectedDriver
 from truestroke.runtime.drivers.playback import Recorded
 from truestroke.runtime.drivers.protocol import DriverError
 from truestroke.runtime.drivers.registry import package
-from truestroke.signals.timing import Timing
 
 __all__ = ["PiDriver", "PiSettings"]
 
@@ -131,12 +129,12 @@ class _Rate:
     samples: int
 
 
-class PiDriver:
+class PiDriver(ConnectedDriver):
     """The protocol of `drivers.Driver` over a controller of PI in open loop, and `playback`; see docs/pi.md.
 
     `playback` is what these controllers are good at: the wave is in their memory, and their own clock puts it out and
     records. `exchange` sends a set-point and asks for the position at each tick, which is slow, and timed by the
-    caller: it reads the position that the last set-point has led to, then sends the next, so the latency is one tick.
+    caller.
 
     Parameters
     ----------
@@ -144,57 +142,61 @@ class PiDriver:
         Address, axes, limits, sensor.
     """
 
-    Settings = PiSettings
+    Settings, kind = PiSettings, "pi"
     needs = (package("pipython", "drives controllers of Physik Instrumente"),)
+    remedy = "; a generated wave has no such bound"
+    holds = "the controller holds its last set-point; a wave of playback ends at the safe voltage by itself"
 
-    def __init__(self, settings: PiSettings) -> None:
-        self.settings = settings
-        self._device: Any = None
-        self._state = "closed"  # or "open", "started", "failed"
+    @property
+    def where(self) -> str:
+        """Address of the controller."""
+        host: str = self.settings.host
+        return host
 
-    def open(self) -> Timing:
-        """Connect; check axes, servo and limits. The output stays where it is.
+    @property
+    def channels(self) -> int:
+        """How many axes there are."""
+        return len(self.settings.axes)
 
-        Raises
-        ------
-        DriverError
-            PIPython or the controller is not there, an axis is missing or its servo on, or the limits differ.
-        """
-        self.close()
-        s = self.settings
-        with self._working("opening"):
-            self._device = _connect(s)
-            _check_axes(self._device, s)
-            _check_limits(self._device, s)
-        self._state = "open"
-        return Timing(sample_rate=s.sample_rate, block=1, latency=1, channels=len(s.axes))
+    def _connect(self) -> Any:
+        return _connect(self.settings)
 
-    def start(self, volts: FloatArray) -> None:
-        """Set the output to `volts` (V, shape (channels,)), if the connection is fast enough for the ticks.
+    def _disconnect(self, device: Any) -> None:
+        device.__exit__(None, None, None)
 
-        Raises
-        ------
-        DriverError
-            A set-point and a position take longer than two thirds of a tick; the message names a rate that works.
-        """
-        if self._state != "started":
-            self._needs("open", "start")
-        with self._working("starting"):
-            require_time(self._tick, self.settings.sample_rate, "; a generated wave has no such bound")
-            _set(self._device, self.settings, volts)
-        self._state = "started"
+    def _translated(self) -> AbstractContextManager[None]:
+        return _translated()
+
+    def _check(self) -> None:
+        """Axes, servo and limits."""
+        _check_axes(self._device, self.settings)
+        _check_limits(self._device, self.settings)
 
     def _tick(self) -> None:
-        """The commands of a tick; the output stays where it is."""
         self._position()
-        self._device.qSVA(list(self.settings.axes))  # as long as SVA
+        self._reported()  # as long as SVA
 
-    def exchange(self, volts: FloatArray, measured: FloatArray) -> None:
-        """Ask for the displacement (um) under the last voltage, then send the next (V); shape (channels, 1)."""
-        self._needs("started", "exchange")
-        with self._working("exchanging"):
-            measured[:, 0] = self._position()
-            _set(self._device, self.settings, volts[:, 0])
+    def _position(self) -> FloatArray:
+        s = self.settings
+        units = np.array(list(self._device.qPOS(list(s.axes)).values()), dtype=np.float64)
+        position: FloatArray = units * s.um_per_unit + s.offset
+        return position
+
+    def _set(self, volts: FloatArray) -> None:
+        s = self.settings
+        self._device.SVA(list(s.axes), [float(unit) for unit in volts / s.volts_per_unit])
+
+    def _halt(self) -> None:
+        """Generators, motion and servo."""
+        with _unless_it_answers():
+            self._device.StopAll(noraise=True)
+        with _unless_it_answers():
+            self._device.SVO(list(self.settings.axes), [False] * len(self.settings.axes))
+
+    def _reported(self) -> FloatArray:
+        s = self.settings
+        volts: FloatArray = np.array(list(self._device.qSVA(list(s.axes)).values())) * s.volts_per_unit
+        return volts
 
     def playback(self, volts: npt.ArrayLike, sample_rate: float) -> Recorded:
         """Output a wave from the controller's memory and record it; the output then stays at its last voltage.
@@ -221,8 +223,7 @@ class PiDriver:
         DriverError
             The controller refuses, its memory is too small, or it did not put out what was sent.
         """
-        if self._state != "started":
-            self._needs("open", "playback")
+        self._needs("open", "playback")
         wave = _wave(volts, self.settings)
         with self._working("playing"):
             rate = self._rate(wave.shape[1], sample_rate)
@@ -297,60 +298,6 @@ class PiDriver:
     def _generators(self) -> list[int]:
         """Wave generators, numbered as the axes are in the controller."""
         return [self._device.axes.index(axis) + 1 for axis in self.settings.axes]
-
-    def _position(self) -> FloatArray:
-        s = self.settings
-        units = list(self._device.qPOS(list(s.axes)).values())
-        return np.array(units, dtype=np.float64) * s.um_per_unit + s.offset
-
-    def stop(self, volts: FloatArray) -> None:
-        """Stop generators and motion, servo off, output at the safe `volts` (V, shape (channels,)); asked back.
-
-        After an error by a connection of its own.
-        """
-        if self._state in ("open", "started"):
-            with suppress(DriverError):
-                with self._working("stopping"):
-                    _stop(self._device, self.settings, volts)
-                self._state = "open"
-                return
-        self.close()
-        hold(self.settings, volts)
-
-    def close(self) -> None:
-        """Close the connection; the output keeps its voltage. A second call does nothing."""
-        self._state, device, self._device = "closed", self._device, None
-        if device is not None:
-            device.__exit__(None, None, None)
-
-    def rescue(self) -> Callable[[FloatArray], None]:
-        """Give `stop` for another process, with a connection of its own: can be pickled."""
-        return functools.partial(hold, self.settings)
-
-    def unattended(self) -> tuple[bool, str]:
-        """Whether the controller sets its outputs to the safe voltages itself when this computer stops; in words."""
-        return False, "the controller holds its last set-point; a wave of playback ends at the safe voltage by itself"
-
-    def describe(self) -> dict[str, object]:
-        """Kind and settings, as plain data for a recording."""
-        return {"kind": "pi", **dataclasses.asdict(self.settings)}
-
-    def _needs(self, state: str, call: str) -> None:
-        if self._state != state:
-            before = "start" if state == "started" else "open"
-            raise DriverError(f"{call}: the driver is {self._state}; call {before} first")
-
-    @contextmanager
-    def _working(self, doing: str) -> Iterator[None]:
-        """After an error in here the driver is "failed": the next answer on this connection is not known."""
-        before, self._state = self._state, "failed"
-        try:
-            with _naming(f"{doing} {self.settings.host}"):
-                yield
-        except SettingError:
-            self._state = before
-            raise
-        self._state = before
 
 
 # ---- The wave and its record ---------------------------------------------------------------------------------------
@@ -458,30 +405,13 @@ def _check_limits(device: Any, s: PiSettings) -> None:
 
 def _limits(device: Any, output: int, parameters: tuple[int, int] | None) -> tuple[float, float]:
     if parameters is None:
-        with _naming("asking VMI? and VMA?, else see limit_parameters"):
-            return device.qVMI(output)[output], device.qVMA(output)[output]
+        try:
+            with _translated():
+                return device.qVMI(output)[output], device.qVMA(output)[output]
+        except DriverError as error:
+            raise DriverError(f"asking VMI? and VMA?, else see limit_parameters: {error}") from error
     low, high = (float(device.qSPA(str(output), number)[str(output)][number]) for number in parameters)
     return low, high
-
-
-def _set(device: Any, s: PiSettings, volts: FloatArray) -> None:
-    if not np.isfinite(volts).all():
-        raise DriverError("SVA: a voltage is not finite")
-    if not (s.output_range[0] <= np.min(volts) and np.max(volts) <= s.output_range[1]):
-        raise DriverError(f"SVA: {np.asarray(volts).tolist()} V is outside of output_range = {s.output_range}")
-    device.SVA(list(s.axes), [float(unit) for unit in np.asarray(volts) / s.volts_per_unit])
-
-
-def _stop(device: Any, s: PiSettings, volts: FloatArray) -> None:
-    with _unless_it_answers():
-        device.StopAll(noraise=True)
-    with _unless_it_answers():
-        device.SVO(list(s.axes), [False] * len(s.axes))
-    _set(device, s, volts)
-    said = np.array(list(device.qSVA(list(s.axes)).values())) * s.volts_per_unit
-    if not np.allclose(said, volts, rtol=0, atol=1e-3 * np.ptp(s.output_range)):
-        asked = np.asarray(volts).tolist()
-        raise DriverError(f"stopping {s.host}: the controller says {said.tolist()} V, not {asked} V")
 
 
 @contextmanager
@@ -496,39 +426,21 @@ def _unless_it_answers() -> Iterator[None]:
             raise
 
 
-def hold(s: PiSettings, volts: FloatArray) -> None:
-    """Stop the controller and put constant `volts` (V, shape (channels,)) out, by a connection of its own.
-
-    Tries again for five times the time-out: a controller of one connection may not know yet that the other is gone.
-    Then it is a `DriverError`.
-    """
-    end = time.monotonic() + 5 * s.timeout
-    while True:
-        try:
-            with _naming(f"holding {s.host} at {np.asarray(volts).tolist()} V"), _connect(s) as device:
-                _stop(device, s, volts)
-            return
-        except DriverError:
-            if time.monotonic() > end:
-                raise
-            time.sleep(0.1)
-
-
 @contextmanager
-def _naming(doing: str) -> Iterator[None]:
-    """What PIPython raises, as a DriverError with the call and the remedy."""
+def _translated() -> Iterator[None]:
+    """What PIPython raises, as a DriverError with the remedy."""
     try:
         from pipython import GCSError
     except ImportError as error:
-        raise DriverError(f"{doing}: {error}; pip install 'truestroke[pi]'") from error
+        raise DriverError(f"{error}; pip install 'truestroke[pi]'") from error
     try:
         yield
     except GCSError as error:
         hint = f" ({HINTS[error.val]})" if error.val in HINTS else ""
-        raise DriverError(f"{doing}: GCS {error.val}: {error.msg}{hint}") from error
+        raise DriverError(f"GCS {error.val}: {error.msg}{hint}") from error
     except OSError as error:
-        raise DriverError(f"{doing}: {error}") from error
+        raise DriverError(str(error)) from error
     except SettingError:
         raise
     except (ValueError, LookupError, TypeError, AttributeError) as error:  # PIPython, at an answer that it cannot read
-        raise DriverError(f"{doing}: the controller's answer cannot be read: {error}") from error
+        raise DriverError(f"the controller's answer cannot be read: {error}") from error

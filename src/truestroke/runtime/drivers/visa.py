@@ -14,7 +14,4 @@ class VisaDriver(LineDriver):
         Resource, commands and questions, limits, sensor.
     """
 
-    Settings = LineSettings
-
-    def __init__(self, settings: LineSettings) -> None:
-        super().__init__("visa", settings, settings)
+    Settings, kind = LineSettings, "visa"
