@@ -7,7 +7,7 @@ PIP = $(BIN)/python -m pip install --quiet --disable-pip-version-check
 NATIVE := $(shell find c src/bindings -name '*.c' -o -name '*.h' -o -name '*.cpp')
 OLD_PYTHON := truestroke needs Python 3.11 or newer; this is %s. Try: make PYTHON=python3.12
 
-.PHONY: help demo test setup bench images web c-test fuzz fuzz-again fuzz-kernel fuzz-readers lint types imports docs docs-look docs-pdf pytest coverage wheel clean
+.PHONY: help demo test setup bench images web c-test fuzz fuzz-again fuzz-kernel fuzz-readers lint types imports docs docs-look reports-look docs-pdf pytest coverage wheel clean
 .DEFAULT_GOAL := help
 
 help:  ## this list
@@ -77,6 +77,10 @@ docs: setup  ## the site of the documentation: build/site/html/index.html
 
 docs-look: docs  ## open every page of the site in Chromium: three widths, light, dark, printed; minutes
 	@$(BIN)/python -m docs.site.look build/site/html
+
+reports-look:  ## the same for a page of each kind that the commands write; minutes
+	@$(BIN)/python -m docs.site.reports build/reports
+	@$(BIN)/python -m docs.site.look build/reports
 
 docs-pdf: docs  ## the site as one document: build/site/truestroke.pdf
 	@$(BIN)/python -m sphinx -q -b singlehtml -c docs/site -d build/site/doctrees build/site/source build/site/single

@@ -12,9 +12,10 @@ import sys
 from pathlib import Path
 
 import pytest
-from docs.site import check, gallery, github, mathml, reference, stage
+from docs.site import check, gallery, github, mathml, reference, reports, stage
 
 import truestroke
+from truestroke import cli
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -152,6 +153,12 @@ def test_mistakes_in_a_page_are_seen(tmp_path: Path) -> None:
     done = look(tmp_path)
     assert done.returncode == 1
     assert [message for message in mistakes.values() if message not in done.stderr] == []
+
+
+def test_every_command_with_a_page_is_among_the_reports_that_are_looked_at() -> None:
+    asked = {line.split()[0] for line in reports.COMMANDS.splitlines()}
+    writes = {name for name, one in cli.main.commands.items() if "plots" in {option.name for option in one.params}}
+    assert (writes - {"invert"}) | {"commission", "run"} == asked  # invert has pictures alone
 
 
 # ---- The glossary ----------------------------------------------------------------------------------------------------

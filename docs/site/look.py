@@ -82,9 +82,14 @@ def look(browser: Browser, file: Path, scheme: str) -> list[str]:
 
 
 def look_at(files: list[Path]) -> list[str]:
-    """What is wrong with the pages."""
+    """What is wrong with the pages; it is also printed as it is found, for all of them take minutes."""
+    wrong: list[str] = []
     with chromium() as browser:
-        return [words for file in files for scheme in ("light", "dark") for words in look(browser, file, scheme)]
+        for number, file in enumerate(files, start=1):
+            found = [words for scheme in ("light", "dark") for words in look(browser, file, scheme)]
+            print(f"{number} of {len(files)}: {file.name}", *found, sep="\n  ", flush=True)
+            wrong += found
+    return wrong
 
 
 def printed(page: Path, file: Path) -> None:
