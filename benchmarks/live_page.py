@@ -38,8 +38,7 @@ def lateness(folder: Path, readers: int | None) -> np.ndarray:
     process = subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     assert process.stderr
     if readers is not None:
-        found = re.search(r"(http://[^#]*)#(\S+)", process.stderr.readline())
-        assert found
+        found = next(found for line in process.stderr if (found := re.search(r"(http://[^#]*)#(\S+)", line)))
         for _ in range(readers):
             threading.Thread(target=read, args=found.groups(), daemon=True).start()
     out, _ = process.communicate()

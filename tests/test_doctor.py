@@ -111,21 +111,31 @@ def test_a_configuration_that_cannot_run_is_told_why(complaint: str, monkeypatch
     assert f"{complaint.partition(':')[0]} (required): " in said
 
 
-def test_a_missing_package_is_told_with_the_command(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("tables", "name", "wanted"),
+    [
+        (config.example("serve"), "softioc", "softioc>=4.7"),
+        (config.example() + "\n[live]\n", "uvicorn", "uvicorn>=0.34"),
+    ],
+    ids=["epics", "live"],
+)
+def test_a_missing_package_is_told_with_the_command(
+    tables: str, name: str, wanted: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     version = importlib.metadata.version
 
-    def without_softioc(name: str) -> str:
-        if name == "softioc":
+    def without(asked: str) -> str:
+        if asked == name:
             raise importlib.metadata.PackageNotFoundError
-        return version(name)
+        return version(asked)
 
-    monkeypatch.setattr(importlib.metadata, "version", without_softioc)
+    monkeypatch.setattr(importlib.metadata, "version", without)
     assert call("--json")[0] == 0
-    Path("serve.toml").write_text(config.example("serve"))
+    Path("serve.toml").write_text(tables)
     code, said = call("--config", "serve.toml")
     assert code == 1
-    assert "serve.toml needs softioc: not found" in said
-    assert f"softioc (required): {sys.executable} -m pip install 'softioc>=4.7'" in said
+    assert f"serve.toml needs {name}: not found" in said
+    assert f"{name} (required): {sys.executable} -m pip install '{wanted}'" in said
 
 
 # ---- Computers that are made up ------------------------------------------------------------------------------------

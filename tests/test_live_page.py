@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import http.client
 import json
 import re
@@ -14,12 +13,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from chromium import Browser
+from docs.site import look
 from running import COMMAND
 
 from truestroke import Recording, SettingError
 from truestroke.runtime.realtime import LiveSettings, RealtimeError, config
-from truestroke.runtime.realtime.live_page import frames
+from truestroke.runtime.realtime.live_page import access, frames
 from truestroke.runtime.realtime.server import Panel
 from truestroke.runtime.realtime.shared import FIELDS, Layout, Shared, Slot, State
 
@@ -88,27 +87,64 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Served, Path
 
 
 def test_a_run_is_watched_moved_held_and_stopped(run: tuple[Served, Path]) -> None:
+    """Every button is pressed, by mouse or keyboard; what is refused is counted; STOP works among a thousand."""
     served, folder = run
     about = next(served.frames())
     assert about["axes"][0]["moved"]
-    assert not about["control"]  # this token may look alone
     served.until(lambda frame: frame["state"] == "running")
-    assert served.do(do="setpoint", axis=0, um=5.0) == 200
-    there = served.until(lambda frame: abs((frame["axes"][0]["measured"] or [0.0])[-1] - 5.0) < 0.2)
-    assert there["axes"][0]["target"] == 5.0
-    assert len(there["axes"][0]["measured"]) <= frames.POINTS
-    assert served.do(do="hold") == 200
-    assert served.until(lambda frame: frame["held"] and frame["axes"][0]["flags"] & 8)  # the controller has it
-    assert served.do(do="resume") == 200
-    looking = Browser(f"{served.address}#{READING}")
-    looking.wait_for("Number(document.body.dataset.frames) > 2")
-    assert looking.evaluate("document.getElementById('state').textContent") == "running"
-    assert looking.evaluate("document.getElementById('stop').disabled")
-    assert looking.evaluate("document.documentElement.scrollWidth <= innerWidth")
-    looking.close()
+    wrong: list[str] = []
+    with look.chromium() as browser:
+        page, looking = browser.new_page(), browser.new_page()
+        for one, token in ((page, CONTROL), (looking, READING)):
+            one.set_default_timeout(look.PATIENCE)
+            one.on("console", lambda message: wrong.append(message.text))
+            one.on("request", lambda request: request.url.startswith(served.address) or wrong.append(request.url))
+            one.goto(f"{served.address}#{token}")
+            one.get_by_text("running").wait_for()
+        assert looking.get_by_role("button", name="STOP").is_disabled()
+        assert not looking.get_by_role("button", name="Go").count()
+        for scheme in ("light", "dark"):
+            page.emulate_media(color_scheme=scheme, reduced_motion="reduce")
+            for width in look.WIDTHS:
+                page.set_viewport_size({"width": width, "height": 900})
+                wrong += look.too_wide(page)
+            wrong += look.inaccessible(page)
+        assert not wrong
 
-    # What is refused changes nothing, and is counted.
-    before = served.until(lambda frame: True)["refused"]
+        page.get_by_label("Set-point").fill("5")
+        page.get_by_label("speed").fill("50")
+        page.get_by_label("speed").press("Enter")
+        there = served.until(lambda frame: abs((frame["axes"][0]["measured"] or [0.0])[-1] - 5.0) < 0.2)
+        assert there["axes"][0]["target"] == 5.0
+        assert len(there["axes"][0]["measured"]) <= frames.POINTS
+        page.get_by_role("button", name="Hold learning").press("Space")
+        assert served.until(lambda frame: frame["held"] and frame["axes"][0]["flags"] & 8)  # the controller has it
+        page.get_by_role("button", name="Resume learning").click()
+        served.until(lambda frame: not frame["held"])
+        page.get_by_label("Set-point").fill("6")
+        page.get_by_role("button", name="Go").click()
+        served.until(lambda frame: frame["axes"][0]["target"] == 6.0)
+
+        refused_and_counted(served)
+        page.get_by_text("1 too long").wait_for()
+        crowd = [socket.create_connection(("127.0.0.1", served.port)) for _ in range(1000)]
+        for one in crowd[:100]:
+            one.sendall(HANGING.format(served.port).encode())  # none of them reads
+        for one in crowd[100:200]:
+            one.sendall(b"POST /do HTTP/1.1\r\n")
+        page.get_by_role("button", name="STOP").click()
+        out, err = served.process.communicate(timeout=300)
+        for one in crowd:
+            one.close()
+    result = json.loads(out)
+    assert (result["cause"], result["reason"]) == ("stopped", "an operator asked for it"), err
+    assert re.search(r"refused \d+ requests: 3 without a token that allows it, 1 from another page", err)
+    recording = Recording.load(folder / "run.h5")
+    assert np.abs(recording["measured"][-20:]).max() < 7.0
+
+
+def refused_and_counted(served: Served) -> None:
+    """Requests that change nothing; each is counted by its kind."""
     refused = [
         served.do(READING, do="stop"),
         served.do("wrong", do="stop"),
@@ -119,32 +155,24 @@ def test_a_run_is_watched_moved_held_and_stopped(run: tuple[Served, Path]) -> No
         served.do(do="setpoint", axis=0, um=float("nan")),
         served.do(do="explode"),
         served.ask("POST", "/do", b"[" * 1000, Authorization=f"Bearer {CONTROL}")[0],
+        served.ask("POST", "/do", b"x" * 10_000_000, Authorization=f"Bearer {CONTROL}")[0],
+        served.ask("POST", "/stop", b"{}", Authorization=f"Bearer {CONTROL}")[0],
         served.ask("GET", "/stream")[0],
         served.ask("GET", "/", Host="example.com")[0],
+        served.ask("GET", "/etc/passwd")[0],
     ]
-    assert refused == [403, 403, 403, 400, 400, 400, 400, 400, 400, 401, 421]
-    with contextlib.suppress(ConnectionError):  # the server may hang up before all of it is there
-        assert served.ask("POST", "/do", b"x" * 10_000_000, Authorization=f"Bearer {CONTROL}")[0] == 413
-    served.until(lambda frame: frame["refused"] == before + len(refused) + 1)
+    assert refused == [403, 403, 403, 400, 400, 400, 400, 400, 400, 413, 404, 403, 421, 404]
+    for malformed in (b"POST /do HTTP/1.1 and more\r\n\r\n", b"\x16\x03\x01\x02\r\n\r\n"):
+        with socket.create_connection(("127.0.0.1", served.port)) as connection:
+            connection.sendall(malformed)
+            assert connection.recv(100).startswith(b"HTTP/1.1 400")
+    kinds = {"TOKEN": 3, "ORIGIN": 1, "HOST": 1, "PLACE": 2, "MALFORMED": 3, "VALUE": 5, "LONG": 1}
+    expected = {access.WORDS[access.Refusal[kind]]: number for kind, number in kinds.items()}
+    served.until(lambda frame: frame["refused"] == expected)
     status, page, headers = served.ask("GET", "/")
     assert status == 200
     assert "default-src 'none'" in headers["Content-Security-Policy"]
     assert not re.search(rb"<script>|onclick|style=", page)
-
-    # STOP, with readers that hang and hundreds of connections that say nothing.
-    hung = [socket.create_connection(("127.0.0.1", served.port)) for _ in range(300)]
-    for one in hung[:10]:
-        one.sendall(HANGING.format(served.port).encode())
-    holding = Browser(f"{served.address}#{CONTROL}")
-    holding.wait_for("document.getElementById('state').textContent === 'running'")
-    holding.evaluate("document.getElementById('stop').click()")
-    out, err = served.process.communicate(timeout=300)
-    for one in (*hung, holding):
-        one.close()
-    result = json.loads(out)
-    assert (result["cause"], result["reason"]) == ("stopped", "an operator asked for it"), err
-    recording = Recording.load(folder / "run.h5")
-    assert np.abs(recording["measured"][-20:]).max() < 6.0
 
 
 def test_a_port_that_is_taken_is_said_before_anything_moves() -> None:

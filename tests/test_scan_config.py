@@ -95,12 +95,13 @@ def sample(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 def test_the_card_images_its_sample(card: Card, tmp_path: Path) -> None:
     """Each pixel shows what is at its place, in trace and retrace; the terminals are safe at the end."""
-    (tmp_path / "scan.toml").write_text(NI + AXES)
-    options = ["--json", "--images", "nxs", "--images", "gsf"]
+    (tmp_path / "scan.toml").write_text(NI + AXES + "[live]\nport = 0\n")
+    options = ["--json", "--images", "nxs", "--images", "gsf", "--live"]
     command = [Path(sys.executable).with_name("truestroke"), "scan", "--config", "scan.toml", *options]
     environment = os.environ | card.environment()
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stderr
+    assert "live page  http://127.0.0.1:" in done.stderr
     found = json.loads(done.stdout)
     assert (found["verdict"], found["rows"], found["all_rows"]) == ("good", 12, 12)
     assert card.volts[:2] == [0.0, 0.0]

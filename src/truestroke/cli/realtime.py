@@ -22,13 +22,16 @@ if TYPE_CHECKING:
     from truestroke.runtime.realtime.server import Server
 
 
+live_option = click.option(
+    "--live", is_flag=True, help="Serve a page that shows the run, with STOP; its address is printed."
+)
 realtime_options = common.options(
     click.option("--config", type=common.FILE, metavar="FILE", help="Driver, axes, limits: TOML."),
     click.option("--example", is_flag=True, help="Print a configuration with comments, of a simulated stack."),
     click.option("--output", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE",
                  help="Recording, in place of the one that the configuration names."),
     click.option("--overwrite", is_flag=True, help="Replace a recording that is there."),
-    click.option("--live", is_flag=True, help="Serve a page that shows the run, with STOP; its address is printed."),
+    live_option,
     common.json_option,
 )  # fmt: skip
 

@@ -36,10 +36,11 @@ SIMULATED = ("rate", "resonances", "kinds", "noise", "seed")  # options without 
 @click.option("--images", "endings", metavar="ENDING", type=click.Choice(["gwy", "gsf", "tif", "nxs"]), multiple=True,
               help="Also write all images, again and again: gwy (Gwyddion), gsf (a file for each), tif, nxs (NeXus).  "
               "[with --config: gsf]")  # fmt: skip
+@realtime.live_option
 @common.page_options
 def scan(
     config: Path | None, rate: float, resonances: tuple[float, float], kinds: tuple[str, str], noise: float, seed: int,
-    output: str | None, endings: tuple[str, ...], plots: Path | None, as_json: bool,
+    output: str | None, endings: tuple[str, ...], live: bool, plots: Path | None, as_json: bool,
 ) -> int:  # fmt: skip
     """Scan an area with two axes, on hardware (--config), or simulated.
 
@@ -48,7 +49,9 @@ def scan(
     disturb each other.
     """
     if config is not None:
-        return _on_hardware(config, output, endings or ("gsf",), plots, as_json)
+        return _on_hardware(config, output, endings or ("gsf",), live, plots, as_json)
+    if live:
+        raise click.UsageError("--live shows a run in real time: it needs --config.")
     from concurrent.futures import ThreadPoolExecutor
 
     from truestroke.studies.scanning.imaging import image_stage
@@ -121,7 +124,9 @@ def _print_files(page_file: Path, written: list[Path], plots: Path | None) -> No
 # ---- On hardware ---------------------------------------------------------------------------------------------------
 
 
-def _on_hardware(config: Path, output: str | None, endings: tuple[str, ...], plots: Path | None, as_json: bool) -> int:
+def _on_hardware(
+    config: Path, output: str | None, endings: tuple[str, ...], live: bool, plots: Path | None, as_json: bool
+) -> int:
     """Run the axes along the scan, record the signal, and make its images; the exit code."""
     from truestroke import DriverError, ImageError
     from truestroke.base.verdict import Verdict
@@ -139,7 +144,8 @@ def _on_hardware(config: Path, output: str | None, endings: tuple[str, ...], plo
     page_file, recording = common.outputs(output or str(job.file), ".html", ".h5")
     _check_images(page_file, endings)
     try:
-        done = realtime.follow("scan", config, job, recording, files.replacing(), as_json)
+        command, server = ("scan --live", job.live) if live else ("scan", None)
+        done = realtime.follow(command, config, job, recording, files.replacing(), as_json, server)
     except DriverError as error:
         return common.complain(str(error), ExitCode.DRIVER)
     if done.outcome.reason:

@@ -73,7 +73,7 @@ def _needed(config: Path) -> tuple[Need, ...]:
         needs = drivers.of(tables["driver"]["name"])
     except (OSError, SettingError, KeyError, TypeError):
         return ()
-    return (*needs, drivers.SERVER) if "epics" in tables else needs
+    return (*needs, *(need for name, server in drivers.SERVERS.items() if name in tables for need in server))
 
 
 def _driver(job: configuration.Job) -> tuple[list[Finding], Timing | None]:

@@ -39,8 +39,8 @@ class Slot(IntEnum):
     DEPUTY_BEAT = 14
     DEPUTY_PID = 15
     HOLD = 16  # not 0: somebody asks that nothing is learned
-    REFUSED = 17  # requests that the live page has refused
-    ENDINGS = 18  # where in each file the JSON of its end stands, one slot an axis
+    REFUSED = 17  # requests that the live page has refused, one slot a kind
+    ENDINGS = 32  # where in each file the JSON of its end stands, one slot an axis
 
 
 class State(IntEnum):

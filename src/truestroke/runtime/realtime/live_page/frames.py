@@ -10,6 +10,7 @@ import numpy as np
 
 from truestroke.report import charts
 from truestroke.runtime.drivers.paced import EDGES_US
+from truestroke.runtime.realtime.live_page.access import WORDS
 from truestroke.runtime.realtime.server import Panel
 from truestroke.runtime.realtime.shared import FIELDS, Shared, Slot
 from truestroke.runtime.realtime.status import STATES, WINDOW
@@ -29,7 +30,7 @@ def frame(shared: Shared, axes: list[Panel], sample_rate: float, window: float, 
         "late_us": lateness(list(shared.histogram), 0.99),
         "held": bool(count[Slot.HOLD]),
         "stop": bool(count[Slot.STOP]),
-        "refused": count[Slot.REFUSED],
+        "refused": {words: n for kind, words in enumerate(WORDS) if (n := count[Slot.REFUSED + kind])},
         "axes": [_axis(shared, channel, panel, sample_rate, window, settled) for channel, panel in enumerate(axes)],
     }
 

@@ -82,6 +82,7 @@
     return form;
   }
 
+  const refused = (kinds) => Object.entries(kinds).map(([words, n]) => n + " " + words).join(", ") || "none";
   const seconds = (s) => s.toFixed(1) + " s";
   function show(frame) {
     by("state").textContent = frame.stop && frame.state !== "ended" ? "stopping" : frame.state;
@@ -89,7 +90,7 @@
     by("hold").setAttribute("aria-pressed", held);
     by("hold").textContent = held ? "Resume learning" : "Hold learning";
     const late = frame.late_us == null ? "-" : "99 % within " + frame.late_us + " µs";
-    const figures = [["time", seconds(frame.time)], ["left", seconds(frame.left)], ["late", late], ["overruns", frame.overruns], ["refused requests", frame.refused]];
+    const figures = [["time", seconds(frame.time)], ["left", seconds(frame.left)], ["late", late], ["overruns", frame.overruns], ["refused requests", refused(frame.refused)]];
     frame.axes.forEach((axis, i) => figures.push(["rms error" + (frame.axes.length > 1 ? " " + about.axes[i].name : ""), axis.rmse == null ? "-" : (1e3 * axis.rmse).toPrecision(3) + " nm"]));
     by("figures").replaceChildren(...figures.map(([name, value]) => { const row = element("div", ""); row.append(element("dt", name), element("dd", value)); return row; }));
     frame.axes.forEach((axis, i) => {

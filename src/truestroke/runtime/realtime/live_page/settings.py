@@ -7,6 +7,7 @@ import secrets
 import socket
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 from truestroke.base import checks
 from truestroke.base.checks import SettingError
@@ -82,8 +83,24 @@ class LiveSettings:
             ) from None
         return made
 
+    @property
+    def everywhere(self) -> bool:
+        """Whether each network of the computer can reach the page."""
+        return self.interface in {"0.0.0.0", "::"}
+
+    def names(self) -> list[str]:
+        """What the computer is called in the address of the page; the first one is for others."""
+        others = [socket.gethostname(), f"{socket.gethostname()}.local"] if self.everywhere else [self.interface]
+        return [*others, "127.0.0.1", "localhost"]
+
     def serve(self, lifeline: Lifeline, shared: Shared, axes: list[Panel], sample_rate: float) -> None:
         """Serve the page until the run has ended, or its process is gone."""
-        from truestroke.runtime.realtime.live_page import app  # with starlette and uvicorn
+        from truestroke.runtime.realtime.live_page import door  # with h11
 
-        app.serve(self, lifeline, shared, axes, sample_rate)
+        door.serve(self, lifeline, shared, axes, sample_rate)
+
+    def show(self, lifeline: Lifeline, shared: Shared, *what: Any) -> None:
+        """The process of the pages, which the one of `serve` starts."""
+        from truestroke.runtime.realtime.live_page import pages  # with starlette and uvicorn
+
+        pages.serve(lifeline, shared, self, *what)
