@@ -51,7 +51,7 @@ class Visitor:
         self.http: h11.Connection | None = None  # of one that wants to change something
 
     def answer(self, status: int, content: dict[str, object]) -> None:
-        """All that it is told; the connection closes when the other side has, or a little later."""
+        """The one answer; the connection closes when the other side has, or a little later."""
         body = json.dumps(content).encode()
         headers = {**HEADERS, "Content-Type": "application/json", "Content-Length": str(len(body))}
         lines = [f"HTTP/1.1 {status} {http.HTTPStatus(status).phrase}", *(f"{k}: {v}" for k, v in headers.items())]

@@ -1,6 +1,6 @@
 """The pages of a run: its files, and a stream of frames. A process of its own, which can change nothing.
 
-The door sends it the connections of those who want to look. What it refuses it tells the door, which counts.
+The door sends it the connections of those who want to look. It reports what it refuses to the door, which counts.
 """
 
 from __future__ import annotations
@@ -148,7 +148,7 @@ def serve(
     try:
         with socket.socket(fileno=channel) as door:
             door.setblocking(False)
-            asyncio.run(_run(lifeline, door, lambda tell: LivePage(settings, access, shared, axes, sample_rate, tell)))
+            asyncio.run(_run(lifeline, door, lambda say: LivePage(settings, access, shared, axes, sample_rate, say)))
     except BaseException as error:
         shared.write(Text.SERVER, f"{type(error).__name__}: {error}")
         os._exit(1)
@@ -156,11 +156,11 @@ def serve(
 
 
 async def _run(lifeline: Lifeline, door: socket.socket, page_of: Callable[[Refused], LivePage]) -> None:
-    def tell(kind: Refusal) -> None:
+    def say(kind: Refusal) -> None:
         with suppress(BlockingIOError):  # a door with so much to do has counted enough
             door.send(bytes([kind]))
 
-    page = page_of(tell)
+    page = page_of(say)
     config = Config(page.app, http="h11", ws="none", lifespan="off", log_config=None, access_log=False)
     config.load()
     state, loop, tasks = ServerState(), asyncio.get_running_loop(), set[asyncio.Task[Any]]()
@@ -175,7 +175,7 @@ async def _run(lifeline: Lifeline, door: socket.socket, page_of: Callable[[Refus
                     return
                 connection = socket.socket(fileno=descriptors[0])
                 connection.setblocking(False)
-                made = loop.connect_accepted_socket(partial(_Handed, config, state, said, tell), connection)
+                made = loop.connect_accepted_socket(partial(_Handed, config, state, said, say), connection)
                 tasks.add(task := loop.create_task(made))
                 task.add_done_callback(tasks.discard)
 
