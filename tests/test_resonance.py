@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 
+import mpmath
 import numpy as np
 import pytest
 
 from truestroke import AdaptiveController, ControllerSettings, run
 from truestroke.control.reference import ReferenceController
-from truestroke.control.resonance import ResonanceEstimator, shown
+from truestroke.control.resonance import ResonanceEstimator, arctangent, shown, tangent
+from truestroke.control.stage import found
 from truestroke.model.operators import play
 from truestroke.plant import StagePlant, StageSettings
 from truestroke.signals.trajectories import sine, triangle
@@ -33,6 +35,41 @@ def estimated(settings: StageSettings, f: float, duration: float) -> ResonanceEs
         y = play(float(volts[k - 1]), r, y)
         estimator.update(1 / RATE, shown(y), float(z[k]), 0.0, float(speed[k]), float(speed[k] - speed[k - 1]))
     return estimator
+
+
+def test_its_functions_are_those_of_mathematics() -> None:
+    with mpmath.workdps(40):
+        for x in np.linspace(1e-9, math.pi / 4, 400).tolist():
+            assert abs(tangent(x) / mpmath.tan(x) - 1) < 5e-16
+        for x in np.linspace(1e-9, 0.55, 400).tolist():
+            assert abs(arctangent(x) / mpmath.atan(x) - 1) < 1e-15
+    for x in (0.56, 1.0, 30.0, 1e9, 1e200):
+        assert arctangent(x) == 0 or arctangent(x) > 0.5
+
+
+@pytest.mark.parametrize("f", [1e-4, 0.003, 0.05, 0.2, 0.5])
+def test_a_stage_that_is_found_is_the_exact_one(f: float) -> None:
+    """Of 1 / (1 + 0.04 s / w + s^2 / w^2), as a mean over each tick: the response to a pulse, from the integral of the
+    step response by residues."""
+    with mpmath.workdps(30):
+        w = 2 * mpmath.pi * mpmath.mpf(f)
+        damped = mpmath.sqrt(1 - mpmath.mpf("0.02") ** 2)
+        s = [w * mpmath.mpc("-0.02", sign * damped) for sign in (1, -1)]
+        step = [t + _residues(s, w, t) for t in range(5)]
+        pulse = [step[1], *(step[k + 1] - 2 * step[k] + step[k - 1] for k in range(1, 4))]
+    (b0, b1, a1, a2), direct, *_ = found(f, 1.0)["dynamics.section"][0], found(f, 1.0)["dynamics.direct"][0]
+    response, state = [], [0.0, 0.0]
+    for u in (1.0, 0.0, 0.0, 0.0):
+        state = [b0 * u + b1 * (1.0 if len(response) == 1 else 0.0) - a1 * state[0] - a2 * state[1], state[0]]
+        response.append(state[0] + direct * u)
+    scale = float(max(abs(p) for p in pulse))
+    np.testing.assert_allclose(response, [float(p) for p in pulse], atol=2e-13 * scale, rtol=0)
+
+
+def _residues(s: list[mpmath.mpc], w: mpmath.mpf, t: int) -> mpmath.mpf:
+    """Beside t: what the poles s and the double pole at 0 add to the integral of the step response."""
+    moving = sum(w**2 * mpmath.exp(p * t) / (p**2 * (p - q)) for p, q in (s, s[::-1]))
+    return mpmath.re(moving + (s[0] + s[1]) / (s[0] * s[1]))
 
 
 @pytest.mark.parametrize(("kind", "f0"), [("plays", 300.0), ("preisach", 120.0), ("bouc-wen", 410.0)])
@@ -110,6 +147,17 @@ def test_the_kernel_is_the_numpy_text_with_a_stage_that_is_found_and_jumps() -> 
     np.testing.assert_array_equal(kernel.weights, text.weights)
     assert resonances[1600] == pytest.approx(600.0, rel=0.05)
     assert resonances[-1] == pytest.approx(648.0, rel=0.03)
+
+
+def test_single_precision_finds_the_same_stage() -> None:
+    wave = sine(frequency=70.0, peak_to_peak=18.0, offset=12.0, duration=1.0, sample_rate=RATE)
+    errors = {}
+    for precision in ("single", "double"):
+        controller = AdaptiveController(**AXIS, precision=precision)
+        recording = run(wave, controller, StagePlant(stage(400.0), seed=1))
+        errors[precision] = float(np.std((recording["true"] - recording["desired"])[2500:]))
+        assert controller.resonance == pytest.approx(400.0, rel=0.02)
+    assert errors["single"] == pytest.approx(errors["double"], rel=0.5)
 
 
 def test_a_run_that_was_restored_is_the_run() -> None:

@@ -1,9 +1,6 @@
 //! The mathematical functions of C that compiler_rt has not, so that no C library is compiled for the module.
 const math = @import("std").math;
 
-export fn atan(x: f64) f64 {
-    return math.atan(x);
-}
 export fn expm1(x: f64) f64 {
     return math.expm1(x);
 }

@@ -17,8 +17,9 @@
 #define JUMP 16                   /* times the noise's: what one tick may add to it; a jump is no ringing */
 #define RINGING_RATE 50           /* 1/s: how fast that mean follows */
 #define FOUND ((ts_real)0.2)      /* relative standard deviation of the inertia of a resonance that an oscillation has */
-#define FOUND_DAMPING 0.02        /* of a stage that was found by its oscillation, */
-#define FOUND_FILTER 0.6          /* corner of the law's filter over its resonance, */
+#define STEP_TERMS 32             /* of a series: enough up to half of the sample rate */
+#define FOUND_DAMPING ((ts_real)0.02) /* of a stage that was found by its oscillation, */
+#define FOUND_FILTER ((ts_real)0.6) /* corner of the law's filter over its resonance, */
 #define FOUND_LAG ((ts_real)0.1)  /* and standard deviations of what lag and inertia of it miss, over 1 / w0 and 1 / w0^2 */
 #define FOUND_INERTIA ((ts_real)0.05)
 #define CERTAIN ((ts_real)0.02)   /* relative deviation of a resonance that is put into the model */
@@ -687,39 +688,49 @@ static void adopt_resonance(ts_controller *c, ts_real frequency, ts_real highest
 
 /* ---- The stage that was found ------------------------------------------------------------------------------------- */
 
-/* Integral of the step response of a mode, from 0 to t ticks. */
-static double integral_of_step(double w, double decay, double damped, double t)
+/* The step response of a mode at the end of a tick: its integral, itself and its rate, per tick. By their series, each term from
+ * the two before it: closed forms lose the digits of a slow mode, and ask for double arithmetic. */
+static void step_of_mode(ts_real w, ts_real *integral, ts_real *step, ts_real *rate)
 {
-    if (!(t > 0)) return 0;
-    double left = exp(-decay * t), real = -2 * decay / (w * w), imaginary = -(damped - decay * decay / damped) / (w * w);
-    return t - real * (left * cos(damped * t) - 1) + imaginary * (left * sin(damped * t));
+    ts_real drag = 2 * FOUND_DAMPING * w, stiff = w * w, before = 0, term = stiff / 6;
+    *integral = term;
+    *step = 3 * term;
+    *rate = 6 * term;
+    for (int n = 4; n <= STEP_TERMS; n++) {
+        ts_real next = -(drag * term / (ts_real)n + stiff * before / (ts_real)(n * (n - 1)));
+        before = term;
+        term = next;
+        *integral += term;
+        *step += (ts_real)n * term;
+        *rate += (ts_real)(n * (n - 1)) * term;
+    }
 }
 
 /* The dynamics of one mode of this frequency, cycles per tick, behind a tick of dead time: the exact response to a command that
  * is held in each tick, as a mean over each tick. */
-static void make_dynamics(ts_dynamics *g, double frequency, double tick)
+static void make_dynamics(ts_dynamics *g, ts_real frequency, ts_real tick)
 {
-    double w = (double)(2 * TS_PI) * frequency, decay = FOUND_DAMPING * w, damped = w * sqrt(1 - FOUND_DAMPING * FOUND_DAMPING);
-    double a1 = -2 * exp(-decay) * cos(damped), a2 = exp(-2 * decay), still = 1 + a1 + a2, I[4];
-    for (int i = 0; i < 4; i++) I[i] = integral_of_step(w, decay, damped, i);
-    double g0 = I[1], g1 = I[2] - 2 * I[1], g2 = I[3] - 2 * I[2] + I[1]; /* of a pulse */
-    double b0 = g0, b1 = g1 + a1 * g0, b2 = g2 + a1 * g1 + a2 * g0, direct = b2 / a2;
-    double n0 = 1 / still, n1 = a1 / still, n2 = a2 / still;
-    double d1 = n1 - 2 * n0, d2 = n2 - 2 * n1 + n0, d3 = n1 - 2 * n2; /* the second difference behind the notch */
-    double gain = sqrt((n0 * n0 + d1 * d1 + d2 * d2 + d3 * d3 + n2 * n2) / 6), w0 = w / tick;
+    ts_real w = 2 * TS_PI * frequency, w0 = w / tick, integral, step, rate;
+    step_of_mode(w, &integral, &step, &rate);
+    ts_real drag = 2 * FOUND_DAMPING * w, pulse = rate / (w * w), kept = 1 - step - drag * pulse; /* of a velocity: its way, and itself */
+    ts_real still = step * (step + drag * pulse) + pulse * rate, a1 = -(1 - step + kept), a2 = still - (1 + a1);
+    ts_real from_rate = step / (w * w) * rate, from_place = 1 - integral;
+    ts_real b0 = integral, b1 = integral * a1 + from_place * step + from_rate;
+    ts_real b2 = integral * a2 - from_place * (kept * step - pulse * rate) - from_rate, direct = b2 / a2;
+    ts_real n0 = 1 / still, n1 = a1 / still, n2 = a2 / still;
+    ts_real d1 = n1 - 2 * n0, d2 = n2 - 2 * n1 + n0, d3 = n1 - 2 * n2; /* the second difference behind the notch */
+    ts_real gain = root_of((n0 * n0 + d1 * d1 + d2 * d2 + d3 * d3 + n2 * n2) / 6);
     memset(g, 0, sizeof *g);
     g->known = true;
     g->sections = g->dead = 1;
-    const double section[4] = {b0 - direct, b1 - direct * a1, a1, a2}, notch[3] = {n0, n1, n2}, tap[3] = {b0 / still, b1 / still, b2 / still};
-    for (int i = 0; i < 4; i++) g->section[0][i] = (ts_real)section[i];
-    for (int i = 0; i < 3; i++) {
-        g->notch[i] = (ts_real)notch[i];
-        g->quiet[i] = (ts_real)(notch[i] / gain);
-        g->tap[i] = (ts_real)tap[i];
-    }
-    g->direct[0] = (ts_real)direct;
-    g->lead[0] = (ts_real)(2 * FOUND_DAMPING / w0 + tick);
-    g->lead[1] = (ts_real)(1 / (w0 * w0) + 2 * FOUND_DAMPING * tick / w0 + 5 * (tick * tick) / 12); /* the hold is in it */
+    const ts_real section[4] = {b0 - direct, b1 - direct * a1, a1, a2}, notch[3] = {n0, n1, n2}, tap[3] = {b0 / still, b1 / still, b2 / still};
+    memcpy(g->section[0], section, sizeof section);
+    memcpy(g->notch, notch, sizeof notch);
+    memcpy(g->tap, tap, sizeof tap);
+    for (int i = 0; i < 3; i++) g->quiet[i] = notch[i] / gain;
+    g->direct[0] = direct;
+    g->lead[0] = 2 * FOUND_DAMPING / w0 + tick;
+    g->lead[1] = 1 / (w0 * w0) + 2 * FOUND_DAMPING * tick / w0 + 5 * (tick * tick) / 12; /* the hold is in it */
 }
 
 /* A weight is 0, independent of all others, with this variance. */
@@ -749,7 +760,7 @@ static void adopt_stage(ts_controller *c, ts_real frequency, ts_real ringing, bo
     d->innovation[0] = d->innovation[1] = 0;
     for (int i = 0; i < 2; i++) /* it rings on */
         d->section[0][i] = d->z[i] - c->found.direct[0] * d->strain[(d->ticks - 2 - (uint64_t)i) % TS_HISTORY];
-    ts_real corner = 2 * TS_PI * (ts_real)FOUND_FILTER * frequency, time = s->oscillation.tick / (2 * TS_PI * frequency);
+    ts_real corner = 2 * TS_PI * FOUND_FILTER * frequency, time = s->oscillation.tick / (2 * TS_PI * frequency);
     k->filter = corner / (1 + corner);
     k->disturbance = k->caution = 0;
     c->stage.smoothing = s->smoothing;

@@ -1,6 +1,5 @@
 #include "lanes.h"
 
-#include <math.h>
 #include <string.h>
 
 #define SEARCH_FROM ((ts_real)0.15) /* cycles per tick: where the search begins, */
@@ -27,9 +26,29 @@
 
 enum { BAND = TS_SHOWN, HIGH, LOW }; /* of the measurement: places behind the plays */
 
+/* Tangent of 0 to pi / 4, by the series of sine and cosine. */
+static ts_real tangent(ts_real x)
+{
+    ts_real sine = 1, cosine = 1, square = x * x;
+    for (int k = 9; k > 0; k--) {
+        sine = 1 - square * sine / (ts_real)(2 * k * (2 * k + 1));
+        cosine = 1 - square * cosine / (ts_real)(2 * k * (2 * k - 1));
+    }
+    return x * sine / cosine;
+}
+
+/* Arctangent of 0 to 0.55, by the series of a quarter of the angle; of a larger number 0, or more than 0.5. */
+static ts_real arctangent(ts_real x)
+{
+    for (int i = 0; i < 2; i++) x /= 1 + root_of(1 + x * x);
+    ts_real sum = 0, square = x * x;
+    for (int k = 9; k >= 0; k--) sum = 1 / (ts_real)(2 * k + 1) - square * sum;
+    return 4 * (x * sum);
+}
+
 static void filter_at(ts_real *a, ts_real frequency, ts_real k)
 {
-    ts_real g = (ts_real)tan((double)(TS_PI * frequency));
+    ts_real g = tangent(TS_PI * frequency);
     a[0] = 1 / (1 + g * (g + k));
     a[1] = g * a[0];
     a[2] = g * a[1];
@@ -109,7 +128,7 @@ static ts_real shown_resonance(const ts_resonance *r, ts_real lowest, ts_real *v
     if (!(ratio > 0) || !(left < SHOWS * plays)) return 0; /* the ratio is (centre / f0)^2, of their tangents */
     ts_real deviation = 2 * SURE * ratio, equations = (ts_real)r->window * N[HIGH][HIGH];
     if (!(left < deviation * deviation * equations)) return 0;
-    ts_real f0 = (ts_real)(atan(tan((double)(TS_PI * r->centre)) / sqrt((double)ratio)) / (double)TS_PI);
+    ts_real f0 = arctangent(tangent(TS_PI * r->centre) / root_of(ratio)) / TS_PI;
     *variance = left > 0 ? left / equations / (4 * ratio * ratio) : 0;
     bool within = f0 > lowest && f0 < SEARCH_FROM && f0 > NEAREST * r->centre && f0 < FURTHEST * r->centre;
     return within ? f0 : 0;

@@ -89,7 +89,7 @@ def export(target: str, output: Path, as_json: bool, **options: Any) -> None:
         command=common.as_asked()["command"],
     )
     if as_json:
-        common.print_json({"folder": str(made.folder), "capacities": dict(made.capacities), "bound_V": made.bound,
+        common.print_json({"folder": str(made.folder), "capacities": dict(made.capacities),
                            "ram_bytes": made.ram, "flash_bytes": made.flash})  # fmt: skip
         return
     click.echo(f"{len(made.files)} files of a controller with {settings.plays} plays and {settings.parameters} weights")

@@ -37,6 +37,7 @@ VISIBLE = 0.3, 0.45  # of the sample rate: the same bounds where it is low
 DAMPED = 0.3  # damping of a second or third mode in the equation of the law
 AMPLE = 2.0  # times the motion, peak to peak: a strain that needs more is inverted up to the next of `INVERTED`
 FOUND_DAMPING = 0.02  # of a stage that was found by its oscillation
+STEP_TERMS = 32  # of a series: enough up to half of the sample rate
 QUIET = 0.2  # s: rest before and after a motion, for its inversion
 
 
@@ -112,13 +113,17 @@ NOT_KNOWN: dict[str, Any] = {
 """The members of a controller that does not know the stage."""
 
 
-def _integral_of_step(w: float, decay: float, damped: float, t: float) -> float:
-    """Of a mode, from 0 to t ticks."""
-    if not t > 0:
-        return 0.0
-    left, real = math.exp(-decay * t), -2 * decay / (w * w)
-    imaginary = -(damped - decay * decay / damped) / (w * w)
-    return t - real * (left * math.cos(damped * t) - 1) + imaginary * (left * math.sin(damped * t))
+def _step_of_mode(w: float) -> tuple[float, float, float]:
+    """The step response of a mode at the end of a tick, by series: its integral, itself and its rate, per tick."""
+    drag, stiff = 2 * FOUND_DAMPING * w, w * w
+    before, term = 0.0, stiff / 6
+    integral, step, rate = term, 3 * term, 6 * term
+    for n in range(4, STEP_TERMS + 1):
+        before, term = term, -(drag * term / n + stiff * before / (n * (n - 1)))
+        integral += term
+        step += n * term
+        rate += n * (n - 1) * term
+    return integral, step, rate
 
 
 def found(frequency: float, tick: float) -> dict[str, Any]:
@@ -145,17 +150,20 @@ def found(frequency: float, tick: float) -> dict[str, Any]:
     ([-0.000103, 0.09578, -1.890238, 0.987512], [-0.000103, 0.09578, -1.890238, 0.987512])
     """
     w = 2 * math.pi * frequency
-    decay, damped = FOUND_DAMPING * w, w * math.sqrt(1 - FOUND_DAMPING * FOUND_DAMPING)
-    a1, a2 = -2 * math.exp(-decay) * math.cos(damped), math.exp(-2 * decay)
-    still = 1 + a1 + a2
-    s = [_integral_of_step(w, decay, damped, float(t)) for t in range(4)]
-    g0, g1, g2 = s[1], s[2] - 2 * s[1], s[3] - 2 * s[2] + s[1]  # of a pulse
-    b0, b1, b2 = g0, g1 + a1 * g0, g2 + a1 * g1 + a2 * g0
+    w0 = w / tick
+    integral, step, rate = _step_of_mode(w)
+    drag, pulse = 2 * FOUND_DAMPING * w, rate / (w * w)
+    kept = 1 - step - drag * pulse  # of a velocity, whose way is `pulse`
+    still = step * (step + drag * pulse) + pulse * rate
+    a1 = -(1 - step + kept)
+    a2 = still - (1 + a1)
+    from_rate, from_place = step / (w * w) * rate, 1 - integral
+    b0, b1 = integral, integral * a1 + from_place * step + from_rate
+    b2 = integral * a2 - from_place * (kept * step - pulse * rate) - from_rate
     direct = b2 / a2
     n0, n1, n2 = notch = [1 / still, a1 / still, a2 / still]
     d1, d2, d3 = n1 - 2 * n0, n2 - 2 * n1 + n0, n1 - 2 * n2  # the second difference behind the notch
     gain = math.sqrt((n0 * n0 + d1 * d1 + d2 * d2 + d3 * d3 + n2 * n2) / 6)
-    w0 = w / tick
     return {
         "dynamics.known": True,
         "dynamics.sections": 1,

@@ -11,8 +11,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
-
 import truestroke
 from truestroke.base import checks, files
 from truestroke.base.checks import SettingError
@@ -35,7 +33,6 @@ OWN = (
     "CMakeLists.txt",
     "README.md",
 )
-SINGLE_BOUND = 1e-4  # of the voltage range: what another mathematical library may change in single precision
 LEAST_HISTORY = {"kalman": 16, "rls": 8}  # ticks: the Kalman law keeps some for a stage that it may find
 MOST_HISTORY = 1024
 KIND = files.Kind("an export of C", lambda path: False)
@@ -53,8 +50,6 @@ class Exported:
         All of its files.
     capacities : Mapping[str, int]
         Of the kernel, as its header names them.
-    bound : float
-        Largest difference from the desk's commands with which the self-test passes, V; 0: the same bits.
     ram : int
         Bytes of the state on a machine of 32 bits; the stack is beside it.
     flash : int
@@ -64,7 +59,6 @@ class Exported:
     folder: Path
     files: tuple[Path, ...]
     capacities: Mapping[str, int]
-    bound: float
     ram: int
     flash: int
 
@@ -123,8 +117,8 @@ def export_c(
     >>> controller = AdaptiveController(sample_rate=10_000.0, stroke=20.0, voltage_limits=(0.0, 10.0))
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     made = export_c(controller, folder, precision="single")
-    >>> made.capacities["TS_MAX_PLAYS"], made.bound
-    (26, 0.001)
+    >>> made.capacities["TS_MAX_PLAYS"], made.ram < 12_000
+    (26, True)
     """
     words = "an AdaptiveController or its ControllerSettings"
     checks.instance("controller", controller, (AdaptiveController, ControllerSettings), words)
@@ -138,20 +132,21 @@ def export_c(
         raise SettingError("controller", f"an axis beside {others} others", "one axis: export each axis by itself")
     capacities = _capacities(settings, members, history)
     rest = safe_volts(settings, safe_voltage)
-    bound = 0.0 if settings.precision == "double" else SINGLE_BOUND * float(np.ptp(settings.voltage_limits))
     sizes = struct_sizes(_kernel_header(capacities, settings.precision), settings.precision)
     needed = sizes["ts_controller"] + 2 * c_values.REALS[settings.precision]().itemsize
     if ram is not None and checks.count("ram", ram, 1, 2**32) < needed:
         size = f"{settings.plays} plays, {settings.parameters} weights and {capacities['TS_HISTORY']} ticks of history"
-        remedy = "take fewer plays or a shorter history" + (", or single precision" if bound == 0 else "")
+        remedy = "take fewer plays or a shorter history" + (
+            ", or single precision" if settings.precision == "double" else ""
+        )
         raise SettingError("ram", ram, f"{needed} or more for the state of {size}; {remedy}", "bytes")
     memory = {"ram": needed, "flash": sizes["ts_settings"]}
-    texts = _texts(settings, members, capacities, memory, rest, ticks, bound, about, command)
+    texts = _texts(settings, members, capacities, memory, rest, ticks, about, command)
     target = checks.path("folder", folder)
     _check_folder(target)
     (target / "kernel").mkdir(parents=True, exist_ok=True)
     written = tuple(files.write(target / name, text, KIND) for name, text in texts.items())
-    return Exported(target, written, capacities, bound, **memory)
+    return Exported(target, written, capacities, **memory)
 
 
 def kernel_sources() -> dict[str, str]:
@@ -200,7 +195,6 @@ def _texts(
     memory: Mapping[str, int],
     rest: float,
     ticks: int,
-    bound: float,
     about: str,
     command: str,
 ) -> dict[str, str]:
@@ -210,7 +204,6 @@ def _texts(
         return c_values.real(value, settings.precision)
 
     rows = recorded(settings, rest, ticks)
-    promise = "the bits are the same" if bound == 0 else f"no command differs by more than {bound:.3g} V"
     values = {
         "about": about.partition("\n")[0].replace("*/", "* /"),
         "command": command,
@@ -230,8 +223,6 @@ def _texts(
         **memory,
         "ticks": ticks,
         "rows": [", ".join(map(real, row)) for row in rows],
-        "bound": f"{bound!r}",
-        "promise": promise,
     }
     own = rendered({name: name for name in OWN}, values)
     kernel = kernel_sources() | {"truestroke.h": _kernel_header(capacities, settings.precision)}
