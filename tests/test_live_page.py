@@ -13,14 +13,17 @@ from typing import Any
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from docs.site import look
 from running import COMMAND
 
 from truestroke import Recording, SettingError
+from truestroke.cli import main
 from truestroke.runtime.realtime import LiveSettings, RealtimeError, config
 from truestroke.runtime.realtime.live_page import access, frames
 from truestroke.runtime.realtime.server import Panel
 from truestroke.runtime.realtime.shared import FIELDS, Layout, Shared, Slot, State
+from truestroke.signals.channels import Channel
 
 CONTROL, READING = "control-" * 3, "reading-" * 3
 TABLES = f'\n[live]\nport = 0\ncontrol = "{CONTROL}"\nreading = "{READING}"\n'
@@ -28,16 +31,11 @@ HANGING = f"GET /stream HTTP/1.1\r\nHost: 127.0.0.1:{{}}\r\nAuthorization: Beare
 
 
 class Served:
-    """A run of `truestroke serve --live`: an axis that is moved, on a simulated stack."""
+    """A command with a live page of these tokens."""
 
-    def __init__(self, folder: Path) -> None:
-        text = config.example("serve").replace("= 3600.0", "= 300.0").partition("\n[epics]")[0]
-        text = re.sub(r"overrun_streak = \d+", "", text).partition("\n[realtime]")[0].partition("\n[recording]")[0]
-        text += '\n[realtime]\noverrun_streak = 0\nwatchdog_timeout = 20.0\n[recording]\nfile = "run.h5"\n' + TABLES
-        (folder / "serve.toml").write_text(text)
-        command = [COMMAND, "serve", "--live", "--config", "serve.toml", "--json"]
+    def __init__(self, folder: Path, *command: str) -> None:
         pipes: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-        self.process = subprocess.Popen(command, cwd=folder, **pipes)
+        self.process = subprocess.Popen([COMMAND, *command], cwd=folder, **pipes)
         assert self.process.stderr
         address = self.process.stderr.readline()
         found = re.search(r"http://127\.0\.0\.1:(\d+)/#" + CONTROL, address)
@@ -78,7 +76,11 @@ class Served:
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Served, Path]]:
     folder = tmp_path_factory.mktemp("live")
-    served = Served(folder)
+    text = config.example("serve").replace("= 3600.0", "= 300.0").partition("\n[epics]")[0]
+    text = re.sub(r"overrun_streak = \d+", "", text).partition("\n[realtime]")[0].partition("\n[recording]")[0]
+    text += '\n[realtime]\noverrun_streak = 0\nwatchdog_timeout = 20.0\n[recording]\nfile = "run.h5"\n' + TABLES
+    (folder / "serve.toml").write_text(text)
+    served = Served(folder, "serve", "--live", "--config", "serve.toml", "--json")
     try:
         yield served, folder
     finally:
@@ -173,6 +175,66 @@ def refused_and_counted(served: Served) -> None:
     assert status == 200
     assert "default-src 'none'" in headers["Content-Security-Policy"]
     assert not re.search(rb"<script>|onclick|style=", page)
+
+
+def test_learning_is_watched_and_stopped(tmp_path: Path) -> None:
+    """From the second pass on the desired motion is shown; STOP keeps the waveform so far, and ends with its code."""
+    text = config.example().partition("[realtime]")[0] + '[recording]\nfile = "run.h5"\n'
+    (tmp_path / "stage.toml").write_text(text + TABLES)
+    options = ["--frequency", "40", "--bandwidth", "400", "--averaged", "0.1", "--passes", "1000", "--live"]
+    served = Served(tmp_path, "learn", "raster", "--config", "stage.toml", *options)
+    learned = served.until(lambda frame: any(isinstance(z, float) for z in frame["axes"][0]["error"]))["axes"][0]
+    assert learned["target"] is None
+    assert served.do(do="stop") == 200
+    _, err = served.process.communicate(timeout=300)
+    assert served.process.returncode == 15, err
+    assert "an operator asked for the end on the live page; " in err
+    assert "learned.csv has the best waveform so far, of pass" in err
+    assert (tmp_path / "learned.csv").exists()
+
+
+def test_a_recording_is_shown_again(tmp_path: Path) -> None:
+    """Two axes from their files: it pauses at the end, plays again from the beginning, and ends with its button."""
+    time = np.arange(1000) / 1000.0
+    for name, low in (("x", 0.0), ("y", -1.0)):
+        lines = {"desired": time, "measured": time + (time == 0.7), "volts": 0.1 * time, "lateness": 3.0 + 0 * time}
+        channels = {"time": Channel(time, "s", "")} | {line: Channel(data, "um", "") for line, data in lines.items()}
+        Recording(channels, {"axis": {"name": name, "voltage_limits": [low, 5.0]}}).save(tmp_path / f"run-{name}.h5")
+    command = [COMMAND, "replay", "run-x.h5", "run-y.h5", "--speed", "100", "--port", "0"]
+    process = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True)
+    assert process.stderr
+    with look.chromium() as browser:
+        page = browser.new_page()
+        page.set_default_timeout(look.PATIENCE)
+        page.goto(process.stderr.readline().split()[-1])
+        for _ in range(2):
+            page.get_by_text("replay, paused").wait_for()
+            page.get_by_text("1.0 s", exact=True).wait_for()
+            page.get_by_text("99 % within 5 µs").wait_for()
+            page.get_by_role("button", name="Play").click()
+        assert page.get_by_role("heading", name="Axis y").count() == 1
+        assert not page.get_by_role("button", name="STOP").count()
+        page.get_by_role("button", name="End").click()
+        assert process.wait(300) == 0, process.stderr.read()
+    process.stderr.close()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["run.h5"], "must be at least 2 ticks, which can be shown"),
+        (["run.h5", "--speed", "0"], "--speed"),
+        (["run.h5", "--port", "80"], "--port = 80: must be a whole number from 1024 to 65535"),
+    ],
+)
+def test_what_cannot_be_shown_again_is_one_line(
+    arguments: list[str], words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Recording({"time": Channel(np.zeros(1), "s", "")}).save("run.h5")
+    done = CliRunner().invoke(main, ["replay", *arguments])
+    assert done.exit_code == 2
+    assert words in done.output
 
 
 def test_a_port_that_is_taken_is_said_before_anything_moves() -> None:

@@ -21,6 +21,7 @@ COMMANDS = (
         "serve",
         "doctor",
         "report",
+        "replay",
         "compare",
         "reproduce",
         "robustness",

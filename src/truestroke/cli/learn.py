@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,10 +13,12 @@ import click
 import truestroke
 from truestroke.base import files
 from truestroke.base.exit_codes import ExitCode
-from truestroke.cli import common, waveforms
+from truestroke.cli import common, realtime, waveforms
 
 if TYPE_CHECKING:
     from truestroke.control.iterative import Learned
+    from truestroke.runtime.drivers.protocol import Driver
+    from truestroke.runtime.realtime.watched import Watched
 
 DEMO = {"voltage_limits": (-0.6, 3.6), "slew": 20_000.0, "safe_voltage": 0.0}
 DEMO_STROKE = 35.0  # um over the whole of these limits
@@ -39,9 +42,10 @@ DEMO_STROKE = 35.0  # um over the whole of these limits
               help="Duration of the periods of a pass that count.")  # fmt: skip
 @click.option("--output", metavar="NAME", default="learned", help="Write NAME.csv, NAME.toml and "
               "NAME.html.")  # fmt: skip
+@realtime.live_option
 @common.page_options
 def learn(
-    motion: str, config: Path | None, output: str, plots: Path | None, as_json: bool, **options: Any
+    motion: str, config: Path | None, output: str, live: bool, plots: Path | None, as_json: bool, **options: Any
 ) -> int:  # fmt: skip
     """Learn the voltage of a motion that repeats, pass by pass.
 
@@ -50,11 +54,13 @@ def learn(
     the actuator that the passes show. The output is at the safe voltage before and after each pass.
     """
     from truestroke.report import learning
+    from truestroke.runtime.realtime.watched import StoppedError
 
+    if live and config is None:
+        raise click.UsageError("--live shows hardware or a simulated driver in real time: it needs --config.")
     name = output.removesuffix(".csv")
     (page_file,) = common.outputs(name, ".html")
     target = common.to_write("--output", page_file.with_suffix(".csv"), files.WAVEFORM)
-    model_file = common.to_write("--output", page_file.with_suffix(".toml"), files.MODEL)
     model_file = common.to_write("--output", page_file.with_suffix(".toml"), files.MODEL)
     driver, limits, rate = _driven(config, options)
     arguments = {
@@ -68,7 +74,12 @@ def learn(
     given["model"] = options["model"] and truestroke.load_model(options["model"])
     if not as_json:
         click.echo(f"{'pass':>4}  {'rmse':>10}  {'of p-p':>8}  {'maximum':>10}  {'noise':>9}")
-    found = _learned(driver, wave, limits | given, target, as_json)
+    shown = _watched(driver, config, limits, rate) if live and config else nullcontext(driver)
+    try:
+        with shown as driver:
+            found = _learned(driver, wave, limits | given, target, as_json)
+    except StoppedError as error:
+        return common.complain(str(error), ExitCode.STOPPED)
     model, why = _model(found, given["model"], model_file)
     made = learning.page(found, common.as_asked()["command"])
     pictures = common.save_page(made, page_file, plots)
@@ -86,12 +97,16 @@ def learn(
 
 def _learned(driver: Any, wave: truestroke.Trajectory, given: dict[str, Any], target: Path, as_json: bool) -> Learned:
     """What was learned; where a later pass fails, the error says what is on the disk."""
+    from truestroke.runtime.realtime.watched import StoppedError
+
     best: list[Learned] = []
     write = _reporter(target, as_json)
 
     def report(found: Learned) -> None:
         write(found)
         best.append(found)
+        if hasattr(driver, "expect"):  # shown on the live page
+            _expect(driver, found, given)
 
     try:
         return truestroke.learn(driver, wave, **given, report=report)
@@ -99,9 +114,31 @@ def _learned(driver: Any, wave: truestroke.Trajectory, given: dict[str, Any], ta
         if not best:
             raise
         one = best[-1].best
-        raise click.ClickException(
-            f"{error}; {target} has the best waveform so far, of pass {one.number}, rmse {one.rmse:.4g} um"
-        ) from error
+        words = f"{error}; {target} has the best waveform so far, of pass {one.number}, rmse {one.rmse:.4g} um"
+        raise (StoppedError if isinstance(error, StoppedError) else click.ClickException)(words) from error
+
+
+def _expect(driver: Watched, found: Learned, given: dict[str, Any]) -> None:
+    """The motion of the next pass, as the sensor reads it, and when it begins."""
+    from truestroke.runtime.drivers.guard import Limits
+    from truestroke.runtime.drivers.playback import lead
+
+    limits = Limits(**{key: given[key] for key in ("voltage_limits", "slew", "safe_voltage")})
+    next_pass = found.learning
+    driver.expect(next_pass.desired + found.zero, lead(limits, float(next_pass.volts[0]), next_pass.sample_rate).size)
+
+
+def _watched(driver: Driver, config: Path, limits: dict[str, Any], rate: float) -> AbstractContextManager[Watched]:
+    """The driver, shown on the live page."""
+    from truestroke.runtime.realtime import config as configuration
+    from truestroke.runtime.realtime.server import Panel
+    from truestroke.runtime.realtime.watched import watched
+
+    settings = configuration.live(config)
+    settings.check([])
+    reach = 0.0, float(limits["stroke"] or 0.0)
+    panel = Panel(name="axis", voltage_limits=limits["voltage_limits"], reach=reach, moved=False, weights=0)
+    return watched(driver, settings, panel, rate)
 
 
 def _model(found: Learned, before: truestroke.ActuatorModel | None, file: Path) -> tuple[Path | None, str]:

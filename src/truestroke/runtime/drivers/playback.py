@@ -20,6 +20,7 @@ from truestroke.signals.tables import UNITS, open_table
 
 __all__ = ["Player", "Recorded", "playback"]
 
+REST = 0.5  # s under the first voltage
 RAMP = 1.0  # s: how long a ramp over the whole of the voltage limits takes, at least
 
 
@@ -91,7 +92,7 @@ def playback(
     voltage_limits: tuple[float, float],
     slew: float,
     safe_voltage: float = 0.0,
-    rest: float = 0.5,
+    rest: float = REST,
 ) -> Recorded:
     """Put out a waveform by hardware of one channel and record what it does, from the safe voltage and back to it.
 
@@ -142,12 +143,23 @@ def playback(
         raise SettingError("volts", f"waveform of {fastest:.4g} V/s", f"no faster than slew, {slew:g} V/s")
     calls = ("open", "start", "exchange", "stop", "close")
     checks.able("driver", driver, calls, "a driver, such as drivers.SimulatedDriver; the order is driver, volts")
-    step = min(slew, (high - low) / RAMP) / rate
-    before = np.append(ramp(safe, wave[0], step), np.full(round(rest * sample_rate), wave[0]))
-    whole = np.concatenate([before, wave, ramp(wave[-1], safe, step)])
+    before = lead(limits, wave[0], rate, rest)
+    whole = np.concatenate([before, wave, ramp(wave[-1], safe, _step(limits, rate))])
     made = (_at_once if hasattr(driver, "playback") else _by_blocks)(driver, whole, rate, limits)
     part = slice(before.size, before.size + wave.size)
     return Recorded(made.volts[:, part], made.displacement[:, part], made.sample_rate)
+
+
+def lead(limits: Limits, first: float, sample_rate: float, rest: float = REST) -> FloatArray:
+    """From the safe voltage to the first one, V, and the rest there, s: what is put out before a waveform."""
+    way = ramp(limits.safe_voltage, first, _step(limits, sample_rate))
+    return np.append(way, np.full(round(rest * sample_rate), first))
+
+
+def _step(limits: Limits, sample_rate: float) -> float:
+    """Of a ramp, V a sample."""
+    low, high = limits.voltage_limits
+    return min(limits.slew, (high - low) / RAMP) / sample_rate
 
 
 def ramp(start: float, stop: float, step: float) -> FloatArray:

@@ -219,6 +219,20 @@ def one_axis_at(path: str | os.PathLike[str]) -> tuple[Driver, AxisTable, float]
         return made, toml.value("axis", axes[0], AxisTable), rate
 
 
+def live(path: str | os.PathLike[str]) -> LiveSettings:
+    """The table [live] of a configuration, or what holds without one.
+
+    Raises
+    ------
+    SettingError, OSError
+        As `load`.
+    """
+    document = toml.read(path)
+    with checks.inside(f"{os.fspath(path)}: "):
+        found: LiveSettings = toml.value("live", document.get("live", {}), LiveSettings)
+    return found
+
+
 @dataclass(frozen=True, kw_only=True)
 class Movable:
     """An axis that another program moves: its table, and its controller."""

@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+import subprocess
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Protocol
 
+from truestroke.runtime.realtime import process
 from truestroke.runtime.realtime.motion import SetPoint
-from truestroke.runtime.realtime.process import Lifeline
+from truestroke.runtime.realtime.process import Lifeline, RealtimeError
 from truestroke.runtime.realtime.recorder import Plan
 from truestroke.runtime.realtime.settings import Axis
-from truestroke.runtime.realtime.shared import Shared
+from truestroke.runtime.realtime.shared import Helper, Shared, Slot, State, Text
 from truestroke.signals.trajectories import Trajectory
+
+GLANCE = 0.02  # s between two looks at whether it is ready
+LAST_WORDS = 2.0  # s for it to end
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,3 +68,30 @@ def _reach(motion: Trajectory | SetPoint) -> tuple[float, float]:
 def start(lifeline: Lifeline, shared: Shared, server: Server, axes: list[Panel], sample_rate: float) -> None:
     """`serve`, as the process of the server calls it."""
     server.serve(lifeline, shared, axes, sample_rate)
+
+
+@contextmanager
+def served(server: Server, shared: Shared, axes: list[Panel], sample_rate: float) -> Iterator[None]:
+    """While it serves what is in the memory, of something else than a run of `run_realtime`.
+
+    Raises
+    ------
+    RealtimeError
+        It did not start.
+    """
+    serving = process.start(shared, start, server, axes, sample_rate)
+    try:
+        while serving.poll() is None and shared.count[Slot.SERVER] == Helper.ABSENT:
+            time.sleep(GLANCE)
+        if shared.count[Slot.SERVER] != Helper.READY:
+            raise RealtimeError(f"the server did not start: {shared.read(Text.SERVER) or 'it died'}")
+        yield
+    finally:
+        shared.count[Slot.STATE] = State.ENDED
+        if serving.stdin:
+            serving.stdin.close()
+        try:
+            serving.wait(LAST_WORDS)
+        except subprocess.TimeoutExpired:
+            serving.kill()
+            serving.wait()

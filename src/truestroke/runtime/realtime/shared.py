@@ -40,6 +40,7 @@ class Slot(IntEnum):
     DEPUTY_PID = 15
     HOLD = 16  # not 0: somebody asks that nothing is learned
     REFUSED = 17  # requests that the live page has refused, one slot a kind
+    REPLAY = 31  # not 0: a recording is shown, and nothing moves; HOLD then pauses it
     ENDINGS = 32  # where in each file the JSON of its end stands, one slot an axis
 
 

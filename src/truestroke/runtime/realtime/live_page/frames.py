@@ -25,10 +25,11 @@ def frame(shared: Shared, axes: list[Panel], sample_rate: float, window: float, 
     return {
         "state": STATES[count[Slot.STATE]],
         "time": settled / sample_rate,
-        "left": max(0, count[Slot.TICKS] - settled) / sample_rate,
+        "left": max(0, ticks - settled) / sample_rate if (ticks := count[Slot.TICKS]) else None,
         "overruns": count[Slot.OVERRUNS],
         "late_us": lateness(list(shared.histogram), 0.99),
         "held": bool(count[Slot.HOLD]),
+        "replay": bool(count[Slot.REPLAY]),
         "stop": bool(count[Slot.STOP]),
         "refused": {words: n for kind, words in enumerate(WORDS) if (n := count[Slot.REFUSED + kind])},
         "axes": [_axis(shared, channel, panel, sample_rate, window, settled) for channel, panel in enumerate(axes)],
@@ -83,9 +84,10 @@ def _number(value: float) -> float | None:
 
 
 def about(axes: list[Panel], flags: list[str]) -> dict[str, Any]:
-    """What does not change: names, limits, reach, whether an axis has a set-point, the names of the flags."""
+    """What does not change: names, limits, reach, what moves, whether any axis learns, the names of the flags."""
     return {
         "flags": flags,
+        "learns": any(panel.weights for panel in axes),
         "axes": [
             {
                 "name": panel.name,

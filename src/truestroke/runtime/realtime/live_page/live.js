@@ -14,6 +14,7 @@
     } catch { say("The run does not answer."); }
   }
 
+  function name(node, text) { if (node.textContent !== text) node.textContent = text; } // a screen reader says each change
   const element = (tag, text, of = {}) => Object.assign(document.createElement(tag), { textContent: text, ...of });
 
   function chart(place, label, lines, height, named = false) {
@@ -25,6 +26,8 @@
       axes: [{ ...axis, size: 34, label: x, labelSize: 18 }, { ...axis, size: 60, label, labelSize: 18 }],
       series: [{ label: x }, ...lines.map(([name, role, width_]) => ({ label: name, stroke: () => colour(role), width: width_, points: { show: false } }))],
     }, [[], ...lines.map(() => [])], place);
+    plot.root.setAttribute("role", "img");
+    plot.root.setAttribute("aria-label", label + " over " + x + ": " + lines.map(([named_]) => named_).join(", "));
     new ResizeObserver(() => plot.setSize({ width: width(), height })).observe(place);
     return plot;
   }
@@ -85,12 +88,15 @@
   const refused = (kinds) => Object.entries(kinds).map(([words, n]) => n + " " + words).join(", ") || "none";
   const seconds = (s) => s.toFixed(1) + " s";
   function show(frame) {
-    by("state").textContent = frame.stop && frame.state !== "ended" ? "stopping" : frame.state;
     held = frame.held;
-    by("hold").setAttribute("aria-pressed", held);
-    by("hold").textContent = held ? "Resume learning" : "Hold learning";
+    const replayed = frame.replay && frame.state !== "ended", running = replayed ? (held ? "replay, paused" : "replay") : frame.state;
+    name(by("state"), frame.stop && frame.state !== "ended" ? "stopping" : running);
+    by("hold").dataset.held = held;
+    by("hold").hidden = !(about.learns || frame.replay);
+    name(by("hold"), frame.replay ? (held ? "Play" : "Pause") : held ? "Resume learning" : "Hold learning");
+    name(by("stop"), frame.replay ? "End" : "STOP");
     const late = frame.late_us == null ? "-" : "99 % within " + frame.late_us + " µs";
-    const figures = [["time", seconds(frame.time)], ["left", seconds(frame.left)], ["late", late], ["overruns", frame.overruns], ["refused requests", refused(frame.refused)]];
+    const figures = [["time", seconds(frame.time)], ["left", frame.left == null ? "-" : seconds(frame.left)], ["late", late], ["overruns", frame.overruns], ["refused requests", refused(frame.refused)]];
     frame.axes.forEach((axis, i) => figures.push(["rms error" + (frame.axes.length > 1 ? " " + about.axes[i].name : ""), axis.rmse == null ? "-" : (1e3 * axis.rmse).toPrecision(3) + " nm"]));
     by("figures").replaceChildren(...figures.map(([name, value]) => { const row = element("div", ""); row.append(element("dt", name), element("dd", value)); return row; }));
     frame.axes.forEach((axis, i) => {
