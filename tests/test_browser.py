@@ -8,12 +8,15 @@ import re
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import chromium
 import pytest
 from click.testing import CliRunner
+from docs.site import look
+from playwright.sync_api import Page
 from web import build
 
 from truestroke import AdaptiveController, Dynamics, Mode, SettingError, cli, export_json
@@ -169,6 +172,69 @@ def test_the_playground_has_the_bits_of_the_desk_from_a_file(built: Path) -> Non
     assert ">200 nm</output>" in done.stdout
     assert ">33 %</output>" in done.stdout
     assert "http" not in re.sub(r"(?s)<script.*?</script>", "", done.stdout)
+
+
+@pytest.fixture
+def phone(built: Path) -> Iterator[Page]:
+    """The playground, from its file, on the screen of a phone."""
+    with look.chromium() as browser:
+        screen: Any = {"viewport": {"width": 360, "height": 740}, "has_touch": True, "is_mobile": True}
+        page = browser.new_context(**screen).new_page()
+        page.set_default_timeout(look.PATIENCE)
+        page.goto((built / "playground.html").as_uri())
+        page.wait_for_function("document.getElementById('figures').textContent.startsWith('no compensation: rms')")
+        yield page
+
+
+TAPPED = {  # a control, what the address says of it then, and what the page shows of it
+    "[value=truestroke]": ("controller=truestroke", "$('figures').startsWith('truestroke: rms error')"),
+    "[value=sine]": ("motion=sine", "$('loop-title') === 'Displacement over desired displacement'"),
+    "[name=held]": ("held=1", "$('flags').includes('held')"),
+    "[name=change]": ("change=1", "Number.parseFloat($('figures').split('rms error ')[1]) > 0"),
+    "[name=dead]": ("dead=1", "$('flags').includes('rejected')"),
+    "[value=scan]": ("motion=scan", "$('loop-title').startsWith('Image') && shades() > 50"),
+    "[value=paper]": ("controller=paper", "$('figures').startsWith('the paper')"),
+    "[value=none]": ("", "$('figures').startsWith('no compensation')"),
+    "[value=waves]": ("", "$('loop-title').startsWith('Displacement')"),
+    "#run": ("", "$('run') === 'Run'"),
+    "#restart": ("", "$('figures').includes('rms error')"),
+    "#defaults": ("", "location.hash === ''"),
+}
+READ = """
+window.$ = (id) => document.getElementById(id).textContent;
+window.shades = () => {
+  const picture = document.getElementById("loop").getContext("2d");
+  return new Set(picture.getImageData(90, 20, 250, 250).data).size;
+};
+"""
+
+
+def test_a_finger_presses_every_control_of_the_playground(phone: Page) -> None:
+    phone.evaluate(READ)
+    for control, (address, seen) in TAPPED.items():
+        phone.locator(control).tap()
+        phone.wait_for_function(f"location.hash.includes({address!r}) && ({seen})")
+    controls = "#controls input:not([type=range]), .laws input, #controls button"
+    assert phone.locator(controls).count() == len(TAPPED)
+    assert look.too_wide(phone) == []
+
+
+def test_the_keyboard_and_the_address_move_every_slider(phone: Page) -> None:
+    sliders = phone.locator("input[type=range]").all()
+    assert len(sliders) == 6
+    for slider in sliders:
+        before = float(slider.input_value())
+        slider.press("ArrowLeft")
+        phone.wait_for_function(f"location.hash.includes('{slider.get_attribute('name')}=')")
+        assert float(slider.input_value()) < before
+        assert slider.get_attribute("aria-valuetext") == slider.locator("xpath=..").locator("output").text_content()
+    sent = phone.evaluate("location.hash")
+    phone.locator("#defaults").press("Enter")
+    assert phone.evaluate("location.hash") == ""
+    phone.evaluate(f"location.hash = {sent!r}")  # a colleague opens it
+    for slider in sliders:
+        shown = f"document.querySelector('[name={slider.get_attribute('name')}]').value"
+        phone.wait_for_function(f"{sent!r}.includes('{slider.get_attribute('name')}=' + {shown})")
 
 
 def test_what_cannot_be_exported_is_named(tmp_path: Path) -> None:

@@ -4,6 +4,7 @@
  */
 
 const FONT = "12px system-ui, sans-serif";
+const COLOURS = ["text", "grid", "desired", "true", "wrong"];
 const MARGIN = { left: 46, right: 10, top: 10, bottom: 34 };
 
 /** Steps 1, 2, 5 times a power of ten, about `count` of them from low to high. */
@@ -16,34 +17,58 @@ function steps(low, high, count) {
   return Array.from({ length: last - first + 1 }, (_, i) => Number(((first + i) * step).toPrecision(12)));
 }
 
-/** A canvas with two axes. */
+/** A canvas with two axes. They are drawn into a canvas of their own, and again only where something of them changes. */
 export class Chart {
   /** @param {HTMLCanvasElement} canvas */
   constructor(canvas) {
     this.canvas = canvas;
-    this.draw = canvas.getContext("2d");
+    this.front = canvas.getContext("2d");
+    this.back = document.createElement("canvas").getContext("2d");
+    this.draw = this.back;
+    this.#measure();
+    new ResizeObserver(() => this.#measure()).observe(canvas);
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.#measure());
+  }
+
+  /** Size and colours, which cost a layout of the page: not in each frame. */
+  #measure() {
+    const style = getComputedStyle(this.canvas);
+    this.colours = Object.fromEntries(COLOURS.map((name) => [name, style.getPropertyValue(`--${name}`)]));
+    this.ratio = Math.min(window.devicePixelRatio || 1, 2);
+    this.size = [this.canvas.clientWidth, this.canvas.clientHeight];
+    const [width, height] = this.size.map((length) => Math.max(1, Math.round(length * this.ratio)));
+    for (const { canvas } of [this.front, this.back]) Object.assign(canvas, { width, height });
+    this.shown = "";
   }
 
   /** Begins a picture: ranges, titles of the axes, whether it is a square. */
   begin([x0, x1], [y0, y1], xTitle, yTitle, square = false) {
-    const ratio = Math.min(window.devicePixelRatio || 1, 2);
-    const { clientWidth, clientHeight } = this.canvas;
-    const [width, height] = [Math.round(clientWidth * ratio), Math.round(clientHeight * ratio)];
-    if (this.canvas.width !== width || this.canvas.height !== height) Object.assign(this.canvas, { width, height });
-    const d = this.draw;
-    d.setTransform(ratio, 0, 0, ratio, 0, 0);
-    d.clearRect(0, 0, clientWidth, clientHeight);
-    const [top, bottom] = [MARGIN.top, clientHeight - MARGIN.bottom];
+    const [width, height] = this.size;
+    const [top, bottom] = [MARGIN.top, height - MARGIN.bottom];
     const left = MARGIN.left;
-    const right = Math.min(clientWidth - MARGIN.right, square ? left + bottom - top : Infinity);
+    const right = Math.min(width - MARGIN.right, square ? left + bottom - top : Infinity);
     this.box = { left, right, top, bottom };
     this.x = (v) => left + ((v - x0) / (x1 - x0)) * (right - left);
     this.y = (v) => bottom - ((v - y0) / (y1 - y0)) * (bottom - top);
-    this.#axes([x0, x1], [y0, y1], xTitle, yTitle);
+    const wanted = [x0, x1, y0, y1, xTitle, yTitle, square].join();
+    if (wanted !== this.shown) {
+      this.draw = this.back;
+      this.#cleared();
+      this.#axes([x0, x1], [y0, y1], xTitle, yTitle);
+      this.shown = wanted;
+    }
+    this.draw = this.front;
+    this.#cleared();
+    this.draw.drawImage(this.back.canvas, 0, 0, width, height);
+  }
+
+  #cleared() {
+    this.draw.setTransform(this.ratio, 0, 0, this.ratio, 0, 0);
+    this.draw.clearRect(0, 0, ...this.size);
   }
 
   colour(name) {
-    return getComputedStyle(this.canvas).getPropertyValue(`--${name}`);
+    return this.colours[name];
   }
 
   #axes([x0, x1], [y0, y1], xTitle, yTitle) {
@@ -83,6 +108,35 @@ export class Chart {
 
   /** A curve through points, within the box. */
   curve(count, x, y, colour, width = 1.5, dash = []) {
+    this.#within(colour, width, dash, (d) => {
+      for (let i = 0; i < count; i++) d.lineTo(this.x(x(i)), this.y(y(i)));
+    });
+  }
+
+  /** A curve of many points over ascending places: of each column of pixels the lowest and the highest. */
+  trace(count, x, y, colour, width) {
+    this.#within(colour, width, [], (d) => {
+      let [column, low, high] = [NaN, 0, 0];
+      const put = () => {
+        if (Number.isNaN(column)) return;
+        d.lineTo(column, this.y(low));
+        if (high !== low) d.lineTo(column, this.y(high));
+      };
+      for (let i = 0; i < count; i++) {
+        const [at, value] = [Math.round(this.x(x(i))), y(i)];
+        if (at === column) {
+          low = Math.min(low, value);
+          high = Math.max(high, value);
+          continue;
+        }
+        put();
+        [column, low, high] = [at, value, value];
+      }
+      put();
+    });
+  }
+
+  #within(colour, width, dash, path) {
     const d = this.draw;
     const { left, right, top, bottom } = this.box;
     d.save();
@@ -91,23 +145,26 @@ export class Chart {
     d.clip();
     d.strokeStyle = this.colour(colour);
     d.lineWidth = width;
-    d.lineJoin = "round";
+    d.lineJoin = "bevel";
     d.setLineDash(dash);
     d.beginPath();
-    for (let i = 0; i < count; i++) d.lineTo(this.x(x(i)), this.y(y(i)));
+    path(d);
     d.stroke();
     d.restore();
   }
 
-  /** A square picture of values from 0 to 1 in the box; NaN is left out. */
+  /** A square picture of values from 0 to 1 in the box, row by row from below; NaN is left out. */
   image(values, size) {
     const { left, right, top, bottom } = this.box;
-    const [w, h] = [(right - left) / size, (bottom - top) / size];
+    this.pixels ??= new ImageData(size, size);
+    this.picture ??= Object.assign(document.createElement("canvas"), { width: size, height: size }).getContext("2d");
     for (let i = 0; i < values.length; i++) {
-      if (Number.isNaN(values[i])) continue;
-      const grey = Math.round(30 + 210 * values[i]);
-      this.draw.fillStyle = `rgb(${grey} ${grey} ${grey})`;
-      this.draw.fillRect(left + (i % size) * w, bottom - (Math.floor(i / size) + 1) * h, w + 0.6, h + 0.6);
+      const at = 4 * ((size - 1 - Math.floor(i / size)) * size + (i % size));
+      this.pixels.data.fill(Math.round(30 + 210 * values[i]), at, at + 3);
+      this.pixels.data[at + 3] = Number.isNaN(values[i]) ? 0 : 255;
     }
+    this.picture.putImageData(this.pixels, 0, 0);
+    this.draw.imageSmoothingEnabled = false;
+    this.draw.drawImage(this.picture.canvas, left, top, right - left, bottom - top);
   }
 }

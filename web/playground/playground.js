@@ -9,6 +9,7 @@ const SWITCHES = { controller: ["none", "paper", "truestroke"], motion: ["waves"
 const CHECKS = ["held", "change", "dead"];
 const WORDS = { none: "no compensation", paper: "the paper's law", truestroke: "truestroke" };
 const SHOWN = 0.05; // s of a frame, at most: after a pause the simulation does not hurry
+const READ = 100; // ms between two figures: nobody reads faster
 const SECOND = Math.round(data.controllers.truestroke.sample_rate);
 const calm = matchMedia("(prefers-reduced-motion: reduce)");
 const $ = (id) => document.getElementById(id);
@@ -93,7 +94,9 @@ function drawLoop() {
   charts.loop.begin([0, 30], [0, 30], "desired, µm", "true, µm");
   charts.loop.curve(2, (i) => 30 * i, (i) => 30 * i, "desired", 1, [4, 4]);
   const count = Math.min(ticks, Math.round(SECOND * Math.min(2, Math.max(0.3, 3 / state.speed))), kept);
-  charts.loop.curve(count, (i) => desired[(ticks - count + i) % kept], (i) => truth[(ticks - count + i) % kept], "true", 1.5);
+  const each = Math.max(1, Math.floor(SECOND / (100 * state.speed))); // ticks of a point: a hundred of the fastest period
+  const place = (i) => (ticks - count + i * each) % kept;
+  charts.loop.curve(Math.floor(count / each), (i) => desired[place(i)], (i) => truth[place(i)], "true", 1.5);
 }
 
 function drawError(most) {
@@ -105,7 +108,7 @@ function drawError(most) {
   const scale = small ? 1000 : 1;
   charts.error.begin([-2, 0], [-reach * scale, reach * scale], "time, s", small ? "error, nm" : "error, µm");
   const place = (i) => (ticks - count + i) % kept;
-  charts.error.curve(count, (i) => (i - count) * seconds, (i) => scale * (truth[place(i)] - desired[place(i)]), "wrong", 1.2);
+  charts.error.trace(count, (i) => (i - count) * seconds, (i) => scale * (truth[place(i)] - desired[place(i)]), "wrong", 1.2);
 }
 
 function drawSlopes() {
@@ -123,17 +126,18 @@ function drawSlopes() {
 function drawFigures({ rms, most }) {
   const share = ((100 * rms) / 24).toPrecision(2);
   $("figures").textContent = `${WORDS[state.controller]}: rms error ${length(rms)}, ${share} % of the motion; largest ${length(most)}`;
-  const bits = simulation.flags;
+  const bits = simulation.flagsSince();
   const names = data.controllers.truestroke.flags.filter((_, i) => bits & (1 << i));
   $("flags").textContent = names.length ? `flags: ${names.join(", ")}` : "";
 }
 
-function draw() {
-  const errors = simulation.errors(SECOND);
+function draw(now) {
   drawLoop();
   drawError(simulation.errors(2 * SECOND).most);
   drawSlopes();
-  drawFigures(errors);
+  if (Math.abs(now - said) < READ) return;
+  drawFigures(simulation.errors(SECOND));
+  said = now;
 }
 
 /* ---- Time ---- */
@@ -141,13 +145,14 @@ function draw() {
 let before;
 let running = !calm.matches;
 let drawn = -Infinity; // ms
+let said = -Infinity; // ms, of the figures
 
 function frame(now) {
   const passed = Math.min((now - (before ?? now)) / 1000, SHOWN);
   before = now;
   if (running) simulation.run(state, Math.round(passed * SECOND));
   if (!calm.matches || now - drawn > 500) {
-    draw();
+    draw(now);
     drawn = now;
   }
   requestAnimationFrame(frame);
@@ -172,7 +177,7 @@ let state = fromAddress();
 addSliders();
 show(state);
 restart();
-form.addEventListener("input", (event) => taken(state, event.target));
+document.addEventListener("input", ({ target }) => target.form === form && taken(state, target)); // some stand above the form
 form.addEventListener("submit", (event) => event.preventDefault());
 $("run").addEventListener("click", () => setRunning(!running));
 $("restart").addEventListener("click", () => restart());
@@ -189,6 +194,8 @@ function begin(other) {
 
 setRunning(running);
 requestAnimationFrame(frame);
-const { same, ticks } = looped(module, data.run);
-$("bits").textContent = `${same} of ${ticks} ticks of a recorded run have the bits of the Python package.`;
-document.documentElement.dataset.bits = `${same}/${ticks}`;
+setTimeout(() => {
+  const { same, ticks } = looped(module, data.run);
+  $("bits").textContent = `${same} of ${ticks} ticks of a recorded run have the bits of the Python package.`;
+  document.documentElement.dataset.bits = `${same}/${ticks}`;
+}, 500); // the stack moves first

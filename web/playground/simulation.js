@@ -86,7 +86,6 @@ export class Simulation {
   /** So many ticks further. */
   run(state, ticks) {
     const [x, y] = this.axes;
-    this.flags = 0;
     for (let i = 0; i < ticks; i++) {
       const now = x.tick(state, state.speed, this.seconds);
       this.flags |= now.flags;
@@ -109,6 +108,13 @@ export class Simulation {
       }
     }
     this.column = Math.min(Math.max(column, 0), LINES - 1);
+  }
+
+  /** Flags of all ticks since they were asked for last, as bits. */
+  flagsSince() {
+    const since = this.flags;
+    this.flags = 0;
+    return since;
   }
 
   /** Root mean square and largest error of the last `ticks`, um. */
