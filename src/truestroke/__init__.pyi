@@ -66,6 +66,7 @@ from truestroke.runtime.loop import Actuator as Actuator
 from truestroke.runtime.loop import RunInterrupted as RunInterrupted
 from truestroke.runtime.loop import run as run
 from truestroke.runtime.realtime.process import RealtimeError as RealtimeError
+from truestroke.runtime.realtime.watched import StoppedError as StoppedError
 from truestroke.signals import metrics as metrics
 from truestroke.signals import scans as scans
 from truestroke.signals import trajectories as trajectories

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from truestroke.base import checks
+from truestroke.base import checks, display, notebook
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
 from truestroke.base.verdict import Verdict
@@ -133,6 +133,17 @@ class Identified:
     evidence: Evidence
     verdict: Verdict
 
+    def _repr_html_(self) -> str:
+        """In a notebook: the verdict, the errors, a picture of the hysteresis, the model."""
+        from truestroke.report import notebook as pictures
+
+        held = self.held_out
+        rows = [
+            ("verdict", "; ".join([self.verdict.level, *self.verdict.reasons])),
+            ("rmse, held out", f"{held.rmse_um:.4g} um, {held.rmse_percent:.3g} %"),
+        ]
+        return display.as_html("Identified", rows) + pictures.identified(self) + self.model._repr_html_()
+
 
 @normal.one_thread
 def identify(
@@ -219,8 +230,11 @@ def identify(
         "drift": None if drift is None else checks.flag("drift", drift),
         "branches": thresholds is None if branches is None else checks.flag("branches", branches),
     }
-    part, *_ = _found(taken, train, known, fixed, certain=False)
-    final, tried, response = _found(taken, taken.volts.size, known, fixed)
+    with notebook.progress("identify") as shown:
+        part, *_ = _found(taken, train, known, fixed, certain=False)
+        if shown:
+            shown(1, 2)
+        final, tried, response = _found(taken, taken.volts.size, known, fixed)
     predicted = part.model.predict(taken.volts, fs) + part.drift(taken.volts.size)
     last = np.arange(taken.volts.size) >= train
     trace = Trace(**vars(taken), predicted=predicted, half_width=_half_width(part.model, taken, train), held_out=last)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from truestroke import _loops
-from truestroke.base import checks
+from truestroke.base import checks, notebook
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
 from truestroke.control import feasibility
@@ -49,10 +49,11 @@ def run_axes(
         warnings.warn(notice, feasibility.LimitWarning, stacklevel=3)
     end, done = len(log), 0
     try:
-        for stop in _moved(known, controller, actuator, timing, log):
-            start, done = done, stop
-            if progress and 100 * stop // end > 100 * start // end:
-                progress(stop, end)
+        with notebook.progress("run", progress) as shown:
+            for stop in _moved(known, controller, actuator, timing, log):
+                start, done = done, stop
+                if shown and 100 * stop // end > 100 * start // end:
+                    shown(stop, end)
     except (Exception, KeyboardInterrupt) as error:
         log.interrupted = repr(error)
         raise loop.RunInterrupted(log.recording(done), error) from error

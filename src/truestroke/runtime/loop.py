@@ -10,7 +10,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from truestroke.base import checks
+from truestroke.base import checks, notebook
 from truestroke.base.checks import SettingError
 from truestroke.base.errors import TruestrokeError
 from truestroke.base.typing import FloatArray
@@ -95,7 +95,7 @@ def run(
     actuator : Actuator
         Is opened, then moves a block of ticks at each exchange; of several axes arrays of shape (ticks, axes).
     progress : callable, optional
-        Called as progress(ticks done, all ticks), about a hundred times.
+        Called as progress(ticks done, all ticks), about a hundred times. By default a notebook shows a bar.
 
     Returns
     -------
@@ -154,10 +154,11 @@ def run(
     log = _Log(trajectory, controller, timing)
     end, done = len(trajectory), 0
     try:
-        for stop in _moved(trajectory, controller, actuator, timing, log):
-            start, done = done, stop
-            if progress and 100 * stop // end > 100 * start // end:
-                progress(stop, end)
+        with notebook.progress("run", progress) as shown:
+            for stop in _moved(trajectory, controller, actuator, timing, log):
+                start, done = done, stop
+                if shown and 100 * stop // end > 100 * start // end:
+                    shown(stop, end)
     except (Exception, KeyboardInterrupt) as error:
         metadata["interrupted"] = repr(error)
         raise RunInterrupted(log.recording(done, metadata, controller, actuator), error) from error

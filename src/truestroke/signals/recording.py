@@ -99,6 +99,12 @@ class Recording(Signals, Mapping[str, Array]):
         super().__post_init__()
         object.__setattr__(self, "metadata", json.loads(_json(self.metadata)))
 
+    def _repr_html_(self) -> str:
+        """In a notebook: how it tracked, and the channels."""
+        from truestroke.report import notebook
+
+        return notebook.recording(self) + super()._repr_html_()
+
     def labelled(self) -> Mapping[str, Channel]:
         """The same as `channels`."""
         return self.channels
