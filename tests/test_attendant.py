@@ -6,7 +6,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -83,9 +82,7 @@ def test_an_axis_that_is_closed_leaves_nothing_behind(tmp_path):
     with Axes.of(tmp_path / "stage.toml") as axes:
         attendant = axes._attendant._process
         assert attendant.poll() is None
-        until = time.monotonic() + 60.0
-        while output(tmp_path) != 0.25 and time.monotonic() < until:
-            time.sleep(0.01)  # it goes there within the slew limit
+        assert output(tmp_path) != 0.25
     assert attendant.poll() == 0
     assert output(tmp_path) == 0.25
     assert axes._attendant is None

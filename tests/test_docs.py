@@ -14,12 +14,14 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 from printed import assert_prints
 from sybil import Sybil
 from sybil.example import SybilFailure
 from sybil.parsers.markdown import CodeBlockParser, PythonCodeBlockParser, SkipParser
 
 import truestroke
+from truestroke.cli import main
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -36,21 +38,35 @@ def prose(page: Path) -> str:
 # ---- Examples ----------------------------------------------------------------------------------------------------
 
 
+# These start processes, or look at the machine: as a reader starts them. All others spare the start of an interpreter.
+OF_THEIR_OWN = {"run", "serve", "scan", "learn", "commission", "doctor"}
+
+
+def run_command(words: list[str], folder: Path) -> tuple[int, str, str]:
+    """What the shell gives for `truestroke` and these words in the folder: exit code, output, messages."""
+    env = {"COLUMNS": "120", "NO_COLOR": "1", "PYTHONIOENCODING": "utf-8"}
+    if words[0] not in OF_THEIR_OWN:
+        called = CliRunner().invoke(main, words, env=env, catch_exceptions=False)
+        return called.exit_code, called.stdout, called.stderr
+    done = subprocess.run(
+        [Path(sys.executable).with_name("truestroke"), *words],
+        cwd=folder,
+        env={**os.environ, **env},
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+    return done.returncode, done.stdout, done.stderr
+
+
 def run_console(block: str, folder: Path) -> None:
     """Run each `$ truestroke` line of the block; the lines behind it are what it prints."""
     for command, expected in re.findall(r"^\$ (truestroke\b.*)\n?((?:(?!\$ ).*\n?)*)", block, flags=re.MULTILINE):
-        done = subprocess.run(
-            [Path(sys.executable).with_name("truestroke"), *shlex.split(command, comments=True)[1:]],
-            cwd=folder,
-            env={**os.environ, "COLUMNS": "120", "NO_COLOR": "1", "PYTHONIOENCODING": "utf-8"},
-            capture_output=True,
-            text=True,
-            timeout=300,
-            check=False,
-        )
-        assert done.returncode == 0, f"$ {command}\n{done.stdout}{done.stderr}"
+        code, printed, messages = run_command(shlex.split(command, comments=True)[1:], folder)
+        assert code == 0, f"$ {command}\n{printed}{messages}"
         if expected.strip():
-            assert_prints(expected, done.stdout, tolerance=0.05)
+            assert_prints(expected, printed, tolerance=0.05)
 
 
 def run_page(page: Path, folder: Path) -> None:
