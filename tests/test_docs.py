@@ -39,7 +39,7 @@ def prose(page: Path) -> str:
 
 
 # These start processes, or look at the machine: as a reader starts them. All others spare the start of an interpreter.
-OF_THEIR_OWN = {"run", "serve", "scan", "learn", "commission", "doctor"}
+OF_THEIR_OWN = {"run", "serve", "replay", "scan", "learn", "commission", "doctor"}
 
 
 def run_command(words: list[str], folder: Path) -> tuple[int, str, str]:
