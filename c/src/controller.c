@@ -161,8 +161,8 @@ static ts_status check_feedback(const ts_feedback *f)
 
 static ts_status check(const ts_settings *s)
 {
-    ts_status model = check_model(s);
-    if (model != TS_OK) return model;
+    ts_status status = check_model(s);
+    if (status != TS_OK) return status;
     ts_status law = s->law == TS_LAW_RLS ? check_rls(s) : check_kalman(s);
     if (law != TS_OK) return law;
     ts_status dynamics = check_dynamics(&s->dynamics);
@@ -236,12 +236,13 @@ static void known_terms(const ts_settings *s, const ts_memory *memory, const ts_
 {
     const int *n = s->terms;
     ts_real along = within((d->z_d + d->ahead) / s->stroke, -1, 2); /* further out a polynomial is meaningless, and would overflow */
-    ts_real first = 4 * along * (1 - along), asymmetry[TS_MAX_ASYMMETRY] = {first, 2 * first * (1 - 2 * along)};
+    ts_real first = 4 * along * (1 - along);
     for (int i = 0; i < n[TS_CREEP]; i++) *u++ = memory->creep[i];
     for (int i = 0; i < n[TS_LAG]; i++) *u++ = d->zdot_d;
     for (int i = 0; i < n[TS_INERTIA]; i++) *u++ = d->zddot_d;
     for (int i = 0; i < n[TS_OFFSET]; i++) *u++ = 1;
-    for (int i = 0; i < n[TS_ASYMMETRY]; i++) *u++ = asymmetry[i];
+    if (n[TS_ASYMMETRY] > 0) *u++ = first;
+    if (n[TS_ASYMMETRY] > 1) *u++ = 2 * first * (1 - 2 * along);
     for (int k = 0; k < 3; k++)
         for (int i = 0; i < n[TS_COUPLING]; i++) *u++ = d->others[i][k];
 }
@@ -393,15 +394,15 @@ static bool outside(const ts_controller *c, ts_real zdot_d)
 static void project_slope(ts_controller *c, ts_real zdot_d)
 {
     const ts_settings *s = c->settings;
-    ts_real rate = s->rate_scale * zdot_d, sum = 0, beyond = 0, onto = 0, g[TS_PADDED(TS_MAX_PARAMETERS)] = {0};
+    ts_real rate = s->rate_scale * zdot_d, sum = 0, furthest = 0, onto = 0, g[TS_PADDED(TS_MAX_PARAMETERS)] = {0};
     int worst = -1, k = 0;
     for (int i = 0; i < s->plays; i++) {
         ts_real w_h = c->w[k++];
         if (s->rate_dependent[i]) w_h += rate * c->w[k++];
         sum += w_h;
         ts_real over = sum - s->slope_max, under = s->slope_min - sum, out = over > under ? over : under;
-        if (out > beyond) {
-            beyond = out;
+        if (out > furthest) {
+            furthest = out;
             worst = i;
             onto = over > under ? s->slope_max : s->slope_min;
         }
@@ -463,11 +464,11 @@ static const ts_real *with_inertia(ts_controller *c, const ts_real *u, ts_real *
     if (first) r->error[0] = r->error[1] = r->once = r->twice[0] = r->twice[1] = error;
     r->rings = rings(c, error) && !first;
     if (r->rings) {
-        ts_real velocity = (error - r->error[1]) / (2 * T), acceleration = (error - 2 * r->error[0] + r->error[1]) / (T * T), now = *y;
+        ts_real velocity = (error - r->error[1]) / (2 * T), change = (error - 2 * r->error[0] + r->error[1]) / (T * T), now = *y;
         int place = c->of_plays + s->terms[TS_CREEP];
         memcpy(space, r->u, sizeof r->u);
-        if (s->terms[TS_LAG]) space[place++] += within(velocity, -TS_LARGEST, TS_LARGEST);
-        space[place] += within(acceleration, -TS_LARGEST, TS_LARGEST);
+        if (s->terms[TS_LAG] > 0) space[place++] += within(velocity, -TS_LARGEST, TS_LARGEST);
+        space[place] += within(change, -TS_LARGEST, TS_LARGEST);
         *y = r->y;
         r->y = now;
     } else r->y = *y;
@@ -767,8 +768,8 @@ static void adopt_stage(ts_controller *c, ts_real frequency, ts_real ringing, bo
     if (c->stage.smoothing < 1 / (1 + frequency)) c->stage.smoothing = 1 / (1 + frequency);
     c->stage.inertia = 0;
     int place = c->of_plays + s->terms[TS_CREEP];
-    if (s->terms[TS_LAG]) put_weight(c, place++, (FOUND_LAG * time) * (FOUND_LAG * time));
-    if (s->terms[TS_INERTIA]) put_weight(c, place, (FOUND_INERTIA * (time * time)) * (FOUND_INERTIA * (time * time)));
+    if (s->terms[TS_LAG] > 0) put_weight(c, place++, (FOUND_LAG * time) * (FOUND_LAG * time));
+    if (s->terms[TS_INERTIA] > 0) put_weight(c, place, (FOUND_INERTIA * (time * time)) * (FOUND_INERTIA * (time * time)));
     for (int i = 0, at = 0; i < s->plays; i++, at++)
         if (s->rate_dependent[i]) {
             at++;
@@ -953,7 +954,6 @@ static void watch_learning(ts_controller *c, ts_real error, ts_real z_d, bool co
     ts_real noise = g->kept ? c->kept.sigma : k->sigma;
     if (noise < c->resolution) noise = c->resolution;
     switch (ts_guard_tick(g, &s->guard, error, z_d, counts && !resting, noise)) {
-    case TS_GUARD_NOTHING: break;
     case TS_GUARD_KEEP:
         weights_at_best(c);
         c->stage.trial = false;
@@ -976,6 +976,8 @@ static void watch_learning(ts_controller *c, ts_real error, ts_real z_d, bool co
             ts_kalman_reset_covariance(k, s->prior, c->parameters);
         } else take_weights(c, c->kept.aside, false);
         break;
+    case TS_GUARD_NOTHING:
+    default: break;
     }
     if (g->held > 0) move_offset(c, g->drift);
     else if (g->ticks == 0) k->caution *= 1 - (ts_real)0.8 / (ts_real)g->wait;
@@ -1233,7 +1235,7 @@ ts_status ts_controller_start(ts_controller *c, ts_real volts, ts_real z)
     for (int i = 0; i < s->terms[TS_CREEP]; i++) c->now.creep[i] = volts;
     c->lagged = c->now;
     ts_real missing = wanted_of_plays(c, &(ts_motion){.z_d = z}) - sum_of_plays(c);
-    if (s->terms[TS_OFFSET]) c->w[column(s, TS_OFFSET)] += missing; /* a constant until there are data */
+    if (s->terms[TS_OFFSET] > 0) c->w[column(s, TS_OFFSET)] += missing; /* a constant until there are data */
     else c->bumpless = -missing;
     keep_start(c);
     return TS_OK;

@@ -123,7 +123,7 @@ static void admit_change(ts_kalman *k, const ts_kalman_settings *s, const ts_rea
     ts_real gain2 = s->change_gain * s->change_gain, hysteresis2 = s->change_hysteresis * s->change_hysteresis;
     for (int i = 0; i < m; i++)
         for (int j = 0; j <= i; j++)
-            if (k->part[i] && k->part[j])
+            if (k->part[i] > 0 && k->part[j] > 0)
                 k->P[TS_ROW(i) + j] += (gain2 + (k->part[i] == 2 && k->part[j] == 2 ? hysteresis2 : 0)) * (w[i] * w[j]);
 }
 

@@ -7,6 +7,7 @@
 #define TRUESTROKE_LANES_H
 
 #include <math.h>
+#include <string.h>
 
 #include "truestroke.h"
 
@@ -95,7 +96,7 @@ static inline ts_real total(lanes x)
     ts_real s[TS_VECTOR];
     for (int half = TS_VECTORS / 2; half > 0; half /= 2)
         for (int i = 0; i < half; i++) x.v[i] += x.v[i + half];
-    *(ts_vector *)s = x.v[0];
+    memcpy(s, &x.v[0], sizeof s);
     for (int half = TS_VECTOR / 2; half > 0; half /= 2)
         for (int i = 0; i < half; i++) s[i] += s[i + half];
     return s[0];

@@ -1,7 +1,7 @@
 #include "lanes.h"
 
 #define COLD ((ts_real)0.2)      /* s: with the first covariance an oscillation grows fivefold in a half-wave */
-#define TS_LONGEST_GAP (1 << 20) /* ticks that count as missed at the most */
+#define TS_LONGEST_GAP 0x100000 /* ticks that count as missed at the most */
 
 static ts_real size_of(ts_real x)
 {

@@ -29,10 +29,10 @@ enum { BAND = TS_SHOWN, HIGH, LOW }; /* of the measurement: places behind the pl
 /* Tangent of 0 to pi / 4, by the series of sine and cosine. */
 static ts_real tangent(ts_real x)
 {
-    ts_real sine = 1, cosine = 1, square = x * x;
+    ts_real sine = 1, cosine = 1, x2 = x * x;
     for (int k = 9; k > 0; k--) {
-        sine = 1 - square * sine / (ts_real)(2 * k * (2 * k + 1));
-        cosine = 1 - square * cosine / (ts_real)(2 * k * (2 * k - 1));
+        sine = 1 - x2 * sine / (ts_real)(2 * k * (2 * k + 1));
+        cosine = 1 - x2 * cosine / (ts_real)(2 * k * (2 * k - 1));
     }
     return x * sine / cosine;
 }
@@ -41,8 +41,8 @@ static ts_real tangent(ts_real x)
 static ts_real arctangent(ts_real x)
 {
     for (int i = 0; i < 2; i++) x /= 1 + root_of(1 + x * x);
-    ts_real sum = 0, square = x * x;
-    for (int k = 9; k >= 0; k--) sum = 1 / (ts_real)(2 * k + 1) - square * sum;
+    ts_real sum = 0, x2 = x * x;
+    for (int k = 9; k >= 0; k--) sum = 1 / (ts_real)(2 * k + 1) - x2 * sum;
     return 4 * (x * sum);
 }
 
