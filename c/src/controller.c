@@ -1197,8 +1197,7 @@ static void start_law(ts_controller *c)
         return;
     }
     ts_kalman_init(&c->law.kalman, s->prior, s->first_noise, c->parameters);
-    int k = 0;
-    for (int i = 0; i < s->plays; i++) {
+    for (int i = 0, k = 0; i < s->plays && k < TS_MAX_LEARNED; i++) { /* gcc does not know that k is below */
         c->law.kalman.part[k] = i ? 2 : 1;
         k += s->rate_dependent[i] ? 2 : 1;
     }
