@@ -1,4 +1,4 @@
-"""docs/misra.md: cppcheck with its addon for MISRA C and clang's analyser find in the kernel what is listed, and nothing else."""
+"""docs/misra.md: cppcheck with its MISRA addon and clang's analyser find what is listed in the kernel, and no more."""
 
 from __future__ import annotations
 

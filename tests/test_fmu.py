@@ -16,7 +16,9 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from fmpy.fmi2 import FMU2Slave, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE
+from fmpy.fmi3 import FMU3Slave
 from fmpy.validation import validate_fmu
+from lxml import etree
 
 from truestroke import AdaptiveController, CompilerError, SettingError, cli, export_fmu, trajectories
 from truestroke._plant import Plant
@@ -29,14 +31,14 @@ QUIET = PlantSettings().without("noise")
 TICK = 1 / 2000.0
 
 
-@pytest.fixture(scope="module")
-def exported(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Path]]:
+@pytest.fixture(scope="module", params=["2.0", "3.0"])
+def exported(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Path]]:
     folder = tmp_path_factory.mktemp("fmu")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("CC", "cc -O1")  # compiles in a third of the time
         yield {
-            "controller": export_fmu(AdaptiveController(**SIZES), folder / "controller.fmu"),
-            "plant": export_fmu(QUIET, folder / "stack.fmu"),
+            "controller": export_fmu(AdaptiveController(**SIZES), folder / "controller.fmu", version=request.param),
+            "plant": export_fmu(QUIET, folder / "stack.fmu", version=request.param),
         }
 
 
@@ -48,22 +50,29 @@ class Unit:
         shutil.rmtree(folder, ignore_errors=True)
         fmpy.extract(str(file), str(folder))
         self.said: list[str] = []
+        self.variables = {v.name: v for v in described.modelVariables}
+        self.three = described.fmiVersion == "3.0"
+        model = described.coSimulation.modelIdentifier
+        given = {"guid": described.guid, "unzipDirectory": str(folder), "modelIdentifier": model}
+        self.unit = (FMU3Slave if self.three else FMU2Slave)(instanceName="one", **given)
+        (self._instantiate3 if self.three else self._instantiate2)()
+        self.set(**parameters)
+        self.ticks = 0
+
+    def _instantiate3(self) -> None:
+        self.unit.instantiate(logMessage=lambda _, status, category, message: self.said.append(message.decode()))
+        self.unit.enterInitializationMode(startTime=0.0)
+
+    def _instantiate2(self) -> None:
         self._logger = fmi2CallbackLoggerTYPE(self._log)
         calls = fmi2CallbackFunctions()
         calls.logger = self._logger
         calls.allocateMemory = fmpy.fmi2.fmi2CallbackAllocateMemoryTYPE(fmpy.calloc)
         calls.freeMemory = fmpy.fmi2.fmi2CallbackFreeMemoryTYPE(fmpy.free)
         self._calls = calls
-        self.variables = {v.name: v for v in described.modelVariables}
-        model = described.coSimulation.modelIdentifier
-        self.unit = FMU2Slave(
-            guid=described.guid, unzipDirectory=str(folder), modelIdentifier=model, instanceName="one"
-        )
         self.unit.instantiate(callbacks=calls)
         self.unit.setupExperiment(startTime=0.0)
         self.unit.enterInitializationMode()
-        self.set(**parameters)
-        self.ticks = 0
 
     def _log(self, _: Any, name: bytes, status: int, category: bytes, message: bytes, *rest: Any) -> None:
         self.said.append(message.decode())
@@ -75,11 +84,27 @@ class Unit:
     def set(self, **values: float) -> None:
         for name, value in values.items():
             v = self.variables[name]
-            getattr(self.unit, f"set{v.type}")([v.valueReference], [value if v.type == "Real" else int(value)])
+            getattr(self.unit, f"set{v.type}")(
+                [v.valueReference], [value if v.type in ("Real", "Float64") else int(value)]
+            )
 
     def get(self, name: str) -> float:
         v = self.variables[name]
         return float(getattr(self.unit, f"get{v.type}")([v.valueReference])[0])
+
+    def saved(self) -> tuple[Any, bytes]:
+        """Its state, and that as bytes."""
+        if self.three:
+            kept = self.unit.getFMUState()
+            return kept, self.unit.serializeFMUState(kept)
+        kept = self.unit.getFMUState()
+        return kept, self.unit.serializeFMUstate(kept)
+
+    def restore(self, kept: Any) -> None:
+        """A state, or its bytes."""
+        if isinstance(kept, bytes):
+            kept = (self.unit.deserializeFMUState if self.three else self.unit.deSerializeFMUstate)(kept)
+        self.unit.setFMUState(kept)
 
     def step(self, ticks: int = 1) -> None:
         self.unit.doStep(self.ticks * TICK, ticks * TICK)
@@ -92,6 +117,25 @@ def test_they_are_valid(exported: dict[str, Path]) -> None:
         description = fmpy.read_model_description(str(file))
         assert description.coSimulation.canGetAndSetFMUstate
         assert {u.name for u in description.unitDefinitions} >= {"um", "V"}
+
+
+def test_terminals_and_build_description_follow_their_schemas(exported: dict[str, Path]) -> None:
+    schemas = Path(fmpy.__file__).parent / "schema/fmi3"
+    for file in exported.values():
+        description = fmpy.read_model_description(str(file))
+        with zipfile.ZipFile(file) as archive:
+            parts = {Path(name).stem: name for name in archive.namelist() if name.endswith(".xml")}
+            icon = archive.read("model.png" if description.fmiVersion == "2.0" else "terminalsAndIcons/icon.png")
+            assert icon.startswith(b"\x89PNG")
+            if description.fmiVersion == "2.0":
+                assert list(parts) == ["modelDescription"]
+                continue
+            for part, schema in (("buildDescription", "BuildDescription"), ("terminalsAndIcons", "TerminalsAndIcons")):
+                read = etree.fromstring(archive.read(parts[part]))
+                etree.XMLSchema(etree.parse(schemas / f"fmi3{schema}.xsd")).assertValid(read)
+            members = [member.get("variableName") for member in read.iter("TerminalMemberVariable")]
+        assert len(members) >= 3
+        assert set(members) <= {v.name for v in description.modelVariables}
 
 
 def test_a_loop_of_both_has_the_bits_of_the_package(exported: dict[str, Path], tmp_path: Path) -> None:
@@ -175,14 +219,13 @@ def test_a_saved_state_goes_on_with_the_same_bits(exported: dict[str, Path], tmp
 
     run(one, range(300))
     other.set(z=1.0)  # inputs are part of the state
-    kept = one.unit.getFMUState()
-    bytes_ = one.unit.serializeFMUstate(kept)
+    kept, bytes_ = one.saved()
     expected = run(one, range(300, 400))
-    one.unit.setFMUState(kept)
+    one.restore(kept)
     one.ticks = other.ticks = 300
     assert run(one, range(300, 400)) == expected
     one.unit.freeFMUState(kept)
-    other.unit.setFMUState(other.unit.deSerializeFMUstate(bytes_))
+    other.restore(bytes_)
     one.unit.freeInstance()  # nothing of it may be needed any more
     assert run(other, range(300, 400)) == expected
     assert len(set(expected)) > 90
@@ -243,14 +286,28 @@ def test_bad_steps_are_named(exported: dict[str, Path], tmp_path: Path) -> None:
     )
 
 
+def test_all_functions_of_the_standard_are_there(exported: dict[str, Path]) -> None:
+    """FMI 3.0 asks for those of the other kinds of FMUs, too; FMI 2.0 does not."""
+    header = (Path(fmpy.__file__).parent / "c-code/fmi3Functions.h").read_text()
+    standard = set(re.findall(r"FMI3_Export \w+TYPE\s+(\w+);", header))
+    assert len(standard) > 70
+    for file in exported.values():
+        if fmpy.read_model_description(str(file)).fmiVersion == "3.0":
+            with zipfile.ZipFile(file) as archive:
+                binary = archive.read(next(name for name in archive.namelist() if name.endswith(".so")))
+            assert not [name for name in standard if name.encode() + b"\0" not in binary]
+
+
 def test_the_source_stands_alone(exported: dict[str, Path], tmp_path: Path) -> None:
     for kind, file in exported.items():
         folder = tmp_path / kind
         fmpy.extract(str(file), str(folder))
-        named = re.findall(r'<File name="(.*?)"/>', (folder / "modelDescription.xml").read_text())
+        texts = [path.read_text() for path in folder.rglob("*Description.xml")]
+        named = re.findall(r'<(?:Source)?File name="(.*?)"/>', "".join(texts))
         sources = [str(folder / "sources" / name) for name in named]
         assert {Path(name).name for name in sources} == {path.name for path in (folder / "sources").glob("*.c")}
-        strict = ["-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Werror", f"-DFMI2_FUNCTION_PREFIX=truestroke_{kind}_"]
+        prefixes = [f"-DFMI{version}_FUNCTION_PREFIX=truestroke_{kind}_" for version in (2, 3)]
+        strict = ["-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Werror", *prefixes]
         done = subprocess.run(["cc", "-fsyntax-only", *strict, *sources], capture_output=True, text=True, check=False)
         assert done.stderr == ""
 
@@ -258,6 +315,8 @@ def test_the_source_stands_alone(exported: dict[str, Path], tmp_path: Path) -> N
 def test_what_cannot_be_exported_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(SettingError, match="double: the variables of FMI are in double precision"):
         export_fmu(AdaptiveController(**SIZES, precision="single"), tmp_path / "c.fmu")
+    with pytest.raises(SettingError, match=r"version = '1\.0': must be '2\.0' or '3\.0'"):
+        export_fmu(QUIET, tmp_path / "c.fmu", version="1.0")  # type: ignore[arg-type]
     with pytest.raises(SettingError, match=r"a name that ends with \.fmu"):
         export_fmu(QUIET, tmp_path / "stack.zip")
     monkeypatch.setenv("CC", "no-such-compiler")
@@ -278,7 +337,8 @@ def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     first = Path("c.fmu").read_bytes()
     assert call(*sizes, "--source", "--output", "c.fmu")[0] == 0  # one of ours
     assert Path("c.fmu").read_bytes() == first
-    assert call("--stack", "--source", "--output", "p.fmu")[0] == 0
+    assert call("--stack", "--source", "--fmi", "3.0", "--output", "p.fmu")[0] == 0
+    assert fmpy.read_model_description("p.fmu").fmiVersion == "3.0"
     with zipfile.ZipFile("p.fmu") as archive:
         assert not [name for name in archive.namelist() if name.startswith("binaries")]
     for arguments, words in (

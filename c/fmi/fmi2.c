@@ -1,42 +1,23 @@
 /* FMI 2.0 for co-simulation around a unit (unit.h). */
 #include "fmi2.h"
 
-#include <math.h>
 #include <stdio.h>
 #include <string.h>
 
-#include "unit.h"
-
-typedef enum { INSTANTIATED, INITIALISING, STEPPING, TERMINATED } phase;
+#include "instance.h"
 
 typedef struct {
-    fmu_state state;
-    phase phase;
-    double begin; /* s: time of the first tick */
+    fmu_instance unit;
     fmi2CallbackFunctions calls;
     char name[64];
 } instance;
 
-/* Says what is wrong. The text is complete: many importers do not fill in what a format asks for. */
-#define LOG(m, ...) \
-    do { \
-        char text[256]; \
-        snprintf(text, sizeof text, __VA_ARGS__); \
-        if ((m)->calls.logger) (m)->calls.logger((m)->calls.componentEnvironment, (m)->name, fmi2Error, "logStatusError", text); \
-    } while (0)
-
-static fmi2Status out_of_bounds(instance *m, const fmu_variable *v, double value)
+/* The status of a call that was good, or else has said why not. */
+static fmi2Status told(instance *m, bool good)
 {
-    LOG(m, "%s = %.17g%s%s: must be from %.6g to %.6g", v->name, value, *v->unit ? " " : "", v->unit, v->low, v->high);
-    return fmi2Error;
-}
-
-static void at_start(instance *m)
-{
-    memset(&m->state, 0, sizeof m->state);
-    for (int i = 0; i < FMU_VARIABLES; i++) m->state.value[i] = fmu_variables[i].start;
-    m->phase = INSTANTIATED;
-    m->begin = 0;
+    if (!good && m->calls.logger)
+        m->calls.logger(m->calls.componentEnvironment, m->name, fmi2Error, "logStatusError", m->unit.said);
+    return good ? fmi2OK : fmi2Error;
 }
 
 /* ---- Life -------------------------------------------------------------------------------------------------------- */
@@ -53,13 +34,10 @@ fmi2Component FMI2(fmi2Instantiate)(fmi2String name, fmi2Type type, fmi2String g
     if (!m) return NULL;
     m->calls = *calls;
     snprintf(m->name, sizeof m->name, "%s", name ? name : "");
-    if (!guid || strcmp(guid, fmu_guid) != 0) {
-        LOG(m, "guid %s: this FMU has %s", guid ? guid : "", fmu_guid);
-        calls->freeMemory(m);
-        return NULL;
-    }
-    at_start(m);
-    return m;
+    fmu_reset(&m->unit);
+    if (told(m, fmu_is(&m->unit, guid)) == fmi2OK) return m;
+    calls->freeMemory(m);
+    return NULL;
 }
 
 void FMI2(fmi2FreeInstance)(fmi2Component c)
@@ -78,77 +56,53 @@ fmi2Status FMI2(fmi2SetupExperiment)(fmi2Component c, fmi2Boolean given, fmi2Rea
                                      fmi2Real stop)
 {
     (void)given, (void)tolerance, (void)ends, (void)stop;
-    ((instance *)c)->begin = start;
+    ((instance *)c)->unit.now.begin = start;
     return fmi2OK;
 }
 
 fmi2Status FMI2(fmi2EnterInitializationMode)(fmi2Component c)
 {
-    ((instance *)c)->phase = INITIALISING;
+    ((instance *)c)->unit.now.phase = FMU_INITIALISING;
     return fmi2OK;
 }
 
 fmi2Status FMI2(fmi2ExitInitializationMode)(fmi2Component c)
 {
     instance *m = c;
-    for (int i = 0; i < FMU_VARIABLES; i++) {
-        const fmu_variable *v = &fmu_variables[i];
-        double value = m->state.value[i];
-        if (v->role == FMU_PARAMETER && !(value >= v->low && value <= v->high)) return out_of_bounds(m, v, value);
-    }
-    const char *wrong = fmu_begin(&m->state);
-    if (wrong) {
-        LOG(m, "%s: out of range, or not in order", wrong);
-        return fmi2Error;
-    }
-    m->phase = STEPPING;
-    return fmi2OK;
+    return told(m, fmu_start(&m->unit));
 }
 
 fmi2Status FMI2(fmi2Terminate)(fmi2Component c)
 {
-    ((instance *)c)->phase = TERMINATED;
+    ((instance *)c)->unit.now.phase = FMU_TERMINATED;
     return fmi2OK;
 }
 
 fmi2Status FMI2(fmi2Reset)(fmi2Component c)
 {
-    at_start(c);
+    fmu_reset(&((instance *)c)->unit);
     return fmi2OK;
 }
 
 /* ---- Values ------------------------------------------------------------------------------------------------------ */
 
-/* The place of a variable of this type, to be read or set; NULL, and a line in the log, where it may not be. */
-static double *place(instance *m, fmi2ValueReference which, fmu_type type, int set)
-{
-    if (which >= FMU_VARIABLES || fmu_variables[which].type != type) {
-        LOG(m, "there is no variable %u of this type", which);
-        return NULL;
-    }
-    const fmu_variable *v = &fmu_variables[which];
-    if (set && (v->role == FMU_OUTPUT || (v->role == FMU_PARAMETER && m->phase >= STEPPING))) {
-        LOG(m, "%s is %s", v->name, v->role == FMU_OUTPUT ? "an output: it cannot be set" : "set before the first step only");
-        return NULL;
-    }
-    return &m->state.value[which];
-}
-
 #define ACCESS(name, kind, type) \
     fmi2Status FMI2(fmi2Get##name)(fmi2Component c, const fmi2ValueReference which[], size_t count, kind value[]) \
     { \
+        instance *m = c; \
         for (size_t i = 0; i < count; i++) { \
-            const double *from = place(c, which[i], type, 0); \
-            if (!from) return fmi2Error; \
+            const double *from = fmu_place(&m->unit, which[i], type, false); \
+            if (!from) return told(m, false); \
             value[i] = (kind)*from; \
         } \
         return fmi2OK; \
     } \
     fmi2Status FMI2(fmi2Set##name)(fmi2Component c, const fmi2ValueReference which[], size_t count, const kind value[]) \
     { \
+        instance *m = c; \
         for (size_t i = 0; i < count; i++) { \
-            double *to = place(c, which[i], type, 1); \
-            if (!to) return fmi2Error; \
+            double *to = fmu_place(&m->unit, which[i], type, true); \
+            if (!to) return told(m, false); \
             *to = (double)value[i]; \
         } \
         return fmi2OK; \
@@ -159,9 +113,8 @@ ACCESS(Boolean, fmi2Boolean, FMU_BOOLEAN)
 
 static fmi2Status none(fmi2Component c, size_t count, const char *what)
 {
-    if (count == 0) return fmi2OK;
-    LOG((instance *)c, "this FMU has no %s", what);
-    return fmi2Error;
+    instance *m = c;
+    return count == 0 ? fmi2OK : told(m, fmu_has_no(&m->unit, what));
 }
 
 fmi2Status FMI2(fmi2GetString)(fmi2Component c, const fmi2ValueReference which[], size_t count, fmi2String value[])
@@ -199,32 +152,19 @@ fmi2Status FMI2(fmi2GetRealOutputDerivatives)(fmi2Component c, const fmi2ValueRe
 
 /* ---- Saved states ------------------------------------------------------------------------------------------------ */
 
-typedef struct {
-    fmu_state state;
-    phase phase;
-    double begin;
-} saved;
-
 fmi2Status FMI2(fmi2GetFMUstate)(fmi2Component c, fmi2FMUstate *kept)
 {
     instance *m = c;
-    saved *s = *kept ? *kept : m->calls.allocateMemory(1, sizeof(saved));
+    fmu_saved *s = *kept ? *kept : m->calls.allocateMemory(1, sizeof(fmu_saved));
     if (!s) return fmi2Error;
-    s->state = m->state;
-    s->phase = m->phase;
-    s->begin = m->begin;
+    *s = m->unit.now;
     *kept = s;
     return fmi2OK;
 }
 
 fmi2Status FMI2(fmi2SetFMUstate)(fmi2Component c, fmi2FMUstate kept)
 {
-    instance *m = c;
-    const saved *s = kept;
-    m->state = s->state;
-    m->phase = s->phase;
-    m->begin = s->begin;
-    fmu_moved(&m->state);
+    fmu_restore(&((instance *)c)->unit, kept);
     return fmi2OK;
 }
 
@@ -238,24 +178,24 @@ fmi2Status FMI2(fmi2FreeFMUstate)(fmi2Component c, fmi2FMUstate *kept)
 fmi2Status FMI2(fmi2SerializedFMUstateSize)(fmi2Component c, fmi2FMUstate kept, size_t *size)
 {
     (void)c, (void)kept;
-    *size = sizeof(saved);
+    *size = sizeof(fmu_saved);
     return fmi2OK;
 }
 
 fmi2Status FMI2(fmi2SerializeFMUstate)(fmi2Component c, fmi2FMUstate kept, fmi2Byte bytes[], size_t size)
 {
-    if (size < sizeof(saved)) return none(c, 1, "state of this size");
-    memcpy(bytes, kept, sizeof(saved));
+    if (size < sizeof(fmu_saved)) return none(c, 1, "state of this size");
+    memcpy(bytes, kept, sizeof(fmu_saved));
     return fmi2OK;
 }
 
 fmi2Status FMI2(fmi2DeSerializeFMUstate)(fmi2Component c, const fmi2Byte bytes[], size_t size, fmi2FMUstate *kept)
 {
-    if (size != sizeof(saved)) return none(c, 1, "state of this size");
+    if (size != sizeof(fmu_saved)) return none(c, 1, "state of this size");
     instance *m = c;
-    *kept = m->calls.allocateMemory(1, sizeof(saved));
+    *kept = m->calls.allocateMemory(1, sizeof(fmu_saved));
     if (!*kept) return fmi2Error;
-    memcpy(*kept, bytes, sizeof(saved));
+    memcpy(*kept, bytes, sizeof(fmu_saved));
     return fmi2OK;
 }
 
@@ -265,28 +205,7 @@ fmi2Status FMI2(fmi2DoStep)(fmi2Component c, fmi2Real now, fmi2Real step, fmi2Bo
 {
     (void)kept;
     instance *m = c;
-    double ticks = round(step / FMU_TICK), due = m->begin + (double)m->state.ticks * FMU_TICK;
-    if (m->phase != STEPPING) {
-        LOG(m, "a step before the initialisation, or after the end");
-        return fmi2Error;
-    }
-    if (!(fabs(step / FMU_TICK - ticks) <= 1e-6 * ticks && ticks >= 1 && ticks <= 1e9)) {
-        LOG(m, "step = %.17g s: must be a multiple of the tick, %.17g s", step, FMU_TICK);
-        return fmi2Error;
-    }
-    if (!(fabs(now - due) < FMU_TICK / 2)) {
-        LOG(m, "time = %.17g s: the last step ended at %.17g s", now, due);
-        return fmi2Error;
-    }
-    for (int i = 0; i < (int)ticks; i++) {
-        const char *wrong = fmu_tick(&m->state, i, (int)ticks);
-        if (wrong) {
-            LOG(m, "%s: must be finite", wrong);
-            return fmi2Error;
-        }
-        m->state.ticks++;
-    }
-    return fmi2OK;
+    return told(m, fmu_step(&m->unit, now, step));
 }
 
 fmi2Status FMI2(fmi2CancelStep)(fmi2Component c) { return none(c, 1, "step that waits"); }
@@ -301,7 +220,7 @@ fmi2Status FMI2(fmi2GetRealStatus)(fmi2Component c, fmi2StatusKind kind, fmi2Rea
 {
     const instance *m = c;
     if (kind != fmi2LastSuccessfulTime) return fmi2Discard;
-    *value = m->begin + (double)m->state.ticks * FMU_TICK;
+    *value = fmu_time(&m->unit);
     return fmi2OK;
 }
 
@@ -315,7 +234,7 @@ fmi2Status FMI2(fmi2GetBooleanStatus)(fmi2Component c, fmi2StatusKind kind, fmi2
 {
     const instance *m = c;
     if (kind != fmi2Terminated) return fmi2Discard;
-    *value = m->phase == TERMINATED;
+    *value = m->unit.now.phase == FMU_TERMINATED;
     return fmi2OK;
 }
 

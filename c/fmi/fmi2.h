@@ -4,21 +4,15 @@
 
 #include <stddef.h>
 
-#if defined(_WIN32)
-#define FMI2_EXPORT __declspec(dllexport)
-#elif defined(__GNUC__)
-#define FMI2_EXPORT __attribute__((visibility("default")))
-#else
-#define FMI2_EXPORT
-#endif
+#include "instance.h"
 
 /* Where several FMUs are linked into one program, each has its prefix. */
 #ifdef FMI2_FUNCTION_PREFIX
 #define FMI2_JOIN(a, b) a##b
 #define FMI2_JOINED(a, b) FMI2_JOIN(a, b)
-#define FMI2(name) FMI2_EXPORT FMI2_JOINED(FMI2_FUNCTION_PREFIX, name)
+#define FMI2(name) FMU_EXPORT FMI2_JOINED(FMI2_FUNCTION_PREFIX, name)
 #else
-#define FMI2(name) FMI2_EXPORT name
+#define FMI2(name) FMU_EXPORT name
 #endif
 
 typedef void *fmi2Component, *fmi2ComponentEnvironment, *fmi2FMUstate;

@@ -24,6 +24,7 @@ OF_TARGETS = {
     "ram": ["c"],
     "stack": ["fmu"],
     "source": ["fmu"],
+    "fmi": ["fmu"],
     "ticks": ["c", "json"],
 }
 """Options that not all targets have."""
@@ -58,6 +59,7 @@ OF_TARGETS = {
               help="c: a new or empty folder; json, fmu: a file.")  # fmt: skip
 @click.option("--stack", is_flag=True, help="fmu: the simulated stack in place of a controller.")
 @click.option("--source", is_flag=True, help="fmu: without a binary of this computer.")
+@click.option("--fmi", type=click.Choice(["2.0", "3.0"]), default="2.0", help="fmu: version of FMI.  [default: 2.0]")
 @common.overwrite_option
 @common.json_option
 def export(target: str, output: Path, as_json: bool, **options: Any) -> None:
@@ -65,7 +67,7 @@ def export(target: str, output: Path, as_json: bool, **options: Any) -> None:
 
     c: the folder holds the kernel with capacities cut to the settings, settings and prior as constants, three calls, an
     example of a loop, and a self-test: a recorded run whose commands must come out again. json: the file holds the
-    settings in double precision and such a run. fmu: FMI 2.0 for co-simulation, source and binary.
+    settings in double precision and such a run. fmu: FMI 2.0 or 3.0 for co-simulation, source and binary.
     """
     from truestroke.export import export_c
 
@@ -121,7 +123,14 @@ def _one_file(
     settings = dataclasses.replace(settings, precision="double")
     what = f"A controller with {settings.plays} plays and {settings.parameters} weights"
     if target == "fmu":
-        file = export_fmu(settings, output, safe_voltage=safe_voltage, about=about, binary=not options["source"])
+        file = export_fmu(
+            settings,
+            output,
+            safe_voltage=safe_voltage,
+            about=about,
+            binary=not options["source"],
+            version=options["fmi"],
+        )
     else:
         command = common.as_asked()["command"]
         ticks = options["ticks"]
@@ -139,7 +148,11 @@ def _stack(output: Path, options: dict[str, Any], as_json: bool) -> None:
         raise click.UsageError(f"--{given[0].replace('_', '-')} is one of a controller, not of --stack.")
     rate = options["sample_rate"]
     settings = PlantSettings() if rate is None else PlantSettings(sample_rate=rate)
-    _told(export_fmu(settings, output, binary=not options["source"]), "The simulated stack", as_json)
+    _told(
+        export_fmu(settings, output, binary=not options["source"], version=options["fmi"]),
+        "The simulated stack",
+        as_json,
+    )
 
 
 def _told(file: Path, what: str, as_json: bool) -> None:

@@ -12,7 +12,7 @@ import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, get_args
 
 import truestroke
 from truestroke.base import checks, declared, files
@@ -24,10 +24,15 @@ from truestroke.export import c_values, fmu_variables
 from truestroke.export.c_source import kernel_sources
 from truestroke.export.fmu_variables import Variable
 from truestroke.export.recorded import safe_volts
-from truestroke.export.texts import rendered
+from truestroke.export.texts import TEMPLATES, rendered
 from truestroke.plant.settings import PLANT_SETTINGS, PlantSettings
 
-PLATFORMS = {("Linux", "x86_64"): ("linux64", "so")}  # system and machine: folder and ending of the binary
+Version = Literal["2.0", "3.0"]
+PLATFORMS = {  # version of FMI, system and machine: folder and ending of the binary
+    ("2.0", "Linux", "x86_64"): ("linux64", "so"),
+    ("3.0", "Linux", "x86_64"): ("x86_64-linux", "so"),
+}
+ICONS = {"2.0": "model.png", "3.0": "terminalsAndIcons/icon.png"}
 FLAGS = ("-std=c99", "-O3", "-ffp-contract=off", "-fPIC", "-shared", "-fvisibility=hidden")
 THEN = (1980, 1, 1, 0, 0, 0)  # the time of each file in the archive, so that the same export has the same bytes
 
@@ -59,6 +64,7 @@ class _Unit:
     members: Mapping[str, Any]
     parameters: tuple[str, ...]
     sources: Mapping[str, str]
+    terminals: Mapping[str, tuple[str, tuple[str, ...]]]
 
 
 def export_fmu(
@@ -68,8 +74,9 @@ def export_fmu(
     safe_voltage: float | None = None,
     about: str = "a piezo actuator",
     binary: bool = True,
+    version: Version = "2.0",
 ) -> Path:
-    """Write a controller or the simulated stack as an FMU of FMI 2.0 for co-simulation, with its source and a binary.
+    """Write a controller or the simulated stack as an FMU of FMI 2.0 or 3.0 for co-simulation: its source and a binary.
 
     Parameters
     ----------
@@ -84,6 +91,8 @@ def export_fmu(
     binary : bool
         Whether the C compiler of this computer makes a binary for it, on Linux of x86-64; without it the FMU has
         its source alone.
+    version : {"2.0", "3.0"}
+        Of FMI.
 
     Returns
     -------
@@ -111,14 +120,15 @@ def export_fmu(
     target = checks.path("file", file)
     if target.suffix != ".fmu":
         raise SettingError("file", f"'{target}'", "a name that ends with .fmu")
+    checks.one_of("version", version, get_args(Version))
     if isinstance(what, PlantSettings):
         unit = _plant(what)
     else:
         unit = _controller(what.settings if isinstance(what, AdaptiveController) else what, safe_voltage, about)
-    texts = _texts(unit)
-    texts |= {f"sources/{name}": text for name, text in unit.sources.items()}
+    texts = _texts(unit, version)
     content = {name: text.encode() for name, text in texts.items()}
-    place = PLATFORMS.get((platform.system(), platform.machine()))
+    content[ICONS[version]] = (TEMPLATES / "icon.png").read_bytes()
+    place = PLATFORMS.get((version, platform.system(), platform.machine()))
     if binary and place:
         folder, ending = place
         content[f"binaries/{folder}/{_model(unit)}.{ending}"] = _compiled(texts)
@@ -140,8 +150,8 @@ def _controller(settings: ControllerSettings, safe_voltage: float | None, about:
         variables=fmu_variables.of_controller(settings, safe_volts(settings, safe_voltage)),
         members=kernel_settings(settings),
         parameters=(),
-        sources=kernel_sources()
-        | _sources("fmi2.c", "fmi2.h", "status.h", "unit.h", "unit_controller.c", "unit_controller.h"),
+        sources=kernel_sources() | _sources("status.h", "unit.h", "unit_controller.c", "unit_controller.h"),
+        terminals=fmu_variables.CONTROLLER_TERMINALS,
     )
 
 
@@ -154,7 +164,8 @@ def _plant(settings: PlantSettings) -> _Unit:
         variables=fmu_variables.of_plant(settings),
         members=declared.kernel_values(settings, PLANT_SETTINGS),
         parameters=tuple(fmu_variables.plant_parameters()),
-        sources=_sources("fmi2.c", "fmi2.h", "plant.c", "plant.h", "unit.h", "unit_plant.c", "unit_plant.h"),
+        sources=_sources("plant.c", "plant.h", "unit.h", "unit_plant.c", "unit_plant.h"),
+        terminals=fmu_variables.PLANT_TERMINALS,
     )
 
 
@@ -170,8 +181,10 @@ def _model(unit: _Unit) -> str:
     return f"truestroke_{unit.kind}"
 
 
-def _texts(unit: _Unit) -> dict[str, str]:
+def _texts(unit: _Unit, version: Version) -> dict[str, str]:
     """What is written for this unit, by name in the archive; its guid is that of all of it."""
+    front = f"fmi{version[0]}"
+    sources = dict(unit.sources) | _sources("instance.c", "instance.h", f"{front}.c", f"{front}.h")
     values: dict[str, Any] = {
         "kind": unit.kind,
         "struct": unit.struct,
@@ -180,21 +193,27 @@ def _texts(unit: _Unit) -> dict[str, str]:
         "version": truestroke.__version__,
         "date": "{}-{:02}-{:02}T{:02}:{:02}:{:02}Z".format(*THEN),
         "tick": repr(1 / unit.rate),
-        "units": {name: fmu_variables.UNITS[name] for name in sorted({v.unit for v in unit.variables if v.unit})},
+        "units": {
+            name: fmu_variables.UNITS[name] for name in sorted({"s", *(v.unit for v in unit.variables if v.unit)})
+        },
         "variables": unit.variables,
         "parameters": unit.parameters,
         "members": list(c_values.members(unit.members, "double")),
         "real": lambda value: c_values.real(value, "double"),
-        "sources": sorted([*(name for name in unit.sources if name.endswith(".c")), "variables.c"]),
+        "sources": sorted([*(name for name in sources if name.endswith(".c")), "variables.c"]),
+        "terminals": unit.terminals,
     }
     names = {
-        "modelDescription.xml": "modelDescription2.xml",
+        "modelDescription.xml": f"modelDescription{version[0]}.xml",
         "sources/variables.c": "variables.c",
         "sources/variables.h": "variables.h",
     }
-
-    whole = "".join([*rendered(names, values | {"guid": ""}).values(), *unit.sources.values()])
-    return rendered(names, values | {"guid": hashlib.sha256(whole.encode()).hexdigest()[:32]})
+    if version == "3.0":
+        names["sources/buildDescription.xml"] = "buildDescription.xml"
+        names["terminalsAndIcons/terminalsAndIcons.xml"] = "terminalsAndIcons.xml"
+    whole = "".join([*rendered(names, values | {"guid": ""}).values(), *sources.values()])
+    own = rendered(names, values | {"guid": hashlib.sha256(whole.encode()).hexdigest()[:32]})
+    return own | {f"sources/{name}": text for name, text in sources.items()}
 
 
 def _compiled(texts: Mapping[str, str]) -> bytes:
@@ -209,7 +228,8 @@ def _compiled(texts: Mapping[str, str]) -> bytes:
         folder = Path(name)
         (folder / "sources").mkdir()
         for path, text in texts.items():
-            (folder / path).write_text(text, encoding="utf-8")
+            if path.endswith((".c", ".h")):
+                (folder / path).write_text(text, encoding="utf-8")
         sources = sorted(str(path) for path in (folder / "sources").glob("*.c"))
         command = [program, *FLAGS, *options, *sources, "-lm", "-o", str(folder / "unit.so")]
         done = subprocess.run(command, capture_output=True, text=True, check=False)

@@ -27,6 +27,20 @@ UNITS = {  # name: factor and exponents of SI's base units
     "V/V": (1.0, {}),
 }
 
+KINDS3 = {"Real": "Float64", "Integer": "Int32", "Boolean": "Boolean"}
+"""The types of FMI 3.0 by those of FMI 2.0."""
+
+CONTROLLER_TERMINALS = {
+    "desired": ("Desired motion", ("z_d", "zdot_d", "zddot_d")),
+    "sensor": ("Measurement of the stage", ("z", "measured")),
+    "amplifier": ("Voltage at the D/A converter", ("volts",)),
+}
+PLANT_TERMINALS = {
+    "amplifier": ("Voltage at the D/A converter", ("volts",)),
+    "sensor": ("Measurement of the stage", ("measured", "truth")),
+}
+"""Variables that belong together, by the name of their terminal, with its meaning."""
+
 
 @dataclass(frozen=True)
 class Variable:
@@ -40,6 +54,11 @@ class Variable:
     start: float = 0.0
     low: float = 0.0
     high: float = 1.0
+
+    @property
+    def kind3(self) -> str:
+        """Its type in FMI 3.0."""
+        return KINDS3[self.kind]
 
     def text(self, value: float) -> str:
         """A value of its type as XML has it."""
