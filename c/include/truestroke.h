@@ -200,6 +200,7 @@ typedef struct {
     ts_real innovation1, innovation2; /* of the last two ticks, um */
     ts_real change;                 /* mean square of the normalised innovation */
     ts_real usual;                  /* the same, slowly: what the model does not explain at any time */
+    bool relates;                   /* the innovation is related to it: with a stage in the model */
     int since_change, spikes, since_return;
     bool started, pending, changed;
     unsigned char part[TS_MAX_LEARNED]; /* 1: weight of the first play, 2: of another play, 0: anything else */
@@ -305,7 +306,7 @@ typedef struct {
     ts_real error;          /* of the window before, over the range */
     ts_real best;           /* least error over the range while it learned; rises slowly */
     ts_real failed;         /* error over the range at which learning has failed */
-    ts_real drift;          /* um per tick: of the offset while weights are held, so that the mean error vanishes */
+    ts_real drift;          /* um per tick: of the offset while the law does not learn, so that the mean error vanishes */
     int ticks, counted;     /* of this window */
     int bad;                /* windows in a row in which it was too large and did not fall */
     int good;               /* windows in a row in which it was not */
@@ -424,6 +425,9 @@ typedef struct {
     int settling, window, ticks;      /* of this window: before it counts, that count, so far */
     int windows, strange;             /* that made it known; whether the last one differed from what is known */
 } ts_resonance;
+
+/* The next window is about this frequency, cycles per tick, where it is one of the search. */
+TS_API void ts_resonance_look(ts_resonance *r, ts_real frequency);
 
 /* One tick: plays (V) and measurement (um), error (um), desired rate (um/s) and its change. Returns whether a window has ended that
  * adds to what is known. tick: s. */

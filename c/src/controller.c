@@ -29,6 +29,8 @@
 #define NOISY 9                   /* times the variance of a measurement: nor does a smaller error */
 #define FREE 6                    /* half-waves of the ringing while weights are held, which shows the resonance, */
 #define DECAYED ((ts_real)0.98)   /* of the first of them: the last one is smaller, or something drives it */
+#define MOST_CAUTION ((ts_real)0.1) /* of the motion's range: the largest error that counts as noise after learning has failed */
+#define CAUTIOUS 100            /* times the variance of a measurement: from there on the law follows no drift */
 #define AS_GOOD_AS_NONE ((ts_real)1e-6) /* of the prior's variance: of a weight that stays */
 
 /* ---- Settings ---------------------------------------------------------------------------------------------------- */
@@ -484,6 +486,7 @@ static void adapt_kalman(ts_controller *c, const ts_real *u, ts_real y, ts_real 
     const ts_settings *s = c->settings;
     ts_kalman *k = &c->law.kalman;
     ts_real space[TS_PADDED(TS_MAX_PARAMETERS)];
+    k->relates = dynamics_of(c)->known;
     if (measures_inertia(c)) u = with_inertia(c, u, &y, learn, space);
     if (!ts_kalman_tick(k, &s->kalman, s->initial_weights, s->prior, c->w, u, y, innovation, measured, learn, c->parameters)) return;
     if (outside(c, c->fastest)) { /* slopes are linear in the rate: its two ends are the worst */
@@ -678,6 +681,7 @@ static void adopt_resonance(ts_controller *c, ts_real frequency, ts_real highest
     k->filter = pole < s->kalman.filter ? pole : s->kalman.filter;
     if (c->stage.smoothing < smoothing) c->stage.smoothing = smoothing;
     c->stage.resonance = frequency;
+    ts_resonance_look(&c->resonance, frequency);
     c->stage.inertia = learned ? 0 : inertia_of(s, frequency);
     if (!learned) return;
     int place = c->of_plays + s->terms[TS_CREEP] + s->terms[TS_LAG];
@@ -878,6 +882,7 @@ static void watch_stage(ts_controller *c, ts_real error, ts_real zdot_d, bool li
         c->stage.resonance = ts_oscillation_frequency(o, FREE);
         c->stage.rest = 0;
         c->flags.oscillating = false;
+        ts_resonance_look(&c->resonance, c->stage.resonance);
         begin_anew(c);
         adopt_stage(c, c->stage.resonance, o->peaks[0], false);
         return;
@@ -940,8 +945,22 @@ static void learn_cautiously(ts_controller *c)
     const ts_guard *g = &c->guard;
     ts_kalman_reset_covariance(k, g->kept ? c->kept.P : c->settings->prior, c->parameters);
     if (g->kept) k->sigma = c->kept.sigma;
-    ts_real range = ts_guard_range(g, &c->settings->guard), error = (g->failed < 1 ? g->failed : 1) * range;
+    ts_real range = ts_guard_range(g, &c->settings->guard), error = (g->failed < MOST_CAUTION ? g->failed : MOST_CAUTION) * range;
     k->caution = error * error * (ts_real)c->settings->guard.window / 4;
+}
+
+/* Whether the stage of the model is the one that the measurements show. Where it is near, it is moved there. */
+static bool stage_is_shown(ts_controller *c)
+{
+    const ts_resonance *r = &c->resonance;
+    if (!c->found.known || !(r->known > 0) || r->variance > CERTAIN * CERTAIN) return false;
+    ts_real moved = r->known / c->stage.resonance - 1;
+    if (moved * moved > FURTHER * FURTHER) return false;
+    if (moved * moved > MOVED * MOVED) {
+        c->stage.resonance = r->known;
+        adopt_stage(c, r->known, 0, true);
+    }
+    return true;
 }
 
 static void watch_learning(ts_controller *c, ts_real error, ts_real z_d, bool counts)
@@ -965,12 +984,12 @@ static void watch_learning(ts_controller *c, ts_real error, ts_real z_d, bool co
         c->counters.restored++;
         break;
     case TS_GUARD_FIRST:
-        give_up_stage(c);
+        if (!stage_is_shown(c)) give_up_stage(c);
         take_weights(c, c->kept.first, true);
         break;
     case TS_GUARD_ADOPT: learn_cautiously(c); break;
     case TS_GUARD_RETURN:
-        if (c->found.known) {
+        if (c->found.known && !stage_is_shown(c)) {
             give_up_stage(c);
             take_weights(c, c->kept.first, true);
             ts_kalman_reset_covariance(k, s->prior, c->parameters);
@@ -979,8 +998,8 @@ static void watch_learning(ts_controller *c, ts_real error, ts_real z_d, bool co
     case TS_GUARD_NOTHING:
     default: break;
     }
-    if (g->held > 0) move_offset(c, g->drift);
-    else if (g->ticks == 0) k->caution *= 1 - (ts_real)0.8 / (ts_real)g->wait;
+    if (g->held > 0 || k->caution > CAUTIOUS * (k->sigma * k->sigma)) move_offset(c, g->drift);
+    if (g->held == 0 && g->ticks == 0) k->caution *= 1 - (ts_real)0.8 / (ts_real)g->wait;
     c->flags.restored = g->held > 0;
 }
 
@@ -992,9 +1011,10 @@ static bool matters(const ts_controller *c)
 {
     const ts_sensor *s = &c->settings->sensor;
     const ts_resonance *r = &c->resonance;
-    if (c->settings->resonance > 0 || c->hold || c->stage.rest > 0 || c->guard.held > 0) return false;
+    if (c->settings->resonance > 0 || c->hold || c->stage.rest > 0) return false;
     if (s->ticks > 0 || s->share > 0 || s->lag > 0 || c->lagged.ticks < 8) return false;
-    if (r->windows < (c->stage.failed ? 4 : 2) || r->variance > CERTAIN * CERTAIN) return false;
+    bool doubtful = c->stage.failed && c->guard.held == 0; /* while weights are held nothing but the stage rings */
+    if (r->windows < (doubtful ? 4 : 2) || r->variance > CERTAIN * CERTAIN) return false;
     if (c->found.known) {
         ts_real moved = r->known / c->stage.resonance - 1;
         return moved * moved > MOVED * MOVED && moved * moved < FURTHER * FURTHER && moved * moved > 4 * r->variance;

@@ -82,11 +82,12 @@ static ts_guard_action judge_learned(ts_guard *g, const ts_guard_settings *s, ts
     int most = 2 * error > 1 ? BEYOND_ALL : g->kept ? BAD : BAD_AT_FIRST;
     g->error = error;
     g->ringing *= DECAYS;
-    g->bad = !large || g->pause > 0 ? 0 : g->bad + !falls;
+    g->bad = !large || (g->pause > 0 && 2 * error <= 1) ? 0 : g->bad + !falls;
     if (g->pause > 0) g->pause--;
     if (g->bad >= most && !falls) {
         g->failed = error;
         g->held = 1;
+        g->drift = 0;
         return TS_GUARD_RESTORE;
     }
     g->good = error > least ? 0 : g->good < FORGIVEN * TS_LONGEST_WAIT ? g->good + 1 : g->good;
@@ -132,13 +133,14 @@ ts_guard_action ts_guard_tick(ts_guard *g, const ts_guard_settings *s, ts_real e
     if (counts && bursts(g, s, error, z_d)) {
         g->failed = 1;
         g->held = 1;
+        g->drift = 0;
         begin_window(g);
         return TS_GUARD_RESTORE;
     }
     if (g->ticks < s->window) return TS_GUARD_NOTHING;
     bool enough = 4 * g->counted >= s->window;
     ts_real range = ts_guard_range(g, s), found = enough ? deviation(g) / range : 0, least = SHARE;
-    if (enough && g->held > 0) g->drift = CENTRING * (g->first + g->sum / (ts_real)g->counted) / (ts_real)s->window;
+    if (enough) g->drift = CENTRING * (g->first + g->sum / (ts_real)g->counted) / (ts_real)s->window;
     begin_window(g);
     if (!enough) return TS_GUARD_NOTHING;
     if (least * range < s->floor) least = s->floor / range;

@@ -191,7 +191,7 @@ static bool update(ts_kalman *k, const ts_kalman_settings *s, const ts_real *w0,
 
     ts_real nu2 = e * e / expected;
     if (!(nu2 < 100)) nu2 = 100;
-    if (s->usual_rate > 0) {
+    if (s->usual_rate > 0 && k->relates) {
         k->usual += s->usual_rate * (nu2 - k->usual);
         if (k->usual > USUAL) nu2 *= USUAL / k->usual;
     }

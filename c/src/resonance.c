@@ -169,6 +169,13 @@ static bool end_band(ts_resonance *r, ts_real tick)
     return near;
 }
 
+void ts_resonance_look(ts_resonance *r, ts_real frequency)
+{
+    if (!(frequency > 0 && frequency < SEARCH_FROM)) return;
+    r->centre = frequency;
+    r->ticks = 0;
+}
+
 bool ts_resonance_tick(ts_resonance *r, ts_real tick, const ts_real *x, ts_real error, ts_real zdot_d, ts_real change)
 {
     if (r->ticks == 0) begin_band(r, tick, x);

@@ -68,6 +68,7 @@ class FilteringLaw(Law, Protocol):
     disturbance: float
     caution: float
     changed: bool
+    relates: bool
 
     def is_spike(self, e_m: float, noisy: float | None = None) -> bool:
         """Whether a measurement with the innovation e_m, um, is not to be used; noisy: what `tick` gets instead."""
@@ -456,6 +457,8 @@ class BoundedKalman:
         The same after learning has failed, um^2: see `truestroke.control.guard`.
     changed : bool
         The last update detected a change of the actuator.
+    relates : bool
+        Whether `usual_rate` counts; the controller switches it off where no stage is in the model.
 
     Raises
     ------
@@ -508,6 +511,7 @@ class BoundedKalman:
         self.change, self.since_change, self.spikes, self.since_return = 0.0, 2**31 - 1, 0, 0
         self.usual = 0.0  # mean square of the normalised innovation, slowly
         self.started = self.pending = self.changed = False
+        self.relates = True
 
     def take(self, settings: KalmanSettings) -> None:
         """New settings; w, P and the present filter stay."""
@@ -644,7 +648,7 @@ class BoundedKalman:
     def _detect_change(self, surprise: float) -> None:
         s = self.settings
         surprise = min(surprise, SURPRISE)
-        if s.usual_rate > 0:
+        if s.usual_rate > 0 and self.relates:
             self.usual += s.usual_rate * (surprise - self.usual)
             if self.usual > USUAL:
                 surprise *= USUAL / self.usual

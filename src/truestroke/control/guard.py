@@ -104,7 +104,7 @@ class Guard:
         self.start = 0.0  # um: the first error
         self.ringing = 0.0  # um: an error below it is ringing that decays
         self.error = self.failed = 0.0  # over the range: of the window before, and at which learning has failed
-        self.drift = 0.0  # um per tick: of the offset while weights are held, so that the mean error vanishes
+        self.drift = 0.0  # um per tick: of the offset while the law does not learn, so that the mean error vanishes
         self.best = 0.0  # least error over the range while it learned
         self.ticks = self.counted = self.bad = self.good = self.held = self.pause = 0
         self.wait = FIRST_WAIT  # windows: of the next hold
@@ -129,14 +129,14 @@ class Guard:
         """
         self._follow(error, z_d, counts)
         if counts and self._bursts(abs(error), abs(z_d)):
-            self.failed, self.held = 1.0, 1
+            self.failed, self.held, self.drift = 1.0, 1, 0.0
             self._begin_window()
             return Action.RESTORE
         if self.ticks < self.settings.window:
             return Action.NOTHING
         enough, span = 4 * self.counted >= self.settings.window, self.range
         found = self._deviation() / span if enough else 0.0
-        if enough and self.held > 0:
+        if enough:
             self.drift = CENTRING * (self.first + self.sum / self.counted) / self.settings.window
         self._begin_window()
         if not enough:
@@ -217,10 +217,10 @@ class Guard:
         most = BEYOND_ALL if 2 * error > 1 else BAD if self.kept else BAD_AT_FIRST
         self.error = error
         self.ringing *= DECAYS
-        self.bad = 0 if not large or self.pause > 0 else self.bad + (not falls)
+        self.bad = 0 if not large or (self.pause > 0 and 2 * error <= 1) else self.bad + (not falls)
         self.pause -= self.pause > 0
         if self.bad >= most and not falls:
-            self.failed, self.held = error, 1
+            self.failed, self.held, self.drift = error, 1, 0.0
             return Action.RESTORE
         self.good = 0 if error > least else min(self.good + 1, FORGIVEN * LONGEST_WAIT)
         if self.good >= FORGIVEN * self.wait and self.wait > FIRST_WAIT:

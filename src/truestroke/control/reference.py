@@ -65,6 +65,8 @@ FREE = 6  # half-waves of the ringing while weights are held, which show the res
 DECAYED = 0.98  # of the first of them: the last one is smaller, or something drives it
 SLOWEST = 0.025  # of the resonance: a slower motion does not need it
 NOISY = 9  # times the variance of a measurement: nor does a smaller error
+MOST_CAUTION = 0.1  # of the motion's range: the largest error that counts as noise after learning has failed
+CAUTIOUS = 100  # times the variance of a measurement: from there on the law follows no drift
 AS_GOOD_AS_NONE = 1e-6  # of the prior's variance: of a weight that stays
 
 BEYOND = 10
@@ -651,6 +653,7 @@ class ReferenceController(Displayed):
     ) -> None:
         if self._measures_inertia:
             u, y = self._with_inertia(law, u, y, learn=learn)
+        law.relates = self._path is not None
         if law.tick(u, y, innovation, measured=measured, learn=learn):  # (23)
             self._project_slope(law, self._fastest)  # slopes are linear in the rate:
             self._project_slope(law, -self._fastest)  # its two ends are the worst
@@ -732,6 +735,7 @@ class ReferenceController(Displayed):
             pole = max(highest, pole / 8)
         law.filter = min(pole, self._c["kalman.filter"])
         self._stage.smoothing = max(self._stage.smoothing, 1 / (1 + frequency))
+        self._estimator.look(frequency)
         self._stage.resonance, self._stage.inertia = frequency, 0.0 if learned else self._inertia_of(frequency)
         if not learned:
             return
@@ -859,6 +863,7 @@ class ReferenceController(Displayed):
         self._count_ringing(law)
         if self._rings_freely():
             stage.resonance, stage.rest, self._oscillating = detector.frequency(FREE), 0.0, False
+            self._estimator.look(stage.resonance)
             self._begin_anew(law)
             self._adopt_stage(law, stage.resonance, detector.peaks[0])
             return
@@ -889,11 +894,12 @@ class ReferenceController(Displayed):
         The motion is then fast enough, and the error larger than noise.
         """
         law, known, stage = self._filtering, self._estimator, self._stage
-        if law is None or self._c["resonance"] > 0 or self._held or stage.rest > 0 or self._kept.guard.held > 0:
+        if law is None or self._c["resonance"] > 0 or self._held or stage.rest > 0:
             return False
         if self._sensor.late or self._lagged.ticks < 8:
             return False
-        if known.windows < (4 if stage.failed else 2) or known.variance > CERTAIN * CERTAIN:
+        doubtful = stage.failed and self._kept.guard.held == 0  # while weights are held nothing but the stage rings
+        if known.windows < (4 if doubtful else 2) or known.variance > CERTAIN * CERTAIN:
             return False
         if self._path is not None:
             moved = known.known / stage.resonance - 1
@@ -954,8 +960,21 @@ class ReferenceController(Displayed):
             law.restore(self._kept.knowledge)
         else:
             law.reset_covariance()
-        error = min(guard.failed, 1.0) * guard.range
+        error = min(guard.failed, MOST_CAUTION) * guard.range
         law.caution = error * error * guard.settings.window / 4
+
+    def _stage_is_shown(self, law: FilteringLaw) -> bool:
+        """Whether the stage of the model is the one that the measurements show. Where it is near, it is moved there."""
+        shown, stage = self._estimator, self._stage
+        if not self._found or not shown.known > 0 or shown.variance > CERTAIN * CERTAIN:
+            return False
+        moved = shown.known / stage.resonance - 1
+        if moved * moved > FURTHER * FURTHER:
+            return False
+        if moved * moved > MOVED * MOVED:
+            stage.resonance = shown.known
+            self._adopt_stage(law, shown.known, 0.0)
+        return True
 
     def _watch_learning(self, error: float, z_d: float, counts: bool) -> None:
         law, kept, guard = self._filtering, self._kept, self._kept.guard
@@ -973,19 +992,20 @@ class ReferenceController(Displayed):
                 self._take_weights(law, kept.weights, earlier=True)
                 self._count(restored=True)
             case Action.FIRST:
-                self._give_up_stage(law)
+                if not self._stage_is_shown(law):
+                    self._give_up_stage(law)
                 self._take_weights(law, kept.first, earlier=True)
             case Action.ADOPT:
                 self._learn_cautiously(law)
-            case Action.RETURN if self._found:
+            case Action.RETURN if self._found and not self._stage_is_shown(law):
                 self._give_up_stage(law)
                 self._take_weights(law, kept.first, earlier=True)
                 law.reset_covariance()
             case Action.RETURN:
                 self._take_weights(law, kept.aside, earlier=False)
-        if guard.held > 0:
+        if guard.held > 0 or law.caution > CAUTIOUS * (law.sigma * law.sigma):
             self._move_offset(law, guard.drift)
-        elif guard.ticks == 0:
+        if guard.held == 0 and guard.ticks == 0:
             law.caution *= 1 - 0.8 / guard.wait
         self._restored = guard.held > 0
 

@@ -125,6 +125,11 @@ class ResonanceEstimator:
         self.ticks = self.windows = 0
         self._strange = False  # the last window was far from what is known
 
+    def look(self, frequency: float) -> None:
+        """The next window is about this frequency, cycles per tick, where it is one of the search."""
+        if 0 < frequency < SEARCH_FROM:
+            self.centre, self.ticks = frequency, 0
+
     def update(self, tick: float, plays: FloatArray, z: float, error: float, zdot_d: float, change: float) -> bool:
         """One tick; returns whether a window has ended that adds to what is known.
 

@@ -698,7 +698,7 @@ def _derived(s: ControllerSettings) -> dict[str, float]:
         "kalman.noise_rate": min(1.0, NOISE_RATE / fs),
         "kalman.ringing_rate": min(1.0, RINGING_RATE / fs),
         "kalman.change_rate": min(1.0, CHANGE_RATE / fs),
-        "kalman.usual_rate": min(1.0, USUAL_RATE / fs) if s.dynamics is not None else 0.0,
+        "kalman.usual_rate": min(1.0, USUAL_RATE / fs),
         "oscillation.tick": 1 / fs,
         "oscillation.corner": min(1.15 * corner / fs, 1.0),
         "oscillation.fast": fast,
