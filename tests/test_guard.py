@@ -49,6 +49,24 @@ def test_what_burst_before_is_better_than_a_straight_line(f0, frequency, rate, t
     assert rms < np.std(straight["desired"][half:] - gain * straight["true"][half:] - offset) * 100 / SPAN
 
 
+def test_a_stage_that_the_measurements_show_is_not_taken_out() -> None:
+    """Weights that were held and were no better: with the stage taken out 22 %. The sampled stage has 79 Hz."""
+    recording = fast.record(6, 98, "unknown")
+    error = (recording["true"] - recording["desired"])[recording["true"].size // 2 :]
+    assert 100 * error.std() / np.ptp(recording["desired"]) < 2
+
+
+def test_half_of_the_motion_is_a_failure_in_the_windows_after_a_hold_too() -> None:
+    """A smaller error is none there."""
+    for size, action in ((0.3, Action.NOTHING), (0.6, Action.RESTORE)):
+        guard = Guard(GuardSettings(window=100, range_rate=1e-3, floor=0.02))
+        guard.pause = 100
+        motion = np.sin(np.arange(2, 502) * 2 * np.pi / 100)  # 2 um
+        error = size * 2.0 * np.sqrt(2) * np.sin(np.arange(500) * 2 * np.pi / 20)
+        found = {guard.update(e, z_d, counts=True, noise=1e-3) for e, z_d in zip(error, motion, strict=True)}
+        assert found == {Action.NOTHING, action}
+
+
 def test_a_sudden_change_is_no_failure_of_learning() -> None:
     """The guard does nothing: it is learned as without it."""
     plant = PlantSettings(sample_rate=2000.0, change=Change(time=1.0, gain=0.8, hysteresis=1.3))
