@@ -25,6 +25,7 @@ from pathlib import Path
 
 import numpy as np
 
+from truestroke.base import system
 from truestroke.runtime.realtime import config
 
 PROGRAM = str(Path(sys.executable).with_name("truestroke"))
@@ -104,6 +105,7 @@ CROWDS: dict[str, Callable[[str, int], list[socket.socket]]] = {
 
 def crowd(name: str, host: str, port: int) -> None:
     """Be one of these, until stdin is closed."""
+    system.allow_many_files()
     made = CROWDS[name](host, port)
     print(len(made), flush=True)
     sys.stdin.read()

@@ -17,12 +17,16 @@ from click.testing import CliRunner
 from docs.site import look
 from running import COMMAND
 
-from truestroke import Recording, SettingError
+from truestroke import Recording, SettingError, StoppedError
 from truestroke.cli import main
+from truestroke.runtime.drivers.guard import Limits
+from truestroke.runtime.drivers.playback import lead, playback
+from truestroke.runtime.drivers.simulated import SimulatedDriver
 from truestroke.runtime.realtime import LiveSettings, RealtimeError, config
 from truestroke.runtime.realtime.live_page import access, frames
 from truestroke.runtime.realtime.server import Panel
 from truestroke.runtime.realtime.shared import FIELDS, Layout, Shared, Slot, State
+from truestroke.runtime.realtime.watched import Watched
 from truestroke.signals.channels import Channel
 
 CONTROL, READING = "control-" * 3, "reading-" * 3
@@ -89,7 +93,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Served, Path
 
 
 def test_a_run_is_watched_moved_held_and_stopped(run: tuple[Served, Path]) -> None:
-    """Every button is pressed, by mouse or keyboard; what is refused is counted; STOP works among a thousand."""
+    """Every button is pressed, by mouse or keyboard; what is refused is counted; STOP works among hundreds."""
     served, folder = run
     about = next(served.frames())
     assert about["axes"][0]["moved"]
@@ -129,7 +133,7 @@ def test_a_run_is_watched_moved_held_and_stopped(run: tuple[Served, Path]) -> No
 
         refused_and_counted(served)
         page.get_by_text("1 too long").wait_for()
-        crowd = [socket.create_connection(("127.0.0.1", served.port)) for _ in range(1000)]
+        crowd = [socket.create_connection(("127.0.0.1", served.port)) for _ in range(400)]
         for one in crowd[:100]:
             one.sendall(HANGING.format(served.port).encode())  # none of them reads
         for one in crowd[100:200]:
@@ -157,40 +161,65 @@ def refused_and_counted(served: Served) -> None:
         served.do(do="setpoint", axis=0, um=float("nan")),
         served.do(do="explode"),
         served.ask("POST", "/do", b"[" * 1000, Authorization=f"Bearer {CONTROL}")[0],
-        served.ask("POST", "/do", b"x" * 10_000_000, Authorization=f"Bearer {CONTROL}")[0],
         served.ask("POST", "/stop", b"{}", Authorization=f"Bearer {CONTROL}")[0],
         served.ask("GET", "/stream")[0],
         served.ask("GET", "/", Host="example.com")[0],
         served.ask("GET", "/etc/passwd")[0],
     ]
-    assert refused == [403, 403, 403, 400, 400, 400, 400, 400, 400, 413, 404, 403, 421, 404]
-    for malformed in (b"POST /do HTTP/1.1 and more\r\n\r\n", b"\x16\x03\x01\x02\r\n\r\n"):
+    assert refused == [403, 403, 403, 400, 400, 400, 400, 400, 400, 404, 403, 421, 404]
+    head = f"POST /do HTTP/1.1\r\nHost: 127.0.0.1:{served.port}\r\nAuthorization: Bearer {CONTROL}\r\n"
+    long = head.encode() + b"Content-Length: 10000000\r\n\r\n" + 20_000 * b"x"
+    malformed = b"POST /do HTTP/1.1 and more\r\n\r\n", b"\x16\x03\x01\x02\r\n\r\n"
+    for sent, status in ((long, b"413"), *((one, b"400") for one in malformed)):
         with socket.create_connection(("127.0.0.1", served.port)) as connection:
-            connection.sendall(malformed)
-            assert connection.recv(100).startswith(b"HTTP/1.1 400")
+            connection.sendall(sent)
+            assert connection.recv(100).startswith(b"HTTP/1.1 " + status)
     kinds = {"TOKEN": 3, "ORIGIN": 1, "HOST": 1, "PLACE": 2, "MALFORMED": 3, "VALUE": 5, "LONG": 1}
     expected = {access.WORDS[access.Refusal[kind]]: number for kind, number in kinds.items()}
     served.until(lambda frame: frame["refused"] == expected)
-    status, page, headers = served.ask("GET", "/")
-    assert status == 200
+    answered, page, headers = served.ask("GET", "/")
+    assert answered == 200
     assert "default-src 'none'" in headers["Content-Security-Policy"]
     assert not re.search(rb"<script>|onclick|style=", page)
 
 
 def test_learning_is_watched_and_stopped(tmp_path: Path) -> None:
-    """From the second pass on the desired motion is shown; STOP keeps the waveform so far, and ends with its code."""
+    """Within a pass that would last ten minutes."""
     text = config.example().partition("[realtime]")[0] + '[recording]\nfile = "run.h5"\n'
     (tmp_path / "stage.toml").write_text(text + TABLES)
-    options = ["--frequency", "40", "--bandwidth", "400", "--averaged", "0.1", "--passes", "1000", "--live"]
+    options = ["--frequency", "40", "--bandwidth", "400", "--averaged", "600", "--live"]
     served = Served(tmp_path, "learn", "raster", "--config", "stage.toml", *options)
-    learned = served.until(lambda frame: any(isinstance(z, float) for z in frame["axes"][0]["error"]))["axes"][0]
-    assert learned["target"] is None
+    shown = served.until(lambda frame: frame["axes"][0]["rmse"] is None and frame["axes"][0]["measured"])["axes"][0]
+    assert shown["target"] is None
     assert served.do(do="stop") == 200
     _, err = served.process.communicate(timeout=300)
     assert served.process.returncode == 15, err
-    assert "an operator asked for the end on the live page; " in err
-    assert "learned.csv has the best waveform so far, of pass" in err
-    assert (tmp_path / "learned.csv").exists()
+    assert "an operator asked for the end on the live page" in err
+
+
+def test_the_desired_motion_of_a_pass_is_shown_with_its_voltage() -> None:
+    """It begins where the waveform does, behind ramp and rest; after STOP the output goes back to the safe voltage."""
+    driver, rate = SimulatedDriver(), 2000.0
+    wave = 1.0 + np.sin(2 * np.pi * np.arange(200) / 100)
+    limits = {"voltage_limits": (-0.6, 3.6), "slew": 400.0, "safe_voltage": 0.0}
+    shared = Shared(Layout(channels=1, size=16_000, slow_size=1, slow_width=1))
+    try:
+        shared.count[Slot.STATE] = State.LIVE
+        shown = Watched(driver, shared)
+        before = lead(Limits(**limits), wave[0], rate, rest=0.05)
+        shown.expect(10.0 * wave[:100], before.size)
+        playback(shown, wave, rate, **limits, rest=0.05)
+        desired, volts = (shared.ring[0, FIELDS.index(name)] for name in ("desired", "volts"))
+        assert np.isnan(desired[: before.size]).all()
+        during = slice(before.size, before.size + wave.size)
+        np.testing.assert_allclose(desired[during], 10.0 * volts[during], rtol=0, atol=1e-9)
+        shared.count[Slot.STOP] = 1
+        with pytest.raises(StoppedError, match="an operator asked"):
+            playback(shown, wave, rate, **limits)
+        assert driver.output[0] == 0.0
+        assert np.abs(np.diff(volts[np.isfinite(volts)])).max() <= 400.0 / rate + 1e-9
+    finally:
+        shared.close()
 
 
 def test_a_recording_is_shown_again(tmp_path: Path) -> None:
