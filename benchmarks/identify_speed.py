@@ -2,7 +2,8 @@
 
     python benchmarks/identify_speed.py [SAMPLES ...]
 
-Records of the simulated stage, of the same behind a dead time and a lag, and behind a resonance. The ratio to the QR
+Records of the simulated stage, of the same behind a dead time and a lag, and behind a resonance; and of steps and noise
+that excite three modes. The ratio to the QR
 decomposition of 100,000 x 30 numbers, on one thread, says less about the machine than seconds do.
 """
 
@@ -22,19 +23,28 @@ from truestroke.identification import identify
 from truestroke.model.dynamics import Dynamics, Mode
 from truestroke.plant import RealisticPlant
 
+EXCITED = "three modes, excited"
 SAMPLES, RATE = (10_000, 100_000, 1_000_000), 2000.0
 MODE = Dynamics(sample_rate=RATE, modes=(Mode(frequency=180.0, damping=0.03),))
+MODES = Dynamics(
+    sample_rate=RATE, modes=tuple(Mode(*mode) for mode in ((90.0, 0.03, 0.75), (190.0, 0.02, 0.15), (340.0, 0.02, 0.1)))
+)
 KINDS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
     "stage": lambda z: z,
     "6 ms and a lag of 12 ms": lambda z: respond(z, 12.0, 24.0),
     "resonance at 180 Hz": lambda z: stage.through(MODE, z),
+    EXCITED: lambda z: stage.through(MODES, z),
 }
 
 
-def record(samples: int) -> tuple[np.ndarray, np.ndarray]:
-    """Volts and displacement of a random wave."""
+def record(samples: int, excited: bool = False) -> tuple[np.ndarray, np.ndarray]:
+    """Volts and displacement of a random wave; `excited`, with a step each 0.2 s and noise of 0.04 V."""
     wave = trajectories.random_wave(duration=samples / RATE, seed=5, peak_to_peak=28.0)
     plant, volts = RealisticPlant(seed=3), wave.position[:samples] / 12.0
+    if excited:
+        rng = np.random.Generator(np.random.PCG64(11))
+        steps = rng.uniform(0.0, 1.0, 1 + samples // 400)[np.arange(samples) // 400]
+        volts = 0.6 * volts + steps + 0.04 * rng.standard_normal(samples)
     plant.open()
     return volts, plant.exchange(volts)
 
@@ -51,8 +61,8 @@ def main() -> None:
     identify((*(a[:2000] for a in record(2000)), RATE))  # what is imported
     print(f"{'record':<26}{'samples':>10}{'s':>8}{'QRs':>8}")
     for samples in sizes:
-        volts, z = record(samples)
         for name, behind in KINDS.items():
+            volts, z = record(samples, name == EXCITED)
             with threadpool_limits(1, "blas"):
                 one = min(seconds(lambda: np.linalg.qr(reference, mode="r")) for _ in range(3))
             took = seconds(lambda behind=behind, volts=volts, z=z: identify((volts, behind(z), RATE)))  # type: ignore[misc]

@@ -15,18 +15,20 @@ from truestroke.base.typing import FloatArray
 from truestroke.base.verdict import Verdict
 from truestroke.control import interval
 from truestroke.control.actuator import ActuatorModel, central_difference
-from truestroke.identification import coverage, normal, uncertainty, validation
+from truestroke.identification import coverage, modes, normal, uncertainty, validation
 from truestroke.identification.examine import Findings, examine
 from truestroke.identification.modes import ModeSearch
 from truestroke.identification.record import Record, as_record
 from truestroke.identification.regression import ROWS, Data, Structure
 from truestroke.identification.response import Response, find_response
-from truestroke.identification.select import Tried, choose, choose_branches, coarse_delay, first_prediction
+from truestroke.identification.select import Tried, choose, choose_branches, coarse_delay, first_prediction, with_this
 from truestroke.identification.series import Series, series
 from truestroke.identification.validation import Evidence
+from truestroke.model.dynamics import Dynamics
 from truestroke.signals.recording import Recording
 
-CHOICE_ROWS = 15_000  # at most where structures are compared, as `ROWS`
+CHOICE_ROWS = 8_000  # at most where structures are compared, as `ROWS`
+SEARCH_ROWS = 8_000  # at most where modes are looked for
 NEAR = 0.25  # of the stroke
 FEWEST = 20  # samples in each part
 STEPS = 2  # Gauss-Newton
@@ -44,6 +46,7 @@ class Fit:
     weight: float  # um^2, of the prior
     residual: FloatArray
     drift: Callable[[int], FloatArray]  # um, of so many samples of the record
+    strain: FloatArray  # um, what the model gives before dead time, lag and stage, at the full rate
 
 
 @dataclass(frozen=True)
@@ -234,7 +237,7 @@ def identify(
         part, *_ = _found(taken, train, known, fixed, certain=False)
         if shown:
             shown(1, 2)
-        final, tried, response = _found(taken, taken.volts.size, known, fixed)
+        final, tried, response = _found(taken, taken.volts.size, known, fixed, start=part.model.dynamics)
     predicted = part.model.predict(taken.volts, fs) + part.drift(taken.volts.size)
     last = np.arange(taken.volts.size) >= train
     trace = Trace(**vars(taken), predicted=predicted, half_width=_half_width(part.model, taken, train), held_out=last)
@@ -259,9 +262,17 @@ _Chosen = tuple[Structure, float, FloatArray, tuple[Tried, ...]]
 
 
 def _found(
-    s: Series, samples: int, delay: float | None, fixed: Mapping[str, Any], certain: bool = True
+    s: Series,
+    samples: int,
+    delay: float | None,
+    fixed: Mapping[str, Any],
+    certain: bool = True,
+    start: Dynamics | None = None,
 ) -> tuple[Fit, tuple[Tried, ...], Response]:
-    """Dead time, lag, structure and weights from the first samples, and what was compared."""
+    """Dead time, lag, structure and weights from the first samples, and what was compared.
+
+    The search for modes begins with those of `start`, and intervals are made where `certain`.
+    """
     coarse = _data(s, samples, CHOICE_ROWS)
     first = 0.0 if delay is not None else coarse_delay(coarse)
     found = find_response(_data(s, samples, samples), first, delay, certain)
@@ -269,10 +280,11 @@ def _found(
     guess = first_prediction(coarse)
     structure, weight, tried = choose(coarse, guess, fixed)
     fine = dataclasses.replace(_data(s, samples, ROWS), delay=found.delay, time_constant=found.time_constant)
+    resonant = fixed["modes"] and _resonances(s, coarse, fixed, (structure, weight, guess, tried), start)
+    if resonant:
+        dynamics, structure, weight, guess, tried = resonant
+        fine = dataclasses.replace(fine, delay=0.0, time_constant=0.0, dynamics=dynamics)
     weight *= fine.displacement.size / coarse.displacement.size  # as sure of the prior as what was compared
-    modes = fixed["modes"] and _resonances(s, samples, coarse, fixed, (structure, weight, guess, tried))
-    if modes:
-        fine, structure, weight, guess, tried = modes
     plain = fit_structure(fine, structure, weight, guess)
     fit, more = _branched(plain, fine, coarse, structure, weight) if fixed["branches"] else (plain, ())
     rate = float(np.diff(fit.drift(samples)[-2:])[0]) * s.sample_rate
@@ -291,48 +303,72 @@ def _behind(coarse: Data, fine: Data) -> Data:
 def _branched(plain: Fit, fine: Data, coarse: Data, s: Structure, weight: float) -> tuple[Fit, tuple[Tried, ...]]:
     """The model with branches, if cross-validation asks for them, and what was compared; else the plain one."""
     rows = fine.displacement.size / coarse.displacement.size
-    strain = plain.model.strain(fine.volts, fine.sample_rate)
-    found = choose_branches(_behind(coarse, fine), s, weight / rows, strain)
+    found = choose_branches(_behind(coarse, fine), s, weight / rows, plain.strain)
     if found is None:
         return plain, ()
     structure, weight, tried = found
-    fit = fit_structure(fine, structure, weight * rows, strain)
+    fit = fit_structure(fine, structure, weight * rows, plain.strain)
     if fit.model.noise > BRANCHES_GAIN * plain.model.noise:  # what was compared need not have an inverse
         return plain, ()
     return dataclasses.replace(fit, model=fit.model.replace(plain=plain.model)), tried
 
 
 def _resonances(
-    s: Series, samples: int, static: Data, fixed: Mapping[str, Any], chosen: _Chosen
-) -> tuple[Data, Structure, float, FloatArray, tuple[Tried, ...]] | None:
-    """The same with modes of the stage, their dead time in place of the delay, where cross-validation asks for them.
+    s: Series, static: Data, fixed: Mapping[str, Any], chosen: _Chosen, start: Dynamics | None
+) -> tuple[Dynamics, Structure, float, FloatArray, tuple[Tried, ...]] | None:
+    """Modes of the stage with their dead time in place of the delay, and what was chosen behind them.
+
+    None where cross-validation does not ask for them.
 
     A mode is found between what a static model predicts and the displacement, the next ones from models that were
     fitted behind those before.
     """
     structure, weight, guess, tried = chosen
-    x, z, known = s.volts[:samples], s.displacement[:samples], s.known[:samples]
     data = dataclasses.replace(static, delay=0.0, time_constant=0.0)
-
-    def strain(data: Data) -> FloatArray:
-        return fit_structure(data, structure, weight, guess, certain=False).model.strain(x, s.sample_rate)
-
-    for _ in range(SEARCHES):
-        search = ModeSearch(strain(data), z - data.zero, known, s.sample_rate)
-        if (dynamics := search.run(data.dynamics)) is None:
-            return None
-        last = data.dynamics is not None and len(data.dynamics.modes) == len(dynamics.modes)
-        data = dataclasses.replace(data, dynamics=dynamics)
-        if last:
-            break
-    guess = strain(data)
+    searched = _excerpt(s, min(data.volts.size, modes.ROWS), data)
+    if np.count_nonzero(searched.fitted(structure.rested)) < FEWEST:
+        return None
+    pull = weight * searched.displacement.size / data.displacement.size
+    dynamics = _searched(s, searched, partial(_strain, structure=structure, weight=pull, guess=guess), start)
+    if dynamics is None:
+        return None
+    data = dataclasses.replace(data, dynamics=dynamics)
+    guess = _strain(data, structure, weight, guess)
+    if with_this(data, structure, guess, weight) > tried[-1].rmse:
+        return None
     thresholds = {"thresholds": structure.thresholds}
     structure, weight, more = choose(data, guess, {**fixed, **thresholds})
     if more[-1].rmse > RESONATES * tried[-1].rmse:
         return None
-    fine = dataclasses.replace(_data(s, samples, ROWS), dynamics=dynamics)
-    weight *= fine.displacement.size / data.displacement.size
-    return fine, structure, weight, guess, (*tried, *more)
+    return dynamics, structure, weight, guess, (*tried, *more)
+
+
+def _searched(s: Series, data: Data, strain: Callable[[Data], FloatArray], found: Dynamics | None) -> Dynamics | None:
+    """The modes that the samples of `data` show beyond those that were found, each behind a model with those before."""
+    n = data.volts.size
+    for _ in range(SEARCHES):
+        search = ModeSearch(
+            strain(dataclasses.replace(data, dynamics=found)),
+            s.displacement[:n] - data.zero,
+            s.known[:n],
+            s.sample_rate,
+        )
+        last, found = found, search.run(found)
+        if found is None or (last is not None and len(last.modes) == len(found.modes)):
+            break
+    return found
+
+
+def _excerpt(s: Series, samples: int, of: Data) -> Data:
+    """The first samples of other data, with more rows of them."""
+    every = -(-samples // SEARCH_ROWS)
+    z, known = (s.displacement - of.zero)[:samples:every], s.known[:samples:every]
+    return dataclasses.replace(of, volts=of.volts[:samples], displacement=z, known=known, every=every)
+
+
+def _strain(data: Data, structure: Structure, weight: float, guess: FloatArray) -> FloatArray:
+    """What a fitted model gives before the stage, um above `Data.zero`."""
+    return fit_structure(data, structure, weight, guess[: data.volts.size], certain=False).strain
 
 
 def _refuse_empty(s: Series, train: int) -> None:
@@ -432,13 +468,14 @@ def fit_structure(data: Data, s: Structure, weight: float, guess: FloatArray, ce
         pull = np.vstack([normal.reduced(np.column_stack([J, target])), prior.rows(weight)])
         c = normal.solve(pull, *data.constraints(s, velocity))
         model = data.model(s, c, velocity)
-        z = model.strain(data.volts, data.sample_rate) + data.starts(s, c[m:])
+        strain = model.strain(data.volts, data.sample_rate)
+        z = strain + data.starts(s, c[m:])
     residual = data.displacement - (data.through(z) + data.drift(s, c[m:], z.size))[:: data.every]
     residual = residual[data.fitted(s.rested)]
     P = _of_model(uncertainty.covariance(J, residual, prior, weight), s) if certain else np.zeros((m, m))
     times = {"delay": data.delay, "time_constant": data.time_constant}
     model = model.replace(covariance=P, noise=float(np.sqrt(np.mean(residual**2))), **times)
-    return Fit(model, s, weight, residual, partial(data.drift, s, c[m:]))
+    return Fit(model, s, weight, residual, partial(data.drift, s, c[m:]), strain)
 
 
 def _of_model(P: FloatArray, s: Structure) -> FloatArray:

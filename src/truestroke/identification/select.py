@@ -4,7 +4,7 @@ import dataclasses
 import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -136,11 +136,18 @@ class _Blocks:
     means: FloatArray  # of the rows of each quarter of each part of `left_out`
     rows: int
     data: Data
+    _pulls: dict[Structure, FloatArray] = field(default_factory=dict, init=False)
+
+    def pull(self, s: Structure, weight: float) -> FloatArray:
+        """Rows that pull the coefficients to the prior."""
+        if s not in self._pulls:
+            self._pulls[s] = self.data.prior(s).rows(1.0)
+        return self._pulls[s] * math.sqrt(weight)
 
     def rmse(self, s: Structure, weight: float) -> float:
         """Of each block as the fit to all before it predicts it, um."""
         places = s.columns_in(self.full)
-        pull = self.data.prior(s).rows(weight)
+        pull = self.pull(s, weight)
         columns = np.append(places, -1)
         total = 0.0
         for left_out, before in zip(self.left_out, self.before, strict=True):
@@ -155,7 +162,7 @@ class _Blocks:
         beside each other the squared difference is (2 walk^2 L + 3 c / L) / 3, where c / L is of errors that return,
         for a quarter and for half of a block. Few blocks show either; where the second is larger, the geometric mean.
         """
-        pull, columns = self.data.prior(s).rows(weight), np.append(s.columns_in(self.full), -1)
+        pull, columns = self.pull(s, weight), np.append(s.columns_in(self.full), -1)
         quarter = self.rows / len(self.means) * self.data.every / self.data.sample_rate
         squares = seconds = 0.0
         steps: dict[int, list[float]] = {1: [], 2: []}
@@ -185,6 +192,11 @@ def _blocks(data: Data, s: Structure, guess: FloatArray) -> _Blocks:
     return _Blocks(s, parts[FIRST:], before, means, sum(len(part) for part in blocks[FIRST:]), data)
 
 
+def with_this(data: Data, s: Structure, guess: FloatArray, weight: float) -> float:
+    """The rmse of cross-validation, um, of one structure alone."""
+    return _blocks(data, s, guess).rmse(s, weight)
+
+
 def choose(data: Data, guess: FloatArray, fixed: Mapping[str, Any]) -> tuple[Structure, float, tuple[Tried, ...]]:
     """The structure (thresholds with all terms, then the terms), its prior's weight, um^2, and all that was tried."""
     if fixed["rate"] is None and data.fastest > FASTER * data.speed:
@@ -195,14 +207,20 @@ def choose(data: Data, guess: FloatArray, fixed: Mapping[str, Any]) -> tuple[Str
     weights = [w * noise for w in (WEIGHTS[1:] if beyond else WEIGHTS)]
     of_rest = over_motion(data, guess, noise)
     states = [False, True] if of_rest < 1 else [False]
-    banks = [_blocks(data, s, guess) for s in _with_all_terms(data, fixed, states)]
-    tried = [(bank.rmse(bank.full, w), bank, bank.full, w) for bank in banks for w in weights]
+    drifts = tuple(DRIFTS) if fixed["drift"] is not False else ()
+    banks = [
+        (_blocks(data, dataclasses.replace(s, drift=drifts), guess), s) for s in _with_all_terms(data, fixed, states)
+    ]
+    tried = [(bank.rmse(s, w), bank, s, w) for bank, s in banks for w in weights]
     scores = [score * (max(of_rest, FROM_REST) if s.rested else 1.0) for score, _, s, _ in tried]
     good = [entry for entry, score in zip(tried, scores, strict=True) if score <= ENOUGH_PLAYS * min(scores)]
     _, bank, full, _ = max(good, key=lambda entry: (len(entry[2].thresholds), -entry[0]))
-    if fixed["drift"] is not False:
+    if drifts:
         slow = fixed["creep_times"] is None and fixed["drift"] is None and full.rested
-        bank, full = _with_drift(data, full, guess, weights, DRIFTS_IF if fixed["drift"] is None else np.inf, slow)
+        creeps = dataclasses.replace(full, creep_times=_slower(data, full.creep_times)) if slow else full
+        if creeps != full:
+            bank = _blocks(data, dataclasses.replace(creeps, drift=drifts), guess)
+        full = _with_drift(bank, full, creeps, weights, DRIFTS_IF if fixed["drift"] is None else np.inf)
     fewer = [(bank.rmse(s, w), bank, s, w) for s in _with_fewer_terms(full, fixed) for w in weights]
     tried += fewer
     least = min(score for score, *_ in fewer)
@@ -214,16 +232,12 @@ def choose(data: Data, guess: FloatArray, fixed: Mapping[str, Any]) -> tuple[Str
     return chosen, weight, (*found, Tried(chosen, weight / noise, rmse, modes, bank.walk(chosen, weight)))
 
 
-def _with_drift(
-    data: Data, s: Structure, guess: FloatArray, weights: Sequence[float], better: float, slow: bool
-) -> tuple[_Blocks, Structure]:
+def _with_drift(bank: _Blocks, s: Structure, creeps: Structure, weights: Sequence[float], better: float) -> Structure:
     """The structure with the drift of the zero that predicts later blocks `better` times as well, or with none.
 
-    With `slow`, creep that is slower than the record is tried beside it: after a rest it looks like a drift, but comes
-    again after the next one, and belongs to the model.
+    `creeps` is the structure with creep that is slower than the record, or the same: after a rest that looks like a
+    drift, but comes again after the next one, and belongs to the model.
     """
-    creeps = dataclasses.replace(s, creep_times=_slower(data, s.creep_times)) if slow else s
-    bank = _blocks(data, dataclasses.replace(creeps, drift=tuple(DRIFTS)), guess)
 
     def rmse(tried: Structure) -> float:
         return min(bank.rmse(tried, w) for w in weights)
@@ -232,10 +246,10 @@ def _with_drift(
     found = {name: rmse(dataclasses.replace(s, drift=(name,))) for name in DRIFTS}
     best = min(found, key=lambda name: found[name])
     if found[best] >= better * still:
-        return bank, s
+        return s
     if creeps != s and rmse(creeps) <= CREEPS_IF * found[best]:
-        return bank, creeps
-    return bank, dataclasses.replace(s, drift=(best,))
+        return creeps
+    return dataclasses.replace(s, drift=(best,))
 
 
 def choose_branches(
