@@ -84,6 +84,12 @@ def command(r: Record) -> Planted:
     return named(r.time, r.volts, r.displacement[0] + gain * (r.volts - r.volts[0])), {}
 
 
+def late_command(r: Record) -> Planted:
+    """The same a row later and rounded to 1 in 100,000, as a file has it"""
+    gain, digit = np.ptp(r.displacement) / np.ptp(r.volts), 1e-5 * np.ptp(r.displacement)
+    return named(r.time[1:], r.volts[1:], digit * np.round(gain * r.volts[:-1] / digit)), {}
+
+
 def early(r: Record) -> Planted:
     """The displacement a tenth of a stroke too early"""
     n = shift(r, 0.1)
@@ -144,6 +150,7 @@ MISTAKES: tuple[Callable[[Record], Planted], ...] = (
     sensor_volts_labelled,
     swapped,
     command,
+    late_command,
     early,
     late,
     very_late,

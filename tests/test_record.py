@@ -369,6 +369,13 @@ def test_no_file_that_is_no_record_gets_further(tmp_path: Path, ending: str, con
         read_record(tmp_path / f"none{ending}")
 
 
+def test_an_angle_is_no_displacement_until_its_scale_is_stated(tmp_path: Path) -> None:
+    path = text(tmp_path / "r.csv", T, V, Z, head="t (s),V (V),z (mrad)\n")
+    with pytest.raises(RecordError, match="'z' .mrad. is in mrad; .*`displacement_scale`"):
+        read_record(path)
+    np.testing.assert_allclose(read_record(path, displacement_scale=25.0).displacement, 25 * Z, rtol=1e-6)
+
+
 def test_settings_that_contradict_are_refused(tmp_path: Path) -> None:
     path = text(tmp_path / "r.csv", T, V, Z, head="t,V,z\n")
     with pytest.raises(SettingError, match="displacement_unit = 'V': must be one of um, nm, mm, m"):

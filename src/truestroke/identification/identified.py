@@ -27,7 +27,7 @@ from truestroke.identification.validation import Evidence
 from truestroke.model.dynamics import Dynamics
 from truestroke.signals.recording import Recording
 
-CHOICE_ROWS = 8_000  # at most where structures are compared, as `ROWS`
+CHOICE_ROWS = 15_000  # at most where structures are compared, as `ROWS`
 SEARCH_ROWS = 8_000  # at most where modes are looked for
 NEAR = 0.25  # of the stroke
 FEWEST = 20  # samples in each part

@@ -30,6 +30,8 @@ LATE = 0.2  # of a stroke: hysteresis alone is late by 0.06 at most, an actuator
 TURNS = 0.04, 4.0  # the same two limits where reversals show it
 TOGETHER = 0.7  # least correlation of voltage and displacement, and of their strokes
 COMMAND = 1e-5  # of the stroke: rms by which a displacement that is the voltage times a number may differ from it
+ROUNDED = 1e-4  # the same at most, where the text is rounded
+BEHIND = 2  # rows by which a command may be behind the voltage, and about the lag
 SMOOTH = 3e-6  # of the stroke: noise that no sensor is below
 ROUGHER = 5.0  # times as noisy, of its span, is the voltage
 REAL = 2.0  # times what the rounding of a text does: noise that is measured
@@ -118,11 +120,13 @@ def _of_order(record: Record, found: Findings) -> Iterator[str]:
     if turns.size < 4:
         return
     quiet, rough = _noises(record, found)
-    if _is_scaled(record, found):
+    rows, off = _off_line(record, found)
+    digits = REAL * rounding(record.displacement) / found.stroke_um
+    if off < max(COMMAND, min(digits, ROUNDED)):
+        late = f" {rows} rows before" if rows > 1 else " one row before" if rows else ""
         yield (
-            f"the displacement is the voltage times {found.gain_um_per_v:.6g} um/V but for "
-            f"{_off_line(record, found) / found.stroke_um:.1g} of the stroke, without loop, lag or noise: "
-            "is it the command?"
+            f"the displacement is the voltage{late} times {found.gain_um_per_v:.6g} um/V but for {off:.1g} of the "
+            "stroke, without loop, lag or noise: is it the command?"
         )
         return
     if not _together(record, found, turns):
@@ -151,14 +155,20 @@ def _noises(record: Record, found: Findings) -> tuple[float, float]:
     return found.noise_um / found.stroke_um, noise(record.volts, record.segments) / float(np.ptp(record.volts))
 
 
-def _off_line(record: Record, found: Findings) -> float:
-    """Rms of the displacement about its straight line, um."""
-    line = found.offset_um + found.gain_um_per_v * record.volts
-    return float(np.sqrt(np.mean((record.displacement - line) ** 2)))
+def _off_line(record: Record, found: Findings) -> tuple[int, float]:
+    """By how many rows the displacement follows a line in the voltage best, and its rms about that, of the stroke."""
+    about = round(_rows(found)["lag"])
+    tried = {*range(BEHIND + 1), *range(max(about - BEHIND, 0), max(about, 0) + BEHIND + 1)}
+    return min(((rows, _off(record, rows) / found.stroke_um) for rows in sorted(tried)), key=lambda entry: entry[1])
 
 
-def _is_scaled(record: Record, found: Findings) -> bool:
-    return abs(found.correlation) > 1 - 1e-6 and _off_line(record, found) < COMMAND * found.stroke_um
+def _off(record: Record, rows: int) -> float:
+    """The same of one number of rows, um."""
+    x, z = record.volts[: record.volts.size - rows], record.displacement[rows:]
+    if x.size < 3 or np.ptp(x) == 0.0:
+        return float(np.ptp(record.displacement))
+    above = x - x.mean()
+    return float(np.std(z - (above @ z) / (above @ above) * above))
 
 
 def _together(record: Record, found: Findings, turns: turning.Rows) -> bool:

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from truestroke.identification.identified import HeldOut, Trace
 
 NOISE = 2.0  # times the sensor's noise: below, no model has half the error
+SILENT = 1e4  # times the noise: then it is that of rounded numbers, and the record is a simulated one
 NEGLIGIBLE = 0.02  # % of peak-to-peak: an error that no other one is judged for
 LINE = 0.8  # of the straight line's rmse: no gain worth a model
 STRAIGHT = 1.0  # % of peak-to-peak: below, a straight line is a usable model
@@ -209,6 +210,8 @@ def _of_error(found: Evidence, held_out: HeldOut, findings: Findings) -> Iterato
         return
     error = f"{held_out.rmse_um:.3g} um rms, {held_out.rmse_percent:.2g} % of peak-to-peak"
     times = f"{_times(found.over_noise)} the sensor's noise of {findings.noise_um:.2g} um"
+    if found.over_noise > SILENT:
+        times = "the sensor shows no noise"
     if found.over_line >= LINE:
         than = "hardly better" if found.over_line < 1 else "worse"
         level: Level = "bad" if held_out.rmse_percent > STRAIGHT else "doubtful"
@@ -236,7 +239,7 @@ def _worse(found: Evidence) -> str:
 
 
 def _times(ratio: float) -> str:
-    return f"{ratio:.2g} times" if ratio < 100 else f"{ratio:.0f} times" if ratio < 1e4 else "many times"
+    return f"{ratio:.2g} times" if ratio < 100 else f"{ratio:.0f} times" if ratio < SILENT else "many times"
 
 
 def _of_residual(found: Evidence, held_out: HeldOut, findings: Findings) -> Iterator[tuple[Level, str]]:

@@ -9,7 +9,7 @@ import numpy as np
 from truestroke.base import checks
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
-from truestroke.signals.tables import RecordError, Table, is_unit, name_and_unit, unit
+from truestroke.signals.tables import OTHERS, RecordError, Table, is_unit, name_and_unit, unit
 
 TIME_TOLERANCE = 0.01  # of a tick: how far a time in a file may lie from its even grid
 
@@ -155,7 +155,7 @@ def _heading(table: Table, index: int) -> str:
 
 def _column(source: str, table: Table, wanted: Wanted, index: int) -> Column:
     heading, stated = (table.names[index], table.units[index]) if table.names else (f"column {index + 1}", "")
-    foreign = stated and stated not in wanted.units and (wanted.certain or is_unit(stated))
+    foreign = stated and stated not in wanted.units and (wanted.certain or is_unit(stated) or stated.lower() in OTHERS)
     if wanted.unit is None and foreign:
         reason = f"{wanted.role}: {_heading(table, index)} is in {stated}; {wanted.role} is in "
         help_ = "; `displacement_scale` says how many um one of them is" if wanted.role == "displacement" else ""

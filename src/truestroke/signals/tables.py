@@ -306,6 +306,9 @@ UNITS: Mapping[str, Mapping[str, float]] = {
 }
 """What one of each unit is in V, um and s."""
 
+OTHERS = ("rad", "mrad", "urad", "nrad", "deg", "°", "arcsec", "arcmin", "pm", "å", "angstrom", "inch", "mil", "counts")
+"""Further units, in lower case, that a column is not read in."""
+
 _SPELLINGS = {"V": ("v", "volt", "volts"), "um": ("micron", "microns"), "s": ("sec", "second", "seconds")}
 
 
