@@ -371,7 +371,7 @@ def test_no_file_that_is_no_record_gets_further(tmp_path: Path, ending: str, con
 
 def test_an_angle_is_no_displacement_until_its_scale_is_stated(tmp_path: Path) -> None:
     path = text(tmp_path / "r.csv", T, V, Z, head="t (s),V (V),z (mrad)\n")
-    with pytest.raises(RecordError, match="'z' .mrad. is in mrad; .*`displacement_scale`"):
+    with pytest.raises(RecordError, match=r"'z' .mrad. is in mrad; .*`displacement_scale`"):
         read_record(path)
     np.testing.assert_allclose(read_record(path, displacement_scale=25.0).displacement, 25 * Z, rtol=1e-6)
 
