@@ -14,7 +14,8 @@ At each harmonic h of the motion::
 
 A pass that is worse than the best one before it is undone: its U is given up, what it shows of R stays.
 
-`control.iterative` learns the voltage by it, pass by pass, `control.repetitive` what is asked of a controller, on line.
+`control.iterative` learns the voltage by it, pass by pass, and `control.repetitive` a correction of it, on line, by the
+`OnlineLaw` of `control.online`.
 """
 
 from __future__ import annotations
@@ -33,14 +34,11 @@ Spectra = tuple[ComplexArray, ComplexArray, FloatArray]
 """Of a pass, as `numpy.fft.rfft` has them: U, Z, um, and the variance of the latter."""
 
 CROSSED, POWER = 0.1, 1.5  # hysteresis: a tenth of the change of all harmonics reaches the first, / h^1.5 harmonic h
-NEIGHBOUR, REACH = 0.2, 64  # hysteresis: so much of the change of a harmonic reaches each one beside it, / the distance
-TAMED = 0.25  # of what a change may harm elsewhere counts, as the next pass corrects it; of the first one, FIRST
-FIRST = 2.0
 KEPT = 0.8  # of what older passes say of R: it may not hold any more
 SURE = 0.1  # relative variance of R below which a harmonic shows a change of the stage
 LITTLE = 1e-12  # of the power of the motion: of rounding
 CHANGED = 2.0  # times what a change of U makes: beyond, the stage has changed
-WORSE, WORSE_NEAR = 1.05, 1.5  # times the rmse of the best pass
+WORSE = 1.05  # times the rmse of the best pass
 SHY = 0.5  # times the step after a pass that was undone
 LEAST = 0.1  # of the whole step: the least that is taken
 IN_TURNS = 0.001  # weight of the error where it does not count, beside 1 where it does
@@ -82,9 +80,6 @@ class HarmonicLaw:
         Which harmonics are learned.
     samples, periods : int
         Of a repetition.
-    near : bool
-        Whether it begins near its end: then the changes are small ones of many harmonics, what hysteresis moves between
-        neighbours counts, and at a resonance a harmonic may become worse before it becomes better.
 
     Attributes
     ----------
@@ -93,6 +88,8 @@ class HarmonicLaw:
     scaled : float
         How many times larger G has become.
     """
+
+    worse = WORSE
 
     def __init__(
         self,
@@ -103,9 +100,7 @@ class HarmonicLaw:
         *,
         samples: int,
         periods: int = 1,
-        near: bool = False,
     ) -> None:
-        self._near = near
         self.desired, self.response, self.samples, self.periods = desired, response, samples, periods
         self.learned = learned
         self._moving = learned & (np.arange(learned.size) > 0)
@@ -115,7 +110,7 @@ class HarmonicLaw:
         self._last: Spectra | None = None
         self._base: tuple[float, ComplexArray, ComplexArray, FloatArray] | None = None
         self._step, self._worse, self._changed = 1.0, False, False
-        self.scaled, self._caution = 1.0, FIRST
+        self.scaled = 1.0
 
     def remember(self, other: HarmonicLaw, then: FloatArray, now: FloatArray) -> None:
         """G, and R as far as it is known, of another law; their harmonics are at these frequencies then and now."""
@@ -158,30 +153,41 @@ class HarmonicLaw:
 
     def see(self, output: ComplexArray, measured: ComplexArray, noise2: FloatArray) -> None:
         """What a pass with U has shown: its Z, and the variance of each harmonic of it, um^2."""
-        this = output, measured, noise2
-        self._changed = self._last is not None and self._estimate(self._last, this)
+        this, before = (output, measured, noise2), self._last
+        self._changed = before is not None and self._estimate(before, this)
         self._last = this
+        self._believe(before, this)
+
+    def _believe(self, before: Spectra | None, this: Spectra) -> None:
+        """The error on which the next pass builds."""
+        self._believed = self.desired - this[1]
+
+    def _weight(self, E: ComplexArray, noise2: FloatArray) -> FloatArray:
+        """w, the share of an error that is no noise."""
+        power = np.abs(E) ** 2
+        return np.asarray(power / np.maximum(power + noise2, 1e-300))
 
     def follow(self, spread: float) -> Next:
         """U of the pass after the one that was seen; `spread` is the rms of its error without its mean, um."""
         assert self._last is not None
-        output, measured, noise2 = self._last
-        E, noise = self.desired - measured, self.noise(noise2)
+        output, _, noise2 = self._last
+        E, noise = self._believed, self.noise(noise2)
         undone = self._judge(spread, noise, E)
         assert self._base is not None
         _, U, E_base, noise2 = self._base
         U, E_base = np.append(output[:1], U[1:]), np.append(E[:1], E_base[1:])
         power = np.abs(E_base) ** 2
-        w = power / np.maximum(power + noise2, 1e-300)
         R2, variance = np.abs(self.ratio) ** 2, 1 / self._information
-        step = np.where(self.learned, self._step * w * R2 / (R2 + variance), 0.0)
+        step = np.where(self.learned, self._step * self._weight(E_base, noise2) * R2 / (R2 + variance), 0.0)
         left = power * ((1 - step) ** 2 + step**2 * variance / R2)
         left[0] /= 2
         expected = float(np.sqrt(2 * left.sum() / self.samples**2 + noise**2))  # by Parseval's theorem
-        change = step * np.conj(self.ratio) / np.maximum(R2, 1e-300) * E_base / self.response
-        if self._near:
-            change = self._tamed(change, power, step, variance / R2)
-        return Next(U + change, expected, undone)
+        return Next(U + self._change(U, E_base, step), expected, undone)
+
+    def _change(self, U: ComplexArray, E: ComplexArray, step: FloatArray) -> ComplexArray:
+        """Of U, by so large a step against the error."""
+        R2 = np.maximum(np.abs(self.ratio) ** 2, 1e-300)
+        return np.asarray(step * np.conj(self.ratio) / R2 * E / self.response)
 
     def _estimate(self, before: Spectra, after: Spectra) -> bool:
         """R from what the change of U made of the displacement; whether the stage has changed: then not.
@@ -196,7 +202,7 @@ class HarmonicLaw:
         other = np.sqrt(np.sum(np.abs(y - expected)[sure] ** 2))
         known = np.sqrt(np.sum(np.abs(expected)[sure] ** 2))
         crossed = self._crossed(x)
-        hidden = np.sum((noise + another + (crossed if self._near else 0.0))[sure]) + least
+        hidden = np.sum((noise + another + self._hidden(crossed))[sure]) + least
         if other > CHANGED * known + 5 * np.sqrt(hidden):
             return True
         scatter = noise + another + crossed + least
@@ -208,28 +214,14 @@ class HarmonicLaw:
         self.know()
         return False
 
-    def _tamed(self, change: ComplexArray, power: FloatArray, step: FloatArray, variance: FloatArray) -> ComplexArray:
-        """The change of U, by so much smaller that what it should win is no less than what it makes elsewhere."""
-        made = self._caution * self._crossed(self.response * self.ratio * change)
-        self._caution = TAMED
-        won = float(np.sum((power * step)[self._moving]))
-        lost = float(np.sum((power * step**2 * (1 + variance) + made)[self._moving]))
-        return change * min(1.0, won / max(lost, 1e-300))
+    def _hidden(self, crossed: FloatArray) -> FloatArray:
+        """How much of it a change of the stage cannot be told from."""
+        return np.zeros_like(crossed)
 
     def _crossed(self, x: ComplexArray) -> FloatArray:
-        """Variance of what hysteresis makes at each harmonic of a change of the displacement by x.
-
-        In small changes of many harmonics it reaches the neighbours, and the stage amplifies it there.
-        """
-        if not self._near:
-            h = 1.0 + np.arange(x.size) / self.periods
-            return np.asarray((CROSSED / h**POWER) ** 2 * np.sum(np.abs(x[1:]) ** 2))
-        size = np.abs(self.response[self.periods :: self.periods])
-        power = np.abs(x[self.periods :: self.periods] / size) ** 2
-        kernel = (NEIGHBOUR / (1.0 + np.abs(np.arange(-REACH, REACH + 1)))) ** 2
-        found = np.zeros(x.size)
-        found[self.periods :: self.periods] = size**2 * np.convolve(power, kernel)[REACH:-REACH]
-        return found
+        """Variance of what hysteresis makes at each harmonic of a change of the displacement by x."""
+        h = 1.0 + np.arange(x.size) / self.periods
+        return np.asarray((CROSSED / h**POWER) ** 2 * np.sum(np.abs(x[1:]) ** 2))
 
     def _judge(self, spread: float, noise: float, E: ComplexArray) -> str:
         """Whether the next pass builds on this one; a sentence where it does not.
@@ -239,7 +231,7 @@ class HarmonicLaw:
         assert self._last is not None
         U, _, noise2 = self._last
         best = math.inf if self._base is None else self._base[0]
-        if spread <= (WORSE_NEAR if self._near else WORSE) * best + 2 * noise:
+        if spread <= self.worse * best + 2 * noise:
             if spread < best:
                 self._step = min(1.0, self._step / SHY)
             self._base, self._worse = (min(spread, best), U, E, noise2), False

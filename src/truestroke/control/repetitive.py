@@ -27,6 +27,7 @@ from truestroke.base.typing import ComplexArray, FloatArray
 from truestroke.control import iterative
 from truestroke.control.controller import Controller
 from truestroke.control.harmonics import BoolArray, HarmonicLaw, Nearest
+from truestroke.control.online import OnlineLaw
 from truestroke.control.repetition import Periods, Repetition
 from truestroke.control.response_prior import APART, UNSURE, FewNumbers
 from truestroke.control.settings import UNLIMITED
@@ -242,6 +243,7 @@ class RepetitiveController(Displayed):
         self._errors, self._added, self._inside = (Periods(size) for _ in range(3))
         self._count = max(2, math.ceil(self.averaged / period))
         self._correction = _Correction(min(max(period, FADE[0]), FADE[1]) * rate)
+        self._heard: BoolArray = self._f <= SEEN * rate
         self._response = self._responses(self._dynamics)
         self._joined = self._rests = self._counts = self._corrects = False
         self._until = -1
@@ -390,7 +392,8 @@ class RepetitiveController(Displayed):
         G, sensor, _ = iterative.response_of(dynamics, f, rate, 1.0)
         first = UNKNOWN * rate if dynamics is None else dynamics.modes[0].frequency
         apart = np.maximum(APART, (1.0 if dynamics is None else APART) * (f / first) ** 2)
-        return G, sensor, FewNumbers(dynamics, f, rate, np.minimum(apart**2, UNSURE))
+        alone = np.where(f > self._band(dynamics), UNSURE, np.minimum(apart**2, UNSURE))
+        return G, sensor, FewNumbers(dynamics, f, rate, alone)
 
     def _join(self) -> None:
         """The motion repeats: what of it can be learned is looked for, step by step."""
@@ -419,8 +422,13 @@ class RepetitiveController(Displayed):
         G, sensor, prior = self._response
         assert self._motion.shape is not None
         motion = np.fft.rfft(self._motion.shape.wave)
-        law = HarmonicLaw(
-            sensor * np.fft.rfft(self._search.found), G, prior, self._learned, samples=self._motion.size, near=True
+        law = OnlineLaw(
+            sensor * np.fft.rfft(self._search.found),
+            G,
+            prior,
+            self._heard,
+            samples=self._motion.size,
+            beyond=self._heard & ~self._learned,
         )
         carried = None if self._past is None else self._past.carried(motion, self._f, law)
         self._law, self._form = law, motion
@@ -496,7 +504,7 @@ class RepetitiveController(Displayed):
         )
         self._number += 1
         assert self._rest_volts is not None
-        v = np.where(self._learned, following.output, 0.0) - self._rest_volts
+        v = np.where(self._heard, following.output - self._rest_volts, 0.0)
         self._past = _Past(self._form, v, self._f, self._law)
         self._become(np.fft.irfft(v, self._motion.size))
 

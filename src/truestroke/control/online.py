@@ -1,0 +1,155 @@
+"""The law of `control.harmonics` for corrections of a controller: small changes of many harmonics at once.
+
+A controller is near its end already, and three things count that do not where a voltage is learned from nothing:
+
+- The error is small beside the noise of a batch. It is believed as all batches show it: a Kalman filter for each
+  harmonic, whose variance is what is in the error beside the noise, of a harmonic by itself where that is sure, else as
+  its neighbours have it.
+- Hysteresis moves what is changed at one harmonic to others, up to half of it. The first change is less than a half of
+  what it should be; what it has moved, r, is then known for its direction d, and by it a change dU moves::
+
+      sum_i a_i r_i,    a: the part of dU along the earlier changes d_i
+
+  So the change of U that leaves nothing is found with what it moves. What no earlier change has shown counts as noise.
+- Harmonics beyond the bandwidth are excited by the controller, and by hysteresis, and may meet a further mode. What the
+  controller outputs there is taken away in the first changes; what then is left is learned, once they have shown R.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from truestroke.base.typing import ComplexArray, FloatArray
+from truestroke.control.harmonics import KEPT, BoolArray, HarmonicLaw, Spectra
+
+NEIGHBOUR, REACH = 0.2, 64  # hysteresis: so much of the change of a harmonic reaches each one beside it, / the distance
+TAMED = 0.25  # of what a change may harm elsewhere counts, as the next pass corrects it; of the first one, FIRST
+FIRST = 2.0
+HALF = 0.45  # of a change, the first time
+MOVED = 0.15  # of the power of a change: what it moves elsewhere, at least, while the error is that of the first batch
+WORSE = 1.5  # times the rmse of the best pass: at a resonance a harmonic may become worse before it becomes better
+SHOWN, SHOWN_BEYOND = 5.0, 12.0  # times the variance of the noise: power that is surely none
+BESIDE = 4  # harmonics on either side, whose power says what that of one may be
+PAIRS = 3  # earlier changes whose effect is known
+LONGEST = 1.5  # times such a change: how far its effect is trusted
+ALIKE = 1e-3  # relative regularisation of changes that are alike
+REMOVED = 2  # changes that take away what is put out beyond the bandwidth
+
+
+class OnlineLaw(HarmonicLaw):
+    """The law for corrections of a controller; `beyond` are the learned harmonics beyond the bandwidth."""
+
+    worse = WORSE
+
+    def __init__(self, *given: Any, beyond: BoolArray, **named: Any) -> None:
+        super().__init__(*given, **named)
+        self._beyond = beyond
+        self._followed, self._first = 0, 0.0
+        self._pairs: list[Spectra] = []  # U and E of the last passes, and the variance of the latter
+
+    # ---- The error --------------------------------------------------------------------------------------------------
+
+    def _believe(self, before: Spectra | None, this: Spectra) -> None:
+        U, Z, noise2 = this
+        E = self.desired - Z
+        if before is None or self._changed:
+            self._pairs, self._believed, self._spread = [], np.zeros_like(E), np.zeros(E.size)
+        else:
+            x = self.response * self.ratio * (U - before[0])
+            self._believed = self._believed - x
+            self._spread = self._spread / KEPT + np.abs(x) ** 2 * self._doubt
+        spread = np.maximum(self._spread, self._beside_noise(E - self._believed, noise2))
+        share = spread / np.maximum(spread + noise2, 1e-300)
+        self._believed = self._believed + share * (E - self._believed)
+        self._believed[0] = E[0]  # it creeps
+        self._spread = (1 - share) * spread
+        self._pairs = [*self._pairs[-PAIRS:], (U, E, noise2)]
+
+    @property
+    def _doubt(self) -> FloatArray:
+        """Relative variance of R."""
+        return np.asarray(1 / (self._information * np.maximum(np.abs(self.ratio) ** 2, 1e-300)))
+
+    def _beside_noise(self, x: ComplexArray, noise2: FloatArray) -> FloatArray:
+        """Mean square of what is in x beside noise."""
+        power, near = np.abs(x) ** 2, self._moving & ~self._beyond
+        window = np.ones(2 * BESIDE + 1)
+        around, many = (_around(values, window) for values in (np.where(near, power - noise2, 0.0), 1.0 * near))
+        less = np.where(near, around / np.maximum(many, 1.0), 0.0)
+        sure = power > np.where(self._beyond, SHOWN_BEYOND, SHOWN) * noise2
+        return np.maximum(np.where(sure, power - noise2, less), 0.0)
+
+    def _weight(self, E: ComplexArray, noise2: FloatArray) -> FloatArray:
+        return np.ones(E.size)
+
+    # ---- The change -------------------------------------------------------------------------------------------------
+
+    def _change(self, U: ComplexArray, E: ComplexArray, step: FloatArray) -> ComplexArray:
+        first = self._followed == 0
+        B, B2 = self.response * self.ratio, np.abs(self.response * self.ratio) ** 2
+        assert self._base is not None
+        self._first = self._base[0] if first else self._first
+        moved = MOVED * min(1.0, self._base[0] / max(self._first, 1e-300)) ** 3 * np.abs(self.response[0]) ** 2
+        own = B2 * (1 + self._doubt)
+        step = step * own / (own + moved)  # a harmonic that takes much voltage for little displacement moves the others
+        T = np.where(self._moving, step * np.conj(B) / np.maximum(B2, 1e-300), 0.0)
+        change = T * E
+        change[0] = step[0] * E[0] / B[0]
+        removes = self._beyond & (self._followed < REMOVED)
+        change, T = np.where(removes, -U, change), np.where(removes, 0.0, T)
+        if first:
+            self._pairs = self._pairs[-1:]  # those before are of a controller that learned
+        self._followed += 1
+        change, fresh = self._with_moved(change, U, T)
+        made = (FIRST if first else TAMED) * self._crossed(np.where(removes, 0.0, B * fresh))
+        won = float(np.sum((np.abs(E) ** 2 * step)[self._moving]))
+        lost = float(np.sum((np.abs(E) ** 2 * step**2 * (1 + self._doubt) + made)[self._moving]))
+        share = min(1.0, won / max(lost, 1e-300))
+        return np.asarray(change * (min(share, HALF) if first else share))
+
+    def _with_moved(self, change: ComplexArray, U: ComplexArray, T: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
+        """The change with what its likes have moved between harmonics, and its part that is like none of them.
+
+        T is that from an error to the change of U.
+        """
+        B = self.response * self.ratio
+        base = min(self._pairs, key=lambda pair: float(np.abs(pair[0] - U)[1:].max()))
+        steps, moved, noise = [], [], []
+        for V, E, noise2 in self._pairs:
+            d = np.where(np.arange(V.size) > 0, V - base[0], 0.0)
+            if not np.abs(d).any():
+                continue
+            r = np.where(self._moving, E - base[1] + B * d, 0.0)
+            hidden = noise2 + base[2] + np.abs(B * d) ** 2 * self._doubt
+            r = r * np.maximum(0.0, 1 - hidden / np.maximum(np.abs(r) ** 2, 1e-300))
+            steps.append(d)
+            moved.append(r)
+            noise.append(np.sum((noise2 + base[2])[self._moving]) / max(float(np.sum(np.abs(r) ** 2)), 1e-300))
+        if not steps:
+            return change, change
+        D, r = np.array(steps), np.array(moved)
+        M = (D.conj() @ D.T).real
+        M = M + np.diag(np.diag(M) * (ALIKE + np.minimum(noise, 1e6)))
+        a = np.linalg.solve(M - (D.conj() @ (T * r).T).real, (D.conj() @ change).real)
+        change = change + T * (np.clip(a, -LONGEST, LONGEST) @ r)
+        return change, change - np.linalg.solve(M, (D.conj() @ change).real) @ D
+
+    # ---- Hysteresis -------------------------------------------------------------------------------------------------
+
+    def _hidden(self, crossed: FloatArray) -> FloatArray:
+        return crossed
+
+    def _crossed(self, x: ComplexArray) -> FloatArray:
+        """As of `HarmonicLaw`: it reaches the neighbours, and the stage amplifies it there."""
+        size = np.abs(self.response[1:])
+        kernel = (NEIGHBOUR / (1.0 + np.abs(np.arange(-REACH, REACH + 1)))) ** 2
+        return np.append(0.0, size**2 * _around(np.abs(x[1:] / size) ** 2, kernel))
+
+
+def _around(values: npt.NDArray[Any], window: npt.NDArray[Any]) -> FloatArray:
+    """Sums over the neighbours, weighted; the window has an odd length."""
+    half = window.size // 2
+    return np.asarray(np.convolve(values, window)[half : half + values.size])
