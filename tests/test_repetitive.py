@@ -258,6 +258,46 @@ def test_a_copy_goes_on_alike():
             one.adapt(at.move(one._last))
 
 
+def adaptive():
+    """Around a controller that has a state, of its own kernel."""
+    alone = AdaptiveController(sample_rate=RATE, stroke=40.0, voltage_limits=LIMITS)
+    return RepetitiveController(alone, 0.05, bandwidth=250.0, averaged=0.1)
+
+
+@pytest.mark.parametrize("ticks", [150, 700, 1501, 3203, 4400])
+def test_a_run_that_is_saved_and_continued_has_the_same_bits(tmp_path, ticks):
+    """Before the motion repeats, while the controller inside learns, between steps of the law, in a change."""
+    controller, plant = adaptive(), Bent()
+    follow(controller, sine(), plant, range(ticks))
+    np.savez(tmp_path / "state.npz", **controller.state())
+    twin, other = adaptive(), copy.deepcopy(plant)
+    with np.load(tmp_path / "state.npz") as state:  # without pickle
+        twin.restore(state)
+    volts, _ = follow(controller, sine(), plant, range(ticks, ticks + 1500))
+    again, _ = follow(twin, sine(), other, range(ticks, ticks + 1500))
+    assert np.array_equal(volts, again)
+    assert [one.rmse for one in controller.batches] == [one.rmse for one in twin.batches]
+
+
+def test_a_state_of_another_controller_is_refused_and_changes_nothing():
+    controller, plant = adaptive(), Bent()
+    follow(controller, sine(), plant, range(3000))
+    state, same = controller.state(), copy.deepcopy(controller)
+    other = RepetitiveController(copy.deepcopy(controller.controller), 0.05, bandwidth=200.0, averaged=0.1)
+    for wrong, words in (
+        (other.state(), "other arguments"),
+        ({**state, "structure": np.array("{}")}, "given"),
+        ({name: a for name, a in state.items() if name != "inside weights"}, "inside|weights"),
+        ({**state, "structure": np.array(str(state["structure"]).replace("OnlineLaw", "Popen"))}, "Popen"),
+    ):
+        with pytest.raises(SettingError, match=words):
+            controller.restore(wrong)
+        assert controller.command(*sine()(3000)) == same.command(*sine()(3000))
+        controller, same = copy.deepcopy(same), copy.deepcopy(same)
+    with pytest.raises(SettingError, match="a state"):
+        repetitive().state()
+
+
 def test_late_measurements_are_placed_at_their_commands():
     found = []
     for late in (0, 5):

@@ -13,22 +13,22 @@ from __future__ import annotations
 import copy
 import math
 from collections import deque
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
-from truestroke.base import checks
+from truestroke.base import checks, snapshot
 from truestroke.base.checks import SettingError
 from truestroke.base.display import Displayed, Rows, quantity
 from truestroke.base.flags import BIT, BY_ADAPT, Flags
 from truestroke.base.typing import ComplexArray, FloatArray
 from truestroke.control import iterative
-from truestroke.control.controller import Controller
+from truestroke.control.controller import Controller, State
 from truestroke.control.harmonics import BoolArray, HarmonicLaw, Nearest
 from truestroke.control.online import OnlineLaw
-from truestroke.control.repetition import Periods, Repetition
+from truestroke.control.repetition import Periods, Repetition, Seen, Shape
 from truestroke.control.response_prior import APART, UNSURE, FewNumbers
 from truestroke.control.settings import UNLIMITED
 from truestroke.model.dynamics import Dynamics, Mode
@@ -106,6 +106,11 @@ class _Correction:
         self._old, self._new, self._share = (1 - g) * old + g * new, volts, 0.0
         self._values = self._old.tolist(), self._new.tolist()
 
+    @property
+    def volts(self) -> FloatArray:
+        """One period of both, V."""
+        return np.concatenate([self._old, self._new])
+
     def at(self, phase: float) -> float:
         """In this tick, V."""
         old, new = self._values
@@ -136,7 +141,7 @@ class RepetitiveController(Displayed):
     from then on it rests, and a correction is learned from each batch of periods. It is kept, and scaled, where
     amplitude or offset of the motion change, and taken back where the motion no longer repeats.
 
-    Everything else that the controller inside has, such as `settings`, is that of this one, too; but it has no `state`.
+    Everything else that the controller inside has, such as `settings`, is that of this one, too.
 
     Parameters
     ----------
@@ -222,7 +227,7 @@ class RepetitiveController(Displayed):
         self.limited = self._number = self._commands = self._bits = 0
         self._late = 1  # ticks: the oldest measurement so far
         self._phases, self._asked, self._last = [math.nan] * LATEST, [math.nan] * LATEST, math.nan
-        self._todo: deque[Callable[[], None]] = deque()
+        self._todo: deque[str] = deque()  # names of steps
         self._past: _Past | None = None
         self._begin(self._checked(period))
 
@@ -321,7 +326,7 @@ class RepetitiveController(Displayed):
         if not self._rests:
             self.controller.adapt(z_measured, ago)
         if self._todo:
-            self._todo.popleft()()
+            getattr(self, self._todo.popleft())()
         elif self._counts:
             place = (self._commands - 1 - ago) % LATEST
             error = z_measured - self._asked[place]
@@ -350,7 +355,7 @@ class RepetitiveController(Displayed):
         elif not self._joined and not self._corrects:
             assert self._motion.shape is not None
             self._joined = True
-            self._todo.append(self._join)
+            self._todo.append("_join")
 
     def _leave(self) -> None:
         """The correction is taken back; then the controller inside learns again."""
@@ -409,13 +414,13 @@ class RepetitiveController(Displayed):
         straight = bent <= STRAIGHT * bent.max()
         self._where: BoolArray = straight if straight.mean() >= LINES else np.ones(wave.size, dtype=bool)
         self._search = Nearest(wave, self._where, self._learned)
-        self._todo.append(self._look)
+        self._todo.append("_look")
 
     def _look(self) -> None:
         if self._search.step():
-            self._todo.append(self._look)
+            self._todo.append("_look")
         else:
-            self._todo.append(self._begin_law)
+            self._todo.append("_begin_law")
 
     def _begin_law(self) -> None:
         """With what was learned of the same motion before, if it was; else the controller inside goes on learning."""
@@ -457,7 +462,7 @@ class RepetitiveController(Displayed):
         self._sum, self._before, self._periods = self._sum + error, error, self._periods + 1
         if self._periods >= self._count and min(self._outputs) > 0:
             self._counts = False
-            self._todo.append(self._conclude)
+            self._todo.append("_conclude")
 
     def _conclude(self) -> None:
         """Of the periods of a batch: the controller inside goes on, or it rests and the correction is learned."""
@@ -473,14 +478,17 @@ class RepetitiveController(Displayed):
         if self._rest_volts is None and self._listens == 0:  # later ones differ by drift and a wandering period
             self._rest_volts = inside
         self._output = (inside if self._rest_volts is None else self._rest_volts) + added, Z
-        self._todo.append(self._see)
+        self._todo.append("_see")
 
     def _see(self) -> None:
         law, (output, Z) = self._law, self._output
         law.see(output, Z, self._noise2)
         self._missing = np.fft.irfft(Z - law.desired, self._motion.size)[self._where]
-        self._todo.extend([law.know] * ROUNDS)
-        self._todo.append(self._listen if self._listens > 0 else self._follow)
+        self._todo.extend(["_know"] * ROUNDS)
+        self._todo.append("_listen" if self._listens > 0 else "_follow")
+
+    def _know(self) -> None:
+        self._law.know()
 
     def _listen(self) -> None:
         """The controller inside learns; it rests as soon as its error does not fall any more."""
@@ -508,6 +516,56 @@ class RepetitiveController(Displayed):
         self._past = _Past(self._form, v, self._f, self._law)
         self._become(np.fft.irfft(v, self._motion.size))
 
+    # ---- The state -------------------------------------------------------------------------------------------------
+
+    def state(self) -> dict[str, npt.NDArray[Any]]:
+        """The complete state after a tick, as named arrays, for `restore`: "inside weights", and so on.
+
+        A run that is interrupted, saved with ``np.savez(file, **controller.state())``, restored and continued is equal
+        to the last bit to one that was not.
+
+        Raises
+        ------
+        SettingError
+            The controller inside has no `state`.
+        """
+        checks.able(
+            "controller", self.controller, ("state", "restore"), "one with a state, such as an AdaptiveController"
+        )
+        inside: Any = self.controller
+        own = {name: value for name, value in vars(self).items() if name not in GIVEN}
+        made = {f"inside {name}": value for name, value in inside.state().items()}
+        return made | snapshot.taken({"given": self._made(), **own}, KINDS)
+
+    def restore(self, state: State) -> None:
+        """Restore a state of `state`, of a controller that was made with the same arguments.
+
+        Raises
+        ------
+        SettingError
+            It is not such a state, or one of another controller; nothing has changed.
+        """
+        checks.able("state", state, ("items",), "what `state` gave, or numpy.load of its file")
+        inside: Any = self.controller
+        arrays = dict(state.items())
+        try:
+            own = snapshot.rebuilt(arrays, KINDS)
+            if own.pop("given") != self._made():
+                raise ValueError("it is of a controller with other arguments")
+            if not isinstance(own["_motion"], Repetition) or not np.isfinite(own["_correction"].volts).all():
+                raise ValueError("its motion or its correction is none")
+        except (ValueError, KeyError, TypeError, AttributeError) as error:
+            raise SettingError("state", f"{len(arrays)} entries", f"what `state` gave: {error}") from None
+        inside.restore({name.removeprefix("inside "): a for name, a in arrays.items() if name.startswith("inside ")})
+        kept = {name: value for name, value in vars(self).items() if name in GIVEN}
+        vars(self).clear()
+        vars(self).update(own | kept)
+
+    def _made(self) -> list[Any]:
+        """What it was made with, as numbers."""
+        dynamics = None if self._dynamics is None else repr(self._dynamics)
+        return [self.sample_rate, self.averaged, self._bandwidth, *self._limits, dynamics]
+
     # ---- The controller inside ---------------------------------------------------------------------------------------
 
     @property
@@ -527,8 +585,8 @@ class RepetitiveController(Displayed):
         return Flags.from_bits(self.flag_bits)
 
     def __getattr__(self, name: str) -> Any:
-        """Whatever else the controller inside has; its state is not that of this one."""
-        if name.startswith("_") or name in ("controller", "state", "restore", "process"):
+        """Whatever else the controller inside has."""
+        if name.startswith("_") or name in ("controller", "process", "start", "reset"):
             raise AttributeError(f"a RepetitiveController has no attribute {name!r}")
         return getattr(self.controller, name)
 
@@ -578,3 +636,9 @@ class _Past:
         correction[0] = scale * self.correction[0]
         correction[1:size] = amplitude * shift * moved * scale * self.correction[1:size]
         return correction
+
+
+KINDS = (Batch, FewNumbers, Nearest, OnlineLaw, Periods, Repetition, Seen, Shape, _Correction, _Past)
+"""What a state may hold."""
+GIVEN = ("controller", "sample_rate", "averaged", "_given", "_dynamics", "_bandwidth")
+"""What a controller is made with."""
