@@ -363,6 +363,13 @@ def test_the_command_line_and_the_configuration_have_it(tmp_path, monkeypatch):
     assert "period" in refused.output
     text = config.example().replace("# period = 0.05 ", "period = 0.05 ")
     Path("axis.toml").write_text(text)
+    with pytest.raises(SettingError, match=r"period = 0.05 s: must be a period of the motion, here a random wave: one"):
+        config.load("axis.toml")
+    sine = text.replace('kind = "random_wave"', 'kind = "sine"').replace("cutoff = 20.0 ", "frequency = 20.0 ")
+    Path("axis.toml").write_text(sine.replace("frequency = 20.0 ", "frequency = 23.0 "))
+    with pytest.raises(SettingError, match=r"here a sine: 0.0434783 s"):
+        config.load("axis.toml")
+    Path("axis.toml").write_text(sine)
     controller = config.load("axis.toml").axes[0].controller
     assert isinstance(controller, RepetitiveController)
     assert controller.period == pytest.approx(0.05)

@@ -156,11 +156,11 @@ class HarmonicLaw:
         this, before = (output, measured, noise2), self._last
         self._changed = before is not None and self._estimate(before, this)
         self._last = this
-        self._believe(before, this)
+        self._estimate_error(before, this)
 
-    def _believe(self, before: Spectra | None, this: Spectra) -> None:
+    def _estimate_error(self, before: Spectra | None, this: Spectra) -> None:
         """The error on which the next pass builds."""
-        self._believed = self.desired - this[1]
+        self._error = self.desired - this[1]
 
     def _weight(self, E: ComplexArray, noise2: FloatArray) -> FloatArray:
         """w, the share of an error that is no noise."""
@@ -171,7 +171,7 @@ class HarmonicLaw:
         """U of the pass after the one that was seen; `spread` is the rms of its error without its mean, um."""
         assert self._last is not None
         output, _, noise2 = self._last
-        E, noise = self._believed, self.noise(noise2)
+        E, noise = self._error, self.noise(noise2)
         undone = self._judge(spread, noise, E)
         assert self._base is not None
         _, U, E_base, noise2 = self._base

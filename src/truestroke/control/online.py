@@ -2,7 +2,7 @@
 
 A controller is near its end already, and three things count that do not where a voltage is learned from nothing:
 
-- The error is small beside the noise of a batch. It is believed as all batches show it: a Kalman filter for each
+- The error is small beside the noise of a batch. It is estimated from all batches: by a Kalman filter for each
   harmonic, whose variance is what is in the error beside the noise, of a harmonic by itself where that is sure, else as
   its neighbours have it.
 - Hysteresis moves what is changed at one harmonic to others, up to half of it. The first change is less than a half of
@@ -52,19 +52,19 @@ class OnlineLaw(HarmonicLaw):
 
     # ---- The error --------------------------------------------------------------------------------------------------
 
-    def _believe(self, before: Spectra | None, this: Spectra) -> None:
+    def _estimate_error(self, before: Spectra | None, this: Spectra) -> None:
         U, Z, noise2 = this
         E = self.desired - Z
         if before is None or self._changed:
-            self._pairs, self._believed, self._spread = [], np.zeros_like(E), np.zeros(E.size)
+            self._pairs, self._error, self._spread = [], np.zeros_like(E), np.zeros(E.size)
         else:
             x = self.response * self.ratio * (U - before[0])
-            self._believed = self._believed - x
+            self._error = self._error - x
             self._spread = self._spread / KEPT + np.abs(x) ** 2 * self._doubt
-        spread = np.maximum(self._spread, self._beside_noise(E - self._believed, noise2))
+        spread = np.maximum(self._spread, self._beside_noise(E - self._error, noise2))
         share = spread / np.maximum(spread + noise2, 1e-300)
-        self._believed = self._believed + share * (E - self._believed)
-        self._believed[0] = E[0]  # it creeps
+        self._error = self._error + share * (E - self._error)
+        self._error[0] = E[0]  # it creeps
         self._spread = (1 - share) * spread
         self._pairs = [*self._pairs[-PAIRS:], (U, E, noise2)]
 

@@ -16,7 +16,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
+from truestroke.signals.trajectories import Trajectory
 
 ALIKE = 2e-3  # of the peak-to-peak: what may be left of two periods that are alike, rms
 LEFT = 0.05  # of the peak-to-peak: a motion that is further from its shape does not repeat it
@@ -25,6 +27,7 @@ EARLIER = 0.015  # of the period, by which it may differ from the given one
 GAP = 0.05  # of a period: what is missing is interpolated, more is a period that is lost
 TURNS = 2  # periods that are alike before it is a repetition
 EXACT = 1e-6  # samples: a shift that is rounding
+LOOKED_AT = 200_000  # ticks of a motion, until it has to repeat
 
 
 class Periods:
@@ -207,3 +210,32 @@ class Repetition:
             self._step = self._pace * (1 + PULLED * share)
         else:  # the shift since the last period is that of one period
             self._pace = self._step = min(max(self._pace * (1 + share), low), high)
+
+
+def check_repeats(motion: Trajectory, period: float) -> None:
+    """Refuse a motion that never repeats with a period, s, by `Repetition` itself.
+
+    Raises
+    ------
+    SettingError
+        No two periods in a row are alike.
+
+    Examples
+    --------
+    >>> from truestroke import trajectories
+    >>> check_repeats(trajectories.sine(frequency=20.0, peak_to_peak=10.0, duration=1.0), 0.05)
+    """
+    if not motion.sample_rate * period >= 1:
+        return  # refused by what takes the period
+    repetition = Repetition(period * motion.sample_rate)
+    for z_d in motion.position[:LOOKED_AT].tolist():
+        repetition.tick(z_d)
+        if repetition.repeats:
+            return
+    frequency = motion.settings.get("frequency")
+    own = (
+        f"{1 / frequency:.6g} s"
+        if isinstance(frequency, float) and frequency > 0
+        else "one that it has; or leave it out"
+    )
+    raise SettingError("period", period, f"a period of the motion, here a {motion.name}: {own}", "s")

@@ -11,6 +11,7 @@ from truestroke.base import checks, frames, toml
 from truestroke.base.checks import SettingError
 from truestroke.base.files import FileError
 from truestroke.control.controller import AdaptiveController, Controller
+from truestroke.control.repetition import check_repeats
 from truestroke.control.repetitive import RepetitiveController
 from truestroke.control.settings import ControllerSettings
 from truestroke.identification import ActuatorModel, ModelFileError, load_model
@@ -296,6 +297,8 @@ def _axis(table: AxisTable, folder: Path, rate: float, image: Imaging | None) ->
             voltage_limits=checks.interval("voltage_limits", table.voltage_limits, "V"),
             slew_limit=table.slew,
         )
+        if isinstance(motion, Trajectory):
+            check_repeats(motion, table.period)
     watched: dict[str, Any] = {"zero": table.zero, "error_limit": table.error_limit}
     return Axis(trajectory=motion, controller=controller, name=table.name, **table.limits, **watched)
 
