@@ -215,7 +215,7 @@ class HarmonicLaw:
         return False
 
     def _hidden(self, crossed: FloatArray) -> FloatArray:
-        """How much of it a change of the stage cannot be told from."""
+        """How much of it cannot be distinguished from a change of the stage."""
         return np.zeros_like(crossed)
 
     def _crossed(self, x: ComplexArray) -> FloatArray:

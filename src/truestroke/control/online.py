@@ -12,7 +12,7 @@ A controller is near its end already, and three things count that do not where a
 
   So the change of U that leaves nothing is found with what it moves. What no earlier change has shown counts as noise.
 - Harmonics beyond the bandwidth are excited by the controller, and by hysteresis, and may meet a further mode. What the
-  controller outputs there is taken away in the first changes; what then is left is learned, once they have shown R.
+  controller outputs there is taken away in the first changes; what then remains is learned, once they have shown R.
 """
 
 from __future__ import annotations
