@@ -190,7 +190,7 @@ class RepetitiveController(Displayed):
     ...     controller.adapt(10.0 * before)
     ...     before = volts
     >>> [f"{batch.rmse:.3f}" for batch in controller.batches][:4]
-    ['1.191', '0.420', '0.021', '0.001']
+    ['1.191', '0.830', '0.082', '0.003']
     """
 
     def __init__(
