@@ -586,7 +586,7 @@ class RepetitiveController(Displayed):
 
     def __getattr__(self, name: str) -> Any:
         """Whatever else the controller inside has."""
-        if name.startswith("_") or name in ("controller", "process", "start", "reset"):
+        if name.startswith("_") or name in ("controller", "process"):
             raise AttributeError(f"a RepetitiveController has no attribute {name!r}")
         return getattr(self.controller, name)
 
