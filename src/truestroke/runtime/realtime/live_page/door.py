@@ -11,11 +11,13 @@ import math
 import os
 import selectors
 import socket
+import subprocess
 import sys
 import time
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
+from typing import NoReturn
 
 import h11
 
@@ -233,19 +235,27 @@ def _check_length(length: int) -> None:
 def serve(settings: LiveSettings, lifeline: Lifeline, shared: Shared, axes: list[Panel], sample_rate: float) -> None:
     """Serve until the run has ended, or its process is gone."""
     system.allow_many_files()
+    started: list[subprocess.Popen[bytes]] = []
     try:
         bound = settings.bound()
         access = Access(settings, bound.getsockname()[1])
 
         def pages(channel: int) -> None:
-            process.start(shared, settings.show, access, axes, sample_rate, channel, keep=[channel])
+            started.append(process.start(shared, settings.show, access, axes, sample_rate, channel, keep=[channel]))
 
         _run(Door(access, Orders(shared, axes), shared, bound, pages), lifeline, shared, settings, access)
     except BaseException as error:
         shared.write(Text.SERVER, f"{type(error).__name__}: {error}")
         shared.count[Slot.SERVER] = Helper.FAILED
-        os._exit(1)
-    os._exit(0)
+        _end(started, 1)
+    _end(started, 0)
+
+
+def _end(started: list[subprocess.Popen[bytes]], code: int) -> NoReturn:
+    """Nothing stays, not even pages that stand still."""
+    for one in started:
+        one.kill()
+    os._exit(code)
 
 
 def _run(door: Door, lifeline: Lifeline, shared: Shared, settings: LiveSettings, access: Access) -> None:
