@@ -13,10 +13,11 @@ from chromium import dom
 from hypothesis import given
 from hypothesis import strategies as st
 
-from truestroke import plant, run, trajectories
+from truestroke import measure_bode, plant, run, trajectories
 from truestroke.control.controller import AdaptiveController
-from truestroke.report import charts, run_page
+from truestroke.report import charts, dynamics, run_page, spectra, words
 from truestroke.report.charts import Chart, Line, Panel
+from truestroke.report.style import LIGHT
 
 
 def decoded(line: dict[str, object]) -> np.ndarray:
@@ -49,6 +50,34 @@ def test_what_is_not_known_is_a_gap() -> None:
         ).tolist()
         == [5.0] * 3
     )
+
+
+def test_a_logarithmic_panel_keeps_small_values_beside_large_ones() -> None:
+    values, places = np.array([1e-4, 1.0, 1e4, 0.0, -2.0]), np.array([1.0, 10.0, 100.0, 1e3, 1e4])
+    made = Chart([Panel("a", [Line("a", "true", values)], logarithmic=True)], places=places).encoded(40)
+    np.testing.assert_allclose(10 ** decoded(made["panels"][0]["lines"][0])[:3], values[:3], rtol=1e-3)
+    np.testing.assert_array_equal(decoded(made["panels"][0]["lines"][0])[3:], np.nan)
+    assert made["places"] == places.tolist()
+
+
+def test_a_browser_draws_the_chart_of_a_stage_over_frequency(tmp_path: Path) -> None:
+    limits = {"voltage_limits": (-0.6, 3.6), "slew_limit": 504.0, "safe_voltage": 0.0}
+    found = measure_bode(plant.StagePlant(), **limits, duration=0.5)  # type: ignore[arg-type]
+    file = dynamics.page(found, (-0.6, 3.6), 504.0).save(tmp_path / "bode.html")
+    part = dom(file, "#from=300&to=1200")
+    assert re.search(r'class="chart" data-shown="300 1200"', part)
+    assert part.count("<canvas") == 3
+
+
+def test_a_line_in_the_spectrum_stays_where_it_is_when_samples_are_missing() -> None:
+    """A quarter of the samples is missing; cut out, they would move 50 Hz to 67 Hz."""
+    rate = 2000.0
+    error = np.sin(2 * np.pi * 50.0 * np.arange(12_000) / rate)
+    error[(np.arange(12_000) % 8) < 2] = np.nan
+    figure = spectra.spectrum({"measured": ("measured", error)}, rate, LIGHT)
+    x, y = figure.axes[0].lines[0].get_data()
+    assert abs(x[np.argmax(y)] - 50.0) < 2.0
+    assert "3,000 of 12,000 samples are missing" in words.spectrum([error])[1]
 
 
 @pytest.fixture(scope="module")

@@ -193,7 +193,9 @@ def test_the_command_writes_model_page_and_pictures(tmp_path):
     for words in ("model      stage.toml", "page       stage.html", "track --model stage.toml", "invert wave.csv"):
         assert words in done.stdout
     assert "truestroke identify sweep.csv" in text((tmp_path / "stage.html").read_text())
-    names = {f"{name}-{theme}.png" for name in ("loop", "residual", "weights") for theme in ("light", "dark")}
+    names = {
+        f"{name}-{theme}.png" for name in ("loop", "residual", "spectrum", "weights") for theme in ("light", "dark")
+    }
     assert {path.name for path in (tmp_path / "drawn").iterdir()} == names
     told = json.loads(command("sweep.csv", "--report", "other.html", "--json", folder=tmp_path).stdout)
     assert (told["model"], told["page"], told["pictures"]) == ("model.toml", "other.html", [])

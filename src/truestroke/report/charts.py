@@ -15,7 +15,9 @@ import numpy as np
 
 from truestroke.base.typing import FloatArray
 
-BUDGET = 1_200_000  # characters of all charts of a page: the page stays below 2 MB
+PAGE = 1_700_000  # characters of the pictures and charts of a page: the page stays below 2 MB
+BUDGET = 1_200_000  # of its charts
+LEAST = 200_000  # of its charts where the pictures take much
 LEVELS = 65534  # of a value between the lowest and the highest of its line
 GAP = np.uint16(65535)  # a value that is not known
 
@@ -27,6 +29,7 @@ class Line:
     name: str
     role: str
     values: FloatArray
+    points: bool = False  # in place of a line
 
 
 @dataclass(frozen=True)
@@ -35,6 +38,7 @@ class Panel:
 
     label: str
     lines: Sequence[Line]
+    logarithmic: bool = False  # the vertical axis; values of 0 and less are left out
 
 
 @dataclass(frozen=True)
@@ -49,12 +53,16 @@ class Chart:
         Place of the first sample and distance of two, in the unit of `label`.
     label : str
         Of the horizontal axis, with its unit.
+    places : ndarray, shape (samples,), or None
+        Of samples that are not evenly spaced, above 0: in place of `start` and `step`, on a logarithmic axis. They are
+        few, and never thinned.
     """
 
     panels: Sequence[Panel]
-    start: float
-    step: float
+    start: float = 0.0
+    step: float = 1.0
     label: str = "time (s)"
+    places: FloatArray | None = None
 
     @property
     def lines(self) -> list[Line]:
@@ -76,14 +84,20 @@ class Chart:
         (3704, 0.027, 1.0)
         """
         most = max(2, int(budget / (4 / 3 * 2 * max(1, len(self.lines)))))  # samples of a line
-        group = thinning(max((line.values.size for line in self.lines), default=0), most)
+        longest = max((line.values.size for line in self.lines), default=0)
+        group = thinning(longest, most) if self.places is None else 1
         step = self.step if group == 1 else self.step * group / 2
         panels = [
-            {"label": panel.label, "lines": [_encoded(line, extremes(line.values, group)) for line in panel.lines]}
+            {
+                "label": panel.label,
+                "logarithmic": panel.logarithmic,
+                "lines": [_encoded(line, extremes(line.values, group), panel.logarithmic) for line in panel.lines],
+            }
             for panel in self.panels
         ]
         samples = max((extremes(line.values, group).size for line in self.lines), default=0)
-        return {"start": self.start, "step": step, "label": self.label, "samples": samples, "panels": panels}
+        made = {"start": self.start, "step": step, "label": self.label, "samples": samples, "panels": panels}
+        return made | ({} if self.places is None else {"places": [float(f"{at:.6g}") for at in self.places]})
 
 
 def thinning(samples: int, most: int) -> int:
@@ -116,10 +130,14 @@ def extremes(values: FloatArray, group: int) -> FloatArray:
     return np.take_along_axis(blocks, order, axis=1).ravel()
 
 
-def _encoded(line: Line, values: FloatArray) -> dict[str, Any]:
+def _encoded(line: Line, values: FloatArray, logarithmic: bool) -> dict[str, Any]:
+    """The levels; of a logarithmic panel those of the decimal logarithms."""
+    if logarithmic:
+        values = np.log10(values, where=values > 0.0, out=np.full(values.size, np.nan))
     known = np.isfinite(values)
     low, high = (float(values[known].min()), float(values[known].max())) if known.any() else (0.0, 0.0)
     levels = np.full(values.size, GAP, dtype="<u2")
     levels[known] = np.round((values[known] - low) * (LEVELS / ((high - low) or 1.0)))
     data = base64.b64encode(levels.tobytes()).decode("ascii")
-    return {"name": line.name, "role": line.role, "low": low, "high": high, "data": data}
+    made = {"name": line.name, "role": line.role, "low": low, "high": high, "data": data}
+    return made | ({"points": True} if line.points else {})

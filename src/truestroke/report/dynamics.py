@@ -10,7 +10,8 @@ from truestroke.base.typing import FloatArray
 from truestroke.control.feedback import Feedback, design
 from truestroke.identification.dynamics import Bode
 from truestroke.report import feedback, style, words
-from truestroke.report.page import Page, Section, Table, captioned
+from truestroke.report.charts import Chart, Line, Panel
+from truestroke.report.page import Page, Section, Table, captioned, closer
 from truestroke.report.style import Theme
 
 BoolArray = npt.NDArray[np.bool_]
@@ -111,12 +112,36 @@ def page(found: Bode, voltage_limits: tuple[float, float], slew: float, command:
         remark=WORDS[found.verdict.level],
         sections=[
             Section(tables=[Table(columns=columns, rows=rows(found, voltage_limits, slew), text=True)]),
+            closer(chart(found)),
             *captioned(CAPTIONS | ({"margins": feedback.CAPTION} if bank.filters else {})),
         ],
         plots=lambda theme: plots(found, theme, bank),
         command=command,
         footer=words.made_now(),
     )
+
+
+def chart(found: Bode) -> Chart:
+    """Magnitude, phase, and difference of model and measurement, to zoom into; nothing where little is coherent."""
+    seen = found.coherence > 0.5
+    model, measured = _phases(found)
+    panels = [
+        Panel("magnitude (static = 1)", _points(np.abs(found.measured), np.abs(found.model), seen), logarithmic=True),
+        Panel("phase (deg)", _points(measured, model, seen)),
+        Panel("difference (%)", [Line("difference", "true", np.where(seen, 100 * found.residual, np.nan), points=True),
+                                 Line("explained by noise", "measured", 200 * found.scatter)], logarithmic=True),
+    ]  # fmt: skip
+    return Chart(panels, label="frequency (Hz)", places=found.frequency)
+
+
+def _points(measured: FloatArray, model: FloatArray, seen: BoolArray) -> list[Line]:
+    return [Line("measured", "true", np.where(seen, measured, np.nan), points=True), Line("model", "measured", model)]
+
+
+def _phases(found: Bode) -> tuple[FloatArray, FloatArray]:
+    """Of the model without jumps, and of the measurement beside it, deg."""
+    model = np.degrees(np.unwrap(np.angle(found.model)))
+    return model, model + np.degrees(np.angle(found.measured / found.model))
 
 
 def plots(found: Bode, theme: Theme, bank: Feedback) -> dict[str, Figure]:
@@ -132,8 +157,7 @@ def bode(found: Bode, theme: Theme) -> Figure:
         figure, panels = style.panels(7.4, 4, sharex=True, height_ratios=[3, 2.2, 1.2, 1.6])
         magnitude, phase, coherence, residual = panels
         _both(magnitude, f, np.abs(found.measured), np.abs(found.model), seen, theme)
-        unwrapped = np.degrees(np.unwrap(np.angle(found.model)))
-        beside = unwrapped + np.degrees(np.angle(found.measured / found.model))
+        unwrapped, beside = _phases(found)
         _both(phase, f, beside, unwrapped, seen, theme)
         coherence.plot(f, found.coherence, color=theme["true"], lw=1.2)
         coherence.set(ylabel="coherence", ylim=(0, 1.05))

@@ -1,11 +1,13 @@
 """The page of a waveform that was learned: the error of each pass, the last one, the harmonics."""
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from truestroke.control.iterative import Learned
-from truestroke.report import style, units, words
-from truestroke.report.page import Page, Section, Table, captioned
+from truestroke.control.iterative import Learned, Pass
+from truestroke.report import spectra, style, units, words
+from truestroke.report.charts import Chart, Line, Panel
+from truestroke.report.page import Page, Section, Table, captioned, closer
 from truestroke.report.style import LIGHT, Theme
 
 CAPTIONS = {
@@ -21,8 +23,8 @@ CAPTIONS = {
     ),
     "harmonics": (
         "Harmonics",
-        "Error of each harmonic that is learned, in the first and in the best pass. The dotted lines are the "
-        "resonances.",
+        "Left: error of each harmonic that is learned, in the first and in the best pass; the dotted lines are the "
+        "resonances. Right: how often each error of the best pass occurs, where errors count.",
     ),
 }
 WORDS = {"good": "The motion is as desired.", "doubtful": "Read this before you use it.", "bad": "Do not use it."}
@@ -68,11 +70,38 @@ def page(found: Learned, command: str | None = None) -> Page:
         f"{units.length(found.passes[0].rmse)}; harmonics to {made.bandwidth:.4g} Hz.",
         verdict=found.verdict,
         remark=WORDS[found.verdict.level],
-        sections=[Section(tables=[Table(columns=columns, rows=rows(found), text=True)]), *captioned(CAPTIONS)],
+        sections=[
+            Section(tables=[Table(columns=columns, rows=rows(found), text=True)]),
+            closer(chart(found)),
+            *captioned(CAPTIONS),
+        ],
         plots=lambda theme: plots(found, theme),
         command=command,
         footer=words.made_now(),
     )
+
+
+def chart(found: Learned) -> Chart:
+    """Motion, errors and voltages of the first and the best pass over one repetition, to zoom into."""
+    made, shown = found.learning, _first_and_best(found)
+    panels = [
+        Panel("position (µm)", [Line("desired", "desired", made.desired),
+                                *(Line(name, role, one.measured) for one, role, name in shown)]),
+        *(_error_panel(*one) for one in shown),
+        Panel("voltage (V)", [Line(name, role, one.volts) for one, role, name in shown]),
+    ]  # fmt: skip
+    return Chart(panels, 0.0, 1e3 / made.sample_rate, "time (ms)")
+
+
+def _error_panel(one: Pass, role: str, name: str) -> Panel:
+    scale, unit = units.scaled_length(float(np.abs(one.error).max()) or 1.0)
+    return Panel(f"{name}, error ({unit})", [Line(name, role, scale * one.error)])
+
+
+def _first_and_best(found: Learned) -> list[tuple[Pass, str, str]]:
+    """Passes that were measured, each with the role of its colour and its name."""
+    both = [(found.passes[0], "before", "first pass"), (found.best, "true", "best pass")]
+    return [one for one in both if one[0].measured.size]
 
 
 def plots(found: Learned, theme: Theme = LIGHT) -> dict[str, Figure]:
@@ -125,18 +154,15 @@ def period(found: Learned, theme: Theme = LIGHT) -> Figure:
 
 
 def harmonics(found: Learned, theme: Theme = LIGHT) -> Figure:
-    """Amplitude of the error of each learned harmonic, first and best pass."""
+    """Amplitude of the error of each learned harmonic, first and best pass; how often the best one's errors occur."""
     made = found.learning
     f, learned = made.harmonics
     with style.use(theme):
-        figure, (panel,) = style.panels(3.0)
-        for one, colour, label in (
-            (found.passes[0], theme["before"], "first pass"),
-            (found.best, theme["true"], "best pass"),
-        ):
-            if one.measured.size:
-                amplitude = 2e3 * np.abs(np.fft.rfft(one.error))[learned] / made.samples
-                panel.plot(f, np.maximum(amplitude, 1e-6), ".-", color=colour, ms=3, lw=0.8, label=label)
+        figure, (panel, sizes) = style.panels(3.0, 1, 2, width_ratios=[1.6, 1])
+        for one, role, label in _first_and_best(found):
+            amplitude = 2e3 * np.abs(np.fft.rfft(one.error))[learned] / made.samples
+            panel.plot(f, np.maximum(amplitude, 1e-6), ".-", color=theme[role], ms=3, lw=0.8, label=label)
+        _histogram(sizes, found, theme)
         for mode in made.dynamics.modes if made.dynamics else ():
             if mode.frequency < f[-1]:
                 panel.axvline(mode.frequency, color=theme["muted"], lw=0.8, ls=":")
@@ -144,3 +170,10 @@ def harmonics(found: Learned, theme: Theme = LIGHT) -> Figure:
         panel.set(xlabel="frequency (Hz)", ylabel="error (nm)")
         style.legend_above(panel)
     return figure
+
+
+def _histogram(panel: Axes, found: Learned, theme: Theme) -> None:
+    error = found.best.error[found.learning.counts]
+    factor, unit = units.scaled_length(float(np.abs(error).max(initial=0.0)) or 1.0)
+    spectra.histogram(panel, {"best pass": ("true", factor * error)}, theme)
+    panel.set(xlabel=f"error ({unit})", ylabel="share of the samples (%)")

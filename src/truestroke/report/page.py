@@ -154,13 +154,15 @@ class Page:
         shown = [section for section in self.sections if not section.plot or section.plot in made]
         environment = jinja2.Environment(loader=jinja2.PackageLoader("truestroke.report"), autoescape=True)
         environment.filters |= {"typeset": typeset, "micro": units.micro}
-        each = charts.BUDGET // max(1, sum(section.chart is not None for section in shown))
+        svgs = {s.plot: svg(made[s.plot], s.plot, s.caption or s.heading) for s in shown if s.plot}
+        left = min(charts.BUDGET, max(charts.LEAST, charts.PAGE - sum(map(len, svgs.values()))))
+        each = left // max(1, sum(section.chart is not None for section in shown))
         environment.filters["chart"] = lambda chart: Markup(json.dumps(chart.encoded(each)).translate(IN_SCRIPT))
         return environment.get_template("page.html.j2").render(
             page=self,
             sections=shown,
             scripts=_scripts() if any(section.chart for section in shown) else None,
-            svgs={s.plot: svg(made[s.plot], s.plot, s.caption or s.heading) for s in shown if s.plot},
+            svgs=svgs,
             **{theme.name: _variables(theme) for theme in (style.LIGHT, style.DARK)},
         )
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from truestroke.base.flags import BIT
 from truestroke.base.typing import FloatArray
-from truestroke.report import style, units
+from truestroke.report import spectra, style, units
 from truestroke.report.charts import Chart, Line, Panel
 from truestroke.report.style import LIGHT, Theme
 from truestroke.signals.judgement import change_time
@@ -21,7 +21,6 @@ from truestroke.signals.metrics import judged
 from truestroke.signals.recording import Recording
 
 ZOOM = 0.5  # s
-BINS = 81  # of a histogram: one in the middle is around 0
 
 
 def displacement(recording: Recording) -> tuple[str, FloatArray]:
@@ -116,47 +115,17 @@ def error(recording: Recording, convergence_time: float | None = None, theme: Th
     return figure
 
 
+def settled_errors(recording: Recording) -> dict[str, FloatArray]:
+    """Errors of the second half by name, "measured" and "true" where they are there, um."""
+    half = settled(recording)
+    names = [name for name in ("measured", "true") if name in recording.channels]
+    return {name: (recording[name] - recording["desired"])[half] for name in names}
+
+
 def spectrum(recording: Recording, theme: Theme = LIGHT) -> Figure:
     """The error of the second half: its spectral density (nm/sqrt(Hz), by Welch) and its histogram (% of the ticks)."""
-    half, rate = settled(recording), 1.0 / _step(recording["time"])
-    names = [name for name in ("measured", "true") if name in recording.channels]
-    errors = {name: (recording[name] - recording["desired"])[half] for name in names}
-    errors = {name: error[np.isfinite(error)] for name, error in errors.items()}
-    largest = max(float(np.abs(error).max(initial=0.0)) for error in errors.values())
-    scale, unit = units.scaled_length(largest)
-    end = scale * largest or 1.0
-    edges, seen = np.linspace(-end, end, BINS + 1), np.zeros(1)
-    with style.use(theme):
-        figure, (of_frequency, of_size) = style.panels(3.0, 1, 2, width_ratios=[1.6, 1])
-        for name, error in errors.items():
-            frequency, density = _density(1e3 * error, rate)
-            seen = np.append(seen, density[density > 0])
-            of_frequency.plot(frequency, density, color=theme[name], lw=0.9, label=name)
-            share = np.histogram(scale * error, edges)[0] / max(1, error.size)
-            of_size.stairs(100.0 * share, edges, color=theme[name], lw=1.2, label=name)
-        of_frequency.set(xlabel="frequency (Hz)", ylabel="spectral density of the error (nm/√Hz)")
-        if seen.size > 1:
-            style.logarithmic(of_frequency, "xy")
-            of_frequency.set_ylim(*_decades(seen[1:]))
-        of_size.set(xlabel=f"error ({unit})", ylabel="share of the ticks (%)")
-        style.legend_above(of_frequency)
-    return figure
-
-
-def _density(error: FloatArray, rate: float) -> tuple[FloatArray, FloatArray]:
-    """Frequencies, Hz, without 0, and amplitude spectral density, per sqrt(Hz), of means over segments by Welch."""
-    from scipy import signal  # takes a quarter of a second
-
-    segment = max(4, min(error.size, max(256, error.size // 16)))
-    frequency, power = signal.welch(error, rate, nperseg=min(segment, error.size))
-    return frequency[1:], np.sqrt(power[1:])
-
-
-def _decades(values: FloatArray) -> tuple[float, float]:
-    """The decades around positive values, six at most."""
-    high = float(np.ceil(np.log10(values.max())))
-    low = float(np.floor(np.log10(values.min())))
-    return 10.0 ** max(min(low, high - 1.0), high - 6.0), 10.0**high
+    errors = {name: (name, error) for name, error in settled_errors(recording).items()}
+    return spectra.spectrum(errors, 1.0 / _step(recording["time"]), theme)
 
 
 def closer(recording: Recording) -> Chart:

@@ -42,7 +42,7 @@ def run_page(recording: Recording) -> Page:
         sections=[
             Section(tables=[_table(summary, _feedback(recording))]),
             closer(plots.closer(recording)),
-            *captioned(words.CAPTIONS),
+            *captioned(words.CAPTIONS | {"spectrum": _of_what(recording)}),
             Section(heading="All settings", tables=[settings], folded=True),
         ],
         plots=lambda theme: run_plots(recording, theme),
@@ -97,6 +97,11 @@ def run_plots(recording: Recording, theme: Theme = LIGHT) -> dict[str, Figure]:
         made["weights"] = plots.weights(recording, theme)
     made["voltage"] = plots.voltage(recording, words.voltage_limits(recording), theme)
     return made
+
+
+def _of_what(recording: Recording) -> tuple[str, str]:
+    """Heading and caption of the spectrum."""
+    return words.spectrum(plots.settled_errors(recording).values(), "of the second half")
 
 
 def _feedback(recording: Recording) -> list[tuple[str, str]]:

@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
+from truestroke.base.typing import FloatArray
 from truestroke.base.verdict import Verdict
-from truestroke.report import images, style, units, words
-from truestroke.report.page import Page, Section, Table, captioned
+from truestroke.report import images, spectra, style, units, words
+from truestroke.report.charts import Chart, Line, Panel
+from truestroke.report.page import Page, Section, Table, captioned, closer
 from truestroke.report.style import LIGHT, Theme
 from truestroke.signals.scans.recorded import Recorded
 
@@ -20,6 +22,7 @@ CAPTIONS = {
         "four of five of them are. The noise of the sensors is in it.",
     ),
     "errors": ("Errors", "Measured minus desired position of x and y, with the noise of the sensors."),
+    "spectrum": words.CAPTIONS["spectrum"],
 }
 WORDS = {"good": "The image is straight, by the sensors.", "doubtful": "Read this before you use it.",
          "bad": "Do not measure in it."}  # fmt: skip
@@ -52,7 +55,11 @@ def page(found: Recorded, verdict: Verdict, command: str | None = None) -> Page:
         lead=f"A {found.scan.name} of {found.scan.x.duration:.3g} s, {across} x {down} pixels.",
         verdict=verdict,
         remark=WORDS[verdict.level],
-        sections=[Section(tables=[Table(rows=rows(found), kind="words")]), *captioned(CAPTIONS)],
+        sections=[
+            Section(tables=[Table(rows=rows(found), kind="words")]),
+            *captioned(CAPTIONS | {"spectrum": words.spectrum(_shown(found).T, "within the lines")}),
+            closer(chart(found)),
+        ],
         plots=lambda theme: plots(found, theme),
         command=command,
         footer=words.made_now(),
@@ -70,7 +77,26 @@ def plots(found: Recorded, theme: Theme = LIGHT) -> dict[str, Figure]:
             made |= {"over": figure, "lines": _lines(found, theme)}
         else:
             made["errors"] = _errors(found, theme)
+        x, y = _shown(found).T
+        made["spectrum"] = spectra.spectrum({"x": ("true", x), "y": ("before", y)}, found.scan.sample_rate, theme)
     return made
+
+
+def chart(found: Recorded) -> Chart:
+    """Motion and errors of x and y within the lines, to zoom into."""
+    factor, unit = units.scaled_length(float(np.nanmax(np.abs(found.error), initial=0.0)))
+    axes = list(zip("xy", ("true", "before"), found.scan.axes, found.error.T, strict=True))
+    panels = [
+        Panel("desired position (µm)", [Line(name, role, axis.position) for name, role, axis, _ in axes]),
+        Panel(f"error ({unit})", [Line(name, role, factor * error) for name, role, _, error in axes]),
+    ]
+    return Chart(panels, 0.0, 1.0 / found.scan.sample_rate)
+
+
+def _shown(found: Recorded) -> FloatArray:
+    """Errors from the first line to the last, um, NaN in the turns between them, of shape (ticks, 2)."""
+    inside = np.flatnonzero(found.scan.inside)
+    return found.error[inside[0] : inside[-1] + 1]
 
 
 def _images(found: Recorded) -> Figure:

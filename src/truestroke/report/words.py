@@ -1,10 +1,13 @@
 """Sentences on a recording: shared by the page and the command line."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from datetime import UTC, datetime
 from typing import Any
 
+import numpy as np
+
 from truestroke.base.flags import FLAGS
+from truestroke.base.typing import FloatArray
 from truestroke.base.verdict import Verdict
 from truestroke.report import units
 from truestroke.signals.judgement import change_time
@@ -34,6 +37,10 @@ REMARKS = {
 }
 HAPPENED = {flag.name: flag.words for flag in FLAGS} | {"missing": "had no measurement"}
 
+MADE_OF = (
+    "Left: how much of the error{part} each frequency has; a peak is what repeats, such as the motion, a resonance "
+    "or the mains. Right: how often each error occurs; noise alone is a bell."
+)
 CAPTIONS = {
     "tracking": (
         "Tracking",
@@ -45,11 +52,7 @@ CAPTIONS = {
         "Displacement minus desired displacement. Look above at how soon it becomes small, below at whether it stays "
         "so; note that the scales differ.",
     ),
-    "spectrum": (
-        "Of what the error is made",
-        "Left: how much of it each frequency has, in the second half; a peak is what repeats, such as the motion, a "
-        "resonance or the mains. Right: how often each error occurs; noise alone is a bell.",
-    ),
+    "spectrum": ("Of what the error is made", ""),  # its caption is by `spectrum`
     "loop": (
         "Hysteresis, before and after",
         "Displacement over desired displacement in the last seconds of the same wave, first with a constant gain in "
@@ -211,3 +214,30 @@ def made(versions: Mapping[str, str], created: str | None, *known: str) -> str:
     if "commit" in versions:
         shown[0] += f" ({versions['commit'][:12]})"
     return " · ".join([*shown, *known, *([f"made {created}"] if created else [])])
+
+
+def spectrum(errors: Iterable[FloatArray], part: str = "") -> tuple[str, str]:
+    """Heading and caption of the pictures: what they show, and what was done where samples are missing.
+
+    Parameters
+    ----------
+    errors : iterable of ndarray
+        As `spectra.spectrum` takes them, of equal length.
+    part : str
+        Of what they are, such as "of the second half".
+
+    Examples
+    --------
+    >>> print(spectrum([np.array([1.0, np.nan, 3.0])])[1].partition("bell. ")[2])
+    1 of 3 samples are missing: the spectrum has a straight line in their place, so that all others keep their time; \
+the histogram leaves them out.
+    """
+    known = [np.isfinite(error) for error in errors]
+    missing = max((int(np.count_nonzero(~one)) for one in known), default=0)
+    text = MADE_OF.format(part=f" {part}" if part else "")
+    if missing:
+        text += (
+            f" {missing:,} of {known[0].size:,} samples are missing: the spectrum has a straight line in their place, "
+            "so that all others keep their time; the histogram leaves them out."
+        )
+    return CAPTIONS["spectrum"][0], text

@@ -9,6 +9,7 @@ import numpy as np
 from truestroke.identification import Findings, Identified, Record, examine
 from truestroke.identification.select import Tried
 from truestroke.identification.validation import Evidence
+from truestroke.report import words
 from truestroke.report.identified import plots
 from truestroke.report.identified.view import View
 from truestroke.report.page import Number, Page, Section, Table, captioned, closer
@@ -28,6 +29,7 @@ CAPTIONS = {
         "short. Below: a curved median over voltage is a term that the model lacks, a slope over rate a lag. The "
         "autocorrelation of the fit's residual would stay in the grey band if the residual were noise alone.",
     ),
+    "spectrum": words.CAPTIONS["spectrum"],
     "weights": (
         "Weights",
         "Each with its standard deviation, which allows for residuals that are not white. Neighbouring plays share one "
@@ -187,7 +189,7 @@ def model_page(
         Section(heading="What the error contains", tables=[_evidence(found.evidence)]),
         _warnings([*findings.warnings, *notes(view, record)]),
         closer(plots.closer(view)),
-        *captioned(CAPTIONS),
+        *captioned(CAPTIONS | {"spectrum": words.spectrum([plots.tested(view)], "in the part that was held out")}),
         *_structure(found),
         Section(heading="Record", tables=[Table(rows=findings.table(), kind="words")], beside=True),
         _model_file(model_file, next_commands),

@@ -13,7 +13,7 @@ from truestroke.base.typing import FloatArray
 from truestroke.identification import Identified
 from truestroke.model.layout import TERMS
 from truestroke.report import plots as run_plots
-from truestroke.report import style, units
+from truestroke.report import spectra, style, units
 from truestroke.report.charts import Chart, Line, Panel
 from truestroke.report.identified.view import View, binned
 from truestroke.report.style import LIGHT, Theme
@@ -28,7 +28,13 @@ def plots(found: Identified, theme: Theme = LIGHT) -> dict[str, Figure]:
     """All, by name, in the order of the page."""
     view = View.of(found)
     left = residual(view, found.autocorrelation, found.residual.size, theme)
-    return {"loop": loop(view, theme), "residual": left, "weights": weights(view, theme)}
+    of_what = spectra.spectrum({"residual": ("true", tested(view))}, view.model.metrics["record_sample_rate_hz"], theme)
+    return {"loop": loop(view, theme), "residual": left, "spectrum": of_what, "weights": weights(view, theme)}
+
+
+def tested(view: View) -> FloatArray:
+    """The error in the part that was held out, um; NaN in gaps."""
+    return view.error[view.first :]
 
 
 def closer(view: View) -> Chart:

@@ -5,11 +5,13 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from truestroke.report import images, style, units, words
-from truestroke.report.page import Page, Section, Table, captioned
+from truestroke.base.typing import FloatArray
+from truestroke.report import images, spectra, style, units, words
+from truestroke.report.charts import Chart, Line, Panel
+from truestroke.report.page import Page, Section, Table, captioned, closer
 from truestroke.report.style import LIGHT, Theme
 from truestroke.signals.scans.images import Image
-from truestroke.studies.scanning.imaging import LEAD_IN, NAMES, PIXELS, ROTATION, Scanned
+from truestroke.studies.scanning.imaging import LEAD_IN, NAMES, PIXELS, ROTATION, Imaged, Scanned
 
 PART = 96  # pixels of the texture that are shown enlarged
 EDGES = {"left": 0.09, "right": 0.99, "wspace": 0.1}  # of the panels
@@ -28,6 +30,7 @@ CAPTIONS = {
         "True minus desired position, in pixels, of x in the trace and in the retrace: the median and the range of all "
         "rows. The scales differ. The shaded band is a tenth of a pixel.",
     ),
+    "spectrum": words.spectrum((), "of x in lines and turns"),
 }
 WORDS = {"good": "The image is straight.", "doubtful": "Nearly.", "bad": "Do not measure in it."}
 HEADS = ["controller", "distortion", "rms", "trace-retrace", "seen shift", "x rms", "y rms"]
@@ -74,6 +77,7 @@ def page(found: Scanned, command: str | None = None) -> Page:
         sections=[
             Section(tables=[Table(columns=HEADS, rows=rows(found), note=note)]),
             *captioned(CAPTIONS),
+            closer(chart(found)),
             Section(heading="A spiral", text=spiral),
         ],
         plots=lambda theme: plots(found, theme),
@@ -84,7 +88,41 @@ def page(found: Scanned, command: str | None = None) -> Page:
 
 def plots(found: Scanned, theme: Theme = LIGHT) -> dict[str, Figure]:
     """All of them by name, in the order of the page."""
-    return {"grating": grating(found, theme), "texture": texture(found, theme), "errors": errors(found, theme)}
+    return {
+        "grating": grating(found, theme),
+        "texture": texture(found, theme),
+        "errors": errors(found, theme),
+        "spectrum": spectrum(found, theme),
+    }
+
+
+def chart(found: Scanned) -> Chart:
+    """Errors of x under each controller, and the motion, to zoom into."""
+    panels = [
+        Panel("desired (µm)", [Line("x", "true", found.scan.x.position), Line("y", "before", found.scan.y.position)])
+    ]
+    for one in found.imaged.values():
+        error = _error(found, one)
+        factor, unit = units.scaled_length(float(np.abs(error).max()))
+        panels.append(Panel(f"{NAMES[one.name]} ({unit})", [Line("error of x", "true", factor * error)]))
+    return Chart(panels, 0.0, 1.0 / found.scan.sample_rate)
+
+
+def spectrum(found: Scanned, theme: Theme = LIGHT) -> Figure:
+    """Spectrum and histogram of the error of x under each controller."""
+    inside = np.flatnonzero(found.scan.inside)
+    part = slice(inside[0], inside[-1] + 1)
+    roles = ("before", "alarm", "true")
+    of_x = {
+        NAMES[one.name]: (role, _error(found, one)[part])
+        for role, one in zip(roles, found.imaged.values(), strict=True)
+    }
+    return spectra.spectrum(of_x, found.scan.sample_rate, theme)
+
+
+def _error(found: Scanned, one: Imaged) -> FloatArray:
+    """True minus desired position of x, um."""
+    return np.asarray(one.moved.true[:, 0] - found.scan.x.position, dtype=np.float64)
 
 
 def grating(found: Scanned, theme: Theme = LIGHT) -> Figure:
