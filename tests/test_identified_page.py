@@ -111,7 +111,7 @@ def test_a_page_of_every_record(samples, scale, gap, options):
     html = model_page(identify(record, **options), record).html()
     root = ElementTree.fromstring(re.sub("^<!DOCTYPE html>", "", html))
     svg = "{http://www.w3.org/2000/svg}"
-    assert [picture.find(f"{svg}title") is not None for picture in root.iter(f"{svg}svg")] == [True] * 3
+    assert [picture.find(f"{svg}title") is not None for picture in root.iter(f"{svg}svg")] == [True] * 4
     ids = [element.get("id") for element in root.iter() if element.get("id")]
     assert len(ids) == len(set(ids))
     assert not re.search(r"\b(nan|inf|None)\b", text(html))
@@ -216,4 +216,4 @@ def test_the_measured_stack(tmp_path):
     words = text(model_page(found, record).html())
     assert f"{found.held_out.rmse_percent:.2f} % of stroke rmse" in words
     assert "the record is not informative about rate dependence" in words
-    assert len(model_page(found, record).save_plots(tmp_path)) == 6
+    assert len(model_page(found, record).save_plots(tmp_path)) == 8

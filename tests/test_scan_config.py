@@ -120,7 +120,7 @@ def test_the_card_images_its_sample(card: Card, tmp_path: Path) -> None:
     run = truestroke.Recording.load(tmp_path / "scan-x.h5")
     assert run["height"].size == run["measured"].size
     assert np.isfinite(run["height"]).sum() == np.isfinite(run["measured"]).sum()
-    assert (tmp_path / "scan.html").read_text().count("<svg") == 3
+    assert (tmp_path / "scan.html").read_text().count("<svg") == 4
 
 
 def test_a_scan_that_is_cut_short_keeps_its_rows(tmp_path, monkeypatch) -> None:
