@@ -195,11 +195,11 @@ def broken_reader(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(disk, "READER", "raise OSError('unable to lock file')")
 
 
-def no_handles(monkeypatch: pytest.MonkeyPatch) -> None:
-    def forbid(pid: int) -> int:
+def no_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    def forbid(name: str) -> int:
         raise PermissionError(1, "Operation not permitted")
 
-    monkeypatch.setattr(os, "pidfd_open", forbid)
+    monkeypatch.setattr(os, "memfd_create", forbid)
 
 
 def full(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -211,7 +211,7 @@ def full(monkeypatch: pytest.MonkeyPatch) -> None:
     ("name", "harm", "found"),
     [
         ("HDF5 SWMR", broken_reader, "unable to lock file"),
-        ("shared memory", no_handles, "not permitted"),
+        ("shared memory", no_memory, "not permitted"),
         ("space on the disk", full, "1 MB needed"),
     ],
 )

@@ -124,16 +124,6 @@ def children(pid: int) -> list[int]:
     return [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
 
 
-def deputy_of(pid: int) -> int:
-    """The deputy is the one child of the watchdog, which is the one helper that has a child."""
-    (deputy,) = [grandchild for child in children(pid) for grandchild in children(child)]
-    return deputy
-
-
-def to_deputy(number: int) -> Callable[[], None]:
-    return lambda: os.kill(deputy_of(os.getpid()), number)
-
-
 def fill_the_disk() -> None:
     resource.prlimit(HELPERS["record"].pid, resource.RLIMIT_FSIZE, (0, 0))
 
@@ -171,8 +161,8 @@ ROWS = {
     "the recorder hangs": Row(13, "s behind", do=to("record", signal.SIGSTOP)),
     "the watchdog dies": Row(14, "the watchdog died", do=to("watch", signal.SIGKILL)),
     "the watchdog is stopped (SIGSTOP)": Row(14, "the watchdog stands still", do=to("watch", signal.SIGSTOP)),
-    "the deputy of the watchdog dies": Row(14, "the deputy of the watchdog died", do=to_deputy(signal.SIGKILL)),
-    "the deputy is stopped (SIGSTOP)": Row(14, "the deputy of the watchdog stands", do=to_deputy(signal.SIGSTOP)),
+    "the deputy of the watchdog dies": Row(14, "the deputy of the watchdog died", do=to("deputise", signal.SIGKILL)),
+    "the deputy is stopped (SIGSTOP)": Row(14, "the deputy of the watchdog stands", do=to("deputise", signal.SIGSTOP)),
 }
 
 
@@ -301,7 +291,9 @@ class Death:
 
 
 def watchdog_of(process: subprocess.Popen[str]) -> int:
-    return next(child for child in children(process.pid) if children(child))
+    return next(
+        child for child in children(process.pid) if Path(f"/proc/{child}/cmdline").read_bytes().endswith(b"\0watch\0")
+    )
 
 
 def with_the_watchdog(number: int, last: int = signal.SIGKILL) -> Callable[[subprocess.Popen[str]], None]:
@@ -358,7 +350,7 @@ EVERY = "every process of the run is killed"
 
 def test_a_run_whose_every_process_is_killed_leaves_all_but_the_last_half_second() -> None:
     process = started(configured())
-    all_of_them = [deputy_of(process.pid), *children(process.pid)]
+    all_of_them = children(process.pid)
     process.send_signal(signal.SIGSTOP)
     time.sleep(0.3)  # all that the ring holds is written within that; the watchdog would bite after 1 s
     before = ticks("run.h5")

@@ -1,23 +1,27 @@
-"""Without the parts of Python that only POSIX has, all but the loop in real time works; that one says so."""
+"""Without the parts of Python that only POSIX has all works, the loop in real time with its watchdog, too."""
 
 from __future__ import annotations
 
 import ctypes
 import fcntl
 import os
+import signal
 import subprocess
 import sys
 import types
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+import truestroke
 from truestroke.base import files, system
-from truestroke.runtime.realtime import config
+from truestroke.runtime.doctor import Level, machine
+from truestroke.runtime.realtime import RealtimeError, process
 
 LOADED = (
     "import numpy, scipy.linalg, scipy.signal, scipy.optimize, h5py, matplotlib.pyplot, rich.console, tempfile\n"
-    "import ctypes.util, subprocess, concurrent.futures.process\n"
+    "import psutil, ctypes.util, subprocess, concurrent.futures.process\n"
 )  # what others than we need of POSIX at import is there when they load
 # What Python has on Linux and not on Windows, as its documentation lists it; less what Python itself needs on Linux.
 ONLY_POSIX = {
@@ -42,9 +46,20 @@ for name in ("fcntl", "resource", "pwd", "grp", "termios", "pty", "tty", "syslog
 """
 
 
+WITHOUT_POSIX += "import truestroke.base.system\ntruestroke.base.system.INHERITS = False\n"
+IN_A_HELPER = f"""
+import sys
+if "-P" in sys.orig_argv:
+    import numpy, h5py, psutil, ctypes.util, subprocess, tempfile
+    exec({WITHOUT_POSIX!r})
+"""  # Python does it first: the processes of a run are begun with -P
+
+
 def python(folder: Path, code: str) -> subprocess.CompletedProcess[str]:
+    (folder / "sitecustomize.py").write_text(IN_A_HELPER)
     command = [sys.executable, "-c", LOADED + WITHOUT_POSIX + code]
-    return subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=600, check=False)
+    env = {**os.environ, "PYTHONPATH": str(folder)}
+    return subprocess.run(command, cwd=folder, env=env, capture_output=True, text=True, timeout=600, check=False)
 
 
 def call(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
@@ -87,17 +102,64 @@ def test_a_run_and_its_page_a_chip_and_an_axis(folder: Path) -> None:
     assert {"first.h5", "first.html", "chip"} <= {path.name for path in folder.iterdir()}
 
 
-def test_the_loop_in_real_time_is_refused_before_it_touches_anything(folder: Path) -> None:
-    (folder / "run.toml").write_text(config.example())
+RUN = """
+[driver]
+name = "simulated"
+register = "volts"
+FAULTS
+[[axis]]
+stroke = 30.0
+voltage_limits = [-0.6, 3.6]
+safe_voltage = 0.25
+slew = 400.0
+[axis.trajectory]
+kind = "sine"
+frequency = 4.0
+duration = 1.0
+[realtime]
+overrun_streak = 0
+watchdog_timeout = 20.0
+axis_check = false
+[recording]
+file = "run.h5"
+"""
+ABORT = 'faults = [{ kind = "abort", at = 1000 }]'
+
+
+def test_the_loop_in_real_time(folder: Path) -> None:
+    """It replaces a file while it has it open."""
+    (folder / "run.toml").write_text(RUN.replace("FAULTS", ""))
+    (folder / "run.h5").write_text("an older one")
+    done = call(folder, "run", "--config", "run.toml", "--overwrite")
+    assert done.returncode == 0, done.stderr
+    recording = truestroke.Recording.load(folder / "run.h5")
+    assert recording.metadata["interrupted"] is None
+    assert len(recording["time"]) == 2000
+    assert np.fromfile(folder / "volts") == 0.25
+
+
+def test_its_watchdog(folder: Path) -> None:
+    (folder / "run.toml").write_text(RUN.replace("FAULTS", ABORT).replace("run.h5", "dead.h5"))
     done = call(folder, "run", "--config", "run.toml")
-    assert done.returncode != 0
-    assert "cannot watch the loop" in done.stderr
-    assert not list(folder.glob("run*.h5"))
+    assert done.returncode == -signal.SIGABRT
+    assert "truestroke: watchdog: the process is gone; output set to 0.25 V" in done.stderr
+    assert np.fromfile(folder / "volts") == 0.25
+    recording = truestroke.Recording.load(folder / "dead.h5")
+    assert "the watchdog set the output to the safe voltage" in recording.metadata["interrupted"]
 
 
-def test_doctor_says_so(folder: Path) -> None:
+def test_a_system_that_can_start_no_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(system, "HAS_PROCESSES", False)
+    with pytest.raises(RealtimeError, match="cannot watch the loop"):
+        process.require_realtime()
+    found = {finding.what: finding for finding in machine.look()}
+    assert (found["real time"].level, found["real time"].required) == (Level.MISSING, True)
+
+
+def test_doctor_says_what_there_is(folder: Path) -> None:
     done = call(folder, "doctor")
     assert "none on" in done.stdout, done.stdout + done.stderr
+    assert "lateness" in done.stdout
     assert "Traceback" not in done.stderr
 
 

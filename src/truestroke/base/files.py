@@ -229,6 +229,16 @@ class Growing:
     final: Path
     descriptor: int
 
+    def __reduce__(self) -> tuple[Callable[..., "Growing"], tuple[Path, Path, int]]:
+        if system.INHERITS:
+            return Growing, (self.path, self.final, self.descriptor)  # to a process that has inherited the descriptor
+        return _reopened, (self.path, self.final, self.descriptor)
+
+    @property
+    def name(self) -> str:
+        """By which a library can open the file that is locked, whatever has its path; the path where there is none."""
+        return system.name_of(self.descriptor, self.where)
+
     @property
     def where(self) -> Path:
         """What it is called now."""
@@ -263,6 +273,11 @@ class Growing:
             return os.path.samestat(os.stat(path), os.fstat(self.descriptor))
         except OSError:
             return False
+
+
+def _reopened(path: Path, final: Path, _: int) -> Growing:
+    """In a process that cannot inherit the descriptor."""
+    return Growing(path, final, system.reopen(path))
 
 
 def beside(final: Path) -> Path:
@@ -302,7 +317,7 @@ def grow(final: Path, overwrite: bool, empty: Callable[[Path], bool]) -> Growing
     path = check_growing(final, overwrite, empty)
     if path != final:
         path.unlink(missing_ok=True)
-    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | system.OPEN, 0o666)
+    descriptor = system.create(path)
     system.lock(descriptor)
     return Growing(path, final, descriptor)
 

@@ -1,14 +1,19 @@
-"""All that differs between operating systems: signals, locks of files, writing at a place, processors, limits."""
+"""All that differs between operating systems: signals, files and their locks, processors, priority, other processes."""
 
 from __future__ import annotations
 
 import errno
+import mmap
 import os
 import signal
+import socket
 import struct
+import subprocess
 import sys
-from collections.abc import Callable
-from contextlib import suppress
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import Any
 
 NAMES = {"SIGINT": "Ctrl-C", "SIGBREAK": "Ctrl-Break", "SIGTERM": "SIGTERM", "SIGHUP": "the terminal is gone"}
@@ -18,17 +23,18 @@ ENDING = {int(getattr(signal, name)): words for name, words in NAMES.items() if 
 OPEN = getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0) | getattr(os, "O_NOINHERIT", 0)
 """Of `os.open`: bytes as they are, and not for the programs that this one starts."""
 
-HAS_REALTIME = all(hasattr(os, name) for name in ("memfd_create", "pidfd_open", "sched_setaffinity", "fork"))
-"""Whether a loop can be watched by a process that outlives it: Linux 5.3 and newer."""
+HAS_PROCESSES = sys.platform not in ("emscripten", "wasi")
+"""Whether a process can start another one that outlives it, as a watchdog has to."""
 
+INHERITS = sys.platform != "win32"
+"""Whether a process can be given descriptors of open files by their numbers."""
+
+HANDS_OVER = sys.platform != "darwin" and hasattr(socket, "send_fds") and hasattr(socket, "AF_UNIX")
+"""Whether a process can hand a connection to another one, each in a message of its own: Linux."""
+
+_NEW = os.O_RDWR | os.O_CREAT | os.O_EXCL
 _LOCK = struct.Struct("@hhqqi4x")  # struct flock
 _LOCKED_BYTE = 1 << 62  # far behind the end, where HDF5 and readers lock nothing
-
-
-def processors() -> list[int]:
-    """The processors that this process may use; all of them where the system does not say."""
-    asked: Callable[[int], set[int]] | None = getattr(os, "sched_getaffinity", None)
-    return sorted(asked(0)) if asked else list(range(os.cpu_count() or 1))
 
 
 def memory() -> int:
@@ -39,6 +45,73 @@ def memory() -> int:
         return 16 * 2**30
 
 
+# ---- Processors and priority ---------------------------------------------------------------------------------------
+
+
+def processors() -> list[int]:
+    """The processors that this process may use; all of them where the system does not say."""
+    if hasattr(os, "sched_getaffinity"):
+        return sorted(os.sched_getaffinity(0))
+    asked = getattr(_this_process(), "cpu_affinity", None)  # Windows
+    return sorted(asked()) if asked else list(range(os.cpu_count() or 1))
+
+
+def keep_to(processors: list[int]) -> None:
+    """Use these processors alone; OSError where the system has no such call, as macOS."""
+    if hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, processors)
+    elif asked := getattr(_this_process(), "cpu_affinity", None):
+        asked(processors)
+    else:
+        raise OSError(errno.ENOTSUP, f"{sys.platform} does not let a process choose its processors")
+
+
+@contextmanager
+def prioritised(priority: int) -> Iterator[None]:
+    """Within it, this process is before others: SCHED_FIFO of that `priority`, or, on Windows, the class "high".
+
+    Raises
+    ------
+    PermissionError
+        The system does not allow it to us.
+    OSError
+        The system has no such call, as macOS.
+    """
+    if hasattr(os, "sched_setscheduler"):
+        policy, parameter = os.sched_getscheduler(0), os.sched_getparam(0)
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+        try:
+            yield
+        finally:
+            os.sched_setscheduler(0, policy, parameter)
+        return
+    import psutil
+
+    if not hasattr(psutil, "HIGH_PRIORITY_CLASS"):
+        raise OSError(errno.ENOTSUP, f"{sys.platform} has no priority of its own for a process in real time")
+    process = _this_process()
+    before = process.nice()
+    process.nice(psutil.HIGH_PRIORITY_CLASS)
+    try:
+        yield
+    finally:
+        process.nice(before)
+
+
+def _this_process() -> Any:
+    import psutil
+
+    return psutil.Process()
+
+
+def protect() -> bool:
+    """Keep the system from choosing this process when memory runs out; whether it is allowed to us."""
+    with suppress(OSError):
+        Path("/proc/self/oom_score_adj").write_text("-1000")
+        return True
+    return False
+
+
 def allow_many_files() -> None:
     """As many open files, and so connections, as the system allows this process without asking."""
     with suppress(ImportError):  # of systems without POSIX: they have no such limit
@@ -46,6 +119,41 @@ def allow_many_files() -> None:
 
         highest = resource.getrlimit(resource.RLIMIT_NOFILE)[1]
         resource.setrlimit(resource.RLIMIT_NOFILE, (highest, highest))
+
+
+def create(path: Path) -> int:
+    """Make a file for reading and writing and open it; FileExistsError where there is one.
+
+    It can be renamed while it is open, which Windows has to be asked for.
+    """
+    return _open_shared(path, new=True) if sys.platform == "win32" else os.open(path, _NEW | OPEN, 0o666)
+
+
+def reopen(path: Path) -> int:
+    """Open a file for reading and writing, which another process has open by `create`."""
+    return _open_shared(path, new=False) if sys.platform == "win32" else os.open(path, os.O_RDWR | OPEN)
+
+
+def _open_shared(path: Path, new: bool) -> int:
+    """CreateFile with the right to rename and remove for everybody, which `os.open` does not give."""
+    import ctypes
+    import msvcrt
+
+    kernel = _kernel32()
+    kernel.CreateFileW.restype = ctypes.c_void_p
+    read_write, share_all, create_new, open_existing, ordinary = 0xC0000000, 7, 1, 3, 0x80
+    kind = create_new if new else open_existing
+    handle = kernel.CreateFileW(str(path), read_write, share_all, None, kind, ordinary, None)
+    if handle == ctypes.c_void_p(-1).value:
+        number = ctypes.get_last_error()  # type: ignore[attr-defined,unused-ignore]
+        raise OSError(None, ctypes.FormatError(number).strip(), str(path), number)  # type: ignore[attr-defined,unused-ignore]
+    return int(msvcrt.open_osfhandle(handle, os.O_RDWR | OPEN))  # type: ignore[attr-defined,unused-ignore]
+
+
+def name_of(descriptor: int, path: Path) -> str:
+    """A name by which a library can open the open file, whatever `path` names by now; `path` where there is none."""
+    by_number = f"/proc/self/fd/{descriptor}"
+    return by_number if os.path.exists(by_number) else str(path)
 
 
 def write_at(descriptor: int, data: bytes, offset: int) -> int:
@@ -80,12 +188,18 @@ def locked(descriptor: int) -> bool:
     return False
 
 
+def _kernel32() -> Any:
+    import ctypes
+
+    return ctypes.WinDLL("kernel32", use_last_error=True)  # type: ignore[attr-defined,unused-ignore]
+
+
 def _windows(call: str, descriptor: int) -> bool:
     """LockFile or UnlockFile of the byte, whose place is too far for `msvcrt.locking`."""
     import ctypes
     import msvcrt
 
-    kernel: Any = ctypes.WinDLL("kernel32")  # type: ignore[attr-defined,unused-ignore]
+    kernel = _kernel32()
     handle = ctypes.c_void_p(msvcrt.get_osfhandle(descriptor))  # type: ignore[attr-defined,unused-ignore]
     return bool(getattr(kernel, call)(handle, _LOCKED_BYTE & 0xFFFFFFFF, _LOCKED_BYTE >> 32, 1, 0))
 
@@ -112,3 +226,108 @@ def _posix(descriptor: int, ask: bool) -> bool:
         if error.errno not in (errno.ENOLCK, errno.EINVAL, errno.EOPNOTSUPP):
             raise
     return True
+
+
+# ---- Other processes -----------------------------------------------------------------------------------------------
+
+
+def detached(keep: tuple[int, ...], terminal: bool = False) -> dict[str, Any]:
+    """Options of `subprocess.Popen` for a process that lives on when the terminal closes, and does not hear its Ctrl-C.
+
+    It has the descriptors `keep`, where processes can be given any. With `terminal` it may write to that terminal,
+    which on Windows is only for those that end with it.
+    """
+    if INHERITS:
+        return {"pass_fds": keep, "start_new_session": True}
+    if sys.platform != "win32":
+        return {"start_new_session": True}
+    return {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP if terminal else subprocess.CREATE_NO_WINDOW}
+
+
+class Peer:
+    """Another process, by its number: a later process with the same number is not taken for it."""
+
+    def __init__(self, pid: int) -> None:
+        import psutil
+
+        self._process: Any = None
+        with suppress(psutil.NoSuchProcess):
+            self._process = psutil.Process(pid)
+
+    def gone(self) -> bool:
+        """Whether it has ended; one that nobody has waited for has, too."""
+        import psutil
+
+        try:
+            return not (self._process and self._process.is_running() and self._process.status() != psutil.STATUS_ZOMBIE)
+        except psutil.NoSuchProcess:
+            return True
+
+    def kill(self, patience: float) -> None:
+        """End it at once, and wait up to `patience` seconds until it has let go of everything."""
+        import psutil
+
+        with suppress(psutil.Error):
+            if self._process:
+                self._process.kill()
+        end = time.monotonic() + patience
+        while not self.gone() and time.monotonic() < end:
+            time.sleep(0.002)
+
+
+class Memory:
+    """Memory of `size` bytes that processes share; it goes when the last of them has ended.
+
+    On Linux it has no name, and is given by its descriptor. Elsewhere it is `multiprocessing.shared_memory`, which has
+    a name until `close`, and on Linux would take from /dev/shm, of which containers have 64 MB.
+
+    Attributes
+    ----------
+    handle : int or str
+        What another process opens it with: ``Memory(size, handle)``. An int is a descriptor that it must inherit.
+    buffer : memoryview
+        The bytes.
+    """
+
+    def __init__(self, size: int, handle: int | str | None = None) -> None:
+        self._named: Any = None
+        if isinstance(handle, int) or (handle is None and hasattr(os, "memfd_create")):
+            self.handle: int | str = os.memfd_create("truestroke") if handle is None else handle
+            if handle is None:
+                os.ftruncate(self.handle, size)
+            self.buffer = memoryview(mmap.mmap(self.handle, size))
+            return
+        self._named = _named_memory(size, handle)
+        self._owner = handle is None
+        self.handle = self._named.name
+        self.buffer = self._named.buf[:size]
+
+    @property
+    def descriptors(self) -> tuple[int, ...]:
+        """What a process has to inherit to open it."""
+        return (self.handle,) if isinstance(self.handle, int) else ()
+
+    def close(self) -> None:
+        """Let go of its descriptor or name; the memory itself is freed with the last view of it."""
+        if isinstance(self.handle, int):
+            os.close(self.handle)
+        elif self._owner:
+            self._named.unlink()
+
+
+def _named_memory(size: int, name: str | None) -> Any:
+    """New memory, or that of another process, which alone removes it: Python before 3.13 would do so here, too."""
+    from multiprocessing import resource_tracker, shared_memory
+
+    class Named(shared_memory.SharedMemory):
+        def __del__(self) -> None:
+            """Views of it may live longer."""
+
+    if name is None:
+        return Named(create=True, size=size)
+    register = resource_tracker.register
+    resource_tracker.register = lambda *_: None
+    try:
+        return Named(name=name)
+    finally:
+        resource_tracker.register = register

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import select
 import subprocess
 import sys
 import time
@@ -11,12 +10,12 @@ from collections.abc import Callable
 from contextlib import suppress
 
 from truestroke.base import system
+from truestroke.base.system import Peer
 from truestroke.base.typing import FloatArray
 from truestroke.runtime.drivers.protocol import Driver, DriverError
 from truestroke.runtime.realtime import process
 from truestroke.runtime.realtime.process import Lifeline
 from truestroke.runtime.realtime.shared import Helper, Layout, Pulse, Shared, Slot, State
-from truestroke.runtime.realtime.watchdog import protect
 
 STILL = 2.0  # s without a tick: a host may keep the interpreter's lock for a while, and a watchdog never kills it
 LOOK = 0.1  # s between two looks, and between two attempts
@@ -45,7 +44,7 @@ class Attendant:
     @classmethod
     def beside(cls, driver: Driver, safe: FloatArray) -> Attendant | None:
         """One for this driver, or None where the system has not what it takes."""
-        return cls(driver, safe) if system.HAS_REALTIME else None
+        return cls(driver, safe) if system.HAS_PROCESSES else None
 
     def beat(self) -> None:
         """A tick was made; `DriverError` where the attendant has taken the outputs over, or has died."""
@@ -73,12 +72,12 @@ def attend(
     lifeline: Lifeline, shared: Shared, host: int, rescue: Callable[[FloatArray], None], safe: FloatArray
 ) -> None:
     """Look at the ticks until the outputs are safe; where they end, or the host does, `rescue` to `safe`, V."""
-    protect()
-    alive, pulse = os.pidfd_open(host), Pulse()
+    system.protect()
+    alive, pulse = Peer(host), Pulse()
     shared.count[Slot.WATCHDOG] = Helper.READY
     why = ""
     while not why:
-        gone = lifeline.gone(LOOK) or bool(select.select([alive], [], [], 0)[0])
+        gone = lifeline.gone(LOOK) or alive.gone()
         if shared.count[Slot.STATE] == State.ENDED:
             return
         if gone:

@@ -9,6 +9,7 @@ import tempfile
 import time
 from pathlib import Path
 
+from truestroke.base.system import Memory
 from truestroke.runtime.doctor.finding import Finding, Level
 
 PART = "permissions"
@@ -26,20 +27,15 @@ def look(folder: Path, needed: float = 0.0) -> list[Finding]:
 
 
 def _shared_memory() -> Finding:
-    level, found = Level.OK, f"{SHARED // 2**20} MiB and a handle of a process"
+    level, found = Level.OK, f"{SHARED // 2**20} MiB"
     try:
-        fd = os.memfd_create("truestroke-doctor")
-        try:
-            os.ftruncate(fd, SHARED)
-            with mmap.mmap(fd, SHARED) as memory:
-                memory[:: mmap.PAGESIZE] = bytes(-(-SHARED // mmap.PAGESIZE))
-        finally:
-            os.close(fd)
-        os.close(os.pidfd_open(os.getpid()))
-    except (OSError, ValueError, AttributeError) as error:
+        memory = Memory(SHARED)
+        memory.buffer[:: mmap.PAGESIZE] = bytes(-(-SHARED // mmap.PAGESIZE))
+        memory.close()
+    except (OSError, ValueError) as error:
         level, found = Level.MISSING, str(error)
-    why = "memfd and pidfd: how loop, recorder and watchdog know of each other"
-    command = "Linux 5.3 or newer; a container needs a profile that allows pidfd_open"
+    why = "how loop, recorder and watchdog know of each other"
+    command = "a container needs a profile that allows memfd_create"
     return Finding(PART, "shared memory", why, found, level, command, required=True)
 
 

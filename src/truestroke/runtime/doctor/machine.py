@@ -25,8 +25,11 @@ LIMITS = "/etc/security/limits.d/realtime.conf"
 def look(settings: RealtimeSettings | None = None, period: float = PERIOD, probe: float = PROBE) -> list[Finding]:
     """Processors, governor, priority, memory, kernels, clock, and what they add up to: lateness of `probe` seconds."""
     asked = RealtimeSettings() if settings is None else settings
-    if not system.HAS_REALTIME:
+    if not system.HAS_PROCESSES:
         return [_none(), _kernel_variant()]
+    lateness = _lateness(asked, period, probe)
+    if not hasattr(os, "sched_setscheduler"):
+        return [_processors(asked.cpu), _unbounded(), _kernel_variant(), lateness]
     return [
         _processors(asked.cpu),
         _quota(),
@@ -37,7 +40,7 @@ def look(settings: RealtimeSettings | None = None, period: float = PERIOD, probe
         _clock_source(),
         _timer_slack(asked.spin),
         _kernel_variant(),
-        _lateness(asked, period, probe),
+        lateness,
     ]
 
 
@@ -45,6 +48,13 @@ def _none() -> Finding:
     why = "run and serve need its watchdog; all other commands work here"
     command = "run on Linux, or export the controller: truestroke export c"
     return Finding(PART, "real time", why, f"none on {sys.platform}", Level.MISSING, command, required=True)
+
+
+def _unbounded() -> Finding:
+    """Windows and macOS."""
+    why = "Linux alone bounds lateness (SCHED_FIFO, PREEMPT_RT); a run counts the late ticks"
+    command = "run on Linux, or export the controller: truestroke export c"
+    return Finding(PART, "real time", why, f"none on {sys.platform}: a tick may be late by ms", Level.WARNING, command)
 
 
 def _processors(cpu: int | None) -> Finding:

@@ -272,7 +272,7 @@ class SimulatedDriver:
         """`volts` at the outputs."""
         self._fail("start")
         self.output[:] = volts
-        self._over = time.monotonic()
+        self._over = time.perf_counter()
 
     def exchange(self, volts: FloatArray, measured: FloatArray) -> None:
         """Move the stacks by a block."""
@@ -318,7 +318,7 @@ class SimulatedDriver:
             self._over += 3 * period
         if self.settings.hardware_timed:
             self._over += period
-            time.sleep(max(self._over - time.monotonic(), 0.0))
+            time.sleep(max(self._over - time.perf_counter(), 0.0))
 
     def stop(self, volts: FloatArray) -> None:
         """`volts` at the outputs."""

@@ -1,8 +1,6 @@
 """The processes beside the loop: recorder, watchdog with its deputy, status line, server."""
 
 import os
-import select
-import signal
 import subprocess
 import time
 from collections.abc import Sequence
@@ -40,15 +38,17 @@ class Helpers:
         server: Server | None,
     ) -> None:
         safe, rescue = np.array([axis.safe_voltage for axis in axes]), driver.rescue()
-        self._shared, self._plans = shared, plans
+        self._shared, self._plans, us, timeout = shared, plans, os.getpid(), settings.watchdog_timeout
         self.recorder = process.start(shared, recorder.record, plans, keep=[plan.place.descriptor for plan in plans])
-        self.watchdog = process.start(shared, watchdog.watch, os.getpid(), rescue, safe, settings.watchdog_timeout)
-        self._all = [self.recorder, self.watchdog]
-        self._pulses = {slot: Pulse() for slot in watchdog.BEATS}
-        self._deputy = -1  # a pidfd, once it is there
+        self.watchdog = process.start(shared, watchdog.watch, us, rescue, safe, timeout)
+        self.deputy = process.start(shared, watchdog.deputise, us, self.watchdog.pid, rescue, safe, timeout)
+        self._watchdogs = {Slot.WATCHDOG: self.watchdog, Slot.DEPUTY: self.deputy}
+        self._all = [self.recorder, self.watchdog, self.deputy]
+        self._pulses = {slot: Pulse() for slot in self._watchdogs}
         if show is not None:
             names = [axis.name for axis in axes]
-            self._all.append(process.start(shared, status.show, names, plans[0].sample_rate, show == "live"))
+            shown = (names, plans[0].sample_rate, show == "live")
+            self._all.append(process.start(shared, status.show, *shown, terminal=True))
 
         self.server: subprocess.Popen[bytes] | None = None
         if server is not None:
@@ -67,8 +67,7 @@ class Helpers:
             if self.trouble() or time.monotonic() > until:
                 raise RealtimeError("recorder and watchdog did not start")
             time.sleep(0.01)
-        self._pulses = {slot: Pulse() for slot in watchdog.BEATS}
-        self._deputy = os.pidfd_open(count[Slot.DEPUTY_PID])
+        self._pulses = {slot: Pulse() for slot in self._watchdogs}
 
     def trouble(self) -> tuple[Cause, str] | None:
         """Which of them no longer works so that the run must end, and why; the server's death is only noted."""
@@ -78,18 +77,16 @@ class Helpers:
             return Cause.RECORDER, f"the recording cannot be written: {self._shared.read(Text.COMPLAINT)}"
         if self.recorder.poll() is not None:
             return Cause.RECORDER, "the recorder died"
-        if self.watchdog.poll() is not None:
-            return Cause.WATCHDOG, "the watchdog died"
-        if self._deputy >= 0 and select.select([self._deputy], [], [], 0)[0]:
-            return Cause.WATCHDOG, "the deputy of the watchdog died"
         for slot, name in watchdog.NAMES.items():
+            if self._watchdogs[slot].poll() is not None:
+                return Cause.WATCHDOG, f"the {name} died"
             if self._stands_still(slot):
                 return Cause.WATCHDOG, f"the {name} stands still"
         return None
 
     def _stands_still(self, slot: Slot) -> bool:
         """Whether a watchdog that was ready takes no looks any more: stopped, not dead."""
-        if self._deputy < 0 or self._shared.count[slot] != Helper.READY:
+        if self._shared.count[slot] != Helper.READY:
             return False
         return self._pulses[slot].still(self._shared.count[watchdog.BEATS[slot]]) > BEAT
 
@@ -114,9 +111,10 @@ class Helpers:
 
     def close(self) -> None:
         """End them all; a watchdog that rescues is not disturbed, one that has stopped is killed."""
-        if self._stands_still(Slot.WATCHDOG):
-            self.watchdog.kill()
-        patience = {self.recorder: LAST_WORDS, self.watchdog: PATIENCE}
+        for slot, one in self._watchdogs.items():
+            if self._stands_still(slot):
+                one.kill()
+        patience = {self.recorder: LAST_WORDS, self.watchdog: PATIENCE, self.deputy: PATIENCE}
         for helper in self._all:
             if helper.stdin:
                 helper.stdin.close()
@@ -125,14 +123,3 @@ class Helpers:
             except subprocess.TimeoutExpired:
                 helper.kill()
                 helper.wait()
-        self._end_deputy()
-
-    def _end_deputy(self) -> None:
-        """It ends by itself with the run, unless it is stopped."""
-        if self._deputy < 0:
-            return
-        if not select.select([self._deputy], [], [], PATIENCE if not self._stands_still(Slot.DEPUTY) else 0)[0]:
-            with suppress(ProcessLookupError):
-                signal.pidfd_send_signal(self._deputy, signal.SIGKILL)
-        os.close(self._deputy)
-        self._deputy = -1

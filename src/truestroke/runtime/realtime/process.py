@@ -3,11 +3,11 @@
 import gc
 import os
 import pickle
-import select
 import subprocess
 import sys
+import threading
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from typing import Any
 
 from truestroke.base import interrupts, streams, system
@@ -24,62 +24,71 @@ class RealtimeError(TruestrokeError, RuntimeError):
 
 def require_realtime() -> None:
     """RealtimeError where the system has no watchdog that outlives the loop."""
-    if not system.HAS_REALTIME:
+    if not system.HAS_PROCESSES:
         raise RealtimeError(
-            f"{sys.platform} cannot watch the loop (no pidfd, no memfd), so the output would not be safe: use Linux "
-            "5.3 or newer, or a microcontroller (truestroke export c); identify, invert and track work here"
+            f"{sys.platform} cannot watch the loop (it starts no process beside this one), so the output would not be "
+            "safe: use Linux, Windows or macOS, or a microcontroller (truestroke export c); identify, invert and track "
+            "work here"
         )
 
 
 @contextmanager
 def on_its_own(settings: RealtimeSettings) -> Iterator[None]:
     """Within it, new processes keep off the processor that the loop is going to have."""
-    cpus = os.sched_getaffinity(0)
     if settings.cpu is None:
         yield
         return
+    cpus = system.processors()
     if settings.cpu not in cpus:
-        raise RealtimeError(f"cpu = {settings.cpu}: this process may use {sorted(cpus)}")
-    os.sched_setaffinity(0, cpus - {settings.cpu} or cpus)
+        raise RealtimeError(f"cpu = {settings.cpu}: this process may use {cpus}")
+    _keep_to([cpu for cpu in cpus if cpu != settings.cpu] or cpus, settings.cpu)
     try:
         yield
     finally:
-        os.sched_setaffinity(0, cpus)
+        system.keep_to(cpus)
+
+
+def _keep_to(cpus: list[int], asked: int) -> None:
+    try:
+        system.keep_to(cpus)
+    except OSError as error:
+        raise RealtimeError(f"cpu = {asked}: {error.strerror}; leave it out") from error
 
 
 @contextmanager
 def undisturbed(settings: RealtimeSettings) -> Iterator[None]:
     """Pinned and with priority as asked for; no garbage collection; other threads give way soon."""
-    cpus, policy, priority = os.sched_getaffinity(0), os.sched_getscheduler(0), os.sched_getparam(0)
-    interval, collecting = sys.getswitchinterval(), gc.isenabled()
-    try:
+    with ExitStack() as before:
+        before.callback(sys.setswitchinterval, sys.getswitchinterval())
+        if gc.isenabled():
+            before.callback(gc.enable)
         if settings.cpu is not None:
-            os.sched_setaffinity(0, {settings.cpu})
+            cpus = system.processors()
+            _keep_to([settings.cpu], settings.cpu)
+            before.callback(system.keep_to, cpus)
         if settings.priority:
-            _prioritise(settings.priority)
+            before.enter_context(_prioritised(settings.priority))
         sys.setswitchinterval(SWITCH)
         gc.collect()
         gc.freeze()
+        before.callback(gc.unfreeze)
         gc.disable()
         yield
-    finally:
-        gc.unfreeze()
-        if collecting:
-            gc.enable()
-        sys.setswitchinterval(interval)
-        if settings.priority:
-            os.sched_setscheduler(0, policy, priority)
-        os.sched_setaffinity(0, cpus)
 
 
-def _prioritise(priority: int) -> None:
-    try:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
-    except PermissionError:
-        raise RealtimeError(
-            f"priority = {priority}: not permitted; allow it by a line '@realtime - rtprio 99' in "
-            "/etc/security/limits.conf and membership in that group, or leave priority at 0"
-        ) from None
+@contextmanager
+def _prioritised(priority: int) -> Iterator[None]:
+    with ExitStack() as before:
+        try:
+            before.enter_context(system.prioritised(priority))
+        except PermissionError:
+            raise RealtimeError(
+                f"priority = {priority}: not permitted; allow it by a line '@realtime - rtprio 99' in "
+                "/etc/security/limits.conf and membership in that group, or leave priority at 0"
+            ) from None
+        except OSError as error:
+            raise RealtimeError(f"priority = {priority}: {error.strerror}; leave it at 0") from None
+        yield
 
 
 _CODE = "from truestroke.runtime.realtime.process import main; main()"
@@ -88,25 +97,34 @@ _CODE = "from truestroke.runtime.realtime.process import main; main()"
 class Lifeline:
     """A pipe without a writer: it ends with the process that started us."""
 
+    def __init__(self) -> None:
+        self._gone = threading.Event()
+        threading.Thread(target=self._wait, daemon=True).start()
+
+    def _wait(self) -> None:
+        with suppress(OSError):  # Windows: the pipe is broken
+            while os.read(0, 1):
+                pass
+        self._gone.set()
+
     def gone(self, seconds: float) -> bool:
         """Sleep, unless the process that started us has ended, or ends meanwhile: then True at once."""
-        return bool(select.select([sys.stdin.fileno()], [], [], seconds)[0])
+        return self._gone.wait(seconds)
 
 
 def start(
-    shared: Shared, job: Callable[..., None], *arguments: Any, keep: Sequence[int] = ()
+    shared: Shared, job: Callable[..., None], *arguments: Any, keep: Sequence[int] = (), terminal: bool = False
 ) -> subprocess.Popen[bytes]:
     """Run job(lifeline, shared, *arguments) in a process of its own session, which has the descriptors `keep`, too.
 
     It is no fork: it has no share in the state of vendors' libraries, and does not run the caller's script again.
-    Ctrl-C in the terminal does not reach it.
+    Ctrl-C in the terminal does not reach it. `terminal`: it writes to the terminal, and may end with it.
     """
     process = subprocess.Popen(
-        [sys.executable, "-P", "-c", _CODE],
+        [sys.executable, "-P", "-c", _CODE, job.__name__],  # the name for those who list processes
         stdin=subprocess.PIPE,
         stdout=subprocess.DEVNULL,
-        pass_fds=(shared.fd, *keep),
-        start_new_session=True,
+        **system.detached((*shared.descriptors, *keep), terminal),
     )
     assert process.stdin
     for part in (sys.path, (job, (shared, *arguments))):

@@ -122,7 +122,7 @@ class File:
         import h5py
 
         self.plan, self._h5py = plan, h5py
-        self._name = f"/proc/self/fd/{plan.place.descriptor}"  # the file that is locked, whatever has its name
+        self._name = plan.place.name
         slow = plan.slow.shapes
         widest = max(map(math.prod, slow.values()), default=1)
         self._piece = piece(PIECE * plan.sample_rate, 8)

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Mapping
 from contextlib import closing
 
 import numpy as np
 
-from truestroke.base import checks, system
+from truestroke.base import checks
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
 from truestroke.runtime.drivers.paced import EDGES_US
 from truestroke.runtime.realtime import server
 from truestroke.runtime.realtime.live_page import LiveSettings
-from truestroke.runtime.realtime.process import RealtimeError
 from truestroke.runtime.realtime.server import Panel
 from truestroke.runtime.realtime.shared import FIELDS, Layout, Shared, Slot, State
 from truestroke.signals.recording import Recording
@@ -47,11 +45,6 @@ def replay(recordings: Mapping[str, Recording], settings: LiveSettings, *, speed
         The page cannot be served.
     """
     checks.within("speed", speed, 0.01, 100.0)
-    if not system.HAS_REALTIME:
-        raise RealtimeError(
-            f"{sys.platform} has no memory that processes share without a name, so the page cannot be served: use "
-            "Linux, or truestroke report, whose page can be read into everywhere"
-        )
     settings.check([])
     rates = {name: _rate(name, one) for name, one in recordings.items()}
     rate = next(iter(rates.values()))

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import itertools
-import mmap
-import os
 import time
 from dataclasses import dataclass
 from enum import IntEnum
 
 import numpy as np
 
+from truestroke.base.system import Memory
 from truestroke.base.typing import FloatArray
 from truestroke.runtime.drivers.paced import EDGES_US
 from truestroke.runtime.ticks import MARK, TICK
@@ -37,9 +36,8 @@ class Slot(IntEnum):
     DEPUTY = 12  # a Helper: the watchdog's deputy
     WATCHDOG_BEAT = 13  # checks that they have made: constant if the process has stopped
     DEPUTY_BEAT = 14
-    DEPUTY_PID = 15
-    HOLD = 16  # not 0: somebody asks that nothing is learned
-    REFUSED = 17  # requests that the live page has refused, one slot a kind
+    HOLD = 15  # not 0: somebody asks that nothing is learned
+    REFUSED = 16  # requests that the live page has refused, one slot a kind
     REPLAY = 31  # not 0: a recording is shown, and nothing moves; HOLD then pauses it
     ENDINGS = 32  # where in each file the JSON of its end stands, one slot an axis
 
@@ -103,7 +101,7 @@ class Layout:
 
 
 class Shared:
-    """Memory without a name, which goes when the last process that has it ends.
+    """Memory that goes when the last process that has it ends.
 
     The loop alone writes the rings, a server alone the targets. A reader takes what was WRITTEN when it looked the time
     before: that has settled.
@@ -125,16 +123,14 @@ class Shared:
         What further inputs read in the ticks of the ring.
     """
 
-    def __init__(self, layout: Layout, fd: int | None = None) -> None:
+    def __init__(self, layout: Layout, handle: int | str | None = None) -> None:
         self.layout = layout
         c, s = layout.channels, layout
         rings = (8 * c * len(FIELDS) * s.size, 8 * c * s.slow_size * s.slow_width, 8 * s.signals * s.size)
         sizes = (8 * SLOTS, 8 * BINS, 16 * c, *rings, len(Text) * TEXT)
         starts = np.concatenate([[0], np.cumsum(sizes)]).tolist()
-        self.fd = os.memfd_create("truestroke") if fd is None else fd
-        if fd is None:
-            os.ftruncate(self.fd, starts[-1])
-        parts = memoryview(mmap.mmap(self.fd, starts[-1]))
+        self._memory = Memory(starts[-1], handle)
+        parts = self._memory.buffer
         counts, histogram, targets, ring, slow, signals, self._texts = (
             parts[a:b] for a, b in itertools.pairwise(starts)
         )
@@ -145,8 +141,13 @@ class Shared:
         self.slow: FloatArray = np.frombuffer(slow).reshape(c, s.slow_size, s.slow_width)
         self.signals: FloatArray = (np.frombuffer(signals) if s.signals else np.empty(0)).reshape(s.signals, s.size)
 
-    def __reduce__(self) -> tuple[type[Shared], tuple[Layout, int]]:
-        return Shared, (self.layout, self.fd)  # to a process that has inherited the descriptor
+    def __reduce__(self) -> tuple[type[Shared], tuple[Layout, int | str]]:
+        return Shared, (self.layout, self._memory.handle)
+
+    @property
+    def descriptors(self) -> tuple[int, ...]:
+        """What a process has to inherit to get it."""
+        return self._memory.descriptors
 
     def last(self, channel: int, end: int, length: int) -> FloatArray:
         """Rows desired, measured (um), volts (V) of an axis: `length` ticks up to tick `end`, or those there are."""
@@ -163,5 +164,5 @@ class Shared:
         return bytes(self._texts[text * TEXT : (text + 1) * TEXT]).split(b"\0")[0].decode(errors="replace")
 
     def close(self) -> None:
-        """Close the descriptor; the memory itself is freed with the arrays."""
-        os.close(self.fd)
+        """Let go of its handle; the memory itself is freed with the arrays."""
+        self._memory.close()

@@ -4,16 +4,12 @@ Each has a process and a session of its own. The watchdog acts at once; its depu
 stopped, or takes too long. The loop checks the heartbeats of both.
 """
 
-import os
-import select
-import signal
 import sys
 import time
-import warnings
 from collections.abc import Callable
-from contextlib import suppress
-from pathlib import Path
 
+from truestroke.base import system
+from truestroke.base.system import Peer
 from truestroke.base.typing import FloatArray
 from truestroke.runtime.realtime.process import Lifeline
 from truestroke.runtime.realtime.shared import Helper, Pulse, Shared, Slot, State
@@ -22,6 +18,7 @@ PATIENCE = 5.0  # s that starting and stopping the hardware may take
 SETTLING = 1.0  # s between two ticks of axis check and soft start
 LOOK = 0.1  # s between two looks, or less
 GRACE = 0.5  # s without a beat of the watchdog after which its deputy acts
+LETTING_GO = 1.0  # s that a killed process has to let go of the hardware
 RESCUE = 15.0  # s that bringing the output to safety may take
 NAMES = {Slot.WATCHDOG: "watchdog", Slot.DEPUTY: "deputy of the watchdog"}
 BEATS = {Slot.WATCHDOG: Slot.WATCHDOG_BEAT, Slot.DEPUTY: Slot.DEPUTY_BEAT}
@@ -34,31 +31,29 @@ def watch(
 
     The end of the process suffices, for any cause.
     """
-    process, first = os.pidfd_open(pid), os.pidfd_open(os.getpid())
-    protect()
-    with warnings.catch_warnings():  # of threads that a library of linear algebra has begun; the deputy uses none
-        warnings.simplefilter("ignore", DeprecationWarning)
-        deputy = os.fork()
-    if deputy == 0:
-        os.setsid()
-        shared.count[Slot.DEPUTY_PID] = os.getpid()
-        why = _until_it_is_lost(lifeline, shared, process, timeout + GRACE, Slot.DEPUTY)
-        if why and (failed := _failed(shared, first)):
-            _bring_to_safety(shared, rescue, safe, f"{why}, {failed}", Slot.DEPUTY)
-        os._exit(0)
-    if why := _until_it_is_lost(lifeline, shared, process, timeout, Slot.WATCHDOG):
+    system.protect()
+    if why := _until_it_is_lost(lifeline, shared, Peer(pid), timeout, Slot.WATCHDOG):
         _bring_to_safety(shared, rescue, safe, why, Slot.WATCHDOG)
 
 
-def protect() -> bool:
-    """Keep the system from choosing this process when memory runs out; whether it is allowed to us."""
-    with suppress(OSError):
-        Path("/proc/self/oom_score_adj").write_text("-1000")
-        return True
-    return False
+def deputise(
+    lifeline: Lifeline,
+    shared: Shared,
+    pid: int,
+    first: int,
+    rescue: Callable[[FloatArray], None],
+    safe: FloatArray,
+    timeout: float,
+) -> None:
+    """`watch` a little longer, and rescue where the watchdog, of the number `first`, does not."""
+    watchdog = Peer(first)
+    system.protect()
+    why = _until_it_is_lost(lifeline, shared, Peer(pid), timeout + GRACE, Slot.DEPUTY)
+    if why and (failed := _failed(shared, watchdog)):
+        _bring_to_safety(shared, rescue, safe, f"{why}, {failed}", Slot.DEPUTY)
 
 
-def _until_it_is_lost(lifeline: Lifeline, shared: Shared, process: int, timeout: float, who: Slot) -> str:
+def _until_it_is_lost(lifeline: Lifeline, shared: Shared, process: Peer, timeout: float, who: Slot) -> str:
     """Why the safe voltage has to be set now: the process is gone, or killed here; "" at the end of the run."""
     count, pulse, look, gone = shared.count, Pulse(), min(timeout / 8, LOOK), False
     count[who] = Helper.READY
@@ -75,7 +70,7 @@ def _until_it_is_lost(lifeline: Lifeline, shared: Shared, process: int, timeout:
         return ""
     if gone:
         return "the process is gone"
-    _kill(process)
+    process.kill(LETTING_GO)
     return f"no tick for {timeout:g} s: killed the process"
 
 
@@ -86,19 +81,20 @@ def _patience(shared: Shared, state: int, timeout: float) -> float:
     return max(timeout, SETTLING if state == State.STARTING and shared.count[Slot.BEAT] else PATIENCE)
 
 
-def _failed(shared: Shared, watchdog: int) -> str:
-    """How the watchdog, of this pidfd, failed to set the output to the safe voltage; "" if it did not fail."""
+def _failed(shared: Shared, watchdog: Peer) -> str:
+    """How the watchdog failed to set the output to the safe voltage; "" if it did not fail."""
     count, pulse, began = shared.count, Pulse(), time.monotonic()
     while count[Slot.WATCHDOG] not in (Helper.RESCUED, Helper.NO_RESCUE):
-        if select.select([watchdog], [], [], GRACE / 10)[0]:
+        if watchdog.gone():
             if count[Slot.WATCHDOG] in (Helper.RESCUED, Helper.NO_RESCUE):
                 break
             return "and so is the watchdog"
         count[Slot.DEPUTY_BEAT] += 1
         still = pulse.still((count[Slot.WATCHDOG], count[Slot.WATCHDOG_BEAT]))
         if still > (RESCUE if count[Slot.WATCHDOG] == Helper.RESCUING else GRACE):
-            _kill(watchdog)
+            watchdog.kill(LETTING_GO)
             return f"the watchdog stood still for {time.monotonic() - began:.1f} s"
+        time.sleep(GRACE / 50)
     return ""
 
 
@@ -114,13 +110,6 @@ def outcome(shared: Shared) -> str:
         if time.monotonic() - began > (RESCUE + PATIENCE if Helper.RESCUING in states.values() else 3.0):
             return "nothing set the output to the safe voltage"
         time.sleep(LOOK / 2)
-
-
-def _kill(process: int) -> None:
-    """By its pidfd; wait until it has let go of the hardware."""
-    with suppress(ProcessLookupError):
-        signal.pidfd_send_signal(process, signal.SIGKILL)
-    select.select([process], [], [], 1.0)
 
 
 def _bring_to_safety(

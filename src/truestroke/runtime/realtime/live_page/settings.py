@@ -5,11 +5,12 @@ from __future__ import annotations
 import importlib.util
 import secrets
 import socket
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from truestroke.base import checks
+from truestroke.base import checks, system
 from truestroke.base.checks import SettingError
 from truestroke.runtime.realtime.process import Lifeline, RealtimeError
 from truestroke.runtime.realtime.server import Panel
@@ -62,7 +63,12 @@ class LiveSettings:
             raise SettingError("reading", "a token", "another one than that of control")
 
     def check(self, axes: Sequence[Axis]) -> None:
-        """Before anything moves: RealtimeError without starlette and uvicorn, or where the port is taken."""
+        """Before anything moves: RealtimeError without starlette and uvicorn, or where the page cannot be served."""
+        if not system.HANDS_OVER:
+            raise RealtimeError(
+                f"{sys.platform} hands no connection from one process to another, so the live page cannot be served: use "
+                "Linux, or serve --epics, or truestroke report, whose page can be read into everywhere"
+            )
         if any(importlib.util.find_spec(name) is None for name in ("starlette", "uvicorn")):
             raise RealtimeError(
                 "the live page needs the packages starlette and uvicorn: pip install 'truestroke[live]'"
