@@ -12,6 +12,7 @@ import types
 from pathlib import Path
 
 import numpy as np
+import psutil
 import pytest
 
 import truestroke
@@ -41,6 +42,7 @@ for module, names in {ONLY_POSIX!r}.items():
     for name in names.split():
         if hasattr(sys.modules[module], name):
             delattr(sys.modules[module], name)
+signal.SIGBREAK = 21  # Windows has it
 for name in ("fcntl", "resource", "pwd", "grp", "termios", "pty", "tty", "syslog"):
     sys.modules[name] = None
 """
@@ -175,6 +177,7 @@ def test_bytes_are_written_at_their_place_without_pwrite(tmp_path: Path, monkeyp
 def test_processors_and_memory_where_the_system_does_not_say(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delattr(os, "sched_getaffinity")
     monkeypatch.delattr(os, "sysconf")
+    monkeypatch.delattr(psutil.Process, "cpu_affinity")  # as on macOS
     assert system.processors() == list(range(os.cpu_count() or 1))
     assert system.memory() == 16 * 2**30
 
@@ -212,10 +215,18 @@ class Kernel32:
     def UnlockFile(self, handle: ctypes.c_void_p, low: int, high: int, *_: int) -> int:
         return int(self.locks.pop((low, high), None) == handle.value)
 
+    class CreateFileW:
+        """Handles are descriptors and 1000; 7 lets others read, write, rename."""
+
+        def __new__(cls, path: str, access: int, share: int, _: None, kind: int, *more: object) -> int:  # type: ignore[misc]
+            assert (access, share) == (0xC0000000, 7)
+            return os.open(path, os.O_RDWR | (os.O_CREAT | os.O_EXCL if kind == 1 else 0)) + 1000
+
 
 def test_the_lock_of_windows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     kernel, msvcrt = Kernel32(), types.ModuleType("msvcrt")
     msvcrt.get_osfhandle = lambda descriptor: descriptor + 1000  # type: ignore[attr-defined]
+    msvcrt.open_osfhandle = lambda handle, flags: handle - 1000  # type: ignore[attr-defined]
     monkeypatch.setitem(sys.modules, "msvcrt", msvcrt)
     monkeypatch.setattr(ctypes, "WinDLL", {"kernel32": kernel}.__getitem__, raising=False)
     monkeypatch.setattr(sys, "platform", "win32")
@@ -223,6 +234,7 @@ def test_the_lock_of_windows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     (place,) = kernel.locks
     assert (place[1] << 32) + place[0] > 2**60  # no recording is so long; writing into a locked byte fails
     assert files.busy(tmp_path / "a")
+    os.close(system.reopen(tmp_path / "a"))
     with (tmp_path / "a").open() as other, pytest.raises(BlockingIOError):
         system.lock(other.fileno())
     growing.close()

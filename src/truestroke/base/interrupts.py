@@ -10,7 +10,7 @@ from truestroke.base import system
 
 CTRL_C = signal.SIGINT
 ENDING: Mapping[int, str] = MappingProxyType(system.ENDING)
-"""Those that ask a program to end, and what is said of them; its exit code is then 128 and the number."""
+"""Those that ask a program to end, and what is said of them; its exit code is then that of `system.exit_code`."""
 
 
 @contextmanager

@@ -20,6 +20,12 @@ NAMES = {"SIGINT": "Ctrl-C", "SIGBREAK": "Ctrl-Break", "SIGTERM": "SIGTERM", "SI
 ENDING = {int(getattr(signal, name)): words for name, words in NAMES.items() if hasattr(signal, name)}
 """Signals that ask a program to end, and what is said of them."""
 
+
+def exit_code(number: int) -> int:
+    """Of a program that such a signal ended: 128 and its number, as shells say it; Ctrl-Break counts as SIGTERM."""
+    return 128 + (int(signal.SIGTERM) if number == getattr(signal, "SIGBREAK", None) else number)
+
+
 OPEN = getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0) | getattr(os, "O_NOINHERIT", 0)
 """Of `os.open`: bytes as they are, and not for the programs that this one starts."""
 
@@ -28,6 +34,9 @@ HAS_PROCESSES = sys.platform not in ("emscripten", "wasi")
 
 INHERITS = sys.platform != "win32"
 """Whether a process can be given descriptors of open files by their numbers."""
+
+HDF5_LOCKS = None if sys.platform == "linux" else False
+"""Whether HDF5 is to lock a file that `lock` has locked: on Linux as it likes, elsewhere its lock would meet ours."""
 
 HANDS_OVER = sys.platform != "darwin" and hasattr(socket, "send_fds") and hasattr(socket, "AF_UNIX")
 """Whether a process can hand a connection to another one, each in a message of its own: Linux."""
@@ -145,7 +154,7 @@ def _open_shared(path: Path, new: bool) -> int:
     kind = create_new if new else open_existing
     handle = kernel.CreateFileW(str(path), read_write, share_all, None, kind, ordinary, None)
     if handle == ctypes.c_void_p(-1).value:
-        number = ctypes.get_last_error()  # type: ignore[attr-defined,unused-ignore]
+        number = kernel.GetLastError()
         raise OSError(None, ctypes.FormatError(number).strip(), str(path), number)  # type: ignore[attr-defined,unused-ignore]
     return int(msvcrt.open_osfhandle(handle, os.O_RDWR | OPEN))  # type: ignore[attr-defined,unused-ignore]
 
@@ -153,7 +162,7 @@ def _open_shared(path: Path, new: bool) -> int:
 def name_of(descriptor: int, path: Path) -> str:
     """A name by which a library can open the open file, whatever `path` names by now; `path` where there is none."""
     by_number = f"/proc/self/fd/{descriptor}"
-    return by_number if os.path.exists(by_number) else str(path)
+    return by_number if INHERITS and os.path.exists(by_number) else str(path)
 
 
 def write_at(descriptor: int, data: bytes, offset: int) -> int:
@@ -191,7 +200,7 @@ def locked(descriptor: int) -> bool:
 def _kernel32() -> Any:
     import ctypes
 
-    return ctypes.WinDLL("kernel32", use_last_error=True)  # type: ignore[attr-defined,unused-ignore]
+    return ctypes.WinDLL("kernel32")  # type: ignore[attr-defined,unused-ignore]
 
 
 def _windows(call: str, descriptor: int) -> bool:

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import click
 
 import truestroke
-from truestroke.base import files, interrupts, streams
+from truestroke.base import files, interrupts, streams, system
 from truestroke.base.checks import SettingError
 from truestroke.base.errors import TruestrokeError
 from truestroke.base.exit_codes import ExitCode
@@ -97,7 +97,7 @@ class Commands(click.Group):
         except OSError as error:
             return self._failed(f"{error.filename or 'file'}: {error.strerror or error}", ExitCode.FAILED)
         except (click.Abort, KeyboardInterrupt):
-            code = 128 + stopped[0] if stopped else ExitCode.INTERRUPTED
+            code = system.exit_code(stopped[0]) if stopped else ExitCode.INTERRUPTED
             return complain("terminated" if stopped else "interrupted", code)
 
 

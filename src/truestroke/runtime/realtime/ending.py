@@ -8,7 +8,7 @@ from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from truestroke.base import interrupts
+from truestroke.base import interrupts, system
 from truestroke.base.exit_codes import ExitCode
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ class Cause(Enum):
     TERMINATED = ExitCode.TERMINATED
 
 
-SIGNALS = {number: (Cause(128 + number), words) for number, words in interrupts.ENDING.items()}
+SIGNALS = {number: (Cause(system.exit_code(number)), words) for number, words in interrupts.ENDING.items()}
 
 
 AS_ASKED = (Cause.FINISHED, Cause.STOPPED, *(cause for cause, _ in SIGNALS.values()))

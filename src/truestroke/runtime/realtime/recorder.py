@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from truestroke.base import system
 from truestroke.base.files import Growing
 from truestroke.base.hdf5 import ENDING
 from truestroke.base.typing import FloatArray
@@ -127,8 +128,9 @@ class File:
         widest = max(map(math.prod, slow.values()), default=1)
         self._piece = piece(PIECE * plan.sample_rate, 8)
         self._slow_piece = piece(PIECE * plan.sample_rate / plan.stride, 8 * widest)
-        paged = {"fs_strategy": "page", "fs_page_size": PAGE}
-        self._file = h5py.File(self._name, **MODE, **paged, rdcc_nbytes=0)  # a cache of chunks: 1 MB of each dataset
+        paged: dict[str, Any] = {"fs_strategy": "page", "fs_page_size": PAGE}
+        paged |= {"rdcc_nbytes": 0, "locking": system.HDF5_LOCKS}  # a cache of chunks would be 1 MB of each dataset
+        self._file = h5py.File(self._name, **MODE, **paged)
         describe(self._file, {**plan.about, "interrupted": NEVER_ENDED})
         self._sets: dict[str, Any] = {}  # kept open: HDF5 reports a failure to write only where one is used or flushed
         for name in ("time", *plan.channels, "lateness"):
@@ -195,7 +197,7 @@ class File:
         """Complete: an ordinary HDF5 file. It is opened once more, as HDF5 does not report every failure at the end."""
         lengths = {name: len(dataset) for name, dataset in self._sets.items()}
         self._file.close()
-        with self._h5py.File(self._name, "r") as file:
+        with self._h5py.File(self._name, "r", locking=system.HDF5_LOCKS) as file:
             short = [name for name, length in lengths.items() if len(file[name]) != length]
         if short:
             raise OSError(f"{', '.join(short)}: not all of it is in the file")

@@ -66,8 +66,8 @@ class LiveSettings:
         """Before anything moves: RealtimeError without starlette and uvicorn, or where the page cannot be served."""
         if not system.HANDS_OVER:
             raise RealtimeError(
-                f"{sys.platform} hands no connection from one process to another, so the live page cannot be served: use "
-                "Linux, or serve --epics, or truestroke report, whose page can be read into everywhere"
+                f"{sys.platform} hands no connection from one process to another, so the live page cannot be served: "
+                "use Linux, or serve --epics, or truestroke report, whose page can be read into everywhere"
             )
         if any(importlib.util.find_spec(name) is None for name in ("starlette", "uvicorn")):
             raise RealtimeError(
