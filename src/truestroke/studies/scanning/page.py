@@ -30,7 +30,7 @@ CAPTIONS = {
         "True minus desired position, in pixels, of x in the trace and in the retrace: the median and the range of all "
         "rows. The scales differ. The shaded band is a tenth of a pixel.",
     ),
-    "spectrum": words.spectrum((), "of x in lines and turns"),
+    "spectrum": words.spectrum((), "of x, turns included,"),
 }
 WORDS = {"good": "The image is straight.", "doubtful": "Nearly.", "bad": "Do not measure in it."}
 HEADS = ["controller", "distortion", "rms", "trace-retrace", "seen shift", "x rms", "y rms"]
