@@ -160,7 +160,7 @@ def examine(record: Record) -> Findings:
     >>> found = examine(Record.from_arrays(1.8 - 1.8 * np.cos(4 * np.pi * t), z, sample_rate=1000.0))
     >>> round(found.stroke_um, 2), round(found.delay_ms, 2), found.strokes
     (36.0, 3.0, 20)
-    >>> found.warnings[1]
+    >>> found.warnings[2]
     'all strokes have about the same speed (144 um/s): the record is not informative about rate dependence'
     """
     record = as_record(record)
