@@ -4,7 +4,6 @@ VENV ?= .venv
 MINUTES ?= 1
 BIN := $(VENV)/bin
 PIP = $(BIN)/python -m pip install --quiet --disable-pip-version-check
-unexport PYTHONDONTWRITEBYTECODE
 NATIVE := $(shell find c src/bindings -name '*.c' -o -name '*.h' -o -name '*.cpp')
 OLD_PYTHON := truestroke needs Python 3.11 or newer; this is %s. Try: make PYTHON=python3.12
 
@@ -38,14 +37,15 @@ $(VENV)/.package: pyproject.toml CMakeLists.txt Makefile $(NATIVE)
 	  echo "That took $$(($$(date +%s) - begin)) s."
 	@touch $@
 
-# What tests and tools need beside it; the package itself is there already. Of these 14,000 files a tenth is ever
-# imported: their bytecode is made when they are, also where the shell forbids it. qudi comes without the packages that
+# What tests and tools need beside it; the package itself is there already. Bytecode is made here, on all cores: some of
+# these packages have warnings for the compiler, which a test would take for errors. qudi comes without the packages that
 # it asks for: notebooks, a browser, and an older nidaqmx, 1 GB that no test uses.
 $(VENV)/.ready: $(VENV)/.package
 	@echo 'Adding the tools of tests and developers to $(VENV), once: a minute where nothing else runs. One of them is not open:'
 	@echo "PIPython, the client of Physik Instrumente, under PI's licence; the tests of its driver use it."
 	@begin=$$(date +%s); $(PIP) --no-compile 'truestroke[dev]' && \
 	  $(PIP) --no-compile --no-deps qudi-core==1.7.0 qudi-iqo-modules==1.0.0 && \
+	  { $(BIN)/python -m compileall -qq -j 0 $(VENV)/lib || true; } && \
 	  echo "That took $$(($$(date +%s) - begin)) s."
 	@touch $@
 
