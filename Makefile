@@ -33,7 +33,7 @@ $(VENV)/.package: pyproject.toml CMakeLists.txt Makefile $(NATIVE)
 	@echo 'Setting up $(VENV), once: half a minute where nothing else runs; pip compiles the kernel and fetches what it lacks.'
 	@begin=$$(date +%s); $(PYTHON) -m venv $(VENV) && \
 	  $(PIP) --no-compile --editable . && \
-	  { $(BIN)/python -m compileall -qq -j 0 $(VENV)/lib || true; } && \
+	  { $(BIN)/python -W ignore -m compileall -qq -j 0 $(VENV)/lib || true; } && \
 	  echo "That took $$(($$(date +%s) - begin)) s."
 	@touch $@
 
@@ -45,7 +45,7 @@ $(VENV)/.ready: $(VENV)/.package
 	@echo "PIPython, the client of Physik Instrumente, under PI's licence; the tests of its driver use it."
 	@begin=$$(date +%s); $(PIP) --no-compile 'truestroke[dev]' && \
 	  $(PIP) --no-compile --no-deps qudi-core==1.7.0 qudi-iqo-modules==1.0.0 && \
-	  { $(BIN)/python -m compileall -qq -j 0 $(VENV)/lib || true; } && \
+	  { $(BIN)/python -W ignore -m compileall -qq -j 0 $(VENV)/lib || true; } && \
 	  echo "That took $$(($$(date +%s) - begin)) s."
 	@touch $@
 
