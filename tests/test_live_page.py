@@ -22,7 +22,7 @@ from truestroke.cli import main
 from truestroke.runtime.drivers.guard import Limits
 from truestroke.runtime.drivers.playback import lead, playback
 from truestroke.runtime.drivers.simulated import SimulatedDriver
-from truestroke.runtime.realtime import LiveSettings, RealtimeError, config
+from truestroke.runtime.realtime import LiveSettings, RealtimeError, config, server
 from truestroke.runtime.realtime.live_page import access, frames
 from truestroke.runtime.realtime.server import Panel
 from truestroke.runtime.realtime.shared import FIELDS, Layout, Shared, Slot, State
@@ -202,7 +202,7 @@ def test_the_desired_motion_of_a_pass_is_shown_with_its_voltage() -> None:
     driver, rate = SimulatedDriver(), 2000.0
     wave = 1.0 + np.sin(2 * np.pi * np.arange(200) / 100)
     limits = {"voltage_limits": (-0.6, 3.6), "slew": 400.0, "safe_voltage": 0.0}
-    shared = Shared(Layout(channels=1, size=16_000, slow_size=1, slow_width=1))
+    shared = server.blank(1, rate)
     try:
         shared.count[Slot.STATE] = State.LIVE
         shown = Watched(driver, shared)

@@ -3,6 +3,7 @@
 import dataclasses
 import os
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -128,6 +129,14 @@ def example(command: Literal["run", "serve"] = "run") -> str:
     return Path(__file__).with_name("example.toml" if command == "run" else "serve.toml").read_text(encoding="utf-8")
 
 
+@contextmanager
+def _document(path: str | os.PathLike[str]) -> Iterator[dict[str, Any]]:
+    """What the file says; errors within name it."""
+    document = toml.read(path)
+    with checks.inside(f"{os.fspath(path)}: "):
+        yield document
+
+
 def load(path: str | os.PathLike[str]) -> Job:
     """Read a configuration.
 
@@ -143,8 +152,7 @@ def load(path: str | os.PathLike[str]) -> Job:
     OSError
         It cannot be read.
     """
-    document = toml.read(path)
-    with checks.inside(f"{os.fspath(path)}: "):
+    with _document(path) as document:
         return job(document, Path(path).parent)
 
 
@@ -211,8 +219,7 @@ def one_axis_at(path: str | os.PathLike[str]) -> tuple[Driver, AxisTable, float]
     SettingError, OSError
         As `load`.
     """
-    document = toml.read(path)
-    with checks.inside(f"{os.fspath(path)}: "):
+    with _document(path) as document:
         axes = document.get("axis")
         if not isinstance(axes, list) or len(axes) != 1:
             raise SettingError("axis", f"{len(axes) if isinstance(axes, list) else 0} tables", "one [[axis]]")
@@ -228,8 +235,7 @@ def live(path: str | os.PathLike[str]) -> LiveSettings:
     SettingError, OSError
         As `load`.
     """
-    document = toml.read(path)
-    with checks.inside(f"{os.fspath(path)}: "):
+    with _document(path) as document:
         found: LiveSettings = toml.value("live", document.get("live", {}), LiveSettings)
     return found
 
@@ -251,8 +257,7 @@ def movable(path: str | os.PathLike[str]) -> tuple[Driver, tuple[Movable, ...]]:
     SettingError, OSError
         As `load`.
     """
-    document = toml.read(path)
-    with checks.inside(f"{os.fspath(path)}: "):
+    with _document(path) as document:
         made, rate = driver(toml.value("driver", toml.needed(document, "driver"), Mapping))
         given = toml.value("axis", toml.needed(document, "axis"), tuple[Mapping[str, Any], ...])
         axes = []

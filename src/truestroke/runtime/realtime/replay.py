@@ -15,11 +15,10 @@ from truestroke.runtime.drivers.paced import EDGES_US
 from truestroke.runtime.realtime import server
 from truestroke.runtime.realtime.live_page import LiveSettings
 from truestroke.runtime.realtime.server import Panel
-from truestroke.runtime.realtime.shared import FIELDS, Layout, Shared, Slot, State
+from truestroke.runtime.realtime.shared import FIELDS, Shared, Slot, State
 from truestroke.signals.recording import Recording
 
 GLANCE = 0.02  # s between two looks at the clock and the buttons
-KEPT = 8.0  # s that the page can show, and more
 SHORTEST = 2  # ticks
 
 
@@ -52,8 +51,7 @@ def replay(recordings: Mapping[str, Recording], settings: LiveSettings, *, speed
         if abs(other / rate - 1.0) > 1e-6:
             raise SettingError(f"sample rate of {name}", other, f"that of the others, {rate:g} Hz", "Hz")
     ticks = min(one["time"].size for one in recordings.values())
-    layout = Layout(channels=len(recordings), size=round(KEPT * rate) + 1, slow_size=1, slow_width=1)
-    with closing(Shared(layout)) as shared:
+    with closing(server.blank(len(recordings), rate)) as shared:
         shared.count[Slot.TICKS], shared.count[Slot.REPLAY], shared.count[Slot.STATE] = ticks, 1, State.LIVE
         panels = [_panel(name, one) for name, one in recordings.items()]
         with server.served(settings, shared, panels, rate):
@@ -87,8 +85,6 @@ class _Tape:
             for one in recordings
         ]
         self._late = recordings[0]["lateness"] if "lateness" in recordings[0] else np.zeros(0)
-        shared.ring[:] = np.nan
-        shared.ring[:, FIELDS.index("flags")] = 0.0
 
     def play(self) -> None:
         """Until somebody presses STOP."""

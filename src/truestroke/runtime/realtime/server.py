@@ -10,16 +10,19 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Protocol
 
+import numpy as np
+
 from truestroke.runtime.realtime import process
 from truestroke.runtime.realtime.motion import SetPoint
 from truestroke.runtime.realtime.process import Lifeline, RealtimeError
 from truestroke.runtime.realtime.recorder import Plan
 from truestroke.runtime.realtime.settings import Axis
-from truestroke.runtime.realtime.shared import Helper, Shared, Slot, State, Text
+from truestroke.runtime.realtime.shared import FIELDS, Helper, Layout, Shared, Slot, State, Text
 from truestroke.signals.trajectories import Trajectory
 
 GLANCE = 0.02  # s between two looks at whether it is ready
 LAST_WORDS = 2.0  # s for it to end
+KEPT = 8.0  # s that a page can show, and more
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,6 +71,14 @@ def _reach(motion: Trajectory | SetPoint) -> tuple[float, float]:
 def start(lifeline: Lifeline, shared: Shared, server: Server, axes: list[Panel], sample_rate: float) -> None:
     """`serve`, as the process of the server calls it."""
     server.serve(lifeline, shared, axes, sample_rate)
+
+
+def blank(channels: int, sample_rate: float) -> Shared:
+    """Memory for `served`: the last `KEPT` seconds of so many axes, of which nothing is known yet."""
+    shared = Shared(Layout(channels=channels, size=round(KEPT * sample_rate) + 1, slow_size=1, slow_width=1))
+    shared.ring[:] = np.nan
+    shared.ring[:, FIELDS.index("flags")] = 0.0
+    return shared
 
 
 @contextmanager

@@ -14,10 +14,9 @@ from truestroke.runtime.drivers.protocol import Driver, DriverError
 from truestroke.runtime.realtime import server
 from truestroke.runtime.realtime.live_page import LiveSettings
 from truestroke.runtime.realtime.server import Panel
-from truestroke.runtime.realtime.shared import FIELDS, Layout, Shared, Slot, State
+from truestroke.runtime.realtime.shared import FIELDS, Shared, Slot, State
 from truestroke.signals.timing import Timing
 
-KEPT = 8.0  # s that the page can show, and more
 DESIRED, MEASURED, VOLTS = (FIELDS.index(name) for name in ("desired", "measured", "volts"))
 
 
@@ -39,8 +38,7 @@ def watched(driver: Driver, settings: LiveSettings, panel: Panel, sample_rate: f
     if hasattr(driver, "playback"):
         name = type(driver).__name__
         raise SettingError("live", f"with {name}", "left out: its hardware plays a pass by itself, beyond STOP")
-    layout = Layout(channels=1, size=round(KEPT * sample_rate) + 1, slow_size=1, slow_width=1)
-    with closing(Shared(layout)) as shared, server.served(settings, shared, [panel], sample_rate):
+    with closing(server.blank(1, sample_rate)) as shared, server.served(settings, shared, [panel], sample_rate):
         shared.count[Slot.STATE] = State.LIVE
         yield Watched(driver, shared)
 
@@ -52,8 +50,6 @@ class Watched:
         self._driver, self._shared, self._count = driver, shared, shared.count
         self._next = self._tick = self._latency = 0
         self._desired, self._from = np.empty(0), 0
-        shared.ring[:] = np.nan
-        shared.ring[:, FIELDS.index("flags")] = 0.0
 
     def expect(self, desired: FloatArray, after: int) -> None:
         """The period, um, of the motion from the next start on, `after` so many ticks."""
