@@ -11,6 +11,33 @@ from pathlib import Path
 from truestroke import FileError, Recording
 
 COMMAND = Path(sys.executable).with_name("truestroke")
+CONFIG = """
+[driver]
+name = "simulated"
+register = "volts"
+FAULTS
+[[axis]]
+stroke = 30.0
+voltage_limits = [-0.6, 3.6]
+safe_voltage = 0.25
+slew = 400.0
+[axis.trajectory]
+kind = "sine"
+frequency = 4.0
+duration = DURATION
+[realtime]
+overrun_streak = 0
+watchdog_timeout = TIMEOUT
+axis_check = false
+[recording]
+file = "run.h5"
+"""
+
+
+def configuration(faults: str = "", *, duration: float = 60.0, watchdog_timeout: float = 9.0) -> str:
+    """A simulated stack on a sine for so many seconds; the file `volts` holds what its output holds."""
+    text = CONFIG.replace("FAULTS", f"faults = {faults}" if faults else "")
+    return text.replace("DURATION", str(duration)).replace("TIMEOUT", str(watchdog_timeout))
 
 
 def started(

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from running import COMMAND, started, ticks
+from running import COMMAND, configuration, started, ticks
 
 from truestroke import AdaptiveController, Recording
 from truestroke.base import files
@@ -21,25 +21,6 @@ from truestroke.runtime.realtime import Axis, RealtimeSettings, run_realtime
 from truestroke.signals.trajectories import sine
 
 FAKES = Path(__file__).with_name("fakes")
-CONFIG = """
-[driver]
-name = "simulated"
-register = "volts"
-[[axis]]
-stroke = 30.0
-voltage_limits = [-0.6, 3.6]
-safe_voltage = 0.25
-slew = 400.0
-[axis.trajectory]
-kind = "sine"
-frequency = 4.0
-duration = 60.0
-[realtime]
-overrun_streak = 0
-watchdog_timeout = 9.0
-[recording]
-file = "run.h5"
-"""
 
 
 @pytest.fixture(scope="module")
@@ -72,7 +53,7 @@ def test_what_is_said_to_be_saved_is_there_whichever_write_fails(bad_disk: Path)
 
 @pytest.mark.parametrize("kind", [errno.ENOSPC, errno.EIO])
 def test_a_run_whose_disk_fails_ends_with_13(bad_disk: Path, kind: int) -> None:
-    process = started(CONFIG, env=environment(bad_disk))
+    process = started(configuration(), env=environment(bad_disk))
     state = np.memmap("disk", np.int64, "r+")
     state[0] = kind
     _, stderr = process.communicate(timeout=30)
@@ -89,7 +70,7 @@ def test_a_run_whose_disk_fails_ends_with_13(bad_disk: Path, kind: int) -> None:
 
 def test_a_disk_that_fails_at_the_very_end_is_told(bad_disk: Path) -> None:
     """Only the last step to the disk fails: without it nothing is sure to be there."""
-    process = started(CONFIG.replace("60.0", "1.0"), there=lambda: ticks("run.h5") > 200, env=environment(bad_disk))
+    process = started(configuration(duration=1.0), there=lambda: ticks("run.h5") > 200, env=environment(bad_disk))
     with pytest.raises(subprocess.TimeoutExpired):
         process.communicate(timeout=0.3)
     np.memmap("disk", np.int64, "r+")[:2] = errno.EIO, 250
@@ -106,7 +87,7 @@ def again(*options: str) -> subprocess.CompletedProcess[str]:
 
 
 def test_one_that_is_being_written_is_refused_at_once() -> None:
-    process = started(CONFIG)
+    process = started(configuration())
     for options in (["--overwrite"], []):
         done = again(*options)
         assert done.returncode == 1
@@ -145,7 +126,7 @@ def record(wave: object, fault: str = "", overwrite: bool = False) -> str:
 
 def test_kill_9_while_it_replaces_one_keeps_both_and_the_terminal_says_where() -> None:
     Path("run.h5").write_text("precious")
-    process = started(CONFIG, "--overwrite")
+    process = started(configuration(), "--overwrite")
     children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
     process.send_signal(signal.SIGSTOP)
     before = ticks("run.new.h5")
@@ -163,7 +144,7 @@ def test_kill_9_while_it_replaces_one_keeps_both_and_the_terminal_says_where() -
 
 def test_the_end_is_written_to_the_file_that_is_open() -> None:
     """And not to one that has its name by now."""
-    process = started(CONFIG)
+    process = started(configuration())
     Path("run.h5").rename("moved.h5")
     Path("run.h5").write_text("another's")
     process.send_signal(signal.SIGINT)
@@ -173,7 +154,7 @@ def test_the_end_is_written_to_the_file_that_is_open() -> None:
 
 
 def test_ctrl_c_before_it_begins_leaves_nothing() -> None:
-    process = started(CONFIG, there=Path("run.h5").exists)
+    process = started(configuration(), there=Path("run.h5").exists)
     process.send_signal(signal.SIGINT)
     process.communicate(timeout=20)
     assert process.returncode == 130

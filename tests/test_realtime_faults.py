@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 import pytest
 import test_supervision
-from running import started, ticks
+from running import configuration, started, ticks
 
 from truestroke import AdaptiveController, Recording, SettingError
 from truestroke.runtime.drivers import DriverError, Fault, SimulatedDriver, SimulatedSettings
@@ -257,28 +257,6 @@ def assert_recorded(outcome: Outcome, row: Row) -> None:
 
 # ---- The process itself dies ---------------------------------------------------------------------------------------
 
-CONFIG = """
-[driver]
-name = "simulated"
-register = "volts"
-FAULTS
-[[axis]]
-stroke = 30.0
-voltage_limits = [-0.6, 3.6]
-safe_voltage = 0.25
-slew = 400.0
-[axis.trajectory]
-kind = "sine"
-frequency = 4.0
-duration = 60.0
-[realtime]
-overrun_streak = 0
-watchdog_timeout = 1.0
-axis_check = false
-[recording]
-file = "run.h5"
-"""
-
 
 @dataclass
 class Death:
@@ -324,14 +302,10 @@ DEATHS = {
 }
 
 
-def configured(faults: str = "") -> str:
-    return CONFIG.replace("FAULTS", f"faults = {faults}" if faults else "")
-
-
 @pytest.mark.parametrize("name", DEATHS)
 def test_death(name: str) -> None:
     death = DEATHS[name]
-    process = started(configured(death.faults))
+    process = started(configuration(death.faults, watchdog_timeout=1.0))
     before = ticks("run.h5")
     death.do(process)
     _, stderr = process.communicate(timeout=30)  # to the end of the helping processes, which share stderr
@@ -349,7 +323,7 @@ EVERY = "every process of the run is killed"
 
 
 def test_a_run_whose_every_process_is_killed_leaves_all_but_the_last_half_second() -> None:
-    process = started(configured())
+    process = started(configuration(watchdog_timeout=1.0))
     all_of_them = children(process.pid)
     process.send_signal(signal.SIGSTOP)
     time.sleep(0.3)  # all that the ring holds is written within that; the watchdog would bite after 1 s

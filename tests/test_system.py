@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import psutil
 import pytest
+from running import configuration
 
 import truestroke
 from truestroke.base import files, system
@@ -104,33 +105,12 @@ def test_a_run_and_its_page_a_chip_and_an_axis(folder: Path) -> None:
     assert {"first.h5", "first.html", "chip"} <= {path.name for path in folder.iterdir()}
 
 
-RUN = """
-[driver]
-name = "simulated"
-register = "volts"
-FAULTS
-[[axis]]
-stroke = 30.0
-voltage_limits = [-0.6, 3.6]
-safe_voltage = 0.25
-slew = 400.0
-[axis.trajectory]
-kind = "sine"
-frequency = 4.0
-duration = 1.0
-[realtime]
-overrun_streak = 0
-watchdog_timeout = 20.0
-axis_check = false
-[recording]
-file = "run.h5"
-"""
-ABORT = 'faults = [{ kind = "abort", at = 1000 }]'
+ABORT = '[{ kind = "abort", at = 1000 }]'
 
 
 def test_the_loop_in_real_time(folder: Path) -> None:
     """It replaces a file while it has it open."""
-    (folder / "run.toml").write_text(RUN.replace("FAULTS", ""))
+    (folder / "run.toml").write_text(configuration(duration=1.0, watchdog_timeout=20.0))
     (folder / "run.h5").write_text("an older one")
     done = call(folder, "run", "--config", "run.toml", "--overwrite")
     assert done.returncode == 0, done.stderr
@@ -141,7 +121,9 @@ def test_the_loop_in_real_time(folder: Path) -> None:
 
 
 def test_its_watchdog(folder: Path) -> None:
-    (folder / "run.toml").write_text(RUN.replace("FAULTS", ABORT).replace("run.h5", "dead.h5"))
+    (folder / "run.toml").write_text(
+        configuration(ABORT, duration=1.0, watchdog_timeout=20.0).replace("run.h5", "dead.h5")
+    )
     done = call(folder, "run", "--config", "run.toml")
     assert done.returncode == -signal.SIGABRT
     assert "truestroke: watchdog: the process is gone; output set to 0.25 V" in done.stderr
