@@ -217,6 +217,7 @@ def test_a_finger_presses_every_control_of_the_playground(phone: Page) -> None:
     controls = "#controls input:not([type=range]), .laws input, #controls button"
     assert phone.locator(controls).count() == len(TAPPED)
     assert look.too_wide(phone) == []
+    assert look.inaccessible(phone) == []
 
 
 def test_the_keyboard_and_the_address_move_every_slider(phone: Page) -> None:

@@ -17,13 +17,14 @@ function steps(low, high, count) {
   return Array.from({ length: last - first + 1 }, (_, i) => Number(((first + i) * step).toPrecision(12)));
 }
 
-/** A canvas with two axes. They are drawn into a canvas of their own, and again only where something of them changes. */
+/** A canvas with two axes. They stand on a canvas of their own behind it, and are drawn again only where they change. */
 export class Chart {
   /** @param {HTMLCanvasElement} canvas */
   constructor(canvas) {
     this.canvas = canvas;
     this.front = canvas.getContext("2d");
     this.back = document.createElement("canvas").getContext("2d");
+    canvas.before(this.back.canvas);
     this.draw = this.back;
     this.#measure();
     new ResizeObserver(() => this.#measure()).observe(canvas);
@@ -59,7 +60,6 @@ export class Chart {
     }
     this.draw = this.front;
     this.#cleared();
-    this.draw.drawImage(this.back.canvas, 0, 0, width, height);
   }
 
   #cleared() {

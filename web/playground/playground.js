@@ -78,6 +78,11 @@ function taken(state, { name, type, checked, value }) {
 
 /* ---- Pictures ---- */
 
+/** Writes a text; one that stands there already is left alone, for each write lays out the page again. */
+function write(id, text) {
+  if ($(id).textContent !== text) $(id).textContent = text;
+}
+
 const charts = Object.fromEntries(["loop", "slopes", "error"].map((id) => [id, new Chart($(id))]));
 const length = (um) => (um < 0.0995 ? `${(1000 * um).toPrecision(2)} nm` : `${um.toPrecision(2)} µm`);
 let reach = 1; // µm: of the picture of the error
@@ -85,7 +90,7 @@ let reach = 1; // µm: of the picture of the error
 function drawLoop() {
   const { desired, truth, ticks, kept } = simulation;
   const scans = state.motion === "scan";
-  $("loop-title").textContent = scans ? "Image of squares of 3 µm" : "Displacement over desired displacement";
+  write("loop-title", scans ? "Image of squares of 3 µm" : "Displacement over desired displacement");
   if (scans) {
     charts.loop.begin([2, 26], [2, 26], "desired x, µm", "desired y, µm", true);
     charts.loop.image(simulation.image, LINES);
@@ -125,10 +130,10 @@ function drawSlopes() {
 
 function drawFigures({ rms, most }) {
   const share = ((100 * rms) / 24).toPrecision(2);
-  $("figures").textContent = `${WORDS[state.controller]}: rms error ${length(rms)}, ${share} % of the motion; largest ${length(most)}`;
+  write("figures", `${WORDS[state.controller]}: rms error ${length(rms)}, ${share} % of the motion; largest ${length(most)}`);
   const bits = simulation.flagsSince();
   const names = data.controllers.truestroke.flags.filter((_, i) => bits & (1 << i));
-  $("flags").textContent = names.length ? `flags: ${names.join(", ")}` : "";
+  write("flags", names.length ? `flags: ${names.join(", ")}` : "");
 }
 
 function draw(now) {
