@@ -10,7 +10,7 @@ import pytest
 
 from truestroke import AdaptiveController, ControllerSettings, run
 from truestroke.control.reference import ReferenceController
-from truestroke.control.resonance import ResonanceEstimator, arctangent, shown, tangent
+from truestroke.control.resonance import SHOWN, ResonanceEstimator, arctangent, shown, tangent
 from truestroke.control.stage import found
 from truestroke.model.operators import play
 from truestroke.plant import StagePlant, StageSettings
@@ -77,6 +77,17 @@ def test_it_is_found_on_stages_of_another_structure(kind, f0) -> None:
     found = estimated(stage(f0, hysteresis_kind=kind), f0 / 12, 0.6)
     assert found.known * RATE == pytest.approx(f0, rel=0.03)
     assert math.sqrt(found.variance) < 0.01
+
+
+def test_an_oscillation_that_comes_again_does_not_end_the_window() -> None:
+    """One at the frequency of the window; one elsewhere begins another."""
+    estimator = ResonanceEstimator()
+    for k in range(50):
+        estimator.look(0.06 * (1 + 0.01 * math.sin(k)))
+        estimator.update(1 / RATE, np.zeros(SHOWN), 0.0, 0.0, 0.0, 0.0)
+    assert estimator.ticks == 50
+    estimator.look(0.09)
+    assert (estimator.centre, estimator.ticks) == (0.09, 0)
 
 
 @pytest.mark.parametrize("way", [0.95, 1.05])

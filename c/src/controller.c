@@ -1013,8 +1013,7 @@ static bool matters(const ts_controller *c)
     const ts_resonance *r = &c->resonance;
     if (c->settings->resonance > 0 || c->hold || c->stage.rest > 0) return false;
     if (s->ticks > 0 || s->share > 0 || s->lag > 0 || c->lagged.ticks < 8) return false;
-    bool doubtful = c->stage.failed && c->guard.held == 0; /* while weights are held nothing but the stage rings */
-    if (r->windows < (doubtful ? 4 : 2) || r->variance > CERTAIN * CERTAIN) return false;
+    if (r->windows < 2 || r->variance > CERTAIN * CERTAIN) return false;
     if (c->found.known) {
         ts_real moved = r->known / c->stage.resonance - 1;
         return moved * moved > MOVED * MOVED && moved * moved < FURTHER * FURTHER && moved * moved > 4 * r->variance;

@@ -69,7 +69,10 @@ static ts_guard_action judge_held(ts_guard *g, ts_real error)
     g->held = g->bad = g->good = 0;
     g->pause = better ? 1 : g->wait;
     g->wait = g->wait < TS_LONGEST_WAIT ? 2 * g->wait : TS_LONGEST_WAIT;
-    if (g->at_start) g->kept = false;
+    if (g->at_start) {
+        g->kept = false;
+        g->best = 0;
+    }
     g->at_start = false;
     return better ? TS_GUARD_ADOPT : TS_GUARD_RETURN;
 }

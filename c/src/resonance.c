@@ -171,7 +171,8 @@ static bool end_band(ts_resonance *r, ts_real tick)
 
 void ts_resonance_look(ts_resonance *r, ts_real frequency)
 {
-    if (!(frequency > 0 && frequency < SEARCH_FROM)) return;
+    bool there = r->centre < AGREE * frequency && frequency < AGREE * r->centre;
+    if (there || !(frequency > 0 && frequency < SEARCH_FROM)) return;
     r->centre = frequency;
     r->ticks = 0;
 }

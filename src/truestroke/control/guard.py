@@ -207,7 +207,7 @@ class Guard:
         self.pause = 1 if better else self.wait
         self.wait = 2 * self.wait if self.wait < LONGEST_WAIT else LONGEST_WAIT
         if self.at_start:
-            self.kept = False
+            self.kept, self.best = False, 0.0
         self.at_start = False
         return Action.ADOPT if better else Action.RETURN
 

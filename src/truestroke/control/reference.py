@@ -898,8 +898,7 @@ class ReferenceController(Displayed):
             return False
         if self._sensor.late or self._lagged.ticks < 8:
             return False
-        doubtful = stage.failed and self._kept.guard.held == 0  # while weights are held nothing but the stage rings
-        if known.windows < (4 if doubtful else 2) or known.variance > CERTAIN * CERTAIN:
+        if known.windows < 2 or known.variance > CERTAIN * CERTAIN:
             return False
         if self._path is not None:
             moved = known.known / stage.resonance - 1

@@ -126,8 +126,12 @@ class ResonanceEstimator:
         self._strange = False  # the last window was far from what is known
 
     def look(self, frequency: float) -> None:
-        """The next window is about this frequency, cycles per tick, where it is one of the search."""
-        if 0 < frequency < SEARCH_FROM:
+        """The next window is about this frequency, cycles per tick, where it is one of the search.
+
+        One that is about it already goes on: an oscillation that comes again and again would end each of them.
+        """
+        there = self.centre < AGREE * frequency and frequency < AGREE * self.centre
+        if 0 < frequency < SEARCH_FROM and not there:
             self.centre, self.ticks = frequency, 0
 
     def update(self, tick: float, plays: FloatArray, z: float, error: float, zdot_d: float, change: float) -> bool:
