@@ -3,23 +3,7 @@
 >>> from truestroke.report import THEMES, tracking, error, weights, loop, voltage, save, run_page
 """
 
-from truestroke.report.page import Page
-from truestroke.report.plots import error, loop, tracking, uncompensated, voltage, weights
-from truestroke.report.recording import run_page, run_plots
-from truestroke.report.style import DARK, LIGHT, THEMES, save
+from truestroke.base import lazy
 
-__all__ = [
-    "DARK",
-    "LIGHT",
-    "THEMES",
-    "Page",
-    "error",
-    "loop",
-    "run_page",
-    "run_plots",
-    "save",
-    "tracking",
-    "uncompensated",
-    "voltage",
-    "weights",
-]
+# The sentences of a page are the terminal's, too, which needs no pictures.
+__getattr__, __dir__, __all__ = lazy.attach(__name__)

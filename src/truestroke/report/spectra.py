@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
+from matplotlib import mlab
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -71,12 +72,12 @@ def bridged(error: FloatArray) -> FloatArray:
 
 def _density(error: FloatArray, rate: float) -> tuple[FloatArray, FloatArray]:
     """Frequencies, Hz, without 0, and amplitude spectral density, per sqrt(Hz), of means over segments by Welch."""
-    from scipy import signal  # takes a quarter of a second
-
     if error.size < 4:
         return np.zeros(0), np.zeros(0)
     segment = min(error.size, max(256, error.size // 16))
-    frequency, power = signal.welch(error, rate, nperseg=segment)
+    hann = np.hanning(segment + 1)[:-1]  # periodic
+    # Not scipy.signal: its import takes as long as all pictures of a page.
+    power, frequency = map(np.asarray, mlab.psd(error, segment, rate, mlab.detrend_mean, hann, segment // 2))
     return frequency[1:], np.sqrt(power[1:])
 
 

@@ -3,8 +3,6 @@
 import math
 import re
 
-from matplotlib.ticker import EngFormatter
-
 
 def micro(text: str) -> str:
     """A text of the terminal with µm in place of um; names and files keep their letters.
@@ -25,6 +23,8 @@ def length(um: float) -> str:
     >>> length(0.17666), length(1.0731), length(0.9999), length(2.0e5)
     ('177 nm', '1.07 µm', '1 µm', '200 mm')
     """
+    from matplotlib.ticker import EngFormatter
+
     return EngFormatter(unit="m")(float(f"{1e-6 * um:.3g}"))
 
 
@@ -48,6 +48,8 @@ def scaled(largest: float, unit: str) -> tuple[float, str]:
     >>> scaled(0.3e-6, "m"), scaled(49e-6, "m"), scaled(2e-3, "s"), scaled(0.0, "V")
     ((1000000000.0, 'nm'), (1000000.0, 'µm'), (1000.0, 'ms'), (1.0, 'V'))
     """
+    from matplotlib.ticker import EngFormatter
+
     power = 3 * math.floor(math.log10(largest) / 3) if largest > 0 else 0
     power = min(max(power, -30), 30)
     return 10.0**-power, f"{EngFormatter.ENG_PREFIXES[power]}{unit}"
