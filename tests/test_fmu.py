@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import math
+import os
 import re
 import shutil
 import subprocess
+import sys
 import zipfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -20,15 +23,56 @@ from fmpy.fmi3 import FMU3Slave
 from fmpy.validation import validate_fmu
 from lxml import etree
 
-from truestroke import AdaptiveController, CompilerError, SettingError, cli, export_fmu, trajectories
+from truestroke import (
+    ActuatorModel,
+    AdaptiveController,
+    CompilerError,
+    Dynamics,
+    Mode,
+    SettingError,
+    cli,
+    export_fmu,
+    save_model,
+    trajectories,
+)
 from truestroke._plant import Plant
 from truestroke.base import declared
+from truestroke.model.branches import Branches
+from truestroke.model.layout import Layout
 from truestroke.plant import PlantSettings, RealisticPlant
 from truestroke.plant.settings import PLANT_SETTINGS
 
 SIZES: dict[str, Any] = {"sample_rate": 2000.0, "stroke": 30.0, "voltage_limits": (-0.6, 3.6)}
 QUIET = PlantSettings().without("noise")
 TICK = 1 / 2000.0
+STAGE = Dynamics(
+    sample_rate=2000.0,
+    modes=(Mode(frequency=300.0, damping=0.02, share=0.9), Mode(frequency=700.0, damping=0.03, share=0.1)),
+    amplifier_bandwidth=800.0,
+    dead_time=1.3e-3,
+)
+RANGE = (-0.6, 3.6)
+CURVED = Branches(
+    voltage_range=RANGE, curves=("convex", "concave", "sigmoid"), plays=2, weights=(0.3, -0.1, 0.1, 0.2, 0.4, 0.1)
+)
+
+
+def model(**changes: Any) -> ActuatorModel:
+    """Of an actuator with every term."""
+    terms: dict[str, Any] = {
+        "thresholds": (0.0, 0.2, 0.5, 0.9),
+        "rate_dependent": (0, 2),
+        "creep_times": (0.01, 0.3),
+        "asymmetry": 2,
+    }
+    weights = Layout(**terms).vector(
+        [7.1, 0.5, 0.4, 0.3], [0.11, -0.07], creep=[0.1, 0.2], lag=-1.5e-4, offset=0.33, asymmetry=[0.4, -0.2]
+    )
+    others = {"stroke": 30.0, "voltage_range": RANGE, "rate_scale": 0.007, "velocity": 2000.0, "zero": 1.2345}
+    return ActuatorModel(**{**terms, **others, "weights": weights, "covariance": np.eye(weights.size), **changes})
+
+
+WHOLE = model(dynamics=STAGE, delay=3.7e-3, time_constant=2e-4, branches=CURVED)
 
 
 @pytest.fixture(scope="module", params=["2.0", "3.0"])
@@ -39,6 +83,7 @@ def exported(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
         yield {
             "controller": export_fmu(AdaptiveController(**SIZES), folder / "controller.fmu", version=request.param),
             "plant": export_fmu(QUIET, folder / "stack.fmu", version=request.param),
+            "actuator": export_fmu(WHOLE, folder / "actuator.fmu", sample_rate=2000.0, version=request.param),
         }
 
 
@@ -57,7 +102,7 @@ class Unit:
         self.unit = (FMU3Slave if self.three else FMU2Slave)(instanceName="one", **given)
         (self._instantiate3 if self.three else self._instantiate2)()
         self.set(**parameters)
-        self.ticks = 0
+        self.ticks, self.tick = 0, float(described.defaultExperiment.stepSize)
 
     def _instantiate3(self) -> None:
         self.unit.instantiate(logMessage=lambda _, status, category, message: self.said.append(message.decode()))
@@ -107,7 +152,7 @@ class Unit:
         self.unit.setFMUState(kept)
 
     def step(self, ticks: int = 1) -> None:
-        self.unit.doStep(self.ticks * TICK, ticks * TICK)
+        self.unit.doStep(self.ticks * self.tick, ticks * self.tick)
         self.ticks += ticks
 
 
@@ -155,6 +200,82 @@ def test_a_loop_of_both_has_the_bits_of_the_package(exported: dict[str, Path], t
         assert (law.get("volts"), stack.get("measured")) == (volts, z)
         controller.adapt(z)
     assert abs(stack.get("truth") - z_d) < 0.1
+
+
+def volts_of(ticks: int) -> Any:
+    """A voltage that rests, then wanders, beyond the record, too."""
+    steps = np.random.default_rng(3).normal(size=ticks)
+    steps[:4] = 0.0
+    return np.clip(0.7 + 0.2 * np.cumsum(steps), -0.8, 3.8)
+
+
+def driven(unit: Unit, volts: Any) -> Any:
+    """The displacement of an actuator's FMU in each tick, um."""
+    found = []
+    for value in volts:
+        unit.set(volts=value)
+        unit.step()
+        found.append(unit.get("displacement"))
+    return np.array(found)
+
+
+def test_an_actuator_has_the_bits_of_its_model(exported: dict[str, Path], tmp_path: Path) -> None:
+    unit = Unit(exported["actuator"], tmp_path / "a", offset=0.25).begin()
+    assert unit.get("displacement") == WHOLE.predict([0.0], 2000.0, offset=0.25)[0]
+    assert unit.get("late") == 0  # the dead time is longer than what the velocity looks ahead
+    volts = volts_of(1200)
+    found = driven(unit, volts)
+    assert found.tolist() == WHOLE.predict(volts, 2000.0, offset=0.25).tolist()
+    assert np.ptp(found) > 20.0
+    unit.set(volts=3.7)
+    unit.step()
+    assert unit.get("beyond") == 1
+    weights = WHOLE.weights.copy()
+    weights[WHOLE.names.index("creep 0.3 s")] = 0.9
+    other = Unit(exported["actuator"], tmp_path / "b", weight_creep_0_3_s=0.9).begin()
+    assert driven(other, volts[:300]).tolist() == WHOLE.replace(weights=weights).predict(volts[:300], 2000.0).tolist()
+
+
+def test_an_actuator_without_dead_time_is_late_by_what_its_velocity_looks_ahead(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("CC", "cc -O1")
+    volts = volts_of(600)
+    duhem = Branches(voltage_range=RANGE, betas=(4.0, 12.0), weights=(0.3, -0.1, 0.2, 0.1))
+    for name, one, largest in (("plays", model(), 0.0), ("duhem", model(branches=duhem), 1e-12)):
+        file = export_fmu(one, tmp_path / f"{name}.fmu", sample_rate=20_000.0)
+        unit = Unit(file, tmp_path / name).begin()
+        late = int(unit.get("late"))
+        assert late == 2  # of 0.1 ms
+        difference = driven(unit, volts)[late:] - one.predict(volts, 20_000.0)[:-late]
+        assert np.abs(difference).max() <= largest  # exp of NumPy and of C differ in the last bit
+
+
+def test_another_importer(exported: dict[str, Path], tmp_path: Path) -> None:
+    """Ecos, whose library needs that of the package tbb: both FMUs of a loop step at the same time."""
+    law = Unit(exported["controller"], tmp_path / "c", late=1).begin()
+    stack = Unit(exported["plant"], tmp_path / "p").begin()
+    actuator = Unit(exported["actuator"], tmp_path / "a").begin()
+    expected = []
+    for k in range(200):
+        values = {"volts": law.get("volts")}, {"z": stack.get("measured"), "z_d": 10.0 + k / 20, "zdot_d": 100.0}
+        for unit, given in zip((stack, law), values, strict=True):
+            unit.set(**given)
+            unit.step()
+        actuator.set(**values[0])
+        actuator.step()
+        expected.append((law.get("volts"), stack.get("measured"), actuator.get("displacement")))
+    folders = [os.environ.get("LD_LIBRARY_PATH", ""), str(Path(sys.prefix) / "lib")]
+    script = Path(__file__).with_name("fakes") / "in_ecos.py"
+    done = subprocess.run(
+        [sys.executable, str(script), *map(str, exported.values())],
+        env=os.environ | {"LD_LIBRARY_PATH": os.pathsep.join(filter(None, folders))},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout.splitlines()[-1]) == [list(row) for row in expected]
 
 
 def numbers(seed: int, count: int) -> list[float]:
@@ -319,6 +440,12 @@ def test_what_cannot_be_exported_is_named(tmp_path: Path, monkeypatch: pytest.Mo
         export_fmu(QUIET, tmp_path / "c.fmu", version="1.0")  # type: ignore[arg-type]
     with pytest.raises(SettingError, match=r"a name that ends with \.fmu"):
         export_fmu(QUIET, tmp_path / "stack.zip")
+    with pytest.raises(SettingError, match=r"sample_rate = 2000\.0 Hz: must be left out: it is in the settings"):
+        export_fmu(QUIET, tmp_path / "stack.fmu", sample_rate=2000.0)
+    with pytest.raises(SettingError, match="sample_rate = None Hz: must be given: the model does not say"):
+        export_fmu(WHOLE, tmp_path / "a.fmu")
+    with pytest.raises(SettingError, match=r"model\.delay = 200\.0 s: must be 100 s or less, 100000 ticks"):
+        export_fmu(WHOLE.replace(delay=200.0), tmp_path / "a.fmu", sample_rate=1000.0)
     monkeypatch.setenv("CC", "no-such-compiler")
     with pytest.raises(CompilerError, match="no C compiler no-such-compiler on this computer"):
         export_fmu(QUIET, tmp_path / "stack.fmu")
@@ -341,8 +468,14 @@ def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert fmpy.read_model_description("p.fmu").fmiVersion == "3.0"
     with zipfile.ZipFile("p.fmu") as archive:
         assert not [name for name in archive.namelist() if name.startswith("binaries")]
+    save_model("model.toml", WHOLE.replace(metrics={"record_sample_rate_hz": 4000.0}))
+    assert call("--actuator", "--model", "model.toml", "--source", "--output", "a.fmu")[0] == 0
+    assert fmpy.read_model_description("a.fmu").defaultExperiment.stepSize == "0.00025"
     for arguments, words in (
         (("--stack", "--stroke", "3"), "--stroke is one of a controller"),
+        (("--actuator", "--model", "model.toml", "--slew", "3"), "--slew is one of a controller"),
+        (("--actuator",), "--actuator needs --model FILE"),
+        (("--actuator", "--stack"), "--actuator and --stack are two FMUs"),
         (("--history", "20", *sizes), "--history is one of `export c`"),
         (("--ticks", "200", *sizes), "--ticks is one of `export c`"),
     ):

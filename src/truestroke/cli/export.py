@@ -11,7 +11,7 @@ import click
 from click.core import ParameterSource
 
 import truestroke
-from truestroke.cli import common
+from truestroke.cli import common, waveforms
 
 if TYPE_CHECKING:
     from truestroke.control.settings import ControllerSettings
@@ -23,6 +23,7 @@ OF_TARGETS = {
     "history": ["c"],
     "ram": ["c"],
     "stack": ["fmu"],
+    "actuator": ["fmu"],
     "source": ["fmu"],
     "fmi": ["fmu"],
     "ticks": ["c", "json"],
@@ -58,6 +59,8 @@ OF_TARGETS = {
 @click.option("--output", metavar="PATH", type=click.Path(path_type=Path), required=True,
               help="c: a new or empty folder; json, fmu: a file.")  # fmt: skip
 @click.option("--stack", is_flag=True, help="fmu: the simulated stack in place of a controller.")
+@click.option("--actuator", is_flag=True, help="fmu: the actuator of --model FILE, from voltage to displacement, in "
+              "place of a controller.")  # fmt: skip
 @click.option("--source", is_flag=True, help="fmu: without a binary of this computer.")
 @click.option("--fmi", type=click.Choice(["2.0", "3.0"]), default="2.0", help="fmu: version of FMI.  [default: 2.0]")
 @common.overwrite_option
@@ -67,14 +70,16 @@ def export(target: str, output: Path, as_json: bool, **options: Any) -> None:
 
     c: the folder holds the kernel with capacities cut to the settings, settings and prior as constants, three calls, an
     example of a loop, and a self-test: a recorded run whose commands must come out again. json: the file holds the
-    settings in double precision and such a run. fmu: FMI 2.0 or 3.0 for co-simulation, source and binary.
+    settings in double precision and such a run. fmu: FMI 2.0 or 3.0 for co-simulation, source and binary; with
+    --actuator of the model itself, with --stack of the simulated stack.
     """
     from truestroke.export import export_c
 
     _refuse_others(target)
-    if options["stack"]:
-        _stack(output, options, as_json)
-        return
+    for kind, write in (("stack", _stack), ("actuator", _actuator)):
+        if options[kind]:
+            write(output, options, as_json)
+            return
     settings, safe_voltage, about = _settings(options)
     if target != "c":
         _one_file(target, settings, safe_voltage, about, output, options, as_json)
@@ -143,9 +148,7 @@ def _stack(output: Path, options: dict[str, Any], as_json: bool) -> None:
     from truestroke.export import export_fmu
     from truestroke.plant import PlantSettings
 
-    others = (*ALONE, "config", "axis", "state")
-    if given := [name for name in others if name != "sample_rate" and options[name] is not None]:
-        raise click.UsageError(f"--{given[0].replace('_', '-')} is one of a controller, not of --stack.")
+    _refuse_of_controllers("stack", options, ("sample_rate",))
     rate = options["sample_rate"]
     settings = PlantSettings() if rate is None else PlantSettings(sample_rate=rate)
     _told(
@@ -153,6 +156,37 @@ def _stack(output: Path, options: dict[str, Any], as_json: bool) -> None:
         "The simulated stack",
         as_json,
     )
+
+
+def _actuator(output: Path, options: dict[str, Any], as_json: bool) -> None:
+    """The actuator of a model as an FMU."""
+    from truestroke.export import export_fmu
+
+    _refuse_of_controllers("actuator", options, ("sample_rate", "model"))
+    if options["model"] is None:
+        raise click.UsageError("--actuator needs --model FILE, which truestroke identify writes.")
+    model = truestroke.load_model(options["model"])
+    waveforms.warn_of(model)
+    file = export_fmu(
+        model,
+        output,
+        sample_rate=options["sample_rate"],
+        about=f"the actuator of {options['model'].name}",
+        binary=not options["source"],
+        version=options["fmi"],
+    )
+    _told(file, f"An actuator with {len(model.thresholds)} plays and {model.parameters} weights", as_json)
+
+
+def _refuse_of_controllers(kind: str, options: dict[str, Any], own: tuple[str, ...]) -> None:
+    """What is exported in place of a controller has few of its options."""
+    if options["actuator"] and options["stack"]:
+        raise click.UsageError("--actuator and --stack are two FMUs: ask for one of them.")
+    for name in (*ALONE, "config", "axis", "state"):
+        if name not in own and options[name] is not None:
+            raise click.UsageError(
+                f"--{name.replace('_', '-')} is one of a controller, and --{kind} makes none: leave it out."
+            )
 
 
 def _told(file: Path, what: str, as_json: bool) -> None:

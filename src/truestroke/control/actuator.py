@@ -25,6 +25,7 @@ from truestroke.model.dynamics import EXPECTED as DYNAMICS
 from truestroke.model.dynamics import Dynamics
 from truestroke.model.layout import Layout
 from truestroke.model.models import Motion, asymmetry_terms, known_terms
+from truestroke.model.operators import dot
 
 VELOCITY_SPAN = 0.1e-3  # s: half of the span of a central difference, at least one sample
 NEWTON_STEPS = 8  # at most
@@ -512,7 +513,7 @@ def displacement(
     """Displacement above `zero`, um, of the sum of the plays, um, the creep states, V, and the velocity, um/s."""
     motion = Motion(np.zeros_like(velocity), velocity)  # at 0 um there is no asymmetry
     known = known_terms(model, creep, motion, model.stroke)
-    return solve_asymmetry(plays + w[model.of_plays :] @ known, w[model.columns["asymmetry"]], model.stroke)
+    return solve_asymmetry(plays + dot(w[model.of_plays :], known.T), w[model.columns["asymmetry"]], model.stroke)
 
 
 def _sensor_lag(sensor_delay: float | None = None, sensor_bandwidth: float | None = None, **_: Any) -> float:
@@ -538,8 +539,12 @@ def creep_states(x: FloatArray, times: tuple[float, ...], sample_rate: float) ->
     from scipy.signal import lfilter
 
     before = np.concatenate([x[:1], x[:-1]])
-    shares = [-np.expm1(-1 / (tau * sample_rate)) for tau in times]
-    return [x[0] + lfilter([share], [1, share - 1], before - x[0]) for share in shares]
+    return [x[0] + lfilter([c], [1, c - 1], before - x[0]) for c in creep_shares(times, sample_rate)]
+
+
+def creep_shares(times: tuple[float, ...], sample_rate: float) -> list[float]:
+    """By which part of its distance to the voltage each creep state moves in a sample."""
+    return [-math.expm1(-1 / (tau * sample_rate)) for tau in times]
 
 
 def respond(y: FloatArray, delay: float, time_constant: float) -> FloatArray:
@@ -583,10 +588,15 @@ def ahead(x: FloatArray, samples: int, last: FloatArray) -> FloatArray:
 
 def central_difference(z: FloatArray, sample_rate: float) -> FloatArray:
     """Velocity, um/s, over a span of 0.2 ms or of two samples."""
-    half = max(1, round(VELOCITY_SPAN * sample_rate))
+    half = velocity_span(sample_rate)
     k = np.arange(z.size)
     after, before = np.minimum(k + half, z.size - 1), np.maximum(k - half, 0)
     return np.asarray((z[after] - z[before]) * sample_rate / np.maximum(after - before, 1))
+
+
+def velocity_span(sample_rate: float) -> int:
+    """Samples before and after one from which its velocity is taken."""
+    return max(1, round(VELOCITY_SPAN * sample_rate))
 
 
 def asymmetry_slopes(z: FloatArray, stroke: float) -> FloatArray:
@@ -597,12 +607,19 @@ def asymmetry_slopes(z: FloatArray, stroke: float) -> FloatArray:
 
 
 def solve_asymmetry(y: FloatArray, asymmetry: FloatArray, stroke: float) -> FloatArray:
-    """The z with z - asymmetry(z) = y, um, by Newton's method."""
-    n, z = len(asymmetry), y.copy()
-    for _ in range(NEWTON_STEPS if n else 0):
-        slope = np.maximum(1 - asymmetry @ asymmetry_slopes(z, stroke)[:n], 0.1)
-        step = (z - asymmetry @ np.array(asymmetry_terms(z, stroke)[:n]) - y) / slope
-        z -= step
-        if not z.size or np.abs(step).max() <= CONVERGED * stroke:
+    """The z with z - asymmetry(z) = y, um, by Newton's method: each sample until it has converged."""
+    z, left = y.copy(), np.arange(y.size)
+    for _ in range(NEWTON_STEPS if len(asymmetry) else 0):
+        at = z[left]
+        slope = np.maximum(1 - _weighted(asymmetry, asymmetry_slopes(at, stroke)), 0.1)
+        step = (at - _weighted(asymmetry, asymmetry_terms(at, stroke)) - y[left]) / slope
+        z[left] -= step
+        left = left[np.abs(step) > CONVERGED * stroke]
+        if not left.size:
             break
     return z
+
+
+def _weighted(weights: FloatArray, terms: Sequence[FloatArray] | FloatArray) -> FloatArray:
+    """Sum of the first terms, one for each weight, in their order."""
+    return np.asarray(sum(weight * term for weight, term in zip(weights, terms, strict=False)))

@@ -228,7 +228,8 @@ def through(dynamics: Dynamics, strain: FloatArray) -> FloatArray:
     if dead:
         u = np.concatenate([np.zeros_like(u[:dead]), u[: max(len(u) - dead, 0)]])
     parts = [lfilter([b0, b1], [1.0, a1, a2], u, axis=0) for b0, b1, a1, a2 in own]
-    return np.asarray(rest + lfilter(direct, [1.0], u, axis=0) + sum(parts))
+    taps = [np.concatenate([np.zeros_like(u[:k]), tap * u[: max(len(u) - k, 0)]]) for k, tap in enumerate(direct)]
+    return np.asarray(rest + sum(taps) + sum(parts))
 
 
 def difference_equation(dynamics: Dynamics) -> tuple[FloatArray, FloatArray, int]:

@@ -1,4 +1,4 @@
-"""`export_fmu`: a controller or the simulated stack as a unit of FMI, for Simulink, Dymola, OpenModelica and others."""
+"""`export_fmu`: a controller, an identified model or the simulated stack as a unit of FMI, for other simulators."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import subprocess
 import tempfile
 import zipfile
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -18,9 +18,10 @@ import truestroke
 from truestroke.base import checks, declared, files
 from truestroke.base.checks import SettingError
 from truestroke.base.errors import TruestrokeError
+from truestroke.control.actuator import ActuatorModel
 from truestroke.control.controller import AdaptiveController
 from truestroke.control.settings import ControllerSettings, kernel_settings
-from truestroke.export import c_values, fmu_variables
+from truestroke.export import c_values, fmu_actuator, fmu_variables
 from truestroke.export.c_source import kernel_sources
 from truestroke.export.fmu_variables import Variable
 from truestroke.export.recorded import safe_volts
@@ -65,25 +66,32 @@ class _Unit:
     parameters: tuple[str, ...]
     sources: Mapping[str, str]
     terminals: Mapping[str, tuple[str, tuple[str, ...]]]
+    sizes: Mapping[str, int] = field(default_factory=dict)
 
 
 def export_fmu(
-    what: AdaptiveController | ControllerSettings | PlantSettings,
+    what: AdaptiveController | ControllerSettings | ActuatorModel | PlantSettings,
     file: str | os.PathLike[str],
     *,
+    sample_rate: float | None = None,
     safe_voltage: float | None = None,
     about: str = "a piezo actuator",
     binary: bool = True,
     version: Version = "2.0",
 ) -> Path:
-    """Write a controller or the simulated stack as an FMU of FMI 2.0 or 3.0 for co-simulation: its source and a binary.
+    """Write a controller, an identified model or the simulated stack as an FMU of FMI 2.0 or 3.0: source and binary.
+
+    Of FMI it is the part co-simulation.
 
     Parameters
     ----------
-    what : AdaptiveController, ControllerSettings or PlantSettings
-        A controller in double precision, of one axis, which starts as at its own start; or the stack.
+    what : AdaptiveController, ControllerSettings, ActuatorModel or PlantSettings
+        A controller in double precision, of one axis, which starts as at its own start; a model, from voltage to
+        displacement, with the bits of `ActuatorModel.predict`; or the simulated stack.
     file : str or PathLike
         Ends with .fmu; an FMU that this function wrote is replaced.
+    sample_rate : float, optional
+        Of a model, 1 / tick, Hz; by default that of its record. Controllers and stacks have their own.
     safe_voltage : float, optional
         The controller's output before the first step, V, within the limits; by default 0 V, or the limit nearest to it.
     about : str
@@ -115,14 +123,20 @@ def export_fmu(
     ...     print("sources/fmi2.c" in zipfile.ZipFile(made).namelist())
     True
     """
-    words = "an AdaptiveController, its ControllerSettings, or a PlantSettings"
-    checks.instance("what", what, (AdaptiveController, ControllerSettings, PlantSettings), words)
+    words = "an AdaptiveController, its ControllerSettings, an ActuatorModel, or a PlantSettings"
+    checks.instance("what", what, (AdaptiveController, ControllerSettings, ActuatorModel, PlantSettings), words)
     target = checks.path("file", file)
     if target.suffix != ".fmu":
         raise SettingError("file", f"'{target}'", "a name that ends with .fmu")
     checks.one_of("version", version, get_args(Version))
+    if sample_rate is not None and not isinstance(what, ActuatorModel):
+        raise SettingError(
+            "sample_rate", sample_rate, "left out: it is in the settings of the controller or stack", "Hz"
+        )
     if isinstance(what, PlantSettings):
         unit = _plant(what)
+    elif isinstance(what, ActuatorModel):
+        unit = _actuator(what, sample_rate, about)
     else:
         unit = _controller(what.settings if isinstance(what, AdaptiveController) else what, safe_voltage, about)
     texts = _texts(unit, version)
@@ -152,6 +166,28 @@ def _controller(settings: ControllerSettings, safe_voltage: float | None, about:
         parameters=(),
         sources=kernel_sources() | _sources("status.h", "unit.h", "unit_controller.c", "unit_controller.h"),
         terminals=fmu_variables.CONTROLLER_TERMINALS,
+    )
+
+
+def _actuator(model: ActuatorModel, sample_rate: float | None, about: str) -> _Unit:
+    given = model.metrics.get("record_sample_rate_hz") if sample_rate is None else sample_rate
+    if given is None:
+        raise SettingError("sample_rate", None, "given: the model does not say that of its record", "Hz")
+    rate = checks.sized("sample_rate", given, "Hz", 1e-3, 1e9)
+    sizes, members, late = fmu_actuator.constants(model, rate)
+    operators = ("truestroke.h", "lanes.h", "operators.c")
+    return _Unit(
+        kind="actuator",
+        struct="fmu_model",
+        about=f"The identified model of {about}",
+        rate=rate,
+        variables=fmu_variables.of_actuator(model, late),
+        members=members,
+        parameters=(),
+        sources={name: text for name, text in kernel_sources().items() if name in operators}
+        | _sources("unit.h", "unit_actuator.c", "unit_actuator.h"),
+        terminals=fmu_variables.ACTUATOR_TERMINALS,
+        sizes=sizes,
     )
 
 
@@ -198,6 +234,7 @@ def _texts(unit: _Unit, version: Version) -> dict[str, str]:
         },
         "variables": unit.variables,
         "parameters": unit.parameters,
+        "sizes": unit.sizes,
         "members": list(c_values.members(unit.members, "double")),
         "real": lambda value: c_values.real(value, "double"),
         "sources": sorted([*(name for name in sources if name.endswith(".c")), "variables.c"]),

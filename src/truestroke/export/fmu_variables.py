@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from truestroke.control.actuator import ActuatorModel
 from truestroke.control.settings import ControllerSettings
 from truestroke.plant.settings import PLANT_SETTINGS, PlantSettings
 from truestroke.signals.timing import LONGEST_AGO
 
 NO_SLEW = 1e30  # V/s: from here on the voltage may jump
-BEYOND = 1e15  # of any voltage, V
+BEYOND = 1e15  # of any voltage, V, or parameter
+_ANY: dict[str, Any] = {"role": "parameter", "low": -BEYOND, "high": BEYOND}
 
 UNITS = {  # name: factor and exponents of SI's base units
     "um": (1e-6, {"m": 1}),
@@ -23,8 +26,10 @@ UNITS = {  # name: factor and exponents of SI's base units
     "um/V": (1e-6, {"kg": -1, "m": -1, "s": 3, "A": 1}),
     "Hz": (1.0, {"s": -1}),
     "s": (1.0, {"s": 1}),
+    "s^2": (1.0, {"s": 2}),
     "1/h": (1 / 3600, {"s": -1}),
     "V/V": (1.0, {}),
+    "um/um": (1.0, {}),
 }
 
 KINDS3 = {"Real": "Float64", "Integer": "Int32", "Boolean": "Boolean"}
@@ -38,6 +43,10 @@ CONTROLLER_TERMINALS = {
 PLANT_TERMINALS = {
     "amplifier": ("Voltage at the D/A converter", ("volts",)),
     "sensor": ("Measurement of the stage", ("measured", "truth")),
+}
+ACTUATOR_TERMINALS = {
+    "amplifier": ("Voltage at the D/A converter", ("volts",)),
+    "sensor": ("Measurement of the stage", ("displacement", "beyond")),
 }
 """Variables that belong together, by the name of their terminal, with its meaning."""
 
@@ -112,6 +121,30 @@ def of_plant(settings: PlantSettings) -> list[Variable]:
         dataclasses.replace(_setting(settings, name), start=float(getattr(settings, name)))
         for name in plant_parameters()
     ]
+
+
+def of_actuator(model: ActuatorModel, late: int) -> list[Variable]:
+    """In the order of c/fmi/unit_actuator.c, then a parameter for each weight."""
+    return [
+        Variable("volts", "voltage at the D/A converter", "V", start=0.0),
+        Variable("displacement", "as the sensor reads it, without noise; see `late`", "um", role="output"),
+        Variable("late", "ticks by which it is later than the model says", kind="Integer", role="output", start=late),
+        Variable("beyond", "whether voltage or velocity is beyond the record", kind="Boolean", role="output"),
+        Variable("offset", "of the sensor's zero, above that of the record", "um", **_ANY),
+        *(
+            Variable(weight_name(name), f"weight {name}", unit, start=float(w), **_ANY)
+            for name, unit, w in zip(model.names, model.units, model.weights, strict=True)
+        ),
+    ]
+
+
+def weight_name(name: str) -> str:
+    """Of the parameter of a weight: names of Modelica have neither blanks nor points.
+
+    >>> weight_name("creep 0.3 s")
+    'weight_creep_0_3_s'
+    """
+    return "weight_" + re.sub(r"\W", "_", name)
 
 
 def plant_parameters() -> Sequence[str]:

@@ -27,13 +27,14 @@ from truestroke import _kernel
 from truestroke.base import checks
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
+from truestroke.model.operators import dot
 
 LIVE = 60.0  # beta |dx| that is summed at a time: its exponential keeps its digits
 
 CURVES: dict[str, tuple[Callable[[Any], Any], Callable[[Any], Any]]] = {
     "convex": (lambda s: s + 0.45 * s * s, lambda s: 1 + 0.9 * s),
     "concave": (lambda s: s - 0.45 * s * s, lambda s: 1 - 0.9 * s),
-    "sigmoid": (lambda s: s * (1 + 4 * s * s) ** -0.5, lambda s: (1 + 4 * s * s) ** -1.5),
+    "sigmoid": (lambda s: s / (1 + 4 * s * s) ** 0.5, lambda s: 1 / ((1 + 4 * s * s) * (1 + 4 * s * s) ** 0.5)),
 }
 """Curves f of s by name, each with its derivative, of numbers and arrays; both are taken within -1 to 1."""
 
@@ -112,8 +113,8 @@ class Branches:
         return (x - self.voltage_range[0]) / self.half - 1
 
     @cached_property
-    def _zeros(self) -> dict[str, float]:
-        """What the curves are at 0 V, V."""
+    def at_zero(self) -> dict[str, float]:
+        """What the curves are at 0 V by their names, V."""
         return {curve: self._continued(curve, self.scaled(0.0)) for curve in self.curves}
 
     def _continued(self, curve: str, s: Any) -> Any:
@@ -124,7 +125,7 @@ class Branches:
 
     def curved(self, curve: str, x: Any) -> Any:
         """half (f(s) - f(s of 0 V)), V: what the plays follow, 0 at 0 V, at which they rest."""
-        return self._continued(curve, self.scaled(x)) - self._zeros[curve]
+        return self._continued(curve, self.scaled(x)) - self.at_zero[curve]
 
     def curved_slope(self, curve: str, x: FloatArray) -> FloatArray:
         """Its derivative by x."""
@@ -136,7 +137,7 @@ class Branches:
 
     def sum(self, x: FloatArray) -> FloatArray:
         """All terms with their weights along a voltage, um."""
-        return np.asarray(self.columns(x) @ np.array(self.weights)) if self.weights else np.zeros_like(x)
+        return dot(self.columns(x), np.array(self.weights)) if self.weights else np.zeros_like(x)
 
     def _plays(self, curve: str, x: FloatArray, every: int) -> FloatArray:
         rows = np.empty((-(-x.size // every), self.plays))
