@@ -27,7 +27,11 @@ EXCITED = "three modes, excited"
 SAMPLES, RATE = (10_000, 100_000, 1_000_000), 2000.0
 MODE = Dynamics(sample_rate=RATE, modes=(Mode(frequency=180.0, damping=0.03),))
 MODES = Dynamics(
-    sample_rate=RATE, modes=tuple(Mode(*mode) for mode in ((90.0, 0.03, 0.75), (190.0, 0.02, 0.15), (340.0, 0.02, 0.1)))
+    sample_rate=RATE,
+    modes=tuple(
+        Mode(frequency=f, damping=damping, share=share)
+        for f, damping, share in ((90.0, 0.03, 0.75), (190.0, 0.02, 0.15), (340.0, 0.02, 0.1))
+    ),
 )
 KINDS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
     "stage": lambda z: z,

@@ -14,7 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.signal import sawtooth
 
-from truestroke.identification import identify
+from truestroke.identification.identified import time_constants
+from truestroke.identification.series import series
 from truestroke.plant import StagePlant, StageSettings
 
 FINE = 10_000.0  # Hz: rate of the simulation
@@ -96,8 +97,8 @@ def record(kind: Callable[[np.ndarray, np.random.Generator], np.ndarray], seed: 
 
 
 def inside(made: Simulated) -> bool:
-    """Whether dead time and lag are both inside the intervals of `identify`."""
-    found = identify((made.volts, made.displacement, made.sample_rate), held_out=0.01).response
+    """Whether dead time and lag are both inside the intervals that `identify` gives the whole record."""
+    found = time_constants(series((made.volts, made.displacement, made.sample_rate)))
     pairs = (made.dead_time, found.delay_interval), (made.lag, found.time_constant_interval)
     return all(low <= true <= high for true, (low, high) in pairs)
 

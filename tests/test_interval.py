@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from benchmarks import foreign_records as foreign
+from benchmarks import unseen_records
 
 from truestroke import SettingError
 from truestroke.control.actuator import ActuatorModel
@@ -45,6 +46,22 @@ def test_an_interval_grows_at_rest():
     assert drifts[0] == pytest.approx(2.45 * 1.8)
     with pytest.raises(SettingError, match="after"):
         known.interval(still, FS, after=-1.0)
+
+
+def test_an_interval_grows_where_motion_is_faster_than_the_record():
+    """A ramp of 4 V/s, 36 um/s, of a line; up to the speed of the record it is that of the noise."""
+    x = 4.0 * np.arange(10) / FS
+    line = {"thresholds": (0.0,), "rate_dependent": (), "creep_times": (), "asymmetry": 0, "weights": [9.0, 0.0, 0.0]}
+    known = model(**line, covariance=np.zeros((3, 3)), noise=0.01)
+    assert known.interval(x, FS) == pytest.approx(1.96 * 0.01)  # of 100 um/s
+    faster = known.replace(velocity=12.0).interval(x, FS)
+    assert faster == pytest.approx(1.96 * np.hypot(0.01, 0.005 * 30.0 * (36 / 12 - 1)))
+
+
+def test_what_an_inverse_costs_is_in_the_interval():
+    """An actuator that goes on for a moment after its turns: free weights would have a tenth of the error."""
+    found = identify(next(unseen_records.records(1, (unseen_records.friction,))), delay=0.0)
+    assert 0.9 <= found.held_out.coverage <= 0.99
 
 
 def test_the_file_keeps_walk_and_drift(tmp_path):

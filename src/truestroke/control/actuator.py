@@ -366,11 +366,12 @@ class ActuatorModel(Displayed, Layout):
 
         ::
 
-            sqrt(k^2 (diag(J P J') + noise^2 + (jitter v)^2) + 2.45^2 (walk^2 t + (drift t)^2 + creep^2))
+            sqrt(k^2 (diag(J P J') + noise^2 + (jitter v)^2 + faster^2) + 2.45^2 (walk^2 t + (drift t)^2 + creep^2))
 
         k is the `coverage_factor`, J the derivative of the prediction by the weights, P their covariance, v the
         predicted velocity, t the time since the end of the record: the zero walks and drifts on, at rest, too, and
-        creeps by 1 % of the stroke or more in each tenfold of the record's `duration`.
+        creeps by 1 % of the stroke or more in each tenfold of the record's `duration`. Where |v| is above `velocity`,
+        faster is 0.005 stroke (|v| / velocity - 1): the record shows nothing of such motion.
 
         Parameters
         ----------

@@ -16,6 +16,9 @@ if TYPE_CHECKING:
 
 COVERED = 1.96  # standard deviations: 95 %
 OF_ZERO = 2.45  # the same of the zero, by Student with six degrees of freedom: a record shows few ways of it
+FASTER = (
+    0.005  # of the stroke, deviation of motion at twice the speed of the record: no term of the model was seen there
+)
 CREEP = 0.01  # of the stroke in each decade of time: 0.01 to 0.02 in stacks (Jung and Gweon 2000)
 POINTS = 4000  # at most, at which the part of the weights is computed; straight lines between them
 
@@ -39,11 +42,22 @@ def of_weights(
     return np.asarray(np.interp(np.arange(volts.size) - late, places, np.sum(J @ P * J, axis=1)))
 
 
-def of_motion(model: ActuatorModel, volts: FloatArray, sample_rate: float) -> FloatArray:
-    """Variance of the prediction error whatever the time, um^2: J P J' + noise^2 + (jitter v)^2, shape (samples,)."""
-    v = central_difference(model.strain(volts, sample_rate), sample_rate) if model.jitter else 0.0
-    weights = of_weights(model, volts, sample_rate, model.covariance)
-    return np.asarray(weights + model.noise**2 + (model.jitter * v) ** 2)
+def of_motion(
+    model: ActuatorModel, volts: FloatArray, sample_rate: float, P: FloatArray | None = None, centred: bool = False
+) -> FloatArray:
+    """Variance of the prediction error whatever the time, um^2, shape (samples,).
+
+    ::
+
+        J P J' + noise^2 + (jitter v)^2 + (FASTER stroke max(|v| / v_max - 1, 0))^2
+
+    v is the velocity of the strain, v_max the largest of the record, `model.velocity`; P the covariance of the model
+    if none is given, and `centred` as in `of_weights`.
+    """
+    v = central_difference(model.strain(volts, sample_rate), sample_rate)
+    weights = of_weights(model, volts, sample_rate, model.covariance if P is None else P, centred)
+    faster = np.maximum(np.abs(v) / model.velocity - 1, 0.0) if model.velocity else 0.0
+    return np.asarray(weights + model.noise**2 + (model.jitter * v) ** 2 + (FASTER * model.stroke * faster) ** 2)
 
 
 def _derivative(model: ActuatorModel, x: FloatArray, fs: float, every: int) -> FloatArray:

@@ -94,7 +94,10 @@ def calibrated(model: ActuatorModel, data: Data, s: Structure, weight: float) ->
 
 
 def _errors(model: ActuatorModel, data: Data, s: Structure, weight: float) -> tuple[Errors, Errors, Errors]:
-    """Of later blocks, of each block but the first between the others, and of the fit to all."""
+    """Of later blocks, of each block but the first between the others, and of the fit to all.
+
+    All fits have an inverse, as the model has: what that costs is part of its error.
+    """
     strain = model.strain(data.volts, data.sample_rate)
     rows, late = data.columns(s, strain), data.fitted(rested=False)
     rate = central_difference(strain, data.sample_rate)[:: data.every][late]
@@ -103,10 +106,11 @@ def _errors(model: ActuatorModel, data: Data, s: Structure, weight: float) -> tu
     of_weights = np.sum(J @ model.covariance * J, axis=1)
     seconds = np.flatnonzero(late) * data.every / data.sample_rate
     pull, blocks = data.prior(s).rows(weight), np.array_split(np.arange(len(rows)), BLOCKS)
+    inverse = data.constraints(s, model.velocity)
     parts = [normal.reduced(rows[block]) for block in blocks]
 
     def error(fitted: list[FloatArray], at: slice) -> FloatArray:
-        return np.asarray(rows[at] @ np.append(normal.solve(np.vstack([start, *fitted, pull])), -1.0))
+        return np.asarray(rows[at] @ np.append(normal.solve(np.vstack([start, *fitted, pull]), *inverse), -1.0))
 
     def later() -> Iterator[tuple[FloatArray, FloatArray, FloatArray, FloatArray]]:
         for k in range(FIRST, BLOCKS):

@@ -274,8 +274,7 @@ def _found(
     The search for modes begins with those of `start`, and intervals are made where `certain`.
     """
     coarse = _data(s, samples, CHOICE_ROWS)
-    first = 0.0 if delay is not None else coarse_delay(coarse)
-    found = find_response(_data(s, samples, samples), first, delay, certain)
+    found = time_constants(s, coarse, delay, certain)
     coarse = dataclasses.replace(coarse, delay=found.delay, time_constant=found.time_constant)
     guess = first_prediction(coarse)
     structure, weight, tried = choose(coarse, guess, fixed)
@@ -293,6 +292,15 @@ def _found(
     rows = compared.displacement.size / fine.displacement.size
     model = coverage.calibrated(model, compared, fit.structure, fit.weight * rows)
     return dataclasses.replace(fit, model=model), (*tried, *more), found
+
+
+@normal.one_thread
+def time_constants(s: Series, coarse: Data | None = None, delay: float | None = None, certain: bool = True) -> Response:
+    """Dead time and lag of all samples, or of those of `coarse`; of `identify`, without a model."""
+    coarse = _data(s, s.volts.size, CHOICE_ROWS) if coarse is None else coarse
+    first = 0.0 if delay is not None else coarse_delay(coarse)
+    samples = coarse.volts.size
+    return find_response(_data(s, samples, samples), first, delay, certain)
 
 
 def _behind(coarse: Data, fine: Data) -> Data:

@@ -136,8 +136,8 @@ def _half_width(model: ActuatorModel, volts: FloatArray, fs: float, centred: boo
     """
     start = 0.5 * volts.size if centred else 0.0
     since = np.abs(np.arange(volts.size) - start) / fs
-    variance = interval.of_weights(model, volts, fs, model.another_day(), centred) + model.walk**2 * since
-    return np.asarray(interval.COVERED * np.sqrt(variance + model.noise**2))
+    motion = interval.of_motion(model, volts, fs, model.another_day(), centred)
+    return np.asarray(interval.COVERED * np.sqrt(motion + model.walk**2 * since))
 
 
 def _verdict(model: ActuatorModel, found: dict[str, float]) -> Verdict:
