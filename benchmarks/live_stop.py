@@ -79,14 +79,14 @@ def thousand(host: str, port: int) -> list[socket.socket]:
     return made + [_asking(host, port) for _ in range(600)]
 
 
-def hammering(host: str, port: int) -> list[socket.socket]:
+def hammering(host: str, port: int, method: str = "GET", path: str = "/stream") -> list[socket.socket]:
     """Twenty connections that ask without a token, again as soon as they are answered, on one processor."""
 
     def ask() -> None:
         connection = http.client.HTTPConnection(host, port, timeout=60)
         with contextlib.suppress(OSError, http.client.HTTPException):
             while True:
-                connection.request("GET", "/stream")
+                connection.request(method, path)
                 connection.getresponse().read()
 
     for _ in range(20):
@@ -94,11 +94,17 @@ def hammering(host: str, port: int) -> list[socket.socket]:
     return []
 
 
+def ordering(host: str, port: int) -> list[socket.socket]:
+    """The same, with orders."""
+    return hammering(host, port, "POST", "/do")
+
+
 CROWDS: dict[str, Callable[[str, int], list[socket.socket]]] = {
     "ten readers": reading,
     "32 hung readers": hanging,
     "a thousand connections": thousand,
     "20 that hammer": hammering,
+    "20 that order": ordering,
     "a closed laptop": hanging,
 }
 

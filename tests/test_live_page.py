@@ -7,6 +7,7 @@ import json
 import re
 import socket
 import subprocess
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -23,9 +24,10 @@ from truestroke.runtime.drivers.guard import Limits
 from truestroke.runtime.drivers.playback import lead, playback
 from truestroke.runtime.drivers.simulated import SimulatedDriver
 from truestroke.runtime.realtime import LiveSettings, RealtimeError, config, server
-from truestroke.runtime.realtime.live_page import access, frames
+from truestroke.runtime.realtime.live_page import access, door, frames
+from truestroke.runtime.realtime.live_page.orders import Orders
 from truestroke.runtime.realtime.server import Panel
-from truestroke.runtime.realtime.shared import FIELDS, Layout, Shared, Slot, State
+from truestroke.runtime.realtime.shared import FIELDS, Helper, Layout, Shared, Slot, State
 from truestroke.runtime.realtime.watched import Watched
 from truestroke.signals.channels import Channel
 
@@ -118,8 +120,8 @@ def test_a_run_is_watched_moved_held_and_stopped(run: tuple[Served, Path]) -> No
         assert not wrong
 
         page.get_by_label("Set-point").fill("5")
-        page.get_by_label("speed").fill("50")
-        page.get_by_label("speed").press("Enter")
+        page.get_by_label("speed (µm/s)").fill("50")
+        page.get_by_label("speed (µm/s)").press("Enter")
         there = served.until(lambda frame: abs((frame["axes"][0]["measured"] or [0.0])[-1] - 5.0) < 0.2)
         assert there["axes"][0]["target"] == 5.0
         assert len(there["axes"][0]["measured"]) <= frames.POINTS
@@ -160,13 +162,15 @@ def refused_and_counted(served: Served) -> None:
         served.do(do="setpoint", axis=0, um=10**400),
         served.do(do="setpoint", axis=0, um=float("nan")),
         served.do(do="explode"),
+        served.do(do="seek", s=1.0),  # this is no recording
+        served.do(do="pace", factor=2.0),
         served.ask("POST", "/do", b"[" * 1000, Authorization=f"Bearer {CONTROL}")[0],
         served.ask("POST", "/stop", b"{}", Authorization=f"Bearer {CONTROL}")[0],
         served.ask("GET", "/stream")[0],
         served.ask("GET", "/", Host="example.com")[0],
         served.ask("GET", "/etc/passwd")[0],
     ]
-    assert refused == [403, 403, 403, 400, 400, 400, 400, 400, 400, 404, 403, 421, 404]
+    assert refused == [403, 403, 403, *[400] * 8, 404, 403, 421, 404]
     head = f"POST /do HTTP/1.1\r\nHost: 127.0.0.1:{served.port}\r\nAuthorization: Bearer {CONTROL}\r\n"
     long = head.encode() + b"Content-Length: 10000000\r\n\r\n" + 20_000 * b"x"
     malformed = b"POST /do HTTP/1.1 and more\r\n\r\n", b"\x16\x03\x01\x02\r\n\r\n"
@@ -174,13 +178,55 @@ def refused_and_counted(served: Served) -> None:
         with socket.create_connection(("127.0.0.1", served.port)) as connection:
             connection.sendall(sent)
             assert connection.recv(100).startswith(b"HTTP/1.1 " + status)
-    kinds = {"TOKEN": 3, "ORIGIN": 1, "HOST": 1, "PLACE": 2, "MALFORMED": 3, "VALUE": 5, "LONG": 1}
+    kinds = {"TOKEN": 3, "ORIGIN": 1, "HOST": 1, "PLACE": 2, "MALFORMED": 3, "VALUE": 7, "LONG": 1}
     expected = {access.WORDS[access.Refusal[kind]]: number for kind, number in kinds.items()}
     served.until(lambda frame: frame["refused"] == expected)
     answered, page, headers = served.ask("GET", "/")
     assert answered == 200
     assert "default-src 'none'" in headers["Content-Security-Policy"]
     assert not re.search(rb"<script>|onclick|style=", page)
+
+
+def test_a_flood_of_orders_without_a_token_waits_and_stop_does_not() -> None:
+    settings = LiveSettings(port=0, control=CONTROL, reading=READING)
+    shared, bound = server.blank(1, 1000.0), settings.bound()
+    try:
+        shared.count[Slot.SERVER] = Helper.READY
+        port = bound.getsockname()[1]
+        orders = Orders(shared, [], 1000.0)
+        taken = door.Door(access.Access(settings, port), orders, shared, bound, lambda channel: None)
+
+        def asked(token: str) -> socket.socket:
+            made = socket.create_connection(("127.0.0.1", port))
+            head = f"POST /do HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nAuthorization: Bearer {token}\r\n"
+            made.sendall(f'{head}Content-Length: 13\r\n\r\n{{"do":"stop"}}'.encode())
+            return made
+
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(door, "PAUSE", 1e9)
+            strangers = [asked("wrong") for _ in range(50)]
+            strangers[0].shutdown(socket.SHUT_WR)
+            while shared.count[Slot.REFUSED + access.Refusal.TOKEN] < 50:
+                taken.look()
+            operator = asked(CONTROL)
+            while not shared.count[Slot.STOP]:
+                taken.look()
+        assert operator.recv(100).startswith(b"HTTP/1.1 200")
+        for one in strangers:
+            one.setblocking(False)
+            with pytest.raises(BlockingIOError):
+                one.recv(100)
+        for later in (2e9, 3e9, 3e9):  # after the pause; all of them are closed then
+            with pytest.MonkeyPatch.context() as patch:
+                patch.setattr(time, "monotonic", lambda later=later: later)
+                taken.look()
+        for one in strangers:
+            assert one.recv(100).startswith(b"HTTP/1.1 403")
+            one.close()
+        operator.close()
+    finally:
+        shared.close()
+        bound.close()
 
 
 def test_learning_is_watched_and_stopped(tmp_path: Path) -> None:
@@ -242,17 +288,37 @@ def test_a_recording_is_shown_again(tmp_path: Path) -> None:
             page.get_by_text("99 % within 5 µs").wait_for()
             page.get_by_role("button", name="Play").click()
         assert page.get_by_role("heading", name="Axis y").count() == 1
+        winds_with_the_keyboard(page)
+        page.set_viewport_size({"width": look.WIDTHS[0], "height": 900})
+        assert look.too_wide(page) + look.inaccessible(page) == []
         assert not page.get_by_role("button", name="STOP").count()
         page.get_by_role("button", name="End").click()
         assert process.wait(300) == 0, process.stderr.read()
     process.stderr.close()
 
 
+def winds_with_the_keyboard(page: Any) -> None:
+    """Of a replay of 1 s that has just begun again: to a place, to its end, and a hundredth as fast."""
+    page.get_by_text("replay, paused").wait_for()
+    slider, pace = page.get_by_role("slider", name="Time"), page.get_by_role("combobox", name="Speed")
+    assert pace.input_value() == "100"
+    slider.press("Home")
+    page.get_by_text("0.00 s of 1.00 s").wait_for()
+    page.get_by_text("99 %").wait_for(state="detached")  # no block yet
+    slider.fill("0.5")
+    page.get_by_text("0.50 s of 1.00 s").wait_for()
+    page.wait_for_function("document.getElementById('time').getAttribute('aria-valuetext').startsWith('0.50 s')")
+    pace.select_option("0.01")
+    page.get_by_role("button", name="Play").press("Enter")
+    page.get_by_text(re.compile(r"0\.5[1-9] s of")).wait_for()
+    assert page.get_by_role("button", name="Pause").count() == 1  # it would have ended long ago
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
         (["run.h5"], "must be at least 2 ticks, which can be shown"),
-        (["run.h5", "--speed", "0"], "--speed"),
+        (["run.h5", "--speed", "0"], "speed = 0"),
         (["run.h5", "--port", "80"], "--port = 80: must be a whole number from 1024 to 65535"),
     ],
 )

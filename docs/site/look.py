@@ -51,7 +51,8 @@ def listening(page: Page, wrong: list[str]) -> Iterator[None]:
 
 
 def too_wide(page: Page) -> list[str]:
-    """The words for a page that scrolls sideways."""
+    """The words for a page that scrolls sideways, when its charts have taken the width of the window."""
+    page.evaluate("new Promise((drawn) => requestAnimationFrame(() => requestAnimationFrame(drawn)))")
     wide, window = page.evaluate("[document.documentElement.scrollWidth, window.innerWidth]")
     return [f"{wide} px wide in a window of {window} px"] if wide > window else []
 

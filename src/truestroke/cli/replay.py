@@ -11,7 +11,11 @@ from truestroke.cli import common
 @click.command()
 @click.argument("recordings", metavar="RECORDING...", type=common.FILE, nargs=-1, required=True)
 @click.option(
-    "--speed", metavar="FACTOR", type=click.FloatRange(0.01, 100.0), default=1.0, help="Times that of the run."
+    "--speed",
+    metavar="FACTOR",
+    type=float,
+    default=1.0,
+    help="Times that of the run, 0.01 to 100; the page can change it.",
 )
 @click.option(
     "--port", metavar="N", type=int, default=8765, help="Of the page, on this computer; 0 for any that is free."
@@ -21,7 +25,7 @@ def replay(recordings: tuple[Path, ...], speed: float, port: int, window: float)
     """Show a run again on the live page, from its recording.
 
     Of a run of several axes each has a file: name all of them. The address of the page is printed. It pauses at the
-    end; Play shows the run again, End or Ctrl-C ends it.
+    end; Play shows the run again, a slider goes to another time, End or Ctrl-C ends it.
     """
     from truestroke.runtime.realtime import LiveSettings
     from truestroke.runtime.realtime.replay import replay as show

@@ -9,7 +9,7 @@ from truestroke.base.display import quantity
 from truestroke.base.typing import FloatArray
 from truestroke.control.feedback import Feedback, design
 from truestroke.identification.dynamics import Bode
-from truestroke.report import feedback, style, words
+from truestroke.report import feedback, spectra, style, words
 from truestroke.report.charts import Chart, Line, Panel
 from truestroke.report.page import Page, Section, Table, captioned, closer
 from truestroke.report.style import Theme
@@ -24,7 +24,14 @@ CAPTIONS = {
         "is what noise and distortion explain. The dotted lines are the modes; to the right of the shaded part the "
         "model is not to be trusted.",
     ),
+    "errors": (
+        "Histogram of the error",
+        "How far the measurement is from the model, relative to the model, in each bin of frequency up to which the "
+        "model is to be trusted: the real part is an error of the gain, the imaginary part one of the phase, 1 % for "
+        "0.57 deg. A model that is right leaves noise, in a heap about 0.",
+    ),
 }
+FEWER = 25  # bins of a histogram: a measurement has some hundred frequencies
 WORDS = {
     "good": "The model describes the stage.",
     "doubtful": "Read this before you use the model.",
@@ -146,7 +153,7 @@ def _phases(found: Bode) -> tuple[FloatArray, FloatArray]:
 
 def plots(found: Bode, theme: Theme, bank: Feedback) -> dict[str, Figure]:
     """All of them by name, in the order of the page."""
-    made = {"bode": bode(found, theme)}
+    made = {"bode": bode(found, theme), "errors": errors(found, theme)}
     return made | ({"margins": feedback.margins(bank, found.dynamics, theme)} if bank.filters else {})
 
 
@@ -176,6 +183,20 @@ def bode(found: Bode, theme: Theme) -> Figure:
             for mode in found.dynamics.modes:
                 panel.axvline(mode.frequency, color=theme["muted"], lw=0.8, ls=":")
         residual.set_xlim(f[0], f[-1])
+    return figure
+
+
+def errors(found: Bode, theme: Theme) -> Figure:
+    """Histogram of measurement over model less 1, up to where the model is to be trusted."""
+    trusted = (found.coherence > 0.5) & (found.frequency <= found.dynamics.trusted_to)
+    relative = 100 * (found.measured / found.model - 1)[trusted]
+    parts = {"gain, real part": ("true", relative.real), "phase, imaginary part": ("measured", relative.imag)}
+    with style.use(theme):
+        figure, (panel,) = style.panels(2.6)
+        spectra.histogram(panel, parts, theme, FEWER)
+        style.zero(panel, theme)
+        panel.set(xlabel="measurement less model (%)", ylabel="share of the bins (%)")
+        style.legend_above(panel)
     return figure
 
 

@@ -47,10 +47,10 @@ def spectrum(errors: Mapping[str, tuple[str, FloatArray]], rate: float, theme: T
     return figure
 
 
-def histogram(panel: Axes, errors: Mapping[str, tuple[str, FloatArray]], theme: Theme) -> None:
+def histogram(panel: Axes, errors: Mapping[str, tuple[str, FloatArray]], theme: Theme, bins: int = BINS) -> None:
     """How often each value occurs, % of the samples; `errors` as of `spectrum`, in the unit of the axis."""
     end = max(float(np.abs(error).max(initial=0.0)) for _, error in errors.values()) or 1.0
-    edges = np.linspace(-end, end, BINS + 1)
+    edges = np.linspace(-end, end, bins + 1)
     for name, (role, error) in errors.items():
         share = np.histogram(error, edges)[0] / max(1, error.size)
         panel.stairs(100.0 * share, edges, color=theme[role], lw=1.2, label=name)

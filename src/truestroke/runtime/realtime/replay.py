@@ -14,6 +14,7 @@ from truestroke.base.typing import FloatArray
 from truestroke.runtime.drivers.paced import EDGES_US
 from truestroke.runtime.realtime import server
 from truestroke.runtime.realtime.live_page import LiveSettings
+from truestroke.runtime.realtime.live_page.orders import PACES
 from truestroke.runtime.realtime.server import Panel
 from truestroke.runtime.realtime.shared import FIELDS, Shared, Slot, State
 from truestroke.signals.recording import Recording
@@ -23,9 +24,9 @@ SHORTEST = 2  # ticks
 
 
 def replay(recordings: Mapping[str, Recording], settings: LiveSettings, *, speed: float = 1.0) -> None:
-    """Show recordings on the live page, as the run was: until STOP is pressed there.
+    """Show recordings on the live page, as the run was: until End is pressed there.
 
-    It pauses at the end; from there it begins again.
+    It pauses at the end; from there it begins again. The page has a slider for the time, and a choice of speeds.
 
     Parameters
     ----------
@@ -34,7 +35,7 @@ def replay(recordings: Mapping[str, Recording], settings: LiveSettings, *, speed
     settings : LiveSettings
         Of the page, whose address is printed on stderr.
     speed : float
-        Times that of the run, 0.01 to 100.
+        Times that of the run, 0.01 to 100, until another one is chosen on the page.
 
     Raises
     ------
@@ -43,7 +44,7 @@ def replay(recordings: Mapping[str, Recording], settings: LiveSettings, *, speed
     RealtimeError
         The page cannot be served.
     """
-    checks.within("speed", speed, 0.01, 100.0)
+    checks.within("speed", speed, *PACES)
     settings.check([])
     rates = {name: _rate(name, one) for name, one in recordings.items()}
     rate = next(iter(rates.values()))
@@ -52,10 +53,11 @@ def replay(recordings: Mapping[str, Recording], settings: LiveSettings, *, speed
             raise SettingError(f"sample rate of {name}", other, f"that of the others, {rate:g} Hz", "Hz")
     ticks = min(one["time"].size for one in recordings.values())
     with closing(server.blank(len(recordings), rate)) as shared:
-        shared.count[Slot.TICKS], shared.count[Slot.REPLAY], shared.count[Slot.STATE] = ticks, 1, State.LIVE
+        shared.count[Slot.TICKS], shared.count[Slot.REPLAY] = ticks, round(1e3 * speed)
+        shared.count[Slot.STATE] = State.LIVE
         panels = [_panel(name, one) for name, one in recordings.items()]
         with server.served(settings, shared, panels, rate):
-            _Tape(shared, list(recordings.values()), ticks, rate * speed).play()
+            _Tape(shared, list(recordings.values()), ticks, rate).play()
 
 
 def _rate(name: str, recording: Recording) -> float:
@@ -76,10 +78,10 @@ def _panel(name: str, recording: Recording) -> Panel:
 
 
 class _Tape:
-    """Writes the ticks into the ring as the loop does; `pace` of them a second."""
+    """Writes the ticks into the ring as the loop does; of the run, `rate` of them were a second."""
 
-    def __init__(self, shared: Shared, recordings: list[Recording], ticks: int, pace: float) -> None:
-        self._shared, self._count, self._ticks, self._pace = shared, shared.count, ticks, pace
+    def __init__(self, shared: Shared, recordings: list[Recording], ticks: int, rate: float) -> None:
+        self._shared, self._count, self._ticks, self._rate = shared, shared.count, ticks, rate
         self._lines: list[dict[int, FloatArray]] = [
             {row: np.asarray(one[name], np.float64) for row, name in enumerate(FIELDS) if name in one}
             for one in recordings
@@ -92,16 +94,23 @@ class _Tape:
         while not count[Slot.STOP]:
             time.sleep(GLANCE)
             now = time.monotonic()
-            step, before = (now - before) * self._pace, now
+            step, before = (now - before) * self._rate * count[Slot.REPLAY] / 1000, now
+            if asked := count[Slot.SEEK]:
+                count[Slot.SEEK], place = 0, self._wound(min(asked - 1, self._ticks))
             if count[Slot.HOLD]:
                 continue
             if place >= self._ticks:  # from the beginning, as a person asks
-                place, count[Slot.WRITTEN] = 0.0, 0
-                self._shared.histogram[:] = memoryview(bytes(self._shared.histogram.nbytes)).cast("Q")
+                place = self._wound(0)
             self._write(int(place), int(min(place + step, self._ticks)))
             place += step
             if place >= self._ticks:
                 count[Slot.HOLD] = 1
+
+    def _wound(self, tick: int) -> float:
+        """That tick, with all that the page shows of the run up to there."""
+        self._shared.histogram[:] = memoryview(bytes(self._shared.histogram.nbytes)).cast("Q")
+        self._write(0, tick)
+        return float(tick)
 
     def _write(self, start: int, stop: int) -> None:
         ring, size = self._shared.ring, self._shared.layout.size

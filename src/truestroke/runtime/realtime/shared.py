@@ -38,7 +38,8 @@ class Slot(IntEnum):
     DEPUTY_BEAT = 14
     HOLD = 15  # not 0: somebody asks that nothing is learned
     REFUSED = 16  # requests that the live page has refused, one slot a kind
-    REPLAY = 31  # not 0: a recording is shown, and nothing moves; HOLD then pauses it
+    SEEK = 30  # of a replay: 1 more than the tick that somebody asks for; 0: none
+    REPLAY = 31  # not 0: a recording is shown, this many thousandths as fast as the run; HOLD then pauses it
     ENDINGS = 32  # where in each file the JSON of its end stands, one slot an axis
 
 

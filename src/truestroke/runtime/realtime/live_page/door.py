@@ -38,6 +38,7 @@ MOST = 2000  # connections that have not said what they want, or wait for the pa
 BACKLOG = 4096  # connections that the system keeps for us
 AGAIN = 1.0  # s after which pages that have died are started again
 UNREAD = 10.0  # s after which a connection that takes nothing is given up, as of a laptop that was closed
+PAUSE = 0.25  # s before a refusal is answered: who asks again and again waits, and what is allowed does not
 LINGER = 1.0  # s for which the rest of a request that was refused is read, so that the answer arrives
 CHUNK = 65536  # bytes
 SENT_ON = 20  # connections in a glance: who asks without end takes no more of the computer than that
@@ -51,6 +52,7 @@ class Visitor:
         self.connection, self.until = connection, time.monotonic() + SILENCE
         self.said, self.body, self.answered = b"", b"", False
         self.http: h11.Connection | None = None  # of one that wants to change something
+        self.refused: RefusedError | None = None  # it is answered after a pause
 
     def answer(self, status: int, content: dict[str, object]) -> None:
         """The one answer; the connection closes when the other side has, or a little later."""
@@ -157,14 +159,16 @@ class Door:
             visitor.connection.close()
 
     def _time_is_up(self, visitor: Visitor) -> None:
-        if visitor.said and not visitor.answered and visitor not in self._waiting:
+        if visitor.answered or not visitor.said or visitor in self._waiting:
+            self._close(visitor)
+        elif error := visitor.refused:
+            visitor.answer(STATUS[error.kind], {"error": str(error)})
+        else:
             self._refuse(visitor, RefusedError(Refusal.SLOW, f"the request was not complete after {SILENCE:g} s"))
-            return
-        self._close(visitor)
 
     def _refuse(self, visitor: Visitor, error: RefusedError) -> None:
         self._count[Slot.REFUSED + error.kind] += 1
-        visitor.answer(STATUS[error.kind], {"error": str(error)})
+        visitor.refused, visitor.until = error, time.monotonic() + PAUSE
 
     def _listen(self, connection: socket.socket) -> None:
         """To what a connection says next."""
@@ -177,9 +181,11 @@ class Door:
             return
         except OSError:
             said = b""
-        if not said:
+        if not said and visitor.refused and not visitor.answered:
+            self._selector.unregister(connection)  # it has said all, and waits for the answer
+        elif not said:
             self._close(visitor)
-        elif not visitor.answered:
+        elif not (visitor.answered or visitor.refused):
             self._understand(visitor, said)
 
     def _understand(self, visitor: Visitor, said: bytes) -> None:
@@ -243,7 +249,7 @@ def serve(settings: LiveSettings, lifeline: Lifeline, shared: Shared, axes: list
         def pages(channel: int) -> None:
             started.append(process.start(shared, settings.show, access, axes, sample_rate, channel, keep=[channel]))
 
-        _run(Door(access, Orders(shared, axes), shared, bound, pages), lifeline, shared, settings, access)
+        _run(Door(access, Orders(shared, axes, sample_rate), shared, bound, pages), lifeline, shared, settings, access)
     except BaseException as error:
         shared.write(Text.SERVER, f"{type(error).__name__}: {error}")
         shared.count[Slot.SERVER] = Helper.FAILED

@@ -3,7 +3,7 @@
 (() => {
   const token = location.hash.slice(1), by = (id) => document.getElementById(id), authorization = { Authorization: "Bearer " + token };
   const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue("--" + name).trim();
-  let about = null, panels = [], held = false, last = 0;
+  let about = null, panels = [], held = false, last = 0, wound = -Infinity, wanted = null;
 
   function say(sentence) { by("complaint").textContent = sentence; by("complaint").hidden = !sentence; }
 
@@ -85,6 +85,31 @@
     return form;
   }
 
+  const PACES = [0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100], STEPS = 200, SETTLED = 500; // of the slider; ms after it was moved
+  function tape(frame) { // of a replay: where it is and how fast
+    by("tape").hidden = !frame.replay;
+    if (!frame.replay) return;
+    const time = by("time"), pace = by("pace"), whole = Math.floor(1e3 * (frame.time + frame.left) + 1e-6) / 1e3; // not beyond the end
+    if (time.max !== String(whole)) Object.assign(time, { max: whole, step: whole / STEPS });
+    if (performance.now() - wound > SETTLED) time.value = frame.time;
+    const at = frame.time.toFixed(2) + " s of " + whole.toFixed(2) + " s";
+    name(by("place"), at);
+    time.setAttribute("aria-valuetext", at);
+    if (!pace.options.length) for (const one of [...new Set([...PACES, frame.replay])].sort((a, b) => a - b)) pace.add(new Option(one + " ×", one));
+    if (performance.now() - wound > SETTLED) pace.value = frame.replay;
+  }
+
+  async function wind() { // one request at a time, the newest place last
+    wound = performance.now();
+    if (wanted !== null) { wanted = Number(by("time").value); return; }
+    for (wanted = Number(by("time").value); ;) {
+      const now = wanted;
+      await ask({ do: "seek", s: now });
+      if (wanted === now) break;
+    }
+    wanted = null;
+  }
+
   const refused = (kinds) => Object.entries(kinds).map(([words, n]) => n + " " + words).join(", ") || "none";
   const seconds = (s) => s.toFixed(1) + " s";
   function show(frame) {
@@ -95,6 +120,7 @@
     by("hold").hidden = !(about.learns || frame.replay);
     name(by("hold"), frame.replay ? (held ? "Play" : "Pause") : held ? "Resume learning" : "Hold learning");
     name(by("stop"), frame.replay ? "End" : "STOP");
+    tape(frame);
     const late = frame.late_us == null ? "-" : "99 % within " + frame.late_us + " µs";
     const figures = [["time", seconds(frame.time)], ["left", frame.left == null ? "-" : seconds(frame.left)], ["late", late], ["overruns", frame.overruns], ["refused requests", refused(frame.refused)]];
     frame.axes.forEach((axis, i) => figures.push(["rms error" + (frame.axes.length > 1 ? " " + about.axes[i].name : ""), axis.rmse == null ? "-" : (1e3 * axis.rmse).toPrecision(3) + " nm"]));
@@ -136,6 +162,8 @@
 
   by("stop").addEventListener("click", () => ask({ do: "stop" }));
   by("hold").addEventListener("click", () => ask({ do: held ? "resume" : "hold" }));
+  by("time").addEventListener("input", wind);
+  by("pace").addEventListener("input", () => { wound = performance.now(); ask({ do: "pace", factor: Number(by("pace").value) }); });
   addEventListener("hashchange", () => location.reload());
   follow();
 })();
