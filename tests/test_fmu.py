@@ -481,6 +481,11 @@ def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     ):
         code, printed = call(*arguments, "--output", "d.fmu")
         assert (code, words in printed) == (2, True), printed
+    save_model("model.toml", model())
+    other = call(
+        "--model", "model.toml", "--sample-rate", "2000", "--voltage-limits", "-50", "150", "--output", "d.fmu"
+    )
+    assert (other[0], "--voltage-limits = -50 to 150 V: must be 0.42 to 33.6 V apart" in other[1]) == (2, True), other
     Path("mine.fmu").write_text("mine")
     assert call("--stack", "--source", "--output", "mine.fmu")[0] == 1
     assert Path("mine.fmu").read_text() == "mine"

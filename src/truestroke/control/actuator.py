@@ -33,6 +33,7 @@ CONVERGED = 1e-13  # of the stroke: a step that is smaller is the last
 SLOPES = 0.4, 4.0  # of the straight line's slope: limits of the partial slopes; wider by default, where it is not known
 DRIFT = 0.1  # relative: how far an actuator may be from its record, in deviations of the default prior
 
+OTHER_VOLTS = 0.1, 8.0  # times the voltage range of the record: limits beyond are those of another place or unit
 OTHER_STAGE = 1.5  # times the first resonance of the record, or less: loads and temperature move it by less
 
 EXPECTED = "an ActuatorModel, such as of truestroke.load_model(path) or identify(record).model"
@@ -246,6 +247,20 @@ class ActuatorModel(Displayed, Layout):
             inertia=True, weights=weights, covariance=P, delay=0.0, time_constant=0.0, dynamics=None, before=None
         )
 
+    def _check_volts(self, voltage_limits: Any = None, **_: Any) -> None:
+        """SettingError where limits are of another place or unit than the voltage of the record."""
+        if voltage_limits is None:
+            return
+        low, high = checks.interval("voltage_limits", voltage_limits, "V")
+        known = self.voltage_range[1] - self.voltage_range[0]
+        if not OTHER_VOLTS[0] * known <= high - low <= OTHER_VOLTS[1] * known:
+            bound = (
+                f"{OTHER_VOLTS[0] * known:.4g} to {OTHER_VOLTS[1] * known:.4g} V apart, {OTHER_VOLTS[0]:g} to "
+                f"{OTHER_VOLTS[1]:g} times the range of the model's record: both must be volts at the D/A converter; "
+                "identify a record of that voltage"
+            )
+            raise SettingError("voltage_limits", f"{low:g} to {high:g}", bound, "V")
+
     def _check_resonance(self, dynamics: Dynamics | None) -> None:
         """SettingError where dynamics are of another stage than those of the record."""
         if dynamics is None or self.dynamics is None:
@@ -274,9 +289,16 @@ class ActuatorModel(Displayed, Layout):
         The offset starts at 0 um: that of the record is where the record happened to begin. The prior is that of
         `another_day`. The law also returns to the prior, and takes sudden changes to be a share of it: too sure a
         prior would not follow them.
+
+        Raises
+        ------
+        SettingError
+            As of `settings`, and where `voltage_limits` are less than 0.1 or more than 8 times as far apart as the
+            voltages of the record: of another place or unit.
         """
         if self.branches is not None:
             return self._plays_alone().start(sample_rate, **changes)
+        self._check_volts(**changes)
         fixed = self.settings(sample_rate, **changes)
         measured = changes.get("dynamics") is not None
         model = self.beside_dynamics() if measured else self
