@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import ctypes
+import dataclasses
 import fcntl
 import os
 import signal
 import subprocess
 import sys
+import time
 import types
 from pathlib import Path
 
@@ -19,7 +21,8 @@ from running import configuration
 import truestroke
 from truestroke.base import files, system
 from truestroke.runtime.doctor import Level, machine
-from truestroke.runtime.realtime import RealtimeError, process
+from truestroke.runtime.realtime import RealtimeError, RealtimeSettings, process
+from truestroke.signals.timing import Timing
 
 LOADED = (
     "import numpy, scipy.linalg, scipy.signal, scipy.optimize, h5py, matplotlib.pyplot, rich.console, tempfile\n"
@@ -114,10 +117,34 @@ def test_the_loop_in_real_time(folder: Path) -> None:
     (folder / "run.h5").write_text("an older one")
     done = call(folder, "run", "--config", "run.toml", "--overwrite")
     assert done.returncode == 0, done.stderr
+    assert "truestroke: nothing on linux bounds how late a tick is" in done.stderr
     recording = truestroke.Recording.load(folder / "run.h5")
     assert recording.metadata["interrupted"] is None
+    assert len(recording.metadata["notices"]) == 1
     assert len(recording["time"]) == 2000
     assert np.fromfile(folder / "volts") == 0.25
+
+
+def test_a_run_says_where_nothing_bounds_lateness_and_where_the_timer_is_coarse(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A system like Windows before its finer timers: a sleep ends by steps of 15.6 ms."""
+    sleep = time.sleep
+    monkeypatch.setattr(time, "sleep", lambda seconds: sleep(0.0156 - time.monotonic() % 0.0156))
+    assert 0.015 < system.timer_step() < 0.05
+    monkeypatch.undo()
+    monkeypatch.setattr(system, "BOUNDS_LATENESS", False)
+    monkeypatch.setattr(system, "timer_step", lambda: 0.0156)
+    settings, timing = RealtimeSettings(), Timing(sample_rate=2000.0)
+    bound, coarse = process.lateness_of_system(settings, timing)
+    assert bound == "nothing on linux bounds how late a tick is: the recording has the lateness of each"
+    assert coarse.startswith("the timer of this system goes by steps of 16 ms: blocks of 0.5 ms are up to 15 ms late")
+    assert len(process.lateness_of_system(dataclasses.replace(settings, spin=0.016), timing)) == 1
+    assert process.lateness_of_system(settings, dataclasses.replace(timing, hardware_timed=True)) == []
+    found = {finding.what: finding for finding in machine.look(probe=0.01)}
+    assert found["timer"].level is Level.WARNING
+    assert "spin = 0.016 in [realtime]" in found["timer"].found
+    assert found["real time"].level is Level.WARNING
 
 
 def test_its_watchdog(folder: Path) -> None:

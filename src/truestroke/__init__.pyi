@@ -2,6 +2,7 @@
 
 from truestroke import plant as plant
 from truestroke.base.checks import SettingError as SettingError
+from truestroke.base.errors import LatenessWarning as LatenessWarning
 from truestroke.base.errors import TruestrokeError as TruestrokeError
 from truestroke.base.files import FileError as FileError
 from truestroke.base.files import FileTooLargeError as FileTooLargeError

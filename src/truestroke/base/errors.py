@@ -1,4 +1,4 @@
-"""The base class of all errors that truestroke raises: `except truestroke.TruestrokeError` catches them."""
+"""The base class of all errors that truestroke raises, which `except truestroke.TruestrokeError` catches; a warning."""
 
 import copyreg
 from typing import Any
@@ -33,4 +33,9 @@ def shown_as_public(cls: type) -> type:
     return cls
 
 
+class LatenessWarning(UserWarning):
+    """The system lacks what punctual ticks need; `truestroke.run_realtime` gives it before the run begins."""
+
+
 shown_as_public(TruestrokeError)
+shown_as_public(LatenessWarning)

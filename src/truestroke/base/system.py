@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import math
 import mmap
 import os
 import signal
@@ -44,6 +45,47 @@ HANDS_OVER = sys.platform != "darwin" and hasattr(socket, "send_fds") and hasatt
 _NEW = os.O_RDWR | os.O_CREAT | os.O_EXCL
 _LOCK = struct.Struct("@hhqqi4x")  # struct flock
 _LOCKED_BYTE = 1 << 62  # far behind the end, where HDF5 and readers lock nothing
+
+
+BOUNDS_LATENESS = hasattr(os, "sched_setscheduler")
+"""Whether a priority bounds how late a process wakes: Linux."""
+
+
+def timer_step() -> float:
+    """By what steps a sleep ends, s: that of a microsecond, begun where another one has ended; the shortest of five."""
+    took = []
+    for _ in range(6):
+        began = time.perf_counter()
+        time.sleep(1e-6)
+        took.append(time.perf_counter() - began)
+    return min(took[1:])
+
+
+def limit(name: str) -> float:
+    """A limit of this process by its name of POSIX, such as "RTPRIO"; infinity where there is none."""
+    try:
+        import resource
+    except ImportError:
+        return math.inf
+    found = resource.getrlimit(getattr(resource, f"RLIMIT_{name}"))[0]
+    return math.inf if found == resource.RLIM_INFINITY else float(found)
+
+
+def yield_to_others(steps: int) -> None:
+    """A lower priority than other processes, where the system has such steps."""
+    if hasattr(os, "nice"):
+        os.nice(steps)
+
+
+def open_sockets() -> Iterator[socket.socket]:
+    """Those of this process, each by a descriptor of its own; none where the system does not list them: but Linux."""
+    try:
+        names = os.listdir("/proc/self/fd")
+    except OSError:
+        return
+    for name in names:
+        with suppress(OSError):  # no socket, or gone
+            yield socket.socket(fileno=os.dup(int(name)))
 
 
 def memory() -> int:

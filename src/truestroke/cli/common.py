@@ -22,7 +22,7 @@ import click
 import truestroke
 from truestroke.base import files, interrupts, streams, system
 from truestroke.base.checks import SettingError
-from truestroke.base.errors import TruestrokeError
+from truestroke.base.errors import LatenessWarning, TruestrokeError
 from truestroke.base.exit_codes import ExitCode
 from truestroke.base.verdict import Verdict
 
@@ -109,7 +109,7 @@ def _warnings_as_lines() -> Iterator[None]:
     others = warnings.showwarning
 
     def show(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> None:
-        if not issubclass(category, LimitWarning):
+        if not issubclass(category, LimitWarning | LatenessWarning):
             others(message, category, *where, **more)
             return
         context, text = click.get_current_context(silent=True), str(message)
@@ -119,7 +119,8 @@ def _warnings_as_lines() -> Iterator[None]:
         click.echo(f"truestroke: {text}", err=True)
 
     with warnings.catch_warnings():
-        warnings.simplefilter("always", LimitWarning)
+        for category in (LimitWarning, LatenessWarning):
+            warnings.simplefilter("always", category)
         warnings.showwarning = show
         yield
 

@@ -1,5 +1,6 @@
 """How well this computer keeps time."""
 
+import math
 import os
 import sys
 from pathlib import Path
@@ -9,7 +10,7 @@ import numpy as np
 from truestroke import _kernel
 from truestroke.base import system
 from truestroke.runtime.doctor.finding import Finding, Level, read
-from truestroke.runtime.drivers.paced import Clock
+from truestroke.runtime.drivers.paced import Clock, coarse
 from truestroke.runtime.realtime import RealtimeError, RealtimeSettings
 from truestroke.runtime.realtime.process import undisturbed
 
@@ -28,8 +29,8 @@ def look(settings: RealtimeSettings | None = None, period: float = PERIOD, probe
     if not system.HAS_PROCESSES:
         return [_none(), _kernel_variant()]
     lateness = _lateness(asked, period, probe)
-    if not hasattr(os, "sched_setscheduler"):
-        return [_processors(asked.cpu), _unbounded(), _kernel_variant(), lateness]
+    if not system.BOUNDS_LATENESS:
+        return [_processors(asked.cpu), _unbounded(), _timer(asked.spin, period), _kernel_variant(), lateness]
     return [
         _processors(asked.cpu),
         _quota(),
@@ -55,6 +56,15 @@ def _unbounded() -> Finding:
     why = "Linux alone bounds lateness (SCHED_FIFO, PREEMPT_RT); a run counts the late ticks"
     command = "run on Linux, or export the controller: truestroke export c"
     return Finding(PART, "real time", why, f"none on {sys.platform}: a tick may be late by ms", Level.WARNING, command)
+
+
+def _timer(spin: float, period: float) -> Finding:
+    """Linux has finer ones, and `_timer_slack`."""
+    step = system.timer_step()
+    why = f"a sleeper wakes so much later at most; the loop wakes {1e6 * spin:g} us early"
+    late = coarse(step, period, spin)
+    found = f"steps of {1e3 * step:.2g} ms" + (f": {late}" if late else "")
+    return Finding(PART, "timer", why, found, Level.WARNING if late else Level.OK)
 
 
 def _processors(cpu: int | None) -> Finding:
@@ -89,32 +99,24 @@ def _governor() -> Finding:
 
 
 def _priority(required: bool) -> Finding:
-    import resource
-
-    limit = resource.getrlimit(resource.RLIMIT_RTPRIO)[0]
-    policy, parameter = os.sched_getscheduler(0), os.sched_getparam(0)
     try:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
-        os.sched_setscheduler(0, policy, parameter)
-        level, answer = Level.OK, "permitted"
+        with system.prioritised(1):
+            level, answer = Level.OK, "permitted"
     except OSError:
         level, answer = Level.MISSING, "refused"
-    why, found = "priority in [realtime], of use with PREEMPT_RT", f"SCHED_FIFO {answer}, ulimit -r {_limit(limit)}"
+    allowed = _limit(system.limit("RTPRIO"))
+    why, found = "priority in [realtime], of use with PREEMPT_RT", f"SCHED_FIFO {answer}, ulimit -r {allowed}"
     command = f"echo '{os.environ.get('USER', '*')} - rtprio 99' | sudo tee -a {LIMITS}"
     return Finding(PART, "real-time priority", why, found, level, command, required)
 
 
-def _limit(value: int, unit: int = 1) -> str:
-    import resource
-
-    return "unlimited" if value == resource.RLIM_INFINITY else f"{value / unit:g}"
+def _limit(value: float, unit: int = 1) -> str:
+    return "unlimited" if math.isinf(value) else f"{value / unit:g}"
 
 
 def _memory() -> Finding:
-    import resource
-
     swaps = read("/proc/swaps").splitlines()[1:]
-    limit = resource.getrlimit(resource.RLIMIT_MEMLOCK)[0]
+    limit = system.limit("MEMLOCK")
     level, swap = (Level.WARNING, "swap in use") if swaps else (Level.OK, "no swap")
     found = f"{swap}, memlock {_limit(limit, 2**20)} MiB".replace("ed MiB", "ed")
     why = "a page that has been swapped out stops a tick for milliseconds"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from bisect import bisect_right
 from collections.abc import Callable, MutableSequence
@@ -88,6 +89,19 @@ class Clock:
         self.worst = max(self.worst, late)
         self.histogram[bisect_right(_EDGES_NS, max(late, 0) - 1)] += 1
         return late
+
+
+def coarse(step: float, period: float, spin: float) -> str:
+    """What is to be done where sleeps end by steps (s) that make blocks of `period` (s) late; empty where they do not.
+
+    >>> coarse(60e-6, 5e-4, 150e-6), coarse(0.0156, 5e-4, 150e-6)
+    ('', 'blocks of 0.5 ms are up to 15 ms late; spin = 0.016 in [realtime] waits without sleep')
+    """
+    late = step - spin
+    if late <= period / 2:
+        return ""
+    remedy = f"spin = {math.ceil(1e3 * step) / 1e3:g} in [realtime] waits without sleep"
+    return f"blocks of {1e3 * period:.2g} ms are up to {1e3 * late:.2g} ms late; {remedy}"
 
 
 class Paced:

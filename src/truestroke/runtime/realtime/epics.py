@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from truestroke.base import checks
+from truestroke.base import checks, system
 from truestroke.base.checks import SettingError
 from truestroke.runtime.realtime.process import Lifeline, RealtimeError
 from truestroke.runtime.realtime.server import Panel
@@ -244,13 +244,11 @@ def _is_loopback(address: str) -> bool:
 def _datagram_sockets() -> list[socket.socket]:
     """Those of this process, each by a descriptor of its own."""
     found = []
-    for name in os.listdir("/proc/self/fd"):
-        with suppress(OSError):  # no socket, or gone
-            one = socket.socket(fileno=os.dup(int(name)))
-            if one.type == socket.SOCK_DGRAM and one.family in (socket.AF_INET, socket.AF_INET6):
-                found.append(one)
-            else:
-                one.close()
+    for one in system.open_sockets():
+        if one.type == socket.SOCK_DGRAM and one.family in (socket.AF_INET, socket.AF_INET6):
+            found.append(one)
+        else:
+            one.close()
     return found
 
 
@@ -259,6 +257,8 @@ def _keep_to_loopback(sockets: list[socket.socket]) -> bool:
 
     Whether this system allows it: Linux from 5.7 on.
     """
+    if not hasattr(socket, "SO_BINDTODEVICE"):
+        return False
     try:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as trial:
             for one in (trial, *sockets):

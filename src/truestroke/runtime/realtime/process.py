@@ -12,8 +12,10 @@ from typing import Any
 
 from truestroke.base import interrupts, streams, system
 from truestroke.base.errors import TruestrokeError
+from truestroke.runtime.drivers.paced import coarse
 from truestroke.runtime.realtime.settings import RealtimeSettings
 from truestroke.runtime.realtime.shared import Shared
+from truestroke.signals.timing import Timing
 
 SWITCH = 20e-6  # s that another thread may keep the interpreter's lock when the loop wakes up
 
@@ -30,6 +32,19 @@ def require_realtime() -> None:
             "safe: use Linux, Windows or macOS, or a microcontroller (truestroke export c); identify, invert and track "
             "work here"
         )
+
+
+def lateness_of_system(settings: RealtimeSettings, timing: Timing) -> list[str]:
+    """Sentences on what this system lacks for punctual ticks; none of hardware that has a clock of its own."""
+    if timing.hardware_timed:
+        return []
+    found = []
+    if not system.BOUNDS_LATENESS:
+        found.append(f"nothing on {sys.platform} bounds how late a tick is: the recording has the lateness of each")
+    step, period = system.timer_step(), timing.block / timing.sample_rate
+    if remedy := coarse(step, period, settings.spin):
+        found.append(f"the timer of this system goes by steps of {1e3 * step:.2g} ms: {remedy}")
+    return found
 
 
 @contextmanager

@@ -12,6 +12,7 @@ from typing import Any, Literal
 
 from truestroke.base import checks, interrupts
 from truestroke.base.checks import SettingError
+from truestroke.base.errors import LatenessWarning
 from truestroke.base.files import Growing, beside, check_growing, grow
 from truestroke.control import feasibility
 from truestroke.runtime import loop
@@ -21,7 +22,13 @@ from truestroke.runtime.drivers.turned import Turned
 from truestroke.runtime.realtime.ending import Outcome
 from truestroke.runtime.realtime.helpers import Helpers
 from truestroke.runtime.realtime.live import Live
-from truestroke.runtime.realtime.process import RealtimeError, on_its_own, require_realtime, undisturbed
+from truestroke.runtime.realtime.process import (
+    RealtimeError,
+    lateness_of_system,
+    on_its_own,
+    require_realtime,
+    undisturbed,
+)
 from truestroke.runtime.realtime.recorder import Plan
 from truestroke.runtime.realtime.server import Server
 from truestroke.runtime.realtime.settings import Axis, RealtimeSettings
@@ -83,6 +90,8 @@ def run_realtime(
     -----
     LimitWarning
         A limit will probably hold the motion back; the metadata has the sentence, too, as `notices`.
+    LatenessWarning
+        This system does not bound how late a tick is, or its timer is too coarse for these blocks; in `notices`, too.
     """
     require_realtime()
     settings = RealtimeSettings() if settings is None else settings
@@ -97,6 +106,10 @@ def run_realtime(
         notices = _check_motions(axes)
         for notice in notices:
             warnings.warn(notice, feasibility.LimitWarning, stacklevel=2)
+        late = lateness_of_system(settings, timing)
+        for notice in late:
+            warnings.warn(notice, LatenessWarning, stacklevel=2)
+        notices += late
         _check_room(driver, axes, timing, paths[0].absolute().parent)
         shared_metadata = {"realtime": settings, "clock": clock, "notices": notices, **(about or {})}
         abouts = [_about(driver, axis, timing, shared_metadata) for axis in axes]

@@ -129,7 +129,7 @@ class RealtimeSettings:
     limit_time: float = 0.2
 
     def __post_init__(self) -> None:
-        checks.within("spin", self.spin, 0.0, 0.01, "s")
+        checks.within("spin", self.spin, 0.0, 0.02, "s")
         if self.cpu is not None:
             checks.count("cpu", self.cpu, 0, 4095)
         checks.count("priority", self.priority, 0, 99)

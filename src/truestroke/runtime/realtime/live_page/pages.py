@@ -143,7 +143,7 @@ def serve(
     channel: int,
 ) -> None:
     """Answer the connections that come through `channel`, a descriptor, until the door has closed."""
-    os.nice(FEWER)
+    system.yield_to_others(FEWER)
     system.allow_many_files()
     try:
         with socket.socket(fileno=channel) as door:
