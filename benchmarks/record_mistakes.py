@@ -58,6 +58,11 @@ def milliseconds(r: Record) -> Planted:
     return {"time (ms)": r.time, "volts (V)": r.volts, "z (um)": r.displacement}, {}
 
 
+def seconds(r: Record) -> Planted:
+    """ms labelled s"""
+    return named(1e3 * r.time, r.volts, r.displacement), {}
+
+
 def millivolts(r: Record) -> Planted:
     """mV labelled V"""
     return named(r.time, 1e3 * r.volts, r.displacement), {}
@@ -145,6 +150,7 @@ MISTAKES: tuple[Callable[[Record], Planted], ...] = (
     nothing,
     sample_rate,
     milliseconds,
+    seconds,
     millivolts,
     sensor_volts,
     sensor_volts_labelled,
@@ -161,8 +167,8 @@ MISTAKES: tuple[Callable[[Record], Planted], ...] = (
 )
 
 
-def found(record: Record, mistake: Callable[[Record], Planted]) -> str:
-    """What `identify` refuses the record with, planted as a file; empty where it does not."""
+def found(record: Record, mistake: Callable[[Record], Planted]) -> tuple[str, str]:
+    """What `identify` refuses the record with, planted as a file, and what makes it doubtful; or empty."""
     columns, arguments = mistake(record)
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder, "record.npz")
@@ -170,27 +176,29 @@ def found(record: Record, mistake: Callable[[Record], Planted]) -> str:
         try:
             findings = examine(read_record(file, **arguments))  # type: ignore[arg-type]
         except RecordError as error:
-            return str(error)
+            return str(error), ""
     falls = "the displacement falls as the voltage rises" if findings.correlation < 0 else ""
-    return "; ".join(findings.mistakes) or falls
+    return "; ".join(findings.mistakes) or falls, "; ".join(findings.implausible)
 
 
-def table(records: Iterable[Record]) -> dict[str, tuple[int, int, list[str]]]:
-    """For each mistake: in how many records it is found, of how many, and those in which it is not."""
+def table(records: Iterable[Record]) -> dict[str, tuple[int, int, int, list[str]]]:
+    """For each mistake: in how many records it is found, in how many doubted, of how many; those with neither."""
     kept = [record for record in records if record.volts.size >= 400]
     rows = {}
     for mistake in MISTAKES:
-        missed = [record.source for record in kept if not found(record, mistake)]
-        rows[str(mistake.__doc__)] = (len(kept) - len(missed), len(kept), missed)
+        texts = [found(record, mistake) for record in kept]
+        missed = [record.source for record, seen in zip(kept, texts, strict=True) if not any(seen)]
+        refused, doubted = (sum(map(bool, column)) for column in zip(*texts, strict=True))
+        rows[str(mistake.__doc__)] = (refused, doubted, len(kept), missed)
     return rows
 
 
 def main() -> None:
-    print("| mistake | refused | not refused |")
-    print("|---|---|---|")
-    for name, (hits, of, missed) in table(correct()).items():
+    print("| mistake | refused | doubtful | neither |")
+    print("|---|---|---|---|")
+    for name, (hits, doubted, of, missed) in table(correct()).items():
         names = "; ".join(Path(source).name.split(":")[0] for source in missed) if hits and missed else ""
-        print(f"| {name} | {hits} of {of} | {names} |", flush=True)
+        print(f"| {name} | {hits} of {of} | {doubted or ''} | {names} |", flush=True)
 
 
 if __name__ == "__main__":

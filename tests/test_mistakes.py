@@ -27,9 +27,26 @@ def test_each_mistake_is_found_in_records_of_other_models_and_none_in_the_record
     rows = record_mistakes.table(records)
     assert {name: hits for name, (hits, *_) in rows.items() if hits < len(records)} == {
         "None": 0,
+        "ms labelled s": 0,  # a slow record
         "The same, labelled um": 0,  # another actuator could have this stroke
         "The zero of the sensor jumps by 15 % of the stroke after three fifths of the record": 2,  # with a step: none
     }
+
+
+def test_stamps_whose_unit_is_rarely_right_make_a_model_doubtful(tmp_path: Path) -> None:
+    """A record that turns with the voltage: 100 Hz is possible, 100 kHz hardly; told as a sample rate it is taken."""
+    (record,) = foreign_records.records(makers=(foreign_records.normalised,))
+    t, x, z = record.time, record.volts, record.displacement
+    np.savez(file := tmp_path / "ms.npz", **{"time (ms)": t, "volts (V)": x, "z (um)": z})
+    found = identify(read_record(file))
+    assert any("the voltage, before most amplifiers do: are the time stamps" in text for text in found.verdict.reasons)
+    assert found.verdict.level == "doubtful"
+    assert not examine(read_record(file, sample_rate=1e5)).implausible
+    half = {"volts (V)": x[1:], "z (um)": 0.5 * (z[1:] + z[:-1])}  # a row late
+    np.savez(file := tmp_path / "s.npz", **{"time (s)": 1e3 * t[1:], **half})
+    assert "s later than the voltage, as hardly any does" in examine(read_record(file)).implausible[0]
+    np.savez(file, **{"time (s)": t[1:], **half})
+    assert not examine(read_record(file)).implausible
 
 
 def test_the_desired_motion_is_no_measurement(run: truestroke.Recording, tmp_path: Path) -> None:

@@ -62,7 +62,7 @@ def identify(
     common.print_text(f"95 %       +-{width:.3g} um (median) holds {100 * held.coverage:.0f} % of these samples")
     chosen = found.tried[-1]
     common.print_text(f"structure  chosen: {', '.join(chosen.parts)}, prior x {chosen.prior:g}")
-    for warning in findings.warnings[len(findings.mistakes) :]:  # the verdict has those
+    for warning in findings.warnings[len(findings.mistakes) + len(findings.implausible) :]:  # the verdict has those
         common.print_text(f"- {warning}")
     common.print_verdict(found.verdict)
     common.print_files(model=target, page=page_file, pictures=plots)

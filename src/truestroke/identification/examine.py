@@ -12,7 +12,7 @@ import numpy.typing as npt
 from truestroke.base.typing import FloatArray
 from truestroke.identification import turning
 from truestroke.identification.faults import repeated
-from truestroke.identification.mistakes import mistakes
+from truestroke.identification.mistakes import implausible, mistakes
 from truestroke.identification.noise import noise
 from truestroke.identification.record import GAP, Record, as_record
 from truestroke.identification.series import MOVES, clipped
@@ -77,6 +77,8 @@ class Findings:
         What is suspicious, and what the record cannot identify, in words; the mistakes first.
     mistakes : tuple[str, ...]
         What contradicts that this is voltage and displacement in these units, each with its evidence (`mistakes`).
+    implausible : tuple[str, ...]
+        What is rare if the unit of the time stamps is right (`mistakes.implausible`): the model is doubtful.
     """
 
     source: str
@@ -107,6 +109,7 @@ class Findings:
     assumed_displacement: bool = False
     warnings: tuple[str, ...] = ()
     mistakes: tuple[str, ...] = ()
+    implausible: tuple[str, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
         """Plain numbers, text, lists and dicts, the types of JSON."""
@@ -202,8 +205,10 @@ def examine(record: Record) -> Findings:
         clipped_volts=int(clipped(x, z, max(MOVES * stroke, 6 * level)).sum()),
     )
     findings = dataclasses.replace(findings, mistakes=mistakes(record, findings))
+    findings = dataclasses.replace(findings, implausible=implausible(record, findings))
     warnings = (
         *findings.mistakes,
+        *findings.implausible,
         *_of_columns(findings, record),
         *_of_sampling(findings, record),
         *_of_content(findings),

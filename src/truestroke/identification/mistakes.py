@@ -23,6 +23,8 @@ STROKE = 0.005, 20_000.0  # um
 GAIN = 1e3  # um/V
 SPEED = 0.1e6  # um/s: a stack reaches it at a tenth of its own resonance; stages and amplifiers do not
 FAST = ((20e3, 60e3), (100e3, 20e3))  # Hz, um/s: the same for stamps in ms or less, by sample rate
+SOON, TARDY = 50e-6, 0.1  # s: an amplifier or a sensor is later than the first, none is later than the second
+SHOWN = 0.25  # rows: to which reversals show a delay
 SLOW = 1.0  # Hz: stamps of no stated unit that give a lower rate are in ms
 LEADS = -1.5  # % of stroke: mean width of a loop that turns the wrong way round
 EARLY, EARLY_ROWS = 0.02, 2.5  # of a stroke, and rows, by which the displacement may be ahead of the voltage
@@ -70,6 +72,25 @@ def mistakes(record: Record, found: Findings) -> tuple[str, ...]:
     """
     of_pair = (*_of_names(record), *_of_size(record, found))
     return (*record.contradictions, *of_pair, *faults(record), *_of_order(record, found))
+
+
+def implausible(record: Record, found: Findings) -> tuple[str, ...]:
+    """What does not contradict the time stamps of a file, but is rare if their unit is right, a sentence each.
+
+    An actuator with amplifier and sensor turns later than its voltage, by tens of microseconds to tens of milliseconds.
+    """
+    time, delay = record.columns.get("time"), found.delay_ms
+    if found.mistakes or time is None or delay is None or record.source == "arrays":
+        return ()
+    late, row = 1e-3 * delay, 1 / found.sample_rate_hz
+    if time.unit != "s" and abs(late) + SHOWN * row < SOON:
+        turns, other = f"within {1e6 * (abs(late) + SHOWN * row):.2g} us of the voltage, before most amplifiers do", "s"
+    elif time.unit == "s" and late > max(TARDY, SHOWN * row):
+        turns, other = f"{late:.2g} s later than the voltage, as hardly any does", "ms"
+    else:
+        return ()
+    stamps = f"the time stamps ({time.heading!r} in {time.unit})"
+    return (f"the displacement turns {turns}: are {stamps} in {other}? State the sample rate (`sample_rate`)",)
 
 
 def _of_names(record: Record) -> Iterator[str]:
