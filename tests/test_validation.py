@@ -26,7 +26,7 @@ def judged(error: np.ndarray) -> tuple[Evidence, tuple[str, ...], str]:
     z = PREDICTED + error + NOISE
     held = T >= 12.0
     taken = {"time": T, "volts": X, "displacement": z, "known": np.ones(T.size, dtype=bool), "sample_rate": RATE}
-    trace = Trace(**taken, source="", predicted=PREDICTED, half_width=np.full(T.size, 0.1), held_out=held)
+    trace = Trace(**taken, source="", breaks=(), predicted=PREDICTED, half_width=np.full(T.size, 0.1), held_out=held)
     findings = examine(Record.from_arrays(X, z, sample_rate=RATE))
     found = evidence(trace, error + NOISE, autocorrelation(error + NOISE), findings)
     rms = float(np.sqrt(np.mean((error + NOISE)[held] ** 2)))

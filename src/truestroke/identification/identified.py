@@ -15,7 +15,7 @@ from truestroke.base.typing import FloatArray
 from truestroke.base.verdict import Verdict
 from truestroke.control import interval
 from truestroke.control.actuator import ActuatorModel, central_difference
-from truestroke.identification import coverage, modes, normal, uncertainty, validation
+from truestroke.identification import coverage, modes, normal, uncertainty, validation, zeros
 from truestroke.identification.examine import Findings, examine
 from truestroke.identification.modes import ModeSearch
 from truestroke.identification.record import Record, as_record
@@ -63,6 +63,8 @@ class HeldOut:
         Length of that part.
     coverage : float
         Share of them within the 95 % interval (`Trace.half_width`), 0 to 1.
+    zero_um : float
+        By how much the zero behind a long gap is above that before it, um; it is taken off the errors.
     """
 
     rmse_um: float
@@ -71,6 +73,7 @@ class HeldOut:
     maximum_percent: float
     samples: int
     coverage: float
+    zero_um: float = 0.0
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -239,9 +242,11 @@ def identify(
             shown(1, 2)
         final, tried, response = _found(taken, taken.volts.size, known, fixed, start=part.model.dynamics)
     predicted = part.model.predict(taken.volts, fs) + part.drift(taken.volts.size)
+    moved = zeros.ahead(taken, predicted, train)
+    predicted += moved
     last = np.arange(taken.volts.size) >= train
     trace = Trace(**vars(taken), predicted=predicted, half_width=_half_width(part.model, taken, train), held_out=last)
-    test, residual = _held_out(trace), final.residual
+    test, residual = _held_out(trace, moved), final.residual
     white = uncertainty.autocorrelation(residual), uncertainty.effective_samples(residual)
     findings = examine(_examined(record, taken)) if findings is None else findings
     evidence = validation.evidence(trace, residual, white[0], findings)
@@ -273,6 +278,7 @@ def _found(
 
     The search for modes begins with those of `start`, and intervals are made where `certain`.
     """
+    s, zero = zeros.at_one_zero(s, samples)
     coarse = _data(s, samples, CHOICE_ROWS)
     found = time_constants(s, coarse, delay, certain)
     coarse = dataclasses.replace(coarse, delay=found.delay, time_constant=found.time_constant)
@@ -291,7 +297,9 @@ def _found(
     compared = _behind(coarse, fine)
     rows = compared.displacement.size / fine.displacement.size
     model = coverage.calibrated(model, compared, fit.structure, fit.weight * rows)
-    return dataclasses.replace(fit, model=model), (*tried, *more), found
+    drift = fit.drift
+    fit = dataclasses.replace(fit, model=model, drift=lambda size: drift(size) + zero[:size])
+    return fit, (*tried, *more), found
 
 
 @normal.one_thread
@@ -416,24 +424,29 @@ def _data(s: Series, samples: int, rows: int) -> Data:
     )
 
 
-def _held_out(trace: Trace) -> HeldOut:
+def _held_out(trace: Trace, moved: FloatArray) -> HeldOut:
     judged = trace.held_out & trace.known
     error, stroke = trace.residual[judged], float(np.ptp(trace.displacement))
     coverage = float(np.mean(np.abs(error) <= trace.half_width[judged]))
     rmse, maximum = float(np.sqrt(np.mean(error**2))), float(np.abs(error).max())
-    return HeldOut(rmse, maximum, 100 * rmse / stroke, 100 * maximum / stroke, error.size, coverage)
+    zero = float(moved[np.abs(moved).argmax()])
+    return HeldOut(rmse, maximum, 100 * rmse / stroke, 100 * maximum / stroke, error.size, coverage, zero)
 
 
 def _half_width(model: ActuatorModel, s: Series, train: int) -> FloatArray:
     """Half width of the 95 % interval of a trace, um: the zero walks from the end of the first part on.
 
-    After a gap that is longer than the first part it is the zero of another day (`ActuatorModel.another_day`).
+    It walks anew from each of `Series.breaks` on, where it is estimated. After another gap that is longer than the
+    first part it is the zero of another day (`ActuatorModel.another_day`).
     """
     since = np.maximum(np.arange(s.volts.size) - train, 0) / s.sample_rate
+    apart = s.time - s.time[train - 1] - since > train / s.sample_rate
+    for start in (b for b in s.breaks if b >= train):
+        since[start:] -= since[start]
+        apart[start:] = False
     zero = model.walk**2 * since
-    gaps = s.time - s.time[train - 1] - since > train / s.sample_rate
     offset = model.columns["offset"].start
-    zero[gaps] += model.another_day()[offset, offset]
+    zero[apart] += model.another_day()[offset, offset]
     return interval.half_width(model, interval.of_motion(model, s.volts, s.sample_rate), zero)
 
 

@@ -40,6 +40,8 @@ class Series(Signals):
         Hz.
     source : str
         Where it comes from.
+    breaks : tuple of int
+        First samples after gaps that are longer than all that was measured: there the zero is another one.
     """
 
     time: FloatArray
@@ -48,6 +50,7 @@ class Series(Signals):
     known: npt.NDArray[np.bool_]
     sample_rate: float
     source: str
+    breaks: tuple[int, ...]
 
 
 def series(record: Any) -> Series:
@@ -68,15 +71,19 @@ def series(record: Any) -> Series:
     _refuse_useless(x, z)
     position = _positions(record, fs)
     time, known = np.arange(x.size) / fs, ~clipped(z, x, MOVES * float(np.ptp(x)))
+    breaks: list[int] = []
     if position is not None:
-        seen = known
+        seen, t = known, record.time
+        later = [after.start for after in record.segments[1:] if t[after.start] - t[after.start - 1] > x.size / fs]
+        breaks = [int(np.ceil(position[row])) for row in later]
         time, x, z, known = _bridged(record.time, x, z, position, record.segments)
         nearest = np.round(np.interp(np.arange(time.size), position, np.arange(seen.size))).astype(np.int64)
         known &= seen[nearest]
     block = -(-x.size // SAMPLES)
     time, x, z = (a[: a.size // block * block].reshape(-1, block).mean(axis=1) for a in (time, x, z))
     known = np.asarray(known[: known.size // block * block].reshape(-1, block).all(axis=1), dtype=np.bool_)
-    return Series(time, x, z, known, fs / block, str(getattr(record, "source", "")))
+    breaks = [at // block for at in breaks]
+    return Series(time, x, z, known, fs / block, str(getattr(record, "source", "")), tuple(breaks))
 
 
 def _three(record: Any) -> tuple[Any, Any, Any]:

@@ -190,6 +190,7 @@ def verdict(found: Evidence, held_out: HeldOut, findings: Findings) -> Verdict:
     return Verdict.of([
         *(("bad", f"The record contradicts itself: {mistake.rstrip('?')}.") for mistake in findings.mistakes),
         *_of_error(found, held_out, findings),
+        *_of_zero(held_out),
         *_of_residual(found, held_out, findings),
         *_of_excitation(findings),
     ])  # fmt: skip
@@ -222,6 +223,13 @@ def _of_error(found: Evidence, held_out: HeldOut, findings: Findings) -> Iterato
     yield level, f"The error on motion that it has not seen is {error}: {times}. A better model may exist."
     if found.over_fitted > WORSE:
         yield "doubtful", _worse(found)
+
+
+def _of_zero(held_out: HeldOut) -> Iterator[tuple[Level, str]]:
+    """A zero that is another one behind a long gap."""
+    if held_out.zero_um:
+        moved = f"{abs(held_out.zero_um):.3g} um {'above' if held_out.zero_um > 0 else 'below'} that before"
+        yield "doubtful", f"Behind a long gap the zero is {moved}; the errors are without it. Measure it on each day."
 
 
 def _worse(found: Evidence) -> str:
