@@ -155,7 +155,7 @@ ROWS = {
     "the driver raises at the start": Row(12, "start: error -2", faults=fault("start"), soft=False),
     "the driver raises at the stop": Row(12, "stop: error -2", faults=fault("stop")),
     "a block is late": Row(0, faults=fault("slip", count=1), also=lambda o, r: o.overruns > 0),
-    "all blocks are late": Row(11, "in a row", faults=fault("slip"), settings={"overrun_streak": 100}),
+    "all blocks are late": Row(11, "raise `overrun_streak`", faults=fault("slip"), settings={"overrun_streak": 100}),
     "the disk is full": Row(13, "recording cannot be written", do=fill_the_disk),
     "the recorder dies": Row(13, "recorder died", do=to("record", signal.SIGKILL)),
     "the recorder hangs": Row(13, "s behind", do=to("record", signal.SIGSTOP)),

@@ -19,6 +19,7 @@ from playwright.sync_api import Browser, Page, sync_playwright
 
 WIDTHS = (360, 800, 1400)  # px: phone, tablet, desk
 PAPER = 700  # px: A4 within its margins
+SMALLER = 0.8  # of the letters on the screen, on paper
 PATIENCE = 120_000  # ms, of a busy machine
 FLAGS = ("--no-sandbox", "--disable-dev-shm-usage")  # as root, and in a container
 RULES = {"runOnly": ["wcag2a", "wcag2aa"], "preload": False, "iframes": False}  # a file may not do either
@@ -107,6 +108,7 @@ def printed(page: Path, file: Path) -> None:
         sheet.pdf(
             path=file,
             format="A4",
+            scale=SMALLER,
             margin=margin,
             display_header_footer=True,
             header_template="<span></span>",

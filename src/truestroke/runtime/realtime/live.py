@@ -141,7 +141,8 @@ class Live:
         """End the run on a request, of a person or a process."""
         self._heed_signals()
         if 0 < self._settings.overrun_streak <= self._clock.streak:
-            raise Stop(Cause.OVERRUN, f"{self._clock.streak} blocks in a row were more than a period late")
+            remedy = "end other programs, look at `truestroke doctor`, or raise `overrun_streak` (0: never end)"
+            raise Stop(Cause.OVERRUN, f"{self._clock.streak} blocks in a row were more than a period late: {remedy}")
         if stop >= self._next_glance:
             self._next_glance = stop + self._glance
             for axis in self._axes:
