@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import http.client
 import json
 import re
+import selectors
 import socket
 import subprocess
 import time
@@ -24,7 +26,7 @@ from truestroke.runtime.drivers.guard import Limits
 from truestroke.runtime.drivers.playback import lead, playback
 from truestroke.runtime.drivers.simulated import SimulatedDriver
 from truestroke.runtime.realtime import LiveSettings, RealtimeError, config, server
-from truestroke.runtime.realtime.live_page import access, door, frames
+from truestroke.runtime.realtime.live_page import access, door, frames, relay
 from truestroke.runtime.realtime.live_page.orders import Orders
 from truestroke.runtime.realtime.server import Panel
 from truestroke.runtime.realtime.shared import FIELDS, Helper, Layout, Shared, Slot, State
@@ -79,13 +81,17 @@ class Served:
         raise AssertionError("the stream ended")
 
 
+def serving(duration: float) -> str:
+    """The example of `serve` with a live page, for so many seconds."""
+    text = config.example("serve").replace("= 3600.0", f"= {duration}").partition("\n[epics]")[0]
+    text = re.sub(r"overrun_streak = \d+", "", text).partition("\n[realtime]")[0].partition("\n[recording]")[0]
+    return text + '\n[realtime]\noverrun_streak = 0\nwatchdog_timeout = 20.0\n[recording]\nfile = "run.h5"\n' + TABLES
+
+
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Served, Path]]:
     folder = tmp_path_factory.mktemp("live")
-    text = config.example("serve").replace("= 3600.0", "= 300.0").partition("\n[epics]")[0]
-    text = re.sub(r"overrun_streak = \d+", "", text).partition("\n[realtime]")[0].partition("\n[recording]")[0]
-    text += '\n[realtime]\noverrun_streak = 0\nwatchdog_timeout = 20.0\n[recording]\nfile = "run.h5"\n' + TABLES
-    (folder / "serve.toml").write_text(text)
+    (folder / "serve.toml").write_text(serving(300.0))
     served = Served(folder, "serve", "--live", "--config", "serve.toml", "--json")
     try:
         yield served, folder
@@ -187,6 +193,72 @@ def refused_and_counted(served: Served) -> None:
     assert not re.search(rb"<script>|onclick|style=", page)
 
 
+ONLY_LINUX = "send_fds recv_fds SCM_RIGHTS SOCK_SEQPACKET TCP_USER_TIMEOUT SO_BINDTODEVICE"
+AS_ON_WINDOWS = f"""
+import os, socket
+for name in {ONLY_LINUX!r}.split():
+    vars(socket).pop(name, None)
+del os.nice
+"""
+
+
+def test_the_page_needs_no_more_of_sockets_than_each_system_has(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A page that nobody reads is given up; STOP works."""
+    (tmp_path / "sitecustomize.py").write_text(AS_ON_WINDOWS)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    (tmp_path / "serve.toml").write_text(serving(60.0))
+    served = Served(tmp_path, "serve", "--live", "--config", "serve.toml", "--json")
+    served.until(lambda frame: frame["state"] == "running")
+    assert served.ask("GET", "/live.js")[0] == 200
+    assert served.ask("GET", "/stream")[0] == 403
+    assert served.do(do="stop") == 200
+    out, err = served.process.communicate(timeout=120)
+    assert json.loads(out)["cause"] == "stopped", err
+    assert "refused 1 requests: 1 without a token that allows it" in err
+
+
+def test_who_does_not_read_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Bytes that nobody takes wait in the system's buffers; after ten seconds both ends are closed."""
+    clock = [0.0]
+    monkeypatch.setattr(time, "monotonic", lambda: clock[0])
+    with socket.create_server(("127.0.0.1", 0)) as pages, selectors.DefaultSelector() as selector:
+        relays = relay.Relays(selector)
+        reader, visitor = socket.socketpair()
+        visitor.setblocking(False)
+        relays.begin(visitor, b"GET /stream", pages.getsockname()[1])
+
+        def look() -> None:
+            for key, _ in selector.select(0.01):
+                key.data(key.fileobj)
+            relays.give_up()
+
+        there, _ = pages.accept()
+        look()
+        assert there.recv(100) == b"GET /stream"
+        there.setblocking(False)
+        sent = 0
+        for _ in range(1000):
+            with contextlib.suppress(BlockingIOError):
+                sent += there.send(bytes(100_000))
+            look()
+        assert sent < 20_000_000  # the pages notice it
+        clock[0] = 9.0
+        for _ in range(20):  # it takes some
+            reader.recv(65536)
+            look()
+        clock[0] = 18.0
+        for _ in range(5):
+            look()
+        assert len(relays) == 1
+        clock[0] = 40.0
+        look()
+        assert len(relays) == 0
+        reader.close()
+        there.close()
+
+
 def test_a_flood_of_orders_without_a_token_waits_and_stop_does_not() -> None:
     settings = LiveSettings(port=0, control=CONTROL, reading=READING)
     shared, bound = server.blank(1, 1000.0), settings.bound()
@@ -194,7 +266,7 @@ def test_a_flood_of_orders_without_a_token_waits_and_stop_does_not() -> None:
         shared.count[Slot.SERVER] = Helper.READY
         port = bound.getsockname()[1]
         orders = Orders(shared, [], 1000.0)
-        taken = door.Door(access.Access(settings, port), orders, shared, bound, lambda channel: None)
+        taken = door.Door(access.Access(settings, port), orders, shared, bound, lambda: None)  # type: ignore[arg-type,return-value]
 
         def asked(token: str) -> socket.socket:
             made = socket.create_connection(("127.0.0.1", port))

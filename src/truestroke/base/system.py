@@ -39,8 +39,11 @@ INHERITS = sys.platform != "win32"
 HDF5_LOCKS = None if sys.platform == "linux" else False
 """Whether HDF5 is to lock a file that `lock` has locked: on Linux as it likes, elsewhere its lock would meet ours."""
 
-HANDS_OVER = sys.platform != "darwin" and hasattr(socket, "send_fds") and hasattr(socket, "AF_UNIX")
-"""Whether a process can hand a connection to another one, each in a message of its own: Linux."""
+SELECTED = 512 if sys.platform == "win32" else 1 << 16
+"""Connections that a process can wait for at a time."""
+
+SHARES_PORTS = sys.platform == "win32"
+"""Whether SO_REUSEADDR lets another program listen at a port that is in use, too."""
 
 _NEW = os.O_RDWR | os.O_CREAT | os.O_EXCL
 _LOCK = struct.Struct("@hhqqi4x")  # struct flock

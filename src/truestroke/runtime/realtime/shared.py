@@ -37,10 +37,12 @@ class Slot(IntEnum):
     WATCHDOG_BEAT = 13  # checks that they have made: constant if the process has stopped
     DEPUTY_BEAT = 14
     HOLD = 15  # not 0: somebody asks that nothing is learned
-    REFUSED = 16  # requests that the live page has refused, one slot a kind
+    REFUSED = 16  # requests that the door of the live page has refused, one slot a kind
     SEEK = 30  # of a replay: 1 more than the tick that somebody asks for; 0: none
     REPLAY = 31  # not 0: a recording is shown, this many thousandths as fast as the run; HOLD then pauses it
-    ENDINGS = 32  # where in each file the JSON of its end stands, one slot an axis
+    PAGES = 32  # port at which the door reaches the pages; 0: they are not ready
+    REFUSED_THERE = 33  # requests that the pages have refused, one slot a kind
+    ENDINGS = 48  # where in each file the JSON of its end stands, one slot an axis
 
 
 class State(IntEnum):
@@ -163,6 +165,11 @@ class Shared:
     def read(self, text: Text) -> str:
         """A text that another has left, or an empty one."""
         return bytes(self._texts[text * TEXT : (text + 1) * TEXT]).split(b"\0")[0].decode(errors="replace")
+
+    def refused(self, kinds: int) -> list[int]:
+        """Requests that the live page has refused, by kind, at its door and behind it."""
+        both = (Slot.REFUSED, Slot.REFUSED_THERE)
+        return [sum(self.count[slot + kind] for slot in both) for kind in range(kinds)]
 
     def close(self) -> None:
         """Let go of its handle; the memory itself is freed with the arrays."""

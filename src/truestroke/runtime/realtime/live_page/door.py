@@ -25,6 +25,7 @@ from truestroke.base import system
 from truestroke.runtime.realtime import process
 from truestroke.runtime.realtime.live_page.access import HEADERS, STATUS, WORDS, Access, Refusal, RefusedError
 from truestroke.runtime.realtime.live_page.orders import Orders
+from truestroke.runtime.realtime.live_page.relay import Relays
 from truestroke.runtime.realtime.live_page.settings import LiveSettings
 from truestroke.runtime.realtime.process import Lifeline
 from truestroke.runtime.realtime.server import Panel
@@ -34,10 +35,10 @@ GLANCE = 0.05  # s between two looks at the run
 LAST_WORDS = 0.5  # s for the page to show the end
 LONGEST = 1024  # bytes of what is asked
 SILENCE = 5.0  # s for which a request may be incomplete
-MOST = 2000  # connections that have not said what they want, or wait for the pages
+MOST = min(2000, system.SELECTED // 2)  # connections that have not said what they want, or wait for the pages
+LOOKING = min(1000, system.SELECTED // 8)  # connections to the pages
 BACKLOG = 4096  # connections that the system keeps for us
 AGAIN = 1.0  # s after which pages that have died are started again
-UNREAD = 10.0  # s after which a connection that takes nothing is given up, as of a laptop that was closed
 PAUSE = 0.25  # s before a refusal is answered: who asks again and again waits, and what is allowed does not
 LINGER = 1.0  # s for which the rest of a request that was refused is read, so that the answer arrives
 CHUNK = 65536  # bytes
@@ -66,70 +67,66 @@ class Visitor:
 
 
 class Door:
-    """Takes the connections of the socket `bound`; `pages` starts the pages, with the end of a channel to them."""
+    """Takes the connections of the socket `bound`; `start` starts the process of the pages."""
 
     def __init__(
-        self, access: Access, orders: Orders, shared: Shared, bound: socket.socket, pages: Callable[[int], None]
+        self,
+        access: Access,
+        orders: Orders,
+        shared: Shared,
+        bound: socket.socket,
+        start: Callable[[], subprocess.Popen[bytes]],
     ) -> None:
         self._access, self._orders, self._shared, self._count = access, orders, shared, shared.count
         self._visitors: dict[socket.socket, Visitor] = {}
         self._waiting: deque[Visitor] = deque()
         self._selector = selectors.DefaultSelector()
-        self._start, self._channel, self._started = pages, None, -math.inf
+        self._relays = Relays(self._selector)
+        self._start, self._pages, self._started = start, None, -math.inf
         self._sent_on, self._since = 0, -math.inf
         bound.listen(BACKLOG)
         bound.setblocking(False)
-        bound.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, round(1e3 * UNREAD))
         self._selector.register(bound, selectors.EVENT_READ, self._let_in)
 
-    _channel: socket.socket | None
+    _pages: subprocess.Popen[bytes] | None
 
     def look(self) -> None:
         """Serve for a glance."""
-        if self._channel is None and time.monotonic() - self._started > AGAIN:
-            self._open_pages()
+        self._tend_pages()
         for key, _ in self._selector.select(GLANCE):
             key.data(key.fileobj)
         self._send_on()
+        self._relays.give_up()
         now = time.monotonic()
         for visitor in [one for one in self._visitors.values() if one.until < now]:
             self._time_is_up(visitor)
 
     # ---- The pages ---------------------------------------------------------------------------------------------------
 
-    def _open_pages(self) -> None:
-        ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        with theirs:
-            self._start(theirs.fileno())
-        ours.setblocking(False)
-        self._channel, self._started = ours, time.monotonic()
-        self._selector.register(ours, selectors.EVENT_READ, self._hear)
-
-    def _hear(self, channel: socket.socket) -> None:
-        """Of the pages: that they are ready, a refusal, or their end."""
-        with suppress(BlockingIOError, ConnectionError):
-            while said := channel.recv(1):
-                if said[0] < len(Refusal):
-                    self._count[Slot.REFUSED + said[0]] += 1
-                else:
-                    self._count[Slot.SERVER] = Helper.READY
-            self._selector.unregister(channel)
-            channel.close()
-            self._channel = None
+    def _tend_pages(self) -> None:
+        """Start them, and again where they have ended; the page is ready when they say their port."""
+        if self._pages and self._pages.poll() is not None:
+            self._pages = None
             if self._count[Slot.SERVER] != Helper.READY:
                 raise RuntimeError(self._shared.read(Text.SERVER) or "its pages did not start")
+        if self._pages is None and time.monotonic() - self._started > AGAIN:
+            self._count[Slot.PAGES] = 0
+            self._pages, self._started = self._start(), time.monotonic()
+        if self._count[Slot.PAGES]:
+            self._count[Slot.SERVER] = Helper.READY
 
     def _send_on(self) -> None:
         if (now := time.monotonic()) - self._since > GLANCE:
             self._sent_on, self._since = 0, now
-        while self._waiting and self._channel and self._sent_on < SENT_ON:
-            visitor = self._waiting[0]
-            try:
-                socket.send_fds(self._channel, [visitor.said], [visitor.connection.fileno()])
-            except OSError:  # they have as many as they can take, or have died
-                return
+        port = self._count[Slot.PAGES] if self._pages else 0
+        while self._waiting and port and self._sent_on < SENT_ON and len(self._relays) < LOOKING:
+            visitor = self._waiting.popleft()
+            del self._visitors[visitor.connection]
             self._sent_on += 1
-            self._close(self._waiting.popleft())
+            try:
+                self._relays.begin(visitor.connection, visitor.said, port)
+            except OSError:  # no more descriptors
+                visitor.connection.close()
 
     # ---- Connections -------------------------------------------------------------------------------------------------
 
@@ -246,8 +243,9 @@ def serve(settings: LiveSettings, lifeline: Lifeline, shared: Shared, axes: list
         bound = settings.bound()
         access = Access(settings, bound.getsockname()[1])
 
-        def pages(channel: int) -> None:
-            started.append(process.start(shared, settings.show, access, axes, sample_rate, channel, keep=[channel]))
+        def pages() -> subprocess.Popen[bytes]:
+            started.append(process.start(shared, settings.show, access, axes, sample_rate))
+            return started[-1]
 
         _run(Door(access, Orders(shared, axes, sample_rate), shared, bound, pages), lifeline, shared, settings, access)
     except BaseException as error:
@@ -276,9 +274,9 @@ def _run(door: Door, lifeline: Lifeline, shared: Shared, settings: LiveSettings,
         door.look()
         if ended == math.inf and (shared.count[Slot.STATE] == State.ENDED or lifeline.gone(0.0)):
             ended = time.monotonic() + LAST_WORDS
-    kinds = [(shared.count[Slot.REFUSED + kind], words) for kind, words in enumerate(WORDS)]
-    if total := sum(number for number, _ in kinds):
-        parts = ", ".join(f"{number} {words}" for number, words in kinds if number)
+    refused = shared.refused(len(WORDS))
+    if total := sum(refused):
+        parts = ", ".join(f"{number} {words}" for number, words in zip(refused, WORDS, strict=True) if number)
         _say(f"live page  refused {total} requests: {parts}")
 
 

@@ -31,7 +31,7 @@ def frame(shared: Shared, axes: list[Panel], sample_rate: float, window: float, 
         "held": bool(count[Slot.HOLD]),
         "replay": count[Slot.REPLAY] / 1000,
         "stop": bool(count[Slot.STOP]),
-        "refused": {words: n for kind, words in enumerate(WORDS) if (n := count[Slot.REFUSED + kind])},
+        "refused": {words: n for n, words in zip(shared.refused(len(WORDS)), WORDS, strict=True) if n},
         "axes": [_axis(shared, channel, panel, sample_rate, window, settled) for channel, panel in enumerate(axes)],
     }
 

@@ -1,6 +1,6 @@
 """The pages of a run: its files, and a stream of frames. A process of its own, which can change nothing.
 
-The door sends it the connections of those who want to look. It reports what it refuses to the door, which counts.
+The door connects those who want to look with it.
 """
 
 from __future__ import annotations
@@ -9,10 +9,7 @@ import asyncio
 import os
 import socket
 from collections.abc import AsyncIterator, Awaitable, Callable
-from contextlib import suppress
-from functools import partial
 from importlib import resources
-from typing import Any
 
 from starlette.applications import Starlette
 from starlette.exceptions import HTTPException
@@ -27,6 +24,7 @@ from truestroke.base import system
 from truestroke.base.flags import BIT
 from truestroke.runtime.realtime.live_page import frames
 from truestroke.runtime.realtime.live_page.access import HEADERS, STATUS, Access, Refusal, RefusedError
+from truestroke.runtime.realtime.live_page.relay import BUFFER
 from truestroke.runtime.realtime.live_page.settings import LiveSettings
 from truestroke.runtime.realtime.process import Lifeline
 from truestroke.runtime.realtime.server import Panel
@@ -35,8 +33,6 @@ from truestroke.runtime.realtime.shared import Shared, Slot, Text
 REFRESH = 0.05  # s between two frames
 READERS = 32  # pages at once
 FEWER = 10  # steps of priority below the loop, which looks at a computer that others use too
-READY = b"\xff"  # to the door; other bytes are a Refusal
-MOST = 65536  # bytes that the door has read already
 FILES = {
     "/": ("runtime/realtime/live_page/page.html", "text/html"),
     "/live.js": ("runtime/realtime/live_page/live.js", "text/javascript"),
@@ -134,68 +130,43 @@ def _read(path: str) -> bytes:
 
 
 def serve(
-    lifeline: Lifeline,
-    shared: Shared,
-    settings: LiveSettings,
-    access: Access,
-    axes: list[Panel],
-    sample_rate: float,
-    channel: int,
+    lifeline: Lifeline, shared: Shared, settings: LiveSettings, access: Access, axes: list[Panel], sample_rate: float
 ) -> None:
-    """Answer the connections that come through `channel`, a descriptor, until the door has closed."""
+    """Answer the connections that come from the door, until it has ended."""
     system.yield_to_others(FEWER)
     system.allow_many_files()
+
+    def refused(kind: Refusal) -> None:
+        shared.count[Slot.REFUSED_THERE + kind] += 1
+
     try:
-        with socket.socket(fileno=channel) as door:
-            door.setblocking(False)
-            asyncio.run(_run(lifeline, door, lambda say: LivePage(settings, access, shared, axes, sample_rate, say)))
+        page = LivePage(settings, access, shared, axes, sample_rate, refused)
+        with socket.create_server(("127.0.0.1", 0)) as bound:
+            bound.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER)
+            asyncio.run(_run(lifeline, shared, bound, page, refused))
     except BaseException as error:
         shared.write(Text.SERVER, f"{type(error).__name__}: {error}")
         os._exit(1)
     os._exit(0)
 
 
-async def _run(lifeline: Lifeline, door: socket.socket, page_of: Callable[[Refused], LivePage]) -> None:
-    def say(kind: Refusal) -> None:
-        with suppress(BlockingIOError):  # a door with so much to do has counted enough
-            door.send(bytes([kind]))
-
-    page = page_of(say)
+async def _run(lifeline: Lifeline, shared: Shared, bound: socket.socket, page: LivePage, refused: Refused) -> None:
     config = Config(page.app, http="h11", ws="none", lifespan="off", log_config=None, access_log=False)
     config.load()
-    state, loop, tasks = ServerState(), asyncio.get_running_loop(), set[asyncio.Task[Any]]()
-
-    def come_in() -> None:
-        """The connections that wait, with what they have said so far."""
-        with suppress(BlockingIOError):
-            while True:
-                said, descriptors, _, _ = socket.recv_fds(door, MOST, 1)
-                if not descriptors:
-                    loop.remove_reader(door)  # the door has closed
-                    return
-                connection = socket.socket(fileno=descriptors[0])
-                connection.setblocking(False)
-                made = loop.connect_accepted_socket(partial(_Handed, config, state, said, say), connection)
-                tasks.add(task := loop.create_task(made))
-                task.add_done_callback(tasks.discard)
-
-    loop.add_reader(door, come_in)
-    door.send(READY)
+    state, loop = ServerState(), asyncio.get_running_loop()
+    await loop.create_server(lambda: _Spoken(config, state, refused), sock=bound)
+    shared.count[Slot.PAGES] = bound.getsockname()[1]
     while not lifeline.gone(0.0):
         page.look()
         await asyncio.sleep(REFRESH)
 
 
-class _Handed(H11Protocol):
-    """A connection of which the door has read the beginning."""
+class _Spoken(H11Protocol):
+    """A connection; what is no request of HTTP is counted."""
 
-    def __init__(self, config: Config, state: ServerState, said: bytes, refused: Refused) -> None:
+    def __init__(self, config: Config, state: ServerState, refused: Refused) -> None:
         super().__init__(config, state, {})
-        self._said, self._refused = said, refused
-
-    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        super().connection_made(transport)
-        self.data_received(self._said)
+        self._refused = refused
 
     def send_400_response(self, msg: str) -> None:
         self._refused(Refusal.MALFORMED)

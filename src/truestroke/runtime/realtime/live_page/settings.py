@@ -64,10 +64,10 @@ class LiveSettings:
 
     def check(self, axes: Sequence[Axis]) -> None:
         """Before anything moves: RealtimeError without starlette and uvicorn, or where the page cannot be served."""
-        if not system.HANDS_OVER:
+        if not system.HAS_PROCESSES:
             raise RealtimeError(
-                f"{sys.platform} hands no connection from one process to another, so the live page cannot be served: "
-                "use Linux, or serve --epics, or truestroke report, whose page can be read into everywhere"
+                f"{sys.platform} starts no process beside this one, so the live page cannot be served: use Linux, "
+                "Windows or macOS, or truestroke report, whose page can be read into everywhere"
             )
         if any(importlib.util.find_spec(name) is None for name in ("starlette", "uvicorn")):
             raise RealtimeError(
@@ -78,7 +78,8 @@ class LiveSettings:
     def bound(self) -> socket.socket:
         """A socket at that address; RealtimeError where it cannot be had."""
         made = socket.socket(socket.AF_INET6 if ":" in self.interface else socket.AF_INET, socket.SOCK_STREAM)
-        made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        if not system.SHARES_PORTS:
+            made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             made.bind((self.interface, self.port))
         except OSError as error:
