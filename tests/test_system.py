@@ -129,9 +129,10 @@ def test_a_run_says_where_nothing_bounds_lateness_and_where_the_timer_is_coarse(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A system like Windows before its finer timers: a sleep ends by steps of 15.6 ms."""
-    sleep = time.sleep
-    monkeypatch.setattr(time, "sleep", lambda seconds: sleep(0.0156 - time.monotonic() % 0.0156))
-    assert 0.015 < system.timer_step() < 0.05
+    now = [0.003]
+    monkeypatch.setattr(time, "perf_counter", lambda: now[0])
+    monkeypatch.setattr(time, "sleep", lambda seconds: now.append(now.pop() // 0.0156 * 0.0156 + 0.01560001))
+    assert system.timer_step() == pytest.approx(0.0156, rel=1e-3)
     monkeypatch.undo()
     monkeypatch.setattr(system, "BOUNDS_LATENESS", False)
     monkeypatch.setattr(system, "timer_step", lambda: 0.0156)
