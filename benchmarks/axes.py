@@ -1,12 +1,14 @@
 """Cross-talk of two axes on 40 lines a second of 20 um: what it leaves, and what it was without being known.
 
-    python benchmarks/axes.py [--plants 10] [--anchor]
+    python benchmarks/axes.py [--plants 10] [--wrong 3] [--anchor]
 
 Each row is a simulated stage of two axes; nm rms of the true error on the lines from 2 s on, of x (lines) and y
-(frame): without cross-talk, with it and axes that know each other, with it and axes that do not.
+(frame): without cross-talk, with it and axes that know each other, with it and axes that do not. With dynamics and the
+period of the lines, with dynamics, and with neither.
 """
 
 import argparse
+import dataclasses
 
 import numpy as np
 
@@ -16,6 +18,7 @@ from truestroke.signals.trajectories import raster
 
 KINDS = ("plays", "preisach", "bouc-wen")
 SECONDS = 4.0
+LINES = 40.0  # Hz
 
 
 def plant(number: int, coupled: bool) -> tuple[MultiAxisSettings, float, tuple[tuple[float, ...], ...]]:
@@ -55,31 +58,38 @@ def anchor() -> None:
         for share in (0.01, 0.03):
             settings = MultiAxisSettings(axes=axes, **{kind: ((0.0, share), (share, 0.0))})
             given = settings, 1.0, sensor_frame(0.0)
-            row = [followed(given, 1, False, aware, after) for after in (0.5, 2.0) for aware in (True, False)]
+            row = [followed(given, 1, None, aware, None, after) for after in (0.5, 2.0) for aware in (True, False)]
             print(f"{share:4.0%} {kind:9}" + "".join(f"{x:9.1f}{y:7.1f}" for x, y in row), flush=True)
 
 
-def errors(number: int, known: bool, coupled: bool, aware: bool) -> list[float]:
-    """Rms of x and y, nm for a stroke of 30 um."""
-    return followed(plant(number, coupled), number, known, aware, 2.0)
+def errors(number: int, known: float | None, coupled: bool, aware: bool, period: float | None) -> list[float]:
+    """Rms of x and y, nm for a stroke of 30 um; `known`: the share of its resonance that is given, None: nothing is."""
+    return followed(plant(number, coupled), number, known, aware, period, 2.0)
 
 
-def followed(given, seed: int, known: bool, aware: bool, after: float) -> list[float]:
+def told(stage: StageSettings, share: float) -> dict[str, object]:
+    """The dynamics that are given, with a resonance that is wrong."""
+    dynamics = stage.dynamics()
+    modes = tuple(dataclasses.replace(mode, frequency=share * mode.frequency) for mode in dynamics.modes)
+    return {"dynamics": dataclasses.replace(dynamics, modes=modes), "feedback": False}
+
+
+def followed(given, seed: int, known: float | None, aware: bool, period: float | None, after: float) -> list[float]:
     """The same of a stage, its scale and its frame, so many seconds after the start."""
     settings, scale, frame = given
     rate = settings.sample_rate
     axes = {}
     for name, one in zip("xy", settings.axes, strict=True):
-        dynamics = {"dynamics": one.dynamics(), "feedback": False} if known else {}
+        dynamics = {} if known is None else told(one, known)
         limits = {"stroke": one.stroke, "voltage_limits": one.voltage_limits}
         axes[name] = ControllerSettings(sample_rate=rate, **limits, **dynamics)
     times = {"duration": SECONDS, "sample_rate": rate}
     middle = np.array(frame) @ (15.0 * scale, 15.0 * scale)
     motion = {
-        "x": raster(frequency=40.0, peak_to_peak=20.0 * scale, offset=middle[0], **times),
+        "x": raster(frequency=LINES, peak_to_peak=20.0 * scale, offset=middle[0], **times),
         "y": raster(frequency=0.1, peak_to_peak=20.0 * scale, offset=middle[1], **times),
     }
-    controller = MultiAxisController(axes, frame)
+    controller = MultiAxisController(axes, frame, period=period)
     if not aware:
         prepare = controller.prepare
 
@@ -101,20 +111,26 @@ def followed(given, seed: int, known: bool, aware: bool, after: float) -> list[f
 def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--plants", type=int, default=10)
+    parser.add_argument("--wrong", type=float, default=0.0, help="%% by which the resonances that are given are wrong")
     parser.add_argument("--anchor", action="store_true", help="1 and 3 % at 2 kHz, nothing given, instead")
     asked = parser.parse_args()
     plants = asked.plants
     if asked.anchor:
         anchor()
         return
-    for known in (True, False):
-        print("with dynamics" if known else "without", "   alone x, y   known to each other   unknown")
+    share = 1 + asked.wrong / 100
+    for words, known, period in (
+        ("with dynamics and period", share, 1 / LINES),
+        ("with dynamics", share, None),
+        ("without", None, None),
+    ):
+        print(words, "   alone x, y   known to each other   unknown")
         rows = []
         for number in range(plants):
             row = [
-                *errors(number, known, False, True),
-                *errors(number, known, True, True),
-                *errors(number, known, True, False),
+                *errors(number, known, False, True, period),
+                *errors(number, known, True, True, period),
+                *errors(number, known, True, False, period),
             ]
             rows.append(row)
             s = plant(number, True)[0]

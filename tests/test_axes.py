@@ -23,6 +23,8 @@ from truestroke import (
 )
 from truestroke.base import frames
 from truestroke.cli import main
+from truestroke.control.learned_strain import LearnedStrain
+from truestroke.model.dynamics import Dynamics, Mode
 from truestroke.plant import MultiAxisSettings, MultiAxisStage, StageSettings
 from truestroke.runtime.drivers.turned import Turned
 from truestroke.runtime.realtime import config, run_realtime
@@ -406,3 +408,106 @@ def test_what_does_not_fit_is_named():
     refused("axes\\[1\\].sample_rate", MultiAxisSettings, axes=(FAST, StageSettings(sample_rate=5000.0)))
     refused("the largest of coupling = 0.6", MultiAxisSettings, coupling=((0.0, 0.6), (0.0, 0.0)))
     refused("volts\\[1, 0\\] = nan", MultiAxisStage().exchange, np.array([[0.0, 0.0], [np.nan, 0.0]]))
+
+
+# ---- What repeats ----------------------------------------------------------------------------------------------------
+
+STIFF = StageSettings(resonances=(1165.0,), dampings=(0.01,), hysteresis_kind="bouc-wen")
+"""A stage whose 29th harmonic of 40 Hz is at its resonance."""
+
+
+def told(stage, share):
+    """Settings of a stage whose resonance is another than it is."""
+    known = stage.dynamics()
+    modes = tuple(dataclasses.replace(mode, frequency=mode.frequency * share) for mode in known.modes)
+    return settings(stage, dynamics=dataclasses.replace(known, modes=modes))
+
+
+def pair(period=0.025, share=1.0, **given):
+    plant = MultiAxisStage(MultiAxisSettings(axes=(STIFF, SLOW), coupling=((0.0, 0.03), (0.03, 0.0)), **given), seed=1)
+    frame = given.get("frame")
+    return MultiAxisController({"x": told(STIFF, share), "y": told(SLOW, share)}, frame, period=period), plant
+
+
+@pytest.mark.parametrize("share", [0.97, 1.03])
+def test_what_repeats_is_learned_on_both_axes_within_two_seconds(share):
+    alone, known = (rms(run(MOTION, *pair(period, share))) for period in (None, 0.025))
+    assert alone[0] > 12.0, "hysteresis meets the resonance of the fast axis"
+    assert max(known) < 6.0
+
+
+def test_calls_and_the_native_loop_learn_alike_and_a_state_goes_on():
+    """Sensors that are turned; the calls are interrupted, saved and go on in another controller."""
+    frame = frames.sensor_frame(3.0)
+    motion = {name: dataclasses.replace(one, **short(one, 10_500)) for name, one in MOTION.items()}
+    fast, moved = pair(frame=frame)
+    expected = run(motion, fast, moved)
+    assert len(fast.learned["x"].errors) >= 1
+    one, plant = pair(frame=frame)
+    known = one.prepare(motion)
+    plant.open()
+    volts = np.empty((10_500, 2))
+    for k in range(10_500):
+        if k in (7_000, 9_000):  # before and after the first batch
+            other = pair(frame=frame)[0]
+            known = other.prepare(motion)
+            other.restore(one.state())
+            one = other
+        volts[k] = one.follow(known, k)
+        one.adapt(plant.exchange(volts[k][np.newaxis])[0])
+    for i, name in enumerate("xy"):
+        np.testing.assert_array_equal(volts[:, i], expected[f"volts_{name}"], name)
+
+
+def short(motion, ticks):
+    parts = ("position", "velocity", "acceleration", "flat")
+    return {name: getattr(motion, name)[:ticks] for name in parts if getattr(motion, name) is not None}
+
+
+@pytest.mark.parametrize(("sign", "least"), [(1.0, 0.02), (-1.0, None)])
+def test_the_learned_strain_of_a_linear_stage(sign, least):
+    """The stage by its formula, 3 % from what is known; one that moves the other way is never much worse than alone."""
+    known = Dynamics(sample_rate=RATE, modes=(Mode(frequency=412.0, damping=0.02),))
+    learned, period = LearnedStrain(known, 250), 250
+    wave = 5.0 * np.cos(2 * np.pi * np.arange(period) / period)
+    learned.follow(wave, np.ones(period, dtype=bool), range(0, 100_000))
+    f = np.arange(period // 2 + 1) * 40.0 / 400.0
+    hold = np.sinc(f * 400.0 / RATE) * np.exp(-1j * np.pi * f * 400.0 / RATE)
+    response = sign * hold / (1 - f**2 + 2j * 0.02 * f)
+    begin = np.fft.irfft(np.where((f > 0) & (f < 1.6), np.exp(1j * f) * period / 100, 0.0), period)
+    for tick in range(0, 60_000, period):
+        r = learned.of(range(tick, tick + period))
+        learned.see(tick, begin + np.fft.irfft(response * np.fft.rfft(r), period))
+    assert len(learned.errors) > 10
+    if least is None:
+        assert max(learned.errors) < 4.0 * learned.errors[0]
+        assert learned.errors.count(pytest.approx(learned.errors[0])) > 2, "it begins again"
+    else:
+        assert learned.errors[-1] < least * learned.errors[0]
+
+
+def test_what_a_limit_takes_is_not_learned():
+    """Lines beyond the lowest voltage: no strain brings them back, and none is tried."""
+    low = {**MOTION, "x": dataclasses.replace(LINES, position=LINES.position - 8.0)}
+    controller, plant = pair()
+    with pytest.warns(match="axis x"):
+        run(low, controller, plant)
+    assert controller.counters["x"].saturated > 1000
+    assert not controller.learned["x"].errors
+    assert not controller.learned["x"].of(range(20_000, 20_250)).any()
+    assert controller.learned["y"].errors
+
+
+def test_a_repetition_that_does_not_fit_is_named():
+    with pytest.raises(SettingError, match=r"axes\['y'\]\.dynamics = None: must be the dynamics of the axis"):
+        MultiAxisController({"x": settings(FAST), "y": settings(SLOW, False)}, period=0.025)
+    with pytest.raises(SettingError, match=r"a whole number of ticks of 10000 Hz, not 244\.8.*such as 0\.0245 s"):
+        pair(period=0.02448)
+    controller = pair(period=0.03)[0]
+    with pytest.raises(
+        SettingError, match=r"period = 0\.03 s: must be a period of the motion, here a raster: 0\.025 s"
+    ):
+        controller.prepare(MOTION)
+    controller.restore(controller.state())
+    with pytest.raises(SettingError, match=r"x-period\.state.*another period than 250 ticks"):
+        pair()[0].restore(controller.state())

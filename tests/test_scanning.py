@@ -1,6 +1,5 @@
 """The simulated XY stage that images two samples: what the page states, and that it can be bad."""
 
-import dataclasses
 import json
 
 import numpy as np
@@ -71,29 +70,32 @@ def small():
     return stage, scans.raster(**usual, turn=x, settle=y, over_scan=0.01, lead_in=120, lead_rows=60)
 
 
-def test_what_repeats_is_taken_away(small, monkeypatch):
-    """The same stage and controllers, with and without the correction of lines."""
+def test_what_repeats_is_taken_away(small):
+    """The same stage and controllers, with and without a period that they know."""
     stage, scan = small
 
-    def largest():
-        moved = lines.by_lines(scan, MultiAxisStage(stage), imaging.controllers_of(stage))
-        found = scans.distortion(scan, *moved.true.T)
-        return np.abs(found.dx).max()
+    def largest(period):
+        moved = lines.together(scan, MultiAxisStage(stage), imaging.controllers_of(stage, period))
+        return np.abs(scans.distortion(scan, *moved.true.T).dx).max()
 
-    corrected = largest()
-    monkeypatch.setattr(lines, "STEP", 0.0)
-    monkeypatch.setattr(lines, "IN_IMAGE", (0.0, 8))
-    assert corrected < 0.1 < 0.35 * largest()
+    assert largest(lines.period_of(scan)) < 0.1 < 0.35 * largest(None)
 
 
-def test_parts_of_a_loop_are_the_whole_loop(small):
-    """The bits do not depend on where it is cut; without a correction they are those of `run`."""
+def test_the_paper_alone_on_each_axis_is_its_calls(small):
+    """The native loop of two axes, against each controller tick by tick."""
     stage, scan = small
-    moved = lines.by_lines(dataclasses.replace(scan, settings={}), MultiAxisStage(stage), imaging.controllers_of(stage))
-    controller = imaging.controllers_of(stage)
-    recording = truestroke.run({"x": scan.x, "y": scan.y}, controller, MultiAxisStage(stage))
-    assert np.array_equal(moved.true[:, 0], recording["true_x"])
-    assert np.array_equal(moved.volts[:, 1], recording["volts_y"])
+    usual = {"sample_rate": 5000.0, "stroke": 30.0, "voltage_limits": (-0.6, 3.6)}
+    both = [[truestroke.AdaptiveController.paper(**usual) for _ in "xy"] for _ in range(2)]
+    moved = lines.alone(scan, MultiAxisStage(stage), both[0])
+    plant = MultiAxisStage(stage)
+    plant.open()
+    for k in range(2000):
+        parts = [(axis.position[k], axis.velocity[k], axis.acceleration[k]) for axis in scan.axes]
+        volts = np.array([[one.command(*part) for one, part in zip(both[1], parts, strict=True)]])
+        measured = plant.exchange(volts)[0]
+        for one, z in zip(both[1], measured, strict=True):
+            one.adapt(z)
+        assert np.array_equal(moved.volts[k], volts[0]), k
 
 
 def test_a_motion_that_does_not_repeat_is_named():

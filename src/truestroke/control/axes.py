@@ -7,6 +7,8 @@ An axis i of a stage takes a part of the motion of the others, and the sensors m
 Desired and measured motion of the sensors become those of the axes by F^-1, which is given. The desired motion of the
 others is then known before the voltage is chosen: c, l and e are three more weights for each, which the law of the axis
 learns while it runs (`other_axes` of `ControllerSettings`). A small error of F is such a coupling, too.
+
+What is the same in each period of a motion that repeats is learned beside, by `control.learned_strain`.
 """
 
 from __future__ import annotations
@@ -23,15 +25,19 @@ import numpy.typing as npt
 from truestroke.base import checks, frames
 from truestroke.base.checks import SettingError
 from truestroke.base.display import Displayed, Rows
-from truestroke.base.flags import Flags
+from truestroke.base.flags import BIT, Flags
 from truestroke.base.typing import FloatArray
 from truestroke.control import stage
 from truestroke.control.controller import AdaptiveController, Counters, State
+from truestroke.control.learned_strain import BEGIN, LearnedStrain, whole_ticks
+from truestroke.control.repetition import LEFT, check_repeats
 from truestroke.control.settings import ControllerSettings
+from truestroke.model.dynamics import Dynamics
 from truestroke.model.layout import MAX_OTHERS
 from truestroke.signals.trajectories import Trajectory
 
 PARTS = ("position", "velocity", "acceleration")
+LIMITED = BIT["saturated"] | BIT["slewed"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,12 +55,15 @@ class AxesMotion:
     others : ndarray, shape (ticks, 3 axes (axes - 1))
         For each axis in turn, of each other one in turn: displacement, velocity and acceleration, through G^-1 of the
         axis that takes them.
+    repeats : range
+        Ticks in which it repeats the period of the controller; empty where that has none.
     """
 
     axes: Mapping[str, Trajectory]
     motion: FloatArray
     strain: FloatArray
     others: FloatArray
+    repeats: range = range(0)
 
 
 class MultiAxisController(Displayed):
@@ -71,6 +80,10 @@ class MultiAxisController(Displayed):
     frame : array_like, shape (axes, axes), optional
         F: row i is what the sensor of axis i reads of a um of each axis, 1; by default each stands along its axis.
         `truestroke.sensor_frame` makes it from angles. Errors of some per cent are learned.
+    period : float, optional
+        Of a motion that is known ahead and repeats on one axis or more, s: what is the same in each period of the error
+        of each axis is learned, too, once half a second has passed. All axes need `dynamics` then. A whole number of
+        ticks, 16 to 8192.
 
     Attributes
     ----------
@@ -82,7 +95,8 @@ class MultiAxisController(Displayed):
     Raises
     ------
     SettingError
-        There are not two or three axes, their sample rates differ, or the sensors read almost the same.
+        There are not two or three axes, their sample rates differ, the sensors read almost the same, or an axis has no
+        `dynamics` where a period is given.
 
     Examples
     --------
@@ -101,7 +115,13 @@ class MultiAxisController(Displayed):
     [[0.0, 0.05], [0.0, 0.0]]
     """
 
-    def __init__(self, axes: Mapping[str, ControllerSettings], frame: npt.ArrayLike | None = None) -> None:
+    def __init__(
+        self,
+        axes: Mapping[str, ControllerSettings],
+        frame: npt.ArrayLike | None = None,
+        *,
+        period: float | None = None,
+    ) -> None:
         settings = _checked(axes)
         others = len(settings) - 1
         self.names = tuple(settings)
@@ -111,6 +131,17 @@ class MultiAxisController(Displayed):
         self.sample_rate = next(iter(settings.values())).sample_rate
         self._rows = self.to_axes.tolist() if not np.array_equal(self.to_axes, np.eye(len(settings))) else None
         self._velocity: list[float] | None = None
+        self.period = None if period is None else whole_ticks("period", period, self.sample_rate)
+        self.learned = self._strains()
+        self._known, self._tick = None, 0
+
+    def _strains(self) -> dict[str, LearnedStrain]:
+        """What each axis learns of each period."""
+        if self.period is None:
+            return {}
+        return {name: LearnedStrain(_needed(name, axis.settings), self.period) for name, axis in self.axes.items()}
+
+    _known: AxesMotion | None
 
     __copy__ = copy.deepcopy  # a shallow copy would share arrays and kernels
 
@@ -158,12 +189,14 @@ class MultiAxisController(Displayed):
             V
         """
         n, motion, others = len(self.axes), known.motion[tick].tolist(), known.others[tick].tolist()
-        self._velocity = motion[1::3]
+        self._velocity, self._known, self._tick = motion[1::3], known, tick
+        added = [one.at(tick) for one in self.learned.values()] or [0.0] * n
         volts = np.empty(n)
         for i, (axis, strain) in enumerate(zip(self.axes.values(), known.strain[tick].tolist(), strict=True)):
             position, velocity, acceleration = motion[3 * i : 3 * i + 3]
             taken = others[3 * (n - 1) * i : 3 * (n - 1) * (i + 1)]
-            volts[i] = axis.command(position, velocity, acceleration, None if strain != strain else strain, taken)
+            whole = None if strain != strain else strain + added[i]
+            volts[i] = axis.command(position, velocity, acceleration, whole, taken)
         return volts
 
     def adapt(self, z_measured: Sequence[float], ago: int = 0) -> None:
@@ -176,8 +209,32 @@ class MultiAxisController(Displayed):
         ago : int
             Number of commands that were issued after the one of this measurement, 0 to 1023.
         """
-        for axis, z in zip(self.axes.values(), self._turned("z_measured", z_measured, "um"), strict=True):
+        found = self._turned("z_measured", z_measured, "um")
+        for axis, z in zip(self.axes.values(), found, strict=True):
             axis.adapt(z, ago)
+        if self.learned and self._known is not None and ago <= self._tick:
+            flags = np.array([[axis.flag_bits for axis in self.axes.values()]])
+            self._see(self._known, self._tick - ago, np.array([found]), flags)
+
+    def see(self, known: AxesMotion, tick: int, measured: FloatArray, flags: npt.NDArray[np.uint8]) -> None:
+        """What the sensors read in a tick and those that follow it, um, shape (ticks, axes), and the flags of both."""
+        if self._rows is not None:
+            turned = [sum(share * measured[:, j] for j, share in enumerate(row)) for row in self._rows]
+            measured = np.stack(turned, axis=1)
+        self._see(known, tick, measured, flags)
+
+    def _see(self, known: AxesMotion, tick: int, measured: FloatArray, flags: npt.NDArray[Any]) -> None:
+        """The same of displacements of the axes: what is the same in each period of the error is learned.
+
+        Not where a limit held the voltage: there the axis does not do what is learned.
+        """
+        error = np.where(flags & LIMITED, np.nan, measured - known.motion[tick : tick + len(measured), ::3])
+        for i, one in enumerate(self.learned.values()):
+            one.see(tick, error[:, i])
+
+    def added(self, ticks: range) -> FloatArray:
+        """The strain that is added in some ticks, um, shape (ticks, axes)."""
+        return np.stack([one.of(ticks) for one in self.learned.values()], axis=1)
 
     def _turned(self, argument: str, values: Sequence[float], unit: str) -> list[float]:
         """What the sensors read, as displacements of the axes."""
@@ -206,9 +263,10 @@ class MultiAxisController(Displayed):
         Raises
         ------
         SettingError
-            There is not one trajectory for each axis, or their sample rates or lengths differ.
+            There is not one trajectory for each axis, their sample rates or lengths differ, or none repeats `period`.
         """
         trajectories = self._in_order(motion)
+        repeats = range(0) if self.period is None else _repeated(trajectories, self.period)
         parts = {part: np.stack([getattr(one, part) for one in trajectories], axis=1) for part in PARTS}
         turned = {part: np.ascontiguousarray(values @ self.to_axes.T) for part, values in parts.items()}
         own = {}
@@ -217,12 +275,23 @@ class MultiAxisController(Displayed):
             own[name] = dataclasses.replace(one, position=position, velocity=velocity, acceleration=acceleration)
         strains = [self.axes[name].strain(one.position) for name, one in own.items()]
         missing = np.full(len(trajectories[0]), np.nan)
+        self._follow(own, repeats)
         return AxesMotion(
             axes=own,
             motion=np.ascontiguousarray(np.stack([turned[part] for part in PARTS], axis=2).reshape(len(missing), -1)),
             strain=np.stack([missing if strain is None else strain for strain in strains], axis=1),
             others=np.concatenate([self._taken(name, own) for name in self.names], axis=1),
+            repeats=repeats,
         )
+
+    def _follow(self, own: Mapping[str, Trajectory], repeats: range) -> None:
+        """What is learned of each period is of this motion from now on."""
+        part = slice(repeats.start, repeats.start + (self.period or 0))
+        counts = np.ones(self.period or 0, dtype=bool)
+        for one in own.values():
+            counts = counts if one.flat is None or not one.flat[part].any() else counts & (one.flat[part] > 0)
+        for name, learned in self.learned.items():
+            learned.follow(own[name].position[part].copy(), counts, repeats)
 
     def _in_order(self, motion: Mapping[str, Trajectory]) -> list[Trajectory]:
         checks.instance("trajectory", motion, Mapping, "a mapping of the name of each axis to its Trajectory")
@@ -286,14 +355,19 @@ class MultiAxisController(Displayed):
 
     def reset(self) -> None:
         """Back to the first tick."""
-        self._velocity = None
+        self._velocity = self._known = None
+        self._tick, self.learned = 0, self._strains()
         for axis in self.axes.values():
             axis.reset()
 
     def state(self) -> dict[str, npt.NDArray[Any]]:
         """The complete state after a tick, as named arrays, for `restore`: "x weights", and so on."""
         last = {} if self._velocity is None else {"velocity": np.array(self._velocity)}
-        return last | {f"{name} {entry}": a for name, axis in self.axes.items() for entry, a in axis.state().items()}
+        return last | {f"{name} {entry}": a for name, one in self._parts().items() for entry, a in one.state().items()}
+
+    def _parts(self) -> dict[str, AdaptiveController | LearnedStrain]:
+        """What has a state, by the first word of its entries."""
+        return {**self.axes, **{f"{name}-period": one for name, one in self.learned.items()}}
 
     def restore(self, state: State) -> None:
         """Restore a state of `state`, of a controller with the same axes and settings.
@@ -306,17 +380,14 @@ class MultiAxisController(Displayed):
         checks.able("state", state, ("items",), "what `state` gave, or numpy.load of its file")
         before = self.state()
         try:
-            for name, axis in self.axes.items():
+            for name, one in self._parts().items():
                 with checks.inside(f"{name}."):
-                    axis.restore(
-                        {key.removeprefix(f"{name} "): a for key, a in state.items() if key.startswith(f"{name} ")}
-                    )
+                    one.restore(_of(name, state))
         except SettingError:
-            for name, axis in self.axes.items():
-                axis.restore(
-                    {key.removeprefix(f"{name} "): a for key, a in before.items() if key.startswith(f"{name} ")}
-                )
+            for name, one in self._parts().items():
+                one.restore(_of(name, before))
             raise
+        self._known = None
         self._velocity = np.asarray(state["velocity"]).tolist() if "velocity" in state else None
 
     def _display(self) -> tuple[str, Rows]:
@@ -328,6 +399,42 @@ class MultiAxisController(Displayed):
             if i != j
         ]
         return f"{type(self).__name__}: axes {', '.join(self.names)}", [*rows, *taken]
+
+
+def _of(name: str, state: State) -> dict[str, npt.NDArray[Any]]:
+    """The entries of a part of a state."""
+    return {key.removeprefix(f"{name} "): a for key, a in state.items() if key.startswith(f"{name} ")}
+
+
+def _needed(name: str, settings: ControllerSettings) -> Dynamics:
+    """The dynamics of an axis, which learns what repeats through them."""
+    if settings.dynamics is None:
+        bound = "the dynamics of the axis where a period is given, as `truestroke bode` measures them"
+        raise SettingError(f"axes[{name!r}].dynamics", None, bound)
+    return settings.dynamics
+
+
+def _repeated(motion: Sequence[Trajectory], period: int) -> range:
+    """The ticks in which one axis repeats, from a whole number of periods after the start on.
+
+    Raises
+    ------
+    SettingError
+        None does.
+    """
+    rate, refused = motion[0].sample_rate, None
+    for one in motion:
+        try:
+            start = check_repeats(one, period / rate)
+        except SettingError as error:
+            refused = refused or error
+            continue
+        start = -(-max(start, round(BEGIN * rate)) // period) * period
+        z = one.position
+        apart = np.flatnonzero(np.abs(z[start + period :] - z[start:-period]) > LEFT * np.ptp(z))
+        return range(start, start + period + (int(apart[0]) if apart.size else max(len(z) - start - period, 0)))
+    assert refused is not None
+    raise refused
 
 
 def _checked(axes: Mapping[str, ControllerSettings]) -> dict[str, ControllerSettings]:

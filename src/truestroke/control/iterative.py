@@ -185,7 +185,7 @@ class IterativeLearning(Displayed):
             if self.dynamics is None:
                 bound = "highest harmonic to learn, Hz, or dynamics, as `truestroke bode` measures them"
                 raise SettingError("bandwidth", None, bound)
-            bandwidth = min(BAND * self.dynamics.modes[0].frequency, SEEN * self.sample_rate)
+            bandwidth = band(self.dynamics, self.sample_rate)
             if bandwidth < lowest:
                 bound = f"at most {bandwidth:.4g} Hz, {BAND} times the first resonance"
                 raise SettingError("frequency of the motion", float(lowest), bound, "Hz")
@@ -480,6 +480,12 @@ def repetition(sample_rate: float, frequency: float) -> tuple[int, int]:
 
 
 # ---- What is known beforehand --------------------------------------------------------------------------------------
+
+
+def band(dynamics: Dynamics | None, rate: float) -> float:
+    """Highest harmonic that is learned by itself, Hz."""
+    seen = SEEN * rate
+    return seen if dynamics is None else min(BAND * dynamics.modes[0].frequency, seen)
 
 
 def response_of(

@@ -88,7 +88,7 @@ def following(
     spectra = [(_spectrum(y - zero, size), _spectrum(z - zero, size)) for y, z in passes]
     Y, Z = spectra[best]
     seen = iterative.SEEN * sample_rate
-    high = seen if dynamics is None else min(iterative.BAND * dynamics.modes[0].frequency, seen)
+    high = iterative.band(dynamics, sample_rate)
     beyond = f > max(high, 0.9 * seen) if high < seen else f > seen
     noise2 = float(np.median(np.abs(Z - Y)[beyond] ** 2)) / math.log(2)
     swings = [(_spectrum(y - y.mean(), size), _spectrum(z - z.mean(), size)) for y, z in passes]

@@ -25,6 +25,7 @@ LEFT = 0.05  # of the peak-to-peak: a motion that is further from its shape does
 PULLED, INTEGRATED = 0.5, 0.2  # of a shift that is corrected in the next period, and of it for good
 EARLIER = 0.015  # of the period, by which it may differ from the given one
 GAP = 0.05  # of a period: what is missing is interpolated, more is a period that is lost
+SHORTEST, LONGEST = 16, 8192  # ticks of a period
 TURNS = 2  # periods that are alike before it is a repetition
 EXACT = 1e-6  # samples: a shift that is rounding
 LOOKED_AT = 200_000  # ticks of a motion, until it has to repeat
@@ -212,8 +213,8 @@ class Repetition:
             self._pace = self._step = min(max(self._pace * (1 + share), low), high)
 
 
-def check_repeats(motion: Trajectory, period: float) -> None:
-    """Refuse a motion that never repeats with a period, s, by `Repetition` itself.
+def check_repeats(motion: Trajectory, period: float) -> int:
+    """The tick from which on a motion repeats with a period, s, by `Repetition` itself.
 
     Raises
     ------
@@ -224,14 +225,15 @@ def check_repeats(motion: Trajectory, period: float) -> None:
     --------
     >>> from truestroke import trajectories
     >>> check_repeats(trajectories.sine(frequency=20.0, peak_to_peak=10.0, duration=1.0), 0.05)
+    399
     """
     if not motion.sample_rate * period >= 1:
-        return  # refused by what takes the period
+        return 0  # refused by what takes the period
     repetition = Repetition(period * motion.sample_rate)
-    for z_d in motion.position[:LOOKED_AT].tolist():
+    for tick, z_d in enumerate(motion.position[:LOOKED_AT].tolist()):
         repetition.tick(z_d)
         if repetition.repeats:
-            return
+            return tick
     frequency = motion.settings.get("frequency")
     own = (
         f"{1 / frequency:.6g} s"

@@ -28,18 +28,16 @@ from truestroke.control import iterative
 from truestroke.control.controller import Controller, State
 from truestroke.control.harmonics import BoolArray, HarmonicLaw, Nearest
 from truestroke.control.online import OnlineLaw
-from truestroke.control.repetition import Periods, Repetition, Seen, Shape
-from truestroke.control.response_prior import APART, UNSURE, FewNumbers
+from truestroke.control.repetition import LONGEST, SHORTEST, Periods, Repetition, Seen, Shape
+from truestroke.control.response_prior import APART, ROUNDS, FewNumbers, beside
 from truestroke.control.settings import UNLIMITED
 from truestroke.model.dynamics import Dynamics, Mode
 from truestroke.signals.timing import LONGEST_AGO
 
-SHORTEST, LONGEST = 16, 8192  # ticks of a period
 FADE = 0.01, 0.05  # s: a correction takes over within a period, but not faster or slower than this
 DECAY = 0.15  # s: until a change of the correction has decayed, with a resonance that rings for so long
 LATEST = LONGEST_AGO + 1  # ticks: `ago` of a measurement is below
 UNKNOWN = 0.01  # of the sample rate: without dynamics the response is known to there; R is less sure with f^4
-SEEN = 0.45  # of the sample rate: no harmonic beyond it is learned
 FOUND_DAMPING = 0.02  # of a resonance that the controller has found
 STRAIGHT = 1e-3  # of the largest acceleration: where there is less, the motion is straight
 LINES = 0.3  # of a period: errors of a motion that is straight for so long count there alone
@@ -47,7 +45,6 @@ LEARNED = 0.8  # times the error: while it falls below from batch to batch, the 
 PATIENCE = 6  # batches, at most
 ALIKE = 0.02  # of the rms of a motion: another one within it is the same, but for amplitude, offset and phase
 CARRIED = 3.0  # times: how much more a correction may become where the period changes
-ROUNDS = 5  # steps, a tick each, in which what a batch shows of the response is understood
 KEPT = 1000  # batches in `batches`
 
 
@@ -220,7 +217,7 @@ class RepetitiveController(Displayed):
         if self._dynamics is not None:
             words = "a Dynamics, such as truestroke.measure_dynamics gives"
             checks.instance("dynamics", self._dynamics, Dynamics, words).check_rate(self.sample_rate)
-        seen = SEEN * self.sample_rate
+        seen = iterative.SEEN * self.sample_rate
         self._bandwidth = None if bandwidth is None else checks.within("bandwidth", bandwidth, 0.0, seen, "Hz")
         self.averaged = checks.positive("averaged", averaged, "s")
         self.batches: deque[Batch] = deque(maxlen=KEPT)
@@ -248,7 +245,7 @@ class RepetitiveController(Displayed):
         self._errors, self._added, self._inside = (Periods(size) for _ in range(3))
         self._count = max(2, math.ceil(self.averaged / period))
         self._correction = _Correction(min(max(period, FADE[0]), FADE[1]) * rate)
-        self._heard: BoolArray = self._f <= SEEN * rate
+        self._heard: BoolArray = self._f <= iterative.SEEN * rate
         self._response = self._responses(self._dynamics)
         self._joined = self._rests = self._counts = self._corrects = False
         self._until = -1
@@ -286,10 +283,7 @@ class RepetitiveController(Displayed):
 
     def _band(self, dynamics: Dynamics | None) -> float:
         """Highest harmonic that is learned, Hz."""
-        seen = SEEN * self.sample_rate
-        if self._bandwidth is not None:
-            return self._bandwidth
-        return seen if dynamics is None else min(iterative.BAND * dynamics.modes[0].frequency, seen)
+        return iterative.band(dynamics, self.sample_rate) if self._bandwidth is None else self._bandwidth
 
     # ---- A tick ------------------------------------------------------------------------------------------------------
 
@@ -396,8 +390,7 @@ class RepetitiveController(Displayed):
         f = np.minimum(self._f, rate / 2)
         G, sensor, _ = iterative.response_of(dynamics, f, rate, 1.0)
         first = UNKNOWN * rate if dynamics is None else dynamics.modes[0].frequency
-        apart = np.maximum(APART, (1.0 if dynamics is None else APART) * (f / first) ** 2)
-        alone = np.where(f > self._band(dynamics), UNSURE, np.minimum(apart**2, UNSURE))
+        alone = beside(f, first, self._band(dynamics), 1.0 if dynamics is None else APART)
         return G, sensor, FewNumbers(dynamics, f, rate, alone)
 
     def _join(self) -> None:

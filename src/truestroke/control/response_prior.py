@@ -26,6 +26,7 @@ DAMPING = 0.3  # the same of a damping that was measured, beside its own deviati
 FREQUENCY = 0.02  # the same of a resonance: it moves with load and temperature
 LATE = 0.7  # ticks: standard deviation of the dead time
 LARGEST = 0.5  # step of a number at a time, standard deviations before the first pass
+ROUNDS = 5  # such steps, in which what a batch shows is understood
 
 
 class Prior(Protocol):
@@ -47,6 +48,12 @@ class Independent:
     def given(self, weighted: ComplexArray, information: FloatArray) -> tuple[ComplexArray, FloatArray]:
         """As of `Prior`; what the passes show of other harmonics does not matter."""
         return np.ones_like(weighted), self.variance
+
+
+def beside(f: FloatArray, first: float, band: float, growing: float = APART) -> FloatArray:
+    """Variance of R at each harmonic by itself, up to `band`, Hz; it grows with f^2, by `growing` at `first`, Hz."""
+    apart = np.maximum(APART, growing * (f / first) ** 2)
+    return np.where(f > band, UNSURE, np.minimum(apart**2, UNSURE))
 
 
 class FewNumbers:

@@ -118,26 +118,27 @@ def stage_of(resonances: tuple[float, float], kinds: tuple[str, str], noise: flo
     return MultiAxisSettings(axes=axes, coupling=COUPLING)
 
 
-def scan_of(stage: MultiAxisSettings, rate: float) -> Scan:
+def scan_of(stage: MultiAxisSettings, rate: float, width: float = WIDTH) -> Scan:
     """The raster: turns and steps that leave each axis at rest, and the over-scan that the steps need."""
     x, y = (one.dynamics() for one in stage.axes)
     turn, step = (shaping.settling_move(one).duration for one in (x, y))
     margin, line = max(0.0, (step - turn) / 2), 0.5 / rate - turn
     over = max(OVER_SCAN, 1.001 * margin / max(line - 2 * margin, 1e-9))
     usual = {"lead_in": LEAD_IN, "lead_rows": LEAD_ROWS, "offset": OFFSET, "sample_rate": stage.sample_rate}
-    made = scans.raster(width=WIDTH, lines=PIXELS, rate=rate, turn=x, settle=y, over_scan=over, **usual)  # type: ignore[arg-type]
+    made = scans.raster(width=width, lines=PIXELS, rate=rate, turn=x, settle=y, over_scan=over, **usual)  # type: ignore[arg-type]
     lines.period_of(made)
     return made
 
 
-def controllers_of(stage: MultiAxisSettings) -> MultiAxisController:
-    """Truestroke, with the dynamics that `truestroke bode` would measure."""
+def controllers_of(stage: MultiAxisSettings, period: float | None = None) -> MultiAxisController:
+    """Truestroke, with the dynamics that `truestroke bode` would measure, and the period of what repeats, s."""
     usual = {"sample_rate": stage.sample_rate, "stroke": STROKE, "voltage_limits": LIMITS, "feedback": False}
     return MultiAxisController(
         {
             name: ControllerSettings(**usual, dynamics=one.dynamics())  # type: ignore[arg-type]
             for name, one in zip("xy", stage.axes, strict=True)
-        }
+        },
+        period=period,
     )
 
 
@@ -185,7 +186,7 @@ def image_stage(
         moving: dict[str, Callable[[], Moved]] = {
             "open loop": lambda: lines.open_loop(scan, plant, gains),
             "paper": lambda: lines.alone(scan, plant, [AdaptiveController.paper(**usual) for _ in gains]),  # type: ignore[arg-type]
-            "truestroke": lambda: lines.by_lines(scan, plant, controllers_of(stage)),
+            "truestroke": lambda: lines.together(scan, plant, controllers_of(stage, lines.period_of(scan))),
         }
         return _imaged(name, scan, moving[name](), samples)
 
@@ -209,7 +210,7 @@ def _imaged(name: str, scan: Scan, moved: Moved, samples: tuple[scans.Grating, s
 def _spiral(stage: MultiAxisSettings, seed: int) -> float:
     """Error of a spiral, % of its diameter, rms."""
     scan = scans.spiral(diameter=WIDTH, turns=TURNS, rotation=ROTATION, offset=OFFSET, sample_rate=stage.sample_rate)
-    moved = lines.by_lines(scan, MultiAxisStage(stage, seed), controllers_of(stage))
+    moved = lines.together(scan, MultiAxisStage(stage, seed), controllers_of(stage))
     error: FloatArray = moved.true - np.stack([axis.position for axis in scan.axes], axis=1)
     return float(100 / WIDTH * np.sqrt(np.mean(np.sum(error[scan.inside] ** 2, axis=1))))
 
