@@ -225,7 +225,7 @@ def check_repeats(motion: Trajectory, period: float) -> int:
     --------
     >>> from truestroke import trajectories
     >>> check_repeats(trajectories.sine(frequency=20.0, peak_to_peak=10.0, duration=1.0), 0.05)
-    399
+    799
     """
     if not motion.sample_rate * period >= 1:
         return 0  # refused by what takes the period
