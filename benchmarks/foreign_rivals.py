@@ -8,7 +8,7 @@ python -m benchmarks.foreign_rivals --skip NARX                without one of th
 Each is fitted to the first 60 % and predicts the rest from the voltage alone. What it can choose it chooses inside the
 first 60 %: fitted to four fifths of them, judged on the last. Where the last part is of another day, all take its zero
 from its first twentieth. NARX needs sysidentpy, which wants an older NumPy than the rest:
-`pip install 'truestroke[rivals]'` in an environment of its own. Without it that column is empty.
+`pip install "truestroke[rivals]"` in an environment of its own. Without it that column is empty.
 """
 
 from __future__ import annotations

@@ -135,7 +135,7 @@ def test_a_missing_package_is_told_with_the_command(
     code, said = call("--config", "serve.toml")
     assert code == 1
     assert f"serve.toml needs {name}: not found" in said
-    assert f"{name} (required): {sys.executable} -m pip install '{wanted}'" in said
+    assert f'{name} (required): {sys.executable} -m pip install "{wanted}"' in said
 
 
 # ---- Computers that are made up ------------------------------------------------------------------------------------

@@ -436,7 +436,7 @@ def test_a_computer_without_the_library_of_ni_is_told_so() -> None:
 
 def test_a_computer_without_the_package_is_told_what_to_install(driver, monkeypatch) -> None:
     monkeypatch.setitem(sys.modules, "nidaqmx.errors", None)
-    with pytest.raises(DriverError, match=r"pip install 'truestroke\[nidaqmx\]'"):
+    with pytest.raises(DriverError, match=r'pip install "truestroke\[nidaqmx\]"'):
         driver.open()
 
 

@@ -485,7 +485,7 @@ def test_a_wave_whose_every_process_is_killed_ends_at_the_safe_voltage_by_itself
 
 def test_a_computer_without_the_package_is_told_what_to_install(driver, monkeypatch) -> None:
     monkeypatch.setitem(sys.modules, "pipython", None)
-    with pytest.raises(DriverError, match=r"pip install 'truestroke\[pi\]'"):
+    with pytest.raises(DriverError, match=r'pip install "truestroke\[pi\]"'):
         driver.open()
 
 

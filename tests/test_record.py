@@ -224,14 +224,14 @@ def test_what_to_install_is_named(
 ) -> None:
     monkeypatch.setitem(sys.modules, module, None)
     (tmp_path / f"a.{ending}").write_bytes(b"PK")
-    with pytest.raises(RecordError, match=rf"needs {module}: pip install 'truestroke\[{extra}\]'"):
+    with pytest.raises(RecordError, match=rf'needs {module}: pip install "truestroke\[{extra}\]"'):
         read_record(tmp_path / f"a.{ending}")
 
 
 def test_parquet_without_pyarrow_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pyarrow.parquet", None)
     (tmp_path / "a.parquet").write_bytes(b"PAR1")
-    with pytest.raises(RecordError, match=r"pip install 'truestroke\[parquet\]'"):
+    with pytest.raises(RecordError, match=r'pip install "truestroke\[parquet\]"'):
         read_record(tmp_path / "a.parquet")
 
 

@@ -12,10 +12,10 @@ def needed(package: str, extra: str) -> Iterator[None]:
     ...     import a_scanner
     Traceback (most recent call last):
         ...
-    ImportError: this needs the package a_scanner: pip install 'truestroke[scanner]' (No module named 'a_scanner')
+    ImportError: this needs the package a_scanner: pip install "truestroke[scanner]" (No module named 'a_scanner')
     """
     try:
         yield
     except ImportError as error:
-        words = f"this needs the package {package}: pip install 'truestroke[{extra}]' ({error})"
+        words = f'this needs the package {package}: pip install "truestroke[{extra}]" ({error})'
         raise ImportError(words, name=package) from error

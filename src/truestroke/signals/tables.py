@@ -442,7 +442,7 @@ def _library(path: Path, module: str, kind: str, extra: str) -> Any:
         return importlib.import_module(module)
     except ImportError:
         library = module.split(".")[0]
-        raise RecordError(str(path), f"reading {kind} needs {library}: pip install 'truestroke[{extra}]'") from None
+        raise RecordError(str(path), f'reading {kind} needs {library}: pip install "truestroke[{extra}]"') from None
 
 
 def _parquet(path: Path) -> Table:

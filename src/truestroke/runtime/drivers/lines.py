@@ -336,7 +336,7 @@ def _translated() -> Iterator[None]:
     try:
         yield
     except ImportError as error:
-        raise DriverError(f"{error}; pip install 'truestroke[visa]'") from error
+        raise DriverError(f'{error}; pip install "truestroke[visa]"') from error
     except DriverError:
         raise
     except Exception as error:  # a VISA library may raise anything: pyvisa-py an Exception where nobody answers

@@ -527,7 +527,7 @@ def _naming(call: str) -> Iterator[None]:
     try:
         from nidaqmx.errors import DaqError, Error
     except ImportError as error:
-        raise DriverError(f"{call}: {error}; pip install 'truestroke[nidaqmx]'") from error
+        raise DriverError(f'{call}: {error}; pip install "truestroke[nidaqmx]"') from error
     try:
         yield
     except DaqError as error:

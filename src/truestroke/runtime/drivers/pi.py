@@ -432,7 +432,7 @@ def _translated() -> Iterator[None]:
     try:
         from pipython import GCSError
     except ImportError as error:
-        raise DriverError(f"{error}; pip install 'truestroke[pi]'") from error
+        raise DriverError(f'{error}; pip install "truestroke[pi]"') from error
     try:
         yield
     except GCSError as error:

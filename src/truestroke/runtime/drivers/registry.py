@@ -28,7 +28,7 @@ def package(name: str, why: str) -> Need:
     lines = importlib.metadata.requires("truestroke") or []
     asked = (line.partition(";")[0].strip() for line in lines)
     wanted = next((line for line in asked if re.match(rf"{name}(?![\w-])", line)), name)
-    return Need(name, why, functools.partial(_version, name), f"{sys.executable} -m pip install '{wanted}'")
+    return Need(name, why, functools.partial(_version, name), f'{sys.executable} -m pip install "{wanted}"')
 
 
 def _version(name: str) -> str:

@@ -73,7 +73,7 @@ class EpicsSettings:
     def check(self, axes: Sequence[Axis]) -> None:
         """Before anything moves: RealtimeError without softioc, SettingError where two axes share a name."""
         if importlib.util.find_spec("softioc") is None:
-            raise RealtimeError("EPICS needs the package softioc: pip install 'truestroke[epics]'")
+            raise RealtimeError('EPICS needs the package softioc: pip install "truestroke[epics]"')
         names = [axis.name.upper() for axis in axes]
         if len(set(names)) < len(names):
             raise SettingError("name", ", ".join(names), "different for each axis also in capitals")

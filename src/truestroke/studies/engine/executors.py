@@ -146,7 +146,7 @@ def _installed(executor: str, *modules: str) -> list[Any]:
         with interrupts.ignored():  # dask_jobqueue takes Ctrl-C when it is imported; it is given back here
             return [import_module(name) for name in modules]
     except ImportError:
-        raise SettingError("executor", executor, f"installed: pip install 'truestroke[{executor}]'") from None
+        raise SettingError("executor", executor, f'installed: pip install "truestroke[{executor}]"') from None
 
 
 @contextmanager

@@ -71,7 +71,7 @@ class LiveSettings:
             )
         if any(importlib.util.find_spec(name) is None for name in ("starlette", "uvicorn")):
             raise RealtimeError(
-                "the live page needs the packages starlette and uvicorn: pip install 'truestroke[live]'"
+                'the live page needs the packages starlette and uvicorn: pip install "truestroke[live]"'
             )
         self.bound().close()
 
