@@ -258,7 +258,7 @@ def test_what_cannot_be_served_does_not_begin(monkeypatch: pytest.MonkeyPatch) -
     np.array([0.125]).tofile("volts")
     with monkeypatch.context() as patch:
         patch.setattr(importlib.util, "find_spec", lambda name: None)
-        with pytest.raises(RealtimeError, match="pip install"):
+        with pytest.raises(RealtimeError, match='pip install "truestroke'):
             run()
     Path("softioc.py").write_text("raise ImportError('no such library')")
     monkeypatch.syspath_prepend(str(Path.cwd()))
