@@ -37,10 +37,10 @@ const char *ts_variant_in_use(void);
     NOTHING(ts_rls_init, (ts_rls *r, ts_real delta, int m), (r, delta, m))                                              \
     VALUE(bool, ts_rls_update, (ts_rls *r, ts_real *w, const ts_real *u, ts_real e, ts_real lambda, ts_real limit,      \
           int m), (r, w, u, e, lambda, limit, m))                                                                       \
-    NOTHING(ts_kalman_init, (ts_kalman *k, const ts_real *P0, ts_real sigma, int m), (k, P0, sigma, m))                 \
+    NOTHING(ts_kalman_init, (ts_kalman *k, ts_prior P0, ts_real sigma, int m), (k, P0, sigma, m))                       \
     VALUE(bool, ts_kalman_is_spike, (ts_kalman *k, const ts_kalman_settings *s, ts_real innovation, ts_real noisy, bool smooth), \
           (k, s, innovation, noisy, smooth)) \
-    VALUE(bool, ts_kalman_tick, (ts_kalman *k, const ts_kalman_settings *s, const ts_real *w0, const ts_real *P0,       \
+    VALUE(bool, ts_kalman_tick, (ts_kalman *k, const ts_kalman_settings *s, const ts_real *w0, ts_prior P0,             \
           ts_real *w, const ts_real *u, ts_real y, ts_real innovation, bool measured, bool learn, int m),               \
           (k, s, w0, P0, w, u, y, innovation, measured, learn, m))                                                      \
     NOTHING(ts_kalman_project, (const ts_kalman *k, ts_real *w, const ts_real *g, ts_real value, int m),                \

@@ -84,6 +84,9 @@ typedef enum {
 #define TS_FEEDBACKS 13
 #endif
 #define TS_PACKED(m) ((m) * ((m) + 1) / 2) /* entries of the lower triangle of an m x m matrix, row by row */
+#ifndef TS_MAX_PRIOR /* entries of the prior covariance; fewer where rows of it begin with zeros */
+#define TS_MAX_PRIOR TS_PACKED(TS_MAX_PARAMETERS)
+#endif
 
 /* Sums run in lanes (lanes.h), and rows are padded with zeros to whole ones. A triangle is stored row by row: row i begins
  * at TS_ROW(i) and has TS_PADDED(i + 1) entries, of which column j is at TS_ROW(i) + j. */
@@ -181,11 +184,18 @@ typedef struct {
     int outliers;             /* spikes in a row that are rejected */
 } ts_kalman_settings;
 
+/* Covariance of the prior: the lower triangle row by row, row i without the from[i] zeros at its begin, whole blocks of
+ * TS_LANES; NULL: all of it. */
+typedef struct {
+    const ts_real *entries;         /* squares of the units of the weights */
+    const unsigned char *from;
+} ts_prior;
+
 #define TS_IN_MOTION ((ts_real)0.05) /* of slope_min: least partial slope of the inverse of Kalman weights, held at rest */
 #define TS_RETURN_EVERY 16
 
 /* A Kalman filter of weights that are an Ornstein-Uhlenbeck process about the prior (w0, P0), so that P and w stay
- * bounded under any input. w and u have TS_PADDED(m) entries, those beyond m are 0; P0 is packed. One update takes two
+ * bounded under any input. w and u have TS_PADDED(m) entries, those beyond m are 0. One update takes two
  * ticks: the weights move in the first, P follows in the second, so that no tick costs more than O(m^2). */
 typedef struct {
     ts_real P[TS_TRIANGLE(TS_MAX_LEARNED)];           /* whole in the blocks of eight on the diagonal */
@@ -206,12 +216,12 @@ typedef struct {
     unsigned char part[TS_MAX_LEARNED]; /* 1: weight of the first play, 2: of another play, 0: anything else */
 } ts_kalman;
 
-/* P0 (packed) is the covariance of the prior; sigma is the first guess of the noise, um. The caller then sets `part` and
+/* P0 is the covariance of the prior; sigma is the first guess of the noise, um. The caller then sets `part` and
  * `filter`. */
-TS_API void ts_kalman_init(ts_kalman *k, const ts_real *P0, ts_real sigma, int m);
+TS_API void ts_kalman_init(ts_kalman *k, ts_prior P0, ts_real sigma, int m);
 
 /* The covariance is that of the prior again, and the filters start anew; the noise stays. */
-TS_API void ts_kalman_reset_covariance(ts_kalman *k, const ts_real *P0, int m);
+TS_API void ts_kalman_reset_covariance(ts_kalman *k, ts_prior P0, int m);
 
 /* The filters start at 0, in place of the first regressor and measurement, unless they have started. */
 TS_API void ts_kalman_start_filters(ts_kalman *k, int m);
@@ -226,7 +236,7 @@ TS_API bool ts_kalman_is_spike(ts_kalman *k, const ts_kalman_settings *s, ts_rea
 /* One tick with the regressor u, what w.u should be, y, and the innovation of the measurement. measured: false where none
  * came or it was a spike; y is then what the model expects. Returns whether w was updated. Where `learn` is false (hold, a
  * voltage limit) w stays, and the filters start anew afterwards. */
-TS_API bool ts_kalman_tick(ts_kalman *k, const ts_kalman_settings *s, const ts_real *w0, const ts_real *P0, ts_real *w,
+TS_API bool ts_kalman_tick(ts_kalman *k, const ts_kalman_settings *s, const ts_real *w0, ts_prior P0, ts_real *w,
                            const ts_real *u, ts_real y, ts_real innovation, bool measured, bool learn, int m);
 
 /* Moves w onto g.w = value in the metric of P: w += P g (value - g.w) / (g.P g). */
@@ -458,7 +468,8 @@ typedef struct {
     ts_real regularization;                            /* RLS: delta, V^2: P(0) = I / delta */
     ts_real covariance_limit;                          /* RLS: largest trace of P, 1/V^2 */
     ts_kalman_settings kalman;
-    ts_real prior[TS_PACKED(TS_MAX_PARAMETERS)];       /* Kalman: P0, packed, squares of the units of the weights */
+    ts_real prior[TS_MAX_PRIOR];                       /* Kalman: entries of P0: see ts_prior */
+    unsigned char prior_from[TS_MAX_PARAMETERS];       /* Kalman: where its rows begin */
     ts_real first_noise;                               /* Kalman: first guess of the noise, um */
     ts_oscillation_settings oscillation;               /* Kalman */
     ts_guard_settings guard;                           /* Kalman */

@@ -97,18 +97,20 @@ static ts_status check_rls(const ts_settings *s)
 }
 
 /* Variances above 0 and correlations within -1 to 1: the checks that need no factorisation. */
-static bool check_prior(const ts_real *P0, int m)
+static bool check_prior(const ts_settings *s)
 {
-    bool good = true;
-    for (int i = 0; i < m; i++) {
-        ts_real variance = P0[TS_PACKED(i) + i];
-        good = good && variance > 0 && variance <= TS_LARGEST * TS_LARGEST;
-        for (int j = 0; j < i; j++) {
-            ts_real both = P0[TS_PACKED(i) + j];
-            good = good && both * both <= variance * P0[TS_PACKED(j) + j] * (ts_real)1.0001;
-        }
+    ts_real variance[TS_MAX_PARAMETERS];
+    const ts_real *P0 = s->prior;
+    for (int i = 0, m = ts_parameters(s); i < m; i++) {
+        int from = s->prior_from[i];
+        if (from > i || from % TS_LANES || P0 + (i - from) >= s->prior + TS_MAX_PRIOR) return false;
+        variance[i] = P0[i - from];
+        bool good = variance[i] > 0 && variance[i] <= TS_LARGEST * TS_LARGEST;
+        for (int j = from; j < i; j++, P0++) good = good && *P0 * *P0 <= variance[i] * variance[j] * (ts_real)1.0001;
+        if (!good) return false;
+        P0++;
     }
-    return good;
+    return true;
 }
 
 static ts_status check_kalman(const ts_settings *s)
@@ -127,7 +129,7 @@ static ts_status check_kalman(const ts_settings *s)
     const ts_guard_settings *g = &s->guard;
     good = good && g->window >= 0 && fraction(g->range_rate) && (g->window == 0 || positive(g->floor));
     good = good && (s->resonance >= (ts_real)1e-6 || !(s->resonance < 0 || s->resonance > 0)) && s->resonance <= 1 && (o->tick > 0 || !(s->resonance > 0));
-    return good && check_prior(s->prior, ts_parameters(s)) ? TS_OK : TS_BAD_KALMAN;
+    return good && check_prior(s) ? TS_OK : TS_BAD_KALMAN;
 }
 
 static ts_status check_dynamics(const ts_dynamics *d)
@@ -194,6 +196,19 @@ static int column(const ts_settings *s, ts_term term)
 int ts_parameters(const ts_settings *s)
 {
     return column(s, TS_TERMS);
+}
+
+static ts_prior prior_of(const ts_settings *s)
+{
+    return (ts_prior){s->prior, s->prior_from};
+}
+
+/* Entries of the prior of the first n weights. */
+static int prior_entries(const ts_settings *s, int n)
+{
+    int entries = 0;
+    for (int i = 0; i < n; i++) entries += i + 1 - s->prior_from[i];
+    return entries;
 }
 
 /* ---- Small steps --------------------------------------------------------------------------------------------------- */
@@ -292,15 +307,19 @@ static ts_real acceleration(const ts_controller *c, ts_real zdot_d)
     return c->counters.commands > 0 && tick > 0 ? (zdot_d - c->motion[last_slot(c)].zdot_d) / tick : 0;
 }
 
+/* The displacement of the known terms, um. */
+static ts_real of_known_terms(const ts_controller *c, const ts_motion *d)
+{
+    ts_real u[TS_MAX_PARAMETERS];
+    known_terms(c->settings, &c->now, d, u);
+    return dot(c->w + c->of_plays, u, c->parameters - c->of_plays);
+}
+
 /* The displacement wanted of the plays, um: (11), the stage, the trim and the bumpless transfer, less the
  * known terms. */
-static ts_real wanted_of_plays(const ts_controller *c, const ts_motion *d)
+static ts_real wanted_of_plays(const ts_controller *c, const ts_motion *d, ts_real known)
 {
-    const ts_settings *s = c->settings;
-    ts_real u[TS_MAX_PARAMETERS];
-    known_terms(s, &c->now, d, u);
-    return through_dead_zones(s, d->z_d) + d->ahead + c->integral + c->feedback.sum + c->bumpless
-           - dot(c->w + c->of_plays, u, c->parameters - c->of_plays);
+    return through_dead_zones(c->settings, d->z_d) + d->ahead + c->integral + c->feedback.sum + c->bumpless - known;
 }
 
 /* (7) and its partial sums at the rate zdot_d, each within its limits; returns whether one was moved. */
@@ -310,13 +329,14 @@ static bool rate_dependent_slopes(ts_controller *c, ts_real zdot_d)
     const ts_real *w = c->w;
     bool moved = false;
     ts_real rate = s->rate_scale * zdot_d, sum = 0;
-    ts_real least = s->law == TS_LAW_KALMAN ? TS_IN_MOTION * s->slope_min : s->slope_min;
-    for (int i = 0; i < s->plays; i++) {
+    ts_real least = s->law == TS_LAW_KALMAN ? TS_IN_MOTION * s->slope_min : s->slope_min, most = s->slope_max;
+    for (int i = 0, n = s->plays; i < n; i++) {
         ts_real w_h = *w++;
         if (s->rate_dependent[i]) w_h += rate * *w++;
         sum += w_h;
-        c->slopes[i] = !(sum >= least) ? least : sum > s->slope_max ? s->slope_max : sum;
-        moved |= !(sum >= least && sum <= s->slope_max);
+        bool inside = sum >= least && sum <= most;
+        c->slopes[i] = inside ? sum : sum > most ? most : least;
+        moved |= !inside;
     }
     return moved;
 }
@@ -341,20 +361,12 @@ static ts_real sum_of_plays(const ts_controller *c)
     return ts_weighted_sum(c->slopes, c->now.play, c->settings->plays);
 }
 
-/* The displacement that the hysteresis gives in this tick according to the model, um. */
-static ts_real modelled(const ts_controller *c, const ts_motion *d)
-{
-    ts_real u[TS_MAX_PARAMETERS];
-    known_terms(c->settings, &c->now, d, u);
-    return sum_of_plays(c) + dot(c->w + c->of_plays, u, c->parameters - c->of_plays);
-}
-
-static void write_down(ts_controller *c, ts_real x, const ts_motion *d)
+static void write_down(ts_controller *c, ts_real x, const ts_motion *d, ts_real known)
 {
     int slot = (int)(c->counters.commands % TS_HISTORY);
     c->x[slot] = x;
     c->motion[slot] = *d;
-    if (c->settings->law == TS_LAW_KALMAN) c->dynamics.strain[slot] = modelled(c, d);
+    if (c->settings->law == TS_LAW_KALMAN) c->dynamics.strain[slot] = sum_of_plays(c) + known; /* according to the model */
     c->limited[slot] = c->flags.saturated || c->flags.slewed;
     ts_real speed = d->zdot_d < 0 ? -d->zdot_d : d->zdot_d;
     if (speed > c->fastest) c->fastest = speed < c->settings->velocity_limit ? speed : c->settings->velocity_limit;
@@ -382,14 +394,13 @@ static bool outside(const ts_controller *c, ts_real zdot_d)
     const ts_settings *s = c->settings;
     const ts_real *w = c->w;
     ts_real rate = s->rate_scale * zdot_d, up = 0, down = 0;
-    bool out = false;
     for (int i = 0; i < s->plays; i++) {
         ts_real a = *w++, b = s->rate_dependent[i] ? rate * *w++ : 0;
         up += a + b;
         down += a - b;
-        out |= (up > s->slope_max) | (up < s->slope_min) | (down > s->slope_max) | (down < s->slope_min);
+        if (up > s->slope_max || up < s->slope_min || down > s->slope_max || down < s->slope_min) return true;
     }
-    return out;
+    return false;
 }
 
 /* The partial slope that is furthest outside its limits at the rate zdot_d, if any, is moved onto its limit. */
@@ -488,7 +499,7 @@ static void adapt_kalman(ts_controller *c, const ts_real *u, ts_real y, ts_real 
     ts_real space[TS_PADDED(TS_MAX_PARAMETERS)];
     k->relates = dynamics_of(c)->known;
     if (measures_inertia(c)) u = with_inertia(c, u, &y, learn, space);
-    if (!ts_kalman_tick(k, &s->kalman, s->initial_weights, s->prior, c->w, u, y, innovation, measured, learn, c->parameters)) return;
+    if (!ts_kalman_tick(k, &s->kalman, s->initial_weights, prior_of(s), c->w, u, y, innovation, measured, learn, c->parameters)) return;
     if (outside(c, c->fastest)) { /* slopes are linear in the rate: its two ends are the worst */
         project_slope(c, c->fastest);
         project_slope(c, -c->fastest);
@@ -553,36 +564,60 @@ static ts_real quiet(const ts_controller *c, ts_real innovation)
     return a[0] * innovation + a[1] * before[0] + a[2] * before[1];
 }
 
-/* A G: the regressor as the measurement without the modes shows it; at rest before the first tick. */
+/* The states of A G after a long rest with the regressor of this tick. */
+static void rest_stage(ts_controller *c)
+{
+    const ts_dynamics *g = dynamics_of(c);
+    ts_dynamics_state *d = &c->dynamics;
+    for (int i = 0; i < c->parameters; i += TS_LANES) {
+        lanes x = load(c->u + i), s = zero();
+        for (int k = TS_TAPS - 2; k >= 0; k--) {
+            s = plus(s, g->tap[k + 1], x);
+            store(d->tap[k] + i, s);
+        }
+        for (int k = 0; k < g->others; k++) {
+            const ts_real *q = g->rest[k];
+            lanes out = plus(zero(), (q[0] + q[1]) / (1 + q[2] + q[3]), x), older = plus(zero(), -q[3], out);
+            store(d->rest[k][0] + i, plus(plus(older, q[1], x), -q[2], out));
+            store(d->rest[k][1] + i, older);
+        }
+    }
+}
+
+/* y = sum of taps[i] q^-i x: each of the states t is a tick nearer to y than the next. */
+static void pass_taps(const ts_real *taps, ts_real (*t)[TS_PADDED(TS_MAX_LEARNED)], const ts_real *x, ts_real *y, int m)
+{
+    ts_real tap[TS_TAPS]; /* which no store changes */
+    memcpy(tap, taps, sizeof tap);
+    for (int i = 0; i < m; i += TS_VECTOR) {
+        ts_vector in = vector(x + i);
+        *at(y + i) = *at(t[0] + i) + tap[0] * in;
+        for (int k = 0; k < TS_TAPS - 2; k++) *at(t[k] + i) = *at(t[k + 1] + i) + tap[k + 1] * in;
+        *at(t[TS_TAPS - 2] + i) = tap[TS_TAPS - 1] * in;
+    }
+}
+
+/* y += (b0 + b1 q^-1) / (1 + a1 q^-1 + a2 q^-2) x, with the states t. */
+static void pass_section(const ts_real *q, ts_real (*t)[TS_PADDED(TS_MAX_LEARNED)], const ts_real *x, ts_real *y, int m)
+{
+    ts_real b0 = q[0], b1 = q[1], a1 = q[2], a2 = q[3];
+    for (int i = 0; i < m; i += TS_VECTOR) {
+        ts_vector in = vector(x + i), out = *at(t[0] + i) + b0 * in;
+        *at(t[0] + i) = *at(t[1] + i) + b1 * in - a1 * out;
+        *at(t[1] + i) = -a2 * out;
+        *at(y + i) += out;
+    }
+}
+
+/* A G: the regressor as the measurement without the modes shows it, u; at rest before the first tick. */
 static void pass_stage(ts_controller *c, ts_real *u)
 {
     const ts_dynamics *g = dynamics_of(c);
     ts_dynamics_state *d = &c->dynamics;
-    bool first = !d->started;
+    if (!d->started) rest_stage(c);
     d->started = true;
-    for (int i = 0; i < c->parameters; i += TS_LANES) {
-        lanes x = load(c->u + i), y, s[TS_TAPS];
-        s[TS_TAPS - 1] = zero();
-        for (int k = 0; k < TS_TAPS - 1; k++) s[k] = load(d->tap[k] + i);
-        for (int k = TS_TAPS - 2; first && k >= 0; k--) s[k] = plus(s[k + 1], g->tap[k + 1], x);
-        y = plus(s[0], g->tap[0], x);
-        for (int k = 0; k < TS_TAPS - 1; k++) store(d->tap[k] + i, plus(s[k + 1], g->tap[k + 1], x));
-        for (int k = 0; k < g->others; k++) {
-            const ts_real *q = g->rest[k];
-            ts_real (*t)[TS_PADDED(TS_MAX_LEARNED)] = d->rest[k], still = (q[0] + q[1]) / (1 + q[2] + q[3]);
-            lanes t0 = load(t[0] + i), t1 = load(t[1] + i);
-            if (first) {
-                lanes rest = plus(zero(), still, x);
-                t1 = plus(zero(), -q[3], rest);
-                t0 = plus(plus(t1, q[1], x), -q[2], rest);
-            }
-            lanes out = plus(t0, q[0], x);
-            store(t[0] + i, plus(plus(t1, q[1], x), -q[2], out));
-            store(t[1] + i, plus(zero(), -q[3], out));
-            y = plus(y, 1, out);
-        }
-        store(u + i, y);
-    }
+    pass_taps(g->tap, d->tap, c->u, u, TS_PADDED(c->parameters));
+    for (int k = 0; k < g->others; k++) pass_section(g->rest[k], d->rest[k], c->u, u, TS_PADDED(c->parameters));
 }
 
 /* The regressor of the measured tick as the sensor shows it: u itself, or made in `space`. At rest before the first tick. */
@@ -621,8 +656,8 @@ static bool adapt_rls(ts_controller *c, const ts_real *u, bool learn)
 static const ts_real *regressor_of_now(const ts_controller *c, ts_real *space)
 {
     if (c->lagged.ticks == c->counters.commands) return c->u;
-    memset(space, 0, sizeof(ts_real) * TS_PADDED(TS_MAX_PARAMETERS));
     regressor(c->settings, &c->now, &c->motion[last_slot(c)], space);
+    for (int i = c->parameters; i < TS_PADDED(c->parameters); i++) space[i] = 0;
     return space;
 }
 
@@ -654,7 +689,7 @@ static void keep_command(ts_controller *c)
 {
     const ts_motion *last = &c->motion[last_slot(c)];
     (void)rate_dependent_slopes(c, last->zdot_d);
-    if (c->counters.commands > 0) c->bumpless += sum_of_plays(c) - wanted_of_plays(c, last);
+    if (c->counters.commands > 0) c->bumpless += sum_of_plays(c) - wanted_of_plays(c, last, of_known_terms(c, last));
 }
 
 /* ---- Self-excited oscillation of the stage ------------------------------------------------------------------------ */
@@ -749,7 +784,7 @@ static void put_weight(ts_controller *c, int place, ts_real variance)
 static void begin_anew(ts_controller *c)
 {
     memcpy(c->w, c->kept.first, sizeof(ts_real) * (size_t)c->parameters);
-    ts_kalman_reset_covariance(&c->law.kalman, c->settings->prior, c->parameters);
+    ts_kalman_reset_covariance(&c->law.kalman, prior_of(c->settings), c->parameters);
 }
 
 /* From now on the stage is between hysteresis and sensor; it rings by so much, um. Lag and inertia are in it, but for what it
@@ -777,7 +812,7 @@ static void adopt_stage(ts_controller *c, ts_real frequency, ts_real ringing, bo
     for (int i = 0, at = 0; i < s->plays; i++, at++)
         if (s->rate_dependent[i]) {
             at++;
-            put_weight(c, at, AS_GOOD_AS_NONE * s->prior[TS_PACKED(at) + at]);
+            put_weight(c, at, AS_GOOD_AS_NONE * s->prior[prior_entries(s, at + 1) - 1]);
         }
     k->started = false;
     keep_command(c);
@@ -808,7 +843,7 @@ static void retreat(ts_controller *c, ts_real frequency)
     if (!c->oscillation.found) {
         memcpy(c->w, c->stage.older, sizeof(ts_real) * (size_t)c->parameters);
         keep_weights(c, true);
-        ts_kalman_reset_covariance(&c->law.kalman, c->settings->prior, c->parameters);
+        ts_kalman_reset_covariance(&c->law.kalman, prior_of(c->settings), c->parameters);
     }
     adopt_resonance(c, frequency, c->oscillation.found ? LOWER * c->law.kalman.filter : 1);
     keep_command(c);
@@ -943,7 +978,7 @@ static void learn_cautiously(ts_controller *c)
 {
     ts_kalman *k = &c->law.kalman;
     const ts_guard *g = &c->guard;
-    ts_kalman_reset_covariance(k, g->kept ? c->kept.P : c->settings->prior, c->parameters);
+    ts_kalman_reset_covariance(k, g->kept ? (ts_prior){c->kept.P, NULL} : prior_of(c->settings), c->parameters);
     if (g->kept) k->sigma = c->kept.sigma;
     ts_real range = ts_guard_range(g, &c->settings->guard), error = (g->failed < MOST_CAUTION ? g->failed : MOST_CAUTION) * range;
     k->caution = error * error * (ts_real)c->settings->guard.window / 4;
@@ -992,7 +1027,7 @@ static void watch_learning(ts_controller *c, ts_real error, ts_real z_d, bool co
         if (c->found.known && !stage_is_shown(c)) {
             give_up_stage(c);
             take_weights(c, c->kept.first, true);
-            ts_kalman_reset_covariance(k, s->prior, c->parameters);
+            ts_kalman_reset_covariance(k, prior_of(s), c->parameters);
         } else take_weights(c, c->kept.aside, false);
         break;
     case TS_GUARD_NOTHING:
@@ -1215,7 +1250,7 @@ static void start_law(ts_controller *c)
         ts_rls_init(&c->law.rls, s->regularization, c->parameters);
         return;
     }
-    ts_kalman_init(&c->law.kalman, s->prior, s->first_noise, c->parameters);
+    ts_kalman_init(&c->law.kalman, prior_of(s), s->first_noise, c->parameters);
     for (int i = 0, k = 0; i < s->plays && k < TS_MAX_LEARNED; i++) { /* gcc does not know that k is below */
         c->law.kalman.part[k] = i ? 2 : 1;
         k += s->rate_dependent[i] ? 2 : 1;
@@ -1252,7 +1287,8 @@ ts_status ts_controller_start(ts_controller *c, ts_real volts, ts_real z)
     ts_play_bank(volts, s->thresholds, c->now.play, s->plays);
     for (int i = 0; i < s->terms[TS_CREEP]; i++) c->now.creep[i] = volts;
     c->lagged = c->now;
-    ts_real missing = wanted_of_plays(c, &(ts_motion){.z_d = z}) - sum_of_plays(c);
+    const ts_motion still = {.z_d = z};
+    ts_real missing = wanted_of_plays(c, &still, of_known_terms(c, &still)) - sum_of_plays(c);
     if (s->terms[TS_OFFSET] > 0) c->w[column(s, TS_OFFSET)] += missing; /* a constant until there are data */
     else c->bumpless = -missing;
     keep_start(c);
@@ -1275,6 +1311,12 @@ static bool same_dynamics(const ts_dynamics *a, const ts_dynamics *b)
            && equal(a->lead, b->lead, 2) && equal(a->sensor, b->sensor, 2);
 }
 
+static bool same_prior(const ts_settings *a, const ts_settings *b)
+{
+    int m = ts_parameters(a);
+    return memcmp(a->prior_from, b->prior_from, (size_t)m) == 0 && equal(a->prior, b->prior, prior_entries(a, m));
+}
+
 /* What a law has learned belongs to its terms, thresholds, times and prior. */
 static bool same_model(const ts_settings *a, const ts_settings *b)
 {
@@ -1287,7 +1329,7 @@ static bool same_model(const ts_settings *a, const ts_settings *b)
            && equal(a->initial_weights, b->initial_weights, m) && equal(&a->regularization, &b->regularization, 1)
            && equal(&a->oscillation.tick, &b->oscillation.tick, 1) && same_dynamics(&a->dynamics, &b->dynamics)
            && a->sensor.ticks == b->sensor.ticks && equal(&a->sensor.share, &b->sensor.share, 1) && equal(&a->sensor.lag, &b->sensor.lag, 1)
-           && equal(a->prior, b->prior, a->law == TS_LAW_KALMAN ? TS_PACKED(m) : 0);
+           && (a->law != TS_LAW_KALMAN || same_prior(a, b));
 }
 
 static bool same_stage(const ts_settings *a, const ts_settings *b)
@@ -1344,12 +1386,13 @@ ts_status ts_controller_follow(ts_controller *c, ts_real z_d, ts_real zdot_d, ts
     d.zdot_d = zdot_d;
     d.zddot_d = known_acceleration ? zddot_d : acceleration(c, zdot_d);
     d.ahead = known_strain ? within(strain_d, -TS_LARGEST, TS_LARGEST) - z_d : ahead_of(c, zdot_d, d.zddot_d);
-    c->y_d = wanted_of_plays(c, &d);
+    ts_real known = of_known_terms(c, &d);
+    c->y_d = wanted_of_plays(c, &d, known);
     c->flags.projected = rate_dependent_slopes(c, zdot_d);
     *volts = within_limits(c, ts_play_inverse(c->y_d, c->slopes, s->thresholds, c->now.play, s->plays));
     remember_voltage(&c->now, s, *volts);
     c->bumpless *= c->stage.smoothing;
-    write_down(c, *volts, &d);
+    write_down(c, *volts, &d, known);
     return TS_OK;
 }
 

@@ -7,12 +7,10 @@ ts_real ts_weighted_sum(const ts_real *s, const ts_real *y, int n)
     int i = 0;
     for (; i + TS_LANES < n; i += TS_LANES)
         sum = plus_product(sum, load(s + i), difference(load(y + i), load(y + i + 1)));
-    ts_real slope[TS_LANES] = {0}, step[TS_LANES] = {0};
-    for (int l = 0; i + l < n; l++) {
-        slope[l] = s[i + l];
-        step[l] = y[i + l] - (i + l + 1 < n ? y[i + l + 1] : 0);
-    }
-    return total(plus_product(sum, load(slope), load(step)));
+    ts_real last[TS_LANES];
+    store(last, sum);
+    for (int l = 0; i + l < n; l++) last[l] += s[i + l] * (y[i + l] - (i + l + 1 < n ? y[i + l + 1] : 0));
+    return total(load(last));
 }
 
 ts_real ts_play_inverse(ts_real y_d, const ts_real *s, const ts_real *r, const ts_real *y, int n)

@@ -8,28 +8,48 @@
 /* P is symmetric, and a triangle of it is stored: row i to the end of the block of eight that holds the diagonal, so that
  * rows are whole vectors, and the blocks on the diagonal are whole matrices. */
 
-/* P += share (P0 - P), P0 packed. */
-static void approach(ts_real *P, const ts_real *P0, ts_real share, int m)
+/* P -= root root', block by block of its columns. */
+static void reduce(ts_real *P, const ts_real *root, int m)
 {
-    for (int i = 0; i < m; i++, P0 += i)
-        for (int j = 0; j <= i; j++) P[TS_ROW(i) + j] += share * (P0[j] - P[TS_ROW(i) + j]);
+    for (int j = 0; j < m; j += TS_LANES) {
+        lanes columns = load(root + j);
+        ts_real *row = P + TS_ROW(j) + j;
+        for (int i = j; i < m; row += width(i), i++) store(row, minus(load(row), root[i], columns));
+    }
 }
 
-/* The other half of the blocks on the diagonal. */
-static void mirror(ts_real *P, int m)
+/* The same, then P += share (P0 - P): in each row what is 0 in P0, the whole blocks behind it, and the block on the diagonal with
+ * its other half. */
+static void reduce_and_return(ts_real *P, const ts_real *root, ts_prior P0, ts_real share, int m)
 {
-    for (int i = 0; i < m; i++)
-        for (int j = i - i % TS_LANES; j < i; j++) P[TS_ROW(j) + i] = P[TS_ROW(i) + j];
+    const ts_real *entry = P0.entries;
+    for (int i = 0; i < m; P += width(i), i++) {
+        int j = 0, from = P0.from ? P0.from[i] : 0, diagonal = width(i) - TS_LANES;
+        ts_real own = root[i];
+        for (; j < from; j += TS_LANES) {
+            lanes x = minus(load(P + j), own, load(root + j));
+            store(P + j, minus(x, share, x));
+        }
+        for (; j < diagonal; j += TS_LANES, entry += TS_LANES) {
+            lanes x = minus(load(P + j), own, load(root + j));
+            store(P + j, plus(x, share, difference(load(entry), x)));
+        }
+        ts_real *other = P - (i - j) * width(i) + i;
+        for (; j <= i; j++, other += width(i)) {
+            ts_real x = P[j] - own * root[j];
+            *other = P[j] = x + share * (*entry++ - x);
+        }
+    }
 }
 
-static void restart(ts_real *P, const ts_real *P0, int m)
+static void restart(ts_real *P, ts_prior P0, int m)
 {
+    static const ts_real nothing[TS_PADDED(TS_MAX_LEARNED)] = {0};
     memset(P, 0, sizeof(ts_real) * (size_t)TS_TRIANGLE(m));
-    approach(P, P0, 1, m);
-    mirror(P, m);
+    reduce_and_return(P, nothing, P0, 1, m);
 }
 
-void ts_kalman_init(ts_kalman *k, const ts_real *P0, ts_real sigma, int m)
+void ts_kalman_init(ts_kalman *k, ts_prior P0, ts_real sigma, int m)
 {
     memset(k, 0, sizeof *k);
     restart(k->P, P0, m);
@@ -47,7 +67,7 @@ void ts_kalman_separate(ts_kalman *k, int i, ts_real variance, int m)
     k->pending = k->changed = false;
 }
 
-void ts_kalman_reset_covariance(ts_kalman *k, const ts_real *P0, int m)
+void ts_kalman_reset_covariance(ts_kalman *k, ts_prior P0, int m)
 {
     restart(k->P, P0, m);
     k->started = k->pending = k->changed = false;
@@ -64,18 +84,30 @@ void ts_kalman_start_filters(ts_kalman *k, int m)
     k->started = true;
 }
 
-/* P u: each block of eight columns from its diagonal down, for which P is stored as it is, in order of the rows; then
- * the part before the diagonal blocks, row by row. */
-static void times(const ts_real *P, const ts_real *u, ts_real *Pu, int m)
+/* P u, where u is 0 from entry n on: each block of eight columns from its diagonal down, for which P is stored as it is, in order of
+ * the rows; then the part before the diagonal blocks, row by row. */
+static void times(const ts_real *P, const ts_real *u, ts_real *Pu, int n, int m)
 {
     for (int j = 0; j < m; j += TS_LANES) {
         lanes sum = zero();
         const ts_real *row = P + TS_ROW(j) + j;
-        for (int i = j; i < m; row += width(i), i++) sum = plus(sum, u[i], load(row));
+        int i = j;
+        for (; i + 1 < n; row += 2 * width(i), i += 2) sum = plus(plus(sum, u[i], load(row)), u[i + 1], load(row + width(i)));
+        if (i < n) sum = plus(sum, u[i], load(row));
         store(Pu + j, sum);
     }
     P += TS_ROW(TS_LANES);
-    for (int i = TS_LANES; i < m; P += width(i), i++) Pu[i] += total(products(P, u, width(i) - TS_LANES));
+    for (int i = TS_LANES; i < m; P += 2 * width(i), i += 2) { /* two rows at a time, for which u is read once */
+        const ts_real *next = i + 1 < m ? P + width(i) : P;
+        lanes x = load(u), first = product(load(P), x), second = product(load(next), x);
+        for (int j = TS_LANES; j < width(i) - TS_LANES && j < n; j += TS_LANES) {
+            x = load(u + j);
+            first = plus_product(first, load(P + j), x);
+            second = plus_product(second, load(next + j), x);
+        }
+        Pu[i] += total(first);
+        if (i + 1 < m) Pu[i + 1] += total(second);
+    }
 }
 
 /* The same two poles for the regressor and the measurement: their linear relation stays, the fast dynamics of the
@@ -121,19 +153,29 @@ static void follow_noise(ts_kalman *k, const ts_kalman_settings *s, ts_real inno
 static void admit_change(ts_kalman *k, const ts_kalman_settings *s, const ts_real *w, int m)
 {
     ts_real gain2 = s->change_gain * s->change_gain, hysteresis2 = s->change_hysteresis * s->change_hysteresis;
-    for (int i = 0; i < m; i++)
-        for (int j = 0; j <= i; j++)
-            if (k->part[i] > 0 && k->part[j] > 0)
-                k->P[TS_ROW(i) + j] += (gain2 + (k->part[i] == 2 && k->part[j] == 2 ? hysteresis2 : 0)) * (w[i] * w[j]);
+    ts_real of_plays[TS_PADDED(TS_MAX_LEARNED)], share[TS_PADDED(TS_MAX_LEARNED)]; /* the latter where the row is of another play */
+    for (int i = 0; i < TS_PADDED(m); i++) {
+        int part = i < m ? k->part[i] : 0;
+        of_plays[i] = part > 0 ? w[i] : 0;
+        share[i] = part == 2 ? gain2 + hysteresis2 : gain2;
+    }
+    for (int j = 0; j < m; j += TS_LANES) {
+        lanes columns = load(of_plays + j), of_hysteresis = load(share + j);
+        ts_real *row = k->P + TS_ROW(j) + j;
+        for (int i = j; i < m; row += width(i), i++) {
+            if (k->part[i] == 1) store(row, plus(load(row), gain2, scaled(of_plays[i], columns)));
+            if (k->part[i] == 2) store(row, plus_product(load(row), of_hysteresis, scaled(of_plays[i], columns)));
+        }
+    }
 }
 
 /* Second tick of an update: P -= P u u'P / variance, its return to the prior, and more of it after a change. */
-static void follow_covariance(ts_kalman *k, const ts_kalman_settings *s, const ts_real *P0, const ts_real *w, int m)
+static void follow_covariance(ts_kalman *k, const ts_kalman_settings *s, ts_prior P0, const ts_real *w, int m)
 {
-    ts_real root[TS_PADDED(TS_MAX_PARAMETERS)], scale = 1 / root_of(k->variance), back = 0;
+    ts_real root[TS_PADDED(TS_MAX_LEARNED)], scale = 1 / root_of(k->variance), back = 0;
     lanes taken = zero();
     for (int i = 0; i < m; i += TS_LANES) {
-        lanes part = plus(zero(), scale, load(k->Pu + i));
+        lanes part = scaled(scale, load(k->Pu + i));
         store(root + i, part);
         taken = plus_product(taken, part, part);
     }
@@ -141,26 +183,25 @@ static void follow_covariance(ts_kalman *k, const ts_kalman_settings *s, const t
         restart(k->P, P0, m);
         memset(root, 0, sizeof root);
     }
-    ts_real *P = k->P;
-    for (int i = 0; i < m; P += width(i), i++)
-        for (int j = 0; j <= i; j += TS_LANES) store(P + j, minus(load(P + j), root[i], load(root + j)));
     if (k->since_return >= TS_RETURN_EVERY) {
         k->since_return = 0;
         back = s->prior_return;
     }
     if (k->changed) back += s->change_share;
-    if (back > 0) approach(k->P, P0, back < 1 ? back : 1, m);
+    if (back > 0) reduce_and_return(k->P, root, P0, back < 1 ? back : 1, m);
+    else reduce(k->P, root, m);
     if (k->changed) admit_change(k, s, w, m);
-    if (back > 0 || k->changed) mirror(k->P, m);
     k->pending = k->changed = false;
 }
 
 void ts_kalman_project(const ts_kalman *k, ts_real *w, const ts_real *g, ts_real value, int m)
 {
-    ts_real Pg[TS_PADDED(TS_MAX_PARAMETERS)];
-    times(k->P, g, Pg, m);
-    ts_real g_Pg = dot(g, Pg, TS_PADDED(m));
-    ts_real step = (value - dot(g, w, TS_PADDED(m))) / g_Pg;
+    ts_real Pg[TS_PADDED(TS_MAX_LEARNED)];
+    int n = m;
+    while (n > 0 && !(g[n - 1] < 0 || g[n - 1] > 0)) n--;
+    times(k->P, g, Pg, n, m);
+    ts_real g_Pg = dot(g, Pg, TS_PADDED(n));
+    ts_real step = (value - dot(g, w, TS_PADDED(n))) / g_Pg;
     if (!(g_Pg > 0) || !isfinite(g_Pg) || !isfinite(step)) return;
     for (int i = 0; i < m; i++) w[i] += step * Pg[i];
     bound_weights(w, m);
@@ -168,9 +209,9 @@ void ts_kalman_project(const ts_kalman *k, ts_real *w, const ts_real *g, ts_real
 
 /* First tick of an update: the weights, and their return to the prior. False where P is no longer definite, which then
  * starts anew, and where the divisor is 0: no motion, no noise, no error of the model. */
-static bool update(ts_kalman *k, const ts_kalman_settings *s, const ts_real *w0, const ts_real *P0, ts_real *w, int m)
+static bool update(ts_kalman *k, const ts_kalman_settings *s, const ts_real *w0, ts_prior P0, ts_real *w, int m)
 {
-    times(k->P, k->u, k->Pu, m);
+    times(k->P, k->u, k->Pu, m, m);
     ts_real explained = dot(k->u, k->Pu, TS_PADDED(m)), e = k->y - dot(k->u, w, TS_PADDED(m));
     if (!(explained >= 0) || !isfinite(explained * e)) {
         restart(k->P, P0, m);
@@ -215,7 +256,7 @@ bool ts_kalman_is_spike(ts_kalman *k, const ts_kalman_settings *s, ts_real innov
     return spike;
 }
 
-bool ts_kalman_tick(ts_kalman *k, const ts_kalman_settings *s, const ts_real *w0, const ts_real *P0, ts_real *w,
+bool ts_kalman_tick(ts_kalman *k, const ts_kalman_settings *s, const ts_real *w0, ts_prior P0, ts_real *w,
                     const ts_real *u, ts_real y, ts_real innovation, bool measured, bool learn, int m)
 {
     if (learn) {

@@ -31,16 +31,20 @@ typedef ts_real ts_vector __attribute__((
 enum { TS_VECTOR = sizeof(ts_vector) / sizeof(ts_real), TS_VECTORS = TS_LANES / TS_VECTOR };
 typedef struct { ts_vector v[TS_VECTORS]; } lanes;
 
+/* The vector that begins at a. */
+static inline ts_vector *at(ts_real *a) { return (ts_vector *)a; }
+static inline ts_vector vector(const ts_real *a) { return *(const ts_vector *)a; }
+
 static inline lanes load(const ts_real *a)
 {
     lanes x;
-    for (int i = 0; i < TS_VECTORS; i++) x.v[i] = ((const ts_vector *)a)[i];
+    for (int i = 0; i < TS_VECTORS; i++) x.v[i] = vector(a + i * TS_VECTOR);
     return x;
 }
 
 static inline void store(ts_real *a, lanes x)
 {
-    for (int i = 0; i < TS_VECTORS; i++) ((ts_vector *)a)[i] = x.v[i];
+    for (int i = 0; i < TS_VECTORS; i++) *at(a + i * TS_VECTOR) = x.v[i];
 }
 
 /* The square root, of a float without double arithmetic: both round alike. */
@@ -54,7 +58,13 @@ static inline lanes zero(void)
     return (lanes){0};
 }
 
-/* x + factor a, x - factor a, x + a b */
+/* factor a, x + factor a, x - factor a, x + a b, a b, x - a */
+static inline lanes scaled(ts_real factor, lanes a)
+{
+    for (int i = 0; i < TS_VECTORS; i++) a.v[i] *= factor;
+    return a;
+}
+
 static inline lanes plus(lanes x, ts_real factor, lanes a)
 {
     for (int i = 0; i < TS_VECTORS; i++) x.v[i] += factor * a.v[i];
@@ -73,9 +83,10 @@ static inline lanes plus_product(lanes x, lanes a, lanes b)
     return x;
 }
 
-static inline lanes square(lanes x)
+static inline lanes product(lanes a, lanes b)
 {
-    return plus_product(zero(), x, x);
+    for (int i = 0; i < TS_VECTORS; i++) a.v[i] *= b.v[i];
+    return a;
 }
 
 static inline lanes difference(lanes x, lanes a)
@@ -121,15 +132,11 @@ static inline ts_real dot(const ts_real *a, const ts_real *b, int n)
 {
     int whole = n - n % TS_LANES;
     lanes sum = products(a, b, whole);
-    if (whole < n) {
-        ts_real x[TS_LANES] = {0}, y[TS_LANES] = {0};
-        for (int i = whole; i < n; i++) {
-            x[i - whole] = a[i];
-            y[i - whole] = b[i];
-        }
-        sum = plus_product(sum, load(x), load(y));
-    }
-    return total(sum);
+    if (whole == n) return total(sum);
+    ts_real last[TS_LANES];
+    store(last, sum);
+    for (int i = whole; i < n; i++) last[i - whole] += a[i] * b[i];
+    return total(load(last));
 }
 
 #endif

@@ -23,7 +23,9 @@ bool ts_rls_update(ts_rls *r, ts_real *w, const ts_real *u, ts_real e, ts_real l
     ts_real step[MOST], g[MOST], shrink[MOST], Pu[MOST], alpha = lambda, inverse = 1 / lambda;
     const ts_real *U = r->U;
     for (int j = 0; j < m; U += width(j), j++) {
-        ts_real f = total(products(U, u, width(j))), before = alpha;
+        lanes parts = product(load(U), load(u));
+        for (int i = TS_LANES; i < width(j); i += TS_LANES) parts = plus_product(parts, load(U + i), load(u + i));
+        ts_real f = total(parts), before = alpha;
         g[j] = r->D[j] * f;
         step[j] = f * inverse;
         alpha += f * g[j];
@@ -39,10 +41,13 @@ bool ts_rls_update(ts_rls *r, ts_real *w, const ts_real *u, ts_real e, ts_real l
         lanes b = zero(), diagonal = zero();
         ts_real *column = r->U + TS_ROW(i) + i;
         for (int j = i; j < m; column += width(j), j++) {
-            lanes old = load(column), new = minus(old, step[j], b);
-            store(column, new);
-            b = plus(b, g[j], old);
-            diagonal = plus(diagonal, r->D[j], square(new));
+            ts_real step_j = step[j], g_j = g[j], D_j = r->D[j];
+            for (int v = 0; v < TS_VECTORS; v++) {
+                ts_vector old = vector(column + v * TS_VECTOR), new = old - step_j * b.v[v];
+                *at(column + v * TS_VECTOR) = new;
+                b.v[v] += g_j * old;
+                diagonal.v[v] += D_j * (new * new);
+            }
         }
         store(Pu + i, b);
         trace = plus(trace, 1, diagonal);

@@ -288,6 +288,10 @@ static void test_refusals(void)
     check(ts_controller_init(&c, &s) == TS_BAD_TERMS, "a creep state that stands still");
     s = kalman_settings(), s.prior[TS_PACKED(3) + 3] = 0;
     check(ts_controller_init(&c, &s) == TS_BAD_KALMAN, "a prior variance of 0");
+    s = kalman_settings(), s.prior_from[3] = 8;
+    check(ts_controller_init(&c, &s) == TS_BAD_KALMAN, "a row of the prior that begins behind its diagonal");
+    s = kalman_settings(), s.prior_from[20] = 4;
+    check(ts_controller_init(&c, &s) == TS_BAD_KALMAN, "a row of the prior that begins within a block");
     s = kalman_settings(), s.kalman.filter = 0;
     check(ts_controller_init(&c, &s) == TS_BAD_KALMAN, "a filter that lets nothing through");
 }
@@ -375,7 +379,7 @@ static ts_kalman exact_filter(ts_real *w, ts_real *P0)
     memset(w, 0, sizeof(ts_real) * TS_PADDED(K_M));
     copy(w, K_W0, K_M);
     copy(P0, K_P0, TS_PACKED(K_M));
-    ts_kalman_init(&k, P0, (ts_real)0.125, K_M);
+    ts_kalman_init(&k, (ts_prior){P0, NULL}, (ts_real)0.125, K_M);
     k.filter = EXACT.filter;
     for (int i = 0; i < K_M - 1; i++) k.part[i] = i ? 2 : 1;
     return k;
@@ -395,7 +399,7 @@ static bool kalman_tick(ts_kalman *k, const ts_kalman_settings *s, const ts_real
     ts_real predicted = ts_dot(u, w, TS_PADDED(K_M)), innovation = y ? *y - predicted : 0;
     bool measured = y && !ts_kalman_is_spike(k, s, innovation, innovation, false);
     if (!measured) innovation = 0;
-    return ts_kalman_tick(k, s, w0, P0, w, u, predicted + innovation, innovation, measured, true, K_M);
+    return ts_kalman_tick(k, s, w0, (ts_prior){P0, NULL}, w, u, predicted + innovation, innovation, measured, true, K_M);
 }
 
 static void test_kalman(void)

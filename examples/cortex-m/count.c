@@ -1,8 +1,10 @@
-/* The self-test with the instructions of each tick counted: QEMU with -icount shift=0 takes 1 ns for each, SysTick counts
- * cycles of 40 ns. On a board it counts cycles of the core. */
+/* The self-test with the instructions of each tick counted, from the timer to the voltage: QEMU with -icount shift=0 takes 1 ns for each,
+ * SysTick counts cycles of 40 ns. On a board it counts cycles of the core. */
 #define board_wait replay_wait
+#define board_write replay_write
 #include "replay.c"
 #undef board_wait
+#undef board_write
 
 #include <stdint.h>
 
@@ -14,18 +16,12 @@
 #define PER_COUNT 40 /* instructions */
 #endif
 
+static uint32_t before, worst, sum;
+
 bool board_wait(void)
 {
-    static uint32_t before, worst;
-    static double sum;
-    static int counted;
-    uint32_t now = VALUE, taken = ((before - now) & 0xFFFFFFu) * PER_COUNT;
-    if (tick > 0) {
-        sum += taken;
-        counted++;
-        if (taken > worst) worst = taken;
-    }
-    if (tick == TICKS - 1) printf("instructions per tick: mean %.0f, most %lu\n", sum / counted, (unsigned long)worst);
+    if (tick == TICKS - 1)
+        printf("instructions per tick: mean %lu, most %lu\n", (unsigned long)(sum / TICKS), (unsigned long)worst);
     bool more = replay_wait();
     CONTROL = 0;
     RELOAD = 0xFFFFFFu;
@@ -33,4 +29,13 @@ bool board_wait(void)
     CONTROL = 5;
     before = VALUE;
     return more;
+}
+
+void board_write(ts_real volts)
+{
+    uint32_t taken = ((before - VALUE) & 0xFFFFFFu) * PER_COUNT;
+    replay_write(volts);
+    if (tick < 0) return; /* the voltage of the start */
+    sum += taken;
+    if (taken > worst) worst = taken;
 }

@@ -17,7 +17,7 @@ void ts_probe_rls(ts_rls *r, ts_real *w, const ts_real *u, int m)
             lanes old = load(r->U + k + q * TS_LANES), new = minus(old, (ts_real)1e-6, first);
             store(r->U + k + q * TS_LANES, new);
             b[q] = plus(b[q], (ts_real)1e-6, old);
-            trace[q] = plus(trace[q], (ts_real)1e-6, square(new));
+            trace[q] = plus(trace[q], (ts_real)1e-6, product(new, new));
         }
     for (int q = 1; q < CHAINS; q++) b[0] = plus(b[0], 1, plus(f[q], 1, plus(b[q], 1, trace[q])));
     b[0] = plus(b[0], 1, plus(f[0], 1, trace[0]));

@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
+
 import truestroke
 from truestroke.base import checks, files
 from truestroke.base.checks import SettingError
@@ -20,6 +22,7 @@ from truestroke.export import c_values
 from truestroke.export.c_sizes import struct_sizes
 from truestroke.export.recorded import recorded, safe_volts
 from truestroke.export.texts import rendered
+from truestroke.model.operators import LANES
 
 OWN = (
     "adaptive.h",
@@ -127,7 +130,7 @@ def export_c(
         checks.one_of("precision", precision, ("double", "single"))
         settings = dataclasses.replace(settings, precision=precision)
     checks.count("ticks", ticks, 100, 100_000)
-    members = kernel_settings(settings)
+    members = _without_zeros(kernel_settings(settings))
     if others := settings.other_axes:
         raise SettingError("controller", f"an axis beside {others} others", "one axis: export each axis by itself")
     capacities = _capacities(settings, members, history)
@@ -158,6 +161,14 @@ def kernel_sources() -> dict[str, str]:
     return {path.name: path.read_text(encoding="utf-8") for path in sorted(folder.iterdir())}
 
 
+def _without_zeros(members: Mapping[str, Any]) -> dict[str, Any]:
+    """The settings with a prior whose rows begin at the block of columns with their first entry that is not 0."""
+    rows = np.split(np.asarray(members["prior"], dtype=float), np.cumsum(np.arange(1, len(members["initial_weights"]))))
+    begins = [int(np.flatnonzero(row)[0]) // LANES * LANES if row.any() else 0 for row in rows]
+    kept = np.concatenate([row[begin:] for row, begin in zip(rows, begins, strict=True)])
+    return {**members, "prior": kept, "prior_from": begins}
+
+
 def _capacities(settings: ControllerSettings, members: Mapping[str, Any], history: int | None) -> dict[str, int]:
     """The smallest that hold the settings."""
     needed = max(LEAST_HISTORY[settings.law], 2 * max(members["dynamics.dead"], members["sensor.ticks"]) + 8)
@@ -170,6 +181,7 @@ def _capacities(settings: ControllerSettings, members: Mapping[str, Any], histor
         "TS_MAX_OTHERS": 1,
         "TS_MAX_PARAMETERS": settings.parameters,
         "TS_MAX_LEARNED": settings.parameters if settings.law == "kalman" else 1,
+        "TS_MAX_PRIOR": max(1, len(members["prior"])),
         "TS_MAX_SENSED": settings.parameters if members["sensor.share"] or members["sensor.lag"] else 1,
         "TS_SECTIONS": max(1, *(members[f"dynamics.{kind}"] for kind in ("sections", "others", "modes"))),
         "TS_FEEDBACKS": max(1, members["feedback.filters"]),
