@@ -76,6 +76,37 @@ def _axes(axes: int, coupled: bool, name: str, steps: int) -> Cost:
     return time_steps(tick, steps, idle=idle, what="axes", name=name, way="Python, step by step", **about)
 
 
+def lines(steps: int) -> list[Cost]:
+    """`follow` and `adapt` of two axes, without and with the period of their lines; the worst ones are its learning."""
+    return [_lines(period, words, steps) for period, words in ((None, ""), (1 / LINES, ", what repeats is learned"))]
+
+
+def _lines(period: float | None, words: str, steps: int) -> Cost:
+    settings = {
+        name: ControllerSettings(**USUAL, dynamics=_dynamics(f)) for name, f in zip("xy", RESONANCES, strict=False)
+    }
+    controller = MultiAxisController(settings, period=period)
+    times = {"sample_rate": RATE, "peak_to_peak": 20.0, "duration": steps / RATE + 1.0}
+    known = controller.prepare(
+        {"x": trajectories.raster(frequency=LINES, **times), "y": trajectories.raster(frequency=0.5, **times)}
+    )
+    desired = known.motion[:, ::3]
+    measured = desired + 0.01 * np.sin(desired)  # um: something to learn
+    count = len(measured)
+
+    def tick(k: int) -> None:
+        at = k % count
+        controller.follow(known, at)
+        controller.adapt(measured[at])
+
+    def idle(k: int) -> None:
+        _ = measured[k % count]
+
+    first = controller.axes["x"].settings
+    about = {"plays": first.plays, "parameters": first.parameters, "way": "Python, step by step"}
+    return time_steps(tick, steps, idle=idle, what="axes", name=f"2 axes by follow{words}", **about)
+
+
 def learning(steps: int) -> list[Cost]:
     """A pass of iterative learning: what it takes when it is over, divided by its ticks."""
     stage = StagePlant(StageSettings(sample_rate=RATE, resonances=RESONANCES[:1]))

@@ -74,6 +74,7 @@ def _parts(steps: int) -> Iterator[Callable[[], list[Cost]]]:
         yield partial(ticks, make(**STAGE, precision="single"), name, steps // 10)
         yield partial(numpy_tick, make(**STAGE), name, steps // 100)
     yield partial(axes.ticks, steps // 10)
+    yield partial(axes.lines, steps // 10)
     yield partial(axes.learning, steps)
     yield partial(axes.repetitive, steps // 10)
 

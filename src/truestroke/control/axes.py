@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import copy
 import dataclasses
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -213,21 +214,19 @@ class MultiAxisController(Displayed):
         for axis, z in zip(self.axes.values(), found, strict=True):
             axis.adapt(z, ago)
         if self.learned and self._known is not None and ago <= self._tick:
-            flags = np.array([[axis.flag_bits for axis in self.axes.values()]])
-            self._see(self._known, self._tick - ago, np.array([found]), flags)
+            tick, desired = self._tick - ago, self._known.motion
+            for i, (axis, z, one) in enumerate(zip(self.axes.values(), found, self.learned.values(), strict=True)):
+                one.put(tick, math.nan if axis.flag_bits & LIMITED else z - desired.item(tick, 3 * i))
 
     def see(self, known: AxesMotion, tick: int, measured: FloatArray, flags: npt.NDArray[np.uint8]) -> None:
-        """What the sensors read in a tick and those that follow it, um, shape (ticks, axes), and the flags of both."""
+        """What the sensors read in a tick and those that follow it, um, shape (ticks, axes), and the flags of them.
+
+        What is the same in each period of the error is learned, but where a limit held the voltage: there the axis does
+        not do what is learned.
+        """
         if self._rows is not None:
             turned = [sum(share * measured[:, j] for j, share in enumerate(row)) for row in self._rows]
             measured = np.stack(turned, axis=1)
-        self._see(known, tick, measured, flags)
-
-    def _see(self, known: AxesMotion, tick: int, measured: FloatArray, flags: npt.NDArray[Any]) -> None:
-        """The same of displacements of the axes: what is the same in each period of the error is learned.
-
-        Not where a limit held the voltage: there the axis does not do what is learned.
-        """
         error = np.where(flags & LIMITED, np.nan, measured - known.motion[tick : tick + len(measured), ::3])
         for i, one in enumerate(self.learned.values()):
             one.see(tick, error[:, i])

@@ -137,8 +137,15 @@ class LearnedStrain:
     # ---- The strain ------------------------------------------------------------------------------------------------
 
     def at(self, tick: int) -> float:
-        """r in a tick, um; they are asked for one after the other."""
-        return float(self.of(range(tick, tick + 1))[0])
+        """r in a tick, um, with the bits of `of`; they are asked for one after the other."""
+        if tick == 0:
+            self._restart()
+        self._next = tick + 1
+        place = (tick - self._start) % self.period
+        share = min(max((tick - self._changed) / self.period, 0.0), 1.0)
+        before = self._before.item(place)
+        left = min(max((tick - self._stop) / self.period, 0.0), 1.0)
+        return (before + share * (self._strain.item(place) - before)) * (1 - left)
 
     def of(self, ticks: range) -> FloatArray:
         """The same of some ticks, which none of `stops` divides."""
@@ -159,6 +166,14 @@ class LearnedStrain:
         return (end,) if self._law is not None and end <= self._stop else ()
 
     # ---- Learning ----------------------------------------------------------------------------------------------------
+
+    def put(self, tick: int, error: float) -> None:
+        """Measured minus desired displacement in a tick, um; NaN where it is missing."""
+        place = tick - self._first
+        if 0 <= place < self._error.size - 1 and tick < self._stop:
+            self._error[place] = error
+        else:
+            self.see(tick, np.array([error]))
 
     def see(self, tick: int, errors: FloatArray) -> None:
         """Measured minus desired displacement, um, of a tick and those that follow it, up to the end of a batch."""
