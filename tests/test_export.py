@@ -19,6 +19,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from truestroke import (
+    ActuatorModel,
     AdaptiveController,
     Dynamics,
     Mode,
@@ -32,6 +33,7 @@ from truestroke import (
 )
 from truestroke.export import c_values
 from truestroke.export.c_sizes import struct_sizes
+from truestroke.identification import save_model
 from truestroke.signals.recording import Channel
 
 ROOT = Path(__file__).parents[1]
@@ -330,6 +332,23 @@ def test_a_dead_time_needs_a_longer_history(tmp_path: Path) -> None:
     with pytest.raises(SettingError, match=r"history = 16 ticks: must be \d+ or more for this law and dead time"):
         export_c(controller, tmp_path / "c", history=16)
     assert export_c(controller, tmp_path / "c", ticks=100).capacities["TS_HISTORY"] > 16
+
+
+def test_the_zero_of_a_model_is_taken_from_what_the_sensor_reads(tmp_path: Path) -> None:
+    model = ActuatorModel(
+        stroke=20.0, voltage_range=(0.0, 10.0), velocity=1000.0, thresholds=(0.0,), rate_dependent=(), zero=3.25,
+        weights=[2.0, 0.0, 0.0], covariance=np.diag([0.1, 0.1, 0.1]),
+    )  # fmt: skip
+    save_model(tmp_path / "model.toml", model)
+    start = ("--model", str(tmp_path / "model.toml"), "--sample-rate", "10000", "--ticks", "100")
+    code, printed = call(*start, "--output", str(tmp_path / "c"))
+    assert code == 0, printed
+    assert "#define ADAPTIVE_ZERO 3.25f" in (tmp_path / "c/adaptive.h").read_text()
+    assert make(tmp_path / "c", "test", "CFLAGS=-O1 -Werror").stdout.startswith("passed: 100 of 100")
+    readings = re.findall(r"(?m)^    \{.*, ([-0-9.e]+)f\},$", (tmp_path / "c/replay.c").read_text())
+    assert float(readings[0]) == pytest.approx(3.25, abs=0.1)
+    code, printed = call(*start, "--voltage-limits", "0", "1000", "--output", str(tmp_path / "volts"))
+    assert (code, "0 to 1000 V: must be 1 to 80 V apart" in " ".join(printed.split())) == (2, True), printed
 
 
 def call(*arguments: str) -> tuple[int, str]:

@@ -90,6 +90,7 @@ def export(target: str, output: Path, as_json: bool, **options: Any) -> None:
         precision=options["precision"],
         history=options["history"],
         safe_voltage=safe_voltage,
+        zero=0.0 if options["model"] is None else truestroke.load_model(options["model"]).zero,
         ram=options["ram"],
         ticks=options["ticks"],
         about=about,

@@ -73,6 +73,7 @@ def export_c(
     precision: Literal["double", "single"] | None = None,
     history: int | None = None,
     safe_voltage: float | None = None,
+    zero: float = 0.0,
     ram: int | None = None,
     ticks: int = 1000,
     about: str = "a piezo actuator",
@@ -93,6 +94,9 @@ def export_c(
         paper's law, more with a long dead time.
     safe_voltage : float, optional
         Before the start and after the end, V, within the limits; by default 0 V, or the limit that is nearest to it.
+    zero : float
+        The reading of the sensor that counts as 0, um, such as `ActuatorModel.zero`; desired displacements count from
+        it.
     ram : int, optional
         Bytes that the chip has for the state; an export that needs more is refused.
     ticks : int
@@ -144,7 +148,8 @@ def export_c(
         )
         raise SettingError("ram", ram, f"{needed} or more for the state of {size}; {remedy}", "bytes")
     memory = {"ram": needed, "flash": sizes["ts_settings"]}
-    texts = _texts(settings, members, capacities, memory, rest, ticks, about, command)
+    checks.number("zero", zero, "um")
+    texts = _texts(settings, members, capacities, memory, rest, zero, ticks, about, command)
     target = checks.path("folder", folder)
     _check_folder(target)
     (target / "kernel").mkdir(parents=True, exist_ok=True)
@@ -206,6 +211,7 @@ def _texts(
     capacities: Mapping[str, int],
     memory: Mapping[str, int],
     rest: float,
+    zero: float,
     ticks: int,
     about: str,
     command: str,
@@ -215,7 +221,7 @@ def _texts(
     def real(value: float) -> str:
         return c_values.real(value, settings.precision)
 
-    rows = recorded(settings, rest, ticks)
+    rows = recorded(settings, rest, ticks, zero)
     values = {
         "about": about.partition("\n")[0].replace("*/", "* /"),
         "command": command,
@@ -225,6 +231,7 @@ def _texts(
         "rate": f"{settings.sample_rate:.10g}",
         "rate_literal": real(settings.sample_rate),
         "safe": real(rest),
+        "zero": real(zero),
         "limits": "{:.6g} to {:.6g}".format(*settings.voltage_limits),
         "slew": f"{members['slew']:.4g}",
         "plays": settings.plays,

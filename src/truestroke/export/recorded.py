@@ -16,11 +16,11 @@ PLAY = 0.1  # half width of the hysteresis, of the voltage range
 SHARE = 0.3  # of the stroke: peak of the slower sine
 
 
-def recorded(settings: ControllerSettings, rest: float, ticks: int) -> FloatArray:
+def recorded(settings: ControllerSettings, rest: float, ticks: int, zero: float = 0.0) -> FloatArray:
     """z_d, zdot_d, zddot_d (um, um/s, um/s^2), volts and measurement (um) of each tick; shape (ticks, 5).
 
-    It starts at 0 um under `rest`, V. The actuator has one play and a pole: enough that every part of the law has
-    something to learn. All values are numbers of the kernel's type.
+    It starts at 0 um under `rest`, V, where the sensor reads `zero`, um. The actuator has one play and a pole: enough
+    that every part of the law has something to learn. All values are numbers of the kernel's type.
     """
     controller = AdaptiveController.from_settings(settings)
     real = np.float64 if settings.precision == "double" else np.float32
@@ -34,9 +34,9 @@ def recorded(settings: ControllerSettings, rest: float, ticks: int) -> FloatArra
         volts = controller.command(z_d, zdot_d, zddot_d)
         play = max(volts - rest - width, min(volts - rest + width, play))
         z += 0.7 * (gain * (0.8 * (volts - rest) + 0.2 * play) - z)
-        measured = float(real(z))
+        measured = real(z + zero)
         row[:] = z_d, zdot_d, zddot_d, volts, measured
-        controller.adapt(measured)
+        controller.adapt(float(measured - real(zero)))
     return rows
 
 
