@@ -135,6 +135,30 @@ def test_what_is_no_longer_kept_does_not_excuse_an_error() -> None:
     assert actions[2][0] < 1600 < actions[3][0]
 
 
+def wavering(controller, frequency: float) -> list[list[float]]:
+    """Commands, flags and weights where the sensor shows an oscillation that grows and stays, whatever the voltage."""
+    rng, seen = np.random.default_rng(3), []
+    for k in range(1400):
+        z_d = 15 - 10 * np.cos(0.012 * k)
+        volts = controller.command(z_d, 120.0 * np.sin(0.012 * k))
+        size = 0.05 * np.exp(min(k - 300, 60) / 15) if k > 300 else 0.0
+        wave = size * np.sin(2 * np.pi * frequency * k / 1000)
+        controller.adapt(z_d + 0.02 * rng.standard_normal() + wave)
+        seen.append([volts, controller.flag_bits, *controller.weights])
+    return seen
+
+
+@pytest.mark.parametrize(("frequency", "forgotten"), [(24.0, True), (45.0, False)])
+def test_an_oscillation_below_where_a_stage_is_looked_for_is_forgotten_where_nothing_else_helps(
+    frequency, forgotten
+) -> None:
+    settings = ControllerSettings(sample_rate=1000.0, **LIMITS, plays=4, outliers=0)
+    kernel, text = AdaptiveController.from_settings(settings), ReferenceController(settings)
+    np.testing.assert_array_equal(wavering(kernel, frequency), wavering(text, frequency))
+    assert kernel.counters.oscillating >= 1
+    assert np.isnan(kernel.resonance) == forgotten
+
+
 def test_a_burst_at_the_start_is_stopped_and_shows_the_stage() -> None:
     """Kernel and text, to the last bit, on a stage that moved by four times its stroke before (376 um)."""
     sampled = fast.sample(0, 174, ["unknown"])

@@ -436,6 +436,9 @@ typedef struct {
     int windows, strange;             /* that made it known; whether the last one differed from what is known */
 } ts_resonance;
 
+/* Where the search ends, cycles per tick: 40 Hz, or twice the frequency of the motion. tick: s. */
+TS_API ts_real ts_resonance_lowest(const ts_resonance *r, ts_real tick);
+
 /* The next window is about this frequency, cycles per tick, where it is one of the search. */
 TS_API void ts_resonance_look(ts_resonance *r, ts_real frequency);
 

@@ -824,6 +824,18 @@ static void adopt_stage(ts_controller *c, ts_real frequency, ts_real ringing, bo
     if (c->guard.ringing < ringing) c->guard.ringing = ringing;
 }
 
+/* The stage according to the settings. */
+static void forget_stage(ts_controller *c)
+{
+    const ts_settings *s = c->settings;
+    c->stage.smoothing = s->smoothing;
+    if (s->law != TS_LAW_KALMAN) return;
+    c->found.known = false;
+    c->stage.resonance = s->resonance;
+    c->stage.inertia = inertia_of(s, s->resonance);
+    c->law.kalman.filter = s->kalman.filter;
+}
+
 /* It was not that: the resonance alone is known, as before. */
 static void give_up_stage(ts_controller *c)
 {
@@ -1028,7 +1040,14 @@ static void watch_learning(ts_controller *c, ts_real error, ts_real z_d, bool co
             give_up_stage(c);
             take_weights(c, c->kept.first, true);
             ts_kalman_reset_covariance(k, prior_of(s), c->parameters);
-        } else take_weights(c, c->kept.aside, false);
+        } else {
+            bool of_motion = c->stage.resonance < ts_resonance_lowest(&c->resonance, s->oscillation.tick);
+            if (of_motion && !(s->resonance > 0 || s->dynamics.known || c->found.known)) { /* it was no resonance */
+                forget_stage(c);
+                c->oscillation.found = false;
+            }
+            take_weights(c, c->kept.aside, false);
+        }
         break;
     case TS_GUARD_NOTHING:
     default: break;
@@ -1229,18 +1248,6 @@ ts_status ts_controller_init(ts_controller *c, const ts_settings *settings)
     c->of_plays = column(settings, TS_CREEP);
     ts_controller_reset(c);
     return TS_OK;
-}
-
-/* The stage according to the settings. */
-static void forget_stage(ts_controller *c)
-{
-    const ts_settings *s = c->settings;
-    c->stage.smoothing = s->smoothing;
-    if (s->law != TS_LAW_KALMAN) return;
-    c->found.known = false;
-    c->stage.resonance = s->resonance;
-    c->stage.inertia = inertia_of(s, s->resonance);
-    c->law.kalman.filter = s->kalman.filter;
 }
 
 static void start_law(ts_controller *c)

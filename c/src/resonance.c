@@ -157,16 +157,21 @@ static void know(ts_resonance *r, ts_real f0, ts_real variance)
 /* Whether this window adds to what is known. */
 static bool end_band(ts_resonance *r, ts_real tick)
 {
-    ts_real motion = r->speed > 0 ? r->change / (2 * TS_PI * r->speed) : 0, lowest = SEARCH_TO * tick, variance = 0;
-    if (lowest < OF_MOTION * motion) lowest = OF_MOTION * motion;
+    r->motion = r->speed > 0 ? r->change / (2 * TS_PI * r->speed) : 0;
+    ts_real lowest = ts_resonance_lowest(r, tick), variance = 0;
     ts_real f0 = shown_resonance(r, lowest, &variance), next = NEXT * r->centre;
     bool near = f0 > 0 && f0 < AGREE * r->centre && r->centre < AGREE * f0;
     r->centre = f0 > 0 ? f0 : next > lowest ? next : SEARCH_FROM;
-    r->motion = motion;
     r->power = r->error / (ts_real)r->window;
     r->ticks = 0;
     if (near) know(r, f0, variance);
     return near;
+}
+
+ts_real ts_resonance_lowest(const ts_resonance *r, ts_real tick)
+{
+    ts_real lowest = SEARCH_TO * tick;
+    return lowest > OF_MOTION * r->motion ? lowest : OF_MOTION * r->motion;
 }
 
 void ts_resonance_look(ts_resonance *r, ts_real frequency)

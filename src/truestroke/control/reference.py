@@ -1001,6 +1001,10 @@ class ReferenceController(Displayed):
                 self._take_weights(law, kept.first, earlier=True)
                 law.reset_covariance()
             case Action.RETURN:
+                of_motion = self._stage.resonance < self._estimator.lowest(self._oscillation.tick)
+                if of_motion and not (self._c["resonance"] > 0 or self._path is not None):  # it was no resonance
+                    self._forget_stage()
+                    self._stage.detector.found = False
                 self._take_weights(law, kept.aside, earlier=False)
         if guard.held > 0 or law.caution > CAUTIOUS * (law.sigma * law.sigma):
             self._move_offset(law, guard.drift)

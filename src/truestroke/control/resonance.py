@@ -125,6 +125,10 @@ class ResonanceEstimator:
         self.ticks = self.windows = 0
         self._strange = False  # the last window was far from what is known
 
+    def lowest(self, tick: float) -> float:
+        """Where the search ends, cycles per tick: 40 Hz, or twice the frequency of the motion. tick: s."""
+        return max(SEARCH_TO * tick, OF_MOTION * self.motion)
+
     def look(self, frequency: float) -> None:
         """The next window is about this frequency, cycles per tick, where it is one of the search.
 
@@ -180,7 +184,7 @@ class ResonanceEstimator:
 
     def _end(self, tick: float) -> bool:
         self.motion = self._change / (2 * math.pi * self._speed) if self._speed > 0 else 0.0
-        lowest = max(SEARCH_TO * tick, OF_MOTION * self.motion)
+        lowest = self.lowest(tick)
         f0, variance = self._shown(lowest)
         near = f0 > 0 and f0 < AGREE * self.centre and self.centre < AGREE * f0
         below = NEXT * self.centre
