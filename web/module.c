@@ -17,13 +17,13 @@ void *EXPORT(heap)(void) { return &__heap_base; }
 
 /* ---- Settings by name -------------------------------------------------------------------------------------------- */
 
-typedef enum { REAL, INTEGER, TRUTH, TICK } kind;
+typedef enum { REAL, INTEGER, BYTE, TRUTH, TICK } kind;
 
 /* The type of a member or of its entries, and how many entries are in a row of a table. */
 #define KIND(x) _Generic((x), double: REAL, double *: REAL, double (*)[4]: REAL, double (*)[5]: REAL, int: INTEGER, int *: INTEGER, \
-                         ts_law: INTEGER, _Bool: TRUTH, _Bool *: TRUTH, uint64_t: TICK)
+                         unsigned char *: BYTE, ts_law: INTEGER, _Bool: TRUTH, _Bool *: TRUTH, uint64_t: TICK)
 #define COLUMNS(x) _Generic((x), double (*)[4]: 4, double (*)[5]: 5, default: 1)
-#define WIDTH(k) ((k) == TRUTH ? sizeof(_Bool) : (k) == INTEGER ? sizeof(int) : 8)
+#define WIDTH(k) ((k) == TRUTH ? sizeof(_Bool) : (k) == BYTE ? 1 : (k) == INTEGER ? sizeof(int) : 8)
 
 typedef struct {
     const char *name;
@@ -64,6 +64,7 @@ static int written(const member *members, size_t count, void *settings, const ch
         switch (m->of) {
             case REAL: *(double *)place = value; break;
             case INTEGER: *(int *)place = (int)value; break;
+            case BYTE: *(unsigned char *)place = (unsigned char)value; break;
             case TRUTH: *(_Bool *)place = value != 0; break;
             case TICK: *(uint64_t *)place = whole(value); break;
         }
