@@ -1,9 +1,12 @@
 """Scans: motions that are what they say, tables that mark them, images whose pixels are where they should be."""
 
 import json
+import os
+import shutil
 import subprocess
 import sys
 
+import gwyfile
 import h5py
 import numpy as np
 import pytest
@@ -318,6 +321,24 @@ def test_a_file_gives_its_images_back(ending, pair, tmp_path):
     for one, other in zip(given, back, strict=True):
         assert np.allclose(one.data, other.data, atol=1e-6)
         assert (one.size, one.origin, one.name, one.unit) == (other.size, other.origin, other.name, other.unit)
+
+
+@pytest.mark.parametrize("ending", ["gsf", "gwy"])
+def test_gwyddion_reads_the_same_heights_and_places(ending, pair, tmp_path):
+    """It writes what it has read to a file of its own; rows of that begin at the highest y, heights are in m."""
+    if not shutil.which("gwyddion"):
+        assert not os.environ.get("CI"), "CI needs Gwyddion: apt-get install gwyddion"
+        pytest.skip("no Gwyddion here; Debian: apt-get install gwyddion")
+    given = pair[:1] if ending == "gsf" else pair
+    path, read = scans.save_images(tmp_path / f"a.{ending}", given), tmp_path / "read.gwy"
+    subprocess.run(["gwyddion", f"--convert-to-gwy={read}", path], check=True)
+    fields = gwyfile.util.get_datafields(gwyfile.load(str(read)))
+    assert list(fields) == [one.name for one in given]
+    for one, field in zip(given, fields.values(), strict=True):
+        assert np.allclose(field.data, 1e-9 * one.data[::-1], rtol=1e-6, atol=1e-16)
+        area = (field.xoff, field.yoff, field.xreal, field.yreal)
+        assert area == pytest.approx([1e-6 * length for length in (*one.origin, *one.size)])
+        assert (field.si_unit_xy.unitstr, field.si_unit_z.unitstr) == ("m", "m")
 
 
 def test_a_gsf_is_what_its_specification_says(pair, tmp_path):
