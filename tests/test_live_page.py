@@ -350,7 +350,8 @@ def test_a_recording_is_shown_again(tmp_path: Path) -> None:
     command = [COMMAND, "replay", "run-x.h5", "run-y.h5", "--speed", "100", "--port", "0"]
     process = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True)
     assert process.stderr
-    with look.chromium() as browser:
+    with contextlib.ExitStack() as at_end, look.chromium() as browser:
+        at_end.callback(process.kill)  # a test that fails must not leave it
         page = browser.new_page()
         page.set_default_timeout(look.PATIENCE)
         page.goto(process.stderr.readline().split()[-1])
