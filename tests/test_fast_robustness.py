@@ -15,7 +15,7 @@ from truestroke.studies import robustness
 from truestroke.studies.engine import Row, Store
 from truestroke.studies.robustness import fast
 from truestroke.studies.robustness.fast import page
-from truestroke.studies.robustness.fast.sample import DURATION, LEAST_SLOPE, MOTIONS, RAMP
+from truestroke.studies.robustness.fast.sample import DURATION, LEAST_SLOPE, MOTIONS, RAMP, measured
 from truestroke.studies.robustness.fast.table import counts, held, straight_line
 
 SEED = 7  # of the small study; neither half of it was used for tuning
@@ -185,6 +185,18 @@ def test_a_small_study_has_its_table_and_page(tmp_path):
     names = ("time", "desired", "true", "flags")
     again = fast.metrics(run, "unknown", {name: recording[name] for name in names})
     assert again == told["runs"][0]["unknown"]
+
+
+def test_a_soft_stage_whose_lag_and_dead_time_are_told_apart_badly_is_measured():
+    """The fit has a dead time of -0.98 ticks, 0.9 at one standard deviation: it was refused."""
+    stage = fast.sample(6, 38, ["unknown"]).plant
+    found = measured(stage, 38)
+    assert found.modes[0].frequency == pytest.approx(stage.resonances[0], rel=1e-3)
+    assert found.dead_time * stage.sample_rate == pytest.approx(-0.5)
+    late = found.dead_time + 1 / (2 * np.pi * found.amplifier_bandwidth)
+    assert late == pytest.approx(
+        stage.dead_time + 1 / (2 * np.pi * stage.amplifier_bandwidth), abs=0.5 / stage.sample_rate
+    )
 
 
 def test_the_command_names_wrong_controllers():

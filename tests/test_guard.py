@@ -178,3 +178,15 @@ def test_a_burst_at_the_start_is_stopped_and_shows_the_stage() -> None:
     assert kernel.counters.restored == text.counters["restored"] == 1
     assert kernel.resonance == pytest.approx(54.0, rel=0.06)
     assert largest < 60.0
+
+
+def test_an_error_at_the_start_is_no_burst_where_the_stage_is_given() -> None:
+    """The first weights were held there, and a stage of 51 Hz rang on for seconds."""
+    sampled = fast.sample(8, 100, ["measured"])
+    controller, wave = AdaptiveController.from_settings(sampled.controllers["measured"]), sampled.motions["measured"]
+    plant = StagePlant(sampled.plant, sampled.seed)
+    plant.open()
+    for k in range(600):
+        volts = controller.command(wave.position[k], wave.velocity[k], wave.acceleration[k])
+        controller.adapt(float(plant.exchange(np.array([volts]))[0]))
+    assert controller.counters.restored == 0

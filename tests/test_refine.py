@@ -62,7 +62,7 @@ def passes(actuator, model, count, correct):
         true, measured = actuator(made.volts, 100 + k)
         errors.append((rms(true - WAVE.position), np.abs(true - WAVE.position).max()))
         found = refine(model, Record.from_arrays(made.volts, measured, sample_rate=FS), waveform=made)
-        assert found.rmse == rms(measured - WAVE.position)
+        assert found.rmse == pytest.approx(rms(measured - WAVE.position), rel=1e-12)
         model, made = found.model, found.next(voltage_limits=LIMITS)
     return np.array(errors)
 

@@ -397,7 +397,7 @@ REFUSED = {
     ),
     "a model in mV": (
         (('controller = "adaptive"', 'model = "mv.toml"'), ("stroke = 30.0", "# no stroke")),
-        ("trajectory of axis x = ", "V are needed at 0.008", "voltage_limits of axis x are -0.6 to 3.6 V"),
+        ("axis.voltage_limits = -0.6 to 3.6 V: must be 420 to 3.36e+04 V apart", "volts at the D/A converter"),
     ),
 }
 

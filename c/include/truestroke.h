@@ -291,6 +291,7 @@ typedef struct {
     int window;          /* ticks over which an error is taken; 0: the guard is off */
     ts_real range_rate;  /* per tick: how fast the range of the motion shrinks to that of the present motion */
     ts_real floor;       /* um: an error below it is no failure */
+    ts_real burst;       /* times the motion so far: before anything was good, an error beyond it is a burst; 0: none is */
 } ts_guard_settings;
 
 #define TS_FIRST_WAIT 4     /* windows of the first hold, */

@@ -127,7 +127,7 @@ static ts_status check_kalman(const ts_settings *s)
                && fraction(o->motion_rate) && o->noise_share >= 0 && bounded(o->noise_share) && o->floor > 0 && bounded(o->floor)
                && o->large > 0 && bounded(o->large);
     const ts_guard_settings *g = &s->guard;
-    good = good && g->window >= 0 && fraction(g->range_rate) && (g->window == 0 || positive(g->floor));
+    good = good && g->window >= 0 && fraction(g->range_rate) && g->burst >= 0 && bounded(g->burst) && (g->window == 0 || positive(g->floor));
     good = good && (s->resonance >= (ts_real)1e-6 || !(s->resonance < 0 || s->resonance > 0)) && s->resonance <= 1 && (o->tick > 0 || !(s->resonance > 0));
     return good && check_prior(s) ? TS_OK : TS_BAD_KALMAN;
 }

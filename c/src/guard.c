@@ -15,8 +15,7 @@
 #define LEAST_RANGE 10          /* of the floor: a smaller motion is rest */
 #define RISE ((ts_real)1.02)    /* of the best, per window */
 #define CENTRING ((ts_real)0.5) /* of the mean error, in a window */
-#define BURST 5                 /* times the motion so far: an error beyond that is a burst, while nothing is learned yet, */
-#define LEAST_BURST 20          /* of the floor: but not a smaller one */
+#define LEAST_BURST 20          /* of the floor: a smaller error is no burst */
 #define DECAYS ((ts_real)0.95)  /* in a window: what counts as ringing of a stage that was found */
 #define FORGIVEN 8              /* times `wait` good windows until the next hold is shorter again */
 
@@ -119,9 +118,9 @@ static bool bursts(const ts_guard *g, const ts_guard_settings *s, ts_real error,
 {
     ts_real size = error < 0 ? -error : error, first = g->start < 0 ? -g->start : g->start;
     ts_real motion = g->high - g->low, away = z_d < 0 ? -z_d : z_d;
-    if (g->kept || g->held > 0) return false;
+    if (g->kept || g->held > 0 || !(s->burst > 0)) return false;
     if (motion < away) motion = away; /* a sensor that was not zeroed: the first command goes this far */
-    return size > BURST * motion && size > LEAST_BURST * s->floor && size > 2 * first;
+    return size > s->burst * motion && size > LEAST_BURST * s->floor && size > 2 * first;
 }
 
 ts_real ts_guard_range(const ts_guard *g, const ts_guard_settings *s)

@@ -18,8 +18,7 @@ SETTLES = 12  # windows in which the stage may calm down
 LEAST_RANGE = 10  # of the floor: a smaller motion is rest
 RISE = 1.02  # of the best, per window
 CENTRING = 0.5  # of the mean error, in a window
-BURST = 5  # times the motion so far: an error beyond that is a burst, while nothing is learned yet,
-LEAST_BURST = 20  # of the floor: but not a smaller one
+LEAST_BURST = 20  # of the floor: a smaller error is no burst
 DECAYS = 0.95  # in a window: what counts as ringing of a stage that was found
 FORGIVEN = 8  # times `wait` good windows until the next hold is shorter again
 
@@ -36,11 +35,14 @@ class GuardSettings:
         How fast the range of the motion shrinks to that of the present motion, per tick, 0 to 1.
     floor : float
         An error below it is no failure, um.
+    burst : float
+        Times the motion so far: before anything was good, an error beyond it is a burst; 0: none is.
     """
 
     window: int
     range_rate: float
     floor: float
+    burst: float = 0.0
 
 
 class Action(Enum):
@@ -69,7 +71,7 @@ class Guard:
     - *They are better* where their error, once it has settled, is below 70 % of the one that failed: the controller
       learns on from there. If they are not, those of the start are held; if these are no better either, learning was
       not the cause, and goes on as if nothing had happened.
-    - *Before anything was good* an error of five times the motion so far, 20 floors and twice the first error is a
+    - *Before anything was good* an error of `burst` times the motion so far, 20 floors and twice the first error is a
       burst: the first weights are held at once.
     - *Ringing* of a stage that was found just now is no failure: errors below what it was then, less 5 % a window.
     - Each time the next hold, or the time to the next failure, is twice as long, up to 256 windows; after many good
@@ -164,9 +166,9 @@ class Guard:
 
         The motion is at least `away`, um, from 0: where the sensor was not zeroed, the first command goes so far.
         """
-        if self.kept or self.held > 0:
+        if self.kept or self.held > 0 or not self.settings.burst > 0:
             return False
-        beyond = size > BURST * max(self.high - self.low, away)
+        beyond = size > self.settings.burst * max(self.high - self.low, away)
         return beyond and size > LEAST_BURST * self.settings.floor and size > 2 * abs(self.start)
 
     def _follow(self, error: float, z_d: float, counts: bool) -> None:

@@ -253,19 +253,21 @@ def _dynamics(fit: Fit, record: SmallMotion, used: Spectra, sensor_delay: float,
     first = int(np.argmin(fit.frequency))
     if not (low < fit.frequency[first] < high and fit.resonates(first)):
         raise _no_resonance(used)
-    ticks = fit.delay * rate
-    if not EARLIEST <= ticks <= LATEST:
+    ticks, sure = fit.delay * rate, fit.deviations.get("dead_time", 0.0) * rate
+    early = max(EARLIEST - ticks, 0.0)  # a soft stage shows lag and dead time as one: what is too early is less lag
+    if early > CERTAIN * sure or ticks > LATEST:
         raise DynamicsError(
             f"the measurement comes {ticks:.2f} ticks after its command, beyond the latency that the driver states; "
             f"from {EARLIEST:g} to {LATEST:g} is possible: look at the latency of the driver"
         )
+    lag = fit.lag - early / rate
     order = list(np.argsort(fit.frequency))
     names = {f"{name}[{i}]": f"{name}[{order.index(i)}]" for name in ("frequency", "damping") for i in order}
     return Dynamics(
         sample_rate=rate,
         modes=_modes(fit),
-        amplifier_bandwidth=1 / (2 * math.pi * fit.lag) if fit.lag else 0.0,
-        dead_time=fit.delay,
+        amplifier_bandwidth=1 / (2 * math.pi * lag) if lag > 0 else 0.0,
+        dead_time=fit.delay + early / rate,
         sensor_delay=sensor_delay,
         sensor_bandwidth=sensor_bandwidth,
         uncertainty={names.get(name, name): value for name, value in fit.deviations.items()},
