@@ -123,7 +123,7 @@ static ts_status check_kalman(const ts_settings *s)
                 && fraction(k->change_gain) && fraction(k->change_hysteresis) && k->outlier > 0 && k->outliers >= 0 && positive(s->first_noise);
     const ts_oscillation_settings *o = &s->oscillation;
     if (o->tick != 0)
-        good = good && positive(o->tick) && o->corner > 0 && o->corner <= 1 && fraction(o->fast) && fraction(o->slow)
+        good = good && o->tick > 0 && o->corner > 0 && o->corner <= 1 && fraction(o->fast) && fraction(o->slow)
                && fraction(o->motion_rate) && o->noise_share >= 0 && bounded(o->noise_share) && o->floor > 0 && bounded(o->floor)
                && o->large > 0 && bounded(o->large);
     const ts_guard_settings *g = &s->guard;
@@ -180,7 +180,7 @@ static ts_status check(const ts_settings *s)
     if (!(s->voltage_min < s->voltage_max) || !bounded(s->voltage_min) || !bounded(s->voltage_max) || !(s->slew > 0))
         return TS_BAD_VOLTAGE;
     bool good = s->velocity_limit >= 0 && bounded(s->velocity_limit) && positive(s->stroke) && positive(s->measurement_limit) && s->smoothing >= 0 && s->smoothing < 1
-                && fraction(s->trim);
+                && fraction(s->trim) && (positive(s->oscillation.tick) || !(s->oscillation.tick < 0 || s->oscillation.tick > 0));
     return good ? TS_OK : TS_BAD_LIMIT;
 }
 
