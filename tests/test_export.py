@@ -147,10 +147,7 @@ def written_volts(folder: Path) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
     return np.array(done.stdout.split(), dtype=float)
 
 
-@pytest.mark.parametrize(("controller", "slew"), [("adaptive", 400.0), ("paper", 300.0)])
-def test_the_voltages_of_a_configuration_keep_its_limits(controller: str, slew: float, tmp_path: Path) -> None:
-    config = tmp_path / "stage.toml"
-    config.write_text(f"""
+CONFIG = """
 [driver]
 name = "simulated"
 sample_rate = 2000
@@ -161,6 +158,7 @@ controller = "{controller}"
 voltage_limits = [-0.6, 3.6]
 safe_voltage = 1.25
 slew = {slew}
+{more}
 [axis.trajectory]
 kind = "sine"
 peak_to_peak = 10.0
@@ -168,7 +166,13 @@ frequency = 5.0
 duration = 1.0
 [recording]
 file = "run.h5"
-""")
+"""
+
+
+@pytest.mark.parametrize(("controller", "slew"), [("adaptive", 400.0), ("paper", 300.0)])
+def test_the_voltages_of_a_configuration_keep_its_limits(controller: str, slew: float, tmp_path: Path) -> None:
+    config = tmp_path / "stage.toml"
+    config.write_text(CONFIG.format(controller=controller, slew=slew, more=""))
     code, printed = call("--config", str(config), "--ticks", "100", "--output", str(tmp_path / "c"))
     assert code == 0, printed
     volts = written_volts(tmp_path / "c")
@@ -176,6 +180,18 @@ file = "run.h5"
     assert volts.max() == pytest.approx(3.6)
     assert volts.min() >= -0.6
     assert np.max(np.abs(np.diff(volts))) * 2000 == pytest.approx(slew, rel=1e-3)
+
+
+def test_the_zero_of_a_configuration_is_taken_from_what_the_sensor_reads(tmp_path: Path) -> None:
+    config, output = tmp_path / "stage.toml", ("--ticks", "100", "--output", str(tmp_path / "c"))
+    config.write_text(CONFIG.format(controller="adaptive", slew=400.0, more="zero = 12.5"))
+    code, printed = call("--config", str(config), *output)
+    assert code == 0, printed
+    assert "#define ADAPTIVE_ZERO 12.5f" in (tmp_path / "c/adaptive.h").read_text()
+    config.write_text(CONFIG.format(controller="adaptive", slew=400.0, more='zero = "measured"'))
+    code, printed = call("--config", str(config), "--overwrite", *output)
+    assert code == 2
+    assert "a chip measures none. Write the number of um" in printed
 
 
 @pytest.fixture

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +16,7 @@ from truestroke.cli import common, waveforms
 
 if TYPE_CHECKING:
     from truestroke.control.settings import ControllerSettings
+    from truestroke.runtime.realtime import Axis
 
 SIZES = ("sample_rate", "stroke", "voltage_limits")
 ALONE = (*SIZES, "slew", "safe_voltage", "controller", "model", "dynamics")
@@ -80,20 +82,21 @@ def export(target: str, output: Path, as_json: bool, **options: Any) -> None:
         if options[kind]:
             write(output, options, as_json)
             return
-    settings, safe_voltage, about = _settings(options)
+    asked = _asked(options)
+    settings = asked.settings
     if target != "c":
-        _one_file(target, settings, safe_voltage, about, output, options, as_json)
+        _one_file(target, asked, output, options, as_json)
         return
     made = export_c(
         settings,
         output,
         precision=options["precision"],
         history=options["history"],
-        safe_voltage=safe_voltage,
-        zero=0.0 if options["model"] is None else truestroke.load_model(options["model"]).zero,
+        safe_voltage=asked.safe_voltage,
+        zero=asked.zero,
         ram=options["ram"],
         ticks=options["ticks"],
-        about=about,
+        about=asked.about,
         command=common.as_asked()["command"],
     )
     if as_json:
@@ -107,6 +110,26 @@ def export(target: str, output: Path, as_json: bool, **options: Any) -> None:
     click.echo(f"\nIts self-test: make -C {made.folder} test\nIts memory:    make -C {made.folder} size")
 
 
+@dataclass(frozen=True)
+class _Asked:
+    """The controller that is asked for, and whose it is.
+
+    Attributes
+    ----------
+    safe_voltage : float or None
+        V.
+    about : str
+        A line that says whose it is.
+    zero : float
+        The reading of the sensor that counts as 0, um.
+    """
+
+    settings: ControllerSettings
+    safe_voltage: float | None
+    about: str
+    zero: float = 0.0
+
+
 def _refuse_others(target: str) -> None:
     """An option of another target is refused, not passed over."""
     context = click.get_current_context()
@@ -117,16 +140,18 @@ def _refuse_others(target: str) -> None:
 
 def _one_file(
     target: str,
-    settings: ControllerSettings,
-    safe_voltage: float | None,
-    about: str,
+    asked: _Asked,
     output: Path,
     options: dict[str, Any],
     as_json: bool,
 ) -> None:
     from truestroke.export import export_fmu, export_json
 
-    settings = dataclasses.replace(settings, precision="double")
+    settings, safe_voltage, about = (
+        dataclasses.replace(asked.settings, precision="double"),
+        asked.safe_voltage,
+        asked.about,
+    )
     what = f"A controller with {settings.plays} plays and {settings.parameters} weights"
     if target == "fmu":
         file = export_fmu(
@@ -198,8 +223,7 @@ def _told(file: Path, what: str, as_json: bool) -> None:
     common.print_files(file=file)
 
 
-def _settings(options: dict[str, Any]) -> tuple[ControllerSettings, float | None, str]:
-    """Of the controller that is asked for, its safe voltage, V, and a line that says whose it is."""
+def _asked(options: dict[str, Any]) -> _Asked:
     for source, read in (("config", _configured), ("state", _recorded)):
         if options[source] is None:
             continue
@@ -208,12 +232,11 @@ def _settings(options: dict[str, Any]) -> tuple[ControllerSettings, float | None
         return read(options[source], options["axis"])
     if options["axis"] is not None:
         raise click.UsageError("--axis is one of --config FILE or --state FILE.")
-    settings, about = _given(options)
-    return settings, options["safe_voltage"], about
+    return _given(options)
 
 
-def _given(options: dict[str, Any]) -> tuple[ControllerSettings, str]:
-    """Of the controller that the options describe, and a line that says whose it is."""
+def _given(options: dict[str, Any]) -> _Asked:
+    """The controller that the options describe."""
     needed = ("sample_rate",) if options["model"] else SIZES
     missing = [f"--{name.replace('_', '-')}" for name in needed if options[name] is None]
     if missing:
@@ -224,19 +247,21 @@ def _given(options: dict[str, Any]) -> tuple[ControllerSettings, str]:
         if further := [name for name in ("model", "dynamics") if options[name] is not None]:
             raise click.UsageError(f"--controller paper knows no {further[0]}: leave it out.")
         paper = truestroke.AdaptiveController.paper(**given).settings
-        return dataclasses.replace(paper, **slew), "the paper's controller"
+        return _Asked(dataclasses.replace(paper, **slew), options["safe_voltage"], "the paper's controller")
     given |= slew
     if options["dynamics"] is not None:
         given["dynamics"] = truestroke.Dynamics.load(options["dynamics"])
     if options["model"] is None:
-        return truestroke.AdaptiveController(**given).settings, "an actuator of {stroke:g} um".format(**given)
+        about = "an actuator of {stroke:g} um".format(**given)
+        return _Asked(truestroke.AdaptiveController(**given).settings, options["safe_voltage"], about)
     if "stroke" in given:
         raise click.UsageError("--stroke is that of --model: leave it out.")
     model = truestroke.load_model(options["model"])
-    return truestroke.AdaptiveController.from_model(model, **given).settings, f"the actuator of {options['model'].name}"
+    settings = truestroke.AdaptiveController.from_model(model, **given).settings
+    return _Asked(settings, options["safe_voltage"], f"the actuator of {options['model'].name}", model.zero)
 
 
-def _configured(config: Path, name: str | None) -> tuple[ControllerSettings, float, str]:
+def _configured(config: Path, name: str | None) -> _Asked:
     """Of an axis of a configuration; no guard stands beside a chip, so that its controller keeps the stricter slew."""
     from truestroke.runtime.realtime import config as configuration
 
@@ -246,10 +271,20 @@ def _configured(config: Path, name: str | None) -> tuple[ControllerSettings, flo
         raise click.UsageError(f"the controller of {config} is none of the kernel's.")
     settings = axis.controller.settings
     settings = dataclasses.replace(settings, slew_limit=min(settings.slew_limit, axis.slew))
-    return settings, axis.safe_voltage, f"axis {axis.name} of {config.name}"
+    return _Asked(settings, axis.safe_voltage, f"axis {axis.name} of {config.name}", _zero_of(axis, config))
 
 
-def _recorded(file: Path, name: str | None) -> tuple[ControllerSettings, float | None, str]:
+def _zero_of(axis: Axis, config: Path) -> float:
+    """What a chip subtracts, um: it measures no zero at its start."""
+    if axis.zero == "measured":
+        raise click.UsageError(
+            f"zero of axis {axis.name} in {config}: 'measured' is done by `truestroke run`, and a chip measures none. "
+            "Write the number of um that the recording of a run has in its metadata, axis_check: zero = 12.5"
+        )
+    return 0.0 if axis.zero is None else float(axis.zero)
+
+
+def _recorded(file: Path, name: str | None) -> _Asked:
     """Of a recording, with what was learned in it."""
     from truestroke.export.learned import learned
 
@@ -262,7 +297,8 @@ def _recorded(file: Path, name: str | None) -> tuple[ControllerSettings, float |
         _chosen(file, (about.get("name", "axis"),), name)
     settings = learned(recording, str(file))
     settings = dataclasses.replace(settings, slew_limit=min(settings.slew_limit, about.get("slew", math.inf)))
-    return settings, about.get("safe_voltage"), f"the actuator of {file.name}"
+    checked = recording.metadata.get("axis_check", {}).get(about.get("name"), {})
+    return _Asked(settings, about.get("safe_voltage"), f"the actuator of {file.name}", checked.get("zero", 0.0))
 
 
 def _chosen(file: Path, axes: tuple[str, ...], name: str | None) -> str:
