@@ -192,6 +192,8 @@ def test_the_zero_of_a_configuration_is_taken_from_what_the_sensor_reads(tmp_pat
     code, printed = call("--config", str(config), "--overwrite", *output)
     assert code == 2
     assert "a chip measures none. Write the number of um" in printed
+    others = ["export", "json", "--config", str(config), "--output", str(tmp_path / "a.json")]
+    assert CliRunner().invoke(cli.main, others).exit_code == 0  # it reads no sensor
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ import dataclasses
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import click
 from click.core import ParameterSource
@@ -16,7 +16,6 @@ from truestroke.cli import common, waveforms
 
 if TYPE_CHECKING:
     from truestroke.control.settings import ControllerSettings
-    from truestroke.runtime.realtime import Axis
 
 SIZES = ("sample_rate", "stroke", "voltage_limits")
 ALONE = (*SIZES, "slew", "safe_voltage", "controller", "model", "dynamics")
@@ -93,7 +92,7 @@ def export(target: str, output: Path, as_json: bool, **options: Any) -> None:
         precision=options["precision"],
         history=options["history"],
         safe_voltage=asked.safe_voltage,
-        zero=asked.zero,
+        zero=_number(asked),
         ram=options["ram"],
         ticks=options["ticks"],
         about=asked.about,
@@ -120,14 +119,24 @@ class _Asked:
         V.
     about : str
         A line that says whose it is.
-    zero : float
+    zero : float or "measured"
         The reading of the sensor that counts as 0, um.
     """
 
     settings: ControllerSettings
     safe_voltage: float | None
     about: str
-    zero: float = 0.0
+    zero: float | Literal["measured"] = 0.0
+
+
+def _number(asked: _Asked) -> float:
+    """The zero that a chip subtracts, um: it measures none at its start."""
+    if asked.zero == "measured":
+        raise click.UsageError(
+            f"zero of {asked.about}: 'measured' is done by `truestroke run`, and a chip measures none. Write the "
+            "number of um that the recording of a run has in its metadata, axis_check: zero = 12.5"
+        )
+    return float(asked.zero)
 
 
 def _refuse_others(target: str) -> None:
@@ -147,25 +156,20 @@ def _one_file(
 ) -> None:
     from truestroke.export import export_fmu, export_json
 
-    settings, safe_voltage, about = (
-        dataclasses.replace(asked.settings, precision="double"),
-        asked.safe_voltage,
-        asked.about,
-    )
+    settings = dataclasses.replace(asked.settings, precision="double")
+    whose: dict[str, Any] = {"safe_voltage": asked.safe_voltage, "about": asked.about}
     what = f"A controller with {settings.plays} plays and {settings.parameters} weights"
     if target == "fmu":
         file = export_fmu(
             settings,
             output,
-            safe_voltage=safe_voltage,
-            about=about,
+            **whose,
             binary=not options["source"],
             version=options["fmi"],
         )
     else:
         command = common.as_asked()["command"]
-        ticks = options["ticks"]
-        file = export_json(settings, output, safe_voltage=safe_voltage, ticks=ticks, about=about, command=command)
+        file = export_json(settings, output, **whose, ticks=options["ticks"], command=command)
     _told(file, what, as_json)
 
 
@@ -224,6 +228,7 @@ def _told(file: Path, what: str, as_json: bool) -> None:
 
 
 def _asked(options: dict[str, Any]) -> _Asked:
+    """Of a configuration, of a recording, or by options."""
     for source, read in (("config", _configured), ("state", _recorded)):
         if options[source] is None:
             continue
@@ -271,17 +276,7 @@ def _configured(config: Path, name: str | None) -> _Asked:
         raise click.UsageError(f"the controller of {config} is none of the kernel's.")
     settings = axis.controller.settings
     settings = dataclasses.replace(settings, slew_limit=min(settings.slew_limit, axis.slew))
-    return _Asked(settings, axis.safe_voltage, f"axis {axis.name} of {config.name}", _zero_of(axis, config))
-
-
-def _zero_of(axis: Axis, config: Path) -> float:
-    """What a chip subtracts, um: it measures no zero at its start."""
-    if axis.zero == "measured":
-        raise click.UsageError(
-            f"zero of axis {axis.name} in {config}: 'measured' is done by `truestroke run`, and a chip measures none. "
-            "Write the number of um that the recording of a run has in its metadata, axis_check: zero = 12.5"
-        )
-    return 0.0 if axis.zero is None else float(axis.zero)
+    return _Asked(settings, axis.safe_voltage, f"axis {axis.name} of {config.name}", axis.zero or 0.0)
 
 
 def _recorded(file: Path, name: str | None) -> _Asked:
