@@ -20,6 +20,7 @@ from truestroke import (
     SettingError,
     judge,
     run,
+    save_page,
 )
 from truestroke.base import frames
 from truestroke.cli import main
@@ -319,6 +320,43 @@ def test_the_loop_in_real_time_is_that_of_run(tmp_path):
     np.testing.assert_allclose(x.metadata["plant"]["settings"]["frame"], frames.sensor_frame(10.0))
 
 
+def repeated(folder, *changes):
+    """The same with dynamics, and a period that all axes learn."""
+    for name, frequency in (("x", 700.0), ("y", 500.0)):
+        StageSettings(sample_rate=2000.0, resonances=(frequency,)).dynamics().save(folder / f"{name}.dynamics")
+    given = [
+        (f'name = "{name}"', f'name = "{name}"\nsettings = {{dynamics = "{name}.dynamics", feedback = false}}')
+        for name in "xy"
+    ]
+    longer = ("duration = 0.6", "duration = 1.5")
+    return configuration(folder, *given, longer, ("rotation = 10.0", "rotation = 10.0\nperiod = 0.1"), *changes)
+
+
+@pytest.mark.filterwarnings("ignore::truestroke.LatenessWarning")
+def test_axes_learn_what_repeats_in_real_time_with_the_bits_of_run(tmp_path):
+    """And the recordings, and the page, say what each batch was."""
+    job = repeated(tmp_path)
+    outcome = run_realtime(job.driver, job.axes, tmp_path / "run.h5", settings=job.settings)
+    assert outcome.reason == ""
+    plant = job.driver.driver.settings.together()
+    controller = MultiAxisController(
+        {axis.name: axis.controller.settings for axis in job.axes}, frames.sensor_frame(10.0), period=0.1
+    )
+    given = {"peak_to_peak": 6.0, "offset": 7.0, "duration": 1.5}
+    motion = {"x": sine(frequency=10.0, **given), "y": sine(frequency=4.0, **given)}
+    expected = run(motion, controller, plant)
+    assert np.abs(controller.learned["x"].of(range(2900, 3000))).max() > 1e-3
+    for name, file in zip("xy", outcome.files, strict=True):
+        one = Recording.load(file)
+        np.testing.assert_array_equal(one["volts"], expected[f"volts_{name}"])
+        learned = one.metadata["repetition"][name]
+        assert expected.axis(name).metadata["repetition"]["rmse_um"] == controller.learned[name].errors
+        errors = controller.learned[name].errors[:2]  # no tick is left for the third
+        assert learned == {"period_s": 0.1, "rmse_um": errors}
+        page = save_page(one, tmp_path / "page.html").read_text(encoding="utf-8")
+        assert f"of the period of 100 ms: {1e3 * learned['rmse_um'][0]:.3g} nm rms" in page
+
+
 def test_a_configuration_of_axes_that_does_not_fit_is_named(tmp_path):
     def wrong(words, *changes):
         refused(words, configuration, tmp_path, *changes)
@@ -337,6 +375,11 @@ def test_a_configuration_of_axes_that_does_not_fit_is_named(tmp_path):
     wave = 'trajectory = {kind = "sine", frequency = 4.0, peak_to_peak = 6.0, offset = 7.0, duration = 0.6}'
     wrong("trajectory of axis y = a set-point", (wave, point))
     wrong("trajectory\\['y'\\] = 1400 ticks: must be 1200, as of x", (wave, wave.replace("0.6", "0.7")))
+    apart = ('name = "y"', 'name = "y"\nperiod = 0.25')
+    wrong(r"\[\[axis\]\] 2: period = 0.25 s: must be left out, and in \[coupled\]", apart)
+    unknown = ("rotation = 10.0", "rotation = 10.0\nperiod = 0.1")
+    wrong("axes\\['x'\\].dynamics = None: must be the dynamics of", unknown)
+    refused("coupled.period = 0.03 s: must be a period of", repeated, tmp_path, ("period = 0.1", "period = 0.03"))
     job = configuration(tmp_path, ("channels = 2", "channels = 2\nblock = 2"))
     assert Turned(job.driver.driver, np.eye(2)).open().block == 2
     refused("frame = of 3 axes: must be of 2, the channels of the driver", Turned(job.driver.driver, np.eye(3)).open)
@@ -484,6 +527,31 @@ def test_the_learned_strain_of_a_linear_stage(sign, least):
         assert learned.errors.count(pytest.approx(learned.errors[0])) > 2, "it begins again"
     else:
         assert learned.errors[-1] < least * learned.errors[0]
+
+
+def test_held_axes_keep_what_they_have_learned_of_a_period():
+    """And go on learning without a bump, as soon as they are resumed."""
+    motion = {name: dataclasses.replace(one, **short(one, 15_000)) for name, one in MOTION.items()}
+    controller, plant = pair()
+    known, learned = controller.prepare(motion), controller.learned["x"]
+    plant.open()
+    volts, found = np.empty((15_000, 2)), []
+    for k in range(15_000):
+        if k == 9_800:  # the strain of the first batch is there
+            controller.hold()
+        if k == 12_000:
+            controller.resume()
+        if k in (9_800, 12_000):
+            found.append((learned.errors.copy(), copy.deepcopy(learned).of(range(k, k + 250)).tolist()))
+        volts[k] = controller.follow(known, k)
+        controller.adapt(plant.exchange(volts[k][np.newaxis])[0])
+    shift = 9_800 % 250 - 12_000 % 250
+    assert np.roll(found[0][1], shift).tolist() == found[1][1]
+    assert np.any(found[0][1])
+    assert (len(found[0][0]), found[0][0]) == (1, found[1][0])
+    assert len(learned.errors) == 2
+    bends = np.abs(np.diff(volts[:, 0], 2))
+    assert bends[11_990:12_260].max() < 1.01 * bends[11_000:11_990].max(), "no bump"
 
 
 def test_what_a_limit_takes_is_not_learned():

@@ -183,6 +183,25 @@ def test_it_leaves_and_rejoins_without_a_bump():
 # ---- Measurements that are missing or wrong -------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize("begin", [5_003, 5_250, 5_400])
+def test_a_hold_keeps_the_correction_until_it_is_resumed(begin):
+    """Within a batch, or between two; the next one then counts, and nothing jumps."""
+    controller, plant, motion = repetitive(), Bent(), sine()
+    follow(controller, motion, plant, range(begin))
+    learned = len(controller.batches)
+    assert learned >= 3
+    controller.hold()
+    volts, _ = follow(controller, motion, plant, range(begin, begin + 3_000))
+    assert len(controller.batches) == learned
+    np.testing.assert_allclose(volts[-100:], volts[-1100:-1000], atol=1e-12)
+    controller.resume()
+    again, error = follow(controller, motion, plant, range(begin + 3_000, begin + 6_000))
+    assert len(controller.batches) > learned + 2
+    bends = np.abs(np.diff(np.concatenate([volts, again]), 2))
+    assert bends.max() < 1.05 * bends[:500].max()
+    assert rms(error[-100:]) < 0.01
+
+
 def test_a_missed_batch_changes_nothing_and_lost_samples_little():
     controller, plant = repetitive(), Bent()
     follow(controller, sine(), plant, range(6000))

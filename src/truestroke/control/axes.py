@@ -140,7 +140,10 @@ class MultiAxisController(Displayed):
         """What each axis learns of each period."""
         if self.period is None:
             return {}
-        return {name: LearnedStrain(_needed(name, axis.settings), self.period) for name, axis in self.axes.items()}
+        return {
+            name: LearnedStrain(_needed(name, axis.settings), self.period, others=i)
+            for i, (name, axis) in enumerate(self.axes.items())
+        }
 
     _known: AxesMotion | None
 
@@ -343,13 +346,13 @@ class MultiAxisController(Displayed):
         return {name: axis.settings for name, axis in self.axes.items()}
 
     def hold(self) -> None:
-        """Stop adapting; commands go on with the weights as they are."""
-        for axis in self.axes.values():
+        """Stop adapting; commands go on with the weights, and with what was learned of each period, as they are."""
+        for axis in self._parts().values():
             axis.hold()
 
     def resume(self) -> None:
         """Adapt again."""
-        for axis in self.axes.values():
+        for axis in self._parts().values():
             axis.resume()
 
     def reset(self) -> None:

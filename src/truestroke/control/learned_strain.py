@@ -8,11 +8,15 @@ The law of `control.harmonics` makes the next r of the mean error of some period
 response that is known. r is in front of the stage and behind everything that the controller has learned of velocities
 and accelerations, so that the stage answers it with G: near a resonance a change of the motion itself is answered with
 up to six times as much, as the inverse of the stage makes a large difference of a small one there.
+
+A batch is concluded in steps, one in a tick, so that a loop in real time is not late. When the next r begins does not
+depend on how they were done: blocks of ticks, in which all steps are one, have the same bits.
 """
 
 from __future__ import annotations
 
 import math
+from collections import deque
 from typing import Any
 
 import numpy as np
@@ -20,7 +24,7 @@ import numpy.typing as npt
 
 from truestroke.base import checks, snapshot
 from truestroke.base.checks import SettingError
-from truestroke.base.typing import FloatArray
+from truestroke.base.typing import ComplexArray, FloatArray
 from truestroke.control import iterative
 from truestroke.control.controller import State
 from truestroke.control.harmonics import BoolArray, HarmonicLaw
@@ -34,6 +38,8 @@ DECAY = 5.0  # time constants of the first mode before them, in which a change o
 SHORTEST_DECAY, LONGEST_DECAY = 0.05, 0.15  # s
 WORSE = 2.0  # times the error without r: then it is learned from the beginning
 PERIODIC = 1e-6  # ticks: how near to whole ticks a period has to be
+STEPS = ("_conclude", "_look", "_see", *["_know"] * ROUNDS, "_follow", "_begin")
+"""Of the learning from a batch."""
 
 
 def whole_ticks(argument: str, period: float, sample_rate: float) -> int:
@@ -77,6 +83,8 @@ class LearnedStrain:
         Of the stage, with the sample rate of the controller.
     period : int
         Ticks.
+    others : int
+        Axes whose steps are done before those of this one, so that no tick has two.
 
     Attributes
     ----------
@@ -84,8 +92,8 @@ class LearnedStrain:
         Rms of the mean error of each batch, where errors count, um.
     """
 
-    def __init__(self, dynamics: Dynamics, period: int) -> None:
-        self._dynamics, self.period = dynamics, period
+    def __init__(self, dynamics: Dynamics, period: int, others: int = 0) -> None:
+        self._dynamics, self.period, self._others = dynamics, period, others * len(STEPS)
         rate = dynamics.sample_rate
         first = dynamics.modes[0]
         decay = DECAY / (2 * math.pi * first.frequency * first.damping)
@@ -96,10 +104,15 @@ class LearnedStrain:
         self._law: StrainLaw | None = None
         self._strain, self._without = np.zeros(self.period), math.inf
         self._start = self._stop = 0
+        self._held = False
+        self._periods, self._begins = np.empty((0, period)), 0  # from one step to the next
+        self._Z: ComplexArray = np.zeros(period // 2 + 1, dtype=np.complex128)
+        self._noise2, self._left, self._new = np.zeros(period // 2 + 1), 0.0, np.zeros(period)
         self._restart()
 
     def _restart(self) -> None:
         """At the first tick of a motion."""
+        self._todo: deque[str] = deque()  # names of steps
         self._changed, self._next, self._first = self._start, 0, self._start
         self._before = np.zeros(self.period)
         self._error = np.full((self._decaying + self._counting) * self.period, np.nan)
@@ -143,8 +156,10 @@ class LearnedStrain:
         self._next = tick + 1
         place = (tick - self._start) % self.period
         share = min(max((tick - self._changed) / self.period, 0.0), 1.0)
-        before = self._before.item(place)
         left = min(max((tick - self._stop) / self.period, 0.0), 1.0)
+        if share >= 1.0:
+            return self._strain.item(place) * (1 - left)
+        before = self._before.item(place)
         return (before + share * (self._strain.item(place) - before)) * (1 - left)
 
     def of(self, ticks: range) -> FloatArray:
@@ -156,6 +171,7 @@ class LearnedStrain:
         place = (k - self._start) % self.period
         share = np.clip((k - self._changed) / self.period, 0.0, 1.0)
         strain = self._before[place] + share * (self._strain - self._before)[place]
+        strain = np.where(share < 1.0, strain, self._strain[place])
         left = np.clip((k - self._stop) / self.period, 0.0, 1.0)
         return np.asarray(strain * (1 - left))
 
@@ -167,53 +183,102 @@ class LearnedStrain:
 
     # ---- Learning ----------------------------------------------------------------------------------------------------
 
+    def hold(self) -> None:
+        """Stop learning; r stays as it is."""
+        self._held = True
+        self._todo.clear()
+
+    def resume(self) -> None:
+        """Learn again; no period in which it was held counts."""
+        self._held = False
+
     def put(self, tick: int, error: float) -> None:
-        """Measured minus desired displacement in a tick, um; NaN where it is missing."""
+        """Measured minus desired displacement in a tick, um; NaN where it is missing.
+
+        The next step of the learning, if one waits, is done here, when the voltage of this tick has left.
+        """
         place = tick - self._first
         if 0 <= place < self._error.size - 1 and tick < self._stop:
-            self._error[place] = error
+            self._error[place] = math.nan if self._held else error
         else:
-            self.see(tick, np.array([error]))
+            self._take(tick, np.array([error]))
+        if self._todo:
+            getattr(self, self._todo.popleft())()
 
     def see(self, tick: int, errors: FloatArray) -> None:
-        """Measured minus desired displacement, um, of a tick and those that follow it, up to the end of a batch."""
+        """Measured minus desired displacement, um, of a tick and those that follow it, up to the end of a batch.
+
+        All steps of the learning are done, as if each had had its tick.
+        """
+        self._take(tick, errors)
+        while self._todo:
+            getattr(self, self._todo.popleft())()
+
+    def _take(self, tick: int, errors: FloatArray) -> None:
         errors = errors[: max(self._stop - tick, 0)]
         if self._law is None or not errors.size:
             return
         size = self._error.size
         if tick - self._first >= size:  # the last ones of the batch never came
-            self._learn(tick)
+            self._complete(tick)
         begin = max(self._first - tick, 0)
         place = tick + begin - self._first
         part = errors[begin : begin + size - place]
-        self._error[place : place + part.size] = part
+        self._error[place : place + part.size] = math.nan if self._held else part
         if part.size and place + part.size == size:
-            self._learn(tick + begin + part.size)
+            self._complete(tick + begin + part.size)
 
-    def _learn(self, tick: int) -> None:
-        """From a batch; the next one begins at this tick or before."""
-        periods = self._error.reshape(-1, self.period)[self._decaying :].copy()
+    def _complete(self, tick: int) -> None:
+        """A batch is; the next one begins at this tick or before."""
+        counting = self._error.reshape(-1, self.period)[self._decaying :]
+        self._periods = counting[np.isfinite(counting).all(axis=1)]
         self._first += (tick - self._first) // self._error.size * self._error.size
         self._error[:] = np.nan
-        periods = periods[np.isfinite(periods).all(axis=1)]
-        if len(periods) < 2:
+        if self._held or len(self._periods) < 2:
             return
-        law, E = self._law, np.fft.rfft(periods, axis=1)
-        assert law is not None
-        n = len(periods)
-        noise2 = np.sum(np.abs(np.diff(E, axis=0)) ** 2, axis=0) / (2 * n * (n - 1))
-        Z = np.fft.rfft(self._wave) + E.mean(axis=0)
-        law.see(np.fft.rfft(self._strain), Z, noise2)
-        for _ in range(ROUNDS):
-            law.know()
-        missing = np.fft.irfft(Z - law.desired, self.period)[self._counts]
+        self._begins = self._next + self._others + len(STEPS)
+        self._todo = deque(["_wait"] * self._others)
+        self._todo.extend(STEPS)
+
+    def _wait(self) -> None:
+        """The steps of another axis."""
+
+    def _conclude(self) -> None:
+        """Mean and noise of the periods."""
+        E, n = np.fft.rfft(self._periods, axis=1), len(self._periods)
+        self._noise2 = np.sum(np.abs(np.diff(E, axis=0)) ** 2, axis=0) / (2 * n * (n - 1))
+        self._Z = np.fft.rfft(self._wave) + E.mean(axis=0)
+
+    def _look(self) -> None:
+        """Which errors are left."""
+        assert self._law is not None
+        missing = np.fft.irfft(self._Z - self._law.desired, self.period)[self._counts]
         self.errors.append(float(np.sqrt(np.mean(missing**2))))
-        self._before, self._changed = self._strain, self._next
+        self._left = float(np.std(missing))
+
+    def _see(self) -> None:
+        """What they show of the stage."""
+        assert self._law is not None
+        self._law.see(np.fft.rfft(self._strain), self._Z, self._noise2)
+
+    def _know(self) -> None:
+        assert self._law is not None
+        self._law.know()
+
+    def _follow(self) -> None:
+        """What follows."""
+        assert self._law is not None
+        if not self._strain.any():
+            self._without = min(self._without, self.errors[-1])
+        self._new = np.fft.irfft(self._law.follow(self._left).output, self.period)
+
+    def _begin(self) -> None:
+        """The next r takes over, or it is learned from the beginning."""
+        self._before, self._changed = self._strain, max(self._next, self._begins)
         if self.errors[-1] > WORSE * self._without:
             self._forget()
-            return
-        self._without = min(self._without, self.errors[-1]) if not self._strain.any() else self._without
-        self._strain = np.fft.irfft(law.follow(float(np.std(missing))).output, self.period)
+        else:
+            self._strain = self._new
 
     # ---- The state -------------------------------------------------------------------------------------------------
 

@@ -44,6 +44,8 @@ LINES = 0.3  # of a period: errors of a motion that is straight for so long coun
 LEARNED = 0.8  # times the error: while it falls below from batch to batch, the controller inside goes on learning
 PATIENCE = 6  # batches, at most
 ALIKE = 0.02  # of the rms of a motion: another one within it is the same, but for amplitude, offset and phase
+LEARNING = frozenset({"_conclude", "_see", "_know", "_listen", "_follow"})
+"""Steps of the learning from a batch."""
 CARRIED = 3.0  # times: how much more a correction may become where the period changes
 KEPT = 1000  # batches in `batches`
 
@@ -226,6 +228,7 @@ class RepetitiveController(Displayed):
         self._phases, self._asked, self._last = [math.nan] * LATEST, [math.nan] * LATEST, math.nan
         self._todo: deque[str] = deque()  # names of steps
         self._past: _Past | None = None
+        self._held = False
         self._begin(self._checked(period))
 
     @property
@@ -321,7 +324,7 @@ class RepetitiveController(Displayed):
             self.controller.adapt(z_measured, ago)
         if self._todo:
             getattr(self, self._todo.popleft())()
-        elif self._counts:
+        elif self._counts and not self._held:
             place = (self._commands - 1 - ago) % LATEST
             error = z_measured - self._asked[place]
             if abs(error) <= self._span:  # else it is lost, NaN, or no displacement
@@ -508,6 +511,24 @@ class RepetitiveController(Displayed):
         v = np.where(self._heard, following.output - self._rest_volts, 0.0)
         self._past = _Past(self._form, v, self._f, self._law)
         self._become(np.fft.irfft(v, self._motion.size))
+
+    def hold(self) -> None:
+        """Stop learning: correction and weights stay as they are, and are still taken back where the motion leaves."""
+        self._hold(True)
+
+    def resume(self) -> None:
+        """Learn again, from the next batch on."""
+        self._hold(False)
+
+    def _hold(self, held: bool) -> None:
+        if change := getattr(self.controller, "hold" if held else "resume", None):
+            change()
+        if held == self._held:
+            return
+        self._held = held
+        if LEARNING & set(self._todo) or self._counts:  # a batch of both kinds counts for nothing
+            self._todo.clear()
+            self._wait()
 
     # ---- The state -------------------------------------------------------------------------------------------------
 

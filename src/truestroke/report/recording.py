@@ -40,7 +40,7 @@ def run_page(recording: Recording) -> Page:
         verdict=verdict,
         remark=words.REMARKS[verdict.level],
         sections=[
-            Section(tables=[_table(summary, _feedback(recording))]),
+            Section(tables=[_table(summary, [*_feedback(recording), *words.repeated(recording)])]),
             closer(plots.closer(recording)),
             *captioned(words.CAPTIONS | {"spectrum": _of_what(recording)}),
             Section(heading="All settings", tables=[settings], folded=True),

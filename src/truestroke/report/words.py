@@ -170,6 +170,21 @@ def _recovered(summary: TrackingSummary, change: float) -> str:
     return f"not within the {left:.4g} s after the change"
 
 
+def repeated(recording: Recording) -> list[tuple[str, str]]:
+    """The row of what was learned of a motion that repeats; none where nothing was."""
+    learned = recording.metadata.get("repetition") or {}
+    if "axis" in recording.metadata:  # of a run in real time: by the name of the axis
+        learned = learned.get(recording.metadata["axis"]["name"]) or {}
+    errors, period = learned.get("rmse_um", []), learned.get("period_s", 0.0)
+    if not errors:
+        return []
+    of_period = f"of the period of {1e3 * period:.4g} ms"
+    first, last = (units.length(um) for um in (errors[0], errors[-1]))
+    if len(errors) == 1:
+        return [("repeats", f"mean error {of_period}: {first} rms in one batch, nothing learned yet")]
+    return [("repeats", f"mean error {of_period}: {first} rms in the first batch, {last} in the last of {len(errors)}")]
+
+
 def flags(summary: TrackingSummary) -> list[str]:
     """The events of the run, in a few words for each kind of flag; empty without events."""
     counts = summary.as_dict()

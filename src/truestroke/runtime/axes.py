@@ -211,7 +211,9 @@ class _Log:
     def _about(self, name: str, axis: AdaptiveController) -> dict[str, Any]:
         of_all = loop.about(self._motion[name], axis, self._actuator, self._timing)
         own = {key: of_all[key] for key in ("trajectory", "controller")}
-        return own | {"notices": list(self._notices.get(name, ())), "resonance": loop.resonance(axis)}
+        learned = loop.repetition(self._controller.learned.get(name), self._timing.sample_rate)
+        found = {"resonance": loop.resonance(axis), "repetition": learned}
+        return own | {"notices": list(self._notices.get(name, ())), **found}
 
     def _metadata(self) -> dict[str, Any]:
         of_all = loop.about(next(iter(self._motion.values())), self._controller, self._actuator, self._timing)

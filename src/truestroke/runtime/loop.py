@@ -17,6 +17,8 @@ from truestroke.base.typing import FloatArray
 from truestroke.control import feasibility
 from truestroke.control.axes import MultiAxisController
 from truestroke.control.controller import Controller
+from truestroke.control.learned_strain import LearnedStrain
+from truestroke.control.repetitive import RepetitiveController
 from truestroke.runtime import native
 from truestroke.runtime.ticks import MARK, SIMULATED, SlowLayout, TickRecorder, recorded, stride
 from truestroke.signals.channels import channel, dtype
@@ -275,13 +277,26 @@ class _Log:
             slow = self.layout.split(self.slow[: -(-done // self.stride)])
             arrays = {"weights_time": self.trajectory.time[: done : self.stride], **slow}
             channels |= {name: channel(name, data, "weights_time") for name, data in arrays.items()}
-        return Recording(channels, metadata | {"resonance": resonance(controller)})
+        learned = {"resonance": resonance(controller), "repetition": repetition(controller)}
+        return Recording(channels, metadata | learned)
 
 
 def resonance(controller: Any) -> float | None:
     """First resonance of the stage, Hz, of the controller's settings or found by it; None if it has none."""
     known = getattr(controller, "resonance", None)
     return known if isinstance(known, float) and math.isfinite(known) else None
+
+
+def repetition(learner: Any, sample_rate: float = math.nan) -> dict[str, object] | None:
+    """What was learned of a motion that repeats: its period, s, and the rms of the mean error of each batch, um.
+
+    Of a `RepetitiveController`, or a `LearnedStrain` with its ticks per second, Hz; None of anything else.
+    """
+    if isinstance(learner, RepetitiveController):
+        return {"period_s": learner.period, "rmse_um": [batch.rmse for batch in learner.batches]}
+    if isinstance(learner, LearnedStrain):
+        return {"period_s": learner.period / sample_rate, "rmse_um": list(learner.errors)}
+    return None
 
 
 def about(trajectory: Motion, controller: Any, actuator: Any, timing: Timing) -> dict[str, Any]:

@@ -9,6 +9,8 @@ from truestroke.base.checks import SettingError
 from truestroke.base.flags import BIT
 from truestroke.base.typing import FloatArray
 from truestroke.control import feasibility
+from truestroke.control.axes import LIMITED
+from truestroke.runtime import loop
 from truestroke.runtime.realtime.ending import Cause, Stop
 from truestroke.runtime.realtime.motion import motion, numbers
 from truestroke.runtime.realtime.settings import Axis, RealtimeSettings
@@ -121,9 +123,9 @@ class AxisLoop:
         self.axis, self.lost, self.zero = axis, 0, 0.0
         controller: Any = axis.controller
         self._controller, self._command, self._adapt = controller, controller.command, controller.adapt
-        self._motion = motion(
-            axis.trajectory, shared.targets[channel :: shared.layout.channels], controller, axis.others
-        )
+        targets = shared.targets[channel :: shared.layout.channels]
+        self._motion = motion(axis.trajectory, targets, controller, axis.others, axis.learned)
+        self._learned = axis.learned
         self._size, self._shared, self._channel = shared.layout.size, shared, channel
         rows = dict(zip(FIELDS, shared.ring[channel], strict=True))
         self._ticks = TickRecorder(controller, timing, {name: rows[name] for name in TICK}, shared.slow[channel])
@@ -131,7 +133,7 @@ class AxisLoop:
         self._desired, self._velocity, self._volts, self._lateness = (numbers(rows[name]) for name in noted)
         self._flat: Array | None = getattr(axis.trajectory, MARK, None)
         self._mark = numbers(rows[MARK])
-        self._latency = timing.latency
+        self._latency, self._sample_rate = timing.latency, timing.sample_rate
         self._patience = max(2, round(settings.sensor_timeout * timing.sample_rate))
         self._moved = FROZEN * (axis.voltage_limits[1] - axis.voltage_limits[0])
         self._unusable = self._same = 0
@@ -177,8 +179,10 @@ class AxisLoop:
             except SettingError as error:  # the first one, out of reach
                 raise Stop(Cause.SENSOR, f"axis {self.axis.name}: {error}") from None
             row = k % self._size
-            self._look_at_sensor(z, self._volts[row])
             desired = self._desired[row]
+            if self._learned is not None:
+                self._learned.put(k, math.nan if self._controller.flag_bits & LIMITED else z - desired)
+            self._look_at_sensor(z, self._volts[row])
             if abs(z - desired) > self._error_limit:
                 supervision.astray(desired, z, self._volts[row])
             elif not supervision.idle:
@@ -199,6 +203,17 @@ class AxisLoop:
                 Cause.SENSOR,
                 f"axis {self.axis.name}: the sensor shows {z:g} um for {self._same} ticks while the voltage moves",
             )
+
+    def hold(self, held: bool) -> None:
+        """Learn nothing, or go on; a controller that does not learn goes on."""
+        for one in (self._controller, self._learned):
+            if change := getattr(one, "hold" if held else "resume", None):
+                change()
+
+    @property
+    def repetition(self) -> dict[str, object] | None:
+        """What was learned of a motion that repeats, for the recording."""
+        return loop.repetition(self._learned or self._controller, self._sample_rate)
 
     def look_back(self, stop: int) -> None:
         """Raise `Stop` where the sensor has not followed the voltage for a while; now and then, after tick `stop`."""

@@ -78,11 +78,15 @@ class RecordingTable:
 
 @dataclass(frozen=True, kw_only=True)
 class CoupledTable:
-    """The table [coupled]: the axes know how the others move. Its keys say how the sensors stand."""
+    """The table [coupled]: the axes know how the others move.
+
+    Its keys say how the sensors stand, and what period of the motion all axes learn.
+    """
 
     rotation: float = field(default=0.0, metadata={"unit": "degrees"})
     skew: float = field(default=0.0, metadata={"unit": "degrees"})
     frame: tuple[tuple[float, ...], ...] | None = None
+    period: float | None = field(default=None, metadata={"unit": "s"})
 
     def of(self, axes: int) -> frames.Matrix | None:
         """The frame of so many axes; None: each sensor stands along its axis."""
@@ -180,11 +184,15 @@ block, latency, channels, seed, hardware_timed, register, plant, stage, axes, si
     axes = []
     for place, table in tables:
         with checks.inside(place):
+            if read.coupled is not None and table.period is not None:
+                raise SettingError("period", table.period, "left out, and in [coupled]: all axes learn it", "s")
             axes.append(_axis(table, folder, rate, image))
     if read.coupled is not None:
         with checks.inside("coupled."):
             frame = read.coupled.of(len(axes))
-        axes, made = [*couple(axes, frame)], made if frame is None else Turned(made, frame)
+        with checks.inside("", {"period": "coupled.period"}):
+            axes = [*couple(axes, frame, period=read.coupled.period)]
+        made = made if frame is None else Turned(made, frame)
         image = dataclasses.replace(image, frame=frame) if image else None
     usual: dict[str, Any] = {"settings": read.realtime, "file": Path(read.recording.file)}
     return Job(driver=made, axes=tuple(axes), imaging=image, epics=read.epics, live=read.live, **usual)
@@ -352,12 +360,14 @@ def _controller(table: AxisTable, sample_rate: float, folder: Path) -> Controlle
 
 
 def _settings(given: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """Of the controller; dynamics may be a file of `truestroke bode` beside the configuration, hum one number."""
+    """Of the controller; dynamics may be a file of `truestroke bode` beside it, hum one number, feedback a switch."""
     apart: dict[str, Any] = {}
     if isinstance(name := given.get("dynamics"), str):
         apart["dynamics"] = _dynamics("dynamics", folder, name)
     if isinstance(given.get("hum"), float | int):
         apart["hum"] = given["hum"]
+    if isinstance(given.get("feedback"), bool):
+        apart["feedback"] = given["feedback"]
     others = {name: value for name, value in given.items() if name not in apart}
     return {**toml.arguments(ControllerSettings, others), **apart}
 

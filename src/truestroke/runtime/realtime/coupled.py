@@ -15,7 +15,9 @@ from truestroke.runtime.realtime.settings import Axis
 from truestroke.signals.trajectories import Trajectory
 
 
-def couple(axes: Sequence[Axis], frame: npt.ArrayLike | None = None) -> tuple[Axis, ...]:
+def couple(
+    axes: Sequence[Axis], frame: npt.ArrayLike | None = None, *, period: float | None = None
+) -> tuple[Axis, ...]:
     """The same axes, each with a controller that learns what the motion of the others does to it.
 
     Parameters
@@ -25,6 +27,8 @@ def couple(axes: Sequence[Axis], frame: npt.ArrayLike | None = None) -> tuple[Ax
         settings are taken.
     frame : array_like, shape (axes, axes), optional
         What the sensors read of the axes, as of `MultiAxisController`; the driver is then a `Turned` one.
+    period : float, optional
+        Of what repeats on one of them, s, as of `MultiAxisController`: all axes learn it.
 
     Returns
     -------
@@ -47,7 +51,7 @@ def couple(axes: Sequence[Axis], frame: npt.ArrayLike | None = None) -> tuple[Ax
         settings[axis.name], motions[axis.name] = axis.controller.settings, axis.trajectory
     if len(settings) < len(axes):
         raise SettingError("name", ", ".join(axis.name for axis in axes), "different for each axis")
-    together = MultiAxisController(settings, frame)
+    together = MultiAxisController(settings, frame, period=period)
     known, width = together.prepare(motions), 3 * (len(axes) - 1)
     return tuple(
         dataclasses.replace(
@@ -55,6 +59,7 @@ def couple(axes: Sequence[Axis], frame: npt.ArrayLike | None = None) -> tuple[Ax
             controller=together.axes[axis.name],
             trajectory=known.axes[axis.name],
             others=known.others[:, width * i : width * (i + 1)],
+            learned=together.learned.get(axis.name),
         )
         for i, axis in enumerate(axes)
     )

@@ -156,13 +156,12 @@ class Live:
                 raise Stop(Cause.RECORDER, f"the recorder is {behind / self._timing.sample_rate:.1f} s behind")
 
     def _hold_or_resume(self) -> None:
-        """Learn, or not, as an operator asks; a controller that does not learn goes on."""
+        """Learn, or not, as an operator asks."""
         held = self._count[Slot.HOLD] != 0
         if held is not self._held:
             self._held = held
             for axis in self._axes:
-                if change := getattr(axis.axis.controller, "hold" if held else "resume", None):
-                    change()
+                axis.hold(held)
 
     def _heed_signals(self, expected: int = 0) -> None:
         """End a ramp if a signal came beyond those that caused it, or an operator asks."""
@@ -227,7 +226,8 @@ class Live:
         interrupted = None if cause is Cause.FINISHED else reason[:LONGEST]
         seen = {axis.axis.name: _plain(found) for axis, found in zip(self._axes, self._found, strict=True)}
         known = {axis.axis.name: loop.resonance(axis.axis.controller) for axis in self._axes}
-        about = {"axis_check": seen, "resonance": known}
+        repeated = {axis.axis.name: axis.repetition for axis in self._axes}
+        about = {"axis_check": seen, "resonance": known, "repetition": repeated}
         return {"interrupted": interrupted, "ended": ended, "lateness": punctuality, **about}
 
     def outcome(self, cause: Cause, reason: str, files: tuple[Path, ...]) -> Outcome:

@@ -9,6 +9,7 @@ from typing import Any
 
 from truestroke.base import checks
 from truestroke.base.typing import FloatArray
+from truestroke.control.learned_strain import LearnedStrain
 from truestroke.runtime.loop import wanted
 from truestroke.signals.trajectories import Trajectory
 
@@ -128,13 +129,20 @@ class _Pursuit:
 
 
 def motion(
-    trajectory: Trajectory | SetPoint, target: memoryview[float], controller: object, others: FloatArray | None = None
+    trajectory: Trajectory | SetPoint,
+    target: memoryview[float],
+    controller: object,
+    others: FloatArray | None = None,
+    learned: LearnedStrain | None = None,
 ) -> Motion:
-    """The arguments of `command`: of a trajectory its entries, of a set-point the way to `target`."""
+    """The arguments of `command`: of a trajectory its entries, of a set-point the way to `target`.
+
+    Beside `others` with the strain that was `learned`.
+    """
     if isinstance(trajectory, SetPoint):
         return trajectory.motion(target)
     if others is not None:
-        return _among(trajectory, controller, others)
+        return _among(trajectory, controller, others, learned)
     z_d, zdot_d, *known = (numbers(array) for array in wanted(trajectory, controller))
     if not known:
         return lambda k: (z_d[k], zdot_d[k])
@@ -144,14 +152,17 @@ def motion(
     return lambda k: (z_d[k], zdot_d[k], zddot_d[k], ahead[0][k])
 
 
-def _among(trajectory: Trajectory, controller: Any, others: FloatArray) -> Motion:
+def _among(trajectory: Trajectory, controller: Any, others: FloatArray, learned: LearnedStrain | None) -> Motion:
     """The same of an axis beside others, with their motion."""
     strain = controller.strain(trajectory.position)
     z_d, zdot_d, zddot_d = (numbers(a) for a in (trajectory.position, trajectory.velocity, trajectory.acceleration))
     if strain is None:
         return lambda k: (z_d[k], zdot_d[k], zddot_d[k], None, others[k].tolist())
     strain_d = numbers(strain)
-    return lambda k: (z_d[k], zdot_d[k], zddot_d[k], strain_d[k], others[k].tolist())
+    if learned is None:
+        return lambda k: (z_d[k], zdot_d[k], zddot_d[k], strain_d[k], others[k].tolist())
+    at = learned.at
+    return lambda k: (z_d[k], zdot_d[k], zddot_d[k], strain_d[k] + at(k), others[k].tolist())
 
 
 def numbers(array: FloatArray) -> memoryview[float]:

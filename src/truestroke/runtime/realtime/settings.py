@@ -7,6 +7,7 @@ from truestroke.base import checks
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
 from truestroke.control.controller import Controller
+from truestroke.control.learned_strain import LearnedStrain
 from truestroke.control.settings import ControllerSettings
 from truestroke.runtime.drivers.guard import Limits
 from truestroke.runtime.drivers.paced import SPIN
@@ -41,6 +42,8 @@ class Axis:
         motion from end to end, and at least 5 % of the stroke.
     others : ndarray, shape (ticks, 3 other axes), or None
         What its controller takes of the motion of the others, as `couple` makes it; None: it stands alone.
+    learned : LearnedStrain or None
+        What is the same in each period of its error, as `couple` makes it; None: nothing of that is learned.
 
     Raises
     ------
@@ -57,6 +60,7 @@ class Axis:
     zero: float | Literal["measured"] | None = None
     error_limit: float | None = None
     others: FloatArray | None = None
+    learned: LearnedStrain | None = None
 
     def __post_init__(self) -> None:
         limits = Limits(voltage_limits=self.voltage_limits, slew=self.slew, safe_voltage=self.safe_voltage)
