@@ -250,7 +250,7 @@ class LearnedStrain:
         self._Z = np.fft.rfft(self._wave) + E.mean(axis=0)
 
     def _look(self) -> None:
-        """Which errors are left."""
+        """The errors that remain."""
         assert self._law is not None
         missing = np.fft.irfft(self._Z - self._law.desired, self.period)[self._counts]
         self.errors.append(float(np.sqrt(np.mean(missing**2))))
