@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import dataclasses
 import fcntl
+import math
 import os
 import signal
 import subprocess
@@ -190,6 +191,54 @@ def test_processors_and_memory_where_the_system_does_not_say(monkeypatch: pytest
     monkeypatch.delattr(psutil.Process, "cpu_affinity")  # as on macOS
     assert system.processors() == list(range(os.cpu_count() or 1))
     assert system.memory() == 16 * 2**30
+
+
+def scheduled(name: str) -> float:
+    """What Linux says of the scheduling of this thread; NaN where it does not."""
+    file = Path("/proc/thread-self/sched")
+    rows = [line.split(":") for line in file.read_text().splitlines()] if file.exists() else []
+    return next((float(row[1]) for row in rows if row[0].strip() == name), math.nan)
+
+
+def test_the_loop_has_short_slices_and_its_priority_of_before() -> None:
+    """Linux says so itself; of a kernel before 6.12, which has no `slice` of a thread, nothing is asked."""
+    before = scheduled("se.slice"), scheduled("prio")
+    with process.undisturbed(RealtimeSettings()):
+        during = scheduled("se.slice"), scheduled("prio")
+    assert math.isnan(before[0]) or during == (1e9 * process.SLICE, before[1])
+    assert str((scheduled("se.slice"), scheduled("prio"))) == str(before)
+
+
+@pytest.mark.parametrize("said", [None, "another machine"])
+def test_a_system_without_slices_runs_as_it_is(monkeypatch: pytest.MonkeyPatch, said: str | None) -> None:
+    monkeypatch.setattr(sys, "platform", "linux" if said else "darwin")
+    monkeypatch.setattr(os, "uname", lambda: types.SimpleNamespace(machine=said))
+    before = scheduled("se.slice")
+    with system.short_slices(process.SLICE):
+        assert str(scheduled("se.slice")) == str(before)
+
+
+GIVES_WAY = """
+import os, sys, time
+from truestroke.base import system
+system.yield_to_others(7)
+print(os.getpriority(os.PRIO_PROCESS, 0))
+if os.path.exists("/proc/self/autogroup"):
+    print(open("/proc/self/autogroup").read().split()[-1])
+"""
+
+
+@pytest.mark.parametrize("leads", [True, False], ids=["a session of its own", "the session of another"])
+def test_who_gives_way_gives_way_to_other_sessions_too(leads: bool) -> None:
+    """Linux compares priorities within a session only; that of another program keeps its own."""
+    command = [sys.executable, "-c", GIVES_WAY]
+    if not leads:
+        command = [sys.executable, "-c", f"import subprocess; subprocess.run({command!r}, check=True)"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, start_new_session=True)
+    mine = os.getpriority(os.PRIO_PROCESS, 0)
+    priority, *group = map(int, done.stdout.split())
+    assert priority == mine + 7
+    assert group in ([], [mine + 7 if leads else 0])
 
 
 AS_MACOS = "import fcntl\nfor name in ('F_OFD_GETLK', 'F_OFD_SETLK', 'F_OFD_SETLKW'): vars(fcntl).pop(name, None)\n"

@@ -17,6 +17,7 @@ from truestroke.runtime.realtime.settings import RealtimeSettings
 from truestroke.runtime.realtime.shared import Shared
 from truestroke.signals.timing import Timing
 
+SLICE = 1e-4  # s, the shortest that Linux gives: the loop works for less, and another program waits for it no longer
 SWITCH = 20e-6  # s that another thread may keep the interpreter's lock when the loop wakes up
 
 
@@ -72,7 +73,7 @@ def _keep_to(cpus: list[int], asked: int) -> None:
 
 @contextmanager
 def undisturbed(settings: RealtimeSettings) -> Iterator[None]:
-    """Pinned and with priority as asked for; no garbage collection; other threads give way soon."""
+    """Pinned and with priority as asked for; no garbage collection; other threads and programs give way soon."""
     with ExitStack() as before:
         before.callback(sys.setswitchinterval, sys.getswitchinterval())
         if gc.isenabled():
@@ -81,6 +82,7 @@ def undisturbed(settings: RealtimeSettings) -> Iterator[None]:
             cpus = system.processors()
             _keep_to([settings.cpu], settings.cpu)
             before.callback(system.keep_to, cpus)
+        before.enter_context(system.short_slices(SLICE))
         if settings.priority:
             before.enter_context(_prioritised(settings.priority))
         sys.setswitchinterval(SWITCH)
