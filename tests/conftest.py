@@ -6,8 +6,10 @@ share a long computation are played by one process. Every page that a test write
 
 from __future__ import annotations
 
+import os
 import re
 import signal
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +21,11 @@ from truestroke.base import files
 
 LONG = ("test_soak.py", "test_compare.py", "test_bench.py", "test_files_of_a_run.py", "test_docs.py", "test_study.py")
 SHARED = ("test_compare.py", "test_bench.py", "test_browser.py", "test_fmu.py")
+
+# Where Python writes no bytecode, each of some thousand processes would compile the package again, and each of xdist's
+# every test: a quarter of what a test of `truestroke run` computes.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
 
 # How fast hypothesis makes its input depends on what else the machine does: no test may fail by it.
 settings.register_profile("any machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import re
 import tomllib
 from pathlib import Path
@@ -48,13 +49,18 @@ def files(row: str, name: str = "NAME") -> list[Path]:
     return [next((p for p in (SOURCE / path, ROOT / path) if p.exists()), ROOT / path) for path in paths]
 
 
+@functools.cache
+def texts(folder: str) -> dict[Path, str]:
+    """What the source files in this folder hold."""
+    kinds = {".py", ".pyi", ".c", ".h", ".cpp"}
+    every = [p for p in (ROOT / folder).rglob("*") if p.suffix in kinds and "build" not in p.parts]
+    return {p: p.read_text() for p in every}
+
+
 def naming(word: str, *folders: str) -> set[Path]:
     """The files in these folders that contain the word."""
-    kinds = {".py", ".pyi", ".c", ".h", ".cpp"}
-    every = [
-        p for folder in folders for p in (ROOT / folder).rglob("*") if p.suffix in kinds and "build" not in p.parts
-    ]
-    return {p for p in every if re.search(rf"\b{re.escape(word)}\b", p.read_text())}
+    whole = re.compile(rf"\b{re.escape(word)}\b")
+    return {p for folder in folders for p, text in texts(folder).items() if word in text and whole.search(text)}
 
 
 def test_packages_are_in_the_order_of_imports() -> None:

@@ -62,12 +62,20 @@ def random_wave(rng, ticks, swing=13.0):
 def observed(controller):
     """Whatever both controllers show."""
     if isinstance(controller, ReferenceController):
-        counters = controller.counters
+        counters = list(controller.counters.values())
         slopes, states = controller.partial_slopes, controller.play_states
     else:
-        counters = dataclasses.asdict(controller.counters)
-        slopes, states = controller.diagnostics.partial_slopes, controller.diagnostics.play_states
-    return [controller.weights, slopes, states, controller.innovation, controller.flag_bits, list(counters.values())]
+        counted, diagnostics = controller.counters, controller.diagnostics
+        counters = [getattr(counted, field.name) for field in dataclasses.fields(counted)]
+        slopes, states = diagnostics.partial_slopes, diagnostics.play_states
+    return [controller.weights, slopes, states, controller.innovation, controller.flag_bits, counters]
+
+
+def assert_same(text, kernel, when=""):
+    """To the last bit; the comparison that says where they differ costs as much as a tick, so it comes second."""
+    for ours, theirs in zip(observed(text), observed(kernel), strict=True):
+        if np.asarray(ours).tobytes() != np.asarray(theirs).tobytes():
+            np.testing.assert_array_equal(ours, theirs, err_msg=when)
 
 
 # ---- Kernel equals NumPy ---------------------------------------------------------------------------------------------
@@ -113,8 +121,7 @@ def test_kernel_equals_numpy_to_the_last_bit(name) -> None:
             kernel.hold(), text.hold()
         elif fate > 0.9:
             kernel.resume(), text.resume()
-        for ours, theirs in zip(observed(text), observed(kernel), strict=True):
-            np.testing.assert_array_equal(ours, theirs, err_msg=f"tick {k}")
+        assert_same(text, kernel, f"tick {k}")
         seen |= text.flag_bits
         if k == 2000 and name != "paper":
             same = kernel.settings.dead_zone_weights
@@ -126,8 +133,7 @@ def test_kernel_equals_numpy_to_the_last_bit(name) -> None:
         assert seen & 0b100000, "the slew limit was met"
         assert seen & 0b10010000, "a change, or learning that failed, was met"
     kernel.reset(), text.reset()
-    for ours, theirs in zip(observed(text), observed(kernel), strict=True):
-        np.testing.assert_array_equal(ours, theirs)
+    assert_same(text, kernel, "reset")
 
 
 def closed_loop(controller, z_d, zdot_d, noise):
@@ -286,14 +292,14 @@ def test_after_rest_the_law_follows_again(z_rest, name, bound, precision, minute
 def test_any_law_goes_in_the_loop_and_learns() -> None:
     """LMS on the published stack ends below a tenth of where it began; on hold it does not learn."""
     rng = np.random.default_rng(2)
-    z_d, zdot_d = random_wave(rng, 6000)
+    z_d, zdot_d = random_wave(rng, 3000)
     settings = SETTINGS["paper"]
     controller = ReferenceController(settings, LMS(settings.initial_weights, step_size=0.5))
     _, error = closed_loop(controller, z_d, zdot_d, np.zeros(z_d.size))
     held = ReferenceController(settings, LMS(settings.initial_weights))
     held.hold()
     _, error_held = closed_loop(held, z_d, zdot_d, np.zeros(z_d.size))
-    assert np.sqrt(np.mean(error[3000:] ** 2)) < 0.1 * np.sqrt(np.mean(error_held[3000:] ** 2))
+    assert np.sqrt(np.mean(error[1500:] ** 2)) < 0.1 * np.sqrt(np.mean(error_held[1500:] ** 2))
     np.testing.assert_array_equal(held.weights, settings.initial_weights)
 
 
