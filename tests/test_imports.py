@@ -29,6 +29,14 @@ def test_a_run_of_a_random_wave_needs_numpy_alone():
     assert loaded.isdisjoint(HEAVY)
 
 
+def test_the_processes_beside_the_loop_load_little():
+    """Four of them start with each run; each loaded the controllers, identification and the servers."""
+    loaded = modules_after("from truestroke.runtime.realtime import process, recorder, status, watchdog")
+    assert loaded.isdisjoint(HEAVY)
+    for name in ("identification", "runtime.realtime.runner", "runtime.realtime.epics", "runtime.realtime.live_page"):
+        assert f"truestroke.{name}" not in loaded
+
+
 @pytest.mark.parametrize("name", truestroke.__all__)
 def test_every_public_name_is_there(name):
     assert getattr(truestroke, name) is not None

@@ -4,24 +4,7 @@ The loop has a process for itself. Recorder, watchdog, status line and server ar
 shared memory: neither their work nor their failure takes time from a tick.
 """
 
-from truestroke.runtime.realtime.coupled import couple
-from truestroke.runtime.realtime.ending import Cause, Outcome
-from truestroke.runtime.realtime.epics import EpicsSettings
-from truestroke.runtime.realtime.live_page import LiveSettings
-from truestroke.runtime.realtime.motion import SetPoint
-from truestroke.runtime.realtime.process import RealtimeError
-from truestroke.runtime.realtime.runner import run_realtime
-from truestroke.runtime.realtime.settings import Axis, RealtimeSettings
+from truestroke.base import lazy
 
-__all__ = [
-    "Axis",
-    "Cause",
-    "EpicsSettings",
-    "LiveSettings",
-    "Outcome",
-    "RealtimeError",
-    "RealtimeSettings",
-    "SetPoint",
-    "couple",
-    "run_realtime",
-]
+# The processes beside the loop need little of it, and each would load all of it.
+__getattr__, __dir__, __all__ = lazy.attach(__name__)

@@ -8,14 +8,16 @@ import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from truestroke.base import interrupts, streams, system
 from truestroke.base.errors import TruestrokeError
 from truestroke.runtime.drivers.paced import coarse
-from truestroke.runtime.realtime.settings import RealtimeSettings
 from truestroke.runtime.realtime.shared import Shared
 from truestroke.signals.timing import Timing
+
+if TYPE_CHECKING:  # the processes beside the loop have no controller
+    from truestroke.runtime.realtime.settings import RealtimeSettings
 
 SLICE = 1e-4  # s, the shortest that Linux gives: the loop works for less, and another program waits for it no longer
 SWITCH = 20e-6  # s that another thread may keep the interpreter's lock when the loop wakes up
@@ -35,7 +37,7 @@ def require_realtime() -> None:
         )
 
 
-def lateness_of_system(settings: RealtimeSettings, timing: Timing) -> list[str]:
+def lateness_of_system(settings: "RealtimeSettings", timing: Timing) -> list[str]:
     """Sentences on what this system lacks for punctual ticks; none of hardware that has a clock of its own."""
     if timing.hardware_timed:
         return []
@@ -49,7 +51,7 @@ def lateness_of_system(settings: RealtimeSettings, timing: Timing) -> list[str]:
 
 
 @contextmanager
-def on_its_own(settings: RealtimeSettings) -> Iterator[None]:
+def on_its_own(settings: "RealtimeSettings") -> Iterator[None]:
     """Within it, new processes keep off the processor that the loop is going to have."""
     if settings.cpu is None:
         yield
@@ -72,7 +74,7 @@ def _keep_to(cpus: list[int], asked: int) -> None:
 
 
 @contextmanager
-def undisturbed(settings: RealtimeSettings) -> Iterator[None]:
+def undisturbed(settings: "RealtimeSettings") -> Iterator[None]:
     """Pinned and with priority as asked for; no garbage collection; other threads and programs give way soon."""
     with ExitStack() as before:
         before.callback(sys.setswitchinterval, sys.getswitchinterval())
