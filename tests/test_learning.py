@@ -137,6 +137,21 @@ def test_no_linear_stage_makes_it_diverge(gain, late, f0, damping, frequency):
     assert learned.best == pytest.approx(min(errors), abs=1e-4)
 
 
+def test_a_mode_beyond_the_bandwidth_that_hysteresis_excites_is_learned():
+    """The 13th harmonic meets the second mode, at 2610 Hz, which nobody has given; a bandwidth that is given holds."""
+    wave, left = raster(200.0), []
+    for bandwidth in (None, 2160.0):
+        stage = Stage(900.0, "bouc-wen", damping=0.025)
+        learned = IterativeLearning(wave, dynamics=dynamics(900.0, 0.025), bandwidth=bandwidth, **KNOWN)
+        true_errors(stage, learned, wave, 12)
+        spectrum = np.abs(np.fft.rfft(stage.play(learned.best_volts)[1].mean(axis=0))) * 2 / learned.samples
+        left.append(spectrum[13])
+        beyond = np.abs(np.fft.rfft(learned.best_volts))[12:]
+        assert (beyond.max() > 1e-9) == (bandwidth is None)
+    assert left[0] < 0.2 * left[1]
+    assert left[1] > 0.005, "um, else the test shows nothing"
+
+
 def test_a_pass_that_is_worse_is_undone_and_its_voltage_left():
     wave = raster(50.0)
     learned = IterativeLearning(wave, dynamics=dynamics(900.0), **KNOWN)

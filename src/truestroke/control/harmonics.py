@@ -22,6 +22,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -40,6 +41,8 @@ LITTLE = 1e-12  # of the power of the motion: of rounding
 CHANGED = 2.0  # times what a change of U makes: beyond, the stage has changed
 WORSE = 1.05  # times the rmse of the best pass
 SHY = 0.5  # times the step after a pass that was undone
+SHOWN = 12.0  # times the variance of the noise: power beyond the bandwidth that is surely none
+MOVED, MOVED_BEYOND = 0.004, 1.0  # of the power of a change of voltage: what it moves elsewhere, as displacement
 LEAST = 0.1  # of the whole step: the least that is taken
 IN_TURNS = 0.001  # weight of the error where it does not count, beside 1 where it does
 ITERATIONS = 200  # of conjugate gradients, at most
@@ -178,11 +181,16 @@ class HarmonicLaw:
         U, E_base = np.append(output[:1], U[1:]), np.append(E[:1], E_base[1:])
         power = np.abs(E_base) ** 2
         R2, variance = np.abs(self.ratio) ** 2, 1 / self._information
-        step = np.where(self.learned, self._step * self._weight(E_base, noise2) * R2 / (R2 + variance), 0.0)
+        step = self._step * self._steps(E_base, noise2)
         left = power * ((1 - step) ** 2 + step**2 * variance / R2)
         left[0] /= 2
         expected = float(np.sqrt(2 * left.sum() / self.samples**2 + noise**2))  # by Parseval's theorem
         return Next(U + self._change(U, E_base, step), expected, undone)
+
+    def _steps(self, E: ComplexArray, noise2: FloatArray) -> FloatArray:
+        """s w of each harmonic; 0 of those that are not learned."""
+        R2 = np.abs(self.ratio) ** 2
+        return np.where(self.learned, self._weight(E, noise2) * R2 / (R2 + 1 / self._information), 0.0)
 
     def _change(self, U: ComplexArray, E: ComplexArray, step: FloatArray) -> ComplexArray:
         """Of U, by so large a step against the error."""
@@ -242,6 +250,29 @@ class HarmonicLaw:
         self._worse = self._changed
         self._step = self._step if self._changed else max(LEAST, SHY * self._step)
         return f"This pass was worse, {spread:.4g} um rms where the best one had {best:.4g}: it is undone."
+
+
+class PassLaw(HarmonicLaw):
+    """The law for passes that learn the voltage from nothing; `beyond` are harmonics beyond the bandwidth.
+
+    - A harmonic that takes much voltage for little displacement moves the others, by hysteresis: its step is small.
+    - Nothing is put out beyond the bandwidth, but hysteresis excites harmonics there, and one may meet a further mode.
+      Where the error is surely no noise it is learned, with small steps until the passes have shown R.
+    """
+
+    def __init__(self, *given: Any, beyond: BoolArray, **named: Any) -> None:
+        super().__init__(*given, **named)
+        self._beyond = beyond
+
+    def _steps(self, E: ComplexArray, noise2: FloatArray) -> FloatArray:
+        power, R2, variance = np.abs(E) ** 2, np.abs(self.ratio) ** 2, 1 / self._information
+        usual = float(noise2[self._beyond].mean()) if self._beyond.any() else 0.0
+        shown = self._beyond & (power > SHOWN * np.maximum(noise2, usual))
+        own = np.abs(self.response) ** 2 * (R2 + variance)
+        own[0] = math.inf
+        step = self._weight(E, noise2) * R2 / (R2 + variance)
+        moved = np.where(self._beyond, MOVED_BEYOND, MOVED) * np.abs(self.response[0]) ** 2
+        return np.where(self.learned | shown, step / (1 + moved / np.maximum(own, 1e-300)), 0.0)
 
 
 # ---- What can be learned -------------------------------------------------------------------------------------------

@@ -18,7 +18,7 @@ from truestroke.base.display import Displayed, Rows, quantity
 from truestroke.base.typing import ComplexArray, FloatArray
 from truestroke.base.verdict import Verdict
 from truestroke.control.actuator import ActuatorModel
-from truestroke.control.harmonics import BoolArray, HarmonicLaw, nearest
+from truestroke.control.harmonics import BoolArray, PassLaw, nearest
 from truestroke.control.response_prior import DAMPING, FREQUENCY, GAIN, LATE, UNSURE, Independent
 from truestroke.control.settings import UNLIMITED
 from truestroke.model.dynamics import Dynamics
@@ -170,9 +170,10 @@ class IterativeLearning(Displayed):
         self.desired = nearest(wave, counts, self._learned)
         G, sensor, self._variance = response_of(dynamics, self._frequency, self.sample_rate, self.gain)
         D = sensor * np.fft.rfft(self.desired)
-        self._law = HarmonicLaw(
-            D, G, Independent(self._variance), self._learned, samples=self.samples, periods=self.periods
-        )
+        beyond = self._beyond(bandwidth)
+        prior = Independent(np.where(beyond, UNSURE, self._variance))
+        size = {"samples": self.samples, "periods": self.periods}
+        self._law = PassLaw(D, G, prior, self._learned, beyond=beyond, **size)
         self._best = math.nan, np.empty(0)
         self._number = 0
         self.volts, self._limited = self._first(model)
@@ -190,6 +191,13 @@ class IterativeLearning(Displayed):
                 bound = f"at most {bandwidth:.4g} Hz, {BAND} times the first resonance"
                 raise SettingError("frequency of the motion", float(lowest), bound, "Hz")
         return checks.within("bandwidth", bandwidth, float(lowest), SEEN * self.sample_rate, "Hz")
+
+    def _beyond(self, bandwidth: float | None) -> BoolArray:
+        """Harmonics beyond a bandwidth that nobody has given."""
+        if bandwidth is not None:
+            return np.zeros(self._frequency.size, dtype=bool)
+        whole = np.arange(self._frequency.size) % self.periods == 0
+        return np.asarray((self._frequency > self.bandwidth) & (self._frequency <= SEEN * self.sample_rate) & whole)
 
     def _first(self, model: ActuatorModel | None) -> tuple[FloatArray, float]:
         """By the inverse of the model, or by the response where it is sure; refused where a limit forbids it."""
