@@ -121,6 +121,27 @@ def test_a_fast_motion_is_followed_where_nothing_is_given(fast) -> None:
     assert fast[0.0][0] < fast[1e-9][0] / 3
 
 
+def test_the_command_is_the_whole_inverse_of_the_stage_that_was_found() -> None:
+    """At a third of it: with two derivatives, the second half a tick late, the law predicts an error that stays."""
+    wave = sine(frequency=120.0, peak_to_peak=18.0, offset=12.0, duration=1.5, sample_rate=RATE)
+    controller = AdaptiveController(**AXIS)
+    recording = run(wave, controller, StagePlant(stage(360.0, hysteresis_kind="preisach"), seed=1))
+    turns = np.exp(-2j * np.pi * 120.0 * recording["time"][5000:])  # a whole number of periods
+    left = 2 * abs(np.mean((recording["true"] - recording["desired"])[5000:] * turns))
+    assert controller.resonance == pytest.approx(360.0, rel=0.04)
+    assert left < 0.001 * 18.0
+
+
+def test_velocities_that_jump_have_no_third_difference() -> None:
+    """A triangle with sharp turns: the higher derivatives of a jump make the stage ring."""
+    wave = triangle(frequency=20.0, peak_to_peak=18.0, duration=1.5, sample_rate=RATE)
+    controller = AdaptiveController(**AXIS)
+    recording = run(wave, controller, StagePlant(stage(300.0), seed=1))
+    error = (recording["true"] - recording["desired"])[4000:]
+    assert controller.resonance == pytest.approx(300.0, rel=0.04)
+    assert error.std() < 0.03 * 18.0
+
+
 def test_a_slow_motion_keeps_its_bits() -> None:
     wave = sine(frequency=5.0, peak_to_peak=18.0, offset=12.0, duration=0.6, sample_rate=RATE)
     volts = []

@@ -20,6 +20,7 @@
 #define STEP_TERMS 32             /* of a series: enough up to half of the sample rate */
 #define FOUND_DAMPING ((ts_real)0.02) /* of a stage that was found by its oscillation, */
 #define FOUND_FILTER ((ts_real)0.6) /* corner of the law's filter over its resonance, */
+#define SMOOTH 8                 /* times the third difference of velocities: no more than the sum of their first ones */
 #define FOUND_LAG ((ts_real)0.1)  /* and standard deviations of what lag and inertia of it miss, over 1 / w0 and 1 / w0^2 */
 #define FOUND_INERTIA ((ts_real)0.05)
 #define CERTAIN ((ts_real)0.02)   /* relative deviation of a resonance that is put into the model */
@@ -289,11 +290,30 @@ static ts_real inertia_of(const ts_settings *s, ts_real frequency)
     return frequency > 0 ? s->oscillation.tick / (w * w) : 0;
 }
 
-/* What the stage's dynamics ask of the hysteresis beyond z_d, um: G^-1 z_d - z_d for slow motion, or the inertia z'' / w0^2
- * within a tenth of the stroke. */
+/* What a stage that was found asks of the hysteresis beyond z_d, um: 1 / G up to the fourth derivative, from the last four
+ * velocities. A motion at a third of the resonance turns by up to a quarter of a radian in a tick. Where the velocities are noise,
+ * or jump, their differences do not fall: there two derivatives are used. */
+static ts_real ahead_of_found(const ts_controller *c, ts_real zdot_d, ts_real zddot_d)
+{
+    const ts_motion *past[3];
+    for (uint64_t i = 0; i < 3; i++) past[i] = &c->motion[(c->counters.commands - 1 - i) % TS_HISTORY];
+    ts_real newest = zdot_d - past[0]->zdot_d, before = past[0]->zdot_d - past[1]->zdot_d, oldest = past[1]->zdot_d - past[2]->zdot_d;
+    ts_real second = newest - before, third = second - (before - oldest);
+    if (SMOOTH * size_of(third) > size_of(newest) + size_of(before) + size_of(oldest))
+        return c->found.lead[0] * zdot_d + c->found.lead[1] * zddot_d;
+    ts_real w = 2 * TS_PI * c->stage.resonance, drag = 2 * FOUND_DAMPING / w, stiff = 1 / (w * w);
+    ts_real of_change = (stiff + drag + (ts_real)5 / 12) * (newest + second / 2 + third / 3); /* the hold is in it */
+    ts_real of_jerk = (stiff + 5 * drag / 12 + (ts_real)1 / 12) * (second + third);
+    ts_real of_snap = (5 * stiff / 12 + drag / 12 + (ts_real)1 / 240) * third;
+    return c->found.lead[0] * zdot_d + c->settings->oscillation.tick * (of_change + of_jerk + of_snap);
+}
+
+/* What the stage's dynamics ask of it: G^-1 z_d - z_d for slow motion where they are given, or the inertia z'' / w0^2 within a
+ * tenth of the stroke. */
 static ts_real ahead_of(const ts_controller *c, ts_real zdot_d, ts_real zddot_d)
 {
     const ts_dynamics *g = dynamics_of(c);
+    if (c->found.known) return ahead_of_found(c, zdot_d, zddot_d);
     if (g->known) return g->lead[0] * zdot_d + g->lead[1] * zddot_d;
     if (!(c->stage.inertia > 0) || c->counters.commands == 0) return 0;
     ts_real z = c->stage.inertia * (zdot_d - c->motion[last_slot(c)].zdot_d), most = c->settings->stroke / 10;

@@ -53,6 +53,11 @@ static inline ts_real root_of(ts_real x)
     return sizeof(ts_real) > 4 ? (ts_real)sqrt((double)x) : (ts_real)sqrtf((float)x);
 }
 
+static inline ts_real size_of(ts_real x)
+{
+    return x < 0 ? -x : x;
+}
+
 static inline lanes zero(void)
 {
     return (lanes){0};

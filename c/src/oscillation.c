@@ -3,11 +3,6 @@
 #define COLD ((ts_real)0.2)      /* s: with the first covariance an oscillation grows fivefold in a half-wave */
 #define TS_LONGEST_GAP 0x100000 /* ticks that count as missed at the most */
 
-static ts_real size_of(ts_real x)
-{
-    return x < 0 ? -x : x;
-}
-
 static void follow_motion(ts_oscillation *o, ts_real rate, ts_real zdot_d)
 {
     ts_real change = size_of(zdot_d - o->zdot_d);

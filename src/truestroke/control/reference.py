@@ -23,7 +23,7 @@ from truestroke.control.oscillation import OscillationDetector, OscillationSetti
 from truestroke.control.resonance import SHOWN, ResonanceEstimator, shown
 from truestroke.control.sensor import Sensor
 from truestroke.control.settings import CHANGEABLE, SETTINGS, ControllerSettings, kernel_settings
-from truestroke.control.stage import Stage, found, strain_of
+from truestroke.control.stage import FOUND_DAMPING, Stage, found, strain_of
 from truestroke.model.models import (
     Motion,
     creep_step,
@@ -61,6 +61,7 @@ FOUND_LAG, FOUND_INERTIA = 0.1, 0.05  # deviations of what its lag and inertia m
 CERTAIN = 0.02  # relative deviation of a resonance that is put into the model
 MOVED = 0.015  # of the resonance of the model: one that is known and differs by so much replaces it,
 FURTHER = 0.15  # unless by so much
+SMOOTH = 8  # times the third difference of velocities: no more than the sum of their first ones
 FREE = 6  # half-waves of the ringing while weights are held, which show the resonance,
 DECAYED = 0.98  # of the first of them: the last one is smaller, or something drives it
 SLOWEST = 0.025  # of the resonance: a slower motion does not need it
@@ -455,6 +456,8 @@ class ReferenceController(Displayed):
 
         The inertia is within a tenth of the stroke.
         """
+        if self._path is not None and self._found:
+            return self._ahead_of_found(self._path, zdot_d, zddot_d)
         if self._path is not None:
             return float(self._path.lead[0] * zdot_d + self._path.lead[1] * zddot_d)
         if not self._stage.inertia > 0 or self.counters["commands"] == 0:
@@ -462,6 +465,26 @@ class ReferenceController(Displayed):
         most = self.settings.stroke / 10
         change = float(zdot_d - self._last.motion.zdot_d)
         return min(max(self._stage.inertia * change, -most), most)
+
+    def _ahead_of_found(self, path: Stage, zdot_d: float, zddot_d: float) -> float:
+        """What a stage that was found asks of the hysteresis beyond z_d, um: 1 / G up to its fourth derivative.
+
+        From the last four velocities: a motion at a third of the resonance turns by up to a quarter of a radian in a
+        tick. Where the velocities are noise, or jump, their differences do not fall: there two derivatives are used.
+        """
+        now = self.counters["commands"]
+        v = [zdot_d, *[self._waiting[now - i].motion.zdot_d for i in (1, 2, 3)]]
+        newest, before, oldest = v[0] - v[1], v[1] - v[2], v[2] - v[3]
+        second = newest - before
+        third = second - (before - oldest)
+        if SMOOTH * abs(third) > abs(newest) + abs(before) + abs(oldest):
+            return float(path.lead[0] * zdot_d + path.lead[1] * zddot_d)
+        w = 2 * math.pi * self._stage.resonance
+        drag, stiff = 2 * FOUND_DAMPING / w, 1 / (w * w)
+        of_change = (stiff + drag + 5 / 12) * (newest + second / 2 + third / 3)  # the hold is in it
+        of_jerk = (stiff + 5 * drag / 12 + 1 / 12) * (second + third)
+        of_snap = (5 * stiff / 12 + drag / 12 + 1 / 240) * third
+        return float(path.lead[0] * zdot_d + self._oscillation.tick * (of_change + of_jerk + of_snap))
 
     def _known(self, motion: Motion) -> float:
         """The displacement of the known terms, um."""
