@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import re
 import xml.etree.ElementTree as ET
 from pathlib import Path
@@ -14,7 +15,7 @@ from hypothesis import strategies as st
 
 from truestroke import report
 from truestroke.report import style
-from truestroke.report.page import Page, Section, Table
+from truestroke.report.page import Page, Section, Table, svg
 from truestroke.signals.recording import Channel, Recording
 
 RATE, SECONDS = 2000.0, 4.0
@@ -211,3 +212,24 @@ def test_a_page_shows_each_part_of_its_sections() -> None:
 def test_saved_pictures_are_repeatable(recording: Recording, tmp_path: Path, ending: str) -> None:
     first = report.save(report.voltage(recording), tmp_path / f"one.{ending}").read_bytes()
     assert report.save(report.voltage(recording), tmp_path / f"two.{ending}").read_bytes() == first
+
+
+def test_a_picture_of_a_page_stands_where_matplotlib_saves_it() -> None:
+    """Panels beside an image: the places that `savefig` finds by plotting all once more, and the image's resolution."""
+
+    def figure() -> matplotlib.figure.Figure:
+        with style.use(style.PAGE):
+            made, (left, right) = style.panels(2.0, columns=2)
+            left.plot([0.0, 1e4], [0.0, 1e-4], label="a line")
+            left.set(xlabel="time, s", ylabel="error, um", title="error")
+            right.imshow(np.arange(400.0).reshape(20, 20))
+        return made
+
+    saved = figure()
+    saved.savefig(io.StringIO(), format="svg")
+    saved.set_layout_engine("none")
+    places = svg(saved, "a", "a picture")
+    assert svg(figure(), "a", "a picture") == places
+    moved = figure()
+    moved.set_layout_engine("none")
+    assert svg(moved, "a", "a picture") != places

@@ -13,6 +13,7 @@ from xml.sax.saxutils import escape
 import jinja2
 import matplotlib
 from markupsafe import Markup
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
 from truestroke.base import checks, files
@@ -204,9 +205,14 @@ def svg(figure: Figure, name: str, description: str) -> str:
     Its colours are CSS variables, its ids begin with `name` so that they are unique on the page, and it says
     `description` to a screen reader.
     """
-    file = io.StringIO()
+    file, canvas = io.StringIO(), FigureCanvasSVG(figure)
     with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": name}):
-        figure.savefig(file, format="svg", metadata={"Date": None})
+        if engine := figure.get_layout_engine():  # `savefig` would plot all once more to find the places
+            dpi, figure.dpi = figure.dpi, 72  # that of SVG
+            engine.execute(figure)
+            figure.dpi = dpi  # that of images
+            figure.set_layout_engine("none")
+        canvas.print_svg(file, metadata={"Date": None})
     text = file.getvalue()
     text = text[text.index("<svg") :]
     text = re.sub(r"<metadata>.*?</metadata>|<style type=.*?</style>|<!--.*?-->", "", text, flags=re.DOTALL)
