@@ -192,3 +192,23 @@ def test_a_bad_measurement_writes_nothing(tmp_path: Path, monkeypatch: pytest.Mo
     Path("dynamics.toml").write_text("mine")
     assert run("--config", "axis.toml")[0] == 1
     assert Path("dynamics.toml").read_text() == "mine"
+
+
+@pytest.mark.parametrize(
+    ("options", "named"),
+    [
+        ({"amplitude": 3.0}, "amplitude"),
+        ({"bias": 3.59}, "bias"),
+        ({"travel": -1.0}, "travel"),
+        ({"slew_limit": 0.01}, "slew_limit"),
+        ({"sensor_delay": 1.0}, "sensor_delay"),
+        ({"sensor_bandwidth": -1.0}, "sensor_bandwidth"),
+    ],
+)
+def test_what_can_be_refused_before_the_stage_moves_is(
+    options: dict[str, float], named: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stage = StagePlant(StageSettings(sample_rate=5000.0))
+    monkeypatch.setattr(stage, "exchange", lambda volts: pytest.fail("it moved"))
+    with pytest.raises(SettingError, match=named):
+        measure_bode(stage, **{**LIMITS, **options})

@@ -57,6 +57,7 @@ def identify(
         ("rmse", f"{held.rmse_um:.4f} um", f"{held.rmse_percent:.2f} %"),
         ("maximum", f"{held.maximum_um:.4f} um", f"{held.maximum_percent:.2f} %"),
     ]
+    common.print_text(f"record     {findings.sentence()}")
     common.print_table(("held out, the last part", "um", "of p-p"), rows)
     width = float(np.median(found.trace.half_width[found.trace.held_out]))
     common.print_text(f"95 %       +-{width:.3g} um (median) holds {100 * held.coverage:.0f} % of these samples")

@@ -96,6 +96,8 @@ def follow(
     options: dict[str, Any] = {"settings": job.settings, "about": about, "overwrite": overwrite, "show": show}
     file = job.file if output is None else output
     for path in names_of(file, job.axes, overwrite):
+        if path.resolve() == config.resolve():
+            raise click.UsageError(f"{path}: the recording would replace the configuration; call it run.h5.")
         if path.exists():
             common.complain(f"recording to {beside(path)} until the run has ended; {path} stays as it is until then")
     outcome = run_realtime(job.driver, job.axes, file, server=server, **options)

@@ -11,8 +11,9 @@ import numpy.typing as npt
 
 from truestroke.base.typing import FloatArray
 from truestroke.identification import turning
+from truestroke.identification.doubts import implausible
 from truestroke.identification.faults import repeated
-from truestroke.identification.mistakes import implausible, mistakes
+from truestroke.identification.mistakes import mistakes
 from truestroke.identification.noise import noise
 from truestroke.identification.record import GAP, Record, as_record
 from truestroke.identification.series import MOVES, clipped
@@ -78,7 +79,7 @@ class Findings:
     mistakes : tuple[str, ...]
         What contradicts that this is voltage and displacement in these units, each with its evidence (`mistakes`).
     implausible : tuple[str, ...]
-        What is rare if the unit of the time stamps is right (`mistakes.implausible`): the model is doubtful.
+        What is rare in a correct record (`doubts.implausible`): the model is doubtful.
     """
 
     source: str
@@ -114,6 +115,13 @@ class Findings:
     def as_dict(self) -> dict[str, Any]:
         """Plain numbers, text, lists and dicts, the types of JSON."""
         return {key: list(v) if isinstance(v, tuple) else v for key, v in dataclasses.asdict(self).items()}
+
+    def sentence(self) -> str:
+        """What was moved, how far, how fast: in words in which a reader sees a wrong unit or clock."""
+        volts = self.voltage_v[1] - self.voltage_v[0]
+        strokes = f"{_count(self.strokes, 'stroke')} in {self.duration_s:.4g} s"
+        fast = f"99 % of the time below {self.rates_um_s[2]:.3g} um/s"
+        return f"{strokes}, up to {self.stroke_um:.4g} um for {volts:.4g} V, {fast}, at {self.sample_rate_hz:.6g} Hz"
 
     def table(self) -> list[tuple[str, str]]:
         """Names and values, with units, in the order in which an engineer checks a record."""

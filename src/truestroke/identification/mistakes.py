@@ -23,9 +23,7 @@ STROKE = 0.005, 20_000.0  # um
 GAIN = 1e3  # um/V
 SPEED = 0.1e6  # um/s: a stack reaches it at a tenth of its own resonance; stages and amplifiers do not
 FAST = ((20e3, 60e3), (100e3, 20e3))  # Hz, um/s: the same for stamps in ms or less, by sample rate
-SOON, TARDY = 50e-6, 0.1  # s: an amplifier or a sensor is later than the first, none is later than the second
-SHOWN = 0.25  # rows: to which reversals show a delay
-SLOW = 1.0  # Hz: stamps of no stated unit that give a lower rate are in ms
+SLOW = 1.0  # Hz: stamps of no stated unit that give no higher rate are in ms, or count the rows
 LEADS = -1.5  # % of stroke: mean width of a loop that turns the wrong way round
 EARLY, EARLY_ROWS = 0.02, 2.5  # of a stroke, and rows, by which the displacement may be ahead of the voltage
 LATE = 0.2  # of a stroke: hysteresis alone is late by 0.06 at most, an actuator with sensor by 0.1
@@ -74,25 +72,6 @@ def mistakes(record: Record, found: Findings) -> tuple[str, ...]:
     return (*record.contradictions, *of_pair, *faults(record), *_of_order(record, found))
 
 
-def implausible(record: Record, found: Findings) -> tuple[str, ...]:
-    """What does not contradict the time stamps of a file, but is rare if their unit is right, a sentence each.
-
-    An actuator with amplifier and sensor turns later than its voltage, by tens of microseconds to tens of milliseconds.
-    """
-    time, delay = record.columns.get("time"), found.delay_ms
-    if found.mistakes or time is None or delay is None or record.source == "arrays":
-        return ()
-    late, row = 1e-3 * delay, 1 / found.sample_rate_hz
-    if time.unit != "s" and abs(late) + SHOWN * row < SOON:
-        turns, other = f"within {1e6 * (abs(late) + SHOWN * row):.2g} us of the voltage, before most amplifiers do", "s"
-    elif time.unit == "s" and late > max(TARDY, SHOWN * row):
-        turns, other = f"{late:.2g} s later than the voltage, as hardly any does", "ms"
-    else:
-        return ()
-    stamps = f"the time stamps ({time.heading!r} in {time.unit})"
-    return (f"the displacement turns {turns}: are {stamps} in {other}? State the sample rate (`sample_rate`)",)
-
-
 def _of_names(record: Record) -> Iterator[str]:
     """Headings that say something else than what the column is used for."""
     names = {role: column.heading.lower().rsplit("/", 1)[-1] for role, column in record.columns.items()}
@@ -129,9 +108,10 @@ def _of_clock(record: Record, found: Findings) -> Iterator[str]:
             f"the {stamps} make {found.strokes} strokes in {found.duration_s:.3g} s, at {1e-3 * speed:.3g} mm/s and "
             f"{1e-3 * rate:.4g} kHz: {remedy}"
         )
-    if time is not None and not time.stated and rate < SLOW and record.source != "arrays":
+    if time is not None and not time.stated and rate <= SLOW and record.source != "arrays":
         yield (
-            f"the time stamps have no unit, and in s one row would be {1 / rate:.4g} s: are they in ms (`time_unit`)?"
+            f"the time stamps have no unit, and in s one row would be {1 / rate:.4g} s: are they in ms (`time_unit`), "
+            "or do they count the rows (`sample_rate`)?"
         )
 
 

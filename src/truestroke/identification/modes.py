@@ -15,6 +15,7 @@ from truestroke.model.dynamics import MODES, SEEN, Dynamics, Mode
 ROWS = 20_000  # of the record at most, from its start, to which the modes are fitted
 CANDIDATES = 160  # frequencies at which a mode is looked for
 PERIODS = 20.0  # of the lowest mode in the record, at least
+SLOWEST = 2.01e-3  # Hz: a search goes down to half of it, the lowest frequency of a `Mode`
 START = 0.03  # damping of a candidate
 DAMPING = 5e-4, 0.5
 SHARE = -0.5, 1.2  # of a mode
@@ -48,7 +49,8 @@ class ModeSearch:
         self.strain, self.z, self.known = strain[:ROWS], displacement[:ROWS], known[:ROWS]
         self.rate = sample_rate
         self._last: dict[tuple[float, float, float], FloatArray] = {}
-        self.lowest, self.highest = PERIODS * sample_rate / self.strain.size, 0.99 * SEEN * sample_rate
+        self.lowest = max(PERIODS * sample_rate / self.strain.size, SLOWEST)
+        self.highest = 0.99 * SEEN * sample_rate
 
     def run(self, found: Dynamics | None = None) -> Dynamics | None:
         """The modes that were found with another strain, fitted anew, and one more if it lowers the residual.

@@ -306,7 +306,8 @@ def _of_excitation(findings: Findings) -> Iterator[tuple[Level, str]]:
             f"All strokes are about as long ({long:.0f} % of the span): for other motion the model is untested. Record "
             "strokes of many lengths, such as a random wave.",
         )
-    yield from (("doubtful", f"{text[0].upper()}{text[1:]}.") for text in findings.implausible)
+    for text in findings.implausible:
+        yield "doubtful", f"{text[0].upper()}{text[1:]}{'' if text.endswith('?') else '.'}"
     if findings.assumed_displacement:
         yield (
             "doubtful",

@@ -65,12 +65,15 @@ class Column:
         Whether file or caller stated the unit; False where V, um or s is assumed.
     of_file : str
         The unit that the file states, also where the caller states another; "" where it states none.
+    asked : bool
+        Whether the caller states the unit.
     """
 
     heading: str
     unit: str
     stated: bool
     of_file: str = field(default="", repr=False)
+    asked: bool = field(default=False, repr=False)
 
 
 def read_columns(
@@ -163,7 +166,7 @@ def _column(source: str, table: Table, wanted: Wanted, index: int) -> Column:
     used = stated if wanted.unit is None else unit(wanted.unit)
     known = used in wanted.units
     of_file = stated if is_unit(stated) else ""
-    return Column(heading, used if known else next(iter(wanted.units)), known, of_file)
+    return Column(heading, used if known else next(iter(wanted.units)), known, of_file, wanted.unit is not None)
 
 
 def refuse_bad_rows(source: str, signals: Mapping[str, FloatArray], table: Table, remedy: str = "") -> None:

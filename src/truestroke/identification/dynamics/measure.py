@@ -13,7 +13,7 @@ from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
 from truestroke.identification.dynamics.bode import Bode, DynamicsError, SmallMotion, identify_dynamics
 from truestroke.identification.dynamics.excitation import SPARE, Multisine, fastest, multisine
-from truestroke.model.dynamics import SEEN, Dynamics
+from truestroke.model.dynamics import SEEN, Dynamics, Mode
 from truestroke.signals.timing import Timing
 
 DURATION = 2.0  # s
@@ -30,6 +30,7 @@ TRAVEL = 0.25  # of what the voltage range moves the stage: how far it may go, w
 STEP = 0.02  # of the voltage range: the way from which the gain is seen
 SPIKES = 3  # samples in a row beyond the travel
 GAP = 0.05  # s without a sample
+LONGEST = 120.0  # s to the bias voltage and back: with less slew it is refused
 
 
 class Driven(Protocol):
@@ -152,16 +153,17 @@ def measure_bode(
     timing = checks.instance("actuator.open()", actuator.open(), Timing, "a Timing(sample_rate=...)")
     checks.count("channels of the actuator", timing.channels, 1, 1)
     band = _band(band, timing.sample_rate, duration)
+    _refuse_before(timing, (low, high), bias, slew, amplitude, travel, sensor_delay, sensor_bandwidth)
     line = _Line(actuator, timing, slew, safe)
     with line:
         report("bias")
         noise, gain = line.approach(bias, low, high)
-        peak = _peak(amplitude, noise, gain, (low, high), bias)
+        peak = _peak(noise, gain, (low, high), bias) if amplitude is None else amplitude
         ticks = round(duration * timing.sample_rate)
         waves = [multisine(timing.sample_rate, ticks, band, corner, peak, seed) for corner in CORNERS]
         wave = _within_slew(waves, timing.sample_rate, slew, amplitude)
         report("excitation")
-        reach = TRAVEL * abs(gain) * (high - low) if travel is None else checks.positive("travel", travel, "um")
+        reach = TRAVEL * abs(gain) * (high - low) if travel is None else travel
         z = line.excite(wave, bias, reach)
     report("fitting")
     record = SmallMotion(
@@ -181,21 +183,34 @@ def _band(band: tuple[float, float] | None, rate: float, duration: float) -> tup
     return low, high
 
 
-def _peak(
-    amplitude: float | None, noise: float, gain: float, limits: tuple[float, float], bias: float
-) -> float:  # fmt: skip
-    """Of the excitation, V."""
+def _refuse_before(
+    timing: Timing, limits: tuple[float, float], bias: float, slew: float, amplitude: float | None,
+    travel: float | None, sensor_delay: float, sensor_bandwidth: float,
+) -> None:  # fmt: skip
+    """SettingError for what would else be refused after the stage has moved."""
     low, high = limits
-    spare = min(bias - low, high - bias)
-    if amplitude is not None:
-        peak = checks.positive("amplitude", amplitude, "V")
-        if peak > spare:
-            raise SettingError("amplitude", peak, f"up to {spare:g} V, from the bias of {bias:g} V to the limits", "V")
-        return peak
-    least, most = (part * (high - low) for part in LEVELS)
-    if spare < least:
+    spare, least = min(bias - low, high - bias), LEVELS[0] * (high - low)
+    if amplitude is not None and checks.positive("amplitude", amplitude, "V") > spare:
+        raise SettingError("amplitude", amplitude, f"up to {spare:g} V, from the bias of {bias:g} V to the limits", "V")
+    if amplitude is None and spare < least:
         raise SettingError("bias", bias, f"at least {least:.3g} V from the voltage limits", "V")
-    return min(float(np.clip(LOUD * noise / abs(gain), least, most)), spare)
+    if travel is not None:
+        checks.positive("travel", travel, "um")
+    fading = 2 * math.pi * min(spare, FADING * (high - low)) * FADING_CYCLES / 0.5
+    slowest = (4 * max(abs(low), abs(high), high - low) + fading) / LONGEST
+    if slew < slowest:
+        raise SettingError("slew_limit", slew, f"at least {slowest:.3g} V/s, else it takes over {LONGEST:g} s", "V/s")
+    Dynamics(
+        sample_rate=timing.sample_rate, modes=(Mode(frequency=0.1 * timing.sample_rate, damping=0.1),),
+        sensor_delay=sensor_delay, sensor_bandwidth=sensor_bandwidth,
+    )  # fmt: skip
+
+
+def _peak(noise: float, gain: float, limits: tuple[float, float], bias: float) -> float:
+    """Of the excitation, V, by the noise."""
+    low, high = limits
+    least, most = (part * (high - low) for part in LEVELS)
+    return min(float(np.clip(LOUD * noise / abs(gain), least, most)), bias - low, high - bias)
 
 
 def _within_slew(waves: list[Multisine], rate: float, slew: float, amplitude: float | None) -> Multisine:

@@ -197,7 +197,7 @@ def model_page(
     ]
     return Page(
         title=f"Model of {Path(record.source).name}",
-        lead=verdict(found, view, findings),
+        lead=f"The record: {findings.sentence()}. {verdict(found, view, findings)}",
         verdict=found.verdict,
         remark=REMARKS[found.verdict.level],
         sections=[section for section in sections if section],

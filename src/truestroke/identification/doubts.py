@@ -1,0 +1,173 @@
+"""What no law of physics forbids in a record, but is rare in a correct one: it makes a model doubtful, not refused."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from truestroke.base.typing import FloatArray
+from truestroke.identification import turning
+from truestroke.identification.faults import repeated
+from truestroke.identification.noise import noise
+from truestroke.identification.record import Record
+
+if TYPE_CHECKING:
+    from truestroke.identification.examine import Findings
+
+SOON, TARDY = 50e-6, 0.1  # s: an amplifier or a sensor is later than the first, none is later than the second
+SHOWN = 0.25  # rows: to which reversals show a delay
+STRAIGHT = 0.5  # % of the stroke that a linear filter leaves: actuators leave 1 to 8, set-points of a loop 0.36 at most
+FILTER = 9, 0.25  # lags of the filter at most, each twice the one before, and the longest, of a stroke
+ROWS = 50_000  # that it is fitted to
+NOISY = 1.0  # % of the stroke: with more noise that difference is not seen
+SMALL, LARGE = 0.02, 2000.0  # um: strokes that are rather written in nm, and in mm
+STRONG = 150.0  # um/V: few actuators move further by the signal that controls their amplifier
+MILLIVOLTS = 1.5, 50.0  # V, um/V: few actuators go so far with so little
+WEAK = 2e-4  # um/V: less than of a single plate
+LEVEL = 8.0  # times the noise: so wide is a level at which a signal stays
+FLATTER, TURNED = 2.5, 0.025  # times what the level is of the span, and of its span, the other signal goes on meanwhile
+CUT = 0.01  # of the rows
+
+
+def implausible(record: Record, found: Findings) -> tuple[str, ...]:
+    """What does not contradict the record, but is rare if it is right, a sentence each with its evidence.
+
+    Examples
+    --------
+    >>> from truestroke.identification import examine
+    >>> t = np.arange(2000) / 1000.0
+    >>> x = 5 - 5 * np.cos(20 * t)
+    >>> z = x + 1e-3 * np.random.default_rng(0).standard_normal(t.size)
+    >>> examine(Record.from_arrays(x, z, sample_rate=1000.0)).implausible[0][:50]
+    'a linear filter of the voltage leaves 0.003 % of t'
+    """
+    if found.mistakes:
+        return ()
+    of_file = record.source not in ("arrays", "recording")
+    units = (*_of_clock(record, found), *_of_units(record, found)) if of_file else ()
+    return (*units, *_of_hysteresis(record, found), *_of_levels(record, found), *_of_copies(record))
+
+
+def _of_clock(record: Record, found: Findings) -> Iterator[str]:
+    """An actuator with amplifier and sensor turns later than its voltage, by tens of us to tens of ms."""
+    time, delay = record.columns.get("time"), found.delay_ms
+    if delay is None:
+        return
+    late, row = 1e-3 * delay, 1 / found.sample_rate_hz
+    stamps = f"the time stamps ({time.heading!r} in {time.unit})" if time else "the given sample rate"
+    if time is not None and time.unit != "s" and abs(late) + SHOWN * row < SOON:
+        turns = f"within {1e6 * (abs(late) + SHOWN * row):.2g} us of the voltage, before most amplifiers do"
+        yield f"the displacement turns {turns}: are {stamps} in s? State the sample rate (`sample_rate`)"
+    elif late > max(TARDY, SHOWN * row):
+        turns = f"{late:.2g} s later than the voltage, as hardly any does"
+        if time is None:
+            yield f"the displacement turns {turns}: is {stamps} of {record.sample_rate:g} Hz in kHz?"
+        else:
+            finer = "in ms" if time.unit in ("s", "min") else "in a smaller unit"
+            yield f"the displacement turns {turns}: are {stamps} {finer}? State the sample rate (`sample_rate`)"
+
+
+def _of_units(record: Record, found: Findings) -> Iterator[str]:
+    """Numbers that people rather write in another unit; nothing where the caller has stated it."""
+    volts, moved = record.columns["volts"], record.columns["displacement"]
+    span, stroke = found.voltage_v[1] - found.voltage_v[0], found.stroke_um
+    gain = abs(found.gain_um_per_v)
+    if moved.unit == "um" and not moved.asked and not SMALL <= stroke <= LARGE:
+        others = "nm or mm" if stroke < SMALL else "nm or counts"
+        yield f"the stroke is {stroke:.3g} um: is it in {others}? State its unit (`displacement_unit`)"
+    elif not moved.asked and not WEAK <= gain <= STRONG:
+        what = "less than a single plate moves" if gain < WEAK else "more than most actuators move"
+        yield f"{stroke:.3g} um for {span:.3g} V is {what}: is its unit right? State it (`displacement_unit`)"
+    elif volts.unit == "mV" and not volts.asked and span < MILLIVOLTS[0] and gain > MILLIVOLTS[1]:
+        yield f"{1e3 * span:.3g} mV move {stroke:.3g} um: is the voltage in V? State its unit (`volts_unit`)"
+
+
+def _of_hysteresis(record: Record, found: Findings) -> Iterator[str]:
+    """No hysteresis at all, which an actuator under a voltage has: a command, or a loop that is closed already."""
+    left = nonlinear(record, found)
+    if left is not None and left < STRAIGHT:
+        yield (
+            f"a linear filter of the voltage leaves {left:.1g} % of the stroke beside the noise, so there is no "
+            "hysteresis, which an actuator under a voltage has (1 to 8 % left): is the displacement a command, or the "
+            "voltage the set-point of a closed loop or of a charge?"
+        )
+
+
+def nonlinear(record: Record, found: Findings) -> float | None:
+    """What the best linear filter of the voltage leaves of the displacement beside its noise, % of the stroke.
+
+    None where there are no four strokes, or with so much noise that it is not seen.
+    """
+    noisy = 100 * found.noise_um / found.stroke_um
+    if found.strokes < 4 or noisy > NOISY:
+        return None
+    turns = turning.reversals(record.volts, turning.STROKE * float(np.ptp(record.volts)))
+    lags, longest = [0], FILTER[1] * float(np.median(np.diff(turns)))
+    while len(lags) < FILTER[0] and max(2 * lags[-1], 1) <= longest:
+        lags.append(max(2 * lags[-1], 1))
+    rows = max(record.segments, key=lambda s: s.stop - s.start)
+    x, z = record.volts[rows][:ROWS], record.displacement[rows][:ROWS]
+    first = lags[-1]
+    if x.size - first < 10 * len(lags):
+        return None
+    columns = np.column_stack([np.ones(x.size - first), *(x[first - lag : x.size - lag] for lag in lags)])
+    rest = z[first:] - columns @ np.linalg.lstsq(columns, z[first:], rcond=1e-10)[0]
+    return math.sqrt(max((100 * float(np.std(rest)) / found.stroke_um) ** 2 - noisy**2, 0.0))
+
+
+def _of_levels(record: Record, found: Findings) -> Iterator[str]:
+    """A signal that stays at an end of its range, but for noise, while the other one moves: it is cut off there."""
+    x, z = record.volts, record.displacement
+    quiet = {"displacement": found.noise_um, "voltage": noise(x, record.segments)}
+    for name, signal, other, unit in (("displacement", z, x, "um"), ("voltage", x, z, "V")):
+        rows, moved = level(signal, other, quiet[name])
+        exact = found.clipped_displacement if name == "displacement" else 0  # which are not fitted
+        if rows >= CUT * x.size and not exact:
+            beside, its = ("voltage", "V") if name == "displacement" else ("displacement", "um")
+            yield (
+                f"the {name} stays at an end of its range, within {LEVEL * quiet[name]:.2g} {unit}, in {rows} rows, "
+                f"while the {beside} goes on by up to {moved:.3g} {its} and comes back: is it cut off there?"
+            )
+
+
+def level(signal: FloatArray, other: FloatArray, quiet: float) -> tuple[int, float]:
+    """Rows at the ends of a signal while another one moves on and comes back, and by how much at most.
+
+    Examples
+    --------
+    >>> x = 1 - np.cos(np.linspace(0.0, 12.0, 2000))
+    >>> level(np.minimum(x, 1.5), x, 1e-6)[0], level(x, x, 1e-6)[0]
+    (698, 0)
+    """
+    span, width = float(np.ptp(signal)), LEVEL * quiet
+    least = max(TURNED, FLATTER * width / span) * float(np.ptp(other))
+    rows, most = 0, 0.0
+    for near in (signal <= signal.min() + width, signal >= signal.max() - width):
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], near, [0]]).astype(np.int8)))
+        for start, stop in edges.reshape(-1, 2):
+            entered = abs(signal[start] - signal[max(start - 1, 0)])  # a step, after which a displacement settles
+            moved = _to_and_fro(other[start:stop])
+            if stop - start >= 4 and moved > least and entered < 0.1 * span:
+                rows, most = rows + int(stop - start), max(most, moved)
+    return rows, most
+
+
+def _to_and_fro(signal: FloatArray) -> float:
+    """How far it goes and comes back: behind a backlash the other signal rests while this one goes one way."""
+    ends = signal[0], signal[-1]
+    return float(max(signal.max() - max(ends), min(ends) - signal.min()))
+
+
+def _of_copies(record: Record) -> Iterator[str]:
+    """Both signals repeat their values in the same rows: each row is there several times."""
+    every = repeated(record.displacement)
+    if every > 1 and repeated(record.volts) == every:
+        x, z = record.volts, record.displacement
+        if np.mean((np.diff(x) != 0) == (np.diff(z) != 0)) > 0.9:
+            yield (
+                f"voltage and displacement have a new value in every {every}. row only: are rows written {every} "
+                f"times, and is the sample rate {every} times too high?"
+            )

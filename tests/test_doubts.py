@@ -1,0 +1,111 @@
+"""Records that are possible but rare make a model doubtful, each with its evidence; correct ones do not."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from truestroke.base.typing import FloatArray
+from truestroke.identification import Findings, Record, examine, read_record
+from truestroke.identification.doubts import nonlinear
+from truestroke.identification.modes import ModeSearch
+from truestroke.identification.regression import plays
+
+RATE = 1000.0
+T = np.arange(3000) / RATE
+
+
+@pytest.fixture(scope="module")
+def good() -> tuple[FloatArray, FloatArray]:
+    """Two tones, 0 to 100 V, through plays: 15 um with 2 nm of noise, late by 1 ms."""
+    x = 50 - 30 * np.cos(2 * np.pi * 3 * T) - 20 * np.cos(2 * np.pi * 7 * T)
+    bent = np.insert(np.asarray(plays(x, (0.0, 5.0, 10.0, 20.0)) @ (0.09, 0.02, 0.02, 0.02))[:-1], 0, 0.0)
+    return x, bent + 0.002 * noise(1)
+
+
+def noise(seed: int) -> FloatArray:
+    return np.random.default_rng(seed).standard_normal(T.size)
+
+
+def written(
+    folder: Path, x: FloatArray, z: FloatArray, heading: str = "t (s),volts (V),z (um)", rate: float = RATE
+) -> Path:
+    table = np.column_stack([np.arange(x.size) / rate, x, z])
+    np.savetxt(folder / "a.csv", table, delimiter=",", header=heading, comments="", fmt="%.9g")
+    return folder / "a.csv"
+
+
+def doubts(file: Path, **options: object) -> tuple[str, ...]:
+    found: Findings = examine(read_record(file, **options))  # type: ignore[arg-type]
+    assert not found.mistakes
+    return found.implausible
+
+
+def test_a_correct_record_raises_none_at_any_rate_and_stroke(
+    good: tuple[FloatArray, FloatArray], tmp_path: Path
+) -> None:
+    x, z = good
+    assert doubts(written(tmp_path, x, z)) == ()
+    assert doubts(written(tmp_path, 10 * x - 500, z)) == ()
+    assert doubts(written(tmp_path, x / 10, 30 * z)) == ()
+    assert doubts(written(tmp_path, x, 5 * z, "t (s),volts (V),z (nm)")) == ()
+    assert doubts(written(tmp_path, x, z, rate=50.0)) == ()
+
+
+def test_without_hysteresis_it_is_a_command_or_a_closed_loop(good: tuple[FloatArray, FloatArray]) -> None:
+    x, z = good
+    late = 0.15 * np.concatenate([[x[0]] * 2, 0.5 * (x[1:-1] + x[:-2])])
+    for moved in (0.15 * x + 0.002 * noise(2), np.round(0.15 * x / 0.004) * 0.004, late + 1e-4 * noise(3)):
+        (text,) = examine(Record.from_arrays(x, moved, sample_rate=RATE)).implausible
+        assert "there is no hysteresis" in text
+    of_loop = Record.from_arrays(z + 0.003 * noise(4), z, sample_rate=RATE)
+    assert "set-point of a closed loop" in examine(of_loop).implausible[0]
+    record = Record.from_arrays(x, z, sample_rate=RATE)
+    left = nonlinear(record, examine(record))
+    assert left is not None
+    assert left > 1.0
+
+
+def test_a_signal_that_is_cut_off_beneath_its_noise(good: tuple[FloatArray, FloatArray]) -> None:
+    x, z = good
+    sensor = np.minimum(z, 11.0) + 0.002 * noise(5)
+    monitor = np.minimum(x, 75.0) + 0.01 * noise(6)
+    assert "the displacement stays at an end" in examine(Record.from_arrays(x, sensor, sample_rate=RATE)).implausible[0]
+    found = examine(Record.from_arrays(monitor, z, sample_rate=RATE))
+    assert any("the voltage stays at an end" in text for text in found.implausible)
+
+
+def test_units_that_people_rather_write_otherwise(good: tuple[FloatArray, FloatArray], tmp_path: Path) -> None:
+    x, z = good
+    assert "nm or counts" in doubts(written(tmp_path, x, 1e3 * z, rate=100.0))[0]
+    assert doubts(tmp_path / "a.csv", displacement_unit="um") == ()
+    assert "nm or mm" in doubts(written(tmp_path, x, 1e-3 * z))[0]
+    assert "is the voltage in V" in doubts(written(tmp_path, x, z, "t (s),volts (mV),z (um)"))[0]
+    assert "is its unit right" in doubts(written(tmp_path, x / 50, 30 * z))[0]
+    assert "is the voltage in V" in doubts(written(tmp_path, 5 * x, z, "t (s),volts (mV),z (um)"))[0]
+    assert doubts(tmp_path / "a.csv", volts_unit="mV") == ()
+
+
+def test_a_clock_in_another_unit(good: tuple[FloatArray, FloatArray], tmp_path: Path) -> None:
+    """The record turns a row late: a row of 1 s is no row of an actuator."""
+    x, z = good
+    assert "in ms? State" in doubts(written(tmp_path, x, z, rate=1.0))[0]
+    assert "in a smaller unit" in doubts(written(tmp_path, x, z, "t (ms),volts (V),z (um)", rate=1e-3))[0]
+    np.savetxt(tmp_path / "b.csv", np.column_stack([x, z]), delimiter=",", header="volts (V),z (um)", comments="")
+    assert "is the given sample rate of 1 Hz in kHz?" in doubts(tmp_path / "b.csv", sample_rate=1.0)[0]
+    counted = examine(read_record(written(tmp_path, x, z, "t,volts (V),z (um)", rate=1.0)))
+    assert "do they count the rows" in counted.mistakes[0]
+
+
+def test_rows_that_are_written_twice(good: tuple[FloatArray, FloatArray]) -> None:
+    x, z = (np.repeat(signal, 2) for signal in good)
+    (text,) = examine(Record.from_arrays(x, z, sample_rate=2 * RATE)).implausible
+    assert "in every 2. row only" in text
+
+
+def test_a_record_of_a_day_has_no_modes_that_are_too_slow_for_one() -> None:
+    """A sample in 20 minutes."""
+    strain = np.cos(np.arange(400) / 9.0)
+    assert ModeSearch(strain, strain + 0.1 * np.roll(strain, 1), np.ones(400, dtype=bool), 8e-4).run() is None
+    assert math.isfinite(ModeSearch(strain, strain, np.ones(400, dtype=bool), 0.1).lowest)
