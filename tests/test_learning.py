@@ -395,3 +395,13 @@ def test_an_offset_of_zero_and_a_frequency_of_zero_are_what_was_asked_for():
         patch.setattr(trajectories, "raster", raster)
         CliRunner().invoke(main, ["learn", "--offset", "0"])
     assert asked["offset"] == 0.0
+
+
+@pytest.mark.parametrize("motion", [np.full(200, 100.0), -50.0 + np.sin(np.arange(200) * np.pi / 100)])
+def test_a_motion_out_of_reach_is_refused_before_anything_moves(
+    motion: np.ndarray, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stage = StagePlant()
+    monkeypatch.setattr(stage, "exchange", lambda volts: pytest.fail("it moved"))
+    with pytest.raises(SettingError, match=r"motion = .* um: must be within -5 to 30 um, which voltage_limits"):
+        truestroke.learn(stage, motion, sample_rate=10_000.0, voltage_limits=(-0.6, 3.6), slew=2e4, stroke=35.0)

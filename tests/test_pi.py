@@ -177,7 +177,9 @@ def test_hardware_without_playback_takes_block_by_block() -> None:
     recorded = playback(card, volts, 2000.0, voltage_limits=(-20.0, 120.0), slew=5000.0)
     assert np.std(recorded.displacement[0] - offline(volts)) < 0.02
     assert card.safe == [[0.0], "closed"]
-    with pytest.raises(SettingError, match=r"sample_rate = 1000.0 Hz: must be that of the driver, 2000 Hz"):
+    with pytest.raises(
+        SettingError, match=r"sample_rate of the waveform = 1000.0 Hz: must be that of the driver, 2000 Hz"
+    ):
         playback(card, volts, 1000.0, voltage_limits=(-20.0, 120.0), slew=5000.0)
     assert card.safe == [[0.0], "closed"]
 

@@ -108,6 +108,12 @@ def test_a_motion_that_does_not_repeat_is_named():
     assert "--rate = 41.0 Hz" in bad.output
 
 
+@pytest.mark.parametrize("rate", [0.0, -1.0, 5000.0, float("nan")])
+def test_a_rate_whose_lines_are_all_turn_is_refused_with_its_bound(rate):
+    with pytest.raises(SettingError, match=r"rate = .* Hz: must be"):
+        imaging.image_stage(rate=rate)
+
+
 def test_a_bad_image_is_judged_as_bad(small):
     stage, scan = small
     moved = lines.open_loop(scan, MultiAxisStage(stage), [30.0 / 3.6] * 2)

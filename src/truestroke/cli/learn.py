@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 DEMO = {"voltage_limits": (-0.6, 3.6), "slew": 20_000.0, "safe_voltage": 0.0}
 DEMO_STROKE = 35.0  # um over the whole of these limits
+LONGEST = 10_000_000  # samples of a repetition
 
 
 @click.command()
@@ -172,7 +173,11 @@ def _long(rate: float, options: dict[str, Any]) -> float:
     """Seconds that hold a repetition of whole samples after the ramp."""
     from truestroke.control.iterative import repetition
 
-    return 1.0 + 2 * repetition(rate, options["frequency"])[0] / rate
+    samples, _ = repetition(rate, options["frequency"])
+    if samples > LONGEST:
+        least = f"must be at least {rate / LONGEST:g} Hz at {rate:g} Hz"
+        raise click.UsageError(f"--frequency {options['frequency']:g} Hz: {least}, so that a period fits the memory.")
+    return 1.0 + 2 * samples / rate
 
 
 def _reporter(target: Path, as_json: bool) -> Callable[[Learned], None]:

@@ -11,10 +11,10 @@ import numpy.typing as npt
 
 from truestroke.base.typing import FloatArray
 from truestroke.identification import turning
-from truestroke.identification.doubts import implausible
 from truestroke.identification.faults import repeated
 from truestroke.identification.mistakes import mistakes
 from truestroke.identification.noise import noise
+from truestroke.identification.rare import implausible
 from truestroke.identification.record import GAP, Record, as_record
 from truestroke.identification.series import MOVES, clipped
 from truestroke.identification.turning import Rows
@@ -79,7 +79,7 @@ class Findings:
     mistakes : tuple[str, ...]
         What contradicts that this is voltage and displacement in these units, each with its evidence (`mistakes`).
     implausible : tuple[str, ...]
-        What is rare in a correct record (`doubts.implausible`): the model is doubtful.
+        What is rare in a correct record (`rare.implausible`): the model is doubtful.
     """
 
     source: str

@@ -291,10 +291,10 @@ not see it: raise the sample rate
         Traceback (most recent call last):
             ...
         truestroke.SettingError: dynamics.sample_rate = 10000 Hz: must be 2000 Hz, that of the controller: \
-dynamics.at(2000) converts it
+measure them at this rate, or convert them by `at`
         """
         if self.sample_rate != sample_rate:
-            bound = f"{sample_rate:g} Hz, that of the controller: dynamics.at({sample_rate:g}) converts it"
+            bound = f"{sample_rate:g} Hz, that of the controller: measure them at this rate, or convert them by `at`"
             raise SettingError("dynamics.sample_rate", f"{self.sample_rate:g}", bound, "Hz")
         return self
 

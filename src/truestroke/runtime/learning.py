@@ -31,6 +31,7 @@ PASSES = 8
 SETTLE = 0.3  # s of each pass before the periods that count: the start decays
 AVERAGED = 0.5  # s of periods that count, at least
 PERIODS = 2, 3  # of the motion, at least: before those that count, and those
+BEYOND = 1.0  # of the stroke: so far out of reach a motion may seem, where the stroke is twice what is stated
 UNZEROED = 0.1  # of the stroke: a mean this far off is that of a sensor that was not zeroed
 PATIENCE = 2  # passes in a row without an improvement, after which it ends
 GAP = 0.5  # s between them in the record of the model
@@ -122,12 +123,14 @@ def learn(
         stroke = model.stroke / (model.voltage_range[1] - model.voltage_range[0]) * (high - low)
     if stroke is None:
         raise SettingError("stroke", None, "the displacement over the whole of voltage_limits, or a model", "um")
+    gain = checks.positive("stroke", stroke, "um") / (high - low)
+    _refuse_reach(motion, gain, limits)
     if dynamics is None and bandwidth is None:
         dynamics = _measured(driver, limits)
     learning = IterativeLearning(
         motion,
         sample_rate,
-        gain=checks.positive("stroke", stroke, "um") / (high - low),
+        gain=gain,
         voltage_limits=(low, high),
         slew_limit=slew,
         dynamics=dynamics,
@@ -181,6 +184,20 @@ def model_of(found: Learned, model: ActuatorModel | None = None) -> ActuatorMode
     arrays = np.concatenate(volts), np.concatenate(measured)
     record = Record.from_arrays(*arrays, time=np.concatenate(time), source="passes of truestroke learn")
     return identify(record, branches=False).model if model is None else refine(model, record).model
+
+
+def _refuse_reach(motion: Trajectory | FloatArray, gain: float, limits: Limits) -> None:
+    """SettingError for a motion that is out of reach, before anything moves."""
+    position = np.asarray(motion.position if isinstance(motion, Trajectory) else motion, dtype=np.float64)
+    low, high = (gain * volts for volts in limits.voltage_limits)
+    spare = BEYOND * (high - low)
+    if position.size and (position.min() < low - spare or position.max() > high + spare):
+        bound = (
+            f"within {low:.4g} to {high:.4g} um, which voltage_limits of {limits.voltage_limits[0]:g} to "
+            f"{limits.voltage_limits[1]:g} V reach at {gain:.3g} um/V: make it smaller, shift it "
+            "(`offset`), or correct the stroke"
+        )
+        raise SettingError("motion", f"{position.min():.4g} to {position.max():.4g}", bound, "um")
 
 
 def _measured(driver: Driver | Actuator, limits: Limits) -> Dynamics:

@@ -162,7 +162,7 @@ def _column(source: str, table: Table, wanted: Wanted, index: int) -> Column:
     if wanted.unit is None and foreign:
         reason = f"{wanted.role}: {_heading(table, index)} is in {stated}; {wanted.role} is in "
         help_ = "; `displacement_scale` says how many um one of them is" if wanted.role == "displacement" else ""
-        raise RecordError(source, reason + " or ".join(wanted.units) + help_)
+        raise RecordError(source, reason + " or ".join(filter(None, wanted.units)) + help_)
     used = stated if wanted.unit is None else unit(wanted.unit)
     known = used in wanted.units
     of_file = stated if is_unit(stated) else ""

@@ -185,5 +185,7 @@ def _by_blocks(driver: Driver, volts: FloatArray, sample_rate: float, limits: Li
     with OneAxis(driver, **dataclasses.asdict(limits)) as axis:
         timing = axis.open()
         if abs(sample_rate / timing.sample_rate - 1) > 1e-6:
-            raise SettingError("sample_rate", sample_rate, f"that of the driver, {timing.sample_rate:g} Hz", "Hz")
+            raise SettingError(
+                "sample_rate of the waveform", sample_rate, f"that of the driver, {timing.sample_rate:g} Hz", "Hz"
+            )
         return Recorded(volts[None, :], axis.apply(volts)[None, :], sample_rate)

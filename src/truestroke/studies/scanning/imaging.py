@@ -122,7 +122,10 @@ def scan_of(stage: MultiAxisSettings, rate: float, width: float = WIDTH) -> Scan
     """The raster: turns and steps that leave each axis at rest, and the over-scan that the steps need."""
     x, y = (one.dynamics() for one in stage.axes)
     turn, step = (shaping.settling_move(one).duration for one in (x, y))
-    margin, line = max(0.0, (step - turn) / 2), 0.5 / rate - turn
+    margin = max(0.0, (step - turn) / 2)
+    slowest, fastest = 0.01, 0.5 / (turn + 3.1 * margin)  # an over-scan of the width on either side
+    checks.within("rate", rate, slowest, fastest, "Hz")
+    line = 0.5 / rate - turn
     over = max(OVER_SCAN, 1.001 * margin / max(line - 2 * margin, 1e-9))
     usual = {"lead_in": LEAD_IN, "lead_rows": LEAD_ROWS, "offset": OFFSET, "sample_rate": stage.sample_rate}
     made = scans.raster(width=width, lines=PIXELS, rate=rate, turn=x, settle=y, over_scan=over, **usual)  # type: ignore[arg-type]

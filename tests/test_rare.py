@@ -8,8 +8,8 @@ import pytest
 
 from truestroke.base.typing import FloatArray
 from truestroke.identification import Findings, Record, examine, read_record
-from truestroke.identification.doubts import nonlinear
 from truestroke.identification.modes import ModeSearch
+from truestroke.identification.rare import nonlinear
 from truestroke.identification.regression import plays
 
 RATE = 1000.0
@@ -36,7 +36,7 @@ def written(
     return folder / "a.csv"
 
 
-def doubts(file: Path, **options: object) -> tuple[str, ...]:
+def asked(file: Path, **options: object) -> tuple[str, ...]:
     found: Findings = examine(read_record(file, **options))  # type: ignore[arg-type]
     assert not found.mistakes
     return found.implausible
@@ -46,11 +46,11 @@ def test_a_correct_record_raises_none_at_any_rate_and_stroke(
     good: tuple[FloatArray, FloatArray], tmp_path: Path
 ) -> None:
     x, z = good
-    assert doubts(written(tmp_path, x, z)) == ()
-    assert doubts(written(tmp_path, 10 * x - 500, z)) == ()
-    assert doubts(written(tmp_path, x / 10, 30 * z)) == ()
-    assert doubts(written(tmp_path, x, 5 * z, "t (s),volts (V),z (nm)")) == ()
-    assert doubts(written(tmp_path, x, z, rate=50.0)) == ()
+    assert asked(written(tmp_path, x, z)) == ()
+    assert asked(written(tmp_path, 10 * x - 500, z)) == ()
+    assert asked(written(tmp_path, x / 10, 30 * z)) == ()
+    assert asked(written(tmp_path, x, 5 * z, "t (s),volts (V),z (nm)")) == ()
+    assert asked(written(tmp_path, x, z, rate=50.0)) == ()
 
 
 def test_without_hysteresis_it_is_a_command_or_a_closed_loop(good: tuple[FloatArray, FloatArray]) -> None:
@@ -78,22 +78,22 @@ def test_a_signal_that_is_cut_off_beneath_its_noise(good: tuple[FloatArray, Floa
 
 def test_units_that_people_rather_write_otherwise(good: tuple[FloatArray, FloatArray], tmp_path: Path) -> None:
     x, z = good
-    assert "nm or counts" in doubts(written(tmp_path, x, 1e3 * z, rate=100.0))[0]
-    assert doubts(tmp_path / "a.csv", displacement_unit="um") == ()
-    assert "nm or mm" in doubts(written(tmp_path, x, 1e-3 * z))[0]
-    assert "is the voltage in V" in doubts(written(tmp_path, x, z, "t (s),volts (mV),z (um)"))[0]
-    assert "is its unit right" in doubts(written(tmp_path, x / 50, 30 * z))[0]
-    assert "is the voltage in V" in doubts(written(tmp_path, 5 * x, z, "t (s),volts (mV),z (um)"))[0]
-    assert doubts(tmp_path / "a.csv", volts_unit="mV") == ()
+    assert "nm or counts" in asked(written(tmp_path, x, 1e3 * z, rate=100.0))[0]
+    assert asked(tmp_path / "a.csv", displacement_unit="um") == ()
+    assert "nm or mm" in asked(written(tmp_path, x, 1e-3 * z))[0]
+    assert "is the voltage in V" in asked(written(tmp_path, x, z, "t (s),volts (mV),z (um)"))[0]
+    assert "is its unit right" in asked(written(tmp_path, x / 50, 30 * z))[0]
+    assert "is the voltage in V" in asked(written(tmp_path, 2 * x, z, "t (s),volts (mV),z (um)"))[0]
+    assert asked(tmp_path / "a.csv", volts_unit="mV") == ()
 
 
 def test_a_clock_in_another_unit(good: tuple[FloatArray, FloatArray], tmp_path: Path) -> None:
     """The record turns a row late: a row of 1 s is no row of an actuator."""
     x, z = good
-    assert "in ms? State" in doubts(written(tmp_path, x, z, rate=1.0))[0]
-    assert "in a smaller unit" in doubts(written(tmp_path, x, z, "t (ms),volts (V),z (um)", rate=1e-3))[0]
+    assert "in ms? State" in asked(written(tmp_path, x, z, rate=1.0))[0]
+    assert "in a smaller unit" in asked(written(tmp_path, x, z, "t (ms),volts (V),z (um)", rate=1e-3))[0]
     np.savetxt(tmp_path / "b.csv", np.column_stack([x, z]), delimiter=",", header="volts (V),z (um)", comments="")
-    assert "is the given sample rate of 1 Hz in kHz?" in doubts(tmp_path / "b.csv", sample_rate=1.0)[0]
+    assert "is the given sample rate of 1 Hz in kHz?" in asked(tmp_path / "b.csv", sample_rate=1.0)[0]
     counted = examine(read_record(written(tmp_path, x, z, "t,volts (V),z (um)", rate=1.0)))
     assert "do they count the rows" in counted.mistakes[0]
 
