@@ -186,7 +186,7 @@ def model_of(found: Learned, model: ActuatorModel | None = None) -> ActuatorMode
     return identify(record, branches=False).model if model is None else refine(model, record).model
 
 
-def _refuse_reach(motion: Trajectory | FloatArray, gain: float, limits: Limits) -> None:
+def _refuse_reach(motion: Trajectory | npt.ArrayLike, gain: float, limits: Limits) -> None:
     """SettingError for a motion that is out of reach, before anything moves."""
     position = np.asarray(motion.position if isinstance(motion, Trajectory) else motion, dtype=np.float64)
     low, high = (gain * volts for volts in limits.voltage_limits)
