@@ -366,7 +366,7 @@ def _json(value: Any, indent: int | None = None) -> str:
 def _plain(value: object) -> object:
     """A NumPy value, a mapping or a dataclass as a type of JSON."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return dataclasses.asdict(value)
+        return {one.name: getattr(value, one.name) for one in dataclasses.fields(value)}  # JSON asks for what is within
     if isinstance(value, np.generic | np.ndarray):
         return value.tolist()
     if isinstance(value, Mapping):
