@@ -212,7 +212,7 @@ def svg(figure: Figure, name: str, description: str) -> str:
             engine.execute(figure)
             figure.dpi = dpi  # that of images
             figure.set_layout_engine("none")
-        canvas.print_svg(file, metadata={"Date": None})
+        canvas.print_svg(file, metadata={"Date": None})  # type: ignore[no-untyped-call]
     text = file.getvalue()
     text = text[text.index("<svg") :]
     text = re.sub(r"<metadata>.*?</metadata>|<style type=.*?</style>|<!--.*?-->", "", text, flags=re.DOTALL)
