@@ -7,6 +7,7 @@ from benchmarks import unseen_records
 
 from truestroke import SettingError
 from truestroke.control.actuator import ActuatorModel
+from truestroke.control.explored import Explored, places, spread
 from truestroke.identification import identify, load_model, save_model, score
 
 FS = 20.0
@@ -48,14 +49,36 @@ def test_an_interval_grows_at_rest():
         known.interval(still, FS, after=-1.0)
 
 
-def test_an_interval_grows_where_motion_is_faster_than_the_record():
-    """A ramp of 4 V/s, 36 um/s, of a line; up to the speed of the record it is that of the noise."""
-    x = 4.0 * np.arange(10) / FS
+def test_an_interval_grows_with_the_distance_from_the_record():
+    """A line whose record is a ramp from 0 to 3 V at 12 um/s; growth 1.5 um, noise 0.01 um."""
+    x = np.linspace(0.0, 3.0, 61)
     line = {"thresholds": (0.0,), "rate_dependent": (), "creep_times": (), "asymmetry": 0, "weights": [9.0, 0.0, 0.0]}
-    known = model(**line, covariance=np.zeros((3, 3)), noise=0.01)
-    assert known.interval(x, FS) == pytest.approx(1.96 * 0.01)  # of 100 um/s
-    faster = known.replace(velocity=12.0).interval(x, FS)
-    assert faster == pytest.approx(1.96 * np.hypot(0.01, 0.005 * 30.0 * (36 / 12 - 1)))
+    known = model(**line, covariance=np.zeros((3, 3)), noise=0.01, velocity=12.0)
+    fs = 12.0 / (9.0 * 0.05)
+    been = spread(places(x, np.full(61, 12.0), known.voltage_range, known.velocity))
+    known = known.replace(explored=Explored(been, 1.5))
+    assert known.interval(x, fs) == pytest.approx(1.96 * 0.01, rel=0.01)
+    assert known.interval(x, 3 * fs) == pytest.approx(1.96 * np.hypot(0.01, 1.5 * 0.1 * 2), rel=0.01)
+    beyond = known.interval(np.linspace(0.0, 3.9, 79), fs)  # 30 % of the voltage range
+    assert beyond[-1] == pytest.approx(1.96 * np.hypot(0.01, 1.5 * 0.3), rel=0.01)
+    back = known.interval(np.concatenate([x, x[::-1]]), fs)  # on the way down, which the record does not have
+    assert np.all(back[70:110] > 1.96 * 1.5 * 0.1)
+    with pytest.raises(SettingError, match="growth"):
+        Explored(been, -1.0)
+    with pytest.raises(SettingError, match="places"):
+        Explored(been[:, :3], 1.0)
+
+
+def test_the_places_of_a_record_are_few_and_near_all_of_it():
+    x = wave(200.0, 3)
+    at = places(x, np.gradient(9 * x) * FS, (0.0, 3.0), 100.0)
+    few = spread(at)
+    assert few.shape == (300, 5)
+    away = Explored(few, 0.0).distance(at)
+    assert away.max() < 0.1
+    assert np.median(away) < 0.04
+    some = np.random.Generator(np.random.PCG64(2)).permutation(at)[:300]
+    assert away.max() < Explored(some, 0.0).distance(at).max()
 
 
 def test_what_an_inverse_costs_is_in_the_interval():
@@ -64,15 +87,20 @@ def test_what_an_inverse_costs_is_in_the_interval():
     assert 0.9 <= found.held_out.coverage <= 0.99
 
 
-def test_the_file_keeps_walk_and_drift(tmp_path):
-    known = model(walk=0.0123, drift=-4e-5)
+def test_the_file_keeps_walk_drift_and_places(tmp_path):
+    been = spread(places(wave(20.0, 1), wave(20.0, 2), (0.0, 3.0), 100.0))
+    known = model(walk=0.0123, drift=-4e-5, explored=Explored(been, 0.7))
     save_model(tmp_path / "model.toml", known)
     again = load_model(tmp_path / "model.toml")
     assert (again.walk, again.drift) == (0.0123, -4e-5)
+    assert again.explored.growth == 0.7
+    np.testing.assert_array_equal(again.explored.places, been)
     text = (tmp_path / "model.toml").read_text()
-    old = "\n".join(line for line in text.splitlines() if not line.startswith(("walk", "drift")))
-    (tmp_path / "old.toml").write_text(old)
-    assert load_model(tmp_path / "old.toml").walk == 0.0
+    start, end = text.index("[explored]"), text.index("[metrics]")
+    old = (text[:start] + text[end:]).splitlines()
+    (tmp_path / "old.toml").write_text("\n".join(line for line in old if not line.startswith(("walk", "drift"))))
+    old_one = load_model(tmp_path / "old.toml")
+    assert (old_one.walk, old_one.explored) == (0.0, None)
 
 
 WALK = 0.05  # um/sqrt(s)
@@ -140,13 +168,13 @@ def test_creep_slower_than_the_record_is_in_the_interval_of_rest(crept):
     assert np.mean(off <= known.replace(metrics={}).interval(x[ends:], FS)) < 0.5
 
 
-def test_the_factor_is_that_of_normal_errors_where_they_are_normal():
-    """Plays that the model has, white noise: 1.96; errors that follow the velocity become jitter."""
+def test_the_interval_is_that_of_normal_errors_where_they_are_normal():
+    """Plays that the model has, white noise: 1.96 of it; errors that follow the velocity become jitter."""
     x, rng = wave(120.0, 6), np.random.Generator(np.random.PCG64(5))
     z = 10 * x + 0.05 * rng.standard_normal(x.size)
     known = {"delay": 0.0, "asymmetry": 0, "rate": False, "creep_times": (), "drift": False, "branches": False}
     found = identify((x, z, FS), **known)
-    assert found.model.coverage_factor == pytest.approx(1.96, abs=0.2)
+    assert np.median(found.model.interval(x, FS)) == pytest.approx(1.96 * 0.05, rel=0.1)
     assert 0.90 <= found.held_out.coverage <= 0.98
     late = np.interp(np.arange(x.size) + rng.normal(0, 0.2, x.size), np.arange(x.size), x)  # 10 ms
     found = identify((x, 10 * late + 0.005 * rng.standard_normal(x.size), FS), **known)

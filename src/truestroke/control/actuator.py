@@ -17,6 +17,7 @@ from truestroke.base.checks import SettingError
 from truestroke.base.display import Displayed, Rows, quantity
 from truestroke.base.typing import FloatArray
 from truestroke.control import inverse, stage
+from truestroke.control.explored import Explored
 from truestroke.control.settings import UNLIMITED, ControllerSettings, kernel_settings
 from truestroke.control.spans import Beyond, spans
 from truestroke.model import prior
@@ -89,6 +90,8 @@ class ActuatorModel(Displayed, Layout):
         By how much the error grows with the velocity, s: its variance has (jitter v)^2 beside noise^2.
     coverage_factor : float
         Half width of the 95 % interval over the standard deviation, but for the zero's: 1.96 where errors are normal.
+    explored : Explored or None
+        Where the record has been: the error grows with the distance of a motion from it.
     metrics : mapping of str to float
         What the fit reports of itself, such as "held_out_rmse_um".
     provenance : mapping of str to str
@@ -120,6 +123,7 @@ class ActuatorModel(Displayed, Layout):
     drift: float = 0.0
     jitter: float = 0.0
     coverage_factor: float = 1.96
+    explored: Explored | None = None
     dynamics: Dynamics | None = None
     metrics: Mapping[str, float] = field(default_factory=dict)
     provenance: Mapping[str, str] = field(default_factory=dict)
@@ -138,6 +142,8 @@ class ActuatorModel(Displayed, Layout):
             raise SettingError("covariance", "matrix with a negative eigenvalue", "positive semidefinite")
         if self.dynamics is not None:
             checks.instance("dynamics", self.dynamics, Dynamics, DYNAMICS)
+        if self.explored is not None:
+            checks.instance("explored", self.explored, Explored, "that of a model of `identify`")
         values: dict[str, object] = {
             "stroke": made.stroke,
             "rate_scale": made.rate_scale,
@@ -388,12 +394,12 @@ class ActuatorModel(Displayed, Layout):
 
         ::
 
-            sqrt(k^2 (diag(J P J') + noise^2 + (jitter v)^2 + faster^2) + 2.45^2 (walk^2 t + (drift t)^2 + creep^2))
+            sqrt(k^2 (diag(J P J') + noise^2 + (jitter v)^2 + (g d)^2) + 2.45^2 (walk^2 t + (drift t)^2 + creep^2))
 
         k is the `coverage_factor`, J the derivative of the prediction by the weights, P their covariance, v the
-        predicted velocity, t the time since the end of the record: the zero walks and drifts on, at rest, too, and
-        creeps by 1 % of the stroke or more in each tenfold of the record's `duration`. Where |v| is above `velocity`,
-        faster is 0.005 stroke (|v| / velocity - 1): the record shows nothing of such motion.
+        predicted velocity, d the distance of the motion from all that the record shows and g its growth (`explored`),
+        t the time since the end of the record: the zero walks and drifts on, at rest, too, and creeps by 1 % of the
+        stroke or more in each tenfold of the record's `duration`.
 
         Parameters
         ----------

@@ -9,6 +9,7 @@ import numpy as np
 from truestroke import _kernel
 from truestroke.base.typing import FloatArray
 from truestroke.control.actuator import asymmetry_slopes, central_difference, creep_states
+from truestroke.control.explored import places
 from truestroke.model.models import Motion, known_terms, play_terms
 
 if TYPE_CHECKING:
@@ -16,9 +17,6 @@ if TYPE_CHECKING:
 
 COVERED = 1.96  # standard deviations: 95 %
 OF_ZERO = 2.45  # the same of the zero, by Student with six degrees of freedom: a record shows few ways of it
-FASTER = (
-    0.005  # of the stroke, deviation of motion at twice the speed of the record: no term of the model was seen there
-)
 CREEP = 0.01  # of the stroke in each decade of time: 0.01 to 0.02 in stacks (Jung and Gweon 2000)
 POINTS = 4000  # at most, at which the part of the weights is computed; straight lines between them
 
@@ -49,15 +47,24 @@ def of_motion(
 
     ::
 
-        J P J' + noise^2 + (jitter v)^2 + (FASTER stroke max(|v| / v_max - 1, 0))^2
+        J P J' + noise^2 + (jitter v)^2 + (growth d)^2
 
-    v is the velocity of the strain, v_max the largest of the record, `model.velocity`; P the covariance of the model
-    if none is given, and `centred` as in `of_weights`.
+    v is the velocity of the strain, d the distance of the motion from all that the record shows (`model.explored`); P
+    the covariance of the model if none is given, and `centred` as in `of_weights`.
     """
     v = central_difference(model.strain(volts, sample_rate), sample_rate)
     weights = of_weights(model, volts, sample_rate, model.covariance if P is None else P, centred)
-    faster = np.maximum(np.abs(v) / model.velocity - 1, 0.0) if model.velocity else 0.0
-    return np.asarray(weights + model.noise**2 + (model.jitter * v) ** 2 + (FASTER * model.stroke * faster) ** 2)
+    return np.asarray(weights + model.noise**2 + (model.jitter * v) ** 2 + _of_distance(model, volts, v))
+
+
+def _of_distance(model: ActuatorModel, volts: FloatArray, v: FloatArray) -> FloatArray:
+    """Variance of the error by the distance from what the record shows, um^2, shape (samples,)."""
+    if model.explored is None or not volts.size:
+        return np.zeros_like(volts)
+    every = -(-volts.size // POINTS)
+    d = model.explored.distance(places(volts, v, model.voltage_range, model.velocity, every))
+    away = np.interp(np.arange(volts.size), np.arange(0, volts.size, every), d)
+    return np.asarray((model.explored.growth * away) ** 2)
 
 
 def _derivative(model: ActuatorModel, x: FloatArray, fs: float, every: int) -> FloatArray:

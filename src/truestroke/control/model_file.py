@@ -14,6 +14,7 @@ from truestroke.base import checks, files, toml
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
 from truestroke.control.actuator import ActuatorModel
+from truestroke.control.explored import Explored
 from truestroke.model.branches import Branches
 from truestroke.model.dynamics import Dynamics
 from truestroke.model.layout import TERMS
@@ -93,6 +94,7 @@ def _sections(model: ActuatorModel, prefix: str) -> list[str]:
         "]",
         *_dynamics(model.dynamics, prefix),
         *_branches(model.branches, prefix),
+        *_explored(model.explored, prefix),
         "",
         f"[{prefix}metrics]",
         *_table(model.metrics.items()),
@@ -114,6 +116,15 @@ def _branches(branches: Branches | None, prefix: str) -> list[str]:
     lines = ["", f"[{prefix}branches] # voltage_range: V; betas: over the voltage range", *_table(entries)]
     weights = [f"  {_toml(weight)}, # {name}" for name, weight in zip(branches.names, branches.weights, strict=True)]
     return [*lines, "weights = [ # um/V", *weights, "]"]
+
+
+def _explored(explored: Explored | None, prefix: str) -> list[str]:
+    """The table of where the record has been; nothing without it."""
+    if explored is None:
+        return []
+    of = "voltage, voltage beyond three plays, velocity"
+    lines = ["", f"[{prefix}explored] # by the record: growth, um; {of}", f"growth = {_toml(explored.growth)}"]
+    return [*lines, "places = [", *[f"  {_toml(row)}," for row in explored.places], "]"]
 
 
 def _dynamics(dynamics: Dynamics | None, prefix: str) -> list[str]:
@@ -161,6 +172,12 @@ class _Covariance:
 
 
 @dataclass(frozen=True, kw_only=True)
+class _Explored:
+    places: tuple[tuple[Any, ...], ...]
+    growth: float
+
+
+@dataclass(frozen=True, kw_only=True)
 class _Tables:
     """The tables that a model consists of."""
 
@@ -171,6 +188,7 @@ class _Tables:
     provenance: Mapping[str, Any]
     dynamics: Dynamics | None = None
     branches: Branches | None = None
+    explored: _Explored | None = None
     plain: Mapping[str, Any] | None = None
 
 
@@ -212,6 +230,7 @@ def _of_tables(tables: _Tables) -> ActuatorModel:
         covariance=_symmetric(tables.covariance.lower_triangle, len(weights)),
         dynamics=tables.dynamics,
         branches=tables.branches,
+        explored=_of_places(tables.explored),
         plain=_inner("plain", tables.plain),
         metrics=tables.metrics,
         provenance=tables.provenance,
@@ -234,6 +253,14 @@ def _symmetric(rows: tuple[tuple[Any, ...], ...], m: int) -> FloatArray:
     for i, row in enumerate(rows):
         P[i, : i + 1] = P[: i + 1, i] = row
     return P
+
+
+def _of_places(table: _Explored | None) -> Explored | None:
+    if table is None:
+        return None
+    if len({len(row) for row in table.places}) > 1:
+        raise SettingError("explored.places", "rows of unlike length", "rows of 5 numbers")
+    return Explored(np.array([_numbers(row) for row in table.places]), table.growth)
 
 
 # ---- TOML ----------------------------------------------------------------------------------------------------------
