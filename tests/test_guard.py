@@ -9,7 +9,7 @@ import pytest
 
 from truestroke import AdaptiveController, ControllerSettings, run, trajectories
 from truestroke.control.baselines import ConstantGain
-from truestroke.control.guard import Action, Guard, GuardSettings
+from truestroke.control.guard import Action, Guard, GuardSettings, Recall
 from truestroke.control.reference import ReferenceController
 from truestroke.plant import Change, PlantSettings, RealisticPlant, StagePlant, StageSettings
 from truestroke.studies.robustness import fast
@@ -190,3 +190,79 @@ def test_an_error_at_the_start_is_no_burst_where_the_stage_is_given() -> None:
         volts = controller.command(wave.position[k], wave.velocity[k], wave.acceleration[k])
         controller.adapt(float(plant.exchange(np.array([volts]))[0]))
     assert controller.counters.restored == 0
+
+
+def another(k: int, z_d: float) -> float:
+    """What the sensor of another axis shows, um."""
+    return 12 + 8 * np.sin(0.11 * k)
+
+
+def rings_before(k: int, z_d: float) -> float:
+    """The same, behind an oscillation of 45 Hz that grows, and is taken for a stage."""
+    wave = 0.05 * np.exp(min(k, 60) / 15) * np.sin(2 * np.pi * 45 * k / 1000)
+    return z_d + wave if k < 200 else another(k, z_d)
+
+
+def misled(controller, wrong, until: int) -> np.ndarray:
+    """Voltage, flags, true error and weights, while the sensor of a linear actuator is wrong from 1.2 s on."""
+    rng, seen = np.random.default_rng(3), []
+    for k in range(until + 400):
+        z_d = 15 - 10 * np.cos(0.03 * k)
+        volts = controller.command(z_d, 300.0 * np.sin(0.03 * k))
+        z = 8.0 * volts
+        controller.adapt((wrong(k - 1200, z_d) if 1200 <= k < until else z) + 0.02 * rng.standard_normal())
+        seen.append([volts, controller.flag_bits, z - z_d, *controller.weights])
+    return np.array(seen)
+
+
+@pytest.mark.parametrize(("wrong", "until"), [(another, 1600), (rings_before, 1600)], ids=["at once", "with a stage"])
+def test_what_a_wrong_sensor_has_taught_is_dropped(wrong, until) -> None:
+    """Kernel and text, to the last bit: below 0.25 um a period after the sensor is right again, without the stage."""
+    settings = ControllerSettings(sample_rate=1000.0, **LIMITS, plays=4, outliers=0)
+    kernel, text = AdaptiveController.from_settings(settings), ReferenceController(settings)
+    seen = misled(kernel, wrong, until)
+    np.testing.assert_array_equal(seen, misled(text, wrong, until))
+    assert np.abs(seen[1200:until, 2]).max() > 5
+    assert np.abs(seen[until + 210 :, 2]).max() < 0.25
+    assert np.abs(seen[until + 210 :, 3:] - seen[1199, 3:]).max() < 0.5
+    assert kernel.counters.restored >= 1
+    assert np.isnan(kernel.resonance)
+
+
+@pytest.mark.parametrize(
+    ("gain", "offset", "size", "ticks", "again"),
+    [
+        (1.0, 0.0, 10.0, 16_000, True),
+        (1.0, 0.8, 10.0, 16_000, True),
+        (1.0, 1.2, 10.0, 16_000, False),
+        (0.9, 0.0, 10.0, 16_000, False),
+        (1.0, 0.0, 0.9, 16_000, False),
+        (1.0, 0.0, 10.0, 8000, False),
+    ],
+    ids=["as it was", "moved", "moved too far", "10 % less gain", "at rest", "one way"],
+)
+def test_kept_weights_are_recalled_where_they_predict_a_motion_and_only_there(gain, offset, size, ticks, again) -> None:
+    """Slow as it is, below the noise within a block: 20 um in 8 s at 1 kHz, and back."""
+    recall = Recall(GuardSettings(window=50, range_rate=1e-3, floor=0.06, recall=12))
+    predicted = 15 - size * np.cos(2 * np.pi * np.arange(ticks) / 16_000)
+    noise = np.random.default_rng(1).normal(0.0, 0.02, predicted.size)
+    missed = gain * (predicted - 15) + 15 + offset + noise - predicted
+    found = [
+        recall.update(p, m, span=20.0, noise=0.02) for p, m in zip(predicted.tolist(), missed.tolist(), strict=True)
+    ]
+    assert any(found) == again
+    if again:
+        assert recall.offset == pytest.approx(offset, abs=0.02)
+
+
+def test_weights_of_a_lost_model_are_kept_when_the_error_has_been_small_for_long() -> None:
+    """Not in a window in which it is large and constant, as where a wrong sensor shows rest."""
+    guard = Guard(GuardSettings(window=50, range_rate=1e-4, floor=0.05, recall=12))
+    kept, rng = [], np.random.default_rng(1)
+    for k in range(5000):
+        error = 8.0 * np.sin(0.9 * k) if 2000 <= k < 2100 else 5.0 if 2100 <= k < 4000 else 0.0
+        action = guard.update(error + 0.02 * rng.standard_normal(), 10 * np.sin(0.1 * k), counts=True, noise=0.02)
+        kept += [k] * (action is Action.KEEP)
+        assert guard.lost == (2049 <= k < 4499)
+    assert not [k for k in kept if 2000 < k < 4499]
+    assert kept[-1] >= 4499

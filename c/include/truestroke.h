@@ -292,10 +292,12 @@ typedef struct {
     ts_real range_rate;  /* per tick: how fast the range of the motion shrinks to that of the present motion */
     ts_real floor;       /* um: an error below it is no failure */
     ts_real burst;       /* times the motion so far: before anything was good, an error beyond it is a burst; 0: none is */
+    int recall;          /* ticks of a block in which kept weights are compared with measurements after a large error; 0: they are not */
 } ts_guard_settings;
 
 #define TS_FIRST_WAIT 4     /* windows of the first hold, */
 #define TS_LONGEST_WAIT 256 /* and of the longest */
+#define TS_LONGEST_RECALL 1000000 /* ticks of a block in which kept weights are compared */
 
 typedef enum {
     TS_GUARD_NOTHING,
@@ -318,17 +320,37 @@ typedef struct {
     ts_real best;           /* least error over the range while it learned; rises slowly */
     ts_real failed;         /* error over the range at which learning has failed */
     ts_real drift;          /* um per tick: of the offset while the law does not learn, so that the mean error vanishes */
+    ts_real span;           /* um: range of the motion when weights were kept */
     int ticks, counted;     /* of this window */
     int bad;                /* windows in a row in which it was too large and did not fall */
     int good;               /* windows in a row in which it was not */
     int held;               /* windows since weights were restored; 0: it learns */
     int wait;               /* windows: of the next hold */
     int pause;              /* windows in which no failure counts */
+    int small;              /* windows in a row in which the error was small, its mean included */
     bool kept, at_start, started;
+    bool settled;           /* the error had been small for long when weights were kept, */
+    bool lost;              /* and was large since then: others are kept when it has been small for long again */
 } ts_guard;
+
+/* How well the kept weights predict the measurements, while the model is lost. */
+typedef struct {
+    ts_real sum, square;    /* um, um^2: of what they miss, less its first value */
+    ts_real first;          /* um */
+    ts_real low, high;      /* um: of what they predict, */
+    ts_real rose, fell;     /* and how far it went up and down */
+    int ticks;
+} ts_recall;
 
 /* Learning begins anew, with other weights: nothing is held, and what is kept stays. */
 TS_API void ts_guard_begin(ts_guard *g);
+
+/* The kept weights are taken again, as if nothing had happened since. */
+TS_API void ts_guard_recall(ts_guard *g);
+
+/* One tick in which the kept weights predict z, um, and miss the measurement by so much; the range of the motion and the noise, um.
+ * Whether they are as good as they were, but for an offset: it is then in *offset, um. */
+TS_API bool ts_recall_tick(ts_recall *r, const ts_guard_settings *s, ts_real z, ts_real missed, ts_real range, ts_real noise, ts_real *offset);
 
 /* The range of the motion, um: at least ten times the floor. */
 TS_API ts_real ts_guard_range(const ts_guard *g, const ts_guard_settings *s);
@@ -580,9 +602,13 @@ typedef struct {
     ts_guard guard;                   /* Kalman */
     struct {
         ts_real first[TS_MAX_LEARNED];                       /* weights of the start, */
-        ts_real w[TS_MAX_LEARNED], aside[TS_MAX_LEARNED]; /* at their best, and those that failed */
+        ts_real w[TS_PADDED(TS_MAX_LEARNED)], aside[TS_MAX_LEARNED]; /* at their best, and those that failed */
         ts_real P[TS_PACKED(TS_MAX_LEARNED)];                /* their covariance, packed */
-        ts_real sigma;                                          /* and the noise then, um */
+        ts_real sigma;                                          /* and the noise then, um, */
+        ts_real filter, smoothing, resonance, inertia;       /* the law's filter, and what was known of the stage, */
+        bool oscillated, failed, staged;                     /* an oscillation was found, a stage failed, one was in the model */
+        bool begun;                                          /* at the first weights again, since they were kept */
+        ts_recall recall;
     } kept;                           /* Kalman */
     ts_dynamics_state dynamics;       /* Kalman */
     ts_dynamics found;                /* Kalman: the stage as its oscillation showed it; not known: it is that of the settings */

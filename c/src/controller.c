@@ -128,7 +128,7 @@ static ts_status check_kalman(const ts_settings *s)
                && fraction(o->motion_rate) && o->noise_share >= 0 && bounded(o->noise_share) && o->floor > 0 && bounded(o->floor)
                && o->large > 0 && bounded(o->large);
     const ts_guard_settings *g = &s->guard;
-    good = good && g->window >= 0 && fraction(g->range_rate) && g->burst >= 0 && bounded(g->burst) && (g->window == 0 || positive(g->floor));
+    good = good && g->window >= 0 && g->recall >= 0 && g->recall <= TS_LONGEST_RECALL && fraction(g->range_rate) && g->burst >= 0 && bounded(g->burst) && (g->window == 0 || positive(g->floor));
     good = good && (s->resonance >= (ts_real)1e-6 || !(s->resonance < 0 || s->resonance > 0)) && s->resonance <= 1 && (o->tick > 0 || !(s->resonance > 0));
     return good && check_prior(s) ? TS_OK : TS_BAD_KALMAN;
 }
@@ -838,7 +838,7 @@ static void adopt_stage(ts_controller *c, ts_real frequency, ts_real ringing, bo
     keep_command(c);
     if (!again) {
         c->stage.trial = c->guard.kept; /* what was good before is good to go back to */
-        if (!c->guard.kept) memcpy(c->kept.w, c->kept.first, sizeof(ts_real) * (size_t)c->parameters);
+        c->kept.begun = c->kept.begun || !c->guard.kept;
         ts_guard_begin(&c->guard);
     }
     if (c->guard.ringing < ringing) c->guard.ringing = ringing;
@@ -975,6 +975,14 @@ static void weights_at_best(ts_controller *c)
     for (int i = 0; i < c->parameters; i++)
         memcpy(c->kept.P + TS_PACKED(i), c->law.kalman.P + TS_ROW(i), sizeof(ts_real) * (size_t)(i + 1));
     c->kept.sigma = c->law.kalman.sigma;
+    c->kept.filter = c->law.kalman.filter;
+    c->kept.smoothing = c->stage.smoothing;
+    c->kept.resonance = c->stage.resonance;
+    c->kept.inertia = c->stage.inertia;
+    c->kept.oscillated = c->oscillation.found;
+    c->kept.failed = c->stage.failed;
+    c->kept.staged = dynamics_of(c)->known;
+    c->kept.begun = false;
 }
 
 /* Until there are better ones, the first weights are the best. */
@@ -1047,7 +1055,7 @@ static void watch_learning(ts_controller *c, ts_real error, ts_real z_d, bool co
     case TS_GUARD_RESTORE:
         memcpy(c->kept.aside, c->w, sizeof(ts_real) * (size_t)c->parameters);
         if (c->stage.trial) give_up_stage(c);
-        take_weights(c, c->kept.w, true);
+        take_weights(c, c->kept.begun ? c->kept.first : c->kept.w, true);
         c->counters.restored++;
         break;
     case TS_GUARD_FIRST:
@@ -1075,6 +1083,52 @@ static void watch_learning(ts_controller *c, ts_real error, ts_real z_d, bool co
     if (g->held > 0 || k->caution > CAUTIOUS * (k->sigma * k->sigma)) move_offset(c, g->drift);
     if (g->held == 0 && g->ticks == 0) k->caution *= 1 - (ts_real)0.8 / (ts_real)g->wait;
     c->flags.restored = g->held > 0;
+}
+
+/* The kept weights again, moved by this offset, um, and what was known of the stage with them. */
+static void recall(ts_controller *c, ts_real offset)
+{
+    ts_kalman *k = &c->law.kalman;
+    ts_resonance *r = &c->resonance;
+    c->found.known = c->stage.trial = false;
+    c->stage.failed = c->kept.failed;
+    c->stage.resonance = c->kept.resonance;
+    c->stage.inertia = c->kept.inertia;
+    c->stage.smoothing = c->kept.smoothing;
+    c->stage.rest = 0;
+    c->oscillation.found = c->kept.oscillated;
+    c->oscillation.sign = c->oscillation.regular = 0;
+    r->known = r->variance = 0;
+    r->windows = r->ticks = 0;
+    ts_kalman_reset_covariance(k, (ts_prior){c->kept.P, NULL}, c->parameters);
+    k->sigma = c->kept.sigma;
+    k->filter = c->kept.filter;
+    k->disturbance = k->caution = 0;
+    take_weights(c, c->kept.w, false);
+    move_offset(c, offset);
+    keep_weights(c, true);
+    keep_command(c);
+    ts_guard_recall(&c->guard);
+    c->counters.restored++;
+    c->flags.oscillating = false;
+    c->flags.restored = true; /* in this tick */
+}
+
+/* While the model is lost: whether the kept weights predict the measurements again, without a stage that was found since. z belongs
+ * to the regressor u. */
+static void watch_kept(ts_controller *c, const ts_real *u, ts_real z)
+{
+    const ts_settings *s = c->settings;
+    const ts_guard *g = &c->guard;
+    if (!g->lost || c->kept.staged || c->hold || c->lagged.ticks < 2) {
+        c->kept.recall.ticks = 0;
+        return;
+    }
+    ts_real change = c->motion[(c->lagged.ticks - 1) % TS_HISTORY].zdot_d - c->motion[(c->lagged.ticks - 2) % TS_HISTORY].zdot_d;
+    ts_real predicted = dot(c->kept.w, u, TS_PADDED(c->parameters)), offset = 0;
+    ts_real missed = through_dead_zones(s, z) + c->kept.inertia * change - predicted;
+    ts_real noise = c->kept.sigma > c->resolution ? c->kept.sigma : c->resolution;
+    if (ts_recall_tick(&c->kept.recall, &s->guard, predicted, missed, ts_guard_range(g, &s->guard), noise, &offset)) recall(c, offset);
 }
 
 /* ---- The resonance from what is measured anyway ------------------------------------------------------------------- */
@@ -1110,6 +1164,7 @@ static void watch_resonance(ts_controller *c, ts_real z, ts_real error, const ts
     c->rate = d->zdot_d;
     if (!known || !matters(c)) return;
     c->stage.resonance = r->known;
+    c->guard.settled = c->guard.settled && c->guard.lost; /* else it was no wrong sensor: there is nothing to return to */
     if (!staged) begin_anew(c);
     adopt_stage(c, r->known, root_of(r->power), staged);
 }
@@ -1253,7 +1308,11 @@ static bool measure(ts_controller *c, ts_real z)
     else if (s->law == TS_LAW_KALMAN && s->oscillation.tick > 0 && !staged) watch_stage(c, error, d->zdot_d, limited);
     if (s->law == TS_LAW_KALMAN && s->oscillation.tick > 0 && !s->dynamics.known) watch_resonance(c, z, error, d, staged);
     bool at_limit = c->x[slot] >= s->voltage_max || c->x[slot] <= s->voltage_min;
-    if (s->law == TS_LAW_KALMAN) watch_learning(c, error, d->z_d, used && (!at_limit || back));
+    if (s->law == TS_LAW_KALMAN) {
+        watch_learning(c, error, d->z_d, used && (!at_limit || back));
+        if (staged && c->dynamics.ticks != c->lagged.ticks + 1) c->kept.recall.ticks = 0; /* u is not that of the measurement before */
+        else if (used) watch_kept(c, staged ? c->u : u, staged ? c->dynamics.z[1] : z);
+    }
     return used;
 }
 

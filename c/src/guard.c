@@ -17,6 +17,14 @@
 #define CENTRING ((ts_real)0.5) /* of the mean error, in a window */
 #define LEAST_BURST 20          /* of the floor: a smaller error is no burst */
 #define DECAYS ((ts_real)0.95)  /* in a window: what counts as ringing of a stage that was found */
+#define SETTLED 20              /* windows with a small error until weights that are kept are worth a return after a large one */
+#define LONG 10                 /* windows with a small error after which others are kept where the model was lost, */
+#define LONG_AT_REST 100        /* and where the range of the motion is less than half of what it was */
+#define MOVES ((ts_real)0.1)    /* of the motion's range: less of it, up and down, shows nothing, */
+#define MOST_BLOCKS 1000        /* in which the motion may come so far */
+#define MISSED ((ts_real)0.01)  /* of the motion since then: what kept weights may miss, */
+#define OF_NOISE 2              /* with so many standard deviations of a measurement, */
+#define MOVED_BY ((ts_real)0.05) /* and of the range: by how much they may be off as a whole */
 #define FORGIVEN 8              /* times `wait` good windows until the next hold is shorter again */
 
 /* Standard deviation of the error in the window that ends, um. */
@@ -76,20 +84,24 @@ static ts_guard_action judge_held(ts_guard *g, ts_real error)
     return better ? TS_GUARD_ADOPT : TS_GUARD_RETURN;
 }
 
-/* The weights that learn. */
-static ts_guard_action judge_learned(ts_guard *g, const ts_guard_settings *s, ts_real error, ts_real least)
+/* The weights that learn; `whole`: the error with its mean. */
+static ts_guard_action judge_learned(ts_guard *g, const ts_guard_settings *s, ts_real error, ts_real whole, ts_real least)
 {
-    bool large = error > least && error > WORSE * g->best && error * ts_guard_range(g, s) > g->ringing;
+    ts_real range = ts_guard_range(g, s);
+    bool large = error > least && error > WORSE * g->best && error * range > g->ringing;
     bool falls = error < FALLS * g->error;
     int most = 2 * error > 1 ? BEYOND_ALL : g->kept ? BAD : BAD_AT_FIRST;
     g->error = error;
     g->ringing *= DECAYS;
+    g->small = whole > least ? 0 : g->small < LONG_AT_REST ? g->small + 1 : g->small;
+    g->lost = g->lost || (s->recall > 0 && g->kept && g->settled && large);
     g->bad = !large || (g->pause > 0 && 2 * error <= 1) ? 0 : g->bad + !falls;
     if (g->pause > 0) g->pause--;
     if (g->bad >= most && !falls) {
         g->failed = error;
         g->held = 1;
         g->drift = 0;
+        g->small = 0;
         return TS_GUARD_RESTORE;
     }
     g->good = error > least ? 0 : g->good < FORGIVEN * TS_LONGEST_WAIT ? g->good + 1 : g->good;
@@ -100,8 +112,12 @@ static ts_guard_action judge_learned(ts_guard *g, const ts_guard_settings *s, ts
     g->best *= RISE;
     bool moves = g->high - g->low > LEAST_RANGE * s->floor;
     if (!moves || error > least || (g->kept && error > g->best)) return TS_GUARD_NOTHING;
+    if (g->lost && g->small < (2 * range > g->span ? LONG : LONG_AT_REST)) return TS_GUARD_NOTHING;
     g->best = error;
+    g->span = range;
     g->kept = true;
+    g->lost = false;
+    g->settled = g->small >= SETTLED;
     return TS_GUARD_KEEP;
 }
 
@@ -141,11 +157,52 @@ ts_guard_action ts_guard_tick(ts_guard *g, const ts_guard_settings *s, ts_real e
     }
     if (g->ticks < s->window) return TS_GUARD_NOTHING;
     bool enough = 4 * g->counted >= s->window;
-    ts_real range = ts_guard_range(g, s), found = enough ? deviation(g) / range : 0, least = SHARE;
-    if (enough) g->drift = CENTRING * (g->first + g->sum / (ts_real)g->counted) / (ts_real)s->window;
+    ts_real range = ts_guard_range(g, s), found = enough ? deviation(g) / range : 0, least = SHARE, mean = 0;
+    if (enough) {
+        mean = g->first + g->sum / (ts_real)g->counted;
+        g->drift = CENTRING * mean / (ts_real)s->window;
+    }
     begin_window(g);
     if (!enough) return TS_GUARD_NOTHING;
     if (least * range < s->floor) least = s->floor / range;
     if (least * range < NOISES * noise) least = NOISES * noise / range;
-    return g->held > 0 ? judge_held(g, found) : judge_learned(g, s, found, least);
+    mean /= range;
+    return g->held > 0 ? judge_held(g, found) : judge_learned(g, s, found, root_of(found * found + mean * mean), least);
+}
+
+void ts_guard_recall(ts_guard *g)
+{
+    ts_guard_begin(g);
+    if (!g->kept) g->best = SHARE;
+    g->kept = true;
+    g->lost = false;
+    g->small = 0;
+    g->pause = 1;
+    g->wait = TS_FIRST_WAIT;
+    g->ringing = 0;
+}
+
+bool ts_recall_tick(ts_recall *r, const ts_guard_settings *s, ts_real z, ts_real missed, ts_real range, ts_real noise, ts_real *offset)
+{
+    if (r->ticks == 0) {
+        r->sum = r->square = 0;
+        r->first = missed;
+        r->low = r->high = z;
+        r->rose = r->fell = 0;
+    }
+    ts_real e = missed - r->first;
+    r->sum += e;
+    r->square += e * e;
+    if (z < r->low) r->low = z;
+    if (z > r->high) r->high = z;
+    if (z - r->low > r->rose) r->rose = z - r->low;
+    if (r->high - z > r->fell) r->fell = r->high - z;
+    r->ticks++;
+    if (r->ticks % s->recall != 0) return false;
+    ts_real n = (ts_real)r->ticks, mean = r->sum / n, variance = r->square / n - mean * mean, moved = r->high - r->low;
+    ts_real most = MISSED * moved + OF_NOISE * noise;
+    *offset = r->first + mean;
+    bool near = *offset < MOVED_BY * range && *offset > -MOVED_BY * range, good = variance < most * most && near, enough = r->rose > MOVES * range && r->fell > MOVES * range;
+    if (!good || enough || r->ticks >= MOST_BLOCKS * s->recall) r->ticks = 0; /* the comparison begins anew */
+    return good && enough;
 }

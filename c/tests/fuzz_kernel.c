@@ -111,7 +111,7 @@ static ts_settings sane(bytes *b)
         s.oscillation = (ts_oscillation_settings){
             .tick = (ts_real)5e-4, .corner = (ts_real)0.17, .fast = (ts_real)0.6, .slow = (ts_real)0.05,
             .motion_rate = (ts_real)5e-3, .noise_share = 2, .floor = (ts_real)0.15, .large = (ts_real)0.6};
-    if (stage & 4) s.guard = (ts_guard_settings){.window = 6, .range_rate = (ts_real)5e-3, .floor = (ts_real)0.06, .burst = 5};
+    if (stage & 4) s.guard = (ts_guard_settings){.window = 6, .range_rate = (ts_real)5e-3, .floor = (ts_real)0.06, .burst = 5, .recall = 3};
     if (stage & 8 && s.law == TS_LAW_KALMAN) on_stage(&s);
     else if (stage & 16) /* a sensor that is late by 2.3 ticks, behind a lag of one tick */
         s.sensor = (ts_sensor){.ticks = 2, .share = (ts_real)0.3, .lag = 1, .pole = (ts_real)0.3678794,

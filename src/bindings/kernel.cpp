@@ -196,14 +196,18 @@ template <typename Controller, typename Visit> void each_array(Controller &c, Vi
     visit("resonance_ticks", &v.settling, 5);
     visit("resonance_plays", &c.shown[0], TS_SHOWN);
     visit("resonance_rate", &c.rate, 1);
-    visit("guard", &c.guard.low, 11);
-    visit("guard_windows", &c.guard.ticks, 7);
-    visit("guard_found", &c.guard.kept, 3);
+    visit("guard", &c.guard.low, 12);
+    visit("guard_windows", &c.guard.ticks, 8);
+    visit("guard_found", &c.guard.kept, 5);
     visit("kept_first", &c.kept.first[0], m);
     visit("kept_weights", &c.kept.w[0], m);
     visit("kept_aside", &c.kept.aside[0], m);
     visit("kept_covariance", &c.kept.P[0], static_cast<size_t>(TS_PACKED(c.parameters)));
     visit("kept_noise", &c.kept.sigma, 1);
+    visit("kept_stage", &c.kept.filter, 4);
+    visit("kept_found", &c.kept.oscillated, 4);
+    visit("recall", &c.kept.recall.sum, 7);
+    visit("recall_ticks", &c.kept.recall.ticks, 1);
 }
 
 // What no run leaves behind; the entry is named.
@@ -270,14 +274,19 @@ void check_covariance(const ts_controller &c, const char *name, const ts_real *P
 
 void check_guard(const ts_controller &c) {
     const ts_guard &g = c.guard;
-    require_all("guard", g.high >= g.low && g.square >= 0 && g.ringing >= 0 && g.error >= 0 && g.best >= 0 && g.failed >= 0,
+    require_all("guard", g.high >= g.low && g.square >= 0 && g.ringing >= 0 && g.error >= 0 && g.best >= 0 && g.failed >= 0 && g.span >= 0,
                 "a range and errors of 0 or more");
     require_all("guard_windows", g.ticks >= 0 && g.counted >= 0 && g.counted <= g.ticks && g.held >= 0 && g.held < INT32_MAX / 2 &&
-                                 g.bad >= 0 && g.bad < INT32_MAX / 2 && g.good >= 0 && g.good < INT32_MAX / 2 && g.pause >= 0 &&
+                                 g.bad >= 0 && g.bad < INT32_MAX / 2 && g.small >= 0 && g.small < INT32_MAX / 2 && g.good >= 0 && g.good < INT32_MAX / 2 && g.pause >= 0 &&
                                  g.ticks < INT32_MAX / 8 && g.wait >= TS_FIRST_WAIT && g.wait <= TS_LONGEST_WAIT,
                 "counts of 0 or more, and a wait of " TS_TEXT(TS_FIRST_WAIT) " to " TS_TEXT(TS_LONGEST_WAIT));
     require_all("caution", c.law.kalman.caution >= 0, "0 or more");
     require_all("kept_noise", c.kept.sigma >= 0, "0 or more");
+    require_all("kept_stage", c.kept.filter >= 0 && c.kept.filter <= 1 && (c.kept.filter > 0 || !g.lost) && c.kept.smoothing >= 0 &&
+                              c.kept.smoothing < 1 && c.kept.resonance >= 0 && c.kept.resonance <= 1 && c.kept.inertia >= 0,
+                "a filter of at most 1, a smoothing below 1, a resonance of at most 1, an inertia of 0 or more");
+    require_all("recall", c.kept.recall.square >= 0 && c.kept.recall.high >= c.kept.recall.low, "a range and a sum of squares of 0 or more");
+    require_all("recall_ticks", c.kept.recall.ticks >= 0 && c.kept.recall.ticks < INT32_MAX / 8, "0 or more");
     for (int i = 0; i < c.parameters; i++)
         check_variance(c, "kept_covariance", c.kept.P[TS_PACKED(i) + i], i);
 }

@@ -20,6 +20,14 @@ RISE = 1.02  # of the best, per window
 CENTRING = 0.5  # of the mean error, in a window
 LEAST_BURST = 20  # of the floor: a smaller error is no burst
 DECAYS = 0.95  # in a window: what counts as ringing of a stage that was found
+SETTLED = 20  # windows with a small error until weights that are kept are worth a return after a large one
+LONG = 10  # windows with a small error after which other weights are kept, where the model was lost,
+LONG_AT_REST = 100  # and where the range of the motion is less than half of what it was
+MOVES = 0.1  # of the motion's range: less of it, up and down, shows nothing,
+MOST_BLOCKS = 1000  # in which the motion may come so far
+MISSED = 0.01  # of the motion since then: what kept weights may miss,
+OF_NOISE = 2  # with so many standard deviations of a measurement,
+MOVED_BY = 0.05  # and of the range: by how much they may be off as a whole
 FORGIVEN = 8  # times `wait` good windows until the next hold is shorter again
 
 
@@ -37,12 +45,15 @@ class GuardSettings:
         An error below it is no failure, um.
     burst : float
         Times the motion so far: before anything was good, an error beyond it is a burst; 0: none is.
+    recall : int
+        Ticks of a block in which the kept weights are compared with measurements after a large error; 0: they are not.
     """
 
     window: int
     range_rate: float
     floor: float
     burst: float = 0.0
+    recall: int = 0
 
 
 class Action(Enum):
@@ -76,6 +87,10 @@ class Guard:
     - *Ringing* of a stage that was found just now is no failure: errors below what it was then, less 5 % a window.
     - Each time the next hold, or the time to the next failure, is twice as long, up to 256 windows; after many good
       windows it is halved.
+    - *The model is lost* after an error as large as that of a failure, where weights had been kept after twenty windows
+      in a row with a small one, its mean included. Others are then kept only after ten such windows; a hundred where
+      the motion is less than half as large as it was. Meanwhile `Recall` looks whether the kept weights predict the
+      measurements again.
 
     Parameters
     ----------
@@ -86,6 +101,8 @@ class Guard:
     ----------
     held : int
         Windows since weights were restored; 0: the law learns.
+    lost : bool
+        The error was large since weights were kept.
 
     Examples
     --------
@@ -108,9 +125,10 @@ class Guard:
         self.error = self.failed = 0.0  # over the range: of the window before, and at which learning has failed
         self.drift = 0.0  # um per tick: of the offset while the law does not learn, so that the mean error vanishes
         self.best = 0.0  # least error over the range while it learned
-        self.ticks = self.counted = self.bad = self.good = self.held = self.pause = 0
+        self.span = 0.0  # um: range of the motion when weights were kept
+        self.ticks = self.counted = self.bad = self.good = self.held = self.pause = self.small = 0
         self.wait = FIRST_WAIT  # windows: of the next hold
-        self.kept = self.at_start = self.started = False
+        self.kept = self.at_start = self.started = self.settled = self.lost = False
 
     @property
     def range(self) -> float:
@@ -138,8 +156,9 @@ class Guard:
             return Action.NOTHING
         enough, span = 4 * self.counted >= self.settings.window, self.range
         found = self._deviation() / span if enough else 0.0
+        mean = self.first + self.sum / self.counted if enough else 0.0
         if enough:
-            self.drift = CENTRING * (self.first + self.sum / self.counted) / self.settings.window
+            self.drift = CENTRING * mean / self.settings.window
         self._begin_window()
         if not enough:
             return Action.NOTHING
@@ -149,7 +168,8 @@ class Guard:
         for limit in (self.settings.floor, NOISES * noise):
             if least * span < limit:
                 least = limit / span
-        return self._judge_learned(found, least, span)
+        mean /= span
+        return self._judge_learned(found, math.sqrt(found * found + mean * mean), least, span)
 
     def begin(self) -> None:
         """Learning begins anew, with other weights: nothing is held, and what is kept stays."""
@@ -157,6 +177,14 @@ class Guard:
         self.pause = self.wait
         self.held = self.bad = self.good = 0
         self.at_start = False
+
+    def recall(self) -> None:
+        """The kept weights are taken again, as if nothing had happened since."""
+        self.begin()
+        if not self.kept:
+            self.best = SHARE
+        self.kept, self.lost = True, False
+        self.small, self.pause, self.wait, self.ringing = 0, 1, FIRST_WAIT, 0.0
 
     def _begin_window(self) -> None:
         self.sum, self.square, self.ticks, self.counted = 0.0, 0.0, 0, 0
@@ -213,16 +241,19 @@ class Guard:
         self.at_start = False
         return Action.ADOPT if better else Action.RETURN
 
-    def _judge_learned(self, error: float, least: float, span: float) -> Action:
+    def _judge_learned(self, error: float, whole: float, least: float, span: float) -> Action:
+        """`whole`: the error with its mean."""
         large = error > least and error > WORSE * self.best and error * span > self.ringing
         falls = error < FALLS * self.error
         most = BEYOND_ALL if 2 * error > 1 else BAD if self.kept else BAD_AT_FIRST
         self.error = error
         self.ringing *= DECAYS
+        self.small = 0 if whole > least else min(self.small + 1, LONG_AT_REST)
+        self.lost = self.lost or (self.settings.recall > 0 and self.kept and self.settled and large)
         self.bad = 0 if not large or (self.pause > 0 and 2 * error <= 1) else self.bad + (not falls)
         self.pause -= self.pause > 0
         if self.bad >= most and not falls:
-            self.failed, self.held, self.drift = error, 1, 0.0
+            self.failed, self.held, self.drift, self.small = error, 1, 0.0, 0
             return Action.RESTORE
         self.good = 0 if error > least else min(self.good + 1, FORGIVEN * LONGEST_WAIT)
         if self.good >= FORGIVEN * self.wait and self.wait > FIRST_WAIT:
@@ -231,5 +262,77 @@ class Guard:
         moves = self.high - self.low > LEAST_RANGE * self.settings.floor
         if not moves or error > least or (self.kept and error > self.best):
             return Action.NOTHING
-        self.best, self.kept = error, True
+        if self.lost and self.small < (LONG if 2 * span > self.span else LONG_AT_REST):
+            return Action.NOTHING
+        self.best, self.span, self.kept, self.lost = error, span, True, False
+        self.settled = self.small >= SETTLED
         return Action.KEEP
+
+
+class Recall:
+    """Whether kept weights predict the measurements as well as when they were kept, but for an offset: block by block.
+
+    What they miss has to have a standard deviation below two of a measurement and 1 % of what they predict to have
+    moved, and a mean below 5 % of the motion's range, from the first block of `recall` ticks to that in which the
+    prediction has risen and fallen by a tenth of the range: in one direction alone another hysteresis is an offset.
+    Otherwise the comparison begins anew. Weights that were learned meanwhile are not asked: they fit what was measured
+    last, and may be wrong about everything else.
+
+    Attributes
+    ----------
+    offset : float
+        Mean of what is missed, um.
+
+    Examples
+    --------
+    An actuator of 10 um/V that was 20 % weaker for a while:
+
+    >>> recall = Recall(GuardSettings(window=100, range_rate=1e-3, floor=0.02, recall=25))
+    >>> for k in range(2000):
+    ...     volts = math.sin(0.01 * k)
+    ...     z = (8.0 if k < 1000 else 10.0) * volts
+    ...     if recall.update(10.0 * volts, z - 10.0 * volts, span=20.0, noise=0.01):
+    ...         break
+    >>> k
+    1174
+    """
+
+    def __init__(self, settings: GuardSettings) -> None:
+        self.settings = settings
+        self.sum = self.square = self.first = 0.0  # of what is missed in this block, less its first value, um, um^2
+        self.low = self.high = 0.0  # um: of what is predicted,
+        self.rose = self.fell = 0.0  # and how far it went up and down
+        self.offset, self.ticks = 0.0, 0
+
+    def update(self, predicted: float, missed: float, *, span: float, noise: float) -> bool:
+        """One tick; whether a block has ended in which the kept weights are as good as they were.
+
+        Parameters
+        ----------
+        predicted, missed : float
+            The displacement by the kept weights, and how much more was measured, um.
+        span, noise : float
+            Range of the motion, and standard deviation of a measurement, um.
+        """
+        if self.ticks == 0:
+            self.sum = self.square = 0.0
+            self.first, self.low, self.high = missed, predicted, predicted
+            self.rose = self.fell = 0.0
+        e = missed - self.first
+        self.sum += e
+        self.square += e * e
+        self.low, self.high = min(self.low, predicted), max(self.high, predicted)
+        self.rose, self.fell = max(self.rose, predicted - self.low), max(self.fell, self.high - predicted)
+        self.ticks += 1
+        if self.ticks % self.settings.recall:
+            return False
+        mean, moved = self.sum / self.ticks, self.high - self.low
+        variance, most = self.square / self.ticks - mean * mean, MISSED * moved + OF_NOISE * noise
+        self.offset = self.first + mean
+        good, enough = (
+            variance < most * most and abs(self.offset) < MOVED_BY * span,
+            min(self.rose, self.fell) > MOVES * span,
+        )
+        if not good or enough or self.ticks >= MOST_BLOCKS * self.settings.recall:
+            self.ticks = 0  # the comparison begins anew
+        return good and enough

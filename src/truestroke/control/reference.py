@@ -18,7 +18,7 @@ from truestroke.base.display import Displayed, Rows
 from truestroke.base.typing import FloatArray
 from truestroke.control.adaptation import LARGEST, RLS, BoundedKalman, FilteringLaw, KalmanSettings, Law, UpdateRefused
 from truestroke.control.controller import Counters, controller_rows
-from truestroke.control.guard import Action, Guard, GuardSettings
+from truestroke.control.guard import Action, Guard, GuardSettings, Recall
 from truestroke.control.oscillation import OscillationDetector, OscillationSettings
 from truestroke.control.resonance import SHOWN, ResonanceEstimator, shown
 from truestroke.control.sensor import Sensor
@@ -110,7 +110,14 @@ class _Kept:
     first: FloatArray  # weights of the start,
     weights: FloatArray  # those at their best,
     aside: FloatArray  # and those that failed
-    knowledge: Any = None  # of the law at its best
+    knowledge: Any = None  # of the law at its best,
+    filter: float = 1.0  # its filter,
+    stage: tuple[float, float, float] = (0.0, 0.0, 0.0)  # smoothing, resonance and inertia of the stage then,
+    oscillated: bool = False  # whether an oscillation was found,
+    failed: bool = False  # a stage has failed,
+    staged: bool = False  # or one was in the model
+    begun: bool = False  # at the first weights again, since they were kept
+    recall: Recall = field(kw_only=True)
 
 
 @dataclass
@@ -247,6 +254,7 @@ class ReferenceController(Displayed):
         self._filtering = self.law if isinstance(self.law, FilteringLaw) else None
         self._now = _Memory(np.zeros(s.plays), np.zeros(self._creep.size))
         self._lagged = copy.deepcopy(self._now)
+        self._seen = np.zeros(s.parameters)  # the regressor of the last tick that was measured or passed over
         self._waiting: dict[int, _Command] = {}  # by tick: not yet in self._lagged
         self._answered = 0  # commands up to that of the last measurement that was given, it included
         self._last = _Command(0.0, Motion(0.0, 0.0), limited=False)
@@ -318,7 +326,7 @@ class ReferenceController(Displayed):
         before = self._c
         self._take(settings)
         self._stage.detector.settings = self._oscillation
-        self._kept.guard.settings = self._guarding
+        self._kept.guard.settings = self._kept.recall.settings = self._guarding
         if any(before[name] != self._c[name] for name in ("kalman.filter", "smoothing", "resonance")):
             self._forget_stage()
         if self._filtering is not None:
@@ -407,7 +415,7 @@ class ReferenceController(Displayed):
 
     def _measure(self, z: float) -> bool:
         """One tick with its measurement z, um; returns whether it was used."""
-        tick, path = self._measured_ticks, self._path
+        tick, path, law = self._measured_ticks, self._path, self._filtering
         command, learned = self._waiting[tick], self._waiting[self._lagged.ticks].limited
         limited, beyond, motion = command.limited, self._is_beyond(command, z), command.motion
         before = self._waiting.get(tick - 1) if path is not None else None
@@ -434,6 +442,10 @@ class ReferenceController(Displayed):
         self._watch_resonance(z, error, motion.zdot_d, path)
         low, high = self.settings.voltage_limits
         self._watch_learning(error, motion.z_d, used and (low < command.x < high or beyond))
+        if law is not None and path is not None and path.ticks != self._lagged.ticks + 1:
+            self._kept.recall.ticks = 0  # the regressor is not that of the measurement before
+        elif law is not None and used:
+            self._watch_kept(law, self._seen if u is None else u, z if path is None else path.z[1])
         return used
 
     def _count(self, **kinds: bool) -> None:
@@ -564,7 +576,8 @@ class ReferenceController(Displayed):
             del self._waiting[tick - HISTORY]
         self._see_creep(self._lagged)
         self._see_voltage(self._lagged, command.x)
-        return self._regressor(self._lagged, command.motion)
+        self._seen = self._regressor(self._lagged, command.motion)
+        return self._seen
 
     def _pass_over(self) -> None:
         """A tick for which no measurement came."""
@@ -840,8 +853,7 @@ class ReferenceController(Displayed):
         guard = self._kept.guard
         if before is None:
             stage.trial = guard.kept  # what was good before is good to go back to
-            if not guard.kept:
-                self._kept.weights = self._kept.first
+            self._kept.begun = self._kept.begun or not guard.kept
             guard.begin()
         guard.ringing = max(guard.ringing, ringing)
 
@@ -945,7 +957,8 @@ class ReferenceController(Displayed):
         self._rate = zdot_d
         if not known or not self._matters():
             return
-        self._stage.resonance = self._estimator.known
+        self._stage.resonance, guard = self._estimator.known, self._kept.guard
+        guard.settled = guard.settled and guard.lost  # else it was no wrong sensor: there is nothing to return to
         if self._path is None:
             self._begin_anew(law)
         self._adopt_stage(law, self._estimator.known, math.sqrt(self._estimator.power))
@@ -955,7 +968,7 @@ class ReferenceController(Displayed):
     def _begin_guard(self) -> None:
         """Until there are better ones, the first weights are the best."""
         w = self.law.weights
-        self._kept = _Kept(Guard(self._guarding), w, w, w)
+        self._kept = _Kept(Guard(self._guarding), w, w, w, recall=Recall(self._guarding))
 
     def _move_offset(self, law: FilteringLaw, by: float) -> None:
         if self.settings.offset:
@@ -974,6 +987,51 @@ class ReferenceController(Displayed):
             self._move_offset(law, law.missing())
         self._keep_command()
         self._alarms = 2 * PAUSE
+
+    def _keep_weights(self, law: FilteringLaw) -> None:
+        """They are at their best: with covariance, noise, and what is known of the stage."""
+        kept, stage = self._kept, self._stage
+        kept.weights, kept.knowledge, kept.filter = law.weights, law.knowledge(), law.filter
+        kept.stage = stage.smoothing, stage.resonance, stage.inertia
+        kept.oscillated, kept.failed, kept.staged = stage.detector.found, stage.failed, self._path is not None
+        kept.begun = stage.trial = False
+
+    def _watch_kept(self, law: FilteringLaw, u: FloatArray, z: float) -> None:
+        """While the model is lost: whether the kept weights predict again, without a stage that was found since.
+
+        z, um, belongs to the regressor u.
+        """
+        kept, guard = self._kept, self._kept.guard
+        if not guard.lost or kept.staged or self._held or self._lagged.ticks < 2:
+            kept.recall.ticks = 0
+            return
+        newer, older = (self._waiting[self._lagged.ticks - back].motion.zdot_d for back in (1, 2))
+        predicted = float(dot(kept.weights, u))
+        missed = self._through_dead_zones(z) + kept.stage[2] * (newer - older) - predicted
+        noise = max(kept.knowledge[1], self._resolution)
+        if kept.recall.update(predicted, missed, span=guard.range, noise=noise):
+            self._recall(law, kept.recall.offset)
+
+    def _recall(self, law: FilteringLaw, offset: float) -> None:
+        """The kept weights again, moved by this offset, um, and what was known of the stage with them."""
+        kept, stage, known = self._kept, self._stage, self._estimator
+        if self._path is not None:
+            stage.z, self._path = self._path.z, None
+        stage.smoothing, stage.resonance, stage.inertia = kept.stage
+        stage.trial, stage.failed, stage.rest = False, kept.failed, 0.0
+        stage.detector.found, stage.detector.sign, stage.detector.regular = kept.oscillated, 0, 0
+        known.known = known.variance = 0.0
+        known.windows = known.ticks = 0
+        law.restore(kept.knowledge)
+        law.filter, law.disturbance, law.caution = kept.filter, 0.0, 0.0
+        self._take_weights(law, kept.weights, earlier=False)
+        self._move_offset(law, offset)
+        stage.older = stage.newer = law.weights
+        stage.age = 0.0
+        self._keep_command()
+        kept.guard.recall()
+        self._count(restored=True)
+        self._oscillating, self._restored = False, True  # in this tick
 
     def _learn_cautiously(self, law: FilteringLaw) -> None:
         """What was held is better: its covariance; an error as large as the one that failed counts as noise a while."""
@@ -1006,12 +1064,12 @@ class ReferenceController(Displayed):
         noise = max(kept.knowledge[1] if guard.kept else law.sigma, self._resolution)
         match guard.update(error, z_d, counts=counts and not resting, noise=noise):
             case Action.KEEP:
-                kept.weights, kept.knowledge, self._stage.trial = law.weights, law.knowledge(), False
+                self._keep_weights(law)
             case Action.RESTORE:
                 kept.aside = law.weights
                 if self._stage.trial:
                     self._give_up_stage(law)
-                self._take_weights(law, kept.weights, earlier=True)
+                self._take_weights(law, kept.first if kept.begun else kept.weights, earlier=True)
                 self._count(restored=True)
             case Action.FIRST:
                 if not self._stage_is_shown(law):

@@ -43,6 +43,7 @@ USUAL_RATE = 16.0  # 1/s: how fast the usual error of the model follows, to whic
 RANGE_RATE = 1.0  # 1/s: how fast the range of the motion shrinks
 GUARD_PERIODS = 4.0  # of the resonance: a window of the guard
 GUARD_FLOOR = 0.002  # of the stroke: an error below it is no failure of learning
+RECALLS = 4  # blocks of a window of the guard, in which kept weights are compared with measurements
 BURST = 5.0  # times the motion so far: an error beyond it, before anything was good, where no stage is given
 CHANGE_RATE = 400.0  # 1/s: how fast the detector of a change follows
 
@@ -712,5 +713,6 @@ def _derived(s: ControllerSettings) -> dict[str, float]:
         "guard.range_rate": min(1.0, RANGE_RATE / fs),
         "guard.floor": GUARD_FLOOR * s.stroke,
         "guard.burst": BURST if s.dynamics is None else 0.0,
+        "guard.recall": max(round(fs * _guard_window(s)) // RECALLS, 1) if s.dynamics is None else 0,
     }
     return members if s.law == "kalman" else {name: type(value)(0) for name, value in members.items()}
