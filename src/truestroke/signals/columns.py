@@ -9,6 +9,7 @@ import numpy as np
 from truestroke.base import checks
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
+from truestroke.signals import formats
 from truestroke.signals.tables import OTHERS, RecordError, Table, is_unit, name_and_unit, unit
 
 TIME_TOLERANCE = 0.01  # of a tick: how far a time in a file may lie from its even grid
@@ -177,7 +178,7 @@ def refuse_bad_rows(source: str, signals: Mapping[str, FloatArray], table: Table
             number, text = table.locate(first := int(np.argmax(bad)))
             shown = f" in {text}" if text else ""
             reason = f"{role} is {'missing or no number' if np.isnan(signal[first]) else 'infinite'}{shown}"
-            raise RecordError(source, reason + remedy, number, table.where)
+            raise RecordError(source, reason + (formats.thousands(text) or remedy), number, table.where)
 
 
 def even_rate(path: str | Path, table: Table, times: FloatArray | None, sample_rate: float | None = None) -> float:

@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from truestroke.base import files, hdf5, npz
 from truestroke.base.typing import FloatArray
+from truestroke.signals import formats
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -103,6 +104,8 @@ def open_table(path: Path, narrowest: int = 2) -> Table:
     ending = path.suffix.lower()
     if ending in ELSEWHERE:
         raise RecordError(str(path), f"{ending} is not read; save or export it as {ELSEWHERE[ending]}")
+    if reason := formats.other(path):
+        raise RecordError(str(path), f"this is {reason}")
     table = _guarded(path, READERS.get(ending, partial(_text, narrowest=narrowest)))(path)
     return replace(table, read=_guarded(path, table.read), locate=_guarded(path, table.locate))
 
@@ -154,7 +157,20 @@ def _text(path: Path, narrowest: int) -> Table:
     width = len(layout.fields(rows[0]))
     names, units = _header(path, layout, lines[: layout.lines_before], width)
     head = np.zeros((0, 0)) if names else _parse_slowly(rows, layout, range(width))
+    _refuse_split(path, layout, lines[: layout.lines_before], head)
     return Table(names, units, head, partial(_read_text, layout), partial(_locate, layout), "line")
+
+
+def _refuse_split(path: Path, layout: _Layout, above: Sequence[str], head: FloatArray) -> None:
+    """RecordError where names stand above twice as many whole numbers: decimal commas between commas."""
+    lines = [layout.fields(line) for line in above if _is_row(line)] if layout.separator == "," else []
+    names: list[str] = next((line for line in reversed(lines) if all(math.isnan(_number(f)) for f in line)), [])
+    whole = (head == np.round(head)) | np.isnan(head)  # the rows may have whole numbers, and so fewer commas
+    if 1 < len(names) < head.shape[1] <= 2 * len(names) and whole.all():
+        reason = (
+            f"{len(names)} names stand above {head.shape[1]} whole numbers: are they decimal commas between commas?"
+        )
+        raise RecordError(str(path), f"{reason} Write decimal points, or export with ; between the columns")
 
 
 def _encoding(path: Path) -> str:
@@ -162,6 +178,8 @@ def _encoding(path: Path) -> str:
     with path.open("rb") as file:
         start = file.read(1 << 16)
     if b"\0" in start and not start.startswith((b"\xff\xfe", b"\xfe\xff")):
+        if encoding := formats.wide(start):
+            return encoding
         raise RecordError(str(path), f"this is no text; known endings are .csv, .txt, {', '.join(READERS)}")
     if start.startswith((b"\xff\xfe", b"\xfe\xff")):
         return "utf-16"
@@ -180,6 +198,8 @@ def _layout(path: Path, encoding: str, lines: Sequence[str], narrowest: int) -> 
             continue
         separator = next((s for s in (";", "\t", ",") if s in line), None)
         comma = separator in (";", "\t") and "," in line and "." not in DOTTED_DATE.sub("", line)
+        if separator == "," and formats.DECIMAL_COMMAS.fullmatch(line.strip()):
+            separator, comma = None, True
         layout = _Layout(path, encoding, separator, comma, before)
         fields = layout.fields(line)
         width = len(fields) if len(fields) >= narrowest and _numeric(fields) else 0
@@ -189,6 +209,7 @@ def _layout(path: Path, encoding: str, lines: Sequence[str], narrowest: int) -> 
     shown = f"; line {len(lines)} is {_shown(lines[-1])}" if lines else ""
     columns = "the same number of columns, two or more" if narrowest > 1 else "the same number of columns"
     reason = f"no two rows of numbers with {columns}, in the first {PROBE} lines"
+    shown += next(filter(None, map(formats.thousands, lines)), "")
     if any(SLASHED_DATE.search(line) for line in lines):
         shown += "; dates such as 03/04/2026 may be of two days: write 2026-04-03, or leave out the column"
     raise RecordError(str(path), reason + shown)
@@ -389,6 +410,14 @@ def _npz(path: Path) -> Table:
     return _arrays(path, names, [""] * len(names), lambda name: npz.read(path, [name], wrong)[name])
 
 
+def _npy(path: Path) -> Table:
+    """A matrix, or an array with named fields."""
+    whole = np.load(path, allow_pickle=False)
+    if whole.dtype.names:
+        return _arrays(path, whole.dtype.names, [""] * len(whole.dtype.names), lambda name: whole[name])
+    return _arrays(path, ["array"], [""], lambda _: whole)
+
+
 def _mat(path: Path) -> Table:
     import h5py
     from scipy.io import loadmat, whosmat
@@ -479,7 +508,19 @@ def _tdms(path: Path) -> Table:
     if len(steps) == 1 and not any(name_and_unit(name)[0].lower() in ("time", "t") for name in held):
         (step,), rows = steps, max(array.size for array in held.values())
         held, stated = {"time": step * np.arange(rows), **held}, ["s", *stated]
-    return _arrays(path, list(held), [unit(text) for text in stated], held.__getitem__)
+    table = _arrays(path, list(held), [unit(text) for text in stated], held.__getitem__)
+    return table if len(steps) < 2 else replace(table, read=partial(_of_one_rate, path, table, channels))
+
+
+def _of_one_rate(
+    path: Path, table: Table, channels: Sequence[Any], columns: Sequence[int], complete: bool
+) -> list[FloatArray]:
+    """Columns of a TDMS whose channels have increments of their own, which those that are read must share."""
+    steps = [channels[c].properties.get("wf_increment") for c in columns]
+    if len(set(steps)) > 1:
+        each = ", ".join(f"{table.names[c]} every {s} s" for c, s in zip(columns, steps, strict=True))
+        raise RecordError(str(path), f"its channels have different rates ({each}); export them at one")
+    return table.read(columns, complete)
 
 
 def _xlsx(path: Path) -> Table:
@@ -528,7 +569,15 @@ def _of_cell(cell: Any) -> float:
 
 
 READERS: Mapping[str, Callable[[Path], Table]] = {
-    **{".npz": _npz, ".mat": _mat, ".h5": _hdf5, ".hdf5": _hdf5, ".parquet": _parquet, ".feather": _feather},
+    **{
+        ".npz": _npz,
+        ".npy": _npy,
+        ".mat": _mat,
+        ".h5": _hdf5,
+        ".hdf5": _hdf5,
+        ".parquet": _parquet,
+        ".feather": _feather,
+    },
     **{".xlsx": _xlsx, ".xlsm": _xlsx, ".tdms": _tdms},
 }
 """By the ending of the file; any other is read as text."""
