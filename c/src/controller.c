@@ -304,7 +304,7 @@ static ts_real ahead_of_found(const ts_controller *c, ts_real zdot_d, ts_real zd
     ts_real w = 2 * TS_PI * c->stage.resonance, drag = 2 * FOUND_DAMPING / w, stiff = 1 / (w * w);
     ts_real of_change = (stiff + drag + (ts_real)5 / 12) * (newest + second / 2 + third / 3); /* the hold is in it */
     ts_real of_jerk = (stiff + 5 * drag / 12 + (ts_real)1 / 12) * (second + third);
-    ts_real of_snap = (5 * stiff / 12 + drag / 12 + (ts_real)1 / 240) * third;
+    ts_real snap = 5 * stiff / 12, slower = drag / 12, of_snap = (snap + slower + (ts_real)1 / 240) * third;
     return c->found.lead[0] * zdot_d + c->settings->oscillation.tick * (of_change + of_jerk + of_snap);
 }
 
