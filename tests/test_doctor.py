@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from truestroke.base import system
 from truestroke.cli import main
 from truestroke.runtime import doctor
 from truestroke.runtime.doctor import Finding, Level, disk, drivers, examine, machine
@@ -157,7 +158,7 @@ POOR = {
 
 
 def look(files: dict[str, str], monkeypatch: pytest.MonkeyPatch, settings: RealtimeSettings | None = None) -> Any:
-    monkeypatch.setattr(machine, "read", lambda path: files.get(path, ""))
+    monkeypatch.setattr(system, "read", lambda path: files.get(path, ""))
     return by_name(machine.look(settings, probe=0.01))
 
 

@@ -410,6 +410,13 @@ def test_the_command_starts_from_what_a_run_has_learned(tmp_path: Path, monkeypa
     assert weights is not None
     np.testing.assert_array_equal(np.array(weights[1].split(","), dtype=float), Recording.load("run.h5")["weights"][-1])
     assert make(Path("chip"), "test", "CFLAGS=-O0").stdout.startswith("passed: 100 of 100")
+    assert "#define ADAPTIVE_ZERO 0.0" in Path("chip/adaptive.h").read_text()
+    kept = Recording.load("run.h5")
+    seen = {"axis": {"name": "x"}, "axis_check": {"x": {"zero": 12.5}}}  # as `truestroke run` writes it
+    Recording(kept.channels, {**kept.metadata, **seen}).save("zeroed.h5")
+    code, printed = call("--state", "zeroed.h5", "--ticks", "100", "--output", "zeroed")
+    assert code == 0, printed
+    assert "#define ADAPTIVE_ZERO 12.5f" in Path("zeroed/adaptive.h").read_text()
     code, printed = call("--state", "run.h5", "--stroke", "30", "--output", "other")
     assert "--stroke is in --state FILE" in printed
     code, printed = call("--state", "run.h5", "--axis", "y", "--output", "other")

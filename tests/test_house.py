@@ -139,3 +139,22 @@ def test_pages_have_one_template() -> None:
         SOURCE / "report/page.py",
         SOURCE / "export/texts.py",  # no pages: C and XML
     }
+
+
+OF_ONE_SYSTEM = re.compile(  # portable are SIGINT, SIG_IGN and SIG_DFL
+    r"/proc/|/sys/|sys\.platform|os\.name\b|os\.uname|platform\.(?:system|machine|release)\b"
+    r"|os\.(?:sched_|getuid|geteuid|nice|fork)|signal\.SIG(?!INT\b|_IGN|_DFL)|SO_(?:BINDTODEVICE|EXCLUSIVEADDRUSE)"
+    r"|import (?:fcntl|resource|msvcrt|winreg|termios)\b|hasattr\((?:os|signal|socket|mmap|time), "
+)
+
+
+def test_what_differs_between_systems_is_in_one_module() -> None:
+    found = [
+        f"{path.relative_to(SOURCE)}: {line.strip()}"
+        for path in sorted(SOURCE.rglob("*.py"))
+        if path != SOURCE / "base/system.py"
+        for line in path.read_text().splitlines()
+        if OF_ONE_SYSTEM.search(line)
+    ]
+    assert found == []
+    assert len(OF_ONE_SYSTEM.findall((SOURCE / "base/system.py").read_text())) > 20

@@ -28,6 +28,13 @@ typedef ts_real ts_vector __attribute__((
     vector_size(TS_VECTOR_BYTES < TS_LANES_BYTES ? TS_VECTOR_BYTES : TS_LANES_BYTES), aligned(sizeof(ts_real)), may_alias));
 #endif
 
+/* The loops over the lanes are unrolled, as gcc does by itself from -O3 on: the lanes then stay in registers. */
+#if defined(__GNUC__) && !defined(__clang__) && __GNUC__ >= 8
+#define TS_UNROLLED _Pragma("GCC unroll 8")
+#else
+#define TS_UNROLLED
+#endif
+
 enum { TS_VECTOR = sizeof(ts_vector) / sizeof(ts_real), TS_VECTORS = TS_LANES / TS_VECTOR };
 typedef struct { ts_vector v[TS_VECTORS]; } lanes;
 
@@ -38,12 +45,14 @@ static inline ts_vector vector(const ts_real *a) { return *(const ts_vector *)a;
 static inline lanes load(const ts_real *a)
 {
     lanes x;
+    TS_UNROLLED
     for (int i = 0; i < TS_VECTORS; i++) x.v[i] = vector(a + i * TS_VECTOR);
     return x;
 }
 
 static inline void store(ts_real *a, lanes x)
 {
+    TS_UNROLLED
     for (int i = 0; i < TS_VECTORS; i++) *at(a + i * TS_VECTOR) = x.v[i];
 }
 
@@ -66,36 +75,42 @@ static inline lanes zero(void)
 /* factor a, x + factor a, x - factor a, x + a b, a b, x - a */
 static inline lanes scaled(ts_real factor, lanes a)
 {
+    TS_UNROLLED
     for (int i = 0; i < TS_VECTORS; i++) a.v[i] *= factor;
     return a;
 }
 
 static inline lanes plus(lanes x, ts_real factor, lanes a)
 {
+    TS_UNROLLED
     for (int i = 0; i < TS_VECTORS; i++) x.v[i] += factor * a.v[i];
     return x;
 }
 
 static inline lanes minus(lanes x, ts_real factor, lanes a)
 {
+    TS_UNROLLED
     for (int i = 0; i < TS_VECTORS; i++) x.v[i] -= factor * a.v[i];
     return x;
 }
 
 static inline lanes plus_product(lanes x, lanes a, lanes b)
 {
+    TS_UNROLLED
     for (int i = 0; i < TS_VECTORS; i++) x.v[i] += a.v[i] * b.v[i];
     return x;
 }
 
 static inline lanes product(lanes a, lanes b)
 {
+    TS_UNROLLED
     for (int i = 0; i < TS_VECTORS; i++) a.v[i] *= b.v[i];
     return a;
 }
 
 static inline lanes difference(lanes x, lanes a)
 {
+    TS_UNROLLED
     for (int i = 0; i < TS_VECTORS; i++) x.v[i] -= a.v[i];
     return x;
 }
@@ -110,10 +125,14 @@ static inline int width(int i)
 static inline ts_real total(lanes x)
 {
     ts_real s[TS_VECTOR];
+    TS_UNROLLED
     for (int half = TS_VECTORS / 2; half > 0; half /= 2)
+        TS_UNROLLED
         for (int i = 0; i < half; i++) x.v[i] += x.v[i + half];
     memcpy(s, &x.v[0], sizeof s);
+    TS_UNROLLED
     for (int half = TS_VECTOR / 2; half > 0; half /= 2)
+        TS_UNROLLED
         for (int i = 0; i < half; i++) s[i] += s[i + half];
     return s[0];
 }

@@ -6,6 +6,7 @@ import errno
 import math
 import mmap
 import os
+import platform
 import signal
 import socket
 import struct
@@ -49,6 +50,18 @@ _NEW = os.O_RDWR | os.O_CREAT | os.O_EXCL
 _LOCK = struct.Struct("@hhqqi4x")  # struct flock
 _LOCKED_BYTE = 1 << 62  # far behind the end, where HDF5 and readers lock nothing
 
+
+NAME = sys.platform
+"""Of this system, in words of Python: linux, win32, darwin."""
+
+MACHINE = (platform.system(), platform.machine())
+"""System and processor, in words of the system: ("Linux", "x86_64")."""
+
+CLOCKS = "/sys/devices/system/clocksource/clocksource0/"
+"""Folder of Linux that holds the sources of its clock."""
+
+TIMER_SLACK = "/proc/{}/timerslack_ns"
+"""File of Linux in which a process, its number in place of {}, has the lateness of its timers."""
 
 BOUNDS_LATENESS = hasattr(os, "sched_setscheduler")
 """Whether a priority bounds how late a process wakes: Linux."""
@@ -97,6 +110,75 @@ def open_sockets() -> Iterator[socket.socket]:
     for name in names:
         with suppress(OSError):  # no socket, or gone
             yield socket.socket(fileno=os.dup(int(name)))
+
+
+def keep_to_loopback(sockets: list[socket.socket]) -> bool:
+    """Let nothing from outside reach these sockets, whatever address they listen at, and close them.
+
+    Whether this system allows it: Linux from 5.7 on.
+    """
+    if not hasattr(socket, "SO_BINDTODEVICE"):
+        return False
+    try:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as trial:
+            for one in (trial, *sockets):
+                one.setsockopt(socket.SOL_SOCKET, socket.SO_BINDTODEVICE, b"lo")
+    except PermissionError:
+        return False
+    finally:
+        for one in sockets:
+            one.close()
+    return True
+
+
+# ---- What Linux says of itself: empty elsewhere ---------------------------------------------------------------------
+
+
+def read(path: str) -> str:
+    """The text of a file of the system, empty where there is none."""
+    try:
+        return Path(path).read_text(encoding="utf-8", errors="replace").strip()
+    except OSError:
+        return ""
+
+
+def quota() -> float:
+    """Processors whose time this process may use up; infinity where nothing limits it."""
+    used, _, period = read("/sys/fs/cgroup/cpu.max").partition(" ")
+    return int(used) / int(period) if used.isdigit() else math.inf
+
+
+def governors() -> list[str]:
+    """The frequency governors of the processors, each once."""
+    files = Path("/sys/devices/system/cpu").glob("cpu[0-9]*/cpufreq/scaling_governor")
+    return sorted({read(str(file)) for file in files})
+
+
+def swaps() -> list[str]:
+    """The swap areas in use, a line each."""
+    return read("/proc/swaps").splitlines()[1:]
+
+
+def kernel() -> tuple[str, str]:
+    """Its release, and how far it can be preempted: PREEMPT_RT, another word with PREEMPT, or nothing."""
+    version = os.uname().version
+    if read("/sys/kernel/realtime") == "1" or "PREEMPT_RT" in version:
+        return os.uname().release, "PREEMPT_RT"
+    return os.uname().release, next((word for word in version.split() if "PREEMPT" in word), "")
+
+
+def clock_source() -> tuple[str, list[str]]:
+    """The source of the clock, and those that can be chosen."""
+    return read(f"{CLOCKS}current_clocksource"), read(f"{CLOCKS}available_clocksource").split()
+
+
+def timer_slack() -> int | None:
+    """By how much the timers of this process may be late, ns."""
+    text = read(TIMER_SLACK.format("self"))
+    return int(text) if text.isdigit() else None
+
+
+# ---- Memory ---------------------------------------------------------------------------------------------------------
 
 
 def memory() -> int:

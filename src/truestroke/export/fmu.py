@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import os
-import platform
 import shutil
 import subprocess
 import tempfile
@@ -15,7 +14,7 @@ from pathlib import Path
 from typing import Any, Literal, get_args
 
 import truestroke
-from truestroke.base import checks, declared, files
+from truestroke.base import checks, declared, files, system
 from truestroke.base.checks import SettingError
 from truestroke.base.errors import TruestrokeError
 from truestroke.control.actuator import ActuatorModel
@@ -142,7 +141,7 @@ def export_fmu(
     texts = _texts(unit, version)
     content = {name: text.encode() for name, text in texts.items()}
     content[ICONS[version]] = (TEMPLATES / "icon.png").read_bytes()
-    place = PLATFORMS.get((version, platform.system(), platform.machine()))
+    place = PLATFORMS.get((version, *system.MACHINE))
     if binary and place:
         folder, ending = place
         content[f"binaries/{folder}/{_model(unit)}.{ending}"] = _compiled(texts)

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from enum import StrEnum
-from pathlib import Path
 
 
 class Level(StrEnum):
@@ -46,11 +45,3 @@ class Finding:
     def __post_init__(self) -> None:
         if self.level is Level.OK:
             object.__setattr__(self, "command", "")
-
-
-def read(path: str) -> str:
-    """The text of a file of the system, empty where there is none."""
-    try:
-        return Path(path).read_text(encoding="utf-8", errors="replace").strip()
-    except OSError:
-        return ""

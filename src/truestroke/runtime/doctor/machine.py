@@ -2,14 +2,12 @@
 
 import math
 import os
-import sys
-from pathlib import Path
 
 import numpy as np
 
 from truestroke import _kernel
 from truestroke.base import system
-from truestroke.runtime.doctor.finding import Finding, Level, read
+from truestroke.runtime.doctor.finding import Finding, Level
 from truestroke.runtime.drivers.paced import Clock, coarse
 from truestroke.runtime.realtime import RealtimeError, RealtimeSettings
 from truestroke.runtime.realtime.process import undisturbed
@@ -48,14 +46,14 @@ def look(settings: RealtimeSettings | None = None, period: float = PERIOD, probe
 def _none() -> Finding:
     why = "run and serve need its watchdog; all other commands work here"
     command = "run on Linux, or export the controller: truestroke export c"
-    return Finding(PART, "real time", why, f"none on {sys.platform}", Level.MISSING, command, required=True)
+    return Finding(PART, "real time", why, f"none on {system.NAME}", Level.MISSING, command, required=True)
 
 
 def _unbounded() -> Finding:
     """Windows and macOS."""
     why = "Linux alone bounds lateness (SCHED_FIFO, PREEMPT_RT); a run counts the late ticks"
     command = "run on Linux, or export the controller: truestroke export c"
-    return Finding(PART, "real time", why, f"none on {sys.platform}: a tick may be late by ms", Level.WARNING, command)
+    return Finding(PART, "real time", why, f"none on {system.NAME}: a tick may be late by ms", Level.WARNING, command)
 
 
 def _timer(spin: float, period: float) -> Finding:
@@ -81,18 +79,16 @@ def _processors(cpu: int | None) -> Finding:
 
 def _quota() -> Finding:
     """A container may be given a share of the processors, and is stopped when it is used up."""
-    quota, _, period = read("/sys/fs/cgroup/cpu.max").partition(" ")
+    quota = system.quota()
     level, found = Level.OK, "none"
-    if quota.isdigit():
-        level, found = Level.WARNING, f"{int(quota) / int(period):g} processors"
+    if math.isfinite(quota):
+        level, found = Level.WARNING, f"{quota:g} processors"
     why = "who has used up its share of a period is stopped for the rest of it, up to 100 ms"
     return Finding(PART, "processor quota", why, found, level, "start the container without --cpus")
 
 
 def _governor() -> Finding:
-    files = Path("/sys/devices/system/cpu").glob("cpu[0-9]*/cpufreq/scaling_governor")
-    governors = sorted({read(str(file)) for file in files})
-    found, why = ", ".join(governors), "a processor that has slowed down takes longer over a tick"
+    found, why = ", ".join(system.governors()), "a processor that has slowed down takes longer over a tick"
     level = Level.OK if found in ("", "performance") else Level.WARNING
     command = "sudo cpupower frequency-set -g performance"
     return Finding(PART, "frequency governor", why, found or "not in this system's hands", level, command)
@@ -115,39 +111,36 @@ def _limit(value: float, unit: int = 1) -> str:
 
 
 def _memory() -> Finding:
-    swaps = read("/proc/swaps").splitlines()[1:]
     limit = system.limit("MEMLOCK")
-    level, swap = (Level.WARNING, "swap in use") if swaps else (Level.OK, "no swap")
+    level, swap = (Level.WARNING, "swap in use") if system.swaps() else (Level.OK, "no swap")
     found = f"{swap}, memlock {_limit(limit, 2**20)} MiB".replace("ed MiB", "ed")
     why = "a page that has been swapped out stops a tick for milliseconds"
     return Finding(PART, "memory", why, found, level, "sudo swapoff -a")
 
 
 def _preemption() -> Finding:
-    release, version = os.uname().release, os.uname().version
-    fully = read("/sys/kernel/realtime") == "1" or "PREEMPT_RT" in version
-    found = "PREEMPT_RT" if fully else next((word for word in version.split() if "PREEMPT" in word), "not preemptible")
-    why, level = "bounds lateness; without it the rare tick is late by ms", Level.OK if fully else Level.MISSING
+    release, found = system.kernel()
+    level = Level.OK if found == "PREEMPT_RT" else Level.MISSING
+    why = "bounds lateness; without it the rare tick is late by ms"
     command = "Debian: sudo apt install linux-image-rt-amd64; Ubuntu: sudo pro enable realtime-kernel"
-    return Finding(PART, "PREEMPT_RT", why, f"{found}, Linux {release}", level, command)
+    return Finding(PART, "PREEMPT_RT", why, f"{found or 'not preemptible'}, Linux {release}", level, command)
 
 
 def _clock_source() -> Finding:
-    folder = "/sys/devices/system/clocksource/clocksource0/"
-    source, available = (read(f"{folder}{name}_clocksource") for name in ("current", "available"))
+    source, available = system.clock_source()
     level, why = Level.OK, "the loop reads it while it spins; a slow one takes microseconds"
     if source in SLOW_CLOCKS:
         level = Level.WARNING
-    command = f"echo tsc | sudo tee {folder}current_clocksource" if "tsc" in available.split() else ""
+    command = f"echo tsc | sudo tee {system.CLOCKS}current_clocksource" if "tsc" in available else ""
     return Finding(PART, "clock source", why, source or "unknown", level, command)
 
 
 def _timer_slack(spin: float) -> Finding:
-    text = read("/proc/self/timerslack_ns")
-    slack = int(text) if text.isdigit() else SLACK
+    found = system.timer_slack()
+    slack = SLACK if found is None else found
     why = f"a sleeper may wake so much later; the loop wakes {1e6 * spin:g} us early"
     level = Level.OK if slack <= max(SLACK, 0.5e9 * spin) else Level.WARNING
-    command = f"echo {SLACK} | sudo tee /proc/$PPID/timerslack_ns"
+    command = f"echo {SLACK} | sudo tee {system.TIMER_SLACK.format('$PPID')}"
     return Finding(PART, "timer slack", why, f"{slack / 1000:g} us", level, command)
 
 

@@ -125,9 +125,10 @@ class _Server:
             ]
             builder.LoadDatabase()
             with _guarded():
-                softioc.iocInit(asyncio_dispatcher.AsyncioDispatcher(), enable_pva=not local or _keep_to_loopback([]))
+                open_to_pva = not local or system.keep_to_loopback([])
+                softioc.iocInit(asyncio_dispatcher.AsyncioDispatcher(), enable_pva=open_to_pva)
             if local:
-                _keep_to_loopback(_datagram_sockets())
+                system.keep_to_loopback(_datagram_sockets())
         self._rate, self._settled = sample_rate, 0
 
     def _stop(self, asked: int) -> None:
@@ -250,25 +251,6 @@ def _datagram_sockets() -> list[socket.socket]:
         else:
             one.close()
     return found
-
-
-def _keep_to_loopback(sockets: list[socket.socket]) -> bool:
-    """Let nothing from outside reach these, whatever address they listen at, as that of searches of PV Access is any.
-
-    Whether this system allows it: Linux from 5.7 on.
-    """
-    if not hasattr(socket, "SO_BINDTODEVICE"):
-        return False
-    try:
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as trial:
-            for one in (trial, *sockets):
-                one.setsockopt(socket.SOL_SOCKET, socket.SO_BINDTODEVICE, b"lo")
-    except PermissionError:
-        return False
-    finally:
-        for one in sockets:
-            one.close()
-    return True
 
 
 def _states() -> list[Any]:

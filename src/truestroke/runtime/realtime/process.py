@@ -31,7 +31,7 @@ def require_realtime() -> None:
     """RealtimeError where the system has no watchdog that outlives the loop."""
     if not system.HAS_PROCESSES:
         raise RealtimeError(
-            f"{sys.platform} cannot watch the loop (it starts no process beside this one), so the output would not be "
+            f"{system.NAME} cannot watch the loop (it starts no process beside this one), so the output would not be "
             "safe: use Linux, Windows or macOS, or a microcontroller (truestroke export c); identify, invert and track "
             "work here"
         )
@@ -43,7 +43,7 @@ def lateness_of_system(settings: "RealtimeSettings", timing: Timing) -> list[str
         return []
     found = []
     if not system.BOUNDS_LATENESS:
-        found.append(f"nothing on {sys.platform} bounds how late a tick is: the recording has the lateness of each")
+        found.append(f"nothing on {system.NAME} bounds how late a tick is: the recording has the lateness of each")
     step, period = system.timer_step(), timing.block / timing.sample_rate
     if remedy := coarse(step, period, settings.spin):
         found.append(f"the timer of this system goes by steps of {1e3 * step:.2g} ms: {remedy}")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib.util
 import secrets
 import socket
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -66,7 +65,7 @@ class LiveSettings:
         """Before anything moves: RealtimeError without starlette and uvicorn, or where the page cannot be served."""
         if not system.HAS_PROCESSES:
             raise RealtimeError(
-                f"{sys.platform} starts no process beside this one, so the live page cannot be served: use Linux, "
+                f"{system.NAME} starts no process beside this one, so the live page cannot be served: use Linux, "
                 "Windows or macOS, or truestroke report, whose page can be read into everywhere"
             )
         if any(importlib.util.find_spec(name) is None for name in ("starlette", "uvicorn")):
