@@ -102,7 +102,11 @@ LACKS = {
 
 @pytest.mark.parametrize("complaint", LACKS)
 def test_a_configuration_that_cannot_run_is_told_why(complaint: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    def nowhere(name: str) -> None:
+    c_library = ctypes.CDLL(None)
+
+    def nowhere(name: str | None) -> ctypes.CDLL:
+        if name is None:
+            return c_library
         raise OSError(name)
 
     monkeypatch.setattr(ctypes, "CDLL", nowhere)  # tests of the card may have loaded the fake one
