@@ -367,6 +367,7 @@ TS_API ts_guard_action ts_guard_tick(ts_guard *g, const ts_guard_settings *s, ts
  * gain is 1. */
 typedef struct {
     bool known;
+    ts_real first;                    /* cycles per tick: the first resonance */
     int sections;
     ts_real section[TS_SECTIONS][4];  /* b0, b1, a1, a2 of (b0 + b1 q^-1) / (1 + a1 q^-1 + a2 q^-2): G is q^-dead times the sum
                                          of the sections and of direct[i] q^-i */
@@ -449,6 +450,7 @@ typedef struct {
     ts_real centre;                   /* cycles per tick; 0: the first window has not begun */
     ts_real known, variance;          /* cycles per tick, and its relative variance; 0: not known */
     ts_real motion, power;            /* of the last window: cycles per tick of the motion, um^2 of the error */
+    ts_real driven;                   /* of the last window that showed it: share of the residual of ringing alone that the plays explain */
     ts_real motion_filter[3], noise_filter[3];
     ts_real first[TS_SHOWN + 1];      /* of the plays, V, and of the measurement, um */
     ts_real state[TS_SHOWN + 1][4];   /* of both filters */
@@ -552,6 +554,8 @@ typedef struct {
     ts_real newer[TS_MAX_LEARNED], older[TS_MAX_LEARNED]; /* earlier weights, to be restored */
     uint64_t since;                   /* first tick whose strain is kept while learning rests */
     bool failed, trial;               /* with the stage that was found learning has failed, or has not been better than before yet */
+    ts_real doubt;                    /* error over the range that the dynamics of the settings leave, */
+    int doubted;                      /* and windows in which it has not fallen */
 } ts_stage;
 
 /* What is wanted of a tick. */

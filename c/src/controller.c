@@ -26,6 +26,12 @@
 #define CERTAIN ((ts_real)0.02)   /* relative deviation of a resonance that is put into the model */
 #define MOVED ((ts_real)0.015)    /* of the resonance of the model: one that is shown and differs by so much replaces it */
 #define FURTHER ((ts_real)0.15)   /* unless by so much */
+#define DOUBT ((ts_real)0.01)     /* of the motion's range: an error that the dynamics of the settings should not leave */
+#define FALLEN ((ts_real)0.8)     /* of that error: learning makes it smaller */
+#define LASTS 8                   /* windows in which it does not */
+#define ELSEWHERE ((ts_real)0.03) /* of the first resonance of the settings: one that differs by so much, where learning has failed */
+#define DRIVEN ((ts_real)0.5)     /* share of the plays: what our voltage does not drive is of another axis, or comes from outside */
+#define ANOTHER ((ts_real)0.07) /* of the first resonance of the settings: one that differs by so much is that of another stage */
 #define SLOWEST ((ts_real)0.025)  /* of the resonance: a slower motion does not need it */
 #define NOISY 9                   /* times the variance of a measurement: nor does a smaller error */
 #define FREE 6                    /* half-waves of the ringing while weights are held, which shows the resonance, */
@@ -138,7 +144,7 @@ static ts_status check_dynamics(const ts_dynamics *d)
     bool good = d->sections >= 0 && d->sections <= TS_SECTIONS && d->others >= 0 && d->others <= TS_SECTIONS && d->modes >= 0 && d->modes <= TS_SECTIONS && d->dead >= 0
                 && d->dead < TS_HISTORY / 2 && bounded(d->lead[0]) && bounded(d->lead[1])
                 && bounded(d->sensor[0]) && bounded(d->sensor[1]);
-    if (!good) return TS_BAD_DYNAMICS;
+    if (!good || (d->known && !(d->first > 0 && d->first < 1))) return TS_BAD_DYNAMICS;
     for (int i = 0; i < d->sections; i++) good = good && stable_section(d->section[i]);
     for (int i = 0; i < d->others; i++) good = good && stable_section(d->rest[i]);
     for (int i = 0; i < d->modes; i++) good = good && stable_biquad(d->mode[i]);
@@ -220,6 +226,12 @@ static const ts_dynamics *dynamics_of(const ts_controller *c)
     return c->found.known ? &c->found : &c->settings->dynamics;
 }
 
+/* Whether the dynamics of the settings are in use. */
+static bool is_given(const ts_controller *c)
+{
+    return c->settings->dynamics.known && !c->found.known;
+}
+
 /* Whether the inertia of the stage is learned from the measured acceleration. */
 static bool measures_inertia(const ts_controller *c)
 {
@@ -290,6 +302,16 @@ static ts_real inertia_of(const ts_settings *s, ts_real frequency)
     return frequency > 0 ? s->oscillation.tick / (w * w) : 0;
 }
 
+/* exp(d x) of so many ticks d of dead time, times the inverse of the hold, 1 - x^2 / 12 + x^4 / 240: coefficients of x to x^4. */
+static void lead_of_dead_time(int dead, ts_real *first, ts_real *second, ts_real *third, ts_real *fourth)
+{
+    ts_real d = (ts_real)dead, square = d * d, cube = square * d, rest = (square * square - square) / 24;
+    *first = d;
+    *second = (6 * square - 1) / 12;
+    *third = (2 * cube - d) / 12;
+    *fourth = rest + (ts_real)1 / 240;
+}
+
 /* What a stage that was found asks of the hysteresis beyond z_d, um: 1 / G up to the fourth derivative, from the last four
  * velocities. A motion at a third of the resonance turns by up to a quarter of a radian in a tick. Where the velocities are noise,
  * or jump, their differences do not fall: there two derivatives are used. */
@@ -302,9 +324,11 @@ static ts_real ahead_of_found(const ts_controller *c, ts_real zdot_d, ts_real zd
     if (SMOOTH * size_of(third) > size_of(newest) + size_of(before) + size_of(oldest))
         return c->found.lead[0] * zdot_d + c->found.lead[1] * zddot_d;
     ts_real w = 2 * TS_PI * c->stage.resonance, drag = 2 * FOUND_DAMPING / w, stiff = 1 / (w * w);
-    ts_real of_change = (stiff + drag + (ts_real)5 / 12) * (newest + second / 2 + third / 3); /* the hold is in it */
-    ts_real of_jerk = (stiff + 5 * drag / 12 + (ts_real)1 / 12) * (second + third);
-    ts_real snap = 5 * stiff / 12, slower = drag / 12, of_snap = (snap + slower + (ts_real)1 / 240) * third;
+    ts_real l1, l2, l3, l4;
+    lead_of_dead_time(c->found.dead, &l1, &l2, &l3, &l4);
+    ts_real of_change = (stiff + l1 * drag + l2) * (newest + second / 2 + third / 3);
+    ts_real of_jerk = (l1 * stiff + l2 * drag + l3) * (second + third);
+    ts_real of_snap = (l2 * stiff + l3 * drag + l4) * third;
     return c->found.lead[0] * zdot_d + c->settings->oscillation.tick * (of_change + of_jerk + of_snap);
 }
 
@@ -530,20 +554,35 @@ static void adapt_kalman(ts_controller *c, const ts_real *u, ts_real y, ts_real 
 
 /* ---- The stage -------------------------------------------------------------------------------------------------------- */
 
+/* According to the model, so many ticks before the one that is measured next; at rest before the first one. um. */
+static ts_real strain_of(const ts_controller *c, int back)
+{
+    uint64_t ticks = c->dynamics.ticks, before = (uint64_t)back;
+    return c->dynamics.strain[(ticks > before ? ticks - before : 0) % TS_HISTORY];
+}
+
+/* The states of G after a long rest with this strain, um. */
+static void rest_sections(ts_controller *c, ts_real strain)
+{
+    const ts_dynamics *g = dynamics_of(c);
+    for (int i = 0; i < g->sections; i++) {
+        const ts_real *q = g->section[i];
+        ts_real *y = c->dynamics.section[i];
+        y[0] = y[1] = (q[0] + q[1]) * strain / (1 + q[2] + q[3]);
+    }
+}
+
 /* G: the measurement that the model expects of the next tick, um. At rest before the first one. */
 static ts_real expected(ts_controller *c)
 {
     const ts_dynamics *g = dynamics_of(c);
     ts_dynamics_state *d = &c->dynamics;
     ts_real u[4], z = 0; /* the strain `dead` ticks ago, and before that */
-    for (int i = 0; i < 4; i++) {
-        uint64_t back = (uint64_t)(g->dead + i);
-        u[i] = d->strain[(d->ticks > back ? d->ticks - back : 0) % TS_HISTORY];
-    }
+    for (int i = 0; i < 4; i++) u[i] = strain_of(c, g->dead + i);
+    if (d->ticks == 0) rest_sections(c, u[0]);
     for (int i = 0; i < g->sections; i++) {
         const ts_real *q = g->section[i];
         ts_real *y = d->section[i];
-        if (d->ticks == 0) y[0] = y[1] = (q[0] + q[1]) * u[0] / (1 + q[2] + q[3]);
         ts_real next = q[0] * u[0] + q[1] * u[1] - q[2] * y[0] - q[3] * y[1];
         y[1] = y[0];
         y[0] = next;
@@ -766,9 +805,9 @@ static void step_of_mode(ts_real w, ts_real *integral, ts_real *step, ts_real *r
     }
 }
 
-/* The dynamics of one mode of this frequency, cycles per tick, behind a tick of dead time: the exact response to a command that
- * is held in each tick, as a mean over each tick. */
-static void make_dynamics(ts_dynamics *g, ts_real frequency, ts_real tick)
+/* The dynamics of one mode of this frequency, cycles per tick, behind so many ticks of dead time: the exact response to a command
+ * that is held in each tick, as a mean over each tick. */
+static void make_dynamics(ts_dynamics *g, ts_real frequency, ts_real tick, int dead)
 {
     ts_real w = 2 * TS_PI * frequency, w0 = w / tick, integral, step, rate;
     step_of_mode(w, &integral, &step, &rate);
@@ -782,15 +821,19 @@ static void make_dynamics(ts_dynamics *g, ts_real frequency, ts_real tick)
     ts_real gain = root_of((n0 * n0 + d1 * d1 + d2 * d2 + d3 * d3 + n2 * n2) / 6);
     memset(g, 0, sizeof *g);
     g->known = true;
-    g->sections = g->dead = 1;
+    g->first = frequency;
+    g->sections = 1;
+    g->dead = dead;
     const ts_real section[4] = {b0 - direct, b1 - direct * a1, a1, a2}, notch[3] = {n0, n1, n2}, tap[3] = {b0 / still, b1 / still, b2 / still};
     memcpy(g->section[0], section, sizeof section);
     memcpy(g->notch, notch, sizeof notch);
     memcpy(g->tap, tap, sizeof tap);
     for (int i = 0; i < 3; i++) g->quiet[i] = notch[i] / gain;
     g->direct[0] = direct;
-    g->lead[0] = 2 * FOUND_DAMPING / w0 + tick;
-    g->lead[1] = 1 / (w0 * w0) + 2 * FOUND_DAMPING * tick / w0 + 5 * (tick * tick) / 12; /* the hold is in it */
+    ts_real first, second, third, fourth;
+    lead_of_dead_time(dead, &first, &second, &third, &fourth);
+    g->lead[0] = 2 * FOUND_DAMPING / w0 + first * tick;
+    g->lead[1] = 1 / (w0 * w0) + first * (2 * FOUND_DAMPING * tick / w0) + second * (tick * tick);
 }
 
 /* A weight is 0, independent of all others, with this variance. */
@@ -809,17 +852,18 @@ static void begin_anew(ts_controller *c)
 
 /* From now on the stage is between hysteresis and sensor; it rings by so much, um. Lag and inertia are in it, but for what it
  * misses, and so is what the rate weights have learned. */
-static void adopt_stage(ts_controller *c, ts_real frequency, ts_real ringing, bool again)
+static void adopt_stage(ts_controller *c, ts_real frequency, ts_real ringing)
 {
     const ts_settings *s = c->settings;
     ts_kalman *k = &c->law.kalman;
     ts_dynamics_state *d = &c->dynamics;
-    make_dynamics(&c->found, frequency, s->oscillation.tick);
-    if (!again) d->ticks = c->lagged.ticks;
+    bool again = c->found.known;
+    if (!dynamics_of(c)->known) d->ticks = c->lagged.ticks;
+    make_dynamics(&c->found, frequency, s->oscillation.tick, s->dynamics.known ? s->dynamics.dead : 1);
     d->started = false;
     d->innovation[0] = d->innovation[1] = 0;
     for (int i = 0; i < 2; i++) /* it rings on */
-        d->section[0][i] = d->z[i] - c->found.direct[0] * d->strain[(d->ticks - 2 - (uint64_t)i) % TS_HISTORY];
+        d->section[0][i] = d->z[i] - c->found.direct[0] * strain_of(c, c->found.dead + 1 + i);
     ts_real corner = 2 * TS_PI * FOUND_FILTER * frequency, time = s->oscillation.tick / (2 * TS_PI * frequency);
     k->filter = corner / (1 + corner);
     k->disturbance = k->caution = 0;
@@ -844,26 +888,49 @@ static void adopt_stage(ts_controller *c, ts_real frequency, ts_real ringing, bo
     if (c->guard.ringing < ringing) c->guard.ringing = ringing;
 }
 
+/* The dynamics of the settings go on after another stage, as if they had rested where the last measurement is. */
+static void return_to_given(ts_controller *c)
+{
+    const ts_dynamics *g = &c->settings->dynamics;
+    ts_dynamics_state *d = &c->dynamics;
+    rest_sections(c, strain_of(c, g->dead + 1));
+    for (int i = 0; i < g->modes; i++) {
+        const ts_real *q = g->mode[i];
+        d->mode[i][1] = (q[2] - q[4]) * d->z[0];
+        d->mode[i][0] = (q[1] - q[3]) * d->z[0] + d->mode[i][1];
+    }
+    d->innovation[0] = d->innovation[1] = 0;
+    d->started = c->law.kalman.started = false;
+}
+
 /* The stage according to the settings. */
 static void forget_stage(ts_controller *c)
 {
     const ts_settings *s = c->settings;
     c->stage.smoothing = s->smoothing;
     if (s->law != TS_LAW_KALMAN) return;
+    bool returns = c->found.known && s->dynamics.known;
     c->found.known = false;
+    if (returns) return_to_given(c);
     c->stage.resonance = s->resonance;
     c->stage.inertia = inertia_of(s, s->resonance);
     c->law.kalman.filter = s->kalman.filter;
 }
 
-/* It was not that: the resonance alone is known, as before. */
+/* It was not that: the stage is that of the settings, or the resonance alone is known, as before. */
 static void give_up_stage(ts_controller *c)
 {
     if (!c->found.known) return;
-    c->found.known = c->stage.trial = false;
+    c->stage.trial = false;
     c->stage.failed = true;
     c->resonance.windows = 0;
-    adopt_resonance(c, c->stage.resonance, 1);
+    if (!c->settings->dynamics.known) {
+        c->found.known = false;
+        adopt_resonance(c, c->stage.resonance, 1);
+        return;
+    }
+    forget_stage(c);
+    keep_command(c);
 }
 
 /* ---- Self-excited oscillation, continued ---------------------------------------------------------------------------- */
@@ -922,7 +989,7 @@ static void know_resonance(ts_controller *c, ts_real frequency)
     bool late = s->ticks > 0 || s->share > 0 || s->lag > 0;
     if (c->stage.failed || late || c->lagged.ticks < c->stage.since + 4) return;
     if (!c->guard.kept) begin_anew(c);
-    adopt_stage(c, frequency, c->oscillation.peaks[0], false);
+    adopt_stage(c, frequency, c->oscillation.peaks[0]);
 }
 
 /* Whether weights are held and the stage rings on by itself, faster than the motion: it decays, and shows its resonance. */
@@ -951,7 +1018,7 @@ static void watch_stage(ts_controller *c, ts_real error, ts_real zdot_d, bool li
         c->flags.oscillating = false;
         ts_resonance_look(&c->resonance, c->stage.resonance);
         begin_anew(c);
-        adopt_stage(c, c->stage.resonance, o->peaks[0], false);
+        adopt_stage(c, c->stage.resonance, o->peaks[0]);
         return;
     }
     if (c->stage.rest > 0) {
@@ -1033,9 +1100,20 @@ static bool stage_is_shown(ts_controller *c)
     if (moved * moved > FURTHER * FURTHER) return false;
     if (moved * moved > MOVED * MOVED) {
         c->stage.resonance = r->known;
-        adopt_stage(c, r->known, 0, true);
+        adopt_stage(c, r->known, 0);
     }
     return true;
+}
+
+/* After a window with this error over the range: whether the dynamics of the settings leave an error that is large and does not fall. */
+static void doubt_dynamics(ts_controller *c, ts_real error)
+{
+    if (error > DOUBT && c->stage.doubted > 0 && error > FALLEN * c->stage.doubt) {
+        if (c->stage.doubted < LASTS) c->stage.doubted++;
+        return;
+    }
+    c->stage.doubt = error;
+    c->stage.doubted = error > DOUBT;
 }
 
 static void watch_learning(ts_controller *c, ts_real error, ts_real z_d, bool counts)
@@ -1070,7 +1148,7 @@ static void watch_learning(ts_controller *c, ts_real error, ts_real z_d, bool co
             ts_kalman_reset_covariance(k, prior_of(s), c->parameters);
         } else {
             bool of_motion = c->stage.resonance < ts_resonance_lowest(&c->resonance, s->oscillation.tick);
-            if (of_motion && !(s->resonance > 0 || s->dynamics.known || c->found.known)) { /* it was no resonance */
+            if (of_motion && !(s->resonance > 0 || dynamics_of(c)->known)) { /* it was no resonance */
                 forget_stage(c);
                 c->oscillation.found = false;
             }
@@ -1080,6 +1158,7 @@ static void watch_learning(ts_controller *c, ts_real error, ts_real z_d, bool co
     case TS_GUARD_NOTHING:
     default: break;
     }
+    if (g->ticks == 0 && is_given(c)) doubt_dynamics(c, g->error);
     if (g->held > 0 || k->caution > CAUTIOUS * (k->sigma * k->sigma)) move_offset(c, g->drift);
     if (g->held == 0 && g->ticks == 0) k->caution *= 1 - (ts_real)0.8 / (ts_real)g->wait;
     c->flags.restored = g->held > 0;
@@ -1146,6 +1225,14 @@ static bool matters(const ts_controller *c)
         ts_real moved = r->known / c->stage.resonance - 1;
         return moved * moved > MOVED * MOVED && moved * moved < FURTHER * FURTHER && moved * moved > 4 * r->variance;
     }
+    if (is_given(c)) {
+        const ts_guard *g = &c->guard;
+        bool failing = g->held > 0 || g->wait > TS_FIRST_WAIT;
+        ts_real away = r->known / c->settings->dynamics.first - 1, least = failing ? ELSEWHERE : ANOTHER;
+        ts_real large = DOUBT * ts_guard_range(g, &c->settings->guard);
+        if (!failing && c->stage.doubted < LASTS) return false;
+        return away * away > least * least && r->power > large * large && r->driven > DRIVEN;
+    }
     ts_real noise = noise_of(c);
     return r->motion > SLOWEST * r->known && r->power > NOISY * noise * noise;
 }
@@ -1156,6 +1243,10 @@ static void watch_resonance(ts_controller *c, ts_real z, ts_real error, const ts
     const ts_settings *s = c->settings;
     ts_resonance *r = &c->resonance;
     ts_real x[TS_SHOWN + 1], now[TS_SHOWN];
+    if (is_given(c) && !(c->guard.error > DOUBT)) { /* no reason to look for another */
+        r->ticks = 0;
+        return;
+    }
     for (int i = 0; i < TS_SHOWN; i++) now[i] = c->lagged.play[(i * (s->plays - 1) + (TS_SHOWN - 1) / 2) / (TS_SHOWN - 1)];
     memcpy(x, staged ? now : c->shown, sizeof now);
     memcpy(c->shown, now, sizeof now);
@@ -1165,8 +1256,8 @@ static void watch_resonance(ts_controller *c, ts_real z, ts_real error, const ts
     if (!known || !matters(c)) return;
     c->stage.resonance = r->known;
     c->guard.settled = c->guard.settled && c->guard.lost; /* else it was no wrong sensor: there is nothing to return to */
-    if (!staged) begin_anew(c);
-    adopt_stage(c, r->known, root_of(r->power), staged);
+    if (!c->found.known) begin_anew(c);
+    adopt_stage(c, r->known, root_of(r->power));
 }
 
 /* ---- A tick of the measured side -------------------------------------------------------------------------------------- */
@@ -1217,7 +1308,7 @@ static bool pauses(ts_controller *c)
 static void feed_back(ts_controller *c, ts_real error)
 {
     const ts_feedback *f = &c->settings->feedback;
-    if (f->filters && c->settings->oscillation.tick > 0 && pauses(c)) {
+    if (f->filters && (c->found.known || (c->settings->oscillation.tick > 0 && pauses(c)))) { /* its margins are those of the stage */
         memset(c->feedback.state, 0, sizeof c->feedback.state);
         c->feedback.sum = 0;
         return;
@@ -1306,7 +1397,7 @@ static bool measure(ts_controller *c, ts_real z)
     }
     if (!used) ts_oscillation_miss(&c->oscillation, &s->oscillation, &error);
     else if (s->law == TS_LAW_KALMAN && s->oscillation.tick > 0 && !staged) watch_stage(c, error, d->zdot_d, limited);
-    if (s->law == TS_LAW_KALMAN && s->oscillation.tick > 0 && !s->dynamics.known) watch_resonance(c, z, error, d, staged);
+    if (s->law == TS_LAW_KALMAN && s->oscillation.tick > 0) watch_resonance(c, z, error, d, staged);
     bool at_limit = c->x[slot] >= s->voltage_max || c->x[slot] <= s->voltage_min;
     if (s->law == TS_LAW_KALMAN) {
         watch_learning(c, error, d->z_d, used && (!at_limit || back));
@@ -1390,7 +1481,7 @@ static bool equal(const ts_real *a, const ts_real *b, int n)
 
 static bool same_dynamics(const ts_dynamics *a, const ts_dynamics *b)
 {
-    bool same = a->known == b->known && a->sections == b->sections && a->dead == b->dead && a->others == b->others
+    bool same = a->known == b->known && equal(&a->first, &b->first, 1) && a->sections == b->sections && a->dead == b->dead && a->others == b->others
                 && a->modes == b->modes;
     return same && equal(&a->mode[0][0], &b->mode[0][0], 5 * TS_SECTIONS) && equal(&a->section[0][0], &b->section[0][0], 4 * TS_SECTIONS) && equal(a->direct, b->direct, 3)
            && equal(a->notch, b->notch, 3) && equal(a->quiet, b->quiet, 3) && equal(a->tap, b->tap, TS_TAPS) && equal(&a->rest[0][0], &b->rest[0][0], 4 * TS_SECTIONS)
@@ -1461,7 +1552,7 @@ ts_status ts_controller_follow(ts_controller *c, ts_real z_d, ts_real zdot_d, ts
     ts_motion d = {0};
     if (!isfinite(z_d) || !isfinite(zdot_d) || isinf(zddot_d) || isinf(strain_d)) return TS_NOT_FINITE;
     if (!take_others(&d, others, s->terms[TS_COUPLING])) return TS_NOT_FINITE;
-    bool known_acceleration = zddot_d == zddot_d, known_strain = strain_d == strain_d;
+    bool known_acceleration = zddot_d == zddot_d, known_strain = strain_d == strain_d && !c->found.known;
     z_d = within(z_d, -TS_LARGEST, TS_LARGEST);
     zdot_d = within(zdot_d, -TS_LARGEST, TS_LARGEST);
     zddot_d = within(zddot_d, -TS_LARGEST, TS_LARGEST);

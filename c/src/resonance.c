@@ -114,8 +114,20 @@ static bool eliminate(ts_real (*N)[TS_RESONANCE], int begin, int end)
     return true;
 }
 
+/* How much smaller `left` is than the residual of an equation without plays, that of ringing alone. */
+static ts_real share_of_plays(const ts_resonance *r, ts_real left)
+{
+    const ts_real *B = r->sum + TS_PACKED(BAND), *H = r->sum + TS_PACKED(HIGH), *L = r->sum + TS_PACKED(LOW);
+    if (!(B[BAND] > 0)) return 0;
+    ts_real of_high = H[BAND] / B[BAND], of_low = L[BAND] / B[BAND];
+    ts_real high = H[HIGH] - of_high * H[BAND], cross = L[HIGH] - of_low * H[BAND], low = L[LOW] - of_low * L[BAND];
+    if (!(high > 0)) return 0;
+    ts_real alone = low - cross / high * cross;
+    return alone > left ? 1 - left / alone : 0;
+}
+
 /* The resonance that a window shows, cycles per tick, and its relative variance; 0: it shows none. */
-static ts_real shown_resonance(const ts_resonance *r, ts_real lowest, ts_real *variance)
+static ts_real shown_resonance(ts_resonance *r, ts_real lowest, ts_real *variance)
 {
     ts_real N[TS_RESONANCE][TS_RESONANCE], largest = 0;
     for (int i = 0; i <= LOW; i++) memcpy(N[i], r->sum + TS_PACKED(i), sizeof(ts_real) * (size_t)(i + 1));
@@ -130,6 +142,7 @@ static ts_real shown_resonance(const ts_resonance *r, ts_real lowest, ts_real *v
     if (!(left < deviation * deviation * equations)) return 0;
     ts_real f0 = arctangent(tangent(TS_PI * r->centre) / root_of(ratio)) / TS_PI;
     *variance = left > 0 ? left / equations / (4 * ratio * ratio) : 0;
+    r->driven = share_of_plays(r, left);
     bool within = f0 > lowest && f0 < SEARCH_FROM && f0 > NEAREST * r->centre && f0 < FURTHEST * r->centre;
     return within ? f0 : 0;
 }

@@ -65,7 +65,7 @@ static ts_real any(bytes *b, double size)
 static void on_stage(ts_settings *s)
 {
     s->dynamics = (ts_dynamics){
-        .known = true, .sections = 3, .dead = 1, .modes = 1, .others = 2,
+        .known = true, .first = (ts_real)0.09, .sections = 3, .dead = 1, .modes = 1, .others = 2,
         .section = {{(ts_real)-0.2347904, (ts_real)0.4033557, (ts_real)-1.6697850, (ts_real)0.9776344},
                     {(ts_real)-0.0771749, (ts_real)0.0252292, (ts_real)-0.0013489, (ts_real)0.9100572},
                     {(ts_real)0.3986473, 0, (ts_real)-0.2846095, 0}},

@@ -154,8 +154,9 @@ template <typename Controller, typename Visit> void each_array(Controller &c, Vi
     visit("oscillation_found", &o.found, 1);
     auto &d = c.dynamics;
     auto &f = c.found;
-    if (c.settings->law == TS_LAW_KALMAN && !c.settings->dynamics.known) {
+    if (c.settings->law == TS_LAW_KALMAN) {
         visit("found", &f.known, 1);
+        visit("found_first", &f.first, 1);
         visit("found_sections", &f.sections, 1);
         visit("found_section", &f.section[0][0], 4);
         visit("found_direct", &f.direct[0], 3);
@@ -166,6 +167,8 @@ template <typename Controller, typename Visit> void each_array(Controller &c, Vi
         visit("found_lead", &f.lead[0], 2);
         visit("found_since", &c.stage.since, 1);
         visit("found_failed", &c.stage.failed, 2);
+        visit("given_doubt", &c.stage.doubt, 1);
+        visit("given_doubted", &c.stage.doubted, 1);
     }
     if (c.settings->law == TS_LAW_KALMAN) {
         visit("stage_sections", &d.section[0][0], sizeof d.section / sizeof(ts_real));
@@ -237,10 +240,10 @@ void check_counters(const ts_controller &c) {
                 "at most the commands that were counted, and at most " TS_TEXT(TS_HISTORY) " less");
     require_range("answered", c.answered, 0, 2 * TS_HISTORY);
     require_range("beyond", c.beyond, 0, TS_BEYOND);
-    const ts_dynamics &f = c.found, &g = f.known ? f : c.settings->dynamics;
+    const ts_dynamics &f = c.found, &given = c.settings->dynamics, &g = f.known ? f : given;
     const ts_real *q = f.section[0];
     bool stable = q[3] < 1 && q[3] > -1 && q[2] < 1 + q[3] && q[2] > -1 - q[3];
-    require_all("found", !f.known || (!c.settings->dynamics.known && f.sections == 1 && f.dead == 1 && stable), "a stage of one stable mode");
+    require_all("found", !f.known || (f.sections == 1 && f.dead == (given.known ? given.dead : 1) && stable), "a stage of one stable mode");
     uint64_t dead = static_cast<uint64_t>(g.dead), ticks = c.dynamics.ticks;
     require_all("stage_ticks", !g.known || (ticks <= n.commands && (c.lagged.ticks == (ticks > dead ? ticks - dead : 0) || (f.known && c.lagged.ticks == ticks))),
                 "the lagged_ticks and the stage's dead time");

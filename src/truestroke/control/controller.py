@@ -492,10 +492,10 @@ class AdaptiveController(Displayed):
 
     @property
     def resonance(self) -> float:
-        """First resonance of the stage, Hz: of `dynamics`, as set, or as measured when the law excited it; or NaN."""
-        if self.settings.dynamics is not None:
-            return self.settings.dynamics.modes[0].frequency
-        return self._kernel.resonance() * self.settings.sample_rate
+        """First resonance of the stage in the model, Hz: as it was found while the loop ran, or as set; or NaN."""
+        known = self._kernel.resonance() * self.settings.sample_rate
+        given = self.settings.dynamics
+        return known if given is None or known > 0 else given.modes[0].frequency
 
     @property
     def filter_frequency(self) -> float:

@@ -18,12 +18,12 @@ from truestroke.base.display import Displayed, Rows
 from truestroke.base.typing import FloatArray
 from truestroke.control.adaptation import LARGEST, RLS, BoundedKalman, FilteringLaw, KalmanSettings, Law, UpdateRefused
 from truestroke.control.controller import Counters, controller_rows
-from truestroke.control.guard import Action, Guard, GuardSettings, Recall
+from truestroke.control.guard import FIRST_WAIT, Action, Guard, GuardSettings, Recall
 from truestroke.control.oscillation import OscillationDetector, OscillationSettings
 from truestroke.control.resonance import SHOWN, ResonanceEstimator, shown
 from truestroke.control.sensor import Sensor
 from truestroke.control.settings import CHANGEABLE, SETTINGS, ControllerSettings, kernel_settings
-from truestroke.control.stage import FOUND_DAMPING, Stage, found, strain_of
+from truestroke.control.stage import FOUND_DAMPING, Stage, found, lead_of_dead_time, strain_of
 from truestroke.model.models import (
     Motion,
     creep_step,
@@ -62,6 +62,12 @@ CERTAIN = 0.02  # relative deviation of a resonance that is put into the model
 MOVED = 0.015  # of the resonance of the model: one that is known and differs by so much replaces it,
 FURTHER = 0.15  # unless by so much
 SMOOTH = 8  # times the third difference of velocities: no more than the sum of their first ones
+DOUBT = 0.01  # of the motion's range: an error that the dynamics of the settings should not leave
+FALLEN = 0.8  # of that error: learning makes it smaller
+LASTS = 8  # windows in which it does not
+ELSEWHERE = 0.03  # of the first resonance of the settings: one that differs by so much, where learning has failed
+DRIVEN = 0.5  # share of the plays: what our voltage does not drive is of another axis, or comes from outside
+ANOTHER = 0.07  # of their first resonance: one that differs by so much is that of another stage
 FREE = 6  # half-waves of the ringing while weights are held, which show the resonance,
 DECAYED = 0.98  # of the first of them: the last one is smaller, or something drives it
 SLOWEST = 0.025  # of the resonance: a slower motion does not need it
@@ -95,8 +101,11 @@ class _Stage:
     smoothing: float = 0.0  # share of a learned change that the command still lacks a tick later
     rest: float = 0.0  # ticks until learning begins again
     age: float = 0.0  # s since `newer` was kept
+    found: bool = False  # it is in the model
     failed: bool = False  # with the stage that was found learning has failed,
     trial: bool = False  # or has not been better than before yet
+    doubt: float = 0.0  # error over the range that the dynamics of the settings leave,
+    doubted: int = 0  # and windows in which it has not fallen
     strain: dict[int, float] = field(default_factory=dict)  # um: while learning rests, by tick,
     since: int = 0  # from this one on,
     z: tuple[float, float] = (0.0, 0.0)  # um: and the last two measurements, the newer first
@@ -365,7 +374,7 @@ class ReferenceController(Displayed):
             self._pass_over()  # a measurement of it would be too late now
         self._see_creep(self._now)
         zddot_d = self._acceleration(zdot_d) if zddot_d is None else zddot_d
-        ahead = self._ahead(zdot_d, zddot_d) if strain_d is None else strain_d - z_d
+        ahead = self._ahead(zdot_d, zddot_d) if strain_d is None or self._stage.found else strain_d - z_d
         motion = Motion(z_d, zdot_d, zddot_d, ahead, moving)
         y_d = self._wanted_of_plays(motion)  # (11)
         self._slopes, self._projected = self._rate_dependent_slopes(zdot_d)  # (7)
@@ -468,7 +477,7 @@ class ReferenceController(Displayed):
 
         The inertia is within a tenth of the stroke.
         """
-        if self._path is not None and self._found:
+        if self._path is not None and self._stage.found:
             return self._ahead_of_found(self._path, zdot_d, zddot_d)
         if self._path is not None:
             return float(self._path.lead[0] * zdot_d + self._path.lead[1] * zddot_d)
@@ -493,9 +502,10 @@ class ReferenceController(Displayed):
             return float(path.lead[0] * zdot_d + path.lead[1] * zddot_d)
         w = 2 * math.pi * self._stage.resonance
         drag, stiff = 2 * FOUND_DAMPING / w, 1 / (w * w)
-        of_change = (stiff + drag + 5 / 12) * (newest + second / 2 + third / 3)  # the hold is in it
-        of_jerk = (stiff + 5 * drag / 12 + 1 / 12) * (second + third)
-        of_snap = (5 * stiff / 12 + drag / 12 + 1 / 240) * third
+        l1, l2, l3, l4 = lead_of_dead_time(path.dead)
+        of_change = (stiff + l1 * drag + l2) * (newest + second / 2 + third / 3)
+        of_jerk = (l1 * stiff + l2 * drag + l3) * (second + third)
+        of_snap = (l2 * stiff + l3 * drag + l4) * third
         return float(path.lead[0] * zdot_d + self._oscillation.tick * (of_change + of_jerk + of_snap))
 
     def _known(self, motion: Motion) -> float:
@@ -602,7 +612,7 @@ class ReferenceController(Displayed):
     def _feed_back(self, error: float) -> None:
         """One tick of the feedback, for the command after it; error: desired less measured, um."""
         total, tick = 0.0, self._oscillation.tick
-        if self._c["feedback.filter"] and tick > 0 and self._pauses(tick):
+        if self._c["feedback.filter"] and (self._stage.found or (tick > 0 and self._pauses(tick))):
             self._feedback, self._feedback_states = 0.0, [[0.0, 0.0] for _ in self._feedback_states]
             return
         for (b0, b1, b2, a1, a2), x in zip(self._c["feedback.filter"], self._feedback_states, strict=False):
@@ -752,8 +762,14 @@ class ReferenceController(Displayed):
         """The stage according to the settings."""
         stage, law = self._stage, self._filtering
         stage.smoothing, stage.resonance, stage.inertia = self._c["smoothing"], 0.0, 0.0
+        before, self._stage.found = self._path if stage.found else None, False
         if not self._c["dynamics.known"]:
             self._path = None
+        elif before is not None:
+            self._path = Stage(self._c, self.settings.parameters)
+            self._path.rest(before.ticks, before.strain, before.z)
+            if law is not None:
+                law.stop_filters()
         if law is not None:
             stage.resonance, law.filter = self._c["resonance"], self._c["kalman.filter"]
             stage.inertia = self._inertia_of(stage.resonance)
@@ -829,7 +845,9 @@ class ReferenceController(Displayed):
         Lag and inertia are in it, but for what it misses, and so is what the rate weights have learned.
         """
         s, stage, tick, before = self.settings, self._stage, self._oscillation.tick, self._path
-        self._path = Stage(found(frequency, tick), s.parameters)
+        again = stage.found
+        dead = self._c["dynamics.dead"] if self._c["dynamics.known"] else 1
+        self._path, stage.found = Stage(found(frequency, tick, dead), s.parameters), True
         if before is None:
             self._path.go_on(self._lagged.ticks, dict(stage.strain), stage.z)
         else:
@@ -851,25 +869,30 @@ class ReferenceController(Displayed):
         law.stop_filters()
         self._keep_command()
         guard = self._kept.guard
-        if before is None:
+        if not again:
             stage.trial = guard.kept  # what was good before is good to go back to
             self._kept.begun = self._kept.begun or not guard.kept
             guard.begin()
         guard.ringing = max(guard.ringing, ringing)
 
     @property
-    def _found(self) -> bool:
-        """Whether a stage that was found is in the model."""
-        return self._path is not None and not self._c["dynamics.known"]
+    def _is_given(self) -> bool:
+        """Whether the dynamics of the settings are in use."""
+        return self._c["dynamics.known"] and not self._stage.found
 
     def _give_up_stage(self, law: FilteringLaw) -> None:
-        """It was not that: the resonance alone is known, as before."""
-        if self._path is None or not self._found:
+        """It was not that: the stage is that of the settings, or the resonance alone is known, as before."""
+        if self._path is None or not self._stage.found:
             return
-        self._stage.z = self._path.z
-        self._path, self._estimator.windows = None, 0
-        self._stage.failed, self._stage.trial = True, False
-        self._adopt_resonance(law, self._stage.resonance, 1.0)
+        stage = self._stage
+        stage.failed, stage.trial, self._estimator.windows = True, False, 0
+        if self._c["dynamics.known"]:
+            self._forget_stage()
+            self._keep_command()
+            return
+        stage.z = self._path.z
+        self._path, stage.found = None, False
+        self._adopt_resonance(law, stage.resonance, 1.0)
 
     def _count_ringing(self, law: FilteringLaw) -> None:
         """Ringing at the resonance counts as noise: once in a half-wave.
@@ -935,10 +958,18 @@ class ReferenceController(Displayed):
             return False
         if known.windows < 2 or known.variance > CERTAIN * CERTAIN:
             return False
-        if self._path is not None:
+        if stage.found:
             moved = known.known / stage.resonance - 1
             far = MOVED * MOVED < moved * moved < FURTHER * FURTHER
             return far and moved * moved > 4 * known.variance
+        if self._is_given:
+            guard = self._kept.guard
+            failing = guard.held > 0 or guard.wait > FIRST_WAIT
+            if not failing and stage.doubted < LASTS:
+                return False
+            away, least = known.known / self._c["dynamics.first"] - 1, ELSEWHERE if failing else ANOTHER
+            large = DOUBT * guard.range
+            return away * away > least * least and known.power > large * large and known.driven > DRIVEN
         noise = self._noise(law)
         return known.motion > SLOWEST * known.known and known.power > NOISY * noise * noise
 
@@ -949,7 +980,10 @@ class ReferenceController(Displayed):
     def _watch_resonance(self, z: float, error: float, zdot_d: float, path: Stage | None) -> None:
         """One tick of the estimate: the plays of a tick before the measurement, which is about its dead time."""
         law, tick = self._filtering, self._oscillation.tick
-        if law is None or not tick > 0 or self._c["dynamics.known"]:
+        if law is None or not tick > 0:
+            return
+        if self._is_given and not self._kept.guard.error > DOUBT:  # no reason to look for another
+            self._estimator.ticks = 0
             return
         now = shown(self._lagged.play)
         before, self._shown = self._shown if path is None else now, now
@@ -959,7 +993,7 @@ class ReferenceController(Displayed):
             return
         self._stage.resonance, guard = self._estimator.known, self._kept.guard
         guard.settled = guard.settled and guard.lost  # else it was no wrong sensor: there is nothing to return to
-        if self._path is None:
+        if not self._stage.found:
             self._begin_anew(law)
         self._adopt_stage(law, self._estimator.known, math.sqrt(self._estimator.power))
 
@@ -1046,7 +1080,7 @@ class ReferenceController(Displayed):
     def _stage_is_shown(self, law: FilteringLaw) -> bool:
         """Whether the stage of the model is the one that the measurements show. Where it is near, it is moved there."""
         shown, stage = self._estimator, self._stage
-        if not self._found or not shown.known > 0 or shown.variance > CERTAIN * CERTAIN:
+        if not stage.found or not shown.known > 0 or shown.variance > CERTAIN * CERTAIN:
             return False
         moved = shown.known / stage.resonance - 1
         if moved * moved > FURTHER * FURTHER:
@@ -1055,6 +1089,14 @@ class ReferenceController(Displayed):
             stage.resonance = shown.known
             self._adopt_stage(law, shown.known, 0.0)
         return True
+
+    def _doubt_dynamics(self, error: float) -> None:
+        """After a window with this error over the range: whether it is large and does not fall with those given."""
+        stage = self._stage
+        if error > DOUBT and stage.doubted > 0 and error > FALLEN * stage.doubt:
+            stage.doubted = min(stage.doubted + 1, LASTS)
+        else:
+            stage.doubt, stage.doubted = error, int(error > DOUBT)
 
     def _watch_learning(self, error: float, z_d: float, counts: bool) -> None:
         law, kept, guard = self._filtering, self._kept, self._kept.guard
@@ -1077,7 +1119,7 @@ class ReferenceController(Displayed):
                 self._take_weights(law, kept.first, earlier=True)
             case Action.ADOPT:
                 self._learn_cautiously(law)
-            case Action.RETURN if self._found and not self._stage_is_shown(law):
+            case Action.RETURN if self._stage.found and not self._stage_is_shown(law):
                 self._give_up_stage(law)
                 self._take_weights(law, kept.first, earlier=True)
                 law.reset_covariance()
@@ -1087,6 +1129,8 @@ class ReferenceController(Displayed):
                     self._forget_stage()
                     self._stage.detector.found = False
                 self._take_weights(law, kept.aside, earlier=False)
+        if guard.ticks == 0 and self._is_given:
+            self._doubt_dynamics(guard.error)
         if guard.held > 0 or law.caution > CAUTIOUS * (law.sigma * law.sigma):
             self._move_offset(law, guard.drift)
         if guard.held == 0 and guard.ticks == 0:

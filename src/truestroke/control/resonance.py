@@ -95,6 +95,9 @@ class ResonanceEstimator:
     ----------
     known, variance : float
         f0, cycles per tick, 0 where it is not known, and its relative variance.
+    driven : float
+        In the last window that showed a resonance: the share that the plays explain of the residual of an equation
+        without them. A tone that the voltage does not drive has a small one.
     windows : int
         That made it known.
     motion, power : float
@@ -121,7 +124,7 @@ class ResonanceEstimator:
     """
 
     def __init__(self) -> None:
-        self.centre = self.known = self.variance = self.motion = self.power = 0.0
+        self.centre = self.known = self.variance = self.motion = self.power = self.driven = 0.0
         self.ticks = self.windows = 0
         self._strange = False  # the last window was far from what is known
 
@@ -215,8 +218,22 @@ class ResonanceEstimator:
             return nothing
         f0 = arctangent(tangent(math.pi * self.centre) / math.sqrt(ratio)) / math.pi
         variance = left / equations / (4 * ratio * ratio) if left > 0 else 0.0
+        self.driven = self._share_of_plays(left)
         within = lowest < f0 < SEARCH_FROM and NEAREST * self.centre < f0 < FURTHEST * self.centre
         return (f0, variance) if within else nothing
+
+    def _share_of_plays(self, left: float) -> float:
+        """How much smaller `left` is than the residual of an equation without plays, that of ringing alone."""
+        S = self._sum.tolist()
+        if not S[BAND][BAND] > 0:
+            return 0.0
+        of_high, of_low = S[HIGH][BAND] / S[BAND][BAND], S[LOW][BAND] / S[BAND][BAND]
+        high = S[HIGH][HIGH] - of_high * S[HIGH][BAND]
+        cross, low = S[LOW][HIGH] - of_low * S[HIGH][BAND], S[LOW][LOW] - of_low * S[LOW][BAND]
+        if not high > 0:
+            return 0.0
+        alone = low - cross / high * cross
+        return float(1 - left / alone) if alone > left else 0.0
 
     def _know(self, f0: float, variance: float) -> None:
         """After a window that shows f0 with this relative variance."""

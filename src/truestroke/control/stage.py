@@ -84,6 +84,7 @@ def members(dynamics: Dynamics) -> dict[str, Any]:
     tap, rest = _numerators(G * A, q, others, TAPS, weight)
     return {
         "dynamics.known": True,
+        "dynamics.first": dynamics.modes[0].frequency / dynamics.sample_rate,
         "dynamics.sections": len(own),
         "dynamics.section": own,
         "dynamics.direct": direct,
@@ -104,6 +105,7 @@ def members(dynamics: Dynamics) -> dict[str, Any]:
 
 NOT_KNOWN: dict[str, Any] = {
     "dynamics.known": False,
+    "dynamics.first": 0.0,
     **dict.fromkeys(("dynamics.sections", "dynamics.dead", "dynamics.modes", "dynamics.others"), 0),
     **{
         f"dynamics.{name}": []
@@ -126,8 +128,20 @@ def _step_of_mode(w: float) -> tuple[float, float, float]:
     return integral, step, rate
 
 
-def found(frequency: float, tick: float) -> dict[str, Any]:
-    """The members of a stage of which only the first resonance is known: one mode of damping 0.02, a tick of dead time.
+def lead_of_dead_time(dead: int) -> tuple[float, float, float, float]:
+    """exp(d x) of so many ticks d, times the inverse of the hold, 1 - x^2 / 12 + x^4 / 240: coefficients of x to x^4.
+
+    Examples
+    --------
+    >>> [round(240 * c) for c in lead_of_dead_time(1)]
+    [240, 100, 20, 1]
+    """
+    d = float(dead)
+    return d, (6 * d**2 - 1) / 12, (2 * d**3 - d) / 12, (d**4 - d**2) / 24 + 1 / 240
+
+
+def found(frequency: float, tick: float, dead: int = 1) -> dict[str, Any]:
+    """The members of a stage of which only the first resonance is known: one mode of damping 0.02 behind a dead time.
 
     Parameters
     ----------
@@ -135,6 +149,8 @@ def found(frequency: float, tick: float) -> dict[str, Any]:
         Of the resonance, cycles per tick, below 0.5.
     tick : float
         s
+    dead : int
+        Whole ticks of dead time.
 
     Returns
     -------
@@ -160,16 +176,17 @@ def found(frequency: float, tick: float) -> dict[str, Any]:
     from_rate, from_place = step / (w * w) * rate, 1 - integral
     b0, b1 = integral, integral * a1 + from_place * step + from_rate
     b2 = integral * a2 - from_place * (kept * step - pulse * rate) - from_rate
-    direct = b2 / a2
+    direct, (first, second, _, _) = b2 / a2, lead_of_dead_time(dead)
     n0, n1, n2 = notch = [1 / still, a1 / still, a2 / still]
     d1, d2, d3 = n1 - 2 * n0, n2 - 2 * n1 + n0, n1 - 2 * n2  # the second difference behind the notch
     gain = math.sqrt((n0 * n0 + d1 * d1 + d2 * d2 + d3 * d3 + n2 * n2) / 6)
     return {
         "dynamics.known": True,
+        "dynamics.first": frequency,
         "dynamics.sections": 1,
         "dynamics.section": [[b0 - direct, b1 - direct * a1, a1, a2]],
         "dynamics.direct": [direct, 0.0, 0.0],
-        "dynamics.dead": 1,
+        "dynamics.dead": dead,
         "dynamics.notch": notch,
         "dynamics.modes": 0,
         "dynamics.mode": [],
@@ -178,8 +195,8 @@ def found(frequency: float, tick: float) -> dict[str, Any]:
         "dynamics.others": 0,
         "dynamics.rest": [],
         "dynamics.lead": [
-            2 * FOUND_DAMPING / w0 + tick,
-            1 / (w0 * w0) + 2 * FOUND_DAMPING * tick / w0 + 5 * (tick * tick) / 12,  # the hold is in it
+            2 * FOUND_DAMPING / w0 + first * tick,
+            1 / (w0 * w0) + first * (2 * FOUND_DAMPING * tick / w0) + second * (tick * tick),
         ],
         "dynamics.sensor": [0.0, 0.0],
     }
@@ -425,7 +442,25 @@ class Stage:
     def go_on(self, ticks: int, strain: dict[int, float], z: tuple[float, float]) -> None:
         """After so many ticks, of which these are the last strains and the last two measurements, um: it rings on."""
         self.ticks, self.strain, self._z = ticks, strain, list(z)
-        self._outputs = [[y - self._direct[0] * strain[ticks - 2 - i] for i, y in enumerate(z)]]
+        before = [self._strain(self.dead + 1 + i) for i in range(len(z))]
+        self._outputs = [[y - self._direct[0] * x for x, y in zip(before, z, strict=True)]]
+
+    def rest(self, ticks: int, strain: dict[int, float], z: tuple[float, float]) -> None:
+        """The same, as if the stage had rested where the last measurement is."""
+        self.ticks, self.strain, self._z = ticks, strain, list(z)
+        self._rest_sections(self._strain(self.dead + 1))
+        for (_, b1, b2, a1, a2), x in zip(self._modes, self._mode_states, strict=True):
+            x[1] = (b2 - a2) * z[0]
+            x[0] = (b1 - a1) * z[0] + x[1]
+
+    def _strain(self, back: int) -> float:
+        """So many ticks before the one that is measured next; at rest before the first one. um."""
+        return self.strain[max(self.ticks - back, 0)]
+
+    def _rest_sections(self, strain: float) -> None:
+        """The states of G after a long rest with this strain, um."""
+        for (b0, b1, a1, a2), y in zip(self._sections, self._outputs, strict=True):
+            y[0] = y[1] = (b0 + b1) * strain / (1 + a1 + a2)
 
     @property
     def z(self) -> tuple[float, float]:
@@ -434,11 +469,11 @@ class Stage:
 
     def expected(self) -> float:
         """G: the measurement that the model expects of the next tick, um. At rest before the first one."""
-        u = [self.strain[max(self.ticks - self.dead - i, 0)] for i in range(4)]
+        u = [self._strain(self.dead + i) for i in range(4)]
+        if self.ticks == 0:
+            self._rest_sections(u[0])
         z = 0.0
         for (b0, b1, a1, a2), y in zip(self._sections, self._outputs, strict=True):
-            if self.ticks == 0:
-                y[0] = y[1] = (b0 + b1) * u[0] / (1 + a1 + a2)
             y[0], y[1] = b0 * u[0] + b1 * u[1] - a1 * y[0] - a2 * y[1], y[0]
             z += y[0]
         for tap, entry in zip(self._direct, u, strict=False):

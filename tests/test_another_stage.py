@@ -1,0 +1,92 @@
+"""Dynamics of another stage: a load was mounted since they were measured, or the file is that of another axis."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from truestroke import AdaptiveController, ControllerSettings, run
+from truestroke.control.reference import ReferenceController
+from truestroke.plant import StagePlant, StageSettings
+from truestroke.signals.trajectories import sine
+
+RATE, LIMITS = 5000.0, (-0.6, 3.6)
+AXIS = {"sample_rate": RATE, "stroke": 30.0, "voltage_limits": LIMITS, "slew_limit": 2e4}
+STAGE = StageSettings(sample_rate=RATE, resonances=(340.0,), dampings=(0.008,), voltage_limits=LIMITS, noise=0.01)
+
+
+def dynamics(times: float):
+    """Those of the stage with all of its modes elsewhere."""
+    right = STAGE.dynamics()
+    return replace(right, modes=tuple(replace(mode, frequency=times * mode.frequency) for mode in right.modes))
+
+
+def wave(duration: float = 2.0, frequency: float = 90.0):
+    return sine(frequency=frequency, peak_to_peak=18.0, offset=12.0, duration=duration, sample_rate=RATE)
+
+
+@pytest.mark.parametrize("times", [0.5, 0.8, 1.25, 2.0])
+@pytest.mark.parametrize("kind", ["plays", "preisach", "bouc-wen"])
+@pytest.mark.filterwarnings("ignore::truestroke.LimitWarning")
+def test_the_stage_that_the_measurements_show_takes_their_place(kind: str, times: float) -> None:
+    """The error of the last second, % of peak to peak, and the resonance that the controller states."""
+    controller = AdaptiveController(**AXIS, dynamics=dynamics(times))
+    recording = run(wave(), controller, StagePlant(replace(STAGE, hysteresis_kind=kind), seed=1))
+    error = (recording["true"] - recording["desired"])[-5000:]
+    assert error.std() < 0.01 * 18.0
+    assert controller.resonance == pytest.approx(340.0, rel=0.05) or error.std() < 0.003 * 18.0
+
+
+@pytest.mark.filterwarnings("ignore::truestroke.LimitWarning")
+def test_dynamics_that_are_right_stay() -> None:
+    """Nothing is looked for, with any hysteresis, after a jump of 5 % and without one."""
+    for kind in ("plays", "bouc-wen"):
+        for change in (1.0, 0.95):
+            plant = replace(STAGE, hysteresis_kind=kind, resonance_change=change, resonance_change_time=0.5)
+            controller = AdaptiveController(**AXIS, dynamics=dynamics(1.0))
+            run(wave(1.0), controller, StagePlant(plant, seed=1))
+            assert controller.resonance == 340.0
+
+
+@pytest.mark.filterwarnings("ignore::truestroke.LimitWarning")
+@pytest.mark.parametrize("other", [24.0, 60.0, 150.0])
+def test_the_sensor_of_another_axis_is_no_stage(other: float) -> None:
+    """It shows a sine of another axis for half a second. Afterwards the dynamics that were given are in use."""
+    controller, plant = AdaptiveController(**AXIS, dynamics=dynamics(1.0)), StagePlant(STAGE, seed=1)
+    plant.open()
+    motion, error = wave(2.5, 20.0), []
+    for k, (z_d, zdot_d, zddot_d) in enumerate(zip(motion.position, motion.velocity, motion.acceleration, strict=True)):
+        z = float(plant.exchange(np.array([controller.command(z_d, zdot_d, zddot_d)]))[0])
+        failed = 1.0 <= k / RATE < 1.5
+        controller.adapt(12.0 + 9.0 * math.sin(2 * math.pi * other * k / RATE) if failed else z)
+        error.append(z - z_d)
+    assert controller.resonance == 340.0
+    assert np.std(error[-2500:]) < 0.1
+
+
+@pytest.mark.filterwarnings("ignore::truestroke.LimitWarning")
+@pytest.mark.parametrize("times", [0.8, 2.0])
+def test_the_kernel_is_the_numpy_text(times: float) -> None:
+    """Commands, flags and innovations of every tick, with lost samples; the kernel is saved and restored on its way."""
+    settings = ControllerSettings(**AXIS, dynamics=dynamics(times))
+    kernel, text = AdaptiveController.from_settings(settings), ReferenceController(settings)
+    plant, motion = StagePlant(STAGE, seed=1), wave(0.7)
+    plant.open()
+    strain = kernel.strain(motion.position)
+    for k, (z_d, zdot_d, zddot_d) in enumerate(zip(motion.position, motion.velocity, motion.acceleration, strict=True)):
+        if k in (700, 1500, 2500):
+            restored = AdaptiveController.from_settings(settings)
+            restored.restore(kernel.state())
+            kernel = restored
+        x = kernel.command(z_d, zdot_d, zddot_d, strain_d=strain[k])
+        assert text.command(z_d, zdot_d, zddot_d, strain_d=strain[k]) == x
+        z = math.nan if k % 901 == 900 else float(plant.exchange(np.array([x]))[0])
+        kernel.adapt(z)
+        text.adapt(z)
+        assert kernel.flag_bits == text.flag_bits
+        assert kernel.innovation == text.innovation
+    np.testing.assert_array_equal(kernel.weights, text.weights)
+    assert kernel.resonance == pytest.approx(340.0, rel=0.05)
