@@ -11,6 +11,7 @@ import pytest
 from truestroke import AdaptiveController, ControllerSettings, run
 from truestroke.control.reference import ReferenceController
 from truestroke.plant import StagePlant, StageSettings
+from truestroke.signals.judgement import judge
 from truestroke.signals.trajectories import sine
 
 RATE, LIMITS = 5000.0, (-0.6, 3.6)
@@ -38,6 +39,16 @@ def test_the_stage_that_the_measurements_show_takes_their_place(kind: str, times
     error = (recording["true"] - recording["desired"])[-5000:]
     assert error.std() < 0.01 * 18.0
     assert controller.resonance == pytest.approx(340.0, rel=0.05) or error.std() < 0.003 * 18.0
+
+
+@pytest.mark.filterwarnings("ignore::truestroke.LimitWarning")
+def test_the_verdict_names_both_resonances() -> None:
+    """With the right dynamics there is no such reason, and the run is good."""
+    for times, level in ((0.8, "doubtful"), (1.0, "good")):
+        verdict = judge(run(wave(), AdaptiveController(**AXIS, dynamics=dynamics(times)), StagePlant(STAGE, seed=1)))
+        assert verdict.level == level
+        said = [reason for reason in verdict.reasons if "272 Hz" in reason and "showed one of 3" in reason]
+        assert bool(said) == (times == 0.8)
 
 
 @pytest.mark.filterwarnings("ignore::truestroke.LimitWarning")

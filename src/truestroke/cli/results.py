@@ -105,7 +105,7 @@ def print_metrics(summary: TrackingSummary, verdict: Verdict) -> None:
     for kind in words.kinds(summary):
         columns += [kind, "of p-p"]
     rows = [
-        [name, *(text for um, percent in cells for text in (Text.assemble((um, "bold"), " um"), f"{percent} %"))]
+        [name, *(text for um, share in cells for text in (Text.assemble((um, "bold"), " um"), share))]
         for name, cells in words.table(summary)
     ]
     common.print_table(columns, rows, dim="of p-p")

@@ -121,7 +121,7 @@ def _table(summary: TrackingSummary, also: Sequence[tuple[str, str]] = ()) -> Ta
     if summary.true_rmse_um is not None:
         note += " Measured is the reading of the sensor, with its noise; true is the motion of the simulated actuator."
     errors: list[Sequence[str | Number]] = [
-        [row, *(Number(um, "um", f"{share} %") for um, share in cells)] for row, cells in words.table(summary)
+        [row, *(Number(um, "um", share) for um, share in cells)] for row, cells in words.table(summary)
     ]
     return Table(
         columns=[words.span(summary), *words.kinds(summary)],

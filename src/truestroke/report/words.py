@@ -1,5 +1,6 @@
 """Sentences on a recording: shared by the page and the command line."""
 
+import math
 from collections.abc import Iterable, Mapping
 from datetime import UTC, datetime
 from typing import Any
@@ -134,15 +135,14 @@ def kinds(summary: TrackingSummary) -> list[str]:
 
 
 def table(summary: TrackingSummary) -> list[tuple[str, list[tuple[str, str]]]]:
-    """Rows of (name, cells), each cell (um, % of peak-to-peak), in the order of `kinds`."""
+    """Rows of (name, cells), each cell (um, "% of peak-to-peak"), in the order of `kinds`; "-" of a motion at rest."""
     found = summary.as_dict()
-    return [
-        (
-            row,
-            [(f"{found[f'{kind}_{row}_um']:.4f}", f"{found[f'{kind}_{row}_percent']:.2f}") for kind in kinds(summary)],
-        )
-        for row in ("rmse", "maximum")
-    ]
+
+    def cell(what: str) -> tuple[str, str]:
+        share = float(found[f"{what}_percent"] or 0.0)
+        return f"{found[f'{what}_um']:.4f}", f"{share:.2f} %" if math.isfinite(share) else "-"
+
+    return [(row, [cell(f"{kind}_{row}") for kind in kinds(summary)]) for row in ("rmse", "maximum")]
 
 
 def course(summary: TrackingSummary) -> list[tuple[str, str]]:

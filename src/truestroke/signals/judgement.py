@@ -24,6 +24,7 @@ ALARMS = 2.0  # changes of the actuator that were found, per second: more are no
 STANDS = 0.5  # of the desired motion: an actuator that moves less did not follow, however small the error is in um
 SURE = 4.0  # standard deviations
 COLOURED = 100  # samples of an error that count as one
+ELSEWHERE = 0.01  # of the resonance that was given: one that differs by so much has taken its place
 BY_A_PERSON = ("interrupted", "terminated", "hangup")
 
 
@@ -307,18 +308,37 @@ def _restored(run: _Run) -> Finding | None:
         return None
     return "doubtful", (
         f"Learning made the error larger: in {_percent(count / run.metrics.ticks)} of the ticks the controller held "
-        "earlier weights. The stage moves faster than its model: measure its dynamics before the run, "
-        "`truestroke bode`, or again if they are given."
+        "earlier weights. The stage moves faster than its model, or its sensor was wrong for a while. If it was not, "
+        "measure the dynamics of the stage before the run, `truestroke bode`, or again if they are given."
+    )
+
+
+def _another_stage(run: _Run) -> Finding | None:
+    """Whether the dynamics that were given are not those of the stage."""
+    given, known = settings(run.recording, "controller").get("dynamics"), _known_resonance(run.recording)
+    modes = given.get("modes") if isinstance(given, Mapping) else None
+    first = modes[0] if isinstance(modes, list) and modes else None
+    f0 = _positive(first.get("frequency")) if isinstance(first, Mapping) else None
+    if not f0 or not known or abs(known / f0 - 1) < ELSEWHERE:
+        return None
+    return "doubtful", (
+        f"The dynamics are of a stage with a first resonance of {f0:.4g} Hz; the measurements showed one of "
+        f"{known:.4g} Hz, which took their place. Measure them again: `truestroke bode`."
     )
 
 
 def _resonance(recording: Recording) -> str:
     """First resonance in the controller at the end, Hz, in two digits; empty without one."""
+    found = _known_resonance(recording)
+    return f"{float(f'{found:.2g}'):g}" if found else ""
+
+
+def _known_resonance(recording: Recording) -> float | None:
+    """First resonance in the controller at the end, Hz; None without one."""
     known, axis = (recording.metadata.get(name) for name in ("resonance", "axis"))
     if isinstance(known, Mapping):  # of a run in real time: of each axis
         known = known.get(axis.get("name")) if isinstance(axis, Mapping) else None
-    found = _positive(known)
-    return f"{float(f'{found:.2g}'):g}" if found else ""
+    return _positive(known)
 
 
 def _alarmed(run: _Run) -> Finding | None:
@@ -355,6 +375,7 @@ CHECKS = (
     _unmeasured,
     _rejected,
     _oscillated,
+    _another_stage,
     _restored,
     _unsettled,
     _slewed,

@@ -53,9 +53,9 @@ def _waves(rows: Sequence[Row]) -> list[str]:
 
 
 def _cells(row: Row) -> list[str]:
-    (rmse, rmse_percent), (maximum, maximum_percent) = (cells[-1] for _, cells in words.table(row.summary))
+    (rmse, rmse_share), (maximum, maximum_share) = (cells[-1] for _, cells in words.table(row.summary))
     lag = [] if row.phase_lag_deg is None else [f"{_signed(row.phase_lag_deg)}°"]
-    errors = [f"{rmse} um", f"{rmse_percent} %", f"{maximum} um", f"{maximum_percent} %"]
+    errors = [f"{rmse} um", rmse_share, f"{maximum} um", maximum_share]
     return [row.controller, *errors, f"{_signed(row.delay_ms)} ms", *lag]
 
 
