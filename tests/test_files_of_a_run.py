@@ -71,7 +71,7 @@ def test_a_run_whose_disk_fails_ends_with_13(bad_disk: Path, kind: int) -> None:
 
 def test_a_disk_that_fails_at_the_very_end_is_told(bad_disk: Path) -> None:
     """Only the last step to the disk fails: without it nothing is sure to be there."""
-    process = started(configuration(duration=1.0), there=lambda: ticks("run.h5") > 200, env=environment(bad_disk))
+    process = started(configuration(duration=2.5), there=lambda: ticks("run.h5") > 200, env=environment(bad_disk))
     with pytest.raises(subprocess.TimeoutExpired):
         process.communicate(timeout=0.3)
     np.memmap("disk", np.int64, "r+")[:2] = errno.EIO, 250
