@@ -1050,7 +1050,7 @@ class ReferenceController(Displayed):
         """The kept weights again, moved by this offset, um, and what was known of the stage with them."""
         kept, stage, known = self._kept, self._stage, self._estimator
         if self._path is not None:
-            stage.z, self._path = self._path.z, None
+            stage.z, self._path, stage.found = self._path.z, None, False
         stage.smoothing, stage.resonance, stage.inertia = kept.stage
         stage.trial, stage.failed, stage.rest = False, kept.failed, 0.0
         stage.detector.found, stage.detector.sign, stage.detector.regular = kept.oscillated, 0, 0
