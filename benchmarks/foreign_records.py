@@ -360,7 +360,8 @@ def clipped_sensor(rng: np.random.Generator) -> Made:
     return t, 100 * v, np.minimum(z, 0.88 * z.max() + 0.12 * z.min())
 
 
-MAKERS: tuple[Callable[[np.random.Generator], Made], ...] = (
+Makers = tuple[Callable[[np.random.Generator], Made], ...]
+MAKERS: Makers = (
     sines_of_a_stack,
     decaying_triangles,
     rising_triangles,
@@ -389,12 +390,20 @@ MAKERS: tuple[Callable[[np.random.Generator], Made], ...] = (
 )
 
 
-def records(seed: int = 0, makers: tuple[Callable[[np.random.Generator], Made], ...] = MAKERS) -> Iterator[Record]:
-    """The records; the first line of a maker's text is the source."""
+def drawn(every: Makers, makers: Makers, seed: int) -> Iterator[Record]:
+    """The records of some makers, each with a sequence of its own by its place among `every`.
+
+    The first line of a maker's text is the source.
+    """
     for maker in makers:
-        rng = np.random.Generator(np.random.PCG64([seed, MAKERS.index(maker)]))
+        rng = np.random.Generator(np.random.PCG64([seed, every.index(maker)]))
         t, volts, z = maker(rng)
         yield Record.from_arrays(volts, z, time=t, source=str(maker.__doc__).splitlines()[0])
+
+
+def records(seed: int = 0, makers: Makers = MAKERS) -> Iterator[Record]:
+    """The records of this seed."""
+    return drawn(MAKERS, makers, seed)
 
 
 # ---- What is compared ------------------------------------------------------------------------------------------------

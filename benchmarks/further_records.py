@@ -6,13 +6,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import numpy as np
 from benchmarks.foreign_records import (
+    Makers,
     bouc_wen,
     clock,
     creep,
+    drawn,
     jiles_atherton,
     lagged,
     late,
@@ -210,7 +212,7 @@ def bimorph(rng: np.random.Generator) -> Made:
     return t, 200 * v, quantised(500 * creep(preisach(v, rng), 20.0, 0.02), 600 / 4096) + rng.normal(0, 0.05, t.size)
 
 
-MAKERS: tuple[Callable[[np.random.Generator], Made], ...] = (
+MAKERS: Makers = (
     raster,
     two_level,
     spiral,
@@ -229,8 +231,6 @@ MAKERS: tuple[Callable[[np.random.Generator], Made], ...] = (
 )
 
 
-def records(seed: int = 0, makers: tuple[Callable[[np.random.Generator], Made], ...] = MAKERS) -> Iterator[Record]:
-    """The records; the text of a maker is the source."""
-    for maker in makers:
-        t, volts, z = maker(np.random.Generator(np.random.PCG64([200 + seed, MAKERS.index(maker)])))
-        yield Record.from_arrays(volts, z, time=t, source=str(maker.__doc__))
+def records(seed: int = 0, makers: Makers = MAKERS) -> Iterator[Record]:
+    """The records of this seed, none of which is one of the other collections."""
+    return drawn(MAKERS, makers, 200 + seed)

@@ -6,13 +6,15 @@ throughout, as everywhere; the strokes go from 0.08 um to 2 mm, the rates from 0
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import numpy as np
 from benchmarks.foreign_records import (
+    Makers,
     clock,
     creep,
     dahl,
+    drawn,
     lagged,
     low_pass,
     quantised,
@@ -171,7 +173,7 @@ def clipped_at_both_ends(rng: np.random.Generator) -> Made:
     return t, 75 * v, np.clip(z, low, high)
 
 
-MAKERS: tuple[Callable[[np.random.Generator], Made], ...] = (
+MAKERS: Makers = (
     nanometres,
     millimetres,
     one_play,
@@ -187,8 +189,6 @@ MAKERS: tuple[Callable[[np.random.Generator], Made], ...] = (
 )
 
 
-def records(seed: int = 0, makers: tuple[Callable[[np.random.Generator], Made], ...] = MAKERS) -> Iterator[Record]:
-    """The records; the text of a maker is the source."""
-    for maker in makers:
-        t, volts, z = maker(np.random.Generator(np.random.PCG64([100 + seed, MAKERS.index(maker)])))
-        yield Record.from_arrays(volts, z, time=t, source=str(maker.__doc__))
+def records(seed: int = 0, makers: Makers = MAKERS) -> Iterator[Record]:
+    """The records of this seed, none of which is one of the other collections."""
+    return drawn(MAKERS, makers, 100 + seed)

@@ -367,7 +367,7 @@ TS_API ts_guard_action ts_guard_tick(ts_guard *g, const ts_guard_settings *s, ts
  * gain is 1. */
 typedef struct {
     bool known;
-    ts_real first;                    /* cycles per tick: the first resonance */
+    ts_real first;                    /* cycles per tick: the first resonance, where the settings know it */
     int sections;
     ts_real section[TS_SECTIONS][4];  /* b0, b1, a1, a2 of (b0 + b1 q^-1) / (1 + a1 q^-1 + a2 q^-2): G is q^-dead times the sum
                                          of the sections and of direct[i] q^-i */

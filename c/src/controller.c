@@ -31,7 +31,7 @@
 #define LASTS 8                   /* windows in which it does not */
 #define ELSEWHERE ((ts_real)0.03) /* of the first resonance of the settings: one that differs by so much, where learning has failed */
 #define DRIVEN ((ts_real)0.5)     /* share of the plays: what our voltage does not drive is of another axis, or comes from outside */
-#define ANOTHER ((ts_real)0.07) /* of the first resonance of the settings: one that differs by so much is that of another stage */
+#define ANOTHER ((ts_real)0.07)   /* of the first resonance of the settings: one that differs by so much is that of another stage */
 #define SLOWEST ((ts_real)0.025)  /* of the resonance: a slower motion does not need it */
 #define NOISY 9                   /* times the variance of a measurement: nor does a smaller error */
 #define FREE 6                    /* half-waves of the ringing while weights are held, which shows the resonance, */
@@ -821,7 +821,6 @@ static void make_dynamics(ts_dynamics *g, ts_real frequency, ts_real tick, int d
     ts_real gain = root_of((n0 * n0 + d1 * d1 + d2 * d2 + d3 * d3 + n2 * n2) / 6);
     memset(g, 0, sizeof *g);
     g->known = true;
-    g->first = frequency;
     g->sections = 1;
     g->dead = dead;
     const ts_real section[4] = {b0 - direct, b1 - direct * a1, a1, a2}, notch[3] = {n0, n1, n2}, tap[3] = {b0 / still, b1 / still, b2 / still};

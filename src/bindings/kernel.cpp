@@ -156,7 +156,6 @@ template <typename Controller, typename Visit> void each_array(Controller &c, Vi
     auto &f = c.found;
     if (c.settings->law == TS_LAW_KALMAN) {
         visit("found", &f.known, 1);
-        visit("found_first", &f.first, 1);
         visit("found_sections", &f.sections, 1);
         visit("found_section", &f.section[0][0], 4);
         visit("found_direct", &f.direct[0], 3);
@@ -169,8 +168,6 @@ template <typename Controller, typename Visit> void each_array(Controller &c, Vi
         visit("found_failed", &c.stage.failed, 2);
         visit("given_doubt", &c.stage.doubt, 1);
         visit("given_doubted", &c.stage.doubted, 1);
-    }
-    if (c.settings->law == TS_LAW_KALMAN) {
         visit("stage_sections", &d.section[0][0], sizeof d.section / sizeof(ts_real));
         visit("stage_strain", &d.strain[0], TS_HISTORY);
         visit("stage_measured", &d.z[0], 2);
@@ -283,6 +280,8 @@ void check_guard(const ts_controller &c) {
                                  g.bad >= 0 && g.bad < INT32_MAX / 2 && g.small >= 0 && g.small < INT32_MAX / 2 && g.good >= 0 && g.good < INT32_MAX / 2 && g.pause >= 0 &&
                                  g.ticks < INT32_MAX / 8 && g.wait >= TS_FIRST_WAIT && g.wait <= TS_LONGEST_WAIT,
                 "counts of 0 or more, and a wait of " TS_TEXT(TS_FIRST_WAIT) " to " TS_TEXT(TS_LONGEST_WAIT));
+    require_all("given_doubt", c.stage.doubt >= 0, "0 or more");
+    require_all("given_doubted", c.stage.doubted >= 0, "0 or more");
     require_all("caution", c.law.kalman.caution >= 0, "0 or more");
     require_all("kept_noise", c.kept.sigma >= 0, "0 or more");
     require_all("kept_stage", c.kept.filter >= 0 && c.kept.filter <= 1 && (c.kept.filter > 0 || !g.lost) && c.kept.smoothing >= 0 &&

@@ -182,7 +182,6 @@ def found(frequency: float, tick: float, dead: int = 1) -> dict[str, Any]:
     gain = math.sqrt((n0 * n0 + d1 * d1 + d2 * d2 + d3 * d3 + n2 * n2) / 6)
     return {
         "dynamics.known": True,
-        "dynamics.first": frequency,
         "dynamics.sections": 1,
         "dynamics.section": [[b0 - direct, b1 - direct * a1, a1, a2]],
         "dynamics.direct": [direct, 0.0, 0.0],
