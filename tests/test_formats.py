@@ -44,6 +44,14 @@ def test_an_array_of_numpy_is_a_table(tmp_path: Path) -> None:
         ("a.csv", b"PAR1", "call it .parquet"),
         ("a.csv", TEXT.replace(".", ",").encode(), "3 names stand above 6 whole numbers"),
         ("a.csv", TEXT.replace(",", ";").replace(".", "0.123,").encode(), "has marks between thousands"),
+        (
+            "a.csv",
+            b"t,v,z\n" + b'0.5,"1.25","2.5"\n' * 60 + b'0.6,"1,001.25","2,002.5"\n',
+            "line 62: .*'1,001.25' has marks",
+        ),
+        ("a.csv", b"t,v,z\n" + b'0.5,"1","2"\n' * 60 + b'0.6,"1,001","2,002"\n', "line 62: .*'2,002' may have a mark"),
+        ("a.csv", b"t;v;z\n" + b"0,5;1;2\n" * 60 + b"0,6;1.001;2.002\n", "line 62: .*'2.002' may have a mark"),
+        ("a.csv", b"t,v,z\n" + b"0.5,1,25,2,5\n" * 60, "3 names stand above 4 whole numbers"),
     ],
 )
 def test_any_other_is_refused_by_its_name(tmp_path: Path, name: str, content: bytes, says: str) -> None:

@@ -233,6 +233,18 @@ def test_a_motion_in_the_noise_is_not_bad_but_one_that_did_not_happen_is():
     assert judged(made(noisy(-tiny), tiny))[0] == "bad"
 
 
+def test_a_motion_that_the_noise_hides_is_not_good() -> None:
+    """Whether the actuator stands still or follows, the measurements look alike; of more of them, or a larger motion,
+    they do not."""
+    for ticks, size, stands, level in ((8000, 0.01, 0, "doubtful"), (8000, 0.01, 1, "doubtful"), (8000, 0.1, 1, "good"),
+                                       (400_000, 0.01, 1, "good"), (400_000, 0.01, 0, "bad")):  # fmt: skip
+        motion = wave(ticks, size)
+        noise = np.random.Generator(np.random.PCG64(7)).normal(0.0, 0.014, ticks)
+        found = judge(made(stands * motion + noise, motion))
+        assert found.level == level, (ticks, size, stands, found)
+        assert ("hidden by the noise of the sensor, 0.01" in " ".join(found.reasons)) == (level == "doubtful")
+
+
 def test_rest_is_good_also_at_a_limit_and_with_a_coarse_sensor():
     rest = np.zeros(8000)
     at_limit = flags(saturated=slice(0, 8000))

@@ -222,7 +222,11 @@ def test_what_the_command_line_refuses() -> None:
         ),
         ({"axis": []}, "at least one table"),
         ({"axis.slow": 1.0}, "axis.slow = 1.0: must be left out; did you mean slew.* There are name, stroke"),
-        ({"axis.slew": None}, "axis.slew = missing"),
+        ({"axis.slew": None}, r"axis.slew = missing: must be given, such as slew = 400.0 \(V/s\)"),
+        (
+            {"recording": None},
+            r'recording = missing: must be given, such as a table \[recording\] with file = "run.h5"',
+        ),
         ({"axis.stroke": None}, "axis.stroke = missing"),
         ({"axis.safe_voltage": 5.0}, "safe_voltage = 5.0 V"),
         ({"axis.controller": "pid"}, "axis.controller = 'pid': must be one of adaptive, paper"),

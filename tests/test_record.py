@@ -218,6 +218,26 @@ def test_dates_that_may_be_of_two_days_are_named(tmp_path: Path) -> None:
         read_record(tmp_path / "a.csv")
 
 
+def test_channels_of_tdms_are_read_at_the_rate_that_they_share(tmp_path: Path) -> None:
+    import nptdms
+
+    def write(rates: tuple[float, float]) -> Path:
+        channels = [
+            nptdms.ChannelObject("run", name, column, {"wf_increment": 1 / rate, "unit_string": unit})
+            for name, column, unit, rate in zip(("drive", "z"), (V, Z), ("V", "um"), rates, strict=True)
+        ]
+        slow = nptdms.ChannelObject("run", "temperature", np.ones(5), {"wf_increment": 1.0})
+        with nptdms.TdmsWriter(tmp_path / "a.tdms") as file:
+            file.write_segment([*channels, slow])
+        return tmp_path / "a.tdms"
+
+    is_the_record(read_record(write((1000.0, 1000.0))))
+    with pytest.raises(
+        RecordError, match=r"different rates \(drive every 0.001 s, z every 0.002 s\); export them at one"
+    ):
+        read_record(write((1000.0, 500.0)))
+
+
 @pytest.mark.parametrize(("ending", "module", "extra"), [("xlsx", "openpyxl", "excel"), ("tdms", "nptdms", "tdms")])
 def test_what_to_install_is_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ending: str, module: str, extra: str

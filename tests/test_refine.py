@@ -282,18 +282,20 @@ def test_command_refuses_what_does_not_fit(tmp_path, monkeypatch):
         header = "volts,desired" if name == "wave.csv" else "volts,z"
         table = np.column_stack([np.arange(2000) / FS, rows])
         np.savetxt(name, table, delimiter=",", header=f"time,{header}", comments="")
-    before = (tmp_path / "model.toml").read_bytes()
+    before = {name: (tmp_path / name).read_bytes() for name in ("model.toml", "wave.csv")}
     for words, message, code in (
         (["--next", "next.csv"], "--next needs --waveform", 2),
         (["--waveform", "wave.csv"], "is it the recording of this waveform", 2),
         (["--waveform", "rec.csv"], "no column 'desired'", 1),
         (["--output", "no/model.toml"], "there is no folder no", 1),
+        (["--output", "model.toml"], "would replace the file that --model names; choose another name", 2),
+        (["--waveform", "wave.csv", "--next", "wave.csv"], "would replace the file that --waveform names", 2),
     ):
         done = CliRunner().invoke(main, ["refine", "rec.csv", "--model", "model.toml", *words])
         assert done.exit_code == code
         assert message in done.stderr
         assert done.stderr.count("\n") == 1
-    assert (tmp_path / "model.toml").read_bytes() == before
+    assert before == {name: (tmp_path / name).read_bytes() for name in before}
 
 
 # ---- A pass that is worse ------------------------------------------------------------------------------------------

@@ -49,10 +49,16 @@ def read(path: str | os.PathLike[str]) -> dict[str, Any]:
         raise SettingError(os.fspath(path), "the file", f"TOML ({error})") from None
 
 
-def needed(given: Mapping[str, Any], name: str) -> Any:
-    """The value of a key that must be there."""
+def needed(given: Mapping[str, Any], name: str, example: str = "") -> Any:
+    """The value of a key that must be there; `example` is what the error shows.
+
+    >>> needed({}, "file", 'file = "run.h5"')
+    Traceback (most recent call last):
+        ...
+    truestroke.SettingError: file = missing: must be given, such as file = "run.h5"
+    """
     if name not in given:
-        raise SettingError(name, "missing", "given")
+        raise SettingError(name, "missing", f"given, such as {example}" if example else "given")
     return given[name]
 
 
@@ -89,10 +95,12 @@ def decode(make: Callable[..., Made], given: Mapping[str, Any], also: tuple[str,
     truestroke.SettingError: strok = 30.0: must be left out; did you mean stroke? There are stroke, name
     """
     parameters = inspect.signature(make).parameters
+    fields = dataclasses.fields(make) if dataclasses.is_dataclass(make) else ()
+    examples = {one.name: one.metadata.get("example", "") for one in fields}
     checks.known(given, (*also, *(name for name in parameters if name not in fixed)))
     for name, parameter in parameters.items():
         if parameter.default is inspect.Parameter.empty and name not in fixed:
-            needed(given, name)
+            needed(given, name, examples.get(name, ""))
     return make(**arguments(make, {name: given[name] for name in given if name not in also}), **fixed)
 
 

@@ -240,8 +240,26 @@ def to_write(option: str, file: str | Path, kind: files.Kind) -> Path:
         )
     if not os.access(path if path.exists() else path.parent, os.W_OK):
         raise click.ClickException(f"{option} {file}: cannot be written; choose another {option}.")
+    _refuse_an_input(option, path)
     files.check(path, kind)
     return path
+
+
+def _refuse_an_input(option: str, path: Path) -> None:
+    """An output that is a file which the command reads is replaced on request only."""
+    context = click.get_current_context()
+    if files.replacing() or not path.exists():
+        return
+    for parameter in context.command.params:
+        given, argument = context.params.get(parameter.name or ""), isinstance(parameter, click.Argument)
+        reads = argument or (isinstance(parameter.type, click.Path) and parameter.type.exists)
+        if reads and isinstance(given, str | Path) and Path(given).is_file() and path.samefile(given):
+            name = parameter.human_readable_name if argument else parameter.opts[0]
+            another = f"{path.stem}-2{path.suffix}"
+            raise click.UsageError(
+                f"{option} {path}: would replace the file that {name} names; choose another name, such as {another}, "
+                "or --overwrite it."
+            )
 
 
 def _kind(ending: str) -> files.Kind:

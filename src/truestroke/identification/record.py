@@ -16,7 +16,7 @@ from truestroke.base import checks
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
 from truestroke.identification import clock
-from truestroke.signals import tables
+from truestroke.signals import formats, tables
 from truestroke.signals.channels import Signals
 from truestroke.signals.columns import Column, Wanted, read_columns, refuse_bad_rows
 from truestroke.signals.recording import Recording
@@ -297,6 +297,7 @@ def _checked(
             raise RecordError(source, f"volts has {rows} rows, but {role} has {signal.size}")
     time = signals["time"] if "time" in signals else np.arange(rows) / (sample_rate or 1.0)
     ends = _measured(signals["displacement"])
+    _refuse_unreadable_end(source, ends, rows, table)
     time, signals = time[ends], {role: signal[ends] for role, signal in signals.items()}
     table = dataclasses.replace(table, locate=partial(_from, table.locate, ends.start))
     if drop or table.marked:
@@ -320,6 +321,15 @@ def _measured(displacement: FloatArray) -> slice:
     """Rows between the first and the last measurement: a driver's latency leaves none in the last ticks of a run."""
     known = np.flatnonzero(~np.isnan(displacement))
     return slice(int(known[0]), int(known[-1]) + 1) if known.size else slice(0, displacement.size)
+
+
+def _refuse_unreadable_end(source: str, ends: slice, rows: int, table: Table) -> None:
+    """Where the displacement is there in the first row that is left out, but in numbers that are not read."""
+    left_out = [row for row in (ends.start - 1, ends.stop) if 0 <= row < rows]
+    for row in left_out:
+        number, text = table.locate(row)
+        if reason := formats.thousands(text):
+            raise RecordError(source, f"displacement is no number in {text}{reason}", number, table.where)
 
 
 def _from(locate: Callable[[int], tuple[int, str]], first: int, index: int) -> tuple[int, str]:

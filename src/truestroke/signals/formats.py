@@ -33,6 +33,7 @@ KINDS: dict[bytes, tuple[str, tuple[str, ...], str]] = {
 
 ZIPPED = (".npz", ".xlsx", ".xlsm")
 THOUSANDS = re.compile(r"(?<![\d.,])\d{1,3}(?:(?:\.\d{3})+,\d+|(?:,\d{3})+\.\d+|(?:'\d{3})+(?:[.,]\d+)?)(?![\d.,])")
+EITHER = re.compile(r"(?:^|(?<=[;\t\"]))\s*([+-]?(?:\d+,\d+|\d{1,3}(?:\.\d{3})+))\s*(?=$|[;\t\"])")  # a field alone
 DECIMAL_COMMAS = re.compile(r"[+-]?\d+(,\d+)?([eE][+-]?\d+)?(\s+[+-]?\d+(,\d+)?([eE][+-]?\d+)?)+")
 
 
@@ -80,14 +81,22 @@ def wide(start: bytes) -> str:
 
 
 def thousands(text: str) -> str:
-    """That a number of a line has marks between its thousands, with the remedy; else empty.
+    """That a number of a line has marks between its thousands, or may have, with the remedy; else empty.
+
+    For a line that could not be read.
 
     Examples
     --------
     >>> thousands("0,25;5,29;1.001,4852")
     "; '1.001,4852' has marks between thousands: export the numbers without"
-    >>> thousands("0.25,5.29,1001.4852"), thousands("0,25;5,29")
-    ('', '')
+    >>> thousands('0.25,"1,234"')
+    "; '1,234' may have a mark between thousands or a decimal one: export with decimal points, and no other marks"
+    >>> thousands("0.25,5.29,1001.4852")
+    ''
     """
-    found = THOUSANDS.search(text)
-    return f"; {found[0]!r} has marks between thousands: export the numbers without" if found else ""
+    if found := THOUSANDS.search(text):
+        return f"; {found[0]!r} has marks between thousands: export the numbers without"
+    if either := EITHER.findall(text.strip("'\n").replace("\\t", "\t")):
+        what = "may have a mark between thousands or a decimal one"
+        return f"; {either[-1]!r} {what}: export with decimal points, and no other marks"
+    return ""

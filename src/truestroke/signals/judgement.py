@@ -23,6 +23,7 @@ UNSEEN, BLIND = 0.05, 0.25  # of the measurements, missing or rejected: doubtful
 ALARMS = 2.0  # changes of the actuator that were found, per second: more are none of the actuator
 STANDS = 0.5  # of the desired motion: an actuator that moves less did not follow, however small the error is in um
 SURE = 4.0  # standard deviations
+HIDDEN = 0.2  # of the peak-to-peak: with more noise, and few samples, a motion is not seen
 COLOURED = 100  # samples of an error that count as one
 ELSEWHERE = 0.01  # of the resonance that was given: one that differs by so much has taken its place
 BY_A_PERSON = ("interrupted", "terminated", "hangup")
@@ -245,7 +246,7 @@ def _gain(run: _Run) -> Finding | None:
     residual = measured - measured.mean() - gain * (desired - desired.mean())
     deviation = float(np.std(residual)) / spread / np.sqrt(max(1.0, known.sum() / COLOURED))
     if abs(gain - 1) < STANDS or abs(gain - 1) < SURE * deviation:
-        return None
+        return _hidden(run) if SURE * deviation > STANDS else None
     what = "the actuator did not follow, or this is not its sensor"
     if gain < -0.1 or _answers_backwards(run):
         what = "the sign of sensor or actuator is wrong"
@@ -253,6 +254,17 @@ def _gain(run: _Run) -> Finding | None:
         what = "the unit or the gain of sensor or actuator is wrong"
     gain = 0.0 if abs(gain) < 0.005 else gain  # no -0.00
     return "bad", f"What was measured moved {gain:.2f} times as far as desired: {what}."
+
+
+def _hidden(run: _Run) -> Finding | None:
+    """A motion that the sensor does not show: an actuator that stands still would do as well."""
+    span = run.metrics.peak_to_peak_um
+    if run.noise < HIDDEN * span:
+        return None
+    return "doubtful", (
+        f"The motion, {span:.3g} um, is hidden by the noise of the sensor, {run.noise:.3g} um rms: the measurements do "
+        "not show whether it was followed. Move further, measure for longer, or average more in the sensor."
+    )
 
 
 def _answers_backwards(run: _Run) -> bool:

@@ -1,5 +1,6 @@
 """Files with columns: opened as a `Table` of names and units, from which the columns that are wanted are then read."""
 
+import csv
 import importlib
 import itertools
 import math
@@ -137,10 +138,18 @@ class _Layout:
         return self.path.open(encoding=self.encoding, errors="replace")
 
     def plain(self, line: str) -> str:
-        return line.replace(",", ".") if self.comma else line
+        """With decimal points; beside decimal commas a point is a mark between thousands, which is no number."""
+        if not self.comma:
+            return line
+        if "." in line and not DOTTED_DATE.search(line):
+            line = line.replace(".", "'")
+        return line.replace(",", ".")
 
     def fields(self, line: str) -> list[str]:
-        fields = [field.strip().strip('"') for field in self.plain(line).strip().split(self.separator)]
+        text = self.plain(line).strip()
+        quoted = self.separator and '"' in text
+        split = next(csv.reader([text], delimiter=self.separator or ",")) if quoted else text.split(self.separator)
+        fields = [field.strip().strip('"') for field in split]
         return fields[:-1] if len(fields) > 1 and not fields[-1] else fields
 
 
@@ -165,11 +174,10 @@ def _refuse_split(path: Path, layout: _Layout, above: Sequence[str], head: Float
     """RecordError where names stand above twice as many whole numbers: decimal commas between commas."""
     lines = [layout.fields(line) for line in above if _is_row(line)] if layout.separator == "," else []
     names: list[str] = next((line for line in reversed(lines) if all(math.isnan(_number(f)) for f in line)), [])
-    whole = (head == np.round(head)) | np.isnan(head)  # the rows may have whole numbers, and so fewer commas
-    if 1 < len(names) < head.shape[1] <= 2 * len(names) and whole.all():
-        reason = (
-            f"{len(names)} names stand above {head.shape[1]} whole numbers: are they decimal commas between commas?"
-        )
+    # the rows may have whole numbers, and so fewer commas; a column with decimal points may stand beside the others
+    whole = int(((head == np.round(head)) | np.isnan(head)).all(axis=0).sum())
+    if 1 < len(names) < head.shape[1] <= 2 * len(names) and whole >= 2 * (head.shape[1] - len(names)):
+        reason = f"{len(names)} names stand above {whole} whole numbers: are they decimal commas between commas?"
         raise RecordError(str(path), f"{reason} Write decimal points, or export with ; between the columns")
 
 
@@ -504,23 +512,25 @@ def _tdms(path: Path) -> Table:
         held = {f"{channel.group_name}/{channel.name}": np.asarray(channel[:]) for channel in channels}
     stated = [next((str(c.properties[k]) for k in ("unit_string", "NI_UnitDescription") if c.properties.get(k)), "")
               for c in channels]  # fmt: skip
-    steps = {float(channel.properties["wf_increment"]) for channel in channels if "wf_increment" in channel.properties}
-    if len(steps) == 1 and not any(name_and_unit(name)[0].lower() in ("time", "t") for name in held):
-        (step,), rows = steps, max(array.size for array in held.values())
-        held, stated = {"time": step * np.arange(rows), **held}, ["s", *stated]
-    table = _arrays(path, list(held), [unit(text) for text in stated], held.__getitem__)
-    return table if len(steps) < 2 else replace(table, read=partial(_of_one_rate, path, table, channels))
+    steps = [channel.properties.get("wf_increment") for channel in channels]
+    if not any(steps) or any(name_and_unit(name)[0].lower() in ("time", "t") for name in held):
+        return _arrays(path, list(held), [unit(text) for text in stated], held.__getitem__)
+    table = _arrays(path, ["time", *held], ["s", *map(unit, stated)], held.__getitem__)
+    return replace(table, read=partial(_of_one_rate, path, table, steps))
 
 
 def _of_one_rate(
-    path: Path, table: Table, channels: Sequence[Any], columns: Sequence[int], complete: bool
+    path: Path, table: Table, steps: Sequence[float | None], columns: Sequence[int], complete: bool
 ) -> list[FloatArray]:
-    """Columns of a TDMS whose channels have increments of their own, which those that are read must share."""
-    steps = [channels[c].properties.get("wf_increment") for c in columns]
-    if len(set(steps)) > 1:
-        each = ", ".join(f"{table.names[c]} every {s} s" for c, s in zip(columns, steps, strict=True))
+    """Columns of a TDMS, the first of which is the time; those that are read must share their increment."""
+    wanted = {c: steps[c - 1] for c in columns if c}
+    if len(set(wanted.values())) > 1:
+        each = ", ".join(f"{table.names[c]} every {s} s" for c, s in wanted.items())
         raise RecordError(str(path), f"its channels have different rates ({each}); export them at one")
-    return table.read(columns, complete)
+    held = dict(zip(wanted, table.read(list(wanted), complete), strict=True))
+    step = next(iter(wanted.values()), None)
+    rows = next(iter(held.values())).size
+    return [held[c] if c else _floats(float(step or math.nan) * np.arange(rows)) for c in columns]
 
 
 def _xlsx(path: Path) -> Table:

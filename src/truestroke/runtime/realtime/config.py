@@ -46,9 +46,11 @@ class AxisTable:
     name: str = "axis"
     stroke: float | None = field(default=None, metadata={"unit": "um"})
     resonance: float = field(default=0.0, metadata={"unit": "Hz"})
-    voltage_limits: tuple[float, ...] = field(metadata={"unit": "V"})
+    voltage_limits: tuple[float, ...] = field(
+        metadata={"unit": "V", "example": "voltage_limits = [0.0, 10.0] (V), of the amplifier's input"}
+    )
     safe_voltage: float = field(default=0.0, metadata={"unit": "V"})
-    slew: float = field(metadata={"unit": "V/s"})
+    slew: float = field(metadata={"unit": "V/s", "example": "slew = 400.0 (V/s)"})
     controller: Literal["adaptive", "paper"] | None = None
     period: float | None = field(default=None, metadata={"unit": "s"})
     model: str | None = None
@@ -73,7 +75,7 @@ class AxisTable:
 class RecordingTable:
     """The table [recording]."""
 
-    file: str
+    file: str = field(metadata={"example": 'file = "run.h5"'})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,12 +107,12 @@ class CoupledTable:
 class Document:
     """The tables of a configuration; what those of driver and axes hold is read with the help of the others."""
 
-    driver: Mapping[str, Any]
-    axis: tuple[Mapping[str, Any], ...]
+    driver: Mapping[str, Any] = field(metadata={"example": 'a table [driver] with name = "simulated"'})
+    axis: tuple[Mapping[str, Any], ...] = field(metadata={"example": 'a table [[axis]] with name = "x"'})
     scan: Mapping[str, Any] | None = None
     coupled: CoupledTable | None = None
     realtime: RealtimeSettings = field(default_factory=RealtimeSettings)
-    recording: RecordingTable
+    recording: RecordingTable = field(metadata={"example": 'a table [recording] with file = "run.h5"'})
     epics: EpicsSettings | None = None
     live: LiveSettings = field(default_factory=LiveSettings)
 
