@@ -2,7 +2,7 @@
 
 The weights are [a0, b0, a1, b1, ...] of the plays, as in (21), then those of the terms that are known before the
 voltage is chosen, in the order of `TERMS`. Such a term has a member of `Layout`, a row of `TERMS` and of
-`SETTINGS`, and a line in `models.known_terms` and in `known_terms` of c/src/controller.c.
+`SETTINGS`, and a line in `models.known_terms` and in `known_terms` of c/src/terms.c.
 """
 
 from __future__ import annotations

@@ -1,0 +1,368 @@
+/* A measurement: what the model expected, whether it is used, what the law and the feedback make of it. */
+#include "controller.h"
+
+#include <math.h>
+#include <string.h>
+
+#define ALARMS 0.1                /* s: over which the rate of sudden changes is taken */
+#define RESUME 20                 /* 1/s: the rate below which the feedback continues after a pause */
+#define RINGS 4                   /* times the noise's: mean square of the second difference of the error where the stage rings */
+#define JUMP 16                   /* times the noise's: what one tick may add to it; a jump is no ringing */
+#define RINGING_RATE 50           /* 1/s: how fast that mean follows */
+
+/* The regressor of the next tick that was not yet measured. */
+static void next_lagged(ts_controller *c)
+{
+    const ts_settings *s = c->settings;
+    int slot = (int)(c->lagged.ticks % TS_HISTORY);
+    ts_remember_creep(&c->lagged, s);
+    ts_remember_voltage(&c->lagged, s, c->x[slot]);
+    ts_regressor(s, &c->lagged, &c->motion[slot], c->u);
+}
+
+/* Whether a partial slope is outside its limits at the rate zdot_d or at -zdot_d. */
+static bool outside(const ts_controller *c, ts_real zdot_d)
+{
+    const ts_settings *s = c->settings;
+    const ts_real *w = c->w;
+    ts_real rate = s->rate_scale * zdot_d, up = 0, down = 0;
+    for (int i = 0; i < s->plays; i++) {
+        ts_real a = *w++, b = s->rate_dependent[i] ? rate * *w++ : 0;
+        up += a + b;
+        down += a - b;
+        if (up > s->slope_max || up < s->slope_min || down > s->slope_max || down < s->slope_min) return true;
+    }
+    return false;
+}
+
+/* The partial slope that is furthest outside its limits at the rate zdot_d, if any, is moved onto its limit. */
+static void project_slope(ts_controller *c, ts_real zdot_d)
+{
+    const ts_settings *s = c->settings;
+    ts_real rate = s->rate_scale * zdot_d, sum = 0, furthest = 0, onto = 0, g[TS_PADDED(TS_MAX_PARAMETERS)] = {0};
+    int worst = -1, k = 0;
+    for (int i = 0; i < s->plays; i++) {
+        ts_real w_h = c->w[k++];
+        if (s->rate_dependent[i]) w_h += rate * c->w[k++];
+        sum += w_h;
+        ts_real over = sum - s->slope_max, under = s->slope_min - sum, out = over > under ? over : under;
+        if (out > furthest) {
+            furthest = out;
+            worst = i;
+            onto = over > under ? s->slope_max : s->slope_min;
+        }
+    }
+    if (worst < 0) return;
+    for (int i = k = 0; i <= worst; i++) {
+        g[k++] = 1;
+        if (s->rate_dependent[i]) g[k++] = rate;
+    }
+    ts_kalman_project(&c->law.kalman, c->w, g, onto, c->parameters);
+}
+
+/* A frozen sensor: it repeats the same number while voltage and model move. A working one has noise, or a converter
+ * whose steps are as large as that move: the smallest step so far, unless it is beyond a twentieth of the stroke. */
+static bool frozen(ts_controller *c, ts_real z, ts_real predicted, bool stands)
+{
+    if (z != c->z_before || stands) {
+        ts_real step = z > c->z_before ? z - c->z_before : c->z_before - z;
+        bool first = c->lagged.ticks <= 1; /* there is none before it */
+        if (!first && step > 0 && step < c->settings->stroke / 20 && !(c->resolution > 0 && c->resolution <= step))
+            c->resolution = step;
+        c->z_before = z;
+        c->predicted_before = predicted;
+        return false;
+    }
+    ts_real moved = predicted - c->predicted_before;
+    ts_real noise = c->law.kalman.sigma + c->settings->kalman.model_error, still = 6 * noise;
+    if (still < c->resolution + 2 * noise) still = c->resolution + 2 * noise;
+    return moved > still || moved < -still;
+}
+
+/* Whether the error, behind the law's filter, moves more than noise does. Noise of variance 1 has a second difference of
+ * variance 2 a^4 (4 - a) / (2 - a)^3 there. */
+static bool rings(ts_controller *c, ts_real error)
+{
+    ts_ringing *r = &c->ringing;
+    const ts_kalman *k = &c->law.kalman;
+    ts_real a = k->filter, rest = 2 - a, rate = c->settings->oscillation.tick * RINGING_RATE, floor = c->settings->kalman.model_error;
+    r->once += a * (error - r->once);
+    ts_real twice = r->twice[0] + a * (r->once - r->twice[0]), d = twice - 2 * r->twice[0] + r->twice[1];
+    r->twice[1] = r->twice[0];
+    r->twice[0] = twice;
+    ts_real noise = (k->sigma * k->sigma + floor * floor) * (2 * (a * a * a * a) * (4 - a) / (rest * rest * rest)), most = JUMP * noise;
+    r->power += (rate < 1 ? rate : 1) * ((d * d < most ? d * d : most) - r->power);
+    return r->power > RINGS * noise;
+}
+
+/* The regressor for the law: u itself, or, while the stage rings, that of the tick before, in `space`, with the measured
+ * velocity and acceleration; *y is then what belongs to it. */
+static const ts_real *with_inertia(ts_controller *c, const ts_real *u, ts_real *y, bool learn, ts_real *space)
+{
+    const ts_settings *s = c->settings;
+    ts_ringing *r = &c->ringing;
+    const ts_motion *d = &c->motion[(c->lagged.ticks - 1) % TS_HISTORY];
+    ts_real T = s->oscillation.tick, shown = s->sensor.slow[0] * d->zdot_d + s->sensor.slow[1] * d->zddot_d;
+    ts_real error = *y - (through_dead_zones(s, d->z_d) + d->ahead + shown);
+    bool first = !r->started || !learn;
+    r->started = learn;
+    if (first) r->error[0] = r->error[1] = r->once = r->twice[0] = r->twice[1] = error;
+    r->rings = rings(c, error) && !first;
+    if (r->rings) {
+        ts_real velocity = (error - r->error[1]) / (2 * T), change = (error - 2 * r->error[0] + r->error[1]) / (T * T), now = *y;
+        int place = c->of_plays + s->terms[TS_CREEP];
+        memcpy(space, r->u, sizeof r->u);
+        if (s->terms[TS_LAG] > 0) space[place++] += within(velocity, -TS_LARGEST, TS_LARGEST);
+        space[place] += within(change, -TS_LARGEST, TS_LARGEST);
+        *y = r->y;
+        r->y = now;
+    } else r->y = *y;
+    memcpy(r->u, u, sizeof r->u);
+    r->error[1] = r->error[0];
+    r->error[0] = error;
+    return r->rings ? space : u;
+}
+
+/* One tick of the law: u.w should be y; innovation 0 and measured false where the measurement is missing or rejected. */
+static void adapt_kalman(ts_controller *c, const ts_real *u, ts_real y, ts_real innovation, bool measured, bool learn)
+{
+    const ts_settings *s = c->settings;
+    ts_kalman *k = &c->law.kalman;
+    ts_real space[TS_PADDED(TS_MAX_PARAMETERS)];
+    k->relates = dynamics_of(c)->known;
+    if (measures_inertia(c)) u = with_inertia(c, u, &y, learn, space);
+    if (!ts_kalman_tick(k, &s->kalman, s->initial_weights, prior_of(s), c->w, u, y, innovation, measured, learn, c->parameters)) return;
+    if (outside(c, c->fastest)) { /* slopes are linear in the rate: its two ends are the worst */
+        project_slope(c, c->fastest);
+        project_slope(c, -c->fastest);
+    }
+    c->flags.changed = k->changed;
+    c->counters.changed += k->changed;
+}
+
+/* The regressor of the measured tick as the sensor shows it: u itself, or made in `space`. At rest before the first tick. */
+static const ts_real *sensed(ts_controller *c, ts_real *space)
+{
+    const ts_sensor *s = &c->settings->sensor;
+    ts_sensor_state *d = &c->sensor;
+    if (!(s->share > 0) && !(s->lag > 0)) return c->u;
+    bool first = c->lagged.ticks == 1;
+    for (int i = 0; i < c->parameters; i += TS_LANES) {
+        lanes u = load(c->u + i), before = first ? u : load(d->before + i), start = first ? u : load(d->lagged + i);
+        lanes end = plus(plus(plus(zero(), s->pole, start), s->now, u), s->before, before);
+        store(space + i, minus(plus(plus(zero(), 1 - s->share, u), s->share, before), s->lag, difference(end, start)));
+        store(d->before + i, u);
+        store(d->lagged + i, end);
+    }
+    return space;
+}
+
+static bool adapt_rls(ts_controller *c, const ts_real *u, bool learn)
+{
+    const ts_settings *s = c->settings;
+    if (!learn) return true;
+    bool used = ts_rls_update(&c->law.rls, c->w, u, c->innovation, s->forgetting, s->covariance_limit, c->parameters);
+    if (!isfinite(c->law.rls.trace)) ts_rls_init(&c->law.rls, s->regularization, c->parameters);
+    return used;
+}
+
+/* The regressor of the last command: u where that is the tick that was measured, or else made in `space`. */
+static const ts_real *regressor_of_now(const ts_controller *c, ts_real *space)
+{
+    if (c->lagged.ticks == c->counters.commands) return c->u;
+    ts_regressor(c->settings, &c->now, &c->motion[last_slot(c)], space);
+    for (int i = c->parameters; i < TS_PADDED(c->parameters); i++) space[i] = 0;
+    return space;
+}
+
+/* At a voltage limit, and already beyond the desired displacement: the model is wrong there, not the limit. */
+static bool beyond(const ts_controller *c, int slot, ts_real z)
+{
+    const ts_settings *s = c->settings;
+    ts_real x = c->x[slot], z_d = c->motion[slot].z_d;
+    return c->limited[slot] && ((x >= s->voltage_max && z > z_d) || (x <= s->voltage_min && z < z_d));
+}
+
+/* Whether a tick is used for adaptation. A limited one is, from the tenth on that was beyond without an unlimited one
+ * between: otherwise weights that always demand more than the limit would never be corrected. */
+static bool adapts(ts_controller *c, bool limited, bool beyond)
+{
+    if (!limited) c->beyond = 0;
+    else if (beyond && c->beyond < TS_BEYOND) c->beyond++;
+    return !c->hold && (!limited || (beyond && c->beyond >= TS_BEYOND));
+}
+
+/* Commands that may wait for their measurement. */
+static int waiting(const ts_controller *c)
+{
+    const ts_dynamics *g = dynamics_of(c);
+    return TS_HISTORY - (g->known ? g->dead + 4 : 0);
+}
+
+/* The same, while the measurements come as late as the last one: a gap in them is passed over tick by tick, so that the first one
+ * after it does not take long. */
+int ts_patience(const ts_controller *c)
+{
+    int most = waiting(c), gap = c->answered + TS_BACKLOG - 1;
+    return c->answered > 0 && gap < most ? gap : most;
+}
+
+/* One tick of the stage with the measurement z, or what was expected in its place: it shows the tick `dead` before. */
+static void learn_staged(ts_controller *c, ts_real z, ts_real innovation, bool measured, bool learn)
+{
+    ts_real u[TS_PADDED(TS_MAX_PARAMETERS)], y = ts_notched(c, z), noisy = ts_quiet(c, innovation);
+    c->dynamics.innovation[1] = c->dynamics.innovation[0];
+    c->dynamics.innovation[0] = innovation;
+    c->dynamics.ticks++;
+    if (c->dynamics.ticks <= c->lagged.ticks + (uint64_t)dynamics_of(c)->dead) return;
+    next_lagged(c);
+    ts_pass_stage(c, u);
+    /* One notched sample is noise, thousands of times that of z where f0 is far below the sample rate: the filters must not
+     * start from it. */
+    if (learn) ts_kalman_start_filters(&c->law.kalman, c->parameters);
+    adapt_kalman(c, u, y, noisy, measured, learn);
+}
+
+/* Whether the feedback waits: from the rate of alarms PAUSE on, until it is below RESUME. The margins are those of a model
+ * that has been learned. */
+static bool pauses(ts_controller *c)
+{
+    ts_feedback_state *b = &c->feedback;
+    ts_real tick = c->settings->oscillation.tick, share = tick / (ts_real)ALARMS;
+    b->alarms += (share < 1 ? share : 1) * ((c->flags.changed ? 1 / tick : 0) - b->alarms);
+    b->paused = b->alarms > (b->paused ? (ts_real)RESUME : (ts_real)PAUSE);
+    return b->paused;
+}
+
+/* One tick of the feedback, for the command after it. */
+static void feed_back(ts_controller *c, ts_real error)
+{
+    const ts_feedback *f = &c->settings->feedback;
+    if (f->filters && (c->found.known || (c->settings->oscillation.tick > 0 && pauses(c)))) { /* its margins are those of the stage */
+        memset(c->feedback.state, 0, sizeof c->feedback.state);
+        c->feedback.sum = 0;
+        return;
+    }
+    ts_real sum = 0;
+    for (int i = 0; i < f->filters; i++) {
+        const ts_real *q = f->filter[i];
+        ts_real *x = c->feedback.state[i], y = q[0] * error + x[0];
+        x[0] = q[1] * error - q[3] * y + x[1];
+        x[1] = q[2] * error - q[4] * y;
+        sum += y;
+    }
+    c->feedback.sum = within(sum, -f->most, f->most);
+}
+
+/* A tick for which no measurement came. */
+void ts_pass_over(ts_controller *c)
+{
+    const ts_settings *s = c->settings;
+    c->resonance.ticks = 0; /* its window begins anew */
+    bool learn = !c->limited[c->lagged.ticks % TS_HISTORY];
+    if (dynamics_of(c)->known) {
+        learn_staged(c, ts_expected(c), 0, false, learn);
+    } else {
+        ts_real space[TS_PADDED(TS_MAX_PARAMETERS)];
+        next_lagged(c);
+        const ts_real *u = sensed(c, space);
+        if (s->law == TS_LAW_KALMAN) adapt_kalman(c, u, model(c, u), 0, false, learn);
+    }
+    if (s->law == TS_LAW_KALMAN) ts_oscillation_miss(&c->oscillation, &s->oscillation, NULL);
+    feed_back(c, 0);
+}
+
+/* Adapts to z; u: the regressor as the sensor shows it, where the stage is not known; `back`: at a voltage limit and beyond
+ * the desired displacement. Returns whether z was used. */
+static bool learn_from(ts_controller *c, const ts_real *u, ts_real z, const ts_motion *d, bool limited, bool back, bool stands)
+{
+    const ts_settings *s = c->settings;
+    ts_kalman *k = &c->law.kalman;
+    bool staged = dynamics_of(c)->known;
+    ts_real predicted = staged ? ts_expected(c) : model(c, u);
+    c->innovation = staged ? z - predicted : through_dead_zones(s, z) + d->ahead - predicted; /* (15) */
+    if (s->law == TS_LAW_RLS) return adapt_rls(c, u, !c->hold);
+    ts_real noisy = staged ? ts_quiet(c, c->innovation) : c->innovation;
+    bool used = !frozen(c, z, predicted, stands), smooth = staged || c->ringing.rings;
+    bool spike = used && ts_kalman_is_spike(k, &s->kalman, c->innovation, noisy, smooth);
+    ts_real innovation = used && !spike ? c->innovation : 0;
+    bool learn = adapts(c, limited, back) && !(c->stage.rest > 0) && c->guard.held == 0;
+    used = used && !spike;
+    if (staged) learn_staged(c, used ? z : predicted, innovation, used, learn);
+    else adapt_kalman(c, u, predicted + innovation, innovation, used, learn);
+    return used;
+}
+
+/* One tick with its measurement z; returns whether it was used. */
+static bool measure(ts_controller *c, ts_real z)
+{
+    const ts_settings *s = c->settings;
+    bool staged = dynamics_of(c)->known, smooth = c->stage.smoothing > 0;
+    uint64_t tick = measured_ticks(c);
+    int slot = (int)(tick % TS_HISTORY);
+    bool limited = c->limited[slot], learned = c->limited[c->lagged.ticks % TS_HISTORY], back = beyond(c, slot, z);
+    bool stands = c->x[slot] == (staged && tick > 0 ? c->x[(tick - 1) % TS_HISTORY] : c->lagged.play[0]);
+    const ts_motion *d = &c->motion[slot];
+    ts_real space[TS_PADDED(TS_MAX_PARAMETERS)], shown[TS_PADDED(TS_MAX_PARAMETERS)], before = 0;
+    const ts_real *now = NULL, *u = NULL;
+    if (!staged) {
+        next_lagged(c);
+        u = sensed(c, shown);
+    }
+    if (smooth) {
+        now = regressor_of_now(c, space);
+        before = model(c, now);
+    }
+    bool used = learn_from(c, u, z, d, learned, back, stands);
+    /* A learned change reaches the command gradually, so that it does not excite the stage. */
+    if (used && smooth) c->bumpless += c->stage.smoothing * (model(c, now) - before);
+    const ts_real *slow = staged ? dynamics_of(c)->sensor : s->sensor.slow;
+    ts_real error = z - (d->z_d + slow[0] * d->zdot_d + slow[1] * d->zddot_d);
+    /* The trim: at a voltage limit only away from it; the slew limit only delays. */
+    if (used && (!limited || back)) c->integral -= s->trim * error;
+    feed_back(c, used && (!limited || back) ? -error : 0); /* no wind-up at a limit */
+    if (used && !staged && s->law == TS_LAW_KALMAN) {
+        c->dynamics.z[1] = c->dynamics.z[0];
+        c->dynamics.z[0] = z;
+    }
+    if (!used) ts_oscillation_miss(&c->oscillation, &s->oscillation, &error);
+    else if (s->law == TS_LAW_KALMAN && s->oscillation.tick > 0 && !staged) ts_watch_stage(c, error, d->zdot_d, limited);
+    if (s->law == TS_LAW_KALMAN && s->oscillation.tick > 0) ts_watch_resonance(c, z, error, d, staged);
+    bool at_limit = c->x[slot] >= s->voltage_max || c->x[slot] <= s->voltage_min;
+    if (s->law == TS_LAW_KALMAN) {
+        ts_watch_learning(c, error, d->z_d, used && (!at_limit || back));
+        if (staged && c->dynamics.ticks != c->lagged.ticks + 1) c->kept.recall.ticks = 0; /* u is not that of the measurement before */
+        else if (used) ts_watch_kept(c, staged ? c->u : u, staged ? c->dynamics.z[1] : z);
+    }
+    return used;
+}
+
+ts_status ts_controller_adapt(ts_controller *c, ts_real z, int ago)
+{
+    const ts_settings *s = c->settings;
+    uint64_t commands = c->counters.commands;
+    bool given = ago >= 0 && ago < TS_HISTORY && (uint64_t)ago < commands;
+    if (given) {
+        ago += s->sensor.ticks;
+        c->answered = ago + 1;
+    }
+    if (given && (uint64_t)ago >= commands) { /* it shows what was before the first command */
+        c->flags.changed = c->flags.rejected = false;
+        return TS_OK;
+    }
+    bool in_time = ago >= 0 && ago < waiting(c) && (uint64_t)ago < commands && commands - (uint64_t)ago > measured_ticks(c);
+    if (in_time && measured_ticks(c) == 0 && isfinite(z)) { /* the first one */
+        ts_real reach = ts_reach(s, c->x[(commands - 1 - (uint64_t)ago) % TS_HISTORY]);
+        if (z < -reach || z > reach) return TS_BEYOND_REACH;
+    }
+    bool used = in_time && z >= -s->measurement_limit && z <= s->measurement_limit;
+    c->flags.changed = false;
+    if (used) {
+        while (measured_ticks(c) < commands - 1 - (uint64_t)ago) ts_pass_over(c);
+        used = measure(c, z);
+    }
+    c->flags.rejected = !used;
+    c->counters.rejected += !used;
+    c->counters.adaptations += used && !c->hold;
+    return used ? TS_OK : TS_REJECTED;
+}

@@ -1,0 +1,259 @@
+/* The resonance that is measured while the stage moves: what follows from it, and the stage that is made of it. */
+#include "controller.h"
+
+#include <string.h>
+
+#define FOUND ((ts_real)0.2)      /* relative standard deviation of the inertia of a resonance that an oscillation has */
+#define STEP_TERMS 32             /* of a series: enough up to half of the sample rate */
+#define FOUND_FILTER ((ts_real)0.6) /* of a stage that was found: corner of the law's filter over its resonance, */
+#define FOUND_LAG ((ts_real)0.1)  /* and standard deviations of what lag and inertia of it miss, over 1 / w0 and 1 / w0^2 */
+#define FOUND_INERTIA ((ts_real)0.05)
+#define CERTAIN ((ts_real)0.02)   /* relative deviation of a resonance that is put into the model */
+#define MOVED ((ts_real)0.015)    /* of the resonance of the model: one that is shown and differs by so much replaces it */
+#define FURTHER ((ts_real)0.15)   /* unless by so much */
+#define ELSEWHERE ((ts_real)0.03) /* of the first resonance of the settings: one that differs by so much, where learning has failed */
+#define DRIVEN ((ts_real)0.5)     /* share of the plays: what our voltage does not drive is of another axis, or comes from outside */
+#define ANOTHER ((ts_real)0.07)   /* of the first resonance of the settings: one that differs by so much is that of another stage */
+#define SLOWEST ((ts_real)0.025)  /* of the resonance: a slower motion does not need it */
+#define NOISY 9                   /* times the variance of a measurement: nor does a smaller error */
+#define AS_GOOD_AS_NONE ((ts_real)1e-6) /* of the prior's variance: of a weight that stays */
+
+/* exp(d x) of so many ticks d of dead time, times the inverse of the hold, 1 - x^2 / 12 + x^4 / 240: coefficients of x to x^4. */
+void ts_lead_of_dead_time(int dead, ts_real *first, ts_real *second, ts_real *third, ts_real *fourth)
+{
+    ts_real d = (ts_real)dead, square = d * d, cube = square * d, rest = (square * square - square) / 24;
+    *first = d;
+    *second = (6 * square - 1) / 12;
+    *third = (2 * cube - d) / 12;
+    *fourth = rest + (ts_real)1 / 240;
+}
+
+/* Quantities that follow from a measured resonance: the law's filter ends at half of it (at it where the inertia is learned),
+ * and is no higher than `highest` unless that is far lower; a learned change takes a period of it to reach the command, which
+ * includes the inertia. */
+void ts_adopt_resonance(ts_controller *c, ts_real frequency, ts_real highest)
+{
+    const ts_settings *s = c->settings;
+    ts_kalman *k = &c->law.kalman;
+    bool learned = measures_inertia(c);
+    ts_real w = (learned ? 2 * TS_PI : TS_PI) * frequency, pole = w / (1 + w), smoothing = 1 / (1 + frequency);
+    if (pole > highest) pole = highest > pole / 8 ? highest : pole / 8;
+    k->filter = pole < s->kalman.filter ? pole : s->kalman.filter;
+    if (c->stage.smoothing < smoothing) c->stage.smoothing = smoothing;
+    c->stage.resonance = frequency;
+    ts_resonance_look(&c->resonance, frequency);
+    c->stage.inertia = learned ? 0 : inertia_of(s, frequency);
+    if (!learned) return;
+    int place = c->of_plays + s->terms[TS_CREEP] + s->terms[TS_LAG];
+    ts_real inertia = inertia_of(s, frequency) * s->oscillation.tick, deviation = FOUND * inertia;
+    c->w[place] = -inertia;
+    ts_kalman_separate(k, place, deviation * deviation, c->parameters);
+    ts_keep_command(c);
+}
+
+/* The step response of a mode at the end of a tick: its integral, itself and its rate, per tick. By their series, each term from
+ * the two before it: closed forms lose the digits of a slow mode, and ask for double arithmetic. */
+static void step_of_mode(ts_real w, ts_real *integral, ts_real *step, ts_real *rate)
+{
+    ts_real drag = 2 * FOUND_DAMPING * w, stiff = w * w, before = 0, term = stiff / 6;
+    *integral = term;
+    *step = 3 * term;
+    *rate = 6 * term;
+    for (int n = 4; n <= STEP_TERMS; n++) {
+        ts_real next = -(drag * term / (ts_real)n + stiff * before / (ts_real)(n * (n - 1)));
+        before = term;
+        term = next;
+        *integral += term;
+        *step += (ts_real)n * term;
+        *rate += (ts_real)(n * (n - 1)) * term;
+    }
+}
+
+/* The dynamics of one mode of this frequency, cycles per tick, behind so many ticks of dead time: the exact response to a command
+ * that is held in each tick, as a mean over each tick. */
+static void make_dynamics(ts_dynamics *g, ts_real frequency, ts_real tick, int dead)
+{
+    ts_real w = 2 * TS_PI * frequency, w0 = w / tick, integral, step, rate;
+    step_of_mode(w, &integral, &step, &rate);
+    ts_real drag = 2 * FOUND_DAMPING * w, pulse = rate / (w * w), kept = 1 - step - drag * pulse; /* of a velocity: its way, and itself */
+    ts_real still = step * (step + drag * pulse) + pulse * rate, a1 = -(1 - step + kept), a2 = still - (1 + a1);
+    ts_real from_rate = step / (w * w) * rate, from_place = 1 - integral;
+    ts_real b0 = integral, b1 = integral * a1 + from_place * step + from_rate;
+    ts_real b2 = integral * a2 - from_place * (kept * step - pulse * rate) - from_rate, direct = b2 / a2;
+    ts_real n0 = 1 / still, n1 = a1 / still, n2 = a2 / still;
+    ts_real d1 = n1 - 2 * n0, d2 = n2 - 2 * n1 + n0, d3 = n1 - 2 * n2; /* the second difference behind the notch */
+    ts_real gain = root_of((n0 * n0 + d1 * d1 + d2 * d2 + d3 * d3 + n2 * n2) / 6);
+    memset(g, 0, sizeof *g);
+    g->known = true;
+    g->sections = 1;
+    g->dead = dead;
+    const ts_real section[4] = {b0 - direct, b1 - direct * a1, a1, a2}, notch[3] = {n0, n1, n2}, tap[3] = {b0 / still, b1 / still, b2 / still};
+    memcpy(g->section[0], section, sizeof section);
+    memcpy(g->notch, notch, sizeof notch);
+    memcpy(g->tap, tap, sizeof tap);
+    for (int i = 0; i < 3; i++) g->quiet[i] = notch[i] / gain;
+    g->direct[0] = direct;
+    ts_real first, second, third, fourth;
+    ts_lead_of_dead_time(dead, &first, &second, &third, &fourth);
+    g->lead[0] = 2 * FOUND_DAMPING / w0 + first * tick;
+    g->lead[1] = 1 / (w0 * w0) + first * (2 * FOUND_DAMPING * tick / w0) + second * (tick * tick);
+}
+
+/* A weight is 0, independent of all others, with this variance. */
+static void put_weight(ts_controller *c, int place, ts_real variance)
+{
+    c->w[place] = 0;
+    ts_kalman_separate(&c->law.kalman, place, variance, c->parameters);
+}
+
+/* What was learned without the stage is wrong, and so is how sure it is. */
+void ts_begin_anew(ts_controller *c)
+{
+    memcpy(c->w, c->kept.first, sizeof(ts_real) * (size_t)c->parameters);
+    ts_kalman_reset_covariance(&c->law.kalman, prior_of(c->settings), c->parameters);
+}
+
+/* From now on the stage is between hysteresis and sensor; it rings by so much, um. Lag and inertia are in it, but for what it
+ * misses, and so is what the rate weights have learned. */
+void ts_adopt_stage(ts_controller *c, ts_real frequency, ts_real ringing)
+{
+    const ts_settings *s = c->settings;
+    ts_kalman *k = &c->law.kalman;
+    ts_dynamics_state *d = &c->dynamics;
+    bool again = c->found.known;
+    if (!dynamics_of(c)->known) d->ticks = c->lagged.ticks;
+    make_dynamics(&c->found, frequency, s->oscillation.tick, s->dynamics.known ? s->dynamics.dead : 1);
+    d->started = false;
+    d->innovation[0] = d->innovation[1] = 0;
+    for (int i = 0; i < 2; i++) /* it rings on */
+        d->section[0][i] = d->z[i] - c->found.direct[0] * strain_of(c, c->found.dead + 1 + i);
+    ts_real corner = 2 * TS_PI * FOUND_FILTER * frequency, time = s->oscillation.tick / (2 * TS_PI * frequency);
+    k->filter = corner / (1 + corner);
+    k->disturbance = k->caution = 0;
+    c->stage.smoothing = s->smoothing;
+    if (c->stage.smoothing < 1 / (1 + frequency)) c->stage.smoothing = 1 / (1 + frequency);
+    c->stage.inertia = 0;
+    int place = c->of_plays + s->terms[TS_CREEP];
+    if (s->terms[TS_LAG] > 0) put_weight(c, place++, (FOUND_LAG * time) * (FOUND_LAG * time));
+    if (s->terms[TS_INERTIA] > 0) put_weight(c, place, (FOUND_INERTIA * (time * time)) * (FOUND_INERTIA * (time * time)));
+    for (int i = 0, at = 0; i < s->plays; i++, at++)
+        if (s->rate_dependent[i]) {
+            at++;
+            put_weight(c, at, AS_GOOD_AS_NONE * s->prior[ts_prior_entries(s, at + 1) - 1]);
+        }
+    k->started = false;
+    ts_keep_command(c);
+    if (!again) {
+        c->stage.trial = c->guard.kept; /* what was good before is good to go back to */
+        c->kept.begun = c->kept.begun || !c->guard.kept;
+        ts_guard_begin(&c->guard);
+    }
+    if (c->guard.ringing < ringing) c->guard.ringing = ringing;
+}
+
+/* The dynamics of the settings go on after another stage, as if they had rested where the last measurement is. */
+static void return_to_given(ts_controller *c)
+{
+    const ts_dynamics *g = &c->settings->dynamics;
+    ts_dynamics_state *d = &c->dynamics;
+    ts_rest_sections(c, strain_of(c, g->dead + 1));
+    for (int i = 0; i < g->modes; i++) {
+        const ts_real *q = g->mode[i];
+        d->mode[i][1] = (q[2] - q[4]) * d->z[0];
+        d->mode[i][0] = (q[1] - q[3]) * d->z[0] + d->mode[i][1];
+    }
+    d->innovation[0] = d->innovation[1] = 0;
+    d->started = c->law.kalman.started = false;
+}
+
+/* The stage according to the settings. */
+void ts_forget_stage(ts_controller *c)
+{
+    const ts_settings *s = c->settings;
+    c->stage.smoothing = s->smoothing;
+    if (s->law != TS_LAW_KALMAN) return;
+    bool returns = c->found.known && s->dynamics.known;
+    c->found.known = false;
+    if (returns) return_to_given(c);
+    c->stage.resonance = s->resonance;
+    c->stage.inertia = inertia_of(s, s->resonance);
+    c->law.kalman.filter = s->kalman.filter;
+}
+
+/* It was not that: the stage is that of the settings, or the resonance alone is known, as before. */
+void ts_give_up_stage(ts_controller *c)
+{
+    if (!c->found.known) return;
+    c->stage.trial = false;
+    c->stage.failed = true;
+    c->resonance.windows = 0;
+    if (!c->settings->dynamics.known) {
+        c->found.known = false;
+        ts_adopt_resonance(c, c->stage.resonance, 1);
+        return;
+    }
+    ts_forget_stage(c);
+    ts_keep_command(c);
+}
+
+/* Whether the stage of the model is the one that the measurements show. Where it is near, it is moved there. */
+bool ts_stage_is_shown(ts_controller *c)
+{
+    const ts_resonance *r = &c->resonance;
+    if (!c->found.known || !(r->known > 0) || r->variance > CERTAIN * CERTAIN) return false;
+    ts_real moved = r->known / c->stage.resonance - 1;
+    if (moved * moved > FURTHER * FURTHER) return false;
+    if (moved * moved > MOVED * MOVED) {
+        c->stage.resonance = r->known;
+        ts_adopt_stage(c, r->known, 0);
+    }
+    return true;
+}
+
+/* Whether the stage is put into the model, or its resonance there replaced: the motion is fast enough that it matters, and the error
+ * larger than noise. */
+static bool matters(const ts_controller *c)
+{
+    const ts_sensor *s = &c->settings->sensor;
+    const ts_resonance *r = &c->resonance;
+    if (c->settings->resonance > 0 || c->hold || c->stage.rest > 0) return false;
+    if (s->ticks > 0 || s->share > 0 || s->lag > 0 || c->lagged.ticks < 8) return false;
+    if (r->windows < 2 || r->variance > CERTAIN * CERTAIN) return false;
+    if (c->found.known) {
+        ts_real moved = r->known / c->stage.resonance - 1;
+        return moved * moved > MOVED * MOVED && moved * moved < FURTHER * FURTHER && moved * moved > 4 * r->variance;
+    }
+    if (is_given(c)) {
+        const ts_guard *g = &c->guard;
+        bool failing = g->held > 0 || g->wait > TS_FIRST_WAIT;
+        ts_real away = r->known / c->settings->dynamics.first - 1, least = failing ? ELSEWHERE : ANOTHER;
+        ts_real large = DOUBT * ts_guard_range(g, &c->settings->guard);
+        if (!failing && c->stage.doubted < LASTS) return false;
+        return away * away > least * least && r->power > large * large && r->driven > DRIVEN;
+    }
+    ts_real noise = ts_noise_of(c);
+    return r->motion > SLOWEST * r->known && r->power > NOISY * noise * noise;
+}
+
+/* One tick of the estimate: the plays of a tick before the measurement, which is about its dead time. */
+void ts_watch_resonance(ts_controller *c, ts_real z, ts_real error, const ts_motion *d, bool staged)
+{
+    const ts_settings *s = c->settings;
+    ts_resonance *r = &c->resonance;
+    ts_real x[TS_SHOWN + 1], now[TS_SHOWN];
+    if (is_given(c) && !(c->guard.error > DOUBT)) { /* no reason to look for another */
+        r->ticks = 0;
+        return;
+    }
+    for (int i = 0; i < TS_SHOWN; i++) now[i] = c->lagged.play[(i * (s->plays - 1) + (TS_SHOWN - 1) / 2) / (TS_SHOWN - 1)];
+    memcpy(x, staged ? now : c->shown, sizeof now);
+    memcpy(c->shown, now, sizeof now);
+    x[TS_SHOWN] = z;
+    bool known = ts_resonance_tick(r, s->oscillation.tick, x, error, d->zdot_d, d->zdot_d - c->rate);
+    c->rate = d->zdot_d;
+    if (!known || !matters(c)) return;
+    c->stage.resonance = r->known;
+    c->guard.settled = c->guard.settled && c->guard.lost; /* else it was no wrong sensor: there is nothing to return to */
+    if (!c->found.known) ts_begin_anew(c);
+    ts_adopt_stage(c, r->known, root_of(r->power));
+}

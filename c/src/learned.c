@@ -1,0 +1,168 @@
+/* Never worse than not learning: the guard's decisions, and the weights that are kept for them. */
+#include "controller.h"
+
+#include <string.h>
+
+#define FALLEN ((ts_real)0.8)       /* of an error that the dynamics leave: learning makes it smaller */
+#define MOST_CAUTION ((ts_real)0.1) /* of the motion's range: the largest error that counts as noise after learning has failed */
+#define CAUTIOUS 100                /* times the variance of a measurement: from there on the law follows no drift */
+
+static void weights_at_best(ts_controller *c)
+{
+    memcpy(c->kept.w, c->w, sizeof(ts_real) * (size_t)c->parameters);
+    for (int i = 0; i < c->parameters; i++)
+        memcpy(c->kept.P + TS_PACKED(i), c->law.kalman.P + TS_ROW(i), sizeof(ts_real) * (size_t)(i + 1));
+    c->kept.sigma = c->law.kalman.sigma;
+    c->kept.filter = c->law.kalman.filter;
+    c->kept.smoothing = c->stage.smoothing;
+    c->kept.resonance = c->stage.resonance;
+    c->kept.inertia = c->stage.inertia;
+    c->kept.oscillated = c->oscillation.found;
+    c->kept.failed = c->stage.failed;
+    c->kept.staged = dynamics_of(c)->known;
+    c->kept.begun = false;
+}
+
+/* Until there are better ones, the first weights are the best. */
+void ts_keep_start(ts_controller *c)
+{
+    if (c->settings->law != TS_LAW_KALMAN) return;
+    ts_keep_weights(c, true);
+    memcpy(c->kept.first, c->w, sizeof(ts_real) * (size_t)c->parameters);
+    memcpy(c->kept.w, c->w, sizeof(ts_real) * (size_t)c->parameters);
+    c->guard.wait = TS_FIRST_WAIT;
+}
+
+static void move_offset(ts_controller *c, ts_real by)
+{
+    if (!c->settings->terms[TS_OFFSET]) return;
+    ts_real *offset = &c->w[ts_column(c->settings, TS_OFFSET)];
+    *offset = within(*offset + by, -TS_LARGEST, TS_LARGEST);
+}
+
+/* The command goes on from where it is with other weights; earlier ones miss what has drifted since. The feedback waits, for
+ * its margins are those of a model that has been learned. */
+static void take_weights(ts_controller *c, const ts_real *w, bool earlier)
+{
+    const ts_kalman *k = &c->law.kalman;
+    memcpy(c->w, w, sizeof(ts_real) * (size_t)c->parameters);
+    if (earlier && k->started) move_offset(c, k->y - model(c, k->u));
+    ts_keep_command(c);
+    c->feedback.alarms = 2 * PAUSE;
+}
+
+/* What was held is better: its covariance, and an error as large as the one that failed counts as noise for a while. */
+static void learn_cautiously(ts_controller *c)
+{
+    ts_kalman *k = &c->law.kalman;
+    const ts_guard *g = &c->guard;
+    ts_kalman_reset_covariance(k, g->kept ? (ts_prior){c->kept.P, NULL} : prior_of(c->settings), c->parameters);
+    if (g->kept) k->sigma = c->kept.sigma;
+    ts_real range = ts_guard_range(g, &c->settings->guard), error = (g->failed < MOST_CAUTION ? g->failed : MOST_CAUTION) * range;
+    k->caution = error * error * (ts_real)c->settings->guard.window / 4;
+}
+
+/* After a window with this error over the range: whether the dynamics of the settings leave an error that is large and does not fall. */
+static void doubt_dynamics(ts_controller *c, ts_real error)
+{
+    if (error > DOUBT && c->stage.doubted > 0 && error > FALLEN * c->stage.doubt) {
+        if (c->stage.doubted < LASTS) c->stage.doubted++;
+        return;
+    }
+    c->stage.doubt = error;
+    c->stage.doubted = error > DOUBT;
+}
+
+void ts_watch_learning(ts_controller *c, ts_real error, ts_real z_d, bool counts)
+{
+    const ts_settings *s = c->settings;
+    ts_guard *g = &c->guard;
+    ts_kalman *k = &c->law.kalman;
+    if (s->guard.window == 0 || c->hold) return;
+    bool resting = c->stage.rest > 0 && g->held == 0;
+    ts_real noise = g->kept ? c->kept.sigma : k->sigma;
+    if (noise < c->resolution) noise = c->resolution;
+    switch (ts_guard_tick(g, &s->guard, error, z_d, counts && !resting, noise)) {
+    case TS_GUARD_KEEP:
+        weights_at_best(c);
+        c->stage.trial = false;
+        break;
+    case TS_GUARD_RESTORE:
+        memcpy(c->kept.aside, c->w, sizeof(ts_real) * (size_t)c->parameters);
+        if (c->stage.trial) ts_give_up_stage(c);
+        take_weights(c, c->kept.begun ? c->kept.first : c->kept.w, true);
+        c->counters.restored++;
+        break;
+    case TS_GUARD_FIRST:
+        if (!ts_stage_is_shown(c)) ts_give_up_stage(c);
+        take_weights(c, c->kept.first, true);
+        break;
+    case TS_GUARD_ADOPT: learn_cautiously(c); break;
+    case TS_GUARD_RETURN:
+        if (c->found.known && !ts_stage_is_shown(c)) {
+            ts_give_up_stage(c);
+            take_weights(c, c->kept.first, true);
+            ts_kalman_reset_covariance(k, prior_of(s), c->parameters);
+        } else {
+            bool of_motion = c->stage.resonance < ts_resonance_lowest(&c->resonance, s->oscillation.tick);
+            if (of_motion && !(s->resonance > 0 || dynamics_of(c)->known)) { /* it was no resonance */
+                ts_forget_stage(c);
+                c->oscillation.found = false;
+            }
+            take_weights(c, c->kept.aside, false);
+        }
+        break;
+    case TS_GUARD_NOTHING:
+    default: break;
+    }
+    if (g->ticks == 0 && is_given(c)) doubt_dynamics(c, g->error);
+    if (g->held > 0 || k->caution > CAUTIOUS * (k->sigma * k->sigma)) move_offset(c, g->drift);
+    if (g->held == 0 && g->ticks == 0) k->caution *= 1 - (ts_real)0.8 / (ts_real)g->wait;
+    c->flags.restored = g->held > 0;
+}
+
+/* The kept weights again, moved by this offset, um, and what was known of the stage with them. */
+static void recall(ts_controller *c, ts_real offset)
+{
+    ts_kalman *k = &c->law.kalman;
+    ts_resonance *r = &c->resonance;
+    c->found.known = c->stage.trial = false;
+    c->stage.failed = c->kept.failed;
+    c->stage.resonance = c->kept.resonance;
+    c->stage.inertia = c->kept.inertia;
+    c->stage.smoothing = c->kept.smoothing;
+    c->stage.rest = 0;
+    c->oscillation.found = c->kept.oscillated;
+    c->oscillation.sign = c->oscillation.regular = 0;
+    r->known = r->variance = 0;
+    r->windows = r->ticks = 0;
+    ts_kalman_reset_covariance(k, (ts_prior){c->kept.P, NULL}, c->parameters);
+    k->sigma = c->kept.sigma;
+    k->filter = c->kept.filter;
+    k->disturbance = k->caution = 0;
+    take_weights(c, c->kept.w, false);
+    move_offset(c, offset);
+    ts_keep_weights(c, true);
+    ts_keep_command(c);
+    ts_guard_recall(&c->guard);
+    c->counters.restored++;
+    c->flags.oscillating = false;
+    c->flags.restored = true; /* in this tick */
+}
+
+/* While the model is lost: whether the kept weights predict the measurements again, without a stage that was found since. z belongs
+ * to the regressor u. */
+void ts_watch_kept(ts_controller *c, const ts_real *u, ts_real z)
+{
+    const ts_settings *s = c->settings;
+    const ts_guard *g = &c->guard;
+    if (!g->lost || c->kept.staged || c->hold || c->lagged.ticks < 2) {
+        c->kept.recall.ticks = 0;
+        return;
+    }
+    ts_real change = c->motion[(c->lagged.ticks - 1) % TS_HISTORY].zdot_d - c->motion[(c->lagged.ticks - 2) % TS_HISTORY].zdot_d;
+    ts_real predicted = dot(c->kept.w, u, TS_PADDED(c->parameters)), offset = 0;
+    ts_real missed = through_dead_zones(s, z) + c->kept.inertia * change - predicted;
+    ts_real noise = c->kept.sigma > c->resolution ? c->kept.sigma : c->resolution;
+    if (ts_recall_tick(&c->kept.recall, &s->guard, predicted, missed, ts_guard_range(g, &s->guard), noise, &offset)) recall(c, offset);
+}

@@ -1,0 +1,119 @@
+/* Self-excited oscillation: seen, its frequency measured, ended. */
+#include "controller.h"
+
+#include <string.h>
+
+#define LOWER ((ts_real)0.7)      /* factor of the filter's corner where it was not low enough */
+#define NOT_BELOW ((ts_real)0.2)  /* of the known resonance: a slower error is that of the motion */
+#define REST_PERIODS 6            /* of the oscillation: longest pause of adaptation, */
+#define REST_HALF_WAVES 7         /* and half-waves of the ringing after which it continues */
+#define FREE 6                    /* half-waves of the ringing while weights are held, which shows the resonance, */
+#define DECAYED ((ts_real)0.98)   /* of the first of them: the last one is smaller, or something drives it */
+
+/* The present weights are those to be restored; at the start there are no earlier ones. */
+void ts_keep_weights(ts_controller *c, bool start)
+{
+    size_t size = sizeof(ts_real) * (size_t)c->parameters;
+    memcpy(c->stage.older, start ? c->w : c->stage.newer, size);
+    memcpy(c->stage.newer, c->w, size);
+    c->stage.age = 0;
+}
+
+/* The first time: earlier weights are restored, with the covariance of the prior. Then adaptation pauses, with a lower
+ * filter, until the frequency of the ringing is measured. */
+static void retreat(ts_controller *c, ts_real frequency)
+{
+    if (!c->oscillation.found) {
+        memcpy(c->w, c->stage.older, sizeof(ts_real) * (size_t)c->parameters);
+        ts_keep_weights(c, true);
+        ts_kalman_reset_covariance(&c->law.kalman, prior_of(c->settings), c->parameters);
+    }
+    ts_adopt_resonance(c, frequency, c->oscillation.found ? LOWER * c->law.kalman.filter : 1);
+    ts_keep_command(c);
+    c->stage.rest = 1 + REST_PERIODS / frequency;
+    c->stage.since = c->counters.commands;
+    c->oscillation.regular = 0;
+    c->oscillation.found = true;
+    c->counters.oscillating++;
+}
+
+/* Ringing at the resonance counts as noise: its variance after the filter, over the ticks of half a half-wave, times
+ * four because it is not white. */
+static void count_ringing(ts_controller *c)
+{
+    const ts_oscillation *o = &c->oscillation;
+    ts_kalman *k = &c->law.kalman;
+    ts_real f = c->stage.resonance;
+    if (!(f > 0) || o->length != 0) return; /* once in a half-wave */
+    ts_real ratio = o->regular >= 2 ? ts_oscillation_frequency(o, 2) / f : 0;
+    if (ratio < (ts_real)0.7 || ratio > (ts_real)1.4) {
+        k->disturbance /= 2;
+        return;
+    }
+    ts_real w = 2 * TS_PI * f * (1 - k->filter) / k->filter, left = o->peaks[0] / (1 + w * w);
+    k->disturbance = left * left / (2 * f);
+}
+
+/* Standard deviation of a measurement, um: as it is now, and no less than the sensor's steps. */
+ts_real ts_noise_of(const ts_controller *c)
+{
+    const ts_kalman *k = &c->law.kalman;
+    ts_real variance = k->sigma * k->sigma;
+    if (variance < (ts_real)0.5 * k->ringing) variance = (ts_real)0.5 * k->ringing;
+    ts_real noise = root_of(variance);
+    return noise < c->resolution ? c->resolution : noise;
+}
+
+/* The frequency of the ringing is measured, in cycles per tick: then the stage is known, but where that failed before, the sensor
+ * is late, or its measurements are older than the strains that were kept. */
+static void know_resonance(ts_controller *c, ts_real frequency)
+{
+    const ts_sensor *s = &c->settings->sensor;
+    ts_adopt_resonance(c, frequency, c->counters.oscillating > 1 ? c->law.kalman.filter : 1);
+    bool late = s->ticks > 0 || s->share > 0 || s->lag > 0;
+    if (c->stage.failed || late || c->lagged.ticks < c->stage.since + 4) return;
+    if (!c->guard.kept) ts_begin_anew(c);
+    ts_adopt_stage(c, frequency, c->oscillation.peaks[0]);
+}
+
+/* Whether weights are held and the stage rings on by itself, faster than the motion: it decays, and shows its resonance. */
+static bool rings_freely(const ts_controller *c)
+{
+    const ts_oscillation *o = &c->oscillation;
+    const ts_sensor *late = &c->settings->sensor;
+    if (c->guard.held == 0 || c->stage.failed || o->length != 0 || o->regular < FREE || c->lagged.ticks < 8) return false;
+    if (c->settings->resonance > 0 || late->ticks > 0 || late->share > 0 || late->lag > 0) return false;
+    if (!(o->peaks[0] < DECAYED * o->peaks[FREE - 1])) return false;
+    ts_real omega = 2 * TS_PI * ts_oscillation_frequency(o, FREE);
+    return o->peaks[0] > c->settings->oscillation.floor && omega * o->speed >= (ts_real)2.5 * o->acceleration;
+}
+
+/* One tick of the detection of a self-excited oscillation, and the reaction to it. */
+void ts_watch_stage(ts_controller *c, ts_real error, ts_real zdot_d, bool limited)
+{
+    const ts_settings *s = c->settings;
+    ts_oscillation *o = &c->oscillation;
+    ts_real found = ts_oscillation_tick(o, &s->oscillation, error, zdot_d, ts_noise_of(c));
+    if (limited) o->sign = o->regular = 0; /* the law does not cause the error at a limit */
+    count_ringing(c);
+    if (rings_freely(c)) {
+        c->stage.resonance = ts_oscillation_frequency(o, FREE);
+        c->stage.rest = 0;
+        c->flags.oscillating = false;
+        ts_resonance_look(&c->resonance, c->stage.resonance);
+        ts_begin_anew(c);
+        ts_adopt_stage(c, c->stage.resonance, o->peaks[0]);
+        return;
+    }
+    if (c->stage.rest > 0) {
+        c->stage.rest = o->regular >= REST_HALF_WAVES || c->stage.rest < 1 ? 0 : c->stage.rest - 1;
+        if (!(c->stage.rest > 0) && o->regular >= 4)
+            know_resonance(c, ts_oscillation_frequency(o, o->regular < 6 ? 4 : 6));
+    } else if (found > 0 && c->guard.held == 0 && !(o->found && measures_inertia(c)) && !limited && found > NOT_BELOW * c->stage.resonance && !c->hold) {
+        retreat(c, found);
+    } else {
+        c->stage.age += s->oscillation.tick;
+        if (c->stage.age > (ts_real)TS_KEEP && o->regular < 3) ts_keep_weights(c, false);
+    }
+    c->flags.oscillating = c->stage.rest > 0;
+}
