@@ -59,8 +59,10 @@ def random_wave(rng, ticks, swing=13.0):
     return z_d, np.gradient(z_d, 1 / 2000.0)
 
 
-def observed(controller):
-    """Whatever both controllers show."""
+def observed(controller, whole=True):
+    """Whatever both controllers show; of a part of it: what a tick may differ in without a trace in the next ones."""
+    if not whole:
+        return [controller.weights, controller.innovation, controller.flag_bits]
     if isinstance(controller, ReferenceController):
         counters = list(controller.counters.values())
         slopes, states = controller.partial_slopes, controller.play_states
@@ -71,9 +73,9 @@ def observed(controller):
     return [controller.weights, slopes, states, controller.innovation, controller.flag_bits, counters]
 
 
-def assert_same(text, kernel, when=""):
+def assert_same(text, kernel, when="", whole=True):
     """To the last bit; the comparison that says where they differ costs as much as a tick, so it comes second."""
-    for ours, theirs in zip(observed(text), observed(kernel), strict=True):
+    for ours, theirs in zip(observed(text, whole), observed(kernel, whole), strict=True):
         if np.asarray(ours).tobytes() != np.asarray(theirs).tobytes():
             np.testing.assert_array_equal(ours, theirs, err_msg=when)
 
@@ -84,7 +86,7 @@ def assert_same(text, kernel, when=""):
 @pytest.mark.parametrize("name", SETTINGS)
 def test_kernel_equals_numpy_to_the_last_bit(name) -> None:
     """Limits, guard, NaN, spikes, a change, missing, late and repeated measurements, nonsense that leads to the limits,
-    hold, rest, start, new settings: all that both show, every tick."""
+    hold, rest, start, new settings: voltage, weights, innovation, flags every tick; all that both show every tenth."""
     rng = np.random.default_rng(len(name))
     kernel, text = AdaptiveController.from_settings(SETTINGS[name]), ReferenceController(SETTINGS[name])
     z_d, zdot_d = random_wave(rng, 2500, swing=16.0)
@@ -121,7 +123,7 @@ def test_kernel_equals_numpy_to_the_last_bit(name) -> None:
             kernel.hold(), text.hold()
         elif fate > 0.9:
             kernel.resume(), text.resume()
-        assert_same(text, kernel, f"tick {k}")
+        assert_same(text, kernel, f"tick {k}", whole=k % 10 == 0)
         seen |= text.flag_bits
         if k == 2000 and name != "paper":
             same = kernel.settings.dead_zone_weights
