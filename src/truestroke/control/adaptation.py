@@ -24,6 +24,7 @@ from __future__ import annotations
 import copy
 import math
 from dataclasses import dataclass
+from functools import cache
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -386,6 +387,13 @@ def within_largest(w: FloatArray) -> FloatArray:
     return np.clip(w, -LARGEST, LARGEST)
 
 
+@cache
+def _blocks(size: int) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
+    """What the kernel stores of a symmetric matrix, and what of that is before its blocks on the diagonal."""
+    block = np.arange(size) // LANES
+    return block[:, np.newaxis] >= block, block[:, np.newaxis] > block
+
+
 def symmetric_times(P: FloatArray, u: FloatArray) -> FloatArray:
     """P u of a symmetric P, in the order of the kernel, which stores rows up to their block of eight on the diagonal.
 
@@ -397,8 +405,7 @@ def symmetric_times(P: FloatArray, u: FloatArray) -> FloatArray:
     >>> symmetric_times(np.array([[2.0, 1.0], [1.0, 3.0]]), np.array([1.0, 10.0]))
     array([12., 31.])
     """
-    block = np.arange(u.size) // LANES
-    stored, left = block[:, np.newaxis] >= block, block[:, np.newaxis] > block
+    stored, left = _blocks(u.size)
     below: FloatArray = np.cumsum(np.where(stored, P, 0.0) * u[:, np.newaxis], axis=0)[-1]
     return below + dot(np.where(left, P, 0.0), u)
 

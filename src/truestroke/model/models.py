@@ -194,7 +194,9 @@ def weighted_sum(slopes: FloatArray, y: FloatArray) -> FloatArray:
     >>> float(weighted_sum(np.array([8.0, 10.0]), np.array([1.0, 0.5])))
     9.0
     """
-    return dot(slopes, y - np.append(y[1:], 0.0))
+    after = np.zeros(y.size)
+    after[:-1] = y[1:]
+    return dot(slopes, y - after)
 
 
 def limit_slopes(slopes: FloatArray, limits: tuple[float, float]) -> tuple[FloatArray, bool]:
@@ -224,7 +226,7 @@ def limit_slopes(slopes: FloatArray, limits: tuple[float, float]) -> tuple[Float
     """
     low, high = limits
     within = np.where(slopes >= low, np.minimum(slopes, high), low)
-    return within, not bool(np.array_equal(within, slopes))
+    return within, bool((within != slopes).any())
 
 
 # ---- Terms of the regressor --------------------------------------------------------------------------------------
@@ -329,18 +331,19 @@ def known_terms(layout: Layout, creep: Sequence[Any] | FloatArray, motion: Motio
     >>> known_terms(layout, np.array([0.5]), Motion(7.5, 20.0), stroke=30.0)
     array([ 0.5 , 20.  ,  1.  ,  0.75])
     """
+    counts = layout.counts
     others = [*zip(*motion.others, strict=True)] or np.zeros((3, layout.other_axes, *np.shape(motion.z_d)))
     terms: dict[str, Sequence[Any] | FloatArray] = {
         "creep": creep,
         "lag": [motion.zdot_d],
         "inertia": [motion.zddot_d],
-        "offset": [np.ones_like(motion.z_d)],
-        "asymmetry": asymmetry_terms(motion.z_d + motion.ahead, stroke),
+        "offset": [np.ones_like(motion.z_d)] if np.ndim(motion.z_d) else [1.0],
+        "asymmetry": asymmetry_terms(motion.z_d + motion.ahead, stroke) if counts["asymmetry"] else (),
         "coupling": others[0],
         "coupling_lag": others[1],
         "coupling_inertia": others[2],
     }
-    return np.array([entry for name, count in layout.counts.items() for entry in terms[name][:count]])
+    return np.array([entry for name, count in counts.items() for entry in terms[name][:count]])
 
 
 # ---- Models ------------------------------------------------------------------------------------------------------
