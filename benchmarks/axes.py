@@ -1,6 +1,6 @@
 """Cross-talk of two axes on 40 lines a second of 20 um: what it leaves, and what it was without being known.
 
-    python benchmarks/axes.py [--plants 10] [--wrong 3] [--anchor]
+    python benchmarks/axes.py [--plants 10] [--wrong 3] [--anchor] [--steps]
 
 Each row is a simulated stage of two axes; nm rms of the true error on the lines from 2 s on, of x (lines) and y
 (frame): without cross-talk, with it and axes that know each other, with it and axes that do not. With dynamics and the
@@ -9,10 +9,13 @@ period of the lines, with dynamics, and with neither.
 
 import argparse
 import dataclasses
+import time
+from collections import defaultdict
 
 import numpy as np
 
-from truestroke import ControllerSettings, MultiAxisController, run, sensor_frame
+from truestroke import ControllerSettings, Dynamics, Mode, MultiAxisController, run, sensor_frame
+from truestroke.control.learned_strain import STEPS, LearnedStrain
 from truestroke.plant import MultiAxisSettings, MultiAxisStage, StageSettings
 from truestroke.signals.trajectories import raster
 
@@ -60,6 +63,28 @@ def anchor() -> None:
             given = settings, 1.0, sensor_frame(0.0)
             row = [followed(given, 1, None, aware, None, after) for after in (0.5, 2.0) for aware in (True, False)]
             print(f"{share:4.0%} {kind:9}" + "".join(f"{x:9.1f}{y:7.1f}" for x, y in row), flush=True)
+
+
+def steps() -> None:
+    """Processor time of each step of the learning, us, and of all of a batch, at 10 kHz and lines of 250 ticks."""
+    known = Dynamics(sample_rate=10_000.0, modes=(Mode(frequency=412.0, damping=0.02),))
+    learned, random, took, batches = LearnedStrain(known, 250), np.random.default_rng(1), defaultdict(list), []
+    wave = 5.0 * np.cos(2 * np.pi * np.arange(250) / 250)
+    learned.follow(wave, np.ones(250, dtype=bool), range(100_000))
+    for tick in range(100_000):
+        learned.at(tick)
+        error = 0.05 * wave[(tick - 3) % 250] / (1 + len(learned.errors)) + 0.003 * random.standard_normal()
+        waiting, began = len(learned._todo), time.thread_time_ns()
+        learned.put(tick, error)
+        spent = (time.thread_time_ns() - began) / 1e3
+        if waiting or learned._todo:  # one was done
+            place = len(STEPS) - 1 - len(learned._todo)
+            took[STEPS[place]].append(spent)
+            batches += [0.0] * (place == 0)
+            batches[-1] += spent
+    print("step            median    worst")
+    for name, times in {**took, "all of a batch": batches}.items():
+        print(f"{name.strip('_'):14}{np.median(times):8.0f} {max(times):8.0f}")
 
 
 def errors(number: int, known: float | None, coupled: bool, aware: bool, period: float | None) -> list[float]:
@@ -113,8 +138,12 @@ def main() -> None:
     parser.add_argument("--plants", type=int, default=10)
     parser.add_argument("--wrong", type=float, default=0.0, help="%% by which the resonances that are given are wrong")
     parser.add_argument("--anchor", action="store_true", help="1 and 3 % at 2 kHz, nothing given, instead")
+    parser.add_argument("--steps", action="store_true", help="the processor time of the learning instead")
     asked = parser.parse_args()
     plants = asked.plants
+    if asked.steps:
+        steps()
+        return
     if asked.anchor:
         anchor()
         return

@@ -391,6 +391,13 @@ def test_no_command_imports_another_and_old_names_are_hidden() -> None:
         assert f"\n  {old} " not in CliRunner().invoke(main, ["--help"]).output
 
 
+def test_the_list_of_commands_has_whole_sentences() -> None:
+    listed = CliRunner().invoke(main, ["--help"], terminal_width=60).output.partition("Commands:")[2]
+    sentences = re.split(r"\n  (?=\w)", listed.strip("\n"))
+    assert len(sentences) == len(main.commands)
+    assert all(re.search(r"(?<!\.)\.$", sentence) for sentence in sentences), listed
+
+
 def test_the_old_name_of_plots_still_works_and_is_hidden() -> None:
     @click.command()
     @plots_option

@@ -183,7 +183,8 @@ def site(tmp_path: Path) -> Path:
         f'<a href="questions.html#notch">x</a><a href="https://ni.com">y</a>{equations}'
     )
     (tmp_path / "questions.html").write_text(
-        '<h1 id="notch">Notch</h1><img src="a.png"><link rel="stylesheet" href="s.css">'
+        '<h1 id="notch">Notch</h1><dt class="sig">f(x)</dt><dd>x: ~1</dd><img src="a.png">'
+        '<link rel="stylesheet" href="s.css">'
     )
     (tmp_path / "genindex.html").write_text("Sensor failure, Notch, Windows, Hysteresis")
     (tmp_path / "a.png").write_bytes(b"")
@@ -215,6 +216,7 @@ def test_a_sound_site_passes(site: Path) -> None:
         ("theory.html", 'id="equation-7"', "", "no equation (7)"),
         ("theory.html", "<math >", "$$", "no equation (1)"),
         ("theory.html", "<math >", "<math ><mi>&amp;</mi>", "not understood"),
+        ("questions.html", "<h1", '<dt class="sig py">f(x: <b>~numpy.ndarray</b>)</dt><h1', "': ~n' in f(x: ~numpy.nd"),
     ],
 )
 def test_a_mistake_in_the_site_is_found(site: Path, file: str, old: str, new: str, message: str) -> None:

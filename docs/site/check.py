@@ -1,7 +1,8 @@
 """Check the site that was built: `python -m docs.site.check FOLDER`. It ends with 1, and what is wrong.
 
 Every link within the site leads to a page, an anchor or a file that is there; no page fetches anything from elsewhere;
-the search and the index, which needs no script, find the words that readers ask for; the equations are all there.
+the search and the index, which needs no script, find the words that readers ask for; the equations are all there; no
+signature has what only Python can read.
 """
 
 from __future__ import annotations
@@ -17,16 +18,19 @@ from urllib.parse import unquote, urlsplit
 
 SOUGHT = {"sensor failure": "questions", "notch": "questions", "windows": "questions", "hysteresis": "theory"}
 EQUATIONS = range(1, 24)
+UNREADABLE = r"TypeAliasForwardRef|<function|<class| at 0x|[:|\[(] ?~\w"  # of signatures
 
 
 class Page(HTMLParser):
-    """The links, the fetched files and the anchors of a page."""
+    """The links, the fetched files, the anchors and the signatures of a page."""
 
     def __init__(self, file: Path) -> None:
         super().__init__()
         self.links: list[str] = []
         self.fetched: list[str] = []
         self.anchors: set[str] = set()
+        self.signatures: list[str] = []
+        self._signs = False
         self.feed(file.read_text())
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
@@ -38,6 +42,18 @@ class Page(HTMLParser):
         elif tag == "link" and given.get("rel") not in ("index", "search", "next", "prev", "author", "canonical"):
             self.fetched.append(given.get("href", ""))
         self.fetched += [given[name] for name in ("src", "srcset", "poster", "data") if name in given and tag != "a"]
+        if tag == "dt":
+            self._signs = "sig" in given.get("class", "").split()
+            self.signatures += [""] * self._signs
+
+    def handle_data(self, data: str) -> None:
+        """Of a signature, all of its parts."""
+        if self._signs:
+            self.signatures[-1] += data
+
+    def handle_endtag(self, tag: str) -> None:
+        """Of a signature."""
+        self._signs = self._signs and tag != "dt"
 
 
 page = cache(Page)
@@ -107,10 +123,18 @@ def wrong_equations(folder: Path) -> Iterator[str]:
             yield f"theory.html has a formula that was not understood: {formula[:200]}"
 
 
+def wrong_signatures(file: Path) -> Iterator[str]:
+    """Signatures with the name of an object of Python in place of what it is."""
+    for signature in page(file).signatures:
+        if found := re.search(UNREADABLE, signature):
+            yield f"{file.name}: {found[0]!r} in {' '.join(signature.split())[:80]}"
+
+
 def wrong(folder: Path) -> list[str]:
     """All that is wrong with the site in the folder."""
     pages = sorted(folder.rglob("*.html"))
-    each = [message for file in pages for check in (wrong_links, wrong_files) for message in check(file)]
+    checks = (wrong_links, wrong_files, wrong_signatures)
+    each = [message for file in pages for check in checks for message in check(file)]
     styles = [message for file in folder.rglob("*.css") for message in wrong_styles(file)]
     return [*each, *styles, *wrong_search(folder), *wrong_equations(folder)]
 

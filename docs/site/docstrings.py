@@ -10,6 +10,7 @@ from docutils.nodes import Node, system_message
 from sphinx import addnodes
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxRole
+from sphinx.util.inspect import TypeAliasForwardRef
 
 import truestroke
 
@@ -36,8 +37,17 @@ def as_rest(app: Sphinx, what: str, name: str, thing: Any, options: Any, lines: 
             lines[i] = re.sub(r"(`[^`]+`)(?=[\w^])", r"\1\\ ", line.replace("|", r"\|"))
 
 
-def setup(app: Sphinx) -> dict[str, bool]:
-    """Register the role, which `default_role` selects, and the escapes."""
+def readable(
+    app: Sphinx, what: str, name: str, thing: Any, options: Any, arguments: str | None, returns: str | None
+) -> tuple[str | None, str | None]:
+    """A default that is made, or a function without a name, is `...`: Sphinx parses no other, and then cuts no type."""
+    return arguments and re.sub("<factory>|<function <lambda>>", "...", arguments), returns
+
+
+def setup(app: Sphinx) -> dict[str, int]:
+    """Register the role, which `default_role` selects, the escapes and the signatures."""
     app.add_role("name", Name())
     app.connect("autodoc-process-docstring", as_rest, priority=400)  # before numpydoc
-    return {"parallel_read_safe": True, "parallel_write_safe": True}
+    app.connect("autodoc-process-signature", readable)
+    TypeAliasForwardRef.__repr__ = lambda alias: alias.name  # what Sphinx writes of ArrayLike in a union, or a property
+    return {"env_version": 2, "parallel_read_safe": True, "parallel_write_safe": True}

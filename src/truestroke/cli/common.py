@@ -36,6 +36,7 @@ FILES = ("output", "plots", "figures", "overwrite", "as_json")  # options that d
 ALIASES = {"cutoff": "frequency", "slew_limit": "slew", "path": "trajectory"}  # arguments of Python by other options
 RENAMED = {"play": "playback", "zoo": "robustness"}  # commands by their old names, for one version
 FILE = click.Path(exists=True, dir_okay=False, path_type=Path)  # one that is there
+LONGEST_HELP = 200  # characters of the sentence about a command
 PIPE_WIDTH = 120  # columns of a table where there is no terminal
 Option = Callable[[Callable[..., Any]], Callable[..., Any]]  # a decorator of a command
 
@@ -49,6 +50,12 @@ class Commands(click.Group):
     def list_commands(self, ctx: click.Context) -> list[str]:
         """As they were added."""
         return list(self.commands)
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Each with the whole sentence that its own help begins with, in lines as wide as the terminal."""
+        whole = [(name, command.get_short_help_str(limit=LONGEST_HELP)) for name, command in self.commands.items()]
+        with formatter.section("Commands"):
+            formatter.write_dl(whole)
 
     def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
         """By its name, or by its old one."""
