@@ -137,6 +137,42 @@ def test_no_linear_stage_makes_it_diverge(gain, late, f0, damping, frequency):
     assert learned.best == pytest.approx(min(errors), abs=1e-4)
 
 
+def test_what_hysteresis_makes_at_the_resonance_is_no_response():
+    """The ninth harmonic meets the resonance. Its R was taken for a tenth of what it is, and the error grew tenfold."""
+    wave = raster(100.0)
+    stage = Stage(900.0, "bouc-wen", damping=0.02243, dead_time=1e-4)
+    known = Dynamics(sample_rate=FS, modes=(Mode(frequency=0.9834 * 900.0, damping=0.02243),))
+    errors = true_errors(stage, IterativeLearning(wave, dynamics=known, **KNOWN), wave, 8)
+    assert errors.argmax() == 0
+    assert errors[-1] < 0.05
+
+
+def test_what_was_learned_of_the_response_is_forgotten_where_only_it_has_changed(monkeypatch):
+    """The best pass comes again, and is as good as it was: the stage is the same, R was wrong."""
+    learned = IterativeLearning(raster(50.0), dynamics=dynamics(900.0), **KNOWN)
+    law, G = learned._law, GAIN * dynamics(930.0).response(frequencies(learned))
+
+    def play():
+        return learned.learn(np.tile(linear(learned, G), (2, 1)))
+
+    def wrong(before, after):
+        law._shown = np.full(law.ratio.size, 0.02e6 + 0j), np.full(law.ratio.size, 1e6)  # R = 0.02, surely
+        law.know()
+        return False
+
+    first = play()
+    with monkeypatch.context() as here:
+        here.setattr(law, "_estimate", wrong)
+        best = play()
+    worse, again, *others = (play() for _ in range(8))
+    assert worse.undone
+    assert worse.rmse > first.rmse
+    assert again.volts == pytest.approx(best.volts, abs=1e-12)
+    assert not again.undone
+    assert min(one.rmse for one in others) < 0.01 * best.rmse
+    assert max(one.rmse for one in others) < 1.5 * best.rmse
+
+
 def test_a_mode_beyond_the_bandwidth_that_hysteresis_excites_is_learned():
     """The 13th harmonic meets the second mode, at 2610 Hz, which nobody has given; a bandwidth that is given holds."""
     wave, left = raster(200.0), []

@@ -42,6 +42,8 @@ CHANGED = 2.0  # times what a change of U makes: beyond, the stage has changed
 WORSE = 1.05  # times the rmse of the best pass
 SHY = 0.5  # times the step after a pass that was undone
 SHOWN = 12.0  # times the variance of the noise: power beyond the bandwidth that is surely none
+WHOLE = 0.3  # relative deviation of the answer to a small change from that to the whole motion: hysteresis
+STILL = 1e-3  # of the response at rest: what a harmonic answers at least
 MOVED, MOVED_BEYOND = 0.004, 1.0  # of the power of a change of voltage: what it moves elsewhere, as displacement
 LEAST = 0.1  # of the whole step: the least that is taken
 IN_TURNS = 0.001  # weight of the error where it does not count, beside 1 where it does
@@ -203,17 +205,17 @@ class HarmonicLaw:
         It has where the sure harmonics did what no change of U explains. The mean creeps, and is left out.
         """
         (U, Z, noise), (V, Y, another) = before, after
-        x, y, least = self.response * (V - U), Y - Z, LITTLE * np.sum(np.abs(self.desired) ** 2)
+        x, y = self.response * (V - U), Y - Z
         x[0] = 0.0
         expected = self.ratio * x
         sure = self._moving & (np.abs(self.ratio) ** 2 * SURE * self._information > 1)
         other = np.sqrt(np.sum(np.abs(y - expected)[sure] ** 2))
         known = np.sqrt(np.sum(np.abs(expected)[sure] ** 2))
         crossed = self._crossed(x)
-        hidden = np.sum((noise + another + self._hidden(crossed))[sure]) + least
+        hidden = np.sum((noise + another + self._hidden(crossed))[sure]) + self._least
         if other > CHANGED * known + 5 * np.sqrt(hidden):
             return True
-        scatter = noise + another + crossed + least
+        scatter = noise + another + crossed + self._least
         weighted, information = self._shown
         self._shown = (
             np.asarray(KEPT * weighted + np.conj(x) * y / scatter, dtype=np.complex128),
@@ -221,6 +223,11 @@ class HarmonicLaw:
         )
         self.know()
         return False
+
+    @property
+    def _least(self) -> float:
+        """Variance of rounding."""
+        return LITTLE * float(np.sum(np.abs(self.desired) ** 2))
 
     def _hidden(self, crossed: FloatArray) -> FloatArray:
         """How much of it cannot be distinguished from a change of the stage."""
@@ -258,13 +265,42 @@ class PassLaw(HarmonicLaw):
     - A harmonic that takes much voltage for little displacement moves the others, by hysteresis: its step is small.
     - Nothing is put out beyond the bandwidth, but hysteresis excites harmonics there, and one may meet a further mode.
       Where the error is surely no noise it is learned, with small steps until the passes have shown R.
+    - What hysteresis makes of a change is strain, in front of the stage: a resonance amplifies it, too.
+    - Where the stage seems to have changed the best pass comes again. Is it as good as before, R was wrong, not the
+      stage: what passes have shown of R is forgotten.
     """
 
     def __init__(self, *given: Any, beyond: BoolArray, **named: Any) -> None:
         super().__init__(*given, **named)
         self._beyond = beyond
+        self._asks = False
+
+    def see(self, output: ComplexArray, measured: ComplexArray, noise2: FloatArray) -> None:
+        """As of `HarmonicLaw`; the first pass shows some of R by itself."""
+        if self.fresh:
+            x = self.response * output
+            x[0] = 0.0
+            scatter = noise2 + self._crossed(x) + (WHOLE * np.abs(x)) ** 2 + self._least
+            self._shown = np.asarray(np.conj(x) * measured / scatter), np.abs(x) ** 2 / scatter
+            self.know()
+        super().see(output, measured, noise2)
+
+    def _judge(self, spread: float, noise: float, E: ComplexArray) -> str:
+        asked, step = self._asks, self._step
+        undone = super()._judge(spread, noise, E)
+        self._asks = self._worse and self._changed
+        if asked and not undone:
+            self._shown, self._step = tuple(map(np.zeros_like, self._shown)), max(LEAST, SHY * step)  # type: ignore[assignment]
+            self.know()
+        return undone
+
+    def _crossed(self, x: ComplexArray) -> FloatArray:
+        size = np.abs(self.response) / np.abs(self.response[0])
+        return np.asarray(size**2 * super()._crossed(x / np.maximum(size, STILL)))
 
     def _steps(self, E: ComplexArray, noise2: FloatArray) -> FloatArray:
+        if self._asks:
+            return np.zeros(E.size)
         power, R2, variance = np.abs(E) ** 2, np.abs(self.ratio) ** 2, 1 / self._information
         usual = float(noise2[self._beyond].mean()) if self._beyond.any() else 0.0
         shown = self._beyond & (power > SHOWN * np.maximum(noise2, usual))

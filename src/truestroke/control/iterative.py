@@ -19,7 +19,17 @@ from truestroke.base.typing import ComplexArray, FloatArray
 from truestroke.base.verdict import Verdict
 from truestroke.control.actuator import ActuatorModel
 from truestroke.control.harmonics import BoolArray, PassLaw, nearest
-from truestroke.control.response_prior import DAMPING, FREQUENCY, GAIN, LATE, UNSURE, Independent
+from truestroke.control.response_prior import (
+    DAMPING,
+    FREQUENCY,
+    GAIN,
+    LATE,
+    UNSURE,
+    FewNumbers,
+    Independent,
+    Prior,
+    beside,
+)
 from truestroke.control.settings import UNLIMITED
 from truestroke.model.dynamics import Dynamics
 from truestroke.signals.trajectories import Trajectory
@@ -171,7 +181,10 @@ class IterativeLearning(Displayed):
         G, sensor, self._variance = response_of(dynamics, self._frequency, self.sample_rate, self.gain)
         D = sensor * np.fft.rfft(self.desired)
         beyond = self._beyond(bandwidth)
-        prior = Independent(np.where(beyond, UNSURE, self._variance))
+        prior: Prior = Independent(np.where(beyond, UNSURE, self._variance))
+        if dynamics is not None:
+            own = beside(self._frequency, dynamics.modes[0].frequency, self.bandwidth)
+            prior = FewNumbers(dynamics, self._frequency, self.sample_rate, own)
         size = {"samples": self.samples, "periods": self.periods}
         self._law = PassLaw(D, G, prior, self._learned, beyond=beyond, **size)
         self._best = math.nan, np.empty(0)
