@@ -1,6 +1,6 @@
 """Mistakes planted in correct records: which of them `examine` finds, and that it refuses no correct record.
 
-python benchmarks/record_mistakes.py the table of docs/identify.md; about half a minute
+python -m benchmarks.record_mistakes      the table of docs/identify.md; about a minute
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 from benchmarks import foreign_records
+from scipy.signal import butter, lfilter
 
 from truestroke import plant, trajectories
 from truestroke.identification import Record, RecordError, examine, read_record, turning
@@ -136,6 +137,51 @@ def spiked(r: Record) -> Planted:
     return named(r.time, r.volts, np.where(wrong, 2 * r.displacement.max(), r.displacement)), {}
 
 
+def coupled(r: Record) -> Planted:
+    """An AC-coupled displacement: a corner at a tenth of the frequency of the strokes"""
+    corner = min(0.1 / (2 * shift(r, 1.0)), 0.2)  # of the sample rate
+    return named(r.time, r.volts, lfilter(*butter(1, 2 * corner, "high"), r.displacement - r.displacement[0])), {}
+
+
+def lost(r: Record) -> Planted:
+    """From the middle on the displacement has lost a quarter of a stroke of rows"""
+    n, half = shift(r, 0.25), r.time.size // 2
+    return named(r.time[:-n], r.volts[:-n], np.concatenate([r.displacement[:half], r.displacement[half + n :]])), {}
+
+
+def another(r: Record) -> Planted:
+    """From the middle on another actuator, with three quarters of the gain"""
+    z, half = r.displacement, r.time.size // 2
+    return named(r.time, r.volts, np.concatenate([z[:half], z[half] + 0.75 * (z[half:] - z[half])])), {}
+
+
+def copied(r: Record) -> Planted:
+    """One row in fifty written twice, without time stamps"""
+    rows = np.sort(np.concatenate([np.arange(r.time.size), np.arange(25, r.time.size, 50)]))
+    return {"volts (V)": r.volts[rows], "z (um)": r.displacement[rows]}, {"sample_rate": r.sample_rate}
+
+
+def counted(r: Record) -> Planted:
+    """Numbers of the rows labelled s"""
+    return named(np.arange(float(r.time.size)), r.volts, r.displacement), {}
+
+
+def aliased(r: Record) -> Planted:
+    """Sampled 1.4 times in a stroke"""
+    every = max(2, shift(r, 1 / 1.4))
+    return named(r.time[::every], r.volts[::every], r.displacement[::every]), {}
+
+
+def monitor(r: Record) -> Planted:
+    """A monitor of 1:100 taken for the voltage, called V_mon"""
+    return {"time (s)": r.time, "V_mon (V)": r.volts / 100, "z (um)": r.displacement}, {}
+
+
+def unstated(r: Record) -> Planted:
+    """A sensor's V, 10 um/V, in a column without a unit"""
+    return {"time (s)": r.time, "volts (V)": r.volts, "z": (r.displacement - r.displacement.mean()) / 10}, {}
+
+
 def named(time: np.ndarray, volts: np.ndarray, displacement: np.ndarray) -> Columns:
     return {"time (s)": time, "volts (V)": volts, "z (um)": displacement}
 
@@ -164,6 +210,14 @@ MISTAKES: tuple[Callable[[Record], Planted], ...] = (
     moved,
     overflown,
     spiked,
+    coupled,
+    lost,
+    another,
+    copied,
+    counted,
+    aliased,
+    monitor,
+    unstated,
 )
 
 

@@ -5,7 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.signal import butter, lfilter
 
+from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
 from truestroke.identification import Findings, Record, examine, read_record
 from truestroke.identification.modes import ModeSearch
@@ -102,6 +104,53 @@ def test_rows_that_are_written_twice(good: tuple[FloatArray, FloatArray]) -> Non
     x, z = (np.repeat(signal, 2) for signal in good)
     (text,) = examine(Record.from_arrays(x, z, sample_rate=2 * RATE)).implausible
     assert "in every 2. row only" in text
+
+
+def test_some_rows_are_written_twice(good: tuple[FloatArray, FloatArray]) -> None:
+    rows = np.sort(np.concatenate([np.arange(T.size), np.arange(20, T.size, 150)]))
+    (text,) = examine(Record.from_arrays(*(signal[rows] for signal in good), sample_rate=RATE)).implausible
+    assert text.startswith("20 rows, each by itself, repeat both values")
+
+
+def test_what_changes_within_a_record(good: tuple[FloatArray, FloatArray]) -> None:
+    """One channel loses rows; another actuator; and a sensor that is AC-coupled, at a tenth of the lowest tone."""
+
+    x, z = good
+
+    def says(moved: FloatArray) -> str:
+        found = examine(Record.from_arrays(x[: moved.size], moved, sample_rate=RATE))
+        (text,) = found.implausible or found.mistakes
+        return text
+
+    half = T.size // 2
+    lost = np.concatenate([z[:half], z[half + 25 :]])
+    assert "from about 1.484 s on the displacement is earlier by about 24 rows, 24 ms" in says(lost)
+    softer = np.concatenate([z[:half], z[half] + 0.8 * (z[half:] - z[half])])
+    assert "s on strokes have 79 % of the gain" in says(softer)
+    coupled = lfilter(*butter(1, 0.3, "high", fs=RATE), z - z[0])
+    assert "by itself, with a time constant of about 0.532 s" in says(np.asarray(coupled))
+
+
+def test_columns_that_are_not_what_they_are_taken_for(good: tuple[FloatArray, FloatArray], tmp_path: Path) -> None:
+    x, z = good
+    (text,) = asked(written(tmp_path, x / 10, z, "t (s),HV_mon (V),z (um)"))
+    assert "a monitor mostly shows a tenth" in text
+    assert asked(tmp_path / "a.csv", volts_scale=10.0) == ()
+    np.testing.assert_allclose(read_record(tmp_path / "a.csv", volts_scale=10.0).volts, x, atol=1e-6)
+    with pytest.raises(SettingError, match=r"volts_scale = 10\.0 V: must be left out where a unit is given"):
+        read_record(tmp_path / "a.csv", volts_scale=10.0, volts_unit="V")
+    (text,) = asked(written(tmp_path, x, 0.5 * z, "t (s),volts (V),z"))
+    assert "stays within +-10 as the volts of a sensor do" in text
+    assert asked(tmp_path / "a.csv", displacement_unit="um") == ()
+
+
+def test_stamps_that_count_rows_or_make_hours(good: tuple[FloatArray, FloatArray], tmp_path: Path) -> None:
+    x, z = good[0][:-1], good[1][1:]  # turns with the voltage
+    assert "one apart each: do they count the rows?" in asked(written(tmp_path, x, z, rate=1.0))[0]
+    assert asked(tmp_path / "a.csv", sample_rate=1000.0) == asked(tmp_path / "a.csv", time_unit="s") == ()
+    (text,) = asked(written(tmp_path, x, z, rate=0.25))
+    assert "strokes in 3.33 h, one row each 4 s: are they in ms?" in text
+    assert asked(tmp_path / "a.csv", time_unit="s") == ()
 
 
 def test_a_record_of_a_day_has_no_modes_that_are_too_slow_for_one() -> None:

@@ -202,6 +202,9 @@ record_options = options(  # RECORD, and how `truestroke.read_record` reads it
     click.option("--displacement-unit", metavar="UNIT", help="um, nm, mm or m.  [default: as the file says, else um]"),
     click.option("--time-unit", metavar="UNIT", help="s, ms, us, ns or min.  [default: as the file says, else s]"),
     click.option(
+        "--volts-scale", metavar="V", type=float, help="V for one of the column, such as 10 of a monitor of 1:10."
+    ),
+    click.option(
         "--displacement-scale",
         metavar="UM",
         type=float,

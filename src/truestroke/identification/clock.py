@@ -25,7 +25,7 @@ def against(stamps: FloatArray, column: Column, sample_rate: float) -> tuple[str
     called = f"{column.heading!r} in {column.unit}"
     if steps.size < 2 or np.median(steps) <= 0 or known[-1] <= known[0]:
         return "", f"the time stamps of the file ({called}) do not ascend and are not used"
-    counted = not column.stated and bool(np.all(steps == 1))
+    counted = bool(np.all(steps == 1))
     rates = [1 / float(np.median(steps)), steps.size / float(known[-1] - known[0])]
     scales = [1.0] if column.stated else [1 / seconds for seconds in UNITS["time"].values()]
     agree = any(abs(rate * scale / sample_rate - 1) <= AGREE for rate in rates for scale in scales)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from truestroke.identification import turning
+from truestroke.identification.changes import jumped
 from truestroke.identification.faults import faults
 from truestroke.identification.noise import noise, rounding
 from truestroke.identification.record import Record
@@ -137,7 +138,9 @@ def _of_order(record: Record, found: Findings) -> Iterator[str]:
         )
         return
     lead = _lead(record, found, turns)
-    if lead:
+    if lead and (jump := jumped(record, turns)):
+        yield jump
+    elif lead:
         shifted = "" if quiet < rough / ROUGHER else " Or is the displacement shifted in time?"
         yield f"the displacement leads the voltage, its cause ({lead}): are the columns swapped?{shifted}"
     elif quiet < SMOOTH and rough > max(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
@@ -10,6 +11,7 @@ import numpy as np
 
 from truestroke.base.typing import FloatArray
 from truestroke.identification import turning
+from truestroke.identification.changes import changed
 from truestroke.identification.faults import repeated
 from truestroke.identification.noise import noise
 from truestroke.identification.record import Record
@@ -19,6 +21,9 @@ if TYPE_CHECKING:
 
 SOON, TARDY = 50e-6, 0.1  # s: an amplifier or a sensor is later than the first, none is later than the second
 SHOWN = 0.25  # rows: to which reversals show a delay
+LONG, SLOW = 9000.0, 200.0  # s of motion, and Hz: few records are longer; one of 10 s in ms that are taken for s is
+ALIASED = 3.5  # rows in a stroke; correct records of noise have 5 at least
+COUNTED = 1000  # stamps that are looked at
 STRAIGHT = 0.5  # % of the stroke that a linear filter leaves: actuators leave 1 to 8, set-points of a loop 0.36 at most
 FILTER = 9, 0.25  # lags of the filter at most, each twice the one before, and the longest, of a stroke
 ROWS = 50_000  # that it is fitted to
@@ -27,9 +32,12 @@ SMALL, LARGE = 0.02, 2000.0  # um: strokes that are rather written in nm, and in
 STRONG = 150.0  # um/V: few actuators move further by the signal that controls their amplifier
 MILLIVOLTS = 1.5, 50.0  # V, um/V: few actuators go so far with so little
 WEAK = 2e-4  # um/V: less than of a single plate
+MONITOR = re.compile(r"\bmon(itor)?\b|[_ ]mon(itor)?([_ ]|$)|^mon", re.IGNORECASE)
+CONVERTER = 10.5  # V: most converters of a sensor end at 10
 LEVEL = 8.0  # times the noise: so wide is a level at which a signal stays
 FLATTER, TURNED = 2.5, 0.025  # times what the level is of the span, and of its span, the other signal goes on meanwhile
 CUT = 0.01  # of the rows
+FEWEST_AGAIN, AGAIN = 5, 0.001  # rows, and of the rows
 
 
 def implausible(record: Record, found: Findings) -> tuple[str, ...]:
@@ -48,10 +56,25 @@ def implausible(record: Record, found: Findings) -> tuple[str, ...]:
         return ()
     of_file = record.source not in ("arrays", "recording")
     units = (*_of_clock(record, found), *_of_units(record, found)) if of_file else ()
-    return (*units, *_of_hysteresis(record, found), *_of_levels(record, found), *_of_copies(record))
+    of_signals = (
+        *_of_sampling(record, found),
+        *_of_hysteresis(record, found),
+        *_of_levels(record, found),
+        *_of_copies(record),
+    )
+    return (*units, *of_signals, *changed(record))
 
 
 def _of_clock(record: Record, found: Findings) -> Iterator[str]:
+    """Of time stamps or sample rate, the first evidence."""
+    time = record.columns.get("time")
+    texts = [*_of_turns(record, found)]
+    if not texts and time is not None and not time.asked:
+        texts += _of_stamps(record, found, time.heading)
+    yield from texts
+
+
+def _of_turns(record: Record, found: Findings) -> Iterator[str]:
     """An actuator with amplifier and sensor turns later than its voltage, by tens of us to tens of ms."""
     time, delay = record.columns.get("time"), found.delay_ms
     if delay is None:
@@ -70,12 +93,49 @@ def _of_clock(record: Record, found: Findings) -> Iterator[str]:
             yield f"the displacement turns {turns}: are {stamps} {finer}? State the sample rate (`sample_rate`)"
 
 
+def _of_stamps(record: Record, found: Findings, heading: str) -> Iterator[str]:
+    """Stamps said to be in s that count the rows, or make a record of hours out of few rows."""
+    rate = found.sample_rate_hz
+    if np.all(np.diff(record.time[:COUNTED]) == 1.0):
+        yield (
+            f"the time stamps ({heading!r}) are one apart each: do they count the rows? State the sample rate "
+            "(`sample_rate`), or their unit (`time_unit`)"
+        )
+        return
+    moved = found.duration_s - sum(seconds for _, seconds in found.gaps)
+    if moved > LONG and rate < SLOW and found.strokes >= 4:
+        yield (
+            f"the time stamps ({heading!r}) make {found.strokes} strokes in {moved / 3600:.3g} h, one row each "
+            f"{1 / rate:.3g} s: are they in ms? State their unit (`time_unit`; one against the file needs `force`)"
+        )
+
+
+def _of_sampling(record: Record, found: Findings) -> Iterator[str]:
+    """So few rows in a stroke that the motion is faster than they show."""
+    rows = record.time.size / found.strokes
+    if found.strokes >= 4 and rows < ALIASED:
+        yield (
+            f"a stroke has {rows:.2g} rows on average: is the motion faster than the samples show it (aliasing)? "
+            "Sample ten times in a stroke, or move more slowly"
+        )
+
+
 def _of_units(record: Record, found: Findings) -> Iterator[str]:
     """Numbers that people rather write in another unit; nothing where the caller has stated it."""
     volts, moved = record.columns["volts"], record.columns["displacement"]
     span, stroke = found.voltage_v[1] - found.voltage_v[0], found.stroke_um
     gain = abs(found.gain_um_per_v)
-    if moved.unit == "um" and not moved.asked and not SMALL <= stroke <= LARGE:
+    if not volts.asked and MONITOR.search(volts.heading):
+        yield (
+            f"the voltage is the column {volts.heading!r}: a monitor mostly shows a tenth or a hundredth of the "
+            "voltage. State what 1 of it is (`volts_scale`; 1 if a controller is to put out these)"
+        )
+    if not moved.stated and max(map(abs, found.displacement_um)) <= CONVERTER:
+        yield (
+            "the displacement has no unit, and stays within +-10 as the volts of a sensor do: is it in um? State its "
+            "unit (`displacement_unit`), or its um/V (`displacement_scale`)"
+        )
+    elif moved.unit == "um" and not moved.asked and not SMALL <= stroke <= LARGE:
         others = "nm or mm" if stroke < SMALL else "nm or counts"
         yield f"the stroke is {stroke:.3g} um: is it in {others}? State its unit (`displacement_unit`)"
     elif not moved.asked and not WEAK <= gain <= STRONG:
@@ -162,7 +222,7 @@ def _to_and_fro(signal: FloatArray) -> float:
 
 
 def _of_copies(record: Record) -> Iterator[str]:
-    """Both signals repeat their values in the same rows: each row is there several times."""
+    """Both signals repeat their values in the same rows: each row is there several times, or some rows are."""
     every = repeated(record.displacement)
     if every > 1 and repeated(record.volts) == every:
         x, z = record.volts, record.displacement
@@ -171,3 +231,19 @@ def _of_copies(record: Record) -> Iterator[str]:
                 f"voltage and displacement have a new value in every {every}. row only: are rows written {every} "
                 f"times, and is the sample rate {every} times too high?"
             )
+    again = _again(record)
+    if again >= FEWEST_AGAIN:
+        yield (
+            f"{again} rows, each by itself, repeat both values of the row before, while both signals move: did the "
+            "logger write rows twice? Leave out the copies, or record with time stamps"
+        )
+
+
+def _again(record: Record) -> int:
+    """Rows that repeat both values, between rows in which the voltage moves; 0 where chance makes as many."""
+    still = np.diff(record.volts) == 0, np.diff(record.displacement) == 0
+    both = still[0] & still[1]
+    alone = both[1:-1] & ~still[0][:-2] & ~still[0][2:]
+    by_chance = float(still[0].mean() * still[1].mean()) * both.size
+    number = int(alone.sum())
+    return number if number > max(AGAIN * both.size, 5 * by_chance) else 0

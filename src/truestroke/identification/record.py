@@ -140,6 +140,7 @@ def read_record(
     volts_unit: str | None = None,
     displacement_unit: str | None = None,
     time_unit: str | None = None,
+    volts_scale: float | None = None,
     displacement_scale: float | None = None,
     sample_rate: float | None = None,
     flip_displacement: bool = False,
@@ -157,6 +158,9 @@ def read_record(
         names, two columns are voltage and displacement; three, the first of which ascends, are time and these two.
     volts_unit, displacement_unit, time_unit : str, optional
         Of the file: V, mV, uV, kV; um, nm, mm, m; s, ms, us, ns, min. Left out, what the heading states, else V, um, s.
+    volts_scale : float, optional
+        V for one of the column, such as 10 of a monitor of 1:10; in place of its unit. The voltage is that which a
+        controller or a waveform is to put out.
     displacement_scale : float, optional
         um for one of the column, such as um/V of a sensor in V; in place of its unit.
     sample_rate : float, optional
@@ -198,7 +202,8 @@ def read_record(
         checks.positive("sample_rate", sample_rate, "Hz")
         if time is not None:
             raise SettingError("sample_rate", sample_rate, "left out where a time column is named", "Hz")
-    scale, displacement_unit = _scale(displacement_scale, displacement_unit)
+    scale, displacement_unit = _scale("displacement_scale", displacement_scale, displacement_unit, "um")
+    of_volts, volts_unit = _scale("volts_scale", volts_scale, volts_unit, "V")
     asked = {"volts": (volts, volts_unit), "displacement": (displacement, displacement_unit), "time": (time, time_unit)}
     wanted = [Wanted(role, tables.UNITS[role], HEADINGS[role], *keys) for role, keys in asked.items()]
     table = tables.open_table(path)
@@ -206,6 +211,9 @@ def read_record(
     wanted[2] = dataclasses.replace(wanted[2], needed=sample_rate is None)
     signals, columns = _read(path, table, wanted, complete)
     signals["displacement"] *= -scale if flip_displacement else scale
+    signals["volts"] *= of_volts
+    if volts_scale is not None:
+        columns["volts"] = dataclasses.replace(columns["volts"], of_file="")
     contradictions = [*_of_units(columns)]
     unused = ""
     if sample_rate is not None and "time" in columns:
@@ -259,13 +267,13 @@ def _places(table: Table) -> tuple[str, ...]:
     return ("time", "volts", "displacement") if ascends else ()
 
 
-def _scale(scale: float | None, unit: str | None) -> tuple[float, str | None]:
-    """um for one of the displacement's column, beside its unit; a scale takes the place of the unit."""
+def _scale(name: str, scale: float | None, unit: str | None, ours: str) -> tuple[float, str | None]:
+    """V or um for one of a column, beside its unit; a scale takes the place of the unit."""
     if scale is None:
         return 1.0, unit
     if unit is not None:
-        raise SettingError("displacement_scale", scale, "left out where a unit is given", "um")
-    return checks.positive("displacement_scale", scale, "um"), "um"
+        raise SettingError(name, scale, "left out where a unit is given", ours)
+    return checks.positive(name, scale, ours), ours
 
 
 # ---- Checks --------------------------------------------------------------------------------------------------------
