@@ -1,7 +1,8 @@
 """What every test finds: Ctrl-C ends a process, also where a shell that runs in the background has it ignored.
 
-The longest tests begin first, so that none of them is what all the others wait for. The tests of a file whose tests
-share a long computation are played by one process. Every page that a test writes says µm and never um.
+The longest tests begin first, so that none of them is what all the others wait for. The tests of a file are run by one
+process, for they share packages, computations and servers; those that are long and share nothing by any of them. Every
+page that a test writes says µm and never um.
 """
 
 from __future__ import annotations
@@ -20,7 +21,10 @@ from xdist.scheduler import LoadScopeScheduling
 from truestroke.base import files
 
 LONG = ("test_soak.py", "test_compare.py", "test_bench.py", "test_files_of_a_run.py", "test_docs.py", "test_study.py")
-SHARED = ("test_compare.py", "test_bench.py", "test_browser.py", "test_fmu.py")
+ALONE = (
+    "test_docs.py", "test_examples.py", "test_files_of_a_run.py", "test_realtime.py", "test_realtime_faults.py",
+    "test_reference.py", "test_robustness.py", "test_study.py", "test_supervision.py",
+)  # fmt: skip
 
 # Where Python writes no bytecode, each of some thousand processes would compile the package again, and each of xdist's
 # every test: a quarter of what a test of `truestroke run` computes.
@@ -42,11 +46,11 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 class ByComputation(LoadScopeScheduling):
-    """Each test by itself, those of `SHARED` by file; xdist's own groups do not work with pytest 9.2."""
+    """File by file, the tests of `ALONE` one by one; xdist's own groups do not work with pytest 9.2."""
 
     def _split_scope(self, nodeid: str) -> str:
         file = nodeid.partition("::")[0]
-        return file if file.endswith(SHARED) else nodeid
+        return nodeid if file.endswith(ALONE) else file
 
 
 def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> ByComputation:
