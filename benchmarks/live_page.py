@@ -1,29 +1,39 @@
 """Lateness of the blocks of a run without a live page, with one, and with ten readers: python benchmarks/live_page.py.
 
 The runs take turns, so that what else the machine does meets all of them. The readers stand for other computers, so
-they have the lowest priority here. On a busy machine compare p99 of each run with that of the runs beside it.
+they have the lowest priority here. On a busy machine compare p99 of each run with that of the runs beside it, or put
+the run before all other programs: `--first` or `--priority 50`, which need root. `--without slices` and `--without way`
+are runs as they were before decision 83.
 """
 
 from __future__ import annotations
 
-import json
+import argparse
 import os
 import re
 import subprocess
 import sys
 import tempfile
+import time
 import urllib.request
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
+import psutil
 
 from truestroke import Recording
 from truestroke.runtime.realtime import config
 
-TURNS, SECONDS = 3, 10.0
 PROGRAM = str(Path(sys.executable).with_name("truestroke"))
-COMMAND = [PROGRAM, "run", "--config", "stage.toml", "--json", "--overwrite"]
+COMMAND = [PROGRAM, "run", "--config", "stage.toml", "--json"]
+KINDS = {"no page": None, "page, no reader": 0, "page, ten readers": 10}
+FIRST, PAGES = -20, -10  # steps of the sessions of a run that is put before others, and of its pages, which give way
+STARTED = 2.0  # s after which all processes of a run are there
+WITHOUT = {  # what each process of the run does when it starts
+    "slices": "import contextlib; system.short_slices = lambda seconds: contextlib.nullcontext()",
+    "way": "import os; system.yield_to_others = os.nice",
+}
 
 
 def read(address: str, token: str) -> None:
@@ -34,52 +44,87 @@ def read(address: str, token: str) -> None:
             pass
 
 
-def lateness(folder: Path, readers: int | None) -> np.ndarray:
-    """us, of each block; None: no page."""
+def put_first(run: int) -> None:
+    """The sessions of a run before those of all other programs: sched(7), autogroup."""
+    for one in [psutil.Process(run), *psutil.Process(run).children(recursive=True)]:
+        group = Path(f"/proc/{one.pid}/autogroup")
+        gave_way = group.read_text().split()[-1] != "0"
+        group.write_text(str(PAGES if gave_way else FIRST))
+
+
+def lateness(folder: Path, readers: int | None, first: bool) -> np.ndarray:
+    """us, of each block but those of the start; readers None: no page."""
+    (folder / "run.h5").unlink(missing_ok=True)
     command = COMMAND + (["--live"] if readers is not None else [])
-    process = subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    assert process.stderr
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    beside = {**os.environ, "PYTHONPATH": str(folder)}
+    run = subprocess.Popen(command, cwd=folder, env=beside, text=True, start_new_session=True, **pipes)
+    assert run.stderr
     if readers is not None:
-        found = next(found for line in process.stderr if (found := re.search(r"(http://[^#]*)#(\S+)", line)))
-        crowd = subprocess.Popen([sys.executable, __file__, *found.groups(), str(readers)])
-    out, err = process.communicate()
+        found = next(found for line in run.stderr if (found := re.search(r"(http://[^#]*)#(\S+)", line)))
+        crowd = subprocess.Popen([sys.executable, __file__, "--read", *found.groups(), str(readers)])
+    if first:
+        while not (folder / "run.h5").exists():
+            time.sleep(0.1)
+        time.sleep(STARTED)
+        put_first(run.pid)
+    out, err = run.communicate()
     if readers is not None:
         crowd.kill()
         crowd.wait()
     assert out, err
-    assert json.loads(out)["ticks"] > 0
-    return Recording.load(folder / "run.h5")["lateness"]
+    late = Recording.load(folder / "run.h5")["lateness"]
+    return late[len(late) // 4 :]
 
 
-def be_readers(address: str, token: str, readers: int) -> None:
+def be_readers(address: str, token: str, readers: str) -> None:
     """All of them, until they are ended."""
     os.nice(19)
-    with ThreadPoolExecutor(max(1, readers)) as pool:
-        for _ in range(readers):
+    with ThreadPoolExecutor(max(1, int(readers))) as pool:
+        for _ in range(int(readers)):
             pool.submit(read, address, token)
+
+
+def prepare(folder: Path, asked: argparse.Namespace) -> None:
+    """The configuration, and what the processes of the run leave out."""
+    text = re.sub(r"(?m)^duration = .*", f"duration = {asked.seconds}", config.example())
+    changes = {"overrun_streak": 0, "watchdog_timeout": 20.0}
+    if asked.priority:
+        changes |= {"spin": 0.0}
+        text = text.replace("[realtime]", f"[realtime]\npriority = {asked.priority}")
+    for key, value in changes.items():
+        text = re.sub(rf"(?m)^{key} = .*", f"{key} = {value}", text)
+    (folder / "stage.toml").write_text(f"{text}\n[live]\nport = 0\n")
+    if asked.without:
+        lines = ["from truestroke.base import system", *(WITHOUT[one] for one in asked.without)]
+        (folder / "sitecustomize.py").write_text("\n".join(lines))
 
 
 def main() -> None:
     """Print the table."""
-    if len(sys.argv) == 4:
-        be_readers(sys.argv[1], sys.argv[2], int(sys.argv[3]))
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--turns", type=int, default=3)
+    parser.add_argument("--seconds", type=float, default=10.0, help="of each run")
+    parser.add_argument("--first", action="store_true", help="the sessions of the run are before all others")
+    parser.add_argument("--priority", type=int, default=0, help="SCHED_FIFO of the loop, with spin = 0")
+    parser.add_argument("--without", choices=list(WITHOUT), action="append", default=[])
+    parser.add_argument("--read", nargs=3, help=argparse.SUPPRESS)
+    asked = parser.parse_args()
+    if asked.read:
+        be_readers(*asked.read)
         return
+    found: dict[str, list[np.ndarray]] = {kind: [] for kind in KINDS}
     with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        text = re.sub(r"(?m)^duration = .*", f"duration = {SECONDS}", config.example())
-        text = re.sub(r"(?m)^overrun_streak = .*", "overrun_streak = 0", text)
-        (folder / "stage.toml").write_text(re.sub(r"(?m)^watchdog_timeout = .*", "watchdog_timeout = 20.0", text))
-        kinds = {"no page": None, "page, no reader": 0, "page, ten readers": 10}
-        found: dict[str, list[np.ndarray]] = {kind: [] for kind in kinds}
-        for _ in range(TURNS):
-            for kind, readers in kinds.items():
-                found[kind].append(lateness(folder, readers))
+        prepare(Path(name), asked)
+        for _ in range(asked.turns):
+            for kind, readers in KINDS.items():
+                found[kind].append(lateness(Path(name), readers, asked.first))
     print(f"load {os.getloadavg()[0]:.1f} on {os.cpu_count()} processors")
-    print(f"{'lateness of a block, us':24}{'p50':>10}{'p99':>10}{'p99.9':>10}{'largest':>10}{'p99 of each run':>24}")
+    print(f"{'lateness of a block, us':24}{'p50':>10}{'p99':>10}{'p99.9':>10}{'largest':>10}   p99 of each run")
     for kind, runs in found.items():
         late = np.concatenate(runs)
         each = " ".join(f"{np.percentile(run, 99):.0f}" for run in runs)
-        print(f"{kind:24}" + "".join(f"{np.percentile(late, p):10.1f}" for p in (50, 99, 99.9, 100)) + f"{each:>24}")
+        print(f"{kind:24}" + "".join(f"{np.percentile(late, p):10.1f}" for p in (50, 99, 99.9, 100)) + f"   {each}")
 
 
 if __name__ == "__main__":

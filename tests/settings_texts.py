@@ -16,7 +16,7 @@ from truestroke.control.settings import SETTINGS, ControllerSettings
 ROOT = Path(__file__).parents[1]
 PAGE, OPTIONS = ROOT / "docs/settings.md", ROOT / "src/truestroke/control/options.py"
 FIELDS = {field.name: field for field in dataclasses.fields(ControllerSettings)}
-HEAD = ("setting", "unit", "default", "bound", "law", "changeable", "kernel", "meaning")
+HEAD = ("setting", "unit", "meaning", "default", "bound", "law", "changeable", "kernel")
 
 
 def table() -> str:
