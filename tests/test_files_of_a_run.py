@@ -12,10 +12,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from running import COMMAND, configuration, started, ticks
+from click.testing import CliRunner, Result
+from running import configuration, started, ticks
 
 from truestroke import AdaptiveController, Recording
 from truestroke.base import files
+from truestroke.cli import main
 from truestroke.runtime.drivers import DriverError, Fault, SimulatedDriver, SimulatedSettings
 from truestroke.runtime.realtime import Axis, RealtimeSettings, run_realtime
 from truestroke.signals.trajectories import sine
@@ -66,7 +68,7 @@ def test_a_run_whose_disk_fails_ends_with_13(bad_disk: Path, kind: int) -> None:
     assert len(recording["time"]) > 200
     assert np.isfinite(recording["measured"]).all()
     if kind == errno.ENOSPC:  # both leave the same file
-        assert subprocess.run([COMMAND, "report", "run.h5"], capture_output=True, timeout=60).returncode == 0
+        assert CliRunner().invoke(main, ["report", "run.h5"]).exit_code == 0
 
 
 def test_a_disk_that_fails_at_the_very_end_is_told(bad_disk: Path) -> None:
@@ -82,16 +84,15 @@ def test_a_disk_that_fails_at_the_very_end_is_told(bad_disk: Path) -> None:
 # ---- A recording that is replaced ----------------------------------------------------------------------------------
 
 
-def again(*options: str) -> subprocess.CompletedProcess[str]:
-    command = [COMMAND, "run", "--config", "run.toml", *options]
-    return subprocess.run(command, capture_output=True, text=True, timeout=20)
+def again(*options: str) -> Result:
+    return CliRunner().invoke(main, ["run", "--config", "run.toml", *options])
 
 
 def test_one_that_is_being_written_is_refused_at_once() -> None:
     process = started(configuration())
     for options in (["--overwrite"], []):
         done = again(*options)
-        assert done.returncode == 1
+        assert done.exit_code == 1
         assert done.stderr == "truestroke: run.h5: another run is writing it; choose another name\n"
     process.send_signal(signal.SIGINT)
     process.communicate(timeout=30)
@@ -138,7 +139,7 @@ def test_kill_9_while_it_replaces_one_keeps_both_and_the_terminal_says_where() -
     assert Path("run.h5").read_text() == "precious"
     assert ticks("run.new.h5") >= before > 200
     done = again("--overwrite")
-    assert done.returncode == 1
+    assert done.exit_code == 1
     assert "truestroke: run.new.h5: a run that ended early left it" in done.stderr
     assert ticks("run.new.h5") >= before
 

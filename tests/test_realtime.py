@@ -164,7 +164,7 @@ def test_in_a_terminal() -> None:
     assert "verdict    doubtful" in printed
     assert "90 s: Ctrl-C." in printed
     assert "recording  run.h5" in printed
-    reported = subprocess.run([COMMAND, "report", "run.h5", "--json"], capture_output=True, text=True, check=True)
+    reported = CliRunner().invoke(main, ["report", "run.h5", "--json"])
     assert json.loads(reported.stdout)["measured_rmse_um"] < 0.1
 
 
@@ -184,9 +184,9 @@ def test_json_in_a_pipe_and_no_overwriting() -> None:
     printed = json.loads(done.stdout)
     assert (printed["cause"], printed["exit_code"], printed["ticks"]) == ("finished", 0, 1200)
     assert printed["axes"]["x"]["true_rmse_um"] < 0.1
-    again = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
-    assert again.returncode == 1
-    assert "run.h5: a recording is there" in again.stderr
+    code, said = call("--config", "run.toml")
+    assert code == 1
+    assert "run.h5: a recording is there" in said
 
 
 def call(*arguments: str) -> tuple[int, str]:

@@ -17,8 +17,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 from truestroke import AdaptiveController, Recording, SettingError, Timing
+from truestroke.cli import main
 from truestroke.identification import ActuatorModel, save_model
 from truestroke.plant import Change, PlantSettings, RealisticPlant
 from truestroke.runtime.drivers import SimulatedDriver, SimulatedSettings
@@ -410,8 +412,9 @@ def test_it_is_refused_and_nothing_moves(name: str) -> None:
     save_model(Path("mv.toml"), ActuatorModel(**shape, **weights, **limits))
     np.array([0.125]).tofile("volts")
     changes, words = REFUSED[name]
-    done = run(example(*changes))
-    assert done.returncode == 2, done.stderr
+    Path("stage.toml").write_text(example(*changes))
+    done = CliRunner().invoke(main, ["run", "--config", "stage.toml"])  # no process begins
+    assert done.exit_code == 2, done.stderr
     for word in words:
         assert word in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1
