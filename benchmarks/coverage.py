@@ -4,13 +4,14 @@ python -m benchmarks.coverage                                  all foreign recor
 python -m benchmarks.coverage --records Preisach --seed 1      those whose description has the word
 python -m benchmarks.coverage --unseen                         of other actuators
 python -m benchmarks.coverage --further                        of fifteen more, of which no rule was made
+python -m benchmarks.coverage --other                          of sixteen more
 python -m benchmarks.coverage measured.dat --columns 1 5 --sample-rate 200
 """
 
 import argparse
 
 import numpy as np
-from benchmarks import foreign_records, further_records, unseen_records
+from benchmarks import foreign_records, further_records, other_records, unseen_records
 
 from truestroke import read_record
 from truestroke.identification import identify
@@ -24,9 +25,11 @@ def main() -> None:
     parser.add_argument("--records", default="")
     parser.add_argument("--unseen", action="store_true", help="the records of unseen_records.py in their place")
     parser.add_argument("--further", action="store_true", help="those of further_records.py")
+    parser.add_argument("--other", action="store_true", help="those of other_records.py")
     parser.add_argument("--seed", type=int, default=0)
     asked = parser.parse_args()
-    of = further_records if asked.further else unseen_records if asked.unseen else foreign_records
+    sets = (asked.further, further_records), (asked.other, other_records), (asked.unseen, unseen_records)
+    of = next((chosen for wanted, chosen in sets if wanted), foreign_records)
     volts, moved = asked.columns
     chosen = [
         read_record(file, volts=volts, displacement=moved, sample_rate=asked.sample_rate) for file in asked.files

@@ -2,7 +2,7 @@
 
 python -m benchmarks.foreign_rivals                            all records, some minutes on two idle cores
 python -m benchmarks.foreign_rivals --records duhem --seed 1   those whose description has the word
-python -m benchmarks.foreign_rivals --unseen                   of other actuators
+python -m benchmarks.foreign_rivals --unseen                   of other actuators; --further, --other: of more
 python -m benchmarks.foreign_rivals --skip NARX                without one of them
 
 Each is fitted to the first 60 % and predicts the rest from the voltage alone. What it can choose it chooses inside the
@@ -21,7 +21,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from benchmarks import foreign_records, unseen_records
+from benchmarks import foreign_records, further_records, other_records, unseen_records
 
 from truestroke.identification import Identified, Record, identify
 from truestroke.model.operators import play_history
@@ -362,11 +362,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--records", default="", help="only those whose description has this word")
     parser.add_argument("--unseen", action="store_true", help="the records of unseen_records.py in their place")
+    parser.add_argument("--further", action="store_true", help="those of further_records.py")
+    parser.add_argument("--other", action="store_true", help="those of other_records.py")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--skip", nargs="*", default=[], choices=RIVALS, help="leave these out")
     asked = parser.parse_args()
     names = [name for name in RIVALS if name not in asked.skip and installed(name)]
-    of = unseen_records if asked.unseen else foreign_records
+    sets = (asked.further, further_records), (asked.other, other_records), (asked.unseen, unseen_records)
+    of = next((chosen for wanted, chosen in sets if wanted), foreign_records)
     print("| record |", " | ".join(names), "| `identify` | over the best | verdict |")
     print("|---" * (len(names) + 4) + "|")
     for record in of.records(asked.seed):

@@ -34,10 +34,12 @@ ENOUGH = 1.1  # of the least rmse: the most terms that do not exceed it, as by o
 ENOUGH_PLAYS = 1.05  # the same of the thresholds
 WITHIN = 0.98  # of the voltage range: where the rest of the record exceeds what is fitted, no prior is weak
 DRIFTS_IF = 0.95  # times the rmse without a drift: with one it must be below
+BRANCHES_WITHIN = 0.7  # of the voltage range: where the rest of the record goes further, branches would mislead
 BRANCHES_IF = 0.65  # times the rmse of plays of the voltage alone: with branches it must be below
 ENOUGH_BRANCHES = 1.1  # of the least rmse: the fewest branches that do not exceed it
 CURVED_PLAYS = 12  # of each curve
 BETAS = (1.5, 4.0, 10.0, 25.0)  # times the voltage range
+STIFF = (*BETAS, 60.0, 150.0)  # of friction, which turns within a few hundredths of the range
 CURVES = ((), ("convex", "concave"), ("convex", "concave", "sigmoid"))
 WEAKER = (0.01, 0.1, 1.0, 10.0)  # times the weight of the prior without branches
 CREEPS_IF = 1.25  # times the rmse with a drift: from rest, slower creep that does not exceed it is taken instead
@@ -257,17 +259,17 @@ def choose_branches(
 ) -> tuple[Structure, float, tuple[Tried, ...]] | None:
     """The structure with the branches that predict later blocks better, its prior's weight, um^2, and all tried.
 
-    None where plays of the voltage alone are about as good, and where the rest of the record goes beyond the voltages
-    of these rows. `strain` is the prediction of the plays before dead time and lag, um.
+    None where plays of the voltage alone are about as good, and where the rest of the record goes far beyond the
+    voltages of these rows. `strain` is the prediction of the plays before dead time and lag, um.
     """
-    if np.ptp(data.volts) < WITHIN * np.ptp(data.voltage_range):
+    if np.ptp(data.volts) < BRANCHES_WITHIN * np.ptp(data.voltage_range):
         return None
-    most = Branches(voltage_range=data.voltage_range, curves=CURVES[-1], plays=CURVED_PLAYS, betas=BETAS)
+    most = Branches(voltage_range=data.voltage_range, curves=CURVES[-1], plays=CURVED_PLAYS, betas=STIFF)
     bank = _blocks(data, dataclasses.replace(s, branches=most), strain)
     noise = float(np.var((data.displacement - data.through(strain)[:: data.every])[data.fitted(rested=False)]))
     choices = [
         dataclasses.replace(s, branches=dataclasses.replace(most, curves=curves, betas=betas))
-        for curves, betas in itertools.product(CURVES, ((), most.betas))
+        for curves, betas in (*itertools.product(CURVES, ((), BETAS)), ((), STIFF))
         if curves or betas
     ]
     weights = [w * weight for w in WEAKER]
