@@ -458,7 +458,8 @@ typedef struct {
     ts_real speed, change;            /* um/s: sums of |zdot_d| and of |its change in a tick| */
     ts_real error;                    /* um^2: sum of squares */
     int settling, window, ticks;      /* of this window: before it counts, that count, so far */
-    int windows, strange;             /* that made it known; whether the last one differed from what is known */
+    int windows, strange;             /* that made it known; whether the last one differed from what is known, */
+    int again;                        /* and whether the next search begins above */
 } ts_resonance;
 
 /* Where the search ends, cycles per tick: 40 Hz, or twice the frequency of the motion. tick: s. */

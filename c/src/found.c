@@ -8,6 +8,7 @@
 #define FOUND_FILTER ((ts_real)0.6) /* of a stage that was found: corner of the law's filter over its resonance, */
 #define FOUND_LAG ((ts_real)0.1)  /* and standard deviations of what lag and inertia of it miss, over 1 / w0 and 1 / w0^2 */
 #define FOUND_INERTIA ((ts_real)0.05)
+#define STIFF ((ts_real)0.12)     /* cycles per tick: from here on a tick of dead time is more than that lag */
 #define CERTAIN ((ts_real)0.02)   /* relative deviation of a resonance that is put into the model */
 #define MOVED ((ts_real)0.015)    /* of the resonance of the model: one that is shown and differs by so much replaces it */
 #define FURTHER ((ts_real)0.15)   /* unless by so much */
@@ -134,7 +135,8 @@ void ts_adopt_stage(ts_controller *c, ts_real frequency, ts_real ringing)
     if (c->stage.smoothing < 1 / (1 + frequency)) c->stage.smoothing = 1 / (1 + frequency);
     c->stage.inertia = 0;
     int place = c->of_plays + s->terms[TS_CREEP];
-    if (s->terms[TS_LAG] > 0) put_weight(c, place++, (FOUND_LAG * time) * (FOUND_LAG * time));
+    ts_real lag = FOUND_LAG * time + (frequency > STIFF ? s->oscillation.tick : 0);
+    if (s->terms[TS_LAG] > 0) put_weight(c, place++, lag * lag);
     if (s->terms[TS_INERTIA] > 0) put_weight(c, place, (FOUND_INERTIA * (time * time)) * (FOUND_INERTIA * (time * time)));
     for (int i = 0, at = 0; i < s->plays; i++, at++)
         if (s->rate_dependent[i]) {
@@ -231,7 +233,7 @@ static bool matters(const ts_controller *c)
         if (!failing && c->stage.doubted < LASTS) return false;
         return away * away > least * least && r->power > large * large && r->driven > DRIVEN;
     }
-    ts_real noise = ts_noise_of(c);
+    ts_real sigma = c->law.kalman.sigma, noise = sigma < c->resolution ? c->resolution : sigma; /* ringing is what is looked for */
     return r->motion > SLOWEST * r->known && r->power > NOISY * noise * noise;
 }
 

@@ -3,8 +3,10 @@
 #include <string.h>
 
 #define SEARCH_FROM ((ts_real)0.15) /* cycles per tick: where the search begins, */
-#define SEARCH_TO 40                /* Hz: and where it begins again, */
-#define OF_MOTION 2                 /* or at so many times the motion's frequency */
+#define SEARCH_TO 40                /* Hz: where it ends, */
+#define OF_MOTION 2                 /* or at so many times the motion's frequency, */
+#define AGAIN_FROM ((ts_real)0.36)  /* cycles per tick: and where every second one begins after that; */
+#define HIGHEST ((ts_real)0.4)      /* the highest resonance */
 #define NEXT ((ts_real)0.6)         /* of a centre: the next one, where there was no resonance */
 #define PASSES ((ts_real)0.35)      /* of the centre: corner of the filter that takes the motion away */
 #define SHARP ((ts_real)1.4)        /* twice the damping of that filter, */
@@ -26,7 +28,7 @@
 
 enum { BAND = TS_SHOWN, HIGH, LOW }; /* of the measurement: places behind the plays */
 
-/* Tangent of 0 to pi / 4, by the series of sine and cosine. */
+/* Tangent of 0 to 1.3, by the series of sine and cosine. */
 static ts_real tangent(ts_real x)
 {
     ts_real sine = 1, cosine = 1, x2 = x * x;
@@ -37,7 +39,7 @@ static ts_real tangent(ts_real x)
     return x * sine / cosine;
 }
 
-/* Arctangent of 0 to 0.55, by the series of a quarter of the angle; of a larger number 0, or more than 0.5. */
+/* Arctangent of a number above 0, by the series of a quarter of the angle; 0 of one whose square overflows. */
 static ts_real arctangent(ts_real x)
 {
     for (int i = 0; i < 2; i++) x /= 1 + root_of(1 + x * x);
@@ -143,7 +145,7 @@ static ts_real shown_resonance(ts_resonance *r, ts_real lowest, ts_real *varianc
     ts_real f0 = arctangent(tangent(TS_PI * r->centre) / root_of(ratio)) / TS_PI;
     *variance = left > 0 ? left / equations / (4 * ratio * ratio) : 0;
     r->driven = share_of_plays(r, left);
-    bool within = f0 > lowest && f0 < SEARCH_FROM && f0 > NEAREST * r->centre && f0 < FURTHEST * r->centre;
+    bool within = f0 > lowest && f0 < HIGHEST && f0 > NEAREST * r->centre && f0 < FURTHEST * r->centre;
     return within ? f0 : 0;
 }
 
@@ -174,7 +176,8 @@ static bool end_band(ts_resonance *r, ts_real tick)
     ts_real lowest = ts_resonance_lowest(r, tick), variance = 0;
     ts_real f0 = shown_resonance(r, lowest, &variance), next = NEXT * r->centre;
     bool near = f0 > 0 && f0 < AGREE * r->centre && r->centre < AGREE * f0;
-    r->centre = f0 > 0 ? f0 : next > lowest ? next : SEARCH_FROM;
+    r->centre = f0 > 0 ? f0 : next > lowest ? next : r->again ? AGAIN_FROM : SEARCH_FROM;
+    if (!(f0 > 0) && !(next > lowest)) r->again = !r->again;
     r->power = r->error / (ts_real)r->window;
     r->ticks = 0;
     if (near) know(r, f0, variance);
@@ -190,7 +193,7 @@ ts_real ts_resonance_lowest(const ts_resonance *r, ts_real tick)
 void ts_resonance_look(ts_resonance *r, ts_real frequency)
 {
     bool there = r->centre < AGREE * frequency && frequency < AGREE * r->centre;
-    if (there || !(frequency > 0 && frequency < SEARCH_FROM)) return;
+    if (there || !(frequency > 0 && frequency < HIGHEST)) return;
     r->centre = frequency;
     r->ticks = 0;
 }

@@ -58,6 +58,7 @@ IN_MOTION = 0.05  # of the smallest slope: that of the inverse, of weights that 
 FOUND = 0.2  # relative standard deviation of the inertia of a resonance that an oscillation has
 FOUND_FILTER = 0.6  # of a stage that was found by its oscillation: corner of the law's filter over its resonance,
 FOUND_LAG, FOUND_INERTIA = 0.1, 0.05  # deviations of what its lag and inertia miss, over 1 / w0 and 1 / w0^2
+STIFF = 0.12  # cycles per tick: from here on a tick of dead time is more than that lag
 CERTAIN = 0.02  # relative deviation of a resonance that is put into the model
 MOVED = 0.015  # of the resonance of the model: one that is known and differs by so much replaces it,
 FURTHER = 0.15  # unless by so much
@@ -856,7 +857,8 @@ class ReferenceController(Displayed):
         law.filter = corner / (1 + corner)
         law.disturbance = law.caution = 0.0
         stage.smoothing, stage.inertia = max(self._c["smoothing"], 1 / (1 + frequency)), 0.0
-        lag, inertia = FOUND_LAG * time, FOUND_INERTIA * (time * time)
+        lag = FOUND_LAG * time + (tick if frequency > STIFF else 0.0)
+        inertia = FOUND_INERTIA * (time * time)
         places = {s.columns["lag"].start: lag * lag} if s.lag else {}
         places |= {s.columns["inertia"].start: inertia * inertia} if s.inertia else {}
         rates = np.arange(s.parameters)[s.b].tolist()
@@ -970,7 +972,7 @@ class ReferenceController(Displayed):
             away, least = known.known / self._c["dynamics.first"] - 1, ELSEWHERE if failing else ANOTHER
             large = DOUBT * guard.range
             return away * away > least * least and known.power > large * large and known.driven > DRIVEN
-        noise = self._noise(law)
+        noise = max(law.sigma, self._resolution)  # ringing is what is looked for
         return known.motion > SLOWEST * known.known and known.power > NOISY * noise * noise
 
     def _noise(self, law: FilteringLaw) -> float:

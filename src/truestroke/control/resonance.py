@@ -9,8 +9,10 @@ from truestroke.base.typing import FloatArray
 SHOWN = 7  # plays that stand for the hysteresis: TS_SHOWN of the kernel
 BAND, HIGH, LOW = SHOWN, SHOWN + 1, SHOWN + 2  # of the measurement: places behind the plays
 SEARCH_FROM = 0.15  # cycles per tick: where the search begins,
-SEARCH_TO = 40  # Hz: and where it begins again,
-OF_MOTION = 2  # or at so many times the motion's frequency
+SEARCH_TO = 40  # Hz: where it ends,
+OF_MOTION = 2  # or at so many times the motion's frequency,
+AGAIN_FROM = 0.36  # cycles per tick: and where every second one begins after that;
+HIGHEST = 0.4  # the highest resonance
 NEXT = 0.6  # of a centre: the next one, where there was no resonance
 PASSES = 0.35  # of the centre: corner of the filter that takes the motion away
 SHARP = 1.4  # twice the damping of that filter,
@@ -36,7 +38,7 @@ def shown(play: FloatArray) -> FloatArray:
 
 
 def tangent(x: float) -> float:
-    """Of 0 to pi / 4, by the series of sine and cosine, as the kernel has it: without a mathematical library."""
+    """Of 0 to 1.3, by the series of sine and cosine, as the kernel has it: without a mathematical library."""
     sine = cosine = 1.0
     square = x * x
     for k in range(9, 0, -1):
@@ -46,7 +48,7 @@ def tangent(x: float) -> float:
 
 
 def arctangent(x: float) -> float:
-    """Of 0 to 0.55, by the series of a quarter of the angle; of a larger number 0, or more than 0.5."""
+    """Of a number above 0, by the series of a quarter of the angle; 0 of one whose square overflows."""
     for _ in range(2):
         x /= 1 + math.sqrt(1 + x * x)
     total, square = 0.0, x * x
@@ -85,7 +87,7 @@ class ResonanceEstimator:
     A window of 20 periods, at least 60 ms, gives w, c1 and c2 by least squares. A resonance shows where c1 and c2
     leave less than half of the error of the plays alone, c2 is known within 4 % and f0 is near the centre; the next
     centre is that f0. Otherwise it is 0.6 times as high, from 0.15 of the sample rate down to 40 Hz or twice the
-    frequency of the motion, and then from above again.
+    frequency of the motion, and then, in turns, from there again and from 0.36 of the sample rate on.
 
     What the windows show becomes `known`, by a scalar Kalman filter. A model of hysteresis that is not right shifts an
     estimate by more than its noise: five times its deviation and 0.5 % count. Two windows in a row beyond three
@@ -127,6 +129,7 @@ class ResonanceEstimator:
         self.centre = self.known = self.variance = self.motion = self.power = self.driven = 0.0
         self.ticks = self.windows = 0
         self._strange = False  # the last window was far from what is known
+        self._again = False  # the next search begins above
 
     def lowest(self, tick: float) -> float:
         """Where the search ends, cycles per tick: 40 Hz, or twice the frequency of the motion. tick: s."""
@@ -138,7 +141,7 @@ class ResonanceEstimator:
         One that is about it already goes on: an oscillation that comes again and again would end each of them.
         """
         there = self.centre < AGREE * frequency and frequency < AGREE * self.centre
-        if 0 < frequency < SEARCH_FROM and not there:
+        if 0 < frequency < HIGHEST and not there:
             self.centre, self.ticks = frequency, 0
 
     def update(self, tick: float, plays: FloatArray, z: float, error: float, zdot_d: float, change: float) -> bool:
@@ -191,7 +194,9 @@ class ResonanceEstimator:
         f0, variance = self._shown(lowest)
         near = f0 > 0 and f0 < AGREE * self.centre and self.centre < AGREE * f0
         below = NEXT * self.centre
-        self.centre = f0 if f0 > 0 else below if below > lowest else SEARCH_FROM
+        ended = not (f0 > 0 or below > lowest)
+        self.centre = f0 if f0 > 0 else below if not ended else AGAIN_FROM if self._again else SEARCH_FROM
+        self._again = self._again != ended
         self.power = self._error / self._window
         self.ticks = 0
         if near:
@@ -219,7 +224,7 @@ class ResonanceEstimator:
         f0 = arctangent(tangent(math.pi * self.centre) / math.sqrt(ratio)) / math.pi
         variance = left / equations / (4 * ratio * ratio) if left > 0 else 0.0
         self.driven = self._share_of_plays(left)
-        within = lowest < f0 < SEARCH_FROM and NEAREST * self.centre < f0 < FURTHEST * self.centre
+        within = lowest < f0 < HIGHEST and NEAREST * self.centre < f0 < FURTHEST * self.centre
         return (f0, variance) if within else nothing
 
     def _share_of_plays(self, left: float) -> float:
