@@ -216,6 +216,8 @@ def test_command_warns_and_is_strict_when_asked(call):
         (["sine", "--output", "no/wave.csv"], "there is no folder no", 1),
         (["sine", "--slew", "0"], "--slew = 0.0", 2),
         (["sine", "--voltage-limits", "2", "1"], "--voltage-limits", 2),
+        (["sine", "--voltage-limits", "-600", "3600"], "times the range of the model's record: both must be volts", 2),
+        (["mm.csv"], "5000 to 6000 um, is nowhere within reach: the model comes to ", 2),
         (["sine", "--model", "wrong.toml"], "not a truestroke model", 1),
         (["wrong.toml"], "no two rows of numbers", 1),
     ],
@@ -223,7 +225,9 @@ def test_command_warns_and_is_strict_when_asked(call):
 def test_command_fails_in_one_line(call, words, message, code):
     with open("wrong.toml", "w", encoding="utf-8") as file:
         file.write("x = 1\n")
-    done = CliRunner().invoke(main, ["invert", "--model", "model.toml", *words])
+    np.savetxt("mm.csv", 5.0 + np.arange(500) / 499, header="desired (mm)", comments="")
+    at = ["--sample-rate", "1000"] if words == ["mm.csv"] else []
+    done = CliRunner().invoke(main, ["invert", "--model", "model.toml", *words, *at])
     assert done.exit_code == code
     assert message in done.stderr
     assert done.stderr.count("\n") == 1

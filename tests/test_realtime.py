@@ -201,6 +201,10 @@ def test_what_the_command_line_refuses() -> None:
     assert "--example prints one" in said
     Path("run.toml").write_text(config.example().replace("seed = 0", 'faults = [{ kind = "open" }]'))
     assert call("--config", "run.toml") == (12, "truestroke: open: error -2: the simulated device does not answer\n")
+    Path("run.toml").write_text('format = "truestroke model"\n')
+    code, said = call("--config", "run.toml")
+    assert code == 2
+    assert "left out: a configuration has the tables [driver] and [[axis]]" in said
     Path("run.toml").write_text("[driver\n")
     code, said = call("--config", "run.toml")
     assert code == 2

@@ -355,7 +355,7 @@ def test_what_cannot_begin_does_not_touch_the_output(monkeypatch: pytest.MonkeyP
 
     with pytest.raises(DriverError, match="open: error -2"):
         begin(fault("open"))
-    with pytest.raises(SettingError, match="the number of axes = 1: must be a whole number from 2 to 2"):
+    with pytest.raises(SettingError, match="the number of axes = 1: must be 2, one for each channel"):
         begin(channels=2)
     with pytest.raises(FileNotFoundError, match="there is no folder"):
         begin(file="nowhere/run.h5")

@@ -437,3 +437,11 @@ def test_the_measured_record() -> None:
     assert record.volts.size == 8027
     assert (record.volts.min(), record.volts.max()) == (0.0, 3.6)
     assert record.displacement[0] == -123.059139
+
+
+def test_units_of_columns_that_white_space_separates(tmp_path: Path) -> None:
+    (tmp_path / "a.txt").write_text(
+        "# bench 3\n# time (ms)  drive (V)  z (mm)\n"
+        + "\n".join(f"{1e3 * t:.9g} {v:.9g} {1e-3 * z:.9g}" for t, v, z in zip(T, V, Z, strict=True))
+    )
+    is_the_record(read_record(tmp_path / "a.txt"))

@@ -264,7 +264,7 @@ def _refuse_an_input(option: str, path: Path) -> None:
         given, argument = context.params.get(parameter.name or ""), isinstance(parameter, click.Argument)
         reads = argument or (isinstance(parameter.type, click.Path) and parameter.type.exists)
         if reads and isinstance(given, str | Path) and Path(given).is_file() and path.samefile(given):
-            name = parameter.human_readable_name if argument else parameter.opts[0]
+            name = (parameter.name or "").upper() if argument else parameter.opts[0]
             another = f"{path.stem}-2{path.suffix}"
             raise click.UsageError(
                 f"{option} {path}: would replace the file that {name} names; choose another name, such as {another}, "

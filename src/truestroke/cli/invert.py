@@ -35,6 +35,7 @@ def invert(
     start = known.zero if trajectory in waveforms.MOTIONS else 0.0
     limits = waveforms.limits(known, options)
     made = truestroke.waveform(known, wave.position + start, wave.sample_rate, velocity=wave.velocity, **limits)
+    waveforms.refuse_unreachable(made)
     truestroke.save_waveform(target, made)
     pictures = []
     if plots:

@@ -97,11 +97,26 @@ def waveform_file(option: str, name: str) -> Path:
 
 
 def limits(model: truestroke.ActuatorModel, options: Mapping[str, Any]) -> dict[str, Any]:
-    """The arguments of `waveform` that `limit_options` ask for."""
+    """The arguments of `waveform` that `limit_options` ask for; limits in another unit than V are refused."""
+    if options["voltage_limits"] is not None:
+        model.check_volts(options["voltage_limits"], narrower=True)
     return {
         "voltage_limits": options["voltage_limits"] or model.voltage_range,
         "slew_limit": UNLIMITED if options["slew"] is None else options["slew"],
     }
+
+
+def refuse_unreachable(made: truestroke.PredictedWaveform) -> None:
+    """UsageError where not one sample of the motion is within reach: it is in another unit, or of another zero."""
+    outside = sum(span.stop - span.start for span in made.out_of_reach)
+    if outside * made.sample_rate > made.volts.size - 0.5:
+        wanted = f"{made.desired.min():.4g} to {made.desired.max():.4g} um"
+        reached = f"{made.predicted.min():.4g} to {made.predicted.max():.4g} um"
+        limits = f"{made.volts.min():.4g} to {made.volts.max():.4g} V"
+        raise click.UsageError(
+            f"the motion, {wanted}, is nowhere within reach: the model comes to {reached} at {limits}. Is it in um, "
+            "and as the sensor of the model's record reads it?"
+        )
 
 
 def learned(found: Learned) -> truestroke.PredictedWaveform:

@@ -253,13 +253,16 @@ class ActuatorModel(Displayed, Layout):
             inertia=True, weights=weights, covariance=P, delay=0.0, time_constant=0.0, dynamics=None, before=None
         )
 
-    def _check_volts(self, voltage_limits: Any = None, **_: Any) -> None:
-        """SettingError where limits are of another place or unit than the voltage of the record."""
+    def check_volts(self, voltage_limits: Any = None, narrower: bool = False, **_: Any) -> None:
+        """SettingError where limits, V, are of another place or unit than the voltage of the record.
+
+        `narrower` ones than a tenth of its range are for a waveform, which may use a part of it.
+        """
         if voltage_limits is None:
             return
         low, high = checks.interval("voltage_limits", voltage_limits, "V")
         known = self.voltage_range[1] - self.voltage_range[0]
-        if not OTHER_VOLTS[0] * known <= high - low <= OTHER_VOLTS[1] * known:
+        if not (narrower or OTHER_VOLTS[0] * known <= high - low) or high - low > OTHER_VOLTS[1] * known:
             bound = (
                 f"{OTHER_VOLTS[0] * known:.4g} to {OTHER_VOLTS[1] * known:.4g} V apart, {OTHER_VOLTS[0]:g} to "
                 f"{OTHER_VOLTS[1]:g} times the range of the model's record: both must be volts at the D/A converter; "
@@ -304,7 +307,7 @@ class ActuatorModel(Displayed, Layout):
         """
         if self.branches is not None:
             return self._plays_alone().start(sample_rate, **changes)
-        self._check_volts(**changes)
+        self.check_volts(**changes)
         fixed = self.settings(sample_rate, **changes)
         measured = changes.get("dynamics") is not None
         model = self.beside_dynamics() if measured else self

@@ -226,7 +226,10 @@ def _layout(path: Path, encoding: str, lines: Sequence[str], narrowest: int) -> 
 def _header(path: Path, layout: _Layout, lines: Sequence[str], width: int) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Names and units from the line above the numbers, or from two lines: names, then units alone."""
     numbered = [(number, line) for number, line in enumerate(lines, 1) if line.strip(" \t\r\n#%")]
-    above = [layout.fields(re.sub(r"^\s*[#%]+", "", line)) for _, line in numbered]
+    texts = [re.sub(r"^\s*[#%]+", "", line).strip() for _, line in numbered]
+    above = [layout.fields(text) for text in texts]
+    if layout.separator is None and above and len(above[-1]) != width:  # white space also before the unit: z (mm)
+        above[-1] = [field.strip('"') for field in re.split(r"\s+(?![(\[])", texts[-1])]
     if not above or len(above[-1]) != width:
         return (), ()
     last = above[-1]

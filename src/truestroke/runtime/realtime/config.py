@@ -140,6 +140,9 @@ def _document(path: str | os.PathLike[str]) -> Iterator[dict[str, Any]]:
     """What the file says; errors within name it."""
     document = toml.read(path)
     with checks.inside(f"{os.fspath(path)}: "):
+        if "format" in document and "driver" not in document:
+            of_stage = "left out: a configuration has the tables [driver] and [[axis]] (truestroke run --example)"
+            raise SettingError("format", repr(document["format"]), of_stage)
         yield document
 
 

@@ -131,7 +131,9 @@ def run_realtime(
 
 
 def _check_agreement(axes: Sequence[Axis], timing: Timing, settings: RealtimeSettings, server: Server | None) -> None:
-    checks.count("the number of axes", len(axes), timing.channels, timing.channels)
+    if len(axes) != timing.channels:
+        each = "one for each channel of the driver"
+        raise SettingError("the number of axes", len(axes), f"{timing.channels}, {each} (its key channels says so)")
     if len({axis.name for axis in axes}) < len(axes):
         raise SettingError("name", ", ".join(axis.name for axis in axes), "different for each axis")
     if len({len(axis.trajectory) for axis in axes}) > 1:
