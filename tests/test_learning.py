@@ -325,6 +325,22 @@ def test_the_command_learns_writes_and_says_so(tmp_path, monkeypatch):
     assert np.std(off) < 0.02 * 20.0
 
 
+def test_ctrl_c_leaves_the_best_waveform_and_says_where(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    exchange = StagePlant.exchange
+
+    def until_there_is_one(self, volts):
+        if Path("learned.csv").exists():
+            raise KeyboardInterrupt
+        return exchange(self, volts)
+
+    monkeypatch.setattr(StagePlant, "exchange", until_there_is_one)
+    result = CliRunner().invoke(main, ["learn", "--frequency", "100", "--averaged", "0.1"])
+    assert result.exit_code == 130
+    assert "learned.csv has the best waveform so far, of pass 0" in result.stderr
+    assert truestroke.load_waveform(tmp_path / "learned.csv").volts.size == 100
+
+
 def test_passes_without_a_model_say_why(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 

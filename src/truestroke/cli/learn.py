@@ -97,11 +97,15 @@ def learn(
 
 
 def _learned(driver: Any, wave: truestroke.Trajectory, given: dict[str, Any], target: Path, as_json: bool) -> Learned:
-    """What was learned; where a later pass fails, the error says what is on the disk."""
+    """What was learned; where a later pass fails or is interrupted, a line says what is on the disk."""
     from truestroke.runtime.realtime.watched import StoppedError
 
     best: list[Learned] = []
     write = _reporter(target, as_json)
+
+    def kept() -> str:
+        one = best[-1].best
+        return f"{target} has the best waveform so far, of pass {one.number}, rmse {one.rmse:.4g} um"
 
     def report(found: Learned) -> None:
         write(found)
@@ -114,9 +118,12 @@ def _learned(driver: Any, wave: truestroke.Trajectory, given: dict[str, Any], ta
     except truestroke.TruestrokeError as error:
         if not best:
             raise
-        one = best[-1].best
-        words = f"{error}; {target} has the best waveform so far, of pass {one.number}, rmse {one.rmse:.4g} um"
+        words = f"{error}; {kept()}"
         raise (StoppedError if isinstance(error, StoppedError) else click.ClickException)(words) from error
+    except KeyboardInterrupt:
+        if best:
+            common.complain(kept())
+        raise
 
 
 def _expect(driver: Watched, found: Learned, given: dict[str, Any]) -> None:
