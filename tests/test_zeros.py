@@ -5,7 +5,6 @@ import pytest
 from benchmarks import foreign_records as foreign
 
 from truestroke.identification import Record, identify
-from truestroke.identification.identified import _half_width
 from truestroke.identification.series import series
 from truestroke.identification.zeros import at_one_zero, zeros
 
@@ -43,7 +42,3 @@ def test_a_model_is_judged_without_the_zero_of_another_part() -> None:
     assert np.mean(found.residual**2) < 0.1**2
     plain = identify(record(np.zeros(3), np.zeros(3))[0], delay=0.0, branches=False)
     assert found.model.weights[0] == pytest.approx(plain.model.weights[0], rel=0.05)
-    last = series(made).breaks[-1]
-    still, walks = (_half_width(found.model.replace(walk=w), series(made), last - 100)[last:] for w in (0.0, 0.5))
-    away = np.abs(np.arange(still.size) - still.size / 2) / FS  # the zero is a median: it is that of the middle
-    assert np.sqrt(walks**2 - still**2) == pytest.approx(2.45 * 0.5 * np.sqrt(away), abs=1e-6)

@@ -436,17 +436,14 @@ def _held_out(trace: Trace, moved: FloatArray) -> HeldOut:
 def _half_width(model: ActuatorModel, s: Series, train: int) -> FloatArray:
     """Half width of the 95 % interval of a trace, um: the zero walks from the end of the first part on.
 
-    Of a part behind one of `Series.breaks` it is estimated as of the part's middle, and walks from there to both its
-    ends. After another gap that is longer than the first part it is the zero of another day
-    (`ActuatorModel.another_day`).
+    It walks anew from each of `Series.breaks` on, where it is estimated. After another gap that is longer than the
+    first part it is the zero of another day (`ActuatorModel.another_day`).
     """
     since = np.maximum(np.arange(s.volts.size) - train, 0) / s.sample_rate
     apart = s.time - s.time[train - 1] - since > train / s.sample_rate
-    for part in zeros.parts(s, s.volts.size):
-        if part.start >= train:
-            middle = 0.5 * (part.start + part.stop)
-            since[part] = np.abs(np.arange(part.start, part.stop) - middle) / s.sample_rate
-            apart[part] = False
+    for start in (b for b in s.breaks if b >= train):
+        since[start:] -= since[start]
+        apart[start:] = False
     zero = model.walk**2 * since
     offset = model.columns["offset"].start
     zero[apart] += model.another_day()[offset, offset]
