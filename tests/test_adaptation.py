@@ -168,17 +168,17 @@ def test_three_spikes_are_not_believed_and_a_fourth_is() -> None:
 
 
 @quick
-@given(seed=st.integers(0, 10_000), value=st.floats(-5.0, 5.0))
-def test_projection_is_the_nearest_point_of_the_plane_in_the_metric_of_the_data(seed, value) -> None:
+@given(seed=st.integers(0, 10_000), columns=st.integers(1, 5), rate=st.floats(-3.0, 3.0), missing=st.floats(-5.0, 5.0))
+def test_projection_is_the_nearest_point_of_the_plane_in_the_metric_of_the_data(seed, columns, rate, missing) -> None:
     """Against the quadratic programme, solved by its conditions (KKT): min (w - w0)' P^-1 (w - w0) with g.w = value."""
     rng = np.random.default_rng(seed)
-    A, w0, g = rng.standard_normal((4, 4)), rng.standard_normal(4), rng.standard_normal(4)
-    P = A @ A.T + 0.1 * np.eye(4)
-    law = BoundedKalman(w0, P, [1, 2, 2, 0], EXACT)
-    law.project(g, value)
+    A, w0 = rng.standard_normal((5, 5)), rng.standard_normal(5)
+    P, g = A @ A.T + 0.1 * np.eye(5), np.array([1, rate, 1, 1, rate]) * (np.arange(5) < columns)
+    law = BoundedKalman(w0, P, [1, 0, 2, 2, 0], EXACT)
+    law.project(columns, rate, missing)
     H = np.linalg.inv(P)
     kkt = np.block([[H, g[:, np.newaxis]], [g, np.zeros(1)]])
-    nearest = np.linalg.solve(kkt, np.append(H @ w0, value))[:4]
+    nearest = np.linalg.solve(kkt, np.append(H @ w0, g @ w0 + missing))[:5]
     np.testing.assert_allclose(law.weights, nearest, rtol=1e-7, atol=1e-7)
 
 

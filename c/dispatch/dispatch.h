@@ -43,8 +43,8 @@ const char *ts_variant_in_use(void);
     VALUE(bool, ts_kalman_tick, (ts_kalman *k, const ts_kalman_settings *s, const ts_real *w0, ts_prior P0,             \
           ts_real *w, const ts_real *u, ts_real y, ts_real innovation, bool measured, bool learn, int m),               \
           (k, s, w0, P0, w, u, y, innovation, measured, learn, m))                                                      \
-    NOTHING(ts_kalman_project, (const ts_kalman *k, ts_real *w, const ts_real *g, ts_real value, int m),                \
-            (k, w, g, value, m))                                                                                        \
+    NOTHING(ts_kalman_project, (const ts_kalman *k, ts_real *w, ts_column_sums *sums, int columns, ts_real rate,        \
+            ts_real missing, int m), (k, w, sums, columns, rate, missing, m))                                           \
     VALUE(int, ts_parameters, (const ts_settings *s), (s))                                                              \
     VALUE(ts_status, ts_controller_init, (ts_controller *c, const ts_settings *s), (c, s))                              \
     NOTHING(ts_controller_reset, (ts_controller *c), (c))                                                               \

@@ -20,44 +20,43 @@ static void next_lagged(ts_controller *c)
     ts_regressor(s, &c->lagged, &c->motion[slot], c->u);
 }
 
-/* Whether a partial slope is outside its limits at the rate zdot_d or at -zdot_d. */
-static bool outside(const ts_controller *c, ts_real zdot_d)
-{
-    const ts_settings *s = c->settings;
-    const ts_real *w = c->w;
-    ts_real rate = s->rate_scale * zdot_d, up = 0, down = 0;
-    for (int i = 0; i < s->plays; i++) {
-        ts_real a = *w++, b = s->rate_dependent[i] ? rate * *w++ : 0;
-        up += a + b;
-        down += a - b;
-        if (up > s->slope_max || up < s->slope_min || down > s->slope_max || down < s->slope_min) return true;
-    }
-    return false;
-}
+/* The partial slope that is furthest outside its limits at a rate. */
+typedef struct {
+    int columns;      /* weights up to its play; 0: none is outside */
+    ts_real missing;  /* from it to its limit, um/V */
+} violation;
 
-/* The partial slope that is furthest outside its limits at the rate zdot_d, if any, is moved onto its limit. */
-static void project_slope(ts_controller *c, ts_real zdot_d)
+static violation worst_slope(const ts_controller *c, ts_real rate)
 {
     const ts_settings *s = c->settings;
-    ts_real rate = s->rate_scale * zdot_d, sum = 0, furthest = 0, onto = 0, g[TS_PADDED(TS_MAX_PARAMETERS)] = {0};
-    int worst = -1, k = 0;
-    for (int i = 0; i < s->plays; i++) {
+    violation worst = {0, 0};
+    ts_real sum = 0, furthest = 0;
+    for (int i = 0, k = 0; i < s->plays; i++) {
         ts_real w_h = c->w[k++];
         if (s->rate_dependent[i]) w_h += rate * c->w[k++];
         sum += w_h;
+        if (sum >= s->slope_min && sum <= s->slope_max) continue;
         ts_real over = sum - s->slope_max, under = s->slope_min - sum, out = over > under ? over : under;
         if (out > furthest) {
             furthest = out;
-            worst = i;
-            onto = over > under ? s->slope_max : s->slope_min;
+            worst.columns = k;
+            worst.missing = over > under ? -over : under;
         }
     }
-    if (worst < 0) return;
-    for (int i = k = 0; i <= worst; i++) {
-        g[k++] = 1;
-        if (s->rate_dependent[i]) g[k++] = rate;
+    return worst;
+}
+
+/* It is moved onto its limit, at each end of the velocity: slopes are linear in the rate, so that its two ends are the worst. Both
+ * ends take the same sums over the columns of P. */
+static void project_slopes(ts_controller *c)
+{
+    ts_real rate = c->settings->rate_scale * c->fastest;
+    ts_column_sums sums;
+    sums.columns = 0;
+    for (int end = 0; end < 2; end++, rate = -rate) {
+        violation worst = worst_slope(c, rate);
+        if (worst.columns > 0) ts_kalman_project(&c->law.kalman, c->w, &sums, worst.columns, rate, worst.missing, c->parameters);
     }
-    ts_kalman_project(&c->law.kalman, c->w, g, onto, c->parameters);
 }
 
 /* A frozen sensor: it repeats the same number while voltage and model move. A working one has noise, or a converter
@@ -132,10 +131,7 @@ static void adapt_kalman(ts_controller *c, const ts_real *u, ts_real y, ts_real 
     k->relates = dynamics_of(c)->known;
     if (measures_inertia(c)) u = with_inertia(c, u, &y, learn, space);
     if (!ts_kalman_tick(k, &s->kalman, s->initial_weights, prior_of(s), c->w, u, y, innovation, measured, learn, c->parameters)) return;
-    if (outside(c, c->fastest)) { /* slopes are linear in the rate: its two ends are the worst */
-        project_slope(c, c->fastest);
-        project_slope(c, -c->fastest);
-    }
+    project_slopes(c);
     c->flags.changed = k->changed;
     c->counters.changed += k->changed;
 }

@@ -5,6 +5,8 @@
 
 #define USUAL 3 /* mean square of the normalised innovation: a larger one is usual, but no sudden change */
 
+enum { ROWS = TS_LANES / 2 }; /* of one width, of which a loop over the rows of P takes so many at a time */
+
 /* P is symmetric, and a triangle of it is stored: row i to the end of the block of eight that holds the diagonal, so that
  * rows are whole vectors, and the blocks on the diagonal are whole matrices. */
 
@@ -84,23 +86,27 @@ void ts_kalman_start_filters(ts_kalman *k, int m)
     k->started = true;
 }
 
-/* P u, where u is 0 from entry n on: each block of eight columns from its diagonal down, for which P is stored as it is, in order of
- * the rows; then the part before the diagonal blocks, row by row. */
-static void times(const ts_real *P, const ts_real *u, ts_real *Pu, int n, int m)
+/* P u: each block of eight columns from its diagonal down, for which P is stored as it is, in order of the rows; then the part before
+ * the diagonal blocks, row by row. */
+static void times(const ts_real *P, const ts_real *u, ts_real *Pu, int m)
 {
     for (int j = 0; j < m; j += TS_LANES) {
         lanes sum = zero();
         const ts_real *row = P + TS_ROW(j) + j;
         int i = j;
-        for (; i + 1 < n; row += 2 * width(i), i += 2) sum = plus(plus(sum, u[i], load(row)), u[i + 1], load(row + width(i)));
-        if (i < n) sum = plus(sum, u[i], load(row));
+        for (; i + ROWS <= m; i += ROWS) {
+            int next = width(i);
+            TS_UNROLLED
+            for (int r = 0; r < ROWS; row += next, r++) sum = plus(sum, u[i + r], load(row));
+        }
+        for (; i < m; row += width(i), i++) sum = plus(sum, u[i], load(row));
         store(Pu + j, sum);
     }
     P += TS_ROW(TS_LANES);
     for (int i = TS_LANES; i < m; P += 2 * width(i), i += 2) { /* two rows at a time, for which u is read once */
         const ts_real *next = i + 1 < m ? P + width(i) : P;
         lanes x = load(u), first = product(load(P), x), second = product(load(next), x);
-        for (int j = TS_LANES; j < width(i) - TS_LANES && j < n; j += TS_LANES) {
+        for (int j = TS_LANES; j < width(i) - TS_LANES; j += TS_LANES) {
             x = load(u + j);
             first = plus_product(first, load(P + j), x);
             second = plus_product(second, load(next + j), x);
@@ -194,24 +200,71 @@ static void follow_covariance(ts_kalman *k, const ts_kalman_settings *s, ts_prio
     k->pending = k->changed = false;
 }
 
-void ts_kalman_project(const ts_kalman *k, ts_real *w, const ts_real *g, ts_real value, int m)
+static inline ts_real plus_all(ts_real sum, const ts_real *a, int n)
 {
-    ts_real Pg[TS_PADDED(TS_MAX_LEARNED)];
-    int n = m;
-    while (n > 0 && !(g[n - 1] < 0 || g[n - 1] > 0)) n--;
-    times(k->P, g, Pg, n, m);
-    ts_real g_Pg = dot(g, Pg, TS_PADDED(n));
-    ts_real step = (value - dot(g, w, TS_PADDED(n))) / g_Pg;
+    TS_UNROLLED
+    for (int i = 0; i < n; i++) sum += a[i];
+    return sum;
+}
+
+/* sum += columns of P, `count` of them from `from` on, within one block of eight, in their order. */
+static inline void add_columns(const ts_real *P, ts_real *sum, int from, int count, int m)
+{
+    int block = from - from % TS_LANES;
+    for (int j = 0; j <= block; j += TS_LANES) { /* P is symmetric: for these rows the columns are stored as rows */
+        lanes x = load(sum + j);
+        const ts_real *row = P + TS_ROW(from) + j;
+        TS_UNROLLED
+        for (int i = 0; i < count; row += width(block), i++) x = plus(x, 1, load(row));
+        store(sum + j, x);
+    }
+    int j = block + TS_LANES;
+    const ts_real *row = P + TS_ROW(j) + from;
+    for (; j + ROWS <= m; j += ROWS) {
+        int next = width(j);
+        TS_UNROLLED
+        for (int r = 0; r < ROWS; row += next, r++) sum[j + r] = plus_all(sum[j + r], row, count);
+    }
+    for (; j < m; row += width(j), j++) sum[j] = plus_all(sum[j], row, count);
+}
+
+static void add_up_to(const ts_kalman *k, ts_column_sums *s, int columns, int m)
+{
+    if (s->columns == 0 || s->columns > columns) memset(s, 0, sizeof *s);
+    while (s->columns < columns) {
+        int from = s->columns, count = TS_LANES - from % TS_LANES;
+        if (count > columns - from) count = columns - from;
+        if (count == TS_LANES) add_columns(k->P, s->all, from, TS_LANES, m); /* a loop of known length is faster */
+        else add_columns(k->P, s->all, from, count, m);
+        for (int i = from; i < from + count; i++)
+            if (k->part[i] == 0) add_columns(k->P, s->rates, i, 1, m);
+        s->columns += count;
+    }
+}
+
+void ts_kalman_project(const ts_kalman *k, ts_real *w, ts_column_sums *sums, int columns, ts_real rate, ts_real missing, int m)
+{
+    ts_real Pg[TS_PADDED(TS_MAX_LEARNED)], all = 0, rates = 0;
+    add_up_to(k, sums, columns, m);
+    int block = 0;
+    do { /* m is 1 at least */
+        store(Pg + block, plus(load(sums->all + block), rate - 1, load(sums->rates + block)));
+        block += TS_LANES;
+    } while (block < m);
+    for (int i = 0; i < columns; i++) {
+        all += Pg[i];
+        if (k->part[i] == 0) rates += Pg[i];
+    }
+    ts_real g_Pg = all + (rate - 1) * rates, step = missing / g_Pg;
     if (!(g_Pg > 0) || !isfinite(g_Pg) || !isfinite(step)) return;
-    for (int i = 0; i < m; i++) w[i] += step * Pg[i];
-    bound_weights(w, m);
+    move_weights(w, step, Pg, m);
 }
 
 /* First tick of an update: the weights, and their return to the prior. False where P is no longer definite, which then
  * starts anew, and where the divisor is 0: no motion, no noise, no error of the model. */
 static bool update(ts_kalman *k, const ts_kalman_settings *s, const ts_real *w0, ts_prior P0, ts_real *w, int m)
 {
-    times(k->P, k->u, k->Pu, m, m);
+    times(k->P, k->u, k->Pu, m);
     ts_real explained = dot(k->u, k->Pu, TS_PADDED(m)), e = k->y - dot(k->u, w, TS_PADDED(m));
     if (!(explained >= 0) || !isfinite(explained * e)) {
         restart(k->P, P0, m);
@@ -224,8 +277,7 @@ static bool update(ts_kalman *k, const ts_kalman_settings *s, const ts_real *w0,
     ts_real variance = explained + (noise + floor) / 2, gain = e / variance;
     if (!isfinite(variance) || !isfinite(gain)) return false;
     k->variance = variance;
-    for (int i = 0; i < m; i += TS_LANES) store(w + i, plus(load(w + i), gain, load(k->Pu + i)));
-    bound_weights(w, m);
+    move_weights(w, gain, k->Pu, m);
     k->since_return += 2;
     if (k->since_return >= TS_RETURN_EVERY)
         for (int i = 0; i < m; i++) w[i] += s->prior_return * (w0[i] - w[i]);

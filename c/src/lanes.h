@@ -145,10 +145,16 @@ static inline lanes products(const ts_real *a, const ts_real *b, int n)
     return sum;
 }
 
-/* Weights stay within TS_LARGEST; w has whole blocks of lanes. */
-static inline void bound_weights(ts_real *w, int m)
+/* w += step a; weights stay within TS_LARGEST. w and a have whole blocks of lanes. */
+static inline void move_weights(ts_real *w, ts_real step, const ts_real *a, int m)
 {
-    if (total(products(w, w, m)) <= TS_LARGEST) return;
+    lanes squares = zero();
+    for (int i = 0; i < m; i += TS_LANES) {
+        lanes x = plus(load(w + i), step, load(a + i));
+        store(w + i, x);
+        squares = plus_product(squares, x, x);
+    }
+    if (total(squares) <= TS_LARGEST) return;
     for (int i = 0; i < m; i++) w[i] = w[i] > TS_LARGEST ? TS_LARGEST : w[i] < -TS_LARGEST ? -TS_LARGEST : w[i];
 }
 

@@ -54,7 +54,6 @@ bool ts_rls_update(ts_rls *r, ts_real *w, const ts_real *u, ts_real e, ts_real l
     }
     r->trace = total(trace);
     if (!isfinite(r->trace) || !isfinite(gain)) return false;
-    for (int i = 0; i < m; i += TS_LANES) store(w + i, plus(load(w + i), gain, load(Pu + i)));
-    bound_weights(w, m);
+    move_weights(w, gain, Pu, m);
     return true;
 }

@@ -521,7 +521,8 @@ static void test_project(void)
     ts_kalman k = exact_filter(w, P0);
     ts_real before[TS_PADDED(K_M)], nearest = 0;
     memcpy(before, w, sizeof w);
-    ts_kalman_project(&k, w, g, 3, K_M);
+    ts_column_sums sums = {.columns = 0};
+    ts_kalman_project(&k, w, &sums, 2, 1, 3 - (w[0] + w[1]), K_M);
     check(near(w[0] + w[1], 3, 10), "the projection is on the plane");
     /* P^-1 (w - before) is along g: the condition of the smallest distance in the metric of P^-1 (Lagrange). */
     double P[K_M][K_M], d[K_M], multiplier = 0;

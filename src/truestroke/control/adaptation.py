@@ -80,8 +80,8 @@ class FilteringLaw(Law, Protocol):
     def take(self, settings: KalmanSettings) -> None:
         """New settings; what was learned stays."""
 
-    def project(self, g: FloatArray, value: float) -> None:
-        """The weights on the plane g.w = value."""
+    def project(self, columns: int, rate: float, missing: float) -> None:
+        """The weights whose sum up to `columns`, with `rate` times those of no play, is larger by `missing`."""
 
     def reset_covariance(self) -> None:
         """The covariance of the prior again."""
@@ -410,6 +410,18 @@ def symmetric_times(P: FloatArray, u: FloatArray) -> FloatArray:
     return below + dot(np.where(left, P, 0.0), u)
 
 
+def of_columns(a: FloatArray) -> FloatArray:
+    """The sum along the last axis, in order; 0 of nothing.
+
+    Examples
+    --------
+    >>> of_columns(np.array([[1.0, 2.0], [3.0, 4.0]])), of_columns(np.zeros((2, 0)))
+    (array([3., 7.]), array([0., 0.]))
+    """
+    summed: FloatArray = np.cumsum(np.insert(a, 0, 0.0, axis=-1), axis=-1)[..., -1]
+    return summed
+
+
 class BoundedKalman:
     """A Kalman filter of weights that vary about a prior, so that it stays bounded under any input.
 
@@ -504,6 +516,7 @@ class BoundedKalman:
             raise SettingError("prior_covariance", f"array of shape {self.P0.shape}", f"of shape ({m}, {m})")
         self.P0 = np.tril(self.P0) + np.tril(self.P0, -1).T  # to the last bit: the kernel takes the lower triangle
         is_play, is_other = np.asarray(part) > 0, np.asarray(part) == 2
+        self._no_play = ~is_play
         self._together, self._hysteresis = np.outer(is_play, is_play), np.outer(is_other, is_other)
         self.take(settings)
         self.filter = settings.filter
@@ -682,12 +695,14 @@ class BoundedKalman:
         self.P = P
         self.pending = self.changed = False
 
-    def project(self, g: FloatArray, value: float) -> None:
-        """Move w onto the plane g.w = value: w = w + P g (value - g.w) / (g'P g).
+    def project(self, columns: int, rate: float, missing: float) -> None:
+        """Move w so that g.w grows by `missing`: w = w + P g missing / (g'P g).
 
-        Of all points of the plane it is the nearest one in the metric of P^-1: informative data weigh most.
+        g is 1 for the first `columns` weights, but `rate` for those of no play, and 0 for the others. Of all w with
+        this g.w it is the nearest one in the metric of P^-1: informative data weigh most.
         """
-        Pg = symmetric_times(self.P, g)
-        g_Pg = float(dot(g, Pg))
-        if 0 < g_Pg < math.inf and math.isfinite(step := (value - float(dot(g, self.weights))) / g_Pg):
+        rates = self._no_play[:columns]
+        Pg = of_columns(self.P[:, :columns]) + (rate - 1) * of_columns(self.P[:, :columns][:, rates])
+        g_Pg = float(of_columns(Pg[:columns]) + (rate - 1) * of_columns(Pg[:columns][rates]))
+        if 0 < g_Pg < math.inf and math.isfinite(step := missing / g_Pg):
             self.weights = within_largest(self.weights + step * Pg)

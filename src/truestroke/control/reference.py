@@ -737,13 +737,12 @@ class ReferenceController(Displayed):
     def _project_slope(self, law: FilteringLaw, zdot_d: float) -> None:
         """Move the weights so that the partial slope that is furthest outside its limits is on its limit."""
         slopes, (low, high) = self._slopes_at(zdot_d), self.settings.slope_limits
-        out = np.maximum(slopes - high, low - slopes)
-        worst = int(np.argmax(out))
-        if out[worst] > 0:
-            s = self.settings  # the gradient of that slope by the weights
-            rate = s.rate_scale * zdot_d
-            g = s.vector(np.arange(s.plays) <= worst, np.where(s.rate_plays <= worst, rate, 0.0))
-            law.project(g, high if slopes[worst] > high else low)
+        over, under = slopes - high, low - slopes
+        worst = int(np.argmax(np.maximum(over, under)))
+        missing = -over[worst] if over[worst] > under[worst] else under[worst]
+        if over[worst] > 0 or under[worst] > 0:
+            columns = worst + 1 + int(np.searchsorted(self.settings.rate_plays, worst, "right"))  # weights up to it
+            law.project(columns, self.settings.rate_scale * zdot_d, float(missing))
 
     # ---- Self-excited oscillation of the stage -----------------------------------------------------------------------
 
