@@ -111,12 +111,13 @@ def test_nothing_is_found_where_nothing_rings(wave, plant, resonance) -> None:
     assert math.isnan(controller.resonance)
 
 
-def test_hum_from_outside_is_no_oscillation_of_the_law() -> None:
-    controller, plant = AdaptiveController(**BENCH), RealisticPlant(seed=4)
+@pytest.mark.parametrize("seed", [1, 5, 8, 20])  # that each was one before decision 89
+def test_hum_from_outside_is_no_oscillation_of_the_law(seed) -> None:
+    controller, plant = AdaptiveController(**BENCH), RealisticPlant(seed=seed)
     plant.open()
-    wave = random_wave(duration=3.0, cutoff=5.0, seed=4)
+    wave = random_wave(duration=3.0, cutoff=5.0, seed=seed)
     for k, (z_d, zdot_d) in enumerate(zip(wave.position, wave.velocity, strict=True)):
-        hum = 0.05 * math.sin(2 * math.pi * 50.0 * k / 2000.0)
+        hum = 0.1 * math.sin(2 * math.pi * 50.0 * k / 2000.0)
         controller.adapt(plant.exchange(np.array([controller.command(z_d, zdot_d)]))[0] + hum)
     assert controller.counters.oscillating == 0
 

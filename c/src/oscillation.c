@@ -53,15 +53,24 @@ static bool follow_half_waves(ts_oscillation *o, ts_real h, ts_real threshold, t
     return ended;
 }
 
+/* Whether half-wave i is so many times as large as each of those from `from` to before `to`: an oscillation of the loop has grown up to
+ * there, hum has been as large from its first half-wave on. */
+static bool exceeds(const ts_oscillation *o, int i, ts_real factor, int from, int to)
+{
+    bool larger = true;
+    for (int j = from; j < to; j++) larger = larger && o->peaks[i] >= factor * o->peaks[j];
+    return larger;
+}
+
 /* How many of the half-waves before this one show an oscillation that grows so fast that it cannot wait for its end; 0:
  * none do. A jump of the error, which is steeper than a wave, does not. */
 static int grows_fast(const ts_oscillation *o, const ts_oscillation_settings *s)
 {
     const ts_real *A = o->peaks;
-    if (o->regular >= 2 && o->peak > 2 * A[0] && A[0] > (ts_real)1.5 * A[1]) return 2;
+    if (o->regular >= 2 && o->peak > 2 * A[0] && exceeds(o, 0, (ts_real)1.5, 1, 6)) return 2;
     ts_real length = (ts_real)o->lengths[0], speed = TS_PI * o->peak / (length * s->tick);
     bool wave = o->steepest * length < 5 * o->peak && 4 * (ts_real)o->length > length;
-    return o->regular >= 1 && o->time < COLD && wave && o->peak > (ts_real)1.5 * A[0] && speed > 2 * o->speed
+    return o->regular >= 1 && o->time < COLD && wave && o->peak > (ts_real)2.5 * A[0] && exceeds(o, 0, (ts_real)1.1, 1, 6) && speed > 2 * o->speed
                    && speed > size_of(o->zdot_d)
                ? 1
                : 0;
@@ -71,8 +80,9 @@ static int grows_fast(const ts_oscillation *o, const ts_oscillation_settings *s)
 static int grows(const ts_oscillation *o, const ts_oscillation_settings *s)
 {
     const ts_real *A = o->peaks;
-    if (!o->found && o->regular >= 3 && A[0] >= (ts_real)1.5 * A[1] && A[1] >= (ts_real)1.5 * A[2]) return 3;
+    if (!o->found && o->regular >= 3 && A[0] >= (ts_real)1.5 * A[1] && A[1] >= (ts_real)1.5 * A[2] && exceeds(o, 1, (ts_real)1.2, 2, 6)) return 3;
     bool rises = o->regular >= 6 && A[0] >= (o->found ? 3 : (ts_real)1.8) * A[5];
+    rises = rises && exceeds(o, 1, (ts_real)1.2, 5, o->regular < 8 ? o->regular : 8) && exceeds(o, 2, (ts_real)1.1, 5, 6);
     for (int i = 0; i < 5; i++) rises = rises && A[i] >= (ts_real)0.75 * A[i + 1];
     if (rises) return 6;
     bool lasts = o->regular >= TS_HALF_WAVES && A[0] > s->large && A[0] >= A[TS_HALF_WAVES - 1];

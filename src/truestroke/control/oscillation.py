@@ -50,6 +50,9 @@ class OscillationDetector:
       that goes on is already far larger than two before it, or, in the first 0.2 s, than one, and no jump;
     - or twelve are large and do not decay.
 
+    Hum is as large from its first half-wave on, and the error of a motion makes one of them larger. So the peaks before
+    the last one have to be larger than those before them, too.
+
     It begins small, unlike the error of a sensor failure: the first of these peaks is below a tenth of the stroke, and
     the slow part of the error below a fifth. It is one of the stage where its frequency is above 2.5 times that of the
     motion, mean |change of zdot_d| / (2 pi mean |zdot_d|), and it is at least half as fast as the motion. After one was
@@ -166,20 +169,30 @@ class OscillationDetector:
     def _grows_fast(self) -> int:
         """How many half-waves show an oscillation that cannot wait for the end of this one; 0: none do."""
         A = self.peaks
-        if self.regular >= 2 and self.peak > 2 * A[0] and A[0] > 1.5 * A[1]:
+        if self.regular >= 2 and self.peak > 2 * A[0] and self._exceeds(0, 1.5, 1, 6):
             return 2
         if self.regular < 1 or not self.time < COLD:
             return 0
         speed = math.pi * self.peak / (self.lengths[0] * self.settings.tick)
         wave = self.steepest * self.lengths[0] < 5 * self.peak and 4 * self.length > self.lengths[0]  # no jump
-        return 1 if wave and self.peak > 1.5 * A[0] and speed > max(2 * self.speed, abs(self.zdot_d)) else 0
+        grows = self.peak > 2.5 * A[0] and self._exceeds(0, 1.1, 1, 6)
+        return 1 if wave and grows and speed > max(2 * self.speed, abs(self.zdot_d)) else 0
+
+    def _exceeds(self, i: int, factor: float, begin: int, end: int) -> bool:
+        """Whether half-wave i is so many times as large as each of those from `begin` to before `end`.
+
+        An oscillation of the loop has grown up to there; hum has been as large from its first half-wave on.
+        """
+        return all(self.peaks[i] >= factor * peak for peak in self.peaks[begin:end])
 
     def _grows(self) -> int:
         """How many of the half-waves that have ended show an oscillation that grows, or is large and does not decay."""
         A, n = self.peaks, self.regular
-        if not self.found and n >= 3 and A[0] >= 1.5 * A[1] and A[1] >= 1.5 * A[2]:
+        three = not self.found and n >= 3 and A[0] >= 1.5 * A[1] and A[1] >= 1.5 * A[2]
+        if three and self._exceeds(1, 1.2, 2, 6):
             return 3
         steady = all(A[i] >= 0.75 * A[i + 1] for i in range(5))
+        steady = steady and self._exceeds(1, 1.2, 5, min(n, 8)) and self._exceeds(2, 1.1, 5, 6)
         if n >= 6 and A[0] >= (3 if self.found else 1.8) * A[5] and steady:
             return 6
         return HALF_WAVES if n >= HALF_WAVES and A[0] > self.settings.large and A[0] >= A[-1] else 0
