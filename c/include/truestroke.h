@@ -451,19 +451,21 @@ typedef struct {
 /* ---- The first resonance from what is measured anyway ---------------------------------------------------------------- */
 
 #define TS_SHOWN 7                    /* plays that stand for the hysteresis */
-#define TS_RESONANCE (TS_SHOWN + 3)
+#define TS_RESONANCE (TS_SHOWN + 4)
 
 /* Least squares of z + c1 z' + c2 z'' = sum of w[i] times play i, all behind the same band about `centre`, window by window. c2 is
  * 1 / w0^2; the next window is about the resonance that was shown, or lower where none was. */
 typedef struct {
     ts_real centre;                   /* cycles per tick; 0: the first window has not begun */
     ts_real known, variance;          /* cycles per tick, and its relative variance; 0: not known */
+    ts_real lag;                      /* ticks of dead time and lag behind the plays, where it is known */
     ts_real motion, power;            /* of the last window: cycles per tick of the motion, um^2 of the error */
     ts_real driven;                   /* of the last window that showed it: share of the residual of ringing alone that the plays explain */
     ts_real motion_filter[3], noise_filter[3];
     ts_real first[TS_SHOWN + 1];      /* of the plays, V, and of the measurement, um */
     ts_real state[TS_SHOWN + 1][4];   /* of both filters */
-    ts_real sum[TS_PACKED(TS_RESONANCE)]; /* of products, packed: plays, band, high and low pass of the measurement */
+    ts_real last_filter, last[TS_SHOWN + 3]; /* a pole behind them, and what it holds */
+    ts_real sum[TS_PACKED(TS_RESONANCE)]; /* of products, packed: plays, three derivatives of the measurement, and itself */
     ts_real speed, change;            /* um/s: sums of |zdot_d| and of |its change in a tick| */
     ts_real error;                    /* um^2: sum of squares */
     int settling, window, ticks;      /* of this window: before it counts, that count, so far */

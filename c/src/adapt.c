@@ -211,7 +211,7 @@ static void learn_staged(ts_controller *c, ts_real z, ts_real innovation, bool m
     c->dynamics.innovation[0] = innovation;
     c->dynamics.ticks++;
     if (c->dynamics.ticks <= c->lagged.ticks + (uint64_t)dynamics_of(c)->dead) return;
-    next_lagged(c);
+    while (c->dynamics.ticks > c->lagged.ticks + (uint64_t)dynamics_of(c)->dead) next_lagged(c);
     ts_pass_stage(c, u);
     /* One notched sample is noise, thousands of times that of z where f0 is far below the sample rate: the filters must not
      * start from it. */

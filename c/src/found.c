@@ -17,6 +17,9 @@
 #define ANOTHER ((ts_real)0.07)   /* of the first resonance of the settings: one that differs by so much is that of another stage */
 #define SLOWEST ((ts_real)0.025)  /* of the resonance: a slower motion does not need it */
 #define NOISY 9                   /* times the variance of a measurement: nor does a smaller error */
+#define AGREES ((ts_real)0.05)    /* with the resonance that the estimate knows: its lag is that of this stage */
+#define TURNS ((ts_real)0.2)      /* radians at the resonance: a smaller lag is a matter of the weights */
+#define MOST_DEAD 8               /* ticks of lag and dead time */
 #define AS_GOOD_AS_NONE ((ts_real)1e-6) /* of the prior's variance: of a weight that stays */
 
 /* exp(d x) of so many ticks d of dead time, times the inverse of the hold, 1 - x^2 / 12 + x^4 / 240: coefficients of x to x^4. */
@@ -114,6 +117,22 @@ void ts_begin_anew(ts_controller *c)
     ts_kalman_reset_covariance(&c->law.kalman, prior_of(c->settings), c->parameters);
 }
 
+/* Whole ticks of dead time of a stage of this frequency, in place of so many `before`. Where the estimate knows that stage, and its
+ * lag is not small beside a period, they are that lag. */
+static int dead_time(ts_controller *c, ts_real frequency, int before)
+{
+    ts_resonance *r = &c->resonance;
+    int dead = 1;
+    if (r->windows > 0 && size_of(frequency / r->known - 1) < AGREES) {
+        ts_real turns = size_of(r->lag) * 2 * TS_PI * frequency;
+        dead = turns > TURNS ? (int)within((ts_real)before + r->lag + (ts_real)0.5, 1, MOST_DEAD) : before;
+    }
+    if (c->settings->dynamics.known) dead = c->settings->dynamics.dead;
+    r->lag -= (ts_real)(dead - before);
+    if (dead != before) r->ticks = 0;
+    return dead;
+}
+
 /* From now on the stage is between hysteresis and sensor; it rings by so much, um. Lag and inertia are in it, but for what it
  * misses, and so is what the rate weights have learned. */
 void ts_adopt_stage(ts_controller *c, ts_real frequency, ts_real ringing)
@@ -123,7 +142,8 @@ void ts_adopt_stage(ts_controller *c, ts_real frequency, ts_real ringing)
     ts_dynamics_state *d = &c->dynamics;
     bool again = c->found.known;
     if (!dynamics_of(c)->known) d->ticks = c->lagged.ticks;
-    make_dynamics(&c->found, frequency, s->oscillation.tick, s->dynamics.known ? s->dynamics.dead : 1);
+    int dead = dead_time(c, frequency, again ? c->found.dead : 1);
+    make_dynamics(&c->found, frequency, s->oscillation.tick, dead);
     d->started = false;
     d->innovation[0] = d->innovation[1] = 0;
     for (int i = 0; i < 2; i++) /* it rings on */
@@ -191,6 +211,8 @@ void ts_give_up_stage(ts_controller *c)
     c->resonance.windows = 0;
     if (!c->settings->dynamics.known) {
         c->found.known = false;
+        c->resonance.lag += (ts_real)(c->found.dead - 1);
+        c->resonance.ticks = 0;
         ts_adopt_resonance(c, c->stage.resonance, 1);
         return;
     }

@@ -15,6 +15,7 @@
 #define WINDOW 20                    /* and of a window, */
 #define SHORTEST ((ts_real)0.06)    /* s: but no shorter */
 #define RIDGE ((ts_real)1e-4)       /* of the largest of the plays: how well each of them is known before */
+#define LAG_STEPS 4                 /* of Newton's method: enough for a lag up to 1 / w0 */
 #define SHOWS ((ts_real)0.5)        /* of the error of plays alone: a resonance leaves less */
 #define NEAREST ((ts_real)0.6)      /* of the centre: bounds of an estimate in that window */
 #define FURTHEST ((ts_real)1.4)
@@ -26,7 +27,7 @@
 #define MOST_WINDOWS 1000           /* that are counted */
 #define SURE ((ts_real)0.02)        /* standard deviation of an estimate, over it */
 
-enum { BAND = TS_SHOWN, HIGH, LOW }; /* of the measurement: places behind the plays */
+enum { BAND = TS_SHOWN, HIGH, THIRD, LOW }; /* of the measurement, its derivatives and itself: places behind the plays */
 
 /* Tangent of 0 to 1.3, by the series of sine and cosine. */
 static ts_real tangent(ts_real x)
@@ -66,6 +67,14 @@ static void pass_two(const ts_real *a, ts_real *state, ts_real x, ts_real *band,
     state[1] = 2 * *low - state[1];
 }
 
+/* One tick of a first-order low pass in the form of an integrator. */
+static ts_real pass_one(ts_real share, ts_real *state, ts_real x)
+{
+    ts_real v = share * (x - *state), low = *state + v;
+    *state = low + v;
+    return low;
+}
+
 static void begin_band(ts_resonance *r, ts_real tick, const ts_real *x)
 {
     if (!(r->centre > 0)) r->centre = SEARCH_FROM;
@@ -74,8 +83,11 @@ static void begin_band(ts_resonance *r, ts_real tick, const ts_real *x)
     r->window = (int)(lasts > shortest ? lasts : shortest);
     filter_at(r->motion_filter, PASSES * r->centre, SHARP);
     filter_at(r->noise_filter, r->centre, ROUND);
+    ts_real g = tangent(TS_PI * r->centre);
+    r->last_filter = g / (1 + g);
     memcpy(r->first, x, sizeof r->first);
     memset(r->state, 0, sizeof r->state);
+    memset(r->last, 0, sizeof r->last);
     memset(r->sum, 0, sizeof r->sum);
     r->speed = r->change = r->error = 0;
 }
@@ -96,6 +108,10 @@ static void count_tick(ts_resonance *r, const ts_real *x, ts_real error)
         v[HIGH] = high - ROUND * band - low;
         v[LOW] = low;
     }
+    ts_real second = v[HIGH];
+    for (int i = 0; i < THIRD; i++) v[i] = pass_one(r->last_filter, &r->last[i], v[i]);
+    v[THIRD] = second - v[HIGH];
+    v[LOW] = pass_one(r->last_filter, &r->last[THIRD], v[LOW]);
     if (r->ticks < r->settling) return;
     ts_real *sum = r->sum;
     for (int i = 0; i <= LOW; i++)
@@ -116,34 +132,64 @@ static bool eliminate(ts_real (*N)[TS_RESONANCE], int begin, int end)
     return true;
 }
 
+static void sums_of(const ts_resonance *r, ts_real (*N)[TS_RESONANCE])
+{
+    for (int i = 0; i <= LOW; i++) memcpy(N[i], r->sum + TS_PACKED(i), sizeof(ts_real) * (size_t)(i + 1));
+}
+
 /* How much smaller `left` is than the residual of an equation without plays, that of ringing alone. */
 static ts_real share_of_plays(const ts_resonance *r, ts_real left)
 {
-    const ts_real *B = r->sum + TS_PACKED(BAND), *H = r->sum + TS_PACKED(HIGH), *L = r->sum + TS_PACKED(LOW);
-    if (!(B[BAND] > 0)) return 0;
-    ts_real of_high = H[BAND] / B[BAND], of_low = L[BAND] / B[BAND];
-    ts_real high = H[HIGH] - of_high * H[BAND], cross = L[HIGH] - of_low * H[BAND], low = L[LOW] - of_low * L[BAND];
-    if (!(high > 0)) return 0;
-    ts_real alone = low - cross / high * cross;
+    ts_real N[TS_RESONANCE][TS_RESONANCE];
+    sums_of(r, N);
+    if (!eliminate(N, BAND, LOW)) return 0;
+    ts_real alone = N[LOW][LOW];
     return alone > left ? 1 - left / alone : 0;
 }
 
-/* The resonance that a window shows, cycles per tick, and its relative variance; 0: it shows none. */
-static ts_real shown_resonance(ts_resonance *r, ts_real lowest, ts_real *variance)
+/* The lag t of 1 + c1 s + c2 s^2 + c3 s^3 = (1 + t s) (1 + (c1 - t) s + ratio s^2), by Newton's method from that of a large
+ * inertia; returns the ratio, and its derivatives. 0: there is none. */
+static ts_real without_lag(const ts_real *c, ts_real *lag, ts_real *derivative)
 {
-    ts_real N[TS_RESONANCE][TS_RESONANCE], largest = 0;
-    for (int i = 0; i <= LOW; i++) memcpy(N[i], r->sum + TS_PACKED(i), sizeof(ts_real) * (size_t)(i + 1));
+    ts_real t = c[2] / c[1], slope = c[1];
+    for (int i = 0; i < LAG_STEPS; i++) {
+        slope = (3 * t - 2 * c[0]) * t + c[1];
+        if (!(slope > 0)) return 0;
+        t -= (((t - c[0]) * t + c[1]) * t - c[2]) / slope;
+    }
+    ts_real of_lag = (2 * t - c[0]) / slope;
+    derivative[0] = of_lag * (t * t) - t;
+    derivative[1] = 1 - of_lag * t;
+    derivative[2] = of_lag;
+    *lag = t;
+    return c[1] - t * (c[0] - t);
+}
+
+/* The resonance that a window shows, cycles per tick, and its relative variance; 0: it shows none. */
+static ts_real shown_resonance(ts_resonance *r, ts_real lowest, ts_real *variance, ts_real *lag)
+{
+    ts_real N[TS_RESONANCE][TS_RESONANCE], largest = 0, c[3], derivative[3] = {0};
+    sums_of(r, N);
     for (int i = 0; i < TS_SHOWN; i++) largest = N[i][i] > largest ? N[i][i] : largest;
     for (int i = 0; i < TS_SHOWN; i++) N[i][i] += RIDGE * largest;
     if (!eliminate(N, 0, BAND)) return 0;
     ts_real plays = N[LOW][LOW];
-    if (!eliminate(N, BAND, HIGH) || !(N[HIGH][HIGH] > 0)) return 0;
-    ts_real ratio = -N[LOW][HIGH] / N[HIGH][HIGH], left = N[LOW][LOW] + ratio * N[LOW][HIGH];
-    if (!(ratio > 0) || !(left < SHOWS * plays)) return 0; /* the ratio is (centre / f0)^2, of their tangents */
-    ts_real deviation = 2 * SURE * ratio, equations = (ts_real)r->window * N[HIGH][HIGH];
-    if (!(left < deviation * deviation * equations)) return 0;
+    if (!eliminate(N, BAND, LOW)) return 0;
+    ts_real left = N[LOW][LOW];
+    c[2] = -N[LOW][THIRD] / N[THIRD][THIRD];
+    c[1] = -(N[LOW][HIGH] + c[2] * N[THIRD][HIGH]) / N[HIGH][HIGH];
+    c[0] = -(N[LOW][BAND] + c[2] * N[THIRD][BAND] + c[1] * N[HIGH][BAND]) / N[BAND][BAND];
+    if (!(c[1] > 0)) return 0;
+    ts_real ratio = without_lag(c, lag, derivative); /* (centre / f0)^2, of their tangents */
+    if (!(ratio > 0) || !(left < SHOWS * plays)) return 0;
+    ts_real of_first = derivative[0], of_second = derivative[1] - N[HIGH][BAND] / N[BAND][BAND] * of_first;
+    ts_real of_third = derivative[2] - N[THIRD][BAND] / N[BAND][BAND] * of_first - N[THIRD][HIGH] / N[HIGH][HIGH] * of_second;
+    ts_real spread = of_first * of_first / N[BAND][BAND] + of_second * of_second / N[HIGH][HIGH] + of_third * of_third / N[THIRD][THIRD];
+    ts_real of_ratio = left > 0 ? left * spread / (ts_real)r->window : 0, deviation = 2 * SURE * ratio;
+    if (!(of_ratio < deviation * deviation)) return 0;
+    *lag /= 2 * tangent(TS_PI * r->centre);
     ts_real f0 = arctangent(tangent(TS_PI * r->centre) / root_of(ratio)) / TS_PI;
-    *variance = left > 0 ? left / equations / (4 * ratio * ratio) : 0;
+    *variance = of_ratio / (4 * ratio * ratio);
     r->driven = share_of_plays(r, left);
     bool within = f0 > lowest && f0 < HIGHEST && f0 > NEAREST * r->centre && f0 < FURTHEST * r->centre;
     return within ? f0 : 0;
@@ -151,7 +197,7 @@ static ts_real shown_resonance(ts_resonance *r, ts_real lowest, ts_real *varianc
 
 /* What is known of the resonance, after a window that shows f0 with this relative variance. Two windows in a row that differ from it
  * are a jump. */
-static void know(ts_resonance *r, ts_real f0, ts_real variance)
+static void know(ts_resonance *r, ts_real f0, ts_real variance, ts_real lag)
 {
     ts_real new = TRUST * TRUST * variance + LEAST * LEAST;
     r->variance += WALK * WALK;
@@ -159,10 +205,12 @@ static void know(ts_resonance *r, ts_real f0, ts_real variance)
     bool far = change * change > JUMPS * JUMPS * (r->variance + new);
     if (!(r->known > 0) || (far && r->strange)) {
         r->known = f0;
+        r->lag = lag;
         r->variance = new;
         r->windows = 1;
     } else if (!far) {
         r->known *= 1 + gain * change;
+        r->lag += gain * (lag - r->lag);
         r->variance = (1 - gain) * r->variance;
         if (r->windows < MOST_WINDOWS) r->windows++;
     }
@@ -173,14 +221,14 @@ static void know(ts_resonance *r, ts_real f0, ts_real variance)
 static bool end_band(ts_resonance *r, ts_real tick)
 {
     r->motion = r->speed > 0 ? r->change / (2 * TS_PI * r->speed) : 0;
-    ts_real lowest = ts_resonance_lowest(r, tick), variance = 0;
-    ts_real f0 = shown_resonance(r, lowest, &variance), next = NEXT * r->centre;
+    ts_real lowest = ts_resonance_lowest(r, tick), variance = 0, lag = 0;
+    ts_real f0 = shown_resonance(r, lowest, &variance, &lag), next = NEXT * r->centre;
     bool near = f0 > 0 && f0 < AGREE * r->centre && r->centre < AGREE * f0;
     r->centre = f0 > 0 ? f0 : next > lowest ? next : r->again ? AGAIN_FROM : SEARCH_FROM;
     if (!(f0 > 0) && !(next > lowest)) r->again = !r->again;
     r->power = r->error / (ts_real)r->window;
     r->ticks = 0;
-    if (near) know(r, f0, variance);
+    if (near) know(r, f0, variance, lag);
     return near;
 }
 

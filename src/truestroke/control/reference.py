@@ -75,6 +75,9 @@ SLOWEST = 0.025  # of the resonance: a slower motion does not need it
 NOISY = 9  # times the variance of a measurement: nor does a smaller error
 MOST_CAUTION = 0.1  # of the motion's range: the largest error that counts as noise after learning has failed
 CAUTIOUS = 100  # times the variance of a measurement: from there on the law follows no drift
+AGREES = 0.05  # with the resonance that the estimate knows: its lag is that of this stage
+TURNS = 0.2  # radians at the resonance: a smaller lag is a matter of the weights
+MOST_DEAD = 8  # ticks of lag and dead time
 AS_GOOD_AS_NONE = 1e-6  # of the prior's variance: of a weight that stays
 
 BEYOND = 10
@@ -690,6 +693,10 @@ class ReferenceController(Displayed):
         y, noisy = path.notched(z), path.quiet(innovation)
         path.remember(innovation)
         if path.ticks > self._lagged.ticks + path.dead and self._filtering is not None:
+            while (
+                path.ticks > self._lagged.ticks + path.dead + 1
+            ):  # the dead time is shorter than that of the stage before
+                self._next_lagged()
             u = path.passed(self._next_lagged())
             if learn:  # one notched sample is noise, thousands of times that of z where f0 is far below the rate
                 self._filtering.start_filters()
@@ -846,7 +853,7 @@ class ReferenceController(Displayed):
         """
         s, stage, tick, before = self.settings, self._stage, self._oscillation.tick, self._path
         again = stage.found
-        dead = self._c["dynamics.dead"] if self._c["dynamics.known"] else 1
+        dead = self._dead_time(frequency, before.dead if again and before is not None else 1)
         self._path, stage.found = Stage(found(frequency, tick, dead), s.parameters), True
         if before is None:
             self._path.go_on(self._lagged.ticks, dict(stage.strain), stage.z)
@@ -876,6 +883,22 @@ class ReferenceController(Displayed):
             guard.begin()
         guard.ringing = max(guard.ringing, ringing)
 
+    def _dead_time(self, frequency: float, before: int) -> int:
+        """Whole ticks of dead time of a stage of this frequency, cycles per tick, so many were in use `before`.
+
+        Where the estimate knows that stage, and its lag is not small beside a period, they are that lag.
+        """
+        known, dead = self._estimator, 1
+        if known.windows > 0 and abs(frequency / known.known - 1) < AGREES:
+            turns = abs(known.lag) * 2 * math.pi * frequency
+            dead = int(min(max(before + known.lag + 0.5, 1), MOST_DEAD)) if turns > TURNS else before
+        if self._c["dynamics.known"]:
+            dead = self._c["dynamics.dead"]
+        known.lag -= dead - before
+        if dead != before:
+            known.ticks = 0
+        return dead
+
     @property
     def _is_given(self) -> bool:
         """Whether the dynamics of the settings are in use."""
@@ -892,6 +915,8 @@ class ReferenceController(Displayed):
             self._keep_command()
             return
         stage.z = self._path.z
+        self._estimator.lag += self._path.dead - 1  # behind the plays of a tick before
+        self._estimator.ticks = 0
         self._path, stage.found = None, False
         self._adopt_resonance(law, stage.resonance, 1.0)
 

@@ -7,7 +7,7 @@ import numpy as np
 from truestroke.base.typing import FloatArray
 
 SHOWN = 7  # plays that stand for the hysteresis: TS_SHOWN of the kernel
-BAND, HIGH, LOW = SHOWN, SHOWN + 1, SHOWN + 2  # of the measurement: places behind the plays
+BAND, HIGH, THIRD, LOW = range(SHOWN, SHOWN + 4)  # of the measurement: places behind the plays
 SEARCH_FROM = 0.15  # cycles per tick: where the search begins,
 SEARCH_TO = 40  # Hz: where it ends,
 OF_MOTION = 2  # or at so many times the motion's frequency,
@@ -21,6 +21,7 @@ SETTLED_IN = 3  # periods of the centre until both have settled,
 WINDOW = 20  # and of a window,
 SHORTEST = 0.06  # s: but no shorter
 RIDGE = 1e-4  # of the largest of the plays: how well each of them is known before
+LAG_STEPS = 4  # of Newton's method: enough for a lag up to 1 / w0
 SHOWS = 0.5  # of the error of plays alone: a resonance leaves less
 NEAREST, FURTHEST = 0.6, 1.4  # of the centre: bounds of an estimate in that window
 AGREE = 1.05  # centre and estimate
@@ -76,15 +77,31 @@ class _Filter:
         return band, low
 
 
+class _Pole:
+    """A first-order low pass in the form of an integrator, of several signals at once."""
+
+    def __init__(self, frequency: float, signals: int) -> None:
+        g = tangent(math.pi * frequency)
+        self.share = g / (1 + g)
+        self.state = np.zeros(signals)
+
+    def update(self, x: FloatArray) -> FloatArray:
+        v = self.share * (x - self.state)
+        low = self.state + v
+        self.state = low + v
+        return low
+
+
 class ResonanceEstimator:
     """Finds the first resonance f0 of a stage in a loop, and follows it.
 
-    The stage is z + c1 z' + c2 z'' = h, c2 = 1 / w0^2, with the strain h of the hysteresis. Seven plays are it::
+    The stage is (1 + t d/dt) (z + c1 z' + c2 z'') = h, c2 = 1 / w0^2, with the strain h of the hysteresis and a lag t
+    of amplifier and dead time. Seven plays are h::
 
-        F z = sum of w_i F p_i - c1 F z' - c2 F z''
+        F z = sum of w_i F p_i - (c1 + t) F z' - (c2 + t c1) F z'' - t c2 F z'''
 
     F is a band of an octave and a half about a `centre`, so that neither the motion below nor the noise above decide.
-    A window of 20 periods, at least 60 ms, gives w, c1 and c2 by least squares. A resonance shows where c1 and c2
+    A window of 20 periods, at least 60 ms, gives them all by least squares. A resonance shows where the derivatives
     leave less than half of the error of the plays alone, c2 is known within 4 % and f0 is near the centre; the next
     centre is that f0. Otherwise it is 0.6 times as high, from 0.15 of the sample rate down to 40 Hz or twice the
     frequency of the motion, and then, in turns, from there again and from 0.36 of the sample rate on.
@@ -97,6 +114,8 @@ class ResonanceEstimator:
     ----------
     known, variance : float
         f0, cycles per tick, 0 where it is not known, and its relative variance.
+    lag : float
+        Ticks of the lag t, where f0 is known.
     driven : float
         In the last window that showed a resonance: the share that the plays explain of the residual of an equation
         without them. A tone that the voltage does not drive has a small one.
@@ -126,7 +145,7 @@ class ResonanceEstimator:
     """
 
     def __init__(self) -> None:
-        self.centre = self.known = self.variance = self.motion = self.power = self.driven = 0.0
+        self.centre = self.known = self.variance = self.lag = self.motion = self.power = self.driven = 0.0
         self.ticks = self.windows = 0
         self._strange = False  # the last window was far from what is known
         self._again = False  # the next search begins above
@@ -173,6 +192,7 @@ class ResonanceEstimator:
         self._settling = int(SETTLED_IN / self.centre)
         self._window = int(max(WINDOW / self.centre, SHORTEST / tick))
         self._motion_filter, self._noise_filter = _Filter(PASSES * self.centre, SHARP), _Filter(self.centre, ROUND)
+        self._pole = _Pole(self.centre, SHOWN + 3)
         self._first, self._sum = x, np.zeros((LOW + 1, LOW + 1))
         self._speed = self._change = self._error = 0.0
 
@@ -181,17 +201,18 @@ class ResonanceEstimator:
         band, low = self._motion_filter.update(x)
         high = x - SHARP * band - low
         band, low = self._noise_filter.update(high)
+        above = float(high[SHOWN] - ROUND * band[SHOWN] - low[SHOWN])
+        passed = self._pole.update(np.array([*low[:SHOWN], band[SHOWN], above, low[SHOWN]]))
         if self.ticks < self._settling:
             return
-        above = high - ROUND * band - low
-        v = np.array([*low[:SHOWN], band[SHOWN], above[SHOWN], low[SHOWN]])
+        v = np.array([*passed[: SHOWN + 2], above - passed[HIGH], passed[-1]])
         self._sum = self._sum + np.outer(v, v)
         self._error += error * error
 
     def _end(self, tick: float) -> bool:
         self.motion = self._change / (2 * math.pi * self._speed) if self._speed > 0 else 0.0
         lowest = self.lowest(tick)
-        f0, variance = self._shown(lowest)
+        f0, variance, lag = self._shown(lowest)
         near = f0 > 0 and f0 < AGREE * self.centre and self.centre < AGREE * f0
         below = NEXT * self.centre
         ended = not (f0 > 0 or below > lowest)
@@ -200,60 +221,79 @@ class ResonanceEstimator:
         self.power = self._error / self._window
         self.ticks = 0
         if near:
-            self._know(f0, variance)
+            self._know(f0, variance, lag)
         return near
 
-    def _shown(self, lowest: float) -> tuple[float, float]:
-        """The resonance that a window shows, cycles per tick, and its relative variance; 0: it shows none."""
-        N, nothing = self._sum.tolist(), (0.0, 0.0)
+    def _shown(self, lowest: float) -> tuple[float, float, float]:
+        """The resonance that a window shows, cycles per tick, its relative variance, and the lag; 0: it shows none."""
+        N, nothing = self._sum.tolist(), (0.0, 0.0, 0.0)
         largest = max(0.0, *[N[i][i] for i in range(SHOWN)])
         for i in range(SHOWN):
             N[i][i] += RIDGE * largest
         if not _eliminate(N, 0, BAND):
             return nothing
         plays = N[LOW][LOW]
-        if not _eliminate(N, BAND, HIGH) or not N[HIGH][HIGH] > 0:
+        if not _eliminate(N, BAND, LOW):
             return nothing
-        ratio = -N[LOW][HIGH] / N[HIGH][HIGH]  # (centre / f0)^2, of their tangents
-        left = N[LOW][LOW] + ratio * N[LOW][HIGH]
+        left = N[LOW][LOW]
+        third = -N[LOW][THIRD] / N[THIRD][THIRD]
+        second = -(N[LOW][HIGH] + third * N[THIRD][HIGH]) / N[HIGH][HIGH]
+        first = -(N[LOW][BAND] + third * N[THIRD][BAND] + second * N[HIGH][BAND]) / N[BAND][BAND]
+        if not second > 0:
+            return nothing
+        ratio, lag, derivative = _without_lag(first, second, third)  # (centre / f0)^2, of their tangents
         if not (ratio > 0 and left < SHOWS * plays):
             return nothing
-        deviation, equations = 2 * SURE * ratio, self._window * N[HIGH][HIGH]
-        if not left < deviation * deviation * equations:
+        y0 = derivative[0]
+        y1 = derivative[1] - N[HIGH][BAND] / N[BAND][BAND] * y0
+        y2 = derivative[2] - N[THIRD][BAND] / N[BAND][BAND] * y0 - N[THIRD][HIGH] / N[HIGH][HIGH] * y1
+        spread = y0 * y0 / N[BAND][BAND] + y1 * y1 / N[HIGH][HIGH] + y2 * y2 / N[THIRD][THIRD]
+        of_ratio, deviation = left * spread / self._window if left > 0 else 0.0, 2 * SURE * ratio
+        if not of_ratio < deviation * deviation:
             return nothing
+        lag /= 2 * tangent(math.pi * self.centre)
         f0 = arctangent(tangent(math.pi * self.centre) / math.sqrt(ratio)) / math.pi
-        variance = left / equations / (4 * ratio * ratio) if left > 0 else 0.0
         self.driven = self._share_of_plays(left)
         within = lowest < f0 < HIGHEST and NEAREST * self.centre < f0 < FURTHEST * self.centre
-        return (f0, variance) if within else nothing
+        return (f0, of_ratio / (4 * ratio * ratio), lag) if within else nothing
 
     def _share_of_plays(self, left: float) -> float:
         """How much smaller `left` is than the residual of an equation without plays, that of ringing alone."""
-        S = self._sum.tolist()
-        if not S[BAND][BAND] > 0:
-            return 0.0
-        of_high, of_low = S[HIGH][BAND] / S[BAND][BAND], S[LOW][BAND] / S[BAND][BAND]
-        high = S[HIGH][HIGH] - of_high * S[HIGH][BAND]
-        cross, low = S[LOW][HIGH] - of_low * S[HIGH][BAND], S[LOW][LOW] - of_low * S[LOW][BAND]
-        if not high > 0:
-            return 0.0
-        alone = low - cross / high * cross
+        N = self._sum.tolist()
+        eliminated = _eliminate(N, BAND, LOW)
+        alone = N[LOW][LOW] if eliminated else 0.0
         return float(1 - left / alone) if alone > left else 0.0
 
-    def _know(self, f0: float, variance: float) -> None:
-        """After a window that shows f0 with this relative variance."""
+    def _know(self, f0: float, variance: float, lag: float) -> None:
+        """After a window that shows f0 with this relative variance, and this lag, ticks."""
         new = TRUST * TRUST * variance + LEAST * LEAST
         self.variance += WALK * WALK
         change = f0 / self.known - 1 if self.known > 0 else 0.0
         gain = self.variance / (self.variance + new)
         far = change * change > JUMPS * JUMPS * (self.variance + new)
         if not self.known > 0 or (far and self._strange):
-            self.known, self.variance, self.windows = f0, new, 1
+            self.known, self.variance, self.lag, self.windows = f0, new, lag, 1
         elif not far:
             self.known *= 1 + gain * change
+            self.lag += gain * (lag - self.lag)
             self.variance = (1 - gain) * self.variance
             self.windows = min(self.windows + 1, MOST)
         self._strange = far and not self._strange
+
+
+def _without_lag(first: float, second: float, third: float) -> tuple[float, float, tuple[float, float, float]]:
+    """1 + c1 s + c2 s^2 + c3 s^3 without its lag: c of (1 + t s) (1 + (c1 - t) s + c s^2), t, and the derivatives of c.
+
+    t by Newton's method, from that of a large inertia. Where there is none c is 0.
+    """
+    t, slope = third / second, second
+    for _ in range(LAG_STEPS):
+        slope = (3 * t - 2 * first) * t + second
+        if not slope > 0:
+            return 0.0, 0.0, (0.0, 0.0, 0.0)
+        t -= (((t - first) * t + second) * t - third) / slope
+    of_lag = (2 * t - first) / slope
+    return second - t * (first - t), t, (of_lag * (t * t) - t, 1 - of_lag * t, of_lag)
 
 
 def _eliminate(N: list[list[float]], begin: int, end: int) -> bool:
