@@ -1,0 +1,229 @@
+"""A measurement: what the model expected, whether it is used, what law and feedback make of it."""
+
+import numpy as np
+
+from truestroke.base.typing import FloatArray
+from truestroke.control.adaptation import LARGEST, FilteringLaw, UpdateRefused
+from truestroke.control.reference.command import slopes_at
+from truestroke.control.reference.found import watch_resonance
+from truestroke.control.reference.learned import PAUSE, watch_kept, watch_learning
+from truestroke.control.reference.ringing import watch_stage
+from truestroke.control.reference.state import BEYOND, HISTORY, Command, State
+from truestroke.control.reference.terms import regressor, remember_creep, remember_voltage, through_dead_zones
+from truestroke.control.stage import Stage
+from truestroke.model.models import Motion
+from truestroke.model.operators import dot
+
+ALARMS = 0.1  # s: over which the rate of sudden changes is taken
+RESUME = 20.0  # 1/s: the rate below which the feedback continues after a pause
+RINGING_RATE = 50  # 1/s: how fast the mean square of the second difference follows
+
+
+def measure(c: State, z: float) -> bool:
+    """One tick with its measurement z, um; returns whether it was used."""
+    tick, path, law = c.measured_ticks, c.path, c.filtering
+    command, learned = c.waiting[tick], c.waiting[c.lagged.ticks].limited
+    limited, beyond, motion = command.limited, is_beyond(c, command, z), command.motion
+    before = c.waiting.get(tick - 1) if path is not None else None
+    stands = command.x == (c.lagged.play[0] if before is None else before.x)
+    u = c.sensor.sensed(next_lagged(c)) if path is None else None  # (20)
+    now = regressor(c, c.now, c.last.motion)
+    first = float(dot(c.law.weights, now))
+    learns = adapts(c, learned, beyond) and not c.stage.rest > 0 and c.kept.guard.held == 0
+    used = learn_from(c, u, z, motion, learn=learns, stands=stands)
+    if used:  # a learned change reaches the command gradually, so that it does not excite the stage
+        c.bumpless += c.stage.smoothing * (float(dot(c.law.weights, now)) - first)
+    to_sensor = c.sensor.slow if path is None else path.sensor
+    error = z - (motion.z_d + to_sensor[0] * motion.zdot_d + to_sensor[1] * motion.zddot_d)
+    # The trim: at a voltage limit only away from it; the slew limit only delays.
+    if used and (not limited or beyond):
+        c.integral -= c.members["trim"] * error
+    feed_back(c, -error if used and (not limited or beyond) else 0.0)  # no wind-up at a limit
+    if used and path is None:
+        c.stage.z = z, c.stage.z[0]
+    if not used:
+        c.stage.detector.miss(error)
+    elif path is None:
+        watch_stage(c, error, motion.zdot_d, limited)
+    watch_resonance(c, z, error, motion.zdot_d, path)
+    low, high = c.settings.voltage_limits
+    watch_learning(c, error, motion.z_d, used and (low < command.x < high or beyond))
+    if law is not None and path is not None and path.ticks != c.lagged.ticks + 1:
+        c.kept.recall.ticks = 0  # the regressor is not that of the measurement before
+    elif law is not None and used:
+        watch_kept(c, law, c.u if u is None else u, z if path is None else path.z[1])
+    return used
+
+
+def next_lagged(c: State) -> FloatArray:
+    """The regressor of the next tick that was not yet measured."""
+    tick = c.lagged.ticks
+    command = c.waiting[tick]
+    if tick - HISTORY in c.waiting:
+        del c.waiting[tick - HISTORY]
+    remember_creep(c, c.lagged)
+    remember_voltage(c, c.lagged, command.x)
+    c.u = regressor(c, c.lagged, command.motion)
+    return c.u
+
+
+def pass_over(c: State) -> None:
+    """A tick for which no measurement came."""
+    c.estimator.ticks = 0  # its window begins anew
+    law, learn = c.filtering, not c.waiting[c.lagged.ticks].limited
+    if c.path is not None:
+        learn_staged(c, c.path, c.path.expected(), 0.0, measured=False, learn=learn)
+    else:
+        u = c.sensor.sensed(next_lagged(c))
+        if law is not None:
+            update_law(c, law, u, float(dot(u, law.weights)), 0.0, measured=False, learn=learn)
+    if law is not None:
+        c.stage.detector.miss(None)
+    feed_back(c, 0.0)
+
+
+def pauses(c: State, tick: float) -> bool:
+    """Whether the feedback waits while there are many alarms: its margins are those of a model that was learned."""
+    c.alarms += min(tick / ALARMS, 1.0) * ((1 / tick if c.changed else 0.0) - c.alarms)
+    c.paused = c.alarms > (RESUME if c.paused else PAUSE)
+    return c.paused
+
+
+def feed_back(c: State, error: float) -> None:
+    """One tick of the feedback, for the command after it; error: desired less measured, um."""
+    total, tick = 0.0, c.oscillation.tick
+    if c.members["feedback.filter"] and (c.stage.found or (tick > 0 and pauses(c, tick))):
+        c.feedback, c.feedback_states = 0.0, [[0.0, 0.0] for _ in c.feedback_states]
+        return
+    for (b0, b1, b2, a1, a2), x in zip(c.members["feedback.filter"], c.feedback_states, strict=False):
+        y = b0 * error + x[0]
+        x[0], x[1] = b1 * error - a1 * y + x[1], b2 * error - a2 * y
+        total += y
+    most = c.members["feedback.most"]
+    c.feedback = min(max(total, -most), most)
+
+
+def is_beyond(c: State, command: Command, z: float) -> bool:
+    """At a voltage limit, and already beyond the desired displacement: the model is wrong there, not the limit."""
+    low, high = c.settings.voltage_limits
+    beyond = (command.x >= high and z > command.motion.z_d) or (command.x <= low and z < command.motion.z_d)
+    return command.limited and beyond
+
+
+def adapts(c: State, limited: bool, beyond: bool) -> bool:
+    """Whether a tick is used: a limited one from the tenth on that was beyond without an unlimited one between.
+
+    Otherwise weights that always demand more than the limit would never be corrected.
+    """
+    c.beyond = min(c.beyond + beyond, BEYOND) if limited else 0
+    return not c.held and (not limited or (beyond and c.beyond >= BEYOND))
+
+
+def is_frozen(c: State, z: float, predicted: float, stands: bool) -> bool:
+    """Whether the sensor repeats a number while voltage and model move: others have noise, or steps as large."""
+    law = c.filtering
+    if law is None:
+        return False
+    if z != c.z_before or stands:
+        step = abs(z - c.z_before)
+        first = c.lagged.ticks <= 1  # there is none before it
+        if not first and 0 < step < c.settings.stroke / 20 and not 0 < c.resolution <= step:
+            c.resolution = step
+        c.z_before, c.predicted_before = z, predicted
+        return False
+    noise = law.sigma + law.settings.model_error
+    return abs(predicted - c.predicted_before) > max(6 * noise, c.resolution + 2 * noise)
+
+
+def learn_from(c: State, u: FloatArray | None, z: float, motion: Motion, *, learn: bool, stands: bool) -> bool:
+    """Adapt to the measurement z, um; u: the regressor (20), None where the stage is known. Whether z was used."""
+    path, law = c.path, c.filtering
+    if path is not None:
+        predicted = path.expected()
+        c.innovation = z - predicted
+    else:
+        assert u is not None
+        predicted = float(dot(c.law.weights, u))
+        c.innovation = through_dead_zones(c, z) + motion.ahead - predicted  # (15)
+    if law is None:
+        return learn_otherwise(c, u)
+    used = not is_frozen(c, z, predicted, stands)
+    noisy = path.quiet(c.innovation) if path is not None else c.innovation if c.ringing.rings else None
+    used = used and not law.is_spike(c.innovation, noisy)
+    innovation = c.innovation if used else 0.0
+    if path is not None:
+        learn_staged(c, path, z if used else predicted, innovation, measured=used, learn=learn)
+    elif u is not None:
+        update_law(c, law, u, predicted + innovation, innovation, measured=used, learn=learn)
+    return used
+
+
+def learn_otherwise(c: State, u: FloatArray | None) -> bool:
+    """With a law that takes regressor and error: (23)."""
+    try:
+        if not c.held and u is not None:
+            c.law.update(u, c.innovation)
+    except UpdateRefused:
+        return False
+    return True
+
+
+def learn_staged(c: State, path: Stage, z: float, innovation: float, *, measured: bool, learn: bool) -> None:
+    """One tick of the stage with the measurement z, or what was expected: it shows the tick `dead` before."""
+    y, noisy = path.notched(z), path.quiet(innovation)
+    path.remember(innovation)
+    if path.ticks > c.lagged.ticks + path.dead and c.filtering is not None:
+        while path.ticks > c.lagged.ticks + path.dead + 1:  # the dead time is shorter than that of the stage before
+            next_lagged(c)
+        u = path.passed(next_lagged(c))
+        if learn:  # one notched sample is noise, thousands of times that of z where f0 is far below the rate
+            c.filtering.start_filters()
+        update_law(c, c.filtering, u, y, noisy, measured=measured, learn=learn)
+
+
+def update_law(
+    c: State, law: FilteringLaw, u: FloatArray, y: float, innovation: float, *, measured: bool, learn: bool
+) -> None:
+    """One tick of the law: u . w should be y, um."""
+    if c.measures_inertia:
+        u, y = with_inertia(c, law, u, y, learn=learn)
+    law.relates = c.path is not None
+    if law.tick(u, y, innovation, measured=measured, learn=learn):  # (23)
+        project_slope(c, law, c.fastest)  # slopes are linear in the rate:
+        project_slope(c, law, -c.fastest)  # its two ends are the worst
+        c.changed = law.changed
+
+
+def with_inertia(c: State, law: FilteringLaw, u: FloatArray, y: float, *, learn: bool) -> tuple[FloatArray, float]:
+    """Regressor and measurement for the law: u and y, or, while the stage rings, those of the tick before.
+
+    Velocity and acceleration are then the measured ones, as central differences about that tick.
+    """
+    r, tick, motion = c.ringing, c.oscillation.tick, c.waiting[c.lagged.ticks - 1].motion
+    shown = c.sensor.slow[0] * motion.zdot_d + c.sensor.slow[1] * motion.zddot_d
+    error = y - (through_dead_zones(c, motion.z_d) + motion.ahead + shown)
+    before = r.u if learn else None
+    if before is None:
+        r.error, r.once, r.twice = (error, error), error, (error, error)
+    noise = law.sigma * law.sigma + law.settings.model_error * law.settings.model_error
+    r.rings = r.update(error, law.filter, tick * RINGING_RATE, noise) and before is not None
+    used = u, y
+    if r.rings and before is not None:
+        newer, older = r.error
+        columns, moved = c.settings.columns, before.copy()
+        moved[columns["lag"]] += min(max((error - older) / (2 * tick), -LARGEST), LARGEST)
+        moved[columns["inertia"]] += min(max((error - 2 * newer + older) / (tick * tick), -LARGEST), LARGEST)
+        used = moved, r.y
+    r.u, r.y, r.error = u if learn else None, y, (error, r.error[0])
+    return used
+
+
+def project_slope(c: State, law: FilteringLaw, zdot_d: float) -> None:
+    """Move the weights so that the partial slope that is furthest outside its limits is on its limit."""
+    slopes, (low, high) = slopes_at(c, zdot_d), c.settings.slope_limits
+    over, under = slopes - high, low - slopes
+    worst = int(np.argmax(np.maximum(over, under)))
+    missing = -over[worst] if over[worst] > under[worst] else under[worst]
+    if over[worst] > 0 or under[worst] > 0:
+        columns = worst + 1 + int(np.searchsorted(c.settings.rate_plays, worst, "right"))  # weights up to it
+        law.project(columns, c.settings.rate_scale * zdot_d, float(missing))

@@ -1,0 +1,225 @@
+"""The resonance that is measured while the stage moves: what follows from it, and the stage that is made of it."""
+
+import math
+
+import numpy as np
+
+from truestroke.control.adaptation import FilteringLaw
+from truestroke.control.guard import FIRST_WAIT
+from truestroke.control.reference.command import keep_command
+from truestroke.control.reference.state import State
+from truestroke.control.resonance import shown
+from truestroke.control.stage import Stage, found
+
+FOUND = 0.2  # relative standard deviation of the inertia of a resonance that an oscillation has
+FOUND_FILTER = 0.6  # of a stage that was found by its oscillation: corner of the law's filter over its resonance,
+FOUND_LAG, FOUND_INERTIA = 0.1, 0.05  # deviations of what its lag and inertia miss, over 1 / w0 and 1 / w0^2
+STIFF = 0.12  # cycles per tick: from here on a tick of dead time is more than that lag
+CERTAIN = 0.02  # relative deviation of a resonance that is put into the model
+MOVED = 0.015  # of the resonance of the model: one that is known and differs by so much replaces it,
+FURTHER = 0.15  # unless by so much
+DOUBT = 0.01  # of the motion's range: an error that the dynamics of the settings should not leave
+LASTS = 8  # windows with such an error, which does not fall: then they are doubted
+ELSEWHERE = 0.03  # of the first resonance of the settings: one that differs by so much, where learning has failed
+DRIVEN = 0.5  # share of the plays: what our voltage does not drive is of another axis, or comes from outside
+ANOTHER = 0.07  # of their first resonance: one that differs by so much is that of another stage
+SLOWEST = 0.025  # of the resonance: a slower motion does not need it
+NOISY = 9  # times the variance of a measurement: nor does a smaller error
+AGREES = 0.05  # with the resonance that the estimate knows: its lag is that of this stage
+TURNS = 0.2  # radians at the resonance: a smaller lag is a matter of the weights
+MOST_DEAD = 8  # ticks of lag and dead time
+AS_GOOD_AS_NONE = 1e-6  # of the prior's variance: of a weight that stays
+
+
+def inertia_of(c: State, frequency: float) -> float:
+    """1 / (w0^2 T), s, of a first resonance at `frequency`, cycles per tick; 0: not known."""
+    w = 2 * math.pi * frequency
+    return c.oscillation.tick / (w * w) if frequency > 0 else 0.0
+
+
+def forget_stage(c: State) -> None:
+    """The stage according to the settings."""
+    stage, law = c.stage, c.filtering
+    stage.smoothing, stage.resonance, stage.inertia = c.members["smoothing"], 0.0, 0.0
+    before, c.stage.found = c.path if stage.found else None, False
+    if not c.members["dynamics.known"]:
+        c.path = None
+    elif before is not None:
+        c.path = Stage(c.members, c.settings.parameters)
+        c.path.rest(before.ticks, before.strain, before.z)
+        if law is not None:
+            law.stop_filters()
+    if law is not None:
+        stage.resonance, law.filter = c.members["resonance"], c.members["kalman.filter"]
+        stage.inertia = inertia_of(c, stage.resonance)
+
+
+def adopt_resonance(c: State, law: FilteringLaw, frequency: float, highest: float) -> None:
+    """The quantities that follow from a measured resonance, cycles per tick.
+
+    The law's filter ends at half of it (at it where the inertia is learned), and is no higher than `highest` unless
+    that is far lower; a learned change takes a period of it to reach the command, which includes the inertia.
+    """
+    learned = c.measures_inertia
+    w = (2 * math.pi if learned else math.pi) * frequency
+    pole = w / (1 + w)
+    if pole > highest:
+        pole = max(highest, pole / 8)
+    law.filter = min(pole, c.members["kalman.filter"])
+    c.stage.smoothing = max(c.stage.smoothing, 1 / (1 + frequency))
+    c.estimator.look(frequency)
+    c.stage.resonance, c.stage.inertia = frequency, 0.0 if learned else inertia_of(c, frequency)
+    if not learned:
+        return
+    inertia, place = inertia_of(c, frequency) * c.oscillation.tick, c.settings.columns["inertia"].start
+    weights = c.weights
+    weights[place] = -inertia
+    law.weights = weights
+    law.separate(place, (FOUND * inertia) * (FOUND * inertia))
+    keep_command(c)
+
+
+def begin_anew(c: State, law: FilteringLaw) -> None:
+    """What was learned without the stage is wrong, and so is how sure it is."""
+    law.weights = c.kept.first
+    law.reset_covariance()
+
+
+def adopt_stage(c: State, law: FilteringLaw, frequency: float, ringing: float) -> None:
+    """From now on the stage is between hysteresis and sensor; it rings by so much, um.
+
+    Lag and inertia are in it, but for what it misses, and so is what the rate weights have learned.
+    """
+    s, stage, tick, before = c.settings, c.stage, c.oscillation.tick, c.path
+    again = stage.found
+    dead = dead_time(c, frequency, before.dead if again and before is not None else 1)
+    c.path, stage.found = Stage(found(frequency, tick, dead), s.parameters), True
+    if before is None:
+        c.path.go_on(c.lagged.ticks, dict(stage.strain), stage.z)
+    else:
+        c.path.go_on(before.ticks, before.strain, before.z)
+    corner, time = 2 * math.pi * FOUND_FILTER * frequency, tick / (2 * math.pi * frequency)
+    law.filter = corner / (1 + corner)
+    law.disturbance = law.caution = 0.0
+    stage.smoothing, stage.inertia = max(c.members["smoothing"], 1 / (1 + frequency)), 0.0
+    lag = FOUND_LAG * time + (tick if frequency > STIFF else 0.0)
+    inertia = FOUND_INERTIA * (time * time)
+    places = {s.columns["lag"].start: lag * lag} if s.lag else {}
+    places |= {s.columns["inertia"].start: inertia * inertia} if s.inertia else {}
+    rates = np.arange(s.parameters)[s.b].tolist()
+    places |= {at: AS_GOOD_AS_NONE * s.prior_covariance[at][at] for at in rates}
+    weights = c.weights
+    weights[list(places)] = 0.0
+    law.weights = weights
+    for place, variance in places.items():
+        law.separate(place, variance)
+    law.stop_filters()
+    keep_command(c)
+    guard = c.kept.guard
+    if not again:
+        stage.trial = guard.kept  # what was good before is good to go back to
+        c.kept.begun = c.kept.begun or not guard.kept
+        guard.begin()
+    guard.ringing = max(guard.ringing, ringing)
+
+
+def dead_time(c: State, frequency: float, before: int) -> int:
+    """Whole ticks of dead time of a stage of this frequency, cycles per tick, so many were in use `before`.
+
+    Where the estimate knows that stage, and its lag is not small beside a period, they are that lag.
+    """
+    known, dead = c.estimator, 1
+    if known.windows > 0 and abs(frequency / known.known - 1) < AGREES:
+        turns = abs(known.lag) * 2 * math.pi * frequency
+        dead = int(min(max(before + known.lag + 0.5, 1), MOST_DEAD)) if turns > TURNS else before
+    if c.members["dynamics.known"]:
+        dead = c.members["dynamics.dead"]
+    known.lag -= dead - before
+    if dead != before:
+        known.ticks = 0
+    return dead
+
+
+def give_up_stage(c: State, law: FilteringLaw) -> None:
+    """It was not that: the stage is that of the settings, or the resonance alone is known, as before."""
+    if c.path is None or not c.stage.found:
+        return
+    stage = c.stage
+    stage.failed, stage.trial, c.estimator.windows = True, False, 0
+    if c.members["dynamics.known"]:
+        forget_stage(c)
+        keep_command(c)
+        return
+    stage.z = c.path.z
+    c.estimator.lag += c.path.dead - 1  # behind the plays of a tick before
+    c.estimator.ticks = 0
+    c.path, stage.found = None, False
+    adopt_resonance(c, law, stage.resonance, 1.0)
+
+
+def matters(c: State) -> bool:
+    """Whether the stage is put into the model, or its resonance there replaced.
+
+    The motion is then fast enough, and the error larger than noise.
+    """
+    law, known, stage = c.filtering, c.estimator, c.stage
+    if law is None or c.members["resonance"] > 0 or c.held or stage.rest > 0:
+        return False
+    if c.sensor.late or c.lagged.ticks < 8:
+        return False
+    if known.windows < 2 or known.variance > CERTAIN * CERTAIN:
+        return False
+    if stage.found:
+        moved = known.known / stage.resonance - 1
+        far = MOVED * MOVED < moved * moved < FURTHER * FURTHER
+        return far and moved * moved > 4 * known.variance
+    if c.is_given:
+        guard = c.kept.guard
+        failing = guard.held > 0 or guard.wait > FIRST_WAIT
+        if not failing and stage.doubted < LASTS:
+            return False
+        away, least = known.known / c.members["dynamics.first"] - 1, ELSEWHERE if failing else ANOTHER
+        large = DOUBT * guard.range
+        return away * away > least * least and known.power > large * large and known.driven > DRIVEN
+    noise = max(law.sigma, c.resolution)  # ringing is what is looked for
+    return known.motion > SLOWEST * known.known and known.power > NOISY * noise * noise
+
+
+def noise_of(c: State, law: FilteringLaw) -> float:
+    """Standard deviation of a measurement, um: as it is now, and no less than the sensor's steps."""
+    return max(math.sqrt(max(law.sigma * law.sigma, 0.5 * law.ringing)), c.resolution)
+
+
+def watch_resonance(c: State, z: float, error: float, zdot_d: float, path: Stage | None) -> None:
+    """One tick of the estimate: the plays of a tick before the measurement, which is about its dead time."""
+    law, tick = c.filtering, c.oscillation.tick
+    if law is None or not tick > 0:
+        return
+    if c.is_given and not c.kept.guard.error > DOUBT:  # no reason to look for another
+        c.estimator.ticks = 0
+        return
+    now = shown(c.lagged.play)
+    before, c.shown = c.shown if path is None else now, now
+    known = c.estimator.update(tick, before, z, error, zdot_d, zdot_d - c.rate)
+    c.rate = zdot_d
+    if not known or not matters(c):
+        return
+    c.stage.resonance, guard = c.estimator.known, c.kept.guard
+    guard.settled = guard.settled and guard.lost  # else it was no wrong sensor: there is nothing to return to
+    if not c.stage.found:
+        begin_anew(c, law)
+    adopt_stage(c, law, c.estimator.known, math.sqrt(c.estimator.power))
+
+
+def stage_is_shown(c: State, law: FilteringLaw) -> bool:
+    """Whether the stage of the model is the one that the measurements show. Where it is near, it is moved there."""
+    shown, stage = c.estimator, c.stage
+    if not stage.found or not shown.known > 0 or shown.variance > CERTAIN * CERTAIN:
+        return False
+    moved = shown.known / stage.resonance - 1
+    if moved * moved > FURTHER * FURTHER:
+        return False
+    if moved * moved > MOVED * MOVED:
+        stage.resonance = shown.known
+        adopt_stage(c, law, shown.known, 0.0)
+    return True

@@ -1,0 +1,107 @@
+"""Self-excited oscillation: seen, its frequency measured, ended."""
+
+import math
+
+from truestroke.control.adaptation import FilteringLaw
+from truestroke.control.reference.command import keep_command
+from truestroke.control.reference.found import adopt_resonance, adopt_stage, begin_anew, noise_of
+from truestroke.control.reference.state import State
+
+LOWER = 0.7  # factor of the filter's corner where it was not low enough
+NOT_BELOW = 0.2  # of the known resonance: a slower error is that of the motion
+REST_PERIODS = 6  # of the oscillation: longest pause of adaptation,
+REST_HALF_WAVES = 7  # and half-waves of the ringing after which it continues
+KEEP = 0.03  # s: how often the weights are kept
+FREE = 6  # half-waves of the ringing while weights are held, which show the resonance,
+DECAYED = 0.98  # of the first of them: the last one is smaller, or something drives it
+
+
+def retreat(c: State, law: FilteringLaw, frequency: float) -> None:
+    """The first time: earlier weights, the covariance of the prior; then a pause, with a lower filter."""
+    stage = c.stage
+    if not stage.detector.found:
+        law.weights = stage.newer = stage.older
+        stage.age = 0.0
+        law.reset_covariance()
+    adopt_resonance(c, law, frequency, LOWER * law.filter if stage.detector.found else 1.0)
+    keep_command(c)
+    stage.rest, stage.since = 1 + REST_PERIODS / frequency, c.counters["commands"]
+    stage.detector.regular, stage.detector.found = 0, True
+    c.count(oscillating=True)
+
+
+def know_resonance(c: State, law: FilteringLaw, frequency: float) -> None:
+    """It is measured, in cycles per tick: then the stage is known.
+
+    Not where that failed, the sensor is late, or its measurements are older than the strains that were kept.
+    """
+    adopt_resonance(c, law, frequency, law.filter if c.counters["oscillating"] > 1 else 1.0)
+    kept = c.lagged.ticks >= c.stage.since + 4
+    if kept and not (c.stage.failed or c.sensor.late):
+        if not c.kept.guard.kept:
+            begin_anew(c, law)
+        adopt_stage(c, law, frequency, c.stage.detector.peaks[0])
+
+
+def rings_freely(c: State) -> bool:
+    """Whether weights are held and the stage rings by itself, faster than the motion: that shows its resonance."""
+    detector, late = c.stage.detector, c.sensor.late or c.members["resonance"] > 0
+    ended = detector.length == 0 and detector.regular >= FREE
+    if c.kept.guard.held == 0 or c.stage.failed or late or not ended or c.lagged.ticks < 8:
+        return False
+    if not detector.peaks[0] < DECAYED * detector.peaks[FREE - 1]:
+        return False
+    omega = 2 * math.pi * detector.frequency(FREE)
+    return detector.peaks[0] > c.oscillation.floor and omega * detector.speed >= 2.5 * detector.acceleration
+
+
+def count_ringing(c: State, law: FilteringLaw) -> None:
+    """Ringing at the resonance counts as noise: once in a half-wave.
+
+    Its variance after the filter, over the ticks of half a half-wave, times four because it is not white.
+    """
+    f, detector = c.stage.resonance, c.stage.detector
+    if not f > 0 or detector.length != 0:
+        return
+    ratio = detector.frequency(2) / f if detector.regular >= 2 else 0.0
+    if not 0.7 <= ratio <= 1.4:
+        law.disturbance /= 2
+        return
+    w = 2 * math.pi * f * (1 - law.filter) / law.filter
+    left = detector.peaks[0] / (1 + w * w)
+    law.disturbance = left * left / (2 * f)
+
+
+def watch_stage(c: State, error: float, zdot_d: float, limited: bool) -> None:
+    """One tick of the detection of a self-excited oscillation, and the reaction to it."""
+    law, stage, detector = c.filtering, c.stage, c.stage.detector
+    if law is None or not c.oscillation.tick > 0:
+        return
+    found = detector.update(error, zdot_d, noise_of(c, law))
+    if limited:
+        detector.sign = detector.regular = 0  # the law does not cause the error at a limit
+    count_ringing(c, law)
+    if rings_freely(c):
+        stage.resonance, stage.rest, c.oscillating = detector.frequency(FREE), 0.0, False
+        c.estimator.look(stage.resonance)
+        begin_anew(c, law)
+        adopt_stage(c, law, stage.resonance, detector.peaks[0])
+        return
+    if stage.rest > 0:
+        stage.rest = 0.0 if detector.regular >= REST_HALF_WAVES or stage.rest < 1 else stage.rest - 1
+        if not stage.rest > 0 and detector.regular >= 4:
+            know_resonance(c, law, detector.frequency(4 if detector.regular < 6 else 6))
+    elif (
+        found > 0
+        and c.kept.guard.held == 0
+        and not (detector.found and c.measures_inertia)
+        and not limited
+        and found > NOT_BELOW * stage.resonance
+        and not c.held
+    ):
+        retreat(c, law, found)
+    else:
+        stage.age += c.oscillation.tick
+        if stage.age > KEEP and detector.regular < 3:
+            stage.older, stage.newer, stage.age = stage.newer, law.weights, 0.0
+    c.oscillating = stage.rest > 0

@@ -1,0 +1,37 @@
+"""The terms of the model: plays with their rates, and those that are known before the voltage is chosen."""
+
+import numpy as np
+
+from truestroke.base.typing import FloatArray
+from truestroke.control.reference.state import Memory, State
+from truestroke.model.models import Motion, creep_step, known_terms, play_terms
+from truestroke.model.operators import dead_zone, dot, play
+
+
+def through_dead_zones(c: State, z: float) -> float:
+    """(11) of a desired, (14) of a measured displacement; the settings hold the dead zones of the inverse."""
+    return float(dot(dead_zone(z, c.dead_zones), c.dead_zone_weights))
+
+
+def of_known_terms(c: State, motion: Motion) -> float:
+    """The displacement of the known terms, um."""
+    s = c.settings
+    return float(dot(c.law.weights[s.of_plays :], known_terms(s, c.now.creep, motion, s.stroke)))
+
+
+def remember_creep(c: State, memory: Memory) -> None:
+    """Creep states follow the voltage of the tick before."""
+    memory.creep = creep_step(memory.creep, memory.play[0], c.creep_rates)
+
+
+def remember_voltage(c: State, memory: Memory, x: float) -> None:
+    """(1): the play states under the voltage x, V."""
+    memory.play = play(x, c.thresholds, memory.play)
+    memory.ticks += 1
+
+
+def regressor(c: State, memory: Memory, motion: Motion) -> FloatArray:
+    """(20): u = [H_0, c_b zdot_d H_0, H_1, ...], with c_a = 1; and the known terms."""
+    s = c.settings
+    plays = play_terms(s, memory.play, s.rate_scale * motion.zdot_d)
+    return np.concatenate([plays, known_terms(s, memory.creep, motion, s.stroke)])
