@@ -13,7 +13,8 @@
 #define ROUND 1                     /* and of the one behind it, which takes noise away */
 #define SETTLED_IN 3                   /* periods of the centre until both have settled, */
 #define WINDOW 20                    /* and of a window, */
-#define SHORTEST ((ts_real)0.06)    /* s: but no shorter */
+#define SHORTEST ((ts_real)0.06)    /* s: but no shorter, */
+#define LONGEST ((ts_real)1e8)      /* ticks: and no longer */
 #define RIDGE ((ts_real)1e-4)       /* of the largest of the plays: how well each of them is known before */
 #define LAG_STEPS 4                 /* of Newton's method: enough for a lag up to 1 / w0 */
 #define SHOWS ((ts_real)0.5)        /* of the error of plays alone: a resonance leaves less */
@@ -78,9 +79,10 @@ static ts_real pass_one(ts_real share, ts_real *state, ts_real x)
 static void begin_band(ts_resonance *r, ts_real tick, const ts_real *x)
 {
     if (!(r->centre > 0)) r->centre = SEARCH_FROM;
-    ts_real lasts = WINDOW / r->centre, shortest = SHORTEST / tick;
-    r->settling = (int)(SETTLED_IN / r->centre);
-    r->window = (int)(lasts > shortest ? lasts : shortest);
+    ts_real settles = SETTLED_IN / r->centre, lasts = WINDOW / r->centre, shortest = SHORTEST / tick;
+    if (lasts < shortest) lasts = shortest;
+    r->settling = (int)(settles < LONGEST ? settles : LONGEST);
+    r->window = (int)(lasts < LONGEST ? lasts : LONGEST);
     filter_at(r->motion_filter, PASSES * r->centre, SHARP);
     filter_at(r->noise_filter, r->centre, ROUND);
     ts_real g = tangent(TS_PI * r->centre);

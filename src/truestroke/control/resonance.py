@@ -19,7 +19,8 @@ SHARP = 1.4  # twice the damping of that filter,
 ROUND = 1  # and of the one behind it, which takes noise away
 SETTLED_IN = 3  # periods of the centre until both have settled,
 WINDOW = 20  # and of a window,
-SHORTEST = 0.06  # s: but no shorter
+SHORTEST = 0.06  # s: but no shorter,
+LONGEST = 1e8  # ticks: and no longer
 RIDGE = 1e-4  # of the largest of the plays: how well each of them is known before
 LAG_STEPS = 4  # of Newton's method: enough for a lag up to 1 / w0
 SHOWS = 0.5  # of the error of plays alone: a resonance leaves less
@@ -189,8 +190,8 @@ class ResonanceEstimator:
     def _begin(self, tick: float, x: FloatArray) -> None:
         if not self.centre > 0:
             self.centre = SEARCH_FROM
-        self._settling = int(SETTLED_IN / self.centre)
-        self._window = int(max(WINDOW / self.centre, SHORTEST / tick))
+        self._settling = int(min(SETTLED_IN / self.centre, LONGEST))
+        self._window = int(min(max(WINDOW / self.centre, SHORTEST / tick), LONGEST))
         self._motion_filter, self._noise_filter = _Filter(PASSES * self.centre, SHARP), _Filter(self.centre, ROUND)
         self._pole = _Pole(self.centre, SHOWN + 3)
         self._first, self._sum = x, np.zeros((LOW + 1, LOW + 1))
