@@ -131,13 +131,12 @@ void ts_guard_begin(ts_guard *g)
     g->at_start = false;
 }
 
-/* Whether an error is far beyond the motion so far: sooner where something good is kept, but for the time after a hold. Where it has
- * been good for long, the sensor is wrong sooner than the law. */
+/* Whether an error is far beyond the motion so far: sooner where something good is kept, but for the time after a hold. */
 static bool bursts(const ts_guard *g, const ts_guard_settings *s, ts_real error, ts_real z_d)
 {
     ts_real size = error < 0 ? -error : error, first = g->start < 0 ? -g->start : g->start;
     ts_real motion = g->high - g->low, away = z_d < 0 ? -z_d : z_d;
-    if (g->held > 0 || g->settled || !(s->burst > 0)) return false;
+    if (g->held > 0 || !(s->burst > 0)) return false;
     if (motion < away) motion = away; /* a sensor that was not zeroed: the first command goes this far */
     if (g->kept) return g->pause == 0 && size > KEPT_BURST * motion && size > LEAST_KEPT * s->floor;
     return size > s->burst * motion && size > LEAST_BURST * s->floor && size > 2 * first;
@@ -153,6 +152,7 @@ ts_guard_action ts_guard_tick(ts_guard *g, const ts_guard_settings *s, ts_real e
 {
     follow(g, s, error, z_d, counts);
     if (counts && bursts(g, s, error, z_d)) {
+        g->lost = g->lost || (s->recall > 0 && g->kept && g->settled);
         g->small = 0;
         g->failed = 1;
         g->held = 1;

@@ -151,6 +151,7 @@ class Guard:
         """
         self._follow(error, z_d, counts)
         if counts and self._bursts(abs(error), abs(z_d)):
+            self.lost = self.lost or (self.settings.recall > 0 and self.kept and self.settled)
             self.failed, self.held, self.drift, self.small = 1.0, 1, 0.0, 0
             self._begin_window()
             return Action.RESTORE
@@ -194,11 +195,10 @@ class Guard:
     def _bursts(self, size: float, away: float) -> bool:
         """Whether an error of this size, um, is far beyond the motion so far.
 
-        Sooner where something good is kept, but for the time after a hold. Where it has been good for long, the sensor
-        is wrong sooner than the law. The motion is at least `away`, um, from 0:
+        Sooner where something good is kept, but for the time after a hold. The motion is at least `away`, um, from 0:
         where the sensor was not zeroed, the first command goes so far.
         """
-        if self.held > 0 or self.settled or not self.settings.burst > 0:
+        if self.held > 0 or not self.settings.burst > 0:
             return False
         motion = max(self.high - self.low, away)
         if self.kept:
