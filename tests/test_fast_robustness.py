@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from truestroke import AdaptiveController, SettingError
+from truestroke import SettingError
 from truestroke.plant import StagePlant, StageSettings
 from truestroke.studies import robustness
 from truestroke.studies.engine import Row, Store
@@ -212,17 +212,3 @@ def test_the_tables_have_a_row_for_each_line():
     assert page.table(rows)[1][0][:4] == ["dynamics unknown, to f0/3", "2", "0.35 / 0.575 / 0.6", "0.15 / 0.5 / 1"]
     assert page.compared(rows)[1][0][-1] == "1"
     assert robustness.numbers(5, "unseen") == range(1, 5, 2)
-
-
-def test_a_burst_after_something_was_good_is_stopped_in_its_tick():
-    """A stage of 102 Hz: the first windows are good, then the law bursts, to six times the motion without the rule."""
-    one = fast.sample(2, 28, ["unknown"])
-    controller, plant = AdaptiveController.from_settings(one.controllers["unknown"]), StagePlant(one.plant, one.seed)
-    plant.open()
-    wave, largest = one.motions["unknown"], 0.0
-    for k in range(6000):
-        volts = controller.command(float(wave.position[k]), float(wave.velocity[k]), float(wave.acceleration[k]))
-        controller.adapt(float(plant.exchange(np.array([volts]))[0]))
-        largest = max(largest, abs(plant.truth[-1] - wave.position[k]))
-    assert controller.counters.restored > 0
-    assert largest < 1.0 * one.sampled["span"]["unknown"]

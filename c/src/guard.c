@@ -16,8 +16,6 @@
 #define RISE ((ts_real)1.02)    /* of the best, per window */
 #define CENTRING ((ts_real)0.5) /* of the mean error, in a window */
 #define LEAST_BURST 20          /* of the floor: a smaller error is no burst */
-#define KEPT_BURST 2            /* times the motion: an error beyond it, where something is kept, */
-#define LEAST_KEPT 50           /* and beyond so many times the floor */
 #define DECAYS ((ts_real)0.95)  /* in a window: what counts as ringing of a stage that was found */
 #define SETTLED 20              /* windows with a small error until weights that are kept are worth a return after a large one */
 #define LONG 10                 /* windows with a small error after which others are kept where the model was lost, */
@@ -131,14 +129,13 @@ void ts_guard_begin(ts_guard *g)
     g->at_start = false;
 }
 
-/* Whether an error is far beyond the motion so far: sooner where something good is kept, but for the time after a hold. */
+/* Whether an error is far beyond the motion so far, before anything was good. */
 static bool bursts(const ts_guard *g, const ts_guard_settings *s, ts_real error, ts_real z_d)
 {
     ts_real size = error < 0 ? -error : error, first = g->start < 0 ? -g->start : g->start;
     ts_real motion = g->high - g->low, away = z_d < 0 ? -z_d : z_d;
-    if (g->held > 0 || !(s->burst > 0)) return false;
+    if (g->kept || g->held > 0 || !(s->burst > 0)) return false;
     if (motion < away) motion = away; /* a sensor that was not zeroed: the first command goes this far */
-    if (g->kept) return g->pause == 0 && size > KEPT_BURST * motion && size > LEAST_KEPT * s->floor;
     return size > s->burst * motion && size > LEAST_BURST * s->floor && size > 2 * first;
 }
 
@@ -152,8 +149,6 @@ ts_guard_action ts_guard_tick(ts_guard *g, const ts_guard_settings *s, ts_real e
 {
     follow(g, s, error, z_d, counts);
     if (counts && bursts(g, s, error, z_d)) {
-        g->lost = g->lost || (s->recall > 0 && g->kept && g->settled);
-        g->small = 0;
         g->failed = 1;
         g->held = 1;
         g->drift = 0;

@@ -19,8 +19,6 @@ LEAST_RANGE = 10  # of the floor: a smaller motion is rest
 RISE = 1.02  # of the best, per window
 CENTRING = 0.5  # of the mean error, in a window
 LEAST_BURST = 20  # of the floor: a smaller error is no burst
-KEPT_BURST = 2  # times the motion: an error beyond it, where something is kept,
-LEAST_KEPT = 50  # and beyond so many times the floor
 DECAYS = 0.95  # in a window: what counts as ringing of a stage that was found
 SETTLED = 20  # windows with a small error until weights that are kept are worth a return after a large one
 LONG = 10  # windows with a small error after which other weights are kept, where the model was lost,
@@ -151,8 +149,7 @@ class Guard:
         """
         self._follow(error, z_d, counts)
         if counts and self._bursts(abs(error), abs(z_d)):
-            self.lost = self.lost or (self.settings.recall > 0 and self.kept and self.settled)
-            self.failed, self.held, self.drift, self.small = 1.0, 1, 0.0, 0
+            self.failed, self.held, self.drift = 1.0, 1, 0.0
             self._begin_window()
             return Action.RESTORE
         if self.ticks < self.settings.window:
@@ -193,17 +190,13 @@ class Guard:
         self.sum, self.square, self.ticks, self.counted = 0.0, 0.0, 0, 0
 
     def _bursts(self, size: float, away: float) -> bool:
-        """Whether an error of this size, um, is far beyond the motion so far.
+        """Whether an error of this size, um, is far beyond the motion so far, before anything was good.
 
-        Sooner where something good is kept, but for the time after a hold. The motion is at least `away`, um, from 0:
-        where the sensor was not zeroed, the first command goes so far.
+        The motion is at least `away`, um, from 0: where the sensor was not zeroed, the first command goes so far.
         """
-        if self.held > 0 or not self.settings.burst > 0:
+        if self.kept or self.held > 0 or not self.settings.burst > 0:
             return False
-        motion = max(self.high - self.low, away)
-        if self.kept:
-            return self.pause == 0 and size > KEPT_BURST * motion and size > LEAST_KEPT * self.settings.floor
-        beyond = size > self.settings.burst * motion
+        beyond = size > self.settings.burst * max(self.high - self.low, away)
         return beyond and size > LEAST_BURST * self.settings.floor and size > 2 * abs(self.start)
 
     def _follow(self, error: float, z_d: float, counts: bool) -> None:
