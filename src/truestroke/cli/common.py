@@ -257,8 +257,8 @@ def to_write(option: str, file: str | Path, kind: files.Kind) -> Path:
 
 def _refuse_an_input(option: str, path: Path) -> None:
     """An output that is a file which the command reads is replaced on request only."""
-    context = click.get_current_context()
-    if files.replacing() or not path.exists():
+    context = click.get_current_context(silent=True)
+    if context is None or files.replacing() or not path.exists():
         return
     for parameter in context.command.params:
         given, argument = context.params.get(parameter.name or ""), isinstance(parameter, click.Argument)
