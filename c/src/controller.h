@@ -49,13 +49,6 @@ static inline int last_slot(const ts_controller *c)
     return c->counters.commands > 0 ? (int)((c->counters.commands - 1) % TS_HISTORY) : 0;
 }
 
-/* The term of the inertia where the first resonance is at `frequency` cycles per tick, s; 0: not known. */
-static inline ts_real inertia_of(const ts_settings *s, ts_real frequency)
-{
-    ts_real w = 2 * TS_PI * frequency;
-    return frequency > 0 ? s->oscillation.tick / (w * w) : 0;
-}
-
 /* According to the model, so many ticks before the one that is measured next; at rest before the first one. um. */
 static inline ts_real strain_of(const ts_controller *c, int back)
 {
@@ -114,7 +107,6 @@ TS_API void ts_watch_resonance(ts_controller *c, ts_real z, ts_real error, const
 
 /* ringing.c */
 TS_API void ts_keep_weights(ts_controller *c, bool start);
-TS_API ts_real ts_noise_of(const ts_controller *c);
 TS_API void ts_watch_stage(ts_controller *c, ts_real error, ts_real zdot_d, bool limited);
 
 /* learned.c */

@@ -32,6 +32,13 @@ void ts_lead_of_dead_time(int dead, ts_real *first, ts_real *second, ts_real *th
     *fourth = rest + (ts_real)1 / 240;
 }
 
+/* The term of the inertia where the first resonance is at `frequency` cycles per tick, s; 0: not known. */
+static ts_real inertia_of(const ts_settings *s, ts_real frequency)
+{
+    ts_real w = 2 * TS_PI * frequency;
+    return frequency > 0 ? s->oscillation.tick / (w * w) : 0;
+}
+
 /* Quantities that follow from a measured resonance: the law's filter ends at half of it (at it where the inertia is learned),
  * and is no higher than `highest` unless that is far lower; a learned change takes a period of it to reach the command, which
  * includes the inertia. */

@@ -55,7 +55,7 @@ static void count_ringing(ts_controller *c)
 }
 
 /* Standard deviation of a measurement, um: as it is now, and no less than the sensor's steps. */
-ts_real ts_noise_of(const ts_controller *c)
+static ts_real noise_of(const ts_controller *c)
 {
     const ts_kalman *k = &c->law.kalman;
     ts_real variance = k->sigma * k->sigma;
@@ -93,7 +93,7 @@ void ts_watch_stage(ts_controller *c, ts_real error, ts_real zdot_d, bool limite
 {
     const ts_settings *s = c->settings;
     ts_oscillation *o = &c->oscillation;
-    ts_real found = ts_oscillation_tick(o, &s->oscillation, error, zdot_d, ts_noise_of(c));
+    ts_real found = ts_oscillation_tick(o, &s->oscillation, error, zdot_d, noise_of(c));
     if (limited) o->sign = o->regular = 0; /* the law does not cause the error at a limit */
     count_ringing(c);
     if (rings_freely(c)) {

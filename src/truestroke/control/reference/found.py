@@ -185,11 +185,6 @@ def matters(c: State) -> bool:
     return known.motion > SLOWEST * known.known and known.power > NOISY * noise * noise
 
 
-def noise_of(c: State, law: FilteringLaw) -> float:
-    """Standard deviation of a measurement, um: as it is now, and no less than the sensor's steps."""
-    return max(math.sqrt(max(law.sigma * law.sigma, 0.5 * law.ringing)), c.resolution)
-
-
 def watch_resonance(c: State, z: float, error: float, zdot_d: float, path: Stage | None) -> None:
     """One tick of the estimate: the plays of a tick before the measurement, which is about its dead time."""
     law, tick = c.filtering, c.oscillation.tick

@@ -4,7 +4,7 @@ import math
 
 from truestroke.control.adaptation import FilteringLaw
 from truestroke.control.reference.command import keep_command
-from truestroke.control.reference.found import adopt_resonance, adopt_stage, begin_anew, noise_of
+from truestroke.control.reference.found import adopt_resonance, adopt_stage, begin_anew
 from truestroke.control.reference.state import State
 
 LOWER = 0.7  # factor of the filter's corner where it was not low enough
@@ -28,6 +28,11 @@ def retreat(c: State, law: FilteringLaw, frequency: float) -> None:
     stage.rest, stage.since = 1 + REST_PERIODS / frequency, c.counters["commands"]
     stage.detector.regular, stage.detector.found = 0, True
     c.count(oscillating=True)
+
+
+def noise_of(c: State, law: FilteringLaw) -> float:
+    """Standard deviation of a measurement, um: as it is now, and no less than the sensor's steps."""
+    return max(math.sqrt(max(law.sigma * law.sigma, 0.5 * law.ringing)), c.resolution)
 
 
 def know_resonance(c: State, law: FilteringLaw, frequency: float) -> None:
