@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 
 import mpmath
@@ -192,6 +193,24 @@ def test_the_kernel_is_the_numpy_text_with_a_stage_that_is_found_and_jumps() -> 
     assert resonances[1600] == pytest.approx(600.0, rel=0.05)
     assert resonances[-1] == pytest.approx(648.0, rel=0.03)
     assert kernel.state()["found_dead"][0] > 1
+
+
+def test_a_controller_is_copied_while_the_stage_that_it_found_has_ticks_of_dead_time() -> None:
+    """Before the stage is found, when it is, and after the jump that moves it: the copy goes on to the same voltage."""
+    slow = {"amplifier_bandwidth": 1000.0, "dead_time": 2 / RATE}
+    plant = StagePlant(stage(600.0, resonance_change=1.08, resonance_change_time=0.3, **slow), seed=1)
+    plant.open()
+    controller, dead = AdaptiveController(**AXIS), set()
+    wave = triangle(frequency=33.0, peak_to_peak=18.0, duration=0.6, sample_rate=RATE)
+    for k, (z_d, zdot_d) in enumerate(zip(wave.position, wave.velocity, strict=True)):
+        known = controller.resonance
+        twin = copy.copy(controller) if k % 20 == 0 else None
+        x = controller.command(z_d, zdot_d)
+        assert twin is None or twin.command(z_d, zdot_d) == x
+        controller.adapt(float(plant.exchange(np.array([x]))[0]))
+        if controller.resonance != known:
+            dead.add(int(copy.copy(controller).state()["found_dead"][0]))
+    assert max(dead) > 1
 
 
 def test_a_resonance_that_is_high_for_the_sample_rate_is_found() -> None:

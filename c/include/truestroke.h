@@ -556,6 +556,9 @@ typedef struct {
 /* After so many limited ticks beyond the desired displacement the model is considered wrong, not the limit. */
 #define TS_BEYOND 10
 
+/* Ticks of lag and dead time of a stage that was found, at most; where dynamics are given it has those of theirs. */
+#define TS_MOST_DEAD 8
+
 /* The stage's first resonance, and the quantities that follow from it; at first from the settings. */
 typedef struct {
     ts_real resonance;             /* cycles per tick; 0: not known */

@@ -19,7 +19,6 @@
 #define NOISY 9                   /* times the variance of a measurement: nor does a smaller error */
 #define AGREES ((ts_real)0.05)    /* with the resonance that the estimate knows: its lag is that of this stage */
 #define TURNS ((ts_real)0.2)      /* radians at the resonance: a smaller lag is a matter of the weights */
-#define MOST_DEAD 8               /* ticks of lag and dead time */
 #define AS_GOOD_AS_NONE ((ts_real)1e-6) /* of the prior's variance: of a weight that stays */
 
 /* exp(d x) of so many ticks d of dead time, times the inverse of the hold, 1 - x^2 / 12 + x^4 / 240: coefficients of x to x^4. */
@@ -132,7 +131,7 @@ static int dead_time(ts_controller *c, ts_real frequency, int before)
     int dead = 1;
     if (r->windows > 0 && size_of(frequency / r->known - 1) < AGREES) {
         ts_real turns = size_of(r->lag) * 2 * TS_PI * frequency;
-        dead = turns > TURNS ? (int)within((ts_real)before + r->lag + (ts_real)0.5, 1, MOST_DEAD) : before;
+        dead = turns > TURNS ? (int)within((ts_real)before + r->lag + (ts_real)0.5, 1, TS_MOST_DEAD) : before;
     }
     if (c->settings->dynamics.known) dead = c->settings->dynamics.dead;
     r->lag -= (ts_real)(dead - before);

@@ -240,9 +240,13 @@ void check_counters(const ts_controller &c) {
     const ts_dynamics &f = c.found, &given = c.settings->dynamics, &g = f.known ? f : given;
     const ts_real *q = f.section[0];
     bool stable = q[3] < 1 && q[3] > -1 && q[2] < 1 + q[3] && q[2] > -1 - q[3];
-    require_all("found", !f.known || (f.sections == 1 && f.dead == (given.known ? given.dead : 1) && stable), "a stage of one stable mode");
-    uint64_t dead = static_cast<uint64_t>(g.dead), ticks = c.dynamics.ticks;
-    require_all("stage_ticks", !g.known || (ticks <= n.commands && (c.lagged.ticks == (ticks > dead ? ticks - dead : 0) || (f.known && c.lagged.ticks == ticks))),
+    bool timely = given.known ? f.dead == given.dead : f.dead >= 1 && f.dead <= TS_MOST_DEAD;
+    require_all("found", !f.known || (f.sections == 1 && timely && stable), "a stage of one stable mode");
+    // The law comes as much later as the dead time; that of a found stage may just have changed.
+    uint64_t dead = static_cast<uint64_t>(g.dead), ticks = c.dynamics.ticks, late = ticks - c.lagged.ticks;
+    bool follows = f.known && !given.known ? c.lagged.ticks <= ticks && late <= TS_MOST_DEAD
+                                           : c.lagged.ticks == (ticks > dead ? ticks - dead : 0) || (f.known && late == 0);
+    require_all("stage_ticks", !g.known || (ticks <= n.commands && follows),
                 "the lagged_ticks and the stage's dead time");
 }
 

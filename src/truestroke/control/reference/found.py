@@ -27,7 +27,7 @@ SLOWEST = 0.025  # of the resonance: a slower motion does not need it
 NOISY = 9  # times the variance of a measurement: nor does a smaller error
 AGREES = 0.05  # with the resonance that the estimate knows: its lag is that of this stage
 TURNS = 0.2  # radians at the resonance: a smaller lag is a matter of the weights
-MOST_DEAD = 8  # ticks of lag and dead time
+MOST_DEAD = 8  # ticks of lag and dead time: TS_MOST_DEAD of the kernel
 AS_GOOD_AS_NONE = 1e-6  # of the prior's variance: of a weight that stays
 
 
