@@ -12,7 +12,11 @@ from hypothesis import strategies as st
 import truestroke
 from truestroke import Dynamics, IterativeLearning, Mode, SettingError, trajectories
 from truestroke.cli import main
+from truestroke.control import periodic_hysteresis
 from truestroke.control.iterative import repetition
+from truestroke.control.response_prior import FewNumbers, beside
+from truestroke.model import prior
+from truestroke.model.operators import play_history
 from truestroke.plant import StagePlant, StageSettings
 from truestroke.report.learning import rows as learning_rows
 
@@ -104,6 +108,71 @@ def test_a_motion_near_the_resonance_is_learned_too():
     assert made.rmse < 0.001 * 10.0 + made.noise
 
 
+@pytest.mark.parametrize(
+    ("frequency", "kind", "known", "late", "damping"),
+    [
+        (200.0, "plays", 1.022, 0.0, 0.019),
+        (200.0, "bouc-wen", 1.029, 0.0, 0.027),
+        (100.0, "bouc-wen", 0.993, 1e-4, 0.017),
+    ],
+)
+def test_hysteresis_that_moves_much_to_other_harmonics_needs_five_passes(frequency, kind, known, late, damping):
+    """Stages that kept 0.06 to 0.18 % while what hysteresis moves was noise."""
+    wave, stage = raster(frequency), Stage(900.0, kind, damping=damping, dead_time=late)
+    learned = IterativeLearning(wave, dynamics=dynamics(known * 900.0, damping), **KNOWN)
+    assert true_errors(stage, learned, wave, 6)[5] < 0.05
+
+
+# ---- The hysteresis of the first pass --------------------------------------------------------------------------------
+
+
+def test_plays_of_a_period_are_those_of_many():
+    """Those of the definition, after so many periods that the start is forgotten; also of a play that never moves."""
+    x, r = np.random.Generator(np.random.PCG64(1)).normal(size=150).cumsum(), np.array([0.0, 0.3, 2.0, 5.0])
+    r = np.append(r[r < np.ptp(x) / 2], np.ptp(x))
+    found = periodic_hysteresis.plays(x, r)
+    assert np.array_equal(found[:-1], play_history(np.tile(x, 3), r[:-1])[-150:].T)
+    assert np.ptp(found[-1]) < 1e-12
+
+
+def shown(weights, f0=900.0, known=930.0, samples=100):
+    """What a pass shows of a stage behind these plays: its voltage, their strain, and the model."""
+    t = np.arange(samples) / samples
+    volts = 1.5 - np.cos(2 * np.pi * t) - 0.05 * np.cos(6 * np.pi * t)
+    f = np.fft.rfftfreq(samples, 1 / FS)
+    G, stage = (
+        dynamics(known).response(f),
+        dynamics(f0).response(f) * np.exp(-2j * np.pi * f / FS),
+    )  # a tick that nobody knows
+    few = FewNumbers(dynamics(known), f, FS, beside(f, known, 2000.0))
+    r = np.array(prior.thresholds(periodic_hysteresis.PLAYS, float(np.ptp(volts))))
+    strain = weights @ periodic_hysteresis.plays(volts, r[: weights.size])
+    about = {"few": few, "learned": f <= 2000.0, "periods": 1}
+    model = periodic_hysteresis.identified(volts, stage * np.fft.rfft(strain), G, np.full(f.size, 1e-6), **about)
+    return volts, strain, model
+
+
+@pytest.mark.parametrize("width", [0.0, 0.1, 0.3])
+def test_the_first_pass_shows_the_width_of_the_loop(width):
+    """A tick of dead time looks like a loop at the frequency of the motion alone; of a fast motion it is as wide."""
+    r = prior.thresholds(periodic_hysteresis.PLAYS, 2.0)
+    weights = np.append(1 - width, np.full(len(r) - 1, width / (len(r) - 1)))
+    volts, strain, model = shown(weights)
+    missed = model.strain(volts) - strain
+    assert np.std(missed) < 0.03 * np.std(strain)
+
+
+def test_the_inverse_makes_the_strain_and_moves_no_other_harmonic():
+    volts, _, model = shown(np.array([0.7, 0.1, 0.1, 0.1]))
+    moved = np.arange(volts.size // 2 + 1) < 20
+    wanted = np.fft.rfft(model.strain(volts)) + np.where(moved, 1.0, 0.0) * (np.arange(moved.size) == 7)
+    found = model.volts(np.fft.irfft(wanted, volts.size), volts, moved)
+    left = np.fft.rfft(model.strain(found)) - wanted
+    assert np.abs(left[moved]).max() < 1e-6
+    assert np.abs(np.fft.rfft(found - volts)[~moved]).max() < 1e-9
+    assert np.abs(found - volts).max() > 0.01
+
+
 # ---- The law -------------------------------------------------------------------------------------------------------
 
 
@@ -163,14 +232,15 @@ def test_what_was_learned_of_the_response_is_forgotten_where_only_it_has_changed
     first = play()
     with monkeypatch.context() as here:
         here.setattr(law, "_estimate", wrong)
-        best = play()
+        second = play()
+    best = min(first, second, key=lambda one: one.rmse)
     worse, again, *others = (play() for _ in range(8))
     assert worse.undone
     assert worse.rmse > first.rmse
-    assert again.volts == pytest.approx(best.volts, abs=1e-12)
+    assert again.volts == pytest.approx(best.volts, abs=1e-5), "but for the mean"
     assert not again.undone
-    assert min(one.rmse for one in others) < 0.01 * best.rmse
-    assert max(one.rmse for one in others) < 1.5 * best.rmse
+    assert min(one.rmse for one in others) < 0.1 * best.rmse
+    assert max(one.rmse for one in others) < 1.5 * second.rmse
 
 
 def test_a_mode_beyond_the_bandwidth_that_hysteresis_excites_is_learned():
@@ -202,6 +272,19 @@ def test_a_pass_that_is_worse_is_undone_and_its_voltage_left():
     assert np.array_equal(learned.best_volts, volts)
     learned.learn(stage.play(learned.volts)[0])  # and it goes on from there; the mean was still of the disturbance
     assert learned.learn(stage.play(learned.volts)[0]).rmse < 2 * best
+
+
+@pytest.mark.parametrize(("sense", "most"), [(1, 0.06), (-1, 0.12)])
+def test_the_creep_of_the_mean_is_foreseen(sense, most):
+    """0.1 um from each pass to the next, um: what is not foreseen remains. Where it has no lasting sense none is."""
+    learned = IterativeLearning(raster(50.0), dynamics=dynamics(900.0), **KNOWN)
+    G, zero = GAIN * dynamics(900.0).response(frequencies(learned)), 0.0
+    noise = np.random.Generator(np.random.PCG64(2))
+    for number in range(10):
+        zero += 0.1 * sense**number
+        made = learned.learn(linear(learned, G) + zero + noise.normal(scale=0.01, size=(2, learned.samples)))
+        assert not made.undone
+        assert number < 4 or abs(made.error.mean()) < most
 
 
 def test_a_missed_pass_changes_nothing():

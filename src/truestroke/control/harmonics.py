@@ -45,6 +45,10 @@ SHOWN = 12.0  # times the variance of the noise: power beyond the bandwidth that
 WHOLE = 0.3  # relative deviation of the answer to a small change from that to the whole motion: hysteresis
 STILL = 1e-3  # of the response at rest: what a harmonic answers at least
 MOVED, MOVED_BEYOND = 0.004, 1.0  # of the power of a change of voltage: what it moves elsewhere, as displacement
+CREEPS = 0.8  # of the creep of a pass: that of the next one
+PAIRS = 3  # earlier changes whose effect is known
+LONGEST = 1.5  # times such a change: how far its effect is trusted
+ALIKE = 1e-3  # relative regularisation of changes that are alike
 LEAST = 0.1  # of the whole step: the least that is taken
 IN_TURNS = 0.001  # weight of the error where it does not count, beside 1 where it does
 ITERATIONS = 200  # of conjugate gradients, at most
@@ -115,6 +119,7 @@ class HarmonicLaw:
         self._last: Spectra | None = None
         self._base: tuple[float, ComplexArray, ComplexArray, FloatArray] | None = None
         self._step, self._worse, self._changed = 1.0, False, False
+        self._pairs: list[Spectra] = []  # U and E of the last passes, and the variance of the latter
         self.scaled = 1.0
 
     def remember(self, other: HarmonicLaw, then: FloatArray, now: FloatArray) -> None:
@@ -183,7 +188,8 @@ class HarmonicLaw:
         U, E_base = np.append(output[:1], U[1:]), np.append(E[:1], E_base[1:])
         power = np.abs(E_base) ** 2
         R2, variance = np.abs(self.ratio) ** 2, 1 / self._information
-        step = self._step * self._steps(E_base, noise2)
+        step = self._steps(E_base, noise2)
+        step[1:] *= self._step
         left = power * ((1 - step) ** 2 + step**2 * variance / R2)
         left[0] /= 2
         expected = float(np.sqrt(2 * left.sum() / self.samples**2 + noise**2))  # by Parseval's theorem
@@ -198,6 +204,38 @@ class HarmonicLaw:
         """Of U, by so large a step against the error."""
         R2 = np.maximum(np.abs(self.ratio) ** 2, 1e-300)
         return np.asarray(step * np.conj(self.ratio) / R2 * E / self.response)
+
+    @property
+    def _doubt(self) -> FloatArray:
+        """Relative variance of R."""
+        return np.asarray(1 / (self._information * np.maximum(np.abs(self.ratio) ** 2, 1e-300)))
+
+    def _with_moved(self, change: ComplexArray, U: ComplexArray, T: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
+        """The change with what its likes have moved between harmonics, and its part that is like none of them.
+
+        T is that from an error to the change of U.
+        """
+        B = self.response * self.ratio
+        base = min(self._pairs, key=lambda pair: float(np.abs(pair[0] - U)[1:].max()))
+        steps, moved, noise = [], [], []
+        for V, E, noise2 in self._pairs:
+            d = np.where(np.arange(V.size) > 0, V - base[0], 0.0)
+            if not np.abs(d).any():
+                continue
+            r = np.where(self._moving, E - base[1] + B * d, 0.0)
+            hidden = noise2 + base[2] + np.abs(B * d) ** 2 * self._doubt
+            r = r * np.maximum(0.0, 1 - hidden / np.maximum(np.abs(r) ** 2, 1e-300))
+            steps.append(d)
+            moved.append(r)
+            noise.append(np.sum((noise2 + base[2])[self._moving]) / max(float(np.sum(np.abs(r) ** 2)), 1e-300))
+        if not steps:
+            return change, change
+        D, r = np.array(steps), np.array(moved)
+        M = (D.conj() @ D.T).real
+        M = M + np.diag(np.diag(M) * (ALIKE + np.minimum(noise, 1e6)))
+        a = np.linalg.solve(M - (D.conj() @ (T * r).T).real, (D.conj() @ change).real)
+        change = change + T * (np.clip(a, -LONGEST, LONGEST) @ r)
+        return change, change - np.linalg.solve(M, (D.conj() @ change).real) @ D
 
     def _estimate(self, before: Spectra, after: Spectra) -> bool:
         """R from what the change of U made of the displacement; whether the stage has changed: then not.
@@ -274,6 +312,7 @@ class PassLaw(HarmonicLaw):
         super().__init__(*given, **named)
         self._beyond = beyond
         self._asks = False
+        self._crept, self._foreseen = 0.0, 0.0  # of the mean, in the last pass and in the next one, times samples, um
 
     def see(self, output: ComplexArray, measured: ComplexArray, noise2: FloatArray) -> None:
         """As of `HarmonicLaw`; the first pass shows some of R by itself."""
@@ -284,6 +323,22 @@ class PassLaw(HarmonicLaw):
             self._shown = np.asarray(np.conj(x) * measured / scatter), np.abs(x) ** 2 / scatter
             self.know()
         super().see(output, measured, noise2)
+        earlier = [] if self._changed else self._pairs[-PAIRS:]
+        self._pairs = [*earlier, (output, self._error, noise2)]
+
+    def _estimate_error(self, before: Spectra | None, this: Spectra) -> None:
+        """As of `HarmonicLaw`, with the creep that the mean will have in the next pass: less than in the last two."""
+        super()._estimate_error(before, this)
+        crept, last = float(self._error[0].real) + self._foreseen, self._crept
+        alike = min(abs(crept), abs(last)) if crept * last > 0 else 0.0
+        self._foreseen, self._crept = CREEPS * math.copysign(alike, crept), 0.0 if before is None else crept
+        self._error[0] += self._foreseen
+
+    def _change(self, U: ComplexArray, E: ComplexArray, step: FloatArray) -> ComplexArray:
+        """As of `HarmonicLaw`, with what its likes have moved."""
+        R2 = np.maximum(np.abs(self.ratio) ** 2, 1e-300)
+        T = np.where(self._moving, step * np.conj(self.ratio) / R2 / self.response, 0.0)
+        return self._with_moved(super()._change(U, E, step), U, T)[0]
 
     def _judge(self, spread: float, noise: float, E: ComplexArray) -> str:
         asked, step = self._asks, self._step

@@ -23,7 +23,7 @@ import numpy as np
 import numpy.typing as npt
 
 from truestroke.base.typing import ComplexArray, FloatArray
-from truestroke.control.harmonics import KEPT, BoolArray, HarmonicLaw, Spectra
+from truestroke.control.harmonics import KEPT, PAIRS, BoolArray, HarmonicLaw, Spectra
 
 NEIGHBOUR, REACH = 0.2, 64  # hysteresis: so much of the change of a harmonic reaches each one beside it, / the distance
 TAMED = 0.25  # of what a change may harm elsewhere counts, as the next pass corrects it; of the first one, FIRST
@@ -33,9 +33,6 @@ MOVED = 0.15  # of the power of a change: what it moves elsewhere, at least, whi
 WORSE = 1.5  # times the rmse of the best pass: at a resonance a harmonic may become worse before it becomes better
 SHOWN, SHOWN_BEYOND = 5.0, 12.0  # times the variance of the noise: power that is surely none
 BESIDE = 4  # harmonics on either side, whose power says what that of one may be
-PAIRS = 3  # earlier changes whose effect is known
-LONGEST = 1.5  # times such a change: how far its effect is trusted
-ALIKE = 1e-3  # relative regularisation of changes that are alike
 REMOVED = 2  # changes that take away what is put out beyond the bandwidth
 
 
@@ -48,7 +45,6 @@ class OnlineLaw(HarmonicLaw):
         super().__init__(*given, **named)
         self._beyond = beyond
         self._followed, self._first = 0, 0.0
-        self._pairs: list[Spectra] = []  # U and E of the last passes, and the variance of the latter
 
     # ---- The error --------------------------------------------------------------------------------------------------
 
@@ -67,11 +63,6 @@ class OnlineLaw(HarmonicLaw):
         self._error[0] = E[0]  # it creeps
         self._spread = (1 - share) * spread
         self._pairs = [*self._pairs[-PAIRS:], (U, E, noise2)]
-
-    @property
-    def _doubt(self) -> FloatArray:
-        """Relative variance of R."""
-        return np.asarray(1 / (self._information * np.maximum(np.abs(self.ratio) ** 2, 1e-300)))
 
     def _beside_noise(self, x: ComplexArray, noise2: FloatArray) -> FloatArray:
         """Mean square of what is in x beside noise."""
@@ -109,33 +100,6 @@ class OnlineLaw(HarmonicLaw):
         lost = float(np.sum((np.abs(E) ** 2 * step**2 * (1 + self._doubt) + made)[self._moving]))
         share = min(1.0, won / max(lost, 1e-300))
         return np.asarray(change * (min(share, HALF) if first else share))
-
-    def _with_moved(self, change: ComplexArray, U: ComplexArray, T: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
-        """The change with what its likes have moved between harmonics, and its part that is like none of them.
-
-        T is that from an error to the change of U.
-        """
-        B = self.response * self.ratio
-        base = min(self._pairs, key=lambda pair: float(np.abs(pair[0] - U)[1:].max()))
-        steps, moved, noise = [], [], []
-        for V, E, noise2 in self._pairs:
-            d = np.where(np.arange(V.size) > 0, V - base[0], 0.0)
-            if not np.abs(d).any():
-                continue
-            r = np.where(self._moving, E - base[1] + B * d, 0.0)
-            hidden = noise2 + base[2] + np.abs(B * d) ** 2 * self._doubt
-            r = r * np.maximum(0.0, 1 - hidden / np.maximum(np.abs(r) ** 2, 1e-300))
-            steps.append(d)
-            moved.append(r)
-            noise.append(np.sum((noise2 + base[2])[self._moving]) / max(float(np.sum(np.abs(r) ** 2)), 1e-300))
-        if not steps:
-            return change, change
-        D, r = np.array(steps), np.array(moved)
-        M = (D.conj() @ D.T).real
-        M = M + np.diag(np.diag(M) * (ALIKE + np.minimum(noise, 1e6)))
-        a = np.linalg.solve(M - (D.conj() @ (T * r).T).real, (D.conj() @ change).real)
-        change = change + T * (np.clip(a, -LONGEST, LONGEST) @ r)
-        return change, change - np.linalg.solve(M, (D.conj() @ change).real) @ D
 
     # ---- Hysteresis -------------------------------------------------------------------------------------------------
 

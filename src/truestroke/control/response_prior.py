@@ -69,6 +69,11 @@ class FewNumbers:
         Hz
     variance : ndarray
         Of R at each harmonic by itself, beside them.
+
+    Attributes
+    ----------
+    deviations : ndarray
+        Standard deviations of the numbers before the first pass, that of the gain first.
     """
 
     def __init__(self, dynamics: Dynamics | None, f: FloatArray, sample_rate: float, variance: FloatArray) -> None:
@@ -80,25 +85,25 @@ class FewNumbers:
             above += [np.zeros_like(s)] * 2
             below += [response * s**2 / w**2, response * 2 * mode.damping * s / w]
             deviations += [2 * math.hypot(FREQUENCY, own / mode.frequency), DAMPING]
-        self._above, self._below, self._deviations = np.array(above), np.array(below), np.array(deviations)
-        self._variance, self._prior = variance, np.diag(self._deviations**-2.0)
-        self._found = np.zeros(self._deviations.size)
+        self._above, self._below, self.deviations = np.array(above), np.array(below), np.array(deviations)
+        self.variance, self._prior = variance, np.diag(self.deviations**-2.0)
+        self._found = np.zeros(self.deviations.size)
 
     def given(self, weighted: ComplexArray, information: FloatArray) -> tuple[ComplexArray, FloatArray]:
         """As of `Prior`, by least squares: a step of Gauss and Newton in each call."""
-        found, weight = self._found, information / (1 + self._variance * information)
+        found, weight = self._found, information / (1 + self.variance * information)
         shown = weighted / np.maximum(information, 1e-300)
-        R, slopes = self._ratio(found)
+        R, slopes = self.ratio(found)
         of_slopes = slopes.conj() * weight
         inverse = np.linalg.inv((of_slopes @ slopes.T).real + self._prior)
         step = inverse @ ((of_slopes @ (shown - R)).real - self._prior @ found)
-        largest = float(np.abs(step / self._deviations).max())
+        largest = float(np.abs(step / self.deviations).max())
         self._found = found + step * min(1.0, LARGEST / max(largest, 1e-300))
-        R, slopes = self._ratio(self._found)
+        R, slopes = self.ratio(self._found)
         shared = np.sum((inverse @ slopes) * slopes.conj(), axis=0).real
-        return R, np.minimum(self._variance * np.maximum(np.abs(R) ** 2, 1.0) + shared, UNSURE)
+        return R, np.minimum(self.variance * np.maximum(np.abs(R) ** 2, 1.0) + shared, UNSURE)
 
-    def _ratio(self, numbers: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+    def ratio(self, numbers: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         """R, and its slopes by the numbers."""
         under = 1 + numbers @ self._below
         R = np.asarray(np.exp(numbers @ self._above) / under, dtype=np.complex128)
