@@ -182,6 +182,52 @@ def unstated(r: Record) -> Planted:
     return {"time (s)": r.time, "volts (V)": r.volts, "z": (r.displacement - r.displacement.mean()) / 10}, {}
 
 
+def joined(r: Record) -> Planted:
+    """A third of a stroke of rows lost by both channels in the middle, without time stamps"""
+    half, n = r.time.size // 2, shift(r, 0.33)
+    kept = np.r_[:half, half + n : r.time.size]
+    return {"volts (V)": r.volts[kept], "z (um)": r.displacement[kept]}, {"sample_rate": r.sample_rate}
+
+
+def doubled(r: Record) -> Planted:
+    """A tenth of the rows, a block, written twice, without time stamps"""
+    a, b = (round(share * r.time.size) for share in (0.3, 0.4))
+    rows = np.r_[:b, a : r.time.size]
+    return {"volts (V)": r.volts[rows], "z (um)": r.displacement[rows]}, {"sample_rate": r.sample_rate}
+
+
+def filled(r: Record) -> Planted:
+    """Nine holes of a tenth of a stroke in the displacement, filled by lines"""
+    z, n = r.displacement.copy(), max(10, shift(r, 0.1))
+    for a in np.linspace(0.08, 0.88, 9) * r.time.size:
+        k = int(a)
+        z[k : k + n] = np.linspace(z[k - 1], z[k + n], n + 2)[1:-1]
+    return named(r.time, r.volts, z), {}
+
+
+def multiplied(r: Record) -> Planted:
+    """Four rows of each by lines, for a higher sample rate"""
+    k = np.arange(4 * (r.time.size - 1)) / 4
+    return named(*(np.interp(k, np.arange(r.time.size), values) for values in (r.time, r.volts, r.displacement))), {}
+
+
+def two_clocks(r: Record) -> Planted:
+    """The displacement by a clock that is 3 in 1000 slower"""
+    k = np.arange(r.time.size)
+    return named(r.time, r.volts, np.interp(0.997 * k, k, r.displacement)), {}
+
+
+def counts(r: Record) -> Planted:
+    """Counts of an encoder, a thousand for the stroke, labelled um"""
+    z = r.displacement
+    return named(r.time, r.volts, np.round(1000 * (z - z.min()) / np.ptp(z))), {}
+
+
+def normalised(r: Record) -> Planted:
+    """Displacement over its span, labelled um"""
+    return named(r.time, r.volts, (r.displacement - r.displacement.min()) / np.ptp(r.displacement)), {}
+
+
 def named(time: np.ndarray, volts: np.ndarray, displacement: np.ndarray) -> Columns:
     return {"time (s)": time, "volts (V)": volts, "z (um)": displacement}
 
@@ -218,6 +264,13 @@ MISTAKES: tuple[Callable[[Record], Planted], ...] = (
     aliased,
     monitor,
     unstated,
+    joined,
+    doubled,
+    filled,
+    multiplied,
+    two_clocks,
+    counts,
+    normalised,
 )
 
 

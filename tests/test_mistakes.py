@@ -10,6 +10,7 @@ from click.testing import CliRunner
 import truestroke
 from truestroke.cli import main
 from truestroke.identification import Record, RecordError, examine, identify, read_record
+from truestroke.model.operators import play_history
 from truestroke.plant import RealisticPlant
 
 MAKERS = (foreign_records.sines_of_a_stack, foreign_records.staircase)
@@ -32,7 +33,50 @@ def test_each_mistake_is_found_in_records_of_other_models_and_none_in_the_record
         "An AC-coupled displacement: a corner at a tenth of the frequency of the strokes": 1,  # of ten strokes
         "From the middle on another actuator, with three quarters of the gain": 1,  # the same
         "One row in fifty written twice, without time stamps": 1,  # held for 2 s each
+        "A third of a stroke of rows lost by both channels in the middle, without time stamps": 3,  # small jumps
+        "The displacement by a clock that is 3 in 1000 slower": 2,  # ten strokes; two seconds
     }
+
+
+def _slewed(volts: np.ndarray, most: float) -> np.ndarray:
+    """The output of an amplifier that changes by `most` in a row at most, V."""
+    behind = volts.copy()
+    for k in range(1, volts.size):
+        behind[k] = behind[k - 1] + np.clip(volts[k] - behind[k - 1], -most, most)
+    return behind
+
+
+@pytest.mark.parametrize(("share", "asked"), [(0.6, True), (2.0, False)])
+def test_an_amplifier_at_its_slew_rate(share: float, asked: bool) -> None:
+    """Two sines of a Bouc-Wen actuator at 0.6 of their largest speed; and by an amplifier that is fast enough."""
+    t = np.arange(5000) / 1e3
+    v = 0.5 - 0.25 * (np.cos(2 * np.pi * 1.3 * t) + np.cos(2 * np.pi * 3.1 * t))
+    moved = foreign_records.bouc_wen(_slewed(v, share * float(np.abs(np.diff(v)).max())))
+    z = 20 * moved + np.random.Generator(np.random.PCG64(0)).normal(0.0, 0.01, t.size)
+    said = examine(Record.from_arrays(100 * v, z, sample_rate=1e3)).implausible
+    assert any("at the limit of its current or slew rate" in text for text in said) == asked
+
+
+@pytest.mark.parametrize(("rows", "asked"), [(16, True), (3, False)])
+def test_a_dead_time_of_many_rows_is_asked_for(rows: int, asked: bool) -> None:
+    """16 ms at 1 kHz, which a buffer makes; told as `delay` it is taken."""
+    record = record_mistakes.simulated(3, duration=4.0)
+    x, z = record.volts[::2], record.displacement[::2]
+    late = x[rows:], z[:-rows]
+    said = identify((*late, 1000.0)).verdict.reasons
+    assert any("one channel buffered" in text for text in said) == asked
+    if asked:
+        told = identify((*late, 1000.0), delay=0.016).verdict.reasons
+        assert not any("one channel buffered" in text for text in told)
+
+
+@pytest.mark.parametrize("step", [0.02, 0.001])
+def test_noise_of_a_coarse_sensor_makes_lines_and_equal_blocks_by_chance(step: float) -> None:
+    """A periodic motion, noise of 0.01 um, rounded to two and to a tenth of it: neither is asked for."""
+    x = 50 - 50 * np.cos(np.arange(20_000) * 2 * np.pi / 500)
+    z = 0.2 * play_history(x, np.linspace(0.0, 40.0, 8)).sum(axis=1) / 8
+    z += np.random.Generator(np.random.PCG64(0)).normal(0.0, 0.01, x.size)
+    assert not examine(Record.from_arrays(x, step * np.round(z / step), sample_rate=1e3)).implausible
 
 
 def test_stamps_whose_unit_is_rarely_right_make_a_model_doubtful(tmp_path: Path) -> None:

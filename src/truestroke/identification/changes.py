@@ -26,16 +26,17 @@ PARTS = 8  # of the record, each with a delay of its own
 JUMP, JUMP_ROWS = 0.04, 4.0  # of a stroke, and rows
 ALIKE = 0.15  # of a jump: so much do the delays on either side differ at most
 SEEN = 0.1  # correlation of rates, of each part
+STEADY = 0.2  # of a delay's drift: so far the parts are from a line at most
 BETTER = 1.5  # times smaller is the residual without the jump
 
 
 def changed(record: Record) -> Iterator[str]:
-    """A sentence for each of the three, with its evidence and the remedy."""
+    """A sentence for each, with its evidence and the remedy."""
     turns = turning.reversals(record.volts, turning.STROKE * float(np.ptp(record.volts)))
     if turns.size > FEWEST:
         fitted = _fitted(record, turns)
         yield from _of_way_back(fitted)
-        yield from [*_of_delay(record, fitted)] or _of_gain(record, turns)
+        yield from [*_of_delay(record, fitted), *_of_clocks(record, fitted)][:1] or _of_gain(record, turns)
 
 
 def jumped(record: Record, turns: turning.Rows) -> str:
@@ -156,6 +157,22 @@ def _explains(x: FloatArray, z: FloatArray, rows: int, at: int, stroke: float) -
     columns = _columns(x, stroke)[kept]
     left = [float(np.std(y - columns @ np.linalg.lstsq(columns, y, rcond=1e-10)[0])) for y in (z[kept], moved[kept])]
     return left[0] > BETTER * left[1]
+
+
+def _of_clocks(record: Record, fitted: _Fitted) -> Iterator[str]:
+    """The delay grows or shrinks steadily: the channels have clocks of their own."""
+    delays = _delays(fitted.predicted, fitted.displacement, fitted.stroke)
+    if delays is None:
+        return
+    slope, first = np.polyfit(np.arange(PARTS), delays, 1)
+    drift, off = float(slope) * PARTS, float(np.abs(delays - first - slope * np.arange(PARTS)).max())
+    if abs(drift) > max(JUMP * fitted.stroke, JUMP_ROWS) and off < STEADY * abs(drift):
+        rate = 1e6 * abs(drift) / fitted.volts.size
+        way = "later" if drift > 0 else "earlier"
+        yield (
+            f"the displacement gets {way} and {way}, by {abs(drift) * fitted.every:.3g} rows in the whole record "
+            f"({rate:.2g} millionths): do the channels have clocks of their own? Record both by one clock"
+        )
 
 
 def _of_gain(record: Record, turns: turning.Rows) -> Iterator[str]:

@@ -12,9 +12,9 @@ import numpy as np
 from truestroke.base.typing import FloatArray
 from truestroke.identification import turning
 from truestroke.identification.changes import changed
-from truestroke.identification.faults import repeated
 from truestroke.identification.noise import noise
 from truestroke.identification.record import Record
+from truestroke.identification.rows import rewritten
 
 if TYPE_CHECKING:
     from truestroke.identification.examine import Findings
@@ -34,10 +34,13 @@ MILLIVOLTS = 1.5, 50.0  # V, um/V: few actuators go so far with so little
 WEAK = 2e-4  # um/V: less than of a single plate
 MONITOR = re.compile(r"\bmon(itor)?\b|[_ ]mon(itor)?([_ ]|$)|^mon", re.IGNORECASE)
 CONVERTER = 10.5  # V: most converters of a sensor end at 10
+LIMITED, FREE = 0.012, 2.0  # of the rows at one largest speed, and times the voltage's speeds differ in them
+NEAR_TOP, FEWEST_AT_TOP = 0.05, 20  # of that speed, and rows
+WHOLE = 100  # different values, all of them whole numbers
+NORMALISED = (0.0, 1.0), (0.0, 100.0), (-1.0, 1.0)  # which no sensor with noise hits at both ends
 LEVEL = 8.0  # times the noise: so wide is a level at which a signal stays
 FLATTER, TURNED = 2.5, 0.025  # times what the level is of the span, and of its span, the other signal goes on meanwhile
 CUT = 0.01  # of the rows
-FEWEST_AGAIN, AGAIN = 5, 0.001  # rows, and of the rows
 
 
 def implausible(record: Record, found: Findings) -> tuple[str, ...]:
@@ -60,7 +63,8 @@ def implausible(record: Record, found: Findings) -> tuple[str, ...]:
         *_of_sampling(record, found),
         *_of_hysteresis(record, found),
         *_of_levels(record, found),
-        *_of_copies(record),
+        *_of_slew(record, found),
+        *rewritten(record, found),
     )
     return (*units, *of_signals, *changed(record))
 
@@ -130,7 +134,23 @@ def _of_units(record: Record, found: Findings) -> Iterator[str]:
             f"the voltage is the column {volts.heading!r}: a monitor mostly shows a tenth or a hundredth of the "
             "voltage. State what 1 of it is (`volts_scale`; 1 if a controller is to put out these)"
         )
-    if not moved.stated and max(map(abs, found.displacement_um)) <= CONVERTER:
+    if not volts.asked and volts.unit == "V" and _whole(record.volts):
+        yield (
+            f"the voltage has whole numbers of V only, from {record.volts.min():g} to {record.volts.max():g}: are they "
+            "codes of a converter? State what 1 of it is (`volts_scale`)"
+        )
+    if not moved.asked and moved.unit == "um" and _whole(record.displacement):
+        yield (
+            f"the displacement has whole numbers of um only, from {record.displacement.min():g} to "
+            f"{record.displacement.max():g}: are they counts or nm? State its unit (`displacement_unit`, "
+            "`displacement_scale`)"
+        )
+    elif not moved.asked and moved.unit == "um" and found.displacement_um in NORMALISED:
+        yield (
+            f"the displacement is exactly from {found.displacement_um[0]:g} to {found.displacement_um[1]:g}: is it "
+            "normalised? State the um of 1 of it (`displacement_scale`)"
+        )
+    elif not moved.stated and max(map(abs, found.displacement_um)) <= CONVERTER:
         yield (
             "the displacement has no unit, and stays within +-10 as the volts of a sensor do: is it in um? State its "
             "unit (`displacement_unit`), or its um/V (`displacement_scale`)"
@@ -143,6 +163,11 @@ def _of_units(record: Record, found: Findings) -> Iterator[str]:
         yield f"{stroke:.3g} um for {span:.3g} V is {what}: is its unit right? State it (`displacement_unit`)"
     elif volts.unit == "mV" and not volts.asked and span < MILLIVOLTS[0] and gain > MILLIVOLTS[1]:
         yield f"{1e3 * span:.3g} mV move {stroke:.3g} um: is the voltage in V? State its unit (`volts_unit`)"
+
+
+def _whole(values: FloatArray) -> bool:
+    """Whether all of many different values are whole numbers: counts, codes, or a smaller unit without its point."""
+    return not np.any(values % 1.0) and np.unique(values).size > WHOLE
 
 
 def _of_hysteresis(record: Record, found: Findings) -> Iterator[str]:
@@ -221,29 +246,27 @@ def _to_and_fro(signal: FloatArray) -> float:
     return float(max(signal.max() - max(ends), min(ends) - signal.min()))
 
 
-def _of_copies(record: Record) -> Iterator[str]:
-    """Both signals repeat their values in the same rows: each row is there several times, or some rows are."""
-    every = repeated(record.displacement)
-    if every > 1 and repeated(record.volts) == every:
-        x, z = record.volts, record.displacement
-        if np.mean((np.diff(x) != 0) == (np.diff(z) != 0)) > 0.9:
-            yield (
-                f"voltage and displacement have a new value in every {every}. row only: are rows written {every} "
-                f"times, and is the sample rate {every} times too high?"
-            )
-    again = _again(record)
-    if again >= FEWEST_AGAIN:
+def _of_slew(record: Record, found: Findings) -> Iterator[str]:
+    """The displacement has a largest speed, whatever that of the voltage: an amplifier at the limit of its current."""
+    share, slowest, fastest = limited(record, found)
+    if share > LIMITED and fastest > FREE * slowest:
         yield (
-            f"{again} rows, each by itself, repeat both values of the row before, while both signals move: did the "
-            "logger write rows twice? Leave out the copies, or record with time stamps"
+            f"in {100 * share:.2g} % of the rows the displacement moves at one largest speed, while the voltage's "
+            f"differs by more than {FREE:g} times: is the amplifier at the limit of its current or slew rate, and the "
+            "voltage recorded in front of it? Record behind it, or move more slowly"
         )
 
 
-def _again(record: Record) -> int:
-    """Rows that repeat both values, between rows in which the voltage moves; 0 where chance makes as many."""
-    still = np.diff(record.volts) == 0, np.diff(record.displacement) == 0
-    both = still[0] & still[1]
-    alone = both[1:-1] & ~still[0][:-2] & ~still[0][2:]
-    by_chance = float(still[0].mean() * still[1].mean()) * both.size
-    number = int(alone.sum())
-    return number if number > max(AGAIN * both.size, 5 * by_chance) else 0
+def limited(record: Record, found: Findings) -> tuple[float, float, float]:
+    """Share of the rows at the largest speed of the displacement, and the voltage's 10 and 90 % speeds in them."""
+    x, z, over = record.volts, record.displacement, 1
+    moved = np.abs(np.diff(z))
+    while found.noise_um * 1.5 > 0.01 * np.percentile(moved, 99) and 40 * over <= z.size:
+        over *= 2
+        moved = np.abs(z[over:] - z[:-over])
+    top = float(np.percentile(moved, 99.5))
+    at = np.abs(moved - top) < NEAR_TOP * top
+    if np.count_nonzero(at) < FEWEST_AT_TOP:
+        return 0.0, 0.0, 0.0
+    low, high = np.percentile(np.abs(x[over:] - x[:-over])[at], [10, 90])
+    return float(at.mean()), float(low), float(high)

@@ -18,6 +18,7 @@ from truestroke.identification.regression import plays
 if TYPE_CHECKING:
     from truestroke.identification.examine import Findings
     from truestroke.identification.identified import HeldOut, Trace
+    from truestroke.identification.response import Response
 
 NOISE = 2.0  # times the sensor's noise: below, no model has half the error
 SILENT = 1e4  # times the noise: then it is that of rounded numbers, and the record is a simulated one
@@ -37,6 +38,7 @@ BEATEN = (
 )  # of its mean square, by a black box: a reason, and a model with half the error, which none is good beside
 SLOW = 0.5, 0.8  # the same by time, which few means show by chance; and where it hides the others
 BEYOND = 0.15  # of the range or speed of the fitted part: beyond it the held-out part extrapolates
+DEAD_TIME, DEAD_ROWS = 0.005, 8.0  # s, and rows: more is that of a shifted or buffered channel
 FEW_STROKES = 6
 ALIKE = 1.5  # the longest strokes over the shortest: below, inner loops are not tested
 ROWS = 20_000  # of the held-out part at most, evenly taken
@@ -181,7 +183,7 @@ def _beyond(trace: Trace, fitted: Any, tested: Any) -> dict[str, float]:
 # ---- Verdict ---------------------------------------------------------------------------------------------------------
 
 
-def verdict(found: Evidence, held_out: HeldOut, findings: Findings) -> Verdict:
+def verdict(found: Evidence, held_out: HeldOut, findings: Findings, response: Response | None = None) -> Verdict:
     """Good, doubtful (usable) or bad (do not use it), with the reasons and the next measurement to make.
 
     Good is a model whose error on motion that it has not seen is at most twice the noise of the sensor, so that no
@@ -191,6 +193,7 @@ def verdict(found: Evidence, held_out: HeldOut, findings: Findings) -> Verdict:
         *(("bad", f"The record contradicts itself: {mistake.rstrip('?')}.") for mistake in findings.mistakes),
         *_of_error(found, held_out, findings),
         *_of_zero(held_out),
+        *(() if response is None else _of_dead_time(response, findings)),
         *_of_residual(found, held_out, findings),
         *_of_excitation(findings),
     ])  # fmt: skip
@@ -230,6 +233,18 @@ def _of_zero(held_out: HeldOut) -> Iterator[tuple[Level, str]]:
     if held_out.zero_um:
         moved = f"{abs(held_out.zero_um):.3g} um {'above' if held_out.zero_um > 0 else 'below'} that before"
         yield "doubtful", f"Behind a long gap the zero is {moved}; the errors are without it. Measure it on each day."
+
+
+def _of_dead_time(response: Response, findings: Findings) -> Iterator[tuple[Level, str]]:
+    """A dead time that amplifier, sensor and converters do not have: one of the channels is late."""
+    rows = response.delay * findings.sample_rate_hz
+    if response.separable and response.delay > DEAD_TIME and rows > DEAD_ROWS:
+        late = f"late by {_seconds(response.delay)} ({rows:.0f} rows) at all speeds"
+        yield (
+            "doubtful",
+            f"The displacement is {late}, as hardly any is: is it shifted, or one channel buffered? Record both by one "
+            "clock, or state the dead time (`delay`).",
+        )
 
 
 def _worse(found: Evidence) -> str:
