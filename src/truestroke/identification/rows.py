@@ -21,7 +21,7 @@ FEWEST_AGAIN, AGAIN = 5, 0.001  # rows, and of the rows
 WINDOW, BLOCK = 8, 40  # rows that are compared with all others, and of a block that is a copy
 COPIED, DRAWN_FROM = 1.0, 2.0  # steps of the sensor: with so much noise no block, and no line, is there by chance
 STRAIGHT = 6  # second differences on one line, at least
-FLOAT = 1e-9  # of the stroke: what computing with floats leaves
+FLOAT = 1e-9  # of the stroke: rounding of floats
 CHANCE = 1e-3  # of a line of so many rows anywhere in the record, by noise alone
 FEWEST_FILLED, DRAWN = 3, 0.45  # such places; and of all rows, where lines join the measured ones
 JOINT = 0.03  # of the span: both signals move so far from one row to the next
@@ -159,4 +159,4 @@ def _is_joint(x: FloatArray, z: FloatArray, k: int, gain: float, slow: float) ->
         return False
     low, high = SHARE
     goes_on = min(abs(x[before].mean()), abs(x[behind].mean())) > slow
-    return goes_on and low < z[k] / (gain * x[k]) < high
+    return bool(goes_on and low < z[k] / (gain * x[k]) < high)
