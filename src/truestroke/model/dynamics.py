@@ -214,8 +214,10 @@ not see it: raise the sample rate
         delay, corners = self.dead_time, [self.amplifier_bandwidth]
         if sensor:
             delay, corners = delay + self.sensor_delay, [*corners, self.sensor_bandwidth]
-        lags = math.prod((1 + s / (2 * math.pi * corner) for corner in corners if corner), start=np.ones_like(s))
-        return np.asarray(np.exp(-s * delay) / lags * sum(mode.response(s) for mode in self.modes))
+        found = sum(mode.response(s) for mode in self.modes)
+        lags = [1 + s / (2 * math.pi * corner) for corner in corners if corner]
+        late = np.exp(-s * delay) if delay else 1.0
+        return np.asarray((late / math.prod(lags) if lags else late) * found)
 
     def response(self, frequency: npt.ArrayLike, *, sensor: bool = False) -> ComplexArray:
         """From the sequence of commands, each held for a tick, to the sequence of displacements, each the mean over it.
