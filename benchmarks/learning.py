@@ -6,7 +6,7 @@ error is that of the true displacement against the raster itself, on its lines, 
 
 With --online it is a `RepetitiveController` around the default controller, which knows the same dynamics: batch by
 batch in one run, with half a second of lost measurements where a pass is missed. Its first batch is the controller
-alone.
+alone. With --gain 0.95 the gain of the stage changes after eight passes, and those after it count.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from truestroke.plant import StagePlant, StageSettings
 FS, LIMITS, SPAN = 10_000.0, (-0.6, 3.6), 20.0
 FREQUENCIES = {400.0: (10.0, 20.0, 50.0, 100.0), 900.0: (10.0, 20.0, 50.0, 100.0, 200.0)}
 KINDS = "plays", "preisach", "bouc-wen"
+BEFORE = 8  # passes before the gain changes
 MISSED = 2  # the pass that is missed, where one is
 
 
@@ -83,8 +84,8 @@ def online(c: Case, batches: int) -> list[float]:
     return (found + found[-1:] * batches)[:batches]
 
 
-def errors(c: Case, passes: int) -> list[float]:
-    """Of each pass that was not missed, %."""
+def errors(c: Case, passes: int, changed: float = 1.0) -> list[float]:
+    """Of each pass that was not missed, %; of those after a change of the gain of the stage, where it changes."""
     stage, known = stage_of(c)
     stage.open()
     wave = raster(c, 1.0)
@@ -94,15 +95,17 @@ def errors(c: Case, passes: int) -> list[float]:
     start = math.ceil(0.25 * FS / N) * N
     desired, lines = wave.position[start : start + N], learned.counts
     found: list[float] = []
-    for k in range(passes + c.missed):
+    before = BEFORE if changed != 1.0 else 0
+    for k in range(before + passes + c.missed):
         if c.missed and k == MISSED:
             learned.learn(None)
             continue
-        measured = stage.exchange(np.tile(learned.volts, settle + count))[settle * N :]
-        true = stage.truth[settle * N :].reshape(count, N).mean(axis=0)
+        gain = changed if k >= before + c.missed else 1.0
+        measured = gain * stage.exchange(np.tile(learned.volts, settle + count))[settle * N :]
+        true = gain * stage.truth[settle * N :].reshape(count, N).mean(axis=0)
         learned.learn(measured)
         found.append(100 * float(np.std((true - desired)[lines])) / SPAN)
-    return found
+    return found[before:]
 
 
 def main() -> None:
@@ -110,10 +113,16 @@ def main() -> None:
     parser.add_argument("--stages", type=int, default=30)
     parser.add_argument("--first", type=int, default=1, help="number of the first stage; odd ones were not tuned with")
     parser.add_argument("--passes", type=int, default=8)
+    parser.add_argument(
+        "--gain", type=float, default=1.0, help="of the stage from the ninth pass on, which is pass 0 then"
+    )
     parser.add_argument("--online", action="store_true", help="one run with a RepetitiveController")
     asked = parser.parse_args()
-    one = online if asked.online else errors
-    table = np.array([one(case(asked.first + 2 * k), asked.passes) for k in range(asked.stages)])
+    cases = [case(asked.first + 2 * k) for k in range(asked.stages)]
+    if asked.online:
+        table = np.array([online(c, asked.passes) for c in cases])
+    else:
+        table = np.array([errors(c, asked.passes, asked.gain) for c in cases])
     print("pass    median   95 %    worst   above the first   above 0.05 %")
     for k, column in enumerate(table.T):
         above, far = int(np.sum(column > table[:, 0])), int(np.sum(column > 0.05))

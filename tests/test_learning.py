@@ -344,6 +344,8 @@ def test_what_does_not_repeat_is_refused():
         IterativeLearning(wave, dynamics=dynamics(900.0), **KNOWN)
     with pytest.raises(SettingError, match="one that rests"):
         IterativeLearning(np.ones(100), FS, dynamics=dynamics(900.0), **KNOWN)
+    with pytest.raises(SettingError, match="sample_rate = None Hz: must be that of the array"):
+        IterativeLearning(np.arange(100.0), dynamics=dynamics(900.0), **KNOWN)
 
 
 @pytest.mark.parametrize(

@@ -143,6 +143,33 @@ def test_a_record_that_does_not_fit_is_named(change, message, scan, volts, shown
         truestroke.unwarp(shown, change(ScanRecord.of(scan, volts[0])), model)
 
 
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (
+            lambda x, gate: (x[:-20_000], gate[:-20_000]),
+            "the recording 24 lines of it: it was cut short, so that lines before .* or behind 6.* s are missing",
+        ),
+        (lambda x, gate: (x, without(gate, 20, 2)), "triggers are missing, 2 of them, the first ones between"),
+        (
+            lambda x, gate: (x, without(gate, 0, 3)),
+            "the recording 61 lines of it: it was cut short, so that lines before 1.* s",
+        ),
+    ],
+)
+def test_a_trigger_that_does_not_fit_says_what_is_missing(spoil, message, scan, volts, shown, model):
+    x, gate = spoil(volts[0], scan.gate(1))
+    record = ScanRecord(x=x, sample_rate=FS, lines=triggered(gate, FS), jitter=0.5 / FS)
+    with pytest.raises(ImageError, match=message):
+        truestroke.unwarp(shown["trace"], record, model)
+
+
+def without(gate, first, count):
+    """A gate that misses some of its lines."""
+    line = np.cumsum(np.diff(gate, prepend=0) > 0) - 1
+    return np.where((line >= first) & (line < first + count), 0, gate)
+
+
 def swapped(lines):
     """Trace and retrace mistaken for one another."""
     made = lines.copy()

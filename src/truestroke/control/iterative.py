@@ -461,6 +461,8 @@ def _period(motion: Trajectory | npt.ArrayLike, sample_rate: float | None) -> tu
         if wave.size < 4:
             raise SettingError("motion", f"array of {wave.size} samples", "a period of at least 4")
         _moves(wave)
+        if sample_rate is None:
+            raise SettingError("sample_rate", None, "that of the array of one period, a number", "Hz")
         return wave, np.ones(wave.size, dtype=bool), checks.positive("sample_rate", sample_rate, "Hz"), 1
     rate, frequency = motion.sample_rate, motion.settings.get("frequency")
     if sample_rate is not None and sample_rate != rate:

@@ -28,6 +28,7 @@ from truestroke.signals.tables import UNITS, RecordError, open_table
 DIRECTIONS = {"trace": 1, "retrace": -1}
 APART, FAR = 0.3, 3.0  # pixels between trace and retrace after it: beyond them doubtful, bad
 BACK = 1.0  # pixels: a line that goes back further is none
+SKIPPED = 1.5  # periods from one line to the next: beyond, one between them is missing
 BLOCKS = 8  # of columns, in which trace and retrace are aligned
 HEADINGS = {"x": ("volts x", "volts_x", "x", "volts", "u"), "y": ("volts y", "volts_y", "y")}
 
@@ -324,14 +325,32 @@ def unwarp(
 def _check_fit(image: Image, name: str, record: ScanRecord) -> None:
     """The record has a line for each row, and goes on to the end of the last one."""
     lines = record.lines[record.lines["direction"] == DIRECTIONS[name]]
-    if lines.size != image.data.shape[0]:
-        raise ImageError(
-            f"the {name} has {image.data.shape[0]} rows, the recording {lines.size} lines of it: the image is of "
-            "another scan, the trigger is that of another direction, or some of its lines are missing"
-        )
+    if lines.size != (rows := image.data.shape[0]):
+        why = _other_count(lines, rows)
+        raise ImageError(f"the {name} has {rows} rows, the recording {lines.size} lines of it: {why}")
     end, last = record.x.size / record.sample_rate, float(lines["end"].max())
     if last > end + 1 / record.sample_rate:
         raise ImageError(f"the recording ends at {end:.4g} s, the last line at {last:.4g} s: it was cut short")
+
+
+def _other_count(lines: npt.NDArray[np.void], rows: int) -> str:
+    """Why a recording has not as many lines as rows, as far as their times show it."""
+    if not lines.size:
+        return "its trigger is missing, or is that of the other direction"
+    if lines.size > rows:
+        return "the image is of another scan or has lost rows, or the trigger is another signal"
+    apart = np.diff(lines["start"])
+    period = float(np.median(apart)) if apart.size else 0.0
+    gaps = np.flatnonzero(apart > SKIPPED * period)
+    if gaps.size:
+        begin, again = lines["start"][gaps[0] : gaps[0] + 2]
+        missing = round(float(np.sum(apart[gaps] / period - 1)))
+        return f"triggers are missing, {missing} of them, the first ones between {begin:.4g} and {again:.4g} s"
+    first, last = lines["start"][0], lines["end"][-1]
+    return (
+        f"it was cut short, so that lines before {first:.4g} s or behind {last:.4g} s are missing, or the image is of "
+        "another scan"
+    )
 
 
 def _places(
