@@ -141,6 +141,7 @@ def test_a_shaken_stage_is_told_with_the_resonance_that_was_found():
         assert "`resonance` (Hz)" in text
 
 
+@pytest.mark.filterwarnings("ignore::truestroke.LatenessWarning")  # what is found does not depend on it
 def test_runs_write_down_the_resonance_that_they_found(tmp_path):
     soft = PlantSettings(resonance=80.0)
     sine = trajectories.sine(frequency=10.0, peak_to_peak=20.0, duration=1.0)

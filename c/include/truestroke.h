@@ -239,15 +239,20 @@ TS_API bool ts_kalman_is_spike(ts_kalman *k, const ts_kalman_settings *s, ts_rea
 TS_API bool ts_kalman_tick(ts_kalman *k, const ts_kalman_settings *s, const ts_real *w0, ts_prior P0, ts_real *w,
                            const ts_real *u, ts_real y, ts_real innovation, bool measured, bool learn, int m);
 
-/* Of the first `columns` columns of P, the sum of all of them and that of those whose weight is of no play. */
+/* Of the first columns of P, the sum of all of them and that of those whose weight is of no play. */
 typedef struct {
     ts_real all[TS_PADDED(TS_MAX_LEARNED)], rates[TS_PADDED(TS_MAX_LEARNED)];
+} ts_column_sum;
+
+/* That of the first `columns`, and those before each block of eight that they have begun. */
+typedef struct {
+    ts_column_sum sum, before[TS_PADDED(TS_MAX_LEARNED) / TS_LANES];
     int columns;
 } ts_column_sums;
 
 /* Moves w in the metric of P so that g.w grows by `missing`: w += P g missing / (g.P g). g is 1 for each of the first
  * `columns` weights, but `rate` for those of no play. `sums`, at first of 0 columns, belongs to this P: a further call adds
- * the columns that it lacks, or begins anew where it has more. */
+ * the columns that it lacks, or where it has more goes on from the last block that it needs whole. */
 TS_API void ts_kalman_project(const ts_kalman *k, ts_real *w, ts_column_sums *sums, int columns, ts_real rate, ts_real missing,
                               int m);
 

@@ -230,14 +230,19 @@ static inline void add_columns(const ts_real *P, ts_real *sum, int from, int cou
 
 static void add_up_to(const ts_kalman *k, ts_column_sums *s, int columns, int m)
 {
-    if (s->columns == 0 || s->columns > columns) memset(s, 0, sizeof *s);
+    if (s->columns == 0) memset(&s->sum, 0, sizeof s->sum);
+    if (s->columns > columns) {
+        s->columns = columns - columns % TS_LANES;
+        s->sum = s->before[s->columns / TS_LANES];
+    }
     while (s->columns < columns) {
         int from = s->columns, count = TS_LANES - from % TS_LANES;
+        if (count == TS_LANES) s->before[from / TS_LANES] = s->sum;
         if (count > columns - from) count = columns - from;
-        if (count == TS_LANES) add_columns(k->P, s->all, from, TS_LANES, m); /* a loop of known length is faster */
-        else add_columns(k->P, s->all, from, count, m);
+        if (count == TS_LANES) add_columns(k->P, s->sum.all, from, TS_LANES, m); /* a loop of known length is faster */
+        else add_columns(k->P, s->sum.all, from, count, m);
         for (int i = from; i < from + count; i++)
-            if (k->part[i] == 0) add_columns(k->P, s->rates, i, 1, m);
+            if (k->part[i] == 0) add_columns(k->P, s->sum.rates, i, 1, m);
         s->columns += count;
     }
 }
@@ -248,7 +253,7 @@ void ts_kalman_project(const ts_kalman *k, ts_real *w, ts_column_sums *sums, int
     add_up_to(k, sums, columns, m);
     int block = 0;
     do { /* m is 1 at least */
-        store(Pg + block, plus(load(sums->all + block), rate - 1, load(sums->rates + block)));
+        store(Pg + block, plus(load(sums->sum.all + block), rate - 1, load(sums->sum.rates + block)));
         block += TS_LANES;
     } while (block < m);
     for (int i = 0; i < columns; i++) {

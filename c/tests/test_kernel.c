@@ -515,6 +515,32 @@ static void test_silence(void)
     check(finite, "nothing at all is not divided by nothing");
 }
 
+static void test_shared_sums(void)
+{
+    enum { WIDE = 3 * TS_LANES + 5 };
+    static ts_kalman k;
+    for (int i = 0; i < WIDE; i++) {
+        k.part[i] = (uint8_t)(i % 3);
+        for (int j = 0; j <= i; j++) { /* rows go on to the end of the block that holds the diagonal */
+            ts_real entry = i == j ? 2 * WIDE : (ts_real)uniform(-1, 1);
+            k.P[TS_ROW(i) + j] = entry;
+            if (j - j % TS_LANES == i - i % TS_LANES) k.P[TS_ROW(j) + i] = entry;
+        }
+    }
+    bool same = true;
+    for (int first = 1; first <= WIDE; first++)
+        for (int second = 1; second <= WIDE; second++) {
+            ts_real shared[TS_PADDED(WIDE)] = {0}, alone[TS_PADDED(WIDE)] = {0};
+            ts_column_sums sums = {.columns = 0}, one = {.columns = 0}, other = {.columns = 0};
+            ts_kalman_project(&k, shared, &sums, first, (ts_real)0.75, 1, WIDE);
+            ts_kalman_project(&k, shared, &sums, second, (ts_real)-0.75, 1, WIDE);
+            ts_kalman_project(&k, alone, &one, first, (ts_real)0.75, 1, WIDE);
+            ts_kalman_project(&k, alone, &other, second, (ts_real)-0.75, 1, WIDE);
+            same &= memcmp(shared, alone, sizeof shared) == 0;
+        }
+    check(same, "a projection that goes on from sums of another has the bits of one by itself");
+}
+
 static void test_project(void)
 {
     ts_real w[TS_PADDED(K_M)], P0[TS_PACKED(K_M)], g[TS_PADDED(K_M)] = {1, 1, 0, 0};
@@ -683,6 +709,7 @@ int main(void)
     test_spikes_and_changes();
     test_silence();
     test_project();
+    test_shared_sums();
     test_slopes_at_both_ends();
     test_limited_tick_is_not_used();
     test_hold();
