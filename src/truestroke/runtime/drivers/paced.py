@@ -146,7 +146,7 @@ def require_time(tick: Callable[[], object], sample_rate: float, remedy: str = "
     slow = float(np.quantile(took, 0.9)) * MARGIN
     if slow * sample_rate > 1:
         raise DriverError(
-            f"sample_rate = {sample_rate:g} Hz: a set-point and a position take {1e3 * slow / MARGIN:.2g} ms here, so "
+            f"sample_rate = {sample_rate:g} Hz: a set-point and a position take {1e3 * slow / MARGIN:.4g} ms here, so "
             f"at most {1 / slow:.2g} Hz{remedy}"
         )
 
