@@ -60,13 +60,24 @@ def test_an_interval_grows_with_the_distance_from_the_record():
     assert known.interval(x, fs) == pytest.approx(1.96 * 0.01, rel=0.01)
     assert known.interval(x, 3 * fs) == pytest.approx(1.96 * np.hypot(0.01, 1.5 * 0.1 * 2), rel=0.01)
     beyond = known.interval(np.linspace(0.0, 3.9, 79), fs)  # 30 % of the voltage range
-    assert beyond[-1] == pytest.approx(1.96 * np.hypot(0.01, 1.5 * 0.3), rel=0.01)
+    distance = known.replace(explored=Explored(been, 0.0)).interval(np.linspace(0.0, 3.9, 79), fs)
+    assert beyond[-1] ** 2 - distance[-1] ** 2 == pytest.approx((1.96 * 1.5 * 0.3) ** 2, rel=0.02)
     back = known.interval(np.concatenate([x, x[::-1]]), fs)  # on the way down, which the record does not have
     assert np.all(back[70:110] > 1.96 * 1.5 * 0.1)
     with pytest.raises(SettingError, match="growth"):
         Explored(been, -1.0)
     with pytest.raises(SettingError, match="places"):
         Explored(been[:, :3], 1.0)
+
+
+def test_beyond_the_voltages_of_the_record_an_interval_grows_whatever_its_blocks_show():
+    """A record from 1 to 2 V of a model for 0 to 3 V, whose blocks have no growth: each tenth of the range outside."""
+    at = places(np.linspace(1.0, 2.0, 40), np.zeros(40), (0.0, 3.0), 1.0)
+    known = model(noise=0.01, explored=Explored(spread(at), 0.0))
+    width = known.interval(np.linspace(0.0, 3.0, 31), FS)
+    assert width[10:21] == pytest.approx(np.full(11, 1.96 * 0.01))
+    assert np.all(np.diff(width[21:]) > 0.01 * known.stroke)
+    assert width[:10] == pytest.approx(width[:20:-1])
 
 
 def test_the_places_of_a_record_are_few_and_near_all_of_it():
@@ -77,6 +88,7 @@ def test_the_places_of_a_record_are_few_and_near_all_of_it():
     away = Explored(few, 0.0).distance(at)
     assert away.max() < 0.1
     assert np.median(away) < 0.04
+    assert np.ptp(few[:, 0]) == pytest.approx(np.ptp(at[:, 0]), abs=0.01)
     some = np.random.Generator(np.random.PCG64(2)).permutation(at)[:300]
     assert away.max() < Explored(some, 0.0).distance(at).max()
 

@@ -15,6 +15,7 @@ PLAYS = (0.05, 0.15, 0.3)  # of the voltage range: plays that stand for the turn
 OF_VELOCITY = 0.1  # the coordinate of motion as fast as the fastest of the record
 PLACES = 300  # at most, of a record
 ROWS = 2000  # of which they are taken, at most
+EDGE = 0.01  # of the voltage range: so far from its ends the places may be
 DIGIT = 3  # decimals of a coordinate, 0.1 % of the voltage range
 
 
@@ -51,6 +52,11 @@ class Explored:
         from scipy.spatial import cKDTree
 
         return np.asarray(cKDTree(self.places).query(at)[0], dtype=np.float64)
+
+    def beyond(self, at: FloatArray) -> FloatArray:
+        """How far the voltage of places, shape (samples, 5), is outside of the record's, over its range; else 0."""
+        x, low, high = at[:, 0], float(self.places[:, 0].min()), float(self.places[:, 0].max())
+        return np.asarray(np.maximum(np.maximum(x - high, low - x) - EDGE, 0.0))
 
 
 def places(
@@ -89,13 +95,16 @@ def places(
 
 
 def spread(rows: FloatArray) -> FloatArray:
-    """At most `PLACES` of the rows, each the one farthest from those before it, rounded; shape (n, 5)."""
+    """At most `PLACES` of the rows, each the one farthest from those before it, rounded; shape (n, 5).
+
+    The first two are those of the least and the largest voltage.
+    """
     few = np.unique(rows[:: -(-len(rows) // ROWS)].round(DIGIT), axis=0)
     if len(few) <= PLACES:
         return np.asarray(few)
-    chosen, near, last = [], np.full(len(few), np.inf), 0
-    for _ in range(PLACES):
-        chosen.append(last)
-        near = np.minimum(near, np.sum((few - few[last]) ** 2, axis=1))
-        last = int(near.argmax())
+    chosen, near = [0, len(few) - 1], np.full(len(few), np.inf)
+    for k in range(PLACES - 1):
+        near = np.minimum(near, np.sum((few - few[chosen[k]]) ** 2, axis=1))
+        if k > 0:
+            chosen.append(int(near.argmax()))
     return np.asarray(few[np.sort(chosen)])

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 COVERED = 1.96  # standard deviations: 95 %
 OF_ZERO = 2.45  # the same of the zero, by Student with six degrees of freedom: a record shows few ways of it
+BEYOND = 0.2  # of the stroke: the deviation of the error at a voltage that is a voltage range beyond the record
 CREEP = 0.01  # of the stroke in each decade of time: 0.01 to 0.02 in stacks (Jung and Gweon 2000)
 POINTS = 4000  # at most, at which the part of the weights is computed; straight lines between them
 
@@ -47,10 +48,11 @@ def of_motion(
 
     ::
 
-        J P J' + noise^2 + (jitter v)^2 + (growth d)^2
+        J P J' + noise^2 + (jitter v)^2 + (growth d)^2 + (BEYOND stroke b)^2
 
-    v is the velocity of the strain, d the distance of the motion from all that the record shows (`model.explored`); P
-    the covariance of the model if none is given, and `centred` as in `of_weights`.
+    v is the velocity of the strain, d the distance of the motion from all that the record shows (`model.explored`), b
+    that of the voltage from those of the record, over their range; P the covariance of the model if none is given, and
+    `centred` as in `of_weights`.
     """
     v = central_difference(model.strain(volts, sample_rate), sample_rate)
     weights = of_weights(model, volts, sample_rate, model.covariance if P is None else P, centred)
@@ -62,9 +64,12 @@ def _of_distance(model: ActuatorModel, volts: FloatArray, v: FloatArray) -> Floa
     if model.explored is None or not volts.size:
         return np.zeros_like(volts)
     every = -(-volts.size // POINTS)
-    d = model.explored.distance(places(volts, v, model.voltage_range, model.velocity, every))
-    away = np.interp(np.arange(volts.size), np.arange(0, volts.size, every), d)
-    return np.asarray((model.explored.growth * away) ** 2)
+    at = places(volts, v, model.voltage_range, model.velocity, every)
+    away, beyond = (
+        model.explored.growth * model.explored.distance(at),
+        BEYOND * model.stroke * model.explored.beyond(at),
+    )
+    return np.interp(np.arange(volts.size), np.arange(0, volts.size, every), away**2 + beyond**2)
 
 
 def _derivative(model: ActuatorModel, x: FloatArray, fs: float, every: int) -> FloatArray:
