@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -56,6 +57,11 @@ class _Fitted:
     stroke: float  # rows of a stroke
     row: float  # s
 
+    @cached_property
+    def delays(self) -> FloatArray | None:
+        """Rows by which the displacement follows the prediction in each part; None where it is not seen."""
+        return _delays(self.predicted, self.displacement, self.stroke)
+
 
 def _fitted(record: Record, turns: turning.Rows) -> _Fitted:
     every = -(-record.volts.size // ROWS)
@@ -95,7 +101,7 @@ def _of_way_back(fitted: _Fitted) -> Iterator[str]:
 
 def _of_delay(record: Record, fitted: _Fitted) -> Iterator[str]:
     """One channel has lost rows, or has some twice: from then on the displacement is later or earlier."""
-    jump = _jump(fitted.volts, fitted.displacement, fitted.predicted, fitted.stroke)
+    jump = _jump(fitted)
     if jump is not None:
         rows, at = jump
         later = "later" if rows > 0 else "earlier"
@@ -106,9 +112,9 @@ def _of_delay(record: Record, fitted: _Fitted) -> Iterator[str]:
         )
 
 
-def _jump(x: FloatArray, z: FloatArray, predicted: FloatArray, stroke: float) -> tuple[int, int] | None:
+def _jump(fitted: _Fitted) -> tuple[int, int] | None:
     """Rows by which the delay jumps, and the row at which it does; None where it is the same throughout."""
-    delays = _delays(predicted, z, stroke)
+    x, z, stroke, delays = fitted.volts, fitted.displacement, fitted.stroke, fitted.delays
     if delays is None:
         return None
     best: tuple[float, float, int] | None = None
@@ -161,7 +167,7 @@ def _explains(x: FloatArray, z: FloatArray, rows: int, at: int, stroke: float) -
 
 def _of_clocks(record: Record, fitted: _Fitted) -> Iterator[str]:
     """The delay grows or shrinks steadily: the channels have clocks of their own."""
-    delays = _delays(fitted.predicted, fitted.displacement, fitted.stroke)
+    delays = fitted.delays
     if delays is None:
         return
     slope, first = np.polyfit(np.arange(PARTS), delays, 1)
