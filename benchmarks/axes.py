@@ -137,7 +137,7 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--plants", type=int, default=10)
     parser.add_argument("--wrong", type=float, default=0.0, help="%% by which the resonances that are given are wrong")
-    parser.add_argument("--anchor", action="store_true", help="1 and 3 % at 2 kHz, nothing given, instead")
+    parser.add_argument("--anchor", action="store_true", help="1 and 3 %% at 2 kHz, nothing given, instead")
     parser.add_argument("--steps", action="store_true", help="the processor time of the learning instead")
     asked = parser.parse_args()
     plants = asked.plants

@@ -479,6 +479,15 @@ def test_what_repeats_is_learned_on_both_axes_within_two_seconds(share):
     assert max(known) < 6.0
 
 
+def test_what_a_wrong_first_step_has_shown_of_the_stage_is_kept():
+    """The 29th harmonic is between the resonance that is given, 5 % too low, and the true one: its sign is another."""
+    controller, plant = pair(share=0.95)
+    recording = run(MOTION, controller, plant)
+    errors = controller.learned["x"].errors
+    assert max(errors) > 2 * errors[0], "else the test shows nothing"
+    assert max(rms(recording)) < 8.0
+
+
 def test_calls_and_the_native_loop_learn_alike_and_a_state_goes_on():
     """Sensors that are turned; the calls are interrupted, saved and go on in another controller."""
     frame = frames.sensor_frame(3.0)

@@ -75,7 +75,7 @@ class LearnedStrain:
 
     A batch has some periods in which the last change of r decays, and some whose mean error counts. A period in which a
     measurement is missing, or a limit held the voltage, does not count. Where the error becomes twice what it was
-    without r, r begins at 0 again.
+    without r, r begins at 0 again, with what has been learned of the stage.
 
     Parameters
     ----------
@@ -146,6 +146,14 @@ class LearnedStrain:
         prior = FewNumbers(dynamics, f, rate, beside(f, dynamics.modes[0].frequency, band))
         self._law = StrainLaw(sensor * np.fft.rfft(self._wave), G, prior, f <= band, samples=self.period)
         self._strain, self._without = np.zeros(self.period), math.inf
+
+    def _return(self) -> None:
+        """r is 0 again; what batches have shown of the stage stays, as it made r wrong that nothing was known of it."""
+        before, harmonics = self._law, np.arange(self.period // 2 + 1.0)
+        self._forget()
+        assert before is not None
+        assert self._law is not None
+        self._law.remember(before, harmonics, harmonics)
 
     # ---- The strain ------------------------------------------------------------------------------------------------
 
@@ -276,7 +284,7 @@ class LearnedStrain:
         """The next r takes over, or it is learned from the beginning."""
         self._before, self._changed = self._strain, max(self._next, self._begins)
         if self.errors[-1] > WORSE * self._without:
-            self._forget()
+            self._return()
         else:
             self._strain = self._new
 
