@@ -211,6 +211,12 @@ def multiplied(r: Record) -> Planted:
     return named(*(np.interp(k, np.arange(r.time.size), values) for values in (r.time, r.volts, r.displacement))), {}
 
 
+def sorted_rows(r: Record) -> Planted:
+    """Rows sorted by the voltage, without time stamps"""
+    rows = np.argsort(r.volts, kind="stable")
+    return {"volts (V)": r.volts[rows], "z (um)": r.displacement[rows]}, {"sample_rate": r.sample_rate}
+
+
 def two_clocks(r: Record) -> Planted:
     """The displacement by a clock that is 3 in 1000 slower"""
     k = np.arange(r.time.size)
@@ -268,6 +274,7 @@ MISTAKES: tuple[Callable[[Record], Planted], ...] = (
     doubled,
     filled,
     multiplied,
+    sorted_rows,
     two_clocks,
     counts,
     normalised,

@@ -28,6 +28,7 @@ JOINT = 0.03  # of the span: both signals move so far from one row to the next
 SUDDEN, BESIDE = 8.0, 3  # times what they do in so many rows on either side
 GOES_ON = 0.2  # of the median step: so fast the voltage moves before and behind
 SHARE = 0.4, 1.6  # of the voltage's jump times the gain: of the displacement in the same row
+SORTED = 0.005  # of the stroke: noise of rows that alternate between the ways up and down
 FEW_JOINTS = 4  # a motion that jumps more often is meant to
 
 
@@ -40,6 +41,7 @@ def rewritten(record: Record, found: Findings) -> Iterator[str]:
             yield from _of_blocks(record)
         yield from _of_lines(record, step)
     yield from _of_joints(record, found)
+    yield from _of_order(record, found)
 
 
 def _of_copies(record: Record) -> Iterator[str]:
@@ -160,3 +162,14 @@ def _is_joint(x: FloatArray, z: FloatArray, k: int, gain: float, slow: float) ->
     low, high = SHARE
     goes_on = min(abs(x[before].mean()), abs(x[behind].mean())) > slow
     return bool(goes_on and low < z[k] / (gain * x[k]) < high)
+
+
+def _of_order(record: Record, found: Findings) -> Iterator[str]:
+    """A voltage that never turns, while the displacement goes to and fro from row to row."""
+    steps = np.diff(record.volts)
+    if (np.all(steps >= 0.0) or np.all(steps <= 0.0)) and found.noise_um > SORTED * found.stroke_um:
+        share = 100 * found.noise_um / found.stroke_um
+        yield (
+            f"the voltage never turns, and the displacement goes to and fro by {share:.2g} % of the stroke from row to "
+            "row: are the rows sorted by the voltage? Keep them in the order in which they were measured"
+        )
