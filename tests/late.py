@@ -13,4 +13,6 @@ class Late:
         self._name = name
 
     def __getattr__(self, name: str) -> Any:
+        if name.startswith("_"):  # pytest asks all that a file of tests has for some, and would import it
+            raise AttributeError(name)
         return getattr(importlib.import_module(self._name), name)
