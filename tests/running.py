@@ -27,6 +27,7 @@ frequency = 4.0
 duration = DURATION
 [realtime]
 overrun_streak = 0
+spin = 0.0
 watchdog_timeout = TIMEOUT
 axis_check = false
 [recording]

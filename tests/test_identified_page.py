@@ -4,15 +4,15 @@ import dataclasses
 import json
 import os
 import re
-import subprocess
-import sys
 from pathlib import Path
 from xml.etree import ElementTree
 
 import click
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
+from truestroke.cli import main
 from truestroke.cli.identify import _files
 from truestroke.identification import HeldOut, Record, examine, identify, read_record
 from truestroke.identification.regression import Structure
@@ -176,20 +176,15 @@ def test_what_each_part_of_the_structure_is_worth(found):
     assert any(one.differs == "" for one in structures(found.tried))
 
 
-def command(*arguments, folder):
-    return subprocess.run(
-        [Path(sys.executable).with_name("truestroke"), "identify", *arguments],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+def command(*arguments):
+    return CliRunner().invoke(main, ["identify", *arguments])
 
 
-def test_the_command_writes_model_page_and_pictures(tmp_path):
+def test_the_command_writes_model_page_and_pictures(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     np.savetxt(tmp_path / "sweep.csv", np.column_stack([T, X, Z])[:600], delimiter=",", header="time (s),V (V),z (um)")
-    done = command("sweep.csv", "--output", "stage.toml", "--plots", "drawn", folder=tmp_path)
-    assert (done.returncode, done.stderr) == (0, "")
+    done = command("sweep.csv", "--output", "stage.toml", "--plots", "drawn")
+    assert (done.exit_code, done.stderr) == (0, "")
     for words in ("model      stage.toml", "page       stage.html", "track --model stage.toml", "invert wave.csv"):
         assert words in done.stdout
     assert "truestroke identify sweep.csv" in text((tmp_path / "stage.html").read_text())
@@ -197,11 +192,11 @@ def test_the_command_writes_model_page_and_pictures(tmp_path):
         f"{name}-{theme}.png" for name in ("loop", "residual", "spectrum", "weights") for theme in ("light", "dark")
     }
     assert {path.name for path in (tmp_path / "drawn").iterdir()} == names
-    told = json.loads(command("sweep.csv", "--report", "other.html", "--json", folder=tmp_path).stdout)
+    told = json.loads(command("sweep.csv", "--report", "other.html", "--json").stdout)
     assert (told["model"], told["page"], told["pictures"]) == ("model.toml", "other.html", [])
     assert (tmp_path / "other.html").exists()
-    refused = command("sweep.csv", "--output", "model.html", folder=tmp_path)
-    assert (refused.returncode, refused.stderr.count("\n")) == (2, 1)
+    refused = command("sweep.csv", "--output", "model.html")
+    assert (refused.exit_code, refused.stderr.count("\n")) == (2, 1)
     for report in ("nowhere/page.html", "."):
         with pytest.raises(click.ClickException, match=f"--report {report}"):
             _files("model.toml", report)

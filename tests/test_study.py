@@ -55,6 +55,7 @@ plays = { choice = [8, 16] }
 level = 0.01
 within = 0.7
 """
+LONG = SMALL.replace("duration = 1.0", "duration = 20.0")  # 25 runs make a batch, not 500
 
 
 def source(**changed):
@@ -356,8 +357,8 @@ def count(path):
 def test_a_driver_that_is_killed_continues(tmp_path):
     """SIGKILL twice, as soon as something new is there: all is there in the end, once, as if nothing had been."""
     file, store = tmp_path / "many.toml", tmp_path / "many.sqlite"
-    file.write_text(SMALL)
-    command = [TRUESTROKE, "study", file, "--runs", "1200", "--workers", "1", "--output", tmp_path / "many"]
+    file.write_text(LONG)
+    command = [TRUESTROKE, "study", file, "--runs", "120", "--workers", "1", "--output", tmp_path / "many"]
     before = 0
     for _ in range(2):
         driver = subprocess.Popen(command, stdout=subprocess.DEVNULL)
@@ -366,22 +367,22 @@ def test_a_driver_that_is_killed_continues(tmp_path):
         assert driver.wait() == -signal.SIGKILL
         assert count(store) >= before
         before = count(store)
-    assert 0 < before < 1200
+    assert 0 < before < 120
     done = json.loads(subprocess.run([*command, "--json"], check=True, capture_output=True).stdout)
-    assert done["runs"] == count(store) == 1200
-    asked = study.load(file, 1200)
+    assert done["runs"] == count(store) == 120
+    asked = study.load(file, 120)
     with study.Store(store, asked) as kept:
-        found, (ticks, _) = kept.rows(1200), kept.cost()
-    assert ticks == 1200 * 2 * 1000  # nothing was paid twice
-    assert [row.number for row in found] == list(range(1200))
-    assert found[::7] == study.simulate(asked, range(0, 1200, 7)).rows
+        found, (ticks, _) = kept.rows(120), kept.cost()
+    assert ticks == 120 * 2 * 20_000  # nothing was paid twice
+    assert [row.number for row in found] == list(range(120))
+    assert found[::7] == study.simulate(asked, range(0, 120, 7)).rows
 
 
 @pytest.mark.parametrize("executor", ["threads", "dask"])
 def test_ctrl_c_keeps_what_is_there_and_says_how_to_go_on(tmp_path, executor):
     """As a terminal sends it: to the driver and to all that it started."""
-    (tmp_path / "many.toml").write_text(SMALL)
-    command = [TRUESTROKE, "study", "many.toml", "--runs", "100000", "--workers", "1", "--executor", executor]
+    (tmp_path / "many.toml").write_text(LONG)
+    command = [TRUESTROKE, "study", "many.toml", "--runs", "10000", "--workers", "1", "--executor", executor]
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE, "text": True, "start_new_session": True}
     driver = subprocess.Popen(command, cwd=tmp_path, **quiet)
     wait_for(lambda: count(tmp_path / "many.sqlite") > 0 or driver.poll() is not None)
