@@ -62,7 +62,9 @@ def lateness(folder: Path, readers: int | None, first: bool) -> np.ndarray:
     assert run.stderr
     if readers is not None:
         found = next(found for line in run.stderr if (found := re.search(r"(http://[^#]*)#(\S+)", line)))
-        crowd = subprocess.Popen([sys.executable, __file__, "--read", *found.groups(), str(readers)])
+        crowd = subprocess.Popen(
+            [sys.executable, __file__, f"--read={'#'.join(found.groups())}", f"--readers={readers}"]
+        )
     if first:
         while not (folder / "run.h5").exists():
             time.sleep(0.1)
@@ -77,11 +79,11 @@ def lateness(folder: Path, readers: int | None, first: bool) -> np.ndarray:
     return late[len(late) // 4 :]
 
 
-def be_readers(address: str, token: str, readers: str) -> None:
+def be_readers(address: str, token: str, readers: int) -> None:
     """All of them, until they are ended."""
     os.nice(19)
-    with ThreadPoolExecutor(max(1, int(readers))) as pool:
-        for _ in range(int(readers)):
+    with ThreadPoolExecutor(max(1, readers)) as pool:
+        for _ in range(readers):
             pool.submit(read, address, token)
 
 
@@ -108,10 +110,11 @@ def main() -> None:
     parser.add_argument("--first", action="store_true", help="the sessions of the run are before all others")
     parser.add_argument("--priority", type=int, default=0, help="SCHED_FIFO of the loop, with spin = 0")
     parser.add_argument("--without", choices=list(WITHOUT), action="append", default=[])
-    parser.add_argument("--read", nargs=3, help=argparse.SUPPRESS)
+    parser.add_argument("--read", help=argparse.SUPPRESS)  # address#token
+    parser.add_argument("--readers", type=int, default=1, help=argparse.SUPPRESS)
     asked = parser.parse_args()
     if asked.read:
-        be_readers(*asked.read)
+        be_readers(*asked.read.split("#"), asked.readers)
         return
     found: dict[str, list[np.ndarray]] = {kind: [] for kind in KINDS}
     with tempfile.TemporaryDirectory() as name:

@@ -38,14 +38,15 @@ def prose(page: Path) -> str:
 # ---- Examples ----------------------------------------------------------------------------------------------------
 
 
-# These start processes, or look at the machine: as a reader starts them. All others spare the start of an interpreter.
-OF_THEIR_OWN = {"run", "serve", "replay", "scan", "learn", "commission", "doctor"}
+# These start processes, or look at the machine: as a reader starts them. All others, and a simulated scan or learning,
+# spare the start of an interpreter.
+OF_THEIR_OWN = {"run", "serve", "replay", "commission", "doctor"}
 
 
 def run_command(words: list[str], folder: Path) -> tuple[int, str, str]:
     """What the shell gives for `truestroke` and these words in the folder: exit code, output, messages."""
     env = {"COLUMNS": "120", "NO_COLOR": "1", "PYTHONIOENCODING": "utf-8"}
-    if words[0] not in OF_THEIR_OWN:
+    if words[0] not in OF_THEIR_OWN and not (words[0] in {"scan", "learn"} and "--config" in words):
         called = CliRunner().invoke(main, words, env=env, catch_exceptions=False)
         return called.exit_code, called.stdout, called.stderr
     done = subprocess.run(

@@ -89,8 +89,9 @@ def undisturbed(settings: "RealtimeSettings") -> Iterator[None]:
             before.enter_context(_prioritised(settings.priority))
         sys.setswitchinterval(SWITCH)
         gc.collect()
-        gc.freeze()
-        before.callback(gc.unfreeze)
+        if not gc.get_freeze_count():  # what the caller has frozen remains so
+            gc.freeze()
+            before.callback(gc.unfreeze)
         gc.disable()
         yield
 
