@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import dataclasses
 import fcntl
+import gc
 import math
 import os
 import signal
@@ -207,6 +208,20 @@ def test_the_loop_has_short_slices_and_its_priority_of_before() -> None:
         during = scheduled("se.slice"), scheduled("prio")
     assert math.isnan(before[0]) or during == (1e9 * process.SLICE, before[1])
     assert str((scheduled("se.slice"), scheduled("prio"))) == str(before)
+
+
+def test_what_a_caller_has_frozen_is_frozen_after_a_run() -> None:
+    """And what a run freezes by itself is not."""
+    gc.freeze()
+    frozen = gc.get_freeze_count()
+    with process.undisturbed(RealtimeSettings()):
+        assert not gc.isenabled()
+    assert (gc.get_freeze_count(), gc.isenabled()) == (frozen, True)
+    gc.unfreeze()
+    with process.undisturbed(RealtimeSettings()):
+        assert gc.get_freeze_count()
+    assert gc.get_freeze_count() == 0
+    gc.freeze()
 
 
 @pytest.mark.parametrize("said", [None, "another machine"])
