@@ -151,6 +151,19 @@ def test_the_kalman_filter_is_the_exact_one() -> None:
     assert v["K_CHANGED"].any()
 
 
+@pytest.mark.parametrize(("size", "steady", "changed"), [(20.0, False, True), (20.0, True, False), (40.0, True, True)])
+def test_where_the_error_has_long_been_small_a_change_has_to_be_clearer(size, steady, changed) -> None:
+    """`size`: mean square of the innovation over what noise explains, for a threshold of 12."""
+    settings = KalmanSettings(
+        filter=1.0, model_error=0.1, first_noise=0.0, noise_rate=0.0, ringing_rate=0.0, outlier=1e6,
+        change_threshold=12.0, change_rate=1.0, refractory=0,
+    )  # fmt: skip
+    law = BoundedKalman([8.0, 2.0], 1e-12 * np.eye(2), [1, 2], settings)
+    law.steady = steady
+    law.update(np.ones(2), 0.1 * np.sqrt(size / 2))
+    assert law.changed == changed
+
+
 def test_three_spikes_are_not_believed_and_a_fourth_is() -> None:
     law = BoundedKalman([8.0, 2.0], np.eye(2), [1, 2], KalmanSettings(filter=1.0, model_error=0.006))
     rng = np.random.default_rng(1)

@@ -7,7 +7,8 @@ import pytest
 from scipy import signal
 
 from truestroke import AdaptiveController, ControllerSettings, Dynamics, Mode, SettingError, run
-from truestroke.control import feasibility, stage
+from truestroke.base.flags import BIT
+from truestroke.control import adaptation, feasibility, stage
 from truestroke.control.reference import ReferenceController
 from truestroke.plant import StagePlant, StageSettings
 from truestroke.signals import trajectories
@@ -209,6 +210,32 @@ def test_kernel_and_numpy_text_in_the_loop_of_run() -> None:
         controller.change(hum=50.0)
         volts.append([*first, *run(wave, controller, plant)["volts"]])
     assert volts[0] == volts[1]
+
+
+@pytest.mark.filterwarnings("ignore::truestroke.LimitWarning")
+def test_kernel_and_numpy_text_where_a_load_is_too_small_for_an_alarm(monkeypatch) -> None:
+    """After the error has been small for long 0.1 um are no alarm, 0.3 um are: the same to the last bit, flags, too."""
+    rate, stage_of = 2500.0, {"resonances": (250.0,), "dampings": (0.02,), "voltage_limits": LIMITS}
+    wave = trajectories.sine(frequency=40.0, peak_to_peak=18.0, duration=0.8, sample_rate=rate, offset=12.0, ramp=0.05)
+    tick, alarms, volts = np.arange(len(wave)), [], []
+    known = Dynamics(sample_rate=rate, modes=(Mode(frequency=250.0, damping=0.02),))
+    settings = ControllerSettings(**AXIS | {"sample_rate": rate, "dynamics": known})
+    for share, make in (
+        (0.4, AdaptiveController.from_settings),
+        (0.4, ReferenceController),
+        (1.0, ReferenceController),
+    ):
+        monkeypatch.setattr(adaptation, "STEADY", share)  # of the NumPy text
+        plant = StagePlant(
+            StageSettings(sample_rate=rate, **stage_of), seed=1, load=0.1 * (tick >= 1700) + 0.3 * (tick >= 1900)
+        )
+        recording = run(wave, make(settings), plant)
+        alarms.append(np.flatnonzero(recording["flags"] & BIT["changed"]).tolist())
+        volts.append(recording["volts"].tolist())
+    assert volts[0] == volts[1]
+    assert alarms[0] == alarms[1]
+    assert [k // 100 for k in alarms[1]] == [19]
+    assert [k // 100 for k in alarms[2]] == [17, 19]
 
 
 @pytest.mark.filterwarnings("ignore::truestroke.LimitWarning")

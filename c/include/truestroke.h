@@ -211,6 +211,7 @@ typedef struct {
     ts_real change;                 /* mean square of the normalised innovation */
     ts_real usual;                  /* the same, slowly: what the model does not explain at any time */
     bool relates;                   /* the innovation is related to it: with a stage in the model */
+    bool steady;                    /* the tracking error has long been small: a change has to be clearer */
     int since_change, spikes, since_return;
     bool started, pending, changed;
     unsigned char part[TS_MAX_LEARNED]; /* 1: weight of the first play, 2: of another play, 0: anything else */
@@ -309,6 +310,7 @@ typedef struct {
     int recall;          /* ticks of a block in which kept weights are compared with measurements after a large error; 0: they are not */
 } ts_guard_settings;
 
+#define TS_SETTLED 20       /* windows with a small error: weights that are kept are then worth a return after a large one */
 #define TS_FIRST_WAIT 4     /* windows of the first hold, */
 #define TS_LONGEST_WAIT 256 /* and of the longest */
 #define TS_LONGEST_RECALL 1000000 /* ticks of a block in which kept weights are compared */

@@ -17,7 +17,6 @@
 #define CENTRING ((ts_real)0.5) /* of the mean error, in a window */
 #define LEAST_BURST 20          /* of the floor: a smaller error is no burst */
 #define DECAYS ((ts_real)0.95)  /* in a window: what counts as ringing of a stage that was found */
-#define SETTLED 20              /* windows with a small error until weights that are kept are worth a return after a large one */
 #define LONG 10                 /* windows with a small error after which others are kept where the model was lost, */
 #define LONG_AT_REST 100        /* and where the range of the motion is less than half of what it was */
 #define MOVES ((ts_real)0.1)    /* of the motion's range: less of it, up and down, shows nothing, */
@@ -117,7 +116,7 @@ static ts_guard_action judge_learned(ts_guard *g, const ts_guard_settings *s, ts
     g->span = range;
     g->kept = true;
     g->lost = false;
-    g->settled = g->small >= SETTLED;
+    g->settled = g->small >= TS_SETTLED;
     return TS_GUARD_KEEP;
 }
 

@@ -3,6 +3,7 @@
 #include <math.h>
 #include <string.h>
 
+#define STEADY ((ts_real)0.4) /* of the normalised innovation counts where the error has long been small */
 #define USUAL 3 /* mean square of the normalised innovation: a larger one is usual, but no sudden change */
 
 enum { ROWS = TS_LANES / 2 }; /* of one width, of which a loop over the rows of P takes so many at a time */
@@ -287,10 +288,11 @@ static bool update(ts_kalman *k, const ts_kalman_settings *s, const ts_real *w0,
     if (k->since_return >= TS_RETURN_EVERY)
         for (int i = 0; i < m; i++) w[i] += s->prior_return * (w0[i] - w[i]);
 
-    ts_real nu2 = e * e / expected;
+    ts_real nu2 = e * e / expected, whole = nu2 < 100 ? nu2 : 100;
+    if (k->steady) nu2 *= STEADY;
     if (!(nu2 < 100)) nu2 = 100;
     if (s->usual_rate > 0 && k->relates) {
-        k->usual += s->usual_rate * (nu2 - k->usual);
+        k->usual += s->usual_rate * (whole - k->usual);
         if (k->usual > USUAL) nu2 *= USUAL / k->usual;
     }
     k->change += s->change_rate * (nu2 - k->change);

@@ -70,6 +70,7 @@ class FilteringLaw(Law, Protocol):
     caution: float
     changed: bool
     relates: bool
+    steady: bool
 
     def is_spike(self, e_m: float, noisy: float | None = None) -> bool:
         """Whether a measurement with the innovation e_m, um, is not to be used; noisy: what `tick` gets instead."""
@@ -372,6 +373,7 @@ RETURN_EVERY = 16  # ticks: TS_RETURN_EVERY of the kernel
 MEAN_SECOND_DIFFERENCE = 1.9544  # mean of |d| of white noise of deviation 1: sqrt(6) sqrt(2 / pi)
 CLIP = 7.84  # of sigma: four times that mean, at which the robust estimate of the noise clips
 LARGEST = 1e50  # TS_LARGEST of the kernel: largest weight and desired value
+STEADY = 0.4  # of the normalised innovation counts where the error has long been small
 USUAL = 3.0  # mean square of the normalised innovation: a larger one is usual, but no sudden change
 SURPRISE = 100.0  # largest normalised innovation, squared, that counts for a change: one alone must not trigger it
 
@@ -478,6 +480,8 @@ class BoundedKalman:
         The last update detected a change of the actuator.
     relates : bool
         Whether `usual_rate` counts; the controller switches it off where no stage is in the model.
+    steady : bool
+        Whether a change has to be larger by 1 / `STEADY`: the controller says so while the error has long been small.
 
     Raises
     ------
@@ -531,7 +535,7 @@ class BoundedKalman:
         self.change, self.since_change, self.spikes, self.since_return = 0.0, 2**31 - 1, 0, 0
         self.usual = 0.0  # mean square of the normalised innovation, slowly
         self.started = self.pending = self.changed = False
-        self.relates = True
+        self.relates, self.steady = True, False
 
     def take(self, settings: KalmanSettings) -> None:
         """New settings; w, P and the present filter stay."""
@@ -667,9 +671,10 @@ class BoundedKalman:
 
     def _detect_change(self, surprise: float) -> None:
         s = self.settings
-        surprise = min(surprise, SURPRISE)
+        whole = min(surprise, SURPRISE)
+        surprise = min(STEADY * surprise, SURPRISE) if self.steady else whole
         if s.usual_rate > 0 and self.relates:
-            self.usual += s.usual_rate * (surprise - self.usual)
+            self.usual += s.usual_rate * (whole - self.usual)
             if self.usual > USUAL:
                 surprise *= USUAL / self.usual
         self.change += s.change_rate * (surprise - self.change)

@@ -15,7 +15,7 @@ class ChangeableOptions(TypedDict, total=False):
     feedback: Feedback | None
     dead_zone_weights: tuple[float, ...]
     rate_scale: float | None
-    prior_return_time: float
+    prior_return_time: float | None
     filter_frequency: float | None
     model_error: float | None
     change_threshold: float | None

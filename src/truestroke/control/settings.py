@@ -292,6 +292,11 @@ def default_filter_frequency(s: ControllerSettings) -> float:
     return min(widest_filter(s.sample_rate), s.resonance / 2 or math.inf)
 
 
+def default_return_time(s: ControllerSettings) -> float:
+    """100,000 s; 20,000 s with `dynamics`: fast motion shows what the model has not."""
+    return 2e4 if s.dynamics is not None else 1e5
+
+
 def default_change_threshold(s: ControllerSettings) -> float:
     """12; 28 with `hum`, which is no change of the actuator."""
     return 28.0 if s.hum else 12.0
@@ -310,8 +315,9 @@ def default_slew_limit(s: ControllerSettings) -> float:
 
 
 def default_smoothing_time(s: ControllerSettings) -> float:
-    """0.72 ms, at least 0.216 periods of the resonance."""
-    return min(1.0, max(SMOOTHING, SMOOTHING_PERIODS / s.resonance)) if s.resonance else SMOOTHING
+    """0.72 ms, at least 0.216 periods of `resonance`, or of the first one of `dynamics`."""
+    known = s.resonance or (s.dynamics.modes[0].frequency if s.dynamics is not None else 0.0)
+    return min(1.0, max(SMOOTHING, SMOOTHING_PERIODS / known)) if known else SMOOTHING
 
 
 def widest_filter(sample_rate: float) -> float:
@@ -409,7 +415,7 @@ SETTINGS: declared.Table = {
     ),
     "prior_return_time": _kalman(
         "Time in which the weights return to the prior where nothing confirms them", "s", sized(), "prior_return",
-        convert=lambda time, s: min(1.0, RETURN_EVERY / (time * s.sample_rate)),
+        rule=default_return_time, convert=lambda time, s: min(1.0, RETURN_EVERY / (time * s.sample_rate)),
     ),
     "filter_frequency": _kalman(
         "Corner of each of the two poles that regressor and measurement pass through", "Hz",
@@ -527,7 +533,7 @@ class ControllerSettings(Displayed, Layout):
     initial_sensitivity: float = FOLLOWS
     initial_weights: tuple[float, ...] = FOLLOWS
     prior_covariance: tuple[tuple[float, ...], ...] = FOLLOWS
-    prior_return_time: float = 1e5
+    prior_return_time: float = FOLLOWS
     filter_frequency: float = FOLLOWS
     model_error: float = FOLLOWS
     change_threshold: float = FOLLOWS

@@ -4,6 +4,7 @@ import numpy as np
 
 from truestroke.base.typing import FloatArray
 from truestroke.control.adaptation import LARGEST, FilteringLaw, UpdateRefused
+from truestroke.control.guard import SETTLED
 from truestroke.control.reference.command import slopes_at
 from truestroke.control.reference.found import watch_resonance
 from truestroke.control.reference.learned import PAUSE, watch_kept, watch_learning
@@ -188,6 +189,7 @@ def update_law(
     if c.measures_inertia:
         u, y = with_inertia(c, law, u, y, learn=learn)
     law.relates = c.path is not None
+    law.steady = c.is_given and c.kept.guard.small >= SETTLED
     if law.tick(u, y, innovation, measured=measured, learn=learn):  # (23)
         project_slope(c, law, c.fastest)  # slopes are linear in the rate:
         project_slope(c, law, -c.fastest)  # its two ends are the worst
