@@ -33,19 +33,23 @@ def wave(duration: float = 2.0, frequency: float = 90.0):
 @pytest.mark.parametrize("kind", ["plays", "preisach", "bouc-wen"])
 @pytest.mark.filterwarnings("ignore::truestroke.LimitWarning")
 def test_the_stage_that_the_measurements_show_takes_their_place(kind: str, times: float) -> None:
-    """The error of the last second, % of peak to peak, and the resonance that the controller states."""
+    """The error of the last second, and the resonance that the controller states.
+
+    Where it is the wrong one, the law has learned the difference without a burst: it is below 1.5 % of peak to peak anywhere.
+    """
     controller = AdaptiveController(**AXIS, dynamics=dynamics(times))
     recording = run(wave(), controller, StagePlant(replace(STAGE, hysteresis_kind=kind), seed=1))
-    error = (recording["true"] - recording["desired"])[-5000:]
-    assert error.std() < 0.01 * 18.0
-    assert controller.resonance == pytest.approx(340.0, rel=0.05) or error.std() < 0.003 * 18.0
+    error = recording["true"] - recording["desired"]
+    assert error[-5000:].std() < 0.01 * 18.0
+    assert controller.resonance == pytest.approx(340.0, rel=0.05) or np.abs(error).max() < 0.015 * 18.0
 
 
 @pytest.mark.filterwarnings("ignore::truestroke.LimitWarning")
 def test_the_verdict_names_both_resonances() -> None:
     """With the right dynamics there is no such reason, and the run is good."""
     for times, level in ((0.8, "doubtful"), (1.0, "good")):
-        verdict = judge(run(wave(), AdaptiveController(**AXIS, dynamics=dynamics(times)), StagePlant(STAGE, seed=1)))
+        plant = StagePlant(replace(STAGE, hysteresis_kind="preisach"), seed=1)
+        verdict = judge(run(wave(), AdaptiveController(**AXIS, dynamics=dynamics(times)), plant))
         assert verdict.level == level
         said = [reason for reason in verdict.reasons if "272 Hz" in reason and "showed one of 3" in reason]
         assert bool(said) == (times == 0.8)
@@ -84,7 +88,7 @@ def test_the_kernel_is_the_numpy_text(times: float) -> None:
     """Commands, flags and innovations of every tick, with lost samples; the kernel is saved and restored on its way."""
     settings = ControllerSettings(**AXIS, dynamics=dynamics(times))
     kernel, text = AdaptiveController.from_settings(settings), ReferenceController(settings)
-    plant, motion = StagePlant(STAGE, seed=1), wave(0.7)
+    plant, motion = StagePlant(replace(STAGE, hysteresis_kind="preisach"), seed=1), wave(0.7)
     plant.open()
     strain = kernel.strain(motion.position)
     for k, (z_d, zdot_d, zddot_d) in enumerate(zip(motion.position, motion.velocity, motion.acceleration, strict=True)):

@@ -33,6 +33,7 @@ NOISE_RATE = 2.0  # 1/s: how fast the robust estimate of the noise follows
 RINGING_RATE = 200.0  # 1/s: how fast ringing counts as noise
 SMOOTHING = 0.72e-3  # s: smoothing_time where no resonance is known
 SMOOTHING_PERIODS = 0.216  # of the resonance: the same ratio to the corner of the law's filter
+SMOOTHING_KNOWN = 0.5  # periods of the first resonance of `dynamics`
 FILTER_SHARE = 1.2  # of the first resonance: corner of the law's filter where the stage is known
 LAG_SHARE, INERTIA_SHARE = 0.01, 0.05  # of 1 / w0 and 1 / w0^2: what may be missing in known dynamics, one deviation
 RESONANCE_SHARE = 0.1  # of 1 / w0^2: the same where only the resonance is set
@@ -315,9 +316,11 @@ def default_slew_limit(s: ControllerSettings) -> float:
 
 
 def default_smoothing_time(s: ControllerSettings) -> float:
-    """0.72 ms, at least 0.216 periods of `resonance`, or of the first one of `dynamics`."""
-    known = s.resonance or (s.dynamics.modes[0].frequency if s.dynamics is not None else 0.0)
-    return min(1.0, max(SMOOTHING, SMOOTHING_PERIODS / known)) if known else SMOOTHING
+    """0.72 ms, at least 0.216 periods of `resonance`, or half a period of the first one of `dynamics`."""
+    periods = SMOOTHING_PERIODS / s.resonance if s.resonance else 0.0
+    if s.dynamics is not None and not s.resonance:
+        periods = SMOOTHING_KNOWN / s.dynamics.modes[0].frequency
+    return min(1.0, max(SMOOTHING, periods))
 
 
 def widest_filter(sample_rate: float) -> float:
