@@ -35,7 +35,7 @@ def wave(duration: float = 2.0, frequency: float = 90.0):
 def test_the_stage_that_the_measurements_show_takes_their_place(kind: str, times: float) -> None:
     """The error of the last second, and the resonance that the controller states.
 
-    Where it is the wrong one, the law has learned the difference without a burst: it is below 1.5 % of peak to peak anywhere.
+    Where it is the wrong one, the law has learned the difference without a burst: below 1.5 % of peak to peak anywhere.
     """
     controller = AdaptiveController(**AXIS, dynamics=dynamics(times))
     recording = run(wave(), controller, StagePlant(replace(STAGE, hysteresis_kind=kind), seed=1))
