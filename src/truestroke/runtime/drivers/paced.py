@@ -147,7 +147,7 @@ def require_time(tick: Callable[[], object], sample_rate: float, remedy: str = "
     if slow * sample_rate > 1:
         raise DriverError(
             f"sample_rate = {sample_rate:g} Hz: a set-point and a position take {1e3 * slow / MARGIN:.4g} ms here, so "
-            f"at most {1 / slow:.2g} Hz{remedy}"
+            f"at most {1 / slow:.4g} Hz{remedy}"
         )
 
 
