@@ -8,9 +8,11 @@ import math
 import mpmath
 import numpy as np
 import pytest
+from scipy import signal
 
 from truestroke import AdaptiveController, ControllerSettings, run
 from truestroke.control.reference import ReferenceController
+from truestroke.control.reference.found import damping
 from truestroke.control.resonance import SHOWN, ResonanceEstimator, arctangent, shown, tangent
 from truestroke.control.stage import found
 from truestroke.model.operators import play
@@ -144,6 +146,34 @@ def test_the_command_is_the_whole_inverse_of_the_stage_that_was_found() -> None:
     assert left < 0.001 * 18.0
 
 
+@pytest.mark.parametrize(("f", "late", "least"), [(0.003, 1, 0.08), (0.012, 2, 0.08), (0.06, 3, 0.08), (0.1, 2, 0.03)])
+@pytest.mark.parametrize("damped", [0.003, 0.02, 0.08])
+@pytest.mark.parametrize("wrong", [0.95, 1.0, 1.05])
+def test_a_stage_that_was_found_is_damped(f: float, late: int, least: float, damped: float, wrong: float) -> None:
+    """All poles of the loop decay, that of the mode by `least` more than alone, also where f0 is 5 % wrong."""
+    w = 2 * np.pi * f
+    b, a, _ = signal.cont2discrete(([w * w], [1, 2 * damped * w, w * w]), 1.0)
+    *c, a1, a2 = damping(wrong * f, late)
+    loop = np.polymul(np.r_[a, np.zeros(late - 1)], [1.0, a1, a2])  # a held command is a tick late already
+    s = np.log(np.roots(np.polyadd(loop, np.polymul(b[0], c))) + 0j)
+    assert np.all(s.real < 0)
+    modes = s[(np.abs(s) > 0.8 * w) & (np.abs(s) < 1.25 * w)]
+    assert np.min(-s.real / w) > 0.003 + least / 2
+    assert np.min(-modes.real / np.abs(modes)) > damped + least / 2
+
+
+def test_the_ringing_of_a_soft_stage_is_over_within_a_second() -> None:
+    """Alone it decays by 1 / e in 0.66 s: without the damping 15 % of the motion were left here."""
+    wave = sine(frequency=16.0, peak_to_peak=18.0, offset=12.0, duration=1.5, sample_rate=RATE)
+    controller = AdaptiveController(**AXIS)
+    plant = stage(60.0, dampings=(0.004,), hysteresis_kind="preisach")
+    recording = run(wave, controller, StagePlant(plant, seed=1))
+    error = np.abs(recording["true"] - recording["desired"])
+    assert controller.resonance == pytest.approx(60.0, rel=0.05)
+    assert error.max() > 0.05 * 18.0
+    assert error[5000:].max() < 0.01 * 18.0
+
+
 def test_velocities_that_jump_have_no_third_difference() -> None:
     """A triangle with sharp turns: the higher derivatives of a jump make the stage ring."""
     wave = triangle(frequency=20.0, peak_to_peak=18.0, duration=1.5, sample_rate=RATE)
@@ -244,8 +274,8 @@ def test_single_precision_finds_the_same_stage() -> None:
 
 
 def test_a_run_that_was_restored_is_the_run() -> None:
-    """Also amid a window of the estimate."""
-    whole, plant = AdaptiveController(**AXIS), StagePlant(stage(400.0), seed=1)
+    """Also amid a window of the estimate, and where the lag that was found is more than a tick."""
+    whole, plant = AdaptiveController(**AXIS), StagePlant(stage(400.0, dead_time=2 / RATE), seed=1)
     plant.open()
     wave, other = sine(frequency=70.0, peak_to_peak=18.0, offset=12.0, duration=0.5, sample_rate=RATE), None
     for k, (z_d, zdot_d) in enumerate(zip(wave.position, wave.velocity, strict=True)):
@@ -259,3 +289,4 @@ def test_a_run_that_was_restored_is_the_run() -> None:
             assert other.command(z_d, zdot_d) == x
             other.adapt(z)
     assert other.resonance == whole.resonance > 0
+    assert whole.state()["found_dead"][0] > 1

@@ -425,6 +425,7 @@ typedef struct {
 
 typedef struct {
     ts_real state[TS_FEEDBACKS][2];   /* um */
+    ts_real damping[5], damped[2];    /* Kalman: b0, b1, b2, a1, a2 of what damps a stage that was found, and its states, um */
     ts_real sum;                      /* um */
     ts_real alarms;                   /* Kalman: sudden changes per second, over the last tenth of one */
     bool paused;                      /* while there are many: the model is not yet, or no longer, what the margins count with */
@@ -479,6 +480,9 @@ typedef struct {
     int windows, strange;             /* that made it known; whether the last one differed from what is known, */
     int again;                        /* and whether the next search begins above */
 } ts_resonance;
+
+/* Tangent of 0 to 1.3. */
+TS_API ts_real ts_tangent(ts_real x);
 
 /* Where the search ends, cycles per tick: 40 Hz, or twice the frequency of the motion. tick: s. */
 TS_API ts_real ts_resonance_lowest(const ts_resonance *r, ts_real tick);

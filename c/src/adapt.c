@@ -9,6 +9,7 @@
 #define RINGS 4                   /* times the noise's: mean square of the second difference of the error where the stage rings */
 #define JUMP 16                   /* times the noise's: what one tick may add to it; a jump is no ringing */
 #define RINGING_RATE 50           /* 1/s: how fast that mean follows */
+#define DAMPS_MOST ((ts_real)0.1) /* of the stroke: what the active damping adds to the command */
 
 /* The regressor of the next tick that was not yet measured. */
 static void next_lagged(ts_controller *c)
@@ -231,24 +232,34 @@ static bool pauses(ts_controller *c)
     return b->paused;
 }
 
-/* One tick of the feedback, for the command after it. */
+/* One tick of a filter of the error: b0, b1, b2, a1, a2, and its states. */
+static ts_real pass_biquad(const ts_real *q, ts_real *x, ts_real error)
+{
+    ts_real y = q[0] * error + x[0];
+    x[0] = q[1] * error - q[3] * y + x[1];
+    x[1] = q[2] * error - q[4] * y;
+    return y;
+}
+
+/* One tick of the feedback, for the command after it. Its margins are those of the stage that was given: one that was found is damped. */
 static void feed_back(ts_controller *c, ts_real error)
 {
     const ts_feedback *f = &c->settings->feedback;
-    if (f->filters && (c->found.known || (c->settings->oscillation.tick > 0 && pauses(c)))) { /* its margins are those of the stage */
-        memset(c->feedback.state, 0, sizeof c->feedback.state);
-        c->feedback.sum = 0;
+    ts_feedback_state *b = &c->feedback;
+    if (c->found.known) {
+        memset(b->state, 0, sizeof b->state);
+        ts_real most = DAMPS_MOST * c->settings->stroke;
+        b->sum = within(pass_biquad(b->damping, b->damped, error), -most, most);
+        return;
+    }
+    if (f->filters && c->settings->oscillation.tick > 0 && pauses(c)) {
+        memset(b->state, 0, sizeof b->state);
+        b->sum = 0;
         return;
     }
     ts_real sum = 0;
-    for (int i = 0; i < f->filters; i++) {
-        const ts_real *q = f->filter[i];
-        ts_real *x = c->feedback.state[i], y = q[0] * error + x[0];
-        x[0] = q[1] * error - q[3] * y + x[1];
-        x[1] = q[2] * error - q[4] * y;
-        sum += y;
-    }
-    c->feedback.sum = within(sum, -f->most, f->most);
+    for (int i = 0; i < f->filters; i++) sum += pass_biquad(f->filter[i], b->state[i], error);
+    b->sum = within(sum, -f->most, f->most);
 }
 
 /* A tick for which no measurement came. */

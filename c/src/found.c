@@ -19,6 +19,10 @@
 #define NOISY 9                   /* times the variance of a measurement: nor does a smaller error */
 #define AGREES ((ts_real)0.05)    /* with the resonance that the estimate knows: its lag is that of this stage */
 #define TURNS ((ts_real)0.2)      /* radians at the resonance: a smaller lag is a matter of the weights */
+#define DAMPS ((ts_real)0.2)      /* of the ringing: what the active damping takes from the command, a quarter of a period later, */
+#define BROAD ((ts_real)1)        /* behind a filter of twice this damping, */
+#define STIFFEST ((ts_real)0.06)  /* cycles per tick: less of it above, where what is not known of the lag turns it further, */
+#define HIGHEST_DAMPED ((ts_real)0.22) /* and nothing from here on */
 #define AS_GOOD_AS_NONE ((ts_real)1e-6) /* of the prior's variance: of a weight that stays */
 
 /* exp(d x) of so many ticks d of dead time, times the inverse of the hold, 1 - x^2 / 12 + x^4 / 240: coefficients of x to x^4. */
@@ -139,6 +143,24 @@ static int dead_time(ts_controller *c, ts_real frequency, int before)
     return dead;
 }
 
+/* Active damping of a stage of this frequency: the error behind a low pass at it, which is a quarter of a period late there, is
+ * taken from the command. Where the loop is later, so many ticks in all, a band pass at the same frequency leads by as much. */
+static void damp(ts_controller *c, ts_real frequency, int ticks)
+{
+    ts_real g = ts_tangent(TS_PI * within(frequency, 0, HIGHEST_DAMPED)), square = g * g, all = 1 + g * BROAD + square;
+    ts_real cosine = (1 - square) / (1 + square), sine = 2 * g / (1 + square), low = 1, band = 0; /* of the angle of a tick, of them all */
+    for (int i = 0; i < ticks; i++) {
+        ts_real before = low;
+        low = low * cosine - band * sine;
+        band = band * cosine + before * sine;
+    }
+    ts_real share = frequency > HIGHEST_DAMPED ? 0 : frequency > STIFFEST ? DAMPS * STIFFEST / frequency : DAMPS;
+    low *= -share * BROAD * square / all;
+    band *= -share * BROAD * g / all;
+    const ts_real filter[5] = {low + band, 2 * low, low - band, 2 * (square - 1) / all, (1 - g * BROAD + square) / all};
+    memcpy(c->feedback.damping, filter, sizeof filter);
+}
+
 /* From now on the stage is between hysteresis and sensor; it rings by so much, um. Lag and inertia are in it, but for what it
  * misses, and so is what the rate weights have learned. */
 void ts_adopt_stage(ts_controller *c, ts_real frequency, ts_real ringing)
@@ -170,8 +192,10 @@ void ts_adopt_stage(ts_controller *c, ts_real frequency, ts_real ringing)
             put_weight(c, at, AS_GOOD_AS_NONE * s->prior[ts_prior_entries(s, at + 1) - 1]);
         }
     k->started = false;
+    damp(c, frequency, dead + c->answered);
     ts_keep_command(c);
     if (!again) {
+        memset(c->feedback.damped, 0, sizeof c->feedback.damped);
         c->stage.trial = c->guard.kept; /* what was good before is good to go back to */
         c->kept.begun = c->kept.begun || !c->guard.kept;
         ts_guard_begin(&c->guard);

@@ -30,8 +30,8 @@
 
 enum { BAND = TS_SHOWN, HIGH, THIRD, LOW }; /* of the measurement, its derivatives and itself: places behind the plays */
 
-/* Tangent of 0 to 1.3, by the series of sine and cosine. */
-static ts_real tangent(ts_real x)
+/* By the series of sine and cosine. */
+ts_real ts_tangent(ts_real x)
 {
     ts_real sine = 1, cosine = 1, x2 = x * x;
     for (int k = 9; k > 0; k--) {
@@ -52,7 +52,7 @@ static ts_real arctangent(ts_real x)
 
 static void filter_at(ts_real *a, ts_real frequency, ts_real k)
 {
-    ts_real g = tangent(TS_PI * frequency);
+    ts_real g = ts_tangent(TS_PI * frequency);
     a[0] = 1 / (1 + g * (g + k));
     a[1] = g * a[0];
     a[2] = g * a[1];
@@ -85,7 +85,7 @@ static void begin_band(ts_resonance *r, ts_real tick, const ts_real *x)
     r->window = (int)(lasts < LONGEST ? lasts : LONGEST);
     filter_at(r->motion_filter, PASSES * r->centre, SHARP);
     filter_at(r->noise_filter, r->centre, ROUND);
-    ts_real g = tangent(TS_PI * r->centre);
+    ts_real g = ts_tangent(TS_PI * r->centre);
     r->last_filter = g / (1 + g);
     memcpy(r->first, x, sizeof r->first);
     memset(r->state, 0, sizeof r->state);
@@ -189,8 +189,8 @@ static ts_real shown_resonance(ts_resonance *r, ts_real lowest, ts_real *varianc
     ts_real spread = of_first * of_first / N[BAND][BAND] + of_second * of_second / N[HIGH][HIGH] + of_third * of_third / N[THIRD][THIRD];
     ts_real of_ratio = left > 0 ? left * spread / (ts_real)r->window : 0, deviation = 2 * SURE * ratio;
     if (!(of_ratio < deviation * deviation)) return 0;
-    *lag /= 2 * tangent(TS_PI * r->centre);
-    ts_real f0 = arctangent(tangent(TS_PI * r->centre) / root_of(ratio)) / TS_PI;
+    *lag /= 2 * ts_tangent(TS_PI * r->centre);
+    ts_real f0 = arctangent(ts_tangent(TS_PI * r->centre) / root_of(ratio)) / TS_PI;
     *variance = of_ratio / (4 * ratio * ratio);
     r->driven = share_of_plays(r, left);
     bool within = f0 > lowest && f0 < HIGHEST && f0 > NEAREST * r->centre && f0 < FURTHEST * r->centre;

@@ -183,6 +183,7 @@ template <typename Controller, typename Visit> void each_array(Controller &c, Vi
     visit("feedback_alarms", &c.feedback.alarms, 1);
     visit("feedback_paused", &c.feedback.paused, 1);
     visit("feedback_state", &c.feedback.state[0][0], sizeof c.feedback.state / sizeof(ts_real));
+    visit("feedback_damping", &c.feedback.damping[0], 7);
     auto &g = c.stage;
     visit("resonance", &g.resonance, 1);
     visit("inertia", &g.inertia, 1);
@@ -238,10 +239,10 @@ void check_counters(const ts_controller &c) {
     require_range("answered", c.answered, 0, 2 * TS_HISTORY);
     require_range("beyond", c.beyond, 0, TS_BEYOND);
     const ts_dynamics &f = c.found, &given = c.settings->dynamics, &g = f.known ? f : given;
-    const ts_real *q = f.section[0];
-    bool stable = q[3] < 1 && q[3] > -1 && q[2] < 1 + q[3] && q[2] > -1 - q[3];
+    auto stable = [](const ts_real *a) { return a[1] < 1 && a[1] > -1 && a[0] < 1 + a[1] && a[0] > -1 - a[1]; };
     bool timely = given.known ? f.dead == given.dead : f.dead >= 1 && f.dead <= TS_MOST_DEAD;
-    require_all("found", !f.known || (f.sections == 1 && timely && stable), "a stage of one stable mode");
+    require_all("found", !f.known || (f.sections == 1 && timely && stable(f.section[0] + 2)), "a stage of one stable mode");
+    require_all("feedback_damping", !f.known || stable(c.feedback.damping + 3), "a stable filter");
     // The law comes as much later as the dead time; that of a found stage may just have changed.
     uint64_t dead = static_cast<uint64_t>(g.dead), ticks = c.dynamics.ticks, late = ticks - c.lagged.ticks;
     bool follows = f.known && !given.known ? c.lagged.ticks <= ticks && late <= TS_MOST_DEAD

@@ -1,5 +1,7 @@
 """A measurement: what the model expected, whether it is used, what law and feedback make of it."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from truestroke.base.typing import FloatArray
@@ -18,6 +20,7 @@ from truestroke.model.operators import dot
 ALARMS = 0.1  # s: over which the rate of sudden changes is taken
 RESUME = 20.0  # 1/s: the rate below which the feedback continues after a pause
 RINGING_RATE = 50  # 1/s: how fast the mean square of the second difference follows
+DAMPS_MOST = 0.1  # of the stroke: what the active damping adds to the command
 
 
 def measure(c: State, z: float) -> bool:
@@ -90,17 +93,28 @@ def pauses(c: State, tick: float) -> bool:
     return c.paused
 
 
+def pass_biquad(coefficients: Sequence[float], x: list[float], error: float) -> float:
+    """One tick of a filter of the error, um: b0, b1, b2, a1, a2, and its states."""
+    b0, b1, b2, a1, a2 = coefficients
+    y = b0 * error + x[0]
+    x[0], x[1] = b1 * error - a1 * y + x[1], b2 * error - a2 * y
+    return y
+
+
 def feed_back(c: State, error: float) -> None:
-    """One tick of the feedback, for the command after it; error: desired less measured, um."""
-    total, tick = 0.0, c.oscillation.tick
-    if c.members["feedback.filter"] and (c.stage.found or (tick > 0 and pauses(c, tick))):
-        c.feedback, c.feedback_states = 0.0, [[0.0, 0.0] for _ in c.feedback_states]
-        return
-    for (b0, b1, b2, a1, a2), x in zip(c.members["feedback.filter"], c.feedback_states, strict=False):
-        y = b0 * error + x[0]
-        x[0], x[1] = b1 * error - a1 * y + x[1], b2 * error - a2 * y
-        total += y
-    most = c.members["feedback.most"]
+    """One tick of the feedback, for the command after it; error: desired less measured, um.
+
+    Its margins are those of the stage that was given: one that was found is damped.
+    """
+    total, tick, most = 0.0, c.oscillation.tick, c.members["feedback.most"]
+    if c.stage.found:
+        c.feedback_states = [[0.0, 0.0] for _ in c.feedback_states]
+        total, most = pass_biquad(c.damping, c.damped, error), DAMPS_MOST * c.settings.stroke
+    elif c.members["feedback.filter"] and tick > 0 and pauses(c, tick):
+        c.feedback_states = [[0.0, 0.0] for _ in c.feedback_states]
+    else:
+        for coefficients, x in zip(c.members["feedback.filter"], c.feedback_states, strict=False):
+            total += pass_biquad(coefficients, x, error)
     c.feedback = min(max(total, -most), most)
 
 

@@ -8,7 +8,7 @@ from truestroke.control.adaptation import FilteringLaw
 from truestroke.control.guard import FIRST_WAIT
 from truestroke.control.reference.command import keep_command
 from truestroke.control.reference.state import State
-from truestroke.control.resonance import shown
+from truestroke.control.resonance import shown, tangent
 from truestroke.control.stage import Stage, found
 
 FOUND = 0.2  # relative standard deviation of the inertia of a resonance that an oscillation has
@@ -28,6 +28,10 @@ NOISY = 9  # times the variance of a measurement: nor does a smaller error
 AGREES = 0.05  # with the resonance that the estimate knows: its lag is that of this stage
 TURNS = 0.2  # radians at the resonance: a smaller lag is a matter of the weights
 MOST_DEAD = 8  # ticks of lag and dead time: TS_MOST_DEAD of the kernel
+DAMPS = 0.2  # of the ringing: what the active damping takes from the command, a quarter of a period later,
+BROAD = 1.0  # behind a filter of twice this damping,
+STIFFEST = 0.06  # cycles per tick: less of it above, where what is not known of the lag turns it further,
+HIGHEST_DAMPED = 0.22  # and nothing from here on
 AS_GOOD_AS_NONE = 1e-6  # of the prior's variance: of a weight that stays
 
 
@@ -114,13 +118,44 @@ def adopt_stage(c: State, law: FilteringLaw, frequency: float, ringing: float) -
     for place, variance in places.items():
         law.separate(place, variance)
     law.stop_filters()
+    c.damping = damping(frequency, dead + c.answered)
     keep_command(c)
     guard = c.kept.guard
     if not again:
+        c.damped = [0.0, 0.0]
         stage.trial = guard.kept  # what was good before is good to go back to
         c.kept.begun = c.kept.begun or not guard.kept
         guard.begin()
     guard.ringing = max(guard.ringing, ringing)
+
+
+def damping(frequency: float, ticks: int) -> list[float]:
+    """b0, b1, b2, a1, a2 of the filter of the error that damps a stage of this frequency, cycles per tick.
+
+    The error behind a low pass at it, which is a quarter of a period late there, is taken from the command. Where the
+    loop is later, so many ticks in all, a band pass at the same frequency leads by as much::
+
+        -0.2 w0 (w0 cos a + s sin a) / (s^2 + w0 s + w0^2),  a = w0 T ticks
+
+    Examples
+    --------
+    >>> b0, b1, b2, a1, a2 = damping(0.01, 1)
+    >>> q = np.exp(-2j * np.pi * 0.01)
+    >>> response = (b0 + b1 * q + b2 * q**2) / (1 + a1 * q + a2 * q**2)
+    >>> print(f"{abs(response):.3f}, {np.degrees(np.angle(response * q)):.1f} degrees")
+    0.200, 90.0 degrees
+    """
+    g = tangent(math.pi * min(frequency, HIGHEST_DAMPED))
+    square = g * g
+    whole = 1 + g * BROAD + square
+    cosine, sine = (1 - square) / (1 + square), 2 * g / (1 + square)  # of the angle of a tick,
+    low, band = 1.0, 0.0  # and of them all
+    for _ in range(ticks):
+        low, band = low * cosine - band * sine, band * cosine + low * sine
+    share = 0.0 if frequency > HIGHEST_DAMPED else DAMPS * STIFFEST / frequency if frequency > STIFFEST else DAMPS
+    low *= -share * BROAD * square / whole
+    band *= -share * BROAD * g / whole
+    return [low + band, 2 * low, low - band, 2 * (square - 1) / whole, (1 - g * BROAD + square) / whole]
 
 
 def dead_time(c: State, frequency: float, before: int) -> int:

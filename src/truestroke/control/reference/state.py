@@ -168,6 +168,7 @@ class State:
         self.sensor = Sensor({name: value for name, value in self.members.items() if name.startswith("sensor.")})
         self.alarms, self.paused = AT_FIRST, True  # sudden changes per second; nothing is learned yet
         self.feedback, self.feedback_states = 0.0, np.zeros((FEEDBACKS, 2)).tolist()  # um
+        self.damping, self.damped = [0.0] * 5, [0.0, 0.0]  # filter that damps a stage that was found, its states, um
         self.bumpless = self.integral = self.innovation = 0.0  # um
         self.z_before = self.predicted_before = 0.0  # um: the last new measurement, the model's value then
         self.resolution = 0.0  # um: the smallest step from one measurement to a different one; 0: none so far
