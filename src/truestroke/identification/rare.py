@@ -126,9 +126,12 @@ def _of_sampling(record: Record, found: Findings) -> Iterator[str]:
 
 def _of_units(record: Record, found: Findings) -> Iterator[str]:
     """Numbers that people rather write in another unit; nothing where the caller has stated it."""
-    volts, moved = record.columns["volts"], record.columns["displacement"]
-    span, stroke = found.voltage_v[1] - found.voltage_v[0], found.stroke_um
-    gain = abs(found.gain_um_per_v)
+    yield from _of_voltage_unit(record)
+    yield from _of_displacement_unit(record, found)
+
+
+def _of_voltage_unit(record: Record) -> Iterator[str]:
+    volts = record.columns["volts"]
     if not volts.asked and MONITOR.search(volts.heading):
         yield (
             f"the voltage is the column {volts.heading!r}: a monitor mostly shows a tenth or a hundredth of the "
@@ -139,6 +142,12 @@ def _of_units(record: Record, found: Findings) -> Iterator[str]:
             f"the voltage has whole numbers of V only, from {record.volts.min():g} to {record.volts.max():g}: are they "
             "codes of a converter? State what 1 of it is (`volts_scale`)"
         )
+
+
+def _of_displacement_unit(record: Record, found: Findings) -> Iterator[str]:
+    volts, moved = record.columns["volts"], record.columns["displacement"]
+    span, stroke = found.voltage_v[1] - found.voltage_v[0], found.stroke_um
+    gain = abs(found.gain_um_per_v)
     if not moved.asked and moved.unit == "um" and _whole(record.displacement):
         yield (
             f"the displacement has whole numbers of um only, from {record.displacement.min():g} to "
