@@ -116,7 +116,7 @@ def passes(found: Learned, theme: Theme = LIGHT) -> Figure:
     factor, unit = units.scaled_length(min(one.rmse for one in made) or 1.0)
     with style.use(theme):
         figure, (panel,) = style.panels(3.0)
-        panel.plot(number, [factor * one.maximum for one in made], "s-", color=theme["measured"], ms=4, label="maximum")
+        panel.plot(number, [factor * one.maximum for one in made], "s-", color=theme.series[2], ms=4, label="maximum")
         panel.plot(number, [factor * one.rmse for one in made], "o-", color=theme["true"], ms=5, label="rmse")
         panel.plot(number, [factor * one.noise for one in made], "--", color=theme["muted"], lw=1.0, label="noise")
         undone = [one for one in made if one.undone]
