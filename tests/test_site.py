@@ -12,7 +12,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from docs.site import check, gallery, github, mathml, reference, reports, stage
+from docs.site import access, check, gallery, github, mathml, reference, reports, stage
 
 import truestroke
 from truestroke import cli
@@ -137,6 +137,12 @@ def test_pages_are_sound_in_a_browser() -> None:
     needs(*(BUILT / page for page in pages))
     done = look(BUILT, *pages)
     assert done.returncode == 0, done.stderr
+
+
+def test_an_option_is_not_broken_at_its_hyphens() -> None:
+    words = ["--safe-voltage", "-O3", "a-word", "-0.6", "--an-option-wider-than-a-phone"]
+    page = access.accessible("".join(f'<code><span class="pre">{word}</span></code>' for word in words))
+    assert re.findall(r'<span class="pre option">(.*?)</span>', page) == words[:2]
 
 
 def test_mistakes_in_a_page_are_seen(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""What Sphinx and furo leave out for readers with a keyboard or a screen reader: focus, levels of headings."""
+"""What Sphinx and furo leave out for readers with a keyboard, a screen reader or a phone: focus, levels, options."""
 
 from __future__ import annotations
 
@@ -7,14 +7,17 @@ from typing import Any
 
 from sphinx.application import Sphinx
 
+OPTION = r"--?[A-Za-z][\w-]{,22}"  # --safe-voltage, -O3; a longer one would be wider than a phone
+
 
 def accessible(html: str) -> str:
-    """What scrolls can be reached with the keyboard; the lines of a signature are no list of definitions."""
+    """What scrolls can be reached with the keyboard; lines of a signature are no list; an option is not broken."""
     html = html.replace("<pre>", '<pre tabindex="0">')
     html = re.sub(
         r'<div class="table-wrapper', '<div tabindex="0" role="group" aria-label="table" class="table-wrapper', html
     )
     html = re.sub(r"<dl>\n((?:<dd><em class=\"sig-param\">.*</dd>\n)+)</dl>", signature, html)
+    html = re.sub(rf'<span class="pre">({OPTION})</span>', r'<span class="pre option">\1</span>', html)
     html = html.replace('role="doc-biblioentry"', 'role="listitem"')  # the first is no longer a role of ARIA
     return html.replace('<p class="caption" role="heading">', '<p class="caption" role="heading" aria-level="2">')
 
