@@ -73,6 +73,7 @@ def prepare(folder: Path) -> None:
         config.example()
         .replace("duration = 20.0", "duration = 4.0")
         .replace("overrun_streak = 20", "overrun_streak = 0")
+        .replace("watchdog_timeout = 0.25", "watchdog_timeout = 9.0")  # other programs may have the processor
     )
     (folder / "stage.toml").write_text(short)
     for name, motion in MOTIONS.items():
