@@ -159,9 +159,14 @@ def test_an_oscillation_below_where_a_stage_is_looked_for_is_forgotten_where_not
     assert np.isnan(kernel.resonance) == forgotten
 
 
-def test_a_burst_at_the_start_is_stopped_and_shows_the_stage() -> None:
-    """Kernel and text, to the last bit, on a stage that moved by four times its stroke before (376 um)."""
-    sampled = fast.sample(0, 174, ["unknown"])
+@pytest.mark.parametrize(
+    ("seed", "number", "f0", "most"),
+    [(0, 174, 54.0, 60.0), (2, 28, 102.0, 5.0)],
+    ids=["nothing kept yet: 376 um before", "something kept: 105 um before"],
+)
+def test_a_burst_at_the_start_is_stopped_and_shows_the_stage(seed, number, f0, most) -> None:
+    """Kernel and text, to the last bit, on stages that moved by several times their stroke before."""
+    sampled = fast.sample(seed, number, ["unknown"])
     settings, wave = sampled.controllers["unknown"], sampled.motions["unknown"]
     kernel, text = AdaptiveController.from_settings(settings), ReferenceController(settings)
     plant, largest = StagePlant(sampled.plant, sampled.seed), 0.0
@@ -176,8 +181,32 @@ def test_a_burst_at_the_start_is_stopped_and_shows_the_stage() -> None:
         largest = max(largest, abs(z - motion[0]))
     np.testing.assert_array_equal(kernel.weights, text.weights)
     assert kernel.counters.restored == text.counters["restored"] == 1
-    assert kernel.resonance == pytest.approx(54.0, rel=0.06)
-    assert largest < 60.0
+    assert kernel.resonance == pytest.approx(f0, rel=0.06)
+    assert largest < most
+
+
+@pytest.mark.parametrize(
+    ("ratios", "burst", "stops"),
+    [
+        ([2.0] * 5, 5.0, True),
+        ([1.4] * 12, 5.0, False),  # it grows slowly: windows judge
+        ([50.0], 5.0, False),  # it jumps
+        ([2.0] * 5, 0.0, False),  # the stage is given
+    ],
+)
+def test_an_error_that_swings_up_beyond_the_motion_is_stopped_within_its_half_wave(ratios, burst, stops) -> None:
+    """Motion of 2 um; weights are kept, then half-waves of 10 ticks grow from 0.1 um by each ratio."""
+    guard = Guard(GuardSettings(window=100, range_rate=1e-3, floor=0.02, burst=burst))
+    sizes = np.concatenate([[0.002], 0.1 * np.cumprod([1.0, *ratios])])
+    half_wave = np.repeat(np.arange(sizes.size), [400] + [10] * (sizes.size - 1))
+    error = sizes[half_wave] * np.sin(np.pi * (np.arange(half_wave.size) + 0.5) / 10)
+    motion = np.sin(np.arange(error.size) * 2 * np.pi / 100)
+    found = [guard.update(e, z_d, counts=True, noise=1e-3) for e, z_d in zip(error, motion, strict=True)]
+    assert Action.KEEP in found[:400]
+    assert (Action.RESTORE in found) == stops
+    if stops:
+        at = found.index(Action.RESTORE)
+        assert np.abs(error[:at]).max() < 2.4 < abs(error[at]) < 3.2
 
 
 def test_an_error_at_the_start_is_no_burst_where_the_stage_is_given() -> None:

@@ -311,6 +311,7 @@ typedef struct {
 } ts_guard_settings;
 
 #define TS_SETTLED 20       /* windows with a small error: weights that are kept are then worth a return after a large one */
+#define TS_SWINGS 2         /* half-waves of the error that grow: one more, beyond the motion so far, is driven by learning */
 #define TS_FIRST_WAIT 4     /* windows of the first hold, */
 #define TS_LONGEST_WAIT 256 /* and of the longest */
 #define TS_LONGEST_RECALL 1000000 /* ticks of a block in which kept weights are compared */
@@ -337,6 +338,7 @@ typedef struct {
     ts_real failed;         /* error over the range at which learning has failed */
     ts_real drift;          /* um per tick: of the offset while the law does not learn, so that the mean error vanishes */
     ts_real span;           /* um: range of the motion when weights were kept */
+    ts_real swing, swung;   /* um: largest error since its sign changed, and how large it was on the other side before */
     int ticks, counted;     /* of this window */
     int bad;                /* windows in a row in which it was too large and did not fall */
     int good;               /* windows in a row in which it was not */
@@ -344,6 +346,7 @@ typedef struct {
     int wait;               /* windows: of the next hold */
     int pause;              /* windows in which no failure counts */
     int small;              /* windows in a row in which the error was small, its mean included */
+    int swings;             /* half-waves of the error in a row, each of them larger than the one before */
     bool kept, at_start, started;
     bool settled;           /* the error had been small for long when weights were kept, */
     bool lost;              /* and was large since then: others are kept when it has been small for long again */
@@ -578,10 +581,10 @@ typedef struct {
     ts_real rest;                  /* ticks until learning begins again */
     ts_real age;                   /* s since `newer` was kept */
     ts_real newer[TS_MAX_LEARNED], older[TS_MAX_LEARNED]; /* earlier weights, to be restored */
+    ts_real doubt;                    /* error over the range that the dynamics of the settings leave */
     uint64_t since;                   /* first tick whose strain is kept while learning rests */
     bool failed, trial;               /* with the stage that was found learning has failed, or has not been better than before yet */
-    ts_real doubt;                    /* error over the range that the dynamics of the settings leave, */
-    int doubted;                      /* and windows in which it has not fallen */
+    int doubted;                      /* windows in which that error has not fallen */
 } ts_stage;
 
 /* What is wanted of a tick. */

@@ -16,6 +16,7 @@
 #define RISE ((ts_real)1.02)    /* of the best, per window */
 #define CENTRING ((ts_real)0.5) /* of the mean error, in a window */
 #define LEAST_BURST 20          /* of the floor: a smaller error is no burst */
+#define GROWS ((ts_real)1.5)    /* times the half-wave before: a half-wave that grows */
 #define DECAYS ((ts_real)0.95)  /* in a window: what counts as ringing of a stage that was found */
 #define LONG 10                 /* windows with a small error after which others are kept where the model was lost, */
 #define LONG_AT_REST 100        /* and where the range of the motion is less than half of what it was */
@@ -39,6 +40,20 @@ static void begin_window(ts_guard *g)
     g->ticks = g->counted = 0;
 }
 
+/* How many half-waves of the error in a row have each grown beyond the one before. */
+static void follow_swings(ts_guard *g, const ts_guard_settings *s, ts_real error)
+{
+    ts_real size = size_of(g->swing);
+    if ((error < 0 && g->swing > 0) || (error > 0 && g->swing < 0)) {
+        bool grows = size > s->floor && size > GROWS * g->swung;
+        g->swings = !grows ? 0 : g->swings < TS_SWINGS ? g->swings + 1 : TS_SWINGS;
+        g->swung = size;
+        g->swing = error;
+    } else if (size_of(error) > size) {
+        g->swing = error;
+    }
+}
+
 static void follow(ts_guard *g, const ts_guard_settings *s, ts_real error, ts_real z_d, bool counts)
 {
     if (!g->started) {
@@ -52,6 +67,7 @@ static void follow(ts_guard *g, const ts_guard_settings *s, ts_real error, ts_re
     if (z_d > g->high) g->high = z_d;
     g->ticks++;
     if (!counts) return;
+    if (s->burst > 0) follow_swings(g, s, error);
     if (g->counted == 0) g->first = error;
     ts_real e = error - g->first;
     g->sum += e;
@@ -128,6 +144,14 @@ void ts_guard_begin(ts_guard *g)
     g->at_start = false;
 }
 
+/* Whether the error swings up beyond the motion so far, before it was small for long; that of a sensor that fails jumps. */
+static bool swings_up(const ts_guard *g, const ts_guard_settings *s, ts_real error)
+{
+    ts_real size = size_of(error);
+    if (!g->kept || g->settled || g->held > 0 || g->pause > 0 || g->swings < TS_SWINGS) return false;
+    return size > GROWS * g->swung && size > g->high - g->low && size > LEAST_BURST * s->floor;
+}
+
 /* Whether an error is far beyond the motion so far, before anything was good. */
 static bool bursts(const ts_guard *g, const ts_guard_settings *s, ts_real error, ts_real z_d)
 {
@@ -147,7 +171,7 @@ ts_real ts_guard_range(const ts_guard *g, const ts_guard_settings *s)
 ts_guard_action ts_guard_tick(ts_guard *g, const ts_guard_settings *s, ts_real error, ts_real z_d, bool counts, ts_real noise)
 {
     follow(g, s, error, z_d, counts);
-    if (counts && bursts(g, s, error, z_d)) {
+    if (counts && (bursts(g, s, error, z_d) || swings_up(g, s, error))) {
         g->failed = 1;
         g->held = 1;
         g->drift = 0;

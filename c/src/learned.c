@@ -82,6 +82,7 @@ void ts_watch_learning(ts_controller *c, ts_real error, ts_real z_d, bool counts
     bool resting = c->stage.rest > 0 && g->held == 0;
     ts_real noise = g->kept ? c->kept.sigma : k->sigma;
     if (noise < c->resolution) noise = c->resolution;
+    if (c->stage.resonance > 0) g->swings = 0; /* known: what rings there is judged by its windows */
     switch (ts_guard_tick(g, &s->guard, error, z_d, counts && !resting, noise)) {
     case TS_GUARD_KEEP:
         weights_at_best(c);
@@ -90,7 +91,7 @@ void ts_watch_learning(ts_controller *c, ts_real error, ts_real z_d, bool counts
     case TS_GUARD_RESTORE:
         memcpy(c->kept.aside, c->w, sizeof(ts_real) * (size_t)c->parameters);
         if (c->stage.trial) ts_give_up_stage(c);
-        take_weights(c, c->kept.begun ? c->kept.first : c->kept.w, true);
+        take_weights(c, c->kept.begun ? c->kept.first : c->kept.w, !(g->kept && g->swings >= TS_SWINGS)); /* a swing is no offset */
         c->counters.restored++;
         break;
     case TS_GUARD_FIRST:

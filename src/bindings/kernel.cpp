@@ -197,8 +197,8 @@ template <typename Controller, typename Visit> void each_array(Controller &c, Vi
     visit("resonance_ticks", &v.settling, 6);
     visit("resonance_plays", &c.shown[0], TS_SHOWN);
     visit("resonance_rate", &c.rate, 1);
-    visit("guard", &c.guard.low, 12);
-    visit("guard_windows", &c.guard.ticks, 8);
+    visit("guard", &c.guard.low, 14);
+    visit("guard_windows", &c.guard.ticks, 9);
     visit("guard_found", &c.guard.kept, 5);
     visit("kept_first", &c.kept.first[0], m);
     visit("kept_weights", &c.kept.w[0], m);
@@ -279,10 +279,10 @@ void check_covariance(const ts_controller &c, const char *name, const ts_real *P
 
 void check_guard(const ts_controller &c) {
     const ts_guard &g = c.guard;
-    require_all("guard", g.high >= g.low && g.square >= 0 && g.ringing >= 0 && g.error >= 0 && g.best >= 0 && g.failed >= 0 && g.span >= 0,
+    require_all("guard", g.high >= g.low && g.square >= 0 && g.ringing >= 0 && g.error >= 0 && g.best >= 0 && g.failed >= 0 && g.span >= 0 && g.swung >= 0,
                 "a range and errors of 0 or more");
     require_all("guard_windows", g.ticks >= 0 && g.counted >= 0 && g.counted <= g.ticks && g.held >= 0 && g.held < INT32_MAX / 2 &&
-                                 g.bad >= 0 && g.bad < INT32_MAX / 2 && g.small >= 0 && g.small < INT32_MAX / 2 && g.good >= 0 && g.good < INT32_MAX / 2 && g.pause >= 0 &&
+                                 g.bad >= 0 && g.bad < INT32_MAX / 2 && g.small >= 0 && g.small < INT32_MAX / 2 && g.swings >= 0 && g.swings < INT32_MAX / 2 && g.good >= 0 && g.good < INT32_MAX / 2 && g.pause >= 0 &&
                                  g.ticks < INT32_MAX / 8 && g.wait >= TS_FIRST_WAIT && g.wait <= TS_LONGEST_WAIT,
                 "counts of 0 or more, and a wait of " TS_TEXT(TS_FIRST_WAIT) " to " TS_TEXT(TS_LONGEST_WAIT));
     require_all("given_doubt", c.stage.doubt >= 0, "0 or more");

@@ -19,6 +19,8 @@ LEAST_RANGE = 10  # of the floor: a smaller motion is rest
 RISE = 1.02  # of the best, per window
 CENTRING = 0.5  # of the mean error, in a window
 LEAST_BURST = 20  # of the floor: a smaller error is no burst
+GROWS = 1.5  # times the half-wave before: a half-wave that grows
+SWINGS = 2  # after so many of them, one more, beyond the motion so far, is driven by learning
 DECAYS = 0.95  # in a window: what counts as ringing of a stage that was found
 SETTLED = 20  # windows with a small error until weights that are kept are worth a return after a large one
 LONG = 10  # windows with a small error after which other weights are kept, where the model was lost,
@@ -84,6 +86,9 @@ class Guard:
       not the cause, and goes on as if nothing had happened.
     - *Before anything was good* an error of `burst` times the motion so far, 20 floors and twice the first error is a
       burst: the first weights are held at once.
+    - *An error swings up* where each of two half-waves was more than 1.5 times the one before, the third is so,
+      too, and it is beyond the motion so far and 20 floors. With `burst`, and until the error was small for long, the kept
+      weights are then held at once. The error of a sensor that fails jumps.
     - *Ringing* of a stage that was found just now is no failure: errors below what it was then, less 5 % a window.
     - Each time the next hold, or the time to the next failure, is twice as long, up to 256 windows; after many good
       windows it is halved.
@@ -121,6 +126,8 @@ class Guard:
         self.low = self.high = 0.0  # um: of the motion, over about a second
         self.sum = self.square = self.first = 0.0  # of the error in this window, less its first value
         self.start = 0.0  # um: the first error
+        self.swing = self.swung = 0.0  # um: largest error since its sign changed, and how large it was before
+        self.swings = 0  # half-waves of the error in a row, each of them larger than the one before
         self.ringing = 0.0  # um: an error below it is ringing that decays
         self.error = self.failed = 0.0  # over the range: of the window before, and at which learning has failed
         self.drift = 0.0  # um per tick: of the offset while the law does not learn, so that the mean error vanishes
@@ -148,7 +155,7 @@ class Guard:
             Standard deviation of a measurement, um.
         """
         self._follow(error, z_d, counts)
-        if counts and self._bursts(abs(error), abs(z_d)):
+        if counts and (self._bursts(abs(error), abs(z_d)) or self._swings_up(abs(error))):
             self.failed, self.held, self.drift = 1.0, 1, 0.0
             self._begin_window()
             return Action.RESTORE
@@ -199,6 +206,23 @@ class Guard:
         beyond = size > self.settings.burst * max(self.high - self.low, away)
         return beyond and size > LEAST_BURST * self.settings.floor and size > 2 * abs(self.start)
 
+    def _swings_up(self, size: float) -> bool:
+        """Whether an error of this size, um, swings up beyond the motion so far."""
+        s = self.settings
+        if not self.kept or self.settled or self.held > 0 or self.pause > 0 or self.swings < SWINGS:
+            return False
+        return size > max(GROWS * self.swung, self.high - self.low, LEAST_BURST * s.floor)
+
+    def _follow_swings(self, error: float) -> None:
+        """How many half-waves of the error in a row have each grown beyond the one before."""
+        size = abs(self.swing)
+        if (error < 0 < self.swing) or (self.swing < 0 < error):
+            grows = size > self.settings.floor and size > GROWS * self.swung
+            self.swings = min(self.swings + 1, SWINGS) if grows else 0
+            self.swung, self.swing = size, error
+        elif abs(error) > size:
+            self.swing = error
+
     def _follow(self, error: float, z_d: float, counts: bool) -> None:
         if not self.started:
             self.started, self.low, self.high, self.start = True, z_d, z_d, error
@@ -209,6 +233,8 @@ class Guard:
         self.ticks += 1
         if not counts:
             return
+        if self.settings.burst > 0:
+            self._follow_swings(error)
         if self.counted == 0:
             self.first = error
         e = error - self.first

@@ -4,7 +4,7 @@ import numpy as np
 
 from truestroke.base.typing import FloatArray
 from truestroke.control.adaptation import LARGEST, FilteringLaw
-from truestroke.control.guard import Action, Guard, Recall
+from truestroke.control.guard import SWINGS, Action, Guard, Recall
 from truestroke.control.reference.command import keep_command
 from truestroke.control.reference.found import DOUBT, LASTS, forget_stage, give_up_stage, stage_is_shown
 from truestroke.control.reference.state import Kept, State
@@ -119,6 +119,8 @@ def watch_learning(c: State, error: float, z_d: float, counts: bool) -> None:
         return
     resting = c.stage.rest > 0 and guard.held == 0
     noise = max(kept.knowledge[1] if guard.kept else law.sigma, c.resolution)
+    if c.stage.resonance > 0:  # known: what rings there is judged by its windows
+        guard.swings = 0
     match guard.update(error, z_d, counts=counts and not resting, noise=noise):
         case Action.KEEP:
             weights_at_best(c, law)
@@ -126,7 +128,8 @@ def watch_learning(c: State, error: float, z_d: float, counts: bool) -> None:
             kept.aside = law.weights
             if c.stage.trial:
                 give_up_stage(c, law)
-            take_weights(c, law, kept.first if kept.begun else kept.weights, earlier=True)
+            swings = guard.kept and guard.swings >= SWINGS  # a swing is no offset
+            take_weights(c, law, kept.first if kept.begun else kept.weights, earlier=not swings)
             c.count(restored=True)
         case Action.FIRST:
             if not stage_is_shown(c, law):
