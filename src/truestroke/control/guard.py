@@ -87,8 +87,8 @@ class Guard:
     - *Before anything was good* an error of `burst` times the motion so far, 20 floors and twice the first error is a
       burst: the first weights are held at once.
     - *An error swings up* where each of two half-waves was more than 1.5 times the one before, the third is so,
-      too, and it is beyond the motion so far and 20 floors. With `burst`, and until the error was small for long, the kept
-      weights are then held at once. The error of a sensor that fails jumps.
+      too, and it is beyond the motion so far and 20 floors. With `burst`, and until the error was small for long, the
+      kept weights are then held at once. The error of a sensor that fails jumps.
     - *Ringing* of a stage that was found just now is no failure: errors below what it was then, less 5 % a window.
     - Each time the next hold, or the time to the next failure, is twice as long, up to 256 windows; after many good
       windows it is halved.
