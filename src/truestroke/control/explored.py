@@ -102,9 +102,8 @@ def spread(rows: FloatArray) -> FloatArray:
     few = np.unique(rows[:: -(-len(rows) // ROWS)].round(DIGIT), axis=0)
     if len(few) <= PLACES:
         return np.asarray(few)
-    chosen, near = [0, len(few) - 1], np.full(len(few), np.inf)
-    for k in range(PLACES - 1):
-        near = np.minimum(near, np.sum((few - few[chosen[k]]) ** 2, axis=1))
-        if k > 0:
-            chosen.append(int(near.argmax()))
+    chosen, near = [0, len(few) - 1], np.sum((few - few[0]) ** 2, axis=1)
+    while len(chosen) < PLACES:
+        near = np.minimum(near, np.sum((few - few[chosen[-1]]) ** 2, axis=1))
+        chosen.append(int(near.argmax()))
     return np.asarray(few[np.sort(chosen)])

@@ -65,10 +65,8 @@ def _of_distance(model: ActuatorModel, volts: FloatArray, v: FloatArray) -> Floa
         return np.zeros_like(volts)
     every = -(-volts.size // POINTS)
     at = places(volts, v, model.voltage_range, model.velocity, every)
-    away, beyond = (
-        model.explored.growth * model.explored.distance(at),
-        BEYOND * model.stroke * model.explored.beyond(at),
-    )
+    away = model.explored.growth * model.explored.distance(at)
+    beyond = BEYOND * model.stroke * model.explored.beyond(at)
     return np.interp(np.arange(volts.size), np.arange(0, volts.size, every), away**2 + beyond**2)
 
 

@@ -182,10 +182,10 @@ class IterativeLearning(Displayed):
         G, sensor, self._variance = response_of(dynamics, self._frequency, self.sample_rate, self.gain)
         D = sensor * np.fft.rfft(self.desired)
         beyond = self._beyond(bandwidth)
-        prior: Prior = Independent(np.where(beyond, UNSURE, self._variance))
         self._few = FewNumbers(dynamics, self._frequency, self.sample_rate, self._own)
-        if dynamics is not None:
-            prior = FewNumbers(dynamics, self._frequency, self.sample_rate, self._own)
+        prior: Prior = self._few
+        if dynamics is None:
+            prior = Independent(np.where(beyond, UNSURE, self._variance))
         self._moved = self._learned | beyond
         size = {"samples": self.samples, "periods": self.periods}
         self._law = PassLaw(D, G, prior, self._learned, beyond=beyond, **size)
@@ -272,13 +272,15 @@ class IterativeLearning(Displayed):
         if z is None:
             return self._missed()
         mean, noise2 = self._mean(z)
-        output, Z = np.fft.rfft(self.volts), np.fft.rfft(mean)
+        Z, first = np.fft.rfft(mean), self._hysteresis is None
         if self._hysteresis is None:
-            self._scale(output, Z)
+            self._scale(np.fft.rfft(self.volts), Z)
             about = {"few": self._few, "learned": self._learned, "periods": self.periods}
             self._hysteresis = identified(self.volts, Z, self._law.response, noise2, **about)
-            self._law.scale(self._law.gain(np.fft.rfft(self._hysteresis.strain(self.volts)), Z))
-        self._law.see(np.fft.rfft(self._hysteresis.strain(self.volts)), Z, noise2)
+        shown = np.fft.rfft(self._hysteresis.strain(self.volts))
+        if first:
+            self._law.scale(self._law.gain(shown, Z))
+        self._law.see(shown, Z, noise2)
         error = mean - np.fft.irfft(self._law.desired, self.samples)
         rmse = float(np.sqrt(np.mean(error[self.counts] ** 2)))
         if not rmse >= self._best[0]:

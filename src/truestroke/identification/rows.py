@@ -86,11 +86,12 @@ def _of_blocks(record: Record) -> Iterator[str]:
     if np.count_nonzero(moves) < BLOCK - WINDOW:
         return
     first, apart = first[moves], (again - first)[moves]
-    rows = first[apart == np.bincount(apart).argmax()]
+    later = int(np.bincount(apart).argmax())
+    rows = first[apart == later]
     if rows.size >= BLOCK - WINDOW:
-        start, later = int(rows.min()), int(np.bincount(apart).argmax())
+        start = int(rows.min()) + 1
         yield (
-            f"{rows.size + WINDOW} rows from row {start + 1} on are there again {later} rows later, noise and all: "
+            f"{rows.size + WINDOW} rows from row {start} on are there again {later} rows later, noise and all: "
             "is a block of the file there twice? Leave out the copy"
         )
 
