@@ -245,9 +245,9 @@ typedef struct {
     ts_real all[TS_PADDED(TS_MAX_LEARNED)], rates[TS_PADDED(TS_MAX_LEARNED)];
 } ts_column_sum;
 
-/* That of the first `columns`, and those before each block of eight that they have begun. */
+/* Those of the first columns to the end of each block of eight; in the last block that is begun, of the first `columns`. */
 typedef struct {
-    ts_column_sum sum, before[TS_PADDED(TS_MAX_LEARNED) / TS_LANES];
+    ts_column_sum after[TS_PADDED(TS_MAX_LEARNED) / TS_LANES + 1]; /* the first: of none */
     int columns;
 } ts_column_sums;
 

@@ -31,16 +31,17 @@ static violation worst_slope(const ts_controller *c, ts_real rate)
 {
     const ts_settings *s = c->settings;
     violation worst = {0, 0};
-    ts_real sum = 0, furthest = 0;
-    for (int i = 0, k = 0; i < s->plays; i++) {
-        ts_real w_h = c->w[k++];
-        if (s->rate_dependent[i]) w_h += rate * c->w[k++];
+    const ts_real *w = c->w;
+    ts_real least = s->slope_min, most = s->slope_max, sum = 0, furthest = 0;
+    for (int i = 0, n = s->plays; i < n; i++) {
+        ts_real w_h = *w++;
+        if (s->rate_dependent[i]) w_h += rate * *w++;
         sum += w_h;
-        if (sum >= s->slope_min && sum <= s->slope_max) continue;
-        ts_real over = sum - s->slope_max, under = s->slope_min - sum, out = over > under ? over : under;
+        if (sum >= least && sum <= most) continue;
+        ts_real over = sum - most, under = least - sum, out = over > under ? over : under;
         if (out > furthest) {
             furthest = out;
-            worst.columns = k;
+            worst.columns = (int)(w - c->w);
             worst.missing = over > under ? -over : under;
         }
     }

@@ -208,12 +208,12 @@ static inline ts_real plus_all(ts_real sum, const ts_real *a, int n)
     return sum;
 }
 
-/* sum += columns of P, `count` of them from `from` on, within one block of eight, in their order. */
-static inline void add_columns(const ts_real *P, ts_real *sum, int from, int count, int m)
+/* sum = before + columns of P, `count` of them from `from` on, within one block of eight, in their order. */
+static inline void add_columns(const ts_real *P, const ts_real *before, ts_real *sum, int from, int count, int m)
 {
     int block = from - from % TS_LANES;
     for (int j = 0; j <= block; j += TS_LANES) { /* P is symmetric: for these rows the columns are stored as rows */
-        lanes x = load(sum + j);
+        lanes x = load(before + j);
         const ts_real *row = P + TS_ROW(from) + j;
         TS_UNROLLED
         for (int i = 0; i < count; row += width(block), i++) x = plus(x, 1, load(row));
@@ -224,37 +224,47 @@ static inline void add_columns(const ts_real *P, ts_real *sum, int from, int cou
     for (; j + ROWS <= m; j += ROWS) {
         int next = width(j);
         TS_UNROLLED
-        for (int r = 0; r < ROWS; row += next, r++) sum[j + r] = plus_all(sum[j + r], row, count);
+        for (int r = 0; r < ROWS; row += next, r++) sum[j + r] = plus_all(before[j + r], row, count);
     }
-    for (; j < m; row += width(j), j++) sum[j] = plus_all(sum[j], row, count);
+    for (; j < m; row += width(j), j++) sum[j] = plus_all(before[j], row, count);
 }
 
-static void add_up_to(const ts_kalman *k, ts_column_sums *s, int columns, int m)
+/* The same for those of these columns whose weight is of no play. */
+static void add_rates(const ts_kalman *k, const ts_real *before, ts_real *sum, int from, int count, int m)
 {
-    if (s->columns == 0) memset(&s->sum, 0, sizeof s->sum);
-    if (s->columns > columns) {
-        s->columns = columns - columns % TS_LANES;
-        s->sum = s->before[s->columns / TS_LANES];
+    for (int i = from; i < from + count; i++) {
+        if (k->part[i] != 0) continue;
+        add_columns(k->P, before, sum, i, 1, m);
+        before = sum;
     }
+    if (before != sum) memcpy(sum, before, sizeof(ts_real) * (size_t)m);
+}
+
+/* The sum of the first `columns`. */
+static const ts_column_sum *add_up_to(const ts_kalman *k, ts_column_sums *s, int columns, int m)
+{
+    if (s->columns == 0) memset(&s->after[0], 0, sizeof s->after[0]);
+    if (s->columns > columns) s->columns = columns - columns % TS_LANES;
     while (s->columns < columns) {
-        int from = s->columns, count = TS_LANES - from % TS_LANES;
-        if (count == TS_LANES) s->before[from / TS_LANES] = s->sum;
+        int from = s->columns, begun = from % TS_LANES, count = TS_LANES - begun;
+        ts_column_sum *sum = &s->after[from / TS_LANES + 1];
+        const ts_column_sum *before = begun ? sum : sum - 1;
         if (count > columns - from) count = columns - from;
-        if (count == TS_LANES) add_columns(k->P, s->sum.all, from, TS_LANES, m); /* a loop of known length is faster */
-        else add_columns(k->P, s->sum.all, from, count, m);
-        for (int i = from; i < from + count; i++)
-            if (k->part[i] == 0) add_columns(k->P, s->sum.rates, i, 1, m);
+        if (count == TS_LANES) add_columns(k->P, before->all, sum->all, from, TS_LANES, m); /* a loop of known length is faster */
+        else add_columns(k->P, before->all, sum->all, from, count, m);
+        add_rates(k, before->rates, sum->rates, from, count, m);
         s->columns += count;
     }
+    return &s->after[(columns + TS_LANES - 1) / TS_LANES];
 }
 
 void ts_kalman_project(const ts_kalman *k, ts_real *w, ts_column_sums *sums, int columns, ts_real rate, ts_real missing, int m)
 {
     ts_real Pg[TS_PADDED(TS_MAX_LEARNED)], all = 0, rates = 0;
-    add_up_to(k, sums, columns, m);
+    const ts_column_sum *sum = add_up_to(k, sums, columns, m);
     int block = 0;
     do { /* m is 1 at least */
-        store(Pg + block, plus(load(sums->sum.all + block), rate - 1, load(sums->sum.rates + block)));
+        store(Pg + block, plus(load(sum->all + block), rate - 1, load(sum->rates + block)));
         block += TS_LANES;
     } while (block < m);
     for (int i = 0; i < columns; i++) {
