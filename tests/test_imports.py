@@ -15,11 +15,10 @@ def modules_after(statement):
     return set(subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split())
 
 
-def test_import_loads_numpy_alone():
+def test_import_loads_no_other_package():
     loaded = modules_after("import truestroke")
-    assert "numpy" in loaded
-    assert loaded.isdisjoint(HEAVY)
-    assert "truestroke.runtime.loop" not in loaded
+    assert loaded.isdisjoint({"numpy", *HEAVY})
+    assert "truestroke.control.controller" not in loaded
 
 
 def test_a_run_of_a_random_wave_needs_numpy_alone():
@@ -33,7 +32,13 @@ def test_the_processes_beside_the_loop_load_little():
     """Four of them start with each run; each loaded the controllers, identification and the servers."""
     loaded = modules_after("from truestroke.runtime.realtime import process, recorder, status, watchdog")
     assert loaded.isdisjoint(HEAVY)
-    for name in ("identification", "runtime.realtime.runner", "runtime.realtime.epics", "runtime.realtime.live_page"):
+    for name in (
+        "control.controller",
+        "identification",
+        "runtime.realtime.runner",
+        "runtime.realtime.epics",
+        "runtime.realtime.live_page",
+    ):
         assert f"truestroke.{name}" not in loaded
 
 

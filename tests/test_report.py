@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from matplotlib.axes import Axes
+from matplotlib.layout_engine import ConstrainedLayoutEngine, LayoutEngine
 
 from truestroke import report
 from truestroke.report import style
@@ -233,3 +235,31 @@ def test_a_picture_of_a_page_stands_where_matplotlib_saves_it() -> None:
     moved = figure()
     moved.set_layout_engine("none")
     assert svg(moved, "a", "a picture") != places
+
+
+def test_panels_stand_where_matplotlib_puts_them_and_are_measured_again_only_where_labels_change(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Within a tenth of a point of its own engine, which measures each panel twice."""
+
+    def figure(engine: LayoutEngine | None) -> matplotlib.figure.Figure:
+        with style.use(style.LIGHT):
+            made, (left, right) = style.panels(2.0, columns=2)
+            left.set(xticks=[0.0, 1e4], yticks=[0.0, 1.0])
+            right.plot([0.0, 1.0], [0.0, 1e-4])
+            right.yaxis.set_major_formatter(lambda y, _: f"{y:.{1 + round(10 * right.get_position().x0)}f}")
+            made.set_layout_engine(engine or made.get_layout_engine())
+        return made
+
+    measured = []
+    once = Axes.get_tightbbox
+    monkeypatch.setattr(Axes, "get_tightbbox", lambda self, *a, **b: measured.append(self) or once(self, *a, **b))
+    ours, its = figure(None), figure(ConstrainedLayoutEngine(h_pad=0.07, w_pad=0.06))
+    counts = []
+    for made in (ours, its):
+        measured.clear()
+        made.draw_without_rendering()
+        counts.append([measured.count(axes) for axes in made.axes])
+    for panel, other in zip(ours.axes, its.axes, strict=True):
+        np.testing.assert_allclose(panel.get_position().extents, other.get_position().extents, atol=0.1 / 504)
+    assert counts == [[1, 2], [2, 2]]

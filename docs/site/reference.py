@@ -9,7 +9,7 @@ from pathlib import Path
 import truestroke
 
 ROOT = Path(__file__).resolve().parents[2]
-PYTHON = """All public names, by what they are for. `import truestroke` loads NumPy alone; the rest loads when it is
+PYTHON = """All public names, by what they are for. `import truestroke` loads none of them; each loads when it is
 used. Units, signs and shapes are those of the [conventions](conventions.md).
 """
 COMMANDS = """# Command line

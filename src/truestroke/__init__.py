@@ -10,7 +10,6 @@ weights in um/V, time in s, rates in Hz. Equation numbers are those of Tan et al
 """
 
 from truestroke.base import lazy
-from truestroke.control.controller import AdaptiveController as AdaptiveController  # what all need; loads NumPy alone
 
 __version__ = "0.1.0"
 __getattr__, __dir__, _names = lazy.attach(__name__)

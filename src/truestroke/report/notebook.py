@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from truestroke.identification import Identified
-from truestroke.report import plots
+from truestroke.report import plots, style
 from truestroke.report.identified import plots as identified_plots
 from truestroke.report.identified.view import View
 from truestroke.report.style import DARK, LIGHT, Theme
@@ -49,5 +49,6 @@ def picture(plot: Callable[[Theme], Figure], words: str) -> str:
 
 def _encoded(figure: Figure) -> str:
     file = io.BytesIO()
-    figure.savefig(file, format="png", dpi=SHARPNESS, metadata={"Software": None})
+    with style.placed(figure, SHARPNESS):
+        figure.savefig(file, format="png", dpi=SHARPNESS, metadata={"Software": None})
     return f"data:image/png;base64,{base64.b64encode(file.getvalue()).decode()}"

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 from xml.sax.saxutils import escape
 
 import jinja2
@@ -206,12 +206,8 @@ def svg(figure: Figure, name: str, description: str) -> str:
     `description` to a screen reader.
     """
     file, canvas = io.StringIO(), FigureCanvasSVG(figure)
-    with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": name}):
-        if engine := figure.get_layout_engine():  # `savefig` would plot all once more to find the places
-            dpi, figure.dpi = figure.dpi, 72  # that of SVG
-            engine.execute(figure)
-            figure.dpi = dpi  # that of images
-            figure.set_layout_engine("none")
+    parameters: dict[Any, Any] = {"svg.fonttype": "none", "svg.hashsalt": name}
+    with matplotlib.rc_context(parameters), style.placed(figure, style.VECTOR_DPI):
         canvas.print_svg(file, metadata={"Date": None})  # type: ignore[no-untyped-call]
     text = file.getvalue()
     text = text[text.index("<svg") :]

@@ -1,6 +1,6 @@
 """One look for all pictures: Okabe-Ito colours, a light and a dark theme, thinning of long lines."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,11 +12,13 @@ import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.transforms import Bbox, BboxBase
 
 from truestroke.base import files
 from truestroke.base.typing import FloatArray
 
 WIDTH = 7.0  # in, two columns of a journal
+DPI, VECTOR_DPI = 200, 72  # of images; of SVG and PDF
 COLUMNS = 900  # pixel columns of a panel, for thinning
 ROLES = ("background", "text", "muted", "grid", "desired", "true", "measured", "before", "alarm", "wrong")
 SERIES = 8
@@ -107,7 +109,7 @@ def _parameters(theme: Theme) -> dict[Any, Any]:
         "font.sans-serif": ["DejaVu Sans", "Helvetica", "Arial", "sans-serif"],
         "axes.unicode_minus": True,
         "lines.solid_joinstyle": "round",
-        "savefig.dpi": 200,
+        "savefig.dpi": DPI,
         "svg.fonttype": "none",
         "pdf.fonttype": 42,
     }
@@ -122,6 +124,65 @@ def use(theme: Theme) -> Iterator[None]:
         yield
 
 
+class Places(ConstrainedLayoutEngine):
+    """Matplotlib's places of the panels, for less: it looks at all labels twice, as they may change with the places.
+
+    Where the labels of a panel's ticks have remained, so have its margins, and what was found is taken again.
+    """
+
+    def __init__(self, w_pad: float = 0.06) -> None:
+        super().__init__(h_pad=0.07, w_pad=w_pad)
+
+    def execute(self, figure: Figure) -> None:
+        """Give the panels of the figure their places."""
+        panels = [axes for axes in figure.axes if axes.get_aspect() == "auto" and axes.get_box_aspect() is None]
+        for axes in panels:
+            vars(axes)["get_tightbbox"] = _remembering(axes)
+        try:
+            super().execute(figure)
+        finally:
+            for axes in panels:
+                del vars(axes)["get_tightbbox"]
+
+
+def _remembering(axes: Axes) -> Callable[..., BboxBase | None]:
+    """`axes.get_tightbbox`, which looks again only if the labels of its ticks are others than when it last looked."""
+    measure, measured, labels, margins = axes.get_tightbbox, axes.figure, None, np.zeros(4)
+
+    def tight(*arguments: Any, **options: Any) -> BboxBase | None:
+        nonlocal labels, margins
+        now = [a.get_major_formatter().format_ticks(list(a.get_majorticklocs())) for a in (axes.xaxis, axes.yaxis)]
+        place = np.asarray(axes.get_position(original=True).transformed(measured.transFigure).extents)
+        if now == labels:
+            return Bbox.from_extents(place + margins)
+        found = measure(*arguments, **options)
+        if found is not None:
+            labels, margins = now, found.extents - place
+        return found
+
+    return tight
+
+
+@contextmanager
+def placed(figure: Figure, dpi: float) -> Iterator[None]:
+    """Within it, the panels of the figure stand where its layout has them at so many pixels an inch.
+
+    Otherwise `savefig` would plot all once more to find the places.
+    """
+    engine = figure.get_layout_engine()
+    if engine is None:
+        yield
+        return
+    before, figure.dpi = figure.dpi, dpi
+    engine.execute(figure)
+    figure.dpi = before
+    figure.set_layout_engine("none")
+    try:
+        yield
+    finally:
+        figure.set_layout_engine(engine)
+
+
 def panels(
     height: float, rows: int = 1, columns: int = 1, edges: Mapping[str, float] | None = None, **options: Any
 ) -> tuple[Figure, list[Axes]]:
@@ -130,7 +191,7 @@ def panels(
     With `edges`, as `subplots_adjust` has them, the panels stand there: to find their places takes matplotlib as long
     as all the rest.
     """
-    figure = Figure(figsize=(WIDTH, height), layout=None if edges else ConstrainedLayoutEngine(h_pad=0.07, w_pad=0.06))
+    figure = Figure(figsize=(WIDTH, height), layout=None if edges else Places())
     if edges:
         figure.subplots_adjust(**edges)
     return figure, list(np.ravel(figure.subplots(rows, columns, **options)))
@@ -202,9 +263,10 @@ def save(figure: Figure, path: str | Path) -> Path:
     about = {".svg": {"Date": None, "Creator": maker}, ".pdf": {"CreationDate": None, "Creator": maker}}
     with (
         files.writing(path, files.PICTURE) as draft,
+        placed(figure, DPI if path.suffix.lower() == ".png" else VECTOR_DPI),
         matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": maker, "pdf.fonttype": 42}),
     ):
-        figure.savefig(draft, dpi=200, metadata=about.get(path.suffix.lower(), {"Software": maker}))
+        figure.savefig(draft, dpi=DPI, metadata=about.get(path.suffix.lower(), {"Software": maker}))
     return path
 
 

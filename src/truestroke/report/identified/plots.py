@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import MaxNLocator
 
 from truestroke.base.typing import FloatArray
@@ -82,7 +81,7 @@ def residual(view: View, correlation: FloatArray, rows: int, theme: Theme = LIGH
     volts, volt = volt_unit(view)
     speed, length = units.scaled_length(float(np.abs(view.rate).max()))
     with style.use(theme):
-        figure = Figure(figsize=(style.WIDTH, 4.6), layout=ConstrainedLayoutEngine(h_pad=0.07, w_pad=0.05))
+        figure = Figure(figsize=(style.WIDTH, 4.6), layout=style.Places(w_pad=0.05))
         panels = figure.subplot_mosaic("TTT;VRC", height_ratios=[1.1, 1])
         _against_time(panels["T"], view, factor, theme)
         spread(panels["V"], volts * view.volts[view.tested], factor * error, theme)
@@ -149,7 +148,7 @@ def weights(view: View, theme: Theme = LIGHT) -> Figure:
     groups = _groups(view)
     above = 2 if len(view.model.thresholds) > 1 else 1
     with style.use(theme):
-        figure = Figure(figsize=(style.WIDTH, 4.6), layout=ConstrainedLayoutEngine(h_pad=0.07, w_pad=0.05))
+        figure = Figure(figsize=(style.WIDTH, 4.6), layout=style.Places(w_pad=0.05))
         grid = figure.add_gridspec(2, 1)
         for k, row in enumerate((groups[:above], groups[above:])):
             widths = [

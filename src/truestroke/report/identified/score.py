@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from truestroke.control.actuator import central_difference
 from truestroke.identification import ActuatorModel, Score
@@ -115,7 +114,7 @@ def _error(view: View, theme: Theme) -> Figure:
     volts, volt = model_plots.volt_unit(view)
     speed, per_second = units.scaled_length(float(np.abs(view.rate).max()))
     with style.use(theme):
-        figure = Figure(figsize=(style.WIDTH, 4.6), layout=ConstrainedLayoutEngine(h_pad=0.07, w_pad=0.05))
+        figure = Figure(figsize=(style.WIDTH, 4.6), layout=style.Places(w_pad=0.05))
         panels = figure.subplot_mosaic("TT;VR", height_ratios=[1.1, 1])
         time = panels["T"]
         judged, start = slice(view.first, None), slice(0, view.first)
