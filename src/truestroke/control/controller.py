@@ -473,7 +473,9 @@ class AdaptiveController(Displayed):
         try:
             self._kernel.restore(arrays)
         except ValueError as error:
-            raise SettingError("state", f"{len(arrays)} entries", f"what `state` gave: {error}") from None
+            raise SettingError(
+                "state", f"{len(arrays)} entries", f"what `state` gave, with these settings and this version: {error}"
+            ) from None
 
     @property
     def weights(self) -> FloatArray:

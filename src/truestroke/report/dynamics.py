@@ -136,13 +136,13 @@ def chart(found: Bode) -> Chart:
         Panel("magnitude (static = 1)", _points(np.abs(found.measured), np.abs(found.model), seen), logarithmic=True),
         Panel("phase (deg)", _points(measured, model, seen)),
         Panel("difference (%)", [Line("difference", "true", np.where(seen, 100 * found.residual, np.nan), points=True),
-                                 Line("explained by noise", "measured", 200 * found.scatter)], logarithmic=True),
+                                 Line("explained by noise", "muted", 200 * found.scatter)], logarithmic=True),
     ]  # fmt: skip
     return Chart(panels, label="frequency (Hz)", places=found.frequency)
 
 
 def _points(measured: FloatArray, model: FloatArray, seen: BoolArray) -> list[Line]:
-    return [Line("measured", "true", np.where(seen, measured, np.nan), points=True), Line("model", "measured", model)]
+    return [Line("measured", "true", np.where(seen, measured, np.nan), points=True), Line("model", "before", model)]
 
 
 def _phases(found: Bode) -> tuple[FloatArray, FloatArray]:
@@ -190,7 +190,7 @@ def errors(found: Bode, theme: Theme) -> Figure:
     """Histogram of measurement over model less 1, up to where the model is to be trusted."""
     trusted = (found.coherence > 0.5) & (found.frequency <= found.dynamics.trusted_to)
     relative = 100 * (found.measured / found.model - 1)[trusted]
-    parts = {"gain, real part": ("true", relative.real), "phase, imaginary part": ("measured", relative.imag)}
+    parts = {"gain, real part": ("true", relative.real), "phase, imaginary part": ("before", relative.imag)}
     with style.use(theme):
         figure, (panel,) = style.panels(2.6)
         spectra.histogram(panel, parts, theme, FEWER)
@@ -202,7 +202,7 @@ def errors(found: Bode, theme: Theme) -> Figure:
 
 def _both(panel: Axes, f: FloatArray, measured: FloatArray, model: FloatArray, seen: BoolArray, theme: Theme) -> None:
     panel.plot(f[seen], measured[seen], ".", ms=3.5, color=theme["true"], label="measured")
-    panel.plot(f, model, color=theme["measured"], lw=1.2, label="model")
+    panel.plot(f, model, color=theme["before"], lw=1.2, label="model")
 
 
 def _with(value: float, deviation: float | None, unit: str = "") -> str:
