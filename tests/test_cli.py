@@ -192,7 +192,9 @@ def test_rest_is_a_motion_like_any_other() -> None:
         (["compare", "--duration", "0.5"], "'--duration': 0.5 is not in the range x>=1.0", 2),
         (["compare", "--output", "no/such/run"], "mkdir -p no/such", 1),
         (["reproduce", "fig5"], "'fig5' is not one of 'fig4', 'fig6'", 2),
-        (["report", "none.h5"], "none.h5", 2),
+        (["report", "none.h5"], "there is no file none.h5 in ", 2),
+        (["bode", "--config", "no/stage.toml"], "there is no folder ", 2),
+        (["track", "--model", "mine.toml"], "; `truestroke identify` writes it. See: ", 2),
         (["report", __file__], "not an HDF5 file", 1),
         (["fly"], "No such command 'fly'", 2),
     ],
@@ -205,6 +207,13 @@ def test_errors_are_one_line_that_names_the_argument(arguments: list[str], said:
     assert done.stderr.count("\n") == 1
     assert done.stdout == ""
     assert not list(Path().iterdir())
+
+
+def test_a_file_of_almost_the_same_name_is_proposed() -> None:
+    Path("dynamics.toml").touch()
+    done = call("track", "--dynamics", "dynamcs.toml")
+    assert "there is no file dynamcs.toml in " in done.stderr
+    assert "; did you mean dynamics.toml? See: " in done.stderr
 
 
 def test_what_cannot_be_written_is_said_before_the_run(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import errno
 import functools
 import json
@@ -35,10 +36,37 @@ if TYPE_CHECKING:
 FILES = ("output", "plots", "figures", "overwrite", "as_json")  # options that do not change the run
 ALIASES = {"cutoff": "frequency", "slew_limit": "slew", "path": "trajectory"}  # arguments of Python by other options
 RENAMED = {"play": "playback", "zoo": "robustness"}  # commands by their old names, for one version
-FILE = click.Path(exists=True, dir_okay=False, path_type=Path)  # one that is there
+MAKERS = {  # of a file, by the option that takes it
+    "config": "; `truestroke run --example` prints one.",
+    "model": "; `truestroke identify` writes it.",
+    "dynamics": "; `truestroke bode` writes it.",
+}
 LONGEST_HELP = 200  # characters of the sentence about a command
 PIPE_WIDTH = 120  # columns of a table where there is no terminal
 Option = Callable[[Callable[..., Any]], Callable[..., Any]]  # a decorator of a command
+
+
+class ExistingFile(click.Path):
+    """The path of a file that is there; where it is not, the error names its folder and what may have been meant."""
+
+    def __init__(self) -> None:
+        super().__init__(exists=True, dir_okay=False, path_type=Path)
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """The path, or the error."""
+        path = Path(value)
+        if path.exists():
+            return super().convert(value, param, ctx)
+        folder = path.absolute().parent
+        if not folder.is_dir():
+            self.fail(f"there is no folder {folder}.", param, ctx)
+        others = {one.stem: one.name for one in folder.glob(f"*{path.suffix}") if one.is_file()}
+        near = [f"; did you mean {others[stem]}?" for stem in difflib.get_close_matches(path.stem, others, n=1)]
+        remedy = near[0] if near else MAKERS.get(param.name or "", ".") if param else "."
+        self.fail(f"there is no file {path.name} in {folder}{remedy}", param, ctx)
+
+
+FILE = ExistingFile()
 
 
 class Commands(click.Group):

@@ -14,7 +14,7 @@ from truestroke.cli import common, results, waveforms
 
 @click.command()
 @click.option("--controller", type=click.Choice(["adaptive", "paper"]), default="adaptive", help="What is tested.")
-@click.option("--model", type=click.Path(exists=True, dir_okay=False), metavar="FILE", help="Start the adaptive "
+@click.option("--model", type=common.FILE, metavar="FILE", help="Start the adaptive "
               "controller from a model of `truestroke identify`.")  # fmt: skip
 @click.option("--voltage-limits", type=float, nargs=2, metavar="LOW HIGH", default=(-0.6, 3.6),
               help="Lowest and highest voltage of the controller, V.")  # fmt: skip
