@@ -1,6 +1,6 @@
 """The loop in real time on the simulated stack for half an hour: lateness, memory, lost samples.
 
-    python benchmarks/soak.py [--minutes 30] [--cpu N] [--json]
+    python benchmarks/soak.py [--minutes 30] [--cpu N] [--spin S] [--json]
 
 Runs `truestroke run` and looks at the memory of its processes every few seconds. Ends with 1 if memory grows or a
 sample is lost; lateness is that of this machine, and is reported only.
@@ -30,7 +30,7 @@ duration = {seconds}
 [realtime]
 overrun_streak = 0
 watchdog_timeout = 30.0
-{cpu}
+{more}
 [recording]
 file = "{file}"
 """
@@ -46,12 +46,12 @@ def memory(pid):
     return found
 
 
-def soak(minutes, cpu):
+def soak(minutes, cpu, spin):
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "run.h5"
-        pinned = "" if cpu is None else f"cpu = {cpu}"
+        more = "\n".join(f"{name} = {value}" for name, value in {"cpu": cpu, "spin": spin}.items() if value is not None)
         config = Path(folder) / "soak.toml"
-        config.write_text(CONFIG.format(seconds=60.0 * minutes, cpu=pinned, file=file))
+        config.write_text(CONFIG.format(seconds=60.0 * minutes, more=more, file=file))
         command = [Path(sys.executable).with_name("truestroke"), "run", "--config", config, "--json"]
         process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
         used, began = [], time.monotonic()
@@ -72,9 +72,12 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--minutes", type=float, default=30.0)
     parser.add_argument("--cpu", type=int)
+    parser.add_argument(
+        "--spin", type=float, help="s before a tick to wake up and spin; left out: that of truestroke run"
+    )
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
-    outcome, growth, size = soak(options.minutes, options.cpu)
+    outcome, growth, size = soak(options.minutes, options.cpu, options.spin)
     lost = outcome["lost"] + outcome["all_ticks"] - outcome["ticks"]
     good = not lost and outcome["exit_code"] == 0 and bool(growth) and max(growth.values()) < GROWTH
     if options.json:

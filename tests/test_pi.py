@@ -6,6 +6,7 @@ import contextlib
 import io
 import json
 import pickle
+import platform
 import re
 import shlex
 import signal
@@ -42,6 +43,12 @@ def made(fake: Fake, **change: object) -> PiDriver:
     settings = {"host": "127.0.0.1", "port": fake.port, "output_range": (-20.0, 120.0), "timeout": 0.4}
     settings |= {"sample_rate": 10.0} | change  # 10 Hz: whatever else this machine does
     return PiDriver(PiSettings(**settings))
+
+
+@pytest.fixture(autouse=True)
+def _look_at_the_interpreter_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """PIPython starts `file` on it for its log at each connection: four hundred processes of this file."""
+    monkeypatch.setattr(platform, "architecture", lambda *_: ("64bit", "ELF"))
 
 
 @pytest.fixture

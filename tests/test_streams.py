@@ -16,7 +16,7 @@ COMMAND = str(Path(sys.executable).with_name("truestroke"))
 CONFIG = """
 [driver]
 name = "simulated"
-faults = [{ kind = "FAULT", at = 3000, count = 99999 }]
+faults = [{ kind = "FAULT", at = 1000, count = 99999 }]
 [[axis]]
 stroke = 30.0
 voltage_limits = [-0.6, 3.6]
@@ -26,6 +26,7 @@ kind = "sine"
 frequency = 4.0
 duration = 20.0
 [realtime]
+spin = 0.0
 overrun_streak = 0
 watchdog_timeout = 20.0
 [recording]

@@ -332,6 +332,8 @@ def known_terms(layout: Layout, creep: Sequence[Any] | FloatArray, motion: Motio
     array([ 0.5 , 20.  ,  1.  ,  0.75])
     """
     counts = layout.counts
+    if not any(counts.values()):
+        return np.zeros(0)
     others = [*zip(*motion.others, strict=True)] or np.zeros((3, layout.other_axes, *np.shape(motion.z_d)))
     terms: dict[str, Sequence[Any] | FloatArray] = {
         "creep": creep,

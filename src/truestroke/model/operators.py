@@ -132,13 +132,19 @@ def dot(a: FloatArray, b: FloatArray) -> FloatArray:
     """
     products = a * b
     *outer, n = products.shape
+    if not outer and n <= LANES:  # a sum a lane
+        return _total([*products.tolist(), *[0.0] * (LANES - n)])
     blocks = max(1, -(-n // LANES))
     padded = np.zeros((*outer, blocks * LANES))
     padded[..., :n] = products
     lanes: FloatArray = np.add.reduce(padded.reshape(*outer, blocks, LANES), axis=-2)  # row by row
     if not outer:  # plain floats have the same sum in half the time
-        a0, a1, a2, a3, a4, a5, a6, a7 = lanes.tolist()
-        return np.float64(((a0 + a4) + (a2 + a6)) + ((a1 + a5) + (a3 + a7)))  # type: ignore[return-value]
+        return _total(lanes.tolist())
     for half in (4, 2, 1):
         lanes = lanes[..., :half] + lanes[..., half:]
     return lanes[..., 0]
+
+
+def _total(lanes: list[float]) -> FloatArray:
+    a0, a1, a2, a3, a4, a5, a6, a7 = lanes
+    return np.float64(((a0 + a4) + (a2 + a6)) + ((a1 + a5) + (a3 + a7)))  # type: ignore[return-value]
