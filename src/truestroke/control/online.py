@@ -5,8 +5,8 @@ A controller is near its end already, and three things count that do not where a
 - The error is small beside the noise of a batch. It is estimated from all batches: by a Kalman filter for each
   harmonic, whose variance is what is in the error beside the noise, of a harmonic by itself where that is sure, else as
   its neighbours have it.
-- Hysteresis moves what is changed at one harmonic to others, up to half of it. The first change is less than a half of
-  what it should be; what it has moved, r, is then known for its direction d, and by it a change dU moves::
+- Hysteresis moves what is changed at one harmonic to others, up to half of it. The first change is nine tenths of what
+  it should be; what it has moved, r, is then known for its direction d, and by it a change dU moves::
 
       sum_i a_i r_i,    a: the part of dU along the earlier changes d_i
 
@@ -28,7 +28,7 @@ from truestroke.control.harmonics import KEPT, PAIRS, BoolArray, HarmonicLaw, Sp
 NEIGHBOUR, REACH = 0.2, 64  # hysteresis: so much of the change of a harmonic reaches each one beside it, / the distance
 TAMED = 0.25  # of what a change may harm elsewhere counts, as the next pass corrects it; of the first one, FIRST
 FIRST = 2.0
-HALF = 0.45  # of a change, the first time
+HALF = 0.9  # of a change, the first time
 MOVED = 0.15  # of the power of a change: what it moves elsewhere, at least, while the error is that of the first batch
 WORSE = 1.5  # times the rmse of the best pass: at a resonance a harmonic may become worse before it becomes better
 SHOWN, SHOWN_BEYOND = 5.0, 12.0  # times the variance of the noise: power that is surely none

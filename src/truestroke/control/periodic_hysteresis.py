@@ -62,13 +62,18 @@ class PeriodicHysteresis:
         The slope of the strain is positive, so that each step leaves less of the error.
         """
         x = near
-        pace = 1 / (1 + _steepest(self.weights))
         for _ in range(STEPS):
-            left = np.fft.irfft(np.where(moved, np.fft.rfft(strain - self.strain(x)), 0.0), x.size)
-            if np.abs(left).max() < EXACT * self.span:
+            x, done = self.nearer(strain, x, moved)
+            if done:
                 break
-            x = x + pace * left
         return x
+
+    def nearer(self, strain: FloatArray, x: FloatArray, moved: BoolArray) -> tuple[FloatArray, bool]:
+        """Voltages a step nearer, V; whether those before were near enough, and are kept."""
+        left = np.fft.irfft(np.where(moved, np.fft.rfft(strain - self.strain(x)), 0.0), x.size)
+        if np.abs(left).max() < EXACT * self.span:
+            return x, True
+        return x + 1 / (1 + _steepest(self.weights)) * left, False
 
 
 def identified(

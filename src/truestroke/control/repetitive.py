@@ -4,8 +4,10 @@ The voltage is that of the controller inside, which does not learn meanwhile, an
 
     x(t) = command(z_d, z_d', ...) + v(t mod T)
 
-From the mean of some periods, the law of `control.harmonics` makes the next v; U is the spectrum of x. A new v takes
-over smoothly. Until the motion repeats, and when it no longer does, the controller inside is alone, and learns.
+From the mean of some periods, the law of `control.harmonics` makes the strain of the next x, and a model of the
+hysteresis, which the first of them show, its voltage. A new v takes over smoothly. The mean of the error, which creeps,
+is taken away from period to period. Until the motion repeats, and when it no longer does, the controller inside is
+alone, and learns.
 """
 
 from __future__ import annotations
@@ -28,12 +30,15 @@ from truestroke.control import iterative
 from truestroke.control.controller import Controller, State
 from truestroke.control.harmonics import BoolArray, HarmonicLaw, Nearest
 from truestroke.control.online import OnlineLaw
+from truestroke.control.periodic_hysteresis import STEPS, PeriodicHysteresis, identified
 from truestroke.control.repetition import LONGEST, SHORTEST, Periods, Repetition, Seen, Shape
 from truestroke.control.response_prior import APART, ROUNDS, FewNumbers, beside
 from truestroke.control.settings import UNLIMITED
 from truestroke.model.dynamics import Dynamics, Mode
 from truestroke.signals.timing import LONGEST_AGO
 
+LEVEL = 0.3  # of the mean error of a period, which the next one takes away, at most
+CREEPS = 0.03  # s: and not faster
 FADE = 0.01, 0.05  # s: a correction takes over within a period, but not faster or slower than this
 DECAY = 0.15  # s: until a change of the correction has decayed, with a resonance that rings for so long
 LATEST = LONGEST_AGO + 1  # ticks: `ago` of a measurement is below
@@ -44,7 +49,7 @@ LINES = 0.3  # of a period: errors of a motion that is straight for so long coun
 LEARNED = 0.8  # times the error: while it falls below from batch to batch, the controller inside goes on learning
 PATIENCE = 6  # batches, at most
 ALIKE = 0.02  # of the rms of a motion: another one within it is the same, but for amplitude, offset and phase
-LEARNING = frozenset({"_conclude", "_see", "_know", "_listen", "_follow"})
+LEARNING = frozenset({"_conclude", "_model", "_see", "_know", "_listen", "_follow", "_invert"})
 """Steps of the learning from a batch."""
 CARRIED = 3.0  # times: how much more a correction may become where the period changes
 KEPT = 1000  # batches in `batches`
@@ -120,6 +125,44 @@ class _Correction:
         return _entry(new, phase)
 
 
+class _Level:
+    """A voltage against the mean of the error, which creeps, from period to period; it moves in straight lines.
+
+    Parameters
+    ----------
+    ticks : int
+        Of a period.
+    share : float
+        Of the mean of a period, which the next one takes away.
+    """
+
+    def __init__(self, ticks: int, share: float) -> None:
+        self.ticks, self.share = ticks, share
+        self._volts = self.goal = self._pace = 0.0
+        self.restart()
+
+    def restart(self) -> None:
+        """The next period begins with the next error."""
+        self._sum, self._many = 0.0, 0
+
+    def see(self, error: float, gain: float) -> None:
+        """The error of a tick, um, and the displacement by voltage, um/V."""
+        self._sum, self._many = self._sum + error, self._many + 1
+        if self._many == self.ticks:
+            self.move(self.goal - self.share * self._sum / (gain * self._many), self.ticks)
+            self.restart()
+
+    def move(self, volts: float, ticks: float) -> None:
+        """To a voltage, within so many ticks."""
+        self.goal, self._pace = volts, abs(volts - self._volts) / ticks
+
+    def tick(self) -> float:
+        """In this tick, V."""
+        left = self.goal - self._volts
+        self._volts += math.copysign(min(abs(left), self._pace), left)
+        return self._volts
+
+
 def _smooth(u: float) -> float:
     return u * u * u * (10.0 + u * (6.0 * u - 15.0))
 
@@ -175,7 +218,7 @@ class RepetitiveController(Displayed):
 
     Examples
     --------
-    A gain that is a tenth wrong, of an actuator that is late by a tick; the error falls to nothing:
+    A gain that is a tenth wrong, of an actuator that is late by a tick; the error falls:
 
     >>> from truestroke.control.baselines import ConstantGain
     >>> inside = ConstantGain(11.0, voltage_limits=(0.0, 3.0))
@@ -189,7 +232,7 @@ class RepetitiveController(Displayed):
     ...     controller.adapt(10.0 * before)
     ...     before = volts
     >>> [f"{batch.rmse:.3f}" for batch in controller.batches][:4]
-    ['1.191', '0.830', '0.082', '0.003']
+    ['1.191', '0.479', '0.042', '0.018']
     """
 
     def __init__(
@@ -247,6 +290,9 @@ class RepetitiveController(Displayed):
         self._f: FloatArray = np.arange(size // 2 + 1) / period
         self._errors, self._added, self._inside = (Periods(size) for _ in range(3))
         self._count = max(2, math.ceil(self.averaged / period))
+        self._level = _Level(size, min(LEVEL, period / CREEPS))
+        self._hysteresis: PeriodicHysteresis | None = None
+        self._slope = 1.0
         self._correction = _Correction(min(max(period, FADE[0]), FADE[1]) * rate)
         self._heard: BoolArray = self._f <= iterative.SEEN * rate
         self._response = self._responses(self._dynamics)
@@ -305,7 +351,7 @@ class RepetitiveController(Displayed):
         place = self._commands % LATEST
         self._phases[place], self._asked[place] = at, z_d
         self._commands += 1
-        volts = self._within(inside + self._correction.at(at)) if self._corrects else inside
+        volts = self._within(inside + self._correction.at(at) + self._level.tick()) if self._corrects else inside
         if self._until == self._commands:
             self._waited()
         if self._counts:
@@ -324,13 +370,21 @@ class RepetitiveController(Displayed):
             self.controller.adapt(z_measured, ago)
         if self._todo:
             getattr(self, self._todo.popleft())()
-        elif self._counts and not self._held:
-            place = (self._commands - 1 - ago) % LATEST
-            error = z_measured - self._asked[place]
-            if abs(error) <= self._span:  # else it is lost, NaN, or no displacement
-                period = self._errors.put(self._phases[place], error)
-                if period is not None:
-                    self._see_period(np.fft.rfft(period))
+        elif (self._counts or (self._corrects and self._joined)) and not self._held:
+            self._see_error(z_measured, (self._commands - 1 - ago) % LATEST)
+
+    def _see_error(self, z_measured: float, place: int) -> None:
+        """A measurement, um, of the command at a place of those that are kept."""
+        error = z_measured - self._asked[place]
+        if not abs(error) <= self._span:  # it is lost, NaN, or no displacement
+            self._level.restart()
+            return
+        if self._corrects and self._hysteresis is not None:
+            self._level.see(error, self._slope)
+        if self._counts:
+            period = self._errors.put(self._phases[place], error)
+            if period is not None:
+                self._see_period(np.fft.rfft(period))
 
     def _within(self, volts: float) -> float:
         """Within the limits, and the slew since the last tick."""
@@ -358,6 +412,9 @@ class RepetitiveController(Displayed):
         """The correction is taken back; then the controller inside learns again."""
         self._todo.clear()
         self._joined = False
+        if self._past is not None:
+            self._past.correction[0] = self._level.goal * self._past.law.samples
+        self._level.move(0.0, self._correction.ticks)
         self._become(np.empty(0))
 
     def _become(self, volts: FloatArray) -> None:
@@ -433,6 +490,7 @@ class RepetitiveController(Displayed):
         )
         carried = None if self._past is None else self._past.carried(motion, self._f, law)
         self._law, self._form = law, motion
+        self._hysteresis = None
         self._rest_volts: ComplexArray | None = None
         self._error, self._listens = math.inf, 0 if carried is not None else PATIENCE
         if carried is None:
@@ -440,6 +498,8 @@ class RepetitiveController(Displayed):
             self._wait()
         else:
             self._rests = True
+            self._level.move(float(carried[0].real) / self._motion.size, self._correction.ticks)
+            carried[0] = 0.0
             self._become(np.fft.irfft(carried, self._motion.size))
 
     # ---- Learning ----------------------------------------------------------------------------------------------------
@@ -465,21 +525,41 @@ class RepetitiveController(Displayed):
         law, n = self._law, self._periods
         Z, self._noise2 = self._form + self._sum / n, self._scatter / (2 * n * (n - 1))
         added, inside = (np.fft.rfft(total / k) for total, k in zip(self._sums, self._outputs, strict=True))
+        if self._rest_volts is None and self._listens == 0:  # later ones differ by drift and a wandering period
+            self._rest_volts = inside
+        output = (inside if self._rest_volts is None else self._rest_volts) + added
+        self._volts = np.fft.irfft(output, self._motion.size)
         if law.fresh and self._past is None:
-            gain = law.gain(inside + added, Z)
+            gain = law.gain(output, Z)
             if not gain > 0:
                 self._wait()
                 return
             law.scale(gain)
-        if self._rest_volts is None and self._listens == 0:  # later ones differ by drift and a wandering period
-            self._rest_volts = inside
-        self._output = (inside if self._rest_volts is None else self._rest_volts) + added, Z
-        self._todo.append("_see")
+        self._measured = Z
+        self._todo.extend(["_model", "_see"])
+
+    def _model(self) -> None:
+        """The model of the hysteresis, which the first batch shows, and the strain of this one."""
+        law, first = self._law, self._hysteresis is None
+        if self._hysteresis is None:
+            self._hysteresis = identified(
+                self._volts,
+                self._measured,
+                law.response,
+                self._noise2,
+                few=self._response[2],
+                learned=self._learned,
+                periods=1,
+            )
+        self._strain = np.fft.rfft(self._hysteresis.strain(self._volts))
+        if first and self._past is None:
+            law.scale(law.gain(self._strain, self._measured))
+        self._slope = float(np.abs(law.response[0]))
 
     def _see(self) -> None:
-        law, (output, Z) = self._law, self._output
-        law.see(output, Z, self._noise2)
-        self._missing = np.fft.irfft(Z - law.desired, self._motion.size)[self._where]
+        law = self._law
+        law.see(self._strain, self._measured, self._noise2)
+        self._missing = np.fft.irfft(self._measured - law.desired, self._motion.size)[self._where]
         self._todo.extend(["_know"] * ROUNDS)
         self._todo.append("_listen" if self._listens > 0 else "_follow")
 
@@ -495,20 +575,35 @@ class RepetitiveController(Displayed):
 
     def _follow(self) -> None:
         following = self._law.follow(float(np.std(self._missing)))
-        self.batches.append(
-            Batch(
-                number=self._number,
-                tick=self._commands,
-                rmse=float(np.sqrt(np.mean(self._missing**2))),
-                maximum=float(np.abs(self._missing).max()),
-                noise=self._law.noise(self._noise2),
-                expected=following.expected,
-                undone=following.undone,
-            )
+        self._batch = Batch(
+            number=self._number,
+            tick=self._commands,
+            rmse=float(np.sqrt(np.mean(self._missing**2))),
+            maximum=float(np.abs(self._missing).max()),
+            noise=self._law.noise(self._noise2),
+            expected=following.expected,
+            undone=following.undone,
         )
-        self._number += 1
+        if not following.undone:
+            self._base = self._volts
+        self._next, self._inverted = self._base, 0
+        self._strain = following.output
+        self._todo.append("_invert")
+
+    def _invert(self) -> None:
+        """A step nearer to the voltage of the next strain; at its end that is taken, but for its mean."""
+        assert self._hysteresis is not None
         assert self._rest_volts is not None
-        v = np.where(self._heard, following.output - self._rest_volts, 0.0)
+        strain = np.fft.irfft(self._strain, self._motion.size)
+        self._next, done = self._hysteresis.nearer(strain, self._next, self._heard)
+        self._inverted += 1
+        if not done and self._inverted < STEPS:
+            self._todo.append("_invert")
+            return
+        self.batches.append(self._batch)
+        self._number += 1
+        v = np.where(self._heard, np.fft.rfft(self._next) - self._rest_volts, 0.0)
+        v[0] = 0.0
         self._past = _Past(self._form, v, self._f, self._law)
         self._become(np.fft.irfft(v, self._motion.size))
 
@@ -652,7 +747,20 @@ class _Past:
         return correction
 
 
-KINDS = (Batch, FewNumbers, Nearest, OnlineLaw, Periods, Repetition, Seen, Shape, _Correction, _Past)
+KINDS = (
+    _Level,
+    Batch,
+    FewNumbers,
+    Nearest,
+    OnlineLaw,
+    PeriodicHysteresis,
+    Periods,
+    Repetition,
+    Seen,
+    Shape,
+    _Correction,
+    _Past,
+)
 """What a state may hold."""
 GIVEN = ("controller", "sample_rate", "averaged", "_given", "_dynamics", "_bandwidth")
 """What a controller is made with."""
