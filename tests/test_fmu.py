@@ -53,7 +53,11 @@ STAGE = Dynamics(
 )
 RANGE = (-0.6, 3.6)
 CURVED = Branches(
-    voltage_range=RANGE, curves=("convex", "concave", "sigmoid"), plays=2, weights=(0.3, -0.1, 0.1, 0.2, 0.4, 0.1)
+    voltage_range=RANGE,
+    curves=("convex", "concave", "sigmoid"),
+    plays=2,
+    levels=3,
+    weights=(0.3, -0.1, 0.1, 0.2, 0.4, 0.1, 0.5, -0.2, 0.3, 0.1, 0.7, -0.3),
 )
 
 

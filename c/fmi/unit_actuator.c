@@ -61,6 +61,13 @@ static double branches(fmu_unit *u, double x)
         ts_play_bank(curve(model->curve[i], s) - model->curve_at_zero[i], model->curve_r, u->curved[i], FMU_CURVED);
         for (int k = 0; k < FMU_CURVED; k++) term[n++] = u->curved[i][k];
     }
+    ts_play_bank(x, model->cell_r, u->levelled, FMU_LEVELS);
+    for (int i = 0, k = 0; i < FMU_LEVELS; i++) {
+        for (int j = i; j < FMU_LEVELS; j++, k++) {
+            double above = u->levelled[i] > model->cell_low[k] ? u->levelled[i] : model->cell_low[k];
+            term[n++] = (above < model->cell_high[k] ? above : model->cell_high[k]) - model->cell_at_zero[k];
+        }
+    }
     move_duhem(u, s);
     for (int i = 0; i < 2 * FMU_DUHEM; i++) term[n++] = u->duhem[i];
     return ts_dot(term, model->branch, FMU_BRANCHES);

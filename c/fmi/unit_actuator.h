@@ -14,6 +14,8 @@ typedef struct { /* places are those of the weights, -1 where there is none */
     double low, half;                                           /* V: of the branches */
     int curve[FMU_CURVES + 1];                                  /* 0 convex, 1 concave, 2 sigmoid */
     double curve_at_zero[FMU_CURVES + 1], curve_r[FMU_CURVED + 1]; /* V */
+    double cell_r[FMU_LEVELS + 1];                              /* V */
+    double cell_low[FMU_CELLS + 1], cell_high[FMU_CELLS + 1], cell_at_zero[FMU_CELLS + 1]; /* V */
     double beta[FMU_DUHEM + 1], branch[FMU_BRANCHES + 1];       /* beta over half of the range; weights, um/V */
 
     bool staged, delayed;                         /* whether there are dynamics; whether there is a delay or a lag */
@@ -30,7 +32,7 @@ typedef struct { /* a tick, kept until the velocity around it is known */
 typedef struct {
     double a[FMU_PLAYS], b[FMU_PLAYS], weight[FMU_TERMS + 1]; /* by the parameters */
     double first, volts, creep[FMU_CREEPS + 1];               /* V */
-    double curved[FMU_CURVES + 1][FMU_CURVED + 1], duhem[2 * FMU_DUHEM + 1], s;
+    double curved[FMU_CURVES + 1][FMU_CURVED + 1], levelled[FMU_LEVELS + 1], duhem[2 * FMU_DUHEM + 1], s;
     fmu_sample sample[2 * FMU_LOOK + 1];
     double rest;                                      /* um: the strain of the first tick */
     double dead[FMU_DEAD + 1], input[2], section[FMU_SECTIONS + 1][2], lag, late[FMU_WHOLE + 2];

@@ -20,7 +20,7 @@ WIDER = 1.25  # times the step of the last slope, so that the wanted voltage is 
 
 
 class State:
-    """Plays of all curves and states of Duhem after the last sample, and what a voltage would make of them.
+    """Plays of all curves and cells and states of Duhem after the last sample, and what a voltage would make of them.
 
     Parameters
     ----------
@@ -34,11 +34,13 @@ class State:
         assert model.branches is not None  # the caller's branch
         b: Branches = model.branches
         self.branches, self.n, self.close = b, len(model.thresholds), CONVERGED * model.stroke
-        self.r = np.concatenate([model.thresholds, *[b.thresholds] * len(b.curves)])
-        self.group = np.repeat(np.arange(1 + len(b.curves)), [self.n, *[b.plays] * len(b.curves)])
-        end = len(b.curves) * b.plays
-        self.w = np.concatenate([np.zeros(self.n), b.weights[:end]])
-        self.of_states = np.array(b.weights[end:])
+        self.r = np.concatenate([model.thresholds, *[b.thresholds] * len(b.curves), b.cell_thresholds])
+        followed = [*range(1 + len(b.curves)), 0]
+        self.group = np.repeat(followed, [self.n, *[b.plays] * len(b.curves), b.levels])
+        self.curved, end = self.n + len(b.curves) * b.plays, len(b.names) - 2 * len(b.betas)
+        weights = np.array(b.weights)
+        self.w = np.concatenate([np.zeros(self.n), weights[: self.curved - self.n]])
+        self.of_cells, self.of_states = weights[self.curved - self.n : end], weights[end:]
         self.beta = np.repeat(b.betas, 2) / (2 * b.half)
         self.x, self.slope = float(volts), model.sensitivity
         self.y = np.zeros(self.r.size)
@@ -63,7 +65,9 @@ class State:
 
     def sum(self, x: float) -> float:
         """Weighted sum at the voltage x, um."""
-        return float(self.w @ self.plays(x) + self.of_states @ self.states(x))
+        y = self.plays(x)
+        cells = self.of_cells @ self.branches.in_cells(y[self.curved :])
+        return float(self.w @ y[: self.curved] + cells + self.of_states @ self.states(x))
 
     def solve(self, y_d: float, limits: tuple[float, float]) -> float:
         """The voltage whose sum is y_d, um, or the limit before it, by false position (Illinois)."""

@@ -12,6 +12,7 @@ from truestroke.control import actuator, stage
 from truestroke.control.actuator import ActuatorModel
 from truestroke.model.branches import CURVES
 
+HUGE = float(np.finfo(np.float64).max)  # V: of cells without an end
 LONGEST = 100_000  # ticks of dead time that an FMU keeps
 
 
@@ -65,6 +66,8 @@ def _sizes(model: ActuatorModel) -> dict[str, int]:
         "ASYMMETRIES": model.asymmetry,
         "CURVES": 0 if b is None else len(b.curves),
         "CURVED": 0 if b is None else b.plays,
+        "LEVELS": 0 if b is None else b.levels,
+        "CELLS": 0 if b is None else len(b.cells[0]),
         "DUHEM": 0 if b is None else len(b.betas),
         "BRANCHES": 0 if b is None else len(b.weights),
     }
@@ -103,6 +106,10 @@ def _branches(model: ActuatorModel) -> dict[str, Any]:
         "curve": [[*CURVES].index(curve) for curve in b.curves],
         "curve_at_zero": [b.at_zero[curve] for curve in b.curves],
         "curve_r": b.thresholds.tolist(),
+        "cell_r": b.cell_thresholds.tolist(),
+        "cell_low": np.maximum(b.cells[1], -HUGE).tolist(),
+        "cell_high": np.minimum(b.cells[2], HUGE).tolist(),
+        "cell_at_zero": np.clip(0.0, *b.cells[1:]).tolist(),
         "beta": [beta / 2 for beta in b.betas],
         "branch": b.weights,
     }

@@ -37,6 +37,7 @@ LOOPS, POINTS = 8, 6  # from either end of the voltages, and on each way: where 
 RATE_DEPENDENT = (0, 3, 6, 9, 12)  # plays with a rate weight: the gradient matters for the first few only
 CURVED_DEVIATION = 0.1  # of q: of each play of a curved voltage
 DUHEM_DEVIATION = 0.5  # of q: of each state of Duhem
+CELL_DEVIATION = 0.1  # of q: of each cell
 DRIFT_DEVIATION = 0.05  # of the stroke: of a drift within the record
 DRIFT_FROM = 40.0  # a logarithmic drift is straight for the first 40th of the record
 CREEP_START = 0.015  # of the stroke: deviation of what a creep state still has to go at the start
@@ -214,7 +215,8 @@ class Data:
         known[lag, lag] = max(TERMS["lag"].deviation, 1 / self.sample_rate) ** 2
         known[offset, offset] = (self.stroke + self.q * max(abs(low), abs(high))) ** 2
         starts = np.repeat([CREEP_START, DRIFT_DEVIATION], [len(s.starts), len(s.drift)]) ** 2 * self.stroke**2
-        curved = [DUHEM_DEVIATION if name.startswith("duhem") else CURVED_DEVIATION for name in s.further]
+        of = {"duhem": DUHEM_DEVIATION, "cell": CELL_DEVIATION}
+        curved = [of.get(name.split()[0], CURVED_DEVIATION) for name in s.further]
         starts = np.append(starts, (np.array(curved) * self.q) ** 2)
         covariance = np.diag(np.append(np.zeros(s.parameters), starts))
         covariance[: s.parameters, : s.parameters] = known

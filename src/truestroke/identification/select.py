@@ -41,6 +41,7 @@ CURVED_PLAYS = 12  # of each curve
 BETAS = (1.5, 4.0, 10.0, 25.0)  # times the voltage range
 STIFF = (*BETAS, 60.0, 150.0)  # of friction, which turns within a few hundredths of the range
 CURVES = ((), ("convex", "concave"), ("convex", "concave", "sigmoid"))
+LEVELS = 10  # of the cells of Preisach's plane
 WEAKER = (0.01, 0.1, 1.0, 10.0)  # times the weight of the prior without branches
 CREEPS_IF = 1.25  # times the rmse with a drift: from rest, slower creep that does not exceed it is taken instead
 SLOWEST = 10.0  # of the record: the slowest of that creep
@@ -264,13 +265,13 @@ def choose_branches(
     """
     if np.ptp(data.volts) < BRANCHES_WITHIN * np.ptp(data.voltage_range):
         return None
-    most = Branches(voltage_range=data.voltage_range, curves=CURVES[-1], plays=CURVED_PLAYS, betas=STIFF)
+    most = Branches(voltage_range=data.voltage_range, curves=CURVES[-1], plays=CURVED_PLAYS, levels=LEVELS, betas=STIFF)
     bank = _blocks(data, dataclasses.replace(s, branches=most), strain)
     noise = float(np.var((data.displacement - data.through(strain)[:: data.every])[data.fitted(rested=False)]))
     choices = [
-        dataclasses.replace(s, branches=dataclasses.replace(most, curves=curves, betas=betas))
-        for curves, betas in (*itertools.product(CURVES, ((), BETAS)), ((), STIFF))
-        if curves or betas
+        dataclasses.replace(s, branches=dataclasses.replace(most, curves=curves, levels=levels, betas=betas))
+        for curves, levels, betas in (*itertools.product(CURVES, (0,), ((), BETAS)), ((), 0, STIFF), ((), LEVELS, ()))
+        if curves or levels or betas
     ]
     weights = [w * weight for w in WEAKER]
     alone = min(bank.rmse(s, w) for w in weights)

@@ -1,16 +1,22 @@
-"""Hysteresis that plays of the voltage do not have: plays of a curved voltage, and states of Duhem.
+"""Hysteresis that plays of the voltage do not have: plays of a curved voltage, cells, and states of Duhem.
 
 With s = (2 x - low - high) / (high - low), which is -1 and 1 at the ends of the record's voltages, and half = (high -
 low) / 2, there are plays H_r[half f(s)] of three curves,
 
     f(s) = s + 0.45 s^2,   s - 0.45 s^2,   s / sqrt(1 + 4 s^2),
 
-each continued by straight lines beyond -1 and 1, and states that follow the voltage with its variation, not with time,
+each continued by straight lines beyond -1 and 1; cells of Preisach's plane,
+
+    min(max(H_r[x], a), b) - min(max(0, a), b),
+
+for plays of `levels` thresholds between 0 and half, the ends a and b of their cells 2 half / levels apart, so that the
+slope of a play depends on where it is (a Preisach operator whose density is constant in each cell); and states that
+follow the voltage with its variation, not with time,
 
     dc / d|x| = (p(s) - c) beta,   p(s) = half s,  half s^2 / 2.
 
 A loop between unlike envelopes is made by differences of the plays of the first two curves, one that saturates at
-both ends by those of the third.
+both ends by those of the third. Any loops that wipe out and close are sums of cells, if these are small enough.
 The states of Duhem make minor loops that do not close, as those of Bouc-Wen, Dahl, Coleman and Hodgdon.
 """
 
@@ -41,7 +47,7 @@ CURVES: dict[str, tuple[Callable[[Any], Any], Callable[[Any], Any]]] = {
 
 @dataclass(frozen=True, kw_only=True)
 class Branches:
-    """Plays of curved voltages and states of Duhem, with their weights.
+    """Plays of curved voltages, cells of Preisach's plane and states of Duhem, with their weights.
 
     Attributes
     ----------
@@ -51,10 +57,12 @@ class Branches:
         Names in `CURVES`.
     plays : int
         Of each curve: their thresholds are i / plays of half the voltage range.
+    levels : int
+        Of the cells: their thresholds are i / levels of half the voltage range, and that of number i has levels - i.
     betas : tuple[float, ...]
         beta times the voltage range; for each a state of s and one of s^2.
     weights : tuple[float, ...]
-        Of the plays of each curve, then of the states, um/V; empty for 0.
+        Of the plays of each curve, then of the cells, then of the states, um/V; empty for 0.
 
     Examples
     --------
@@ -66,6 +74,7 @@ class Branches:
     voltage_range: tuple[float, float]
     curves: tuple[str, ...] = ()
     plays: int = 0
+    levels: int = 0
     betas: tuple[float, ...] = ()
     weights: tuple[float, ...] = field(default=())
 
@@ -78,6 +87,7 @@ class Branches:
             "voltage_range": (low, high),
             "curves": tuple(self.curves),
             "plays": checks.count("plays", self.plays, 0, 64),
+            "levels": checks.count("levels", self.levels, 0, 64),
             "betas": tuple(checks.positive("betas", beta) for beta in self.betas),
             "weights": tuple(checks.finite_array("weights", self.weights, "um/V").tolist()),
         }
@@ -90,13 +100,15 @@ class Branches:
     def names(self) -> tuple[str, ...]:
         """Names of the weights, in their order."""
         plays = [f"{curve} a{i}" for curve in self.curves for i in range(self.plays)]
-        return (*plays, *[f"duhem {beta:g}{of}" for beta in self.betas for of in ("", " of s^2")])
+        cells = [f"cell a{i} {j}" for i in range(self.levels) for j in range(self.levels - i)]
+        return (*plays, *cells, *[f"duhem {beta:g}{of}" for beta in self.betas for of in ("", " of s^2")])
 
     @property
     def described(self) -> str:
         """In words."""
         curved = [f"{self.plays} plays of a {curve} voltage" for curve in self.curves]
-        return ", ".join([*curved, *[f"states of Duhem, beta {self.betas}"] * bool(self.betas)])
+        cells = [f"{self.levels} levels of cells of Preisach's plane"] * bool(self.levels)
+        return ", ".join([*curved, *cells, *[f"states of Duhem, beta {self.betas}"] * bool(self.betas)])
 
     @property
     def half(self) -> float:
@@ -133,7 +145,8 @@ class Branches:
 
     def columns(self, x: FloatArray, every: int = 1) -> FloatArray:
         """The terms along a voltage, V, of every `every`-th sample, shape (rows, terms); from rest at 0 V."""
-        return np.hstack([*[self._plays(curve, x, every) for curve in self.curves], self.states(x)[::every]])
+        curved = [self._plays(curve, x, every) for curve in self.curves]
+        return np.hstack([*curved, self.in_cells(self._cell_plays(x, every)), self.states(x)[::every]])
 
     def sum(self, x: FloatArray) -> FloatArray:
         """All terms with their weights along a voltage, um."""
@@ -142,6 +155,32 @@ class Branches:
     def _plays(self, curve: str, x: FloatArray, every: int) -> FloatArray:
         rows = np.empty((-(-x.size // every), self.plays))
         _kernel.play_history(self.curved(curve, x), self.thresholds, np.zeros(self.plays), every, rows)
+        return rows
+
+    # ---- Cells of Preisach's plane ---------------------------------------------------------------------------------
+
+    @cached_property
+    def cells(self) -> tuple[np.ndarray, FloatArray, FloatArray]:
+        """The play of each cell, and its lower and upper end, V; the first and the last cell of a play have no end."""
+        n, width = self.levels, 2 * self.half / max(self.levels, 1)
+        play = np.repeat(np.arange(n), n - np.arange(n))
+        place = np.array([j for i in range(n) for j in range(n - i)], dtype=np.float64)
+        first = self.voltage_range[0] + play * width / 2 + place * width
+        return play, np.where(place == 0, -np.inf, first), np.where(place == n - play - 1, np.inf, first + width)
+
+    @cached_property
+    def cell_thresholds(self) -> FloatArray:
+        """r of the plays of the cells, V."""
+        return np.arange(self.levels) / max(self.levels, 1) * self.half
+
+    def in_cells(self, y: FloatArray) -> FloatArray:
+        """Ways of play states, shape (..., levels), from 0 V within each cell, V, shape (..., cells)."""
+        play, low, high = self.cells
+        return np.asarray(np.clip(y[..., play], low, high) - np.clip(0.0, low, high))
+
+    def _cell_plays(self, x: FloatArray, every: int) -> FloatArray:
+        rows = np.empty((-(-x.size // every), self.levels))
+        _kernel.play_history(np.ascontiguousarray(x), self.cell_thresholds, np.zeros(self.levels), every, rows)
         return rows
 
     # ---- States of Duhem -------------------------------------------------------------------------------------------
@@ -193,11 +232,20 @@ class Branches:
             u, r = self.curved(curve, x)[:, None], self.thresholds
             moves = sign * (u - self._plays(curve, x, 1)) >= r - 1e-9 * self.half
             parts.append(moves * self.curved_slope(curve, x)[:, None])
+        parts.append(self._cell_slopes(x, sign))
         s = self.scaled(x)
         p = self.half * np.stack([s, 0.5 * s**2], axis=-1)
         beta = np.repeat(self.betas, 2) / (2 * self.half)
         parts.append(sign * beta * (np.tile(p, len(self.betas)) - self.states(x)))
         return np.hstack(parts)
+
+    def _cell_slopes(self, x: FloatArray, sign: int) -> FloatArray:
+        """1 for the cell in which each play that moves goes on, else 0."""
+        play, low, high = self.cells
+        y, next_to = self._cell_plays(x, 1), 1e-9 * self.half
+        moves = sign * (x[:, None] - y) >= self.cell_thresholds - next_to
+        ahead = y[:, play] + sign * next_to
+        return np.asarray((moves[:, play] & (ahead >= low) & (ahead < high)).astype(np.float64))
 
 
 def _inside(s: Any) -> Any:
