@@ -18,6 +18,7 @@ from truestroke.control.stage import found
 from truestroke.model.operators import play
 from truestroke.plant import StagePlant, StageSettings
 from truestroke.signals.trajectories import sine, triangle
+from truestroke.studies.robustness.fast.table import record
 
 RATE, LIMITS = 5000.0, (-0.6, 3.6)
 AXIS = {"sample_rate": RATE, "stroke": 30.0, "voltage_limits": LIMITS, "slew_limit": 2e4}
@@ -223,6 +224,14 @@ def test_the_kernel_is_the_numpy_text_with_a_stage_that_is_found_and_jumps() -> 
     assert resonances[1600] == pytest.approx(600.0, rel=0.05)
     assert resonances[-1] == pytest.approx(648.0, rel=0.03)
     assert kernel.state()["found_dead"][0] > 1
+
+
+def test_a_stage_that_failed_takes_its_resonance_with_it_and_does_not_come_back() -> None:
+    """Where the error was small before: 3.4 % in the second half without, six trials of the same false resonance."""
+    recording = record(0, 55, "unknown")
+    error = (recording["true"] - recording["desired"])[recording["time"] >= 2.0]
+    span = np.ptp(recording["desired"][recording["time"] >= 2.0])
+    assert np.std(error) < 0.003 * span
 
 
 def test_a_controller_is_copied_while_the_stage_that_it_found_has_ticks_of_dead_time() -> None:

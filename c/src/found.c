@@ -286,7 +286,9 @@ static bool matters(const ts_controller *c)
         return away * away > least * least && r->power > large * large && r->driven > DRIVEN;
     }
     ts_real sigma = c->law.kalman.sigma, noise = sigma < c->resolution ? c->resolution : sigma; /* ringing is what is looked for */
-    return r->motion > SLOWEST * r->known && r->power > NOISY * noise * noise;
+    ts_real least = NOISY * noise * noise, large = DOUBT * ts_guard_range(&c->guard, &c->settings->guard);
+    if (c->stage.failed && c->guard.kept && least < large * large) least = large * large; /* one that was found was worse than none */
+    return r->motion > SLOWEST * r->known && r->power > least;
 }
 
 /* One tick of the estimate: the plays of a tick before the measurement, which is about its dead time. */

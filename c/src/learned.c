@@ -23,6 +23,25 @@ static void weights_at_best(ts_controller *c)
     c->kept.begun = false;
 }
 
+/* What was known of the stage when weights were kept: they belong to it. */
+static void stage_at_best(ts_controller *c)
+{
+    c->stage.resonance = c->kept.resonance;
+    c->stage.inertia = c->kept.inertia;
+    c->stage.smoothing = c->kept.smoothing;
+    c->law.kalman.filter = c->kept.filter;
+    c->oscillation.found = c->kept.oscillated;
+}
+
+/* A stage on trial has failed: without it, and without its resonance, unless an oscillation has shown that since. */
+static void end_trial(ts_controller *c)
+{
+    if (!c->stage.trial || !c->found.known) return;
+    bool shown = c->oscillation.found && !c->kept.oscillated;
+    ts_give_up_stage(c);
+    if (!(shown || c->kept.staged || c->kept.begun || c->settings->dynamics.known)) stage_at_best(c);
+}
+
 /* Until there are better ones, the first weights are the best. */
 void ts_keep_start(ts_controller *c)
 {
@@ -90,7 +109,7 @@ void ts_watch_learning(ts_controller *c, ts_real error, ts_real z_d, bool counts
         break;
     case TS_GUARD_RESTORE:
         memcpy(c->kept.aside, c->w, sizeof(ts_real) * (size_t)c->parameters);
-        if (c->stage.trial) ts_give_up_stage(c);
+        end_trial(c);
         take_weights(c, c->kept.begun ? c->kept.first : c->kept.w, !(g->kept && g->swings >= TS_SWINGS)); /* a swing is no offset */
         c->counters.restored++;
         break;
@@ -129,17 +148,13 @@ static void recall(ts_controller *c, ts_real offset)
     ts_resonance *r = &c->resonance;
     c->found.known = c->stage.trial = false;
     c->stage.failed = c->kept.failed;
-    c->stage.resonance = c->kept.resonance;
-    c->stage.inertia = c->kept.inertia;
-    c->stage.smoothing = c->kept.smoothing;
     c->stage.rest = 0;
-    c->oscillation.found = c->kept.oscillated;
+    stage_at_best(c);
     c->oscillation.sign = c->oscillation.regular = 0;
     r->known = r->variance = 0;
     r->windows = r->ticks = 0;
     ts_kalman_reset_covariance(k, (ts_prior){c->kept.P, NULL}, c->parameters);
     k->sigma = c->kept.sigma;
-    k->filter = c->kept.filter;
     k->disturbance = k->caution = 0;
     take_weights(c, c->kept.w, false);
     move_offset(c, offset);

@@ -217,7 +217,10 @@ def matters(c: State) -> bool:
         large = DOUBT * guard.range
         return away * away > least * least and known.power > large * large and known.driven > DRIVEN
     noise = max(law.sigma, c.resolution)  # ringing is what is looked for
-    return known.motion > SLOWEST * known.known and known.power > NOISY * noise * noise
+    least, large = NOISY * noise * noise, DOUBT * c.kept.guard.range
+    if stage.failed and c.kept.guard.kept:  # one that was found was worse than none
+        least = max(least, large * large)
+    return known.motion > SLOWEST * known.known and known.power > least
 
 
 def watch_resonance(c: State, z: float, error: float, zdot_d: float, path: Stage | None) -> None:

@@ -53,6 +53,23 @@ def weights_at_best(c: State, law: FilteringLaw) -> None:
     kept.begun = stage.trial = False
 
 
+def stage_at_best(c: State, law: FilteringLaw) -> None:
+    """What was known of the stage when weights were kept: they belong to it."""
+    kept, stage = c.kept, c.stage
+    stage.smoothing, stage.resonance, stage.inertia = kept.stage
+    law.filter, stage.detector.found = kept.filter, kept.oscillated
+
+
+def end_trial(c: State, law: FilteringLaw) -> None:
+    """A stage on trial has failed: without it, and its resonance, unless an oscillation has shown that since."""
+    if not c.stage.trial or not c.stage.found:
+        return
+    shown = c.stage.detector.found and not c.kept.oscillated
+    give_up_stage(c, law)
+    if not (shown or c.kept.staged or c.kept.begun or c.members["dynamics.known"]):
+        stage_at_best(c, law)
+
+
 def watch_kept(c: State, law: FilteringLaw, u: FloatArray, z: float) -> None:
     """While the model is lost: whether the kept weights predict again, without a stage that was found since.
 
@@ -75,13 +92,13 @@ def recall(c: State, law: FilteringLaw, offset: float) -> None:
     kept, stage, known = c.kept, c.stage, c.estimator
     if c.path is not None:
         stage.z, c.path, stage.found = c.path.z, None, False
-    stage.smoothing, stage.resonance, stage.inertia = kept.stage
     stage.trial, stage.failed, stage.rest = False, kept.failed, 0.0
-    stage.detector.found, stage.detector.sign, stage.detector.regular = kept.oscillated, 0, 0
+    stage.detector.sign = stage.detector.regular = 0
     known.known = known.variance = 0.0
     known.windows = known.ticks = 0
     law.restore(kept.knowledge)
-    law.filter, law.disturbance, law.caution = kept.filter, 0.0, 0.0
+    law.disturbance = law.caution = 0.0
+    stage_at_best(c, law)
     take_weights(c, law, kept.weights, earlier=False)
     move_offset(c, law, offset)
     stage.older = stage.newer = law.weights
@@ -126,8 +143,7 @@ def watch_learning(c: State, error: float, z_d: float, counts: bool) -> None:
             weights_at_best(c, law)
         case Action.RESTORE:
             kept.aside = law.weights
-            if c.stage.trial:
-                give_up_stage(c, law)
+            end_trial(c, law)
             swings = guard.kept and guard.swings >= SWINGS  # a swing is no offset
             take_weights(c, law, kept.first if kept.begun else kept.weights, earlier=not swings)
             c.count(restored=True)
