@@ -227,6 +227,7 @@ static inline void add_columns(const ts_real *P, const ts_real *before, ts_real 
         for (int r = 0; r < ROWS; row += next, r++) sum[j + r] = plus_all(before[j + r], row, count);
     }
     for (; j < m; row += width(j), j++) sum[j] = plus_all(before[j], row, count);
+    for (; j % TS_LANES > 0; j++) sum[j] = 0;
 }
 
 /* The same for those of these columns whose weight is of no play. */
@@ -237,7 +238,7 @@ static void add_rates(const ts_kalman *k, const ts_real *before, ts_real *sum, i
         add_columns(k->P, before, sum, i, 1, m);
         before = sum;
     }
-    if (before != sum) memcpy(sum, before, sizeof(ts_real) * (size_t)m);
+    if (before != sum) memcpy(sum, before, sizeof(ts_real) * (size_t)TS_PADDED(m));
 }
 
 /* The sum of the first `columns`. */

@@ -59,7 +59,7 @@ static inline bool finite_state(const ts_controller *c)
     const ts_settings *s = c->settings;
     const ts_real scalars[] = {c->bumpless, c->integral, c->y_d, c->fastest, c->innovation, c->z_before,
                                c->predicted_before, c->resolution};
-    return all_finite(scalars, sizeof scalars / sizeof *scalars) && all_finite(c->w, c->parameters)
+    return all_finite(scalars, sizeof scalars / sizeof *scalars) && all_finite(c->w, TS_PADDED(c->parameters))
            && all_finite(c->u, c->parameters) && all_finite(c->slopes, s->plays) && all_finite(c->x, TS_HISTORY)
            && all_finite(&c->motion[0].z_d, TS_HISTORY * sizeof(ts_motion) / sizeof(ts_real)) && finite_memory(&c->now, s)
            && finite_memory(&c->lagged, s) && finite_law(c) && finite_stage(c);

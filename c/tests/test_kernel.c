@@ -527,18 +527,23 @@ static void test_shared_sums(void)
             if (j - j % TS_LANES == i - i % TS_LANES) k.P[TS_ROW(j) + i] = entry;
         }
     }
-    bool same = true;
+    bool same = true, padded = true;
     for (int first = 1; first <= WIDE; first++)
         for (int second = 1; second <= WIDE; second++) {
             ts_real shared[TS_PADDED(WIDE)] = {0}, alone[TS_PADDED(WIDE)] = {0};
-            ts_column_sums sums = {.columns = 0}, one = {.columns = 0}, other = {.columns = 0};
+            ts_column_sums sums, one, other;
+            memset(&sums, 0xff, sizeof sums); /* no numbers: what is not computed is not read */
+            one = other = sums;
+            sums.columns = one.columns = other.columns = 0;
             ts_kalman_project(&k, shared, &sums, first, (ts_real)0.75, 1, WIDE);
             ts_kalman_project(&k, shared, &sums, second, (ts_real)-0.75, 1, WIDE);
             ts_kalman_project(&k, alone, &one, first, (ts_real)0.75, 1, WIDE);
             ts_kalman_project(&k, alone, &other, second, (ts_real)-0.75, 1, WIDE);
             same &= memcmp(shared, alone, sizeof shared) == 0;
+            for (int i = WIDE; i < TS_PADDED(WIDE); i++) padded &= shared[i] == 0;
         }
     check(same, "a projection that goes on from sums of another has the bits of one by itself");
+    check(padded, "and what fills the last block of the weights stays 0");
 }
 
 static void test_project(void)
