@@ -8,7 +8,8 @@
 #define REST_PERIODS 6            /* of the oscillation: longest pause of adaptation, */
 #define REST_HALF_WAVES 7         /* and half-waves of the ringing after which it continues */
 #define FREE 6                    /* half-waves of the ringing while weights are held, which shows the resonance, */
-#define DECAYED ((ts_real)0.98)   /* of the first of them: the last one is smaller, or something drives it */
+#define DECAYED ((ts_real)0.98)   /* of the first of them: the last one is smaller, or something drives it, */
+#define UNEVEN 2                  /* times as large as one beside it: the half-wave is not that of a ringing */
 
 /* The present weights are those to be restored; at the start there are no earlier ones. */
 void ts_keep_weights(ts_controller *c, bool start)
@@ -76,6 +77,15 @@ static void know_resonance(ts_controller *c, ts_real frequency)
     ts_adopt_stage(c, frequency, c->oscillation.peaks[0]);
 }
 
+/* Whether the last half-waves are those of a ringing that decays: the last one is smaller than the first, and none is twice as large as
+ * the one beside it. Those of hum may be, on the error of the motion. */
+static bool decays(const ts_real *peaks)
+{
+    for (int i = 1; i < FREE; i++)
+        if (peaks[i] >= UNEVEN * peaks[i - 1] || peaks[i - 1] >= UNEVEN * peaks[i]) return false;
+    return peaks[0] < DECAYED * peaks[FREE - 1];
+}
+
 /* Whether weights are held and the stage rings on by itself, faster than the motion: it decays, and shows its resonance. */
 static bool rings_freely(const ts_controller *c)
 {
@@ -83,7 +93,7 @@ static bool rings_freely(const ts_controller *c)
     const ts_sensor *late = &c->settings->sensor;
     if (c->guard.held == 0 || c->stage.failed || o->length != 0 || o->regular < FREE || c->lagged.ticks < 8) return false;
     if (c->settings->resonance > 0 || late->ticks > 0 || late->share > 0 || late->lag > 0) return false;
-    if (!(o->peaks[0] < DECAYED * o->peaks[FREE - 1])) return false;
+    if (!decays(o->peaks)) return false;
     ts_real omega = 2 * TS_PI * ts_oscillation_frequency(o, FREE);
     return o->peaks[0] > c->settings->oscillation.floor && omega * o->speed >= (ts_real)2.5 * o->acceleration;
 }

@@ -1,6 +1,8 @@
 """Self-excited oscillation: seen, its frequency measured, ended."""
 
 import math
+from collections.abc import Sequence
+from itertools import pairwise
 
 from truestroke.control.adaptation import FilteringLaw
 from truestroke.control.reference.command import keep_command
@@ -13,7 +15,8 @@ REST_PERIODS = 6  # of the oscillation: longest pause of adaptation,
 REST_HALF_WAVES = 7  # and half-waves of the ringing after which it continues
 KEEP = 0.03  # s: how often the weights are kept
 FREE = 6  # half-waves of the ringing while weights are held, which show the resonance,
-DECAYED = 0.98  # of the first of them: the last one is smaller, or something drives it
+DECAYED = 0.98  # of the first of them: the last one is smaller, or something drives it,
+UNEVEN = 2  # times as large as one beside it: the half-wave is not that of a ringing
 
 
 def retreat(c: State, law: FilteringLaw, frequency: float) -> None:
@@ -48,13 +51,23 @@ def know_resonance(c: State, law: FilteringLaw, frequency: float) -> None:
         adopt_stage(c, law, frequency, c.stage.detector.peaks[0])
 
 
+def decays(peaks: Sequence[float]) -> bool:
+    """Whether the last half-waves, the newest first, are those of a ringing that decays.
+
+    The last one is smaller than the first, and none is twice as large as the one beside it. Those of hum may be, on the
+    error of the motion.
+    """
+    even = all(a < UNEVEN * b and b < UNEVEN * a for a, b in pairwise(peaks[:FREE]))
+    return even and peaks[0] < DECAYED * peaks[FREE - 1]
+
+
 def rings_freely(c: State) -> bool:
     """Whether weights are held and the stage rings by itself, faster than the motion: that shows its resonance."""
     detector, late = c.stage.detector, c.sensor.late or c.members["resonance"] > 0
     ended = detector.length == 0 and detector.regular >= FREE
     if c.kept.guard.held == 0 or c.stage.failed or late or not ended or c.lagged.ticks < 8:
         return False
-    if not detector.peaks[0] < DECAYED * detector.peaks[FREE - 1]:
+    if not decays(detector.peaks):
         return False
     omega = 2 * math.pi * detector.frequency(FREE)
     return detector.peaks[0] > c.oscillation.floor and omega * detector.speed >= 2.5 * detector.acceleration
