@@ -109,7 +109,7 @@ def _sections(model: ActuatorModel, prefix: str) -> list[str]:
 
 
 def _branches(branches: Branches | None, prefix: str) -> list[str]:
-    """The table of plays of curved voltages and states of Duhem; nothing without any."""
+    """The table of plays of curved voltages, cells and states of Duhem; nothing without any."""
     if branches is None:
         return []
     entries = [(name, value) for name, value in dataclasses.asdict(branches).items() if name != "weights"]

@@ -194,9 +194,9 @@ def identify(
     drift : bool, optional
         False: the zero of the sensor does not drift within the record. True: a linear or a logarithmic drift.
     branches : bool, optional
-        False: hysteresis by plays of the voltage alone. By default plays of curved voltages and states of Duhem are
-        added where later parts of the record are predicted much better with them, unless `thresholds` are given;
-        `ActuatorModel.plain` has none.
+        False: hysteresis by plays of the voltage alone. By default plays of curved voltages, cells of Preisach's plane
+        or states of Duhem are added where later parts of the record are predicted much better with them, unless
+        `thresholds` are given; `ActuatorModel.plain` has none.
     held_out : float
         Share of the record at its end that is held out, above 0, at most 0.5.
     findings : Findings, optional
