@@ -37,9 +37,9 @@ FILES = ("output", "plots", "figures", "overwrite", "as_json")  # options that d
 ALIASES = {"cutoff": "frequency", "slew_limit": "slew", "path": "trajectory"}  # arguments of Python by other options
 RENAMED = {"play": "playback", "zoo": "robustness"}  # commands by their old names, for one version
 MAKERS = {  # of a file, by the option that takes it
-    "config": "; `truestroke run --example` prints one.",
-    "model": "; `truestroke identify` writes it.",
-    "dynamics": "; `truestroke bode` writes it.",
+    "config": "`truestroke run --example` prints one",
+    "model": "`truestroke identify` writes it",
+    "dynamics": "`truestroke bode` writes it",
 }
 LONGEST_HELP = 200  # characters of the sentence about a command
 PIPE_WIDTH = 120  # columns of a table where there is no terminal
@@ -61,8 +61,9 @@ class ExistingFile(click.Path):
         if not folder.is_dir():
             self.fail(f"there is no folder {folder}.", param, ctx)
         others = {one.stem: one.name for one in folder.glob(f"*{path.suffix}") if one.is_file()}
-        near = [f"; did you mean {others[stem]}?" for stem in difflib.get_close_matches(path.stem, others, n=1)]
-        remedy = near[0] if near else MAKERS.get(param.name or "", ".") if param else "."
+        near = difflib.get_close_matches(path.stem, others, n=1)
+        maker = MAKERS.get(param.name or "") if param else None
+        remedy = f"; did you mean {others[near[0]]}?" if near else f"; {maker}." if maker else "."
         self.fail(f"there is no file {path.name} in {folder}{remedy}", param, ctx)
 
 
