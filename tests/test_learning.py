@@ -18,6 +18,7 @@ from truestroke.control.response_prior import FewNumbers, beside
 from truestroke.model import prior
 from truestroke.model.operators import play_history
 from truestroke.plant import StagePlant, StageSettings
+from truestroke.report.learning import page as learning_page
 from truestroke.report.learning import rows as learning_rows
 
 FS, LIMITS = 10_000.0, (-0.6, 3.6)
@@ -408,6 +409,34 @@ def test_the_command_learns_writes_and_says_so(tmp_path, monkeypatch):
     z = true.exchange(np.tile(made.volts, 60))[-1000:]
     off = z - model.predict(np.tile(made.volts, 60), FS)[-1000:]
     assert np.std(off) < 0.02 * 20.0
+
+
+@pytest.mark.parametrize(
+    ("stage", "most"),
+    [
+        ({"resonances": (3000.0,)}, 0.0005),
+        ({"resonances": (901.0,)}, 0.0005),  # just beyond what the sample rate sees
+        ({"resonances": (1200.0,)}, 0.0005),  # its alias is at 800 Hz
+        ({"resonances": (300.0,), "dampings": (0.6,)}, 0.001),
+    ],
+)
+def test_a_stage_whose_resonance_is_not_seen_is_taken_for_a_spring(stage, most):
+    """Its motion at 20 Hz, at a card's 2 kHz: no dynamics can be measured, and none are needed."""
+    plant = StagePlant(StageSettings(sample_rate=2000.0, **stage))
+    wave = trajectories.raster(frequency=20.0, peak_to_peak=20.0, duration=1.0, sample_rate=2000.0)
+    limits = {"voltage_limits": (-0.6, 3.6), "slew": 4000.0}
+    found = truestroke.learn(plant, wave, stroke=35.0, **limits, passes=5)
+    assert found.best.rmse < most * np.ptp(found.learning.desired)
+    assert 100.0 < found.learning.bandwidth <= 900.0
+    assert found.spring.startswith("the stage is taken for a spring, up to ")
+    assert found.spring in learning_page(found).lead
+
+
+def test_a_motion_beyond_the_spring_is_refused():
+    plant = StagePlant(StageSettings(sample_rate=2000.0, resonances=(3000.0,), amplifier_bandwidth=20.0))
+    wave = trajectories.raster(frequency=50.0, peak_to_peak=20.0, duration=1.0, sample_rate=2000.0)
+    with pytest.raises(truestroke.DynamicsError, match="the motion is too fast where the stage is taken for a spring"):
+        truestroke.learn(plant, wave, stroke=35.0, voltage_limits=(-0.6, 3.6), slew=4000.0, passes=2)
 
 
 def test_ctrl_c_leaves_the_best_waveform_and_says_where(tmp_path, monkeypatch):

@@ -31,6 +31,7 @@ from truestroke.export.fmu import export_fmu as export_fmu
 from truestroke.export.json_settings import export_json as export_json
 from truestroke.identification.dynamics import Bode as Bode
 from truestroke.identification.dynamics import DynamicsError as DynamicsError
+from truestroke.identification.dynamics import NoResonanceError as NoResonanceError
 from truestroke.identification.dynamics import measure_bode as measure_bode
 from truestroke.identification.dynamics import measure_dynamics as measure_dynamics
 from truestroke.identification.examine import Findings as Findings

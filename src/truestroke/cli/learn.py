@@ -90,8 +90,9 @@ def learn(
         common.print_json({**found.verdict.as_dict(), **learning.as_dict(found), **written})
         return ExitCode.of(found.verdict)
     common.print_verdict(found.verdict)
-    if why:
-        common.print_text(f"no model: {why}")
+    for name, note in (("note", found.spring), ("no model", why)):
+        if note:
+            common.print_text(f"{name}: {note}")
     common.print_files(waveform=target, model=model, page=page_file, pictures=plots)
     return ExitCode.of(found.verdict)
 

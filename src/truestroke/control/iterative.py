@@ -398,12 +398,15 @@ class Learned(Displayed):
         Reading of a sensor that was not zeroed, um, subtracted from all measurements; 0 of one that was.
     records : tuple of (ndarray, ndarray)
         Voltage, V, and measurement, um, of the first and the last two passes, periods that count: for a model.
+    spring : str
+        In a sentence, why measured dynamics were not used, and up to which frequency the stage is taken for a spring.
     """
 
     passes: tuple[Pass, ...]
     learning: IterativeLearning
     zero: float = 0.0
     records: tuple[tuple[FloatArray, FloatArray], ...] = ()
+    spring: str = ""
 
     @property
     def best(self) -> Pass:

@@ -56,6 +56,7 @@ def as_dict(found: Learned) -> dict[str, object]:
         "bandwidth_Hz": found.learning.bandwidth,
         "samples": found.learning.samples,
         "sensor_zero_um": found.zero,
+        "spring": found.spring,
     }
 
 
@@ -67,7 +68,8 @@ def page(found: Learned, command: str | None = None) -> Page:
     return Page(
         title=f"A motion of {span:.3g} um, learned in {len(found.passes)} passes",
         lead=f"Rmse {units.length(best.rmse)}, {100 * best.rmse / span:.2g} % of peak-to-peak, from "
-        f"{units.length(found.passes[0].rmse)}; harmonics to {made.bandwidth:.4g} Hz.",
+        f"{units.length(found.passes[0].rmse)}; harmonics to {made.bandwidth:.4g} Hz."
+        + (f" Note: {found.spring}" if found.spring else ""),
         verdict=found.verdict,
         remark=WORDS[found.verdict.level],
         sections=[

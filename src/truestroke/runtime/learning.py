@@ -15,7 +15,7 @@ from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
 from truestroke.control.actuator import ActuatorModel
 from truestroke.control.iterative import IterativeLearning, Learned, Pass, at_the_noise
-from truestroke.identification.dynamics import measure_dynamics
+from truestroke.identification.dynamics import DynamicsError, NoResonanceError, measure_bode, spring_to
 from truestroke.identification.identified import identify
 from truestroke.identification.record import Record
 from truestroke.identification.refine import refine
@@ -81,7 +81,8 @@ def learn(
     dynamics : Dynamics, optional
         Of the stage; by default they are measured first, unless `bandwidth` is given.
     bandwidth : float, optional
-        Highest harmonic that is learned, Hz. Without dynamics the stage is taken for a spring up to there.
+        Highest harmonic that is learned, Hz. Without dynamics the stage is taken for a spring up to there; where the
+        measurement shows no resonance, or dynamics that are bad, up to the frequency to which it answers as a spring.
     model : ActuatorModel, optional
         Of `identify`: the first pass is made with it.
     passes : int
@@ -102,7 +103,7 @@ def learn(
     DriverError
         The hardware failed, or no pass was measured; what was reported before remains valid.
     DynamicsError
-        The dynamics could not be measured.
+        The dynamics could not be measured, or the stage shows none and the motion is too fast for a spring.
 
     Examples
     --------
@@ -125,21 +126,27 @@ def learn(
         raise SettingError("stroke", None, "the displacement over the whole of voltage_limits, or a model", "um")
     gain = checks.positive("stroke", stroke, "um") / (high - low)
     _refuse_reach(motion, gain, limits)
+    spring = ""
     if dynamics is None and bandwidth is None:
-        dynamics = _measured(driver, limits)
-    learning = IterativeLearning(
-        motion,
-        sample_rate,
-        gain=gain,
-        voltage_limits=(low, high),
-        slew_limit=slew,
-        dynamics=dynamics,
-        bandwidth=bandwidth,
-        model=model,
-    )
+        dynamics, bandwidth, spring = _measured(driver, limits)
+    try:
+        learning = IterativeLearning(
+            motion,
+            sample_rate,
+            gain=gain,
+            voltage_limits=(low, high),
+            slew_limit=slew,
+            dynamics=dynamics,
+            bandwidth=bandwidth,
+            model=model,
+        )
+    except SettingError as error:
+        if spring and error.argument == "bandwidth":
+            raise DynamicsError(f"the motion is too fast where {spring}") from error
+        raise
     play = _player(driver, learning.sample_rate, limits)
     periods = _periods(learning, settle, PERIODS[0]), _periods(learning, averaged, PERIODS[1])
-    found, seen = Learned(passes=(), learning=learning), False
+    found, seen = Learned(passes=(), learning=learning, spring=spring), False
     for _ in range(most):
         volts = np.tile(learning.volts, sum(periods))
         measured = play(volts)[periods[0] * learning.samples :]
@@ -147,7 +154,8 @@ def learn(
         record = volts[periods[0] * learning.samples :], measured
         made = learning.learn(measured - zero)
         kept = (*found.records[:1], *found.records[1:][-1:])
-        found = Learned(passes=(*found.passes, made), learning=learning, zero=zero, records=(*kept, record))
+        passes_so_far = (*found.passes, made)
+        found = dataclasses.replace(found, passes=passes_so_far, zero=zero, records=(*kept, record))
         seen = seen or made.measured.size > 0
         if seen:
             report(found)
@@ -200,12 +208,23 @@ def _refuse_reach(motion: Trajectory | npt.ArrayLike, gain: float, limits: Limit
         raise SettingError("motion", f"{position.min():.4g} to {position.max():.4g}", bound, "um")
 
 
-def _measured(driver: Driver | Actuator, limits: Limits) -> Dynamics:
+def _measured(driver: Driver | Actuator, limits: Limits) -> tuple[Dynamics | None, float | None, str]:
+    """The dynamics; where none can be used, up to which frequency, Hz, the stage is a spring, and why."""
     about: dict[str, Any] = {"voltage_limits": limits.voltage_limits, "safe_voltage": limits.safe_voltage}
-    if not _is_driver(driver):
-        return measure_dynamics(cast(Actuator, driver), slew_limit=limits.slew, **about)
-    with OneAxis(driver, **dataclasses.asdict(limits)) as axis:
-        return measure_dynamics(axis, slew_limit=limits.slew, **about)
+    about["slew_limit"] = limits.slew
+    try:
+        if _is_driver(driver):
+            with OneAxis(driver, **dataclasses.asdict(limits)) as axis:
+                found = measure_bode(axis, **about)
+        else:
+            found = measure_bode(cast(Actuator, driver), **about)
+    except NoResonanceError as error:
+        end, why = error.spring_to, str(error)
+    else:
+        if not found.verdict.is_bad:
+            return found.dynamics, None, ""
+        end, why = spring_to(found.frequency, found.measured), " ".join(found.verdict.reasons)
+    return None, end, f"the stage is taken for a spring, up to {end:.4g} Hz: {why}"
 
 
 def _is_driver(driver: Driver | Actuator) -> TypeGuard[Driver]:

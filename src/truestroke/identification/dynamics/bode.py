@@ -32,10 +32,25 @@ BINS = 60  # a decade, of what is shown and judged
 FEWEST = 8  # lines of a bin
 CERTAIN = 3.0  # standard deviations: a difference beyond is none of noise
 LOST = 0.01  # of the samples, that may be lost
+FLAT = 0.5  # relative: a response so near to the static one is that of a spring
 
 
 class DynamicsError(TruestrokeError, RuntimeError):
     """The dynamics cannot be measured: the reason, and what to do."""
+
+
+class NoResonanceError(DynamicsError):
+    """The response shows no resonance.
+
+    Attributes
+    ----------
+    spring_to : float
+        Frequency up to which the stage answers as a spring would, within half of its static response, Hz.
+    """
+
+    def __init__(self, message: str, spring_to: float) -> None:
+        super().__init__(message)
+        self.spring_to = spring_to
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -223,13 +238,32 @@ def _best(made: list[Fit], modes: int | None, used: Spectra) -> Fit:
     raise DynamicsError(f"the record has no evidence of {modes} modes, but of {count}: leave `modes` out")
 
 
-def _no_resonance(used: Spectra) -> DynamicsError:
+def _no_resonance(used: Spectra) -> NoResonanceError:
     rate, (low, high) = used.sample_rate, used.frequency[[0, -1]]
-    return DynamicsError(
+    return NoResonanceError(
         f"no resonance from {low:.3g} to {high:.4g} Hz, where the response was seen: if there is one above, raise the "
         f"sample rate ({rate:g} Hz sees up to {SEEN * rate:g} Hz); if it is well damped, use the controller without "
-        "dynamics"
+        "dynamics",
+        spring_to(used.frequency, _averaged(used)),
     )
+
+
+def _averaged(used: Spectra) -> ComplexArray:
+    """Response of each line with those beside it, um/V: sum of Y U* over that of |U|^2."""
+    beside = np.ones(2 * STILL + 1)
+    both = np.convolve(used.Y * used.U.conj(), beside, "same")
+    return np.asarray(both / np.convolve(np.abs(used.U) ** 2, beside, "same"))
+
+
+def spring_to(frequency: FloatArray, response: ComplexArray) -> float:
+    """Up to which frequency, Hz, a response is within `FLAT` of the static one, that of the lowest frequencies.
+
+    >>> f = np.array([10.0, 20.0, 40.0, 80.0, 160.0])
+    >>> spring_to(f, 5.0 / (1 + 1j * f / 100.0))
+    40.0
+    """
+    beyond = np.abs(response / response[0] - 1) > FLAT
+    return float(frequency[int(np.argmax(beyond)) - 1 if beyond.any() else -1])
 
 
 def _modes(fit: Fit) -> tuple[Mode, ...]:
