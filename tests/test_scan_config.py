@@ -18,6 +18,7 @@ from click.testing import CliRunner
 import truestroke
 from truestroke import SettingError, scans
 from truestroke.cli import main
+from truestroke.report.scan import rows as scan_rows
 from truestroke.runtime.drivers.nidaqmx import AnalogSignal, NidaqmxDriver, NidaqmxSettings
 from truestroke.runtime.drivers.simulated import SampleSettings, SimulatedDriver, SimulatedSettings
 from truestroke.runtime.realtime import config
@@ -257,6 +258,9 @@ def test_a_late_stage_is_judged_by_sensors_and_by_the_image(raster) -> None:
     assert found.distortion.trace_retrace == pytest.approx(apart, rel=0.05)
     assert abs(found.shift[0]) == pytest.approx(apart, rel=0.1)
     assert found.rms_um()[0] == pytest.approx(0.4, rel=0.02)
+    assert dict(scan_rows(found))["trace and retrace apart, by the sensors"].endswith(
+        f"{found.distortion.trace_retrace:.2f} pixels"
+    )
 
 
 def test_a_signal_that_is_noise_has_no_shift(raster) -> None:
@@ -274,6 +278,8 @@ def test_noise_of_the_sensors_is_no_distortion(raster) -> None:
         found = scans.recorded(raster, x, y, np.sin(raster.x.position), columns=100)
         assert found.verdict.level == "good", (sigma, found.verdict)
         assert max(found.rms_um()) < 0.35 * sigma
+        apart = dict(scan_rows(found))["trace and retrace apart, by the sensors"]
+        assert apart.endswith(" pixels, within the noise"), (sigma, apart)
 
 
 def test_lost_samples_and_recordings_of_another_scan(raster) -> None:

@@ -38,7 +38,9 @@ def rows(found: Recorded) -> list[list[str]]:
     made = [[lines, f"{found.rows[0]} of {found.rows[1]}"], ["pixel", " x ".join(map(units.length, shown.pixel))]]
     made.append(["error of x, y", f"{x}, {y} rms"])
     if found.distortion is not None:
-        made.append(["trace and retrace apart, by the sensors", f"{found.distortion.trace_retrace:.2f} pixels"])
+        apart = found.distortion.trace_retrace
+        words = f"{apart:.2f} pixels" + (", within the noise" if apart <= found.noise_apart else "")
+        made.append(["trace and retrace apart, by the sensors", words])
     if found.shift is not None:
         made.append(["trace and retrace apart, in the images", f"{np.hypot(*found.shift):.2f} pixels"])
     return made

@@ -54,13 +54,18 @@ class Recorded:
         """Root mean square of the errors of x and y, um, without the noise of the sensors."""
         return _rms(self.error)
 
+    @property
+    def noise_apart(self) -> float:
+        """Distance of trace and retrace, pixels, that the noise of the sensors alone may make."""
+        return _noise_apart(self.images, self.error)
+
     def as_dict(self) -> dict[str, object]:
         """For JSON."""
         x, y = self.rms_um()
         made: dict[str, object] = {"rows": self.rows[0], "all_rows": self.rows[1], "x_rms_um": x, "y_rms_um": y}
         if self.distortion is not None:
             made |= {"distortion_rms_pixels": self.distortion.rms, "shift_pixels": self.shift}
-            made |= {"trace_retrace_pixels": self.distortion.trace_retrace}
+            made |= {"trace_retrace_pixels": self.distortion.trace_retrace, "noise_apart_pixels": self.noise_apart}
         return made
 
 
@@ -178,6 +183,11 @@ def _rms(error: FloatArray) -> tuple[float, float]:
     return float(np.sqrt(max(squares[0], 0.0))), float(np.sqrt(max(squares[1], 0.0)))
 
 
+def _noise_apart(made: Mapping[str, Image], error: FloatArray) -> float:
+    pixel = next(iter(made.values())).pixel
+    return LOUD * max(metrics.noise(one) / size for one, size in zip(error.T, pixel, strict=True))
+
+
 def _judged(
     made: Mapping[str, Image],
     rows: tuple[int, int],
@@ -187,7 +197,6 @@ def _judged(
 ) -> Verdict:
     """Errors in pixels of the image; what the noise of the sensors makes of them counts for nothing."""
     pixel = next(iter(made.values())).pixel
-    noise = max(metrics.noise(one) / size for one, size in zip(error.T, pixel, strict=True))
     off = float(np.linalg.norm([one / size for one, size in zip(_rms(error), pixel, strict=True)]))
     findings: list[tuple[Level, str]] = []
     if rows[0] < rows[1]:
@@ -195,7 +204,7 @@ def _judged(
     checks = [("By the sensors, a pixel is {:.2g} pixels from its place, rms.", off, 0.0)]
     if moved is not None:
         words = "By the sensors, trace and retrace are up to {:.2g} pixels apart."
-        checks.append((words, moved.trace_retrace, LOUD * noise))
+        checks.append((words, moved.trace_retrace, _noise_apart(made, error)))
     if apart is not None:
         checks.append(("In the images, trace and retrace are {:.2g} pixels apart.", float(np.hypot(*apart)), 0.0))
     for words, pixels, allowed in checks:
