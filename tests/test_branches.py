@@ -11,8 +11,9 @@ from scipy.integrate import solve_ivp
 from truestroke import AdaptiveController, SettingError
 from truestroke.control.actuator import ActuatorModel
 from truestroke.identification import identify, load_model, refine, save_model, waveform
+from truestroke.identification.identified import fit_structure
 from truestroke.identification.record import Record
-from truestroke.identification.regression import FLOOR, loops
+from truestroke.identification.regression import FLOOR, Data, Structure, loops
 from truestroke.model.branches import Branches
 from truestroke.model.layout import Layout
 from truestroke.model.operators import play_history
@@ -240,6 +241,21 @@ def test_cells_are_chosen_where_the_density_of_relays_is_uneven():
     assert found.model.branches.levels > 0
     alone = identify((100.0 * v, z, 1000.0), branches=False)
     assert found.held_out.rmse_um < 0.5 * alone.held_out.rmse_um
+
+
+def test_the_first_play_keeps_a_positive_weight_where_the_branches_would_do_without():
+    """A line falls beside plays of a sigmoid voltage: without a bound its weight is -0.01 um/V."""
+    rng = np.random.Generator(np.random.PCG64(7))
+    x = np.interp(np.arange(1500) / 25.0, np.arange(61), np.append([0.0, 100.0, 0.0], rng.uniform(0, 100, 58)))
+    branches = Branches(voltage_range=(0.0, 100.0), curves=("sigmoid",), plays=4)
+    z = branches.columns(x) @ [0.2, 0.05, 0.03, 0.0] - 0.01 * x
+    data = Data(
+        volts=x, displacement=z, known=np.ones(x.size, dtype=bool), sample_rate=25.0, every=1,
+        voltage_range=(0.0, 100.0), stroke=float(np.ptp(z)), zero=0.0, duration=60.0,
+    )  # fmt: skip
+    fit = fit_structure(data, Structure(thresholds=(0.0, 20.0), branches=branches), 1e-6, z)
+    assert 0.0 < fit.model.weights[0] < 0.01 * fit.model.sensitivity
+    assert fit.model.noise < 0.01 * data.stroke
 
 
 def test_bad_branches_are_refused():

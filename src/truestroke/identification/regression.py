@@ -31,6 +31,7 @@ from truestroke.model.models import Motion, known_terms
 
 ROWS = 50_000  # of the regression at most: beyond, every so many samples; the plays see all of them
 FLOOR = 0.05  # of the straight line's slope: the smallest partial slope
+FIRST_FLOOR = 1e-3  # of the same: the smallest weight of the first play beside branches
 STEEPEST = 0.2  # least slope of z - asymmetry(z): displacement rises by at most 5 times the weighted sum of the plays
 CURVED = np.linspace(-1.0, 2.0, 31)  # of the stroke, the whole range of the asymmetry, in the record or not
 LOOPS, POINTS = 8, 6  # from either end of the voltages, and on each way: where slopes with branches are bounded
@@ -242,7 +243,10 @@ class Data:
         return np.vstack([slopes, asymmetry]), floors
 
     def _slopes(self, s: Structure, branches: Branches, velocity: float) -> FloatArray:
-        """The slope by voltage at the samples of `loops`, up and down, at rest and at the velocity; rows of G."""
+        """The slope by voltage at the samples of `loops`, up and down, at rest and at the velocity; rows of G.
+
+        The last row keeps the weight of the first play positive, as models must have it: branches may take its place.
+        """
         x, rows = loops(self.voltage_range), []
         y, r = plays(x, s.thresholds), np.array(s.thresholds)
         for sign in (1, -1):
@@ -253,7 +257,9 @@ class Data:
                 side[:, s.a], side[:, s.b] = moves, rate * moves[:, s.rate_plays]
                 side[:, len(s.coefficients) - len(s.further) :] = further
                 rows.append(side)
-        return np.vstack(rows)
+        first = np.zeros((1, len(s.coefficients)))
+        first[0, s.a[0]] = FLOOR / FIRST_FLOOR
+        return np.vstack([*rows, first])
 
     def model(self, s: Structure, c: FloatArray, velocity: float) -> ActuatorModel:
         """The model with these coefficients; its covariance is not known yet."""
