@@ -7,7 +7,7 @@ PIP = $(BIN)/python -m pip install --quiet --disable-pip-version-check
 NATIVE := $(shell find c src/bindings -name '*.c' -o -name '*.h' -o -name '*.cpp')
 OLD_PYTHON := truestroke needs Python 3.11 or newer; this is %s. Try: make PYTHON=python3.12
 
-.PHONY: help demo test setup bench images web c-test zig fuzz fuzz-again fuzz-kernel fuzz-readers lint types imports docs docs-look reports-look docs-pdf pytest coverage wheel clean
+.PHONY: help demo test setup bench images web c-test zig fuzz fuzz-again fuzz-kernel fuzz-readers lint types imports analyse docs docs-look reports-look docs-pdf pytest coverage wheel clean
 .DEFAULT_GOAL := help
 
 help:  ## this list
@@ -20,7 +20,7 @@ demo: $(VENV)/.package  ## follow the paper's random wave with a simulated stack
 
 # What waits for the disk or the network beside what computes, on two cores; the tests in Python have them for themselves.
 test:  ## everything that CI runs
-	@$(MAKE) --no-print-directory -j 2 setup c-test
+	@$(MAKE) --no-print-directory -j 2 setup c-test analyse
 	@$(MAKE) --no-print-directory -j 2 --output-sync=target lint types imports docs fuzz-again wheel zig
 	@$(MAKE) --no-print-directory pytest
 
@@ -94,6 +94,11 @@ docs-pdf: docs  ## the site as one document: build/site/truestroke.pdf
 
 c-test:  ## the kernel by itself, with sanitisers
 	$(MAKE) -C c test
+
+# Where there is nothing to read it with, or another version of cppcheck, a test in Python says so.
+analyse:  ## the kernel as cppcheck with its MISRA addon and clang's analyser read it
+	@! { command -v clang && command -v cppcheck && grep -qi "$$(cppcheck --version) " docs/misra.md; } >/dev/null || \
+	  $(MAKE) -C c analyse REALS=double
 
 zig: setup  ## the kernel's tests built for Windows, macOS and aarch64, run under wine and qemu
 	$(MAKE) -C c zig ZIG='$(abspath $(BIN))/python -m ziglang'

@@ -62,9 +62,10 @@ def test_it_builds_without_what_only_gcc_has(tmp_path: Path) -> None:
 
 
 def test_the_tests_of_the_kernel_pass_on_windows(tmp_path: Path) -> None:
-    """Cross-compiled by mingw-w64, run under wine: its vectors are of high precision."""
+    """Cross-compiled by mingw-w64, run under wine: its vectors are of high precision. `make zig` shares its folders."""
     gcc, wine = program("x86_64-w64-mingw32-gcc"), program("wine64", "wine64-stable", "wine")
-    quiet = {"WINEPREFIX": str(tmp_path / "wine"), "WINEDEBUG": "-all", "WINEDLLOVERRIDES": "mscoree,mshtml=d"}
+    quiet = {"WINEPREFIX": str(C / "build/wine"), "WINEDEBUG": "-all", "WINEDLLOVERRIDES": "mscoree,mshtml=d"}
+    (C / "build").mkdir(exist_ok=True)
     try:
         made, sources = tmp_path / "kernel.exe", [C / "tests/test_kernel.c", *sorted((C / "src").glob("*.c"))]
         options = [*STRICT, "-O1", "-ffp-contract=off", "-DTS_REAL=double", *FOLDERS]

@@ -34,10 +34,12 @@ def test_the_processes_beside_the_loop_load_little():
     assert loaded.isdisjoint(HEAVY)
     for name in (
         "control.controller",
+        "base.toml",
         "identification",
         "runtime.realtime.runner",
         "runtime.realtime.epics",
         "runtime.realtime.live_page",
+        "signals.tables",
     ):
         assert f"truestroke.{name}" not in loaded
 

@@ -69,13 +69,17 @@ def module() -> bytes:
     headers = (compiler() / "lib/libc/include" / name for name in ("wasm-wasi-musl", "generic-musl"))
     includes = [item for folder in headers for item in ("-isystem", str(folder))]
     sources = [str(ROOT / name) for name in SOURCES] + sorted(map(str, (ROOT / "c/src").glob("*.c")))
+    parts = ROOT / "build/module"  # always the same: the compiler keeps what it has made of the same sources
+    parts.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as folder:
         for struct, header in STRUCTS.items():
-            script = ROOT / "src/bindings/members.py"
-            subprocess.run([sys.executable, script, ROOT / header, struct, f"{folder}/{struct}.inc"], check=True)
+            script, written = ROOT / "src/bindings/members.py", Path(folder, f"{struct}.inc")
+            subprocess.run([sys.executable, script, ROOT / header, struct, written], check=True)
+            shutil.move(written, parts / written.name)
         made = Path(folder, "truestroke.wasm")
         command = [sys.executable, "-m", "ziglang", "build-exe", "-target", "wasm32-wasi", "-fno-entry", "-fstrip"]
-        command += ["-O", "ReleaseFast", "--name", "truestroke", f"-femit-bin={made}", *includes, f"-I{folder}"]
+        command += ["-O", "ReleaseFast", "--name", "truestroke", f"-femit-bin={made}", *includes, f"-I{parts}"]
+        command += ["--cache-dir", str(parts)]
         command += [f"-I{ROOT / 'c/include'}", f"-I{ROOT / 'c/plant'}", "-cflags", *C_FLAGS, "--", *sources]
         done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=folder)
         if done.returncode:

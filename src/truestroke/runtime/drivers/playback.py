@@ -15,8 +15,6 @@ from truestroke.runtime.drivers.guard import Limits, check_range
 from truestroke.runtime.drivers.one_axis import OneAxis
 from truestroke.runtime.drivers.paced import let_go
 from truestroke.runtime.drivers.protocol import Driver
-from truestroke.signals.columns import Wanted, even_rate, read_columns, refuse_bad_rows
-from truestroke.signals.tables import UNITS, open_table
 
 __all__ = ["Player", "Recorded", "playback"]
 
@@ -62,6 +60,10 @@ def read_waveform(path: Path) -> tuple[FloatArray, float]:
     RecordError
         It has no such columns, a row that is no number, or times that are not even.
     """
+    # Late: each process beside the loop has the drivers, and none of them reads a table.
+    from truestroke.signals.columns import Wanted, even_rate, read_columns, refuse_bad_rows
+    from truestroke.signals.tables import UNITS, open_table
+
     table = open_table(path)
     wanted = [Wanted(role, UNITS[role], (role,), certain=True) for role in ("volts", "time")]
     signals, _ = read_columns(path, table, wanted, ())

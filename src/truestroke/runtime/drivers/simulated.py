@@ -3,7 +3,6 @@
 import dataclasses
 import functools
 import os
-import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -12,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from truestroke.base import checks, toml
+from truestroke.base import checks
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
 from truestroke.runtime.drivers.protocol import DriverError, Signal, check_signals
@@ -165,6 +164,7 @@ class SimulatedSettings:
 
     def together(self) -> "MultiAxisStage":
         """The stages of `axes`."""
+        from truestroke.base import toml  # late, as `tempfile`: no process beside the loop needs them
         from truestroke.plant import MultiAxisSettings, MultiAxisStage, StageSettings
 
         given = {**self.axes}
@@ -179,6 +179,7 @@ class SimulatedSettings:
 
     def plants(self) -> list[Plant]:
         """A realistic stack, or a stage, for each channel."""
+        from truestroke.base import toml
         from truestroke.plant import PlantSettings, RealisticPlant, StagePlant, StageSettings
 
         if self.stage:
@@ -240,6 +241,8 @@ class SimulatedDriver:
 
     def open(self) -> Timing:
         """The stacks at rest; the output stays where it is."""
+        import tempfile
+
         s = self.settings
         self._fail("open")
         if s.register is None and self._temporary is None:
