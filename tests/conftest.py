@@ -80,3 +80,32 @@ def _pages_say_one_micrometre(monkeypatch: pytest.MonkeyPatch) -> None:
         return write(path, text, kind)
 
     monkeypatch.setattr(files, "write", checked)
+
+
+DRAWN: set[object] = set()
+
+
+@pytest.fixture
+def each_picture_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """For tests that read the words of pages: what this process has drawn for one of them is made, but not drawn again.
+
+    Half of the time of a page is the drawing. Each kind of page has tests of its own, which draw all of it.
+    """
+    from truestroke.report import page, style
+
+    svg, save = page.svg, style.save
+
+    def first(thing: object) -> bool:
+        return not (thing in DRAWN or DRAWN.add(thing))
+
+    def drawn(figure: Any, name: str, description: str) -> str:
+        return svg(figure, name, description) if first((name, description)) else f'<svg role="img" id="{name}"/>'
+
+    def saved(figure: Any, path: str | Path, **options: Any) -> Path:
+        if first(Path(path).name):
+            return save(figure, path, **options)
+        Path(path).touch()
+        return Path(path)
+
+    monkeypatch.setattr(page, "svg", drawn)
+    monkeypatch.setattr(style, "save", saved)

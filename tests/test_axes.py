@@ -332,6 +332,7 @@ def repeated(folder, *changes):
     return configuration(folder, *given, longer, ("rotation = 10.0", "rotation = 10.0\nperiod = 0.1"), *changes)
 
 
+@pytest.mark.usefixtures("each_picture_once")
 @pytest.mark.filterwarnings("ignore::truestroke.LatenessWarning")
 def test_axes_learn_what_repeats_in_real_time_with_the_bits_of_run(tmp_path):
     """And the recordings, and the page, say what each batch was."""

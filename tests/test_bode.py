@@ -156,6 +156,7 @@ CONFIG = """
 name = "simulated"
 sample_rate = 2000.0
 plant = { resonance = RESONANCE, damping = 0.02 }
+hardware_timed = true
 
 [[axis]]
 voltage_limits = [-0.6, 3.6]

@@ -369,6 +369,7 @@ def test_version() -> None:
     assert call("--version").stdout == f"truestroke {__version__}\n"
 
 
+@pytest.mark.usefixtures("each_picture_once")
 def test_identify_writes_a_model_that_a_controller_starts_from(tmp_path) -> None:
     plant = RealisticPlant(seed=2)
     plant.open()

@@ -140,6 +140,7 @@ def test_the_documentation_shows_this_table(comparison):
         assert cells[4:] == pytest.approx([wave.delay_ms, on_sine.phase_lag_deg], abs=0.03)
 
 
+@pytest.mark.usefixtures("each_picture_once")
 def test_the_readme_shows_what_the_command_prints(comparison, monkeypatch, tmp_path):
     """With its defaults, which are those of `run`; tests/test_cli.py runs the command itself."""
     command, expected = re.search(

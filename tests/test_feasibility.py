@@ -163,6 +163,7 @@ def test_a_triangle_too_sharp_for_a_known_stage_is_told_with_figures_and_a_raste
     assert f"by {sharp.ringing:.2g} um rms" in notice
 
 
+@pytest.mark.usefixtures("each_picture_once")
 def test_a_command_tells_it_in_a_line_in_its_own_words(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     fast = ["track", "--trajectory", "sine", "--duration", "0.6", "--json"]

@@ -53,6 +53,7 @@ def test_what_is_said_to_be_saved_is_there_whichever_write_fails(bad_disk: Path)
     assert int(done.stdout.split()[0]) > 100
 
 
+@pytest.mark.usefixtures("each_picture_once")
 @pytest.mark.parametrize("kind", [errno.ENOSPC, errno.EIO])
 def test_a_run_whose_disk_fails_ends_with_13(bad_disk: Path, kind: int) -> None:
     process = started(configuration(), env=environment(bad_disk))

@@ -68,6 +68,7 @@ def cells(html):
     return [[" ".join("".join(cell.itertext()).split()) for cell in row] for row in root.iter("tr")]
 
 
+@pytest.mark.usefixtures("each_picture_once")
 def test_the_numbers_are_those_that_were_found(found, record):
     html = model_page(found, record, model_file="stage.toml", next_commands=(("track", "drives it"),)).html()
     rows = {row[0]: row[1:] for row in cells(html)}
@@ -136,6 +137,7 @@ def test_a_long_record_keeps_its_peaks_on_a_small_page():
     assert "means over 2 samples were used, at 500 Hz" in html
 
 
+@pytest.mark.usefixtures("each_picture_once")
 def test_a_play_that_never_moves_is_known_from_the_prior(record):
     found = identify(record, **{**PLAIN, "thresholds": (*PLAYS, 9.0)})
     told = dict(zip(found.model.names, ~View.of(found).from_prior(), strict=True))
@@ -203,7 +205,7 @@ def test_the_command_writes_model_page_and_pictures(tmp_path, monkeypatch):
 
 
 @pytest.mark.skipif(not MEASURED.exists(), reason=f"{MEASURED} is not there: the measured record is not in the project")
-def test_the_measured_stack(tmp_path):
+def test_the_measured_stack():
     record = read_record(MEASURED, volts=1, displacement=5, sample_rate=200.0)
     found = identify(record)
     view = View.of(found)
@@ -211,4 +213,3 @@ def test_the_measured_stack(tmp_path):
     words = text(model_page(found, record).html())
     assert f"{found.held_out.rmse_percent:.2f} % of stroke rmse" in words
     assert "the record is not informative about rate dependence" in words
-    assert len(model_page(found, record).save_plots(tmp_path)) == 8

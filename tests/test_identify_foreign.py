@@ -18,6 +18,7 @@ SPEC = importlib.util.spec_from_file_location(
 foreign = importlib.util.module_from_spec(SPEC)
 SPEC.loader.exec_module(foreign)
 
+pytestmark = pytest.mark.usefixtures("each_picture_once")
 R, A = (0.0, 0.2, 0.45, 0.8), (8.0, 1.5, 1.0, 0.7)  # V, um/V
 
 

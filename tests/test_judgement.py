@@ -334,6 +334,7 @@ def test_several_axes_have_the_worst_verdict():
 AT_A_LIMIT = ["track", "--duration", "2", "--voltage-limits", "-0.6", "0.9"]
 
 
+@pytest.mark.usefixtures("each_picture_once")
 def test_a_bad_run_is_bad_in_terminal_page_json_and_exit_code(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     done = CliRunner().invoke(main, [*AT_A_LIMIT, "--output", "x"])
@@ -354,6 +355,7 @@ def test_a_bad_run_is_bad_in_terminal_page_json_and_exit_code(tmp_path, monkeypa
     assert (told["verdict"], told["reasons"]) == ("bad", list(reasons))
 
 
+@pytest.mark.usefixtures("each_picture_once")
 def test_a_good_run_says_so(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     done = CliRunner().invoke(main, ["track", "--duration", "2", "--output", "x"])

@@ -455,6 +455,7 @@ def test_ctrl_c_leaves_the_best_waveform_and_says_where(tmp_path, monkeypatch):
     assert truestroke.load_waveform(tmp_path / "learned.csv").volts.size == 100
 
 
+@pytest.mark.usefixtures("each_picture_once")
 def test_passes_without_a_model_say_why(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 

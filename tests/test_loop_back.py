@@ -108,7 +108,7 @@ def test_voltages_far_apart_are_refused_where_the_driver_knows_them():
 
 def test_the_command_prints_settings_and_refuses_an_actuator(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    Path("stage.toml").write_text(config.example())
+    Path("stage.toml").write_text(config.example().replace("seed = 0 ", "hardware_timed = true\n#"))
     call = ("commission", "--config", "stage.toml", "--loop-back", "--yes")
     monkeypatch.setattr(SimulatedDriver, "_pass_time", Instant._pass_time)
     before = Path("stage.toml").read_text()

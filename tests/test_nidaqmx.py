@@ -495,6 +495,7 @@ def commission(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, change: tuple[st
     return done.exit_code, done.output
 
 
+@pytest.mark.usefixtures("each_picture_once")
 def test_the_first_volts_of_the_page(card, tmp_path, monkeypatch) -> None:
     expected = re.search(
         r"^\$ truestroke commission[^\n]*\n(.*?)^```", (ROOT / "docs/nidaqmx.md").read_text(), re.M | re.S
@@ -570,6 +571,7 @@ def test_limits_beyond_the_range_of_the_card_are_refused_before_anything_moves(c
     assert (card.volts[0], card.edges) == (0.0, 0)
 
 
+@pytest.mark.usefixtures("each_picture_once")
 @pytest.mark.parametrize("fault", ["", f"{READ}:450:-200279"])
 def test_a_motion_is_learned_from_the_buffer(card, tmp_path, monkeypatch, fault) -> None:
     """Waveform, model and page; where a later pass fails, what was learned before it is on the disk."""

@@ -66,6 +66,7 @@ def test_what_truestroke_did_not_write_stays(name: str) -> None:
     assert done.stderr.endswith("; choose another name, or --overwrite it\n")
 
 
+@pytest.mark.usefixtures("each_picture_once")
 def test_overwrite_says_that_it_may_go_and_what_is_ours_may_always() -> None:
     Path("out.html").write_text("<p>precious</p>")
     words = ["track", "--duration", "0.5", "--output", "out"]

@@ -528,6 +528,7 @@ def page_blocks(fake: Fake) -> list[tuple[str, str]]:
     return re.findall(r"^```(python|console|toml|text)\n(.*?)^```", page, flags=re.M | re.S)
 
 
+@pytest.mark.usefixtures("each_picture_once")
 def test_the_page_runs_on_the_fake_controller(fake: Fake, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Each block in turn: the file, python and what it prints, the commands and what they print."""
     monkeypatch.chdir(tmp_path)
@@ -683,6 +684,7 @@ def test_a_signal_stops_the_wave_and_the_output_is_safe(bench, fake, stop, code)
     assert (running.returncode, fake.volts[0], fake.left()) == (code, SAFE[0], True), words
 
 
+@pytest.mark.usefixtures("each_picture_once")
 @pytest.mark.parametrize(("change", "code"), [(("", ""), 0), (("[[axis]]", "um_per_unit = -1.0\n[[axis]]"), 3)])
 def test_the_first_volts(bench: Path, fake: Fake, monkeypatch: pytest.MonkeyPatch, change, code: int) -> None:
     monkeypatch.setattr(connected, "require_time", lambda *_: None)  # late ticks do not matter to it
@@ -703,6 +705,7 @@ LEARN = ["learn", "sine", "--frequency", "12", "--peak-to-peak", "10", "--offset
 LEARN += ["--averaged", "0.2", "--config", "learn.toml", "--json"]
 
 
+@pytest.mark.usefixtures("each_picture_once")
 def test_a_motion_is_learned_from_the_wave_table(bench: Path, fake: Fake) -> None:
     """Waveform, model and page; a record that is cut short keeps what was learned before on the disk."""
     stage = Path("stage.toml").read_text()

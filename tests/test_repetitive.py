@@ -387,6 +387,7 @@ def test_a_command_that_is_refused_changes_nothing():
     assert controller.command(10.0, 0.0) == same.command(10.0, 0.0)
 
 
+@pytest.mark.usefixtures("each_picture_once")
 def test_the_command_line_and_the_configuration_have_it(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     asked = ("track", "--trajectory", "sine", "--duration", "2", "--json")

@@ -97,6 +97,7 @@ def test_the_command_says_zero_errors_interval_and_verdict(files, model):
     assert "truestroke score model.toml tuesday.csv" in (files / "score.html").read_text()
 
 
+@pytest.mark.usefixtures("each_picture_once")
 def test_the_command_ends_with_the_verdict_of_an_actuator_that_has_changed(files):
     done = CliRunner().invoke(main, ["score", "model.toml", "loaded.csv", "--offset", "0", "--json"])
     assert done.exit_code == 4

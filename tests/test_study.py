@@ -174,6 +174,7 @@ def test_what_is_not_known_is_an_error(changed, argument):
     assert error.value.argument == argument
 
 
+@pytest.mark.usefixtures("each_picture_once")
 def test_impossible_samples_are_rows_with_their_error(tmp_path, monkeypatch):
     """They stop nothing, are named at the end, and are not simulated again."""
     limits = {"choice": [1.0, 400.0]}

@@ -25,6 +25,7 @@ def call(*arguments):
     return CliRunner().invoke(main, [*RASTER, *arguments])
 
 
+@pytest.mark.usefixtures("each_picture_once")
 def test_dynamics_make_a_fast_raster_follow():
     found = {}
     for name, given in (("without", ("--plant", "stage")), ("with", ("--dynamics", "dynamics.toml"))):
