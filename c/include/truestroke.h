@@ -240,15 +240,13 @@ TS_API bool ts_kalman_is_spike(ts_kalman *k, const ts_kalman_settings *s, ts_rea
 TS_API bool ts_kalman_tick(ts_kalman *k, const ts_kalman_settings *s, const ts_real *w0, ts_prior P0, ts_real *w,
                            const ts_real *u, ts_real y, ts_real innovation, bool measured, bool learn, int m);
 
-/* Of the first columns of P, the sum of all of them and that of those whose weight is of no play. */
+/* Sums of the first columns of P: to the end of each block of eight; in the last block that is begun, of the first `columns`. And
+ * of those whose weight is of no play. */
 typedef struct {
-    ts_real all[TS_PADDED(TS_MAX_LEARNED)], rates[TS_PADDED(TS_MAX_LEARNED)];
-} ts_column_sum;
-
-/* Those of the first columns to the end of each block of eight; in the last block that is begun, of the first `columns`. */
-typedef struct {
-    ts_column_sum after[TS_PADDED(TS_MAX_LEARNED) / TS_LANES + 1]; /* the first: of none */
-    int columns;
+    ts_real to_end_of[TS_PADDED(TS_MAX_LEARNED) / TS_LANES][TS_PADDED(TS_MAX_LEARNED)];
+    ts_real of_rates[TS_PADDED(TS_MAX_LEARNED)]; /* of the first `summed` of the latter */
+    int rate[TS_MAX_LEARNED];                    /* the latter among the first `looked`, `rates` of them */
+    int columns, summed, looked, rates;
 } ts_column_sums;
 
 /* Moves w in the metric of P so that g.w grows by `missing`: w += P g missing / (g.P g). g is 1 for each of the first

@@ -45,9 +45,10 @@ static void reduce_and_return(ts_real *P, const ts_real *root, ts_prior P0, ts_r
     }
 }
 
+static const ts_real nothing[TS_PADDED(TS_MAX_LEARNED)] = {0};
+
 static void restart(ts_real *P, ts_prior P0, int m)
 {
-    static const ts_real nothing[TS_PADDED(TS_MAX_LEARNED)] = {0};
     memset(P, 0, sizeof(ts_real) * (size_t)TS_TRIANGLE(m));
     reduce_and_return(P, nothing, P0, 1, m);
 }
@@ -230,49 +231,80 @@ static inline void add_columns(const ts_real *P, const ts_real *before, ts_real 
     for (; j % TS_LANES > 0; j++) sum[j] = 0;
 }
 
-/* The same for those of these columns whose weight is of no play. */
-static void add_rates(const ts_kalman *k, const ts_real *before, ts_real *sum, int from, int count, int m)
-{
-    for (int i = from; i < from + count; i++) {
-        if (k->part[i] != 0) continue;
-        add_columns(k->P, before, sum, i, 1, m);
-        before = sum;
-    }
-    if (before != sum) memcpy(sum, before, sizeof(ts_real) * (size_t)TS_PADDED(m));
-}
-
 /* The sum of the first `columns`. */
-static const ts_column_sum *add_up_to(const ts_kalman *k, ts_column_sums *s, int columns, int m)
+static const ts_real *add_up_to(const ts_kalman *k, ts_column_sums *s, int columns, int m)
 {
-    if (s->columns == 0) memset(&s->after[0], 0, sizeof s->after[0]);
     if (s->columns > columns) s->columns = columns - columns % TS_LANES;
     while (s->columns < columns) {
-        int from = s->columns, begun = from % TS_LANES, count = TS_LANES - begun;
-        ts_column_sum *sum = &s->after[from / TS_LANES + 1];
-        const ts_column_sum *before = begun ? sum : sum - 1;
+        int from = s->columns, block = from / TS_LANES, begun = from % TS_LANES, count = TS_LANES - begun;
+        ts_real *sum = s->to_end_of[block];
+        const ts_real *before = begun ? sum : block ? s->to_end_of[block - 1] : nothing;
         if (count > columns - from) count = columns - from;
-        if (count == TS_LANES) add_columns(k->P, before->all, sum->all, from, TS_LANES, m); /* a loop of known length is faster */
-        else add_columns(k->P, before->all, sum->all, from, count, m);
-        add_rates(k, before->rates, sum->rates, from, count, m);
+        if (count == TS_LANES) add_columns(k->P, before, sum, from, TS_LANES, m); /* a loop of known length is faster */
+        else add_columns(k->P, before, sum, from, count, m);
         s->columns += count;
     }
-    return &s->after[(columns + TS_LANES - 1) / TS_LANES];
+    return s->to_end_of[(columns - 1) / TS_LANES];
+}
+
+/* How many of the first `columns` weights are of no play. */
+static int rates_up_to(const ts_kalman *k, ts_column_sums *s, int columns)
+{
+    int rates = s->rates;
+    for (int i = s->looked; i < columns; i++)
+        if (k->part[i] == 0) s->rate[rates++] = i;
+    s->rates = rates;
+    if (s->looked < columns) s->looked = columns;
+    while (rates > 0 && s->rate[rates - 1] >= columns) rates--;
+    return rates;
+}
+
+/* Eight rows of a column of P, from row `begin` on; 0 behind the last one. */
+static inline lanes part_of_column(const ts_real *P, int column, int begin, int m)
+{
+    if (begin <= column) return load(P + TS_ROW(column) + begin); /* P is symmetric: stored as a row */
+    const ts_real *entry = P + TS_ROW(begin) + column;
+    int next = width(begin);
+    ts_real x[TS_LANES];
+    if (m - begin < TS_LANES) {
+        store(x, zero());
+        for (int i = 0; i < m - begin; entry += next, i++) x[i] = *entry;
+        return load(x);
+    }
+    TS_UNROLLED
+    for (int i = 0; i < TS_LANES; entry += next, i++) x[i] = *entry;
+    return load(x);
+}
+
+/* The sum of the first `rates` of those of no play, from the one of the last call on where it has no more. */
+static const ts_real *add_rates(const ts_kalman *k, ts_column_sums *s, int rates, int m)
+{
+    int summed = s->summed <= rates ? s->summed : 0;
+    if (rates == 0) return nothing;
+    for (int j = 0; j < m; j += TS_LANES) {
+        lanes x = load(summed > 0 ? s->of_rates + j : nothing);
+        for (int i = summed; i < rates; i++) x = plus(x, 1, part_of_column(k->P, s->rate[i], j, m));
+        store(s->of_rates + j, x);
+    }
+    s->summed = rates;
+    return s->of_rates;
 }
 
 void ts_kalman_project(const ts_kalman *k, ts_real *w, ts_column_sums *sums, int columns, ts_real rate, ts_real missing, int m)
 {
-    ts_real Pg[TS_PADDED(TS_MAX_LEARNED)], all = 0, rates = 0;
-    const ts_column_sum *sum = add_up_to(k, sums, columns, m);
+    if (sums->columns == 0) sums->rates = sums->looked = sums->summed = 0;
+    int rates = rates_up_to(k, sums, columns);
+    const ts_real *of_all = add_up_to(k, sums, columns, m), *of_rates = add_rates(k, sums, rates, m);
+    ts_real Pg[TS_PADDED(TS_MAX_LEARNED)], g_Pall = 0, g_Prates = 0;
     int block = 0;
     do { /* m is 1 at least */
-        store(Pg + block, plus(load(sum->all + block), rate - 1, load(sum->rates + block)));
+        store(Pg + block, plus(load(of_all + block), rate - 1, load(of_rates + block)));
         block += TS_LANES;
     } while (block < m);
-    for (int i = 0; i < columns; i++) {
-        all += Pg[i];
-        if (k->part[i] == 0) rates += Pg[i];
-    }
-    ts_real g_Pg = all + (rate - 1) * rates, step = missing / g_Pg;
+    TS_UNROLLED
+    for (int i = 0; i < columns; i++) g_Pall += Pg[i];
+    for (int i = 0; i < rates; i++) g_Prates += Pg[sums->rate[i]];
+    ts_real g_Pg = g_Pall + (rate - 1) * g_Prates, step = missing / g_Pg;
     if (!(g_Pg > 0) || !isfinite(g_Pg) || !isfinite(step)) return;
     move_weights(w, step, Pg, m);
 }

@@ -31,8 +31,10 @@ typedef ts_real ts_vector __attribute__((
 /* The loops over the lanes are unrolled, as gcc does by itself from -O3 on: the lanes then stay in registers. */
 #if defined(__GNUC__) && !defined(__clang__) && __GNUC__ >= 8
 #define TS_UNROLLED _Pragma("GCC unroll 8")
+#define TS_UNROLLED_WHOLE _Pragma("GCC unroll 16") /* a longer loop, of known length */
 #else
 #define TS_UNROLLED
+#define TS_UNROLLED_WHOLE
 #endif
 
 enum { TS_VECTOR = sizeof(ts_vector) / sizeof(ts_real), TS_VECTORS = TS_LANES / TS_VECTOR };

@@ -116,8 +116,11 @@ static void count_tick(ts_resonance *r, const ts_real *x, ts_real error)
     v[LOW] = pass_one(r->last_filter, &r->last[THIRD], v[LOW]);
     if (r->ticks < r->settling) return;
     ts_real *sum = r->sum;
-    for (int i = 0; i <= LOW; i++)
+    TS_UNROLLED_WHOLE
+    for (int i = 0; i <= LOW; i++) {
+        TS_UNROLLED_WHOLE
         for (int j = 0; j <= i; j++) *sum++ += v[i] * v[j];
+    }
     r->error += error * error;
 }
 
