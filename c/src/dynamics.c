@@ -90,11 +90,11 @@ static void pass_taps(const ts_real *taps, ts_real (*t)[TS_PADDED(TS_MAX_LEARNED
 {
     ts_real tap[TS_TAPS]; /* which no store changes */
     memcpy(tap, taps, sizeof tap);
-    for (int i = 0; i < m; i += TS_LANES) {
-        lanes in = load(x + i);
-        store(y + i, plus(load(t[0] + i), tap[0], in));
-        for (int k = 0; k < TS_TAPS - 2; k++) store(t[k] + i, plus(load(t[k + 1] + i), tap[k + 1], in));
-        store(t[TS_TAPS - 2] + i, scaled(tap[TS_TAPS - 1], in));
+    for (int i = 0; i < m; i += TS_VECTOR) {
+        ts_vector in = vector(x + i);
+        *at(y + i) = *at(t[0] + i) + tap[0] * in;
+        for (int k = 0; k < TS_TAPS - 2; k++) *at(t[k] + i) = *at(t[k + 1] + i) + tap[k + 1] * in;
+        *at(t[TS_TAPS - 2] + i) = tap[TS_TAPS - 1] * in;
     }
 }
 
