@@ -43,7 +43,12 @@ if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:  # under nohup
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    items.sort(key=lambda item: LONG.index(item.path.name) if item.path.name in LONG else len(LONG))
+    def place(item: pytest.Item) -> int:
+        """Last come short tests that any process takes: none waits at the end for another's file."""
+        name = item.path.name
+        return LONG.index(name) if name in LONG else len(LONG) + (name in ALONE)
+
+    items.sort(key=place)
 
 
 def pytest_collection_finish() -> None:

@@ -17,8 +17,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-import xarray
 from click.testing import CliRunner
+from late import Late
 from running import COMMAND, ticks
 
 from truestroke import AdaptiveController, Dynamics, Mode, Recording, SettingError, Timing, run, trajectories
@@ -30,6 +30,8 @@ from truestroke.runtime.drivers.paced import EDGES_US
 from truestroke.runtime.realtime import Axis, Cause, RealtimeSettings, config, run_realtime, status
 from truestroke.runtime.realtime.shared import Layout, Shared, Slot, State, Text
 from truestroke.signals.trajectories import Trajectory, random_wave, sine
+
+xarray = Late("xarray")
 
 LIMITS, SLEW = (-0.6, 3.6), 400.0
 PATIENT = RealtimeSettings(overrun_streak=0, watchdog_timeout=20.0)  # a busy machine is late by ms and more
