@@ -369,6 +369,8 @@ ts_status ts_controller_adapt(ts_controller *c, ts_real z, int ago)
     if (used) {
         while (measured_ticks(c) < commands - 1 - (uint64_t)ago) ts_pass_over(c);
         used = measure(c, z);
+    } else if (in_time && measured_ticks(c) > 0) { /* lost: in its own tick, so that the next one does not take long */
+        while (measured_ticks(c) < commands - (uint64_t)ago) ts_pass_over(c);
     }
     c->flags.rejected = !used;
     c->counters.rejected += !used;

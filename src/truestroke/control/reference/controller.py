@@ -244,6 +244,9 @@ class ReferenceController(Displayed):
             while c.measured_ticks < tick:
                 pass_over(c)
             used = measure(c, z_measured)
+        elif in_time and c.measured_ticks > 0:  # lost: in its own tick, so that the next one does not take long
+            while c.measured_ticks <= tick:
+                pass_over(c)
         c.rejected = not used
         c.count(rejected=c.rejected, adaptations=not (c.rejected or c.held), changed=c.changed)
 
