@@ -10,8 +10,9 @@
  * - A command and its inverse are O(n) in the number of plays. Adaptation is O(m^2) in the number of parameters, with
  *   both laws: ts_rls_update, ts_kalman_tick, ts_kalman_project, and so ts_controller_adapt; ts_controller_command is
  *   too at a tick at which the TS_BACKLOG-th measurement in a row is missing, and the calls that reset the state (init,
- *   reset, start). ts_controller_adapt is so once more for each tick without a measurement before that of z: TS_BACKLOG at
- *   most, up to TS_HISTORY at the first measurement of all and where they come earlier than those before.
+ *   reset, start). ts_controller_adapt is so once more for each tick before that of z for which it was not called: TS_BACKLOG
+ *   at most, up to TS_HISTORY at the first measurement of all and where they come earlier than those before. Where no
+ *   measurement came it is given NaN: its tick is then passed over at once.
  * - Arrays that are passed to one call may not overlap, unless the function says so.
  * - Units: displacement um, velocity um/s, voltage V at the D/A converter, weights um/V.
  * - Settings are checked by ts_controller_init and ts_controller_change, never in a tick. Not promised: any behaviour of a struct that was not initialised.

@@ -219,6 +219,21 @@ static void test_silence_is_passed_over(void)
     }
 }
 
+/* Then none of them waits for the first good measurement, which takes no longer than another one. */
+static void test_what_is_lost_is_passed_over_in_its_own_tick(void)
+{
+    ts_controller c;
+    ts_settings s = settings();
+    ts_real volts;
+    ts_controller_init(&c, &s);
+    for (int k = 0; k < 100; k++) {
+        ts_controller_command(&c, 1, 0, &volts);
+        bool lost = k >= 50 && k < 90;
+        check(ts_controller_adapt(&c, lost ? (ts_real)NAN : 1, 0) == (lost ? TS_REJECTED : TS_OK), "only what is lost is rejected");
+        check(c.lagged.ticks == c.counters.commands, "no tick waits");
+    }
+}
+
 static void test_latency(void)
 {
     enum { LATE = 7, LENGTH = 400 };
@@ -706,6 +721,7 @@ int main(void)
     test_copies();
     test_latency();
     test_silence_is_passed_over();
+    test_what_is_lost_is_passed_over_in_its_own_tick();
     test_refusals();
     test_abuse();
     test_rest();
