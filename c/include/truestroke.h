@@ -224,6 +224,10 @@ TS_API void ts_kalman_init(ts_kalman *k, ts_prior P0, ts_real sigma, int m);
 
 /* The covariance is that of the prior again, and the filters start anew; the noise stays. */
 TS_API void ts_kalman_reset_covariance(ts_kalman *k, ts_prior P0, int m);
+/* The weights may be off by any share of d, which is padded with zeros, beside all else: P += d d'. */
+TS_API void ts_kalman_doubt(ts_kalman *k, const ts_real *d, int m);
+/* The weights stay for so many ticks. */
+TS_API void ts_kalman_wait(ts_kalman *k, int ticks);
 
 /* The filters start at 0, in place of the first regressor and measurement, unless they have started. */
 TS_API void ts_kalman_start_filters(ts_kalman *k, int m);

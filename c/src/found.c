@@ -127,6 +127,18 @@ void ts_begin_anew(ts_controller *c)
     ts_kalman_reset_covariance(&c->law.kalman, prior_of(c->settings), c->parameters);
 }
 
+/* What was learned without the stage is good enough for its command, but as a whole it may be as wrong as it is far from the first
+ * weights. Until the law's filters have settled, a period of the stage, nothing is learned. */
+static void doubt_learned(ts_controller *c, ts_real frequency)
+{
+    ts_real learned[TS_PADDED(TS_MAX_LEARNED)] = {0};
+    ts_kalman *k = &c->law.kalman;
+    for (int i = 0; i < c->parameters; i++) learned[i] = c->w[i] - c->kept.first[i];
+    ts_kalman_reset_covariance(k, prior_of(c->settings), c->parameters);
+    ts_kalman_doubt(k, learned, c->parameters);
+    ts_kalman_wait(k, (int)(1 / frequency));
+}
+
 /* Whole ticks of dead time of a stage of this frequency, in place of so many `before`. Where the estimate knows that stage, and its
  * lag is not small beside a period, they are that lag. */
 static int dead_time(ts_controller *c, ts_real frequency, int before)
@@ -310,6 +322,6 @@ void ts_watch_resonance(ts_controller *c, ts_real z, ts_real error, const ts_mot
     if (!known || !matters(c)) return;
     c->stage.resonance = r->known;
     c->guard.settled = c->guard.settled && c->guard.lost; /* else it was no wrong sensor: there is nothing to return to */
-    if (!c->found.known) ts_begin_anew(c);
+    if (!c->found.known) doubt_learned(c, r->known);
     ts_adopt_stage(c, r->known, root_of(r->power));
 }

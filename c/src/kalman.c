@@ -79,6 +79,20 @@ void ts_kalman_reset_covariance(ts_kalman *k, ts_prior P0, int m)
     k->variance = 0;
 }
 
+void ts_kalman_doubt(ts_kalman *k, const ts_real *d, int m)
+{
+    for (int j = 0; j < m; j += TS_LANES) {
+        lanes columns = load(d + j);
+        ts_real *row = k->P + TS_ROW(j) + j;
+        for (int i = j; i < m; row += width(i), i++) store(row, plus(load(row), d[i], columns));
+    }
+}
+
+void ts_kalman_wait(ts_kalman *k, int ticks)
+{
+    k->since_change = -ticks;
+}
+
 void ts_kalman_start_filters(ts_kalman *k, int m)
 {
     if (k->started) return;
@@ -370,5 +384,5 @@ bool ts_kalman_tick(ts_kalman *k, const ts_kalman_settings *s, const ts_real *w0
         follow_covariance(k, s, P0, w, m);
         return false;
     }
-    return measured && learn && update(k, s, w0, P0, w, m);
+    return measured && learn && k->since_change >= 0 && update(k, s, w0, P0, w, m);
 }

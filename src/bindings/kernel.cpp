@@ -317,7 +317,7 @@ void check_kalman(const ts_controller &c) {
     not_negative("ringing_power", c.ringing.power);
     require_range("change", k.change, 0, 100);
     require_range("usual", k.usual, 0, 100);
-    require_range("since_change", k.since_change, 0, INT32_MAX);
+    require_range("since_change", k.since_change, -INT32_MAX, INT32_MAX);
     require_range("spikes", k.spikes, 0, INT32_MAX);
     require_range("since_return", k.since_return, 0, TS_RETURN_EVERY);
     require_all("filter", k.filter > 0 && k.filter <= 1, "above 0, at most 1");

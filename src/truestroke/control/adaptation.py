@@ -90,6 +90,12 @@ class FilteringLaw(Law, Protocol):
     def separate(self, place: int, variance: float) -> None:
         """A weight that is independent of all others."""
 
+    def doubt(self, d: FloatArray) -> None:
+        """The weights may be off by any share of d, beside all else."""
+
+    def wait(self, ticks: int) -> None:
+        """The weights stay for so many ticks."""
+
     def start_filters(self) -> None:
         """The filters start at 0, in place of the first regressor and measurement, unless they have started."""
 
@@ -549,6 +555,14 @@ class BoundedKalman:
         self.started = self.pending = self.changed = False
         self.change = self.variance = 0.0
 
+    def doubt(self, d: FloatArray) -> None:
+        """The weights may be off by any share of d, beside all else: P += d d'."""
+        self.P = self.P + np.outer(d, d)
+
+    def wait(self, ticks: int) -> None:
+        """The weights stay for so many ticks."""
+        self.since_change = -ticks
+
     def start_filters(self) -> None:
         """They start at 0, in place of the first u and y, unless they have: y = w.u stays exact."""
         if not self.started:
@@ -625,7 +639,7 @@ class BoundedKalman:
         if self.pending:
             self._follow_covariance()
             return False
-        return measured and learn and self._update_weights()
+        return measured and learn and self.since_change >= 0 and self._update_weights()
 
     def _follow_noise(self, innovation: float, measured: bool) -> None:
         s = self.settings

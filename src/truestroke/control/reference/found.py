@@ -89,6 +89,17 @@ def begin_anew(c: State, law: FilteringLaw) -> None:
     law.reset_covariance()
 
 
+def doubt_learned(c: State, law: FilteringLaw, frequency: float) -> None:
+    """What was learned without the stage is good enough for its command, but as a whole it may be wrong.
+
+    It may be as wrong as it is far from the first weights. Until the law's filters have settled, a period of the stage,
+    nothing is learned.
+    """
+    law.reset_covariance()
+    law.doubt(law.weights - c.kept.first)
+    law.wait(int(1 / frequency))
+
+
 def adopt_stage(c: State, law: FilteringLaw, frequency: float, ringing: float) -> None:
     """From now on the stage is between hysteresis and sensor; it rings by so much, um.
 
@@ -240,7 +251,7 @@ def watch_resonance(c: State, z: float, error: float, zdot_d: float, path: Stage
     c.stage.resonance, guard = c.estimator.known, c.kept.guard
     guard.settled = guard.settled and guard.lost  # else it was no wrong sensor: there is nothing to return to
     if not c.stage.found:
-        begin_anew(c, law)
+        doubt_learned(c, law, c.estimator.known)
     adopt_stage(c, law, c.estimator.known, math.sqrt(c.estimator.power))
 
 
