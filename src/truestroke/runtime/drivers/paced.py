@@ -153,7 +153,10 @@ def require_time(tick: Callable[[], object], sample_rate: float, remedy: str = "
 
 def padded(volts: npt.NDArray[np.float64], ticks: int) -> FloatArray:
     """`volts`, shape (channels, up to ticks), held at its last entry until it is `ticks` long: a copy."""
-    return np.ascontiguousarray(np.pad(volts, ((0, 0), (0, ticks - volts.shape[1])), mode="edge"))
+    given = volts.shape[1]
+    held = np.empty((volts.shape[0], ticks))  # np.pad takes ten times as long, in each tick
+    held[:, :given], held[:, given:] = volts, volts[:, -1:]
+    return held
 
 
 def let_go(driver: Driver, safe: FloatArray) -> None:
