@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 
 from truestroke import AdaptiveController, SettingError
 from truestroke.control.actuator import ActuatorModel
-from truestroke.identification import identify, load_model, refine, save_model, waveform
+from truestroke.identification import identify, load_model, refine, save_model, select, waveform
 from truestroke.identification.identified import fit_structure
 from truestroke.identification.record import Record
 from truestroke.identification.regression import FLOOR, Data, Structure, loops
@@ -226,21 +226,48 @@ def test_they_are_not_chosen_where_plays_are_enough():
     assert identify((x, z, 1000.0)).model.branches is None
 
 
-def test_cells_are_chosen_where_the_density_of_relays_is_uneven():
-    """Relays in one corner of the plane beside a line, random strokes, noise of 0.03 %."""
-    rng = np.random.Generator(np.random.PCG64(5))
-    v = np.interp(np.arange(6000) / 100.0, np.arange(61), np.append([0.0, 1.0, 0.0], rng.uniform(0, 1, 58)))
-    middle, half = rng.normal(0.35, 0.08, 400), rng.normal(0.2, 0.05, 400)
+def of_relays(v, rng, spread):
+    """Record of relays in one corner of the plane beside a line, 10 um, noise of 0.03 %, 100 Hz."""
+    middle, half = rng.normal(0.35, 0.08, 400), rng.normal(0.2, spread, 400)
     state, made = np.zeros(400, dtype=bool), np.empty(v.size)
     for k, x in enumerate(v):
         state = (state | (x > middle + half)) & (x >= middle - half)
         made[k] = state.mean()
-    z = 10.0 * (0.5 * v + 0.5 * made) + rng.normal(0, 0.003, v.size)
-    found = identify((100.0 * v, z, 1000.0))
+    return 100.0 * v, 10.0 * (0.5 * v + 0.5 * made) + rng.normal(0, 0.003, v.size), 100.0
+
+
+def random_strokes(rng):
+    return np.interp(np.arange(6000) / 100.0, np.arange(61), np.append([0.0, 1.0, 0.0], rng.uniform(0, 1, 58)))
+
+
+def test_cells_are_chosen_where_the_density_of_relays_is_uneven():
+    rng = np.random.Generator(np.random.PCG64(5))
+    record = of_relays(random_strokes(rng), rng, 0.05)
+    found = identify(record)
     assert found.model.branches is not None
     assert found.model.branches.levels > 0
-    alone = identify((100.0 * v, z, 1000.0), branches=False)
+    alone = identify(record, branches=False)
     assert found.held_out.rmse_um < 0.5 * alone.held_out.rmse_um
+
+
+def test_cells_are_finer_where_the_density_of_relays_changes_sooner(monkeypatch):
+    rng = np.random.Generator(np.random.PCG64(6))
+    record = of_relays(random_strokes(rng), rng, 0.03)
+    found = identify(record)
+    assert found.model.branches is not None
+    assert found.model.branches.levels == select.FINER
+    monkeypatch.setattr(select, "FINER_IF", 0.0)
+    coarse = identify(record)
+    assert coarse.model.branches is not None
+    assert coarse.model.branches.levels == select.LEVELS
+    assert found.held_out.rmse_um < 0.6 * coarse.held_out.rmse_um
+
+
+def test_finer_cells_are_not_compared_where_the_voltage_turns_at_few_places():
+    """Cells are better than plays, but a sine between two voltages does not tell the finer ones from each other."""
+    v = 0.5 - 0.5 * np.cos(2 * np.pi * 2.0 * np.arange(3000) / 1000.0)
+    found = identify(of_relays(v, np.random.Generator(np.random.PCG64(6)), 0.03))
+    assert {tried.structure.branches.levels for tried in found.tried if tried.structure.branches} == {0, select.LEVELS}
 
 
 def test_the_first_play_keeps_a_positive_weight_where_the_branches_would_do_without():

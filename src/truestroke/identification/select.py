@@ -15,6 +15,7 @@ from truestroke.control.actuator import play_sum
 from truestroke.identification import normal, uncertainty
 from truestroke.identification.regression import DRIFTS, Data, Structure, even_thresholds, plays, rate_dependent
 from truestroke.identification.rest import over_motion
+from truestroke.identification.turning import reversals
 from truestroke.model.branches import Branches
 from truestroke.model.layout import MAX_CREEPS
 
@@ -41,7 +42,14 @@ CURVED_PLAYS = 12  # of each curve
 BETAS = (1.5, 4.0, 10.0, 25.0)  # times the voltage range
 STIFF = (*BETAS, 60.0, 150.0)  # of friction, which turns within a few hundredths of the range
 CURVES = ((), ("convex", "concave"), ("convex", "concave", "sigmoid"))
-LEVELS = 10  # of the cells of Preisach's plane
+Kind = tuple[tuple[str, ...], int, tuple[float, ...]]  # of branches: curves, levels and betas
+LEVELS, FINER = 10, 14  # of the cells of Preisach's plane
+KINDS: tuple[Kind, ...] = tuple(
+    kind for kind in (*itertools.product(CURVES, (0,), ((), BETAS)), ((), 0, STIFF), ((), LEVELS, ())) if any(kind)
+)  # that are compared
+FINER_KINDS: tuple[Kind, ...] = (((), FINER, ()), (CURVES[-1], FINER, ()), ((), FINER, BETAS))
+FINER_IF = 1.25  # times what the others must be below: these are compared, too
+FINER_TURNS = 4  # of the places, as wide as a cell, in which the voltage turns: with fewer, cells are not known
 WEAKER = (0.01, 0.1, 1.0, 10.0)  # times the weight of the prior without branches
 CREEPS_IF = 1.25  # times the rmse with a drift: from rest, slower creep that does not exceed it is taken instead
 SLOWEST = 10.0  # of the record: the slowest of that creep
@@ -265,25 +273,47 @@ def choose_branches(
     """
     if np.ptp(data.volts) < BRANCHES_WITHIN * np.ptp(data.voltage_range):
         return None
-    most = Branches(voltage_range=data.voltage_range, curves=CURVES[-1], plays=CURVED_PLAYS, levels=LEVELS, betas=STIFF)
-    bank = _blocks(data, dataclasses.replace(s, branches=most), strain)
     noise = float(np.var((data.displacement - data.through(strain)[:: data.every])[data.fitted(rested=False)]))
-    choices = [
-        dataclasses.replace(s, branches=dataclasses.replace(most, curves=curves, levels=levels, betas=betas))
-        for curves, levels, betas in (*itertools.product(CURVES, (0,), ((), BETAS)), ((), 0, STIFF), ((), LEVELS, ()))
-        if curves or levels or betas
-    ]
     weights = [w * weight for w in WEAKER]
-    alone = min(bank.rmse(s, w) for w in weights)
-    tried = [(bank.rmse(choice, w), choice, w) for choice in choices for w in weights]
+    bank, tried = _with_branches(data, s, strain, KINDS, weights)
+    enough = BRANCHES_IF * min(bank.rmse(s, w) for w in weights)
+    if min(entry[0] for entry in tried) < FINER_IF * enough and _places_of_turns(data) >= FINER_TURNS:
+        tried += _with_branches(data, s, strain, FINER_KINDS, weights)[1]
     least = min(entry[0] for entry in tried)
-    if least >= BRANCHES_IF * alone:
+    if least >= enough:
         return None
     good = [entry for entry in tried if entry[0] <= ENOUGH_BRANCHES * least]
-    score, best, w = min(good, key=lambda entry: (len(entry[1].further), entry[0]))
+    score, best, w, bank = min(good, key=lambda entry: (len(entry[1].further), entry[0]))
     modes = 0 if data.dynamics is None else len(data.dynamics.modes)
-    compared = [Tried(c, w / noise, score, modes) for score, c, w in tried]
+    compared = [Tried(c, w / noise, score, modes) for score, c, w, _ in tried]
     return best, w, (*compared, Tried(best, w / noise, score, modes, bank.walk(best, w)))
+
+
+def _with_branches(
+    data: Data, s: Structure, strain: FloatArray, kinds: Sequence[Kind], weights: Sequence[float]
+) -> tuple[_Blocks, list[tuple[float, Structure, float, _Blocks]]]:
+    """Rows for all these kinds of branches; and of each with each weight of the prior the rmse of cross-validation."""
+    most = Branches(
+        voltage_range=data.voltage_range,
+        curves=max((curves for curves, _, _ in kinds), key=len),
+        plays=CURVED_PLAYS,
+        levels=max(levels for _, levels, _ in kinds),
+        betas=max((betas for _, _, betas in kinds), key=len),
+    )
+    bank = _blocks(data, dataclasses.replace(s, branches=most), strain)
+    choices = [
+        dataclasses.replace(s, branches=dataclasses.replace(most, curves=curves, levels=levels, betas=betas))
+        for curves, levels, betas in kinds
+    ]
+    return bank, [(bank.rmse(choice, w), choice, w, bank) for choice in choices for w in weights]
+
+
+def _places_of_turns(data: Data) -> int:
+    """In how many of the voltage's parts, as wide as a cell, it turns and goes back by as much."""
+    x, (low, high) = data.volts[:: data.every], data.voltage_range
+    width = (high - low) / FINER
+    turns = reversals(x, width)[1:-1]
+    return len(set(np.clip((x[turns] - low) // width, 0, FINER - 1).tolist()))
 
 
 def _slower(data: Data, times: tuple[float, ...]) -> tuple[float, ...]:
