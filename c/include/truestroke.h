@@ -466,6 +466,7 @@ typedef struct {
 
 #define TS_SHOWN 7                    /* plays that stand for the hysteresis */
 #define TS_RESONANCE (TS_SHOWN + 4)
+#define TS_LOWEST_RESONANCE 40       /* Hz: where the search for it ends */
 
 /* Least squares of z + c1 z' + c2 z'' = sum of w[i] times play i, all behind the same band about `centre`, window by window. c2 is
  * 1 / w0^2; the next window is about the resonance that was shown, or lower where none was. */

@@ -3,8 +3,7 @@
 #include <string.h>
 
 #define SEARCH_FROM ((ts_real)0.15) /* cycles per tick: where the search begins, */
-#define SEARCH_TO 40                /* Hz: where it ends, */
-#define OF_MOTION 2                 /* or at so many times the motion's frequency, */
+#define OF_MOTION 2                 /* its end is at TS_LOWEST_RESONANCE, or at so many times the motion's frequency, */
 #define AGAIN_FROM ((ts_real)0.36)  /* cycles per tick: and where every second one begins after that; */
 #define HIGHEST ((ts_real)0.4)      /* the highest resonance */
 #define NEXT ((ts_real)0.6)         /* of a centre: the next one, where there was no resonance */
@@ -239,7 +238,7 @@ static bool end_band(ts_resonance *r, ts_real tick)
 
 ts_real ts_resonance_lowest(const ts_resonance *r, ts_real tick)
 {
-    ts_real lowest = SEARCH_TO * tick;
+    ts_real lowest = TS_LOWEST_RESONANCE * tick;
     return lowest > OF_MOTION * r->motion ? lowest : OF_MOTION * r->motion;
 }
 

@@ -298,11 +298,17 @@ void check_guard(const ts_controller &c) {
         check_variance(c, "kept_covariance", c.kept.P[TS_PACKED(i) + i], i);
 }
 
+// Cycles per tick; 0: none is looked for.
+ts_real lowest_resonance(const ts_controller &c) {
+    return TS_LOWEST_RESONANCE * c.settings->oscillation.tick;
+}
+
 void check_resonance(const ts_controller &c) {
     const ts_resonance &r = c.resonance;
-    bool good = r.centre >= 0 && r.centre < 1 && r.known >= 0 && r.known < 1 && r.variance >= 0 && r.motion >= 0 && r.power >= 0 && r.speed >= 0 && r.change >= 0 && r.error >= 0;
+    bool sought = r.known == 0 || r.known >= static_cast<ts_real>(0.99) * lowest_resonance(c);
+    bool good = sought && r.centre >= 0 && r.centre < 1 && r.known >= 0 && r.known < 1 && r.variance >= 0 && r.motion >= 0 && r.power >= 0 && r.speed >= 0 && r.change >= 0 && r.error >= 0;
     for (int i = 0; i < TS_RESONANCE; i++) good = good && r.sum[TS_PACKED(i) + i] >= 0;
-    require_all("resonance_search", good, "frequencies below 1, and sums of squares of 0 or more");
+    require_all("resonance_search", good, "frequencies that are looked for, and sums of squares of 0 or more");
     bool begun = r.ticks == 0 || (r.centre > 0 && r.window > 0 && r.ticks < r.settling + r.window);
     require_all("resonance_ticks", r.ticks >= 0 && r.settling >= 0 && r.settling < INT32_MAX / 2 && r.window >= 0 && r.window < INT32_MAX / 2 && begun && r.windows >= 0 && r.windows <= 1000 && r.strange >= 0 && r.strange <= 1 && r.again >= 0 && r.again <= 1,
                 "counts of 0 or more, of a window that has not ended");
@@ -317,7 +323,9 @@ void check_kalman(const ts_controller &c) {
     not_negative("ringing_power", c.ringing.power);
     require_range("change", k.change, 0, 100);
     require_range("usual", k.usual, 0, 100);
-    require_range("since_change", k.since_change, -INT32_MAX, INT32_MAX);
+    ts_real lowest = lowest_resonance(c); // the law waits for a period of a stage that was found
+    int longest_wait = lowest > 0 ? static_cast<int>(std::min(1 / lowest, static_cast<ts_real>(INT32_MAX / 2))) + 1 : 0;
+    require_range("since_change", k.since_change, -longest_wait, INT32_MAX);
     require_range("spikes", k.spikes, 0, INT32_MAX);
     require_range("since_return", k.since_return, 0, TS_RETURN_EVERY);
     require_all("filter", k.filter > 0 && k.filter <= 1, "above 0, at most 1");
