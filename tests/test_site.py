@@ -16,6 +16,7 @@ from docs.site import access, check, gallery, github, mathml, reference, reports
 
 import truestroke
 from truestroke import cli
+from truestroke.base.flags import Flags
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -176,6 +177,7 @@ def test_the_glossary_is_in_order_and_of_words_that_pages_use() -> None:
     others = " ".join(path.read_text() for path in DOCS.glob("*.md") if path.name != "glossary.md")
     words = re.sub(r"\s+", " ", others).lower()
     assert [term for row in rows for term in row.lower().split(", ") if term not in words] == []
+    assert set(Flags.__annotations__) <= set(rows)
 
 
 # ---- The check finds what is wrong -----------------------------------------------------------------------------------
