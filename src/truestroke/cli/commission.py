@@ -69,13 +69,13 @@ def _measured(axis: OneAxis, table: AxisTable, yes: bool, as_json: bool) -> Find
     low, high = axis.voltage_limits
     first = STEPS[-1] * (high - low)
     _agree(
-        f"Steps from {axis.safe_voltage:g} V by {1e3 * STEPS[0] * (high - low):.2g} mV to at most {first:.2g} V?", yes
+        f"Steps from {axis.safe_voltage:g} V by {1e3 * STEPS[0] * (high - low):.3g} mV to at most {first:.3g} V?", yes
     )
     small = small_steps(axis, table.stroke, report)
     if not as_json:
         _print_rows(small_rows(small, table.stroke, table.limits))
     travel = small.gain.gain * (high - low)
-    _agree(f"The whole range, {low:g} to {high:g} V, roughly {travel:.2g} um?", yes)
+    _agree(f"The whole range, {low:g} to {high:g} V, roughly {travel:.3g} um?", yes)
     whole = whole_range(axis, small, report)
     about: dict[str, Any] = {"name": table.name, "small": small, "whole": whole, "limits": table.limits}
     about |= {"zero": table.zero, "resonance": table.resonance or None}

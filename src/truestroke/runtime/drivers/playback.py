@@ -96,17 +96,17 @@ def playback(
     safe_voltage: float = 0.0,
     rest: float = REST,
 ) -> Recorded:
-    """Put out a waveform by hardware of one channel and record what it does, from the safe voltage and back to it.
+    """Put out a waveform by hardware and record what it does, from the safe voltage and back to it.
 
     The output ramps to the first voltage, rests there, follows the waveform, and ramps back. A driver that has
-    `playback` does all of it on its own clock; others take it block by block, as `OneAxis`: within limits and slew,
-    paced by this computer where they have no clock.
+    `playback` does all of it on its own clock, with a waveform for each of its channels; others have one channel and
+    take it block by block, as `OneAxis`: within limits and slew, paced by this computer where they have no clock.
 
     Parameters
     ----------
     driver : Driver
         Closed; it is closed again at the end, with the output at the safe voltage, in every case.
-    volts : array_like, shape (samples,)
+    volts : array_like, shape (samples,) or (channels, samples)
         V.
     sample_rate : float
         Hz. Hardware that takes it block by block must have the same.
@@ -123,7 +123,7 @@ def playback(
     Returns
     -------
     Recorded
-        Of the waveform alone, ramps cut off; `displacement[0]` and `volts[0]` are what `Record.from_arrays` takes.
+        Of the waveforms alone, ramps cut off; `displacement[0]` and `volts[0]` are what `Record.from_arrays` takes.
 
     Raises
     ------
@@ -132,24 +132,33 @@ def playback(
     DriverError
         The hardware failed.
     """
-    wave = checks.finite_array("volts", volts, "V")
+    waves = np.atleast_2d(checks.finite_array("volts", volts, "V", ndim=2 if np.ndim(volts) == 2 else 1))
     limits = Limits(voltage_limits=voltage_limits, slew=slew, safe_voltage=safe_voltage)
-    (low, high), safe = limits.voltage_limits, limits.safe_voltage
-    if wave.size < 2:
-        raise SettingError("volts", f"array of {wave.size} samples", "at least two samples", "V")
-    for value in (wave.min(), wave.max()):
-        checks.within("volts", value, low, high, "V")
+    if waves.shape[1] < 2:
+        raise SettingError("volts", f"array of {waves.shape[1]} samples", "at least two samples", "V")
+    for value in (waves.min(), waves.max()):
+        checks.within("volts", value, *limits.voltage_limits, "V")
     rate = checks.positive("sample_rate", sample_rate, "Hz")
-    fastest = float(np.abs(np.diff(wave)).max()) * rate
+    fastest = float(np.abs(np.diff(waves)).max()) * rate
     if fastest > limits.slew * (1 + 1e-9):
         raise SettingError("volts", f"waveform of {fastest:.4g} V/s", f"no faster than slew, {slew:g} V/s")
     calls = ("open", "start", "exchange", "stop", "close")
     checks.able("driver", driver, calls, "a driver, such as drivers.SimulatedDriver; the order is driver, volts")
-    before = lead(limits, wave[0], rate, rest)
-    whole = np.concatenate([before, wave, ramp(wave[-1], safe, _step(limits, rate))])
+    before, after = _ways(limits, waves, rate, rest)
+    whole = np.hstack([before, waves, after])
     made = (_at_once if hasattr(driver, "playback") else _by_blocks)(driver, whole, rate, limits)
-    part = slice(before.size, before.size + wave.size)
+    part = slice(before.shape[1], before.shape[1] + waves.shape[1])
     return Recorded(made.volts[:, part], made.displacement[:, part], made.sample_rate)
+
+
+def _ways(limits: Limits, waves: FloatArray, sample_rate: float, rest: float) -> tuple[FloatArray, FloatArray]:
+    """From the safe voltage to all waveforms, and back; whose way is shorter waits at the safe voltage."""
+    safe, step = limits.safe_voltage, _step(limits, sample_rate)
+    there = [lead(limits, wave[0], sample_rate, rest) for wave in waves]
+    back = [ramp(wave[-1], safe, step) for wave in waves]
+    first, last = (max(len(way) for way in ways) for ways in (there, back))
+    before = [np.append(np.full(first - len(way), safe), way) for way in there]
+    return np.array(before), np.array([np.append(way, np.full(last - len(way), safe)) for way in back])
 
 
 def lead(limits: Limits, first: float, sample_rate: float, rest: float = REST) -> FloatArray:
@@ -171,23 +180,26 @@ def ramp(start: float, stop: float, step: float) -> FloatArray:
 
 def _at_once(driver: Any, volts: FloatArray, sample_rate: float, limits: Limits) -> Recorded:
     """By the hardware's own memory and clock."""
+    channels = len(volts)
     try:
-        timing = driver.open()
-        if timing.channels != 1:
-            raise SettingError("channels of the driver", timing.channels, "1")
+        channels = driver.open().channels
+        if channels != len(volts):
+            raise SettingError("channels of the driver", channels, f"as many as waveforms, {len(volts)}")
         check_range("voltage_limits", limits.voltage_limits, driver.describe())
-        made: Recorded = driver.playback(volts[None, :], sample_rate)
+        made: Recorded = driver.playback(volts, sample_rate)
         return made
     finally:
-        let_go(driver, np.array([limits.safe_voltage]))
+        let_go(driver, np.full(channels, limits.safe_voltage))
 
 
 def _by_blocks(driver: Driver, volts: FloatArray, sample_rate: float, limits: Limits) -> Recorded:
     """Through `exchange`; the latency is waited for at the end, and taken out."""
+    if len(volts) > 1:
+        raise SettingError("volts", f"waveforms of {len(volts)} channels", "one: this hardware does not play by itself")
     with OneAxis(driver, **dataclasses.asdict(limits)) as axis:
         timing = axis.open()
         if abs(sample_rate / timing.sample_rate - 1) > 1e-6:
             raise SettingError(
                 "sample_rate of the waveform", sample_rate, f"that of the driver, {timing.sample_rate:g} Hz", "Hz"
             )
-        return Recorded(volts[None, :], axis.apply(volts)[None, :], sample_rate)
+        return Recorded(volts, axis.apply(volts[0])[None, :], sample_rate)
