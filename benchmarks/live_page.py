@@ -23,12 +23,14 @@ import numpy as np
 import psutil
 
 from truestroke import Recording
+from truestroke.base import system
 from truestroke.runtime.realtime import config
 
 PROGRAM = str(Path(sys.executable).with_name("truestroke"))
 COMMAND = [PROGRAM, "run", "--config", "stage.toml", "--json"]
 KINDS = {"no page": None, "page, no reader": 0, "page, ten readers": 10}
 FIRST, PAGES = -20, -10  # steps of the sessions of a run that is put before others, and of its pages, which give way
+LOWEST = 19  # steps of the readers
 STARTED = 2.0  # s after which all processes of a run are there
 WITHOUT = {  # what each process of the run does when it starts
     "slices": "import contextlib; system.short_slices = lambda seconds: contextlib.nullcontext()",
@@ -63,7 +65,8 @@ def lateness(folder: Path, readers: int | None, first: bool) -> np.ndarray:
     if readers is not None:
         found = next(found for line in run.stderr if (found := re.search(r"(http://[^#]*)#(\S+)", line)))
         crowd = subprocess.Popen(
-            [sys.executable, __file__, f"--read={'#'.join(found.groups())}", f"--readers={readers}"]
+            [sys.executable, __file__, f"--read={'#'.join(found.groups())}", f"--readers={readers}"],
+            start_new_session=True,
         )
     if first:
         while not (folder / "run.h5").exists():
@@ -81,7 +84,7 @@ def lateness(folder: Path, readers: int | None, first: bool) -> np.ndarray:
 
 def be_readers(address: str, token: str, readers: int) -> None:
     """All of them, until they are ended."""
-    os.nice(19)
+    system.yield_to_others(LOWEST)  # of this session, which they lead: a priority counts within a session only
     with ThreadPoolExecutor(max(1, readers)) as pool:
         for _ in range(readers):
             pool.submit(read, address, token)

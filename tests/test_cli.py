@@ -121,6 +121,15 @@ def test_report_makes_the_same_page_again(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("_without_page")
+def test_what_comes_next_is_suggested_of_the_simulated_stack_alone() -> None:
+    assert "What next" in call(*SHORT).output
+    simulated = Recording.load("truestroke-track.h5")
+    Recording(simulated.channels, simulated.metadata | {"realtime": {}}).save("run.h5")
+    done = call("report", "run.h5")
+    assert (done.exit_code, "What next" in done.output) == (0, False)
+
+
+@pytest.mark.usefixtures("_without_page")
 @pytest.mark.parametrize(
     ("options", "check"),
     [

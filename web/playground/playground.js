@@ -197,6 +197,11 @@ function begin(other) {
   restart();
 }
 
+if (window.parent !== window) { // within a page of the site, whose frame then has no bar of its own
+  const height = () => window.parent.postMessage({ height: document.documentElement.offsetHeight }, "*");
+  new ResizeObserver(height).observe(document.documentElement);
+}
+
 setRunning(running);
 requestAnimationFrame(frame);
 setTimeout(() => {
