@@ -135,6 +135,9 @@ def test_a_run_is_watched_moved_held_and_stopped(run: tuple[Served, Path]) -> No
         assert served.until(lambda frame: frame["held"] and frame["axes"][0]["flags"] & 8)  # the controller has it
         page.get_by_role("button", name="Resume learning").click()
         served.until(lambda frame: not frame["held"])
+        page.reload()  # as one that is opened later
+        page.locator("body[data-frames]").wait_for()
+        assert float(page.get_by_label("Set-point").input_value()) == pytest.approx(5.0, abs=0.01)
         page.get_by_label("Set-point").fill("6")
         page.get_by_role("button", name="Go").click()
         served.until(lambda frame: frame["axes"][0]["target"] == 6.0)

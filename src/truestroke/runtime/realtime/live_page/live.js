@@ -22,7 +22,7 @@
     const axis = { stroke: () => colour("text"), grid: { stroke: () => colour("grid"), width: 1 }, ticks: { stroke: () => colour("muted"), width: 1, size: 4 } };
     const width = () => Math.max(220, place.clientWidth);
     const plot = new uPlot({
-      width: width(), height, padding: [8, 8, 0, 0], legend: { show: named, live: false }, cursor: { drag: { x: false, y: false } }, scales: { x: { time: false } },
+      width: width(), height, padding: [8, 18, 0, 0], legend: { show: named, live: false }, cursor: { drag: { x: false, y: false } }, scales: { x: { time: false } },
       axes: [{ ...axis, size: 34, label: x, labelSize: 18 }, { ...axis, size: 60, label, labelSize: 18 }],
       series: [{ label: x }, ...lines.map(([name, role, width_]) => ({ label: name, stroke: () => colour(role), width: width_, points: { show: false } }))],
     }, [[], ...lines.map(() => [])], place);
@@ -41,11 +41,12 @@
       const scale = devicePixelRatio || 1, wide = Math.max(220, place.clientWidth), tall = Math.min(wide, 420), g = canvas.getContext("2d");
       canvas.width = wide * scale; canvas.height = tall * scale; canvas.style.width = wide + "px"; canvas.style.height = tall + "px";
       g.scale(scale, scale); g.font = "12px system-ui, sans-serif"; g.fillStyle = colour("text"); g.strokeStyle = colour("grid"); g.lineWidth = 1;
-      const left = 46, foot = 36, px = (v) => left + (v - low) / (high - low || 1) * (wide - left - 8), py = (v) => tall - foot - (v - bottom) / (top - bottom || 1) * (tall - foot - 8);
+      const short = (v, from, to) => String(Number(v.toFixed(Math.max(0, 2 - Math.floor(Math.log10(to - from || 1)))))); // both ends differ
+      const left = 62, foot = 36, px = (v) => left + (v - low) / (high - low || 1) * (wide - left - 8), py = (v) => tall - foot - (v - bottom) / (top - bottom || 1) * (tall - foot - 8);
       g.strokeRect(left, 8, wide - left - 8, tall - foot - 8);
-      g.textAlign = "center"; g.fillText("voltage (V)", (left + wide) / 2, tall - 4); g.fillText(low.toPrecision(3), left, tall - 20); g.fillText(high.toPrecision(3), wide - 20, tall - 20);
+      g.textAlign = "center"; g.fillText("voltage (V)", (left + wide) / 2, tall - 4); g.fillText(short(low, low, high), left, tall - 20); g.fillText(short(high, low, high), wide - 20, tall - 20);
       g.save(); g.translate(12, tall / 2); g.rotate(-Math.PI / 2); g.fillText("measured (µm)", 0, 0); g.restore();
-      g.textAlign = "right"; g.fillText(top.toPrecision(3), left - 4, 18); g.fillText(bottom.toPrecision(3), left - 4, tall - foot);
+      g.textAlign = "right"; g.fillText(short(top, bottom, top), left - 4, 18); g.fillText(short(bottom, bottom, top), left - 4, tall - foot);
       g.strokeStyle = colour("measured"); g.lineWidth = 1.2; g.beginPath();
       let pen = false;
       x.forEach((v, i) => { if (v == null || y[i] == null) { pen = false; return; } if (pen) g.lineTo(px(v), py(y[i])); else g.moveTo(px(v), py(y[i])); pen = true; });
@@ -63,17 +64,17 @@
       section.append(flags, lines, round);
       by("axes").append(section);
       return {
-        flags, axis, loop: loop(round, axis.name),
+        flags, axis, goal: section.querySelector("form input"), loop: loop(round, axis.name),
         motion: chart(lines, "displacement (µm)", [["desired", "desired", 3], ["measured", "measured", 1.2]], 240, true),
         error: chart(lines, "error (nm)", [["error", "measured", 1]], 200),
-        volts: chart(lines, "voltage (V)", [["voltage", "measured", 1.2], ["highest", "limit", 1], ["lowest", "limit", 1]], 200),
+        volts: chart(lines, "voltage (V)", [["voltage", "measured", 1.2], ["highest allowed", "limit", 1], ["lowest allowed", "limit", 1]], 200, true),
       };
     });
     for (const button of document.querySelectorAll(".control")) button.disabled = !about.control;
   }
 
   function setpoint(axis, channel) {
-    const form = element("form", ""), field = element("input", "", { type: "number", step: "any", min: axis.reach[0], max: axis.reach[1], value: 0, required: true });
+    const form = element("form", ""), field = element("input", "", { type: "number", step: "any", min: axis.reach[0], max: axis.reach[1], required: true });
     const fast = element("input", "", { type: "number", step: "any", min: axis.speed * 1e-4, max: axis.speed, value: axis.speed, required: true });
     const named = (text, input) => { const label = element("label", text + " "); label.append(input, " "); return label; };
     form.append(named("Set-point (µm)", field), named("speed (µm/s)", fast), element("button", "Go"));
@@ -127,6 +128,10 @@
     by("figures").replaceChildren(...figures.map(([name, value]) => { const row = element("div", ""); row.append(element("dt", name), element("dd", value)); return row; }));
     frame.axes.forEach((axis, i) => {
       const panel = panels[i], x = axis.desired.map((_, k) => axis.start + k * axis.step), [low, high] = panel.axis.limits;
+      if (panel.goal && x.length) { // where it is: Go moves nothing yet
+        panel.goal.value ||= Number((axis.desired.at(-1) ?? 0).toFixed(3));
+        panel.goal = null;
+      }
       panel.flags.textContent = about.flags.filter((_, bit) => axis.flags & (1 << bit)).map((name) => name.replaceAll("_", " ")).join(", ");
       panel.motion.setData([x, axis.desired, axis.measured]);
       panel.error.setData([x, axis.error.map((e) => (e == null ? null : 1e3 * e))]);
