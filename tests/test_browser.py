@@ -238,6 +238,21 @@ def test_the_keyboard_and_the_address_move_every_slider(phone: Page) -> None:
         phone.wait_for_function(f"{sent!r}.includes('{slider.get_attribute('name')}=' + {shown})")
 
 
+def test_the_frame_on_the_first_page_shows_all_of_the_playground(built: Path) -> None:
+    """Two bars to scroll with, one in the other, trap a finger."""
+    block = re.search(r'<div class="playground">.*?</div>', (ROOT / "docs/site/index.md").read_text(), flags=re.DOTALL)
+    assert block
+    (built / "first.html").write_text(f"<!doctype html><style>iframe {{ width: 100% }}</style>{block[0]}")
+    with look.chromium() as browser:
+        for width in (360, 800):
+            page = browser.new_page(viewport={"width": width, "height": 740})
+            page.set_default_timeout(look.PATIENCE)
+            page.goto((built / "first.html").as_uri())
+            whole = "document.documentElement.scrollHeight <= innerHeight"
+            page.frames[1].wait_for_function(f"innerHeight > 900 && {whole}")
+            page.close()
+
+
 def test_what_cannot_be_exported_is_named(tmp_path: Path) -> None:
     with pytest.raises(SettingError, match="double: the module computes in double precision"):
         export_json(AdaptiveController(**build.STACK, precision="single"), tmp_path / "c.json")

@@ -48,7 +48,7 @@ def _slider(
 SLIDERS = {
     "speed": _slider("Speed of the motion", "Hz", 0.5, 60, 0.5, 5, None),
     "hysteresis": _slider("Hysteresis", "%", 0, 60, 1, 33, 0.01),
-    "amplifier_bandwidth": _slider("Rate: bandwidth of the amplifier", "Hz", 100, 900, 10, 500, 1),
+    "amplifier_bandwidth": _slider("Rate: amplifier of", "Hz", 100, 900, 10, 500, 1),
     "creep": _slider("Creep in a decade of time", "%", 0, 5, 0.1, 1.5, 0.01),
     "resonance": _slider("Resonance", "Hz", 200, 950, 10, 900, 1),
     "noise": _slider("Noise of a sample", "nm", 0, 200, 5, 30, 0.001),
