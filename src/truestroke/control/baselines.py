@@ -207,7 +207,7 @@ class ProjectedGradient:
         if trace > FADED:
             s = np.maximum(s - (self._R @ s - self._q) / trace, self.slope_min)
         self.weights = self.weights.copy()
-        self.weights[0::2] = np.diff(s, prepend=0.0)
+        self.weights[0::2] = np.append(s[:1], s[1:] - s[:-1])
 
 
 def tune_pid(
