@@ -106,7 +106,7 @@ zig: setup  ## the kernel's tests built for Windows, macOS and aarch64, run unde
 fuzz: fuzz-kernel fuzz-readers  ## any input for a minute; for hours: make fuzz SECONDS=36000
 
 fuzz-again: setup  ## the same input each time, as CI runs it
-	$(MAKE) -C c fuzz SEED=1
+	$(MAKE) -C c fuzz SEED=1 SECONDS=20
 	$(BIN)/python benchmarks/fuzz_readers.py --cases 4000
 
 fuzz-kernel:

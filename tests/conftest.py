@@ -94,7 +94,8 @@ DRAWN: set[object] = set()
 def each_picture_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """For tests that read the words of pages: what this process has drawn for one of them is made, but not drawn again.
 
-    Half of the time of a page is the drawing. Each kind of page has tests of its own, which draw all of it.
+    A picture for light and for dark is one. Half of the time of a page is the drawing. Each kind of page has tests of
+    its own, which draw all of it.
     """
     from truestroke.report import page, style
 
@@ -107,7 +108,7 @@ def each_picture_once(monkeypatch: pytest.MonkeyPatch) -> None:
         return svg(figure, name, description) if first((name, description)) else f'<svg role="img" id="{name}"/>'
 
     def saved(figure: Any, path: str | Path, **options: Any) -> Path:
-        if first(Path(path).name):
+        if first(re.sub("-(light|dark)$", "", Path(path).stem)):
             return save(figure, path, **options)
         Path(path).touch()
         return Path(path)

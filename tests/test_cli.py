@@ -109,9 +109,16 @@ def test_the_same_seed_gives_the_same_bits() -> None:
     assert not np.array_equal(one["measured"] - one["true"], other["measured"] - other["true"])
 
 
-def test_report_makes_the_same_page_again(tmp_path: Path) -> None:
+def named(_: object, path: Path) -> Path:
+    """Stands for a picture: tests/test_report.py saves some."""
+    path.touch()
+    return path
+
+
+def test_report_makes_the_same_page_again(monkeypatch: pytest.MonkeyPatch) -> None:
     assert call(*SHORT).exit_code == 0
     first = Path("truestroke-track.html").read_text()
+    monkeypatch.setattr("truestroke.report.style.save", named)
     done = call("report", "truestroke-track.h5", "--output", "again", "--plots", "pictures")
     assert done.exit_code == 0, done.output
     assert Path("again.html").read_text() == first

@@ -40,7 +40,7 @@ def prose(page: Path) -> str:
 
 # These start processes, or look at the machine: as a reader starts them. All others, and a simulated scan or learning,
 # spare the start of an interpreter.
-OF_THEIR_OWN = {"run", "serve", "replay", "commission", "doctor"}
+OF_THEIR_OWN = {"run", "serve", "replay", "doctor"}
 
 
 def run_command(words: list[str], folder: Path) -> tuple[int, str, str]:

@@ -2,14 +2,13 @@
 
 import dataclasses
 import json
-import subprocess
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 from truestroke import SettingError
+from truestroke.cli import main
 from truestroke.plant import StagePlant, StageSettings
 from truestroke.studies import robustness
 from truestroke.studies.engine import Row, Store
@@ -166,11 +165,11 @@ def test_a_run_worse_than_a_baseline_has_failed():
 # ---- The study -----------------------------------------------------------------------------------------------------
 
 
-def test_a_small_study_has_its_table_and_page(tmp_path):
-    program = Path(sys.executable).with_name("truestroke")
+def test_a_small_study_has_its_table_and_page(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     arguments = ["robustness", "--fast", "--plants", "3", "--seed", str(SEED), "--controllers", "unknown", "--json"]
-    done = subprocess.run([program, *arguments], cwd=tmp_path, capture_output=True, text=True, timeout=100)
-    assert done.returncode in (0, 4), done.stderr
+    done = CliRunner().invoke(main, arguments)
+    assert done.exit_code in (0, 4), done.stderr
     told = json.loads(done.stdout)
     assert [run["number"] for run in told["runs"]] == [0, 1, 2]
     study = fast.FastRobustness(seed=SEED, numbers=range(4), controllers=("unknown",))
@@ -200,10 +199,9 @@ def test_a_soft_stage_whose_lag_and_dead_time_are_told_apart_badly_is_measured()
 
 
 def test_the_command_names_wrong_controllers():
-    program = Path(sys.executable).with_name("truestroke")
     for arguments in (["--fast", "--controllers", "paper"], ["--controllers", "unknown"]):
-        done = subprocess.run([program, "robustness", *arguments], capture_output=True, text=True, timeout=60)
-        assert done.returncode == 2
+        done = CliRunner().invoke(main, ["robustness", *arguments])
+        assert done.exit_code == 2
         assert "is not one of" in done.stderr
 
 

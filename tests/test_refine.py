@@ -25,6 +25,7 @@ from truestroke.identification import (
 )
 from truestroke.plant import RealisticPlant, StagePlant, StageSettings
 
+pytestmark = pytest.mark.usefixtures("each_picture_once")
 FS, LIMITS = 2000.0, (-0.6, 3.6)
 WAVE = trajectories.random_wave(duration=4.0, seed=9, peak_to_peak=24.0)
 SWEEP = trajectories.random_wave(duration=8.0, seed=5, peak_to_peak=28.0).position / 12.0  # V

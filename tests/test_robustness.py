@@ -2,14 +2,13 @@
 
 import dataclasses
 import json
-import subprocess
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 from truestroke import SettingError
+from truestroke.cli import main
 from truestroke.plant import EFFECTS, RealisticPlant
 from truestroke.signals.recording import Channel, Recording
 from truestroke.studies import robustness
@@ -289,16 +288,17 @@ def test_a_wrong_controller_is_named():
 # ---- The command ---------------------------------------------------------------------------------------------------
 
 
-def command(*arguments, folder, name="robustness"):
-    program = Path(sys.executable).with_name("truestroke")
-    return subprocess.run([program, name, *arguments], cwd=folder, capture_output=True, text=True, timeout=100)
+def command(*arguments, name="robustness"):
+    return CliRunner().invoke(main, [name, *arguments], env={"COLUMNS": "120"})
 
 
-def test_only_repeats_a_run_of_the_study(tmp_path):
+@pytest.mark.usefixtures("each_picture_once")
+def test_only_repeats_a_run_of_the_study(tmp_path, monkeypatch):
     """The recording that --only writes has the error that the table of the study has for that run."""
+    monkeypatch.chdir(tmp_path)
     number = str(next(number for number in range(20) if not robustness.sample(SEED, number).sampled["prelude"]))
-    done = command("--seed", str(SEED), "--only", number, "--json", "--output", "one", folder=tmp_path)
-    assert (done.returncode, done.stderr) == (0, "")
+    done = command("--seed", str(SEED), "--only", number, "--json", "--output", "one")
+    assert (done.exit_code, done.stderr) == (0, "")
     told, loaded = json.loads(done.stdout), Recording.load(tmp_path / "one.h5")
     found = simulate(Robustness(seed=SEED), [int(number)]).rows[0].metrics["adaptive"]
     assert (tmp_path / told["page"]).read_text().startswith("<!DOCTYPE html>")
@@ -307,10 +307,11 @@ def test_only_repeats_a_run_of_the_study(tmp_path):
     assert abs(loaded["true"] - loaded["desired"])[worst] == found["largest"]
 
 
-def test_the_table_and_the_page(tmp_path):
+def test_the_table_and_the_page(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     arguments = ("--plants", "2", "--half", "unseen", "--seed", "5", "--controllers", "adaptive")
-    done = command(*arguments, "--output", "many", folder=tmp_path, name="zoo")  # its old name
-    assert (done.returncode, done.stderr) == (0, "")
+    done = command(*arguments, "--output", "many", name="zoo")  # its old name
+    assert (done.exit_code, done.stderr) == (0, "")
     for words in (
         "median",
         "worst",
@@ -323,6 +324,6 @@ def test_the_table_and_the_page(tmp_path):
     page = (tmp_path / "many.html").read_text()
     assert page.count("<svg") == 3
     assert "truestroke robustness --plants 2 --seed 5" in page
-    wrong = command("--controllers", "pid", folder=tmp_path)
-    assert wrong.returncode == 2
+    wrong = command("--controllers", "pid")
+    assert wrong.exit_code == 2
     assert wrong.stderr.count("\n") == 1
