@@ -85,12 +85,15 @@ def test_the_sensor_of_another_axis_is_no_stage(other: float) -> None:
 @pytest.mark.filterwarnings("ignore::truestroke.LimitWarning")
 @pytest.mark.parametrize("times", [0.8, 2.0])
 def test_the_kernel_is_the_numpy_text(times: float) -> None:
-    """Commands, flags and innovations of every tick, with lost samples; the kernel is saved and restored on its way."""
+    """Commands, flags and innovations of every tick, with lost samples; the kernel is saved and restored on its way.
+
+    Its covariance is that of the text, too, where it is read in the tick that puts the stage into the model.
+    """
     settings = ControllerSettings(**AXIS, dynamics=dynamics(times))
     kernel, text = AdaptiveController.from_settings(settings), ReferenceController(settings)
     plant, motion = StagePlant(replace(STAGE, hysteresis_kind="preisach"), seed=1), wave(0.7)
     plant.open()
-    strain = kernel.strain(motion.position)
+    strain, known = kernel.strain(motion.position), kernel.resonance
     for k, (z_d, zdot_d, zddot_d) in enumerate(zip(motion.position, motion.velocity, motion.acceleration, strict=True)):
         if k in (700, 1500, 2500):
             restored = AdaptiveController.from_settings(settings)
@@ -103,5 +106,8 @@ def test_the_kernel_is_the_numpy_text(times: float) -> None:
         text.adapt(z)
         assert kernel.flag_bits == text.flag_bits
         assert kernel.innovation == text.innovation
+        if known != kernel.resonance and not math.isclose(kernel.diagnostics.trace_P, np.trace(text.law.P)):
+            pytest.fail(f"tick {k}: the covariance is another one")
+        known = kernel.resonance
     np.testing.assert_array_equal(kernel.weights, text.weights)
     assert kernel.resonance == pytest.approx(340.0, rel=0.05)

@@ -56,7 +56,8 @@ const char *ts_variant_in_use(void);
     VALUE(ts_status, ts_controller_follow, (ts_controller *c, ts_real z_d, ts_real zdot_d, ts_real zddot_d,             \
           ts_real strain_d, const ts_real *others, ts_real *volts), (c, z_d, zdot_d, zddot_d, strain_d, others, volts)) \
     VALUE(ts_status, ts_controller_adapt, (ts_controller *c, ts_real z, int ago), (c, z, ago))                          \
-    NOTHING(ts_controller_hold, (ts_controller *c, bool hold), (c, hold))
+    NOTHING(ts_controller_hold, (ts_controller *c, bool hold), (c, hold))                                               \
+    NOTHING(ts_controller_complete, (ts_controller *c), (c))
 
 #define TS_VALUE_MEMBER(type, name, parameters, arguments) type(*name) parameters;
 #define TS_NOTHING_MEMBER(name, parameters, arguments) void(*name) parameters;

@@ -50,7 +50,9 @@ typedef TS_REAL ts_real;
 #ifndef TS_HISTORY /* ticks that a measurement may come after its command, plus one */
 #define TS_HISTORY 1024
 #endif
-#define TS_BACKLOG 64 /* ticks without a measurement, beside those that one takes to come, after which the oldest is passed over */
+#ifndef TS_BACKLOG /* ticks without a measurement, beside those that one takes to come, after which the oldest is passed over */
+#define TS_BACKLOG 64
+#endif
 #define TS_MAX_ASYMMETRY 2
 #ifndef TS_MAX_OTHERS /* other axes whose motion is known; at least 1 */
 #define TS_MAX_OTHERS 2
@@ -215,6 +217,7 @@ typedef struct {
     bool steady;                    /* the tracking error has long been small: a change has to be clearer */
     int since_change, spikes, since_return;
     bool started, pending, changed;
+    bool renews;                    /* P is made in the next tick, of P(0) and Pu */
     unsigned char part[TS_MAX_LEARNED]; /* 1: weight of the first play, 2: of another play, 0: anything else */
 } ts_kalman;
 
@@ -224,10 +227,11 @@ TS_API void ts_kalman_init(ts_kalman *k, ts_prior P0, ts_real sigma, int m);
 
 /* The covariance is that of the prior again, and the filters start anew; the noise stays. */
 TS_API void ts_kalman_reset_covariance(ts_kalman *k, ts_prior P0, int m);
-/* The weights may be off by any share of d, which is padded with zeros, beside all else: P += d d'. */
-TS_API void ts_kalman_doubt(ts_kalman *k, const ts_real *d, int m);
-/* The weights stay for so many ticks. */
-TS_API void ts_kalman_wait(ts_kalman *k, int ticks);
+/* The same, and the weights may be off by any share of d, which is padded with zeros, beside all else: P(0) + d d'. They stay for so
+ * many ticks, 2 at least, so that P is made in the next one. */
+TS_API void ts_kalman_renew(ts_kalman *k, const ts_real *d, int ticks, int m);
+/* P is made now, if it waits for the next tick: for those who read it before. */
+TS_API void ts_kalman_complete(ts_kalman *k, ts_prior P0, int m);
 
 /* The filters start at 0, in place of the first regressor and measurement, unless they have started. */
 TS_API void ts_kalman_start_filters(ts_kalman *k, int m);
@@ -696,6 +700,9 @@ TS_API ts_status ts_controller_adapt(ts_controller *c, ts_real z, int ago);
 
 /* Stops (true) and resumes (false) the adaptation; commands go on. */
 TS_API void ts_controller_hold(ts_controller *c, bool hold);
+
+/* For those who read the covariance: after a tick that had much to do it is made in the next one, or here, with the same bits. */
+TS_API void ts_controller_complete(ts_controller *c);
 
 #ifdef __cplusplus
 }

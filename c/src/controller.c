@@ -89,3 +89,8 @@ void ts_controller_hold(ts_controller *c, bool hold)
     c->hold = hold;
     c->flags.held = hold;
 }
+
+void ts_controller_complete(ts_controller *c)
+{
+    if (c->settings->law == TS_LAW_KALMAN) ts_kalman_complete(&c->law.kalman, prior_of(c->settings), c->parameters);
+}

@@ -132,11 +132,8 @@ void ts_begin_anew(ts_controller *c)
 static void doubt_learned(ts_controller *c, ts_real frequency)
 {
     ts_real learned[TS_PADDED(TS_MAX_LEARNED)] = {0};
-    ts_kalman *k = &c->law.kalman;
     for (int i = 0; i < c->parameters; i++) learned[i] = c->w[i] - c->kept.first[i];
-    ts_kalman_reset_covariance(k, prior_of(c->settings), c->parameters);
-    ts_kalman_doubt(k, learned, c->parameters);
-    ts_kalman_wait(k, (int)(1 / frequency));
+    ts_kalman_renew(&c->law.kalman, learned, (int)(1 / frequency), c->parameters);
 }
 
 /* Whole ticks of dead time of a stage of this frequency, in place of so many `before`. Where the estimate knows that stage, and its

@@ -6,6 +6,7 @@
 #define STEADY ((ts_real)0.4) /* of the normalised innovation counts where the error has long been small */
 #define USUAL 3 /* mean square of the normalised innovation: a larger one is usual, but no sudden change */
 
+enum { OF_PLAYS = 3, ALONE = 4 }; /* of `part`: what it says of the plays; a weight that stands by itself when P is made */
 enum { ROWS = TS_LANES / 2 }; /* of one width, of which a loop over the rows of P takes so many at a time */
 
 /* P is symmetric, and a triangle of it is stored: row i to the end of the block of eight that holds the diagonal, so that
@@ -47,10 +48,24 @@ static void reduce_and_return(ts_real *P, const ts_real *root, ts_prior P0, ts_r
 
 static const ts_real nothing[TS_PADDED(TS_MAX_LEARNED)] = {0};
 
+/* P = P0 + d d'. */
+static void fill(ts_real *P, ts_prior P0, const ts_real *d, int m)
+{
+    const ts_real *entry = P0.entries;
+    for (int i = 0; i < m; P += width(i), i++) {
+        int j = 0, from = P0.from ? P0.from[i] : 0, diagonal = width(i) - TS_LANES;
+        ts_real own = d[i];
+        for (; j < from; j += TS_LANES) store(P + j, plus(zero(), own, load(d + j)));
+        for (; j < diagonal; j += TS_LANES, entry += TS_LANES) store(P + j, plus(load(entry), own, load(d + j)));
+        store(P + diagonal, zero()); /* behind the last column, too */
+        ts_real *other = P - (i - j) * width(i) + i;
+        for (; j <= i; j++, other += width(i)) *other = P[j] = *entry++ + own * d[j];
+    }
+}
+
 static void restart(ts_real *P, ts_prior P0, int m)
 {
-    memset(P, 0, sizeof(ts_real) * (size_t)TS_TRIANGLE(m));
-    reduce_and_return(P, nothing, P0, 1, m);
+    fill(P, P0, nothing, m);
 }
 
 void ts_kalman_init(ts_kalman *k, ts_prior P0, ts_real sigma, int m)
@@ -61,36 +76,59 @@ void ts_kalman_init(ts_kalman *k, ts_prior P0, ts_real sigma, int m)
     k->since_change = INT32_MAX;
 }
 
-void ts_kalman_separate(ts_kalman *k, int i, ts_real variance, int m)
+/* Row and column i of P are 0 but for the diagonal. */
+static void separate(ts_real *P, int i, ts_real variance, int m)
 {
     int block = i - i % TS_LANES;
-    for (int j = 0; j < i; j++) k->P[TS_ROW(i) + j] = 0;
-    for (int j = block; j < m; j++) k->P[TS_ROW(j) + i] = 0;
-    for (int j = i; j < block + TS_LANES; j++) k->P[TS_ROW(i) + j] = 0;
-    k->P[TS_ROW(i) + i] = variance;
-    k->pending = k->changed = false;
+    ts_real *own = P + TS_ROW(i), *entry = P + TS_ROW(block) + i;
+    for (int j = 0; j <= block; j += TS_LANES) store(own + j, zero());
+    for (int j = block; j < m; entry += width(j), j++) *entry = 0;
+    own[i] = variance;
 }
 
-void ts_kalman_reset_covariance(ts_kalman *k, ts_prior P0, int m)
+void ts_kalman_separate(ts_kalman *k, int i, ts_real variance, int m)
 {
-    restart(k->P, P0, m);
-    k->started = k->pending = k->changed = false;
+    k->pending = k->changed = false;
+    if (k->renews) {
+        k->part[i] |= ALONE;
+        k->P[TS_ROW(i) + i] = variance;
+    } else separate(k->P, i, variance, m);
+}
+
+/* What was pending is of no use, for P is another one. */
+static void begin_anew(ts_kalman *k, int m)
+{
+    for (int i = 0; k->renews && i < m; i++) k->part[i] &= OF_PLAYS;
+    k->renews = k->started = k->pending = k->changed = false;
     k->change = 0;
     k->variance = 0;
 }
 
-void ts_kalman_doubt(ts_kalman *k, const ts_real *d, int m)
+void ts_kalman_reset_covariance(ts_kalman *k, ts_prior P0, int m)
 {
-    for (int j = 0; j < m; j += TS_LANES) {
-        lanes columns = load(d + j);
-        ts_real *row = k->P + TS_ROW(j) + j;
-        for (int i = j; i < m; row += width(i), i++) store(row, plus(load(row), d[i], columns));
-    }
+    begin_anew(k, m);
+    restart(k->P, P0, m);
 }
 
-void ts_kalman_wait(ts_kalman *k, int ticks)
+void ts_kalman_renew(ts_kalman *k, const ts_real *d, int ticks, int m)
 {
+    begin_anew(k, m);
+    memcpy(k->Pu, d, sizeof(ts_real) * (size_t)TS_PADDED(m));
+    k->renews = true;
     k->since_change = -ticks;
+}
+
+void ts_kalman_complete(ts_kalman *k, ts_prior P0, int m)
+{
+    if (!k->renews) return;
+    ts_real variance[TS_MAX_LEARNED];
+    for (int i = 0; i < m; i++) variance[i] = k->P[TS_ROW(i) + i];
+    fill(k->P, P0, k->Pu, m);
+    for (int i = 0; i < m; i++) {
+        if (k->part[i] >= ALONE) separate(k->P, i, variance[i], m);
+        k->part[i] &= OF_PLAYS;
+    }
+    k->renews = false;
 }
 
 void ts_kalman_start_filters(ts_kalman *k, int m)
@@ -375,6 +413,7 @@ bool ts_kalman_is_spike(ts_kalman *k, const ts_kalman_settings *s, ts_real innov
 bool ts_kalman_tick(ts_kalman *k, const ts_kalman_settings *s, const ts_real *w0, ts_prior P0, ts_real *w,
                     const ts_real *u, ts_real y, ts_real innovation, bool measured, bool learn, int m)
 {
+    ts_kalman_complete(k, P0, m);
     if (learn) {
         follow_noise(k, s, innovation, measured);
         pass_filter(k, k->filter, u, y, m);

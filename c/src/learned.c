@@ -9,6 +9,7 @@
 
 static void weights_at_best(ts_controller *c)
 {
+    ts_controller_complete(c);
     memcpy(c->kept.w, c->w, sizeof(ts_real) * (size_t)c->parameters);
     for (int i = 0; i < c->parameters; i++)
         memcpy(c->kept.P + TS_PACKED(i), c->law.kalman.P + TS_ROW(i), sizeof(ts_real) * (size_t)(i + 1));

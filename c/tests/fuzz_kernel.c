@@ -305,6 +305,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
         call(&t, &b);
         invariants(&t);
     }
+    ts_controller_complete(&t.c);
+    invariants(&t);
     if (t.tame && s.law == TS_LAW_KALMAN && sizeof(ts_real) == 8)
         require(definite(t.c.law.kalman.P, t.c.parameters), "P is positive definite");
     return 0;

@@ -477,6 +477,41 @@ static void test_kalman_bounds(void)
     }
 }
 
+/* P0 + d d' and a weight that stands by itself: made in the tick after, in which and until the wait is over nothing is learned. */
+static void test_covariance_of_the_next_tick(void)
+{
+    enum { ALONE = 1, WAIT = 3 };
+    ts_real w[TS_PADDED(K_M)], w0[TS_PADDED(K_M)], P0[TS_PACKED(K_M)], d[TS_PADDED(K_M)] = {1, 2, -1, (ts_real)0.5};
+    const ts_real u[TS_PADDED(K_M)] = {1, 1, 0, 1}, y = 3;
+    ts_kalman k = exact_filter(w, P0);
+    memcpy(w0, w, sizeof w);
+    for (int t = 0; t < 2; t++) kalman_tick(&k, &EXACT, w0, P0, w, u, &y);
+    ts_real before = k.P[0];
+    ts_kalman_renew(&k, d, WAIT, K_M);
+    ts_kalman_separate(&k, ALONE, 7, K_M);
+    check(k.P[0] == before, "a tick with much to do leaves the covariance to the next one");
+    ts_kalman again = k;
+    int ticks = 0, right = 0;
+    while (!kalman_tick(&k, &EXACT, w0, P0, w, u, &y) && ticks < 100) ticks++;
+    check(ticks == WAIT - 1, "the weights stay for so many ticks");
+    ts_kalman_complete(&again, (ts_prior){P0, NULL}, K_M);
+    for (int i = 0; i < TS_PACKED(K_M); i++) {
+        int row = 0;
+        for (int rest = i; rest > row; row++) rest -= row + 1;
+        int column = i - TS_PACKED(row);
+        ts_real wanted = row == ALONE || column == ALONE ? (row == column ? 7 : 0) : P0[i] + d[row] * d[column];
+        right += again.P[packed_place(i)] == wanted && k.P[packed_place(i)] == wanted;
+    }
+    check(right == TS_PACKED(K_M), "P is P(0) + d d', and a weight that stands by itself has its variance");
+    ts_kalman_renew(&again, d, WAIT, K_M);
+    ts_kalman_separate(&again, ALONE, 7, K_M);
+    ts_kalman_reset_covariance(&again, (ts_prior){P0, NULL}, K_M);
+    ts_kalman_complete(&again, (ts_prior){P0, NULL}, K_M);
+    right = 0;
+    for (int i = 0; i < TS_PACKED(K_M); i++) right += again.P[packed_place(i)] == P0[i];
+    check(right == TS_PACKED(K_M) && memcmp(again.part, k.part, sizeof k.part) == 0, "a reset forgets what was to be made");
+}
+
 static void test_spikes_and_changes(void)
 {
     ts_controller c, before;
@@ -727,6 +762,7 @@ int main(void)
     test_rest();
     test_kalman();
     test_kalman_bounds();
+    test_covariance_of_the_next_tick();
     test_spikes_and_changes();
     test_silence();
     test_project();

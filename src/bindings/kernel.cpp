@@ -501,13 +501,15 @@ class Kernel {
     size_t parameters() const { return static_cast<size_t>(c_.parameters); }
 
     // Everything that a tick leaves behind, by name; restore() takes the same dictionary.
-    nb::dict state() const {
+    nb::dict state() {
         nb::dict d;
+        ts_controller_complete(&c_);
         each_array(c_, [&d](const char *name, const auto *data, size_t count) { d[name] = copy_of(data, {count}); });
         return d;
     }
 
     void restore(const nb::dict &d) {
+        ts_controller_complete(&c_); // what waits is of the state before
         auto next = std::make_unique<ts_controller>(c_); // so that a bad entry changes nothing
         each_array(*next, [&d](const char *name, auto *data, size_t count) { take(d, name, data, count); });
         check_state(*next);
@@ -518,14 +520,16 @@ class Kernel {
     nb::object slopes() const { return copy_of(c_.slopes, {plays()}); }
     nb::object play() const { return copy_of(c_.now.play, {plays()}); }
     double innovation() const { return c_.innovation; }
-    double trace() const {
+    double trace() {
         if (c_.settings->law == TS_LAW_RLS) return c_.law.rls.trace;
+        ts_controller_complete(&c_);
         double sum = 0;
         for (int i = 0; i < c_.parameters; i++) sum += c_.law.kalman.P[TS_ROW(i) + i];
         return sum;
     }
-    nb::object covariance() const { // m x m, as P of the paper
+    nb::object covariance() { // m x m, as P of the paper
         int m = c_.parameters;
+        ts_controller_complete(&c_);
         std::vector<double> P(parameters() * parameters());
         for (int i = 0; i < m; i++)
             for (int j = 0; j <= i; j++) {
