@@ -361,7 +361,7 @@ def test_a_saved_state_goes_on_with_the_same_bits(exported: dict[str, Path], tmp
     [
         ("plant", {"damping": 1.5}, "damping = 1.5: must be from 0 to 0.99"),
         ("plant", {"noise": math.nan}, "noise = nan um: must be from 0 to 1000"),
-        ("controller", {"voltage_min": 9.0}, "voltage_limits or slew_limit: out of range, or not in order"),
+        ("controller", {"voltage_min": 9.0}, "voltage_min = 9 V: must be below voltage_max, 3.6 V"),
         ("controller", {"late": 1024}, "late = 1024: must be from 0 to 1023"),
         ("plant", {"truth": 1.0}, "truth is an output: it cannot be set"),
     ],
@@ -399,16 +399,31 @@ def test_bad_steps_are_named(exported: dict[str, Path], tmp_path: Path) -> None:
     with pytest.raises(fmpy.fmi1.FMICallException):
         unit.set(slew_limit=1.0)
     assert [said.partition(" s:")[0] for said in unit.said[1:4]] == [
-        "step = 0.00069999999999999999",
+        "step = 0.0007",
         "step = 0",
-        "time = 0.10000000000000001",
+        "time = 0.1",
     ]
     assert "must be a multiple of the tick, 0.0005" in unit.said[1]
     assert (unit.said[0][:6], *unit.said[4:]) == (
         "a step",
-        "z_d: must be finite",
+        "z_d = inf um: must be finite",
         "slew_limit is set before the first step only",
     )
+
+
+def test_a_first_measurement_beyond_reach_is_refused(exported: dict[str, Path], tmp_path: Path) -> None:
+    """An importer that takes um for nm; the next one, of the right unit, is taken."""
+    unit = Unit(exported["controller"], tmp_path / "u")
+    unit.begin()
+    unit.set(z_d=10.0)
+    unit.step()
+    unit.set(z=1e4)
+    with pytest.raises(fmpy.fmi1.FMICallException):
+        unit.step()
+    assert unit.said[0].startswith("z = 10000 um: must be within ")
+    unit.set(z=9.0)
+    unit.step()
+    assert unit.get("innovation") != 0.0
 
 
 def test_all_functions_of_the_standard_are_there(exported: dict[str, Path]) -> None:

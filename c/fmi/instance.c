@@ -18,13 +18,20 @@ bool fmu_start(fmu_instance *m)
         const fmu_variable *v = &fmu_variables[i];
         double value = m->now.state.value[i];
         if (v->role != FMU_PARAMETER || (value >= v->low && value <= v->high)) continue;
-        SAY(m, "%s = %.17g%s%s: must be from %.6g to %.6g", v->name, value, *v->unit ? " " : "", v->unit, v->low, v->high);
+        SAY(m, "%s = %.10g%s%s: must be from %.6g to %.6g", v->name, value, *v->unit ? " " : "", v->unit, v->low, v->high);
         return false;
     }
-    const char *wrong = fmu_begin(&m->now.state);
-    if (wrong) SAY(m, "%s: out of range, or not in order", wrong);
-    else m->now.phase = FMU_STEPPING;
-    return !wrong;
+    if (!fmu_begin(&m->now.state, m->said)) return false;
+    m->now.phase = FMU_STEPPING;
+    return true;
+}
+
+bool fmu_is_finite(const fmu_state *s, int which, char *said)
+{
+    const fmu_variable *v = &fmu_variables[which];
+    double value = s->value[which];
+    if (!isfinite(value)) (void)snprintf(said, FMU_SAID, "%s = %g%s%s: must be finite", v->name, value, *v->unit ? " " : "", v->unit);
+    return isfinite(value);
 }
 
 double *fmu_place(fmu_instance *m, unsigned which, fmu_type type, bool set)
@@ -54,19 +61,15 @@ bool fmu_step(fmu_instance *m, double now, double step)
         return false;
     }
     if (!(fabs(step / FMU_TICK - ticks) <= 1e-6 * ticks && ticks >= 1 && ticks <= 1e9)) {
-        SAY(m, "step = %.17g s: must be a multiple of the tick, %.17g s", step, FMU_TICK);
+        SAY(m, "step = %.10g s: must be a multiple of the tick, %.10g s", step, FMU_TICK);
         return false;
     }
     if (!(fabs(now - due) < FMU_TICK / 2)) {
-        SAY(m, "time = %.17g s: the last step ended at %.17g s", now, due);
+        SAY(m, "time = %.10g s: the last step ended at %.10g s", now, due);
         return false;
     }
     for (int i = 0; i < (int)ticks; i++) {
-        const char *wrong = fmu_tick(&m->now.state, i, (int)ticks);
-        if (wrong) {
-            SAY(m, "%s: must be finite", wrong);
-            return false;
-        }
+        if (!fmu_tick(&m->now.state, i, (int)ticks, m->said)) return false;
         m->now.state.ticks++;
     }
     return true;

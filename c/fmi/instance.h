@@ -24,7 +24,7 @@ typedef struct { /* plain data */
 
 typedef struct {
     fmu_saved now;
-    char said[256]; /* why the last call has failed; complete: many importers do not fill in what a format asks for */
+    char said[FMU_SAID]; /* why the last call has failed; complete: many importers do not fill in what a format asks for */
 } fmu_instance;
 
 /* All values are those of the start. */

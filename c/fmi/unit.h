@@ -5,6 +5,7 @@
 #ifndef TRUESTROKE_FMI_UNIT_H
 #define TRUESTROKE_FMI_UNIT_H
 
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
@@ -29,11 +30,16 @@ typedef struct { /* plain data, but for what fmu_moved sets right */
     fmu_unit unit;
 } fmu_state;
 
-/* With the parameters that are in `value`: at rest. Returns NULL, or the name of what is out of its bounds. */
-const char *fmu_begin(fmu_state *s);
+enum { FMU_SAID = 256 }; /* bytes of a message */
 
-/* Tick i of the `of` ticks of a step. Returns NULL, or the name of an input that is not finite; nothing has changed then. */
-const char *fmu_tick(fmu_state *s, int i, int of);
+/* With the parameters that are in `value`: at rest. False, and why in `said`, where they do not belong together. */
+bool fmu_begin(fmu_state *s, char *said);
+
+/* Tick i of the `of` ticks of a step. False, and why in `said`, where an input cannot be used; nothing has changed then. */
+bool fmu_tick(fmu_state *s, int i, int of, char *said);
+
+/* Whether an input is finite; else `said` says that it is not. */
+bool fmu_is_finite(const fmu_state *s, int which, char *said);
 
 /* After the state was copied to another place. */
 void fmu_moved(fmu_state *s);

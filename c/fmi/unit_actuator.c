@@ -194,22 +194,23 @@ static void rest_at_0_volts(fmu_state *s)
     }
 }
 
-const char *fmu_begin(fmu_state *s)
+bool fmu_begin(fmu_state *s, char *said)
 {
+    (void)said;
     rest_at_0_volts(s);
     move(&s->unit, 0, 0);
     s->value[DISPLACEMENT] = model->zero + s->value[OFFSET] + sample(&s->unit, 0)->still;
     rest_at_0_volts(s);
-    return NULL;
+    return true;
 }
 
-const char *fmu_tick(fmu_state *s, int i, int of)
+bool fmu_tick(fmu_state *s, int i, int of, char *said)
 {
     (void)i, (void)of;
     fmu_unit *u = &s->unit;
     uint64_t tick = s->ticks;
     double x = s->value[VOLTS], z;
-    if (!isfinite(x)) return fmu_variables[VOLTS].name;
+    if (!fmu_is_finite(s, VOLTS, said)) return false;
     move(u, tick, x);
     if (tick < FMU_LOOK) {
         z = sample(u, 0)->still;
@@ -221,7 +222,7 @@ const char *fmu_tick(fmu_state *s, int i, int of)
     }
     s->value[DISPLACEMENT] = model->zero + s->value[OFFSET] + z;
     s->value[BEYOND] = x < model->volts_low || x > model->volts_high || u->fast;
-    return NULL;
+    return true;
 }
 
 void fmu_moved(fmu_state *s)

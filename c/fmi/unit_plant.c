@@ -21,8 +21,9 @@ static double normal(uint64_t *state)
     return size * cos(6.283185307179586 * uniform(state));
 }
 
-const char *fmu_begin(fmu_state *s)
+bool fmu_begin(fmu_state *s, char *said)
 {
+    (void)said;
     ts_plant_settings settings = fmu_settings;
     const double *v = s->value + PARAMETERS;
 #define PARAMETER(name) settings.name = *v++;
@@ -30,17 +31,17 @@ const char *fmu_begin(fmu_state *s)
 #undef PARAMETER
     s->unit.random = (uint64_t)s->value[SEED];
     ts_plant_init(&s->unit.plant, &settings);
-    return NULL;
+    return true;
 }
 
-const char *fmu_tick(fmu_state *s, int i, int of)
+bool fmu_tick(fmu_state *s, int i, int of, char *said)
 {
     (void)i, (void)of;
     double volts = s->value[VOLTS], noise[FMU_SAMPLES];
-    if (!isfinite(volts)) return fmu_variables[VOLTS].name;
+    if (!fmu_is_finite(s, VOLTS, said)) return false;
     for (int k = 0; k < s->unit.plant.settings.samples_per_tick; k++) noise[k] = normal(&s->unit.random);
     ts_plant_run(&s->unit.plant, &volts, noise, &s->value[MEASURED], &s->value[TRUTH], 1);
-    return NULL;
+    return true;
 }
 
 void fmu_moved(fmu_state *s)
