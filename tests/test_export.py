@@ -344,6 +344,14 @@ def test_sizes_are_those_of_the_compiler(name: str, precision: str, tmp_path: Pa
     assert printed == " ".join(str(sizes[kind]) for kind in ("ts_controller", "ts_settings", "ts_kalman"))
 
 
+@pytest.mark.parametrize("limits", [(0.32791528710747, 2.7), (-2.7, -0.32791528710747)])
+def test_limits_that_single_precision_rounds_are_no_reason_to_refuse(limits, tmp_path: Path) -> None:
+    """0.32791528 V is the nearest such number, and below the limit; those of a model are of this kind."""
+    controller = AdaptiveController(sample_rate=2000.0, stroke=30.0, voltage_limits=limits)
+    folder = export_c(controller, tmp_path / "chip", precision="single", ticks=100).folder
+    assert make(folder, "test").stdout.startswith("passed: 100 of 100")
+
+
 def test_a_dead_time_needs_a_longer_history(tmp_path: Path) -> None:
     late = Dynamics(sample_rate=10_000.0, modes=(Mode(frequency=900.0, damping=0.02),), dead_time=1e-3)
     controller = AdaptiveController(**BENCH, dynamics=late)

@@ -28,7 +28,7 @@ def recorded(settings: ControllerSettings, rest: float, ticks: int, zero: float 
     gain, width = settings.stroke / (high - low), PLAY * (high - low)
     play = z = 0.0
     motion = real(_motion(settings, ticks, gain * (low - rest), gain * (high - rest))).astype(float)
-    controller.start(float(real(rest)), 0.0)
+    controller.start(min(max(float(real(rest)), low), high), 0.0)  # a limit may be beyond itself, rounded
     rows = np.empty((ticks, 5))
     for row, (z_d, zdot_d, zddot_d) in zip(rows, motion, strict=True):
         volts = controller.command(z_d, zdot_d, zddot_d)

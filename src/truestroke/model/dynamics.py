@@ -293,10 +293,11 @@ not see it: raise the sample rate
         Traceback (most recent call last):
             ...
         truestroke.SettingError: dynamics.sample_rate = 10000 Hz: must be 2000 Hz, that of the controller: \
-measure them at this rate, or convert them by `at`
+measure them at this rate, or convert them by `Dynamics.at`
         """
         if self.sample_rate != sample_rate:
-            bound = f"{sample_rate:g} Hz, that of the controller: measure them at this rate, or convert them by `at`"
+            remedy = "measure them at this rate, or convert them by `Dynamics.at`"
+            bound = f"{sample_rate:g} Hz, that of the controller: {remedy}"
             raise SettingError("dynamics.sample_rate", f"{self.sample_rate:g}", bound, "Hz")
         return self
 
