@@ -129,7 +129,7 @@ def test_another_sample_rate() -> None:
     assert slower.check_rate(5000.0) is slower
     with pytest.raises(SettingError, match="below 900 Hz"):
         STAGE.at(2000.0)
-    with pytest.raises(SettingError, match="measure them at this rate, or convert them by `Dynamics.at`"):
+    with pytest.raises(SettingError, match=r"measure them at this rate, or convert them by `Dynamics\.at`"):
         STAGE.check_rate(5000.0)
 
 
