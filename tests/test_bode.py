@@ -16,7 +16,6 @@ from truestroke.identification.dynamics.fit import pulse_transfer
 from truestroke.model.dynamics import Mode
 from truestroke.plant import PlantSettings, RealisticPlant, StagePlant, StageSettings
 
-pytestmark = pytest.mark.usefixtures("each_picture_once")
 LIMITS = {"voltage_limits": (-0.6, 3.6)}
 
 
