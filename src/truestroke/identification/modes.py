@@ -18,6 +18,7 @@ PERIODS = 20.0  # of the lowest mode in the record, at least
 SLOWEST = 2.01e-3  # Hz: a search goes down to half of it, the lowest frequency of a `Mode`
 START = 0.03  # damping of a candidate
 DAMPING = 5e-4, 0.5
+WIDTH = 3.0  # lines of the record's spectrum: a mode that is narrower may be hum, whose phase nothing in a motion knows
 SHARE = -0.5, 1.2  # of a mode
 NEAR = 1.12  # how far a frequency may move in a search, as a ratio; modes are not found twice within it
 FIRST = 2.5  # the same of the only mode, which a static model hides
@@ -98,7 +99,7 @@ class ModeSearch:
     def _refined(self, start: FloatArray) -> tuple[Dynamics | None, float]:
         """The numbers with the least sum of squares, beside an offset, and the rms of the residual, um.
 
-        None where they have no stable inverse.
+        None where they have no stable inverse, or may be hum.
         """
         from scipy.optimize import least_squares
 
@@ -135,8 +136,10 @@ class ModeSearch:
         return self._last[key]
 
     def _dynamics(self, vector: FloatArray) -> Dynamics | None:
-        """As the controller takes them; None where they have no stable inverse, or are too near each other."""
+        """As the controller takes them; None where they have no stable inverse, are too near each other, or narrow."""
         f, damping, shares, delay = _parts(vector)
+        if np.any(2 * damping * f < WIDTH * self.rate / self.strain.size):
+            return None
         modes = [
             Mode(frequency=float(a), damping=float(b), share=float(c) or 1e-9)
             for a, b, c in sorted(zip(f, damping, shares, strict=True))
