@@ -182,15 +182,19 @@ def _of_clocks(record: Record, fitted: _Fitted) -> Iterator[str]:
 
 
 def _of_gain(record: Record, turns: turning.Rows) -> Iterator[str]:
-    """The gain of strokes, whatever their length, place and direction make of it, is another one from a stroke on."""
+    """The gain of strokes is another one from a stroke on, whatever length, place, direction and speed make of it.
+
+    Behind a lag a stroke that takes T ends short of its end by a share that falls with T.
+    """
     first = turns[:-1][:: -(-(turns.size - 1) // STROKES)]
     last = turns[1:][:: -(-(turns.size - 1) // STROKES)]
     x, span = record.volts, float(np.ptp(record.volts))
     way = x[last] - x[first]
     length, place, side = np.abs(way) / span, (x[last] + x[first]) / 2 / span - float(x.mean()) / span, np.sign(way)
     gain = (record.displacement[last] - record.displacement[first]) / way * length  # weighted with the length
-    one = np.ones_like(length)
-    usual = np.column_stack([one, length, length**2, place, place**2, side, side * length]) * length[:, None]
+    one, quick = np.ones_like(length), 1.0 / (last - first)
+    shape = [one, length, length**2, place, place**2, side, side * length]
+    usual = np.column_stack([*shape, quick, quick**2]) * length[:, None]
     alone, best = _squares(usual, gain)[0], (math.inf, 0, 0.0)
     for k in np.unique(np.linspace(MIDDLE[0] * gain.size, MIDDLE[1] * gain.size, 20).astype(int)).tolist():
         since = (np.arange(gain.size) >= k) * length

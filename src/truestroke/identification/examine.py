@@ -210,7 +210,7 @@ def examine(record: Record) -> Findings:
         states_known_s=_states_known(record),
         clipped_displacement=int(cut.sum()),
         assumed_displacement=not record.columns["displacement"].stated,
-        clipped_volts=int(clipped(x, z, max(MOVES * stroke, 6 * level)).sum()),
+        clipped_volts=int(clipped(x, z, max(MOVES * stroke, 6 * level), back=True).sum()),
     )
     findings = dataclasses.replace(findings, mistakes=mistakes(record, findings))
     findings = dataclasses.replace(findings, implausible=implausible(record, findings))

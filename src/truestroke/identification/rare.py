@@ -15,6 +15,7 @@ from truestroke.identification.changes import changed
 from truestroke.identification.noise import noise
 from truestroke.identification.record import Record
 from truestroke.identification.rows import rewritten
+from truestroke.identification.series import to_and_fro
 
 if TYPE_CHECKING:
     from truestroke.identification.examine import Findings
@@ -243,16 +244,10 @@ def level(signal: FloatArray, other: FloatArray, quiet: float) -> tuple[int, flo
         edges = np.flatnonzero(np.diff(np.concatenate([[0], near, [0]]).astype(np.int8)))
         for start, stop in edges.reshape(-1, 2):
             entered = abs(signal[start] - signal[max(start - 1, 0)])  # a step, after which a displacement settles
-            moved = _to_and_fro(other[start:stop])
+            moved = to_and_fro(other[start:stop])
             if stop - start >= 4 and moved > least and entered < 0.1 * span:
                 rows, most = rows + int(stop - start), max(most, moved)
     return rows, most
-
-
-def _to_and_fro(signal: FloatArray) -> float:
-    """How far it goes and comes back: behind a backlash the other signal rests while this one goes one way."""
-    ends = signal[0], signal[-1]
-    return float(max(signal.max() - max(ends), min(ends) - signal.min()))
 
 
 def _of_slew(record: Record, found: Findings) -> Iterator[str]:
@@ -277,5 +272,7 @@ def limited(record: Record, found: Findings) -> tuple[float, float, float]:
     at = np.abs(moved - top) < NEAR_TOP * top
     if np.count_nonzero(at) < FEWEST_AT_TOP:
         return 0.0, 0.0, 0.0
-    low, high = np.percentile(np.abs(x[over:] - x[:-over])[at], [10, 90])
+    late = round(1e-3 * max(found.lag_ms or 0.0, 0.0) * found.sample_rate_hz)  # dead time and lag shift it, too
+    speeds = np.abs(x[over:] - x[:-over])[np.maximum(np.flatnonzero(at) - late, 0)]
+    low, high = np.percentile(speeds, [10, 90])
     return float(at.mean()), float(low), float(high)

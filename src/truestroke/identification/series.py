@@ -22,6 +22,7 @@ UNSWEPT = 0.6  # over the motion that remains: what it is worth to know all stat
 STILL = 0.025  # of the voltage range: steps back and forth that are smaller are no motion
 FLAT = 4  # equal values at an extreme that are no accident
 MOVES = 0.05  # of its span: how far the other signal moves while one is clipped
+RING_SHARE, RING_TURNS = 0.25, 6  # of its range, and turns of so much, with both ends: more is a stage that rings
 BRIDGED = 0.2  # of a stroke's duration: a hole that is shorter hides no reversal
 
 
@@ -190,17 +191,39 @@ def first_known(x: FloatArray, span: float) -> int:
     return int(np.argmin((1 - left) / np.maximum(left, 1e-12) + unknown))
 
 
-def clipped(signal: FloatArray, other: FloatArray, moves: float) -> npt.NDArray[np.bool_]:
+def to_and_fro(signal: FloatArray) -> float:
+    """How far it goes and comes back, to one side.
+
+    Behind a backlash a displacement rests while the voltage goes one way; where the voltage rests a stage creeps one
+    way, or rings to both sides.
+
+    Examples
+    --------
+    >>> [to_and_fro(np.array(way)) for way in ([0.0, 2.0, 0.1], [0.0, 2.0], [0.0, 2.0, -2.0, 0.0])]
+    [1.8, 0.0, 0.0]
+    """
+    ends, least, most = (signal[0], signal[-1]), signal.min(), signal.max()
+    if turning.reversals(signal, RING_SHARE * float(most - least)).size > RING_TURNS:
+        return 0.0
+    beyond = max(most - max(ends), min(ends) - least)
+    return float(min(beyond, abs(most + least - 2 * signal[-1])))
+
+
+def clipped(signal: FloatArray, other: FloatArray, moves: float, back: bool = False) -> npt.NDArray[np.bool_]:
     """Rows in runs at an extreme value of `signal` in which `other` moves by more than `moves`, shape (samples,).
 
     A run that `other` does not cross is a hold. A run that `signal` enters by a jump is a step, after which a
-    displacement still settles.
+    displacement still settles. With `back`, `other` moves as `to_and_fro` has it.
     """
     rows = np.zeros(signal.size, dtype=np.bool_)
     for extreme in (signal.min(), signal.max()):
         at = np.flatnonzero(signal == extreme)
         for run in np.split(at, np.flatnonzero(np.diff(at) > 1) + 1):
             entered = abs(signal[run[0]] - signal[max(run[0] - 1, 0)])
-            if run.size >= FLAT and entered < 0.1 * np.ptp(signal) and np.ptp(other[run]) > moves:
+            if (
+                run.size >= FLAT
+                and entered < 0.1 * np.ptp(signal)
+                and (to_and_fro(other[run]) if back else np.ptp(other[run])) > moves
+            ):
                 rows[run] = True
     return rows
