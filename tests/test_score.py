@@ -37,6 +37,12 @@ def test_the_zero_of_another_day_is_estimated_and_said(model):
     assert "above that of the record" in found.verdict.reasons[0]
 
 
+def test_a_model_that_is_bad_on_its_own_record_is_not_good_on_another(model):
+    bad = model.replace(provenance={**model.provenance, "verdict": "bad"})
+    assert not any("own record is bad" in reason for reason in score(model, day(2)).verdict.reasons)
+    assert any("own record is bad" in reason for reason in score(bad, day(2)).verdict.reasons)
+
+
 def test_an_offset_that_is_given_is_taken(model):
     given = score(model, day(2, zero=1.1), offset=0.0)
     assert not given.estimated

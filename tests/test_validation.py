@@ -42,6 +42,29 @@ def test_noise_alone_is_good() -> None:
     assert max(found.voltage, found.velocity, found.history, found.time) < 0.02
 
 
+def test_hum_is_named_by_its_frequency() -> None:
+    found, reasons, level = judged(0.1 * np.sin(2 * np.pi * 50.02 * T + 1.0))
+    assert level == "doubtful"
+    assert found.line > 0.9
+    assert found.line_hz == pytest.approx(50.0, abs=0.1)
+    assert any("one line at 50 Hz" in reason and "average over 20 ms" in reason for reason in reasons)
+
+
+def test_an_error_in_step_with_the_motion_is_no_hum() -> None:
+    reasons = judged(0.3 * np.cos(2 * np.pi * 1.3 * T))[1]
+    assert not any("one line" in reason for reason in reasons)
+
+
+def test_a_range_that_is_reached_late_is_the_reason() -> None:
+    findings = examine(Record.from_arrays(X, PREDICTED + NOISE, sample_rate=RATE))
+    found = dataclasses.replace(judged(0.02 * (T - 6.0))[0], over_fitted=3.0, range_beyond=0.0, speed_beyond=0.0)
+    error = HeldOut(0.1, 0.3, 0.25, 0.0, 8000, 0.95)
+    late = dataclasses.replace(findings, states_known_s=9.0)
+    assert any("only after 9 s" in reason for reason in verdict(found, error, late).reasons)
+    soon = dataclasses.replace(findings, states_known_s=2.0)
+    assert any("by a slow error" in reason for reason in verdict(found, error, soon).reasons)
+
+
 WIDTH = play_history(X, (0.4,))[:, 0] - play_history(X, (0.2,))[:, 0]
 CAUSES = {  # an error of 1 % of the stroke that each function finds, and the others do not
     "voltage": 0.3 * np.cos(4 * X),

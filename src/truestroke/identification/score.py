@@ -136,13 +136,15 @@ def _half_width(model: ActuatorModel, volts: FloatArray, fs: float, centred: boo
     """
     start = 0.5 * volts.size if centred else 0.0
     since = np.abs(np.arange(volts.size) - start) / fs
-    motion = interval.of_motion(model, volts, fs, model.another_day(), centred)
+    motion = interval.of_motion(model, volts, fs, model.another_day(), centred) + interval.apart(model, volts, fs)
     return np.asarray(interval.COVERED * np.sqrt(motion + model.walk**2 * since))
 
 
 def _verdict(model: ActuatorModel, found: dict[str, float]) -> Verdict:
     """Bad where the model does not hold, doubtful where its interval does not."""
     said: list[tuple[Level, str]] = []
+    if model.provenance.get("verdict") == "bad":
+        said.append(("doubtful", "The verdict of the model on its own record is bad: see its page."))
     if abs(found["offset_um"]) > 3 * model.noise:
         where = "above" if found["offset_um"] > 0 else "below"
         size = f"{abs(found['offset_um']):.3g} um {where}"

@@ -31,6 +31,7 @@ WORSE = 2.0  # times the error in the fitted part
 CORRELATED = 0.5  # of the autocorrelation, beyond lag 0
 OSCILLATES = -0.3  # and within this share of a stroke
 WITHIN = 0.3
+LINE_SHARE, LINE_ABOVE = 0.5, 5.0  # of the error's mean square, and times the frequency of the strokes: hum
 EXPLAINED = 0.25  # of the error's variance, by one of voltage, velocity and history
 BEATEN = (
     0.5,
@@ -38,6 +39,7 @@ BEATEN = (
 )  # of its mean square, by a black box: a reason, and a model with half the error, which none is good beside
 SLOW = 0.5, 0.8  # the same by time, which few means show by chance; and where it hides the others
 BEYOND = 0.15  # of the range or speed of the fitted part: beyond it the held-out part extrapolates
+LATE_STATES = 0.4  # of the record, in which the voltage had not been at both ends of its range
 DEAD_TIME, DEAD_ROWS = 0.005, 8.0  # s, and rows: more is that of a shifted or buffered channel
 FEW_STROKES = 6
 ALIKE = 1.5  # the longest strokes over the shortest: below, inner loops are not tested
@@ -71,6 +73,8 @@ class Evidence:
     black_box : float
         Share of the mean square of the held-out error that a black-box model predicts (`black_box.predictable`): from
         0.75 on there is a model with half the error.
+    line, line_hz : float
+        Share of the mean square of the held-out error in the strongest line of its spectrum, and its frequency, Hz.
     range_beyond, speed_beyond : float
         By which share of those of the fitted part the held-out part exceeds range and speed of the voltage.
     """
@@ -87,6 +91,8 @@ class Evidence:
     history: float
     time: float
     black_box: float
+    line: float
+    line_hz: float
     range_beyond: float
     speed_beyond: float
 
@@ -114,6 +120,7 @@ def evidence(trace: Trace, residual: FloatArray, autocorrelation: FloatArray, fi
         least_autocorrelation_s=(least + 1) * row,
         **_dependence(trace, tested),
         black_box=predictable(trace),
+        **_line(trace, tested),
         **_beyond(trace, fitted, tested),
     )
 
@@ -171,6 +178,17 @@ def _predicted(columns: FloatArray, error: FloatArray) -> float:
     return max(1 - left / total, 0.0) if total > 0 else 0.0
 
 
+def _line(trace: Trace, tested: Any) -> dict[str, float]:
+    """The strongest line of the held-out error's spectrum: three values of it, behind Hann's window."""
+    error = np.where(tested, trace.residual, 0.0)[np.flatnonzero(trace.held_out)]
+    error = error - error.mean()
+    power = np.abs(np.fft.rfft(error * np.hanning(error.size))) ** 2
+    around = np.convolve(power, np.ones(3), mode="same")
+    k, total = int(around.argmax()), float(power.sum())
+    share = float(around[k]) / total if total > 0 else 0.0
+    return {"line": share, "line_hz": k * trace.sample_rate / error.size}
+
+
 def _beyond(trace: Trace, fitted: Any, tested: Any) -> dict[str, float]:
     """How far the held-out part exceeds range and speed of the fitted part."""
     x, rate = trace.volts, np.abs(central_difference(trace.volts, trace.sample_rate))
@@ -225,7 +243,7 @@ def _of_error(found: Evidence, held_out: HeldOut, findings: Findings) -> Iterato
     level = "bad" if poor or unexplained else "doubtful"
     yield level, f"The error on motion that it has not seen is {error}: {times}. A better model may exist."
     if found.over_fitted > WORSE:
-        yield "doubtful", _worse(found)
+        yield "doubtful", _worse(found, findings)
 
 
 def _of_zero(held_out: HeldOut) -> Iterator[tuple[Level, str]]:
@@ -247,7 +265,7 @@ def _of_dead_time(response: Response, findings: Findings) -> Iterator[tuple[Leve
         )
 
 
-def _worse(found: Evidence) -> str:
+def _worse(found: Evidence, findings: Findings) -> str:
     """Why the held-out part is predicted worse than the fitted one."""
     text = f"The held-out part is predicted {_times(found.over_fitted)} worse than the fitted one"
     if found.range_beyond > BEYOND:
@@ -256,6 +274,9 @@ def _worse(found: Evidence) -> str:
     if found.speed_beyond > BEYOND:
         share = f"{100 * found.speed_beyond:.0f} % faster than the fitted part"
         return f"{text}: it is {share}. Record all speeds first."
+    if findings.states_known_s > LATE_STATES * findings.duration_s:
+        reached = f"has been at both ends of its range only after {findings.states_known_s:.3g} s"
+        return f"{text}, and the voltage {reached}: until then the turns before are not known. Drive all of it first."
     if found.time > SLOW[0]:
         return f"{text}, by a slow error. Record for longer, or warmed up."
     return f"{text}: something changed. Record for longer, or the same motion twice."
@@ -295,6 +316,13 @@ def _of_residual(found: Evidence, held_out: HeldOut, findings: Findings) -> Iter
 def _of_whiteness(found: Evidence, findings: Findings) -> Iterator[tuple[Level, str]]:
     """Autocorrelation of the residual at all lags."""
     stroke = findings.duration_s / max(findings.strokes, 1)
+    if found.line > LINE_SHARE and found.line_hz > LINE_ABOVE / (2 * stroke):
+        yield (
+            "doubtful",
+            f"{100 * found.line:.0f} % of the error is one line at {found.line_hz:.4g} Hz, which no motion makes: hum, "
+            f"or a floor that shakes. Shield the sensor, or average over {_seconds(1 / found.line_hz)}.",
+        )
+        return
     least, lag = found.least_autocorrelation, found.least_autocorrelation_s
     at = [f"{found.autocorrelation:.2f} at a lag of {_seconds(found.autocorrelation_s)}"]
     if least < OSCILLATES and least != found.autocorrelation:
