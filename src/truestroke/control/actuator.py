@@ -397,12 +397,16 @@ class ActuatorModel(Displayed, Layout):
 
         ::
 
-            sqrt(k^2 (diag(J P J') + noise^2 + (jitter v)^2 + (g d)^2) + 2.45^2 (walk^2 t + (drift t)^2 + creep^2))
+            sqrt(
+                k^2 (diag(J P J') + noise^2 + (jitter v)^2 + (g d)^2) + 1.96^2 a^2
+                + 2.45^2 (walk^2 t + (drift t)^2 + creep^2)
+            )
 
         k is the `coverage_factor`, J the derivative of the prediction by the weights, P their covariance, v the
         predicted velocity, d the distance of the motion from all that the record shows and g its growth (`explored`),
-        t the time since the end of the record: the zero walks and drifts on, at rest, too, and creeps by 1 % of the
-        stroke or more in each tenfold of the record's `duration`.
+        a how far `plain` differs from a model with branches beyond their usual difference, t the time since the end of
+        the record: the zero walks and drifts on, at rest, too, and creeps by 1 % of the stroke or more in each tenfold
+        of the record's `duration`.
 
         Parameters
         ----------
@@ -425,7 +429,7 @@ class ActuatorModel(Displayed, Layout):
         x = checks.finite_array("volts", volts, "V")
         fs = checks.positive("sample_rate", sample_rate, "Hz")
         since = checks.within("after", after, 0.0, 1e12, "s") + np.arange(x.size) / fs
-        return interval.half_width(self, interval.of_motion(self, x, fs), interval.of_zero(self, since))
+        return interval.half_width(self, x, fs, interval.of_zero(self, since))
 
     def seen(self, velocity: FloatArray) -> FloatArray:
         """A velocity, um/s, within that of the record: beyond it the rate weights are as at its fastest."""

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 COVERED = 1.96  # standard deviations: 95 %
 OF_ZERO = 2.45  # the same of the zero, by Student with six degrees of freedom: a record shows few ways of it
 BEYOND = 0.2  # of the stroke: the deviation of the error at a voltage that is a voltage range beyond the record
+USUAL = 2.5  # standard deviations of the difference between branches and plays in the record: no more is doubted
 CREEP = 0.01  # of the stroke in each decade of time: 0.01 to 0.02 in stacks (Jung and Gweon 2000)
 POINTS = 4000  # at most, at which the part of the weights is computed; straight lines between them
 
@@ -84,12 +85,27 @@ def _derivative(model: ActuatorModel, x: FloatArray, fs: float, every: int) -> F
     return np.asarray(J / np.maximum(slope, 0.1)[:, None])
 
 
-def half_width(model: ActuatorModel, motion: FloatArray, zero: FloatArray) -> FloatArray:
-    """Of the 95 % interval, um, of the variances of the motion and of the zero, um^2.
+def apart(model: ActuatorModel, volts: FloatArray, sample_rate: float) -> FloatArray:
+    """Variance by which plays alone predict otherwise than branches do, um^2, shape (samples,).
+
+    The square of their difference, beyond that in the record: noise^2 of the plays less noise^2 of the branches, times
+    `USUAL`^2. Branches follow a record more closely, and may be wrong where it has not been.
+    """
+    if model.plain is None:
+        return np.zeros_like(volts)
+    differs = model.predict(volts, sample_rate) - model.plain.predict(volts, sample_rate)
+    usual = max(model.plain.noise**2 - model.noise**2, 0.0)
+    return np.asarray(np.maximum(differs**2 - USUAL**2 * usual, 0.0))
+
+
+def half_width(model: ActuatorModel, volts: FloatArray, sample_rate: float, zero: FloatArray) -> FloatArray:
+    """Of the 95 % interval, um, shape (samples,), with the variance of the zero, um^2.
 
     The factor of the motion is that of cross-validation.
     """
-    return np.asarray(np.sqrt(model.coverage_factor**2 * motion + OF_ZERO**2 * zero))
+    motion = model.coverage_factor**2 * of_motion(model, volts, sample_rate)
+    branches = COVERED**2 * apart(model, volts, sample_rate)
+    return np.asarray(np.sqrt(motion + branches + OF_ZERO**2 * zero))
 
 
 def of_zero(model: ActuatorModel, time: FloatArray) -> FloatArray:

@@ -447,7 +447,7 @@ def _half_width(model: ActuatorModel, s: Series, train: int) -> FloatArray:
     zero = model.walk**2 * since
     offset = model.columns["offset"].start
     zero[apart] += model.another_day()[offset, offset]
-    return interval.half_width(model, interval.of_motion(model, s.volts, s.sample_rate), zero)
+    return interval.half_width(model, s.volts, s.sample_rate, zero)
 
 
 def _documented(fit: Fit, held_out: HeldOut, s: Series, verdict: Verdict) -> ActuatorModel:
