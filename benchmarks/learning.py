@@ -6,18 +6,22 @@ error is that of the true displacement against the raster itself, on its lines, 
 
 With --online it is a `RepetitiveController` around the default controller, which knows the same dynamics: batch by
 batch in one run, with half a second of lost measurements where a pass is missed. Its first batch is the controller
-alone. With --gain 0.95 the gain of the stage changes after eight passes, and those after it count.
+alone. With --steps it is the processor time of a tick of a `RepetitiveController` around a constant gain: the least of
+three runs of the same ticks, for periods of 250, 1000 and 8192 ticks at 10 kHz. With --gain 0.95 the gain of the stage
+changes after eight passes, and those after it count.
 """
 
 from __future__ import annotations
 
 import argparse
 import math
+import time
 from dataclasses import dataclass
 
 import numpy as np
 
 from truestroke import AdaptiveController, Dynamics, IterativeLearning, Mode, RepetitiveController, run, trajectories
+from truestroke.control.baselines import ConstantGain
 from truestroke.plant import StagePlant, StageSettings
 
 FS, LIMITS, SPAN = 10_000.0, (-0.6, 3.6), 20.0
@@ -108,6 +112,31 @@ def errors(c: Case, passes: int, changed: float = 1.0) -> list[float]:
     return found[before:]
 
 
+def ticks(size: int) -> tuple[np.ndarray, np.ndarray]:
+    """Processor time of each tick of two batches, us, the least of three runs, and whether it learns there."""
+    wave = trajectories.raster(
+        frequency=FS / size, peak_to_peak=SPAN, offset=12.0, duration=3 * size / FS + 1.0, sample_rate=FS, turn=0.2
+    )
+    start = math.ceil(0.25 * FS / size) * size
+    repeated = list(zip(*(x[start : start + size].tolist() for x in (wave.position, wave.velocity)), strict=True))
+    measured = [z + 0.1 * math.sin(z) for z, _ in repeated]  # um: something to learn
+    known = Dynamics(sample_rate=FS, modes=(Mode(frequency=900.0, damping=0.02),))
+    runs = []
+    for _ in range(3):
+        inside = ConstantGain(30.0 / 3.6, voltage_limits=LIMITS)
+        about = {"sample_rate": FS, "voltage_limits": LIMITS, "dynamics": known}
+        controller, taken, learns = RepetitiveController(inside, size / FS, **about), [], []
+        while len(controller.batches) < 2:
+            at, before = len(taken) % size, controller._task
+            begin = time.thread_time_ns()
+            controller.command(*repeated[at])
+            controller.adapt(measured[at])
+            taken.append((time.thread_time_ns() - begin) / 1e3)
+            learns.append(before is not None)
+        runs.append(taken)
+    return np.min(runs, axis=0), np.array(learns)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--stages", type=int, default=30)
@@ -117,7 +146,17 @@ def main() -> None:
         "--gain", type=float, default=1.0, help="of the stage from the ninth pass on, which is pass 0 then"
     )
     parser.add_argument("--online", action="store_true", help="one run with a RepetitiveController")
+    parser.add_argument("--steps", action="store_true", help="processor time of the ticks in which it learns")
     asked = parser.parse_args()
+    if asked.steps:
+        print("ticks of a period   us: median   99 %   largest   of others: median   largest   ticks that learn")
+        for size in (250, 1000, 8192):
+            taken, learns = ticks(size)
+            some, others = taken[learns], taken[~learns]
+            quantiles = np.quantile(some, (0.5, 0.99, 1.0))
+            print(f"{size:17} {quantiles[0]:12.0f} {quantiles[1]:6.0f} {quantiles[2]:9.0f}", end="")
+            print(f" {np.median(others):19.1f} {others.max():9.0f} {some.size:18}")
+        return
     cases = [case(asked.first + 2 * k) for k in range(asked.stages)]
     if asked.online:
         table = np.array([online(c, asked.passes) for c in cases])

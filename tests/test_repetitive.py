@@ -3,7 +3,9 @@
 import copy
 import itertools
 import json
+import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,9 +14,13 @@ from click.testing import CliRunner
 import truestroke
 from truestroke import AdaptiveController, Dynamics, Mode, RepetitiveController, SettingError, trajectories
 from truestroke.cli import main
+from truestroke.control import repetitive as repetitive_module
 from truestroke.control.baselines import ConstantGain
+from truestroke.control.batches import Outcome
+from truestroke.control.online import OnlineLaw
 from truestroke.control.repetition import Periods, Repetition
 from truestroke.control.response_prior import FewNumbers
+from truestroke.control.steps import Task, finished
 from truestroke.plant import StagePlant, StageSettings
 from truestroke.runtime.realtime import config
 
@@ -87,9 +93,9 @@ def test_a_raster_is_learned_with_a_wrong_resonance_and_a_tick_of_dead_time(freq
     lines = run["flat"].astype(bool)
     error = np.where(lines, run["true"] - run["desired"], np.nan)
     of_batches = [100 * np.nanstd(error[batch.tick - 3000 : batch.tick]) / 20.0 for batch in controller.batches]
-    assert of_batches[-1] < 0.05
-    assert of_batches[-1] < 0.2 * of_batches[0]
-    assert max(of_batches) < 1.15 * of_batches[0]
+    assert of_batches[5] < 0.05
+    assert of_batches[5] < 0.2 * of_batches[0]
+    assert max(of_batches) < 1.02 * of_batches[0]
     assert controller.limited == 0
 
 
@@ -269,13 +275,99 @@ def test_some_harmonics_show_what_the_others_do(f0, damping, late):
     known = stage(900.0, 0.02)
     ratio = 1.1 * stage(f0, damping).response(f) / known.response(f) * np.exp(-2j * np.pi * f * late / rate)
     prior = FewNumbers(known, f, rate, np.full(f.size, 0.01**2))
-    nothing = prior.given(np.zeros_like(ratio), np.zeros(f.size))[0]
+    nothing = finished(prior.giving(np.zeros_like(ratio), np.zeros(f.size)))[0]
     assert np.allclose(nothing, 1.0)
     information = np.where(np.isin(f, (300.0, 700.0, 800.0, 1000.0, 1700.0)), 1e6, 0.0)
     for _ in range(12):
-        found, variance = prior.given(information * ratio, information)
+        found, variance = finished(prior.giving(information * ratio, information))
     assert np.abs(found / ratio - 1).max() < 0.02
     assert variance.max() < 0.05
+
+
+# ---- A correction that is wrong -------------------------------------------------------------------------------------
+
+
+def test_a_change_that_makes_the_error_larger_is_taken_back_within_periods(monkeypatch):
+    """A law whose changes have the wrong sign: no batch is above the first one, and no tick far above it."""
+    right = OnlineLaw._change
+
+    def wrong(self, U, E, step):
+        change = yield from right(self, U, E, step)
+        return -3.0 * change
+
+    monkeypatch.setattr(OnlineLaw, "_change", wrong)
+    controller, plant = repetitive(), Bent()
+    _, error = follow(controller, sine(), plant, range(8000))
+    first, *others = (batch.rmse for batch in controller.batches)
+    assert len(others) >= 2
+    assert max(others) < 1.05 * first
+    assert max(rms(error[k : k + 100]) for k in range(3000, 8000, 100)) < 5 * first
+
+
+def test_half_of_a_change_is_taken_back_twice_then_all_of_it():
+    learned = SimpleNamespace(unlearned=np.zeros(20), counts=np.arange(20) < 15)
+    watch = repetitive_module._Watch(Outcome(learned, np.full(20, 4.0), None, np.zeros(20), 1.0))
+    below, above, taken = [0.9, -0.9] * 10, [1.2, -1.2] * 10, []
+    for wave in [above, above, below, *[above] * 12]:
+        changes = [watch.see(k, error) for k, error in enumerate(wave)]
+        assert not any(changes[:-1])
+        taken.append(watch.volts[0] if changes[-1] else None)
+    assert taken[:5] == [None, None, None, 2.0, None], "two periods after a change do not count"
+    assert [volts for volts in taken if volts is not None] == [2.0, 1.0, 0.0]
+
+
+# ---- Steps in ticks --------------------------------------------------------------------------------------------------
+
+
+def test_steps_that_are_done_ahead_change_nothing():
+    """A state needs the learning to be finished; what it gives begins with the tick in which it would have."""
+    alone, plant = adaptive(), Bent()
+    volts, _ = follow(alone, sine(), plant, range(6000))
+    other, twin, ahead = adaptive(), Bent(), 0
+    for k in range(6000):
+        if k % 3 == 0 and other._task is not None:
+            ahead += other._task._steps is not None
+            other.state()
+        assert other.command(*sine()(k)) == volts[k], k
+        other.adapt(twin.move(volts[k]))
+    assert ahead >= 5
+    assert len(other.batches) == len(alone.batches) > 2
+
+
+def test_no_step_of_the_learning_is_long(monkeypatch):
+    """Processor time of the same steps, the least of three, with 1000 ticks in a period: none is far above others."""
+    rate, ticks = 10_000.0, 1000
+    wave = trajectories.raster(frequency=10.0, peak_to_peak=20.0, sample_rate=rate, offset=12.0, duration=2.0, turn=0.2)
+    position, velocity = (x[ticks : 2 * ticks].tolist() for x in (wave.position, wave.velocity))
+    dynamics = Dynamics(sample_rate=rate, modes=(Mode(frequency=700.0, damping=0.02),))
+
+    def taken():
+        times = []
+        tick = Task.tick
+
+        def timed(task):
+            begin = time.thread_time_ns()
+            done = tick(task)
+            times.append(time.thread_time_ns() - begin)
+            return done
+
+        inside = ConstantGain(8.3, voltage_limits=(-0.6, 3.6))
+        controller = RepetitiveController(
+            inside, ticks / rate, sample_rate=rate, voltage_limits=LIMITS, dynamics=dynamics
+        )
+        with monkeypatch.context() as here:
+            here.setattr(Task, "tick", timed)
+            for k in range(30 * ticks):
+                at = k % ticks
+                controller.command(position[at], velocity[at])
+                controller.adapt(position[at] + 0.3 * np.sin(position[at]))
+                if len(controller.batches) == 2:
+                    break
+        return times
+
+    least = np.min([taken() for _ in range(3)], axis=0)
+    assert least.size > 300
+    assert least.max() < 15 * np.median(least)
 
 
 # ---- The rest ------------------------------------------------------------------------------------------------------

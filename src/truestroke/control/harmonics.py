@@ -20,15 +20,17 @@ A pass that is worse than the best one before it is undone: its U is given up, w
 
 from __future__ import annotations
 
+import copy
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
 
 from truestroke.base.typing import ComplexArray, FloatArray
 from truestroke.control.response_prior import Prior
+from truestroke.control.steps import Steps, finished
 
 BoolArray = npt.NDArray[np.bool_]
 Spectra = tuple[ComplexArray, ComplexArray, FloatArray]
@@ -89,6 +91,8 @@ class HarmonicLaw:
         Which harmonics are learned.
     samples, periods : int
         Of a repetition.
+    known : bool
+        Whether R is known from the prior at once; else `knowing` is the first that is called.
 
     Attributes
     ----------
@@ -109,18 +113,26 @@ class HarmonicLaw:
         *,
         samples: int,
         periods: int = 1,
+        known: bool = True,
     ) -> None:
         self.desired, self.response, self.samples, self.periods = desired, response, samples, periods
         self.learned = learned
         self._moving = learned & (np.arange(learned.size) > 0)
         self._prior = prior
         self._shown: tuple[ComplexArray, FloatArray] = np.zeros_like(response), np.zeros(response.size)
-        self.know()
+        if known:
+            self.know()
         self._last: Spectra | None = None
         self._base: tuple[float, ComplexArray, ComplexArray, FloatArray] | None = None
         self._step, self._worse, self._changed = 1.0, False, False
         self._pairs: list[Spectra] = []  # U and E of the last passes, and the variance of the latter
         self.scaled = 1.0
+
+    def copy(self) -> Self:
+        """Another one that goes on from here; no array of either is changed."""
+        other = copy.copy(self)
+        other._prior = copy.copy(self._prior)
+        return other
 
     def remember(self, other: HarmonicLaw, then: FloatArray, now: FloatArray) -> None:
         """G, and R as far as it is known, of another law; their harmonics are at these frequencies then and now."""
@@ -135,9 +147,14 @@ class HarmonicLaw:
         self.know()
 
     def know(self) -> None:
-        """R and its variance, a step nearer to what the passes make of what is known without them."""
+        """R and its variance, nearer to what the passes make of what is known without them."""
+        finished(self.knowing())
+
+    def knowing(self) -> Steps[None]:
+        """`know` in steps."""
         weighted, information = self._shown
-        mean, variance = self._prior.given(weighted, information)
+        mean, variance = yield from self._prior.giving(weighted, information)
+        yield
         self._information = 1 / variance + information
         self.ratio: ComplexArray = np.asarray((mean / variance + weighted) / self._information, dtype=np.complex128)
 
@@ -163,13 +180,18 @@ class HarmonicLaw:
 
     def see(self, output: ComplexArray, measured: ComplexArray, noise2: FloatArray) -> None:
         """What a pass with U has shown: its Z, and the variance of each harmonic of it, um^2."""
-        this, before = (output, measured, noise2), self._last
-        self._changed = before is not None and self._estimate(before, this)
-        self._last = this
-        self._estimate_error(before, this)
+        finished(self.seeing(output, measured, noise2))
 
-    def _estimate_error(self, before: Spectra | None, this: Spectra) -> None:
+    def seeing(self, output: ComplexArray, measured: ComplexArray, noise2: FloatArray) -> Steps[None]:
+        """`see` in steps."""
+        this, before = (output, measured, noise2), self._last
+        self._changed = False if before is None else (yield from self._estimate(before, this))
+        self._last = this
+        yield from self._estimate_error(before, this)
+
+    def _estimate_error(self, before: Spectra | None, this: Spectra) -> Steps[None]:
         """The error on which the next pass builds."""
+        yield
         self._error = self.desired - this[1]
 
     def _weight(self, E: ComplexArray, noise2: FloatArray) -> FloatArray:
@@ -179,6 +201,10 @@ class HarmonicLaw:
 
     def follow(self, spread: float) -> Next:
         """U of the pass after the one that was seen; `spread` is the rms of its error without its mean, um."""
+        return finished(self.following(spread))
+
+    def following(self, spread: float) -> Steps[Next]:
+        """`follow` in steps."""
         assert self._last is not None
         output, _, noise2 = self._last
         E, noise = self._error, self.noise(noise2)
@@ -188,20 +214,25 @@ class HarmonicLaw:
         U, E_base = np.append(output[:1], U[1:]), np.append(E[:1], E_base[1:])
         power = np.abs(E_base) ** 2
         R2, variance = np.abs(self.ratio) ** 2, 1 / self._information
+        yield
         step = self._steps(E_base, noise2)
+        yield
         step[1:] *= self._step
         left = power * ((1 - step) ** 2 + step**2 * variance / R2)
         left[0] /= 2
         expected = float(np.sqrt(2 * left.sum() / self.samples**2 + noise**2))  # by Parseval's theorem
-        return Next(U + self._change(U, E_base, step), expected, undone)
+        yield
+        change = yield from self._change(U, E_base, step)
+        return Next(U + change, expected, undone)
 
     def _steps(self, E: ComplexArray, noise2: FloatArray) -> FloatArray:
         """s w of each harmonic; 0 of those that are not learned."""
         R2 = np.abs(self.ratio) ** 2
         return np.where(self.learned, self._weight(E, noise2) * R2 / (R2 + 1 / self._information), 0.0)
 
-    def _change(self, U: ComplexArray, E: ComplexArray, step: FloatArray) -> ComplexArray:
+    def _change(self, U: ComplexArray, E: ComplexArray, step: FloatArray) -> Steps[ComplexArray]:
         """Of U, by so large a step against the error."""
+        yield
         R2 = np.maximum(np.abs(self.ratio) ** 2, 1e-300)
         return np.asarray(step * np.conj(self.ratio) / R2 * E / self.response)
 
@@ -210,7 +241,9 @@ class HarmonicLaw:
         """Relative variance of R."""
         return np.asarray(1 / (self._information * np.maximum(np.abs(self.ratio) ** 2, 1e-300)))
 
-    def _with_moved(self, change: ComplexArray, U: ComplexArray, T: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
+    def _with_moved(
+        self, change: ComplexArray, U: ComplexArray, T: ComplexArray
+    ) -> Steps[tuple[ComplexArray, ComplexArray]]:
         """The change with what its likes have moved between harmonics, and its part that is like none of them.
 
         T is that from an error to the change of U.
@@ -222,22 +255,27 @@ class HarmonicLaw:
             d = np.where(np.arange(V.size) > 0, V - base[0], 0.0)
             if not np.abs(d).any():
                 continue
+            yield
             r = np.where(self._moving, E - base[1] + B * d, 0.0)
             hidden = noise2 + base[2] + np.abs(B * d) ** 2 * self._doubt
+            yield
             r = r * np.maximum(0.0, 1 - hidden / np.maximum(np.abs(r) ** 2, 1e-300))
             steps.append(d)
             moved.append(r)
             noise.append(np.sum((noise2 + base[2])[self._moving]) / max(float(np.sum(np.abs(r) ** 2)), 1e-300))
         if not steps:
             return change, change
+        yield
         D, r = np.array(steps), np.array(moved)
         M = (D.conj() @ D.T).real
         M = M + np.diag(np.diag(M) * (ALIKE + np.minimum(noise, 1e6)))
+        yield
         a = np.linalg.solve(M - (D.conj() @ (T * r).T).real, (D.conj() @ change).real)
+        yield
         change = change + T * (np.clip(a, -LONGEST, LONGEST) @ r)
         return change, change - np.linalg.solve(M, (D.conj() @ change).real) @ D
 
-    def _estimate(self, before: Spectra, after: Spectra) -> bool:
+    def _estimate(self, before: Spectra, after: Spectra) -> Steps[bool]:
         """R from what the change of U made of the displacement; whether the stage has changed: then not.
 
         It has where the sure harmonics did what no change of U explains. The mean creeps, and is left out.
@@ -249,7 +287,9 @@ class HarmonicLaw:
         sure = self._moving & (np.abs(self.ratio) ** 2 * SURE * self._information > 1)
         other = np.sqrt(np.sum(np.abs(y - expected)[sure] ** 2))
         known = np.sqrt(np.sum(np.abs(expected)[sure] ** 2))
+        yield
         crossed = self._crossed(x)
+        yield
         hidden = np.sum((noise + another + self._hidden(crossed))[sure]) + self._least
         if other > CHANGED * known + 5 * np.sqrt(hidden):
             return True
@@ -259,7 +299,8 @@ class HarmonicLaw:
             np.asarray(KEPT * weighted + np.conj(x) * y / scatter, dtype=np.complex128),
             KEPT * information + np.abs(x) ** 2 / scatter,
         )
-        self.know()
+        yield
+        yield from self.knowing()
         return False
 
     @property
@@ -314,31 +355,32 @@ class PassLaw(HarmonicLaw):
         self._asks = False
         self._crept, self._foreseen = 0.0, 0.0  # of the mean, in the last pass and in the next one, times samples, um
 
-    def see(self, output: ComplexArray, measured: ComplexArray, noise2: FloatArray) -> None:
+    def seeing(self, output: ComplexArray, measured: ComplexArray, noise2: FloatArray) -> Steps[None]:
         """As of `HarmonicLaw`; the first pass shows some of R by itself."""
         if self.fresh:
             x = self.response * output
             x[0] = 0.0
             scatter = noise2 + self._crossed(x) + (WHOLE * np.abs(x)) ** 2 + self._least
             self._shown = np.asarray(np.conj(x) * measured / scatter), np.abs(x) ** 2 / scatter
-            self.know()
-        super().see(output, measured, noise2)
+            yield from self.knowing()
+        yield from super().seeing(output, measured, noise2)
         earlier = [] if self._changed else self._pairs[-PAIRS:]
         self._pairs = [*earlier, (output, self._error, noise2)]
 
-    def _estimate_error(self, before: Spectra | None, this: Spectra) -> None:
+    def _estimate_error(self, before: Spectra | None, this: Spectra) -> Steps[None]:
         """As of `HarmonicLaw`, with the creep that the mean will have in the next pass: less than in the last two."""
-        super()._estimate_error(before, this)
+        yield from super()._estimate_error(before, this)
         crept, last = float(self._error[0].real) + self._foreseen, self._crept
         alike = min(abs(crept), abs(last)) if crept * last > 0 else 0.0
         self._foreseen, self._crept = CREEPS * math.copysign(alike, crept), 0.0 if before is None else crept
         self._error[0] += self._foreseen
 
-    def _change(self, U: ComplexArray, E: ComplexArray, step: FloatArray) -> ComplexArray:
+    def _change(self, U: ComplexArray, E: ComplexArray, step: FloatArray) -> Steps[ComplexArray]:
         """As of `HarmonicLaw`, with what its likes have moved."""
         R2 = np.maximum(np.abs(self.ratio) ** 2, 1e-300)
         T = np.where(self._moving, step * np.conj(self.ratio) / R2 / self.response, 0.0)
-        return self._with_moved(super()._change(U, E, step), U, T)[0]
+        change = yield from super()._change(U, E, step)
+        return (yield from self._with_moved(change, U, T))[0]
 
     def _judge(self, spread: float, noise: float, E: ComplexArray) -> str:
         asked, step = self._asks, self._step
@@ -369,8 +411,8 @@ class PassLaw(HarmonicLaw):
 # ---- What can be learned -------------------------------------------------------------------------------------------
 
 
-class Nearest:
-    """The wave of some harmonics alone that is nearest to another where errors count, by conjugate gradients.
+def nearest(wave: FloatArray, counts: BoolArray, learned: BoolArray) -> Steps[FloatArray]:
+    """The wave of some harmonics alone that is nearest to another where errors count, by conjugate gradients, in steps.
 
     The error where it does not count has a small weight, so that the turns stay near the motion.
 
@@ -383,39 +425,30 @@ class Nearest:
     learned : ndarray of bool, shape (samples // 2 + 1,)
         Which harmonics it may have.
 
-    Attributes
-    ----------
-    found : ndarray, shape (samples,)
-        As near as it is so far, um.
+    Returns
+    -------
+    ndarray, shape (samples,)
+        um
     """
 
-    def __init__(self, wave: FloatArray, counts: BoolArray, learned: BoolArray) -> None:
-        self._learned, self.found = learned, np.empty(0)
-        self.found = self._within(wave)
-        self._weight = np.where(counts, 1.0, IN_TURNS)
-        self._left = self._direction = self._within(self._weight * (wave - self.found))
-        self._size, self._enough = float(self._left @ self._left), ENOUGH * float(wave @ wave)
-        self._more = 0 if counts.all() else ITERATIONS
+    def within(x: FloatArray) -> Steps[FloatArray]:
+        X = np.where(learned, np.fft.rfft(x), 0.0)
+        yield
+        return np.fft.irfft(X, x.size)
 
-    def _within(self, x: FloatArray) -> FloatArray:
-        return np.fft.irfft(np.where(self._learned, np.fft.rfft(x), 0.0), x.size)
-
-    def step(self) -> bool:
-        """Come a step nearer; False where there is none to do."""
-        if self._more == 0 or self._size <= self._enough:
-            return False
-        turned = self._within(self._weight * self._direction)
-        pace = self._size / float(self._direction @ turned)
-        self.found, self._left = self.found + pace * self._direction, self._left - pace * turned
-        self._size, before = float(self._left @ self._left), self._size
-        self._direction = self._left + self._size / before * self._direction
-        self._more -= 1
-        return True
-
-
-def nearest(wave: FloatArray, counts: BoolArray, learned: BoolArray) -> FloatArray:
-    """The wave that `Nearest` finds, um."""
-    search = Nearest(wave, counts, learned)
-    while search.step():
-        pass
-    return search.found
+    found = yield from within(wave)
+    if counts.all():
+        return found
+    weight = np.where(counts, 1.0, IN_TURNS)
+    left = direction = yield from within(weight * (wave - found))
+    size, enough = float(left @ left), ENOUGH * float(wave @ wave)
+    for _ in range(ITERATIONS):
+        if size <= enough:
+            break
+        yield
+        turned = yield from within(weight * direction)
+        pace = size / float(direction @ turned)
+        found, left = found + pace * direction, left - pace * turned
+        size, before = float(left @ left), size
+        direction = left + size / before * direction
+    return found

@@ -32,6 +32,7 @@ from truestroke.control.response_prior import (
     beside,
 )
 from truestroke.control.settings import UNLIMITED
+from truestroke.control.steps import finished
 from truestroke.model.dynamics import Dynamics
 from truestroke.signals.trajectories import Trajectory
 
@@ -178,7 +179,7 @@ class IterativeLearning(Displayed):
         self._frequency: FloatArray = np.fft.rfftfreq(self.samples, 1 / self.sample_rate).astype(np.float64)
         self.bandwidth = self._band(bandwidth)
         self._learned = (self._frequency <= self.bandwidth) & (np.arange(self._frequency.size) % self.periods == 0)
-        self.desired = nearest(wave, counts, self._learned)
+        self.desired = finished(nearest(wave, counts, self._learned))
         G, sensor, self._variance = response_of(dynamics, self._frequency, self.sample_rate, self.gain)
         D = sensor * np.fft.rfft(self.desired)
         beyond = self._beyond(bandwidth)
@@ -276,8 +277,8 @@ class IterativeLearning(Displayed):
         if self._hysteresis is None:
             self._scale(np.fft.rfft(self.volts), Z)
             about = {"few": self._few, "learned": self._learned, "periods": self.periods}
-            self._hysteresis = identified(self.volts, Z, self._law.response, noise2, **about)
-        shown = np.fft.rfft(self._hysteresis.strain(self.volts))
+            self._hysteresis = finished(identified(self.volts, Z, self._law.response, noise2, **about))
+        shown = np.fft.rfft(finished(self._hysteresis.strain(self.volts)))
         if first:
             self._law.scale(self._law.gain(shown, Z))
         self._law.see(shown, Z, noise2)
@@ -301,7 +302,7 @@ class IterativeLearning(Displayed):
         if not following.undone:
             self._base = self.volts
         strain = np.fft.irfft(following.output, self.samples)
-        self.volts, self._limited = self._within(self._hysteresis.volts(strain, self._base, self._moved))
+        self.volts, self._limited = self._within(finished(self._hysteresis.volts(strain, self._base, self._moved)))
         self._number += 1
         return made
 

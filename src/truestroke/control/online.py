@@ -24,6 +24,7 @@ import numpy.typing as npt
 
 from truestroke.base.typing import ComplexArray, FloatArray
 from truestroke.control.harmonics import KEPT, PAIRS, BoolArray, HarmonicLaw, Spectra
+from truestroke.control.steps import Steps
 
 NEIGHBOUR, REACH = 0.2, 64  # hysteresis: so much of the change of a harmonic reaches each one beside it, / the distance
 TAMED = 0.25  # of what a change may harm elsewhere counts, as the next pass corrects it; of the first one, FIRST
@@ -46,9 +47,14 @@ class OnlineLaw(HarmonicLaw):
         self._beyond = beyond
         self._followed, self._first = 0, 0.0
 
+    @property
+    def first(self) -> float:
+        """Error of the first batch, or of the best one since the stage has changed if that is larger, um."""
+        return self._first if self._base is None else max(self._first, self._base[0])
+
     # ---- The error --------------------------------------------------------------------------------------------------
 
-    def _estimate_error(self, before: Spectra | None, this: Spectra) -> None:
+    def _estimate_error(self, before: Spectra | None, this: Spectra) -> Steps[None]:
         U, Z, noise2 = this
         E = self.desired - Z
         if before is None or self._changed:
@@ -57,18 +63,22 @@ class OnlineLaw(HarmonicLaw):
             x = self.response * self.ratio * (U - before[0])
             self._error = self._error - x
             self._spread = self._spread / KEPT + np.abs(x) ** 2 * self._doubt
-        spread = np.maximum(self._spread, self._beside_noise(E - self._error, noise2))
+        yield
+        beside = yield from self._beside_noise(E - self._error, noise2)
+        yield
+        spread = np.maximum(self._spread, beside)
         share = spread / np.maximum(spread + noise2, 1e-300)
         self._error = self._error + share * (E - self._error)
         self._error[0] = E[0]  # it creeps
         self._spread = (1 - share) * spread
         self._pairs = [*self._pairs[-PAIRS:], (U, E, noise2)]
 
-    def _beside_noise(self, x: ComplexArray, noise2: FloatArray) -> FloatArray:
+    def _beside_noise(self, x: ComplexArray, noise2: FloatArray) -> Steps[FloatArray]:
         """Mean square of what is in x beside noise."""
         power, near = np.abs(x) ** 2, self._moving & ~self._beyond
         window = np.ones(2 * BESIDE + 1)
         around, many = (_around(values, window) for values in (np.where(near, power - noise2, 0.0), 1.0 * near))
+        yield
         less = np.where(near, around / np.maximum(many, 1.0), 0.0)
         sure = power > np.where(self._beyond, SHOWN_BEYOND, SHOWN) * noise2
         return np.maximum(np.where(sure, power - noise2, less), 0.0)
@@ -78,24 +88,28 @@ class OnlineLaw(HarmonicLaw):
 
     # ---- The change -------------------------------------------------------------------------------------------------
 
-    def _change(self, U: ComplexArray, E: ComplexArray, step: FloatArray) -> ComplexArray:
+    def _change(self, U: ComplexArray, E: ComplexArray, step: FloatArray) -> Steps[ComplexArray]:
         first = self._followed == 0
         B, B2 = self.response * self.ratio, np.abs(self.response * self.ratio) ** 2
         assert self._base is not None
         self._first = self._base[0] if first else self._first
         moved = MOVED * min(1.0, self._base[0] / max(self._first, 1e-300)) ** 3 * np.abs(self.response[0]) ** 2
         own = B2 * (1 + self._doubt)
+        yield
         step = step * own / (own + moved)  # a harmonic that takes much voltage for little displacement moves the others
         T = np.where(self._moving, step * np.conj(B) / np.maximum(B2, 1e-300), 0.0)
         change = T * E
         change[0] = step[0] * E[0] / B[0]
+        yield
         removes = self._beyond & (self._followed < REMOVED)
         change, T = np.where(removes, -U, change), np.where(removes, 0.0, T)
         if first:
             self._pairs = self._pairs[-1:]  # those before are of a controller that learned
         self._followed += 1
-        change, fresh = self._with_moved(change, U, T)
+        change, fresh = yield from self._with_moved(change, U, T)
+        yield
         made = (FIRST if first else TAMED) * self._crossed(np.where(removes, 0.0, B * fresh))
+        yield
         won = float(np.sum((np.abs(E) ** 2 * step)[self._moving]))
         lost = float(np.sum((np.abs(E) ** 2 * step**2 * (1 + self._doubt) + made)[self._moving]))
         share = min(1.0, won / max(lost, 1e-300))

@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from truestroke.base.typing import ComplexArray, FloatArray
 from truestroke.control.response_prior import FewNumbers
+from truestroke.control.steps import Steps
 from truestroke.model import prior
 
 BoolArray = npt.NDArray[np.bool_]
@@ -26,11 +27,13 @@ CURVED = 0.1  # standard deviation of the weights of the powers
 UNMODELLED, POWER = 0.03, 1.5  # of the strain: hysteresis of another structure, / h^1.5 at harmonic h
 BESIDE = 0.5  # times the deviation of R at each harmonic by itself, much of which is hysteresis, and so in the plays
 ROUNDS = 5  # steps of Gauss and Newton
+UNIT = np.array(prior.thresholds(PLAYS, 1.0))  # of the span
 LARGEST = 1.0  # standard deviations of the few numbers: such a step at most
 LEAST = 0.2  # of the sum of the plays' weights: the least slope of the strain
-STEPS = 60  # of the inverse, at most
+ROUNDS_BACK = 60  # of the inverse, at most
 EXACT = 1e-9  # of the span: error of the inverse
 SURE = 1e-6  # standard deviation of what is not estimated twice
+SAMPLES, HARMONICS = 4096, 192  # of arrays that are worked on in one step
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,28 +55,27 @@ class PeriodicHysteresis:
     middle: float
     span: float
 
-    def strain(self, volts: FloatArray) -> FloatArray:
+    def strain(self, volts: FloatArray) -> Steps[FloatArray]:
         """Of a period of voltages that has repeated, as that voltage which would make it without hysteresis, V."""
-        return np.asarray(self.weights @ _terms(volts, self.thresholds, self.middle, self.span))
+        terms = yield from _terms(volts, self.thresholds, self.middle, self.span)
+        return np.asarray(self.weights @ terms)
 
-    def volts(self, strain: FloatArray, near: FloatArray, moved: BoolArray) -> FloatArray:
+    def volts(self, strain: FloatArray, near: FloatArray, moved: BoolArray) -> Steps[FloatArray]:
         """The voltages that make this strain, V, from voltages near to them, by the harmonics that may be moved.
 
-        The slope of the strain is positive, so that each step leaves less of the error.
+        The slope of the strain is positive, so that each round leaves less of the error.
         """
-        x = near
-        for _ in range(STEPS):
-            x, done = self.nearer(strain, x, moved)
-            if done:
+        x, pace = near, 1 / (1 + _steepest(self.weights))
+        for _ in range(ROUNDS_BACK):
+            made = yield from self.strain(x)
+            yield
+            missing = np.where(moved, np.fft.rfft(strain - made), 0.0)
+            left = np.fft.irfft(missing, x.size)
+            if np.abs(left).max() < EXACT * self.span:
                 break
+            x = x + pace * left
+            yield
         return x
-
-    def nearer(self, strain: FloatArray, x: FloatArray, moved: BoolArray) -> tuple[FloatArray, bool]:
-        """Voltages a step nearer, V; whether those before were near enough, and are kept."""
-        left = np.fft.irfft(np.where(moved, np.fft.rfft(strain - self.strain(x)), 0.0), x.size)
-        if np.abs(left).max() < EXACT * self.span:
-            return x, True
-        return x + 1 / (1 + _steepest(self.weights)) * left, False
 
 
 def identified(
@@ -85,7 +87,7 @@ def identified(
     few: FewNumbers,
     learned: BoolArray,
     periods: int,
-) -> PeriodicHysteresis:
+) -> Steps[PeriodicHysteresis]:
     """The model from a pass, by least squares with what is expected of actuators (`model.prior`).
 
     Parameters
@@ -102,34 +104,48 @@ def identified(
         Of the motion, in a repetition.
     """
     span, middle = float(np.ptp(volts)), float(volts.max() + volts.min()) / 2
-    r = np.array(prior.thresholds(PLAYS, span))
-    P = response * np.fft.rfft(_terms(volts, r, middle, span), axis=1)
+    r = span * UNIT
+    counts = np.flatnonzero(learned[1:]) + 1
+    terms = yield from _terms(volts, r, middle, span)
+    P = np.empty((len(terms), counts.size), dtype=np.complex128)
+    for row, term in zip(P, terms, strict=True):
+        row[:] = (response * np.fft.rfft(term))[counts]
+        yield
     expected, covariance = _expected(r, span)
+    yield
     n = expected.size
     mean = np.append(expected, np.zeros(few.deviations.size))
     deviations = np.append(SURE, few.deviations[1:])  # a gain is in the weights, too
-    information = np.zeros((mean.size, mean.size))
-    information[:n, :n], information[n:, n:] = np.linalg.inv(covariance), np.diag(deviations**-2.0)
-    counts = learned & (np.arange(learned.size) > 0)
-    h = 1.0 + np.arange(learned.size) / periods
-    other = (UNMODELLED / h**POWER * np.abs(response / response[0])) ** 2
+    known = np.zeros((mean.size, mean.size))
+    known[:n, :n], known[n:, n:] = np.linalg.inv(covariance), np.diag(deviations**-2.0)
+    yield
+    relative = response[counts] / response[0]
+    other = (UNMODELLED / (1.0 + counts / periods) ** POWER * np.abs(relative)) ** 2
+    own = BESIDE**2 * few.variance[counts]
     found = mean
     for _ in range(ROUNDS):
-        R, slopes = few.ratio(found[n:])
-        plain = found[:n] @ P
+        yield
+        R, slopes = yield from few.ratio(found[n:])
+        R, slopes, plain = R[counts], slopes[:, counts], found[:n] @ P
         predicted = R * plain
-        swing = np.sum(np.abs(plain * response[0] / np.where(counts, response, np.inf)) ** 2)
-        variance = noise2 + BESIDE**2 * few.variance * np.abs(predicted) ** 2 + other * swing
-        A = np.concatenate([R * P, slopes * plain])[:, counts]
-        weighted = A.conj() / variance[counts]
-        right = (weighted @ (measured - predicted)[counts]).real - information @ (found - mean)
-        step = np.linalg.solve((weighted @ A.T).real + information, right)
+        swing = np.sum(np.abs(plain / relative) ** 2)
+        variance = noise2[counts] + own * np.abs(predicted) ** 2 + other * swing
+        information, right = known.copy(), known @ (mean - found)
+        for begin in range(0, counts.size, HARMONICS):
+            yield
+            some = slice(begin, begin + HARMONICS)
+            A = np.concatenate([R[some] * P[:, some], slopes[:, some] * plain[some]])
+            weighted = A.conj() / variance[some]
+            information += (weighted @ A.T).real
+            right += (weighted @ (measured[counts[some]] - predicted[some])).real
+        yield
+        step = np.linalg.solve(information, right)
         largest = float(np.abs(step[n:] / deviations).max())
         found = found + step * min(1.0, LARGEST / max(largest, 1e-300))
     return PeriodicHysteresis(r, _rising(found[:n]), middle, span)
 
 
-def plays(x: FloatArray, r: FloatArray) -> FloatArray:
+def plays(x: FloatArray, r: FloatArray) -> Steps[FloatArray]:
     """States of plays over a period of x, V, that has repeated; shape (thresholds, samples).
 
     A sample clamps the state between x - r and x + r, and clamps one after the other are a clamp: those of 1, 2, 4 ...
@@ -137,27 +153,35 @@ def plays(x: FloatArray, r: FloatArray) -> FloatArray:
 
     Examples
     --------
-    >>> plays(np.array([0.0, 1.0, 2.0, 1.0]), np.array([0.0, 0.5]))
+    >>> from truestroke.control.steps import finished
+    >>> finished(plays(np.array([0.0, 1.0, 2.0, 1.0]), np.array([0.0, 0.5])))
     array([[0. , 1. , 2. , 1. ],
            [0.5, 0.5, 1.5, 1.5]])
     """
-    low, high = x - r[:, None], x + r[:, None]
-    many = 1
-    while many < x.size:
-        first_low, first_high = np.roll(low, many, axis=1), np.roll(high, many, axis=1)
-        low, high = np.clip(first_low, low, high), np.clip(first_high, low, high)
-        many *= 2
-    return np.asarray((low + high) / 2)
+    states, rows = np.empty((r.size, x.size)), max(1, SAMPLES // x.size)
+    for begin in range(0, r.size, rows):
+        some = slice(begin, begin + rows)
+        low, high = x - r[some, None], x + r[some, None]
+        many = 1
+        while many < x.size:
+            first_low, first_high = np.roll(low, many, axis=1), np.roll(high, many, axis=1)
+            low, high = np.clip(first_low, low, high), np.clip(first_high, low, high)
+            many *= 2
+            yield
+        states[some] = (low + high) / 2
+    return states
 
 
-def _terms(volts: FloatArray, r: FloatArray, middle: float, span: float) -> FloatArray:
+def _terms(volts: FloatArray, r: FloatArray, middle: float, span: float) -> Steps[FloatArray]:
     """What the weights multiply, V; beyond the span the powers go on straight."""
     c = 2 * (volts - middle) / span
     within = np.clip(c, -1.0, 1.0)
     beyond = c - within
-    return np.concatenate(
-        [plays(volts, r), span / 2 * np.array([within**2 + 2 * within * beyond, within**3 + 3 * beyond])]
-    )
+    yield
+    powers = span / 2 * np.array([within**2 + 2 * within * beyond, within**3 + 3 * beyond])
+    yield
+    states = yield from plays(volts, r)
+    return np.concatenate([states, powers])
 
 
 def _expected(r: FloatArray, span: float) -> tuple[FloatArray, FloatArray]:

@@ -104,7 +104,6 @@ class Shape:
         self._own = wave - self._mean
         self._slope = (np.roll(wave, -1) - np.roll(wave, 1)) / 2
         self._power, self._slopes = (max(float(x @ x), 1e-300) for x in (self._own, self._slope))
-        self._values: list[float] = wave.tolist()
 
     def seen_in(self, wave: FloatArray) -> Seen:
         """What of it is in another period."""
@@ -121,7 +120,7 @@ class Shape:
 
     def near(self, at: float, value: float) -> bool:
         """Whether it has about this value, um, at a phase."""
-        return abs(value - self._values[int(at) % self._own.size]) <= LEFT * self.span
+        return abs(value - self.wave.item(int(at) % self._own.size)) <= LEFT * self.span
 
 
 class Repetition:

@@ -15,7 +15,7 @@ from __future__ import annotations
 import copy
 import math
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -25,15 +25,16 @@ from truestroke.base import checks, snapshot
 from truestroke.base.checks import SettingError
 from truestroke.base.display import Displayed, Rows, quantity
 from truestroke.base.flags import BIT, BY_ADAPT, Flags
-from truestroke.base.typing import ComplexArray, FloatArray
-from truestroke.control import iterative
+from truestroke.base.typing import FloatArray
+from truestroke.control import batches, iterative
+from truestroke.control.batches import Batch, Kept, Learned, Measured, Outcome
 from truestroke.control.controller import Controller, State
-from truestroke.control.harmonics import BoolArray, HarmonicLaw, Nearest
 from truestroke.control.online import OnlineLaw
-from truestroke.control.periodic_hysteresis import STEPS, PeriodicHysteresis, identified
+from truestroke.control.periodic_hysteresis import PeriodicHysteresis
 from truestroke.control.repetition import LONGEST, SHORTEST, Periods, Repetition, Seen, Shape
-from truestroke.control.response_prior import APART, ROUNDS, FewNumbers, beside
+from truestroke.control.response_prior import FewNumbers
 from truestroke.control.settings import UNLIMITED
+from truestroke.control.steps import Steps, Task
 from truestroke.model.dynamics import Dynamics, Mode
 from truestroke.signals.timing import LONGEST_AGO
 
@@ -42,50 +43,10 @@ CREEPS = 0.03  # s: and not faster
 FADE = 0.01, 0.05  # s: a correction takes over within a period, but not faster or slower than this
 DECAY = 0.15  # s: until a change of the correction has decayed, with a resonance that rings for so long
 LATEST = LONGEST_AGO + 1  # ticks: `ago` of a measurement is below
-UNKNOWN = 0.01  # of the sample rate: without dynamics the response is known to there; R is less sure with f^4
 FOUND_DAMPING = 0.02  # of a resonance that the controller has found
-STRAIGHT = 1e-3  # of the largest acceleration: where there is less, the motion is straight
-LINES = 0.3  # of a period: errors of a motion that is straight for so long count there alone
-LEARNED = 0.8  # times the error: while it falls below from batch to batch, the controller inside goes on learning
-PATIENCE = 6  # batches, at most
-ALIKE = 0.02  # of the rms of a motion: another one within it is the same, but for amplitude, offset and phase
-LEARNING = frozenset({"_conclude", "_model", "_see", "_know", "_listen", "_follow", "_invert"})
-"""Steps of the learning from a batch."""
-CARRIED = 3.0  # times: how much more a correction may become where the period changes
+STEP = 1e-4  # s: a tick has a step of the learning for each of these
+TIMES, RESTS = 3, 2  # how often a correction is taken back, the last time all of it; periods that do not count then
 KEPT = 1000  # batches in `batches`
-
-
-@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class Batch(Displayed):
-    """What the periods with one correction have shown.
-
-    Attributes
-    ----------
-    number : int
-        From 0 on; the first one is without a correction.
-    tick : int
-        Commands until its end.
-    rmse, maximum : float
-        Error of the mean of its periods, where errors count, um.
-    noise : float
-        Standard deviation of that mean, um: an error like it cannot be learned.
-    expected : float
-        Rmse that the next one should have, um.
-    undone : str
-        In a sentence, why the next one does not build on it; empty where it does.
-    """
-
-    number: int
-    tick: int
-    rmse: float
-    maximum: float
-    noise: float
-    expected: float
-    undone: str = ""
-
-    def _display(self) -> tuple[str, Rows]:
-        rows = [(name, quantity(getattr(self, name), "um")) for name in ("rmse", "maximum", "noise", "expected")]
-        return f"Batch {self.number}: {self.undone or 'taken'}", rows
 
 
 class _Correction:
@@ -100,7 +61,6 @@ class _Correction:
     def __init__(self, ticks: float) -> None:
         self.ticks = ticks
         self._old, self._new, self._pace, self._share = np.empty(0), np.empty(0), 1 / ticks, 1.0
-        self._values: tuple[list[float], list[float]] = [], []
 
     def become(self, volts: FloatArray) -> None:
         """From the next tick on it changes to this one, V; empty: to none."""
@@ -108,7 +68,6 @@ class _Correction:
         old, new = (x if x.size else np.zeros(size) for x in (self._old, self._new))
         g = _smooth(self._share)
         self._old, self._new, self._share = (1 - g) * old + g * new, volts, 0.0
-        self._values = self._old.tolist(), self._new.tolist()
 
     @property
     def volts(self) -> FloatArray:
@@ -117,12 +76,11 @@ class _Correction:
 
     def at(self, phase: float) -> float:
         """In this tick, V."""
-        old, new = self._values
         if self._share < 1.0:
             self._share = min(self._share + self._pace, 1.0)
             g = _smooth(self._share)
-            return (1 - g) * _entry(old, phase) + g * _entry(new, phase)
-        return _entry(new, phase)
+            return (1 - g) * _entry(self._old, phase) + g * _entry(self._new, phase)
+        return _entry(self._new, phase)
 
 
 class _Level:
@@ -163,17 +121,58 @@ class _Level:
         return self._volts
 
 
+class _Watch:
+    """The error of each period with a correction that is tried: where it is too much, half of the change is taken back.
+
+    Parameters
+    ----------
+    outcome : Outcome
+        With the correction, and that on which it builds.
+    """
+
+    def __init__(self, outcome: Outcome) -> None:
+        learned = outcome.learned
+        assert outcome.volts is not None
+        assert outcome.base is not None
+        self.volts, self._base, self._most = outcome.volts, outcome.base, outcome.most
+        self._unlearned, self._counts = learned.unlearned, learned.counts
+        self._times = 0
+        self._begin(RESTS)
+
+    def _begin(self, rests: int) -> None:
+        """The next period begins, after some that do not count."""
+        self._rests, self._ticks, self._many, self._sum, self._squares = rests, 0, 0, 0.0, 0.0
+
+    def see(self, place: int, error: float) -> bool:
+        """The error of a tick, um, at a place in the period; whether a part of the correction is to be taken back."""
+        self._ticks += 1
+        if self._counts.item(place):
+            missing = error + self._unlearned.item(place)
+            self._many, self._sum, self._squares = self._many + 1, self._sum + missing, self._squares + missing**2
+        if self._ticks < self._counts.size:
+            return False
+        mean = self._sum / max(self._many, 1)
+        above = self._squares / max(self._many, 1) - mean**2 > self._most
+        if self._rests > 0 or not above or self._times == TIMES:
+            self._begin(max(self._rests - 1, 0))
+            return False
+        self._times += 1
+        self.volts = self._base if self._times == TIMES else (self.volts + self._base) / 2
+        self._begin(RESTS)
+        return True
+
+
 def _smooth(u: float) -> float:
     return u * u * u * (10.0 + u * (6.0 * u - 15.0))
 
 
-def _entry(values: list[float], phase: float) -> float:
+def _entry(values: FloatArray, phase: float) -> float:
     """Between two samples of a period."""
-    if not values:
+    if not values.size:
         return 0.0
     place = math.floor(phase)
-    share, this = phase - place, values[place % len(values)]
-    return this if share == 0.0 else this + share * (values[(place + 1) % len(values)] - this)
+    share, this = phase - place, values.item(place % values.size)
+    return this if share == 0.0 else this + share * (values.item((place + 1) % values.size) - this)
 
 
 class RepetitiveController(Displayed):
@@ -232,7 +231,7 @@ class RepetitiveController(Displayed):
     ...     controller.adapt(10.0 * before)
     ...     before = volts
     >>> [f"{batch.rmse:.3f}" for batch in controller.batches][:4]
-    ['1.191', '0.479', '0.042', '0.018']
+    ['1.191', '0.480', '0.042', '0.018']
     """
 
     def __init__(
@@ -269,8 +268,7 @@ class RepetitiveController(Displayed):
         self.limited = self._number = self._commands = self._bits = 0
         self._late = 1  # ticks: the oldest measurement so far
         self._phases, self._asked, self._last = [math.nan] * LATEST, [math.nan] * LATEST, math.nan
-        self._todo: deque[str] = deque()  # names of steps
-        self._past: _Past | None = None
+        self._kept: Kept | None = None
         self._held = False
         self._begin(self._checked(period))
 
@@ -287,15 +285,13 @@ class RepetitiveController(Displayed):
         rate = self.sample_rate
         self._motion = Repetition(period * rate)
         size = self._motion.size
-        self._f: FloatArray = np.arange(size // 2 + 1) / period
+        self._task: Task | None = None  # the learning, step by step
+        self._learned: Learned | None = None
+        self._watch: _Watch | None = None
         self._errors, self._added, self._inside = (Periods(size) for _ in range(3))
         self._count = max(2, math.ceil(self.averaged / period))
         self._level = _Level(size, min(LEVEL, period / CREEPS))
-        self._hysteresis: PeriodicHysteresis | None = None
-        self._slope = 1.0
         self._correction = _Correction(min(max(period, FADE[0]), FADE[1]) * rate)
-        self._heard: BoolArray = self._f <= iterative.SEEN * rate
-        self._response = self._responses(self._dynamics)
         self._joined = self._rests = self._counts = self._corrects = False
         self._until = -1
         self._period: float | None = None  # the next one, while the correction of this one is taken back
@@ -362,15 +358,17 @@ class RepetitiveController(Displayed):
     def adapt(self, z_measured: float, ago: int = 0) -> None:
         """Take a measurement, um, of `ago` commands before the last one.
 
-        The controller inside gets it unless it rests. The next step of the learning, if one waits, is done here, when
-        the voltage of this tick has left.
+        The controller inside gets it unless it rests. Steps of the learning, if some wait, are done here, when the
+        voltage of this tick has left.
         """
         self._late = max(self._late, 1 + ago)
         if not self._rests:
             self.controller.adapt(z_measured, ago)
-        if self._todo:
-            getattr(self, self._todo.popleft())()
-        elif (self._counts or (self._corrects and self._joined)) and not self._held:
+        if self._task is not None and self._task.tick():
+            outcome: Outcome = self._task.result
+            self._task = None
+            self._take(outcome)
+        if (self._counts or (self._corrects and self._joined)) and not self._held:
             self._see_error(z_measured, (self._commands - 1 - ago) % LATEST)
 
     def _see_error(self, z_measured: float, place: int) -> None:
@@ -379,12 +377,14 @@ class RepetitiveController(Displayed):
         if not abs(error) <= self._span:  # it is lost, NaN, or no displacement
             self._level.restart()
             return
-        if self._corrects and self._hysteresis is not None:
-            self._level.see(error, self._slope)
+        if self._corrects and self._learned is not None and self._learned.hysteresis is not None:
+            self._level.see(error, self._learned.slope)
+        if self._watch is not None and self._watch.see(int(self._phases[place]) % self._motion.size, error):
+            self._become(self._watch.volts)
         if self._counts:
             period = self._errors.put(self._phases[place], error)
             if period is not None:
-                self._see_period(np.fft.rfft(period))
+                self._see_period(period)
 
     def _within(self, volts: float) -> float:
         """Within the limits, and the slew since the last tick."""
@@ -406,14 +406,24 @@ class RepetitiveController(Displayed):
         elif not self._joined and not self._corrects:
             assert self._motion.shape is not None
             self._joined = True
-            self._todo.append("_join")
+            self._span = self._motion.shape.span
+            dynamics, f = self._known(), np.arange(self._motion.size // 2 + 1) / self.period
+            about = dynamics, self._band(dynamics), self._kept
+            self._do(batches.joined(self._motion.shape.wave, f, self.sample_rate, *about))
+
+    def _known(self) -> Dynamics | None:
+        """Dynamics of the stage, as far as they are known now."""
+        found = getattr(self.controller, "resonance", None)
+        if self._dynamics is not None or not found or not math.isfinite(found):
+            return self._dynamics
+        return Dynamics(sample_rate=self.sample_rate, modes=(Mode(frequency=found, damping=FOUND_DAMPING),))
 
     def _leave(self) -> None:
         """The correction is taken back; then the controller inside learns again."""
-        self._todo.clear()
+        self._task = self._learned = self._watch = None
         self._joined = False
-        if self._past is not None:
-            self._past.correction[0] = self._level.goal * self._past.law.samples
+        if self._kept is not None:
+            self._kept = replace(self._kept, level=self._level.goal)
         self._level.move(0.0, self._correction.ticks)
         self._become(np.empty(0))
 
@@ -429,9 +439,7 @@ class RepetitiveController(Displayed):
         self._counts = False
         for periods in (self._errors, self._added, self._inside):
             periods.restart()
-        none = np.zeros(self._f.size)
-        self._sum: ComplexArray = np.zeros(self._f.size, dtype=np.complex128)
-        self._before, self._scatter, self._periods = self._sum, none, 0
+        self._measured: list[FloatArray] = []
         self._sums, self._outputs = np.zeros((2, self._motion.size)), [0, 0]
 
     def _waited(self) -> None:
@@ -442,66 +450,6 @@ class RepetitiveController(Displayed):
         if self._period is not None:
             self._begin(self._period)
 
-    # ---- Joining a repetition ----------------------------------------------------------------------------------------
-
-    def _responses(self, dynamics: Dynamics | None) -> tuple[ComplexArray, ComplexArray, FewNumbers]:
-        """G at the harmonics with a gain of 1, the sensor alone, and what is known of the ratio of the true G to it."""
-        rate = self.sample_rate
-        f = np.minimum(self._f, rate / 2)
-        G, sensor, _ = iterative.response_of(dynamics, f, rate, 1.0)
-        first = UNKNOWN * rate if dynamics is None else dynamics.modes[0].frequency
-        alone = beside(f, first, self._band(dynamics), 1.0 if dynamics is None else APART)
-        return G, sensor, FewNumbers(dynamics, f, rate, alone)
-
-    def _join(self) -> None:
-        """The motion repeats: what of it can be learned is looked for, step by step."""
-        dynamics = self._dynamics
-        if dynamics is None and (found := getattr(self.controller, "resonance", None)) and math.isfinite(found):
-            mode = Mode(frequency=found, damping=FOUND_DAMPING)
-            dynamics = Dynamics(sample_rate=self.sample_rate, modes=(mode,))
-            self._response = self._responses(dynamics)
-        self._learned: BoolArray = self._f <= self._band(dynamics)
-        assert self._motion.shape is not None
-        wave, self._span = self._motion.shape.wave, self._motion.shape.span
-        bent = np.abs(np.roll(wave, 1) - 2 * wave + np.roll(wave, -1))
-        straight = bent <= STRAIGHT * bent.max()
-        self._where: BoolArray = straight if straight.mean() >= LINES else np.ones(wave.size, dtype=bool)
-        self._search = Nearest(wave, self._where, self._learned)
-        self._todo.append("_look")
-
-    def _look(self) -> None:
-        if self._search.step():
-            self._todo.append("_look")
-        else:
-            self._todo.append("_begin_law")
-
-    def _begin_law(self) -> None:
-        """With what was learned of the same motion before, if it was; else the controller inside goes on learning."""
-        G, sensor, prior = self._response
-        assert self._motion.shape is not None
-        motion = np.fft.rfft(self._motion.shape.wave)
-        law = OnlineLaw(
-            sensor * np.fft.rfft(self._search.found),
-            G,
-            prior,
-            self._heard,
-            samples=self._motion.size,
-            beyond=self._heard & ~self._learned,
-        )
-        carried = None if self._past is None else self._past.carried(motion, self._f, law)
-        self._law, self._form = law, motion
-        self._hysteresis = None
-        self._rest_volts: ComplexArray | None = None
-        self._error, self._listens = math.inf, 0 if carried is not None else PATIENCE
-        if carried is None:
-            self._past = None
-            self._wait()
-        else:
-            self._rests = True
-            self._level.move(float(carried[0].real) / self._motion.size, self._correction.ticks)
-            carried[0] = 0.0
-            self._become(np.fft.irfft(carried, self._motion.size))
-
     # ---- Learning ----------------------------------------------------------------------------------------------------
 
     def _see_output(self, *periods: FloatArray | None) -> None:
@@ -511,101 +459,39 @@ class RepetitiveController(Displayed):
                 self._sums[i] += period
                 self._outputs[i] += 1
 
-    def _see_period(self, error: ComplexArray) -> None:
-        """A period was measured: its error against the motion, which may drift and wander a little."""
-        if self._periods > 0:
-            self._scatter = self._scatter + np.abs(error - self._before) ** 2
-        self._sum, self._before, self._periods = self._sum + error, error, self._periods + 1
-        if self._periods >= self._count and min(self._outputs) > 0:
-            self._counts = False
-            self._todo.append("_conclude")
-
-    def _conclude(self) -> None:
-        """Of the periods of a batch: the controller inside goes on, or it rests and the correction is learned."""
-        law, n = self._law, self._periods
-        Z, self._noise2 = self._form + self._sum / n, self._scatter / (2 * n * (n - 1))
-        added, inside = (np.fft.rfft(total / k) for total, k in zip(self._sums, self._outputs, strict=True))
-        if self._rest_volts is None and self._listens == 0:  # later ones differ by drift and a wandering period
-            self._rest_volts = inside
-        output = (inside if self._rest_volts is None else self._rest_volts) + added
-        self._volts = np.fft.irfft(output, self._motion.size)
-        if law.fresh and self._past is None:
-            gain = law.gain(output, Z)
-            if not gain > 0:
-                self._wait()
-                return
-            law.scale(gain)
-        self._measured = Z
-        self._todo.extend(["_model", "_see"])
-
-    def _model(self) -> None:
-        """The model of the hysteresis, which the first batch shows, and the strain of this one."""
-        law, first = self._law, self._hysteresis is None
-        if self._hysteresis is None:
-            self._hysteresis = identified(
-                self._volts,
-                self._measured,
-                law.response,
-                self._noise2,
-                few=self._response[2],
-                learned=self._learned,
-                periods=1,
+    def _see_period(self, error: FloatArray) -> None:
+        """A period was measured: its error against the motion, um."""
+        self._measured.append(error.copy())
+        if len(self._measured) >= self._count and min(self._outputs) > 0:
+            self._counts, self._watch = False, None
+            assert self._learned is not None
+            added, inside = (total / k for total, k in zip(self._sums, self._outputs, strict=True))
+            self._do(
+                batches.concluded(self._learned, Measured(self._measured, added, inside, self._number, self._commands))
             )
-        self._strain = np.fft.rfft(self._hysteresis.strain(self._volts))
-        if first and self._past is None:
-            law.scale(law.gain(self._strain, self._measured))
-        self._slope = float(np.abs(law.response[0]))
 
-    def _see(self) -> None:
-        law = self._law
-        law.see(self._strain, self._measured, self._noise2)
-        self._missing = np.fft.irfft(self._measured - law.desired, self._motion.size)[self._where]
-        self._todo.extend(["_know"] * ROUNDS)
-        self._todo.append("_listen" if self._listens > 0 else "_follow")
+    def _do(self, steps: Steps[Outcome]) -> None:
+        """In the next ticks."""
+        self._task = Task(steps, max(1, round(1 / (STEP * self.sample_rate))))
 
-    def _know(self) -> None:
-        self._law.know()
-
-    def _listen(self) -> None:
-        """The controller inside learns; it rests as soon as its error does not fall any more."""
-        before, self._error = self._error, float(np.std(self._missing))
-        self._listens = self._listens - 1 if self._error < LEARNED * before else 0
-        self._rests = self._listens == 0
-        self._wait()
-
-    def _follow(self) -> None:
-        following = self._law.follow(float(np.std(self._missing)))
-        self._batch = Batch(
-            number=self._number,
-            tick=self._commands,
-            rmse=float(np.sqrt(np.mean(self._missing**2))),
-            maximum=float(np.abs(self._missing).max()),
-            noise=self._law.noise(self._noise2),
-            expected=following.expected,
-            undone=following.undone,
-        )
-        if not following.undone:
-            self._base = self._volts
-        self._next, self._inverted = self._base, 0
-        self._strain = following.output
-        self._todo.append("_invert")
-
-    def _invert(self) -> None:
-        """A step nearer to the voltage of the next strain; at its end that is taken, but for its mean."""
-        assert self._hysteresis is not None
-        assert self._rest_volts is not None
-        strain = np.fft.irfft(self._strain, self._motion.size)
-        self._next, done = self._hysteresis.nearer(strain, self._next, self._heard)
-        self._inverted += 1
-        if not done and self._inverted < STEPS:
-            self._todo.append("_invert")
+    def _take(self, outcome: Outcome) -> None:
+        """What follows from a batch, or from joining a motion, begins."""
+        self._learned = learned = outcome.learned
+        self._rests = learned.listens == 0
+        if outcome.batch is not None:
+            self.batches.append(outcome.batch)
+            self._number += 1
+        if outcome.volts is None:
+            if learned.law.fresh:
+                self._kept = None
+            self._wait()
             return
-        self.batches.append(self._batch)
-        self._number += 1
-        v = np.where(self._heard, np.fft.rfft(self._next) - self._rest_volts, 0.0)
-        v[0] = 0.0
-        self._past = _Past(self._form, v, self._f, self._law)
-        self._become(np.fft.irfft(v, self._motion.size))
+        if outcome.batch is None:
+            assert self._kept is not None
+            self._level.move(self._kept.level, self._correction.ticks)
+        else:
+            self._kept, self._watch = Kept(learned, outcome.volts, 0.0), _Watch(outcome)
+        self._become(outcome.volts)
 
     def hold(self) -> None:
         """Stop learning: correction and weights stay as they are, and are still taken back where the motion leaves."""
@@ -621,8 +507,8 @@ class RepetitiveController(Displayed):
         if held == self._held:
             return
         self._held = held
-        if LEARNING & set(self._todo) or self._counts:  # a batch of both kinds counts for nothing
-            self._todo.clear()
+        if self._counts or (self._task is not None and self._learned is not None):  # a batch of both kinds is none
+            self._task = self._watch = None
             self._wait()
 
     # ---- The state -------------------------------------------------------------------------------------------------
@@ -642,6 +528,8 @@ class RepetitiveController(Displayed):
             "controller", self.controller, ("state", "restore"), "one with a state, such as an AdaptiveController"
         )
         inside: Any = self.controller
+        if self._task is not None:
+            self._task.finish()
         own = {name: value for name, value in vars(self).items() if name not in GIVEN}
         made = {f"inside {name}": value for name, value in inside.state().items()}
         return made | snapshot.taken({"given": self._made(), **own}, KINDS)
@@ -710,56 +598,22 @@ class RepetitiveController(Displayed):
         return title, [*rows, ("limited", quantity(self.limited, "ticks"))]
 
 
-@dataclass(frozen=True, eq=False)
-class _Past:
-    """What was learned of a motion: its spectrum, um, the correction, V, their frequencies, Hz, and the law."""
-
-    motion: ComplexArray
-    correction: ComplexArray
-    f: FloatArray
-    law: HarmonicLaw
-
-    def carried(self, motion: ComplexArray, f: FloatArray, law: HarmonicLaw) -> ComplexArray | None:
-        """The correction for another amplitude, offset, phase or period of the same form; None: it is another form.
-
-        What the law has learned of the response goes to `law`.
-        """
-        size = min(motion.size, self.motion.size)
-        scale = law.samples / self.law.samples
-        now, then = motion[1:size], scale * self.motion[1:size]
-        across = np.fft.irfft(np.concatenate([[0.0], now * np.conj(then)]), law.samples)
-        h = np.arange(1, size)
-        shift = np.exp(-2j * np.pi * h * int(np.argmax(across)) / law.samples)
-        product = np.conj(then * shift) * now
-        part = float(np.sum(h * product.imag) / max(float(np.sum(h**2 * product.real)), 1e-300))  # of a sample
-        shift = shift * np.exp(1j * h * part)
-        amplitude = float(np.sum(np.conj(then * shift) * now).real / np.sum(np.abs(then) ** 2))
-        if np.sum(np.abs(now - amplitude * shift * then) ** 2) > ALIKE**2 * np.sum(np.abs(now) ** 2):
-            return None
-        before = self.law.response * self.law.ratio
-        law.remember(self.law, self.f, f)
-        after = (law.response * law.ratio)[1:size]
-        moved = before[1:size] / after
-        moved = moved * np.minimum(1.0, CARRIED / np.abs(moved))
-        correction = np.zeros(motion.size, dtype=np.complex128)
-        correction[0] = scale * self.correction[0]
-        correction[1:size] = amplitude * shift * moved * scale * self.correction[1:size]
-        return correction
-
-
 KINDS = (
     _Level,
     Batch,
     FewNumbers,
-    Nearest,
+    Kept,
+    Learned,
     OnlineLaw,
+    Outcome,
     PeriodicHysteresis,
     Periods,
     Repetition,
     Seen,
     Shape,
+    Task,
     _Correction,
-    _Past,
+    _Watch,
 )
 """What a state may hold."""
 GIVEN = ("controller", "sample_rate", "averaged", "_given", "_dynamics", "_bandwidth")

@@ -17,6 +17,7 @@ from typing import Protocol
 import numpy as np
 
 from truestroke.base.typing import ComplexArray, FloatArray
+from truestroke.control.steps import Steps
 from truestroke.model.dynamics import Dynamics
 
 UNSURE = 25.0  # variance of R at most: its sign is not known then
@@ -32,8 +33,8 @@ ROUNDS = 5  # such steps, in which what a batch shows is understood
 class Prior(Protocol):
     """What is known of R without the passes, at each harmonic."""
 
-    def given(self, weighted: ComplexArray, information: FloatArray) -> tuple[ComplexArray, FloatArray]:
-        """Mean and variance of R, as what passes show of all harmonics together makes them.
+    def giving(self, weighted: ComplexArray, information: FloatArray) -> Steps[tuple[ComplexArray, FloatArray]]:
+        """Mean and variance of R, as what passes show of all harmonics together makes them, in steps.
 
         The passes show weighted / information, with a variance of 1 / information. Another call comes nearer.
         """
@@ -45,8 +46,9 @@ class Independent:
 
     variance: FloatArray
 
-    def given(self, weighted: ComplexArray, information: FloatArray) -> tuple[ComplexArray, FloatArray]:
+    def giving(self, weighted: ComplexArray, information: FloatArray) -> Steps[tuple[ComplexArray, FloatArray]]:
         """As of `Prior`; what the passes show of other harmonics does not matter."""
+        yield
         return np.ones_like(weighted), self.variance
 
 
@@ -89,22 +91,30 @@ class FewNumbers:
         self.variance, self._prior = variance, np.diag(self.deviations**-2.0)
         self._found = np.zeros(self.deviations.size)
 
-    def given(self, weighted: ComplexArray, information: FloatArray) -> tuple[ComplexArray, FloatArray]:
+    def giving(self, weighted: ComplexArray, information: FloatArray) -> Steps[tuple[ComplexArray, FloatArray]]:
         """As of `Prior`, by least squares: a step of Gauss and Newton in each call."""
         found, weight = self._found, information / (1 + self.variance * information)
         shown = weighted / np.maximum(information, 1e-300)
-        R, slopes = self.ratio(found)
+        yield
+        R, slopes = yield from self.ratio(found)
+        yield
         of_slopes = slopes.conj() * weight
+        yield
         inverse = np.linalg.inv((of_slopes @ slopes.T).real + self._prior)
+        yield
         step = inverse @ ((of_slopes @ (shown - R)).real - self._prior @ found)
         largest = float(np.abs(step / self.deviations).max())
         self._found = found + step * min(1.0, LARGEST / max(largest, 1e-300))
-        R, slopes = self.ratio(self._found)
+        yield
+        R, slopes = yield from self.ratio(self._found)
+        yield
         shared = np.sum((inverse @ slopes) * slopes.conj(), axis=0).real
+        yield
         return R, np.minimum(self.variance * np.maximum(np.abs(R) ** 2, 1.0) + shared, UNSURE)
 
-    def ratio(self, numbers: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+    def ratio(self, numbers: FloatArray) -> Steps[tuple[ComplexArray, ComplexArray]]:
         """R, and its slopes by the numbers."""
         under = 1 + numbers @ self._below
         R = np.asarray(np.exp(numbers @ self._above) / under, dtype=np.complex128)
+        yield
         return R, np.asarray(R * (self._above - self._below / under), dtype=np.complex128)
