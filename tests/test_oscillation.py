@@ -186,7 +186,7 @@ def test_the_kernel_is_the_numpy_text_with_a_stage_that_was_found_and_given_up(i
     for k, (z_d, zdot_d) in enumerate(zip(wave.position, wave.velocity, strict=True)):
         x = kernel.command(z_d, zdot_d)
         assert text.command(z_d, zdot_d) == x
-        z = plant.exchange(np.array([x]))[0] + (0.0 if k < 800 else 6.0 * math.sin(0.45 * k) * math.sin(0.011 * k))
+        z = plant.exchange(np.array([x]))[0] + (0.0 if k < 800 else 7.0 * math.sin(0.45 * k) * math.sin(0.011 * k))
         kernel.adapt(z)
         text.adapt(z)
         assert kernel.flag_bits == text.flag_bits

@@ -235,6 +235,22 @@ def test_a_stage_that_is_found_is_put_into_the_model_without_a_jump(number: int,
     assert 100 * np.max(np.abs(error)) < before / 5 * span
 
 
+@pytest.mark.parametrize(("seed", "number", "before"), [(5, 168, 0.15), (7, 0, 0.07)])
+def test_the_voltage_has_no_step_when_a_stage_is_found(seed: int, number: int, before: float) -> None:
+    """Largest second difference of the voltage after 0.5 s, over its range: `before` with the lag counted twice."""
+    recording = record(seed, number, "unknown")
+    volts = recording["volts"][recording["time"] >= 0.5]
+    assert np.abs(np.diff(volts, 2)).max() < before / 5 * np.ptp(volts)
+
+
+def test_windows_that_walk_put_no_stage_into_the_model() -> None:
+    """A sine on 1358 Hz, whose windows rise from 648 to 1026 Hz: their mean of 884 Hz was taken, and 52 % were left."""
+    recording = record(4, 170, "unknown")
+    later = recording["time"] >= 0.5
+    error, span = (recording["true"] - recording["desired"])[later], np.ptp(recording["desired"][later])
+    assert 100 * np.max(np.abs(error)) < 5 * span
+
+
 def test_a_stage_that_failed_takes_its_resonance_with_it_and_does_not_come_back() -> None:
     """Where the error was small before: 3.4 % without, and six trials of the same false resonance to the end."""
     recording = record(0, 55, "unknown")

@@ -5,13 +5,13 @@
 
 #define SMOOTH 8 /* times the third difference of velocities: no more than the sum of their first ones */
 
-/* What a stage that was found asks of the hysteresis beyond z_d, um: 1 / G up to the fourth derivative, from the last four
+/* What a stage that was found asks of the hysteresis beyond z_d in this tick, um: 1 / G up to the fourth derivative, from the last four
  * velocities. A motion at a third of the resonance turns by up to a quarter of a radian in a tick. Where the velocities are noise,
  * or jump, their differences do not fall: there two derivatives are used. */
-static ts_real ahead_of_found(const ts_controller *c, ts_real zdot_d, ts_real zddot_d)
+static ts_real ahead_of_found(const ts_controller *c, ts_real zdot_d, ts_real zddot_d, uint64_t tick)
 {
     const ts_motion *past[3];
-    for (uint64_t i = 0; i < 3; i++) past[i] = &c->motion[(c->counters.commands - 1 - i) % TS_HISTORY];
+    for (uint64_t i = 0; i < 3; i++) past[i] = &c->motion[(tick - 1 - i) % TS_HISTORY];
     ts_real newest = zdot_d - past[0]->zdot_d, before = past[0]->zdot_d - past[1]->zdot_d, oldest = past[1]->zdot_d - past[2]->zdot_d;
     ts_real second = newest - before, third = second - (before - oldest);
     if (SMOOTH * size_of(third) > size_of(newest) + size_of(before) + size_of(oldest))
@@ -27,13 +27,13 @@ static ts_real ahead_of_found(const ts_controller *c, ts_real zdot_d, ts_real zd
 
 /* What the stage's dynamics ask of it: G^-1 z_d - z_d for slow motion where they are given, or the inertia z'' / w0^2 within a
  * tenth of the stroke. */
-static ts_real ahead_of(const ts_controller *c, ts_real zdot_d, ts_real zddot_d)
+static ts_real ahead_of(const ts_controller *c, ts_real zdot_d, ts_real zddot_d, uint64_t tick)
 {
     const ts_dynamics *g = dynamics_of(c);
-    if (c->found.known) return ahead_of_found(c, zdot_d, zddot_d);
+    if (c->found.known) return ahead_of_found(c, zdot_d, zddot_d, tick);
     if (g->known) return g->lead[0] * zdot_d + g->lead[1] * zddot_d;
-    if (!(c->stage.inertia > 0) || c->counters.commands == 0) return 0;
-    ts_real z = c->stage.inertia * (zdot_d - c->motion[last_slot(c)].zdot_d), most = c->settings->stroke / 10;
+    if (!(c->stage.inertia > 0) || tick == 0) return 0;
+    ts_real z = c->stage.inertia * (zdot_d - c->motion[(tick - 1) % TS_HISTORY].zdot_d), most = c->settings->stroke / 10;
     return within(z, -most, most);
 }
 
@@ -113,6 +113,14 @@ static void write_down(ts_controller *c, ts_real x, const ts_motion *d, ts_real 
     c->counters.slewed += c->flags.slewed;
 }
 
+/* What the stage that is in the model from now on asks of the last command, too: else the next one, which has what it asks, would jump
+ * by that, for `ts_keep_command` keeps what the stage before it asked. */
+void ts_look_ahead_anew(ts_controller *c)
+{
+    ts_motion *last = &c->motion[last_slot(c)];
+    if (c->counters.commands > 0) last->ahead = ahead_of(c, last->zdot_d, last->zddot_d, c->counters.commands - 1);
+}
+
 /* Bumpless transfer: the command for the last tick stays as it was; the difference decays. */
 void ts_keep_command(ts_controller *c)
 {
@@ -154,7 +162,7 @@ ts_status ts_controller_follow(ts_controller *c, ts_real z_d, ts_real zdot_d, ts
     d.z_d = z_d;
     d.zdot_d = zdot_d;
     d.zddot_d = known_acceleration ? zddot_d : acceleration(c, zdot_d);
-    d.ahead = known_strain ? within(strain_d, -TS_LARGEST, TS_LARGEST) - z_d : ahead_of(c, zdot_d, d.zddot_d);
+    d.ahead = known_strain ? within(strain_d, -TS_LARGEST, TS_LARGEST) - z_d : ahead_of(c, zdot_d, d.zddot_d, c->counters.commands);
     ts_real known = ts_of_known_terms(c, &d);
     c->y_d = ts_wanted_of_plays(c, &d, known);
     c->flags.projected = ts_rate_dependent_slopes(c, zdot_d);

@@ -86,6 +86,7 @@ TS_API ts_real ts_of_known_terms(const ts_controller *c, const ts_motion *d);
 TS_API ts_real ts_wanted_of_plays(const ts_controller *c, const ts_motion *d, ts_real known);
 TS_API bool ts_rate_dependent_slopes(ts_controller *c, ts_real zdot_d);
 TS_API ts_real ts_sum_of_plays(const ts_controller *c);
+TS_API void ts_look_ahead_anew(ts_controller *c);
 TS_API void ts_keep_command(ts_controller *c);
 
 /* dynamics.c */

@@ -17,8 +17,9 @@
 #define ANOTHER ((ts_real)0.07)   /* of the first resonance of the settings: one that differs by so much is that of another stage */
 #define SLOWEST ((ts_real)0.025)  /* of the resonance: a slower motion does not need it */
 #define NOISY 9                   /* times the variance of a measurement: nor does a smaller error */
-#define AGREES ((ts_real)0.05)    /* with the resonance that the estimate knows: its lag is that of this stage */
+#define AGREES ((ts_real)0.05)    /* with the resonance that the estimate knows: its lag is that of this stage, and the last window is one of it */
 #define TURNS ((ts_real)0.2)      /* radians at the resonance: a smaller lag is a matter of the weights */
+#define LATE (2 * TS_MOST_DEAD)   /* ticks before a measurement: its stage knows no earlier strains */
 #define DAMPS ((ts_real)0.2)      /* of the ringing: what the active damping takes from the command, a quarter of a period later, */
 #define BROAD ((ts_real)1)        /* behind a filter of twice this damping, */
 #define STIFFEST ((ts_real)0.06)  /* cycles per tick: less of it above, where what is not known of the lag turns it further, */
@@ -202,6 +203,7 @@ void ts_adopt_stage(ts_controller *c, ts_real frequency, ts_real ringing)
         }
     k->started = false;
     damp(c, frequency, dead + c->answered);
+    ts_look_ahead_anew(c);
     ts_keep_command(c);
     if (!again) {
         memset(c->feedback.damped, 0, sizeof c->feedback.damped);
@@ -233,12 +235,13 @@ void ts_forget_stage(ts_controller *c)
     const ts_settings *s = c->settings;
     c->stage.smoothing = s->smoothing;
     if (s->law != TS_LAW_KALMAN) return;
-    bool returns = c->found.known && s->dynamics.known;
+    bool ends = c->found.known, returns = ends && s->dynamics.known;
     c->found.known = false;
     if (returns) return_to_given(c);
     c->stage.resonance = s->resonance;
     c->stage.inertia = inertia_of(s, s->resonance);
     c->law.kalman.filter = s->kalman.filter;
+    if (ends) ts_look_ahead_anew(c);
 }
 
 /* It was not that: the stage is that of the settings, or the resonance alone is known, as before. */
@@ -253,6 +256,7 @@ void ts_give_up_stage(ts_controller *c)
         c->resonance.lag += (ts_real)(c->found.dead - 1);
         c->resonance.ticks = 0;
         ts_adopt_resonance(c, c->stage.resonance, 1);
+        ts_look_ahead_anew(c);
         return;
     }
     ts_forget_stage(c);
@@ -282,6 +286,7 @@ static bool matters(const ts_controller *c)
     if (c->settings->resonance > 0 || c->hold || c->stage.rest > 0) return false;
     if (s->ticks > 0 || s->share > 0 || s->lag > 0 || c->lagged.ticks < 8) return false;
     if (r->windows < 2 || r->variance > CERTAIN * CERTAIN) return false;
+    if (!c->found.known && size_of(r->centre / r->known - 1) > AGREES) return false; /* windows that walk are not noise about it */
     if (c->found.known) {
         ts_real moved = r->known / c->stage.resonance - 1;
         return moved * moved > MOVED * MOVED && moved * moved < FURTHER * FURTHER && moved * moved > 4 * r->variance;
@@ -298,6 +303,21 @@ static bool matters(const ts_controller *c)
     ts_real least = NOISY * noise * noise, large = DOUBT * ts_guard_range(&c->guard, &c->settings->guard);
     if (c->stage.failed && c->guard.kept && least < large * large) least = large * large; /* one that was found was worse than none */
     return r->motion > SLOWEST * r->known && r->power > least;
+}
+
+/* The last strains as the model has them when lag and inertia are in the stage: weights that were in their place would be a step of the
+ * strain, at which the stage of the model rings. */
+static void forget_lag(ts_controller *c)
+{
+    const int *n = c->settings->terms;
+    int place = c->of_plays + n[TS_CREEP];
+    ts_real lag = n[TS_LAG] > 0 ? c->w[place] : 0, inertia = n[TS_INERTIA] > 0 ? c->w[place + n[TS_LAG]] : 0;
+    uint64_t now = c->counters.commands, first = c->lagged.ticks < LATE ? 0 : c->lagged.ticks - LATE;
+    if (first + TS_HISTORY < now) first = now - TS_HISTORY;
+    for (uint64_t k = first; k < now; k++) {
+        const ts_motion *d = &c->motion[k % TS_HISTORY];
+        c->dynamics.strain[k % TS_HISTORY] -= lag * d->zdot_d + inertia * d->zddot_d;
+    }
 }
 
 /* One tick of the estimate: the plays of a tick before the measurement, which is about its dead time. */
@@ -319,6 +339,7 @@ void ts_watch_resonance(ts_controller *c, ts_real z, ts_real error, const ts_mot
     if (!known || !matters(c)) return;
     c->stage.resonance = r->known;
     c->guard.settled = c->guard.settled && c->guard.lost; /* else it was no wrong sensor: there is nothing to return to */
+    forget_lag(c);
     if (!c->found.known) doubt_learned(c, r->known);
     ts_adopt_stage(c, r->known, root_of(r->power));
 }

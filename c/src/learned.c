@@ -41,6 +41,7 @@ static void end_trial(ts_controller *c)
     bool shown = c->oscillation.found && !c->kept.oscillated;
     ts_give_up_stage(c);
     if (!(shown || c->kept.staged || c->kept.begun || c->settings->dynamics.known)) stage_at_best(c);
+    ts_look_ahead_anew(c);
 }
 
 /* Until there are better ones, the first weights are the best. */
@@ -147,10 +148,12 @@ static void recall(ts_controller *c, ts_real offset)
 {
     ts_kalman *k = &c->law.kalman;
     ts_resonance *r = &c->resonance;
+    bool staged = c->found.known;
     c->found.known = c->stage.trial = false;
     c->stage.failed = c->kept.failed;
     c->stage.rest = 0;
     stage_at_best(c);
+    if (staged) ts_look_ahead_anew(c);
     c->oscillation.sign = c->oscillation.regular = 0;
     r->known = r->variance = 0;
     r->windows = r->ticks = 0;

@@ -1,5 +1,6 @@
 """The command: from the desired motion to the voltage, (9) to (14), within slew and limits."""
 
+import dataclasses
 import math
 from collections.abc import Sequence
 
@@ -23,30 +24,29 @@ def acceleration(c: State, zdot_d: float) -> float:
     return float((zdot_d - c.last.motion.zdot_d) / tick) if c.counters["commands"] > 0 and tick > 0 else 0.0
 
 
-def ahead_of(c: State, zdot_d: float, zddot_d: float) -> float:
-    """What the stage asks of the hysteresis beyond z_d, um: 1 / G for slow motion, or the inertia z'' / w0^2.
+def ahead_of(c: State, zdot_d: float, zddot_d: float, tick: int) -> float:
+    """What the stage asks of the hysteresis beyond z_d in this tick, um: 1 / G for slow motion, or the inertia.
 
-    The inertia is within a tenth of the stroke.
+    The inertia is z'' / w0^2, within a tenth of the stroke.
     """
     if c.path is not None and c.stage.found:
-        return ahead_of_found(c, c.path, zdot_d, zddot_d)
+        return ahead_of_found(c, c.path, zdot_d, zddot_d, tick)
     if c.path is not None:
         return float(c.path.lead[0] * zdot_d + c.path.lead[1] * zddot_d)
-    if not c.stage.inertia > 0 or c.counters["commands"] == 0:
+    if not c.stage.inertia > 0 or tick == 0:
         return 0.0
     most = c.settings.stroke / 10
-    change = float(zdot_d - c.last.motion.zdot_d)
+    change = float(zdot_d - c.waiting[tick - 1].motion.zdot_d)
     return min(max(c.stage.inertia * change, -most), most)
 
 
-def ahead_of_found(c: State, path: Stage, zdot_d: float, zddot_d: float) -> float:
+def ahead_of_found(c: State, path: Stage, zdot_d: float, zddot_d: float, tick: int) -> float:
     """What a stage that was found asks of the hysteresis beyond z_d, um: 1 / G up to its fourth derivative.
 
     From the last four velocities: a motion at a third of the resonance turns by up to a quarter of a radian in a
     tick. Where the velocities are noise, or jump, their differences do not fall: there two derivatives are used.
     """
-    now = c.counters["commands"]
-    v = [zdot_d, *[c.waiting[now - i].motion.zdot_d for i in (1, 2, 3)]]
+    v = [zdot_d, *[c.waiting[tick - i].motion.zdot_d for i in (1, 2, 3)]]
     newest, before, oldest = v[0] - v[1], v[1] - v[2], v[2] - v[3]
     second = newest - before
     third = second - (before - oldest)
@@ -97,6 +97,17 @@ def within_limits(c: State, x: float) -> float:
         x = last + slew if x > last else last - slew
     c.saturated = not number or not low <= x <= high
     return min(max(x, low), high)
+
+
+def look_ahead_anew(c: State) -> None:
+    """What the stage that is in the model from now on asks of the last command, too.
+
+    Else the next one, which has what it asks, would jump by that, for `keep_command` keeps what the stage before asked.
+    """
+    tick, motion = c.counters["commands"] - 1, c.last.motion
+    if tick >= 0:
+        motion = motion._replace(ahead=ahead_of(c, motion.zdot_d, motion.zddot_d, tick))
+        c.last = c.waiting[tick] = dataclasses.replace(c.last, motion=motion)
 
 
 def keep_command(c: State) -> None:

@@ -198,7 +198,11 @@ class ReferenceController(Displayed):
             pass_over(c)  # a measurement of it would be too late now
         remember_creep(c, c.now)
         zddot_d = acceleration(c, zdot_d) if zddot_d is None else zddot_d
-        ahead = ahead_of(c, zdot_d, zddot_d) if strain_d is None or c.stage.found else strain_d - z_d
+        ahead = (
+            ahead_of(c, zdot_d, zddot_d, c.counters["commands"])
+            if strain_d is None or c.stage.found
+            else strain_d - z_d
+        )
         motion = Motion(z_d, zdot_d, zddot_d, ahead, moving)
         y_d = wanted_of_plays(c, motion)  # (11)
         c.slopes, c.projected = rate_dependent_slopes(c, zdot_d)  # (7)

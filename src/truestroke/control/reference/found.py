@@ -6,8 +6,8 @@ import numpy as np
 
 from truestroke.control.adaptation import FilteringLaw
 from truestroke.control.guard import FIRST_WAIT
-from truestroke.control.reference.command import keep_command
-from truestroke.control.reference.state import State
+from truestroke.control.reference.command import keep_command, look_ahead_anew
+from truestroke.control.reference.state import HISTORY, State
 from truestroke.control.resonance import shown, tangent
 from truestroke.control.stage import Stage, found
 
@@ -25,9 +25,10 @@ DRIVEN = 0.5  # share of the plays: what our voltage does not drive is of anothe
 ANOTHER = 0.07  # of their first resonance: one that differs by so much is that of another stage
 SLOWEST = 0.025  # of the resonance: a slower motion does not need it
 NOISY = 9  # times the variance of a measurement: nor does a smaller error
-AGREES = 0.05  # with the resonance that the estimate knows: its lag is that of this stage
+AGREES = 0.05  # with the resonance that the estimate knows: its lag is that of this stage, and the last window is of it
 TURNS = 0.2  # radians at the resonance: a smaller lag is a matter of the weights
 MOST_DEAD = 8  # ticks of lag and dead time: TS_MOST_DEAD of the kernel
+LATE = 2 * MOST_DEAD  # ticks before a measurement: its stage knows no earlier strains
 DAMPS = 0.2  # of the ringing: what the active damping takes from the command, a quarter of a period later,
 BROAD = 1.0  # behind a filter of twice this damping,
 STIFFEST = 0.06  # cycles per tick: less of it above, where what is not known of the lag turns it further,
@@ -56,6 +57,8 @@ def forget_stage(c: State) -> None:
     if law is not None:
         stage.resonance, law.filter = c.members["resonance"], c.members["kalman.filter"]
         stage.inertia = inertia_of(c, stage.resonance)
+    if before is not None:
+        look_ahead_anew(c)
 
 
 def adopt_resonance(c: State, law: FilteringLaw, frequency: float, highest: float) -> None:
@@ -130,6 +133,7 @@ def adopt_stage(c: State, law: FilteringLaw, frequency: float, ringing: float) -
         law.separate(place, variance)
     law.stop_filters()
     c.damping = damping(frequency, dead + c.answered)
+    look_ahead_anew(c)
     keep_command(c)
     guard = c.kept.guard
     if not again:
@@ -201,6 +205,7 @@ def give_up_stage(c: State, law: FilteringLaw) -> None:
     c.estimator.ticks = 0
     c.path, stage.found = None, False
     adopt_resonance(c, law, stage.resonance, 1.0)
+    look_ahead_anew(c)
 
 
 def matters(c: State) -> bool:
@@ -214,6 +219,8 @@ def matters(c: State) -> bool:
     if c.sensor.late or c.lagged.ticks < 8:
         return False
     if known.windows < 2 or known.variance > CERTAIN * CERTAIN:
+        return False
+    if not stage.found and abs(known.centre / known.known - 1) > AGREES:  # windows that walk are not noise about it
         return False
     if stage.found:
         moved = known.known / stage.resonance - 1
@@ -234,6 +241,21 @@ def matters(c: State) -> bool:
     return known.motion > SLOWEST * known.known and known.power > least
 
 
+def forget_lag(c: State, law: FilteringLaw) -> None:
+    """The last strains as the model has them when lag and inertia are in the stage.
+
+    Weights that were in their place would be a step of the strain, at which the stage of the model rings.
+    """
+    columns, now = c.settings.columns, c.counters["commands"]
+    lag, inertia = (float(law.weights[columns[name]].sum()) for name in ("lag", "inertia"))
+    for tick in range(max(c.lagged.ticks - LATE, now - HISTORY, 0), now):
+        motion = c.waiting[tick].motion
+        less = lag * motion.zdot_d + inertia * motion.zddot_d
+        c.stage.strain[tick] -= less
+        if c.path is not None and tick in c.path.strain:
+            c.path.strain[tick] -= less
+
+
 def watch_resonance(c: State, z: float, error: float, zdot_d: float, path: Stage | None) -> None:
     """One tick of the estimate: the plays of a tick before the measurement, which is about its dead time."""
     law, tick = c.filtering, c.oscillation.tick
@@ -250,6 +272,7 @@ def watch_resonance(c: State, z: float, error: float, zdot_d: float, path: Stage
         return
     c.stage.resonance, guard = c.estimator.known, c.kept.guard
     guard.settled = guard.settled and guard.lost  # else it was no wrong sensor: there is nothing to return to
+    forget_lag(c, law)
     if not c.stage.found:
         doubt_learned(c, law, c.estimator.known)
     adopt_stage(c, law, c.estimator.known, math.sqrt(c.estimator.power))

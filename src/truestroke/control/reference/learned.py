@@ -5,7 +5,7 @@ import numpy as np
 from truestroke.base.typing import FloatArray
 from truestroke.control.adaptation import LARGEST, FilteringLaw
 from truestroke.control.guard import SWINGS, Action, Guard, Recall
-from truestroke.control.reference.command import keep_command
+from truestroke.control.reference.command import keep_command, look_ahead_anew
 from truestroke.control.reference.found import DOUBT, LASTS, forget_stage, give_up_stage, stage_is_shown
 from truestroke.control.reference.state import Kept, State
 from truestroke.control.reference.terms import through_dead_zones
@@ -68,6 +68,7 @@ def end_trial(c: State, law: FilteringLaw) -> None:
     give_up_stage(c, law)
     if not (shown or c.kept.staged or c.kept.begun or c.members["dynamics.known"]):
         stage_at_best(c, law)
+    look_ahead_anew(c)
 
 
 def watch_kept(c: State, law: FilteringLaw, u: FloatArray, z: float) -> None:
@@ -90,6 +91,7 @@ def watch_kept(c: State, law: FilteringLaw, u: FloatArray, z: float) -> None:
 def recall(c: State, law: FilteringLaw, offset: float) -> None:
     """The kept weights again, moved by this offset, um, and what was known of the stage with them."""
     kept, stage, known = c.kept, c.stage, c.estimator
+    staged = c.path is not None
     if c.path is not None:
         stage.z, c.path, stage.found = c.path.z, None, False
     stage.trial, stage.failed, stage.rest = False, kept.failed, 0.0
@@ -99,6 +101,8 @@ def recall(c: State, law: FilteringLaw, offset: float) -> None:
     law.restore(kept.knowledge)
     law.disturbance = law.caution = 0.0
     stage_at_best(c, law)
+    if staged:
+        look_ahead_anew(c)
     take_weights(c, law, kept.weights, earlier=False)
     move_offset(c, law, offset)
     stage.older = stage.newer = law.weights
