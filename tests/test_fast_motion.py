@@ -170,7 +170,7 @@ def test_strain_of_a_sine_is_its_inverse() -> None:
 def test_dynamics_that_do_not_fit_are_refused() -> None:
     dynamics = Dynamics(sample_rate=RATE, modes=(Mode(frequency=700.0, damping=0.02),))
     known = {"stroke": 24.0, "voltage_limits": LIMITS}
-    with pytest.raises(SettingError, match=r"dynamics.sample_rate = 10000 Hz: must be 5000 Hz.*by `at`"):
+    with pytest.raises(SettingError, match=r"dynamics.sample_rate = 10000 Hz: must be 5000 Hz.*by `Dynamics.at`"):
         AdaptiveController(sample_rate=5000.0, dynamics=dynamics, **known)
     with pytest.raises(SettingError, match=r"dynamics = 3: must be a Dynamics"):
         AdaptiveController(sample_rate=RATE, dynamics=3, **known)  # type: ignore[arg-type]
