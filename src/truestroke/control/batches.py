@@ -319,7 +319,7 @@ def concluded(before: Learned, batch: Measured) -> Steps[Outcome]:
 
 
 def _scaled(law: HarmonicLaw, output: ComplexArray, measured: ComplexArray) -> bool:
-    """The gain is that of a batch; False: its sign is wrong, and it is left."""
+    """The gain is that of a batch; False: its sign is wrong, and it stays."""
     gain = law.gain(output, measured)
     if gain > 0:
         law.scale(gain)
