@@ -29,10 +29,8 @@ LEARNED = 0.8  # times the error: while it falls below from batch to batch, the 
 PATIENCE = 6  # batches, at most
 ALIKE = 0.02  # of the rms of a motion: another one within it is the same, but for amplitude, offset and phase
 CARRIED = 3.0  # times: how much more a correction may become where the period changes
-ABOVE, NOISES = (
-    1.1,
-    2.0,
-)  # times the square of the first error, and of the noise of a sample: a period beyond is too much
+ABOVE = 1.1  # times the square of the first error, and
+NOISES = 2.0  # times that of the noise of a sample: a period beyond their sum is too much
 AT_ONCE, HARMONICS = 2048, 16  # samples of periods, and harmonics of a response, that are worked on in one step
 
 
