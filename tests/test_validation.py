@@ -12,6 +12,7 @@ from truestroke.identification.identified import HeldOut, Trace
 from truestroke.identification.uncertainty import autocorrelation
 from truestroke.identification.validation import Evidence, evidence, verdict
 from truestroke.model.operators import play_history
+from truestroke.plant import StagePlant, StageSettings
 
 RATE = 1000.0
 X = trajectories.random_wave(duration=20.0, sample_rate=RATE, cutoff=3.0, peak_to_peak=4.0, seed=2).position
@@ -48,6 +49,17 @@ def test_hum_is_named_by_its_frequency() -> None:
     assert found.line > 0.9
     assert found.line_hz == pytest.approx(50.0, abs=0.1)
     assert any("one line at 50 Hz" in reason and "average over 20 ms" in reason for reason in reasons)
+
+
+def test_a_stage_that_rings_throughout_is_not_said_to_be_hum_alone() -> None:
+    """80 Hz with a damping of 0.002: the voltage makes the line, and no mode is so narrow in 4 s."""
+    settings = StageSettings(sample_rate=RATE, resonances=(80.0,), dampings=(0.002,), hysteresis_kind="preisach")
+    stage, t = StagePlant(settings, seed=2), np.arange(4000) / RATE
+    stage.open()
+    volts = 1.5 - 1.2 * np.cos(2 * np.pi * 1.5 * t) * (0.6 + 0.4 * np.sin(2 * np.pi * 0.3 * t))
+    volts += 0.1 * (t > 1.3) - 0.15 * (t > 2.6)
+    found = identify(Record.from_arrays(volts, stage.exchange(volts), sample_rate=RATE)).verdict
+    assert any("one line at 80 Hz" in reason and "a stage that rings" in reason for reason in found.reasons)
 
 
 def test_an_error_in_step_with_the_motion_is_no_hum() -> None:

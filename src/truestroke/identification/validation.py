@@ -31,7 +31,7 @@ WORSE = 2.0  # times the error in the fitted part
 CORRELATED = 0.5  # of the autocorrelation, beyond lag 0
 OSCILLATES = -0.3  # and within this share of a stroke
 WITHIN = 0.3
-LINE_SHARE, LINE_ABOVE = 0.5, 5.0  # of the error's mean square, and times the frequency of the strokes: hum
+LINE_SHARE, LINE_ABOVE = 0.5, 5.0  # of the error's mean square, and times the frequency of the strokes: not motion
 EXPLAINED = 0.25  # of the error's variance, by one of voltage, velocity and history
 BEATEN = (
     0.5,
@@ -319,8 +319,9 @@ def _of_whiteness(found: Evidence, findings: Findings) -> Iterator[tuple[Level, 
     if found.line > LINE_SHARE and found.line_hz > LINE_ABOVE / (2 * stroke):
         yield (
             "doubtful",
-            f"{100 * found.line:.0f} % of the error is one line at {found.line_hz:.4g} Hz, which no motion makes: hum, "
-            f"or a floor that shakes. Shield the sensor, or average over {_seconds(1 / found.line_hz)}.",
+            f"{100 * found.line:.0f} % of the error is one line at {found.line_hz:.4g} Hz: hum, a floor that shakes, "
+            f"or a stage that rings. Record at rest: if it is there, shield the sensor, or average over "
+            f"{_seconds(1 / found.line_hz)}; if not, record for longer, so that the ringing ends within a tenth of it.",
         )
         return
     least, lag = found.least_autocorrelation, found.least_autocorrelation_s
