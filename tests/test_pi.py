@@ -166,6 +166,8 @@ def test_two_axes_play_at_once_each_from_and_to_its_safe_voltage(fake: Fake) -> 
     with pytest.raises(SettingError, match=r"^channels of the driver = 2: must be as many as waveforms, 1"):
         playback(driver, volts[0], 2000.0, **limits)
     assert fake.volts == [5.0, 5.0]
+    with pytest.raises(SettingError, match=r"^volts = .* must be an array of numbers, rows of one length"):
+        playback(driver, [volts[0], volts[1][:-1]], 2000.0, **limits)
     with pytest.raises(SettingError, match=r"^volts = waveforms of 2 channels: must be one"):
         playback(Card(), volts, 2000.0, voltage_limits=(-20.0, 120.0), slew=5000.0)
 

@@ -237,8 +237,8 @@ def signal(argument: str, value: npt.ArrayLike, unit: str = "") -> FloatArray:
     return _array(np.ascontiguousarray, argument, value, unit, 1)
 
 
-def finite_array(argument: str, value: npt.ArrayLike, unit: str = "", ndim: int = 1) -> FloatArray:
-    """An array of finite numbers with `ndim` axes."""
+def finite_array(argument: str, value: npt.ArrayLike, unit: str = "", ndim: int | tuple[int, int] = 1) -> FloatArray:
+    """An array of finite numbers with `ndim` axes, or one of two numbers of axes."""
     result = _array(np.asarray, argument, value, unit, ndim)
     bad = np.flatnonzero(~np.isfinite(result))
     if bad.size:
@@ -246,12 +246,17 @@ def finite_array(argument: str, value: npt.ArrayLike, unit: str = "", ndim: int 
     return result
 
 
-def _array(make: Callable[..., FloatArray], argument: str, value: npt.ArrayLike, unit: str, ndim: int) -> FloatArray:
+def _array(
+    make: Callable[..., FloatArray], argument: str, value: npt.ArrayLike, unit: str, ndim: int | tuple[int, int]
+) -> FloatArray:
     """What `make` makes of the value, with `ndim` axes."""
+    allowed = (ndim,) if isinstance(ndim, int) else ndim
     try:
         result = make(value, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
-        raise SettingError(argument, described(value), "an array of numbers", unit) from None
-    if result.ndim != ndim:
-        raise SettingError(argument, f"array of shape {result.shape}", f"an array with {ndim} axis", unit)
+        rows = ", rows of one length" if max(allowed) > 1 else ""
+        raise SettingError(argument, described(value), f"an array of numbers{rows}", unit) from None
+    if result.ndim not in allowed:
+        axes = " or ".join(map(str, allowed)) + (" axis" if len(allowed) == 1 else " axes")
+        raise SettingError(argument, f"array of shape {result.shape}", f"an array with {axes}", unit)
     return result

@@ -132,7 +132,7 @@ def playback(
     DriverError
         The hardware failed.
     """
-    waves = np.atleast_2d(checks.finite_array("volts", volts, "V", ndim=2 if np.ndim(volts) == 2 else 1))
+    waves = np.atleast_2d(checks.finite_array("volts", volts, "V", ndim=(1, 2)))
     limits = Limits(voltage_limits=voltage_limits, slew=slew, safe_voltage=safe_voltage)
     if waves.shape[1] < 2:
         raise SettingError("volts", f"array of {waves.shape[1]} samples", "at least two samples", "V")
