@@ -34,7 +34,7 @@ FEWEST = 20  # samples in each part
 STEPS = 2  # Gauss-Newton
 RESONATES = 0.9  # of the rmse of cross-validation: modes of the stage must lower it so far
 BRANCHES_GAIN = 0.9  # of the residual without branches: with them it must be below
-SEARCHES = 4  # for modes, each behind a model that was fitted with those of the one before
+SEARCHES = 8  # for modes at most, each behind a model that was fitted with those of the one before
 
 
 @dataclass(frozen=True, eq=False)
@@ -345,7 +345,8 @@ def _resonances(
     if np.count_nonzero(searched.fitted(structure.rested)) < FEWEST:
         return None
     pull = weight * searched.displacement.size / data.displacement.size
-    dynamics = _searched(s, searched, partial(_strain, structure=structure, weight=pull, guess=guess), start)
+    fit = partial(_strain, structure=structure, weight=pull, guess=guess)
+    dynamics = _searched(s, searched, 0 if structure.rested else searched.settled * searched.every, fit, start)
     if dynamics is None:
         return None
     data = dataclasses.replace(data, dynamics=dynamics)
@@ -359,20 +360,28 @@ def _resonances(
     return dynamics, structure, weight, guess, (*tried, *more)
 
 
-def _searched(s: Series, data: Data, strain: Callable[[Data], FloatArray], found: Dynamics | None) -> Dynamics | None:
-    """The modes that the samples of `data` show beyond those that were found, each behind a model with those before."""
+def _searched(
+    s: Series, data: Data, first: int, strain: Callable[[Data], FloatArray], found: Dynamics | None
+) -> Dynamics | None:
+    """The modes that the samples of `data` from the first on show beyond those that were found.
+
+    Each is found behind a model with those before.
+    """
     n = data.volts.size
-    for _ in range(SEARCHES):
-        search = ModeSearch(
-            strain(dataclasses.replace(data, dynamics=found)),
-            s.displacement[:n] - data.zero,
-            s.known[:n],
-            s.sample_rate,
-        )
-        last, found = found, search.run(found)
-        if found is None or (last is not None and len(last.modes) == len(found.modes)):
+    known, z = s.known[:n] & (np.arange(n) >= first), s.displacement[:n] - data.zero
+
+    def search(behind: Dynamics | None, narrow: bool) -> ModeSearch:
+        return ModeSearch(strain(dataclasses.replace(data, dynamics=behind)), z, known, s.sample_rate, narrow)
+
+    for narrow in (True, False):
+        made, more = found, True
+        for _ in range(SEARCHES):
+            made, more = search(made, narrow).run(made)
+            if not more:
+                break
+        if made is None or not narrow or not search(made, narrow).hums(made):
             break
-    return found
+    return made
 
 
 def _excerpt(s: Series, samples: int, of: Data) -> Data:

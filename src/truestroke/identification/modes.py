@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import math
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -17,8 +19,13 @@ CANDIDATES = 160  # frequencies at which a mode is looked for
 PERIODS = 20.0  # of the lowest mode in the record, at least
 SLOWEST = 2.01e-3  # Hz: a search goes down to half of it, the lowest frequency of a `Mode`
 START = 0.03  # damping of a candidate
+RINGS = 2.0  # times the strain: more of a line is that of a mode which rings
+NARROW = (0.0007, 0.0013, 0.0025, 0.005, 0.01)  # damping of candidates at such a line
 DAMPING = 5e-4, 0.5
 WIDTH = 3.0  # lines of the record's spectrum: a mode that is narrower may be hum, whose phase nothing in a motion knows
+AROUND = 8  # lines on each side of such a mode's, in which it is compared with hum
+STEADILY = 3  # coefficients of a polynomial in time: of amplitude and phase of hum
+DRIVEN = 0.25  # of the square there, which a mode leaves at most: fitted to hum it leaves a half and more
 SHARE = -0.5, 1.2  # of a mode
 NEAR = 1.12  # how far a frequency may move in a search, as a ratio; modes are not found twice within it
 FIRST = 2.5  # the same of the only mode, which a static model hides
@@ -42,30 +49,43 @@ class ModeSearch:
         Which samples are judged.
     sample_rate : float
         Hz.
+    narrow : bool
+        Whether modes as narrow as a line of the spectrum are taken: then ask whether they hum.
     """
 
     def __init__(
-        self, strain: FloatArray, displacement: FloatArray, known: npt.NDArray[np.bool_], sample_rate: float
+        self,
+        strain: FloatArray,
+        displacement: FloatArray,
+        known: npt.NDArray[np.bool_],
+        sample_rate: float,
+        narrow: bool = True,
     ) -> None:
         self.strain, self.z, self.known = strain[:ROWS], displacement[:ROWS], known[:ROWS]
-        self.rate = sample_rate
+        self.rate, self.narrow = sample_rate, narrow
         self._last: dict[tuple[float, float, float], FloatArray] = {}
         self.lowest = max(PERIODS * sample_rate / self.strain.size, SLOWEST)
         self.highest = 0.99 * SEEN * sample_rate
 
-    def run(self, found: Dynamics | None = None) -> Dynamics | None:
+    def run(self, found: Dynamics | None = None) -> tuple[Dynamics | None, bool]:
         """The modes that were found with another strain, fitted anew, and one more if it lowers the residual.
 
-        None where there was none and none does.
+        None where there was none and none does. And whether another search, behind a model that was fitted with these
+        modes, would find more: it has another strain.
         """
         least = float(np.std((self.z - self.strain)[self.known]))
         if found is not None:
+            before = float(np.sqrt(np.mean(self._off(_vector(found)) ** 2)))
             again, least = self._refined(_vector(found))
-            found = again or found
+            if again is not None:
+                found = again
+                if least < LOWER * before:  # first where they are, and then whether there are more
+                    return found, True
         if self.highest < 1.5 * self.lowest or (found is not None and len(found.modes) == MODES):
-            return found
+            return found, False
         made, rms = self._refined(self._next(found))
-        return made if made is not None and rms < (LOWER if found else FIRST_LOWER) * least else found
+        taken = made is not None and rms < (LOWER if found else FIRST_LOWER) * least
+        return (made, True) if taken else (found, False)
 
     def _next(self, found: Dynamics | None) -> FloatArray:
         """One mode more, where the spectrum of the residual has most of it: the search starts there."""
@@ -79,27 +99,45 @@ class ModeSearch:
 
         U, E = spectrum(self.strain), spectrum(self.z - made)
         base = np.ones_like(U) if found is None else sum(m.response(2j * math.pi * f) for m in found.modes)
-        best, least = (0.0, 0.0), math.inf
-        candidates = np.geomspace(self.lowest, self.highest, CANDIDATES)
-        for mode in () if found is None else found.modes:
-            candidates = candidates[np.abs(np.log(candidates / mode.frequency)) > 2 * math.log(NEAR)]
-        for candidate in candidates:
-            column = (Mode(frequency=candidate, damping=START).response(2j * math.pi * f) - base) * U
+        modes = () if found is None else found.modes
+        candidates = self._apart(np.geomspace(self.lowest, self.highest, CANDIDATES), modes)
+        columns = (
+            (c, START, (Mode(frequency=c, damping=START).response(2j * math.pi * f) - base) * U) for c in candidates
+        )
+        rung = (
+            (c, damping, spectrum(self._behind(c, damping, 0.0) + self.strain[0] - made))
+            for c in (self._apart(self._line(f, U, E), modes) if self.narrow else ())
+            for damping in NARROW
+        )
+        best, least = (0.0, START, 0.0), math.inf
+        for candidate, damping, column in itertools.chain(columns, rung):
             # the only mode has all of the motion
             share = 1.0 if found is None else float(np.vdot(column, E).real / np.vdot(column, column).real)
             rest = float(np.sum(np.abs(E - share * column) ** 2))
             if rest < least:
-                least, best = rest, (float(candidate), float(np.clip(share, -0.9, 0.9)))
+                least, best = rest, (candidate, damping, float(np.clip(share, -0.9, 0.9)))
+        frequency, damping, share = best
         if found is None:
-            return np.array([math.log(best[0]), math.log(START), 0.5])
-        f_, damping, shares, delay = _parts(_vector(found))
-        shares = np.append(shares[1:] * (1 - best[1]), best[1])
-        return np.concatenate([np.log([*f_, best[0]]), np.log([*damping, START]), shares, [delay]])
+            return np.array([math.log(frequency), math.log(damping), 0.5])
+        f_, dampings, shares, delay = _parts(_vector(found))
+        shares = np.append(shares[1:] * (1 - share), share)
+        return np.concatenate([np.log([*f_, frequency]), np.log([*dampings, damping]), shares, [delay]])
+
+    def _apart(self, frequencies: FloatArray, modes: tuple[Mode, ...]) -> list[float]:
+        """Those that are not near a mode, Hz."""
+        away = 2 * math.log(NEAR)
+        return [float(f) for f in frequencies if all(abs(math.log(f / mode.frequency)) > away for mode in modes)]
+
+    def _line(self, f: npt.NDArray[np.floating[Any]], U: ComplexArray, E: ComplexArray) -> FloatArray:
+        """Frequencies about the strongest line of the residual that the strain does not have: a mode rings there."""
+        power = np.abs(E) ** 2 * (np.abs(E) > RINGS * np.abs(U)) * (f >= self.lowest) * (f <= self.highest)
+        top, line = int(power.argmax()), self.rate / self.strain.size
+        return float(f[top]) + line * np.array([-0.4, 0.0, 0.4]) if power[top] > 0.0 else np.empty(0)
 
     def _refined(self, start: FloatArray) -> tuple[Dynamics | None, float]:
         """The numbers with the least sum of squares, beside an offset, and the rms of the residual, um.
 
-        None where they have no stable inverse, or may be hum.
+        None where they have no stable inverse, or are narrow and not asked for.
         """
         from scipy.optimize import least_squares
 
@@ -115,12 +153,16 @@ class ModeSearch:
         return self._dynamics(found.x), float(np.sqrt(np.mean(found.fun**2)))
 
     def _off(self, vector: FloatArray) -> FloatArray:
-        """Residual of the modes, um: the same as of `stage.through`, ten times faster."""
+        """Residual of the modes in the known samples, um."""
+        rest = self._rest(vector)[self.known]
+        return np.asarray(rest - rest.mean())
+
+    def _rest(self, vector: FloatArray) -> FloatArray:
+        """The same of all samples, beside an offset: as of `stage.through`, ten times faster."""
         f, damping, shares, delay = _parts(vector)
         modes = zip(f.tolist(), damping.tolist(), strict=True)
         made = sum(share * self._behind(*mode, delay) for share, mode in zip(shares.tolist(), modes, strict=True))
-        rest = (self.z - self.strain[0] - made)[self.known]
-        return np.asarray(rest - rest.mean())
+        return np.asarray(self.z - self.strain[0] - made)
 
     def _behind(self, frequency: float, damping: float, delay: float) -> FloatArray:
         """The strain above its start behind dead time and one mode; the last few are kept, for derivatives."""
@@ -128,17 +170,53 @@ class ModeSearch:
 
         key = frequency, damping, delay
         if key not in self._last:
-            w, ticks = 2 * math.pi * frequency / self.rate, np.arange(self.strain.size)
-            above = np.interp(ticks - delay, ticks, self.strain) - self.strain[0]
-            self._last[key] = np.asarray(lfilter(*_of_lines(w, damping), above))
+            w = 2 * math.pi * frequency / self.rate
+            self._last[key] = np.asarray(lfilter(*_of_lines(w, damping), self._late(delay)))
             if len(self._last) > KEPT:
                 self._last.pop(next(iter(self._last)))
         return self._last[key]
 
+    def _late(self, delay: float) -> FloatArray:
+        """The strain above its start behind dead time."""
+        ticks = np.arange(self.strain.size)
+        return np.asarray(np.interp(ticks - delay, ticks, self.strain) - self.strain[0])
+
+    def hums(self, found: Dynamics) -> bool:
+        """Whether a mode as narrow as a line of the spectrum may be hum.
+
+        A mode rings when the motion shakes it, and decays: it is one where it explains nearly all near its frequency.
+        Hum goes on, and nothing in the motion knows its phase. Nor is it a mode where a line whose amplitude and phase
+        change slowly explains more.
+        """
+        vector, size = _vector(found), self.strain.size
+        f, damping, shares, delay = _parts(vector)
+        for k in np.flatnonzero(self._narrow(f, damping)).tolist():
+            still = shares[k] * (self._late(delay) - self._behind(float(f[k]), float(damping[k]), delay))
+            left, ticks = self._rest(vector), np.arange(size)
+            line = round(f[k] * size / self.rate)
+            turning = np.exp(2j * math.pi * line * ticks / size)
+            hum = [turning * (ticks / size - 0.5) ** power for power in range(STEADILY)]
+            mode, other, *columns = (self._near(line, x) for x in (left, left - still, *hum))
+            A = np.column_stack(columns)
+            beside = other - A @ np.linalg.lstsq(A, other, rcond=None)[0]
+            of_mode, of_hum, of_all = (np.vdot(x, x).real for x in (mode, beside, other))
+            if of_mode > min(DRIVEN * of_all, of_hum):
+                return True
+        return False
+
+    def _narrow(self, f: FloatArray, damping: FloatArray) -> npt.NDArray[np.bool_]:
+        return np.asarray(2 * damping * f < WIDTH * self.rate / self.strain.size)
+
+    def _near(self, line: int, x: npt.NDArray[Any]) -> ComplexArray:
+        """Spectrum of the known samples about a line."""
+        window = np.hanning(x.size) * self.known
+        spectrum = np.fft.fft(window * (x - x[self.known].mean()))
+        return np.asarray(spectrum[max(line - AROUND, 0) : line + AROUND + 1])
+
     def _dynamics(self, vector: FloatArray) -> Dynamics | None:
         """As the controller takes them; None where they have no stable inverse, are too near each other, or narrow."""
         f, damping, shares, delay = _parts(vector)
-        if np.any(2 * damping * f < WIDTH * self.rate / self.strain.size):
+        if not self.narrow and np.any(self._narrow(f, damping)):
             return None
         modes = [
             Mode(frequency=float(a), damping=float(b), share=float(c) or 1e-9)
