@@ -55,6 +55,20 @@ def test_a_correct_record_raises_none_at_any_rate_and_stroke(
     assert asked(written(tmp_path, x, z, rate=50.0)) == ()
 
 
+@pytest.mark.parametrize(("bits", "digits"), [(16, 5), (12, 4)])
+def test_the_steps_of_a_converter_are_those_of_volts(
+    good: tuple[FloatArray, FloatArray], tmp_path: Path, bits: int, digits: int
+) -> None:
+    """A sensor of 5 um/V that is labelled um; a step of 0.001 um is one of a file."""
+    x, z = good
+    step = 20.0 / 2**bits
+    volts = np.round(step * np.round((z + 0.02 * noise(2)) / 5 / step), digits)
+    (text,) = asked(written(tmp_path, x, volts))
+    assert f"in steps of {step:.6g} um" in text
+    assert asked(tmp_path / "a.csv", displacement_unit="um") == ()
+    assert asked(written(tmp_path, x, np.round(z / 5 + 0.002 * noise(2), 3))) == ()
+
+
 def test_without_hysteresis_it_is_a_command_or_a_closed_loop(good: tuple[FloatArray, FloatArray]) -> None:
     x, z = good
     late = 0.15 * np.concatenate([[x[0]] * 2, 0.5 * (x[1:-1] + x[:-2])])
@@ -156,5 +170,5 @@ def test_stamps_that_count_rows_or_make_hours(good: tuple[FloatArray, FloatArray
 def test_a_record_of_a_day_has_no_modes_that_are_too_slow_for_one() -> None:
     """A sample in 20 minutes."""
     strain = np.cos(np.arange(400) / 9.0)
-    assert ModeSearch(strain, strain + 0.1 * np.roll(strain, 1), np.ones(400, dtype=bool), 8e-4).run() is None
+    assert ModeSearch(strain, strain + 0.1 * np.roll(strain, 1), np.ones(400, dtype=bool), 8e-4).run() == (None, False)
     assert math.isfinite(ModeSearch(strain, strain, np.ones(400, dtype=bool), 0.1).lowest)

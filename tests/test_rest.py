@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from benchmarks import foreign_records as foreign
 
-from truestroke.identification import identify, select, uncertainty
+from truestroke.identification import identify, score, select, uncertainty
 from truestroke.identification.identified import _data
-from truestroke.identification.rest import over_motion
+from truestroke.identification.rest import from_step, over_motion
 from truestroke.identification.series import first_known, series
 
 FS = 200.0
@@ -90,3 +90,30 @@ def test_0_volts_after_motion_is_no_rest(hysteresis, unit):
 
 def test_a_bias_is_no_rest():
     assert not taken_for_rest(stack(0.5 + 0.5 * TRIANGLES, ()))
+
+
+# ---- A record that begins with the answer to a step ------------------------------------------------------------------
+
+
+def switched_on(tau, since=0):
+    """A sine of 1 Hz that a rested stack answers 1.3 rows and a lag of tau, s, later; so many rows since it began."""
+    share = np.concatenate([[0.0], 0.5 + 0.5 * np.sin(2 * np.pi * foreign.clock(16.0, FS))])
+    rng = np.random.Generator(np.random.PCG64(8))
+    strain = foreign.late(np.arange(share.size), foreign.stop_elements(share, rng), 1.3)
+    y = 20 * foreign.lagged(strain, FS, tau)[1 + since :]
+    return 3.6 * share[1 + since :], y + 0.005 * rng.standard_normal(y.size), FS
+
+
+def test_the_step_at_the_start_is_in_the_model():
+    """With the record as it is dead time, lag and creep would have been at rest at 1.8 V; 3.7 um are missed."""
+    found = identify(switched_on(0.015))
+    again = score(found.model, switched_on(0.015))
+    assert found.trace.volts[0] == 0.0
+    assert again.start_rmse_um < 0.2
+    assert found.held_out.rmse_percent < 0.2
+
+
+@pytest.mark.parametrize("record", [switched_on(1e-5), switched_on(0.015, 20)], ids=["fast", "later"])
+def test_no_step_is_seen_where_none_was_answered_in_the_record(record):
+    taken = series(record)
+    assert from_step(taken) is taken

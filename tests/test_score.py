@@ -43,6 +43,15 @@ def test_a_model_that_is_bad_on_its_own_record_is_not_good_on_another(model):
     assert any("own record is bad" in reason for reason in score(bad, day(2)).verdict.reasons)
 
 
+def test_an_error_that_is_not_that_of_the_sensor_is_not_good(model):
+    """However large the residual of the model's own record: 0.3 um here, of which 0.01 um are noise."""
+    volts, moved, fs = day(1)
+    poor = model.replace(noise=0.3)
+    found = score(poor, (volts, moved + 0.3 * np.sin(volts), fs))
+    assert found.verdict.level == "doubtful"
+    assert any("the sensor's noise of " in reason for reason in found.verdict.reasons)
+
+
 def test_an_offset_that_is_given_is_taken(model):
     given = score(model, day(2, zero=1.1), offset=0.0)
     assert not given.estimated

@@ -85,26 +85,36 @@ def _derivative(model: ActuatorModel, x: FloatArray, fs: float, every: int) -> F
     return np.asarray(J / np.maximum(slope, 0.1)[:, None])
 
 
-def apart(model: ActuatorModel, volts: FloatArray, sample_rate: float) -> FloatArray:
+def apart(
+    model: ActuatorModel, volts: FloatArray, sample_rate: float, predicted: FloatArray | None = None
+) -> FloatArray:
     """Variance by which plays alone predict otherwise than branches do, um^2, shape (samples,).
 
     The square of their difference, beyond that in the record: noise^2 of the plays less noise^2 of the branches, times
-    `USUAL`^2. Branches follow a record more closely, and may be wrong where it has not been.
+    `USUAL`^2. Branches follow a record more closely, and may be wrong where it has not been. `predicted` is what the
+    model predicts, where that is known.
     """
     if model.plain is None:
         return np.zeros_like(volts)
-    differs = model.predict(volts, sample_rate) - model.plain.predict(volts, sample_rate)
+    predicted = model.predict(volts, sample_rate) if predicted is None else predicted
+    differs = predicted - model.plain.predict(volts, sample_rate)
     usual = max(model.plain.noise**2 - model.noise**2, 0.0)
     return np.asarray(np.maximum(differs**2 - USUAL**2 * usual, 0.0))
 
 
-def half_width(model: ActuatorModel, volts: FloatArray, sample_rate: float, zero: FloatArray) -> FloatArray:
+def half_width(
+    model: ActuatorModel,
+    volts: FloatArray,
+    sample_rate: float,
+    zero: FloatArray,
+    predicted: FloatArray | None = None,
+) -> FloatArray:
     """Of the 95 % interval, um, shape (samples,), with the variance of the zero, um^2.
 
-    The factor of the motion is that of cross-validation.
+    The factor of the motion is that of cross-validation; `predicted` as of `apart`.
     """
     motion = model.coverage_factor**2 * of_motion(model, volts, sample_rate)
-    branches = COVERED**2 * apart(model, volts, sample_rate)
+    branches = COVERED**2 * apart(model, volts, sample_rate, predicted)
     return np.asarray(np.sqrt(motion + branches + OF_ZERO**2 * zero))
 
 

@@ -21,6 +21,7 @@ from truestroke.identification.modes import ModeSearch
 from truestroke.identification.record import Record, as_record
 from truestroke.identification.regression import ROWS, Data, Structure
 from truestroke.identification.response import Response, find_response
+from truestroke.identification.rest import from_step
 from truestroke.identification.select import Tried, choose, choose_branches, coarse_delay, first_prediction, with_this
 from truestroke.identification.series import Series, series
 from truestroke.identification.validation import Evidence
@@ -217,7 +218,7 @@ def identify(
     (0.0, array([ 0., 10.]))
     """
     record = as_record(record) if isinstance(record, Recording) else record
-    taken = series(record)
+    taken = from_step(series(record))
     if rate is not None:
         checks.flag("rate", rate)
     if findings is not None:
@@ -241,11 +242,13 @@ def identify(
         if shown:
             shown(1, 2)
         final, tried, response = _found(taken, taken.volts.size, known, fixed, start=part.model.dynamics)
-    predicted = part.model.predict(taken.volts, fs) + part.drift(taken.volts.size)
+    of_model = part.model.predict(taken.volts, fs)
+    width = _half_width(part.model, taken, train, of_model)
+    predicted = of_model + part.drift(taken.volts.size)
     moved = zeros.ahead(taken, predicted, train)
     predicted += moved
     last = np.arange(taken.volts.size) >= train
-    trace = Trace(**vars(taken), predicted=predicted, half_width=_half_width(part.model, taken, train), held_out=last)
+    trace = Trace(**vars(taken), predicted=predicted, half_width=width, held_out=last)
     test, residual = _held_out(trace, moved), final.residual
     white = uncertainty.autocorrelation(residual), uncertainty.effective_samples(residual)
     findings = examine(_examined(record, taken)) if findings is None else findings
@@ -442,7 +445,7 @@ def _held_out(trace: Trace, moved: FloatArray) -> HeldOut:
     return HeldOut(rmse, maximum, 100 * rmse / stroke, 100 * maximum / stroke, error.size, coverage, zero)
 
 
-def _half_width(model: ActuatorModel, s: Series, train: int) -> FloatArray:
+def _half_width(model: ActuatorModel, s: Series, train: int, predicted: FloatArray) -> FloatArray:
     """Half width of the 95 % interval of a trace, um: the zero walks from the end of the first part on.
 
     It walks anew from each of `Series.breaks` on, where it is estimated. After another gap that is longer than the
@@ -456,7 +459,7 @@ def _half_width(model: ActuatorModel, s: Series, train: int) -> FloatArray:
     zero = model.walk**2 * since
     offset = model.columns["offset"].start
     zero[apart] += model.another_day()[offset, offset]
-    return interval.half_width(model, s.volts, s.sample_rate, zero)
+    return interval.half_width(model, s.volts, s.sample_rate, zero, predicted)
 
 
 def _documented(fit: Fit, held_out: HeldOut, s: Series, verdict: Verdict) -> ActuatorModel:

@@ -24,7 +24,7 @@ SOON, TARDY = 50e-6, 0.1  # s: an amplifier or a sensor is later than the first,
 SHOWN = 0.25  # rows: to which reversals show a delay
 LONG, SLOW = 9000.0, 200.0  # s of motion, and Hz: few records are longer; one of 10 s in ms that are taken for s is
 ALIASED = 3.5  # rows in a stroke; correct records of noise have 5 at least
-COUNTED = 1000  # stamps that are looked at
+COUNTED = 1000  # stamps or values that are looked at
 STRAIGHT = 0.5  # % of the stroke that a linear filter leaves: actuators leave 1 to 8, set-points of a loop 0.36 at most
 FILTER = 9, 0.25  # lags of the filter at most, each twice the one before, and the longest, of a stroke
 ROWS = 50_000  # that it is fitted to
@@ -37,6 +37,8 @@ MONITOR = re.compile(r"\bmon(itor)?\b|[_ ]mon(itor)?([_ ]|$)|^mon", re.IGNORECAS
 CONVERTER = 10.5  # V: most converters of a sensor end at 10
 LIMITED, FREE = 0.012, 2.0  # of the rows at one largest speed, and times the voltage's speeds differ in them
 NEAR_TOP, FEWEST_AT_TOP = 0.05, 20  # of that speed, and rows
+BITS = range(10, 19)  # of a converter of 20 V
+ON_STEP, ON_STEPS = 0.1, 0.99  # of a step: a value on it, but for the digits of a text; and share of the values
 WHOLE = 100  # different values, all of them whole numbers
 NORMALISED = (0.0, 1.0), (0.0, 100.0), (-1.0, 1.0)  # which no sensor with noise hits at both ends
 LEVEL = 8.0  # times the noise: so wide is a level at which a signal stays
@@ -160,6 +162,12 @@ def _of_displacement_unit(record: Record, found: Findings) -> Iterator[str]:
             f"the displacement is exactly from {found.displacement_um[0]:g} to {found.displacement_um[1]:g}: is it "
             "normalised? State the um of 1 of it (`displacement_scale`)"
         )
+    elif not moved.asked and moved.unit == "um" and (step := _of_converter(record.displacement)):
+        yield (
+            f"the displacement stays within +-10 um in steps of {step:.6g} um, as the volts of a converter of 20 V do "
+            "in steps of a power of two: are they a sensor's V? State the unit (`displacement_unit`), or its um/V "
+            "(`displacement_scale`)"
+        )
     elif not moved.stated and max(map(abs, found.displacement_um)) <= CONVERTER:
         yield (
             "the displacement has no unit, and stays within +-10 as the volts of a sensor do: is it in um? State its "
@@ -173,6 +181,25 @@ def _of_displacement_unit(record: Record, found: Findings) -> Iterator[str]:
         yield f"{stroke:.3g} um for {span:.3g} V is {what}: is its unit right? State it (`displacement_unit`)"
     elif volts.unit == "mV" and not volts.asked and span < MILLIVOLTS[0] and gain > MILLIVOLTS[1]:
         yield f"{1e3 * span:.3g} mV move {stroke:.3g} um: is the voltage in V? State its unit (`volts_unit`)"
+
+
+def _of_converter(values: FloatArray) -> float:
+    """The step of a converter of 20 V, or of 10 V, in which these values stay, if all of them are on it; else 0.
+
+    Examples
+    --------
+    >>> moved = 3.0 + np.sin(np.arange(3000) / 50.0)
+    >>> [round(_of_converter(step * np.round(moved / step)), 6) for step in (20 / 65536, 3e-4)]
+    [0.000305, 0.0]
+    """
+    few = values[:: -(-values.size // COUNTED)]
+    for bits in BITS if np.abs(values).max() <= CONVERTER else ():
+        step: float = 20.0 / (1 << bits)
+        counts = few / step
+        whole = np.round(counts)
+        if np.mean(np.abs(counts - whole) < ON_STEP) > ON_STEPS and np.unique(whole).size > WHOLE:
+            return step
+    return 0.0
 
 
 def _whole(values: FloatArray) -> bool:

@@ -8,6 +8,7 @@ import numpy as np
 from truestroke.base.typing import FloatArray
 from truestroke.identification import normal
 from truestroke.identification.regression import Data, Structure, even_thresholds
+from truestroke.identification.series import Series
 
 NEAR_ZERO = 0.02  # of the voltage range: a record that starts nearer to 0 V may start at rest
 ROWS = 3000  # of the comparison at most
@@ -15,6 +16,9 @@ PLAYS, REACH = 24, 0.48  # of a start in the midst of motion; the reach in volta
 FROM_REST = (16, 0.6), (16, 0.9), (32, 0.9)  # the same from rest: the first rise moves wider plays
 CREEP_TIMES = (0.03, 0.3, 3.0)  # s
 PADDED = 2  # rows between the motion that is supposed and the record
+ANSWERED = 5.0  # lags after a step
+STEPPED = 0.1  # of the range: a smaller step before the first row is not seen
+LOWER = 0.15  # of the stroke: a rest at 0 V is so near the displacement at 0 V within motion
 
 
 def over_motion(data: Data, guess: FloatArray, variance: float) -> float:
@@ -48,6 +52,48 @@ def over_motion(data: Data, guess: FloatArray, variance: float) -> float:
     return float(np.sqrt(rested / max(found, 1e-300)))
 
 
+def begins_with_step(x: FloatArray) -> bool:
+    """Whether the voltage jumps between the first two rows."""
+    return bool(abs(x[1] - x[0]) > STEPPED * np.ptp(x))
+
+
+def from_step(s: Series) -> Series:
+    """The record with a row at rest at 0 V before its first, if the answer to a step from there begins with the record.
+
+    Amplifier and actuator were at 0 V, and recording began with the motion: at the first row the displacement is that
+    of 0 V, and goes faster and faster towards that of the voltage. Without the row before, dead time, lag and creep
+    would be at rest at a voltage at which they have not been. Of an answer that is under way the rest is not known.
+
+    Examples
+    --------
+    >>> x = 1.0 + np.sin(np.arange(4000) / 50.0 - 0.2)
+    >>> lagging = 10.0 * x - 8.0 * np.exp(-np.maximum(np.arange(4000) - 0.5, 0.0) / 4.0)
+    >>> known = np.ones(4000, dtype=bool)
+    >>> [from_step(Series(np.arange(4000.0), x, z, known, 1.0, "", ())).volts.size for z in (10.0 * x, lagging)]
+    [4000, 4001]
+    """
+    x, z = s.volts, s.displacement
+    span, stroke = float(np.ptp(x)), float(np.ptp(z))
+    at_zero = np.abs(x) < NEAR_ZERO * span
+    alike = np.abs(x - x[0]) < NEAR_ZERO * span
+    alike[: 1 + int(np.argmin(alike))] = False  # but for the first rows, until the voltage has left
+    if abs(x[0]) < STEPPED * span or not s.known[:3].all() or not (at_zero & s.known).any() or not alike.any():
+        return s
+    sign = 1.0 if x[0] > 0 else -1.0
+    first, second, third = (sign * z[:3]).tolist()
+    least, zero = float((sign * z[alike]).min()) - STEPPED * stroke, float(np.median(sign * z[at_zero & s.known]))
+    if not (first < second < least and second - first < third - second and abs(first - zero) < LOWER * stroke):
+        return s
+    return dataclasses.replace(
+        s,
+        time=np.concatenate([[s.time[0] - 1 / s.sample_rate], s.time]),
+        volts=np.concatenate([[0.0], x]),
+        displacement=np.concatenate([z[:1], z]),
+        known=np.concatenate([[True], s.known]),
+        breaks=tuple(at + 1 for at in s.breaks),
+    )
+
+
 def _before(x: FloatArray) -> Iterator[tuple[float, ...]]:
     """Voltages that the actuator may have been at before the record."""
     low, high, first = float(x.min()), float(x.max()), float(x[0])
@@ -64,11 +110,14 @@ def _thinned(data: Data, guess: FloatArray) -> tuple[Data, FloatArray]:
     late = min(round((data.delay + data.time_constant) * data.sample_rate), data.volts.size // 2)
     x, guess = (np.concatenate([np.full(late, a[0]), a[: a.size - late]]) for a in (data.volts, guess))
     fewer = -(-data.displacement.size // ROWS)
+    known = data.known[::fewer].copy()
+    if begins_with_step(data.volts):  # which a lag answers otherwise than a dead time
+        known[: round(ANSWERED * data.time_constant * data.sample_rate / (fewer * data.every))] = False
     data = dataclasses.replace(
         data,
         volts=x,
         displacement=data.displacement[::fewer],
-        known=data.known[::fewer],
+        known=known,
         every=fewer * data.every,
         delay=0.0,
         time_constant=0.0,

@@ -15,7 +15,10 @@ from truestroke.base.verdict import Level, Verdict
 from truestroke.control import actuator, interval
 from truestroke.control.actuator import ActuatorModel
 from truestroke.identification.identified import Trace
+from truestroke.identification.noise import noise
+from truestroke.identification.rest import from_step
 from truestroke.identification.series import first_known, series
+from truestroke.identification.validation import NEGLIGIBLE, NOISE, sizes
 
 HELD = 0.8  # of the samples in the interval, at least
 WORSE = 3.0  # times the residual of the model's own record
@@ -99,7 +102,7 @@ def score(model: ActuatorModel, record: Any, *, offset: float | None = None) -> 
     ('The zero is 0.5 um above that of the record of the model; the other errors are without it.',)
     """
     checks.instance("model", model, ActuatorModel, actuator.EXPECTED)
-    s = series(record)
+    s = from_step(series(record))
     swept = np.arange(s.volts.size) >= first_known(s.volts, float(np.ptp(s.volts)))
     judged, start = s.known & swept, s.known & ~swept
     if not judged.any():
@@ -107,7 +110,7 @@ def score(model: ActuatorModel, record: Any, *, offset: float | None = None) -> 
     predicted = model.predict(s.volts, s.sample_rate)
     error = s.displacement - predicted
     moved = float(np.median(error[judged])) if offset is None else checks.number("offset", offset, "um")
-    width = _half_width(model, s.volts, s.sample_rate, centred=offset is None)
+    width = _half_width(model, s.volts, s.sample_rate, predicted, centred=offset is None)
     rest = error - moved
     numbers = {
         "offset_um": moved,
@@ -121,14 +124,15 @@ def score(model: ActuatorModel, record: Any, *, offset: float | None = None) -> 
         "start_maximum_um": float(np.abs(rest[start]).max()) if start.any() else math.nan,
     }
     trace = Trace(**vars(s), predicted=predicted + moved, half_width=width, held_out=swept)
-    return Score(**numbers, estimated=offset is None, trace=trace, verdict=_verdict(model, numbers))
+    verdict = _verdict(model, numbers, noise(s.displacement, [slice(0, s.displacement.size)]))
+    return Score(**numbers, estimated=offset is None, trace=trace, verdict=verdict)
 
 
 def _rms(error: FloatArray) -> float:
     return float(np.sqrt(np.mean(error**2)))
 
 
-def _half_width(model: ActuatorModel, volts: FloatArray, fs: float, centred: bool) -> FloatArray:
+def _half_width(model: ActuatorModel, volts: FloatArray, fs: float, predicted: FloatArray, centred: bool) -> FloatArray:
     """Half width of the 95 % interval of the prediction error on another day, um, shape (samples,).
 
     As `ActuatorModel.interval`, with the covariance of `another_day`. The zero walks from the start of this record, or,
@@ -136,12 +140,16 @@ def _half_width(model: ActuatorModel, volts: FloatArray, fs: float, centred: boo
     """
     start = 0.5 * volts.size if centred else 0.0
     since = np.abs(np.arange(volts.size) - start) / fs
-    motion = interval.of_motion(model, volts, fs, model.another_day(), centred) + interval.apart(model, volts, fs)
+    motion = interval.of_motion(model, volts, fs, model.another_day(), centred)
+    motion = motion + interval.apart(model, volts, fs, predicted)
     return np.asarray(interval.COVERED * np.sqrt(motion + model.walk**2 * since))
 
 
-def _verdict(model: ActuatorModel, found: dict[str, float]) -> Verdict:
-    """Bad where the model does not hold, doubtful where its interval does not."""
+def _verdict(model: ActuatorModel, found: dict[str, float], noise_um: float) -> Verdict:
+    """Bad where the model does not hold, doubtful where its interval does not, or its error is not that of the sensor.
+
+    The last as `identify` has it: a model whose error on its own record is large is as little known on another one.
+    """
     said: list[tuple[Level, str]] = []
     if model.provenance.get("verdict") == "bad":
         said.append(("doubtful", "The verdict of the model on its own record is bad: see its page."))
@@ -153,6 +161,10 @@ def _verdict(model: ActuatorModel, found: dict[str, float]) -> Verdict:
     if found["rmse_um"] > max(WORSE * model.noise, 0.02 * model.stroke):
         words = f"The rmse is {found['rmse_um']:.3g} um, that of the model's own record {model.noise:.3g} um: "
         said.append(("bad", words + "identify the actuator anew."))
+    elif found["rmse_um"] > NOISE * noise_um and found["rmse_percent"] > NEGLIGIBLE:
+        over = found["rmse_um"] / noise_um if noise_um > 0 else math.inf
+        error, times = sizes(found["rmse_um"], found["rmse_percent"], over, noise_um)
+        said.append(("doubtful", f"The error is {error}: {times}. Use the model where that is small enough."))
     if found["start_rmse_um"] > max(WORSE * found["rmse_um"], MISSED * model.stroke):
         words = f"The start is missed by {found['start_rmse_um']:.3g} um rms, by {found['start_maximum_um']:.3g} um at "
         said.append(("doubtful", words + "most: the actuator had moved before the record, or answers steps otherwise."))

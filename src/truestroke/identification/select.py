@@ -14,7 +14,7 @@ from truestroke.base.typing import FloatArray
 from truestroke.control.actuator import play_sum
 from truestroke.identification import normal, uncertainty
 from truestroke.identification.regression import DRIFTS, Data, Structure, even_thresholds, plays, rate_dependent
-from truestroke.identification.rest import over_motion
+from truestroke.identification.rest import begins_with_step, over_motion
 from truestroke.identification.turning import reversals
 from truestroke.model.branches import Branches
 from truestroke.model.layout import MAX_CREEPS
@@ -227,7 +227,8 @@ def choose(data: Data, guess: FloatArray, fixed: Mapping[str, Any]) -> tuple[Str
     good = [entry for entry, score in zip(tried, scores, strict=True) if score <= ENOUGH_PLAYS * min(scores)]
     _, bank, full, _ = max(good, key=lambda entry: (len(entry[2].thresholds), -entry[0]))
     if drifts:
-        slow = fixed["creep_times"] is None and fixed["drift"] is None and full.rested
+        free = fixed["creep_times"] is None and fixed["drift"] is None
+        slow = free and full.rested and not begins_with_step(data.volts)  # whose rest is not in the record
         creeps = dataclasses.replace(full, creep_times=_slower(data, full.creep_times)) if slow else full
         if creeps != full:
             bank = _blocks(data, dataclasses.replace(creeps, drift=drifts), guess)

@@ -230,10 +230,7 @@ def _of_error(found: Evidence, held_out: HeldOut, findings: Findings) -> Iterato
                 f"The noise of the sensor is {held_out.rmse_percent:.3g} % of the stroke: average, or move more.",
             )
         return
-    error = f"{held_out.rmse_um:.3g} um rms, {held_out.rmse_percent:.2g} % of peak-to-peak"
-    times = f"{_times(found.over_noise)} the sensor's noise of {findings.noise_um:.2g} um"
-    if found.over_noise > SILENT:
-        times = "the sensor shows no noise"
+    error, times = sizes(held_out.rmse_um, held_out.rmse_percent, found.over_noise, findings.noise_um)
     if found.over_line >= LINE:
         than = "hardly better" if found.over_line < 1 else "worse"
         level: Level = "bad" if held_out.rmse_percent > STRAIGHT else "doubtful"
@@ -244,6 +241,14 @@ def _of_error(found: Evidence, held_out: HeldOut, findings: Findings) -> Iterato
     yield level, f"The error on motion that it has not seen is {error}: {times}. A better model may exist."
     if found.over_fitted > WORSE:
         yield "doubtful", _worse(found, findings)
+
+
+def sizes(rmse_um: float, rmse_percent: float, over_noise: float, noise_um: float) -> tuple[str, str]:
+    """An error in words: its size, and what it is of the noise of the sensor."""
+    error = f"{rmse_um:.3g} um rms, {rmse_percent:.2g} % of peak-to-peak"
+    if over_noise > SILENT:
+        return error, "the sensor shows no noise"
+    return error, f"{_times(over_noise)} the sensor's noise of {noise_um:.2g} um"
 
 
 def _of_zero(held_out: HeldOut) -> Iterator[tuple[Level, str]]:

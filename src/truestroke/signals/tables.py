@@ -165,6 +165,9 @@ def _text(path: Path, narrowest: int) -> Table:
     rows = [line for line in lines[layout.lines_before :] if _is_row(line)]
     width = len(layout.fields(rows[0]))
     names, units = _header(path, layout, lines[: layout.lines_before], width)
+    if names:  # dates and times of the day are read as seconds
+        moments = map(_is_moment, layout.fields(rows[0]))
+        units = tuple("s" if moment and not unit else unit for unit, moment in zip(units, moments, strict=True))
     head = np.zeros((0, 0)) if names else _parse_slowly(rows, layout, range(width))
     _refuse_split(path, layout, lines[: layout.lines_before], head)
     return Table(names, units, head, partial(_read_text, layout), partial(_locate, layout), "line")
@@ -301,6 +304,10 @@ def _number(field: str) -> float:
         if clock := TIME_OF_DAY.fullmatch(field):
             return 3600.0 * int(clock[1]) + 60.0 * int(clock[2]) + float(clock[3])
         return _seconds(field) if DATE_AND_TIME.match(field) else math.nan
+
+
+def _is_moment(field: str) -> bool:
+    return bool(DOTTED_DATE.fullmatch(field) or TIME_OF_DAY.fullmatch(field) or DATE_AND_TIME.match(field))
 
 
 def _seconds(stamp: str) -> float:

@@ -244,6 +244,7 @@ def _evidence(found: Evidence) -> Table:
         ("held-out error over that of the fitted part", f"{found.over_fitted:.3g}"),
         ("autocorrelation of the residual, largest and least", f"{most}, {least}"),
         ("of the held-out error follows " + ", ".join(name for name, _ in shares), ", ".join(v for _, v in shares)),
+        ("strongest line of the held-out error", f"{100 * found.line:.0f} % at {found.line_hz:.4g} Hz"),
         ("of the held-out error a black-box model predicts", f"{100 * max(found.black_box, 0.0):.0f} %"),
         ("held-out motion beyond the fitted one", beyond),
     ]
