@@ -9,7 +9,7 @@ from click.testing import CliRunner
 
 from truestroke.base.checks import SettingError
 from truestroke.cli import main
-from truestroke.identification import identify, save_model, score, waveform
+from truestroke.identification import Record, identify, save_model, score, waveform
 
 FS = 500.0
 
@@ -50,6 +50,9 @@ def test_an_error_that_is_not_that_of_the_sensor_is_not_good(model):
     found = score(poor, (volts, moved + 0.3 * np.sin(volts), fs))
     assert found.verdict.level == "doubtful"
     assert any("the sensor's noise of " in reason for reason in found.verdict.reasons)
+    time = np.arange(volts.size) / fs + 300.0 * (np.arange(volts.size) > 2500)
+    gap = Record.from_arrays(volts, moved + 0.3 * np.sin(volts), time=time)
+    assert any("the sensor's noise of " in reason for reason in score(poor, gap).verdict.reasons)
 
 
 def test_an_offset_that_is_given_is_taken(model):

@@ -124,7 +124,8 @@ def score(model: ActuatorModel, record: Any, *, offset: float | None = None) -> 
         "start_maximum_um": float(np.abs(rest[start]).max()) if start.any() else math.nan,
     }
     trace = Trace(**vars(s), predicted=predicted + moved, half_width=width, held_out=swept)
-    verdict = _verdict(model, numbers, noise(s.displacement, [slice(0, s.displacement.size)]))
+    ends = np.flatnonzero(np.diff(np.concatenate([[0], s.known, [0]]).astype(np.int8))).reshape(-1, 2)
+    verdict = _verdict(model, numbers, noise(s.displacement, [slice(start, stop) for start, stop in ends.tolist()]))
     return Score(**numbers, estimated=offset is None, trace=trace, verdict=verdict)
 
 
