@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from scipy.io import savemat
 
 from truestroke import Recording, SettingError
-from truestroke.identification import Record, RecordError, read_record
+from truestroke.identification import Record, RecordError, examine, read_record
 from truestroke.signals.recording import Channel
 
 ROWS = 300
@@ -202,7 +202,25 @@ def test_dates_with_dots_and_decimal_commas(tmp_path: Path, stamp: str) -> None:
     rows = [";".join([*row.split(";")[:-2], *[n.replace(".", ",") for n in row.split(";")[-2:]]]) for row in rows]
     names = "Zeit;" if " " in stamp else "Datum;Zeit;"
     (tmp_path / "a.csv").write_text(f"{names}U (V);z (um)\n" + "\n".join(rows))
-    is_the_record(read_record(tmp_path / "a.csv", time="Zeit"))
+    record = read_record(tmp_path / "a.csv", time="Zeit")
+    is_the_record(record)
+    assert record.columns["time"].stated  # nothing is assumed: seconds they are
+    assert not any("assumed" in text for text in examine(record).warnings)
+
+
+def test_dates_of_tables_are_in_seconds(tmp_path: Path) -> None:
+    import openpyxl
+    import pyarrow
+    import pyarrow.parquet
+
+    moments = [datetime(2026, 12, 31, 13, 59, 59) + timedelta(microseconds=round(1e6 * t)) for t in T]
+    pyarrow.parquet.write_table(pyarrow.table({"Zeit": moments, "V": V, "um": Z}), tmp_path / "a.parquet")
+    book = openpyxl.Workbook()
+    for row in (("Zeit", "V", "um"), *zip(moments[:60], V[:60], Z[:60], strict=True)):
+        book.active.append(row)
+    book.save(tmp_path / "a.xlsx")
+    for ending in ("parquet", "xlsx"):
+        assert read_record(tmp_path / f"a.{ending}").columns["time"].stated
 
 
 @pytest.mark.parametrize(("ending", "words"), [("xls", "save or export it as .xlsx or .csv"), ("mf4", ".csv or .h5")])

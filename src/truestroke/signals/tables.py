@@ -5,7 +5,7 @@ import importlib
 import itertools
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import partial
@@ -165,9 +165,8 @@ def _text(path: Path, narrowest: int) -> Table:
     rows = [line for line in lines[layout.lines_before :] if _is_row(line)]
     width = len(layout.fields(rows[0]))
     names, units = _header(path, layout, lines[: layout.lines_before], width)
-    if names:  # dates and times of the day are read as seconds
-        moments = map(_is_moment, layout.fields(rows[0]))
-        units = tuple("s" if moment and not unit else unit for unit, moment in zip(units, moments, strict=True))
+    if names:
+        units = _stated(units, map(_is_moment, layout.fields(rows[0])))
     head = np.zeros((0, 0)) if names else _parse_slowly(rows, layout, range(width))
     _refuse_split(path, layout, lines[: layout.lines_before], head)
     return Table(names, units, head, partial(_read_text, layout), partial(_locate, layout), "line")
@@ -304,6 +303,11 @@ def _number(field: str) -> float:
         if clock := TIME_OF_DAY.fullmatch(field):
             return 3600.0 * int(clock[1]) + 60.0 * int(clock[2]) + float(clock[3])
         return _seconds(field) if DATE_AND_TIME.match(field) else math.nan
+
+
+def _stated(units: Sequence[str], moments: Iterable[bool]) -> tuple[str, ...]:
+    """The units, and s of dates and times of the day, which are read as seconds."""
+    return tuple("s" if moment and not unit else unit for unit, moment in zip(units, moments, strict=True))
 
 
 def _is_moment(field: str) -> bool:
@@ -494,21 +498,27 @@ def _library(path: Path, module: str, kind: str, extra: str) -> Any:
 
 def _parquet(path: Path) -> Table:
     parquet = _library(path, "pyarrow.parquet", "Parquet", "parquet")
-    names = list(parquet.read_schema(path).names)
+    schema = parquet.read_schema(path)
+    names = list(schema.names)
     rows = int(parquet.read_metadata(path).num_rows)
     files.check_size(path, f"a column of {rows} rows", 8 * rows)
 
     def get(name: str) -> npt.NDArray[Any]:
         return np.asarray(parquet.read_table(path, columns=[name])[name].to_numpy())
 
-    return _arrays(path, names, [""] * len(names), get)
+    return _arrays(path, names, _of_types(schema), get)
+
+
+def _of_types(schema: Any) -> list[str]:
+    """Units that the types of Arrow's columns state: dates and times are read as seconds."""
+    return ["s" if str(kind).startswith(("timestamp", "time", "duration", "date")) else "" for kind in schema.types]
 
 
 def _feather(path: Path) -> Table:
     feather = _library(path, "pyarrow.feather", "Feather", "parquet")
     table = feather.read_table(path)
     names = list(table.column_names)
-    return _arrays(path, names, [""] * len(names), lambda name: np.asarray(table[name].to_numpy()))
+    return _arrays(path, names, _of_types(table.schema), lambda name: np.asarray(table[name].to_numpy()))
 
 
 def _tdms(path: Path) -> Table:
@@ -565,6 +575,8 @@ def _xlsx(path: Path) -> Table:
         values.pop()
     table = np.array(values, dtype=np.float64)
     names, units = _names_above(above)
+    if names:
+        units = _stated(units, [isinstance(cells[start][p], datetime) for p in places])
     head = np.zeros((0, 0)) if names else table[:PROBE]
     read = lambda columns, _: [table[:, c].copy() for c in columns]  # noqa: E731
     return Table(names, units, head, read, lambda index: (start + index + 1, ""))
