@@ -285,7 +285,7 @@ static bool matters(const ts_controller *c)
     const ts_resonance *r = &c->resonance;
     if (c->settings->resonance > 0 || c->hold || c->stage.rest > 0) return false;
     if (s->ticks > 0 || s->share > 0 || s->lag > 0 || c->lagged.ticks < 8) return false;
-    if (r->windows < 2 || r->variance > CERTAIN * CERTAIN) return false;
+    if (!ts_resonance_suffices(r) || r->variance > CERTAIN * CERTAIN) return false;
     if (!c->found.known && size_of(r->centre / r->known - 1) > AGREES) return false; /* windows that walk are not noise about it */
     if (c->found.known) {
         ts_real moved = r->known / c->stage.resonance - 1;
@@ -334,7 +334,9 @@ void ts_watch_resonance(ts_controller *c, ts_real z, ts_real error, const ts_mot
     memcpy(x, staged ? now : c->shown, sizeof now);
     memcpy(c->shown, now, sizeof now);
     x[TS_SHOWN] = z;
-    bool known = ts_resonance_tick(r, s->oscillation.tick, x, error, d->zdot_d, d->zdot_d - c->rate);
+    bool good = c->guard.kept && !staged && !s->dynamics.known; /* a stage that is wrong would lose what was learned */
+    ts_real range = good ? ts_guard_range(&c->guard, &s->guard) : 0;
+    bool known = ts_resonance_tick(r, s->oscillation.tick, x, error, d->zdot_d, d->zdot_d - c->rate, range);
     c->rate = d->zdot_d;
     if (!known || !matters(c)) return;
     c->stage.resonance = r->known;

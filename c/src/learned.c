@@ -40,7 +40,8 @@ static void end_trial(ts_controller *c)
     if (!c->stage.trial || !c->found.known) return;
     bool shown = c->oscillation.found && !c->kept.oscillated;
     ts_give_up_stage(c);
-    if (!(shown || c->kept.staged || c->kept.begun || c->settings->dynamics.known)) stage_at_best(c);
+    if (shown || c->kept.staged || c->kept.begun || c->settings->dynamics.known) return;
+    stage_at_best(c);
     ts_look_ahead_anew(c);
 }
 

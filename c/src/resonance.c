@@ -16,6 +16,8 @@
 #define LONGEST ((ts_real)1e8)      /* ticks: and no longer */
 #define RIDGE ((ts_real)1e-4)       /* of the largest of the plays: how well each of them is known before */
 #define LAG_STEPS 4                 /* of Newton's method: enough for a lag up to 1 / w0 */
+#define COARSE 4                    /* plays, those of the smallest thresholds, with which the resonance is found once more */
+#define COSTS ((ts_real)0.5)        /* of the range: the error of a stage that is wrong by itself, in a motion as fast as it is */
 #define SHOWS ((ts_real)0.5)        /* of the error of plays alone: a resonance leaves less */
 #define NEAREST ((ts_real)0.6)      /* of the centre: bounds of an estimate in that window */
 #define FURTHEST ((ts_real)1.4)
@@ -169,22 +171,37 @@ static ts_real without_lag(const ts_real *c, ts_real *lag, ts_real *derivative)
     return c[1] - t * (c[0] - t);
 }
 
-/* The resonance that a window shows, cycles per tick, and its relative variance; 0: it shows none. */
-static ts_real shown_resonance(ts_resonance *r, ts_real lowest, ts_real *variance, ts_real *lag)
+/* Whether the derivatives can be eliminated, behind the plays: their coefficients c. */
+static bool solve(ts_real (*N)[TS_RESONANCE], ts_real *c)
 {
-    ts_real N[TS_RESONANCE][TS_RESONANCE], largest = 0, c[3], derivative[3] = {0};
-    sums_of(r, N);
-    for (int i = 0; i < TS_SHOWN; i++) largest = N[i][i] > largest ? N[i][i] : largest;
-    for (int i = 0; i < TS_SHOWN; i++) N[i][i] += RIDGE * largest;
-    if (!eliminate(N, 0, BAND)) return 0;
-    ts_real plays = N[LOW][LOW];
-    if (!eliminate(N, BAND, LOW)) return 0;
-    ts_real left = N[LOW][LOW];
+    if (!eliminate(N, BAND, LOW)) return false;
     c[2] = -N[LOW][THIRD] / N[THIRD][THIRD];
     c[1] = -(N[LOW][HIGH] + c[2] * N[THIRD][HIGH]) / N[HIGH][HIGH];
     c[0] = -(N[LOW][BAND] + c[2] * N[THIRD][BAND] + c[1] * N[HIGH][BAND]) / N[BAND][BAND];
-    if (!(c[1] > 0)) return 0;
-    ts_real ratio = without_lag(c, lag, derivative); /* (centre / f0)^2, of their tangents */
+    return c[1] > 0;
+}
+
+/* How far the resonance moves, over it, where the hysteresis is that of fewer plays, which N is without; at most 1. */
+static ts_real sensitivity_of(ts_real (*N)[TS_RESONANCE], ts_real ratio)
+{
+    ts_real c[3], derivative[3], lag, coarse = solve(N, c) ? without_lag(c, &lag, derivative) : 0;
+    ts_real moved = coarse > 0 ? size_of(root_of(ratio / coarse) - 1) : 1;
+    return moved < 1 ? moved : 1;
+}
+
+/* The resonance that a window shows, cycles per tick, its relative variance and sensitivity; 0: it shows none. */
+static ts_real shown_resonance(ts_resonance *r, ts_real lowest, ts_real *variance, ts_real *lag, ts_real *sensitivity)
+{
+    ts_real N[TS_RESONANCE][TS_RESONANCE], fewer[TS_RESONANCE][TS_RESONANCE], largest = 0, c[3], derivative[3] = {0};
+    sums_of(r, N);
+    for (int i = 0; i < TS_SHOWN; i++) largest = N[i][i] > largest ? N[i][i] : largest;
+    for (int i = 0; i < TS_SHOWN; i++) N[i][i] += RIDGE * largest;
+    if (!eliminate(N, 0, COARSE)) return 0;
+    for (int i = BAND; i <= LOW; i++) memcpy(fewer[i] + BAND, N[i] + BAND, sizeof(ts_real) * (size_t)(i + 1 - BAND));
+    if (!eliminate(N, COARSE, BAND)) return 0;
+    ts_real plays = N[LOW][LOW];
+    if (!solve(N, c)) return 0;
+    ts_real left = N[LOW][LOW], ratio = without_lag(c, lag, derivative); /* (centre / f0)^2, of their tangents */
     if (!(ratio > 0) || !(left < SHOWS * plays)) return 0;
     ts_real of_first = derivative[0], of_second = derivative[1] - N[HIGH][BAND] / N[BAND][BAND] * of_first;
     ts_real of_third = derivative[2] - N[THIRD][BAND] / N[BAND][BAND] * of_first - N[THIRD][HIGH] / N[HIGH][HIGH] * of_second;
@@ -194,6 +211,7 @@ static ts_real shown_resonance(ts_resonance *r, ts_real lowest, ts_real *varianc
     *lag /= 2 * ts_tangent(TS_PI * r->centre);
     ts_real f0 = arctangent(ts_tangent(TS_PI * r->centre) / root_of(ratio)) / TS_PI;
     *variance = of_ratio / (4 * ratio * ratio);
+    *sensitivity = sensitivity_of(fewer, ratio);
     r->driven = share_of_plays(r, left);
     bool within = f0 > lowest && f0 < HIGHEST && f0 > NEAREST * r->centre && f0 < FURTHEST * r->centre;
     return within ? f0 : 0;
@@ -222,18 +240,27 @@ static void know(ts_resonance *r, ts_real f0, ts_real variance, ts_real lag)
 }
 
 /* Whether this window adds to what is known. */
-static bool end_band(ts_resonance *r, ts_real tick)
+static bool end_band(ts_resonance *r, ts_real tick, ts_real range)
 {
     r->motion = r->speed > 0 ? r->change / (2 * TS_PI * r->speed) : 0;
-    ts_real lowest = ts_resonance_lowest(r, tick), variance = 0, lag = 0;
-    ts_real f0 = shown_resonance(r, lowest, &variance, &lag), next = NEXT * r->centre;
-    bool near = f0 > 0 && f0 < AGREE * r->centre && r->centre < AGREE * f0;
+    r->power = r->error / (ts_real)r->window;
+    ts_real lowest = ts_resonance_lowest(r, tick), variance = 0, lag = 0, sensitivity = 0;
+    ts_real f0 = shown_resonance(r, lowest, &variance, &lag, &sensitivity), next = NEXT * r->centre;
+    if (f0 > 0) {
+        ts_real fast = r->motion / f0, cost = COSTS * range * sensitivity * (fast * fast);
+        if (r->power < cost * cost) f0 = 0;
+    }
+    bool there = f0 < AGREE * r->centre && r->centre < AGREE * f0, near = f0 > 0 && (there || TRUST * TRUST * variance < LEAST * LEAST);
     r->centre = f0 > 0 ? f0 : next > lowest ? next : r->again ? AGAIN_FROM : SEARCH_FROM;
     if (!(f0 > 0) && !(next > lowest)) r->again = !r->again;
-    r->power = r->error / (ts_real)r->window;
     r->ticks = 0;
     if (near) know(r, f0, variance, lag);
     return near;
+}
+
+bool ts_resonance_suffices(const ts_resonance *r)
+{
+    return r->windows > 1 || (r->windows > 0 && r->variance < 2 * LEAST * LEAST);
 }
 
 ts_real ts_resonance_lowest(const ts_resonance *r, ts_real tick)
@@ -250,12 +277,12 @@ void ts_resonance_look(ts_resonance *r, ts_real frequency)
     r->ticks = 0;
 }
 
-bool ts_resonance_tick(ts_resonance *r, ts_real tick, const ts_real *x, ts_real error, ts_real zdot_d, ts_real change)
+bool ts_resonance_tick(ts_resonance *r, ts_real tick, const ts_real *x, ts_real error, ts_real zdot_d, ts_real change, ts_real range)
 {
     if (r->ticks == 0) begin_band(r, tick, x);
     count_tick(r, x, error);
     r->speed += zdot_d < 0 ? -zdot_d : zdot_d;
     r->change += change < 0 ? -change : change;
     r->ticks++;
-    return r->ticks >= r->settling + r->window && end_band(r, tick);
+    return r->ticks >= r->settling + r->window && end_band(r, tick, range);
 }

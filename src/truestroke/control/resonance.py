@@ -23,6 +23,8 @@ SHORTEST = 0.06  # s: but no shorter,
 LONGEST = 1e8  # ticks: and no longer
 RIDGE = 1e-4  # of the largest of the plays: how well each of them is known before
 LAG_STEPS = 4  # of Newton's method: enough for a lag up to 1 / w0
+COARSE = 4  # plays, those of the smallest thresholds, with which the resonance is found once more
+COSTS = 0.5  # of the range: the error of a stage that is wrong by itself, in a motion as fast as it is
 SHOWS = 0.5  # of the error of plays alone: a resonance leaves less
 NEAREST, FURTHEST = 0.6, 1.4  # of the centre: bounds of an estimate in that window
 AGREE = 1.05  # centre and estimate
@@ -108,8 +110,12 @@ class ResonanceEstimator:
     frequency of the motion, and then, in turns, from there again and from 0.36 of the sample rate on.
 
     What the windows show becomes `known`, by a scalar Kalman filter. A model of hysteresis that is not right shifts an
-    estimate by more than its noise: five times its deviation and 0.5 % count. Two windows in a row beyond three
-    deviations of what is known are a jump.
+    estimate by more than its noise: five times its deviation and 0.5 % count. Where five times the deviation is below
+    0.5 %, one window is enough, wherever its centre was. Two windows in a row beyond three deviations of what is known
+    are a jump.
+
+    With four of the seven plays the same window shows another f0. By how much is its sensitivity: where a stage that is
+    wrong by so much would leave a larger error in the motion than there is, the window shows nothing.
 
     Attributes
     ----------
@@ -164,7 +170,21 @@ class ResonanceEstimator:
         if 0 < frequency < HIGHEST and not there:
             self.centre, self.ticks = frequency, 0
 
-    def update(self, tick: float, plays: FloatArray, z: float, error: float, zdot_d: float, change: float) -> bool:
+    @property
+    def suffices(self) -> bool:
+        """Whether there were enough windows: two, or one that is as sure as any can be."""
+        return self.windows > 1 or (self.windows > 0 and self.variance < 2 * LEAST * LEAST)
+
+    def update(
+        self,
+        tick: float,
+        plays: FloatArray,
+        z: float,
+        error: float,
+        zdot_d: float,
+        change: float,
+        span: float = 0.0,
+    ) -> bool:
         """One tick; returns whether a window has ended that adds to what is known.
 
         Parameters
@@ -177,6 +197,8 @@ class ResonanceEstimator:
             The measurement, and how far it is from the desired displacement, um.
         zdot_d, change : float
             Desired velocity, and its change in the tick, um/s.
+        span : float
+            Range of a motion that is followed well enough to lose by a stage that is wrong, um, or 0.
         """
         x = np.append(plays, z)
         if self.ticks == 0:
@@ -185,7 +207,7 @@ class ResonanceEstimator:
         self._speed += abs(zdot_d)
         self._change += abs(change)
         self.ticks += 1
-        return self.ticks >= self._settling + self._window and self._end(tick)
+        return self.ticks >= self._settling + self._window and self._end(tick, span)
 
     def _begin(self, tick: float, x: FloatArray) -> None:
         if not self.centre > 0:
@@ -210,38 +232,42 @@ class ResonanceEstimator:
         self._sum = self._sum + np.outer(v, v)
         self._error += error * error
 
-    def _end(self, tick: float) -> bool:
+    def _end(self, tick: float, span: float) -> bool:
         self.motion = self._change / (2 * math.pi * self._speed) if self._speed > 0 else 0.0
+        self.power = self._error / self._window
         lowest = self.lowest(tick)
-        f0, variance, lag = self._shown(lowest)
-        near = f0 > 0 and f0 < AGREE * self.centre and self.centre < AGREE * f0
+        f0, variance, lag, sensitivity = self._shown(lowest)
+        if f0 > 0:
+            fast = self.motion / f0
+            cost = COSTS * span * sensitivity * (fast * fast)
+            f0 = 0.0 if self.power < cost * cost else f0
+        there = f0 < AGREE * self.centre and self.centre < AGREE * f0
+        near = f0 > 0 and (there or TRUST * TRUST * variance < LEAST * LEAST)
         below = NEXT * self.centre
         ended = not (f0 > 0 or below > lowest)
         self.centre = f0 if f0 > 0 else below if not ended else AGAIN_FROM if self._again else SEARCH_FROM
         self._again = self._again != ended
-        self.power = self._error / self._window
         self.ticks = 0
         if near:
             self._know(f0, variance, lag)
         return near
 
-    def _shown(self, lowest: float) -> tuple[float, float, float]:
-        """The resonance that a window shows, cycles per tick, its relative variance, and the lag; 0: it shows none."""
-        N, nothing = self._sum.tolist(), (0.0, 0.0, 0.0)
+    def _shown(self, lowest: float) -> tuple[float, float, float, float]:
+        """The resonance of a window, cycles per tick, its relative variance, lag and sensitivity; 0: it shows none."""
+        N, nothing = self._sum.tolist(), (0.0, 0.0, 0.0, 0.0)
         largest = max(0.0, *[N[i][i] for i in range(SHOWN)])
         for i in range(SHOWN):
             N[i][i] += RIDGE * largest
-        if not _eliminate(N, 0, BAND):
+        if not _eliminate(N, 0, COARSE):
+            return nothing
+        fewer = [list(row) for row in N]
+        if not _eliminate(N, COARSE, BAND):
             return nothing
         plays = N[LOW][LOW]
-        if not _eliminate(N, BAND, LOW):
-            return nothing
-        left = N[LOW][LOW]
-        third = -N[LOW][THIRD] / N[THIRD][THIRD]
-        second = -(N[LOW][HIGH] + third * N[THIRD][HIGH]) / N[HIGH][HIGH]
-        first = -(N[LOW][BAND] + third * N[THIRD][BAND] + second * N[HIGH][BAND]) / N[BAND][BAND]
+        first, second, third = _solved(N)
         if not second > 0:
             return nothing
+        left = N[LOW][LOW]
         ratio, lag, derivative = _without_lag(first, second, third)  # (centre / f0)^2, of their tangents
         if not (ratio > 0 and left < SHOWS * plays):
             return nothing
@@ -256,7 +282,7 @@ class ResonanceEstimator:
         f0 = arctangent(tangent(math.pi * self.centre) / math.sqrt(ratio)) / math.pi
         self.driven = self._share_of_plays(left)
         within = lowest < f0 < HIGHEST and NEAREST * self.centre < f0 < FURTHEST * self.centre
-        return (f0, of_ratio / (4 * ratio * ratio), lag) if within else nothing
+        return (f0, of_ratio / (4 * ratio * ratio), lag, _sensitivity(fewer, ratio)) if within else nothing
 
     def _share_of_plays(self, left: float) -> float:
         """How much smaller `left` is than the residual of an equation without plays, that of ringing alone."""
@@ -280,6 +306,23 @@ class ResonanceEstimator:
             self.variance = (1 - gain) * self.variance
             self.windows = min(self.windows + 1, MOST)
         self._strange = far and not self._strange
+
+
+def _solved(N: list[list[float]]) -> tuple[float, float, float]:
+    """Coefficients of the derivatives, behind the plays, which are eliminated; 0 where they cannot be, or show none."""
+    if not _eliminate(N, BAND, LOW):
+        return 0.0, 0.0, 0.0
+    third = -N[LOW][THIRD] / N[THIRD][THIRD]
+    second = -(N[LOW][HIGH] + third * N[THIRD][HIGH]) / N[HIGH][HIGH]
+    first = -(N[LOW][BAND] + third * N[THIRD][BAND] + second * N[HIGH][BAND]) / N[BAND][BAND]
+    return first, second, third
+
+
+def _sensitivity(N: list[list[float]], ratio: float) -> float:
+    """How far the resonance moves, over it, where the hysteresis is that of fewer plays, which N is without."""
+    first, second, third = _solved(N)
+    coarse = _without_lag(first, second, third)[0] if second > 0 else 0.0
+    return min(abs(math.sqrt(ratio / coarse) - 1), 1.0) if coarse > 0 else 1.0
 
 
 def _without_lag(first: float, second: float, third: float) -> tuple[float, float, tuple[float, float, float]]:

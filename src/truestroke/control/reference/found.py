@@ -218,7 +218,7 @@ def matters(c: State) -> bool:
         return False
     if c.sensor.late or c.lagged.ticks < 8:
         return False
-    if known.windows < 2 or known.variance > CERTAIN * CERTAIN:
+    if not known.suffices or known.variance > CERTAIN * CERTAIN:
         return False
     if not stage.found and abs(known.centre / known.known - 1) > AGREES:  # windows that walk are not noise about it
         return False
@@ -266,11 +266,14 @@ def watch_resonance(c: State, z: float, error: float, zdot_d: float, path: Stage
         return
     now = shown(c.lagged.play)
     before, c.shown = c.shown if path is None else now, now
-    known = c.estimator.update(tick, before, z, error, zdot_d, zdot_d - c.rate)
+    guard = c.kept.guard
+    good = guard.kept and path is None  # a stage that is wrong would lose what was learned
+    span = guard.range if good and not c.members["dynamics.known"] else 0.0
+    known = c.estimator.update(tick, before, z, error, zdot_d, zdot_d - c.rate, span)
     c.rate = zdot_d
     if not known or not matters(c):
         return
-    c.stage.resonance, guard = c.estimator.known, c.kept.guard
+    c.stage.resonance = c.estimator.known
     guard.settled = guard.settled and guard.lost  # else it was no wrong sensor: there is nothing to return to
     forget_lag(c, law)
     if not c.stage.found:

@@ -66,8 +66,9 @@ def end_trial(c: State, law: FilteringLaw) -> None:
         return
     shown = c.stage.detector.found and not c.kept.oscillated
     give_up_stage(c, law)
-    if not (shown or c.kept.staged or c.kept.begun or c.members["dynamics.known"]):
-        stage_at_best(c, law)
+    if shown or c.kept.staged or c.kept.begun or c.members["dynamics.known"]:
+        return
+    stage_at_best(c, law)
     look_ahead_anew(c)
 
 
