@@ -10,7 +10,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from truestroke import ControllerSettings, SettingError, _kernel, _kernel32
-from truestroke.control.adaptation import LMS, RLS, BoundedKalman, KalmanSettings, UpdateRefused, rls_update
+from truestroke.control.adaptation import (
+    LMS,
+    RETURN_EVERY,
+    RLS,
+    BoundedKalman,
+    KalmanSettings,
+    UpdateRefused,
+    rls_update,
+)
 from truestroke.control.settings import kernel_settings
 from truestroke.model.operators import play_history
 
@@ -162,6 +170,16 @@ def test_where_the_error_has_long_been_small_a_change_has_to_be_clearer(size, st
     law.steady = steady
     law.update(np.ones(2), 0.1 * np.sqrt(size / 2))
     assert law.changed == changed
+
+
+@pytest.mark.parametrize(("steeper", "faster"), [(0.3, 1.0), (2.9, 1.0), (4.0, 16.0), (50.0, 25.0)])
+def test_where_the_actuator_is_far_steeper_the_covariance_returns_sooner(steeper, faster) -> None:
+    settings = KalmanSettings(filter=1.0, model_error=1.0, prior_return=1e-6, first_noise=0.0, noise_rate=0.0)
+    law = BoundedKalman([2.0, 0.5], np.diag([3.0, 0.5]), [1, 2], settings)
+    law.weights, law.P = np.array([2.0 * steeper, 0.5]), np.diag([1e-9, 0.1])
+    for _ in range(RETURN_EVERY):
+        law.update(np.array([1.0, 0.0]), 0.0)
+    assert law.P[1, 1] - 0.1 == pytest.approx(faster * 1e-6 * 0.4, rel=1e-4)
 
 
 def test_three_spikes_are_not_believed_and_a_fourth_is() -> None:

@@ -4,6 +4,8 @@
 #include <string.h>
 
 #define STEADY ((ts_real)0.4) /* of the normalised innovation counts where the error has long been small */
+#define UNLIKELY 3 /* times the expected first weight: stroke or voltage limits are not those of the actuator */
+#define STEEPEST 5 /* times it, at most, that count */
 #define USUAL 3 /* mean square of the normalised innovation: a larger one is usual, but no sudden change */
 
 enum { OF_PLAYS = 3, ALONE = 4 }; /* of `part`: what it says of the plays; a weight that stands by itself when P is made */
@@ -229,8 +231,18 @@ static void admit_change(ts_kalman *k, const ts_kalman_settings *s, const ts_rea
     }
 }
 
+/* By how much faster P returns to the prior where the actuator is far steeper than that says: deviations are relative to the
+ * weights, variances to their square. The first weight is the slope at a turn. */
+static ts_real haste(ts_real slope, ts_real expected)
+{
+    if (!(expected > 0) || !(slope > UNLIKELY * expected)) return 1;
+    ts_real steeper = slope / expected;
+    if (steeper > STEEPEST) steeper = STEEPEST;
+    return steeper * steeper;
+}
+
 /* Second tick of an update: P -= P u u'P / variance, its return to the prior, and more of it after a change. */
-static void follow_covariance(ts_kalman *k, const ts_kalman_settings *s, ts_prior P0, const ts_real *w, int m)
+static void follow_covariance(ts_kalman *k, const ts_kalman_settings *s, const ts_real *w0, ts_prior P0, const ts_real *w, int m)
 {
     ts_real root[TS_PADDED(TS_MAX_LEARNED)], scale = 1 / root_of(k->variance), back = 0;
     lanes taken = zero();
@@ -248,6 +260,7 @@ static void follow_covariance(ts_kalman *k, const ts_kalman_settings *s, ts_prio
         back = s->prior_return;
     }
     if (k->changed) back += s->change_share;
+    if (back > 0) back *= haste(w[0], w0[0]);
     if (back > 0) reduce_and_return(k->P, root, P0, back < 1 ? back : 1, m);
     else reduce(k->P, root, m);
     if (k->changed) admit_change(k, s, w, m);
@@ -420,7 +433,7 @@ bool ts_kalman_tick(ts_kalman *k, const ts_kalman_settings *s, const ts_real *w0
     } else k->started = false; /* a tick that is not used must not stay in the filters either */
     if (k->since_change < s->refractory) k->since_change++;
     if (k->pending) {
-        follow_covariance(k, s, P0, w, m);
+        follow_covariance(k, s, w0, P0, w, m);
         return false;
     }
     return measured && learn && k->since_change >= 0 && update(k, s, w0, P0, w, m);

@@ -380,6 +380,8 @@ MEAN_SECOND_DIFFERENCE = 1.9544  # mean of |d| of white noise of deviation 1: sq
 CLIP = 7.84  # of sigma: four times that mean, at which the robust estimate of the noise clips
 LARGEST = 1e50  # TS_LARGEST of the kernel: largest weight and desired value
 STEADY = 0.4  # of the normalised innovation counts where the error has long been small
+UNLIKELY = 3.0  # times the expected first weight: stroke or voltage limits are not those of the actuator
+STEEPEST = 5.0  # times it, at most, that count
 USUAL = 3.0  # mean square of the normalised innovation: a larger one is usual, but no sudden change
 SURPRISE = 100.0  # largest normalised innovation, squared, that counts for a change: one alone must not trigger it
 
@@ -696,6 +698,14 @@ class BoundedKalman:
         if self.changed:
             self.since_change, self.change = 0, 0.0
 
+    def _haste(self) -> float:
+        """By how much faster P returns to the prior where the actuator is far steeper than that says."""
+        slope, expected = float(self.weights[0]), float(self.w0[0])  # at a turn
+        if not (expected > 0 and slope > UNLIKELY * expected):
+            return 1.0
+        steeper = min(slope / expected, STEEPEST)
+        return steeper * steeper
+
     def _follow_covariance(self) -> None:
         """Second tick of an update."""
         s, back = self.settings, 0.0
@@ -707,6 +717,7 @@ class BoundedKalman:
             self.since_return, back = 0, s.prior_return
         if self.changed:
             back += s.change_share
+        back *= self._haste()
         if back > 0:
             P += min(back, 1.0) * (self.P0 - P)
         if self.changed:
