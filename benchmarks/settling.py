@@ -56,6 +56,7 @@ def main() -> None:
     parser.add_argument("--kinds", nargs="+", default=["plays", "preisach", "bouc-wen"])
     parser.add_argument("--heights", nargs="+", type=float, default=[5.0], help="um")
     parser.add_argument("--inverted", nargs=2, type=float, metavar=("A", "B"))
+    parser.add_argument("--noise", type=float, default=0.01, help="of a sample of the sensor, um")
     parser.add_argument("--duration", type=float, default=3.0, help="s")
     options = parser.parse_args()
     if options.inverted:
@@ -64,7 +65,7 @@ def main() -> None:
     for of, rate, kind, height in itertools.product(options.stages, options.rates, options.kinds, options.heights):
         first, damping = map(float, of.split(","))
         settings = StageSettings(
-            sample_rate=rate, resonances=(first,), dampings=(damping,), hysteresis_kind=kind, noise=0.01
+            sample_rate=rate, resonances=(first,), dampings=(damping,), hysteresis_kind=kind, noise=options.noise
         )
         for wrong in (0.95, 1.0, 1.05):
             right = settings.dynamics()

@@ -172,11 +172,14 @@ def test_where_the_error_has_long_been_small_a_change_has_to_be_clearer(size, st
     assert law.changed == changed
 
 
-@pytest.mark.parametrize(("steeper", "faster"), [(0.3, 1.0), (2.9, 1.0), (4.0, 16.0), (50.0, 25.0)])
-def test_where_the_actuator_is_far_steeper_the_covariance_returns_sooner(steeper, faster) -> None:
+@pytest.mark.parametrize(
+    ("steeper", "calm", "faster"),
+    [(0.3, True, 1.0), (2.9, True, 1.0), (4.0, True, 16.0), (50.0, True, 25.0), (4.0, False, 1.0)],
+)
+def test_where_the_actuator_is_far_steeper_the_covariance_returns_sooner(steeper, calm, faster) -> None:
     settings = KalmanSettings(filter=1.0, model_error=1.0, prior_return=1e-6, first_noise=0.0, noise_rate=0.0)
     law = BoundedKalman([2.0, 0.5], np.diag([3.0, 0.5]), [1, 2], settings)
-    law.weights, law.P = np.array([2.0 * steeper, 0.5]), np.diag([1e-9, 0.1])
+    law.weights, law.P, law.calm = np.array([2.0 * steeper, 0.5]), np.diag([1e-9, 0.1]), calm
     for _ in range(RETURN_EVERY):
         law.update(np.array([1.0, 0.0]), 0.0)
     assert law.P[1, 1] - 0.1 == pytest.approx(faster * 1e-6 * 0.4, rel=1e-4)

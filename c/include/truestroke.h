@@ -215,6 +215,7 @@ typedef struct {
     ts_real usual;                  /* the same, slowly: what the model does not explain at any time */
     bool relates;                   /* the innovation is related to it: with a stage in the model */
     bool steady;                    /* the tracking error has long been small: a change has to be clearer */
+    bool calm;                      /* no stage is in the model, and the tracking error is small: large weights are no burst */
     int since_change, spikes, since_return;
     bool started, pending, changed;
     bool renews;                    /* P is made in the next tick, of P(0) and Pu */

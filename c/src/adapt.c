@@ -132,6 +132,7 @@ static void adapt_kalman(ts_controller *c, const ts_real *u, ts_real y, ts_real 
     ts_real space[TS_PADDED(TS_MAX_PARAMETERS)];
     k->relates = dynamics_of(c)->known;
     k->steady = is_given(c) && c->guard.small >= TS_SETTLED;
+    k->calm = !dynamics_of(c)->known && c->guard.small > 0;
     if (measures_inertia(c)) u = with_inertia(c, u, &y, learn, space);
     if (!ts_kalman_tick(k, &s->kalman, s->initial_weights, prior_of(s), c->w, u, y, innovation, measured, learn, c->parameters)) return;
     project_slopes(c);

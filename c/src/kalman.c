@@ -260,7 +260,7 @@ static void follow_covariance(ts_kalman *k, const ts_kalman_settings *s, const t
         back = s->prior_return;
     }
     if (k->changed) back += s->change_share;
-    if (back > 0) back *= haste(w[0], w0[0]);
+    if (back > 0 && k->calm) back *= haste(w[0], w0[0]);
     if (back > 0) reduce_and_return(k->P, root, P0, back < 1 ? back : 1, m);
     else reduce(k->P, root, m);
     if (k->changed) admit_change(k, s, w, m);

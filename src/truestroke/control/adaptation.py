@@ -71,6 +71,7 @@ class FilteringLaw(Law, Protocol):
     changed: bool
     relates: bool
     steady: bool
+    calm: bool
 
     def is_spike(self, e_m: float, noisy: float | None = None) -> bool:
         """Whether a measurement with the innovation e_m, um, is not to be used; noisy: what `tick` gets instead."""
@@ -490,6 +491,8 @@ class BoundedKalman:
         Whether `usual_rate` counts; the controller switches it off where no stage is in the model.
     steady : bool
         Whether a change has to be larger by 1 / `STEADY`: the controller says so while the error has long been small.
+    calm : bool
+        Whether no stage is in the model and the tracking error is small, so that large weights are no burst.
 
     Raises
     ------
@@ -543,7 +546,7 @@ class BoundedKalman:
         self.change, self.since_change, self.spikes, self.since_return = 0.0, 2**31 - 1, 0, 0
         self.usual = 0.0  # mean square of the normalised innovation, slowly
         self.started = self.pending = self.changed = False
-        self.relates, self.steady = True, False
+        self.relates, self.steady, self.calm = True, False, False
 
     def take(self, settings: KalmanSettings) -> None:
         """New settings; w, P and the present filter stay."""
@@ -717,7 +720,8 @@ class BoundedKalman:
             self.since_return, back = 0, s.prior_return
         if self.changed:
             back += s.change_share
-        back *= self._haste()
+        if self.calm:
+            back *= self._haste()
         if back > 0:
             P += min(back, 1.0) * (self.P0 - P)
         if self.changed:

@@ -204,6 +204,7 @@ def update_law(
         u, y = with_inertia(c, law, u, y, learn=learn)
     law.relates = c.path is not None
     law.steady = c.is_given and c.kept.guard.small >= SETTLED
+    law.calm = c.path is None and c.kept.guard.small > 0
     if law.tick(u, y, innovation, measured=measured, learn=learn):  # (23)
         project_slope(c, law, c.fastest)  # slopes are linear in the rate:
         project_slope(c, law, -c.fastest)  # its two ends are the worst
