@@ -29,7 +29,7 @@ LEARNED = 0.8  # times the error: while it falls below from batch to batch, the 
 PATIENCE = 6  # batches, at most
 ALIKE = 0.02  # of the rms of a motion: another one within it is the same, but for amplitude, offset and phase
 CARRIED = 3.0  # times: how much more a correction may become where the period changes
-ABOVE = 1.1  # times the square of the first error, and
+ABOVE = 1.05  # times the square of the first error, and
 NOISES = 2.0  # times that of the noise of a sample: a period beyond their sum is too much
 AT_ONCE, HARMONICS = 2048, 16  # samples of periods, and harmonics of a response, that are worked on in one step
 
@@ -84,7 +84,9 @@ class Learned:
     law : OnlineLaw
         Of the strain.
     hysteresis : PeriodicHysteresis or None
-        From the voltage to the strain; None until a batch has shown it.
+        From the voltage to the strain, as the best batch has shown it; None until one has.
+    passes : tuple of (ndarray, ndarray)
+        Voltage, V, and U of the batches that the law remembers.
     inside : ndarray of complex or None
         Spectrum of the voltage of the controller inside, V, since it rests.
     base : ndarray
@@ -108,6 +110,7 @@ class Learned:
     listens: int
     carries: bool = False
     hysteresis: PeriodicHysteresis | None = None
+    passes: tuple[tuple[FloatArray, ComplexArray], ...] = ()
     inside: ComplexArray | None = None
     base: FloatArray | None = None
     error: float = math.inf
@@ -207,6 +210,7 @@ def joined(
     yield
     bent = np.abs(np.roll(wave, 1) - 2 * wave + np.roll(wave, -1))
     straight = bent <= STRAIGHT * bent.max()
+    straight |= np.roll(straight, 1) | np.roll(straight, -1)  # both ends of a line are on it
     counts = straight if straight.mean() >= LINES else np.ones(wave.size, dtype=bool)
     found = yield from nearest(wave, counts, learned)
     yield
@@ -293,27 +297,39 @@ def concluded(before: Learned, batch: Measured) -> Steps[Outcome]:
     if begins and not _scaled(law, inside + added, Z):
         return Outcome(before)
     yield
-    shown = before.hysteresis is None
     now = replace(before, law=law, inside=inside if before.listens == 0 else None)
-    if now.hysteresis is None:
+    missing = np.fft.irfft(Z - law.desired, volts.size)[now.counts]
+    spread = float(np.std(missing))
+    yield
+    if now.hysteresis is None or (before.listens == 0 and spread < law.best):
         shows = identified(volts, Z, law.response, noise2, few=now.few, learned=now.learned, periods=1)
-        now = replace(now, hysteresis=(yield from shows))
+        now = yield from _with_model(now, (yield from shows))
     assert now.hysteresis is not None
     strain = yield from now.hysteresis.strain(volts)
     U = np.fft.rfft(strain)
     yield
-    if shown and not before.carries:
+    if before.hysteresis is None and not before.carries:
         _scaled(law, U, Z)
     yield from law.seeing(U, Z, noise2)
     yield
-    missing = np.fft.irfft(Z - law.desired, volts.size)[now.counts]
-    spread = float(np.std(missing))
+    now = replace(now, passes=(*((x, V) for x, V in now.passes if law.remembers(V)), (volts, U)))
     for _ in range(ROUNDS):
         yield
         yield from law.knowing()
     if now.listens > 0:
         return Outcome(replace(now, error=spread, listens=now.listens - 1 if spread < LEARNED * now.error else 0))
     return (yield from _followed(now, batch, volts, missing, law.noise(noise2)))
+
+
+def _with_model(now: Learned, hysteresis: PeriodicHysteresis) -> Steps[Learned]:
+    """With another model of the hysteresis, and the strain that it makes of earlier batches."""
+    passes = []
+    for x, _ in now.passes:
+        strain = yield from hysteresis.strain(x)
+        passes.append((x, np.fft.rfft(strain)))
+        yield
+    now.law.output_again([U for _, U in now.passes], [U for _, U in passes])
+    return replace(now, hysteresis=hysteresis, passes=tuple(passes))
 
 
 def _scaled(law: HarmonicLaw, output: ComplexArray, measured: ComplexArray) -> bool:

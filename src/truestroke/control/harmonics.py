@@ -176,6 +176,30 @@ class HarmonicLaw:
         """Standard deviation in time of what has these variances of its harmonics, um."""
         return float(np.sqrt(2 * noise2.sum())) / self.samples
 
+    @property
+    def best(self) -> float:
+        """Rms of the error of the pass on which the next one builds, without its mean, um."""
+        return math.inf if self._base is None else self._base[0]
+
+    def remembers(self, output: ComplexArray) -> bool:
+        """Whether what follows depends on a pass with this U."""
+        base = [] if self._base is None else [self._base[1]]
+        last = [] if self._last is None else [self._last[0]]
+        return any(np.array_equal(output, U) for U in [*last, *base, *(pair[0] for pair in self._pairs)])
+
+    def output_again(self, outputs: list[ComplexArray], others: list[ComplexArray]) -> None:
+        """The remembered passes had these U; what was output is the same, and is described by others now."""
+
+        def other(U: ComplexArray) -> ComplexArray:
+            return next(V for output, V in zip(outputs, others, strict=True) if np.array_equal(output, U))
+
+        if self._last is not None:
+            self._last = other(self._last[0]), *self._last[1:]
+        if self._base is not None:
+            spread, U, E, noise2 = self._base
+            self._base = spread, other(U), E, noise2
+        self._pairs = [(other(U), E, noise2) for U, E, noise2 in self._pairs]
+
     # ---- A pass ----------------------------------------------------------------------------------------------------
 
     def see(self, output: ComplexArray, measured: ComplexArray, noise2: FloatArray) -> None:
@@ -324,7 +348,7 @@ class HarmonicLaw:
         """
         assert self._last is not None
         U, _, noise2 = self._last
-        best = math.inf if self._base is None else self._base[0]
+        best = self.best
         if spread <= self.worse * best + 2 * noise:
             if spread < best:
                 self._step = min(1.0, self._step / SHY)

@@ -30,7 +30,7 @@ NEIGHBOUR, REACH = 0.2, 64  # hysteresis: so much of the change of a harmonic re
 TAMED = 0.25  # of what a change may harm elsewhere counts, as the next pass corrects it; of the first one, FIRST
 FIRST = 2.0
 HALF = 0.9  # of a change, the first time
-MOVED = 0.15  # of the power of a change: what it moves elsewhere, at least, while the error is that of the first batch
+MOVED, MOVED_BEYOND = 0.01, 1.0  # of the power of a change of voltage: what it moves elsewhere, as displacement
 WORSE = 1.5  # times the rmse of the best pass: at a resonance a harmonic may become worse before it becomes better
 SHOWN, SHOWN_BEYOND = 5.0, 12.0  # times the variance of the noise: power that is surely none
 BESIDE = 4  # harmonics on either side, whose power says what that of one may be
@@ -93,7 +93,7 @@ class OnlineLaw(HarmonicLaw):
         B, B2 = self.response * self.ratio, np.abs(self.response * self.ratio) ** 2
         assert self._base is not None
         self._first = self._base[0] if first else self._first
-        moved = MOVED * min(1.0, self._base[0] / max(self._first, 1e-300)) ** 3 * np.abs(self.response[0]) ** 2
+        moved = np.where(self._beyond, MOVED_BEYOND, MOVED) * np.abs(self.response[0]) ** 2
         own = B2 * (1 + self._doubt)
         yield
         step = step * own / (own + moved)  # a harmonic that takes much voltage for little displacement moves the others
@@ -121,9 +121,15 @@ class OnlineLaw(HarmonicLaw):
         return crossed
 
     def _crossed(self, x: ComplexArray) -> FloatArray:
-        """As of `HarmonicLaw`: it reaches the neighbours, and the stage amplifies it there."""
-        size = np.abs(self.response[1:])
-        kernel = (NEIGHBOUR / (1.0 + np.abs(np.arange(-REACH, REACH + 1)))) ** 2
+        """As of `HarmonicLaw`: it reaches the neighbours, and the stage amplifies it there.
+
+        A loop of which one half is the other one turned round moves odd harmonics to odd ones, and even to even ones.
+        How far it is another one, the even harmonics of the strain show beside the odd ones.
+        """
+        size, apart = np.abs(self.response[1:]), np.arange(-REACH, REACH + 1)
+        power = np.abs(self.desired if self._last is None else self._last[0]) ** 2
+        uneven = min(1.0, float(power[2::2].sum() / max(float(power[3::2].sum()), 1e-300)))
+        kernel = (NEIGHBOUR / (1.0 + np.abs(apart))) ** 2 * np.where(apart % 2 == 0, 1.0, uneven)
         return np.append(0.0, size**2 * _around(np.abs(x[1:] / size) ** 2, kernel))
 
 

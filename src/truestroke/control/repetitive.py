@@ -45,7 +45,7 @@ DECAY = 0.15  # s: until a change of the correction has decayed, with a resonanc
 LATEST = LONGEST_AGO + 1  # ticks: `ago` of a measurement is below
 FOUND_DAMPING = 0.02  # of a resonance that the controller has found
 STEP = 1e-4  # s: a tick has a step of the learning for each of these
-TIMES, RESTS = 3, 2  # how often a correction is taken back, the last time all of it; periods that do not count then
+TIMES, RESTS = 4, 2  # how often a correction is taken back, the last time all of it; periods that do not count then
 KEPT = 1000  # batches in `batches`
 
 
