@@ -44,7 +44,7 @@ def refine(
     known, data = truestroke.load_model(model), truestroke.read_record(record, **options)
     waveforms.warn_of(known)
     common.examined(data, force)
-    wanted = None if waveform is None else truestroke.load_waveform(waveform)
+    wanted = None if waveform is None else _put_out(waveform)
     stage = None if dynamics is None else truestroke.Dynamics.load(dynamics)
     found = truestroke.refine(known, data, waveform=wanted, dynamics=stage)
     truestroke.save_model(output, found.model)
@@ -82,3 +82,15 @@ def _tell(found: truestroke.Refined, model: str) -> None:
     if found.kept:
         common.print_text(found.kept)
     click.echo(f"model      {model}")
+
+
+def _put_out(file: Path) -> truestroke.Waveform:
+    """With what it should have moved: `playback` outputs a file of voltages alone, too."""
+    try:
+        return truestroke.load_waveform(file)
+    except truestroke.RecordError as error:
+        if "no column 'desired'" not in str(error):
+            raise
+        reason = "no column desired, what the waveform should have moved, as `truestroke invert` and --next write it"
+        remedy = "Without --waveform the record alone refines the model."
+        raise click.ClickException(f"{file}: {reason}. {remedy}") from None

@@ -231,7 +231,7 @@ class RepetitiveController(Displayed):
     ...     controller.adapt(10.0 * before)
     ...     before = volts
     >>> [f"{batch.rmse:.3f}" for batch in controller.batches][:4]
-    ['1.191', '0.480', '0.042', '0.018']
+    ['1.191', '0.462', '0.036', '0.016']
     """
 
     def __init__(
