@@ -292,7 +292,11 @@ def _placed(tables: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, Mapping[
     if not tables:
         raise SettingError("axis", "[]", "at least one table [[axis]]")
     for number, table in enumerate(tables, 1):
-        yield ("axis." if len(tables) == 1 else f"[[axis]] {number}: "), table
+        place = "axis." if len(tables) == 1 else f"[[axis]] {number}: "
+        if "sample_rate" in table:
+            given, bound = table["sample_rate"], "left out: all axes have the sample_rate of [driver], from one clock"
+            raise SettingError(f"{place}sample_rate", given, bound)
+        yield place, table
 
 
 def _axis(table: AxisTable, folder: Path, rate: float, image: Imaging | None) -> Axis:
