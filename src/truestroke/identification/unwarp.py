@@ -187,7 +187,8 @@ def read_scan_record(
         return ScanRecord(x=signals["x"], y=volts_of_y, sample_rate=rate, lines=lines)
     if "trigger" not in signals:
         names = ", ".join(found.names) or f"{found.width} columns without names"
-        reason = f"there is no trigger: name the column that is high within the lines (`trigger`), or give a table of \
+        which = "no trigger of the trace beside that of the retrace" if "retrace" in signals else "no trigger"
+        reason = f"there is {which}: name the column that is high within the lines (`trigger`), or give a table of \
 them (`lines`); there are {names}"
         raise RecordError(str(path), reason)
     trace = triggered(signals["trigger"], rate)
