@@ -15,7 +15,7 @@ from collections import defaultdict
 import numpy as np
 
 from truestroke import ControllerSettings, Dynamics, Mode, MultiAxisController, run, sensor_frame
-from truestroke.control.learned_strain import STEPS, LearnedStrain
+from truestroke.control.repeating.learned_strain import STEPS, LearnedStrain
 from truestroke.plant import MultiAxisSettings, MultiAxisStage, StageSettings
 from truestroke.signals.trajectories import raster
 

@@ -15,7 +15,8 @@ from benchmarks import foreign_records
 from scipy.signal import butter, lfilter
 
 from truestroke import plant, trajectories
-from truestroke.identification import Record, RecordError, examine, read_record, turning
+from truestroke.identification import Record, RecordError, examine, read_record
+from truestroke.identification.records import turning
 
 SHARED = Path(os.environ.get("TRUESTROKE_SHARED", Path(__file__).resolve().parents[2] / "shared"))
 MEASURED = SHARED / "data" / "p885_91" / "Model_Vi_Do.dat"

@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.signal import sawtooth
 
-from truestroke.identification.identified import time_constants
-from truestroke.identification.series import series
+from truestroke.identification.fitting.procedure import time_constants
+from truestroke.identification.records.series import series
 from truestroke.plant import StagePlant, StageSettings
 
 FINE = 10_000.0  # Hz: rate of the simulation

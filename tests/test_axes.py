@@ -24,7 +24,7 @@ from truestroke import (
 )
 from truestroke.base import frames
 from truestroke.cli import main
-from truestroke.control.learned_strain import LearnedStrain
+from truestroke.control.repeating.learned_strain import LearnedStrain
 from truestroke.model.dynamics import Dynamics, Mode
 from truestroke.plant import MultiAxisSettings, MultiAxisStage, StageSettings
 from truestroke.runtime.drivers.turned import Turned

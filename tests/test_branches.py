@@ -10,10 +10,11 @@ from scipy.integrate import solve_ivp
 
 from truestroke import AdaptiveController, SettingError
 from truestroke.control.actuator import ActuatorModel
-from truestroke.identification import identify, load_model, refine, save_model, select, waveform
-from truestroke.identification.identified import fit_structure
-from truestroke.identification.record import Record
-from truestroke.identification.regression import FLOOR, Data, Structure, loops
+from truestroke.identification import identify, load_model, refine, save_model, waveform
+from truestroke.identification.fitting import select
+from truestroke.identification.fitting.regression import FLOOR, Data, Structure, loops
+from truestroke.identification.fitting.structure import fit_structure
+from truestroke.identification.records.record import Record
 from truestroke.model.branches import Branches
 from truestroke.model.layout import Layout
 from truestroke.model.operators import play_history

@@ -17,7 +17,7 @@ from click.testing import CliRunner
 from truestroke import plant, trajectories
 from truestroke.cli import main
 from truestroke.identification import Findings, Record, examine, read_record
-from truestroke.identification.turning import reversals
+from truestroke.identification.records.turning import reversals
 from truestroke.model.operators import play_history
 
 SHARED = Path(os.environ.get("TRUESTROKE_SHARED", Path(__file__).parents[2] / "shared"))

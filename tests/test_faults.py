@@ -7,9 +7,9 @@ import pytest
 from benchmarks import foreign_records, unseen_records
 
 from truestroke.identification import examine
-from truestroke.identification.faults import faults, repeated
-from truestroke.identification.mistakes import refuse
-from truestroke.identification.record import Record, read_record
+from truestroke.identification.examination.faults import faults, repeated
+from truestroke.identification.examination.mistakes import refuse
+from truestroke.identification.records.record import Record, read_record
 from truestroke.signals.tables import RecordError
 
 FS = 1000.0

@@ -15,8 +15,8 @@ from click.testing import CliRunner
 from truestroke.cli import main
 from truestroke.cli.identify import _files
 from truestroke.identification import HeldOut, Record, examine, identify, read_record
-from truestroke.identification.regression import Structure
-from truestroke.identification.select import Tried
+from truestroke.identification.fitting.regression import Structure
+from truestroke.identification.fitting.select import Tried
 from truestroke.report.identified import model_page
 from truestroke.report.identified.page import line_rmse, structures, verdict
 from truestroke.report.identified.plots import plots

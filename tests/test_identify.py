@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from truestroke import AdaptiveController, SettingError, run, trajectories
-from truestroke.identification import identify, load_model, normal, save_model
+from truestroke.identification import identify, load_model, save_model
+from truestroke.identification.fitting import normal
 from truestroke.model.models import RateDependentModel, play_inverse_literal
 from truestroke.model.operators import play
 from truestroke.plant import RealisticPlant

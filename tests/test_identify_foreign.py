@@ -9,7 +9,8 @@ from click.testing import CliRunner
 from scipy.optimize import lsq_linear, minimize
 
 from truestroke.cli import main
-from truestroke.identification import Record, examine, fit, identify, normal
+from truestroke.identification import Record, examine, fit, identify
+from truestroke.identification.fitting import normal
 from truestroke.model.models import ModifiedPrandtlIshlinskii
 
 SPEC = importlib.util.spec_from_file_location(

@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 import truestroke
 from truestroke import Dynamics, IterativeLearning, Mode, SettingError, trajectories
 from truestroke.cli import main
-from truestroke.control import periodic_hysteresis
-from truestroke.control.iterative import repetition
-from truestroke.control.response_prior import FewNumbers, beside
-from truestroke.control.steps import finished
+from truestroke.control.repeating import periodic_hysteresis
+from truestroke.control.repeating.iterative import repetition
+from truestroke.control.repeating.response_prior import FewNumbers, beside
+from truestroke.control.repeating.steps import finished
 from truestroke.model import prior
 from truestroke.model.operators import play_history
 from truestroke.plant import StagePlant, StageSettings

@@ -7,8 +7,9 @@ from scipy.signal import TransferFunction, lsim
 
 import truestroke
 from truestroke.control import stage
-from truestroke.identification import Record, identify, load_model, modes, refine, save_model
-from truestroke.identification.modes import ModeSearch
+from truestroke.identification import Record, identify, load_model, refine, save_model
+from truestroke.identification.fitting import modes
+from truestroke.identification.fitting.modes import ModeSearch
 from truestroke.model.dynamics import Dynamics, Mode
 
 TRUE = ((0.75, 170.0, 0.03), (0.17, 395.0, 0.02), (0.08, 710.0, 0.025))  # share, Hz, damping: of modes_excited

@@ -10,9 +10,9 @@ from scipy.signal import butter, lfilter
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
 from truestroke.identification import Findings, Record, examine, read_record
-from truestroke.identification.modes import ModeSearch
-from truestroke.identification.rare import nonlinear
-from truestroke.identification.regression import plays
+from truestroke.identification.examination.rare import nonlinear
+from truestroke.identification.fitting.modes import ModeSearch
+from truestroke.identification.fitting.regression import plays
 
 RATE = 1000.0
 T = np.arange(3000) / RATE

@@ -14,14 +14,14 @@ from click.testing import CliRunner
 import truestroke
 from truestroke import AdaptiveController, Dynamics, Mode, RepetitiveController, SettingError, trajectories
 from truestroke.cli import main
-from truestroke.control import batches
-from truestroke.control import repetitive as repetitive_module
 from truestroke.control.baselines import ConstantGain
-from truestroke.control.batches import Outcome
-from truestroke.control.online import OnlineLaw
-from truestroke.control.repetition import Periods, Repetition
-from truestroke.control.response_prior import FewNumbers
-from truestroke.control.steps import Task, finished
+from truestroke.control.repeating import batches
+from truestroke.control.repeating import repetitive as repetitive_module
+from truestroke.control.repeating.batches import Outcome
+from truestroke.control.repeating.online import OnlineLaw
+from truestroke.control.repeating.repetition import Periods, Repetition
+from truestroke.control.repeating.response_prior import FewNumbers
+from truestroke.control.repeating.steps import Task, finished
 from truestroke.plant import StagePlant, StageSettings
 from truestroke.runtime.realtime import config
 

@@ -11,10 +11,10 @@ from scipy.signal import lsim
 from truestroke.control import stage
 from truestroke.control.actuator import respond
 from truestroke.identification import ActuatorModel, load_model, save_model
-from truestroke.identification.identified import _data
-from truestroke.identification.regression import Structure
-from truestroke.identification.response import _excerpt, find_response
-from truestroke.identification.series import series
+from truestroke.identification.fitting.procedure import data_of
+from truestroke.identification.fitting.regression import Structure
+from truestroke.identification.fitting.response import _excerpt, find_response
+from truestroke.identification.records.series import series
 from truestroke.model.dynamics import Dynamics, Mode
 
 SPEC = importlib.util.spec_from_file_location(
@@ -26,7 +26,7 @@ SPEC.loader.exec_module(simulated)
 
 def found(volts, displacement, sample_rate):
     record = series((volts, displacement, sample_rate))
-    return find_response(_data(record, volts.size, volts.size), 3e-3)
+    return find_response(data_of(record, volts.size, volts.size), 3e-3)
 
 
 def test_lag_and_dead_time_against_a_simulation():
@@ -46,7 +46,7 @@ def test_columns_are_behind_stage_lag_and_dead_time_as_a_signal_is(dynamics, del
     """Natively, of every third sample: what `stage.through` and `respond` make of each column."""
     t = np.arange(800) / 1000.0
     x = 1.5 - 1.5 * np.cos(40 * t) * np.cos(3 * t)
-    plain = _data(series((x, 10 * x, 1000.0)), 800, 800)
+    plain = data_of(series((x, 10 * x, 1000.0)), 800, 800)
     s = Structure(thresholds=(0.0, 0.4, 0.9), rate_dependent=(0, 2), creep_times=(0.05,), asymmetry=2)
     before = plain.columns(s, 10 * x)[:, :-1]
     data = dataclasses.replace(plain, every=3, displacement=plain.displacement[::3])
@@ -60,7 +60,7 @@ def test_an_excerpt_has_rows_whose_states_are_known():
     """The fastest motion is at the start of a long record, before the voltage has covered its range."""
     t = np.arange(100_000) / 1e5
     x = 0.4 * np.sin(2 * np.pi * 3e3 * t) * (t < 0.05) + 10.0 * (t > 0.09) * (1 - np.cos(2 * np.pi * 5.0 * (t - 0.09)))
-    data = _data(series((x, 2 * x, 1e5)), x.size, x.size)
+    data = data_of(series((x, 2 * x, 1e5)), x.size, x.size)
     quick = _excerpt(data, 0.0)
     assert quick.rows > 4000
 

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from benchmarks import foreign_records as foreign
 
-from truestroke.identification import identify, score, select, uncertainty
-from truestroke.identification.identified import _data
-from truestroke.identification.rest import from_step, over_motion
-from truestroke.identification.series import first_known, series
+from truestroke.identification import identify, score
+from truestroke.identification.fitting import select, uncertainty
+from truestroke.identification.fitting.procedure import data_of
+from truestroke.identification.fitting.rest import from_step, over_motion
+from truestroke.identification.records.series import first_known, series
 
 FS = 200.0
 BEFORE = foreign.up_and_down(foreign.clock(2.0, FS), 1.0)  # two strokes over the whole range
@@ -66,7 +67,7 @@ TRIANGLES = foreign.up_and_down(foreign.clock(10.0, FS), 1.0) * (1 - foreign.clo
 
 def taken_for_rest(record):
     s = series(record)
-    data = _data(s, s.volts.size, 15_000)
+    data = data_of(s, s.volts.size, 15_000)
     guess = select.first_prediction(data)
     return over_motion(data, guess, uncertainty.white_variance(data.displacement - guess)) < 1
 

@@ -12,12 +12,7 @@ from truestroke import AdaptiveController, ControllerSettings, Dynamics, Mode, S
 from truestroke.base import declared
 from truestroke.control.feedback import design
 from truestroke.control.reference import ReferenceController
-from truestroke.control.settings import (
-    CHANGEABLE,
-    MAX_DEAD_ZONES,
-    SETTINGS,
-    kernel_settings,
-)
+from truestroke.control.settings import CHANGEABLE, MAX_DEAD_ZONES, SETTINGS, kernel_settings
 from truestroke.model import layout
 from truestroke.model.layout import MAX_CREEPS, MAX_PLAYS
 

@@ -8,9 +8,9 @@ from benchmarks import foreign_records
 
 from truestroke import trajectories
 from truestroke.identification import Record, examine, identify, load_model, save_model
-from truestroke.identification.identified import HeldOut, Trace
-from truestroke.identification.uncertainty import autocorrelation
-from truestroke.identification.validation import Evidence, evidence, verdict
+from truestroke.identification.fitting.uncertainty import autocorrelation
+from truestroke.identification.held_out.trace import HeldOut, Trace
+from truestroke.identification.held_out.validation import Evidence, evidence, verdict
 from truestroke.model.operators import play_history
 from truestroke.plant import StagePlant, StageSettings
 

@@ -5,8 +5,8 @@ import pytest
 from benchmarks import foreign_records as foreign
 
 from truestroke.identification import Record, identify
-from truestroke.identification.series import series
-from truestroke.identification.zeros import at_one_zero, zeros
+from truestroke.identification.fitting.zeros import at_one_zero, zeros
+from truestroke.identification.records.series import series
 
 FS, SECONDS, GAP = 100.0, 12.0, 600.0
 ABOVE = np.array([0.0, 1.2, -0.7])  # um, of the parts

@@ -247,7 +247,7 @@ record_options = options(  # RECORD, and how `truestroke.read_record` reads it
 
 def examined(record: truestroke.Record, force: bool) -> truestroke.Findings:
     """What `examine` finds; a RecordError where the record contradicts itself, unless `force`."""
-    from truestroke.identification import mistakes
+    from truestroke.identification.examination import mistakes
 
     findings = truestroke.examine(record)
     if not force:

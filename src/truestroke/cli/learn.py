@@ -16,7 +16,7 @@ from truestroke.base.exit_codes import ExitCode
 from truestroke.cli import common, realtime, waveforms
 
 if TYPE_CHECKING:
-    from truestroke.control.iterative import Learned
+    from truestroke.control.repeating.iterative import Learned
     from truestroke.runtime.drivers.protocol import Driver
     from truestroke.runtime.realtime.watched import Watched
 
@@ -179,7 +179,7 @@ def _driven(config: Path | None, options: dict[str, Any]) -> tuple[Any, dict[str
 
 def _long(rate: float, options: dict[str, Any]) -> float:
     """Seconds that hold a repetition of whole samples after the ramp."""
-    from truestroke.control.iterative import repetition
+    from truestroke.control.repeating.iterative import repetition
 
     samples, _ = repetition(rate, options["frequency"])
     if samples > LONGEST:

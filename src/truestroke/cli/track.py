@@ -37,7 +37,7 @@ def track(output: str, plots: Path | None, as_json: bool, **options: Any) -> int
 
     Prints rmse and maximum error over the second half of the run; writes a recording and a page of pictures.
     """
-    from truestroke.control import repetition
+    from truestroke.control.repeating import repetition
     from truestroke.studies import tracking
 
     recording_file, page_file = common.outputs(output, ".h5", ".html")

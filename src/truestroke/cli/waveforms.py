@@ -15,7 +15,7 @@ from truestroke.cli import common
 from truestroke.control.settings import UNLIMITED
 
 if TYPE_CHECKING:
-    from truestroke.control.iterative import Learned
+    from truestroke.control.repeating.iterative import Learned
 
 # What each motion understands: option -> argument of its function.
 SHARED = {"peak_to_peak": "peak_to_peak", "duration": "duration", "sample_rate": "sample_rate"}

@@ -8,7 +8,7 @@ Desired and measured motion of the sensors become those of the axes by F^-1, whi
 others is then known before the voltage is chosen: c, l and e are three more weights for each, which the law of the axis
 learns while it runs (`other_axes` of `ControllerSettings`). A small error of F is such a coupling, too.
 
-What is the same in each period of a motion that repeats is learned beside, by `control.learned_strain`.
+What is the same in each period of a motion that repeats is learned beside, by `learned_strain`.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ from truestroke.base.flags import BIT, Flags
 from truestroke.base.typing import FloatArray
 from truestroke.control import stage
 from truestroke.control.controller import AdaptiveController, Counters, State
-from truestroke.control.learned_strain import BEGIN, LearnedStrain, whole_ticks
-from truestroke.control.repetition import LEFT, check_repeats
+from truestroke.control.repeating.learned_strain import BEGIN, LearnedStrain, whole_ticks
+from truestroke.control.repeating.repetition import LEFT, check_repeats
 from truestroke.control.settings import ControllerSettings
 from truestroke.model.dynamics import Dynamics
 from truestroke.model.layout import MAX_OTHERS

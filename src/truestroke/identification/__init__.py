@@ -3,10 +3,12 @@
 from truestroke.control.actuator import ActuatorModel
 from truestroke.control.model_file import ModelFileError, load_model, save_model
 from truestroke.control.spans import Beyond, Span
-from truestroke.identification.examine import Findings, examine
-from truestroke.identification.identified import HeldOut, Identified, Trace, identify
-from truestroke.identification.least_squares import FittedWeights, fit
-from truestroke.identification.record import Record, read_record
+from truestroke.identification.examination.examine import examine
+from truestroke.identification.examination.findings import Findings
+from truestroke.identification.fitting.least_squares import FittedWeights, fit
+from truestroke.identification.held_out.trace import HeldOut, Trace
+from truestroke.identification.identified import Identified, identify
+from truestroke.identification.records.record import Record, read_record
 from truestroke.identification.refine import Refined, refine
 from truestroke.identification.score import Score, score
 from truestroke.identification.waveform import PredictedWaveform, Waveform, load_waveform, save_waveform, waveform

@@ -12,14 +12,14 @@ from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
 from truestroke.base.verdict import Verdict
 from truestroke.control import actuator
-from truestroke.control import passes as law
 from truestroke.control.actuator import ActuatorModel, central_difference
-from truestroke.control.harmonics import LEAST, SHY
+from truestroke.control.repeating import passes as law
+from truestroke.control.repeating.harmonics import LEAST, SHY
 from truestroke.control.settings import UNLIMITED
-from truestroke.identification import normal, uncertainty
-from truestroke.identification.normal import Prior
-from truestroke.identification.record import Record, as_record
-from truestroke.identification.regression import ROWS, Data, Structure
+from truestroke.identification.fitting import normal, uncertainty
+from truestroke.identification.fitting.normal import Prior
+from truestroke.identification.fitting.regression import ROWS, Data, Structure
+from truestroke.identification.records.record import Record, as_record
 from truestroke.identification.waveform import Passes, PredictedWaveform, Waveform, described
 from truestroke.model.dynamics import EXPECTED as DYNAMICS
 from truestroke.model.dynamics import Dynamics
@@ -143,7 +143,7 @@ def refine(
     its own record.
 
     `next` corrects the pass at each frequency, through the model and the ratio of the true response to the model's that
-    the passes show (`control.passes`); a pass that was worse than the best one is undone.
+    the passes show (`passes`); a pass that was worse than the best one is undone.
 
     Parameters
     ----------

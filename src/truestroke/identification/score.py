@@ -14,11 +14,11 @@ from truestroke.base.typing import FloatArray
 from truestroke.base.verdict import Level, Verdict
 from truestroke.control import actuator, interval
 from truestroke.control.actuator import ActuatorModel
-from truestroke.identification.identified import Trace
-from truestroke.identification.noise import noise
-from truestroke.identification.rest import from_step
-from truestroke.identification.series import first_known, series
-from truestroke.identification.validation import NEGLIGIBLE, NOISE, sizes
+from truestroke.identification.fitting.rest import from_step
+from truestroke.identification.held_out.trace import Trace
+from truestroke.identification.held_out.validation import NEGLIGIBLE, NOISE, sizes
+from truestroke.identification.records.noise import noise
+from truestroke.identification.records.series import first_known, series
 
 HELD = 0.8  # of the samples in the interval, at least
 WORSE = 3.0  # times the residual of the model's own record

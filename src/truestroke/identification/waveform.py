@@ -217,7 +217,7 @@ def load_waveform(path: str | os.PathLike[str]) -> Waveform:
     RecordError
         It has no columns `volts` and `desired`, or a row that cannot be used.
     """
-    from truestroke.identification.record import read_record
+    from truestroke.identification.records.record import read_record
 
     file = checks.path("path", path)
     read = read_record(file, volts="volts", displacement="desired", time="time")

@@ -4,7 +4,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from truestroke.control.iterative import Learned, Pass
+from truestroke.control.repeating.iterative import Learned, Pass
 from truestroke.report import spectra, style, units, words
 from truestroke.report.charts import Chart, Line, Panel
 from truestroke.report.page import Page, Section, Table, captioned, closer

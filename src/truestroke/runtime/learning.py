@@ -14,10 +14,10 @@ from truestroke.base import checks
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
 from truestroke.control.actuator import ActuatorModel
-from truestroke.control.iterative import IterativeLearning, Learned, Pass, at_the_noise
+from truestroke.control.repeating.iterative import IterativeLearning, Learned, Pass, at_the_noise
 from truestroke.identification.dynamics import DynamicsError, NoResonanceError, measure_bode, spring_to
 from truestroke.identification.identified import identify
-from truestroke.identification.record import Record
+from truestroke.identification.records.record import Record
 from truestroke.identification.refine import refine
 from truestroke.model.dynamics import Dynamics
 from truestroke.runtime.drivers.guard import Limits

@@ -17,8 +17,8 @@ from truestroke.base.typing import FloatArray
 from truestroke.control import feasibility
 from truestroke.control.axes import MultiAxisController
 from truestroke.control.controller import Controller
-from truestroke.control.learned_strain import LearnedStrain
-from truestroke.control.repetitive import RepetitiveController
+from truestroke.control.repeating.learned_strain import LearnedStrain
+from truestroke.control.repeating.repetitive import RepetitiveController
 from truestroke.runtime import native
 from truestroke.runtime.ticks import MARK, SIMULATED, SlowLayout, TickRecorder, recorded, stride
 from truestroke.signals.channels import channel, dtype

@@ -11,7 +11,7 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 
 from truestroke.base.typing import FloatArray
 from truestroke.identification.identified import identify
-from truestroke.identification.record import Record
+from truestroke.identification.records.record import Record
 
 
 class ActuatorRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from truestroke.identification import Findings, Identified, Record, examine
-from truestroke.identification.select import Tried
-from truestroke.identification.validation import Evidence
+from truestroke.identification.fitting.select import Tried
+from truestroke.identification.held_out.validation import Evidence
 from truestroke.report import words
 from truestroke.report.identified import plots
 from truestroke.report.identified.view import View

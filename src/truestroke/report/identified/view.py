@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from truestroke.base.typing import FloatArray
 from truestroke.control.actuator import central_difference
 from truestroke.identification import ActuatorModel, Identified, Trace
-from truestroke.identification.turning import reversals
+from truestroke.identification.records.turning import reversals
 from truestroke.model import prior as priors
 from truestroke.model.layout import TERMS
 

@@ -12,8 +12,8 @@ from truestroke.base import checks, frames, toml
 from truestroke.base.checks import SettingError
 from truestroke.base.files import FileError
 from truestroke.control.controller import AdaptiveController, Controller
-from truestroke.control.repetition import check_repeats
-from truestroke.control.repetitive import RepetitiveController
+from truestroke.control.repeating.repetition import check_repeats
+from truestroke.control.repeating.repetitive import RepetitiveController
 from truestroke.control.settings import ControllerSettings
 from truestroke.identification import ActuatorModel, ModelFileError, load_model
 from truestroke.model.dynamics import Dynamics

@@ -9,7 +9,7 @@ from typing import Any
 
 from truestroke.base import checks
 from truestroke.base.typing import FloatArray
-from truestroke.control.learned_strain import LearnedStrain
+from truestroke.control.repeating.learned_strain import LearnedStrain
 from truestroke.runtime.loop import wanted
 from truestroke.signals.trajectories import Trajectory
 

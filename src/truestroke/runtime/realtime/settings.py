@@ -7,7 +7,7 @@ from truestroke.base import checks
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
 from truestroke.control.controller import Controller
-from truestroke.control.learned_strain import LearnedStrain
+from truestroke.control.repeating.learned_strain import LearnedStrain
 from truestroke.control.settings import ControllerSettings
 from truestroke.runtime.drivers.guard import Limits
 from truestroke.runtime.drivers.paced import SPIN

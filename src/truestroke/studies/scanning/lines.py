@@ -13,7 +13,7 @@ from truestroke.base.typing import FloatArray
 from truestroke.control import feasibility
 from truestroke.control.axes import MultiAxisController
 from truestroke.control.controller import AdaptiveController
-from truestroke.control.learned_strain import whole_ticks
+from truestroke.control.repeating.learned_strain import whole_ticks
 from truestroke.plant import MultiAxisStage
 from truestroke.runtime.loop import run
 from truestroke.runtime.ticks import SIMULATED

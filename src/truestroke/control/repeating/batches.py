@@ -1,0 +1,386 @@
+"""What batches of periods show of a motion that repeats, and the correction that follows, in steps.
+
+`RepetitiveController` measures the batches, and does the steps in its ticks. A `Learned` is not changed: a batch makes
+another one, so that learning that is broken off leaves nothing behind.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from truestroke.base.display import Displayed, Rows, quantity
+from truestroke.base.typing import ComplexArray, FloatArray
+from truestroke.control.repeating import iterative
+from truestroke.control.repeating.harmonics import BoolArray, HarmonicLaw, nearest
+from truestroke.control.repeating.online import OnlineLaw
+from truestroke.control.repeating.periodic_hysteresis import PeriodicHysteresis, identified
+from truestroke.control.repeating.response_prior import APART, ROUNDS, FewNumbers, beside
+from truestroke.control.repeating.steps import Steps
+from truestroke.model.dynamics import Dynamics
+
+UNKNOWN = 0.01  # of the sample rate: without dynamics the response is known to there; R is less sure with f^4
+STRAIGHT = 1e-3  # of the largest acceleration: where there is less, the motion is straight
+LINES = 0.3  # of a period: errors of a motion that is straight for so long count there alone
+LEARNED = 0.8  # times the error: while it falls below from batch to batch, the controller inside goes on learning
+PATIENCE = 6  # batches, at most
+ALIKE = 0.02  # of the rms of a motion: another one within it is the same, but for amplitude, offset and phase
+CARRIED = 3.0  # times: how much more a correction may become where the period changes
+ABOVE = 1.05  # times the square of the first error, and
+NOISES = 2.0  # times that of the noise of a sample: a period beyond their sum is too much
+AT_ONCE, HARMONICS = 2048, 16  # samples of periods, and harmonics of a response, that are worked on in one step
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class Batch(Displayed):
+    """What the periods with one correction have shown.
+
+    Attributes
+    ----------
+    number : int
+        From 0 on; the first one is without a correction.
+    tick : int
+        Commands until its end.
+    rmse, maximum : float
+        Error of the mean of its periods, where errors count, um.
+    noise : float
+        Standard deviation of that mean, um: an error like it cannot be learned.
+    expected : float
+        Rmse that the next one should have, um.
+    undone : str
+        In a sentence, why the next one does not build on it; empty where it does.
+    """
+
+    number: int
+    tick: int
+    rmse: float
+    maximum: float
+    noise: float
+    expected: float
+    undone: str = ""
+
+    def _display(self) -> tuple[str, Rows]:
+        rows = [(name, quantity(getattr(self, name), "um")) for name in ("rmse", "maximum", "noise", "expected")]
+        return f"Batch {self.number}: {self.undone or 'taken'}", rows
+
+
+@dataclass(frozen=True, eq=False)
+class Learned:
+    """What is known of one motion.
+
+    Attributes
+    ----------
+    motion : ndarray of complex
+        Its spectrum, um.
+    f : ndarray
+        Of its harmonics, Hz.
+    heard, learned, counts : ndarray of bool
+        Harmonics that may be put out, and those up to the bandwidth; samples at which errors count.
+    unlearned : ndarray
+        The motion less what of it can be learned, um.
+    law : OnlineLaw
+        Of the strain.
+    hysteresis : PeriodicHysteresis or None
+        From the voltage to the strain, as the best batch has shown it; None until one has.
+    passes : tuple of (ndarray, ndarray)
+        Voltage, V, and U of the batches that the law remembers.
+    inside : ndarray of complex or None
+        Spectrum of the voltage of the controller inside, V, since it rests.
+    base : ndarray
+        Voltage of the last batch that was taken, V.
+    error : float
+        Of the last batch in which the controller inside learned, um.
+    listens : int
+        Batches at most in which it still learns.
+    carries : bool
+        Whether it began with what was learned of the same motion.
+    """
+
+    motion: ComplexArray
+    f: FloatArray
+    heard: BoolArray
+    learned: BoolArray
+    counts: BoolArray
+    unlearned: FloatArray
+    law: OnlineLaw
+    few: FewNumbers
+    listens: int
+    carries: bool = False
+    hysteresis: PeriodicHysteresis | None = None
+    passes: tuple[tuple[FloatArray, ComplexArray], ...] = ()
+    inside: ComplexArray | None = None
+    base: FloatArray | None = None
+    error: float = math.inf
+
+    @property
+    def slope(self) -> float:
+        """Displacement at rest by voltage, um/V."""
+        return float(np.abs(self.law.response[0]))
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What follows from a batch, or from joining a motion.
+
+    Attributes
+    ----------
+    learned : Learned
+        What is known now.
+    volts : ndarray or None
+        The next correction, V, without its mean; None where there is none yet.
+    batch : Batch or None
+        Of a batch with a correction.
+    base : ndarray or None
+        The correction on which that one builds, V.
+    most : float
+        Mean square of the error of a period, um^2, beyond which the next correction is too much.
+    """
+
+    learned: Learned
+    volts: FloatArray | None = None
+    batch: Batch | None = None
+    base: FloatArray | None = None
+    most: float = math.inf
+
+
+@dataclass(frozen=True, eq=False)
+class Kept:
+    """What was learned of a motion that has been left: with the correction, V, and its mean, V."""
+
+    learned: Learned
+    volts: FloatArray
+    level: float
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """A batch.
+
+    Attributes
+    ----------
+    errors : Sequence of ndarray, shape (samples,)
+        Measured less desired displacement, period by period, um.
+    added, inside : ndarray, shape (samples,)
+        One period of the correction as it was output, and of the controller inside, V.
+    number, tick : int
+        As of `Batch`.
+    """
+
+    errors: Sequence[FloatArray]
+    added: FloatArray
+    inside: FloatArray
+    number: int
+    tick: int
+
+
+# ---- Joining a motion -----------------------------------------------------------------------------------------------
+
+
+def joined(
+    wave: FloatArray, f: FloatArray, rate: float, dynamics: Dynamics | None, band: float, kept: Kept | None
+) -> Steps[Outcome]:
+    """A motion repeats: what of it can be learned, and what was learned of its like before.
+
+    Parameters
+    ----------
+    wave : ndarray, shape (samples,)
+        One period, um.
+    f : ndarray
+        Of its harmonics, Hz.
+    rate : float
+        Ticks per second, Hz.
+    dynamics : Dynamics or None
+        Of the stage.
+    band : float
+        Highest harmonic that is learned, Hz.
+    kept : Kept or None
+        Of the last motion.
+    """
+    yield
+    below = np.minimum(f, rate / 2)
+    G, sensor = yield from _responses(dynamics, below)
+    first = UNKNOWN * rate if dynamics is None else dynamics.modes[0].frequency
+    alone = beside(below, first, band, 1.0 if dynamics is None else APART)
+    few = FewNumbers(dynamics, below, rate, alone)
+    yield
+    heard, learned = f <= iterative.SEEN * rate, f <= band
+    yield
+    bent = np.abs(np.roll(wave, 1) - 2 * wave + np.roll(wave, -1))
+    straight = bent <= STRAIGHT * bent.max()
+    straight |= np.roll(straight, 1) | np.roll(straight, -1)  # both ends of a line are on it
+    counts = straight if straight.mean() >= LINES else np.ones(wave.size, dtype=bool)
+    found = yield from nearest(wave, counts, learned)
+    yield
+    motion, desired = np.fft.rfft(wave), sensor * np.fft.rfft(found)
+    law = OnlineLaw(desired, G, few, heard, samples=wave.size, beyond=heard & ~learned, known=False)
+    yield from law.knowing()
+    unlearned = wave - np.fft.irfft(desired, wave.size)
+    yield
+    fresh = Learned(motion, f, heard, learned, counts, unlearned, law, few, listens=PATIENCE)
+    carried = None if kept is None else (yield from _carried(kept, fresh))
+    if carried is None:
+        return Outcome(fresh)
+    return Outcome(replace(fresh, listens=0, carries=True), carried)
+
+
+def _responses(dynamics: Dynamics | None, f: FloatArray) -> Steps[tuple[ComplexArray, ComplexArray]]:
+    """From the strain to the measurement, without unit, and from displacement to measurement."""
+    if dynamics is None:
+        return (np.ones(f.size, dtype=np.complex128),) * 2
+    both = np.empty((2, f.size), dtype=np.complex128)
+    for begin in range(0, f.size, HARMONICS):
+        some = slice(begin, begin + HARMONICS)
+        for row, sensor in zip(both, (True, False), strict=True):
+            row[some] = dynamics.response(f[some], sensor=sensor)
+            yield
+    return both[0], both[0] / both[1]
+
+
+def _carried(kept: Kept, now: Learned) -> Steps[FloatArray | None]:
+    """The correction for another amplitude, offset, phase or period of the same form; None: it is another form.
+
+    What the law has learned of the response goes to that of now.
+    """
+    then, law = kept.learned, now.law
+    before = then.law
+    size, scale = min(now.motion.size, then.motion.size), law.samples / before.samples
+    this, that = now.motion[1:size], scale * then.motion[1:size]
+    across = np.fft.irfft(np.concatenate([[0.0], this * np.conj(that)]), law.samples)
+    yield
+    h = np.arange(1, size)
+    shift = np.exp(-2j * np.pi * h * int(np.argmax(across)) / law.samples)
+    yield
+    product = np.conj(that * shift) * this
+    part = float(np.sum(h * product.imag) / max(float(np.sum(h**2 * product.real)), 1e-300))  # of a sample
+    yield
+    shift = shift * np.exp(1j * h * part)
+    yield
+    amplitude = float(np.sum(np.conj(that * shift) * this).real / np.sum(np.abs(that) ** 2))
+    if np.sum(np.abs(this - amplitude * shift * that) ** 2) > ALIKE**2 * np.sum(np.abs(this) ** 2):
+        return None
+    yield
+    yield from _remembered(before, then.f, law, now.f)
+    moved = (before.response * before.ratio)[1:size] / (law.response * law.ratio)[1:size]
+    yield
+    moved = moved * np.minimum(1.0, CARRIED / np.abs(moved))
+    correction = np.zeros(now.motion.size, dtype=np.complex128)
+    correction[1:size] = amplitude * shift * moved * scale * np.fft.rfft(kept.volts)[1:size]
+    yield
+    return np.asarray(np.fft.irfft(correction, law.samples))
+
+
+def _remembered(before: HarmonicLaw, then: FloatArray, law: HarmonicLaw, now: FloatArray) -> Steps[None]:
+    law.remember(before, then, now)
+    for _ in range(ROUNDS):
+        yield
+        yield from law.knowing()
+
+
+# ---- A batch --------------------------------------------------------------------------------------------------------
+
+
+def concluded(before: Learned, batch: Measured) -> Steps[Outcome]:
+    """What follows from a batch: the controller inside goes on, or it rests and a correction is learned."""
+    yield
+    mean, noise2 = yield from _spectra(batch.errors)
+    Z = before.motion + mean
+    added, inside = np.fft.rfft(batch.added), np.fft.rfft(batch.inside)
+    yield
+    if before.inside is not None:
+        inside = before.inside  # later ones differ by drift and a wandering period
+    yield
+    volts = np.fft.irfft(inside + added, batch.added.size)
+    law, begins = before.law.copy(), before.law.fresh and not before.carries
+    if begins and not _scaled(law, inside + added, Z):
+        return Outcome(before)
+    yield
+    now = replace(before, law=law, inside=inside if before.listens == 0 else None)
+    missing = np.fft.irfft(Z - law.desired, volts.size)[now.counts]
+    spread = float(np.std(missing))
+    yield
+    if now.hysteresis is None or (before.listens == 0 and spread < law.best):
+        shows = identified(volts, Z, law.response, noise2, few=now.few, learned=now.learned, periods=1)
+        now = yield from _with_model(now, (yield from shows))
+    assert now.hysteresis is not None
+    strain = yield from now.hysteresis.strain(volts)
+    U = np.fft.rfft(strain)
+    yield
+    if before.hysteresis is None and not before.carries:
+        _scaled(law, U, Z)
+    yield from law.seeing(U, Z, noise2)
+    yield
+    now = replace(now, passes=(*((x, V) for x, V in now.passes if law.remembers(V)), (volts, U)))
+    for _ in range(ROUNDS):
+        yield
+        yield from law.knowing()
+    if now.listens > 0:
+        return Outcome(replace(now, error=spread, listens=now.listens - 1 if spread < LEARNED * now.error else 0))
+    return (yield from _followed(now, batch, volts, missing, law.noise(noise2)))
+
+
+def _with_model(now: Learned, hysteresis: PeriodicHysteresis) -> Steps[Learned]:
+    """With another model of the hysteresis, and the strain that it makes of earlier batches."""
+    passes = []
+    for x, _ in now.passes:
+        strain = yield from hysteresis.strain(x)
+        passes.append((x, np.fft.rfft(strain)))
+        yield
+    now.law.output_again([U for _, U in now.passes], [U for _, U in passes])
+    return replace(now, hysteresis=hysteresis, passes=tuple(passes))
+
+
+def _scaled(law: HarmonicLaw, output: ComplexArray, measured: ComplexArray) -> bool:
+    """The gain is that of a batch; False: its sign is wrong, and it stays."""
+    gain = law.gain(output, measured)
+    if gain > 0:
+        law.scale(gain)
+    return gain > 0
+
+
+def _spectra(errors: Sequence[FloatArray]) -> Steps[tuple[ComplexArray, FloatArray]]:
+    """Mean of some periods, which may drift and wander a little, and its variance at each harmonic."""
+    n, rows = len(errors), max(1, AT_ONCE // errors[0].size)
+    last = np.fft.rfft(errors[0])
+    total, scatter = last.copy(), np.zeros(last.size)
+    for begin in range(1, n, rows):
+        yield
+        some = np.fft.rfft(np.array(errors[begin : begin + rows]), axis=1)
+        yield
+        scatter += np.sum(np.abs(np.diff(some, axis=0, prepend=last[None])) ** 2, axis=0)
+        total += some.sum(axis=0)
+        last = some[-1]
+    return total / n, scatter / (2 * n * (n - 1))
+
+
+def _followed(now: Learned, measured: Measured, volts: FloatArray, missing: FloatArray, noise: float) -> Steps[Outcome]:
+    """The voltage of the next batch is taken, but for its mean."""
+    following = yield from now.law.following(float(np.std(missing)))
+    yield
+    batch = Batch(
+        number=measured.number,
+        tick=measured.tick,
+        rmse=float(np.sqrt(np.mean(missing**2))),
+        maximum=float(np.abs(missing).max()),
+        noise=noise,
+        expected=following.expected,
+        undone=following.undone,
+    )
+    now = replace(now, base=now.base if following.undone else volts)
+    assert now.base is not None
+    assert now.hysteresis is not None
+    assert now.inside is not None
+    strain = np.fft.irfft(following.output, volts.size)
+    yield
+    x = yield from now.hysteresis.volts(strain, now.base, now.heard)
+    corrections = []
+    for total in (x, now.base):
+        yield
+        v = np.where(now.heard, np.fft.rfft(total) - now.inside, 0.0)
+        v[0] = 0.0
+        corrections.append(np.fft.irfft(v, volts.size))
+    sample2 = len(measured.errors) * noise**2
+    most = ABOVE * now.law.first**2 + NOISES * sample2
+    return Outcome(now, corrections[0], batch, corrections[1], most)

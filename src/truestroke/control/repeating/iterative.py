@@ -1,0 +1,556 @@
+"""Iterative learning of a motion that repeats, in the frequency domain, for a loop that is closed from pass to pass.
+
+A pass repeats one period of voltage, and the mean of the periods is measured. The law of `harmonics` makes of
+both the strain of the next pass, and a model of the hysteresis, which the first pass shows, its voltage.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from truestroke.base import checks
+from truestroke.base.checks import SettingError
+from truestroke.base.display import Displayed, Rows, quantity
+from truestroke.base.typing import ComplexArray, FloatArray
+from truestroke.base.verdict import Verdict
+from truestroke.control.actuator import ActuatorModel
+from truestroke.control.repeating.harmonics import BoolArray, PassLaw, nearest
+from truestroke.control.repeating.periodic_hysteresis import PeriodicHysteresis, identified
+from truestroke.control.repeating.response_prior import (
+    DAMPING,
+    FREQUENCY,
+    GAIN,
+    LATE,
+    UNSURE,
+    FewNumbers,
+    Independent,
+    Prior,
+    beside,
+)
+from truestroke.control.repeating.steps import finished
+from truestroke.control.settings import UNLIMITED
+from truestroke.model.dynamics import Dynamics
+from truestroke.signals.trajectories import Trajectory
+
+BAND = 2.4  # times the first resonance: harmonics up to there are learned
+SEEN = 0.45  # of the sample rate: none beyond it is
+WHOLE = 1e-6  # of a sample: a period this near to whole samples has as many
+REPETITIONS = 200  # periods of the motion at most, until they take whole samples
+PERIODIC = 1e-6  # of the peak-to-peak: how well a motion has to repeat
+LIMITED = 0.01  # of the samples at a limit: beyond, the verdict says so
+ABOVE = 0.2  # of the square of the noise: what else may be in an error that is called noise
+NEAR = 2.0  # times the noise: a result that is good
+FINE = 1e-3  # of the peak-to-peak, rms: so is this
+SLOW = 0.8  # times the rmse: what the next pass must be expected to have, where more passes help
+GAINS = 0.1, 10.0  # times the gain that was given: the first pass corrects it within
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class Pass(Displayed):
+    """What one pass did, and what is expected of the next one.
+
+    Attributes
+    ----------
+    number : int
+        From 0 on, which has learned nothing.
+    volts : ndarray, shape (samples,)
+        One period, V.
+    measured : ndarray, shape (samples,)
+        Mean of the measured periods, um; empty of a pass that was missed.
+    error : ndarray, shape (samples,)
+        Measured minus what is desired of the sensor, um.
+    rmse, maximum : float
+        Of the error where it counts (`Trajectory.flat`), um.
+    noise : float
+        Standard deviation of the mean of the periods, um: an error like it cannot be learned.
+    expected : float
+        Rmse that the next pass should have, noise and the harmonics that are not learned included, um.
+    limited : float
+        Share of the samples of `volts` at a limit of voltage or slew.
+    undone : str
+        In a sentence, why the next pass does not build on this one; empty where it does.
+    """
+
+    number: int
+    volts: FloatArray
+    measured: FloatArray
+    error: FloatArray
+    rmse: float
+    maximum: float
+    noise: float
+    expected: float
+    limited: float
+    undone: str = ""
+
+    @property
+    def verdict(self) -> Verdict:
+        """Doubtful where it was undone or at a limit."""
+        reasons = [self.undone] if self.undone else []
+        if self.limited > LIMITED:
+            reasons.append(
+                f"A limit of voltage or slew holds {100 * self.limited:.0f} % of the waveform: what it cuts off "
+                "cannot be learned. Make the motion smaller or slower, or raise the limit."
+            )
+        return Verdict("doubtful", tuple(reasons)) if reasons else Verdict("good")
+
+    def _display(self) -> tuple[str, Rows]:
+        rows = [(name, quantity(getattr(self, name), "um")) for name in ("rmse", "maximum", "noise", "expected")]
+        return f"Pass {self.number}: {self.undone or self.verdict.level}", rows
+
+
+class IterativeLearning(Displayed):
+    """The voltage for a motion that repeats, learned from pass to pass.
+
+    Parameters
+    ----------
+    motion : Trajectory or array_like, shape (samples,)
+        What repeats: a sine, triangle or raster of `truestroke.trajectories`, or one period as an array, um. Errors
+        count where `flat` of a trajectory says so.
+    sample_rate : float, optional
+        Of an array, Hz, and needed then.
+    gain : float
+        Displacement by voltage, um/V: stroke over voltage range. The first pass corrects it, within ten times.
+    dynamics : Dynamics, optional
+        Of the stage, as `truestroke bode` measures them. Without them the stage is taken for a spring, and `bandwidth`
+        is needed.
+    voltage_limits : tuple[float, float]
+        Lowest and highest voltage, V.
+    slew_limit : float
+        Fastest change of the voltage, V/s.
+    bandwidth : float, optional
+        Highest harmonic that is learned, Hz; by default 2.4 times the first resonance, at most 0.45 of the sample rate.
+    model : ActuatorModel, optional
+        Of the actuator: its inverse makes the first pass.
+
+    Attributes
+    ----------
+    desired : ndarray, shape (samples,)
+        One period of what is learned, um: the motion without harmonics beyond the bandwidth, as near to it as they
+        allow where errors count.
+    samples, periods : int
+        Of a repetition: where a period of the motion takes no whole number of samples, it has several periods.
+
+    Raises
+    ------
+    SettingError
+        The motion does not repeat, its period is no whole number of samples, the bandwidth is below its frequency, the
+        rates differ, or a limit does not allow the first pass: the message names what it needs.
+
+    Examples
+    --------
+    A spring that is a fifth softer than its gain says, and late by a tick:
+
+    >>> wave = 10.0 - 10.0 * np.cos(np.arange(100) * 2 * np.pi / 100)
+    >>> learned = IterativeLearning(wave, 1000.0, gain=5.0, bandwidth=100.0, voltage_limits=(0.0, 6.0))
+    >>> for _ in range(4):
+    ...     made = learned.learn(np.tile(4.0 * np.roll(learned.volts, 1), (3, 1)))
+    ...     print(f"{made.rmse:.2f} um")
+    2.49 um
+    0.19 um
+    0.01 um
+    0.01 um
+    """
+
+    def __init__(
+        self,
+        motion: Trajectory | npt.ArrayLike,
+        sample_rate: float | None = None,
+        *,
+        gain: float,
+        voltage_limits: tuple[float, float],
+        slew_limit: float = UNLIMITED,
+        dynamics: Dynamics | None = None,
+        bandwidth: float | None = None,
+        model: ActuatorModel | None = None,
+    ) -> None:
+        wave, counts, self.sample_rate, self.periods = _period(motion, sample_rate)
+        self.samples = wave.size
+        self.gain = checks.positive("gain", gain, "um/V")
+        self.voltage_limits = checks.interval("voltage_limits", voltage_limits, "V")
+        self.slew_limit = checks.positive("slew_limit", slew_limit, "V/s")
+        if dynamics is not None:
+            words = "a Dynamics, such as truestroke.measure_dynamics gives"
+            dynamics = checks.instance("dynamics", dynamics, Dynamics, words).check_rate(self.sample_rate)
+        self.dynamics, self.counts = dynamics, counts
+        self._frequency: FloatArray = np.fft.rfftfreq(self.samples, 1 / self.sample_rate).astype(np.float64)
+        self.bandwidth = self._band(bandwidth)
+        self._learned = (self._frequency <= self.bandwidth) & (np.arange(self._frequency.size) % self.periods == 0)
+        self.desired = finished(nearest(wave, counts, self._learned))
+        G, sensor, self._variance = response_of(dynamics, self._frequency, self.sample_rate, self.gain)
+        D = sensor * np.fft.rfft(self.desired)
+        beyond = self._beyond(bandwidth)
+        self._few = FewNumbers(dynamics, self._frequency, self.sample_rate, self._own)
+        prior: Prior = self._few
+        if dynamics is None:
+            prior = Independent(np.where(beyond, UNSURE, self._variance))
+        self._moved = self._learned | beyond
+        size = {"samples": self.samples, "periods": self.periods}
+        self._law = PassLaw(D, G, prior, self._learned, beyond=beyond, **size)
+        self._best = math.nan, np.empty(0)
+        self._number = 0
+        self._hysteresis: PeriodicHysteresis | None = None
+        self.volts, self._limited = self._first(model)
+        self._base = self.volts  # of the pass on which the next one builds
+
+    # ---- The first pass --------------------------------------------------------------------------------------------
+
+    def _band(self, bandwidth: float | None) -> float:
+        lowest = self._frequency[self.periods]
+        if bandwidth is None:
+            if self.dynamics is None:
+                bound = "highest harmonic to learn, Hz, or dynamics, as `truestroke bode` measures them"
+                raise SettingError("bandwidth", None, bound)
+            bandwidth = band(self.dynamics, self.sample_rate)
+            if bandwidth < lowest:
+                bound = f"at most {bandwidth:.4g} Hz, {BAND} times the first resonance"
+                raise SettingError("frequency of the motion", float(lowest), bound, "Hz")
+        return checks.within("bandwidth", bandwidth, float(lowest), SEEN * self.sample_rate, "Hz")
+
+    def _beyond(self, bandwidth: float | None) -> BoolArray:
+        """Harmonics beyond a bandwidth that nobody has given."""
+        if bandwidth is not None:
+            return np.zeros(self._frequency.size, dtype=bool)
+        whole = np.arange(self._frequency.size) % self.periods == 0
+        return np.asarray((self._frequency > self.bandwidth) & (self._frequency <= SEEN * self.sample_rate) & whole)
+
+    @property
+    def _own(self) -> FloatArray:
+        """Variance of R at each harmonic by itself."""
+        if self.dynamics is None:
+            return self._variance
+        return beside(self._frequency, self.dynamics.modes[0].frequency, self.bandwidth)
+
+    def _first(self, model: ActuatorModel | None) -> tuple[FloatArray, float]:
+        """By the inverse of the model, or by the response where it is sure; refused where a limit forbids it."""
+        if model is None:
+            excess = np.maximum(self._variance - GAIN**2, 0.0)
+            U = np.where(self._learned, self._law.desired / (self._law.response * (1 + excess)), 0.0)
+            volts = np.fft.irfft(U, self.samples)
+        else:
+            checks.instance("model", model, ActuatorModel, "an ActuatorModel, such as of truestroke.load_model(path)")
+            periods = 1 + math.ceil(0.1 * self.sample_rate / self.samples)
+            volts = model.invert(np.tile(self.desired, periods), self.sample_rate)[-self.samples :]
+        fastest = float(np.abs(np.diff(volts, append=volts[:1])).max()) * self.sample_rate
+        if fastest > self.slew_limit:
+            bound = f"at least {fastest:.4g} V/s, which the motion needs: raise it, or move slower or less"
+            raise SettingError("slew_limit", self.slew_limit, bound, "V/s")
+        return self._within(volts)
+
+    def _within(self, volts: FloatArray) -> tuple[FloatArray, float]:
+        """The same within limits and slew, around the period; and the share of samples that they hold."""
+        held = np.clip(volts, *self.voltage_limits)
+        most = self.slew_limit / self.sample_rate
+        if np.abs(np.diff(held, append=held[:1])).max() > most:
+            x = held.tolist()
+            for k in range(2 * self.samples):  # the second time around from where the first one has ended
+                before = x[k % self.samples - 1]
+                x[k % self.samples] = min(max(x[k % self.samples], before - most), before + most)
+            held = np.array(x)
+        return held, float(np.mean(np.abs(held - volts) > 1e-9 * np.ptp(self.voltage_limits)))
+
+    # ---- Passes ----------------------------------------------------------------------------------------------------
+
+    def learn(self, measured: npt.ArrayLike | None) -> Pass:
+        """What the pass with `volts` has shown; from it `volts` of the next one.
+
+        Parameters
+        ----------
+        measured : array_like, shape (periods, samples) or (periods * samples,), or None
+            Displacement while `volts` was repeated, um, from the beginning of a period, when the start had decayed; NaN
+            where a sample was lost. None, or a phase of the period that was never seen, is a pass that was missed: the
+            same voltage comes again.
+
+        Raises
+        ------
+        SettingError
+            The pass was cut short: not a whole number of periods. What was learned so far stays.
+        """
+        z = self._periods(measured)
+        if z is None:
+            return self._missed()
+        mean, noise2 = self._mean(z)
+        Z, first = np.fft.rfft(mean), self._hysteresis is None
+        if self._hysteresis is None:
+            self._scale(np.fft.rfft(self.volts), Z)
+            about = {"few": self._few, "learned": self._learned, "periods": self.periods}
+            self._hysteresis = finished(identified(self.volts, Z, self._law.response, noise2, **about))
+        shown = np.fft.rfft(finished(self._hysteresis.strain(self.volts)))
+        if first:
+            self._law.scale(self._law.gain(shown, Z))
+        self._law.see(shown, Z, noise2)
+        error = mean - np.fft.irfft(self._law.desired, self.samples)
+        rmse = float(np.sqrt(np.mean(error[self.counts] ** 2)))
+        if not rmse >= self._best[0]:
+            self._best = rmse, self.volts
+        following = self._law.follow(float(np.std(error[self.counts])))
+        made = Pass(
+            number=self._number,
+            volts=self.volts,
+            measured=mean,
+            error=error,
+            rmse=rmse,
+            maximum=float(np.abs(error[self.counts]).max()),
+            noise=self._law.noise(noise2),
+            expected=following.expected,
+            limited=self._limited,
+            undone=following.undone,
+        )
+        if not following.undone:
+            self._base = self.volts
+        strain = np.fft.irfft(following.output, self.samples)
+        self.volts, self._limited = self._within(finished(self._hysteresis.volts(strain, self._base, self._moved)))
+        self._number += 1
+        return made
+
+    def _periods(self, measured: npt.ArrayLike | None) -> FloatArray | None:
+        """As rows; None where the pass was missed."""
+        if measured is None:
+            return None
+        z = np.asarray(measured, dtype=np.float64)
+        if not z.size or z.size % self.samples:
+            bound = f"a whole number of periods of {self.samples} samples: the pass was cut short, repeat it"
+            raise SettingError("measured", f"{z.size} samples", bound)
+        z = np.where(np.isfinite(z), z, np.nan).reshape(-1, self.samples)
+        return None if np.isnan(z).all(axis=0).any() else z
+
+    def _mean(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Mean of the periods, um, and variance of each harmonic of it: from one period to the next, without creep."""
+        mean = np.nanmean(z, axis=0)
+        lost = np.isnan(z)
+        Z = np.fft.rfft(np.where(lost, mean, z), axis=1)
+        if len(z) > 1:
+            return mean, np.asarray(np.mean(np.abs(np.diff(Z, axis=0)) ** 2, axis=0) / (2 * len(z)))
+        beyond = ~self._learned & (self._frequency > self.bandwidth)
+        level = float(np.median(np.abs(Z[0, beyond]) ** 2)) / math.log(2) if beyond.any() else 0.0
+        return mean, np.full(Z.shape[1], level)
+
+    def _missed(self) -> Pass:
+        nothing = np.empty(0)
+        same = {"rmse": math.nan, "maximum": math.nan, "noise": math.nan}
+        self._number += 1
+        return Pass(
+            number=self._number - 1,
+            volts=self.volts,
+            measured=nothing,
+            error=nothing,
+            expected=self._best[0],
+            limited=self._limited,
+            undone="This pass was missed: the same voltage comes again.",
+            **same,
+        )
+
+    def _scale(self, U: ComplexArray, Z: ComplexArray) -> None:
+        """Correct the gain by the first pass."""
+        found = self._law.gain(U, Z)
+        low, high = GAINS
+        if not low <= found <= high:
+            value = f"{self.gain:g} um/V, where the first pass shows {found * self.gain:.3g}"
+            bound = "within ten times of it, and of its sign: is it the sensor of this axis, in um?"
+            raise SettingError("gain", value, bound)
+        self._law.scale(found)
+
+    # ---- What is known ---------------------------------------------------------------------------------------------
+
+    @property
+    def harmonics(self) -> tuple[FloatArray, BoolArray]:
+        """Frequencies that are learned, Hz, without 0; and which entries of a Fourier transform of a period they are.
+
+        The mask has an entry for each harmonic of `samples`, as `numpy.fft.rfft` has them.
+        """
+        learned = self._learned & (self._frequency > 0)
+        return self._frequency[learned], learned
+
+    @property
+    def best(self) -> float:
+        """Rmse of the best pass so far, um; NaN before the first one."""
+        return self._best[0]
+
+    @property
+    def best_volts(self) -> FloatArray:
+        """One period of the best pass, V, as it was output; `volts` before the first one."""
+        return self._best[1] if self._best[1].size else self.volts
+
+    def _display(self) -> tuple[str, Rows]:
+        rows = [
+            ("period", f"{self.samples} samples, {quantity(self.samples / self.sample_rate, 's')}"),
+            ("bandwidth", quantity(self.bandwidth, "Hz")),
+            ("harmonics", str(int(self._learned.sum()) - 1)),
+            ("passes", str(self._number)),
+            ("best rmse", quantity(self.best, "um")),
+        ]
+        return "IterativeLearning", rows
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class Learned(Displayed):
+    """What a series of passes has learned.
+
+    Attributes
+    ----------
+    passes : tuple[Pass, ...]
+        All of them, the first one without having learned.
+    learning : IterativeLearning
+        Goes on where they end.
+    zero : float
+        Reading of a sensor that was not zeroed, um, subtracted from all measurements; 0 of one that was.
+    records : tuple of (ndarray, ndarray)
+        Voltage, V, and measurement, um, of the first and the last two passes, periods that count: for a model.
+    spring : str
+        In a sentence, why measured dynamics were not used, and up to which frequency the stage is taken for a spring.
+    """
+
+    passes: tuple[Pass, ...]
+    learning: IterativeLearning
+    zero: float = 0.0
+    records: tuple[tuple[FloatArray, FloatArray], ...] = ()
+    spring: str = ""
+
+    @property
+    def best(self) -> Pass:
+        """The pass with the smallest rmse."""
+        return min((one for one in self.passes if one.measured.size), key=lambda one: one.rmse)
+
+    @property
+    def verdict(self) -> Verdict:
+        """Good where the error is within twice the noise, or 0.1 % of the motion; bad where none improved."""
+        made = [one for one in self.passes if one.measured.size]
+        best, findings = self.best, []
+        if len(made) > 1 and best is made[0] and not at_the_noise(best):
+            findings.append(("bad", "No pass was better than the first one: measure the dynamics again."))
+        elif not at_the_noise(best, NEAR) and best.rmse > FINE * np.ptp(self.learning.desired):
+            text = (
+                f"The error is {best.rmse / best.noise:.2g} times the noise of a pass" if best.noise else "It is not 0"
+            )
+            more = (
+                "more passes will lower it" if best.expected < SLOW * best.rmse else "more passes will hardly lower it"
+            )
+            findings.append(("doubtful", f"{text}: {more}.{self._beyond()}"))
+        findings += [("doubtful", reason) for reason in best.verdict.reasons]
+        if missed := sum(one.measured.size == 0 for one in self.passes):
+            findings.append(("doubtful", f"{missed} of {len(self.passes)} passes were missed: samples were lost."))
+        return Verdict.of(findings)  # type: ignore[arg-type]
+
+    def _beyond(self) -> str:
+        """A sentence where most of the error is in harmonics that are not learned."""
+        error = self.best.error - self.best.error.mean()
+        power = np.abs(np.fft.rfft(error)) ** 2
+        _, learned = self.learning.harmonics
+        if power[~learned].sum() < power[learned].sum():
+            return ""
+        most = np.argmax(np.where(learned, 0.0, power)) * self.learning.sample_rate / self.learning.samples
+        return (
+            f" Most of it is at {most:.4g} Hz, beyond the bandwidth of {self.learning.bandwidth:.4g} Hz: raise "
+            "`bandwidth`, with dynamics that are known so far, or choose a frequency whose harmonics meet no resonance."
+        )
+
+    def _display(self) -> tuple[str, Rows]:
+        rows = [(f"pass {one.number}", quantity(one.rmse, "um"), one.undone) for one in self.passes]
+        return f"Learned: {self.verdict.level}, rmse {quantity(self.best.rmse, 'um')}", rows
+
+
+def at_the_noise(one: Pass, times: float = 1.0) -> bool:
+    """Whether the error of a pass is hardly more than its noise, or `times` of it."""
+    return bool(one.rmse**2 < (times**2 + ABOVE) * one.noise**2)
+
+
+# ---- The motion ----------------------------------------------------------------------------------------------------
+
+
+def _period(motion: Trajectory | npt.ArrayLike, sample_rate: float | None) -> tuple[FloatArray, BoolArray, float, int]:
+    """One repetition of whole samples, um; where errors count; sample rate, Hz; and how many periods it is."""
+    if not isinstance(motion, Trajectory):
+        wave = checks.finite_array("motion", motion, "um")
+        if wave.size < 4:
+            raise SettingError("motion", f"array of {wave.size} samples", "a period of at least 4")
+        _moves(wave)
+        if sample_rate is None:
+            raise SettingError("sample_rate", None, "that of the array of one period, a number", "Hz")
+        return wave, np.ones(wave.size, dtype=bool), checks.positive("sample_rate", sample_rate, "Hz"), 1
+    rate, frequency = motion.sample_rate, motion.settings.get("frequency")
+    if sample_rate is not None and sample_rate != rate:
+        raise SettingError("sample_rate", sample_rate, f"that of the trajectory, {rate:g} Hz, or left out", "Hz")
+    if not isinstance(frequency, (int, float)):
+        bound = "a motion that repeats, such as a sine, a triangle or a raster, or one period of it as an array"
+        raise SettingError("motion", f"a {motion.name}", bound)
+    samples, periods = repetition(rate, float(frequency))
+    ramp = motion.settings.get("ramp", 0.0)
+    start = math.ceil((ramp if isinstance(ramp, (int, float)) else 0.0) * rate / samples) * samples
+    if start + samples > motion.position.size:
+        bound = f"at least {(start + samples) / rate:.4g} s: one repetition of {samples} samples after the ramp"
+        raise SettingError("duration of the motion", motion.duration, bound, "s")
+    wave = motion.position[start : start + samples]
+    _moves(wave)
+    later = motion.position[start + samples : start + 2 * samples]
+    if np.abs(later - wave[: later.size]).max(initial=0.0) > PERIODIC * np.ptp(wave):
+        raise SettingError("motion", f"a {motion.name} that is another in its next period", "a motion that repeats")
+    counts = np.ones(samples, dtype=bool) if motion.flat is None else motion.flat[start : start + samples]
+    return wave, counts, rate, periods
+
+
+def _moves(wave: FloatArray) -> None:
+    if not np.ptp(wave):
+        raise SettingError("motion", "one that rests", "one that moves", "um")
+
+
+def repetition(sample_rate: float, frequency: float) -> tuple[int, int]:
+    """Samples of the shortest repetition that takes a whole number of them, and how many periods it has.
+
+    Parameters
+    ----------
+    sample_rate, frequency : float
+        Hz; the frequency is that of the motion.
+
+    Raises
+    ------
+    SettingError
+        No 200 periods or fewer take a whole number of samples.
+
+    Examples
+    --------
+    >>> repetition(10_000.0, 50.0), repetition(10_000.0, 97.0)
+    ((200, 1), (10000, 97))
+    """
+    rate = checks.positive("sample_rate", sample_rate, "Hz")
+    checks.positive("frequency", frequency, "Hz")
+    for periods in range(1, REPETITIONS + 1):
+        samples = periods * rate / frequency
+        if abs(samples - round(samples)) < WHOLE * samples / 100:
+            return round(samples), periods
+    near = rate / round(rate / frequency)
+    bound = f"one whose period is a whole number of samples, such as {near:.8g} Hz at {rate:g} Hz"
+    raise SettingError("frequency of the motion", frequency, bound, "Hz")
+
+
+# ---- What is known beforehand --------------------------------------------------------------------------------------
+
+
+def band(dynamics: Dynamics | None, rate: float) -> float:
+    """Highest harmonic that is learned by itself, Hz."""
+    seen = SEEN * rate
+    return seen if dynamics is None else min(BAND * dynamics.modes[0].frequency, seen)
+
+
+def response_of(
+    dynamics: Dynamics | None, f: FloatArray, rate: float, gain: float
+) -> tuple[ComplexArray, ComplexArray, FloatArray]:
+    """From V to the measurement, um/V; from displacement to measurement; variance of the ratio of true to given."""
+    late = np.abs(np.exp(-2j * np.pi * f * LATE / rate) - 1) ** 2
+    if dynamics is None:
+        ones = np.ones(f.size, dtype=np.complex128)
+        return gain * ones, ones, np.minimum(GAIN**2 + late, UNSURE)
+    G = dynamics.response(f, sensor=True)
+    sensor = G / dynamics.response(f)
+    variance = GAIN**2 + late
+    s = 2j * np.pi * f
+    whole = sum(mode.response(s) for mode in dynamics.modes)
+    for i, mode in enumerate(dynamics.modes):
+        own = dynamics.uncertainty.get(f"frequency[{i}]", 0.0) / mode.frequency
+        moved = math.hypot(FREQUENCY, own)
+        for frequency, damping, share in ((1 + moved, 1.0, 0.5), (1 - moved, 1.0, 0.5), (1.0, 1 + DAMPING, 1.0)):
+            other = replace(mode, frequency=frequency * mode.frequency, damping=min(damping * mode.damping, 0.99))
+            variance = variance + share * np.abs((other.response(s) - mode.response(s)) / whole) ** 2
+    return gain * G, sensor, np.minimum(variance, UNSURE)

@@ -1,0 +1,620 @@
+"""Repetitive control: the error of a controller in a motion that repeats is learned while it runs, period by period.
+
+The voltage is that of the controller inside, which does not learn meanwhile, and a correction v of the period T::
+
+    x(t) = command(z_d, z_d', ...) + v(t mod T)
+
+From the mean of some periods, the law of `harmonics` makes the strain of the next x, and a model of the
+hysteresis, which the first of them show, its voltage. A new v takes over smoothly. The mean of the error, which creeps,
+is taken away from period to period. Until the motion repeats, and when it no longer does, the controller inside is
+alone, and learns.
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections import deque
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from truestroke.base import checks, snapshot
+from truestroke.base.checks import SettingError
+from truestroke.base.display import Displayed, Rows, quantity
+from truestroke.base.flags import BIT, BY_ADAPT, Flags
+from truestroke.base.typing import FloatArray
+from truestroke.control.controller import Controller, State
+from truestroke.control.repeating import batches, iterative
+from truestroke.control.repeating.batches import Batch, Kept, Learned, Measured, Outcome
+from truestroke.control.repeating.online import OnlineLaw
+from truestroke.control.repeating.periodic_hysteresis import PeriodicHysteresis
+from truestroke.control.repeating.repetition import LONGEST, SHORTEST, Periods, Repetition, Seen, Shape
+from truestroke.control.repeating.response_prior import FewNumbers
+from truestroke.control.repeating.steps import Steps, Task
+from truestroke.control.settings import UNLIMITED
+from truestroke.model.dynamics import Dynamics, Mode
+from truestroke.signals.timing import LONGEST_AGO
+
+LEVEL = 0.3  # of the mean error of a period, which the next one takes away, at most
+CREEPS = 0.03  # s: and not faster
+FADE = 0.01, 0.05  # s: a correction takes over within a period, but not faster or slower than this
+DECAY = 0.15  # s: until a change of the correction has decayed, with a resonance that rings for so long
+LATEST = LONGEST_AGO + 1  # ticks: `ago` of a measurement is below
+FOUND_DAMPING = 0.02  # of a resonance that the controller has found
+STEP = 1e-4  # s: a tick has a step of the learning for each of these
+TIMES, RESTS = 4, 2  # how often a correction is taken back, the last time all of it; periods that do not count then
+KEPT = 1000  # batches in `batches`
+
+
+class _Correction:
+    """One period of voltage that becomes another one smoothly.
+
+    Parameters
+    ----------
+    ticks : float
+        Of the change.
+    """
+
+    def __init__(self, ticks: float) -> None:
+        self.ticks = ticks
+        self._old, self._new, self._pace, self._share = np.empty(0), np.empty(0), 1 / ticks, 1.0
+
+    def become(self, volts: FloatArray) -> None:
+        """From the next tick on it changes to this one, V; empty: to none."""
+        size = max(self._old.size, self._new.size, volts.size)
+        old, new = (x if x.size else np.zeros(size) for x in (self._old, self._new))
+        g = _smooth(self._share)
+        self._old, self._new, self._share = (1 - g) * old + g * new, volts, 0.0
+
+    @property
+    def volts(self) -> FloatArray:
+        """One period of both, V."""
+        return np.concatenate([self._old, self._new])
+
+    def at(self, phase: float) -> float:
+        """In this tick, V."""
+        if self._share < 1.0:
+            self._share = min(self._share + self._pace, 1.0)
+            g = _smooth(self._share)
+            return (1 - g) * _entry(self._old, phase) + g * _entry(self._new, phase)
+        return _entry(self._new, phase)
+
+
+class _Level:
+    """A voltage against the mean of the error, which creeps, from period to period; it moves in straight lines.
+
+    Parameters
+    ----------
+    ticks : int
+        Of a period.
+    share : float
+        Of the mean of a period, which the next one takes away.
+    """
+
+    def __init__(self, ticks: int, share: float) -> None:
+        self.ticks, self.share = ticks, share
+        self._volts = self.goal = self._pace = 0.0
+        self.restart()
+
+    def restart(self) -> None:
+        """The next period begins with the next error."""
+        self._sum, self._many = 0.0, 0
+
+    def see(self, error: float, gain: float) -> None:
+        """The error of a tick, um, and the displacement by voltage, um/V."""
+        self._sum, self._many = self._sum + error, self._many + 1
+        if self._many == self.ticks:
+            self.move(self.goal - self.share * self._sum / (gain * self._many), self.ticks)
+            self.restart()
+
+    def move(self, volts: float, ticks: float) -> None:
+        """To a voltage, within so many ticks."""
+        self.goal, self._pace = volts, abs(volts - self._volts) / ticks
+
+    def tick(self) -> float:
+        """In this tick, V."""
+        left = self.goal - self._volts
+        self._volts += math.copysign(min(abs(left), self._pace), left)
+        return self._volts
+
+
+class _Watch:
+    """The error of each period with a correction that is tried: where it is too much, half of the change is taken back.
+
+    Parameters
+    ----------
+    outcome : Outcome
+        With the correction, and that on which it builds.
+    """
+
+    def __init__(self, outcome: Outcome) -> None:
+        learned = outcome.learned
+        assert outcome.volts is not None
+        assert outcome.base is not None
+        self.volts, self._base, self._most = outcome.volts, outcome.base, outcome.most
+        self._unlearned, self._counts = learned.unlearned, learned.counts
+        self._times = 0
+        self._begin(RESTS)
+
+    def _begin(self, rests: int) -> None:
+        """The next period begins, after some that do not count."""
+        self._rests, self._ticks, self._many, self._sum, self._squares = rests, 0, 0, 0.0, 0.0
+
+    def see(self, place: int, error: float) -> bool:
+        """The error of a tick, um, at a place in the period; whether a part of the correction is to be taken back."""
+        self._ticks += 1
+        if self._counts.item(place):
+            missing = error + self._unlearned.item(place)
+            self._many, self._sum, self._squares = self._many + 1, self._sum + missing, self._squares + missing**2
+        if self._ticks < self._counts.size:
+            return False
+        mean = self._sum / max(self._many, 1)
+        above = self._squares / max(self._many, 1) - mean**2 > self._most
+        if self._rests > 0 or not above or self._times == TIMES:
+            self._begin(max(self._rests - 1, 0))
+            return False
+        self._times += 1
+        self.volts = self._base if self._times == TIMES else (self.volts + self._base) / 2
+        self._begin(RESTS)
+        return True
+
+
+def _smooth(u: float) -> float:
+    return u * u * u * (10.0 + u * (6.0 * u - 15.0))
+
+
+def _entry(values: FloatArray, phase: float) -> float:
+    """Between two samples of a period."""
+    if not values.size:
+        return 0.0
+    place = math.floor(phase)
+    share, this = phase - place, values.item(place % values.size)
+    return this if share == 0.0 else this + share * (values.item((place + 1) % values.size) - this)
+
+
+class RepetitiveController(Displayed):
+    """A controller, and a correction of its error in a motion that repeats, learned while it runs.
+
+    Two periods that are alike begin a repetition. The controller inside learns until its error does not fall any more;
+    from then on it rests, and a correction is learned from each batch of periods. It is kept, and scaled, where
+    amplitude or offset of the motion change, and taken back where the motion no longer repeats.
+
+    Everything else that the controller inside has, such as `settings`, is that of this one, too.
+
+    Parameters
+    ----------
+    controller : Controller
+        Any that has `command` and `adapt`.
+    period : float
+        Of the motion, s, 16 to 8192 ticks. The motion's may be 1 % another, and vary as much.
+    sample_rate : float, optional
+        Ticks per second, Hz; by default that of `controller.settings`.
+    voltage_limits : tuple[float, float], optional
+        Lowest and highest voltage, V; by default those of `controller.settings`.
+    slew_limit : float, optional
+        Fastest change of the voltage, V/s; by default that of `controller.settings`, or none.
+    dynamics : Dynamics, optional
+        Of the stage; by default those of `controller.settings`, or a mode at the resonance that it has found.
+    bandwidth : float, optional
+        Highest harmonic that is learned, Hz; by default 2.4 times the first resonance, at most 0.45 of the sample rate.
+    averaged : float
+        Time of the periods of a batch, s; at least two periods.
+
+    Attributes
+    ----------
+    batches : deque of Batch
+        The last thousand of them.
+    limited : int
+        Ticks in which a limit of voltage or slew has held the sum back.
+
+    Raises
+    ------
+    SettingError
+        An argument is out of its bounds, or missing where the controller has no settings.
+
+    Examples
+    --------
+    A gain that is a tenth wrong, of an actuator that is late by a tick; the error falls:
+
+    >>> from truestroke.control.baselines import ConstantGain
+    >>> inside = ConstantGain(11.0, voltage_limits=(0.0, 3.0))
+    >>> controller = RepetitiveController(
+    ...     inside, period=0.05, sample_rate=2000.0, voltage_limits=(0.0, 3.0), bandwidth=300.0
+    ... )
+    >>> before = 0.0
+    >>> for tick in range(8000):
+    ...     angle = 2 * np.pi * 20.0 * tick / 2000.0
+    ...     volts = controller.command(10.0 - 10.0 * np.cos(angle), 400.0 * np.pi * np.sin(angle))
+    ...     controller.adapt(10.0 * before)
+    ...     before = volts
+    >>> [f"{batch.rmse:.3f}" for batch in controller.batches][:4]
+    ['1.191', '0.462', '0.036', '0.016']
+    """
+
+    def __init__(
+        self,
+        controller: Controller,
+        period: float,
+        *,
+        sample_rate: float | None = None,
+        voltage_limits: tuple[float, float] | None = None,
+        slew_limit: float | None = None,
+        dynamics: Dynamics | None = None,
+        bandwidth: float | None = None,
+        averaged: float = 0.3,
+    ) -> None:
+        checks.able("controller", controller, ("command", "adapt"), "a controller, such as an AdaptiveController")
+        settings = getattr(controller, "settings", None)
+        given = {"sample_rate": sample_rate, "voltage_limits": voltage_limits, "dynamics": dynamics}
+        known: dict[str, Any] = {
+            name: getattr(settings, name, None) if value is None else value for name, value in given.items()
+        }
+        self.controller = controller
+        self.sample_rate = checks.positive("sample_rate", known["sample_rate"], "Hz")
+        self._given = voltage_limits, slew_limit
+        checks.interval("voltage_limits", known["voltage_limits"], "V")
+        checks.positive("slew_limit", self._limits[2], "V/s")
+        self._dynamics: Dynamics | None = known["dynamics"]
+        if self._dynamics is not None:
+            words = "a Dynamics, such as truestroke.measure_dynamics gives"
+            checks.instance("dynamics", self._dynamics, Dynamics, words).check_rate(self.sample_rate)
+        seen = iterative.SEEN * self.sample_rate
+        self._bandwidth = None if bandwidth is None else checks.within("bandwidth", bandwidth, 0.0, seen, "Hz")
+        self.averaged = checks.positive("averaged", averaged, "s")
+        self.batches: deque[Batch] = deque(maxlen=KEPT)
+        self.limited = self._number = self._commands = self._bits = 0
+        self._late = 1  # ticks: the oldest measurement so far
+        self._phases, self._asked, self._last = [math.nan] * LATEST, [math.nan] * LATEST, math.nan
+        self._kept: Kept | None = None
+        self._held = False
+        self._begin(self._checked(period))
+
+    @property
+    def _limits(self) -> tuple[float, float, float]:
+        """Lowest and highest voltage, V, and slew, V/s, as they are now."""
+        settings: Any = getattr(self.controller, "settings", None)
+        limits, slew = self._given
+        low, high = settings.voltage_limits if limits is None else limits
+        return low, high, getattr(settings, "slew_limit", UNLIMITED) if slew is None else slew
+
+    def _begin(self, period: float) -> None:
+        """With a motion of this period, s, that has not yet repeated."""
+        rate = self.sample_rate
+        self._motion = Repetition(period * rate)
+        size = self._motion.size
+        self._task: Task | None = None  # the learning, step by step
+        self._learned: Learned | None = None
+        self._watch: _Watch | None = None
+        self._errors, self._added, self._inside = (Periods(size) for _ in range(3))
+        self._count = max(2, math.ceil(self.averaged / period))
+        self._level = _Level(size, min(LEVEL, period / CREEPS))
+        self._correction = _Correction(min(max(period, FADE[0]), FADE[1]) * rate)
+        self._joined = self._rests = self._counts = self._corrects = False
+        self._until = -1
+        self._period: float | None = None  # the next one, while the correction of this one is taken back
+
+    @property
+    def repeats(self) -> bool:
+        """Whether the motion repeats, so that the correction is learned."""
+        return self._joined
+
+    @property
+    def period(self) -> float:
+        """Of the motion, s, as it is followed; another one is taken up without a bump."""
+        return self._motion.period / self.sample_rate
+
+    @period.setter
+    def period(self, period: float) -> None:
+        period = self._checked(period)
+        if not self._corrects:
+            self._begin(period)
+            return
+        self._period = period
+        self._motion.leave()
+        if self._joined:
+            self._leave()
+
+    def _checked(self, period: float) -> float:
+        rate = self.sample_rate
+        period = checks.within("period", period, SHORTEST / rate, LONGEST / rate, "s")
+        highest = self._band(self._dynamics)
+        if period * highest < 1:
+            words = f"at least {1 / highest:.4g} s: its frequency is above the bandwidth of {highest:.4g} Hz"
+            raise SettingError("period", period, words, "s")
+        return period
+
+    def _band(self, dynamics: Dynamics | None) -> float:
+        """Highest harmonic that is learned, Hz."""
+        return iterative.band(dynamics, self.sample_rate) if self._bandwidth is None else self._bandwidth
+
+    # ---- A tick ------------------------------------------------------------------------------------------------------
+
+    def command(self, z_d: float, zdot_d: float, *ahead: Any) -> float:
+        """Voltage for this tick, V: that of the controller inside, with its arguments, and the correction.
+
+        Raises
+        ------
+        SettingError
+            As of the controller inside; nothing has changed.
+        """
+        inside = self.controller.command(z_d, zdot_d, *ahead)
+        if self._motion.tick(z_d):
+            self._turned()
+        at = self._motion.at
+        place = self._commands % LATEST
+        self._phases[place], self._asked[place] = at, z_d
+        self._commands += 1
+        volts = self._within(inside + self._correction.at(at) + self._level.tick()) if self._corrects else inside
+        if self._until == self._commands:
+            self._waited()
+        if self._counts:
+            self._see_output(self._added.put(at, volts - inside), self._inside.put(at, inside))
+        self._last = volts
+        return volts
+
+    def adapt(self, z_measured: float, ago: int = 0) -> None:
+        """Take a measurement, um, of `ago` commands before the last one.
+
+        The controller inside gets it unless it rests. Steps of the learning, if some wait, are done here, when the
+        voltage of this tick has left.
+        """
+        self._late = max(self._late, 1 + ago)
+        if not self._rests:
+            self.controller.adapt(z_measured, ago)
+        if self._task is not None and self._task.tick():
+            outcome: Outcome = self._task.result
+            self._task = None
+            self._take(outcome)
+        if (self._counts or (self._corrects and self._joined)) and not self._held:
+            self._see_error(z_measured, (self._commands - 1 - ago) % LATEST)
+
+    def _see_error(self, z_measured: float, place: int) -> None:
+        """A measurement, um, of the command at a place of those that are kept."""
+        error = z_measured - self._asked[place]
+        if not abs(error) <= self._span:  # it is lost, NaN, or no displacement
+            self._level.restart()
+            return
+        if self._corrects and self._learned is not None and self._learned.hysteresis is not None:
+            self._level.see(error, self._learned.slope)
+        if self._watch is not None and self._watch.see(int(self._phases[place]) % self._motion.size, error):
+            self._become(self._watch.volts)
+        if self._counts:
+            period = self._errors.put(self._phases[place], error)
+            if period is not None:
+                self._see_period(period)
+
+    def _within(self, volts: float) -> float:
+        """Within the limits, and the slew since the last tick."""
+        low, high, slew = self._limits
+        most = slew / self.sample_rate
+        held = min(max(volts, self._last - most), self._last + most) if self._last == self._last else volts
+        slewed, held = held, min(max(held, low), high)
+        self._bits = (BIT["slewed"] if slewed != volts else 0) | (BIT["saturated"] if held != slewed else 0)
+        self.limited += held != volts
+        return held
+
+    # ---- The motion ------------------------------------------------------------------------------------------------
+
+    def _turned(self) -> None:
+        """A period of the motion is complete, or it no longer repeats."""
+        if not self._motion.repeats:
+            if self._joined:
+                self._leave()
+        elif not self._joined and not self._corrects:
+            assert self._motion.shape is not None
+            self._joined = True
+            self._span = self._motion.shape.span
+            dynamics, f = self._known(), np.arange(self._motion.size // 2 + 1) / self.period
+            about = dynamics, self._band(dynamics), self._kept
+            self._do(batches.joined(self._motion.shape.wave, f, self.sample_rate, *about))
+
+    def _known(self) -> Dynamics | None:
+        """Dynamics of the stage, as far as they are known now."""
+        found = getattr(self.controller, "resonance", None)
+        if self._dynamics is not None or not found or not math.isfinite(found):
+            return self._dynamics
+        return Dynamics(sample_rate=self.sample_rate, modes=(Mode(frequency=found, damping=FOUND_DAMPING),))
+
+    def _leave(self) -> None:
+        """The correction is taken back; then the controller inside learns again."""
+        self._task = self._learned = self._watch = None
+        self._joined = False
+        if self._kept is not None:
+            self._kept = replace(self._kept, level=self._level.goal)
+        self._level.move(0.0, self._correction.ticks)
+        self._become(np.empty(0))
+
+    def _become(self, volts: FloatArray) -> None:
+        """The correction changes to this one; what is measured meanwhile does not count."""
+        self._correction.become(volts)
+        self._corrects = True
+        self._wait()
+
+    def _wait(self) -> None:
+        """Until a change of the correction, or of what the controller inside does, has decayed."""
+        self._until = self._commands + math.ceil(self._correction.ticks + DECAY * self.sample_rate) + self._late
+        self._counts = False
+        for periods in (self._errors, self._added, self._inside):
+            periods.restart()
+        self._measured: list[FloatArray] = []
+        self._sums, self._outputs = np.zeros((2, self._motion.size)), [0, 0]
+
+    def _waited(self) -> None:
+        self._counts = self._joined
+        if self._joined:
+            return
+        self._rests = self._corrects = False
+        if self._period is not None:
+            self._begin(self._period)
+
+    # ---- Learning ----------------------------------------------------------------------------------------------------
+
+    def _see_output(self, *periods: FloatArray | None) -> None:
+        """A period of the correction as it was output, and of the controller inside, V."""
+        for i, period in enumerate(periods):
+            if period is not None:
+                self._sums[i] += period
+                self._outputs[i] += 1
+
+    def _see_period(self, error: FloatArray) -> None:
+        """A period was measured: its error against the motion, um."""
+        self._measured.append(error.copy())
+        if len(self._measured) >= self._count and min(self._outputs) > 0:
+            self._counts, self._watch = False, None
+            assert self._learned is not None
+            added, inside = (total / k for total, k in zip(self._sums, self._outputs, strict=True))
+            self._do(
+                batches.concluded(self._learned, Measured(self._measured, added, inside, self._number, self._commands))
+            )
+
+    def _do(self, steps: Steps[Outcome]) -> None:
+        """In the next ticks."""
+        self._task = Task(steps, max(1, round(1 / (STEP * self.sample_rate))))
+
+    def _take(self, outcome: Outcome) -> None:
+        """What follows from a batch, or from joining a motion, begins."""
+        self._learned = learned = outcome.learned
+        self._rests = learned.listens == 0
+        if outcome.batch is not None:
+            self.batches.append(outcome.batch)
+            self._number += 1
+        if outcome.volts is None:
+            if learned.law.fresh:
+                self._kept = None
+            self._wait()
+            return
+        if outcome.batch is None:
+            assert self._kept is not None
+            self._level.move(self._kept.level, self._correction.ticks)
+        else:
+            self._kept, self._watch = Kept(learned, outcome.volts, 0.0), _Watch(outcome)
+        self._become(outcome.volts)
+
+    def hold(self) -> None:
+        """Stop learning: correction and weights stay as they are, and are still taken back where the motion leaves."""
+        self._hold(True)
+
+    def resume(self) -> None:
+        """Learn again, from the next batch on."""
+        self._hold(False)
+
+    def _hold(self, held: bool) -> None:
+        if change := getattr(self.controller, "hold" if held else "resume", None):
+            change()
+        if held == self._held:
+            return
+        self._held = held
+        if self._counts or (self._task is not None and self._learned is not None):  # a batch of both kinds is none
+            self._task = self._watch = None
+            self._wait()
+
+    # ---- The state -------------------------------------------------------------------------------------------------
+
+    def state(self) -> dict[str, npt.NDArray[Any]]:
+        """The complete state after a tick, as named arrays, for `restore`: "inside weights", and so on.
+
+        A run that is interrupted, saved with ``np.savez(file, **controller.state())``, restored and continued is equal
+        to the last bit to one that was not.
+
+        Raises
+        ------
+        SettingError
+            The controller inside has no `state`.
+        """
+        checks.able(
+            "controller", self.controller, ("state", "restore"), "one with a state, such as an AdaptiveController"
+        )
+        inside: Any = self.controller
+        if self._task is not None:
+            self._task.finish()
+        own = {name: value for name, value in vars(self).items() if name not in GIVEN}
+        made = {f"inside {name}": value for name, value in inside.state().items()}
+        return made | snapshot.taken({"given": self._made(), **own}, KINDS)
+
+    def restore(self, state: State) -> None:
+        """Restore a state of `state`, of a controller that was made with the same arguments.
+
+        Raises
+        ------
+        SettingError
+            It is not such a state, or one of another controller; nothing has changed.
+        """
+        checks.able("state", state, ("items",), "what `state` gave, or numpy.load of its file")
+        inside: Any = self.controller
+        arrays = dict(state.items())
+        try:
+            own = snapshot.rebuilt(arrays, KINDS)
+            if own.pop("given") != self._made():
+                raise ValueError("it is of a controller with other arguments")
+            if not isinstance(own["_motion"], Repetition) or not np.isfinite(own["_correction"].volts).all():
+                raise ValueError("its motion or its correction is none")
+        except (ValueError, KeyError, TypeError, AttributeError) as error:
+            raise SettingError("state", f"{len(arrays)} entries", f"what `state` gave: {error}") from None
+        inside.restore({name.removeprefix("inside "): a for name, a in arrays.items() if name.startswith("inside ")})
+        kept = {name: value for name, value in vars(self).items() if name in GIVEN}
+        vars(self).clear()
+        vars(self).update(own | kept)
+
+    def _made(self) -> list[Any]:
+        """What it was made with, as numbers."""
+        dynamics = None if self._dynamics is None else repr(self._dynamics)
+        return [self.sample_rate, self.averaged, self._bandwidth, *self._limits, dynamics]
+
+    # ---- The controller inside ---------------------------------------------------------------------------------------
+
+    @property
+    def innovation(self) -> float:
+        """Of the controller inside, um; NaN while it rests."""
+        return math.nan if self._rests else float(self.controller.innovation)  # type: ignore[attr-defined]
+
+    @property
+    def flag_bits(self) -> int:
+        """The flags of the last tick as a bit mask: of the controller inside, and of the limits of the sum."""
+        inside: int = self.controller.flag_bits  # type: ignore[attr-defined]
+        return (inside & ~BY_ADAPT if self._rests else inside) | (self._bits if self._corrects else 0)
+
+    @property
+    def flags(self) -> Flags:
+        """The flags of the last tick."""
+        return Flags.from_bits(self.flag_bits)
+
+    def __getattr__(self, name: str) -> Any:
+        """Whatever else the controller inside has."""
+        if name.startswith("_") or name in ("controller", "process"):
+            raise AttributeError(f"a RepetitiveController has no attribute {name!r}")
+        return getattr(self.controller, name)
+
+    __copy__ = copy.deepcopy  # a shallow copy would share arrays and kernels
+
+    def _display(self) -> tuple[str, Rows]:
+        rows = [(f"batch {one.number}", quantity(one.rmse, "um"), one.undone) for one in self.batches]
+        state = "repeats" if self._joined else "does not repeat"
+        title = (
+            f"RepetitiveController: {type(self.controller).__name__}, period {self.period:.6g} s, the motion {state}"
+        )
+        return title, [*rows, ("limited", quantity(self.limited, "ticks"))]
+
+
+KINDS = (
+    _Level,
+    Batch,
+    FewNumbers,
+    Kept,
+    Learned,
+    OnlineLaw,
+    Outcome,
+    PeriodicHysteresis,
+    Periods,
+    Repetition,
+    Seen,
+    Shape,
+    Task,
+    _Correction,
+    _Watch,
+)
+"""What a state may hold."""
+GIVEN = ("controller", "sample_rate", "averaged", "_given", "_dynamics", "_bandwidth")
+"""What a controller is made with."""

@@ -1,0 +1,146 @@
+"""What is found in a record, as values, a sentence and a table."""
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any
+
+
+@dataclass(frozen=True, kw_only=True)
+class Findings:
+    """What `examine` finds in a record; None where the record does not show it.
+
+    Attributes
+    ----------
+    source : str
+        The file, or "arrays".
+    rows, dropped : int
+        Rows in use, and rows left out on request.
+    sample_rate_hz : float
+        Rows per second, gaps left out.
+    jitter_us : float or None
+        Standard deviation of the intervals between time stamps, us; None without time stamps.
+    duration_s : float
+        From first to last row.
+    gaps : tuple of (int, float)
+        Row in front of each gap, from 0, and its length, s.
+    voltage_v, displacement_um : tuple of float
+        Least and largest value.
+    stroke_um : float
+        Difference of the two displacements.
+    gain_um_per_v, offset_um : float
+        The straight line through the record: its slope, and its displacement at 0 V.
+    correlation : float
+        Of voltage and displacement.
+    loop_width_percent : float
+        Mean width of the loop, 2 (closed integral of x dz) / (travel of x), % of stroke; below 0 where the
+        displacement leads.
+    hysteresis_percent : float or None
+        The same with the delay taken out.
+    delay_ms : float or None
+        By which the displacement turns later than the voltage; the loop has no part in it (`turning.delay`).
+    lag_ms : float or None
+        Peak of the cross-correlation of the rates: delay and hysteresis together.
+    noise_um : float
+        Standard deviation of the noise of the displacement between neighbouring samples.
+    rates_um_s : tuple of float
+        Median, 90 and 99 % of |dz/dt|.
+    strokes : int
+        Movements of the voltage between two reversals, of at least 5 % of its span.
+    stroke_speeds_um_s : tuple of float
+        Mean speed of the displacement in a stroke: 5 and 95 % of the time is spent in slower ones.
+    stroke_lengths_percent : tuple of float
+        The same of their lengths, % of the voltage span.
+    states_known_s : float
+        Time at which the voltage has been at both its ends; before, the states of the widest plays are not known.
+    clipped_displacement, clipped_volts : int
+        Rows in which it stays at its largest or least value while the other one moves on.
+    assumed_displacement : bool
+        Whether nobody states the unit of the displacement, and um is assumed.
+    warnings : tuple[str, ...]
+        What is suspicious, and what the record cannot identify, in words; the mistakes first.
+    mistakes : tuple[str, ...]
+        What contradicts that this is voltage and displacement in these units, each with its evidence (`mistakes`).
+    implausible : tuple[str, ...]
+        What is rare in a correct record (`rare.implausible`): the model is doubtful.
+    """
+
+    source: str
+    rows: int
+    dropped: int
+    sample_rate_hz: float
+    jitter_us: float | None
+    duration_s: float
+    gaps: tuple[tuple[int, float], ...]
+    voltage_v: tuple[float, float]
+    displacement_um: tuple[float, float]
+    stroke_um: float
+    gain_um_per_v: float
+    offset_um: float
+    correlation: float
+    loop_width_percent: float
+    hysteresis_percent: float | None
+    delay_ms: float | None
+    lag_ms: float | None
+    noise_um: float
+    rates_um_s: tuple[float, float, float]
+    strokes: int
+    stroke_speeds_um_s: tuple[float, float]
+    stroke_lengths_percent: tuple[float, float]
+    states_known_s: float
+    clipped_displacement: int
+    clipped_volts: int
+    assumed_displacement: bool = False
+    warnings: tuple[str, ...] = ()
+    mistakes: tuple[str, ...] = ()
+    implausible: tuple[str, ...] = ()
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain numbers, text, lists and dicts, the types of JSON."""
+        return {key: list(v) if isinstance(v, tuple) else v for key, v in dataclasses.asdict(self).items()}
+
+    def sentence(self) -> str:
+        """What was moved, how far, how fast: in words in which a reader sees a wrong unit or clock."""
+        volts = self.voltage_v[1] - self.voltage_v[0]
+        strokes = f"{count(self.strokes, 'stroke')} in {self.duration_s:.4g} s"
+        fast = f"99 % of the time below {self.rates_um_s[2]:.3g} um/s"
+        return f"{strokes}, up to {self.stroke_um:.4g} um for {volts:.4g} V, {fast}, at {self.sample_rate_hz:.6g} Hz"
+
+    def table(self) -> list[tuple[str, str]]:
+        """Names and values, with units, in the order in which an engineer checks a record."""
+        jitter = "no time stamps"
+        if self.jitter_us is not None:  # below a millionth of the interval it is the rounding of the stamps
+            seen = 1e-6 * self.jitter_us * self.sample_rate_hz > 1e-6
+            jitter = f"jitter {length(1e-6 * self.jitter_us, 's')}" if seen else "no jitter"
+        longest = f", the longest {max((s for _, s in self.gaps), default=0.0):.3g} s" if self.gaps else ""
+        delay = "not separable from hysteresis" if self.delay_ms is None else f"{self.delay_ms:.3g} ms"
+        without = "" if self.hysteresis_percent is None else f", {self.hysteresis_percent:.1f} % without the delay"
+        slow, fast = self.stroke_speeds_um_s
+        clipped = f"{self.clipped_displacement} rows of displacement, {self.clipped_volts} of voltage"
+        return [
+            ("rows", f"{self.rows}, {self.duration_s:.4g} s"),
+            ("sample rate", f"{self.sample_rate_hz:.6g} Hz, {jitter}"),
+            ("gaps", f"{len(self.gaps)}{longest}"),
+            ("voltage", f"{self.voltage_v[0]:.4g} to {self.voltage_v[1]:.4g} V"),
+            ("stroke", f"{self.stroke_um:.4g} um, from {self.displacement_um[0]:.4g} um"),
+            ("straight line", f"{self.gain_um_per_v:.4g} um/V, {self.offset_um:.4g} um at 0 V"),
+            ("loop width", f"{self.loop_width_percent:.1f} % of stroke{without}"),
+            ("delay", delay + ("" if self.lag_ms is None else f" (lag of the rates: {self.lag_ms:.3g} ms)")),
+            ("noise", length(1e-6 * self.noise_um, "m")),
+            ("rates", "{:.3g}, {:.3g}, {:.3g} um/s (median, 90 %, 99 %)".format(*self.rates_um_s)),
+            ("strokes", f"{self.strokes}, at {slow:.3g} to {fast:.3g} um/s"),
+            ("states known", f"after {self.states_known_s:.3g} s"),
+            ("clipped", clipped if self.clipped_displacement or self.clipped_volts else "none"),
+        ]
+
+
+def length(value: float, unit: str) -> str:
+    """Seconds or metres with a prefix."""
+    for factor, prefix in ((1e9, "n"), (1e6, "u")):
+        if value * factor < 100:
+            return f"{value * factor:.3g} {prefix}{unit}"
+    return f"{value * 1e3:.3g} m{unit}"
+
+
+def count(number: int, what: str) -> str:
+    """A number and what is counted, in the plural unless it is 1."""
+    return f"{number} {what}{'' if number == 1 else 's'}"

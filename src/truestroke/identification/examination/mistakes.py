@@ -1,0 +1,204 @@
+"""Mistakes in a record, by the evidence that the record itself holds: wrong units, clocks, columns and shifts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from truestroke.identification.examination.changes import jumped
+from truestroke.identification.examination.faults import faults
+from truestroke.identification.examination.findings import Findings
+from truestroke.identification.records import turning
+from truestroke.identification.records.noise import noise, rounding
+from truestroke.identification.records.record import Record
+from truestroke.signals.tables import RecordError
+
+VOLTS = 0.05, 2100.0  # V: spans of the voltage; macro fibre composites take 2000 V, controllers' inputs 5 to 20 V
+HIGH_VOLTS = 1250.0  # V: stacks take 1100 V at most; beyond it only composites, with at least `HIGH_GAIN`
+HIGH_GAIN = 0.04  # um/V
+STROKE = 0.005, 20_000.0  # um
+GAIN = 1e3  # um/V
+SPEED = 0.1e6  # um/s: a stack reaches it at a tenth of its own resonance; stages and amplifiers do not
+FAST = ((20e3, 60e3), (100e3, 20e3))  # Hz, um/s: the same for stamps in ms or less, by sample rate
+SLOW = 1.0  # Hz: stamps of no stated unit that give no higher rate are in ms, or count the rows
+LEADS = -1.5  # % of stroke: mean width of a loop that turns the wrong way round
+EARLY, EARLY_ROWS = 0.02, 2.5  # of a stroke, and rows, by which the displacement may be ahead of the voltage
+LATE = 0.2  # of a stroke: hysteresis alone is late by 0.06 at most, an actuator with sensor by 0.1
+TURNS = 0.04, 4.0  # the same two limits where reversals show it
+TOGETHER = 0.7  # least correlation of voltage and displacement, and of their strokes
+COMMAND = 1e-5  # of the stroke: rms by which a displacement that is the voltage times a number may differ from it
+ROUNDED = 1e-4  # the same at most, where the text is rounded
+BEHIND = 2  # rows by which a command may be behind the voltage, and about the lag
+SMOOTH = 3e-6  # of the stroke: noise that no sensor is below
+ROUGHER = 5.0  # times as noisy, of its span, is the voltage
+REAL = 2.0  # times what the rounding of a text does: noise that is measured
+
+COMMANDS = ("desired", "command", "commanded", "setpoint", "set point", "target", "reference", "ref", "demand", "z_d")
+MEASURED = ("measured", "displacement", "disp", "position", "pos", "stroke", "sensor")
+VOLTAGES = ("volts", "volt", "voltage", "drive", "vin", "v_in")
+"""Headings that say what a column is, whatever it is taken for."""
+
+
+def refuse(found: Findings) -> None:
+    """RecordError that names every mistake that `examine` found.
+
+    Raises
+    ------
+    RecordError
+        There is one.
+    """
+    if found.mistakes:
+        reasons = "; ".join(found.mistakes)
+        raise RecordError(found.source, f"{reasons}; `force` fits it all the same, and the model is marked")
+
+
+def mistakes(record: Record, found: Findings) -> tuple[str, ...]:
+    """What contradicts that this is a record of voltage and displacement of an actuator, a sentence each.
+
+    Every sentence names its evidence. Limits are far from every correct record that is known, so that a mistake may
+    pass, but a record without one does not fail.
+
+    Parameters
+    ----------
+    record : Record
+        The record.
+    found : Findings
+        What `examine` measured of it.
+    """
+    of_pair = (*_of_names(record), *_of_size(record, found))
+    return (*record.contradictions, *of_pair, *faults(record), *_of_order(record, found))
+
+
+def _of_names(record: Record) -> Iterator[str]:
+    """Headings that say something else than what the column is used for."""
+    names = {role: column.heading.lower().rsplit("/", 1)[-1] for role, column in record.columns.items()}
+    volts, moved = names.get("volts", ""), names.get("displacement", "")
+    if moved in COMMANDS:
+        yield f"the displacement is the column {moved!r}: a command, not what a sensor measured"
+    if volts in MEASURED or moved in VOLTAGES:
+        yield f"the voltage is the column {volts!r} and the displacement {moved!r}: are they swapped?"
+
+
+def _of_size(record: Record, found: Findings) -> Iterator[str]:
+    """Spans, gain and speed that no actuator has: wrong units."""
+    volts, stroke, gain = float(np.ptp(record.volts)), found.stroke_um, abs(found.gain_um_per_v)
+    if volts > VOLTS[1] or (volts > HIGH_VOLTS and gain < HIGH_GAIN):
+        yield f"the voltage spans {volts:.4g} V for {stroke:.3g} um: is its unit right? If it is mV, say `volts_unit`"
+    elif volts < VOLTS[0]:
+        yield f"the voltage spans {volts:.3g} V for {stroke:.3g} um: is its unit right? If it is V, say `volts_unit`"
+    elif not STROKE[0] <= stroke <= STROKE[1] or gain > GAIN:
+        spans = f"the displacement spans {stroke:.3g} um, {gain:.3g} um/V"
+        yield f"{spans}: is its unit right? `displacement_unit` or `displacement_scale` says it"
+    else:
+        yield from _of_clock(record, found)
+
+
+def _of_clock(record: Record, found: Findings) -> Iterator[str]:
+    """Time stamps that make the motion too fast, or the samples too rare."""
+    speed, rate = found.rates_um_s[2], found.sample_rate_hz
+    time = record.columns.get("time")
+    short = time is not None and time.stated and time.unit not in ("s", "min")
+    if speed > SPEED or (short and any(rate >= hz and speed >= um_s for hz, um_s in FAST)):
+        stamps = f"time stamps ({time.heading!r} in {time.unit})" if time else "given sample rate"
+        remedy = "are they in s (`time_unit`)?" if time else "is it right?"
+        yield (
+            f"the {stamps} make {found.strokes} strokes in {found.duration_s:.3g} s, at {1e-3 * speed:.3g} mm/s and "
+            f"{1e-3 * rate:.4g} kHz: {remedy}"
+        )
+    if time is not None and not time.stated and rate <= SLOW and record.source != "arrays":
+        yield (
+            f"the time stamps have no unit, and in s one row would be {1 / rate:.4g} s: are they in ms (`time_unit`), "
+            "or do they count the rows (`sample_rate`)?"
+        )
+
+
+def _of_order(record: Record, found: Findings) -> Iterator[str]:
+    """A displacement that is not the effect of the voltage: a command, ahead of it, too late, or of something else."""
+    turns = turning.reversals(record.volts, turning.STROKE * float(np.ptp(record.volts)))
+    if turns.size < 4:
+        return
+    quiet, rough = _noises(record, found)
+    rows, off = _off_line(record, found)
+    digits = REAL * rounding(record.displacement) / found.stroke_um
+    if off < max(COMMAND, min(digits, ROUNDED)):
+        late = f" {rows} rows before" if rows > 1 else " one row before" if rows else ""
+        yield (
+            f"the displacement is the voltage{late} times {found.gain_um_per_v:.6g} um/V but for {off:.1g} of the "
+            "stroke, without loop, lag or noise: is it the command?"
+        )
+        return
+    if not _together(record, found, turns):
+        yield (
+            f"voltage and displacement do not move together (correlation {found.correlation:.2f}): is one of them "
+            "shifted in time, or is it the wrong column?"
+        )
+        return
+    lead = _lead(record, found, turns)
+    if lead and (jump := jumped(record, turns)):
+        yield jump
+    elif lead:
+        shifted = "" if quiet < rough / ROUGHER else " Or is the displacement shifted in time?"
+        yield f"the displacement leads the voltage, its cause ({lead}): are the columns swapped?{shifted}"
+    elif quiet < SMOOTH and rough > max(
+        ROUGHER * quiet, SMOOTH, REAL * rounding(record.volts) / float(np.ptp(record.volts))
+    ):
+        yield (
+            f"the displacement has no noise ({quiet:.1g} of the stroke), the voltage has ({rough:.1g} of its span): "
+            "is it the desired displacement?"
+        )
+    elif late := _late(record, found, turns):
+        yield f"the displacement is late by {late}, far beyond hysteresis: is it shifted?"
+
+
+def _noises(record: Record, found: Findings) -> tuple[float, float]:
+    """Noise of displacement and voltage, of their spans."""
+    return found.noise_um / found.stroke_um, noise(record.volts, record.segments) / float(np.ptp(record.volts))
+
+
+def _off_line(record: Record, found: Findings) -> tuple[int, float]:
+    """By how many rows the displacement follows a line in the voltage best, and its rms about that, of the stroke."""
+    about = round(_rows(found)["lag"])
+    tried = {*range(BEHIND + 1), *range(max(about - BEHIND, 0), max(about, 0) + BEHIND + 1)}
+    return min(((rows, _off(record, rows) / found.stroke_um) for rows in sorted(tried)), key=lambda entry: entry[1])
+
+
+def _off(record: Record, rows: int) -> float:
+    """The same of one number of rows, um."""
+    x, z = record.volts[: record.volts.size - rows], record.displacement[rows:]
+    if x.size < 3 or np.ptp(x) == 0.0:
+        return float(np.ptp(record.displacement))
+    above = x - x.mean()
+    return float(np.std(z - (above @ z) / (above @ above) * above))
+
+
+def _together(record: Record, found: Findings, turns: turning.Rows) -> bool:
+    """Whether displacement and voltage agree, as a whole or, where it drifts, stroke by stroke."""
+    strokes = np.diff(record.volts[turns]), np.diff(record.displacement[turns])
+    moved = np.ptp(strokes[1]) > 0 and abs(np.corrcoef(*strokes)[0, 1]) >= TOGETHER
+    return abs(found.correlation) >= TOGETHER or bool(moved)
+
+
+def _lead(record: Record, found: Findings, turns: turning.Rows) -> str:
+    """By what the displacement is seen to come first; empty where it does not."""
+    stroke, rows = float(np.median(np.diff(turns))), _rows(found)
+    if found.loop_width_percent < LEADS:
+        return f"the loop turns clockwise, {found.loop_width_percent:.1f} % of the stroke"
+    for name, (share, least) in {"lag": (EARLY, EARLY_ROWS), "delay": TURNS}.items():
+        if rows[name] < -max(share * stroke, least):
+            return f"by {-rows[name]:.3g} rows, {1e3 * -rows[name] / found.sample_rate_hz:.3g} ms"
+    return ""
+
+
+def _late(record: Record, found: Findings, turns: turning.Rows) -> str:
+    """By what the displacement follows too late; empty where it does not."""
+    stroke, lag = float(np.median(np.diff(turns))), _rows(found)["lag"]
+    if lag <= max(LATE * stroke, 2 * EARLY_ROWS):
+        return ""
+    return f"{1e3 * lag / found.sample_rate_hz:.4g} ms, {100 * lag / stroke:.0f} % of a stroke"
+
+
+def _rows(found: Findings) -> Mapping[str, float]:
+    """Delay and lag of the rates in rows; 0 where the record does not show them."""
+    shown = {"delay": found.delay_ms, "lag": found.lag_ms}
+    return {name: 0.0 if ms is None else 1e-3 * ms * found.sample_rate_hz for name, ms in shown.items()}

@@ -1,0 +1,302 @@
+"""What no law of physics forbids in a record, but is rare in a correct one: it makes a model doubtful, not refused."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator
+
+import numpy as np
+
+from truestroke.base.typing import FloatArray
+from truestroke.identification.examination.changes import changed
+from truestroke.identification.examination.findings import Findings
+from truestroke.identification.examination.rows import rewritten
+from truestroke.identification.records import turning
+from truestroke.identification.records.noise import noise
+from truestroke.identification.records.record import Record
+from truestroke.identification.records.series import to_and_fro
+
+SOON, TARDY = 50e-6, 0.1  # s: an amplifier or a sensor is later than the first, none is later than the second
+SHOWN = 0.25  # rows: to which reversals show a delay
+LONG, SLOW = 9000.0, 200.0  # s of motion, and Hz: few records are longer; one of 10 s in ms that are taken for s is
+ALIASED = 3.5  # rows in a stroke; correct records of noise have 5 at least
+COUNTED = 1000  # stamps or values that are looked at
+STRAIGHT = 0.5  # % of the stroke that a linear filter leaves: actuators leave 1 to 8, set-points of a loop 0.36 at most
+FILTER = 9, 0.25  # lags of the filter at most, each twice the one before, and the longest, of a stroke
+ROWS = 50_000  # that it is fitted to
+NOISY = 1.0  # % of the stroke: with more noise that difference is not seen
+SMALL, LARGE = 0.02, 2000.0  # um: strokes that are rather written in nm, and in mm
+STRONG = 150.0  # um/V: few actuators move further by the signal that controls their amplifier
+MILLIVOLTS = 1.5, 50.0  # V, um/V: few actuators go so far with so little
+WEAK = 2e-4  # um/V: less than of a single plate
+MONITOR = re.compile(r"\bmon(itor)?\b|[_ ]mon(itor)?([_ ]|$)|^mon", re.IGNORECASE)
+CONVERTER = 10.5  # V: most converters of a sensor end at 10
+LIMITED, FREE = 0.012, 2.0  # of the rows at one largest speed, and times the voltage's speeds differ in them
+NEAR_TOP, FEWEST_AT_TOP = 0.05, 20  # of that speed, and rows
+BITS = range(10, 19)  # of a converter of 20 V
+ON_STEP, ON_STEPS = 0.1, 0.99  # of a step: a value on it, but for the digits of a text; and share of the values
+WHOLE = 100  # different values, all of them whole numbers
+NORMALISED = (0.0, 1.0), (0.0, 100.0), (-1.0, 1.0)  # which no sensor with noise hits at both ends
+LEVEL = 8.0  # times the noise: so wide is a level at which a signal stays
+FLATTER, TURNED = 2.5, 0.025  # times what the level is of the span, and of its span, the other signal goes on meanwhile
+CUT = 0.01  # of the rows
+
+
+def implausible(record: Record, found: Findings) -> tuple[str, ...]:
+    """What does not contradict the record, but is rare if it is right, a sentence each with its evidence.
+
+    Examples
+    --------
+    >>> from truestroke.identification import examine
+    >>> t = np.arange(2000) / 1000.0
+    >>> x = 5 - 5 * np.cos(20 * t)
+    >>> z = x + 1e-3 * np.random.default_rng(0).standard_normal(t.size)
+    >>> examine(Record.from_arrays(x, z, sample_rate=1000.0)).implausible[0][:50]
+    'a linear filter of the voltage leaves 0.003 % of t'
+    """
+    if found.mistakes:
+        return ()
+    of_file = record.source not in ("arrays", "recording")
+    units = (*_of_clock(record, found), *_of_units(record, found)) if of_file else ()
+    of_signals = (
+        *_of_sampling(record, found),
+        *_of_hysteresis(record, found),
+        *_of_levels(record, found),
+        *_of_slew(record, found),
+        *rewritten(record, found),
+    )
+    return (*units, *of_signals, *changed(record))
+
+
+def _of_clock(record: Record, found: Findings) -> Iterator[str]:
+    """Of time stamps or sample rate, the first evidence."""
+    time = record.columns.get("time")
+    texts = [*_of_turns(record, found)]
+    if not texts and time is not None and not time.asked:
+        texts += _of_stamps(record, found, time.heading)
+    yield from texts
+
+
+def _of_turns(record: Record, found: Findings) -> Iterator[str]:
+    """An actuator with amplifier and sensor turns later than its voltage, by tens of us to tens of ms."""
+    time, delay = record.columns.get("time"), found.delay_ms
+    if delay is None:
+        return
+    late, row = 1e-3 * delay, 1 / found.sample_rate_hz
+    stamps = f"the time stamps ({time.heading!r} in {time.unit})" if time else "the given sample rate"
+    if time is not None and time.unit != "s" and abs(late) + SHOWN * row < SOON:
+        turns = f"within {1e6 * (abs(late) + SHOWN * row):.2g} us of the voltage, before most amplifiers do"
+        yield f"the displacement turns {turns}: are {stamps} in s? State the sample rate (`sample_rate`)"
+    elif late > max(TARDY, SHOWN * row):
+        turns = f"{late:.2g} s later than the voltage, as hardly any does"
+        if time is None:
+            yield f"the displacement turns {turns}: is {stamps} of {record.sample_rate:g} Hz in kHz?"
+        else:
+            finer = "in ms" if time.unit in ("s", "min") else "in a smaller unit"
+            yield f"the displacement turns {turns}: are {stamps} {finer}? State the sample rate (`sample_rate`)"
+
+
+def _of_stamps(record: Record, found: Findings, heading: str) -> Iterator[str]:
+    """Stamps said to be in s that count the rows, or make a record of hours out of few rows."""
+    rate = found.sample_rate_hz
+    if np.all(np.diff(record.time[:COUNTED]) == 1.0):
+        yield (
+            f"the time stamps ({heading!r}) are one apart each: do they count the rows? State the sample rate "
+            "(`sample_rate`), or their unit (`time_unit`)"
+        )
+        return
+    moved = found.duration_s - sum(seconds for _, seconds in found.gaps)
+    if moved > LONG and rate < SLOW and found.strokes >= 4:
+        yield (
+            f"the time stamps ({heading!r}) make {found.strokes} strokes in {moved / 3600:.3g} h, one row each "
+            f"{1 / rate:.3g} s: are they in ms? State their unit (`time_unit`; one against the file needs `force`)"
+        )
+
+
+def _of_sampling(record: Record, found: Findings) -> Iterator[str]:
+    """So few rows in a stroke that the motion is faster than they show."""
+    rows = record.time.size / found.strokes
+    if found.strokes >= 4 and rows < ALIASED:
+        yield (
+            f"a stroke has {rows:.2g} rows on average: is the motion faster than the samples show it (aliasing)? "
+            "Sample ten times in a stroke, or move more slowly"
+        )
+
+
+def _of_units(record: Record, found: Findings) -> Iterator[str]:
+    """Numbers that people rather write in another unit; nothing where the caller has stated it."""
+    yield from _of_voltage_unit(record)
+    yield from _of_displacement_unit(record, found)
+
+
+def _of_voltage_unit(record: Record) -> Iterator[str]:
+    volts = record.columns["volts"]
+    if not volts.asked and MONITOR.search(volts.heading):
+        yield (
+            f"the voltage is the column {volts.heading!r}: a monitor mostly shows a tenth or a hundredth of the "
+            "voltage. State what 1 of it is (`volts_scale`; 1 if a controller is to put out these)"
+        )
+    if not volts.asked and volts.unit == "V" and _whole(record.volts):
+        yield (
+            f"the voltage has whole numbers of V only, from {record.volts.min():g} to {record.volts.max():g}: are they "
+            "codes of a converter? State what 1 of it is (`volts_scale`)"
+        )
+
+
+def _of_displacement_unit(record: Record, found: Findings) -> Iterator[str]:
+    volts, moved = record.columns["volts"], record.columns["displacement"]
+    span, stroke = found.voltage_v[1] - found.voltage_v[0], found.stroke_um
+    gain = abs(found.gain_um_per_v)
+    if not moved.asked and moved.unit == "um" and _whole(record.displacement):
+        yield (
+            f"the displacement has whole numbers of um only, from {record.displacement.min():g} to "
+            f"{record.displacement.max():g}: are they counts or nm? State its unit (`displacement_unit`, "
+            "`displacement_scale`)"
+        )
+    elif not moved.asked and moved.unit == "um" and found.displacement_um in NORMALISED:
+        yield (
+            f"the displacement is exactly from {found.displacement_um[0]:g} to {found.displacement_um[1]:g}: is it "
+            "normalised? State the um of 1 of it (`displacement_scale`)"
+        )
+    elif not moved.asked and moved.unit == "um" and (step := _of_converter(record.displacement)):
+        yield (
+            f"the displacement stays within +-10 um in steps of {step:.6g} um, as the volts of a converter of 20 V do "
+            "in steps of a power of two: are they a sensor's V? State the unit (`displacement_unit`), or its um/V "
+            "(`displacement_scale`)"
+        )
+    elif not moved.stated and max(map(abs, found.displacement_um)) <= CONVERTER:
+        yield (
+            "the displacement has no unit, and stays within +-10 as the volts of a sensor do: is it in um? State its "
+            "unit (`displacement_unit`), or its um/V (`displacement_scale`)"
+        )
+    elif moved.unit == "um" and not moved.asked and not SMALL <= stroke <= LARGE:
+        others = "nm or mm" if stroke < SMALL else "nm or counts"
+        yield f"the stroke is {stroke:.3g} um: is it in {others}? State its unit (`displacement_unit`)"
+    elif not moved.asked and not WEAK <= gain <= STRONG:
+        what = "less than a single plate moves" if gain < WEAK else "more than most actuators move"
+        yield f"{stroke:.3g} um for {span:.3g} V is {what}: is its unit right? State it (`displacement_unit`)"
+    elif volts.unit == "mV" and not volts.asked and span < MILLIVOLTS[0] and gain > MILLIVOLTS[1]:
+        yield f"{1e3 * span:.3g} mV move {stroke:.3g} um: is the voltage in V? State its unit (`volts_unit`)"
+
+
+def _of_converter(values: FloatArray) -> float:
+    """The step of a converter of 20 V, or of 10 V, in which these values stay, if all of them are on it; else 0.
+
+    Examples
+    --------
+    >>> moved = 3.0 + np.sin(np.arange(3000) / 50.0)
+    >>> [round(_of_converter(step * np.round(moved / step)), 6) for step in (20 / 65536, 3e-4)]
+    [0.000305, 0.0]
+    """
+    few = values[:: -(-values.size // COUNTED)]
+    for bits in BITS if np.abs(values).max() <= CONVERTER else ():
+        step: float = 20.0 / (1 << bits)
+        counts = few / step
+        whole = np.round(counts)
+        if np.mean(np.abs(counts - whole) < ON_STEP) > ON_STEPS and np.unique(whole).size > WHOLE:
+            return step
+    return 0.0
+
+
+def _whole(values: FloatArray) -> bool:
+    """Whether all of many different values are whole numbers: counts, codes, or a smaller unit without its point."""
+    return not np.any(values % 1.0) and np.unique(values).size > WHOLE
+
+
+def _of_hysteresis(record: Record, found: Findings) -> Iterator[str]:
+    """No hysteresis at all, which an actuator under a voltage has: a command, or a loop that is closed already."""
+    left = nonlinear(record, found)
+    if left is not None and left < STRAIGHT:
+        yield (
+            f"a linear filter of the voltage leaves {left:.1g} % of the stroke beside the noise, so there is no "
+            "hysteresis, which an actuator under a voltage has (1 to 8 % left): is the displacement a command, or the "
+            "voltage the set-point of a closed loop or of a charge?"
+        )
+
+
+def nonlinear(record: Record, found: Findings) -> float | None:
+    """What the best linear filter of the voltage leaves of the displacement beside its noise, % of the stroke.
+
+    None where there are no four strokes, or with so much noise that it is not seen.
+    """
+    noisy = 100 * found.noise_um / found.stroke_um
+    if found.strokes < 4 or noisy > NOISY:
+        return None
+    turns = turning.reversals(record.volts, turning.STROKE * float(np.ptp(record.volts)))
+    lags, longest = [0], FILTER[1] * float(np.median(np.diff(turns)))
+    while len(lags) < FILTER[0] and max(2 * lags[-1], 1) <= longest:
+        lags.append(max(2 * lags[-1], 1))
+    rows = max(record.segments, key=lambda s: s.stop - s.start)
+    x, z = record.volts[rows][:ROWS], record.displacement[rows][:ROWS]
+    first = lags[-1]
+    if x.size - first < 10 * len(lags):
+        return None
+    columns = np.column_stack([np.ones(x.size - first), *(x[first - lag : x.size - lag] for lag in lags)])
+    rest = z[first:] - columns @ np.linalg.lstsq(columns, z[first:], rcond=1e-10)[0]
+    return math.sqrt(max((100 * float(np.std(rest)) / found.stroke_um) ** 2 - noisy**2, 0.0))
+
+
+def _of_levels(record: Record, found: Findings) -> Iterator[str]:
+    """A signal that stays at an end of its range, but for noise, while the other one moves: it is cut off there."""
+    x, z = record.volts, record.displacement
+    quiet = {"displacement": found.noise_um, "voltage": noise(x, record.segments)}
+    for name, signal, other, unit in (("displacement", z, x, "um"), ("voltage", x, z, "V")):
+        rows, moved = level(signal, other, quiet[name])
+        exact = found.clipped_displacement if name == "displacement" else 0  # which are not fitted
+        if rows >= CUT * x.size and not exact:
+            beside, its = ("voltage", "V") if name == "displacement" else ("displacement", "um")
+            yield (
+                f"the {name} stays at an end of its range, within {LEVEL * quiet[name]:.2g} {unit}, in {rows} rows, "
+                f"while the {beside} goes on by up to {moved:.3g} {its} and comes back: is it cut off there?"
+            )
+
+
+def level(signal: FloatArray, other: FloatArray, quiet: float) -> tuple[int, float]:
+    """Rows at the ends of a signal while another one moves on and comes back, and by how much at most.
+
+    Examples
+    --------
+    >>> x = 1 - np.cos(np.linspace(0.0, 12.0, 2000))
+    >>> level(np.minimum(x, 1.5), x, 1e-6)[0], level(x, x, 1e-6)[0]
+    (698, 0)
+    """
+    span, width = float(np.ptp(signal)), LEVEL * quiet
+    least = max(TURNED, FLATTER * width / span) * float(np.ptp(other))
+    rows, most = 0, 0.0
+    for near in (signal <= signal.min() + width, signal >= signal.max() - width):
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], near, [0]]).astype(np.int8)))
+        for start, stop in edges.reshape(-1, 2):
+            entered = abs(signal[start] - signal[max(start - 1, 0)])  # a step, after which a displacement settles
+            moved = to_and_fro(other[start:stop])
+            if stop - start >= 4 and moved > least and entered < 0.1 * span:
+                rows, most = rows + int(stop - start), max(most, moved)
+    return rows, most
+
+
+def _of_slew(record: Record, found: Findings) -> Iterator[str]:
+    """The displacement has a largest speed, whatever that of the voltage: an amplifier at the limit of its current."""
+    share, slowest, fastest = limited(record, found)
+    if share > LIMITED and fastest > FREE * slowest:
+        yield (
+            f"in {100 * share:.2g} % of the rows the displacement moves at one largest speed, while the voltage's "
+            f"differs by more than {FREE:g} times: is the amplifier at the limit of its current or slew rate, and the "
+            "voltage recorded in front of it? Record behind it, or move more slowly"
+        )
+
+
+def limited(record: Record, found: Findings) -> tuple[float, float, float]:
+    """Share of the rows at the largest speed of the displacement, and the voltage's 10 and 90 % speeds in them."""
+    x, z, over = record.volts, record.displacement, 1
+    moved = np.abs(np.diff(z))
+    while found.noise_um * 1.5 > 0.01 * np.percentile(moved, 99) and 40 * over <= z.size:
+        over *= 2
+        moved = np.abs(z[over:] - z[:-over])
+    top = float(np.percentile(moved, 99.5))
+    at = np.abs(moved - top) < NEAR_TOP * top
+    if np.count_nonzero(at) < FEWEST_AT_TOP:
+        return 0.0, 0.0, 0.0
+    late = round(1e-3 * max(found.lag_ms or 0.0, 0.0) * found.sample_rate_hz)  # dead time and lag shift it, too
+    speeds = np.abs(x[over:] - x[:-over])[np.maximum(np.flatnonzero(at) - late, 0)]
+    low, high = np.percentile(speeds, [10, 90])
+    return float(at.mean()), float(low), float(high)

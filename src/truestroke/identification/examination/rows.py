@@ -1,0 +1,173 @@
+"""Rows that were not measured where they stand: written twice, repeated, filled by a line, or lost on the way."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+import numpy.typing as npt
+
+from truestroke.base.typing import FloatArray
+from truestroke.identification.examination.faults import repeated
+from truestroke.identification.examination.findings import Findings
+from truestroke.identification.records.noise import rounding
+from truestroke.identification.records.record import Record
+
+FEWEST_AGAIN, AGAIN = 5, 0.001  # rows, and of the rows
+WINDOW, BLOCK = 8, 40  # rows that are compared with all others, and of a block that is a copy
+COPIED, DRAWN_FROM = 1.0, 2.0  # steps of the sensor: with so much noise no block, and no line, is there by chance
+STRAIGHT = 6  # second differences on one line, at least
+FLOAT = 1e-9  # of the stroke: rounding of floats
+CHANCE = 1e-3  # of a line of so many rows anywhere in the record, by noise alone
+FEWEST_FILLED, DRAWN = 3, 0.45  # such places; and of all rows, where lines join the measured ones
+JOINT = 0.03  # of the span: both signals move so far from one row to the next
+SUDDEN, BESIDE = 8.0, 3  # times what they do in so many rows on either side
+GOES_ON = 0.2  # of the median step: so fast the voltage moves before and behind
+SHARE = 0.4, 1.6  # of the voltage's jump times the gain: of the displacement in the same row
+SORTED = 0.005  # of the stroke: noise of rows that alternate between the ways up and down
+FEW_JOINTS = 4  # a motion that jumps more often is meant to
+
+
+def rewritten(record: Record, found: Findings) -> Iterator[str]:
+    """A sentence for each kind of such rows, with its evidence and the remedy."""
+    yield from _of_copies(record)
+    step = _step(record.displacement)
+    if repeated(record.displacement) == 1:
+        if found.noise_um > COPIED * step:
+            yield from _of_blocks(record)
+        yield from _of_lines(record, step)
+    yield from _of_joints(record, found)
+    yield from _of_order(record, found)
+
+
+def _of_copies(record: Record) -> Iterator[str]:
+    """Both signals repeat their values in the same rows: each row is there several times, or some rows are."""
+    every = repeated(record.displacement)
+    if every > 1 and repeated(record.volts) == every:
+        x, z = record.volts, record.displacement
+        if np.mean((np.diff(x) != 0) == (np.diff(z) != 0)) > 0.9:
+            yield (
+                f"voltage and displacement have a new value in every {every}. row only: are rows written {every} "
+                f"times, and is the sample rate {every} times too high?"
+            )
+    again = _again(record)
+    if again >= FEWEST_AGAIN:
+        yield (
+            f"{again} rows, each by itself, repeat both values of the row before, while both signals move: did the "
+            "logger write rows twice? Leave out the copies, or record with time stamps"
+        )
+
+
+def _again(record: Record) -> int:
+    """Rows that repeat both values, between rows in which the voltage moves; 0 where chance makes as many."""
+    still = np.diff(record.volts) == 0, np.diff(record.displacement) == 0
+    both = still[0] & still[1]
+    alone = both[1:-1] & ~still[0][:-2] & ~still[0][2:]
+    by_chance = float(still[0].mean() * still[1].mean()) * both.size
+    number = int(alone.sum())
+    return number if number > max(AGAIN * both.size, 5 * by_chance) else 0
+
+
+def _of_blocks(record: Record) -> Iterator[str]:
+    """A part of the record that is there again, noise and all."""
+    x, z, n = record.volts, record.displacement, record.volts.size - WINDOW
+    if n < BLOCK:
+        return
+    weights = np.random.Generator(np.random.PCG64(0)).standard_normal((2, WINDOW))
+    marks = np.sum([a * x[k : k + n] + b * z[k : k + n] for k, (a, b) in enumerate(weights.T)], axis=0)
+    order = np.argsort(marks, kind="stable")
+    same = np.flatnonzero(np.diff(marks[order]) == 0.0)
+    first, again = order[same], order[same + 1]
+    moves = np.any([z[first + k] != z[first] for k in range(1, WINDOW)], axis=0) if same.size else np.zeros(0, np.bool_)
+    if np.count_nonzero(moves) < BLOCK - WINDOW:
+        return
+    first, apart = first[moves], (again - first)[moves]
+    later = int(np.bincount(apart).argmax())
+    rows = first[apart == later]
+    if rows.size >= BLOCK - WINDOW:
+        start = int(rows.min()) + 1
+        yield (
+            f"{rows.size + WINDOW} rows from row {start} on are there again {later} rows later, noise and all: "
+            "is a block of the file there twice? Leave out the copy"
+        )
+
+
+def _step(signal: FloatArray) -> float:
+    """The least by which a signal changes: the step of a converter, or the last digit of a text."""
+    changes, none = np.abs(np.diff(signal)), FLOAT * float(np.ptp(signal))
+    least = float(changes[changes > none].min(initial=np.inf))
+    return max(least, math.sqrt(12) * rounding(signal), none)
+
+
+def _of_lines(record: Record, step: float) -> Iterator[str]:
+    """A displacement with noise does not run on a line or stay: holes were filled, or the rows multiplied."""
+    z, bends = record.displacement, np.abs(np.diff(record.displacement, 2))
+    noisy = float(np.percentile(bends, 90)) / (1.645 * math.sqrt(6.0)) / step  # of rows that were measured
+    if noisy < DRAWN_FROM:
+        return
+    by_chance = 0.82 / noisy  # that a second difference of normal noise is within two steps
+    least = max(STRAIGHT, math.ceil(math.log(z.size / CHANCE) / -math.log(by_chance)))
+    flat = bends <= 2.01 * step
+    runs = _runs(flat)
+    inside = (z[runs[:, 0]] > z.min()) & (z[runs[:, 0]] < z.max())  # at the ends of the range it is clipped
+    filled = runs[inside & (runs[:, 1] - runs[:, 0] >= least)]
+    if flat.mean() > max(DRAWN, 2 * by_chance):
+        yield (
+            f"the displacement is on straight lines of {round(1 / (1 - float(flat.mean())))} rows each: were rows put "
+            "between those that were measured? Record at the rate of the sensor, or leave them out"
+        )
+    elif len(filled) >= FEWEST_FILLED:
+        yield (
+            f"the displacement has noise, but stays or is on a line for {least + 2} rows and more at {len(filled)} "
+            f"places, first at {record.time[filled[0, 0]] - record.time[0]:.4g} s: were holes filled? Leave these rows "
+            "out"
+        )
+
+
+def _runs(flags: npt.NDArray[np.bool_]) -> npt.NDArray[np.intp]:
+    """First row and end of each run of True, shape (runs, 2)."""
+    return np.flatnonzero(np.diff(np.concatenate([[0], flags, [0]]).astype(np.int8))).reshape(-1, 2)
+
+
+def _of_joints(record: Record, found: Findings) -> Iterator[str]:
+    """Both signals jump in one row, and were moving before and behind: rows are missing, or two records joined."""
+    x, z = np.diff(record.volts), np.diff(record.displacement)
+    steps = np.abs(x[x != 0.0])
+    jumps = np.flatnonzero(np.abs(x) > JOINT * np.ptp(record.volts))
+    if not 0 < jumps.size < x.size // 50 or not steps.size:
+        return
+    gaps = {s.start - 1 for s in record.segments[1:]}
+    gain, slow = found.gain_um_per_v, GOES_ON * float(np.median(steps))
+    joints = [k for k in jumps.tolist() if k not in gaps and _is_joint(x, z, k, gain, slow)]
+    if 0 < len(joints) <= FEW_JOINTS:
+        k, size = joints[0], len(joints)
+        places = "one place" if size == 1 else f"{size} places"
+        yield (
+            f"at {places}, first at {record.time[k] - record.time[0]:.4g} s, both signals jump within one row, the "
+            f"voltage by {abs(x[k]):.3g} V, and move on behind: are rows missing, or two records joined? Use each part "
+            "by itself, or time stamps"
+        )
+
+
+def _is_joint(x: FloatArray, z: FloatArray, k: int, gain: float, slow: float) -> bool:
+    """Whether step k of both is such a jump; x, z are the steps of the voltage and of the displacement."""
+    if not BESIDE <= k < x.size - BESIDE:
+        return False
+    before, behind = slice(k - BESIDE, k), slice(k + 1, k + 1 + BESIDE)
+    if any(abs(step[k]) < SUDDEN * np.abs(step[side]).max() for step in (x, z) for side in (before, behind)):
+        return False
+    low, high = SHARE
+    goes_on = min(abs(x[before].mean()), abs(x[behind].mean())) > slow
+    return bool(goes_on and low < z[k] / (gain * x[k]) < high)
+
+
+def _of_order(record: Record, found: Findings) -> Iterator[str]:
+    """A voltage that never turns, while the displacement goes to and fro from row to row."""
+    steps = np.diff(record.volts)
+    if (np.all(steps >= 0.0) or np.all(steps <= 0.0)) and found.noise_um > SORTED * found.stroke_um:
+        share = 100 * found.noise_um / found.stroke_um
+        yield (
+            f"the voltage never turns, and the displacement goes to and fro by {share:.2g} % of the stroke from row to "
+            "row: are the rows sorted by the voltage? Keep them in the order in which they were measured"
+        )

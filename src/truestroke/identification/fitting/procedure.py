@@ -1,0 +1,192 @@
+"""From the first samples of a record to a model: dead time, structure, stage, branches, weights."""
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from truestroke.base.typing import FloatArray
+from truestroke.control.actuator import central_difference
+from truestroke.identification.fitting import coverage, modes, normal, zeros
+from truestroke.identification.fitting.modes import ModeSearch
+from truestroke.identification.fitting.regression import ROWS, Data, Structure
+from truestroke.identification.fitting.response import Response, find_response
+from truestroke.identification.fitting.select import (
+    Tried,
+    choose,
+    choose_branches,
+    coarse_delay,
+    first_prediction,
+    with_this,
+)
+from truestroke.identification.fitting.structure import Fit, fit_structure
+from truestroke.identification.records.series import Series
+from truestroke.model.dynamics import Dynamics
+
+CHOICE_ROWS = 15_000  # at most where structures are compared, as `ROWS`
+SEARCH_ROWS = 8_000  # at most where modes are looked for
+NEAR = 0.25  # of the stroke
+FEWEST = 20  # samples in each part
+RESONATES = 0.9  # of the rmse of cross-validation: modes of the stage must lower it so far
+BRANCHES_GAIN = 0.9  # of the residual without branches: with them it must be below
+SEARCHES = 8  # for modes at most, each behind a model that was fitted with those of the one before
+
+
+def fit_samples(
+    s: Series,
+    samples: int,
+    delay: float | None,
+    fixed: Mapping[str, Any],
+    certain: bool = True,
+    start: Dynamics | None = None,
+) -> tuple[Fit, tuple[Tried, ...], Response]:
+    """Dead time, lag, structure and weights from the first samples, and what was compared.
+
+    The search for modes begins with those of `start`, and intervals are made where `certain`.
+    """
+    s, zero = zeros.at_one_zero(s, samples)
+    coarse = data_of(s, samples, CHOICE_ROWS)
+    found = time_constants(s, coarse, delay, certain)
+    coarse = dataclasses.replace(coarse, delay=found.delay, time_constant=found.time_constant)
+    guess = first_prediction(coarse)
+    structure, weight, tried = choose(coarse, guess, fixed)
+    fine = dataclasses.replace(data_of(s, samples, ROWS), delay=found.delay, time_constant=found.time_constant)
+    resonant = fixed["modes"] and _resonances(s, coarse, fixed, (structure, weight, guess, tried), start)
+    if resonant:
+        dynamics, structure, weight, guess, tried = resonant
+        fine = dataclasses.replace(fine, delay=0.0, time_constant=0.0, dynamics=dynamics)
+    weight *= fine.displacement.size / coarse.displacement.size  # as sure of the prior as what was compared
+    plain = fit_structure(fine, structure, weight, guess)
+    fit, more = _branched(plain, fine, coarse, structure, weight) if fixed["branches"] else (plain, ())
+    rate = float(np.diff(fit.drift(samples)[-2:])[0]) * s.sample_rate
+    model = fit.model.replace(walk=(more or tried)[-1].walk, drift=rate)
+    compared = _behind(coarse, fine)
+    rows = compared.displacement.size / fine.displacement.size
+    model = coverage.calibrated(model, compared, fit.structure, fit.weight * rows)
+    drift = fit.drift
+    fit = dataclasses.replace(fit, model=model, drift=lambda size: drift(size) + zero[:size])
+    return fit, (*tried, *more), found
+
+
+@normal.one_thread
+def time_constants(s: Series, coarse: Data | None = None, delay: float | None = None, certain: bool = True) -> Response:
+    """Dead time and lag of all samples, or of those of `coarse`; of `identify`, without a model."""
+    coarse = data_of(s, s.volts.size, CHOICE_ROWS) if coarse is None else coarse
+    first = 0.0 if delay is not None else coarse_delay(coarse)
+    samples = coarse.volts.size
+    return find_response(data_of(s, samples, samples), first, delay, certain)
+
+
+def _behind(coarse: Data, fine: Data) -> Data:
+    """The first with the stage, dead time and lag of the second."""
+    return dataclasses.replace(coarse, delay=fine.delay, time_constant=fine.time_constant, dynamics=fine.dynamics)
+
+
+def _branched(plain: Fit, fine: Data, coarse: Data, s: Structure, weight: float) -> tuple[Fit, tuple[Tried, ...]]:
+    """The model with branches, if cross-validation asks for them, and what was compared; else the plain one."""
+    rows = fine.displacement.size / coarse.displacement.size
+    found = choose_branches(_behind(coarse, fine), s, weight / rows, plain.strain)
+    if found is None:
+        return plain, ()
+    structure, weight, tried = found
+    fit = fit_structure(fine, structure, weight * rows, plain.strain)
+    if fit.model.noise > BRANCHES_GAIN * plain.model.noise:  # what was compared need not have an inverse
+        return plain, ()
+    return dataclasses.replace(fit, model=fit.model.replace(plain=plain.model)), tried
+
+
+_Chosen = tuple[Structure, float, FloatArray, tuple[Tried, ...]]
+
+
+def _resonances(
+    s: Series, static: Data, fixed: Mapping[str, Any], chosen: _Chosen, start: Dynamics | None
+) -> tuple[Dynamics, Structure, float, FloatArray, tuple[Tried, ...]] | None:
+    """Modes of the stage with their dead time in place of the delay, and what was chosen behind them.
+
+    None where cross-validation does not ask for them.
+
+    A mode is found between what a static model predicts and the displacement, the next ones from models that were
+    fitted behind those before.
+    """
+    structure, weight, guess, tried = chosen
+    data = dataclasses.replace(static, delay=0.0, time_constant=0.0)
+    searched = _excerpt(s, min(data.volts.size, modes.ROWS), data)
+    if np.count_nonzero(searched.fitted(structure.rested)) < FEWEST:
+        return None
+    pull = weight * searched.displacement.size / data.displacement.size
+    fit = partial(_strain, structure=structure, weight=pull, guess=guess)
+    dynamics = _searched(s, searched, 0 if structure.rested else searched.settled * searched.every, fit, start)
+    if dynamics is None:
+        return None
+    data = dataclasses.replace(data, dynamics=dynamics)
+    guess = _strain(data, structure, weight, guess)
+    if with_this(data, structure, guess, weight) > tried[-1].rmse:
+        return None
+    thresholds = {"thresholds": structure.thresholds}
+    structure, weight, more = choose(data, guess, {**fixed, **thresholds})
+    if more[-1].rmse > RESONATES * tried[-1].rmse:
+        return None
+    return dynamics, structure, weight, guess, (*tried, *more)
+
+
+def _searched(
+    s: Series, data: Data, first: int, strain: Callable[[Data], FloatArray], found: Dynamics | None
+) -> Dynamics | None:
+    """The modes that the samples of `data` from the first on show beyond those that were found.
+
+    Each is found behind a model with those before.
+    """
+    n = data.volts.size
+    known, z = s.known[:n] & (np.arange(n) >= first), s.displacement[:n] - data.zero
+
+    def search(behind: Dynamics | None, narrow: bool) -> ModeSearch:
+        return ModeSearch(strain(dataclasses.replace(data, dynamics=behind)), z, known, s.sample_rate, narrow)
+
+    for narrow in (True, False):
+        made, more = found, True
+        for _ in range(SEARCHES):
+            made, more = search(made, narrow).run(made)
+            if not more:
+                break
+        if made is None or not narrow or not search(made, narrow).hums(made):
+            break
+    return made
+
+
+def _excerpt(s: Series, samples: int, of: Data) -> Data:
+    """The first samples of other data, with more rows of them."""
+    every = -(-samples // SEARCH_ROWS)
+    z, known = (s.displacement - of.zero)[:samples:every], s.known[:samples:every]
+    return dataclasses.replace(of, volts=of.volts[:samples], displacement=z, known=known, every=every)
+
+
+def _strain(data: Data, structure: Structure, weight: float, guess: FloatArray) -> FloatArray:
+    """What a fitted model gives before the stage, um above `Data.zero`."""
+    return fit_structure(data, structure, weight, guess[: data.volts.size], certain=False).strain
+
+
+def data_of(s: Series, samples: int, rows: int) -> Data:
+    """The first samples for the fit; of the others, the range of the voltage and its rate.
+
+    The zero is the first that the record comes near: the sensor's own, the straight line's displacement at 0 V, or its
+    least displacement: asymmetry is estimated from travel between 0 and the stroke.
+    """
+    x, z = s.volts[:samples], s.displacement[:samples]
+    stroke = float(np.ptp(z) * np.ptp(s.volts) / np.ptp(x))
+    every = -(-x.size // rows)
+    zeros = 0.0, float(np.polyfit(x, z, 1)[1]), float(z.min())
+    zero = next(a for a in zeros if z.min() - NEAR * stroke <= a <= z.max() + NEAR * stroke)
+    return Data(
+        volts=x,
+        displacement=(z - zero)[::every],
+        known=s.known[:samples:every],
+        sample_rate=s.sample_rate,
+        every=every,
+        voltage_range=(float(s.volts.min()), float(s.volts.max())),
+        stroke=stroke,
+        zero=zero,
+        fastest=float(np.abs(central_difference(s.volts, s.sample_rate)).max()) * stroke / float(np.ptp(s.volts)),
+        duration=s.volts.size / s.sample_rate,
+    )

@@ -1,0 +1,359 @@
+"""The structure of the model, chosen by blocked cross-validation."""
+
+import dataclasses
+import itertools
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from truestroke.base import checks
+from truestroke.base.typing import FloatArray
+from truestroke.control.actuator import play_sum
+from truestroke.identification.fitting import normal, uncertainty
+from truestroke.identification.fitting.regression import DRIFTS, Data, Structure, even_thresholds, plays, rate_dependent
+from truestroke.identification.fitting.rest import begins_with_step, over_motion
+from truestroke.identification.records.turning import reversals
+from truestroke.model.branches import Branches
+from truestroke.model.layout import MAX_CREEPS
+
+BLOCKS = 6  # of the cross-validation: each but the first three is predicted from those before it
+FIRST = 3
+QUARTERS = 4  # of a block, whose means show how the zero walks
+PLAYS = (8, 16, 24)
+REACHES = (0.36, 0.48)  # of the voltage range: thresholds end below this; none beyond 0.5 ever moves
+PLAYS_FROM_REST = (16, 32)
+REACHES_FROM_REST = (0.6, 0.9)  # the same where the first way up from rest is in the fit
+FROM_REST = 0.7  # least factor of the rmse from rest, where the first motion shows it: a controller starts at rest, too
+CREEP_TIMES = (0.003, 0.03, 0.3, 3.0, 30.0)  # s
+WEIGHTS = (0.1, 1.0, 10.0, 100.0)  # of the prior, beyond the noise of the first fit
+FASTER = 2.0  # times what the rows to fit show: where the rest of the record is, a line in the rate would mislead
+BETTER = 0.99  # a sample of delay must lower the rmse at least this far
+ENOUGH = 1.1  # of the least rmse: the most terms that do not exceed it, as by one standard error
+ENOUGH_PLAYS = 1.05  # the same of the thresholds
+WITHIN = 0.98  # of the voltage range: where the rest of the record exceeds what is fitted, no prior is weak
+DRIFTS_IF = 0.95  # times the rmse without a drift: with one it must be below
+BRANCHES_WITHIN = 0.7  # of the voltage range: where the rest of the record goes further, branches would mislead
+BRANCHES_IF = 0.65  # times the rmse of plays of the voltage alone: with branches it must be below
+ENOUGH_BRANCHES = 1.1  # of the least rmse: the fewest branches that do not exceed it
+CURVED_PLAYS = 12  # of each curve
+BETAS = (1.5, 4.0, 10.0, 25.0)  # times the voltage range
+STIFF = (*BETAS, 60.0, 150.0)  # of friction, which turns within a few hundredths of the range
+CURVES = ((), ("convex", "concave"), ("convex", "concave", "sigmoid"))
+Kind = tuple[tuple[str, ...], int, tuple[float, ...]]  # of branches: curves, levels and betas
+LEVELS, FINER = 10, 14  # of the cells of Preisach's plane
+KINDS: tuple[Kind, ...] = tuple(
+    kind for kind in (*itertools.product(CURVES, (0,), ((), BETAS)), ((), 0, STIFF), ((), LEVELS, ())) if any(kind)
+)  # that are compared
+FINER_KINDS: tuple[Kind, ...] = (((), FINER, ()), (CURVES[-1], FINER, ()), ((), FINER, BETAS))
+FINER_IF = 1.25  # times what the others must be below: these are compared, too
+FINER_TURNS = 4  # of the places, as wide as a cell, in which the voltage turns: with fewer, cells are not known
+WEAKER = (0.01, 0.1, 1.0, 10.0)  # times the weight of the prior without branches
+CREEPS_IF = 1.25  # times the rmse with a drift: from rest, slower creep that does not exceed it is taken instead
+SLOWEST = 10.0  # of the record: the slowest of that creep
+LONGEST_DELAY = 0.1  # s
+QUICK = 16  # plays of the first fit
+
+
+@dataclass(frozen=True)
+class Tried:
+    """A structure that cross-validation compared.
+
+    Attributes
+    ----------
+    structure : Structure
+        Which terms.
+    prior : float
+        Weight of the prior, times the noise.
+    rmse : float
+        Of what was predicted, um.
+    modes : int
+        Resonances of the stage.
+    walk : float
+        Random walk of the zero, um/sqrt(s), of what was chosen; 0 of the others: see `_Blocks.walk`.
+    """
+
+    structure: Structure
+    prior: float
+    rmse: float
+    modes: int = 0
+    walk: float = 0.0
+
+    @property
+    def parts(self) -> tuple[str, ...]:
+        """The structure in words: plays, rate weights, creep, asymmetry, resonances."""
+        s = self.structure
+        more = "" if s.branches is None else f", {s.branches.described}"
+        return (
+            f"{len(s.thresholds)} plays to {s.thresholds[-1]:.3g} V{' from rest' if s.rested else ''}{more}",
+            f"{len(s.rate_dependent)} rate weights" if s.rate_dependent else "no rate",
+            f"creep {', '.join(f'{tau:g}' for tau in s.creep_times)} s" if s.creep_times else "no creep",
+            f"{s.asymmetry} asymmetry terms{''.join(f', {name}' for name in s.drift)}",
+            "no resonance" if not self.modes else "1 resonance" if self.modes == 1 else f"{self.modes} resonances",
+        )
+
+
+def first_prediction(data: Data) -> FloatArray:
+    """A prediction before dead time and lag, um, at the full rate, by plays alone."""
+    s = _first(data)
+    c, _ = _first_fit(data, s, data.columns(s, np.zeros_like(data.volts)))
+    return np.asarray(play_sum(data.volts, 0.0, c[:-1], np.zeros(QUICK), s.thresholds) + c[-1])
+
+
+def _first(data: Data) -> Structure:
+    span = data.voltage_range[1] - data.voltage_range[0]
+    return Structure(thresholds=even_thresholds(QUICK, 0.5 * span), lag=False)
+
+
+def _first_fit(data: Data, s: Structure, columns: FloatArray) -> tuple[FloatArray, float]:
+    """Weights of the plays and the offset, and the rmse, um."""
+    rows = columns[data.fitted(rested=False)]
+    prior = data.prior(s).part(np.append(s.a, s.columns["offset"].start))
+    R = normal.reduced(rows)
+    c = normal.solve(np.vstack([R, prior.rows((0.01 * data.stroke) ** 2)]))
+    return c, float(np.sqrt(normal.sum_of_squares(R, c) / len(rows)))
+
+
+def coarse_delay(data: Data) -> float:
+    """The delay, s, of whole samples, with the smallest rmse of the first fit."""
+    longest = min(round(LONGEST_DELAY * data.sample_rate), data.volts.size // 20)
+    s, kept = _first(data), np.arange(0, data.volts.size, data.every)
+    columns = np.column_stack([plays(data.volts, s.thresholds), np.ones_like(data.volts)])
+
+    def error(samples: int) -> float:
+        late = columns[np.maximum(kept - samples, 0)]
+        return _first_fit(data, s, np.column_stack([late, data.displacement]))[1]
+
+    best, rmse = 0, error(0)
+    step = 1 << max(longest.bit_length() - 2, 0)
+    while step:
+        for other in (best + step, best - step):
+            if 0 <= other <= longest and (tried := error(other)) < BETTER * rmse:
+                best, rmse = other, tried
+                break
+        step //= 2
+    return best / data.sample_rate
+
+
+@dataclass(frozen=True, eq=False)
+class _Blocks:
+    """Rows of consecutive parts of the record, reduced: every structure within `full` is fitted from them."""
+
+    full: Structure
+    left_out: tuple[FloatArray, ...]
+    before: tuple[FloatArray, ...]
+    means: FloatArray  # of the rows of each quarter of each part of `left_out`
+    rows: int
+    data: Data
+    _pulls: dict[Structure, FloatArray] = field(default_factory=dict, init=False)
+
+    def pull(self, s: Structure, weight: float) -> FloatArray:
+        """Rows that pull the coefficients to the prior."""
+        if s not in self._pulls:
+            self._pulls[s] = self.data.prior(s).rows(1.0)
+        return self._pulls[s] * math.sqrt(weight)
+
+    def rmse(self, s: Structure, weight: float) -> float:
+        """Of each block as the fit to all before it predicts it, um."""
+        places = s.columns_in(self.full)
+        pull = self.pull(s, weight)
+        columns = np.append(places, -1)
+        total = 0.0
+        for left_out, before in zip(self.left_out, self.before, strict=True):
+            c = normal.solve(np.vstack([before[:, columns], pull]))
+            total += normal.sum_of_squares(left_out[:, columns], c)
+        return float(np.sqrt(total / self.rows))
+
+    def walk(self, s: Structure, weight: float) -> float:
+        """Random walk of the zero, um/sqrt(s), by the mean errors of later blocks.
+
+        Their squares are walk^2 times the seconds since the fit, and so are their sums. And of means over the time L
+        beside each other the squared difference is (2 walk^2 L + 3 c / L) / 3, where c / L is of errors that return,
+        for a quarter and for half of a block. Few blocks show either; where the second is larger, the geometric mean.
+        """
+        pull, columns = self.pull(s, weight), np.append(s.columns_in(self.full), -1)
+        quarter = self.rows / len(self.means) * self.data.every / self.data.sample_rate
+        squares = seconds = 0.0
+        steps: dict[int, list[float]] = {1: [], 2: []}
+        for k, before in enumerate(self.before):
+            c = normal.solve(np.vstack([before[:, columns], pull]))
+            errors = self.means[QUARTERS * k :, columns] @ np.append(c, -1.0)
+            blocks = errors.reshape(-1, QUARTERS).mean(axis=1)
+            squares += float(blocks @ blocks)
+            seconds += QUARTERS * quarter * float(np.sum(np.arange(blocks.size) + 0.5))
+            for width, found in steps.items():
+                found += list(np.diff(errors.reshape(-1, width).mean(axis=1)) ** 2)
+        short, long = (1.5 * float(np.mean(found)) / (width * quarter) for width, found in steps.items())
+        grown, stepped = squares / seconds, (4 * long - short) / 3
+        return math.sqrt(math.sqrt(grown * max(grown, stepped)))
+
+
+def _blocks(data: Data, s: Structure, guess: FloatArray) -> _Blocks:
+    rows, late = data.columns(s, guess), data.fitted(rested=False)
+    start, rows = normal.reduced(rows[data.fitted(s.rested) & ~late]), rows[late]
+    blocks = np.array_split(rows, BLOCKS)
+    parts = tuple(normal.reduced(part) for part in blocks)
+    before = tuple(normal.reduced(np.vstack([start, *parts[:k]])) for k in range(FIRST, BLOCKS))
+    quarters = [
+        np.array_split(part, QUARTERS) if len(part) >= QUARTERS else [part] * QUARTERS for part in blocks[FIRST:]
+    ]
+    means = np.array([part.mean(axis=0) for part in itertools.chain(*quarters)])
+    return _Blocks(s, parts[FIRST:], before, means, sum(len(part) for part in blocks[FIRST:]), data)
+
+
+def with_this(data: Data, s: Structure, guess: FloatArray, weight: float) -> float:
+    """The rmse of cross-validation, um, of one structure alone."""
+    return _blocks(data, s, guess).rmse(s, weight)
+
+
+def choose(data: Data, guess: FloatArray, fixed: Mapping[str, Any]) -> tuple[Structure, float, tuple[Tried, ...]]:
+    """The structure (thresholds with all terms, then the terms), its prior's weight, um^2, and all that was tried."""
+    if fixed["rate"] is None and data.fastest > FASTER * data.speed:
+        fixed = {**fixed, "rate": False}
+    residual = (data.displacement - data.through(guess)[:: data.every])[data.fitted(rested=False)]
+    noise = uncertainty.white_variance(residual)
+    beyond = np.ptp(data.volts) < WITHIN * np.ptp(data.voltage_range) or data.fastest > FASTER * data.speed
+    weights = [w * noise for w in (WEIGHTS[1:] if beyond else WEIGHTS)]
+    of_rest = over_motion(data, guess, noise)
+    states = [False, True] if of_rest < 1 else [False]
+    drifts = tuple(DRIFTS) if fixed["drift"] is not False else ()
+    banks = [
+        (_blocks(data, dataclasses.replace(s, drift=drifts), guess), s) for s in _with_all_terms(data, fixed, states)
+    ]
+    tried = [(bank.rmse(s, w), bank, s, w) for bank, s in banks for w in weights]
+    scores = [score * (max(of_rest, FROM_REST) if s.rested else 1.0) for score, _, s, _ in tried]
+    good = [entry for entry, score in zip(tried, scores, strict=True) if score <= ENOUGH_PLAYS * min(scores)]
+    _, bank, full, _ = max(good, key=lambda entry: (len(entry[2].thresholds), -entry[0]))
+    if drifts:
+        free = fixed["creep_times"] is None and fixed["drift"] is None
+        slow = free and full.rested and not begins_with_step(data.volts)  # whose rest is not in the record
+        creeps = dataclasses.replace(full, creep_times=_slower(data, full.creep_times)) if slow else full
+        if creeps != full:
+            bank = _blocks(data, dataclasses.replace(creeps, drift=drifts), guess)
+        full = _with_drift(bank, full, creeps, weights, DRIFTS_IF if fixed["drift"] is None else np.inf)
+    fewer = [(bank.rmse(s, w), bank, s, w) for s in _with_fewer_terms(full, fixed) for w in weights]
+    tried += fewer
+    least = min(score for score, *_ in fewer)
+    most = max((e for e in fewer if e[0] <= ENOUGH * least), key=lambda e: len(e[2].coefficients))[2]
+    best = min((e for e in fewer if e[2] == most), key=lambda e: e[0])
+    rmse, bank, chosen, weight = best
+    modes = 0 if data.dynamics is None else len(data.dynamics.modes)
+    found = [Tried(s, w / noise, score, modes) for score, _, s, w in tried]
+    return chosen, weight, (*found, Tried(chosen, weight / noise, rmse, modes, bank.walk(chosen, weight)))
+
+
+def _with_drift(bank: _Blocks, s: Structure, creeps: Structure, weights: Sequence[float], better: float) -> Structure:
+    """The structure with the drift of the zero that predicts later blocks `better` times as well, or with none.
+
+    `creeps` is the structure with creep that is slower than the record, or the same: after a rest that looks like a
+    drift, but comes again after the next one, and belongs to the model.
+    """
+
+    def rmse(tried: Structure) -> float:
+        return min(bank.rmse(tried, w) for w in weights)
+
+    still = rmse(s)
+    found = {name: rmse(dataclasses.replace(s, drift=(name,))) for name in DRIFTS}
+    best = min(found, key=lambda name: found[name])
+    if found[best] >= better * still:
+        return s
+    if creeps != s and rmse(creeps) <= CREEPS_IF * found[best]:
+        return creeps
+    return dataclasses.replace(s, drift=(best,))
+
+
+def choose_branches(
+    data: Data, s: Structure, weight: float, strain: FloatArray
+) -> tuple[Structure, float, tuple[Tried, ...]] | None:
+    """The structure with the branches that predict later blocks better, its prior's weight, um^2, and all tried.
+
+    None where plays of the voltage alone are about as good, and where the rest of the record goes far beyond the
+    voltages of these rows. `strain` is the prediction of the plays before dead time and lag, um.
+    """
+    if np.ptp(data.volts) < BRANCHES_WITHIN * np.ptp(data.voltage_range):
+        return None
+    noise = float(np.var((data.displacement - data.through(strain)[:: data.every])[data.fitted(rested=False)]))
+    weights = [w * weight for w in WEAKER]
+    bank, tried = _with_branches(data, s, strain, KINDS, weights)
+    enough = BRANCHES_IF * min(bank.rmse(s, w) for w in weights)
+    if min(entry[0] for entry in tried) < FINER_IF * enough and _places_of_turns(data) >= FINER_TURNS:
+        tried += _with_branches(data, s, strain, FINER_KINDS, weights)[1]
+    least = min(entry[0] for entry in tried)
+    if least >= enough:
+        return None
+    good = [entry for entry in tried if entry[0] <= ENOUGH_BRANCHES * least]
+    score, best, w, bank = min(good, key=lambda entry: (len(entry[1].further), entry[0]))
+    modes = 0 if data.dynamics is None else len(data.dynamics.modes)
+    compared = [Tried(c, w / noise, score, modes) for score, c, w, _ in tried]
+    return best, w, (*compared, Tried(best, w / noise, score, modes, bank.walk(best, w)))
+
+
+def _with_branches(
+    data: Data, s: Structure, strain: FloatArray, kinds: Sequence[Kind], weights: Sequence[float]
+) -> tuple[_Blocks, list[tuple[float, Structure, float, _Blocks]]]:
+    """Rows for all these kinds of branches; and of each with each weight of the prior the rmse of cross-validation."""
+    most = Branches(
+        voltage_range=data.voltage_range,
+        curves=max((curves for curves, _, _ in kinds), key=len),
+        plays=CURVED_PLAYS,
+        levels=max(levels for _, levels, _ in kinds),
+        betas=max((betas for _, _, betas in kinds), key=len),
+    )
+    bank = _blocks(data, dataclasses.replace(s, branches=most), strain)
+    choices = [
+        dataclasses.replace(s, branches=dataclasses.replace(most, curves=curves, levels=levels, betas=betas))
+        for curves, levels, betas in kinds
+    ]
+    return bank, [(bank.rmse(choice, w), choice, w, bank) for choice in choices for w in weights]
+
+
+def _places_of_turns(data: Data) -> int:
+    """In how many of the voltage's parts, as wide as a cell, it turns and goes back by as much."""
+    x, (low, high) = data.volts[:: data.every], data.voltage_range
+    width = (high - low) / FINER
+    turns = reversals(x, width)[1:-1]
+    return len(set(np.clip((x[turns] - low) // width, 0, FINER - 1).tolist()))
+
+
+def _slower(data: Data, times: tuple[float, ...]) -> tuple[float, ...]:
+    """The time constants, s, and slower ones, two a decade."""
+    duration, slow = data.volts.size / data.sample_rate, times
+    while 0 < len(slow) < MAX_CREEPS and math.sqrt(10) * slow[-1] <= SLOWEST * duration:
+        slow = (*slow, float(f"{math.sqrt(10) * slow[-1]:.2g}"))
+    return slow
+
+
+def _with_all_terms(data: Data, fixed: Mapping[str, Any], states: Sequence[bool]) -> Iterator[Structure]:
+    span = data.voltage_range[1] - data.voltage_range[0]
+    duration = data.volts.size / data.sample_rate
+    times = tuple(tau for tau in CREEP_TIMES if 1 / data.sample_rate < tau < duration / 3)
+    if fixed["creep_times"] is not None:
+        times = tuple(checks.positive("creep_times", tau, "s") for tau in fixed["creep_times"])
+    if fixed["thresholds"] is not None:
+        banks = [checks.ascending("thresholds", fixed["thresholds"], "V")]
+    else:
+        banks = [even_thresholds(n, reach * span) for n, reach in itertools.product(PLAYS, REACHES)]
+    if fixed["thresholds"] is None and len(states) == 2:
+        more = itertools.product(PLAYS_FROM_REST, REACHES_FROM_REST)
+        banks += [even_thresholds(n, reach * span) for n, reach in more]
+    for r, rested in itertools.product(banks, states):
+        if rested == (r[-1] < 0.5 * span) and fixed["thresholds"] is None:
+            continue
+        yield Structure(
+            thresholds=r,
+            rate_dependent=() if fixed["rate"] is False else rate_dependent(len(r)),
+            creep_times=times,
+            asymmetry=2 if fixed["asymmetry"] is None else fixed["asymmetry"],
+            rested=rested,
+        )
+
+
+def _with_fewer_terms(full: Structure, fixed: Mapping[str, Any]) -> Iterator[Structure]:
+    rates = [full.rate_dependent] if fixed["rate"] is not None else [(), full.rate_dependent]
+    times = full.creep_times
+    creeps = [times] if fixed["creep_times"] is not None else sorted({(), times[len(times) // 2 :], times}, key=len)
+    asymmetry = [full.asymmetry] if fixed["asymmetry"] is not None else [0, 1, 2]
+    for rate, creep, n in itertools.product(rates, creeps, asymmetry):
+        yield dataclasses.replace(full, rate_dependent=rate, creep_times=creep, asymmetry=n)

@@ -1,0 +1,87 @@
+"""The weights of a given structure: least squares that are pulled to the prior."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from truestroke.base.typing import FloatArray
+from truestroke.control.actuator import ActuatorModel, central_difference
+from truestroke.identification.fitting import normal, uncertainty
+from truestroke.identification.fitting.regression import Data, Structure
+
+STEPS = 2  # Gauss-Newton
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A fitted model, its residual in the rows of `Data.fitted`, um, and the drift of the record's zero."""
+
+    model: ActuatorModel
+    structure: Structure
+    weight: float  # um^2, of the prior
+    residual: FloatArray
+    drift: Callable[[int], FloatArray]  # um, of so many samples of the record
+    strain: FloatArray  # um, what the model gives before dead time, lag and stage, at the full rate
+
+
+def fit_structure(data: Data, s: Structure, weight: float, guess: FloatArray, certain: bool = True) -> Fit:
+    """The model of structure `s`.
+
+    Parameters
+    ----------
+    data : Data
+        The record.
+    s : Structure
+        What the model consists of.
+    weight : float
+        Variance, um^2, with which the precision of the prior is multiplied.
+    guess : ndarray, shape (samples,)
+        A first prediction before dead time and lag, um above `Data.zero`: velocity and asymmetry follow it in the
+        first step, then the model's own.
+    certain : bool
+        Whether the covariance is wanted.
+    """
+    prior, m = data.prior(s), s.parameters
+    c: FloatArray = np.zeros(0)
+    z = guess
+    for _ in range(STEPS + 1):
+        J, target, velocity = _linearised(data, s, z, c)
+        pull = np.vstack([normal.reduced(np.column_stack([J, target])), prior.rows(weight)])
+        c = normal.solve(pull, *data.constraints(s, velocity))
+        model = data.model(s, c, velocity)
+        strain = model.strain(data.volts, data.sample_rate)
+        z = strain + data.starts(s, c[m:])
+    residual = data.displacement - (data.through(z) + data.drift(s, c[m:], z.size))[:: data.every]
+    residual = residual[data.fitted(s.rested)]
+    P = _of_model(uncertainty.covariance(J, residual, prior, weight), s) if certain else np.zeros((m, m))
+    times = {"delay": data.delay, "time_constant": data.time_constant}
+    model = model.replace(covariance=P, noise=float(np.sqrt(np.mean(residual**2))), **times)
+    return Fit(model, s, weight, residual, partial(data.drift, s, c[m:]), strain)
+
+
+def _of_model(P: FloatArray, s: Structure) -> FloatArray:
+    """Covariance of the weights, whatever starts and drift are; of a model with branches, with these as they are.
+
+    Plays and branches follow each other closely: each by itself is hardly known, and their sum well.
+    """
+    m, further = s.parameters, P.shape[0] - len(s.further)
+    if not s.further:
+        return P[:m, :m]
+    shared = P[:m, further:]
+    return np.asarray(P[:m, :m] - shared @ np.linalg.solve(P[further:, further:], shared.T))
+
+
+def _linearised(data: Data, s: Structure, z: FloatArray, c: FloatArray) -> tuple[FloatArray, FloatArray, float]:
+    """J and t so that J c = t has the next coefficients, from the last ones and their prediction; velocity, um/s."""
+    rows = data.columns(s, z)[data.fitted(s.rested)]
+    C, measured = rows[:, :-1], rows[:, -1]
+    rate = central_difference(z, data.sample_rate)[:: data.every][data.fitted(s.rested)]
+    velocity = float(np.abs(rate).max())  # of the strain: dead time and lag are behind it
+    if not c.size:
+        return C, measured, velocity
+    predicted = data.through(z)[:: data.every][data.fitted(s.rested)]
+    J = data.derivative(s, C, predicted, c)
+    drift = data.drift(s, c[s.parameters :], z.size)[:: data.every][data.fitted(s.rested)]
+    return J, measured - predicted - drift + J @ c, velocity

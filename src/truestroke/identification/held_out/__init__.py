@@ -1,0 +1,1 @@
+"""What the prediction error of a model contains, and whether the model is to be used."""

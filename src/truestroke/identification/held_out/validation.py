@@ -1,0 +1,362 @@
+"""Whether a model is to be used: what its prediction error still contains, and which measurement would help."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from truestroke.base.typing import FloatArray
+from truestroke.base.verdict import Level, Verdict
+from truestroke.control.actuator import central_difference
+from truestroke.identification.examination.findings import Findings
+from truestroke.identification.fitting.regression import plays
+from truestroke.identification.fitting.response import Response
+from truestroke.identification.held_out.black_box import predictable
+from truestroke.identification.held_out.trace import HeldOut, Trace
+
+NOISE = 2.0  # times the sensor's noise: below, no model has half the error
+SILENT = 1e4  # times the noise: then it is that of rounded numbers, and the record is a simulated one
+NEGLIGIBLE = 0.02  # % of peak-to-peak: an error that no other one is judged for
+LINE = 0.8  # of the straight line's rmse: no gain worth a model
+STRAIGHT = 1.0  # % of peak-to-peak: below, a straight line is a usable model
+POOR = 5.0  # % of peak-to-peak: of no use
+UNEXPLAINED = 2.5, 10.0  # the same in % and in times the noise, both
+WORSE = 2.0  # times the error in the fitted part
+CORRELATED = 0.5  # of the autocorrelation, beyond lag 0
+OSCILLATES = -0.3  # and within this share of a stroke
+WITHIN = 0.3
+LINE_SHARE, LINE_ABOVE = 0.5, 5.0  # of the error's mean square, and times the frequency of the strokes: not motion
+EXPLAINED = 0.25  # of the error's variance, by one of voltage, velocity and history
+BEATEN = (
+    0.5,
+    0.75,
+)  # of its mean square, by a black box: a reason, and a model with half the error, which none is good beside
+SLOW = 0.5, 0.8  # the same by time, which few means show by chance; and where it hides the others
+BEYOND = 0.15  # of the range or speed of the fitted part: beyond it the held-out part extrapolates
+LATE_STATES = 0.4  # of the record, in which the voltage had not been at both ends of its range
+DEAD_TIME, DEAD_ROWS = 0.005, 8.0  # s, and rows: more is that of a shifted or buffered channel
+FEW_STROKES = 6
+ALIKE = 1.5  # the longest strokes over the shortest: below, inner loops are not tested
+ROWS = 20_000  # of the held-out part at most, evenly taken
+KNOTS = 8  # of the functions of voltage and velocity
+THRESHOLDS = (0.04, 0.08, 0.14, 0.22, 0.32, 0.44)  # of the voltage span: plays that stand for the history
+PIECES = 6  # of the held-out part, whose means are its slow part
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What the prediction error of a model contains, by which its verdict is formed.
+
+    Attributes
+    ----------
+    over_noise : float
+        Rms error of the held-out part over the sensor's noise (`Findings.noise_um`).
+    over_fitted : float
+        The same over the rms error in the fitted part.
+    over_line : float
+        The same over that of a straight line through the fitted part.
+    autocorrelation : float
+        Of the fit's residual, the largest in magnitude beyond lag 0.
+    autocorrelation_s : float
+        The lag at which it is found, s.
+    least_autocorrelation, least_autocorrelation_s : float
+        The most negative one, and its lag, s.
+    voltage, velocity, history, time : float
+        Share of the variance of the held-out error that a function of it predicts: of the voltage; of the velocity; of
+        plays of the voltage, beyond both; means over sixths of the time, of the mean square. 0 is none.
+    black_box : float
+        Share of the mean square of the held-out error that a black-box model predicts (`black_box.predictable`): from
+        0.75 on there is a model with half the error.
+    line, line_hz : float
+        Share of the mean square of the held-out error in the strongest line of its spectrum, and its frequency, Hz.
+    range_beyond, speed_beyond : float
+        By which share of those of the fitted part the held-out part exceeds range and speed of the voltage.
+    """
+
+    over_noise: float
+    over_fitted: float
+    over_line: float
+    autocorrelation: float
+    autocorrelation_s: float
+    least_autocorrelation: float
+    least_autocorrelation_s: float
+    voltage: float
+    velocity: float
+    history: float
+    time: float
+    black_box: float
+    line: float
+    line_hz: float
+    range_beyond: float
+    speed_beyond: float
+
+
+# ---- Evidence --------------------------------------------------------------------------------------------------------
+
+
+def evidence(trace: Trace, residual: FloatArray, autocorrelation: FloatArray, findings: Findings) -> Evidence:
+    """What is in the error of a trace, and in the residual of the fit to the whole record, um, shape (rows,)."""
+    fitted, tested = trace.known & ~trace.held_out, trace.known & trace.held_out
+    settled = fitted & (trace.time - trace.time[0] >= min(findings.states_known_s, 0.25 * np.ptp(trace.time)))
+    error = _rms(trace.residual[tested])
+    line = np.polyfit(trace.volts[fitted], trace.displacement[fitted], 1)
+    off_line = _rms(trace.displacement[tested] - np.polyval(line, trace.volts[tested]))
+    row = float(np.count_nonzero(trace.known) / trace.sample_rate / residual.size)
+    lags = autocorrelation[1:]
+    most, least = int(np.abs(lags).argmax()), int(lags.argmin())
+    return Evidence(
+        over_noise=_over(error, findings.noise_um),
+        over_fitted=_over(error, _rms(trace.residual[settled if settled.any() else fitted])),
+        over_line=_over(error, off_line),
+        autocorrelation=float(lags[most]),
+        autocorrelation_s=(most + 1) * row,
+        least_autocorrelation=float(lags[least]),
+        least_autocorrelation_s=(least + 1) * row,
+        **_dependence(trace, tested),
+        black_box=predictable(trace),
+        **_line(trace, tested),
+        **_beyond(trace, fitted, tested),
+    )
+
+
+def _rms(error: FloatArray) -> float:
+    return float(np.sqrt(np.mean(error**2)))
+
+
+def _over(value: float, other: float) -> float:
+    return value / other if other > 0 else (math.inf if value > 0 else 1.0)
+
+
+def _dependence(trace: Trace, tested: Any) -> dict[str, float]:
+    """Shares of the held-out error that voltage, velocity, history and time predict."""
+    every = max(1, int(np.count_nonzero(tested)) // ROWS)
+    rows = np.flatnonzero(tested)[::every]
+    x, e = trace.volts, trace.residual[rows]
+    span = float(np.ptp(x))
+    rate = central_difference(trace.predicted, trace.sample_rate)
+    voltage, velocity = _hats(x[rows]), _hats(_ranked(rate[rows]))
+    history = plays(x - x[0], tuple(r * span for r in THRESHOLDS))[rows] / span
+    known = _predicted(np.hstack([voltage, velocity]), e)
+    both = _predicted(np.hstack([voltage, velocity, history]), e)
+    square = float(np.mean(e**2))
+    means = [(part.mean() ** 2, part.size) for part in np.array_split(e, PIECES)]
+    slow = sum(mean * size for mean, size in means) / e.size
+    return {
+        "voltage": _predicted(voltage, e),
+        "velocity": _predicted(velocity, e),
+        "history": max(both - known, 0.0),
+        "time": float(slow / square) if square > 0 else 0.0,
+    }
+
+
+def _ranked(values: FloatArray) -> FloatArray:
+    """Their ranks: velocities are mostly slow."""
+    return np.argsort(np.argsort(values)).astype(np.float64)
+
+
+def _hats(values: FloatArray) -> FloatArray:
+    """Columns of piecewise linear functions of the values, shape (rows, KNOTS)."""
+    places = (KNOTS - 1) * (values - values.min()) / max(float(np.ptp(values)), 1e-300)
+    return np.asarray(np.maximum(1 - np.abs(places[:, None] - np.arange(KNOTS)), 0.0))
+
+
+def _predicted(columns: FloatArray, error: FloatArray) -> float:
+    """Share of the variance in each half that the columns predict, fitted to the other half; not below 0."""
+    half = error.size // 2
+    left = total = 0.0
+    for fit, test in ((slice(0, half), slice(half, None)), (slice(half, None), slice(0, half))):
+        A, b = columns[fit] - columns[fit].mean(axis=0), error[fit] - error[fit].mean()
+        weights = np.linalg.lstsq(A, b, rcond=1e-6)[0]
+        off = error[test] - columns[test] @ weights
+        left, total = left + off.size * float(off.var()), total + off.size * float(error[test].var())
+    return max(1 - left / total, 0.0) if total > 0 else 0.0
+
+
+def _line(trace: Trace, tested: Any) -> dict[str, float]:
+    """The strongest line of the held-out error's spectrum: three values of it, behind Hann's window."""
+    error = np.where(tested, trace.residual, 0.0)[np.flatnonzero(trace.held_out)]
+    error = error - error.mean()
+    power = np.abs(np.fft.rfft(error * np.hanning(error.size))) ** 2
+    around = np.convolve(power, np.ones(3), mode="same")
+    k, total = int(around.argmax()), float(power.sum())
+    share = float(around[k]) / total if total > 0 else 0.0
+    return {"line": share, "line_hz": k * trace.sample_rate / error.size}
+
+
+def _beyond(trace: Trace, fitted: Any, tested: Any) -> dict[str, float]:
+    """How far the held-out part exceeds range and speed of the fitted part."""
+    x, rate = trace.volts, np.abs(central_difference(trace.volts, trace.sample_rate))
+    low, high = x[fitted].min(), x[fitted].max()
+    out = max(x[tested].max() - high, low - x[tested].min(), 0.0) / max(high - low, 1e-300)
+    fast, before = (float(np.percentile(rate[rows], 99)) for rows in (tested, fitted))
+    return {"range_beyond": float(out), "speed_beyond": max(_over(fast, before) - 1, 0.0)}
+
+
+# ---- Verdict ---------------------------------------------------------------------------------------------------------
+
+
+def verdict(found: Evidence, held_out: HeldOut, findings: Findings, response: Response | None = None) -> Verdict:
+    """Good, doubtful (usable) or bad (do not use it), with the reasons and the next measurement to make.
+
+    Good is a model whose error on motion that it has not seen is at most twice the noise of the sensor, so that no
+    other model has half of it, also by a black box, and white; of a record with strokes of several lengths.
+    """
+    return Verdict.of([
+        *(("bad", f"The record contradicts itself: {mistake.rstrip('?')}.") for mistake in findings.mistakes),
+        *_of_error(found, held_out, findings),
+        *_of_zero(held_out),
+        *(() if response is None else _of_dead_time(response, findings)),
+        *_of_residual(found, held_out, findings),
+        *_of_excitation(findings),
+    ])  # fmt: skip
+
+
+def _is_noise(found: Evidence, held_out: HeldOut) -> bool:
+    return found.over_noise <= NOISE or held_out.rmse_percent <= NEGLIGIBLE
+
+
+def _of_error(found: Evidence, held_out: HeldOut, findings: Findings) -> Iterator[tuple[Level, str]]:
+    """The size of the error, against noise, stroke, line and the fitted part."""
+    if _is_noise(found, held_out):
+        if held_out.rmse_percent > POOR:
+            yield (
+                "bad",
+                f"The noise of the sensor is {held_out.rmse_percent:.3g} % of the stroke: average, or move more.",
+            )
+        return
+    error, times = sizes(held_out.rmse_um, held_out.rmse_percent, found.over_noise, findings.noise_um)
+    if found.over_line >= LINE:
+        than = "hardly better" if found.over_line < 1 else "worse"
+        level: Level = "bad" if held_out.rmse_percent > STRAIGHT else "doubtful"
+        yield level, f"It predicts motion that it has not seen {than} than a straight line does: {error}."
+    poor = held_out.rmse_percent > POOR
+    unexplained = held_out.rmse_percent > UNEXPLAINED[0] and found.over_noise > UNEXPLAINED[1]
+    level = "bad" if poor or unexplained else "doubtful"
+    yield level, f"The error on motion that it has not seen is {error}: {times}. A better model may exist."
+    if found.over_fitted > WORSE:
+        yield "doubtful", _worse(found, findings)
+
+
+def sizes(rmse_um: float, rmse_percent: float, over_noise: float, noise_um: float) -> tuple[str, str]:
+    """An error in words: its size, and what it is of the noise of the sensor."""
+    error = f"{rmse_um:.3g} um rms, {rmse_percent:.2g} % of peak-to-peak"
+    if over_noise > SILENT:
+        return error, "the sensor shows no noise"
+    return error, f"{_times(over_noise)} the sensor's noise of {noise_um:.2g} um"
+
+
+def _of_zero(held_out: HeldOut) -> Iterator[tuple[Level, str]]:
+    """A zero that is another one behind a long gap."""
+    if held_out.zero_um:
+        moved = f"{abs(held_out.zero_um):.3g} um {'above' if held_out.zero_um > 0 else 'below'} that before"
+        yield "doubtful", f"Behind a long gap the zero is {moved}; the errors are without it. Measure it on each day."
+
+
+def _of_dead_time(response: Response, findings: Findings) -> Iterator[tuple[Level, str]]:
+    """A dead time that amplifier, sensor and converters do not have: one of the channels is late."""
+    rows = response.delay * findings.sample_rate_hz
+    if response.separable and response.delay > DEAD_TIME and rows > DEAD_ROWS:
+        late = f"late by {_seconds(response.delay)} ({rows:.0f} rows) at all speeds"
+        yield (
+            "doubtful",
+            f"The displacement is {late}, as hardly any is: is it shifted, or one channel buffered? Record both by one "
+            "clock, or state the dead time (`delay`).",
+        )
+
+
+def _worse(found: Evidence, findings: Findings) -> str:
+    """Why the held-out part is predicted worse than the fitted one."""
+    text = f"The held-out part is predicted {_times(found.over_fitted)} worse than the fitted one"
+    if found.range_beyond > BEYOND:
+        share = f"{100 * found.range_beyond:.0f} % beyond the voltages of the fitted part"
+        return f"{text}: it goes {share}. Record the whole range first."
+    if found.speed_beyond > BEYOND:
+        share = f"{100 * found.speed_beyond:.0f} % faster than the fitted part"
+        return f"{text}: it is {share}. Record all speeds first."
+    if findings.states_known_s > LATE_STATES * findings.duration_s:
+        reached = f"has been at both ends of its range only after {findings.states_known_s:.3g} s"
+        return f"{text}, and the voltage {reached}: until then the turns before are not known. Drive all of it first."
+    if found.time > SLOW[0]:
+        return f"{text}, by a slow error. Record for longer, or warmed up."
+    return f"{text}: something changed. Record for longer, or the same motion twice."
+
+
+def _times(ratio: float) -> str:
+    return f"{ratio:.2g} times" if ratio < 100 else f"{ratio:.0f} times" if ratio < SILENT else "many times"
+
+
+def _of_residual(found: Evidence, held_out: HeldOut, findings: Findings) -> Iterator[tuple[Level, str]]:
+    """What the error depends on, each with its measurement."""
+    if held_out.rmse_percent <= NEGLIGIBLE:
+        return
+    yield from _of_whiteness(found, findings)
+    share, half = BEATEN
+    if found.black_box > (half if _is_noise(found, held_out) else share):
+        known, ratio = f"{100 * found.black_box:.0f} %", math.sqrt(1 - found.black_box)
+        better = f"a model of another structure has {ratio:.2f} times this error"
+        use = "Use this one where its error is small enough"
+        yield "doubtful", f"{known} of the mean square error can be predicted: {better}. {use}."
+    if _is_noise(found, held_out):
+        return
+    if found.time > SLOW[0]:
+        slow = f"{100 * found.time:.0f} % of the error is slow: drift, creep, or a zero that moved"
+        yield "doubtful", f"{slow}. Record for longer, warmed up, with a rest at the end."
+    causes = {
+        "voltage": "follows the voltage: the curve lacks a term. Record the whole range twice, slowly",
+        "velocity": "follows the velocity: a lag or a rate dependence. Record strokes of several speeds, or hard steps",
+        "history": "follows the reversals before: hysteresis. Record curves from reversals at many voltages",
+    }
+    shares = {name: getattr(found, name) for name in causes if found.time < SLOW[1]}
+    for name, found_share in sorted(shares.items(), key=lambda entry: -entry[1]):
+        if found_share > EXPLAINED:
+            yield "doubtful", f"{100 * found_share:.0f} % of the error {causes[name]}."
+
+
+def _of_whiteness(found: Evidence, findings: Findings) -> Iterator[tuple[Level, str]]:
+    """Autocorrelation of the residual at all lags."""
+    stroke = findings.duration_s / max(findings.strokes, 1)
+    if found.line > LINE_SHARE and found.line_hz > LINE_ABOVE / (2 * stroke):
+        yield (
+            "doubtful",
+            f"{100 * found.line:.0f} % of the error is one line at {found.line_hz:.4g} Hz: hum, a floor that shakes, "
+            f"or a stage that rings. Record at rest: if it is there, shield the sensor, or average over "
+            f"{_seconds(1 / found.line_hz)}; if not, record for longer, so that the ringing ends within a tenth of it.",
+        )
+        return
+    least, lag = found.least_autocorrelation, found.least_autocorrelation_s
+    at = [f"{found.autocorrelation:.2f} at a lag of {_seconds(found.autocorrelation_s)}"]
+    if least < OSCILLATES and least != found.autocorrelation:
+        at.append(f"{least:.2f} at {_seconds(lag)}")
+    text = f"autocorrelation {', '.join(at)}"
+    if least < OSCILLATES and lag < WITHIN * stroke:
+        yield "doubtful", f"The residual oscillates: {text}. A resonance, or hum: measure it with `truestroke bode`."
+    elif abs(found.autocorrelation) > CORRELATED:
+        yield "doubtful", f"The residual is not white: {text}."
+
+
+def _seconds(value: float) -> str:
+    return f"{1e3 * value:.3g} ms" if value < 1 else f"{value:.3g} s"
+
+
+def _of_excitation(findings: Findings) -> Iterator[tuple[Level, str]]:
+    """What the record could not show, however small the error."""
+    short, long = findings.stroke_lengths_percent
+    if findings.strokes < FEW_STROKES:
+        yield "doubtful", f"The record has {findings.strokes} strokes: record at least {FEW_STROKES}."
+    elif long < ALIKE * short:
+        yield (
+            "doubtful",
+            f"All strokes are about as long ({long:.0f} % of the span): for other motion the model is untested. Record "
+            "strokes of many lengths, such as a random wave.",
+        )
+    for text in findings.implausible:
+        yield "doubtful", f"{text[0].upper()}{text[1:]}{'' if text.endswith('?') else '.'}"
+    if findings.assumed_displacement:
+        yield (
+            "doubtful",
+            "The unit of the displacement is not stated, um is assumed: state it (`displacement_unit`).",
+        )
