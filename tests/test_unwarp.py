@@ -231,5 +231,8 @@ def test_the_command_reads_a_trigger_and_names_one_that_is_missing(folder, tmp_p
     code, text = run(*common, "--record", folder / "plain.csv")
     assert code == 1
     assert "there is no trigger: name the column" in text
+    code, text = run(*common, "--record", folder / "volts.csv", "--retrace-trigger", "trigger")
+    assert code == 1
+    assert "there is no trigger of the trace beside that of the retrace" in text
     code, text = run(*common, "--record", folder / "plain.csv", "--lines", folder / "lines.csv", "--trigger", "x")
     assert code == 2

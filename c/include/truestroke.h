@@ -307,6 +307,8 @@ TS_API ts_real ts_oscillation_tick(ts_oscillation *o, const ts_oscillation_setti
 
 /* Cycles per tick of the last n half-waves, 1 <= n <= o->regular. */
 TS_API ts_real ts_oscillation_frequency(const ts_oscillation *o, int n);
+/* Whether a ringing of this frequency, cycles per tick, is faster than 2.5 times the motion. */
+TS_API bool ts_oscillation_is_fast(const ts_oscillation *o, ts_real frequency);
 
 /* ---- Never worse than not learning ---------------------------------------------------------------------------------- */
 

@@ -1,6 +1,7 @@
 #include "lanes.h"
 
 #define COLD ((ts_real)0.2)      /* s: with the first covariance an oscillation grows fivefold in a half-wave */
+#define FASTER ((ts_real)2.5)    /* times as fast as the motion: a slower ringing is its error */
 #define TS_LONGEST_GAP 0x100000 /* ticks that count as missed at the most */
 
 static void follow_motion(ts_oscillation *o, ts_real rate, ts_real zdot_d)
@@ -96,12 +97,16 @@ ts_real ts_oscillation_frequency(const ts_oscillation *o, int n)
     return (ts_real)n / (2 * ticks);
 }
 
-/* Faster than 2.5 times the motion, as fast as half of it, and within the band of the law. */
+bool ts_oscillation_is_fast(const ts_oscillation *o, ts_real frequency)
+{
+    return 2 * TS_PI * frequency * o->speed >= FASTER * o->acceleration;
+}
+
+/* Faster than the motion, as large as half of its speed, and within the band of the law. */
 static bool is_of_the_stage(const ts_oscillation *o, const ts_oscillation_settings *s, ts_real frequency, ts_real peak)
 {
-    ts_real omega = 2 * TS_PI * frequency, speed = omega * peak / s->tick;
-    return frequency < s->corner && omega * o->speed >= (ts_real)2.5 * o->acceleration
-           && speed > (ts_real)0.5 * o->speed;
+    ts_real speed = 2 * TS_PI * frequency * peak / s->tick;
+    return frequency < s->corner && ts_oscillation_is_fast(o, frequency) && speed > (ts_real)0.5 * o->speed;
 }
 
 void ts_oscillation_miss(ts_oscillation *o, const ts_oscillation_settings *s, const ts_real *error)

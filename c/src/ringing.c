@@ -10,7 +10,6 @@
 #define FREE 6                    /* half-waves of the ringing while weights are held, which shows the resonance, */
 #define DECAYED ((ts_real)0.98)   /* of the first of them: the last one is smaller, or something drives it, */
 #define UNEVEN 2                  /* times as large as one beside it: the half-wave is not that of a ringing */
-#define FASTER ((ts_real)2.5)     /* times as fast as the motion: a slower ringing is its error */
 
 /* The present weights are those to be restored; at the start there are no earlier ones. */
 void ts_keep_weights(ts_controller *c, bool start)
@@ -87,12 +86,6 @@ static bool decays(const ts_real *peaks)
     return peaks[0] < DECAYED * peaks[FREE - 1];
 }
 
-/* Whether a ringing of this frequency, cycles per tick, is faster than the motion. */
-static bool is_fast(const ts_oscillation *o, ts_real frequency)
-{
-    return 2 * TS_PI * frequency * o->speed >= FASTER * o->acceleration;
-}
-
 /* Whether weights are held and the stage rings on by itself, faster than the motion: it decays, and shows its resonance. */
 static bool rings_freely(const ts_controller *c)
 {
@@ -101,7 +94,7 @@ static bool rings_freely(const ts_controller *c)
     if (c->guard.held == 0 || c->stage.failed || o->length != 0 || o->regular < FREE || c->lagged.ticks < 8) return false;
     if (c->settings->resonance > 0 || late->ticks > 0 || late->share > 0 || late->lag > 0) return false;
     if (!decays(o->peaks)) return false;
-    return o->peaks[0] > c->settings->oscillation.floor && is_fast(o, ts_oscillation_frequency(o, FREE));
+    return o->peaks[0] > c->settings->oscillation.floor && ts_oscillation_is_fast(o, ts_oscillation_frequency(o, FREE));
 }
 
 /* One tick of the detection of a self-excited oscillation, and the reaction to it. */
@@ -125,7 +118,7 @@ void ts_watch_stage(ts_controller *c, ts_real error, ts_real zdot_d, bool limite
         c->stage.rest = o->regular >= REST_HALF_WAVES || c->stage.rest < 1 ? 0 : c->stage.rest - 1;
         if (!(c->stage.rest > 0) && o->regular >= 4) {
             ts_real frequency = ts_oscillation_frequency(o, o->regular < 6 ? 4 : 6);
-            if (is_fast(o, frequency)) know_resonance(c, frequency);
+            if (ts_oscillation_is_fast(o, frequency)) know_resonance(c, frequency);
         }
     } else if (found > 0 && c->guard.held == 0 && !(o->found && measures_inertia(c)) && !limited && found > NOT_BELOW * c->stage.resonance && !c->hold) {
         retreat(c, found);

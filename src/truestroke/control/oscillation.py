@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass
 
+FASTER = 2.5  # times as fast as the motion: a slower ringing is its error
 COLD = 0.2  # s: with the first covariance an oscillation grows fivefold in a half-wave
 LONGEST_GAP = 1 << 20  # ticks that count as missed at the most: TS_LONGEST_GAP of the kernel
 HALF_WAVES = 12  # that are kept: TS_HALF_WAVES of the kernel
@@ -197,7 +198,10 @@ class OscillationDetector:
             return 6
         return HALF_WAVES if n >= HALF_WAVES and A[0] > self.settings.large and A[0] >= A[-1] else 0
 
+    def is_fast(self, frequency: float) -> bool:
+        """Whether a ringing of this frequency, cycles per tick, is faster than the motion."""
+        return 2 * math.pi * frequency * self.speed >= FASTER * self.acceleration
+
     def _is_of_the_stage(self, frequency: float, peak: float) -> bool:
-        omega = 2 * math.pi * frequency
-        faster = omega * self.speed >= 2.5 * self.acceleration and omega * peak / self.settings.tick > 0.5 * self.speed
-        return frequency < self.settings.corner and faster
+        large = 2 * math.pi * frequency * peak / self.settings.tick > 0.5 * self.speed
+        return frequency < self.settings.corner and self.is_fast(frequency) and large

@@ -18,7 +18,7 @@ from truestroke.identification.fitting.rest import from_step
 from truestroke.identification.held_out.trace import Trace
 from truestroke.identification.held_out.validation import NEGLIGIBLE, NOISE, sizes
 from truestroke.identification.records.noise import noise
-from truestroke.identification.records.series import first_known, series
+from truestroke.identification.records.series import first_known, runs, series
 
 HELD = 0.8  # of the samples in the interval, at least
 WORSE = 3.0  # times the residual of the model's own record
@@ -124,8 +124,8 @@ def score(model: ActuatorModel, record: Any, *, offset: float | None = None) -> 
         "start_maximum_um": float(np.abs(rest[start]).max()) if start.any() else math.nan,
     }
     trace = Trace(**vars(s), predicted=predicted + moved, half_width=width, held_out=swept)
-    ends = np.flatnonzero(np.diff(np.concatenate([[0], s.known, [0]]).astype(np.int8))).reshape(-1, 2)
-    verdict = _verdict(model, numbers, noise(s.displacement, [slice(start, stop) for start, stop in ends.tolist()]))
+    measured = [slice(start, stop) for start, stop in runs(s.known).tolist()]
+    verdict = _verdict(model, numbers, noise(s.displacement, measured))
     return Score(**numbers, estimated=offset is None, trace=trace, verdict=verdict)
 
 

@@ -58,6 +58,14 @@ class RecordError(files.FileError):
         super().__init__(f"{source}: {'' if row is None else f'{where} {row}: '}{reason}")
 
 
+class MissingColumnError(RecordError):
+    """A column that was asked for by its name, `column`, is not in the file."""
+
+    def __init__(self, source: str, column: str, reason: str) -> None:
+        super().__init__(source, reason)
+        self.column = column
+
+
 @dataclass(frozen=True, eq=False)
 class Table:
     """Columns of a file.

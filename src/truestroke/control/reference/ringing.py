@@ -17,7 +17,6 @@ KEEP = 0.03  # s: how often the weights are kept
 FREE = 6  # half-waves of the ringing while weights are held, which show the resonance,
 DECAYED = 0.98  # of the first of them: the last one is smaller, or something drives it,
 UNEVEN = 2  # times as large as one beside it: the half-wave is not that of a ringing
-FASTER = 2.5  # times as fast as the motion: a slower ringing is its error
 
 
 def retreat(c: State, law: FilteringLaw, frequency: float) -> None:
@@ -62,12 +61,6 @@ def decays(peaks: Sequence[float]) -> bool:
     return even and peaks[0] < DECAYED * peaks[FREE - 1]
 
 
-def is_fast(c: State, frequency: float) -> bool:
-    """Whether a ringing of this frequency, cycles per tick, is faster than the motion."""
-    detector = c.stage.detector
-    return 2 * math.pi * frequency * detector.speed >= FASTER * detector.acceleration
-
-
 def rings_freely(c: State) -> bool:
     """Whether weights are held and the stage rings by itself, faster than the motion: that shows its resonance."""
     detector, late = c.stage.detector, c.sensor.late or c.members["resonance"] > 0
@@ -76,7 +69,7 @@ def rings_freely(c: State) -> bool:
         return False
     if not decays(detector.peaks):
         return False
-    return detector.peaks[0] > c.oscillation.floor and is_fast(c, detector.frequency(FREE))
+    return detector.peaks[0] > c.oscillation.floor and detector.is_fast(detector.frequency(FREE))
 
 
 def count_ringing(c: State, law: FilteringLaw) -> None:
@@ -115,7 +108,7 @@ def watch_stage(c: State, error: float, zdot_d: float, limited: bool) -> None:
         stage.rest = 0.0 if detector.regular >= REST_HALF_WAVES or stage.rest < 1 else stage.rest - 1
         if not stage.rest > 0 and detector.regular >= 4:
             frequency = detector.frequency(4 if detector.regular < 6 else 6)
-            if is_fast(c, frequency):
+            if detector.is_fast(frequency):
                 know_resonance(c, law, frequency)
     elif (
         found > 0

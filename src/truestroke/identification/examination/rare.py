@@ -15,7 +15,7 @@ from truestroke.identification.examination.rows import rewritten
 from truestroke.identification.records import turning
 from truestroke.identification.records.noise import noise
 from truestroke.identification.records.record import Record
-from truestroke.identification.records.series import to_and_fro
+from truestroke.identification.records.series import runs, to_and_fro
 
 SOON, TARDY = 50e-6, 0.1  # s: an amplifier or a sensor is later than the first, none is later than the second
 SHOWN = 0.25  # rows: to which reversals show a delay
@@ -265,8 +265,7 @@ def level(signal: FloatArray, other: FloatArray, quiet: float) -> tuple[int, flo
     least = max(TURNED, FLATTER * width / span) * float(np.ptp(other))
     rows, most = 0, 0.0
     for near in (signal <= signal.min() + width, signal >= signal.max() - width):
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], near, [0]]).astype(np.int8)))
-        for start, stop in edges.reshape(-1, 2):
+        for start, stop in runs(near):
             entered = abs(signal[start] - signal[max(start - 1, 0)])  # a step, after which a displacement settles
             moved = to_and_fro(other[start:stop])
             if stop - start >= 4 and moved > least and entered < 0.1 * span:

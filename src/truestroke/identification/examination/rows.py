@@ -6,13 +6,13 @@ import math
 from collections.abc import Iterator
 
 import numpy as np
-import numpy.typing as npt
 
 from truestroke.base.typing import FloatArray
 from truestroke.identification.examination.faults import repeated
 from truestroke.identification.examination.findings import Findings
 from truestroke.identification.records.noise import rounding
 from truestroke.identification.records.record import Record
+from truestroke.identification.records.series import runs
 
 FEWEST_AGAIN, AGAIN = 5, 0.001  # rows, and of the rows
 WINDOW, BLOCK = 8, 40  # rows that are compared with all others, and of a block that is a copy
@@ -109,9 +109,9 @@ def _of_lines(record: Record, step: float) -> Iterator[str]:
     by_chance = 0.82 / noisy  # that a second difference of normal noise is within two steps
     least = max(STRAIGHT, math.ceil(math.log(z.size / CHANCE) / -math.log(by_chance)))
     flat = bends <= 2.01 * step
-    runs = _runs(flat)
-    inside = (z[runs[:, 0]] > z.min()) & (z[runs[:, 0]] < z.max())  # at the ends of the range it is clipped
-    filled = runs[inside & (runs[:, 1] - runs[:, 0] >= least)]
+    flats = runs(flat)
+    inside = (z[flats[:, 0]] > z.min()) & (z[flats[:, 0]] < z.max())  # at the ends of the range it is clipped
+    filled = flats[inside & (flats[:, 1] - flats[:, 0] >= least)]
     if flat.mean() > max(DRAWN, 2 * by_chance):
         yield (
             f"the displacement is on straight lines of {round(1 / (1 - float(flat.mean())))} rows each: were rows put "
@@ -123,11 +123,6 @@ def _of_lines(record: Record, step: float) -> Iterator[str]:
             f"places, first at {record.time[filled[0, 0]] - record.time[0]:.4g} s: were holes filled? Leave these rows "
             "out"
         )
-
-
-def _runs(flags: npt.NDArray[np.bool_]) -> npt.NDArray[np.intp]:
-    """First row and end of each run of True, shape (runs, 2)."""
-    return np.flatnonzero(np.diff(np.concatenate([[0], flags, [0]]).astype(np.int8))).reshape(-1, 2)
 
 
 def _of_joints(record: Record, found: Findings) -> Iterator[str]:
