@@ -86,12 +86,10 @@ def _tell(found: truestroke.Refined, model: str) -> None:
 
 def _put_out(file: Path) -> truestroke.Waveform:
     """With what it should have moved: `playback` outputs a file of voltages alone, too."""
-    from truestroke.signals.tables import MissingColumnError
-
     try:
         return truestroke.load_waveform(file)
-    except MissingColumnError as error:
-        if error.column != "desired":
+    except truestroke.RecordError as error:
+        if error.missing != "desired":
             raise
         reason = "no column desired, what the waveform should have moved, as `truestroke invert` and --next write it"
         remedy = "Without --waveform the record alone refines the model."

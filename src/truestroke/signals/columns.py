@@ -10,7 +10,7 @@ from truestroke.base import checks
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
 from truestroke.signals import formats
-from truestroke.signals.tables import OTHERS, MissingColumnError, RecordError, Table, is_unit, name_and_unit, unit
+from truestroke.signals.tables import OTHERS, RecordError, Table, is_unit, name_and_unit, unit
 
 TIME_TOLERANCE = 0.01  # of a tick: how far a time in a file may lie from its even grid
 
@@ -124,7 +124,7 @@ def _named(source: str, table: Table, wanted: Wanted) -> int:
         if matches:
             raise RecordError(source, f"{role}: more than one column {key!r}; {_listing(table)}")
         if not key.strip().isdigit():
-            raise MissingColumnError(source, key, f"{role}: no column {key!r}; {_listing(table)}")
+            raise RecordError(source, f"{role}: no column {key!r}; {_listing(table)}", missing=key)
     number = int(key or 0)
     if not 1 <= number <= table.width:
         raise RecordError(source, f"{role}: no column {number}; they count from 1, {_listing(table)}")

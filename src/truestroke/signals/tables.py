@@ -51,19 +51,15 @@ class RecordError(files.FileError):
         Why, and what would help.
     row : int or None
         Where: the line of a text file, else the row, both counted from 1; None where it is not one row.
+    missing : str or None
+        The column that was asked for by this name, where that is why.
     """
 
-    def __init__(self, source: str, reason: str, row: int | None = None, where: str = "row") -> None:
-        self.source, self.reason, self.row = source, reason, row
+    def __init__(
+        self, source: str, reason: str, row: int | None = None, where: str = "row", *, missing: str | None = None
+    ) -> None:
+        self.source, self.reason, self.row, self.missing = source, reason, row, missing
         super().__init__(f"{source}: {'' if row is None else f'{where} {row}: '}{reason}")
-
-
-class MissingColumnError(RecordError):
-    """A column that was asked for by its name, `column`, is not in the file."""
-
-    def __init__(self, source: str, column: str, reason: str) -> None:
-        super().__init__(source, reason)
-        self.column = column
 
 
 @dataclass(frozen=True, eq=False)
