@@ -21,6 +21,7 @@ FORMAT, VERSION = "truestroke dynamics", 1
 MODES = 3  # at most
 SEEN = 0.45  # of the sample rate: a resonance must be below
 EARLIEST, LATEST = -0.5, 20.0  # ticks: of the dead time; a sample at the end of its tick is half a tick early
+NARROWEST = 1e-4  # of a tick: a mean over so little is a sample
 PIECE = 512  # frequencies that are computed at a time: what they need stays in the cache
 ALIASES = 20  # on each side: what is beyond is below 2e-6 of the response
 SHARES = 1e-6  # by how much the sum of the shares may differ from 1
@@ -28,6 +29,18 @@ APPROXIMATED = 0.01  # relative: error of the response that `from_control` accep
 EXPECTED = "a Dynamics, such as of truestroke.measure_dynamics(actuator) or Dynamics.load(path)"
 
 _HZ, _S = {"unit": "Hz"}, {"unit": "s"}
+
+
+def averaged(delay: float) -> float:
+    """The part of a tick, up to its end, over which a measurement is the mean; of a dead time in ticks.
+
+    A measurement that is earlier than the mean over its tick would know the next command if it were the mean over a
+    whole tick.
+
+    >>> averaged(0.7), averaged(-0.3)
+    (1.0, 0.4)
+    """
+    return max(1.0 + 2.0 * min(delay, 0.0), NARROWEST)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,7 +116,7 @@ class Dynamics(Displayed):
         Corner f_a of the amplifier's first-order lag, Hz; 0 is none.
     dead_time : float
         Between command and displacement, s, of any fraction of a tick, from -0.5 to 20 ticks. -0.5 is a measurement
-        that is sampled at the end of its tick.
+        that is sampled at the end of its tick; between -0.5 and 0 it is the mean over the last part of the tick.
     sensor_delay : float
         Of the measurement, not of the true displacement, s.
     sensor_bandwidth : float
@@ -224,7 +237,9 @@ not see it: raise the sample rate
 
         Entry k of both belongs to tick k. The sum over the aliases is exact::
 
-            sum_n G(2 pi j f_n) sinc^2(f_n / f_s),   f_n = f + n f_s,   sinc(x) = sin(pi x) / (pi x)
+            sum_n G(2 pi j f_n) sinc(f_n / f_s) sinc(w f_n / f_s),   f_n = f + n f_s,   sinc(x) = sin(pi x) / (pi x)
+
+        with w = 1, or less where the dead time is negative: see `averaged`.
 
         Parameters
         ----------
@@ -258,7 +273,10 @@ not see it: raise the sample rate
 
     def _with_aliases(self, f: FloatArray, *, sensor: bool) -> ComplexArray:
         f = f[:, None] + self.sample_rate * np.arange(-ALIASES, ALIASES + 1)
-        return np.asarray(np.sum(self.continuous(f, sensor=sensor) * np.sinc(f / self.sample_rate) ** 2, axis=-1))
+        tick = f / self.sample_rate
+        delay = self.dead_time + self.sensor_delay if sensor else self.dead_time
+        means = np.sinc(tick) * np.sinc(averaged(delay * self.sample_rate) * tick)
+        return np.asarray(np.sum(self.continuous(f, sensor=sensor) * means, axis=-1))
 
     # ---- Sample rates ----------------------------------------------------------------------------------------------
 

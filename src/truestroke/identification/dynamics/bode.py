@@ -27,11 +27,13 @@ PROMINENT = 3.0  # a resonance, over the response of the lowest lines
 STILL = 20  # lines: the lowest
 RISE = 1.4  # relative: from where a resonance is prominent to its peak, at most
 NEAR = 0.1  # relative: about a peak all lines are fitted
-LOW = 0.05  # of the first resonance: below it hysteresis and creep decide, not the stage
+LOW = 0.05  # of the first resonance: below it nothing is judged
+SPRING = 0.3  # of it: below, the stage is a spring, and hysteresis and creep decide how the response scatters and curves
 BINS = 60  # a decade, of what is shown and judged
 FEWEST = 8  # lines of a bin
 CERTAIN = 3.0  # standard deviations: a difference beyond is none of noise
 LOST = 0.01  # of the samples, that may be lost
+CURVED = 3  # numbers of what is smooth
 FLAT = 0.5  # relative: a response so near to the static one is that of a spring
 
 
@@ -331,13 +333,15 @@ def _judged(dynamics: Dynamics, fit: Fit, whole: Spectra, record: SmallMotion, k
     scatter = np.sqrt(np.maximum(smoothed(spread / np.maximum(np.bincount(which) - 1, 1), 3), 1 / total))
     at = np.interp(centre, f, response.real) + 1j * np.interp(centre, f, response.imag)
     model = np.asarray(at) * (np.interp(centre, f, known.real) + 1j * np.interp(centre, f, known.imag)) / fit.gain
-    trusted, findings = _findings(dynamics, centre, coherence, np.abs(difference), scatter)
+    first = dynamics.modes[0].frequency
+    missed = np.abs(difference - _of_hysteresis(centre, difference, scatter, SPRING * first))
+    trusted, findings = _findings(first, centre, coherence, missed, scatter)
     dynamics = _trusted(dynamics, trusted)
     return Bode(
         dynamics=dynamics,
         verdict=Verdict.of(findings),
         gain=fit.gain,
-        loss=-float(np.angle(small_hysteresis(np.array([dynamics.modes[0].frequency / 10]), fit.hysteresis, f[-1]))[0]),
+        loss=-float(np.angle(small_hysteresis(np.array([first / 10]), fit.hysteresis, f[-1]))[0]),
         frequency=centre,
         measured=model * (1 + difference),
         model=np.asarray(model, dtype=np.complex128),
@@ -364,13 +368,11 @@ def _trusted(dynamics: Dynamics, frequency: float) -> Dynamics:
 
 
 def _findings(
-    dynamics: Dynamics, f: FloatArray, coherence: FloatArray, residual: FloatArray, scatter: FloatArray
+    first: float, f: FloatArray, coherence: FloatArray, residual: FloatArray, scatter: FloatArray
 ) -> tuple[float, list[tuple[Level, str]]]:
-    """Up to which frequency the model is right, and what is not good."""
-    first = dynamics.modes[0].frequency
-    judged = f > LOW * first
-    misfit = _together((residual - CERTAIN * scatter > MISFIT) & judged)
-    bad = misfit | _together((coherence < COHERENT) & judged)
+    """Up to which frequency the model is right, and what is not good; `first` is that of the first resonance, Hz."""
+    misfit = _together((residual - CERTAIN * scatter > MISFIT) & (f > LOW * first))
+    bad = misfit | _together((coherence < COHERENT) & (f > SPRING * first))
     run = np.flatnonzero(bad)
     end = int(run[0]) if run.size else f.size
     trusted = float(f[end - 1]) if end else 0.0
@@ -390,6 +392,20 @@ def _findings(
         )
         findings.append((level, f"{words}, or the excitation was disturbed."))
     return trusted, findings
+
+
+def _of_hysteresis(f: FloatArray, difference: ComplexArray, scatter: FloatArray, end: float) -> ComplexArray:
+    """What is smooth in the relative difference of measurement and model up to a frequency, Hz; 0 above.
+
+    Hysteresis curves a response over a decade; a mode that the model has not is narrow.
+    """
+    below = f < end
+    smooth = np.zeros_like(difference)
+    if below.sum() > 2 * CURVED:
+        powers = np.vander(np.log(f[below]), CURVED)
+        weighted = powers / scatter[below, None], difference[below] / scatter[below]
+        smooth[below] = powers @ np.linalg.lstsq(*weighted, rcond=None)[0]
+    return smooth
 
 
 def _together(bins: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from truestroke.base.typing import ComplexArray, FloatArray
+from truestroke.model.dynamics import averaged
 
 FLOOR = 0.004  # of the output: what hysteresis and creep make of a line beyond the model, standard deviation
 DAMPING = 5e-4, 0.7
@@ -19,6 +20,7 @@ CANDIDATES = 400  # frequencies at which another mode is looked for
 NEEDED = 5  # numbers of a mode: frequency, damping, share and two of its transient
 FLAT = 0.3  # damping: a mode with more is no resonance
 VAGUE = 0.02  # relative: standard deviation of a frequency beyond which a mode is not known
+ASIDE = 1.3  # times the first frequency: the least second one, where one mode alone does not fit
 EVALUATIONS = 30  # steps of the search, at most
 
 
@@ -106,25 +108,28 @@ class Fit:
 def pulse_transfer(pole: complex, delay: float, z: ComplexArray) -> ComplexArray:
     """Of 1 / (s - pole), from held commands to means over a tick; pole times the tick, delay in ticks, z on the circle.
 
-    With Q(t) = (exp(p t) - 1 - p t) / p^2, the double integral of its impulse response, entry n of the pulse response
-    is Q(n + 1 - delay) - 2 Q(n - delay) + Q(n - 1 - delay).
+    With Q(t) = (exp(p t) - 1 - p t) / p^2, 0 before t = 0, the double integral of its impulse response, and a mean over
+    the time w that ends at e, entry n of the pulse response is::
+
+        (Q(n + e) - Q(n + e - 1) - Q(n + e - w) + Q(n + e - 1 - w)) / w
 
     >>> z = np.exp(2j * np.pi * np.array([1e-6]))
     >>> pulse_transfer(-0.5 + 0j, 0.3, z).real.round(6)
     array([2.])
     """
-    whole = math.floor(delay)
-    part = 1.0 - (delay - whole)
-    first = _ramp(pole, part)
-    second = _ramp(pole, 1.0 + part) - 2 * first
-    ratio = np.exp(pole)
-    later = np.exp(pole * (1.0 + part)) * (ratio - 2 + 1 / ratio) / pole**2
+    width = averaged(delay)
+    end = 0.5 - delay + width / 2
+    corners = (end, 1.0), (end - 1, -1.0), (end - width, -1.0), (end - 1 - width, 1.0)
+    first, later = 1 - math.ceil(end), math.ceil(1 + width - end)
+    entries = np.array([sum(sign * _ramp(pole, n + t) for t, sign in corners) for n in range(first, later)]) / width
+    rest = sum(sign * np.exp(pole * (later + t)) for t, sign in corners) / (pole**2 * width)
     one = 1 / z
-    return np.asarray(one**whole * (first + one * (second + one * later / (1 - ratio * one))))
+    powers = one[:, None] ** np.arange(first, later)
+    return np.asarray(powers @ entries + one**later * rest / (1 - np.exp(pole) * one))
 
 
 def _ramp(pole: complex, t: float) -> complex:
-    return complex((np.exp(pole * t) - 1 - pole * t) / pole**2)
+    return complex((np.exp(pole * t) - 1 - pole * t) / pole**2) if t > 0 else 0j
 
 
 def small_hysteresis(f: FloatArray, numbers: tuple[float, float, float], last: float) -> ComplexArray:
@@ -284,12 +289,15 @@ def beside_a_lag(fit: Fit, made: Sequence[Fit]) -> Fit:
 # ---- Which modes ---------------------------------------------------------------------------------------------------
 
 
-def next_mode(spectra: Spectra, found: Fit) -> tuple[float, float]:
-    """Frequency, Hz, of the mode that explains most of the residual of a fit, and by how much the cost decreases."""
+def next_mode(spectra: Spectra, found: Fit, above: float = 0.0) -> tuple[float, float]:
+    """Frequency, Hz, of the mode that explains most of the residual of a fit, and by how much the cost decreases.
+
+    The mode is above `above`, Hz.
+    """
     weight = np.abs(spectra.U) / np.sqrt(spectra.variance + FLOOR**2 * np.abs(spectra.Y) ** 2)
     rest = (found.measured - found.response) * weight
     f = spectra.frequency
-    candidates = np.geomspace(max(f[0], 0.3 * found.frequency.min()), f[-1], CANDIDATES)
+    candidates = np.geomspace(max(f[0], 0.3 * found.frequency.min(), above), f[-1], CANDIDATES)
     around = np.exp(1j * (np.angle(found.response) - np.angle(modal(found, f))))  # phase of delay and lag
     scores = []
     for candidate in candidates:
@@ -323,6 +331,10 @@ def fits(spectra: Spectra, first: float, delay: float, most: int = 3) -> list[Fi
         made += tried
         candidate, gained = next_mode(spectra, best)
         enough = 2 * gained < NEEDED * math.log(2 * spectra.U.size)
+        lost = count == 1 and not best.resonates(0)  # beside a second mode that is as high, one alone fits neither
+        if lost and most > 1 and ASIDE * first < spectra.frequency[-1]:
+            frequency, damping = [first, next_mode(spectra, best, ASIDE * first)[0]], [0.02, 0.02]
+            continue
         if worse or enough or count == most or not best.resonates(int(np.argmin(best.frequency))):
             return sorted(made, key=lambda fit: fit.evidence)
         modes = sorted([*zip(best.frequency, best.damping, strict=True), (candidate, 0.01)])

@@ -27,7 +27,7 @@ PERIODS = 8  # of the lowest frequency in the duration
 LEVELS = 0.01, 0.03  # of the voltage range: the peak of the excitation, at least and at most
 LOUD = 24.0  # standard deviations of the noise: the peak of the displacement that is aimed at
 TRAVEL = 0.25  # of what the voltage range moves the stage: how far it may go, where nothing is asked for
-STEP = 0.02  # of the voltage range: the way from which the gain is seen
+STEP = 0.02  # of the voltage range: the least way to the bias voltage that shows the gain
 SPIKES = 3  # samples in a row beyond the travel
 GAP = 0.05  # s without a sample
 LONGEST = 120.0  # s to the bias voltage and back: with less slew it is refused
@@ -293,25 +293,26 @@ class _Line:
     def approach(self, bias: float, low: float, high: float) -> tuple[float, float]:
         """To the bias voltage; noise of a sample there, um, and gain on the way, um/V."""
         span, rate = high - low, self.timing.sample_rate
-        start = self.last
-        if abs(bias - start) < STEP * span:  # another way shows the gain
-            start = bias + (STEP if bias + STEP * span < high else -STEP) * span
-            self.put(self.ramp(start))
+        way = bias - self.last
         z = self.put(self.ramp(bias))
-        self.put(self.fading(bias, min(bias - low, high - bias, FADING * span)))
+        fading = self.fading(bias, min(bias - low, high - bias, FADING * span))
+        faded = self.put(fading)
         still = self.put(np.full(round(HOLD * rate), bias))
         if not np.isfinite(still).mean() > 0.9 or not np.isfinite(z).any():
             raise DynamicsError("most samples are lost at the bias voltage: look at the sensor and its cable")
-        moved = float(np.nanmean(still) - np.nanmean(z[: max(round(0.05 * z.size), 1)]))
         noise = float(np.nanstd(np.diff(still, 2)) / math.sqrt(6.0))
-        gain = moved / (bias - start)
+        if abs(way) >= STEP * span:
+            moved = float(np.nanmean(still) - np.nanmean(z[: max(round(0.05 * z.size), 1)]))
+        else:  # a small way shows hysteresis above all: what fades is larger
+            way, seen = float(np.ptp(fading)), np.isfinite(faded)
+            moved = way * float(np.polyfit(fading[seen], faded[seen], 1)[0])
         if abs(moved) < 5 * noise:
             raise DynamicsError(
-                f"{abs(bias - start):.3g} V move the stage by {abs(moved):.2g} um, its noise is {noise:.2g} um: "
+                f"{abs(way):.3g} V move the stage by {abs(moved):.2g} um, its noise is {noise:.2g} um: "
                 "look at amplifier, cables and channels"
             )
         self.rest = float(np.nanmean(still))
-        return noise, gain
+        return noise, moved / way
 
     def excite(self, wave: Multisine, bias: float, travel: float) -> FloatArray:
         """The multisine around the bias, after a part of it that leads in; displacement of its period, um."""
