@@ -665,11 +665,11 @@ def typed(*arguments: str) -> tuple[int, str]:
 @pytest.mark.parametrize(
     ("change", "arguments", "message"),
     [
-        (("[[axis]]", "[axis]"), (), "stage.toml: axis = 0 tables: must be one [[axis]]"),
+        (("[[axis]]", "[axis]"), (), "stage.toml: axis = [axis]: must be one table [[axis]]"),
         (("slew", "slow"), (), "axis.slow = 20000.0: must be left out; did you mean slew?"),
         (('"pi"', '"pie"'), (), "driver.name = 'pie': must be one of "),
         (("port", "porter"), (), "driver.porter = "),
-        (("[driver]", "[driver"), (), "stage.toml = the file: must be TOML"),
+        (("[driver]", "[driver"), (), "stage.toml: line 1 = '[driver': must be TOML"),
         (("voltage_limits = [-20.0, 120.0]", "voltage_limits = [-20.0, 30.0]"), (), "must be from -20 to 30 V"),
         (("output_range = [-20.0, 120.0]", "output_range = [-30.0, 120.0]"), (), "the controller limits output 1"),
         (("", ""), ("--output", "record.h5"), "a file .csv"),

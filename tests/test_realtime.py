@@ -206,11 +206,30 @@ def test_what_the_command_line_refuses() -> None:
     Path("run.toml").write_text('format = "truestroke model"\n')
     code, said = call("--config", "run.toml")
     assert code == 2
-    assert "left out: a configuration has the tables [driver] and [[axis]]" in said
-    Path("run.toml").write_text("[driver\n")
+    assert "the file = truestroke model: must be a configuration, with tables [driver] and [[axis]]" in said
+
+
+@pytest.mark.parametrize(
+    ("file", "words"),
+    [
+        (b"[driver\n", "run.toml: line 1 = '[driver': must be TOML ("),
+        (b"x = 1\nslew = 400,0 # V/s\n", "line 2 = 'slew = 400,0 # V/s': must be TOML (Expected newline"),
+        (b"slew = 400,0\n", "; a decimal has a point, as in 2.5)"),
+        (b"\x89HDF", "run.toml: the file = other bytes than those of text: must be TOML, in UTF-8"),
+        (b"x = " + 2000 * b"[", "run.toml: the file = text: must be TOML ("),
+    ],
+)
+def test_a_configuration_that_is_no_toml_is_shown_its_line(file: bytes, words: str) -> None:
+    Path("run.toml").write_bytes(file)
     code, said = call("--config", "run.toml")
-    assert code == 2
-    assert "TOML" in said
+    assert (code, said.count("\n")) == (2, 1)
+    assert words in said
+
+
+def test_a_recording_needs_no_name() -> None:
+    made = document()
+    del made["recording"]
+    assert config.job(made, Path()).file == Path("run.h5")
 
 
 # ---- The configuration ---------------------------------------------------------------------------------------------
@@ -229,10 +248,15 @@ def test_what_the_command_line_refuses() -> None:
         ({"axis": []}, "at least one table"),
         ({"axis.slow": 1.0}, "axis.slow = 1.0: must be left out; did you mean slew.* There are name, stroke"),
         ({"axis.slew": None}, r"axis.slew = missing: must be given, such as slew = 400.0 \(V/s\)"),
-        (
-            {"recording": None},
-            r'recording = missing: must be given, such as a table \[recording\] with file = "run.h5"',
-        ),
+        ({"axis": {"name": "x"}}, r"axis = a table: must be a list of tables: \[\[axis\]\], with double brackets"),
+        ({"axis.trajectory": [{}]}, "axis.trajectory = tables: must be a table, with single brackets"),
+        ({"axis.trajectory": None}, r"trajectory.kind = missing: .*such as kind = \"sine\", in a table \[axis.traj"),
+        ({"axis.sample_rate": 1000}, r"axis.sample_rate = 1000: must be in \[driver\]"),
+        ({"axis.error_time": 1.0}, r"axis.error_time = 1.0: must be in \[realtime\]"),
+        ({"axis.trim_rate": 1.0}, r"axis.trim_rate = 1.0: must be in settings of \[\[axis\]\]"),
+        ({"axis.slew_limit": 400.0}, r"axis.slew_limit = 400.0: must be slew, in \[\[axis\]\]"),
+        ({"trajectory": {}}, r"trajectory = a table: must be \[axis.trajectory\], below its \[\[axis\]\]"),
+        ({"axis.trajectory": {"kind": "sine", "zero": 1.0}}, r"trajectory.zero = 1.0: must be in \[\[axis\]\], above"),
         ({"axis.stroke": None}, "axis.stroke = missing"),
         ({"axis.safe_voltage": 5.0}, "safe_voltage = 5.0 V"),
         ({"axis.controller": "pid"}, "axis.controller = 'pid': must be one of adaptive, paper"),
@@ -245,7 +269,6 @@ def test_what_the_command_line_refuses() -> None:
         ({"axis.name": "a/b"}, "name = 'a/b'"),
         ({"realtime": {"spin": 1e-4, "priority": 50}}, "spin = 0.0001 s: must be 0 under SCHED_FIFO"),
         ({"realtime": {"watchdog": 1.0}}, "realtime.watchdog = 1.0"),
-        ({"recording": {}}, "recording.file = missing"),
         ({"recording": {"files": "x"}}, "recording.files"),
         ({"recording": {"file": 5}}, "recording.file = 5: must be text in quotes"),
         ({"axis": [3]}, r"axis = 3: must be a table"),

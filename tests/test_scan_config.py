@@ -204,7 +204,7 @@ def test_a_simulated_sample_is_read_where_it_truly_is() -> None:
         (("rate = 20.0", "raet = 20.0"), "scan.raet = 20.0: must be left out; did you mean rate"),
         (("lines = 8", 'kind = "zigzag"'), "scan.kind = 'zigzag': must be one of raster, spiral, lissajous, cycloid"),
         (('name = "y"', 'name = "y"\ntrajectory = {kind = "sine"}'), "must be left out: [scan] moves this axis"),
-        (('name = "y"', 'name = "y"\nsample_rate = 5000.0'), "2: sample_rate = 5000.0: must be left out: all axes"),
+        (('name = "y"', 'name = "y"\nsample_rate = 5000.0'), "2: sample_rate = 5000.0: must be in [driver]: all axes"),
         (
             ('name = "height"', 'name = "measured"'),
             "name = 'measured': must be letters, digits, - and _, and no ",

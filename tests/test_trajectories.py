@@ -271,6 +271,7 @@ def test_staircase_rests_on_each_level():
         (lambda: tr.step(settle=stage(), rise=0.1), "rise = 0.1 s: must be left out"),
         (lambda: tr.staircase(steps=2.5), "steps = 2.5: must be a whole number"),
         (lambda: tr.random_wave(cutoff=300.0), "cutoff = 300.0 Hz: must be from 0.05 to 200 Hz"),
+        (lambda: tr.random_wave(duration=2.0, sample_rate=4.0), "sample_rate = 4.0 Hz: must be from 5 to"),
         (
             lambda: tr.random_wave(velocity_limit=0.5, peak_to_peak=20.0, low=-10.0, ramp=10.0, duration=20.0),
             "velocity_limit = 0.5",

@@ -57,22 +57,42 @@ def inside(where: str, names: Mapping[str, str] = types.MappingProxyType({})) ->
         raise SettingError(where + argument, error.value, error.bound, error.unit) from None
 
 
-def known(given: Mapping[str, Any], names: Iterable[str]) -> None:
-    """Only names that exist; for another one the error suggests the nearest.
+def known(
+    given: Mapping[str, Any], names: Iterable[str], elsewhere: Mapping[str, str] = types.MappingProxyType({})
+) -> None:
+    """Only names that exist; for another one the error suggests the nearest, or says where `elsewhere` it belongs.
 
     >>> known({"forgeting": 0.9}, ("prior_return_time", "forgetting"))
     Traceback (most recent call last):
         ...
     truestroke.SettingError: forgeting = 0.9: must be left out; did you mean forgetting? There are prior_return_time, \
 forgetting
+    >>> known({"stroke": 30.0}, ("file",), {"stroke": "in [[axis]]"})
+    Traceback (most recent call last):
+        ...
+    truestroke.SettingError: stroke = 30.0: must be in [[axis]]
     """
     names = tuple(names)
     for name, value in given.items():
-        if name not in names:
+        if name in names:
+            continue
+        bound = elsewhere.get(name)
+        if bound is None:
             close = difflib.get_close_matches(str(name), names, 1)
             words = f"did you mean {close[0]}? There" if close else "there"
-            shown = "a table" if isinstance(value, Mapping) else repr(value)
-            raise SettingError(str(name), shown, f"left out; {words} are {', '.join(names) or 'none'}")
+            bound = f"left out; {words} are {', '.join(names) or 'none'}"
+        raise SettingError(str(name), tabled(value), bound)
+
+
+def tabled(value: Any) -> str:
+    """A value of a file in an error: of tables only that they are.
+
+    >>> tabled({"name": "x"}), tabled([{"name": "x"}]), tabled(30.0)
+    ('a table', 'tables', '30.0')
+    """
+    if isinstance(value, list) and value and all(isinstance(one, Mapping) for one in value):
+        return "tables"
+    return "a table" if isinstance(value, Mapping) else repr(value)
 
 
 def number(argument: str, value: object, unit: str = "") -> float:

@@ -8,6 +8,7 @@ import inspect
 import json
 import math
 import os
+import re
 import tomllib
 import types
 from collections.abc import Callable, Mapping
@@ -39,14 +40,27 @@ def read(path: str | os.PathLike[str]) -> dict[str, Any]:
     Raises
     ------
     SettingError
-        It is no TOML; names file and line.
+        It is no TOML; names the line, and not the file, which its caller knows.
     OSError
         It cannot be read.
     """
     try:
-        return tomllib.loads(Path(path).read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise SettingError(os.fspath(path), "the file", f"TOML ({error})") from None
+        text = Path(path).read_text(encoding="utf-8")
+    except UnicodeDecodeError:
+        raise SettingError("the file", "other bytes than those of text", "TOML, in UTF-8") from None
+    try:
+        return tomllib.loads(text)
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise _no_toml(text, str(error)) from None
+
+
+def _no_toml(text: str, reason: str) -> SettingError:
+    """The error that shows the line, where the decoder names one."""
+    if not (place := re.search(r" \(at line (\d+), column \d+\)$", reason)):
+        return SettingError("the file", "text", f"TOML ({reason})")
+    line = text.split("\n")[int(place[1]) - 1].strip()
+    point = "; a decimal has a point, as in 2.5" if re.search(r"= *-?\d+,\d", line) else ""
+    return SettingError(f"line {place[1]}", repr(line), f"TOML ({reason[: place.start()]}{point})")
 
 
 def needed(given: Mapping[str, Any], name: str, example: str = "") -> Any:
@@ -62,7 +76,13 @@ def needed(given: Mapping[str, Any], name: str, example: str = "") -> Any:
     return given[name]
 
 
-def decode(make: Callable[..., Made], given: Mapping[str, Any], also: tuple[str, ...] = (), **fixed: Any) -> Made:
+def decode(
+    make: Callable[..., Made],
+    given: Mapping[str, Any],
+    also: tuple[str, ...] = (),
+    elsewhere: Mapping[str, str] = types.MappingProxyType({}),
+    **fixed: Any,
+) -> Made:
     """What a table describes: ``make(**given, **fixed)``.
 
     Parameters
@@ -73,6 +93,8 @@ def decode(make: Callable[..., Made], given: Mapping[str, Any], also: tuple[str,
         The table. Lists become tuples, inner tables the dataclasses of their annotations.
     also : tuple of str
         Keys that are allowed, but not passed to `make`.
+    elsewhere : mapping of str to str
+        Of keys that are not, where they belong, for the error.
     **fixed
         Arguments that are no keys.
 
@@ -97,7 +119,7 @@ def decode(make: Callable[..., Made], given: Mapping[str, Any], also: tuple[str,
     parameters = inspect.signature(make).parameters
     fields = dataclasses.fields(make) if dataclasses.is_dataclass(make) else ()
     examples = {one.name: one.metadata.get("example", "") for one in fields}
-    checks.known(given, (*also, *(name for name in parameters if name not in fixed)))
+    checks.known(given, (*also, *(name for name in parameters if name not in fixed)), elsewhere)
     for name, parameter in parameters.items():
         if parameter.default is inspect.Parameter.empty and name not in fixed:
             needed(given, name, examples.get(name, ""))
@@ -123,14 +145,22 @@ def value(name: str, given: Any, hint: Any, unit: str = "") -> Any:
     if origin in (Union, types.UnionType) and (fitting := [one for one in inner if _fits(given, one)]):
         return value(name, given, fitting[0], unit)
     if not _fits(given, hint):
-        quoted = isinstance(given, str) and {int, float, bool} & {hint, *inner}
-        raise SettingError(name, repr(given), f"{_called(hint)}{', without quotes' if quoted else ''}", unit)
+        raise SettingError(name, checks.tabled(given), _called(hint) + _remedy(name, given, hint, inner), unit)
     if _outer(hint) is tuple:
         return tuple(value(name, entry, inner[0], unit) for entry in given)
     if dataclasses.is_dataclass(hint) and isinstance(given, Mapping):
         with checks.inside(f"{name}."):
             return decode(hint, given)  # type: ignore[arg-type]
     return given
+
+
+def _remedy(name: str, given: Any, hint: Any, inner: tuple[Any, ...]) -> str:
+    """What to change where a value has another type, if that is known."""
+    if isinstance(given, str) and {int, float, bool} & {hint, *inner}:
+        return ", without quotes"
+    if isinstance(given, Mapping) and _outer(hint) is tuple and _outer(inner[0]) is Mapping:
+        return f" of tables: [[{name}]], with double brackets"
+    return ", with single brackets" if checks.tabled(given) == "tables" else ""
 
 
 def _outer(hint: Any) -> Any:

@@ -163,7 +163,7 @@ def _read(path: Path) -> ActuatorModel:
     except FileNotFoundError:
         raise ModelFileError(f"{os.fspath(path)}: there is no such file") from None
     except (OSError, SettingError) as error:
-        raise ModelFileError(f"{os.fspath(path)}: {str(error).removeprefix(f'{os.fspath(path)} = ')}") from error
+        raise ModelFileError(f"{os.fspath(path)}: {error}") from error
 
 
 @dataclass(frozen=True, kw_only=True)

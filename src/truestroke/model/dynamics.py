@@ -465,7 +465,7 @@ measure them at this rate, or convert them by `Dynamics.at`
         except FileNotFoundError:
             raise files.FileError(f"{name}: there is no such file; truestroke bode writes it") from None
         except (OSError, SettingError) as error:
-            raise files.FileError(f"{name}: {str(error).removeprefix(f'{name} = ')}") from error
+            raise files.FileError(f"{name}: {error}") from error
 
     @classmethod
     def _of_file(cls, document: dict[str, Any]) -> Dynamics:

@@ -583,6 +583,7 @@ def random_wave(
     (True, 4.62)
     """
     time = _ticks(duration, sample_rate, ramp)
+    checks.within("sample_rate", sample_rate, 10 / duration, math.inf, "Hz")  # below it no cut-off is allowed
     cutoff = checks.within("cutoff", cutoff, 1 / duration, sample_rate / 10, "Hz")
     span = checks.within("peak_to_peak", checks.positive("peak_to_peak", peak_to_peak, "um"), 0.0, FARTHEST, "um")
     low = checks.within("low", low, -FARTHEST, FARTHEST, "um")

@@ -1,8 +1,9 @@
 """The configuration of `truestroke run`: a TOML file becomes driver, axes and settings."""
 
 import dataclasses
+import inspect
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -75,7 +76,7 @@ class AxisTable:
 class RecordingTable:
     """The table [recording]."""
 
-    file: str = field(metadata={"example": 'file = "run.h5"'})
+    file: str = "run.h5"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,9 +113,29 @@ class Document:
     scan: Mapping[str, Any] | None = None
     coupled: CoupledTable | None = None
     realtime: RealtimeSettings = field(default_factory=RealtimeSettings)
-    recording: RecordingTable = field(metadata={"example": 'a table [recording] with file = "run.h5"'})
+    recording: RecordingTable = field(default_factory=RecordingTable)
     epics: EpicsSettings | None = None
     live: LiveSettings = field(default_factory=LiveSettings)
+
+
+_PLACES: Mapping[str, Iterable[str]] = {
+    "in [axis.trajectory]": {name for make in MOTIONS.values() for name in inspect.signature(make).parameters},
+    "in settings of [[axis]]": ControllerSettings.__dataclass_fields__,
+    "in [coupled]": CoupledTable.__dataclass_fields__,
+    "in [realtime]": RealtimeSettings.__dataclass_fields__,
+    "in [recording]": RecordingTable.__dataclass_fields__,
+    "in [[axis]], above its other tables": AxisTable.__dataclass_fields__,
+    "in [driver] or [[axis]]": ("name",),
+    "in [driver]: all axes have one clock": ("sample_rate",),
+    "slew, in [[axis]]": ("slew_limit",),
+    "[axis.trajectory], below its [[axis]]": ("trajectory",),
+}
+"""Where keys belong, for the error of one in another table; of those in several the last counts."""
+
+
+def _places(*without: str) -> dict[str, str]:
+    """Where a key belongs, by its name, and not in these tables."""
+    return {name: place for place, names in _PLACES.items() if place not in without for name in names}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -138,11 +159,11 @@ def example(command: Literal["run", "serve"] = "run") -> str:
 @contextmanager
 def _document(path: str | os.PathLike[str]) -> Iterator[dict[str, Any]]:
     """What the file says; errors within name it."""
-    document = toml.read(path)
     with checks.inside(f"{os.fspath(path)}: "):
+        document = toml.read(path)
         if "format" in document and "driver" not in document:
-            of_stage = "left out: a configuration has the tables [driver] and [[axis]] (truestroke run --example)"
-            raise SettingError("format", repr(document["format"]), of_stage)
+            configuration = "a configuration, with tables [driver] and [[axis]] (truestroke run --example)"
+            raise SettingError("the file", document["format"], configuration)
         yield document
 
 
@@ -176,12 +197,12 @@ def job(document: Mapping[str, Any], folder: Path) -> Job:
     truestroke.SettingError: driver.blok = 5: must be left out; did you mean block? There are name, sample_rate, \
 block, latency, channels, seed, hardware_timed, register, plant, stage, axes, signals, faults
     """
-    read = toml.decode(Document, document)
+    read = toml.decode(Document, document, elsewhere=_places())
     made, rate = driver(read.driver)
     tables = []
     for place, given in _placed(read.axis):
         with checks.inside(place):
-            tables.append((place, toml.decode(AxisTable, given)))
+            tables.append((place, toml.decode(AxisTable, given, elsewhere=_places())))
     image = None
     if read.scan is not None:
         with checks.inside("scan."):
@@ -207,7 +228,8 @@ def driver(table: Mapping[str, Any]) -> tuple[Driver, float]:
     """The driver of a table [driver]: its name, and its settings; and its ticks per second, Hz."""
     with checks.inside("driver."):
         found = registry.find(toml.needed(table, "name"))
-        settings = toml.decode(found.Settings, table, also=("name",))
+        others = _places("in [axis.trajectory]", "in settings of [[axis]]")  # some drivers have keys of these names
+        settings = toml.decode(found.Settings, table, also=("name",), elsewhere=others)
         made: Driver = found(settings)
     return made, settings.sample_rate
 
@@ -235,7 +257,8 @@ def one_axis_at(path: str | os.PathLike[str]) -> tuple[Driver, AxisTable, float]
     with _document(path) as document:
         axes = document.get("axis")
         if not isinstance(axes, list) or len(axes) != 1:
-            raise SettingError("axis", f"{len(axes) if isinstance(axes, list) else 0} tables", "one [[axis]]")
+            count = f"{len(axes)} tables" if isinstance(axes, list) else "missing" if axes is None else "[axis]"
+            raise SettingError("axis", count, "one table [[axis]], with double brackets")
         made, rate = driver(toml.value("driver", toml.needed(document, "driver"), Mapping))
         return made, toml.value("axis", axes[0], AxisTable), rate
 
@@ -276,7 +299,7 @@ def movable(path: str | os.PathLike[str]) -> tuple[Driver, tuple[Movable, ...]]:
         axes = []
         for place, one in _placed(given):
             with checks.inside(place):
-                table = toml.decode(AxisTable, one)
+                table = toml.decode(AxisTable, one, elsewhere=_places())
                 controller = _controller(table, rate, Path(path).parent)
                 if not isinstance(controller, AdaptiveController):
                     raise SettingError("controller", repr(table.controller), '"adaptive"')
@@ -292,11 +315,7 @@ def _placed(tables: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, Mapping[
     if not tables:
         raise SettingError("axis", "[]", "at least one table [[axis]]")
     for number, table in enumerate(tables, 1):
-        place = "axis." if len(tables) == 1 else f"[[axis]] {number}: "
-        if "sample_rate" in table:
-            given, bound = table["sample_rate"], "left out: all axes have the sample_rate of [driver], from one clock"
-            raise SettingError(f"{place}sample_rate", given, bound)
-        yield place, table
+        yield "axis." if len(tables) == 1 else f"[[axis]] {number}: ", table
 
 
 def _axis(table: AxisTable, folder: Path, rate: float, image: Imaging | None) -> Axis:
@@ -327,12 +346,13 @@ def _axis(table: AxisTable, folder: Path, rate: float, image: Imaging | None) ->
 
 def _trajectory(given: Mapping[str, Any], folder: Path, rate: float) -> Trajectory | SetPoint:
     """The motion; its sample rate is that of the driver, Hz, unless it has one of its own."""
-    kind = _one_of("kind", toml.needed(given, "kind"), tuple(MOTIONS))
+    kind = _one_of("kind", toml.needed(given, "kind", 'kind = "sine", in a table [axis.trajectory]'), tuple(MOTIONS))
     given = {"sample_rate": rate, **given}
     if isinstance(given.get("path"), str):
         given["path"] = str(folder / given["path"])
     try:
-        motion: Trajectory | SetPoint = toml.decode(MOTIONS[kind], _with_dynamics(given, folder), also=("kind",))
+        others, given = _places("in [axis.trajectory]"), _with_dynamics(given, folder)
+        motion: Trajectory | SetPoint = toml.decode(MOTIONS[kind], given, also=("kind",), elsewhere=others)
     except OSError as error:
         raise SettingError("path", repr(given["path"]), f"a file that can be read ({error.strerror})") from None
     return motion

@@ -212,8 +212,8 @@ def load(path: str | Path, runs: int | None = None) -> Study:
     SettingError
         The file is not TOML, a key is not known, a value is out of its bounds.
     """
-    source = toml.read(path)
     with checks.inside(f"{path}: "):
+        source = toml.read(path)
         return parse(source if runs is None else source | {"runs": runs})
 
 
