@@ -7,6 +7,7 @@ import re
 import signal
 import subprocess
 import sys
+import time
 import xml.etree.ElementTree as ET
 from pathlib import Path
 from typing import Any
@@ -202,6 +203,9 @@ def test_rest_is_a_motion_like_any_other() -> None:
         (["track", "--change-at", "99"], "--change-at = 99.0 s: must be between 0 and", 2),
         (["track", "--controller", "magic"], "magic", 2),
         (["track", "--output", "no/such/run"], "mkdir -p no/such", 1),
+        (["track", "--output", "no such/run"], "mkdir -p 'no such'", 1),
+        (["track", "--frequency"], "requires an argument. See: truestroke track --help", 2),
+        (["track", "on"], "unexpected extra argument (on). See: truestroke track --help", 2),
         (["track", "--output", "."], "is a folder", 2),
         (["track", "--trajectory", "sine", "--velocity-limit", "3"], "--velocity-limit means nothing", 2),
         (["track", "--velocity-limit", "0"], "--velocity-limit = 0.0 um/s: must be above 0 um/s", 2),
@@ -211,7 +215,8 @@ def test_rest_is_a_motion_like_any_other() -> None:
         (["report", "none.h5"], "there is no file none.h5 in ", 2),
         (["bode", "--config", "no/stage.toml"], "there is no folder ", 2),
         (["track", "--model", "mine.toml"], "; `truestroke identify` writes it. See: ", 2),
-        (["report", __file__], "not an HDF5 file", 1),
+        (["report", __file__], "not an HDF5 file; `truestroke examine` reads other records", 1),
+        (["study", __file__], ": must be TOML (", 2),
         (["fly"], "No such command 'fly'", 2),
     ],
 )
@@ -355,6 +360,48 @@ def test_what_was_recorded_is_kept(monkeypatch: pytest.MonkeyPatch, end: signal.
     assert call("report", "truestroke-track.h5").exit_code == 0
 
 
+class _Interrupted:
+    """Its finaliser is where Ctrl-C comes."""
+
+    def __del__(self) -> None:
+        signal.raise_signal(signal.SIGINT)
+
+
+def test_ctrl_c_is_not_lost_in_a_finaliser(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Python printed "Exception ignored in", and the run went on to its end."""
+    instances, exchange = [_Interrupted()], RealisticPlant.exchange
+
+    def interrupted(plant: RealisticPlant, volts: Any) -> Any:
+        instances.clear()
+        time.sleep(0.001)
+        return exchange(plant, volts)
+
+    monkeypatch.setattr(RealisticPlant, "exchange", interrupted)
+    done = call("track", "--duration", "5")
+    assert (done.exit_code, done.stderr.splitlines()[-1]) == (130, "truestroke: interrupted")
+
+
+def test_ctrl_c_while_the_commands_are_loaded_is_a_line() -> None:
+    code = (
+        "import sys, truestroke.__main__ as start\n"
+        "class Slow:\n"
+        "    def find_spec(self, name, *_):\n"
+        "        if name == 'truestroke.cli': raise KeyboardInterrupt\n"
+        "sys.meta_path.insert(0, Slow())\n"
+        "start.main()"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "truestroke: interrupted\n")
+
+
+def test_python_starts_it_too() -> None:
+    command = [sys.executable, "-m", "truestroke", "trak"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert (done.returncode, done.stderr) == (
+        2, "truestroke: No such command 'trak'. Did you mean 'track'? See: truestroke --help\n"
+    )  # fmt: skip
+
+
 @pytest.mark.usefixtures("_two_rivals")
 def test_a_comparison_that_is_interrupted_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(RealisticPlant, "exchange", lambda *_: signal.raise_signal(signal.SIGTERM))
@@ -368,6 +415,8 @@ def test_a_comparison_that_is_interrupted_says_so(monkeypatch: pytest.MonkeyPatc
     [
         ("/usr/bin/truestroke", "/usr/bin/truestroke", "truestroke"),
         (".venv/bin/truestroke", None, ".venv/bin/truestroke"),
+        ("/usr/bin/truestroke", None, "/usr/bin/truestroke"),
+        ("/lib/truestroke/__main__.py", "/usr/bin/truestroke", "python -m truestroke"),
         ("-c", None, "truestroke"),
     ],
 )

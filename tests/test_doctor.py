@@ -236,3 +236,11 @@ def test_a_file_that_is_no_toml_is_no_reason_to_fail_otherwise() -> None:
     findings = by_name(examine(Path("run.toml"), probe=0.01))
     assert "TOML" in findings["file"].found
     assert findings.keys() > by_name(drivers.look()).keys()
+
+
+@pytest.mark.parametrize(("columns", "why"), [("60", False), ("120", True)])
+def test_a_narrow_terminal_shows_what_was_found(monkeypatch: pytest.MonkeyPatch, columns: str, why: bool) -> None:
+    """Of four columns beside each other the words were cut off."""
+    monkeypatch.setenv("COLUMNS", columns)
+    printed = CliRunner().invoke(main, ["doctor"]).output
+    assert ("why it matters" in printed, "…" in printed) == (why, False)

@@ -280,7 +280,7 @@ def call(*arguments: str) -> str:
 def test_what_the_command_line_refuses() -> None:
     configure()
     assert "truestroke serve --epics" in call("run", "--config", "serve.toml")
-    assert "one of --epics and --live is needed" in call("serve", "--config", "serve.toml")
+    assert "--epics or --live is needed" in call("serve", "--config", "serve.toml")
     assert "--example prints one" in call("serve", "--epics")
     Path("run.toml").write_text(config.example())
     assert "a table [epics] is needed" in call("serve", "--epics", "--config", "run.toml")

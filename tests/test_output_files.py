@@ -16,6 +16,7 @@ from truestroke.base import files
 from truestroke.cli import main
 from truestroke.cli.common import in_words_of
 from truestroke.signals.recording import Channel
+from truestroke.studies.study.config import example
 
 
 @pytest.fixture(autouse=True)
@@ -57,7 +58,7 @@ def test_what_truestroke_did_not_write_stays(name: str) -> None:
     """Refused before anything is computed; the message names the option."""
     words, target = COMMANDS[name]
     record()
-    Path("study.toml").write_text("")
+    Path("study.toml").write_text(example())
     recording(3).save("run.h5")
     Path(target).write_text("precious")
     done = CliRunner().invoke(main, words)

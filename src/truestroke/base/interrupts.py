@@ -1,14 +1,18 @@
 """Signals that ask a program to end, and temporary handlers of them."""
 
+import _thread
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from types import FrameType, MappingProxyType
+from typing import Any
 
 from truestroke.base import system
 
 CTRL_C = signal.SIGINT
+AGAIN = 0.02  # s after an interrupt that was dropped
 ENDING: Mapping[int, str] = MappingProxyType(system.ENDING)
 """Those that ask a program to end, and what is said of them; its exit code is then that of `system.exit_code`."""
 
@@ -54,8 +58,29 @@ def as_ctrl_c() -> Iterator[list[int]]:
         asked.extend([number] if number != CTRL_C else [])
         raise KeyboardInterrupt
 
-    with handled(stop):
+    with handled(stop), _never_ignored():
         yield asked
+
+
+@contextmanager
+def _never_ignored() -> Iterator[None]:
+    """Python drops what is raised in a finaliser, or in a callback of its garbage collector: it is raised again."""
+    before, timers = sys.unraisablehook, list[threading.Timer]()
+
+    def again(lost: Any) -> None:
+        if lost.exc_type is not KeyboardInterrupt:
+            before(lost)
+            return
+        timers.append(threading.Timer(AGAIN, _thread.interrupt_main))  # at once would still be in the callback
+        timers[-1].start()
+
+    sys.unraisablehook = again
+    try:
+        yield
+    finally:
+        sys.unraisablehook = before
+        for timer in timers:
+            timer.cancel()
 
 
 def ignore() -> None:

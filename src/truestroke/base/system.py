@@ -7,6 +7,7 @@ import math
 import mmap
 import os
 import platform
+import shlex
 import signal
 import socket
 import struct
@@ -26,6 +27,16 @@ ENDING = {int(getattr(signal, name)): words for name, words in NAMES.items() if 
 def exit_code(number: int) -> int:
     """Of a program that such a signal ended: 128 and its number, as shells say it; Ctrl-Break counts as SIGTERM."""
     return 128 + (int(signal.SIGTERM) if number == getattr(signal, "SIGBREAK", None) else number)
+
+
+MAKE_FOLDER = ("mkdir",) if sys.platform == "win32" else ("mkdir", "-p")
+"""The command that makes a folder, and those above it."""
+
+
+def command_line(*words: str | Path) -> str:
+    """Words as a terminal of this system takes them: in quotes where they have blanks."""
+    texts = [str(word) for word in words]
+    return subprocess.list2cmdline(texts) if sys.platform == "win32" else shlex.join(texts)
 
 
 OPEN = getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0) | getattr(os, "O_NOINHERIT", 0)

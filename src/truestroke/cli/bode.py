@@ -58,7 +58,10 @@ def bode(config: Path | None, output: str, plots: Path | None, as_json: bool, **
         return _failed(str(error), as_json)
     except truestroke.DriverError as error:
         return common.complain(str(error), ExitCode.DRIVER)
-    return _reported(found, limits, model_file, page_file, plots, as_json)
+    code = _reported(found, limits, model_file, page_file, plots, as_json)
+    if not as_json:
+        common.print_simulated(config)
+    return code
 
 
 @contextmanager

@@ -10,6 +10,7 @@ from typing import Any
 import click
 
 import truestroke
+from truestroke.base import system
 from truestroke.base.exit_codes import ExitCode
 from truestroke.base.verdict import Verdict
 from truestroke.cli import common, results
@@ -65,7 +66,10 @@ def characterise(record: Path | None, output: str, plots: Path | None, as_json: 
         return code
     _print(found, verdict)
     common.print_files(model=model_file, recording=record or recording_file, page=page_file, pictures=plots)
-    common.suggest((f"identify {record or recording_file}", "creep and asymmetry, too, from the same recording"))
+    common.print_simulated(options["config"] or record, "stack")
+    common.suggest(
+        (system.command_line("identify", record or recording_file), "creep and asymmetry, too, from the same recording")
+    )
     return code
 
 

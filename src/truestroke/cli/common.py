@@ -9,7 +9,6 @@ import json
 import math
 import os
 import re
-import shlex
 import shutil
 import sys
 import warnings
@@ -124,8 +123,10 @@ class Commands(click.Group):
             click.echo(asked.format_message())
             return ExitCode.OK
         except click.UsageError as error:
-            where = error.ctx.command_path if error.ctx else "truestroke"
-            return self._failed(f"{error.format_message()} See: {where} --help", ExitCode.USAGE)
+            message = error.format_message()
+            ended = message if message.endswith((".", "?", "?)")) else f"{message}."
+            name = f" {self._asked.name}" if self._asked else ""
+            return self._failed(f"{ended} See: truestroke{name} --help", ExitCode.USAGE)
         except SettingError as error:
             return self._failed(str(error), ExitCode.USAGE)
         except (click.ClickException, TruestrokeError) as error:
@@ -274,9 +275,8 @@ def to_write(option: str, file: str | Path, kind: files.Kind) -> Path:
     if path.is_dir():
         raise click.UsageError(f"{option} {file}: is a folder; name a file.")
     if not path.parent.is_dir():
-        raise click.ClickException(
-            f"{option} {file}: there is no folder {path.parent}; make it: mkdir -p {path.parent}"
-        )
+        made = system.command_line(*system.MAKE_FOLDER, path.parent)
+        raise click.ClickException(f"{option} {file}: there is no folder {path.parent}; make it: {made}")
     if not os.access(path if path.exists() else path.parent, os.W_OK):
         raise click.ClickException(f"{option} {file}: cannot be written; choose another {option}.")
     _refuse_an_input(option, path)
@@ -323,7 +323,7 @@ def as_asked() -> dict[str, Any]:
         flag = [] if isinstance(parameter, click.Argument) else [parameter.opts[0]]
         words += flag + [str(v).removesuffix(".0") for v in (value if isinstance(value, tuple) else (value,))]
     options = {name: value for name, value in context.params.items() if name not in FILES}
-    return {"command": shlex.join(words), "options": options}
+    return {"command": system.command_line(*words), "options": options}
 
 
 # ---- What is written and printed -----------------------------------------------------------------------------------
@@ -426,6 +426,12 @@ def print_files(**files: Path | None) -> None:
             click.echo(f"{name:10} {path}{os.sep if path.is_dir() else ''}")
 
 
+def print_simulated(config: Path | None, what: str = "stage") -> None:
+    """A line where nothing but a simulation was driven: its files are of no use for another one."""
+    if config is None:
+        click.echo(f"{what:10} simulated; --config FILE drives yours")
+
+
 def suggest(*commands: tuple[str, str]) -> None:
     """Commands worth typing next, each with what it shows."""
     width = max(len(command) for command, _ in commands)
@@ -437,7 +443,9 @@ def suggest(*commands: tuple[str, str]) -> None:
 def program() -> str:
     """How a reader of this terminal calls truestroke: by its name, or by its path where that is not on the PATH."""
     called = Path(sys.argv[0])
-    if called.name != "truestroke" or shutil.which("truestroke"):
+    if called.name == "__main__.py":
+        return "python -m truestroke"
+    if called.stem != "truestroke" or shutil.which("truestroke"):
         return "truestroke"
-    path = os.path.relpath(called)
-    return path if not path.startswith("..") else str(called)
+    path = Path(os.path.abspath(called))  # and not resolve(): a link may lead out of the environment
+    return str(path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else called)

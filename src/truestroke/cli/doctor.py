@@ -13,6 +13,8 @@ from truestroke.cli import common
 if TYPE_CHECKING:
     from truestroke.runtime.doctor import Finding
 
+WIDE = 90  # columns of a terminal that shows the last column, too
+
 
 @click.command()
 @click.option("--config", type=common.FILE, metavar="FILE",
@@ -39,7 +41,7 @@ def doctor(config: Path | None, as_json: bool) -> int:
 
 
 def _print(findings: list[Finding]) -> None:
-    """Found and why wrap; the commands follow below, whole, to be copied."""
+    """Found and why wrap, a narrow terminal has no why; the commands follow below, whole, to be copied."""
     from rich.box import SIMPLE_HEAD
     from rich.markup import escape
     from rich.table import Table
@@ -50,9 +52,11 @@ def _print(findings: list[Finding]) -> None:
     for name in ("", "part", "what"):
         table.add_column(name, no_wrap=True)
     table.add_column("found", ratio=3)
-    table.add_column("why it matters", ratio=2, style="dim")
+    why = ["why it matters"] if console.width >= WIDE else []
+    for name in why:
+        table.add_column(name, ratio=2, style="dim")
     for f in findings:
-        table.add_row(f"[{colours[f.level]}]{f.level}[/]", f.part, f.what, escape(f.found), escape(f.why))
+        table.add_row(f"[{colours[f.level]}]{f.level}[/]", f.part, f.what, escape(f.found), *why and [escape(f.why)])
     console.print(table)
     helpful = [f for f in findings if f.command]
     if helpful:

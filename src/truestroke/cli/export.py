@@ -12,6 +12,7 @@ import click
 from click.core import ParameterSource
 
 import truestroke
+from truestroke.base import system
 from truestroke.cli import common, waveforms
 
 if TYPE_CHECKING:
@@ -106,7 +107,8 @@ def export(target: str, output: Path, as_json: bool, **options: Any) -> None:
     click.echo(f"state      {made.ram:,} bytes of RAM, beside the stack")
     click.echo(f"settings   {made.flash:,} bytes of flash, beside the code")
     common.print_files(folder=made.folder)
-    click.echo(f"\nIts self-test: make -C {made.folder} test\nIts memory:    make -C {made.folder} size")
+    for words, target in (("\nIts self-test:", "test"), ("Its memory:   ", "size")):
+        click.echo(f"{words} {system.command_line('make', '-C', made.folder, target)}")
 
 
 @dataclass(frozen=True)

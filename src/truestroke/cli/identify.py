@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import shlex
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +10,7 @@ import click
 import numpy as np
 
 import truestroke
-from truestroke.base import files
+from truestroke.base import files, system
 from truestroke.base.exit_codes import ExitCode
 from truestroke.cli import common
 
@@ -87,7 +86,7 @@ def _next(file: Path, model: truestroke.ActuatorModel) -> list[tuple[str, str]]:
     """Commands worth typing after this one."""
     from truestroke.studies.tracking import like_the_stack
 
-    name = shlex.quote(str(file))
+    name = system.command_line(file)
     track = (f"track --model {name}", "the controller starts from the model, on the simulated stack")
     invert = (f"invert wave.csv --model {name}", "the voltage that makes a motion of yours")
     return [track, invert] if like_the_stack(model) else [invert]

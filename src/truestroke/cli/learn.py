@@ -94,6 +94,7 @@ def learn(
         if note:
             common.print_text(f"{name}: {note}")
     common.print_files(waveform=target, model=model, page=page_file, pictures=plots)
+    common.print_simulated(config)
     return ExitCode.of(found.verdict)
 
 

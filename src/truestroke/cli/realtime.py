@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import click
 
 import truestroke
+from truestroke.base import system
 from truestroke.base.exit_codes import ExitCode
 from truestroke.base.files import beside
 from truestroke.base.verdict import Verdict
@@ -92,7 +93,8 @@ def follow(
     from truestroke.signals import judgement
 
     show: Literal["live", "lines"] | None = None if as_json else "live" if sys.stderr.isatty() else "lines"
-    about = {"command": f"truestroke {command} --config {config}", "config": config.read_text(encoding="utf-8")}
+    called = system.command_line("truestroke", *command.split(), "--config", config)
+    about = {"command": called, "config": config.read_text(encoding="utf-8")}
     options: dict[str, Any] = {"settings": job.settings, "about": about, "overwrite": overwrite, "show": show}
     file = job.file if output is None else output
     for path in names_of(file, job.axes, overwrite):
@@ -159,4 +161,4 @@ def print_run(done: Closed) -> None:
     for file in outcome.files if outcome.ticks else ():
         common.print_files(recording=file)
     if outcome.ticks >= results.SHORTEST:
-        click.echo(f"\nIts page: {common.program()} report {outcome.files[0]}")
+        click.echo(f"\nIts page: {common.program()} {system.command_line('report', outcome.files[0])}")

@@ -23,7 +23,7 @@ def serve(
         click.echo(configuration.example("serve"), nl=False)
         return 0
     if epics is live:
-        raise click.UsageError("one of --epics and --live is needed, not both.")
+        raise click.UsageError("--epics or --live is needed, and not both.")
     if config is None:
         raise click.UsageError("--config FILE is needed; --example prints one to begin with.")
     job = configuration.load(config)

@@ -44,10 +44,10 @@ def study(
     """
     if where["scheduler"] and where["executor"] != "dask":
         raise click.UsageError("--scheduler: belongs to --executor dask.")
-    store_file, page_file = common.outputs(output or file.stem, ".sqlite", ".html")
     from truestroke.studies import study as studies
 
     asked = studies.load(file, runs)
+    store_file, page_file = common.outputs(output or file.stem, ".sqlite", ".html")
     studies.first(asked, range(asked.runs))  # a setting out of its bounds is reported before the file belongs to it
     try:
         with studies.Store(store_file, asked) as store:

@@ -213,7 +213,7 @@ class Recording(Signals, Mapping[str, Array]):
 
         with files.reading(path, lambda reason: RecordingError(f"{path}: {reason}")):
             if not h5py.is_hdf5(path):
-                raise RecordingError(f"{path}: not an HDF5 file")
+                raise RecordingError(f"{path}: not an HDF5 file; `truestroke examine` reads other records")
             with hdf5.opened(path) as file:
                 return cls._read(file, path)
 

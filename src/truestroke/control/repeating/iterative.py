@@ -423,7 +423,7 @@ class Learned(Displayed):
             findings.append(("bad", "No pass was better than the first one: measure the dynamics again."))
         elif not at_the_noise(best, NEAR) and best.rmse > FINE * np.ptp(self.learning.desired):
             text = (
-                f"The error is {best.rmse / best.noise:.2g} times the noise of a pass" if best.noise else "It is not 0"
+                f"The error is {best.rmse / best.noise:.3g} times the noise of a pass" if best.noise else "It is not 0"
             )
             more = (
                 "more passes will lower it" if best.expected < SLOW * best.rmse else "more passes will hardly lower it"

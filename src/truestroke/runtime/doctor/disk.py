@@ -9,6 +9,7 @@ import tempfile
 import time
 from pathlib import Path
 
+from truestroke.base import system
 from truestroke.base.system import Memory
 from truestroke.runtime.doctor.finding import Finding, Level
 
@@ -45,7 +46,11 @@ def _disk(folder: Path, needed: float) -> list[Finding]:
             return [_room(folder, needed), _speed(Path(scratch)), _swmr(Path(scratch))]
     except OSError as error:
         found = f"{folder}: {error.strerror or error}"
-        command = f"mkdir -p {folder}" if not folder.exists() else "choose another folder in [recording]"
+        command = (
+            system.command_line(*system.MAKE_FOLDER, folder)
+            if not folder.exists()
+            else "choose another folder in [recording]"
+        )
         why = "the recording grows while the run goes on"
         return [Finding(PART, "folder", why, found=found, level=Level.MISSING, command=command, required=True)]
 
