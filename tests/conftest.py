@@ -87,6 +87,13 @@ def _pages_say_one_micrometre(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(files, "write", checked)
 
 
+@pytest.fixture
+def empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The current one, for a test whose command writes files."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
 DRAWN: set[object] = set()
 
 

@@ -26,17 +26,14 @@ from truestroke.signals.recording import Recording
 from truestroke.signals.trajectories import random_wave
 from truestroke.studies.compare import Rival
 
+pytestmark = pytest.mark.usefixtures("empty_folder")
+
 COMMAND = Path(sys.executable).with_name("truestroke")
 SHORT = ["track", "--duration", "2"]
 
 
 def call(*arguments: str) -> Result:
     return CliRunner().invoke(main, list(arguments))
-
-
-@pytest.fixture(autouse=True)
-def _in_an_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
 
 
 @pytest.fixture

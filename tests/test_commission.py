@@ -25,14 +25,9 @@ from truestroke.runtime.drivers import OneAxis, SimulatedDriver, SimulatedSettin
 from truestroke.runtime.realtime import config
 from truestroke.signals.timing import Timing
 
-pytestmark = pytest.mark.usefixtures("each_picture_once")
+pytestmark = pytest.mark.usefixtures("each_picture_once", "empty_folder")
 COMMAND = Path(sys.executable).with_name("truestroke")
 LIMITS = (-0.6, 3.6)
-
-
-@pytest.fixture(autouse=True)
-def _folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
 
 
 # ---- The first resonance -------------------------------------------------------------------------------------------

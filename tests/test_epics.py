@@ -44,6 +44,8 @@ from truestroke.runtime.realtime import (
 )
 from truestroke.signals.trajectories import sine
 
+pytestmark = pytest.mark.usefixtures("empty_folder")
+
 COMMAND = Path(sys.executable).with_name("truestroke")
 LIMITS = (-0.6, 3.6)
 WAVE = sine(frequency=8.0, peak_to_peak=20.0, duration=1.0)
@@ -62,11 +64,6 @@ voltage_limits = [-0.6, 3.6]
 slew = 400.0
 trajectory = { kind = "sine", frequency = 4.0, peak_to_peak = 10.0, duration = 60.0 }
 """
-
-
-@pytest.fixture(autouse=True)
-def _in_an_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
 
 
 @pytest.fixture(autouse=True)

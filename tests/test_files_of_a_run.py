@@ -22,6 +22,8 @@ from truestroke.runtime.drivers import DriverError, Fault, SimulatedDriver, Simu
 from truestroke.runtime.realtime import Axis, RealtimeSettings, run_realtime
 from truestroke.signals.trajectories import sine
 
+pytestmark = pytest.mark.usefixtures("empty_folder")
+
 FAKES = Path(__file__).with_name("fakes")
 
 
@@ -33,11 +35,6 @@ def bad_disk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     library = tmp_path_factory.mktemp("disk") / "bad_disk.so"
     subprocess.run([compiler, "-shared", "-fPIC", "-o", library, FAKES / "bad_disk.c", "-ldl"], check=True)
     return library
-
-
-@pytest.fixture(autouse=True)
-def _here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
 
 
 def environment(library: Path) -> dict[str, str]:

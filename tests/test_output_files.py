@@ -18,10 +18,7 @@ from truestroke.cli.common import in_words_of
 from truestroke.signals.recording import Channel
 from truestroke.studies.study.config import example
 
-
-@pytest.fixture(autouse=True)
-def _here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
+pytestmark = pytest.mark.usefixtures("empty_folder")
 
 
 def record(rows: int = 1200) -> None:

@@ -37,11 +37,6 @@ LIMITS, SLEW = (-0.6, 3.6), 400.0
 PATIENT = RealtimeSettings(overrun_streak=0, watchdog_timeout=20.0)  # a busy machine is late by ms and more
 
 
-@pytest.fixture(autouse=True)
-def _in_an_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-
-
 def axis(wave: Trajectory, name: str = "axis") -> Axis:
     rate = wave.sample_rate
     controller = AdaptiveController(sample_rate=rate, stroke=30.0, voltage_limits=LIMITS, slew_limit=SLEW)
@@ -441,6 +436,8 @@ FOREIGN = """
 from dataclasses import dataclass
 from truestroke.runtime.drivers import SimulatedDriver, SimulatedSettings
 from truestroke.runtime.drivers.registry import package
+
+pytestmark = pytest.mark.usefixtures("empty_folder")
 
 @dataclass(frozen=True, kw_only=True)
 class StageSettings:

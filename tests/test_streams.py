@@ -12,6 +12,8 @@ import pytest
 
 from truestroke.base import interrupts
 
+pytestmark = pytest.mark.usefixtures("empty_folder")
+
 COMMAND = str(Path(sys.executable).with_name("truestroke"))
 CONFIG = """
 [driver]
@@ -33,11 +35,6 @@ watchdog_timeout = 20.0
 file = "run.h5"
 """
 STREAMS = {"unread": "| true", "closed": ">&-", "all closed": "<&- >&- 2>&-"}
-
-
-@pytest.fixture(autouse=True)
-def _in_an_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
 
 
 def shell(line: str) -> tuple[int, str]:

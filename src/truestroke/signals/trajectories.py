@@ -164,8 +164,8 @@ def smoothstep_curvature(u: FloatArray) -> FloatArray:
     return 60.0 * u * (1.0 - u) * (1.0 - 2.0 * u)
 
 
-def _ramped(time: FloatArray, motion: Motion, ramp: float) -> Motion:
-    """The same arrays, with the ramp in them."""
+def ramped(time: FloatArray, motion: Motion, ramp: float) -> Motion:
+    """The same arrays, of a motion that builds up from 0 um in `ramp`, s."""
     position, velocity, acceleration = motion
     if ramp == 0:
         return motion
@@ -239,13 +239,13 @@ def sine(
     (2000, 20.0, 251.3274)
     """
     time = _ticks(duration, sample_rate, ramp)
-    omega = 2 * math.pi * _frequency(frequency, sample_rate)
+    omega = 2 * math.pi * below_nyquist("frequency", frequency, sample_rate)
     amplitude = checks.positive("peak_to_peak", peak_to_peak, "um") / 2
     centre = amplitude if offset is None else checks.number("offset", offset, "um")
     swing = np.sin(omega * time)
     motion = centre + amplitude * swing, omega * amplitude * np.cos(omega * time), -(omega**2) * amplitude * swing
     settings = {"frequency": frequency, "peak_to_peak": peak_to_peak, "offset": centre, "ramp": ramp}
-    return _made("sine", sample_rate, _ramped(time, motion, ramp), settings)
+    return _made("sine", sample_rate, ramped(time, motion, ramp), settings)
 
 
 def triangle(
@@ -286,14 +286,14 @@ def triangle(
     if speed is None:
         speed = 2 * span * checks.positive("frequency", frequency, "Hz")
     speed = checks.positive("speed", speed, "um/s")
-    cycles = _frequency(speed / (2 * span), sample_rate)  # per second
+    cycles = below_nyquist("frequency", speed / (2 * span), sample_rate)  # per second
     centre = span / 2 if offset is None else checks.number("offset", offset, "um")
     cycle = np.mod(cycles * np.arange(time.size), sample_rate) / sample_rate  # corners on a tick stay there
     position = centre + span * (0.5 - np.abs(2 * cycle - 1))
     motion = position, np.where(cycle < 0.5, speed, -speed), np.zeros_like(position)
     settings: dict[str, object] = {"speed": speed, "frequency": cycles, "peak_to_peak": span}
     settings |= {"offset": centre, "ramp": ramp}
-    return _made("triangle", sample_rate, _ramped(time, motion, ramp), settings)
+    return _made("triangle", sample_rate, ramped(time, motion, ramp), settings)
 
 
 def raster(
@@ -341,7 +341,7 @@ def raster(
     (0.388, 14.59)
     """
     time = _ticks(duration, sample_rate, ramp)
-    cycles = _frequency(frequency, sample_rate)
+    cycles = below_nyquist("frequency", frequency, sample_rate)
     span = checks.positive("peak_to_peak", peak_to_peak, "um")
     centre = span / 2 if offset is None else checks.number("offset", offset, "um")
     share, course = _turn(turn, cycles)
@@ -362,7 +362,7 @@ def raster(
     settings |= {"line": 2 * edge, "speed": speed, "offset": centre, "ramp": ramp}
     if isinstance(turn, Dynamics):
         settings["resonance"] = turn.modes[0].frequency
-    return _made("raster", sample_rate, _ramped(time, motion, ramp), settings, ~turning & (time >= ramp))
+    return _made("raster", sample_rate, ramped(time, motion, ramp), settings, ~turning & (time >= ramp))
 
 
 def _turn(turn: float | Dynamics, frequency: float) -> tuple[float, Move]:
@@ -462,7 +462,7 @@ def step(
         settings |= {"shape": shape, "resonance": settle.modes[0].frequency}
         settings |= {name: limit if math.isfinite(limit) else None for name, limit in limits.items()}
     settings["ramp"] = ramp
-    return _made("step", sample_rate, _ramped(time, motion, ramp), settings)
+    return _made("step", sample_rate, ramped(time, motion, ramp), settings)
 
 
 def _limit(name: str, value: float, unit: str) -> float:
@@ -521,11 +521,12 @@ def staircase(
     return _made("staircase", sample_rate, (position, velocity, acceleration), settings)
 
 
-def _frequency(frequency: float, sample_rate: float) -> float:
-    frequency = checks.positive("frequency", frequency, "Hz")
-    if frequency >= sample_rate / 2:
-        raise SettingError("frequency", frequency, f"below half of the sample rate, {sample_rate / 2:g} Hz", "Hz")
-    return frequency
+def below_nyquist(argument: str, frequency: object, sample_rate: float) -> float:
+    """A frequency above 0 and below half of the sample rate, Hz."""
+    result = checks.positive(argument, frequency, "Hz")
+    if result >= sample_rate / 2:
+        raise SettingError(argument, frequency, f"below half of the sample rate, {sample_rate / 2:g} Hz", "Hz")
+    return result
 
 
 # ---- The paper's random waves --------------------------------------------------------------------------------------
@@ -648,7 +649,7 @@ def _placed(time: FloatArray, motion: Motion, low: float, span: float, ramp: flo
     position = z - after.min()
     position *= scale
     position += low
-    return _ramped(time, (position, scale * zdot, scale * zddot), ramp)
+    return ramped(time, (position, scale * zdot, scale * zddot), ramp)
 
 
 # ---- From a file, and as it comes ----------------------------------------------------------------------------------
@@ -738,7 +739,7 @@ def from_csv(
     checks.within("ramp", ramp, 0.0, z.size / rate / 2, "s")
     settings: dict[str, object] = {"path": str(path), "position": position, "time": time, "velocity": velocity}
     settings |= {"acceleration": acceleration if given else ESTIMATED, "unit": unit, "ramp": ramp}
-    return _made("file", rate, _ramped(seconds, (z, zdot, zddot), ramp), settings)
+    return _made("file", rate, ramped(seconds, (z, zdot, zddot), ramp), settings)
 
 
 class VelocityEstimator:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -14,7 +15,7 @@ from truestroke.base.typing import FloatArray
 from truestroke.model.dynamics import EXPECTED, Dynamics
 from truestroke.signals import shaping, trajectories
 from truestroke.signals.scans.scan import Scan, table
-from truestroke.signals.shaping import Motion
+from truestroke.signals.shaping import Motion, Move
 from truestroke.signals.trajectories import Trajectory
 
 MOST = 10**8  # ticks of a scan
@@ -114,68 +115,58 @@ def raster(
     starts = np.column_stack([first, first + line + tau]).ravel()
     rows = np.repeat(np.arange(lines), 2)
     made = table(starts, starts + line - 2 * margin, rows, np.tile([1, -1], lines), sample_rate)
-    y = _slow(
-        slow,
-        settle,
-        x.time,
-        lead / rate,
-        (early, lines),
-        rate,
-        (tau, margin),
-        centre[1] - height / 2,
-        height / lines,
-        ramp,
-    )
+    on = _Rows(lead / rate, rate, early, lines, tau, margin)
+    even = checks.one_of("slow", slow, ("steps", "ramp")) == "ramp"
+    place, speed, change = on.even(x.time) if even else on.steps(x.time, settle)
+    pitch = height / lines
+    y = centre[1] - height / 2 + pitch * (place + 0.5), pitch * speed, pitch * change
     settings: dict[str, object] = {"rate": rate, "period": 1 / rate, "rows": lines, "lead_in": lead, "slow": slow}
     settings |= {"over_scan": over, "turn": x.settings["turn"], "turn_time": tau, "line_time": line - 2 * margin}
     origin = (centre[0] - width / 2, centre[1] - height / 2)
-    slow_axis = _axis(slow, sample_rate, y, settings)
+    slow_axis = _axis(slow, sample_rate, trajectories.ramped(x.time, y, ramp), settings)
     return Scan("raster", x, slow_axis, origin, (width, height), made, settings)
 
 
-def _slow(
-    slow: str,
-    settle: Dynamics | None,
-    time: FloatArray,
-    begin: float,
-    rows: tuple[int, int],
-    rate: float,
-    turn: tuple[float, float],
-    low: float,
-    pitch: float,
-    ramp: float,
-) -> Motion:
-    """The slow axis of a raster, on row 0 at `begin`, s; `rows` before it and from there on.
+@dataclass(frozen=True)
+class _Rows:
+    """When the slow axis of a raster is where: row 0 begins at `begin`, s, and `early` rows are passed before it.
 
-    A `turn` takes so long, and the over-scan at each of its ends, s: a step has the time of all three.
+    Between two lines are a `turn` of the fast axis and the over-scan at its ends, a `margin` each, s.
     """
-    (early, rows_on), (tau, margin) = rows, turn
-    pause = tau + 2 * margin
-    if checks.one_of("slow", slow, ("steps", "ramp")) == "ramp":
-        u = (time - begin) * rate + 1 + early  # the period before the first row accelerates
+
+    begin: float
+    rate: float
+    early: int
+    rows: int
+    turn: float
+    margin: float
+
+    def even(self, time: FloatArray) -> Motion:
+        """At constant speed, after a period in which it accelerates; in rows, each passed at its middle."""
+        u = (time - self.begin) * self.rate + 1 + self.early
         speed, change = trajectories.smoothstep(u)
-        place, speed, change = (
-            _integral(u) - 1.0 - early,
-            rate * speed,
-            rate**2 * change,
-        )  # a row is passed at its middle
-        motion = low + pitch * (place + 0.5), pitch * speed, pitch * change
-    else:
+        return _integral(u) - 1.0 - self.early, self.rate * speed, self.rate**2 * change
+
+    def steps(self, time: FloatArray, settle: Dynamics | None) -> Motion:
+        """From row to row between two lines; in rows."""
+        move = self._move(settle)
+        number = np.floor((time - self.begin - self.margin) * self.rate)  # of the row, from its trace on
+        since = time - self.begin - (number + 1) / self.rate + self.turn + self.margin
+        stepping = (number >= -self.early) & (number < self.rows - 1)
+        s, velocity, acceleration = (np.where(stepping, one, 0.0) for one in move.at(np.maximum(since, 0.0)))
+        return np.clip(number, -self.early, self.rows - 1) + s, velocity, acceleration
+
+    def _move(self, settle: Dynamics | None) -> Move:
+        """A step, which has the time between two lines."""
+        pause = self.turn + 2 * self.margin
         if settle is None:
-            move_of = shaping.minimum_jerk(pause)
-        else:
-            move_of = shaping.settling_move(checks.instance("settle", settle, Dynamics, EXPECTED))
-        if move_of.duration > pause * 1.0001:
+            return shaping.minimum_jerk(pause)
+        move = shaping.settling_move(checks.instance("settle", settle, Dynamics, EXPECTED))
+        if move.duration > pause * 1.0001:
             bound = f"dynamics whose steps take at most {1000 * pause:.3g} ms, the time between two lines, not"
-            bound += f" {1000 * move_of.duration:.3g} ms: give longer turns (`turn`), more over_scan, or slow='ramp'"
+            bound += f" {1000 * move.duration:.3g} ms: give longer turns (`turn`), more over_scan, or slow='ramp'"
             raise SettingError("settle", settle, bound)
-        number = np.floor((time - begin - margin) * rate)  # of the row, from its trace on
-        since = time - begin - (number + 1) / rate + tau + margin
-        stepping = (number >= -early) & (number < rows_on - 1)
-        s, velocity, acceleration = (np.where(stepping, one, 0.0) for one in move_of.at(np.maximum(since, 0.0)))
-        place = np.clip(number, -early, rows_on - 1) + s
-        motion = low + pitch * (place + 0.5), pitch * velocity, pitch * acceleration
-    return trajectories._ramped(time, motion, ramp)
+        return move
 
 
 def _integral(u: FloatArray) -> FloatArray:
@@ -255,7 +246,7 @@ def spiral(
         number = checks.count("pitch: turns", math.ceil(diameter / 2 / checks.positive("pitch", pitch, "um")), 1, 10**6)
     step = diameter / 2 / number
     sample_rate = checks.positive("sample_rate", sample_rate, "Hz")
-    rotation = trajectories._frequency(checks.positive("rotation", rotation, "Hz"), sample_rate)
+    rotation = trajectories.below_nyquist("rotation", rotation, sample_rate)
     linear = checks.one_of("velocity", velocity, ("angular", "linear")) == "linear"
     ramp = checks.within("ramp", ramp, 0.0, 3600.0, "s")
     lead = checks.within("lead_in", lead_in, ramp, 3600.0, "s")
@@ -275,7 +266,7 @@ def spiral(
     settings: dict[str, object] = {"rotation": rotation, "velocity": velocity, "pitch": step, "turns": number}
     settings |= {"lead_in": lead}
     x, y = (
-        _axis("spiral", sample_rate, trajectories._ramped(time, (c + part(z), part(zdot), part(zddot)), ramp), settings)
+        _axis("spiral", sample_rate, trajectories.ramped(time, (c + part(z), part(zdot), part(zddot)), ramp), settings)
         for c, part in zip(centre, (np.real, np.imag), strict=True)
     )
     edges = lead + course.times(np.linspace(0.0, 2 * math.pi * number, number + 1))
@@ -458,7 +449,7 @@ def cycloid(
         -(omega**2) * turned.imag + step * rate * change / (lead / 2),
     )
     settings = {"rate": rate, "period": 1 / rate, "pitch": step}
-    axes = [_axis("cycloid", sample_rate, trajectories._ramped(time, motion, ramp), settings) for motion in (x, y)]
+    axes = [_axis("cycloid", sample_rate, trajectories.ramped(time, motion, ramp), settings) for motion in (x, y)]
     starts = lead + np.arange(2.0 * periods) / (2 * rate)
     made = _sweeps(starts, rate, first=-1, sample_rate=sample_rate, duration=duration)
     origin = (centre[0] - radius, centre[1] - height / 2)
