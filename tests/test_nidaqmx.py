@@ -595,7 +595,7 @@ safe_voltage = 0.25
     done = CliRunner().invoke(main, [*words.split(), "--config", "learn.toml", "--json"])
     assert card.volts[0] == SAFE[0]
     if fault:
-        assert done.exit_code == 1
+        assert done.exit_code == 12
         assert "learned.csv has the best waveform so far" in done.stderr
         assert truestroke.load_waveform("learned.csv").volts.size == 100
         return

@@ -56,8 +56,6 @@ def bode(config: Path | None, output: str, plots: Path | None, as_json: bool, **
             found = _measured(actuator, limits, options, as_json)
     except truestroke.DynamicsError as error:
         return _failed(str(error), as_json)
-    except truestroke.DriverError as error:
-        return common.complain(str(error), ExitCode.DRIVER)
     code = _reported(found, limits, model_file, page_file, plots, as_json)
     if not as_json:
         common.print_simulated(config)

@@ -54,8 +54,6 @@ def commission(config: Path, output: str, yes: bool, loop_back: bool, as_json: b
         found = _measured(axis, table, yes, as_json)
     except truestroke.AnswerError as error:
         return _failed(str(error), as_json)
-    except truestroke.DriverError as error:
-        return common.complain(str(error), ExitCode.DRIVER)
     return _told(found, config, page, as_json)
 
 

@@ -130,12 +130,21 @@ class Commands(click.Group):
         except SettingError as error:
             return self._failed(str(error), ExitCode.USAGE)
         except (click.ClickException, TruestrokeError) as error:
-            return self._failed(str(error), ExitCode.FAILED)
+            return self._failed(str(error), _code_of(error))
         except OSError as error:
             return self._failed(f"{error.filename or 'file'}: {error.strerror or error}", ExitCode.FAILED)
         except (click.Abort, KeyboardInterrupt):
             code = system.exit_code(stopped[0]) if stopped else ExitCode.INTERRUPTED
             return complain("terminated" if stopped else "interrupted", code)
+
+
+def _code_of(error: BaseException | None) -> int:
+    """Of an error, or of what it came from: that of the hardware is another one, for scripts that wait for it."""
+    while error is not None:
+        if isinstance(error, truestroke.DriverError):
+            return ExitCode.DRIVER
+        error = error.__cause__
+    return ExitCode.FAILED
 
 
 @contextmanager

@@ -73,8 +73,6 @@ def learn(
     given = {key: options[key] for key in ("passes", "bandwidth", "averaged")}
     given["dynamics"] = options["dynamics"] and truestroke.Dynamics.load(options["dynamics"])
     given["model"] = options["model"] and truestroke.load_model(options["model"])
-    if not as_json:
-        click.echo(f"{'pass':>4}  {'rmse':>10}  {'of p-p':>8}  {'maximum':>10}  {'noise':>9}")
     shown = _watched(driver, config, limits, rate) if live and config else nullcontext(driver)
     try:
         with shown as driver:
@@ -193,9 +191,13 @@ def _reporter(target: Path, as_json: bool) -> Callable[[Learned], None]:
     """Writes the best waveform after each pass, so that no fault loses it, and prints the pass."""
     from truestroke.report import learning
 
+    heads = [f"{'pass':>4}  {'rmse':>10}  {'of p-p':>8}  {'maximum':>10}  {'noise':>9}"]
+
     def report(found: Learned) -> None:
         truestroke.save_waveform(target, waveforms.learned(found))
         if not as_json:
+            if heads:
+                click.echo(heads.pop())
             number, rmse, share, maximum, noise, remark = (cell.replace("µ", "u") for cell in learning.rows(found)[-1])
             click.echo(f"{number:>4}  {rmse:>10}  {share:>8}  {maximum:>10}  {noise:>9}  {remark.replace('best', '')}")
             sys.stdout.flush()

@@ -58,10 +58,7 @@ def close_the_loop(
     """Run the configuration, and print the result; the exit code."""
     from truestroke.signals import judgement
 
-    try:
-        done = follow(command, config, job, output, overwrite, as_json, server)
-    except truestroke.DriverError as error:
-        return common.complain(str(error), ExitCode.DRIVER)
+    done = follow(command, config, job, output, overwrite, as_json, server)
     code = code_of(done.outcome, judgement.worst(done.verdicts))
     if as_json:
         common.print_json(as_dict(done, code))

@@ -128,7 +128,7 @@ def _on_hardware(
     config: Path, output: str | None, endings: tuple[str, ...], live: bool, plots: Path | None, as_json: bool
 ) -> int:
     """Run the axes along the scan, record the signal, and make its images; the exit code."""
-    from truestroke import DriverError, ImageError
+    from truestroke import ImageError
     from truestroke.base.verdict import Verdict
     from truestroke.runtime.realtime import config as configuration
     from truestroke.signals import judgement
@@ -143,11 +143,8 @@ def _on_hardware(
         raise click.UsageError(f"{config} has no table [scan]: add one, or follow its motion by truestroke run.")
     page_file, recording = common.outputs(output or str(job.file), ".html", ".h5")
     _check_images(page_file, endings)
-    try:
-        command, server = ("scan --live", job.live) if live else ("scan", None)
-        done = realtime.follow(command, config, job, recording, files.replacing(), as_json, server)
-    except DriverError as error:
-        return common.complain(str(error), ExitCode.DRIVER)
+    command, server = ("scan --live", job.live) if live else ("scan", None)
+    done = realtime.follow(command, config, job, recording, files.replacing(), as_json, server)
     if done.outcome.reason:
         common.complain(done.outcome.reason)
     try:

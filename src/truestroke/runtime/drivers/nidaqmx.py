@@ -535,4 +535,4 @@ def _naming(call: str) -> Iterator[None]:
         hint = f" ({HINTS[error.error_code]})" if error.error_code in HINTS else ""
         raise DriverError(f"{call}: NI-DAQmx {error.error_code}: {text}{hint}") from error
     except Error as error:  # the library of NI is not there, or too old
-        raise DriverError(f"{call}: {error}") from error
+        raise DriverError(f"{call}: {error} `truestroke doctor` has the command that installs it.") from error
