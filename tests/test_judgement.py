@@ -398,10 +398,11 @@ def test_a_run_whose_supervision_is_off_ends_with_its_verdict(tmp_path):
     assert told["reasons"] == list(judgement.judge(Recording.load(tmp_path / "run.h5")).reasons)
 
 
-def test_a_motion_at_rest_has_no_share_of_peak_to_peak() -> None:
-    """In the table of the terminal and of the page; it was "inf %"."""
+@pytest.mark.parametrize("begun", [0.0, 1e-9])
+def test_a_motion_at_rest_has_no_share_of_peak_to_peak(begun: float) -> None:
+    """In the table of the terminal and of the page; it was "inf %", and of one that ended at once 148338011783.28 %."""
     from truestroke.report import words
 
-    rest = np.full(4000, 5.0)
+    rest = np.linspace(5.0, 5.0 + begun, 4000)
     cells = [cell for _, row in words.table(judgement.summary(made(rest + 0.01 * NOISE[:4000], rest))) for cell in row]
     assert [share for _, share in cells] == ["-", "-"]

@@ -177,6 +177,15 @@ def test_no_sensor_leaves_the_model(tmp_path: Path) -> None:
         assert axes.reading("z") == 5.0
 
 
+@pytest.mark.parametrize(
+    ("more", "what"), [("period = 0.02\n", "axis.period = 0.02 s"), ("[coupled]\n", "coupled = a table")]
+)
+def test_what_needs_a_motion_that_is_known_ahead_is_refused(tmp_path: Path, more: str, what: str) -> None:
+    """It was passed over without a word."""
+    with pytest.raises(SettingError, match=f"{what}: must be left out: another program moves the axes"):
+        config.movable(configuration(tmp_path, "z", more=more))
+
+
 def test_a_fault_of_the_hardware_ends_at_the_safe_voltage(tmp_path: Path) -> None:
     _, given = config.movable(configuration(tmp_path, "z"))
     faulty = SimulatedDriver(SimulatedSettings(sample_rate=10000.0, faults=(Fault(kind="error", at=10),)))

@@ -1,6 +1,5 @@
 """Sentences on a recording: shared by the page and the command line."""
 
-import math
 from collections.abc import Iterable, Mapping
 from datetime import UTC, datetime
 from typing import Any
@@ -16,6 +15,7 @@ from truestroke.signals.judgement import settings as _settings
 from truestroke.signals.metrics import TrackingSummary
 from truestroke.signals.recording import Recording, versions
 
+SENSELESS = 1e4  # % of peak-to-peak and more: the motion has hardly begun
 NAMES = {
     "AdaptiveController": "the adaptive inverse controller",
     "paper": "the adaptive inverse controller of the paper, to the letter",
@@ -140,7 +140,7 @@ def table(summary: TrackingSummary) -> list[tuple[str, list[tuple[str, str]]]]:
 
     def cell(what: str) -> tuple[str, str]:
         share = float(found[f"{what}_percent"] or 0.0)
-        return f"{found[f'{what}_um']:.4f}", f"{share:.2f} %" if math.isfinite(share) else "-"
+        return f"{found[f'{what}_um']:.4f}", f"{share:.2f} %" if share < SENSELESS else "-"
 
     return [(row, [cell(f"{kind}_{row}") for kind in kinds(summary)]) for row in ("rmse", "maximum")]
 

@@ -38,6 +38,7 @@ MOTIONS = {
 }
 OWN = ("sample_rate", "voltage_limits", "slew_limit", "stroke", "resonance")
 """Members of `ControllerSettings` that other keys replace."""
+AHEAD = "left out: another program moves the axes, and their motion is not known ahead"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -291,15 +292,19 @@ def movable(path: str | os.PathLike[str]) -> tuple[Driver, tuple[Movable, ...]]:
     Raises
     ------
     SettingError, OSError
-        As `load`.
+        As `load`; or it has [coupled] or a period, which need a motion that is known ahead.
     """
     with _document(path) as document:
+        if "coupled" in document:
+            raise SettingError("coupled", "a table", AHEAD)
         made, rate = driver(toml.value("driver", toml.needed(document, "driver"), Mapping))
         given = toml.value("axis", toml.needed(document, "axis"), tuple[Mapping[str, Any], ...])
         axes = []
         for place, one in _placed(given):
             with checks.inside(place):
                 table = toml.decode(AxisTable, one, elsewhere=_places())
+                if table.period is not None:
+                    raise SettingError("period", table.period, AHEAD, "s")
                 controller = _controller(table, rate, Path(path).parent)
                 if not isinstance(controller, AdaptiveController):
                     raise SettingError("controller", repr(table.controller), '"adaptive"')
