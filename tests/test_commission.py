@@ -204,6 +204,13 @@ def test_comments_stay_and_no_backup_is_overwritten() -> None:
     assert sorted(path.name for path in Path().iterdir()) == ["run.toml", "run.toml.bak", "run.toml.bak1"]
 
 
+def test_a_configuration_in_utf_16_is_changed_and_its_backup_is_as_it_was() -> None:
+    Path("run.toml").write_text(config.example(), encoding="utf-16")
+    before = Path("run.toml").read_bytes()
+    assert write(Path("run.toml"), {("axis", "stroke"): (25.0, "um")}).read_bytes() == before
+    assert tomllib.loads(Path("run.toml").read_text(encoding="utf-8"))["axis"][0]["stroke"] == 25.0
+
+
 # ---- The command ---------------------------------------------------------------------------------------------------
 
 

@@ -221,6 +221,13 @@ def test_a_configuration_that_is_no_toml_is_shown_its_line(file: bytes, words: s
     assert words in said
 
 
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16"])
+def test_a_configuration_may_be_of_an_editor_of_windows(encoding: str) -> None:
+    """PowerShell writes `truestroke run --example > stage.toml` in UTF-16."""
+    Path("run.toml").write_text(config.example(), encoding=encoding, newline="\r\n")
+    assert config.load("run.toml").axes[0].slew == 400.0
+
+
 def test_a_recording_needs_no_name() -> None:
     made = document()
     del made["recording"]

@@ -3,6 +3,7 @@
 `text` writes a value.
 """
 
+import codecs
 import dataclasses
 import inspect
 import json
@@ -44,14 +45,29 @@ def read(path: str | os.PathLike[str]) -> dict[str, Any]:
     OSError
         It cannot be read.
     """
-    try:
-        text = Path(path).read_text(encoding="utf-8")
-    except UnicodeDecodeError:
-        raise SettingError("the file", "other bytes than those of text", "TOML, in UTF-8") from None
+    text = source(path)
     try:
         return tomllib.loads(text)
     except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise _no_toml(text, str(error)) from None
+
+
+def source(path: str | os.PathLike[str]) -> str:
+    """The text of a TOML file, also with the marks of editors of Windows; PowerShell writes `command > FILE` in UTF-16.
+
+    Raises
+    ------
+    SettingError
+        It is no text.
+    OSError
+        It cannot be read.
+    """
+    data = Path(path).read_bytes()
+    wide = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+    try:
+        return data.decode("utf-16" if wide else "utf-8-sig")
+    except UnicodeDecodeError:
+        raise SettingError("the file", "other bytes than those of text", "TOML, in UTF-8") from None
 
 
 def _no_toml(text: str, reason: str) -> SettingError:

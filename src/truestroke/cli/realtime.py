@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import click
 
 import truestroke
-from truestroke.base import system
+from truestroke.base import system, toml
 from truestroke.base.exit_codes import ExitCode
 from truestroke.base.files import beside
 from truestroke.base.verdict import Verdict
@@ -91,7 +91,7 @@ def follow(
 
     show: Literal["live", "lines"] | None = None if as_json else "live" if sys.stderr.isatty() else "lines"
     called = system.command_line("truestroke", *command.split(), "--config", config)
-    about = {"command": called, "config": config.read_text(encoding="utf-8")}
+    about = {"command": called, "config": toml.source(config)}
     options: dict[str, Any] = {"settings": job.settings, "about": about, "overwrite": overwrite, "show": show}
     file = job.file if output is None else output
     for path in names_of(file, job.axes, overwrite):

@@ -9,7 +9,7 @@ from datetime import date
 from pathlib import Path
 from typing import Any
 
-from truestroke.base import files
+from truestroke.base import files, toml
 from truestroke.base.checks import SettingError
 from truestroke.base.verdict import Verdict
 from truestroke.runtime.commissioning.procedure import Range, Small
@@ -228,22 +228,21 @@ def write(path: Path, changes: Changes) -> Path:
         It cannot be changed; it is as it was.
     """
     path = path.resolve()
-    old = path.read_bytes().decode("utf-8")
-    new = changed(old, changes)
-    backup = _beside(path, old)
+    new = changed(toml.source(path), changes)
+    backup = _beside(path, path.read_bytes())
     with files.writing(path, CONFIGURATION) as draft:
         draft.write_text(new, encoding="utf-8", newline="")
     return backup
 
 
-def _beside(path: Path, text: str) -> Path:
+def _beside(path: Path, data: bytes) -> Path:
     """A copy under a name that no file had."""
     number = 0
     while True:
         backup = path.with_name(f"{path.name}.bak{number or ''}")
         try:
-            with backup.open("x", encoding="utf-8", newline="") as file:
-                file.write(text)
+            with backup.open("xb") as file:
+                file.write(data)
                 file.flush()
                 os.fsync(file.fileno())
             return backup
