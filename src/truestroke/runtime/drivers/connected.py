@@ -12,6 +12,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from truestroke.base import checks
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
 from truestroke.runtime.drivers.paced import require_time
@@ -23,6 +24,26 @@ __all__ = ["ConnectedDriver"]
 SAME = 1e-3  # of the output range: what a voltage may differ by where the instrument reports it
 PATIENCE = 5.0  # time-outs for which a connection is tried again on the way to the safe voltage
 AGAIN = 0.1  # s between two such trials
+
+
+def check(settings: Any) -> None:
+    """The settings that all instruments with axes, units and a connection share; `output_range` becomes a pair.
+
+    Raises
+    ------
+    SettingError
+        Names the setting, its value, the bound and the unit.
+    """
+    names = settings.axes
+    if isinstance(names, str) or not names or len(set(names)) < len(names):
+        raise SettingError("axes", repr(names), 'a list of different names such as ["1"]')
+    object.__setattr__(settings, "output_range", checks.interval("output_range", settings.output_range, "V"))
+    for name, unit in (("volts_per_unit", "V"), ("um_per_unit", "um")):
+        if checks.number(name, getattr(settings, name), unit) == 0:
+            raise SettingError(name, getattr(settings, name), "not 0", unit)
+    checks.number("offset", settings.offset, "um")
+    checks.positive("sample_rate", settings.sample_rate, "Hz")
+    checks.positive("timeout", settings.timeout, "s")
 
 
 class ConnectedDriver(ABC):

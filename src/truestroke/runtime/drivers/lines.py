@@ -15,7 +15,7 @@ import numpy as np
 from truestroke.base import checks
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
-from truestroke.runtime.drivers.connected import SAME, ConnectedDriver
+from truestroke.runtime.drivers.connected import SAME, ConnectedDriver, check
 from truestroke.runtime.drivers.protocol import DriverError
 from truestroke.runtime.drivers.registry import package
 
@@ -121,15 +121,7 @@ class LineSettings:
     def __post_init__(self) -> None:
         if not self.resource:
             raise SettingError("resource", "''", "a VISA resource such as TCPIP::192.168.0.7::5025::SOCKET")
-        if isinstance(self.axes, str) or not self.axes or len(set(self.axes)) < len(self.axes):
-            raise SettingError("axes", repr(self.axes), 'a list of different names such as ["1"]')
-        object.__setattr__(self, "output_range", checks.interval("output_range", self.output_range, "V"))
-        for name, unit in (("volts_per_unit", "V"), ("um_per_unit", "um")):
-            if checks.number(name, getattr(self, name), unit) == 0:
-                raise SettingError(name, getattr(self, name), "not 0", unit)
-        checks.number("offset", self.offset, "um")
-        checks.positive("sample_rate", self.sample_rate, "Hz")
-        checks.positive("timeout", self.timeout, "s")
+        check(self)
         checks.count("baud_rate", self.baud_rate, 50, 12_000_000)
         self._check_texts()
 

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from truestroke.base import checks
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
-from truestroke.runtime.drivers.connected import ConnectedDriver
+from truestroke.runtime.drivers.connected import ConnectedDriver, check
 from truestroke.runtime.drivers.playback import Recorded
 from truestroke.runtime.drivers.protocol import DriverError
 from truestroke.runtime.drivers.registry import package
@@ -98,8 +98,7 @@ class PiSettings:
     timeout: float = 2.0
 
     def __post_init__(self) -> None:
-        if isinstance(self.axes, str) or not self.axes or len(set(self.axes)) < len(self.axes):
-            raise SettingError("axes", repr(self.axes), 'a list of different names such as ["1"]')
+        check(self)
         outputs = range(1, len(self.axes) + 1) if self.outputs is None else self.outputs
         if np.ndim(outputs) != 1 or len(outputs) != len(self.axes):
             raise SettingError("outputs", self.outputs, f"as many as axes, {len(self.axes)}")
@@ -108,16 +107,9 @@ class PiSettings:
         if self.limit_parameters is not None:
             low, high = (checks.count("limit_parameters", entry, 1, 2**32 - 1) for entry in self.limit_parameters)
             object.__setattr__(self, "limit_parameters", (low, high))
-        object.__setattr__(self, "output_range", checks.interval("output_range", self.output_range, "V"))
-        for name, unit in (("volts_per_unit", "V"), ("um_per_unit", "um")):
-            if checks.number(name, getattr(self, name), unit) == 0:
-                raise SettingError(name, getattr(self, name), "not 0", unit)
-        checks.number("offset", self.offset, "um")
-        checks.positive("sample_rate", self.sample_rate, "Hz")
         checks.count("port", self.port, 1, 65535)
         checks.count("samples_per_tick", self.samples_per_tick, 1, 1000)
         checks.count("points_per_command", self.points_per_command, 1, 1000)
-        checks.positive("timeout", self.timeout, "s")
 
 
 @dataclass(frozen=True)
