@@ -11,10 +11,12 @@ import click
 
 from truestroke.base import files
 from truestroke.base.exit_codes import ExitCode
+from truestroke.base.verdict import Verdict
 from truestroke.cli import common, realtime
 
 if TYPE_CHECKING:
     import truestroke
+    from truestroke.runtime.realtime.config import Job
     from truestroke.runtime.realtime.imaging import Imaging
     from truestroke.signals.scans import Image, Recorded
 
@@ -129,18 +131,9 @@ def _on_hardware(
 ) -> int:
     """Run the axes along the scan, record the signal, and make its images; the exit code."""
     from truestroke import ImageError
-    from truestroke.base.verdict import Verdict
-    from truestroke.runtime.realtime import config as configuration
     from truestroke.signals import judgement
 
-    context = click.get_current_context()
-    for name in SIMULATED:
-        if context.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE:
-            option = next(one.opts[0] for one in context.command.params if one.name == name)
-            raise click.UsageError(f"{option} is of the simulation: with --config the table [scan] has the motion.")
-    job = configuration.load(config)
-    if job.imaging is None:
-        raise click.UsageError(f"{config} has no table [scan]: add one, or follow its motion by truestroke run.")
+    job, imaging = _to_scan(config)
     page_file, recording = common.outputs(output or str(job.file), ".html", ".h5")
     _check_images(page_file, endings)
     command, server = ("scan --live", job.live) if live else ("scan", None)
@@ -148,13 +141,9 @@ def _on_hardware(
     if done.outcome.reason:
         common.complain(done.outcome.reason)
     try:
-        found = _recorded(job.imaging, done.recordings)
+        found = _recorded(imaging, done.recordings)
     except ImageError as error:
-        kept = ", ".join(map(str, done.outcome.files)) if done.outcome.ticks else "no file"
-        code = realtime.code_of(done.outcome, Verdict("bad"))
-        if as_json:
-            common.print_json({**realtime.as_dict(done, code), "images": []})
-        return common.complain(f"no image: {error}; what was recorded is in {kept}", code)
+        return _without_image(done, str(error), as_json)
     verdict = judgement.worst({**{f"axis {name}": one for name, one in done.verdicts.items()}, "image": found.verdict})
     code = realtime.code_of(done.outcome, verdict)
     written = _save_images(page_file, endings, list(found.images.values()), found.scan)
@@ -174,6 +163,30 @@ def _on_hardware(
     common.print_verdict(verdict)
     _print_files(page_file, written, plots)
     return code
+
+
+def _to_scan(config: Path) -> tuple[Job, Imaging]:
+    """What the configuration asks for; an error if it has no scan, or an option is of the simulation."""
+    from truestroke.runtime.realtime import config as configuration
+
+    context = click.get_current_context()
+    for name in SIMULATED:
+        if context.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE:
+            option = next(one.opts[0] for one in context.command.params if one.name == name)
+            raise click.UsageError(f"{option} is of the simulation: with --config the table [scan] has the motion.")
+    job = configuration.load(config)
+    if job.imaging is None:
+        raise click.UsageError(f"{config} has no table [scan]: add one, or follow its motion by truestroke run.")
+    return job, job.imaging
+
+
+def _without_image(done: realtime.Closed, why: str, as_json: bool) -> int:
+    """Of a run whose recordings make no image: where they are; the exit code."""
+    kept = ", ".join(map(str, done.outcome.files)) if done.outcome.ticks else "no file"
+    code = realtime.code_of(done.outcome, Verdict("bad"))
+    if as_json:
+        common.print_json({**realtime.as_dict(done, code), "images": []})
+    return common.complain(f"no image: {why}; what was recorded is in {kept}", code)
 
 
 def _recorded(imaging: Imaging, recordings: Mapping[str, truestroke.Recording]) -> Recorded:
