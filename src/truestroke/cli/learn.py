@@ -59,18 +59,11 @@ def learn(
 
     if live and config is None:
         raise click.UsageError("--live shows hardware or a simulated driver in real time: it needs --config.")
-    name = output.removesuffix(".csv")
-    (page_file,) = common.outputs(name, ".html")
+    (page_file,) = common.outputs(output.removesuffix(".csv"), ".html")
     target = common.to_write("--output", page_file.with_suffix(".csv"), files.WAVEFORM)
     model_file = common.to_write("--output", page_file.with_suffix(".toml"), files.MODEL)
     driver, limits, rate = _driven(config, options)
-    arguments = {
-        key: options[key] for key in ("frequency", "peak_to_peak", "offset", "turn") if options[key] is not None
-    }
-    if motion == "sine" and "turn" in arguments:
-        raise click.UsageError("--turn means nothing to a sine: leave it out.")
-    wave = getattr(truestroke.trajectories, motion)(sample_rate=rate, duration=_long(rate, options), **arguments)
-    given = {key: options[key] for key in ("passes", "bandwidth", "averaged")}
+    wave, given = _wave(motion, rate, options), {key: options[key] for key in ("passes", "bandwidth", "averaged")}
     given["dynamics"] = options["dynamics"] and truestroke.Dynamics.load(options["dynamics"])
     given["model"] = options["model"] and truestroke.load_model(options["model"])
     shown = _watched(driver, config, limits, rate) if live and config else nullcontext(driver)
@@ -94,6 +87,17 @@ def learn(
     common.print_files(waveform=target, model=model, page=page_file, pictures=plots)
     common.print_simulated(config)
     return ExitCode.of(found.verdict)
+
+
+def _wave(motion: str, rate: float, options: dict[str, Any]) -> truestroke.Trajectory:
+    """The motion that repeats, at the sample rate of what is driven, Hz."""
+    given = {key: options[key] for key in ("frequency", "peak_to_peak", "offset", "turn") if options[key] is not None}
+    if motion == "sine" and "turn" in given:
+        raise click.UsageError("--turn means nothing to a sine: leave it out.")
+    made: truestroke.Trajectory = getattr(truestroke.trajectories, motion)(
+        sample_rate=rate, duration=_long(rate, options), **given
+    )
+    return made
 
 
 def _learned(driver: Any, wave: truestroke.Trajectory, given: dict[str, Any], target: Path, as_json: bool) -> Learned:
