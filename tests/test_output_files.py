@@ -14,7 +14,7 @@ from click.testing import CliRunner
 from truestroke import Recording
 from truestroke.base import files
 from truestroke.cli import main
-from truestroke.cli.common import in_words_of
+from truestroke.cli.common import in_words_of, print_table
 from truestroke.signals.recording import Channel
 from truestroke.studies.study.config import example
 
@@ -186,6 +186,24 @@ def test_a_bad_row_names_the_option() -> None:
     done = CliRunner().invoke(main, ["examine", "rec.csv"])
     assert done.stderr.endswith("line 10: volts is missing or no number in '0.004,oops,1'; --drop-bad-rows leaves such "
                                 "rows out\n")  # fmt: skip
+
+
+NARROW = (("controller", "distortion", "rms"), [("open loop", "60.30 px", "32.76 px"), ("paper", "1204 px", "271 px")])
+
+
+@pytest.mark.parametrize(
+    ("columns", "lines"),
+    [
+        ("32", ["controller  distortion       rms", "open loop     60.30 px  32.76 px"]),  # the words are whole
+        ("28", ["controller  open loop    paper", "distortion   60.30 px  1204 px"]),  # rows and columns exchanged
+        ("10", ["controller  open loop    paper", "distortion   60.30 px  1204 px"]),  # too wide, but whole
+    ],
+)
+def test_a_narrow_terminal_cuts_no_cell_off(monkeypatch: pytest.MonkeyPatch, columns: str, lines: list[str]) -> None:
+    """Of the images of a scan at 60 columns the names of the controllers were gone."""
+    monkeypatch.setenv("COLUMNS", columns)
+    printed = CliRunner().invoke(click.command()(lambda: print_table(*NARROW))).output
+    assert [line.rstrip() for line in printed.splitlines()][:2] == lines
 
 
 def test_a_cell_is_no_markup() -> None:

@@ -42,6 +42,7 @@ MAKERS = {  # of a file, by the option that takes it
 }
 LONGEST_HELP = 200  # characters of the sentence about a command
 PIPE_WIDTH = 120  # columns of a table where there is no terminal
+GAP = 2  # characters between the columns of a table
 Option = Callable[[Callable[..., Any]], Callable[..., Any]]  # a decorator of a command
 
 
@@ -370,17 +371,20 @@ def console() -> Console:
 def print_table(columns: Sequence[str], rows: Sequence[Sequence[str | Text]], dim: str = "", left: str = "") -> None:
     """First column left, the others right, then an empty line; a rule under the head where there is a terminal.
 
-    A narrow terminal wraps the first column only. Columns named `dim` are dimmed; one named `left` is aligned left,
-    too.
+    A narrow terminal wraps the first column only. If that is not enough rows become columns, where these are narrower;
+    no cell is ever cut off. Columns named `dim` are dimmed; one named `left` is aligned left, too.
     """
     from rich.box import SIMPLE_HEAD
     from rich.table import Table
     from rich.text import Text
 
     terminal = console()
-    box, gap = (SIMPLE_HEAD, 1) if terminal.is_terminal else (None, 2)
+    box, gap = (SIMPLE_HEAD, GAP - 1) if terminal.is_terminal else (None, GAP)
+    edges = 2 if box else 0
+    head, rows = _turned(columns, rows, terminal.width - edges)
+    terminal.width = max(terminal.width, _least(head, rows) + edges)
     table = Table(box=box, pad_edge=False, padding=(0, gap, 0, 0))
-    for i, name in enumerate(columns):
+    for i, name in enumerate(map(str, head)):
         side: Literal["left", "right"] = "right" if i and name != left else "left"
         table.add_column(Text(name), justify=side, style="dim" if name == dim else None, no_wrap=i > 0)
     for row in rows:
@@ -388,6 +392,25 @@ def print_table(columns: Sequence[str], rows: Sequence[Sequence[str | Text]], di
     terminal.print(table)
     if not terminal.is_terminal:  # where the box ends with one
         click.echo()
+
+
+Cells = Sequence[Sequence["str | Text"]]
+
+
+def _turned(columns: Sequence[str | Text], rows: Cells, width: int) -> tuple[Sequence[str | Text], Cells]:
+    """Columns and rows, or these exchanged where a table does not fit and is narrower that way."""
+    head, *lines = zip(columns, *rows, strict=True)
+    least = _least(columns, rows)
+    return (head, lines) if width < least and _least(head, lines) < least else (columns, rows)
+
+
+def _least(columns: Sequence[str | Text], rows: Cells) -> int:
+    """Characters of a table whose first column is as narrow as its longest word, and whose others are whole."""
+    from rich.cells import cell_len
+
+    first, *others = zip(columns, *rows, strict=True)
+    words = (cell_len(word) for cell in first for word in str(cell).split())
+    return max(words, default=0) + sum(GAP + max(cell_len(str(cell)) for cell in column) for column in others)
 
 
 def print_verdict(verdict: Verdict, reasons: bool = True) -> None:
