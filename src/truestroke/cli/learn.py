@@ -203,7 +203,8 @@ def _reporter(target: Path, as_json: bool) -> Callable[[Learned], None]:
             if heads:
                 click.echo(heads.pop())
             number, rmse, share, maximum, noise, remark = (cell.replace("µ", "u") for cell in learning.rows(found)[-1])
-            click.echo(f"{number:>4}  {rmse:>10}  {share:>8}  {maximum:>10}  {noise:>9}  {remark.replace('best', '')}")
+            line = f"{number:>4}  {rmse:>10}  {share:>8}  {maximum:>10}  {noise:>9}  {remark.replace('best', '')}"
+            click.echo(line.rstrip())
             sys.stdout.flush()
 
     return report
