@@ -131,7 +131,14 @@ def test_a_step_of_load_on_the_stage_falls_to_a_tenth_within_5_ms() -> None:
     assert loads.settled(error, RATE) < 5.0
 
 
-@pytest.mark.parametrize(("first", "left", "most"), [(200.0, -3.0, 8.0), (300.0, -5.0, 6.5), (400.0, -6.0, 5.1)])
+@pytest.mark.parametrize(("first", "most"), [(150.0, 12.0), (200.0, 9.0), (300.0, 6.0), (400.0, 4.5), (500.0, 3.7)])
+def test_a_step_of_load_on_a_soft_stage_falls_to_a_tenth_within_two_periods(first: float, most: float) -> None:
+    """In so many ms; 22, 16, 11, 8.4 and 5.9 where only the integral of the square of the error counts."""
+    stage = Dynamics(sample_rate=RATE, modes=(Mode(frequency=first, damping=0.02),), dead_time=1e-4)
+    assert loads.linear(stage, design(stage, stroke=24.0))["step (ms)"] < most
+
+
+@pytest.mark.parametrize(("first", "left", "most"), [(200.0, -3.0, 8.0), (300.0, -5.0, 5.5), (400.0, -6.0, 4.5)])
 def test_loads_on_soft_stages_without_further_modes(first: float, left: float, most: float) -> None:
     """Of 50 Hz, so many dB are left; a step falls to a tenth within so many ms."""
     stage = Dynamics(
@@ -177,7 +184,8 @@ def test_no_other_numerators_reduce_loads_more(monkeypatch: pytest.MonkeyPatch) 
         S = 1 / (1 + L)
         noise = p.noise * np.abs(S[p.nominal])
         load = np.mean(np.sum((p.load * np.abs(S)) ** 2, axis=-1))
-        return float(load + np.sum((noise * np.abs(L[p.nominal])) ** 2 + (noise * np.abs(K)) ** 2))
+        late = np.sum((p.left @ S[p.nominal]).real ** 2)
+        return float(load + late + np.sum((noise * np.abs(L[p.nominal])) ** 2 + (noise * np.abs(K)) ** 2))
 
     least, random = cost(x), np.random.default_rng(1)
     assert least < 0.2 * cost(0 * x)
@@ -205,9 +213,10 @@ def test_noise_of_the_sensor_moves_the_hysteresis_no_more_than_itself(case: tupl
 def test_loads_on_a_stage_with_hysteresis_that_is_learned() -> None:
     """Of 0.5 um: down by 30 dB at 5 Hz and 6 dB at 50 Hz; a step to a tenth within 5.2 ms. The median of five noises.
 
-    A load of 50 Hz raises an alarm of change in some runs, and after it only the feedback is left for a while.
+    A load of 50 Hz raises an alarm of change in some runs, and after it only the feedback is left for a while. A step
+    takes 6.7 ms where the law corrects it at once, too.
     """
-    settings = StageSettings(resonances=(700.0,), dampings=(0.02,), dead_time=1e-4, hysteresis_kind="preisach")
+    settings = StageSettings(resonances=(400.0,), dampings=(0.02,), dead_time=1e-4)
     found = [loads.simulated(settings, seed, duration=2.0, trusted=0.45) for seed in range(1, 6)]
     for name, goal in loads.GOALS.items():
         most = 5.2 if name == "step (ms)" else goal

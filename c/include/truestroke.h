@@ -618,6 +618,7 @@ typedef struct {
     /* command */
     ts_real w[TS_PADDED(TS_MAX_PARAMETERS)]; /* (21) and the terms */
     ts_real bumpless;                 /* um: bumpless transfer: learned, not yet in the command */
+    ts_real handed;                   /* um: the same of what the feedback hands over */
     ts_real integral;                 /* um: the trim */
     ts_real y_d;                      /* (11) less the known terms, um */
     ts_real fastest;                  /* largest rate so far, at most velocity_limit, um/s */

@@ -234,6 +234,16 @@ static bool pauses(ts_controller *c)
     return b->paused;
 }
 
+/* A learned change reaches the command gradually, so that it does not excite the stage. What the law learns just after a sudden change
+ * the feedback has corrected already: it hands that over so slowly that it is not corrected twice. */
+static void admit_learned(ts_controller *c, ts_real change)
+{
+    const ts_settings *s = c->settings;
+    bool feeds_back = is_given(c) && s->feedback.filters > 0 && !c->feedback.paused;
+    if (feeds_back && c->law.kalman.since_change < s->kalman.refractory) c->handed += change;
+    else c->bumpless += c->stage.smoothing * change;
+}
+
 /* One tick of a filter of the error: b0, b1, b2, a1, a2, and its states. */
 static ts_real pass_biquad(const ts_real *q, ts_real *x, ts_real error)
 {
@@ -324,8 +334,7 @@ static bool measure(ts_controller *c, ts_real z)
         before = model(c, now);
     }
     bool used = learn_from(c, u, z, d, learned, back, stands);
-    /* A learned change reaches the command gradually, so that it does not excite the stage. */
-    if (used && smooth) c->bumpless += c->stage.smoothing * (model(c, now) - before);
+    if (used && smooth) admit_learned(c, model(c, now) - before);
     const ts_real *slow = staged ? dynamics_of(c)->sensor : s->sensor.slow;
     ts_real error = z - (d->z_d + slow[0] * d->zdot_d + slow[1] * d->zddot_d);
     /* The trim: at a voltage limit only away from it; the slew limit only delays. */

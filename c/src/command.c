@@ -3,6 +3,7 @@
 
 #include <math.h>
 
+#define HANDS_OVER 20 /* periods of the first resonance: in them the feedback hands over what was learned after a sudden change */
 #define SMOOTH 8 /* times the third difference of velocities: no more than the sum of their first ones */
 
 /* What a stage that was found asks of the hysteresis beyond z_d in this tick, um: 1 / G up to the fourth derivative, from the last four
@@ -56,7 +57,7 @@ ts_real ts_of_known_terms(const ts_controller *c, const ts_motion *d)
  * known terms. */
 ts_real ts_wanted_of_plays(const ts_controller *c, const ts_motion *d, ts_real known)
 {
-    return through_dead_zones(c->settings, d->z_d) + d->ahead + c->integral + c->feedback.sum + c->bumpless - known;
+    return through_dead_zones(c->settings, d->z_d) + d->ahead + c->integral + c->feedback.sum + c->bumpless + c->handed - known;
 }
 
 /* (7) and its partial sums at the rate zdot_d, each within its limits; returns whether one was moved. */
@@ -169,6 +170,7 @@ ts_status ts_controller_follow(ts_controller *c, ts_real z_d, ts_real zdot_d, ts
     *volts = within_limits(c, ts_play_inverse(c->y_d, c->slopes, s->thresholds, c->now.play, s->plays));
     ts_remember_voltage(&c->now, s, *volts);
     c->bumpless *= c->stage.smoothing;
+    c->handed *= 1 - s->dynamics.first / HANDS_OVER;
     write_down(c, *volts, &d, known);
     return TS_OK;
 }

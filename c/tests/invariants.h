@@ -57,7 +57,7 @@ static inline bool finite_stage(const ts_controller *c)
 static inline bool finite_state(const ts_controller *c)
 {
     const ts_settings *s = c->settings;
-    const ts_real scalars[] = {c->bumpless, c->integral, c->y_d, c->fastest, c->innovation, c->z_before,
+    const ts_real scalars[] = {c->bumpless, c->handed, c->integral, c->y_d, c->fastest, c->innovation, c->z_before,
                                c->predicted_before, c->resolution};
     return all_finite(scalars, sizeof scalars / sizeof *scalars) && all_finite(c->w, TS_PADDED(c->parameters))
            && all_finite(c->u, c->parameters) && all_finite(c->slopes, s->plays) && all_finite(c->x, TS_HISTORY)

@@ -68,6 +68,7 @@ template <typename Controller, typename Visit> void each_array(Controller &c, Vi
     size_t creeps = static_cast<size_t>(c.settings->terms[TS_CREEP]);
     visit("weights", &c.w[0], m);
     visit("bumpless", &c.bumpless, 1);
+    visit("handed", &c.handed, 1);
     visit("integral", &c.integral, 1);
     visit("y_d", &c.y_d, 1);
     visit("fastest", &c.fastest, 1);

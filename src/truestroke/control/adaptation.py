@@ -69,6 +69,7 @@ class FilteringLaw(Law, Protocol):
     disturbance: float
     caution: float
     changed: bool
+    since_change: int
     relates: bool
     steady: bool
     calm: bool

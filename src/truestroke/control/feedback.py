@@ -9,8 +9,8 @@ with G of `model.dynamics.Dynamics`, the sensor in it. The bank has two parts:
 
 - *Filters with fixed poles*: an integrator that leaks, a lag, and five biquads with poles from a third to six times the
   first resonance. `loop_shaping` finds their numerators together: those that leave least of a load that moves the
-  stage at random, and of the noise of the sensor in displacement and command. Active damping of the first mode is a
-  part of the answer, for a load makes it ring.
+  stage at random, least of all two periods later, and of the noise of the sensor in displacement and command. Active
+  damping of the first mode is a part of the answer, for a load makes it ring.
 - *A narrow resonator for each line of the mains*, with the phase of 1 / (P S), P = q^-(1 + latency) G.
 
 |S| stays below 2 for every gain from 0.7 to 1.3 of what the dynamics say, every resonance within 5 %, and a measurement
@@ -46,6 +46,8 @@ LATE = (1.0,)  # with which of them a measurement also comes a tick later than t
 CLOSER = (0.95, 0.957, 0.965, 0.972, 0.98, 0.985, 0.99, 0.995, 1.0, 1.005, 1.01, 1.015, 1.02, 1.028, 1.035, 1.043, 1.05)
 LOAD = 0.16  # of the stroke in a second: standard deviation of a load that moves at random
 SLOWEST_LOAD = 0.2  # Hz: a slower one is no larger
+LASTING = np.arange(2.0, 6.0, 0.1)  # of the times below: what then remains of a step of load
+HEAVIER = 10.0  # ... counts so many times more
 BANDWIDTH = 3.0  # Hz: with less there is no feedback; the law learns what is as slow
 HUM_GAIN = 30.0  # of a resonator at its line, over that of the loop without it
 HUM_WIDTHS = 0.05, 0.025  # of the line: half the bandwidth of its closed loop; mains are within 0.4 %
@@ -338,12 +340,17 @@ def _poles(frequency: float, damping: float, rate: float) -> tuple[float, float]
     return -2 * radius * math.cos(w * math.sqrt(1 - damping**2)), radius**2
 
 
-def _fixed(dynamics: Dynamics, latency: int) -> list[tuple[float, float, float]]:
-    """a1, a2 and the static gain 1 / (1 + a1 + a2) of each filter of the bank."""
+def _unit(dynamics: Dynamics, latency: int) -> float:
+    """The first resonance, Hz, or what the delay of the loop allows in its place."""
     rate, lag = dynamics.sample_rate, dynamics.amplifier_bandwidth
     delay = (1.5 + latency) / rate + dynamics.dead_time + dynamics.sensor_delay
     delay += sum(1 / (2 * math.pi * corner) for corner in (lag, dynamics.sensor_bandwidth) if corner)
-    unit = min(dynamics.modes[0].frequency, FASTEST / delay)
+    return min(dynamics.modes[0].frequency, FASTEST / delay)
+
+
+def _fixed(dynamics: Dynamics, unit: float) -> list[tuple[float, float, float]]:
+    """a1, a2 and the static gain 1 / (1 + a1 + a2) of each filter of the bank."""
+    rate = dynamics.sample_rate
     found = [_poles(min(factor * unit, 0.4 * rate), damping, rate) for factor, damping in POLES]
     return [(a1, a2, 1 / (1 + a1 + a2)) for a1, a2 in found]
 
@@ -372,7 +379,8 @@ def _shaped(
     dynamics: Dynamics, latency: int, plants: _Plants, peak: float, noise: float, stroke: float
 ) -> list[Biquad]:
     """The filters that reduce loads most, with |S| below `peak`; none where that is not so."""
-    fixed, rate = _fixed(dynamics, latency), dynamics.sample_rate
+    unit, rate = _unit(dynamics, latency), dynamics.sample_rate
+    fixed = _fixed(dynamics, unit)
     band = np.gradient(plants.frequency, axis=-1)  # Hz, that each frequency stands for
     w = 2 * math.pi * np.maximum(plants.frequency, SLOWEST_LOAD)
     each = zip((*RESONANCES, *LATE), plants.frequency, strict=True)
@@ -388,9 +396,30 @@ def _shaped(
         peak=SPARE * peak,
         unknown=_parts(fixed, np.exp(-2j * math.pi * unknown / rate)),
         loudest=np.where(unknown < dynamics.trusted_to, *LOUDEST),
+        left=LOAD * stroke * _left(dynamics, plants.frequency[plants.nominal], unit),
     )
     filters = _filters(fixed, loop_shaping.shape(problem))
     return filters if _holds(_response(filters, plants.q) * plants.response, peak) else []
+
+
+def _left(dynamics: Dynamics, f: FloatArray, unit: float) -> ComplexArray:
+    """From S at f, Hz, to the root of the power that remains of a step of load of 1 at times of `LASTING` / unit."""
+    times = LASTING[:, np.newaxis] / unit
+    weight = math.sqrt(HEAVIER * (LASTING[1] - LASTING[0]) / unit)
+    return np.asarray(weight * 2 * _modes(dynamics, f) / (2j * math.pi * f) * _integrals(f, times))
+
+
+def _integrals(f: FloatArray, time: FloatArray) -> ComplexArray:
+    """Weights of the values at f, Hz, in the integral of exp(2 pi i f time) times what is linear between them."""
+    width = np.diff(f)
+    turned = 2 * math.pi * time * width
+    near = turned < 1e-2  # closed forms lose digits there
+    angle = np.where(near, 1.0, turned)
+    left = width * np.where(near, 0.5 + 1j * turned / 6, (1 + 1j * angle - np.exp(1j * angle)) / angle**2)
+    weights = np.zeros((len(time), f.size), dtype=complex)
+    weights[:, :-1] += left
+    weights[:, 1:] += left.conj()
+    return np.asarray(weights * np.exp(2j * math.pi * time * f))
 
 
 def _modes(dynamics: Dynamics, f: FloatArray) -> ComplexArray:

@@ -3,7 +3,7 @@
 K(q) = sum_j x_j phi_j(q), each phi_j with poles that are given. Where L = K P, P of each plant, the sensitivity is
 S = 1 / (1 + L), and x minimises
 
-    J(x) = mean over the plants |load S|^2 + |noise L S|^2 + |noise K S|^2
+    J(x) = mean over the plants |load S|^2 + |noise L S|^2 + |noise K S|^2 + |Re(left S)|^2
 
 so that |1 + g L| > 1 / peak for every plant, frequency and gain g of an interval, and |K| stays below a bound where the
 plant is not known. That set is not convex, but K = 0 is in it, and a path on which 1 + g L is never 0 does not change
@@ -52,6 +52,8 @@ class Problem:
         phi_j where |K| is bounded.
     loudest : ndarray, shape (frequencies,)
         Of |K| there, at most.
+    left : ndarray of complex, shape (times, frequencies)
+        From S of the nominal plant to what remains of a step of load at these times, by its real part.
     """
 
     plants: ComplexArray
@@ -63,6 +65,7 @@ class Problem:
     peak: float
     unknown: ComplexArray
     loudest: FloatArray
+    left: ComplexArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +100,7 @@ def shape(problem: Problem) -> FloatArray:
     >>> q, none = np.exp(-2j * np.pi * f), np.zeros(f.size)
     >>> K = (1 / (1 - 0.99 * q))[np.newaxis, :, np.newaxis]
     >>> bounds = (1.0, 1.0), 2.0, K[0, -1:], np.array([9.0])
-    >>> found = shape(Problem(q[np.newaxis], K, (0.1 / f)[np.newaxis], none, 0, *bounds))
+    >>> found = shape(Problem(q[np.newaxis], K, (0.1 / f)[np.newaxis], none, 0, *bounds, none[np.newaxis]))
     >>> bool(0.9 < found[0] < 0.995)
     True
     """
@@ -126,7 +129,8 @@ def _at(p: Problem, loops: ComplexArray, x: FloatArray) -> _Point:
     n = p.nominal
     K = np.einsum("fi,i->f", p.filters[n], x)
     heard = np.abs(p.noise * S[n]) ** 2 * (np.abs(L[n]) ** 2 + np.abs(K) ** 2)
-    cost = float(np.sum(np.abs(p.load * S) ** 2) / len(L) + np.sum(heard))
+    left = np.einsum("tf,f->t", p.left, S[n]).real
+    cost = float(np.sum(np.abs(p.load * S) ** 2) / len(L) + np.sum(heard) + np.sum(left**2))
     spare = np.abs(nearest) ** 2 - p.peak**-2
     return _Point(x, L, nearest, gain, spare, loud, p.loudest**2 - np.abs(loud) ** 2, cost)
 
@@ -136,11 +140,12 @@ def _residual(p: Problem, loops: ComplexArray, point: _Point) -> tuple[ComplexAr
     n, S = p.nominal, 1 / (1 + point.L)
     K = np.einsum("fi,i->f", p.filters[n], point.x)
     load, noise, squared = p.load / np.sqrt(len(S)), p.noise, S * S
-    parts = load * S, noise * point.L[n] * S[n], noise * K * S[n]
+    parts = load * S, noise * point.L[n] * S[n], noise * K * S[n], np.einsum("tf,f->t", p.left, S[n]).real
     of_load = -(load * squared)[..., np.newaxis] * loops
     of_noise = (noise * squared[n])[:, np.newaxis] * loops[n]
     of_command = (noise * S[n])[:, np.newaxis] * (p.filters[n] - (K * S[n])[:, np.newaxis] * loops[n])
-    derivatives = np.concatenate([of_load.reshape(-1, point.x.size), of_noise, of_command])
+    of_left = -np.einsum("tf,fi->ti", p.left, squared[n][:, np.newaxis] * loops[n]).real
+    derivatives = np.concatenate([of_load.reshape(-1, point.x.size), of_noise, of_command, of_left])
     return np.concatenate([part.ravel() for part in parts]), derivatives
 
 

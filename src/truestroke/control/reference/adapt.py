@@ -35,8 +35,8 @@ def measure(c: State, z: float) -> bool:
     first = float(dot(c.law.weights, now))
     learns = adapts(c, learned, beyond) and not c.stage.rest > 0 and c.kept.guard.held == 0
     used = learn_from(c, u, z, motion, learn=learns, stands=stands)
-    if used:  # a learned change reaches the command gradually, so that it does not excite the stage
-        c.bumpless += c.stage.smoothing * (float(dot(c.law.weights, now)) - first)
+    if used and c.stage.smoothing > 0:
+        admit_learned(c, float(dot(c.law.weights, now)) - first)
     to_sensor = c.sensor.slow if path is None else path.sensor
     error = z - (motion.z_d + to_sensor[0] * motion.zdot_d + to_sensor[1] * motion.zddot_d)
     # The trim: at a voltage limit only away from it; the slew limit only delays.
@@ -91,6 +91,19 @@ def pauses(c: State, tick: float) -> bool:
     c.alarms += min(tick / ALARMS, 1.0) * ((1 / tick if c.changed else 0.0) - c.alarms)
     c.paused = c.alarms > (RESUME if c.paused else PAUSE)
     return c.paused
+
+
+def admit_learned(c: State, change: float) -> None:
+    """A learned change, um, reaches the command gradually, so that it does not excite the stage.
+
+    What the law learns just after a sudden change the feedback has corrected already: it hands that over so slowly that
+    it is not corrected twice.
+    """
+    law, feeds_back = c.filtering, c.is_given and c.members["feedback.filter"] and not c.paused
+    if law is not None and feeds_back and law.since_change < law.settings.refractory:
+        c.handed += change
+    else:
+        c.bumpless += c.stage.smoothing * change
 
 
 def pass_biquad(coefficients: Sequence[float], x: list[float], error: float) -> float:

@@ -15,6 +15,7 @@ from truestroke.control.stage import FOUND_DAMPING, Stage, lead_of_dead_time
 from truestroke.model.models import Motion, limit_slopes, weighted_sum
 
 IN_MOTION = 0.05  # of the smallest slope: that of the inverse, of weights that are held at rest
+HANDS_OVER = 20.0  # periods of the first resonance: in them the feedback hands over what was learned after a change
 SMOOTH = 8  # times the third difference of velocities: no more than the sum of their first ones
 
 
@@ -63,7 +64,7 @@ def ahead_of_found(c: State, path: Stage, zdot_d: float, zddot_d: float, tick: i
 
 def wanted_of_plays(c: State, motion: Motion) -> float:
     """(11), the stage, the trim, the feedback and the bumpless transfer, less the known terms, um."""
-    wanted = through_dead_zones(c, motion.z_d) + motion.ahead + c.integral + c.feedback + c.bumpless
+    wanted = through_dead_zones(c, motion.z_d) + motion.ahead + c.integral + c.feedback + c.bumpless + c.handed
     return float(wanted) - of_known_terms(c, motion)
 
 

@@ -19,6 +19,7 @@ from truestroke.control.adaptation import RLS, Law
 from truestroke.control.controller import controller_rows
 from truestroke.control.reference.adapt import measure, pass_over
 from truestroke.control.reference.command import (
+    HANDS_OVER,
     acceleration,
     ahead_of,
     bounded,
@@ -209,6 +210,7 @@ class ReferenceController(Displayed):
         x = within_limits(c, play_inverse(y_d, c.slopes, c.thresholds, c.now.play))  # (12)
         remember_voltage(c, c.now, x)  # (1)
         c.bumpless *= c.stage.smoothing
+        c.handed *= 1 - c.members["dynamics.first"] / HANDS_OVER
         c.fastest = max(c.fastest, min(abs(zdot_d), c.settings.velocity_limit))
         c.last = Command(x, motion, c.saturated or c.slewed)
         if c.filtering is not None:

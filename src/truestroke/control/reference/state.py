@@ -170,6 +170,7 @@ class State:
         self.feedback, self.feedback_states = 0.0, np.zeros((FEEDBACKS, 2)).tolist()  # um
         self.damping, self.damped = [0.0] * 5, [0.0, 0.0]  # filter that damps a stage that was found, its states, um
         self.bumpless = self.integral = self.innovation = 0.0  # um
+        self.handed = 0.0  # um: learned, not yet in the command, but in the feedback, which hands it over
         self.z_before = self.predicted_before = 0.0  # um: the last new measurement, the model's value then
         self.resolution = 0.0  # um: the smallest step from one measurement to a different one; 0: none so far
         self.beyond = 0  # ticks at a voltage limit and beyond z_d, since one that was not limited
