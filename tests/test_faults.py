@@ -55,6 +55,17 @@ def test_a_fault_is_named_and_refused(kind: str, scale: float) -> None:
         refuse(found)
 
 
+@pytest.mark.parametrize("fringe", [0.3164, 0.0])
+def test_fringes_that_an_interferometer_loses_are_found_in_a_small_part_of_the_stroke(fringe: float) -> None:
+    rng = np.random.Generator(np.random.PCG64(2))
+    u = foreign_records.wave(foreign_records.clock(4.0, FS), rng, 1.0)
+    z = 20 * foreign_records.stop_elements(u, rng) + 0.002 * rng.standard_normal(u.size)
+    z[1700:] -= fringe  # um, 1.6 % of the stroke
+    texts = [text for text in faults(Record.from_arrays(100 * u, z, sample_rate=FS)) if "fringes" in text]
+    assert len(texts) == (fringe > 0)
+    assert all("once, first at 1.7 s" in text for text in texts)
+
+
 def test_a_wrong_row_of_the_voltage_is_named_and_a_pulse_of_it_is_none() -> None:
     volts, z = clean()
     volts[1234] = 300.0

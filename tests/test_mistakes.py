@@ -57,6 +57,60 @@ def test_an_amplifier_at_its_slew_rate(share: float, asked: bool) -> None:
     assert any("at the limit of its current or slew rate" in text for text in said) == asked
 
 
+def test_steps_that_an_amplifier_answers_late_do_not_lead() -> None:
+    """Rates of steps and of late answers have no common rows: by their sign one was turned round."""
+    rng = np.random.Generator(np.random.PCG64(0))
+    volts = np.repeat(rng.uniform(0.0, 1.0, 60), 500)
+    z = foreign_records.resonance(foreign_records.duhem(_slewed(volts, 0.008)), 1e4, 1100.0, 0.03)
+    found = examine(Record.from_arrays(100 * volts, 12 * z + 2e-3 * rng.standard_normal(z.size), sample_rate=1e4))
+    assert found.lag_ms is not None
+    assert 0 < found.lag_ms < 10
+    assert found.mistakes == ()
+
+
+def test_a_stage_that_rings_behind_random_bits_is_not_shifted() -> None:
+    """The rates of bits and of ringing agree best a period later."""
+    rng = np.random.Generator(np.random.PCG64(5))
+    bits = foreign_records.lagged(np.repeat(rng.integers(0, 2, 400), 50).astype(float), 5e3, 2e-4)
+    y = foreign_records.duhem(0.2 + 0.6 * bits)
+    z = foreign_records.resonance(y, 5e3, 130.0, 0.02) + 1e-3 * rng.standard_normal(y.size)
+    assert examine(Record.from_arrays(20 + 60 * bits, 10 * z, sample_rate=5e3)).mistakes == ()
+
+
+@pytest.mark.parametrize("wrong", [False, True])
+def test_a_stage_that_rings_more_than_it_moves_is_no_wrong_column(wrong: bool) -> None:
+    """Twelve samples a period, a ringing that goes on through seven steps; or the displacement of other steps."""
+    rng = np.random.Generator(np.random.PCG64(1))
+    steps, others = (np.repeat(rng.uniform(0.0, 1.0, 36), 127) for _ in range(2))
+    z = foreign_records.resonance(foreign_records.duhem(others if wrong else steps), 732.0, 61.0, 0.002)
+    found = examine(Record.from_arrays(100 * steps, 20 * z + 0.01 * rng.standard_normal(z.size), sample_rate=732.0))
+    assert abs(found.correlation) < 0.7
+    assert any("do not move together" in text for text in found.mistakes) == wrong
+    assert any("rings at 61" in text and "round the steps to 33 ms" in text for text in found.implausible) != wrong
+    assert not any("hardly move together" in text for text in found.warnings)
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_reversal_curves_that_go_further_and_further_are_no_other_gain(seed: int) -> None:
+    """Of two actuators whose gain grows with the length of a stroke: that is what changes from some stroke on."""
+    rng = np.random.Generator(np.random.PCG64(seed))
+    turns = np.concatenate([[0.0, 1.0], np.ravel([[low, 1.0] for low in np.linspace(0.95, 0.0, 20)])])
+    way = np.concatenate([[0.0], np.abs(np.diff(turns)).cumsum()])
+    v = np.interp(np.arange(0.0, way[-1], 0.005), way, turns)
+    weights, thresholds = rng.exponential(0.03, 30), np.sort(0.24 * rng.uniform(0.0, 1.0, 30) ** 2)
+    for z in (0.5 * v + play_history(v, tuple(thresholds)) @ weights, foreign_records.generalised_plays(v)):
+        record = Record.from_arrays(10 * v, 15 * z + 0.003 * rng.standard_normal(v.size), sample_rate=50.0)
+        assert not any("of the gain" in text for text in examine(record).implausible)
+
+
+def test_few_strokes_of_a_stage_that_rings_show_no_other_gain() -> None:
+    rng = np.random.Generator(np.random.PCG64(4))
+    rng.uniform(size=180)
+    steps = np.repeat(rng.uniform(0.05, 0.95, 27), 300)
+    z = foreign_records.resonance(foreign_records.duhem(steps), 1e3, 83.0, 0.002)
+    assert not any("of the gain" in x for x in examine(Record.from_arrays(steps, z, sample_rate=1e3)).implausible)
+
+
 def test_a_lag_is_neither_a_slew_rate_nor_another_actuator() -> None:
     """Triangles of three rates in turn behind 3 ms and a lag of 8 ms: the fast ones are smaller, and turn late."""
     fs, t = 2000.0, np.arange(36000) / 2000.0

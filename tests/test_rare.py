@@ -133,8 +133,7 @@ def test_what_changes_within_a_record(good: tuple[FloatArray, FloatArray]) -> No
 
     def says(moved: FloatArray) -> str:
         found = examine(Record.from_arrays(x[: moved.size], moved, sample_rate=RATE))
-        (text,) = found.implausible or found.mistakes
-        return text
+        return " ".join(found.implausible or found.mistakes)
 
     half = T.size // 2
     lost = np.concatenate([z[:half], z[half + 25 :]])

@@ -170,6 +170,7 @@ def write_tdms(path: Path) -> None:
         (".xlsx", write_excel),
         (".tdms", write_tdms),
         (".npz", lambda path: np.savez(path, time=np.datetime64(0, "us") + (1e6 * T).astype(int), V=V, z=Z)),
+        (".npz", lambda path: np.savez(path, time_ms=np.datetime64(0, "us") + (1e6 * T).astype(int), V=V, z=Z)),
         (".npz", lambda path: np.savez(path, data=np.column_stack([T, V, Z]))),
     ],
     ids=[
@@ -184,6 +185,7 @@ def write_tdms(path: Path) -> None:
         "excel",
         "tdms",
         "dates",
+        "dates called ms",
         "matrix",
     ],
 )
@@ -281,6 +283,33 @@ def test_a_sensor_in_volts_is_scaled(tmp_path: Path) -> None:
     assert (
         read_record(path, volts=2, displacement=3, displacement_scale=3.0, flip_displacement=True).displacement[0] > 0
     )
+
+
+@pytest.mark.parametrize("mark", ["9.91E+37", "-9.9e37", "1e308"])
+def test_what_an_instrument_has_not_measured_is_missing(tmp_path: Path, mark: str) -> None:
+    path = text(tmp_path / "scpi.csv", T, V, Z, head="t (s),V,z (um)\n")
+    lines = path.read_text().splitlines()
+    lines[41] = ",".join([*lines[41].split(",")[:2], mark])
+    path.write_text("\n".join(lines))
+    with pytest.raises(RecordError, match="line 42: displacement is missing or no number"):
+        read_record(path)
+    assert read_record(path, drop_bad_rows=True).dropped == 1
+
+
+def test_a_scale_takes_the_place_of_the_volts_of_a_heading_and_of_no_length(tmp_path: Path) -> None:
+    path = text(tmp_path / "gauge.csv", T, V, Z / 3, head="t (s),V,gauge (V)\n")
+    assert read_record(path, displacement=3, displacement_scale=3.0).contradictions == ()
+    path = text(tmp_path / "nm.csv", T, V, Z / 3, head="t (s),V,z (nm)\n")
+    assert "in nm, as the file says" in read_record(path, displacement=3, displacement_scale=3.0).contradictions[0]
+
+
+def test_dates_in_arrays_are_in_seconds(tmp_path: Path) -> None:
+    stamps = np.datetime64(0, "us") + (1e6 * T).astype(int)
+    np.savez(tmp_path / "a.npz", time=stamps, V=V, z=Z)
+    table = np.rec.fromarrays([stamps, V, Z], names="time,V,z")
+    np.save(tmp_path / "b.npy", table)
+    for name in ("a.npz", "b.npy"):
+        assert read_record(tmp_path / name).columns["time"].stated
 
 
 def test_stamps_since_1970_in_an_unstated_unit_are_refused(tmp_path: Path) -> None:

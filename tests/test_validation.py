@@ -67,6 +67,25 @@ def test_an_error_in_step_with_the_motion_is_no_hum() -> None:
     assert not any("one line" in reason for reason in reasons)
 
 
+def test_strokes_that_grow_beyond_the_fitted_ones_are_the_reason() -> None:
+    """Reversal curves from the top that go further and further down, each as fast: not something that changed."""
+    lows = np.linspace(0.9, 0.0, 30)
+    turns = np.concatenate([[0.0, 1.0], np.ravel([[low, 1.0] for low in lows])])
+    x = 10 * np.interp(
+        np.arange(0.0, np.abs(np.diff(turns)).sum(), 0.004), np.r_[0, np.abs(np.diff(turns)).cumsum()], turns
+    )
+    known = np.ones(x.size, dtype=bool)
+    held_out = np.arange(x.size) >= 0.6 * x.size
+    error = np.where(held_out, 0.1, 0.01) * np.sin(np.arange(x.size) / 30)
+    trace = Trace(np.arange(x.size) / RATE, x, x + error, known, RATE, "", (), x, 0 * x + 1, held_out)
+    findings = examine(Record.from_arrays(x, x + error, sample_rate=RATE))
+    found = evidence(trace, error, np.array([1.0, 0.1]), findings)
+    assert found.strokes_beyond > 0.3
+    assert found.range_beyond < 1e-9
+    reasons = verdict(found, HeldOut(0.1, 0.1, 1.0, 1.0, 100, 0.95), findings).reasons
+    assert any("its strokes are up to" in reason and "Record strokes of all lengths" in reason for reason in reasons)
+
+
 def test_a_range_that_is_reached_late_is_the_reason() -> None:
     findings = examine(Record.from_arrays(X, PREDICTED + NOISE, sample_rate=RATE))
     found = dataclasses.replace(judged(0.02 * (T - 6.0))[0], over_fitted=3.0, range_beyond=0.0, speed_beyond=0.0)

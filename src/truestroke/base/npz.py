@@ -35,6 +35,19 @@ def read(path: Path, wanted: Sequence[str], wrong: Callable[[str], FileError]) -
             return {name: np.asarray(held[name]) for name in wanted}
 
 
+def moments(path: Path, names: Sequence[str], wrong: Callable[[str], FileError]) -> list[bool]:
+    """Of which of these arrays the values are dates, times or durations."""
+    with files.reading(path, wrong), zipfile.ZipFile(path) as file:
+        held = {info.filename for info in file.infolist()}
+        return [f"{name}.npy" in held and _is_moment(file, f"{name}.npy") for name in names]
+
+
+def _is_moment(file: zipfile.ZipFile, member: str) -> bool:
+    with file.open(member) as stream:
+        read = HEADERS.get(np.lib.format.read_magic(stream))
+        return read is not None and read(stream)[2].kind in "Mm"
+
+
 def _size(file: zipfile.ZipFile, name: str, member: zipfile.ZipInfo, wrong: Callable[[str], FileError]) -> int:
     """Bytes that an array takes; they must be there."""
     with file.open(member) as stream:

@@ -12,6 +12,7 @@ from truestroke.base.typing import FloatArray
 from truestroke.signals import formats
 from truestroke.signals.tables import OTHERS, RecordError, Table, is_unit, name_and_unit, unit
 
+NO_VALUE = 1e30  # instruments mark what they have not measured by 9.9e37 or 9.91e37 (SCPI), or by a larger number
 TIME_TOLERANCE = 0.01  # of a tick: how far a time in a file may lie from its even grid
 
 
@@ -82,8 +83,8 @@ def read_columns(
 ) -> tuple[dict[str, FloatArray], dict[str, Column]]:
     """Signals by their role, in the first of their units, and where they came from.
 
-    `places` are the roles of the columns of a file without names, from the left. What is not a number is NaN; a text is
-    read no further than the chunk with the first NaN unless `complete`.
+    `places` are the roles of the columns of a file without names, from the left. What is not a number, and a mark of an
+    instrument in its place, is NaN; a text is read no further than the chunk with the first NaN unless `complete`.
 
     Raises
     ------
@@ -109,6 +110,8 @@ def read_columns(
     columns = {role: _column(source, table, w, found[role]) for role, w in chosen.items()}
     signals = dict(zip(chosen, table.read([found[role] for role in chosen], complete), strict=True))
     for role, column in columns.items():
+        signal = signals[role]
+        signal[(np.abs(signal) >= NO_VALUE) & np.isfinite(signal)] = np.nan
         if (factor := chosen[role].units[column.unit]) != 1.0:
             signals[role] *= factor
     return signals, columns

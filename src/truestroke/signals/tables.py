@@ -433,14 +433,17 @@ def _npz(path: Path) -> Table:
         return RecordError(str(path), f"not an NPZ file, or a damaged one: {reason}")
 
     names = npz.names(path, wrong)
-    return _arrays(path, names, [""] * len(names), lambda name: npz.read(path, [name], wrong)[name])
+    units = _stated([""] * len(names), npz.moments(path, names, wrong))
+    return _arrays(path, names, units, lambda name: npz.read(path, [name], wrong)[name])
 
 
 def _npy(path: Path) -> Table:
     """A matrix, or an array with named fields."""
     whole = np.load(path, allow_pickle=False)
     if whole.dtype.names:
-        return _arrays(path, whole.dtype.names, [""] * len(whole.dtype.names), lambda name: whole[name])
+        names = whole.dtype.names
+        units = _stated([""] * len(names), [whole.dtype[name].kind in "Mm" for name in names])
+        return _arrays(path, names, units, lambda name: whole[name])
     return _arrays(path, ["array"], [""], lambda _: whole)
 
 

@@ -22,6 +22,9 @@ LAGS, LONGEST = 9, 0.25  # of the voltage, each twice the one before, and the lo
 BACK = 0.01, 3.0  # of the way to its mean by which the displacement goes back in a stroke
 BY_ITSELF = 2.2  # times smaller is the residual with such a way back; 1.9 at most in correct records
 GAIN, SURE = 0.07, 2.5  # of the gain, and times smaller are the squares with two gains; correct records: not both
+SHOWS, SCATTERS = 0.03, 0.4  # of the gain: what two explain beyond all else, rms; and of the change, their residual
+HATS = 5  # functions of the length of a stroke
+FREE = 5  # strokes more than numbers that are fitted to them
 MIDDLE = 0.15, 0.85  # of the strokes: a change before or after is that of a start or an end
 PARTS = 8  # of the record, each with a delay of its own
 JUMP, JUMP_ROWS = 0.04, 4.0  # of a stroke, and rows
@@ -192,8 +195,9 @@ def _of_gain(record: Record, turns: turning.Rows) -> Iterator[str]:
     way = x[last] - x[first]
     length, place, side = np.abs(way) / span, (x[last] + x[first]) / 2 / span - float(x.mean()) / span, np.sign(way)
     gain = (record.displacement[last] - record.displacement[first]) / way * length  # weighted with the length
-    one, quick = np.ones_like(length), 1.0 / (last - first)
-    shape = [one, length, length**2, place, place**2, side, side * length]
+    quick = 1.0 / (last - first)
+    long = np.maximum(1 - np.abs((HATS - 1) * length[:, None] - np.arange(HATS)), 0.0)  # piecewise linear
+    shape = [long, place, place**2, side, side * length]
     usual = np.column_stack([*shape, quick, quick**2]) * length[:, None]
     alone, best = _squares(usual, gain)[0], (math.inf, 0, 0.0)
     for k in np.unique(np.linspace(MIDDLE[0] * gain.size, MIDDLE[1] * gain.size, 20).astype(int)).tolist():
@@ -201,8 +205,16 @@ def _of_gain(record: Record, turns: turning.Rows) -> Iterator[str]:
         squares, c = _squares(np.column_stack([usual, since]), gain)
         best = min(best, (squares, k, float(c[-1])))
     squares, k, more = best
-    share = more / float(np.median((gain / length)[:k]))
-    if abs(share) > GAIN and alone > SURE * squares:
+    before, all_of_it = float(np.median((gain / length)[:k])), float(np.sum(length**2))
+    share, free = more / before, gain.size - usual.shape[1] - 1
+    shown = math.sqrt(max(alone - squares, 0.0) / all_of_it) > SHOWS * abs(before)  # beyond what lengths explain, too
+    if (
+        abs(share) > GAIN
+        and alone > SURE * squares
+        and shown
+        and free >= FREE
+        and (math.sqrt(squares / free * gain.size / all_of_it) < SCATTERS * abs(more))
+    ):
         yield (
             f"from about {_time(record, int(first[k])):.4g} s on strokes have {100 * (1 + share):.0f} % of the gain of "
             "before: is it another actuator, load, or range of the sensor? Identify each part by itself"

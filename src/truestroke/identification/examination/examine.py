@@ -10,7 +10,7 @@ import numpy.typing as npt
 from truestroke.base.typing import FloatArray
 from truestroke.identification.examination.faults import repeated
 from truestroke.identification.examination.findings import Findings, count
-from truestroke.identification.examination.mistakes import mistakes
+from truestroke.identification.examination.mistakes import mistakes, ringing
 from truestroke.identification.examination.rare import implausible
 from truestroke.identification.records import turning
 from truestroke.identification.records.noise import noise
@@ -222,7 +222,7 @@ def _of_columns(found: Findings, record: Record) -> list[str]:
         says.append(f"the gain is {found.gain_um_per_v:.3g} um/V, unlikely for a piezo actuator: are the units right?")
     if found.loop_width_percent < -0.5:
         says.append("the displacement leads the voltage (its loop turns clockwise): are the columns swapped?")
-    if abs(found.correlation) < 0.7:
+    if abs(found.correlation) < 0.7 and not ringing(record):
         correlation = f"correlation {found.correlation:.2f}"
         says.append(f"voltage and displacement hardly move together ({correlation}): wrong column?")
     elif found.gain_um_per_v < 0:

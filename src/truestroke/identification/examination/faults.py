@@ -13,6 +13,8 @@ from truestroke.identification.records.record import Record
 STOPPED = 0.25  # of its span: so far the voltage moves while the displacement keeps one value
 SPIKE = 0.2  # of the peak-to-peak value: a row that is so far from those beside it
 JUMP = 0.1  # of the stroke: within one row
+SMALL, OTHERS = 0.01, 4.0  # the same at least, if it is so many times what nearly all rows move: fringes that were lost
+MOST, SAMPLED = 99.8, 200_000  # per cent of the rows, and rows, evenly taken, that show it
 ALONE = 10.0  # times what the rows beside it do
 BESIDE = 2  # rows on either side
 BEFORE_S, BEFORE_ROWS = 0.2, 2000  # before a jump: a step of the voltage in there explains it
@@ -101,18 +103,18 @@ def _spikes(signal: FloatArray) -> Rows:
 
 
 def _of_jumps(record: Record) -> Iterator[str]:
-    """Jumps from one row to the next without one of the voltage: a zero that moved, or a counter that ran over."""
+    """Jumps within a row without one of the voltage: a zero that moved, fringes or rows that were lost."""
     x, z = record.volts, record.displacement
     stroke, span = float(np.ptp(z)), float(np.ptp(x))
-    starts = range(0, z.size - 1, BLOCK)
-    large = [np.flatnonzero(np.abs(np.diff(z[a : a + BLOCK + 1])) > JUMP * stroke) + a for a in starts]
-    found = np.setdiff1d(np.concatenate(large), [s.start - 1 for s in record.segments[1:]])
+    rows, sizes, usual = _beyond(z, SMALL * stroke)
+    large = (sizes > JUMP * stroke) | (sizes > OTHERS * usual)
+    found = np.setdiff1d(rows[large], [s.start - 1 for s in record.segments[1:]])
     before = min(max(10, round(BEFORE_S * record.sample_rate)), BEFORE_ROWS)
     sudden = []
     for k in found[:LISTED].tolist():
-        first = max(k - BESIDE, 0)
-        steps = np.abs(np.diff(z[first : k + BESIDE + 2]))
-        jump, beside = steps[k - first], np.delete(steps, k - first).max(initial=0.0)
+        steps = np.diff(z[k - BESIDE : k + BESIDE + 2])
+        others = np.delete(steps, BESIDE)
+        jump, beside = abs(steps[BESIDE] - others.mean()), np.abs(others - others.mean()).max()
         volts = np.abs(np.diff(x[max(k - before, 0) : k + 2])).max()
         if jump > ALONE * beside and volts / span < EXPLAINS * jump / stroke:
             sudden.append(k + 1)
@@ -120,9 +122,25 @@ def _of_jumps(record: Record) -> Iterator[str]:
         k = sudden[0]
         yield (
             f"the displacement jumps by {abs(z[k] - z[k - 1]):.3g} um from one row to the next without a jump of the "
-            f"voltage, {_times(len(sudden))}, first at {_at(record, k)}: the zero of the sensor moved, or its counter "
-            "ran over; use the rows before or after"
+            f"voltage, {_times(len(sudden))}, first at {_at(record, k)}: the zero of the sensor moved, fringes or rows "
+            "were lost, or its counter ran over; use the rows before or after"
         )
+
+
+def _beyond(signal: FloatArray, least: float) -> tuple[Rows, FloatArray, float]:
+    """Rows with a step that is further than `least` from the mean of those beside it, how far, and what is usual."""
+    rows, sizes, usual = [], [], []
+    every = -(-signal.size // SAMPLED)
+    for start in range(0, signal.size - 2 * BESIDE - 1, BLOCK):
+        steps = np.diff(signal[start : start + BLOCK + 2 * BESIDE + 1])
+        size = steps.size - 2 * BESIDE
+        beside = [steps[k : k + size] for k in range(2 * BESIDE + 1) if k != BESIDE]
+        off = np.abs(steps[BESIDE : BESIDE + size] - sum(beside) / len(beside))
+        usual.append(off[::every])
+        at = np.flatnonzero(off > least)
+        rows.append(at + start + BESIDE)
+        sizes.append(off[at])
+    return np.concatenate(rows), np.concatenate(sizes), float(np.percentile(np.concatenate(usual), MOST))
 
 
 def _rows(number: int) -> str:

@@ -24,9 +24,11 @@ FAST = ((20e3, 60e3), (100e3, 20e3))  # Hz, um/s: the same for stamps in ms or l
 SLOW = 1.0  # Hz: stamps of no stated unit that give no higher rate are in ms, or count the rows
 LEADS = -1.5  # % of stroke: mean width of a loop that turns the wrong way round
 EARLY, EARLY_ROWS = 0.02, 2.5  # of a stroke, and rows, by which the displacement may be ahead of the voltage
+SHIFTS = 21  # that are tried
 LATE = 0.2  # of a stroke: hysteresis alone is late by 0.06 at most, an actuator with sensor by 0.1
 TURNS = 0.04, 4.0  # the same two limits where reversals show it
 TOGETHER = 0.7  # least correlation of voltage and displacement, and of their strokes
+RINGS, RING_ABOVE = 0.3, 3.0  # of the mean square, about a line, and times the frequency of the strokes
 COMMAND = 1e-5  # of the stroke: rms by which a displacement that is the voltage times a number may differ from it
 ROUNDED = 1e-4  # the same at most, where the text is rounded
 BEHIND = 2  # rows by which a command may be behind the voltage, and about the lag
@@ -129,9 +131,11 @@ def _of_order(record: Record, found: Findings) -> Iterator[str]:
         )
         return
     if not _together(record, found, turns):
+        if ringing(record) > 0.0:  # which `rare` asks about; loop and delay are those of the ringing
+            return
         yield (
             f"voltage and displacement do not move together (correlation {found.correlation:.2f}): is one of them "
-            "shifted in time, or is it the wrong column?"
+            "shifted in time or at another rate, or is it the wrong column?"
         )
         return
     lead = _lead(record, found, turns)
@@ -179,6 +183,34 @@ def _together(record: Record, found: Findings, turns: turning.Rows) -> bool:
     return abs(found.correlation) >= TOGETHER or bool(moved)
 
 
+def ringing(record: Record) -> float:
+    """Frequency of a ringing that hides the motion, Hz; 0 where the displacement does not ring so.
+
+    One line, as wide as strokes make it, has much of the displacement's mean square, far above the strokes, and below
+    its half voltage and displacement move together.
+
+    Examples
+    --------
+    >>> t = np.arange(4000) / 1000.0
+    >>> x, rung = 5 - 5 * np.cos(20 * t), 12 * np.sin(500 * t)
+    >>> [round(ringing(Record.from_arrays(x, z, sample_rate=1000.0)), 1) for z in (x + rung, rung - x, x)]
+    [79.6, 0.0, 0.0]
+    """
+    turns = turning.reversals(record.volts, turning.STROKE * float(np.ptp(record.volts)))
+    rows = max(record.segments, key=lambda s: s.stop - s.start)
+    size = rows.stop - rows.start
+    X, Z = (np.fft.rfft((a[rows] - a[rows].mean()) * np.hanning(size)) for a in (record.volts, record.displacement))
+    power = np.abs(Z) ** 2
+    top = int(power.argmax())
+    motion = -(-turns.size * size // (2 * record.volts.size))  # the line of two strokes, each of which shakes the stage
+    if top < RING_ABOVE * motion or power[top - motion : top + motion + 1].sum() < RINGS * power.sum():
+        return 0.0
+    below = slice(1, top // 2)
+    both = float(np.vdot(X[below], Z[below]).real)
+    alike = both > TOGETHER * float(np.linalg.norm(X[below]) * np.linalg.norm(Z[below]))
+    return top * record.sample_rate / size if alike else 0.0
+
+
 def _lead(record: Record, found: Findings, turns: turning.Rows) -> str:
     """By what the displacement is seen to come first; empty where it does not."""
     stroke, rows = float(np.median(np.diff(turns))), _rows(found)
@@ -193,9 +225,16 @@ def _lead(record: Record, found: Findings, turns: turning.Rows) -> str:
 def _late(record: Record, found: Findings, turns: turning.Rows) -> str:
     """By what the displacement follows too late; empty where it does not."""
     stroke, lag = float(np.median(np.diff(turns))), _rows(found)["lag"]
-    if lag <= max(LATE * stroke, 2 * EARLY_ROWS):
+    least = max(LATE * stroke, 2 * EARLY_ROWS)
+    if lag <= least or _best_shift(record, lag) <= least:  # the rates of a stage that rings agree a period later, too
         return ""
     return f"{1e3 * lag / found.sample_rate_hz:.4g} ms, {100 * lag / stroke:.0f} % of a stroke"
+
+
+def _best_shift(record: Record, lag: float) -> float:
+    """Rows up to twice the lag by which the displacement follows a line in the voltage best."""
+    tried = np.unique(np.linspace(0.0, 2 * lag, SHIFTS).astype(int))
+    return float(min(tried.tolist(), key=lambda rows: _off(record, rows)))
 
 
 def _rows(found: Findings) -> Mapping[str, float]:

@@ -11,6 +11,7 @@ import numpy as np
 from truestroke.base.typing import FloatArray
 from truestroke.identification.examination.changes import changed
 from truestroke.identification.examination.findings import Findings
+from truestroke.identification.examination.mistakes import TOGETHER, ringing
 from truestroke.identification.examination.rows import rewritten
 from truestroke.identification.records import turning
 from truestroke.identification.records.noise import noise
@@ -64,6 +65,7 @@ def implausible(record: Record, found: Findings) -> tuple[str, ...]:
         *_of_hysteresis(record, found),
         *_of_levels(record, found),
         *_of_slew(record, found),
+        *_of_ringing(record, found),
         *rewritten(record, found),
     )
     return (*units, *of_signals, *changed(record))
@@ -281,6 +283,16 @@ def _of_slew(record: Record, found: Findings) -> Iterator[str]:
             f"in {100 * share:.2g} % of the rows the displacement moves at one largest speed, while the voltage's "
             f"differs by more than {FREE:g} times: is the amplifier at the limit of its current or slew rate, and the "
             "voltage recorded in front of it? Record behind it, or move more slowly"
+        )
+
+
+def _of_ringing(record: Record, found: Findings) -> Iterator[str]:
+    """A stage that rings more than it moves."""
+    if abs(found.correlation) < TOGETHER and (frequency := ringing(record)):
+        yield (
+            f"the displacement rings at {frequency:.4g} Hz as far as the voltage moves it, or further: the stage is "
+            f"shaken at its resonance. Move more slowly, round the steps to {2e3 / frequency:.2g} ms and more, or "
+            "record until the ringing has ended"
         )
 
 

@@ -17,6 +17,7 @@ from truestroke.identification.fitting.regression import plays
 from truestroke.identification.fitting.response import Response
 from truestroke.identification.held_out.black_box import predictable
 from truestroke.identification.held_out.trace import HeldOut, Trace
+from truestroke.identification.records import turning
 
 NOISE = 2.0  # times the sensor's noise: below, no model has half the error
 SILENT = 1e4  # times the noise: then it is that of rounded numbers, and the record is a simulated one
@@ -36,6 +37,7 @@ BEATEN = (
     0.75,
 )  # of its mean square, by a black box: a reason, and a model with half the error, which none is good beside
 SLOW = 0.5, 0.8  # the same by time, which few means show by chance; and where it hides the others
+LONG_STROKES = 90.0  # per cent of the strokes are shorter than those that are compared
 BEYOND = 0.15  # of the range or speed of the fitted part: beyond it the held-out part extrapolates
 LATE_STATES = 0.4  # of the record, in which the voltage had not been at both ends of its range
 DEAD_TIME, DEAD_ROWS = 0.005, 8.0  # s, and rows: more is that of a shifted or buffered channel
@@ -73,8 +75,9 @@ class Evidence:
         0.75 on there is a model with half the error.
     line, line_hz : float
         Share of the mean square of the held-out error in the strongest line of its spectrum, and its frequency, Hz.
-    range_beyond, speed_beyond : float
-        By which share of those of the fitted part the held-out part exceeds range and speed of the voltage.
+    range_beyond, speed_beyond, strokes_beyond : float
+        By which share of those of the fitted part the held-out part exceeds range and speed of the voltage, and the
+        length that a tenth of its strokes have.
     """
 
     over_noise: float
@@ -93,6 +96,7 @@ class Evidence:
     line_hz: float
     range_beyond: float
     speed_beyond: float
+    strokes_beyond: float
 
 
 # ---- Evidence --------------------------------------------------------------------------------------------------------
@@ -188,12 +192,20 @@ def _line(trace: Trace, tested: Any) -> dict[str, float]:
 
 
 def _beyond(trace: Trace, fitted: Any, tested: Any) -> dict[str, float]:
-    """How far the held-out part exceeds range and speed of the fitted part."""
+    """How far the held-out part exceeds range, speed and strokes of the fitted part."""
     x, rate = trace.volts, np.abs(central_difference(trace.volts, trace.sample_rate))
     low, high = x[fitted].min(), x[fitted].max()
     out = max(x[tested].max() - high, low - x[tested].min(), 0.0) / max(high - low, 1e-300)
     fast, before = (float(np.percentile(rate[rows], 99)) for rows in (tested, fitted))
-    return {"range_beyond": float(out), "speed_beyond": max(_over(fast, before) - 1, 0.0)}
+    long, usual = (_long(x[rows]) for rows in (tested, fitted))
+    beyond = {"speed_beyond": _over(fast, before), "strokes_beyond": _over(long, usual)}
+    return {"range_beyond": float(out), **{name: max(ratio - 1, 0.0) for name, ratio in beyond.items()}}
+
+
+def _long(x: FloatArray) -> float:
+    """The length that a tenth of the strokes have, V."""
+    turns = turning.reversals(x, turning.STROKE * float(np.ptp(x)))
+    return float(np.percentile(np.abs(np.diff(x[turns])), LONG_STROKES))
 
 
 # ---- Verdict ---------------------------------------------------------------------------------------------------------
@@ -274,7 +286,10 @@ def _worse(found: Evidence, findings: Findings) -> str:
     if found.range_beyond > BEYOND:
         share = f"{100 * found.range_beyond:.0f} % beyond the voltages of the fitted part"
         return f"{text}: it goes {share}. Record the whole range first."
-    if found.speed_beyond > BEYOND:
+    if found.strokes_beyond > BEYOND and found.time < SLOW[1]:
+        share = f"{100 * found.strokes_beyond:.0f} % longer than those of the fitted part"
+        return f"{text}: its strokes are up to {share}. Record strokes of all lengths first."
+    if found.speed_beyond > BEYOND and found.time < SLOW[1]:
         share = f"{100 * found.speed_beyond:.0f} % faster than the fitted part"
         return f"{text}: it is {share}. Record all speeds first."
     if findings.states_known_s > LATE_STATES * findings.duration_s:

@@ -214,6 +214,8 @@ def read_record(
     signals["volts"] *= of_volts
     if volts_scale is not None:
         columns["volts"] = dataclasses.replace(columns["volts"], of_file="")
+    if displacement_scale is not None and columns["displacement"].of_file not in tables.UNITS["displacement"]:
+        columns["displacement"] = dataclasses.replace(columns["displacement"], of_file="")  # a sensor's V
     contradictions = [*_of_units(columns)]
     unused = ""
     if sample_rate is not None and "time" in columns:

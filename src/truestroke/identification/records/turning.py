@@ -121,8 +121,8 @@ def rate_lag(x: FloatArray, z: FloatArray, longest: int) -> float | None:
     """
     from scipy.signal import correlate
 
-    dx, dz = np.diff(x), np.diff(z)
-    dz = dz * np.sign(dx @ dz)
+    rises = np.sign((x - x.mean()) @ (z - z.mean()))  # the rates of steps and of late answers have none in common
+    dx, dz = np.diff(x), np.diff(z) * rises
     reach = min(longest, dx.size // 4)
     if reach < 2:
         return None

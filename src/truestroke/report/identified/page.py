@@ -235,7 +235,8 @@ def _interval(found: Identified) -> str:
 
 def _evidence(found: Evidence) -> Table:
     """By what the verdict is formed."""
-    beyond = f"{100 * found.range_beyond:.0f} % in range, {100 * found.speed_beyond:.0f} % in speed"
+    of_motion = {"range": found.range_beyond, "speed": found.speed_beyond, "length of strokes": found.strokes_beyond}
+    beyond = ", ".join(f"{100 * share:.0f} % in {name}" for name, share in of_motion.items())
     shares = [(name, f"{100 * getattr(found, name):.0f} %") for name in ("voltage", "velocity", "history", "time")]
     least = f"{found.least_autocorrelation:.2f} at {length_of_time(found.least_autocorrelation_s)}"
     most = f"{found.autocorrelation:.2f} at {length_of_time(found.autocorrelation_s)}"
