@@ -24,6 +24,7 @@ from truestroke import (
     Dynamics,
     Mode,
     Recording,
+    RepetitiveController,
     SettingError,
     cli,
     export_c,
@@ -31,9 +32,12 @@ from truestroke import (
     run,
     trajectories,
 )
+from truestroke.control.baselines import ConstantGain
+from truestroke.control.repeating.repetition import derivatives
 from truestroke.export import c_values
 from truestroke.export.c_sizes import struct_sizes
 from truestroke.identification import save_model
+from truestroke.runtime.realtime.config import load as load_config
 from truestroke.signals.recording import Channel
 
 ROOT = Path(__file__).parents[1]
@@ -323,6 +327,85 @@ def test_what_is_too_large_for_the_chip_is_refused(tmp_path: Path) -> None:
     assert export_c(controller, tmp_path / "b", precision="single", ticks=100, ram=needed).ram == needed
     with pytest.raises(SettingError, match=rf"ram = {needed - 1} bytes: must be {needed} or more for the state of 26"):
         export_c(controller, tmp_path / "c", precision="single", ticks=100, ram=needed - 1)
+    assert not (tmp_path / "c").exists()
+
+
+# ---- What a host has learned of a motion that repeats ----------------------------------------------------------------
+
+
+def repetitive(inside: object = None) -> RepetitiveController:
+    stage = Dynamics(sample_rate=10_000.0, modes=(Mode(frequency=900.0, damping=0.02),))
+    alone = AdaptiveController(sample_rate=10_000.0, stroke=30.0, voltage_limits=(-0.6, 3.6), dynamics=stage)
+    return RepetitiveController(alone if inside is None else inside, 0.02)  # type: ignore[arg-type]
+
+
+def test_the_exported_source_has_the_error_of_the_host_that_learned(tmp_path: Path) -> None:
+    """Lines of another run of the same stage, mean of twenty periods, so that the noise of the sensor is small."""
+    wave = trajectories.raster(
+        frequency=50.0, peak_to_peak=20.0, duration=3.0, sample_rate=10_000.0, offset=12.0, turn=0.2
+    )
+    settings = plant.StageSettings(resonances=(900.0,), dampings=(0.02,), hysteresis_kind="preisach", dead_time=1e-4)
+    host = repetitive()
+    learned = run(wave, host, plant.StagePlant(settings, seed=1))
+    made = export_c(host, tmp_path / "c", precision="single")
+    assert made.ram == export_c(host.controller, tmp_path / "alone", precision="single").ram + 232 + 2 * 4 * 200  # type: ignore[arg-type]
+    done = make(made.folder, "test", "CFLAGS=-O1 -Werror -fPIC")
+    assert done.stderr == ""
+    assert done.stdout == "passed: 2400 of 2400 commands have the same bits, largest difference 0 V\n"
+    whole = ["-Wl,--whole-archive", "adaptive.a", "-Wl,--no-whole-archive"]
+    subprocess.run(["cc", "-shared", "-o", "a.so", *whole, "-lm"], cwd=made.folder, check=True)
+    library, real = ctypes.CDLL(str(made.folder / "a.so")), ctypes.c_float
+    library.adaptive_command.restype = real
+    stage = plant.StagePlant(settings, seed=2)
+    stage.open()
+    velocity, acceleration = derivatives(wave.position, 10_000.0)
+    assert library.adaptive_start(real(0.0), real(stage.exchange(np.zeros(1))[0])) == 0
+    measured = []
+    for row in np.stack([wave.position, velocity, acceleration], axis=1).tolist():
+        volts = library.adaptive_command(*map(real, row))
+        measured.append(float(stage.exchange(np.array([volts]))[0]))
+        library.adaptive_adapt(real(measured[-1]), 0)
+
+    def error(z: np.ndarray[tuple[int], np.dtype[np.float64]], ticks: slice) -> float:
+        lines = wave.flat[ticks].reshape(-1, 200)[0].astype(bool)
+        return float(np.std((z - wave.position)[ticks].reshape(-1, 200).mean(axis=0)[lines]))
+
+    first, last = slice(4_000, 8_000), slice(26_000, 30_000)
+    on_chip = error(np.array(measured), last)
+    assert on_chip < 0.4 * error(learned["measured"], first)
+    assert on_chip < error(learned["measured"], last) + 0.003  # um; the noise of the mean is 0.003
+
+
+def test_the_command_takes_the_state_that_was_saved(tmp_path: Path) -> None:
+    config, state = tmp_path / "stage.toml", tmp_path / "learned.npz"
+    config.write_text(CONFIG.format(controller="adaptive", slew=400.0, more="period = 0.2"))
+    controller = load_config(config).axes[0].controller
+    assert isinstance(controller, RepetitiveController)
+    wave = trajectories.sine(frequency=5.0, peak_to_peak=10.0, duration=6.0, sample_rate=2000.0)
+    run(wave, controller, plant.RealisticPlant(plant.PlantSettings(sample_rate=2000.0)))
+    np.savez(state, **controller.state())
+    output = ("--ticks", "100", "--output", str(tmp_path / "c"))
+    code, printed = call("--config", str(config), "--repetition", str(state), *output)
+    assert code == 0, printed
+    assert "const ts_real wave[ADAPTIVE_PERIOD]" in (tmp_path / "c/period.c").read_text()
+    assert "#define ADAPTIVE_PERIOD 400 " in (tmp_path / "c/adaptive.h").read_text()
+    for refused, words in (
+        (("--config", str(config)), "its axis has a period"),
+        (("--config", str(config), "--repetition", str(config)), "--repetition"),
+        ((*SIZES, "--repetition", str(state)), "--repetition goes with --config"),
+    ):
+        code, printed = call(*refused, *output)
+        assert code == 2
+        assert words in printed
+
+
+def test_what_has_learned_nothing_or_is_around_another_controller_is_not_exported(tmp_path: Path) -> None:
+    with pytest.raises(SettingError, match=r"controller = 0 batches: must be one that has learned a correction"):
+        export_c(repetitive(), tmp_path / "c")
+    line = ConstantGain(10.0, voltage_limits=(-0.6, 3.6))
+    around = RepetitiveController(line, 0.02, sample_rate=10_000.0, voltage_limits=(-0.6, 3.6))
+    with pytest.raises(SettingError, match="a RepetitiveController around one"):
+        export_c(around, tmp_path / "c")
     assert not (tmp_path / "c").exists()
 
 

@@ -19,7 +19,7 @@ from truestroke.control.repeating import batches
 from truestroke.control.repeating import repetitive as repetitive_module
 from truestroke.control.repeating.batches import Outcome
 from truestroke.control.repeating.online import OnlineLaw
-from truestroke.control.repeating.repetition import Periods, Repetition
+from truestroke.control.repeating.repetition import Periods, Repetition, RepetitionSettings
 from truestroke.control.repeating.response_prior import FewNumbers
 from truestroke.control.repeating.steps import Task, finished
 from truestroke.plant import StagePlant, StageSettings
@@ -437,9 +437,10 @@ def test_a_copy_goes_on_alike():
     follow(controller, sine(), plant, range(2700))
     other, twin = copy.deepcopy(controller), copy.deepcopy(plant)
     for k in range(2700, 3600):
-        assert controller.command(*sine()(k)) == other.command(*sine()(k))
+        volts = controller.command(*sine()(k))
+        assert volts == other.command(*sine()(k))
         for one, at in ((controller, plant), (other, twin)):
-            one.adapt(at.move(one._last))
+            one.adapt(at.move(volts))
 
 
 def adaptive():
@@ -504,11 +505,11 @@ def test_periods_are_sampled_at_whole_phases():
 
 
 def test_whole_periods_are_taken_as_they_are():
-    motion, values = Repetition(8.0), [0.1, 0.7, 0.3, 0.9, 0.2, 0.4, 0.8, 0.6]
+    motion, values = Repetition(RepetitionSettings(period=8.0)), [0.1, 0.7, 0.3, 0.9, 0.2, 0.4, 0.8, 0.6]
     for value in itertools.islice(itertools.cycle(values), 40):
         motion.tick(value)
     assert motion.repeats
-    assert motion.shape.wave.tolist() == values
+    assert motion.wave.tolist() == values
     assert motion.at == 39.0
 
 

@@ -17,6 +17,7 @@ from truestroke import (
     RepetitiveController,
     trajectories,
 )
+from truestroke.control.repeating.repetition import RepetitionSettings, kernel_repetition
 from truestroke.plant import StagePlant, StageSettings
 from truestroke.runtime.realtime import motion
 
@@ -149,3 +150,23 @@ def repetitive(steps: int) -> list[Cost]:
 
     about = {"plays": settings.plays, "parameters": settings.parameters, "way": "Python, step by step"}
     return [time_steps(tick, steps, idle=idle, what="axes", name="1 axis, learned while it runs", **about)]
+
+
+def repetition(steps: int) -> list[Cost]:
+    """What a motion that repeats adds to each tick, in the kernel through Python: phase, correction, level, limits."""
+    lines = trajectories.raster(frequency=LINES, peak_to_peak=20.0, offset=12.0, duration=1.0, sample_rate=RATE)
+    z_d, size = lines.position[round(RATE / 2) :].tolist(), round(RATE / LINES)
+    added = kernel_repetition(RepetitionSettings(period=size, change=100.0, share=0.3))
+    added.become(np.sin(2 * np.pi * np.arange(size) / size))
+
+    def tick(k: int) -> None:
+        at = k % len(z_d)
+        added.tick(z_d[at])
+        added.volts(1.0, -0.6, 3.6, 1.0)
+        added.see(0.1, 9.0)
+
+    def idle(k: int) -> None:
+        _ = z_d[k % len(z_d)]
+
+    about = {"plays": 0, "parameters": size, "way": "Python, step by step"}
+    return [time_steps(tick, steps, idle=idle, what="axes", name="what repeats, in each tick", **about)]

@@ -77,6 +77,7 @@ def _parts(steps: int) -> Iterator[Callable[[], list[Cost]]]:
     yield partial(axes.lines, steps // 10)
     yield partial(axes.learning, steps)
     yield partial(axes.repetitive, steps // 10)
+    yield partial(axes.repetition, steps)
 
 
 # ---- The kernel ----------------------------------------------------------------------------------------------------

@@ -57,7 +57,18 @@ const char *ts_variant_in_use(void);
           ts_real strain_d, const ts_real *others, ts_real *volts), (c, z_d, zdot_d, zddot_d, strain_d, others, volts)) \
     VALUE(ts_status, ts_controller_adapt, (ts_controller *c, ts_real z, int ago), (c, z, ago))                          \
     NOTHING(ts_controller_hold, (ts_controller *c, bool hold), (c, hold))                                               \
-    NOTHING(ts_controller_complete, (ts_controller *c), (c))
+    NOTHING(ts_controller_complete, (ts_controller *c), (c))                                                            \
+    VALUE(bool, ts_repetition_init, (ts_repetition *r, const ts_repetition_settings *s, ts_real *memory), (r, s, memory)) \
+    VALUE(bool, ts_repetition_tick, (ts_repetition *r, ts_real z_d), (r, z_d))                                          \
+    NOTHING(ts_repetition_trigger, (ts_repetition *r), (r))                                                             \
+    NOTHING(ts_repetition_leave, (ts_repetition *r), (r))                                                               \
+    VALUE(bool, ts_repetition_become, (ts_repetition *r, const ts_real *volts, ts_real scale, int waits),               \
+          (r, volts, scale, waits))                                                                                     \
+    VALUE(int, ts_repetition_free, (const ts_repetition *r), (r))                                                       \
+    NOTHING(ts_repetition_move, (ts_repetition *r, ts_real volts, ts_real ticks), (r, volts, ticks))                    \
+    VALUE(ts_real, ts_repetition_volts, (ts_repetition *r, ts_real inside, ts_real low, ts_real high, ts_real slew),    \
+          (r, inside, low, high, slew))                                                                                 \
+    VALUE(bool, ts_repetition_see, (ts_repetition *r, ts_real error, ts_real gain), (r, error, gain))
 
 #define TS_VALUE_MEMBER(type, name, parameters, arguments) type(*name) parameters;
 #define TS_NOTHING_MEMBER(name, parameters, arguments) void(*name) parameters;

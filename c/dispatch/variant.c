@@ -17,6 +17,7 @@
 #include "../src/learned.c"
 #include "../src/adapt.c"
 #include "../src/controller.c"
+#include "../src/repetition.c"
 
 #include "dispatch.h"
 

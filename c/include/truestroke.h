@@ -711,6 +711,110 @@ TS_API void ts_controller_hold(ts_controller *c, bool hold);
 /* For those who read the covariance: after a tick that had much to do it is made in the next one, or here, with the same bits. */
 TS_API void ts_controller_complete(ts_controller *c);
 
+/* ---- Repetition ---------------------------------------------------------------------------------------------------- */
+
+/* What is added to the command in a motion that repeats, and the phase of that motion. The controller is another struct: its
+ * voltage goes through ts_repetition_volts. A tick: ts_repetition_tick, ts_controller_command, ts_repetition_volts; then
+ * ts_repetition_see, and ts_controller_adapt unless `corrects`: meanwhile the controller rests. Each is O(1). */
+
+/* One period of a motion, and sums over it. */
+typedef struct {
+    const ts_real *wave;              /* um, as many as the period has phases */
+    ts_real mean, span;               /* um; peak to peak */
+    ts_real power, slopes;            /* um^2: squares of it less its mean, and of half of the difference of both neighbours */
+    ts_real cosine, sine;             /* um: products of it with those of its phase */
+} ts_shape;
+
+/* A correction that a host has learned; it may be in read-only memory. */
+typedef struct {
+    ts_shape shape;                   /* of the motion in which it was learned */
+    const ts_real *volts;             /* one period in the phase of `wave`, V, without its mean, */
+    ts_real level;                    /* and the mean, V */
+    ts_real gain;                     /* um/V: displacement by voltage, slowly */
+} ts_learned_period;
+
+/* Checked by ts_repetition_init. */
+typedef struct {
+    int size;                         /* phases of a period, 16..TS_LONGEST_PERIOD: its ticks, but for a tick and 1.5 % */
+    ts_real period;                   /* ticks; that of the motion may differ by 1.5 % */
+    ts_real change;                   /* ticks in which a correction takes over, 1 or more */
+    ts_real share;                    /* 0..1: of the mean error of a period, which the next one takes away */
+    ts_real cosine, sine;             /* of 2 pi / size; only beside `learned` */
+    ts_real ratio;                    /* 1..10: how many times the learned amplitude that of a motion may be, or the other way round */
+    int settles;                      /* ticks from the begin to the end of leaving a correction */
+    const ts_learned_period *learned; /* NULL: the caller decides what is added */
+} ts_repetition_settings;
+#define TS_SHORTEST_PERIOD 16
+#define TS_LONGEST_PERIOD 8192
+
+typedef struct {                      /* a voltage of one period, and how much of it */
+    const ts_real *volts;             /* the caller's; NULL: none */
+    ts_real from, to;                 /* at both ends of a change */
+} ts_added;
+
+typedef struct {
+    const ts_repetition_settings *settings; /* the caller's */
+    ts_real *now, *other;             /* the caller's memory: the period that is recorded, and the one that was */
+    /* the motion */
+    ts_real pace, step;               /* phases in a tick: of its period, and of this one */
+    ts_real part;                     /* phase of the last tick: place + part, part 0..1 */
+    int place;
+    uint64_t turns;                   /* periods so far */
+    ts_real value;                    /* um: desired in the last tick */
+    ts_shape shape;                   /* of the period that is repeated, or of the last one; wave NULL: none is known */
+    ts_real amplitude, offset;        /* 1, um: the motion is offset + amplitude wave, */
+    ts_real drift;                    /* um: and further away in the last period */
+    int alike;                        /* periods in a row that are alike */
+    ts_real error, own, slope, square; /* sums of this period against the shape: of the difference, um, its products, um^2 */
+    ts_real first, sum, squares, low, high, slopes; /* of this period: um, um^2 */
+    ts_real turned[2], fundamental[2]; /* cosine and sine of this phase, and the sums of products */
+    bool started, whole, begun;       /* there was a tick; the value before is known; this period is whole so far */
+    bool triggered, repeats;          /* its phase is that of a trigger; it repeats */
+    bool aligned, joined;             /* its shape is the learned one; the learned correction is added */
+    /* what is added */
+    ts_added added[2];
+    ts_real changed;                  /* share of the change, 0..1 */
+    ts_real level, goal, climb;       /* V, V, V per tick */
+    ts_real errors;                   /* um: sum over the ticks that are counted */
+    int counted;
+    ts_real kept;                     /* V: level with which the learned correction begins */
+    ts_real range;                    /* V: between the limits */
+    ts_real last;                     /* V */
+    int waits;                        /* ticks until a correction that ends has decayed */
+    bool corrects, slewed, saturated; /* a voltage is added; a limit has held the last one */
+    bool commanded;                   /* there was a voltage */
+    uint64_t limited;                 /* ticks in which a limit has held it */
+} ts_repetition;
+
+/* At rest, with memory of 2 * size numbers. False, and no change, where a setting is out of its range. */
+TS_API bool ts_repetition_init(ts_repetition *r, const ts_repetition_settings *settings, ts_real *memory);
+
+/* The next tick, with the desired displacement, um; whether a period is complete or it no longer repeats. What is not finite
+ * changes nothing. */
+TS_API bool ts_repetition_tick(ts_repetition *r, ts_real z_d);
+
+/* The next tick begins a period of the motion, or of the learned one: from the first call on its phase is that of these calls. */
+TS_API void ts_repetition_trigger(ts_repetition *r);
+
+/* The motion does not repeat any more. A learned correction is taken back. */
+TS_API void ts_repetition_leave(ts_repetition *r);
+
+/* From the next tick on so much of one period of a voltage, V, takes over, smoothly; NULL: nothing, and it has ended after
+ * `waits` ticks. False, and no change, where a change from one voltage to another has not ended. */
+TS_API bool ts_repetition_become(ts_repetition *r, const ts_real *volts, ts_real scale, int waits);
+
+/* Which of `added` is free; -1: none. */
+TS_API int ts_repetition_free(const ts_repetition *r);
+
+/* The level goes to a voltage, V, within so many ticks. */
+TS_API void ts_repetition_move(ts_repetition *r, ts_real volts, ts_real ticks);
+
+/* The voltage of this tick, V, of that of the controller, within limits, V, and slew, V per tick. */
+TS_API ts_real ts_repetition_volts(ts_repetition *r, ts_real inside, ts_real low, ts_real high, ts_real slew);
+
+/* The error of a tick of this motion, um, and the displacement by voltage, um/V, or 0 where it is not known; false where it is NaN, or no error. */
+TS_API bool ts_repetition_see(ts_repetition *r, ts_real error, ts_real gain);
+
 #ifdef __cplusplus
 }
 #endif

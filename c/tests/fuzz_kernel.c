@@ -3,6 +3,7 @@
  * With clang it is a libFuzzer target; without it `main` below generates the bytes itself, from a seed. Both take files as
  * arguments, to repeat what was found. */
 #include <float.h>
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -13,14 +14,14 @@
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 
 static struct {
-    unsigned long long inputs, refused, stages, late, commands, measured, changes, starts;
+    unsigned long long inputs, refused, stages, late, commands, measured, changes, starts, repetitions, joined;
 } seen;
 
 static void report(void)
 {
     printf("fuzz (%s): %llu inputs, %llu with refused settings, %llu with a stage, %llu with a late sensor; %llu commands, %llu measurements used, %llu changes, "
-           "%llu starts\n", sizeof(ts_real) == 8 ? "double" : "float", seen.inputs, seen.refused, seen.stages, seen.late, seen.commands,
-           seen.measured, seen.changes, seen.starts);
+           "%llu starts, %llu repetitions, %llu calls with what was learned\n", sizeof(ts_real) == 8 ? "double" : "float", seen.inputs, seen.refused, seen.stages, seen.late, seen.commands,
+           seen.measured, seen.changes, seen.starts, seen.repetitions, seen.joined);
 }
 
 /* ---- Bytes ----------------------------------------------------------------------------------------------------------- */
@@ -283,10 +284,65 @@ static void call(bench *t, bytes *b)
     else change(t, b);
 }
 
+/* ---- Repetition ------------------------------------------------------------------------------------------------------- */
+
+enum { MOST = 64 };
+
+/* Any settings, waves and calls; desired values of a motion that may repeat, and any. */
+static void repetition(bytes *b)
+{
+    static ts_real memory[2 * MOST], wave[MOST], table[2][MOST];
+    int size = 16 + below(b, MOST - 15), form = below(b, 3);
+    double turn = 6.283185307179586 / size;
+    for (int k = 0; k < size; k++) {
+        wave[k] = (ts_real)(form == 0 ? cos(turn * k) : form == 1 ? abs(2 * k - size) / (double)size : between(b, -1, 1));
+        for (int i = 0; i < 2; i++) table[i][k] = (ts_real)between(b, -1, 1);
+    }
+    ts_shape shape = {wave, 0, any(b, 3), any(b, 30), any(b, 3), any(b, 30), any(b, 30)};
+    if (form == 0) shape = (ts_shape){wave, 0, 2, (ts_real)(0.5 * size), (ts_real)(0.5 * size * turn * turn), (ts_real)(0.5 * size), 0};
+    ts_learned_period learned = {shape, table[0], (ts_real)between(b, -1, 1), any(b, 10)};
+    ts_repetition_settings s = {size, (ts_real)(size + between(b, -1, 1)), (ts_real)between(b, 0.9, 50), (ts_real)between(b, -0.1, 1), (ts_real)cos(turn), (ts_real)sin(turn), (ts_real)between(b, 0.9, 10), below(b, 100), NULL};
+    if (below(b, 2)) s.learned = &learned;
+    ts_repetition r;
+    if (!ts_repetition_init(&r, &s, memory)) return;
+    double phase = 0, pace = between(b, 0.98, 1.02), amplitude = between(b, 0, 3), offset = between(b, -5, 5);
+    while (b->left > 0) {
+        unsigned what = byte(b);
+        ts_real low = (ts_real)-2, high = 2, slew = (ts_real)0.5, last = r.last;
+        bool corrects = r.corrects;
+        if (what < 8) amplitude = between(b, 0, 3);
+        else if (what < 12) ts_repetition_trigger(&r);
+        else if (what < 16) ts_repetition_leave(&r);
+        else if (what < 24 && !s.learned) ts_repetition_become(&r, what < 20 ? table[what % 2] : NULL, (ts_real)between(b, -1, 1), below(b, 60));
+        else if (what < 28 && !s.learned) ts_repetition_move(&r, (ts_real)between(b, -2, 2), 1 + (ts_real)below(b, 50));
+        else if (what < 40) ts_repetition_tick(&r, any(b, 10));
+        ts_real error = any(b, 3), gain = any(b, 10);
+        for (int k = 0; k < (what > 60 ? 7 * size : 1); k++) {
+            phase += pace;
+            double x = form == 0 ? cos(turn * phase) : (double)wave[(int)phase % size];
+            ts_repetition_tick(&r, (ts_real)(offset + amplitude * x));
+            ts_real volts = ts_repetition_volts(&r, (ts_real)(2 * cos(0.7 * k)), low, high, slew);
+            require(volts >= low && volts <= high, "the voltage is within its limits");
+            if (corrects && r.corrects) require(fabs((double)(volts - last)) <= 0.5 + 1e-5, "the voltage keeps to slew");
+            last = volts;
+            corrects = r.corrects;
+            ts_repetition_see(&r, error, gain);
+            require(sound(&r), "the state of a repetition is sound");
+            require(r.goal >= -4 && r.goal <= 4, "the level is within the range");
+        }
+        seen.joined += r.joined;
+    }
+}
+
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {
     static bench t;
     bytes b = {data, size};
+    if (byte(&b) % 8 == 7) {
+        seen.repetitions++;
+        repetition(&b);
+        return 0;
+    }
     ts_settings s = sane(&b);
     int disturbed = below(&b, 5);
     memset(&t, 0, sizeof t);

@@ -65,6 +65,19 @@ static inline bool finite_state(const ts_controller *c)
            && finite_memory(&c->lagged, s) && finite_law(c) && finite_stage(c);
 }
 
+/* Of a repetition whose desired values and tables are finite. */
+static inline bool sound(const ts_repetition *r)
+{
+    const ts_real scalars[] = {r->value, r->offset, r->drift, r->error, r->own, r->slope, r->square, r->first, r->sum, r->squares,
+                               r->low, r->high, r->slopes, r->level, r->goal, r->climb, r->errors, r->kept, r->last,
+                               r->added[0].from, r->added[0].to, r->added[1].from, r->added[1].to};
+    bool paced = r->pace > 0 && r->step > 0 && r->step < 2 && r->part >= 0 && r->part < 1 && r->place >= 0 && r->place < r->settings->size;
+    bool known = r->shape.wave != NULL || !r->repeats;
+    return paced && known && (r->repeats || !r->aligned) && (r->aligned || !r->joined) && (r->corrects || !r->joined) && r->amplitude > 0
+           && r->changed >= 0 && r->changed <= 1 && r->counted < r->settings->size && r->waits >= 0
+           && all_finite(scalars, sizeof scalars / sizeof *scalars) && all_finite(r->fundamental, 2) && all_finite(r->turned, 2);
+}
+
 /* Whether P is positive definite: its Cholesky factor exists. */
 static inline bool definite(const ts_real *P, int m)
 {

@@ -745,6 +745,73 @@ static void test_trim(void)
     check(near(z, 10, 1e-3 / EPS), "and it comes back from there");
 }
 
+/* ---- Repetition ---------------------------------------------------------------------------------------------------- */
+
+enum { PHASES = 100 };
+static ts_real wave[PHASES], table[PHASES];
+
+static double form(double turns) { return cos(6.283185307179586 * turns) + 0.2 * sin(18.84955592153876 * turns); }
+
+/* Of a motion of 6 um about 5 um: 0.1 V in a sine that is 0.2 turns early, and 0.3 V. */
+static ts_learned_period learned_period(void)
+{
+    double power = 0, slopes = 0, low = 1e9, high = -1e9, cosine = 0, sine = 0;
+    for (int k = 0; k < PHASES; k++) {
+        double x = 3 * form((double)k / PHASES), d = 1.5 * (form((k + 1.0) / PHASES) - form((k - 1.0) / PHASES));
+        double turn = 6.283185307179586 * k / PHASES;
+        wave[k] = (ts_real)(5 + x);
+        table[k] = (ts_real)(0.1 * sin(turn + 6.283185307179586 * 0.2));
+        power += x * x, slopes += d * d, cosine += x * cos(turn), sine += x * sin(turn);
+        low = x < low ? x : low, high = x > high ? x : high;
+    }
+    ts_shape shape = {wave, 5, (ts_real)(high - low), (ts_real)power, (ts_real)slopes, (ts_real)cosine, (ts_real)sine};
+    return (ts_learned_period){shape, table, (ts_real)0.3, 10};
+}
+
+static ts_repetition_settings repetition_settings(const ts_learned_period *learned)
+{
+    return (ts_repetition_settings){.size = PHASES, .period = PHASES, .change = 20, .share = (ts_real)0.3, .cosine = (ts_real)cos(6.283185307179586 / PHASES),
+                                    .sine = (ts_real)sin(6.283185307179586 / PHASES), .ratio = 2, .settles = 40, .learned = learned};
+}
+
+/* A period that is 0.7 % longer, a smaller amplitude, another offset and phase. */
+static double moving(int k) { return 2 + 0.6 * (5 + 3 * form(k / 100.7 + 0.37)); }
+
+static void test_repetition(void)
+{
+    ts_real memory[2 * PHASES], last = 0;
+    ts_learned_period learned = learned_period();
+    ts_repetition_settings s = repetition_settings(&learned);
+    ts_repetition r, before;
+    double largest = 0, bump = 0;
+    check(ts_repetition_init(&r, &s, memory), "a repetition begins");
+    for (int k = 0; k < 4000; k++) {
+        ts_repetition_tick(&r, (ts_real)moving(k));
+        ts_real volts = ts_repetition_volts(&r, 1, -5, 5, 5);
+        double expected = 1.3 + 0.06 * sin(6.283185307179586 * (k / 100.7 + 0.57));
+        if (k > 2000) largest = fmax(largest, fabs((double)volts - expected));
+        if (k > 0) bump = fmax(bump, fabs((double)(volts - last)));
+        last = volts;
+        if (k < 200) check(volts >= 1 && volts <= 1, "two periods show nothing yet");
+    }
+    check(r.joined && r.corrects && sound(&r), "a motion of the learned form is joined");
+    check(largest < 1e-3, "with its amplitude, at its phase");
+    check(bump < 15.0 / 8 * 0.36 / 20 + 0.004, "without a bump");
+    before = r;
+    check(!ts_repetition_tick(&r, (ts_real)NAN) && !ts_repetition_tick(&r, (ts_real)INFINITY), "what is not finite is refused");
+    check(memcmp(&before, &r, sizeof r) == 0, "and changes nothing");
+    for (int k = 0; k < 100; k++) {
+        ts_repetition_tick(&r, 5);
+        ts_real volts = ts_repetition_volts(&r, 1, -5, 5, 5);
+        check(fabs((double)(volts - last)) < 15.0 / 8 * 0.36 / 20 + 0.004, "it is left without a bump");
+        last = volts;
+    }
+    check(!r.joined && !r.corrects && last >= 1 && last <= 1, "at rest the controller is alone");
+    ts_repetition_settings bad = s;
+    bad.size = 8;
+    check(!ts_repetition_init(&r, &bad, memory), "a period that is too short is refused");
+}
+
 int main(void)
 {
     test_play_bank();
@@ -772,6 +839,7 @@ int main(void)
     test_hold();
     test_start_and_change();
     test_trim();
+    test_repetition();
     printf("kernel (%s): %d passed, %d failed\n", sizeof(ts_real) == 8 ? "double" : "float", passed, failed);
     return failed != 0;
 }

@@ -67,6 +67,25 @@ static void drive(ts_controller *c, const ts_settings *s)
     }
 }
 
+/* A motion that repeats, with a table that is added. */
+static ts_real repeat(ts_repetition *r, const ts_real *table)
+{
+    static const ts_repetition_settings s = {.size = 40, .period = 40, .change = 15, .share = (ts_real)0.3};
+    static ts_real memory[80];
+    ts_real sum = 0;
+    seed = 9;
+    memset(r, 0, sizeof *r);
+    ts_repetition_init(r, &s, memory);
+    for (int k = 0; k < 2000; k++) {
+        int at = k % 40 < 20 ? k % 40 : 40 - k % 40;
+        ts_repetition_tick(r, (ts_real)at / (k < 1500 ? 3 : 4));
+        if (r->repeats && !r->corrects) ts_repetition_become(r, table, 1, 0);
+        sum += ts_repetition_volts(r, uniform(0, 3), 0, 3, 1);
+        ts_repetition_see(r, uniform(-1, 1), 8);
+    }
+    return sum;
+}
+
 int main(void)
 {
     static const int PLAYS[] = {1, 3, 4, 8, 13, 16, 24, 32};
@@ -89,6 +108,16 @@ int main(void)
                 failed++;
             }
         }
+    static ts_real table[40] = {0, (ts_real)0.1, (ts_real)0.3, (ts_real)0.2};
+    static ts_repetition repeated, again;
+    ts_variant_use("plain");
+    ts_real sum = repeat(&repeated, table);
+    failed += !repeated.corrects;
+    for (int v = 1; ts_variant_name(v); v++, compared++) {
+        ts_variant_use(ts_variant_name(v));
+        ts_real other_sum = repeat(&again, table);
+        failed += other_sum < sum || other_sum > sum || memcmp(&repeated, &again, sizeof again) != 0;
+    }
     void *volatile counted = malloc(1); /* the counter counts */
     free(counted);
     failed += allocations == 0;

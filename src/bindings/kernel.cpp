@@ -706,6 +706,196 @@ PyMethodDef tick_calls[] = {
      "adapt($self, z_measured, ago=0)\n--\n\nLearn from the displacement z_measured, um."},
 };
 
+// ---- Repetition ------------------------------------------------------------------------------------------------------
+
+std::vector<ts_real> period_of(const nb::dict &d, const char *name, size_t size) {
+    auto source = nb::cast<Vector<double>>(d[name]);
+    if (source.shape(0) != size) throw std::invalid_argument(std::string(name) + " must have one entry for each phase");
+    return std::vector<ts_real>(source.data(), source.data() + size);
+}
+
+template <typename T> T member(const nb::dict &d, const char *name) { return static_cast<T>(nb::cast<double>(d[name])); }
+
+// ts_repetition with its memory and its tables.
+class Repetition {
+  public:
+    explicit Repetition(const nb::dict &given) : given_(given) {
+        settings_.size = nb::cast<int>(given["size"]);
+        settings_.period = member<ts_real>(given, "period");
+        settings_.change = member<ts_real>(given, "change");
+        settings_.share = member<ts_real>(given, "share");
+        settings_.cosine = member<ts_real>(given, "cosine");
+        settings_.sine = member<ts_real>(given, "sine");
+        settings_.ratio = member<ts_real>(given, "ratio");
+        settings_.settles = nb::cast<int>(given["settles"]);
+        size_t size = settings_.size > 0 ? static_cast<size_t>(settings_.size) : 0;
+        if (!given["learned"].is_none()) take_learned(nb::cast<nb::dict>(given["learned"]), size);
+        memory_.resize(2 * size);
+        for (auto &table : tables_) table.resize(size);
+        if (!ts_repetition_init(&r_, &settings_, memory_.data()))
+            throw std::invalid_argument("the kernel refuses the settings of a repetition");
+    }
+    Repetition(const Repetition &) = delete;
+    Repetition &operator=(const Repetition &) = delete;
+
+    bool tick(double z_d) { return ts_repetition_tick(&r_, static_cast<ts_real>(z_d)); }
+    void trigger() { ts_repetition_trigger(&r_); }
+    void leave() { ts_repetition_leave(&r_); }
+    bool become(std::optional<Vector<double>> volts, double scale, int waits) {
+        if (!volts) return ts_repetition_become(&r_, nullptr, 0, waits);
+        int to = ts_repetition_free(&r_);
+        if (volts->shape(0) != size()) throw std::invalid_argument("a correction has one entry for each phase");
+        if (to < 0) return false;
+        auto &table = tables_[to];
+        std::copy(volts->data(), volts->data() + size(), table.begin());
+        return ts_repetition_become(&r_, table.data(), static_cast<ts_real>(scale), waits);
+    }
+    void move(double volts, double ticks) {
+        ts_repetition_move(&r_, static_cast<ts_real>(volts), static_cast<ts_real>(ticks));
+    }
+    double volts(double inside, double low, double high, double slew) {
+        return ts_repetition_volts(&r_, static_cast<ts_real>(inside), static_cast<ts_real>(low),
+                                   static_cast<ts_real>(high), static_cast<ts_real>(slew));
+    }
+    bool see(double error, double gain) {
+        return ts_repetition_see(&r_, static_cast<ts_real>(error), static_cast<ts_real>(gain));
+    }
+
+    size_t size() const { return static_cast<size_t>(settings_.size); }
+    double at() const {
+        return static_cast<double>(r_.turns) * settings_.size + r_.place + static_cast<double>(r_.part);
+    }
+    double period() const { return static_cast<double>(settings_.size) / static_cast<double>(r_.pace); }
+    double goal() const { return r_.goal; }
+    bool repeats() const { return r_.repeats; }
+    bool joined() const { return r_.joined; }
+    bool corrects() const { return r_.corrects; }
+    bool slewed() const { return r_.slewed; }
+    bool saturated() const { return r_.saturated; }
+    uint64_t limited() const { return r_.limited; }
+    nb::object wave() const {
+        if (!r_.shape.wave) throw std::invalid_argument("no period of the motion is known");
+        return copy_of(r_.shape.wave, {size()});
+    }
+
+    nb::dict state() {
+        std::vector<ts_real> numbers;
+        std::vector<int64_t> counts;
+        std::vector<uint8_t> flags;
+        ts_shape shape = r_.shape.wave ? r_.shape : ts_shape{};
+        each_number(r_, shape, [&numbers](ts_real &x) { numbers.push_back(x); });
+        each_count(r_, [&counts](auto &x) { counts.push_back(static_cast<int64_t>(x)); });
+        bool known = r_.shape.wave != nullptr;
+        each_flag(r_, known, [&flags](bool &x) { flags.push_back(x); });
+        nb::dict d;
+        d["numbers"] = copy_of(numbers.data(), {numbers.size()});
+        d["counts"] = copy_of(counts.data(), {counts.size()});
+        d["flags"] = copy_of(flags.data(), {flags.size()}).attr("astype")("bool");
+        d["now"] = copy_of(r_.now, {size()});
+        d["other"] = copy_of(r_.other, {size()});
+        for (int i = 0; i < 2; i++) {
+            std::vector<ts_real> none(size());
+            d[i ? "added_1" : "added_0"] = copy_of(r_.added[i].volts ? r_.added[i].volts : none.data(), {size()});
+        }
+        return d;
+    }
+
+    void restore(const nb::dict &d) {
+        ts_repetition next = r_;
+        ts_shape shape{};
+        bool known = false, good = true;
+        std::vector<ts_real> memory(2 * size()), tables[2];
+        auto numbers = entries<ts_real>(d, "numbers");
+        auto counts = entries<int64_t>(d, "counts");
+        auto flags = entries<uint8_t>(d, "flags");
+        size_t i = 0;
+        auto fill = [&i, &good](auto &source, auto &x) { // a size that is wrong is seen at the end
+            if (i < source.size()) x = static_cast<std::remove_reference_t<decltype(x)>>(source[i]);
+            i++;
+        };
+        each_number(next, shape, [&](ts_real &x) { fill(numbers, x); });
+        good = i == numbers.size();
+        for (ts_real x : numbers) good = good && std::abs(x) <= static_cast<ts_real>(TS_LARGEST * TS_LARGEST);
+        i = 0;
+        each_count(next, [&](auto &x) { fill(counts, x); });
+        good = good && i == counts.size();
+        for (int64_t x : counts) good = good && x >= 0 && x < int64_t{1} << 62;
+        i = 0;
+        each_flag(next, known, [&](bool &x) { fill(flags, x); });
+        good = good && i == flags.size() && next.place < settings_.size && next.part >= 0 && next.part < 1 &&
+               next.counted < settings_.size && next.step > 0 && next.pace > 0 && next.step < 2 && next.changed >= 0 &&
+               next.changed <= 1 && (known || !next.repeats) && (next.repeats || !next.aligned) &&
+               (next.aligned || !next.joined) && (settings_.learned || !next.aligned) && shape.span >= 0 &&
+               shape.slopes >= 0 && next.amplitude > 0;
+        const char *names[] = {"now", "other", "added_0", "added_1"};
+        for (int k = 0; k < 4; k++) {
+            auto table = entries<ts_real>(d, names[k]);
+            good = good && table.size() == size();
+            for (ts_real x : table) good = good && std::abs(x) <= TS_LARGEST;
+            if (k < 2 && good) std::copy(table.begin(), table.end(), memory.begin() + static_cast<ptrdiff_t>(k * size()));
+            if (k >= 2) tables[k - 2] = std::move(table);
+        }
+        if (!good) throw std::invalid_argument("it is no state of a repetition");
+        memory_ = std::move(memory);
+        next.now = memory_.data();
+        next.other = memory_.data() + size();
+        next.shape = shape;
+        next.shape.wave = !known ? nullptr : next.aligned ? settings_.learned->shape.wave : next.other;
+        for (int k = 0; k < 2; k++) {
+            tables_[k] = std::move(tables[k]);
+            next.added[k].volts = tables_[k] == volts_ ? volts_.data() : tables_[k].data();
+        }
+        r_ = next;
+    }
+
+    nb::tuple getstate() { return nb::make_tuple(given_, state()); }
+    static void setstate(Repetition &self, const nb::tuple &state) {
+        new (&self) Repetition(nb::cast<nb::dict>(state[0]));
+        self.restore(nb::cast<nb::dict>(state[1]));
+    }
+
+  private:
+    template <typename Visit> static void each_number(ts_repetition &r, ts_shape &shape, Visit visit) {
+        for (ts_real *x : {&r.pace, &r.step, &r.part, &r.value, &r.amplitude, &r.offset, &r.drift, &r.error, &r.own,
+                           &r.slope, &r.square, &r.first, &r.sum, &r.squares, &r.low, &r.high, &r.slopes, &r.turned[0],
+                           &r.turned[1], &r.fundamental[0], &r.fundamental[1], &r.changed, &r.level, &r.goal, &r.climb,
+                           &r.errors, &r.kept, &r.range, &r.last, &shape.mean, &shape.span, &shape.power, &shape.slopes,
+                           &shape.cosine, &shape.sine, &r.added[0].from, &r.added[1].from, &r.added[0].to,
+                           &r.added[1].to})
+            visit(*x);
+    }
+    template <typename Visit> static void each_count(ts_repetition &r, Visit visit) {
+        visit(r.place), visit(r.turns), visit(r.alike), visit(r.counted), visit(r.waits), visit(r.limited);
+    }
+    template <typename Visit> static void each_flag(ts_repetition &r, bool &known, Visit visit) {
+        for (bool *x : {&r.started, &r.whole, &r.begun, &r.triggered, &r.repeats, &r.aligned, &r.joined, &r.corrects,
+                        &r.slewed, &r.saturated, &r.commanded, &known})
+            visit(*x);
+    }
+    template <typename T> static std::vector<T> entries(const nb::dict &d, const char *name) {
+        if (!d.contains(name)) throw std::invalid_argument(std::string("state has no entry ") + name);
+        nb::ndarray<const T, nb::ndim<1>, nb::c_contig, nb::device::cpu> source;
+        nb::object value = d[name];
+        if constexpr (std::is_same_v<T, uint8_t>) value = value.attr("astype")("uint8");
+        if (!nb::try_cast(value, source)) throw std::invalid_argument(std::string("state entry ") + name + ": wrong numbers");
+        return std::vector<T>(source.data(), source.data() + source.shape(0));
+    }
+    void take_learned(const nb::dict &l, size_t size) {
+        wave_ = period_of(l, "wave", size);
+        volts_ = period_of(l, "volts", size);
+        learned_ = {{wave_.data(), member<ts_real>(l, "mean"), member<ts_real>(l, "span"), member<ts_real>(l, "power"),
+                     member<ts_real>(l, "slopes"), member<ts_real>(l, "cosine"), member<ts_real>(l, "sine")},
+                    volts_.data(), member<ts_real>(l, "level"), member<ts_real>(l, "gain")};
+        settings_.learned = &learned_;
+    }
+
+    nb::dict given_;
+    std::vector<ts_real> memory_, tables_[2], wave_, volts_;
+    ts_learned_period learned_{};
+    ts_repetition_settings settings_{};
+    ts_repetition r_{};
+};
+
 // ---- Whole arrays ----------------------------------------------------------------------------------------------------
 
 std::vector<ts_real> reals(const Vector<double> &source) {
@@ -867,4 +1057,28 @@ MODULE(TS_MODULE, m) {
         .def("filter", &Kernel::filter)
         .def("flags", &Kernel::flags)
         .def("counters", &Kernel::counters);
+    nb::class_<Repetition>(m, "Repetition")
+        .def(nb::init<const nb::dict &>(), "members"_a)
+        .def("tick", &Repetition::tick, "z_d"_a)
+        .def("trigger", &Repetition::trigger)
+        .def("leave", &Repetition::leave)
+        .def("become", &Repetition::become, "volts"_a.none(), "scale"_a = 1.0, "waits"_a = 0)
+        .def("move", &Repetition::move, "volts"_a, "ticks"_a)
+        .def("volts", &Repetition::volts, "inside"_a, "low"_a, "high"_a, "slew"_a)
+        .def("see", &Repetition::see, "error"_a, "gain"_a = 0.0)
+        .def("state", &Repetition::state)
+        .def("restore", &Repetition::restore, "state"_a)
+        .def("__getstate__", &Repetition::getstate)
+        .def("__setstate__", &Repetition::setstate)
+        .def_prop_ro("size", &Repetition::size)
+        .def_prop_ro("at", &Repetition::at)
+        .def_prop_ro("period", &Repetition::period)
+        .def_prop_ro("goal", &Repetition::goal)
+        .def_prop_ro("repeats", &Repetition::repeats)
+        .def_prop_ro("joined", &Repetition::joined)
+        .def_prop_ro("corrects", &Repetition::corrects)
+        .def_prop_ro("slewed", &Repetition::slewed)
+        .def_prop_ro("saturated", &Repetition::saturated)
+        .def_prop_ro("limited", &Repetition::limited)
+        .def_prop_ro("wave", &Repetition::wave);
 }

@@ -87,3 +87,12 @@ def rebuilt(state: Mapping[str, npt.NDArray[Any]], kinds: tuple[type, ...]) -> d
 
     structure = json.loads(str(state[TEXT]))
     return {name: read(value) for name, value in structure.items()}
+
+
+def named(state: Mapping[str, npt.NDArray[Any]], begin: str) -> Arrays:
+    """The entries of a state whose names begin so, without it.
+
+    >>> sorted(named({"inside weights": np.zeros(2), "structure": np.zeros(1)}, "inside "))
+    ['weights']
+    """
+    return {name.removeprefix(begin): array for name, array in state.items() if name.startswith(begin)}

@@ -24,6 +24,7 @@ OF_TARGETS = {
     "precision": ["c"],
     "history": ["c"],
     "ram": ["c"],
+    "repetition": ["c"],
     "stack": ["fmu"],
     "actuator": ["fmu"],
     "source": ["fmu"],
@@ -51,6 +52,8 @@ OF_TARGETS = {
 @click.option("--dynamics", metavar="FILE", type=common.FILE, help="Of `truestroke bode`.")
 @click.option("--state", metavar="FILE", type=common.FILE, help="The controller of a recording, which starts with what "
               "it had learned.")  # fmt: skip
+@click.option("--repetition", metavar="FILE", type=common.FILE, help="c, with --config of an axis with a period: what "
+              "its RepetitiveController has learned, `numpy.savez(FILE, **controller.state())`.")  # fmt: skip
 @click.option(
     "--precision", type=click.Choice(["double", "single"]), default="single", help="Number type of the machine."
 )
@@ -88,7 +91,7 @@ def export(target: str, output: Path, as_json: bool, **options: Any) -> None:
         _one_file(target, asked, output, options, as_json)
         return
     made = export_c(
-        settings,
+        settings if asked.repetitive is None else asked.repetitive,
         output,
         precision=options["precision"],
         history=options["history"],
@@ -123,12 +126,15 @@ class _Asked:
         A line that says whose it is.
     zero : float or "measured"
         The reading of the sensor that counts as 0, um.
+    repetitive : RepetitiveController or None
+        Around the controller, with what it has learned.
     """
 
     settings: ControllerSettings
     safe_voltage: float | None
     about: str
     zero: float | Literal["measured"] = 0.0
+    repetitive: truestroke.RepetitiveController | None = None
 
 
 def _number(asked: _Asked) -> float:
@@ -231,12 +237,16 @@ def _told(file: Path, what: str, as_json: bool) -> None:
 
 def _asked(options: dict[str, Any]) -> _Asked:
     """Of a configuration, of a recording, or by options."""
-    for source, read in (("config", _configured), ("state", _recorded)):
+    if options["repetition"] is not None and options["config"] is None:
+        raise click.UsageError("--repetition goes with --config FILE, of an axis with a period.")
+    for source in ("config", "state"):
         if options[source] is None:
             continue
         if alone := [name for name in (*ALONE, "state") if name != source and options[name] is not None]:
             raise click.UsageError(f"--{alone[0].replace('_', '-')} is in --{source} FILE: leave it out.")
-        return read(options[source], options["axis"])
+        if source == "state":
+            return _recorded(options["state"], options["axis"])
+        return _configured(options["config"], options["axis"], options["repetition"])
     if options["axis"] is not None:
         raise click.UsageError("--axis is one of --config FILE or --state FILE.")
     return _given(options)
@@ -268,17 +278,39 @@ def _given(options: dict[str, Any]) -> _Asked:
     return _Asked(settings, options["safe_voltage"], f"the actuator of {options['model'].name}", model.zero)
 
 
-def _configured(config: Path, name: str | None) -> _Asked:
+def _configured(config: Path, name: str | None, repetition: Path | None) -> _Asked:
     """Of an axis of a configuration; no guard stands beside a chip, so that its controller keeps the stricter slew."""
     from truestroke.runtime.realtime import config as configuration
 
     axes = {axis.name: axis for axis in configuration.load(config).axes}
     axis = axes[_chosen(config, tuple(axes), name)]
-    if not isinstance(axis.controller, truestroke.AdaptiveController):
+    repetitive = _repetitive(config, axis.controller, repetition)
+    inside = axis.controller if repetitive is None else repetitive.controller
+    if not isinstance(inside, truestroke.AdaptiveController):
         raise click.UsageError(f"the controller of {config} is none of the kernel's.")
-    settings = axis.controller.settings
+    settings = inside.settings
     settings = dataclasses.replace(settings, slew_limit=min(settings.slew_limit, axis.slew))
-    return _Asked(settings, axis.safe_voltage, f"axis {axis.name} of {config.name}", axis.zero or 0.0)
+    if repetitive is not None:
+        inside.change(slew_limit=settings.slew_limit)
+    return _Asked(settings, axis.safe_voltage, f"axis {axis.name} of {config.name}", axis.zero or 0.0, repetitive)
+
+
+def _repetitive(config: Path, controller: object, file: Path | None) -> truestroke.RepetitiveController | None:
+    """The controller of an axis with a period, with what it has learned; None without a file of it."""
+    period = isinstance(controller, truestroke.RepetitiveController)
+    if file is None and not period:
+        return None
+    if file is None or not isinstance(controller, truestroke.RepetitiveController):
+        words = "its axis has no period" if file is not None else "its axis has a period: name what was learned in it"
+        raise click.UsageError(f"--repetition FILE and {config} go together: {words}.")
+    import numpy as np
+
+    try:
+        with np.load(file) as state:
+            controller.restore(state)
+    except (OSError, ValueError) as error:
+        raise click.UsageError(f"--repetition {file}: {error}") from None
+    return controller
 
 
 def _recorded(file: Path, name: str | None) -> _Asked:

@@ -6,7 +6,7 @@ import dataclasses
 import errno
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -17,6 +17,8 @@ import truestroke
 from truestroke.base import checks, files
 from truestroke.base.checks import SettingError
 from truestroke.control.controller import AdaptiveController
+from truestroke.control.repeating.repetition import RepetitionSettings
+from truestroke.control.repeating.repetitive import RepetitiveController
 from truestroke.control.settings import ControllerSettings, kernel_settings
 from truestroke.export import c_values
 from truestroke.export.c_sizes import struct_sizes
@@ -67,7 +69,7 @@ class Exported:
 
 
 def export_c(
-    controller: AdaptiveController | ControllerSettings,
+    controller: AdaptiveController | ControllerSettings | RepetitiveController,
     folder: str | os.PathLike[str],
     *,
     precision: Literal["double", "single"] | None = None,
@@ -83,8 +85,10 @@ def export_c(
 
     Parameters
     ----------
-    controller : AdaptiveController or ControllerSettings
-        Its settings are exported; it starts as at its own start, whatever it has learned since.
+    controller : AdaptiveController, ControllerSettings or RepetitiveController
+        Its settings are exported; it starts as at its own start, whatever it has learned since. Of a
+        RepetitiveController what it has learned is exported beside the controller inside, which starts with its
+        weights: the correction is output in a motion of that form.
     folder : str or PathLike
         A new or empty folder; `truestroke.base.files.overwriting` permits another.
     precision : {"double", "single"}, optional
@@ -127,12 +131,9 @@ def export_c(
     >>> made.capacities["TS_MAX_PLAYS"], made.ram <= 12_000
     (26, True)
     """
-    words = "an AdaptiveController or its ControllerSettings"
-    checks.instance("controller", controller, (AdaptiveController, ControllerSettings), words)
-    settings = controller.settings if isinstance(controller, AdaptiveController) else controller
     if precision is not None:
         checks.one_of("precision", precision, ("double", "single"))
-        settings = dataclasses.replace(settings, precision=precision)
+    settings, repetition = _given(controller, precision)
     checks.count("ticks", ticks, 100, 100_000)
     members = _without_zeros(kernel_settings(settings))
     if others := settings.other_axes:
@@ -140,21 +141,40 @@ def export_c(
     capacities = _capacities(settings, members, history)
     rest = safe_volts(settings, safe_voltage)
     sizes = struct_sizes(_kernel_header(capacities, settings.precision), settings.precision)
-    needed = sizes["ts_controller"] + 2 * c_values.REALS[settings.precision]().itemsize
+    real = c_values.REALS[settings.precision]().itemsize
+    period, added = (2 * real * repetition.size, sizes["ts_repetition"]) if repetition is not None else (0, 0)
+    needed = sizes["ts_controller"] + 2 * real + added + period
     if ram is not None and checks.count("ram", ram, 1, 2**32) < needed:
         size = f"{settings.plays} plays, {settings.parameters} weights and {capacities['TS_HISTORY']} ticks of history"
         remedy = "take fewer plays or a shorter history" + (
             ", or single precision" if settings.precision == "double" else ""
         )
         raise SettingError("ram", ram, f"{needed} or more for the state of {size}; {remedy}", "bytes")
-    memory = {"ram": needed, "flash": sizes["ts_settings"]}
+    memory = {"ram": needed, "flash": sizes["ts_settings"] + period}
     checks.number("zero", zero, "um")
-    texts = _texts(settings, members, capacities, memory, rest, zero, ticks, about, command)
+    texts = _texts(settings, repetition, members, capacities, memory, rest, zero, ticks, about, command)
     target = checks.path("folder", folder)
     _check_folder(target)
     (target / "kernel").mkdir(parents=True, exist_ok=True)
     written = tuple(files.write(target / name, text, KIND) for name, text in texts.items())
     return Exported(target, written, capacities, **memory)
+
+
+def _given(
+    controller: AdaptiveController | ControllerSettings | RepetitiveController,
+    precision: Literal["double", "single"] | None,
+) -> tuple[ControllerSettings, RepetitionSettings | None]:
+    """Settings of the controller, and what was learned around it."""
+    words = "an AdaptiveController, its ControllerSettings, or a RepetitiveController around one"
+    inside: Any = controller.controller if isinstance(controller, RepetitiveController) else controller
+    checks.instance("controller", inside, (AdaptiveController, ControllerSettings), words)
+    settings: ControllerSettings = inside if isinstance(inside, ControllerSettings) else inside.settings
+    if precision is not None:
+        settings = dataclasses.replace(settings, precision=precision)
+    if not isinstance(controller, RepetitiveController):
+        return settings, None
+    settings = dataclasses.replace(settings, initial_weights=tuple(inside.weights.tolist()))
+    return settings, controller.learned_period(AdaptiveController.from_settings(settings))
 
 
 def kernel_sources() -> dict[str, str]:
@@ -205,8 +225,33 @@ def _kernel_header(capacities: Mapping[str, int], precision: str) -> str:
     return text
 
 
+def _period(repetition: RepetitionSettings, precision: str) -> dict[str, Any]:
+    """What period.c has."""
+    members = repetition.members()
+    known = members["learned"]
+
+    def real(value: float) -> str:
+        return c_values.real(value, precision)
+
+    def table(values: Sequence[float]) -> list[str]:
+        texts = [real(float(value)) for value in values]
+        return [", ".join(texts[begin : begin + 10]) for begin in range(0, len(texts), 10)]
+
+    return {
+        "size": repetition.size,
+        "settles": repetition.settles,
+        "reals": [(name, real(members[name])) for name in ("period", "change", "share", "cosine", "sine", "ratio")],
+        "shape": [(name, real(known[name])) for name in ("mean", "span", "power", "slopes", "cosine", "sine")],
+        "level": real(known["level"]),
+        "gain": real(known["gain"]),
+        "wave": table(known["wave"]),
+        "volts": table(known["volts"]),
+    }
+
+
 def _texts(
     settings: ControllerSettings,
+    repetition: RepetitionSettings | None,
     members: Mapping[str, Any],
     capacities: Mapping[str, int],
     memory: Mapping[str, int],
@@ -221,8 +266,9 @@ def _texts(
     def real(value: float) -> str:
         return c_values.real(value, settings.precision)
 
-    rows = recorded(settings, rest, ticks, zero)
+    rows = recorded(settings, rest, ticks, zero, repetition)
     values = {
+        "repetition": None if repetition is None else _period(repetition, settings.precision),
         "about": about.partition("\n")[0].replace("*/", "* /"),
         "command": command,
         "version": truestroke.__version__,
@@ -240,11 +286,14 @@ def _texts(
         "latest": capacities["TS_HISTORY"] - 1 - (members["dynamics.dead"] + 4 if members["dynamics.known"] else 0),
         "members": list(c_values.members(members, settings.precision)),
         **memory,
-        "ticks": ticks,
+        "ticks": len(rows),
         "rows": [", ".join(map(real, row)) for row in rows],
     }
-    own = rendered({name: name for name in OWN}, values)
+    names = OWN if repetition is None else (*OWN, "period.c")
+    own = rendered({name: name for name in names}, values)
     kernel = kernel_sources() | {"truestroke.h": _kernel_header(capacities, settings.precision)}
+    if repetition is None:
+        del kernel["repetition.c"]
     return own | {f"kernel/{name}": text for name, text in kernel.items()}
 
 

@@ -31,7 +31,17 @@ from truestroke.control.repeating import batches, iterative
 from truestroke.control.repeating.batches import Batch, Kept, Learned, Measured, Outcome
 from truestroke.control.repeating.online import OnlineLaw
 from truestroke.control.repeating.periodic_hysteresis import PeriodicHysteresis
-from truestroke.control.repeating.repetition import LONGEST, SHORTEST, Periods, Repetition, Seen, Shape
+from truestroke.control.repeating.repetition import (
+    LONGEST,
+    SHORTEST,
+    LearnedPeriod,
+    Periods,
+    RepetitionSettings,
+    Shape,
+    begun,
+    derivatives,
+    kernel_repetition,
+)
 from truestroke.control.repeating.response_prior import FewNumbers
 from truestroke.control.repeating.steps import Steps, Task
 from truestroke.control.settings import UNLIMITED
@@ -46,79 +56,8 @@ LATEST = LONGEST_AGO + 1  # ticks: `ago` of a measurement is below
 FOUND_DAMPING = 0.02  # of a resonance that the controller has found
 STEP = 1e-4  # s: a tick has a step of the learning for each of these
 TIMES, RESTS = 4, 2  # how often a correction is taken back, the last time all of it; periods that do not count then
+SETTLED = 2.0  # s of a controller that only commands, until its hysteresis has its loop and its creep is slow
 KEPT = 1000  # batches in `batches`
-
-
-class _Correction:
-    """One period of voltage that becomes another one smoothly.
-
-    Parameters
-    ----------
-    ticks : float
-        Of the change.
-    """
-
-    def __init__(self, ticks: float) -> None:
-        self.ticks = ticks
-        self._old, self._new, self._pace, self._share = np.empty(0), np.empty(0), 1 / ticks, 1.0
-
-    def become(self, volts: FloatArray) -> None:
-        """From the next tick on it changes to this one, V; empty: to none."""
-        size = max(self._old.size, self._new.size, volts.size)
-        old, new = (x if x.size else np.zeros(size) for x in (self._old, self._new))
-        g = _smooth(self._share)
-        self._old, self._new, self._share = (1 - g) * old + g * new, volts, 0.0
-
-    @property
-    def volts(self) -> FloatArray:
-        """One period of both, V."""
-        return np.concatenate([self._old, self._new])
-
-    def at(self, phase: float) -> float:
-        """In this tick, V."""
-        if self._share < 1.0:
-            self._share = min(self._share + self._pace, 1.0)
-            g = _smooth(self._share)
-            return (1 - g) * _entry(self._old, phase) + g * _entry(self._new, phase)
-        return _entry(self._new, phase)
-
-
-class _Level:
-    """A voltage against the mean of the error, which creeps, from period to period; it moves in straight lines.
-
-    Parameters
-    ----------
-    ticks : int
-        Of a period.
-    share : float
-        Of the mean of a period, which the next one takes away.
-    """
-
-    def __init__(self, ticks: int, share: float) -> None:
-        self.ticks, self.share = ticks, share
-        self._volts = self.goal = self._pace = 0.0
-        self.restart()
-
-    def restart(self) -> None:
-        """The next period begins with the next error."""
-        self._sum, self._many = 0.0, 0
-
-    def see(self, error: float, gain: float) -> None:
-        """The error of a tick, um, and the displacement by voltage, um/V."""
-        self._sum, self._many = self._sum + error, self._many + 1
-        if self._many == self.ticks:
-            self.move(self.goal - self.share * self._sum / (gain * self._many), self.ticks)
-            self.restart()
-
-    def move(self, volts: float, ticks: float) -> None:
-        """To a voltage, within so many ticks."""
-        self.goal, self._pace = volts, abs(volts - self._volts) / ticks
-
-    def tick(self) -> float:
-        """In this tick, V."""
-        left = self.goal - self._volts
-        self._volts += math.copysign(min(abs(left), self._pace), left)
-        return self._volts
 
 
 class _Watch:
@@ -128,16 +67,18 @@ class _Watch:
     ----------
     outcome : Outcome
         With the correction, and that on which it builds.
+    rests : int
+        Periods after a change that do not count.
     """
 
-    def __init__(self, outcome: Outcome) -> None:
+    def __init__(self, outcome: Outcome, rests: int = RESTS) -> None:
         learned = outcome.learned
         assert outcome.volts is not None
         assert outcome.base is not None
         self.volts, self._base, self._most = outcome.volts, outcome.base, outcome.most
         self._unlearned, self._counts = learned.unlearned, learned.counts
-        self._times = 0
-        self._begin(RESTS)
+        self._times, self._after = 0, rests
+        self._begin(rests)
 
     def _begin(self, rests: int) -> None:
         """The next period begins, after some that do not count."""
@@ -158,21 +99,17 @@ class _Watch:
             return False
         self._times += 1
         self.volts = self._base if self._times == TIMES else (self.volts + self._base) / 2
-        self._begin(RESTS)
+        self._begin(self._after)
         return True
 
 
-def _smooth(u: float) -> float:
-    return u * u * u * (10.0 + u * (6.0 * u - 15.0))
-
-
-def _entry(values: FloatArray, phase: float) -> float:
-    """Between two samples of a period."""
-    if not values.size:
-        return 0.0
-    place = math.floor(phase)
-    share, this = phase - place, values.item(place % values.size)
-    return this if share == 0.0 else this + share * (values.item((place + 1) % values.size) - this)
+def _settled(controller: Controller, wave: FloatArray, rate: float) -> FloatArray:
+    """The last of some periods of a motion, which begins softly: what a controller outputs that only commands, V."""
+    periods = max(math.ceil(SETTLED * rate / wave.size), 4)
+    z_d = begun(wave, periods * wave.size + 1)
+    motion = np.stack([z_d, *derivatives(z_d, rate)], axis=1)[:-1].tolist()
+    command: Any = controller.command
+    return np.array([command(*row) for row in motion][-wave.size :])
 
 
 class RepetitiveController(Displayed):
@@ -207,8 +144,6 @@ class RepetitiveController(Displayed):
     ----------
     batches : deque of Batch
         The last thousand of them.
-    limited : int
-        Ticks in which a limit of voltage or slew has held the sum back.
 
     Raises
     ------
@@ -233,6 +168,9 @@ class RepetitiveController(Displayed):
     >>> [f"{batch.rmse:.3f}" for batch in controller.batches][:4]
     ['1.191', '0.462', '0.036', '0.016']
     """
+
+    _text = staticmethod(kernel_repetition)
+    """What runs in each tick: in the kernel, or the NumPy text of it."""
 
     def __init__(
         self,
@@ -265,9 +203,9 @@ class RepetitiveController(Displayed):
         self._bandwidth = None if bandwidth is None else checks.within("bandwidth", bandwidth, 0.0, seen, "Hz")
         self.averaged = checks.positive("averaged", averaged, "s")
         self.batches: deque[Batch] = deque(maxlen=KEPT)
-        self.limited = self._number = self._commands = self._bits = 0
+        self._limited = self._number = self._commands = 0
         self._late = 1  # ticks: the oldest measurement so far
-        self._phases, self._asked, self._last = [math.nan] * LATEST, [math.nan] * LATEST, math.nan
+        self._phases, self._asked = [math.nan] * LATEST, [math.nan] * LATEST
         self._kept: Kept | None = None
         self._held = False
         self._begin(self._checked(period))
@@ -282,19 +220,21 @@ class RepetitiveController(Displayed):
 
     def _begin(self, period: float) -> None:
         """With a motion of this period, s, that has not yet repeated."""
-        rate = self.sample_rate
-        self._motion = Repetition(period * rate)
-        size = self._motion.size
+        self._told, settings = period, self._settings(period)
+        self._repetition, self._change = self._text(settings), settings.change
+        size = self._repetition.size
         self._task: Task | None = None  # the learning, step by step
         self._learned: Learned | None = None
         self._watch: _Watch | None = None
         self._errors, self._added, self._inside = (Periods(size) for _ in range(3))
         self._count = max(2, math.ceil(self.averaged / period))
-        self._level = _Level(size, min(LEVEL, period / CREEPS))
-        self._correction = _Correction(min(max(period, FADE[0]), FADE[1]) * rate)
-        self._joined = self._rests = self._counts = self._corrects = False
+        self._joined = self._rests = self._counts = False
         self._until = -1
         self._period: float | None = None  # the next one, while the correction of this one is taken back
+
+    def _settings(self, period: float) -> RepetitionSettings:
+        change = min(max(period, FADE[0]), FADE[1]) * self.sample_rate
+        return RepetitionSettings(period=period * self.sample_rate, change=change, share=min(LEVEL, period / CREEPS))
 
     @property
     def repeats(self) -> bool:
@@ -302,20 +242,29 @@ class RepetitiveController(Displayed):
         return self._joined
 
     @property
+    def limited(self) -> int:
+        """Ticks in which a limit of voltage or slew has held the sum back."""
+        return self._limited + self._repetition.limited
+
+    @property
     def period(self) -> float:
         """Of the motion, s, as it is followed; another one is taken up without a bump."""
-        return self._motion.period / self.sample_rate
+        return self._repetition.period / self.sample_rate
 
     @period.setter
     def period(self, period: float) -> None:
         period = self._checked(period)
-        if not self._corrects:
-            self._begin(period)
+        if not self._repetition.corrects:
+            self._again(period)
             return
         self._period = period
-        self._motion.leave()
+        self._repetition.leave()
         if self._joined:
             self._leave()
+
+    def _again(self, period: float) -> None:
+        self._limited += self._repetition.limited
+        self._begin(period)
 
     def _checked(self, period: float) -> float:
         rate = self.sample_rate
@@ -341,18 +290,18 @@ class RepetitiveController(Displayed):
             As of the controller inside; nothing has changed.
         """
         inside = self.controller.command(z_d, zdot_d, *ahead)
-        if self._motion.tick(z_d):
+        if self._repetition.tick(z_d):
             self._turned()
-        at = self._motion.at
+        at = self._repetition.at
         place = self._commands % LATEST
         self._phases[place], self._asked[place] = at, z_d
         self._commands += 1
-        volts = self._within(inside + self._correction.at(at) + self._level.tick()) if self._corrects else inside
+        low, high, slew = self._limits
+        volts = self._repetition.volts(inside, low, high, slew / self.sample_rate)
         if self._until == self._commands:
             self._waited()
         if self._counts:
             self._see_output(self._added.put(at, volts - inside), self._inside.put(at, inside))
-        self._last = volts
         return volts
 
     def adapt(self, z_measured: float, ago: int = 0) -> None:
@@ -368,48 +317,34 @@ class RepetitiveController(Displayed):
             outcome: Outcome = self._task.result
             self._task = None
             self._take(outcome)
-        if (self._counts or (self._corrects and self._joined)) and not self._held:
+        if (self._counts or (self._repetition.corrects and self._joined)) and not self._held:
             self._see_error(z_measured, (self._commands - 1 - ago) % LATEST)
 
     def _see_error(self, z_measured: float, place: int) -> None:
         """A measurement, um, of the command at a place of those that are kept."""
-        error = z_measured - self._asked[place]
-        if not abs(error) <= self._span:  # it is lost, NaN, or no displacement
-            self._level.restart()
+        error, learned = z_measured - self._asked[place], self._learned
+        follows = self._repetition.corrects and learned is not None and learned.hysteresis is not None
+        if not self._repetition.see(error, learned.slope if follows and learned is not None else 0.0):
             return
-        if self._corrects and self._learned is not None and self._learned.hysteresis is not None:
-            self._level.see(error, self._learned.slope)
-        if self._watch is not None and self._watch.see(int(self._phases[place]) % self._motion.size, error):
+        if self._watch is not None and self._watch.see(int(self._phases[place]) % self._repetition.size, error):
             self._become(self._watch.volts)
         if self._counts:
             period = self._errors.put(self._phases[place], error)
             if period is not None:
                 self._see_period(period)
 
-    def _within(self, volts: float) -> float:
-        """Within the limits, and the slew since the last tick."""
-        low, high, slew = self._limits
-        most = slew / self.sample_rate
-        held = min(max(volts, self._last - most), self._last + most) if self._last == self._last else volts
-        slewed, held = held, min(max(held, low), high)
-        self._bits = (BIT["slewed"] if slewed != volts else 0) | (BIT["saturated"] if held != slewed else 0)
-        self.limited += held != volts
-        return held
-
     # ---- The motion ------------------------------------------------------------------------------------------------
 
     def _turned(self) -> None:
         """A period of the motion is complete, or it no longer repeats."""
-        if not self._motion.repeats:
+        motion = self._repetition
+        if not motion.repeats:
             if self._joined:
                 self._leave()
-        elif not self._joined and not self._corrects:
-            assert self._motion.shape is not None
+        elif not self._joined and not motion.corrects:
             self._joined = True
-            self._span = self._motion.shape.span
-            dynamics, f = self._known(), np.arange(self._motion.size // 2 + 1) / self.period
-            about = dynamics, self._band(dynamics), self._kept
-            self._do(batches.joined(self._motion.shape.wave, f, self.sample_rate, *about))
+            dynamics, f = self._known(), np.arange(motion.size // 2 + 1) / self.period
+            self._do(batches.joined(motion.wave, f, self.sample_rate, dynamics, self._band(dynamics), self._kept))
 
     def _known(self) -> Dynamics | None:
         """Dynamics of the stage, as far as they are known now."""
@@ -423,32 +358,37 @@ class RepetitiveController(Displayed):
         self._task = self._learned = self._watch = None
         self._joined = False
         if self._kept is not None:
-            self._kept = replace(self._kept, level=self._level.goal)
-        self._level.move(0.0, self._correction.ticks)
+            self._kept = replace(self._kept, level=self._repetition.goal)
+        self._repetition.move(0.0, self._change)
         self._become(np.empty(0))
 
     def _become(self, volts: FloatArray) -> None:
         """The correction changes to this one; what is measured meanwhile does not count."""
-        self._correction.become(volts)
-        self._corrects = True
+        changes = self._repetition.become(volts if volts.size else None, waits=self._decays)
+        assert changes, "the last change has ended"
         self._wait()
 
+    @property
+    def _decays(self) -> int:
+        """Ticks until a change of the correction, or of what the controller inside does, has decayed."""
+        return math.ceil(self._change + DECAY * self.sample_rate) + self._late
+
     def _wait(self) -> None:
-        """Until a change of the correction, or of what the controller inside does, has decayed."""
-        self._until = self._commands + math.ceil(self._correction.ticks + DECAY * self.sample_rate) + self._late
+        """Until a change has decayed."""
+        self._until = self._commands + self._decays
         self._counts = False
         for periods in (self._errors, self._added, self._inside):
             periods.restart()
         self._measured: list[FloatArray] = []
-        self._sums, self._outputs = np.zeros((2, self._motion.size)), [0, 0]
+        self._sums, self._outputs = np.zeros((2, self._repetition.size)), [0, 0]
 
     def _waited(self) -> None:
         self._counts = self._joined
         if self._joined:
             return
-        self._rests = self._corrects = False
+        self._rests = False
         if self._period is not None:
-            self._begin(self._period)
+            self._again(self._period)
 
     # ---- Learning ----------------------------------------------------------------------------------------------------
 
@@ -488,9 +428,10 @@ class RepetitiveController(Displayed):
             return
         if outcome.batch is None:
             assert self._kept is not None
-            self._level.move(self._kept.level, self._correction.ticks)
+            self._repetition.move(self._kept.level, self._change)
         else:
-            self._kept, self._watch = Kept(learned, outcome.volts, 0.0), _Watch(outcome)
+            rests = max(RESTS, math.ceil(self._change / self._repetition.size))
+            self._kept, self._watch = Kept(learned, outcome.volts, 0.0), _Watch(outcome, rests)
         self._become(outcome.volts)
 
     def hold(self) -> None:
@@ -510,6 +451,35 @@ class RepetitiveController(Displayed):
         if self._counts or (self._task is not None and self._learned is not None):  # a batch of both kinds is none
             self._task = self._watch = None
             self._wait()
+
+    def learned_period(self, alone: Controller) -> RepetitionSettings:
+        """What was learned, for a `Repetition` around another controller that does not learn: for `export_c`.
+
+        Its correction is the whole voltage of a period that was learned, less that of the other controller.
+
+        Parameters
+        ----------
+        alone : Controller
+            That takes desired displacement, velocity and acceleration, from its start on.
+
+        Raises
+        ------
+        SettingError
+            No batch has shown a correction yet.
+        """
+        if self._task is not None:
+            self._task.finish()
+        if self._kept is None:
+            raise SettingError("controller", f"{len(self.batches)} batches", "one that has learned a correction")
+        learned, size = self._kept.learned, self._kept.volts.size
+        wave = np.fft.irfft(learned.motion, size)
+        volts = self._kept.volts if self._watch is None else self._watch.volts
+        level = self._repetition.goal if self._joined else self._kept.level
+        assert learned.inside is not None
+        missing = np.fft.irfft(learned.inside, size) + volts + level - _settled(alone, wave, self.sample_rate)
+        mean = float(missing.mean())
+        own = LearnedPeriod(Shape.of(wave), missing - mean, mean, learned.slope)
+        return replace(self._settings(1 / float(learned.f[1])), settles=self._decays, learned=own)
 
     # ---- The state -------------------------------------------------------------------------------------------------
 
@@ -531,7 +501,8 @@ class RepetitiveController(Displayed):
         if self._task is not None:
             self._task.finish()
         own = {name: value for name, value in vars(self).items() if name not in GIVEN}
-        made = {f"inside {name}": value for name, value in inside.state().items()}
+        made = {f"{INSIDE}{name}": value for name, value in inside.state().items()}
+        made |= {f"{MOTION}{name}": value for name, value in self._repetition.state().items()}
         return made | snapshot.taken({"given": self._made(), **own}, KINDS)
 
     def restore(self, state: State) -> None:
@@ -549,14 +520,15 @@ class RepetitiveController(Displayed):
             own = snapshot.rebuilt(arrays, KINDS)
             if own.pop("given") != self._made():
                 raise ValueError("it is of a controller with other arguments")
-            if not isinstance(own["_motion"], Repetition) or not np.isfinite(own["_correction"].volts).all():
-                raise ValueError("its motion or its correction is none")
+            settings = self._settings(self._checked(own["_told"]))
+            repetition = self._text(settings)
+            repetition.restore(snapshot.named(arrays, MOTION))
         except (ValueError, KeyError, TypeError, AttributeError) as error:
             raise SettingError("state", f"{len(arrays)} entries", f"what `state` gave: {error}") from None
-        inside.restore({name.removeprefix("inside "): a for name, a in arrays.items() if name.startswith("inside ")})
+        inside.restore(snapshot.named(arrays, INSIDE))
         kept = {name: value for name, value in vars(self).items() if name in GIVEN}
         vars(self).clear()
-        vars(self).update(own | kept)
+        vars(self).update(own | kept | {"_repetition": repetition})
 
     def _made(self) -> list[Any]:
         """What it was made with, as numbers."""
@@ -574,7 +546,10 @@ class RepetitiveController(Displayed):
     def flag_bits(self) -> int:
         """The flags of the last tick as a bit mask: of the controller inside, and of the limits of the sum."""
         inside: int = self.controller.flag_bits  # type: ignore[attr-defined]
-        return (inside & ~BY_ADAPT if self._rests else inside) | (self._bits if self._corrects else 0)
+        own = (BIT["slewed"] if self._repetition.slewed else 0) | (
+            BIT["saturated"] if self._repetition.saturated else 0
+        )
+        return (inside & ~BY_ADAPT if self._rests else inside) | own
 
     @property
     def flags(self) -> Flags:
@@ -599,7 +574,6 @@ class RepetitiveController(Displayed):
 
 
 KINDS = (
-    _Level,
     Batch,
     FewNumbers,
     Kept,
@@ -607,14 +581,12 @@ KINDS = (
     OnlineLaw,
     Outcome,
     PeriodicHysteresis,
-    Periods,
-    Repetition,
-    Seen,
-    Shape,
     Task,
-    _Correction,
     _Watch,
+    Periods,
 )
 """What a state may hold."""
-GIVEN = ("controller", "sample_rate", "averaged", "_given", "_dynamics", "_bandwidth")
-"""What a controller is made with."""
+GIVEN = ("controller", "sample_rate", "averaged", "_given", "_dynamics", "_bandwidth", "_repetition")
+"""What a controller is made with, and what has a state of its own."""
+INSIDE, MOTION = "inside ", "repetition "
+"""What the names of these states begin with."""
