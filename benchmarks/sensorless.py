@@ -1,8 +1,8 @@
 """Trace against retrace without a sensor, by a model of the day before: python -m benchmarks.sensorless [--plants 15]
 
 Stages of three structures in turn (plays, Preisach, Bouc-Wen), each with a width and a form of its loop, creep,
-resonance and damping of its own. A record of rasters of four widths at the rate of the scan is identified as
-`truestroke identify` does it. On another day an image of 512 columns is scanned open loop, and `truestroke unwarp`
+resonance and damping of its own. A record of rasters at the rate of the scan, two of them of its width, is identified
+as `truestroke identify` does it. On another day an image of 512 columns is scanned open loop, and `truestroke unwarp`
 corrects it. With --changed 1 stroke and width of the loop differ by a per cent then, rms: what no model knows without
 a sensor. Printed are the shifts of the retrace against the trace, and the largest error of the places of the pixels,
 but for one shift of all, in pixels of 512.
@@ -22,7 +22,7 @@ from truestroke.plant import StagePlant, StageSettings
 
 FS, COLUMNS, ROWS = 2000.0, 512, 128
 WIDTH, OFFSET = 18.0, 13.0  # um
-WIDTHS = 25.0, 21.0, 17.0, 12.0  # um, of the record
+WIDTHS = 25.0, 21.0, 18.0, 18.0  # um, of the record
 KINDS = "plays", "preisach", "bouc-wen"
 GOAL = 0.3  # pixels
 

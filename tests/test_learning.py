@@ -156,6 +156,42 @@ def shown(weights, f0=900.0, known=930.0, samples=100):
     return volts, strain, model
 
 
+def bouc_wen(volts):
+    """Strain of a period that has repeated, V: z' = x' (1 - |z| (0.5 sign(x' z) + 0.5)), in small steps of its own."""
+    fine = np.interp(np.arange(40 * volts.size) / 40.0, np.arange(volts.size + 1), np.append(volts, volts[0]))
+    z, states = 0.0, []
+    for _ in range(3):
+        states = []
+        for change in np.diff(fine, append=fine[0]).tolist():
+            states.append(z)
+            z += 4.0 * change * (1.0 - abs(z) * (0.5 * np.sign(change * z) + 0.5))
+    return volts - 0.15 * np.array(states[::40])
+
+
+def test_a_change_of_the_voltage_shows_how_hysteresis_of_another_structure_answers_the_next_one():
+    """Bouc-Wen, which is no sum of plays: one loop alone does not show what a small change does."""
+    n, f = 100, np.fft.rfftfreq(100, 1e-4)
+    at = 2 * np.pi * np.arange(n) / n
+    base = 1.5 - 1.2 * np.cos(at)
+    first, second = base + 0.03 * np.cos(7 * at + 0.5), base + 0.02 * np.cos(5 * at)
+    few = FewNumbers(None, f, 10_000.0, np.full(f.size, 1e-4))
+    about = {"few": few, "learned": f <= 1500.0, "periods": 1}
+    answers = {x.tobytes(): np.fft.rfft(bouc_wen(x)) for x in (base, first, second)}
+    G, noise2 = np.ones(f.size, dtype=complex), np.full(f.size, 1e-8)
+
+    def wrong(others):
+        """Error of what the model says the second change does, over it, at the harmonics that are learned."""
+        model = finished(
+            periodic_hysteresis.identified(base, answers[base.tobytes()], G, noise2, **about, others=others)
+        )
+        said = np.fft.rfft(finished(model.strain(second)) - finished(model.strain(base)))[1:16]
+        is_ = (answers[second.tobytes()] - answers[base.tobytes()])[1:16]
+        return np.linalg.norm(said - is_) / np.linalg.norm(is_)
+
+    alone, together = wrong([]), wrong([(first, answers[first.tobytes()], noise2)])
+    assert together < 0.7 * alone
+
+
 @pytest.mark.parametrize("width", [0.0, 0.1, 0.3])
 def test_the_first_pass_shows_the_width_of_the_loop(width):
     """A tick of dead time looks like a loop at the frequency of the motion alone; of a fast motion it is as wide."""
@@ -457,6 +493,34 @@ def test_ctrl_c_leaves_the_best_waveform_and_says_where(tmp_path, monkeypatch):
     assert result.exit_code == 130
     assert "learned.csv has the best waveform so far, of pass 0" in result.stderr
     assert truestroke.load_waveform(tmp_path / "learned.csv").volts.size == 100
+
+
+def test_hardware_that_fails_leaves_the_best_waveform_and_has_its_exit_code(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    exchange = StagePlant.exchange
+
+    def until_there_is_one(self, volts):
+        if Path("learned.csv").exists():
+            raise truestroke.DriverError("playing: the trigger did not come")
+        return exchange(self, volts)
+
+    monkeypatch.setattr(StagePlant, "exchange", until_there_is_one)
+    result = CliRunner().invoke(main, ["learn", "--frequency", "100", "--averaged", "0.1"])
+    assert result.exit_code == 12
+    assert "the trigger did not come; learned.csv has the best waveform so far, of pass 0" in result.stderr
+    assert truestroke.load_waveform(tmp_path / "learned.csv").volts.size == 100
+
+
+def test_a_trigger_that_never_comes_has_the_exit_code_of_hardware(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(StagePlant, "exchange", lambda self, volts: np.full(volts.size, np.nan))
+    known = Dynamics(sample_rate=10_000.0, modes=(Mode(frequency=900.0, damping=0.02),))
+    known.save("known.toml")
+    result = CliRunner().invoke(
+        main, ["learn", "--frequency", "100", "--averaged", "0.1", "--passes", "2", "--dynamics", "known.toml"]
+    )
+    assert result.exit_code == 12
+    assert "a trigger is late or missing" in result.stderr
 
 
 @pytest.mark.usefixtures("each_picture_once")

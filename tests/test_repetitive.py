@@ -368,11 +368,11 @@ def test_the_best_batch_shows_the_hysteresis_and_earlier_batches_are_described_b
     learned = controller._learned
     assert len(controller.batches) >= 2
     assert learned.law.best < 0.5 * controller.batches[0].rmse
-    for volts, U in learned.passes:
+    for volts, U, *_ in learned.passes:
         assert np.array_equal(U, np.fft.rfft(finished(learned.hysteresis.strain(volts))))
         assert learned.law.remembers(U)
     for U in (learned.law._last[0], learned.law._base[1], *(pair[0] for pair in learned.law._pairs)):
-        assert any(np.array_equal(U, other) for _, other in learned.passes)
+        assert any(np.array_equal(U, other) for _, other, *_ in learned.passes)
 
 
 # ---- Steps in ticks --------------------------------------------------------------------------------------------------

@@ -72,6 +72,8 @@ def learn(
             found = _learned(driver, wave, limits | given, target, as_json)
     except StoppedError as error:
         return common.complain(str(error), ExitCode.STOPPED)
+    except truestroke.DriverError as error:
+        return common.complain(str(error), ExitCode.DRIVER)
     model, why = _model(found, given["model"], model_file)
     made = learning.page(found, common.as_asked()["command"])
     pictures = common.save_page(made, page_file, plots)
@@ -123,7 +125,8 @@ def _learned(driver: Any, wave: truestroke.Trajectory, given: dict[str, Any], ta
         if not best:
             raise
         words = f"{error}; {kept()}"
-        raise (StoppedError if isinstance(error, StoppedError) else click.ClickException)(words) from error
+        kinds = StoppedError, truestroke.DriverError
+        raise next((kind for kind in kinds if isinstance(error, kind)), click.ClickException)(words) from error
     except KeyboardInterrupt:
         if best:
             common.complain(kept())

@@ -162,7 +162,10 @@ def learn(
         if at_the_noise(made) or _idle(found.passes):
             break
     if not seen:
-        raise DriverError(f"no pass of {most} was measured: samples at the same place of each period were lost")
+        raise DriverError(
+            f"no pass of {most} was measured: samples at the same place of each period were lost, as where a trigger "
+            "is late or missing, or a pass is cut short; look at one by `truestroke playback`"
+        )
     return found
 
 

@@ -85,8 +85,8 @@ class Learned:
         Of the strain.
     hysteresis : PeriodicHysteresis or None
         From the voltage to the strain, as the best batch has shown it; None until one has.
-    passes : tuple of (ndarray, ndarray)
-        Voltage, V, and U of the batches that the law remembers.
+    passes : tuple of (ndarray, ndarray, ndarray, ndarray)
+        Voltage, V, U, Z, and the variance of the latter, of the batches that the law remembers.
     inside : ndarray of complex or None
         Spectrum of the voltage of the controller inside, V, since it rests.
     base : ndarray
@@ -110,7 +110,7 @@ class Learned:
     listens: int
     carries: bool = False
     hysteresis: PeriodicHysteresis | None = None
-    passes: tuple[tuple[FloatArray, ComplexArray], ...] = ()
+    passes: tuple[tuple[FloatArray, ComplexArray, ComplexArray, FloatArray], ...] = ()
     inside: ComplexArray | None = None
     base: FloatArray | None = None
     error: float = math.inf
@@ -302,7 +302,16 @@ def concluded(before: Learned, batch: Measured) -> Steps[Outcome]:
     spread = float(np.std(missing))
     yield
     if now.hysteresis is None or (before.listens == 0 and spread < law.best):
-        shows = identified(volts, Z, law.response, noise2, few=now.few, learned=now.learned, periods=1)
+        shows = identified(
+            volts,
+            Z,
+            law.response,
+            noise2,
+            few=now.few,
+            learned=now.learned,
+            periods=1,
+            others=[(x, Y, n) for x, _, Y, n in now.passes],
+        )
         now = yield from _with_model(now, (yield from shows))
     assert now.hysteresis is not None
     strain = yield from now.hysteresis.strain(volts)
@@ -312,7 +321,8 @@ def concluded(before: Learned, batch: Measured) -> Steps[Outcome]:
         _scaled(law, U, Z)
     yield from law.seeing(U, Z, noise2)
     yield
-    now = replace(now, passes=(*((x, V) for x, V in now.passes if law.remembers(V)), (volts, U)))
+    remembered = [one for one in now.passes if law.remembers(one[1])]
+    now = replace(now, passes=(*remembered, (volts, U, Z, noise2 + law.least)))
     for _ in range(ROUNDS):
         yield
         yield from law.knowing()
@@ -324,11 +334,11 @@ def concluded(before: Learned, batch: Measured) -> Steps[Outcome]:
 def _with_model(now: Learned, hysteresis: PeriodicHysteresis) -> Steps[Learned]:
     """With another model of the hysteresis, and the strain that it makes of earlier batches."""
     passes = []
-    for x, _ in now.passes:
+    for x, _, Z, noise2 in now.passes:
         strain = yield from hysteresis.strain(x)
-        passes.append((x, np.fft.rfft(strain)))
+        passes.append((x, np.fft.rfft(strain), Z, noise2))
         yield
-    now.law.output_again([U for _, U in now.passes], [U for _, U in passes])
+    now.law.output_again([one[1] for one in now.passes], [one[1] for one in passes])
     return replace(now, hysteresis=hysteresis, passes=tuple(passes))
 
 

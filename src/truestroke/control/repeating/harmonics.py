@@ -46,7 +46,10 @@ SHY = 0.5  # times the step after a pass that was undone
 SHOWN = 12.0  # times the variance of the noise: power beyond the bandwidth that is surely none
 WHOLE = 0.3  # relative deviation of the answer to a small change from that to the whole motion: hysteresis
 STILL = 1e-3  # of the response at rest: what a harmonic answers at least
-MOVED, MOVED_BEYOND = 0.004, 1.0  # of the power of a change of voltage: what it moves elsewhere, as displacement
+MOVED, MOVED_BEYOND = 0.01, 1.0  # of the power of a change of voltage: what it moves elsewhere, as displacement
+NEIGHBOUR, REACH = 0.2, 64  # hysteresis: so much of the change of a harmonic reaches each one beside it, / the distance
+CARRIED = 4.0  # times the power that noise, which is put out, has at other harmonics
+PROBED = 0.3  # of the step beyond the bandwidth, at least: it shows R
 CREEPS = 0.8  # of the creep of a pass: that of the next one
 PAIRS = 3  # earlier changes whose effect is known
 LONGEST = 1.5  # times such a change: how far its effect is trusted
@@ -314,10 +317,10 @@ class HarmonicLaw:
         yield
         crossed = self._crossed(x)
         yield
-        hidden = np.sum((noise + another + self._hidden(crossed))[sure]) + self._least
+        hidden = np.sum((noise + another + self._hidden(crossed) + self.least)[sure])
         if other > CHANGED * known + 5 * np.sqrt(hidden):
             return True
-        scatter = noise + another + crossed + self._least
+        scatter = noise + another + crossed + self.least
         weighted, information = self._shown
         self._shown = (
             np.asarray(KEPT * weighted + np.conj(x) * y / scatter, dtype=np.complex128),
@@ -328,9 +331,9 @@ class HarmonicLaw:
         return False
 
     @property
-    def _least(self) -> float:
-        """Variance of rounding."""
-        return LITTLE * float(np.sum(np.abs(self.desired) ** 2))
+    def least(self) -> FloatArray:
+        """Variance of rounding, at each harmonic."""
+        return np.full(self.response.size, LITTLE * float(np.sum(np.abs(self.desired) ** 2)))
 
     def _hidden(self, crossed: FloatArray) -> FloatArray:
         """How much of it cannot be distinguished from a change of the stage."""
@@ -340,6 +343,36 @@ class HarmonicLaw:
         """Variance of what hysteresis makes at each harmonic of a change of the displacement by x."""
         h = 1.0 + np.arange(x.size) / self.periods
         return np.asarray((CROSSED / h**POWER) ** 2 * np.sum(np.abs(x[1:]) ** 2))
+
+    @property
+    def _neighbours(self) -> FloatArray:
+        """Power of a strain that reaches a harmonic from those of the motion beside it, its own in the middle.
+
+        A loop of which one half is the other one turned round moves odd harmonics to odd ones, and even to even ones.
+        How far it is another one, the even harmonics of the strain show beside the odd ones.
+        """
+        apart = np.arange(-REACH, REACH + 1)
+        power = np.abs((self.desired if self._last is None else self._last[0])[:: self.periods]) ** 2
+        uneven = min(1.0, float(power[2::2].sum() / max(float(power[3::2].sum()), 1e-300)))
+        return np.asarray((NEIGHBOUR / (1.0 + np.abs(apart))) ** 2 * np.where(apart % 2 == 0, 1.0, uneven))
+
+    def _louder(self, own: FloatArray) -> FloatArray:
+        """How many times its power noise has which a harmonic puts out; `own`: the power of its answer.
+
+        Hysteresis moves it to the others, where a resonance amplifies it.
+        """
+        kernel = self._neighbours
+        kernel[REACH] = 0.0
+        size2 = np.abs(self.response[:: self.periods]) ** 2
+        size2[0] = 0.0
+        found = np.ones(own.size)
+        found[:: self.periods] += CARRIED * summed(size2, kernel) / np.maximum(own[:: self.periods], 1e-300)
+        return found
+
+    def _moves(self, beyond: BoolArray) -> FloatArray:
+        """What a change of voltage moves elsewhere; beyond the bandwidth more, as far as R is not known."""
+        unknown = np.where(beyond, np.minimum(self._doubt, 1.0), 0.0)
+        return np.asarray((MOVED + (MOVED_BEYOND - MOVED) * unknown) * np.abs(self.response[0]) ** 2)
 
     def _judge(self, spread: float, noise: float, E: ComplexArray) -> str:
         """Whether the next pass builds on this one; a sentence where it does not.
@@ -383,8 +416,8 @@ class PassLaw(HarmonicLaw):
         """As of `HarmonicLaw`; the first pass shows some of R by itself."""
         if self.fresh:
             x = self.response * output
-            x[0] = 0.0
-            scatter = noise2 + self._crossed(x) + (WHOLE * np.abs(x)) ** 2 + self._least
+            x[0] = x[self._beyond] = 0.0  # there it is what the model of the hysteresis makes, which is not sure enough
+            scatter = noise2 + self._crossed(x) + (WHOLE * np.abs(x)) ** 2 + self.least
             self._shown = np.asarray(np.conj(x) * measured / scatter), np.abs(x) ** 2 / scatter
             yield from self.knowing()
         yield from super().seeing(output, measured, noise2)
@@ -427,9 +460,16 @@ class PassLaw(HarmonicLaw):
         shown = self._beyond & (power > SHOWN * np.maximum(noise2, usual))
         own = np.abs(self.response) ** 2 * (R2 + variance)
         own[0] = math.inf
-        step = self._weight(E, noise2) * R2 / (R2 + variance)
-        moved = np.where(self._beyond, MOVED_BEYOND, MOVED) * np.abs(self.response[0]) ** 2
+        known = np.maximum(R2 / (R2 + variance), np.where(self._beyond, PROBED, 0.0))
+        step = self._weight(E, noise2 * self._louder(own)) * known
+        moved = self._moves(self._beyond)
         return np.where(self.learned | shown, step / (1 + moved / np.maximum(own, 1e-300)), 0.0)
+
+
+def summed(values: npt.NDArray[Any], window: FloatArray) -> FloatArray:
+    """Sums over the neighbours, weighted; the window has an odd length."""
+    half = window.size // 2
+    return np.asarray(np.convolve(values, window)[half : half + values.size])
 
 
 # ---- What can be learned -------------------------------------------------------------------------------------------

@@ -193,6 +193,7 @@ class IterativeLearning(Displayed):
         self._best = math.nan, np.empty(0)
         self._number = 0
         self._hysteresis: PeriodicHysteresis | None = None
+        self._seen: list[tuple[FloatArray, ComplexArray, ComplexArray, FloatArray]] = []  # volts, U, Z and its variance
         self.volts, self._limited = self._first(model)
         self._base = self.volts  # of the pass on which the next one builds
 
@@ -274,16 +275,18 @@ class IterativeLearning(Displayed):
             return self._missed()
         mean, noise2 = self._mean(z)
         Z, first = np.fft.rfft(mean), self._hysteresis is None
-        if self._hysteresis is None:
+        if first:
             self._scale(np.fft.rfft(self.volts), Z)
-            about = {"few": self._few, "learned": self._learned, "periods": self.periods}
-            self._hysteresis = finished(identified(self.volts, Z, self._law.response, noise2, **about))
+        error = mean - np.fft.irfft(self._law.desired, self.samples)
+        rmse = float(np.sqrt(np.mean(error[self.counts] ** 2)))
+        if first or float(np.std(error[self.counts])) < self._law.best:
+            self._model(Z, noise2)
+        assert self._hysteresis is not None
         shown = np.fft.rfft(finished(self._hysteresis.strain(self.volts)))
         if first:
             self._law.scale(self._law.gain(shown, Z))
         self._law.see(shown, Z, noise2)
-        error = mean - np.fft.irfft(self._law.desired, self.samples)
-        rmse = float(np.sqrt(np.mean(error[self.counts] ** 2)))
+        self._seen = [*(one for one in self._seen if self._law.remembers(one[1])), (self.volts, shown, Z, noise2)]
         if not rmse >= self._best[0]:
             self._best = rmse, self.volts
         following = self._law.follow(float(np.std(error[self.counts])))
@@ -305,6 +308,16 @@ class IterativeLearning(Displayed):
         self.volts, self._limited = self._within(finished(self._hysteresis.volts(strain, self._base, self._moved)))
         self._number += 1
         return made
+
+    def _model(self, Z: ComplexArray, noise2: FloatArray) -> None:
+        """The hysteresis as this pass shows it, and what it differs by from those that the law remembers."""
+        about = {"few": self._few, "learned": self._learned, "periods": self.periods}
+        others = [(volts, Y, noise) for volts, _, Y, noise in self._seen]
+        made = identified(self.volts, Z, self._law.response, noise2, others=others, **about)
+        self._hysteresis, before = finished(made), [one[1] for one in self._seen]
+        again = [np.fft.rfft(finished(self._hysteresis.strain(one[0]))) for one in self._seen]
+        self._law.output_again(before, again)
+        self._seen = [(x, U, Y, noise) for (x, _, Y, noise), U in zip(self._seen, again, strict=True)]
 
     def _periods(self, measured: npt.ArrayLike | None) -> FloatArray | None:
         """As rows; None where the pass was missed."""

@@ -20,20 +20,18 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from truestroke.base.typing import ComplexArray, FloatArray
-from truestroke.control.repeating.harmonics import KEPT, PAIRS, BoolArray, HarmonicLaw, Spectra
+from truestroke.control.repeating.harmonics import KEPT, PAIRS, POWER, BoolArray, HarmonicLaw, Spectra, summed
 from truestroke.control.repeating.steps import Steps
 
-NEIGHBOUR, REACH = 0.2, 64  # hysteresis: so much of the change of a harmonic reaches each one beside it, / the distance
 TAMED = 0.25  # of what a change may harm elsewhere counts, as the next pass corrects it; of the first one, FIRST
 FIRST = 2.0
 HALF = 0.9  # of a change, the first time
-MOVED, MOVED_BEYOND = 0.01, 1.0  # of the power of a change of voltage: what it moves elsewhere, as displacement
 WORSE = 1.5  # times the rmse of the best pass: at a resonance a harmonic may become worse before it becomes better
 SHOWN, SHOWN_BEYOND = 5.0, 12.0  # times the variance of the noise: power that is surely none
 BESIDE = 4  # harmonics on either side, whose power says what that of one may be
+WANDERS = 3e-4  # of the motion: hysteresis that drifts from batch to batch, / (1 + h)^1.5 in the strain of harmonic h
 REMOVED = 2  # changes that take away what is put out beyond the bandwidth
 
 
@@ -77,14 +75,16 @@ class OnlineLaw(HarmonicLaw):
         """Mean square of what is in x beside noise."""
         power, near = np.abs(x) ** 2, self._moving & ~self._beyond
         window = np.ones(2 * BESIDE + 1)
-        around, many = (_around(values, window) for values in (np.where(near, power - noise2, 0.0), 1.0 * near))
+        around, many = summed(np.where(near, power - noise2, 0.0), window), summed(1.0 * near, window)
         yield
         less = np.where(near, around / np.maximum(many, 1.0), 0.0)
         sure = power > np.where(self._beyond, SHOWN_BEYOND, SHOWN) * noise2
         return np.maximum(np.where(sure, power - noise2, less), 0.0)
 
     def _weight(self, E: ComplexArray, noise2: FloatArray) -> FloatArray:
-        return np.ones(E.size)
+        """The noise that the estimate still has counts where hysteresis moves it to others."""
+        own = np.abs(self.response * self.ratio) ** 2 * (1 + self._doubt)
+        return super()._weight(E, self._spread * (self._louder(own) - 1))
 
     # ---- The change -------------------------------------------------------------------------------------------------
 
@@ -93,7 +93,7 @@ class OnlineLaw(HarmonicLaw):
         B, B2 = self.response * self.ratio, np.abs(self.response * self.ratio) ** 2
         assert self._base is not None
         self._first = self._base[0] if first else self._first
-        moved = np.where(self._beyond, MOVED_BEYOND, MOVED) * np.abs(self.response[0]) ** 2
+        moved = self._moves(self._beyond)
         own = B2 * (1 + self._doubt)
         yield
         step = step * own / (own + moved)  # a harmonic that takes much voltage for little displacement moves the others
@@ -115,25 +115,18 @@ class OnlineLaw(HarmonicLaw):
         share = min(1.0, won / max(lost, 1e-300))
         return np.asarray(change * (min(share, HALF) if first else share))
 
+    @property
+    def least(self) -> FloatArray:
+        """As of `HarmonicLaw`, and of the drift of the hysteresis, which a resonance amplifies."""
+        share = WANDERS * np.abs(self.response / self.response[0]) / (1.0 + np.arange(self.response.size)) ** POWER
+        return np.asarray(super().least + share**2 * np.sum(np.abs(self.desired[1:]) ** 2))
+
     # ---- Hysteresis -------------------------------------------------------------------------------------------------
 
     def _hidden(self, crossed: FloatArray) -> FloatArray:
         return crossed
 
     def _crossed(self, x: ComplexArray) -> FloatArray:
-        """As of `HarmonicLaw`: it reaches the neighbours, and the stage amplifies it there.
-
-        A loop of which one half is the other one turned round moves odd harmonics to odd ones, and even to even ones.
-        How far it is another one, the even harmonics of the strain show beside the odd ones.
-        """
-        size, apart = np.abs(self.response[1:]), np.arange(-REACH, REACH + 1)
-        power = np.abs(self.desired if self._last is None else self._last[0]) ** 2
-        uneven = min(1.0, float(power[2::2].sum() / max(float(power[3::2].sum()), 1e-300)))
-        kernel = (NEIGHBOUR / (1.0 + np.abs(apart))) ** 2 * np.where(apart % 2 == 0, 1.0, uneven)
-        return np.append(0.0, size**2 * _around(np.abs(x[1:] / size) ** 2, kernel))
-
-
-def _around(values: npt.NDArray[Any], window: npt.NDArray[Any]) -> FloatArray:
-    """Sums over the neighbours, weighted; the window has an odd length."""
-    half = window.size // 2
-    return np.asarray(np.convolve(values, window)[half : half + values.size])
+        """As of `HarmonicLaw`: it reaches the neighbours, and the stage amplifies it there."""
+        size = np.abs(self.response[1:])
+        return np.append(0.0, size**2 * summed(np.abs(x[1:] / size) ** 2, self._neighbours))

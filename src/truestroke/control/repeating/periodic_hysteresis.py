@@ -10,6 +10,7 @@ motion alone, a dead time and the width of a loop look alike, at its harmonics t
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,7 +26,9 @@ BoolArray = npt.NDArray[np.bool_]
 PLAYS = 12
 CURVED = 0.1  # standard deviation of the weights of the powers
 UNMODELLED, POWER = 0.03, 1.5  # of the strain: hysteresis of another structure, / h^1.5 at harmonic h
+CHANGE = 0.05  # of a change of the strain at any harmonic: the same of what two passes differ by
 BESIDE = 0.5  # times the deviation of R at each harmonic by itself, much of which is hysteresis, and so in the plays
+DIFFERENT = 1e-6  # of the span: by which voltages differ
 ROUNDS = 5  # steps of Gauss and Newton
 UNIT = np.array(prior.thresholds(PLAYS, 1.0))  # of the span
 LARGEST = 1.0  # standard deviations of the few numbers: such a step at most
@@ -87,6 +90,7 @@ def identified(
     few: FewNumbers,
     learned: BoolArray,
     periods: int,
+    others: Sequence[tuple[FloatArray, ComplexArray, FloatArray]] = (),
 ) -> Steps[PeriodicHysteresis]:
     """The model from a pass, by least squares with what is expected of actuators (`model.prior`).
 
@@ -102,15 +106,21 @@ def identified(
         Harmonics that count.
     periods : int
         Of the motion, in a repetition.
+    others : sequence of (ndarray, ndarray, ndarray)
+        Voltage, Z and its variance of earlier passes: what a change of the voltage has changed counts, too.
     """
     span, middle = float(np.ptp(volts)), float(volts.max() + volts.min()) / 2
     r = span * UNIT
     counts = np.flatnonzero(learned[1:]) + 1
-    terms = yield from _terms(volts, r, middle, span)
-    P = np.empty((len(terms), counts.size), dtype=np.complex128)
-    for row, term in zip(P, terms, strict=True):
-        row[:] = (response * np.fft.rfft(term))[counts]
-        yield
+    about = r, middle, span
+    P = yield from _spectra(volts, response, counts, about)
+    relative = np.abs(response[counts] / response[0])
+    unmodelled = (UNMODELLED / (1.0 + counts / periods) ** POWER * relative) ** 2
+    shown = [_Shown(P, measured[counts], noise2[counts], unmodelled)]
+    for x, Z, noise in others:
+        if np.abs(x - volts).max() > DIFFERENT * span:
+            Q = yield from _spectra(x, response, counts, about)
+            shown.append(_Shown(Q - P, (Z - measured)[counts], (noise + noise2)[counts], (CHANGE * relative) ** 2))
     expected, covariance = _expected(r, span)
     yield
     n = expected.size
@@ -118,31 +128,65 @@ def identified(
     deviations = np.append(SURE, few.deviations[1:])  # a gain is in the weights, too
     known = np.zeros((mean.size, mean.size))
     known[:n, :n], known[n:, n:] = np.linalg.inv(covariance), np.diag(deviations**-2.0)
-    yield
-    relative = response[counts] / response[0]
-    other = (UNMODELLED / (1.0 + counts / periods) ** POWER * np.abs(relative)) ** 2
     own = BESIDE**2 * few.variance[counts]
     found = mean
     for _ in range(ROUNDS):
         yield
         R, slopes = yield from few.ratio(found[n:])
-        R, slopes, plain = R[counts], slopes[:, counts], found[:n] @ P
-        predicted = R * plain
-        swing = np.sum(np.abs(plain / relative) ** 2)
-        variance = noise2[counts] + own * np.abs(predicted) ** 2 + other * swing
         information, right = known.copy(), known @ (mean - found)
-        for begin in range(0, counts.size, HARMONICS):
-            yield
-            some = slice(begin, begin + HARMONICS)
-            A = np.concatenate([R[some] * P[:, some], slopes[:, some] * plain[some]])
-            weighted = A.conj() / variance[some]
-            information += (weighted @ A.T).real
-            right += (weighted @ (measured[counts[some]] - predicted[some])).real
-        yield
+        for one in shown:
+            yield from one.add(information, right, found[:n], R[counts], slopes[:, counts], own, relative)
         step = np.linalg.solve(information, right)
         largest = float(np.abs(step[n:] / deviations).max())
         found = found + step * min(1.0, LARGEST / max(largest, 1e-300))
     return PeriodicHysteresis(r, _rising(found[:n]), middle, span)
+
+
+@dataclass(frozen=True, eq=False)
+class _Shown:
+    """What a pass shows, or by what two differ: spectra of the terms through G, um, and Z, with its variances."""
+
+    terms: ComplexArray
+    measured: ComplexArray
+    noise2: FloatArray
+    unmodelled: FloatArray  # of the power of the strain
+
+    def add(
+        self,
+        information: FloatArray,
+        right: FloatArray,
+        weights: FloatArray,
+        R: ComplexArray,
+        slopes: ComplexArray,
+        own: FloatArray,
+        relative: FloatArray,
+    ) -> Steps[None]:
+        """To the normal equations of a step from these weights and numbers; `own` is the variance of R beside them."""
+        yield
+        plain = weights @ self.terms
+        predicted = R * plain
+        swing = np.sum(np.abs(plain / relative) ** 2)
+        variance = self.noise2 + own * np.abs(predicted) ** 2 + self.unmodelled * swing
+        for begin in range(0, R.size, HARMONICS):
+            yield
+            some = slice(begin, begin + HARMONICS)
+            A = np.concatenate([R[some] * self.terms[:, some], slopes[:, some] * plain[some]])
+            weighted = A.conj() / variance[some]
+            information += (weighted @ A.T).real
+            right += (weighted @ (self.measured - predicted)[some]).real
+        yield
+
+
+def _spectra(
+    volts: FloatArray, response: ComplexArray, counts: npt.NDArray[np.intp], about: tuple[FloatArray, float, float]
+) -> Steps[ComplexArray]:
+    """Of the terms, through the response, at the harmonics that count, um."""
+    terms = yield from _terms(volts, *about)
+    made = np.empty((len(terms), counts.size), dtype=np.complex128)
+    for row, term in zip(made, terms, strict=True):
+        row[:] = (response * np.fft.rfft(term))[counts]
+        yield
+    return made
 
 
 def plays(x: FloatArray, r: FloatArray) -> Steps[FloatArray]:

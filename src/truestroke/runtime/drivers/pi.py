@@ -326,7 +326,8 @@ def _wait(done: Callable[[], bool], patience: float, what: str) -> None:
     end = time.monotonic() + patience
     while not done():
         if time.monotonic() > end:
-            raise DriverError(f"playing: waited {patience:.3g} s for {what}, in vain")
+            remedy = "does the wave generator wait for a trigger (WGO, DRT)? Else raise the driver's timeout"
+            raise DriverError(f"playing: waited {patience:.3g} s for {what}, in vain: {remedy}")
         time.sleep(0.01)
 
 
