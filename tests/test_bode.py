@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from benchmarks import dynamics as benchmark
+from benchmarks import foreign_stages
+from benchmarks.foreign_stages import Duhem, Stage
 from click.testing import CliRunner
-from scipy.linalg import expm
 
 from truestroke import AdaptiveController, Dynamics, DynamicsError, SettingError, Timing, measure_bode, measure_dynamics
 from truestroke.cli import main
@@ -108,44 +109,9 @@ def test_partial_fractions_and_aliases_give_the_same_response(damping: float, de
     assert sum(both) == pytest.approx(stage.response(f), rel=1e-4, abs=1e-5)
 
 
-class Sampled:
-    """Modes behind Duhem's hysteresis, by matrix exponentials; the sensor is sampled at the end of each tick."""
-
-    def __init__(
-        self, modes: list[tuple[float, float, float]], rate: float, hysteresis: float = 0.0, dead: int = 0
-    ) -> None:
-        self.late = [0.0] * dead
-        states = 2 * len(modes)
-        both = np.zeros((states + 1, states + 1))
-        self.share = np.zeros(states)
-        for i, (frequency, damping, share) in enumerate(modes):
-            w = 2 * np.pi * frequency
-            both[2 * i, 2 * i + 1], both[2 * i + 1, 2 * i : 2 * i + 2] = 1, (-(w**2), -2 * damping * w)
-            both[2 * i + 1, -1], self.share[2 * i] = w**2, share
-        step = expm(both / rate)
-        self.A, self.b, self.rate, self.part = step[:-1, :-1], step[:-1, -1], rate, hysteresis
-        self.random = np.random.default_rng(0)
-
-    def open(self) -> Timing:
-        self.x, self.u, self.h = np.zeros(self.b.size), 0.0, 0.0
-        for volts in (np.linspace(5, 10, 500), np.linspace(10, 0, 1000), np.linspace(0, 5, 500)):
-            self.exchange(volts)
-        return Timing(sample_rate=self.rate)
-
-    def exchange(self, volts: np.ndarray) -> np.ndarray:
-        z = np.empty(len(volts))
-        for k, u in enumerate(volts / 5 - 1):  # 0 to 10 V
-            du, self.u = u - self.u, float(u)
-            self.h += 6 * abs(du) * (0.5 * self.u - self.h) + (0.5 - self.part) * du
-            self.late.append(20 * self.h)
-            self.x = self.A @ self.x + self.b * self.late.pop(0)
-            z[k] = self.share @ self.x + 2e-4 * self.random.standard_normal()
-        return z
-
-
 def test_a_sensor_that_is_sampled_at_the_end_of_its_tick_is_half_a_tick_early() -> None:
     """What a loop of single conversions does; the response is that of the matrix exponential."""
-    stage = Sampled([(900.0, 0.02, 1.0)], rate=10000.0)
+    stage = Stage([(900.0, 0.02, 1.0)], 10000.0, hysteresis=Duhem(0.0))
     f = np.array([3.0, 450.0, 900.0, 3000.0, 4500.0])
     q = np.exp(2j * np.pi * f / stage.rate)
     exact = np.array([one * np.linalg.solve(one * np.eye(2) - stage.A, stage.b)[0] for one in q])
@@ -171,7 +137,8 @@ def test_hysteresis_far_below_the_resonance_does_not_spoil_the_stage(
     modes: list[tuple[float, float, float]], dead: int
 ) -> None:
     """Small loops of two fifths of the gain scatter the response up to some 40 Hz, where the stage is a spring."""
-    found = measure_bode(Sampled(modes, rate=5000.0, hysteresis=0.22, dead=dead), voltage_limits=(0.0, 10.0))
+    stage = Stage(modes, 5000.0, hysteresis=Duhem(0.22), dead=dead)
+    found = measure_bode(stage, voltage_limits=stage.limits)
     assert not found.verdict.is_bad
     for mode, (frequency, damping, share) in zip(found.dynamics.modes, modes, strict=True):
         assert mode.frequency == pytest.approx(frequency, rel=2e-3)
@@ -182,8 +149,10 @@ def test_hysteresis_far_below_the_resonance_does_not_spoil_the_stage(
 
 def test_the_gain_is_seen_where_bias_and_safe_voltage_are_one() -> None:
     """It bounds the travel; a way of 2 % of the range, as it was, shows what is left of the last loop."""
-    stage = Sampled([(600.0, 0.01, 1.0)], rate=5000.0, hysteresis=0.22)
-    found = measure_bode(stage, voltage_limits=(0.0, 10.0), safe_voltage=5.0)
+    stage = Stage([(600.0, 0.01, 1.0)], 5000.0, hysteresis=Duhem(0.22))
+    for volts in (np.linspace(0, 10, 500), np.linspace(10, 5, 500)):
+        stage.exchange(volts)
+    found = measure_bode(stage, voltage_limits=stage.limits, safe_voltage=5.0)
     assert found.record.gain == pytest.approx(found.gain, rel=0.05)
 
 
@@ -293,3 +262,11 @@ def test_what_can_be_refused_before_the_stage_moves_is(
     monkeypatch.setattr(stage, "exchange", lambda volts: pytest.fail("it moved"))
     with pytest.raises(SettingError, match=named):
         measure_bode(stage, **{**LIMITS, **options})
+
+
+def test_foreign_stages_are_followed_within_a_third_of_a_per_cent() -> None:
+    """`python -m benchmarks.foreign_stages` has 24 of them; one with a second mode, measured first, for 2 s."""
+    motion, rms, largest = foreign_stages.follow(3, given=True, duration=2.0)
+    assert motion == "sine   0.15 f0"
+    assert rms < 0.1
+    assert largest < 1.0

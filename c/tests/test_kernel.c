@@ -750,6 +750,8 @@ static void test_trim(void)
 enum { PHASES = 100 };
 static ts_real wave[PHASES], table[PHASES];
 
+static double of_period(double places) { return places / (double)PHASES; }
+
 static double form(double turns) { return cos(6.283185307179586 * turns) + 0.2 * sin(18.84955592153876 * turns); }
 
 /* Of a motion of 6 um about 5 um: 0.1 V in a sine that is 0.2 turns early, and 0.3 V. */
@@ -757,8 +759,8 @@ static ts_learned_period learned_period(void)
 {
     double power = 0, slopes = 0, low = 1e9, high = -1e9, cosine = 0, sine = 0;
     for (int k = 0; k < PHASES; k++) {
-        double x = 3 * form((double)k / PHASES), d = 1.5 * (form((k + 1.0) / PHASES) - form((k - 1.0) / PHASES));
-        double turn = 6.283185307179586 * k / PHASES;
+        double x = 3 * form(of_period(k)), d = 1.5 * (form(of_period(k + 1.0)) - form(of_period(k - 1.0)));
+        double turn = 6.283185307179586 * of_period(k);
         wave[k] = (ts_real)(5 + x);
         table[k] = (ts_real)(0.1 * sin(turn + 6.283185307179586 * 0.2));
         power += x * x, slopes += d * d, cosine += x * cos(turn), sine += x * sin(turn);
@@ -770,8 +772,8 @@ static ts_learned_period learned_period(void)
 
 static ts_repetition_settings repetition_settings(const ts_learned_period *learned)
 {
-    return (ts_repetition_settings){.size = PHASES, .period = PHASES, .change = 20, .share = (ts_real)0.3, .cosine = (ts_real)cos(6.283185307179586 / PHASES),
-                                    .sine = (ts_real)sin(6.283185307179586 / PHASES), .ratio = 2, .settles = 40, .learned = learned};
+    return (ts_repetition_settings){.size = PHASES, .period = (ts_real)PHASES, .change = 20, .share = (ts_real)0.3, .cosine = (ts_real)cos(6.283185307179586 * of_period(1)),
+                                    .sine = (ts_real)sin(6.283185307179586 * of_period(1)), .ratio = 2, .settles = 40, .learned = learned};
 }
 
 /* A period that is 0.7 % longer, a smaller amplitude, another offset and phase. */
