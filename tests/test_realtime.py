@@ -33,6 +33,8 @@ from truestroke.signals.trajectories import Trajectory, random_wave, sine
 
 xarray = Late("xarray")
 
+pytestmark = pytest.mark.usefixtures("empty_folder")
+
 LIMITS, SLEW = (-0.6, 3.6), 400.0
 PATIENT = RealtimeSettings(overrun_streak=0, watchdog_timeout=20.0)  # a busy machine is late by ms and more
 
@@ -443,8 +445,6 @@ FOREIGN = """
 from dataclasses import dataclass
 from truestroke.runtime.drivers import SimulatedDriver, SimulatedSettings
 from truestroke.runtime.drivers.registry import package
-
-pytestmark = pytest.mark.usefixtures("empty_folder")
 
 @dataclass(frozen=True, kw_only=True)
 class StageSettings:

@@ -26,7 +26,7 @@ STAGE = Dynamics(sample_rate=FS, modes=(Mode(frequency=900.0, damping=0.02),))
 def made(name, **others):
     usual = {"raster": {"lines": 8, "rate": 40.0}, "spiral": {"turns": 12, "rotation": 40.0}}
     usual |= {"lissajous": {"rate": 40.0, "lobes": 12}, "cycloid": {"rate": 40.0, "pitch": 2.0}}
-    return getattr(scans, name)(**usual[name], **others)
+    return getattr(scans, name)(**usual[name] | others)
 
 
 EVERY = {

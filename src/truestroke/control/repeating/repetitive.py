@@ -166,7 +166,7 @@ class RepetitiveController(Displayed):
     ...     controller.adapt(10.0 * before)
     ...     before = volts
     >>> [f"{batch.rmse:.3f}" for batch in controller.batches][:4]
-    ['1.191', '0.462', '0.036', '0.016']
+    ['1.191', '0.462', '0.030', '0.008']
     """
 
     _text = staticmethod(kernel_repetition)

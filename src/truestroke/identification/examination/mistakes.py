@@ -194,7 +194,7 @@ def ringing(record: Record) -> float:
     >>> t = np.arange(4000) / 1000.0
     >>> x, rung = 5 - 5 * np.cos(20 * t), 12 * np.sin(500 * t)
     >>> [round(ringing(Record.from_arrays(x, z, sample_rate=1000.0)), 1) for z in (x + rung, rung - x, x)]
-    [79.6, 0.0, 0.0]
+    [79.5, 0.0, 0.0]
     """
     turns = turning.reversals(record.volts, turning.STROKE * float(np.ptp(record.volts)))
     rows = max(record.segments, key=lambda s: s.stop - s.start)
