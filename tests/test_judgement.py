@@ -190,6 +190,20 @@ def test_tracking_that_was_lost_for_a_while_or_at_the_end_is_said():
     assert text.startswith("At the end the error was 9 um rms over 0.25 s: it has not converged.")
 
 
+def test_an_error_that_grows_is_said_though_it_is_small():
+    """As beside a second mode that nobody measured; a motion that becomes faster has a larger error anyway."""
+    time = np.arange(8000) / RATE
+    grows = np.interp(time, [0.0, 1.0, 4.0], [0.01, 0.01, 0.4]) * np.sin(2 * np.pi * 92.0 * time)
+    level, text = judged(made(noisy(wave()) + grows))
+    assert level == "doubtful"
+    assert text.startswith("The error grew from 0.00")
+    assert "second mode" in text
+    assert judged(made(noisy(wave()) + grows[::-1]))[0] == "good"
+    chirp = 10.0 * (1 - np.cos(2 * np.pi * (2.0 + time) * time))
+    assert judged(made(noisy(chirp) + grows, desired=chirp))[0] == "good"
+    assert judged(made(noisy(wave()) + 0.3 * grows))[0] == "good"
+
+
 # ---- How it ended --------------------------------------------------------------------------------------------------
 
 

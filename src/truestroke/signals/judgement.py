@@ -24,6 +24,8 @@ ALARMS = 2.0  # changes of the actuator that were found, per second: more are no
 STANDS = 0.5  # of the desired motion: an actuator that moves less did not follow, however small the error is in um
 SURE = 4.0  # standard deviations
 HIDDEN = 0.2  # of the peak-to-peak: with more noise, and few samples, a motion is not seen
+GREW, MATTERS = 3.0, 0.25  # times the error that was; of what is tolerable: an error that grew by so much, to so much
+AS_FAST = 1.2  # times the speed that was, at most: a motion that becomes faster has a larger error anyway
 COLOURED = 100  # samples of an error that count as one
 ELSEWHERE = 0.01  # of the resonance that was given: one that differs by so much has taken its place
 BY_A_PERSON = ("interrupted", "terminated", "hangup")
@@ -171,10 +173,15 @@ class _Run:
 
     def windows(self) -> FloatArray:
         """Rms of the usable errors in each window of 0.25 s, one after the other, um; of a shorter run, one."""
-        error, length = self.error, round(WINDOW / self.metrics.duration_s * self.metrics.ticks)
-        length = min(max(length, 1), error.size)
-        blocks = error[error.size % length :].reshape(-1, length)
-        return np.sqrt(np.maximum(0.0, np.array([_rms(block) for block in blocks]) ** 2 - self.noise**2))
+        return np.sqrt(np.maximum(0.0, self._rms_of_windows(self.error) ** 2 - self.noise**2))
+
+    def speeds(self) -> FloatArray:
+        """Rms of the desired velocity in the same windows, um/s."""
+        return self._rms_of_windows(np.gradient(self.recording["desired"], self.recording["time"]))
+
+    def _rms_of_windows(self, values: FloatArray) -> FloatArray:
+        length = min(max(round(WINDOW / self.metrics.duration_s * self.metrics.ticks), 1), values.size)
+        return np.array([_rms(block) for block in values[values.size % length :].reshape(-1, length)])
 
 
 def _ending(run: _Run) -> Finding | None:
@@ -379,6 +386,23 @@ def _unsettled(run: _Run) -> Finding | None:
     return None
 
 
+def _grew(run: _Run) -> Finding | None:
+    """An error that grows while the motion stays as it is: the median of the last quarter of the run, beside others."""
+    quarter = run.windows().size // 4
+    if quarter < 2:
+        return None
+    parts = np.median(run.windows()[-4 * quarter :].reshape(4, quarter), axis=1)
+    speeds = np.median(run.speeds()[-4 * quarter :].reshape(4, quarter), axis=1)
+    same = speeds[:3] * AS_FAST >= speeds[3]
+    before = float(parts[:3][same].min()) if same.any() else float(parts[3])
+    if parts[3] <= max(GREW * before, MATTERS * run.tolerable):
+        return None
+    return "doubtful", (
+        f"The error grew from {before:.3g} to {parts[3]:.3g} um rms while the motion became no faster: the actuator "
+        "has changed, or the stage has what its model has not, such as a second mode. Measure it: `truestroke bode`."
+    )
+
+
 CHECKS = (
     _ending,
     _saturated,
@@ -390,6 +414,7 @@ CHECKS = (
     _another_stage,
     _restored,
     _unsettled,
+    _grew,
     _slewed,
     _alarmed,
 )
