@@ -399,6 +399,36 @@ def test_the_command_takes_the_state_that_was_saved(tmp_path: Path) -> None:
         assert words in printed
 
 
+def test_a_file_that_is_not_what_was_learned_is_refused_in_a_line(tmp_path: Path) -> None:
+    config, learned = tmp_path / "stage.toml", tmp_path / "learned.npz"
+    config.write_text(CONFIG.format(controller="adaptive", slew=400.0, more="period = 0.2"))
+    controller = load_config(config).axes[0].controller
+    assert isinstance(controller, RepetitiveController)
+    np.savez(tmp_path / "fresh.npz", **controller.state())
+    wave = trajectories.sine(frequency=5.0, peak_to_peak=10.0, duration=6.0, sample_rate=2000.0)
+    run(wave, controller, plant.RealisticPlant(plant.PlantSettings(sample_rate=2000.0)))
+    np.savez(learned, **controller.state())
+    (tmp_path / "cut.npz").write_bytes(learned.read_bytes()[:1000])
+    (tmp_path / "empty.npz").write_bytes(b"")
+    (tmp_path / "text.npz").write_text("volts\n1.0\n")
+    np.savez(tmp_path / "another.npz", volts=np.zeros(3))
+
+    def refused(name: str) -> str:
+        asked = ("--config", str(config), "--repetition", str(tmp_path / name), "--output", str(tmp_path / "c"))
+        code, printed = call(*asked)
+        assert (code, printed.count("\n")) == (2, 1), printed
+        return printed
+
+    for name in ("cut.npz", "empty.npz", "text.npz"):
+        assert "no NPZ file, or a damaged one" in refused(name)
+    assert "it is no state of the controller of this axis" in refused("another.npz")
+    assert "it has learned nothing yet" in refused("fresh.npz")
+    faster = CONFIG.replace("frequency = 5.0", "frequency = 10.0")
+    config.write_text(faster.format(controller="adaptive", slew=400.0, more="period = 0.1"))
+    assert "its motion has a period of 0.2 s, that of " in refused("learned.npz")
+    assert not (tmp_path / "c").exists()
+
+
 def test_what_has_learned_nothing_or_is_around_another_controller_is_not_exported(tmp_path: Path) -> None:
     with pytest.raises(SettingError, match=r"controller = 0 batches: must be one that has learned a correction"):
         export_c(repetitive(), tmp_path / "c")

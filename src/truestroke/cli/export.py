@@ -12,7 +12,9 @@ import click
 from click.core import ParameterSource
 
 import truestroke
-from truestroke.base import system
+from truestroke.base import npz, system
+from truestroke.base.checks import SettingError
+from truestroke.base.files import FileError
 from truestroke.cli import common, waveforms
 
 if TYPE_CHECKING:
@@ -20,6 +22,7 @@ if TYPE_CHECKING:
 
 SIZES = ("sample_rate", "stroke", "voltage_limits")
 ALONE = (*SIZES, "slew", "safe_voltage", "controller", "model", "dynamics")
+ANOTHER = 0.02  # of a period: by no more it is followed, so that it is not the one of this axis
 OF_TARGETS = {
     "precision": ["c"],
     "history": ["c"],
@@ -297,19 +300,25 @@ def _configured(config: Path, name: str | None, repetition: Path | None) -> _Ask
 
 def _repetitive(config: Path, controller: object, file: Path | None) -> truestroke.RepetitiveController | None:
     """The controller of an axis with a period, with what it has learned; None without a file of it."""
-    period = isinstance(controller, truestroke.RepetitiveController)
-    if file is None and not period:
+    if file is None and not isinstance(controller, truestroke.RepetitiveController):
         return None
     if file is None or not isinstance(controller, truestroke.RepetitiveController):
         words = "its axis has no period" if file is not None else "its axis has a period: name what was learned in it"
         raise click.UsageError(f"--repetition FILE and {config} go together: {words}.")
-    import numpy as np
-
+    period = controller.period
     try:
-        with np.load(file) as state:
-            controller.restore(state)
-    except (OSError, ValueError) as error:
-        raise click.UsageError(f"--repetition {file}: {error}") from None
+        controller.restore(npz.read(file, npz.names(file, FileError), FileError))
+    except SettingError as error:
+        words = "it is no state of the controller of this axis"
+        raise click.UsageError(f"--repetition {file}: {words} ({str(error.bound).replace('`', '')}).") from None
+    except FileError as error:
+        words = "numpy.savez(FILE, **controller.state()) writes one"
+        raise click.UsageError(f"--repetition {file}: no NPZ file, or a damaged one: {error}; {words}.") from None
+    if not controller.batches:
+        raise click.UsageError(f"--repetition {file}: it has learned nothing yet; save it after a run that repeats.")
+    if abs(controller.period - period) > ANOTHER * period:
+        words = f"its motion has a period of {controller.period:.4g} s, that of {config} {period:.4g} s"
+        raise click.UsageError(f"--repetition {file}: {words}: choose the file of this axis, or change `period`.")
     return controller
 
 
