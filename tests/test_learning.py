@@ -479,35 +479,27 @@ def test_a_motion_beyond_the_spring_is_refused():
         truestroke.learn(plant, wave, stroke=35.0, voltage_limits=(-0.6, 3.6), slew=4000.0, passes=2)
 
 
-def test_ctrl_c_leaves_the_best_waveform_and_says_where(tmp_path, monkeypatch):
+@pytest.mark.parametrize(
+    ("error", "code", "words"),
+    [
+        (KeyboardInterrupt(), 130, ""),
+        (truestroke.DriverError("playing: the trigger did not come"), 12, "the trigger did not come; "),
+    ],
+    ids=["Ctrl-C", "hardware that fails"],
+)
+def test_what_ends_learning_leaves_the_best_waveform_and_says_where(error, code, words, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     exchange = StagePlant.exchange
 
     def until_there_is_one(self, volts):
         if Path("learned.csv").exists():
-            raise KeyboardInterrupt
+            raise error
         return exchange(self, volts)
 
     monkeypatch.setattr(StagePlant, "exchange", until_there_is_one)
     result = CliRunner().invoke(main, ["learn", "--frequency", "100", "--averaged", "0.1"])
-    assert result.exit_code == 130
-    assert "learned.csv has the best waveform so far, of pass 0" in result.stderr
-    assert truestroke.load_waveform(tmp_path / "learned.csv").volts.size == 100
-
-
-def test_hardware_that_fails_leaves_the_best_waveform_and_has_its_exit_code(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    exchange = StagePlant.exchange
-
-    def until_there_is_one(self, volts):
-        if Path("learned.csv").exists():
-            raise truestroke.DriverError("playing: the trigger did not come")
-        return exchange(self, volts)
-
-    monkeypatch.setattr(StagePlant, "exchange", until_there_is_one)
-    result = CliRunner().invoke(main, ["learn", "--frequency", "100", "--averaged", "0.1"])
-    assert result.exit_code == 12
-    assert "the trigger did not come; learned.csv has the best waveform so far, of pass 0" in result.stderr
+    assert result.exit_code == code
+    assert f"{words}learned.csv has the best waveform so far, of pass 0" in result.stderr
     assert truestroke.load_waveform(tmp_path / "learned.csv").volts.size == 100
 
 

@@ -388,11 +388,11 @@ def _unsettled(run: _Run) -> Finding | None:
 
 def _grew(run: _Run) -> Finding | None:
     """An error that grows while the motion stays as it is: the median of the last quarter of the run, beside others."""
-    quarter = run.windows().size // 4
+    windows = run.windows()
+    quarter = windows.size // 4
     if quarter < 2:
         return None
-    parts = np.median(run.windows()[-4 * quarter :].reshape(4, quarter), axis=1)
-    speeds = np.median(run.speeds()[-4 * quarter :].reshape(4, quarter), axis=1)
+    parts, speeds = (np.median(x[-4 * quarter :].reshape(4, quarter), axis=1) for x in (windows, run.speeds()))
     same = speeds[:3] * AS_FAST >= speeds[3]
     before = float(parts[:3][same].min()) if same.any() else float(parts[3])
     if parts[3] <= max(GREW * before, MATTERS * run.tolerable):
