@@ -8,6 +8,7 @@ Strokes of 0.5 to 200 um, voltage limits from 4 to 1250 V. Sines and rasters up 
 
     python -m benchmarks.foreign_stages --stages 24                  # dynamics measured first; two minutes
     python -m benchmarks.foreign_stages --stages 24 --nothing        # nothing given
+    python -m benchmarks.foreign_stages --stages 24 --up-to 0.4      # resonances up to 0.4 of the sample rate
     python -m benchmarks.foreign_stages --nothing --only 3 --duration 16
 """
 
@@ -27,6 +28,7 @@ FloatArray = NDArray[np.float64]
 LIMITS = ((0.0, 100.0), (-20.0, 120.0), (-10.0, 10.0), (-0.6, 3.6), (-250.0, 1000.0))  # V
 STROKES = (0.5, 10.0, 30.0, 200.0)  # um
 RATES = (5000.0, 10000.0, 20000.0)  # Hz
+UP_TO = 1 / 8  # of the sample rate: f0 of the stages
 RELAYS = 100  # thresholds of each direction
 
 
@@ -38,7 +40,8 @@ class Duhem:
 
     def of(self, u: float) -> float:
         du, self.u = u - self.u, u
-        self.h += 6 * abs(du) * (0.5 * u - self.h) + (0.5 - self.part) * du
+        # an implicit step: finite for any jump of the voltage
+        self.h = (self.h + 3 * abs(du) * u + (0.5 - self.part) * du) / (1 + 6 * abs(du))
         return self.h
 
 
@@ -113,11 +116,11 @@ class Stage:
         return np.array(self.true[start:]) + self.noise * self.random.standard_normal(len(volts))
 
 
-def sampled(number: int) -> tuple[Stage, str]:
-    """A stage by its number, and what it is in words."""
+def sampled(number: int, up_to: float = UP_TO) -> tuple[Stage, str]:
+    """A stage by its number, and what it is in words; f0 is at most `up_to` times the sample rate."""
     random = np.random.default_rng(number)
     rate = float(random.choice(RATES))
-    f0 = min(float(np.exp(random.uniform(np.log(60), np.log(2000)))), rate / 8)
+    f0 = min(float(np.exp(random.uniform(np.log(60), np.log(2000)))), up_to * rate)
     zeta = np.exp(random.uniform(np.log(0.004), np.log(0.08), size=2))
     ratio, share = random.uniform(2.0, 3.5), random.uniform(0.02, 0.2) if random.random() < 0.6 else 0.0
     modes = [(f0, float(zeta[0]), 1 - share), (ratio * f0, float(zeta[1]), share)][: 2 if share else 1]
@@ -142,10 +145,10 @@ def travel(stage: Stage) -> tuple[float, float]:
     return float(bottom), float(top)
 
 
-def follow(number: int, given: bool, duration: float) -> tuple[str, float, float]:
+def follow(number: int, given: bool, duration: float, up_to: float = UP_TO) -> tuple[str, float, float]:
     """What the motion is, true rms of the last half, and the largest error after 0.5 s, % of peak to peak."""
-    bottom, top = travel(sampled(number)[0])
-    stage, _ = sampled(number)
+    bottom, top = travel(sampled(number, up_to)[0])
+    stage, _ = sampled(number, up_to)
     random = np.random.default_rng([number, 1])
     frequency = stage.modes[0][0] * random.uniform(0.03, 0.5 if given else 1 / 3)
     lines = random.random() < 0.25
@@ -172,6 +175,7 @@ def main() -> None:
     parser.add_argument("--only", type=int, nargs="*", help="numbers of stages, in place of --stages")
     parser.add_argument("--nothing", action="store_true", help="no dynamics are given")
     parser.add_argument("--duration", type=float, default=4.0, help="s")
+    parser.add_argument("--up-to", type=float, default=UP_TO, help="f0 over the sample rate, at most")
     options = parser.parse_args()
     warnings.simplefilter("ignore")  # of the slew rate that a motion needs
     numbers = options.only or range(options.first, options.first + options.stages)
@@ -180,9 +184,9 @@ def main() -> None:
     )
     kept = []
     for number in numbers:
-        words = sampled(number)[1]
+        words = sampled(number, options.up_to)[1]
         try:
-            motion, rms, largest = follow(number, not options.nothing, options.duration)
+            motion, rms, largest = follow(number, not options.nothing, options.duration, options.up_to)
         except DynamicsError as error:
             print(f"{number:3} {words}  refused: {error}", flush=True)
             continue
