@@ -8,7 +8,8 @@ Strokes of 0.5 to 200 um, voltage limits from 4 to 1250 V. Sines and rasters up 
 
     python -m benchmarks.foreign_stages --stages 24                  # dynamics measured first; two minutes
     python -m benchmarks.foreign_stages --stages 24 --nothing        # nothing given
-    python -m benchmarks.foreign_stages --stages 24 --up-to 0.4      # resonances up to 0.4 of the sample rate
+    python -m benchmarks.foreign_stages --stages 24 --at 0.2         # resonances at a fifth of the sample rate
+    python -m benchmarks.foreign_stages --stages 40 --resonances 45 110 --measure   # soft stages are only measured
     python -m benchmarks.foreign_stages --nothing --only 3 --duration 16
 """
 
@@ -17,6 +18,7 @@ from __future__ import annotations
 import argparse
 import warnings
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +30,7 @@ FloatArray = NDArray[np.float64]
 LIMITS = ((0.0, 100.0), (-20.0, 120.0), (-10.0, 10.0), (-0.6, 3.6), (-250.0, 1000.0))  # V
 STROKES = (0.5, 10.0, 30.0, 200.0)  # um
 RATES = (5000.0, 10000.0, 20000.0)  # Hz
-UP_TO = 1 / 8  # of the sample rate: f0 of the stages
+RESONANCES = (60.0, 2000.0)  # Hz
 RELAYS = 100  # thresholds of each direction
 
 
@@ -116,11 +118,24 @@ class Stage:
         return np.array(self.true[start:]) + self.noise * self.random.standard_normal(len(volts))
 
 
-def sampled(number: int, up_to: float = UP_TO) -> tuple[Stage, str]:
-    """A stage by its number, and what it is in words; f0 is at most `up_to` times the sample rate."""
+@dataclass(frozen=True)
+class First:
+    """Where the first resonances are drawn: between two frequencies, Hz, or all `at` a share of the sample rate."""
+
+    low: float = RESONANCES[0]
+    high: float = RESONANCES[1]
+    at: float | None = None
+
+    def of(self, rate: float, random: np.random.Generator) -> float:
+        drawn = min(float(np.exp(random.uniform(np.log(self.low), np.log(self.high)))), rate / 8)
+        return self.at * rate if self.at else drawn
+
+
+def sampled(number: int, first: First = First()) -> tuple[Stage, str]:
+    """A stage by its number, and what it is in words."""
     random = np.random.default_rng(number)
     rate = float(random.choice(RATES))
-    f0 = min(float(np.exp(random.uniform(np.log(60), np.log(2000)))), up_to * rate)
+    f0 = first.of(rate, random)
     zeta = np.exp(random.uniform(np.log(0.004), np.log(0.08), size=2))
     ratio, share = random.uniform(2.0, 3.5), random.uniform(0.02, 0.2) if random.random() < 0.6 else 0.0
     modes = [(f0, float(zeta[0]), 1 - share), (ratio * f0, float(zeta[1]), share)][: 2 if share else 1]
@@ -145,10 +160,10 @@ def travel(stage: Stage) -> tuple[float, float]:
     return float(bottom), float(top)
 
 
-def follow(number: int, given: bool, duration: float, up_to: float = UP_TO) -> tuple[str, float, float]:
+def follow(number: int, given: bool, duration: float, first: First = First()) -> tuple[str, float, float]:
     """What the motion is, true rms of the last half, and the largest error after 0.5 s, % of peak to peak."""
-    bottom, top = travel(sampled(number, up_to)[0])
-    stage, _ = sampled(number, up_to)
+    bottom, top = travel(sampled(number, first)[0])
+    stage, _ = sampled(number, first)
     random = np.random.default_rng([number, 1])
     frequency = stage.modes[0][0] * random.uniform(0.03, 0.5 if given else 1 / 3)
     lines = random.random() < 0.25
@@ -168,6 +183,14 @@ def follow(number: int, given: bool, duration: float, up_to: float = UP_TO) -> t
     return words, float(np.sqrt(np.mean(last**2))), float(np.abs(later).max())
 
 
+def measure(number: int, first: First) -> tuple[str, float, float]:
+    """What was found in words, and the errors of frequency and damping of the first mode, %."""
+    stage, _ = sampled(number, first)
+    found, (frequency, damping, _) = measure_dynamics(stage, voltage_limits=stage.limits).modes[0], stage.modes[0]
+    errors = 100 * abs(found.frequency / frequency - 1), 100 * abs(found.damping / damping - 1)
+    return (f"{found.frequency:.2f} of {frequency:.2f} Hz", *errors)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--stages", type=int, default=24)
@@ -175,26 +198,30 @@ def main() -> None:
     parser.add_argument("--only", type=int, nargs="*", help="numbers of stages, in place of --stages")
     parser.add_argument("--nothing", action="store_true", help="no dynamics are given")
     parser.add_argument("--duration", type=float, default=4.0, help="s")
-    parser.add_argument("--up-to", type=float, default=UP_TO, help="f0 over the sample rate, at most")
+    parser.add_argument("--resonances", nargs=2, type=float, default=RESONANCES, help="f0 from, to, Hz")
+    parser.add_argument("--at", type=float, help="f0 of all stages, over the sample rate")
+    parser.add_argument("--measure", action="store_true", help="only measure the dynamics")
     options = parser.parse_args()
     warnings.simplefilter("ignore")  # of the slew rate that a motion needs
-    numbers = options.only or range(options.first, options.first + options.stages)
-    print(
-        "    hysteresis f0, Hz kHz damping second           voltage    stroke   motion           rms  largest, % of p-p"
-    )
-    kept = []
+    first = First(*options.resonances, options.at)
+    columns = ("f0", "damping, %") if options.measure else ("rms", "largest, % of p-p")
+    print("    hysteresis f0, Hz kHz damping second           voltage    stroke   " + "  ".join(columns))
+    numbers, kept = options.only or range(options.first, options.first + options.stages), []
     for number in numbers:
-        words = sampled(number, options.up_to)[1]
+        words = sampled(number, first)[1]
         try:
-            motion, rms, largest = follow(number, not options.nothing, options.duration, options.up_to)
+            if options.measure:
+                what, one, other = measure(number, first)
+            else:
+                what, one, other = follow(number, not options.nothing, options.duration, first)
         except DynamicsError as error:
             print(f"{number:3} {words}  refused: {error}", flush=True)
             continue
-        kept.append((rms, largest))
-        print(f"{number:3} {words}   {motion}  {rms:7.3f} {largest:8.2f}", flush=True)
-    rms, largest = np.array(kept).T
-    print(f"rms: median {np.median(rms):.3f}, 95 % {np.quantile(rms, 0.95):.3f}, worst {rms.max():.2f}; ", end="")
-    print(f"largest error: worst {largest.max():.1f}; {len(kept)} of {len(numbers)} stages")
+        kept.append((one, other))
+        print(f"{number:3} {words}   {what}  {one:7.3f} {other:8.2f}", flush=True)
+    for name, each in zip(columns, np.array(kept).T, strict=True):
+        print(f"{name}: median {np.median(each):.3f}, 95 % {np.quantile(each, 0.95):.3f}, worst {each.max():.2f}")
+    print(f"{len(kept)} of {len(numbers)} stages")
 
 
 if __name__ == "__main__":

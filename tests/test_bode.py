@@ -129,22 +129,27 @@ def test_a_controller_takes_a_measurement_that_is_early(relative: float, ticks: 
 
 
 @pytest.mark.parametrize(
-    ("modes", "dead"),
-    [([(600.0, 0.02, 1.0)], 0), ([(127.6, 0.0272, 0.785), (334.3, 0.0272, 0.215)], 3)],
-    ids=["one mode", "a second mode as high as the first"],
+    ("rate", "modes", "dead"),
+    [
+        (5000.0, [(600.0, 0.02, 1.0)], 0),
+        (5000.0, [(127.6, 0.0272, 0.785), (334.3, 0.0272, 0.215)], 3),
+        (20000.0, [(94.3, 0.0617, 1.0)], 2),
+        (20000.0, [(68.1, 0.0035, 1.0)], 0),
+    ],
+    ids=["one mode", "a second mode as high as the first", "soft", "soft, hardly damped"],
 )
 def test_hysteresis_far_below_the_resonance_does_not_spoil_the_stage(
-    modes: list[tuple[float, float, float]], dead: int
+    rate: float, modes: list[tuple[float, float, float]], dead: int
 ) -> None:
-    """Small loops of two fifths of the gain scatter the response up to some 40 Hz, where the stage is a spring."""
-    stage = Stage(modes, 5000.0, hysteresis=Duhem(0.22), dead=dead)
+    """Small loops of two fifths of the gain relax within the excitation: up to some 40 Hz the response is theirs."""
+    stage = Stage(modes, rate, hysteresis=Duhem(0.22), dead=dead)
     found = measure_bode(stage, voltage_limits=stage.limits)
     assert not found.verdict.is_bad
     for mode, (frequency, damping, share) in zip(found.dynamics.modes, modes, strict=True):
         assert mode.frequency == pytest.approx(frequency, rel=2e-3)
         assert mode.damping == pytest.approx(damping, rel=0.1)
         assert mode.share == pytest.approx(share, rel=0.05)
-    assert found.dynamics.dead_time * 5000.0 == pytest.approx(dead - 0.5, abs=0.15)
+    assert found.dynamics.dead_time * modes[0][0] == pytest.approx((dead - 0.5) / rate * modes[0][0], abs=0.02)
 
 
 def test_the_gain_is_seen_where_bias_and_safe_voltage_are_one() -> None:
@@ -153,7 +158,7 @@ def test_the_gain_is_seen_where_bias_and_safe_voltage_are_one() -> None:
     for volts in (np.linspace(0, 10, 500), np.linspace(10, 5, 500)):
         stage.exchange(volts)
     found = measure_bode(stage, voltage_limits=stage.limits, safe_voltage=5.0)
-    assert found.record.gain == pytest.approx(found.gain, rel=0.05)
+    assert found.record.gain == pytest.approx(found.gain, rel=0.1)
 
 
 # ---- Limits and refusals -------------------------------------------------------------------------------------------

@@ -31,6 +31,7 @@ LOW = 0.05  # of the first resonance: below it nothing is judged
 SPRING = 0.3  # of it: below, the stage is a spring, and hysteresis and creep scatter and curve the response
 BINS = 60  # a decade, of what is shown and judged
 FEWEST = 8  # lines of a bin
+SLIGHT = 0.005  # periods of the first resonance: a dead time that is too early by as much is none
 CERTAIN = 3.0  # standard deviations: a difference beyond is none of noise
 LOST = 0.01  # of the samples, that may be lost
 CURVED = 3  # numbers of what is smooth
@@ -291,7 +292,8 @@ def _dynamics(fit: Fit, record: SmallMotion, used: Spectra, sensor_delay: float,
         raise _no_resonance(used)
     ticks, sure = fit.delay * rate, fit.deviations.get("dead_time", 0.0) * rate
     early = max(EARLIEST - ticks, 0.0)  # a soft stage shows lag and dead time as one: what is too early is less lag
-    if early > CERTAIN * sure or ticks > LATEST:
+    slight = SLIGHT * rate / fit.frequency[first]  # what hysteresis alone does to the phase of a soft stage
+    if early > max(CERTAIN * sure, slight) or ticks > LATEST:
         raise DynamicsError(
             f"the measurement comes {ticks:.2f} ticks after its command, beyond the latency that the driver states; "
             f"from {EARLIEST:g} to {LATEST:g} is possible: look at the latency of the driver"

@@ -14,11 +14,12 @@ from truestroke.model.dynamics import averaged
 FLOOR = 0.004  # of the output: what hysteresis and creep make of a line beyond the model, standard deviation
 DAMPING = 5e-4, 0.7
 RELAXING = 0.6  # at most: the part of the gain that relaxes, over that which does not
-SLOW = 1.0, 50.0, 0.15  # Hz, Hz, of the first resonance: least and largest corner of that relaxation
+SLOW = 1.0, 50.0, 0.5  # Hz, Hz, of the first resonance: least and largest corner of that relaxation
 CREEP = 0.06  # at most: the exponent of its power law
 CANDIDATES = 400  # frequencies at which another mode is looked for
 NEEDED = 5  # numbers of a mode: frequency, damping, share and two of its transient
 FLAT = 0.3  # damping: a mode with more is no resonance
+FAINT = 0.05  # of the static response: a mode whose peak is less is none
 VAGUE = 0.02  # relative: standard deviation of a frequency beyond which a mode is not known
 ASIDE = 1.3  # times the first frequency: the least second one, where one mode alone does not fit
 EVALUATIONS = 30  # steps of the search, at most
@@ -102,7 +103,9 @@ class Fit:
 
     def resonates(self, i: int) -> bool:
         """Whether mode i is one, and known."""
-        return bool(self.damping[i] < FLAT and self.deviations[f"frequency[{i}]"] < VAGUE * self.frequency[i])
+        peak = abs(self.share[i]) / (2 * self.damping[i])
+        known = self.deviations[f"frequency[{i}]"] < VAGUE * self.frequency[i]
+        return bool(self.damping[i] < FLAT and peak > FAINT and known)
 
 
 def pulse_transfer(pole: complex, delay: float, z: ComplexArray) -> ComplexArray:
