@@ -8,6 +8,7 @@ Strokes of 0.5 to 200 um, voltage limits from 4 to 1250 V. Sines and rasters up 
 
     python -m benchmarks.foreign_stages --stages 24                  # dynamics measured first; two minutes
     python -m benchmarks.foreign_stages --stages 24 --nothing        # nothing given
+    python -m benchmarks.foreign_stages --stages 24 --jump           # f0 changes by 5 % in the run
     python -m benchmarks.foreign_stages --stages 24 --at 0.2         # resonances at a fifth of the sample rate
     python -m benchmarks.foreign_stages --stages 40 --resonances 45 110 --measure   # soft stages are only measured
     python -m benchmarks.foreign_stages --nothing --only 3 --duration 16
@@ -83,21 +84,27 @@ class Stage:
     ) -> None:
         self.modes, self.rate, self.limits, self.stroke, self.hysteresis = modes, rate, limits, stroke, hysteresis
         self.noise, self.random = noise * stroke, np.random.default_rng(seed)
-        states = 2 * len(modes) + (lag > 0)
-        both, self.share = np.zeros((states + 1, states + 1)), np.zeros(states)
-        for i, (frequency, damping, share) in enumerate(modes):
-            w = 2 * np.pi * frequency
-            both[2 * i, 2 * i + 1], both[2 * i + 1, 2 * i : 2 * i + 2] = 1, (-(w**2), -2 * damping * w)
-            both[2 * i + 1, 2 * len(modes)], self.share[2 * i] = w**2, share
-        if lag:
-            both[states - 1, states - 1 :] = 2 * np.pi * lag * np.array([-1, 1])
-        step = expm(both / rate)
-        self.A, self.b, self.x, self.late = step[:-1, :-1], step[:-1, -1], np.zeros(states), [0.0] * dead
+        self.jump = -1, 1.0  # in which tick, and the factor
+        self.lag, self.late, self.x = lag, [0.0] * dead, np.zeros(2 * len(modes) + (lag > 0))
+        self.change(1.0)
         low, high = limits
         sweep = [np.linspace((low + high) / 2, high, 600), np.linspace(high, low, 1200), np.linspace(low, 0, 600)]
         self.zero = 0.0
         self.zero = [self.strain(v) for v in np.concatenate(sweep).tolist()][-1]
         self.true: list[float] = []
+
+    def change(self, factor: float) -> None:
+        """All frequencies are `factor` times the first ones, from the next tick on."""
+        states, modes = self.x.size, 2 * len(self.modes)
+        both, self.share = np.zeros((states + 1, states + 1)), np.zeros(states)
+        for i, (frequency, damping, share) in enumerate(self.modes):
+            w = 2 * np.pi * factor * frequency
+            both[2 * i, 2 * i + 1], both[2 * i + 1, 2 * i : 2 * i + 2] = 1, (-(w**2), -2 * damping * w)
+            both[2 * i + 1, modes], self.share[2 * i] = w**2, share
+        if self.lag:
+            both[states - 1, states - 1 :] = 2 * np.pi * self.lag * np.array([-1, 1])
+        step = expm(both / self.rate)
+        self.A, self.b = step[:-1, :-1], step[:-1, -1]
 
     def strain(self, volts: float) -> float:
         """What hysteresis makes of a voltage, um."""
@@ -112,6 +119,8 @@ class Stage:
     def exchange(self, volts: FloatArray) -> FloatArray:
         start = len(self.true)
         for v in volts.tolist():
+            if len(self.true) == self.jump[0]:
+                self.change(self.jump[1])
             self.late.append(self.strain(v))
             self.x = self.A @ self.x + self.b * self.late.pop(0)
             self.true.append(float(self.share @ self.x))
@@ -160,8 +169,13 @@ def travel(stage: Stage) -> tuple[float, float]:
     return float(bottom), float(top)
 
 
-def follow(number: int, given: bool, duration: float, first: First = First()) -> tuple[str, float, float]:
-    """What the motion is, true rms of the last half, and the largest error after 0.5 s, % of peak to peak."""
+def follow(
+    number: int, given: bool, duration: float, first: First = First(), jump: bool = False
+) -> tuple[str, float, float]:
+    """What the motion is, true rms of the last half, and the largest error after 0.5 s, % of peak to peak.
+
+    With `jump` the frequencies of the stage change by 5 % when the last half is still 1 s away.
+    """
     bottom, top = travel(sampled(number, first)[0])
     stage, _ = sampled(number, first)
     random = np.random.default_rng([number, 1])
@@ -176,6 +190,8 @@ def follow(number: int, given: bool, duration: float, first: First = First()) ->
         wave = trajectories.raster(frequency=0.3 * frequency, sample_rate=stage.rate, **turn, **motion)
     else:
         wave = trajectories.sine(frequency=frequency, sample_rate=stage.rate, **motion)
+    if jump:
+        stage.jump = round((duration / 2 - 1) * stage.rate), float(random.choice([0.95, 1.05]))
     run(wave, AdaptiveController(**settings), stage)
     error = 100 / (top - bottom) * (np.array(stage.true) - wave.position)
     words = f"{'raster' if lines else 'sine':6} {frequency / stage.modes[0][0] * (0.3 if lines else 1):.2f} f0"
@@ -199,6 +215,7 @@ def main() -> None:
     parser.add_argument("--nothing", action="store_true", help="no dynamics are given")
     parser.add_argument("--duration", type=float, default=4.0, help="s")
     parser.add_argument("--resonances", nargs=2, type=float, default=RESONANCES, help="f0 from, to, Hz")
+    parser.add_argument("--jump", action="store_true", help="f0 changes by 5 %%, 1 s before the last half")
     parser.add_argument("--at", type=float, help="f0 of all stages, over the sample rate")
     parser.add_argument("--measure", action="store_true", help="only measure the dynamics")
     options = parser.parse_args()
@@ -213,7 +230,7 @@ def main() -> None:
             if options.measure:
                 what, one, other = measure(number, first)
             else:
-                what, one, other = follow(number, not options.nothing, options.duration, first)
+                what, one, other = follow(number, not options.nothing, options.duration, first, options.jump)
         except DynamicsError as error:
             print(f"{number:3} {words}  refused: {error}", flush=True)
             continue
