@@ -237,6 +237,13 @@ def test_a_state_goes_on_alike():
     with pytest.raises(SettingError, match=r"y\.state"):
         controller.restore(broken)
     assert {name: value.tolist() for name, value in controller.state().items()} == before
+    other = {"x": settings(FAST, False), "y": dataclasses.replace(settings(SLOW, False), trim_rate=20.0)}
+    with pytest.raises(SettingError, match=r"y\.state = one made with trim_rate 20 1/s: .* trim_rate 0 1/s"):
+        controller.restore(MultiAxisController(other).state())
+    turned = MultiAxisController(other, frame=frames.sensor_frame(5.0))
+    with pytest.raises(SettingError, match=r"made with frame\[0\] \(0.996195, -0.0871557\)"):
+        controller.restore(turned.state())
+    assert {name: value.tolist() for name, value in controller.state().items()} == before
 
 
 def test_a_fault_on_the_way_keeps_the_recording():
@@ -587,5 +594,7 @@ def test_a_repetition_that_does_not_fit_is_named():
     ):
         controller.prepare(MOTION)
     controller.restore(controller.state())
-    with pytest.raises(SettingError, match=r"x-period\.state.*another period than 250 ticks"):
+    with pytest.raises(SettingError, match=r"period 300 ticks: must be one made with period 250 ticks"):
         pair()[0].restore(controller.state())
+    with pytest.raises(SettingError, match=r"another period than 250 ticks"):
+        pair()[0].learned["x"].restore(controller.learned["x"].state())

@@ -101,6 +101,10 @@ def test_the_check_fails_where_a_setting_differs(built: Path, tmp_path: Path) ->
         ("after = (c) => c.command(NaN, 0)", "z_d = NaN um: must be finite"),
         ("after = (c) => c.start(0, 1e6)", "z = 1000000 um under 0 V: out of reach"),
         ("after = (c) => c.restore(new Uint8Array(3))", "3 bytes: a saved controller of this module has"),
+        (
+            "after = (c) => c.restore(new Controller(c.module, { ...members, stroke: 20 }).save())",
+            "saved with stroke = 20: must be 30, as here",
+        ),
     ],
 )
 def test_bad_input_is_named(change: str, words: str, built: Path, tmp_path: Path) -> None:

@@ -236,6 +236,59 @@ def test_a_run_saved_and_restored_goes_on_to_the_same_bits(precision, tmp_path) 
         second.adapt(9.0 * x + 4.0 * memory)
 
 
+@pytest.mark.parametrize(
+    ("other", "words"),
+    [
+        ({"stroke": 20.0}, r"made with stroke 30 um: must be one made with stroke 20 um, as here"),
+        ({"voltage_limits": (0.0, 3.6)}, r"voltage_limits \(-0\.6, 3\.6\) V: .* voltage_limits \(0, 3\.6\) V"),
+        (
+            {"sample_rate": 1999.0, "stroke": 20.0},
+            r"sample_rate 2000 Hz, stroke 30 um: .* sample_rate 1999 Hz",
+        ),
+        ({"latency": 2}, r"latency 0.*: must be one made with latency 2"),
+        ({"law": "rls"}, "law kalman: must be one made with law rls"),
+        ({"precision": "single"}, "precision double: must be one made with precision single"),
+        ({"plays": 20}, "plays 26: must be one made with plays 20"),
+        ({"slew_limit": 100.0}, r"slew_limit 504 V/s: must be one made with slew_limit 100 V/s"),
+        ({"stroke": 30.0 * (1 + 1e-4)}, r"stroke 30 um: must be one made with stroke 30\.003 um"),
+    ],
+)
+def test_a_state_of_other_settings_is_refused_by_name_and_changes_nothing(other, words, tmp_path) -> None:
+    saved, controller = AdaptiveController(**BASIC), AdaptiveController(**{**BASIC, **other})
+    drive(saved, 50), drive(controller, 50)
+    np.savez(tmp_path / "state.npz", **saved.state())
+    before = controller.state()
+    with np.load(tmp_path / "state.npz") as state, pytest.raises(SettingError, match=words):
+        controller.restore(state)
+    assert all(np.array_equal(before[name], after) for name, after in controller.state().items())
+
+
+def test_a_state_goes_to_settings_that_were_computed_elsewhere() -> None:
+    """Libraries round what follows from others in their own way."""
+    saved = AdaptiveController(**BASIC)
+    P0 = np.array(saved.settings.prior_covariance)
+    other = AdaptiveController(**BASIC, prior_covariance=P0 * (1 + 1e-12))
+    drive(saved, 50)
+    other.restore(saved.state())
+    assert np.array_equal(other.weights, saved.weights)
+    with pytest.raises(SettingError, match=r"prior_covariance\[0\]\[0\]"):
+        AdaptiveController(**BASIC, prior_covariance=P0 * 1.01).restore(saved.state())
+
+
+def test_settings_that_were_changed_are_those_of_the_state() -> None:
+    saved, other = AdaptiveController(**BASIC), AdaptiveController(**BASIC)
+    saved.change(trim_rate=20.0)
+    with pytest.raises(SettingError, match="trim_rate 20 1/s: must be one made with trim_rate 0 1/s, as here: make"):
+        other.restore(saved.state())
+    other.change(trim_rate=20.0)
+    other.restore(saved.state())
+    without = {name: array for name, array in saved.state().items() if name != "made_with"}
+    damaged = {**without, "made_with": np.ones(3)}
+    for wrong, why in ((without, "it has no entry made_with"), (damaged, "its entry made_with is damaged")):
+        with pytest.raises(SettingError, match=why):
+            other.restore(wrong)
+
+
 @pytest.mark.parametrize("fault", ["missing", "size", "nan"])
 def test_a_bad_state_changes_nothing(fault) -> None:
     controller = AdaptiveController(**BASIC)

@@ -443,9 +443,9 @@ def test_a_copy_goes_on_alike():
             one.adapt(at.move(volts))
 
 
-def adaptive():
+def adaptive(stroke=40.0):
     """Around a controller that has a state, of its own kernel."""
-    alone = AdaptiveController(sample_rate=RATE, stroke=40.0, voltage_limits=LIMITS)
+    alone = AdaptiveController(sample_rate=RATE, stroke=stroke, voltage_limits=LIMITS)
     return RepetitiveController(alone, 0.05, bandwidth=250.0, averaged=0.1)
 
 
@@ -470,8 +470,9 @@ def test_a_state_of_another_controller_is_refused_and_changes_nothing():
     state, same = controller.state(), copy.deepcopy(controller)
     other = RepetitiveController(copy.deepcopy(controller.controller), 0.05, bandwidth=200.0, averaged=0.1)
     for wrong, words in (
-        (other.state(), "other arguments"),
-        ({**state, "structure": np.array("{}")}, "given"),
+        (other.state(), r"state = one made with bandwidth 200 Hz: must be one made with bandwidth 250 Hz"),
+        (adaptive(stroke=30.0).state(), r"controller\.state = one made with stroke 30 um: .* stroke 40 um"),
+        ({**state, "structure": np.array("{}")}, "_told"),
         ({name: a for name, a in state.items() if name != "inside weights"}, "inside|weights"),
         ({**state, "structure": np.array(str(state["structure"]).replace("OnlineLaw", "Popen"))}, "Popen"),
     ):

@@ -95,6 +95,7 @@ export class Controller {
    */
   constructor(module, members) {
     this.module = module;
+    this.members = members;
     const call = module.call;
     this.settings = module.take(call.controller_settings_bytes());
     this.at = module.take(call.controller_bytes());
@@ -167,16 +168,26 @@ export class Controller {
     return this.module.doubles(call.controller_slopes(this.at), call.controller_plays(this.at)).slice();
   }
 
-  /** All of it, to go on from later. */
+  /** All of it, to go on from later, and the settings that it is of. */
   save() {
-    return new Uint8Array(this.module.call.memory.buffer, this.at, this.module.call.controller_bytes()).slice();
+    const state = new Uint8Array(this.module.call.memory.buffer, this.at, this.module.call.controller_bytes());
+    const text = new TextEncoder().encode(JSON.stringify(this.members));
+    const saved = new Uint8Array(state.length + text.length);
+    saved.set(state);
+    saved.set(text, state.length);
+    return saved;
   }
 
-  /** Goes on from what a controller with the same settings saved, to the same bits. */
+  /** Goes on from what a controller with the same settings saved, to the same bits; others are refused by name. */
   restore(bytes) {
     const size = this.module.call.controller_bytes();
-    if (bytes.length !== size) throw new RangeError(`${bytes.length} bytes: a saved controller of this module has ${size}`);
-    new Uint8Array(this.module.call.memory.buffer, this.at, size).set(bytes);
+    if (bytes.length <= size) throw new RangeError(`${bytes.length} bytes: a saved controller of this module has more than ${size}`);
+    const saved = JSON.parse(new TextDecoder().decode(bytes.subarray(size)));
+    for (const name of Object.keys({ ...saved, ...this.members })) {
+      const [there, here] = [saved, this.members].map((members) => JSON.stringify(members[name] ?? 0));
+      if (there !== here) throw new RangeError(`saved with ${name} = ${there}: must be ${here}, as here`);
+    }
+    new Uint8Array(this.module.call.memory.buffer, this.at, size).set(bytes.subarray(0, size));
     this.module.call.controller_point(this.at, this.settings);
   }
 }

@@ -310,7 +310,7 @@ def _repetitive(config: Path, controller: object, file: Path | None) -> truestro
         controller.restore(npz.read(file, npz.names(file, FileError), FileError))
     except SettingError as error:
         words = "it is no state of the controller of this axis"
-        raise click.UsageError(f"--repetition {file}: {words} ({str(error.bound).replace('`', '')}).") from None
+        raise click.UsageError(f"--repetition {file}: {words}: {str(error).replace('`', '')}.") from None
     except FileError as error:
         words = "numpy.savez(FILE, **controller.state()) writes one"
         raise click.UsageError(f"--repetition {file}: no NPZ file, or a damaged one: {error}; {words}.") from None

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from truestroke.base import checks, frames
+from truestroke.base import checks, frames, snapshot
 from truestroke.base.checks import SettingError
 from truestroke.base.display import Displayed, Rows
 from truestroke.base.flags import BIT, Flags
@@ -365,21 +365,27 @@ class MultiAxisController(Displayed):
     def state(self) -> dict[str, npt.NDArray[Any]]:
         """The complete state after a tick, as named arrays, for `restore`: "x weights", and so on."""
         last = {} if self._velocity is None else {"velocity": np.array(self._velocity)}
-        return last | {f"{name} {entry}": a for name, one in self._parts().items() for entry, a in one.state().items()}
+        own = last | snapshot.made_with(self._made_with())
+        return own | {f"{name} {entry}": a for name, one in self._parts().items() for entry, a in one.state().items()}
 
     def _parts(self) -> dict[str, AdaptiveController | LearnedStrain]:
         """What has a state, by the first word of its entries."""
         return {**self.axes, **{f"{name}-period": one for name, one in self.learned.items()}}
 
+    def _made_with(self) -> dict[str, Any]:
+        """Beside the settings of each axis, which are in its own state."""
+        return {"axes": self.names, "frame": self.frame, "period": self.period}
+
     def restore(self, state: State) -> None:
-        """Restore a state of `state`, of a controller with the same axes and settings.
+        """Restore a state of `state`, of a controller with the same axes, settings, frame and period.
 
         Raises
         ------
         SettingError
             As of `AdaptiveController.restore`; nothing has changed.
         """
-        checks.able("state", state, ("items",), "what `state` gave, or numpy.load of its file")
+        remedy = "make this controller with those of the other one; or go on without its state"
+        snapshot.check_made_with(state, self._made_with(), {"period": "ticks"}, remedy)
         before = self.state()
         try:
             for name, one in self._parts().items():

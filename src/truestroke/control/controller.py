@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from truestroke import _kernel, _kernel32
-from truestroke.base import checks, declared
+from truestroke.base import checks, declared, snapshot
 from truestroke.base.checks import SettingError
 from truestroke.base.display import Displayed, Rows, quantity
 from truestroke.base.flags import Flags
@@ -28,6 +28,9 @@ if TYPE_CHECKING:
     from truestroke.control.actuator import ActuatorModel
 
 State = Mapping[str, npt.NDArray[Any]]
+REMEDY = (
+    "make this controller with the settings of the other one, restore, then `change` it; or go on without its state"
+)
 
 
 class Controller(Protocol):
@@ -239,6 +242,7 @@ class AdaptiveController(Displayed):
 
     def _start(self, settings: ControllerSettings) -> None:
         self.settings = settings
+        self._written: tuple[ControllerSettings, snapshot.Arrays] | None = None
         kernel = _kernel.Kernel if settings.precision == "double" else _kernel32.Kernel
         with _as_setting(settings):
             self._kernel = kernel(kernel_settings(settings))
@@ -258,7 +262,7 @@ class AdaptiveController(Displayed):
         own = {
             name: value
             for name, value in vars(self).items()
-            if name != "_kernel" and getattr(value, "__self__", None) is not self._kernel
+            if name not in ("_kernel", "_written") and getattr(value, "__self__", None) is not self._kernel
         }
         return {"own": own, "kernel": self._kernel.state()}
 
@@ -457,7 +461,13 @@ class AdaptiveController(Displayed):
         A run that is interrupted, saved with ``np.savez(file, **controller.state())``, restored and continued is
         equal to the last bit to one that was not.
         """
-        return self._kernel.state()
+        return self._kernel.state() | self._made_with()
+
+    def _made_with(self) -> snapshot.Arrays:
+        """The settings as an entry of the state; made once for each settings, as that takes a millisecond."""
+        if self._written is None or self._written[0] is not self.settings:
+            self._written = self.settings, snapshot.made_with(self.settings.to_dict())
+        return self._written[1]
 
     def restore(self, state: State) -> None:
         """Restore a state of `state`, of a controller with the same settings.
@@ -465,10 +475,25 @@ class AdaptiveController(Displayed):
         Raises
         ------
         SettingError
-            An entry is missing, has another size, is not finite, or is impossible (a negative
-            variance, a flag that is neither 0 nor 1, counters that contradict each other); nothing has changed.
+            The state is of other settings, which are named. An entry is missing, has another size, is not finite, or
+            is impossible (a negative variance, a flag that is neither 0 nor 1, counters that contradict each other).
+            Nothing has changed.
+
+        Examples
+        --------
+        >>> saved = AdaptiveController(sample_rate=2000.0, stroke=30.0, voltage_limits=(0.0, 4.0)).state()
+        >>> other = AdaptiveController(sample_rate=2000.0, stroke=30.0, voltage_limits=(0.0, 4.0), trim_rate=20.0)
+        >>> other.restore(saved)
+        Traceback (most recent call last):
+            ...
+        truestroke.SettingError: state = one made with trim_rate 0 1/s: must be one made with trim_rate 20 1/s, as \
+here: make this controller with the settings of the other one, restore, then `change` it; or go on without its state
+        >>> other.change(trim_rate=0.0)
+        >>> other.restore(saved)
         """
-        checks.able("state", state, ("items",), "what `state` gave, or numpy.load of its file")
+        units = {name: setting.unit for name, setting in SETTINGS.items()}
+        follow = [name for name, setting in SETTINGS.items() if setting.rule is not None]
+        snapshot.check_made_with(state, self.settings.to_dict(), units, REMEDY, follow)
         arrays = {name: np.ascontiguousarray(value) for name, value in state.items()}
         try:
             self._kernel.restore(arrays)

@@ -503,7 +503,7 @@ class RepetitiveController(Displayed):
         own = {name: value for name, value in vars(self).items() if name not in GIVEN}
         made = {f"{INSIDE}{name}": value for name, value in inside.state().items()}
         made |= {f"{MOTION}{name}": value for name, value in self._repetition.state().items()}
-        return made | snapshot.taken({"given": self._made(), **own}, KINDS)
+        return made | snapshot.made_with(self._made_with()) | snapshot.taken(own, KINDS)
 
     def restore(self, state: State) -> None:
         """Restore a state of `state`, of a controller that was made with the same arguments.
@@ -511,29 +511,35 @@ class RepetitiveController(Displayed):
         Raises
         ------
         SettingError
-            It is not such a state, or one of another controller; nothing has changed.
+            It is not such a state, or one of other arguments, which are named; nothing has changed.
         """
-        checks.able("state", state, ("items",), "what `state` gave, or numpy.load of its file")
+        remedy = "make this one with the arguments of the other; or go on without its state"
+        snapshot.check_made_with(state, self._made_with(), UNITS, remedy)
         inside: Any = self.controller
         arrays = dict(state.items())
         try:
             own = snapshot.rebuilt(arrays, KINDS)
-            if own.pop("given") != self._made():
-                raise ValueError("it is of a controller with other arguments")
             settings = self._settings(self._checked(own["_told"]))
             repetition = self._text(settings)
             repetition.restore(snapshot.named(arrays, MOTION))
         except (ValueError, KeyError, TypeError, AttributeError) as error:
             raise SettingError("state", f"{len(arrays)} entries", f"what `state` gave: {error}") from None
-        inside.restore(snapshot.named(arrays, INSIDE))
+        with checks.inside("controller."):
+            inside.restore(snapshot.named(arrays, INSIDE))
         kept = {name: value for name, value in vars(self).items() if name in GIVEN}
         vars(self).clear()
         vars(self).update(own | kept | {"_repetition": repetition})
 
-    def _made(self) -> list[Any]:
-        """What it was made with, as numbers."""
-        dynamics = None if self._dynamics is None else repr(self._dynamics)
-        return [self.sample_rate, self.averaged, self._bandwidth, *self._limits, dynamics]
+    def _made_with(self) -> dict[str, Any]:
+        low, high, slew = self._limits
+        return {
+            "sample_rate": self.sample_rate,
+            "voltage_limits": (low, high),
+            "slew_limit": slew,
+            "dynamics": None if self._dynamics is None else self._dynamics.to_dict(),
+            "bandwidth": self._bandwidth,
+            "averaged": self.averaged,
+        }
 
     # ---- The controller inside ---------------------------------------------------------------------------------------
 
@@ -588,5 +594,7 @@ KINDS = (
 """What a state may hold."""
 GIVEN = ("controller", "sample_rate", "averaged", "_given", "_dynamics", "_bandwidth", "_repetition")
 """What a controller is made with, and what has a state of its own."""
+UNITS = {"sample_rate": "Hz", "voltage_limits": "V", "slew_limit": "V/s", "bandwidth": "Hz", "averaged": "s"}
+"""Of these arguments."""
 INSIDE, MOTION = "inside ", "repetition "
 """What the names of these states begin with."""
