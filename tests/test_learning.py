@@ -21,6 +21,7 @@ from truestroke.model.operators import play_history
 from truestroke.plant import StagePlant, StageSettings
 from truestroke.report.learning import page as learning_page
 from truestroke.report.learning import rows as learning_rows
+from truestroke.runtime.drivers import SimulatedDriver
 
 FS, LIMITS = 10_000.0, (-0.6, 3.6)
 GAIN = 30.0 / 3.6  # um/V of the simulated stage
@@ -477,6 +478,37 @@ def test_a_motion_beyond_the_spring_is_refused():
     wave = trajectories.raster(frequency=50.0, peak_to_peak=20.0, duration=1.0, sample_rate=2000.0)
     with pytest.raises(truestroke.DynamicsError, match="the motion is too fast where the stage is taken for a spring"):
         truestroke.learn(plant, wave, stroke=35.0, voltage_limits=(-0.6, 3.6), slew=4000.0, passes=2)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--frequency", "3000"), "frequency of the motion = 3000.0 Hz: must be at most 2160 Hz, 2.4 times the first"),
+        (("--frequency", "4600"), "frequency of the motion = 4600.0 Hz: must be at most 4500 Hz, 0.45 of the sample"),
+        (("--frequency", "9999"), "frequency of the motion = 9999.0 Hz: must be at most 4500 Hz"),
+        (("--frequency", "4499"), "must be one whose period is a whole number of samples, such as 3333.3333 Hz"),
+    ],
+)
+def test_a_motion_that_cannot_be_learned_is_refused_before_anything_moves(options, words, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    example = CliRunner().invoke(main, ["run", "--example"]).stdout
+    fast = example.replace("sample_rate = 2000.0", "sample_rate = 10000.0").replace(
+        "# resonance = 180.0", "resonance = 900.0"
+    )
+    Path("stage.toml").write_text(fast)
+    monkeypatch.setattr(SimulatedDriver, "open", lambda _: pytest.fail("it was opened"))
+    result = CliRunner().invoke(main, ["learn", "--config", "stage.toml", *options])
+    assert (result.exit_code, result.stderr.count("\n")) == (2, 1)
+    assert words in result.stderr
+
+
+def test_a_driver_of_another_rate_is_refused_before_it_is_measured(monkeypatch):
+    wave = trajectories.raster(frequency=20.0, peak_to_peak=20.0, duration=1.0, sample_rate=4000.0)
+    limits = {"voltage_limits": (-0.6, 3.6), "slew": 4000.0}
+    monkeypatch.setattr("truestroke.runtime.learning.measure_bode", lambda *_, **__: pytest.fail("it was measured"))
+    for driver in (SimulatedDriver(), StagePlant(StageSettings(sample_rate=2000.0))):
+        with pytest.raises(SettingError, match=r"sample_rate = 4000\.0 Hz: must be that of the actuator, 2000 Hz"):
+            truestroke.learn(driver, wave, stroke=35.0, **limits)
 
 
 @pytest.mark.parametrize(

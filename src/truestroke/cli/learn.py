@@ -180,7 +180,7 @@ def _driven(config: Path | None, options: dict[str, Any]) -> tuple[Any, dict[str
     for key in ("dynamics", "model"):
         inside = table.settings.get(key) if key == "dynamics" else table.model
         options[key] = options[key] or (config.parent / str(inside) if inside else None)
-    return driver, table.limits | {"stroke": table.stroke}, rate
+    return driver, table.limits | {"stroke": table.stroke, "resonance": table.resonance}, rate
 
 
 def _long(rate: float, options: dict[str, Any]) -> float:

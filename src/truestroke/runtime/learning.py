@@ -14,7 +14,7 @@ from truestroke.base import checks
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
 from truestroke.control.actuator import ActuatorModel
-from truestroke.control.repeating.iterative import IterativeLearning, Learned, Pass, at_the_noise
+from truestroke.control.repeating.iterative import IterativeLearning, Learned, Pass, at_the_noise, check_motion
 from truestroke.identification.dynamics import DynamicsError, NoResonanceError, measure_bode, spring_to
 from truestroke.identification.identified import identify
 from truestroke.identification.records.record import Record
@@ -48,6 +48,7 @@ def learn(
     stroke: float | None = None,
     sample_rate: float | None = None,
     dynamics: Dynamics | None = None,
+    resonance: float = 0.0,
     bandwidth: float | None = None,
     model: ActuatorModel | None = None,
     passes: int = PASSES,
@@ -80,6 +81,9 @@ def learn(
         Of an array, Hz.
     dynamics : Dynamics, optional
         Of the stage; by default they are measured first, unless `bandwidth` is given.
+    resonance : float
+        First resonance, Hz, where it is known and the dynamics are not: a motion too fast for it is refused
+        before the dynamics are measured.
     bandwidth : float, optional
         Highest harmonic that is learned, Hz. Without dynamics the stage is taken for a spring up to there; where the
         measurement shows no resonance, or dynamics that are bad, up to the frequency to which it answers as a spring.
@@ -126,9 +130,13 @@ def learn(
         raise SettingError("stroke", None, "the displacement over the whole of voltage_limits, or a model", "um")
     gain = checks.positive("stroke", stroke, "um") / (high - low)
     _refuse_reach(motion, gain, limits)
+    measures = dynamics is None and bandwidth is None
+    rate = check_motion(motion, sample_rate, checks.within("resonance", resonance, 0.0, 1e9, "Hz") if measures else 0.0)
+    for name, seconds in (("settle", settle), ("averaged", averaged)):
+        checks.within(name, seconds, 0.0, 3600.0, "s")
     spring = ""
-    if dynamics is None and bandwidth is None:
-        dynamics, bandwidth, spring = _measured(driver, limits)
+    if measures:
+        dynamics, bandwidth, spring = _measured(driver, limits, rate)
     try:
         learning = IterativeLearning(
             motion,
@@ -144,7 +152,7 @@ def learn(
         if spring and error.argument == "bandwidth":
             raise DynamicsError(f"the motion is too fast where {spring}") from error
         raise
-    play = _player(driver, learning.sample_rate, limits)
+    play = _player(driver, rate, limits)
     periods = _periods(learning, settle, PERIODS[0]), _periods(learning, averaged, PERIODS[1])
     found, seen = Learned(passes=(), learning=learning, spring=spring), False
     for _ in range(most):
@@ -211,15 +219,17 @@ def _refuse_reach(motion: Trajectory | npt.ArrayLike, gain: float, limits: Limit
         raise SettingError("motion", f"{position.min():.4g} to {position.max():.4g}", bound, "um")
 
 
-def _measured(driver: Driver | Actuator, limits: Limits) -> tuple[Dynamics | None, float | None, str]:
+def _measured(driver: Driver | Actuator, limits: Limits, rate: float) -> tuple[Dynamics | None, float | None, str]:
     """The dynamics; where none can be used, up to which frequency, Hz, the stage is a spring, and why."""
     about: dict[str, Any] = {"voltage_limits": limits.voltage_limits, "safe_voltage": limits.safe_voltage}
     about["slew_limit"] = limits.slew
     try:
         if _is_driver(driver):
             with OneAxis(driver, **dataclasses.asdict(limits)) as axis:
+                _check_rate(axis, rate)
                 found = measure_bode(axis, **about)
         else:
+            _check_rate(cast(Actuator, driver), rate)
             found = measure_bode(cast(Actuator, driver), **about)
     except NoResonanceError as error:
         end, why = error.spring_to, str(error)
@@ -228,6 +238,12 @@ def _measured(driver: Driver | Actuator, limits: Limits) -> tuple[Dynamics | Non
             return found.dynamics, None, ""
         end, why = spring_to(found.frequency, found.measured), " ".join(found.verdict.reasons)
     return None, end, f"the stage is taken for a spring, up to {end:.4g} Hz: {why}"
+
+
+def _check_rate(actuator: Actuator, rate: float) -> None:
+    """Open it, and refuse a motion of another sample rate, Hz."""
+    if (own := actuator.open().sample_rate) != rate:
+        raise SettingError("sample_rate", rate, f"that of the actuator, {own:g} Hz", "Hz")
 
 
 def _is_driver(driver: Driver | Actuator) -> TypeGuard[Driver]:
@@ -239,8 +255,7 @@ def _player(driver: Driver | Actuator, rate: float, limits: Limits) -> Callable[
     if _is_driver(driver):
         return lambda volts: playback(driver, volts, rate, **dataclasses.asdict(limits)).displacement[0]
     actuator = cast(Actuator, driver)
-    if (own := actuator.open().sample_rate) != rate:
-        raise SettingError("sample_rate", rate, f"that of the actuator, {own:g} Hz", "Hz")
+    _check_rate(actuator, rate)
     step = min(limits.slew, float(np.ptp(limits.voltage_limits)) / RAMP) / rate
 
     def play(volts: FloatArray) -> FloatArray:
@@ -254,8 +269,7 @@ def _player(driver: Driver | Actuator, rate: float, limits: Limits) -> Callable[
 
 def _periods(learning: IterativeLearning, duration: float, least: int) -> int:
     """Repetitions that take at least this long, s."""
-    seconds = checks.within("settle or averaged", duration, 0.0, 3600.0, "s")
-    return max(least if learning.periods < least else 1, math.ceil(seconds * learning.sample_rate / learning.samples))
+    return max(least if learning.periods < least else 1, math.ceil(duration * learning.sample_rate / learning.samples))
 
 
 def _zero(learning: IterativeLearning, measured: FloatArray, stroke: float) -> float:

@@ -206,9 +206,7 @@ class IterativeLearning(Displayed):
                 bound = "highest harmonic to learn, Hz, or dynamics, as `truestroke bode` measures them"
                 raise SettingError("bandwidth", None, bound)
             bandwidth = band(self.dynamics, self.sample_rate)
-            if bandwidth < lowest:
-                bound = f"at most {bandwidth:.4g} Hz, {BAND} times the first resonance"
-                raise SettingError("frequency of the motion", float(lowest), bound, "Hz")
+            _check_band(float(lowest), bandwidth)
         return checks.within("bandwidth", bandwidth, float(lowest), SEEN * self.sample_rate, "Hz")
 
     def _beyond(self, bandwidth: float | None) -> BoolArray:
@@ -504,6 +502,28 @@ def _period(motion: Trajectory | npt.ArrayLike, sample_rate: float | None) -> tu
     return wave, counts, rate, periods
 
 
+def check_motion(motion: Trajectory | npt.ArrayLike, sample_rate: float | None, resonance: float = 0.0) -> float:
+    """The sample rate of a motion that repeats, Hz; refuses one that no stage of this first resonance, Hz, learns.
+
+    0 is a resonance that is not known.
+
+    >>> check_motion(np.sin(np.pi / 2 * np.arange(4)), 10_000.0, resonance=900.0)
+    Traceback (most recent call last):
+        ...
+    truestroke.SettingError: frequency of the motion = 2500.0 Hz: must be at most 2160 Hz, 2.4 times the first resonance
+    """
+    wave, _, rate, periods = _period(motion, sample_rate)
+    if resonance:
+        _check_band(periods * rate / wave.size, BAND * resonance)
+    return rate
+
+
+def _check_band(frequency: float, highest: float) -> None:
+    if highest < frequency:
+        bound = f"at most {highest:.4g} Hz, {BAND} times the first resonance"
+        raise SettingError("frequency of the motion", frequency, bound, "Hz")
+
+
 def _moves(wave: FloatArray) -> None:
     if not np.ptp(wave):
         raise SettingError("motion", "one that rests", "one that moves", "um")
@@ -520,7 +540,7 @@ def repetition(sample_rate: float, frequency: float) -> tuple[int, int]:
     Raises
     ------
     SettingError
-        No 200 periods or fewer take a whole number of samples.
+        No 200 periods or fewer take a whole number of samples, or the frequency is above 0.45 of the sample rate.
 
     Examples
     --------
@@ -529,11 +549,14 @@ def repetition(sample_rate: float, frequency: float) -> tuple[int, int]:
     """
     rate = checks.positive("sample_rate", sample_rate, "Hz")
     checks.positive("frequency", frequency, "Hz")
+    if frequency > SEEN * rate:
+        bound = f"at most {SEEN * rate:.4g} Hz, {SEEN} of the sample rate"
+        raise SettingError("frequency of the motion", frequency, bound, "Hz")
     for periods in range(1, REPETITIONS + 1):
         samples = periods * rate / frequency
         if abs(samples - round(samples)) < WHOLE * samples / 100:
             return round(samples), periods
-    near = rate / round(rate / frequency)
+    near = rate / max(round(rate / frequency), math.ceil(1 / SEEN))
     bound = f"one whose period is a whole number of samples, such as {near:.8g} Hz at {rate:g} Hz"
     raise SettingError("frequency of the motion", frequency, bound, "Hz")
 
