@@ -58,6 +58,20 @@ def test_the_page_has_its_pictures(done):
     assert "laid over one another" in page
 
 
+def test_ctrl_c_ends_the_runs_that_nobody_waits_for(monkeypatch):
+    """In the midst of the others, before any image is made of them."""
+    images = []
+
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(imaging, "_imaged", lambda name, *_: images.append(name))
+    monkeypatch.setattr(lines, "open_loop", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        imaging.image_stage()
+    assert images == []
+
+
 # ---- The parts -----------------------------------------------------------------------------------------------------
 
 

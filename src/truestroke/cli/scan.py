@@ -55,6 +55,7 @@ def scan(
     if live:
         raise click.UsageError("--live shows a run in real time: it needs --config.")
     from concurrent.futures import ThreadPoolExecutor
+    from importlib import import_module
 
     from truestroke.studies.scanning.imaging import image_stage
 
@@ -62,10 +63,9 @@ def scan(
     _check_images(page_file, endings)
     about = {"rate": rate, "resonances": resonances, "kinds": kinds, "noise": noise, "seed": seed}
     with common.progress("scanning"), ThreadPoolExecutor(1) as beside:
-        running = beside.submit(image_stage, **about)  # type: ignore[arg-type]
-        from truestroke.studies.scanning import page as report  # matplotlib loads while the stage moves
-
-        found = running.result()
+        loading = beside.submit(import_module, "truestroke.studies.scanning.page")  # with matplotlib
+        found = image_stage(**about)  # type: ignore[arg-type]  # in the thread that Ctrl-C interrupts
+        report = loading.result()
         made = report.page(found, common.as_asked()["command"])
         pictures = common.save_page(made, page_file, plots)
     every = [

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from concurrent.futures import ThreadPoolExecutor
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import CancelledError, ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -185,21 +187,41 @@ def image_stage(
     usual = {"sample_rate": SAMPLE_RATE, "stroke": STROKE, "voltage_limits": LIMITS}
 
     def made(name: str) -> Imaged:
+        going()
         plant = MultiAxisStage(stage, seed)
         moving: dict[str, Callable[[], Moved]] = {
             "open loop": lambda: lines.open_loop(scan, plant, gains),
             "paper": lambda: lines.alone(scan, plant, [AdaptiveController.paper(**usual) for _ in gains]),  # type: ignore[arg-type]
-            "truestroke": lambda: lines.together(scan, plant, controllers_of(stage, lines.period_of(scan))),
+            "truestroke": lambda: lines.together(scan, plant, controllers_of(stage, lines.period_of(scan)), going),
         }
-        return _imaged(name, scan, moving[name](), samples)
+        moved = moving[name]()
+        going()
+        return _imaged(name, scan, moved, samples)
 
-    with ThreadPoolExecutor(4) as several:
+    with ThreadPoolExecutor(4) as several, _ended_together(several) as going:
         several.submit(samples[1], np.zeros(1), np.zeros(1))  # which makes the texture, once for all of them
-        around = several.submit(_spiral, stage, seed)
+        around = several.submit(_spiral, stage, seed, going)
         longest = [several.submit(made, name) for name in reversed(NAMES)]
         found = {one.name: one for one in (each.result() for each in reversed(longest))}
         spiral = around.result()
     return Scanned(scan, found, spiral, stage, judged(found["truestroke"], spiral))
+
+
+@contextmanager
+def _ended_together(several: ThreadPoolExecutor) -> Iterator[Callable[..., None]]:
+    """What the threads call now and then: it ends them where what waits for them has ended, as by Ctrl-C."""
+    ended = threading.Event()
+
+    def going(*_: int) -> None:
+        if ended.is_set():
+            raise CancelledError
+
+    try:
+        yield going
+    except BaseException:
+        ended.set()
+        several.shutdown(wait=False, cancel_futures=True)
+        raise
 
 
 def _imaged(name: str, scan: Scan, moved: Moved, samples: tuple[scans.Grating, scans.Texture]) -> Imaged:
@@ -210,10 +232,10 @@ def _imaged(name: str, scan: Scan, moved: Moved, samples: tuple[scans.Grating, s
     return Imaged(name, moved, scans.distortion(scan, x, y, PIXELS), images, shift)
 
 
-def _spiral(stage: MultiAxisSettings, seed: int) -> float:
+def _spiral(stage: MultiAxisSettings, seed: int, going: Callable[..., None]) -> float:
     """Error of a spiral, % of its diameter, rms."""
     scan = scans.spiral(diameter=WIDTH, turns=TURNS, rotation=ROTATION, offset=OFFSET, sample_rate=stage.sample_rate)
-    moved = lines.together(scan, MultiAxisStage(stage, seed), controllers_of(stage))
+    moved = lines.together(scan, MultiAxisStage(stage, seed), controllers_of(stage), going)
     error: FloatArray = moved.true - np.stack([axis.position for axis in scan.axes], axis=1)
     return float(100 / WIDTH * np.sqrt(np.mean(np.sum(error[scan.inside] ** 2, axis=1))))
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -83,9 +83,17 @@ def alone(scan: Scan, plant: MultiAxisStage, controllers: Sequence[AdaptiveContr
     return Moved(rows["volts"], rows["measured"], rows["true"])
 
 
-def together(scan: Scan, plant: MultiAxisStage, controller: MultiAxisController) -> Moved:
-    """Adaptive controllers that know of one another, and what repeats in each line, where `controller` has a period."""
-    recording = run(dict(zip(controller.names, scan.axes, strict=True)), controller, plant)
+def together(
+    scan: Scan,
+    plant: MultiAxisStage,
+    controller: MultiAxisController,
+    progress: Callable[[int, int], None] | None = None,
+) -> Moved:
+    """Adaptive controllers that know of one another, and what repeats in each line, where `controller` has a period.
+
+    `progress` is that of `truestroke.run`.
+    """
+    recording = run(dict(zip(controller.names, scan.axes, strict=True)), controller, plant, progress=progress)
     channels = (
         [recording[f"{channel}_{name}"] for name in controller.names] for channel in ("volts", "measured", "true")
     )
