@@ -55,6 +55,13 @@ def cases():
         yield f"resonances {wrong:+g} % wrong", {"wrong": wrong}
     for seed in (1, 2):
         yield f"seed {seed}", {"seed": seed}
+    for damping, kinds in itertools.product((0.01, 0.03), (("bouc-wen", "plays"), ("plays", "bouc-wen"))):
+        other = {"damping": damping, "kinds": kinds, "seed": 7}
+        words = f"{damping:g}, {kinds[0]} and {kinds[1]}"
+        yield f"400, 350 Hz, {words}", other | {"resonances": (400.0, 350.0)}
+        for rate, rows in ((10e3, 10.0), (10e3, 40.0), (20e3, 80.0)):
+            given = other | {"resonances": (2000.0, 1600.0), "rate": rate, "rows": rows}
+            yield f"2000, 1600 Hz, {rows:g} rows, {words}", given
 
 
 def followed(width=imaging.WIDTH, rows=imaging.RATE, wrong=0.0, seed=0, **given):
@@ -73,14 +80,14 @@ def followed(width=imaging.WIDTH, rows=imaging.RATE, wrong=0.0, seed=0, **given)
 
 
 def main() -> None:
-    print(f"{'':30} largest  trace-retrace    x nm    y nm")
+    print(f"{'':46} largest  trace-retrace    x nm    y nm")
     for words, given in cases():
         try:
             largest, shift, x, y = followed(**given)
         except SettingError as error:
-            print(f"{words:30} refused: {error}", flush=True)
+            print(f"{words:46} refused: {error}", flush=True)
             continue
-        print(f"{words:30} {largest:7.3f} {shift:14.3f} {x:7.2f} {y:7.2f}", flush=True)
+        print(f"{words:46} {largest:7.3f} {shift:14.3f} {x:7.2f} {y:7.2f}", flush=True)
 
 
 if __name__ == "__main__":

@@ -95,6 +95,18 @@ def test_what_repeats_is_taken_away(small):
     assert largest(lines.period_of(scan)) < 0.1 < 0.35 * largest(None)
 
 
+def test_the_last_line_is_as_the_others_and_the_first_begins_as_late_at_any_rate():
+    """Of a stage whose axes disturb each other: behind the last line y steps on, as behind the others."""
+    stage = imaging.stage_of((900.0, 900.0), ("plays", "preisach"), 0.001)
+    for rate, lead in ((40.0, 160), (100.0, 400), (10.0, 40)):
+        assert imaging.scan_of(stage, rate).settings["lead_in"] == lead
+    scan = imaging.scan_of(stage, 40.0)
+    period = round(5000.0 / 40.0)
+    last, ahead = scan.lines["last"][-1], scan.y.position[period:] - scan.y.position[:-period]
+    assert scan.x.position.size > last + 100
+    assert ahead[last - period :] == pytest.approx(20.0 / 512)
+
+
 def test_the_paper_alone_on_each_axis_is_its_calls(small):
     """The native loop of two axes, against each controller tick by tick."""
     stage, scan = small

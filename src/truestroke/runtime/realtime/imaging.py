@@ -11,6 +11,7 @@ from truestroke.base import checks, frames, toml
 from truestroke.base.checks import SettingError
 from truestroke.runtime.drivers.protocol import Driver, Signal
 from truestroke.signals import scans
+from truestroke.signals.scans.motions import LEAD_OUT
 from truestroke.signals.scans.scan import Scan
 from truestroke.signals.timing import LONGEST_AGO
 
@@ -80,7 +81,7 @@ def imaging(given: Mapping[str, Any], names: Sequence[str], driver: Driver, rate
     if len(moving) != 2 or len(set(moving)) < 2 or not set(moving) <= set(names):
         raise SettingError("axes", list(moving), f"two of the axes: {', '.join(names)}")
     rest = {key: entry for key, entry in given.items() if key not in own - {"kind"}}
-    usual = {"sample_rate": rate, "lead_out": _until_measured(driver) / rate}
+    usual = {"sample_rate": rate, "lead_out": max(_until_measured(driver) / rate, LEAD_OUT)}
     made: Scan = toml.decode(SCANS[table.kind], usual | rest, also=("kind",))
     if made.sample_rate != rate:
         raise SettingError("sample_rate", made.sample_rate, f"{rate:g} Hz, that of the driver, or left out", "Hz")

@@ -21,6 +21,7 @@ from truestroke.signals.trajectories import Trajectory
 MOST = 10**8  # ticks of a scan
 NEWTON = 6  # iterations for the angle of a spiral: to the last bits
 LEAD_IN = 0.5  # s before the image, by default
+LEAD_OUT = 0.02  # s behind the image, in which all goes on as before: the end is not in the last line
 
 
 def raster(
@@ -69,7 +70,7 @@ def raster(
     ramp : float
         Time in which the motion builds up from 0 um, s.
     lead_out : float
-        Time for which the motion goes on behind the image, s, as where hardware measures with latency.
+        Time for which the motion goes on behind the image, s, as where hardware measures with latency; y moves on, too.
     offset : tuple[float, float], optional
         Centre of the image, um; by default such that x and y do not go below 0 um.
     sample_rate : float
@@ -115,7 +116,7 @@ def raster(
     starts = np.column_stack([first, first + line + tau]).ravel()
     rows = np.repeat(np.arange(lines), 2)
     made = table(starts, starts + line - 2 * margin, rows, np.tile([1, -1], lines), sample_rate)
-    on = _Rows(lead / rate, rate, early, lines, tau, margin)
+    on = _Rows(lead / rate, rate, early, lines + math.ceil(lead_out * rate), tau, margin)
     even = checks.one_of("slow", slow, ("steps", "ramp")) == "ramp"
     place, speed, change = on.even(x.time) if even else on.steps(x.time, settle)
     pitch = height / lines
@@ -130,6 +131,8 @@ def raster(
 @dataclass(frozen=True)
 class _Rows:
     """When the slow axis of a raster is where: row 0 begins at `begin`, s, and `early` rows are passed before it.
+
+    `rows` are those of the image and what is passed behind it.
 
     Between two lines are a `turn` of the fast axis and the over-scan at its ends, a `margin` each, s.
     """

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import CancelledError, ThreadPoolExecutor
@@ -19,6 +20,7 @@ from truestroke.control.settings import ControllerSettings
 from truestroke.plant import MultiAxisSettings, MultiAxisStage, StageSettings
 from truestroke.signals import scans, shaping
 from truestroke.signals.scans.images import Distortion, Image
+from truestroke.signals.scans.motions import LEAD_OUT
 from truestroke.signals.scans.scan import Scan
 from truestroke.studies.scanning import lines
 from truestroke.studies.scanning.lines import Moved
@@ -27,7 +29,7 @@ PIXELS = 512
 WIDTH, OFFSET = 20.0, (14.5, 14.0)  # um of the image, and its centre
 RATE = 40.0  # rows per second
 SAMPLE_RATE = 5000.0  # Hz
-LEAD_IN, LEAD_ROWS = 160, 96  # periods before the image, and rows over which y moves in the last of them
+LEAD_IN, LEAD_ROWS = 4.0, 0.6  # s of lines before the image, and the share of them in which y moves
 OVER_SCAN = 0.01  # of the width, at least
 ROTATION, TURNS = 100.0, 256  # Hz of the spiral
 LIMITS, STROKE = (-0.6, 3.6), 30.0
@@ -129,8 +131,20 @@ def scan_of(stage: MultiAxisSettings, rate: float, width: float = WIDTH) -> Scan
     checks.within("rate", rate, slowest, fastest, "Hz")
     line = 0.5 / rate - turn
     over = max(OVER_SCAN, 1.001 * margin / max(line - 2 * margin, 1e-9))
-    usual = {"lead_in": LEAD_IN, "lead_rows": LEAD_ROWS, "offset": OFFSET, "sample_rate": stage.sample_rate}
-    made = scans.raster(width=width, lines=PIXELS, rate=rate, turn=x, settle=y, over_scan=over, **usual)  # type: ignore[arg-type]
+    lead = math.ceil(LEAD_IN * rate)
+    made = scans.raster(
+        width=width,
+        lines=PIXELS,
+        rate=rate,
+        turn=x,
+        settle=y,
+        over_scan=over,
+        lead_in=lead,
+        lead_rows=round(LEAD_ROWS * lead),
+        lead_out=LEAD_OUT,
+        offset=OFFSET,
+        sample_rate=stage.sample_rate,
+    )
     lines.period_of(made)
     return made
 
@@ -234,7 +248,8 @@ def _imaged(name: str, scan: Scan, moved: Moved, samples: tuple[scans.Grating, s
 
 def _spiral(stage: MultiAxisSettings, seed: int, going: Callable[..., None]) -> float:
     """Error of a spiral, % of its diameter, rms."""
-    scan = scans.spiral(diameter=WIDTH, turns=TURNS, rotation=ROTATION, offset=OFFSET, sample_rate=stage.sample_rate)
+    usual = {"offset": OFFSET, "lead_out": LEAD_OUT, "sample_rate": stage.sample_rate}
+    scan = scans.spiral(diameter=WIDTH, turns=TURNS, rotation=ROTATION, **usual)  # type: ignore[arg-type]
     moved = lines.together(scan, MultiAxisStage(stage, seed), controllers_of(stage), going)
     error: FloatArray = moved.true - np.stack([axis.position for axis in scan.axes], axis=1)
     return float(100 / WIDTH * np.sqrt(np.mean(np.sum(error[scan.inside] ** 2, axis=1))))
