@@ -284,6 +284,20 @@ def test_noise_of_the_sensors_is_no_distortion(raster) -> None:
         assert apart.endswith(" pixels, within the noise"), (sigma, apart)
 
 
+@pytest.mark.parametrize(("rows", "columns"), [(1, 50), (4, 300), (40, 100)])
+def test_noise_of_few_rows_and_of_many_pixels_is_no_distortion_either(rows, columns) -> None:
+    """Of a hundred scans a few are above what is said to be noise, and none is far below it."""
+    scan = scans.raster(width=10.0, height=0.2 * rows, lines=rows, rate=20.0, sample_rate=20.0 * 700)
+    noise, found = np.random.default_rng(2), []
+    for _ in range(100):
+        x = scan.x.position + noise.normal(0.0, 0.01, len(scan.x))
+        found.append(scans.distortion(scan, x, scan.y.position, columns))
+    said = found[0].apart_by_noise((0.01, 0.0))
+    apart = np.array([one.trace_retrace for one in found])
+    assert np.mean(apart > said) <= 0.08
+    assert np.median(apart) > 0.6 * said
+
+
 def test_lost_samples_and_recordings_of_another_scan(raster) -> None:
     x, y = (axis.position.copy() for axis in raster.axes)
     signal = np.sin(x)

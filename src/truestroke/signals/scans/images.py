@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -19,6 +20,8 @@ from truestroke.signals.scans.scan import Scan
 ALONG = {"raster"}  # scans whose lines are rows of an image
 UPSAMPLED = 200  # parts of a pixel: resolution of the shift between two images
 UNEVEN = 2.0  # times their mean distance: that of lines where they are furthest apart
+MEAN = 16  # rows over which the distance of trace and retrace is averaged
+RARE = 0.05  # share of scans in which noise alone makes it larger than is said
 MARGIN = 2  # samples beside a line that its interpolation may use
 
 
@@ -330,10 +333,23 @@ class Distortion(Displayed):
         The mean is that of the eye, and of a correlation: noise of single rows is no shift.
         """
         apart = [one[self.directions > 0] - one[self.directions < 0] for one in (self.dx, self.dy)]
-        rows = max(1, min(16, apart[0].shape[0]))
-        kept = apart[0].shape[0] // rows * rows
-        means = [one[:kept].reshape(-1, rows, one.shape[1]).mean(axis=1) for one in apart]
-        return float(np.max(np.hypot(*means)))
+        rows, means = self._means()
+        return float(np.max(np.hypot(*(one[: rows * means].reshape(means, rows, -1).mean(axis=1) for one in apart))))
+
+    def apart_by_noise(self, noise: Sequence[float]) -> float:
+        """What noise of the sensors, um rms of a sample of x and of y, makes of `trace_retrace`, pixels; 5 % are above.
+
+        It is less the more rows are in a mean, and more the more means there are.
+        """
+        rows, means = self._means()
+        loudest = math.sqrt(2 * math.log(means * self.dx.shape[1] / RARE))
+        return loudest * math.sqrt(2 / rows) * max(one / pixel for one, pixel in zip(noise, self.size, strict=True))
+
+    def _means(self) -> tuple[int, int]:
+        """Rows in a mean, and how many means there are."""
+        every = int(np.count_nonzero(self.directions > 0))
+        rows = max(1, min(MEAN, every))
+        return rows, every // rows
 
     def rms_um(self) -> tuple[float, float]:
         """Root mean square of the errors of x and y, um."""

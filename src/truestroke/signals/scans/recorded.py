@@ -17,7 +17,6 @@ from truestroke.signals.scans.scan import Scan
 SEEN, CLEAR = 0.5, 2.0  # pixels: what a good image may be off, and a doubtful one
 FEWEST = 8  # rows and columns of images whose shift means something
 ALIKE = 0.5  # correlation of two images of the same thing
-LOUD = 1.2  # times the noise of a sample of the sensors: what it makes of the largest of many means of 16 rows
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -57,7 +56,7 @@ class Recorded:
     @property
     def noise_apart(self) -> float:
         """Distance of trace and retrace, pixels, that the noise of the sensors alone may make."""
-        return _noise_apart(self.images, self.error)
+        return _noise_apart(self.distortion, self.error)
 
     def as_dict(self) -> dict[str, object]:
         """For JSON."""
@@ -183,9 +182,8 @@ def _rms(error: FloatArray) -> tuple[float, float]:
     return float(np.sqrt(max(squares[0], 0.0))), float(np.sqrt(max(squares[1], 0.0)))
 
 
-def _noise_apart(made: Mapping[str, Image], error: FloatArray) -> float:
-    pixel = next(iter(made.values())).pixel
-    return LOUD * max(metrics.noise(one) / size for one, size in zip(error.T, pixel, strict=True))
+def _noise_apart(moved: Distortion | None, error: FloatArray) -> float:
+    return 0.0 if moved is None else moved.apart_by_noise([metrics.noise(one) for one in error.T])
 
 
 def _judged(
@@ -204,7 +202,7 @@ def _judged(
     checks = [("By the sensors, a pixel is {:.2g} pixels from its place, rms.", off, 0.0)]
     if moved is not None:
         words = "By the sensors, trace and retrace are up to {:.2g} pixels apart."
-        checks.append((words, moved.trace_retrace, _noise_apart(made, error)))
+        checks.append((words, moved.trace_retrace, _noise_apart(moved, error)))
     if apart is not None:
         checks.append(("In the images, trace and retrace are {:.2g} pixels apart.", float(np.hypot(*apart)), 0.0))
     for words, pixels, allowed in checks:
