@@ -334,7 +334,7 @@ def test_numbers_come_through_exactly_whatever_the_chunk(values: list[float], ch
     import tempfile
 
     with tempfile.TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as patch:
-        patch.setattr("truestroke.signals.tables.CHUNK", chunk)
+        patch.setattr("truestroke.signals.tables.text.CHUNK", chunk)
         path = Path(folder, "r.csv")
         path.write_text("# by hand\n\nvolts,z\n" + "".join(f"{v!r},{-v!r}\n\n" for v in values))
         record = read_record(path, sample_rate=10.0)

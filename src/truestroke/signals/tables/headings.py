@@ -1,0 +1,73 @@
+"""Names and units of columns, as their headings state them."""
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+
+UNITS: Mapping[str, Mapping[str, float]] = {
+    "volts": {"V": 1.0, "mV": 1e-3, "uV": 1e-6, "kV": 1e3},
+    "displacement": {"um": 1.0, "nm": 1e-3, "mm": 1e3, "m": 1e6},
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0},
+}
+"""What one of each unit is in V, um and s."""
+
+OTHERS = ("rad", "mrad", "urad", "nrad", "deg", "°", "arcsec", "arcmin", "pm", "å", "angstrom", "inch", "mil", "counts")
+"""Further units, in lower case, that a column is not read in."""
+
+_SPELLINGS = {"V": ("v", "volt", "volts"), "um": ("micron", "microns"), "s": ("sec", "second", "seconds")}
+
+
+_CYRILLIC = str.maketrans("\u043c\u043d\u0441\u0412\u043a", "mnsVk")
+
+
+def unit(text: str) -> str:
+    """A unit as `UNITS` spells it, also of Greek and Cyrillic letters.
+
+    Examples
+    --------
+    >>> unit("µm"), unit("Volts"), unit("mV"), unit("мкм")
+    ('um', 'V', 'mV', 'um')
+    """
+    text = text.strip().replace("µ", "u").replace("\u03bc", "u").replace("\u043c\u043a", "u").translate(_CYRILLIC)
+    return next((usual for usual, others in _SPELLINGS.items() if text.lower() in others), text)
+
+
+def is_unit(text: str) -> bool:
+    """Whether `UNITS` has it."""
+    return any(unit(text) in units for units in UNITS.values())
+
+
+def name_and_unit(text: str) -> tuple[str, str]:
+    """Name and unit of a column from its heading.
+
+    Examples
+    --------
+    >>> name_and_unit("z (µm)"), name_and_unit("Drive [mV]"), name_and_unit("time_s"), name_and_unit("CH1")
+    (('z', 'um'), ('Drive', 'mV'), ('time', 's'), ('CH1', ''))
+    """
+    text = text.strip()
+    if match := re.fullmatch(r"(.*?)\s*[(\[]\s*([^)\]]*?)\s*[)\]]", text):
+        return match[1] or match[2], unit(match[2])
+    match = re.fullmatch(r"(.+?)\s*[_/, ]\s*([^_/, ]+)", text)
+    if match and is_unit(match[2]) and unit(match[2]) != "m":  # z_m is more often "measured" than metres
+        return match[1], unit(match[2])
+    return text, unit(text) if is_unit(text) and text != "m" else ""
+
+
+def names_and_units(last: Sequence[str], before: Sequence[str] = ()) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Of the row above the numbers, or of two, `before` with names and the last with units alone.
+
+    Examples
+    --------
+    >>> names_and_units(["z (nm)", "CH1"]), names_and_units(["[V]", "(um)"], ["drive", "sensor"])
+    ((('z', 'CH1'), ('nm', '')), (('drive', 'sensor'), ('V', 'um')))
+    """
+    alone = [text.strip("()[] ") for text in last]
+    if before and all(map(is_unit, alone)):
+        return tuple(before), tuple(map(unit, alone))
+    names, units = zip(*map(name_and_unit, last), strict=True)
+    return names, units
+
+
+def stated_units(units: Sequence[str], moments: Iterable[bool]) -> tuple[str, ...]:
+    """The units, and s of dates and times of the day, which are read as seconds."""
+    return tuple("s" if moment and not unit else unit for unit, moment in zip(units, moments, strict=True))

@@ -1,0 +1,239 @@
+"""A table in a text: its layout is found, its numbers are read chunk by chunk."""
+
+import csv
+import itertools
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from functools import partial
+from pathlib import Path
+from typing import TextIO
+
+import numpy as np
+
+from truestroke.base import files
+from truestroke.base.typing import FloatArray
+from truestroke.signals import formats
+from truestroke.signals.tables.arrays import READERS
+from truestroke.signals.tables.headings import names_and_units, stated_units
+from truestroke.signals.tables.table import PROBE, RecordError, Table
+
+CHUNK = 1 << 20  # characters of text that are parsed at a time
+COMMENTS = ("#", "%")
+NUMBER_WITH_D = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)[dD][+-]?\d+")
+DATE_AND_TIME = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d")
+DOTTED_DATE = re.compile(
+    r"(\d\d?)\.(\d\d?)\.(\d{4})(?:[T ]+(\d\d?:\d\d(?::\d\d(?:[.,]\d+)?)?))?"
+)  # 31.12.2026 13:45:00,5
+TIME_OF_DAY = re.compile(r"(\d\d?):(\d\d):(\d\d(?:\.\d+)?)")
+SLASHED_DATE = re.compile(r"\d\d?/\d\d?/\d{4}")
+
+
+@dataclass(frozen=True)
+class _Layout:
+    """How a text is written: encoding, separator (None: white space), decimal comma, lines before the numbers."""
+
+    path: Path
+    encoding: str
+    separator: str | None
+    comma: bool
+    lines_before: int
+
+    def open(self) -> TextIO:
+        return self.path.open(encoding=self.encoding, errors="replace")
+
+    def plain(self, line: str) -> str:
+        """With decimal points; beside decimal commas a point is a mark between thousands, which is no number."""
+        if not self.comma:
+            return line
+        if "." in line and not DOTTED_DATE.search(line):
+            line = line.replace(".", "'")
+        return line.replace(",", ".")
+
+    def fields(self, line: str) -> list[str]:
+        text = self.plain(line).strip()
+        quoted = self.separator and '"' in text
+        split = next(csv.reader([text], delimiter=self.separator or ",")) if quoted else text.split(self.separator)
+        fields = [field.strip().strip('"') for field in split]
+        return fields[:-1] if len(fields) > 1 and not fields[-1] else fields
+
+
+def _is_row(line: str) -> bool:
+    return bool(line.strip()) and not line.lstrip().startswith(COMMENTS)
+
+
+def read_text(path: Path, narrowest: int) -> Table:
+    """The table in a text of `narrowest` columns or more."""
+    encoding = _encoding(path)
+    with path.open(encoding=encoding, errors="replace") as file:
+        lines = list(itertools.islice(file, PROBE))
+    layout = _layout(path, encoding, lines, narrowest)
+    rows = [line for line in lines[layout.lines_before :] if _is_row(line)]
+    width = len(layout.fields(rows[0]))
+    names, units = _header(path, layout, lines[: layout.lines_before], width)
+    if names:
+        units = stated_units(units, map(_is_moment, layout.fields(rows[0])))
+    head = np.zeros((0, 0)) if names else _parse_slowly(rows, layout, range(width))
+    _refuse_split(path, layout, lines[: layout.lines_before], head)
+    return Table(names, units, head, partial(_columns, layout), partial(_locate, layout), "line")
+
+
+def _refuse_split(path: Path, layout: _Layout, above: Sequence[str], head: FloatArray) -> None:
+    """RecordError where names stand above twice as many whole numbers: decimal commas between commas."""
+    lines = [layout.fields(line) for line in above if _is_row(line)] if layout.separator == "," else []
+    names: list[str] = next((line for line in reversed(lines) if all(math.isnan(_number(f)) for f in line)), [])
+    # the rows may have whole numbers, and so fewer commas; a column with decimal points may stand beside the others
+    whole = int(((head == np.round(head)) | np.isnan(head)).all(axis=0).sum())
+    if 1 < len(names) < head.shape[1] <= 2 * len(names) and whole >= 2 * (head.shape[1] - len(names)):
+        reason = f"{len(names)} names stand above {whole} whole numbers: are they decimal commas between commas?"
+        raise RecordError(str(path), f"{reason} Write decimal points, or export with ; between the columns")
+
+
+def _encoding(path: Path) -> str:
+    """Enough for a micro sign in the names: the numbers are the same in all of them."""
+    with path.open("rb") as file:
+        start = file.read(1 << 16)
+    if b"\0" in start and not start.startswith((b"\xff\xfe", b"\xfe\xff")):
+        if encoding := formats.wide(start):
+            return encoding
+        raise RecordError(str(path), f"this is no text; known endings are .csv, .txt, {', '.join(READERS)}")
+    if start.startswith((b"\xff\xfe", b"\xfe\xff")):
+        return "utf-16"
+    try:
+        start[: start.rfind(b"\n") + 1].decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return "latin-1"
+    return "utf-8-sig"
+
+
+def _layout(path: Path, encoding: str, lines: Sequence[str], narrowest: int) -> _Layout:
+    """The first two rows with nothing but numbers or gaps, and as many columns in each, begin the table."""
+    previous, before = 0, 0
+    for number, line in enumerate(lines):
+        if not _is_row(line):
+            continue
+        separator = next((s for s in (";", "\t", ",") if s in line), None)
+        comma = separator in (";", "\t") and "," in line and "." not in DOTTED_DATE.sub("", line)
+        if separator == "," and formats.DECIMAL_COMMAS.fullmatch(line.strip()):
+            separator, comma = None, True
+        layout = _Layout(path, encoding, separator, comma, before)
+        fields = layout.fields(line)
+        width = len(fields) if len(fields) >= narrowest and _numeric(fields) else 0
+        if width and width == previous:
+            return layout
+        previous, before = width, number
+    shown = f"; line {len(lines)} is {_shown(lines[-1])}" if lines else ""
+    columns = "the same number of columns, two or more" if narrowest > 1 else "the same number of columns"
+    reason = f"no two rows of numbers with {columns}, in the first {PROBE} lines"
+    shown += next(filter(None, map(formats.thousands, lines)), "")
+    if any(SLASHED_DATE.search(line) for line in lines):
+        shown += "; dates such as 03/04/2026 may be of two days: write 2026-04-03, or leave out the column"
+    raise RecordError(str(path), reason + shown)
+
+
+def _header(path: Path, layout: _Layout, lines: Sequence[str], width: int) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Names and units from the line above the numbers, or from two lines: names, then units alone."""
+    numbered = [(number, line) for number, line in enumerate(lines, 1) if line.strip(" \t\r\n#%")]
+    texts = [re.sub(r"^\s*[#%]+", "", line).strip() for _, line in numbered]
+    above = [layout.fields(text) for text in texts]
+    if layout.separator is None and above and len(above[-1]) != width:  # white space also before the unit: z (mm)
+        above[-1] = [field.strip('"') for field in re.split(r"\s+(?![(\[])", texts[-1])]
+    if not above or len(above[-1]) != width:
+        return (), ()
+    last = above[-1]
+    if not all(math.isnan(_number(field)) for field in last):
+        number, line = numbered[-1]
+        raise RecordError(str(path), f"{_shown(line)} is neither names nor numbers only", number, "line")
+    return names_and_units(last, above[-2] if len(above) > 1 and len(above[-2]) == width else ())
+
+
+def _columns(layout: _Layout, columns: Sequence[int], complete: bool) -> list[FloatArray]:
+    """Parse chunk by chunk into arrays of the final size, so that no more than a chunk of text is ever in memory."""
+    length = _count_lines(layout.path)
+    files.check_size(layout.path, f"{length} lines of {len(columns)} columns", 8 * length * len(columns))
+    table = np.empty((len(columns), length))
+    rows = 0
+    with layout.open() as file:
+        for _ in range(layout.lines_before):
+            next(file)
+        while lines := file.readlines(CHUNK):
+            block = _parse(lines, layout, columns)
+            table[:, rows : rows + len(block)] = block.T
+            rows += len(block)
+            if not complete and not np.isfinite(block).all():
+                break
+    return list(table[:, :rows])
+
+
+def _count_lines(path: Path) -> int:
+    with path.open("rb") as file:
+        return 1 + sum(chunk.count(b"\n") or chunk.count(b"\r") for chunk in iter(lambda: file.read(1 << 20), b""))
+
+
+def _parse(lines: Sequence[str], layout: _Layout, columns: Sequence[int]) -> FloatArray:
+    if not any(map(_is_row, lines[:3])):  # loadtxt warns of nothing to read
+        lines = list(filter(_is_row, lines))
+        if not lines:
+            return np.empty((0, len(columns)))
+    plain = map(layout.plain, lines) if layout.comma else lines
+    try:
+        return np.loadtxt(plain, delimiter=layout.separator, usecols=columns, quotechar='"', ndmin=2)
+    except ValueError:
+        return _parse_slowly(lines, layout, columns)
+
+
+def _parse_slowly(lines: Sequence[str], layout: _Layout, columns: Sequence[int]) -> FloatArray:
+    """With NaN for what is missing or no number."""
+    rows = [layout.fields(line) for line in lines if _is_row(line)]
+    values = [[_number(row[c]) if c < len(row) else math.nan for c in columns] for row in rows]
+    return np.array(values, dtype=np.float64).reshape(len(values), len(columns))
+
+
+def _number(field: str) -> float:
+    """Of a number, with Fortran's exponent D too; of a date and time, s since 1970 (UTC if not said).
+
+    Dates as in ISO 8601 or as 31.12.2026 13:45:00; of a time of day, s since midnight.
+    """
+    try:
+        return float(field)
+    except ValueError:
+        if NUMBER_WITH_D.fullmatch(field):
+            return float(re.sub("[dD]", "e", field))
+        if dotted := DOTTED_DATE.fullmatch(field):
+            day, month, year, time = dotted.groups()
+            return _seconds(f"{year}-{int(month):02}-{int(day):02}T{(time or '00:00').replace(',', '.').zfill(5)}")
+        if clock := TIME_OF_DAY.fullmatch(field):
+            return 3600.0 * int(clock[1]) + 60.0 * int(clock[2]) + float(clock[3])
+        return _seconds(field) if DATE_AND_TIME.match(field) else math.nan
+
+
+def _is_moment(field: str) -> bool:
+    return bool(DOTTED_DATE.fullmatch(field) or TIME_OF_DAY.fullmatch(field) or DATE_AND_TIME.match(field))
+
+
+def _seconds(stamp: str) -> float:
+    try:
+        moment = datetime.fromisoformat(stamp)
+    except ValueError:
+        return math.nan
+    return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
+
+
+def _numeric(fields: Sequence[str]) -> bool:
+    """Numbers only; some may be missing."""
+    missing = [math.isnan(_number(field)) for field in fields]
+    return not all(missing) and all(f.lower() in ("", "nan") for f, gone in zip(fields, missing, strict=True) if gone)
+
+
+def _locate(layout: _Layout, index: int) -> tuple[int, str]:
+    with layout.open() as file:
+        lines = itertools.islice(enumerate(file, 1), layout.lines_before, None)
+        number, line = next(itertools.islice((numbered for numbered in lines if _is_row(numbered[1])), index, None))
+    return number, _shown(line)
+
+
+def _shown(line: str) -> str:
+    text = line.strip()
+    return repr(text if len(text) <= 60 else text[:57] + "...")
