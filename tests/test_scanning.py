@@ -98,7 +98,7 @@ def test_what_repeats_is_taken_away(small):
 def test_the_last_line_is_as_the_others_and_the_first_begins_as_late_at_any_rate():
     """Of a stage whose axes disturb each other: behind the last line y steps on, as behind the others."""
     stage = imaging.stage_of((900.0, 900.0), ("plays", "preisach"), 0.001)
-    for rate, lead in ((40.0, 160), (100.0, 400), (10.0, 40)):
+    for rate, lead in ((40.0, 160), (100.0, 400), (10.0, 40), (1.0, 8)):
         assert imaging.scan_of(stage, rate).settings["lead_in"] == lead
     scan = imaging.scan_of(stage, 40.0)
     period = round(5000.0 / 40.0)
@@ -134,7 +134,7 @@ def test_a_motion_that_does_not_repeat_is_named():
     assert "--rate = 41.0 Hz" in bad.output
 
 
-@pytest.mark.parametrize("rate", [0.0, -1.0, 5000.0, float("nan")])
+@pytest.mark.parametrize("rate", [0.0, -1.0, 0.5, 5000.0, float("nan")])
 def test_a_rate_whose_lines_are_all_turn_is_refused_with_its_bound(rate):
     with pytest.raises(SettingError, match=r"rate = .* Hz: must be"):
         imaging.image_stage(rate=rate)

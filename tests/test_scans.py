@@ -208,6 +208,10 @@ def test_a_motion_and_its_lines_come_back_from_their_files(tmp_path):
         (lambda: made("raster", turn=0.02, settle=STAGE), "steps take at most 0.25 ms"),
         (lambda: made("spiral", pitch=0.1), "turns = 12: must be left out"),
         (lambda: made("spiral", fastest=80.0), "fastest = 80.0 Hz: must be left out at constant angular"),
+        (
+            lambda: made("raster", rate=1e-4, lines=2048),
+            "duration of the scan = 20490000.0 s: must be at most .* at 10000 Hz: scan faster, or fewer lines",
+        ),
         (lambda: made("spiral", rotation=5000.0), "rotation = 5000.0 Hz: must be below half of the sample rate, 5000"),
         (lambda: scans.lissajous(lobes=1), "lobes = 1: must be a whole number from 2"),
         (lambda: scans.cycloid(rate=5000.0), "rate = 5000.0 Hz: must be below a quarter"),

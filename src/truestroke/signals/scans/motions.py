@@ -481,8 +481,11 @@ def _fast(rate: float, sample_rate: float, ramp: float) -> tuple[float, float, f
 def _lasting(duration: float, sample_rate: float, lead_out: float = 0.0) -> float:
     """A duration of whole ticks that memory can hold, s, with what comes behind it."""
     duration += checks.within("lead_out", lead_out, 0.0, 3600.0, "s")
-    ticks = math.ceil(duration * sample_rate - 1e-6)
-    return checks.count("ticks of the scan", max(2, ticks), 2, MOST) / sample_rate
+    ticks = max(2, math.ceil(duration * sample_rate - 1e-6))
+    if ticks > MOST:
+        bound = f"at most {MOST / sample_rate:.4g} s at {sample_rate:g} Hz: scan faster, or fewer lines or turns"
+        raise SettingError("duration of the scan", float(f"{duration:.4g}"), bound, "s")
+    return ticks / sample_rate
 
 
 def _pair(name: str, value: tuple[float, float]) -> tuple[float, float]:

@@ -29,7 +29,8 @@ PIXELS = 512
 WIDTH, OFFSET = 20.0, (14.5, 14.0)  # um of the image, and its centre
 RATE = 40.0  # rows per second
 SAMPLE_RATE = 5000.0  # Hz
-LEAD_IN = 4.0  # s of lines before the image
+SLOWEST = 1.0  # Hz of the rows: minutes, and a GB of memory
+LEAD_IN, LEAST_LEAD = 4.0, 8  # s of lines before the image, and their number at least
 LEAD_ROWS, LEAD_SHARE = 96, 0.6  # rows over which y moves in the last of them, at most, and as a share
 OVER_SCAN = 0.01  # of the width, at least
 ROTATION, TURNS = 100.0, 256  # Hz of the spiral
@@ -128,11 +129,11 @@ def scan_of(stage: MultiAxisSettings, rate: float, width: float = WIDTH) -> Scan
     x, y = (one.dynamics() for one in stage.axes)
     turn, step = (shaping.settling_move(one).duration for one in (x, y))
     margin = max(0.0, (step - turn) / 2)
-    slowest, fastest = 0.01, 0.5 / (turn + 3.1 * margin)  # an over-scan of the width on either side
-    checks.within("rate", rate, slowest, fastest, "Hz")
+    fastest = 0.5 / (turn + 3.1 * margin)  # an over-scan of the width on either side
+    checks.within("rate", rate, SLOWEST, fastest, "Hz")
     line = 0.5 / rate - turn
     over = max(OVER_SCAN, 1.001 * margin / max(line - 2 * margin, 1e-9))
-    lead = math.ceil(LEAD_IN * rate)
+    lead = max(math.ceil(LEAD_IN * rate), LEAST_LEAD)
     made = scans.raster(
         width=width,
         lines=PIXELS,
