@@ -1,6 +1,7 @@
 """Weights are recovered from records that independent code made, and from a measured one."""
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,8 @@ import pytest
 
 from truestroke import ControllerSettings, SettingError
 from truestroke.identification import fit
+from truestroke.identification.fitting.regression import Data, Structure
+from truestroke.model.branches import Branches
 
 THRESHOLDS = tuple(i / 8 * 1.5 for i in range(8))
 A = np.array([8.4, 1.3, 0.92, 0.7, 0.88, 0.74, -2.6, 2.23])  # P-885.90, Sec. 4.3
@@ -152,3 +155,28 @@ def test_a_measured_stack_is_predicted():
     stroke = np.ptp(z)
     assert np.sqrt(np.mean(line[split:] ** 2)) / stroke == pytest.approx(0.068, abs=0.002)
     assert np.sqrt(np.mean(error**2)) / stroke < 0.012
+
+
+def test_columns_that_are_kept_are_those_of_a_record_that_was_not_used_before():
+    """Of other thresholds, terms, branches and predictions in turn, with and without a lag."""
+    x, _ = wave(3000, seed=4)
+    z = 10.0 * x + np.sin(x)
+    for lag in (0.0, 2e-3):
+        data = Data(
+            volts=x, displacement=z[::2], known=np.ones(1500, dtype=bool), sample_rate=2000.0, every=2,
+            voltage_range=(0.0, 2.6), stroke=26.0, zero=0.0, fastest=900.0, time_constant=lag, duration=2.0,
+        )  # fmt: skip
+        plain = Structure(thresholds=(0.0, 0.5), rate_dependent=(1,), creep_times=(0.1,), asymmetry=2)
+        made = [
+            plain,
+            replace(plain, thresholds=(0.0, 0.2, 0.9)),
+            replace(plain, creep_times=(0.1, 0.4), drift=("linear drift",)),
+            replace(plain, rested=True, asymmetry=1),
+            replace(plain, branches=Branches(voltage_range=(0.0, 2.6), levels=3)),
+            replace(plain, branches=Branches(voltage_range=(0.0, 2.6), curves=("convex",), plays=2, betas=(4.0,))),
+        ]
+        for structure in [*made, *made[::-1]]:
+            for predicted in (z, 0.9 * z):
+                fresh = replace(data).columns(structure, predicted)
+                np.testing.assert_array_equal(data.columns(structure, predicted), fresh)
+                assert fresh.shape == (1500, len(structure.coefficients) + 1)

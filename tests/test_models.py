@@ -242,3 +242,14 @@ def test_terms_along_a_record_are_those_of_each_sample() -> None:
 def test_a_bad_model_is_named(bad, words) -> None:
     with pytest.raises(SettingError, match=words):
         RateDependentModel(**({"r": [0.0, 0.5], "a": [5.0, 1.0], "b": [0.0, 0.0]} | bad))
+
+
+def test_the_displacement_less_its_asymmetry_is_the_sum_of_the_other_terms() -> None:
+    """Within the stroke, below it, and beyond twice of it, where the asymmetry is constant; of any number of terms."""
+    weights, sums = np.array([0.5, 2.0]), np.linspace(-70.0, 100.0, 171)
+    known = np.vstack([np.cos(sums), np.full(sums.size, 3.0)])
+    for asymmetry in (np.zeros(0), np.array([1.0]), np.array([1.0, -0.1])):
+        z = np.empty_like(sums)
+        _kernel.displacement(sums, known, weights, asymmetry, 30.0, 8, 3e-12, z)
+        curve = sum((w * term for w, term in zip(asymmetry, asymmetry_terms(z, 30.0), strict=False)), np.zeros(z.size))
+        np.testing.assert_allclose(z - curve, sums + weights @ known, rtol=0, atol=1e-11)

@@ -922,6 +922,38 @@ void play_history(Vector<double> x, Vector<double> r, Output y, size_t every, Ro
     std::copy(state.begin(), state.end(), y.data());
 }
 
+#if defined(_MSC_VER)
+#define TS_APART __restrict
+#else
+#define TS_APART __restrict__
+#endif
+
+// Rows of a tick, a column beside the next: the arrays do not overlap, so that several columns are computed at once.
+void add_row(size_t n, double tap, const double *TS_APART u, double *TS_APART now) {
+    for (size_t j = 0; j < n; j++) now[j] += tap * u[j];
+}
+
+void section_row(size_t n, const double *c, const double *TS_APART u, double *TS_APART first, double *TS_APART second,
+                 double *TS_APART now) {
+    const double b0 = c[0], b1 = c[1], a1 = c[2], a2 = c[3];
+    for (size_t j = 0; j < n; j++) {
+        double y = b0 * u[j] + first[j];
+        first[j] = b1 * u[j] - a1 * y + second[j];
+        second[j] = -a2 * y;
+        now[j] += y;
+    }
+}
+
+void lag_row(size_t n, const double *lag, double part, const double *TS_APART in, const double *TS_APART now,
+             const double *TS_APART moved, double *TS_APART lagged, double *TS_APART out) {
+    const double b0 = lag[0], b1 = lag[1], p = lag[2];
+    for (size_t j = 0; j < n; j++) {
+        double z = b0 * now[j] + b1 * moved[j] + p * lagged[j];
+        out[j] = in[j] + (1 - part) * z + part * lagged[j];
+        lagged[j] = z;
+    }
+}
+
 // Columns behind a stage (taps and parallel sections b0, b1, a1, a2), a lag (b0, b1, p) and a dead time of `dead` samples
 // and a part of one, at rest before the first row: of every `every`-th sample.
 void respond_rows(Columns columns, Vector<double> taps, Columns sections, Vector<double> lag, size_t dead, double part,
@@ -930,7 +962,7 @@ void respond_rows(Columns columns, Vector<double> taps, Columns sections, Vector
     require_lengths(rows.shape(1) == n && every > 0 && rows.shape(0) == (ticks + every - 1) / every && t > 0 &&
                     lag.shape(0) == 3 && (own == 0 || sections.shape(1) == 4));
     if (ticks == 0) return;
-    const double *in = columns.data(), b0 = lag.data()[0], b1 = lag.data()[1], p = lag.data()[2];
+    const double *in = columns.data();
     std::vector<double> past((t + 2 * own + 3) * n), none(n);
     double *u = past.data(), *state = u + t * n, *moved = state + 2 * own * n, *now = moved + n, *lagged = now + n;
     nb::gil_scoped_release release;
@@ -939,25 +971,38 @@ void respond_rows(Columns columns, Vector<double> taps, Columns sections, Vector
         for (size_t i = t - 1; i > 0; i--) std::copy(u + (i - 1) * n, u + i * n, u + i * n);
         for (size_t j = 0; j < n; j++) u[j] = at[j] - in[j];
         for (size_t j = 0; j < n; j++) now[j] = taps.data()[0] * u[j];
-        for (size_t i = 1; i < t; i++)
-            for (size_t j = 0; j < n; j++) now[j] += taps.data()[i] * u[i * n + j];
-        for (size_t i = 0; i < own; i++) {
-            const double *c = sections.data() + 4 * i;
-            double *first = state + 2 * i * n, *second = first + n;
-            for (size_t j = 0; j < n; j++) {
-                double y = c[0] * u[j] + first[j];
-                first[j] = c[1] * u[j] - c[2] * y + second[j];
-                second[j] = -c[3] * y;
-                now[j] += y;
+        for (size_t i = 1; i < t; i++) add_row(n, taps.data()[i], u + i * n, now);
+        for (size_t i = 0; i < own; i++)
+            section_row(n, sections.data() + 4 * i, u, state + 2 * i * n, state + (2 * i + 1) * n, now);
+        lag_row(n, lag.data(), part, in, now, moved, lagged, k % every == 0 ? rows.data() + k / every * n : none.data());
+        std::swap(now, moved);
+    }
+}
+
+// Displacement of the sums of the plays and of known terms (a row of `known` each) with their weights: z minus its
+// asymmetry is this sum, um, by Newton's method from the sum on, `steps` at most, the last below `converged`.
+void displacement(Vector<double> plays, Columns known, Vector<double> weights, Vector<double> asymmetry, double stroke,
+                  int steps, double converged, Output z) {
+    size_t ticks = plays.shape(0), n = weights.shape(0), terms = asymmetry.shape(0);
+    require_lengths(z.shape(0) == ticks && known.shape(0) == n && known.shape(1) == ticks && terms <= 2);
+    std::vector<ts_real> w = reals(weights), at(n);
+    const double first = terms > 0 ? asymmetry.data()[0] : 0.0, second = terms > 1 ? asymmetry.data()[1] : 0.0;
+    nb::gil_scoped_release release;
+    for (size_t k = 0; k < ticks; k++) {
+        for (size_t i = 0; i < n; i++) at[i] = static_cast<ts_real>(known.data()[i * ticks + k]);
+        const double y = plays.data()[k] + ts_dot(w.data(), at.data(), static_cast<int>(n));
+        double found = y, step = converged + 1;
+        for (int i = 0; terms > 0 && i < steps && std::fabs(step) > converged; i++) {
+            const double whole = found / stroke, s = std::fmin(std::fmax(whole, -1.0), 2.0);
+            double curve = first * (4 * s * (1 - s)), rise = s == whole ? first * ((4 - 8 * s) / stroke) : 0.0;
+            if (terms > 1) {
+                curve += second * (2 * (4 * s * (1 - s)) * (1 - 2 * s));
+                rise += s == whole ? second * (8 * (1 - 6 * s + 6 * s * s) / stroke) : 0.0;
             }
+            step = (found - curve - y) / std::fmax(1 - rise, 0.1);
+            found -= step;
         }
-        double *out = k % every == 0 ? rows.data() + k / every * n : none.data();
-        for (size_t j = 0; j < n; j++) {
-            double z = b0 * now[j] + b1 * moved[j] + p * lagged[j];
-            out[j] = in[j] + (1 - part) * z + part * lagged[j];
-            moved[j] = now[j];
-            lagged[j] = z;
-        }
+        z.data()[k] = found;
     }
 }
 
@@ -1029,6 +1074,8 @@ MODULE(TS_MODULE, m) {
     m.def("play_history", &play_history, "x"_a, "r"_a, "y"_a, "every"_a, "rows"_a);
     m.def("respond_rows", &respond_rows, "columns"_a, "taps"_a, "sections"_a, "lag"_a, "dead"_a, "part"_a, "every"_a,
           "rows"_a);
+    m.def("displacement", &displacement, "plays"_a, "known"_a, "weights"_a, "asymmetry"_a, "stroke"_a, "steps"_a,
+          "converged"_a, "z"_a);
     m.def("play_sum", &play_sum, "x"_a, "rate"_a, "a"_a, "b"_a, "r"_a, "y"_a, "sums"_a);
     m.def("play_invert", &play_invert, "y_d"_a, "rate"_a, "a"_a, "b"_a, "r"_a, "y"_a, "x"_a);
     nb::class_<Kernel> kernel(m, "Kernel");

@@ -25,8 +25,7 @@ from truestroke.model.branches import Branches
 from truestroke.model.dynamics import EXPECTED as DYNAMICS
 from truestroke.model.dynamics import Dynamics
 from truestroke.model.layout import Layout
-from truestroke.model.models import Motion, asymmetry_terms, known_terms
-from truestroke.model.operators import dot
+from truestroke.model.models import Motion, known_terms
 
 VELOCITY_SPAN = 0.1e-3  # s: half of the span of a central difference, at least one sample
 NEWTON_STEPS = 8  # at most
@@ -546,10 +545,16 @@ class ActuatorModel(Displayed, Layout):
 def displacement(
     model: ActuatorModel, w: FloatArray, plays: FloatArray, creep: Sequence[Any] | FloatArray, velocity: FloatArray
 ) -> FloatArray:
-    """Displacement above `zero`, um, of the sum of the plays, um, the creep states, V, and the velocity, um/s."""
+    """Displacement z above `zero`, um, of the sum of the plays, um, the creep states, V, and the velocity, um/s.
+
+    z - asymmetry(z) is the sum of the other terms, natively by Newton's method: each sample until it has converged.
+    """
     motion = Motion(np.zeros_like(velocity), velocity)  # at 0 um there is no asymmetry
-    known = known_terms(model, creep, motion, model.stroke)
-    return solve_asymmetry(plays + dot(w[model.of_plays :], known.T), w[model.columns["asymmetry"]], model.stroke)
+    weights, asymmetry = w[model.of_plays :], w[model.columns["asymmetry"]]
+    known = known_terms(model, creep, motion, model.stroke).reshape(weights.size, velocity.size)
+    z, converged = np.empty_like(velocity), CONVERGED * model.stroke
+    _kernel.displacement(plays, known, weights, asymmetry, model.stroke, NEWTON_STEPS, converged, z)
+    return z
 
 
 def _sensor_lag(sensor_delay: float | None = None, sensor_bandwidth: float | None = None, **_: Any) -> float:
@@ -625,9 +630,12 @@ def ahead(x: FloatArray, samples: int, last: FloatArray) -> FloatArray:
 def central_difference(z: FloatArray, sample_rate: float) -> FloatArray:
     """Velocity, um/s, over a span of 0.2 ms or of two samples."""
     half = velocity_span(sample_rate)
-    k = np.arange(z.size)
+    moved = np.empty(z.shape)
+    moved[half : z.size - half] = (z[2 * half :] - z[: max(z.size - 2 * half, 0)]) * sample_rate / (2 * half)
+    k = np.append(np.arange(min(half, z.size)), np.arange(max(z.size - half, half), z.size))  # near the ends
     after, before = np.minimum(k + half, z.size - 1), np.maximum(k - half, 0)
-    return np.asarray((z[after] - z[before]) * sample_rate / np.maximum(after - before, 1))
+    moved[k] = (z[after] - z[before]) * sample_rate / np.maximum(after - before, 1)
+    return moved
 
 
 def velocity_span(sample_rate: float) -> int:
@@ -640,22 +648,3 @@ def asymmetry_slopes(z: FloatArray, stroke: float) -> FloatArray:
     s = np.clip(z / stroke, -1.0, 2.0)
     inside = s == z / stroke
     return np.array([inside * (4 - 8 * s), inside * 8 * (1 - 6 * s + 6 * s * s)]) / stroke
-
-
-def solve_asymmetry(y: FloatArray, asymmetry: FloatArray, stroke: float) -> FloatArray:
-    """The z with z - asymmetry(z) = y, um, by Newton's method: each sample until it has converged."""
-    z, left = y.copy(), np.arange(y.size)
-    for _ in range(NEWTON_STEPS if len(asymmetry) else 0):
-        at = z[left]
-        slope = np.maximum(1 - _weighted(asymmetry, asymmetry_slopes(at, stroke)), 0.1)
-        step = (at - _weighted(asymmetry, asymmetry_terms(at, stroke)) - y[left]) / slope
-        z[left] -= step
-        left = left[np.abs(step) > CONVERGED * stroke]
-        if not left.size:
-            break
-    return z
-
-
-def _weighted(weights: FloatArray, terms: Sequence[FloatArray] | FloatArray) -> FloatArray:
-    """Sum of the first terms, one for each weight, in their order."""
-    return np.asarray(sum(weight * term for weight, term in zip(weights, terms, strict=False)))

@@ -24,17 +24,22 @@ POINTS = 4000  # at most, at which the part of the weights is computed; straight
 
 
 def of_weights(
-    model: ActuatorModel, volts: FloatArray, sample_rate: float, P: FloatArray, centred: bool = False
+    model: ActuatorModel,
+    volts: FloatArray,
+    sample_rate: float,
+    strain: FloatArray,
+    P: FloatArray,
+    centred: bool = False,
 ) -> FloatArray:
     """Variance of the prediction by that of the weights, diag(J P J'), um^2, shape (samples,).
 
     J is the derivative of the prediction by the weights, P their covariance. With `centred` the part that moves all
-    samples alike is not in it: the mean of each column is removed.
+    samples alike is not in it: the mean of each column is removed. `strain` is that of the model.
     """
     if not volts.size:
         return volts
     every = -(-volts.size // POINTS)
-    J = _derivative(model, volts, sample_rate, every)
+    J = _derivative(model, volts, sample_rate, strain, every)
     if centred:
         J = J - J.mean(axis=0)
     late = (model.delay + model.time_constant) * sample_rate
@@ -55,8 +60,9 @@ def of_motion(
     that of the voltage from those of the record, over their range; P the covariance of the model if none is given, and
     `centred` as in `of_weights`.
     """
-    v = central_difference(model.strain(volts, sample_rate), sample_rate)
-    weights = of_weights(model, volts, sample_rate, model.covariance if P is None else P, centred)
+    strain = model.strain(volts, sample_rate)
+    v = central_difference(strain, sample_rate)
+    weights = of_weights(model, volts, sample_rate, strain, model.covariance if P is None else P, centred)
     return np.asarray(weights + model.noise**2 + (model.jitter * v) ** 2 + _of_distance(model, volts, v))
 
 
@@ -71,9 +77,8 @@ def _of_distance(model: ActuatorModel, volts: FloatArray, v: FloatArray) -> Floa
     return np.interp(np.arange(volts.size), np.arange(0, volts.size, every), away**2 + beyond**2)
 
 
-def _derivative(model: ActuatorModel, x: FloatArray, fs: float, every: int) -> FloatArray:
-    """J at every `every`-th sample, before delay, lag and stage."""
-    z = model.strain(x, fs)
+def _derivative(model: ActuatorModel, x: FloatArray, fs: float, z: FloatArray, every: int) -> FloatArray:
+    """J at every `every`-th sample of the strain z, before delay, lag and stage."""
     rate = model.seen(central_difference(z, fs))[::every]
     H = np.empty((-(-x.size // every), len(model.thresholds)))
     _kernel.play_history(np.ascontiguousarray(x), np.array(model.thresholds), np.zeros(H.shape[1]), every, H)

@@ -22,7 +22,7 @@ The states of Duhem make minor loops that do not close, as those of Bouc-Wen, Da
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -145,8 +145,16 @@ class Branches:
 
     def columns(self, x: FloatArray, every: int = 1) -> FloatArray:
         """The terms along a voltage, V, of every `every`-th sample, shape (rows, terms); from rest at 0 V."""
-        curved = [self._plays(curve, x, every) for curve in self.curves]
-        return np.hstack([*curved, self.in_cells(self._cell_plays(x, every)), self.states(x)[::every]])
+        return np.hstack([*self.parts(x, every)])
+
+    def parts(self, x: FloatArray, every: int = 1) -> Iterator[FloatArray]:
+        """The same in parts: of each curve, of the cells of each play, and of the states."""
+        for curve in self.curves:
+            yield self._plays(curve, x, every)
+        y, (play, low, high) = self._cell_plays(x, every), self.cells
+        for i in range(self.levels):
+            yield self._ways(y[:, i : i + 1], low[play == i], high[play == i])
+        yield self.states(x)[::every]
 
     def sum(self, x: FloatArray) -> FloatArray:
         """All terms with their weights along a voltage, um."""
@@ -176,7 +184,11 @@ class Branches:
     def in_cells(self, y: FloatArray) -> FloatArray:
         """Ways of play states, shape (..., levels), from 0 V within each cell, V, shape (..., cells)."""
         play, low, high = self.cells
-        return np.asarray(np.clip(y[..., play], low, high) - np.clip(0.0, low, high))
+        return self._ways(y[..., play], low, high)
+
+    @staticmethod
+    def _ways(y: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
+        return np.asarray(np.clip(y, low, high) - np.clip(0.0, low, high))
 
     def _cell_plays(self, x: FloatArray, every: int) -> FloatArray:
         rows = np.empty((-(-x.size // every), self.levels))
@@ -205,11 +217,13 @@ class Branches:
     def states(self, x: FloatArray) -> FloatArray:
         """The states along a voltage, V, shape (samples, states); they rest at 0 V before it."""
         size = 2 * len(self.betas)
+        if not size:
+            return np.empty((x.size, 0))
         s = self.scaled(np.concatenate([np.zeros(1), x]))
         ds = np.diff(s)
         sign = np.where(ds < 0, -1.0, 1.0)
-        gone = np.repeat(self.betas, 2) / 2 * np.abs(ds)[:, None]
-        gained = self.settles(s[1:], sign) - np.exp(-gone) * self.settles(s[:-1], sign)
+        gone = np.array(self.betas) / 2 * np.abs(ds)[:, None]  # of both states of each beta
+        gained = self.settles(s[1:], sign) - np.repeat(np.exp(-gone), 2, axis=1) * self.settles(s[:-1], sign)
         out = np.empty((x.size, size))
         state = self.half * np.stack([s[0], 0.5 * s[0] ** 2])[None].repeat(len(self.betas), 0).ravel()
         swept = np.cumsum(gone.max(axis=1, initial=0.0))
@@ -217,9 +231,9 @@ class Branches:
         while start < x.size:
             done = swept[start - 1] if start else 0.0
             stop = max(start + 1, int(np.searchsorted(swept, done + LIVE)))
-            grown = np.exp(np.cumsum(gone[start:stop], axis=0) - gone[start])
+            grown = np.repeat(np.exp(np.cumsum(gone[start:stop], axis=0) - gone[start]), 2, axis=1)
             alone = np.cumsum(gained[start:stop] * grown, axis=0)
-            out[start:stop] = (state * np.exp(-gone[start]) + alone) / grown
+            out[start:stop] = (state * np.repeat(np.exp(-gone[start]), 2) + alone) / grown
             state, start = out[stop - 1], stop
         return out
 

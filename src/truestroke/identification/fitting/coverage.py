@@ -91,7 +91,7 @@ class Errors:
         return np.asarray(self.weights + model.noise**2 + (model.jitter * self.velocity) ** 2)
 
 
-def calibrated(model: ActuatorModel, data: Data, s: Structure, weight: float) -> ActuatorModel:
+def calibrated(model: ActuatorModel, data: Data, s: Structure, weight: float, strain: FloatArray) -> ActuatorModel:
     """The model with `jitter`, `explored` and `coverage_factor`.
 
     The factor is the geometric mean of two, with which the interval holds 95 % of two kinds of errors: of later blocks
@@ -109,19 +109,22 @@ def calibrated(model: ActuatorModel, data: Data, s: Structure, weight: float) ->
         Of the model.
     weight : float
         Variance, um^2, with which the precision of the prior is multiplied.
+    strain : ndarray, shape (samples,)
+        Of the model, um.
     """
-    ahead, fit, been = _errors(model, data, s, weight)
+    ahead, fit, been = _errors(model, data, s, weight, strain)
     model = model.replace(jitter=ahead.jitter(model))
     model = model.replace(explored=Explored(been, ahead.growth(model)))
     return model.replace(coverage_factor=math.sqrt(ahead.factor(model) * fit.factor(model)))
 
 
-def _errors(model: ActuatorModel, data: Data, s: Structure, weight: float) -> tuple[Errors, Errors, FloatArray]:
+def _errors(
+    model: ActuatorModel, data: Data, s: Structure, weight: float, strain: FloatArray
+) -> tuple[Errors, Errors, FloatArray]:
     """Of all later blocks, by the fits to the first ones; of the fit to all; and the places of all that was fitted.
 
     All fits have an inverse, as the model has: what that costs is part of its error.
     """
-    strain = model.strain(data.volts, data.sample_rate)
     rows, late = data.columns(s, strain), data.fitted(rested=False)
     v = central_difference(strain, data.sample_rate)
     at = places(data.volts, v, data.voltage_range, model.velocity, data.every)[late]

@@ -59,12 +59,12 @@ def fit_samples(
         fine = dataclasses.replace(fine, delay=0.0, time_constant=0.0, dynamics=dynamics)
     weight *= fine.displacement.size / coarse.displacement.size  # as sure of the prior as what was compared
     plain = fit_structure(fine, structure, weight, guess)
-    fit, more = _branched(plain, fine, coarse, structure, weight) if fixed["branches"] else (plain, ())
+    compared = _behind(coarse, fine)
+    fit, more = _branched(plain, fine, compared, structure, weight) if fixed["branches"] else (plain, ())
     rate = float(np.diff(fit.drift(samples)[-2:])[0]) * s.sample_rate
     model = fit.model.replace(walk=(more or tried)[-1].walk, drift=rate)
-    compared = _behind(coarse, fine)
     rows = compared.displacement.size / fine.displacement.size
-    model = coverage.calibrated(model, compared, fit.structure, fit.weight * rows)
+    model = coverage.calibrated(model, compared, fit.structure, fit.weight * rows, fit.strain)
     drift = fit.drift
     fit = dataclasses.replace(fit, model=model, drift=lambda size: drift(size) + zero[:size])
     return fit, (*tried, *more), found
@@ -80,14 +80,16 @@ def time_constants(s: Series, coarse: Data | None = None, delay: float | None = 
 
 
 def _behind(coarse: Data, fine: Data) -> Data:
-    """The first with the stage, dead time and lag of the second."""
+    """The first with the stage, dead time and lag of the second, and with its columns where these are its own."""
+    if fine.dynamics is None:
+        return coarse
     return dataclasses.replace(coarse, delay=fine.delay, time_constant=fine.time_constant, dynamics=fine.dynamics)
 
 
-def _branched(plain: Fit, fine: Data, coarse: Data, s: Structure, weight: float) -> tuple[Fit, tuple[Tried, ...]]:
+def _branched(plain: Fit, fine: Data, compared: Data, s: Structure, weight: float) -> tuple[Fit, tuple[Tried, ...]]:
     """The model with branches, if cross-validation asks for them, and what was compared; else the plain one."""
-    rows = fine.displacement.size / coarse.displacement.size
-    found = choose_branches(_behind(coarse, fine), s, weight / rows, plain.strain)
+    rows = fine.displacement.size / compared.displacement.size
+    found = choose_branches(compared, s, weight / rows, plain.strain)
     if found is None:
         return plain, ()
     structure, weight, tried = found
@@ -141,8 +143,14 @@ def _searched(
     n = data.volts.size
     known, z = s.known[:n] & (np.arange(n) >= first), s.displacement[:n] - data.zero
 
+    strains: list[tuple[Dynamics | None, FloatArray]] = []
+
     def search(behind: Dynamics | None, narrow: bool) -> ModeSearch:
-        return ModeSearch(strain(dataclasses.replace(data, dynamics=behind)), z, known, s.sample_rate, narrow)
+        made = next((made for modes, made in strains if modes is behind), None)
+        if made is None:
+            made = strain(dataclasses.replace(data, dynamics=behind))
+            strains.append((behind, made))
+        return ModeSearch(made, z, known, s.sample_rate, narrow)
 
     for narrow in (True, False):
         made, more = found, True

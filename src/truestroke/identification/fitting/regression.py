@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -100,7 +100,7 @@ class Data:
     delay: float = 0.0  # s, of the displacement behind the voltage
     time_constant: float = 0.0  # s, of a first-order lag
     duration: float = 0.0  # s, of the whole record, in which a drift grows by 1
-    _kept: dict[Structure, FloatArray] = field(default_factory=dict, init=False)
+    _kept: dict[str, tuple[object, int, FloatArray | None, FloatArray]] = field(default_factory=dict, init=False)
 
     @property
     def q(self) -> float:
@@ -134,36 +134,59 @@ class Data:
         Velocity and asymmetry come from the model, not from the measurement, whose noise would bias the weights. With
         `dynamics`, z is the strain, and the columns are those behind the stage.
         """
-        columns = self._still(s).copy()
-        every = self.every if self.direct else 1
-        rate = central_difference(z, self.sample_rate)[::every]
-        H = plays(self.volts, tuple(s.thresholds[i] for i in s.rate_dependent), every)
-        known = known_terms(s, np.zeros((len(s.creep_times), rate.size)), Motion(z[::every], rate), self.stroke)
-        moving = np.r_[s.columns["lag"], s.columns["inertia"], s.columns["asymmetry"]]
-        with_rate = (self.rate_scale * rate)[:, None] * H
-        columns[:, np.r_[s.b, moving]] = self._seen(np.hstack([with_rate, known[moving - s.of_plays].T]))
+        counts, end = tuple(s.counts.values()), len(s.coefficients) - len(s.further)
+        known = np.arange(s.of_plays, end - len(s.drift))
+        moving = np.isin(known, np.r_[s.columns["lag"], s.columns["inertia"], s.columns["asymmetry"]])
+        columns = np.empty((self.displacement.size, len(s.coefficients) + 1))
+        columns[:, s.a] = self._once("plays", s.thresholds, lambda: plays(self.volts, s.thresholds, self._step))
+        columns[:, s.b] = self._seen(self._with_rate(s, z))
+        columns[:, known[moving]] = self._once("moving", counts, lambda: self._moving(s, z).T[:, moving], z)
+        still = counts, s.creep_times, s.starts
+        columns[:, known[~moving]] = self._once("still", still, lambda: self._still(s).T[:, ~moving])
+        t = np.arange(self.displacement.size) * self.every / self.sample_rate
+        for k, name in enumerate(s.drift, start=end - len(s.drift)):
+            columns[:, k] = self._drift(name, t)
+        if s.branches is not None:
+            parts = s.branches.parts
+            columns[:, end:-1] = self._once("branches", s.branches, lambda: parts(self.volts, self._step))
+        columns[:, -1] = self.displacement
         return columns
 
+    def _once(
+        self,
+        name: str,
+        key: object,
+        make: Callable[[], FloatArray | Iterator[FloatArray]],
+        z: FloatArray | None = None,
+    ) -> FloatArray:
+        """`_seen` of what is made of the key and of z, in one part or in several; or the last one, if of the same."""
+        if name not in self._kept or self._kept[name][:2] != (key, id(z)):
+            made = make()
+            seen = self._seen(made) if isinstance(made, np.ndarray) else np.hstack([self._seen(part) for part in made])
+            self._kept[name] = key, id(z), z, seen  # z is held: no other array has its id
+        return self._kept[name][-1]
+
+    def _with_rate(self, s: Structure, z: FloatArray) -> FloatArray:
+        H = plays(self.volts, tuple(s.thresholds[i] for i in s.rate_dependent), self._step)
+        return np.asarray((self.rate_scale * central_difference(z, self.sample_rate)[:: self._step])[:, None] * H)
+
+    def _moving(self, s: Structure, z: FloatArray) -> FloatArray:
+        """The known terms, rows of the array, along z; those of the voltage alone are 0, as are the starts."""
+        motion = Motion(z[:: self._step], central_difference(z, self.sample_rate)[:: self._step])
+        known = known_terms(s, np.zeros((len(s.creep_times), motion.z_d.size)), motion, self.stroke)
+        return np.vstack([known, np.zeros((len(s.starts), motion.z_d.size))])
+
     def _still(self, s: Structure) -> FloatArray:
-        """The same without those that follow the velocity or the displacement: the last one is kept."""
-        if s not in self._kept:
-            self._kept.clear()
-            every = self.every if self.direct else 1
-            t = np.arange(0, self.volts.size, every) / self.sample_rate
-            creep = [c[::every] for c in creep_states(self.volts, s.creep_times, self.sample_rate)]
-            known = known_terms(s, creep, Motion(np.zeros_like(t), np.zeros_like(t)), self.stroke)
-            others = np.vstack([known, *(np.exp(-t / tau) for tau in s.starts)])
-            drift = [self._drift(name, t[:: self.every // every]) for name in s.drift]
-            columns = np.zeros((self.displacement.size, len(s.coefficients) + 1))
-            columns[:, s.a] = self._seen(plays(self.volts, s.thresholds, every))
-            columns[:, s.of_plays : s.of_plays + len(others)] = self._seen(others.T)
-            end = columns.shape[1] - 1 - len(s.further)
-            columns[:, s.of_plays + len(others) : end] = np.reshape(drift, (len(drift), self.displacement.size)).T
-            if s.branches is not None:
-                columns[:, end:-1] = self._seen(s.branches.columns(self.volts, every))
-            columns[:, -1] = self.displacement
-            self._kept[s] = columns
-        return self._kept[s]
+        """The same along the voltage, at rest at 0 um, and the starts of creep."""
+        t = np.arange(0, self.volts.size, self._step) / self.sample_rate
+        creep = [c[:: self._step] for c in creep_states(self.volts, s.creep_times, self.sample_rate)]
+        known = known_terms(s, creep, Motion(np.zeros_like(t), np.zeros_like(t)), self.stroke)
+        return np.vstack([known, *(np.exp(-t / tau) for tau in s.starts)])
+
+    @property
+    def _step(self) -> int:
+        """Between the samples along which columns are made: a filter follows all of them."""
+        return self.every if self.direct else 1
 
     @property
     def direct(self) -> bool:
