@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from benchmarks import foreign_records
+from benchmarks import foreign_records, sensorless
 from scipy.signal import TransferFunction, lsim
 
 import truestroke
@@ -40,6 +40,13 @@ def test_the_modes_of_a_stage_are_found(found):
 def test_a_record_without_resonance_has_none():
     """A lag, creep and hysteresis of another structure."""
     assert identify(next(foreign_records.records(0, (foreign_records.random_wave,)))).model.dynamics is None
+
+
+def test_a_mode_at_the_end_of_the_search_is_none():
+    """Rasters at 40 lines/s on a stage of one mode, sampled at the end of each tick: a second mode made it earlier."""
+    settings, _ = sensorless.stage_of(29, 0.0)
+    (mode,) = sensorless.model_of(settings, 40.0, 29).dynamics.modes
+    assert mode.frequency == pytest.approx(settings.resonances[0], rel=0.03)
 
 
 T18 = foreign_records.clock(18.0, 1e3)

@@ -27,6 +27,7 @@ AROUND = 8  # lines on each side of such a mode's, in which it is compared with 
 STEADILY = 3  # coefficients of a polynomial in time: of amplitude and phase of hum
 DRIVEN = 0.25  # of the square there, which a mode leaves at most: fitted to hum it leaves a half and more
 SHARE = -0.5, 1.2  # of a mode
+INSIDE = 0.995  # of the highest frequency that is searched: a mode beyond is not located
 NEAR = 1.12  # how far a frequency may move in a search, as a ratio; modes are not found twice within it
 FIRST = 2.5  # the same of the only mode, which a static model hides
 DELAY = 19.0  # samples of dead time, at most
@@ -84,8 +85,13 @@ class ModeSearch:
         if self.highest < 1.5 * self.lowest or (found is not None and len(found.modes) == MODES):
             return found, False
         made, rms = self._refined(self._next(found))
-        taken = made is not None and rms < (LOWER if found else FIRST_LOWER) * least
-        return (made, True) if taken else (found, False)
+        if made is None or rms >= (LOWER if found else FIRST_LOWER) * least or not self._inside(made):
+            return found, False
+        return made, True
+
+    def _inside(self, found: Dynamics) -> bool:
+        """Whether the highest mode is not the end of the search: there it stands for what is no mode."""
+        return found.modes[-1].frequency < INSIDE * self.highest
 
     def _next(self, found: Dynamics | None) -> FloatArray:
         """One mode more, where the spectrum of the residual has most of it: the search starts there."""
