@@ -133,6 +133,16 @@ def test_a_stage_that_rings_while_its_voltage_rests_at_an_end_is_not_cut_off() -
     assert not any("stays at an end" in text for text in found.implausible)
 
 
+@pytest.mark.parametrize(("steps", "seed"), [((150, 250), 5), ((100, 20), 9)])
+def test_converters_that_are_coarse_on_both_sides_show_no_lead(steps: tuple[int, int], seed: int) -> None:
+    """Steps of the voltage and of the displacement in the record, many rows each: 13 and 21 rows before."""
+    rng, t = np.random.Generator(np.random.PCG64(seed)), foreign_records.clock(8.0, 5e3)
+    x = 75.0 + 75.0 * foreign_records.wave(t, rng, 5.0)
+    z = play_history(x, np.arange(8) * 7.0) @ np.linspace(1.5, 0.5, 8) / 60
+    x, z = (np.round((a - a.min()) / np.ptp(a) * n) * np.ptp(a) / n for a, n in zip((x, z), steps, strict=True))
+    assert not examine(Record.from_arrays(x, z, sample_rate=5e3)).mistakes
+
+
 @pytest.mark.parametrize(("rows", "asked"), [(16, True), (3, False)])
 def test_a_dead_time_of_many_rows_is_asked_for(rows: int, asked: bool) -> None:
     """16 ms at 1 kHz, which a buffer makes; told as `delay` it is taken."""

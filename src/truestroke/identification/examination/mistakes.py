@@ -27,6 +27,7 @@ EARLY, EARLY_ROWS = 0.02, 2.5  # of a stroke, and rows, by which the displacemen
 SHIFTS = 21  # that are tried
 LATE = 0.2  # of a stroke: hysteresis alone is late by 0.06 at most, an actuator with sensor by 0.1
 TURNS = 0.04, 4.0  # the same two limits where reversals show it
+COARSE = 0.008  # of the stroke: noise, or rounding to 36 steps, beyond which no single reversal shows a lead
 TOGETHER = 0.7  # least correlation of voltage and displacement, and of their strokes
 RINGS, RING_ABOVE = 0.3, 3.0  # of the mean square, about a line, and times the frequency of the strokes
 COMMAND = 1e-5  # of the stroke: rms by which a displacement that is the voltage times a number may differ from it
@@ -216,7 +217,10 @@ def _lead(record: Record, found: Findings, turns: turning.Rows) -> str:
     stroke, rows = float(np.median(np.diff(turns))), _rows(found)
     if found.loop_width_percent < LEADS:
         return f"the loop turns clockwise, {found.loop_width_percent:.1f} % of the stroke"
-    for name, (share, least) in {"lag": (EARLY, EARLY_ROWS), "delay": TURNS}.items():
+    shown = {"lag": (EARLY, EARLY_ROWS)}
+    if found.noise_um < COARSE * found.stroke_um:
+        shown["delay"] = TURNS
+    for name, (share, least) in shown.items():
         if rows[name] < -max(share * stroke, least):
             return f"by {-rows[name]:.3g} rows, {1e3 * -rows[name] / found.sample_rate_hz:.3g} ms"
     return ""

@@ -30,8 +30,21 @@ def noise(signal: FloatArray, segments: Sequence[slice]) -> float:
     most = np.median(jumps)
     if most > 1e-9 * np.ptp(signal) and np.mean(np.abs(jumps - most) <= ALIKE * most) > RAMP:
         return min(found)
-    jumps = jumps[jumps > 1e-9 * np.ptp(signal)]
-    return max(min(found), float(jumps.min(initial=np.inf)) / math.sqrt(12) if _quantised(jumps) else 0.0)
+    return max(min(found), _step(jumps[jumps > 1e-9 * np.ptp(signal)]) / math.sqrt(12))
+
+
+def converter_step(signal: FloatArray) -> float:
+    """The step of a converter, of which every row is a whole number, in the signal's unit; 0 where there is none.
+
+    Examples
+    --------
+    >>> sine = np.sin(np.arange(1000) / 50.0)
+    >>> converter_step(np.round(sine * 64) / 64), converter_step(sine)
+    (0.015625, 0.0)
+    """
+    blocks = _blocks(signal, (slice(0, signal.size),))
+    jumps = np.abs(np.concatenate([np.diff(block) for block in blocks])) if blocks else np.zeros(0)
+    return _step(jumps[jumps > 1e-9 * np.ptp(signal)])
 
 
 def rounding(signal: FloatArray) -> float:
@@ -58,9 +71,10 @@ def _blocks(signal: FloatArray, segments: Sequence[slice]) -> list[FloatArray]:
     return [piece for piece in pieces[:: max(1, len(pieces) // 16)] if piece.size > 8]
 
 
-def _quantised(jumps: FloatArray) -> bool:
-    """Whether every jump is a whole number of the smallest, and most of them few: then it is a converter's step."""
+def _step(jumps: FloatArray) -> float:
+    """The smallest jump, if every jump is a whole number of it, and most of them few; else 0."""
     if jumps.size == 0:
-        return False
+        return 0.0
     ratio = jumps / jumps.min()
-    return bool(np.median(ratio) < 50 and np.median(np.abs(ratio - ratio.round())) < 0.01)
+    few = np.median(ratio) < 50 and np.median(np.abs(ratio - ratio.round())) < 0.01
+    return float(jumps.min()) if few else 0.0

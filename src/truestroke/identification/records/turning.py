@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from truestroke.base.typing import FloatArray
+from truestroke.identification.records.noise import converter_step
 
 Rows = npt.NDArray[np.int64]
 
@@ -13,6 +14,7 @@ STROKE = 0.05  # of the voltage span: the least travel between two reversals tha
 WINDOW = 0.1  # of the shorter stroke beside it, that a reversal's window reaches down on either side
 POINTS = 48  # of a window
 FEWEST_SIDE = 3  # samples of a window on each side of the reversal
+STEPS, MOVED = 8, 0.05  # of a converter, and of the span: rates are formed over rows in which a signal moves so far
 MOST_REVERSALS = 200  # that are looked at, evenly over the record
 
 
@@ -122,13 +124,25 @@ def rate_lag(x: FloatArray, z: FloatArray, longest: int) -> float | None:
     from scipy.signal import correlate
 
     rises = np.sign((x - x.mean()) @ (z - z.mean()))  # the rates of steps and of late answers have none in common
-    dx, dz = np.diff(x), np.diff(z) * rises
+    over = max(_resolved(x, longest // 4), _resolved(z, longest // 4))
+    dx, dz = x[over:] - x[:-over], (z[over:] - z[:-over]) * rises
     reach = min(longest, dx.size // 4)
     if reach < 2:
         return None
     whole = correlate(dz, dx, mode="full", method="fft")
     c = whole[dx.size - 1 - reach : dx.size + reach] / (dx.size - np.abs(np.arange(-reach, reach + 1)))
     k = int(c.argmax())
-    if k in (0, c.size - 1):
+    if not over <= k < c.size - over:
         return None
-    return float(k - reach + 0.5 * (c[k - 1] - c[k + 1]) / (c[k - 1] - 2 * c[k] + c[k + 1]))
+    before, at, after = c[k - over], c[k], c[k + over]
+    return float(k - reach + 0.5 * over * (before - after) / (before - 2 * at + after))
+
+
+def _resolved(signal: FloatArray, longest: int) -> int:
+    """Rows over which a signal moves by several steps of its converter: 1 where it has none."""
+    step, over = converter_step(signal), 1
+    if step:
+        least = min(STEPS * step, MOVED * float(np.ptp(signal)))
+        while 2 * over <= longest and np.percentile(np.abs(signal[over:] - signal[:-over]), 75) < least:
+            over *= 2
+    return over
