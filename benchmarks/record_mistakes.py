@@ -1,11 +1,13 @@
 """Mistakes planted in correct records: which of them `examine` finds, and that it refuses no correct record.
 
-python -m benchmarks.record_mistakes      the table of docs/identify.md; about a minute
+python -m benchmarks.record_mistakes              the table of docs/identify.md; some minutes
+python -m benchmarks.record_mistakes --averaged   moving averages of both columns: verdict and error of the model
 """
 
 from __future__ import annotations
 
 import os
+import sys
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
@@ -15,7 +17,7 @@ from benchmarks import foreign_records
 from scipy.signal import butter, lfilter
 
 from truestroke import plant, trajectories
-from truestroke.identification import Record, RecordError, examine, read_record
+from truestroke.identification import Record, RecordError, examine, identify, read_record
 from truestroke.identification.records import turning
 
 SHARED = Path(os.environ.get("TRUESTROKE_SHARED", Path(__file__).resolve().parents[2] / "shared"))
@@ -308,7 +310,27 @@ def table(records: Iterable[Record]) -> dict[str, tuple[int, int, int, list[str]
     return rows
 
 
+def averaged(share: float) -> Iterator[str]:
+    """Of four records whose columns are means over a share of a stroke: what `identify` says, and true errors."""
+    for r in (simulated(3), *(r for k, r in enumerate(foreign_records.records()) if k in (5, 8, 9))):
+        rows = max(1, round(share * shift(r, 1.0)))
+        x, z = (np.convolve(a, np.full(rows, 1 / rows), "valid") for a in (r.volts, r.displacement))
+        found = identify(Record.from_arrays(x, z, time=r.time[rows - 1 :], source=r.source))
+        later = slice(r.time.size // 5, None)
+        error = (r.displacement - found.model.predict(r.volts, r.sample_rate))[later]
+        true = 100 * float(np.std(error)) / float(np.ptp(r.displacement))
+        yield f"| {r.source} | {share} | {found.held_out.rmse_percent:.2f} | {true:.2f} | {found.verdict.level} |"
+
+
 def main() -> None:
+    if "--averaged" in sys.argv:
+        print(
+            "| record | mean over, strokes | held out, % | of the record itself, % | verdict |\n|---|---|---|---|---|"
+        )
+        for share in (0.0, 0.1, 0.3, 0.6, 1.0):
+            for row in averaged(share):
+                print(row, flush=True)
+        return
     print("| mistake | refused | doubtful | neither |")
     print("|---|---|---|---|")
     for name, (hits, doubted, of, missed) in table(correct()).items():
