@@ -17,7 +17,7 @@ from truestroke.control.resonance import SHOWN, ResonanceEstimator, arctangent, 
 from truestroke.control.stage import Stage, found
 from truestroke.model.operators import play
 from truestroke.plant import StagePlant, StageSettings
-from truestroke.signals.trajectories import sine, triangle
+from truestroke.signals.trajectories import raster, sine, triangle
 from truestroke.studies.robustness.fast.table import record
 
 RATE, LIMITS = 5000.0, (-0.6, 3.6)
@@ -234,6 +234,17 @@ def test_a_slow_motion_keeps_its_bits() -> None:
     assert np.abs(volts[0] - volts[1]).max() < 1e-6
 
 
+def test_a_stage_that_rings_in_a_slow_motion_is_put_into_the_model() -> None:
+    """Its 29th harmonic meets f0; the motion is slower than f0 / 40."""
+    wave = raster(frequency=24.0, peak_to_peak=18.0, offset=12.0, turn=0.1, duration=2.0, sample_rate=RATE)
+    controller = AdaptiveController(**AXIS)
+    plant = StagePlant(stage(696.0, hysteresis_kind="bouc-wen", dampings=(0.01,)), seed=1)
+    recording = run(wave, controller, plant)
+    error = (recording["true"] - recording["desired"]).reshape(-1, 1250).std(axis=1)
+    assert controller.resonance == pytest.approx(696.0, rel=0.02)
+    assert error[-1] < 0.3 * error[3]  # without it the error stays
+
+
 def test_a_resonance_that_is_given_stays() -> None:
     wave = sine(frequency=70.0, peak_to_peak=18.0, offset=12.0, duration=0.6, sample_rate=RATE)
     controller = AdaptiveController(**AXIS, resonance=380.0)
@@ -263,6 +274,21 @@ def test_the_kernel_is_the_numpy_text_with_a_stage_that_is_found_and_jumps() -> 
     assert resonances[1600] == pytest.approx(600.0, rel=0.05)
     assert resonances[-1] == pytest.approx(648.0, rel=0.03)
     assert kernel.state()["found_dead"][0] > 1
+
+
+def test_the_kernel_is_the_numpy_text_where_a_slow_motion_rings() -> None:
+    settings = ControllerSettings(**AXIS)
+    kernel, text = AdaptiveController.from_settings(settings), ReferenceController(settings)
+    plant = StagePlant(stage(690.0, dampings=(0.01,)), seed=1)
+    plant.open()
+    wave = raster(frequency=23.0, peak_to_peak=18.0, offset=12.0, turn=0.1, ramp=0.05, duration=0.4, sample_rate=RATE)
+    for motion in zip(wave.position, wave.velocity, wave.acceleration, strict=True):
+        x = kernel.command(*motion)
+        assert text.command(*motion) == x
+        z = float(plant.exchange(np.array([x]))[0])
+        kernel.adapt(z)
+        text.adapt(z)
+    assert kernel.resonance == pytest.approx(690.0, rel=0.02)
 
 
 @pytest.mark.parametrize(("number", "before"), [(4, 159.0), (162, 33.0)])

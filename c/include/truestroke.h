@@ -511,6 +511,10 @@ TS_API bool ts_resonance_tick(ts_resonance *r, ts_real tick, const ts_real *x, t
 /* Whether there were enough windows: two, or one that is as sure as any can be. */
 TS_API bool ts_resonance_suffices(const ts_resonance *r);
 
+/* Of the window that has just ended: mean square of what inertia and damping explain of the measurement beside the plays, in the
+ * window's band, um^2. */
+TS_API ts_real ts_resonance_ringing(const ts_resonance *r);
+
 /* ---- Controller (Sec. 3, Fig. 5) ----------------------------------------------------------------------------------- */
 
 typedef enum { TS_LAW_RLS, TS_LAW_KALMAN } ts_law;

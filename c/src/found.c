@@ -16,7 +16,8 @@
 #define DRIVEN ((ts_real)0.5)     /* share of the plays: what our voltage does not drive is of another axis, or comes from outside */
 #define ANOTHER ((ts_real)0.07)   /* of the first resonance of the settings: one that differs by so much is that of another stage */
 #define SLOWEST ((ts_real)0.025)  /* of the resonance: a slower motion does not need it */
-#define NOISY 9                   /* times the variance of a measurement: nor does a smaller error */
+#define NOISY 9                   /* times the variance of a measurement: nor does a smaller error, */
+#define SHAKEN ((ts_real)1e-3)    /* of the motion's range: unless the stage rings by so much */
 #define AGREES ((ts_real)0.05)    /* with the resonance that the estimate knows: its lag is that of this stage, and the last window is one of it */
 #define TURNS ((ts_real)0.2)      /* radians at the resonance: a smaller lag is a matter of the weights */
 #define LATE (2 * TS_MOST_DEAD)   /* ticks before a measurement: its stage knows no earlier strains */
@@ -278,7 +279,7 @@ bool ts_stage_is_shown(ts_controller *c)
 }
 
 /* Whether the stage is put into the model, or its resonance there replaced: the motion is fast enough that it matters, and the error
- * larger than noise. */
+ * larger than noise; or it rings. */
 static bool matters(const ts_controller *c)
 {
     const ts_sensor *s = &c->settings->sensor;
@@ -302,7 +303,9 @@ static bool matters(const ts_controller *c)
     ts_real sigma = c->law.kalman.sigma, noise = sigma < c->resolution ? c->resolution : sigma; /* ringing is what is looked for */
     ts_real least = NOISY * noise * noise, large = DOUBT * ts_guard_range(&c->guard, &c->settings->guard);
     if (c->stage.failed && c->guard.kept && least < large * large) least = large * large; /* one that was found was worse than none */
-    return r->motion > SLOWEST * r->known && r->power > least;
+    if (r->motion > SLOWEST * r->known && r->power > least) return true;
+    ts_real rings = SHAKEN * ts_guard_range(&c->guard, &c->settings->guard);
+    return !c->stage.failed && ts_resonance_ringing(r) > rings * rings;
 }
 
 /* The last strains as the model has them when lag and inertia are in the stage: weights that were in their place would be a step of the

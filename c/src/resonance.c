@@ -143,6 +143,15 @@ static void sums_of(const ts_resonance *r, ts_real (*N)[TS_RESONANCE])
     for (int i = 0; i <= LOW; i++) memcpy(N[i], r->sum + TS_PACKED(i), sizeof(ts_real) * (size_t)(i + 1));
 }
 
+/* The same, where the plays are known as well as before. */
+static void sums_with_ridge(const ts_resonance *r, ts_real (*N)[TS_RESONANCE])
+{
+    ts_real largest = 0;
+    sums_of(r, N);
+    for (int i = 0; i < TS_SHOWN; i++) largest = N[i][i] > largest ? N[i][i] : largest;
+    for (int i = 0; i < TS_SHOWN; i++) N[i][i] += RIDGE * largest;
+}
+
 /* How much smaller `left` is than the residual of an equation without plays, that of ringing alone. */
 static ts_real share_of_plays(const ts_resonance *r, ts_real left)
 {
@@ -192,10 +201,8 @@ static ts_real sensitivity_of(ts_real (*N)[TS_RESONANCE], ts_real ratio)
 /* The resonance that a window shows, cycles per tick, its relative variance and sensitivity; 0: it shows none. */
 static ts_real shown_resonance(ts_resonance *r, ts_real lowest, ts_real *variance, ts_real *lag, ts_real *sensitivity)
 {
-    ts_real N[TS_RESONANCE][TS_RESONANCE], fewer[TS_RESONANCE][TS_RESONANCE], largest = 0, c[3], derivative[3] = {0};
-    sums_of(r, N);
-    for (int i = 0; i < TS_SHOWN; i++) largest = N[i][i] > largest ? N[i][i] : largest;
-    for (int i = 0; i < TS_SHOWN; i++) N[i][i] += RIDGE * largest;
+    ts_real N[TS_RESONANCE][TS_RESONANCE], fewer[TS_RESONANCE][TS_RESONANCE], c[3], derivative[3] = {0};
+    sums_with_ridge(r, N);
     if (!eliminate(N, 0, COARSE)) return 0;
     for (int i = BAND; i <= LOW; i++) memcpy(fewer[i] + BAND, N[i] + BAND, sizeof(ts_real) * (size_t)(i + 1 - BAND));
     if (!eliminate(N, COARSE, BAND)) return 0;
@@ -256,6 +263,15 @@ static bool end_band(ts_resonance *r, ts_real tick, ts_real range)
     r->ticks = 0;
     if (near) know(r, f0, variance, lag);
     return near;
+}
+
+ts_real ts_resonance_ringing(const ts_resonance *r)
+{
+    ts_real N[TS_RESONANCE][TS_RESONANCE];
+    sums_with_ridge(r, N);
+    if (!eliminate(N, 0, BAND)) return 0;
+    ts_real plays = N[LOW][LOW];
+    return eliminate(N, BAND, LOW) ? (plays - N[LOW][LOW]) / (ts_real)r->window : 0;
 }
 
 bool ts_resonance_suffices(const ts_resonance *r)

@@ -175,6 +175,15 @@ class ResonanceEstimator:
         """Whether there were enough windows: two, or one that is as sure as any can be."""
         return self.windows > 1 or (self.windows > 0 and self.variance < 2 * LEAST * LEAST)
 
+    @property
+    def ringing(self) -> float:
+        """What inertia and damping explain beside the plays, in the band of the window that has just ended, um^2."""
+        N = self._sums()
+        if not _eliminate(N, 0, BAND):
+            return 0.0
+        plays = N[LOW][LOW]
+        return (plays - N[LOW][LOW]) / self._window if _eliminate(N, BAND, LOW) else 0.0
+
     def update(
         self,
         tick: float,
@@ -252,12 +261,17 @@ class ResonanceEstimator:
             self._know(f0, variance, lag)
         return near
 
-    def _shown(self, lowest: float) -> tuple[float, float, float, float]:
-        """The resonance of a window, cycles per tick, its relative variance, lag and sensitivity; 0: it shows none."""
-        N, nothing = self._sum.tolist(), (0.0, 0.0, 0.0, 0.0)
+    def _sums(self) -> list[list[float]]:
+        """Those of the window, where the plays are known as well as before."""
+        N: list[list[float]] = self._sum.tolist()
         largest = max(0.0, *[N[i][i] for i in range(SHOWN)])
         for i in range(SHOWN):
             N[i][i] += RIDGE * largest
+        return N
+
+    def _shown(self, lowest: float) -> tuple[float, float, float, float]:
+        """The resonance of a window, cycles per tick, its relative variance, lag and sensitivity; 0: it shows none."""
+        N, nothing = self._sums(), (0.0, 0.0, 0.0, 0.0)
         if not _eliminate(N, 0, COARSE):
             return nothing
         fewer = [list(row) for row in N]

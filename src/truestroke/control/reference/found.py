@@ -24,7 +24,8 @@ ELSEWHERE = 0.03  # of the first resonance of the settings: one that differs by 
 DRIVEN = 0.5  # share of the plays: what our voltage does not drive is of another axis, or comes from outside
 ANOTHER = 0.07  # of their first resonance: one that differs by so much is that of another stage
 SLOWEST = 0.025  # of the resonance: a slower motion does not need it
-NOISY = 9  # times the variance of a measurement: nor does a smaller error
+NOISY = 9  # times the variance of a measurement: nor does a smaller error,
+SHAKEN = 1e-3  # of the range of the motion: unless the stage rings by so much
 AGREES = 0.05  # with the resonance that the estimate knows: its lag is that of this stage, and the last window is of it
 TURNS = 0.2  # radians at the resonance: a smaller lag is a matter of the weights
 MOST_DEAD = 8  # ticks of lag and dead time: TS_MOST_DEAD of the kernel
@@ -211,7 +212,7 @@ def give_up_stage(c: State, law: FilteringLaw) -> None:
 def matters(c: State) -> bool:
     """Whether the stage is put into the model, or its resonance there replaced.
 
-    The motion is then fast enough, and the error larger than noise.
+    The motion is then fast enough, and the error larger than noise; or it rings.
     """
     law, known, stage = c.filtering, c.estimator, c.stage
     if law is None or c.members["resonance"] > 0 or c.held or stage.rest > 0:
@@ -238,7 +239,10 @@ def matters(c: State) -> bool:
     least, large = NOISY * noise * noise, DOUBT * c.kept.guard.range
     if stage.failed and c.kept.guard.kept:  # one that was found was worse than none
         least = max(least, large * large)
-    return known.motion > SLOWEST * known.known and known.power > least
+    if known.motion > SLOWEST * known.known and known.power > least:
+        return True
+    rings = SHAKEN * c.kept.guard.range
+    return not stage.failed and known.ringing > rings * rings
 
 
 def forget_lag(c: State, law: FilteringLaw) -> None:
