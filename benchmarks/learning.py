@@ -9,6 +9,9 @@ batch in one run, with half a second of lost measurements where a pass is missed
 alone. With --steps it is the processor time of a tick of a `RepetitiveController` around a constant gain: the least of
 three runs of the same ticks, for periods of 250, 1000 and 8192 ticks at 10 kHz. With --gain 0.95 the gain of the stage
 changes after eight passes, and those after it count.
+
+With --online --wander 1 the period wanders by 1 % within five seconds. --turn is the share of the period that the
+turns of the lines take; with --turn stage they are those that the known dynamics ask for.
 """
 
 from __future__ import annotations
@@ -19,6 +22,7 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.interpolate import CubicHermiteSpline
 
 from truestroke import AdaptiveController, Dynamics, IterativeLearning, Mode, RepetitiveController, run, trajectories
 from truestroke.control.baselines import ConstantGain
@@ -29,6 +33,7 @@ FREQUENCIES = {400.0: (10.0, 20.0, 50.0, 100.0), 900.0: (10.0, 20.0, 50.0, 100.0
 KINDS = "plays", "preisach", "bouc-wen"
 BEFORE = 8  # passes before the gain changes
 MISSED = 2  # the pass that is missed, where one is
+WANDERS, FINE = 5.0, 20  # s; samples of a tick that a wandering motion is interpolated from
 
 
 @dataclass(frozen=True)
@@ -61,10 +66,28 @@ def case(number: int) -> Case:
     )
 
 
-def raster(c: Case, duration: float) -> trajectories.Trajectory:
+def raster(c: Case, duration: float, turn: float | Dynamics = 0.2, fine: int = 1) -> trajectories.Trajectory:
     """The motion, of so many seconds."""
-    asked = {"frequency": c.frequency, "peak_to_peak": SPAN, "offset": 12.0, "turn": 0.2}
-    return trajectories.raster(duration=duration, sample_rate=FS, **asked)
+    asked = {"frequency": c.frequency, "peak_to_peak": SPAN, "offset": 12.0, "turn": turn}
+    return trajectories.raster(duration=duration, sample_rate=fine * FS, **asked)
+
+
+def wandering(c: Case, duration: float, turn: float | Dynamics, share: float) -> trajectories.Trajectory:
+    """The same, whose period wanders by this share of it."""
+    wave = raster(c, duration + 2 * share * WANDERS, turn, FINE)
+    own, w = np.arange(wave.position.size) / (FINE * FS), 2 * np.pi / WANDERS
+    t = np.arange(round(duration * FS)) / FS
+    at, rate, change = t + share * (1 - np.cos(w * t)) / w, 1 + share * np.sin(w * t), share * w * np.cos(w * t)
+    velocity = CubicHermiteSpline(own, wave.velocity, wave.acceleration)
+    return trajectories.Trajectory(
+        wave.name,
+        FS,
+        CubicHermiteSpline(own, wave.position, wave.velocity)(at),
+        velocity(at) * rate,
+        wave.settings,
+        velocity(at, 1) * rate**2 + velocity(at) * change,
+        wave.flat[np.floor(at * FINE * FS).astype(int)],
+    )
 
 
 def stage_of(c: Case, dropouts: tuple[tuple[int, int], ...] = ()) -> tuple[StagePlant, Dynamics]:
@@ -75,10 +98,11 @@ def stage_of(c: Case, dropouts: tuple[tuple[int, int], ...] = ()) -> tuple[Stage
     return StagePlant(settings, seed=c.seed, dropouts=dropouts), known
 
 
-def online(c: Case, batches: int) -> list[float]:
+def online(c: Case, batches: int, wander: float, turn: str | float) -> list[float]:
     """Of each batch of one run, %; a missing one as the last."""
     stage, known = stage_of(c, ((25_000, 30_000),) if c.missed else ())
-    wave = raster(c, 2.0 + 0.65 * (batches + 4 + 2 * c.missed))
+    duration, turns = 2.0 + 0.65 * (batches + 4 + 2 * c.missed), known if turn == "stage" else float(turn)
+    wave = wandering(c, duration, turns, wander) if wander > 0 else raster(c, duration, turns)
     inside = AdaptiveController(sample_rate=FS, stroke=30.0, voltage_limits=LIMITS, dynamics=known)
     controller = RepetitiveController(inside, 1 / c.frequency)
     done = run(wave, controller, stage)
@@ -146,6 +170,8 @@ def main() -> None:
         "--gain", type=float, default=1.0, help="of the stage from the ninth pass on, which is pass 0 then"
     )
     parser.add_argument("--online", action="store_true", help="one run with a RepetitiveController")
+    parser.add_argument("--wander", type=float, default=0.0, help="on line: %% by which the period wanders")
+    parser.add_argument("--turn", default=0.2, help="on line: share of the period, or: stage")
     parser.add_argument("--steps", action="store_true", help="processor time of the ticks in which it learns")
     asked = parser.parse_args()
     if asked.steps:
@@ -159,7 +185,7 @@ def main() -> None:
         return
     cases = [case(asked.first + 2 * k) for k in range(asked.stages)]
     if asked.online:
-        table = np.array([online(c, asked.passes) for c in cases])
+        table = np.array([online(c, asked.passes, asked.wander / 100, asked.turn) for c in cases])
     else:
         table = np.array([errors(c, asked.passes, asked.gain) for c in cases])
     print("pass    median   95 %    worst   above the first   above 0.05 %")
