@@ -204,6 +204,27 @@ def test_an_error_that_grows_is_said_though_it_is_small():
     assert judged(made(noisy(wave()) + 0.3 * grows))[0] == "good"
 
 
+def test_an_error_above_the_resonance_that_was_found_is_said_sooner():
+    """The law spoils its learning there; noise, a steady ringing, and an error below the resonance are other things."""
+    time, found = np.arange(8000) / RATE, {"resonance": 100.0}
+    rises = np.interp(time, [0.0, 1.0, 4.0], [0.01, 0.01, 0.05])
+    above, below = (rises * np.sin(2 * np.pi * f * time) for f in (260.0, 60.0))
+    level, text = judged(made(noisy(wave()) + above, metadata=found))
+    assert level == "doubtful"
+    assert "at 260 Hz" in text
+    assert "found at 100 Hz: a second mode" in text
+    for error, metadata in (
+        (above, {}),
+        (below, found),
+        (above[::-1], found),
+        (0.03 * np.sin(2 * np.pi * 260.0 * time), found),
+        (above, found | {"controller": {"settings": {"dynamics": {"modes": []}}}}),
+    ):
+        assert judged(made(noisy(wave()) + error, metadata=metadata))[0] == "good"
+    large = made(noisy(wave()) + 8 * above, metadata=found)
+    assert "no faster" not in judged(large)[1]
+
+
 # ---- How it ended --------------------------------------------------------------------------------------------------
 
 

@@ -26,6 +26,9 @@ SURE = 4.0  # standard deviations
 HIDDEN = 0.2  # of the peak-to-peak: with more noise, and few samples, a motion is not seen
 GREW, MATTERS = 3.0, 0.25  # times the error that was; of what is tolerable: an error that grew by so much, to so much
 AS_FAST = 1.2  # times the speed that was, at most: a motion that becomes faster has a larger error anyway
+BEYOND = (1.5, 4.0)  # times the resonance that was found: where a second mode is
+RISES, SHOWS = 1.5, 0.025  # times an error there that was; of what is tolerable: one that rises by so much, to so much
+PERIODS, LONGEST = 100, 2**18  # of that resonance at least, ticks at most, in which the error there is taken
 COLOURED = 100  # samples of an error that count as one
 ELSEWHERE = 0.01  # of the resonance that was given: one that differs by so much has taken its place
 BY_A_PERSON = ("interrupted", "terminated", "hangup")
@@ -386,8 +389,42 @@ def _unsettled(run: _Run) -> Finding | None:
     return None
 
 
+def _beyond_resonance(run: _Run) -> Finding | None:
+    """An error that rises up to the last quarter of the run, a third of it faster than the resonance that was found."""
+    known, rate = _known_resonance(run.recording), run.metrics.ticks / run.metrics.duration_s
+    ticks = min(run.error.size // 4, LONGEST)
+    if not known or settings(run.recording, "controller").get("dynamics") or ticks * known < PERIODS * rate:
+        return None
+    error, desired = (_quarters(x, ticks) for x in (np.nan_to_num(run.error), run.recording["desired"]))
+    frequencies, window = np.fft.rfftfreq(ticks, 1 / rate), np.hanning(ticks)
+    power = 2 / (ticks * np.sum(window**2)) * np.abs(np.fft.rfft(error * window)) ** 2
+    above = (frequencies > BEYOND[0] * known) & (frequencies < BEYOND[1] * known)
+    if not above.any():
+        return None
+    parts, speeds = np.sqrt(power[:, above].sum(axis=1)), np.std(np.diff(desired), axis=1)
+    same = speeds[:3] * AS_FAST >= speeds[3]
+    before = float(parts[:3][same].min()) if same.any() else float(parts[3])
+    much = 3 * power[3, above].sum() > power[3].sum()
+    if not much or parts[3] <= max(RISES * before, SHOWS * run.tolerable):
+        return None
+    highest = frequencies[above][np.argmax(power[3, above])]
+    return "doubtful", (
+        f"The error at {highest:.0f} Hz and about it grew from {before:.2g} to {parts[3]:.2g} um rms, above the "
+        f"resonance that was found at {known:.0f} Hz: a second mode spoils the learning. Measure it, `truestroke "
+        "bode`, or hold the adaptation while the error is small."
+    )
+
+
+def _quarters(values: FloatArray, ticks: int) -> FloatArray:
+    """The end of each quarter, so many ticks long."""
+    quarter = values.size // 4
+    return values[values.size - 4 * quarter :].reshape(4, quarter)[:, quarter - ticks :]
+
+
 def _grew(run: _Run) -> Finding | None:
     """An error that grows while the motion stays as it is: the median of the last quarter of the run, beside others."""
+    if _beyond_resonance(run):
+        return None  # which says more
     windows = run.windows()
     quarter = windows.size // 4
     if quarter < 2:
@@ -414,6 +451,7 @@ CHECKS = (
     _another_stage,
     _restored,
     _unsettled,
+    _beyond_resonance,
     _grew,
     _slewed,
     _alarmed,
