@@ -19,8 +19,7 @@ CREEP = 0.06  # at most: the exponent of its power law
 CANDIDATES = 400  # frequencies at which another mode is looked for
 NEEDED = 5  # numbers of a mode: frequency, damping, share and two of its transient
 FLAT = 0.3  # damping: a mode with more is no resonance
-FAINT = 0.05  # of the static response: a mode whose peak is less is none
-VAGUE = 0.02  # relative: standard deviation of a frequency beyond which a mode is not known
+VAGUE = 0.02, 0.4  # relative: standard deviations of frequency and damping beyond which a mode is not known
 ASIDE = 1.3  # times the first frequency: the least second one, where one mode alone does not fit
 EVALUATIONS = 30  # steps of the search, at most
 
@@ -103,9 +102,9 @@ class Fit:
 
     def resonates(self, i: int) -> bool:
         """Whether mode i is one, and known."""
-        peak = abs(self.share[i]) / (2 * self.damping[i])
-        known = self.deviations[f"frequency[{i}]"] < VAGUE * self.frequency[i]
-        return bool(self.damping[i] < FLAT and peak > FAINT and known)
+        numbers = ("frequency", self.frequency), ("damping", self.damping)
+        known = [self.deviations[f"{n}[{i}]"] < v * x[i] for (n, x), v in zip(numbers, VAGUE, strict=True)]
+        return bool(self.damping[i] < FLAT and all(known))
 
 
 def pulse_transfer(pole: complex, delay: float, z: ComplexArray) -> ComplexArray:
