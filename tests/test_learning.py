@@ -473,6 +473,15 @@ def test_a_stage_whose_resonance_is_not_seen_is_taken_for_a_spring(stage, most):
     assert found.spring in learning_page(found).lead
 
 
+def test_what_begins_is_reported():
+    """The measurement takes seconds, in which nothing else is shown."""
+    wave, begun = trajectories.raster(frequency=50.0, peak_to_peak=20.0, duration=1.0, sample_rate=10_000.0), []
+    limits = {"voltage_limits": (-0.6, 3.6), "slew": 20_000.0}
+    found = truestroke.learn(StagePlant(), wave, stroke=35.0, **limits, passes=2, averaged=0.1, doing=begun.append)
+    measuring = [f"dynamics: {part}" for part in ("bias", "excitation", "fitting")]
+    assert begun == [*measuring, *[f"pass {one.number}" for one in found.passes]]
+
+
 def test_a_motion_beyond_the_spring_is_refused():
     plant = StagePlant(StageSettings(sample_rate=2000.0, resonances=(3000.0,), amplifier_bandwidth=20.0))
     wave = trajectories.raster(frequency=50.0, peak_to_peak=20.0, duration=1.0, sample_rate=2000.0)

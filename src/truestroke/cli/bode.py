@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -82,13 +81,7 @@ def _actuator(config: Path | None) -> Iterator[tuple[truestroke.Actuator, dict[s
 
 def _measured(actuator: truestroke.Actuator, limits: dict[str, Any], options: dict[str, Any], as_json: bool) -> Bode:
     given = {name: value for name, value in options.items() if value is not None or name not in SENSOR}
-    return truestroke.measure_bode(actuator, **{**limits, **given}, report=_reporter(as_json))
-
-
-def _reporter(as_json: bool) -> Callable[[str], None]:
-    """What is being done, on a terminal."""
-    shown = sys.stderr.isatty() and not as_json
-    return lambda what: click.echo(f"\r\x1b[K{what} ...\r", nl=False, err=True) if shown else None
+    return truestroke.measure_bode(actuator, **{**limits, **given}, report=common.activity(as_json))
 
 
 def _failed(reason: str, as_json: bool) -> int:

@@ -458,6 +458,12 @@ def print_files(**files: Path | None) -> None:
             click.echo(f"{name:10} {path}{os.sep if path.is_dir() else ''}")
 
 
+def activity(as_json: bool) -> Callable[[str], None]:
+    """Shows what is being done, in one line of a terminal that the next output takes."""
+    shown = sys.stderr.isatty() and not as_json
+    return lambda what: click.echo(f"\r\x1b[K{what} ...\r", nl=False, err=True) if shown else None
+
+
 def print_simulated(config: Path | None, what: str = "stage") -> None:
     """A line where nothing but a simulation was driven: its files are of no use for another one."""
     if config is None:

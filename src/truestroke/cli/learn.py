@@ -120,7 +120,7 @@ def _learned(driver: Any, wave: truestroke.Trajectory, given: dict[str, Any], ta
             _expect(driver, found, given)
 
     try:
-        return truestroke.learn(driver, wave, **given, report=report)
+        return truestroke.learn(driver, wave, **given, report=report, doing=common.activity(as_json))
     except truestroke.TruestrokeError as error:
         if not best:
             raise

@@ -55,6 +55,7 @@ def learn(
     settle: float = SETTLE,
     averaged: float = AVERAGED,
     report: Callable[[Learned], None] = lambda _: None,
+    doing: Callable[[str], None] = lambda _: None,
 ) -> Learned:
     """Learn the voltage of a motion that repeats, pass by pass, until the error is that of the noise.
 
@@ -95,6 +96,8 @@ def learn(
         Duration of the periods that do not count, and of those that do, at least, s.
     report : callable, optional
         Called after each pass with what was learned so far, from the first one that was measured.
+    doing : callable, optional
+        Called with what begins: a part of the measurement of the dynamics, as of `measure_bode`, or a pass.
 
     Returns
     -------
@@ -136,7 +139,7 @@ def learn(
         checks.within(name, seconds, 0.0, 3600.0, "s")
     spring = ""
     if measures:
-        dynamics, bandwidth, spring = _measured(driver, limits, rate)
+        dynamics, bandwidth, spring = _measured(driver, limits, rate, doing)
     try:
         learning = IterativeLearning(
             motion,
@@ -155,7 +158,8 @@ def learn(
     play = _player(driver, rate, limits)
     periods = _periods(learning, settle, PERIODS[0]), _periods(learning, averaged, PERIODS[1])
     found, seen = Learned(passes=(), learning=learning, spring=spring), False
-    for _ in range(most):
+    for number in range(most):
+        doing(f"pass {number}")
         volts = np.tile(learning.volts, sum(periods))
         measured = play(volts)[periods[0] * learning.samples :]
         zero = found.zero if seen else _zero(learning, measured, stroke)
@@ -219,10 +223,12 @@ def _refuse_reach(motion: Trajectory | npt.ArrayLike, gain: float, limits: Limit
         raise SettingError("motion", f"{position.min():.4g} to {position.max():.4g}", bound, "um")
 
 
-def _measured(driver: Driver | Actuator, limits: Limits, rate: float) -> tuple[Dynamics | None, float | None, str]:
+def _measured(
+    driver: Driver | Actuator, limits: Limits, rate: float, doing: Callable[[str], None]
+) -> tuple[Dynamics | None, float | None, str]:
     """The dynamics; where none can be used, up to which frequency, Hz, the stage is a spring, and why."""
     about: dict[str, Any] = {"voltage_limits": limits.voltage_limits, "safe_voltage": limits.safe_voltage}
-    about["slew_limit"] = limits.slew
+    about |= {"slew_limit": limits.slew, "report": lambda what: doing(f"dynamics: {what}")}
     try:
         if _is_driver(driver):
             with OneAxis(driver, **dataclasses.asdict(limits)) as axis:
