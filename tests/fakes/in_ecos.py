@@ -4,6 +4,7 @@ The two outputs of a tick go to the inputs of the next: Ecos steps all FMUs at t
 """
 
 import json
+import os
 import sys
 from typing import Any
 
@@ -34,3 +35,5 @@ def stepped(simulation: Any, k: int) -> list[float]:
 
 
 main(*sys.argv[1:])
+sys.stdout.flush()
+os._exit(0)  # Ecos and its threads end in any order: one in a hundred ends of a busy computer is a fault of memory
