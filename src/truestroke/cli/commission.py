@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -63,7 +62,7 @@ def _measured(axis: OneAxis, table: AxisTable, yes: bool, as_json: bool) -> Find
     from truestroke.runtime.commissioning.findings import small_rows
     from truestroke.runtime.commissioning.procedure import STEPS
 
-    report = _reporter(as_json)
+    report = common.activity(as_json)
     low, high = axis.voltage_limits
     first = STEPS[-1] * (high - low)
     _agree(
@@ -88,7 +87,7 @@ def _looped(axis: OneAxis, yes: bool, as_json: bool) -> int:
 
     low, high = axis.voltage_limits
     _agree(f"Is the output wired to the input, and no actuator connected? Steps of {STEP * (high - low):.2g} V", yes)
-    found = commissioning.loop_back(axis, _reporter(as_json))
+    found = commissioning.loop_back(axis, common.activity(as_json))
     if as_json:
         common.print_json({**Verdict("good", ()).as_dict(), **found.as_dict()})
         return ExitCode.OK
@@ -112,12 +111,6 @@ def _stroke(found: Findings, table: AxisTable, yes: bool) -> float | None:
 def _agree(question: str, yes: bool) -> None:
     if not yes:
         click.confirm(question, abort=True, err=True)
-
-
-def _reporter(as_json: bool) -> Callable[[str], None]:
-    """What is being done, on a terminal."""
-    shown = sys.stderr.isatty() and not as_json
-    return lambda what: click.echo(f"\r\x1b[K{what} ...\r", nl=False, err=True) if shown else None
 
 
 def _print_rows(rows: list[list[str]]) -> None:

@@ -423,8 +423,8 @@ def _quarters(values: FloatArray, ticks: int) -> FloatArray:
 
 def _grew(run: _Run) -> Finding | None:
     """An error that grows while the motion stays as it is: the median of the last quarter of the run, beside others."""
-    if _beyond_resonance(run):
-        return None  # which says more
+    if beyond := _beyond_resonance(run):
+        return beyond  # which says more
     windows = run.windows()
     quarter = windows.size // 4
     if quarter < 2:
@@ -451,7 +451,6 @@ CHECKS = (
     _another_stage,
     _restored,
     _unsettled,
-    _beyond_resonance,
     _grew,
     _slewed,
     _alarmed,
