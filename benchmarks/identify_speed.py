@@ -18,9 +18,9 @@ from threadpoolctl import threadpool_limits
 
 from truestroke import trajectories
 from truestroke.control import stage
-from truestroke.control.actuator import respond
 from truestroke.identification import identify
 from truestroke.model.dynamics import Dynamics, Mode
+from truestroke.model.sampled import respond
 from truestroke.plant import RealisticPlant
 
 EXCITED = "three modes, excited"

@@ -8,10 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from truestroke import AdaptiveController, Flags, metrics, trajectories
+from truestroke import AdaptiveController, Flags, Timing, metrics, run, trajectories
 from truestroke.base.flags import BIT, BY_ADAPT, FLAGS
 from truestroke.report import words
-from truestroke.runtime.loop import Timing, run
 from truestroke.signals.channels import QUANTITIES
 
 DOCS = Path(__file__).parents[1] / "docs"

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from truestroke import AdaptiveController, metrics, trajectories
+from truestroke import AdaptiveController, Timing, metrics, run, trajectories
 from truestroke.base.flags import BIT
 from truestroke.base.verdict import Verdict
 from truestroke.cli import main
@@ -22,7 +22,6 @@ from truestroke.cli.realtime import code_of
 from truestroke.control.baselines import ConstantGain
 from truestroke.plant import Change, PlantSettings, RealisticPlant
 from truestroke.runtime.drivers import SimulatedDriver, SimulatedSettings
-from truestroke.runtime.loop import Timing, run
 from truestroke.runtime.realtime import Axis, RealtimeSettings, config, run_realtime
 from truestroke.runtime.realtime.ending import Cause
 from truestroke.signals import judgement

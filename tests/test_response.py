@@ -9,13 +9,13 @@ import pytest
 from scipy.signal import lsim
 
 from truestroke.control import stage
-from truestroke.control.actuator import respond
 from truestroke.identification import ActuatorModel, load_model, save_model
 from truestroke.identification.fitting.procedure import data_of
 from truestroke.identification.fitting.regression import Structure
 from truestroke.identification.fitting.response import _excerpt, find_response
 from truestroke.identification.records.series import series
 from truestroke.model.dynamics import Dynamics, Mode
+from truestroke.model.sampled import respond
 
 SPEC = importlib.util.spec_from_file_location(
     "time_constants", Path(__file__).parents[1] / "benchmarks/time_constants.py"

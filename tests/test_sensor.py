@@ -26,7 +26,7 @@ def test_what_the_sensor_shows_is_a_simulated_lag(delay, bandwidth) -> None:
         _, out, _ = signal.lsim(system, late, time, X0=u[0] / system.C[0], interp=False)
         late = (out + np.append(out[1:], out[-1])) / 2
     wanted = late.reshape(ticks, fine).mean(axis=1)
-    model = sensor.Sensor(sensor.members(ControllerSettings(**AXIS, sensor_delay=delay, sensor_bandwidth=bandwidth)))
+    model = sensor.Sensor(sensor.members(RATE, delay, bandwidth))
     shown = np.array([model.sensed(np.array([value]))[0] for value in u])
     assert model.ticks == int(delay * RATE)
     late_by = ticks - model.ticks

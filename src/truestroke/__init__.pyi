@@ -65,10 +65,10 @@ from truestroke.runtime.drivers.protocol import Driver as Driver
 from truestroke.runtime.drivers.protocol import DriverError as DriverError
 from truestroke.runtime.learning import learn as learn
 from truestroke.runtime.loop import Actuator as Actuator
-from truestroke.runtime.loop import RunInterrupted as RunInterrupted
 from truestroke.runtime.loop import run as run
 from truestroke.runtime.realtime.process import RealtimeError as RealtimeError
 from truestroke.runtime.realtime.watched import StoppedError as StoppedError
+from truestroke.runtime.run_metadata import RunInterrupted as RunInterrupted
 from truestroke.signals import metrics as metrics
 from truestroke.signals import scans as scans
 from truestroke.signals import trajectories as trajectories

@@ -16,7 +16,7 @@ from truestroke.base import checks
 from truestroke.base.checks import SettingError
 from truestroke.base.display import Displayed, Rows, quantity
 from truestroke.base.typing import FloatArray
-from truestroke.control import inverse, stage
+from truestroke.control import interval, inverse, stage
 from truestroke.control.explored import Explored
 from truestroke.control.settings import UNLIMITED, ControllerSettings, kernel_settings
 from truestroke.control.spans import Beyond, spans
@@ -26,8 +26,8 @@ from truestroke.model.dynamics import EXPECTED as DYNAMICS
 from truestroke.model.dynamics import Dynamics
 from truestroke.model.layout import Layout
 from truestroke.model.models import Motion, known_terms
+from truestroke.model.sampled import ahead, central_difference, creep_states, play_sum, respond
 
-VELOCITY_SPAN = 0.1e-3  # s: half of the span of a central difference, at least one sample
 NEWTON_STEPS = 8  # at most
 CONVERGED = 1e-13  # of the stroke: a step that is smaller is the last
 SLOPES = 0.4, 4.0  # of the straight line's slope: limits of the partial slopes; wider by default, where it is not known
@@ -423,8 +423,6 @@ class ActuatorModel(Displayed, Layout):
         >>> model.interval([0.0, 1.0], 1.0).round(4), model.interval([0.0, 1.0], 1.0, after=1800.0).round(4)
         (array([0.0588, 0.0637]), array([1.0411, 1.0414]))
         """
-        from truestroke.control import interval
-
         x = checks.finite_array("volts", volts, "V")
         fs = checks.positive("sample_rate", sample_rate, "Hz")
         since = checks.within("after", after, 0.0, 1e12, "s") + np.arange(x.size) / fs
@@ -560,91 +558,3 @@ def displacement(
 def _sensor_lag(sensor_delay: float | None = None, sensor_bandwidth: float | None = None, **_: Any) -> float:
     """By how much a sensor is late at low frequencies, s, of its settings; the kernel has it apart."""
     return (sensor_delay or 0.0) + (1 / (2 * math.pi * sensor_bandwidth) if sensor_bandwidth else 0.0)
-
-
-# ---- What the terms are made of ------------------------------------------------------------------------------------
-
-
-def play_sum(
-    x: FloatArray, rate: float | FloatArray, a: FloatArray, b: FloatArray, thresholds: tuple[float, ...]
-) -> FloatArray:
-    """(a + rate b).H_r[x] along x, natively; the plays come from rest at 0 V."""
-    sums = np.empty_like(x)
-    rates = np.ascontiguousarray(np.broadcast_to(rate, x.shape), dtype=np.float64)
-    _kernel.play_sum(np.ascontiguousarray(x), rates, a, b, np.array(thresholds), np.zeros(len(thresholds)), sums)
-    return sums
-
-
-def creep_states(x: FloatArray, times: tuple[float, ...], sample_rate: float) -> list[FloatArray]:
-    """First-order states of the voltage of the tick before, which rested at the first one; V."""
-    from scipy.signal import lfilter
-
-    before = np.concatenate([x[:1], x[:-1]])
-    return [x[0] + lfilter([c], [1, c - 1], before - x[0]) for c in creep_shares(times, sample_rate)]
-
-
-def creep_shares(times: tuple[float, ...], sample_rate: float) -> list[float]:
-    """By which part of its distance to the voltage each creep state moves in a sample."""
-    return [-math.expm1(-1 / (tau * sample_rate)) for tau in times]
-
-
-def respond(y: FloatArray, delay: float, time_constant: float) -> FloatArray:
-    """What a dead time and a first-order lag, both in samples, make of straight lines between samples of y.
-
-    Before the first sample it was as the first. y of shape (samples,) or (samples, k).
-
-    Examples
-    --------
-    >>> respond(np.array([0.0, 2.0, 2.0, 2.0]), 1.5, 0.0)
-    array([0., 0., 1., 2.])
-    >>> respond(np.array([0.0, 1.0, 2.0, 3.0, 4.0, 5.0]), 0.0, 0.2).round(3)  # a ramp is late by the time constant
-    array([0.   , 0.801, 1.8  , 2.8  , 3.8  , 4.8  ])
-    """
-    if y.size == 0 or (delay == 0.0 and time_constant == 0.0):
-        return y
-    above = y - y[:1]
-    if time_constant > 0.0:
-        from scipy.signal import lfilter
-
-        last, before, kept = lag_coefficients(time_constant)
-        above = lfilter([last, before], [1.0, -kept], above, axis=0)
-    whole = min(int(delay), len(y))
-    part = delay - int(delay)
-    late = np.concatenate([np.zeros((whole + 1, *y.shape[1:])), above])
-    return np.asarray(y[:1] + (1 - part) * late[1 : len(y) + 1] + part * late[: len(y)])
-
-
-def lag_coefficients(time_constant: float) -> tuple[float, float, float]:
-    """b0, b1, p of z[k] = b0 y[k] + b1 y[k-1] + p z[k-1]: a lag of `time_constant` samples of lines between samples."""
-    if time_constant == 0.0:
-        return 1.0, 0.0, 0.0
-    gone = -math.expm1(-1 / time_constant)
-    return 1 - gone * time_constant, gone * (1 + time_constant) - 1, 1 - gone
-
-
-def ahead(x: FloatArray, samples: int, last: FloatArray) -> FloatArray:
-    """x some samples later; after its end it is `last`."""
-    return np.concatenate([x[samples:], np.repeat(last, min(samples, x.size))])
-
-
-def central_difference(z: FloatArray, sample_rate: float) -> FloatArray:
-    """Velocity, um/s, over a span of 0.2 ms or of two samples."""
-    half = velocity_span(sample_rate)
-    moved = np.empty(z.shape)
-    moved[half : z.size - half] = (z[2 * half :] - z[: max(z.size - 2 * half, 0)]) * sample_rate / (2 * half)
-    k = np.append(np.arange(min(half, z.size)), np.arange(max(z.size - half, half), z.size))  # near the ends
-    after, before = np.minimum(k + half, z.size - 1), np.maximum(k - half, 0)
-    moved[k] = (z[after] - z[before]) * sample_rate / np.maximum(after - before, 1)
-    return moved
-
-
-def velocity_span(sample_rate: float) -> int:
-    """Samples before and after one from which its velocity is taken."""
-    return max(1, round(VELOCITY_SPAN * sample_rate))
-
-
-def asymmetry_slopes(z: FloatArray, stroke: float) -> FloatArray:
-    """Derivatives of `asymmetry_terms` by z, 1/um, shape (2, samples)."""
-    s = np.clip(z / stroke, -1.0, 2.0)
-    inside = s == z / stroke
-    return np.array([inside * (4 - 8 * s), inside * 8 * (1 - 6 * s + 6 * s * s)]) / stroke

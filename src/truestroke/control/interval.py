@@ -8,9 +8,9 @@ import numpy as np
 
 from truestroke import _kernel
 from truestroke.base.typing import FloatArray
-from truestroke.control.actuator import asymmetry_slopes, central_difference, creep_states
 from truestroke.control.explored import places
-from truestroke.model.models import Motion, known_terms, play_terms
+from truestroke.model.models import Motion, asymmetry_slopes, known_terms, play_terms
+from truestroke.model.sampled import central_difference, creep_states
 
 if TYPE_CHECKING:
     from truestroke.control.actuator import ActuatorModel

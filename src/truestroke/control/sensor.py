@@ -16,37 +16,32 @@ Both are exact. The law compares that with the measurement, so that it learns th
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from truestroke.base.typing import FloatArray
 
-if TYPE_CHECKING:
-    from truestroke.control.settings import ControllerSettings
-
 ROUNDING = 1e-9  # ticks
+NAMES = ("ticks", "share", "lag", "pole", "now", "before", "slow")
+IN_DYNAMICS: dict[str, Any] = {f"sensor.{name}": [] if name == "slow" else 0 for name in NAMES}
+"""The members where the `dynamics` have the sensor in them."""
 
 
-def members(s: ControllerSettings) -> dict[str, Any]:
-    """The members of ts_settings.sensor in c/include/truestroke.h; all 0 where the `dynamics` have the sensor in them.
+def members(sample_rate: float, sensor_delay: float, sensor_bandwidth: float | None) -> dict[str, Any]:
+    """The members of ts_settings.sensor in c/include/truestroke.h, of a delay, s, and a bandwidth, Hz.
 
-    >>> from truestroke.control.settings import ControllerSettings
-    >>> axis = {"sample_rate": 10000.0, "stroke": 30.0, "voltage_limits": (0.0, 10.0)}
-    >>> found = members(ControllerSettings(**axis, sensor_delay=1.25e-4, sensor_bandwidth=2000.0))
+    >>> found = members(10000.0, 1.25e-4, 2000.0)
     >>> found["sensor.ticks"], round(found["sensor.share"], 6), round(found["sensor.lag"], 3)
     (1, 0.25, 0.796)
     """
-    names = ("ticks", "share", "lag", "pole", "now", "before", "slow")
-    if s.dynamics is not None:
-        return {f"sensor.{name}": [] if name == "slow" else 0 for name in names}
-    delay = s.sensor_delay * s.sample_rate
+    delay = sensor_delay * sample_rate
     ticks = math.floor(delay + ROUNDING)
     share = max(delay - ticks, 0.0)
-    lag = s.sample_rate / (2 * math.pi * s.sensor_bandwidth) if s.sensor_bandwidth else 0.0
+    lag = sample_rate / (2 * math.pi * sensor_bandwidth) if sensor_bandwidth else 0.0
     pole, late = (math.exp(-1 / lag), math.exp(-(1 - share) / lag)) if lag else (0.0, 0.0)
-    rest, constant = share / s.sample_rate, lag / s.sample_rate  # s
+    rest, constant = share / sample_rate, lag / sample_rate  # s
     slow = [-(rest + constant), rest**2 / 2 + rest * constant + constant**2]
     values = (ticks, share, lag, pole, 1 - late, late - pole, slow)
-    return {f"sensor.{name}": value for name, value in zip(names, values, strict=True)}
+    return {f"sensor.{name}": value for name, value in zip(NAMES, values, strict=True)}
 
 
 class Sensor:

@@ -690,8 +690,11 @@ class ControllerSettings(Displayed, Layout):
 
 def kernel_settings(s: ControllerSettings) -> dict[str, Any]:
     """The members of ts_settings in c/include/truestroke.h: coefficients of a tick; 0 what belongs to another law."""
-    known = stage.NOT_KNOWN if s.dynamics is None else stage.members(s.dynamics)
-    return declared.kernel_values(s, SETTINGS, s.law) | _derived(s) | known | sensor.members(s)
+    if s.dynamics is None:
+        known = stage.NOT_KNOWN | sensor.members(s.sample_rate, s.sensor_delay, s.sensor_bandwidth)
+    else:
+        known = stage.members(s.dynamics) | sensor.IN_DYNAMICS
+    return declared.kernel_values(s, SETTINGS, s.law) | _derived(s) | known
 
 
 def _guard_window(s: ControllerSettings) -> float:

@@ -22,10 +22,10 @@ from truestroke.control.stage import FOUND_DAMPING
 from truestroke.dropins import motions
 from truestroke.dropins.attendant import Attendant
 from truestroke.model.dynamics import Dynamics, Mode
+from truestroke.runtime.agreement import count_latency, wanted
 from truestroke.runtime.drivers.guard import Guard, check_range
 from truestroke.runtime.drivers.paced import Clock, Paced, let_go
 from truestroke.runtime.drivers.protocol import Driver, DriverError
-from truestroke.runtime.loop import count_latency, wanted
 from truestroke.runtime.realtime import config
 from truestroke.runtime.realtime.axis_loop import REMEDY, SHARE
 from truestroke.signals.timing import Timing

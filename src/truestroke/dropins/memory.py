@@ -13,8 +13,9 @@ from truestroke.base import checks
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
 from truestroke.control import actuator
-from truestroke.control.actuator import ActuatorModel, central_difference
+from truestroke.control.actuator import ActuatorModel
 from truestroke.model.models import Motion, known_terms
+from truestroke.model.sampled import central_difference
 
 PASSES = 8  # at most: the creep of a voltage that follows from it
 CLOSE = 1e-7  # of the voltage range: a pass that changes less is the last

@@ -8,8 +8,9 @@ import numpy as np
 
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
-from truestroke.control import actuator, stage
+from truestroke.control import stage
 from truestroke.control.actuator import ActuatorModel
+from truestroke.model import sampled
 from truestroke.model.branches import CURVES
 
 HUGE = float(np.finfo(np.float64).max)  # V: of cells without an end
@@ -26,7 +27,7 @@ def constants(model: ActuatorModel, sample_rate: float) -> tuple[dict[str, int],
     SettingError
         The dead time is too long.
     """
-    look = actuator.velocity_span(sample_rate)
+    look = sampled.velocity_span(sample_rate)
     staged = _staged(model, sample_rate)
     dead = staged.pop("dead", 0)
     delay, lag = model.delay * sample_rate, model.time_constant * sample_rate
@@ -36,7 +37,7 @@ def constants(model: ActuatorModel, sample_rate: float) -> tuple[dict[str, int],
     whole = int(delay)
     from_dead = min(dead, look)
     from_whole = min(whole, look - from_dead)
-    last, before, kept = actuator.lag_coefficients(lag)
+    last, before, kept = sampled.lag_coefficients(lag)
     members = {
         **_terms(model, sample_rate),
         **_branches(model),
@@ -92,7 +93,7 @@ def _terms(model: ActuatorModel, sample_rate: float) -> dict[str, Any]:
         "lag": place["lag"],
         "offset": place["offset"],
         "asymmetry": max(place["asymmetry"], 0),
-        "creep": actuator.creep_shares(model.creep_times, sample_rate),
+        "creep": sampled.creep_shares(model.creep_times, sample_rate),
     }
 
 

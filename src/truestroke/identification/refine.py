@@ -12,7 +12,7 @@ from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
 from truestroke.base.verdict import Verdict
 from truestroke.control import actuator
-from truestroke.control.actuator import ActuatorModel, central_difference
+from truestroke.control.actuator import ActuatorModel
 from truestroke.control.repeating import passes as law
 from truestroke.control.repeating.harmonics import LEAST, SHY
 from truestroke.control.settings import UNLIMITED
@@ -23,6 +23,7 @@ from truestroke.identification.records.record import Record, as_record
 from truestroke.identification.waveform import Passes, PredictedWaveform, Waveform, described
 from truestroke.model.dynamics import EXPECTED as DYNAMICS
 from truestroke.model.dynamics import Dynamics
+from truestroke.model.sampled import central_difference
 from truestroke.signals.channels import Sampled
 
 STEPS = 3  # Gauss-Newton

@@ -296,6 +296,13 @@ def asymmetry_terms(z_d: float | FloatArray, stroke: float) -> tuple[FloatArray,
     return first, 2 * first * (1 - 2 * s)
 
 
+def asymmetry_slopes(z: FloatArray, stroke: float) -> FloatArray:
+    """Derivatives of `asymmetry_terms` by z, 1/um, shape (2, samples)."""
+    s = np.clip(z / stroke, -1.0, 2.0)
+    inside = s == z / stroke
+    return np.array([inside * (4 - 8 * s), inside * 8 * (1 - 6 * s + 6 * s * s)]) / stroke
+
+
 class Motion(NamedTuple):
     """What the known terms take of the desired motion: numbers at a tick, arrays along a record."""
 

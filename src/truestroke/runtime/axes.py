@@ -16,7 +16,7 @@ from truestroke.control import feasibility
 from truestroke.control.axes import AxesMotion, MultiAxisController
 from truestroke.control.controller import AdaptiveController
 from truestroke.plant import MultiAxisStage
-from truestroke.runtime import loop, native
+from truestroke.runtime import agreement, native, run_metadata
 from truestroke.runtime.ticks import MARK, SIMULATED, SlowLayout, TickRecorder, recorded, stride
 from truestroke.signals.channels import channel, dtype
 from truestroke.signals.recording import Recording, of_axis
@@ -56,7 +56,7 @@ def run_axes(
                     shown(stop, end)
     except (Exception, KeyboardInterrupt) as error:
         log.interrupted = repr(error)
-        raise loop.RunInterrupted(log.recording(done), error) from error
+        raise run_metadata.RunInterrupted(log.recording(done), error) from error
     return log.recording(done)
 
 
@@ -162,8 +162,8 @@ class _Log:
         self.interrupted: str | None = None
         self._notices: dict[str, tuple[str, ...]] = {}
         for name, axis in axes.items():
-            loop.check_agreement(known.axes[name], axis, timing)
-            loop.count_latency(axis, timing)
+            agreement.check_agreement(known.axes[name], axis, timing)
+            agreement.count_latency(axis, timing)
         self.recording(0)  # metadata that cannot be written are refused before anything moves
 
     def __len__(self) -> int:
@@ -209,14 +209,14 @@ class _Log:
         return Recording(channels, self._metadata() | {"axes": about})
 
     def _about(self, name: str, axis: AdaptiveController) -> dict[str, Any]:
-        of_all = loop.about(self._motion[name], axis, self._actuator, self._timing)
+        of_all = run_metadata.about(self._motion[name], axis, self._actuator, self._timing)
         own = {key: of_all[key] for key in ("trajectory", "controller")}
-        learned = loop.repetition(self._controller.learned.get(name), self._timing.sample_rate)
-        found = {"resonance": loop.resonance(axis), "repetition": learned}
+        learned = run_metadata.repetition(self._controller.learned.get(name), self._timing.sample_rate)
+        found = {"resonance": run_metadata.resonance(axis), "repetition": learned}
         return own | {"notices": list(self._notices.get(name, ())), **found}
 
     def _metadata(self) -> dict[str, Any]:
-        of_all = loop.about(next(iter(self._motion.values())), self._controller, self._actuator, self._timing)
+        of_all = run_metadata.about(next(iter(self._motion.values())), self._controller, self._actuator, self._timing)
         kept = {key: of_all[key] for key in ("created", "plant", "timing", "versions")}
         controller = {"name": type(self._controller).__name__, "frame": self._controller.frame}
         coupling = {"coupling": self._controller.coupling}

@@ -17,7 +17,7 @@ from truestroke.control import feasibility
 from truestroke.control.controller import AdaptiveController
 from truestroke.control.settings import ControllerSettings
 from truestroke.plant import MatchedPlant, MatchedSettings, PlantSettings, RealisticPlant, StagePlant, StageSettings
-from truestroke.runtime.loop import wanted
+from truestroke.runtime.agreement import wanted
 from truestroke.runtime.native import Pair
 from truestroke.runtime.ticks import MARK, SIMULATED
 from truestroke.signals.channels import dtype

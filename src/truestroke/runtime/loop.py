@@ -2,50 +2,27 @@
 
 from __future__ import annotations
 
-import math
 import warnings
 from collections.abc import Callable, Iterator, Mapping
-from datetime import UTC, datetime
 from typing import Any, Protocol
 
 import numpy as np
 
 from truestroke.base import checks, notebook
 from truestroke.base.checks import SettingError
-from truestroke.base.errors import TruestrokeError
 from truestroke.base.typing import FloatArray
 from truestroke.control import feasibility
 from truestroke.control.axes import MultiAxisController
 from truestroke.control.controller import Controller
-from truestroke.control.repeating.learned_strain import LearnedStrain
-from truestroke.control.repeating.repetitive import RepetitiveController
 from truestroke.runtime import native
+from truestroke.runtime.agreement import check_agreement, count_latency, wanted
+from truestroke.runtime.axes import run_axes
+from truestroke.runtime.run_metadata import RunInterrupted, about, repetition, resonance
 from truestroke.runtime.ticks import MARK, SIMULATED, SlowLayout, TickRecorder, recorded, stride
 from truestroke.signals.channels import channel, dtype
-from truestroke.signals.recording import Recording, versions
-from truestroke.signals.timing import LONGEST_AGO, Timing
+from truestroke.signals.recording import Recording
+from truestroke.signals.timing import Timing
 from truestroke.signals.trajectories import Trajectory
-
-__all__ = ["Actuator", "RunInterrupted", "Timing", "about", "check_agreement", "run"]
-
-
-class Motion(Protocol):
-    """A desired motion for check and metadata; a `Trajectory` is one."""
-
-    @property
-    def name(self) -> str:
-        """What it is."""
-
-    @property
-    def sample_rate(self) -> float:
-        """Ticks per second, Hz."""
-
-    @property
-    def settings(self) -> Mapping[str, object]:
-        """What it was made from."""
-
-    def __len__(self) -> int:
-        """Ticks."""
 
 
 class Actuator(Protocol):
@@ -64,20 +41,6 @@ class Actuator(Protocol):
         Shape (ticks,), ticks <= block; only the last block of a run may be shorter. Entry i belongs to the command
         `latency` ticks before volts[i].
         """
-
-
-class RunInterrupted(TruestrokeError, RuntimeError):  # noqa: N818 (it is no error that Ctrl-C ends a run)
-    """A run ended before its time; its cause is ``__cause__``.
-
-    Attributes
-    ----------
-    recording : Recording
-        The ticks that were completed.
-    """
-
-    def __init__(self, recording: Recording, cause: BaseException) -> None:
-        self.recording = recording
-        super().__init__(f"the run ended after {recording['time'].size} ticks: {type(cause).__name__} {cause}".rstrip())
 
 
 def run(
@@ -141,8 +104,6 @@ def run(
     0.0
     """
     if isinstance(trajectory, Mapping) or hasattr(controller, "axes"):
-        from truestroke.runtime.axes import run_axes
-
         return run_axes(trajectory, controller, actuator, progress)  # type: ignore[arg-type]  # it checks them
     _check_types(trajectory, controller, actuator, progress)
     timing = checks.instance("actuator.open()", actuator.open(), Timing, "a Timing(sample_rate=...)")
@@ -206,16 +167,6 @@ def _natively(pair: native.Pair, start: int, end: int, log: _Log) -> Iterator[in
             yield stop
 
 
-def wanted(trajectory: Trajectory, controller: Any) -> list[FloatArray]:
-    """The arguments of `command`, an array each: acceleration and strain, too, of a controller that uses them."""
-    motion = [trajectory.position, trajectory.velocity]
-    strain = controller.strain(trajectory.position) if hasattr(controller, "strain") else None
-    if strain is not None:
-        return [*motion, trajectory.acceleration, strain]
-    used = getattr(getattr(controller, "settings", None), "inertia", False)
-    return [*motion, trajectory.acceleration] if used is True else motion
-
-
 def _check_types(trajectory: Trajectory, controller: Controller, actuator: Actuator, progress: Any) -> None:
     """SettingError where an argument is none of its kind, before anything moves; two that are swapped are such."""
     order = "; the order is trajectory, controller, actuator"
@@ -225,27 +176,6 @@ def _check_types(trajectory: Trajectory, controller: Controller, actuator: Actua
     checks.able("actuator", actuator, ("open", "exchange"), f"an actuator, such as a plant.RealisticPlant{order}")
     if progress is not None:
         checks.able("progress", progress, ("__call__",), "a function of ticks done and all ticks")
-
-
-def check_agreement(trajectory: Motion, controller: Controller, timing: Timing) -> None:
-    """One sample rate everywhere, and measurements that a controller can still place; SettingError otherwise."""
-    settings = getattr(controller, "settings", None)
-    for whose, rate in (("actuator", timing.sample_rate), ("controller", getattr(settings, "sample_rate", None))):
-        if rate is not None and rate != trajectory.sample_rate:
-            raise SettingError(
-                "trajectory.sample_rate", trajectory.sample_rate, f"{rate} Hz, that of the {whose}", "Hz"
-            )
-    checks.count("block - 1 + latency", timing.block - 1 + timing.latency, 0, LONGEST_AGO)
-
-
-def count_latency(controller: Any, timing: Timing) -> None:
-    """The latency of the actuator in the design of the controller's feedback, if it has one; refused if too late."""
-    settings: Any = getattr(controller, "settings", None)
-    late = timing.latency + timing.block - 1
-    if sensor := math.floor(getattr(settings, "sensor_delay", 0.0) * timing.sample_rate + 1e-9):
-        checks.count("block - 1 + latency, and the ticks of sensor_delay", late + sensor, 0, LONGEST_AGO)
-    if getattr(settings, "dynamics", None) is not None and settings.latency != late and hasattr(controller, "change"):
-        controller.change(latency=checks.count("block - 1 + latency", late, 0, 20))
 
 
 def _checked(measured: FloatArray, ticks: int) -> FloatArray:
@@ -279,47 +209,3 @@ class _Log:
             channels |= {name: channel(name, data, "weights_time") for name, data in arrays.items()}
         learned = {"resonance": resonance(controller), "repetition": repetition(controller)}
         return Recording(channels, metadata | learned)
-
-
-def resonance(controller: Any) -> float | None:
-    """First resonance of the stage, Hz, of the controller's settings or found by it; None if it has none."""
-    known = getattr(controller, "resonance", None)
-    return known if isinstance(known, float) and math.isfinite(known) else None
-
-
-def repetition(learner: Any, sample_rate: float = math.nan) -> dict[str, object] | None:
-    """What was learned of a motion that repeats: its period, s, and the rms of the mean error of each batch, um.
-
-    Of a `RepetitiveController`, or a `LearnedStrain` with its ticks per second, Hz; None of anything else.
-    """
-    if isinstance(learner, RepetitiveController):
-        return {"period_s": learner.period, "rmse_um": [batch.rmse for batch in learner.batches]}
-    if isinstance(learner, LearnedStrain):
-        return {"period_s": learner.period / sample_rate, "rmse_um": list(learner.errors)}
-    return None
-
-
-def about(trajectory: Motion, controller: Any, actuator: Any, timing: Timing) -> dict[str, Any]:
-    """Metadata of a recording: what is run; SettingError where it cannot be written, before anything moves."""
-    metadata = {
-        "created": datetime.now(UTC).isoformat(timespec="seconds"),
-        "interrupted": None,
-        "trajectory": {
-            "name": trajectory.name,
-            "sample_rate": trajectory.sample_rate,
-            "ticks": len(trajectory),
-            "settings": trajectory.settings,
-        },
-        "controller": {
-            "name": type(controller).__name__,
-            "settings": getattr(controller, "settings", {}),
-            "parameters": getattr(getattr(controller, "settings", None), "names", ()),
-        },
-        "plant": {
-            "name": type(actuator).__name__,
-            "settings": actuator.describe() if hasattr(actuator, "describe") else {},
-        },
-        "timing": timing,
-        "versions": versions(),
-    }
-    return Recording({}, metadata).metadata

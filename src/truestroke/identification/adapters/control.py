@@ -9,8 +9,9 @@ from truestroke.base import checks
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
 from truestroke.control import actuator
-from truestroke.control.actuator import ActuatorModel, lag_coefficients
+from truestroke.control.actuator import ActuatorModel
 from truestroke.model.operators import play
+from truestroke.model.sampled import lag_coefficients
 from truestroke.signals.timing import Timing
 
 

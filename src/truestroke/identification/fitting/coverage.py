@@ -10,11 +10,12 @@ import numpy as np
 
 from truestroke.base.typing import FloatArray
 from truestroke.control import interval
-from truestroke.control.actuator import ActuatorModel, central_difference
+from truestroke.control.actuator import ActuatorModel
 from truestroke.control.explored import Explored, places, spread
 from truestroke.identification.fitting import normal
 from truestroke.identification.fitting.regression import Data, Structure
 from truestroke.identification.fitting.select import BLOCKS, FIRST
+from truestroke.model.sampled import central_difference
 
 LEVEL = 0.95
 LEAST = 0.3  # of the factor

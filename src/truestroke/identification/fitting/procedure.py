@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from truestroke.base.typing import FloatArray
-from truestroke.control.actuator import central_difference
 from truestroke.identification.fitting import coverage, modes, normal, zeros
 from truestroke.identification.fitting.modes import ModeSearch
 from truestroke.identification.fitting.regression import ROWS, Data, Structure
@@ -24,6 +23,7 @@ from truestroke.identification.fitting.select import (
 from truestroke.identification.fitting.structure import Fit, fit_structure
 from truestroke.identification.records.series import Series
 from truestroke.model.dynamics import Dynamics
+from truestroke.model.sampled import central_difference
 
 CHOICE_ROWS = 15_000  # at most where structures are compared, as `ROWS`
 SEARCH_ROWS = 8_000  # at most where modes are looked for

@@ -13,21 +13,15 @@ import numpy.typing as npt
 from truestroke import _kernel
 from truestroke.base.typing import FloatArray
 from truestroke.control import stage
-from truestroke.control.actuator import (
-    ActuatorModel,
-    asymmetry_slopes,
-    central_difference,
-    creep_states,
-    lag_coefficients,
-    respond,
-)
+from truestroke.control.actuator import ActuatorModel
 from truestroke.identification.fitting.normal import Prior
 from truestroke.identification.records.series import first_known
 from truestroke.model import prior
 from truestroke.model.branches import Branches
 from truestroke.model.dynamics import Dynamics
 from truestroke.model.layout import TERMS, Layout
-from truestroke.model.models import Motion, known_terms
+from truestroke.model.models import Motion, asymmetry_slopes, known_terms
+from truestroke.model.sampled import central_difference, creep_states, lag_coefficients, respond
 
 ROWS = 50_000  # of the regression at most: beyond, every so many samples; the plays see all of them
 FLOOR = 0.05  # of the straight line's slope: the smallest partial slope

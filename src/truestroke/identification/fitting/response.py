@@ -10,12 +10,12 @@ import numpy as np
 import numpy.typing as npt
 
 from truestroke.base.typing import FloatArray
-from truestroke.control.actuator import creep_states, respond
 from truestroke.identification.fitting import normal
 from truestroke.identification.fitting.normal import Prior
 from truestroke.identification.fitting.regression import Data, Structure, plays, respond_rows
 from truestroke.identification.records.series import first_known
 from truestroke.model import prior
+from truestroke.model.sampled import creep_states, respond
 
 EXCERPT = 8_000  # rows at most in which the two are separated: those with the most fast motion
 RESOLVED = 8  # samples of dead time and lag together: where there are more, means over some of them suffice

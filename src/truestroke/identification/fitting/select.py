@@ -11,13 +11,13 @@ import numpy as np
 
 from truestroke.base import checks
 from truestroke.base.typing import FloatArray
-from truestroke.control.actuator import play_sum
 from truestroke.identification.fitting import normal, uncertainty
 from truestroke.identification.fitting.regression import DRIFTS, Data, Structure, even_thresholds, plays, rate_dependent
 from truestroke.identification.fitting.rest import begins_with_step, over_motion
 from truestroke.identification.records.turning import reversals
 from truestroke.model.branches import Branches
 from truestroke.model.layout import MAX_CREEPS
+from truestroke.model.sampled import play_sum
 
 BLOCKS = 6  # of the cross-validation: each but the first three is predicted from those before it
 FIRST = 3

@@ -7,9 +7,10 @@ from functools import partial
 import numpy as np
 
 from truestroke.base.typing import FloatArray
-from truestroke.control.actuator import ActuatorModel, central_difference
+from truestroke.control.actuator import ActuatorModel
 from truestroke.identification.fitting import normal, uncertainty
 from truestroke.identification.fitting.regression import Data, Structure
+from truestroke.model.sampled import central_difference
 
 STEPS = 2  # Gauss-Newton
 

@@ -7,9 +7,9 @@ import dataclasses
 import numpy as np
 
 from truestroke.base.typing import FloatArray
-from truestroke.control.actuator import creep_states
 from truestroke.identification.fitting.regression import even_thresholds, plays
 from truestroke.identification.records.series import Series
+from truestroke.model.sampled import creep_states
 
 PLAYS = 16
 REACH = 0.5  # of the voltage range

@@ -8,9 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 from truestroke.base.typing import FloatArray
-from truestroke.control.actuator import central_difference
 from truestroke.identification.fitting.regression import plays
 from truestroke.identification.held_out.trace import Trace
+from truestroke.model.sampled import central_difference
 
 Rows = npt.NDArray[np.intp]
 

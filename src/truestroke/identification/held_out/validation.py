@@ -11,13 +11,13 @@ import numpy as np
 
 from truestroke.base.typing import FloatArray
 from truestroke.base.verdict import Level, Verdict
-from truestroke.control.actuator import central_difference
 from truestroke.identification.examination.findings import Findings
 from truestroke.identification.fitting.regression import plays
 from truestroke.identification.fitting.response import Response
 from truestroke.identification.held_out.black_box import predictable
 from truestroke.identification.held_out.trace import HeldOut, Trace
 from truestroke.identification.records import turning
+from truestroke.model.sampled import central_difference
 
 NOISE = 2.0  # times the sensor's noise: below, no model has half the error
 SILENT = 1e4  # times the noise: then it is that of rounded numbers, and the record is a simulated one

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from truestroke.control.actuator import central_difference
 from truestroke.identification import ActuatorModel, Score
+from truestroke.model.sampled import central_difference
 from truestroke.report import style, units
 from truestroke.report.identified import plots as model_plots
 from truestroke.report.identified.view import View

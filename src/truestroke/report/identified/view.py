@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truestroke.base.typing import FloatArray
-from truestroke.control.actuator import central_difference
 from truestroke.identification import ActuatorModel, Identified, Trace
 from truestroke.identification.records.turning import reversals
 from truestroke.model import prior as priors
 from truestroke.model.layout import TERMS
+from truestroke.model.sampled import central_difference
 
 STROKES = 20  # of the voltage that a picture of loops can show
 POINTS = 3000  # of a loop's line

@@ -10,7 +10,7 @@ from truestroke.base.flags import BIT
 from truestroke.base.typing import FloatArray
 from truestroke.control import feasibility
 from truestroke.control.axes import LIMITED
-from truestroke.runtime import loop
+from truestroke.runtime import run_metadata
 from truestroke.runtime.realtime.ending import Cause, Stop
 from truestroke.runtime.realtime.motion import motion, numbers
 from truestroke.runtime.realtime.settings import Axis, RealtimeSettings
@@ -213,7 +213,7 @@ class AxisLoop:
     @property
     def repetition(self) -> dict[str, object] | None:
         """What was learned of a motion that repeats, for the recording."""
-        return loop.repetition(self._learned or self._controller, self._sample_rate)
+        return run_metadata.repetition(self._learned or self._controller, self._sample_rate)
 
     def look_back(self, stop: int) -> None:
         """Raise `Stop` where the sensor has not followed the voltage for a while; now and then, after tick `stop`."""

@@ -11,15 +11,16 @@ from typing import Any
 import numpy as np
 
 from truestroke.base.typing import FloatArray
-from truestroke.runtime import loop
+from truestroke.runtime import run_metadata
 from truestroke.runtime.drivers.guard import Guard
 from truestroke.runtime.drivers.paced import EDGES_US, Clock, Paced, padded
 from truestroke.runtime.drivers.protocol import Driver, DriverError
 from truestroke.runtime.realtime import axis_check
 from truestroke.runtime.realtime.axis_check import Found
 from truestroke.runtime.realtime.axis_loop import AxisLoop
-from truestroke.runtime.realtime.ending import AS_ASKED, SIGNALS, Cause, Outcome, Stop
+from truestroke.runtime.realtime.ending import AS_ASKED, SIGNALS, Cause, Stop
 from truestroke.runtime.realtime.helpers import Helpers
+from truestroke.runtime.realtime.outcome import Outcome
 from truestroke.runtime.realtime.settings import Axis, RealtimeSettings
 from truestroke.runtime.realtime.shared import Shared, Slot, State
 from truestroke.runtime.ticks import stride
@@ -225,7 +226,7 @@ class Live:
         }
         interrupted = None if cause is Cause.FINISHED else reason[:LONGEST]
         seen = {axis.axis.name: _plain(found) for axis, found in zip(self._axes, self._found, strict=True)}
-        known = {axis.axis.name: loop.resonance(axis.axis.controller) for axis in self._axes}
+        known = {axis.axis.name: run_metadata.resonance(axis.axis.controller) for axis in self._axes}
         repeated = {axis.axis.name: axis.repetition for axis in self._axes}
         about = {"axis_check": seen, "resonance": known, "repetition": repeated}
         return {"interrupted": interrupted, "ended": ended, "lateness": punctuality, **about}

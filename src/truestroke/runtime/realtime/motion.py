@@ -10,7 +10,7 @@ from typing import Any
 from truestroke.base import checks
 from truestroke.base.typing import FloatArray
 from truestroke.control.repeating.learned_strain import LearnedStrain
-from truestroke.runtime.loop import wanted
+from truestroke.runtime.agreement import wanted
 from truestroke.signals.trajectories import Trajectory
 
 UNIT = 2**32  # of whole numbers in a um: their sums are exact, however long a run lasts

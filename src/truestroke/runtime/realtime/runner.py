@@ -15,13 +15,13 @@ from truestroke.base.checks import SettingError
 from truestroke.base.errors import LatenessWarning
 from truestroke.base.files import Growing, beside, check_growing, grow
 from truestroke.control import feasibility
-from truestroke.runtime import loop
+from truestroke.runtime import agreement, run_metadata
 from truestroke.runtime.drivers.guard import check_range
 from truestroke.runtime.drivers.protocol import Driver, Signal
 from truestroke.runtime.drivers.turned import Turned
-from truestroke.runtime.realtime.ending import Outcome
 from truestroke.runtime.realtime.helpers import Helpers
 from truestroke.runtime.realtime.live import Live
+from truestroke.runtime.realtime.outcome import Outcome
 from truestroke.runtime.realtime.process import (
     RealtimeError,
     lateness_of_system,
@@ -101,7 +101,7 @@ def run_realtime(
         clock = {"utc": datetime.now(UTC).isoformat(), "monotonic_s": time.monotonic()}
         _check_agreement(axes, timing, settings, server)
         for axis in axes:
-            loop.count_latency(axis.controller, timing)
+            agreement.count_latency(axis.controller, timing)
         _check_range(axes, driver)
         notices = _check_motions(axes)
         for notice in notices:
@@ -141,7 +141,7 @@ def _check_agreement(axes: Sequence[Axis], timing: Timing, settings: RealtimeSet
     if server is not None:
         server.check(axes)
     for axis in axes:
-        loop.check_agreement(axis.trajectory, axis.controller, timing)
+        agreement.check_agreement(axis.trajectory, axis.controller, timing)
     checks.within("watchdog_timeout", settings.watchdog_timeout, 4 * timing.block / timing.sample_rate, 60.0, "s")
 
 
@@ -196,7 +196,7 @@ def grown(paths: Sequence[Path], overwrite: bool) -> Iterator[tuple[list[Growing
 def _about(driver: Any, axis: Axis, timing: Timing, about: Mapping[str, object]) -> dict[str, Any]:
     """Metadata of a file; an error now where it could not be written later."""
     guard = {name: getattr(axis, name) for name in ("name", "voltage_limits", "slew", "safe_voltage")}
-    metadata = loop.about(axis.trajectory, axis.controller, driver, timing) | {"axis": guard, **about}
+    metadata = run_metadata.about(axis.trajectory, axis.controller, driver, timing) | {"axis": guard, **about}
     metadata["plant"]["name"] = type(driver.driver if isinstance(driver, Turned) else driver).__name__
     return Recording({}, metadata).metadata
 

@@ -1,0 +1,64 @@
+"""Before the first tick: trajectory, controller and actuator agree on sample rate, latency and arguments."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, Protocol
+
+from truestroke.base import checks
+from truestroke.base.checks import SettingError
+from truestroke.base.typing import FloatArray
+from truestroke.control.controller import Controller
+from truestroke.signals.timing import LONGEST_AGO, Timing
+from truestroke.signals.trajectories import Trajectory
+
+
+class Motion(Protocol):
+    """A desired motion for check and metadata; a `Trajectory` is one."""
+
+    @property
+    def name(self) -> str:
+        """What it is."""
+
+    @property
+    def sample_rate(self) -> float:
+        """Ticks per second, Hz."""
+
+    @property
+    def settings(self) -> Mapping[str, object]:
+        """What it was made from."""
+
+    def __len__(self) -> int:
+        """Ticks."""
+
+
+def check_agreement(trajectory: Motion, controller: Controller, timing: Timing) -> None:
+    """One sample rate everywhere, and measurements that a controller can still place; SettingError otherwise."""
+    settings = getattr(controller, "settings", None)
+    for whose, rate in (("actuator", timing.sample_rate), ("controller", getattr(settings, "sample_rate", None))):
+        if rate is not None and rate != trajectory.sample_rate:
+            raise SettingError(
+                "trajectory.sample_rate", trajectory.sample_rate, f"{rate} Hz, that of the {whose}", "Hz"
+            )
+    checks.count("block - 1 + latency", timing.block - 1 + timing.latency, 0, LONGEST_AGO)
+
+
+def count_latency(controller: Any, timing: Timing) -> None:
+    """The latency of the actuator in the design of the controller's feedback, if it has one; refused if too late."""
+    settings: Any = getattr(controller, "settings", None)
+    late = timing.latency + timing.block - 1
+    if sensor := math.floor(getattr(settings, "sensor_delay", 0.0) * timing.sample_rate + 1e-9):
+        checks.count("block - 1 + latency, and the ticks of sensor_delay", late + sensor, 0, LONGEST_AGO)
+    if getattr(settings, "dynamics", None) is not None and settings.latency != late and hasattr(controller, "change"):
+        controller.change(latency=checks.count("block - 1 + latency", late, 0, 20))
+
+
+def wanted(trajectory: Trajectory, controller: Any) -> list[FloatArray]:
+    """The arguments of `command`, an array each: acceleration and strain, too, of a controller that uses them."""
+    motion = [trajectory.position, trajectory.velocity]
+    strain = controller.strain(trajectory.position) if hasattr(controller, "strain") else None
+    if strain is not None:
+        return [*motion, trajectory.acceleration, strain]
+    used = getattr(getattr(controller, "settings", None), "inertia", False)
+    return [*motion, trajectory.acceleration] if used is True else motion
