@@ -6,11 +6,10 @@
 #include <math.h>
 #include <string.h>
 
+#include "asymmetry.h"
 #include "unit.h"
 
 enum { VOLTS, DISPLACEMENT, LATE, BEYOND, OFFSET, WEIGHTS };
-enum { NEWTON_STEPS = 8 };
-static const double converged = 1e-13; /* of the stroke: a step that is smaller is the last */
 static const fmu_model *const model = &fmu_settings;
 
 static double clipped(double x, double low, double high) { return x < low ? low : x > high ? high : x; }
@@ -75,27 +74,6 @@ static double branches(fmu_unit *u, double x)
 
 /* ---- Displacement -------------------------------------------------------------------------------------------------- */
 
-/* The z with z - asymmetry(z) = y, um. */
-static double with_asymmetry(const double *w, double y)
-{
-    double z = y, step;
-    for (int i = 0; i < (FMU_ASYMMETRIES > 0 ? NEWTON_STEPS : 0); i++) {
-        double s = clipped(z / model->stroke, -1, 2), inside = s == z / model->stroke;
-        double term[2] = {4 * s * (1 - s), 0}, slope[2] = {inside * (4 - 8 * s), inside * 8 * (1 - 6 * s + 6 * s * s)};
-        double sum = 0, sloping = 0;
-        term[1] = 2 * term[0] * (1 - 2 * s);
-        for (int k = 0; k < FMU_ASYMMETRIES; k++) {
-            sum += w[k] * term[k];
-            sloping += w[k] * (slope[k] / model->stroke);
-        }
-        double steep = 1 - sloping;
-        step = (z - sum - y) / (steep > 0.1 ? steep : 0.1);
-        z -= step;
-        if (fabs(step) <= converged * model->stroke) break;
-    }
-    return z;
-}
-
 /* The strain of a tick at a velocity, um. */
 static double strain(const fmu_unit *u, const fmu_sample *p, double velocity)
 {
@@ -104,7 +82,7 @@ static double strain(const fmu_unit *u, const fmu_sample *p, double velocity)
     memcpy(known, p->known, sizeof known);
     if (model->lag >= 0) known[model->lag] = velocity;
     double y = ts_dot(w, p->play, FMU_PLAYS) + p->further + ts_dot(known, u->weight, FMU_TERMS);
-    return with_asymmetry(u->weight + model->asymmetry, y);
+    return ts_with_asymmetry(u->weight + model->asymmetry, FMU_ASYMMETRIES, model->stroke, y);
 }
 
 static fmu_sample *sample(fmu_unit *u, uint64_t tick) { return &u->sample[tick % (2 * FMU_LOOK + 1)]; }

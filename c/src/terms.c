@@ -1,4 +1,5 @@
 /* The terms of the model: the plays with their rates, and those that are known before the voltage is chosen. */
+#include "asymmetry.h"
 #include "controller.h"
 
 /* Place of the first weight of a known term: behind a_i of all plays, b_i of those that have one, and the terms before it. */
@@ -39,14 +40,14 @@ void ts_remember_voltage(ts_memory *memory, const ts_settings *s, ts_real x)
 void ts_known_terms(const ts_settings *s, const ts_memory *memory, const ts_motion *d, ts_real *u)
 {
     const int *n = s->terms;
-    ts_real along = within((d->z_d + d->ahead) / s->stroke, -1, 2); /* further out a polynomial is meaningless, and would overflow */
-    ts_real first = 4 * along * (1 - along);
+    ts_real asymmetry[TS_MAX_ASYMMETRY];
+    ts_asymmetry_terms(within((d->z_d + d->ahead) / s->stroke, -1, 2), asymmetry);
     for (int i = 0; i < n[TS_CREEP]; i++) *u++ = memory->creep[i];
     for (int i = 0; i < n[TS_LAG]; i++) *u++ = d->zdot_d;
     for (int i = 0; i < n[TS_INERTIA]; i++) *u++ = d->zddot_d;
     for (int i = 0; i < n[TS_OFFSET]; i++) *u++ = 1;
-    if (n[TS_ASYMMETRY] > 0) *u++ = first;
-    if (n[TS_ASYMMETRY] > 1) *u++ = 2 * first * (1 - 2 * along);
+    if (n[TS_ASYMMETRY] > 0) *u++ = asymmetry[0];
+    if (n[TS_ASYMMETRY] > 1) *u++ = asymmetry[1];
     for (int k = 0; k < 3; k++)
         for (int i = 0; i < n[TS_COUPLING]; i++) *u++ = d->others[i][k];
 }

@@ -16,6 +16,7 @@
 #include <type_traits>
 #include <vector>
 
+#include "asymmetry.h"
 #include "dispatch.h"
 #include "loops.h"
 #include "native.h"
@@ -980,29 +981,17 @@ void respond_rows(Columns columns, Vector<double> taps, Columns sections, Vector
 }
 
 // Displacement of the sums of the plays and of known terms (a row of `known` each) with their weights: z minus its
-// asymmetry is this sum, um, by Newton's method from the sum on, `steps` at most, the last below `converged`.
+// asymmetry is this sum, um.
 void displacement(Vector<double> plays, Columns known, Vector<double> weights, Vector<double> asymmetry, double stroke,
-                  int steps, double converged, Output z) {
+                  Output z) {
     size_t ticks = plays.shape(0), n = weights.shape(0), terms = asymmetry.shape(0);
-    require_lengths(z.shape(0) == ticks && known.shape(0) == n && known.shape(1) == ticks && terms <= 2);
-    std::vector<ts_real> w = reals(weights), at(n);
-    const double first = terms > 0 ? asymmetry.data()[0] : 0.0, second = terms > 1 ? asymmetry.data()[1] : 0.0;
+    require_lengths(z.shape(0) == ticks && known.shape(0) == n && known.shape(1) == ticks && terms <= TS_MAX_ASYMMETRY);
+    std::vector<ts_real> w = reals(weights), curved = reals(asymmetry), at(n);
     nb::gil_scoped_release release;
     for (size_t k = 0; k < ticks; k++) {
         for (size_t i = 0; i < n; i++) at[i] = static_cast<ts_real>(known.data()[i * ticks + k]);
-        const double y = plays.data()[k] + ts_dot(w.data(), at.data(), static_cast<int>(n));
-        double found = y, step = converged + 1;
-        for (int i = 0; terms > 0 && i < steps && std::fabs(step) > converged; i++) {
-            const double whole = found / stroke, s = std::fmin(std::fmax(whole, -1.0), 2.0);
-            double curve = first * (4 * s * (1 - s)), rise = s == whole ? first * ((4 - 8 * s) / stroke) : 0.0;
-            if (terms > 1) {
-                curve += second * (2 * (4 * s * (1 - s)) * (1 - 2 * s));
-                rise += s == whole ? second * (8 * (1 - 6 * s + 6 * s * s) / stroke) : 0.0;
-            }
-            step = (found - curve - y) / std::fmax(1 - rise, 0.1);
-            found -= step;
-        }
-        z.data()[k] = found;
+        const ts_real y = static_cast<ts_real>(plays.data()[k]) + ts_dot(w.data(), at.data(), static_cast<int>(n));
+        z.data()[k] = ts_with_asymmetry(curved.data(), static_cast<int>(terms), static_cast<ts_real>(stroke), y);
     }
 }
 
@@ -1074,8 +1063,7 @@ MODULE(TS_MODULE, m) {
     m.def("play_history", &play_history, "x"_a, "r"_a, "y"_a, "every"_a, "rows"_a);
     m.def("respond_rows", &respond_rows, "columns"_a, "taps"_a, "sections"_a, "lag"_a, "dead"_a, "part"_a, "every"_a,
           "rows"_a);
-    m.def("displacement", &displacement, "plays"_a, "known"_a, "weights"_a, "asymmetry"_a, "stroke"_a, "steps"_a,
-          "converged"_a, "z"_a);
+    m.def("displacement", &displacement, "plays"_a, "known"_a, "weights"_a, "asymmetry"_a, "stroke"_a, "z"_a);
     m.def("play_sum", &play_sum, "x"_a, "rate"_a, "a"_a, "b"_a, "r"_a, "y"_a, "sums"_a);
     m.def("play_invert", &play_invert, "y_d"_a, "rate"_a, "a"_a, "b"_a, "r"_a, "y"_a, "x"_a);
     nb::class_<Kernel> kernel(m, "Kernel");

@@ -28,8 +28,6 @@ from truestroke.model.layout import Layout
 from truestroke.model.models import Motion, known_terms
 from truestroke.model.sampled import ahead, central_difference, creep_states, play_sum, respond
 
-NEWTON_STEPS = 8  # at most
-CONVERGED = 1e-13  # of the stroke: a step that is smaller is the last
 SLOPES = 0.4, 4.0  # of the straight line's slope: limits of the partial slopes; wider by default, where it is not known
 DRIFT = 0.1  # relative: how far an actuator may be from its record, in deviations of the default prior
 
@@ -550,8 +548,8 @@ def displacement(
     motion = Motion(np.zeros_like(velocity), velocity)  # at 0 um there is no asymmetry
     weights, asymmetry = w[model.of_plays :], w[model.columns["asymmetry"]]
     known = known_terms(model, creep, motion, model.stroke).reshape(weights.size, velocity.size)
-    z, converged = np.empty_like(velocity), CONVERGED * model.stroke
-    _kernel.displacement(plays, known, weights, asymmetry, model.stroke, NEWTON_STEPS, converged, z)
+    z = np.empty_like(velocity)
+    _kernel.displacement(plays, known, weights, asymmetry, model.stroke, z)
     return z
 
 

@@ -174,7 +174,7 @@ def _actuator(model: ActuatorModel, sample_rate: float | None, about: str) -> _U
         raise SettingError("sample_rate", None, "given: the model does not say that of its record", "Hz")
     rate = checks.sized("sample_rate", given, "Hz", 1e-3, 1e9)
     sizes, members, late = fmu_actuator.constants(model, rate)
-    operators = ("truestroke.h", "lanes.h", "operators.c")
+    operators = ("truestroke.h", "asymmetry.h", "lanes.h", "operators.c")
     return _Unit(
         kind="actuator",
         struct="fmu_model",
