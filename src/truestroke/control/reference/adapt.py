@@ -31,11 +31,11 @@ def measure(c: State, z: float) -> bool:
     before = c.waiting.get(tick - 1) if path is not None else None
     stands = command.x == (c.lagged.play[0] if before is None else before.x)
     u = c.sensor.sensed(next_lagged(c)) if path is None else None  # (20)
-    now = regressor(c, c.now, c.last.motion)
-    first = float(dot(c.law.weights, now))
+    now = regressor(c, c.now, c.last.motion) if c.stage.smoothing > 0 else None
+    first = 0.0 if now is None else float(dot(c.law.weights, now))
     learns = adapts(c, learned, beyond) and not c.stage.rest > 0 and c.kept.guard.held == 0
     used = learn_from(c, u, z, motion, learn=learns, stands=stands)
-    if used and c.stage.smoothing > 0:
+    if used and now is not None:
         admit_learned(c, float(dot(c.law.weights, now)) - first)
     to_sensor = c.sensor.slow if path is None else path.sensor
     error = z - (motion.z_d + to_sensor[0] * motion.zdot_d + to_sensor[1] * motion.zddot_d)

@@ -296,4 +296,4 @@ class ReferenceController(Displayed):
         c = self._state
         adapted = (c.rejected, c.held, c.changed)
         flags = (c.saturated, c.projected, *adapted, c.slewed, c.oscillating, c.restored)
-        return sum(bool(flag) << place for place, flag in enumerate(flags))
+        return sum(1 << place for place, flag in enumerate(flags) if flag)
