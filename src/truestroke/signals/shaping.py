@@ -13,6 +13,7 @@ import cmath
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.polynomial import Legendre
@@ -219,15 +220,19 @@ def _zeros(dynamics: Dynamics, duration: float) -> list[tuple[complex, int]]:
     return poles + [(zero, 1) for zero in between if abs(zero) * duration < 2 * math.pi * SMOOTH]
 
 
-NODES, WEIGHTS = (0.5 * part for part in np.polynomial.legendre.leggauss(80))
-NODES = NODES + 0.5  # of Gauss's quadrature from 0 to 1
+@cache
+def _quadrature() -> tuple[FloatArray, FloatArray]:
+    """Nodes and weights of Gauss's quadrature from 0 to 1: not at the import, of which this was a fortieth."""
+    nodes, weights = (0.5 * part for part in np.polynomial.legendre.leggauss(80))
+    return nodes + 0.5, weights
 
 
 def _transform(move: Move, pole: complex) -> complex:
     """Integral of z'(t) exp(p (D - t)) dt."""
     parts = 1 + int(abs(pole) * move.rise / 30)  # of a few periods each, which the quadrature resolves
-    u = (np.arange(parts)[:, None] + NODES) / parts
-    of_one = np.sum(move.polynomial.deriv()(u) * WEIGHTS / parts * np.exp(pole * move.rise * (1 - u)))
+    nodes, weights = _quadrature()
+    u = (np.arange(parts)[:, None] + nodes) / parts
+    of_one = np.sum(move.polynomial.deriv()(u) * weights / parts * np.exp(pole * move.rise * (1 - u)))
     end = move.duration - move.rise
     return complex(sum(a * of_one * cmath.exp(pole * (end - delay)) for a, delay in move.impulses))
 
@@ -240,14 +245,15 @@ def _solved(duration: float, zeros: Sequence[tuple[complex, int]], *, ends: int,
     number = 1 + centred + 2 * sum(order for _, order in zeros)
     u = Legendre.identity(domain=[0, 1])
     parts = [(u * (1 - u)) ** ends * Legendre.basis(i, domain=[0, 1]) for i in range(number)]
-    rates = np.array([part(NODES) for part in parts])
-    rows, wanted = [rates @ WEIGHTS], [1.0]
+    nodes, weights = _quadrature()
+    rates = np.array([part(nodes) for part in parts])
+    rows, wanted = [rates @ weights], [1.0]
     if centred:
-        rows.append(rates @ (WEIGHTS * (1 - NODES)))  # the integral of s, by parts
+        rows.append(rates @ (weights * (1 - nodes)))  # the integral of s, by parts
         wanted.append(0.5)
     for pole, order in zeros:
         for power in range(order):
-            moments = rates @ (WEIGHTS * NODES**power * np.exp(pole * duration * (1 - NODES)))
+            moments = rates @ (weights * nodes**power * np.exp(pole * duration * (1 - nodes)))
             rows += [moments.real, moments.imag]
             wanted += [0.0, 0.0]
     matrix = np.array(rows)

@@ -56,7 +56,7 @@ def find(name: str) -> Any:
     >>> find("simulated").Settings().sample_rate
     2000.0
     """
-    entries = importlib.metadata.entry_points(group=GROUP, name=name) if isinstance(name, str) else ()
+    entries = _entries(name) if isinstance(name, str) else ()
     if not entries:
         known = ", ".join(names()) or "none: install truestroke again, for its entry points are missing"
         raise SettingError("name", repr(name), f"one of {known}")
@@ -64,3 +64,12 @@ def find(name: str) -> Any:
         return next(iter(entries)).load()
     except (ImportError, AttributeError) as error:
         raise SettingError("name", repr(name), f"a driver that can be imported ({error})") from error
+
+
+def _entries(name: str) -> importlib.metadata.EntryPoints:
+    """Of that name: those of this package first; to look through 250 packages took a twentieth of a command's start."""
+    try:
+        ours = importlib.metadata.distribution("truestroke").entry_points.select(group=GROUP, name=name)
+    except importlib.metadata.PackageNotFoundError:
+        ours = importlib.metadata.EntryPoints()
+    return ours or importlib.metadata.entry_points(group=GROUP, name=name)

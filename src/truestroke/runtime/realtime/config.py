@@ -12,11 +12,12 @@ from typing import Any, Literal
 from truestroke.base import checks, frames, toml
 from truestroke.base.checks import SettingError
 from truestroke.base.files import FileError
+from truestroke.control.actuator import ActuatorModel
 from truestroke.control.controller import AdaptiveController, Controller
+from truestroke.control.model_file import ModelFileError, load_model
 from truestroke.control.repeating.repetition import check_repeats
 from truestroke.control.repeating.repetitive import RepetitiveController
 from truestroke.control.settings import ControllerSettings
-from truestroke.identification import ActuatorModel, ModelFileError, load_model
 from truestroke.model.dynamics import Dynamics
 from truestroke.runtime.drivers import registry
 from truestroke.runtime.drivers.guard import Limits
