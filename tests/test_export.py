@@ -101,13 +101,13 @@ def test_the_self_test_fails_where_a_setting_differs(single: Path) -> None:
     text = settings.read_text()
     assert ".stroke = 20.0f" in text
     settings.write_text(text.replace(".stroke = 20.0f", ".stroke = 21.0f"))
-    done = make(single, "test", "CFLAGS=-O1")
+    done = make(single, "test", "CFLAGS=-O0")
     assert done.returncode != 0
     assert done.stdout.startswith("FAILED: ")
 
 
 def test_before_its_start_the_voltage_is_the_safe_one_and_bad_values_keep_the_last(single: Path) -> None:
-    assert make(single, "adaptive.a", "CFLAGS=-O1 -fPIC").returncode == 0
+    assert make(single, "adaptive.a", "CFLAGS=-O0 -fPIC").returncode == 0
     whole = ["-Wl,--whole-archive", "adaptive.a", "-Wl,--no-whole-archive"]
     subprocess.run(["cc", "-shared", "-o", "a.so", *whole, "-lm"], cwd=single, check=True)
     library = ctypes.CDLL(str(single / "a.so"))
@@ -460,12 +460,17 @@ def test_sizes_are_those_of_the_compiler(name: str, precision: str, tmp_path: Pa
     assert printed == " ".join(str(sizes[kind]) for kind in ("ts_controller", "ts_settings", "ts_kalman"))
 
 
-@pytest.mark.parametrize("limits", [(0.32791528710747, 2.7), (-2.7, -0.32791528710747)])
-def test_limits_that_single_precision_rounds_are_no_reason_to_refuse(limits, tmp_path: Path) -> None:
-    """0.32791528 V is the nearest such number, and below the limit; those of a model are of this kind."""
+@pytest.mark.parametrize(
+    ("limits", "flags"), [((0.32791528710747, 2.7), ()), ((-2.7, -0.32791528710747), ("CFLAGS=-O0",))]
+)
+def test_limits_that_single_precision_rounds_are_no_reason_to_refuse(limits, flags, tmp_path: Path) -> None:
+    """0.32791528 V is the nearest such number, and below the limit; those of a model are of this kind.
+
+    The first is built as a user builds it, optimised most; its bits are those of the desk, too.
+    """
     controller = AdaptiveController(sample_rate=2000.0, stroke=30.0, voltage_limits=limits)
     folder = export_c(controller, tmp_path / "chip", precision="single", ticks=100).folder
-    assert make(folder, "test").stdout.startswith("passed: 100 of 100")
+    assert make(folder, "test", *flags).stdout.startswith("passed: 100 of 100")
 
 
 def test_a_dead_time_needs_a_longer_history(tmp_path: Path) -> None:
@@ -486,7 +491,7 @@ def test_the_zero_of_a_model_is_taken_from_what_the_sensor_reads(tmp_path: Path)
     code, printed = call(*start, "--output", str(tmp_path / "c"))
     assert code == 0, printed
     assert "#define ADAPTIVE_ZERO 3.25f" in (tmp_path / "c/adaptive.h").read_text()
-    assert make(tmp_path / "c", "test", "CFLAGS=-O1 -Werror").stdout.startswith("passed: 100 of 100")
+    assert make(tmp_path / "c", "test", "CFLAGS=-O0 -Werror").stdout.startswith("passed: 100 of 100")
     readings = re.findall(r"(?m)^    \{.*, ([-0-9.e]+)f\},$", (tmp_path / "c/replay.c").read_text())
     assert float(readings[0]) == pytest.approx(3.25, abs=0.1)
     code, printed = call(*start, "--voltage-limits", "0", "1000", "--output", str(tmp_path / "volts"))
