@@ -6,6 +6,7 @@ import sys
 import pytest
 
 import truestroke
+from truestroke.runtime.realtime import config
 
 HEAVY = ("scipy", "h5py", "matplotlib", "rich", "click", "jinja2")
 
@@ -42,6 +43,16 @@ def test_the_processes_beside_the_loop_load_little():
         "signals.tables",
     ):
         assert f"truestroke.{name}" not in loaded
+
+
+def test_a_run_of_a_configuration_identifies_nothing(tmp_path):
+    """It took the reader of models from the package that identifies them: 25 modules at the start of each command."""
+    (tmp_path / "run.toml").write_text(config.example())
+    loaded = modules_after(
+        f"from truestroke.runtime.realtime import config, runner; config.load({str(tmp_path / 'run.toml')!r})"
+    )
+    assert not {name for name in loaded if name.startswith("truestroke.identification")}
+    assert loaded.isdisjoint({"scipy", "matplotlib", "jinja2"})
 
 
 @pytest.mark.parametrize("name", truestroke.__all__)
