@@ -233,6 +233,21 @@ def test_turns_of_a_raster_leave_no_vibration_on_its_lines():
     assert left[1] > 20 * left[0]
 
 
+def test_turns_have_little_that_no_controller_inverts_and_take_no_more_than_their_share():
+    """Beyond 2.5 resonances, where a second mode may be; 20 um lines, 40 a second, on a stage of 400 Hz."""
+    slow = Dynamics(sample_rate=5000.0, modes=(Mode(frequency=400.0, damping=0.02),))
+    wave = tr.raster(frequency=40.0, turn=slow, peak_to_peak=20.0, duration=1.0, sample_rate=5000.0)
+    part = slice(2500, 2625)
+    Z = np.fft.rfft(wave.position[part] * 20.0 / wave.settings["line"])
+    Z[np.arange(Z.size) * 40.0 <= 1000.0] = 0.0
+    assert np.abs(np.fft.irfft(Z, 125)[wave.flat[part]]).max() < 1.5e-3  # um
+    for frequency, periods in ((10.0, 1.8), (50.0, 1.6), (57.0, 0.2 / 57.0 * 400.0), (100.0, 1.4), (141.0, 1.4)):
+        fast = tr.raster(frequency=frequency, turn=slow, duration=1.0, sample_rate=5000.0)
+        assert fast.settings["turn_time"] == pytest.approx(periods / 400.0), frequency
+    with pytest.raises(SettingError, match=r"at most 141\.4 Hz: a turn takes 3\.5 ms, 1\.4 periods"):
+        tr.raster(frequency=142.0, turn=slow, sample_rate=5000.0)
+
+
 @pytest.mark.parametrize("turn", [0.05, 0.4, 0.9])
 def test_raster_is_one_smooth_motion(turn):
     wave = tr.raster(frequency=7.3, turn=turn, peak_to_peak=20.0, duration=2.0, offset=3.0)

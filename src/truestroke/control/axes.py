@@ -16,7 +16,7 @@ from __future__ import annotations
 import copy
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -269,22 +269,31 @@ class MultiAxisController(Displayed):
         """
         trajectories = self._in_order(motion)
         repeats = range(0) if self.period is None else _repeated(trajectories, self.period)
-        parts = {part: np.stack([getattr(one, part) for one in trajectories], axis=1) for part in PARTS}
-        turned = {part: np.ascontiguousarray(values @ self.to_axes.T) for part, values in parts.items()}
-        own = {}
-        for i, (name, one) in enumerate(zip(self.names, trajectories, strict=True)):
-            position, velocity, acceleration = (turned[part][:, i] for part in PARTS)
-            own[name] = dataclasses.replace(one, position=position, velocity=velocity, acceleration=acceleration)
-        strains = [self.axes[name].strain(one.position) for name, one in own.items()]
-        missing = np.full(len(trajectories[0]), np.nan)
+        own = self._motion_of_axes(trajectories)
+        ticks, n = len(trajectories[0]), len(own)
+        moving, strain = np.empty((ticks, 3 * n)), np.full((ticks, n), np.nan)
+        others = np.empty((ticks, 3 * n * (n - 1)))
+        for i, (name, one) in enumerate(own.items()):
+            for j, part in enumerate(PARTS):
+                moving[:, 3 * i + j] = getattr(one, part)
+            known = self.axes[name].strain(one.position)
+            if known is not None:
+                strain[:, i] = known
+            for j, column in enumerate(self._taken(name, own)):
+                others[:, 3 * (n - 1) * i + j] = column
         self._follow(own, repeats)
-        return AxesMotion(
-            axes=own,
-            motion=np.ascontiguousarray(np.stack([turned[part] for part in PARTS], axis=2).reshape(len(missing), -1)),
-            strain=np.stack([missing if strain is None else strain for strain in strains], axis=1),
-            others=np.concatenate([self._taken(name, own) for name in self.names], axis=1),
-            repeats=repeats,
-        )
+        return AxesMotion(axes=own, motion=moving, strain=strain, others=others, repeats=repeats)
+
+    def _motion_of_axes(self, trajectories: Sequence[Trajectory]) -> dict[str, Trajectory]:
+        """What the axes have to follow, so that the sensors read these trajectories."""
+        if self._rows is None:
+            return dict(zip(self.names, trajectories, strict=True))
+        read = {part: np.stack([getattr(one, part) for one in trajectories], axis=1) for part in PARTS}
+        turned = {part: values @ self.to_axes.T for part, values in read.items()}
+        return {
+            name: dataclasses.replace(one, **{part: turned[part][:, i] for part in PARTS})  # type: ignore[arg-type]
+            for i, (name, one) in enumerate(zip(self.names, trajectories, strict=True))
+        }
 
     def _follow(self, own: Mapping[str, Trajectory], repeats: range) -> None:
         """What is learned of each period is of this motion from now on."""
@@ -311,13 +320,11 @@ class MultiAxisController(Displayed):
                 raise SettingError(f"trajectory[{name!r}]", len(one), bound, "ticks")
         return [motion[name] for name in self.names]
 
-    def _taken(self, name: str, own: Mapping[str, Trajectory]) -> FloatArray:
-        """What the controller of an axis takes of the others, shape (ticks, 3 (axes - 1))."""
+    def _taken(self, name: str, own: Mapping[str, Trajectory]) -> Iterator[FloatArray]:
+        """What the controller of an axis takes of the others, 3 (axes - 1) columns."""
         dynamics = self.axes[name].settings.dynamics
-        columns = [getattr(own[other], part) for other in self.names if other != name for part in PARTS]
-        if dynamics is not None:
-            columns = [stage.strain(dynamics, column) for column in columns]
-        return np.stack(columns, axis=1)
+        for column in (getattr(own[other], part) for other in self.names if other != name for part in PARTS):
+            yield column if dynamics is None else stage.strain(dynamics, column)
 
     # ---- All axes together -------------------------------------------------------------------------------------------
 

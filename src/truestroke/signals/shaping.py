@@ -26,6 +26,8 @@ Motion = tuple[FloatArray, FloatArray, FloatArray]
 """Position, um; velocity, um/s; acceleration, um/s^2."""
 
 PERIODS = 1.4  # of the first mode: duration of a polynomial move; shorter ones go far back on their way
+TURNS = 1.8  # of the first mode: duration of a turn; beyond 2.5 f0 it has a fifth of what one of 1.4 periods has
+TURNING = 0.4  # share of the period that turns longer than 1.4 periods may take
 SHORT_RISE = 0.25  # periods of the first mode: duration of the move that a shaper repeats
 SMOOTH = 6.0  # periods of a mode in a move: in a longer one it is hardly excited, whatever the shape
 LONGER = 1.02  # factor from one duration that is tried to the next
@@ -162,6 +164,22 @@ def _of_rise(dynamics: Dynamics, shape: str, rise: float) -> Move:
         return Move(_solved(rise, _zeros(dynamics, rise), ends=3, centred=False), rise)
     repeated = impulses(dynamics.modes[0], shape)
     return Move(minimum_jerk(rise).polynomial, rise, repeated)
+
+
+def turn_time(dynamics: Dynamics, frequency: float) -> float:
+    """Duration of a turn between lines of so many periods per second, s, that leaves no vibration.
+
+    1.8 periods of the first mode; less where both turns would take more than 0.4 of the period, but at least 1.4.
+
+    Examples
+    --------
+    >>> from truestroke.model.dynamics import Dynamics, Mode
+    >>> stage = Dynamics(sample_rate=10000.0, modes=(Mode(frequency=700.0, damping=0.02),))
+    >>> [round(700.0 * turn_time(stage, frequency), 3) for frequency in (10.0, 90.0, 200.0)]
+    [1.8, 1.556, 1.4]
+    """
+    period = 1 / dynamics.modes[0].frequency
+    return max(PERIODS * period, min(TURNS * period, TURNING / (2 * frequency)))
 
 
 def reversal(duration: float, dynamics: Dynamics | None = None) -> Move:

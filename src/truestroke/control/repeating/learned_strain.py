@@ -37,6 +37,7 @@ AVERAGED = 0.2  # s of the periods of a batch, two at least
 DECAY = 5.0  # time constants of the first mode before them, in which a change of r decays
 SHORTEST_DECAY, LONGEST_DECAY = 0.05, 0.15  # s
 WORSE = 2.0  # times the error without r: then it is learned from the beginning
+DRIFTS = 1.0  # times the power of the drift within a batch: that from batch to batch
 PERIODIC = 1e-6  # ticks: how near to whole ticks a period has to be
 STEPS = ("_conclude", "_look", "_see", *["_know"] * ROUNDS, "_follow", "_begin")
 """Of the learning from a batch."""
@@ -65,9 +66,32 @@ def whole_ticks(argument: str, period: float, sample_rate: float) -> int:
 
 
 class StrainLaw(HarmonicLaw):
-    """The law for a controller that goes on learning: a batch builds on the last one, as no earlier one holds."""
+    """The law for a controller that goes on learning: a batch builds on the last one, as no earlier one holds.
+
+    While the controller learns, the error drifts: that shows nothing of R.
+
+    Attributes
+    ----------
+    drift2 : ndarray
+        Variance of the drift of the error from batch to batch, um^2.
+    """
 
     worse = math.inf
+
+    def __init__(self, *given: Any, **named: Any) -> None:
+        super().__init__(*given, **named)
+        self.drift2 = np.zeros(self.response.size)
+
+    @property
+    def contradicted(self) -> bool:
+        """Whether the last batch did what R and the drift do not explain."""
+        return self._changed
+
+    def _crossed(self, x: ComplexArray) -> FloatArray:
+        return np.asarray(super()._crossed(x) + self.drift2)
+
+    def _hidden(self, crossed: FloatArray) -> FloatArray:
+        return self.drift2
 
 
 class LearnedStrain:
@@ -107,7 +131,8 @@ class LearnedStrain:
         self._held = False
         self._periods, self._begins = np.empty((0, period)), 0  # from one step to the next
         self._Z: ComplexArray = np.zeros(period // 2 + 1, dtype=np.complex128)
-        self._noise2, self._left, self._new = np.zeros(period // 2 + 1), 0.0, np.zeros(period)
+        self._noise2, self._drift2 = np.zeros(period // 2 + 1), np.zeros(period // 2 + 1)
+        self._left, self._new = 0.0, np.zeros(period)
         self._restart()
 
     def _restart(self) -> None:
@@ -148,12 +173,16 @@ class LearnedStrain:
         self._strain, self._without = np.zeros(self.period), math.inf
 
     def _return(self) -> None:
-        """r is 0 again; what batches have shown of the stage stays, as it made r wrong that nothing was known of it."""
+        """r is 0 again; what batches have shown of the stage stays, as it made r wrong that nothing was known of it.
+
+        Not where the last one contradicts it: no batch would then show what is true, as all would contradict it, too.
+        """
         before, harmonics = self._law, np.arange(self.period // 2 + 1.0)
         self._forget()
         assert before is not None
         assert self._law is not None
-        self._law.remember(before, harmonics, harmonics)
+        if not before.contradicted:
+            self._law.remember(before, harmonics, harmonics)
 
     # ---- The strain ------------------------------------------------------------------------------------------------
 
@@ -252,9 +281,11 @@ class LearnedStrain:
         """The steps of another axis."""
 
     def _conclude(self) -> None:
-        """Mean and noise of the periods."""
+        """Mean, noise and drift of the periods."""
         E, n = np.fft.rfft(self._periods, axis=1), len(self._periods)
         self._noise2 = np.sum(np.abs(np.diff(E, axis=0)) ** 2, axis=0) / (2 * n * (n - 1))
+        drift = E[-(n // 2) :].mean(axis=0) - E[: n // 2].mean(axis=0)
+        self._drift2 = DRIFTS * np.maximum(np.abs(drift) ** 2 - 4 * self._noise2, 0.0)
         self._Z = np.fft.rfft(self._wave) + E.mean(axis=0)
 
     def _look(self) -> None:
@@ -267,6 +298,7 @@ class LearnedStrain:
     def _see(self) -> None:
         """What they show of the stage."""
         assert self._law is not None
+        self._law.drift2 = self._drift2
         self._law.see(np.fft.rfft(self._strain), self._Z, self._noise2)
 
     def _know(self) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -103,12 +103,12 @@ def raster(
     least = math.ceil((ramp + (LEAD_IN if lead_in is None else 0.0)) * rate) + early
     lead = least if lead_in is None else checks.count("lead_in", lead_in, least, 10**6)
     duration = _lasting((lead + lines) / rate, sample_rate, lead_out)
-    usual = {"frequency": rate, "turn": turn, "duration": duration, "sample_rate": sample_rate, "ramp": ramp}
+    usual = {"frequency": rate, "turn": turn, "sample_rate": sample_rate, "ramp": ramp}
     with checks.inside("", {"frequency": "rate"}):
-        unit = trajectories.raster(peak_to_peak=1.0, **usual)  # type: ignore[arg-type]
+        unit = trajectories.raster(peak_to_peak=1.0, duration=2 * ramp + 2 / rate, **usual)  # type: ignore[arg-type]
     span = width * (1 + 2 * over) / float(unit.settings["line"])  # type: ignore[arg-type]
     centre = (span / 2, height * (0.5 + early / lines)) if offset is None else _pair("offset", offset)
-    x = trajectories.raster(peak_to_peak=span, offset=centre[0], **usual)  # type: ignore[arg-type]
+    x = trajectories.raster(peak_to_peak=span, offset=centre[0], duration=duration, **usual)  # type: ignore[arg-type]
     tau = float(x.settings["turn_time"])  # type: ignore[arg-type]
     line = 0.5 / rate - tau
     margin = line * over / (1 + 2 * over)
@@ -117,13 +117,17 @@ def raster(
     rows = np.repeat(np.arange(lines), 2)
     made = table(starts, starts + line - 2 * margin, rows, np.tile([1, -1], lines), sample_rate)
     on = _Rows(lead / rate, rate, early, lines + math.ceil(lead_out * rate), tau, margin)
-    even = checks.one_of("slow", slow, ("steps", "ramp")) == "ramp"
-    place, speed, change = on.even(x.time) if even else on.steps(x.time, settle)
     pitch = height / lines
-    y = centre[1] - height / 2 + pitch * (place + 0.5), pitch * speed, pitch * change
+    course = on.even if checks.one_of("slow", slow, ("steps", "ramp")) == "ramp" else on.steps(settle)
+
+    def passed(ticks: slice) -> Motion:
+        place, speed, change = course(np.arange(ticks.start, ticks.stop) / sample_rate)
+        return centre[1] - height / 2 + pitch * (place + 0.5), pitch * speed, pitch * change
+
     settings: dict[str, object] = {"rate": rate, "period": 1 / rate, "rows": lines, "lead_in": lead, "slow": slow}
     settings |= {"over_scan": over, "turn": x.settings["turn"], "turn_time": tau, "line_time": line - 2 * margin}
     origin = (centre[0] - width / 2, centre[1] - height / 2)
+    y = trajectories.by_parts(passed, len(x))
     slow_axis = _axis(slow, sample_rate, trajectories.ramped(x.time, y, ramp), settings)
     return Scan("raster", x, slow_axis, origin, (width, height), made, settings)
 
@@ -150,14 +154,18 @@ class _Rows:
         speed, change = trajectories.smoothstep(u)
         return _integral(u) - 1.0 - self.early, self.rate * speed, self.rate**2 * change
 
-    def steps(self, time: FloatArray, settle: Dynamics | None) -> Motion:
-        """From row to row between two lines; in rows."""
+    def steps(self, settle: Dynamics | None) -> Callable[[FloatArray], Motion]:
+        """From row to row between two lines, in rows: a function of the time, s."""
         move = self._move(settle)
-        number = np.floor((time - self.begin - self.margin) * self.rate)  # of the row, from its trace on
-        since = time - self.begin - (number + 1) / self.rate + self.turn + self.margin
-        stepping = (number >= -self.early) & (number < self.rows - 1)
-        s, velocity, acceleration = (np.where(stepping, one, 0.0) for one in move.at(np.maximum(since, 0.0)))
-        return np.clip(number, -self.early, self.rows - 1) + s, velocity, acceleration
+
+        def at(time: FloatArray) -> Motion:
+            number = np.floor((time - self.begin - self.margin) * self.rate)  # of the row, from its trace on
+            since = time - self.begin - (number + 1) / self.rate + self.turn + self.margin
+            stepping = (number >= -self.early) & (number < self.rows - 1)
+            s, velocity, acceleration = (np.where(stepping, one, 0.0) for one in move.at(np.maximum(since, 0.0)))
+            return np.clip(number, -self.early, self.rows - 1) + s, velocity, acceleration
+
+        return at
 
     def _move(self, settle: Dynamics | None) -> Move:
         """A step, which has the time between two lines."""

@@ -52,7 +52,7 @@ class Imaged:
     name : str
         Of the controller.
     moved : Moved
-        Voltages, measured and true positions.
+        Voltages and true positions.
     distortion : Distortion
         True places of the pixels against those where they are shown.
     images : Mapping[str, Mapping[str, Image]]
@@ -127,10 +127,11 @@ def stage_of(resonances: tuple[float, float], kinds: tuple[str, str], noise: flo
 def scan_of(stage: MultiAxisSettings, rate: float, width: float = WIDTH) -> Scan:
     """The raster: turns and steps that leave each axis at rest, and the over-scan that the steps need."""
     x, y = (one.dynamics() for one in stage.axes)
-    turn, step = (shaping.settling_move(one).duration for one in (x, y))
-    margin = max(0.0, (step - turn) / 2)
-    fastest = 0.5 / (turn + 3.1 * margin)  # an over-scan of the width on either side
+    least, step = (shaping.settling_move(one).duration for one in (x, y))
+    fastest = 0.5 / (least + 3.1 * max(0.0, (step - least) / 2))  # an over-scan of the width on either side
     checks.within("rate", rate, SLOWEST, fastest, "Hz")
+    turn = shaping.turn_time(x, rate)
+    margin = max(0.0, (step - turn) / 2)
     line = 0.5 / rate - turn
     over = max(OVER_SCAN, 1.001 * margin / max(line - 2 * margin, 1e-9))
     lead = max(math.ceil(LEAD_IN * rate), LEAST_LEAD)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +20,8 @@ from truestroke.runtime.ticks import SIMULATED
 from truestroke.signals.channels import dtype
 from truestroke.signals.scans.scan import Scan
 
+PART = 2**16  # ticks that are simulated at a time
+
 
 @dataclass(frozen=True, eq=False)
 class Moved:
@@ -27,12 +29,11 @@ class Moved:
 
     Attributes
     ----------
-    volts, measured, true : ndarray, shape (ticks, 2)
-        V, um, um.
+    volts, true : ndarray, shape (ticks, 2)
+        V, um.
     """
 
     volts: FloatArray
-    measured: FloatArray
     true: FloatArray
 
 
@@ -62,8 +63,11 @@ def open_loop(scan: Scan, plant: MultiAxisStage, sensitivity: Sequence[float]) -
     """Voltage in proportion to the desired motion, by a sensitivity of each axis, um/V."""
     plant.open()
     volts = np.stack([axis.position / gain for axis, gain in zip(scan.axes, sensitivity, strict=True)], axis=1)
-    measured = plant.exchange(volts)
-    return Moved(volts, measured, plant.truth)
+    true = np.empty_like(volts)
+    for part in _parts(len(volts)):
+        plant.exchange(volts[part])
+        true[part] = plant.truth
+    return Moved(volts, true)
 
 
 def alone(scan: Scan, plant: MultiAxisStage, controllers: Sequence[AdaptiveController]) -> Moved:
@@ -71,16 +75,26 @@ def alone(scan: Scan, plant: MultiAxisStage, controllers: Sequence[AdaptiveContr
     plant.open()
     for axis, controller in zip(scan.axes, controllers, strict=True):
         feasibility.raise_slew(axis, controller)
-    parts = [getattr(axis, part) for axis in scan.axes for part in ("position", "velocity", "acceleration")]
-    ticks, axes = len(scan.x), len(controllers)
-    motion, strain, others = np.stack(parts, axis=1), np.full((ticks, axes), np.nan), np.zeros((ticks, 3 * axes))
-    rows = {name: np.zeros((ticks, axes), dtype(name)) for name in SIMULATED}
+    columns = [getattr(axis, part) for axis in scan.axes for part in ("position", "velocity", "acceleration")]
     calls = [controller._kernel.native() for controller in controllers]
-    numbers = plant._noise.take(ticks * plant._samples)
-    _loops.run_axes(calls, plant._plant.native(), motion, strain, others, np.eye(axes), numbers, *rows.values())
+    axes = len(controllers)
+    volts, true = (np.empty((len(scan.x), axes)) for _ in range(2))
+    for part in _parts(len(scan.x)):
+        motion = np.stack([column[part] for column in columns], axis=1)
+        ticks = len(motion)
+        strain, others = np.full((ticks, axes), np.nan), np.zeros((ticks, 3 * axes))
+        rows = {name: np.zeros((ticks, axes), dtype(name)) for name in SIMULATED}
+        numbers = plant._noise.take(ticks * plant._samples)
+        _loops.run_axes(calls, plant._plant.native(), motion, strain, others, np.eye(axes), numbers, *rows.values())
+        volts[part], true[part] = rows["volts"], rows["true"]
     for controller in controllers:
         controller._kernel.require_reach()
-    return Moved(rows["volts"], rows["measured"], rows["true"])
+    return Moved(volts, true)
+
+
+def _parts(ticks: int) -> Iterator[slice]:
+    """Parts of a run: what only one of them needs at a time takes no memory for all."""
+    return (slice(start, min(start + PART, ticks)) for start in range(0, ticks, PART))
 
 
 def together(
@@ -94,7 +108,5 @@ def together(
     `progress` is that of `truestroke.run`.
     """
     recording = run(dict(zip(controller.names, scan.axes, strict=True)), controller, plant, progress=progress)
-    channels = (
-        [recording[f"{channel}_{name}"] for name in controller.names] for channel in ("volts", "measured", "true")
-    )
+    channels = ([recording[f"{channel}_{name}"] for name in controller.names] for channel in ("volts", "true"))
     return Moved(*(np.stack(one, axis=1) for one in channels))
