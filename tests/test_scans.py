@@ -17,6 +17,7 @@ from PIL import Image as Pillow
 from scipy import ndimage
 
 from truestroke import Dynamics, Mode, SettingError, scans
+from truestroke.base import system
 from truestroke.signals.scans.images import at_pixels
 
 FS = 10_000.0
@@ -210,7 +211,8 @@ def test_a_motion_and_its_lines_come_back_from_their_files(tmp_path):
         (lambda: made("spiral", fastest=80.0), "fastest = 80.0 Hz: must be left out at constant angular"),
         (
             lambda: made("raster", rate=1e-4, lines=2048),
-            "duration of the scan = 20490000.0 s: must be at most .* at 10000 Hz: scan faster, or fewer lines",
+            "duration of the scan = 20490000.0 s: must be at most .* at 10000 Hz, as a scan of 2.05e.11 ticks and its "
+            "images take 1.02e.05 GB of memory",
         ),
         (lambda: made("spiral", rotation=5000.0), "rotation = 5000.0 Hz: must be below half of the sample rate, 5000"),
         (lambda: scans.lissajous(lobes=1), "lobes = 1: must be a whole number from 2"),
@@ -221,6 +223,15 @@ def test_a_motion_and_its_lines_come_back_from_their_files(tmp_path):
 def test_a_wrong_setting_is_named(call, message):
     with pytest.raises(SettingError, match=message):
         call()
+
+
+def test_a_scan_that_memory_cannot_hold_is_refused_before_it_is_made(monkeypatch):
+    monkeypatch.setattr(system, "free_memory", lambda: 4e9)
+    words = r"must be at most 160 s at 50000 Hz, as a scan of 2.56e\+07 ticks .* 12.8 GB of memory, and 4 GB are free"
+    with pytest.raises(SettingError, match=words):
+        scans.raster(sample_rate=50_000.0, rate=1.0, lines=512)
+    monkeypatch.undo()
+    assert 1e8 < system.free_memory() <= system.memory()
 
 
 # ---- Images --------------------------------------------------------------------------------------------------------

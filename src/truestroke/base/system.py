@@ -7,6 +7,7 @@ import math
 import mmap
 import os
 import platform
+import re
 import shlex
 import signal
 import socket
@@ -198,6 +199,12 @@ def memory() -> int:
         return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     except (AttributeError, OSError, ValueError):
         return 16 * 2**30
+
+
+def free_memory() -> int:
+    """Bytes that programs can take without swapping; all memory where the system does not say."""
+    found = re.search(r"^MemAvailable:\s+(\d+) kB", read("/proc/meminfo"), re.MULTILINE)
+    return 1024 * int(found[1]) if found else memory()
 
 
 # ---- Processors and priority ---------------------------------------------------------------------------------------

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from truestroke.base import checks
+from truestroke.base import checks, system
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
 from truestroke.model.dynamics import EXPECTED, Dynamics
@@ -18,7 +18,8 @@ from truestroke.signals.scans.scan import Scan, table
 from truestroke.signals.shaping import Motion, Move
 from truestroke.signals.trajectories import Trajectory
 
-MOST = 10**8  # ticks of a scan
+MOST = 10**8  # ticks of a scan, whatever the memory
+NEEDED = 500.0  # bytes of memory for a tick: the motion, what is recorded of two axes, the images, the page
 NEWTON = 6  # iterations for the angle of a spiral: to the last bits
 LEAD_IN = 0.5  # s before the image, by default
 LEAD_OUT = 0.02  # s behind the image, in which all goes on as before: the end is not in the last line
@@ -490,8 +491,13 @@ def _lasting(duration: float, sample_rate: float, lead_out: float = 0.0) -> floa
     """A duration of whole ticks that memory can hold, s, with what comes behind it."""
     duration += checks.within("lead_out", lead_out, 0.0, 3600.0, "s")
     ticks = max(2, math.ceil(duration * sample_rate - 1e-6))
-    if ticks > MOST:
-        bound = f"at most {MOST / sample_rate:.4g} s at {sample_rate:g} Hz: scan faster, or fewer lines or turns"
+    free = min(system.free_memory(), MOST * NEEDED)
+    if NEEDED * ticks > free:
+        bound = (
+            f"at most {free / NEEDED / sample_rate:.3g} s at {sample_rate:g} Hz, as a scan of {ticks:.3g} ticks and "
+        )
+        bound += f"its images take {NEEDED * ticks / 1e9:.3g} GB of memory, and {free / 1e9:.3g} GB are free: scan "
+        bound += "faster, at a lower sample rate, or fewer lines or turns"
         raise SettingError("duration of the scan", float(f"{duration:.4g}"), bound, "s")
     return ticks / sample_rate
 
