@@ -211,7 +211,7 @@ def test_a_motion_and_its_lines_come_back_from_their_files(tmp_path):
         (lambda: made("spiral", fastest=80.0), "fastest = 80.0 Hz: must be left out at constant angular"),
         (
             lambda: made("raster", rate=1e-4, lines=2048),
-            "duration of the scan = 20490000.0 s: must be at most .* at 10000 Hz, as a scan of 2.05e.11 ticks and its "
+            "duration = 20490000.0 s: must be at most .* at 10000 Hz, as a scan of 2.05e.11 ticks and its "
             "images take 1.02e.05 GB of memory",
         ),
         (lambda: made("spiral", rotation=5000.0), "rotation = 5000.0 Hz: must be below half of the sample rate, 5000"),
@@ -223,6 +223,27 @@ def test_a_motion_and_its_lines_come_back_from_their_files(tmp_path):
 def test_a_wrong_setting_is_named(call, message):
     with pytest.raises(SettingError, match=message):
         call()
+
+
+def test_a_signal_that_is_dead_is_said():
+    scan = scans.raster(width=10.0, lines=16, rate=40.0, lead_in=20, sample_rate=10_000.0)
+    found = scans.recorded(scan, scan.x.position, scan.y.position, np.full(len(scan.x), 3.0), columns=64)
+    assert found.verdict.level == "doubtful"
+    assert "the same in all pixels" in found.verdict.reasons[0]
+
+
+def test_what_is_no_array_or_image_is_named():
+    scan = scans.raster(width=10.0, lines=4, rate=40.0, lead_in=20, sample_rate=10_000.0)
+    x, y = scan.x.position, scan.y.position
+    for call, message in (
+        (lambda: scans.recorded(scan, x, y, "high"), "signal = 'high'.*: must be an array of numbers"),
+        (lambda: scans.recorded(scan, [x, y], y, x), r"x = array of shape \(2, .* um: must be an array with 1 axis"),
+        (lambda: scans.images(scan, [[1.0], "a"]), "signal = .*: must be an array of numbers"),
+        (lambda: scans.distortion(scan, x, "low", 64), "y = .*: must be an array of numbers"),
+        (lambda: scans.shift(np.zeros((9, 9)), np.zeros((9, 9))), "reference = .* must be an Image"),
+    ):
+        with pytest.raises(SettingError, match=message):
+            call()
 
 
 def test_a_scan_that_memory_cannot_hold_is_refused_before_it_is_made(monkeypatch):

@@ -252,9 +252,12 @@ def wrong_others(values: object, axes: int) -> SettingError:
     return SettingError("others", values, words, "um, um/s, um/s^2")
 
 
-def signal(argument: str, value: npt.ArrayLike, unit: str = "") -> FloatArray:
-    """A contiguous array of one axis; a number is one of one entry. What is not finite is for the caller to find."""
-    return _array(np.ascontiguousarray, argument, value, unit, 1)
+def signal(argument: str, value: npt.ArrayLike, unit: str = "", ndim: int | tuple[int, int] = 1) -> FloatArray:
+    """A contiguous array of one axis, or as `ndim` says; a number is one of one entry.
+
+    What is not finite is for the caller to find.
+    """
+    return _array(np.ascontiguousarray, argument, value, unit, ndim)
 
 
 def finite_array(argument: str, value: npt.ArrayLike, unit: str = "", ndim: int | tuple[int, int] = 1) -> FloatArray:

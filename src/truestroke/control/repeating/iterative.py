@@ -321,7 +321,7 @@ class IterativeLearning(Displayed):
         """As rows; None where the pass was missed."""
         if measured is None:
             return None
-        z = np.asarray(measured, dtype=np.float64)
+        z = checks.signal("measured", measured, "um", (1, 2))
         if not z.size or z.size % self.samples:
             bound = f"a whole number of periods of {self.samples} samples: the pass was cut short, repeat it"
             raise SettingError("measured", f"{z.size} samples", bound)

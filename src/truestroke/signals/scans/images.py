@@ -75,9 +75,9 @@ class Image(Displayed):
     unit: str = ""
 
     def __post_init__(self) -> None:
-        data = np.asarray(self.data, dtype=np.float64)
-        if data.ndim != 2 or not data.size:
-            raise SettingError("data", f"array of shape {data.shape}", "an array with 2 axes, rows and columns")
+        data = checks.signal("data", self.data, self.unit, 2)
+        if not data.size:
+            raise SettingError("data", f"array of shape {data.shape}", "at least one row and column")
         object.__setattr__(self, "data", data)
         for name, value in zip(("width", "height"), self.size, strict=True):
             checks.positive(name, value, "um")
@@ -115,7 +115,7 @@ def at_pixels(scan: Scan, signal: npt.ArrayLike, columns: int) -> FloatArray:
     """
     from scipy.interpolate import CubicSpline
 
-    values = np.asarray(signal, dtype=np.float64)
+    values = checks.signal("signal", signal)
     _check_fit(scan, "signal", values)
     return np.asarray(CubicSpline(scan.time, values)(scan.pixels(columns)))
 
@@ -172,7 +172,7 @@ def images(
     """
     if scan.name not in ALONG:
         raise SettingError("scan", f"a {scan.name}", "a raster, whose lines are rows; make an image by `gridded`")
-    values = np.asarray(signal, dtype=np.float64)
+    values = checks.signal("signal", signal, unit, (1, 2))
     if values.ndim == 1:
         _check_fit(scan, "signal", values)
         values = _interpolated(scan, values, columns)
@@ -247,7 +247,8 @@ def gridded(
     >>> made.data[2].round(1).tolist()
     [0.3, 0.9, 1.5, 2.1, 2.7]
     """
-    places = [np.ravel(np.asarray(one, dtype=np.float64)) for one in (x, y, signal)]
+    given = {"x": (x, "um"), "y": (y, "um"), "signal": (signal, unit)}
+    places = [checks.signal(argument, one, of, (1, 2)).ravel() for argument, (one, of) in given.items()]
     if len({one.size for one in places}) > 1:
         raise ImageError(f"x, y and signal have {', '.join(str(one.size) for one in places)} samples: must be as many")
     rows, columns = (checks.count("shape", one, 1, 10**5) for one in shape)
@@ -375,8 +376,8 @@ def distortion(scan: Scan, x: npt.ArrayLike, y: npt.ArrayLike, columns: int = 51
         raise SettingError("scan", f"a {scan.name}", "a raster, whose lines are rows")
     pixel = scan.size[0] / columns, scan.size[1] / (int(scan.lines["row"].max()) + 1)
     errors = []
-    for axis, true, one in zip(scan.axes, (x, y), pixel, strict=True):
-        place = np.asarray(true, dtype=np.float64)
+    for name, axis, true, one in zip("xy", scan.axes, (x, y), pixel, strict=True):
+        place = checks.signal(name, true, "um")
         _check_fit(scan, "position", place)
         errors.append(at_pixels(scan, place - axis.position, columns) / one)
     shift = float(errors[0].mean()), float(errors[1].mean())
@@ -399,6 +400,8 @@ def shift(reference: Image, moved: Image) -> tuple[float, float]:
     ------
     ImageError
         The images differ in shape, have gaps, or show nothing; or scikit-image is missing.
+    SettingError
+        An argument is no `Image`.
 
     Examples
     --------
@@ -413,6 +416,8 @@ def shift(reference: Image, moved: Image) -> tuple[float, float]:
     except ModuleNotFoundError as error:
         text = 'the shift of two images needs the package scikit-image: pip install "truestroke[scan]"'
         raise ImageError(text) from error
+    for argument, given in (("reference", reference), ("moved", moved)):
+        checks.instance(argument, given, Image, "an Image, such as of scans.images")
     if reference.data.shape != moved.data.shape:
         raise ImageError(f"the images have {reference.data.shape} and {moved.data.shape} pixels: must be as many")
     for image in (reference, moved):

@@ -498,7 +498,7 @@ def _lasting(duration: float, sample_rate: float, lead_out: float = 0.0) -> floa
         )
         bound += f"its images take {NEEDED * ticks / 1e9:.3g} GB of memory, and {free / 1e9:.3g} GB are free: scan "
         bound += "faster, at a lower sample rate, or fewer lines or turns"
-        raise SettingError("duration of the scan", float(f"{duration:.4g}"), bound, "s")
+        raise SettingError("duration", float(f"{duration:.4g}"), bound, "s")
     return ticks / sample_rate
 
 

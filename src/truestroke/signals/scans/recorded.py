@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
+from truestroke.base import checks
 from truestroke.base.typing import FloatArray
 from truestroke.base.verdict import Level, Verdict
 from truestroke.signals import metrics
@@ -114,7 +115,8 @@ def recorded(
     >>> recorded(scan, scan.x.position[:5600], scan.y.position[:5600], height[:5600], columns=64).verdict.reasons
     ('The scan ended after row 2 of 4.',)
     """
-    arrays = [np.asarray(one, dtype=np.float64) for one in (x, y, signal)]
+    given = {"x": (x, "um"), "y": (y, "um"), "signal": (signal, unit)}
+    arrays = [checks.signal(argument, one, of) for argument, (one, of) in given.items()]
     part, rows = _as_far(scan, arrays)
     places, values = arrays[:2], arrays[2]
     error = np.stack([one - axis.position for one, axis in zip(places, part.axes, strict=True)], axis=1)
@@ -199,13 +201,15 @@ def _judged(
     findings: list[tuple[Level, str]] = []
     if rows[0] < rows[1]:
         findings.append(("doubtful", f"The scan ended after row {rows[0]} of {rows[1]}."))
-    checks = [("By the sensors, a pixel is {:.2g} pixels from its place, rms.", off, 0.0)]
+    if all(np.ptp(one.data[np.isfinite(one.data)]) == 0 for one in made.values()):
+        findings.append(("doubtful", "The signal is the same in all pixels: is it the input of this image?"))
+    measured = [("By the sensors, a pixel is {:.2g} pixels from its place, rms.", off, 0.0)]
     if moved is not None:
         words = "By the sensors, trace and retrace are up to {:.2g} pixels apart."
-        checks.append((words, moved.trace_retrace, _noise_apart(moved, error)))
+        measured.append((words, moved.trace_retrace, _noise_apart(moved, error)))
     if apart is not None:
-        checks.append(("In the images, trace and retrace are {:.2g} pixels apart.", float(np.hypot(*apart)), 0.0))
-    for words, pixels, allowed in checks:
+        measured.append(("In the images, trace and retrace are {:.2g} pixels apart.", float(np.hypot(*apart)), 0.0))
+    for words, pixels, allowed in measured:
         if pixels > SEEN + allowed:
             findings.append(("bad" if pixels > CLEAR + allowed else "doubtful", words.format(pixels)))
     return Verdict.of(findings)
