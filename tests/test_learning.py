@@ -411,7 +411,7 @@ def test_a_pass_that_was_cut_short_is_refused_and_nothing_is_lost():
     volts = learned.volts
     with pytest.raises(SettingError, match="301 samples: must be a whole number of periods of 200"):
         learned.learn(np.zeros(301))
-    with pytest.raises(SettingError, match="measured = 'x.csv'.* um: must be an array of numbers"):
+    with pytest.raises(SettingError, match=r"measured = 'x.csv'.* um: must be an array of numbers"):
         learned.learn("x.csv")
     assert learned.volts is volts
 

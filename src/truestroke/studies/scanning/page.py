@@ -11,7 +11,7 @@ from truestroke.report.charts import Chart, Line, Panel
 from truestroke.report.page import Page, Section, Table, captioned, closer
 from truestroke.report.style import LIGHT, Theme
 from truestroke.signals.scans.images import Image
-from truestroke.studies.scanning.imaging import LEAD_IN, NAMES, PIXELS, ROTATION, Imaged, Scanned
+from truestroke.studies.scanning.imaging import NAMES, PIXELS, ROTATION, Imaged, Scanned
 
 PART = 96  # pixels of the texture that are shown enlarged
 EDGES = {"left": 0.09, "right": 0.99, "wspace": 0.1}  # of the panels
@@ -50,8 +50,9 @@ def rows(found: Scanned) -> list[list[str]]:
 def page(found: Scanned, command: str | None = None) -> Page:
     """The page; `command` is what repeats it."""
     best = found.imaged["truestroke"].distortion
-    rate = float(found.scan.settings["rate"])  # type: ignore[arg-type]
+    rate, lines = (float(found.scan.settings[name]) for name in ("rate", "lead_in"))  # type: ignore[arg-type]
     first = " and ".join(f"{one.resonances[0]:g}" for one in found.stage.axes)
+    kinds = " and ".join(one.hysteresis_kind for one in found.stage.axes)
     lead = (
         f"Two samples, scanned by a simulated XY stage at {rate:g} rows a second, {PIXELS} x {PIXELS} pixels: with "
         f"truestroke no pixel is more than {best.largest:.2g} pixels from its place."
@@ -60,9 +61,9 @@ def page(found: Scanned, command: str | None = None) -> Page:
     note = (
         f"Pixels of {1e3 * width / PIXELS:.0f} nm. Distortion: largest distance of a pixel from its place. "
         "Trace-retrace: largest distance between both, in a mean of 16 rows. Seen shift: by the images alone. The "
-        f"stage: resonances of {first} Hz, {100 * stage.coupling[1][0]:g} % of x on y, hysteresis of different "
-        f"structures, sensor noise of {1e3 * stage.axes[0].noise:g} nm. truestroke knows the resonances, and has had "
-        f"{LEAD_IN / rate:g} s of lines before the image. The paper's law knows neither resonance nor other axes, and "
+        f"stage: resonances of {first} Hz, {100 * stage.coupling[1][0]:g} % of x on y, hysteresis of {kinds}, "
+        f"sensor noise of {1e3 * stage.axes[0].noise:g} nm. truestroke knows the resonances, and has had "
+        f"{lines / rate:g} s of lines before the image. The paper's law knows neither resonance nor other axes, and "
         "was not made for this speed."
     )
     spiral = (
