@@ -212,7 +212,7 @@ def test_a_motion_and_its_lines_come_back_from_their_files(tmp_path):
         (
             lambda: made("raster", rate=1e-4, lines=2048),
             "duration = 20490000.0 s: must be at most .* at 10000 Hz, as a scan of 2.05e.11 ticks and its "
-            "images take 1.02e.05 GB of memory",
+            "images take 1.54e.05 GB of memory",
         ),
         (lambda: made("spiral", rotation=5000.0), "rotation = 5000.0 Hz: must be below half of the sample rate, 5000"),
         (lambda: scans.lissajous(lobes=1), "lobes = 1: must be a whole number from 2"),
@@ -248,7 +248,7 @@ def test_what_is_no_array_or_image_is_named():
 
 def test_a_scan_that_memory_cannot_hold_is_refused_before_it_is_made(monkeypatch):
     monkeypatch.setattr(system, "free_memory", lambda: 4e9)
-    words = r"must be at most 160 s at 50000 Hz, as a scan of 2.56e\+07 ticks .* 12.8 GB of memory, and 4 GB are free"
+    words = r"must be at most 107 s at 50000 Hz, as a scan of 2.56e\+07 ticks .* 19.2 GB of memory, and 4 GB are free"
     with pytest.raises(SettingError, match=words):
         scans.raster(sample_rate=50_000.0, rate=1.0, lines=512)
     monkeypatch.undo()

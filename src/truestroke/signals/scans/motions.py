@@ -19,7 +19,7 @@ from truestroke.signals.shaping import Motion, Move
 from truestroke.signals.trajectories import Trajectory
 
 MOST = 10**8  # ticks of a scan, whatever the memory
-NEEDED = 500.0  # bytes of memory for a tick: the motion, what is recorded of two axes, the images, the page
+NEEDED = 750.0  # bytes of memory for a tick: motion, recording, images, page; 500 on hardware, more if simulated
 NEWTON = 6  # iterations for the angle of a spiral: to the last bits
 LEAD_IN = 0.5  # s before the image, by default
 LEAD_OUT = 0.02  # s behind the image, in which all goes on as before: the end is not in the last line
