@@ -87,7 +87,7 @@ def test_track_prints_the_table_and_where_the_page_is() -> None:
     assert "converged  " in done.stdout
     files, suggestions = done.stdout.split("\n\n")[-2:]
     assert "run.html" in files
-    suggested = re.findall(r"^  truestroke (.*?)  ", suggestions, flags=re.MULTILINE)
+    suggested = re.findall(r"^  (?:python -m )?truestroke (.*?)  ", suggestions, flags=re.MULTILINE)
     assert {words.split()[0] for words in suggested} == {"track", "compare", "reproduce"}
     for words in suggested:  # what is suggested exists
         name, *options = words.split()
