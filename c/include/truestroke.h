@@ -461,8 +461,8 @@ typedef struct {
 /* Where the stage is not known and the model has the term of the inertia: while the error shows that the stage rings, velocity
  * and acceleration of the law's regressor are those of the measurement, as central differences about the tick before. */
 typedef struct {
-    ts_real u[TS_PADDED(TS_MAX_LEARNED)]; /* the regressor of the tick before */
-    ts_real y;                        /* um: and what w.u should have been */
+    ts_real u[TS_PADDED(TS_MAX_LEARNED)]; /* the regressor of the tick before; with a stage that was found, behind a third pole, */
+    ts_real y;                        /* um: and what w.u should have been, or is there */
     ts_real error[2];                 /* um: measured less desired, of the last two ticks, the newer first */
     ts_real once, twice[2];           /* um: behind the first of the two poles, and behind both in the last two ticks */
     ts_real power;                    /* um^2: mean square of the second difference of that */
@@ -591,6 +591,22 @@ typedef struct {
 /* Ticks of lag and dead time of a stage that was found, at most; where dynamics are given it has those of theirs. */
 #define TS_MOST_DEAD 8
 
+/* While a stage that was found is in the model: the error, over the range of the motion, in blocks of a quarter of a second, and
+ * the weights with the least of them. All are ts_real, for they share the memory of weights. */
+typedef struct {
+    ts_real ticks, windows;        /* of this block: so far, */
+    ts_real speed, square;         /* um^2/s^2: sum of zdot_d^2, and of the squares of the windows' errors */
+    ts_real least, swift;          /* error and speed of the block with the least error; */
+    ts_real known;                 /* 1: there is one */
+    ts_real bad;                   /* blocks in a row whose error has grown */
+    ts_real failed;                /* error for which earlier weights were taken, */
+    ts_real held;                  /* windows since; 0: the law learns; */
+    ts_real good;                  /* error of those weights; 0: not known yet */
+    ts_real wait;                  /* blocks: of the next hold, */
+    ts_real left;                  /* and until this one ends, or until an error may have grown */
+    ts_real late;                  /* 1: the law has a third pole */
+} ts_growth;
+
 /* The stage's first resonance, and the quantities that follow from it; at first from the settings. */
 typedef struct {
     ts_real resonance;             /* cycles per tick; 0: not known */
@@ -598,7 +614,11 @@ typedef struct {
     ts_real smoothing;             /* as in the settings */
     ts_real rest;                  /* ticks until learning begins again */
     ts_real age;                   /* s since `newer` was kept */
-    ts_real newer[TS_MAX_LEARNED], older[TS_MAX_LEARNED]; /* earlier weights, to be restored */
+    ts_real newer[TS_MAX_LEARNED]; /* earlier weights, to be restored; with a stage that was found those with the least error */
+    union {
+        ts_real older[TS_MAX_LEARNED];
+        ts_growth growth;          /* with a stage that was found */
+    } before;
     ts_real doubt;                    /* error over the range that the dynamics of the settings leave */
     uint64_t since;                   /* first tick whose strain is kept while learning rests */
     bool failed, trial;               /* with the stage that was found learning has failed, or has not been better than before yet */

@@ -9,6 +9,7 @@
 #define RINGS 4                   /* times the noise's: mean square of the second difference of the error where the stage rings */
 #define JUMP 16                   /* times the noise's: what one tick may add to it; a jump is no ringing */
 #define RINGING_RATE 50           /* 1/s: how fast that mean follows */
+#define LATER ((ts_real)1.2)       /* of the resonance that was found: a third pole of the law, where its weights drift */
 #define DAMPS_MOST ((ts_real)0.1) /* of the stroke: what the active damping adds to the command */
 
 /* The regressor of the next tick that was not yet measured. */
@@ -124,6 +125,29 @@ static const ts_real *with_inertia(ts_controller *c, const ts_real *u, ts_real *
     return r->rings ? space : u;
 }
 
+/* The regressor and what belongs to it behind a third pole, which removes what is beyond the stage that was found. */
+static const ts_real *behind_pole(ts_controller *c, const ts_real *u, ts_real *y, bool learn)
+{
+    ts_ringing *r = &c->ringing;
+    if (!learn) {
+        r->started = false;
+        return u;
+    }
+    if (!r->started) {
+        memset(r->u, 0, sizeof r->u);
+        r->y = 0;
+        r->started = true;
+    }
+    ts_real w = 2 * TS_PI * LATER * c->stage.resonance, pole = w / (1 + w);
+    for (int i = 0; i < c->parameters; i += TS_LANES) {
+        lanes before = load(r->u + i);
+        store(r->u + i, plus(before, pole, difference(load(u + i), before)));
+    }
+    r->y += pole * (*y - r->y);
+    *y = r->y;
+    return r->u;
+}
+
 /* One tick of the law: u.w should be y; innovation 0 and measured false where the measurement is missing or rejected. */
 static void adapt_kalman(ts_controller *c, const ts_real *u, ts_real y, ts_real innovation, bool measured, bool learn)
 {
@@ -134,6 +158,7 @@ static void adapt_kalman(ts_controller *c, const ts_real *u, ts_real y, ts_real 
     k->steady = is_given(c) && c->guard.small >= TS_SETTLED;
     k->calm = !dynamics_of(c)->known && c->guard.small > 0;
     if (measures_inertia(c)) u = with_inertia(c, u, &y, learn, space);
+    else if (c->found.known && c->stage.before.growth.late > 0) u = behind_pole(c, u, &y, learn);
     if (!ts_kalman_tick(k, &s->kalman, s->initial_weights, prior_of(s), c->w, u, y, innovation, measured, learn, c->parameters)) return;
     project_slopes(c);
     c->flags.changed = k->changed;
@@ -306,7 +331,7 @@ static bool learn_from(ts_controller *c, const ts_real *u, ts_real z, const ts_m
     bool used = !frozen(c, z, predicted, stands), smooth = staged || c->ringing.rings;
     bool spike = used && ts_kalman_is_spike(k, &s->kalman, c->innovation, noisy, smooth);
     ts_real innovation = used && !spike ? c->innovation : 0;
-    bool learn = adapts(c, limited, back) && !(c->stage.rest > 0) && c->guard.held == 0;
+    bool learn = adapts(c, limited, back) && !(c->stage.rest > 0) && !is_restored(c);
     used = used && !spike;
     if (staged) learn_staged(c, used ? z : predicted, innovation, used, learn);
     else adapt_kalman(c, u, predicted + innovation, innovation, used, learn);

@@ -21,6 +21,12 @@ static inline bool is_given(const ts_controller *c)
     return c->settings->dynamics.known && !c->found.known;
 }
 
+/* Whether earlier weights are held, since learning made the error larger. */
+static inline bool is_restored(const ts_controller *c)
+{
+    return c->guard.held > 0 || (c->found.known && c->stage.before.growth.held > 0);
+}
+
 /* Whether the inertia of the stage is learned from the measured acceleration. */
 static inline bool measures_inertia(const ts_controller *c)
 {
@@ -112,6 +118,8 @@ TS_API void ts_watch_stage(ts_controller *c, ts_real error, ts_real zdot_d, bool
 
 /* learned.c */
 TS_API void ts_keep_start(ts_controller *c);
+TS_API void ts_begin_growth(ts_controller *c, bool first);
+TS_API void ts_end_growth(ts_controller *c);
 TS_API void ts_watch_learning(ts_controller *c, ts_real error, ts_real z_d, bool counts);
 TS_API void ts_watch_kept(ts_controller *c, const ts_real *u, ts_real z);
 

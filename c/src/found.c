@@ -202,10 +202,11 @@ void ts_adopt_stage(ts_controller *c, ts_real frequency, ts_real ringing)
             at++;
             put_weight(c, at, AS_GOOD_AS_NONE * s->prior[ts_prior_entries(s, at + 1) - 1]);
         }
-    k->started = false;
+    k->started = c->ringing.started = false;
     damp(c, frequency, dead + c->answered);
     ts_look_ahead_anew(c);
     ts_keep_command(c);
+    ts_begin_growth(c, !again);
     if (!again) {
         memset(c->feedback.damped, 0, sizeof c->feedback.damped);
         c->stage.trial = c->guard.kept; /* what was good before is good to go back to */
@@ -238,6 +239,7 @@ void ts_forget_stage(ts_controller *c)
     if (s->law != TS_LAW_KALMAN) return;
     bool ends = c->found.known, returns = ends && s->dynamics.known;
     c->found.known = false;
+    if (ends) ts_end_growth(c);
     if (returns) return_to_given(c);
     c->stage.resonance = s->resonance;
     c->stage.inertia = inertia_of(s, s->resonance);
@@ -254,6 +256,7 @@ void ts_give_up_stage(ts_controller *c)
     c->resonance.windows = 0;
     if (!c->settings->dynamics.known) {
         c->found.known = false;
+        ts_end_growth(c);
         c->resonance.lag += (ts_real)(c->found.dead - 1);
         c->resonance.ticks = 0;
         ts_adopt_resonance(c, c->stage.resonance, 1);

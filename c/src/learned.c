@@ -7,6 +7,20 @@
 #define MOST_CAUTION ((ts_real)0.1) /* of the motion's range: the largest error that counts as noise after learning has failed */
 #define CAUTIOUS 100                /* times the variance of a measurement: from there on the law follows no drift */
 
+#define BLOCK ((ts_real)0.25)       /* s: over which an error is taken */
+#define GREW ((ts_real)1.4)         /* times the least of a block: an error that has grown, */
+#define GROWN 2                     /* in so many blocks in a row, */
+#define LEAST_GROWN ((ts_real)1e-3) /* of the motion's range at least, */
+#define OF_NOISE 3                  /* and so many standard deviations of a measurement */
+#define AS_FAST ((ts_real)1.2)      /* times as fast, or as slow: another motion */
+#define SETTLES 3                   /* windows until held weights are judged */
+#define HELPS ((ts_real)0.8)        /* of the error that had grown: earlier weights are better, */
+#define AS_GOOD ((ts_real)1.3)      /* and, times the least, as good as they were */
+#define AT_ONCE ((ts_real)1.5)      /* times the error that had grown: held weights are not waited for */
+#define WORN ((ts_real)1.5)         /* times the error that they had at first: they are old */
+#define FIRST_HOLD 4                /* blocks of the first hold, */
+#define LONGEST_HOLD 256            /* and of the longest */
+
 static void weights_at_best(ts_controller *c)
 {
     ts_controller_complete(c);
@@ -95,6 +109,136 @@ static void doubt_dynamics(ts_controller *c, ts_real error)
     c->stage.doubted = error > DOUBT;
 }
 
+/* Nothing is known of the present error, and nothing held; what a hold has shown stays, but for another stage. */
+void ts_begin_growth(ts_controller *c, bool first)
+{
+    ts_growth *g = &c->stage.before.growth;
+    ts_real wait = first ? FIRST_HOLD : g->wait, late = first ? 0 : g->late;
+    memset(&c->stage.before, 0, sizeof c->stage.before);
+    g->wait = wait;
+    g->late = late;
+}
+
+/* The stage is no longer in the model: the weights to be restored are those at their best. */
+void ts_end_growth(ts_controller *c)
+{
+    c->ringing.started = false;
+    memcpy(c->stage.newer, c->kept.w, sizeof(ts_real) * (size_t)c->parameters);
+    memcpy(c->stage.before.older, c->kept.w, sizeof(ts_real) * (size_t)c->parameters);
+    c->stage.age = 0;
+}
+
+/* The weights of this block have the least error. */
+static void keep_least(ts_controller *c, const ts_real *w, ts_real error, ts_real speed)
+{
+    ts_growth *g = &c->stage.before.growth;
+    memmove(c->stage.newer, w, sizeof(ts_real) * (size_t)c->parameters);
+    g->known = 1;
+    g->least = error;
+    g->swift = speed;
+    g->bad = 0;
+}
+
+/* The law continues, when its filters have settled: after a period of the stage. */
+static void learn_on(ts_controller *c)
+{
+    c->stage.before.growth.held = 0;
+    c->law.kalman.change = 0;
+    c->law.kalman.since_change = -(int)(1 / c->stage.resonance);
+}
+
+/* A block of the weights that learn: where the error has grown while the motion is as fast, those with the least error are held. */
+static void judge_growth(ts_controller *c, ts_real error, ts_real speed, bool other, ts_real noise)
+{
+    ts_growth *g = &c->stage.before.growth;
+    ts_real least = OF_NOISE * noise / ts_guard_range(&c->guard, &c->settings->guard);
+    if (least < LEAST_GROWN) least = LEAST_GROWN;
+    if (g->left > 0) g->left -= 1;
+    if (!(g->known > 0) || other || error <= g->least) {
+        keep_least(c, c->w, error, speed);
+        return;
+    }
+    bool grew = error > GREW * g->least && error > least && !(g->left > 0);
+    g->bad = grew ? g->bad + 1 : 0;
+    if (g->bad < GROWN) return;
+    memcpy(c->kept.aside, c->w, sizeof(ts_real) * (size_t)c->parameters);
+    take_weights(c, c->stage.newer, true);
+    g->failed = error;
+    g->held = 1;
+    g->good = 0;
+    c->counters.restored++;
+}
+
+/* The first block of the held weights: the law goes on from there with a third pole, unless it had that; then they stay, if they are
+ * as good as they were. Where they are no better, learning was not the cause. */
+static void judge_restored(ts_controller *c, ts_real error, ts_real speed, bool burst)
+{
+    ts_growth *g = &c->stage.before.growth;
+    bool before = g->late > 0;
+    if (burst || error > HELPS * g->failed) {
+        ts_real failed = g->failed;
+        take_weights(c, c->kept.aside, false);
+        learn_on(c);
+        ts_begin_growth(c, false);
+        keep_least(c, c->kept.aside, failed, speed);
+        g->left = g->wait;
+        return;
+    }
+    g->late = 1;
+    g->good = error;
+    if (!before || error > AS_GOOD * g->least) {
+        keep_least(c, c->stage.newer, error, speed);
+        learn_on(c);
+        return;
+    }
+    g->left = g->wait;
+    g->wait = g->wait < LONGEST_HOLD ? 2 * g->wait : LONGEST_HOLD;
+}
+
+/* Each further one: the law goes on when the hold ends, or they are old. */
+static void judge_hold(ts_controller *c, ts_real error, ts_real speed, bool other, bool burst)
+{
+    ts_growth *g = &c->stage.before.growth;
+    bool worn = other || burst || error > WORN * g->good;
+    g->left -= 1;
+    if (g->left > 0 && !worn) return;
+    learn_on(c);
+    if (worn && (other || g->left > 0)) ts_begin_growth(c, false);
+    else keep_least(c, c->stage.newer, error, speed);
+}
+
+/* One tick beside the guard, with a stage that was found: an error that grows slowly, far below what the guard takes for a failure. */
+static void watch_growth(ts_controller *c, ts_real noise)
+{
+    const ts_guard *guard = &c->guard;
+    ts_growth *g = &c->stage.before.growth;
+    if (!c->found.known) return;
+    if (guard->held > 0 || c->stage.trial || c->flags.changed) {
+        ts_begin_growth(c, false);
+        return;
+    }
+    g->speed += c->rate * c->rate;
+    g->ticks += 1;
+    if (g->held > 0) move_offset(c, guard->drift);
+    if (guard->ticks > 0) return; /* within a window */
+    bool burst = g->held > 0 && guard->error > AT_ONCE * g->failed;
+    if (g->held > 0) g->held += 1;
+    if (g->held > 0 && g->held <= SETTLES && !burst) {
+        g->speed = g->ticks = 0;
+        return;
+    }
+    g->windows += 1;
+    g->square += guard->error * guard->error;
+    if (!burst && g->windows * ((ts_real)c->settings->guard.window * c->settings->oscillation.tick) < BLOCK) return;
+    ts_real error = root_of(g->square / g->windows), speed = root_of(g->speed / g->ticks);
+    bool other = g->known > 0 && (speed > AS_FAST * g->swift || AS_FAST * speed < g->swift);
+    g->windows = g->square = g->speed = g->ticks = 0;
+    if (other) g->wait = FIRST_HOLD;
+    if (!(g->held > 0)) judge_growth(c, error, speed, other, noise);
+    else if (g->good > 0) judge_hold(c, error, speed, other, burst);
+    else judge_restored(c, error, speed, burst);
+}
+
 void ts_watch_learning(ts_controller *c, ts_real error, ts_real z_d, bool counts)
 {
     const ts_settings *s = c->settings;
@@ -141,7 +285,8 @@ void ts_watch_learning(ts_controller *c, ts_real error, ts_real z_d, bool counts
     if (g->ticks == 0 && is_given(c)) doubt_dynamics(c, g->error);
     if (g->held > 0 || k->caution > CAUTIOUS * (k->sigma * k->sigma)) move_offset(c, g->drift);
     if (g->held == 0 && g->ticks == 0) k->caution *= 1 - (ts_real)0.8 / (ts_real)g->wait;
-    c->flags.restored = g->held > 0;
+    watch_growth(c, noise);
+    c->flags.restored = is_restored(c);
 }
 
 /* The kept weights again, moved by this offset, um, and what was known of the stage with them. */
@@ -150,7 +295,7 @@ static void recall(ts_controller *c, ts_real offset)
     ts_kalman *k = &c->law.kalman;
     ts_resonance *r = &c->resonance;
     bool staged = c->found.known;
-    c->found.known = c->stage.trial = false;
+    c->found.known = c->stage.trial = c->ringing.started = false;
     c->stage.failed = c->kept.failed;
     c->stage.rest = 0;
     stage_at_best(c);

@@ -15,7 +15,7 @@
 void ts_keep_weights(ts_controller *c, bool start)
 {
     size_t size = sizeof(ts_real) * (size_t)c->parameters;
-    memcpy(c->stage.older, start ? c->w : c->stage.newer, size);
+    memcpy(c->stage.before.older, start ? c->w : c->stage.newer, size);
     memcpy(c->stage.newer, c->w, size);
     c->stage.age = 0;
 }
@@ -25,7 +25,7 @@ void ts_keep_weights(ts_controller *c, bool start)
 static void retreat(ts_controller *c, ts_real frequency)
 {
     if (!c->oscillation.found) {
-        memcpy(c->w, c->stage.older, sizeof(ts_real) * (size_t)c->parameters);
+        memcpy(c->w, c->stage.before.older, sizeof(ts_real) * (size_t)c->parameters);
         ts_keep_weights(c, true);
         ts_kalman_reset_covariance(&c->law.kalman, prior_of(c->settings), c->parameters);
     }

@@ -38,7 +38,7 @@ static inline bool finite_law(const ts_controller *c)
                                k->filter, k->disturbance, o->fast, o->slow, o->slower, o->speed, o->acceleration, o->zdot_d,
                                o->error, o->h, o->peak, o->steepest, g->resonance, g->inertia, g->smoothing, g->rest, g->age};
     if (!all_finite(c->kept.w, m) || !all_finite(c->kept.aside, m) || !all_finite(c->kept.P, TS_PACKED(m))) return false;
-    if (!all_finite(o->peaks, TS_HALF_WAVES) || !all_finite(g->newer, m) || !all_finite(g->older, m)) return false;
+    if (!all_finite(o->peaks, TS_HALF_WAVES) || !all_finite(g->newer, m) || !all_finite(g->before.older, m)) return false;
     return all_finite(k->P, TS_TRIANGLE(m)) && all_finite(k->u1, m) && all_finite(k->u, m) && all_finite(k->Pu, m)
            && all_finite(scalars, sizeof scalars / sizeof *scalars);
 }

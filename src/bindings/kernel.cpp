@@ -193,7 +193,8 @@ template <typename Controller, typename Visit> void each_array(Controller &c, Vi
     visit("rest", &g.rest, 1);
     visit("weights_age", &g.age, 1);
     visit("weights_newer", &g.newer[0], m);
-    visit("weights_older", &g.older[0], m);
+    visit("weights_older", &g.before.older[0], m);
+    visit("growth", &g.before.growth.ticks, sizeof g.before.growth / sizeof(ts_real));
     auto &v = c.resonance;
     visit("resonance_search", &v.centre, offsetof(ts_resonance, settling) / sizeof(ts_real));
     visit("resonance_ticks", &v.settling, 6);
@@ -326,6 +327,7 @@ void check_kalman(const ts_controller &c) {
     require_range("change", k.change, 0, 100);
     require_range("usual", k.usual, 0, 100);
     ts_real lowest = lowest_resonance(c); // the law waits for a period of a stage that was found
+    if (c.found.known && c.stage.resonance < lowest) lowest = c.stage.resonance;
     int longest_wait = lowest > 0 ? static_cast<int>(std::min(1 / lowest, static_cast<ts_real>(INT32_MAX / 2))) + 1 : 0;
     require_range("since_change", k.since_change, -longest_wait, INT32_MAX);
     require_range("spikes", k.spikes, 0, INT32_MAX);

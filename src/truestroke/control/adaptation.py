@@ -566,8 +566,8 @@ class BoundedKalman:
         self.P = self.P + np.outer(d, d)
 
     def wait(self, ticks: int) -> None:
-        """The weights stay for so many ticks."""
-        self.since_change = -ticks
+        """The weights stay for so many ticks, and what is unusual is summed anew."""
+        self.since_change, self.change = -ticks, 0.0
 
     def start_filters(self) -> None:
         """They start at 0, in place of the first u and y, unless they have: y = w.u stays exact."""

@@ -1,5 +1,6 @@
 """A measurement: what the model expected, whether it is used, what law and feedback make of it."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -9,7 +10,7 @@ from truestroke.control.adaptation import LARGEST, FilteringLaw, UpdateRefused
 from truestroke.control.guard import SETTLED
 from truestroke.control.reference.command import slopes_at
 from truestroke.control.reference.found import watch_resonance
-from truestroke.control.reference.learned import PAUSE, watch_kept, watch_learning
+from truestroke.control.reference.learned import PAUSE, is_restored, watch_kept, watch_learning
 from truestroke.control.reference.ringing import watch_stage
 from truestroke.control.reference.state import BEYOND, HISTORY, Command, State
 from truestroke.control.reference.terms import regressor, remember_creep, remember_voltage, through_dead_zones
@@ -20,6 +21,7 @@ from truestroke.model.operators import dot
 ALARMS = 0.1  # s: over which the rate of sudden changes is taken
 RESUME = 20.0  # 1/s: the rate below which the feedback continues after a pause
 RINGING_RATE = 50  # 1/s: how fast the mean square of the second difference follows
+LATER = 1.2  # of the resonance that was found: a third pole of the law, where its weights drift
 DAMPS_MOST = 0.1  # of the stroke: what the active damping adds to the command
 
 
@@ -33,7 +35,7 @@ def measure(c: State, z: float) -> bool:
     u = c.sensor.sensed(next_lagged(c)) if path is None else None  # (20)
     now = regressor(c, c.now, c.last.motion) if c.stage.smoothing > 0 else None
     first = 0.0 if now is None else float(dot(c.law.weights, now))
-    learns = adapts(c, learned, beyond) and not c.stage.rest > 0 and c.kept.guard.held == 0
+    learns = adapts(c, learned, beyond) and not c.stage.rest > 0 and not is_restored(c)
     used = learn_from(c, u, z, motion, learn=learns, stands=stands)
     if used and now is not None:
         admit_learned(c, float(dot(c.law.weights, now)) - first)
@@ -215,6 +217,8 @@ def update_law(
     """One tick of the law: u . w should be y, um."""
     if c.measures_inertia:
         u, y = with_inertia(c, law, u, y, learn=learn)
+    elif c.stage.growth is not None and c.stage.growth.late:
+        u, y = behind_pole(c, u, y, learn=learn)
     law.relates = c.path is not None
     law.steady = c.is_given and c.kept.guard.small >= SETTLED
     law.calm = c.path is None and c.kept.guard.small > 0
@@ -222,6 +226,21 @@ def update_law(
         project_slope(c, law, c.fastest)  # slopes are linear in the rate:
         project_slope(c, law, -c.fastest)  # its two ends are the worst
         c.changed = law.changed
+
+
+def behind_pole(c: State, u: FloatArray, y: float, *, learn: bool) -> tuple[FloatArray, float]:
+    """Regressor and measurement behind a third pole, which removes what is beyond the stage that was found."""
+    r = c.ringing
+    if not learn:
+        r.u = None
+        return u, y
+    if r.u is None:
+        r.u, r.y = np.zeros(u.size), 0.0
+    w = 2 * math.pi * LATER * c.stage.resonance
+    pole = w / (1 + w)
+    r.u = r.u + pole * (u - r.u)
+    r.y += pole * (y - r.y)
+    return r.u, r.y
 
 
 def with_inertia(c: State, law: FilteringLaw, u: FloatArray, y: float, *, learn: bool) -> tuple[FloatArray, float]:

@@ -7,7 +7,7 @@ import numpy as np
 from truestroke.control.adaptation import FilteringLaw
 from truestroke.control.guard import FIRST_WAIT
 from truestroke.control.reference.command import keep_command, look_ahead_anew
-from truestroke.control.reference.state import HISTORY, State
+from truestroke.control.reference.state import HISTORY, Growth, State
 from truestroke.control.resonance import shown, tangent
 from truestroke.control.stage import Stage, found
 
@@ -23,6 +23,7 @@ LASTS = 8  # windows with such an error, which does not fall: then they are doub
 ELSEWHERE = 0.03  # of the first resonance of the settings: one that differs by so much, where learning has failed
 DRIVEN = 0.5  # share of the plays: what our voltage does not drive is of another axis, or comes from outside
 ANOTHER = 0.07  # of their first resonance: one that differs by so much is that of another stage
+FIRST_HOLD = 4  # blocks of the first hold of weights that had the least error
 SLOWEST = 0.025  # of the resonance: a slower motion does not need it
 NOISY = 9  # times the variance of a measurement: nor does a smaller error,
 SHAKEN = 1e-3  # of the range of the motion: unless the stage rings by so much
@@ -59,6 +60,7 @@ def forget_stage(c: State) -> None:
         stage.resonance, law.filter = c.members["resonance"], c.members["kalman.filter"]
         stage.inertia = inertia_of(c, stage.resonance)
     if before is not None:
+        end_growth(c)
         look_ahead_anew(c)
 
 
@@ -133,6 +135,8 @@ def adopt_stage(c: State, law: FilteringLaw, frequency: float, ringing: float) -
     for place, variance in places.items():
         law.separate(place, variance)
     law.stop_filters()
+    c.ringing.u = None
+    begin_growth(c, first=not again)
     c.damping = damping(frequency, dead + c.answered)
     look_ahead_anew(c)
     keep_command(c)
@@ -191,6 +195,22 @@ def dead_time(c: State, frequency: float, before: int) -> int:
     return dead
 
 
+def begin_growth(c: State, *, first: bool) -> None:
+    """Nothing is known of the present error, and nothing held; what a hold has shown stays, but for another stage."""
+    before = c.stage.growth
+    if first or before is None:
+        c.stage.growth = Growth(c.law.weights, FIRST_HOLD)
+    else:
+        c.stage.growth = Growth(before.weights, before.wait, before.late)
+
+
+def end_growth(c: State) -> None:
+    """The stage is no longer in the model: the weights to be restored are those at their best."""
+    c.ringing.u, c.stage.growth = None, None
+    c.stage.older = c.stage.newer = c.kept.weights
+    c.stage.age = 0.0
+
+
 def give_up_stage(c: State, law: FilteringLaw) -> None:
     """It was not that: the stage is that of the settings, or the resonance alone is known, as before."""
     if c.path is None or not c.stage.found:
@@ -205,6 +225,7 @@ def give_up_stage(c: State, law: FilteringLaw) -> None:
     c.estimator.lag += c.path.dead - 1  # behind the plays of a tick before
     c.estimator.ticks = 0
     c.path, stage.found = None, False
+    end_growth(c)
     adopt_resonance(c, law, stage.resonance, 1.0)
     look_ahead_anew(c)
 

@@ -1,13 +1,23 @@
 """Never worse than not learning: the guard's decisions, and the weights that are kept for them."""
 
+import math
+
 import numpy as np
 
 from truestroke.base.typing import FloatArray
 from truestroke.control.adaptation import LARGEST, FilteringLaw
 from truestroke.control.guard import SWINGS, Action, Guard, Recall
 from truestroke.control.reference.command import keep_command, look_ahead_anew
-from truestroke.control.reference.found import DOUBT, LASTS, forget_stage, give_up_stage, stage_is_shown
-from truestroke.control.reference.state import Kept, State
+from truestroke.control.reference.found import (
+    DOUBT,
+    FIRST_HOLD,
+    LASTS,
+    begin_growth,
+    forget_stage,
+    give_up_stage,
+    stage_is_shown,
+)
+from truestroke.control.reference.state import Growth, Kept, State
 from truestroke.control.reference.terms import through_dead_zones
 from truestroke.model.operators import dot
 
@@ -15,6 +25,19 @@ PAUSE = 100.0  # 1/s: rate of sudden changes from which on the feedback pauses
 FALLEN = 0.8  # of an error that the dynamics leave: learning makes it smaller
 MOST_CAUTION = 0.1  # of the motion's range: the largest error that counts as noise after learning has failed
 CAUTIOUS = 100  # times the variance of a measurement: from there on the law follows no drift
+
+BLOCK = 0.25  # s: over which an error is taken
+GREW = 1.4  # times the least of a block: an error that has grown,
+GROWN = 2  # in so many blocks in a row,
+LEAST_GROWN = 1e-3  # of the motion's range at least,
+OF_NOISE = 3  # and so many standard deviations of a measurement
+AS_FAST = 1.2  # times as fast, or as slow: another motion
+SETTLES = 3  # windows until held weights are judged
+HELPS = 0.8  # of the error that had grown: earlier weights are better,
+AS_GOOD = 1.3  # and, times the least, as good as they were
+AT_ONCE = 1.5  # times the error that had grown: held weights are not waited for
+WORN = 1.5  # times the error that they had at first: they are old
+LONGEST_HOLD = 256  # blocks
 
 
 def keep_start(c: State) -> None:
@@ -95,6 +118,7 @@ def recall(c: State, law: FilteringLaw, offset: float) -> None:
     staged = c.path is not None
     if c.path is not None:
         stage.z, c.path, stage.found = c.path.z, None, False
+    c.ringing.u, stage.growth = None, None
     stage.trial, stage.failed, stage.rest = False, kept.failed, 0.0
     stage.detector.sign = stage.detector.regular = 0
     known.known = known.variance = 0.0
@@ -132,6 +156,114 @@ def doubt_dynamics(c: State, error: float) -> None:
         stage.doubted = min(stage.doubted + 1, LASTS)
     else:
         stage.doubt, stage.doubted = error, int(error > DOUBT)
+
+
+def is_restored(c: State) -> bool:
+    """Whether earlier weights are held, since learning made the error larger."""
+    return c.kept.guard.held > 0 or (c.stage.growth is not None and c.stage.growth.held > 0)
+
+
+def keep_least(g: Growth, weights: FloatArray, error: float, speed: float) -> None:
+    """The weights of this block have the least error."""
+    g.weights, g.known, g.least, g.swift, g.bad = weights, True, error, speed, 0
+
+
+def learn_on(c: State, law: FilteringLaw, g: Growth) -> None:
+    """The law continues, when its filters have settled: after a period of the stage."""
+    g.held = 0
+    law.wait(int(1 / c.stage.resonance))
+
+
+def judge_growth(
+    c: State, law: FilteringLaw, g: Growth, error: float, *, speed: float, other: bool, noise: float
+) -> None:
+    """A block of the weights that learn.
+
+    Where the error has grown while the motion is as fast, those with the least error are held.
+    """
+    g.left -= g.left > 0
+    if not g.known or other or error <= g.least:
+        keep_least(g, law.weights, error, speed)
+        return
+    least = max(OF_NOISE * noise / c.kept.guard.range, LEAST_GROWN)
+    grew = error > GREW * g.least and error > least and not g.left
+    g.bad = g.bad + 1 if grew else 0
+    if g.bad < GROWN:
+        return
+    c.kept.aside = law.weights
+    take_weights(c, law, g.weights, earlier=True)
+    g.failed, g.held, g.good = error, 1, 0.0
+    c.count(restored=True)
+
+
+def judge_restored(c: State, law: FilteringLaw, g: Growth, error: float, *, speed: float, burst: bool) -> None:
+    """The first block of the held weights.
+
+    The law goes on from there with a third pole, unless it had that; then they stay, if they are as good as they were.
+    Where they are no better, learning was not the cause.
+    """
+    if burst or error > HELPS * g.failed:
+        take_weights(c, law, c.kept.aside, earlier=False)
+        learn_on(c, law, g)
+        c.stage.growth = again = Growth(g.weights, g.wait, g.late)
+        keep_least(again, c.kept.aside, g.failed, speed)
+        again.left = g.wait
+        return
+    before, g.late, g.good = g.late, True, error
+    if not before or error > AS_GOOD * g.least:
+        keep_least(g, g.weights, error, speed)
+        learn_on(c, law, g)
+        return
+    g.left, g.wait = g.wait, 2 * g.wait if g.wait < LONGEST_HOLD else LONGEST_HOLD
+
+
+def judge_hold(c: State, law: FilteringLaw, g: Growth, error: float, *, speed: float, other: bool, burst: bool) -> None:
+    """Each further one: the law goes on when the hold ends, or they are old."""
+    worn = other or burst or error > WORN * g.good
+    g.left -= 1
+    if g.left > 0 and not worn:
+        return
+    learn_on(c, law, g)
+    if worn and (other or g.left > 0):
+        begin_growth(c, first=False)
+    else:
+        keep_least(g, g.weights, error, speed)
+
+
+def watch_growth(c: State, law: FilteringLaw, noise: float) -> None:
+    """One tick beside the guard: an error that grows slowly, far below what the guard takes for a failure."""
+    guard, g = c.kept.guard, c.stage.growth
+    if g is None:
+        return
+    if guard.held > 0 or c.stage.trial or c.changed:
+        begin_growth(c, first=False)
+        return
+    g.speed += c.rate * c.rate
+    g.ticks += 1
+    if g.held > 0:
+        move_offset(c, law, guard.drift)
+    if guard.ticks > 0:  # within a window
+        return
+    burst = g.held > 0 and guard.error > AT_ONCE * g.failed
+    g.held += g.held > 0
+    if 0 < g.held <= SETTLES and not burst:
+        g.speed, g.ticks = 0.0, 0
+        return
+    g.windows += 1
+    g.square += guard.error * guard.error
+    if not burst and g.windows * (guard.settings.window * c.oscillation.tick) < BLOCK:
+        return
+    error, speed = math.sqrt(g.square / g.windows), math.sqrt(g.speed / g.ticks)
+    other = g.known and (speed > AS_FAST * g.swift or AS_FAST * speed < g.swift)
+    g.windows, g.square, g.speed, g.ticks = 0, 0.0, 0.0, 0
+    if other:
+        g.wait = FIRST_HOLD
+    if g.held == 0:
+        judge_growth(c, law, g, error, speed=speed, other=other, noise=noise)
+    elif g.good > 0:
+        judge_hold(c, law, g, error, speed=speed, other=other, burst=burst)
+    else:
+        judge_restored(c, law, g, error, speed=speed, burst=burst)
 
 
 def watch_learning(c: State, error: float, z_d: float, counts: bool) -> None:
@@ -174,4 +306,5 @@ def watch_learning(c: State, error: float, z_d: float, counts: bool) -> None:
         move_offset(c, law, guard.drift)
     if guard.held == 0 and guard.ticks == 0:
         law.caution *= 1 - 0.8 / guard.wait
-    c.restored = guard.held > 0
+    watch_growth(c, law, noise)
+    c.restored = is_restored(c)

@@ -40,6 +40,30 @@ class Command:
 
 
 @dataclass
+class Growth:
+    """While a stage that was found is in the model: the error over the range of the motion, in blocks, and its least.
+
+    ts_growth of the kernel.
+    """
+
+    weights: FloatArray  # with the least error
+    wait: int  # blocks: of the next hold
+    late: bool = False  # the law has a third pole
+    ticks: int = 0  # of this block so far,
+    windows: int = 0  # and windows
+    speed: float = 0.0  # um^2/s^2: sum of zdot_d^2 in it,
+    square: float = 0.0  # and of the squares of the windows' errors
+    least: float = 0.0  # error and speed of the block with the least error;
+    swift: float = 0.0
+    known: bool = False  # there is one
+    bad: int = 0  # blocks in a row whose error has grown
+    failed: float = 0.0  # error for which earlier weights were taken,
+    held: int = 0  # windows since; 0: the law learns;
+    good: float = 0.0  # error of those weights; 0: not known yet
+    left: int = 0  # blocks until the hold ends, or until an error may have grown
+
+
+@dataclass
 class FirstResonance:
     """The stage's first resonance, and the quantities that follow from it; at first from the settings."""
 
@@ -59,6 +83,7 @@ class FirstResonance:
     strain: dict[int, float] = field(default_factory=dict)  # um: while learning rests, by tick,
     since: int = 0  # from this one on,
     z: tuple[float, float] = (0.0, 0.0)  # um: and the last two measurements, the newer first
+    growth: Growth | None = None  # of the error, with a stage that was found
 
 
 @dataclass
@@ -83,8 +108,8 @@ class Kept:
 class Ringing:
     """Whether the stage rings, and what the measured acceleration needs of earlier ticks: ts_ringing of the kernel."""
 
-    u: FloatArray | None = None  # the regressor of the tick before; None: there is none
-    y: float = 0.0  # um: and what w.u should have been
+    u: FloatArray | None = None  # the regressor of the tick before, or behind a third pole; None: there is none
+    y: float = 0.0  # um: and what w.u should have been, or is there
     error: tuple[float, float] = (0.0, 0.0)  # um: measured less desired, of the last two ticks, the newer first
     once: float = 0.0  # um: behind the first of the two poles,
     twice: tuple[float, float] = (0.0, 0.0)  # and behind both in the last two ticks
