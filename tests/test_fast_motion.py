@@ -12,6 +12,8 @@ from truestroke.control import adaptation, feasibility, stage
 from truestroke.control.reference import ReferenceController
 from truestroke.plant import StagePlant, StageSettings
 from truestroke.signals import trajectories
+from truestroke.studies.robustness import fast
+from truestroke.studies.robustness.fast.sample import stage_of
 
 RATE = 10_000.0
 LIMITS = (-0.6, 3.6)
@@ -236,6 +238,39 @@ def test_kernel_and_numpy_text_where_a_load_is_too_small_for_an_alarm(monkeypatc
     assert alarms[0] == alarms[1]
     assert [k // 100 for k in alarms[1]] == [19]
     assert [k // 100 for k in alarms[2]] == [17, 19]
+
+
+def grows_twice(make):
+    """A stage that is found, and an error at 61 Hz that grows to 0.3 % of the motion and vanishes, twice."""
+    rate = 1500.0
+    wave = trajectories.sine(frequency=20.0, peak_to_peak=20.0, duration=3.5, sample_rate=rate, offset=12.0, ramp=0.05)
+    time = np.arange(len(wave)) / rate
+    load = 0.04 * np.sin(2 * np.pi * 61.0 * time) * (((time > 1.5) & (time < 2.1)) | ((time > 2.6) & (time < 3.0)))
+    plant = StageSettings(sample_rate=rate, resonances=(80.0,), dampings=(0.01,), voltage_limits=LIMITS)
+    controller = make(ControllerSettings(sample_rate=rate, stroke=24.0, voltage_limits=LIMITS))
+    return run(wave, controller, StagePlant(plant, seed=1, load=load)), controller
+
+
+@pytest.mark.filterwarnings("ignore::truestroke.LimitWarning")
+def test_kernel_and_numpy_text_where_an_error_grows() -> None:
+    """Earlier weights are held, and learned on from behind a third pole; the second time they stay: the same bits."""
+    (kernel, controller), (text, _) = (grows_twice(x) for x in (AdaptiveController.from_settings, ReferenceController))
+    assert kernel["volts"].tolist() == text["volts"].tolist()
+    assert kernel["flags"].tolist() == text["flags"].tolist()
+    later = np.flatnonzero(np.diff((kernel["flags"][1500:] & BIT["restored"]).astype(int))) + 1501
+    assert [round(k / 1500, 1) for k in later] == [2.0, 2.4, 3.0]
+    assert controller.counters.restored == 3  # the first is that of the start
+
+
+@pytest.mark.filterwarnings("ignore::truestroke.LimitWarning")
+def test_weights_that_drift_by_a_second_mode_go_back() -> None:
+    """Two of the worst runs of the study: 0.97 and 1.14 % rms before, in a sine beside a second mode."""
+    for number, most in ((166, 0.35), (66, 0.25)):
+        sampled = fast.sample(21, number, ["unknown"])
+        controller = AdaptiveController.from_settings(sampled.controllers["unknown"])
+        recording = run(sampled.motions["unknown"], controller, StagePlant(stage_of(sampled), sampled.seed))
+        error = (recording["true"] - recording["desired"])[len(recording["true"]) // 2 :]
+        assert 100 * np.sqrt(np.mean(error**2)) / sampled.sampled["span"]["unknown"] < most
 
 
 @pytest.mark.filterwarnings("ignore::truestroke.LimitWarning")

@@ -11,9 +11,9 @@
 #define GREW ((ts_real)1.4)         /* times the least of a block: an error that has grown, */
 #define GROWN 2                     /* in so many blocks in a row, */
 #define LEAST_GROWN ((ts_real)1e-3) /* of the motion's range at least, */
-#define OF_NOISE 3                  /* and so many standard deviations of a measurement */
+#define NOISES_GROWN 3              /* and so many standard deviations of a measurement */
 #define AS_FAST ((ts_real)1.2)      /* times as fast, or as slow: another motion */
-#define SETTLES 3                   /* windows until held weights are judged */
+#define SETTLED_HELD 3              /* windows until held weights are judged */
 #define HELPS ((ts_real)0.8)        /* of the error that had grown: earlier weights are better, */
 #define AS_GOOD ((ts_real)1.3)      /* and, times the least, as good as they were */
 #define AT_ONCE ((ts_real)1.5)      /* times the error that had grown: held weights are not waited for */
@@ -151,7 +151,7 @@ static void learn_on(ts_controller *c)
 static void judge_growth(ts_controller *c, ts_real error, ts_real speed, bool other, ts_real noise)
 {
     ts_growth *g = &c->stage.before.growth;
-    ts_real least = OF_NOISE * noise / ts_guard_range(&c->guard, &c->settings->guard);
+    ts_real least = NOISES_GROWN * noise / ts_guard_range(&c->guard, &c->settings->guard);
     if (least < LEAST_GROWN) least = LEAST_GROWN;
     if (g->left > 0) g->left -= 1;
     if (!(g->known > 0) || other || error <= g->least) {
@@ -223,7 +223,7 @@ static void watch_growth(ts_controller *c, ts_real noise)
     if (guard->ticks > 0) return; /* within a window */
     bool burst = g->held > 0 && guard->error > AT_ONCE * g->failed;
     if (g->held > 0) g->held += 1;
-    if (g->held > 0 && g->held <= SETTLES && !burst) {
+    if (g->held > 0 && g->held <= SETTLED_HELD && !burst) {
         g->speed = g->ticks = 0;
         return;
     }

@@ -30,9 +30,9 @@ BLOCK = 0.25  # s: over which an error is taken
 GREW = 1.4  # times the least of a block: an error that has grown,
 GROWN = 2  # in so many blocks in a row,
 LEAST_GROWN = 1e-3  # of the motion's range at least,
-OF_NOISE = 3  # and so many standard deviations of a measurement
+NOISES_GROWN = 3  # and so many standard deviations of a measurement
 AS_FAST = 1.2  # times as fast, or as slow: another motion
-SETTLES = 3  # windows until held weights are judged
+SETTLED_HELD = 3  # windows until held weights are judged
 HELPS = 0.8  # of the error that had grown: earlier weights are better,
 AS_GOOD = 1.3  # and, times the least, as good as they were
 AT_ONCE = 1.5  # times the error that had grown: held weights are not waited for
@@ -185,7 +185,7 @@ def judge_growth(
     if not g.known or other or error <= g.least:
         keep_least(g, law.weights, error, speed)
         return
-    least = max(OF_NOISE * noise / c.kept.guard.range, LEAST_GROWN)
+    least = max(NOISES_GROWN * noise / c.kept.guard.range, LEAST_GROWN)
     grew = error > GREW * g.least and error > least and not g.left
     g.bad = g.bad + 1 if grew else 0
     if g.bad < GROWN:
@@ -246,7 +246,7 @@ def watch_growth(c: State, law: FilteringLaw, noise: float) -> None:
         return
     burst = g.held > 0 and guard.error > AT_ONCE * g.failed
     g.held += g.held > 0
-    if 0 < g.held <= SETTLES and not burst:
+    if 0 < g.held <= SETTLED_HELD and not burst:
         g.speed, g.ticks = 0.0, 0
         return
     g.windows += 1
