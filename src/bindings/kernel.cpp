@@ -350,6 +350,9 @@ void check_kalman(const ts_controller &c) {
     require_all("smoothing", g.smoothing >= 0 && g.smoothing < 1, "0 or more, below 1");
     not_negative("rest", g.rest);
     not_negative("weights_age", g.age);
+    const ts_growth &e = g.before.growth;
+    bool counted = e.ticks >= 0 && e.windows >= 0 && e.speed >= 0 && e.square >= 0 && e.least >= 0 && e.held >= 0 && e.good >= 0 && e.left >= 0 && e.wait >= 1;
+    require_all("growth", !c.found.known || counted, "of counts and errors of 0 or more, and a wait of 1 or more");
     require_all("pending", !k.pending || k.variance > 0, "0 where innovation_variance is 0");
     check_covariance(c, "covariance", k.P);
     check_resonance(c);
