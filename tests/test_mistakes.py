@@ -77,6 +77,17 @@ def test_a_stage_that_rings_behind_random_bits_is_not_shifted() -> None:
     assert examine(Record.from_arrays(20 + 60 * bits, 10 * z, sample_rate=5e3)).mistakes == ()
 
 
+def test_a_stage_that_rings_at_every_turn_does_not_lead() -> None:
+    """A slow wave and one small step ring at 180 Hz to the end of the record: turns show the ringing, no delay."""
+    rng = np.random.Generator(np.random.PCG64(0))
+    t = np.arange(15000) / 5e3
+    v = 0.3 + 0.25 * foreign_records.wave(t, rng, 5.0) + 0.05 * (t > 1.0)
+    z = foreign_records.resonance(foreign_records.duhem(v), 5e3, 180.0, 0.0015)
+    found = examine(Record.from_arrays(10 * v, 11 * z + 3e-3 * rng.standard_normal(z.size), sample_rate=5e3))
+    assert found.mistakes == ()
+    assert found.delay_ms is None
+
+
 @pytest.mark.parametrize("wrong", [False, True])
 def test_a_stage_that_rings_more_than_it_moves_is_no_wrong_column(wrong: bool) -> None:
     """Twelve samples a period, a ringing that goes on through seven steps; or the displacement of other steps."""
@@ -101,6 +112,18 @@ def test_reversal_curves_that_go_further_and_further_are_no_other_gain(seed: int
     for z in (0.5 * v + play_history(v, tuple(thresholds)) @ weights, foreign_records.generalised_plays(v)):
         record = Record.from_arrays(10 * v, 15 * z + 0.003 * rng.standard_normal(v.size), sample_rate=50.0)
         assert not any("of the gain" in text for text in examine(record).implausible)
+
+
+@pytest.mark.parametrize("seed", [34, 132])
+def test_twenty_strokes_of_an_actuator_that_creeps_show_no_other_gain(seed: int) -> None:
+    """Twelve numbers are fitted to them, and a second gain at one of twenty places."""
+    rng = np.random.Generator(np.random.PCG64(seed))
+    turns = np.zeros(21)
+    turns[1::2], turns[2::2] = rng.uniform(0.25, 1.0, 10), rng.uniform(0.0, 0.2, 10)
+    v = np.interp(np.arange(2000) / 100.0, np.arange(21), turns)
+    z = foreign_records.creep(foreign_records.bouc_wen(v), 10.0, 0.02)
+    record = Record.from_arrays(100 * v, 100 * z + 0.02 * rng.standard_normal(v.size), sample_rate=10.0)
+    assert not any("of the gain" in text for text in examine(record).implausible)
 
 
 def test_few_strokes_of_a_stage_that_rings_show_no_other_gain() -> None:

@@ -126,6 +126,15 @@ def test_some_rows_are_written_twice(good: tuple[FloatArray, FloatArray]) -> Non
     assert text.startswith("20 rows, each by itself, repeat both values")
 
 
+def test_converters_of_12_bits_that_repeat_both_values_where_the_voltage_turns_wrote_no_row_twice() -> None:
+    t = np.arange(12000) / RATE
+    x = 50 - 30 * np.cos(2 * np.pi * 3 * t) - 20 * np.sin(2 * np.pi * 7.3 * t)
+    z = plays(x, (0.0, 5.0, 20.0)) @ (0.09, 0.02, 0.02) + 2e-4 * np.random.default_rng(1).standard_normal(t.size)
+    x, z = (np.ptp(signal) / 4096 * np.round(signal / np.ptp(signal) * 4096) for signal in (x, z))
+    assert np.count_nonzero((np.diff(x) == 0) & (np.diff(z) == 0)) > 12
+    assert examine(Record.from_arrays(x, z, sample_rate=RATE)).implausible == ()
+
+
 def test_what_changes_within_a_record(good: tuple[FloatArray, FloatArray]) -> None:
     """One channel loses rows; another actuator; and a sensor that is AC-coupled, at a tenth of the lowest tone."""
 

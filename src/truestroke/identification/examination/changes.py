@@ -25,6 +25,7 @@ GAIN, SURE = 0.07, 2.5  # of the gain, and times smaller are the squares with tw
 SHOWS, SCATTERS = 0.03, 0.4  # of the gain: what two explain beyond all else, rms; and of the change, their residual
 HATS = 5  # functions of the length of a stroke
 FREE = 5  # strokes more than numbers that are fitted to them
+BY_FEW = 45.0  # Fisher's F of the second gain: few strokes make 42 by chance, another actuator 52 and more
 MIDDLE = 0.15, 0.85  # of the strokes: a change before or after is that of a start or an end
 PARTS = 8  # of the record, each with a delay of its own
 JUMP, JUMP_ROWS = 0.04, 4.0  # of a stroke, and rows
@@ -213,6 +214,7 @@ def _of_gain(record: Record, turns: turning.Rows) -> Iterator[str]:
         and alone > SURE * squares
         and shown
         and free >= FREE
+        and (alone - squares) * free > BY_FEW * squares
         and (math.sqrt(squares / free * gain.size / all_of_it) < SCATTERS * abs(more))
     ):
         yield (

@@ -15,6 +15,7 @@ from truestroke.identification.records.record import Record
 from truestroke.identification.records.series import runs
 
 FEWEST_AGAIN, AGAIN = 5, 0.001  # rows, and of the rows
+STILL = 3.5  # steps of a converter: where the voltage turns, it moves by fewer from row to row
 WINDOW, BLOCK = 8, 40  # rows that are compared with all others, and of a block that is a copy
 COPIED, DRAWN_FROM = 1.0, 2.0  # steps of the sensor: with so much noise no block, and no line, is there by chance
 STRAIGHT = 6  # second differences on one line, at least
@@ -60,10 +61,14 @@ def _of_copies(record: Record) -> Iterator[str]:
 
 
 def _again(record: Record) -> int:
-    """Rows that repeat both values, between rows in which the voltage moves; 0 where chance makes as many."""
-    still = np.diff(record.volts) == 0, np.diff(record.displacement) == 0
-    both = still[0] & still[1]
-    alone = both[1:-1] & ~still[0][:-2] & ~still[0][2:]
+    """Rows that repeat both values, between rows in which the voltage moves; 0 where chance makes as many.
+
+    Converters repeat both values where the voltage turns: there it moves slowly before and behind.
+    """
+    steps = np.diff(record.volts)
+    still = steps == 0, np.diff(record.displacement) == 0
+    both, moves = still[0] & still[1], np.abs(steps) > STILL * _step(record.volts)
+    alone = both[1:-1] & moves[:-2] & moves[2:]
     by_chance = float(still[0].mean() * still[1].mean()) * both.size
     number = int(alone.sum())
     return number if number > max(AGAIN * both.size, 5 * by_chance) else 0

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from truestroke.base.typing import FloatArray
-from truestroke.identification.records.noise import converter_step
+from truestroke.identification.records.noise import converter_step, noise
 
 Rows = npt.NDArray[np.int64]
 
@@ -15,6 +15,7 @@ WINDOW = 0.1  # of the shorter stroke beside it, that a reversal's window reache
 POINTS = 48  # of a window
 FEWEST_SIDE = 3  # samples of a window on each side of the reversal
 STEPS, MOVED = 8, 0.05  # of a converter, and of the span: rates are formed over rows in which a signal moves so far
+STRANGE = 0.25  # of the squares in the windows, beside noise: more is left where a stage rings, and shows no delay
 MOST_REVERSALS = 200  # that are looked at, evenly over the record
 
 
@@ -55,7 +56,8 @@ def delay(x: FloatArray, z: FloatArray, turns: Rows, breaks: Sequence[int]) -> f
 
         z(t) = c + f(x(t - d) - x(tau)) before,   c + g(x(t - d) - x(tau)) after,   f, g parabolas through 0
 
-    for every reversal its own c, f, g, and one delay d for all: that with the least sum of squares.
+    for every reversal its own c, f, g, and one delay d for all: that with the least sum of squares. None where much
+    more than noise is left: something else than the voltage moves the displacement there, such as ringing.
     """
     windows = _windows(x, turns, breaks)
     if len(windows) < 4:
@@ -74,6 +76,9 @@ def delay(x: FloatArray, z: FloatArray, turns: Rows, breaks: Sequence[int]) -> f
             return None
         least, (before, at, after) = float(grid[best]), squares[best - 1 : best + 2]
         grid = np.linspace(least - step, least + step, 9)
+    of_noise = noise(z, (slice(0, z.size),)) / float(np.ptp(z))
+    if at - values.size * of_noise**2 > STRANGE * float(np.sum(values**2)):
+        return None
     bend = before - 2 * at + after
     return least + float(0.5 * (before - after) / bend * step if bend else 0.0)
 
