@@ -86,6 +86,18 @@ def test_strokes_that_grow_beyond_the_fitted_ones_are_the_reason() -> None:
     assert any("its strokes are up to" in reason and "Record strokes of all lengths" in reason for reason in reasons)
 
 
+@pytest.mark.parametrize(("beyond", "left", "level"), [(0.6, 0.2, "doubtful"), (0.6, 3.0, "bad"), (0.0, 0.2, "bad")])
+def test_an_error_beyond_the_fitted_range_is_no_verdict_on_a_model_that_fits_all(
+    beyond: float, left: float, level: str
+) -> None:
+    """Sines whose height grows in steps: the held-out part is beyond the fitted one, but not beyond the record."""
+    found, findings = judged(CAUSES["time"])[0], examine(Record.from_arrays(X, PREDICTED + NOISE, sample_rate=RATE))
+    found = dataclasses.replace(found, over_noise=200.0, over_fitted=40.0, range_beyond=beyond, residual_percent=left)
+    said = verdict(found, HeldOut(2.8, 5.0, 7.0, 12.0, 8000, 0.6), findings)
+    assert said.level == level
+    assert any("score the model" in reason for reason in said.reasons) == (level == "doubtful")
+
+
 def test_a_range_that_is_reached_late_is_the_reason() -> None:
     findings = examine(Record.from_arrays(X, PREDICTED + NOISE, sample_rate=RATE))
     found = dataclasses.replace(judged(0.02 * (T - 6.0))[0], over_fitted=3.0, range_beyond=0.0, speed_beyond=0.0)

@@ -39,6 +39,7 @@ BEATEN = (
 SLOW = 0.5, 0.8  # the same by time, which few means show by chance; and where it hides the others
 LONG_STROKES = 90.0  # per cent of the strokes are shorter than those that are compared
 BEYOND = 0.15  # of the range or speed of the fitted part: beyond it the held-out part extrapolates
+FITS = 1.0  # % of peak-to-peak: with less residual of all of the record an error beyond the fitted range is no verdict
 LATE_STATES = 0.4  # of the record, in which the voltage had not been at both ends of its range
 DEAD_TIME, DEAD_ROWS = 0.005, 8.0  # s, and rows: more is that of a shifted or buffered channel
 FEW_STROKES = 6
@@ -75,6 +76,8 @@ class Evidence:
         0.75 on there is a model with half the error.
     line, line_hz : float
         Share of the mean square of the held-out error in the strongest line of its spectrum, and its frequency, Hz.
+    residual_percent : float
+        Rms residual of the fit to the whole record, % of peak-to-peak.
     range_beyond, speed_beyond, strokes_beyond : float
         By which share of those of the fitted part the held-out part exceeds range and speed of the voltage, and the
         length that a tenth of its strokes have.
@@ -94,6 +97,7 @@ class Evidence:
     black_box: float
     line: float
     line_hz: float
+    residual_percent: float
     range_beyond: float
     speed_beyond: float
     strokes_beyond: float
@@ -123,6 +127,7 @@ def evidence(trace: Trace, residual: FloatArray, autocorrelation: FloatArray, fi
         **_dependence(trace, tested),
         black_box=predictable(trace),
         **_line(trace, tested),
+        residual_percent=100 * _rms(residual) / float(np.ptp(trace.displacement)),
         **_beyond(trace, fitted, tested),
     )
 
@@ -231,8 +236,14 @@ def _is_noise(found: Evidence, held_out: HeldOut) -> bool:
     return found.over_noise <= NOISE or held_out.rmse_percent <= NEGLIGIBLE
 
 
+def _is_untested(found: Evidence) -> bool:
+    """Whether the held-out part goes beyond the range of the fitted one, and the saved model, fitted to all, fits."""
+    return found.range_beyond > BEYOND and found.residual_percent < FITS
+
+
 def _of_error(found: Evidence, held_out: HeldOut, findings: Findings) -> Iterator[tuple[Level, str]]:
     """The size of the error, against noise, stroke, line and the fitted part."""
+    worst: Level = "doubtful" if _is_untested(found) else "bad"
     if _is_noise(found, held_out):
         if held_out.rmse_percent > POOR:
             yield (
@@ -243,11 +254,11 @@ def _of_error(found: Evidence, held_out: HeldOut, findings: Findings) -> Iterato
     error, times = sizes(held_out.rmse_um, held_out.rmse_percent, found.over_noise, findings.noise_um)
     if found.over_line >= LINE:
         than = "hardly better" if found.over_line < 1 else "worse"
-        level: Level = "bad" if held_out.rmse_percent > STRAIGHT else "doubtful"
+        level: Level = worst if held_out.rmse_percent > STRAIGHT else "doubtful"
         yield level, f"It predicts motion that it has not seen {than} than a straight line does: {error}."
     poor = held_out.rmse_percent > POOR
     unexplained = held_out.rmse_percent > UNEXPLAINED[0] and found.over_noise > UNEXPLAINED[1]
-    level = "bad" if poor or unexplained else "doubtful"
+    level = worst if poor or unexplained else "doubtful"
     yield level, f"The error on motion that it has not seen is {error}: {times}. A better model may exist."
     if found.over_fitted > WORSE:
         yield "doubtful", _worse(found, findings)
@@ -285,7 +296,8 @@ def _worse(found: Evidence, findings: Findings) -> str:
     text = f"The held-out part is predicted {_times(found.over_fitted)} worse than the fitted one"
     if found.range_beyond > BEYOND:
         share = f"{100 * found.range_beyond:.0f} % beyond the voltages of the fitted part"
-        return f"{text}: it goes {share}. Record the whole range first."
+        other = ", or score the model, which is fitted to all, on another record" if _is_untested(found) else ""
+        return f"{text}: it goes {share}. Record the whole range first{other}."
     if found.strokes_beyond > BEYOND and found.time < SLOW[1]:
         share = f"{100 * found.strokes_beyond:.0f} % longer than those of the fitted part"
         return f"{text}: its strokes are up to {share}. Record strokes of all lengths first."
