@@ -89,6 +89,42 @@ def test_one_slow_sine_says_that_it_cannot_separate_them():
     assert response.time_constant_interval[1] > 2e-3
 
 
+def preisach(v):
+    """Relays whose loops are most often of one width: at a turn next to nothing moves, as behind a dead time."""
+    a, b = (g.ravel() for g in np.meshgrid(*2 * [np.linspace(0.0, 1.0, 40)]))
+    a, b = a[a >= b], b[a >= b]
+    weights, state, out = np.exp(-0.5 * (((a - b) / 2 - 0.08) / 0.16) ** 2), np.zeros(a.size), np.empty(v.size)
+    for k, x in enumerate(v):
+        state = np.maximum(np.clip(40 * (x - a), 0, 1), np.minimum(state, np.clip(40 * (x - b), 0, 1)))
+        out[k] = 0.35 * x + 0.65 * (weights @ state) / weights.sum()
+    return out
+
+
+@pytest.mark.parametrize(("lag", "taken"), [(0.0, False), (0.02, True)])
+def test_hysteresis_under_one_sine_is_no_dead_time(lag, taken):
+    """2 Hz: turns of such relays are late by 6 % of a stroke, as of 16 ms of dead time. So is what has a lag of 20."""
+    t = np.arange(2000) / 500.0
+    x, noise = 0.5 - 0.5 * np.cos(4 * np.pi * t), np.random.Generator(np.random.PCG64(2)).standard_normal(t.size)
+    y = preisach(x)
+    y = respond(y, 0.0, 500.0 * lag)
+    response = found(100 * x, 10 * y + 0.002 * noise, 500.0)
+    assert (response.delay + response.time_constant > 0.0) == taken
+    assert not response.separable
+    for low, high in (response.delay_interval, response.time_constant_interval):
+        assert low <= 0.0
+        assert max(lag, 0.01) < high < 0.06
+
+
+def test_intervals_are_no_longer_than_a_motion_that_shows_them():
+    """Where both are 0, each alone takes all of the lateness away, and the curvature there says nothing."""
+    t = np.arange(4000) / 500.0
+    x = 50 - 25 * np.cos(4 * np.pi * t) - 20 * np.cos(2.6 * np.pi * t)
+    noise = np.random.Generator(np.random.PCG64(2)).standard_normal(t.size)
+    response = found(x, 0.1 * x + 2e-3 * noise, 500.0)
+    assert response.delay_interval[1] < 0.02
+    assert response.time_constant_interval[1] < 0.02
+
+
 def test_a_lag_is_in_file_prediction_inverse_and_controller(tmp_path):
     model = ActuatorModel(
         thresholds=(0.0,), weights=[10.0, 0.0, 0.0], covariance=np.eye(3), stroke=20.0, voltage_range=(-1.0, 3.0),

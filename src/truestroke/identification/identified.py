@@ -181,7 +181,8 @@ def identify(
     white = uncertainty.autocorrelation(residual), uncertainty.effective_samples(residual)
     findings = examine(_examined(record, taken)) if findings is None else findings
     evidence = validation.evidence(trace, residual, white[0], findings)
-    verdict = validation.verdict(evidence, test, findings, response if known is None else None)
+    found = response if known is None else None
+    verdict = validation.verdict(evidence, test, findings, found, final.model.dynamics)
     model = _documented(final, test, taken, verdict)
     return Identified(model, test, trace, residual, *white, tried, response, evidence, verdict)
 

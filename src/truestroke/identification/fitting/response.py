@@ -13,6 +13,7 @@ from truestroke.base.typing import FloatArray
 from truestroke.identification.fitting import normal
 from truestroke.identification.fitting.normal import Prior
 from truestroke.identification.fitting.regression import Data, Structure, plays, respond_rows
+from truestroke.identification.records import turning
 from truestroke.identification.records.series import first_known
 from truestroke.model import prior
 from truestroke.model.sampled import creep_states, respond
@@ -33,6 +34,11 @@ CLOCK = 0.75  # samples: what sampling hides of the time of a step
 SPREAD = 0.5  # relative deviation of the weight of a play by itself: few are negative
 NOISE = 0.002  # of the stroke: residual of the quick model before it is known
 STEPS = 6  # of Gauss-Newton
+ENDS, PARABOLA = 6, 5.0  # tries for an end of an interval, and what may be lost there, in bounds, for a parabola
+FARTHEST = 0.25  # of the record: no end is farther
+ALIKE = 1.2  # longest over shortest strokes, in time and in volts: below, a record has one motion
+FEWEST_TURNS = 4  # between which strokes are compared
+HIDDEN = 0.08  # of a stroke: hysteresis looks like so much dead time or lag where all strokes are alike; seen: 0.066
 CONVERGED = 5e-3  # samples
 
 
@@ -62,7 +68,8 @@ def find_response(data: Data, coarse: float, known: float | None = None, certain
 
     The residual of the quick model is mostly slow. Whitened by an autoregression, steps and fast turns count as much as
     they show; then dead time alone, lag alone and both are compared. Where neither or either one alone is as good, the
-    lag is taken: its prediction of faster motion than that of the record is smaller.
+    lag is taken: its prediction of faster motion than that of the record is smaller. Where all strokes are alike,
+    hysteresis may be as late as a short dead time or lag, and neither is taken.
 
     Parameters
     ----------
@@ -78,7 +85,30 @@ def find_response(data: Data, coarse: float, known: float | None = None, certain
     if known is not None:
         return Response(known, 0.0, (known, known), (0.0, 0.0), separable=True)
     quick = _excerpt(data, coarse)
-    return quick.found(coarse * quick.sample_rate, certain)
+    found = quick.found(coarse * quick.sample_rate, certain)
+    stroke = _of_one_motion(data.volts)
+    return found if stroke is None else _beyond_hysteresis(found, HIDDEN * stroke / data.sample_rate)
+
+
+def _of_one_motion(x: FloatArray) -> float | None:
+    """Samples of a stroke, where all are alike in time and in volts but for the first and the last; else None."""
+    turns = turning.reversals(x, turning.STROKE * float(np.ptp(x)))[1:-1]
+    if turns.size < FEWEST_TURNS:
+        return None
+    times, ways = np.diff(turns), np.abs(np.diff(x[turns]))
+    alike = all(float(size.max()) < ALIKE * float(size.min()) for size in (times, ways))
+    return float(np.median(times)) if alike else None
+
+
+def _beyond_hysteresis(found: Response, hidden: float) -> Response:
+    """Of a record of one motion: hysteresis alone may be late by so much, s, at each of its turns.
+
+    What is less is taken for hysteresis, and either of the two may be in place of both.
+    """
+    either = 0.0, max(found.delay_interval[1], found.time_constant_interval[1])
+    if found.delay + found.time_constant <= hidden:
+        return Response(0.0, 0.0, either, either, separable=False)
+    return Response(found.delay, found.time_constant, either, either, separable=False)
 
 
 class Minimum(NamedTuple):
@@ -203,18 +233,27 @@ class _Quick:
         """Delay and lag farthest from the best in the `k`-th of them that still agree."""
         at, G = np.array([best.delay, best.lag]), best.G
         alone = G[k, k] - G[0, 1] ** 2 / max(G[1 - k, 1 - k], 1e-300)  # the other one follows
-        reach, found = np.sqrt(bound / max(alone, 1e-12 * G[k, k] + 1e-300)), at
-        for share in (0.5, 1.0, 2.0):
+        reach = float(np.sqrt(bound / max(alone, 1e-12 * G[k, k] + 1e-300)))
+        inside, outside = 0.0, FARTHEST * self.displacement.size
+        found, step = at, min(0.5 * reach, outside)
+        for _ in range(ENDS):
             start = at.copy()
-            start[k] = max(at[k] + sign * share * reach, 0.0)
+            start[k] = max(at[k] + sign * step, 0.0)
             start[1 - k] = max(at.sum() - start[k], 0.0)
             tried = self.least(float(start[0]), float(start[1]), fixed=k)
-            more = (tried.squares - best.squares) / bound
+            lost = (tried.squares - best.squares) / bound
             there = np.array([tried.delay, tried.lag])
-            if more > 1:  # a parabola from the best to here
-                between = at + (there - at) / np.sqrt(more)
-                return between if sign * (between[k] - found[k]) > 0 else found
-            found = there
+            if lost <= 1:
+                found, inside = there, step
+                step = min(2 * step, 0.5 * (step + outside))
+            else:
+                between = at + (there - at) / np.sqrt(lost)  # a parabola from the best to here
+                if lost < PARABOLA:
+                    return between if sign * (between[k] - found[k]) > 0 else found
+                outside = step
+                step = 0.5 * (inside + step) if inside else max(step / float(np.sqrt(lost)), 0.1 * step)
+            if start[k] == 0.0 and lost <= 1:
+                break
         return found
 
 

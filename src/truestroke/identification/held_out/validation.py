@@ -18,6 +18,7 @@ from truestroke.identification.held_out.black_box import predictable
 from truestroke.identification.held_out.trace import HeldOut, Trace
 from truestroke.identification.records import turning
 from truestroke.model.sampled import central_difference
+from truestroke.model.dynamics import Dynamics
 
 NOISE = 2.0  # times the sensor's noise: below, no model has half the error
 SILENT = 1e4  # times the noise: then it is that of rounded numbers, and the record is a simulated one
@@ -42,6 +43,9 @@ BEYOND = 0.15  # of the range or speed of the fitted part: beyond it the held-ou
 FITS = 1.0  # % of peak-to-peak: with less residual of all of the record an error beyond the fitted range is no verdict
 LATE_STATES = 0.4  # of the record, in which the voltage had not been at both ends of its range
 DEAD_TIME, DEAD_ROWS = 0.005, 8.0  # s, and rows: more is that of a shifted or buffered channel
+LINES = (
+    10.0  # of the record's spectrum, so wide is a mode that decays 30 times in it: narrower, little shows its damping
+)
 FEW_STROKES = 6
 ALIKE = 1.5  # the longest strokes over the shortest: below, inner loops are not tested
 ROWS = 20_000  # of the held-out part at most, evenly taken
@@ -216,7 +220,13 @@ def _long(x: FloatArray) -> float:
 # ---- Verdict ---------------------------------------------------------------------------------------------------------
 
 
-def verdict(found: Evidence, held_out: HeldOut, findings: Findings, response: Response | None = None) -> Verdict:
+def verdict(
+    found: Evidence,
+    held_out: HeldOut,
+    findings: Findings,
+    response: Response | None = None,
+    dynamics: Dynamics | None = None,
+) -> Verdict:
     """Good, doubtful (usable) or bad (do not use it), with the reasons and the next measurement to make.
 
     Good is a model whose error on motion that it has not seen is at most twice the noise of the sensor, so that no
@@ -227,6 +237,7 @@ def verdict(found: Evidence, held_out: HeldOut, findings: Findings, response: Re
         *_of_error(found, held_out, findings),
         *_of_zero(held_out),
         *(() if response is None else _of_dead_time(response, findings)),
+        *(() if dynamics is None else _of_modes(dynamics, findings)),
         *_of_residual(found, held_out, findings),
         *_of_excitation(findings),
     ])  # fmt: skip
@@ -288,6 +299,20 @@ def _of_dead_time(response: Response, findings: Findings) -> Iterator[tuple[Leve
             "doubtful",
             f"The displacement is {late}, as hardly any is: is it shifted, or one channel buffered? Record both by one "
             "clock, or state the dead time (`delay`).",
+        )
+
+
+def _of_modes(dynamics: Dynamics, findings: Findings) -> Iterator[tuple[Level, str]]:
+    """Modes that ring for so long that the record has few of their decays, and little of it shows the damping."""
+    narrow = [m for m in dynamics.modes if 2 * m.damping * m.frequency * findings.duration_s < LINES]
+    if narrow:
+        modes = " and ".join(f"{m.frequency:.4g} Hz (damping {m.damping:.2g})" for m in narrow)
+        longest = max(LINES / (2 * m.damping * m.frequency) for m in narrow)
+        mode, its = ("modes", "their") if len(narrow) > 1 else ("mode", "its")
+        yield (
+            "doubtful",
+            f"Few decays of the {mode} of {modes} are in the record, and decide {its} damping: larger steps are "
+            f"predicted worse. Record {_seconds(longest)} and more, with steps as large as in use.",
         )
 
 

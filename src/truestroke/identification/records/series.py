@@ -12,6 +12,7 @@ from truestroke.base import checks
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
 from truestroke.identification.records import turning
+from truestroke.identification.records.quiet import without_noise
 from truestroke.identification.records.record import FEWEST_ROWS
 from truestroke.signals.channels import Signals
 
@@ -58,7 +59,8 @@ def series(record: Any) -> Series:
     """Regular samples of a record: an object with `volts`, `displacement`, `sample_rate`, or a tuple of the three.
 
     Where its time stamps are irregular or leave gaps, straight lines between its rows, at its own rate. A gap that is
-    longer than the record itself is shortened. Beyond 500,000 samples, means over blocks.
+    longer than the record itself is shortened. Beyond 500,000 samples, means over blocks. The voltage is without the
+    noise of its measurement (`quiet.without_noise`).
 
     Raises
     ------
@@ -80,6 +82,7 @@ def series(record: Any) -> Series:
         time, x, z, known = _bridged(record.time, x, z, position, record.segments)
         nearest = np.round(np.interp(np.arange(time.size), position, np.arange(seen.size))).astype(np.int64)
         known &= seen[nearest]
+    x = without_noise(x, z)
     block = -(-x.size // SAMPLES)
     time, x, z = (a[: a.size // block * block].reshape(-1, block).mean(axis=1) for a in (time, x, z))
     known = np.asarray(known[: known.size // block * block].reshape(-1, block).all(axis=1), dtype=np.bool_)

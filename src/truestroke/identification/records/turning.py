@@ -15,7 +15,7 @@ WINDOW = 0.1  # of the shorter stroke beside it, that a reversal's window reache
 POINTS = 48  # of a window
 FEWEST_SIDE = 3  # samples of a window on each side of the reversal
 STEPS, MOVED = 8, 0.05  # of a converter, and of the span: rates are formed over rows in which a signal moves so far
-STRANGE = 0.25  # of the squares in the windows, beside noise: more is left where a stage rings, and shows no delay
+STRANGE = 0.25  # of the squares in the windows, beside noise: a larger residual is that of a stage that rings
 MOST_REVERSALS = 200  # that are looked at, evenly over the record
 
 
@@ -57,7 +57,7 @@ def delay(x: FloatArray, z: FloatArray, turns: Rows, breaks: Sequence[int]) -> f
         z(t) = c + f(x(t - d) - x(tau)) before,   c + g(x(t - d) - x(tau)) after,   f, g parabolas through 0
 
     for every reversal its own c, f, g, and one delay d for all: that with the least sum of squares. None where much
-    more than noise is left: something else than the voltage moves the displacement there, such as ringing.
+    more than noise remains: something else than the voltage moves the displacement there, such as ringing.
     """
     windows = _windows(x, turns, breaks)
     if len(windows) < 4:

@@ -1,0 +1,41 @@
+"""The noise of a measured voltage, which the actuator does not see, is not fitted; what it sees stays."""
+
+import numpy as np
+import pytest
+from benchmarks import foreign_records
+
+from truestroke.identification import identify
+from truestroke.identification.records.quiet import without_noise
+
+T = np.arange(8000) / 1000.0
+
+
+def normal(seed: int, size: int = T.size) -> np.ndarray:
+    return np.random.Generator(np.random.PCG64(seed)).standard_normal(size)
+
+
+def test_noise_of_the_voltage_neither_hides_duhem_nor_looks_like_a_lag() -> None:
+    """0.1 % of the span: its travel is a third of that of the motion, with which a state of Duhem decays."""
+    v = foreign_records.wave(T, np.random.Generator(np.random.PCG64(6)), 2.0)
+    z = 20 * foreign_records.duhem(v) + 4e-3 * normal(1)
+    clean, noisy = (identify((100 * (v + share * normal(2)), z, 1000.0)) for share in (0.0, 1e-3))
+    assert noisy.held_out.rmse_percent < 2 * clean.held_out.rmse_percent  # 11 times with the noise
+    assert noisy.response.time_constant < 2e-3
+
+
+@pytest.mark.parametrize("share", [5e-4, 5e-3])
+def test_a_triangle_keeps_its_corners(share: float) -> None:
+    true = foreign_records.up_and_down(T, 1.0)
+    left = without_noise(true + share * normal(3), 10 * true + 1e-3 * normal(4)) - true
+    assert float(np.std(left)) < 0.5 * share
+    corners = np.concatenate([left[k - 2 : k + 3] for k in range(500, 7999, 500)])
+    assert float(np.abs(corners.mean())) < share
+
+
+def test_what_is_no_noise_stays() -> None:
+    """A staircase; a smooth voltage; and fast random motion, which the displacement follows."""
+    stairs = np.repeat(np.arange(40) % 7, 200) / 7.0
+    smooth = foreign_records.wave(T, np.random.Generator(np.random.PCG64(4)), 2.0)
+    shaken = smooth + 0.003 * normal(5)
+    for x in (stairs, smooth, shaken):
+        assert without_noise(x, 10 * x + 1e-3 * normal(6)) is x
