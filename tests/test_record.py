@@ -225,6 +225,20 @@ def test_dates_of_tables_are_in_seconds(tmp_path: Path) -> None:
         assert read_record(tmp_path / f"a.{ending}").columns["time"].stated
 
 
+def test_a_sheet_of_a_german_instrument(tmp_path: Path) -> None:
+    """Lines of its own above the headings, one with a date, and an empty one."""
+    import openpyxl
+
+    book = openpyxl.Workbook()
+    above = ("Messung Piezoaktor",), ("Datum", datetime(2026, 11, 3)), (), ("Zeit [ms]", "Spannung (V)", "Weg (µm)")
+    for row in (*above, *zip((1e3 * T).tolist(), V.tolist(), Z.tolist(), strict=True)):
+        book.active.append(row)
+    book.save(tmp_path / "a.xlsx")
+    record = read_record(tmp_path / "a.xlsx")
+    is_the_record(record)
+    assert [record.columns[role].unit for role in ("time", "volts", "displacement")] == ["ms", "V", "um"]
+
+
 @pytest.mark.parametrize(("ending", "words"), [("xls", "save or export it as .xlsx or .csv"), ("mf4", ".csv or .h5")])
 def test_formats_that_are_not_read_are_named(tmp_path: Path, ending: str, words: str) -> None:
     (tmp_path / f"a.{ending}").write_bytes(b"any")
