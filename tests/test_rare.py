@@ -101,6 +101,7 @@ def test_units_that_people_rather_write_otherwise(good: tuple[FloatArray, FloatA
     assert "is its unit right" in asked(written(tmp_path, x / 50, 30 * z))[0]
     assert "is the voltage in V" in asked(written(tmp_path, 2 * x, z, "t (s),volts (mV),z (um)"))[0]
     assert asked(tmp_path / "a.csv", volts_unit="mV") == ()
+    assert "is the voltage in V" in asked(written(tmp_path, x, 0.1 * z, "t (s),volts (mV),z (um)"))[0]
 
 
 def test_a_clock_in_another_unit(good: tuple[FloatArray, FloatArray], tmp_path: Path) -> None:

@@ -30,6 +30,7 @@ NOISY = 1.0  # % of the stroke: with more noise that difference is not seen
 SMALL, LARGE = 0.02, 2000.0  # um: strokes that are rather written in nm, and in mm
 STRONG = 150.0  # um/V: few actuators move further by the signal that controls their amplifier
 MILLIVOLTS = 1.5, 50.0  # V, um/V: few actuators go so far with so little
+TINY = 0.15  # V: few amplifiers are driven by so little, however short the stroke
 WEAK = 2e-4  # um/V: less than of a single plate
 MONITOR = re.compile(r"\bmon(itor)?\b|[_ ]mon(itor)?([_ ]|$)|^mon", re.IGNORECASE)
 CONVERTER = 10.5  # V: most converters of a sensor end at 10
@@ -178,7 +179,7 @@ def _of_displacement_unit(record: Record, found: Findings) -> Iterator[str]:
     elif not moved.asked and not WEAK <= gain <= STRONG:
         what = "less than a single plate moves" if gain < WEAK else "more than most actuators move"
         yield f"{stroke:.3g} um for {span:.3g} V is {what}: is its unit right? State it (`displacement_unit`)"
-    elif volts.unit == "mV" and not volts.asked and span < MILLIVOLTS[0] and gain > MILLIVOLTS[1]:
+    elif volts.unit == "mV" and not volts.asked and (span < TINY or (span < MILLIVOLTS[0] and gain > MILLIVOLTS[1])):
         yield f"{1e3 * span:.3g} mV move {stroke:.3g} um: is the voltage in V? State its unit (`volts_unit`)"
 
 
