@@ -127,6 +127,15 @@ def test_some_rows_are_written_twice(good: tuple[FloatArray, FloatArray]) -> Non
     assert text.startswith("20 rows, each by itself, repeat both values")
 
 
+def test_rows_of_triangles_are_written_twice(good: tuple[FloatArray, FloatArray]) -> None:
+    """Each row of a triangle moves as far as the others: none is slow."""
+    x = np.interp(T, np.arange(13) / 4, np.tile([0.0, 100.0, 20.0, 90.0], 4)[:13])
+    z = plays(x, (0.0, 5.0, 20.0)) @ (0.09, 0.02, 0.02) + 0.002 * noise(3)
+    rows = np.sort(np.concatenate([np.arange(T.size), np.arange(20, T.size, 60)]))
+    (text,) = examine(Record.from_arrays(x[rows], z[rows], sample_rate=RATE)).implausible
+    assert text.startswith("50 rows, each by itself, repeat both values")
+
+
 def test_converters_of_12_bits_that_repeat_both_values_where_the_voltage_turns_wrote_no_row_twice() -> None:
     t = np.arange(12000) / RATE
     x = 50 - 30 * np.cos(2 * np.pi * 3 * t) - 20 * np.sin(2 * np.pi * 7.3 * t)

@@ -15,7 +15,7 @@ from truestroke.identification.records.record import Record
 from truestroke.identification.records.series import runs
 
 FEWEST_AGAIN, AGAIN = 5, 0.001  # rows, and of the rows
-STILL = 3.5  # steps of a converter: where the voltage turns, it moves by fewer from row to row
+STILL = 0.15  # of the median step: where the voltage turns, it moves by less from row to row
 WINDOW, BLOCK = 8, 40  # rows that are compared with all others, and of a block that is a copy
 COPIED, DRAWN_FROM = 1.0, 2.0  # steps of the sensor: with so much noise no block, and no line, is there by chance
 STRAIGHT = 6  # second differences on one line, at least
@@ -67,7 +67,8 @@ def _again(record: Record) -> int:
     """
     steps = np.diff(record.volts)
     still = steps == 0, np.diff(record.displacement) == 0
-    both, moves = still[0] & still[1], np.abs(steps) > STILL * _step(record.volts)
+    usual = float(np.median(np.abs(steps[~still[0]]))) if not still[0].all() else 0.0
+    both, moves = still[0] & still[1], np.abs(steps) > STILL * usual
     alone = both[1:-1] & moves[:-2] & moves[2:]
     by_chance = float(still[0].mean() * still[1].mean()) * both.size
     number = int(alone.sum())
