@@ -17,8 +17,8 @@ from truestroke.identification.fitting.response import Response
 from truestroke.identification.held_out.black_box import predictable
 from truestroke.identification.held_out.trace import HeldOut, Trace
 from truestroke.identification.records import turning
-from truestroke.model.sampled import central_difference
 from truestroke.model.dynamics import Dynamics
+from truestroke.model.sampled import central_difference
 
 NOISE = 2.0  # times the sensor's noise: below, no model has half the error
 SILENT = 1e4  # times the noise: then it is that of rounded numbers, and the record is a simulated one
@@ -43,9 +43,7 @@ BEYOND = 0.15  # of the range or speed of the fitted part: beyond it the held-ou
 FITS = 1.0  # % of peak-to-peak: with less residual of all of the record an error beyond the fitted range is no verdict
 LATE_STATES = 0.4  # of the record, in which the voltage had not been at both ends of its range
 DEAD_TIME, DEAD_ROWS = 0.005, 8.0  # s, and rows: more is that of a shifted or buffered channel
-LINES = (
-    10.0  # of the record's spectrum, so wide is a mode that decays 30 times in it: narrower, little shows its damping
-)
+LINES = 10.0  # of the record's spectrum: a narrower mode decays less than 30 times in it, which hardly show its damping
 FEW_STROKES = 6
 ALIKE = 1.5  # the longest strokes over the shortest: below, inner loops are not tested
 ROWS = 20_000  # of the held-out part at most, evenly taken
