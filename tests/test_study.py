@@ -11,6 +11,7 @@ import subprocess
 import sys
 import time
 import tomllib
+from contextlib import closing
 from pathlib import Path
 from urllib.error import HTTPError
 from urllib.request import urlopen
@@ -215,15 +216,15 @@ def test_threads_give_the_same_rows(rows, workers):
 
 def test_dask_gives_the_same_rows_when_a_worker_is_killed():
     """A cluster of its own; after the first result each worker process gets SIGKILL in the middle of its batch."""
-    stream = executors.dask(2)(SOME, in_batches(range(80), 10))
-    first = next(stream)
-    children = psutil.Process().children(recursive=True)
-    workers = [child for child in children if "spawn_main" in " ".join(child.cmdline())]
-    assert {key: workers[0].environ().get(key) for key in executors.TRIM} == executors.TRIM
-    assert_closed_to_strangers([psutil.Process(), *workers])
-    for worker in workers:
-        worker.kill()
-    assert gathered([first, *stream]) == study.simulate(SOME, range(80)).rows
+    with closing(executors.dask(2)(SOME, in_batches(range(80), 10))) as stream:  # a failure would wait for the cluster
+        first = next(stream)
+        children = psutil.Process().children(recursive=True)
+        workers = [child for child in children if "spawn_main" in " ".join(child.cmdline())]
+        assert {key: workers[0].environ().get(key) for key in executors.TRIM} == executors.TRIM
+        assert_closed_to_strangers([psutil.Process(), *workers])
+        for worker in workers:
+            worker.kill()
+        assert gathered([first, *stream]) == study.simulate(SOME, range(80)).rows
 
 
 def assert_closed_to_strangers(processes):
