@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from benchmarks import foreign_records
 
+from truestroke import Record, examine
 from truestroke.identification import identify
-from truestroke.identification.records.quiet import without_noise
+from truestroke.signals.quiet import noise_not_followed, without_noise
 
 T = np.arange(8000) / 1000.0
 
@@ -23,10 +24,32 @@ def test_noise_of_the_voltage_neither_hides_duhem_nor_looks_like_a_lag() -> None
     assert noisy.response.time_constant < 2e-3
 
 
+def test_predict_takes_off_the_noise_that_the_record_had_too_and_says_so() -> None:
+    """Another motion, with noise of its own: with it in the voltage the error is four times as large."""
+    waves = (foreign_records.wave(T, np.random.Generator(np.random.PCG64(seed)), 2.0) for seed in (6, 7))
+    first, second = (100 * v + 0.2 * normal(2 + k) for k, v in enumerate(waves))
+    v = foreign_records.wave(T, np.random.Generator(np.random.PCG64(7)), 2.0)
+    z = 20 * foreign_records.duhem(foreign_records.wave(T, np.random.Generator(np.random.PCG64(6)), 2.0))
+    record = Record.from_arrays(first, z + 4e-3 * normal(1), sample_rate=1000.0)
+    model, truth = identify(record).model, 20 * foreign_records.duhem(v)
+
+    def error(**measured: bool) -> float:
+        off = (truth - model.predict(second, 1000.0, **measured))[2000:]
+        return float(np.std(off))
+
+    assert error() == error(measured=True) < 0.3 * error(measured=False)
+    assert model.voltage_noise == pytest.approx(0.2, rel=0.1)
+    assert any("the voltage has noise of 0.2 V" in words for words in examine(record).warnings)
+    clean = 100 * v
+    assert np.array_equal(model.predict(clean, 1000.0), model.predict(clean, 1000.0, measured=False))
+    assert np.median(model.interval(second, 1000.0)) < np.median(model.interval(second, 1000.0, measured=False))
+
+
 @pytest.mark.parametrize("share", [5e-4, 5e-3])
 def test_a_triangle_keeps_its_corners(share: float) -> None:
     true = foreign_records.up_and_down(T, 1.0)
-    left = without_noise(true + share * normal(3), 10 * true + 1e-3 * normal(4)) - true
+    measured = true + share * normal(3)
+    left = without_noise(measured, noise_not_followed(measured, 10 * true + 1e-3 * normal(4))) - true
     assert float(np.std(left)) < 0.5 * share
     corners = np.concatenate([left[k - 2 : k + 3] for k in range(500, 7999, 500)])
     assert float(np.abs(corners.mean())) < share
@@ -38,4 +61,4 @@ def test_what_is_no_noise_stays() -> None:
     smooth = foreign_records.wave(T, np.random.Generator(np.random.PCG64(4)), 2.0)
     shaken = smooth + 0.003 * normal(5)
     for x in (stairs, smooth, shaken):
-        assert without_noise(x, 10 * x + 1e-3 * normal(6)) is x
+        assert without_noise(x, noise_not_followed(x, 10 * x + 1e-3 * normal(6))) is x

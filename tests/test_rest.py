@@ -112,6 +112,7 @@ def test_the_step_at_the_start_is_in_the_model():
     assert found.trace.volts[0] == 0.0
     assert again.start_rmse_um < 0.2
     assert found.held_out.rmse_percent < 0.2
+    assert found.response.time_constant == pytest.approx(0.015, abs=0.002)  # its strokes are alike, but for the step
 
 
 @pytest.mark.parametrize("record", [switched_on(1e-5), switched_on(0.015, 20)], ids=["fast", "later"])

@@ -52,6 +52,8 @@ def score(
     common.print_table(("measured minus predicted", "um", "of p-p"), pages.rows(found))
     common.print_text(f"zero       {pages.offset(found)}")
     common.print_text(f"95 %       {pages.interval(found)}")
+    for name, words in pages.voltage(found):
+        common.print_text(f"{name:<11}{words}")
     common.print_verdict(found.verdict)
     common.print_files(page=page_file, pictures=plots)
     return ExitCode.of(found.verdict)

@@ -27,10 +27,12 @@ from truestroke.model.dynamics import Dynamics
 from truestroke.model.layout import Layout
 from truestroke.model.models import Motion, known_terms
 from truestroke.model.sampled import ahead, central_difference, creep_states, play_sum, respond
+from truestroke.signals import quiet
 
 SLOPES = 0.4, 4.0  # of the straight line's slope: limits of the partial slopes; wider by default, where it is not known
 DRIFT = 0.1  # relative: how far an actuator may be from its record, in deviations of the default prior
 
+ALIKE = 4.0  # times the noise of the record's voltage, or over it: that of the same measurement
 OTHER_VOLTS = 0.1, 8.0  # times the voltage range of the record: limits beyond are those of another place or unit
 OTHER_STAGE = 1.5  # times the first resonance of the record, or less: loads and temperature move it by less
 
@@ -79,6 +81,8 @@ class ActuatorModel(Displayed, Layout):
         Of the weights, in the squares of their units.
     noise : float
         Standard deviation of the residual of the record, um.
+    voltage_noise : float
+        Noise of the record's voltage that the displacement does not follow, V: that of its measurement; 0 is none.
     walk : float
         Random walk of the zero, um/sqrt(s): its variance grows by walk^2 a second.
     drift : float
@@ -116,6 +120,7 @@ class ActuatorModel(Displayed, Layout):
     zero: float = 0.0
     velocity: float = 0.0
     noise: float = 0.0
+    voltage_noise: float = 0.0
     walk: float = 0.0
     drift: float = 0.0
     jitter: float = 0.0
@@ -153,6 +158,7 @@ class ActuatorModel(Displayed, Layout):
             "zero": checks.number("zero", self.zero, "um"),
             "velocity": checks.within("velocity", self.velocity, 0.0, 1e12, "um/s"),
             "noise": checks.within("noise", self.noise, 0.0, 1e9, "um"),
+            "voltage_noise": checks.within("voltage_noise", self.voltage_noise, 0.0, 1e9, "V"),
             "walk": checks.within("walk", self.walk, 0.0, 1e9, "um/sqrt(s)"),
             "drift": checks.within("drift", self.drift, -1e9, 1e9, "um/s"),
             "jitter": checks.within("jitter", self.jitter, 0.0, 3600.0, "s"),
@@ -167,6 +173,7 @@ class ActuatorModel(Displayed, Layout):
             **{
                 "time_constant": "s",
                 "noise": "um",
+                "voltage_noise": "V",
                 "walk": "um/sqrt(s)",
                 "drift": "um/s",
                 "jitter": "s",
@@ -350,7 +357,9 @@ class ActuatorModel(Displayed, Layout):
 
     # ---- Forward ---------------------------------------------------------------------------------------------------
 
-    def predict(self, volts: npt.ArrayLike, sample_rate: float, *, offset: float = 0.0) -> FloatArray:
+    def predict(
+        self, volts: npt.ArrayLike, sample_rate: float, *, offset: float = 0.0, measured: bool | None = None
+    ) -> FloatArray:
         """Displacement that the voltage makes, um, as the sensor of the record reads it.
 
         The actuator is taken to have rested at the first voltage, reached from 0 V. The zero of another day is another
@@ -364,15 +373,33 @@ class ActuatorModel(Displayed, Layout):
             Samples per second, Hz.
         offset : float
             By how much the sensor's zero is above that of the record, um.
+        measured : bool, optional
+            True: the voltage was measured. White noise of 1e-4 to 0.02 of the range of the record is taken off, for the
+            actuator does not see it. False: it is the voltage at the actuator. By default noise is taken off where the
+            record's voltage had some, too (`voltage_noise`), of a quarter to four times the size.
         """
-        strain = self.strain(volts, sample_rate)
+        strain = self.strain(self._at_the_actuator(volts, measured), sample_rate)
         known = self.stage(float(sample_rate)) if strain.size else None
         zero = self.zero + checks.number("offset", offset, "um")
         moved = strain if known is None else stage.through(known, strain)
         return zero + respond(moved, self.delay * float(sample_rate), self.time_constant * float(sample_rate))
 
+    def _at_the_actuator(self, volts: npt.ArrayLike, measured: bool | None) -> FloatArray:
+        """The voltage, V, without the noise of its measurement; arguments as of `predict`."""
+        x = checks.finite_array("volts", volts, "V")
+        if measured is not None:
+            checks.flag("measured", measured)
+        if measured is False or (measured is None and not self.voltage_noise):
+            return x
+        deviation = quiet.noise_of(x, self.voltage_range[1] - self.voltage_range[0])
+        alike = measured or self.voltage_noise / ALIKE < deviation < self.voltage_noise * ALIKE
+        return quiet.without_noise(x, deviation) if alike else x
+
     def strain(self, volts: npt.ArrayLike, sample_rate: float) -> FloatArray:
-        """What the voltage makes before dead time, lag and `dynamics`, um above `zero`; arguments as of `predict`."""
+        """What the voltage at the actuator makes before dead time, lag and `dynamics`, um above `zero`.
+
+        volts and sample_rate as of `predict`.
+        """
         x = checks.finite_array("volts", volts, "V")
         fs = checks.positive("sample_rate", sample_rate, "Hz")
         if x.size == 0:
@@ -389,7 +416,9 @@ class ActuatorModel(Displayed, Layout):
         z = response(np.zeros_like(x))
         return response(self.seen(central_difference(z, fs)))
 
-    def interval(self, volts: npt.ArrayLike, sample_rate: float, *, after: float = 0.0) -> FloatArray:
+    def interval(
+        self, volts: npt.ArrayLike, sample_rate: float, *, after: float = 0.0, measured: bool | None = None
+    ) -> FloatArray:
         """Half width of the 95 % interval of what the sensor reads, um, shape (samples,): `predict` plus or minus it.
 
         ::
@@ -407,7 +436,7 @@ class ActuatorModel(Displayed, Layout):
 
         Parameters
         ----------
-        volts, sample_rate
+        volts, sample_rate, measured
             As of `predict`.
         after : float
             Time between the end of the record and the first sample, s, at least 0.
@@ -421,7 +450,7 @@ class ActuatorModel(Displayed, Layout):
         >>> model.interval([0.0, 1.0], 1.0).round(4), model.interval([0.0, 1.0], 1.0, after=1800.0).round(4)
         (array([0.0588, 0.0637]), array([1.0411, 1.0414]))
         """
-        x = checks.finite_array("volts", volts, "V")
+        x = self._at_the_actuator(volts, measured)
         fs = checks.positive("sample_rate", sample_rate, "Hz")
         since = checks.within("after", after, 0.0, 1e12, "s") + np.arange(x.size) / fs
         return interval.half_width(self, x, fs, interval.of_zero(self, since))
@@ -503,7 +532,7 @@ class ActuatorModel(Displayed, Layout):
             return min(limits, key=lambda volts: abs(over(volts)))
         return float(brentq(over, *limits, xtol=1e-14))
 
-    def beyond(self, volts: npt.ArrayLike, sample_rate: float) -> Beyond:
+    def beyond(self, volts: npt.ArrayLike, sample_rate: float, *, measured: bool | None = None) -> Beyond:
         """Spans in which a voltage is beyond the record of the model, so that the prediction is an extrapolation.
 
         Parameters
@@ -512,6 +541,8 @@ class ActuatorModel(Displayed, Layout):
             Voltage, V.
         sample_rate : float
             Samples per second, Hz.
+        measured : bool, optional
+            As of `predict`.
 
         Returns
         -------
@@ -527,7 +558,7 @@ class ActuatorModel(Displayed, Layout):
         >>> model.beyond([0.0, 1.0, 2.0, 2.5, 2.5], sample_rate=10.0).voltage
         (Span(start=0.3, stop=0.5, worst=0.5),)
         """
-        x = checks.finite_array("volts", volts, "V")
+        x = self._at_the_actuator(volts, measured)
         low, high = self.voltage_range
         speed = np.abs(central_difference(self.strain(x, sample_rate), sample_rate))
         excess = np.maximum(x - high, low - x)

@@ -33,6 +33,7 @@ KEYS = {
     "voltage_range_V": "voltage_range",
     "velocity_um_per_s": "velocity",
     "noise_um": "noise",
+    "voltage_noise_V": "voltage_noise",
     "walk_um_per_root_s": "walk",
     "drift_um_per_s": "drift",
     "jitter_s": "jitter",
@@ -41,6 +42,7 @@ KEYS = {
 """Keys of the file's table [model], and the members of `ActuatorModel` that they hold."""
 SINCE = {
     "time_constant_s": 0.0,
+    "voltage_noise_V": 0.0,
     "walk_um_per_root_s": 0.0,
     "drift_um_per_s": 0.0,
     "jitter_s": 0.0,

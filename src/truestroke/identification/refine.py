@@ -25,6 +25,7 @@ from truestroke.model.dynamics import EXPECTED as DYNAMICS
 from truestroke.model.dynamics import Dynamics
 from truestroke.model.sampled import central_difference
 from truestroke.signals.channels import Sampled
+from truestroke.signals.quiet import noise_not_followed, without_noise
 
 STEPS = 3  # Gauss-Newton
 QUIET = 1e-6  # of the stroke: the least noise, so that weights that a quiet recording does not identify stay
@@ -106,13 +107,13 @@ class Refined(Sampled):
         desired, rate = self.measured - self.error, self.sample_rate
         limits = self.model.voltage_range if voltage_limits is None else voltage_limits
         before, _ = self.passes[self.best]
-        predicted = self.model.predict(before, rate)
+        predicted = self.model.predict(before, rate, measured=False)
         here, there = (
             self.model.invert(y, rate, voltage_limits=limits, slew_limit=slew_limit)
             for y in (predicted, predicted + self.correction)
         )
         volts = _slewed(np.clip(before + there - here, *limits), slew_limit / rate)
-        short = self.model.predict(volts, rate) - predicted - self.correction
+        short = self.model.predict(volts, rate, measured=False) - predicted - self.correction
         return described(self.model, volts, desired, desired + short, rate, limits, slew_limit, self.passes)
 
     @property
@@ -183,6 +184,8 @@ def refine(
     rows = _longest(record)
     whole = record.volts[rows], record.displacement[rows], record.sample_rate
     x, z, fs = whole if waveform is None else _aligned(record, waveform)
+    if waveform is None:  # as `identify` has it; that of a waveform is as it was made
+        x = without_noise(x, noise_not_followed(x, z))
     if x.size < 200:
         raise SettingError("record", f"{x.size} samples", "at least 200 samples")
     if dynamics is not None:
@@ -190,7 +193,7 @@ def refine(
     data = _data(model, x, z, fs)
     skip = 0 if waveform is not None else data.settled
     fitted = _fitted(model, data, skip)
-    before, residual = z - model.predict(x, fs), z - fitted.predict(x, fs)
+    before, residual = (z - of.predict(x, fs, measured=False) for of in (model, fitted))
     old, new = (_rms(error[skip * data.every :]) for error in (before, residual))
     if new > OTHER * (spread := float(np.std(z[skip * data.every :]))):
         value = f"one of which the refined model leaves {new:.3g} um rms"
@@ -227,7 +230,7 @@ def _as_before(found: Refined, old: ActuatorModel) -> Refined:
         f"A refit of the weights leaves {found.after:.3g} um of this pass, more than its noise: the weights stay, and "
         "the next pass learns what the model does not explain."
     )
-    residual = found.measured - old.predict(found.volts, found.sample_rate)
+    residual = found.measured - old.predict(found.volts, found.sample_rate, measured=False)
     model = found.model.before
     assert model is not None
     same = model.replace(before=model)
@@ -256,7 +259,7 @@ def _corrected(found: Refined, waveform: Waveform) -> Refined:
     best = int(np.argmin(errors))
     best = len(made) - 1 if errors[-1] <= WORSE * errors[best] else best
     worse = sum(1 for error in errors[best + 1 :] if error > WORSE * errors[best])
-    predicted = [(found.model.predict(x, found.sample_rate), z) for x, z in made]
+    predicted = [(found.model.predict(x, found.sample_rate, measured=False), z) for x, z in made]
     known: dict[str, Any] = {"dynamics": found.model.stage(found.sample_rate), "step": max(LEAST, SHY**worse)}
     planned = law.following(predicted, waveform.desired, found.sample_rate, best=best, **known)
     last = sorted({best, *range(max(0, len(made) - REMEMBERED + 1), len(made))})
@@ -363,7 +366,7 @@ def _undone(found: Refined, old: ActuatorModel, best: float, source: str) -> Ref
     provenance = {**old.provenance, f"pass_{number}": f"{source}: {text}"}
     metrics = {name: old.metrics[name] for name in ("samples", "spread_um", "best_pass_um")}
     model = kept.replace(before=None, metrics={**kept.metrics, **metrics}, provenance=provenance)
-    residual = found.measured - kept.predict(found.volts, found.sample_rate)
+    residual = found.measured - kept.predict(found.volts, found.sample_rate, measured=False)
     return dataclasses.replace(found, model=model, residual=residual, after=_rms(residual), undone=text)
 
 

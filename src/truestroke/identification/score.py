@@ -17,11 +17,12 @@ from truestroke.control.actuator import ActuatorModel
 from truestroke.identification.fitting.rest import from_step
 from truestroke.identification.held_out.trace import Trace
 from truestroke.identification.held_out.validation import NEGLIGIBLE, NOISE, sizes
-from truestroke.identification.records.noise import noise
-from truestroke.identification.records.series import first_known, runs, series
+from truestroke.identification.records.series import first_known, runs, series, settled
+from truestroke.signals.noise import noise
 
 HELD = 0.8  # of the samples in the interval, at least
 WORSE = 3.0  # times the residual of the model's own record
+LATEST = 0.5  # of the record: until then its start ends where the voltage has been at all voltages
 MISSED = 0.02  # of the stroke: an error of the start that is a reason
 
 
@@ -71,7 +72,8 @@ class Score:
 def score(model: ActuatorModel, record: Any, *, offset: float | None = None) -> Score:
     """Errors of a model on another record; the zero is a state of the day, not a weight.
 
-    The start is not judged, as `identify` does not fit it: the states of the plays are not known there.
+    The start, until the voltage has covered its range, is not judged: the states of the plays are not known there. Of a
+    record that takes more than its first half for that, it ends as in `identify`.
 
     Parameters
     ----------
@@ -103,11 +105,11 @@ def score(model: ActuatorModel, record: Any, *, offset: float | None = None) -> 
     """
     checks.instance("model", model, ActuatorModel, actuator.EXPECTED)
     s = from_step(series(record))
-    swept = np.arange(s.volts.size) >= first_known(s.volts, float(np.ptp(s.volts)))
+    swept = np.arange(s.volts.size) >= _start(s.volts)
     judged, start = s.known & swept, s.known & ~swept
     if not judged.any():
         raise SettingError("record", "without a known sample after its start", "one whose displacement is known there")
-    predicted = model.predict(s.volts, s.sample_rate)
+    predicted = model.predict(s.volts, s.sample_rate, measured=False)
     error = s.displacement - predicted
     moved = float(np.median(error[judged])) if offset is None else checks.number("offset", offset, "um")
     width = _half_width(model, s.volts, s.sample_rate, predicted, centred=offset is None)
@@ -127,6 +129,13 @@ def score(model: ActuatorModel, record: Any, *, offset: float | None = None) -> 
     measured = [slice(start, stop) for start, stop in runs(s.known).tolist()]
     verdict = _verdict(model, numbers, noise(s.displacement, measured))
     return Score(**numbers, estimated=offset is None, trace=trace, verdict=verdict)
+
+
+def _start(x: FloatArray) -> int:
+    """First sample that is judged."""
+    span = float(np.ptp(x))
+    swept = settled(x, span)
+    return swept if swept < LATEST * x.size else first_known(x, span)
 
 
 def _rms(error: FloatArray) -> float:

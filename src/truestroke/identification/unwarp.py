@@ -360,7 +360,7 @@ def _places(
     """Predicted place of each pixel of each image, um, shape (rows, columns)."""
     from scipy.interpolate import CubicSpline
 
-    predicted, made = CubicSpline(record.time, model.predict(volts, record.sample_rate)), {}
+    predicted, made = CubicSpline(record.time, model.predict(volts, record.sample_rate, measured=True)), {}
     for name, image in images.items():
         lines = record.lines[record.lines["direction"] == DIRECTIONS[name]]
         columns = image.data.shape[1]

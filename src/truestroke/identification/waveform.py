@@ -139,7 +139,7 @@ def waveform(
     limits = model.voltage_range if voltage_limits is None else voltage_limits
     options = {"velocity": velocity, "voltage_limits": limits, "slew_limit": slew_limit, "offset": offset}
     volts = model.invert(desired, sample_rate, **options)  # type: ignore[arg-type]
-    predicted = model.predict(volts, sample_rate, offset=offset)
+    predicted = model.predict(volts, sample_rate, offset=offset, measured=False)
     return described(model, volts, desired, predicted, float(sample_rate), limits, slew_limit)
 
 
@@ -168,7 +168,7 @@ def described(
         passes=passes,
         out_of_reach=spans(np.where(at_limit, short, 0.0), sample_rate, off),
         too_fast=spans(np.where(slewed, short, 0.0), sample_rate, off),
-        beyond=model.beyond(volts, sample_rate),
+        beyond=model.beyond(volts, sample_rate, measured=False),
     )
 
 

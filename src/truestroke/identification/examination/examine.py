@@ -13,10 +13,11 @@ from truestroke.identification.examination.findings import Findings, count
 from truestroke.identification.examination.mistakes import mistakes, ringing
 from truestroke.identification.examination.rare import implausible
 from truestroke.identification.records import turning
-from truestroke.identification.records.noise import noise
 from truestroke.identification.records.record import GAP, Record, as_record
 from truestroke.identification.records.series import MOVES, clipped
 from truestroke.identification.records.turning import Rows
+from truestroke.signals.noise import noise
+from truestroke.signals.quiet import noise_not_followed
 
 SAMPLED = 200_000  # rows, evenly taken, that percentiles and medians are formed of
 EXCERPT = 50_000  # rows, with the most travel, in which delay and lag are sought
@@ -66,6 +67,7 @@ def examine(record: Record) -> Findings:
         delay_ms=None if delay is None else 1e3 * delay / record.sample_rate,
         lag_ms=None if lag is None else 1e3 * lag / record.sample_rate,
         noise_um=level,
+        voltage_noise_v=noise_not_followed(x, z),
         rates_um_s=_rates(record, level),
         strokes=turns.size - 1,
         stroke_speeds_um_s=speeds,
@@ -256,6 +258,10 @@ def _of_sampling(found: Findings, record: Record) -> list[str]:
         says.append(f"a stroke has only {per_stroke:.1f} samples on average: turning points are missed")
     if found.noise_um > 0.01 * found.stroke_um:
         says.append(f"noise is {100 * found.noise_um / found.stroke_um:.1f} % of the stroke")
+    if found.voltage_noise_v:
+        share = found.voltage_noise_v / (found.voltage_v[1] - found.voltage_v[0])
+        noise = f"the voltage has noise of {found.voltage_noise_v:.2g} V, {100 * share:.2g} % of its span"
+        says.append(f"{noise}, that the displacement does not follow: it was measured, and is fitted without its noise")
     return says
 
 

@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from truestroke.base.typing import FloatArray
-from truestroke.identification.records.noise import converter_step
 from truestroke.identification.records.record import Record
+from truestroke.signals.noise import converter_step
 
 STOPPED = 0.25  # of its span: so far the voltage moves while the displacement keeps one value
 SPIKE = 0.2  # of the peak-to-peak value: a row that is so far from those beside it

@@ -42,6 +42,8 @@ class Findings:
         Peak of the cross-correlation of the rates: delay and hysteresis together.
     noise_um : float
         Standard deviation of the noise of the displacement between neighbouring samples.
+    voltage_noise_v : float
+        The same of the voltage, if the displacement does not follow it: noise of its measurement; else 0.
     rates_um_s : tuple of float
         Median, 90 and 99 % of |dz/dt|.
     strokes : int
@@ -82,6 +84,7 @@ class Findings:
     delay_ms: float | None
     lag_ms: float | None
     noise_um: float
+    voltage_noise_v: float
     rates_um_s: tuple[float, float, float]
     strokes: int
     stroke_speeds_um_s: tuple[float, float]

@@ -10,8 +10,8 @@ from truestroke.identification.examination.changes import jumped
 from truestroke.identification.examination.faults import faults
 from truestroke.identification.examination.findings import Findings
 from truestroke.identification.records import turning
-from truestroke.identification.records.noise import noise, rounding
 from truestroke.identification.records.record import Record
+from truestroke.signals.noise import noise, rounding
 from truestroke.signals.tables import RecordError
 
 VOLTS = 0.05, 2100.0  # V: spans of the voltage; macro fibre composites take 2000 V, controllers' inputs 5 to 20 V

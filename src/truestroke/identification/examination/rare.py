@@ -14,9 +14,9 @@ from truestroke.identification.examination.findings import Findings
 from truestroke.identification.examination.mistakes import TOGETHER, ringing
 from truestroke.identification.examination.rows import rewritten
 from truestroke.identification.records import turning
-from truestroke.identification.records.noise import noise
 from truestroke.identification.records.record import Record
 from truestroke.identification.records.series import runs, to_and_fro
+from truestroke.signals.noise import noise
 
 SOON, TARDY = 50e-6, 0.1  # s: an amplifier or a sensor is later than the first, none is later than the second
 SHOWN = 0.25  # rows: to which reversals show a delay

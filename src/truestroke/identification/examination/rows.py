@@ -10,9 +10,9 @@ import numpy as np
 from truestroke.base.typing import FloatArray
 from truestroke.identification.examination.faults import repeated
 from truestroke.identification.examination.findings import Findings
-from truestroke.identification.records.noise import rounding
 from truestroke.identification.records.record import Record
 from truestroke.identification.records.series import runs
+from truestroke.signals.noise import rounding
 
 FEWEST_AGAIN, AGAIN = 5, 0.001  # rows, and of the rows
 STILL = 0.15  # of the median step: where the voltage turns, it moves by less from row to row

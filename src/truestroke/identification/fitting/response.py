@@ -37,6 +37,7 @@ STEPS = 6  # of Gauss-Newton
 ENDS, PARABOLA = 6, 5.0  # tries for an end of an interval, and what may be lost there, in bounds, for a parabola
 FARTHEST = 0.25  # of the record: no end is farther
 ALIKE = 1.2  # longest over shortest strokes, in time and in volts: below, a record has one motion
+JUMPS = 5.0  # times the mean change of the voltage from row to row: a step; of a sine it is 1.6 at most
 FEWEST_TURNS = 4  # between which strokes are compared
 HIDDEN = 0.08  # of a stroke: hysteresis looks like so much dead time or lag where all strokes are alike; seen: 0.066
 CONVERGED = 5e-3  # samples
@@ -91,9 +92,12 @@ def find_response(data: Data, coarse: float, known: float | None = None, certain
 
 
 def _of_one_motion(x: FloatArray) -> float | None:
-    """Samples of a stroke, where all are alike in time and in volts but for the first and the last; else None."""
-    turns = turning.reversals(x, turning.STROKE * float(np.ptp(x)))[1:-1]
-    if turns.size < FEWEST_TURNS:
+    """Samples of a stroke, where all are alike in time and in volts but for the first and the last; else None.
+
+    Nor is it of one motion where the voltage steps, if only at its start.
+    """
+    turns, moves = turning.reversals(x, turning.STROKE * float(np.ptp(x)))[1:-1], np.abs(np.diff(x))
+    if turns.size < FEWEST_TURNS or moves.max() > JUMPS * moves[turns[0] : turns[-1]].mean():
         return None
     times, ways = np.diff(turns), np.abs(np.diff(x[turns]))
     alike = all(float(size.max()) < ALIKE * float(size.min()) for size in (times, ways))

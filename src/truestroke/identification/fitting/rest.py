@@ -9,6 +9,7 @@ from truestroke.base.typing import FloatArray
 from truestroke.identification.fitting import normal
 from truestroke.identification.fitting.regression import Data, Structure, even_thresholds
 from truestroke.identification.records.series import Series
+from truestroke.signals.noise import noise
 
 NEAR_ZERO = 0.02  # of the voltage range: a record that starts nearer to 0 V may start at rest
 ROWS = 3000  # of the comparison at most
@@ -18,6 +19,7 @@ CREEP_TIMES = (0.03, 0.3, 3.0)  # s
 PADDED = 2  # rows between the motion that is supposed and the record
 ANSWERED = 5.0  # lags after a step
 STEPPED = 0.1  # of the range: a smaller step before the first row is not seen
+CLEAR = 3 * 6**0.5  # deviations of the noise: that of a second difference by chance
 LOWER = 0.15  # of the stroke: a rest at 0 V is so near the displacement at 0 V within motion
 
 
@@ -61,15 +63,16 @@ def from_step(s: Series) -> Series:
     """The record with a row at rest at 0 V before its first, if the answer to a step from there begins with the record.
 
     Amplifier and actuator were at 0 V, and recording began with the motion: at the first row the displacement is that
-    of 0 V, and goes faster and faster towards that of the voltage. Without the row before, dead time, lag and creep
-    would be at rest at a voltage at which they have not been. Of an answer that is under way the rest is not known.
+    of 0 V, and goes faster and faster, beyond noise, towards that of the voltage. Without the row before, dead time,
+    lag and creep would be at rest at a voltage at which they have not been. Of an answer that is under way the rest is
+    not known.
 
     Examples
     --------
     >>> x = 1.0 + np.sin(np.arange(4000) / 50.0 - 0.2)
     >>> lagging = 10.0 * x - 8.0 * np.exp(-np.maximum(np.arange(4000) - 0.5, 0.0) / 4.0)
     >>> known = np.ones(4000, dtype=bool)
-    >>> [from_step(Series(np.arange(4000.0), x, z, known, 1.0, "", ())).volts.size for z in (10.0 * x, lagging)]
+    >>> [from_step(Series(np.arange(4000.0), x, z, known, 1.0, "", (), 0.0)).volts.size for z in (10.0 * x, lagging)]
     [4000, 4001]
     """
     x, z = s.volts, s.displacement
@@ -82,7 +85,8 @@ def from_step(s: Series) -> Series:
     sign = 1.0 if x[0] > 0 else -1.0
     first, second, third = (sign * z[:3]).tolist()
     least, zero = float((sign * z[alike]).min()) - STEPPED * stroke, float(np.median(sign * z[at_zero & s.known]))
-    if not (first < second < least and second - first < third - second and abs(first - zero) < LOWER * stroke):
+    faster = third - 2 * second + first > CLEAR * noise(z, (slice(0, z.size),))
+    if not (first < second < least and faster and abs(first - zero) < LOWER * stroke):
         return s
     return dataclasses.replace(
         s,

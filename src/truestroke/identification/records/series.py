@@ -12,9 +12,9 @@ from truestroke.base import checks
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
 from truestroke.identification.records import turning
-from truestroke.identification.records.quiet import without_noise
 from truestroke.identification.records.record import FEWEST_ROWS
 from truestroke.signals.channels import Signals
+from truestroke.signals.quiet import noise_not_followed, without_noise
 
 SAMPLES = 500_000  # of the record at most: longer ones are replaced by means over blocks
 REGULAR = 0.02  # of the interval: how far time stamps may be off, beyond the rounding of their digits
@@ -44,6 +44,8 @@ class Series(Signals):
         Where it comes from.
     breaks : tuple of int
         First samples after gaps that are longer than all that was measured: there the zero is another one.
+    voltage_noise : float
+        Noise of the measurement of the voltage that is not in `volts` any more, V (`quiet.noise_not_followed`).
     """
 
     time: FloatArray
@@ -53,6 +55,7 @@ class Series(Signals):
     sample_rate: float
     source: str
     breaks: tuple[int, ...]
+    voltage_noise: float
 
 
 def series(record: Any) -> Series:
@@ -60,7 +63,7 @@ def series(record: Any) -> Series:
 
     Where its time stamps are irregular or leave gaps, straight lines between its rows, at its own rate. A gap that is
     longer than the record itself is shortened. Beyond 500,000 samples, means over blocks. The voltage is without the
-    noise of its measurement (`quiet.without_noise`).
+    noise of its measurement.
 
     Raises
     ------
@@ -82,12 +85,13 @@ def series(record: Any) -> Series:
         time, x, z, known = _bridged(record.time, x, z, position, record.segments)
         nearest = np.round(np.interp(np.arange(time.size), position, np.arange(seen.size))).astype(np.int64)
         known &= seen[nearest]
-    x = without_noise(x, z)
+    deviation = noise_not_followed(x, z)
+    x = without_noise(x, deviation)
     block = -(-x.size // SAMPLES)
     time, x, z = (a[: a.size // block * block].reshape(-1, block).mean(axis=1) for a in (time, x, z))
     known = np.asarray(known[: known.size // block * block].reshape(-1, block).all(axis=1), dtype=np.bool_)
     breaks = [at // block for at in breaks]
-    return Series(time, x, z, known, fs / block, str(getattr(record, "source", "")), tuple(breaks))
+    return Series(time, x, z, known, fs / block, str(getattr(record, "source", "")), tuple(breaks), deviation)
 
 
 def _three(record: Any) -> tuple[Any, Any, Any]:

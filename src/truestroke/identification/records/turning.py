@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from truestroke.base.typing import FloatArray
-from truestroke.identification.records.noise import converter_step, noise
+from truestroke.signals.noise import converter_step, noise
 
 Rows = npt.NDArray[np.int64]
 

@@ -55,6 +55,12 @@ def offset(found: Score) -> str:
     return f"{found.offset_um:+.4g} um above that of the model ({source})"
 
 
+def voltage(found: Score) -> list[tuple[str, str]]:
+    """That noise was taken off the voltage, if it was."""
+    noise = found.trace.voltage_noise
+    return [("voltage", f"without noise of {noise:.2g} V that the displacement does not follow")] if noise else []
+
+
 def interval(found: Score) -> str:
     """The 95 % interval, and how much of the record is in it."""
     return f"+-{found.half_width_um:.3g} um (median) holds {100 * found.coverage:.0f} % of the samples"
@@ -65,6 +71,7 @@ def score_page(found: Score, model: ActuatorModel, model_file: str | Path = "", 
     facts = [
         ("zero", offset(found)),
         ("95 % interval of another day", interval(found)),
+        *voltage(found),
         ("samples judged", f"{np.count_nonzero(found.trace.held_out & found.trace.known):,}"),
         ("residual of the model's own record", length(model.noise)),
         ("model", f"{model_file}, of {model.provenance.get('source') or 'a record without a name'}"),
