@@ -274,3 +274,30 @@ def test_the_rounding_of_a_text_is_no_noise(tmp_path: Path, shape: str, written:
     header = "time (ms),u (mV),z (nm)"
     np.savetxt(file := tmp_path / "a.csv", columns, delimiter=",", header=header, comments="", fmt=written)
     assert examine(read_record(file)).mistakes == ()
+
+
+def test_two_percent_of_noise_is_no_jump_of_the_sensor() -> None:
+    """Rows about a step of three deviations are alike by chance; of ten such records nine were refused."""
+    rng, t = np.random.Generator(np.random.PCG64(2)), np.arange(20_000) / 1000.0
+    for _ in range(5):
+        v = foreign_records.wave(t, rng, 5.0)
+        z = 20 * play_history(v, (0.1,))[:, 0]
+        assert examine(Record.from_arrays(100 * v, z + rng.normal(0, 0.4, t.size), sample_rate=1000.0)).mistakes == ()
+
+
+@pytest.mark.parametrize("early", [0, 150])
+def test_a_lag_behind_a_staircase_is_no_lead(early: int) -> None:
+    """A level is held for 83 rows: the rates agree nearly as well ten steps earlier."""
+    k, rng = np.arange(20_000) // 83, np.random.Generator(np.random.PCG64(2))
+    v = np.minimum(k % 24, 24 - k % 24) / 12 * (0.6 + 0.4 * np.cos(2e-4 * np.arange(k.size)))
+    z = foreign_records.lagged(play_history(v, (0.12,))[:, 0] + 0.5 * v, 2e4, 2.5e-3)
+    z = 7 * z + rng.normal(0, 0.07, v.size)
+    record = Record.from_arrays(44 * v[: v.size - early], z[early:], sample_rate=2e4)
+    assert any("leads" in words for words in examine(record).mistakes) == (early > 0)
+
+
+def test_noise_at_the_end_of_a_staircase_does_not_go_to_and_fro() -> None:
+    k, rng = np.arange(20_000) // 5, np.random.Generator(np.random.PCG64(2))
+    v = np.minimum(k % 24, 24 - k % 24) / 12 * (0.6 + 0.4 * np.cos(4.7e-4 * np.arange(k.size)))
+    z = 85 * play_history(v, (0.12,))[:, 0] + rng.normal(0, 1.7, v.size)
+    assert examine(Record.from_arrays(350 * v, z, sample_rate=100.0)).implausible == ()

@@ -93,10 +93,47 @@ def test_an_error_beyond_the_fitted_range_is_no_verdict_on_a_model_that_fits_all
 ) -> None:
     """Sines whose height grows in steps: the held-out part is beyond the fitted one, but not beyond the record."""
     found, findings = judged(CAUSES["time"])[0], examine(Record.from_arrays(X, PREDICTED + NOISE, sample_rate=RATE))
-    found = dataclasses.replace(found, over_noise=200.0, over_fitted=40.0, range_beyond=beyond, residual_percent=left)
+    large = {"over_noise": 200.0, "over_fitted": 40.0, "time": 0.0}
+    found = dataclasses.replace(found, **large, range_beyond=beyond, residual_percent=left)
     said = verdict(found, HeldOut(2.8, 5.0, 7.0, 12.0, 8000, 0.6), findings)
     assert said.level == level
     assert any("score the model" in reason for reason in said.reasons) == (level == "doubtful")
+
+
+@pytest.mark.parametrize(("slow", "level"), [(0.99, "doubtful"), (0.5, "bad")])
+def test_a_zero_that_drifts_does_not_make_the_motion_bad(slow: float, level: str) -> None:
+    """6 % of error of which next to all is slow: without it 0.6 %."""
+    found, findings = judged(CAUSES["time"])[0], examine(Record.from_arrays(X, PREDICTED + NOISE, sample_rate=RATE))
+    found = dataclasses.replace(found, over_noise=200.0, over_line=2.0, time=slow)
+    said = verdict(found, HeldOut(2.4, 5.0, 6.0, 12.0, 8000, 0.6), findings)
+    assert said.level == level
+    assert any("of the error is slow" in reason for reason in said.reasons) == (level == "doubtful")
+
+
+def family(x: np.ndarray, loop: float) -> tuple[str, tuple[str, ...], tuple[str, ...]]:
+    """Verdict on a record of this voltage with a loop of plays, its reasons, and the warnings of `examine`."""
+    z = 7 * x + loop * play_history(x, (0.3,))[:, 0] + NOISE[: x.size]
+    findings = examine(Record.from_arrays(x, z, sample_rate=RATE))
+    found, *_ = judged(np.zeros(T.size))
+    said = verdict(found, HeldOut(0.01, 0.03, 0.025, 0.1, 8000, 0.95), findings)
+    return said.level, said.reasons, findings.warnings
+
+
+SINE = 2 * np.sin(2 * np.pi * T)
+AM = SINE * (0.55 + 0.45 * np.sin(2 * np.pi * T / 7))
+RISES = np.random.Generator(np.random.PCG64(3)).uniform(0.2, 1.0, 21)[T.astype(int)] * (1 - np.cos(2 * np.pi * T))
+
+
+@pytest.mark.parametrize(("x", "good"), [(X, True), (AM, False), (SINE * T / 20, False), (2 * RISES, False)])
+def test_inner_loops_of_one_family_say_nothing_about_others(x: np.ndarray, good: bool) -> None:
+    """A random wave, and motions whose strokes of one length are all at one voltage."""
+    level, _, warnings = family(x, 5.0)
+    assert (level == "good") == good
+    assert any("inner loops elsewhere" in words for words in warnings) != good
+
+
+def test_a_loop_within_the_noise_needs_no_other_inner_loops() -> None:
+    assert not any("inner loops elsewhere" in reason for reason in family(AM, 0.05)[1])
 
 
 @pytest.mark.parametrize(("damping", "level"), [(0.0015, "doubtful"), (0.02, "good")])

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from truestroke.base.typing import FloatArray
 from truestroke.identification.examination.faults import repeated
-from truestroke.identification.examination.findings import Findings, count
+from truestroke.identification.examination.findings import ALONG, Findings, count
 from truestroke.identification.examination.mistakes import mistakes, ringing
 from truestroke.identification.examination.rare import implausible
 from truestroke.identification.records import turning
@@ -21,6 +21,7 @@ from truestroke.signals.quiet import noise_not_followed
 
 SAMPLED = 200_000  # rows, evenly taken, that percentiles and medians are formed of
 EXCERPT = 50_000  # rows, with the most travel, in which delay and lag are sought
+WHOLE, FEW_PARTS = 0.9, 6  # of the span: longer strokes have one place; and shorter ones that show their places
 
 
 def examine(record: Record) -> Findings:
@@ -72,6 +73,7 @@ def examine(record: Record) -> Findings:
         strokes=turns.size - 1,
         stroke_speeds_um_s=speeds,
         stroke_lengths_percent=lengths,
+        stroke_places=_places(x[turns]),
         states_known_s=_states_known(record),
         clipped_displacement=int(cut.sum()),
         assumed_displacement=not record.columns["displacement"].stated,
@@ -185,6 +187,21 @@ def _strokes(record: Record, turns: Rows, span: float) -> tuple[tuple[float, flo
     return _weighted(speeds, seconds), _weighted(lengths, seconds)
 
 
+def _places(turns: FloatArray) -> float | None:
+    """How far strokes of one length are apart, over what the span lets them be; of `turns` of the voltage, V.
+
+    Lengths over `WHOLE` of the span are all at one place.
+    """
+    ends = (turns - turns.min()) / np.ptp(turns)
+    length, middle = np.abs(np.diff(ends)), (ends[1:] + ends[:-1]) / 2
+    length, middle = length[length < WHOLE], middle[length < WHOLE]
+    if length.size < FEW_PARTS:
+        return None
+    columns = np.vander(length, 3)
+    off = middle - columns @ np.linalg.lstsq(columns, middle, rcond=1e-9)[0]
+    return float(np.std(off) / np.sqrt(np.mean((1 - length) ** 2) / 12))
+
+
 def _weighted(values: FloatArray, weights: FloatArray) -> tuple[float, float]:
     order = values.argsort()
     share = np.cumsum(weights[order]) / weights.sum()
@@ -278,6 +295,8 @@ def _of_content(found: Findings) -> list[str]:
         short, long = found.stroke_lengths_percent
         if long < 1.5 * short:
             says.append(f"all strokes are about as long ({long:.0f} % of the span): inner loops are not tested")
+        elif found.stroke_places is not None and found.stroke_places < ALONG:
+            says.append("strokes of one length are at one voltage: inner loops elsewhere are not tested")
     delay, lag = found.delay_ms, found.lag_ms  # delay and hysteresis both make the lag
     if delay is not None and lag is not None and delay > lag + 2e3 / found.sample_rate_hz:
         both = f"{delay:.3g} ms, most motion by {max(lag, 0.0):.3g} ms"

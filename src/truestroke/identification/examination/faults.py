@@ -9,13 +9,14 @@ import numpy.typing as npt
 
 from truestroke.base.typing import FloatArray
 from truestroke.identification.records.record import Record
-from truestroke.signals.noise import converter_step
+from truestroke.signals.noise import converter_step, noise
 
 STOPPED = 0.25  # of its span: so far the voltage moves while the displacement keeps one value
 SPIKE = 0.2  # of the peak-to-peak value: a row that is so far from those beside it
 JUMP = 0.1  # of the stroke: within one row
 SMALL, OTHERS = 0.01, 4.0  # the same at least, if it is so many times what nearly all rows move: fringes that were lost
 MOST, SAMPLED = 99.8, 200_000  # per cent of the rows, and rows, evenly taken, that show it
+BY_CHANCE = 8.0  # deviations of the noise: a step from row to row that is smaller may be noise
 CONVERTED = 4.0  # steps of a converter: noise makes jumps of one or two
 ALONE = 10.0  # times what the rows beside it do
 BESIDE = 2  # rows on either side
@@ -108,7 +109,8 @@ def _of_jumps(record: Record) -> Iterator[str]:
     """Jumps within a row without one of the voltage: a zero that moved, fringes or rows that were lost."""
     x, z = record.volts, record.displacement
     stroke, span = float(np.ptp(z)), float(np.ptp(x))
-    rows, sizes, usual = _beyond(z, max(SMALL * stroke, CONVERTED * converter_step(z)))
+    least = max(SMALL * stroke, CONVERTED * converter_step(z), BY_CHANCE * noise(z, record.segments))
+    rows, sizes, usual = _beyond(z, least)
     large = (sizes > JUMP * stroke) | (sizes > OTHERS * usual)
     found = np.setdiff1d(rows[large], [s.start - 1 for s in record.segments[1:]])
     before = min(max(10, round(BEFORE_S * record.sample_rate)), BEFORE_ROWS)

@@ -4,6 +4,8 @@ import dataclasses
 from dataclasses import dataclass
 from typing import Any
 
+ALONG = 0.28  # of `Findings.stroke_places`: below, inner loops are of one family; random waves have 0.3 to 1.1
+
 
 @dataclass(frozen=True, kw_only=True)
 class Findings:
@@ -52,6 +54,9 @@ class Findings:
         Mean speed of the displacement in a stroke: 5 and 95 % of the time is spent in slower ones.
     stroke_lengths_percent : tuple of float
         The same of their lengths, % of the voltage span.
+    stroke_places : float or None
+        How far the middles of strokes of one length are apart, over how far the voltage span would let them be: 0 for a
+        motion that grows or decays about one voltage, or always comes back to one end; 0.3 to 1 for random ones.
     states_known_s : float
         Time at which the voltage has been at both its ends; before, the states of the widest plays are not known.
     clipped_displacement, clipped_volts : int
@@ -89,6 +94,7 @@ class Findings:
     strokes: int
     stroke_speeds_um_s: tuple[float, float]
     stroke_lengths_percent: tuple[float, float]
+    stroke_places: float | None
     states_known_s: float
     clipped_displacement: int
     clipped_volts: int

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
+from truestroke.base.typing import FloatArray
 from truestroke.identification.examination.changes import jumped
 from truestroke.identification.examination.faults import faults
 from truestroke.identification.examination.findings import Findings
@@ -23,9 +24,14 @@ SPEED = 0.1e6  # um/s: a stack reaches it at a tenth of its own resonance; stage
 FAST = ((20e3, 60e3), (100e3, 20e3))  # Hz, um/s: the same for stamps in ms or less, by sample rate
 SLOW = 1.0  # Hz: stamps of no stated unit that give no higher rate are in ms, or count the rows
 LEADS = -1.5  # % of stroke: mean width of a loop that turns the wrong way round
+EARLIEST = 0.25  # of a stroke: twice as far a displacement is looked for before steps
 EARLY, EARLY_ROWS = 0.02, 2.5  # of a stroke, and rows, by which the displacement may be ahead of the voltage
 SHIFTS = 21  # that are tried
-LATE = 0.2  # of a stroke: hysteresis alone is late by 0.06 at most, an actuator with sensor by 0.1
+FEW, JUMPED = (
+    50,
+    0.5,
+)  # one row in so many has so much of the voltage's travel: it moves in steps, between which are holds
+LATE = 0.25  # of a stroke: hysteresis alone is late by 0.06 at most, an actuator with a slow sensor by 0.2
 TURNS = 0.04, 4.0  # the same two limits where reversals show it
 COARSE = 0.008  # of the stroke: noise, or rounding to 36 steps, beyond which no single reversal shows a lead
 TOGETHER = 0.7  # least correlation of voltage and displacement, and of their strokes
@@ -170,7 +176,8 @@ def _off_line(record: Record, found: Findings) -> tuple[int, float]:
 
 def _off(record: Record, rows: int) -> float:
     """The same of one number of rows, um."""
-    x, z = record.volts[: record.volts.size - rows], record.displacement[rows:]
+    x, z = record.volts, record.displacement
+    x, z = (x[: x.size - rows], z[rows:]) if rows >= 0 else (x[-rows:], z[: z.size + rows])
     if x.size < 3 or np.ptp(x) == 0.0:
         return float(np.ptp(record.displacement))
     above = x - x.mean()
@@ -215,15 +222,30 @@ def ringing(record: Record) -> float:
 def _lead(record: Record, found: Findings, turns: turning.Rows) -> str:
     """By what the displacement is seen to come first; empty where it does not."""
     stroke, rows = float(np.median(np.diff(turns))), _rows(found)
+    if _in_steps(record.volts):  # turns are somewhere in a hold, loops not closed, and rates agree a step later, too
+        ahead = -_best_shift(record, -EARLIEST * stroke)
+        return _by(found, ahead) if ahead > max(EARLY * stroke, EARLY_ROWS) else ""
     if found.loop_width_percent < LEADS:
         return f"the loop turns clockwise, {found.loop_width_percent:.1f} % of the stroke"
     shown = {"lag": (EARLY, EARLY_ROWS)}
     if found.noise_um < COARSE * found.stroke_um:
         shown["delay"] = TURNS
+    if max(rows.values()) > EARLY_ROWS:  # the other one is late
+        return ""
     for name, (share, least) in shown.items():
         if rows[name] < -max(share * stroke, least):
-            return f"by {-rows[name]:.3g} rows, {1e3 * -rows[name] / found.sample_rate_hz:.3g} ms"
+            return _by(found, -rows[name])
     return ""
+
+
+def _in_steps(x: FloatArray) -> bool:
+    """Whether the voltage moves in few rows."""
+    moved = np.sort(np.abs(np.diff(x)))
+    return bool(moved[-max(1, moved.size // FEW) :].sum() > JUMPED * moved.sum())
+
+
+def _by(found: Findings, rows: float) -> str:
+    return f"by {rows:.3g} rows, {1e3 * rows / found.sample_rate_hz:.3g} ms"
 
 
 def _late(record: Record, found: Findings, turns: turning.Rows) -> str:
@@ -236,7 +258,7 @@ def _late(record: Record, found: Findings, turns: turning.Rows) -> str:
 
 
 def _best_shift(record: Record, lag: float) -> float:
-    """Rows up to twice the lag by which the displacement follows a line in the voltage best."""
+    """Rows up to twice the lag by which the displacement follows a line in the voltage best; below 0 it is ahead."""
     tried = np.unique(np.linspace(0.0, 2 * lag, SHIFTS).astype(int))
     return float(min(tried.tolist(), key=lambda rows: _off(record, rows)))
 

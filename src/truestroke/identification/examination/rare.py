@@ -41,6 +41,7 @@ ON_STEP, ON_STEPS = 0.1, 0.99  # of a step: a value on it, but for the digits of
 WHOLE = 100  # different values, all of them whole numbers
 NORMALISED = (0.0, 1.0), (0.0, 100.0), (-1.0, 1.0)  # which no sensor with noise hits at both ends
 LEVEL = 8.0  # times the noise: so wide is a level at which a signal stays
+TO_AND_FRO = 8.0  # deviations of the noise: so far that of many rows goes to and fro
 FLATTER, TURNED = 2.5, 0.025  # times what the level is of the span, and of its span, the other signal goes on meanwhile
 CUT = 0.01  # of the rows
 
@@ -244,19 +245,22 @@ def _of_levels(record: Record, found: Findings) -> Iterator[str]:
     """A signal that stays at an end of its range, but for noise, while the other one moves: it is cut off there."""
     x, z = record.volts, record.displacement
     quiet = {"displacement": found.noise_um, "voltage": noise(x, record.segments)}
-    for name, signal, other, unit in (("displacement", z, x, "um"), ("voltage", x, z, "V")):
-        rows, moved = level(signal, other, quiet[name])
+    pairs = (("displacement", z, "voltage", x, "um"), ("voltage", x, "displacement", z, "V"))
+    for name, signal, beside, other, unit in pairs:
+        rows, moved = level(signal, other, quiet[name], quiet[beside])
         exact = found.clipped_displacement if name == "displacement" else 0  # which are not fitted
         if rows >= CUT * x.size and not exact:
-            beside, its = ("voltage", "V") if name == "displacement" else ("displacement", "um")
+            its = "V" if name == "displacement" else "um"
             yield (
                 f"the {name} stays at an end of its range, within {LEVEL * quiet[name]:.2g} {unit}, in {rows} rows, "
                 f"while the {beside} goes on by up to {moved:.3g} {its} and comes back: is it cut off there?"
             )
 
 
-def level(signal: FloatArray, other: FloatArray, quiet: float) -> tuple[int, float]:
+def level(signal: FloatArray, other: FloatArray, quiet: float, rough: float = 0.0) -> tuple[int, float]:
     """Rows at the ends of a signal while another one moves on and comes back, and by how much at most.
+
+    `quiet` and `rough` are the noises of the two.
 
     Examples
     --------
@@ -265,7 +269,7 @@ def level(signal: FloatArray, other: FloatArray, quiet: float) -> tuple[int, flo
     (698, 0)
     """
     span, width = float(np.ptp(signal)), LEVEL * quiet
-    least = max(TURNED, FLATTER * width / span) * float(np.ptp(other))
+    least = max(TURNED, FLATTER * width / span) * float(np.ptp(other)) + TO_AND_FRO * rough
     rows, most = 0, 0.0
     for near in (signal <= signal.min() + width, signal >= signal.max() - width):
         for start, stop in runs(near):

@@ -12,7 +12,7 @@ from truestroke.identification.examination.faults import repeated
 from truestroke.identification.examination.findings import Findings
 from truestroke.identification.records.record import Record
 from truestroke.identification.records.series import runs
-from truestroke.signals.noise import rounding
+from truestroke.signals.noise import noise, rounding
 
 FEWEST_AGAIN, AGAIN = 5, 0.001  # rows, and of the rows
 STILL = 0.15  # of the median step: where the voltage turns, it moves by less from row to row
@@ -24,7 +24,7 @@ CHANCE = 1e-3  # of a line of so many rows anywhere in the record, by noise alon
 FEWEST_FILLED, DRAWN = 3, 0.45  # such places; and of all rows, where lines join the measured ones
 JOINT = 0.03  # of the span: both signals move so far from one row to the next
 SUDDEN, BESIDE = 8.0, 3  # times what they do in so many rows on either side
-GOES_ON = 0.2  # of the median step: so fast the voltage moves before and behind
+GOES_ON, CLEAR = 0.2, 4.0  # of the median step, and deviations: so fast the voltage moves before and behind
 SHARE = 0.4, 1.6  # of the voltage's jump times the gain: of the displacement in the same row
 SORTED = 0.005  # of the stroke: noise of rows that alternate between the ways up and down
 FEW_JOINTS = 4  # a motion that jumps more often is meant to
@@ -139,7 +139,8 @@ def _of_joints(record: Record, found: Findings) -> Iterator[str]:
     if not 0 < jumps.size < x.size // 50 or not steps.size:
         return
     gaps = {s.start - 1 for s in record.segments[1:]}
-    gain, slow = found.gain_um_per_v, GOES_ON * float(np.median(steps))
+    by_noise = CLEAR * math.sqrt(2.0) / BESIDE * noise(record.volts, record.segments)
+    gain, slow = found.gain_um_per_v, max(GOES_ON * float(np.median(steps)), by_noise)
     joints = [k for k in jumps.tolist() if k not in gaps and _is_joint(x, z, k, gain, slow)]
     if 0 < len(joints) <= FEW_JOINTS:
         k, size = joints[0], len(joints)

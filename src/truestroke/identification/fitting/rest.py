@@ -72,7 +72,7 @@ def from_step(s: Series) -> Series:
     >>> x = 1.0 + np.sin(np.arange(4000) / 50.0 - 0.2)
     >>> lagging = 10.0 * x - 8.0 * np.exp(-np.maximum(np.arange(4000) - 0.5, 0.0) / 4.0)
     >>> known = np.ones(4000, dtype=bool)
-    >>> [from_step(Series(np.arange(4000.0), x, z, known, 1.0, "", (), 0.0)).volts.size for z in (10.0 * x, lagging)]
+    >>> [from_step(Series(np.arange(4000.0), x, z, known, 1.0, "", ())).volts.size for z in (10.0 * x, lagging)]
     [4000, 4001]
     """
     x, z = s.volts, s.displacement

@@ -1,7 +1,7 @@
 """A record as the fit takes it: regular samples, holes bridged and marked."""
 
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -55,7 +55,7 @@ class Series(Signals):
     sample_rate: float
     source: str
     breaks: tuple[int, ...]
-    voltage_noise: float
+    voltage_noise: float = field(default=0.0, kw_only=True)
 
 
 def series(record: Any) -> Series:
@@ -91,7 +91,9 @@ def series(record: Any) -> Series:
     time, x, z = (a[: a.size // block * block].reshape(-1, block).mean(axis=1) for a in (time, x, z))
     known = np.asarray(known[: known.size // block * block].reshape(-1, block).all(axis=1), dtype=np.bool_)
     breaks = [at // block for at in breaks]
-    return Series(time, x, z, known, fs / block, str(getattr(record, "source", "")), tuple(breaks), deviation)
+    return Series(
+        time, x, z, known, fs / block, str(getattr(record, "source", "")), tuple(breaks), voltage_noise=deviation
+    )
 
 
 def _three(record: Any) -> tuple[Any, Any, Any]:
