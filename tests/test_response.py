@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from benchmarks import foreign_records
 from scipy.signal import lsim
 
 from truestroke.control import stage
@@ -140,3 +141,15 @@ def test_a_lag_is_in_file_prediction_inverse_and_controller(tmp_path):
     volts = again.invert(z, 1000.0)
     np.testing.assert_allclose(volts[5:-5], (z + 0.01 * np.gradient(z, 1e-3))[5:-5] / 10, atol=1e-3)
     assert again.settings(1000.0).initial_weights[1] == pytest.approx(-0.01)
+
+
+@pytest.mark.parametrize("lag", [0, 10])
+def test_hysteresis_that_goes_on_behind_a_turn_is_no_lag(lag):
+    """A Duhem actuator in a wave below 2 Hz, ms; plays alone leave intervals of 20 to 35."""
+    t, rng = np.arange(4000) / 500.0, np.random.Generator(np.random.PCG64(11))
+    v = foreign_records.wave(t, rng, 2.0)
+    v = np.concatenate([np.linspace(v[0], v[0], 3), v])
+    y = respond(foreign_records.duhem(v), 0.0, 0.5 * lag)
+    response = found(100 * v, 20 * y + 4e-3 * rng.standard_normal(y.size), 500.0)
+    assert 1e3 * (response.delay + response.time_constant) == pytest.approx(lag, abs=0.5)
+    assert response.time_constant_interval[1] < (lag + 8) / 1e3

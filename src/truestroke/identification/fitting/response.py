@@ -16,12 +16,14 @@ from truestroke.identification.fitting.regression import Data, Structure, plays,
 from truestroke.identification.records import turning
 from truestroke.identification.records.series import first_known
 from truestroke.model import prior
+from truestroke.model.branches import Branches
 from truestroke.model.sampled import creep_states, respond
 
 EXCERPT = 8_000  # rows at most in which the two are separated: those with the most fast motion
 RESOLVED = 8  # samples of dead time and lag together: where there are more, means over some of them suffice
 PLAYS, NEAREST = 20, 2.0  # of the quick model, and the power by which their thresholds are denser near 0
 CREEP_TIMES = (0.01, 0.1, 1.0, 10.0)  # s
+BETAS, OF_BETAS = (3.0, 8.0), 0.5  # of states of Duhem, and the deviation of their weights, in slopes of the line
 SLOWER = 3.0  # times dead time and lag together: creep that is faster would be taken for a lag
 REACHES = 0.5, 0.9  # of the voltage range: where the start is not fitted, and where it is from rest
 START = 1.25  # times the rmse without the start of the record: more, and its states are not those of rest
@@ -65,8 +67,9 @@ class Response:
 
 
 def find_response(data: Data, coarse: float, known: float | None = None, certain: bool = True) -> Response:
-    """Dead time and lag of a record by generalised least squares of a quick model of plays and creep.
+    """Dead time and lag of a record by generalised least squares of a quick model of plays, creep and states of Duhem.
 
+    Behind a turn states of Duhem may go on for a while, as a lag does, and plays never do.
     The residual of the quick model is mostly slow. Whitened by an autoregression, steps and fast turns count as much as
     they show; then dead time alone, lag alone and both are compared. Where neither or either one alone is as good, the
     lag is taken: its prediction of faster motion than that of the record is smaller. Where all strokes are alike,
@@ -326,7 +329,7 @@ def _fastest(x: FloatArray) -> tuple[int, int]:
 def _columns(
     data: Data, x: FloatArray, fs: float, reach: float, kept: slice, coarse: float
 ) -> tuple[FloatArray, Prior]:
-    """Plays, creep, a constant, creep and lag under way at the start, and powers of the motion; and their prior."""
+    """Plays, creep, a constant, creep and lag under way at the start, powers of the motion, Duhem; and their prior."""
     low, high = data.voltage_range
     thresholds = tuple(((np.arange(PLAYS) / PLAYS) ** NEAREST * reach * (high - low)).tolist())
     times = tuple(tau for tau in CREEP_TIMES if SLOWER * coarse < tau < x.size / fs / 2)
@@ -339,13 +342,15 @@ def _columns(
     begins = 1.0 if kept.start == 0 else 0.0
     starts = [begins * np.exp(-t / tau) for tau in times]
     others = [share**2, share**3, share**4, begins * (t == 0)]
+    duhem = _after_one(Branches(voltage_range=data.voltage_range, betas=BETAS).states(x[: kept.stop])[kept])
     known = data.prior(s)
     a = known.mean[s.a]
     of_gain, of_hysteresis = prior.GAIN_DEVIATION * a, prior.HYSTERESIS_DEVIATION * np.append(0.0, a[1:])
     together = np.outer(of_gain, of_gain) + np.outer(of_hysteresis, of_hysteresis)
     known.covariance[np.ix_(s.a, s.a)] = together + np.diag((SPREAD * a) ** 2)
-    m, n = known.mean.size, len(others)
-    covariance = np.diag(np.append(np.zeros(m), np.full(n, data.stroke**2)))
+    m = known.mean.size
+    of_others = [*[data.stroke] * len(others), *[OF_BETAS * data.q] * duhem.shape[1]]
+    covariance = np.diag(np.square([*np.zeros(m), *of_others]))
     covariance[:m, :m] = known.covariance
-    columns = np.column_stack([H, *creep, np.ones(len(H)), *starts, *others])
-    return columns, Prior(np.append(known.mean, np.zeros(n)), covariance)
+    columns = np.column_stack([H, *creep, np.ones(len(H)), *starts, *others, duhem])
+    return columns, Prior(np.append(known.mean, np.zeros(len(of_others))), covariance)
