@@ -386,7 +386,7 @@ def test_a_configuration_of_axes_that_does_not_fit_is_named(tmp_path):
     apart = ('name = "y"', 'name = "y"\nperiod = 0.25')
     wrong(r"\[\[axis\]\] 2: period = 0.25 s: must be left out, and in \[coupled\]", apart)
     unknown = ("rotation = 10.0", "rotation = 10.0\nperiod = 0.1")
-    wrong("axes\\['x'\\].dynamics = None: must be the dynamics of", unknown)
+    wrong("dynamics of axis x = None: must be given where axes learn a period: settings = ", unknown)
     refused("coupled.period = 0.03 s: must be a period of", repeated, tmp_path, ("period = 0.1", "period = 0.03"))
     job = configuration(tmp_path, ("channels = 2", "channels = 2\nblock = 2"))
     assert Turned(job.driver.driver, np.eye(2)).open().block == 2
@@ -517,6 +517,20 @@ def test_calls_and_the_native_loop_learn_alike_and_a_state_goes_on():
         one.adapt(plant.exchange(volts[k][np.newaxis])[0])
     for i, name in enumerate("xy"):
         np.testing.assert_array_equal(volts[:, i], expected[f"volts_{name}"], name)
+
+
+def test_commands_by_hand_after_a_motion_that_is_known_teach_its_period_nothing():
+    controller, plant = pair()
+    motion = {name: dataclasses.replace(one, **short(one, 6_100)) for name, one in MOTION.items()}
+    known = controller.prepare(motion)
+    plant.open()
+    for k in range(6_100):  # within a batch
+        controller.adapt(plant.exchange(controller.follow(known, k)[np.newaxis])[0])
+    before = {key: array.copy() for key, array in controller.learned["x"].state().items()}
+    for _ in range(10):
+        controller.adapt(plant.exchange(controller.command([9.0, 9.0], [0.0, 0.0])[np.newaxis])[0])
+    for key, array in controller.learned["x"].state().items():
+        np.testing.assert_array_equal(array, before[key], key)
 
 
 def short(motion, ticks):
