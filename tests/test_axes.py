@@ -599,6 +599,19 @@ def test_the_learned_strain_after_a_change(changes):
         assert max(found[5:]) < found[0], "no wrong answer is learned"
 
 
+def test_noise_shows_nothing_of_the_stage():
+    """A change that was made of noise meets it again in the difference of two batches; the dynamics are exact."""
+    rate, period, f0, damping = 10_000.0, 500, 1235.0, 0.013
+    learned = LearnedStrain(Dynamics(sample_rate=rate, modes=(Mode(frequency=f0, damping=damping),)), period)
+    learned.follow(np.cos(2 * np.pi * np.arange(period) / period), np.ones(period, dtype=bool), range(10**7))
+    f = np.arange(period // 2 + 1) * rate / period / f0
+    response = np.exp(-1j * np.pi * f * f0 / rate) / (1 - f**2 + 2j * damping * f)
+    of_a_line(learned, period, 60, lambda r, _: response * r, 1e-3)
+    ratio = learned._law.ratio[(f > 0.8) & (f < 1.2)]
+    assert np.abs(np.angle(ratio)).max() < np.radians(60.0), "a step in a wrong direction"
+    assert np.abs(ratio).max() < 9.0, "no step"
+
+
 def test_held_axes_keep_what_they_have_learned_of_a_period():
     """And go on learning without a bump, as soon as they are resumed."""
     motion = {name: dataclasses.replace(one, **short(one, 15_000)) for name, one in MOTION.items()}
