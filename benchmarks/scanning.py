@@ -73,8 +73,8 @@ def followed(width=imaging.WIDTH, rows=imaging.RATE, wrong=0.0, seed=0, **given)
     known = dataclasses.replace(made, axes=told)
     scan = imaging.scan_of(known, rows, width)
     controllers = imaging.controllers_of(known, lines.period_of(scan))
-    moved = lines.together(scan, MultiAxisStage(made, seed), controllers)
-    found = scans.distortion(scan, *moved.true.T, imaging.PIXELS)
+    true = lines.together(scan, MultiAxisStage(made, seed), controllers)
+    found = scans.distortion(scan, *true.T, imaging.PIXELS)
     x, y = found.rms_um()
     return found.largest, found.trace_retrace, 1e3 * x, 1e3 * y
 

@@ -386,7 +386,7 @@ def test_a_configuration_of_axes_that_does_not_fit_is_named(tmp_path):
     apart = ('name = "y"', 'name = "y"\nperiod = 0.25')
     wrong(r"\[\[axis\]\] 2: period = 0.25 s: must be left out, and in \[coupled\]", apart)
     unknown = ("rotation = 10.0", "rotation = 10.0\nperiod = 0.1")
-    wrong("axes\\['x'\\].dynamics = None: must be the dynamics of", unknown)
+    wrong("dynamics of axis x = None: must be given where axes learn a period: settings = ", unknown)
     refused("coupled.period = 0.03 s: must be a period of", repeated, tmp_path, ("period = 0.1", "period = 0.03"))
     job = configuration(tmp_path, ("channels = 2", "channels = 2\nblock = 2"))
     assert Turned(job.driver.driver, np.eye(2)).open().block == 2
@@ -519,6 +519,20 @@ def test_calls_and_the_native_loop_learn_alike_and_a_state_goes_on():
         np.testing.assert_array_equal(volts[:, i], expected[f"volts_{name}"], name)
 
 
+def test_commands_by_hand_after_a_motion_that_is_known_teach_its_period_nothing():
+    controller, plant = pair()
+    motion = {name: dataclasses.replace(one, **short(one, 6_100)) for name, one in MOTION.items()}
+    known = controller.prepare(motion)
+    plant.open()
+    for k in range(6_100):  # within a batch
+        controller.adapt(plant.exchange(controller.follow(known, k)[np.newaxis])[0])
+    before = {key: array.copy() for key, array in controller.learned["x"].state().items()}
+    for _ in range(10):
+        controller.adapt(plant.exchange(controller.command([9.0, 9.0], [0.0, 0.0])[np.newaxis])[0])
+    for key, array in controller.learned["x"].state().items():
+        np.testing.assert_array_equal(array, before[key], key)
+
+
 def short(motion, ticks):
     parts = ("position", "velocity", "acceleration", "flat")
     return {name: getattr(motion, name)[:ticks] for name in parts if getattr(motion, name) is not None}
@@ -583,6 +597,19 @@ def test_the_learned_strain_after_a_change(changes):
         assert max(found[14:]) < 0.5 * found[0], "it was learned again"
     else:
         assert max(found[5:]) < found[0], "no wrong answer is learned"
+
+
+def test_noise_shows_nothing_of_the_stage():
+    """A change that was made of noise meets it again in the difference of two batches; the dynamics are exact."""
+    rate, period, f0, damping = 10_000.0, 500, 1235.0, 0.013
+    learned = LearnedStrain(Dynamics(sample_rate=rate, modes=(Mode(frequency=f0, damping=damping),)), period)
+    learned.follow(np.cos(2 * np.pi * np.arange(period) / period), np.ones(period, dtype=bool), range(10**7))
+    f = np.arange(period // 2 + 1) * rate / period / f0
+    response = np.exp(-1j * np.pi * f * f0 / rate) / (1 - f**2 + 2j * damping * f)
+    of_a_line(learned, period, 60, lambda r, _: response * r, 1e-3)
+    ratio = learned._law.ratio[(f > 0.8) & (f < 1.2)]
+    assert np.abs(np.angle(ratio)).max() < np.radians(60.0), "a step in a wrong direction"
+    assert np.abs(ratio).max() < 9.0, "no step"
 
 
 def test_held_axes_keep_what_they_have_learned_of_a_period():

@@ -13,7 +13,7 @@ import truestroke
 from truestroke import Dynamics, IterativeLearning, Mode, SettingError, trajectories
 from truestroke.cli import main
 from truestroke.control.repeating import periodic_hysteresis
-from truestroke.control.repeating.iterative import repetition
+from truestroke.control.repeating.iterative import Learned, repetition
 from truestroke.control.repeating.response_prior import FewNumbers, beside
 from truestroke.control.repeating.steps import finished
 from truestroke.model import prior
@@ -298,6 +298,21 @@ def test_a_mode_beyond_the_bandwidth_that_hysteresis_excites_is_learned():
         assert (beyond.max() > 1e-9) == (bandwidth is None)
     assert left[0] < 0.2 * left[1]
     assert left[1] > 0.005, "um, else the test shows nothing"
+
+
+@pytest.mark.parametrize(
+    ("cycles", "words"),
+    [(5, "at 100 Hz, which is no harmonic of the motion"), (150, "at 3000 Hz, beyond the bandwidth of 2160 Hz")],
+)
+def test_where_the_error_is_that_is_not_learned(cycles, words):
+    """60 Hz at 10 kHz repeats after 500 samples, three periods: multiples of 20 Hz are measured, of 60 Hz learned."""
+    learning = IterativeLearning(raster(60.0), dynamics=dynamics(900.0), **KNOWN)
+    noise = np.random.default_rng(1).normal(0.0, 1e-3, (6, 500))
+    error = 0.2 * np.sin(2 * np.pi * cycles * np.arange(500) / 500)
+    made = learning.learn(learning.desired + error + noise)
+    (reason,) = Learned(passes=(made,), learning=learning).verdict.reasons
+    assert words in reason
+    assert (cycles == 150) == ("such as 59.88 Hz" not in reason)
 
 
 def test_a_pass_that_is_worse_is_undone_and_its_voltage_left():

@@ -367,7 +367,7 @@ def test_the_best_batch_shows_the_hysteresis_and_earlier_batches_are_described_b
     controller.state()  # the learning is done
     learned = controller._learned
     assert len(controller.batches) >= 2
-    assert learned.law.best < 0.5 * controller.batches[0].rmse
+    assert learned.law.best < 0.65 * controller.batches[0].rmse
     for volts, U, *_ in learned.passes:
         assert np.array_equal(U, np.fft.rfft(finished(learned.hysteresis.strain(volts))))
         assert learned.law.remembers(U)

@@ -91,8 +91,8 @@ def test_what_repeats_is_taken_away(small):
     stage, scan = small
 
     def largest(period):
-        moved = lines.together(scan, MultiAxisStage(stage), imaging.controllers_of(stage, period))
-        return np.abs(scans.distortion(scan, *moved.true.T).dx).max()
+        true = lines.together(scan, MultiAxisStage(stage), imaging.controllers_of(stage, period))
+        return np.abs(scans.distortion(scan, *true.T).dx).max()
 
     assert largest(lines.period_of(scan)) < 0.1 < 0.35 * largest(None)
 
@@ -114,7 +114,7 @@ def test_the_paper_alone_on_each_axis_is_its_calls(small):
     stage, scan = small
     usual = {"sample_rate": 5000.0, "stroke": 30.0, "voltage_limits": (-0.6, 3.6)}
     both = [[truestroke.AdaptiveController.paper(**usual) for _ in "xy"] for _ in range(2)]
-    moved = lines.alone(scan, MultiAxisStage(stage), both[0])
+    true = lines.alone(scan, MultiAxisStage(stage), both[0])
     plant = MultiAxisStage(stage)
     plant.open()
     for k in range(2000):
@@ -123,7 +123,7 @@ def test_the_paper_alone_on_each_axis_is_its_calls(small):
         measured = plant.exchange(volts)[0]
         for one, z in zip(both[1], measured, strict=True):
             one.adapt(z)
-        assert np.array_equal(moved.volts[k], volts[0]), k
+        assert np.array_equal(true[k], plant.truth[0]), k
 
 
 def test_a_motion_that_does_not_repeat_is_named():
@@ -144,9 +144,9 @@ def test_a_rate_whose_lines_are_all_turn_is_refused_with_its_bound(rate):
 
 def test_a_bad_image_is_judged_as_bad(small):
     stage, scan = small
-    moved = lines.open_loop(scan, MultiAxisStage(stage), [30.0 / 3.6] * 2)
-    distortion = scans.distortion(scan, *moved.true.T)
-    found = imaging.judged(imaging.Imaged("open loop", moved, distortion, {}, (0.0, 0.0)), 0.2)
+    true = lines.open_loop(scan, MultiAxisStage(stage), [30.0 / 3.6] * 2)
+    distortion = scans.distortion(scan, *true.T)
+    found = imaging.judged(imaging.Imaged("open loop", true, distortion, {}, (0.0, 0.0)), 0.2)
     assert found.level == "bad"
     assert "A pixel is up to" in found.reasons[0]
     assert "spiral" in found.reasons[-1]

@@ -57,6 +57,13 @@ def test_the_defaults_are_what_the_table_states(bench) -> None:
     assert ControllerSettings(**bench, resonance=100.0).smoothing_time == pytest.approx(2.16e-3)
 
 
+@pytest.mark.parametrize(("first", "strokes"), [(700.0, 700.0), (30.0, 50.0)])
+def test_a_rate_weight_counts_in_full_at_the_speed_of_the_stage(first, strokes) -> None:
+    known = Dynamics(sample_rate=BENCH["sample_rate"], modes=(Mode(frequency=first, damping=0.02),))
+    scale = ControllerSettings(**BENCH, dynamics=known).rate_scale
+    assert scale * strokes * BENCH["stroke"] == pytest.approx(1.0)
+
+
 BOUNDED = [name for name, setting in SETTINGS.items() if setting.bound.text.startswith("[")]
 
 

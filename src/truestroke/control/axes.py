@@ -175,7 +175,7 @@ class MultiAxisController(Displayed):
         """
         z, v = self._of_axes("z_d", z_d, "um"), self._of_axes("zdot_d", zdot_d, "um/s")
         a = self._accelerations(v) if zddot_d is None else self._of_axes("zddot_d", zddot_d, "um/s^2")
-        self._velocity = v
+        self._velocity, self._known = v, None  # what is measured from now on is of no period
         moving = list(zip(z, v, a, strict=True))
         volts = np.empty(len(z))
         for i, axis in enumerate(self.axes.values()):

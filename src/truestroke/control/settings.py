@@ -26,6 +26,7 @@ from truestroke.model.layout import MAX_PLAYS, TERMS, Layout, Term
 
 MAX_DEAD_ZONES = 8
 RATE_WEIGHTS = 5  # of the paper's eight plays: the gradient matters for the first few only
+STROKES = 50.0  # 1/s: speed at which a rate weight counts in full
 STEEPEST = 1e30  # um/V: of a slope, whatever stroke and voltage limits are
 UNLIMITED = 1e9  # for a limit that is not there: finite, so that it can be written to any file
 
@@ -229,8 +230,9 @@ def default_rate_dependent(s: ControllerSettings) -> tuple[int, ...]:
 
 
 def default_rate_scale(s: ControllerSettings) -> float:
-    """`1 / (50 * stroke)`."""
-    return 1 / (50 * s.stroke)
+    """`1 / (50 * stroke)`; with `dynamics` the first resonance, Hz, takes the place of 50, if it is more."""
+    first = 0.0 if s.dynamics is None else s.dynamics.modes[0].frequency
+    return 1 / (max(STROKES, first) * s.stroke)
 
 
 def default_inertia(s: ControllerSettings) -> bool:

@@ -320,15 +320,20 @@ class HarmonicLaw:
         hidden = np.sum((noise + another + self._hidden(crossed) + self.least)[sure])
         if other > CHANGED * known + 5 * np.sqrt(hidden):
             return True
-        scatter = noise + another + crossed + self.least
+        scatter, told = noise + another + crossed + self.least, self._told(Z, noise)
         weighted, information = self._shown
+        kept = 1 - (1 - KEPT) * told
         self._shown = (
-            np.asarray(KEPT * weighted + np.conj(x) * y / scatter, dtype=np.complex128),
-            KEPT * information + np.abs(x) ** 2 / scatter,
+            np.asarray(kept * weighted + told * np.conj(x) * y / scatter, dtype=np.complex128),
+            kept * information + told * np.abs(x) ** 2 / scatter,
         )
         yield
         yield from self.knowing()
         return False
+
+    def _told(self, Z: ComplexArray, noise2: FloatArray) -> FloatArray:
+        """The share of what a change of U, that was made of the error of Z, may say of R."""
+        return np.ones(Z.size)
 
     @property
     def least(self) -> FloatArray:

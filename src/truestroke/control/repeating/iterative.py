@@ -452,7 +452,14 @@ class Learned(Displayed):
         _, learned = self.learning.harmonics
         if power[~learned].sum() < power[learned].sum():
             return ""
-        most = np.argmax(np.where(learned, 0.0, power)) * self.learning.sample_rate / self.learning.samples
+        rate, samples = self.learning.sample_rate, self.learning.samples
+        most = np.argmax(np.where(learned, 0.0, power)) * rate / samples
+        if most < self.learning.bandwidth:
+            whole = rate / math.ceil(samples / self.learning.periods)
+            return (
+                f" Most of it is at {most:.4g} Hz, which is no harmonic of the motion, and is not learned: choose a "
+                f"frequency whose period is a whole number of samples, such as {whole:.4g} Hz."
+            )
         return (
             f" Most of it is at {most:.4g} Hz, beyond the bandwidth of {self.learning.bandwidth:.4g} Hz: raise "
             "`bandwidth`, with dynamics that are known so far, or choose a frequency whose harmonics meet no resonance."

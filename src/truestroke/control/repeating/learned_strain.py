@@ -38,6 +38,7 @@ DECAY = 5.0  # time constants of the first mode before them, in which a change o
 SHORTEST_DECAY, LONGEST_DECAY = 0.05, 0.15  # s
 WORSE = 2.0  # times the error without r: then it is learned from the beginning
 DRIFTS = 1.0  # times the power of the drift within a batch: that from batch to batch
+NOISY = 4.0  # times the variance of its noise: an error with less power says nothing of R
 PERIODIC = 1e-6  # ticks: how near to whole ticks a period has to be
 STEPS = ("_conclude", "_look", "_see", *["_know"] * ROUNDS, "_follow", "_begin")
 """Of the learning from a batch."""
@@ -86,6 +87,11 @@ class StrainLaw(HarmonicLaw):
     def contradicted(self) -> bool:
         """Whether the last batch did what R and the drift do not explain."""
         return self._changed
+
+    def _told(self, Z: ComplexArray, noise2: FloatArray) -> FloatArray:
+        """A change that was made of noise meets the same noise in the difference of the batches: that is no answer."""
+        power = np.maximum(np.abs(self.desired - Z) ** 2, 1e-300)
+        return np.asarray(np.maximum(0.0, 1 - NOISY * noise2 / power))
 
     def _crossed(self, x: ComplexArray) -> FloatArray:
         return np.asarray(super()._crossed(x) + self.drift2)

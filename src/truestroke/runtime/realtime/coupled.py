@@ -48,6 +48,9 @@ def couple(
             raise SettingError(f"trajectory of axis {axis.name}", "a set-point", words)
         if not isinstance(axis.controller, AdaptiveController) or axis.controller.settings.law != "kalman":
             raise SettingError(f"controller of axis {axis.name}", "another", '"adaptive" where axes are coupled')
+        if period is not None and axis.controller.settings.dynamics is None:
+            words = 'given where axes learn a period: settings = {dynamics = "FILE"}, a file of truestroke bode'
+            raise SettingError(f"dynamics of axis {axis.name}", None, words)
         settings[axis.name], motions[axis.name] = axis.controller.settings, axis.trajectory
     if len(settings) < len(axes):
         raise SettingError("name", ", ".join(axis.name for axis in axes), "different for each axis")

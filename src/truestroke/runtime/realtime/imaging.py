@@ -15,6 +15,7 @@ from truestroke.signals.scans.motions import LEAD_OUT
 from truestroke.signals.scans.scan import Scan
 from truestroke.signals.timing import LONGEST_AGO
 
+LEAST = 2  # pixels of a row
 SCANS = {kind: getattr(scans, kind) for kind in ("raster", "spiral", "lissajous", "cycloid")}
 
 
@@ -85,7 +86,10 @@ def imaging(given: Mapping[str, Any], names: Sequence[str], driver: Driver, rate
     made: Scan = toml.decode(SCANS[table.kind], usual | rest, also=("kind",))
     if made.sample_rate != rate:
         raise SettingError("sample_rate", made.sample_rate, f"{rate:g} Hz, that of the driver, or left out", "Hz")
-    columns = scans.pixels_of(made, checks.count("columns", table.columns, 2, 10**5))
+    asked = checks.count("columns", table.columns, LEAST, 10**5)
+    if (columns := scans.pixels_of(made, asked)) < LEAST:
+        bound = f"{LEAST} or more, and no more than the ticks can fill, which is {columns}: scan slower, in more lines,"
+        raise SettingError("columns", asked, f"{bound} or at a higher sample rate than {rate:g} Hz")
     return Imaging(scan=made, axes=(moving[0], moving[1]), signal=_signal(table.signal, driver), columns=columns)
 
 

@@ -22,6 +22,8 @@ UPSAMPLED = 200  # parts of a pixel: resolution of the shift between two images
 UNEVEN = 2.0  # times their mean distance: that of lines where they are furthest apart
 MEAN = 16  # rows over which the distance of trace and retrace is averaged
 RARE = 0.05  # share of scans in which noise alone makes it larger than is said
+PART = 2**14  # ticks that are interpolated at a time: some hundred bytes each
+BESIDE = 48  # further ones at each end, of which the last moves a value by 1e-27 of its own
 MARGIN = 2  # samples beside a line that its interpolation may use
 
 
@@ -111,13 +113,20 @@ def at_pixels(scan: Scan, signal: npt.ArrayLike, columns: int) -> FloatArray:
     Raises
     ------
     ImageError
-        The signal has not one entry a tick.
+        The signal has not one entry a tick, or no number in one.
     """
     from scipy.interpolate import CubicSpline
 
     values = checks.signal("signal", signal)
     _check_fit(scan, "signal", values)
-    return np.asarray(CubicSpline(scan.time, values)(scan.pixels(columns)))
+    _check_whole(scan, "signal", values)
+    time, times = scan.time, scan.pixels(columns)
+    made = np.empty(times.shape)
+    for lines in np.array_split(np.arange(len(times)), max(1, min(len(times), values.size // PART))):
+        first, last = scan.lines["first"][lines].min(), scan.lines["last"][lines].max()
+        near = slice(max(int(first) - BESIDE, 0), int(last) + 1 + BESIDE)
+        made[lines] = CubicSpline(time[near], values[near])(times[lines])
+    return made
 
 
 def pixels_of(scan: Scan, columns: int) -> int:
@@ -292,6 +301,14 @@ def _check_fit(scan: Scan, name: str, values: FloatArray) -> None:
         )
 
 
+def _check_whole(scan: Scan, name: str, values: FloatArray) -> None:
+    if (missing := np.flatnonzero(~np.isfinite(values))).size:
+        raise ImageError(
+            f"the {name} has no number in {missing.size} of {values.size} ticks, the first at "
+            f"{missing[0] / scan.sample_rate:.6g} s: put in what lies between its neighbours, such as by numpy.interp"
+        )
+
+
 # ---- What is distorted ---------------------------------------------------------------------------------------------
 
 
@@ -379,6 +396,7 @@ def distortion(scan: Scan, x: npt.ArrayLike, y: npt.ArrayLike, columns: int = 51
     for name, axis, true, one in zip("xy", scan.axes, (x, y), pixel, strict=True):
         place = checks.signal(name, true, "um")
         _check_fit(scan, "position", place)
+        _check_whole(scan, f"position of {name}", place)
         errors.append(at_pixels(scan, place - axis.position, columns) / one)
     shift = float(errors[0].mean()), float(errors[1].mean())
     dx, dy = (error - mean for error, mean in zip(errors, shift, strict=True))

@@ -23,13 +23,13 @@ from truestroke.signals.scans.images import Distortion, Image
 from truestroke.signals.scans.motions import LEAD_OUT
 from truestroke.signals.scans.scan import Scan
 from truestroke.studies.scanning import lines
-from truestroke.studies.scanning.lines import Moved
 
 PIXELS = 512
 WIDTH, OFFSET = 20.0, (14.5, 14.0)  # um of the image, and its centre
 RATE = 40.0  # rows per second
 SAMPLE_RATE = 5000.0  # Hz
-SLOWEST = 1.0  # Hz of the rows: minutes, and 2 GB of memory
+SLOWEST = 1.0  # Hz of the rows: minutes, and 1.3 GB of memory
+SOFTEST, STIFFEST = 10.0, 2200.0  # Hz: slower rows would be needed, or more samples a second
 LEAD_IN, LEAST_LEAD = 4.0, 8  # s of lines before the image, and their number at least
 LEAD_ROWS, LEAD_SHARE = 96, 0.6  # rows over which y moves in the last of them, at most, and as a share
 OVER_SCAN = 0.01  # of the width, at least
@@ -51,8 +51,8 @@ class Imaged:
     ----------
     name : str
         Of the controller.
-    moved : Moved
-        Voltages and true positions.
+    true : ndarray, shape (ticks, 2)
+        Positions, um.
     distortion : Distortion
         True places of the pixels against those where they are shown.
     images : Mapping[str, Mapping[str, Image]]
@@ -62,7 +62,7 @@ class Imaged:
     """
 
     name: str
-    moved: Moved = field(repr=False)
+    true: FloatArray = field(repr=False)
     distortion: Distortion
     images: Mapping[str, Mapping[str, Image]] = field(repr=False)
     shift: tuple[float, float]
@@ -197,6 +197,8 @@ def image_stage(
         Names the argument, its value, the bound and the unit.
     """
     seed = checks.count("seed", seed, 0, 2**63 - 1)
+    for frequency in resonances:
+        checks.within("resonances", frequency, SOFTEST, STIFFEST, "Hz")
     stage = stage_of(resonances, kinds, noise)
     scan = scan_of(stage, rate)
     samples = scans.Grating(), scans.Texture(seed=seed)
@@ -206,14 +208,14 @@ def image_stage(
     def made(name: str) -> Imaged:
         going()
         plant = MultiAxisStage(stage, seed)
-        moving: dict[str, Callable[[], Moved]] = {
+        moving: dict[str, Callable[[], FloatArray]] = {
             "open loop": lambda: lines.open_loop(scan, plant, gains),
             "paper": lambda: lines.alone(scan, plant, [AdaptiveController.paper(**usual) for _ in gains]),  # type: ignore[arg-type]
             "truestroke": lambda: lines.together(scan, plant, controllers_of(stage, lines.period_of(scan)), going),
         }
-        moved = moving[name]()
+        true = moving[name]()
         going()
-        return _imaged(name, scan, moved, samples)
+        return _imaged(name, scan, true, samples)
 
     with ThreadPoolExecutor(4) as several, _ended_together(several) as going:
         several.submit(samples[1], np.zeros(1), np.zeros(1))  # which makes the texture, once for all of them
@@ -241,20 +243,20 @@ def _ended_together(several: ThreadPoolExecutor) -> Iterator[Callable[..., None]
         raise
 
 
-def _imaged(name: str, scan: Scan, moved: Moved, samples: tuple[scans.Grating, scans.Texture]) -> Imaged:
-    x, y = moved.true.T
+def _imaged(name: str, scan: Scan, true: FloatArray, samples: tuple[scans.Grating, scans.Texture]) -> Imaged:
+    x, y = true.T
     places = [scans.at_pixels(scan, axis, PIXELS) for axis in (x, y)]
     images = {one.name: scans.images(scan, one(*places), name=one.name, unit=one.unit) for one in samples}
     shift = scans.shift(images["texture"]["trace"], images["texture"]["retrace"])
-    return Imaged(name, moved, scans.distortion(scan, x, y, PIXELS), images, shift)
+    return Imaged(name, true, scans.distortion(scan, x, y, PIXELS), images, shift)
 
 
 def _spiral(stage: MultiAxisSettings, seed: int, going: Callable[..., None]) -> float:
     """Error of a spiral, % of its diameter, rms."""
     usual = {"offset": OFFSET, "lead_out": LEAD_OUT, "sample_rate": stage.sample_rate}
     scan = scans.spiral(diameter=WIDTH, turns=TURNS, rotation=ROTATION, **usual)  # type: ignore[arg-type]
-    moved = lines.together(scan, MultiAxisStage(stage, seed), controllers_of(stage), going)
-    error: FloatArray = moved.true - np.stack([axis.position for axis in scan.axes], axis=1)
+    true = lines.together(scan, MultiAxisStage(stage, seed), controllers_of(stage), going)
+    error: FloatArray = true - np.stack([axis.position for axis in scan.axes], axis=1)
     return float(100 / WIDTH * np.sqrt(np.mean(np.sum(error[scan.inside] ** 2, axis=1))))
 
 

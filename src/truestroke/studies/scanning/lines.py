@@ -1,9 +1,8 @@
-"""What a stage does in a scan under each kind of controller."""
+"""Where a stage truly is in a scan under each kind of controller, um, shape (ticks, 2)."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -21,20 +20,6 @@ from truestroke.signals.channels import dtype
 from truestroke.signals.scans.scan import Scan
 
 PART = 2**16  # ticks that are simulated at a time
-
-
-@dataclass(frozen=True, eq=False)
-class Moved:
-    """What a stage did in a scan.
-
-    Attributes
-    ----------
-    volts, true : ndarray, shape (ticks, 2)
-        V, um.
-    """
-
-    volts: FloatArray
-    true: FloatArray
 
 
 def period_of(scan: Scan) -> float:
@@ -59,18 +44,18 @@ def period_of(scan: Scan) -> float:
     return period
 
 
-def open_loop(scan: Scan, plant: MultiAxisStage, sensitivity: Sequence[float]) -> Moved:
+def open_loop(scan: Scan, plant: MultiAxisStage, sensitivity: Sequence[float]) -> FloatArray:
     """Voltage in proportion to the desired motion, by a sensitivity of each axis, um/V."""
     plant.open()
-    volts = np.stack([axis.position / gain for axis, gain in zip(scan.axes, sensitivity, strict=True)], axis=1)
-    true = np.empty_like(volts)
-    for part in _parts(len(volts)):
-        plant.exchange(volts[part])
+    true = np.empty((len(scan.x), len(scan.axes)))
+    for part in _parts(len(true)):
+        volts = [axis.position[part] / gain for axis, gain in zip(scan.axes, sensitivity, strict=True)]
+        plant.exchange(np.stack(volts, axis=1))
         true[part] = plant.truth
-    return Moved(volts, true)
+    return true
 
 
-def alone(scan: Scan, plant: MultiAxisStage, controllers: Sequence[AdaptiveController]) -> Moved:
+def alone(scan: Scan, plant: MultiAxisStage, controllers: Sequence[AdaptiveController]) -> FloatArray:
     """A controller for each axis that knows nothing of the others."""
     plant.open()
     for axis, controller in zip(scan.axes, controllers, strict=True):
@@ -78,18 +63,18 @@ def alone(scan: Scan, plant: MultiAxisStage, controllers: Sequence[AdaptiveContr
     columns = [getattr(axis, part) for axis in scan.axes for part in ("position", "velocity", "acceleration")]
     calls = [controller._kernel.native() for controller in controllers]
     axes = len(controllers)
-    volts, true = (np.empty((len(scan.x), axes)) for _ in range(2))
-    for part in _parts(len(scan.x)):
+    true = np.empty((len(scan.x), axes))
+    for part in _parts(len(true)):
         motion = np.stack([column[part] for column in columns], axis=1)
         ticks = len(motion)
         strain, others = np.full((ticks, axes), np.nan), np.zeros((ticks, 3 * axes))
         rows = {name: np.zeros((ticks, axes), dtype(name)) for name in SIMULATED}
         numbers = plant._noise.take(ticks * plant._samples)
         _loops.run_axes(calls, plant._plant.native(), motion, strain, others, np.eye(axes), numbers, *rows.values())
-        volts[part], true[part] = rows["volts"], rows["true"]
+        true[part] = rows["true"]
     for controller in controllers:
         controller._kernel.require_reach()
-    return Moved(volts, true)
+    return true
 
 
 def _parts(ticks: int) -> Iterator[slice]:
@@ -102,11 +87,10 @@ def together(
     plant: MultiAxisStage,
     controller: MultiAxisController,
     progress: Callable[[int, int], None] | None = None,
-) -> Moved:
+) -> FloatArray:
     """Adaptive controllers that know of one another, and what repeats in each line, where `controller` has a period.
 
     `progress` is that of `truestroke.run`.
     """
     recording = run(dict(zip(controller.names, scan.axes, strict=True)), controller, plant, progress=progress)
-    channels = ([recording[f"{channel}_{name}"] for name in controller.names] for channel in ("volts", "true"))
-    return Moved(*(np.stack(one, axis=1) for one in channels))
+    return np.stack([recording[f"true_{name}"] for name in controller.names], axis=1)

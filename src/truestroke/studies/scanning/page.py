@@ -123,7 +123,7 @@ def spectrum(found: Scanned, theme: Theme = LIGHT) -> Figure:
 
 def _error(found: Scanned, one: Imaged) -> FloatArray:
     """True minus desired position of x, um."""
-    return np.asarray(one.moved.true[:, 0] - found.scan.x.position, dtype=np.float64)
+    return np.asarray(one.true[:, 0] - found.scan.x.position, dtype=np.float64)
 
 
 def grating(found: Scanned, theme: Theme = LIGHT) -> Figure:
