@@ -289,7 +289,7 @@ def test_a_ringing_is_no_sudden_change(seed, number, before) -> None:
 
 @pytest.mark.filterwarnings("ignore::truestroke.LimitWarning")
 def test_a_stage_that_failed_is_not_damped_again() -> None:
-    """The dead time of a stage of 1651 Hz is off by half a tick or more: with damping each burst was followed by another."""
+    """The dead time of a stage of 1651 Hz is off by half a tick or more: with damping each burst made another one."""
     error = of_the_study(31, 122)
     assert np.sqrt(np.mean(error[error.size // 2 :] ** 2)) < 0.5
 
