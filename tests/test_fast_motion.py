@@ -243,9 +243,9 @@ def test_kernel_and_numpy_text_where_a_load_is_too_small_for_an_alarm(monkeypatc
 def grows_twice(make):
     """A stage that is found, and an error at 61 Hz that grows to 0.3 % of the motion and vanishes, twice."""
     rate = 1500.0
-    wave = trajectories.sine(frequency=20.0, peak_to_peak=20.0, duration=3.7, sample_rate=rate, offset=12.0, ramp=0.05)
+    wave = trajectories.sine(frequency=20.0, peak_to_peak=20.0, duration=3.5, sample_rate=rate, offset=12.0, ramp=0.05)
     time = np.arange(len(wave)) / rate
-    load = 0.04 * np.sin(2 * np.pi * 61.0 * time) * (((time > 1.5) & (time < 2.1)) | ((time > 2.6) & (time < 3.2)))
+    load = 0.04 * np.sin(2 * np.pi * 61.0 * time) * (((time > 1.5) & (time < 2.1)) | ((time > 2.6) & (time < 3.0)))
     plant = StageSettings(sample_rate=rate, resonances=(80.0,), dampings=(0.01,), voltage_limits=LIMITS)
     controller = make(ControllerSettings(sample_rate=rate, stroke=24.0, voltage_limits=LIMITS))
     return run(wave, controller, StagePlant(plant, seed=1, load=load)), controller
@@ -258,40 +258,19 @@ def test_kernel_and_numpy_text_where_an_error_grows() -> None:
     assert kernel["volts"].tolist() == text["volts"].tolist()
     assert kernel["flags"].tolist() == text["flags"].tolist()
     later = np.flatnonzero(np.diff((kernel["flags"][1500:] & BIT["restored"]).astype(int))) + 1501
-    assert [round(k / 1500, 1) for k in later] == [2.0, 2.4, 3.3]
+    assert [round(k / 1500, 1) for k in later] == [2.0, 2.4, 3.0]
     assert controller.counters.restored == 3  # the first is that of the start
-
-
-def of_the_study(seed: int, number: int) -> np.ndarray:
-    """Error of a run of the fast half in which nothing is given, % of p-p."""
-    sampled = fast.sample(seed, number, ["unknown"])
-    controller = AdaptiveController.from_settings(sampled.controllers["unknown"])
-    recording = run(sampled.motions["unknown"], controller, StagePlant(stage_of(sampled), sampled.seed))
-    error: np.ndarray = 100 * (recording["true"] - recording["desired"]) / sampled.sampled["span"]["unknown"]
-    return error
 
 
 @pytest.mark.filterwarnings("ignore::truestroke.LimitWarning")
 def test_weights_that_drift_by_a_second_mode_go_back() -> None:
     """Two of the worst runs of the study: 0.97 and 1.14 % rms before, in a sine beside a second mode."""
     for number, most in ((166, 0.35), (66, 0.25)):
-        error = of_the_study(21, number)
-        assert np.sqrt(np.mean(error[error.size // 2 :] ** 2)) < most
-
-
-@pytest.mark.filterwarnings("ignore::truestroke.LimitWarning")
-@pytest.mark.parametrize(("seed", "number", "before"), [(18, 100, 37.4), (15, 34, 61.8), (30, 104, 52.7)])
-def test_a_ringing_is_no_sudden_change(seed, number, before) -> None:
-    """A ringing that grew slowly opened the covariance: a burst of so many per cent of the motion within 20 ms."""
-    error = of_the_study(seed, number)
-    assert np.abs(error[error.size // 8 :]).max() < before / 5
-
-
-@pytest.mark.filterwarnings("ignore::truestroke.LimitWarning")
-def test_a_stage_that_failed_is_not_damped_again() -> None:
-    """The dead time of a stage of 1651 Hz is off by half a tick or more: with damping each burst made another one."""
-    error = of_the_study(31, 122)
-    assert np.sqrt(np.mean(error[error.size // 2 :] ** 2)) < 0.5
+        sampled = fast.sample(21, number, ["unknown"])
+        controller = AdaptiveController.from_settings(sampled.controllers["unknown"])
+        recording = run(sampled.motions["unknown"], controller, StagePlant(stage_of(sampled), sampled.seed))
+        error = (recording["true"] - recording["desired"])[len(recording["true"]) // 2 :]
+        assert 100 * np.sqrt(np.mean(error**2)) / sampled.sampled["span"]["unknown"] < most
 
 
 @pytest.mark.filterwarnings("ignore::truestroke.LimitWarning")

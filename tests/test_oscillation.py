@@ -179,9 +179,9 @@ def test_the_kernel_is_the_numpy_text_with_a_stage_that_was_found_and_given_up(i
     """Something shakes the stage from 0.4 s on: no model explains it, and the one that was found is given up."""
     settings = ControllerSettings(**BENCH, inertia=inertia)
     kernel, text = AdaptiveController.from_settings(settings), ReferenceController(settings)
-    plant = RealisticPlant(PlantSettings(resonance=110.0), seed=4)
+    plant = RealisticPlant(PlantSettings(resonance=110.0), seed=1)
     plant.open()
-    wave = random_wave(duration=1.2, cutoff=10.0, peak_to_peak=20.0, seed=4)
+    wave = random_wave(duration=1.2, cutoff=10.0, peak_to_peak=20.0, seed=1)
     corners = []
     for k, (z_d, zdot_d) in enumerate(zip(wave.position, wave.velocity, strict=True)):
         x = kernel.command(z_d, zdot_d)
@@ -209,7 +209,7 @@ def test_motion_of_a_third_of_a_resonance_that_was_found(kind) -> None:
     for late in (0.0, 1e-9):
         controller = AdaptiveController(**BENCH | {"sample_rate": 5000.0}, slew_limit=1e5, sensor_delay=late)
         recording = run(wave, controller, StagePlant(stage, seed=1))
-        assert controller.resonance == pytest.approx(140.0, rel=0.05)
+        assert controller.resonance == pytest.approx(140.0, rel=0.04)
         rms.append(float(np.std((recording["true"] - recording["desired"])[6000:]) / 0.15))
     assert rms[0] < 0.5
     assert rms[0] < rms[1] / 2

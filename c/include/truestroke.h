@@ -213,7 +213,7 @@ typedef struct {
     ts_real innovation1, innovation2; /* of the last two ticks, um */
     ts_real change;                 /* mean square of the normalised innovation */
     ts_real usual;                  /* the same, slowly: what the model does not explain at any time */
-    bool rings;                     /* what is not explained rings, faster than the motion: it is no sudden change */
+    bool relates;                   /* the innovation is related to it: with a stage in the model */
     bool steady;                    /* the tracking error has long been small: a change has to be clearer */
     bool calm;                      /* no stage is in the model, and the tracking error is small: large weights are no burst */
     int since_change, spikes, since_return;

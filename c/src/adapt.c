@@ -9,7 +9,6 @@
 #define RINGS 4                   /* times the noise's: mean square of the second difference of the error where the stage rings */
 #define JUMP 16                   /* times the noise's: what one tick may add to it; a jump is no ringing */
 #define RINGING_RATE 50           /* 1/s: how fast that mean follows */
-#define EVEN 3                    /* half-waves of about one length: a ringing */
 #define LATER ((ts_real)1.2)       /* of the resonance that was found: a third pole of the law, where its weights drift */
 #define DAMPS_MOST ((ts_real)0.1) /* of the stroke: what the active damping adds to the command */
 
@@ -149,22 +148,13 @@ static const ts_real *behind_pole(ts_controller *c, const ts_real *u, ts_real *y
     return r->u;
 }
 
-/* Whether the error has swung in half-waves of about one length, faster than the motion, where no stage is in the model: the law
- * itself drives such a ringing, and would drive it more with the covariance of a sudden change. */
-static bool swings_evenly(const ts_controller *c)
-{
-    const ts_oscillation *o = &c->oscillation;
-    if (dynamics_of(c)->known || measures_inertia(c) || !o->sign || o->regular < EVEN) return false;
-    return ts_oscillation_is_fast(o, ts_oscillation_frequency(o, o->regular));
-}
-
 /* One tick of the law: u.w should be y; innovation 0 and measured false where the measurement is missing or rejected. */
 static void adapt_kalman(ts_controller *c, const ts_real *u, ts_real y, ts_real innovation, bool measured, bool learn)
 {
     const ts_settings *s = c->settings;
     ts_kalman *k = &c->law.kalman;
     ts_real space[TS_PADDED(TS_MAX_PARAMETERS)];
-    k->rings = swings_evenly(c);
+    k->relates = dynamics_of(c)->known;
     k->steady = is_given(c) && c->guard.small >= TS_SETTLED;
     k->calm = !dynamics_of(c)->known && c->guard.small > 0;
     if (measures_inertia(c)) u = with_inertia(c, u, &y, learn, space);

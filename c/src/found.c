@@ -203,8 +203,7 @@ void ts_adopt_stage(ts_controller *c, ts_real frequency, ts_real ringing)
             put_weight(c, at, AS_GOOD_AS_NONE * s->prior[ts_prior_entries(s, at + 1) - 1]);
         }
     k->started = c->ringing.started = false;
-    if (c->stage.failed && !s->dynamics.known) memset(c->feedback.damping, 0, sizeof c->feedback.damping); /* it may have driven what it was to damp */
-    else damp(c, frequency, dead + c->answered);
+    damp(c, frequency, dead + c->answered);
     ts_look_ahead_anew(c);
     ts_keep_command(c);
     ts_begin_growth(c, !again);

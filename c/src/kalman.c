@@ -399,12 +399,12 @@ static bool update(ts_kalman *k, const ts_kalman_settings *s, const ts_real *w0,
     ts_real nu2 = e * e / expected, whole = nu2 < 100 ? nu2 : 100;
     if (k->steady) nu2 *= STEADY;
     if (!(nu2 < 100)) nu2 = 100;
-    if (s->usual_rate > 0) {
+    if (s->usual_rate > 0 && k->relates) {
         k->usual += s->usual_rate * (whole - k->usual);
         if (k->usual > USUAL) nu2 *= USUAL / k->usual;
     }
     k->change += s->change_rate * (nu2 - k->change);
-    k->changed = k->change > s->change_threshold && k->since_change >= s->refractory && !k->rings;
+    k->changed = k->change > s->change_threshold && k->since_change >= s->refractory;
     if (k->changed) {
         k->since_change = 0;
         k->change = 0;

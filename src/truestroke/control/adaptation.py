@@ -70,7 +70,7 @@ class FilteringLaw(Law, Protocol):
     caution: float
     changed: bool
     since_change: int
-    rings: bool
+    relates: bool
     steady: bool
     calm: bool
 
@@ -488,8 +488,8 @@ class BoundedKalman:
         The same after learning has failed, um^2: see `truestroke.control.guard`.
     changed : bool
         The last update detected a change of the actuator.
-    rings : bool
-        Whether the tracking error rings, faster than the motion, without a stage in the model: no sudden change.
+    relates : bool
+        Whether `usual_rate` counts; the controller switches it off where no stage is in the model.
     steady : bool
         Whether a change has to be larger by 1 / `STEADY`: the controller says so while the error has long been small.
     calm : bool
@@ -547,7 +547,7 @@ class BoundedKalman:
         self.change, self.since_change, self.spikes, self.since_return = 0.0, 2**31 - 1, 0, 0
         self.usual = 0.0  # mean square of the normalised innovation, slowly
         self.started = self.pending = self.changed = False
-        self.rings = self.steady = self.calm = False
+        self.relates, self.steady, self.calm = True, False, False
 
     def take(self, settings: KalmanSettings) -> None:
         """New settings; w, P and the present filter stay."""
@@ -693,13 +693,12 @@ class BoundedKalman:
         s = self.settings
         whole = min(surprise, SURPRISE)
         surprise = min(STEADY * surprise, SURPRISE) if self.steady else whole
-        if s.usual_rate > 0:
+        if s.usual_rate > 0 and self.relates:
             self.usual += s.usual_rate * (whole - self.usual)
             if self.usual > USUAL:
                 surprise *= USUAL / self.usual
         self.change += s.change_rate * (surprise - self.change)
-        surprises = self.change > s.change_threshold and not self.rings
-        self.changed = surprises and self.since_change >= s.refractory
+        self.changed = self.change > s.change_threshold and self.since_change >= s.refractory
         if self.changed:
             self.since_change, self.change = 0, 0.0
 

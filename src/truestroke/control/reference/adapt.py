@@ -21,7 +21,6 @@ from truestroke.model.operators import dot
 ALARMS = 0.1  # s: over which the rate of sudden changes is taken
 RESUME = 20.0  # 1/s: the rate below which the feedback continues after a pause
 RINGING_RATE = 50  # 1/s: how fast the mean square of the second difference follows
-EVEN = 3  # half-waves of about one length: a ringing
 LATER = 1.2  # of the resonance that was found: a third pole of the law, where its weights drift
 DAMPS_MOST = 0.1  # of the stroke: what the active damping adds to the command
 
@@ -212,16 +211,6 @@ def learn_staged(c: State, path: Stage, z: float, innovation: float, *, measured
         update_law(c, c.filtering, u, y, noisy, measured=measured, learn=learn)
 
 
-def swings_evenly(c: State) -> bool:
-    """Whether the error has swung in half-waves of about one length, faster than the motion, without a stage.
-
-    The law itself drives such a ringing, and would drive it more with the covariance of a sudden change.
-    """
-    d = c.stage.detector
-    swings = d.sign != 0 and d.regular >= EVEN and not c.measures_inertia
-    return c.path is None and swings and d.is_fast(d.frequency(d.regular))
-
-
 def update_law(
     c: State, law: FilteringLaw, u: FloatArray, y: float, innovation: float, *, measured: bool, learn: bool
 ) -> None:
@@ -230,7 +219,7 @@ def update_law(
         u, y = with_inertia(c, law, u, y, learn=learn)
     elif c.stage.growth is not None and c.stage.growth.late:
         u, y = behind_pole(c, u, y, learn=learn)
-    law.rings = swings_evenly(c)
+    law.relates = c.path is not None
     law.steady = c.is_given and c.kept.guard.small >= SETTLED
     law.calm = c.path is None and c.kept.guard.small > 0
     if law.tick(u, y, innovation, measured=measured, learn=learn):  # (23)

@@ -137,8 +137,7 @@ def adopt_stage(c: State, law: FilteringLaw, frequency: float, ringing: float) -
     law.stop_filters()
     c.ringing.u = None
     begin_growth(c, first=not again)
-    # one that has failed may have been driven by what was to damp it
-    c.damping = [0.0] * 5 if stage.failed and not c.members["dynamics.known"] else damping(frequency, dead + c.answered)
+    c.damping = damping(frequency, dead + c.answered)
     look_ahead_anew(c)
     keep_command(c)
     guard = c.kept.guard
