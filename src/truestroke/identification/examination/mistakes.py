@@ -27,10 +27,7 @@ LEADS = -1.5  # % of stroke: mean width of a loop that turns the wrong way round
 EARLIEST = 0.25  # of a stroke: twice as far a displacement is looked for before steps
 EARLY, EARLY_ROWS = 0.02, 2.5  # of a stroke, and rows, by which the displacement may be ahead of the voltage
 SHIFTS = 21  # that are tried
-FEW, JUMPED = (
-    50,
-    0.5,
-)  # one row in so many has so much of the voltage's travel: it moves in steps, between which are holds
+FEW, JUMPED = 50, 0.5  # one row in so many has so much of the voltage's travel: it moves in steps
 LATE = 0.25  # of a stroke: hysteresis alone is late by 0.06 at most, an actuator with a slow sensor by 0.2
 TURNS = 0.04, 4.0  # the same two limits where reversals show it
 COARSE = 0.008  # of the stroke: noise, or rounding to 36 steps, beyond which no single reversal shows a lead
