@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from scipy import signal
 
 from truestroke import (
+    AdaptiveController,
     ControllerSettings,
     MultiAxisController,
     Recording,
@@ -26,7 +27,7 @@ from truestroke.base import frames
 from truestroke.cli import main
 from truestroke.control.repeating.learned_strain import LearnedStrain
 from truestroke.model.dynamics import Dynamics, Mode
-from truestroke.plant import MultiAxisSettings, MultiAxisStage, StageSettings
+from truestroke.plant import MultiAxisSettings, MultiAxisStage, StagePlant, StageSettings
 from truestroke.runtime.drivers.turned import Turned
 from truestroke.runtime.realtime import config, run_realtime
 from truestroke.signals.trajectories import Trajectory, raster, sine
@@ -45,6 +46,16 @@ def frame_motion(seconds):
 
 
 MOTION = {"x": LINES, "y": frame_motion(3.0)}
+
+
+class Flat:
+    """A controller that does nothing."""
+
+    def command(self, z_d, zdot_d):
+        return 0.0
+
+    def adapt(self, z, ago=0):
+        pass
 
 
 def settings(stage, known=True, **given):
@@ -213,6 +224,53 @@ def test_blocks_and_latency():
         error = (recording[f"true_{name}"] - recording[f"desired_{name}"])[5000:-2]
         assert 1e3 * np.std(error) < 25.0, name
     assert judge(recording).level == "good"
+
+
+def test_controllers_of_any_law_move_their_axes_as_if_each_were_alone():
+    """Axes that disturb nothing, and a law in ten lines beside the default one: the bits of two runs of one axis."""
+
+    class Line:
+        volts = 0.0
+
+        def command(self, z_d, zdot_d):
+            self.volts = min(z_d / 8.0, 3.6)
+            return self.volts
+
+        def adapt(self, z, ago=0):
+            self.last = z, ago
+
+    stages = StageSettings(noise=0.0), StageSettings(resonances=(600.0,), noise=0.0)
+    motion = {
+        name: sine(frequency=f, peak_to_peak=10.0, duration=0.6, sample_rate=RATE)
+        for name, f in (("x", 5.0), ("y", 9.0))
+    }
+    own, law = AdaptiveController(**RANGE), Line()
+    both = run(motion, {"x": own, "y": law}, MultiAxisStage(MultiAxisSettings(axes=stages)))
+    for name, alone, stage in (("x", AdaptiveController(**RANGE), stages[0]), ("y", Line(), stages[1])):
+        one = run(motion[name], alone, StagePlant(stage))
+        for key in ("volts", "measured", "true"):
+            np.testing.assert_array_equal(both[f"{key}_{name}"], one[key])
+    assert law.last == (both["measured_y"][-1], 0)
+    assert [name for name in both if name.startswith("weights")] == ["weights_time", "weights_x"]
+    assert both.metadata["controller"] == {"name": "SeparateControllers"}
+    assert both.axis("y").metadata["controller"]["name"] == "Line"
+
+
+@pytest.mark.parametrize(
+    ("controllers", "words"),
+    [
+        (lambda one: {"x": one, "y": one}, "of its own for each axis"),
+        (lambda one: {}, "no axis"),
+        (lambda one: {"x": one, "y": 3.0}, r"controller\['y'\] = 3.0"),
+        (lambda one: {"x": one, 3: Flat()}, "of letters and digits"),
+        (lambda one: {"x": one, "z": Flat()}, "one for each of the axes x, z"),
+        (lambda one: {"x": one, "y": Flat(), "z": Flat()}, "channels of the actuator = 2: must be 3"),
+    ],
+)
+def test_controllers_that_do_not_fit_are_named(controllers, words):
+    plant = MultiAxisStage(MultiAxisSettings(axes=(FAST, SLOW)))
+    with pytest.raises(SettingError, match=words):
+        run(MOTION, controllers(AdaptiveController(**RANGE)), plant)
 
 
 def test_a_state_goes_on_alike():

@@ -370,14 +370,17 @@ def test_voltage_and_slew_stay_within_their_limits():
     tight = {"gain": 10.0, "voltage_limits": (0.0, 2.2), "slew_limit": 800.0}
     learned = IterativeLearning(wave, dynamics=dynamics(900.0), **tight)
     stage = Stage(900.0)
+    passes = []
     for _ in range(5):
         made = learned.learn(stage.play(learned.volts)[0])
+        passes.append(made)
         steps = np.diff(made.volts, append=made.volts[:1])
         assert made.volts.min() >= 0.0
         assert made.volts.max() <= 2.2
         assert np.abs(steps).max() * FS <= 800.0 * (1 + 1e-9)
     assert made.limited > 0.05
     assert "limit" in " ".join(made.verdict.reasons)
+    assert "more passes" not in " ".join(Learned(passes=tuple(passes), learning=learned).verdict.reasons)
 
 
 def test_errors_in_the_turns_do_not_count():

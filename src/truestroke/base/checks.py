@@ -216,7 +216,7 @@ def count(argument: str, value: object, low: int, high: int) -> int:
     whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
     result: Any = value if whole else number(argument, value)
     if result != int(result) or not low <= result <= high:
-        raise SettingError(argument, value, f"a whole number from {low} to {high}")
+        raise SettingError(argument, value, f"a whole number from {low} to {high}" if low < high else str(low))
     return int(result)
 
 

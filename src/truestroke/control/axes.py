@@ -267,7 +267,7 @@ class MultiAxisController(Displayed):
         SettingError
             There is not one trajectory for each axis, their sample rates or lengths differ, or none repeats `period`.
         """
-        trajectories = self._in_order(motion)
+        trajectories = in_order(motion, self.names, self.sample_rate)
         repeats = range(0) if self.period is None else _repeated(trajectories, self.period)
         own = self._motion_of_axes(trajectories)
         ticks, n = len(trajectories[0]), len(own)
@@ -303,22 +303,6 @@ class MultiAxisController(Displayed):
             counts = counts if one.flat is None or not one.flat[part].any() else counts & (one.flat[part] > 0)
         for name, learned in self.learned.items():
             learned.follow(own[name].position[part].copy(), counts, repeats)
-
-    def _in_order(self, motion: Mapping[str, Trajectory]) -> list[Trajectory]:
-        checks.instance("trajectory", motion, Mapping, "a mapping of the name of each axis to its Trajectory")
-        if set(motion) != set(self.names):
-            words = f"one for each of the axes {', '.join(self.names)}"
-            raise SettingError("trajectory", f"motions of {', '.join(map(str, motion)) or 'no axis'}", words)
-        first = motion[self.names[0]]
-        for name in self.names:
-            one = checks.instance(f"trajectory[{name!r}]", motion[name], Trajectory, "a Trajectory")
-            if one.sample_rate != self.sample_rate:
-                bound = f"{self.sample_rate:g} Hz, that of the controllers"
-                raise SettingError(f"trajectory[{name!r}].sample_rate", one.sample_rate, bound, "Hz")
-            if len(one) != len(first):
-                bound = f"{len(first)}, as of {self.names[0]}"
-                raise SettingError(f"trajectory[{name!r}]", len(one), bound, "ticks")
-        return [motion[name] for name in self.names]
 
     def _taken(self, name: str, own: Mapping[str, Trajectory]) -> Iterator[FloatArray]:
         """What the controller of an axis takes of the others, 3 (axes - 1) columns."""
@@ -416,6 +400,37 @@ class MultiAxisController(Displayed):
         return f"{type(self).__name__}: axes {', '.join(self.names)}", [*rows, *taken]
 
 
+def check_name(name: object) -> None:
+    """SettingError for the name of an axis that a file cannot have."""
+    if not (isinstance(name, str) and name.isascii() and name.isalnum()):
+        raise SettingError("the name of an axis", repr(name), "of letters and digits, such as 'x'")
+
+
+def in_order(motion: Mapping[str, Trajectory], names: Sequence[str], sample_rate: float | None) -> list[Trajectory]:
+    """The trajectory of each axis, in the order of these names.
+
+    Raises
+    ------
+    SettingError
+        There is not one for each axis, or their lengths or sample rates differ, also from `sample_rate`, Hz.
+    """
+    checks.instance("trajectory", motion, Mapping, "a mapping of the name of each axis to its Trajectory")
+    if set(motion) != set(names):
+        words = f"one for each of the axes {', '.join(names)}"
+        raise SettingError("trajectory", f"motions of {', '.join(map(str, motion)) or 'no axis'}", words)
+    for name in names:
+        checks.instance(f"trajectory[{name!r}]", motion[name], Trajectory, "a Trajectory")
+    first = motion[names[0]]
+    whose = f"that of {names[0]}" if sample_rate is None else "that of the controllers"
+    rate = first.sample_rate if sample_rate is None else sample_rate
+    for name, one in ((name, motion[name]) for name in names):
+        if one.sample_rate != rate:
+            raise SettingError(f"trajectory[{name!r}].sample_rate", one.sample_rate, f"{rate:g} Hz, {whose}", "Hz")
+        if len(one) != len(first):
+            raise SettingError(f"trajectory[{name!r}]", len(one), f"{len(first)}, as of {names[0]}", "ticks")
+    return [motion[name] for name in names]
+
+
 def _of(name: str, state: State) -> dict[str, npt.NDArray[Any]]:
     """The entries of a part of a state."""
     return {key.removeprefix(f"{name} "): a for key, a in state.items() if key.startswith(f"{name} ")}
@@ -459,8 +474,7 @@ def _checked(axes: Mapping[str, ControllerSettings]) -> dict[str, ControllerSett
     words = "a ControllerSettings; that of an AdaptiveController is its attribute settings"
     first = next(iter(axes))
     for name, settings in axes.items():
-        if not (isinstance(name, str) and name.isascii() and name.isalnum()):
-            raise SettingError("the name of an axis", repr(name), "of letters and digits, such as 'x'")
+        check_name(name)
         checks.instance(f"axes[{name!r}]", settings, ControllerSettings, words)
         if settings.law != "kalman":
             raise SettingError(f"axes[{name!r}].law", repr(settings.law), "'kalman': (23) has no scale for coupling")

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,8 +14,8 @@ from truestroke.base import checks, notebook
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
 from truestroke.control import feasibility
-from truestroke.control.axes import AxesMotion, MultiAxisController
-from truestroke.control.controller import AdaptiveController
+from truestroke.control.axes import AxesMotion, MultiAxisController, check_name, in_order
+from truestroke.control.controller import AdaptiveController, Controller
 from truestroke.plant import MultiAxisStage
 from truestroke.runtime import agreement, native, run_metadata
 from truestroke.runtime.ticks import MARK, SIMULATED, SlowLayout, TickRecorder, recorded, stride
@@ -23,10 +24,60 @@ from truestroke.signals.recording import Recording, of_axis
 from truestroke.signals.timing import Timing
 from truestroke.signals.trajectories import Trajectory
 
+TOGETHER = ("frame", "coupling")  # what axes have that know each other
+
+
+@dataclass(frozen=True, eq=False)
+class Wanted:
+    """A motion for controllers that do not know each other: of each axis, and the arguments of each `command`."""
+
+    axes: Mapping[str, Trajectory]
+    commands: list[list[tuple[float, ...]]]
+
+
+class SeparateControllers:
+    """A controller for each axis, of any law, that knows nothing of the others.
+
+    Parameters
+    ----------
+    axes : Mapping[str, Controller]
+        By the name of the axis, in the order of the channels of the actuator.
+    """
+
+    learned: Mapping[str, Any] = {}
+
+    def __init__(self, axes: Mapping[str, Controller]) -> None:
+        made, names = "a controller, such as an AdaptiveController", ", ".join(map(str, axes)) or "no axis"
+        for name, one in axes.items():
+            check_name(name)
+            checks.able(f"controller[{name!r}]", one, ("command", "adapt"), made)
+        if len({id(one) for one in axes.values()}) < max(len(axes), 1):
+            raise SettingError("controller", f"a mapping of {names}", f"{made} of its own for each axis")
+        self.axes = dict(axes)
+
+    def prepare(self, motion: Mapping[str, Trajectory]) -> Wanted:
+        """As of a `MultiAxisController`: one trajectory for each axis, of one sample rate and length."""
+        own = dict(zip(self.axes, in_order(motion, tuple(self.axes), None), strict=True))
+        columns = [agreement.wanted(one, axis) for one, axis in zip(own.values(), self.axes.values(), strict=True)]
+        return Wanted(own, [list(zip(*(c.tolist() for c in one), strict=True)) for one in columns])
+
+    def follow(self, known: Wanted, tick: int) -> FloatArray:
+        """Voltages of a tick, V, shape (axes,)."""
+        each = zip(self.axes.values(), known.commands, strict=True)
+        return np.array([axis.command(*given[tick]) for axis, given in each])
+
+    def adapt(self, measured: Sequence[float], ago: int = 0) -> None:
+        """Each to its own sensor, um."""
+        for axis, z in zip(self.axes.values(), measured, strict=True):
+            axis.adapt(z, ago)
+
+
+Axes = MultiAxisController | SeparateControllers
+
 
 def run_axes(
     motion: Mapping[str, Trajectory],
-    controller: MultiAxisController,
+    controllers: MultiAxisController | Mapping[str, Controller],
     actuator: Any,
     progress: Callable[[int, int], None] | None = None,
 ) -> Recording:
@@ -38,8 +89,9 @@ def run_axes(
         The channels of each axis, such as desired_x; `Recording.axis` gives the recording of one. Volts, innovation,
         flags and weights are those of the axes, all else is what the sensors read.
     """
-    made = "a MultiAxisController where the trajectory is a mapping of names to trajectories"
-    checks.instance("controller", controller, MultiAxisController, made)
+    controller = SeparateControllers(controllers) if isinstance(controllers, Mapping) else controllers
+    made = "a MultiAxisController, or a mapping of names to controllers, where the trajectory is one of trajectories"
+    checks.instance("controller", controller, (MultiAxisController, SeparateControllers), made)
     checks.able("actuator", actuator, ("open", "exchange"), "an actuator, such as a plant.MultiAxisStage")
     timing = checks.instance("actuator.open()", actuator.open(), Timing, "a Timing(sample_rate=, channels=)")
     checks.count("channels of the actuator", timing.channels, len(controller.axes), len(controller.axes))
@@ -60,9 +112,7 @@ def run_axes(
     return log.recording(done)
 
 
-def _moved(
-    known: AxesMotion, controller: MultiAxisController, actuator: Any, timing: Timing, log: _Log
-) -> Iterator[int]:
+def _moved(known: Any, controller: Axes, actuator: Any, timing: Timing, log: _Log) -> Iterator[int]:
     """The loop itself: how many ticks are done, after each block; natively where controllers and plant are native."""
     end = len(log)
     fast = _is_native(controller, actuator)
@@ -78,10 +128,10 @@ def _moved(
         log.answered(start, stop, measured, getattr(actuator, "truth", None), controller)
         yield stop
     if fast:
-        yield from _natively(known, controller, actuator, by_ticks, log)
+        yield from _natively(known, controller, actuator, by_ticks, log)  # type: ignore[arg-type]  # it is native
 
 
-def _is_native(controller: MultiAxisController, actuator: Any) -> bool:
+def _is_native(controller: Axes, actuator: Any) -> bool:
     """Whether no tick needs Python: a `MultiAxisStage`, and axes whose calls are those of the kernel."""
     plain = (MultiAxisStage.open, MultiAxisStage.exchange) == (type(actuator).open, type(actuator).exchange)
     moves = type(actuator) is MultiAxisStage and plain and not {"open", "exchange"} & vars(actuator).keys()
@@ -142,8 +192,8 @@ class _Log:
     def __init__(
         self,
         motion: Mapping[str, Trajectory],
-        known: AxesMotion,
-        controller: MultiAxisController,
+        known: AxesMotion | Wanted,
+        controller: Axes,
         actuator: Any,
         timing: Timing,
     ) -> None:
@@ -176,9 +226,7 @@ class _Log:
             self._notices[name] = feasibility.raise_slew(own, axis) + feasibility.remedied(own, axis)
         return [f"axis {name}: {notice}" for name, notices in self._notices.items() for notice in notices]
 
-    def answered(
-        self, start: int, stop: int, measured: FloatArray, truth: FloatArray | None, controller: MultiAxisController
-    ) -> None:
+    def answered(self, start: int, stop: int, measured: FloatArray, truth: FloatArray | None, controller: Axes) -> None:
         """The measurements of an exchange go to the tick that they belong to, and to the controllers."""
         each = [
             one.answers(start, stop, measured[:, i], None if truth is None else truth[:, i])
@@ -201,23 +249,23 @@ class _Log:
             arrays |= {key: array[:, i] for key, array in self.rows.items() if key in names}
             channels |= {of_axis(key, name): channel(key, arrays[key][:done]) for key in names}
             about[name] = self._about(name, axis)
-        if done:
+        if done and any(layout.width for layout in self._layouts.values()):
             channels["weights_time"] = channel("weights_time", first.time[: done : self.stride], "weights_time")
             for name, layout in self._layouts.items():
                 slow = layout.split(self._slow[name][: -(-done // self.stride)])
                 channels |= {of_axis(key, name): channel(key, data, "weights_time") for key, data in slow.items()}
         return Recording(channels, self._metadata() | {"axes": about})
 
-    def _about(self, name: str, axis: AdaptiveController) -> dict[str, Any]:
+    def _about(self, name: str, axis: Controller) -> dict[str, Any]:
         of_all = run_metadata.about(self._motion[name], axis, self._actuator, self._timing)
         own = {key: of_all[key] for key in ("trajectory", "controller")}
-        learned = run_metadata.repetition(self._controller.learned.get(name), self._timing.sample_rate)
+        learned = run_metadata.repetition(self._controller.learned.get(name, axis), self._timing.sample_rate)
         found = {"resonance": run_metadata.resonance(axis), "repetition": learned}
         return own | {"notices": list(self._notices.get(name, ())), **found}
 
     def _metadata(self) -> dict[str, Any]:
         of_all = run_metadata.about(next(iter(self._motion.values())), self._controller, self._actuator, self._timing)
         kept = {key: of_all[key] for key in ("created", "plant", "timing", "versions")}
-        controller = {"name": type(self._controller).__name__, "frame": self._controller.frame}
-        coupling = {"coupling": self._controller.coupling}
-        return kept | {"interrupted": self.interrupted, "controller": controller | coupling}
+        together = {key: getattr(self._controller, key) for key in TOGETHER if hasattr(self._controller, key)}
+        controller = {"name": type(self._controller).__name__, **together}
+        return kept | {"interrupted": self.interrupted, "controller": controller}

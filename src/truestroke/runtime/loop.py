@@ -45,7 +45,7 @@ class Actuator(Protocol):
 
 def run(
     trajectory: Trajectory | Mapping[str, Trajectory],
-    controller: Controller | MultiAxisController,
+    controller: Controller | MultiAxisController | Mapping[str, Controller],
     actuator: Actuator,
     progress: Callable[[int, int], None] | None = None,
 ) -> Recording:
@@ -55,8 +55,9 @@ def run(
     ----------
     trajectory : Trajectory, or Mapping[str, Trajectory]
         Desired motion; of several axes one for each, by its name.
-    controller : Controller, or MultiAxisController
-        Gives the voltages and adapts to the measurements. It continues from its present state.
+    controller : Controller, MultiAxisController, or Mapping[str, Controller]
+        Gives the voltages and adapts to the measurements. It continues from its present state. Of several axes a
+        mapping has a controller of any law for each, which knows nothing of the others.
     actuator : Actuator
         Is opened, then moves a block of ticks at each exchange; of several axes arrays of shape (ticks, axes).
     progress : callable, optional
@@ -103,7 +104,7 @@ def run(
     >>> round(float(abs(error[1000:]).max()), 3)
     0.0
     """
-    if isinstance(trajectory, Mapping) or hasattr(controller, "axes"):
+    if isinstance(trajectory, Mapping) or isinstance(controller, Mapping) or hasattr(controller, "axes"):
         return run_axes(trajectory, controller, actuator, progress)  # type: ignore[arg-type]  # it checks them
     _check_types(trajectory, controller, actuator, progress)
     timing = checks.instance("actuator.open()", actuator.open(), Timing, "a Timing(sample_rate=...)")

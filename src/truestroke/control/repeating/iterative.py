@@ -360,7 +360,7 @@ class IterativeLearning(Displayed):
         low, high = GAINS
         if not low <= found <= high:
             value = f"{self.gain:g} um/V, where the first pass shows {found * self.gain:.3g}"
-            bound = "within ten times of it, and of its sign: is it the sensor of this axis, in um?"
+            bound = "within ten times of it, and of its sign: is it this axis, with its stroke, and its sensor, in um?"
             raise SettingError("gain", value, bound)
         self._law.scale(found)
 
@@ -436,10 +436,10 @@ class Learned(Displayed):
             text = (
                 f"The error is {best.rmse / best.noise:.3g} times the noise of a pass" if best.noise else "It is not 0"
             )
-            more = (
-                "more passes will lower it" if best.expected < SLOW * best.rmse else "more passes will hardly lower it"
-            )
-            findings.append(("doubtful", f"{text}: {more}.{self._beyond()}"))
+            if best.limited <= LIMITED:  # else its own reason says why passes do not help
+                lower = best.expected < SLOW * best.rmse
+                text += ": more passes will lower it" if lower else ": more passes will hardly lower it"
+            findings.append(("doubtful", f"{text}.{self._beyond()}"))
         findings += [("doubtful", reason) for reason in best.verdict.reasons]
         if missed := sum(one.measured.size == 0 for one in self.passes):
             findings.append(("doubtful", f"{missed} of {len(self.passes)} passes were missed: samples were lost."))
