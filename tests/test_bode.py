@@ -236,6 +236,40 @@ def test_the_command_writes_dynamics_and_a_page(tmp_path: Path, monkeypatch: pyt
     assert all(words in page for words in ("mode 1", "trusted to", "slew of 400 V/s", "bode-title"))
 
 
+TWO = """
+[driver]
+name = "simulated"
+sample_rate = 2000.0
+channels = 2
+axes = {stages = [{resonances = [300.0]}, {resonances = [210.0]}], coupling = [[0.0, 0.03], [0.03, 0.0]]}
+
+[[axis]]
+name = "x"
+voltage_limits = [-0.6, 3.6]
+slew = 400.0
+
+[[axis]]
+name = "y"
+voltage_limits = [-0.6, 3.6]
+slew = 400.0
+"""
+
+
+def test_the_command_measures_one_axis_of_two(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("xy.toml").write_text(TWO)
+    for name, frequency in (("x", 300.0), ("y", 210.0)):
+        assert run("--config", "xy.toml", "--axis", name, "--duration", "1", "--output", name)[0] == 0
+        assert Dynamics.load(f"{name}.toml").modes[0].frequency == pytest.approx(frequency, rel=0.003)
+    for words, said in (
+        (("--config", "xy.toml"), "xy.toml: --axis = missing: must be one of x, y"),
+        (("--config", "xy.toml", "--axis", "z"), "xy.toml: --axis = 'z': must be one of x, y"),
+        (("--axis", "x"), "--axis x: names an axis of a configuration; it needs --config"),
+    ):
+        code, printed = run(*words)
+        assert (code, said in printed) == (2, True), printed
+
+
 def test_a_bad_measurement_writes_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     Path("axis.toml").write_text(CONFIG.replace("RESONANCE", "0.0"))

@@ -204,6 +204,13 @@ def test_comments_stay_and_no_backup_is_overwritten() -> None:
     assert sorted(path.name for path in Path().iterdir()) == ["run.toml", "run.toml.bak", "run.toml.bak1"]
 
 
+def test_the_values_of_one_axis_of_two_are_written_into_its_table() -> None:
+    Path("two.toml").write_text("[[axis]]\nname = 'x'\nslew = 1.0\n[[axis]] # slow\nname = 'y'\nslew = 2.0\n")
+    write(Path("two.toml"), {("axis", "resonance"): (640.0, "Hz")}, "y")
+    x, y = tomllib.loads(Path("two.toml").read_text())["axis"]
+    assert (x, y) == ({"name": "x", "slew": 1.0}, {"name": "y", "slew": 2.0, "resonance": 640.0})
+
+
 def test_a_configuration_in_utf_16_is_changed_and_its_backup_is_as_it_was() -> None:
     Path("run.toml").write_text(config.example(), encoding="utf-16")
     before = Path("run.toml").read_bytes()

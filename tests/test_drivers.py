@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import pickle
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +17,10 @@ from truestroke import AdaptiveController, RunInterrupted, SettingError, Timing,
 from truestroke.base import toml
 from truestroke.plant import RealisticPlant, StagePlant, StageSettings
 from truestroke.runtime.drivers import DriverError, Fault, OneAxis, SimulatedDriver, SimulatedSettings, playback
+from truestroke.runtime.drivers.chosen import Chosen
 from truestroke.runtime.drivers.guard import Guard
 from truestroke.runtime.drivers.paced import Clock
+from truestroke.runtime.drivers.playback import Recorded
 from truestroke.signals.trajectories import random_wave
 
 LIMITS, SLEW = (-0.6, 3.6), 400.0
@@ -213,6 +216,78 @@ def test_one_axis_refuses_two() -> None:
     axis = OneAxis(SimulatedDriver(SimulatedSettings(channels=2)), **AXIS)
     with pytest.raises(SettingError, match="channels of the driver = 2"):
         axis.open()
+
+
+class Three(SimulatedDriver):
+    """Three channels, and every voltage of each."""
+
+    def __init__(self, **given: object) -> None:
+        super().__init__(toml.decode(SimulatedSettings, {"channels": 3, "block": 4, **given}))
+        self.went: list[np.ndarray] = []
+
+    def start(self, volts: np.ndarray) -> None:
+        self.went.append(volts[:, np.newaxis].copy())
+        super().start(volts)
+
+    def exchange(self, volts: np.ndarray, measured: np.ndarray) -> None:
+        self.went.append(volts.copy())
+        super().exchange(volts, measured)
+
+    def stop(self, volts: np.ndarray) -> None:
+        self.went.append(volts[:, np.newaxis].copy())
+        super().stop(volts)
+
+
+def test_one_axis_of_three_moves_as_one_alone_while_the_others_are_at_their_safe_voltages() -> None:
+    volts, driver = 1.0 - np.cos(np.arange(400) / 60.0), Three()
+    with OneAxis(Chosen(driver, 1, (0.5, 0.0, -0.25)), **AXIS) as axis:
+        assert axis.open().channels == 1
+        measured, true = axis.apply(volts), axis.truth.copy()
+    went = np.hstack(driver.went)
+    assert np.all(went[0] == 0.5)
+    assert np.all(went[2] == -0.25)
+    assert went[1].max() == volts.max()
+    assert went[1, -1] == 0.0
+    plants = toml.decode(SimulatedSettings, {"channels": 3, "block": 4})
+    whole, rows = SimulatedDriver(plants), np.empty((3, 4))
+    timing = whole.open()
+    whole.start(np.array([0.5, 0.0, -0.25]))
+    seen = []
+    for start in range(0, 400, timing.block):
+        given = np.repeat([[0.5], [0.0], [-0.25]], 4, axis=1)
+        given[1] = volts[start : start + 4]
+        whole.exchange(given, rows)
+        seen.append(rows[1].copy())
+    whole.close()
+    np.testing.assert_array_equal(measured, np.concatenate(seen))
+    np.testing.assert_array_equal(true, whole.truth[1])
+
+
+def test_one_axis_of_several_is_rescued_and_described_with_its_channel() -> None:
+    class Rescued(Three):
+        def rescue(self) -> Callable[[np.ndarray], None]:
+            return np.ndarray.tolist
+
+    chosen = Chosen(Rescued(), 2, (0.5, 0.25, 9.0))
+    assert chosen.describe()["channel"] == 2
+    rescue = pickle.loads(pickle.dumps(chosen.rescue()))  # in the process of the watchdog
+    assert rescue(np.array([0.1])) == [0.5, 0.25, 0.1]
+    with pytest.raises(SettingError, match="axis = 2 tables: must be one for each of 3 channels"):
+        Chosen(Three(), 0, (0.0, 0.0)).open()
+
+
+def test_hardware_that_plays_by_itself_plays_one_axis_with_the_others_at_rest() -> None:
+    class Plays(Three):
+        def playback(self, volts: np.ndarray, sample_rate: float) -> Recorded:
+            self.went.append(volts.copy())
+            return Recorded(volts, 10.0 * volts, sample_rate)
+
+    driver, volts = Plays(), np.linspace(0.0, 1.0, 50)
+    made = playback(Chosen(driver, 0, (0.0, 0.75, -0.5)), volts, 2000.0, **AXIS)
+    assert np.array_equal(made.displacement, [10.0 * volts])
+    assert np.array_equal(made.volts, [volts])
+    for waves in driver.went:
+        assert np.all(waves[1:] == [[0.75], [-0.5]])
 
 
 def test_a_driver_that_paces_itself_takes_its_time() -> None:

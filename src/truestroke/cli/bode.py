@@ -13,7 +13,7 @@ import truestroke
 from truestroke.base import files
 from truestroke.base.exit_codes import ExitCode
 from truestroke.base.verdict import Verdict
-from truestroke.cli import common
+from truestroke.cli import common, realtime
 
 if TYPE_CHECKING:
     from truestroke.identification.dynamics import Bode
@@ -23,8 +23,9 @@ DEMO = {"voltage_limits": (-0.6, 3.6), "slew_limit": 504.0, "safe_voltage": 0.0}
 
 
 @click.command()
-@click.option("--config", metavar="FILE", type=common.FILE, help="Driver and one axis with its limits: TOML, as of "
+@click.option("--config", metavar="FILE", type=common.FILE, help="Driver and axes with their limits: TOML, as of "
               "truestroke run.  [default: a simulated stage]")  # fmt: skip
+@realtime.axis_option
 @click.option("--amplitude", metavar="V", type=float, help="Peak of the excitation.  [default: 1 to 3 % of the "
               "voltage range, by the noise]")  # fmt: skip
 @click.option("--band", metavar="A B", nargs=2, type=float, help="Frequencies that are excited, Hz.  [default: from 8 "
@@ -41,17 +42,20 @@ DEMO = {"voltage_limits": (-0.6, 3.6), "slew_limit": 504.0, "safe_voltage": 0.0}
 @click.option("--sensor-bandwidth", metavar="HZ", type=float, help="The same; 0 is not known.")
 @click.option("--output", metavar="NAME", default="dynamics", help="Write NAME.toml and NAME.html.")
 @common.page_options
-def bode(config: Path | None, output: str, plots: Path | None, as_json: bool, **options: Any) -> int:
+def bode(
+    config: Path | None, axis: str | None, output: str, plots: Path | None, as_json: bool, **options: Any
+) -> int:  # fmt: skip
     """Measure the dynamics of a stage: modes, damping, lag of the amplifier, dead time.
 
     A multisine of 1 to 3 % of the voltage range about the middle of the limits, for two seconds, after a slow ramp.
     Writes dynamics.toml, for the controller, and a page with the Bode plot. The output ends at the safe voltage.
     """
+    realtime.check_axis(config, axis)
     name = output.removesuffix(".toml")
     (page_file,) = common.outputs(name, ".html")
     model_file = common.to_write("--output", page_file.with_suffix(".toml"), files.DYNAMICS)
     try:
-        with _actuator(config) as (actuator, limits):
+        with _actuator(config, axis) as (actuator, limits):
             found = _measured(actuator, limits, options, as_json)
     except truestroke.DynamicsError as error:
         return _failed(str(error), as_json)
@@ -62,7 +66,7 @@ def bode(config: Path | None, output: str, plots: Path | None, as_json: bool, **
 
 
 @contextmanager
-def _actuator(config: Path | None) -> Iterator[tuple[truestroke.Actuator, dict[str, Any]]]:
+def _actuator(config: Path | None, axis: str | None) -> Iterator[tuple[truestroke.Actuator, dict[str, Any]]]:
     """What is driven, with its limits; an axis of hardware is at the safe voltage afterwards."""
     from truestroke.runtime.drivers import OneAxis
     from truestroke.runtime.realtime import config as configuration
@@ -72,11 +76,11 @@ def _actuator(config: Path | None) -> Iterator[tuple[truestroke.Actuator, dict[s
 
         yield StagePlant(), DEMO
         return
-    driver, table = configuration.one_axis(config)
-    with OneAxis(driver, **table.limits) as axis:
+    driver, table = configuration.one_axis(config, axis)
+    with OneAxis(driver, **table.limits) as driven:
         limits = {"voltage_limits": table.voltage_limits, "slew_limit": table.slew, "safe_voltage": table.safe_voltage}
         sensor = {name: table.settings[name] for name in SENSOR if name in table.settings}
-        yield axis, limits | sensor
+        yield driven, limits | sensor
 
 
 def _measured(actuator: truestroke.Actuator, limits: dict[str, Any], options: dict[str, Any], as_json: bool) -> Bode:

@@ -13,7 +13,7 @@ import truestroke
 from truestroke.base import system
 from truestroke.base.exit_codes import ExitCode
 from truestroke.base.verdict import Verdict
-from truestroke.cli import common, results
+from truestroke.cli import common, realtime, results
 
 
 @click.command()
@@ -21,6 +21,7 @@ from truestroke.cli import common, results
               "like a real stack, or of exactly the controller's structure.")  # fmt: skip
 @click.option("--config", metavar="FILE", type=common.FILE,
               help="Drive the hardware of this configuration of `truestroke run`, within its limits.")  # fmt: skip
+@realtime.axis_option
 @click.option("--record", metavar="FILE", type=common.FILE,
               help="Drive nothing: take the recording of an earlier run, whole or interrupted.")  # fmt: skip
 @click.option("--speeds", metavar="UM/S,...", default="50,100,150,200,250,300", help="Of the triangles.")
@@ -44,6 +45,7 @@ def characterise(record: Path | None, output: str, plots: Path | None, as_json: 
     Triangles at several speeds (Sec. 2.4), and for each play a line of its weight against velocity (Fig. 4). Writes a
     model file, the recording and a page of pictures.
     """
+    realtime.check_axis(options["config"], options["axis"])
     model_file, recording_file, page_file = common.outputs(output.removesuffix(".toml"), ".toml", ".h5", ".html")
     from truestroke.studies.characterisation import fit_lines
 
@@ -111,7 +113,7 @@ def _actuator(
     for name in ("plant", "voltage_limits", "slew_limit", "seed"):
         if click.get_current_context().get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE:
             raise click.UsageError(f"--{name.replace('_', '-')}: means nothing with --config; the file has it.")
-    driver, table = config.one_axis(options["config"])
+    driver, table = config.one_axis(options["config"], options["axis"])
     with OneAxis(driver, **table.limits) as axis:
         yield axis, {"voltage_limits": table.voltage_limits, "slew_limit": table.slew}
 

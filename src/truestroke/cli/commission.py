@@ -11,7 +11,7 @@ import click
 import truestroke
 from truestroke.base.exit_codes import ExitCode
 from truestroke.base.verdict import Verdict
-from truestroke.cli import common
+from truestroke.cli import common, realtime
 
 if TYPE_CHECKING:
     from truestroke.runtime.commissioning import Findings
@@ -21,7 +21,8 @@ if TYPE_CHECKING:
 
 @click.command()
 @click.option("--config", type=common.FILE, metavar="FILE", required=True,
-              help="Driver and one axis with its limits: TOML, as of truestroke run.")  # fmt: skip
+              help="Driver and axes with their limits: TOML, as of truestroke run.")  # fmt: skip
+@realtime.axis_option
 @click.option("--output", metavar="FILE", default="commission.html", help="Page, HTML.")
 @click.option(
     "--yes", is_flag=True, help="Ask nothing: move through the whole range, take the stroke that is proposed."
@@ -30,7 +31,9 @@ if TYPE_CHECKING:
               "measure delay and lag of the electronics alone.")  # fmt: skip
 @common.overwrite_option
 @common.json_option
-def commission(config: Path, output: str, yes: bool, loop_back: bool, as_json: bool) -> int:
+def commission(
+    config: Path, axis: str | None, output: str, yes: bool, loop_back: bool, as_json: bool
+) -> int:  # fmt: skip
     """Commission an axis: measure its data in small steps, and write them into the configuration.
 
     Steps from the safe voltage that begin tiny: noise, polarity, gain, latency, first resonance. Then, if you agree,
@@ -43,17 +46,17 @@ def commission(config: Path, output: str, yes: bool, loop_back: bool, as_json: b
     from truestroke.runtime.realtime import config as configuration
 
     (page,) = common.outputs(output, ".html")
-    driver, table = configuration.one_axis(config)
+    driver, table = configuration.one_axis(config, axis)
     if not (yes or sys.stdin.isatty()):
         raise click.UsageError("there is no terminal to agree before the axis moves: use --yes in scripts.")
-    axis = OneAxis(driver, **table.limits)
+    driven = OneAxis(driver, **table.limits)
     try:
         if loop_back:
-            return _looped(axis, yes, as_json)
-        found = _measured(axis, table, yes, as_json)
+            return _looped(driven, yes, as_json)
+        found = _measured(driven, table, yes, as_json)
     except truestroke.AnswerError as error:
         return _failed(str(error), as_json)
-    return _told(found, config, page, as_json)
+    return _told(found, config, axis, page, as_json)
 
 
 def _measured(axis: OneAxis, table: AxisTable, yes: bool, as_json: bool) -> Findings:
@@ -130,14 +133,15 @@ def _failed(reason: str, as_json: bool) -> int:
     return ExitCode.CHECK
 
 
-def _told(found: Findings, config: Path, page: Path, as_json: bool) -> int:
+def _told(found: Findings, config: Path, axis: str | None, page: Path, as_json: bool) -> int:
     """Configuration, page and the rest of the lines."""
     from truestroke.runtime.commissioning.findings import write
     from truestroke.runtime.commissioning.page import page as page_of
 
     changes, verdict = found.changes(), found.verdict()
-    backup = write(config, changes) if changes else None
-    lines = [f"{table}.{key} = {value:g}" for (table, key), (value, _) in changes.items()]
+    backup = write(config, changes, axis) if changes else None
+    named = {"axis": axis or "axis"}
+    lines = [f"{named.get(table, table)}.{key} = {value:g}" for (table, key), (value, _) in changes.items()]
     page_of(found, lines, common.as_asked()["command"]).save(page)
     if as_json:
         written = {f"{table}.{key}": value for (table, key), (value, _) in changes.items()}

@@ -27,8 +27,9 @@ LONGEST = 10_000_000  # samples of a repetition
 
 @click.command()
 @click.argument("motion", metavar="[sine|raster]", type=click.Choice(["sine", "raster"]), default="raster")
-@click.option("--config", metavar="FILE", type=common.FILE, help="Driver and one axis with its limits: TOML, as of "
+@click.option("--config", metavar="FILE", type=common.FILE, help="Driver and axes with their limits: TOML, as of "
               "truestroke run.  [default: a simulated stage]")  # fmt: skip
+@realtime.axis_option
 @click.option("--passes", metavar="N", type=click.IntRange(1, 1000), default=8, help="At most.")
 @click.option("--frequency", metavar="HZ", type=float, default=50.0, help="Of the motion.")
 @click.option("--peak-to-peak", metavar="UM", type=float, default=20.0)
@@ -57,6 +58,7 @@ def learn(
     from truestroke.report import learning
     from truestroke.runtime.realtime.watched import StoppedError
 
+    realtime.check_axis(config, options["axis"])
     if live and config is None:
         raise click.UsageError("--live shows hardware or a simulated driver in real time: it needs --config.")
     (page_file,) = common.outputs(output.removesuffix(".csv"), ".html")
@@ -176,7 +178,7 @@ def _driven(config: Path | None, options: dict[str, Any]) -> tuple[Any, dict[str
 
         stage = StagePlant()
         return stage, DEMO | {"stroke": DEMO_STROKE}, stage.settings.sample_rate
-    driver, table, rate = configuration.one_axis_at(config)
+    driver, table, rate = configuration.one_axis_at(config, options["axis"])
     for key in ("dynamics", "model"):
         inside = table.settings.get(key) if key == "dynamics" else table.model
         options[key] = options[key] or (config.parent / str(inside) if inside else None)

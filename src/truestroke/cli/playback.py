@@ -6,19 +6,20 @@ import click
 
 import truestroke
 from truestroke.base import files
-from truestroke.cli import common
+from truestroke.cli import common, realtime
 
 
 @click.command()
 @click.argument("waveform", type=common.FILE)
 @click.option(
-    "--config", type=common.FILE, metavar="FILE", required=True, help="Driver and one axis with its limits: TOML."
+    "--config", type=common.FILE, metavar="FILE", required=True, help="Driver and axes with their limits: TOML."
 )
+@realtime.axis_option
 @click.option("--output", metavar="FILE", default="record.csv", help="Record, CSV.")
 @click.option("--rest", metavar="S", type=click.FloatRange(0.0), default=0.5, help="Rest under the first voltage.")
 @common.overwrite_option
 @common.json_option
-def playback(waveform: Path, config: Path, output: str, rest: float, as_json: bool) -> None:
+def playback(waveform: Path, config: Path, axis: str | None, output: str, rest: float, as_json: bool) -> None:
     """Output a waveform on hardware and record the motion.
 
     WAVEFORM has columns `time` (s) and `volts` (V), as `truestroke invert` writes them. The output goes from the safe
@@ -32,8 +33,8 @@ def playback(waveform: Path, config: Path, output: str, rest: float, as_json: bo
         raise click.UsageError(f"--output {output}: is a file .csv.")
     target = common.to_write("--output", output, files.MEASUREMENT)
     volts, rate = read_waveform(waveform)
-    driver, axis = configuration.one_axis(config)
-    made = truestroke.playback(driver, volts, rate, **axis.limits, rest=rest)
+    driver, table = configuration.one_axis(config, axis)
+    made = truestroke.playback(driver, volts, rate, **table.limits, rest=rest)
     save_record(target, made)
     found = made.as_dict()
     if as_json:

@@ -26,6 +26,17 @@ if TYPE_CHECKING:
 live_option = click.option(
     "--live", is_flag=True, help="Serve a page that shows the run, with STOP; its address is printed."
 )
+axis_option = click.option(
+    "--axis", metavar="NAME", help="Which one moves, where FILE has several: the others stay at their safe voltages."
+)
+
+
+def check_axis(config: Path | None, axis: str | None) -> None:
+    """An axis is one of a configuration."""
+    if axis is not None and config is None:
+        raise click.UsageError(f"--axis {axis}: names an axis of a configuration; it needs --config.")
+
+
 realtime_options = common.options(
     click.option("--config", type=common.FILE, metavar="FILE", help="Driver, axes, limits: TOML."),
     click.option("--example", is_flag=True, help="Print a configuration with comments, of a simulated stack."),

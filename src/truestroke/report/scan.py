@@ -35,7 +35,9 @@ def rows(found: Recorded) -> list[list[str]]:
     shown = next(iter(found.images.values()))
     x, y = (units.length(one) if one else "within the noise" for one in found.rms_um())
     lines = {"raster": "rows", "spiral": "turns"}.get(found.scan.name, "lines")
-    made = [[lines, f"{found.rows[0]} of {found.rows[1]}"], ["pixel", " x ".join(map(units.length, shown.pixel))]]
+    across, down = shown.data.shape[::-1]
+    pixels = f"{across} x {down} of {' x '.join(map(units.length, shown.pixel))}"
+    made = [[lines, f"{found.rows[0]} of {found.rows[1]}"], ["pixels", pixels]]
     made.append(["error of x, y", f"{x}, {y} rms"])
     if found.distortion is not None:
         apart = found.distortion.trace_retrace

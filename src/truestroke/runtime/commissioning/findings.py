@@ -185,8 +185,8 @@ Changes = Mapping[tuple[str, str], tuple[float, str]]
 """("axis" or "driver", key) to the value and what it is, with unit."""
 
 
-def changed(text: str, changes: Changes) -> str:
-    r"""The text of a configuration with one [[axis]], with these values.
+def changed(text: str, changes: Changes, axis: str | None = None) -> str:
+    r"""The text of a configuration with these values; those of "axis" are of the first [[axis]], or of this name.
 
     Raises
     ------
@@ -205,19 +205,20 @@ def changed(text: str, changes: Changes) -> str:
 
     document = tomlkit.parse(text)
     wanted = tomllib.loads(text)
+    place = next(i for i, one in enumerate(wanted.get("axis", [{}])) if axis in (None, one.get("name", "axis")))
     for (table, key), (value, what) in changes.items():
-        given: Any = document["axis"][0] if table == "axis" else document[table]
+        given: Any = document["axis"][place] if table == "axis" else document[table]
         item = tomlkit.item(value)
         item.comment(f"{what}, found by truestroke commission on {date.today():%Y-%m-%d}")
         given[key] = item
-        (wanted["axis"][0] if table == "axis" else wanted[table])[key] = value
+        (wanted["axis"][place] if table == "axis" else wanted[table])[key] = value
     new = tomlkit.dumps(document)
     if tomllib.loads(new) != wanted:
         raise SettingError("the configuration", "its form", "one that takes new keys: write them by hand")
     return new
 
 
-def write(path: Path, changes: Changes) -> Path:
+def write(path: Path, changes: Changes, axis: str | None = None) -> Path:
     """Change the configuration at `path`; where the file as it was now is.
 
     It is replaced at once and as a whole; FILE.bak, or FILE.bak1 and so on, is the file as it was.
@@ -228,7 +229,7 @@ def write(path: Path, changes: Changes) -> Path:
         It cannot be changed; it is as it was.
     """
     path = path.resolve()
-    new = changed(toml.source(path), changes)
+    new = changed(toml.source(path), changes, axis)
     backup = _beside(path, path.read_bytes())
     with files.writing(path, CONFIGURATION) as draft:
         draft.write_text(new, encoding="utf-8", newline="")

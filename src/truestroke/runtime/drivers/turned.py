@@ -52,8 +52,8 @@ class Turned:
         measured[:] = frames.turn(self._to_axes, measured)
 
     def __getattr__(self, name: str) -> Any:
-        """What else the driver has: `truth` of a simulated one, as the axes move, and `rewind`."""
-        if name.startswith("_"):
+        """What else the driver has: `truth` of a simulated one, as the axes move, and `rewind`; not `playback`."""
+        if name.startswith("_") or name == "playback":  # which records what the sensors read
             raise AttributeError(name)
         value = getattr(self.driver, name)
         return frames.turn(self._to_axes, value) if name == "truth" else value

@@ -20,6 +20,7 @@ from truestroke.control.repeating.repetitive import RepetitiveController
 from truestroke.control.settings import ControllerSettings
 from truestroke.model.dynamics import Dynamics
 from truestroke.runtime.drivers import registry
+from truestroke.runtime.drivers.chosen import Chosen
 from truestroke.runtime.drivers.guard import Limits
 from truestroke.runtime.drivers.protocol import Driver
 from truestroke.runtime.drivers.turned import Turned
@@ -236,19 +237,21 @@ def driver(table: Mapping[str, Any]) -> tuple[Driver, float]:
     return made, settings.sample_rate
 
 
-def one_axis(path: str | os.PathLike[str]) -> tuple[Driver, AxisTable]:
-    """Driver and axis of a configuration with one, for an experiment: `OneAxis(driver, **axis.limits)`.
+def one_axis(path: str | os.PathLike[str], axis: str | None = None) -> tuple[Driver, AxisTable]:
+    """Driver and axis of a configuration, for an experiment: `OneAxis(driver, **axis.limits)`.
+
+    Where it has several, `axis` names one: the others are held at their safe voltages.
 
     Raises
     ------
     SettingError, OSError
         As `load`.
     """
-    made, axis, _ = one_axis_at(path)
-    return made, axis
+    made, table, _ = one_axis_at(path, axis)
+    return made, table
 
 
-def one_axis_at(path: str | os.PathLike[str]) -> tuple[Driver, AxisTable, float]:
+def one_axis_at(path: str | os.PathLike[str], axis: str | None = None) -> tuple[Driver, AxisTable, float]:
     """The same, and the ticks per second of the driver, Hz.
 
     Raises
@@ -258,11 +261,23 @@ def one_axis_at(path: str | os.PathLike[str]) -> tuple[Driver, AxisTable, float]
     """
     with _document(path) as document:
         axes = document.get("axis")
-        if not isinstance(axes, list) or len(axes) != 1:
-            count = f"{len(axes)} tables" if isinstance(axes, list) else "missing" if axes is None else "[axis]"
+        if not isinstance(axes, list) or not axes:
+            count = "missing" if axes is None else "[axis]" if isinstance(axes, dict) else repr(axes)
             raise SettingError("axis", count, "one table [[axis]], with double brackets")
+        tables = [toml.value("axis", one, AxisTable) for one in axes]
+        names = [one.name for one in tables]
+        if axis is None and len(axes) > 1:
+            raise SettingError("`axis`", "missing", f"one of {', '.join(names)}: the configuration has several axes")
+        if axis is not None and axis not in names:
+            raise SettingError("`axis`", repr(axis), f"one of {', '.join(names)}")
         made, rate = driver(toml.value("driver", toml.needed(document, "driver"), Mapping))
-        return made, toml.value("axis", axes[0], AxisTable), rate
+        place = 0 if axis is None else names.index(axis)
+        if len(axes) > 1:
+            coupled: CoupledTable = toml.value("coupled", document.get("coupled", {}), CoupledTable)
+            with checks.inside("coupled."):
+                frame = coupled.of(len(axes))
+            made = Chosen(made if frame is None else Turned(made, frame), place, [one.safe_voltage for one in tables])
+        return made, tables[place], rate
 
 
 def live(path: str | os.PathLike[str]) -> LiveSettings:
