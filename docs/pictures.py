@@ -1,4 +1,4 @@
-"""Make the pictures of adaptation, from-model, learn and identify from the blocks of those pages (a minute)."""
+"""Make the pictures of adaptation, from-model, learn, scan and identify from the blocks of those pages (minutes)."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import contextlib
 import io
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -38,8 +39,13 @@ def runs_of(page: Path) -> Runs:
                 with contextlib.redirect_stdout(io.StringIO()):
                     exec(block, names)
             for command in re.findall(r"^\$ truestroke (.*)", block, flags=re.MULTILINE):
-                subprocess.run([Path(sys.executable).with_name("truestroke"), *shlex.split(command)], check=True)
+                truestroke(command)
     return names
+
+
+def truestroke(command: str) -> None:
+    """Run a command as a page says it."""
+    subprocess.run([Path(sys.executable).with_name("truestroke"), *shlex.split(command)], check=True)
 
 
 def plot_error(axes: Axes, run: Recording, span: tuple[float, float], scale: float, **line: Any) -> None:
@@ -234,11 +240,40 @@ def identified(folder: Path = DOCS / "images" / "identify") -> None:
         save_plots(lambda theme: model_plots.plots(model, theme), folder)
 
 
+LARGER = {"2000.0": "20000.0", "width = 6.0 ": "width = 12.0 ", "lines = 16": "lines = 128", "8.0, 8.0": "10.0, 10.0"}
+COMMANDS = {"learn": ("learn", {"passes": "passes"}), "scan": ("scan", {"grating": "grating", "texture": "texture"})}
+
+
+def commanded(page: str) -> None:
+    """The pictures that a command of the page writes with --plots; of the scan on hardware, with more pixels, too."""
+    command, names = COMMANDS[page]
+    with tempfile.TemporaryDirectory() as there, contextlib.chdir(there):
+        plotted(command, names, DOCS / "images" / page)
+        if page == "scan":
+            blocks = re.findall(r"^```python\n(.*?)^```", (DOCS / "scan.md").read_text(), re.MULTILINE | re.DOTALL)
+            block = next(one for one in blocks if '"scan.toml"' in one)
+            for old, new in LARGER.items():
+                block = block.replace(old, new)
+            exec(block, {})
+            plotted("scan --config scan.toml", {"image": "hardware"}, DOCS / "images" / page)
+
+
+def plotted(command: str, names: Mapping[str, str], folder: Path) -> None:
+    """Some of the pictures of a command, under these names."""
+    truestroke(f"{command} --plots plots")
+    for made, name in names.items():
+        for theme in ("light", "dark"):
+            shutil.copy(f"plots/{made}-{theme}.png", folder / f"{name}-{theme}.png")
+
+
 def main(*pages: str) -> None:
     """Make those of some pages, or of all, light and dark."""
-    for page in pages or (*PICTURES, "identify"):
+    for page in pages or ("identify", "scan", *PICTURES):
         if page == "identify":
             identified()
+        if page in COMMANDS:
+            commanded(page)
+        if page not in PICTURES:
             continue
         runs, folder = runs_of(DOCS / f"{page}.md"), DOCS / "images" / page
         folder.mkdir(parents=True, exist_ok=True)

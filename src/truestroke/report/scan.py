@@ -112,9 +112,9 @@ def _images(found: Recorded) -> Figure:
         panel.set_title(f"{image.name.split(',')[0]}, {name}" if len(shown) > 1 else image.name)
         panel.set(xlabel="x (µm)")
     panels[0].set(ylabel="y (µm)")
-    unit = shown[0][1].unit
+    name, unit = shown[0][1].name.split(",")[0], shown[0][1].unit
     colours = figure.colorbar(panels[-1].images[0], ax=list(panels), shrink=0.8, pad=0.02)
-    colours.set_label(f"signal ({unit})" if unit else "signal")
+    colours.set_label(f"{name} ({unit})" if unit else name)
     return figure
 
 
