@@ -1,5 +1,6 @@
 """The simulated XY stage that images two samples: what the page states, and that it can be bad."""
 
+import dataclasses
 import json
 
 import numpy as np
@@ -129,7 +130,7 @@ def test_the_paper_alone_on_each_axis_is_its_calls(small):
 def test_a_motion_that_does_not_repeat_is_named():
     with pytest.raises(SettingError, match="a spiral does not repeat"):
         lines.period_of(scans.spiral(turns=4))
-    with pytest.raises(SettingError, match=r"rate = 41.0 Hz: must be a motion that is periodic in whole ticks, not in"):
+    with pytest.raises(SettingError, match=r"rate = 41.0 Hz: must be one whose period is a whole number of ticks, not"):
         imaging.image_stage(rate=41.0)
     bad = CliRunner().invoke(main, ["scan", "--rate", "41"])
     assert bad.exit_code == 2
@@ -148,5 +149,9 @@ def test_a_bad_image_is_judged_as_bad(small):
     distortion = scans.distortion(scan, *true.T)
     found = imaging.judged(imaging.Imaged("open loop", true, distortion, {}, (0.0, 0.0)), 0.2)
     assert found.level == "bad"
+    imaged = imaging.Imaged("open loop", true, distortion, {}, (0.0, 0.0))
+    assert imaging.judged(imaged, 0.0, "Scan slower.").reasons[-1] == "Scan slower."
+    exact = scans.distortion(scan, scan.x.position, scan.y.position)
+    assert imaging.judged(dataclasses.replace(imaged, distortion=exact), 0.0, "Scan slower.").reasons == ()
     assert "A pixel is up to" in found.reasons[0]
     assert "spiral" in found.reasons[-1]

@@ -471,3 +471,54 @@ def test_scans_need_numpy_alone_until_an_image_is_made():
     )
     loaded = json.loads(subprocess.run([sys.executable, "-c", code], capture_output=True, check=True).stdout)
     assert {"scipy", "h5py", "matplotlib", "skimage", "tifffile"}.isdisjoint(loaded)
+
+
+# ---- Rates between the resonances ----------------------------------------------------------------------------------
+
+
+@given(
+    rate=st.floats(2.0, 50.0),
+    resonances=st.lists(st.floats(100.0, 2000.0), min_size=1, max_size=3),
+    sample_rate=st.sampled_from([1000.0, 5000.0, 50_000.0]),
+)
+def test_no_rate_within_reach_keeps_its_harmonics_further_from_the_resonances(rate, resonances, sample_rate):
+    found = scans.quiet_rate(rate, resonances, sample_rate)
+    assert abs(sample_rate / found - round(sample_rate / found)) < 1e-9
+    assert abs(found / rate - 1) <= 0.0601
+
+    def nearest(one):
+        harmonics = one * np.arange(1, 3000 / one)
+        return min(np.abs(harmonics - f).min() for f in resonances) / one
+
+    ticks = sample_rate / rate
+    others = [sample_rate / n for n in range(1, int(1.1 * ticks) + 2) if abs(ticks / n - 1) < 0.0599]
+    assert all(nearest(found) >= nearest(one) - 1e-9 for one in others)
+
+
+def test_the_verdict_names_a_rate_where_a_harmonic_meets_a_resonance():
+    scan = scans.raster(width=10.0, lines=16, rate=40.0, sample_rate=5000.0)
+    off = scan.x.position + 2.0 * np.sin(2 * np.pi * 600.0 * scan.time)
+    known = {"x": 600.0, "y": 500.0}
+    for x, resonances, named in (
+        (off, known, True),
+        (off, {"x": 620.0, "y": 500.0}, False),  # between two harmonics
+        (off, None, False),
+        (scan.x.position, known, False),  # good
+    ):
+        found = scans.recorded(scan, x, scan.y.position, x, columns=32, resonances=resonances)
+        said = " ".join(found.verdict.reasons)
+        assert ("Harmonic 15 of 40 rows a second, 600 Hz, meets the resonance of x" in said) == named
+
+
+@pytest.mark.parametrize(
+    ("given_", "words"),
+    [
+        ({"rate": 0.0}, "rate = 0.0 Hz"),
+        ({"resonances": [0.0]}, "resonances = 0.0 Hz"),
+        ({"rate": 900.0}, "rate = 900.0 Hz: must be within 0.06 of one whose period is a whole number of ticks"),
+        ({"reach": 1.0}, "reach = 1.0"),
+    ],
+)
+def test_a_rate_that_cannot_be_is_named(given_, words):
+    with pytest.raises(SettingError, match=words):
+        scans.quiet_rate(**{"rate": 40.0, "resonances": [600.0], "sample_rate": 2000.0, **given_})

@@ -141,7 +141,7 @@ def _on_hardware(
     if done.outcome.reason:
         common.complain(done.outcome.reason)
     try:
-        found = _recorded(imaging, done.recordings)
+        found = _recorded(imaging, done.recordings, _resonances(job))
     except ImageError as error:
         return _without_image(done, str(error), as_json)
     verdict = judgement.worst({**{f"axis {name}": one for name, one in done.verdicts.items()}, "image": found.verdict})
@@ -189,7 +189,20 @@ def _without_image(done: realtime.Closed, why: str, as_json: bool) -> int:
     return common.complain(f"no image: {why}; what was recorded is in {kept}", code)
 
 
-def _recorded(imaging: Imaging, recordings: Mapping[str, truestroke.Recording]) -> Recorded:
+def _resonances(job: Job) -> dict[str, float]:
+    """First resonance of each axis whose controller knows it, Hz."""
+    known: dict[str, float] = {}
+    for axis in job.axes:
+        settings = getattr(axis.controller, "settings", None)
+        dynamics = getattr(settings, "dynamics", None)
+        frequency = dynamics.modes[0].frequency if dynamics and dynamics.modes else getattr(settings, "resonance", 0.0)
+        known |= {axis.name: frequency} if frequency else {}
+    return known
+
+
+def _recorded(
+    imaging: Imaging, recordings: Mapping[str, truestroke.Recording], resonances: dict[str, float]
+) -> Recorded:
     """Images of the signal, which stands in the recording of the first axis; places as the sensors read them."""
     import numpy as np
 
@@ -202,5 +215,5 @@ def _recorded(imaging: Imaging, recordings: Mapping[str, truestroke.Recording]) 
         measured = frames.turn(np.array(imaging.frame), measured)
     x, y = (measured[list(recordings).index(name)] for name in imaging.axes)
     signal = imaging.signal
-    about = {"columns": imaging.columns, "name": signal.name, "unit": signal.unit}
+    about = {"columns": imaging.columns, "name": signal.name, "unit": signal.unit, "resonances": resonances}
     return scans.recorded(imaging.scan, x, y, every[0][signal.name], **about)  # type: ignore[arg-type]

@@ -13,6 +13,7 @@ from truestroke.signals.scans.images import (
     shift,
 )
 from truestroke.signals.scans.motions import cycloid, lissajous, raster, spiral
+from truestroke.signals.scans.rates import quiet_rate
 from truestroke.signals.scans.recorded import Recorded, recorded
 from truestroke.signals.scans.samples import Grating, Texture
 from truestroke.signals.scans.scan import LINE, TRIGGER, Scan
@@ -34,6 +35,7 @@ __all__ = [
     "images",
     "lissajous",
     "pixels_of",
+    "quiet_rate",
     "raster",
     "read_images",
     "recorded",

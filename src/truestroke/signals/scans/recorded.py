@@ -13,6 +13,7 @@ from truestroke.base.typing import FloatArray
 from truestroke.base.verdict import Level, Verdict
 from truestroke.signals import metrics
 from truestroke.signals.scans.images import Distortion, Image, ImageError, distortion, gridded, images, shift
+from truestroke.signals.scans.rates import advice
 from truestroke.signals.scans.scan import Scan
 
 SEEN, CLEAR = 0.5, 2.0  # pixels: what a good image may be off, and a doubtful one
@@ -78,6 +79,7 @@ def recorded(
     columns: int = 512,
     name: str = "signal",
     unit: str = "",
+    resonances: Mapping[str, float] | None = None,
 ) -> Recorded:
     """Images of a scan from what was recorded in each of its ticks, from the first one on.
 
@@ -93,6 +95,9 @@ def recorded(
         Pixels of a row; of a scan that is no raster, of the image in both directions.
     name, unit : str
         Of the signal.
+    resonances : Mapping[str, float], optional
+        First resonance of axes, Hz, by their names: where the image of a raster is not good, and a harmonic of its rows
+        meets one, the verdict names a rate of which none does.
 
     Returns
     -------
@@ -131,7 +136,11 @@ def recorded(
         where = {"origin": part.origin, "size": part.size, "shape": (columns, columns)}
         made = {"image": gridded(*(one[inside] for one in (*places, values)), name=name, unit=unit, **where)}  # type: ignore[arg-type]
     found = {"scan": part, "rows": rows, "images": made, "error": error, "distortion": moved, "shift": apart}
-    return Recorded(**found, verdict=_judged(made, rows, error, moved, apart))  # type: ignore[arg-type]
+    verdict = _judged(made, rows, error, moved, apart)
+    if moved is not None and verdict.level != "good" and resonances:
+        words = advice(float(scan.settings["rate"]), resonances, scan.sample_rate)  # type: ignore[arg-type]
+        verdict = Verdict(verdict.level, (*verdict.reasons, *[words] * bool(words)))
+    return Recorded(**found, verdict=verdict)  # type: ignore[arg-type]
 
 
 def _as_far(scan: Scan, arrays: list[FloatArray]) -> tuple[Scan, tuple[int, int]]:

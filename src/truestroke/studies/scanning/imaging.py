@@ -21,6 +21,7 @@ from truestroke.plant import MultiAxisSettings, MultiAxisStage, StageSettings
 from truestroke.signals import scans, shaping
 from truestroke.signals.scans.images import Distortion, Image
 from truestroke.signals.scans.motions import LEAD_OUT
+from truestroke.signals.scans.rates import advice
 from truestroke.signals.scans.scan import Scan
 from truestroke.studies.scanning import lines
 
@@ -223,7 +224,8 @@ def image_stage(
         longest = [several.submit(made, name) for name in reversed(NAMES)]
         found = {one.name: one for one in (each.result() for each in reversed(longest))}
         spiral = around.result()
-    return Scanned(scan, found, spiral, stage, judged(found["truestroke"], spiral))
+    known = {name: one.resonances[0] for name, one in zip("xy", stage.axes, strict=True)}
+    return Scanned(scan, found, spiral, stage, judged(found["truestroke"], spiral, advice(rate, known, SAMPLE_RATE)))
 
 
 @contextmanager
@@ -260,8 +262,8 @@ def _spiral(stage: MultiAxisSettings, seed: int, going: Callable[..., None]) -> 
     return float(100 / WIDTH * np.sqrt(np.mean(np.sum(error[scan.inside] ** 2, axis=1))))
 
 
-def judged(imaged: Imaged, spiral: float) -> Verdict:
-    """Of an image: its largest distortion and shift, pixels; of the spiral, %."""
+def judged(imaged: Imaged, spiral: float, remedy: str = "") -> Verdict:
+    """Of an image: its largest distortion and shift, pixels, with a remedy if there is one; of the spiral, %."""
     findings: list[tuple[Level, str]] = []
     for words, pixels in (
         ("A pixel is up to {:.2g} pixels from its place.", imaged.distortion.largest),
@@ -269,6 +271,7 @@ def judged(imaged: Imaged, spiral: float) -> Verdict:
     ):
         if pixels > FINE:
             findings.append(("bad" if pixels > SEEN else "doubtful", words.format(pixels)))
+    findings += [("doubtful", remedy)] * bool(findings and remedy)
     if spiral > ROUND:
         text = f"The spiral of {ROTATION:g} turns per second is {spiral:.2g} % of its diameter off, rms."
         findings.append(("doubtful", text))

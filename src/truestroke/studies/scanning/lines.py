@@ -12,7 +12,7 @@ from truestroke.base.typing import FloatArray
 from truestroke.control import feasibility
 from truestroke.control.axes import MultiAxisController
 from truestroke.control.controller import AdaptiveController
-from truestroke.control.repeating.learned_strain import whole_ticks
+from truestroke.control.repeating.learned_strain import SHORTEST, whole_ticks
 from truestroke.plant import MultiAxisStage
 from truestroke.runtime.loop import run
 from truestroke.runtime.ticks import SIMULATED
@@ -38,9 +38,9 @@ def period_of(scan: Scan) -> float:
         whole_ticks("period", period, scan.sample_rate)
     except SettingError:
         ticks = period * scan.sample_rate
-        near = scan.sample_rate / np.ceil(ticks)
-        bound = f"a motion that is periodic in whole ticks, not in {ticks:.6g}: such as a rate of {near:.6g} Hz"
-        raise SettingError("rate", 1 / period, bound, "Hz") from None
+        near = scan.sample_rate / max(round(ticks), SHORTEST)
+        bound = f"one whose period is a whole number of ticks, not {ticks:.10g}: such as {near:.10g} Hz"
+        raise SettingError("rate", scan.settings["rate"], bound, "Hz") from None
     return period
 
 
