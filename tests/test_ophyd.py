@@ -115,16 +115,19 @@ def test_no_sensor_leaves_nan_and_the_place_where_it_should_be(engine: Any, axis
 @pytest.mark.parametrize(
     ("scan", "reason"),
     [
-        (lambda: 0.005 @ specs.Line("x", 5.0, 40.0, 6), "target of axis x = .* must be from 0 to 30 um"),
+        (
+            lambda: 0.005 @ specs.Line("x", 5.0, 40.0, 6),
+            "motion of axis x = .* um: must be within 0 to 30 um, with its run-up and run-down",
+        ),
         (lambda: 0.005 @ specs.Line("y", 5.0, 10.0, 6), "axis = y: must be x, the axis that flies"),
-        (lambda: specs.Line("x", 5.0, 10.0, 6), "duration = None s: must be that of each point: spec @ duration"),
+        (lambda: specs.Line("x", 5.0, 10.0, 6), "duration = None s: must be that of each point: 0.005 @ spec"),
         (
             lambda: 0.005 @ (specs.Line("y", 0.0, 1.0, 2) * ~specs.Line("x", 5.0, 10.0, 6)),
             "axis = y: must be left out: x flies alone",
         ),
         (
             lambda: 0.005 @ (specs.Static("y", 1.0, 2) * ~specs.Line("x", 0.0, 10.0, 6)),
-            "target of axis x = -.*: must be from 0",
+            "motion of axis x = -.*: must be within 0",
         ),
         (lambda: 7, "prepare = a int: must be a scanspec, its Path, or a FlyMotorInfo"),
     ],

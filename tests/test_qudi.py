@@ -112,5 +112,8 @@ def test_limits_hold_and_are_those_of_record_and_output(model: ActuatorModel) ->
     assert axis.limits == (0.2, 2.0)
     assert axis.voltages([-50.0, 90.0], 10.0).tolist() == [0.2, 2.0]
     assert Memory(model, (-5.0, 50.0)).limits == model.voltage_range
-    with pytest.raises(SettingError, match="voltage_limits"):
+    with pytest.raises(
+        SettingError, match=r"voltage_limits = \(5.0, 6.0\) V: must be limits that have voltages of the"
+    ):
         Memory(model, (5.0, 6.0))
+    assert axis.voltages([], sample_rate=500.0).size == 0

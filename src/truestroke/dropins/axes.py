@@ -303,8 +303,10 @@ class Axes:
         if trajectory.sample_rate != self.timing.sample_rate:
             bound = f"{self.timing.sample_rate} Hz, that of the driver"
             raise SettingError("trajectory.sample_rate", trajectory.sample_rate, bound, "Hz")
-        for value in (trajectory.position.min(), trajectory.position.max()):
-            self.check(name, float(value))
+        low, high, stroke = trajectory.position.min(), trajectory.position.max(), self._line(name).stroke
+        if not 0.0 <= low <= high <= stroke:
+            bound = f"within 0 to {stroke:g} um, with its run-up and run-down"
+            raise SettingError(f"motion of axis {name}", f"{low:.4g} to {high:.4g}", bound, "um")
 
     def _begin(self, made: Mapping[_Line, Trajectory]) -> dict[str, Future[Trace]]:
         with self._changed:

@@ -66,8 +66,11 @@ class Memory:
             if model.plain is None:
                 raise SettingError("model.plain", None, "the model of plays alone, for this one has branches")
             model = model.plain
-        low, high = max(voltage_limits[0], model.voltage_range[0]), min(voltage_limits[1], model.voltage_range[1])
-        self.model, self.limits = model, checks.interval("voltage_limits", (low, high), "V")
+        given, (first, last) = checks.interval("voltage_limits", voltage_limits, "V"), model.voltage_range
+        self.model, self.limits = model, (max(given[0], first), min(given[1], last))
+        if not self.limits[0] < self.limits[1]:
+            bound = f"limits that have voltages of the model's record, {first:.4g} to {last:.4g} V"
+            raise SettingError("voltage_limits", voltage_limits, bound, "V")
         self._a, self._b = model.of_all_plays(model.weights)
         if not (np.cumsum(self._a) > 0).all():
             raise SettingError(
@@ -85,6 +88,8 @@ class Memory:
         """
         z = checks.finite_array("positions", positions, "um")  # type: ignore[arg-type]
         fs, model = checks.positive("sample_rate", sample_rate, "Hz"), self.model
+        if not z.size:
+            return z
         moving = z.size > 1
         velocity = model.seen(central_difference(z, fs)) if moving else np.zeros_like(z)
         z = z + (model.delay + model.time_constant) * velocity

@@ -12,7 +12,8 @@ from truestroke.base.typing import FloatArray
 from truestroke.control import feasibility
 from truestroke.control.axes import MultiAxisController
 from truestroke.control.controller import AdaptiveController
-from truestroke.control.repeating.learned_strain import SHORTEST, whole_ticks
+from truestroke.control.repeating.learned_strain import whole_ticks
+from truestroke.control.repeating.repetition import SHORTEST
 from truestroke.plant import MultiAxisStage
 from truestroke.runtime.loop import run
 from truestroke.runtime.ticks import SIMULATED
