@@ -152,6 +152,8 @@ def test_a_bad_image_is_judged_as_bad(small):
     imaged = imaging.Imaged("open loop", true, distortion, {}, (0.0, 0.0))
     assert imaging.judged(imaged, 0.0, "Scan slower.").reasons[-1] == "Scan slower."
     exact = scans.distortion(scan, scan.x.position, scan.y.position)
+    assert imaging.judged(imaged, 0.2, slower="Turn slower.").reasons[-1] == "Turn slower."
+    assert imaging.judged(imaged, 0.09, slower="Turn slower.").reasons[-1] != "Turn slower."
     assert imaging.judged(dataclasses.replace(imaged, distortion=exact), 0.0, "Scan slower.").reasons == ()
     assert "A pixel is up to" in found.reasons[0]
     assert "spiral" in found.reasons[-1]

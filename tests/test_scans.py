@@ -18,6 +18,7 @@ from scipy import ndimage
 
 from truestroke import Dynamics, Mode, SettingError, scans
 from truestroke.base import system
+from truestroke.signals.scans import rates
 from truestroke.signals.scans.images import at_pixels
 
 FS = 10_000.0
@@ -507,7 +508,26 @@ def test_the_verdict_names_a_rate_where_a_harmonic_meets_a_resonance():
     ):
         found = scans.recorded(scan, x, scan.y.position, x, columns=32, resonances=resonances)
         said = " ".join(found.verdict.reasons)
-        assert ("Harmonic 15 of 40 rows a second, 600 Hz, meets the resonance of x" in said) == named
+        assert ("At 40 rows a second harmonic 15 meets the resonance of x, 600 Hz: at 39.3" in said) == named
+
+
+def test_turns_and_sweeps_have_harmonics_and_constant_linear_velocity_has_none():
+    for scan, said in (
+        (
+            scans.spiral(turns=8, rotation=100.0),
+            "At 100 turns a second harmonic 9 meets the resonance of x, 900 Hz, and h",
+        ),
+        (
+            scans.lissajous(lobes=64, rate=100.0),
+            "At 100 lines a second harmonic 9 meets the resonance of x, 900 Hz, and h",
+        ),
+        (scans.spiral(turns=8, rotation=100.0, velocity="linear"), ""),
+        (scans.spiral(turns=8, rotation=20.0), ""),  # harmonic 45 has no power
+    ):
+        found = rates.advice(scan, {"x": 900.0, "y": 700.0})
+        assert found.startswith(said)
+        assert bool(found) == bool(said)
+    assert rates.advice(scan, {}) == ""
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Rates of a raster whose harmonics keep away from the resonances of the stage."""
+"""Rates of lines and turns whose harmonics keep away from the resonances of the stage."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping
 
 from truestroke.base import checks
 from truestroke.base.checks import SettingError
+from truestroke.signals.scans.scan import Scan
 
 REACH = 0.06  # of the rate: how far another one may be
 CLOSE = 0.2  # of the distance between two harmonics: one that near meets the resonance
@@ -20,7 +21,7 @@ def quiet_rate(rate: float, resonances: Iterable[float], sample_rate: float, *, 
     Parameters
     ----------
     rate : float
-        Rows per second, Hz.
+        Rows, lines or turns per second, Hz.
     resonances : iterable of float
         First resonance of each axis, Hz, such as ``dynamics.modes[0].frequency``.
     sample_rate : float
@@ -53,29 +54,35 @@ def quiet_rate(rate: float, resonances: Iterable[float], sample_rate: float, *, 
     return max((ticks / n for n in periods), key=lambda one: (_apart(one, modes), -abs(one - rate)))
 
 
-def advice(rate: float, resonances: Mapping[str, float], sample_rate: float) -> str:
-    """A sentence where a harmonic of this rate meets the resonance of an axis, and another rate has none there, Hz.
+def advice(scan: Scan, resonances: Mapping[str, float]) -> str:
+    """A sentence where a harmonic of the lines meets the resonance of an axis, Hz, and another rate has none there.
 
     Examples
     --------
-    >>> advice(100.0, {"x": 950.0, "y": 700.0}, 5000.0)
-    'Harmonic 7 of 100 rows a second, 700 Hz, meets the resonance of y, 700 Hz: 102.0408163 rows a second have \
-none within 14 Hz of a resonance.'
-    >>> advice(40.0, {"x": 900.0, "y": 700.0}, 5000.0)
+    >>> from truestroke.signals.scans.motions import raster
+    >>> scan = raster(lines=4, rate=100.0, sample_rate=5000.0)
+    >>> advice(scan, {"x": 950.0, "y": 700.0})
+    'At 100 rows a second harmonic 7 meets the resonance of y, 700 Hz: at 102.0408163 rows a second none is within \
+14 Hz of a resonance.'
+    >>> advice(scan, {"x": 950.0, "y": 750.0})
     ''
     """
+    rate = scan.settings.get("rate", scan.settings.get("rotation"))
+    if not isinstance(rate, float) or scan.settings.get("velocity") == "linear":
+        return ""  # of constant linear velocity: its turns have no one rate
     known = {name: one for name, one in resonances.items() if 0.5 < one / rate <= HIGHEST}
     if not known:
         return ""
-    name, met = min(known.items(), key=lambda one: _apart(rate, [one[1]]))
-    other = quiet_rate(rate, known.values(), sample_rate)
+    words = {"raster": "rows", "spiral": "turns"}.get(scan.name, "lines")
+    met = {name: one for name, one in known.items() if _apart(rate, [one]) <= CLOSE}
+    other = quiet_rate(rate, known.values(), scan.sample_rate)
     away = _apart(other, known.values())
-    if _apart(rate, [met]) > CLOSE or away < _apart(rate, known.values()) + BETTER:
+    if not met or away < _apart(rate, known.values()) + BETTER:
         return ""
-    harmonic = round(met / rate)
+    each = [f"harmonic {round(one / rate)} meets the resonance of {name}, {one:.4g} Hz" for name, one in met.items()]
     return (
-        f"Harmonic {harmonic} of {rate:.5g} rows a second, {harmonic * rate:.4g} Hz, meets the resonance of {name}, "
-        f"{met:.4g} Hz: {other:.10g} rows a second have none within {math.floor(away * other):.2g} Hz of a resonance."
+        f"At {rate:.5g} {words} a second {', and '.join(each)}: at {other:.10g} {words} a second none is within "
+        f"{math.floor(away * other):.2g} Hz of a resonance."
     )
 
 

@@ -96,8 +96,8 @@ def recorded(
     name, unit : str
         Of the signal.
     resonances : Mapping[str, float], optional
-        First resonance of axes, Hz, by their names: where the image of a raster is not good, and a harmonic of its rows
-        meets one, the verdict names a rate of which none does.
+        First resonance of axes, Hz, by their names: where an image is not good, and a harmonic of its lines meets one,
+        the verdict names a rate of which none does.
 
     Returns
     -------
@@ -137,9 +137,8 @@ def recorded(
         made = {"image": gridded(*(one[inside] for one in (*places, values)), name=name, unit=unit, **where)}  # type: ignore[arg-type]
     found = {"scan": part, "rows": rows, "images": made, "error": error, "distortion": moved, "shift": apart}
     verdict = _judged(made, rows, error, moved, apart)
-    if moved is not None and verdict.level != "good" and resonances:
-        words = advice(float(scan.settings["rate"]), resonances, scan.sample_rate)  # type: ignore[arg-type]
-        verdict = Verdict(verdict.level, (*verdict.reasons, *[words] * bool(words)))
+    if verdict.level != "good" and (words := advice(scan, resonances or {})):
+        verdict = Verdict(verdict.level, (*verdict.reasons, words))
     return Recorded(**found, verdict=verdict)  # type: ignore[arg-type]
 
 

@@ -225,7 +225,13 @@ def image_stage(
         found = {one.name: one for one in (each.result() for each in reversed(longest))}
         spiral = around.result()
     known = {name: one.resonances[0] for name, one in zip("xy", stage.axes, strict=True)}
-    return Scanned(scan, found, spiral, stage, judged(found["truestroke"], spiral, advice(rate, known, SAMPLE_RATE)))
+    return Scanned(
+        scan,
+        found,
+        spiral,
+        stage,
+        judged(found["truestroke"], spiral, advice(scan, known), advice(spiral_of(stage), known)),
+    )
 
 
 @contextmanager
@@ -253,17 +259,22 @@ def _imaged(name: str, scan: Scan, true: FloatArray, samples: tuple[scans.Gratin
     return Imaged(name, true, scans.distortion(scan, x, y, PIXELS), images, shift)
 
 
-def _spiral(stage: MultiAxisSettings, seed: int, going: Callable[..., None]) -> float:
-    """Error of a spiral, % of its diameter, rms."""
+def spiral_of(stage: MultiAxisSettings) -> Scan:
+    """The spiral, of constant angular velocity."""
     usual = {"offset": OFFSET, "lead_out": LEAD_OUT, "sample_rate": stage.sample_rate}
-    scan = scans.spiral(diameter=WIDTH, turns=TURNS, rotation=ROTATION, **usual)  # type: ignore[arg-type]
+    return scans.spiral(diameter=WIDTH, turns=TURNS, rotation=ROTATION, **usual)  # type: ignore[arg-type]
+
+
+def _spiral(stage: MultiAxisSettings, seed: int, going: Callable[..., None]) -> float:
+    """Error of the spiral, % of its diameter, rms."""
+    scan = spiral_of(stage)
     true = lines.together(scan, MultiAxisStage(stage, seed), controllers_of(stage), going)
     error: FloatArray = true - np.stack([axis.position for axis in scan.axes], axis=1)
     return float(100 / WIDTH * np.sqrt(np.mean(np.sum(error[scan.inside] ** 2, axis=1))))
 
 
-def judged(imaged: Imaged, spiral: float, remedy: str = "") -> Verdict:
-    """Of an image: its largest distortion and shift, pixels, with a remedy if there is one; of the spiral, %."""
+def judged(imaged: Imaged, spiral: float, remedy: str = "", slower: str = "") -> Verdict:
+    """Of an image: its largest distortion and shift, pixels; of the spiral, %; each with a remedy, if there is one."""
     findings: list[tuple[Level, str]] = []
     for words, pixels in (
         ("A pixel is up to {:.2g} pixels from its place.", imaged.distortion.largest),
@@ -274,5 +285,5 @@ def judged(imaged: Imaged, spiral: float, remedy: str = "") -> Verdict:
     findings += [("doubtful", remedy)] * bool(findings and remedy)
     if spiral > ROUND:
         text = f"The spiral of {ROTATION:g} turns per second is {spiral:.2g} % of its diameter off, rms."
-        findings.append(("doubtful", text))
+        findings += [("doubtful", words) for words in (text, slower) if words]
     return Verdict.of(findings)
