@@ -500,6 +500,8 @@ def test_the_verdict_names_a_rate_where_a_harmonic_meets_a_resonance():
     scan = scans.raster(width=10.0, lines=16, rate=40.0, sample_rate=5000.0)
     off = scan.x.position + 2.0 * np.sin(2 * np.pi * 600.0 * scan.time)
     known = {"x": 600.0, "y": 500.0}
+    cut = scans.recorded(scan, *(one[:5000] for one in (scan.x.position, scan.y.position, off)), resonances=known)
+    assert [one[:14] for one in cut.verdict.reasons] == ["The scan ended"]
     for x, resonances, named in (
         (off, known, True),
         (off, {"x": 620.0, "y": 500.0}, False),  # between two harmonics

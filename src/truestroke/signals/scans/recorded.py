@@ -136,10 +136,8 @@ def recorded(
         where = {"origin": part.origin, "size": part.size, "shape": (columns, columns)}
         made = {"image": gridded(*(one[inside] for one in (*places, values)), name=name, unit=unit, **where)}  # type: ignore[arg-type]
     found = {"scan": part, "rows": rows, "images": made, "error": error, "distortion": moved, "shift": apart}
-    verdict = _judged(made, rows, error, moved, apart)
-    if verdict.level != "good" and (words := advice(scan, resonances or {})):
-        verdict = Verdict(verdict.level, (*verdict.reasons, words))
-    return Recorded(**found, verdict=verdict)  # type: ignore[arg-type]
+    remedy = advice(scan, resonances or {})
+    return Recorded(**found, verdict=_judged(made, rows, error, moved, apart, remedy))  # type: ignore[arg-type]
 
 
 def _as_far(scan: Scan, arrays: list[FloatArray]) -> tuple[Scan, tuple[int, int]]:
@@ -202,8 +200,9 @@ def _judged(
     error: FloatArray,
     moved: Distortion | None,
     apart: tuple[float, float] | None,
+    remedy: str,
 ) -> Verdict:
-    """Errors in pixels of the image; what the noise of the sensors makes of them counts for nothing."""
+    """Errors in pixels of the image, with a remedy; what the noise of the sensors makes of them counts for nothing."""
     pixel = next(iter(made.values())).pixel
     off = float(np.linalg.norm([one / size for one, size in zip(_rms(error), pixel, strict=True)]))
     findings: list[tuple[Level, str]] = []
@@ -217,7 +216,8 @@ def _judged(
         measured.append((words, moved.trace_retrace, _noise_apart(moved, error)))
     if apart is not None:
         measured.append(("In the images, trace and retrace are {:.2g} pixels apart.", float(np.hypot(*apart)), 0.0))
-    for words, pixels, allowed in measured:
-        if pixels > SEEN + allowed:
-            findings.append(("bad" if pixels > CLEAR + allowed else "doubtful", words.format(pixels)))
+    far = [one for one in measured if one[1] > SEEN + one[2]]
+    for words, pixels, allowed in far:
+        findings.append(("bad" if pixels > CLEAR + allowed else "doubtful", words.format(pixels)))
+    findings += [("doubtful", remedy)] * bool(far and remedy)
     return Verdict.of(findings)
