@@ -102,24 +102,19 @@ def main() -> None:
     parser.add_argument("--plants", type=int, default=15)
     parser.add_argument("--first", type=int, default=1, help="number of the first stage; every second one is taken")
     parser.add_argument("--rate", type=float, default=4.0, help="rows per second, Hz")
-    parser.add_argument("--between", action="store_true", help="at the rate nearby that scans.quiet_rate finds")
     parser.add_argument("--changed", type=float, default=0.0, help="stroke and loop on the day of the scan, %% rms")
     asked = parser.parse_args()
     print("stage  structure  before   after  places   pixels of 512")
     every = []
     for number in range(asked.first, asked.first + 2 * asked.plants, 2):
-        stage = stage_of(number, 0.0)[0]
-        rate = scans.quiet_rate(asked.rate, stage.resonances, FS) if asked.between else asked.rate
-        one = shown(number, rate, asked.changed)
+        one = shown(number, asked.rate, asked.changed)
         every.append(one)
-        kind = stage.hysteresis_kind
+        kind = stage_of(number, 0.0)[0].hysteresis_kind
         print(f"{number:5}  {kind:9}  {one.before:6.2f}  {one.after:6.3f}  {one.places:6.2f}", flush=True)
     after = np.array([one.after for one in every])
     within = int(np.sum(after <= GOAL))
-    places = np.array([one.places for one in every])
     print(
-        f"trace to retrace {np.median(after):.2g} median, {after.max():.2g} worst; {within} of {after.size} <= {GOAL}; "
-        f"places {np.median(places):.2g} median, {places.max():.2g} worst"
+        f"trace to retrace {np.median(after):.2g} median, {after.max():.2g} worst; {within} of {after.size} <= {GOAL}"
     )
 
 
