@@ -144,6 +144,16 @@ def test_a_scan_that_is_cut_short_keeps_its_rows(tmp_path, monkeypatch) -> None:
     assert (again.exit_code, "a recording is there" in again.output) == (1, True)
 
 
+def test_an_axis_that_the_scan_does_not_move_rests(tmp_path: Path) -> None:
+    stages = "{resonances = [600.0]}], coupling = [[0.0, 0.03], [0.03, 0.0]]", "{resonances = [600.0]}, {}]"
+    three = SIMULATED.replace("channels = 2", "channels = 3").replace(*stages)
+    third = '[[axis]]\nname = "z"\nstroke = 30.0\nvoltage_limits = [-0.6, 3.6]\nslew = 4000.0\n'
+    (tmp_path / "scan.toml").write_text(three + AXES + third)
+    x, _, z = config.load(tmp_path / "scan.toml").axes
+    assert (z.name, len(z.trajectory)) == ("z", len(x.trajectory))
+    assert not np.any([z.trajectory.position, z.trajectory.velocity, z.trajectory.acceleration])
+
+
 # ---- Signals of drivers --------------------------------------------------------------------------------------------
 
 

@@ -427,7 +427,8 @@ def in_order(motion: Mapping[str, Trajectory], names: Sequence[str], sample_rate
         if one.sample_rate != rate:
             raise SettingError(f"trajectory[{name!r}].sample_rate", one.sample_rate, f"{rate:g} Hz, {whose}", "Hz")
         if len(one) != len(first):
-            raise SettingError(f"trajectory[{name!r}]", len(one), f"{len(first)}, as of {names[0]}", "ticks")
+            bound = f"{len(first)}, as of {names[0]}, {len(first) / rate:g} s"
+            raise SettingError(f"trajectory[{name!r}]", len(one), bound, "ticks")
     return [motion[name] for name in names]
 
 

@@ -9,6 +9,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
+
 from truestroke.base import checks, frames, toml
 from truestroke.base.checks import SettingError
 from truestroke.base.files import FileError
@@ -347,6 +349,9 @@ def _axis(table: AxisTable, folder: Path, rate: float, image: Imaging | None) ->
         motion: Trajectory | SetPoint = dataclasses.replace(
             image.scan.axes[image.axes.index(table.name)], flat=image.scan.inside
         )
+    elif image is not None and not table.trajectory:
+        rest = np.zeros(len(image.scan.x))
+        motion = Trajectory("rest", rate, rest, rest, {}, acceleration=rest)
     else:
         with checks.inside("trajectory."):
             motion = _trajectory(table.trajectory, folder, rate)
