@@ -17,7 +17,7 @@ from truestroke.identification.fitting.structure import fit_structure
 from truestroke.identification.records.record import Record
 from truestroke.model.branches import Branches
 from truestroke.model.layout import Layout
-from truestroke.model.operators import play_history
+from truestroke.model.operators import dot, play_history
 
 SPEC = importlib.util.spec_from_file_location(
     "foreign_records", Path(__file__).parents[1] / "benchmarks/foreign_records.py"
@@ -101,6 +101,15 @@ def test_states_do_not_depend_on_how_densely_a_way_is_sampled():
     np.testing.assert_allclose(
         TERMS.columns(np.concatenate([[0.5 * x[0]], dense]))[1::40], TERMS.columns(x), atol=1e-10
     )
+
+
+@pytest.mark.parametrize("samples", [0, 1, 5000])
+def test_a_sum_in_blocks_is_that_of_all_terms(samples):
+    every = Branches(voltage_range=(-2.0, 8.0), curves=("convex", "sigmoid"), plays=5, levels=4, betas=(2.0, 9.0))
+    weights = np.random.Generator(np.random.PCG64(3)).standard_normal(len(every.names))
+    x = 3.0 + 5.0 * np.sin(np.arange(samples) / 40.0) * np.cos(np.arange(samples) / 170.0)
+    made = dataclasses.replace(every, weights=tuple(weights.tolist())).sum(x)
+    assert made.tobytes() == dot(every.columns(x), weights).tobytes()
 
 
 @pytest.mark.parametrize("sign", [1, -1])

@@ -42,6 +42,7 @@ def test_predict_takes_off_the_noise_that_the_record_had_too_and_says_so() -> No
     assert any("the voltage has noise of 0.2 V" in words for words in examine(record).warnings)
     clean = 100 * v
     assert np.array_equal(model.predict(clean, 1000.0), model.predict(clean, 1000.0, measured=False))
+    assert np.array_equal(model.forward(second, 1000.0), model.predict(second, 1000.0, measured=False))
     assert np.median(model.interval(second, 1000.0)) < np.median(model.interval(second, 1000.0, measured=False))
 
 

@@ -97,6 +97,9 @@ def test_units_that_people_rather_write_otherwise(good: tuple[FloatArray, FloatA
     assert "nm or counts" in asked(written(tmp_path, x, 1e3 * z, rate=100.0))[0]
     assert asked(tmp_path / "a.csv", displacement_unit="um") == ()
     assert "nm or mm" in asked(written(tmp_path, x, 1e-3 * z))[0]
+    nanometres = "t (s),volts (V),z (nm)"
+    assert asked(written(tmp_path, 0.1 * x, 0.17 * z, nanometres)) == ()
+    assert "a single plate" in asked(written(tmp_path, x, 0.17 * z, nanometres))[0]
     assert "is the voltage in V" in asked(written(tmp_path, x, z, "t (s),volts (mV),z (um)"))[0]
     assert "is its unit right" in asked(written(tmp_path, x / 50, 30 * z))[0]
     assert "is the voltage in V" in asked(written(tmp_path, 2 * x, z, "t (s),volts (mV),z (um)"))[0]

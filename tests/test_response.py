@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from benchmarks import foreign_records
+from benchmarks import foreign_records, other_records
 from scipy.signal import lsim
 
 from truestroke.control import stage
 from truestroke.identification import ActuatorModel, load_model, save_model
-from truestroke.identification.fitting.procedure import data_of
+from truestroke.identification.fitting.procedure import data_of, fit_samples, time_constants
 from truestroke.identification.fitting.regression import Structure
 from truestroke.identification.fitting.response import _excerpt, find_response
 from truestroke.identification.records.series import series
@@ -153,3 +153,29 @@ def test_hysteresis_that_goes_on_behind_a_turn_is_no_lag(lag):
     response = found(100 * v, 20 * y + 4e-3 * rng.standard_normal(y.size), 500.0)
     assert 1e3 * (response.delay + response.time_constant) == pytest.approx(lag, abs=0.5)
     assert response.time_constant_interval[1] < (lag + 8) / 1e3
+
+
+FREE = {
+    **dict.fromkeys(("rate", "creep_times", "asymmetry", "thresholds", "drift")), "modes": False, "branches": True,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("lag", [0.0, 0.02])
+def test_the_final_model_decides_where_the_quick_one_hardly_prefers_a_lag(lag):
+    """Relays with a coercive field that the quick model takes for a lag; and a true lag behind curved plays."""
+    rng, t = np.random.Generator(np.random.PCG64(1 if lag else 0)), np.arange(3600) / 200.0
+    if lag:
+        v = foreign_records.sine(t, 1.0) * rng.uniform(0.3, 1.0, 100)[t.astype(int)]
+        y = respond(20 * other_records.envelopes_of_tanh(v, rng), 0.0, 200.0 * lag)
+    else:
+        v = foreign_records.wave(t, rng, 2.0)
+        y = 10 * other_records.polarisation(2 * v - 1, rng, 0.25)
+    record = series((100 * v, y + 0.02 * rng.standard_normal(t.size), 200.0))
+    quick = time_constants(record)
+    assert quick.undecided
+    assert quick.time_constant > 0.02
+    fit, _, response = fit_samples(record, t.size, None, FREE)
+    assert fit.model.time_constant == response.time_constant == (quick.time_constant if lag else 0.0)
+    low, high = response.time_constant_interval
+    assert low <= response.time_constant <= high
+    assert high == quick.time_constant_interval[1]

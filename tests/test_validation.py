@@ -30,7 +30,7 @@ def judged(error: np.ndarray) -> tuple[Evidence, tuple[str, ...], str]:
     taken = {"time": T, "volts": X, "displacement": z, "known": np.ones(T.size, dtype=bool), "sample_rate": RATE}
     trace = Trace(**taken, source="", breaks=(), predicted=PREDICTED, half_width=np.full(T.size, 0.1), held_out=held)
     findings = examine(Record.from_arrays(X, z, sample_rate=RATE))
-    found = evidence(trace, error + NOISE, autocorrelation(error + NOISE), findings)
+    found = evidence(trace, (T, error + NOISE), autocorrelation(error + NOISE), findings)
     rms = float(np.sqrt(np.mean((error + NOISE)[held] ** 2)))
     whole = verdict(found, HeldOut(rms, 3 * rms, 100 * rms / np.ptp(z), 0.0, int(held.sum()), 0.95), findings)
     return found, whole.reasons, whole.level
@@ -42,6 +42,19 @@ def test_noise_alone_is_good() -> None:
     assert found.over_noise == pytest.approx(1.0, abs=0.05)
     assert abs(found.autocorrelation) < 0.05
     assert max(found.voltage, found.velocity, found.history, found.time) < 0.02
+
+
+def test_a_jump_of_the_zero_beneath_the_noise_is_dated() -> None:
+    """Two deviations of the noise. An error that comes back is none, and one above the noise may be the model's."""
+    found, reasons, level = judged(0.02 * (T > 7.0) - 0.01)
+    assert level == "doubtful"
+    assert found.jump_um == pytest.approx(0.02, abs=0.003)
+    assert found.jump_s == pytest.approx(7.0, abs=0.05)
+    assert "did the zero of the sensor jump" in reasons[0]
+    for seconds in (0.1, 0.5):  # of an error that is gone within a stroke, or within some
+        assert judged(0.03 * (T > 7.0) * np.exp(-(T - 7.0) / seconds))[0].jump_um == 0.0
+    assert judged(0.01 * np.sin(2 * np.pi * 0.1 * T))[0].jump_um == 0.0
+    assert not any("jump" in reason for reason in judged(0.1 * (T > 7.0) - 0.05)[1])
 
 
 def test_hum_is_named_by_its_frequency() -> None:
@@ -80,7 +93,7 @@ def test_strokes_that_grow_beyond_the_fitted_ones_are_the_reason() -> None:
     error = np.where(held_out, 0.1, 0.01) * np.sin(np.arange(x.size) / 30)
     trace = Trace(np.arange(x.size) / RATE, x, x + error, known, RATE, "", (), x, 0 * x + 1, held_out)
     findings = examine(Record.from_arrays(x, x + error, sample_rate=RATE))
-    found = evidence(trace, error, np.array([1.0, 0.1]), findings)
+    found = evidence(trace, (trace.time, error), np.array([1.0, 0.1]), findings)
     assert found.strokes_beyond > 0.3
     assert found.range_beyond < 1e-9
     reasons = verdict(found, HeldOut(0.1, 0.1, 1.0, 1.0, 100, 0.95), findings).reasons

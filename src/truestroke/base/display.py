@@ -50,6 +50,17 @@ def as_html(title: str, rows: Rows) -> str:
     return f"<table><caption>{html.escape(title)}</caption>{body}</table>"
 
 
+def micrometres(um: float) -> str:
+    """A length, um: four decimals, or three digits where these would be fewer.
+
+    Examples
+    --------
+    >>> micrometres(12.34567), micrometres(0.0021349), micrometres(3.87e-6)
+    ('12.3457 um', '0.00213 um', '3.87e-06 um')
+    """
+    return f"{um:.4f} um" if um >= 0.01 or um == 0 else f"{um:.3g} um"
+
+
 def quantity(value: Any, unit: str = "") -> str:
     """A value with its unit in a few characters: six digits, the ends of a long sequence, the shape of a matrix.
 

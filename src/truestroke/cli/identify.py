@@ -10,7 +10,7 @@ import click
 import numpy as np
 
 import truestroke
-from truestroke.base import files, system
+from truestroke.base import display, files, system
 from truestroke.base.exit_codes import ExitCode
 from truestroke.cli import common
 
@@ -53,8 +53,8 @@ def identify(
         return ExitCode.of(found.verdict)
     held = found.held_out
     rows = [
-        ("rmse", f"{held.rmse_um:.4f} um", f"{held.rmse_percent:.2f} %"),
-        ("maximum", f"{held.maximum_um:.4f} um", f"{held.maximum_percent:.2f} %"),
+        ("rmse", display.micrometres(held.rmse_um), f"{held.rmse_percent:.2f} %"),
+        ("maximum", display.micrometres(held.maximum_um), f"{held.maximum_percent:.2f} %"),
     ]
     common.print_text(f"record     {findings.sentence()}")
     common.print_table(("held out, the last part", "um", "of p-p"), rows)

@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 import truestroke
-from truestroke.base import files
+from truestroke.base import display, files
 from truestroke.base.exit_codes import ExitCode
 from truestroke.cli import common, waveforms
 
@@ -61,8 +61,8 @@ def refine(
         common.print_json({**found.verdict.as_dict(), **metrics, "model": output, "next": following_pass})
     else:
         _tell(found, output)
-        if made is not None:
-            click.echo(f"\nnext pass, rmse expected {found.expected:.4f} um")
+        if made is not None and found.expected is not None:
+            click.echo(f"\nnext pass, rmse expected {display.micrometres(found.expected)}")
             waveforms.tell(made)
             click.echo(f"waveform   {target}")
     if made is not None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import truestroke
-from truestroke.base import files
+from truestroke.base import display, files
 from truestroke.cli import common
 from truestroke.control.settings import UNLIMITED
 
@@ -154,7 +154,7 @@ def rows(made: truestroke.PredictedWaveform, model: truestroke.ActuatorModel) ->
 
 def error_rows(errors: Mapping[str, float], span: float) -> list[tuple[str, str, str]]:
     """Rows of a table: each error, um, and its share of the peak to peak."""
-    return [(name, f"{error:.4f} um", f"{100 * error / span:.2f} %") for name, error in errors.items()]
+    return [(name, display.micrometres(error), f"{100 * error / span:.2f} %") for name, error in errors.items()]
 
 
 def tell(made: truestroke.PredictedWaveform) -> None:

@@ -378,7 +378,14 @@ class ActuatorModel(Displayed, Layout):
             actuator does not see it. False: it is the voltage at the actuator. By default noise is taken off where the
             record's voltage had some, too (`voltage_noise`), of a quarter to four times the size.
         """
-        strain = self.strain(self._at_the_actuator(volts, measured), sample_rate)
+        return self.forward(self._at_the_actuator(volts, measured), sample_rate, offset=offset)
+
+    def forward(self, volts: npt.ArrayLike, sample_rate: float, *, offset: float = 0.0) -> FloatArray:
+        """Displacement that a voltage at the actuator makes, um, such as one that a model made: it has no noise.
+
+        volts, sample_rate, offset and the errors as of `predict`.
+        """
+        strain = self.strain(volts, sample_rate)
         known = self.stage(float(sample_rate)) if strain.size else None
         zero = self.zero + checks.number("offset", offset, "um")
         moved = strain if known is None else stage.through(known, strain)

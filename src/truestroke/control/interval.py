@@ -101,8 +101,8 @@ def apart(
     """
     if model.plain is None:
         return np.zeros_like(volts)
-    predicted = model.predict(volts, sample_rate, measured=False) if predicted is None else predicted
-    differs = predicted - model.plain.predict(volts, sample_rate, measured=False)
+    predicted = model.forward(volts, sample_rate) if predicted is None else predicted
+    differs = predicted - model.plain.forward(volts, sample_rate)
     usual = max(model.plain.noise**2 - model.noise**2, 0.0)
     return np.asarray(np.maximum(differs**2 - USUAL**2 * usual, 0.0))
 

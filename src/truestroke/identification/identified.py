@@ -180,7 +180,7 @@ def identify(
     test, residual = _held_out(trace, moved), final.residual
     white = uncertainty.autocorrelation(residual), uncertainty.effective_samples(residual)
     findings = examine(_examined(record, taken)) if findings is None else findings
-    evidence = validation.evidence(trace, residual, white[0], findings)
+    evidence = validation.evidence(trace, (taken.time[final.rows], residual), white[0], findings)
     found = response if known is None else None
     verdict = validation.verdict(evidence, test, findings, found, final.model.dynamics)
     model = _documented(final, test, taken, verdict)

@@ -107,13 +107,13 @@ class Refined(Sampled):
         desired, rate = self.measured - self.error, self.sample_rate
         limits = self.model.voltage_range if voltage_limits is None else voltage_limits
         before, _ = self.passes[self.best]
-        predicted = self.model.predict(before, rate, measured=False)
+        predicted = self.model.forward(before, rate)
         here, there = (
             self.model.invert(y, rate, voltage_limits=limits, slew_limit=slew_limit)
             for y in (predicted, predicted + self.correction)
         )
         volts = _slewed(np.clip(before + there - here, *limits), slew_limit / rate)
-        short = self.model.predict(volts, rate, measured=False) - predicted - self.correction
+        short = self.model.forward(volts, rate) - predicted - self.correction
         return described(self.model, volts, desired, desired + short, rate, limits, slew_limit, self.passes)
 
     @property
@@ -193,7 +193,7 @@ def refine(
     data = _data(model, x, z, fs)
     skip = 0 if waveform is not None else data.settled
     fitted = _fitted(model, data, skip)
-    before, residual = (z - of.predict(x, fs, measured=False) for of in (model, fitted))
+    before, residual = (z - of.forward(x, fs) for of in (model, fitted))
     old, new = (_rms(error[skip * data.every :]) for error in (before, residual))
     if new > OTHER * (spread := float(np.std(z[skip * data.every :]))):
         value = f"one of which the refined model leaves {new:.3g} um rms"
@@ -230,7 +230,7 @@ def _as_before(found: Refined, old: ActuatorModel) -> Refined:
         f"A refit of the weights leaves {found.after:.3g} um of this pass, more than its noise: the weights stay, and "
         "the next pass learns what the model does not explain."
     )
-    residual = found.measured - old.predict(found.volts, found.sample_rate, measured=False)
+    residual = found.measured - old.forward(found.volts, found.sample_rate)
     model = found.model.before
     assert model is not None
     same = model.replace(before=model)
@@ -259,7 +259,7 @@ def _corrected(found: Refined, waveform: Waveform) -> Refined:
     best = int(np.argmin(errors))
     best = len(made) - 1 if errors[-1] <= WORSE * errors[best] else best
     worse = sum(1 for error in errors[best + 1 :] if error > WORSE * errors[best])
-    predicted = [(found.model.predict(x, found.sample_rate, measured=False), z) for x, z in made]
+    predicted = [(found.model.forward(x, found.sample_rate), z) for x, z in made]
     known: dict[str, Any] = {"dynamics": found.model.stage(found.sample_rate), "step": max(LEAST, SHY**worse)}
     planned = law.following(predicted, waveform.desired, found.sample_rate, best=best, **known)
     last = sorted({best, *range(max(0, len(made) - REMEMBERED + 1), len(made))})
@@ -366,7 +366,7 @@ def _undone(found: Refined, old: ActuatorModel, best: float, source: str) -> Ref
     provenance = {**old.provenance, f"pass_{number}": f"{source}: {text}"}
     metrics = {name: old.metrics[name] for name in ("samples", "spread_um", "best_pass_um")}
     model = kept.replace(before=None, metrics={**kept.metrics, **metrics}, provenance=provenance)
-    residual = found.measured - kept.predict(found.volts, found.sample_rate, measured=False)
+    residual = found.measured - kept.forward(found.volts, found.sample_rate)
     return dataclasses.replace(found, model=model, residual=residual, after=_rms(residual), undone=text)
 
 

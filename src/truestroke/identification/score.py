@@ -109,7 +109,7 @@ def score(model: ActuatorModel, record: Any, *, offset: float | None = None) -> 
     judged, start = s.known & swept, s.known & ~swept
     if not judged.any():
         raise SettingError("record", "without a known sample after its start", "one whose displacement is known there")
-    predicted = model.predict(s.volts, s.sample_rate, measured=False)
+    predicted = model.forward(s.volts, s.sample_rate)
     error = s.displacement - predicted
     moved = float(np.median(error[judged])) if offset is None else checks.number("offset", offset, "um")
     width = _half_width(model, s.volts, s.sample_rate, predicted, centred=offset is None)

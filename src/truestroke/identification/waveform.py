@@ -139,7 +139,7 @@ def waveform(
     limits = model.voltage_range if voltage_limits is None else voltage_limits
     options = {"velocity": velocity, "voltage_limits": limits, "slew_limit": slew_limit, "offset": offset}
     volts = model.invert(desired, sample_rate, **options)  # type: ignore[arg-type]
-    predicted = model.predict(volts, sample_rate, offset=offset, measured=False)
+    predicted = model.forward(volts, sample_rate, offset=offset)
     return described(model, volts, desired, predicted, float(sample_rate), limits, slew_limit)
 
 

@@ -22,7 +22,7 @@ The states of Duhem make minor loops that do not close, as those of Bouc-Wen, Da
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -35,6 +35,7 @@ from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
 from truestroke.model.operators import dot
 
+ROWS = 2048  # of all terms that are summed at once: what the cache of a processor holds
 LIVE = 60.0  # beta |dx| that is summed at a time: its exponential keeps its digits
 
 CURVES: dict[str, tuple[Callable[[Any], Any], Callable[[Any], Any]]] = {
@@ -149,16 +150,28 @@ class Branches:
 
     def parts(self, x: FloatArray, every: int = 1) -> Iterator[FloatArray]:
         """The same in parts: of each curve, of the cells of each play, and of the states."""
-        for curve in self.curves:
-            yield self._plays(curve, x, every)
-        y, (play, low, high) = self._cell_plays(x, every), self.cells
-        for i in range(self.levels):
-            yield self._ways(y[:, i : i + 1], low[play == i], high[play == i])
-        yield self.states(x)[::every]
+        yield from self._parts(*self._moved(x, every))
 
     def sum(self, x: FloatArray) -> FloatArray:
         """All terms with their weights along a voltage, um."""
-        return dot(self.columns(x), np.array(self.weights)) if self.weights else np.zeros_like(x)
+        if not self.weights or not x.size:
+            return np.zeros_like(x)
+        plays, y, states = self._moved(x, 1)
+        w, blocks = np.array(self.weights), [slice(k, k + ROWS) for k in range(0, x.size, ROWS)]
+        terms = (np.hstack([*self._parts([a[rows] for a in plays], y[rows], states[rows])]) for rows in blocks)
+        return np.concatenate([dot(part, w) for part in terms])
+
+    def _moved(self, x: FloatArray, every: int) -> tuple[list[FloatArray], FloatArray, FloatArray]:
+        """Plays of each curve, plays of the cells, and states of Duhem of every `every`-th sample."""
+        plays = [self._plays(curve, x, every) for curve in self.curves]
+        return plays, self._cell_plays(x, every), self.states(x)[::every]
+
+    def _parts(self, plays: Sequence[FloatArray], y: FloatArray, states: FloatArray) -> Iterator[FloatArray]:
+        yield from plays
+        play, low, high = self.cells
+        for i in range(self.levels):
+            yield self._ways(y[:, i : i + 1], low[play == i], high[play == i])
+        yield states
 
     def _plays(self, curve: str, x: FloatArray, every: int) -> FloatArray:
         rows = np.empty((-(-x.size // every), self.plays))

@@ -19,6 +19,7 @@ VOLTS = 0.05, 2100.0  # V: spans of the voltage; macro fibre composites take 200
 HIGH_VOLTS = 1250.0  # V: stacks take 1100 V at most; beyond it only composites, with at least `HIGH_GAIN`
 HIGH_GAIN = 0.04  # um/V
 STROKE = 0.005, 20_000.0  # um
+NANOMETRES = 5e-5  # um: the smallest stroke that is stated in nm
 GAIN = 1e3  # um/V
 SPEED = 0.1e6  # um/s: a stack reaches it at a tenth of its own resonance; stages and amplifiers do not
 FAST = ((20e3, 60e3), (100e3, 20e3))  # Hz, um/s: the same for stamps in ms or less, by sample rate
@@ -89,11 +90,13 @@ def _of_names(record: Record) -> Iterator[str]:
 def _of_size(record: Record, found: Findings) -> Iterator[str]:
     """Spans, gain and speed that no actuator has: wrong units."""
     volts, stroke, gain = float(np.ptp(record.volts)), found.stroke_um, abs(found.gain_um_per_v)
+    moved = record.columns["displacement"]
+    smallest = NANOMETRES if moved.stated and moved.unit == "nm" else STROKE[0]
     if volts > VOLTS[1] or (volts > HIGH_VOLTS and gain < HIGH_GAIN):
         yield f"the voltage spans {volts:.4g} V for {stroke:.3g} um: is its unit right? If it is mV, say `volts_unit`"
     elif volts < VOLTS[0]:
         yield f"the voltage spans {volts:.3g} V for {stroke:.3g} um: is its unit right? If it is V, say `volts_unit`"
-    elif not STROKE[0] <= stroke <= STROKE[1] or gain > GAIN:
+    elif not smallest <= stroke <= STROKE[1] or gain > GAIN:
         spans = f"the displacement spans {stroke:.3g} um, {gain:.3g} um/V"
         yield f"{spans}: is its unit right? `displacement_unit` or `displacement_scale` says it"
     else:

@@ -13,6 +13,7 @@ from truestroke.identification.fitting.modes import ModeSearch
 from truestroke.identification.fitting.regression import ROWS, Data, Structure
 from truestroke.identification.fitting.response import Response, find_response
 from truestroke.identification.fitting.select import (
+    BranchChoice,
     Tried,
     choose,
     choose_branches,
@@ -30,6 +31,8 @@ SEARCH_ROWS = 8_000  # at most where modes are looked for
 NEAR = 0.25  # of the stroke
 FEWEST = 20  # samples in each part
 RESONATES = 0.9  # of the rmse of cross-validation: modes of the stage must lower it so far
+LATE_ROWS = 5000  # likewise, where the final model is fitted with and without dead time and lag
+NEITHER_IF = 0.9  # of the rmse of cross-validation with a dead time or lag: without it must be below
 BRANCHES_GAIN = 0.9  # of the residual without branches: with them it must be below
 SEARCHES = 8  # for modes at most, each behind a model that was fitted with those of the one before
 
@@ -49,11 +52,12 @@ def fit_samples(
     s, zero = zeros.at_one_zero(s, samples)
     coarse = data_of(s, samples, CHOICE_ROWS)
     found = time_constants(s, coarse, delay, certain)
-    coarse = dataclasses.replace(coarse, delay=found.delay, time_constant=found.time_constant)
-    guess = first_prediction(coarse)
-    structure, weight, tried = choose(coarse, guess, fixed)
+    if found.undecided and not _is_late(data_of(s, samples, LATE_ROWS), found, fixed):
+        found = found.neither
+    coarse, chosen = _behind_response(coarse, found, fixed)
+    structure, weight, guess, tried = chosen
     fine = dataclasses.replace(data_of(s, samples, ROWS), delay=found.delay, time_constant=found.time_constant)
-    resonant = fixed["modes"] and _resonances(s, coarse, fixed, (structure, weight, guess, tried), start)
+    resonant = fixed["modes"] and _resonances(s, coarse, fixed, chosen, start)
     if resonant:
         dynamics, structure, weight, guess, tried = resonant
         fine = dataclasses.replace(fine, delay=0.0, time_constant=0.0, dynamics=dynamics)
@@ -79,6 +83,38 @@ def time_constants(s: Series, coarse: Data | None = None, delay: float | None = 
     return find_response(data_of(s, samples, samples), first, delay, certain)
 
 
+_Chosen = tuple[Structure, float, FloatArray, tuple[Tried, ...]]
+
+
+def _behind_response(coarse: Data, found: Response, fixed: Mapping[str, Any]) -> tuple[Data, _Chosen]:
+    """The rows behind a dead time and lag, and what is chosen for them."""
+    data = dataclasses.replace(coarse, delay=found.delay, time_constant=found.time_constant)
+    guess = first_prediction(data)
+    structure, weight, tried = choose(data, guess, fixed)
+    return data, (structure, weight, guess, tried)
+
+
+def _is_late(data: Data, found: Response, fixed: Mapping[str, Any]) -> bool:
+    """Whether the final model keeps a dead time and lag of which the quick model of `find_response` is not sure.
+
+    It does unless it predicts later blocks better without: branches may explain what looks like a lag to plays. Both
+    are compared with branches where either would take them: what these must lower is another rmse for each.
+    """
+    both = [_behind_response(data, response, fixed) for response in (found.neither, found)]
+    without, late = (chosen[-1][-1].rmse for _, chosen in both)
+    if without >= late or not fixed["branches"]:
+        return without >= NEITHER_IF * late
+    branched = [_with_any_branches(*each) for each in both]
+    if any(each.taken for each in branched):
+        without, late = (each.least for each in branched)
+    return without >= NEITHER_IF * late
+
+
+def _with_any_branches(data: Data, chosen: _Chosen) -> BranchChoice:
+    structure, weight, guess, _ = chosen
+    return choose_branches(data, structure, weight, _strain(data, structure, weight, guess))
+
+
 def _behind(coarse: Data, fine: Data) -> Data:
     """The first with the stage, dead time and lag of the second, and with its columns where these are its own."""
     if fine.dynamics is None:
@@ -89,17 +125,14 @@ def _behind(coarse: Data, fine: Data) -> Data:
 def _branched(plain: Fit, fine: Data, compared: Data, s: Structure, weight: float) -> tuple[Fit, tuple[Tried, ...]]:
     """The model with branches, if cross-validation asks for them, and what was compared; else the plain one."""
     rows = fine.displacement.size / compared.displacement.size
-    found = choose_branches(compared, s, weight / rows, plain.strain)
-    if found is None:
+    taken = choose_branches(compared, s, weight / rows, plain.strain).taken
+    if taken is None:
         return plain, ()
-    structure, weight, tried = found
+    structure, weight, tried = taken
     fit = fit_structure(fine, structure, weight * rows, plain.strain)
     if fit.model.noise > BRANCHES_GAIN * plain.model.noise:  # what was compared need not have an inverse
         return plain, ()
     return dataclasses.replace(fit, model=fit.model.replace(plain=plain.model)), tried
-
-
-_Chosen = tuple[Structure, float, FloatArray, tuple[Tried, ...]]
 
 
 def _resonances(

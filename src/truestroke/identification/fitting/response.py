@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -43,6 +44,7 @@ JUMPS = 5.0  # times the mean change of the voltage from row to row: a step; of 
 FEWEST_TURNS = 4  # between which strokes are compared
 HIDDEN = 0.08  # of a stroke: hysteresis looks like so much dead time or lag where all strokes are alike; seen: 0.066
 CONVERGED = 5e-3  # samples
+UNDECIDED = 10.0  # bounds that neither dead time nor lag may lose, and the final model is asked, too
 
 
 @dataclass(frozen=True)
@@ -57,6 +59,8 @@ class Response:
         Lowest and highest that agree with the record, s.
     separable : bool
         Whether the record separates the two; where it does not, both intervals hold both explanations.
+    undecided : bool
+        Whether the two are so little better than neither that hysteresis may be what they explain.
     """
 
     delay: float
@@ -64,6 +68,13 @@ class Response:
     delay_interval: tuple[float, float]
     time_constant_interval: tuple[float, float]
     separable: bool
+    undecided: bool = False
+
+    @property
+    def neither(self) -> Response:
+        """Neither dead time nor lag; the intervals hold that, too."""
+        (_, longest), (_, slowest) = self.delay_interval, self.time_constant_interval
+        return Response(0.0, 0.0, (0.0, longest), (0.0, slowest), separable=False)
 
 
 def find_response(data: Data, coarse: float, known: float | None = None, certain: bool = True) -> Response:
@@ -115,7 +126,7 @@ def _beyond_hysteresis(found: Response, hidden: float) -> Response:
     either = 0.0, max(found.delay_interval[1], found.time_constant_interval[1])
     if found.delay + found.time_constant <= hidden:
         return Response(0.0, 0.0, either, either, separable=False)
-    return Response(found.delay, found.time_constant, either, either, separable=False)
+    return dataclasses.replace(found, delay_interval=either, time_constant_interval=either, separable=False)
 
 
 class Minimum(NamedTuple):
@@ -225,7 +236,8 @@ class _Quick:
         spans = self._intervals(best, agree, both) if certain else np.zeros((2, 2))
         s = 1 / self.sample_rate
         delays, lags = ((float(low) * s, float(high) * s) for low, high in spans)
-        return Response(chosen.delay * s, chosen.lag * s, delays, lags, separable=not (late and lagged))
+        undecided = not still and none.squares <= best.squares + UNDECIDED * bound
+        return Response(chosen.delay * s, chosen.lag * s, delays, lags, not (late and lagged), undecided)
 
     def _intervals(self, best: Minimum, agree: Sequence[Minimum], bound: float) -> FloatArray:
         """Lowest and highest delay, and lag: where one of them, kept, loses less than `bound`; and sampling."""

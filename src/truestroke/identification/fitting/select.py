@@ -5,7 +5,7 @@ import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -264,30 +264,44 @@ def _with_drift(bank: _Blocks, s: Structure, creeps: Structure, weights: Sequenc
     return dataclasses.replace(s, drift=(best,))
 
 
-def choose_branches(
-    data: Data, s: Structure, weight: float, strain: FloatArray
-) -> tuple[Structure, float, tuple[Tried, ...]] | None:
-    """The structure with the branches that predict later blocks better, its prior's weight, um^2, and all tried.
+class BranchChoice(NamedTuple):
+    """What branches do for a structure.
+
+    Attributes
+    ----------
+    least : float
+        The least rmse of cross-validation with any of `KINDS`, um; inf where none were compared.
+    taken : tuple or None
+        The structure with those that are taken, its prior's weight, um^2, and all that was tried.
+    """
+
+    least: float
+    taken: tuple[Structure, float, tuple[Tried, ...]] | None
+
+
+def choose_branches(data: Data, s: Structure, weight: float, strain: FloatArray) -> BranchChoice:
+    """The branches that predict later blocks better than the structure without.
 
     None where plays of the voltage alone are about as good, and where the rest of the record goes far beyond the
     voltages of these rows. `strain` is the prediction of the plays before dead time and lag, um.
     """
     if np.ptp(data.volts) < BRANCHES_WITHIN * np.ptp(data.voltage_range):
-        return None
+        return BranchChoice(np.inf, None)
     noise = float(np.var((data.displacement - data.through(strain)[:: data.every])[data.fitted(rested=False)]))
     weights = [w * weight for w in WEAKER]
     bank, tried = _with_branches(data, s, strain, KINDS, weights)
     enough = BRANCHES_IF * min(bank.rmse(s, w) for w in weights)
-    if min(entry[0] for entry in tried) < FINER_IF * enough and _places_of_turns(data) >= FINER_TURNS:
+    of_kinds = min(entry[0] for entry in tried)
+    if of_kinds < FINER_IF * enough and _places_of_turns(data) >= FINER_TURNS:
         tried += _with_branches(data, s, strain, FINER_KINDS, weights)[1]
     least = min(entry[0] for entry in tried)
     if least >= enough:
-        return None
+        return BranchChoice(of_kinds, None)
     good = [entry for entry in tried if entry[0] <= ENOUGH_BRANCHES * least]
     score, best, w, bank = min(good, key=lambda entry: (len(entry[1].further), entry[0]))
     modes = 0 if data.dynamics is None else len(data.dynamics.modes)
     compared = [Tried(c, w / noise, score, modes) for score, c, w, _ in tried]
-    return best, w, (*compared, Tried(best, w / noise, score, modes, bank.walk(best, w)))
+    return BranchChoice(of_kinds, (best, w, (*compared, Tried(best, w / noise, score, modes, bank.walk(best, w)))))
 
 
 def _with_branches(

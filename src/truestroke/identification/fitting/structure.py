@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
+import numpy.typing as npt
 
 from truestroke.base.typing import FloatArray
 from truestroke.control.actuator import ActuatorModel
@@ -17,12 +18,13 @@ STEPS = 2  # Gauss-Newton
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A fitted model, its residual in the rows of `Data.fitted`, um, and the drift of the record's zero."""
+    """A fitted model, its residual in the fitted rows of the record, um, and the drift of the record's zero."""
 
     model: ActuatorModel
     structure: Structure
     weight: float  # um^2, of the prior
     residual: FloatArray
+    rows: npt.NDArray[np.intp]  # of the record, to which the residual belongs
     drift: Callable[[int], FloatArray]  # um, of so many samples of the record
     strain: FloatArray  # um, what the model gives before dead time, lag and stage, at the full rate
 
@@ -55,11 +57,13 @@ def fit_structure(data: Data, s: Structure, weight: float, guess: FloatArray, ce
         strain = model.strain(data.volts, data.sample_rate)
         z = strain + data.starts(s, c[m:])
     residual = data.displacement - (data.through(z) + data.drift(s, c[m:], z.size))[:: data.every]
-    residual = residual[data.fitted(s.rested)]
+    fitted = data.fitted(s.rested)
+    residual = residual[fitted]
     P = _of_model(uncertainty.covariance(J, residual, prior, weight), s) if certain else np.zeros((m, m))
     times = {"delay": data.delay, "time_constant": data.time_constant}
     model = model.replace(covariance=P, noise=float(np.sqrt(np.mean(residual**2))), **times)
-    return Fit(model, s, weight, residual, partial(data.drift, s, c[m:]), strain)
+    rows = np.flatnonzero(fitted) * data.every
+    return Fit(model, s, weight, residual, rows, partial(data.drift, s, c[m:]), strain)
 
 
 def _of_model(P: FloatArray, s: Structure) -> FloatArray:

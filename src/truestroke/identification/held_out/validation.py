@@ -15,6 +15,7 @@ from truestroke.identification.examination.findings import ALONG, Findings
 from truestroke.identification.fitting.regression import plays
 from truestroke.identification.fitting.response import Response
 from truestroke.identification.held_out.black_box import predictable
+from truestroke.identification.held_out.jump import jump
 from truestroke.identification.held_out.trace import HeldOut, Trace
 from truestroke.identification.records import turning
 from truestroke.model.dynamics import Dynamics
@@ -79,6 +80,8 @@ class Evidence:
         0.75 on there is a model with half the error.
     line, line_hz : float
         Share of the mean square of the held-out error in the strongest line of its spectrum, and its frequency, Hz.
+    jump_um, jump_s : float
+        By how much the residual of the fit jumps at once, um, and the time from which on; 0 where it does not.
     residual_percent : float
         Rms residual of the fit to the whole record, % of peak-to-peak.
     range_beyond, speed_beyond, strokes_beyond : float
@@ -100,6 +103,8 @@ class Evidence:
     black_box: float
     line: float
     line_hz: float
+    jump_um: float
+    jump_s: float
     residual_percent: float
     range_beyond: float
     speed_beyond: float
@@ -109,15 +114,18 @@ class Evidence:
 # ---- Evidence --------------------------------------------------------------------------------------------------------
 
 
-def evidence(trace: Trace, residual: FloatArray, autocorrelation: FloatArray, findings: Findings) -> Evidence:
-    """What is in the error of a trace, and in the residual of the fit to the whole record, um, shape (rows,)."""
+def evidence(
+    trace: Trace, fit: tuple[FloatArray, FloatArray], autocorrelation: FloatArray, findings: Findings
+) -> Evidence:
+    """What is in the error of a trace, and in the residual of the fit to the whole record: its times, s, and it, um."""
+    times, residual = fit
     fitted, tested = trace.known & ~trace.held_out, trace.known & trace.held_out
     settled = fitted & (trace.time - trace.time[0] >= min(findings.states_known_s, 0.25 * np.ptp(trace.time)))
     error = _rms(trace.residual[tested])
     line = np.polyfit(trace.volts[fitted], trace.displacement[fitted], 1)
     off_line = _rms(trace.displacement[tested] - np.polyval(line, trace.volts[tested]))
     row = float(np.count_nonzero(trace.known) / trace.sample_rate / residual.size)
-    lags = autocorrelation[1:]
+    lags, jumped = autocorrelation[1:], jump(residual, residual.size / max(findings.strokes, 1))
     most, least = int(np.abs(lags).argmax()), int(lags.argmin())
     return Evidence(
         over_noise=_over(error, findings.noise_um),
@@ -130,6 +138,8 @@ def evidence(trace: Trace, residual: FloatArray, autocorrelation: FloatArray, fi
         **_dependence(trace, tested),
         black_box=predictable(trace),
         **_line(trace, tested),
+        jump_um=0.0 if jumped is None else jumped.size,
+        jump_s=0.0 if jumped is None else float(times[jumped.row]),
         residual_percent=100 * _rms(residual) / float(np.ptp(trace.displacement)),
         **_beyond(trace, fitted, tested),
     )
@@ -234,7 +244,7 @@ def verdict(
     return Verdict.of([
         *(("bad", f"The record contradicts itself: {mistake.rstrip('?')}.") for mistake in findings.mistakes),
         *_of_error(found, held_out, findings),
-        *_of_zero(held_out),
+        *_of_zero(found, held_out),
         *(() if response is None else _of_dead_time(response, findings)),
         *(() if dynamics is None else _of_modes(dynamics, findings)),
         *_of_residual(found, held_out, findings),
@@ -285,8 +295,15 @@ def sizes(rmse_um: float, rmse_percent: float, over_noise: float, noise_um: floa
     return error, f"{_times(over_noise)} the sensor's noise of {noise_um:.2g} um"
 
 
-def _of_zero(held_out: HeldOut) -> Iterator[tuple[Level, str]]:
-    """A zero that is another one behind a long gap."""
+def _of_zero(found: Evidence, held_out: HeldOut) -> Iterator[tuple[Level, str]]:
+    """A zero that jumps, where the error is noise and not that of the model, or is another one behind a long gap."""
+    if found.jump_um and _is_noise(found, held_out) and held_out.rmse_percent > NEGLIGIBLE:
+        moved = f"{abs(found.jump_um):.3g} um {'above' if found.jump_um > 0 else 'below'} what it was before"
+        yield (
+            "doubtful",
+            f"From {found.jump_s:.4g} s on the displacement is at once {moved}: did the zero of the sensor jump, or "
+            "the mount slip? Use the rows before or after.",
+        )
     if held_out.zero_um:
         moved = f"{abs(held_out.zero_um):.3g} um {'above' if held_out.zero_um > 0 else 'below'} that before"
         yield "doubtful", f"Behind a long gap the zero is {moved}; the errors are without it. Measure it on each day."

@@ -247,6 +247,10 @@ def _evidence(found: Evidence) -> Table:
         ("of the held-out error follows " + ", ".join(name for name, _ in shares), ", ".join(v for _, v in shares)),
         ("strongest line of the held-out error", f"{100 * found.line:.0f} % at {found.line_hz:.4g} Hz"),
         ("of the held-out error a black-box model predicts", f"{100 * max(found.black_box, 0.0):.0f} %"),
+        (
+            "jump of the residual of the fit",
+            f"{length(abs(found.jump_um))} at {found.jump_s:.4g} s" if found.jump_um else "none",
+        ),
         ("held-out motion beyond the fitted one", beyond),
     ]
     return Table(rows=rows, kind="words")

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
+from truestroke.base.display import micrometres
 from truestroke.identification import ActuatorModel, Score
 from truestroke.model.sampled import central_difference
 from truestroke.report import style, units
@@ -46,7 +47,7 @@ def rows(found: Score) -> list[tuple[str, str, str]]:
         "start, rmse": found.start_rmse_um,
         "start, maximum": found.start_maximum_um,
     }
-    return [(name, f"{um:.4f} um", f"{100 * um / span:.2f} %") for name, um in sizes.items() if np.isfinite(um)]
+    return [(name, micrometres(um), f"{100 * um / span:.2f} %") for name, um in sizes.items() if np.isfinite(um)]
 
 
 def offset(found: Score) -> str:
