@@ -179,7 +179,9 @@ def test_json_in_a_pipe_and_no_overwriting() -> None:
     Path("run.toml").write_text(text.replace("overrun_streak = 20", "overrun_streak = 0"))
     command = [COMMAND, "run", "--config", "run.toml", "--json"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True)
-    assert done.stderr == ""
+    assert [
+        line for line in done.stderr.splitlines() if "the timer of this system" not in line
+    ] == []  # a busy machine's
     printed = json.loads(done.stdout)
     assert (printed["cause"], printed["exit_code"], printed["ticks"]) == ("finished", 0, 1200)
     assert printed["axes"]["x"]["true_rmse_um"] < 0.1

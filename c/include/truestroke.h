@@ -505,8 +505,13 @@ TS_API ts_real ts_resonance_lowest(const ts_resonance *r, ts_real tick);
 TS_API void ts_resonance_look(ts_resonance *r, ts_real frequency);
 
 /* One tick: plays (V) and measurement (um), error (um), desired rate (um/s) and its change. Returns whether a window has ended that
- * adds to what is known. range: of a motion that is followed well enough to lose by a stage that is wrong, um, or 0. tick: s. */
-TS_API bool ts_resonance_tick(ts_resonance *r, ts_real tick, const ts_real *x, ts_real error, ts_real zdot_d, ts_real change, ts_real range);
+ * adds to what is known. range: of a motion that is followed well enough to lose by a stage that is wrong, um, or 0. expected: weights
+ * of the plays, um/V, or NULL; they are read in the tick in which the window ends. tick: s. */
+TS_API bool ts_resonance_tick(ts_resonance *r, ts_real tick, const ts_real *x, ts_real error, ts_real zdot_d, ts_real change, ts_real range,
+                              const ts_real *expected);
+
+/* Whether the next tick ends the window. */
+TS_API bool ts_resonance_ends(const ts_resonance *r);
 
 /* Whether there were enough windows: two, or one that is as sure as any can be. */
 TS_API bool ts_resonance_suffices(const ts_resonance *r);

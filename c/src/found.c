@@ -20,6 +20,7 @@
 #define SHAKEN ((ts_real)1e-3)    /* of the motion's range: unless the stage rings by so much */
 #define AGREES ((ts_real)0.05)    /* with the resonance that the estimate knows: its lag is that of this stage, and the last window is one of it */
 #define TURNS ((ts_real)0.2)      /* radians at the resonance: a smaller lag is a matter of the weights */
+#define MOST_GAINED ((ts_real)5)  /* times their first gain: plays that are expected to have more have that, and so below a fifth */
 #define LATE (2 * TS_MOST_DEAD)   /* ticks before a measurement: its stage knows no earlier strains */
 #define DAMPS ((ts_real)0.2)      /* of the ringing: what the active damping takes from the command, a quarter of a period later, */
 #define BROAD ((ts_real)1)        /* behind a filter of twice this damping, */
@@ -326,12 +327,32 @@ static void forget_lag(ts_controller *c)
     }
 }
 
+/* Weights that are expected of the plays that stand for all of them, um/V: the first ones, with the gain that was learned. Each play
+ * counts for the nearest of them. False: there is no gain. */
+static bool expected_of_plays(const ts_controller *c, ts_real *expected)
+{
+    const ts_settings *s = c->settings;
+    const ts_real *first = c->kept.first;
+    ts_real before = 0, now = 0;
+    int last = s->plays > 1 ? s->plays - 1 : 1;
+    memset(expected, 0, sizeof(ts_real) * TS_SHOWN);
+    for (int i = 0, at = 0; i < s->plays; at += 1 + s->rate_dependent[i++]) {
+        expected[(i * (TS_SHOWN - 1) + last / 2) / last] += first[at];
+        before += first[at];
+        now += c->w[at];
+    }
+    if (!(before > 0)) return false;
+    ts_real gained = within(now / before, 1 / MOST_GAINED, MOST_GAINED);
+    for (int i = 0; i < TS_SHOWN; i++) expected[i] *= gained;
+    return true;
+}
+
 /* One tick of the estimate: the plays of a tick before the measurement, which is about its dead time. */
 void ts_watch_resonance(ts_controller *c, ts_real z, ts_real error, const ts_motion *d, bool staged)
 {
     const ts_settings *s = c->settings;
     ts_resonance *r = &c->resonance;
-    ts_real x[TS_SHOWN + 1], now[TS_SHOWN];
+    ts_real x[TS_SHOWN + 1], now[TS_SHOWN], expected[TS_SHOWN];
     if (is_given(c) && !(c->guard.error > DOUBT)) { /* no reason to look for another */
         r->ticks = 0;
         return;
@@ -342,7 +363,8 @@ void ts_watch_resonance(ts_controller *c, ts_real z, ts_real error, const ts_mot
     x[TS_SHOWN] = z;
     bool good = c->guard.kept && !staged && !s->dynamics.known; /* a stage that is wrong would lose what was learned */
     ts_real range = good ? ts_guard_range(&c->guard, &s->guard) : 0;
-    bool known = ts_resonance_tick(r, s->oscillation.tick, x, error, d->zdot_d, d->zdot_d - c->rate, range);
+    bool expects = !staged && ts_resonance_ends(r) && expected_of_plays(c, expected); /* with a stage the weights may go with it */
+    bool known = ts_resonance_tick(r, s->oscillation.tick, x, error, d->zdot_d, d->zdot_d - c->rate, range, expects ? expected : NULL);
     c->rate = d->zdot_d;
     if (!known || !matters(c)) return;
     c->stage.resonance = r->known;

@@ -22,12 +22,28 @@
 #define NEAREST ((ts_real)0.6)      /* of the centre: bounds of an estimate in that window */
 #define FURTHEST ((ts_real)1.4)
 #define AGREE ((ts_real)1.05)       /* centre and estimate */
-#define TRUST 5                     /* times that deviation: the error of an estimate, */
-#define LEAST ((ts_real)0.005)      /* and the smallest one */
+#define LEAST ((ts_real)0.005)      /* the smallest error of an estimate, over it */
 #define WALK ((ts_real)0.002)       /* how far the resonance moves in a window */
 #define JUMPS 3                     /* standard deviations of a difference */
 #define MOST_WINDOWS 1000           /* that are counted */
-#define SURE ((ts_real)0.02)        /* standard deviation of an estimate, over it */
+#define EXPECTED ((ts_real)0.1)     /* of the gain of all plays: how far a weight is from the one that is expected, */
+#define EXPECTS 5                   /* where the error of a window is so many times its residual */
+#define STANDS ((ts_real)0.1)       /* of a resonance that is shown so: where fewer plays move it further there is none */
+
+/* Largest standard deviation of an estimate, over it, and how many of these its error is. */
+typedef struct {
+    ts_real sure, trust;
+} ts_confidence;
+
+static const ts_confidence of_free_plays = {(ts_real)0.02, 5}, of_expected_plays = {(ts_real)0.03, 3};
+
+/* What a window shows. */
+typedef struct {
+    ts_real f0;                     /* cycles per tick; 0: none */
+    ts_real variance;               /* square of its error, over it */
+    ts_real lag, sensitivity;
+    ts_real left;                   /* sum of squares of the residual */
+} ts_window;
 
 enum { BAND = TS_SHOWN, HIGH, THIRD, LOW }; /* of the measurement, its derivatives and itself: places behind the plays */
 
@@ -49,6 +65,12 @@ static ts_real arctangent(ts_real x)
     ts_real sum = 0, x2 = x * x;
     for (int k = 9; k >= 0; k--) sum = 1 / (ts_real)(2 * k + 1) - x2 * sum;
     return 4 * (x * sum);
+}
+
+/* The dead time that turns w0 as far as a lag does, in ticks. */
+static ts_real dead_time_of(ts_real lag, ts_real w0)
+{
+    return lag > 0 ? arctangent(w0 * lag) / w0 : lag < 0 ? -arctangent(-w0 * lag) / w0 : 0;
 }
 
 static void filter_at(ts_real *a, ts_real frequency, ts_real k)
@@ -152,6 +174,22 @@ static void sums_with_ridge(const ts_resonance *r, ts_real (*N)[TS_RESONANCE])
     for (int i = 0; i < TS_SHOWN; i++) N[i][i] += RIDGE * largest;
 }
 
+/* The same, where the weights of the plays are known: those that are expected, um/V, as well as their gain is, and as the residual of
+ * plays that are free allows. */
+static void sums_with_expected(const ts_resonance *r, const ts_real *expected, ts_real left, ts_real (*N)[TS_RESONANCE])
+{
+    ts_real gain = 0, by[TS_RESONANCE] = {0};
+    sums_of(r, N);
+    for (int i = 0; i < TS_SHOWN; i++) gain += expected[i];
+    for (int i = 0; i <= LOW; i++)
+        for (int j = 0; j < TS_SHOWN; j++) by[i] += expected[j] * (j < i ? N[i][j] : N[j][i]);
+    for (int i = 0; i < TS_SHOWN; i++) by[LOW] -= expected[i] * (by[i] - N[LOW][i]);
+    for (int i = 0; i < LOW; i++) N[LOW][i] -= by[i];
+    N[LOW][LOW] -= by[LOW];
+    ts_real spread = EXPECTED / EXPECTS * gain, ridge = left / ((ts_real)r->window * (spread * spread));
+    for (int i = 0; i < TS_SHOWN; i++) N[i][i] += ridge;
+}
+
 /* How much smaller `left` is than the residual of an equation without plays, that of ringing alone. */
 static ts_real share_of_plays(const ts_resonance *r, ts_real left)
 {
@@ -198,48 +236,63 @@ static ts_real sensitivity_of(ts_real (*N)[TS_RESONANCE], ts_real ratio)
     return moved < 1 ? moved : 1;
 }
 
-/* The resonance that a window shows, cycles per tick, its relative variance and sensitivity; 0: it shows none. */
-static ts_real shown_resonance(ts_resonance *r, ts_real lowest, ts_real *variance, ts_real *lag, ts_real *sensitivity)
+/* What sums of products show. */
+static ts_window shown_by(ts_resonance *r, ts_real (*N)[TS_RESONANCE], ts_real lowest, ts_confidence as)
 {
-    ts_real N[TS_RESONANCE][TS_RESONANCE], fewer[TS_RESONANCE][TS_RESONANCE], c[3], derivative[3] = {0};
-    sums_with_ridge(r, N);
-    if (!eliminate(N, 0, COARSE)) return 0;
+    ts_window w = {0};
+    ts_real fewer[TS_RESONANCE][TS_RESONANCE], c[3], derivative[3] = {0};
+    if (!eliminate(N, 0, COARSE)) return w;
     for (int i = BAND; i <= LOW; i++) memcpy(fewer[i] + BAND, N[i] + BAND, sizeof(ts_real) * (size_t)(i + 1 - BAND));
-    if (!eliminate(N, COARSE, BAND)) return 0;
+    if (!eliminate(N, COARSE, BAND)) return w;
     ts_real plays = N[LOW][LOW];
-    if (!solve(N, c)) return 0;
-    ts_real left = N[LOW][LOW], ratio = without_lag(c, lag, derivative); /* (centre / f0)^2, of their tangents */
-    if (!(ratio > 0) || !(left < SHOWS * plays)) return 0;
+    bool solved = solve(N, c);
+    w.left = N[LOW][LOW];
+    if (!solved) return w;
+    ts_real ratio = without_lag(c, &w.lag, derivative); /* (centre / f0)^2, of their tangents */
+    if (!(ratio > 0) || !(w.left < SHOWS * plays)) return w;
     ts_real of_first = derivative[0], of_second = derivative[1] - N[HIGH][BAND] / N[BAND][BAND] * of_first;
     ts_real of_third = derivative[2] - N[THIRD][BAND] / N[BAND][BAND] * of_first - N[THIRD][HIGH] / N[HIGH][HIGH] * of_second;
     ts_real spread = of_first * of_first / N[BAND][BAND] + of_second * of_second / N[HIGH][HIGH] + of_third * of_third / N[THIRD][THIRD];
-    ts_real of_ratio = left > 0 ? left * spread / (ts_real)r->window : 0, deviation = 2 * SURE * ratio;
-    if (!(of_ratio < deviation * deviation)) return 0;
-    *lag /= 2 * ts_tangent(TS_PI * r->centre);
+    ts_real of_ratio = w.left > 0 ? w.left * spread / (ts_real)r->window : 0, deviation = 2 * as.sure * ratio;
+    if (!(of_ratio < deviation * deviation)) return w;
     ts_real f0 = arctangent(ts_tangent(TS_PI * r->centre) / root_of(ratio)) / TS_PI;
-    *variance = of_ratio / (4 * ratio * ratio);
-    *sensitivity = sensitivity_of(fewer, ratio);
-    r->driven = share_of_plays(r, left);
-    bool within = f0 > lowest && f0 < HIGHEST && f0 > NEAREST * r->centre && f0 < FURTHEST * r->centre;
-    return within ? f0 : 0;
+    w.lag = dead_time_of(w.lag / (2 * ts_tangent(TS_PI * r->centre)), 2 * TS_PI * f0);
+    w.variance = as.trust * as.trust * of_ratio / (4 * ratio * ratio);
+    w.sensitivity = sensitivity_of(fewer, ratio);
+    r->driven = share_of_plays(r, w.left);
+    if (f0 > lowest && f0 < HIGHEST && f0 > NEAREST * r->centre && f0 < FURTHEST * r->centre) w.f0 = f0;
+    return w;
 }
 
-/* What is known of the resonance, after a window that shows f0 with this relative variance. Two windows in a row that differ from it
- * are a jump. */
-static void know(ts_resonance *r, ts_real f0, ts_real variance, ts_real lag)
+/* What the window shows with plays that are free, or else with those that are expected. */
+static ts_window shown_window(ts_resonance *r, ts_real lowest, const ts_real *expected)
 {
-    ts_real new = TRUST * TRUST * variance + LEAST * LEAST;
+    ts_real N[TS_RESONANCE][TS_RESONANCE];
+    sums_with_ridge(r, N);
+    ts_window w = shown_by(r, N, lowest, of_free_plays);
+    if (w.f0 > 0 || !expected || !(w.left > 0)) return w;
+    sums_with_expected(r, expected, w.left, N);
+    w = shown_by(r, N, lowest, of_expected_plays);
+    if (w.sensitivity > STANDS) w.f0 = 0;
+    return w;
+}
+
+/* What is known of the resonance, after a window that shows one. Two windows in a row that differ from it
+ * are a jump. */
+static void know(ts_resonance *r, const ts_window *w)
+{
+    ts_real new = w->variance + LEAST * LEAST;
     r->variance += WALK * WALK;
-    ts_real change = r->known > 0 ? f0 / r->known - 1 : 0, gain = r->variance / (r->variance + new);
+    ts_real change = r->known > 0 ? w->f0 / r->known - 1 : 0, gain = r->variance / (r->variance + new);
     bool far = change * change > JUMPS * JUMPS * (r->variance + new);
     if (!(r->known > 0) || (far && r->strange)) {
-        r->known = f0;
-        r->lag = lag;
+        r->known = w->f0;
+        r->lag = w->lag;
         r->variance = new;
         r->windows = 1;
     } else if (!far) {
         r->known *= 1 + gain * change;
-        r->lag += gain * (lag - r->lag);
+        r->lag += gain * (w->lag - r->lag);
         r->variance = (1 - gain) * r->variance;
         if (r->windows < MOST_WINDOWS) r->windows++;
     }
@@ -247,21 +300,22 @@ static void know(ts_resonance *r, ts_real f0, ts_real variance, ts_real lag)
 }
 
 /* Whether this window adds to what is known. */
-static bool end_band(ts_resonance *r, ts_real tick, ts_real range)
+static bool end_band(ts_resonance *r, ts_real tick, ts_real range, const ts_real *expected)
 {
     r->motion = r->speed > 0 ? r->change / (2 * TS_PI * r->speed) : 0;
     r->power = r->error / (ts_real)r->window;
-    ts_real lowest = ts_resonance_lowest(r, tick), variance = 0, lag = 0, sensitivity = 0;
-    ts_real f0 = shown_resonance(r, lowest, &variance, &lag, &sensitivity), next = NEXT * r->centre;
-    if (f0 > 0) {
-        ts_real fast = r->motion / f0, cost = COSTS * range * sensitivity * (fast * fast);
-        if (r->power < cost * cost) f0 = 0;
+    ts_real lowest = ts_resonance_lowest(r, tick), next = NEXT * r->centre;
+    ts_window w = shown_window(r, lowest, expected);
+    if (w.f0 > 0) {
+        ts_real fast = r->motion / w.f0, cost = COSTS * range * w.sensitivity * (fast * fast);
+        if (r->power < cost * cost) w.f0 = 0;
     }
-    bool there = f0 < AGREE * r->centre && r->centre < AGREE * f0, near = f0 > 0 && (there || TRUST * TRUST * variance < LEAST * LEAST);
+    ts_real f0 = w.f0;
+    bool there = f0 < AGREE * r->centre && r->centre < AGREE * f0, near = f0 > 0 && (there || w.variance < LEAST * LEAST);
     r->centre = f0 > 0 ? f0 : next > lowest ? next : r->again ? AGAIN_FROM : SEARCH_FROM;
     if (!(f0 > 0) && !(next > lowest)) r->again = !r->again;
     r->ticks = 0;
-    if (near) know(r, f0, variance, lag);
+    if (near) know(r, &w);
     return near;
 }
 
@@ -293,12 +347,18 @@ void ts_resonance_look(ts_resonance *r, ts_real frequency)
     r->ticks = 0;
 }
 
-bool ts_resonance_tick(ts_resonance *r, ts_real tick, const ts_real *x, ts_real error, ts_real zdot_d, ts_real change, ts_real range)
+bool ts_resonance_ends(const ts_resonance *r)
+{
+    return r->ticks > 0 && r->ticks + 1 >= r->settling + r->window;
+}
+
+bool ts_resonance_tick(ts_resonance *r, ts_real tick, const ts_real *x, ts_real error, ts_real zdot_d, ts_real change, ts_real range,
+                       const ts_real *expected)
 {
     if (r->ticks == 0) begin_band(r, tick, x);
     count_tick(r, x, error);
     r->speed += zdot_d < 0 ? -zdot_d : zdot_d;
     r->change += change < 0 ? -change : change;
     r->ticks++;
-    return r->ticks >= r->settling + r->window && end_band(r, tick, range);
+    return r->ticks >= r->settling + r->window && end_band(r, tick, range, expected);
 }

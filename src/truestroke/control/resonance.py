@@ -1,6 +1,7 @@
 """The first resonance from what is measured anyway: least squares of the stage's equation in a band about it."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -28,9 +29,12 @@ COSTS = 0.5  # of the range: the error of a stage that is wrong by itself, in a 
 SHOWS = 0.5  # of the error of plays alone: a resonance leaves less
 NEAREST, FURTHEST = 0.6, 1.4  # of the centre: bounds of an estimate in that window
 AGREE = 1.05  # centre and estimate
-SURE = 0.02  # standard deviation of an estimate, over it
-TRUST = 5  # times that deviation: the error of an estimate,
-LEAST = 0.005  # and the smallest one
+SURE, TRUST = 0.02, 5  # standard deviation of an estimate, over it, and how many of these its error is,
+SURE_EXPECTED, TRUST_EXPECTED = 0.03, 3  # where the weights of the plays are expected
+EXPECTED = 0.1  # of the gain of all plays: how far a weight is from the one that is expected,
+EXPECTS = 5  # where the error of a window is so many times its residual
+STANDS = 0.1  # of a resonance that is shown so: where fewer plays move it further there is none
+LEAST = 0.005  # the smallest error of an estimate, over it
 WALK = 0.002  # how far the resonance moves in a window
 JUMPS = 3  # standard deviations of a difference
 MOST = 1000  # windows that are counted
@@ -59,6 +63,16 @@ def arctangent(x: float) -> float:
     for k in range(9, -1, -1):
         total = 1 / (2 * k + 1) - square * total
     return 4 * (x * total)
+
+
+class _Window(NamedTuple):
+    """What a window shows."""
+
+    f0: float = 0.0  # cycles per tick; 0: none
+    variance: float = 0.0  # square of its error, over it
+    lag: float = 0.0
+    sensitivity: float = 0.0
+    left: float = 0.0  # sum of squares of the residual
 
 
 class _Filter:
@@ -114,6 +128,11 @@ class ResonanceEstimator:
     0.5 %, one window is enough, wherever its centre was. Two windows in a row beyond three deviations of what is known
     are a jump.
 
+    A sine has two or three harmonics in such a band, too few for seven plays and a stage. A window that shows nothing
+    is looked at once more with the weights that are `expected` of the plays: each within a tenth of the gain of all,
+    if the residual of free plays is a fifth of what the model misses. Then 3 % and three deviations count, and four of
+    the plays may not show a resonance that is more than 10 % away.
+
     With four of the seven plays the same window shows another f0. By how much is its sensitivity: where a stage that is
     wrong by so much would leave a larger error in the motion than there is, the window shows nothing.
 
@@ -122,7 +141,7 @@ class ResonanceEstimator:
     known, variance : float
         f0, cycles per tick, 0 where it is not known, and its relative variance.
     lag : float
-        Ticks of the lag t, where f0 is known.
+        Ticks of a dead time that turns f0 as far as the lag t does, arctan(w0 t) / w0, where f0 is known.
     driven : float
         In the last window that showed a resonance: the share that the plays explain of the residual of an equation
         without them. A tone that the voltage does not drive has a small one.
@@ -193,6 +212,7 @@ class ResonanceEstimator:
         zdot_d: float,
         change: float,
         span: float = 0.0,
+        expected: FloatArray | None = None,
     ) -> bool:
         """One tick; returns whether a window has ended that adds to what is known.
 
@@ -208,6 +228,8 @@ class ResonanceEstimator:
             Desired velocity, and its change in the tick, um/s.
         span : float
             Range of a motion that is followed well enough to lose by a stage that is wrong, um, or 0.
+        expected : ndarray, shape (7,), optional
+            Weights of the plays, um/V; they are read in the tick that `ends` the window.
         """
         x = np.append(plays, z)
         if self.ticks == 0:
@@ -216,7 +238,12 @@ class ResonanceEstimator:
         self._speed += abs(zdot_d)
         self._change += abs(change)
         self.ticks += 1
-        return self.ticks >= self._settling + self._window and self._end(tick, span)
+        return self.ticks >= self._settling + self._window and self._end(tick, span, expected)
+
+    @property
+    def ends(self) -> bool:
+        """Whether the next tick ends the window."""
+        return self.ticks > 0 and self.ticks + 1 >= self._settling + self._window
 
     def _begin(self, tick: float, x: FloatArray) -> None:
         if not self.centre > 0:
@@ -241,24 +268,25 @@ class ResonanceEstimator:
         self._sum = self._sum + np.outer(v, v)
         self._error += error * error
 
-    def _end(self, tick: float, span: float) -> bool:
+    def _end(self, tick: float, span: float, expected: FloatArray | None) -> bool:
         self.motion = self._change / (2 * math.pi * self._speed) if self._speed > 0 else 0.0
         self.power = self._error / self._window
         lowest = self.lowest(tick)
-        f0, variance, lag, sensitivity = self._shown(lowest)
+        window = self._shown(lowest, expected)
+        f0 = window.f0
         if f0 > 0:
             fast = self.motion / f0
-            cost = COSTS * span * sensitivity * (fast * fast)
+            cost = COSTS * span * window.sensitivity * (fast * fast)
             f0 = 0.0 if self.power < cost * cost else f0
         there = f0 < AGREE * self.centre and self.centre < AGREE * f0
-        near = f0 > 0 and (there or TRUST * TRUST * variance < LEAST * LEAST)
+        near = f0 > 0 and (there or window.variance < LEAST * LEAST)
         below = NEXT * self.centre
         ended = not (f0 > 0 or below > lowest)
         self.centre = f0 if f0 > 0 else below if not ended else AGAIN_FROM if self._again else SEARCH_FROM
         self._again = self._again != ended
         self.ticks = 0
         if near:
-            self._know(f0, variance, lag)
+            self._know(window)
         return near
 
     def _sums(self) -> list[list[float]]:
@@ -269,19 +297,50 @@ class ResonanceEstimator:
             N[i][i] += RIDGE * largest
         return N
 
-    def _shown(self, lowest: float) -> tuple[float, float, float, float]:
-        """The resonance of a window, cycles per tick, its relative variance, lag and sensitivity; 0: it shows none."""
-        N, nothing = self._sums(), (0.0, 0.0, 0.0, 0.0)
+    def _sums_with_expected(self, expected: FloatArray, left: float) -> list[list[float]]:
+        """Those of the window, where the weights of the plays are known.
+
+        They are those that are expected, um/V, as well as their gain is, and as the residual of free plays allows.
+        """
+        N: list[list[float]] = self._sum.tolist()
+        weights: list[float] = expected.tolist()
+        gain, by = 0.0, [0.0] * (LOW + 1)
+        for weight in weights:
+            gain += weight
+        for i in range(LOW + 1):
+            for j, weight in enumerate(weights):
+                by[i] += weight * (N[i][j] if j < i else N[j][i])
+        for i, weight in enumerate(weights):
+            by[LOW] -= weight * (by[i] - N[LOW][i])
+        for i in range(LOW + 1):
+            N[LOW][i] -= by[i]
+        spread = EXPECTED / EXPECTS * gain
+        for i in range(SHOWN):
+            N[i][i] += left / (self._window * (spread * spread))
+        return N
+
+    def _shown(self, lowest: float, expected: FloatArray | None) -> _Window:
+        """What the window shows with plays that are free, or else with those that are expected."""
+        window = self._shown_by(self._sums(), lowest, SURE, TRUST)
+        if window.f0 > 0 or expected is None or not window.left > 0:
+            return window
+        N = self._sums_with_expected(expected, window.left)
+        window = self._shown_by(N, lowest, SURE_EXPECTED, TRUST_EXPECTED)
+        return window._replace(f0=0.0) if window.sensitivity > STANDS else window
+
+    def _shown_by(self, N: list[list[float]], lowest: float, sure: float, trust: float) -> _Window:
+        """What sums of products show."""
         if not _eliminate(N, 0, COARSE):
-            return nothing
+            return _Window()
         fewer = [list(row) for row in N]
         if not _eliminate(N, COARSE, BAND):
-            return nothing
+            return _Window()
         plays = N[LOW][LOW]
         first, second, third = _solved(N)
+        left = N[LOW][LOW]
+        nothing = _Window(left=left)
         if not second > 0:
             return nothing
-        left = N[LOW][LOW]
         ratio, lag, derivative = _without_lag(first, second, third)  # (centre / f0)^2, of their tangents
         if not (ratio > 0 and left < SHOWS * plays):
             return nothing
@@ -289,14 +348,15 @@ class ResonanceEstimator:
         y1 = derivative[1] - N[HIGH][BAND] / N[BAND][BAND] * y0
         y2 = derivative[2] - N[THIRD][BAND] / N[BAND][BAND] * y0 - N[THIRD][HIGH] / N[HIGH][HIGH] * y1
         spread = y0 * y0 / N[BAND][BAND] + y1 * y1 / N[HIGH][HIGH] + y2 * y2 / N[THIRD][THIRD]
-        of_ratio, deviation = left * spread / self._window if left > 0 else 0.0, 2 * SURE * ratio
+        of_ratio, deviation = left * spread / self._window if left > 0 else 0.0, 2 * sure * ratio
         if not of_ratio < deviation * deviation:
             return nothing
-        lag /= 2 * tangent(math.pi * self.centre)
         f0 = arctangent(tangent(math.pi * self.centre) / math.sqrt(ratio)) / math.pi
+        lag = _dead_time(lag / (2 * tangent(math.pi * self.centre)), 2 * math.pi * f0)
         self.driven = self._share_of_plays(left)
         within = lowest < f0 < HIGHEST and NEAREST * self.centre < f0 < FURTHEST * self.centre
-        return (f0, of_ratio / (4 * ratio * ratio), lag, _sensitivity(fewer, ratio)) if within else nothing
+        variance = trust * trust * of_ratio / (4 * ratio * ratio)
+        return _Window(f0, variance, lag, _sensitivity(fewer, ratio), left) if within else nothing
 
     def _share_of_plays(self, left: float) -> float:
         """How much smaller `left` is than the residual of an equation without plays, that of ringing alone."""
@@ -305,9 +365,9 @@ class ResonanceEstimator:
         alone = N[LOW][LOW] if eliminated else 0.0
         return float(1 - left / alone) if alone > left else 0.0
 
-    def _know(self, f0: float, variance: float, lag: float) -> None:
-        """After a window that shows f0 with this relative variance, and this lag, ticks."""
-        new = TRUST * TRUST * variance + LEAST * LEAST
+    def _know(self, window: _Window) -> None:
+        """After a window that shows a resonance."""
+        f0, lag, new = window.f0, window.lag, window.variance + LEAST * LEAST
         self.variance += WALK * WALK
         change = f0 / self.known - 1 if self.known > 0 else 0.0
         gain = self.variance / (self.variance + new)
@@ -352,6 +412,11 @@ def _without_lag(first: float, second: float, third: float) -> tuple[float, floa
         t -= (((t - first) * t + second) * t - third) / slope
     of_lag = (2 * t - first) / slope
     return second - t * (first - t), t, (of_lag * (t * t) - t, 1 - of_lag * t, of_lag)
+
+
+def _dead_time(lag: float, w0: float) -> float:
+    """The dead time that turns w0 as far as a lag does, in ticks."""
+    return math.copysign(arctangent(w0 * abs(lag)) / w0, lag) if lag != 0 else 0.0
 
 
 def _eliminate(N: list[list[float]], begin: int, end: int) -> bool:

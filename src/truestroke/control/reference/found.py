@@ -4,11 +4,12 @@ import math
 
 import numpy as np
 
+from truestroke.base.typing import FloatArray
 from truestroke.control.adaptation import FilteringLaw
 from truestroke.control.guard import FIRST_WAIT
 from truestroke.control.reference.command import keep_command, look_ahead_anew
 from truestroke.control.reference.state import HISTORY, Growth, State
-from truestroke.control.resonance import shown, tangent
+from truestroke.control.resonance import SHOWN, shown, tangent
 from truestroke.control.stage import Stage, found
 
 FOUND = 0.2  # relative standard deviation of the inertia of a resonance that an oscillation has
@@ -30,6 +31,7 @@ SHAKEN = 1e-3  # of the range of the motion: unless the stage rings by so much
 AGREES = 0.05  # with the resonance that the estimate knows: its lag is that of this stage, and the last window is of it
 TURNS = 0.2  # radians at the resonance: a smaller lag is a matter of the weights
 MOST_DEAD = 8  # ticks of lag and dead time: TS_MOST_DEAD of the kernel
+MOST_GAINED = 5.0  # times their first gain: plays that are expected to have more have that, and so below a fifth
 LATE = 2 * MOST_DEAD  # ticks before a measurement: its stage knows no earlier strains
 DAMPS = 0.2  # of the ringing: what the active damping takes from the command, a quarter of a period later,
 BROAD = 1.0  # behind a filter of twice this damping,
@@ -281,6 +283,24 @@ def forget_lag(c: State, law: FilteringLaw) -> None:
             c.path.strain[tick] -= less
 
 
+def expected_of_plays(c: State) -> FloatArray | None:
+    """Weights that are expected of the plays that stand for all of them, um/V, shape (7,); None: there is no gain.
+
+    The first ones, with the gain that was learned. Each play counts for the nearest of them.
+    """
+    places = c.settings.a.tolist()
+    last = max(len(places) - 1, 1)
+    expected, before, now = np.zeros(SHOWN), 0.0, 0.0
+    for i, place in enumerate(places):
+        first = float(c.kept.first[place])
+        expected[(i * (SHOWN - 1) + last // 2) // last] += first
+        before += first
+        now += float(c.law.weights[place])
+    if not before > 0:
+        return None
+    return expected * min(max(now / before, 1 / MOST_GAINED), MOST_GAINED)
+
+
 def watch_resonance(c: State, z: float, error: float, zdot_d: float, path: Stage | None) -> None:
     """One tick of the estimate: the plays of a tick before the measurement, which is about its dead time."""
     law, tick = c.filtering, c.oscillation.tick
@@ -294,7 +314,8 @@ def watch_resonance(c: State, z: float, error: float, zdot_d: float, path: Stage
     guard = c.kept.guard
     good = guard.kept and path is None  # a stage that is wrong would lose what was learned
     span = guard.range if good and not c.members["dynamics.known"] else 0.0
-    known = c.estimator.update(tick, before, z, error, zdot_d, zdot_d - c.rate, span)
+    expected = expected_of_plays(c) if path is None and c.estimator.ends else None  # with a stage they may go with it
+    known = c.estimator.update(tick, before, z, error, zdot_d, zdot_d - c.rate, span, expected)
     c.rate = zdot_d
     if not known or not matters(c):
         return
