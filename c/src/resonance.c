@@ -35,8 +35,6 @@ typedef struct {
     ts_real sure, trust;
 } ts_confidence;
 
-static const ts_confidence of_free_plays = {(ts_real)0.02, 5}, of_expected_plays = {(ts_real)0.03, 3};
-
 /* What a window shows. */
 typedef struct {
     ts_real f0;                     /* cycles per tick; 0: none */
@@ -267,12 +265,13 @@ static ts_window shown_by(ts_resonance *r, ts_real (*N)[TS_RESONANCE], ts_real l
 /* What the window shows with plays that are free, or else with those that are expected. */
 static ts_window shown_window(ts_resonance *r, ts_real lowest, const ts_real *expected)
 {
+    const ts_confidence of_free = {(ts_real)0.02, 5}, of_expected = {(ts_real)0.03, 3};
     ts_real N[TS_RESONANCE][TS_RESONANCE];
     sums_with_ridge(r, N);
-    ts_window w = shown_by(r, N, lowest, of_free_plays);
+    ts_window w = shown_by(r, N, lowest, of_free);
     if (w.f0 > 0 || !expected || !(w.left > 0)) return w;
     sums_with_expected(r, expected, w.left, N);
-    w = shown_by(r, N, lowest, of_expected_plays);
+    w = shown_by(r, N, lowest, of_expected);
     if (w.sensitivity > STANDS) w.f0 = 0;
     return w;
 }
