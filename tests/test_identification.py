@@ -1,5 +1,6 @@
 """Weights are recovered from records that independent code made, and from a measured one."""
 
+import math
 import os
 from dataclasses import replace
 from pathlib import Path
@@ -10,6 +11,7 @@ import pytest
 from truestroke import ControllerSettings, SettingError
 from truestroke.identification import fit
 from truestroke.identification.fitting.regression import Data, Structure
+from truestroke.identification.held_out.jump import jump
 from truestroke.model.branches import Branches
 
 THRESHOLDS = tuple(i / 8 * 1.5 for i in range(8))
@@ -180,3 +182,9 @@ def test_columns_that_are_kept_are_those_of_a_record_that_was_not_used_before():
                 fresh = replace(data).columns(structure, predicted)
                 np.testing.assert_array_equal(data.columns(structure, predicted), fresh)
                 assert fresh.shape == (1500, len(structure.coefficients) + 1)
+
+
+def test_a_jump_of_a_residual_without_noise_is_found() -> None:
+    step = np.repeat([0.0, 0.3], [2000, 1500])
+    assert jump(step, 80.0) == (pytest.approx(0.3), 2000)
+    assert jump(np.zeros(3500), math.inf) is None

@@ -18,6 +18,7 @@ from click.testing import CliRunner
 import truestroke
 from truestroke import SettingError, scans
 from truestroke.cli import main
+from truestroke.cli.scan import _resonances
 from truestroke.report.scan import rows as scan_rows
 from truestroke.runtime.drivers.nidaqmx import AnalogSignal, NidaqmxDriver, NidaqmxSettings
 from truestroke.runtime.drivers.simulated import SampleSettings, SimulatedDriver, SimulatedSettings
@@ -148,9 +149,12 @@ def test_an_axis_that_the_scan_does_not_move_rests(tmp_path: Path) -> None:
     stages = "{resonances = [600.0]}], coupling = [[0.0, 0.03], [0.03, 0.0]]", "{resonances = [600.0]}, {}]"
     three = SIMULATED.replace("channels = 2", "channels = 3").replace(*stages)
     third = '[[axis]]\nname = "z"\nstroke = 30.0\nvoltage_limits = [-0.6, 3.6]\nslew = 4000.0\n'
+    third += "resonance = 400.0\n"
     (tmp_path / "scan.toml").write_text(three + AXES + third)
-    x, _, z = config.load(tmp_path / "scan.toml").axes
+    job = config.load(tmp_path / "scan.toml")
+    x, _, z = job.axes
     assert (z.name, len(z.trajectory)) == ("z", len(x.trajectory))
+    assert "z" not in _resonances(job, job.imaging)  # no other rate of lines is named because of it
     assert not np.any([z.trajectory.position, z.trajectory.velocity, z.trajectory.acceleration])
 
 

@@ -130,7 +130,9 @@ def test_the_paper_alone_on_each_axis_is_its_calls(small):
 def test_a_motion_that_does_not_repeat_is_named():
     with pytest.raises(SettingError, match="a spiral does not repeat"):
         lines.period_of(scans.spiral(turns=4))
-    with pytest.raises(SettingError, match=r"rate = 41.0 Hz: must be one whose period is a whole number of ticks, not"):
+    with pytest.raises(
+        SettingError, match=r"rate = 41.0 Hz: must be one whose period is a whole number of ticks from 16 to 8192, not"
+    ):
         imaging.image_stage(rate=41.0)
     bad = CliRunner().invoke(main, ["scan", "--rate", "41"])
     assert bad.exit_code == 2
@@ -152,8 +154,9 @@ def test_a_bad_image_is_judged_as_bad(small):
     imaged = imaging.Imaged("open loop", true, distortion, {}, (0.0, 0.0))
     assert imaging.judged(imaged, 0.0, "Scan slower.").reasons[-1] == "Scan slower."
     exact = scans.distortion(scan, scan.x.position, scan.y.position)
-    assert imaging.judged(imaged, 0.2, slower="Turn slower.").reasons[-1] == "Turn slower."
-    assert imaging.judged(imaged, 0.09, slower="Turn slower.").reasons[-1] != "Turn slower."
+    said = "Turn slower. In Python, scans.spiral takes this rotation."
+    assert imaging.judged(imaged, 0.2, for_spiral="Turn slower.").reasons[-1] == said
+    assert imaging.judged(imaged, 0.09, for_spiral="Turn slower.").reasons[-1] != said
     assert imaging.judged(dataclasses.replace(imaged, distortion=exact), 0.0, "Scan slower.").reasons == ()
     assert "A pixel is up to" in found.reasons[0]
     assert "spiral" in found.reasons[-1]

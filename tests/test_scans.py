@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -510,7 +511,9 @@ def test_the_verdict_names_a_rate_where_a_harmonic_meets_a_resonance():
     ):
         found = scans.recorded(scan, x, scan.y.position, x, columns=32, resonances=resonances)
         said = " ".join(found.verdict.reasons)
-        assert ("At 40 rows a second harmonic 15 meets the resonance of x, 600 Hz: at 39.3" in said) == named
+        assert (
+            "At 40 rows a second harmonic 15 meets the resonance of x, 600 Hz, which may be why: at 39.3" in said
+        ) == named
 
 
 def test_turns_and_sweeps_have_harmonics_and_constant_linear_velocity_has_none():
@@ -532,6 +535,31 @@ def test_turns_and_sweeps_have_harmonics_and_constant_linear_velocity_has_none()
     assert rates.advice(scan, {}) == ""
 
 
+def test_the_other_rate_keeps_away_from_what_its_own_harmonics_reach():
+    """1210 Hz is beyond harmonic 30 of 40 Hz, but what is said of the other rate has to be true of it, too."""
+    scan = scans.raster(lines=4, rate=40.0, sample_rate=5000.0)
+    said = rates.advice(scan, {"x": 600.0, "y": 1180.0})
+    other, away = (float(re.search(words, said)[1]) for words in (r"at ([\d.]+) rows", r"within ([\d.]+) Hz"))
+    harmonics = other * np.arange(1, 31)
+    assert min(np.abs(harmonics - one).min() for one in (600.0, 1180.0)) >= away
+    alone = rates.advice(scan, {"x": 600.0, "y": 1210.0})
+    assert alone == "" or "harmonic up to 30" in alone
+
+
+@pytest.mark.parametrize(
+    ("resonances", "words"),
+    [
+        ({"x": -600.0}, r"resonances\['x'\] = -600.0 Hz"),
+        ({"x": "fast"}, r"resonances\['x'\] = 'fast'"),
+        ([600.0], r"resonances = .* must be frequencies by the names of axes"),
+    ],
+)
+def test_resonances_that_are_none_are_named(resonances, words):
+    scan = scans.raster(lines=4, rate=40.0, sample_rate=5000.0)
+    with pytest.raises(SettingError, match=words):
+        scans.recorded(scan, scan.x.position, scan.y.position, scan.x.position, columns=32, resonances=resonances)
+
+
 @pytest.mark.parametrize(
     ("given_", "words"),
     [
@@ -539,6 +567,9 @@ def test_turns_and_sweeps_have_harmonics_and_constant_linear_velocity_has_none()
         ({"resonances": [0.0]}, "resonances = 0.0 Hz"),
         ({"rate": 900.0}, "rate = 900.0 Hz: must be within 0.06 of one whose period is a whole number of ticks"),
         ({"reach": 1.0}, "reach = 1.0"),
+        ({"resonances": []}, r"resonances = \(\) Hz: must be at least one number"),
+        ({"resonances": 900.0}, "resonances = .* must be a sequence of numbers"),
+        ({"resonances": {"x": 900.0}}, "resonances = .* must be a sequence of numbers, without names"),
     ],
 )
 def test_a_rate_that_cannot_be_is_named(given_, words):

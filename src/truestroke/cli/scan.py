@@ -141,7 +141,7 @@ def _on_hardware(
     if done.outcome.reason:
         common.complain(done.outcome.reason)
     try:
-        found = _recorded(imaging, done.recordings, _resonances(job))
+        found = _recorded(imaging, done.recordings, _resonances(job, imaging))
     except ImageError as error:
         return _without_image(done, str(error), as_json)
     verdict = judgement.worst({**{f"axis {name}": one for name, one in done.verdicts.items()}, "image": found.verdict})
@@ -189,10 +189,10 @@ def _without_image(done: realtime.Closed, why: str, as_json: bool) -> int:
     return common.complain(f"no image: {why}; what was recorded is in {kept}", code)
 
 
-def _resonances(job: Job) -> dict[str, float]:
-    """First resonance of each axis whose controller knows it, Hz."""
+def _resonances(job: Job, imaging: Imaging) -> dict[str, float]:
+    """First resonance of each axis of the scan whose controller knows it, Hz."""
     known: dict[str, float] = {}
-    for axis in job.axes:
+    for axis in (one for one in job.axes if one.name in imaging.axes):
         settings = getattr(axis.controller, "settings", None)
         dynamics = getattr(settings, "dynamics", None)
         frequency = dynamics.modes[0].frequency if dynamics and dynamics.modes else getattr(settings, "resonance", 0.0)

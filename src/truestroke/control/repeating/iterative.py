@@ -360,7 +360,7 @@ class IterativeLearning(Displayed):
         low, high = GAINS
         if not low <= found <= high:
             value = f"{self.gain:g} um/V, where the first pass shows {found * self.gain:.3g}"
-            bound = "within ten times of it, and of its sign: is it this axis, with its stroke, and its sensor, in um?"
+            bound = "within ten times of it, and of its sign: is the recording of this axis, and in um?"
             raise SettingError("gain", value, bound)
         self._law.scale(found)
 

@@ -28,10 +28,10 @@ from truestroke.model.sampled import central_difference
 
 CHOICE_ROWS = 15_000  # at most where structures are compared, as `ROWS`
 SEARCH_ROWS = 8_000  # at most where modes are looked for
+LATE_ROWS = 5000  # at most where the final model is fitted with and without dead time and lag
 NEAR = 0.25  # of the stroke
 FEWEST = 20  # samples in each part
 RESONATES = 0.9  # of the rmse of cross-validation: modes of the stage must lower it so far
-LATE_ROWS = 5000  # likewise, where the final model is fitted with and without dead time and lag
 NEITHER_IF = 0.9  # of the rmse of cross-validation with a dead time or lag: without it must be below
 BRANCHES_GAIN = 0.9  # of the residual without branches: with them it must be below
 SEARCHES = 8  # for modes at most, each behind a model that was fitted with those of the one before

@@ -44,7 +44,7 @@ JUMPS = 5.0  # times the mean change of the voltage from row to row: a step; of 
 FEWEST_TURNS = 4  # between which strokes are compared
 HIDDEN = 0.08  # of a stroke: hysteresis looks like so much dead time or lag where all strokes are alike; seen: 0.066
 CONVERGED = 5e-3  # samples
-UNDECIDED = 10.0  # bounds that neither dead time nor lag may lose, and the final model is asked, too
+UNDECIDED = 10.0  # bounds: the model without dead time and lag loses less, and the final model is asked, too
 
 
 @dataclass(frozen=True)

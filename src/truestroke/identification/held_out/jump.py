@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -37,7 +38,8 @@ def jump(residual: FloatArray, stroke: float) -> Jump | None:
     >>> jump(noise, 100.0), jump(noise + 2.0 * (np.arange(4000) > 1700), 100.0).row
     (None, 1701)
     """
-    n, sums = residual.size, np.concatenate([[0.0], np.cumsum(residual)])
+    n = residual.size
+    stroke, sums = min(stroke, n), np.concatenate([[0.0], np.cumsum(residual)])
 
     def steps(at: npt.NDArray[np.intp], width: int) -> FloatArray:
         return np.asarray((sums[at + width] - 2 * sums[at] + sums[at - width]) / width)
@@ -47,13 +49,13 @@ def jump(residual: FloatArray, stroke: float) -> Jump | None:
         at = np.arange(round(MIDDLE[0] * n), round(MIDDLE[1] * n))
         d = steps(at, width)
         k = int(np.abs(d).argmax())
-        size, elsewhere = abs(float(d[k])), np.abs(d[np.abs(at - at[k]) > 2 * width]).max()
+        size, elsewhere = abs(float(d[k])), float(np.abs(d[np.abs(at - at[k]) > 2 * width]).max())
         both = min(2 * max(int(stroke), width), at[k], n - at[k])
         stays = float(steps(at[k], both) / d[k]) if size else 0.0
         remains = (sums[n] - sums[at[k]]) / (n - at[k]) - sums[at[k]] / at[k]
         deviation = 1.4826 * float(np.median(np.abs(d)))
         clear = size > CLEAR * deviation and size > ALONE * elsewhere
         if clear and stays > STAYS and remains / d[k] > REMAINS:
-            found.append((size / elsewhere, Jump(stays * float(d[k]), int(at[k]))))
+            found.append((size / elsewhere if elsewhere > 0 else math.inf, Jump(stays * float(d[k]), int(at[k]))))
         width *= 2
     return max(found)[1] if found else None

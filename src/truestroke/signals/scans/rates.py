@@ -46,7 +46,11 @@ def quiet_rate(rate: float, resonances: Iterable[float], sample_rate: float, *, 
     94.34 Hz: resonances at 9.54 and 7.42 times the rate
     """
     rate, ticks = checks.positive("rate", rate, "Hz"), checks.positive("sample_rate", sample_rate, "Hz")
-    modes = [checks.positive("resonances", one, "Hz") for one in resonances]
+    if isinstance(resonances, Mapping | str):
+        raise SettingError("resonances", checks.described(resonances), "a sequence of numbers, without names", "Hz")
+    modes = [checks.positive("resonances", one, "Hz") for one in checks.several("resonances", resonances, "Hz")]
+    if not modes:
+        raise SettingError("resonances", (), "at least one number", "Hz")
     reach = checks.within("reach", reach, 1e-6, 0.999, "of the rate")
     periods = range(math.ceil(ticks / rate / (1 + reach)), math.floor(ticks / rate / (1 - reach)) + 1)
     if not periods:
@@ -57,32 +61,40 @@ def quiet_rate(rate: float, resonances: Iterable[float], sample_rate: float, *, 
 def advice(scan: Scan, resonances: Mapping[str, float]) -> str:
     """A sentence where a harmonic of the lines meets the resonance of an axis, Hz, and another rate has none there.
 
+    Raises
+    ------
+    SettingError
+        `resonances` is no mapping of frequencies above 0.
+
     Examples
     --------
     >>> from truestroke.signals.scans.motions import raster
     >>> scan = raster(lines=4, rate=100.0, sample_rate=5000.0)
     >>> advice(scan, {"x": 950.0, "y": 700.0})
-    'At 100 rows a second harmonic 7 meets the resonance of y, 700 Hz: at 102.0408163 rows a second none is within \
-14 Hz of a resonance.'
+    'At 100 rows a second harmonic 7 meets the resonance of y, 700 Hz, which may be why: at 102.0408163 rows a second, \
+a period of 0.0098 s, no harmonic up to 30 is within 14 Hz of a resonance.'
     >>> advice(scan, {"x": 950.0, "y": 750.0})
     ''
     """
+    checks.instance("resonances", resonances, Mapping, 'frequencies by the names of axes, as {"x": 900.0}')
+    given = {name: checks.positive(f"resonances[{name!r}]", one, "Hz") for name, one in resonances.items()}
     rate = scan.settings.get("rate", scan.settings.get("rotation"))
     if not isinstance(rate, float) or scan.settings.get("velocity") == "linear":
         return ""  # of constant linear velocity: its turns have no one rate
-    known = {name: one for name, one in resonances.items() if 0.5 < one / rate <= HIGHEST}
+    known = {name: one for name, one in given.items() if 0.5 < one / rate <= HIGHEST}
     if not known:
         return ""
     words = {"raster": "rows", "spiral": "turns"}.get(scan.name, "lines")
     met = {name: one for name, one in known.items() if _apart(rate, [one]) <= CLOSE}
     other = quiet_rate(rate, known.values(), scan.sample_rate)
-    away = _apart(other, known.values())
+    away = _apart(other, [one for one in given.values() if one / other <= HIGHEST + 0.5])
     if not met or away < _apart(rate, known.values()) + BETTER:
         return ""
     each = [f"harmonic {round(one / rate)} meets the resonance of {name}, {one:.4g} Hz" for name, one in met.items()]
     return (
-        f"At {rate:.5g} {words} a second {', and '.join(each)}: at {other:.10g} {words} a second none is within "
-        f"{math.floor(away * other):.2g} Hz of a resonance."
+        f"At {rate:.5g} {words} a second {', and '.join(each)}, which may be why: at {other:.10g} {words} a second, a "
+        f"period of {1 / other:.10g} s, no harmonic up to {HIGHEST} is within {math.floor(away * other):.2g} Hz of a "
+        "resonance."
     )
 
 

@@ -273,7 +273,7 @@ def _spiral(stage: MultiAxisSettings, seed: int, going: Callable[..., None]) -> 
     return float(100 / WIDTH * np.sqrt(np.mean(np.sum(error[scan.inside] ** 2, axis=1))))
 
 
-def judged(imaged: Imaged, spiral: float, remedy: str = "", slower: str = "") -> Verdict:
+def judged(imaged: Imaged, spiral: float, for_image: str = "", for_spiral: str = "") -> Verdict:
     """Of an image: its largest distortion and shift, pixels; of the spiral, %; each with a remedy, if there is one."""
     findings: list[tuple[Level, str]] = []
     for words, pixels in (
@@ -282,8 +282,9 @@ def judged(imaged: Imaged, spiral: float, remedy: str = "", slower: str = "") ->
     ):
         if pixels > FINE:
             findings.append(("bad" if pixels > SEEN else "doubtful", words.format(pixels)))
-    findings += [("doubtful", remedy)] * bool(findings and remedy)
+    findings += [("doubtful", for_image)] * bool(findings and for_image)
     if spiral > ROUND:
         text = f"The spiral of {ROTATION:g} turns per second is {spiral:.2g} % of its diameter off, rms."
-        findings += [("doubtful", words) for words in (text, slower) if words]
+        remedy = f"{for_spiral} In Python, scans.spiral takes this rotation." if for_spiral else ""
+        findings += [("doubtful", words) for words in (text, remedy) if words]
     return Verdict.of(findings)

@@ -13,7 +13,7 @@ from truestroke.control import feasibility
 from truestroke.control.axes import MultiAxisController
 from truestroke.control.controller import AdaptiveController
 from truestroke.control.repeating.learned_strain import whole_ticks
-from truestroke.control.repeating.repetition import SHORTEST
+from truestroke.control.repeating.repetition import LONGEST, SHORTEST
 from truestroke.plant import MultiAxisStage
 from truestroke.runtime.loop import run
 from truestroke.runtime.ticks import SIMULATED
@@ -24,7 +24,7 @@ PART = 2**16  # ticks that are simulated at a time
 
 
 def period_of(scan: Scan) -> float:
-    """Period of the fast axis, s; SettingError where it does not repeat after whole ticks.
+    """Period of the fast axis, s; SettingError where it does not repeat after 16 to 8192 whole ticks.
 
     Examples
     --------
@@ -39,8 +39,9 @@ def period_of(scan: Scan) -> float:
         whole_ticks("period", period, scan.sample_rate)
     except SettingError:
         ticks = period * scan.sample_rate
-        near = scan.sample_rate / max(round(ticks), SHORTEST)
-        bound = f"one whose period is a whole number of ticks, not {ticks:.10g}: such as {near:.10g} Hz"
+        near = scan.sample_rate / min(max(round(ticks), SHORTEST), LONGEST)
+        whole = f"whole number of ticks from {SHORTEST} to {LONGEST}"
+        bound = f"one whose period is a {whole}, not {ticks:.10g}: such as {near:.10g} Hz"
         raise SettingError("rate", scan.settings["rate"], bound, "Hz") from None
     return period
 
