@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
-from benchmarks import foreign_records, sensorless
+from benchmarks import foreign_records, identify_speed, sensorless
 from scipy.signal import TransferFunction, lsim
 
 import truestroke
 from truestroke.control import stage
 from truestroke.identification import Record, identify, load_model, refine, save_model
-from truestroke.identification.fitting import modes
+from truestroke.identification.fitting import modes, procedure
+from truestroke.identification.fitting.absorbed import absorbed
 from truestroke.identification.fitting.modes import ModeSearch
 from truestroke.model.dynamics import Dynamics, Mode
 
@@ -47,6 +48,24 @@ def test_a_mode_at_the_end_of_the_search_is_none():
     settings, _ = sensorless.stage_of(29, 0.0)
     (mode,) = sensorless.model_of(settings, 40.0, 29).dynamics.modes
     assert mode.frequency == pytest.approx(settings.resonances[0], rel=0.03)
+
+
+def test_a_mode_that_the_weights_of_a_static_model_follow_is_found():
+    """Rasters at 40 lines/s: between the strain of the static model and the displacement there is none."""
+    settings, _ = sensorless.stage_of(11, 0.0)
+    (mode,) = sensorless.model_of(settings, 40.0, 11).dynamics.modes
+    assert mode.frequency == pytest.approx(settings.resonances[0], rel=0.005)
+    assert mode.damping == pytest.approx(settings.dampings[0], rel=0.2)
+
+
+def test_no_mode_is_found_that_a_static_model_has_followed_where_there_is_none(monkeypatch):
+    """A lag of 12 ms and 6 ms of dead time behind the hysteresis."""
+    asked = []
+    monkeypatch.setattr(procedure, "absorbed", lambda *given: asked.append(absorbed(*given)))
+    volts, moved = identify_speed.record(4000)
+    late = identify_speed.KINDS["6 ms and a lag of 12 ms"](moved)
+    assert identify((volts, late, identify_speed.RATE)).model.dynamics is None
+    assert asked == [None, None]
 
 
 T18 = foreign_records.clock(18.0, 1e3)

@@ -74,22 +74,34 @@ class ModeSearch:
         None where there was none and none does. And whether another search, behind a model that was fitted with these
         modes, would find more: it has another strain.
         """
-        least = float(np.std((self.z - self.strain)[self.known]))
+        least = self.rms(None)
         if found is not None:
-            before = float(np.sqrt(np.mean(self._off(_vector(found)) ** 2)))
+            before = self.rms(found)
             again, least = self._refined(_vector(found))
             if again is not None:
                 found = again
                 if least < LOWER * before:  # first where they are, and then whether there are more
                     return found, True
-        if self.highest < 1.5 * self.lowest or (found is not None and len(found.modes) == MODES):
+        if not self.frequencies(2) or (found is not None and len(found.modes) == MODES):
             return found, False
         made, rms = self._refined(self._next(found))
-        if made is None or rms >= (LOWER if found else FIRST_LOWER) * least or not self._inside(made):
+        if made is None or rms >= (LOWER if found else FIRST_LOWER) * least or not self.inside(made):
             return found, False
         return made, True
 
-    def _inside(self, found: Dynamics) -> bool:
+    def rms(self, found: Dynamics | None) -> float:
+        """Of the residual of these modes, or of none, in the known samples, um."""
+        return float(np.std((self.z - self.strain)[self.known] if found is None else self._off(_vector(found))))
+
+    def frequencies(self, count: int) -> list[float]:
+        """So many that are searched, Hz; none in a record that is too short for a search."""
+        return np.geomspace(self.lowest, self.highest, count).tolist() if self.highest >= 1.5 * self.lowest else []
+
+    def behind(self, frequency: float, damping: float) -> FloatArray:
+        """Residual of one mode with all of the motion, in all samples, um, beside an offset."""
+        return np.asarray(self.z - self.strain[0] - self._behind(frequency, damping, 0.0))
+
+    def inside(self, found: Dynamics) -> bool:
         """Whether the highest mode is not the end of the search: there it stands for what is no mode."""
         return found.modes[-1].frequency < INSIDE * self.highest
 
@@ -106,7 +118,7 @@ class ModeSearch:
         U, E = spectrum(self.strain), spectrum(self.z - made)
         base = np.ones_like(U) if found is None else sum(m.response(2j * math.pi * f) for m in found.modes)
         modes = () if found is None else found.modes
-        candidates = self._apart(np.geomspace(self.lowest, self.highest, CANDIDATES), modes)
+        candidates = self._apart(np.array(self.frequencies(CANDIDATES)), modes)
         columns = (
             (c, START, (Mode(frequency=c, damping=START).response(2j * math.pi * f) - base) * U) for c in candidates
         )

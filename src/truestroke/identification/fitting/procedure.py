@@ -2,13 +2,13 @@
 
 import dataclasses
 from collections.abc import Callable, Mapping
-from functools import partial
 from typing import Any
 
 import numpy as np
 
 from truestroke.base.typing import FloatArray
 from truestroke.identification.fitting import coverage, modes, normal, zeros
+from truestroke.identification.fitting.absorbed import absorbed
 from truestroke.identification.fitting.modes import ModeSearch
 from truestroke.identification.fitting.regression import ROWS, Data, Structure
 from truestroke.identification.fitting.response import Response, find_response
@@ -60,7 +60,7 @@ def fit_samples(
     resonant = fixed["modes"] and _resonances(s, coarse, fixed, chosen, start)
     if resonant:
         dynamics, structure, weight, guess, tried = resonant
-        fine = dataclasses.replace(fine, delay=0.0, time_constant=0.0, dynamics=dynamics)
+        fine = _behind_modes(fine, dynamics)
     weight *= fine.displacement.size / coarse.displacement.size  # as sure of the prior as what was compared
     plain = fit_structure(fine, structure, weight, guess)
     compared = _behind(coarse, fine)
@@ -146,16 +146,14 @@ def _resonances(
     fitted behind those before.
     """
     structure, weight, guess, tried = chosen
-    data = dataclasses.replace(static, delay=0.0, time_constant=0.0)
-    searched = _excerpt(s, min(data.volts.size, modes.ROWS), data)
+    searched = _excerpt(s, min(static.volts.size, modes.ROWS), static)
     if np.count_nonzero(searched.fitted(structure.rested)) < FEWEST:
         return None
-    pull = weight * searched.displacement.size / data.displacement.size
-    fit = partial(_strain, structure=structure, weight=pull, guess=guess)
-    dynamics = _searched(s, searched, 0 if structure.rested else searched.settled * searched.every, fit, start)
+    pull = weight * searched.displacement.size / static.displacement.size
+    dynamics = _searched(s, searched, structure, pull, guess, start)
     if dynamics is None:
         return None
-    data = dataclasses.replace(data, dynamics=dynamics)
+    data = _behind_modes(static, dynamics)
     guess = _strain(data, structure, weight, guess)
     if with_this(data, structure, guess, weight) > tried[-1].rmse:
         return None
@@ -167,24 +165,38 @@ def _resonances(
 
 
 def _searched(
-    s: Series, data: Data, first: int, strain: Callable[[Data], FloatArray], found: Dynamics | None
+    s: Series, static: Data, structure: Structure, weight: float, guess: FloatArray, found: Dynamics | None
 ) -> Dynamics | None:
-    """The modes that the samples of `data` from the first on show beyond those that were found.
+    """The modes that samples show beyond those that were found.
 
-    Each is found behind a model with those before.
+    Each is found behind a model with those before. Where none is, the model without may have followed one.
     """
-    n = data.volts.size
-    known, z = s.known[:n] & (np.arange(n) >= first), s.displacement[:n] - data.zero
+    n = static.volts.size
+    first = 0 if structure.rested else static.settled * static.every
+    known, z = s.known[:n] & (np.arange(n) >= first), s.displacement[:n] - static.zero
 
     strains: list[tuple[Dynamics | None, FloatArray]] = []
 
     def search(behind: Dynamics | None, narrow: bool) -> ModeSearch:
         made = next((made for modes, made in strains if modes is behind), None)
         if made is None:
-            made = strain(dataclasses.replace(data, dynamics=behind))
+            made = _strain(_behind_modes(static, behind), structure, weight, guess)
             strains.append((behind, made))
         return ModeSearch(made, z, known, s.sample_rate, narrow)
 
+    made = _in_turn(search, found)
+    begun = None if made else absorbed(search(None, True), _behind_modes(static, None), structure, weight)
+    if begun is None:
+        return made
+    without = (z - static.through(_strain(static, structure, weight, guess)))[known]
+    if search(begun, True).rms(begun) >= modes.FIRST_LOWER * np.std(without):
+        return None
+    made = _in_turn(search, begun)
+    return made if made is not None and search(made, True).inside(made) else None
+
+
+def _in_turn(search: Callable[[Dynamics | None, bool], ModeSearch], found: Dynamics | None) -> Dynamics | None:
+    """Modes behind a strain and strain behind modes until they stay; where one may be hum, without narrow ones."""
     for narrow in (True, False):
         made, more = found, True
         for _ in range(SEARCHES):
@@ -194,6 +206,11 @@ def _searched(
         if made is None or not narrow or not search(made, narrow).hums(made):
             break
     return made
+
+
+def _behind_modes(data: Data, dynamics: Dynamics | None) -> Data:
+    """The same behind modes, whose dead time is in place of a delay, or behind nothing."""
+    return dataclasses.replace(data, dynamics=dynamics, delay=0.0, time_constant=0.0)
 
 
 def _excerpt(s: Series, samples: int, of: Data) -> Data:
