@@ -264,7 +264,15 @@ def test_controllers_of_any_law_move_their_axes_as_if_each_were_alone():
         (lambda one: {"x": one, "y": 3.0}, r"controller\['y'\] = 3.0"),
         (lambda one: {"x": one, 3: Flat()}, "of letters and digits"),
         (lambda one: {"x": one, "z": Flat()}, "one for each of the axes x, z"),
-        (lambda one: {"x": one, "y": Flat(), "z": Flat()}, "channels of the actuator = 2: must be 3"),
+        (
+            lambda one: {"x": one, "y": Flat(), "z": Flat()},
+            "controllers of x, y, z: must be one for each of 2",
+        ),
+        (lambda one: {"x": one}, "controllers of x: must be one for each of 2 channels of the actuator"),
+        (
+            lambda one: {"x": one, "y": MultiAxisController({"x": settings(FAST, False), "y": settings(SLOW, False)})},
+            r"controller\['y'\] = a MultiAxisController: must be a controller.*in place of the mapping",
+        ),
     ],
 )
 def test_controllers_that_do_not_fit_are_named(controllers, words):
@@ -512,7 +520,7 @@ def test_what_does_not_fit_is_named():
     refused("trajectory\\['x'\\].sample_rate = 5000.0 Hz", run, {"x": other, "y": other}, controller, MultiAxisStage())
     refused("a MultiAxisController", run, MOTION, controller.axes["x"], MultiAxisStage())
     three = MultiAxisStage(MultiAxisSettings(axes=(FAST, SLOW, FAST)))
-    refused("channels of the actuator = 3", run, MOTION, controller, three)
+    refused("controllers of x, y: must be one for each of 3 channels", run, MOTION, controller, three)
     refused("others = \\[1.0\\].*3 finite numbers", controller.axes["x"].command, 0.0, 0.0, None, None, [1.0])
     refused("axes\\[1\\].sample_rate", MultiAxisSettings, axes=(FAST, StageSettings(sample_rate=5000.0)))
     refused("the largest of coupling = 0.6", MultiAxisSettings, coupling=((0.0, 0.6), (0.0, 0.0)))

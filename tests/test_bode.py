@@ -270,6 +270,35 @@ def test_the_command_measures_one_axis_of_two(tmp_path: Path, monkeypatch: pytes
         assert (code, said in printed) == (2, True), printed
 
 
+DRIVER, X, Y = TWO.replace("[[axis]]", "#[[axis]]").split("#")
+UNSAFE = Y.replace("[-0.6, 3.6]", "[0.0, 1000.0]\nsafe_voltage = 500.0")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (DRIVER + X + Y.replace('"y"', '"x"'), "xy.toml: name = x, x: must be different for each axis"),
+        (
+            DRIVER + X + Y.replace("slew", "slw"),
+            "xy.toml: [[axis]] 2: slw = 400.0: must be left out; did you mean slew",
+        ),
+        (f"axis = []\n{DRIVER}", "xy.toml: axis = []: must be at least one table [[axis]]"),
+        (f"axis = 3\n{DRIVER}", "xy.toml: axis = 3: must be a list"),
+        (DRIVER, "xy.toml: axis = missing: must be given, such as a table [[axis]]"),
+        (DRIVER + X + Y + Y.replace('"y"', '"z"'), "the number of axes = 3: must be 2, one for each channel"),
+        (DRIVER + X, "channels of the driver = 2: must be 1"),
+        (DRIVER + X + UNSAFE, "safe_voltage of axis y = 500.0 V: must be from"),
+    ],
+)
+def test_the_command_says_which_axes_are_wrong(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str, words: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("xy.toml").write_text(text)
+    code, printed = run("--config", "xy.toml", "--axis", "x")
+    assert (code, words in printed) == (2, True), printed
+
+
 def test_a_bad_measurement_writes_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     Path("axis.toml").write_text(CONFIG.replace("RESONANCE", "0.0"))

@@ -16,8 +16,15 @@ from hypothesis import strategies as st
 from truestroke import AdaptiveController, RunInterrupted, SettingError, Timing, run
 from truestroke.base import toml
 from truestroke.plant import RealisticPlant, StagePlant, StageSettings
-from truestroke.runtime.drivers import DriverError, Fault, OneAxis, SimulatedDriver, SimulatedSettings, playback
-from truestroke.runtime.drivers.chosen import Chosen
+from truestroke.runtime.drivers import (
+    DriverError,
+    Fault,
+    OneAxis,
+    SimulatedDriver,
+    SimulatedSettings,
+    SingleChannel,
+    playback,
+)
 from truestroke.runtime.drivers.guard import Guard
 from truestroke.runtime.drivers.paced import Clock
 from truestroke.runtime.drivers.playback import Recorded
@@ -214,7 +221,9 @@ def test_wrong_settings_are_named(settings: dict[str, object], words: str) -> No
 
 def test_one_axis_refuses_two() -> None:
     axis = OneAxis(SimulatedDriver(SimulatedSettings(channels=2)), **AXIS)
-    with pytest.raises(SettingError, match="channels of the driver = 2"):
+    with pytest.raises(
+        SettingError, match=r"channels of the driver = 2: must be 1.*SingleChannel.*\[\[axis\]\] for each.*--axis"
+    ):
         axis.open()
 
 
@@ -238,9 +247,23 @@ class Three(SimulatedDriver):
         super().stop(volts)
 
 
+def test_outputs_of_several_channels_stay_where_they_are_where_one_is_expected(tmp_path: Path) -> None:
+    class Plays(SimulatedDriver):
+        def playback(self, volts: np.ndarray, sample_rate: float) -> Recorded:
+            raise NotImplementedError
+
+    register = tmp_path / "outputs"
+    np.array([1.0, 2.0]).tofile(register)
+    for kind in (SimulatedDriver, Plays):
+        driver = kind(SimulatedSettings(channels=2, register=str(register)))
+        with pytest.raises(SettingError, match="channels of the driver = 2"):
+            playback(driver, np.linspace(0.0, 1.0, 50), 2000.0, **AXIS)
+        assert np.fromfile(register).tolist() == [1.0, 2.0]
+
+
 def test_one_axis_of_three_moves_as_one_alone_while_the_others_are_at_their_safe_voltages() -> None:
     volts, driver = 1.0 - np.cos(np.arange(400) / 60.0), Three()
-    with OneAxis(Chosen(driver, 1, (0.5, 0.0, -0.25)), **AXIS) as axis:
+    with OneAxis(SingleChannel(driver, "y", {"x": 0.5, "y": 0.0, "z": -0.25}), **AXIS) as axis:
         assert axis.open().channels == 1
         measured, true = axis.apply(volts), axis.truth.copy()
     went = np.hstack(driver.went)
@@ -268,22 +291,71 @@ def test_one_axis_of_several_is_rescued_and_described_with_its_channel() -> None
         def rescue(self) -> Callable[[np.ndarray], None]:
             return np.ndarray.tolist
 
-    chosen = Chosen(Rescued(), 2, (0.5, 0.25, 9.0))
-    assert chosen.describe()["channel"] == 2
-    rescue = pickle.loads(pickle.dumps(chosen.rescue()))  # in the process of the watchdog
+    single = SingleChannel(Rescued(), "z", {"x": 0.5, "y": 0.25, "z": 9.0})
+    assert single.describe()["channel"] == 2
+    rescue = pickle.loads(pickle.dumps(single.rescue()))  # in the process of the watchdog
     assert rescue(np.array([0.1])) == [0.5, 0.25, 0.1]
-    with pytest.raises(SettingError, match="axis = 2 tables: must be one for each of 3 channels"):
-        Chosen(Three(), 0, (0.0, 0.0)).open()
+
+
+def test_one_axis_of_several_is_one_of_them_and_all_voltages_are_numbers() -> None:
+    for axis, safe, words in (
+        ("u", {"x": 0.0, "y": 0.0}, "axis = 'u': must be one that has a safe voltage: x, y"),
+        (-1, {"x": 0.0, "y": 0.0}, "axis = -1: must be one that has a safe voltage: x, y"),
+        ("x", {}, "axis = 'x': must be one that has a safe voltage: no axis"),
+        ("x", "ab", "safe_voltages = 'ab': must be a mapping of each axis to its voltage"),
+        ("x", {"x": 0.0, "y": "a"}, "safe_voltage of axis y = 'a' V: must be a number"),
+        ("x", {"x": 0.0, "y": math.nan}, "safe_voltage of axis y = nan V: must be finite"),
+    ):
+        with pytest.raises(SettingError, match=words):
+            SingleChannel(Three(), axis, safe)  # type: ignore[arg-type]  # what must not be
+
+
+class Plays(Three):
+    """Its hardware plays a waveform by itself."""
+
+    def playback(self, volts: np.ndarray, sample_rate: float) -> Recorded:
+        self.went.append(volts.copy())
+        return Recorded(volts, 10.0 * volts, sample_rate)
+
+
+@pytest.mark.parametrize("kind", [Three, Plays])
+@pytest.mark.parametrize(
+    ("safe", "words"),
+    [
+        (
+            {"x": 0.0, "y": 500.0, "z": 0.0},
+            "safe_voltage of axis y = 500.0 V: must be from -0.6 to 3.6 V, the output_range",
+        ),
+        ({"x": 0.0, "y": 0.0}, r"the number of axes = 2: must be 3, one for each channel.*a table \[\[axis\]\] each"),
+    ],
+)
+def test_nothing_is_put_out_where_other_axes_cannot_be_held(
+    kind: type[Three], safe: dict[str, float], words: str
+) -> None:
+    driver = kind(plant={"da_limits": (-0.6, 3.6)})
+    closed: list[bool] = []
+    driver.close = lambda: closed.append(True)  # type: ignore[method-assign]
+    with pytest.raises(SettingError, match=words):
+        playback(SingleChannel(driver, "x", safe), np.linspace(0.0, 1.0, 50), 2000.0, **AXIS)
+    assert (driver.went, any(closed)) == ([], True)
+
+
+def test_one_axis_of_several_is_stopped_only_while_it_is_open() -> None:
+    driver = Three()
+    single = SingleChannel(driver, "x", {"x": 0.0, "y": 0.5, "z": 0.25})
+    single.stop(np.zeros(1))
+    assert driver.went == []
+    single.open()
+    single.start(np.ones(1))
+    single.stop(np.zeros(1))
+    single.close()
+    single.stop(np.ones(1))
+    assert [went[:, 0].tolist() for went in driver.went] == [[1.0, 0.5, 0.25], [0.0, 0.5, 0.25]]
 
 
 def test_hardware_that_plays_by_itself_plays_one_axis_with_the_others_at_rest() -> None:
-    class Plays(Three):
-        def playback(self, volts: np.ndarray, sample_rate: float) -> Recorded:
-            self.went.append(volts.copy())
-            return Recorded(volts, 10.0 * volts, sample_rate)
-
     driver, volts = Plays(), np.linspace(0.0, 1.0, 50)
-    made = playback(Chosen(driver, 0, (0.0, 0.75, -0.5)), volts, 2000.0, **AXIS)
+    made = playback(SingleChannel(driver, "x", {"x": 0.0, "y": 0.75, "z": -0.5}), volts, 2000.0, **AXIS)
     assert np.array_equal(made.displacement, [10.0 * volts])
     assert np.array_equal(made.volts, [volts])
     for waves in driver.went:

@@ -665,7 +665,7 @@ def typed(*arguments: str) -> tuple[int, str]:
 @pytest.mark.parametrize(
     ("change", "arguments", "message"),
     [
-        (("[[axis]]", "[axis]"), (), "stage.toml: axis = [axis]: must be one table [[axis]]"),
+        (("[[axis]]", "[axis]"), (), "stage.toml: axis = a table: must be a list of tables: [[axis]]"),
         (("slew", "slow"), (), "axis.slow = 20000.0: must be left out; did you mean slew?"),
         (('"pi"', '"pie"'), (), "driver.name = 'pie': must be one of "),
         (("port", "porter"), (), "driver.porter = "),

@@ -195,6 +195,18 @@ def one_of(argument: str, value: object, choices: Sequence[str]) -> str:
     return value
 
 
+def distinct(argument: str, names: Sequence[str], each: str) -> None:
+    """A name of its own for each of these.
+
+    >>> distinct("name", ["x", "y", "x"], "axis")
+    Traceback (most recent call last):
+        ...
+    truestroke.SettingError: name = x, y, x: must be different for each axis
+    """
+    if len(set(names)) < len(names):
+        raise SettingError(argument, ", ".join(names), f"different for each {each}")
+
+
 def flag(argument: str, value: object) -> bool:
     """True or false; 1 and 0 are."""
     if not isinstance(value, (bool, np.bool_, int)) or value not in (0, 1):

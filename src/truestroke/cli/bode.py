@@ -42,9 +42,7 @@ DEMO = {"voltage_limits": (-0.6, 3.6), "slew_limit": 504.0, "safe_voltage": 0.0}
 @click.option("--sensor-bandwidth", metavar="HZ", type=float, help="The same; 0 is not known.")
 @click.option("--output", metavar="NAME", default="dynamics", help="Write NAME.toml and NAME.html.")
 @common.page_options
-def bode(
-    config: Path | None, axis: str | None, output: str, plots: Path | None, as_json: bool, **options: Any
-) -> int:  # fmt: skip
+def bode(config: Path | None, axis: str | None, output: str, plots: Path | None, as_json: bool, **options: Any) -> int:
     """Measure the dynamics of a stage: modes, damping, lag of the amplifier, dead time.
 
     A multisine of 1 to 3 % of the voltage range about the middle of the limits, for two seconds, after a slow ramp.

@@ -31,9 +31,7 @@ if TYPE_CHECKING:
               "measure delay and lag of the electronics alone.")  # fmt: skip
 @common.overwrite_option
 @common.json_option
-def commission(
-    config: Path, axis: str | None, output: str, yes: bool, loop_back: bool, as_json: bool
-) -> int:  # fmt: skip
+def commission(config: Path, axis: str | None, output: str, yes: bool, loop_back: bool, as_json: bool) -> int:
     """Commission an axis: measure its data in small steps, and write them into the configuration.
 
     Steps from the safe voltage that begin tiny: noise, polarity, gain, latency, first resonance. Then, if you agree,

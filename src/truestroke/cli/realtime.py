@@ -27,7 +27,9 @@ live_option = click.option(
     "--live", is_flag=True, help="Serve a page that shows the run, with STOP; its address is printed."
 )
 axis_option = click.option(
-    "--axis", metavar="NAME", help="Which one moves, where FILE has several: the others stay at their safe voltages."
+    "--axis",
+    metavar="NAME",
+    help="Which one moves, where FILE has several: the others are set to their safe voltages at once, and held there.",
 )
 
 

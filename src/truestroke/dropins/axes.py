@@ -25,7 +25,7 @@ from truestroke.model.dynamics import Dynamics, Mode
 from truestroke.runtime.agreement import count_latency, wanted
 from truestroke.runtime.drivers.guard import Guard, check_range
 from truestroke.runtime.drivers.paced import Clock, Paced, let_go
-from truestroke.runtime.drivers.protocol import Driver, DriverError
+from truestroke.runtime.drivers.protocol import Driver, DriverError, check_axes
 from truestroke.runtime.realtime import config
 from truestroke.runtime.realtime.axis_loop import REMEDY, SHARE
 from truestroke.signals.timing import Timing
@@ -225,7 +225,7 @@ class Axes:
         timing = self.timing = self._driver.open()
         safe = [axis.table.safe_voltage for axis in self._given]
         try:
-            checks.count("the number of axes", len(self._given), timing.channels, timing.channels)
+            check_axes(len(self._given), timing.channels)
             for axis in self._given:
                 count_latency(axis.controller, timing)
                 check_range(f"voltage_limits of axis {axis.name}", axis.table.limits["voltage_limits"], self._about())

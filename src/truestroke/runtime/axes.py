@@ -50,6 +50,9 @@ class SeparateControllers:
         made, names = "a controller, such as an AdaptiveController", ", ".join(map(str, axes)) or "no axis"
         for name, one in axes.items():
             check_name(name)
+            if isinstance(one, MultiAxisController):
+                bound = f"{made}; a MultiAxisController has all axes, and is given in place of the mapping"
+                raise SettingError(f"controller[{name!r}]", "a MultiAxisController", bound)
             checks.able(f"controller[{name!r}]", one, ("command", "adapt"), made)
         if len({id(one) for one in axes.values()}) < max(len(axes), 1):
             raise SettingError("controller", f"a mapping of {names}", f"{made} of its own for each axis")
@@ -94,7 +97,10 @@ def run_axes(
     checks.instance("controller", controller, (MultiAxisController, SeparateControllers), made)
     checks.able("actuator", actuator, ("open", "exchange"), "an actuator, such as a plant.MultiAxisStage")
     timing = checks.instance("actuator.open()", actuator.open(), Timing, "a Timing(sample_rate=, channels=)")
-    checks.count("channels of the actuator", timing.channels, len(controller.axes), len(controller.axes))
+    if len(controller.axes) != timing.channels:
+        channels = "the one channel" if timing.channels == 1 else f"each of {timing.channels} channels"
+        bound = f"one for {channels} of the actuator"
+        raise SettingError("controller", f"controllers of {', '.join(controller.axes)}", bound)
     known = controller.prepare(motion)
     log = _Log(motion, known, controller, actuator, timing)
     for notice in log.notices():

@@ -8,6 +8,7 @@ from truestroke.runtime.drivers.one_axis import OneAxis
 from truestroke.runtime.drivers.playback import Recorded, playback
 from truestroke.runtime.drivers.protocol import Driver, DriverError
 from truestroke.runtime.drivers.simulated import Fault, SimulatedDriver, SimulatedSettings
+from truestroke.runtime.drivers.single_channel import SingleChannel
 
 __all__ = [
     "ConnectedDriver",
@@ -18,5 +19,6 @@ __all__ = [
     "Recorded",
     "SimulatedDriver",
     "SimulatedSettings",
+    "SingleChannel",
     "playback",
 ]

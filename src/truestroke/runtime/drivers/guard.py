@@ -107,18 +107,18 @@ class Guard:
         return np.array([a + move * part for a, move in zip(self.last, moves, strict=True)]).reshape(len(moves), -1)
 
 
-def check_range(argument: str, voltage_limits: tuple[float, float], description: Mapping[str, object]) -> None:
-    """Refuse limits (V) beyond the `output_range` of a driver, if it has one.
+def check_range(argument: str, voltages: Sequence[float], description: Mapping[str, object]) -> None:
+    """Refuse voltages (V) beyond the `output_range` of a driver, if it has one.
 
     Raises
     ------
     SettingError
-        One of the limits is outside.
+        One of them is outside.
     """
     reach = description.get("output_range")
     if not isinstance(reach, tuple | list):
         return
-    for value in voltage_limits:
+    for value in voltages:
         if not reach[0] <= value <= reach[1]:
             bound = f"from {reach[0]:g} to {reach[1]:g} V, the output_range of the driver; V, not mV"
             raise SettingError(argument, value, bound, "V")

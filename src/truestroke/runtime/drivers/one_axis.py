@@ -15,6 +15,8 @@ from truestroke.runtime.drivers.paced import Clock, Paced, let_go
 from truestroke.runtime.drivers.protocol import Driver, DriverError
 from truestroke.signals.timing import Timing
 
+ONE_OF = "drivers.SingleChannel is one of several; in a file a table [[axis]] for each channel, and --axis NAME"
+
 
 class OneAxis:
     """A driver of one channel as an actuator, for `truestroke.run` on hardware.
@@ -71,9 +73,10 @@ class OneAxis:
         """Open the driver, again if it was open, and set the output to the safe voltage."""
         self.close()
         timing = self.driver.open()
+        if timing.channels != 1:
+            self.driver.close()  # the outputs stay where they are: the safe voltages of all are not known
+            raise SettingError("channels of the driver", timing.channels, f"1; {ONE_OF}")
         try:
-            if timing.channels != 1:
-                raise SettingError("channels of the driver", timing.channels, "1")
             check_range("voltage_limits", self.voltage_limits, self.driver.describe())
             self._guard = Guard(timing.sample_rate, [self.voltage_limits], [self.slew], [self.safe_voltage])
             self.driver.start(self._safe)

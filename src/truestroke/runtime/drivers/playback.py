@@ -1,6 +1,7 @@
 """A waveform put out by hardware, and what it does, recorded: one pass of playback, record, refine."""
 
 import dataclasses
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
@@ -12,7 +13,7 @@ from truestroke.base import checks, files
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
 from truestroke.runtime.drivers.guard import Limits, check_range
-from truestroke.runtime.drivers.one_axis import OneAxis
+from truestroke.runtime.drivers.one_axis import ONE_OF, OneAxis
 from truestroke.runtime.drivers.paced import let_go
 from truestroke.runtime.drivers.protocol import Driver
 
@@ -105,7 +106,8 @@ def playback(
     Parameters
     ----------
     driver : Driver
-        Closed; it is closed again at the end, with the output at the safe voltage, in every case.
+        Closed; it is closed again at the end, with the output at the safe voltage in every case, except where it has
+        another number of channels: then nothing is put out.
     volts : array_like, shape (samples,) or (channels, samples)
         V.
     sample_rate : float
@@ -180,16 +182,17 @@ def ramp(start: float, stop: float, step: float) -> FloatArray:
 
 def _at_once(driver: Any, volts: FloatArray, sample_rate: float, limits: Limits) -> Recorded:
     """By the hardware's own memory and clock."""
-    channels = len(volts)
-    try:
+    with ExitStack() as end:
+        end.callback(let_go, driver, np.full(len(volts), limits.safe_voltage))
         channels = driver.open().channels
         if channels != len(volts):
-            raise SettingError("channels of the driver", channels, f"as many as waveforms, {len(volts)}")
+            end.pop_all()  # the outputs stay where they are: the safe voltages of all are not known
+            driver.close()
+            remedy = f"; {ONE_OF}" if len(volts) == 1 else ""
+            raise SettingError("channels of the driver", channels, f"as many as waveforms, {len(volts)}{remedy}")
         check_range("voltage_limits", limits.voltage_limits, driver.describe())
         made: Recorded = driver.playback(volts, sample_rate)
         return made
-    finally:
-        let_go(driver, np.full(channels, limits.safe_voltage))
 
 
 def _by_blocks(driver: Driver, volts: FloatArray, sample_rate: float, limits: Limits) -> Recorded:

@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
+from truestroke.base import checks
 from truestroke.base.checks import SettingError
 from truestroke.base.errors import TruestrokeError
 from truestroke.base.typing import FloatArray
@@ -48,10 +49,15 @@ class Signal:
 
 def check_signals(signals: Sequence[Signal]) -> tuple[Signal, ...]:
     """Signals of different names; SettingError where two are alike."""
-    names = [one.name for one in signals]
-    if len(set(names)) < len(names):
-        raise SettingError("signals: name", ", ".join(names), "different for each signal")
+    checks.distinct("signals: name", [one.name for one in signals], "signal")
     return tuple(signals)
+
+
+def check_axes(axes: int, channels: int) -> None:
+    """An axis for each channel of the driver; SettingError where there are more or fewer."""
+    if axes != channels:
+        each = "one for each channel of the driver (its key channels says so); in a file a table [[axis]] each"
+        raise SettingError("the number of axes", axes, f"{channels}, {each}")
 
 
 class Driver(Protocol):

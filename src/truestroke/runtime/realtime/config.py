@@ -22,9 +22,9 @@ from truestroke.control.repeating.repetitive import RepetitiveController
 from truestroke.control.settings import ControllerSettings
 from truestroke.model.dynamics import Dynamics
 from truestroke.runtime.drivers import registry
-from truestroke.runtime.drivers.chosen import Chosen
 from truestroke.runtime.drivers.guard import Limits
 from truestroke.runtime.drivers.protocol import Driver
+from truestroke.runtime.drivers.single_channel import SingleChannel
 from truestroke.runtime.drivers.turned import Turned
 from truestroke.runtime.realtime.coupled import couple
 from truestroke.runtime.realtime.epics import EpicsSettings
@@ -204,10 +204,7 @@ block, latency, channels, seed, hardware_timed, register, plant, stage, axes, si
     """
     read = toml.decode(Document, document, elsewhere=_places())
     made, rate = driver(read.driver)
-    tables = []
-    for place, given in _placed(read.axis):
-        with checks.inside(place):
-            tables.append((place, toml.decode(AxisTable, given, elsewhere=_places())))
+    tables = _tables(read.axis)
     image = None
     if read.scan is not None:
         with checks.inside("scan."):
@@ -242,7 +239,7 @@ def driver(table: Mapping[str, Any]) -> tuple[Driver, float]:
 def one_axis(path: str | os.PathLike[str], axis: str | None = None) -> tuple[Driver, AxisTable]:
     """Driver and axis of a configuration, for an experiment: `OneAxis(driver, **axis.limits)`.
 
-    Where it has several, `axis` names one: the others are held at their safe voltages.
+    Where it has several, `axis` names one: the others are set to their safe voltages at once, and held there.
 
     Raises
     ------
@@ -262,24 +259,20 @@ def one_axis_at(path: str | os.PathLike[str], axis: str | None = None) -> tuple[
         As `load`.
     """
     with _document(path) as document:
-        axes = document.get("axis")
-        if not isinstance(axes, list) or not axes:
-            count = "missing" if axes is None else "[axis]" if isinstance(axes, dict) else repr(axes)
-            raise SettingError("axis", count, "one table [[axis]], with double brackets")
-        tables = [toml.value("axis", one, AxisTable) for one in axes]
-        names = [one.name for one in tables]
-        if axis is None and len(axes) > 1:
-            raise SettingError("`axis`", "missing", f"one of {', '.join(names)}: the configuration has several axes")
-        if axis is not None and axis not in names:
-            raise SettingError("`axis`", repr(axis), f"one of {', '.join(names)}")
+        tables = {table.name: table for _, table in _tables(_axes(document))}
+        if axis is None and len(tables) > 1:
+            raise SettingError("`axis`", "missing", f"one of {', '.join(tables)}: the configuration has several axes")
+        if axis is not None and axis not in tables:
+            raise SettingError("`axis`", repr(axis), f"one of {', '.join(tables)}")
         made, rate = driver(toml.value("driver", toml.needed(document, "driver"), Mapping))
-        place = 0 if axis is None else names.index(axis)
-        if len(axes) > 1:
+        name = next(iter(tables)) if axis is None else axis
+        if len(tables) > 1:
             coupled: CoupledTable = toml.value("coupled", document.get("coupled", {}), CoupledTable)
             with checks.inside("coupled."):
-                frame = coupled.of(len(axes))
-            made = Chosen(made if frame is None else Turned(made, frame), place, [one.safe_voltage for one in tables])
-        return made, tables[place], rate
+                frame = coupled.of(len(tables))
+            safe = {name: one.safe_voltage for name, one in tables.items()}
+            made = SingleChannel(made if frame is None else Turned(made, frame), name, safe)
+        return made, tables[name], rate
 
 
 def live(path: str | os.PathLike[str]) -> LiveSettings:
@@ -316,29 +309,38 @@ def movable(path: str | os.PathLike[str]) -> tuple[Driver, tuple[Movable, ...]]:
         if "coupled" in document:
             raise SettingError("coupled", "a table", AHEAD)
         made, rate = driver(toml.value("driver", toml.needed(document, "driver"), Mapping))
-        given = toml.value("axis", toml.needed(document, "axis"), tuple[Mapping[str, Any], ...])
         axes = []
-        for place, one in _placed(given):
+        for place, table in _tables(_axes(document)):
             with checks.inside(place):
-                table = toml.decode(AxisTable, one, elsewhere=_places())
                 if table.period is not None:
                     raise SettingError("period", table.period, AHEAD, "s")
                 controller = _controller(table, rate, Path(path).parent)
                 if not isinstance(controller, AdaptiveController):
                     raise SettingError("controller", repr(table.controller), '"adaptive"')
                 axes.append(Movable(name=table.name, table=table, controller=controller))
-    names = [axis.name for axis in axes]
-    if len(set(names)) < len(names):
-        raise SettingError("name", ", ".join(names), "different for each axis")
     return made, tuple(axes)
 
 
-def _placed(tables: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, Mapping[str, Any]]]:
-    """Each [[axis]] with its path in messages: of one axis "axis.", else counted from 1."""
-    if not tables:
+def _axes(document: Mapping[str, Any]) -> tuple[Mapping[str, Any], ...]:
+    """The tables [[axis]] of a document whose other tables are not read."""
+    example = str(Document.__dataclass_fields__["axis"].metadata["example"])
+    given: tuple[Mapping[str, Any], ...] = toml.value(
+        "axis", toml.needed(document, "axis", example), tuple[Mapping[str, Any], ...]
+    )
+    return given
+
+
+def _tables(given: Sequence[Mapping[str, Any]]) -> list[tuple[str, AxisTable]]:
+    """Each [[axis]], read, with its path in messages: of one axis "axis.", else counted from 1."""
+    if not given:
         raise SettingError("axis", "[]", "at least one table [[axis]]")
-    for number, table in enumerate(tables, 1):
-        yield "axis." if len(tables) == 1 else f"[[axis]] {number}: ", table
+    tables = []
+    for number, table in enumerate(given, 1):
+        place = "axis." if len(given) == 1 else f"[[axis]] {number}: "
+        with checks.inside(place):
+            tables.append((place, toml.decode(AxisTable, table, elsewhere=_places())))
+    checks.distinct("name", [table.name for _, table in tables], "axis")
+    return tables
 
 
 def _axis(table: AxisTable, folder: Path, rate: float, image: Imaging | None) -> Axis:

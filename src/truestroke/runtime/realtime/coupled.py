@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy.typing as npt
 
+from truestroke.base import checks
 from truestroke.base.checks import SettingError
 from truestroke.control.axes import MultiAxisController
 from truestroke.control.controller import AdaptiveController
@@ -52,8 +53,7 @@ def couple(
             words = 'given where axes learn a period: settings = {dynamics = "FILE"}, a file of truestroke bode'
             raise SettingError(f"dynamics of axis {axis.name}", None, words)
         settings[axis.name], motions[axis.name] = axis.controller.settings, axis.trajectory
-    if len(settings) < len(axes):
-        raise SettingError("name", ", ".join(axis.name for axis in axes), "different for each axis")
+    checks.distinct("name", [axis.name for axis in axes], "axis")
     together = MultiAxisController(settings, frame, period=period)
     known, width = together.prepare(motions), 3 * (len(axes) - 1)
     return tuple(

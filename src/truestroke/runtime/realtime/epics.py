@@ -74,9 +74,7 @@ class EpicsSettings:
         """Before anything moves: RealtimeError without softioc, SettingError where two axes share a name."""
         if importlib.util.find_spec("softioc") is None:
             raise RealtimeError('EPICS needs the package softioc: pip install "truestroke[epics]"')
-        names = [axis.name.upper() for axis in axes]
-        if len(set(names)) < len(names):
-            raise SettingError("name", ", ".join(names), "different for each axis also in capitals")
+        checks.distinct("name", [axis.name.upper() for axis in axes], "axis also in capitals")
 
     def serve(self, lifeline: Lifeline, shared: Shared, axes: list[Panel], sample_rate: float) -> None:
         """Publish until the run has ended, or its process is gone."""

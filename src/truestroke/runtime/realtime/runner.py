@@ -17,7 +17,7 @@ from truestroke.base.files import Growing, beside, check_growing, grow
 from truestroke.control import feasibility
 from truestroke.runtime import agreement, run_metadata
 from truestroke.runtime.drivers.guard import check_range
-from truestroke.runtime.drivers.protocol import Driver, Signal
+from truestroke.runtime.drivers.protocol import Driver, Signal, check_axes
 from truestroke.runtime.drivers.turned import Turned
 from truestroke.runtime.realtime.helpers import Helpers
 from truestroke.runtime.realtime.live import Live
@@ -131,11 +131,8 @@ def run_realtime(
 
 
 def _check_agreement(axes: Sequence[Axis], timing: Timing, settings: RealtimeSettings, server: Server | None) -> None:
-    if len(axes) != timing.channels:
-        each = "one for each channel of the driver"
-        raise SettingError("the number of axes", len(axes), f"{timing.channels}, {each} (its key channels says so)")
-    if len({axis.name for axis in axes}) < len(axes):
-        raise SettingError("name", ", ".join(axis.name for axis in axes), "different for each axis")
+    check_axes(len(axes), timing.channels)
+    checks.distinct("name", [axis.name for axis in axes], "axis")
     if len({len(axis.trajectory) for axis in axes}) > 1:
         raise SettingError("trajectories", [len(axis.trajectory) for axis in axes], "of the same length", "ticks")
     if server is not None:

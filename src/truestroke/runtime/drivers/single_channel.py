@@ -1,53 +1,91 @@
-"""One axis of hardware that has several, as hardware of one axis."""
+"""One channel of hardware that has several, as hardware of one channel."""
 
 from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from truestroke.base import checks
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
+from truestroke.runtime.drivers.guard import check_range
 from truestroke.runtime.drivers.playback import Recorded
-from truestroke.runtime.drivers.protocol import Driver
+from truestroke.runtime.drivers.protocol import Driver, check_axes
 from truestroke.signals.timing import Timing
 
 
-class Chosen:
-    """A driver of one channel: one of several, while the others are held at their safe voltages.
+class SingleChannel:
+    """A driver of one channel of several: the outputs of the others are set to their safe voltages and held there.
+
+    `start`, or the first voltage of a `playback`, sets them at once: an output that was elsewhere jumps.
 
     Parameters
     ----------
     driver : Driver
         Hardware of several channels.
+    axis : str
+        The name of the one that moves.
+    safe_voltages : Mapping[str, float]
+        Safe voltage of each axis by its name, V, in the order of the channels, within the driver's `output_range`.
+
+    Attributes
+    ----------
     channel : int
         The one that moves, from 0.
-    safe : sequence of float, shape (channels,)
-        Safe voltage of each channel, V; that of `channel` does not count.
 
     Raises
     ------
     SettingError
-        `open` finds that the driver has another number of channels.
+        No axis has this name, or a safe voltage is no finite number; from `open`, which puts nothing out then: there is
+        not one axis for each channel, or a safe voltage is beyond the range of the driver.
+
+    Examples
+    --------
+    >>> from truestroke.runtime.drivers import OneAxis, SimulatedDriver, SimulatedSettings
+    >>> stage = SimulatedDriver(SimulatedSettings(channels=2))
+    >>> driver = SingleChannel(stage, "y", {"x": 0.5, "y": 0.0})
+    >>> with OneAxis(driver, voltage_limits=(-0.6, 3.6), slew=400.0) as axis:
+    ...     timing = axis.open()
+    ...     measured = axis.exchange(np.array([0.1]))
+    ...     print(timing.channels, measured.shape, stage.output.tolist(), "V")
+    1 (1,) [0.5, 0.1] V
+    >>> stage.output.tolist()
+    [0.5, 0.0]
     """
 
-    def __init__(self, driver: Driver, channel: int, safe: Sequence[float]) -> None:
-        self.driver, self.channel = driver, channel
-        self._safe = np.array(safe, dtype=np.float64)
+    def __init__(self, driver: Driver, axis: str, safe_voltages: Mapping[str, float]) -> None:
+        checks.instance("safe_voltages", safe_voltages, Mapping, 'a mapping of each axis to its voltage, as {"x": 0.0}')
+        self._names = tuple(safe_voltages)
+        self._safe = np.array([checks.number(_called(name), value, "V") for name, value in safe_voltages.items()])
+        if axis not in self._names:
+            names = ", ".join(map(str, self._names)) or "no axis"
+            raise SettingError("axis", repr(axis), f"one that has a safe voltage: {names}")
+        self.driver, self.channel = driver, self._names.index(axis)
+        self._is_open = False
 
     def open(self) -> Timing:
         """As the driver, with one channel."""
         timing = self.driver.open()
-        if timing.channels != len(self._safe):
+        try:
+            self._check(timing)
+        except BaseException:
             self.driver.close()
-            raise SettingError("axis", f"{len(self._safe)} tables", f"one for each of {timing.channels} channels")
+            raise
         self._volts = np.repeat(self._safe[:, np.newaxis], timing.block, axis=1)
         self._measured = np.empty_like(self._volts)
+        self._is_open = True
         return dataclasses.replace(timing, channels=1)
+
+    def _check(self, timing: Timing) -> None:
+        check_axes(len(self._names), timing.channels)
+        description = self.driver.describe()
+        for name, volts in zip(self._names, self._safe.tolist(), strict=True):
+            check_range(_called(name), [volts], description)
 
     def start(self, volts: FloatArray) -> None:
         """As the driver; the other outputs are set to their safe voltages."""
@@ -60,11 +98,13 @@ class Chosen:
         measured[0] = self._measured[self.channel]
 
     def stop(self, volts: FloatArray) -> None:
-        """As the driver; all others are at their safe voltages."""
-        self.driver.stop(_among(self._safe, self.channel, volts))
+        """As the driver, all others at their safe voltages; nothing where it is not open: no output has been set."""
+        if self._is_open:
+            self.driver.stop(_among(self._safe, self.channel, volts))
 
     def close(self) -> None:
         """As the driver."""
+        self._is_open = False
         self.driver.close()
 
     def rescue(self) -> Callable[[FloatArray], None]:
@@ -89,6 +129,11 @@ class Chosen:
         waves[self.channel] = np.asarray(volts)[0]
         made, part = play(waves, rate), slice(self.channel, self.channel + 1)
         return Recorded(made.volts[part], made.displacement[part], made.sample_rate)
+
+
+def _called(name: str) -> str:
+    """A safe voltage in errors."""
+    return f"safe_voltage of axis {name}"
 
 
 def _among(safe: FloatArray, channel: int, volts: FloatArray) -> FloatArray:
