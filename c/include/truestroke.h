@@ -510,8 +510,8 @@ TS_API void ts_resonance_look(ts_resonance *r, ts_real frequency);
 TS_API bool ts_resonance_tick(ts_resonance *r, ts_real tick, const ts_real *x, ts_real error, ts_real zdot_d, ts_real change, ts_real range,
                               const ts_real *expected);
 
-/* Whether the next tick ends the window. */
-TS_API bool ts_resonance_ends(const ts_resonance *r);
+/* Whether the next tick ends a window whose mean square error is between these, um^2. */
+TS_API bool ts_resonance_ends(const ts_resonance *r, ts_real above, ts_real below);
 
 /* Whether there were enough windows: two, or one that is as sure as any can be. */
 TS_API bool ts_resonance_suffices(const ts_resonance *r);

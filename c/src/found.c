@@ -20,7 +20,7 @@
 #define SHAKEN ((ts_real)1e-3)    /* of the motion's range: unless the stage rings by so much */
 #define AGREES ((ts_real)0.05)    /* with the resonance that the estimate knows: its lag is that of this stage, and the last window is one of it */
 #define TURNS ((ts_real)0.2)      /* radians at the resonance: a smaller lag is a matter of the weights */
-#define MOST_GAINED ((ts_real)5)  /* times their first gain: plays that are expected to have more have that, and so below a fifth */
+#define MOST_GAINED ((ts_real)5)  /* times their first gain: plays that have more, or less than a fifth, have learned from a wrong sensor */
 #define LATE (2 * TS_MOST_DEAD)   /* ticks before a measurement: its stage knows no earlier strains */
 #define DAMPS ((ts_real)0.2)      /* of the ringing: what the active damping takes from the command, a quarter of a period later, */
 #define BROAD ((ts_real)1)        /* behind a filter of twice this damping, */
@@ -282,6 +282,13 @@ bool ts_stage_is_shown(ts_controller *c)
     return true;
 }
 
+/* Mean square of an error that may be noise, um^2. What the model misses is looked for, so it is no noise. */
+static ts_real noisy(const ts_controller *c)
+{
+    ts_real sigma = c->law.kalman.sigma, noise = sigma < c->resolution ? c->resolution : sigma;
+    return NOISY * noise * noise;
+}
+
 /* Whether the stage is put into the model, or its resonance there replaced: the motion is fast enough that it matters, and the error
  * larger than noise; or it rings. */
 static bool matters(const ts_controller *c)
@@ -304,8 +311,7 @@ static bool matters(const ts_controller *c)
         if (!failing && c->stage.doubted < LASTS) return false;
         return away * away > least * least && r->power > large * large && r->driven > DRIVEN;
     }
-    ts_real sigma = c->law.kalman.sigma, noise = sigma < c->resolution ? c->resolution : sigma; /* ringing is what is looked for */
-    ts_real least = NOISY * noise * noise, large = DOUBT * ts_guard_range(&c->guard, &c->settings->guard);
+    ts_real least = noisy(c), large = DOUBT * ts_guard_range(&c->guard, &c->settings->guard);
     if (c->stage.failed && c->guard.kept && least < large * large) least = large * large; /* one that was found was worse than none */
     if (r->motion > SLOWEST * r->known && r->power > least) return true;
     ts_real rings = SHAKEN * ts_guard_range(&c->guard, &c->settings->guard);
@@ -328,7 +334,7 @@ static void forget_lag(ts_controller *c)
 }
 
 /* Weights that are expected of the plays that stand for all of them, um/V: the first ones, with the gain that was learned. Each play
- * counts for the nearest of them. False: there is no gain. */
+ * counts for the nearest of them. False: that gain is not one of this actuator. */
 static bool expected_of_plays(const ts_controller *c, ts_real *expected)
 {
     const ts_settings *s = c->settings;
@@ -341,9 +347,8 @@ static bool expected_of_plays(const ts_controller *c, ts_real *expected)
         before += first[at];
         now += c->w[at];
     }
-    if (!(before > 0)) return false;
-    ts_real gained = within(now / before, 1 / MOST_GAINED, MOST_GAINED);
-    for (int i = 0; i < TS_SHOWN; i++) expected[i] *= gained;
+    if (!(now * MOST_GAINED > before && now < MOST_GAINED * before)) return false;
+    for (int i = 0; i < TS_SHOWN; i++) expected[i] *= now / before;
     return true;
 }
 
@@ -352,7 +357,7 @@ void ts_watch_resonance(ts_controller *c, ts_real z, ts_real error, const ts_mot
 {
     const ts_settings *s = c->settings;
     ts_resonance *r = &c->resonance;
-    ts_real x[TS_SHOWN + 1], now[TS_SHOWN], expected[TS_SHOWN];
+    ts_real x[TS_SHOWN + 1], now[TS_SHOWN], expected[TS_SHOWN]; /* where no stage is in the model, with which weights may go */
     if (is_given(c) && !(c->guard.error > DOUBT)) { /* no reason to look for another */
         r->ticks = 0;
         return;
@@ -363,7 +368,8 @@ void ts_watch_resonance(ts_controller *c, ts_real z, ts_real error, const ts_mot
     x[TS_SHOWN] = z;
     bool good = c->guard.kept && !staged && !s->dynamics.known; /* a stage that is wrong would lose what was learned */
     ts_real range = good ? ts_guard_range(&c->guard, &s->guard) : 0;
-    bool expects = !staged && ts_resonance_ends(r) && expected_of_plays(c, expected); /* with a stage the weights may go with it */
+    ts_real most = ts_guard_range(&c->guard, &s->guard);
+    bool expects = !staged && ts_resonance_ends(r, noisy(c), most * most) && expected_of_plays(c, expected);
     bool known = ts_resonance_tick(r, s->oscillation.tick, x, error, d->zdot_d, d->zdot_d - c->rate, range, expects ? expected : NULL);
     c->rate = d->zdot_d;
     if (!known || !matters(c)) return;

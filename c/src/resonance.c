@@ -346,9 +346,10 @@ void ts_resonance_look(ts_resonance *r, ts_real frequency)
     r->ticks = 0;
 }
 
-bool ts_resonance_ends(const ts_resonance *r)
+bool ts_resonance_ends(const ts_resonance *r, ts_real above, ts_real below)
 {
-    return r->ticks > 0 && r->ticks + 1 >= r->settling + r->window;
+    bool last = r->ticks > 0 && r->ticks + 1 >= r->settling + r->window;
+    return last && r->error > above * (ts_real)r->window && r->error < below * (ts_real)r->window;
 }
 
 bool ts_resonance_tick(ts_resonance *r, ts_real tick, const ts_real *x, ts_real error, ts_real zdot_d, ts_real change, ts_real range,

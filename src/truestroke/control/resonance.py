@@ -240,10 +240,10 @@ class ResonanceEstimator:
         self.ticks += 1
         return self.ticks >= self._settling + self._window and self._end(tick, span, expected)
 
-    @property
-    def ends(self) -> bool:
-        """Whether the next tick ends the window."""
-        return self.ticks > 0 and self.ticks + 1 >= self._settling + self._window
+    def ends(self, above: float, below: float) -> bool:
+        """Whether the next tick ends a window whose mean square error is between these, um^2."""
+        last = self.ticks > 0 and self.ticks + 1 >= self._settling + self._window
+        return last and above * self._window < self._error < below * self._window
 
     def _begin(self, tick: float, x: FloatArray) -> None:
         if not self.centre > 0:

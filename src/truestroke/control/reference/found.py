@@ -31,7 +31,7 @@ SHAKEN = 1e-3  # of the range of the motion: unless the stage rings by so much
 AGREES = 0.05  # with the resonance that the estimate knows: its lag is that of this stage, and the last window is of it
 TURNS = 0.2  # radians at the resonance: a smaller lag is a matter of the weights
 MOST_DEAD = 8  # ticks of lag and dead time: TS_MOST_DEAD of the kernel
-MOST_GAINED = 5.0  # times their first gain: plays that are expected to have more have that, and so below a fifth
+MOST_GAINED = 5.0  # times their first gain: plays that have more, or less than a fifth, learn from a wrong sensor
 LATE = 2 * MOST_DEAD  # ticks before a measurement: its stage knows no earlier strains
 DAMPS = 0.2  # of the ringing: what the active damping takes from the command, a quarter of a period later,
 BROAD = 1.0  # behind a filter of twice this damping,
@@ -232,6 +232,12 @@ def give_up_stage(c: State, law: FilteringLaw) -> None:
     look_ahead_anew(c)
 
 
+def noisy(c: State, law: FilteringLaw) -> float:
+    """Mean square of an error that may be noise, um^2. What the model misses is looked for, so it is no noise."""
+    noise = max(law.sigma, c.resolution)
+    return NOISY * noise * noise
+
+
 def matters(c: State) -> bool:
     """Whether the stage is put into the model, or its resonance there replaced.
 
@@ -258,8 +264,7 @@ def matters(c: State) -> bool:
         away, least = known.known / c.members["dynamics.first"] - 1, ELSEWHERE if failing else ANOTHER
         large = DOUBT * guard.range
         return away * away > least * least and known.power > large * large and known.driven > DRIVEN
-    noise = max(law.sigma, c.resolution)  # ringing is what is looked for
-    least, large = NOISY * noise * noise, DOUBT * c.kept.guard.range
+    least, large = noisy(c, law), DOUBT * c.kept.guard.range
     if stage.failed and c.kept.guard.kept:  # one that was found was worse than none
         least = max(least, large * large)
     if known.motion > SLOWEST * known.known and known.power > least:
@@ -284,9 +289,10 @@ def forget_lag(c: State, law: FilteringLaw) -> None:
 
 
 def expected_of_plays(c: State) -> FloatArray | None:
-    """Weights that are expected of the plays that stand for all of them, um/V, shape (7,); None: there is no gain.
+    """Weights that are expected of the plays that stand for all of them, um/V, shape (7,).
 
-    The first ones, with the gain that was learned. Each play counts for the nearest of them.
+    The first ones, with the gain that was learned. Each play counts for the nearest of them. None: that gain is not one
+    of this actuator.
     """
     places = c.settings.a.tolist()
     last = max(len(places) - 1, 1)
@@ -296,9 +302,9 @@ def expected_of_plays(c: State) -> FloatArray | None:
         expected[(i * (SHOWN - 1) + last // 2) // last] += first
         before += first
         now += float(c.law.weights[place])
-    if not before > 0:
+    if not (now * MOST_GAINED > before and now < MOST_GAINED * before):
         return None
-    return expected * min(max(now / before, 1 / MOST_GAINED), MOST_GAINED)
+    return expected * (now / before)
 
 
 def watch_resonance(c: State, z: float, error: float, zdot_d: float, path: Stage | None) -> None:
@@ -314,7 +320,11 @@ def watch_resonance(c: State, z: float, error: float, zdot_d: float, path: Stage
     guard = c.kept.guard
     good = guard.kept and path is None  # a stage that is wrong would lose what was learned
     span = guard.range if good and not c.members["dynamics.known"] else 0.0
-    expected = expected_of_plays(c) if path is None and c.estimator.ends else None  # with a stage they may go with it
+    most = guard.range * guard.range
+    ends = path is None and c.estimator.ends(
+        noisy(c, law), most
+    )  # with a stage in the model the weights may go with it
+    expected = expected_of_plays(c) if ends else None
     known = c.estimator.update(tick, before, z, error, zdot_d, zdot_d - c.rate, span, expected)
     c.rate = zdot_d
     if not known or not matters(c):
