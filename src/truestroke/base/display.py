@@ -51,14 +51,14 @@ def as_html(title: str, rows: Rows) -> str:
 
 
 def micrometres(um: float) -> str:
-    """A length, um: four decimals, or three digits where these would be fewer.
+    """A length, um: four decimals, or three digits where these would be fewer; below a femtometre it is rounding.
 
     Examples
     --------
-    >>> micrometres(12.34567), micrometres(0.0021349), micrometres(3.87e-6)
-    ('12.3457 um', '0.00213 um', '3.87e-06 um')
+    >>> micrometres(12.34567), micrometres(0.0021349), micrometres(3.87e-6), micrometres(7e-16)
+    ('12.3457 um', '0.00213 um', '3.87e-06 um', '0.0000 um')
     """
-    return f"{um:.4f} um" if um >= 0.01 or um == 0 else f"{um:.3g} um"
+    return f"{um:.4f} um" if um >= 0.01 or um < 1e-9 else f"{um:.3g} um"
 
 
 def quantity(value: Any, unit: str = "") -> str:
