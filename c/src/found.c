@@ -357,7 +357,7 @@ void ts_watch_resonance(ts_controller *c, ts_real z, ts_real error, const ts_mot
 {
     const ts_settings *s = c->settings;
     ts_resonance *r = &c->resonance;
-    ts_real x[TS_SHOWN + 1], now[TS_SHOWN], expected[TS_SHOWN]; /* where no stage is in the model, with which weights may go */
+    ts_real x[TS_SHOWN + 1], now[TS_SHOWN], expected[TS_SHOWN];
     if (is_given(c) && !(c->guard.error > DOUBT)) { /* no reason to look for another */
         r->ticks = 0;
         return;
@@ -367,10 +367,10 @@ void ts_watch_resonance(ts_controller *c, ts_real z, ts_real error, const ts_mot
     memcpy(c->shown, now, sizeof now);
     x[TS_SHOWN] = z;
     bool good = c->guard.kept && !staged && !s->dynamics.known; /* a stage that is wrong would lose what was learned */
-    ts_real range = good ? ts_guard_range(&c->guard, &s->guard) : 0;
-    ts_real most = ts_guard_range(&c->guard, &s->guard);
-    bool expects = !staged && ts_resonance_ends(r, noisy(c), most * most) && expected_of_plays(c, expected);
-    bool known = ts_resonance_tick(r, s->oscillation.tick, x, error, d->zdot_d, d->zdot_d - c->rate, range, expects ? expected : NULL);
+    ts_real whole = ts_guard_range(&c->guard, &s->guard), range = good ? whole : 0;
+    bool ends = !staged && ts_resonance_ends(r, noisy(c), whole * whole); /* with a stage in the model weights may go with it */
+    const ts_real *weights = ends && expected_of_plays(c, expected) ? expected : NULL;
+    bool known = ts_resonance_tick(r, s->oscillation.tick, x, error, d->zdot_d, d->zdot_d - c->rate, range, weights);
     c->rate = d->zdot_d;
     if (!known || !matters(c)) return;
     c->stage.resonance = r->known;
