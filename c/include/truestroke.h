@@ -474,6 +474,7 @@ typedef struct {
 #define TS_SHOWN 7                    /* plays that stand for the hysteresis */
 #define TS_RESONANCE (TS_SHOWN + 4)
 #define TS_LOWEST_RESONANCE 40       /* Hz: where the search for it ends */
+#define TS_HIGHEST_RESONANCE ((ts_real)0.4) /* cycles per tick: a higher one is not seen */
 
 /* Least squares of z + c1 z' + c2 z'' = sum of w[i] times play i, all behind the same band about `centre`, window by window. c2 is
  * 1 / w0^2; the next window is about the resonance that was shown, or lower where none was. */
@@ -505,10 +506,11 @@ TS_API ts_real ts_resonance_lowest(const ts_resonance *r, ts_real tick);
 TS_API void ts_resonance_look(ts_resonance *r, ts_real frequency);
 
 /* One tick: plays (V) and measurement (um), error (um), desired rate (um/s) and its change. Returns whether a window has ended that
- * adds to what is known. range: of a motion that is followed well enough to lose by a stage that is wrong, um, or 0. expected: weights
- * of the plays, um/V, or NULL; they are read in the tick in which the window ends. tick: s. */
+ * adds to what is known. range: of a motion that is followed well enough to lose by a stage that is wrong, um, or 0. highest: cycles per
+ * tick; a resonance above it is not the first. expected: weights of the plays, um/V, or NULL; they are read in the tick in which the
+ * window ends. tick: s. */
 TS_API bool ts_resonance_tick(ts_resonance *r, ts_real tick, const ts_real *x, ts_real error, ts_real zdot_d, ts_real change, ts_real range,
-                              const ts_real *expected);
+                              ts_real highest, const ts_real *expected);
 
 /* Whether the next tick ends a window whose mean square error is between these, um^2. */
 TS_API bool ts_resonance_ends(const ts_resonance *r, ts_real above, ts_real below);

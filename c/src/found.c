@@ -353,6 +353,14 @@ static bool expected_of_plays(const ts_controller *c, ts_real *expected)
 }
 
 /* One tick of the estimate: the plays of a tick before the measurement, which is about its dead time. */
+/* The highest frequency of a first resonance, cycles per tick. Where the stage of the model has long been good, what is shown further
+ * above is its second mode. */
+static ts_real highest_first(const ts_controller *c, bool staged)
+{
+    bool good = staged && c->found.known && c->guard.settled && !c->stage.trial;
+    return good ? (1 + FURTHER) * c->stage.resonance : TS_HIGHEST_RESONANCE;
+}
+
 void ts_watch_resonance(ts_controller *c, ts_real z, ts_real error, const ts_motion *d, bool staged)
 {
     const ts_settings *s = c->settings;
@@ -370,7 +378,7 @@ void ts_watch_resonance(ts_controller *c, ts_real z, ts_real error, const ts_mot
     ts_real whole = ts_guard_range(&c->guard, &s->guard), range = good ? whole : 0;
     bool ends = !staged && ts_resonance_ends(r, noisy(c), whole * whole); /* with a stage in the model weights may go with it */
     const ts_real *weights = ends && expected_of_plays(c, expected) ? expected : NULL;
-    bool known = ts_resonance_tick(r, s->oscillation.tick, x, error, d->zdot_d, d->zdot_d - c->rate, range, weights);
+    bool known = ts_resonance_tick(r, s->oscillation.tick, x, error, d->zdot_d, d->zdot_d - c->rate, range, highest_first(c, staged), weights);
     c->rate = d->zdot_d;
     if (!known || !matters(c)) return;
     c->stage.resonance = r->known;

@@ -11,6 +11,8 @@
 #define BAD_AT_FIRST 5          /* while nothing is learned yet, */
 #define BEYOND_ALL 2            /* and where it is larger than half of the motion */
 #define BETTER ((ts_real)0.7)   /* of the error that failed: what was restored is better */
+#define HOPELESS 2              /* times the error that failed: what was restored is worse, */
+#define TRANSIENT 2             /* after so many windows */
 #define SETTLES 12              /* windows in which the stage may calm down */
 #define LEAST_RANGE 10          /* of the floor: a smaller motion is rest */
 #define RISE ((ts_real)1.02)    /* of the best, per window */
@@ -81,9 +83,10 @@ static ts_guard_action judge_held(ts_guard *g, ts_real error)
     bool falls = error < (ts_real)0.9 * g->error && g->held < SETTLES + g->wait, better = error < BETTER * g->failed;
     g->error = error;
     g->held++;
-    if (g->held <= (better ? g->wait : TS_FIRST_WAIT) || falls) return TS_GUARD_NOTHING;
+    bool hopeless = g->held > TRANSIENT && error > HOPELESS * g->failed;
+    if (!hopeless && (g->held <= (better ? g->wait : TS_FIRST_WAIT) || falls)) return TS_GUARD_NOTHING;
     g->drift = 0;
-    if (!better && g->kept && !g->at_start) {
+    if (!hopeless && !better && g->kept && !g->at_start) {
         g->at_start = true;
         g->held = 1;
         return TS_GUARD_FIRST;
@@ -91,7 +94,7 @@ static ts_guard_action judge_held(ts_guard *g, ts_real error)
     g->held = g->bad = g->good = 0;
     g->pause = better ? 1 : g->wait;
     g->wait = g->wait < TS_LONGEST_WAIT ? 2 * g->wait : TS_LONGEST_WAIT;
-    if (g->at_start) {
+    if (g->at_start && !hopeless) {
         g->kept = false;
         g->best = 0;
     }

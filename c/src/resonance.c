@@ -5,7 +5,6 @@
 #define SEARCH_FROM ((ts_real)0.15) /* cycles per tick: where the search begins, */
 #define OF_MOTION 2                 /* its end is at TS_LOWEST_RESONANCE, or at so many times the motion's frequency, */
 #define AGAIN_FROM ((ts_real)0.36)  /* cycles per tick: and where every second one begins after that; */
-#define HIGHEST ((ts_real)0.4)      /* the highest resonance */
 #define NEXT ((ts_real)0.6)         /* of a centre: the next one, where there was no resonance */
 #define PASSES ((ts_real)0.35)      /* of the centre: corner of the filter that takes the motion away */
 #define SHARP ((ts_real)1.4)        /* twice the damping of that filter, */
@@ -258,7 +257,7 @@ static ts_window shown_by(ts_resonance *r, ts_real (*N)[TS_RESONANCE], ts_real l
     w.variance = as.trust * as.trust * of_ratio / (4 * ratio * ratio);
     w.sensitivity = sensitivity_of(fewer, ratio);
     r->driven = share_of_plays(r, w.left);
-    if (f0 > lowest && f0 < HIGHEST && f0 > NEAREST * r->centre && f0 < FURTHEST * r->centre) w.f0 = f0;
+    if (f0 > lowest && f0 < TS_HIGHEST_RESONANCE && f0 > NEAREST * r->centre && f0 < FURTHEST * r->centre) w.f0 = f0;
     return w;
 }
 
@@ -299,7 +298,7 @@ static void know(ts_resonance *r, const ts_window *w)
 }
 
 /* Whether this window adds to what is known. */
-static bool end_band(ts_resonance *r, ts_real tick, ts_real range, const ts_real *expected)
+static bool end_band(ts_resonance *r, ts_real tick, ts_real range, ts_real highest, const ts_real *expected)
 {
     r->motion = r->speed > 0 ? r->change / (2 * TS_PI * r->speed) : 0;
     r->power = r->error / (ts_real)r->window;
@@ -309,6 +308,7 @@ static bool end_band(ts_resonance *r, ts_real tick, ts_real range, const ts_real
         ts_real fast = r->motion / w.f0, cost = COSTS * range * w.sensitivity * (fast * fast);
         if (r->power < cost * cost) w.f0 = 0;
     }
+    if (w.f0 > highest) w.f0 = 0;
     ts_real f0 = w.f0;
     bool there = f0 < AGREE * r->centre && r->centre < AGREE * f0, near = f0 > 0 && (there || w.variance < LEAST * LEAST);
     r->centre = f0 > 0 ? f0 : next > lowest ? next : r->again ? AGAIN_FROM : SEARCH_FROM;
@@ -341,7 +341,7 @@ ts_real ts_resonance_lowest(const ts_resonance *r, ts_real tick)
 void ts_resonance_look(ts_resonance *r, ts_real frequency)
 {
     bool there = r->centre < AGREE * frequency && frequency < AGREE * r->centre;
-    if (there || !(frequency > 0 && frequency < HIGHEST)) return;
+    if (there || !(frequency > 0 && frequency < TS_HIGHEST_RESONANCE)) return;
     r->centre = frequency;
     r->ticks = 0;
 }
@@ -353,12 +353,12 @@ bool ts_resonance_ends(const ts_resonance *r, ts_real above, ts_real below)
 }
 
 bool ts_resonance_tick(ts_resonance *r, ts_real tick, const ts_real *x, ts_real error, ts_real zdot_d, ts_real change, ts_real range,
-                       const ts_real *expected)
+                       ts_real highest, const ts_real *expected)
 {
     if (r->ticks == 0) begin_band(r, tick, x);
     count_tick(r, x, error);
     r->speed += zdot_d < 0 ? -zdot_d : zdot_d;
     r->change += change < 0 ? -change : change;
     r->ticks++;
-    return r->ticks >= r->settling + r->window && end_band(r, tick, range, expected);
+    return r->ticks >= r->settling + r->window && end_band(r, tick, range, highest, expected);
 }

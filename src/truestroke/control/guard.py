@@ -14,6 +14,8 @@ BEYOND_ALL = 2  # and where it is larger than half of the motion
 BETTER = 0.7  # of the error that failed: what was restored is better
 FIRST_WAIT = 4  # windows of the first hold,
 LONGEST_WAIT = 256  # and of the longest
+HOPELESS = 2  # times the error that failed: what was restored is worse,
+TRANSIENT = 2  # after so many windows
 SETTLES = 12  # windows in which the stage may calm down
 LEAST_RANGE = 10  # of the floor: a smaller motion is rest
 RISE = 1.02  # of the best, per window
@@ -253,16 +255,17 @@ class Guard:
         better = error < BETTER * self.failed
         self.error = error
         self.held += 1
-        if self.held <= (self.wait if better else FIRST_WAIT) or falls:
+        hopeless = self.held > TRANSIENT and error > HOPELESS * self.failed
+        if not hopeless and (self.held <= (self.wait if better else FIRST_WAIT) or falls):
             return Action.NOTHING
         self.drift = 0.0
-        if not better and self.kept and not self.at_start:
+        if not hopeless and not better and self.kept and not self.at_start:
             self.at_start, self.held = True, 1
             return Action.FIRST
         self.held = self.bad = self.good = 0
         self.pause = 1 if better else self.wait
         self.wait = 2 * self.wait if self.wait < LONGEST_WAIT else LONGEST_WAIT
-        if self.at_start:
+        if self.at_start and not hopeless:
             self.kept, self.best = False, 0.0
         self.at_start = False
         return Action.ADOPT if better else Action.RETURN

@@ -212,6 +212,7 @@ class ResonanceEstimator:
         zdot_d: float,
         change: float,
         span: float = 0.0,
+        highest: float = HIGHEST,
         expected: FloatArray | None = None,
     ) -> bool:
         """One tick; returns whether a window has ended that adds to what is known.
@@ -228,6 +229,8 @@ class ResonanceEstimator:
             Desired velocity, and its change in the tick, um/s.
         span : float
             Range of a motion that is followed well enough to lose by a stage that is wrong, um, or 0.
+        highest : float
+            Cycles per tick: a resonance above it is not the first.
         expected : ndarray, shape (7,), optional
             Weights of the plays, um/V; they are read in the tick that `ends` the window.
         """
@@ -238,7 +241,7 @@ class ResonanceEstimator:
         self._speed += abs(zdot_d)
         self._change += abs(change)
         self.ticks += 1
-        return self.ticks >= self._settling + self._window and self._end(tick, span, expected)
+        return self.ticks >= self._settling + self._window and self._end(tick, span, highest, expected)
 
     def ends(self, above: float, below: float) -> bool:
         """Whether the next tick ends a window whose mean square error is between these, um^2."""
@@ -268,7 +271,7 @@ class ResonanceEstimator:
         self._sum = self._sum + np.outer(v, v)
         self._error += error * error
 
-    def _end(self, tick: float, span: float, expected: FloatArray | None) -> bool:
+    def _end(self, tick: float, span: float, highest: float, expected: FloatArray | None) -> bool:
         self.motion = self._change / (2 * math.pi * self._speed) if self._speed > 0 else 0.0
         self.power = self._error / self._window
         lowest = self.lowest(tick)
@@ -277,7 +280,7 @@ class ResonanceEstimator:
         if f0 > 0:
             fast = self.motion / f0
             cost = COSTS * span * window.sensitivity * (fast * fast)
-            f0 = 0.0 if self.power < cost * cost else f0
+            f0 = 0.0 if self.power < cost * cost or f0 > highest else f0
         there = f0 < AGREE * self.centre and self.centre < AGREE * f0
         near = f0 > 0 and (there or window.variance < LEAST * LEAST)
         below = NEXT * self.centre

@@ -34,6 +34,7 @@ APART = 1e-3  # of poles: nearer ones are fitted as if they were so far apart
 SLOW = 0.02, 0.04  # of the first resonance: where 1 / G is expanded
 INVERTED = (2.5, 4.0), (1.5, 2.5)  # of the first resonance: inverted in full up to the first, not above the second
 VISIBLE = 0.3, 0.45  # of the sample rate: the same bounds where it is low
+MOST_DEAD = 8  # ticks of lag and dead time of a stage that is found: TS_MOST_DEAD of the kernel
 DAMPED = 0.3  # damping of a second or third mode in the equation of the law
 AMPLE = 2.0  # times the motion, peak to peak: a strain that needs more is inverted up to the next of `INVERTED`
 FOUND_DAMPING = 0.02  # of a stage that was found by its oscillation
@@ -500,7 +501,7 @@ class Stage:
                 x[0] = (b1 - a1) * y + x[1]
             before, y = y, b0 * y + x[0]
             x[0], x[1] = b1 * before - a1 * y + x[1], b2 * before - a2 * y
-        self.strain.pop(self.ticks - self.dead - 4, None)
+        self.strain.pop(self.ticks - max(self.dead, MOST_DEAD) - 4, None)  # another stage may be later
         self.ticks += 1
         return y
 

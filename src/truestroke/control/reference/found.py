@@ -9,8 +9,8 @@ from truestroke.control.adaptation import FilteringLaw
 from truestroke.control.guard import FIRST_WAIT
 from truestroke.control.reference.command import keep_command, look_ahead_anew
 from truestroke.control.reference.state import HISTORY, Growth, State
-from truestroke.control.resonance import SHOWN, shown, tangent
-from truestroke.control.stage import Stage, found
+from truestroke.control.resonance import HIGHEST, SHOWN, shown, tangent
+from truestroke.control.stage import MOST_DEAD, Stage, found
 
 FOUND = 0.2  # relative standard deviation of the inertia of a resonance that an oscillation has
 FOUND_FILTER = 0.6  # of a stage that was found by its oscillation: corner of the law's filter over its resonance,
@@ -30,7 +30,6 @@ NOISY = 9  # times the variance of a measurement: nor does a smaller error,
 SHAKEN = 1e-3  # of the range of the motion: unless the stage rings by so much
 AGREES = 0.05  # with the resonance that the estimate knows: its lag is that of this stage, and the last window is of it
 TURNS = 0.2  # radians at the resonance: a smaller lag is a matter of the weights
-MOST_DEAD = 8  # ticks of lag and dead time: TS_MOST_DEAD of the kernel
 MOST_GAINED = 5.0  # times their first gain: plays that have more, or less than a fifth, learn from a wrong sensor
 LATE = 2 * MOST_DEAD  # ticks before a measurement: its stage knows no earlier strains
 DAMPS = 0.2  # of the ringing: what the active damping takes from the command, a quarter of a period later,
@@ -307,6 +306,15 @@ def expected_of_plays(c: State) -> FloatArray | None:
     return expected * (now / before)
 
 
+def highest_first(c: State) -> float:
+    """The highest frequency of a first resonance, cycles per tick.
+
+    Where the stage of the model has long been good, what is shown further above is its second mode.
+    """
+    good = c.path is not None and c.stage.found and c.kept.guard.settled and not c.stage.trial
+    return (1 + FURTHER) * c.stage.resonance if good else HIGHEST
+
+
 def watch_resonance(c: State, z: float, error: float, zdot_d: float, path: Stage | None) -> None:
     """One tick of the estimate: the plays of a tick before the measurement, which is about its dead time."""
     law, tick = c.filtering, c.oscillation.tick
@@ -325,7 +333,7 @@ def watch_resonance(c: State, z: float, error: float, zdot_d: float, path: Stage
         noisy(c, law), most
     )  # with a stage in the model the weights may go with it
     expected = expected_of_plays(c) if ends else None
-    known = c.estimator.update(tick, before, z, error, zdot_d, zdot_d - c.rate, span, expected)
+    known = c.estimator.update(tick, before, z, error, zdot_d, zdot_d - c.rate, span, highest_first(c), expected)
     c.rate = zdot_d
     if not known or not matters(c):
         return
