@@ -243,6 +243,7 @@ void ts_forget_stage(ts_controller *c)
     if (ends) ts_end_growth(c);
     if (returns) return_to_given(c);
     c->stage.resonance = s->resonance;
+    ts_resonance_look(&c->resonance, s->resonance);
     c->stage.inertia = inertia_of(s, s->resonance);
     c->law.kalman.filter = s->kalman.filter;
     if (ends) ts_look_ahead_anew(c);
@@ -295,7 +296,7 @@ static bool matters(const ts_controller *c)
 {
     const ts_sensor *s = &c->settings->sensor;
     const ts_resonance *r = &c->resonance;
-    if (c->settings->resonance > 0 || c->hold || c->stage.rest > 0) return false;
+    if (c->hold || c->stage.rest > 0) return false;
     if (s->ticks > 0 || s->share > 0 || s->lag > 0 || c->lagged.ticks < 8) return false;
     if (!ts_resonance_suffices(r) || r->variance > CERTAIN * CERTAIN) return false;
     if (!c->found.known && size_of(r->centre / r->known - 1) > AGREES) return false; /* windows that walk are not noise about it */

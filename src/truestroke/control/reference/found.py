@@ -59,6 +59,7 @@ def forget_stage(c: State) -> None:
             law.stop_filters()
     if law is not None:
         stage.resonance, law.filter = c.members["resonance"], c.members["kalman.filter"]
+        c.estimator.look(stage.resonance)
         stage.inertia = inertia_of(c, stage.resonance)
     if before is not None:
         end_growth(c)
@@ -243,7 +244,7 @@ def matters(c: State) -> bool:
     The motion is then fast enough, and the error larger than noise; or it rings.
     """
     law, known, stage = c.filtering, c.estimator, c.stage
-    if law is None or c.members["resonance"] > 0 or c.held or stage.rest > 0:
+    if law is None or c.held or stage.rest > 0:
         return False
     if c.sensor.late or c.lagged.ticks < 8:
         return False
