@@ -381,6 +381,10 @@ void ts_watch_resonance(ts_controller *c, ts_real z, ts_real error, const ts_mot
     const ts_real *weights = ends && expected_of_plays(c, expected) ? expected : NULL;
     bool known = ts_resonance_tick(r, s->oscillation.tick, x, error, d->zdot_d, d->zdot_d - c->rate, range, highest_first(c, staged), weights);
     c->rate = d->zdot_d;
+    if (s->resonance > 0 && !dynamics_of(c)->known && c->lagged.ticks == 8) {
+        ts_adopt_stage(c, s->resonance, 0);
+        return;
+    }
     if (!known || !matters(c)) return;
     c->stage.resonance = r->known;
     c->guard.settled = c->guard.settled && c->guard.lost; /* else it was no wrong sensor: there is nothing to return to */

@@ -336,6 +336,9 @@ def watch_resonance(c: State, z: float, error: float, zdot_d: float, path: Stage
     expected = expected_of_plays(c) if ends else None
     known = c.estimator.update(tick, before, z, error, zdot_d, zdot_d - c.rate, span, highest_first(c), expected)
     c.rate = zdot_d
+    if c.members["resonance"] > 0 and c.path is None and c.lagged.ticks == 8:
+        adopt_stage(c, law, c.members["resonance"], 0.0)
+        return
     if not known or not matters(c):
         return
     c.stage.resonance = c.estimator.known
