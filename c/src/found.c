@@ -273,7 +273,8 @@ void ts_give_up_stage(ts_controller *c)
 bool ts_stage_is_shown(ts_controller *c)
 {
     const ts_resonance *r = &c->resonance;
-    if (!c->found.known || !(r->known > 0) || r->variance > CERTAIN * CERTAIN) return false;
+    if (!c->found.known) return false;
+    if (!(r->known > 0) || r->variance > CERTAIN * CERTAIN) return c->settings->resonance > 0; /* nothing shows another one */
     ts_real moved = r->known / c->stage.resonance - 1;
     if (moved * moved > FURTHER * FURTHER) return false;
     if (moved * moved > MOVED * MOVED) {

@@ -8,7 +8,8 @@
 #define NOISES 6                /* nor one of so many standard deviations of a measurement */
 #define FALLS ((ts_real)0.7)    /* of the window before: an error that falls so fast is being learned */
 #define BAD 3                   /* windows in a row that are a failure, */
-#define BAD_AT_FIRST 5          /* while nothing is learned yet, */
+#define BAD_AT_FIRST 5          /* while nothing is learned yet, or of a motion that is so many times smaller, */
+#define LARGER 2
 #define BEYOND_ALL 2            /* and where it is larger than half of the motion */
 #define BETTER ((ts_real)0.7)   /* of the error that failed: what was restored is better */
 #define HOPELESS 2              /* times the error that failed: what was restored is worse, */
@@ -108,7 +109,8 @@ static ts_guard_action judge_learned(ts_guard *g, const ts_guard_settings *s, ts
     ts_real range = ts_guard_range(g, s);
     bool large = error > least && error > WORSE * g->best && error * range > g->ringing;
     bool falls = error < FALLS * g->error;
-    int most = 2 * error > 1 ? BEYOND_ALL : g->kept ? BAD : BAD_AT_FIRST;
+    bool proven = g->kept && range < LARGER * g->span;
+    int most = 2 * error > 1 ? BEYOND_ALL : proven ? BAD : BAD_AT_FIRST;
     g->error = error;
     g->ringing *= DECAYS;
     g->small = whole > least ? 0 : g->small < LONG_AT_REST ? g->small + 1 : g->small;

@@ -10,6 +10,7 @@ NOISES = 6  # nor one of so many standard deviations of a measurement
 FALLS = 0.7  # of the window before: an error that falls so fast is being learned
 BAD = 3  # windows in a row that are a failure,
 BAD_AT_FIRST = 5  # while nothing is learned yet,
+LARGER = 2  # or of a motion that is so many times as small,
 BEYOND_ALL = 2  # and where it is larger than half of the motion
 BETTER = 0.7  # of the error that failed: what was restored is better
 FIRST_WAIT = 4  # windows of the first hold,
@@ -274,7 +275,8 @@ class Guard:
         """`whole`: the error with its mean."""
         large = error > least and error > WORSE * self.best and error * span > self.ringing
         falls = error < FALLS * self.error
-        most = BEYOND_ALL if 2 * error > 1 else BAD if self.kept else BAD_AT_FIRST
+        proven = self.kept and span < LARGER * self.span
+        most = BEYOND_ALL if 2 * error > 1 else BAD if proven else BAD_AT_FIRST
         self.error = error
         self.ringing *= DECAYS
         self.small = 0 if whole > least else min(self.small + 1, LONG_AT_REST)

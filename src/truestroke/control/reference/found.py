@@ -352,8 +352,10 @@ def watch_resonance(c: State, z: float, error: float, zdot_d: float, path: Stage
 def stage_is_shown(c: State, law: FilteringLaw) -> bool:
     """Whether the stage of the model is the one that the measurements show. Where it is near, it is moved there."""
     shown, stage = c.estimator, c.stage
-    if not stage.found or not shown.known > 0 or shown.variance > CERTAIN * CERTAIN:
+    if not stage.found:
         return False
+    if not shown.known > 0 or shown.variance > CERTAIN * CERTAIN:
+        return bool(c.members["resonance"] > 0)  # nothing shows another one
     moved = shown.known / stage.resonance - 1
     if moved * moved > FURTHER * FURTHER:
         return False
