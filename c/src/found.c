@@ -291,6 +291,12 @@ static ts_real noisy(const ts_controller *c)
     return NOISY * noise * noise;
 }
 
+/* Whether the resonance of the stage is that of the settings: nothing has shown it. */
+static bool is_assumed(const ts_controller *c)
+{
+    return !(c->stage.resonance < c->settings->resonance || c->stage.resonance > c->settings->resonance);
+}
+
 /* Whether the stage is put into the model, or its resonance there replaced: the motion is fast enough that it matters, and the error
  * larger than noise; or it rings. */
 static bool matters(const ts_controller *c)
@@ -299,11 +305,12 @@ static bool matters(const ts_controller *c)
     const ts_resonance *r = &c->resonance;
     if (c->hold || c->stage.rest > 0) return false;
     if (s->ticks > 0 || s->share > 0 || s->lag > 0 || c->lagged.ticks < 8) return false;
-    if (!ts_resonance_suffices(r) || r->variance > CERTAIN * CERTAIN) return false;
+    bool assumed = c->found.known && is_assumed(c);
+    if (!ts_resonance_suffices(r) || (r->variance > CERTAIN * CERTAIN && !assumed)) return false;
     if (!c->found.known && size_of(r->centre / r->known - 1) > AGREES) return false; /* windows that walk are not noise about it */
     if (c->found.known) {
         ts_real moved = r->known / c->stage.resonance - 1;
-        return moved * moved > MOVED * MOVED && moved * moved < FURTHER * FURTHER && moved * moved > 4 * r->variance;
+        return moved * moved > MOVED * MOVED && (assumed || moved * moved < FURTHER * FURTHER) && moved * moved > 4 * r->variance;
     }
     if (is_given(c)) {
         const ts_guard *g = &c->guard;

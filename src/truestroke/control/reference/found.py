@@ -248,13 +248,14 @@ def matters(c: State) -> bool:
         return False
     if c.sensor.late or c.lagged.ticks < 8:
         return False
-    if not known.suffices or known.variance > CERTAIN * CERTAIN:
+    assumed = stage.found and stage.resonance == c.members["resonance"]  # it was given, and nothing has shown it
+    if not known.suffices or (known.variance > CERTAIN * CERTAIN and not assumed):
         return False
     if not stage.found and abs(known.centre / known.known - 1) > AGREES:  # windows that walk are not noise about it
         return False
     if stage.found:
         moved = known.known / stage.resonance - 1
-        far = MOVED * MOVED < moved * moved < FURTHER * FURTHER
+        far = MOVED * MOVED < moved * moved and (assumed or moved * moved < FURTHER * FURTHER)
         return far and moved * moved > 4 * known.variance
     if c.is_given:
         guard = c.kept.guard
