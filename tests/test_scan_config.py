@@ -131,7 +131,8 @@ def test_a_scan_that_is_cut_short_keeps_its_rows(tmp_path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
     fault = "axes = {", 'faults = [{kind = "error", at = 1010}]\naxes = {'
     check = "overrun_streak = 0", "overrun_streak = 0\naxis_check = false"
-    Path("scan.toml").write_text((SIMULATED + AXES).replace(*fault).replace(*check))
+    ending = "scan.h5", "scan.hdf5"
+    Path("scan.toml").write_text((SIMULATED + AXES).replace(*fault).replace(*check).replace(*ending))
     done = CliRunner().invoke(main, ["scan", "--config", "scan.toml", "--json"])
     assert done.exit_code == 12, done.output
     found = json.loads(done.stdout)
@@ -140,7 +141,7 @@ def test_a_scan_that_is_cut_short_keeps_its_rows(tmp_path, monkeypatch) -> None:
     (image,) = scans.read_images("scan-height-retrace.gsf")
     assert image.data.shape[0] == 4
     assert image.size == (6.0, 3.0)
-    assert truestroke.Recording.load("scan-y.h5")["measured"].size == 1010
+    assert truestroke.Recording.load("scan-y.hdf5")["measured"].size == 1010
     again = CliRunner().invoke(main, ["scan", "--config", "scan.toml"])
     assert (again.exit_code, "a recording is there" in again.output) == (1, True)
 
