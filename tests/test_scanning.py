@@ -98,6 +98,25 @@ def test_what_repeats_is_taken_away(small):
     assert largest(lines.period_of(scan)) < 0.1 < 0.35 * largest(None)
 
 
+def test_another_rate_is_named_for_what_is_at_a_resonance_only(small):
+    """Not for noise of the sensors, of which the same image is as far off."""
+    _, scan = small
+    stage, desired = (
+        imaging.stage_of((600.0, 500.0), ("plays", "preisach"), 0.001),
+        np.stack([a.position for a in scan.axes], 1),
+    )
+    random = np.random.default_rng(0)
+    for off, named in (
+        (0.01 * np.sin(2 * np.pi * 600.0 * scan.time), True),
+        (0.004 * random.standard_normal(len(scan.x)), False),
+        (0.01 * scan.x.position / 20.0, False),
+    ):
+        true = desired + off[:, None]
+        imaged = imaging.Imaged("truestroke", true, scans.distortion(scan, *true.T, 512), {}, (0.0, 0.0))
+        assert imaged.distortion.largest > 0.1
+        assert bool(imaging._for_image(scan, imaged, stage)) == named
+
+
 def test_the_last_line_is_as_the_others_and_the_first_begins_as_late_at_any_rate():
     """Of a stage whose axes disturb each other: behind the last line y steps on, as behind the others."""
     stage = imaging.stage_of((900.0, 900.0), ("plays", "preisach"), 0.001)

@@ -19,9 +19,9 @@ from truestroke.control.controller import AdaptiveController
 from truestroke.control.settings import ControllerSettings
 from truestroke.plant import MultiAxisSettings, MultiAxisStage, StageSettings
 from truestroke.signals import scans, shaping
+from truestroke.signals.scans import rates
 from truestroke.signals.scans.images import Distortion, Image
 from truestroke.signals.scans.motions import LEAD_OUT
-from truestroke.signals.scans.rates import advice
 from truestroke.signals.scans.scan import Scan
 from truestroke.studies.scanning import lines
 
@@ -224,14 +224,31 @@ def image_stage(
         longest = [several.submit(made, name) for name in reversed(NAMES)]
         found = {one.name: one for one in (each.result() for each in reversed(longest))}
         spiral = around.result()
-    known = {name: one.resonances[0] for name, one in zip("xy", stage.axes, strict=True)}
-    return Scanned(
-        scan,
-        found,
-        spiral,
-        stage,
-        judged(found["truestroke"], spiral, advice(scan, known), advice(spiral_of(stage), known)),
-    )
+    best = found["truestroke"]
+    verdict = judged(best, spiral.percent, _for_image(scan, best, stage), spiral.remedy)
+    return Scanned(scan, found, spiral.percent, stage, verdict)
+
+
+def _resonances(stage: MultiAxisSettings) -> dict[str, float]:
+    """First ones of the axes, Hz."""
+    return {name: one.resonances[0] for name, one in zip("xy", stage.axes, strict=True)}
+
+
+def _for_image(scan: Scan, imaged: Imaged, stage: MultiAxisSettings) -> str:
+    """Another rate, where what harmonics of the rows do at a resonance is why the image is not good."""
+    seen, known = (imaged.distortion.largest, imaged.distortion.trace_retrace), _resonances(stage)
+    words = rates.advice(scan, known) if max(seen) > FINE else ""
+    if not words:
+        return ""
+    x, y = (imaged.true - rates.at_resonances(scan, _off(scan, imaged.true), known)).T
+    less = scans.distortion(scan, x, y, PIXELS)
+    left = less.largest, less.trace_retrace
+    return words if any(rates.is_why(one, other, FINE) for one, other in zip(seen, left, strict=True)) else ""
+
+
+def _off(scan: Scan, true: FloatArray) -> FloatArray:
+    """True minus desired positions, um, shape (ticks, axes)."""
+    return true - np.stack([axis.position for axis in scan.axes], axis=1)
 
 
 @contextmanager
@@ -265,12 +282,25 @@ def spiral_of(stage: MultiAxisSettings) -> Scan:
     return scans.spiral(diameter=WIDTH, turns=TURNS, rotation=ROTATION, **usual)  # type: ignore[arg-type]
 
 
-def _spiral(stage: MultiAxisSettings, seed: int, going: Callable[..., None]) -> float:
-    """Error of the spiral, % of its diameter, rms."""
-    scan = spiral_of(stage)
-    true = lines.together(scan, MultiAxisStage(stage, seed), controllers_of(stage), going)
-    error: FloatArray = true - np.stack([axis.position for axis in scan.axes], axis=1)
-    return float(100 / WIDTH * np.sqrt(np.mean(np.sum(error[scan.inside] ** 2, axis=1))))
+@dataclass(frozen=True)
+class _Spiral:
+    """Error of the spiral, % of its diameter, rms, and another rotation where a resonance is why it is large."""
+
+    percent: float
+    remedy: str
+
+
+def _spiral(stage: MultiAxisSettings, seed: int, going: Callable[..., None]) -> _Spiral:
+    scan, known = spiral_of(stage), _resonances(stage)
+    off = _off(scan, lines.together(scan, MultiAxisStage(stage, seed), controllers_of(stage), going))
+
+    def percent(error: FloatArray) -> float:
+        return float(100 / WIDTH * np.sqrt(np.mean(np.sum(error[scan.inside] ** 2, axis=1))))
+
+    found = percent(off)
+    words = rates.advice(scan, known) if found > ROUND else ""
+    why = words and rates.is_why(found, percent(off - rates.at_resonances(scan, off, known)), ROUND)
+    return _Spiral(found, words if why else "")
 
 
 def judged(imaged: Imaged, spiral: float, for_image: str = "", for_spiral: str = "") -> Verdict:
