@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from matplotlib import mlab
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -28,7 +27,7 @@ def spectrum(errors: Mapping[str, tuple[str, FloatArray]], rate: float, theme: T
     theme : Theme
         Colours.
     """
-    known = {name: error[np.isfinite(error)] for name, (_, error) in errors.items()}
+    known = {name: _known(error) for name, (_, error) in errors.items()}
     scale, unit = units.scaled_length(max(float(np.abs(error).max(initial=0.0)) for error in known.values()))
     seen = np.zeros(1)
     with style.use(theme):
@@ -45,6 +44,12 @@ def spectrum(errors: Mapping[str, tuple[str, FloatArray]], rate: float, theme: T
         of_size.set(xlabel=f"error ({unit})", ylabel="share of the samples (%)")
         style.legend_above(of_frequency)
     return figure
+
+
+def _known(error: FloatArray) -> FloatArray:
+    """Values that are there; no copy where all are."""
+    there = np.isfinite(error)
+    return error if there.all() else error[there]
 
 
 def histogram(panel: Axes, errors: Mapping[str, tuple[str, FloatArray]], theme: Theme, bins: int = BINS) -> None:
@@ -65,8 +70,8 @@ def bridged(error: FloatArray) -> FloatArray:
     array([1., 2., 3., 4.])
     """
     known = np.flatnonzero(np.isfinite(error))
-    if not known.size:
-        return np.zeros(0)
+    if known.size in (0, error.size):
+        return error[known]
     return np.interp(np.arange(known[0], known[-1] + 1), known, error[known])
 
 
@@ -76,9 +81,16 @@ def _density(error: FloatArray, rate: float) -> tuple[FloatArray, FloatArray]:
         return np.zeros(0), np.zeros(0)
     segment = min(error.size, max(256, error.size // 16))
     hann = np.hanning(segment + 1)[:-1]  # periodic
-    # Not scipy.signal: its import takes as long as all pictures of a page.
-    power, frequency = map(np.asarray, mlab.psd(error, segment, rate, mlab.detrend_mean, hann, segment // 2))
-    return frequency[1:], np.sqrt(power[1:])
+    starts = range(0, error.size - segment + 1, segment - segment // 2)
+    power: FloatArray = np.zeros(segment // 2 + 1)
+    # Not scipy.signal, whose import takes as long as all pictures of a page; matplotlib.mlab holds all segments.
+    for start in starts:
+        part = error[start : start + segment]
+        power += np.abs(np.fft.rfft(hann * (part - part.mean()))) ** 2
+    power *= 2 / (len(starts) * rate * np.sum(hann**2))
+    if segment % 2 == 0:
+        power[-1] /= 2
+    return np.asarray(np.fft.rfftfreq(segment, 1 / rate)[1:]), np.sqrt(power[1:])
 
 
 def _decades(values: FloatArray) -> tuple[float, float]:
