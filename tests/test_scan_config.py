@@ -19,6 +19,7 @@ import truestroke
 from truestroke import SettingError, scans
 from truestroke.cli import main
 from truestroke.cli.scan import _resonances
+from truestroke.report import scan as scan_page
 from truestroke.report.scan import rows as scan_rows
 from truestroke.runtime.drivers.nidaqmx import AnalogSignal, NidaqmxDriver, NidaqmxSettings
 from truestroke.runtime.drivers.simulated import SampleSettings, SimulatedDriver, SimulatedSettings
@@ -279,6 +280,23 @@ def test_a_late_stage_is_judged_by_sensors_and_by_the_image(raster) -> None:
     assert dict(scan_rows(found))["trace and retrace apart, by the sensors"].endswith(
         f"{found.distortion.trace_retrace:.2f} pixels"
     )
+
+
+@pytest.mark.parametrize(("height", "stacked", "shown"), [(10.0, False, 1.0), (3.0, True, 0.3), (0.2, True, 0.1)])
+def test_a_flat_image_fills_its_picture_and_axes_have_their_names(height, stacked, shown) -> None:
+    """Trace above retrace; a strip of 10 x 0.2 um is five times as high as it is long."""
+    scan = scans.raster(width=10.0, height=height, lines=16, rate=40.0, sample_rate=5000.0)
+    texture = scans.Texture(seed=2)(scan.x.position, scan.y.position)
+    found = scans.recorded(scan, scan.x.position, scan.y.position, texture, columns=64, axes=("tip", "z"))
+    assert ["error of tip, z", "within the noise, within the noise rms"] in scan_rows(found)
+    figure = scan_page.plots(found)["image"]
+    figure.draw_without_rendering()
+    first, second, _ = (one.get_position() for one in figure.axes)
+    assert (first.y0 > second.y1, first.x1 < second.x0) == (stacked, not stacked)
+    width, size = figure.get_size_inches()
+    assert first.height * size / (first.width * width) == pytest.approx(shown, rel=0.01)
+    assert first.height * size > 0.25 * (size / 2 if stacked else size)
+    assert (figure.axes[1].get_xlabel(), figure.axes[0].get_ylabel()) == ("tip (µm)", "z (µm)")
 
 
 def test_a_signal_that_is_noise_has_no_shift(raster) -> None:

@@ -217,4 +217,5 @@ def _recorded(
     x, y = (measured[list(recordings).index(name)] for name in imaging.axes)
     signal = imaging.signal
     about = {"columns": imaging.columns, "name": signal.name, "unit": signal.unit, "resonances": resonances}
+    about["axes"] = imaging.axes
     return scans.recorded(imaging.scan, x, y, every[0][signal.name], **about)  # type: ignore[arg-type]

@@ -12,11 +12,12 @@ from truestroke.base.typing import FloatArray
 from truestroke.report import style, units
 from truestroke.report.style import Theme
 
+SMALL = 0.1  # nm/sqrt(Hz): the largest density that is shown in pm/sqrt(Hz)
 BINS = 81  # of a histogram: one in the middle is around 0
 
 
 def spectrum(errors: Mapping[str, tuple[str, FloatArray]], rate: float, theme: Theme) -> Figure:
-    """Spectral density (nm/sqrt(Hz), by Welch) and histogram (% of the samples) of errors.
+    """Spectral density (nm/sqrt(Hz) or pm/sqrt(Hz), by Welch) and histogram (% of the samples) of errors.
 
     Parameters
     ----------
@@ -29,17 +30,21 @@ def spectrum(errors: Mapping[str, tuple[str, FloatArray]], rate: float, theme: T
     """
     known = {name: _known(error) for name, (_, error) in errors.items()}
     scale, unit = units.scaled_length(max(float(np.abs(error).max(initial=0.0)) for error in known.values()))
-    seen = np.zeros(1)
+    densities = {name: _density(1e3 * bridged(error), rate) for name, (_, error) in errors.items()}
+    seen = np.concatenate([density[density > 0] for _, density in densities.values()])
+    small = seen.size > 0 and seen.max() < SMALL
+    seen = 1e3 * seen if small else seen
     with style.use(theme):
         figure, (of_frequency, of_size) = style.panels(3.0, 1, 2, width_ratios=[1.6, 1])
-        for name, (role, error) in errors.items():
-            frequency, density = _density(1e3 * bridged(error), rate)
-            seen = np.append(seen, density[density > 0])
-            of_frequency.plot(frequency, density, color=theme[role], lw=0.9, label=name)
-        of_frequency.set(xlabel="frequency (Hz)", ylabel="spectral density of the error (nm/√Hz)")
-        if seen.size > 1:
+        for name, (frequency, density) in densities.items():
+            shown = 1e3 * density if small else density
+            of_frequency.plot(frequency, shown, color=theme[errors[name][0]], lw=0.9, label=name)
+        of_frequency.set(
+            xlabel="frequency (Hz)", ylabel=f"spectral density of the error ({'pm' if small else 'nm'}/√Hz)"
+        )
+        if seen.size:
             style.logarithmic(of_frequency, "xy")
-            of_frequency.set_ylim(*_decades(seen[1:]))
+            of_frequency.set_ylim(*_decades(seen))
         histogram(of_size, {name: (role, scale * known[name]) for name, (role, _) in errors.items()}, theme)
         of_size.set(xlabel=f"error ({unit})", ylabel="share of the samples (%)")
         style.legend_above(of_frequency)

@@ -41,6 +41,8 @@ class Recorded:
         Of the retrace against the trace, in x and y, pixels, by the images alone; None where they do not show it.
     verdict : Verdict
         Of the image.
+    axes : tuple[str, str]
+        Names of the fast and the slow axis.
     """
 
     scan: Scan
@@ -50,6 +52,7 @@ class Recorded:
     distortion: Distortion | None
     shift: tuple[float, float] | None
     verdict: Verdict
+    axes: tuple[str, str] = ("x", "y")
 
     def rms_um(self) -> tuple[float, float]:
         """Root mean square of the errors of x and y, um, without the noise of the sensors."""
@@ -80,6 +83,7 @@ def recorded(
     name: str = "signal",
     unit: str = "",
     resonances: Mapping[str, float] | None = None,
+    axes: tuple[str, str] = ("x", "y"),
 ) -> Recorded:
     """Images of a scan from what was recorded in each of its ticks, from the first one on.
 
@@ -98,6 +102,8 @@ def recorded(
     resonances : Mapping[str, float], optional
         First resonance of axes, Hz, by their names: where a harmonic of the lines meets one, and what the sensors show
         there is why an image is not good, the verdict names a rate of which none does.
+    axes : tuple[str, str]
+        What the page calls the fast and the slow axis.
 
     Returns
     -------
@@ -135,6 +141,7 @@ def recorded(
         distortion=found.distortion,
         shift=apart,
         verdict=_judged(made, rows, found, apart, remedy),
+        axes=axes,
     )
 
 
