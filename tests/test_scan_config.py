@@ -299,6 +299,18 @@ def test_a_flat_image_fills_its_picture_and_axes_have_their_names(height, stacke
     assert (figure.axes[1].get_xlabel(), figure.axes[0].get_ylabel()) == ("tip (µm)", "z (µm)")
 
 
+def test_a_ramp_of_the_slow_axis_is_no_shift_of_the_retrace() -> None:
+    """Half a row by which y moves on between trace and retrace, as it should: 0.54 pixels were stated, and doubted."""
+    usual = {"width": 10.0, "lines": 32, "rate": 40.0, "sample_rate": 10_000.0, "offset": (14.0, 14.0)}
+    for slow, late in (("ramp", 0.0), ("steps", 0.0), ("ramp", 1.0)):
+        scan = scans.raster(**usual, slow=slow)
+        y = scan.y.position + late * 10.0 / 32 * (np.gradient(scan.x.position) < 0)  # a retrace that is a row too high
+        height = scans.Texture(seed=1)(scan.x.position + 3.0, y + 5.0)
+        found = scans.recorded(scan, scan.x.position, scan.y.position, height, columns=100)
+        assert found.shift == pytest.approx((0.0, -late), abs=0.08)
+        assert found.verdict.level == ("doubtful" if late else "good")
+
+
 def test_a_signal_that_is_noise_has_no_shift(raster) -> None:
     """An input that nobody has connected: trace and retrace have nothing in common, and none is stated."""
     noise = np.random.default_rng(5).normal(size=len(raster.x))

@@ -13,7 +13,7 @@ from truestroke.base.typing import FloatArray
 from truestroke.base.verdict import Level, Verdict
 from truestroke.signals import metrics
 from truestroke.signals.scans import rates
-from truestroke.signals.scans.images import Distortion, Image, ImageError, distortion, gridded, images, shift
+from truestroke.signals.scans.images import Distortion, Image, ImageError, at_pixels, distortion, gridded, images, shift
 from truestroke.signals.scans.scan import Scan
 
 SEEN, CLEAR = 0.5, 2.0  # pixels: what a good image may be off, and a doubtful one
@@ -38,7 +38,8 @@ class Recorded:
     distortion : Distortion or None
         Of a raster, by the measured positions.
     shift : tuple[float, float] or None
-        Of the retrace against the trace, in x and y, pixels, by the images alone; None where they do not show it.
+        Of the retrace against the trace, in x and y, pixels, by the images alone, less the half row by which y moves on
+        between them with ``slow="ramp"``; None where they do not show it.
     verdict : Verdict
         Of the image.
     axes : tuple[str, str]
@@ -151,7 +152,8 @@ def _images(
     """Trace and retrace of a raster, with their shift, or the image of any other scan."""
     if scan.name == "raster":
         made = images(scan, values, columns, name=name, unit=unit)
-        return made, _shift(made)
+        apart = _shift(made)
+        return made, apart and (apart[0], apart[1] + _moved_on(scan, columns))
     inside = scan.inside
     where = {"origin": scan.origin, "size": scan.size, "shape": (columns, columns)}
     samples = (*places[inside].T, values[inside])
@@ -255,6 +257,13 @@ def _shift(made: Mapping[str, Image]) -> tuple[float, float] | None:
     if min(first.shape) < FEWEST or np.ptp(first) == 0 or np.ptp(second) == 0:
         return None
     return apart if np.corrcoef(first.ravel(), second.ravel())[0, 1] > ALIKE else None
+
+
+def _moved_on(scan: Scan, columns: int) -> float:
+    """Rows by which y moves on between trace and retrace, as it should, in the mean."""
+    y, direction = at_pixels(scan, scan.y.position, columns), scan.lines["direction"]
+    row = scan.size[1] / (int(scan.lines["row"].max()) + 1)
+    return float(np.mean(y[direction < 0]) - np.mean(y[direction > 0])) / row
 
 
 def _rms(error: FloatArray) -> tuple[float, float]:

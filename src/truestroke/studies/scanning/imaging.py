@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from truestroke.base import checks
+from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
 from truestroke.base.verdict import Level, Verdict
 from truestroke.control.axes import MultiAxisController
@@ -139,7 +140,12 @@ def scan_of(
     x, y = (one.dynamics() for one in stage.axes)
     least, step = (shaping.settling_move(one).duration for one in (x, y))
     fastest = 0.5 / (least + 3.1 * max(0.0, (step - least) / 2))  # an over-scan of the width on either side
-    checks.within("rate", rate, SLOWEST, fastest, "Hz")
+    if not SLOWEST <= checks.number("rate", rate, "Hz") <= fastest:
+        first = " and ".join(f"{one.resonances[0]:g}" for one in stage.axes)
+        bound = (
+            f"from {SLOWEST:g} to {fastest:.4g} Hz, as stages of {first} Hz need time to turn and to step in each row"
+        )
+        raise SettingError("rate", rate, bound, "Hz")
     turn = shaping.turn_time(x, rate)
     margin = max(0.0, (step - turn) / 2)
     line = 0.5 / rate - turn
