@@ -372,6 +372,16 @@ def test_a_spiral_is_an_image_by_its_measured_places() -> None:
     assert np.abs(image.data - (u - 2 * v[:, None]))[inside].max() < 0.15
     assert found.rms_um()[0] > 0.02
     assert scans.recorded(scan, *(one[:4000] for one in (x, y, x)), columns=30).rows == (12, 30)
+    assert "places" in scan_page.plots(found)  # whose caption says that it is not row by row
+
+
+def test_pixels_of_a_scan_that_is_no_raster_are_square() -> None:
+    for width, height in ((10.0, 4.0), (2.0, 5.0)):
+        scan = scans.cycloid(width=width, height=height, pitch=0.2, rate=40.0, sample_rate=20_000.0)
+        columns = scans.pixels_of(scan, 512)
+        found = scans.recorded(scan, scan.x.position, scan.y.position, scan.x.position, columns=columns)
+        assert found.images["image"].data.shape == (round(columns * height / width), columns)
+        assert found.images["image"].pixel[0] == pytest.approx(0.1, rel=0.4)  # two of them between two lines
 
 
 @pytest.mark.parametrize("kind", ["raster", "spiral", "lissajous", "cycloid"])

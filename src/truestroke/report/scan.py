@@ -15,6 +15,7 @@ from truestroke.signals.scans.recorded import Recorded
 
 CAPTIONS = {
     "image": ("The image", "As it was recorded, row by row; grey from the lowest to the highest signal."),
+    "places": ("The image", "The samples at their measured places; grey from the lowest to the highest signal."),
     "over": ("Trace and retrace", images.LAID_OVER),
     "lines": (
         "Where along a line",
@@ -28,6 +29,7 @@ WORDS = {"good": "The image is straight, by the sensors.", "doubtful": "Read thi
          "bad": "Do not measure in it."}  # fmt: skip
 FLAT = 0.5  # height over width: images that are flatter stand one above the other
 BAND = 10, 50, 90  # % of the rows
+SCANS = {"lissajous": "Lissajous curve"}  # where it is no word
 POINTS = 4000  # of a plot over time
 
 
@@ -54,10 +56,10 @@ def page(found: Recorded, verdict: Verdict, command: str | None = None) -> Page:
     shown = next(iter(found.images.values()))
     width, height = shown.size
     across, down = shown.data.shape[::-1]
-    name = shown.name.split(",")[0]
+    name, kind = shown.name.split(",")[0], SCANS.get(found.scan.name, found.scan.name)
     return Page(
         title=f"{name.capitalize()} of {width:.4g} x {height:.4g} um",
-        lead=f"A {found.scan.name} of {found.scan.x.duration:.3g} s, {across} x {down} pixels.",
+        lead=f"A {kind} of {found.scan.x.duration:.3g} s, {across} x {down} pixels.",
         verdict=verdict,
         remark=WORDS[verdict.level],
         sections=[
@@ -80,7 +82,7 @@ def _captions(found: Recorded) -> dict[str, tuple[str, str]]:
 def plots(found: Recorded, theme: Theme = LIGHT) -> dict[str, Figure]:
     """All of them by name, in the order of the page."""
     with style.use(theme):
-        made = {"image": _images(found)}
+        made = {"image" if found.distortion else "places": _images(found)}
         if found.distortion is not None:
             figure, (panel,) = style.panels(images.height(found.scan.size, 6.2, 4.2))
             images.lay_over(panel, found.images["trace"], found.images["retrace"])

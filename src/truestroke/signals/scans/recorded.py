@@ -97,7 +97,7 @@ def recorded(
     signal : array_like, shape (ticks,)
         What becomes the image.
     columns : int
-        Pixels of a row; of a scan that is no raster, of the image in both directions.
+        Pixels of a row; those of a scan that is no raster are square.
     name, unit : str
         Of the signal.
     resonances : Mapping[str, float], optional
@@ -155,7 +155,8 @@ def _images(
         apart = _shift(made)
         return made, apart and (apart[0], apart[1] + _moved_on(scan, columns))
     inside = scan.inside
-    where = {"origin": scan.origin, "size": scan.size, "shape": (columns, columns)}
+    down = max(1, round(columns * scan.size[1] / scan.size[0]))
+    where = {"origin": scan.origin, "size": scan.size, "shape": (down, columns)}
     samples = (*places[inside].T, values[inside])
     return {"image": gridded(*samples, name=name, unit=unit, **where)}, None  # type: ignore[arg-type]
 
