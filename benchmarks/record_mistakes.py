@@ -2,6 +2,7 @@
 
 python -m benchmarks.record_mistakes              the table of docs/identify.md; some minutes
 python -m benchmarks.record_mistakes --averaged   moving averages of both columns: verdict and error of the model
+python -m benchmarks.record_mistakes --jumps      a zero that jumps beneath 1 % of noise: verdicts; half an hour
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
-from benchmarks import foreign_records
+from benchmarks import foreign_records, further_records, other_records, unseen_records
 from scipy.signal import butter, lfilter
 
 from truestroke import plant, trajectories
@@ -322,7 +323,42 @@ def averaged(share: float) -> Iterator[str]:
         yield f"| {r.source} | {share:.2g} | {found.held_out.rmse_percent:.2f} | {true:.2f} | {found.verdict.level} |"
 
 
+def jumps(seed: int = 1) -> None:
+    """Which records of all four sets, with 1 % of noise, are `good`, and say that the zero jumped, by 2 % or not."""
+    sets = foreign_records, further_records, other_records, unseen_records
+    records, random, verdicts = [r for one in sets for r in one.records(seed)], np.random.default_rng(seed), []
+    for number, r in enumerate(records):
+        z, stroke = r.displacement, float(np.ptp(r.displacement))
+        noisy = z + 0.01 * stroke * random.standard_normal(z.size)
+        after = 0.02 * stroke * (np.arange(z.size) >= random.integers(z.size))
+        each = [seen(Record.from_arrays(r.volts, z, time=r.time, source=r.source)) for z in (r.displacement, noisy)]
+        if each[1][0] == "good":
+            each.append(seen(Record.from_arrays(r.volts, noisy + after, time=r.time, source=r.source)))
+        verdicts.append(each)
+        print(f"{number:3} {each} {r.source}", flush=True)
+    of_jump = [each[2] for each in verdicts if len(each) == 3]
+    print(
+        f"{sum(jump for each in verdicts for _, jump in each[:2])} of {2 * len(verdicts)} correct records have a jump"
+    )
+    print(
+        f"{len(of_jump)} are good with noise; with a jump of 2 % {sum(level == 'good' for level, _ in of_jump)} are, "
+        f"and {sum(jump for _, jump in of_jump)} say it"
+    )
+
+
+def seen(record: Record) -> tuple[str, bool]:
+    """The level of the verdict, and whether it says that the zero jumped; "refused" where `identify` refuses it."""
+    try:
+        verdict = identify(record).verdict
+    except RecordError:
+        return "refused", False
+    return verdict.level, any("did the zero of the sensor jump" in reason for reason in verdict.reasons)
+
+
 def main() -> None:
+    if "--jumps" in sys.argv:
+        jumps()
+        return
     if "--averaged" in sys.argv:
         print(
             "| record | mean over, strokes | held out, % | of the record itself, % | verdict |\n|---|---|---|---|---|"

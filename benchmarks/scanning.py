@@ -1,14 +1,18 @@
 """Where `truestroke scan` keeps its tenth of a pixel: other stages, sizes, rates, sensors and seeds than its own.
 
     python -m benchmarks.scanning
+    python -m benchmarks.scanning --between    # rates and rotations between the resonances: tables of decision 205
 
 Each row changes one thing of the command: 512 x 512 pixels of 20 um at 40 rows a second and 5 kHz, a stage of plays at
 900 Hz and of Preisach at 700 Hz. Largest distortion and shift between trace and retrace, pixels; rms of x and y, nm.
 """
 
+import argparse
 import dataclasses
 import itertools
 import warnings
+
+import numpy as np
 
 from truestroke import SettingError
 from truestroke.plant import MultiAxisSettings, MultiAxisStage
@@ -16,6 +20,15 @@ from truestroke.signals import scans
 from truestroke.studies.scanning import imaging, lines
 
 KINDS = ("plays", "preisach", "bouc-wen")
+MET = (  # resonances that a harmonic meets, hysteresis, damping, rows a second
+    ((600.0, 500.0), ("plays", "preisach"), 0.02, 40.0),
+    ((400.0, 350.0), ("plays", "bouc-wen"), 0.01, 40.0),
+    ((900.0, 700.0), ("bouc-wen", "plays"), 0.01, 100.0),
+    ((900.0, 700.0), ("bouc-wen", "preisach"), 0.01, 100.0),
+    ((900.0, 700.0), ("plays", "preisach"), 0.01, 100.0),
+    ((900.0, 680.0), ("plays", "preisach"), 0.01, 100.0),
+)
+TURNED = (((900.0, 700.0), (600.0, 500.0)), (("plays", "bouc-wen"), ("bouc-wen", "bouc-wen")))  # of the spirals
 
 
 def stage(
@@ -64,14 +77,14 @@ def cases():
             yield f"2000, 1600 Hz, {rows:g} rows, {words}", given
 
 
-def followed(width=imaging.WIDTH, rows=imaging.RATE, wrong=0.0, seed=0, **given):
-    """Largest distortion and shift, pixels; rms of x and y, nm."""
+def followed(width=imaging.WIDTH, rows=imaging.RATE, wrong=0.0, seed=0, scanned=None, **given):
+    """Largest distortion and shift, pixels; rms of x and y, nm. `scanned` has other arguments of `scan_of`."""
     made = stage(**given)
     told = tuple(
         dataclasses.replace(one, resonances=tuple((1 + wrong / 100) * f for f in one.resonances)) for one in made.axes
     )
     known = dataclasses.replace(made, axes=told)
-    scan = imaging.scan_of(known, rows, width)
+    scan = imaging.scan_of(known, rows, width, **(scanned or {}))
     controllers = imaging.controllers_of(known, lines.period_of(scan))
     true = lines.together(scan, MultiAxisStage(made, seed), controllers)
     found = scans.distortion(scan, *true.T, imaging.PIXELS)
@@ -79,7 +92,44 @@ def followed(width=imaging.WIDTH, rows=imaging.RATE, wrong=0.0, seed=0, **given)
     return found.largest, found.trace_retrace, 1e3 * x, 1e3 * y
 
 
+def between() -> None:
+    """Largest distortion at rates that meet a resonance, with what else was possible, and at those between."""
+    print(f"{'largest distortion, pixels':46} lead 4 s   lead 8 s       ramp    between")
+    for resonances, kinds, damping, rows in MET:
+        given = {"resonances": resonances, "kinds": kinds, "damping": damping}
+        quiet = scans.quiet_rate(rows, resonances, imaging.SAMPLE_RATE)
+        found = [
+            followed(rows=rate, scanned=scanned, **given)[0]
+            for rate, scanned in ((rows, {}), (rows, {"lead_in": 8.0}), (rows, {"slow": "ramp"}), (quiet, {}))
+        ]
+        words = f"{resonances[0]:g}, {resonances[1]:g} Hz, {kinds[0]}, {kinds[1]}, {rows:g} rows"
+        print(f"{words:46}" + "".join(f"{one:9.3f}  " for one in found) + f"({quiet:.2f})", flush=True)
+    print(f"{'spirals, % of the diameter':46}" + "".join(f"{one:9.2f}  " for one in turns(900.0, 700.0)))
+    for resonances, kinds in itertools.product(*TURNED):
+        made = stage(resonances=resonances, kinds=kinds)
+        found = [turned(made, rotation) for rotation in turns(*resonances)]
+        words = f"{resonances[0]:g}, {resonances[1]:g} Hz, {kinds[0]}, {kinds[1]}"
+        print(f"{words:46}" + "".join(f"{one:9.3f}  " for one in found), flush=True)
+
+
+def turns(*resonances: float) -> tuple[float, float]:
+    """Turns a second of the command, and between the resonances, Hz."""
+    return imaging.ROTATION, scans.quiet_rate(imaging.ROTATION, resonances, imaging.SAMPLE_RATE)
+
+
+def turned(made: MultiAxisSettings, rotation: float) -> float:
+    """Error of a spiral, % of its diameter, rms."""
+    scan = imaging.spiral_of(made, rotation)
+    true = lines.together(scan, MultiAxisStage(made), imaging.controllers_of(made))
+    return imaging.percent_off(scan, true - np.stack([axis.position for axis in scan.axes], axis=1))
+
+
 def main() -> None:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--between", action="store_true", help="rates between the resonances instead")
+    if parser.parse_args().between:
+        between()
+        return
     print(f"{'':46} largest  trace-retrace    x nm    y nm")
     for words, given in cases():
         try:

@@ -310,6 +310,25 @@ def test_one_axis_of_several_is_one_of_them_and_all_voltages_are_numbers() -> No
             SingleChannel(Three(), axis, safe)  # type: ignore[arg-type]  # what must not be
 
 
+def test_limits_of_axes_that_are_held_are_checked_as_those_of_the_one_that_moves() -> None:
+    safe, usual = {"x": 0.0, "y": 0.5}, {"x": (-0.6, 3.6), "y": (0.0, 1.0)}
+    for limits, words in (
+        ({"x": (-0.6, 3.6)}, "voltage_limits = limits of x: must be one for each of the axes x, y"),
+        ({**usual, "y": (1.0, 0.0)}, "voltage_limits of axis y"),
+        ({**usual, "y": (1.0, 2.0)}, "safe_voltage of axis y = 0.5 V: must be from 1 to 2"),
+        ((-0.6, 3.6), "voltage_limits = .*: must be a mapping of each axis to its limits"),
+    ):
+        with pytest.raises(SettingError, match=words):
+            SingleChannel(Three(), "x", safe, voltage_limits=limits)  # type: ignore[arg-type]  # what must not be
+    driver = Three(channels=2, plant={"da_limits": (-0.6, 3.6)})
+    for reach in ((0.0, 150.0), (-1.0, 3.6)):
+        single = SingleChannel(driver, "x", safe, voltage_limits={**usual, "y": reach})
+        with pytest.raises(SettingError, match=r"voltage_limits of axis y = (150|-1).0 V: must be .* the output_range"):
+            single.open()
+    with OneAxis(SingleChannel(driver, "x", safe, voltage_limits=usual), **AXIS) as axis:
+        assert axis.open().channels == 1
+
+
 class Plays(Three):
     """Its hardware plays a waveform by itself."""
 

@@ -19,6 +19,7 @@ import truestroke
 from truestroke import SettingError, scans
 from truestroke.cli import main
 from truestroke.cli.scan import _resonances
+from truestroke.report import scan as scan_page
 from truestroke.report.scan import rows as scan_rows
 from truestroke.runtime.drivers.nidaqmx import AnalogSignal, NidaqmxDriver, NidaqmxSettings
 from truestroke.runtime.drivers.simulated import SampleSettings, SimulatedDriver, SimulatedSettings
@@ -131,7 +132,8 @@ def test_a_scan_that_is_cut_short_keeps_its_rows(tmp_path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
     fault = "axes = {", 'faults = [{kind = "error", at = 1010}]\naxes = {'
     check = "overrun_streak = 0", "overrun_streak = 0\naxis_check = false"
-    Path("scan.toml").write_text((SIMULATED + AXES).replace(*fault).replace(*check))
+    ending = "scan.h5", "scan.hdf5"
+    Path("scan.toml").write_text((SIMULATED + AXES).replace(*fault).replace(*check).replace(*ending))
     done = CliRunner().invoke(main, ["scan", "--config", "scan.toml", "--json"])
     assert done.exit_code == 12, done.output
     found = json.loads(done.stdout)
@@ -140,7 +142,7 @@ def test_a_scan_that_is_cut_short_keeps_its_rows(tmp_path, monkeypatch) -> None:
     (image,) = scans.read_images("scan-height-retrace.gsf")
     assert image.data.shape[0] == 4
     assert image.size == (6.0, 3.0)
-    assert truestroke.Recording.load("scan-y.h5")["measured"].size == 1010
+    assert truestroke.Recording.load("scan-y.hdf5")["measured"].size == 1010
     again = CliRunner().invoke(main, ["scan", "--config", "scan.toml"])
     assert (again.exit_code, "a recording is there" in again.output) == (1, True)
 
@@ -280,6 +282,35 @@ def test_a_late_stage_is_judged_by_sensors_and_by_the_image(raster) -> None:
     )
 
 
+@pytest.mark.parametrize(("height", "stacked", "shown"), [(10.0, False, 1.0), (3.0, True, 0.3), (0.2, True, 0.1)])
+def test_a_flat_image_fills_its_picture_and_axes_have_their_names(height, stacked, shown) -> None:
+    """Trace above retrace; a strip of 10 x 0.2 um is five times as high as it is long."""
+    scan = scans.raster(width=10.0, height=height, lines=16, rate=40.0, sample_rate=5000.0)
+    texture = scans.Texture(seed=2)(scan.x.position, scan.y.position)
+    found = scans.recorded(scan, scan.x.position, scan.y.position, texture, columns=64, axes=("tip", "z"))
+    assert ["error of tip, z", "within the noise, within the noise rms"] in scan_rows(found)
+    figure = scan_page.plots(found)["image"]
+    figure.draw_without_rendering()
+    first, second, _ = (one.get_position() for one in figure.axes)
+    assert (first.y0 > second.y1, first.x1 < second.x0) == (stacked, not stacked)
+    width, size = figure.get_size_inches()
+    assert first.height * size / (first.width * width) == pytest.approx(shown, rel=0.01)
+    assert first.height * size > 0.25 * (size / 2 if stacked else size)
+    assert (figure.axes[1].get_xlabel(), figure.axes[0].get_ylabel()) == ("tip (µm)", "z (µm)")
+
+
+def test_a_ramp_of_the_slow_axis_is_no_shift_of_the_retrace() -> None:
+    """Half a row by which y moves on between trace and retrace, as it should: 0.54 pixels were stated, and doubted."""
+    usual = {"width": 10.0, "lines": 32, "rate": 40.0, "sample_rate": 10_000.0, "offset": (14.0, 14.0)}
+    for slow, late in (("ramp", 0.0), ("steps", 0.0), ("ramp", 1.0)):
+        scan = scans.raster(**usual, slow=slow)
+        y = scan.y.position + late * 10.0 / 32 * (np.gradient(scan.x.position) < 0)  # a retrace that is a row too high
+        height = scans.Texture(seed=1)(scan.x.position + 3.0, y + 5.0)
+        found = scans.recorded(scan, scan.x.position, scan.y.position, height, columns=100)
+        assert found.shift == pytest.approx((0.0, -late), abs=0.08)
+        assert found.verdict.level == ("doubtful" if late else "good")
+
+
 def test_a_signal_that_is_noise_has_no_shift(raster) -> None:
     """An input that nobody has connected: trace and retrace have nothing in common, and none is stated."""
     noise = np.random.default_rng(5).normal(size=len(raster.x))
@@ -341,6 +372,16 @@ def test_a_spiral_is_an_image_by_its_measured_places() -> None:
     assert np.abs(image.data - (u - 2 * v[:, None]))[inside].max() < 0.15
     assert found.rms_um()[0] > 0.02
     assert scans.recorded(scan, *(one[:4000] for one in (x, y, x)), columns=30).rows == (12, 30)
+    assert "places" in scan_page.plots(found)  # whose caption says that it is not row by row
+
+
+def test_pixels_of_a_scan_that_is_no_raster_are_square() -> None:
+    for width, height in ((10.0, 4.0), (2.0, 5.0)):
+        scan = scans.cycloid(width=width, height=height, pitch=0.2, rate=40.0, sample_rate=20_000.0)
+        columns = scans.pixels_of(scan, 512)
+        found = scans.recorded(scan, scan.x.position, scan.y.position, scan.x.position, columns=columns)
+        assert found.images["image"].data.shape == (round(columns * height / width), columns)
+        assert found.images["image"].pixel[0] == pytest.approx(0.1, rel=0.4)  # two of them between two lines
 
 
 @pytest.mark.parametrize("kind", ["raster", "spiral", "lissajous", "cycloid"])

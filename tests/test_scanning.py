@@ -98,6 +98,35 @@ def test_what_repeats_is_taken_away(small):
     assert largest(lines.period_of(scan)) < 0.1 < 0.35 * largest(None)
 
 
+@pytest.mark.parametrize("repeats", [True, False])
+def test_axes_together_are_as_in_a_run(small, repeats):
+    """To the last bit, without a recording."""
+    stage, scan = small
+    period = lines.period_of(scan) if repeats else None
+    true = lines.together(scan, MultiAxisStage(stage), imaging.controllers_of(stage, period))
+    recording = truestroke.run(
+        dict(zip("xy", scan.axes, strict=True)), imaging.controllers_of(stage, period), MultiAxisStage(stage)
+    )
+    for i, name in enumerate("xy"):
+        np.testing.assert_array_equal(true[:, i], recording[f"true_{name}"])
+
+
+def test_another_rate_is_named_for_what_is_at_a_resonance_only(small):
+    """Not for noise of the sensors, of which the same image is as far off."""
+    _, scan = small
+    desired = np.stack([axis.position for axis in scan.axes], axis=1)
+    random = np.random.default_rng(0)
+    for off, named in (
+        (0.01 * np.sin(2 * np.pi * 600.0 * scan.time), True),
+        (0.004 * random.standard_normal(len(scan.x)), False),
+        (0.01 * scan.x.position / 20.0, False),
+    ):
+        true = desired + off[:, None]
+        moved = scans.distortion(scan, *true.T, 512)
+        assert moved.largest > 0.1
+        assert bool(imaging._remedy(scan, true, moved, {"x": 600.0, "y": 500.0})) == named
+
+
 def test_the_last_line_is_as_the_others_and_the_first_begins_as_late_at_any_rate():
     """Of a stage whose axes disturb each other: behind the last line y steps on, as behind the others."""
     stage = imaging.stage_of((900.0, 900.0), ("plays", "preisach"), 0.001)
@@ -149,14 +178,14 @@ def test_a_bad_image_is_judged_as_bad(small):
     stage, scan = small
     true = lines.open_loop(scan, MultiAxisStage(stage), [30.0 / 3.6] * 2)
     distortion = scans.distortion(scan, *true.T)
-    found = imaging.judged(imaging.Imaged("open loop", true, distortion, {}, (0.0, 0.0)), 0.2)
+    imaged = imaging.Imaged("open loop", true[:, 0], distortion, {}, (0.0, 0.0), "Scan slower.")
+    found = imaging.judged(imaged, 0.2)
     assert found.level == "bad"
-    imaged = imaging.Imaged("open loop", true, distortion, {}, (0.0, 0.0))
-    assert imaging.judged(imaged, 0.0, "Scan slower.").reasons[-1] == "Scan slower."
+    assert imaging.judged(imaged, 0.0).reasons[-1] == "Scan slower."
     exact = scans.distortion(scan, scan.x.position, scan.y.position)
     said = "Turn slower. In Python, scans.spiral takes this rotation."
     assert imaging.judged(imaged, 0.2, for_spiral="Turn slower.").reasons[-1] == said
     assert imaging.judged(imaged, 0.09, for_spiral="Turn slower.").reasons[-1] != said
-    assert imaging.judged(dataclasses.replace(imaged, distortion=exact), 0.0, "Scan slower.").reasons == ()
+    assert imaging.judged(dataclasses.replace(imaged, distortion=exact), 0.0).reasons == ()
     assert "A pixel is up to" in found.reasons[0]
     assert "spiral" in found.reasons[-1]

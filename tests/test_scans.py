@@ -508,6 +508,9 @@ def test_the_verdict_names_a_rate_where_a_harmonic_meets_a_resonance():
         (off, {"x": 620.0, "y": 500.0}, False),  # between two harmonics
         (off, None, False),
         (scan.x.position, known, False),  # good
+        (scan.x.position + 2.0, known, False),  # off, but by no harmonic
+        (off + 4.0, known, False),  # and by one that is the smaller part
+        (np.where(np.arange(off.size) % 50, off, np.nan), known, True),  # samples that were lost
     ):
         found = scans.recorded(scan, x, scan.y.position, x, columns=32, resonances=resonances)
         said = " ".join(found.verdict.reasons)

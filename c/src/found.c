@@ -147,7 +147,7 @@ static int dead_time(ts_controller *c, ts_real frequency, int before)
     int dead = 1;
     if (r->windows > 0 && size_of(frequency / r->known - 1) < AGREES) {
         ts_real turns = size_of(r->lag) * 2 * TS_PI * frequency;
-        dead = turns > TURNS ? (int)within((ts_real)before + r->lag + (ts_real)0.5, 1, TS_MOST_DEAD) : before;
+        dead = turns > TURNS ? (int)within((ts_real)before + r->lag + (ts_real)0.5, 0, TS_MOST_DEAD) : before;
     }
     if (c->settings->dynamics.known) dead = c->settings->dynamics.dead;
     r->lag -= (ts_real)(dead - before);

@@ -315,7 +315,7 @@ def _kind(ending: str) -> files.Kind:
     """What the command that is called writes into a file with this ending."""
     from truestroke.signals import recording
 
-    if ending == ".h5":
+    if ending in (".h5", ".hdf5"):
         return recording.kind({"command": f"truestroke {click.get_current_context().info_name}"})
     if ending == ".html":
         return files.page(click.get_current_context().info_name or "")

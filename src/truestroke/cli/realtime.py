@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import click
 
 import truestroke
-from truestroke.base import system, toml
+from truestroke.base import checks, system, toml
 from truestroke.base.exit_codes import ExitCode
 from truestroke.base.files import beside
 from truestroke.base.verdict import Verdict
@@ -107,7 +107,9 @@ def follow(
     about = {"command": called, "config": toml.source(config)}
     options: dict[str, Any] = {"settings": job.settings, "about": about, "overwrite": overwrite, "show": show}
     file = job.file if output is None else output
-    for path in names_of(file, job.axes, overwrite):
+    with checks.inside("", {"file": "--output"}):
+        paths = names_of(file, job.axes, overwrite)
+    for path in paths:
         if path.resolve() == config.resolve():
             raise click.UsageError(f"{path}: the recording would replace the configuration; call it run.h5.")
         if path.exists():

@@ -134,7 +134,8 @@ def _on_hardware(
     from truestroke.signals import judgement
 
     job, imaging = _to_scan(config)
-    page_file, recording = common.outputs(output or str(job.file), ".html", ".h5")
+    ending = ".h5" if output else job.file.suffix or ".h5"
+    page_file, recording = common.outputs(output or str(job.file.with_suffix("")), ".html", ending)
     _check_images(page_file, endings)
     command, server = ("scan --live", job.live) if live else ("scan", None)
     done = realtime.follow(command, config, job, recording, files.replacing(), as_json, server)
@@ -216,4 +217,5 @@ def _recorded(
     x, y = (measured[list(recordings).index(name)] for name in imaging.axes)
     signal = imaging.signal
     about = {"columns": imaging.columns, "name": signal.name, "unit": signal.unit, "resonances": resonances}
+    about["axes"] = imaging.axes
     return scans.recorded(imaging.scan, x, y, every[0][signal.name], **about)  # type: ignore[arg-type]

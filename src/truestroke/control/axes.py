@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import copy
 import dataclasses
+import functools
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -49,8 +50,6 @@ class AxesMotion:
     ----------
     axes : Mapping[str, Trajectory]
         Motion of each axis.
-    motion : ndarray, shape (ticks, 3 axes)
-        Displacement, um, velocity, um/s, and acceleration, um/s^2, of each axis in turn.
     strain : ndarray, shape (ticks, axes)
         `AdaptiveController.strain` of each, um; NaN where its `dynamics` are not known.
     others : ndarray, shape (ticks, 3 axes (axes - 1))
@@ -61,10 +60,26 @@ class AxesMotion:
     """
 
     axes: Mapping[str, Trajectory]
-    motion: FloatArray
     strain: FloatArray
     others: FloatArray
     repeats: range = range(0)
+
+    @functools.cached_property
+    def _columns(self) -> list[FloatArray]:
+        """Those of `motion`, whose memory is that of the trajectories."""
+        return [getattr(one, part) for one in self.axes.values() for part in PARTS]
+
+    def motion(self, ticks: slice) -> FloatArray:
+        """Displacement, um, velocity, um/s, and acceleration, um/s^2, of each axis in turn, shape (ticks, 3 axes)."""
+        return np.stack([column[ticks] for column in self._columns], axis=1)
+
+    def at(self, tick: int) -> list[float]:
+        """The same of one tick."""
+        return [column.item(tick) for column in self._columns]
+
+    def positions(self, ticks: slice) -> FloatArray:
+        """Displacement of each axis, um, shape (ticks, axes)."""
+        return np.stack([one.position[ticks] for one in self.axes.values()], axis=1)
 
 
 class MultiAxisController(Displayed):
@@ -192,7 +207,7 @@ class MultiAxisController(Displayed):
         ndarray, shape (axes,)
             V
         """
-        n, motion, others = len(self.axes), known.motion[tick].tolist(), known.others[tick].tolist()
+        n, motion, others = len(self.axes), known.at(tick), known.others[tick].tolist()
         self._velocity, self._known, self._tick = motion[1::3], known, tick
         added = [one.at(tick) for one in self.learned.values()] or [0.0] * n
         volts = np.empty(n)
@@ -217,9 +232,10 @@ class MultiAxisController(Displayed):
         for axis, z in zip(self.axes.values(), found, strict=True):
             axis.adapt(z, ago)
         if self.learned and self._known is not None and ago <= self._tick:
-            tick, desired = self._tick - ago, self._known.motion
+            tick = self._tick - ago
+            desired = self._known.at(tick)[::3]
             for i, (axis, z, one) in enumerate(zip(self.axes.values(), found, self.learned.values(), strict=True)):
-                one.put(tick, math.nan if axis.flag_bits & LIMITED else z - desired.item(tick, 3 * i))
+                one.put(tick, math.nan if axis.flag_bits & LIMITED else z - desired[i])
 
     def see(self, known: AxesMotion, tick: int, measured: FloatArray, flags: npt.NDArray[np.uint8]) -> None:
         """What the sensors read in a tick and those that follow it, um, shape (ticks, axes), and the flags of them.
@@ -230,7 +246,7 @@ class MultiAxisController(Displayed):
         if self._rows is not None:
             turned = [sum(share * measured[:, j] for j, share in enumerate(row)) for row in self._rows]
             measured = np.stack(turned, axis=1)
-        error = np.where(flags & LIMITED, np.nan, measured - known.motion[tick : tick + len(measured), ::3])
+        error = np.where(flags & LIMITED, np.nan, measured - known.positions(slice(tick, tick + len(measured))))
         for i, one in enumerate(self.learned.values()):
             one.see(tick, error[:, i])
 
@@ -271,18 +287,16 @@ class MultiAxisController(Displayed):
         repeats = range(0) if self.period is None else _repeated(trajectories, self.period)
         own = self._motion_of_axes(trajectories)
         ticks, n = len(trajectories[0]), len(own)
-        moving, strain = np.empty((ticks, 3 * n)), np.full((ticks, n), np.nan)
+        strain = np.full((ticks, n), np.nan)
         others = np.empty((ticks, 3 * n * (n - 1)))
         for i, (name, one) in enumerate(own.items()):
-            for j, part in enumerate(PARTS):
-                moving[:, 3 * i + j] = getattr(one, part)
             known = self.axes[name].strain(one.position)
             if known is not None:
                 strain[:, i] = known
             for j, column in enumerate(self._taken(name, own)):
                 others[:, 3 * (n - 1) * i + j] = column
         self._follow(own, repeats)
-        return AxesMotion(axes=own, motion=moving, strain=strain, others=others, repeats=repeats)
+        return AxesMotion(axes=own, strain=strain, others=others, repeats=repeats)
 
     def _motion_of_axes(self, trajectories: Sequence[Trajectory]) -> dict[str, Trajectory]:
         """What the axes have to follow, so that the sensors read these trajectories."""

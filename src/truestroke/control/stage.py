@@ -39,6 +39,7 @@ DAMPED = 0.3  # damping of a second or third mode in the equation of the law
 AMPLE = 2.0  # times the motion, peak to peak: a strain that needs more is inverted up to the next of `INVERTED`
 FOUND_DAMPING = 0.02  # of a stage that was found by its oscillation
 STEP_TERMS = 32  # of a series: enough up to half of the sample rate
+KEPT = 2**19 + 1  # frequencies whose inverse is computed, and kept for the next motion, at a time: 8 MB
 QUIET = 0.2  # s: rest before and after a motion, for its inversion
 
 
@@ -373,18 +374,27 @@ def _inverted(dynamics: Dynamics, position: FloatArray, bounds: tuple[float, flo
     extended = np.full(size, position[0])
     extended[quiet : quiet + position.size] = position
     extended[quiet + position.size :] = _way_back(position, size - quiet - position.size, rate)
-    inverse = _inverse(rate, dynamics.modes, dynamics.amplifier_bandwidth, dynamics.dead_time, size, bounds)
-    return np.fft.irfft(np.fft.rfft(extended) * inverse, size)[quiet : quiet + position.size]
+    known = rate, dynamics.modes, dynamics.amplifier_bandwidth, dynamics.dead_time
+    spectrum = np.fft.rfft(extended)
+    for start in range(0, spectrum.size, KEPT):
+        spectrum[start : start + KEPT] *= _inverse(*known, size, bounds, start)
+    return np.fft.irfft(spectrum, size)[quiet : quiet + position.size]
 
 
 @functools.lru_cache(maxsize=4)  # of one motion and of those of the axes beside it
 def _inverse(
-    rate: float, modes: tuple[Mode, ...], bandwidth: float, dead_time: float, size: int, bounds: tuple[float, float]
+    rate: float,
+    modes: tuple[Mode, ...],
+    bandwidth: float,
+    dead_time: float,
+    size: int,
+    bounds: tuple[float, float],
+    start: int,
 ) -> ComplexArray:
-    """1 / G of these dynamics at the frequencies of so many ticks, 0 where it is left out."""
+    """1 / G of these dynamics at frequencies of so many ticks, from one on, 0 where it is left out."""
     dynamics = Dynamics(sample_rate=rate, modes=modes, amplifier_bandwidth=bandwidth, dead_time=dead_time)
     first = modes[0].frequency
-    f = np.fft.rfftfreq(size, 1 / rate)
+    f = np.fft.rfftfreq(size, 1 / rate)[start : start + KEPT]
     low, high = (min(a * first, b * rate) for a, b in zip(bounds, VISIBLE, strict=True))
     passed = 0.5 + 0.5 * np.cos(math.pi * np.clip((f - low) / (high - low), 0.0, 1.0))
     inverse = np.zeros_like(passed, dtype=complex)

@@ -13,6 +13,8 @@ from truestroke.report.page import Page, Section, Table, captioned
 from truestroke.report.style import LIGHT, Theme
 from truestroke.signals.scans.images import Image
 
+FLATTEST = 0.1  # height over width: a strip that is flatter is shown as high as this
+ROUND = 0.8  # in of title and labels around an image
 COLOURS = "#ff4d33", "#00b2cc"  # of trace and retrace: together they are white
 LAID_OVER = (
     "Trace in red and retrace in cyan, laid over one another: grey where they agree, coloured edges where the same "
@@ -68,9 +70,28 @@ def middle(image: Image, pixels: int = 128) -> tuple[slice, slice]:
     return slice(rows, rows + pixels), slice(columns, columns + pixels)
 
 
+def aspect(size: tuple[float, float]) -> float:
+    """Height over width of the picture of an image of this width and height, um."""
+    return max(size[1] / size[0], FLATTEST)
+
+
+def height(size: tuple[float, float], width: float, most: float) -> float:
+    """Inches, of a figure with such an image so many inches wide, or narrower where it would be higher than `most`."""
+    return ROUND + min(width * aspect(size), most)
+
+
+def label(axes: Axes, across: str = "x", along: str = "y") -> None:
+    """Names of the axes of an image."""
+    axes.set(xlabel=f"{across} (µm)", ylabel=f"{along} (µm)")
+
+
 def _framed(axes: Axes) -> None:
     axes.grid(False)
-    axes.set_aspect("equal")
+    (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
+    size = right - left, high - low
+    axes.set_aspect(aspect(size) * size[0] / size[1])
+    if aspect(size) < 0.5:
+        axes.locator_params(axis="y", nbins=3)
     for side in ("top", "right", "bottom", "left"):
         axes.spines[side].set(visible=True, linewidth=0.5)
     axes.tick_params(length=2, pad=2)
@@ -120,10 +141,11 @@ def plots(found: Unwarped, before: dict[str, Image], theme: Theme = LIGHT) -> di
             for name, pair in (("before", before), ("after", found.images)):
                 figure, (panel,) = style.panels(5.0)
                 lay_over(panel, pair["trace"], pair["retrace"], part=middle(pair["trace"]))
-                panel.set(xlabel="x (µm)", ylabel="y (µm)")
+                label(panel)
                 made[name] = figure
-        figure, (panel,) = style.panels(6.0)
-        show(panel, next(iter(found.images.values())))
-        panel.set(xlabel="x (µm)", ylabel="y (µm)")
+        seen = next(iter(found.images.values()))
+        figure, (panel,) = style.panels(height(seen.size, 6.2, 5.2))
+        show(panel, seen)
+        label(panel)
         made["image"] = figure
     return made

@@ -15,6 +15,7 @@ from truestroke.signals.scans.recorded import Recorded
 
 CAPTIONS = {
     "image": ("The image", "As it was recorded, row by row; grey from the lowest to the highest signal."),
+    "places": ("The image", "The samples at their measured places; grey from the lowest to the highest signal."),
     "over": ("Trace and retrace", images.LAID_OVER),
     "lines": (
         "Where along a line",
@@ -26,7 +27,9 @@ CAPTIONS = {
 }
 WORDS = {"good": "The image is straight, by the sensors.", "doubtful": "Read this before you use it.",
          "bad": "Do not measure in it."}  # fmt: skip
+FLAT = 0.5  # height over width: images that are flatter stand one above the other
 BAND = 10, 50, 90  # % of the rows
+SCANS = {"lissajous": "Lissajous curve"}  # where it is no word
 POINTS = 4000  # of a plot over time
 
 
@@ -38,7 +41,7 @@ def rows(found: Recorded) -> list[list[str]]:
     across, down = shown.data.shape[::-1]
     pixels = f"{across} x {down} of {' x '.join(map(units.length, shown.pixel))}"
     made = [[lines, f"{found.rows[0]} of {found.rows[1]}"], ["pixels", pixels]]
-    made.append(["error of x, y", f"{x}, {y} rms"])
+    made.append([f"error of {', '.join(found.axes)}", f"{x}, {y} rms"])
     if found.distortion is not None:
         apart = found.distortion.trace_retrace
         words = f"{apart:.2f} pixels" + (", within the noise" if apart <= found.noise_apart else "")
@@ -53,15 +56,15 @@ def page(found: Recorded, verdict: Verdict, command: str | None = None) -> Page:
     shown = next(iter(found.images.values()))
     width, height = shown.size
     across, down = shown.data.shape[::-1]
-    name = shown.name.split(",")[0]
+    name, kind = shown.name.split(",")[0], SCANS.get(found.scan.name, found.scan.name)
     return Page(
         title=f"{name.capitalize()} of {width:.4g} x {height:.4g} um",
-        lead=f"A {found.scan.name} of {found.scan.x.duration:.3g} s, {across} x {down} pixels.",
+        lead=f"A {kind} of {found.scan.x.duration:.3g} s, {across} x {down} pixels.",
         verdict=verdict,
         remark=WORDS[verdict.level],
         sections=[
             Section(tables=[Table(rows=rows(found), kind="words")]),
-            *captioned(CAPTIONS | {"spectrum": words.spectrum(_shown(found).T, "within the lines")}),
+            *captioned(_captions(found)),
             closer(chart(found)),
         ],
         plots=lambda theme: plots(found, theme),
@@ -70,26 +73,33 @@ def page(found: Recorded, verdict: Verdict, command: str | None = None) -> Page:
     )
 
 
+def _captions(found: Recorded) -> dict[str, tuple[str, str]]:
+    """With the names of the axes."""
+    named = {name: (head, text.replace("x and y", " and ".join(found.axes))) for name, (head, text) in CAPTIONS.items()}
+    return named | {"spectrum": words.spectrum(_shown(found).T, "within the lines")}
+
+
 def plots(found: Recorded, theme: Theme = LIGHT) -> dict[str, Figure]:
     """All of them by name, in the order of the page."""
     with style.use(theme):
-        made = {"image": _images(found)}
+        made = {"image" if found.distortion else "places": _images(found)}
         if found.distortion is not None:
-            figure, (panel,) = style.panels(5.0)
+            figure, (panel,) = style.panels(images.height(found.scan.size, 6.2, 4.2))
             images.lay_over(panel, found.images["trace"], found.images["retrace"])
-            panel.set(xlabel="x (µm)", ylabel="y (µm)")
+            images.label(panel, *found.axes)
             made |= {"over": figure, "lines": _lines(found, theme)}
         else:
             made["errors"] = _errors(found, theme)
-        x, y = _shown(found).T
-        made["spectrum"] = spectra.spectrum({"x": ("true", x), "y": ("before", y)}, found.scan.sample_rate, theme)
+        each = zip(found.axes, ("true", "before"), _shown(found).T, strict=True)
+        errors = {name: (role, error) for name, role, error in each}
+        made["spectrum"] = spectra.spectrum(errors, found.scan.sample_rate, theme)
     return made
 
 
 def chart(found: Recorded) -> Chart:
-    """Motion and errors of x and y within the lines, to zoom into."""
+    """Motion and errors of both axes within the lines, to zoom into."""
     factor, unit = units.scaled_length(float(np.nanmax(np.abs(found.error), initial=0.0)))
-    axes = list(zip("xy", ("true", "before"), found.scan.axes, found.error.T, strict=True))
+    axes = list(zip(found.axes, ("true", "before"), found.scan.axes, found.error.T, strict=True))
     panels = [
         Panel("desired position (µm)", [Line(name, role, axis.position) for name, role, axis, _ in axes]),
         Panel(f"error ({unit})", [Line(name, role, factor * error) for name, role, _, error in axes]),
@@ -104,14 +114,20 @@ def _shown(found: Recorded) -> FloatArray:
 
 
 def _images(found: Recorded) -> Figure:
-    shown = list(found.images.items())
-    figure, panels = style.panels(3.6 if len(shown) > 1 else 5.5, 1, len(shown), sharey=True)
+    """Side by side; one above the other where they are flat."""
+    shown, size = list(found.images.items()), next(iter(found.images.values())).size
+    if len(shown) == 1:
+        figure, panels = style.panels(images.height(size, 6.0, 4.7))
+    elif images.aspect(size) < FLAT:
+        figure, panels = style.panels(2 * images.height(size, 5.4, 4.7), len(shown), sharex=True)
+    else:
+        figure, panels = style.panels(images.height(size, 2.8, 5.0), 1, len(shown), sharey=True)
     limits = images.contrast(shown[0][1])
     for panel, (name, image) in zip(panels, shown, strict=True):
         images.show(panel, image, limits=limits)
         panel.set_title(f"{image.name.split(',')[0]}, {name}" if len(shown) > 1 else image.name)
-        panel.set(xlabel="x (µm)")
-    panels[0].set(ylabel="y (µm)")
+        images.label(panel, *found.axes)
+        panel.label_outer()
     name, unit = shown[0][1].name.split(",")[0], shown[0][1].unit
     colours = figure.colorbar(panels[-1].images[0], ax=list(panels), shrink=0.8, pad=0.02)
     colours.set_label(f"{name} ({unit})" if unit else name)
@@ -119,19 +135,19 @@ def _images(found: Recorded) -> Figure:
 
 
 def _lines(found: Recorded, theme: Theme) -> Figure:
-    """A panel for x and one for y."""
+    """A panel for each axis."""
     moved = found.distortion
     assert moved is not None
     figure, panels = style.panels(2.8, 1, 2)
     x = found.scan.origin[0] + (np.arange(moved.dx.shape[1]) + 0.5) * moved.size[0]
-    for panel, errors, name, size in zip(panels, (moved.dx, moved.dy), "xy", moved.size, strict=True):
+    for panel, errors, name, size in zip(panels, (moved.dx, moved.dy), found.axes, moved.size, strict=True):
         for direction, colour, word in ((1, "alarm", "trace"), (-1, "true", "retrace")):
             kept = 1e3 * size * errors[moved.directions == direction]
             low, middle, high = np.percentile(kept, BAND, axis=0)
             panel.fill_between(x, low, high, color=theme[colour], alpha=0.25, lw=0)
             panel.plot(x, middle, color=theme[colour], lw=1.0, label=word)
         panel.set_title(f"error of {name}")
-        panel.set(xlabel="x (µm)")
+        panel.set(xlabel=f"{found.axes[0]} (µm)")
     panels[0].set(ylabel="error (nm)")
     panels[0].legend(loc="best", handlelength=1.2)
     return figure
@@ -141,7 +157,7 @@ def _errors(found: Recorded, theme: Theme) -> Figure:
     figure, panels = style.panels(2.8, 1, 2, sharey=True)
     step = max(1, len(found.error) // POINTS)
     time = found.scan.time[::step]
-    for panel, error, name in zip(panels, found.error[::step].T, "xy", strict=True):
+    for panel, error, name in zip(panels, found.error[::step].T, found.axes, strict=True):
         panel.plot(time, 1e3 * error, color=theme["true"], lw=0.6)
         panel.set_title(f"error of {name}")
         panel.set(xlabel="time (s)")

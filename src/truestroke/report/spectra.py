@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from matplotlib import mlab
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -13,11 +12,12 @@ from truestroke.base.typing import FloatArray
 from truestroke.report import style, units
 from truestroke.report.style import Theme
 
+SMALL = 0.1  # nm/sqrt(Hz): the largest density that is shown in pm/sqrt(Hz)
 BINS = 81  # of a histogram: one in the middle is around 0
 
 
 def spectrum(errors: Mapping[str, tuple[str, FloatArray]], rate: float, theme: Theme) -> Figure:
-    """Spectral density (nm/sqrt(Hz), by Welch) and histogram (% of the samples) of errors.
+    """Spectral density (nm/sqrt(Hz) or pm/sqrt(Hz), by Welch) and histogram (% of the samples) of errors.
 
     Parameters
     ----------
@@ -28,23 +28,33 @@ def spectrum(errors: Mapping[str, tuple[str, FloatArray]], rate: float, theme: T
     theme : Theme
         Colours.
     """
-    known = {name: error[np.isfinite(error)] for name, (_, error) in errors.items()}
+    known = {name: _known(error) for name, (_, error) in errors.items()}
     scale, unit = units.scaled_length(max(float(np.abs(error).max(initial=0.0)) for error in known.values()))
-    seen = np.zeros(1)
+    densities = {name: _density(1e3 * bridged(error), rate) for name, (_, error) in errors.items()}
+    seen = np.concatenate([density[density > 0] for _, density in densities.values()])
+    small = seen.size > 0 and seen.max() < SMALL
+    seen = 1e3 * seen if small else seen
     with style.use(theme):
         figure, (of_frequency, of_size) = style.panels(3.0, 1, 2, width_ratios=[1.6, 1])
-        for name, (role, error) in errors.items():
-            frequency, density = _density(1e3 * bridged(error), rate)
-            seen = np.append(seen, density[density > 0])
-            of_frequency.plot(frequency, density, color=theme[role], lw=0.9, label=name)
-        of_frequency.set(xlabel="frequency (Hz)", ylabel="spectral density of the error (nm/√Hz)")
-        if seen.size > 1:
+        for name, (frequency, density) in densities.items():
+            shown = 1e3 * density if small else density
+            of_frequency.plot(frequency, shown, color=theme[errors[name][0]], lw=0.9, label=name)
+        of_frequency.set(
+            xlabel="frequency (Hz)", ylabel=f"spectral density of the error ({'pm' if small else 'nm'}/√Hz)"
+        )
+        if seen.size:
             style.logarithmic(of_frequency, "xy")
-            of_frequency.set_ylim(*_decades(seen[1:]))
+            of_frequency.set_ylim(*_decades(seen))
         histogram(of_size, {name: (role, scale * known[name]) for name, (role, _) in errors.items()}, theme)
         of_size.set(xlabel=f"error ({unit})", ylabel="share of the samples (%)")
         style.legend_above(of_frequency)
     return figure
+
+
+def _known(error: FloatArray) -> FloatArray:
+    """Values that are there; no copy where all are."""
+    there = np.isfinite(error)
+    return error if there.all() else error[there]
 
 
 def histogram(panel: Axes, errors: Mapping[str, tuple[str, FloatArray]], theme: Theme, bins: int = BINS) -> None:
@@ -65,8 +75,8 @@ def bridged(error: FloatArray) -> FloatArray:
     array([1., 2., 3., 4.])
     """
     known = np.flatnonzero(np.isfinite(error))
-    if not known.size:
-        return np.zeros(0)
+    if known.size in (0, error.size):
+        return error[known]
     return np.interp(np.arange(known[0], known[-1] + 1), known, error[known])
 
 
@@ -76,9 +86,16 @@ def _density(error: FloatArray, rate: float) -> tuple[FloatArray, FloatArray]:
         return np.zeros(0), np.zeros(0)
     segment = min(error.size, max(256, error.size // 16))
     hann = np.hanning(segment + 1)[:-1]  # periodic
-    # Not scipy.signal: its import takes as long as all pictures of a page.
-    power, frequency = map(np.asarray, mlab.psd(error, segment, rate, mlab.detrend_mean, hann, segment // 2))
-    return frequency[1:], np.sqrt(power[1:])
+    starts = range(0, error.size - segment + 1, segment - segment // 2)
+    power: FloatArray = np.zeros(segment // 2 + 1)
+    # Not scipy.signal, whose import takes as long as all pictures of a page; matplotlib.mlab holds all segments.
+    for start in starts:
+        part = error[start : start + segment]
+        power += np.abs(np.fft.rfft(hann * (part - part.mean()))) ** 2
+    power *= 2 / (len(starts) * rate * np.sum(hann**2))
+    if segment % 2 == 0:
+        power[-1] /= 2
+    return np.asarray(np.fft.rfftfreq(segment, 1 / rate)[1:]), np.sqrt(power[1:])
 
 
 def _decades(values: FloatArray) -> tuple[float, float]:

@@ -16,6 +16,7 @@ from truestroke.signals.metrics import TrackingSummary
 from truestroke.signals.recording import Recording, versions
 
 SENSELESS = 1e4  # % of peak-to-peak and more: the motion has hardly begun
+FINE = 1e-3  # um: errors below have two more digits
 NAMES = {
     "AdaptiveController": "the adaptive inverse controller",
     "paper": "the adaptive inverse controller of the paper, to the letter",
@@ -139,8 +140,8 @@ def table(summary: TrackingSummary) -> list[tuple[str, list[tuple[str, str]]]]:
     found = summary.as_dict()
 
     def cell(what: str) -> tuple[str, str]:
-        share = float(found[f"{what}_percent"] or 0.0)
-        return f"{found[f'{what}_um']:.4f}", f"{share:.2f} %" if share < SENSELESS else "-"
+        share, um = float(found[f"{what}_percent"] or 0.0), float(found[f"{what}_um"] or 0.0)
+        return f"{um:.6f}" if 0 < um < FINE else f"{um:.4f}", f"{share:.2f} %" if share < SENSELESS else "-"
 
     return [(row, [cell(f"{kind}_{row}") for kind in kinds(summary)]) for row in ("rmse", "maximum")]
 

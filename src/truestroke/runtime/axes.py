@@ -156,14 +156,14 @@ def _natively(
     calls = [axis._kernel.native() for axis in controller.axes.values()]
     noise = np.empty(log.stride * plant._samples)
     for stop in (stop for stop in stops if stop > start):
-        for part in _between(start, stop, controller):
+        for part in between(start, stop, controller):
             numbers = noise[: (part.stop - part.start) * plant._samples]
             plant._noise.fill(numbers)
             rows = [log.rows[name][part] for name in SIMULATED]
             strain = known.strain[part]
             if controller.learned:
                 strain = strain + controller.added(range(part.start, part.stop))
-            given = known.motion[part], strain, known.others[part], controller.to_axes, numbers
+            given = known.motion(part), strain, known.others[part], controller.to_axes, numbers
             _loops.run_axes(calls, plant._plant.native(), *given, *rows)
             plant.passed(log.rows["true"][part])
             if controller.learned:
@@ -176,7 +176,7 @@ def _natively(
         yield stop
 
 
-def _between(start: int, stop: int, controller: MultiAxisController) -> Iterator[slice]:
+def between(start: int, stop: int, controller: MultiAxisController) -> Iterator[slice]:
     """From one tick to another, cut where an axis learns what its period has shown."""
     while start < stop:
         ends = (end for one in controller.learned.values() for end in one.stops if end > start)

@@ -188,7 +188,7 @@ def dead_time(c: State, frequency: float, before: int) -> int:
     known, dead = c.estimator, 1
     if known.windows > 0 and abs(frequency / known.known - 1) < AGREES:
         turns = abs(known.lag) * 2 * math.pi * frequency
-        dead = int(min(max(before + known.lag + 0.5, 1), MOST_DEAD)) if turns > TURNS else before
+        dead = int(min(max(before + known.lag + 0.5, 0), MOST_DEAD)) if turns > TURNS else before
     if c.members["dynamics.known"]:
         dead = c.members["dynamics.dead"]
     known.lag -= dead - before

@@ -32,6 +32,9 @@ class SingleChannel:
         The name of the one that moves.
     safe_voltages : Mapping[str, float]
         Safe voltage of each axis by its name, V, in the order of the channels, within the driver's `output_range`.
+    voltage_limits : Mapping[str, tuple[float, float]], optional
+        Lowest and highest voltage of each of the same axes, V: its safe voltage is within, and they are within the
+        driver's `output_range`, also those of the axes that are held.
 
     Attributes
     ----------
@@ -41,8 +44,9 @@ class SingleChannel:
     Raises
     ------
     SettingError
-        No axis has this name, or a safe voltage is no finite number; from `open`, which puts nothing out then: there is
-        not one axis for each channel, or a safe voltage is beyond the range of the driver.
+        No axis has this name, or a safe voltage is no finite number or beyond its limits; from `open`, which puts
+        nothing out then: there is not one axis for each channel, or a safe voltage or limit is beyond the range of the
+        driver.
 
     Examples
     --------
@@ -58,15 +62,34 @@ class SingleChannel:
     [0.5, 0.0]
     """
 
-    def __init__(self, driver: Driver, axis: str, safe_voltages: Mapping[str, float]) -> None:
+    def __init__(
+        self,
+        driver: Driver,
+        axis: str,
+        safe_voltages: Mapping[str, float],
+        *,
+        voltage_limits: Mapping[str, tuple[float, float]] | None = None,
+    ) -> None:
         checks.instance("safe_voltages", safe_voltages, Mapping, 'a mapping of each axis to its voltage, as {"x": 0.0}')
         self._names = tuple(safe_voltages)
         self._safe = np.array([checks.number(_called(name), value, "V") for name, value in safe_voltages.items()])
         if axis not in self._names:
             names = ", ".join(map(str, self._names)) or "no axis"
             raise SettingError("axis", repr(axis), f"one that has a safe voltage: {names}")
+        self._limits = {} if voltage_limits is None else self._within(voltage_limits)
         self.driver, self.channel = driver, self._names.index(axis)
         self._is_open = False
+
+    def _within(self, given: Mapping[str, tuple[float, float]]) -> dict[str, tuple[float, float]]:
+        """The limits of each axis, V, which its safe voltage is within."""
+        checks.instance("voltage_limits", given, Mapping, 'a mapping of each axis to its limits, as {"x": (0.0, 10.0)}')
+        if set(given) != set(self._names):
+            words = f"one for each of the axes {', '.join(self._names)}"
+            raise SettingError("voltage_limits", f"limits of {', '.join(map(str, given)) or 'no axis'}", words)
+        limits = {name: checks.interval(f"voltage_limits of axis {name}", given[name], "V") for name in self._names}
+        for name, volts in zip(self._names, self._safe.tolist(), strict=True):
+            checks.within(_called(name), volts, *limits[name], "V")
+        return limits
 
     def open(self) -> Timing:
         """As the driver, with one channel."""
@@ -86,6 +109,7 @@ class SingleChannel:
         description = self.driver.describe()
         for name, volts in zip(self._names, self._safe.tolist(), strict=True):
             check_range(_called(name), [volts], description)
+            check_range(f"voltage_limits of axis {name}", self._limits.get(name, ()), description)
 
     def start(self, volts: FloatArray) -> None:
         """As the driver; the other outputs are set to their safe voltages."""

@@ -31,7 +31,7 @@ from truestroke.runtime.realtime.epics import EpicsSettings
 from truestroke.runtime.realtime.imaging import Imaging, imaging
 from truestroke.runtime.realtime.live_page import LiveSettings
 from truestroke.runtime.realtime.motion import SetPoint
-from truestroke.runtime.realtime.settings import Axis, RealtimeSettings
+from truestroke.runtime.realtime.settings import Axis, RealtimeSettings, files_of
 from truestroke.signals import trajectories
 from truestroke.signals.trajectories import Trajectory
 
@@ -82,6 +82,9 @@ class RecordingTable:
     """The table [recording]."""
 
     file: str = "run.h5"
+
+    def __post_init__(self) -> None:
+        files_of("file", Path(self.file), ["axis"])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -270,8 +273,11 @@ def one_axis_at(path: str | os.PathLike[str], axis: str | None = None) -> tuple[
             coupled: CoupledTable = toml.value("coupled", document.get("coupled", {}), CoupledTable)
             with checks.inside("coupled."):
                 frame = coupled.of(len(tables))
-            safe = {name: one.safe_voltage for name, one in tables.items()}
-            made = SingleChannel(made if frame is None else Turned(made, frame), name, safe)
+            limits = {name: Limits(**one.limits) for name, one in tables.items()}
+            safe = {name: one.safe_voltage for name, one in limits.items()}
+            highest = {name: one.voltage_limits for name, one in limits.items()}
+            made = made if frame is None else Turned(made, frame)
+            made = SingleChannel(made, name, safe, voltage_limits=highest)
         return made, tables[name], rate
 
 

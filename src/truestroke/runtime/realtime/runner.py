@@ -31,7 +31,7 @@ from truestroke.runtime.realtime.process import (
 )
 from truestroke.runtime.realtime.recorder import Plan
 from truestroke.runtime.realtime.server import Server
-from truestroke.runtime.realtime.settings import Axis, RealtimeSettings
+from truestroke.runtime.realtime.settings import Axis, RealtimeSettings, files_of
 from truestroke.runtime.realtime.shared import Layout, Shared, Slot
 from truestroke.runtime.ticks import SlowLayout, recorded, stride
 from truestroke.signals.recording import Recording, ticks
@@ -166,8 +166,8 @@ def _check_motions(axes: Sequence[Axis]) -> list[str]:
 
 
 def recordings(file: Path, axes: Sequence[Axis], overwrite: bool) -> list[Path]:
-    """What the file of each axis is called when it is complete; OSError where it cannot be written."""
-    paths = [file if len(axes) == 1 else file.with_name(f"{file.stem}-{axis.name}{file.suffix}") for axis in axes]
+    """What the file of each axis is called when it is complete; SettingError or OSError where it cannot be written."""
+    paths = files_of("file", file, [axis.name for axis in axes])
     for path in paths:
         check_growing(path, overwrite, _empty)
     return paths

@@ -1,6 +1,8 @@
 """Settings of a run in real time: its axes, its clock and its supervision."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal
 
 from truestroke.base import checks
@@ -13,6 +15,9 @@ from truestroke.runtime.drivers.guard import Limits
 from truestroke.runtime.drivers.paced import SPIN
 from truestroke.runtime.realtime.motion import SetPoint
 from truestroke.signals.trajectories import Trajectory
+
+ENDINGS = ("", ".h5", ".hdf5")
+"""Of a recording."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -146,3 +151,25 @@ class RealtimeSettings:
             raise SettingError("axis_check", repr(self.axis_check), "true or false")
         checks.within("error_time", self.error_time, 0.0, 3600.0, "s")
         checks.within("limit_time", self.limit_time, 0.0, 3600.0, "s")
+
+
+def files_of(argument: str, file: Path, axes: Sequence[str]) -> list[Path]:
+    """What the recording of each axis is called: of several with the name of the axis before the ending.
+
+    Raises
+    ------
+    SettingError
+        The ending is that of another kind of file.
+
+    Examples
+    --------
+    >>> [path.name for path in files_of("file", Path("scan.h5"), ["x", "y"])]
+    ['scan-x.h5', 'scan-y.h5']
+    >>> files_of("file", Path("scan.csv"), ["x", "y"])
+    Traceback (most recent call last):
+        ...
+    truestroke.SettingError: file = 'scan.csv': must be one of HDF5, as recordings are: scan.h5
+    """
+    if file.suffix not in ENDINGS:
+        raise SettingError(argument, repr(str(file)), f"one of HDF5, as recordings are: {file.with_suffix('.h5')}")
+    return [file if len(axes) == 1 else file.with_name(f"{file.stem}-{name}{file.suffix}") for name in axes]

@@ -133,7 +133,7 @@ def pixels_of(scan: Scan, columns: int) -> int:
     """Pixels of a row that the samples of a scan can fill, at most `columns`.
 
     Of a raster the samples of its shortest line: more pixels would be interpolated. Of any other scan as many as leave
-    no gaps: two for the distance of neighbouring samples or of neighbouring lines, whichever is larger.
+    no gaps, square: two for the distance of neighbouring samples or of neighbouring lines, whichever is larger.
 
     Examples
     --------
@@ -145,9 +145,12 @@ def pixels_of(scan: Scan, columns: int) -> int:
     """
     if scan.name in ALONG:
         return int(min(columns, np.min(scan.lines["last"] - scan.lines["first"] + 1)))
-    steps = np.hypot(*(np.diff(axis.position) for axis in scan.axes))[scan.inside[1:]]
+    shown = scan.inside.copy()  # a cycloid passes beyond its image
+    for axis, low, size in zip(scan.axes, scan.origin, scan.size, strict=True):
+        shown &= (axis.position >= low) & (axis.position <= low + size)
+    steps = np.hypot(*(np.diff(axis.position) for axis in scan.axes))[shown[1:]]
     between = UNEVEN * scan.size[0] * scan.size[1] / steps.sum()  # lines: area over length
-    return int(np.clip(2 * max(scan.size) / max(between, np.percentile(steps, 95.0)), 1, columns))
+    return int(np.clip(2 * scan.size[0] / max(between, np.percentile(steps, 95.0)), 1, columns))
 
 
 def images(

@@ -5,14 +5,18 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 
+import numpy as np
+
 from truestroke.base import checks
 from truestroke.base.checks import SettingError
+from truestroke.base.typing import FloatArray
 from truestroke.signals.scans.scan import Scan
 
 REACH = 0.06  # of the rate: how far another one may be
 CLOSE = 0.2  # of the distance between two harmonics: one that near meets the resonance
 HIGHEST = 30  # harmonic: what hysteresis makes of a raster falls with its number
 BETTER = 0.1  # of that distance: what is worth another rate
+MOST = 0.5  # of what is above the goal: less of it is not why
 
 
 def quiet_rate(rate: float, resonances: Iterable[float], sample_rate: float, *, reach: float = REACH) -> float:
@@ -76,16 +80,12 @@ a period of 0.0098 s, no harmonic up to 30 is within 14 Hz of a resonance.'
     >>> advice(scan, {"x": 950.0, "y": 750.0})
     ''
     """
-    checks.instance("resonances", resonances, Mapping, 'frequencies by the names of axes, as {"x": 900.0}')
-    given = {name: checks.positive(f"resonances[{name!r}]", one, "Hz") for name, one in resonances.items()}
-    rate = scan.settings.get("rate", scan.settings.get("rotation"))
-    if not isinstance(rate, float) or scan.settings.get("velocity") == "linear":
-        return ""  # of constant linear velocity: its turns have no one rate
-    known = {name: one for name, one in given.items() if 0.5 < one / rate <= HIGHEST}
+    given = _checked(resonances)
+    rate, known = _of_lines(scan), _within(scan, given)
     if not known:
         return ""
     words = {"raster": "rows", "spiral": "turns"}.get(scan.name, "lines")
-    met = {name: one for name, one in known.items() if _apart(rate, [one]) <= CLOSE}
+    met = _met(rate, known)
     other = quiet_rate(rate, known.values(), scan.sample_rate)
     away = _apart(other, [one for one in given.values() if one / other <= HIGHEST + 0.5])
     if not met or away < _apart(rate, known.values()) + BETTER:
@@ -96,6 +96,73 @@ a period of 0.0098 s, no harmonic up to 30 is within 14 Hz of a resonance.'
         f"period of {1 / other:.10g} s, no harmonic up to {HIGHEST} is within {math.floor(away * other):.2g} Hz of a "
         "resonance."
     )
+
+
+def at_resonances(scan: Scan, error: FloatArray, resonances: Mapping[str, float]) -> FloatArray:
+    """The part of an error at those harmonics of the lines that meet a resonance, Hz: what another rate may avoid.
+
+    Parameters
+    ----------
+    scan : Scan
+        What was followed.
+    error : ndarray, shape (ticks, axes)
+        In each tick of it, turns and lead-in included, um.
+    resonances : Mapping[str, float]
+        As of `advice`.
+
+    Returns
+    -------
+    ndarray, shape (ticks, axes)
+        What is less than half a harmonic from such a resonance, um.
+
+    Examples
+    --------
+    >>> from truestroke.signals.scans.motions import raster
+    >>> scan = raster(lines=4, rate=100.0, sample_rate=5000.0)
+    >>> rings = np.sin(2 * np.pi * 700.0 * scan.time)[:, None]
+    >>> [round(float(np.std(at_resonances(scan, one, {"y": 700.0}))), 1) for one in (5.0 + rings, 5.0 + 0.0 * rings)]
+    [0.7, 0.0]
+    """
+    from scipy.signal import butter, sosfiltfilt
+
+    rate, half = _of_lines(scan), scan.sample_rate / 2
+    part = np.zeros_like(error)
+    for one in _met(rate, _within(scan, _checked(resonances))).values():
+        band = max(one - rate / 2, rate / 4), min(one + rate / 2, 0.99 * half)
+        if band[0] < band[1]:
+            part += sosfiltfilt(butter(2, band, "bandpass", fs=scan.sample_rate, output="sos"), error - part, axis=0)
+    return part
+
+
+def is_why(measured: float, without: float, goal: float) -> bool:
+    """Whether a part of the error, without which it is so large, makes most of what is above the goal.
+
+    >>> is_why(0.4, 0.1, 0.1), is_why(5.0, 4.9, 0.1)
+    (True, False)
+    """
+    return measured > goal and measured - without > MOST * (measured - goal)
+
+
+def _checked(resonances: Mapping[str, float]) -> dict[str, float]:
+    checks.instance("resonances", resonances, Mapping, 'frequencies by the names of axes, as {"x": 900.0}')
+    return {name: checks.positive(f"resonances[{name!r}]", one, "Hz") for name, one in resonances.items()}
+
+
+def _of_lines(scan: Scan) -> float:
+    """Lines or turns per second, Hz; 0 of a spiral of constant linear velocity, whose turns have no one rate."""
+    rate = scan.settings.get("rate", scan.settings.get("rotation"))
+    return rate if isinstance(rate, float) and scan.settings.get("velocity") != "linear" else 0.0
+
+
+def _within(scan: Scan, resonances: Mapping[str, float]) -> dict[str, float]:
+    """Those that a harmonic of the lines may excite, Hz."""
+    rate = _of_lines(scan)
+    return {name: one for name, one in resonances.items() if rate and 0.5 < one / rate <= HIGHEST}
+
+
+def _met(rate: float, known: Mapping[str, float]) -> dict[str, float]:
+    """Those that a harmonic of a rate meets, Hz."""
+    return {name: one for name, one in known.items() if _apart(rate, [one]) <= CLOSE}
 
 
 def _apart(rate: float, resonances: Iterable[float]) -> float:

@@ -12,8 +12,8 @@ from truestroke.base import checks
 from truestroke.base.typing import FloatArray
 from truestroke.base.verdict import Level, Verdict
 from truestroke.signals import metrics
-from truestroke.signals.scans.images import Distortion, Image, ImageError, distortion, gridded, images, shift
-from truestroke.signals.scans.rates import advice
+from truestroke.signals.scans import rates
+from truestroke.signals.scans.images import Distortion, Image, ImageError, at_pixels, distortion, gridded, images, shift
 from truestroke.signals.scans.scan import Scan
 
 SEEN, CLEAR = 0.5, 2.0  # pixels: what a good image may be off, and a doubtful one
@@ -38,9 +38,12 @@ class Recorded:
     distortion : Distortion or None
         Of a raster, by the measured positions.
     shift : tuple[float, float] or None
-        Of the retrace against the trace, in x and y, pixels, by the images alone; None where they do not show it.
+        Of the retrace against the trace, in x and y, pixels, by the images alone, less the half row by which y moves on
+        between them with ``slow="ramp"``; None where they do not show it.
     verdict : Verdict
         Of the image.
+    axes : tuple[str, str]
+        Names of the fast and the slow axis.
     """
 
     scan: Scan
@@ -50,6 +53,7 @@ class Recorded:
     distortion: Distortion | None
     shift: tuple[float, float] | None
     verdict: Verdict
+    axes: tuple[str, str] = ("x", "y")
 
     def rms_um(self) -> tuple[float, float]:
         """Root mean square of the errors of x and y, um, without the noise of the sensors."""
@@ -80,6 +84,7 @@ def recorded(
     name: str = "signal",
     unit: str = "",
     resonances: Mapping[str, float] | None = None,
+    axes: tuple[str, str] = ("x", "y"),
 ) -> Recorded:
     """Images of a scan from what was recorded in each of its ticks, from the first one on.
 
@@ -92,12 +97,14 @@ def recorded(
     signal : array_like, shape (ticks,)
         What becomes the image.
     columns : int
-        Pixels of a row; of a scan that is no raster, of the image in both directions.
+        Pixels of a row; those of a scan that is no raster are square.
     name, unit : str
         Of the signal.
     resonances : Mapping[str, float], optional
-        First resonance of axes, Hz, by their names: where an image is not good, and a harmonic of its lines meets one,
-        the verdict names a rate of which none does.
+        First resonance of axes, Hz, by their names: where a harmonic of the lines meets one, and what the sensors show
+        there is why an image is not good, the verdict names a rate of which none does.
+    axes : tuple[str, str]
+        What the page calls the fast and the slow axis.
 
     Returns
     -------
@@ -123,21 +130,89 @@ def recorded(
     given = {"x": (x, "um"), "y": (y, "um"), "signal": (signal, unit)}
     arrays = [checks.signal(argument, one, of) for argument, (one, of) in given.items()]
     part, rows = _as_far(scan, arrays)
-    places, values = arrays[:2], arrays[2]
-    error = np.stack([one - axis.position for one, axis in zip(places, part.axes, strict=True)], axis=1)
-    error[~part.inside] = np.nan
-    moved, apart = None, None
-    if part.name == "raster":
-        made = images(part, values, columns, name=name, unit=unit)
-        moved = distortion(part, _without_gaps(places[0]), _without_gaps(places[1]), columns)
+    values, places = arrays[2], np.stack(arrays[:2], axis=1)
+    made, apart = _images(part, places, values, columns, name, unit)
+    found = _Measured.of(part, places, columns)
+    remedy = _remedy(part, places, columns, found, next(iter(made.values())).pixel, resonances or {})
+    return Recorded(
+        scan=part,
+        rows=rows,
+        images=made,
+        error=found.error,
+        distortion=found.distortion,
+        shift=apart,
+        verdict=_judged(made, rows, found, apart, remedy),
+        axes=axes,
+    )
+
+
+def _images(
+    scan: Scan, places: FloatArray, values: FloatArray, columns: int, name: str, unit: str
+) -> tuple[dict[str, Image], tuple[float, float] | None]:
+    """Trace and retrace of a raster, with their shift, or the image of any other scan."""
+    if scan.name == "raster":
+        made = images(scan, values, columns, name=name, unit=unit)
         apart = _shift(made)
-    else:
-        inside = part.inside
-        where = {"origin": part.origin, "size": part.size, "shape": (columns, columns)}
-        made = {"image": gridded(*(one[inside] for one in (*places, values)), name=name, unit=unit, **where)}  # type: ignore[arg-type]
-    found = {"scan": part, "rows": rows, "images": made, "error": error, "distortion": moved, "shift": apart}
-    remedy = advice(scan, resonances or {})
-    return Recorded(**found, verdict=_judged(made, rows, error, moved, apart, remedy))  # type: ignore[arg-type]
+        return made, apart and (apart[0], apart[1] + _moved_on(scan, columns))
+    inside = scan.inside
+    down = max(1, round(columns * scan.size[1] / scan.size[0]))
+    where = {"origin": scan.origin, "size": scan.size, "shape": (down, columns)}
+    samples = (*places[inside].T, values[inside])
+    return {"image": gridded(*samples, name=name, unit=unit, **where)}, None  # type: ignore[arg-type]
+
+
+@dataclass(frozen=True)
+class _Measured:
+    """What the sensors say of the places: measured minus desired within the lines, um, and that in pixels."""
+
+    error: FloatArray
+    distortion: Distortion | None
+
+    @classmethod
+    def of(cls, scan: Scan, places: FloatArray, columns: int) -> _Measured:
+        error = places - _desired(scan)
+        error[~scan.inside] = np.nan
+        if scan.name != "raster":
+            return cls(error, None)
+        x, y = (_without_gaps(one) for one in places.T)
+        return cls(error, distortion(scan, x, y, columns))
+
+    def off(self, pixel: tuple[float, float]) -> float:
+        """Distance of a pixel from its place, pixels, rms, without noise."""
+        return float(np.linalg.norm([one / size for one, size in zip(_rms(self.error), pixel, strict=True)]))
+
+    @property
+    def apart(self) -> float:
+        """Distance of trace and retrace, pixels."""
+        return 0.0 if self.distortion is None else self.distortion.trace_retrace
+
+    @property
+    def noise_apart(self) -> float:
+        """What the noise of the sensors alone may make of it, pixels."""
+        return _noise_apart(self.distortion, self.error)
+
+
+def _desired(scan: Scan) -> FloatArray:
+    return np.stack([axis.position for axis in scan.axes], axis=1)
+
+
+def _remedy(
+    scan: Scan,
+    places: FloatArray,
+    columns: int,
+    found: _Measured,
+    pixel: tuple[float, float],
+    resonances: Mapping[str, float],
+) -> str:
+    """Another rate, where what harmonics do at a resonance is why the image is not good."""
+    words = rates.advice(scan, resonances)
+    seen, allowed = (found.off(pixel), found.apart), (SEEN, SEEN + found.noise_apart)
+    if not words or all(one <= goal for one, goal in zip(seen, allowed, strict=True)):
+        return ""
+    whole = np.stack([_without_gaps(one) for one in places.T], axis=1)
+    less = _Measured.of(scan, places - rates.at_resonances(scan, whole - _desired(scan), resonances), columns)
+    left = less.off(pixel), less.apart
+    return words if any(map(rates.is_why, seen, left, allowed)) else ""
 
 
 def _as_far(scan: Scan, arrays: list[FloatArray]) -> tuple[Scan, tuple[int, int]]:
@@ -185,6 +260,13 @@ def _shift(made: Mapping[str, Image]) -> tuple[float, float] | None:
     return apart if np.corrcoef(first.ravel(), second.ravel())[0, 1] > ALIKE else None
 
 
+def _moved_on(scan: Scan, columns: int) -> float:
+    """Rows by which y moves on between trace and retrace, as it should, in the mean."""
+    y, direction = at_pixels(scan, scan.y.position, columns), scan.lines["direction"]
+    row = scan.size[1] / (int(scan.lines["row"].max()) + 1)
+    return float(np.mean(y[direction < 0]) - np.mean(y[direction > 0])) / row
+
+
 def _rms(error: FloatArray) -> tuple[float, float]:
     squares = [np.nanmean(one**2) - metrics.noise(one) ** 2 for one in error.T]
     return float(np.sqrt(max(squares[0], 0.0))), float(np.sqrt(max(squares[1], 0.0)))
@@ -197,27 +279,25 @@ def _noise_apart(moved: Distortion | None, error: FloatArray) -> float:
 def _judged(
     made: Mapping[str, Image],
     rows: tuple[int, int],
-    error: FloatArray,
-    moved: Distortion | None,
+    found: _Measured,
     apart: tuple[float, float] | None,
     remedy: str,
 ) -> Verdict:
     """Errors in pixels of the image, with a remedy; what the noise of the sensors makes of them counts for nothing."""
-    pixel = next(iter(made.values())).pixel
-    off = float(np.linalg.norm([one / size for one, size in zip(_rms(error), pixel, strict=True)]))
+    off = found.off(next(iter(made.values())).pixel)
     findings: list[tuple[Level, str]] = []
     if rows[0] < rows[1]:
         findings.append(("doubtful", f"The scan ended after row {rows[0]} of {rows[1]}."))
     if all(np.ptp(one.data[np.isfinite(one.data)]) == 0 for one in made.values()):
         findings.append(("doubtful", "The signal is the same in all pixels: is it the input of this image?"))
     measured = [("By the sensors, a pixel is {:.2g} pixels from its place, rms.", off, 0.0)]
-    if moved is not None:
+    if found.distortion is not None:
         words = "By the sensors, trace and retrace are up to {:.2g} pixels apart."
-        measured.append((words, moved.trace_retrace, _noise_apart(moved, error)))
+        measured.append((words, found.apart, found.noise_apart))
     if apart is not None:
         measured.append(("In the images, trace and retrace are {:.2g} pixels apart.", float(np.hypot(*apart)), 0.0))
     far = [one for one in measured if one[1] > SEEN + one[2]]
     for words, pixels, allowed in far:
         findings.append(("bad" if pixels > CLEAR + allowed else "doubtful", words.format(pixels)))
-    findings += [("doubtful", remedy)] * bool(far and remedy)
+    findings += [("doubtful", remedy)] * bool(remedy)
     return Verdict.of(findings)

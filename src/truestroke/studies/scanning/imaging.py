@@ -10,8 +10,10 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import numpy as np
+import numpy.typing as npt
 
 from truestroke.base import checks
+from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
 from truestroke.base.verdict import Level, Verdict
 from truestroke.control.axes import MultiAxisController
@@ -19,9 +21,9 @@ from truestroke.control.controller import AdaptiveController
 from truestroke.control.settings import ControllerSettings
 from truestroke.plant import MultiAxisSettings, MultiAxisStage, StageSettings
 from truestroke.signals import scans, shaping
+from truestroke.signals.scans import rates
 from truestroke.signals.scans.images import Distortion, Image
 from truestroke.signals.scans.motions import LEAD_OUT
-from truestroke.signals.scans.rates import advice
 from truestroke.signals.scans.scan import Scan
 from truestroke.studies.scanning import lines
 
@@ -29,7 +31,7 @@ PIXELS = 512
 WIDTH, OFFSET = 20.0, (14.5, 14.0)  # um of the image, and its centre
 RATE = 40.0  # rows per second
 SAMPLE_RATE = 5000.0  # Hz
-SLOWEST = 1.0  # Hz of the rows: minutes, and 1.3 GB of memory
+SLOWEST = 1.0  # Hz of the rows: minutes, and 1.0 GB of memory
 SOFTEST, STIFFEST = 10.0, 2200.0  # Hz: slower rows would be needed, or more samples a second
 LEAD_IN, LEAST_LEAD = 4.0, 8  # s of lines before the image, and their number at least
 LEAD_ROWS, LEAD_SHARE = 96, 0.6  # rows over which y moves in the last of them, at most, and as a share
@@ -52,21 +54,24 @@ class Imaged:
     ----------
     name : str
         Of the controller.
-    true : ndarray, shape (ticks, 2)
-        Positions, um.
+    error : ndarray, shape (ticks,)
+        True minus desired position of x, um, in single precision.
     distortion : Distortion
         True places of the pixels against those where they are shown.
     images : Mapping[str, Mapping[str, Image]]
         Of "grating" and "texture": "trace" and "retrace".
     shift : tuple[float, float]
         Of the retrace of the texture against its trace, in x and y, pixels, by `scans.shift`.
+    remedy : str
+        Another rate, where what harmonics of the rows do at a resonance is why the image is not good.
     """
 
     name: str
-    true: FloatArray = field(repr=False)
+    error: npt.NDArray[np.float32] = field(repr=False)
     distortion: Distortion
     images: Mapping[str, Mapping[str, Image]] = field(repr=False)
     shift: tuple[float, float]
+    remedy: str = ""
 
     def as_dict(self) -> dict[str, object]:
         """For JSON."""
@@ -125,17 +130,27 @@ def stage_of(resonances: tuple[float, float], kinds: tuple[str, str], noise: flo
     return MultiAxisSettings(axes=axes, coupling=COUPLING)
 
 
-def scan_of(stage: MultiAxisSettings, rate: float, width: float = WIDTH) -> Scan:
-    """The raster: turns and steps that leave each axis at rest, and the over-scan that the steps need."""
+def scan_of(
+    stage: MultiAxisSettings, rate: float, width: float = WIDTH, *, lead_in: float = LEAD_IN, slow: str = "steps"
+) -> Scan:
+    """The raster: turns and steps that leave each axis at rest, and the over-scan that the steps need.
+
+    Behind so many seconds of lines (`lead_in`); `slow` is that of `scans.raster`.
+    """
     x, y = (one.dynamics() for one in stage.axes)
     least, step = (shaping.settling_move(one).duration for one in (x, y))
     fastest = 0.5 / (least + 3.1 * max(0.0, (step - least) / 2))  # an over-scan of the width on either side
-    checks.within("rate", rate, SLOWEST, fastest, "Hz")
+    if not SLOWEST <= checks.number("rate", rate, "Hz") <= fastest:
+        first = " and ".join(f"{one.resonances[0]:g}" for one in stage.axes)
+        bound = (
+            f"from {SLOWEST:g} to {fastest:.4g} Hz, as stages of {first} Hz need time to turn and to step in each row"
+        )
+        raise SettingError("rate", rate, bound, "Hz")
     turn = shaping.turn_time(x, rate)
     margin = max(0.0, (step - turn) / 2)
     line = 0.5 / rate - turn
     over = max(OVER_SCAN, 1.001 * margin / max(line - 2 * margin, 1e-9))
-    lead = max(math.ceil(LEAD_IN * rate), LEAST_LEAD)
+    lead = max(math.ceil(lead_in * rate), LEAST_LEAD)
     made = scans.raster(
         width=width,
         lines=PIXELS,
@@ -148,6 +163,7 @@ def scan_of(stage: MultiAxisSettings, rate: float, width: float = WIDTH) -> Scan
         lead_out=LEAD_OUT,
         offset=OFFSET,
         sample_rate=stage.sample_rate,
+        slow=slow,
     )
     lines.period_of(made)
     return made
@@ -205,6 +221,7 @@ def image_stage(
     samples = scans.Grating(), scans.Texture(seed=seed)
     gains = [one.stroke / one.voltage_limits[1] for one in stage.axes]
     usual = {"sample_rate": SAMPLE_RATE, "stroke": STROKE, "voltage_limits": LIMITS}
+    hungry = threading.Lock()  # one thread after the other takes hundreds of MB where rows are slow
 
     def made(name: str) -> Imaged:
         going()
@@ -212,11 +229,14 @@ def image_stage(
         moving: dict[str, Callable[[], FloatArray]] = {
             "open loop": lambda: lines.open_loop(scan, plant, gains),
             "paper": lambda: lines.alone(scan, plant, [AdaptiveController.paper(**usual) for _ in gains]),  # type: ignore[arg-type]
-            "truestroke": lambda: lines.together(scan, plant, controllers_of(stage, lines.period_of(scan)), going),
+            "truestroke": lambda: lines.together(
+                scan, plant, controllers_of(stage, lines.period_of(scan)), going, hungry
+            ),
         }
         true = moving[name]()
         going()
-        return _imaged(name, scan, true, samples)
+        with hungry:
+            return _imaged(name, scan, true, samples, _resonances(stage) if name == "truestroke" else {})
 
     with ThreadPoolExecutor(4) as several, _ended_together(several) as going:
         several.submit(samples[1], np.zeros(1), np.zeros(1))  # which makes the texture, once for all of them
@@ -224,14 +244,30 @@ def image_stage(
         longest = [several.submit(made, name) for name in reversed(NAMES)]
         found = {one.name: one for one in (each.result() for each in reversed(longest))}
         spiral = around.result()
-    known = {name: one.resonances[0] for name, one in zip("xy", stage.axes, strict=True)}
-    return Scanned(
-        scan,
-        found,
-        spiral,
-        stage,
-        judged(found["truestroke"], spiral, advice(scan, known), advice(spiral_of(stage), known)),
-    )
+    verdict = judged(found["truestroke"], spiral.percent, spiral.remedy)
+    return Scanned(scan, found, spiral.percent, stage, verdict)
+
+
+def _resonances(stage: MultiAxisSettings) -> dict[str, float]:
+    """First ones of the axes, Hz."""
+    return {name: one.resonances[0] for name, one in zip("xy", stage.axes, strict=True)}
+
+
+def _remedy(scan: Scan, true: FloatArray, moved: Distortion, known: Mapping[str, float]) -> str:
+    """Another rate, where what harmonics of the rows do at a resonance is why the image is not good."""
+    seen = moved.largest, moved.trace_retrace
+    words = rates.advice(scan, known) if max(seen) > FINE else ""
+    if not words:
+        return ""
+    x, y = (true - rates.at_resonances(scan, _off(scan, true), known)).T
+    less = scans.distortion(scan, x, y, PIXELS)
+    left = less.largest, less.trace_retrace
+    return words if any(rates.is_why(one, other, FINE) for one, other in zip(seen, left, strict=True)) else ""
+
+
+def _off(scan: Scan, true: FloatArray) -> FloatArray:
+    """True minus desired positions, um, shape (ticks, axes)."""
+    return true - np.stack([axis.position for axis in scan.axes], axis=1)
 
 
 @contextmanager
@@ -251,29 +287,51 @@ def _ended_together(several: ThreadPoolExecutor) -> Iterator[Callable[..., None]
         raise
 
 
-def _imaged(name: str, scan: Scan, true: FloatArray, samples: tuple[scans.Grating, scans.Texture]) -> Imaged:
+def _imaged(
+    name: str,
+    scan: Scan,
+    true: FloatArray,
+    samples: tuple[scans.Grating, scans.Texture],
+    resonances: Mapping[str, float],
+) -> Imaged:
     x, y = true.T
     places = [scans.at_pixels(scan, axis, PIXELS) for axis in (x, y)]
     images = {one.name: scans.images(scan, one(*places), name=one.name, unit=one.unit) for one in samples}
     shift = scans.shift(images["texture"]["trace"], images["texture"]["retrace"])
-    return Imaged(name, true, scans.distortion(scan, x, y, PIXELS), images, shift)
+    moved = scans.distortion(scan, x, y, PIXELS)
+    error = (x - scan.x.position).astype(np.float32)
+    return Imaged(name, error, moved, images, shift, _remedy(scan, true, moved, resonances))
 
 
-def spiral_of(stage: MultiAxisSettings) -> Scan:
-    """The spiral, of constant angular velocity."""
+def spiral_of(stage: MultiAxisSettings, rotation: float = ROTATION) -> Scan:
+    """The spiral, of constant angular velocity, Hz."""
     usual = {"offset": OFFSET, "lead_out": LEAD_OUT, "sample_rate": stage.sample_rate}
-    return scans.spiral(diameter=WIDTH, turns=TURNS, rotation=ROTATION, **usual)  # type: ignore[arg-type]
+    return scans.spiral(diameter=WIDTH, turns=TURNS, rotation=rotation, **usual)  # type: ignore[arg-type]
 
 
-def _spiral(stage: MultiAxisSettings, seed: int, going: Callable[..., None]) -> float:
-    """Error of the spiral, % of its diameter, rms."""
-    scan = spiral_of(stage)
-    true = lines.together(scan, MultiAxisStage(stage, seed), controllers_of(stage), going)
-    error: FloatArray = true - np.stack([axis.position for axis in scan.axes], axis=1)
-    return float(100 / WIDTH * np.sqrt(np.mean(np.sum(error[scan.inside] ** 2, axis=1))))
+@dataclass(frozen=True)
+class _Spiral:
+    """Error of the spiral, % of its diameter, rms, and another rotation where a resonance is why it is large."""
+
+    percent: float
+    remedy: str
 
 
-def judged(imaged: Imaged, spiral: float, for_image: str = "", for_spiral: str = "") -> Verdict:
+def _spiral(stage: MultiAxisSettings, seed: int, going: Callable[..., None]) -> _Spiral:
+    scan, known = spiral_of(stage), _resonances(stage)
+    off = _off(scan, lines.together(scan, MultiAxisStage(stage, seed), controllers_of(stage), going))
+    found = percent_off(scan, off)
+    words = rates.advice(scan, known) if found > ROUND else ""
+    why = words and rates.is_why(found, percent_off(scan, off - rates.at_resonances(scan, off, known)), ROUND)
+    return _Spiral(found, words if why else "")
+
+
+def percent_off(scan: Scan, off: FloatArray) -> float:
+    """Rms of the error (um, shape (ticks, 2)) of a spiral, % of its diameter."""
+    return float(100 / WIDTH * np.sqrt(np.mean(np.sum(off[scan.inside] ** 2, axis=1))))
+
+
+def judged(imaged: Imaged, spiral: float, for_spiral: str = "") -> Verdict:
     """Of an image: its largest distortion and shift, pixels; of the spiral, %; each with a remedy, if there is one."""
     findings: list[tuple[Level, str]] = []
     for words, pixels in (
@@ -282,7 +340,7 @@ def judged(imaged: Imaged, spiral: float, for_image: str = "", for_spiral: str =
     ):
         if pixels > FINE:
             findings.append(("bad" if pixels > SEEN else "doubtful", words.format(pixels)))
-    findings += [("doubtful", for_image)] * bool(findings and for_image)
+    findings += [("doubtful", imaged.remedy)] * bool(findings and imaged.remedy)
     if spiral > ROUND:
         text = f"The spiral of {ROTATION:g} turns per second is {spiral:.2g} % of its diameter off, rms."
         remedy = f"{for_spiral} In Python, scans.spiral takes this rotation." if for_spiral else ""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, nullcontext
 
 import numpy as np
 
@@ -10,14 +11,14 @@ from truestroke import _loops
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
 from truestroke.control import feasibility
-from truestroke.control.axes import MultiAxisController
+from truestroke.control.axes import PARTS, MultiAxisController
 from truestroke.control.controller import AdaptiveController
 from truestroke.control.repeating.learned_strain import whole_ticks
 from truestroke.control.repeating.repetition import LONGEST, SHORTEST
 from truestroke.plant import MultiAxisStage
-from truestroke.runtime.loop import run
+from truestroke.runtime.axes import between
 from truestroke.runtime.ticks import SIMULATED
-from truestroke.signals.channels import dtype
+from truestroke.signals.channels import Array, dtype
 from truestroke.signals.scans.scan import Scan
 
 PART = 2**16  # ticks that are simulated at a time
@@ -59,29 +60,20 @@ def open_loop(scan: Scan, plant: MultiAxisStage, sensitivity: Sequence[float]) -
 
 def alone(scan: Scan, plant: MultiAxisStage, controllers: Sequence[AdaptiveController]) -> FloatArray:
     """A controller for each axis that knows nothing of the others."""
-    plant.open()
     for axis, controller in zip(scan.axes, controllers, strict=True):
         feasibility.raise_slew(axis, controller)
-    columns = [getattr(axis, part) for axis in scan.axes for part in ("position", "velocity", "acceleration")]
-    calls = [controller._kernel.native() for controller in controllers]
+    columns = [getattr(axis, part) for axis in scan.axes for part in PARTS]
     axes = len(controllers)
+
+    def given(part: slice) -> tuple[FloatArray, ...]:
+        motion = np.stack([column[part] for column in columns], axis=1)
+        return motion, np.full((len(motion), axes), np.nan), np.zeros((len(motion), 3 * axes)), np.eye(axes)
+
+    plant.open()
     true = np.empty((len(scan.x), axes))
     for part in _parts(len(true)):
-        motion = np.stack([column[part] for column in columns], axis=1)
-        ticks = len(motion)
-        strain, others = np.full((ticks, axes), np.nan), np.zeros((ticks, 3 * axes))
-        rows = {name: np.zeros((ticks, axes), dtype(name)) for name in SIMULATED}
-        numbers = plant._noise.take(ticks * plant._samples)
-        _loops.run_axes(calls, plant._plant.native(), motion, strain, others, np.eye(axes), numbers, *rows.values())
-        true[part] = rows["true"]
-    for controller in controllers:
-        controller._kernel.require_reach()
+        true[part] = _moved(plant, controllers, given(part))["true"]
     return true
-
-
-def _parts(ticks: int) -> Iterator[slice]:
-    """Parts of a run: what only one of them needs at a time takes no memory for all."""
-    return (slice(start, min(start + PART, ticks)) for start in range(0, ticks, PART))
 
 
 def together(
@@ -89,10 +81,48 @@ def together(
     plant: MultiAxisStage,
     controller: MultiAxisController,
     progress: Callable[[int, int], None] | None = None,
+    hungry: AbstractContextManager[object] | None = None,
 ) -> FloatArray:
     """Adaptive controllers that know of one another, and what repeats in each line, where `controller` has a period.
 
-    `progress` is that of `truestroke.run`.
+    Where the stage is in `truestroke.run`, without its recording. `progress` is that of `run`; `hungry` is entered
+    while much memory is needed.
     """
-    recording = run(dict(zip(controller.names, scan.axes, strict=True)), controller, plant, progress=progress)
-    return np.stack([recording[f"true_{name}"] for name in controller.names], axis=1)
+    with hungry or nullcontext():
+        known = controller.prepare(dict(zip(controller.names, scan.axes, strict=True)))
+    for name, axis in controller.axes.items():
+        feasibility.raise_slew(known.axes[name], axis)
+    plant.open()
+    ticks = len(scan.x)
+    true = np.empty((ticks, len(controller.axes)))
+    for part in (one for whole in _parts(ticks) for one in between(whole.start, whole.stop, controller)):
+        strain = known.strain[part]
+        if controller.learned:
+            strain = strain + controller.added(range(part.start, part.stop))
+        given = known.motion(part), strain, known.others[part], controller.to_axes
+        rows = _moved(plant, list(controller.axes.values()), given)
+        if controller.learned:
+            controller.see(known, part.start, rows["measured"], rows["flags"])
+        true[part] = rows["true"]
+        if progress is not None:
+            progress(part.stop, ticks)
+    return true
+
+
+def _moved(
+    plant: MultiAxisStage, controllers: Sequence[AdaptiveController], given: tuple[FloatArray, ...]
+) -> dict[str, Array]:
+    """Some ticks of the native loop, with what each is given; what was there in each, by `SIMULATED`."""
+    ticks, axes = len(given[0]), len(controllers)
+    rows = {name: np.zeros((ticks, axes), dtype(name)) for name in SIMULATED}
+    calls = [controller._kernel.native() for controller in controllers]
+    numbers = plant._noise.take(ticks * plant._samples)
+    _loops.run_axes(calls, plant._plant.native(), *given, numbers, *rows.values())  # type: ignore[arg-type, call-arg]  # of fixed lengths
+    for controller in controllers:
+        controller._kernel.require_reach()
+    return rows
+
+
+def _parts(ticks: int) -> Iterator[slice]:
+    """Parts of a run: what only one of them needs at a time takes no memory for all."""
+    return (slice(start, min(start + PART, ticks)) for start in range(0, ticks, PART))

@@ -103,9 +103,8 @@ def chart(found: Scanned) -> Chart:
         Panel("desired (µm)", [Line("x", "true", found.scan.x.position), Line("y", "before", found.scan.y.position)])
     ]
     for one in found.imaged.values():
-        error = _error(found, one)
-        factor, unit = units.scaled_length(float(np.abs(error).max()))
-        panels.append(Panel(f"{NAMES[one.name]} ({unit})", [Line("error of x", "true", factor * error)]))
+        factor, unit = units.scaled_length(float(np.abs(one.error).max()))
+        panels.append(Panel(f"{NAMES[one.name]} ({unit})", [Line("error of x", "true", factor * _error(one))]))
     return Chart(panels, 0.0, 1.0 / found.scan.sample_rate)
 
 
@@ -114,16 +113,13 @@ def spectrum(found: Scanned, theme: Theme = LIGHT) -> Figure:
     inside = np.flatnonzero(found.scan.inside)
     part = slice(inside[0], inside[-1] + 1)
     roles = ("before", "alarm", "true")
-    of_x = {
-        NAMES[one.name]: (role, _error(found, one)[part])
-        for role, one in zip(roles, found.imaged.values(), strict=True)
-    }
+    of_x = {NAMES[one.name]: (role, _error(one)[part]) for role, one in zip(roles, found.imaged.values(), strict=True)}
     return spectra.spectrum(of_x, found.scan.sample_rate, theme)
 
 
-def _error(found: Scanned, one: Imaged) -> FloatArray:
+def _error(one: Imaged) -> FloatArray:
     """True minus desired position of x, um."""
-    return np.asarray(one.true[:, 0] - found.scan.x.position, dtype=np.float64)
+    return one.error.astype(np.float64)
 
 
 def grating(found: Scanned, theme: Theme = LIGHT) -> Figure:
