@@ -122,3 +122,33 @@ def each_picture_once(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(page, "svg", drawn)
     monkeypatch.setattr(style, "save", saved)
+
+
+class Passing:
+    """A clock that is moved on by those who sleep, and a little by those who look."""
+
+    LOOK = 20_000  # ns
+
+    def __init__(self) -> None:
+        self.now = 0  # ns
+
+    def sleep(self, seconds: float) -> None:
+        self.now += round(1e9 * seconds)
+
+    def perf_counter_ns(self) -> int:
+        self.now += self.LOOK
+        return self.now
+
+    def perf_counter(self) -> float:
+        return 1e-9 * self.perf_counter_ns()
+
+
+@pytest.fixture
+def no_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
+    """For tests of what is done with simulated hardware, not of when: nothing in this process waits for its ticks."""
+    from truestroke.runtime.drivers import paced, simulated
+
+    clock = Passing()
+    monkeypatch.setattr(paced, "time", clock)
+    monkeypatch.setattr(simulated, "time", clock)
+    monkeypatch.setattr(paced, "perf_counter_ns", clock.perf_counter_ns)

@@ -546,7 +546,7 @@ def page_blocks(fake: Fake) -> list[tuple[str, str]]:
     return re.findall(r"^```(python|console|toml|text)\n(.*?)^```", page, flags=re.M | re.S)
 
 
-@pytest.mark.usefixtures("each_picture_once")
+@pytest.mark.usefixtures("each_picture_once", "no_waiting")
 def test_the_page_runs_on_the_fake_controller(fake: Fake, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Each block in turn: the file, python and what it prints, the commands and what they print."""
     monkeypatch.chdir(tmp_path)
@@ -705,7 +705,7 @@ def test_a_signal_stops_the_wave_and_the_output_is_safe(bench, fake, stop, code)
     assert (running.returncode, fake.volts[0], fake.left()) == (code, SAFE[0], True), words
 
 
-@pytest.mark.usefixtures("each_picture_once")
+@pytest.mark.usefixtures("each_picture_once", "no_waiting")
 @pytest.mark.parametrize(("change", "code"), [(("", ""), 0), (("[[axis]]", "um_per_unit = -1.0\n[[axis]]"), 3)])
 def test_the_first_volts(bench: Path, fake: Fake, monkeypatch: pytest.MonkeyPatch, change, code: int) -> None:
     monkeypatch.setattr(connected, "require_time", lambda *_: None)  # late ticks do not matter to it
