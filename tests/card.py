@@ -45,7 +45,7 @@ class Card:
     library: Path
 
     def _read(self) -> tuple:
-        deadline = time.monotonic() + 2.0
+        deadline = time.monotonic() + 30.0
         while len(found := self.file.read_bytes()) != SIZE and time.monotonic() < deadline:
             time.sleep(0.01)  # the card is being made
         return struct.unpack(REGISTER, found)

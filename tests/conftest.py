@@ -8,6 +8,7 @@ page that a test writes says µm and never um.
 from __future__ import annotations
 
 import gc
+import hashlib
 import os
 import re
 import signal
@@ -94,22 +95,25 @@ def empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-DRAWN: set[object] = set()
-
-
 @pytest.fixture
-def each_picture_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    """For tests that read the words of pages: what this process has drawn for one of them is made, but not drawn again.
+def each_picture_once(monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.TempPathFactory) -> None:
+    """For tests that read the words of pages: what a process has drawn for one of them is made, but not drawn again.
 
     A picture for light and for dark is one. Half of the time of a page is the drawing. Each kind of page has tests of
     its own, which draw all of it.
     """
     from truestroke.report import page, style
 
-    svg, save = page.svg, style.save
+    svg, save, folder = page.svg, style.save, tmp_path_factory.getbasetemp()
+    drawn_before = (folder.parent if "PYTEST_XDIST_WORKER" in os.environ else folder) / "drawn"  # by any process
+    drawn_before.mkdir(exist_ok=True)
 
     def first(thing: object) -> bool:
-        return not (thing in DRAWN or DRAWN.add(thing))
+        try:
+            (drawn_before / hashlib.sha256(repr(thing).encode()).hexdigest()).touch(exist_ok=False)
+        except FileExistsError:
+            return False
+        return True
 
     def drawn(figure: Any, name: str, description: str) -> str:
         return svg(figure, name, description) if first((name, description)) else f'<svg role="img" id="{name}"/>'
@@ -122,3 +126,33 @@ def each_picture_once(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(page, "svg", drawn)
     monkeypatch.setattr(style, "save", saved)
+
+
+class Passing:
+    """A clock that is moved on by those who sleep, and a little by those who look."""
+
+    LOOK = 20_000  # ns
+
+    def __init__(self) -> None:
+        self.now = 0  # ns
+
+    def sleep(self, seconds: float) -> None:
+        self.now += round(1e9 * seconds)
+
+    def perf_counter_ns(self) -> int:
+        self.now += self.LOOK
+        return self.now
+
+    def perf_counter(self) -> float:
+        return 1e-9 * self.perf_counter_ns()
+
+
+@pytest.fixture
+def no_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
+    """For tests of what is done with simulated hardware, not of when: nothing in this process waits for its ticks."""
+    from truestroke.runtime.drivers import paced, simulated
+
+    clock = Passing()
+    monkeypatch.setattr(paced, "time", clock)
+    monkeypatch.setattr(simulated, "time", clock)
+    monkeypatch.setattr(paced, "perf_counter_ns", clock.perf_counter_ns)

@@ -42,7 +42,7 @@ class Fake:
 
     def left(self) -> bool:
         """Whether all connections are closed, soon."""
-        end = time.monotonic() + 2
+        end = time.monotonic() + 30
         while self._read()[4] and time.monotonic() < end:
             time.sleep(0.01)
         return self._read()[4] == 0

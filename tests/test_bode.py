@@ -18,6 +18,8 @@ from truestroke.identification.dynamics.fit import pulse_transfer
 from truestroke.model.dynamics import Mode
 from truestroke.plant import PlantSettings, RealisticPlant, StagePlant, StageSettings
 
+pytestmark = pytest.mark.usefixtures("no_waiting")
+
 LIMITS = {"voltage_limits": (-0.6, 3.6)}
 
 
@@ -255,6 +257,7 @@ slew = 400.0
 """
 
 
+@pytest.mark.usefixtures("each_picture_once")
 def test_the_command_measures_one_axis_of_two(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     Path("xy.toml").write_text(TWO)

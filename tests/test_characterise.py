@@ -22,7 +22,7 @@ from truestroke.signals.trajectories import random_wave
 from truestroke.studies.characterisation import NotConverged, fit_lines, page, sweep
 from truestroke.studies.characterisation.lines import RATE_SCALE
 
-pytestmark = pytest.mark.usefixtures("each_picture_once")
+pytestmark = pytest.mark.usefixtures("each_picture_once", "no_waiting")
 A_P = np.array([8.4, 1.3, 0.92, 0.7, 0.88, 0.74, -2.6, 2.23])  # um/V, Sec. 4.3
 B_P = np.array([-0.9, 1.03, -0.244, 0.1, 0.05, -0.02, 0.01, -0.01])
 THRESHOLDS = MatchedSettings().thresholds

@@ -177,6 +177,7 @@ def test_a_motion_from_a_file() -> None:
     assert recording.metadata["command"] == "truestroke track --trajectory move.csv"
 
 
+@pytest.mark.usefixtures("each_picture_once")
 def test_rest_is_a_motion_like_any_other() -> None:
     Path("rest.csv").write_text("\n".join(["0.0"] * 1000))
     done = call("track", "--trajectory", "rest.csv", "--sample-rate", "1000", "--json")
@@ -251,6 +252,7 @@ def _two_rivals(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("truestroke.studies.compare.prepare", lambda bench: iter([line, paper]))
 
 
+@pytest.mark.usefixtures("each_picture_once")
 @pytest.mark.usefixtures("_two_rivals")
 def test_compare_prints_a_table_and_writes_a_page_with_the_tuning() -> None:
     done = call("compare", "--duration", "2", "--seed", "5", "--output", "rivals", "--plots", "pictures")
@@ -292,6 +294,7 @@ def test_compare_as_json() -> None:
     assert Path(printed["page"]).is_file()
 
 
+@pytest.mark.usefixtures("each_picture_once")
 def test_reproduce_puts_the_paper_beside_ours() -> None:
     done = call("reproduce", "fig10", "fig6", "--plots", "pictures")
     assert done.exit_code == 0, done.output
@@ -328,6 +331,7 @@ def test_recovery_is_told_apart_from_convergence() -> None:
         assert f"recovered  {recovered}" in done.stdout
 
 
+@pytest.mark.usefixtures("each_picture_once")
 @pytest.mark.parametrize(
     ("end", "code", "said"),
     [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated"), (signal.SIGHUP, 129, "terminated")],
@@ -435,7 +439,7 @@ def test_version() -> None:
 def test_identify_writes_a_model_that_a_controller_starts_from(tmp_path) -> None:
     plant = RealisticPlant(seed=2)
     plant.open()
-    volts = random_wave(duration=10.0, peak_to_peak=28.0, seed=4).position / 12.0
+    volts = random_wave(duration=5.0, peak_to_peak=28.0, seed=4).position / 12.0
     time = np.arange(volts.size) / 2000.0
     table = np.column_stack([time, volts, plant.exchange(volts)])
     record, model = tmp_path / "record.csv", tmp_path / "stage.toml"

@@ -25,7 +25,7 @@ from truestroke.runtime.drivers import OneAxis, SimulatedDriver, SimulatedSettin
 from truestroke.runtime.realtime import config
 from truestroke.signals.timing import Timing
 
-pytestmark = pytest.mark.usefixtures("each_picture_once", "empty_folder")
+pytestmark = pytest.mark.usefixtures("each_picture_once", "empty_folder", "no_waiting")
 COMMAND = Path(sys.executable).with_name("truestroke")
 LIMITS = (-0.6, 3.6)
 

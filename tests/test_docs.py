@@ -92,7 +92,7 @@ def run_page(page: Path, folder: Path) -> None:
 
 
 @every_page
-@pytest.mark.usefixtures("each_picture_once")
+@pytest.mark.usefixtures("each_picture_once", "no_waiting")
 def test_examples_run_and_print_what_the_page_says(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     run_page(page, tmp_path)

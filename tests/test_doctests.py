@@ -16,6 +16,7 @@ MODULES = ["truestroke"] + [
 MODULES += ["benchmarks.bench.cost", "benchmarks.singularity_free_inverse"]
 
 
+@pytest.mark.usefixtures("no_waiting")
 @pytest.mark.parametrize("name", MODULES)
 def test_docstring_examples(name: str, tmp_path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)

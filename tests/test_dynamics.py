@@ -2,13 +2,14 @@
 
 import pickle
 
-import control
 import numpy as np
 import pytest
+from late import Late
 from scipy import linalg
 
 from truestroke import Dynamics, FileError, Mode, SettingError
 
+control = Late("control")
 STAGE = Dynamics(
     sample_rate=10000.0,
     modes=(Mode(frequency=700.0, damping=0.02, share=1.08), Mode(frequency=1650.0, damping=0.01, share=-0.08)),

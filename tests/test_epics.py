@@ -90,7 +90,7 @@ def configure(window: float = 0.5) -> None:
     text = config.example("serve").replace("= 3600.0", "= 60.0").partition("\n[epics]")[0] + "\n"
     text = text.replace('name = "simulated"', 'name = "simulated"\nregister = "volts"\nchannels = 2')
     text += SINE + EPICS.replace("window = 0.5", f"window = {window}") + '[recording]\nfile = "run.h5"\n'
-    text += "[realtime]\noverrun_streak = 0\nwatchdog_timeout = 20.0\n"
+    text += "[realtime]\nspin = 0.0\noverrun_streak = 0\nwatchdog_timeout = 20.0\n"
     Path("serve.toml").write_text(text)
 
 
@@ -200,7 +200,7 @@ def controller() -> AdaptiveController:
 
 def run(do: dict[int, Callable[[], object]] | None = None, **changes: Any) -> Any:
     axis = Axis(trajectory=WAVE, controller=controller(), voltage_limits=LIMITS, slew=400.0)
-    keep = RealtimeSettings(overrun_streak=0, watchdog_timeout=20.0)
+    keep = RealtimeSettings(spin=0.0, overrun_streak=0, watchdog_timeout=20.0)
     options = {"settings": keep, "server": EpicsSettings(prefix="TEST:STAGE"), **changes}
     return run_realtime(Bench(do or {}), [axis], "run.h5", **options)
 

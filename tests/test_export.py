@@ -58,10 +58,24 @@ SIZES = ("--sample-rate", "10000", "--stroke", "20", "--voltage-limits", "0", "1
 CROSS = "apt-get install gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm"
 
 
+DEBUGGED = "CFLAGS=-O0 -Werror -fPIC"
+OPTIMISED = "CFLAGS=-O1 -Werror -fPIC"
+OBJECTS: dict[object, bytes] = {}
+
+
 def make(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
+    """Where the kernel has the same text and options as one that was compiled before, its objects are taken again."""
+    texts = tuple(path.read_bytes() for path in sorted(folder.glob("kernel/*.[ch]")))
+    options = tuple(argument for argument in arguments if "=" in argument)
+    objects = [path.with_suffix(".o") for path in folder.glob("kernel/*.c")]
+    for path in objects:
+        if not path.exists() and (kept := OBJECTS.get((options, texts, path.name))) is not None:
+            path.write_bytes(kept)
+    done = subprocess.run(
         ["make", "-s", "-j2", *arguments], cwd=folder, capture_output=True, text=True, timeout=120, check=False
     )
+    OBJECTS.update({(options, texts, path.name): path.read_bytes() for path in objects if path.exists()})
+    return done
 
 
 BUILT = ("default-double", "default-single", "paper-single", "stage-single", "nm and kV-double")
@@ -76,14 +90,14 @@ def exported(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
 
 
 def test_it_builds_without_a_warning_and_gives_the_bits_of_the_desk(exported: Path) -> None:
-    done = make(exported, "test", "CFLAGS=-O1 -Werror")
+    done = make(exported, "test", OPTIMISED)
     assert done.stderr == ""
     assert done.stdout == "passed: 400 of 400 commands have the same bits, largest difference 0 V\n"
 
 
 def test_it_allocates_nothing_and_prints_nothing(exported: Path) -> None:
     if not (exported / "adaptive.a").exists():
-        assert make(exported, "adaptive.a", "CFLAGS=-O1").returncode == 0
+        assert make(exported, "adaptive.a", OPTIMISED).returncode == 0
     listed = subprocess.run(["nm", "-u", "adaptive.a"], cwd=exported, capture_output=True, text=True, check=True).stdout
     wanted = {line.split()[-1] for line in listed.splitlines() if line.strip().startswith("U ")}
     outside = {name for name in wanted if not name.startswith(("ts_", "adaptive_"))}
@@ -101,13 +115,13 @@ def test_the_self_test_fails_where_a_setting_differs(single: Path) -> None:
     text = settings.read_text()
     assert ".stroke = 20.0f" in text
     settings.write_text(text.replace(".stroke = 20.0f", ".stroke = 21.0f"))
-    done = make(single, "test", "CFLAGS=-O0")
+    done = make(single, "test", DEBUGGED)
     assert done.returncode != 0
     assert done.stdout.startswith("FAILED: ")
 
 
 def test_before_its_start_the_voltage_is_the_safe_one_and_bad_values_keep_the_last(single: Path) -> None:
-    assert make(single, "adaptive.a", "CFLAGS=-O0 -fPIC").returncode == 0
+    assert make(single, "adaptive.a", DEBUGGED).returncode == 0
     whole = ["-Wl,--whole-archive", "adaptive.a", "-Wl,--no-whole-archive"]
     subprocess.run(["cc", "-shared", "-o", "a.so", *whole, "-lm"], cwd=single, check=True)
     library = ctypes.CDLL(str(single / "a.so"))
@@ -146,7 +160,7 @@ board_motion board_desired(void) { return (board_motion){1000, 0, 0}; }
 def written_volts(folder: Path) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
     """What leaves a loop that is asked for the impossible, and ends."""
     (folder / "replay.c").write_text(BOARD)
-    done = make(folder, "test", "CFLAGS=-O0")
+    done = make(folder, "test", DEBUGGED)
     assert done.returncode == 0, done.stderr
     return np.array(done.stdout.split(), dtype=float)
 
@@ -276,7 +290,7 @@ def test_the_stack_is_bounded_and_nothing_calls_itself(single: Path) -> None:
     assert 200 < depth["adaptive_adapt"] < 4000
     assert depth["adaptive_adapt"] > depth["adaptive_end"]
     (single / "settings.c").write_text((single / "settings.c").read_text() + RECURSION)
-    done = make(single, "stack", "CFLAGS=-O0")
+    done = make(single, "stack", DEBUGGED, "SOURCES=settings.c")  # beside what is known of the others
     assert done.returncode != 0
     assert "calls itself" in done.stderr
 
@@ -349,7 +363,7 @@ def test_the_exported_source_has_the_error_of_the_host_that_learned(tmp_path: Pa
     learned = run(wave, host, plant.StagePlant(settings, seed=1))
     made = export_c(host, tmp_path / "c", precision="single")
     assert made.ram == export_c(host.controller, tmp_path / "alone", precision="single").ram + 232 + 2 * 4 * 200  # type: ignore[arg-type]
-    done = make(made.folder, "test", "CFLAGS=-O1 -Werror -fPIC")
+    done = make(made.folder, "test", OPTIMISED)
     assert done.stderr == ""
     assert done.stdout == "passed: 2400 of 2400 commands have the same bits, largest difference 0 V\n"
     whole = ["-Wl,--whole-archive", "adaptive.a", "-Wl,--no-whole-archive"]
@@ -460,9 +474,7 @@ def test_sizes_are_those_of_the_compiler(name: str, precision: str, tmp_path: Pa
     assert printed == " ".join(str(sizes[kind]) for kind in ("ts_controller", "ts_settings", "ts_kalman"))
 
 
-@pytest.mark.parametrize(
-    ("limits", "flags"), [((0.32791528710747, 2.7), ()), ((-2.7, -0.32791528710747), ("CFLAGS=-O0",))]
-)
+@pytest.mark.parametrize(("limits", "flags"), [((0.32791528710747, 2.7), ()), ((-2.7, -0.32791528710747), (DEBUGGED,))])
 def test_limits_that_single_precision_rounds_are_no_reason_to_refuse(limits, flags, tmp_path: Path) -> None:
     """0.32791528 V is the nearest such number, and below the limit; those of a model are of this kind.
 
@@ -491,7 +503,7 @@ def test_the_zero_of_a_model_is_taken_from_what_the_sensor_reads(tmp_path: Path)
     code, printed = call(*start, "--output", str(tmp_path / "c"))
     assert code == 0, printed
     assert "#define ADAPTIVE_ZERO 3.25f" in (tmp_path / "c/adaptive.h").read_text()
-    assert make(tmp_path / "c", "test", "CFLAGS=-O0 -Werror").stdout.startswith("passed: 100 of 100")
+    assert make(tmp_path / "c", "test", DEBUGGED).stdout.startswith("passed: 100 of 100")
     readings = re.findall(r"(?m)^    \{.*, ([-0-9.e]+)f\},$", (tmp_path / "c/replay.c").read_text())
     assert float(readings[0]) == pytest.approx(3.25, abs=0.1)
     code, printed = call(*start, "--voltage-limits", "0", "1000", "--output", str(tmp_path / "volts"))
@@ -538,7 +550,7 @@ def test_the_command_starts_from_what_a_run_has_learned(tmp_path: Path, monkeypa
     weights = re.search(r"\.initial_weights = \{(.*)\},", Path("chip/settings.c").read_text())
     assert weights is not None
     np.testing.assert_array_equal(np.array(weights[1].split(","), dtype=float), Recording.load("run.h5")["weights"][-1])
-    assert make(Path("chip"), "test", "CFLAGS=-O0").stdout.startswith("passed: 100 of 100")
+    assert make(Path("chip"), "test", DEBUGGED).stdout.startswith("passed: 100 of 100")
     assert "#define ADAPTIVE_ZERO 0.0" in Path("chip/adaptive.h").read_text()
     kept = Recording.load("run.h5")
     seen = {"axis": {"name": "x"}, "axis_check": {"x": {"zero": 12.5}}}  # as `truestroke run` writes it

@@ -1,11 +1,12 @@
 """The design of the feedback. Truth: python-control, with a stage whose ticks are exponentials of a matrix (SciPy)."""
 
 from dataclasses import replace
+from typing import Any
 
-import control
 import numpy as np
 import pytest
 from benchmarks import loads
+from late import Late
 from scipy import optimize, signal
 
 from truestroke import Dynamics, Mode, SettingError
@@ -15,6 +16,7 @@ from truestroke.plant import StageSettings
 from truestroke.report import feedback as picture
 from truestroke.report import style
 
+control = Late("control")
 RATE = 10000.0
 STAGES = {  # each with the latency of its loop
     "usual": (Dynamics(sample_rate=RATE, modes=(Mode(frequency=700.0, damping=0.02),), dead_time=1e-4), 0),
@@ -39,7 +41,7 @@ def case(request: pytest.FixtureRequest) -> tuple[Dynamics, Feedback]:
     return stage, design(stage, latency=latency, stroke=20.0, noise=0.02)
 
 
-def open_loop(stage: Dynamics, bank: Feedback, gain: float = 1.0, factor: float = 1.0) -> control.StateSpace:
+def open_loop(stage: Dynamics, bank: Feedback, gain: float = 1.0, factor: float = 1.0) -> Any:
     """Bank, delay and stage: a command is held for a tick, a measurement is the mean over one."""
     T = 1 / stage.sample_rate
     modes = tuple(Mode(frequency=m.frequency * factor, damping=m.damping, share=m.share) for m in stage.modes)

@@ -121,7 +121,7 @@ def record(wave: object, fault: str = "", overwrite: bool = False) -> str:
     axis = Axis(trajectory=wave, controller=law, voltage_limits=(-0.6, 3.6), slew=400.0)  # type: ignore[arg-type]
     faults = (Fault(kind=fault, at=0, count=10**6),) if fault else ()
     driver = SimulatedDriver(SimulatedSettings(register="volts", faults=faults))
-    settings = RealtimeSettings(overrun_streak=0, watchdog_timeout=20.0)
+    settings = RealtimeSettings(spin=0.0, overrun_streak=0, watchdog_timeout=20.0)
     return str(run_realtime(driver, [axis], "run.h5", settings=settings, overwrite=overwrite).files[0])
 
 

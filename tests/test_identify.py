@@ -1,7 +1,6 @@
 """Models from records: recovery, honest intervals, the measured stack, speed, controllers and voltages from them."""
 
 import os
-import time
 from pathlib import Path
 
 import numpy as np
@@ -121,20 +120,16 @@ def test_measured_stack():
 
 @pytest.fixture(scope="module")
 def stage():
-    """50 s of the simulated stage, open loop, and its model."""
-    wave = trajectories.random_wave(duration=50.0, seed=5, peak_to_peak=28.0)
+    """20 s of the simulated stage, open loop, and its model."""
+    wave = trajectories.random_wave(duration=20.0, seed=5, peak_to_peak=28.0)
     plant = RealisticPlant(seed=3)
     plant.open()
     volts = wave.position / 12.0
-    start = time.process_time()
-    found = identify((volts, plant.exchange(volts), 2000.0))
-    return found, time.process_time() - start
+    return identify((volts, plant.exchange(volts), 2000.0))
 
 
-def test_a_hundred_thousand_samples_take_seconds(stage):
-    found, seconds = stage
-    assert seconds < 10.0  # 2 to 3 s of processor time; `benchmarks/identify_speed.py` has other records
-    assert found.held_out.rmse_percent < 0.5
+def test_a_stage_is_identified(stage):
+    assert stage.held_out.rmse_percent < 0.5
 
 
 def first_second(controller, wave):
@@ -148,7 +143,7 @@ def first_second(controller, wave):
     [("kalman", (-2.0, 10.0), 2.0), ("rls", LIMITS, 4.0), ("kalman", LIMITS, 0.7)],  # the last has nothing to learn
 )
 def test_a_controller_from_the_model_has_learned_before_it_starts(stage, law, limits, times, tmp_path):
-    save_model(tmp_path / "stage.toml", stage[0].model)
+    save_model(tmp_path / "stage.toml", stage.model)
     wave = trajectories.sine(frequency=12.0, peak_to_peak=24.0, duration=1.0)
     bench = {"sample_rate": 2000.0, "voltage_limits": limits}
     fresh = (AdaptiveController if law == "kalman" else AdaptiveController.paper)(stroke=30.0, **bench)
@@ -157,7 +152,7 @@ def test_a_controller_from_the_model_has_learned_before_it_starts(stage, law, li
 
 
 def test_voltage_of_the_inverse_makes_the_displacement(stage):
-    model = stage[0].model
+    model = stage.model
     z_d = model.predict(record(4000, 4)[0], 2000.0)
     volts = model.invert(z_d, 2000.0, voltage_limits=LIMITS)
     assert model.predict(volts, 2000.0) == pytest.approx(z_d, abs=0.02 * np.ptp(z_d))
@@ -212,12 +207,12 @@ def test_what_is_no_record_is_refused(nothing):
 
 
 def test_no_samples_are_predicted_from_none(stage):
-    model = stage[0].model
+    model = stage.model
     assert model.predict([], 2000.0).shape == model.invert([], 2000.0).shape == (0,)
 
 
 def test_model_file_comes_back_to_the_last_bit(stage, tmp_path):
-    model = stage[0].model
+    model = stage.model
     save_model(tmp_path / "a.toml", model)
     save_model(tmp_path / "b.toml", load_model(tmp_path / "a.toml"))
     assert (tmp_path / "a.toml").read_bytes() == (tmp_path / "b.toml").read_bytes()

@@ -149,7 +149,7 @@ def test_runs_write_down_the_resonance_that_they_found(tmp_path):
         return AdaptiveController(sample_rate=RATE, stroke=30.0, voltage_limits=(-0.6, 3.6), slew_limit=1000.0)
 
     axis = Axis(trajectory=sine, controller=controller(), voltage_limits=(-0.6, 3.6), slew=1000.0)
-    settings = RealtimeSettings(watchdog_timeout=9.0, overrun_streak=0)
+    settings = RealtimeSettings(spin=0.0, watchdog_timeout=9.0, overrun_streak=0)
     file = tmp_path / "soft.h5"
     run_realtime(SimulatedDriver(SimulatedSettings(plant={"resonance": 80.0})), [axis], file, settings=settings)
     for recording in (run(sine, controller(), RealisticPlant(soft)), Recording.load(file)):

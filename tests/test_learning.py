@@ -227,7 +227,7 @@ def linear(learned, G):
     return np.fft.irfft(G * np.fft.rfft(learned.volts), learned.samples)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=10, deadline=None)
 @given(
     gain=st.floats(0.3, 3.0),
     late=st.floats(0.0, 1.0),
@@ -452,6 +452,7 @@ def test_a_period_of_no_whole_samples_is_repeated_until_it_is_one():
 # ---- The procedure -------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.usefixtures("each_picture_once")
 def test_the_command_learns_writes_and_says_so(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     result = CliRunner().invoke(main, ["learn", "--frequency", "100", "--averaged", "0.2", "--passes", "6", "--json"])

@@ -85,7 +85,8 @@ def serving(duration: float) -> str:
     """The example of `serve` with a live page, for so many seconds."""
     text = config.example("serve").replace("= 3600.0", f"= {duration}").partition("\n[epics]")[0]
     text = re.sub(r"overrun_streak = \d+", "", text).partition("\n[realtime]")[0].partition("\n[recording]")[0]
-    return text + '\n[realtime]\noverrun_streak = 0\nwatchdog_timeout = 20.0\n[recording]\nfile = "run.h5"\n' + TABLES
+    realtime = "[realtime]\nspin = 0.0\noverrun_streak = 0\nwatchdog_timeout = 20.0\n"
+    return f'{text}\n{realtime}[recording]\nfile = "run.h5"\n{TABLES}'
 
 
 @pytest.fixture(scope="module")

@@ -36,7 +36,7 @@ xarray = Late("xarray")
 pytestmark = pytest.mark.usefixtures("empty_folder")
 
 LIMITS, SLEW = (-0.6, 3.6), 400.0
-PATIENT = RealtimeSettings(overrun_streak=0, watchdog_timeout=20.0)  # a busy machine is late by ms and more
+PATIENT = RealtimeSettings(spin=0.0, overrun_streak=0, watchdog_timeout=20.0)  # a busy machine is late by ms and more
 
 
 def axis(wave: Trajectory, name: str = "axis") -> Axis:

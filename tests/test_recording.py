@@ -7,16 +7,18 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-import xarray
 from click.testing import CliRunner
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
+from late import Late
 
 import truestroke
 from truestroke import Recording, SettingError
 from truestroke.cli import main
 from truestroke.signals.recording import Channel, RecordingError, versions
+
+xarray = Late("xarray")
 
 
 def example(ticks=5, **metadata):

@@ -12,12 +12,14 @@ import sys
 from pathlib import Path
 
 import pytest
-from docs.site import access, check, gallery, github, mathml, reference, reports, stage
+from docs.site import check, gallery, github, reference, reports, stage
+from late import Late
 
 import truestroke
 from truestroke import cli
 from truestroke.base.flags import Flags
 
+access, mathml = Late("docs.site.access"), Late("docs.site.mathml")
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 STAGED, BUILT = ROOT / "build/site/source", ROOT / "build/site/html"

@@ -239,7 +239,7 @@ def assert_closed_to_strangers(processes):
 def is_empty_web_server(port):
     """Whether it speaks HTTP and has no page of dask's. It is asked before: a hello of TLS it would not answer."""
     try:
-        urlopen(f"http://127.0.0.1:{port}/info/main/workers.html", timeout=10.0)
+        urlopen(f"http://127.0.0.1:{port}/info/main/workers.html", timeout=60.0)
     except HTTPError as error:
         return error.code == 404
     except OSError:
