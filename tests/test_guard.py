@@ -67,6 +67,31 @@ def test_half_of_the_motion_is_a_failure_in_the_windows_after_a_hold_too() -> No
         assert found == {Action.NOTHING, action}
 
 
+def test_held_weights_that_are_far_worse_are_not_held_on() -> None:
+    """Without the rule they stay for four windows, and then the first weights for four more."""
+    guard, windows = Guard(GuardSettings(window=100, range_rate=1e-3, floor=0.002)), []
+    for k in range(6000):
+        swing = 0.02 if k < 3000 else 5.0 if guard.held else 0.6
+        action = guard.update(swing * np.sin(0.9 * k), 10 * np.sin(0.05 * k), counts=True, noise=0.001)
+        if action in (Action.RESTORE, Action.FIRST, Action.ADOPT, Action.RETURN):
+            windows.append((action, k // 100))
+    (first, begun), (second, ended) = windows[:2]
+    assert (first, second) == (Action.RESTORE, Action.RETURN)
+    assert ended - begun == 2
+
+
+@pytest.mark.parametrize(("before", "windows"), [(9.0, 3), (3.0, 5)])
+def test_weights_of_a_smaller_motion_prove_nothing_of_a_larger_one(before, windows) -> None:
+    """In 5 windows a motion that is more than twice as large may be learned, in 3 one that is not."""
+    guard = Guard(GuardSettings(window=100, range_rate=1e-3, floor=0.002))
+    for k in range(6000):
+        swing, z_d = (0.02, before * np.sin(0.05 * k)) if k < 3000 else (1.0, 10 * np.sin(0.05 * k))
+        action = guard.update(swing * np.sin(0.9 * k), z_d, counts=True, noise=0.001)
+        if action is Action.RESTORE:
+            break
+    assert (k + 1 - 3000) // 100 == windows
+
+
 def test_a_sudden_change_is_no_failure_of_learning() -> None:
     """The guard does nothing: it is learned as without it."""
     plant = PlantSettings(sample_rate=2000.0, change=Change(time=1.0, gain=0.8, hysteresis=1.3))

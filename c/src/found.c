@@ -274,7 +274,7 @@ bool ts_stage_is_shown(ts_controller *c)
 {
     const ts_resonance *r = &c->resonance;
     if (!c->found.known) return false;
-    if (!(r->known > 0) || r->variance > CERTAIN * CERTAIN) return c->settings->resonance > 0; /* nothing shows another one */
+    if (!(r->known > 0) || r->variance > CERTAIN * CERTAIN) return c->settings->resonance > 0 && c->guard.kept; /* nothing shows another one */
     ts_real moved = r->known / c->stage.resonance - 1;
     if (moved * moved > FURTHER * FURTHER) return false;
     if (moved * moved > MOVED * MOVED) {

@@ -356,7 +356,7 @@ def stage_is_shown(c: State, law: FilteringLaw) -> bool:
     if not stage.found:
         return False
     if not shown.known > 0 or shown.variance > CERTAIN * CERTAIN:
-        return bool(c.members["resonance"] > 0)  # nothing shows another one
+        return bool(c.members["resonance"] > 0) and c.kept.guard.kept  # nothing shows another one
     moved = shown.known / stage.resonance - 1
     if moved * moved > FURTHER * FURTHER:
         return False
