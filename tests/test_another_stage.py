@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from truestroke import AdaptiveController, ControllerSettings, run
 from truestroke.control.reference import ReferenceController
+from truestroke.control.stage import MOST_DEAD, Stage, found
 from truestroke.plant import StagePlant, StageSettings
 from truestroke.signals.judgement import judge
 from truestroke.signals.trajectories import sine
@@ -62,6 +64,21 @@ def test_rate_weights_learn_what_resonances_a_quarter_too_high_miss(kind: str, b
     assert np.abs(error[2000:]).max() < 0.015 * 18.0
 
 
+@pytest.mark.parametrize("kind", ["plays", "preisach", "bouc-wen"])
+@pytest.mark.parametrize("times", [0.85, 1.0, 1.15])
+@pytest.mark.filterwarnings("ignore::truestroke.LimitWarning")
+def test_a_resonance_that_is_given_is_a_stage_at_once(kind: str, times: float) -> None:
+    """Without it the first half second has up to 18 % of peak to peak, and before decision 217 2.4 % rms stayed."""
+    plant = StageSettings(sample_rate=10_000.0, resonances=(1200.0,), dampings=(0.01,), hysteresis_kind=kind)
+    controller = AdaptiveController(
+        sample_rate=10_000.0, stroke=24.0, voltage_limits=LIMITS, slew_limit=2e4, resonance=1200.0 * times
+    )
+    motion = sine(frequency=250.0, peak_to_peak=20.0, offset=12.0, duration=2.0, sample_rate=10_000.0)
+    recording = run(motion, controller, StagePlant(plant, seed=1))
+    error = recording["true"] - recording["desired"]
+    assert error[10_000:].std() < 0.004 * 20.0
+
+
 @pytest.mark.filterwarnings("ignore::truestroke.LimitWarning")
 def test_the_verdict_names_both_resonances() -> None:
     """With the right dynamics there is no such reason, and the run is good."""
@@ -101,31 +118,43 @@ def test_the_sensor_of_another_axis_is_no_stage(other: float) -> None:
 
 
 @pytest.mark.filterwarnings("ignore::truestroke.LimitWarning")
-@pytest.mark.parametrize("times", [0.8, 2.0])
-def test_the_kernel_is_the_numpy_text(times: float) -> None:
+@pytest.mark.parametrize("known", [{"dynamics": dynamics(0.8)}, {"dynamics": dynamics(2.0)}, {"resonance": 290.0}])
+def test_the_kernel_is_the_numpy_text(known: dict[str, Any]) -> None:
     """Commands, flags and innovations of every tick, with lost samples; the kernel is saved and restored on its way.
 
     Its covariance is that of the text, too, where it is read in the tick that puts the stage into the model.
     """
-    settings = ControllerSettings(**AXIS, dynamics=dynamics(times))
+    settings = ControllerSettings(**AXIS, **known)
     kernel, text = AdaptiveController.from_settings(settings), ReferenceController(settings)
     plant, motion = StagePlant(replace(STAGE, hysteresis_kind="preisach"), seed=1), wave(0.7)
     plant.open()
-    strain, known = kernel.strain(motion.position), kernel.resonance
+    strain, before = kernel.strain(motion.position), kernel.resonance
     for k, (z_d, zdot_d, zddot_d) in enumerate(zip(motion.position, motion.velocity, motion.acceleration, strict=True)):
         if k in (700, 1500, 2500):
             restored = AdaptiveController.from_settings(settings)
             restored.restore(kernel.state())
             kernel = restored
-        x = kernel.command(z_d, zdot_d, zddot_d, strain_d=strain[k])
-        assert text.command(z_d, zdot_d, zddot_d, strain_d=strain[k]) == x
+        about = {} if strain is None else {"strain_d": strain[k]}
+        x = kernel.command(z_d, zdot_d, zddot_d, **about)
+        assert text.command(z_d, zdot_d, zddot_d, **about) == x
         z = math.nan if k % 901 == 900 else float(plant.exchange(np.array([x]))[0])
         kernel.adapt(z)
         text.adapt(z)
         assert kernel.flag_bits == text.flag_bits
         assert kernel.innovation == text.innovation
-        if known != kernel.resonance and not math.isclose(kernel.diagnostics.trace_P, np.trace(text.law.P)):
+        if before != kernel.resonance and not math.isclose(kernel.diagnostics.trace_P, np.trace(text.law.P)):
             pytest.fail(f"tick {k}: the covariance is another one")
-        known = kernel.resonance
+        before = kernel.resonance
     np.testing.assert_array_equal(kernel.weights, text.weights)
-    assert kernel.resonance == pytest.approx(340.0, rel=0.05)
+    assert kernel.resonance == pytest.approx(340.0, rel=0.1)
+
+
+def test_a_stage_that_replaces_another_may_be_later() -> None:
+    """It needs older strains than the one before: the NumPy text had dropped them."""
+    early, late = (Stage(found(0.05, 1 / RATE, dead), 1) for dead in (0, MOST_DEAD))
+    for k in range(60):
+        early.strain[k] = float(k)
+        early.expected()
+        early.notched(float(k))
+    late.go_on(early.ticks, early.strain, early.z)
+    assert math.isfinite(late.expected())

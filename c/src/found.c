@@ -297,14 +297,20 @@ static bool is_assumed(const ts_controller *c)
     return !(c->stage.resonance < c->settings->resonance || c->stage.resonance > c->settings->resonance);
 }
 
+/* Whether a stage may be put into the model now: the last strains are known, and the sensor is not late. */
+static bool may_have_stage(const ts_controller *c)
+{
+    const ts_sensor *s = &c->settings->sensor;
+    if (c->hold || c->stage.rest > 0) return false;
+    return !(s->ticks > 0 || s->share > 0 || s->lag > 0 || c->lagged.ticks < 8);
+}
+
 /* Whether the stage is put into the model, or its resonance there replaced: the motion is fast enough that it matters, and the error
  * larger than noise; or it rings. */
 static bool matters(const ts_controller *c)
 {
-    const ts_sensor *s = &c->settings->sensor;
     const ts_resonance *r = &c->resonance;
-    if (c->hold || c->stage.rest > 0) return false;
-    if (s->ticks > 0 || s->share > 0 || s->lag > 0 || c->lagged.ticks < 8) return false;
+    if (!may_have_stage(c)) return false;
     bool assumed = c->found.known && is_assumed(c);
     if (!ts_resonance_suffices(r) || (r->variance > CERTAIN * CERTAIN && !assumed)) return false;
     if (!c->found.known && size_of(r->centre / r->known - 1) > AGREES) return false; /* windows that walk are not noise about it */
@@ -389,14 +395,11 @@ void ts_watch_resonance(ts_controller *c, ts_real z, ts_real error, const ts_mot
     const ts_real *weights = ends && expected_of_plays(c, expected) ? expected : NULL;
     bool known = ts_resonance_tick(r, s->oscillation.tick, x, error, d->zdot_d, d->zdot_d - c->rate, range, highest_first(c, staged), weights);
     c->rate = d->zdot_d;
-    if (s->resonance > 0 && !dynamics_of(c)->known && c->lagged.ticks == 8) {
-        ts_adopt_stage(c, s->resonance, 0);
-        return;
-    }
-    if (!known || !matters(c)) return;
-    c->stage.resonance = r->known;
+    bool assumes = s->resonance > 0 && !dynamics_of(c)->known && !c->stage.failed && may_have_stage(c);
+    if (!assumes && (!known || !matters(c))) return;
+    c->stage.resonance = assumes ? s->resonance : r->known;
     c->guard.settled = c->guard.settled && c->guard.lost; /* else it was no wrong sensor: there is nothing to return to */
     forget_lag(c);
-    if (!c->found.known) doubt_learned(c, r->known);
-    ts_adopt_stage(c, r->known, root_of(r->power));
+    if (!c->found.known) doubt_learned(c, c->stage.resonance);
+    ts_adopt_stage(c, c->stage.resonance, assumes ? 0 : root_of(r->power));
 }

@@ -80,10 +80,12 @@ class Guard:
 
     - *Kept* are weights and covariance of the window with the least error over the range; that least error rises by 2 %
       a window, so that they are not old.
-    - *Learning has failed* after three windows (five while nothing was good yet) in which the error is above 2 % of the
-      range, four times the least, six times the noise; one in which it falls by 30 %, as it does where a change is
-      being learned, is not counted. Two are enough where it is larger than half of the range. Then the kept weights
-      are held, but for the offset, which follows the mean error.
+    - *Learning has failed* after three windows in which the error is above 2 % of the range, four times the least, six
+      times the noise; one in which it falls by 30 %, as it does where a change is being learned, is not counted. Five
+      it takes while nothing was good yet, or of a motion half as large; two where it is larger than half of the range.
+      Then the kept weights are held, but for the offset, which follows the mean error.
+    - *They are worse* where their error is twice the one that failed after two windows: the learned ones are taken back
+      at once.
     - *They are better* where their error, once it has settled, is below 70 % of the one that failed: the controller
       learns on from there. If they are not, those of the start are held; if these are no better either, learning was
       not the cause, and goes on as if nothing had happened.

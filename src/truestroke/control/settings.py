@@ -352,8 +352,8 @@ SETTINGS: declared.Table = {
         changeable=True, kernel="voltage_min voltage_max",
     ),
     "resonance": Setting(
-        "First resonance of the stage under its load, 0 where it is not known; with it the command knows the stage's "
-        "inertia, and the law's filter ends below it", "Hz", _resonances,
+        "First resonance of the stage under its load within 15 %, 0 where it is not known; the stage is then in the "
+        "model from the start, and its resonance is measured while it moves", "Hz", _resonances,
         law="kalman", changeable=True, convert=_per_tick,
     ),
     "dynamics": Setting(

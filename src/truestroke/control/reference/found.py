@@ -62,6 +62,7 @@ def forget_stage(c: State) -> None:
         c.estimator.look(stage.resonance)
         stage.inertia = inertia_of(c, stage.resonance)
     if before is not None:
+        stage.z = before.z
         end_growth(c)
         look_ahead_anew(c)
 
@@ -238,15 +239,18 @@ def noisy(c: State, law: FilteringLaw) -> float:
     return NOISY * noise * noise
 
 
+def may_have_stage(c: State) -> bool:
+    """Whether a stage may be put into the model now: the last strains are known, and the sensor is not late."""
+    return not (c.held or c.stage.rest > 0 or c.sensor.late or c.lagged.ticks < 8)
+
+
 def matters(c: State) -> bool:
     """Whether the stage is put into the model, or its resonance there replaced.
 
     The motion is then fast enough, and the error larger than noise; or it rings.
     """
     law, known, stage = c.filtering, c.estimator, c.stage
-    if law is None or c.held or stage.rest > 0:
-        return False
-    if c.sensor.late or c.lagged.ticks < 8:
+    if law is None or not may_have_stage(c):
         return False
     assumed = stage.found and stage.resonance == c.members["resonance"]  # it was given, and nothing has shown it
     if not known.suffices or (known.variance > CERTAIN * CERTAIN and not assumed):
@@ -255,7 +259,7 @@ def matters(c: State) -> bool:
         return False
     if stage.found:
         moved = known.known / stage.resonance - 1
-        far = MOVED * MOVED < moved * moved and (assumed or moved * moved < FURTHER * FURTHER)
+        far = moved * moved > MOVED * MOVED and (assumed or moved * moved < FURTHER * FURTHER)
         return far and moved * moved > 4 * known.variance
     if c.is_given:
         guard = c.kept.guard
@@ -337,17 +341,15 @@ def watch_resonance(c: State, z: float, error: float, zdot_d: float, path: Stage
     expected = expected_of_plays(c) if ends else None
     known = c.estimator.update(tick, before, z, error, zdot_d, zdot_d - c.rate, span, highest_first(c), expected)
     c.rate = zdot_d
-    if c.members["resonance"] > 0 and c.path is None and c.lagged.ticks == 8:
-        adopt_stage(c, law, c.members["resonance"], 0.0)
+    assumes = c.members["resonance"] > 0 and c.path is None and not c.stage.failed and may_have_stage(c)
+    if not assumes and not (known and matters(c)):
         return
-    if not known or not matters(c):
-        return
-    c.stage.resonance = c.estimator.known
+    c.stage.resonance = frequency = c.members["resonance"] if assumes else c.estimator.known
     guard.settled = guard.settled and guard.lost  # else it was no wrong sensor: there is nothing to return to
     forget_lag(c, law)
     if not c.stage.found:
-        doubt_learned(c, law, c.estimator.known)
-    adopt_stage(c, law, c.estimator.known, math.sqrt(c.estimator.power))
+        doubt_learned(c, law, frequency)
+    adopt_stage(c, law, frequency, 0.0 if assumes else math.sqrt(c.estimator.power))
 
 
 def stage_is_shown(c: State, law: FilteringLaw) -> bool:
