@@ -400,6 +400,6 @@ void ts_watch_resonance(ts_controller *c, ts_real z, ts_real error, const ts_mot
     c->stage.resonance = assumes ? s->resonance : r->known;
     c->guard.settled = c->guard.settled && c->guard.lost; /* else it was no wrong sensor: there is nothing to return to */
     forget_lag(c);
-    if (!c->found.known) doubt_learned(c, c->stage.resonance);
+    if (!c->found.known && (!assumes || c->guard.kept)) doubt_learned(c, c->stage.resonance); /* at the start nothing is learned */
     ts_adopt_stage(c, c->stage.resonance, assumes ? 0 : root_of(r->power));
 }

@@ -347,7 +347,7 @@ def watch_resonance(c: State, z: float, error: float, zdot_d: float, path: Stage
     c.stage.resonance = frequency = c.members["resonance"] if assumes else c.estimator.known
     guard.settled = guard.settled and guard.lost  # else it was no wrong sensor: there is nothing to return to
     forget_lag(c, law)
-    if not c.stage.found:
+    if not c.stage.found and (guard.kept or not assumes):  # at the start nothing is learned
         doubt_learned(c, law, frequency)
     adopt_stage(c, law, frequency, 0.0 if assumes else math.sqrt(c.estimator.power))
 
