@@ -333,6 +333,9 @@ def test_a_stage_without_dead_time_is_found_without_one() -> None:
         text.adapt(z)
         error.append(plant.truth[-1] - motion[0])
     assert kernel.state()["found_dead"].tolist() == [0]
+    again = AdaptiveController.from_settings(kernel.settings)
+    again.restore(kernel.state())
+    assert again.state()["found_dead"].tolist() == [0]
     assert np.std(np.array(error)[6000:][wave.flat[6000:] > 0]) < 0.012
 
 

@@ -372,7 +372,7 @@ static bool expected_of_plays(const ts_controller *c, ts_real *expected)
  * above is its second mode. */
 static ts_real highest_first(const ts_controller *c, bool staged)
 {
-    bool good = staged && c->found.known && c->guard.settled && !c->stage.trial;
+    bool good = staged && c->found.known && c->guard.settled && !c->guard.lost && !c->stage.trial;
     return good ? (1 + FURTHER) * c->stage.resonance : TS_HIGHEST_RESONANCE;
 }
 

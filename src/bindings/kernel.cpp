@@ -243,7 +243,7 @@ void check_counters(const ts_controller &c) {
     require_range("beyond", c.beyond, 0, TS_BEYOND);
     const ts_dynamics &f = c.found, &given = c.settings->dynamics, &g = f.known ? f : given;
     auto stable = [](const ts_real *a) { return a[1] < 1 && a[1] > -1 && a[0] < 1 + a[1] && a[0] > -1 - a[1]; };
-    bool timely = given.known ? f.dead == given.dead : f.dead >= 1 && f.dead <= TS_MOST_DEAD;
+    bool timely = given.known ? f.dead == given.dead : f.dead >= 0 && f.dead <= TS_MOST_DEAD;
     require_all("found", !f.known || (f.sections == 1 && timely && stable(f.section[0] + 2)), "a stage of one stable mode");
     require_all("feedback_damping", !f.known || stable(c.feedback.damping + 3), "a stable filter");
     // The law comes as much later as the dead time; that of a found stage may just have changed.

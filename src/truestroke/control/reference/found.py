@@ -317,7 +317,8 @@ def highest_first(c: State) -> float:
 
     Where the stage of the model has long been good, what is shown further above is its second mode.
     """
-    good = c.path is not None and c.stage.found and c.kept.guard.settled and not c.stage.trial
+    guard = c.kept.guard
+    good = c.path is not None and c.stage.found and guard.settled and not guard.lost and not c.stage.trial
     return (1 + FURTHER) * c.stage.resonance if good else HIGHEST
 
 
