@@ -7,6 +7,7 @@ it, % of peak to peak of the large motions.
     python -m benchmarks.changing_motion --stages 16                    # nothing given; two minutes
     python -m benchmarks.changing_motion --stages 16 --resonance 1      # f0 given, as a data sheet has it
     python -m benchmarks.changing_motion --stages 16 --resonance 0.85   # off by 15 %
+    python -m benchmarks.changing_motion --stages 16 --measured         # dynamics measured first
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ import numpy as np
 from benchmarks.foreign_stages import sampled, travel
 from numpy.typing import NDArray
 
-from truestroke import AdaptiveController, run, trajectories
+from truestroke import AdaptiveController, measure_dynamics, run, trajectories
 
 FloatArray = NDArray[np.float64]  # of motions shape (3, n): position, um, velocity, um/s, acceleration, um/s^2
 KINDS = "slow", "rest", "raster", "fast", "small", "tones", "step", "middle"
@@ -93,16 +94,19 @@ def motion(number: int, f0: float, rate: float, span: float, middle: float) -> t
     return order, begins, ticks, np.concatenate(parts, axis=1)
 
 
-def follow(number: int, resonance: float) -> tuple[str, dict[str, tuple[float, float]]]:
+def follow(number: int, resonance: float, measured: bool) -> tuple[str, dict[str, tuple[float, float]]]:
     """The stage in words, and of each kind of motion the rms after its first third and the largest error, %."""
     warnings.simplefilter("ignore")
     bottom, top = travel(sampled(number)[0])
     stage, words = sampled(number)
     f0, span = stage.modes[0][0], top - bottom
     order, begins, ticks, z = motion(number, f0, stage.rate, span, (top + bottom) / 2)
-    controller = AdaptiveController(
-        sample_rate=stage.rate, stroke=stage.stroke, voltage_limits=stage.limits, resonance=resonance * f0
+    known = (
+        {"dynamics": measure_dynamics(stage, voltage_limits=stage.limits)}
+        if measured
+        else {"resonance": resonance * f0}
     )
+    controller = AdaptiveController(sample_rate=stage.rate, stroke=stage.stroke, voltage_limits=stage.limits, **known)
     wave = trajectories.Trajectory(
         name="changing", position=z[0], velocity=z[1], acceleration=z[2], sample_rate=stage.rate
     )
@@ -121,10 +125,11 @@ def main() -> None:
     parser.add_argument("--stages", type=int, default=16)
     parser.add_argument("--first", type=int, default=5000, help="number of the first stage")
     parser.add_argument("--resonance", type=float, default=0.0, help="that is given, over f0; 0: none")
+    parser.add_argument("--measured", action="store_true", help="dynamics are measured first, and given")
     of = parser.parse_args()
     numbers = range(of.first, of.first + of.stages)
     with Pool(2) as pool:
-        rows = pool.starmap(follow, [(number, of.resonance) for number in numbers])
+        rows = pool.starmap(follow, [(number, of.resonance, of.measured) for number in numbers])
     print("stage  hysteresis, f0, Hz, rate, kHz, damping, second mode, limits, stroke, um: rms / largest, %")
     for number, (words, found) in zip(numbers, rows, strict=True):
         print(f"{number:5}  {words}\n       " + "  ".join(f"{k} {r:.2f} / {m:.1f}" for k, (r, m) in found.items()))
