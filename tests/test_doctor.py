@@ -94,7 +94,7 @@ LACKS = {
     "libnidaqmx: not found": (('name = "simulated"\nregister = "volts"', NI), ("seed = 0 ", "#")),
     "file: run.toml: driver.blok = 5": (("seed = 0", "blok = 5"),),
     "driver: SimulatedDriver: open: error -2": (("seed = 0", 'faults = [{ kind = "open" }]'),),
-    "recording: run.toml: a recording is there": (('"run.h5"', '"run.toml"'),),
+    "recording: there.h5: a recording is there": (('"run.h5"', '"there.h5"'),),
     "folder: ": (('"run.h5"', '"nowhere/run.h5"'),),
     "processors: cpu = 4095 is not usable": (("# cpu = 1 ", "cpu = 4095 "),),
 }
@@ -110,6 +110,7 @@ def test_a_configuration_that_cannot_run_is_told_why(complaint: str, monkeypatch
         raise OSError(name)
 
     monkeypatch.setattr(ctypes, "CDLL", nowhere)  # tests of the card may have loaded the fake one
+    Path("there.h5").touch()
     code, said = call(*write(*LACKS[complaint]))
     assert code == 1
     assert f"run.toml needs {complaint}" in said

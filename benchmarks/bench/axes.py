@@ -91,7 +91,7 @@ def _lines(period: float | None, words: str, steps: int) -> Cost:
     known = controller.prepare(
         {"x": trajectories.raster(frequency=LINES, **times), "y": trajectories.raster(frequency=0.5, **times)}
     )
-    desired = known.motion[:, ::3]
+    desired = known.positions(slice(None))
     measured = desired + 0.01 * np.sin(desired)  # um: something to learn
     count = len(measured)
 

@@ -376,6 +376,16 @@ static ts_real highest_first(const ts_controller *c, bool staged)
     return good ? (1 + FURTHER) * c->stage.resonance : TS_HIGHEST_RESONANCE;
 }
 
+/* Whether the law begins with an identified model, whose lag is that of the stage, too: terms beside plays and lag have weights. */
+static bool is_identified(const ts_controller *c)
+{
+    const ts_settings *s = c->settings;
+    int lag = s->terms[TS_LAG] > 0 ? c->of_plays + s->terms[TS_CREEP] : -1;
+    for (int i = c->of_plays; i < c->parameters; i++)
+        if (i != lag && (s->initial_weights[i] < 0 || s->initial_weights[i] > 0)) return true;
+    return false;
+}
+
 void ts_watch_resonance(ts_controller *c, ts_real z, ts_real error, const ts_motion *d, bool staged)
 {
     const ts_settings *s = c->settings;
@@ -395,7 +405,7 @@ void ts_watch_resonance(ts_controller *c, ts_real z, ts_real error, const ts_mot
     const ts_real *weights = ends && expected_of_plays(c, expected) ? expected : NULL;
     bool known = ts_resonance_tick(r, s->oscillation.tick, x, error, d->zdot_d, d->zdot_d - c->rate, range, highest_first(c, staged), weights);
     c->rate = d->zdot_d;
-    bool assumes = s->resonance > 0 && !dynamics_of(c)->known && !c->stage.failed && may_have_stage(c);
+    bool assumes = s->resonance > 0 && !dynamics_of(c)->known && !c->stage.failed && !is_identified(c) && may_have_stage(c);
     if (!assumes && (!known || !matters(c))) return;
     c->stage.resonance = assumes ? s->resonance : r->known;
     c->guard.settled = c->guard.settled && c->guard.lost; /* else it was no wrong sensor: there is nothing to return to */

@@ -312,6 +312,16 @@ def expected_of_plays(c: State) -> FloatArray | None:
     return expected * (now / before)
 
 
+def is_identified(c: State) -> bool:
+    """Whether the law begins with an identified model, whose lag is that of the stage, too.
+
+    Terms beside plays and lag then have weights.
+    """
+    weights = np.array(c.settings.initial_weights)
+    weights[c.settings.columns["lag"]] = 0.0
+    return bool(np.any(weights[c.settings.columns["creep"].start :]))
+
+
 def highest_first(c: State) -> float:
     """The highest frequency of a first resonance, cycles per tick.
 
@@ -342,7 +352,8 @@ def watch_resonance(c: State, z: float, error: float, zdot_d: float, path: Stage
     expected = expected_of_plays(c) if ends else None
     known = c.estimator.update(tick, before, z, error, zdot_d, zdot_d - c.rate, span, highest_first(c), expected)
     c.rate = zdot_d
-    assumes = c.members["resonance"] > 0 and c.path is None and not c.stage.failed and may_have_stage(c)
+    assumes = c.members["resonance"] > 0 and c.path is None and not c.stage.failed
+    assumes = assumes and not is_identified(c) and may_have_stage(c)
     if not assumes and not (known and matters(c)):
         return
     c.stage.resonance = frequency = c.members["resonance"] if assumes else c.estimator.known
