@@ -60,5 +60,6 @@ def wanted(trajectory: Trajectory, controller: Any) -> list[FloatArray]:
     strain = controller.strain(trajectory.position) if hasattr(controller, "strain") else None
     if strain is not None:
         return [*motion, trajectory.acceleration, strain]
-    used = getattr(getattr(controller, "settings", None), "inertia", False)
-    return [*motion, trajectory.acceleration] if used is True else motion
+    settings = getattr(controller, "settings", None)
+    used = getattr(settings, "inertia", False) is True or getattr(settings, "resonance", 0.0) > 0
+    return [*motion, trajectory.acceleration] if used else motion
