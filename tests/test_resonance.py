@@ -17,7 +17,7 @@ from truestroke.control.resonance import SHOWN, ResonanceEstimator, arctangent, 
 from truestroke.control.stage import Stage, found
 from truestroke.model.operators import play
 from truestroke.plant import StagePlant, StageSettings
-from truestroke.signals.trajectories import raster, sine, triangle
+from truestroke.signals.trajectories import Trajectory, raster, sine, triangle
 from truestroke.studies.robustness.fast.table import record
 
 RATE, LIMITS = 5000.0, (-0.6, 3.6)
@@ -318,13 +318,12 @@ def test_the_kernel_is_the_numpy_text_with_a_stage_that_is_found_and_jumps() -> 
     assert kernel.state()["found_dead"][0] > 1
 
 
-def test_a_stage_without_dead_time_is_found_without_one() -> None:
-    """In kernel and NumPy text alike; a tick of 0.2 ms of it left 33 nm of these lines."""
-    settings = ControllerSettings(**AXIS)
-    kernel, text = AdaptiveController.from_settings(settings), ReferenceController(settings)
-    plant, error = StagePlant(stage(570.0, hysteresis_kind="bouc-wen"), seed=1), []
+def followed_alike(settings: StageSettings, wave: Trajectory) -> tuple[AdaptiveController, np.ndarray]:
+    """The kernel after this motion, whose commands the NumPy text gives, too, and its true error, um."""
+    known = ControllerSettings(**AXIS)
+    kernel, text = AdaptiveController.from_settings(known), ReferenceController(known)
+    plant, error = StagePlant(settings, seed=1), []
     plant.open()
-    wave = raster(frequency=40.0, peak_to_peak=20.0, offset=15.0, duration=1.4, sample_rate=RATE)
     for motion in zip(wave.position, wave.velocity, wave.acceleration, strict=True):
         x = kernel.command(*motion)
         assert text.command(*motion) == x
@@ -332,25 +331,23 @@ def test_a_stage_without_dead_time_is_found_without_one() -> None:
         kernel.adapt(z)
         text.adapt(z)
         error.append(plant.truth[-1] - motion[0])
+    return kernel, np.array(error)
+
+
+def test_a_stage_without_dead_time_is_found_without_one() -> None:
+    """In kernel and NumPy text alike; a tick of 0.2 ms of it left 33 nm of these lines."""
+    wave = raster(frequency=40.0, peak_to_peak=20.0, offset=15.0, duration=1.4, sample_rate=RATE)
+    kernel, error = followed_alike(stage(570.0, hysteresis_kind="bouc-wen"), wave)
     assert kernel.state()["found_dead"].tolist() == [0]
     again = AdaptiveController.from_settings(kernel.settings)
     again.restore(kernel.state())
     assert again.state()["found_dead"].tolist() == [0]
-    assert np.std(np.array(error)[6000:][wave.flat[6000:] > 0]) < 0.012
+    assert np.std(error[6000:][wave.flat[6000:] > 0]) < 0.012
 
 
 def test_the_kernel_is_the_numpy_text_where_a_slow_motion_rings() -> None:
-    settings = ControllerSettings(**AXIS)
-    kernel, text = AdaptiveController.from_settings(settings), ReferenceController(settings)
-    plant = StagePlant(stage(690.0, dampings=(0.01,)), seed=1)
-    plant.open()
     wave = raster(frequency=23.0, peak_to_peak=18.0, offset=12.0, turn=0.1, ramp=0.05, duration=0.4, sample_rate=RATE)
-    for motion in zip(wave.position, wave.velocity, wave.acceleration, strict=True):
-        x = kernel.command(*motion)
-        assert text.command(*motion) == x
-        z = float(plant.exchange(np.array([x]))[0])
-        kernel.adapt(z)
-        text.adapt(z)
+    kernel, _ = followed_alike(stage(690.0, dampings=(0.01,)), wave)
     assert kernel.resonance == pytest.approx(690.0, rel=0.02)
 
 

@@ -367,7 +367,6 @@ static bool expected_of_plays(const ts_controller *c, ts_real *expected)
     return true;
 }
 
-/* One tick of the estimate: the plays of a tick before the measurement, which is about its dead time. */
 /* The highest frequency of a first resonance, cycles per tick. Where the stage of the model has long been good, what is shown further
  * above is its second mode. */
 static ts_real highest_first(const ts_controller *c, bool staged)
@@ -386,6 +385,7 @@ static bool is_identified(const ts_controller *c)
     return false;
 }
 
+/* One tick of the estimate: the plays of a tick before the measurement, which is about its dead time. */
 void ts_watch_resonance(ts_controller *c, ts_real z, ts_real error, const ts_motion *d, bool staged)
 {
     const ts_settings *s = c->settings;

@@ -8,8 +8,8 @@
 #define NOISES 6                /* nor one of so many standard deviations of a measurement */
 #define FALLS ((ts_real)0.7)    /* of the window before: an error that falls so fast is being learned */
 #define BAD 3                   /* windows in a row that are a failure, */
-#define BAD_AT_FIRST 5          /* while nothing is learned yet, or of a motion that is so many times smaller, */
-#define LARGER 2
+#define BAD_AT_FIRST 5          /* while nothing is learned yet, */
+#define LARGER 2                /* or of a motion that was so many times as small, */
 #define BEYOND_ALL 2            /* and where it is larger than half of the motion */
 #define BETTER ((ts_real)0.7)   /* of the error that failed: what was restored is better */
 #define HOPELESS 2              /* times the error that failed: what was restored is worse, */

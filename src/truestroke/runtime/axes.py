@@ -19,7 +19,7 @@ from truestroke.control.controller import AdaptiveController, Controller
 from truestroke.plant import MultiAxisStage
 from truestroke.runtime import agreement, native, run_metadata
 from truestroke.runtime.ticks import MARK, SIMULATED, SlowLayout, TickRecorder, recorded, stride
-from truestroke.signals.channels import channel, dtype
+from truestroke.signals.channels import Array, channel, dtype
 from truestroke.signals.recording import Recording, of_axis
 from truestroke.signals.timing import Timing
 from truestroke.signals.trajectories import Trajectory
@@ -153,27 +153,42 @@ def _natively(
     """Up to each entry of the slow channels, and each hundredth of the run, for its progress."""
     end = len(log)
     stops = sorted({*range(1, end, log.stride), *(-(-part * end // 100) for part in range(1, 101))})
-    calls = [axis._kernel.native() for axis in controller.axes.values()]
     noise = np.empty(log.stride * plant._samples)
     for stop in (stop for stop in stops if stop > start):
         for part in between(start, stop, controller):
             numbers = noise[: (part.stop - part.start) * plant._samples]
             plant._noise.fill(numbers)
-            rows = [log.rows[name][part] for name in SIMULATED]
-            strain = known.strain[part]
-            if controller.learned:
-                strain = strain + controller.added(range(part.start, part.stop))
-            given = known.motion(part), strain, known.others[part], controller.to_axes, numbers
-            _loops.run_axes(calls, plant._plant.native(), *given, *rows)
-            plant.passed(log.rows["true"][part])
-            if controller.learned:
-                controller.see(known, part.start, log.rows["measured"][part], log.rows["flags"][part])
+            rows = {name: log.rows[name][part] for name in SIMULATED}
+            pass_natively(known, controller, plant, part, numbers, rows)
+            plant.passed(rows["true"])
         for axis in controller.axes.values():
             axis._kernel.require_reach()
         for one in log.recorders:
             one.learned(stop - 1)
         start = stop
         yield stop
+
+
+def pass_natively(
+    known: AxesMotion,
+    controller: MultiAxisController,
+    plant: MultiAxisStage,
+    part: slice,
+    numbers: FloatArray,
+    rows: Mapping[str, Array],
+) -> None:
+    """The ticks of a part that `between` gives, in the native loop, and what the axes learn of them.
+
+    `numbers` are those of the plant's noise; the arrays of `rows`, by `SIMULATED` and in its order, are filled.
+    """
+    strain = known.strain[part]
+    if controller.learned:
+        strain = strain + controller.added(range(part.start, part.stop))
+    given = known.motion(part), strain, known.others[part], controller.to_axes, numbers
+    calls = [axis._kernel.native() for axis in controller.axes.values()]
+    _loops.run_axes(calls, plant._plant.native(), *given, *rows.values())
+    if controller.learned:
+        controller.see(known, part.start, rows["measured"], rows["flags"])
 
 
 def between(start: int, stop: int, controller: MultiAxisController) -> Iterator[slice]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, nullcontext
 
 import numpy as np
@@ -16,7 +16,7 @@ from truestroke.control.controller import AdaptiveController
 from truestroke.control.repeating.learned_strain import whole_ticks
 from truestroke.control.repeating.repetition import LONGEST, SHORTEST
 from truestroke.plant import MultiAxisStage
-from truestroke.runtime.axes import between
+from truestroke.runtime.axes import between, pass_natively
 from truestroke.runtime.ticks import SIMULATED
 from truestroke.signals.channels import Array, dtype
 from truestroke.signals.scans.scan import Scan
@@ -64,15 +64,17 @@ def alone(scan: Scan, plant: MultiAxisStage, controllers: Sequence[AdaptiveContr
         feasibility.raise_slew(axis, controller)
     columns = [getattr(axis, part) for axis in scan.axes for part in PARTS]
     axes = len(controllers)
-
-    def given(part: slice) -> tuple[FloatArray, ...]:
-        motion = np.stack([column[part] for column in columns], axis=1)
-        return motion, np.full((len(motion), axes), np.nan), np.zeros((len(motion), 3 * axes)), np.eye(axes)
-
+    calls = [controller._kernel.native() for controller in controllers]
     plant.open()
     true = np.empty((len(scan.x), axes))
     for part in _parts(len(true)):
-        true[part] = _moved(plant, controllers, given(part))["true"]
+        motion = np.stack([column[part] for column in columns], axis=1)
+        ticks = len(motion)
+        strain, others = np.full((ticks, axes), np.nan), np.zeros((ticks, 3 * axes))
+        numbers, rows = _arrays(plant, ticks, axes)
+        _loops.run_axes(calls, plant._plant.native(), motion, strain, others, np.eye(axes), numbers, *rows.values())
+        _require_reach(controllers)
+        true[part] = rows["true"]
     return true
 
 
@@ -96,31 +98,23 @@ def together(
     ticks = len(scan.x)
     true = np.empty((ticks, len(controller.axes)))
     for part in (one for whole in _parts(ticks) for one in between(whole.start, whole.stop, controller)):
-        strain = known.strain[part]
-        if controller.learned:
-            strain = strain + controller.added(range(part.start, part.stop))
-        given = known.motion(part), strain, known.others[part], controller.to_axes
-        rows = _moved(plant, list(controller.axes.values()), given)
-        if controller.learned:
-            controller.see(known, part.start, rows["measured"], rows["flags"])
+        numbers, rows = _arrays(plant, part.stop - part.start, len(controller.axes))
+        pass_natively(known, controller, plant, part, numbers, rows)
+        _require_reach(controller.axes.values())
         true[part] = rows["true"]
         if progress is not None:
             progress(part.stop, ticks)
     return true
 
 
-def _moved(
-    plant: MultiAxisStage, controllers: Sequence[AdaptiveController], given: tuple[FloatArray, ...]
-) -> dict[str, Array]:
-    """Some ticks of the native loop, with what each is given; what was there in each, by `SIMULATED`."""
-    ticks, axes = len(given[0]), len(controllers)
-    rows = {name: np.zeros((ticks, axes), dtype(name)) for name in SIMULATED}
-    calls = [controller._kernel.native() for controller in controllers]
-    numbers = plant._noise.take(ticks * plant._samples)
-    _loops.run_axes(calls, plant._plant.native(), *given, numbers, *rows.values())  # type: ignore[arg-type, call-arg]  # of fixed lengths
+def _arrays(plant: MultiAxisStage, ticks: int, axes: int) -> tuple[FloatArray, dict[str, Array]]:
+    """Numbers of the plant's noise for some ticks, and arrays for what is there in each, by `SIMULATED`."""
+    return plant._noise.take(ticks * plant._samples), {name: np.zeros((ticks, axes), dtype(name)) for name in SIMULATED}
+
+
+def _require_reach(controllers: Iterable[AdaptiveController]) -> None:
     for controller in controllers:
         controller._kernel.require_reach()
-    return rows
 
 
 def _parts(ticks: int) -> Iterator[slice]:
