@@ -2,7 +2,7 @@
 
 Slow sine, rest, raster, fast sine, a small one, several tones, a step, a sine between slow and fast: 1.5 s each, in an
 order that is drawn, up to f0/3. Prints of each kind the true rms after its first third, and the largest error of all of
-it, % of peak to peak of the large motions.
+it, % of peak to peak of the large motions; then for how long errors are above 10 %.
 
     python -m benchmarks.changing_motion --stages 16                    # nothing given; two minutes
     python -m benchmarks.changing_motion --stages 16 --resonance 1      # f0 given, as a data sheet has it
@@ -26,6 +26,7 @@ FloatArray = NDArray[np.float64]  # of motions shape (3, n): position, um, veloc
 KINDS = "slow", "rest", "raster", "fast", "small", "tones", "step", "middle"
 LASTS, BEGINS = 1.5, 0.1  # s: a kind of motion, and how long it takes to begin
 FASTEST = 1 / 3  # of f0
+BURST = 10.0  # %: a larger error is a burst
 
 
 def tone(time: FloatArray, frequency: float, amplitude: float, phase: float = 0.0) -> FloatArray:
@@ -94,8 +95,8 @@ def motion(number: int, f0: float, rate: float, span: float, middle: float) -> t
     return order, begins, ticks, np.concatenate(parts, axis=1)
 
 
-def follow(number: int, resonance: float, measured: bool) -> tuple[str, dict[str, tuple[float, float]]]:
-    """The stage in words, and of each kind of motion the rms after its first third and the largest error, %."""
+def follow(number: int, resonance: float, measured: bool) -> tuple[str, dict[str, tuple[float, float]], float]:
+    """The stage in words; of each kind of motion rms after its first third and largest error, %; s of bursts."""
     warnings.simplefilter("ignore")
     bottom, top = travel(sampled(number)[0])
     stage, words = sampled(number)
@@ -116,7 +117,7 @@ def follow(number: int, resonance: float, measured: bool) -> tuple[str, dict[str
     for i, kind in enumerate(order):
         part = error[begins + i * ticks : begins + (i + 1) * ticks]
         found[kind] = float(np.sqrt(np.mean(part[ticks // 3 :] ** 2))), float(np.abs(part).max())
-    return words, found
+    return words, found, float(np.sum(np.abs(error[begins:]) > BURST)) / stage.rate
 
 
 def main() -> None:
@@ -131,13 +132,15 @@ def main() -> None:
     with Pool(2) as pool:
         rows = pool.starmap(follow, [(number, of.resonance, of.measured) for number in numbers])
     print("stage  hysteresis, f0, Hz, rate, kHz, damping, second mode, limits, stroke, um: rms / largest, %")
-    for number, (words, found) in zip(numbers, rows, strict=True):
+    for number, (words, found, _) in zip(numbers, rows, strict=True):
         print(f"{number:5}  {words}\n       " + "  ".join(f"{k} {r:.2f} / {m:.1f}" for k, (r, m) in found.items()))
     print("\nmotion   rms: median  95 %   worst   largest: median  95 %   worst")
     for kind in KINDS:
-        rms, largest = np.array([found[kind] for _, found in rows]).T
+        rms, largest = np.array([found[kind] for _, found, _ in rows]).T
         shown = [f"{np.median(x):12.3f} {np.quantile(x, 0.95):7.3f} {x.max():7.3f}" for x in (rms, largest)]
         print(f"{kind:7}" + "   ".join(shown))
+    bursts = np.array([seconds for *_, seconds in rows])
+    print(f"above {BURST:.0f} %: {bursts.sum():.3f} s in all, at most {bursts.max():.3f} s of a stage")
 
 
 if __name__ == "__main__":

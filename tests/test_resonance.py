@@ -186,6 +186,53 @@ def test_an_oscillation_that_comes_again_does_not_end_the_window() -> None:
     assert (estimator.centre, estimator.ticks) == (0.09, 0)
 
 
+def windows(error: float, ticks: int, centre: float = 0.0, burst: float = 1.0, from_tick: int = 0, speed: float = 1.0):
+    """Ticks in which windows end, and the centres behind them, of an actuator that does not answer.
+
+    From a tick on the error is this one, um."""
+    estimator, found = ResonanceEstimator(), []
+    if centre > 0:
+        estimator.look(centre)
+    for k in range(ticks):
+        before = estimator.ticks
+        of_motion = error if k >= from_tick else 0.0, speed * math.cos(0.01 * k), 0.0
+        estimator.update(1 / RATE, np.zeros(SHOWN), 0.0, *of_motion, burst=burst)
+        if estimator.ticks <= before:
+            found.append((k + 1, round(estimator.centre, 4)))
+    return found
+
+
+def test_a_burst_does_not_wait_for_the_end_of_a_window() -> None:
+    """One of 60 ms ends after 20 periods. Where 20 periods of a low centre last long, the search begins above."""
+    assert windows(0.9, 330) == [(320, 0.09)]  # 3 periods and 60 ms
+    assert windows(1.1, 330)[0] == (155, 0.09)  # 3 and 20 periods, and the tick in which that is seen
+    assert windows(0.0, 2400, centre=0.01) == [(2300, 0.15)]
+    assert windows(3.0, 900, centre=0.01, from_tick=800)[0] == (801, 0.15)
+    assert windows(1.9, 900, centre=0.01, from_tick=800) == []  # not sudden
+
+
+def test_a_window_without_motion_shows_nothing() -> None:
+    """Else a motion after a rest meets the search at its lowest frequency: 136 % of it for a tenth of a second."""
+    assert {centre for _, centre in windows(0.0, 2000, speed=0.0)} == {0.15}
+    assert [centre for _, centre in windows(0.0, 700)] == [0.09, 0.054]
+
+
+@pytest.mark.parametrize(("f0", "before"), [(288.0, 0.43), (800.0, 0.52)])
+def test_a_burst_of_a_sudden_fast_motion_is_over_at_once(f0: float, before: float) -> None:
+    """0.3 f0 after 1.6 s of a slow sine, begun within 0.1 s, with nothing given: seconds above 10 % of peak to peak."""
+    time = np.arange(round(2.4 * RATE)) / RATE
+    of_all = {"peak_to_peak": 20.0, "duration": 2.4, "sample_rate": RATE}
+    slow, fast = (np.array(sine(frequency=f, **of_all).position) for f in (3.0, f0 / 3.3))
+    begun, moves = np.clip((time - 1.6) / 0.1, 0, 1) ** 2, np.clip(time / 0.1, 0, 1) ** 2
+    position = moves * (12.0 + (1 - begun) * slow + begun * fast)
+    wave = Trajectory(name="sudden", position=position, velocity=np.gradient(position) * RATE, sample_rate=RATE)
+    plant = StagePlant(stage(f0, dampings=(0.018,), hysteresis_kind="preisach"), seed=1)
+    recording = run(wave, AdaptiveController(**AXIS), plant)
+    error = recording["true"] - recording["desired"]
+    assert np.sum(np.abs(error) > 2.0) / RATE < 0.1 < before
+    assert np.std(error[-1000:]) < 0.05
+
+
 @pytest.mark.parametrize("way", [0.95, 1.05])
 def test_a_jump_is_followed(way) -> None:
     changed = stage(300.0, resonance_change=way, resonance_change_time=0.3)

@@ -505,12 +505,18 @@ TS_API ts_real ts_resonance_lowest(const ts_resonance *r, ts_real tick);
 /* The next window is about this frequency, cycles per tick, where it is one of the search. */
 TS_API void ts_resonance_look(ts_resonance *r, ts_real frequency);
 
+/* What a window is looked at for. */
+typedef struct {
+    ts_real range;                    /* um: of a motion that is followed well enough to lose by a stage that is wrong; or 0 */
+    ts_real highest;                  /* cycles per tick: a resonance above it is not the first */
+    ts_real burst;                    /* um^2: mean square of an error for which the estimate makes haste; 0: for none */
+    const ts_real *expected;          /* um/V: weights of the plays, read in the tick in which the window ends; NULL: not known */
+} ts_search;
+
 /* One tick: plays (V) and measurement (um), error (um), desired rate (um/s) and its change. Returns whether a window has ended that
- * adds to what is known. range: of a motion that is followed well enough to lose by a stage that is wrong, um, or 0. highest: cycles per
- * tick; a resonance above it is not the first. expected: weights of the plays, um/V, or NULL; they are read in the tick in which the
- * window ends. tick: s. */
-TS_API bool ts_resonance_tick(ts_resonance *r, ts_real tick, const ts_real *x, ts_real error, ts_real zdot_d, ts_real change, ts_real range,
-                              ts_real highest, const ts_real *expected);
+ * adds to what is known. In a burst 20 periods are enough, and one of a low centre ends at once. tick: s. */
+TS_API bool ts_resonance_tick(ts_resonance *r, ts_real tick, const ts_real *x, ts_real error, ts_real zdot_d, ts_real change,
+                              const ts_search *search);
 
 /* Whether the next tick ends a window whose mean square error is between these, um^2. */
 TS_API bool ts_resonance_ends(const ts_resonance *r, ts_real above, ts_real below);

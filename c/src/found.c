@@ -21,6 +21,7 @@
 #define AGREES ((ts_real)0.05)    /* with the resonance that the estimate knows: its lag is that of this stage, and the last window is one of it */
 #define TURNS ((ts_real)0.2)      /* radians at the resonance: a smaller lag is a matter of the weights */
 #define MOST_GAINED ((ts_real)5)  /* times their first gain: plays that have more, or less than a fifth, have learned from a wrong sensor */
+#define BURSTS ((ts_real)0.05)    /* of the motion's range: an error for which the stage is looked for in haste */
 #define LATE (2 * TS_MOST_DEAD)   /* ticks before a measurement: its stage knows no earlier strains */
 #define DAMPS ((ts_real)0.2)      /* of the ringing: what the active damping takes from the command, a quarter of a period later, */
 #define BROAD ((ts_real)1)        /* behind a filter of twice this damping, */
@@ -305,6 +306,13 @@ static bool may_have_stage(const ts_controller *c)
     return !(s->ticks > 0 || s->share > 0 || s->lag > 0 || c->lagged.ticks < 8);
 }
 
+/* Mean square of an error that is a burst, um^2. */
+static ts_real burst_of(const ts_controller *c)
+{
+    ts_real error = BURSTS * ts_guard_range(&c->guard, &c->settings->guard);
+    return error * error;
+}
+
 /* Whether the stage is put into the model, or its resonance there replaced: the motion is fast enough that it matters, and the error
  * larger than noise; or it rings. */
 static bool matters(const ts_controller *c)
@@ -312,7 +320,8 @@ static bool matters(const ts_controller *c)
     const ts_resonance *r = &c->resonance;
     if (!may_have_stage(c)) return false;
     bool assumed = c->found.known && is_assumed(c);
-    if (!ts_resonance_suffices(r) || (r->variance > CERTAIN * CERTAIN && !assumed)) return false;
+    bool bursts = !dynamics_of(c)->known && r->windows > 0 && r->power > burst_of(c); /* it does not wait for a second window */
+    if (!(ts_resonance_suffices(r) || bursts) || (r->variance > CERTAIN * CERTAIN && !assumed)) return false;
     if (!c->found.known && size_of(r->centre / r->known - 1) > AGREES) return false; /* windows that walk are not noise about it */
     if (c->found.known) {
         ts_real moved = r->known / c->stage.resonance - 1;
@@ -400,10 +409,15 @@ void ts_watch_resonance(ts_controller *c, ts_real z, ts_real error, const ts_mot
     memcpy(c->shown, now, sizeof now);
     x[TS_SHOWN] = z;
     bool good = c->guard.kept && !staged && !s->dynamics.known; /* a stage that is wrong would lose what was learned */
-    ts_real whole = ts_guard_range(&c->guard, &s->guard), range = good ? whole : 0;
+    ts_real whole = ts_guard_range(&c->guard, &s->guard);
     bool ends = !staged && ts_resonance_ends(r, noisy(c), whole * whole); /* with a stage in the model weights may go with it */
-    const ts_real *weights = ends && expected_of_plays(c, expected) ? expected : NULL;
-    bool known = ts_resonance_tick(r, s->oscillation.tick, x, error, d->zdot_d, d->zdot_d - c->rate, range, highest_first(c, staged), weights);
+    const ts_search search = {
+        .range = good ? whole : 0,
+        .highest = highest_first(c, staged),
+        .burst = staged ? 0 : burst_of(c),
+        .expected = ends && expected_of_plays(c, expected) ? expected : NULL,
+    };
+    bool known = ts_resonance_tick(r, s->oscillation.tick, x, error, d->zdot_d, d->zdot_d - c->rate, &search);
     c->rate = d->zdot_d;
     bool assumes = s->resonance > 0 && !dynamics_of(c)->known && !c->stage.failed && !is_identified(c) && may_have_stage(c);
     if (!assumes && (!known || !matters(c))) return;
@@ -412,4 +426,5 @@ void ts_watch_resonance(ts_controller *c, ts_real z, ts_real error, const ts_mot
     forget_lag(c);
     if (!c->found.known && (!assumes || c->guard.kept)) doubt_learned(c, c->stage.resonance); /* at the start nothing is learned */
     ts_adopt_stage(c, c->stage.resonance, assumes ? 0 : root_of(r->power));
+    if (!assumes && search.burst > 0 && r->power > search.burst) c->stage.before.growth.late = 1; /* a burst excites the second mode, too */
 }

@@ -12,6 +12,7 @@
 #define SETTLED_IN 3                   /* periods of the centre until both have settled, */
 #define WINDOW 20                    /* and of a window, */
 #define SHORTEST ((ts_real)0.06)    /* s: but no shorter, */
+#define SUDDEN 4                    /* times the mean square of a burst: an error with which one begins */
 #define LONGEST ((ts_real)1e8)      /* ticks: and no longer */
 #define RIDGE ((ts_real)1e-4)       /* of the largest of the plays: how well each of them is known before */
 #define LAG_STEPS 4                 /* of Newton's method: enough for a lag up to 1 / w0 */
@@ -22,6 +23,7 @@
 #define FURTHEST ((ts_real)1.4)
 #define AGREE ((ts_real)1.05)       /* centre and estimate */
 #define LEAST ((ts_real)0.005)      /* the smallest error of an estimate, over it */
+#define LEAST_IN_BURST ((ts_real)0.01) /* that of one that need not be near its centre, in a burst */
 #define WALK ((ts_real)0.002)       /* how far the resonance moves in a window */
 #define JUMPS 3                     /* standard deviations of a difference */
 #define MOST_WINDOWS 1000           /* that are counted */
@@ -297,22 +299,32 @@ static void know(ts_resonance *r, const ts_window *w)
     r->strange = far && !r->strange;
 }
 
+/* The next centre, behind a window that showed f0, or none. */
+static ts_real next_centre(ts_resonance *r, ts_real f0, ts_real lowest)
+{
+    ts_real below = NEXT * r->centre;
+    if (f0 > 0) return f0;
+    if (!(r->speed > 0)) return SEARCH_FROM; /* what did not move shows nothing, wherever the window is */
+    if (below > lowest) return below;
+    r->again = !r->again;
+    return r->again ? SEARCH_FROM : AGAIN_FROM;
+}
+
 /* Whether this window adds to what is known. */
-static bool end_band(ts_resonance *r, ts_real tick, ts_real range, ts_real highest, const ts_real *expected)
+static bool end_band(ts_resonance *r, ts_real tick, const ts_search *search)
 {
     r->motion = r->speed > 0 ? r->change / (2 * TS_PI * r->speed) : 0;
     r->power = r->error / (ts_real)r->window;
-    ts_real lowest = ts_resonance_lowest(r, tick), next = NEXT * r->centre;
-    ts_window w = shown_window(r, lowest, expected);
+    ts_real lowest = ts_resonance_lowest(r, tick);
+    ts_window w = shown_window(r, lowest, search->expected);
     if (w.f0 > 0) {
-        ts_real fast = r->motion / w.f0, cost = COSTS * range * w.sensitivity * (fast * fast);
+        ts_real fast = r->motion / w.f0, cost = COSTS * search->range * w.sensitivity * (fast * fast);
         if (r->power < cost * cost) w.f0 = 0;
     }
-    if (w.f0 > highest) w.f0 = 0;
-    ts_real f0 = w.f0;
-    bool there = f0 < AGREE * r->centre && r->centre < AGREE * f0, near = f0 > 0 && (there || w.variance < LEAST * LEAST);
-    r->centre = f0 > 0 ? f0 : next > lowest ? next : r->again ? AGAIN_FROM : SEARCH_FROM;
-    if (!(f0 > 0) && !(next > lowest)) r->again = !r->again;
+    if (w.f0 > search->highest) w.f0 = 0;
+    ts_real f0 = w.f0, least = search->burst > 0 && r->power > search->burst ? LEAST_IN_BURST : LEAST;
+    bool there = f0 < AGREE * r->centre && r->centre < AGREE * f0, near = f0 > 0 && (there || w.variance < least * least);
+    r->centre = next_centre(r, f0, lowest);
     r->ticks = 0;
     if (near) know(r, &w);
     return near;
@@ -352,13 +364,35 @@ bool ts_resonance_ends(const ts_resonance *r, ts_real above, ts_real below)
     return last && r->error > above * (ts_real)r->window && r->error < below * (ts_real)r->window;
 }
 
-bool ts_resonance_tick(ts_resonance *r, ts_real tick, const ts_real *x, ts_real error, ts_real zdot_d, ts_real change, ts_real range,
-                       ts_real highest, const ts_real *expected)
+/* Whether the error has become that of a burst in a window that lasts too long to wait for. */
+static bool begins_to_burst(const ts_resonance *r, ts_real tick, ts_real error, ts_real burst)
 {
+    ts_real counted = (ts_real)(r->ticks - r->settling);
+    bool now = counted > 0 && error * error > SUDDEN * burst && r->error < burst * counted;
+    return now && WINDOW / r->centre - counted > SHORTEST / tick;
+}
+
+/* Whether the window has the periods that it needs, in a burst, which does not let it wait for more. */
+static bool suffices_in_burst(const ts_resonance *r, ts_real burst)
+{
+    ts_real counted = (ts_real)(r->ticks - r->settling);
+    return counted * r->centre > WINDOW && r->error > burst * counted;
+}
+
+bool ts_resonance_tick(ts_resonance *r, ts_real tick, const ts_real *x, ts_real error, ts_real zdot_d, ts_real change,
+                       const ts_search *search)
+{
+    bool may_burst = r->ticks > 0 && search->burst > 0;
+    if (may_burst && begins_to_burst(r, tick, error, search->burst)) {
+        r->centre = SEARCH_FROM;
+        r->ticks = 0;
+    }
+    bool last = may_burst && r->ticks > 0 && suffices_in_burst(r, search->burst);
     if (r->ticks == 0) begin_band(r, tick, x);
     count_tick(r, x, error);
     r->speed += zdot_d < 0 ? -zdot_d : zdot_d;
     r->change += change < 0 ? -change : change;
     r->ticks++;
-    return r->ticks >= r->settling + r->window && end_band(r, tick, range, highest, expected);
+    if (last) r->window = r->ticks - r->settling;
+    return r->ticks >= r->settling + r->window && end_band(r, tick, search);
 }

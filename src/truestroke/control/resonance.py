@@ -21,6 +21,7 @@ ROUND = 1  # and of the one behind it, which takes noise away
 SETTLED_IN = 3  # periods of the centre until both have settled,
 WINDOW = 20  # and of a window,
 SHORTEST = 0.06  # s: but no shorter,
+SUDDEN = 4  # times the mean square of a burst: an error with which one begins
 LONGEST = 1e8  # ticks: and no longer
 RIDGE = 1e-4  # of the largest of the plays: how well each of them is known before
 LAG_STEPS = 4  # of Newton's method: enough for a lag up to 1 / w0
@@ -35,6 +36,7 @@ EXPECTED = 0.1  # of the gain of all plays: how far a weight is from the one tha
 EXPECTS = 5  # where the error of a window is so many times its residual
 STANDS = 0.1  # of a resonance that is shown so: where fewer plays move it further there is none
 LEAST = 0.005  # the smallest error of an estimate, over it
+LEAST_IN_BURST = 0.01  # that of one that need not be near its centre, in a burst
 WALK = 0.002  # how far the resonance moves in a window
 JUMPS = 3  # standard deviations of a difference
 MOST = 1000  # windows that are counted
@@ -133,6 +135,10 @@ class ResonanceEstimator:
     if the residual of free plays is a fifth of what the model misses. Then 3 % and three deviations count, and four of
     the plays may not show a resonance that is more than 10 % away.
 
+    In a burst, an error beyond `burst`, 20 periods are a window, an estimate that is known within 1 % need not be near
+    the centre, and a window of a low frequency gives way to the first of the search. A window in which nothing moved
+    shows nothing: the search begins anew after it.
+
     With four of the seven plays the same window shows another f0. By how much is its sensitivity: where a stage that is
     wrong by so much would leave a larger error in the motion than there is, the window shows nothing.
 
@@ -173,6 +179,7 @@ class ResonanceEstimator:
     def __init__(self) -> None:
         self.centre = self.known = self.variance = self.lag = self.motion = self.power = self.driven = 0.0
         self.ticks = self.windows = 0
+        self._speed = self._change = self._error = 0.0  # sums of a window
         self._strange = False  # the last window was far from what is known
         self._again = False  # the next search begins above
 
@@ -213,6 +220,7 @@ class ResonanceEstimator:
         change: float,
         span: float = 0.0,
         highest: float = HIGHEST,
+        burst: float = 0.0,
         expected: FloatArray | None = None,
     ) -> bool:
         """One tick; returns whether a window has ended that adds to what is known.
@@ -231,9 +239,14 @@ class ResonanceEstimator:
             Range of a motion that is followed well enough to lose by a stage that is wrong, um, or 0.
         highest : float
             Cycles per tick: a resonance above it is not the first.
+        burst : float
+            Mean square of an error for which the estimate makes haste, um^2; 0: for none.
         expected : ndarray, shape (7,), optional
             Weights of the plays, um/V; they are read in the tick that `ends` the window.
         """
+        if self._begins_to_burst(tick, error, burst):
+            self.centre, self.ticks = SEARCH_FROM, 0
+        last = self._suffices_in_burst(burst)
         x = np.append(plays, z)
         if self.ticks == 0:
             self._begin(tick, x)
@@ -241,12 +254,30 @@ class ResonanceEstimator:
         self._speed += abs(zdot_d)
         self._change += abs(change)
         self.ticks += 1
-        return self.ticks >= self._settling + self._window and self._end(tick, span, highest, expected)
+        if last:
+            self._window = self.ticks - self._settling
+        ended = self.ticks >= self._settling + self._window
+        return ended and self._end(tick, span, highest, burst, expected)
 
     def ends(self, above: float, below: float) -> bool:
         """Whether the next tick ends a window whose mean square error is between these, um^2."""
         last = self.ticks > 0 and self.ticks + 1 >= self._settling + self._window
         return last and above * self._window < self._error < below * self._window
+
+    def _begins_to_burst(self, tick: float, error: float, burst: float) -> bool:
+        """Whether the error has become that of a burst in a window that lasts too long to wait for."""
+        if not (self.ticks > 0 and burst > 0):
+            return False
+        counted = self.ticks - self._settling
+        now = counted > 0 and error * error > SUDDEN * burst and self._error < burst * counted
+        return now and WINDOW / self.centre - counted > SHORTEST / tick
+
+    def _suffices_in_burst(self, burst: float) -> bool:
+        """Whether the window has the periods that it needs, in a burst, which does not let it wait for more."""
+        if not (self.ticks > 0 and burst > 0):
+            return False
+        counted = self.ticks - self._settling
+        return counted * self.centre > WINDOW and self._error > burst * counted
 
     def _begin(self, tick: float, x: FloatArray) -> None:
         if not self.centre > 0:
@@ -271,7 +302,7 @@ class ResonanceEstimator:
         self._sum = self._sum + np.outer(v, v)
         self._error += error * error
 
-    def _end(self, tick: float, span: float, highest: float, expected: FloatArray | None) -> bool:
+    def _end(self, tick: float, span: float, highest: float, burst: float, expected: FloatArray | None) -> bool:
         self.motion = self._change / (2 * math.pi * self._speed) if self._speed > 0 else 0.0
         self.power = self._error / self._window
         lowest = self.lowest(tick)
@@ -281,16 +312,26 @@ class ResonanceEstimator:
             fast = self.motion / f0
             cost = COSTS * span * window.sensitivity * (fast * fast)
             f0 = 0.0 if self.power < cost * cost or f0 > highest else f0
+        least = LEAST_IN_BURST if burst > 0 and self.power > burst else LEAST
         there = f0 < AGREE * self.centre and self.centre < AGREE * f0
-        near = f0 > 0 and (there or window.variance < LEAST * LEAST)
-        below = NEXT * self.centre
-        ended = not (f0 > 0 or below > lowest)
-        self.centre = f0 if f0 > 0 else below if not ended else AGAIN_FROM if self._again else SEARCH_FROM
-        self._again = self._again != ended
+        near = f0 > 0 and (there or window.variance < least * least)
+        self.centre = self._next(f0, lowest)
         self.ticks = 0
         if near:
             self._know(window)
         return near
+
+    def _next(self, f0: float, lowest: float) -> float:
+        """The next centre, behind a window that showed f0, or none."""
+        below = NEXT * self.centre
+        if f0 > 0:
+            return f0
+        if not self._speed > 0:  # what did not move shows nothing, wherever the window is
+            return SEARCH_FROM
+        if below > lowest:
+            return below
+        self._again = not self._again
+        return SEARCH_FROM if self._again else AGAIN_FROM
 
     def _sums(self) -> list[list[float]]:
         """Those of the window, where the plays are known as well as before."""

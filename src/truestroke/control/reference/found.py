@@ -31,6 +31,7 @@ SHAKEN = 1e-3  # of the range of the motion: unless the stage rings by so much
 AGREES = 0.05  # with the resonance that the estimate knows: its lag is that of this stage, and the last window is of it
 TURNS = 0.2  # radians at the resonance: a smaller lag is a matter of the weights
 MOST_GAINED = 5.0  # times their first gain: plays that have more, or less than a fifth, learn from a wrong sensor
+BURSTS = 0.05  # of the motion's range: an error for which the stage is looked for in haste
 LATE = 2 * MOST_DEAD  # ticks before a measurement: its stage knows no earlier strains
 DAMPS = 0.2  # of the ringing: what the active damping takes from the command, a quarter of a period later,
 BROAD = 1.0  # behind a filter of twice this damping,
@@ -244,6 +245,12 @@ def may_have_stage(c: State) -> bool:
     return not (c.held or c.stage.rest > 0 or c.sensor.late or c.lagged.ticks < 8)
 
 
+def burst_of(c: State) -> float:
+    """Mean square of an error that is a burst, um^2."""
+    error = BURSTS * c.kept.guard.range
+    return error * error
+
+
 def matters(c: State) -> bool:
     """Whether the stage is put into the model, or its resonance there replaced.
 
@@ -253,7 +260,8 @@ def matters(c: State) -> bool:
     if law is None or not may_have_stage(c):
         return False
     assumed = stage.found and stage.resonance == c.members["resonance"]  # it was given, and nothing has shown it
-    if not known.suffices or (known.variance > CERTAIN * CERTAIN and not assumed):
+    bursts = c.path is None and known.windows > 0 and known.power > burst_of(c)  # it does not wait for a second window
+    if not (known.suffices or bursts) or (known.variance > CERTAIN * CERTAIN and not assumed):
         return False
     if not stage.found and abs(known.centre / known.known - 1) > AGREES:  # windows that walk are not noise about it
         return False
@@ -345,12 +353,10 @@ def watch_resonance(c: State, z: float, error: float, zdot_d: float, path: Stage
     guard = c.kept.guard
     good = guard.kept and path is None  # a stage that is wrong would lose what was learned
     span = guard.range if good and not c.members["dynamics.known"] else 0.0
-    most = guard.range * guard.range
-    ends = path is None and c.estimator.ends(
-        noisy(c, law), most
-    )  # with a stage in the model the weights may go with it
+    most, burst = guard.range * guard.range, burst_of(c) if path is None else 0.0
+    ends = path is None and c.estimator.ends(noisy(c, law), most)  # with a stage in the model weights may go with it
     expected = expected_of_plays(c) if ends else None
-    known = c.estimator.update(tick, before, z, error, zdot_d, zdot_d - c.rate, span, highest_first(c), expected)
+    known = c.estimator.update(tick, before, z, error, zdot_d, zdot_d - c.rate, span, highest_first(c), burst, expected)
     c.rate = zdot_d
     assumes = c.members["resonance"] > 0 and c.path is None and not c.stage.failed
     assumes = assumes and not is_identified(c) and may_have_stage(c)
@@ -362,6 +368,8 @@ def watch_resonance(c: State, z: float, error: float, zdot_d: float, path: Stage
     if not c.stage.found and (guard.kept or not assumes):  # at the start nothing is learned
         doubt_learned(c, law, frequency)
     adopt_stage(c, law, frequency, 0.0 if assumes else math.sqrt(c.estimator.power))
+    if c.stage.growth is not None and not assumes and 0 < burst < c.estimator.power:
+        c.stage.growth.late = True  # a burst excites the second mode, too
 
 
 def stage_is_shown(c: State, law: FilteringLaw) -> bool:
