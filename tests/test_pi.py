@@ -586,6 +586,8 @@ sample_rate = {rate}
 cutoff = {cutoff}
 peak_to_peak = 10.0
 duration = {duration}
+[realtime]
+watchdog_timeout = 3.0
 [recording]
 file = "run.h5"
 """
