@@ -345,6 +345,7 @@ rotation = 10.0
 [realtime]
 spin = 0.0
 overrun_streak = 0
+watchdog_timeout = 20.0
 [recording]
 file = "run.h5"
 """

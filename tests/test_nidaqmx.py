@@ -532,7 +532,7 @@ def test_wrong_wiring_is_found_by_the_first_volts(card, tmp_path, monkeypatch, c
     ids=lambda value: str(value).replace(" ", "-") or "none",
 )
 def test_the_command_runs_the_configuration_of_the_page(card, tmp_path, fault, code, words) -> None:
-    text = toml().replace("safe_voltage = 0.0", f"safe_voltage = {SAFE[0]}")
+    text = toml().replace("safe_voltage = 0.0", f"safe_voltage = {SAFE[0]}") + "[realtime]\nwatchdog_timeout = 3.0\n"
     (tmp_path / "stage.toml").write_text(text)
     command = [COMMAND, "run", "--config", "stage.toml", "--json"]
     environment = os.environ | card.environment() | {"FAKE_NIDAQMX_FAULT": fault}
