@@ -24,7 +24,10 @@ from truestroke.runtime.realtime import Axis, RealtimeSettings, run_realtime
 from truestroke.signals.trajectories import sine
 
 # how late a tick is depends on what else the machine does
-pytestmark = [pytest.mark.usefixtures("empty_folder"), pytest.mark.filterwarnings("ignore::truestroke.LatenessWarning")]
+pytestmark = [
+    pytest.mark.usefixtures("empty_folder", "forked_helpers"),
+    pytest.mark.filterwarnings("ignore::truestroke.LatenessWarning"),
+]
 
 FAKES = Path(__file__).with_name("fakes")
 

@@ -33,7 +33,7 @@ from truestroke.signals.trajectories import Trajectory, random_wave, sine
 
 xarray = Late("xarray")
 
-pytestmark = pytest.mark.usefixtures("empty_folder")
+pytestmark = pytest.mark.usefixtures("empty_folder", "forked_helpers")
 
 LIMITS, SLEW = (-0.6, 3.6), 400.0
 PATIENT = RealtimeSettings(spin=0.0, overrun_streak=0, watchdog_timeout=20.0)  # a busy machine is late by ms and more

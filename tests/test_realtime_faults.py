@@ -42,7 +42,10 @@ LIMITS, SLEW, SAFE, RATE = (-0.6, 3.6), 100.0, 0.25, 2000.0
 FOREVER = 10**6
 # A busy machine is late by ms and more; the wait before a tick is for the tests of the clock.
 PATIENT = {"overrun_streak": 0, "watchdog_timeout": 20.0, "spin": 0.0, "axis_check": False}
-pytestmark = pytest.mark.filterwarnings("ignore::truestroke.LatenessWarning")
+pytestmark = [
+    pytest.mark.filterwarnings("ignore::truestroke.LatenessWarning"),
+    pytest.mark.usefixtures("forked_helpers"),
+]
 
 
 class Bench(SimulatedDriver):

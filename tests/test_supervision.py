@@ -42,7 +42,10 @@ COMMAND = Path(sys.executable).with_name("truestroke")
 LIMITS, SLEW, SAFE, STROKE, RATE = (-0.6, 3.6), 400.0, 0.25, 30.0, 2000.0
 PATIENT = {"overrun_streak": 0, "watchdog_timeout": 20.0, "spin": 0.0}  # a busy machine is late by ms and more
 Sensor = Callable[[np.ndarray, int], np.ndarray]
-pytestmark = [pytest.mark.filterwarnings("ignore::truestroke.LatenessWarning"), pytest.mark.usefixtures("empty_folder")]
+pytestmark = [
+    pytest.mark.filterwarnings("ignore::truestroke.LatenessWarning"),
+    pytest.mark.usefixtures("empty_folder", "forked_helpers"),
+]
 
 
 class Wired:
