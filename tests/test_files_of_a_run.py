@@ -50,7 +50,7 @@ def environment(library: Path) -> dict[str, str]:
 def test_what_is_said_to_be_saved_is_there_whichever_write_fails(bad_disk: Path) -> None:
     """A disk that is full at each write in turn, one that reports errors at every 31st, and short writes."""
     script = [sys.executable, FAKES / "record_on_a_bad_disk.py", "31"]
-    done = subprocess.run(script, env=environment(bad_disk), capture_output=True, text=True, timeout=100)
+    done = subprocess.run(script, env=environment(bad_disk), capture_output=True, text=True, timeout=600)
     assert done.returncode == 0, done.stdout + done.stderr
     assert int(done.stdout.split()[0]) > 100
 
