@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from late import Late
-from running import COMMAND, ticks
+from running import COMMAND, rows
 
 from truestroke import AdaptiveController, Dynamics, Mode, Recording, SettingError, Timing, run, trajectories
 from truestroke.cli import main
@@ -145,7 +145,7 @@ def test_in_a_terminal() -> None:
     lengths = []
     for _ in range(200):
         time.sleep(0.1)
-        lengths.append(ticks("run.h5"))
+        lengths.append(rows("run.h5"))
         if lengths[-1] > 3000:
             break
     assert len({n for n in lengths if n}) > 2  # it grows before our eyes
