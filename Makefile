@@ -117,7 +117,7 @@ fuzz-readers: setup
 
 # Three processes on two cores, for many tests wait for a clock; each with one thread of linear algebra.
 pytest: setup  ## tests in Python
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 3 --no-loadscope-reorder --durations=10
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 4 --no-loadscope-reorder --durations=10
 
 coverage: setup  ## the same, with the lines that none of them runs; takes longer
 	$(BIN)/python -m pytest -n 2 --no-loadscope-reorder --cov --cov-report=term

@@ -12,8 +12,10 @@ import hashlib
 import os
 import re
 import signal
+import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -52,13 +54,17 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items.sort(key=place)
 
 
+gc.disable()  # until all tests are there: a tenth of what it takes to collect them
+
+
 def pytest_collection_finish() -> None:
-    """What 4,600 tests are is garbage at no time: each run in real time would look through it again, for 0.2 s.
+    """What 5,600 tests are is garbage at no time: each run in real time would look through it again, for 0.2 s.
 
     Pictures make many small objects and free them: to look for garbage after each 700 was a sixteenth of all time.
     """
     gc.collect()
     gc.freeze()
+    gc.enable()
     gc.set_threshold(20_000)
 
 
@@ -126,6 +132,20 @@ def each_picture_once(monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.
 
     monkeypatch.setattr(page, "svg", drawn)
     monkeypatch.setattr(style, "save", saved)
+
+
+@pytest.fixture
+def forked_helpers(monkeypatch: pytest.MonkeyPatch) -> None:
+    """For tests of what happens in a run: its recorder, watchdogs and server are forks of this process.
+
+    Fresh ones import NumPy and truestroke anew, for longer than the run takes. Those that `truestroke run` has in the
+    tests of the command are fresh.
+    """
+    from forked import Forked
+
+    from truestroke.runtime.realtime import process
+
+    monkeypatch.setattr(process, "subprocess", SimpleNamespace(**{**vars(subprocess), "Popen": Forked}))
 
 
 class Passing:

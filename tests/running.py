@@ -8,6 +8,7 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from truestroke import FileError, Recording
 from truestroke.base import hdf5
@@ -43,22 +44,45 @@ def configuration(faults: str = "", *, duration: float = 60.0, watchdog_timeout:
     return text.replace("DURATION", str(duration)).replace("TIMEOUT", str(watchdog_timeout))
 
 
+STALLED = ("no tick for", "stands still")  # a run's own words, where nobody stopped one of its processes
+
+
 def started(
     config: str, *options: str, there: Callable[[], bool] | None = None, env: dict[str, str] | None = None
 ) -> subprocess.Popen[str]:
-    """The process, with this text as its configuration, when `there`: by default when 500 ticks are in its file."""
+    """The process, with this text as its configuration, when `there`: by default when 500 ticks are in its file.
+
+    It begins again, twice at most, where the machine stood still for longer than the configuration allows.
+    """
     Path("run.toml").write_text(config)
     command = [COMMAND, "run", "--config", "run.toml", "--json", *options]  # no status line, which is a process
-    process = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True, env=env)
     file = "run.new.h5" if "--overwrite" in options else "run.h5"
-    until(there or (lambda: rows(file) > 500))
+    for left in (2, 1, 0):
+        process = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True, env=env)
+        try:
+            until(there or (lambda: rows(file) > 500), process=process)
+            break
+        except EndedError as ended:
+            if not left or not any(words in str(ended) for words in STALLED):
+                raise
+            Path(file).unlink(missing_ok=True)
     return process
 
 
-def until(true: Callable[[], bool], seconds: float = 30.0) -> None:
-    """Wait; fail where it takes longer."""
+class EndedError(AssertionError):
+    """A process ended before that for which somebody waited; its code, and what it said."""
+
+
+def until(true: Callable[[], bool], seconds: float = 60.0, process: subprocess.Popen[Any] | None = None) -> None:
+    """Wait; fail where it takes longer, and at once where the process that is to bring it about has ended."""
     end = time.monotonic() + seconds
-    while not true():
+    while True:
+        ended = process is not None and process.poll() is not None
+        if true():
+            return
+        if process is not None and ended:
+            said = [part for part in process.communicate(timeout=seconds) if part]
+            raise EndedError(f"the process ended with {process.returncode}: {said}")
         assert time.monotonic() < end, "it did not come about"
         time.sleep(0.02)
 

@@ -345,6 +345,7 @@ rotation = 10.0
 [realtime]
 spin = 0.0
 overrun_streak = 0
+watchdog_timeout = 20.0
 [recording]
 file = "run.h5"
 """
@@ -368,6 +369,7 @@ def configuration(folder, *changes):
     return config.load(folder / "xy.toml")
 
 
+@pytest.mark.usefixtures("forked_helpers")
 def test_the_loop_in_real_time_is_that_of_run(tmp_path):
     """Volts and what is learned of each axis; its files are in the frame of the axes."""
     job = configuration(tmp_path)
@@ -405,7 +407,7 @@ def repeated(folder, *changes):
     return configuration(folder, *given, longer, ("rotation = 10.0", "rotation = 10.0\nperiod = 0.1"), *changes)
 
 
-@pytest.mark.usefixtures("each_picture_once")
+@pytest.mark.usefixtures("each_picture_once", "forked_helpers")
 @pytest.mark.filterwarnings("ignore::truestroke.LatenessWarning")
 def test_axes_learn_what_repeats_in_real_time_with_the_bits_of_run(tmp_path):
     """And the recordings, and the page, say what each batch was."""

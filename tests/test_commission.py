@@ -5,8 +5,6 @@ from __future__ import annotations
 import json
 import signal
 import subprocess
-import sys
-import time
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -14,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from running import COMMAND, until
 
 from truestroke.cli import main
 from truestroke.plant import PlantSettings, RealisticPlant
@@ -26,7 +25,6 @@ from truestroke.runtime.realtime import config
 from truestroke.signals.timing import Timing
 
 pytestmark = pytest.mark.usefixtures("each_picture_once", "empty_folder", "no_waiting")
-COMMAND = Path(sys.executable).with_name("truestroke")
 LIMITS = (-0.6, 3.6)
 
 
@@ -305,9 +303,7 @@ def test_a_driver_that_fails_in_between() -> None:
 def test_a_signal_leaves_the_safe_voltage(number: int, code: int) -> None:
     configuration()
     process = subprocess.Popen([COMMAND, "commission", "--config", "run.toml", "--yes"], stderr=subprocess.PIPE)
-    deadline = time.monotonic() + 30
-    while (not Path("volts").exists() or np.fromfile("volts").tolist() in ([], [0.0])) and time.monotonic() < deadline:
-        time.sleep(0.005)
+    until(lambda: Path("volts").exists() and np.fromfile("volts").tolist() not in ([], [0.0]), process=process)
     process.send_signal(number)
     process.communicate(timeout=30)
     assert process.returncode == code

@@ -44,7 +44,7 @@ from truestroke.runtime.realtime import (
 )
 from truestroke.signals.trajectories import sine
 
-pytestmark = pytest.mark.usefixtures("empty_folder")
+pytestmark = pytest.mark.usefixtures("empty_folder", "forked_helpers")
 
 COMMAND = Path(sys.executable).with_name("truestroke")
 LIMITS = (-0.6, 3.6)

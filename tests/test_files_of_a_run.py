@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import fcntl
 import os
 import shutil
 import signal
@@ -23,7 +24,10 @@ from truestroke.runtime.realtime import Axis, RealtimeSettings, run_realtime
 from truestroke.signals.trajectories import sine
 
 # how late a tick is depends on what else the machine does
-pytestmark = [pytest.mark.usefixtures("empty_folder"), pytest.mark.filterwarnings("ignore::truestroke.LatenessWarning")]
+pytestmark = [
+    pytest.mark.usefixtures("empty_folder", "forked_helpers"),
+    pytest.mark.filterwarnings("ignore::truestroke.LatenessWarning"),
+]
 
 FAKES = Path(__file__).with_name("fakes")
 
@@ -46,7 +50,7 @@ def environment(library: Path) -> dict[str, str]:
 def test_what_is_said_to_be_saved_is_there_whichever_write_fails(bad_disk: Path) -> None:
     """A disk that is full at each write in turn, one that reports errors at every 31st, and short writes."""
     script = [sys.executable, FAKES / "record_on_a_bad_disk.py", "31"]
-    done = subprocess.run(script, env=environment(bad_disk), capture_output=True, text=True, timeout=100)
+    done = subprocess.run(script, env=environment(bad_disk), capture_output=True, text=True, timeout=600)
     assert done.returncode == 0, done.stdout + done.stderr
     assert int(done.stdout.split()[0]) > 100
 
@@ -97,6 +101,22 @@ def test_one_that_is_being_written_is_refused_at_once() -> None:
     process.communicate(timeout=30)
     assert Recording.load("run.h5").metadata["ended"]["cause"] == "interrupted"
     assert not Path("run.new.h5").exists()
+
+
+def test_who_looks_at_a_file_while_it_is_made_does_not_keep_the_run_from_beginning(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """HDF5 locks what it reads, be it for a moment."""
+    lock, readers = files.system.lock, []
+
+    def looked_at(descriptor: int) -> None:
+        lock(descriptor)
+        readers.append(os.open("run.h5", os.O_RDONLY))
+        fcntl.flock(readers[0], fcntl.LOCK_SH)
+
+    monkeypatch.setattr(files.system, "lock", looked_at)
+    assert record(sine(frequency=4.0, peak_to_peak=20.0, duration=0.5, sample_rate=2000.0)) == "run.h5"
+    os.close(*readers)
 
 
 def test_a_recording_is_replaced_by_a_complete_one_only() -> None:

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import subprocess
-import sys
 from html import unescape
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -419,15 +416,17 @@ def test_a_run_keeps_the_code_of_its_cause(cause, level, code):
     assert code_of(SimpleNamespace(cause=cause), Verdict(level)) == code
 
 
-def test_a_run_whose_supervision_is_off_ends_with_its_verdict(tmp_path):
+@pytest.mark.usefixtures("forked_helpers")
+@pytest.mark.filterwarnings("ignore::truestroke.LatenessWarning")
+def test_a_run_whose_supervision_is_off_ends_with_its_verdict(tmp_path, monkeypatch):
     text = config.example().replace("voltage_limits = [-0.6, 3.6]", "voltage_limits = [-0.6, 1.1]")
     text = text.replace("duration = 20.0", "duration = 1.0").replace("overrun_streak = 20", "overrun_streak = 0")
     text = text.replace("watchdog_timeout = 0.25", "watchdog_timeout = 9.0\nlimit_time = 0.0\nerror_time = 0.0")
     (tmp_path / "run.toml").write_text(text)
-    command = [Path(sys.executable).with_name("truestroke"), "run", "--config", "run.toml", "--json"]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=100)
+    monkeypatch.chdir(tmp_path)
+    done = CliRunner().invoke(main, ["run", "--config", "run.toml", "--json"])
     told = json.loads(done.stdout)
-    assert (done.returncode, told["exit_code"], told["cause"], told["verdict"]) == (4, 4, "finished", "bad")
+    assert (done.exit_code, told["exit_code"], told["cause"], told["verdict"]) == (4, 4, "finished", "bad")
     assert told["axes"]["x"]["reasons"] == told["reasons"]
     assert told["reasons"] == list(judgement.judge(Recording.load(tmp_path / "run.h5")).reasons)
 

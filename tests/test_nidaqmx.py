@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from running import COMMAND, until
 from test_docs import assert_prints
 
 import truestroke
@@ -349,9 +350,7 @@ def test_rescue_reaches_the_safe_voltage_when_our_process_hangs(driver, card, ki
     environment = os.environ | card.environment() | {"FAKE_NIDAQMX_FAULT": f"{READ}:9:hang"}
     child = subprocess.Popen([sys.executable, "-c", HANGS], env=environment)
     try:
-        end = time.monotonic() + 30
-        while (not card.file.exists() or card.edges < 801) and time.monotonic() < end:
-            time.sleep(0.01)
+        until(lambda: card.file.exists() and card.edges >= 801, process=child)
         assert (card.volts[0], card.owner) == (2.0, child.pid)
         if killed:
             child.send_signal(signal.SIGKILL)
@@ -380,9 +379,7 @@ def test_with_every_process_killed_a_card_with_a_watchdog_brings_its_output_to_s
         before = card.edges if card.file.exists() else 0
         child = subprocess.Popen([sys.executable, "-c", code], env=os.environ | card.environment())
         try:
-            end = time.monotonic() + 30
-            while (not card.file.exists() or card.edges < before + 2000) and time.monotonic() < end:
-                time.sleep(0.01)
+            until(lambda before=before: card.file.exists() and card.edges >= before + 2000, process=child)
             assert card.volts[0] == 2.0  # it is kept from expiring
         finally:
             child.kill()
@@ -520,6 +517,7 @@ def test_wrong_wiring_is_found_by_the_first_volts(card, tmp_path, monkeypatch, c
     assert words in " ".join(printed.split())
 
 
+@pytest.mark.usefixtures("forked_helpers")
 @pytest.mark.parametrize(
     ("fault", "code", "words"),
     [
@@ -534,14 +532,20 @@ def test_wrong_wiring_is_found_by_the_first_volts(card, tmp_path, monkeypatch, c
     ],
     ids=lambda value: str(value).replace(" ", "-") or "none",
 )
-def test_the_command_runs_the_configuration_of_the_page(card, tmp_path, fault, code, words) -> None:
-    text = toml().replace("safe_voltage = 0.0", f"safe_voltage = {SAFE[0]}")
+def test_the_command_runs_the_configuration_of_the_page(card, tmp_path, monkeypatch, fault, code, words) -> None:
+    text = toml().replace("safe_voltage = 0.0", f"safe_voltage = {SAFE[0]}") + "[realtime]\nwatchdog_timeout = 3.0\n"
     (tmp_path / "stage.toml").write_text(text)
-    command = [Path(sys.executable).with_name("truestroke"), "run", "--config", "stage.toml", "--json"]
-    environment = os.environ | card.environment() | {"FAKE_NIDAQMX_FAULT": fault}
-    done = subprocess.Popen(command, cwd=tmp_path, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
-    printed = done.communicate(timeout=60)[0].decode()  # the watchdog, too, has ended
-    assert done.returncode == code, printed
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("FAKE_NIDAQMX_FAULT", fault)
+    if code in (0, 12) and fault:
+        done = CliRunner().invoke(main, ["run", "--config", "stage.toml", "--json"])
+        printed, returned = done.output, done.exit_code
+    else:  # as a user runs it, and where its process is killed
+        command = [COMMAND, "run", "--config", "stage.toml", "--json"]
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+        printed = process.communicate(timeout=60)[0].decode()  # the watchdog, too, has ended
+        returned = process.returncode
+    assert returned == code, printed
     assert words in printed
     assert (card.volts[0], card.resets) == (SAFE[0], 0)
     run = truestroke.Recording.load(tmp_path / "first.h5")
@@ -563,7 +567,7 @@ def test_the_doctor_says_what_the_card_does_unattended(card, tmp_path, monkeypat
 
 def test_limits_beyond_the_range_of_the_card_are_refused_before_anything_moves(card, tmp_path) -> None:
     (tmp_path / "stage.toml").write_text(toml().replace("[-0.6, 3.6]", "[-0.6, 12.0]"))
-    command = [Path(sys.executable).with_name("truestroke"), "run", "--config", "stage.toml"]
+    command = [COMMAND, "run", "--config", "stage.toml"]
     environment = os.environ | card.environment()
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=60)
     assert done.returncode == 2

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from running import COMMAND, until
 from test_docs import assert_prints
 
 import truestroke
@@ -467,9 +468,7 @@ def test_rescue_stops_the_wave_of_a_process_that_is_gone(fake: Fake, connections
     rescue = pickle.loads(pickle.dumps(made(fake).rescue()))
     child = subprocess.Popen([sys.executable, "-c", HANGS, str(fake.port)])
     try:
-        end = time.monotonic() + 30
-        while fake.volts[0] < 20.0 and time.monotonic() < end:
-            time.sleep(0.01)
+        until(lambda: fake.volts[0] >= 20.0, process=child)
         if connections == 1:  # a watchdog kills first
             child.send_signal(signal.SIGKILL)
             child.wait()
@@ -489,7 +488,7 @@ from truestroke.runtime.drivers import playback
 from truestroke.runtime.drivers import pi
 from truestroke.runtime.drivers.pi import PiDriver, PiSettings
 driver = PiDriver(PiSettings(host="127.0.0.1", port=int(sys.argv[1]), output_range=(-20.0, 120.0)))
-wave = np.linspace(20.0, 60.0, 1000)
+wave = np.linspace(20.0, 60.0, 6000)
 playback(driver, wave, 2000.0, voltage_limits=(-20.0, 120.0), slew=2e3, safe_voltage=2.5, rest=0.1)
 """
 
@@ -498,16 +497,11 @@ def test_a_wave_whose_every_process_is_killed_ends_at_the_safe_voltage_by_itself
     """Its last value is the safe voltage: the controller needs nobody to come to it."""
     fake.make(realtime=True)
     child = subprocess.Popen([sys.executable, "-c", PLAYS, str(fake.port)])
-    end = time.monotonic() + 30
-    while fake.volts[0] < 20.0 and time.monotonic() < end:
-        time.sleep(0.01)
+    until(lambda: fake.volts[0] >= 20.0, process=child)
     child.kill()
     child.wait()
     assert 20.0 <= fake.volts[0] <= 60.0
-    until = time.monotonic() + 30.0
-    while fake.volts[0] != SAFE[0] and time.monotonic() < until:
-        time.sleep(0.02)
-    assert fake.volts[0] == SAFE[0]
+    until(lambda: fake.volts[0] == SAFE[0])
 
 
 def test_a_computer_without_the_package_is_told_what_to_install(driver, monkeypatch) -> None:
@@ -592,6 +586,8 @@ sample_rate = {rate}
 cutoff = {cutoff}
 peak_to_peak = 10.0
 duration = {duration}
+[realtime]
+watchdog_timeout = {timeout}
 [recording]
 file = "run.h5"
 """
@@ -604,8 +600,11 @@ def run_in_time(fake: Fake, ticks: int, fault: str = "") -> tuple[float, subproc
         Path("run.h5").unlink(missing_ok=True)
         fake.make(realtime=True, fault=fault)
         config = stage.replace("[[axis]]", f"sample_rate = {rate}\n[[axis]]\nstroke = 40.0")
-        Path("run.toml").write_text(config + RUN.format(rate=rate, cutoff=rate / 50, duration=ticks / rate))
-        command = [Path(sys.executable).with_name("truestroke"), "run", "--config", "run.toml", "--json"]
+        timeout = 0.4 if "silent" in fault else 9.0  # the driver itself gives up after 2 s
+        Path("run.toml").write_text(
+            config + RUN.format(rate=rate, cutoff=rate / 50, duration=ticks / rate, timeout=timeout)
+        )
+        command = [COMMAND, "run", "--config", "run.toml", "--json"]
         done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
         if "so at most" not in done.stderr:
             break
@@ -695,11 +694,9 @@ def test_a_waveform_that_is_none_is_refused(bench) -> None:
 @pytest.mark.parametrize(("stop", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_a_signal_stops_the_wave_and_the_output_is_safe(bench, fake, stop, code) -> None:
     fake.make(realtime=True)
-    command = [Path(sys.executable).with_name("truestroke"), "play", "wave.csv", "--config", "stage.toml"]
+    command = [COMMAND, "play", "wave.csv", "--config", "stage.toml"]
     running = subprocess.Popen(command, stderr=subprocess.PIPE)
-    end = time.monotonic() + 30
-    while fake.volts[0] < 20.0 and time.monotonic() < end:
-        time.sleep(0.01)
+    until(lambda: fake.volts[0] >= 20.0, process=running)
     running.send_signal(stop)
     _, words = running.communicate(timeout=30)
     assert (running.returncode, fake.volts[0], fake.left()) == (code, SAFE[0], True), words

@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from late import Late
-from running import COMMAND, ticks
+from running import COMMAND, rows
 
 from truestroke import AdaptiveController, Dynamics, Mode, Recording, SettingError, Timing, run, trajectories
 from truestroke.cli import main
@@ -33,7 +33,7 @@ from truestroke.signals.trajectories import Trajectory, random_wave, sine
 
 xarray = Late("xarray")
 
-pytestmark = pytest.mark.usefixtures("empty_folder")
+pytestmark = pytest.mark.usefixtures("empty_folder", "forked_helpers")
 
 LIMITS, SLEW = (-0.6, 3.6), 400.0
 PATIENT = RealtimeSettings(spin=0.0, overrun_streak=0, watchdog_timeout=20.0)  # a busy machine is late by ms and more
@@ -145,7 +145,7 @@ def test_in_a_terminal() -> None:
     lengths = []
     for _ in range(200):
         time.sleep(0.1)
-        lengths.append(ticks("run.h5"))
+        lengths.append(rows("run.h5"))
         if lengths[-1] > 3000:
             break
     assert len({n for n in lengths if n}) > 2  # it grows before our eyes

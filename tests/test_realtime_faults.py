@@ -42,7 +42,10 @@ LIMITS, SLEW, SAFE, RATE = (-0.6, 3.6), 100.0, 0.25, 2000.0
 FOREVER = 10**6
 # A busy machine is late by ms and more; the wait before a tick is for the tests of the clock.
 PATIENT = {"overrun_streak": 0, "watchdog_timeout": 20.0, "spin": 0.0, "axis_check": False}
-pytestmark = pytest.mark.filterwarnings("ignore::truestroke.LatenessWarning")
+pytestmark = [
+    pytest.mark.filterwarnings("ignore::truestroke.LatenessWarning"),
+    pytest.mark.usefixtures("forked_helpers"),
+]
 
 
 class Bench(SimulatedDriver):
@@ -268,6 +271,7 @@ class Death:
     do: Callable[[subprocess.Popen[str]], object] = lambda process: None
     faults: str = ""
     by: str = "watchdog"
+    timeout: float = 9.0  # s without a tick: shorter where the test waits for it, longer than machines stall
 
 
 def watchdog_of(process: subprocess.Popen[str]) -> int:
@@ -292,14 +296,14 @@ DEPUTY = "deputy of the watchdog"
 
 
 DEATHS = {
-    "Python hangs": Death(137, faults='[{ kind = "hang", at = 1000 }]'),
-    "the process is stopped (SIGSTOP)": Death(137, do=lambda process: process.send_signal(signal.SIGSTOP)),
+    "Python hangs": Death(137, faults='[{ kind = "hang", at = 1000 }]', timeout=3.0),
+    "the process is stopped (SIGSTOP)": Death(137, do=lambda process: process.send_signal(signal.SIGSTOP), timeout=3.0),
     "the process is killed (kill -9)": Death(137, do=lambda process: process.kill()),
     "the vendor's library crashes": Death(134, faults='[{ kind = "abort", at = 1000 }]'),
     "process and watchdog are killed together": Death(137, do=with_the_watchdog(signal.SIGKILL), by=DEPUTY),
     "the watchdog is stopped, the process killed": Death(137, do=with_the_watchdog(signal.SIGSTOP), by=DEPUTY),
     "process and watchdog are stopped together": Death(
-        137, do=with_the_watchdog(signal.SIGSTOP, signal.SIGSTOP), by=DEPUTY
+        137, do=with_the_watchdog(signal.SIGSTOP, signal.SIGSTOP), by=DEPUTY, timeout=3.0
     ),
 }
 
@@ -307,10 +311,14 @@ DEATHS = {
 @pytest.mark.parametrize("name", DEATHS)
 def test_death(name: str) -> None:
     death = DEATHS[name]
-    process = started(configuration(death.faults, watchdog_timeout=1.0))
-    before = ticks("run.h5")
-    death.do(process)
-    _, stderr = process.communicate(timeout=30)  # to the end of the helping processes, which share stderr
+    for _ in range(3):
+        process = started(configuration(death.faults, watchdog_timeout=death.timeout))
+        before = ticks("run.h5")
+        death.do(process)
+        _, stderr = process.communicate(timeout=60)  # to the end of the helping processes, which share stderr
+        if death.by == DEPUTY or "the watchdog stood still" not in stderr:
+            break
+        Path("run.h5").unlink()  # the machine stalled the watchdog for so long that its deputy had to act
     assert process.returncode == 128 - death.code
     assert f"truestroke: {death.by}: " in stderr
     assert "output set to 0.25 V" in stderr
@@ -325,10 +333,10 @@ EVERY = "every process of the run is killed"
 
 
 def test_a_run_whose_every_process_is_killed_leaves_all_but_the_last_half_second() -> None:
-    process = started(configuration(watchdog_timeout=1.0))
+    process = started(configuration())
     all_of_them = children(process.pid)
     process.send_signal(signal.SIGSTOP)
-    time.sleep(0.3)  # all that the ring holds is written within that; the watchdog would bite after 1 s
+    time.sleep(0.3)  # all that the ring holds is written within that; the watchdog would bite after 9 s
     before = ticks("run.h5")
     for pid in all_of_them:
         os.kill(pid, signal.SIGKILL)

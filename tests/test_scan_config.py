@@ -126,7 +126,7 @@ def test_the_card_images_its_sample(card: Card, tmp_path: Path) -> None:
     assert (tmp_path / "scan.html").read_text().count("<svg") == 4
 
 
-@pytest.mark.usefixtures("each_picture_once")
+@pytest.mark.usefixtures("each_picture_once", "forked_helpers")
 def test_a_scan_that_is_cut_short_keeps_its_rows(tmp_path, monkeypatch) -> None:
     """The rows that are complete are an image, the recording is there, and the exit code is that of the fault."""
     monkeypatch.chdir(tmp_path)

@@ -26,10 +26,9 @@ from truestroke.runtime.doctor import Level, machine
 from truestroke.runtime.realtime import RealtimeError, RealtimeSettings, process
 from truestroke.signals.timing import Timing
 
-LOADED = (
-    "import numpy, scipy.linalg, scipy.signal, scipy.optimize, h5py, matplotlib.pyplot, rich.console, tempfile\n"
-    "import psutil, ctypes.util, subprocess, concurrent.futures.process\n"
-)  # what others than we need of POSIX at import is there when they load
+# What others than we need of POSIX at import is there when they load; the loop loads no more than the first line.
+LOADED = "import numpy, h5py, rich.console, tempfile, psutil, ctypes.util, subprocess, concurrent.futures.process\n"
+PICTURES = "import scipy.linalg, scipy.signal, scipy.optimize, matplotlib.pyplot\n"
 # What Python has on Linux and not on Windows, as its documentation lists it; less what Python itself needs on Linux.
 ONLY_POSIX = {
     "os": "sched_getaffinity sched_setaffinity sched_getscheduler sched_setscheduler sched_getparam sched_yield getuid "
@@ -63,20 +62,15 @@ if "-P" in sys.orig_argv:
 """  # Python does it first: the processes of a run are begun with -P
 
 
-def python(folder: Path, code: str) -> subprocess.CompletedProcess[str]:
+def python(folder: Path, code: str, loaded: str = LOADED) -> subprocess.CompletedProcess[str]:
     (folder / "sitecustomize.py").write_text(IN_A_HELPER)
-    command = [sys.executable, "-c", LOADED + WITHOUT_POSIX + code]
+    command = [sys.executable, "-c", loaded + WITHOUT_POSIX + code]
     env = {**os.environ, "PYTHONPATH": str(folder)}
     return subprocess.run(command, cwd=folder, env=env, capture_output=True, text=True, timeout=600, check=False)
 
 
 def call(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     return python(folder, f"from truestroke.cli import main\nmain({list(arguments)!r})")
-
-
-def test_the_package_loads(tmp_path: Path) -> None:
-    done = python(tmp_path, "import truestroke\nfor name in truestroke.__all__: getattr(truestroke, name)")
-    assert done.returncode == 0, done.stderr
 
 
 @pytest.fixture(scope="module")
@@ -86,6 +80,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 COMMANDS = """
 import numpy
+import truestroke
+for name in truestroke.__all__:
+    getattr(truestroke, name)
 from truestroke.cli import main
 from truestroke.runtime.drivers import OneAxis, SimulatedDriver
 sizes = "--sample-rate 2000 --stroke 30 --voltage-limits -0.6 3.6"
@@ -104,8 +101,8 @@ assert driver.output[0] == 0.5
 """
 
 
-def test_a_run_and_its_page_a_chip_and_an_axis(folder: Path) -> None:
-    done = python(folder, COMMANDS)
+def test_the_package_loads_and_makes_a_run_and_its_page_a_chip_and_an_axis(folder: Path) -> None:
+    done = python(folder, COMMANDS, LOADED + PICTURES)
     assert done.returncode == 0, done.stderr
     assert {"first.h5", "first.html", "chip"} <= {path.name for path in folder.iterdir()}
 

@@ -49,9 +49,6 @@ HAS_PROCESSES = sys.platform not in ("emscripten", "wasi")
 INHERITS = sys.platform != "win32"
 """Whether a process can be given descriptors of open files by their numbers."""
 
-HDF5_LOCKS = None if sys.platform == "linux" else False
-"""Whether HDF5 is to lock a file that `lock` has locked: on Linux as it likes, elsewhere its lock would meet ours."""
-
 SELECTED = 512 if sys.platform == "win32" else 1 << 16
 """Connections that a process can wait for at a time."""
 

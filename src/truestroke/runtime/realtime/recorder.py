@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from truestroke.base import system
 from truestroke.base.files import Growing
 from truestroke.base.hdf5 import ENDING
 from truestroke.base.typing import FloatArray
@@ -27,6 +26,9 @@ PIECE = 0.1  # s that a chunk of the file holds: with two cycles, the longest lo
 PAGE = 4096  # bytes that a disk writes whole or not at all; none of HDF5's tables crosses the end of one
 CHECKSUM = 4  # bytes of that of a chunk
 ENDING_SIZE = 16384  # bytes
+# `Growing` has the file locked. HDF5's own lock would meet that one outside of Linux, and that of a reader who looks
+# at the file while it is made: the run would not begin.
+UNLOCKED: dict[str, Any] = {"locking": False}
 NEVER_ENDED = "the recording was not ended: it is still running, or its process was killed"
 
 
@@ -129,8 +131,8 @@ class File:
         self._piece = piece(PIECE * plan.sample_rate, 8)
         self._slow_piece = piece(PIECE * plan.sample_rate / plan.stride, 8 * widest)
         paged: dict[str, Any] = {"fs_strategy": "page", "fs_page_size": PAGE}
-        paged |= {"rdcc_nbytes": 0, "locking": system.HDF5_LOCKS}  # a cache of chunks would be 1 MB of each dataset
-        self._file = h5py.File(self._name, **MODE, **paged)
+        paged |= {"rdcc_nbytes": 0}  # a cache of chunks would be 1 MB of each dataset
+        self._file = h5py.File(self._name, **MODE, **UNLOCKED, **paged)
         describe(self._file, {**plan.about, "interrupted": NEVER_ENDED})
         self._sets: dict[str, Any] = {}  # kept open: HDF5 reports a failure to write only where one is used or flushed
         for name in ("time", *plan.channels, "lateness"):
@@ -197,7 +199,7 @@ class File:
         """Complete: an ordinary HDF5 file. It is opened once more, as HDF5 does not report every failure at the end."""
         lengths = {name: len(dataset) for name, dataset in self._sets.items()}
         self._file.close()
-        with self._h5py.File(self._name, "r", locking=system.HDF5_LOCKS) as file:
+        with self._h5py.File(self._name, "r", **UNLOCKED) as file:
             short = [name for name, length in lengths.items() if len(file[name]) != length]
         if short:
             raise OSError(f"{', '.join(short)}: not all of it is in the file")
