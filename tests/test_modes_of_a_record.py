@@ -43,6 +43,19 @@ def test_a_record_without_resonance_has_none():
     assert identify(next(foreign_records.records(0, (foreign_records.random_wave,)))).model.dynamics is None
 
 
+def test_hysteresis_of_another_kind_is_no_mode():
+    """An asymmetric Bouc-Wen actuator in a modulated sine: behind plays alone a mode of 8 Hz helps."""
+    t = np.arange(2600) / 100.0
+    x = 0.5 + 0.5 * np.sin(2 * np.pi * t) * (0.55 + 0.45 * np.cos(2 * np.pi * t / 13))
+    fine, h = np.interp(np.arange(0, 2599, 1 / 26), np.arange(2600), x), [0.0]
+    for v, dv in zip(fine, np.diff(fine), strict=False):
+        h.append(h[-1] + 0.5 * dv - 5 * abs(dv) * h[-1] - 2.5 * dv * abs(h[-1]) + 0.15 * v * abs(dv))
+    noise = np.random.Generator(np.random.PCG64(0)).normal(0.0, 0.003, 2599)
+    found = identify((5 * x[:-1], 6 * (x[:-1] - np.array(h)[::26][:2599]) + noise, 100.0))
+    assert found.model.dynamics is None
+    assert found.model.branches is not None
+
+
 def test_a_mode_at_the_end_of_the_search_is_none():
     """Rasters at 40 lines/s on a stage of one mode, sampled at the end of each tick: a second mode made it earlier."""
     settings, _ = sensorless.stage_of(29, 0.0)

@@ -121,6 +121,17 @@ def test_a_zero_that_drifts_does_not_make_the_motion_bad(slow: float, level: str
     said = verdict(found, HeldOut(2.4, 5.0, 6.0, 12.0, 8000, 0.6), findings)
     assert said.level == level
     assert any("of the error is slow" in reason for reason in said.reasons) == (level == "doubtful")
+    lost = verdict(found, HeldOut(4.8, 10.0, 12.0, 24.0, 8000, 0.6), findings)  # a zero that jumps as far is no drift
+    assert lost.level == "bad"
+
+
+def test_a_figure_of_a_model_with_branches_is_not_that_of_one_without() -> None:
+    findings = examine(Record.from_arrays(X, PREDICTED + NOISE, sample_rate=RATE))
+    found, good = judged(np.zeros(T.size))[0], HeldOut(0.01, 0.03, 0.025, 0.1, 8000, 0.95)
+    assert verdict(found, good, findings).level == "good"
+    said = verdict(found, good, findings, without_branches=True)
+    assert said.level == "doubtful"
+    assert "with branches" in said.reasons[0]
 
 
 def family(x: np.ndarray, loop: float) -> tuple[str, tuple[str, ...], tuple[str, ...]]:
@@ -134,15 +145,27 @@ def family(x: np.ndarray, loop: float) -> tuple[str, tuple[str, ...], tuple[str,
 
 SINE = 2 * np.sin(2 * np.pi * T)
 AM = SINE * (0.55 + 0.45 * np.sin(2 * np.pi * T / 7))
+SLOW_AM = (0.5 + np.sin(2 * np.pi * T) * (0.275 + 0.225 * np.cos(2 * np.pi * T / 13))) * 4  # begins within a stroke
 RISES = np.random.Generator(np.random.PCG64(3)).uniform(0.2, 1.0, 21)[T.astype(int)] * (1 - np.cos(2 * np.pi * T))
 
 
-@pytest.mark.parametrize(("x", "good"), [(X, True), (AM, False), (SINE * T / 20, False), (2 * RISES, False)])
+@pytest.mark.parametrize(
+    ("x", "good"), [(X, True), (AM, False), (SLOW_AM, False), (SINE * T / 20, False), (2 * RISES, False)]
+)
 def test_inner_loops_of_one_family_say_nothing_about_others(x: np.ndarray, good: bool) -> None:
     """A random wave, and motions whose strokes of one length are all at one voltage."""
     level, _, warnings = family(x, 5.0)
     assert (level == "good") == good
     assert any("inner loops elsewhere" in words for words in warnings) != good
+
+
+@pytest.mark.parametrize("levels", [4, 15])
+def test_few_levels_do_not_show_the_curve_between_them(levels: int) -> None:
+    """Steps between so many voltages, a new one every 0.1 s."""
+    steps = np.random.Generator(np.random.PCG64(5)).integers(0, levels, 200)[(T / 0.1).astype(int)] / (levels - 1)
+    _, reasons, warnings = family(4 * steps, 5.0)
+    for said in (reasons, warnings):
+        assert any("at few levels" in words for words in said) == (levels == 4)
 
 
 def test_a_loop_within_the_noise_needs_no_other_inner_loops() -> None:

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from truestroke.base.typing import FloatArray
 from truestroke.identification.examination.faults import repeated
-from truestroke.identification.examination.findings import ALONG, Findings, count
+from truestroke.identification.examination.findings import ALONG, VISITED, Findings, count
 from truestroke.identification.examination.mistakes import mistakes, ringing
 from truestroke.identification.examination.rare import implausible
 from truestroke.identification.records import turning
@@ -22,6 +22,7 @@ from truestroke.signals.quiet import noise_not_followed
 SAMPLED = 200_000  # rows, evenly taken, that percentiles and medians are formed of
 EXCERPT = 50_000  # rows, with the most travel, in which delay and lag are sought
 WHOLE, FEW_PARTS = 0.9, 6  # of the span: longer strokes have one place; and shorter ones that show their places
+PARTS, SELDOM = 20, 0.1  # of the span; and the share of the rows of an even motion below which one is not visited
 
 
 def examine(record: Record) -> Findings:
@@ -74,6 +75,7 @@ def examine(record: Record) -> Findings:
         stroke_speeds_um_s=speeds,
         stroke_lengths_percent=lengths,
         stroke_places=_places(x[turns]),
+        volts_visited_percent=_visited(x),
         states_known_s=_states_known(record),
         clipped_displacement=int(cut.sum()),
         assumed_displacement=not record.columns["displacement"].stated,
@@ -190,16 +192,22 @@ def _strokes(record: Record, turns: Rows, span: float) -> tuple[tuple[float, flo
 def _places(turns: FloatArray) -> float | None:
     """How far strokes of one length are apart, over what the span lets them be; of `turns` of the voltage, V.
 
-    Lengths over `WHOLE` of the span are all at one place.
+    Lengths over `WHOLE` of the span are all at one place. The first and the last stroke are parts of longer ones.
     """
     ends = (turns - turns.min()) / np.ptp(turns)
-    length, middle = np.abs(np.diff(ends)), (ends[1:] + ends[:-1]) / 2
+    length, middle = np.abs(np.diff(ends))[1:-1], ((ends[1:] + ends[:-1]) / 2)[1:-1]
     length, middle = length[length < WHOLE], middle[length < WHOLE]
     if length.size < FEW_PARTS:
         return None
     columns = np.vander(length, 3)
     off = middle - columns @ np.linalg.lstsq(columns, middle, rcond=1e-9)[0]
     return float(np.std(off) / np.sqrt(np.mean((1 - length) ** 2) / 12))
+
+
+def _visited(x: FloatArray) -> float:
+    """Share of `PARTS` of the span with more than `SELDOM` of the rows of an even motion, %."""
+    rows = np.histogram(x, PARTS)[0]
+    return float(100 * np.mean(rows > SELDOM * x.size / PARTS))
 
 
 def _weighted(values: FloatArray, weights: FloatArray) -> tuple[float, float]:
@@ -297,6 +305,8 @@ def _of_content(found: Findings) -> list[str]:
             says.append(f"all strokes are about as long ({long:.0f} % of the span): inner loops are not tested")
         elif found.stroke_places is not None and found.stroke_places < ALONG:
             says.append("strokes of one length are at one voltage: inner loops elsewhere are not tested")
+        if found.volts_visited_percent < VISITED:
+            says.append("the voltage is at few levels: the curve between them is not tested")
     delay, lag = found.delay_ms, found.lag_ms  # delay and hysteresis both make the lag
     if delay is not None and lag is not None and delay > lag + 2e3 / found.sample_rate_hz:
         both = f"{delay:.3g} ms, most motion by {max(lag, 0.0):.3g} ms"

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 ALONG = 0.28  # of `Findings.stroke_places`: below, inner loops are of one family; random waves have 0.3 to 1.1
+VISITED = 50.0  # of `Findings.volts_visited_percent`: below, the voltage is at few levels; other motion has 70 to 100
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,6 +58,9 @@ class Findings:
     stroke_places : float or None
         How far the middles of strokes of one length are apart, over how far the voltage span would let them be: 0 for a
         motion that grows or decays about one voltage, or always comes back to one end; 0.3 to 1 for random ones.
+    volts_visited_percent : float
+        Share of twentieths of the voltage span in which more than a tenth as many rows are as of an even motion, %: 100
+        for a triangle or a sine, 15 for steps between three levels.
     states_known_s : float
         Time at which the voltage has been at both its ends; before, the states of the widest plays are not known.
     clipped_displacement, clipped_volts : int
@@ -95,6 +99,7 @@ class Findings:
     stroke_speeds_um_s: tuple[float, float]
     stroke_lengths_percent: tuple[float, float]
     stroke_places: float | None
+    volts_visited_percent: float
     states_known_s: float
     clipped_displacement: int
     clipped_volts: int

@@ -213,9 +213,9 @@ def _of_hysteresis(record: Record, found: Findings) -> Iterator[str]:
     left = nonlinear(record, found)
     if left is not None and left < STRAIGHT:
         yield (
-            f"a linear filter of the voltage leaves {left:.1g} % of the stroke beside the noise, so there is no "
-            "hysteresis, which an actuator under a voltage has (1 to 8 % left): is the displacement a command, or the "
-            "voltage the set-point of a closed loop or of a charge?"
+            f"a linear filter of the voltage leaves {left:.1g} % of the stroke beside the noise, so there is hardly "
+            "any hysteresis, which an actuator under a voltage has (1 to 8 % left): is the displacement a command, or "
+            "the voltage the set-point of a closed loop or of a charge?"
         )
 
 

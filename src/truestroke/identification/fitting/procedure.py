@@ -159,9 +159,16 @@ def _resonances(
         return None
     thresholds = {"thresholds": structure.thresholds}
     structure, weight, more = choose(data, guess, {**fixed, **thresholds})
-    if more[-1].rmse > RESONATES * tried[-1].rmse:
+    behind = structure, weight, guess, more
+    if more[-1].rmse > RESONATES * tried[-1].rmse or (fixed["branches"] and _is_branches(static, chosen, data, behind)):
         return None
     return dynamics, structure, weight, guess, (*tried, *more)
+
+
+def _is_branches(static: Data, chosen: _Chosen, resonant: Data, behind: _Chosen) -> bool:
+    """Whether what looks like a mode behind plays is hysteresis of another kind: branches explain it as well."""
+    without = _with_any_branches(static, chosen)
+    return without.taken is not None and _with_any_branches(resonant, behind).least > RESONATES * without.least
 
 
 def _searched(

@@ -11,7 +11,7 @@ import numpy as np
 
 from truestroke.base.typing import FloatArray
 from truestroke.base.verdict import Level, Verdict
-from truestroke.identification.examination.findings import ALONG, Findings
+from truestroke.identification.examination.findings import ALONG, VISITED, Findings
 from truestroke.identification.fitting.regression import plays
 from truestroke.identification.fitting.response import Response
 from truestroke.identification.held_out.black_box import predictable
@@ -27,6 +27,7 @@ NEGLIGIBLE = 0.02  # % of peak-to-peak: an error that no other one is judged for
 LINE = 0.8  # of the straight line's rmse: no gain worth a model
 STRAIGHT = 1.0  # % of peak-to-peak: below, a straight line is a usable model
 POOR = 5.0  # % of peak-to-peak: of no use
+LOST = 10.0  # the same where the error is slow: no drift that a model is used beside
 UNEXPLAINED = 2.5, 10.0  # the same in % and in times the noise, both
 WORSE = 2.0  # times the error in the fitted part
 CORRELATED = 0.5  # of the autocorrelation, beyond lag 0
@@ -46,7 +47,7 @@ LATE_STATES = 0.4  # of the record, in which the voltage had not been at both en
 DEAD_TIME, DEAD_ROWS = 0.005, 8.0  # s, and rows: more is that of a shifted or buffered channel
 LINES = 10.0  # of the record's spectrum: a narrower mode decays less than 30 times in it, which hardly show its damping
 FEW_STROKES = 6
-OF_LOOP = 0.05  # of the mean width of the loop: errors on inner loops of which the record has none; seen: to 0.2
+OF_LOOP = 0.2  # of the mean width of the loop: errors on inner loops of which the record has none; seen: to this
 ALIKE = 1.5  # the longest strokes over the shortest: below, inner loops are not tested
 ROWS = 20_000  # of the held-out part at most, evenly taken
 KNOTS = 8  # of the functions of voltage and velocity
@@ -235,11 +236,13 @@ def verdict(
     findings: Findings,
     response: Response | None = None,
     dynamics: Dynamics | None = None,
+    without_branches: bool = False,
 ) -> Verdict:
     """Good, doubtful (usable) or bad (do not use it), with the reasons and the next measurement to make.
 
     Good is a model whose error on motion that it has not seen is at most twice the noise of the sensor, so that no
     other model has half of it, also by a black box, and white; of a record with strokes of several lengths.
+    `without_branches` says that the model of the first part has branches, and the one that is saved none.
     """
     return Verdict.of([
         *(("bad", f"The record contradicts itself: {mistake.rstrip('?')}.") for mistake in findings.mistakes),
@@ -248,8 +251,18 @@ def verdict(
         *(() if response is None else _of_dead_time(response, findings)),
         *(() if dynamics is None else _of_modes(dynamics, findings)),
         *_of_residual(found, held_out, findings),
+        *(_OF_ANOTHER if without_branches else ()),
         *_of_excitation(findings),
     ])  # fmt: skip
+
+
+_OF_ANOTHER: tuple[tuple[Level, str], ...] = (
+    (
+        "doubtful",
+        "The error is that of a model with branches, which the saved one does not need: it may be larger. Record for "
+        "longer.",
+    ),
+)
 
 
 def _is_noise(found: Evidence, held_out: HeldOut) -> bool:
@@ -264,7 +277,7 @@ def _is_untested(found: Evidence) -> bool:
 def _of_error(found: Evidence, held_out: HeldOut, findings: Findings) -> Iterator[tuple[Level, str]]:
     """The size of the error, against noise, stroke, line and the fitted part.
 
-    Bad is a model by what is not slow in its error: motion is predicted where the zero drifts, too.
+    Bad is a model by what is not slow in its error, up to `LOST`: motion is predicted where the zero drifts, too.
     """
     worst: Level = "doubtful" if _is_untested(found) else "bad"
     if _is_noise(found, held_out):
@@ -281,7 +294,7 @@ def _of_error(found: Evidence, held_out: HeldOut, findings: Findings) -> Iterato
         level: Level = worst if motion > STRAIGHT else "doubtful"
         yield level, f"It predicts motion that it has not seen {than} than a straight line does: {error}."
     unexplained = motion > UNEXPLAINED[0] and found.over_noise > UNEXPLAINED[1]
-    level = worst if motion > POOR or unexplained else "doubtful"
+    level = worst if motion > POOR or held_out.rmse_percent > LOST or unexplained else "doubtful"
     yield level, f"The error on motion that it has not seen is {error}: {times}. A better model may exist."
     if found.over_fitted > WORSE:
         yield "doubtful", _worse(found, findings)
@@ -436,6 +449,12 @@ def _of_excitation(findings: Findings) -> Iterator[tuple[Level, str]]:
             "doubtful",
             "Strokes of one length are all at one voltage, as of a motion that grows, decays, or always comes back to "
             "one end: inner loops elsewhere are untested. Record a random wave.",
+        )
+    if findings.volts_visited_percent < VISITED:
+        yield (
+            "doubtful",
+            "The voltage is at few levels, and hardly in between: for other motion the model is untested. Record ways "
+            "between them, such as a random wave.",
         )
     for text in findings.implausible:
         yield "doubtful", f"{text[0].upper()}{text[1:]}{'' if text.endswith('?') else '.'}"

@@ -220,8 +220,8 @@ def _errors(found: Identified, view: View, findings: Findings) -> Table:
         rows=rows,
         kind="summary",
         note=f"Per cent are of the stroke, {length(stroke)}. {_interval(found)} The held-out part ({h.samples:,} of "
-        f"{view.time.size:,} samples) was predicted from voltage alone by a model of the same structure fitted to the "
-        "rest; the model in the file is fitted to all. The noise of the sensor between neighbouring samples is "
+        f"{view.time.size:,} samples) was predicted from voltage alone by the model that the same procedure makes of "
+        "the rest; the model in the file is fitted to all. The noise of the sensor between neighbouring samples is "
         f"{length(findings.noise_um)}. {whiteness(found)}",
     )
 
