@@ -110,7 +110,7 @@ def watched(controller, calms: bool) -> list[list[float]]:
         z_d = 15 - 10 * np.cos(0.02 * k)
         volts = controller.command(z_d, 4.0 * np.sin(0.02 * k) * 50)
         shaken = k > 500 and not (calms and (controller.flag_bits & 128 or (not shaken and k > 501)))
-        controller.adapt(z_d + 0.02 * rng.standard_normal() + shaken * 6 * np.sin(1.3 * k))
+        controller.adapt(z_d + 0.02 * rng.standard_normal() + shaken * 6 * np.sin(2.7 * k))  # no resonance
         seen.append([volts, controller.flag_bits, *controller.weights])
     return seen
 

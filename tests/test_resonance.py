@@ -211,10 +211,12 @@ def test_a_burst_does_not_wait_for_the_end_of_a_window() -> None:
     assert windows(1.9, 900, centre=0.01, from_tick=800) == []  # not sudden
 
 
-def test_a_window_without_motion_shows_nothing() -> None:
-    """Else a motion after a rest meets the search at its lowest frequency: 136 % of it for a tenth of a second."""
-    assert {centre for _, centre in windows(0.0, 2000, speed=0.0)} == {0.15}
+def test_the_search_stays_where_it_is_at_rest() -> None:
+    """Else a motion after a rest meets it at its lowest frequency: 136 % of it for a tenth of a second. A staircase has
+    no velocity either, but errors."""
+    assert {centre for _, centre in windows(0.0, 2000, centre=0.1, speed=0.0)} == {0.1}
     assert [centre for _, centre in windows(0.0, 700)] == [0.09, 0.054]
+    assert [centre for _, centre in windows(0.5, 700, speed=0.0)] == [0.09, 0.054]
 
 
 @pytest.mark.parametrize(("f0", "before"), [(288.0, 0.43), (800.0, 0.52)])

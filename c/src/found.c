@@ -320,7 +320,8 @@ static bool matters(const ts_controller *c)
     const ts_resonance *r = &c->resonance;
     if (!may_have_stage(c)) return false;
     bool assumed = c->found.known && is_assumed(c);
-    bool bursts = !dynamics_of(c)->known && r->windows > 0 && r->power > burst_of(c); /* it does not wait for a second window */
+    bool bursts = !dynamics_of(c)->known && r->windows > 0 && r->power > burst_of(c);
+    if (bursts && !(r->driven > DRIVEN)) return false;
     if (!(ts_resonance_suffices(r) || bursts) || (r->variance > CERTAIN * CERTAIN && !assumed)) return false;
     if (!c->found.known && size_of(r->centre / r->known - 1) > AGREES) return false; /* windows that walk are not noise about it */
     if (c->found.known) {

@@ -13,6 +13,7 @@
 #define WINDOW 20                    /* and of a window, */
 #define SHORTEST ((ts_real)0.06)    /* s: but no shorter, */
 #define SUDDEN 4                    /* times the mean square of a burst: an error with which one begins */
+#define QUIET 25                    /* times the mean square at rest is less than that of a burst */
 #define LONGEST ((ts_real)1e8)      /* ticks: and no longer */
 #define RIDGE ((ts_real)1e-4)       /* of the largest of the plays: how well each of them is known before */
 #define LAG_STEPS 4                 /* of Newton's method: enough for a lag up to 1 / w0 */
@@ -300,11 +301,11 @@ static void know(ts_resonance *r, const ts_window *w)
 }
 
 /* The next centre, behind a window that showed f0, or none. */
-static ts_real next_centre(ts_resonance *r, ts_real f0, ts_real lowest)
+static ts_real next_centre(ts_resonance *r, ts_real f0, ts_real lowest, ts_real burst)
 {
     ts_real below = NEXT * r->centre;
     if (f0 > 0) return f0;
-    if (!(r->speed > 0)) return SEARCH_FROM; /* what did not move shows nothing, wherever the window is */
+    if (!(r->speed > 0) && QUIET * r->power < burst) return r->centre; /* at rest nothing shows, wherever the window is */
     if (below > lowest) return below;
     r->again = !r->again;
     return r->again ? SEARCH_FROM : AGAIN_FROM;
@@ -324,7 +325,7 @@ static bool end_band(ts_resonance *r, ts_real tick, const ts_search *search)
     if (w.f0 > search->highest) w.f0 = 0;
     ts_real f0 = w.f0, least = search->burst > 0 && r->power > search->burst ? LEAST_IN_BURST : LEAST;
     bool there = f0 < AGREE * r->centre && r->centre < AGREE * f0, near = f0 > 0 && (there || w.variance < least * least);
-    r->centre = next_centre(r, f0, lowest);
+    r->centre = next_centre(r, f0, lowest, search->burst);
     r->ticks = 0;
     if (near) know(r, &w);
     return near;

@@ -22,6 +22,7 @@ SETTLED_IN = 3  # periods of the centre until both have settled,
 WINDOW = 20  # and of a window,
 SHORTEST = 0.06  # s: but no shorter,
 SUDDEN = 4  # times the mean square of a burst: an error with which one begins
+QUIET = 25  # times the mean square at rest is less than that of a burst
 LONGEST = 1e8  # ticks: and no longer
 RIDGE = 1e-4  # of the largest of the plays: how well each of them is known before
 LAG_STEPS = 4  # of Newton's method: enough for a lag up to 1 / w0
@@ -136,8 +137,8 @@ class ResonanceEstimator:
     the plays may not show a resonance that is more than 10 % away.
 
     In a burst, an error beyond `burst`, 20 periods are a window, an estimate that is known within 1 % need not be near
-    the centre, and a window of a low frequency gives way to the first of the search. A window in which nothing moved
-    shows nothing: the search begins anew after it.
+    the centre, and a window of a low frequency gives way to the first of the search. At rest, where nothing moves and
+    the error is small, the search stays where it is.
 
     With four of the seven plays the same window shows another f0. By how much is its sensitivity: where a stage that is
     wrong by so much would leave a larger error in the motion than there is, the window shows nothing.
@@ -315,19 +316,19 @@ class ResonanceEstimator:
         least = LEAST_IN_BURST if burst > 0 and self.power > burst else LEAST
         there = f0 < AGREE * self.centre and self.centre < AGREE * f0
         near = f0 > 0 and (there or window.variance < least * least)
-        self.centre = self._next(f0, lowest)
+        self.centre = self._next(f0, lowest, burst)
         self.ticks = 0
         if near:
             self._know(window)
         return near
 
-    def _next(self, f0: float, lowest: float) -> float:
+    def _next(self, f0: float, lowest: float, burst: float) -> float:
         """The next centre, behind a window that showed f0, or none."""
         below = NEXT * self.centre
         if f0 > 0:
             return f0
-        if not self._speed > 0:  # what did not move shows nothing, wherever the window is
-            return SEARCH_FROM
+        if not self._speed > 0 and QUIET * self.power < burst:  # at rest nothing shows, wherever the window is
+            return self.centre
         if below > lowest:
             return below
         self._again = not self._again

@@ -260,7 +260,9 @@ def matters(c: State) -> bool:
     if law is None or not may_have_stage(c):
         return False
     assumed = stage.found and stage.resonance == c.members["resonance"]  # it was given, and nothing has shown it
-    bursts = c.path is None and known.windows > 0 and known.power > burst_of(c)  # it does not wait for a second window
+    bursts = c.path is None and known.windows > 0 and known.power > burst_of(c)
+    if bursts and not known.driven > DRIVEN:
+        return False
     if not (known.suffices or bursts) or (known.variance > CERTAIN * CERTAIN and not assumed):
         return False
     if not stage.found and abs(known.centre / known.known - 1) > AGREES:  # windows that walk are not noise about it
