@@ -115,7 +115,7 @@ fuzz-kernel:
 fuzz-readers: setup
 	$(BIN)/python benchmarks/fuzz_readers.py --minutes $(MINUTES)
 
-# Three processes on two cores, for many tests wait for a clock; each with one thread of linear algebra.
+# Four processes on two cores, for many tests wait for a clock; each with one thread of linear algebra.
 pytest: setup  ## tests in Python
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 4 --no-loadscope-reorder --durations=10
 
