@@ -371,6 +371,16 @@ typedef struct {
     int ticks;
 } ts_recall;
 
+/* The gain of the first weights, before others are kept: measured displacements over those that they predict, without what
+ * oscillates, by least squares. */
+typedef struct {
+    ts_real product, square; /* um^2: sums over the ticks */
+    ts_real first, from;     /* um: the first measurement, and what was predicted then */
+    ts_real z, expected;     /* um: measured and predicted, behind a slow pole */
+    ts_real rest;
+    int ticks;               /* 0: none yet */
+} ts_first_gain;
+
 /* Learning begins anew, with other weights: nothing is held, and what is kept stays. */
 TS_API void ts_guard_begin(ts_guard *g);
 
@@ -635,6 +645,7 @@ typedef struct {
     ts_real doubt;                    /* error over the range that the dynamics of the settings leave */
     uint64_t since;                   /* first tick whose strain is kept while learning rests */
     bool failed, trial;               /* with the stage that was found learning has failed, or has not been better than before yet */
+    bool guessed;                     /* its resonance is that of the settings, or of two half-waves */
     int doubted;                      /* windows in which that error has not fallen */
 } ts_stage;
 
@@ -693,7 +704,10 @@ typedef struct {
         ts_real filter, smoothing, resonance, inertia;       /* the law's filter, and what was known of the stage, */
         bool oscillated, failed, staged;                     /* an oscillation was found, a stage failed, one was in the model */
         bool begun;                                          /* at the first weights again, since they were kept */
-        ts_recall recall;
+        union {
+            ts_recall recall;
+            ts_first_gain gain;                              /* while nothing is kept */
+        } watch;
     } kept;                           /* Kalman */
     ts_dynamics_state dynamics;       /* Kalman */
     ts_dynamics found;                /* Kalman: the stage as its oscillation showed it; not known: it is that of the settings */

@@ -369,13 +369,13 @@ static bool measure(ts_controller *c, ts_real z)
         c->dynamics.z[1] = c->dynamics.z[0];
         c->dynamics.z[0] = z;
     }
-    if (!used) ts_oscillation_miss(&c->oscillation, &s->oscillation, &error);
-    else if (s->law == TS_LAW_KALMAN && s->oscillation.tick > 0 && !staged) ts_watch_stage(c, error, d->zdot_d, limited);
-    if (s->law == TS_LAW_KALMAN && s->oscillation.tick > 0) ts_watch_resonance(c, z, error, d, staged);
     bool at_limit = c->x[slot] >= s->voltage_max || c->x[slot] <= s->voltage_min;
+    if (!used) ts_oscillation_miss(&c->oscillation, &s->oscillation, &error);
+    else if (s->law == TS_LAW_KALMAN && s->oscillation.tick > 0 && !staged) ts_watch_stage(c, error, d->zdot_d, at_limit);
+    if (s->law == TS_LAW_KALMAN && s->oscillation.tick > 0) ts_watch_resonance(c, z, error, d, staged);
     if (s->law == TS_LAW_KALMAN) {
         ts_watch_learning(c, error, d->z_d, used && (!at_limit || back));
-        if (staged && c->dynamics.ticks != c->lagged.ticks + 1) c->kept.recall.ticks = 0; /* u is not that of the measurement before */
+        if (staged && c->dynamics.ticks != c->lagged.ticks + 1) c->kept.watch.recall.ticks = 0; /* u is not that of the measurement before */
         else if (used) ts_watch_kept(c, staged ? c->u : u, staged ? c->dynamics.z[1] : z);
     }
     return used;

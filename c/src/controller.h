@@ -109,14 +109,17 @@ TS_API void ts_begin_anew(ts_controller *c);
 TS_API void ts_adopt_stage(ts_controller *c, ts_real frequency, ts_real ringing);
 TS_API void ts_forget_stage(ts_controller *c);
 TS_API void ts_give_up_stage(ts_controller *c);
+TS_API bool ts_is_identified(const ts_controller *c);
 TS_API bool ts_stage_is_shown(ts_controller *c);
 TS_API void ts_watch_resonance(ts_controller *c, ts_real z, ts_real error, const ts_motion *d, bool staged);
 
 /* ringing.c */
 TS_API void ts_keep_weights(ts_controller *c, bool start);
-TS_API void ts_watch_stage(ts_controller *c, ts_real error, ts_real zdot_d, bool limited);
+TS_API bool ts_begin_with_stage(ts_controller *c);
+TS_API void ts_watch_stage(ts_controller *c, ts_real error, ts_real zdot_d, bool at_limit);
 
 /* learned.c */
+TS_API void ts_take_first(ts_controller *c, bool gain_only);
 TS_API void ts_keep_start(ts_controller *c);
 TS_API void ts_begin_growth(ts_controller *c, bool first);
 TS_API void ts_end_growth(ts_controller *c);

@@ -127,7 +127,7 @@ static void put_weight(ts_controller *c, int place, ts_real variance)
 /* What was learned without the stage is wrong, and so is how sure it is. */
 void ts_begin_anew(ts_controller *c)
 {
-    memcpy(c->w, c->kept.first, sizeof(ts_real) * (size_t)c->parameters);
+    ts_take_first(c, false);
     ts_kalman_reset_covariance(&c->law.kalman, prior_of(c->settings), c->parameters);
 }
 
@@ -195,6 +195,7 @@ void ts_adopt_stage(ts_controller *c, ts_real frequency, ts_real ringing)
     c->stage.smoothing = s->smoothing;
     if (c->stage.smoothing < 1 / (1 + frequency)) c->stage.smoothing = 1 / (1 + frequency);
     c->stage.inertia = 0;
+    c->stage.guessed = false;
     int place = c->of_plays + s->terms[TS_CREEP];
     ts_real lag = FOUND_LAG * time + (frequency > STIFF ? s->oscillation.tick : 0);
     if (s->terms[TS_LAG] > 0) put_weight(c, place++, lag * lag);
@@ -292,12 +293,6 @@ static ts_real noisy(const ts_controller *c)
     return NOISY * noise * noise;
 }
 
-/* Whether the resonance of the stage is that of the settings: nothing has shown it. */
-static bool is_assumed(const ts_controller *c)
-{
-    return !(c->stage.resonance < c->settings->resonance || c->stage.resonance > c->settings->resonance);
-}
-
 /* Whether a stage may be put into the model now: the last strains are known, and the sensor is not late. */
 static bool may_have_stage(const ts_controller *c)
 {
@@ -319,14 +314,14 @@ static bool matters(const ts_controller *c)
 {
     const ts_resonance *r = &c->resonance;
     if (!may_have_stage(c)) return false;
-    bool assumed = c->found.known && is_assumed(c);
+    bool guessed = c->found.known && c->stage.guessed;
     bool bursts = !dynamics_of(c)->known && r->windows > 0 && r->power > burst_of(c);
     if (bursts && !(r->driven > DRIVEN)) return false;
-    if (!(ts_resonance_suffices(r) || bursts) || (r->variance > CERTAIN * CERTAIN && !assumed)) return false;
+    if (!(ts_resonance_suffices(r) || bursts) || (r->variance > CERTAIN * CERTAIN && !guessed)) return false;
     if (!c->found.known && size_of(r->centre / r->known - 1) > AGREES) return false; /* windows that walk are not noise about it */
     if (c->found.known) {
         ts_real moved = r->known / c->stage.resonance - 1;
-        return moved * moved > MOVED * MOVED && (assumed || moved * moved < FURTHER * FURTHER) && moved * moved > 4 * r->variance;
+        return moved * moved > MOVED * MOVED && (guessed || moved * moved < FURTHER * FURTHER) && moved * moved > 4 * r->variance;
     }
     if (is_given(c)) {
         const ts_guard *g = &c->guard;
@@ -386,7 +381,7 @@ static ts_real highest_first(const ts_controller *c, bool staged)
 }
 
 /* Whether the law begins with an identified model, whose lag is that of the stage, too: terms beside plays and lag have weights. */
-static bool is_identified(const ts_controller *c)
+bool ts_is_identified(const ts_controller *c)
 {
     const ts_settings *s = c->settings;
     int lag = s->terms[TS_LAG] > 0 ? c->of_plays + s->terms[TS_CREEP] : -1;
@@ -420,12 +415,13 @@ void ts_watch_resonance(ts_controller *c, ts_real z, ts_real error, const ts_mot
     };
     bool known = ts_resonance_tick(r, s->oscillation.tick, x, error, d->zdot_d, d->zdot_d - c->rate, &search);
     c->rate = d->zdot_d;
-    bool assumes = s->resonance > 0 && !dynamics_of(c)->known && !c->stage.failed && !is_identified(c) && may_have_stage(c);
+    bool assumes = s->resonance > 0 && !dynamics_of(c)->known && !c->stage.failed && !ts_is_identified(c) && may_have_stage(c);
     if (!assumes && (!known || !matters(c))) return;
     c->stage.resonance = assumes ? s->resonance : r->known;
     c->guard.settled = c->guard.settled && c->guard.lost; /* else it was no wrong sensor: there is nothing to return to */
     forget_lag(c);
     if (!c->found.known && (!assumes || c->guard.kept)) doubt_learned(c, c->stage.resonance); /* at the start nothing is learned */
     ts_adopt_stage(c, c->stage.resonance, assumes ? 0 : root_of(r->power));
+    c->stage.guessed = assumes;
     if (!assumes && search.burst > 0 && r->power > search.burst) c->stage.before.growth.late = 1; /* a burst excites the second mode, too */
 }

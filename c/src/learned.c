@@ -3,6 +3,7 @@
 
 #include <string.h>
 
+#define MOST_GAIN ((ts_real)20)    /* times the first gain, or a share of it */
 #define FALLEN ((ts_real)0.8)       /* of an error that the dynamics leave: learning makes it smaller */
 #define MOST_CAUTION ((ts_real)0.1) /* of the motion's range: the largest error that counts as noise after learning has failed */
 #define CAUTIOUS 100                /* times the variance of a measurement: from there on the law follows no drift */
@@ -69,6 +70,24 @@ void ts_keep_start(ts_controller *c)
     c->guard.wait = TS_FIRST_WAIT;
 }
 
+/* One tick of the gain of the first weights. z belongs to the regressor u. */
+static void follow_gain(ts_controller *c, const ts_real *u, ts_real z)
+{
+    ts_first_gain *g = &c->kept.watch.gain;
+    ts_real slow = c->settings->oscillation.slow / 8, expected = dot(c->kept.first, u, TS_PADDED(c->parameters)), least = c->settings->guard.floor;
+    if (g->ticks == 0) {
+        g->product = g->square = least * least * (ts_real)c->settings->guard.window / 10;
+        g->first = z;
+        g->from = expected;
+        g->z = g->expected = 0;
+        g->ticks = 1;
+    }
+    g->z += slow * (z - g->first - g->z);
+    g->expected += slow * (expected - g->from - g->expected);
+    g->product += g->z * g->expected;
+    g->square += g->expected * g->expected;
+}
+
 static void move_offset(ts_controller *c, ts_real by)
 {
     if (!c->settings->terms[TS_OFFSET]) return;
@@ -76,15 +95,33 @@ static void move_offset(ts_controller *c, ts_real by)
     *offset = within(*offset + by, -TS_LARGEST, TS_LARGEST);
 }
 
-/* The command goes on from where it is with other weights; earlier ones miss what has drifted since. The feedback waits, for
- * its margins are those of a model that has been learned. */
+/* The command goes on from where it is. The feedback waits, for its margins are those of a model that has been learned. */
+static void hand_over(ts_controller *c)
+{
+    ts_keep_command(c);
+    c->feedback.alarms = 2 * PAUSE;
+}
+
+/* Until weights are kept: the first ones, with the gain that was measured, from the first measurement on. With `gain_only` terms beside
+ * the plays stay. */
+void ts_take_first(ts_controller *c, bool gain_only)
+{
+    const ts_first_gain *g = &c->kept.watch.gain;
+    bool shown = !c->guard.kept && g->ticks > 0 && g->product > 0 && !ts_is_identified(c);
+    ts_real gain = shown ? within(g->product / g->square, 1 / MOST_GAIN, MOST_GAIN) : 1;
+    int changed = gain_only ? c->of_plays : c->parameters;
+    memcpy(c->w, c->kept.first, sizeof(ts_real) * (size_t)changed);
+    for (int i = 0; i < c->of_plays; i++) c->w[i] *= gain;
+    if (shown && !gain_only) move_offset(c, g->first - gain * g->from);
+}
+
+/* Other weights; earlier ones miss what has drifted since. */
 static void take_weights(ts_controller *c, const ts_real *w, bool earlier)
 {
     const ts_kalman *k = &c->law.kalman;
     memcpy(c->w, w, sizeof(ts_real) * (size_t)c->parameters);
     if (earlier && k->started) move_offset(c, k->y - model(c, k->u));
-    ts_keep_command(c);
-    c->feedback.alarms = 2 * PAUSE;
+    hand_over(c);
 }
 
 /* What was held is better: its covariance, and an error as large as the one that failed counts as noise for a while. */
@@ -249,15 +286,19 @@ void ts_watch_learning(ts_controller *c, ts_real error, ts_real z_d, bool counts
     ts_real noise = g->kept ? c->kept.sigma : k->sigma;
     if (noise < c->resolution) noise = c->resolution;
     if (c->stage.resonance > 0) g->swings = 0; /* known: what rings there is judged by its windows */
+    if (!g->kept && !g->held && size_of(error) > ts_guard_range(g, &s->guard) && size_of(error) > s->oscillation.large )
+        ts_begin_with_stage(c);
     switch (ts_guard_tick(g, &s->guard, error, z_d, counts && !resting, noise)) {
     case TS_GUARD_KEEP:
         weights_at_best(c);
         c->stage.trial = false;
         break;
     case TS_GUARD_RESTORE:
-        memcpy(c->kept.aside, c->w, sizeof(ts_real) * (size_t)c->parameters);
-        end_trial(c);
-        take_weights(c, c->kept.begun ? c->kept.first : c->kept.w, !(g->kept && g->swings >= TS_SWINGS)); /* a swing is no offset */
+        if (g->kept) take_weights(c, c->kept.begun ? c->kept.first : c->kept.w, g->swings < TS_SWINGS); /* a swing is no offset */
+        else {
+            ts_take_first(c, false);
+            hand_over(c);
+        }
         c->counters.restored++;
         break;
     case TS_GUARD_FIRST:
@@ -322,13 +363,17 @@ void ts_watch_kept(ts_controller *c, const ts_real *u, ts_real z)
 {
     const ts_settings *s = c->settings;
     const ts_guard *g = &c->guard;
+    if (!g->kept && !dynamics_of(c)->known) {
+        follow_gain(c, u, through_dead_zones(s, z));
+        return;
+    }
     if (!g->lost || c->kept.staged || c->hold || c->lagged.ticks < 2) {
-        c->kept.recall.ticks = 0;
+        c->kept.watch.recall.ticks = 0;
         return;
     }
     ts_real change = c->motion[(c->lagged.ticks - 1) % TS_HISTORY].zdot_d - c->motion[(c->lagged.ticks - 2) % TS_HISTORY].zdot_d;
     ts_real predicted = dot(c->kept.w, u, TS_PADDED(c->parameters)), offset = 0;
     ts_real missed = through_dead_zones(s, z) + c->kept.inertia * change - predicted;
     ts_real noise = c->kept.sigma > c->resolution ? c->kept.sigma : c->resolution;
-    if (ts_recall_tick(&c->kept.recall, &s->guard, predicted, missed, ts_guard_range(g, &s->guard), noise, &offset)) recall(c, offset);
+    if (ts_recall_tick(&c->kept.watch.recall, &s->guard, predicted, missed, ts_guard_range(g, &s->guard), noise, &offset)) recall(c, offset);
 }

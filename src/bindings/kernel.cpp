@@ -167,7 +167,7 @@ template <typename Controller, typename Visit> void each_array(Controller &c, Vi
         visit("found_tap", &f.tap[0], TS_TAPS);
         visit("found_lead", &f.lead[0], 2);
         visit("found_since", &c.stage.since, 1);
-        visit("found_failed", &c.stage.failed, 2);
+        visit("found_failed", &c.stage.failed, 3);
         visit("given_doubt", &c.stage.doubt, 1);
         visit("given_doubted", &c.stage.doubted, 1);
         visit("stage_sections", &d.section[0][0], sizeof d.section / sizeof(ts_real));
@@ -210,8 +210,8 @@ template <typename Controller, typename Visit> void each_array(Controller &c, Vi
     visit("kept_noise", &c.kept.sigma, 1);
     visit("kept_stage", &c.kept.filter, 4);
     visit("kept_found", &c.kept.oscillated, 4);
-    visit("recall", &c.kept.recall.sum, 7);
-    visit("recall_ticks", &c.kept.recall.ticks, 1);
+    visit("recall", &c.kept.watch.recall.sum, 7);
+    visit("recall_ticks", &c.kept.watch.recall.ticks, 1);
 }
 
 // What no run leaves behind; the entry is named.
@@ -295,8 +295,8 @@ void check_guard(const ts_controller &c) {
     require_all("kept_stage", c.kept.filter >= 0 && c.kept.filter <= 1 && (c.kept.filter > 0 || !g.lost) && c.kept.smoothing >= 0 &&
                               c.kept.smoothing < 1 && c.kept.resonance >= 0 && c.kept.resonance <= 1 && c.kept.inertia >= 0,
                 "a filter of at most 1, a smoothing below 1, a resonance of at most 1, an inertia of 0 or more");
-    require_all("recall", c.kept.recall.square >= 0 && c.kept.recall.high >= c.kept.recall.low, "a range and a sum of squares of 0 or more");
-    require_all("recall_ticks", c.kept.recall.ticks >= 0 && c.kept.recall.ticks < INT32_MAX / 8, "0 or more");
+    require_all("recall", c.kept.watch.recall.square >= 0 && (!c.guard.kept || c.kept.watch.recall.high >= c.kept.watch.recall.low), "a range and a sum of squares of 0 or more");
+    require_all("recall_ticks", c.kept.watch.recall.ticks >= 0 && c.kept.watch.recall.ticks < INT32_MAX / 8, "0 or more");
     for (int i = 0; i < c.parameters; i++)
         check_variance(c, "kept_covariance", c.kept.P[TS_PACKED(i) + i], i);
 }

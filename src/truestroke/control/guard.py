@@ -33,6 +33,7 @@ MOST_BLOCKS = 1000  # in which the motion may come so far
 MISSED = 0.01  # of the motion since then: what kept weights may miss,
 OF_NOISE = 2  # with so many standard deviations of a measurement,
 MOVED_BY = 0.05  # and of the range: by how much they may be off as a whole
+MOST_GAIN = 20.0  # times the first gain, or a share of it
 FORGIVEN = 8  # times `wait` good windows until the next hold is shorter again
 
 
@@ -206,7 +207,7 @@ class Guard:
 
         The motion is at least `away`, um, from 0: where the sensor was not zeroed, the first command goes so far.
         """
-        if self.kept or self.held > 0 or not self.settings.burst > 0:
+        if self.kept or self.held > 0 or self.pause > 0 or not self.settings.burst > 0:
             return False
         beyond = size > self.settings.burst * max(self.high - self.low, away)
         return beyond and size > LEAST_BURST * self.settings.floor and size > 2 * abs(self.start)
@@ -369,3 +370,60 @@ class Recall:
         if not good or enough or self.ticks >= MOST_BLOCKS * self.settings.recall:
             self.ticks = 0  # the comparison begins anew
         return good and enough
+
+
+class FirstGain:
+    """The gain of the first weights, until others are kept: measured displacements over those that they predict.
+
+    By least squares, of both behind a slow pole, so that an oscillation counts little.
+
+    Parameters
+    ----------
+    slow : float
+        Coefficient of the pole, per tick, 0 to 1.
+    sure : float
+        How sure the first gain is: squares of displacements, summed over ticks, that count as much, um^2.
+
+    Examples
+    --------
+    An actuator that is five times as strong as was expected:
+
+    >>> gain = FirstGain(0.05, 0.1)
+    >>> for k in range(200):
+    ...     gain.update(0.01 * k, 0.05 * k)
+    >>> round(gain.ratio, 2)
+    5.0
+    """
+
+    def __init__(self, slow: float, sure: float) -> None:
+        self.slow, self.sure = slow, sure
+        self.begin()
+
+    def begin(self) -> None:
+        """Nothing is known."""
+        self.product = self.square = self.sure  # um^2: sums over the ticks
+        self.first: tuple[float, float] | None = None  # um: measured and predicted in the first tick,
+        self.z = self.expected = 0.0  # and behind the pole since
+
+    @property
+    def ratio(self) -> float:
+        """Times the first gain."""
+        if self.first is None or not self.product > 0:
+            return 1.0
+        return min(max(self.product / self.square, 1 / MOST_GAIN), MOST_GAIN)
+
+    @property
+    def offset(self) -> float:
+        """Displacement in the first tick that the gain leaves unexplained, um."""
+        if self.first is None or not self.product > 0:
+            return 0.0
+        return self.first[0] - self.ratio * self.first[1]
+
+    def update(self, expected: float, z: float) -> None:
+        """One tick: what the first weights predict, and what was measured, um."""
+        if self.first is None:
+            self.first = z, expected
+        self.z += self.slow * (z - self.first[0] - self.z)
+        self.expected += self.slow * (expected - self.first[1] - self.expected)
+        self.product += self.z * self.expected
+        self.square += self.expected * self.expected

@@ -120,8 +120,6 @@ class OscillationDetector:
         if self.peaks[n - 1] > 5 * s.large or abs(self.slow) > 10 * s.large:  # it begins small and on the way
             return 0.0
         frequency = self.frequency(n)
-        if n < 6 and 3 * frequency > s.corner:  # a high one has many half-waves before it is large
-            return 0.0
         return frequency if self._is_of_the_stage(frequency, peak) else 0.0
 
     def miss(self, error: float | None) -> None:

@@ -47,13 +47,14 @@ def measure(c: State, z: float) -> bool:
     feed_back(c, -error if used and (not limited or beyond) else 0.0)  # no wind-up at a limit
     if used and path is None:
         c.stage.z = z, c.stage.z[0]
+    low, high = c.settings.voltage_limits
+    at_limit = not low < command.x < high
     if not used:
         c.stage.detector.miss(error)
     elif path is None:
-        watch_stage(c, error, motion.zdot_d, limited)
+        watch_stage(c, error, motion.zdot_d, at_limit)
     watch_resonance(c, z, error, motion.zdot_d, path)
-    low, high = c.settings.voltage_limits
-    watch_learning(c, error, motion.z_d, used and (low < command.x < high or beyond))
+    watch_learning(c, error, motion.z_d, used and (not at_limit or beyond))
     if law is not None and path is not None and path.ticks != c.lagged.ticks + 1:
         c.kept.recall.ticks = 0  # the regressor is not that of the measurement before
     elif law is not None and used:

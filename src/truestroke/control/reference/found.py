@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from truestroke.base.typing import FloatArray
-from truestroke.control.adaptation import FilteringLaw
+from truestroke.control.adaptation import LARGEST, FilteringLaw
 from truestroke.control.guard import FIRST_WAIT
 from truestroke.control.reference.command import keep_command, look_ahead_anew
 from truestroke.control.reference.state import HISTORY, Growth, State
@@ -95,8 +95,31 @@ def adopt_resonance(c: State, law: FilteringLaw, frequency: float, highest: floa
 
 def begin_anew(c: State, law: FilteringLaw) -> None:
     """What was learned without the stage is wrong, and so is how sure it is."""
-    law.weights = c.kept.first
+    take_first(c, law)
     law.reset_covariance()
+
+
+def take_first(c: State, law: FilteringLaw, *, gain_only: bool = False) -> None:
+    """Until weights are kept: the first ones, with the gain that was measured, from the first measurement on.
+
+    With `gain_only` terms beside the plays stay.
+    """
+    kept, plays = c.kept, c.settings.columns["creep"].start
+    shown = not (kept.guard.kept or is_identified(c))
+    weights = law.weights.copy() if gain_only else kept.first.copy()
+    weights[:plays] = (kept.gain.ratio if shown else 1.0) * kept.first[:plays]
+    law.weights = weights
+    if shown and not gain_only:
+        move_offset(c, law, kept.gain.offset)
+
+
+def move_offset(c: State, law: FilteringLaw, by: float) -> None:
+    """The weight of the offset moves by so much, um."""
+    if c.settings.offset:
+        weights = c.weights
+        at = c.settings.columns["offset"]
+        weights[at] = np.clip(weights[at] + by, -LARGEST, LARGEST)
+        law.weights = weights
 
 
 def doubt_learned(c: State, law: FilteringLaw, frequency: float) -> None:
@@ -127,6 +150,7 @@ def adopt_stage(c: State, law: FilteringLaw, frequency: float, ringing: float) -
     law.filter = corner / (1 + corner)
     law.disturbance = law.caution = 0.0
     stage.smoothing, stage.inertia = max(c.members["smoothing"], 1 / (1 + frequency)), 0.0
+    stage.guessed = False
     lag = FOUND_LAG * time + (tick if frequency > STIFF else 0.0)
     inertia = FOUND_INERTIA * (time * time)
     places = {s.columns["lag"].start: lag * lag} if s.lag else {}
@@ -259,17 +283,17 @@ def matters(c: State) -> bool:
     law, known, stage = c.filtering, c.estimator, c.stage
     if law is None or not may_have_stage(c):
         return False
-    assumed = stage.found and stage.resonance == c.members["resonance"]  # it was given, and nothing has shown it
+    guessed = stage.found and stage.guessed
     bursts = c.path is None and known.windows > 0 and known.power > burst_of(c)
     if bursts and not known.driven > DRIVEN:
         return False
-    if not (known.suffices or bursts) or (known.variance > CERTAIN * CERTAIN and not assumed):
+    if not (known.suffices or bursts) or (known.variance > CERTAIN * CERTAIN and not guessed):
         return False
     if not stage.found and abs(known.centre / known.known - 1) > AGREES:  # windows that walk are not noise about it
         return False
     if stage.found:
         moved = known.known / stage.resonance - 1
-        far = moved * moved > MOVED * MOVED and (assumed or moved * moved < FURTHER * FURTHER)
+        far = moved * moved > MOVED * MOVED and (guessed or moved * moved < FURTHER * FURTHER)
         return far and moved * moved > 4 * known.variance
     if c.is_given:
         guard = c.kept.guard
@@ -370,6 +394,7 @@ def watch_resonance(c: State, z: float, error: float, zdot_d: float, path: Stage
     if not c.stage.found and (guard.kept or not assumes):  # at the start nothing is learned
         doubt_learned(c, law, frequency)
     adopt_stage(c, law, frequency, 0.0 if assumes else math.sqrt(c.estimator.power))
+    c.stage.guessed = assumes
     if c.stage.growth is not None and not assumes and 0 < burst < c.estimator.power:
         c.stage.growth.late = True  # a burst excites the second mode, too
 

@@ -5,8 +5,8 @@ import math
 import numpy as np
 
 from truestroke.base.typing import FloatArray
-from truestroke.control.adaptation import LARGEST, FilteringLaw
-from truestroke.control.guard import SWINGS, Action, Guard, Recall
+from truestroke.control.adaptation import FilteringLaw
+from truestroke.control.guard import SWINGS, Action, FirstGain, Guard, Recall
 from truestroke.control.reference.command import keep_command, look_ahead_anew
 from truestroke.control.reference.found import (
     DOUBT,
@@ -15,8 +15,11 @@ from truestroke.control.reference.found import (
     begin_growth,
     forget_stage,
     give_up_stage,
+    move_offset,
     stage_is_shown,
+    take_first,
 )
+from truestroke.control.reference.ringing import begin_with_stage
 from truestroke.control.reference.state import Growth, Kept, State
 from truestroke.control.reference.terms import through_dead_zones
 from truestroke.model.operators import dot
@@ -40,29 +43,31 @@ WORN = 1.5  # times the error that they had at first: they are old
 LONGEST_HOLD = 256  # blocks
 
 
+def first_gain(c: State) -> FirstGain:
+    """Of the weights of the start: nothing is known."""
+    floor = c.guarding.floor
+    return FirstGain(c.oscillation.slow / 8, floor * floor * c.guarding.window / 10)
+
+
 def keep_start(c: State) -> None:
     """Until there are better ones, the first weights are the best."""
     w = c.law.weights
-    c.kept = Kept(Guard(c.guarding), w, w, w, recall=Recall(c.guarding))
-
-
-def move_offset(c: State, law: FilteringLaw, by: float) -> None:
-    """The weight of the offset moves by so much, um."""
-    if c.settings.offset:
-        weights = c.weights
-        at = c.settings.columns["offset"]
-        weights[at] = np.clip(weights[at] + by, -LARGEST, LARGEST)
-        law.weights = weights
+    c.kept = Kept(Guard(c.guarding), w, w, w, recall=Recall(c.guarding), gain=first_gain(c))
 
 
 def take_weights(c: State, law: FilteringLaw, weights: FloatArray, *, earlier: bool) -> None:
-    """The command goes on from where it is with other weights; earlier ones miss what has drifted since.
-
-    The feedback waits, for its margins are those of a model that has been learned.
-    """
+    """Other weights; earlier ones miss what has drifted since."""
     law.weights = weights
     if earlier:
         move_offset(c, law, law.missing())
+    hand_over(c)
+
+
+def hand_over(c: State) -> None:
+    """The command goes on from where it is.
+
+    The feedback waits, for its margins are those of a model that has been learned.
+    """
     keep_command(c)
     c.alarms = 2 * PAUSE
 
@@ -101,6 +106,10 @@ def watch_kept(c: State, law: FilteringLaw, u: FloatArray, z: float) -> None:
     z, um, belongs to the regressor u.
     """
     kept, guard = c.kept, c.kept.guard
+    if not guard.kept and c.path is None:
+        kept.gain.update(float(dot(kept.first, u)), through_dead_zones(c, z))
+        return
+    kept.gain.begin()
     if not guard.lost or kept.staged or c.held or c.lagged.ticks < 2:
         kept.recall.ticks = 0
         return
@@ -275,14 +284,20 @@ def watch_learning(c: State, error: float, z_d: float, counts: bool) -> None:
     noise = max(kept.knowledge[1] if guard.kept else law.sigma, c.resolution)
     if c.stage.resonance > 0:  # known: what rings there is judged by its windows
         guard.swings = 0
+    if not guard.kept and not guard.held > 0 and abs(error) > max(guard.range, c.oscillation.large):
+        begin_with_stage(c, law)
     match guard.update(error, z_d, counts=counts and not resting, noise=noise):
         case Action.KEEP:
             weights_at_best(c, law)
         case Action.RESTORE:
             kept.aside = law.weights
             end_trial(c, law)
-            swings = guard.kept and guard.swings >= SWINGS  # a swing is no offset
-            take_weights(c, law, kept.first if kept.begun else kept.weights, earlier=not swings)
+            if guard.kept:  # a swing is no offset
+                weights = kept.first if kept.begun else kept.weights
+                take_weights(c, law, weights, earlier=guard.swings < SWINGS)
+            else:
+                take_first(c, law)
+                hand_over(c)
             c.count(restored=True)
         case Action.FIRST:
             if not stage_is_shown(c, law):

@@ -9,7 +9,7 @@ import numpy as np
 from truestroke.base.typing import FloatArray
 from truestroke.control.adaptation import RLS, BoundedKalman, FilteringLaw, KalmanSettings, Law
 from truestroke.control.controller import Counters
-from truestroke.control.guard import Guard, GuardSettings, Recall
+from truestroke.control.guard import FirstGain, Guard, GuardSettings, Recall
 from truestroke.control.oscillation import OscillationDetector, OscillationSettings
 from truestroke.control.resonance import SHOWN, ResonanceEstimator
 from truestroke.control.sensor import Sensor
@@ -78,6 +78,7 @@ class FirstResonance:
     found: bool = False  # it is in the model
     failed: bool = False  # with the stage that was found learning has failed,
     trial: bool = False  # or has not been better than before yet
+    guessed: bool = False  # its resonance is that of the settings, or of two half-waves
     doubt: float = 0.0  # error over the range that the dynamics of the settings leave,
     doubted: int = 0  # and windows in which it has not fallen
     strain: dict[int, float] = field(default_factory=dict)  # um: while learning rests, by tick,
@@ -102,6 +103,7 @@ class Kept:
     staged: bool = False  # or one was in the model
     begun: bool = False  # at the first weights again, since they were kept
     recall: Recall = field(kw_only=True)
+    gain: FirstGain = field(kw_only=True)  # of the first weights, while nothing is kept
 
 
 @dataclass
